@@ -143,7 +143,7 @@ def test_a_text_stands_for_a_cause(sino6: Arm, records: Path) -> None:
     assert model.with_effects("encoder_gain:5,gain=2e-5").effects[-1].values == (2e-5,)
     found = aacmm_pin.calibrate(sino6, records, ["geometry", "encoder_eccentricity:3"], hold_out=False, **NOISE)
     same = aacmm_pin.calibrate(sino6, records, ["geometry", EncoderEccentricity(3)], hold_out=False, **NOISE)
-    np.testing.assert_array_equal(found.fit.solution.point.x, same.fit.solution.point.x)
+    np.testing.assert_array_equal(found.fit.point.x, same.fit.point.x)
     quiet: dict[str, Any] = {"progress": False, "hold_out": False, **NOISE}
     by_text, by_cause = (
         aacmm_pin.diagnose(sino6, records, extra_causes=[cause], **quiet).summary()

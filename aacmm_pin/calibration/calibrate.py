@@ -19,10 +19,11 @@ from aacmm_pin.arm.limits import other_turns
 from aacmm_pin.calibration.calibrated_arm import temperature_of
 from aacmm_pin.calibration.cross_validation import enough_postures
 from aacmm_pin.calibration.cross_validation import held_out as left_out
-from aacmm_pin.calibration.fit import Fit, fit, redundant
+from aacmm_pin.calibration.estimation import fit
+from aacmm_pin.calibration.fit import Fit, redundant
 from aacmm_pin.calibration.input_mistakes import FAR, first_fit
 from aacmm_pin.calibration.noise_model import LENGTH, contradictions, reference_u
-from aacmm_pin.calibration.parameters import ASSEMBLED, ParameterSet, lengths_untold, problem_of, unstated
+from aacmm_pin.calibration.parameters import ASSEMBLED, ParameterSet, problem_of, scale_is_unidentifiable, unstated
 from aacmm_pin.calibration.result import Calibration
 from aacmm_pin.calibration.setup import ReferenceFrame, Setup, Target, checked_input, listed
 from aacmm_pin.calibration.shared_exclusions import exclusions_of
@@ -122,7 +123,7 @@ def calibrate(
         prior = chosen != ["zero-offsets"]
     setup = Setup.of(model.arm, reference_frame, target, prior, encoder_noise, reference_noise, probe_noise, length_noise)
     problem = problem_of(model, measurements, chosen, setup)
-    if of_arm := lengths_untold(problem):
+    if of_arm := scale_is_unidentifiable(problem):
         raise AacmmError(
             f"{measurements.source} has seats without coordinates and no bar between them, which tell nothing of the arm's "
             f"size: {', '.join(of_arm[:4])} … cannot be found; add a bar of known length or coordinates, state the arm's "
@@ -208,7 +209,7 @@ def _references_in_other_unit(after: Fit) -> list[str]:
     if not known.any():
         return []
     u = float(np.median(reference_u(after.problem.measurements, after.problem.setup, np.nan)[known]))  # nan: not stated
-    off = float(np.sqrt(np.mean(np.square(after.solution.system.deviation[known]))))
+    off = float(np.sqrt(np.mean(np.square(after.system.deviation[known]))))
     small, large = u < BEST_REFERENCE and u < off / OTHER_UNIT, off < u / OTHER_UNIT
     if not (small or large):
         return []
@@ -239,13 +240,13 @@ def _seated(measurements: Measurements) -> tuple[Measurements, Index]:
 
 def _of_bars(after: Fit) -> list[str]:
     """A bar that is longer or shorter than all else says: by its deletion residual (Belsley, Kuh, Welsch 1980, eq. 2.27)."""
-    solution, touched = after.solution, after.observations.labels
+    system, touched = after.system, after.observations.labels
     bars = [bar for bar in after.problem.measurements.bars() if {bar.seat_a, bar.seat_b}.issubset(touched)]
     if len(bars) < 2:
         return []
     rows = slice(-len(bars), None)  # where no two bars have an end in common, each is one of the last rows
-    left = 1.0 - np.square(solution.system.jacobian[rows] @ solution.scaled).sum(axis=1)
-    off = np.abs(solution.system.residual[rows]) / np.sqrt(np.maximum(left, TOLD))
+    left = 1.0 - np.square(system.jacobian[rows] @ system.independent_steps).sum(axis=1)
+    off = np.abs(system.residual[rows]) / np.sqrt(np.maximum(left, TOLD))
     worst = int(off.argmax())
     if off[worst] < ODD_BAR:
         return []
@@ -301,7 +302,7 @@ def _of_target(after: Fit) -> list[str]:
     """That an unknown target without a label becomes the tip of the arm."""
     if not after.problem.tip_on_target:
         return []
-    offsets = [effect for effect in after.solution.effects if isinstance(effect, StylusOffset) and effect.marker is None]
+    offsets = [effect for effect in after.effects if isinstance(effect, StylusOffset) and effect.marker is None]
     return [
         f"the target is {np.linalg.norm(offset.values) / MM:.4g} mm from the tip of {after.problem.model.arm.name}, and is "
         "the tip of the calibrated arm; to keep the tip where it was, give the target a label in the column marker"
@@ -386,7 +387,7 @@ def _farther_off(after: Fit) -> list[str]:
     if not mine.any():
         return []
     without = fit(unstated(problem, mine), used=after.used)
-    off = np.where(mine, np.abs(without.solution.point.x - problem.start) / problem.widths, 0.0)
+    off = np.where(mine, np.abs(without.point.x - problem.start) / problem.widths, 0.0)
     if without.unmodelled > HELD_IN * after.unmodelled or off.max() < FAR_OFF:
         return []
     farthest = [k for k in np.argsort(-off)[:MOST_NAMED] if off[k] > FAR_OFF]
@@ -439,14 +440,12 @@ def notes_of(after: Fit) -> list[str]:
             f"{held} other values of the geometry are taken as the file has them: their uncertainties are in those of the "
             "tip, and not in those of what was estimated"
         )
-    if not redundant(after.solution) and not after.excluded.any():
+    if not redundant(after) and not after.excluded.any():
         found.append("too few records to look for gross errors: all were used")
     if setup.length_noise is None and not all(np.isfinite(bar.u) for bar in problem.measurements.bars()):
         found.append(f"uncertainty of the bars' lengths not given: taken as {LENGTH / MM:g} mm")
-    if not after.solution.converged:
-        found.append(
-            f"the search did not converge ({after.solution.held_up}): what follows is of the best point that it found"
-        )
+    if not after.converged:
+        found.append(f"the search did not converge ({after.message}): what follows is of the best point that it found")
     found += contradicted_places(after)
     silent = int((~after.used & ~after.excluded).sum())
     if silent:

@@ -36,7 +36,7 @@ def calibrated_model(fit: Fit) -> ErrorModel:
     which a parameter was looked for is its u. Scatter beyond the stated noise goes along as what is left unexplained.
     """
     problem, vector = fit.problem, fit.problem.vector
-    arm, u, x = problem.model.arm, np.sqrt(np.diag(fit.covariance)), fit.solution.point.x
+    arm, u, x = problem.model.arm, np.sqrt(np.diag(fit.covariance)), fit.point.x
     steps = {p.name: float(step) for p, step in zip(vector.of_arm, x, strict=True) if p is not None}
     spread, of_tip = fit.undetermined.spread, fit.undetermined.tip_spread
     unknown = np.linalg.norm(spread, axis=1)
@@ -85,7 +85,7 @@ def temperature_of(fit: Fit) -> float:
     problem, arm = fit.problem, fit.problem.model.arm
     conditions = problem.measurements.conditions.take(fit.used)
     stated = conditions.temperature if conditions.temperature is not None else conditions.link_temperature
-    grows = any("temperature" in effect.needs for effect in (*problem.model.effects, *fit.solution.effects))
+    grows = any("temperature" in effect.needs for effect in (*problem.model.effects, *fit.effects))
     if stated is None or grows or not any(p is not None and p.unit == "m" for p in problem.vector.of_arm):
         return arm.reference_temperature
     return round(float(stated.mean()), 2)

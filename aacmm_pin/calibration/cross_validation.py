@@ -218,7 +218,7 @@ def _predicted(fits: Sequence[Fit], kept: Mask, out: Mask) -> list[Array]:
 
 
 def _predicted_by(fit: Fit, others: Measurements, observations: Observations, left: Measurements) -> tuple[Array, Array]:
-    problem, start = fit.problem.of(others), fit.solution.point
+    problem, start = fit.problem.of(others), fit.point
     noise = NoiseModel.of(problem, start.x, start.frame, fit.noise.scatters, observations)
     prediction = problem.predict(start.x, start.frame)
     point = Point(start.x, start.frame, noise.observations.start(prediction.tips), prediction)

@@ -23,13 +23,14 @@ from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.file import ArmFile
-from aacmm_pin.calibration.fit import FIRST_SCATTER, Fit, fit
+from aacmm_pin.calibration.estimation import FIRST_SCATTER, fit
+from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.noise_model import NoiseModel, Scatters, observations_of
 from aacmm_pin.calibration.parameter_vector import KIND_OF
 from aacmm_pin.calibration.parameters import ASSEMBLED, problem_of
 from aacmm_pin.calibration.problem import Frame, Problem, registered
 from aacmm_pin.calibration.setup import Setup
-from aacmm_pin.calibration.solver import FEWEST, begin, solve
+from aacmm_pin.calibration.solver import FEWEST, initial_point, solve
 from aacmm_pin.effects import JointPlacement, JointZeroOffset, LinkLength, LinkTilt, StylusOffset
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.effects.labels import listed
@@ -153,7 +154,7 @@ def first_fit(problem: Problem, *, robust: bool = True) -> Fit:
         _require_no_mistake(problem, np.inf, thorough=True, options=True)
         raise
     travel = _travel(problem) if after.unmodelled > FAR else np.inf
-    unlike, fitted = after.unmodelled > UNLIKE * travel, _median(after.solution.system.deviation)
+    unlike, fitted = after.unmodelled > UNLIKE * travel, _median(after.system.deviation)
     if unlike or problem.measurements.bars() or max(fitted, _as_described(after)) >= FAR:
         _require_no_mistake(problem, fitted, thorough=unlike, options=fitted >= FAR or _absorbs(after))
     if unlike:
@@ -188,7 +189,7 @@ def _require_orientations(after: Fit) -> None:
     Raises:
         AacmmError: they are none.
     """
-    problem, point, rows = after.problem, after.solution.point, after.used & after.observations.oriented
+    problem, point, rows = after.problem, after.point, after.used & after.observations.oriented
     stated = problem.measurements.orientation
     if stated is None or not rows.any() or (off := np.median(after.turns[rows])) < TURNED:
         return
@@ -267,7 +268,7 @@ def _left(without: Problem, as_is: float) -> float:
         after = fit(without)
     except AacmmError:
         return np.inf
-    left = _median(after.solution.system.deviation)
+    left = _median(after.system.deviation)
     explained = after.unmodelled < FAR and left < min(EXPLAINS * as_is, UNLIKE * _travel(after.problem))
     return left if explained and not _absorbs(after) else np.inf
 
@@ -286,7 +287,7 @@ def _travel(problem: Problem) -> float:
 
 def _absorbs(after: Fit) -> bool:
     """Whether the fit moved a geometric value, and the tips by it, farther than any arm's is off."""
-    vector, point = after.problem.vector, after.solution.point
+    vector, point = after.problem.vector, after.point
     moved = np.abs(point.x - after.problem.start)
     tips = moved * np.sqrt(np.square(point.prediction.jacobian[:, :3, : moved.size]).sum(axis=1).mean(axis=0))
     geometric = [k for effect, own in vector if isinstance(effect, (JointPlacement, *KIND_OF)) for k in np.r_[own]]
@@ -296,8 +297,8 @@ def _absorbs(after: Fit) -> bool:
 
 def _as_described(after: Fit) -> float:
     """Median distance by the arm as it is described, with frame and seats where the fit has them, to first order [m]."""
-    x, jacobian = after.solution.point.x - after.problem.start, after.solution.point.prediction.jacobian
-    return _median(after.solution.system.deviation - jacobian[:, :3, : x.size] @ x)
+    x, jacobian = after.point.x - after.problem.start, after.point.prediction.jacobian
+    return _median(after.system.deviation - jacobian[:, :3, : x.size] @ x)
 
 
 def _median(deviation: Array) -> float:
@@ -370,7 +371,7 @@ def _fitted_tips(arm: _Described, touched: _Touched) -> tuple[Array, Array]:
     records, observations, setup = touched
     changed = replace(records, q=arm.problem.measurements.q)
     problem = replace(arm.problem, measurements=changed, setup=setup)
-    point = begin(problem, observations)
+    point = initial_point(problem, observations)
     if not records.known.all():
         noise = NoiseModel.of(problem, point.x, point.frame, Scatters(FAR, 0.0, FIRST_SCATTER), observations)
         point = solve(problem, noise, point, np.ones(records.n), robust=True, roughly=True).point

@@ -88,7 +88,7 @@ def unstated(problem: Problem, mine: NDArray[np.bool_]) -> Problem:
     return replace(problem, widths=widths, stated=problem.stated & ~mine, correlation=correlation)
 
 
-def lengths_untold(problem: Problem) -> list[str]:
+def scale_is_unidentifiable(problem: Problem) -> list[str]:
     """Lengths of the arm that nobody stated if the records, without coordinates and bars, tell nothing of its size."""
     records = problem.measurements
     if records.known.any() or records.bars():
@@ -100,7 +100,7 @@ def lengths_untold(problem: Problem) -> list[str]:
 
 def length_held(problem: Problem) -> Effect | None:
     """The arm's largest length, at the value that the arm states, where records tell nothing of its size; else None."""
-    if not lengths_untold(problem):
+    if not scale_is_unidentifiable(problem):
         return None
     vector = problem.vector
     sizes: dict[Effect, float] = {}
@@ -185,7 +185,7 @@ def _turned_targets(measurements: Measurements) -> tuple[str, ...]:
     return tuple(dict.fromkeys((np.full(measurements.n, "") if marker is None else marker)[oriented].tolist()))
 
 
-def found_anew(effect: Effect, setup: Setup, measurements: Measurements) -> bool:
+def is_reestimated(effect: Effect, setup: Setup, measurements: Measurements) -> bool:
     """Whether it is where a target of the records sits, and that is unknown: no u is stated that counts."""
     told = isinstance(effect, StylusOffset) and effect.marker is not None and setup.prior and any(effect.u)
     return not told and effect.label in {unknown.label for unknown, _, _ in _of_target(measurements, setup.target)}

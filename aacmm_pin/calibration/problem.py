@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.arm.chain import exp, skew
 from aacmm_pin.calibration.jacobian import Columns
+from aacmm_pin.calibration.linear_model import Prior
 from aacmm_pin.calibration.parameter_vector import ParameterVector
 from aacmm_pin.calibration.setup import Setup
 from aacmm_pin.effects import StylusOffset
@@ -159,7 +160,7 @@ class Problem:
         return self.vector.values
 
     @cached_property
-    def prior(self) -> Array:
+    def prior_rows(self) -> Array:
         """Rows that say what is known of the parameters beforehand, in units of the widths (p + k, p); none for the frame.
 
         A combination without variance is one that earlier records did not tell: it is known as its parameters are.
@@ -168,14 +169,14 @@ class Problem:
         rows = combinations.T / np.sqrt(np.where(variances > UNTOLD_VARIANCE, variances, 1.0))[:, None]
         return np.concatenate([rows, HELD * self.held]) if self.held.size else rows
 
-    @cached_property
-    def prior_information(self) -> Array:
-        """Information of those rows (p, p)."""
-        return np.asarray(self.prior.T @ self.prior)
-
-    def beside_prior(self, x: Array) -> Array:
-        """Residuals of those rows at ``x`` (p,)."""
-        return np.asarray(self.prior @ ((x - self.start) / self.widths))
+    def prior(self, x: Array) -> Prior:
+        """What is known beforehand of all columns, beside the parameters ``x`` (p,)."""
+        rows = np.zeros((len(self.prior_rows), self.scales.size + 1))
+        rows[:, : x.size] = self.prior_rows
+        rows[:, -1] = self.prior_rows @ ((x - self.start) / self.widths)
+        assumed = np.zeros(self.scales.size, dtype=bool)
+        assumed[: x.size] = ~self.stated
+        return Prior(rows, self.scales, assumed)
 
     @cached_property
     def _fixed(self) -> Array:
@@ -279,18 +280,18 @@ class Problem:
         """Whether the arm bends under weight with the parameters ``x`` (p,)."""
         return self._columns.bends(np.concatenate([self._fixed, x]))
 
-    def answer_of_bending(self, x: Array, frame: Frame, prediction: Prediction) -> Array:
+    def elastic_jacobian_correction(self, x: Array, frame: Frame, prediction: Prediction) -> Array:
         """What the derivative of the poses leaves out: a turned arm bends otherwise (n, 3 or 6, columns) [m/unit].
 
         By central differences, for the parameters that displace all records alike: others turn it by too little to matter.
         """
-        answer, fixed = np.zeros_like(prediction.jacobian), self._fixed
+        correction, fixed = np.zeros_like(prediction.jacobian), self._fixed
         for k in self._columns.alike - fixed.size:
             if k >= 0:
                 step = OF_WIDTH * self.widths[k] * np.eye(x.size)[k]
                 numeric = self.poses(x + step, frame) - self.poses(x - step, frame)
-                answer[:, :, k] = numeric / (2 * step[k]) - prediction.jacobian[:, :, k]
-        return answer
+                correction[:, :, k] = numeric / (2 * step[k]) - prediction.jacobian[:, :, k]
+        return correction
 
     def of(self, measurements: Measurements) -> Problem:
         """The same problem with other records."""

@@ -18,7 +18,8 @@ from aacmm_pin._support.units import MM
 from aacmm_pin.arm.file import COVERAGE_FACTOR
 from aacmm_pin.calibration.calibrated_arm import calibrated_model
 from aacmm_pin.calibration.cross_validation import HeldOut, rms
-from aacmm_pin.calibration.fit import Fit, fit
+from aacmm_pin.calibration.estimation import fit
+from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.identifiability import ROTATION, Observability
 from aacmm_pin.calibration.parameters import ASSEMBLED
 from aacmm_pin.calibration.problem import Problem
@@ -50,7 +51,7 @@ def residuals_by_record(fits: Mapping[str, Fit]) -> pd.DataFrame:
         labels = getattr(records.conditions if name in COLUMNS else records, name)
         table |= {} if labels is None else {name: labels}
     for name, each in fits.items():
-        deviation = each.solution.system.deviation
+        deviation = each.system.deviation
         table |= {f"{axis}_{name}_mm": deviation[:, k] / MM for k, axis in enumerate("xyz")}
         table[f"{name}_mm"] = np.linalg.norm(deviation, axis=1) / MM
         table |= {f"turn_{name}_rad": each.turns} if each.problem.turns else {}
@@ -125,7 +126,7 @@ class Calibration(Shown):
     def observability(self) -> Observability:
         """Observability indices of the records."""
         typical = self.fit.problem.vector.typical
-        jacobian = self.fit.solution.system.jacobian[:, : typical.size] * typical
+        jacobian = self.fit.system.jacobian[:, : typical.size] * typical
         return Observability.of(jacobian, int(self.fit.used.sum()))
 
     @property
@@ -137,7 +138,7 @@ class Calibration(Shown):
         p = self.fit.problem.widths.size
         if not self.fit.problem.external or self.base_is_open:
             return None
-        turned = np.kron(np.eye(2), self.fit.solution.point.frame.rotation)
+        turned = np.kron(np.eye(2), self.fit.point.frame.rotation)
         u = np.sqrt(np.diag(turned @ self.fit.covariance[p : p + 6, p : p + 6] @ turned.T))
         return u[:3], u[3:]
 
@@ -169,7 +170,7 @@ class Calibration(Shown):
         assembled = np.array([ASSEMBLED.get(parameter.unit, np.inf) for parameter in vector.parameters])
         open_ = spread > MENTIONED * np.minimum(problem.widths, assembled)
         u = np.where(open_, np.nan, np.hypot(np.sqrt(np.diag(self.covariance)), spread))
-        before, change = vector.origins + problem.start, self.fit.solution.point.x - problem.start
+        before, change = vector.origins + problem.start, self.fit.point.x - problem.start
         lengths = np.array([parameter.unit == "m" for parameter in vector.parameters], dtype=bool)
         values = {"before": before, "after": before + change, "change": change, "u": u, "U": COVERAGE_FACTOR * u}
         return pd.DataFrame(
@@ -274,7 +275,7 @@ class Calibration(Shown):
 
 
 def _rms(fit: Fit, judge: Fit) -> float:
-    return float(np.sqrt(np.square(fit.solution.system.deviation[judge.used]).sum(axis=1).mean()))
+    return float(np.sqrt(np.square(fit.system.deviation[judge.used]).sum(axis=1).mean()))
 
 
 def _plain(value: Any) -> Any:

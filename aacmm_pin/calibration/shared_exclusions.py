@@ -98,7 +98,7 @@ class Exclusions:
 
     Attributes:
         excluded, used: how many were excluded, and how many count.
-        too_many: whether that is more than gross errors are, see :attr:`aacmm_pin.calibration.fit.Fit.thinned`.
+        too_many: whether that is more than gross errors are, see :attr:`aacmm_pin.calibration.fit.Fit.too_many_excluded`.
         shared: what they share, or None.
         narrowed: joints that they alone moved over most of the range.
     """
@@ -132,7 +132,7 @@ class Exclusions:
 def exclusions_of(found: Fit) -> Exclusions:
     """Whether what a fit excluded are gross errors."""
     counts = int(found.excluded.sum()), int(found.used.sum())
-    return Exclusions(*counts, found.thinned, shared_by(found), tuple(_narrowed(found)))
+    return Exclusions(*counts, found.too_many_excluded, shared_by(found), tuple(_narrowed(found)))
 
 
 def _narrowed(found: Fit) -> Iterator[Narrowed]:

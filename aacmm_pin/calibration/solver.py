@@ -12,13 +12,12 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
-from scipy.sparse import csr_array
 
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.distributions import chi2_isf, chi2_sf
 from aacmm_pin.calibration.first_placement import placed
-from aacmm_pin.calibration.linear_system import System, assemble
+from aacmm_pin.calibration.linear_model import Spectrum
+from aacmm_pin.calibration.linearisation import Linearisation, linearise
 from aacmm_pin.calibration.noise_model import NoiseModel
 from aacmm_pin.calibration.problem import Frame, Prediction, Problem, registered
 from aacmm_pin.effects import Effect, StylusOffset
@@ -43,19 +42,10 @@ CREEPING = 6
 then worked out, once. Without it a search may creep along a valley in which that is all that the records tell."""
 SMALLEST_STEP = 1e-12
 """A trust region smaller than this part of the first step has no better point in it."""
-LEAST_KNOWN = 0.1
-"""A direction about which data and stated uncertainties together say less than this, one over its width, is not known."""
 ROUNDING = 1e-12
 """χ² is no more certain than this part of it."""
-MOVABLE = 1e-9
-"""A direction with a singular value below this, of columns times their widths, is one along which no step can be taken."""
-UNEVEN = 1e-6
-"""Normal equations do where every singular value, of columns of length one, is certain to be above this: errors of the
-smallest are then a ten-thousandth of it, and the gradient has none."""
 SINGULAR = 1e-13
 """Directions with smaller singular values, beside the largest, are rounding."""
-AT_ONCE = 4000
-"""Rows that are brought to a triangle at once: copies of all of them would take more memory than all the rest."""
 WILD = 2.0
 """Records this many standard deviations off have half weight in the robust search (Cauchy's weight function)."""
 FEWEST = 3
@@ -77,95 +67,6 @@ class Point:
     prediction: Prediction
 
 
-@dataclass(frozen=True, eq=False)
-class Normal:
-    """The normal equations of a system with its prior rows, in columns of length one.
-
-    A seventh of the time of a triangle by reflections. They square how unevenly directions are known, and serve where that
-    leaves digits enough.
-
-    Attributes:
-        lengths: of the columns, times their scales (p,).
-        inverse: ``R⁻¹`` with the upper Cholesky factor R of the information (p, p).
-        along: residual along the columns of ``Q`` (p,), so that ``-R⁻¹ along`` is the Gauss–Newton step.
-    """
-
-    lengths: Array
-    inverse: Array
-    along: Array
-
-    @staticmethod
-    def of(problem: Problem, system: System, x: Array) -> Normal | None:
-        """Of a system at ``x``; None where some directions are hardly known."""
-        information = system.jacobian.T @ system.jacobian
-        information *= problem.scales
-        information *= problem.scales[:, None]
-        information[: x.size, : x.size] += problem.prior_information
-        gradient = problem.scales * (system.residual @ system.jacobian)
-        gradient[: x.size] += problem.beside_prior(x) @ problem.prior
-        lengths = np.sqrt(np.diagonal(information))
-        if not (lengths.size and (lengths > MOVABLE).all()):
-            return None
-        information /= lengths
-        information /= lengths[:, None]
-        factor, failed = scipy.linalg.lapack.dpotrf(information.T, lower=0, clean=1, overwrite_a=1)
-        if failed:
-            return None
-        inverse = scipy.linalg.lapack.dtrtri(factor)[0]
-        if not np.linalg.norm(inverse) * UNEVEN < 1.0:  # no singular value is smaller than one over this norm
-            return None
-        return Normal(lengths, inverse, inverse.T @ (gradient / lengths))
-
-    @property
-    def promise(self) -> float:
-        """How much the Gauss–Newton step lowers χ² if the problem is linear."""
-        return float(self.along @ self.along)
-
-
-@dataclass(frozen=True, eq=False)
-class Spectrum:
-    """Singular values of the scaled system with its prior rows.
-
-    Attributes:
-        values: (p,), largest first.
-        directions: (p, p), columns in units of the scales.
-        along: residual along each direction, so that ``-along / values`` is the Gauss–Newton step.
-        assumed: part of each squared value that comes from widths that are not stated (p,).
-    """
-
-    values: Array
-    directions: Array
-    along: Array
-    assumed: Array
-
-    @staticmethod
-    def of(problem: Problem, system: System, x: Array) -> Spectrum:
-        """Of a system at ``x``, prior rows included."""
-        triangle = _triangle(problem, system, x)
-        p = problem.scales.size
-        u, values, vt = np.linalg.svd(triangle[:, :p], full_matrices=len(triangle) < p)
-        missing = p - values.size
-        if missing > 0:  # fewer rows than parameters: the rest of the directions is unknown
-            values, u = np.pad(values, (0, missing)), np.pad(u, ((0, 0), (0, missing)))
-        assumed = np.zeros(p)
-        assumed[: problem.stated.size] = ~problem.stated
-        return Spectrum(values, vt.T, u.T @ triangle[:, p], vt**2 @ assumed)
-
-    @property
-    def known(self) -> NDArray[np.bool_]:
-        """(p,) True for directions of which the data or stated uncertainties say something."""
-        return np.asarray(self.values**2 - self.assumed >= LEAST_KNOWN**2)
-
-    @property
-    def movable(self) -> NDArray[np.bool_]:
-        """(p,) True for directions along which a step can be taken at all."""
-        return np.asarray(self.values > MOVABLE)
-
-    def promise(self) -> float:
-        """How much the Gauss–Newton step lowers χ² if the problem is linear."""
-        return float(np.sum(self.along[self.movable] ** 2))
-
-
 class Chi2(NamedTuple):
     """χ² of residuals, and its degrees of freedom."""
 
@@ -184,79 +85,50 @@ class Solution:
 
     Attributes:
         point: parameters and predictions.
-        system: the linear system there.
+        system: the linear model there.
         problem: what was unknown.
         noise: of the records.
         weights: of the records in the last step (n,).
         steps: number of steps tried.
-        held_up: why the search ended before it converged; "" where it converged.
+        message: why the search ended before it converged; "" where it converged.
     """
 
     point: Point
-    system: System
+    system: Linearisation
     problem: Problem
     noise: NoiseModel
     weights: Array
     steps: int
-    held_up: str = ""
+    message: str
+
+    @property
+    def observations(self) -> Observations:
+        """What the records say."""
+        return self.noise.observations
 
     @property
     def converged(self) -> bool:
         """Whether the search ended at a minimum."""
-        return not self.held_up
-
-    @property
-    def cost(self) -> float:
-        """χ², prior included."""
-        return _cost(self.problem, self.system, self.point.x)
-
-    @cached_property
-    def spectrum(self) -> Spectrum:
-        """Singular values of the system; not asked for where the search is only a start."""
-        return Spectrum.of(self.problem, self.system, self.point.x)
-
-    @cached_property
-    def normal(self) -> Normal | None:
-        """Normal equations of the system, where these do."""
-        return Normal.of(self.problem, self.system, self.point.x)
-
-    @property
-    def promise(self) -> float:
-        """How much the Gauss–Newton step lowers χ² if the problem is linear."""
-        return self.spectrum.promise() if self.normal is None else self.normal.promise
+        return not self.message
 
     @cached_property
     def chi2(self) -> Chi2:
         """χ² and its degrees of freedom: rows that count, less what the data determine of the parameters."""
-        system = self.system
-        # A parameter that its prior determines costs nothing: trace of (data's information) (whole information)⁻¹.
-        prior = csr_array(self.problem.prior) @ self._steps[: self.problem.widths.size]
-        determined = self._steps.shape[1] - float(np.linalg.norm(prior)) ** 2
-        left_out = int(self.noise.observations.counts[self.weights == 0.0].sum())
-        return Chi2(float(system.residual @ system.residual), system.free - left_out - determined)
+        residual = self.system.residual
+        excluded = int(self.observations.counts[self.weights == 0.0].sum())
+        return Chi2(float(residual @ residual), self.system.free - excluded - self.system.determined)
 
     @cached_property
     def turn_dof(self) -> float:
         """How many of the degrees of freedom are those of turns."""
-        counts = self.noise.observations.counts
+        counts = self.observations.counts
         if not self.problem.turns:
             return 0.0
         known = int((counts > 0).sum())
-        rows = (self.system.jacobian[: 6 * known] @ self.scaled).reshape(known, 6, self.scaled.shape[1])
-        return 3.0 * int(((counts == 6) & (self.weights > 0.0)).sum()) - float(np.square(rows[:, 3:]).sum())
-
-    @property
-    def scaled(self) -> Array:
-        """Steps of the parameters (p, k), independent, each of unit variance, that span all of which something is known."""
-        return self._steps * self.problem.scales[:, None]
-
-    @cached_property
-    def _steps(self) -> Array:
-        """The same in units of the scales: R⁻¹, or by the directions that can be moved along where some cannot."""
-        if self.normal is not None:
-            return self.normal.inverse / self.normal.lengths[:, None]
-        spectrum, movable = self.spectrum, self.spectrum.movable
-        return np.asarray(spectrum.directions[:, movable] / spectrum.values[movable])
+        rows = self.system.jacobian[: 6 * known] @ self.system.independent_steps
+        turns = rows.reshape(known, 6, rows.shape[1])[:, 3:]
+        stated = (counts == 6) & (self.weights > 0.0)
+        return 3.0 * int(stated.sum()) - float(np.square(turns).sum())
 
     @property
     def effects(self) -> tuple[Effect, ...]:
@@ -264,19 +136,24 @@ class Solution:
         return self.problem.vector.at(self.point.x)
 
 
-def begin(problem: Problem, observations: Observations) -> Point:
-    """The start: frame and unknown targets by a robust registration, the unknown points by medians."""
+def initial_point(problem: Problem, observations: Observations) -> Point:
+    """The start: frame and unknown targets by a robust registration, the unknown points by medians.
+
+    Raises:
+        AacmmError: an unknown frame, and fewer than three records with coordinates.
+    """
     frame, x, known = Frame.identity(len(problem.targets)), problem.start, problem.measurements.known
     prediction, offsets = problem.predict(x, frame), _offsets(problem)
-    tips, told = prediction.tips, known.sum() >= FEWEST
-    if problem.external and not told:
+    tips, enough = prediction.tips, known.sum() >= FEWEST
+    if problem.external and not enough:
         raise AacmmError(f"{known.sum()} records have reference coordinates, expected 3 or more to find their frame")
-    if offsets.size and told:
+    if offsets.size and enough:
         found, moved = placed(problem, tips, prediction.jacobian[:, :3, offsets])
         frame, x = replace(found, targets=frame.targets), x.copy()
         x[offsets] += moved
     elif problem.external:
-        frame = replace(registered(tips[known], problem.measurements.reference[known]), targets=frame.targets)
+        found = registered(tips[known], problem.measurements.reference[known])
+        frame = replace(found, targets=frame.targets)
     if problem.turns:
         frame = problem.with_targets(x, frame)
     if problem.turns or offsets.size:
@@ -307,105 +184,124 @@ def solve(
     Args:
         problem: what is unknown.
         noise: what the records say, and how uncertain it is.
-        start: see :func:`begin`.
+        start: see :func:`initial_point`.
         weights: of the records (n,), 0 leaves one out.
         robust: weigh records by how well they fit, anew in every step.
         roughly: the result is only a start for another search.
     """
-    return _Search(problem, noise, weights, robust, LOOSELY_SETTLED if robust or roughly else SETTLED).run(start)
+    tolerance = LOOSELY_SETTLED if robust or roughly else SETTLED
+    return _Search(problem, noise, weights, robust, tolerance).run(start)
 
 
 class _Search:
     """One search from one start."""
 
-    def __init__(self, problem: Problem, noise: NoiseModel, weights: Array, robust: bool, ends: float) -> None:
+    def __init__(self, problem: Problem, noise: NoiseModel, weights: Array, robust: bool, tolerance: float) -> None:
         self.problem, self.noise, self.weights = problem, noise, weights
-        self.robust, self.ends = robust, ends
-        self.radius = np.inf
-        self.answer: Array | None = None
+        self.robust, self.tolerance = robust, tolerance
+        self.final = tolerance == SETTLED
+        self.radius, self.first_length = np.inf, 0.0
+        self.correction: Array | None = None
         self.units = np.zeros(problem.scales.size)
 
     def run(self, point: Point) -> Solution:
-        system, first, held_up = self.system(point), 0.0, f"{MOST_STEPS} steps were not enough"
+        """Step after step until one of the ends is reached."""
+        system, message = self.system(point), f"{MOST_STEPS} steps were not enough"
         for count in range(1, MOST_STEPS + 1):
             if self.robust:
-                self.weights = _by_fit(np.fmax(system.distance, system.turn_distance))
+                self.weights = _robust_weights(np.fmax(system.distance, system.turn_distance))
                 del system
                 system = self.system(point)
             point, system = self.seats_at_best(point, system)
-            step = _Step.of(self.problem, system, point.x, self.units)
-            self.units, promise = step.units, step.promise
-            if promise < (NO_STEP if self.ends == SETTLED else self.ends):  # of a mere start it need not be taken
-                held_up = ""
+            step = _Step.of(system, self.units)
+            self.units, predicted = step.units, step.predicted_reduction
+            if predicted < (NO_STEP if self.final else self.tolerance):  # of a mere start it need not be taken
+                message = ""
                 break
-            delta, length, promised = step.within(self.radius)
-            first = first or length
-            before, seats = _cost(self.problem, system, point.x), point.seats + system.seats(delta)
+            cost, delta = system.cost, step.within(self.radius)
+            seats = point.seats + system.seat_step(delta.parameters)
             del step, system  # the rows of one system are most of what a search holds
-            trial, gained = self.advanced(point, seats, delta), -np.inf
-            if trial is not None:
-                lower = before - _cost(self.problem, trial[1], trial[0].x)
-                gained = lower if np.isfinite(lower) else -np.inf
-            share = gained / promised if promised > 0 else 0.0
-            self.radius = length / 4 if not share > 0.25 else max(self.radius, 2 * length) if share > 0.75 else self.radius
-            accepted = trial is not None and gained >= -ROUNDING * before
-            point, system = trial if accepted and trial is not None else (point, self.system(point))
+            trial, reduction = self.trial(point, seats, delta.parameters, cost)
+            ratio = reduction / delta.predicted if delta.predicted > 0 else 0.0
+            self.adapt_radius(delta.length, ratio)
+            if trial is not None and reduction >= -ROUNDING * cost:
+                point, system = trial
+            else:
+                system = self.system(point)
             del trial
-            if promise < self.ends or (promise < FLAT and gained < SETTLED):
-                held_up = ""
+            if predicted < self.tolerance or (predicted < FLAT and reduction < SETTLED):
+                message = ""
                 break
-            if self.radius < SMALLEST_STEP * first:
-                held_up = "no step lowers the residuals"
+            if self.radius < SMALLEST_STEP * self.first_length:
+                message = "no step lowers the residuals"
                 break
-            if count >= CREEPING and share < 0.75 and self.may_creep(point):
-                point, system = self.with_answer(point)
-        return Solution(point, system, self.problem, self.noise, self.weights, count, held_up)
+            if count >= CREEPING and ratio < 0.75 and self.needs_elastic_correction(point):
+                point, system = self.with_correction(point)
+        return Solution(point, system, self.problem, self.noise, self.weights, count, message)
 
-    def system(self, point: Point) -> System:
-        return assemble(point.prediction, self.noise, point.seats, self.weights)
+    def adapt_radius(self, length: float, ratio: float) -> None:
+        """A smaller trust region after a step that gained little of what was predicted, a larger one after a good step."""
+        self.first_length = self.first_length or length
+        if not ratio > 0.25:
+            self.radius = length / 4
+        elif ratio > 0.75:
+            self.radius = max(self.radius, 2 * length)
 
-    def advanced(self, point: Point, seats: Array, step: Array) -> tuple[Point, System] | None:
-        """The trial; None where the arm cannot be evaluated there, such as one too soft to carry its weight."""
-        p = point.x.size
-        frame = point.frame.moved(step[p:])
-        x = point.x + step[:p]
+    def system(self, point: Point) -> Linearisation:
+        """The linear model at a point."""
+        return linearise(point.prediction, self.problem.prior(point.x), self.noise, point.seats, self.weights)
+
+    def trial(
+        self, point: Point, seats: Array, step: Array, cost: float
+    ) -> tuple[tuple[Point, Linearisation] | None, float]:
+        """Where a step leads, and by how much χ² is lower than ``cost`` there.
+
+        None and -∞ where the arm cannot be evaluated there, such as one too soft to carry its weight.
+        """
+        x, of_frame = np.split(step, [point.x.size])
+        x, frame = point.x + x, point.frame.moved(of_frame)
         try:
             prediction = self.problem.predict(x, frame)
         except AacmmError:  # it could be evaluated where the search began
-            return None
-        trial = self.answered(Point(x, frame, seats, prediction))
-        return trial, self.system(trial)
+            return None, -np.inf
+        there = self.corrected(Point(x, frame, seats, prediction))
+        system = self.system(there)
+        reduction = cost - system.cost
+        return (there, system), reduction if np.isfinite(reduction) else -np.inf
 
-    def answered(self, point: Point) -> Point:
+    def corrected(self, point: Point) -> Point:
         """The point with what its derivative leaves out, once that is worked out."""
-        if self.answer is None:
+        if self.correction is None:
             return point
-        return replace(point, prediction=replace(point.prediction, jacobian=point.prediction.jacobian + self.answer))
+        jacobian = point.prediction.jacobian + self.correction
+        return replace(point, prediction=replace(point.prediction, jacobian=jacobian))
 
-    def may_creep(self, point: Point) -> bool:
+    def needs_elastic_correction(self, point: Point) -> bool:
         """Whether the derivative may be poor: the final search in an arm that bends."""
-        final = not self.robust and self.ends == SETTLED
-        return self.answer is None and final and self.problem.bends(point.x)
+        exact = not self.robust and self.final
+        return self.correction is None and exact and self.problem.bends(point.x)
 
-    def with_answer(self, point: Point) -> tuple[Point, System]:
+    def with_correction(self, point: Point) -> tuple[Point, Linearisation]:
         """Work out what the derivative leaves out, and go on from the same point with it."""
         try:
-            self.answer = self.problem.answer_of_bending(point.x, point.frame, point.prediction)
+            self.correction = self.problem.elastic_jacobian_correction(point.x, point.frame, point.prediction)
         except AacmmError:  # a neighbour of this point is too soft
-            self.answer = np.zeros_like(point.prediction.jacobian)
+            self.correction = np.zeros_like(point.prediction.jacobian)
         self.radius = np.inf
-        point = self.answered(point)
+        point = self.corrected(point)
         return point, self.system(point)
 
-    def seats_at_best(self, point: Point, system: System) -> tuple[Point, System]:
+    def seats_at_best(self, point: Point, system: Linearisation) -> tuple[Point, Linearisation]:
         """The ends of bars where they fit best, parameters as they are.
 
         A system's residual is as if the seats were there, which they are where nothing but coordinates is known of them;
         where a bar's length is, no step may seem to lower it.
         """
-        before = np.inf
-        for _ in range(MOST_STEPS if len(self.noise.observations.ends) else 0):
-            step = system.seats(np.zeros(self.problem.scales.size))
+        if not len(self.noise.observations.ends):
+            return point, system
+        before, still = np.inf, np.zeros(self.problem.scales.size)
+        for _ in range(MOST_STEPS):
+            step = system.seat_step(still)
             size = np.abs(step).max(initial=0.0)
             if size < AT_BEST or size > SHRINKS * before:  # bars that cannot be met at all make it go to and fro
                 break
@@ -415,84 +311,86 @@ class _Search:
         return point, system
 
 
+class Delta(NamedTuple):
+    """A step of the parameters (p,) [units], its length, and by how much it lowers χ² if the problem is linear."""
+
+    parameters: Array
+    length: float
+    predicted: float
+
+
 @dataclass(frozen=True, eq=False)
 class _Step:
-    """The linear system of one step, each column divided by its length: what its parameter moves the tips by.
+    """Steps in a trust region, each column divided by its length: what its parameter moves the tips by.
 
     Attributes:
-        problem, system, x: what is to be moved, and from where.
-        normal: normal equations, where these do.
-        before: lengths of the columns in the steps before (p,).
+        system: the linear model.
+        units: lengths of its columns, never less than in the steps before (p,).
     """
 
-    problem: Problem
-    system: System
-    x: Array
-    normal: Normal | None
-    before: Array
+    system: Linearisation
+    units: Array
 
     @staticmethod
-    def of(problem: Problem, system: System, x: Array, before: Array) -> _Step:
-        return _Step(problem, system, x, Normal.of(problem, system, x), before)
+    def of(system: Linearisation, before: Array) -> _Step:
+        """Of a system, after steps in units ``before`` (p,)."""
+        normal = system.normal
+        lengths = np.linalg.norm(system.triangle[:, :-1], axis=0) if normal is None else normal.lengths
+        return _Step(system, np.maximum(before, lengths))
 
     @cached_property
-    def units(self) -> Array:
-        """Lengths of the columns, never less than in the steps before (p,)."""
-        lengths = np.linalg.norm(self._triangle[:, :-1], axis=0) if self.normal is None else self.normal.lengths
-        return np.maximum(self.before, lengths)
-
-    @cached_property
-    def _triangle(self) -> Array:
-        return _triangle(self.problem, self.system, self.x)
+    def _divisors(self) -> Array:
+        return np.where(self.units > 0.0, self.units, 1.0)
 
     @cached_property
     def _spectrum(self) -> tuple[Array, Array, Array]:
         """Singular values, directions, the residual along them; for steps that are too long, or where some are unknown."""
-        u, values, vt = np.linalg.svd(self._triangle[:, :-1] / self._divisors, full_matrices=False)
-        movable = values > SINGULAR * values.max(initial=0.0)
-        return values[movable], vt[movable].T, (u.T @ self._triangle[:, -1])[movable]
-
-    @cached_property
-    def _whole(self) -> Array | None:
-        """The Gauss–Newton step in these units (p,); None where the normal equations do not do."""
-        normal = self.normal
-        return None if normal is None else -(normal.inverse @ normal.along) * (self.units / normal.lengths)
-
-    @cached_property
-    def promise(self) -> float:
-        """How much the Gauss–Newton step lowers χ² if the problem is linear."""
-        return float(np.sum(self._spectrum[2] ** 2)) if self.normal is None else self.normal.promise
+        spectrum = Spectrum.of(self.system.triangle, self._divisors)
+        return spectrum.above(SINGULAR * spectrum.values.max(initial=0.0))
 
     @property
-    def _divisors(self) -> Array:
-        return np.where(self.units > 0.0, self.units, 1.0)
+    def predicted_reduction(self) -> float:
+        """How much the Gauss–Newton step lowers χ² if the problem is linear."""
+        if self.system.normal is None:
+            return float(np.square(self._spectrum[2]).sum())
+        return self.system.normal.predicted_reduction
 
-    def within(self, radius: float) -> tuple[Array, float, float]:
-        """The best step no longer than ``radius``: in units of the parameters, its length, and what it promises."""
-        if self._whole is not None and (length := float(np.linalg.norm(self._whole))) <= radius:
-            return self._in_parameters(self._whole), length, self.promise
+    def within(self, radius: float) -> Delta:
+        """The best step no longer than ``radius`` in these units."""
+        normal = self.system.normal
+        if normal is not None:
+            step = normal.step * (self.units / normal.lengths)
+            length = float(np.linalg.norm(step))
+            if length <= radius:
+                return Delta(self._in_parameters(step), length, normal.predicted_reduction)
         values, directions, along = self._spectrum
-        damping = 0.0
-        if np.linalg.norm(along / values) > radius:
-            top = float(np.linalg.norm(values * along) / radius)
-            low, high = 1e-300, max(top, 1e-290)
-            damping = float(np.exp(scipy.optimize.brentq(self._too_long, np.log(low), np.log(high), (radius,), rtol=1e-3)))
+        damping = self._damping(radius)
         part = -values * along / (values**2 + damping)
-        left = damping / (values**2 + damping)
-        promised = float(np.sum(along**2 * (1.0 - left**2)))
-        return self._in_parameters(directions @ part), float(np.linalg.norm(part)), promised
+        remaining = damping / (values**2 + damping)
+        predicted = float(np.sum(along**2 * (1.0 - remaining**2)))
+        return Delta(self._in_parameters(directions @ part), float(np.linalg.norm(part)), predicted)
 
     def _in_parameters(self, step: Array) -> Array:
-        return np.asarray(step / self._divisors * self.problem.scales)
+        return np.asarray(step / self._divisors * self.system.prior.scales)
 
-    def _too_long(self, log_damping: float, radius: float) -> float:
+    def _damping(self, radius: float) -> float:
+        """What is added to the squared singular values so that the step is as long as ``radius``; 0 if it is shorter."""
         values, _, along = self._spectrum
-        return float(np.linalg.norm(values * along / (values**2 + np.exp(log_damping))) - radius)
+
+        def excess(log_damping: float) -> float:
+            step = values * along / (values**2 + np.exp(log_damping))
+            return float(np.linalg.norm(step) - radius)
+
+        if np.linalg.norm(along / values) <= radius:
+            return 0.0
+        high = max(float(np.linalg.norm(values * along) / radius), 1e-290)
+        return float(np.exp(scipy.optimize.brentq(excess, np.log(1e-300), np.log(high), rtol=1e-3)))
 
 
-def standing(problem: Problem, noise: NoiseModel, point: Point, weights: Array) -> Solution:
-    """The system at a point, as if the search ended there."""
-    return Solution(point, assemble(point.prediction, noise, point.seats, weights), problem, noise, weights, 0)
+def solution_at(problem: Problem, noise: NoiseModel, point: Point, weights: Array) -> Solution:
+    """The linear model at a point, as if the search ended there."""
+    system = linearise(point.prediction, problem.prior(point.x), noise, point.seats, weights)
+    return Solution(point, system, problem, noise, weights, 0, "")
 
 
 def deviations(observations: Observations, point: Point) -> Array:
@@ -500,25 +398,7 @@ def deviations(observations: Observations, point: Point) -> Array:
     return observations.deviations(point.prediction.poses, point.seats)
 
 
-def _triangle(problem: Problem, system: System, x: Array) -> Array:
-    """R of the scaled system with its prior rows and, last, its residual (p + 1 columns)."""
-    triangle = np.zeros((len(problem.prior), problem.scales.size + 1))
-    triangle[:, : x.size], triangle[:, -1] = problem.prior, problem.beside_prior(x)
-    for first in range(0, max(len(system.residual), 1), AT_ONCE):
-        some, above = slice(first, first + AT_ONCE), len(triangle)
-        rows = np.concatenate([triangle, np.empty((len(system.residual[some]), problem.scales.size + 1))])
-        np.multiply(system.jacobian[some], problem.scales, out=rows[above:, :-1])
-        rows[above:, -1] = system.residual[some]
-        triangle = np.asarray(np.linalg.qr(rows, mode="r"))
-    return triangle
-
-
-def _cost(problem: Problem, system: System, x: Array) -> float:
-    prior = problem.beside_prior(x)
-    return float(system.residual @ system.residual + prior @ prior)
-
-
-def _by_fit(distance: Array) -> Array:
+def _robust_weights(distance: Array) -> Array:
     """Cauchy's weights of squared distances, scaled by their median over the records that count at all."""
     counts = np.isfinite(distance)
     scale = np.median(distance[counts]) / MEDIAN if counts.any() else 1.0

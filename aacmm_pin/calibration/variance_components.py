@@ -70,7 +70,7 @@ def _of_seats(solution: Solution, open_: Mask) -> tuple[float, float]:
     """
     noise, system, known = solution.noise, solution.system, solution.noise.observations.known
     ties, bars = 3 * int(known.sum()), len(noise.observations.ends)
-    rows = system.jacobian[len(system.residual) - ties - bars :][:ties] @ solution.scaled
+    rows = system.jacobian[len(system.residual) - ties - bars :][:ties] @ system.independent_steps
     whole, tie, _ = information_of_seats(solution)
     of_seats = tie[known] * np.diagonal(np.linalg.inv(whole[known]), axis1=1, axis2=2)
     left = np.where(open_[known], 1.0 - of_seats - np.square(rows).sum(axis=1).reshape(-1, 3), 0.0).sum(axis=1)

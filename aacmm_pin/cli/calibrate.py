@@ -59,6 +59,6 @@ def run(
         results.json(summary, json_)
         told = calibration_document(result)
     terminal.show(told, json_ == "-")
-    found = {effect.label for effect in result.fit.solution.effects}
+    found = {effect.label for effect in result.fit.effects}
     if held := [effect.label for effect in model.effects if effect.label not in found]:
         note(f"note: held as {model.arm.name} states it: {', '.join(held)}; aacmm-pin diagnose estimates known causes anew")

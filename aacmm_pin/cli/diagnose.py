@@ -53,7 +53,7 @@ def run(
                     f"warning: {extended_arm}: the extended arm does not predict held-out records better than the "
                     "recalibrated arm; the file has the recalibrated arm"
                 )
-            if result.findings and result.extended.thinned:
+            if result.findings and result.extended.too_many_excluded:
                 out = int(result.extended.excluded.sum())
                 note(
                     f"warning: {extended_arm}: {out} records do not fit the extended arm and were excluded, too many for "

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration.parameter_vector import OF_KIND
-from aacmm_pin.calibration.parameters import found_anew
+from aacmm_pin.calibration.parameters import is_reestimated
 from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.calibration.setup import Setup
 from aacmm_pin.effects import CAUSES, Effect, ReferenceFrame, StylusOffset, all_candidates
@@ -105,7 +105,7 @@ def known_causes(model: ErrorModel, measurements: Measurements, setup: Setup) ->
         return []
     causes = [effect for effect in model.effects if not isinstance(effect, Discrepancy)]
     stated = [effect for effect in causes if any(effect.u)]
-    return [effect for effect in stated if not found_anew(effect, setup, measurements)]
+    return [effect for effect in stated if not is_reestimated(effect, setup, measurements)]
 
 
 def _of_set_up(arm: Arm, measurements: Measurements, problem: Problem) -> Iterator[Effect]:

@@ -124,7 +124,7 @@ class Training:
 
     def by_models(self, before: Fit) -> list[Array]:
         """Distances of the part's records by the arm as it was, recalibrated, extended, with the discrepancy too [m]."""
-        poses = before.solution.point.prediction.poses[self.rows]
+        poses = before.point.prediction.poses[self.rows]
         recalibrated, extended = self.predicted(()), self.predicted(self.causes)
         smooth = self.predicted(self.chosen, background=True)
         return [self._distances(poses), recalibrated, extended, smooth]

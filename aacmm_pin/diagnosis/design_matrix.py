@@ -113,7 +113,7 @@ class Design:
         """The columns of a block, or of the nuisances where it is None, scaled (n, 3 or 6, q) [m, rad]; kept."""
         if block not in self._kept:
             if block is None:
-                own = self.fit.solution.point.prediction.jacobian[:, :, self.kept]
+                own = self.fit.point.prediction.jacobian[:, :, self.kept]
                 self._kept[block] = own * self.scales[: self.nuisances]
             else:
                 self._kept[block] = self._of([self.blocks[block].source]) * self.scales[self.blocks[block].columns]
@@ -131,12 +131,12 @@ class Design:
 
     def deviations(self, tips: Array) -> Array:
         """How far tips are from their targets, the places of seats at their best for these tips (n, 3 or 6) [m, rad]."""
-        observations, solution = self.fit.observations, self.fit.solution
-        points, touched = solution.point.seats, np.flatnonzero(observations.seat >= 0)
+        observations = self.fit.observations
+        points, touched = self.fit.point.seats, np.flatnonzero(observations.seat >= 0)
         off = observations.deviations(tips, points)
         if not touched.size:
             return off
-        whole, tie, of_records = information_of_seats(solution)
+        whole, tie, of_records = information_of_seats(self.fit)
         pull = -tie * np.nan_to_num(points - observations.stated)
         np.add.at(pull, observations.seat[touched], np.einsum("nij,nj->ni", of_records, off[touched, :3]))
         moved = np.einsum("sij,sj->si", np.linalg.pinv(whole, hermitian=True), pull)
@@ -175,7 +175,7 @@ def design_of(fit: Fit, library: Sequence[Variants], others: Sequence[Covariate]
             out of the tips, so that they can be chosen again or not. What the arm states of a geometric value among them,
             or of a cause that it is known to have, is a nuisance as well, within its u.
     """
-    problem, point = fit.problem, fit.solution.point
+    problem, point = fit.problem, fit.point
     width = problem.vector.size
     stays = problem.vector.slices[-taken_out].start if taken_out else width
     own = point.prediction.jacobian
@@ -187,7 +187,7 @@ def design_of(fit: Fit, library: Sequence[Variants], others: Sequence[Covariate]
     within = stays + np.flatnonzero(stated_u[stays:] > 0.0)
     kept = np.concatenate([np.arange(stays), within, np.arange(width, own.shape[2])])
     tips = point.prediction.poses - own[:, :, stays:width] @ (point.x - problem.start)[stays:width]
-    left = np.sqrt(np.square(fit.solution.system.deviation[fit.used]).mean())
+    left = np.sqrt(np.square(fit.system.deviation[fit.used]).mean())
     candidates: list[Sequence[tuple[Effect, ...] | Carried]] = [*map(_sources, library), *(each.variants for each in others)]
     blocks, typical, first = [], [], kept.size
     for number, variants in enumerate(candidates):
@@ -197,8 +197,8 @@ def design_of(fit: Fit, library: Sequence[Variants], others: Sequence[Covariate]
     scales = np.concatenate([problem.scales[:stays], stated_u[within], problem.scales[width:], *typical])
     names = (*(variants[0].label for variants in library), *(covariate.name for covariate in others))
     prior = np.zeros((width + within.size, kept.size + 1))
-    prior[:width, :stays] = problem.prior[:, :stays]
-    prior[:width, -1] = problem.prior[:, :stays] @ ((point.x - problem.start) / problem.widths)[:stays]
+    prior[:width, :stays] = problem.prior_rows[:, :stays]
+    prior[:width, -1] = problem.prior_rows[:, :stays] @ ((point.x - problem.start) / problem.widths)[:stays]
     prior[width:, stays : stays + within.size] = np.eye(within.size)
     held = np.flatnonzero(np.isin(kept, np.flatnonzero(known_u)))
     return Design(fit, names, len(library), tuple(blocks), kept.size, scales, kept, held, prior, tips, taken_out)
@@ -214,10 +214,10 @@ class _Calibrated:
     """The calibrated arm in its records."""
 
     def __init__(self, fit: Fit) -> None:
-        problem, point = fit.problem, fit.solution.point
+        problem, point = fit.problem, fit.point
         arm, records = problem.model.arm, problem.measurements
         self.drawn = State(arm, records.q, records.conditions, arm.chain.tip, turns=problem.turns)
-        given = ParameterVector(arm, (*problem.model.effects, *fit.solution.effects))
+        given = ParameterVector(arm, (*problem.model.effects, *fit.effects))
         self.state = Columns.of(self.drawn, given.effects).at(given.values)
         self.frame = point.frame.rotation if problem.external else np.eye(3)
         self._of_carriers = dict[str, Array]()

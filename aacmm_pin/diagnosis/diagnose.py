@@ -14,10 +14,11 @@ from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration.calibrate import contradicted_places, counted_once
 from aacmm_pin.calibration.calibrated_arm import calibrated_model
 from aacmm_pin.calibration.cross_validation import enough_postures, parts_of
-from aacmm_pin.calibration.fit import Fit, fit
+from aacmm_pin.calibration.estimation import fit
+from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.input_mistakes import first_fit
 from aacmm_pin.calibration.parameter_vector import geometric_parameters
-from aacmm_pin.calibration.parameters import found_anew, length_held, problem_of
+from aacmm_pin.calibration.parameters import is_reestimated, length_held, problem_of
 from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.calibration.setup import ReferenceFrame, Setup, Target, checked_input
 from aacmm_pin.diagnosis.candidates import candidates, known_causes
@@ -164,7 +165,7 @@ def _no_better(arm: Arm, findings: Sequence[Finding], held: Gain | None, structu
 
 def _require_residuals(measurements: Measurements, recalibrated: Fit) -> None:
     """Raises AacmmError if the records agree with the fitted arm exactly."""
-    if not np.nanmax(np.abs(recalibrated.solution.system.deviation), initial=0.0) > NOTHING:
+    if not np.nanmax(np.abs(recalibrated.system.deviation), initial=0.0) > NOTHING:
         few = recalibrated.problem.scales.size >= 3 * measurements.n
         why = "they are too few, unless the noise is stated" if few else "is the file filled in?"
         raise AacmmError(f"{measurements.source}: all {measurements.n} records agree with the fitted arm exactly: {why}")
@@ -178,7 +179,7 @@ def _with_causes(model: ErrorModel, measurements: Measurements, setup: Setup) ->
     """
     known = {effect.identity: effect for effect in known_causes(model, measurements, setup)}
     free_ones = (effect for effect in model.effects if not isinstance(effect, Discrepancy))
-    others = [e for e in free_ones if e.identity not in known and not found_anew(e, setup, measurements)]
+    others = [e for e in free_ones if e.identity not in known and not is_reestimated(e, setup, measurements)]
     unstated = [effect.at(effect.values, free(effect).u) for effect in others]
     held = length_held(problem_of(model, measurements, ["geometry", *unstated, *known.values()], setup))
     setup = replace(setup, held=held)

@@ -12,9 +12,9 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.file import calibrated
 from aacmm_pin.calibration.calibrated_arm import calibrated_model, joined
+from aacmm_pin.calibration.estimation import fit as fit_of
 from aacmm_pin.calibration.fit import Fit
-from aacmm_pin.calibration.fit import fit as fit_of
-from aacmm_pin.calibration.linear_system import assemble
+from aacmm_pin.calibration.linearisation import linearise
 from aacmm_pin.diagnosis.background import Background
 from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.covariates import Carried
@@ -184,17 +184,17 @@ def _answers(fit: Fit, held: Discrepancy) -> Array:
 
 def _answer(fit: Fit, held: Discrepancy, number: int) -> Array:
     """How they answer to one of the coefficients (p,)."""
-    solution, problem = fit.solution, fit.problem
-    point = solution.point
+    problem, point = fit.problem, fit.point
     values = np.array(held.values)
     values[number] += held.u[number]
     others = [effect for effect in problem.model.effects if effect != held]
     model = replace(problem.model, effects=(*others, held.at(values)))
-    poses = replace(problem, model=model).predict(point.x, point.frame).poses
+    poses = replace(problem, model=model).poses(point.x, point.frame)
     prediction = replace(point.prediction, poses=poses)
-    system = assemble(prediction, solution.noise, point.seats, solution.weights)
-    change = solution.system.jacobian.T @ (system.residual - solution.system.residual)
-    answer = solution.scaled @ (solution.scaled.T @ change)
+    moved = linearise(prediction, fit.system.prior, fit.noise, point.seats, fit.weights)
+    change = fit.system.jacobian.T @ (moved.residual - fit.system.residual)
+    steps = fit.system.independent_steps
+    answer = steps @ (steps.T @ change)
     return np.asarray(-answer[: problem.vector.size] / held.u[number])
 
 

@@ -81,6 +81,6 @@ def estimated(choice: Choice) -> Iterator[tuple[Effect, Array]]:
     """
     fit = choice.fit
     untold = fit.unknown * fit.problem.scales[:, None]
-    for effect, own in zip(fit.solution.effects, fit.problem.vector.slices, strict=True):
+    for effect, own in zip(fit.effects, fit.problem.vector.slices, strict=True):
         covariance = fit.covariance[own, own] + untold[own] @ untold[own].T
         yield effect.at(effect.values, tuple(np.sqrt(np.diag(covariance)))), covariance

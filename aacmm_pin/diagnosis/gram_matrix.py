@@ -17,11 +17,12 @@ from itertools import chain
 import numpy as np
 
 from aacmm_pin._support.checks import Array, Index
+from aacmm_pin.calibration.linear_model import RowBlock, SeatElimination
 from aacmm_pin.diagnosis.covariates import Carried
 from aacmm_pin.diagnosis.design_matrix import Block, Design
 from aacmm_pin.diagnosis.held_postures import RecordNoise
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
-from aacmm_pin.measurements.observations import Elimination
+from aacmm_pin.measurements.observations import Observations
 
 MOST_DOUBLE = 10_000_000
 """More numbers than this are held in single precision: 6e-8 of a column is far below the noise of any record."""
@@ -286,27 +287,33 @@ def products_of(design: Design, part: Index, noise: RecordNoise | None = None) -
 
 def _parts_of(design: Design, part: Index, noise: RecordNoise) -> list[Part]:
     """Whitened rows."""
-    fit = design.fit
+    fit, held, width = design.fit, noise.postures, design.width
     used = fit.used & fit.observations.says
     part = np.where(used, part, -1)
     observations, old, of_seat = fit.observations.divided(part)
-    points = fit.solution.point.seats[old]
-    whiten, held = noise.whitening * used[:, None, None], noise.postures
-    elimination = Elimination(observations, points, held.whitened(-whiten[:, :, :3]))
-    off = np.where(used[:, None], observations.deviations(design.tips, points), 0.0)[:, :, None]
-    of_bar = of_seat[observations.ends[:, 0]]
-    owners = (part, np.where(observations.known, of_seat, -1), of_bar)
-    own = [[np.flatnonzero(owner == k) for owner in owners] for k in range(int(part.max(initial=0)) + 1)]
-    ties = [3 * seats.size + bars.size for _, seats, bars in own]
-    counts = [whiten.shape[1] * records.size + tied for (records, *_), tied in zip(own, ties, strict=True)]
-    width = design.width
-    kind = np.float64 if off.size * width <= MOST_DOUBLE else np.float32
-    found = [np.empty((count, width + 1), dtype=kind) for count in counts]
-    for columns, strip in chain(design.strips(), [(slice(width, width + 1), off)]):
-        _, *whole = elimination.eliminated(held.whitened(whiten @ strip), residual=strip is off)
-        for into, chosen in zip(found, own, strict=True):
-            rows = [each[some].reshape(-1, strip.shape[2]) for each, some in zip(whole, chosen, strict=True)]
-            into[:, columns] = np.concatenate(rows)
-    seats = np.bincount(of_seat[of_seat >= 0], minlength=len(own))
-    free = [observations.counts[records].sum() + tied for (records, *_), tied in zip(own, ties, strict=True)]
-    return [Part(r, max(int(n - 3 * s), 0)) for r, n, s in zip(found, free, seats, strict=True)]
+    points = fit.point.seats[old]
+    whitening = noise.whitening * used[:, None, None]
+    elimination = SeatElimination(observations, points, held.whitened(-whitening[:, :, :3]))
+    blocks = _row_blocks(observations, part, of_seat)
+    deviations = np.where(used[:, None], observations.deviations(design.tips, points), 0.0)
+    kind = np.float64 if deviations.size * width <= MOST_DOUBLE else np.float32
+    found = [np.empty((block.size(whitening.shape[1]), width + 1), dtype=kind) for block in blocks]
+    residual = slice(width, width + 1), deviations[:, :, None]
+    for columns, strip in chain(design.strips(), [residual]):
+        whitened = held.whitened(whitening @ strip)
+        _, rows = elimination.eliminated(whitened, residual=columns.start == width)
+        for into, block in zip(found, blocks, strict=True):
+            into[:, columns] = block.stack(rows)
+    free = [max(block.free(observations.counts), 0) for block in blocks]
+    return [Part(rows, count) for rows, count in zip(found, free, strict=True)]
+
+
+def _row_blocks(observations: Observations, part: Index, of_seat: Index) -> list[RowBlock]:
+    """The rows of each part, by the part of each record (n,) and of each seat (s,), -1 of those that do not count."""
+    known, of_bar = observations.known, of_seat[observations.ends[:, 0]]
+    blocks = []
+    for k in range(int(part.max(initial=0)) + 1):
+        seats = of_seat == k
+        stated, bars = np.flatnonzero(seats & known), np.flatnonzero(of_bar == k)
+        blocks.append(RowBlock(np.flatnonzero(part == k), stated, bars, int(seats.sum())))
+    return blocks

@@ -164,7 +164,7 @@ def with_inner_u(at: Fit, effects: Sequence[Effect]) -> Fit:
     tried = {k: [effects[k].at(()).refined(records)] for k in new}
     odds, found = evidences(at, [(effect,) for effect in effects], tried), {}
     number = {effects[k].label: k for k in new}
-    for effect, own in zip(at.solution.effects, at.problem.vector.slices, strict=True):
+    for effect, own in zip(at.effects, at.problem.vector.slices, strict=True):
         k = number.get(effect.label, -1)
         if k in odds and not at.problem.start[own].any():
             found[effect.key] = {name: _least_u(effect, name, tried[k][0], odds[k][0]) for name in effect.inner_widths()}

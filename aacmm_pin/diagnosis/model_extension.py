@@ -13,7 +13,8 @@ from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.distributions import chi2_isf
 from aacmm_pin._support.progress import bar
 from aacmm_pin.arm.file import COVERAGE_FACTOR
-from aacmm_pin.calibration.fit import Fit, fit
+from aacmm_pin.calibration.estimation import fit
+from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.calibration.shared_exclusions import clusters
 from aacmm_pin.calibration.variance_components import FALSE_EXCLUSION, squared_distances
@@ -105,7 +106,7 @@ def _doubtful(choice: Choice, judge: Fit) -> NDArray[np.bool_]:
 
 def _put_back(of: Fit) -> NDArray[np.bool_]:
     """The records that count, and those that were excluded but not by far, or that are neighbours (n,)."""
-    far = _times_the_limit(of, of.solution.system.off, of)
+    far = _times_the_limit(of, of.system.off, of)
     dense = [cluster.records for cluster in clusters(of.problem.model.arm, of.problem.measurements, of.excluded, of.used)]
     return np.asarray(of.used | (of.excluded & np.any([far < NOT_FAR, *dense], axis=0)))
 
@@ -201,7 +202,7 @@ def _extended(problem_of: ProblemOf, found: Choice, first: Fit, used: NDArray[np
     effects = [effect.at(()) for effect in found.effects]
     if not effects:
         return first
-    fitted = {e.identity for e in found.fit.solution.effects[-found.fit.problem.candidates :]}
+    fitted = {e.identity for e in found.fit.effects[-found.fit.problem.candidates :]}
     same = found.fit.problem.candidates == len(effects) and fitted == {e.identity for e in effects}
     same = same and (used is None or np.array_equal(used, found.fit.used))
     at = found.fit if same else refitted(problem_of, effects, used=used)
@@ -217,7 +218,7 @@ def _gone(at: Fit, effects: Sequence[Effect]) -> list[Effect]:
     named = {effect.label for effect in effects if effect.inner and not is_change(effect)}
     own = {effect.identity for effect in effects}
     found = []
-    for effect, place in zip(at.solution.effects, at.problem.vector.slices, strict=True):
+    for effect, place in zip(at.effects, at.problem.vector.slices, strict=True):
         if effect.label in named and effect.identity not in own:
             u = np.sqrt(np.diag(at.covariance[place, place]))
             if np.all(np.abs(effect.values) <= COVERAGE_FACTOR * u):
@@ -266,7 +267,7 @@ def _climbed(
 ) -> Choice:
     """The posterior where a fit with some causes ended, with the noise that the round before found."""
     design = design_of(at, library, others, at.problem.candidates)
-    tips = at.solution.point.prediction.poses if before is None else before.tips
+    tips = at.point.prediction.poses if before is None else before.tips
     scatter = None if before is None else before.scatter
     whitening = at.noise.whitening if scatter is None else scatter.whitening
     noise = RecordNoise(whitening, HeldPostures.of(at, design.deviations(tips), whitening))

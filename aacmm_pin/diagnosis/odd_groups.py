@@ -105,7 +105,7 @@ def _scatter(choice: Choice) -> Array:
     whitening = choice.held.products.noise.whitening[:, :3, :3]
     off = choice.design.deviations(choice.tips)[:, :3]
     residual = np.einsum("nij,nj->ni", whitening, off)[used]
-    point = fit.solution.point
+    point = fit.point
     by_reading = whitening @ fit.problem.reading_jacobian(point.x, point.frame)[:, :3]
     readings = by_reading @ by_reading.transpose(0, 2, 1)
     readings = readings * (3.0 / np.trace(readings[used], axis1=1, axis2=2).mean())

@@ -58,7 +58,7 @@ class ReadingScatter:
             postures: records that share an error, which is no scatter of readings.
         """
         counts = fit.used & fit.observations.says
-        point, width = fit.solution.point, off.shape[1]
+        point, width = fit.point, off.shape[1]
         by_reading = fit.problem.reading_jacobian(point.x, point.frame)
         groups = [np.broadcast_to(np.eye(width)[:, :3], (len(off), width, 3))]
         if width > 3:

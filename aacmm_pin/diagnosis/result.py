@@ -217,8 +217,7 @@ class Diagnosis(Shown):
     def converge_note(self) -> str:
         """What held up a search that did not converge; "" where all did."""
         fits = {"recalibrated": self.recalibrated, "extended": self.extended}
-        ends = {name: fit.solution for name, fit in fits.items()}
-        stuck = [f"{name}: {end.held_up}" for name, end in ends.items() if not end.converged]
+        stuck = [f"{name}: {fit.message}" for name, fit in fits.items() if not fit.converged]
         return "; ".join(stuck)
 
     @property
@@ -245,7 +244,7 @@ class Diagnosis(Shown):
     def excluded(self) -> pd.DataFrame:
         """Records that cannot belong even with the causes known: row, residual [mm], reason."""
         out = self.extended.excluded
-        deviation = self.extended.solution.system.deviation[out]
+        deviation = self.extended.system.deviation[out]
         table = pd.DataFrame({"row": self.extended.problem.measurements.row[out]})
         table["residual_mm"] = np.linalg.norm(deviation, axis=1) / MM
         return table.assign(reason="outlier: farther off than the noise allows")
@@ -289,5 +288,5 @@ def too_good(extended: Fit) -> bool:
 
 def _rms_residual(fit: Fit, used: Mask) -> float:
     """RMS distance of tip and target over the ``used`` records (n,) [m]."""
-    deviation = fit.solution.system.deviation[used]
+    deviation = fit.system.deviation[used]
     return rms(np.linalg.norm(deviation, axis=1))

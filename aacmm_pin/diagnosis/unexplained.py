@@ -236,9 +236,9 @@ def excess_of(extended: Fit) -> float:
     """
     if extended.chi2_stated is None or max(extended.unmodelled, extended.noise.scatters.turn) == 0.0:
         return 0.0
-    off, explained = extended.solution.system.off, np.diagonal(extended.stated_noise, axis1=1, axis2=2)
+    off, explained = extended.system.off, np.diagonal(extended.stated_noise, axis1=1, axis2=2)
     if extended.problem.setup.encoder_noise is None:
-        point = extended.solution.point
+        point = extended.point
         by_reading = extended.problem.reading_jacobian(point.x, point.frame)
         explained = explained + THRESHOLDS.plain_encoder**2 * np.square(by_reading).sum(axis=2)
     kinds = [(slice(3), extended.used), (slice(3, 6), extended.used & extended.observations.oriented)]

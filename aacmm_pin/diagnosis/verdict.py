@@ -62,11 +62,11 @@ def verdict_of(
         records were excluded that they are no gross errors; or a doubt stands. ``ambiguous``: the mass is on several sets of
         causes. ``explained``, ``no-discrepancy``: else.
     """
-    if not all(fit.solution.converged and fit.tells_noise for fit in fits):
+    if not all(fit.converged and fit.tells_noise for fit in fits):
         return "inconclusive"
     if structure:
         return "unexplained"
-    if fits[-1].thinned or "below zero" in doubts:
+    if fits[-1].too_many_excluded or "below zero" in doubts:
         return "inconclusive"
     if any(finding.probability < THRESHOLDS.settled for finding in findings) or p_more >= THRESHOLDS.named:
         return "ambiguous"

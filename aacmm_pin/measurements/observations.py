@@ -8,8 +8,7 @@ from functools import cached_property
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
-from scipy.sparse import coo_array, csr_array
+from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from aacmm_pin._support.checks import Array, Index
@@ -140,97 +139,3 @@ class Observations:
             length_u=self.length_u[table[:, 2]],
         )
         return divided, old, pairs[:, 0].astype(np.intp)
-
-
-class Elimination:
-    """Projection of whitened rows onto what no coordinates of seats can change: variable projection (Golub, Pereyra 1973).
-
-    With the seats' derivative ``B = Q C`` (Q orthonormal, seat by seat) the rows become ``R - Q Qᵀ R``; a bar, which couples
-    two seats, then gives one row more, see :meth:`eliminated`. No loop over records or seats.
-    """
-
-    def __init__(self, observations: Observations, points: Array, by_seat: Array) -> None:
-        """At seats ``points`` (s, 3), with ``by_seat`` the derivative of each record's whitened residual by the place of the
-        seat that it touches (n, 3 or 6, 3).
-        """
-        self.observations = observations
-        self.touched = np.flatnonzero(observations.seat >= 0)
-        self.numbers = observations.seat[self.touched]
-        count = len(observations.labels)
-        ones = np.ones(self.touched.size)
-        self._sum = csr_array((ones, (self.numbers, np.arange(self.touched.size))), shape=(count, self.touched.size))
-        tie = np.where(
-            observations.known[:, None], 1.0 / np.where(observations.known[:, None], observations.stated_u, 1.0), 0
-        )
-        by, by_tie = by_seat[self.touched], tie[:, :, None] * np.eye(3)
-        # Cholesky QR twice: orthonormal to rounding, however uneven a seat's directions are known.
-        self._root = np.broadcast_to(np.eye(3), (count, 3, 3))
-        for least in (NOTHING_KNOWN, 0.5):
-            square = self._added(by.transpose(0, 2, 1) @ by) + by_tie.transpose(0, 2, 1) @ by_tie
-            touched = np.trace(square, axis1=1, axis2=2) > least  # the others have nothing to be made orthonormal
-            square = np.where(touched[:, None, None], square, np.eye(3))
-            upper = np.linalg.cholesky(square).transpose(0, 2, 1)
-            inverse = np.linalg.inv(upper)
-            by, by_tie, self._root = by @ inverse[self.numbers], by_tie @ inverse, upper @ self._root
-        self._q, self._q_tie = by, by_tie
-        self._bar_residual, along = observations.of_bars(points)
-        self._ties = observations.of_seats(points)
-        inverse = np.linalg.inv(self._root)
-        self._along = [along[:, None, :] @ inverse[observations.ends[:, k]] * sign for k, sign in ((0, 1.0), (1, -1.0))]
-
-    def _added(self, each: Array) -> Array:
-        """Sum over the records of each seat of arrays (touched, …): (s, …)."""
-        flat = each.reshape(len(each), int(np.prod(each.shape[1:])))
-        return np.asarray(self._sum @ flat).reshape(len(self.observations.labels), *each.shape[1:])
-
-    def eliminated(self, rows: Array, residual: bool) -> tuple[Array, Array, Array, Array]:
-        """Whitened rows (n, 3 or 6, c) with the seats at their best; where ``residual``, the last column is the residual.
-
-        Returns:
-            ``Qᵀ R`` (s, 3, c), the records' rows (n, 3, c), in place, the seats' own (s, 3, c), and one for each bar (b, c).
-        """
-        q, q_tie = self._q, self._q_tie
-        along = self._added(q.transpose(0, 2, 1) @ rows[self.touched])
-        ties = np.zeros_like(along)
-        if residual:
-            ties[:, :, -1] = self._ties
-            along += q_tie.transpose(0, 2, 1) @ ties
-        rows[self.touched] -= q @ along[self.numbers]
-        return along, rows, ties - q_tie @ along, self._bars(along, residual)
-
-    def _bars(self, along: Array, residual: bool) -> Array:
-        """One row for each bar with the seats at their best (b, c): ``(1 + H Hᵀ)^-½ (t - H Qᵀ R)``, H of the bars."""
-        if not len(self.observations.ends):
-            return np.zeros((0, along.shape[2]))
-        rows = -self._of_bars(along)
-        if residual:
-            rows[:, -1] += self._bar_residual
-        return np.asarray(solve_triangular(self._factor, rows, lower=True))
-
-    def _of_bars(self, along: Array) -> Array:
-        """``H`` times vectors of the seats (s, 3, c): (b, c)."""
-        ends = self.observations.ends
-        return np.asarray(sum((h @ along[ends[:, k]])[:, 0] for k, h in enumerate(self._along)))
-
-    @cached_property
-    def _dense(self) -> Array:
-        dense = np.zeros((len(self.observations.ends), len(self.observations.labels), 3))
-        number = np.arange(len(dense))
-        for k, h in enumerate(self._along):
-            dense[number, self.observations.ends[:, k]] += h[:, 0]
-        return dense.reshape(len(dense), -1)
-
-    @cached_property
-    def _factor(self) -> Array:
-        return np.asarray(np.linalg.cholesky(np.eye(len(self._dense)) + self._dense @ self._dense.T))
-
-    def step(self, along: Array) -> Array:
-        """Best step of the seats (s, 3) for ``Qᵀ`` of the residual, its ties included (s, 3, 1) [m]."""
-        best = -along
-        if len(self.observations.ends):
-            rows = self._bar_residual[:, None] - self._of_bars(along)
-            pull = self._dense.T @ solve_triangular(
-                self._factor.T, solve_triangular(self._factor, rows, lower=True), lower=False
-            )
-            best = best - pull.reshape(best.shape)
-        return np.asarray(np.linalg.solve(self._root, best)[:, :, 0]) if len(best) else np.zeros((0, 3))

@@ -17,6 +17,7 @@ from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import MM, UM
 from aacmm_pin.calibration.fit import NO_SCATTER
 from aacmm_pin.calibration.identifiability import Observability
+from aacmm_pin.calibration.linear_model import remaining_triangle
 from aacmm_pin.calibration.setup import ReferenceFrame, Setup, Target
 from aacmm_pin.effects.error_model import ErrorModel, GivenModel
 from aacmm_pin.errors import AacmmError
@@ -208,12 +209,11 @@ class _Judged:
     def worth(self, chosen: list[int]) -> tuple[float, float]:
         """O1 of existing and chosen records, and the root mean square u of the tip after them [m]."""
         situation, width = self.situation, self.situation.layout.width
-        prior, measured = np.split(situation.known, [situation.layout.nuisances])
-        data = np.vstack([measured, situation.rows[chosen].reshape(-1, width)])[:, self.order]
-        told = [
-            np.asarray(np.linalg.qr(np.vstack([rows, np.zeros((width, width))]), mode="r"))[self.beside :, self.beside :]
-            for rows in (data, np.vstack([data, prior[:, self.order]]))
-        ]
-        o1 = Observability.of(told[0], len(chosen) + situation.before).o1
-        spread = self.tips @ np.linalg.inv(told[1])  # the covariance is R⁻¹ R⁻ᵀ
+        prior, measured = np.split(situation.known[:, self.order], [situation.layout.nuisances])
+        chosen_rows = situation.rows[chosen].reshape(-1, width)[:, self.order]
+        data = np.vstack([measured, chosen_rows])
+        of_data = remaining_triangle(data, self.beside)
+        of_all = remaining_triangle(np.vstack([data, prior]), self.beside)
+        o1 = Observability.of(of_data, len(chosen) + situation.before).o1
+        spread = self.tips @ np.linalg.inv(of_all)  # the covariance is R⁻¹ R⁻ᵀ
         return o1, float(np.sqrt(np.square(spread).sum(axis=(1, 2)).mean()))

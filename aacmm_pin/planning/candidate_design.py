@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aacmm_pin._support.checks import Array, Index
+from aacmm_pin.calibration.linear_model import remaining_triangle, seat_columns
 from aacmm_pin.calibration.noise_model import NoiseModel, Scatters, observations_of
 from aacmm_pin.calibration.parameter_vector import ParameterVector
 from aacmm_pin.calibration.problem import Frame, Problem
 from aacmm_pin.effects import Effect
-from aacmm_pin.measurements.observations import Observations
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.planning.candidate_records import candidates
 from aacmm_pin.planning.detection_power import Power, Size, power_of
 from aacmm_pin.planning.measurement_conditions import MeasurementConditions
 from aacmm_pin.planning.task import Task
 
-SEAT_WIDTH = 1.0
-"""A seat of unknown place is anywhere within this [m]."""
 LOOSE = 1e-6
 """A cause of which nobody knows anything is within a thousand times its typical size: information in that unit."""
 
@@ -66,6 +64,12 @@ class Layout:
         """The columns of one cause."""
         return np.arange(self.nuisances, self.width)[self.blocks[cause]]
 
+    def seat_columns(self, columns: Array, labels: Sequence[str]) -> Array:
+        """Columns by seats of certain ``labels`` (…, s, 3) as those of all seats (…, 3 seats)."""
+        found = np.zeros((*columns.shape[:-2], len(self.seats), 3))
+        found[..., [self.seats.index(label) for label in labels], :] = columns
+        return found.reshape(*columns.shape[:-2], 3 * len(self.seats))
+
 
 @dataclass(frozen=True, eq=False)
 class Situation:
@@ -96,7 +100,7 @@ class Situation:
         seats = {*old, *observations_of(pool, task.setup).labels}
         problem = task.problem(set_up.model, pool if existing is None else existing)
         layout = Layout.of(problem, task.causes, tuple(sorted(seats)))
-        known = [np.eye(layout.nuisances, layout.width)]  # of what is refitted, its prior
+        known = [np.eye(layout.nuisances, layout.width)]  # of what is refitted, its prior; seats are within a metre
         if existing is not None:
             measured, ties = rows_of(problem, layout, task.frame)
             known += [measured.reshape(-1, layout.width), ties]
@@ -121,11 +125,9 @@ class Situation:
         """What a choice (None: the whole pool), taken so many ``times``, tells of the causes when what is refitted is at
         its best: R with ``S = RᵀR``.
         """
-        width, nuisances = self.layout.width, self.layout.nuisances
-        new = np.sqrt(times) * (self.rows if chosen is None else self.rows[chosen])
-        rows = np.vstack([self.known, new.reshape(-1, width)])
-        missing = max(width - len(rows), 0)
-        return np.asarray(np.linalg.qr(np.pad(rows, ((0, missing), (0, 0))), mode="r"))[nuisances:, nuisances:]
+        records = self.rows if chosen is None else self.rows[chosen]
+        rows = np.sqrt(times) * records.reshape(-1, self.layout.width)
+        return remaining_triangle(np.vstack([self.known, rows]), self.layout.nuisances)
 
 
 def rows_of(problem: Problem, layout: Layout, frame: Frame, stated: tuple[str, ...] = ()) -> tuple[Array, Array]:
@@ -134,28 +136,13 @@ def rows_of(problem: Problem, layout: Layout, frame: Frame, stated: tuple[str, .
     """
     prediction = problem.predict(problem.start, frame)
     noise = NoiseModel.of(problem, problem.start, frame, Scatters())
-    known, count = noise.observations, len(layout.seats)
-    number = np.array([layout.seats.index(label) for label in known.labels], dtype=np.intp)
-    touched = np.flatnonzero(known.seat >= 0)
-    seats = np.zeros((len(known.seat), 3, count, 3))
-    seats[touched, :, number[known.seat[touched]]] = -SEAT_WIDTH * np.eye(3)
+    observations = noise.observations
+    labels, whitening = observations.labels, noise.whitening * observations.says[:, None, None]
     jacobian = prediction.jacobian[:, :, layout.order] * layout.scales
-    refitted, causes = np.split(jacobian, [layout.refitted], axis=2)
-    rows = noise.whitening @ np.concatenate([refitted, seats.reshape(len(seats), 3, 3 * count), causes], axis=2)
-    rows[~known.says] = 0.0
-    new = np.array([label not in stated for label in known.labels], dtype=bool)
-    ties = _ties(known, known.start(prediction.tips), number, count, new)
+    refitted, causes = np.split(whitening @ jacobian, [layout.refitted], axis=2)
+    of_records, of_seats, of_bars = seat_columns(observations, observations.start(prediction.tips), -whitening)
+    rows = np.concatenate([refitted, layout.seat_columns(of_records, labels), causes], axis=2)
+    new = np.array([label not in stated for label in labels], dtype=bool)
+    own_seats, own_bars = of_seats[observations.known & new], of_bars[new[observations.ends].any(axis=1)]
+    ties = layout.seat_columns(np.concatenate([*own_seats, own_bars]), labels)
     return rows, np.pad(ties, ((0, 0), (layout.refitted, causes.shape[2])))
-
-
-def _ties(known: Observations, points: Array, number: Index, count: int, new: NDArray[np.bool_]) -> Array:
-    """What is stated of the ``new`` seats and of bars with such an end (t, 3 count), each seat having a number among all."""
-    of_seats = np.flatnonzero(known.known & new)
-    ties = np.zeros((of_seats.size, 3, count, 3))
-    ties[np.arange(of_seats.size), :, number[of_seats]] = (SEAT_WIDTH / known.stated_u[of_seats])[:, :, None] * np.eye(3)
-    along = SEAT_WIDTH * known.of_bars(points)[1]
-    bars, bar = np.zeros((len(known.ends), count, 3)), np.arange(len(known.ends))
-    bars[bar, number[known.ends[:, 0]]] = along
-    bars[bar, number[known.ends[:, 1]]] = -along
-    with_bars = bars[new[known.ends].any(axis=1)]
-    return np.vstack([ties.reshape(3 * len(ties), 3 * count), with_bars.reshape(len(with_bars), 3 * count)])

@@ -133,7 +133,7 @@ def frame_in_words(result: Calibration) -> str:
     """Where the base is in the frame of the references; "" where the two are one, or the records do not determine it."""
     if result.base_u is None:
         return ""
-    frame, (shift, turn) = result.fit.solution.point.frame, result.base_u
+    frame, (shift, turn) = result.fit.point.frame, result.base_u
     x, y, z = (vector(axis, ".6f") for axis in frame.rotation.T)
     angle = np.arccos(np.clip((np.trace(frame.rotation) - 1) / 2, -1, 1)) / DEG
     held = ", ".join(result.fit.undetermined.tied_to_frame)
@@ -180,7 +180,7 @@ def estimated_causes(result: Calibration) -> pd.DataFrame:
             if together[own].any()
             else values_in_words(effect, described(effect, result.covariance[own, own]), effect.slides(result.model.arm)),
         }
-        for effect, own in zip(result.fit.solution.effects, vector.slices, strict=True)
+        for effect, own in zip(result.fit.effects, vector.slices, strict=True)
         if vector.of_arm[own.start] is None
     ]
     return pd.DataFrame(rows)
@@ -218,7 +218,7 @@ def calibration_summary(result: Calibration, data: str, seed: int) -> dict[str, 
     table, summary = parameter_table(result), result.summary()
     for row, width, beyond in zip(summary["parameters"], table["stated"], table["beyond"], strict=True):
         row |= {"stated": None if np.isnan(width) else float(width), "beyond_stated": bool(beyond)}
-    frame = result.fit.solution.point.frame
+    frame = result.fit.point.frame
     return summary | {
         "data": data,
         "seed": seed,
@@ -236,7 +236,7 @@ def _placement(result: Calibration) -> dict[str, Any] | None:
     """Where the base is, with u; None where that is known without, or not determined."""
     if result.base_u is None:
         return None
-    frame, (shift, turn) = result.fit.solution.point.frame, result.base_u
+    frame, (shift, turn) = result.fit.point.frame, result.base_u
     return {
         "origin_mm": (frame.shift / MM).tolist(),
         "rotation": frame.rotation.tolist(),

@@ -172,7 +172,7 @@ def _inconclusive(result: Diagnosis, wrong: str) -> str:
         return f"the search did not converge ({result.converge_note}), so nothing can be concluded"
     if not result.extended.tells_noise:
         return "there are too few records to tell a cause from the noise"
-    if result.extended.thinned:
+    if result.extended.too_many_excluded:
         out, all_of = int(result.extended.excluded.sum()), int((result.extended.used | result.extended.excluded).sum())
         return f"{out} of {all_of} records do not agree with the others, too many for gross errors; of the others: {wrong}"
     doubts = "; ".join(_doubts_in_words(result))
@@ -266,7 +266,7 @@ def gain_in_words(result: Diagnosis) -> str:
     low, high = held.interval
     nothing = "" if held.beyond_doubt or high < -THRESHOLDS.least_gain else ", not significant"
     counted = f" {_of_extended(held)}".rstrip()
-    if result.findings and result.extended.thinned:
+    if result.findings and result.extended.too_many_excluded:
         counted += " It need not hold at new postures: the extended arm excludes too many records."
     return (
         f"Gain of the extended over the recalibrated arm on held-out {KINDS[held.kind]}: {percent(held.gain)} "

@@ -35,7 +35,7 @@ def _first(result: Diagnosis) -> str:
     verdict, findings, unexplained, (seen, of) = result.verdict, result.findings, result.unexplained, result.visible
     if too_good(result.extended):
         return "check what was stated of the noise, and its unit: beside noise that large no cause can show, in any records"
-    if verdict == "inconclusive" and result.extended.thinned:
+    if verdict == "inconclusive" and result.extended.too_many_excluded:
         return "look what the excluded records have in common, repeat some of them, and state time_s and session of all"
     if unexplained.branches is not None:
         joint = unexplained.branches.joint

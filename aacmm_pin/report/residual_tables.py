@@ -64,14 +64,14 @@ def residuals_by_group(before: Fit, recalibrated: Fit, extended: Fit) -> pd.Data
 
 def _square_distances(fit: Fit) -> Array:
     """Squared distance of tip and target of each record (n,) [m²]."""
-    squares = np.square(fit.solution.system.deviation)
+    squares = np.square(fit.system.deviation)
     return np.asarray(squares.sum(axis=1))
 
 
 def _stated_variance(before: Fit) -> Array:
     """What the stated uncertainties of the arm and, where nothing is fitted, of the targets predict (n,) [m²]."""
     model, records = before.problem.model, before.problem.measurements
-    rotation = before.solution.point.frame.rotation
+    rotation = before.point.frame.rotation
     moved = rotation @ model.sensitivity(records.q, records.conditions)
     variance = np.sum(moved @ model.covariance() * moved, axis=(1, 2))
     if before.problem.scales.size == 0:

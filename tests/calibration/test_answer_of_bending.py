@@ -34,7 +34,7 @@ def test_it_completes_the_derivative(problem: Problem, sino6: Arm) -> None:
     x[problem.names.index("joint_compliance:2")] = SOFT
     assert problem.bends(x)
     prediction = problem.predict(x, frame)
-    answer, soft = problem.answer_of_bending(x, frame, prediction), JointCompliance(2, values=(SOFT,))
+    answer, soft = problem.elastic_jacobian_correction(x, frame, prediction), JointCompliance(2, values=(SOFT,))
     for name, cause in DISPLACED.items():
         k = problem.names.index(name)
         without = prediction.jacobian[:, :, k]

@@ -83,7 +83,7 @@ def normalised(arm: Arm, result: Calibration, errors: Array) -> Array:
 def agreement(arm: Arm, result: Calibration, errors: Array) -> float:
     """Chance of an estimate as far from the truth as this one, by its own covariance."""
     position = {p.name: i for i, p in enumerate(arm.parameters)}
-    off = result.fit.solution.point.x - errors[[position[p.name] for p in result.fit.problem.vector.parameters]]
+    off = result.fit.point.x - errors[[position[p.name] for p in result.fit.problem.vector.parameters]]
     return float(chi2.sf(off @ np.linalg.solve(result.covariance, off), off.size))
 
 
@@ -147,7 +147,7 @@ def test_an_independent_least_squares_agrees(sino6: Arm, rng: np.random.Generato
 
     best = least_squares(residual, np.zeros(len(chosen)), x_scale="jac", xtol=1e-14, ftol=1e-14, gtol=1e-14)
     u = np.sqrt(np.diag(result.covariance))
-    np.testing.assert_allclose(result.fit.solution.point.x / u, best.x * width / u, rtol=0, atol=1e-2)
+    np.testing.assert_allclose(result.fit.point.x / u, best.x * width / u, rtol=0, atol=1e-2)
     covariance = np.linalg.inv(best.jac.T @ best.jac) * np.outer(width, width)
     np.testing.assert_allclose(result.covariance / np.outer(u, u), covariance / np.outer(u, u), rtol=0, atol=1e-2)
 
@@ -285,10 +285,10 @@ def test_parallel_axes_are_known_together(rng: np.random.Generator) -> None:
     together = [line for line in result.undetermined if "d2" in line or "d3" in line or "d4" in line]
     assert len(together) == 2
     assert all("only their sum" in line for line in together)
-    x, unknown = result.fit.solution.point.x, result.fit.unknown
+    x, unknown = result.fit.point.x, result.fit.unknown
     for direction in unknown.T:
-        moved = result.fit.problem.predict(x + 1e-3 * direction * result.fit.problem.widths, result.fit.solution.point.frame)
-        np.testing.assert_allclose(moved.tips, result.fit.solution.point.prediction.tips, rtol=0, atol=2e-6)
+        moved = result.fit.problem.predict(x + 1e-3 * direction * result.fit.problem.widths, result.fit.point.frame)
+        np.testing.assert_allclose(moved.tips, result.fit.point.prediction.tips, rtol=0, atol=2e-6)
 
 
 def test_what_seats_that_nobody_measured_do_not_tell(zero6: Arm) -> None:
@@ -330,7 +330,7 @@ def test_a_tenth_of_gross_errors(sino6: Arm, rng: np.random.Generator, size: flo
     assert clear <= excluded <= {int(i) for i in wrong}
     clean = quick(sino6, data.take(np.setdiff1d(np.arange(300), wrong)))
     u = np.sqrt(np.diag(clean.covariance))
-    assert np.abs((result.fit.solution.point.x - clean.fit.solution.point.x) / u).max() < 1.0
+    assert np.abs((result.fit.point.x - clean.fit.point.x) / u).max() < 1.0
 
 
 # --- causes, and the calibrated arm
@@ -375,7 +375,7 @@ def test_the_calibrated_arm_is_saved_and_calibrated_again(sino6: Arm, rng: np.ra
     loaded = ErrorModel.load(tmp_path / "cal.toml")
     q = within(sino6, rng, 50)
     np.testing.assert_allclose(loaded.predict(q), result.model.predict(q), rtol=0, atol=1e-12)
-    np.testing.assert_allclose(loaded.predict(data.q), result.fit.solution.point.prediction.tips, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(loaded.predict(data.q), result.fit.point.prediction.tips, rtol=0, atol=1e-9)
     by_name = {p.name: i for i, p in enumerate(loaded.parameters)}
     names = [p.name for p in result.fit.problem.vector.parameters]
     where = [by_name[name] for name in names]
@@ -412,16 +412,16 @@ def test_a_search_that_does_not_converge_gives_its_best_point_and_says_so(
 ) -> None:
     data = free_points(sino6, rng, 100)[0]
     result = quick(sino6, data)
-    assert result.fit.solution.converged
+    assert result.fit.converged
     fit = result.fit
-    start = solver.begin(fit.problem, fit.observations)
+    start = solver.initial_point(fit.problem, fit.observations)
     weights = fit.used.astype(np.float64)
     monkeypatch.setattr(solver, "MOST_STEPS", 1)
     far = solver.solve(fit.problem, fit.noise, start, weights)
     assert not far.converged
-    assert far.cost < solver.standing(fit.problem, fit.noise, start, weights).cost
-    said = notes_of(replace(fit, solution=far))
-    assert [note for note in said if far.held_up in note]
+    assert far.system.cost < solver.solution_at(fit.problem, fit.noise, start, weights).system.cost
+    said = notes_of(replace(fit, point=far.point, system=far.system, message=far.message))
+    assert [note for note in said if far.message in note]
     assert len(said) == 1 + len(result.notes)
 
 
@@ -435,12 +435,12 @@ def test_the_geometric_refit_ends_at_one_minimum_from_wherever_it_starts(sino6: 
     costs = []
     for _ in range(20):
         x = problem.widths * rng.uniform(-1.0, 1.0, problem.widths.size)
-        prediction = problem.predict(x, fit.solution.point.frame)
-        start = solver.Point(x, fit.solution.point.frame, fit.observations.start(prediction.tips), prediction)
+        prediction = problem.predict(x, fit.point.frame)
+        start = solver.Point(x, fit.point.frame, fit.observations.start(prediction.tips), prediction)
         found = solver.solve(problem, fit.noise, start, weights)
         assert found.converged
-        costs.append(found.cost)
-    np.testing.assert_allclose(costs, fit.solution.cost, rtol=1e-6)
+        costs.append(found.system.cost)
+    np.testing.assert_allclose(costs, fit.system.cost, rtol=1e-6)
 
 
 def test_conditions_in_another_unit_are_asked_about(sino6: Arm, rng: np.random.Generator, tmp_path: Path) -> None:
@@ -696,7 +696,7 @@ def test_what_nothing_tells_stays_where_it_was(zero6: Arm, plan: Any) -> None:
     assert "theta_offset1: not at all" in found.undetermined
     turned = found.parameters.set_index("parameter").loc["theta_offset1"]
     assert abs(turned["change"]) < 1e-6
-    assert found.fit.solution.converged
+    assert found.fit.converged
 
 
 def test_coordinates_of_seats_of_unstated_uncertainty(sino6: Arm) -> None:

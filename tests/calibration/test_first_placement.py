@@ -94,7 +94,7 @@ def test_the_start_is_the_end_if_the_arm_is_right(sino6: Arm, rng: np.random.Gen
         setup = Setup.of(sino6, "external", "unknown")
         records = replace(data, orientation=orientation)
         problem = problem_of(ErrorModel(sino6), records, "geometry", setup)
-        start = solver.begin(problem, observations_of(records, setup))
+        start = solver.initial_point(problem, observations_of(records, setup))
         off = np.linalg.norm(start.prediction.tips - records.reference, axis=1)
         assert np.median(off) < 3 * NOISE
         offset = start.x[[name.startswith("stylus_offset") for name in problem.vector.names]]

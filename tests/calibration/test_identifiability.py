@@ -108,7 +108,7 @@ def test_references_on_one_line_leave_the_base_open(
         return
     assert words == ""
     shift, turn = result.base_u or pytest.fail("the base is determined")
-    frame = result.fit.solution.point.frame
+    frame = result.fit.point.frame
     turned = Rotation.from_matrix(frame.rotation @ FRAME[0].T).as_rotvec()
     assert np.abs((frame.shift - FRAME[1]) / shift).max() < 4
     assert np.abs(turned / turn).max() < 4

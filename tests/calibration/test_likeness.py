@@ -262,7 +262,7 @@ def test_when_a_mistake_is_named(
         if off.get(without, (1.0, 1.0))[1] == np.inf:
             raise AacmmError("too soft to stand")
         system = SimpleNamespace(deviation=off.get(without, (1.0, 1.0))[1])
-        return SimpleNamespace(problem=without, unmodelled=0.0, solution=SimpleNamespace(system=system))
+        return SimpleNamespace(problem=without, unmodelled=0.0, system=system)
 
     def misfit(of: object, _: object) -> tuple[float, float]:
         return (0.0, off.get(of, (1.0, 1.0))[0]) if isinstance(of, str) else (case["before"], case["as_given"])
@@ -310,7 +310,7 @@ def test_geometry_that_took_up_a_mistake(
                 x = problem.start.copy()
                 x[place] += sign * part * step
                 point = SimpleNamespace(x=x, prediction=prediction)
-                after: Any = SimpleNamespace(problem=problem, solution=SimpleNamespace(point=point))
+                after: Any = SimpleNamespace(problem=problem, point=point)
                 assert input_mistakes._absorbs(after) == (taken_up and part > 1.0)
 
 

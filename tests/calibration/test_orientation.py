@@ -91,7 +91,7 @@ def test_parameters_scatter_as_stated(sino6: Arm, rng: np.random.Generator) -> N
             hold_out=False,
             **NOISE,
         )
-        off = found.fit.solution.point.x[1:]  # the first zero is the frame's
+        off = found.fit.point.x[1:]  # the first zero is the frame's
         total += off @ np.linalg.solve(found.covariance[1:, 1:], off)
     assert 1e-3 < chi2.sf(total, 5 * runs) < 0.999
 
@@ -107,7 +107,7 @@ def test_what_is_not_stated_is_found_and_what_is_wrong_is_left_out(sino6: Arm, r
     found = calibrate(sino6, replace(data, orientation_u=None), "geometry", **how)
     assert np.flatnonzero(found.fit.excluded).tolist() == [7]
     assert found.fit.noise.scatters.turn == pytest.approx(TURN, rel=0.25)
-    turned = Rotation.from_matrix(found.fit.solution.point.frame.targets[0] @ FRAME.targets[0].T)
+    turned = Rotation.from_matrix(found.fit.point.frame.targets[0] @ FRAME.targets[0].T)
     assert turned.magnitude() < 5e-5
     assert found.turns is not None
     assert found.turns["calibrated"] == pytest.approx(found.turns["noise"], rel=0.25)

@@ -13,14 +13,14 @@ from scipy.stats import chi2
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.calibration import solver
+from aacmm_pin.calibration import linear_model, solver
 from aacmm_pin.calibration.cross_validation import distances
-from aacmm_pin.calibration.fit import deleted_distances
 from aacmm_pin.calibration.identifiability import Observability
 from aacmm_pin.calibration.noise_model import NoiseModel, Scatters, contradictions, observations_of
 from aacmm_pin.calibration.parameters import problem_of
 from aacmm_pin.calibration.problem import Frame, Problem, registered
 from aacmm_pin.calibration.setup import Setup
+from aacmm_pin.calibration.studentised_residuals import deleted_distances
 from aacmm_pin.calibration.variance_components import _variance_component
 from aacmm_pin.effects import StylusOffset
 from aacmm_pin.effects.conditions import Conditions
@@ -77,20 +77,20 @@ def system_of(problem: Problem, off: float = 0.0) -> solver.Solution:
     x = problem.start + off * problem.widths
     point = solver.Point(x, FRAME, np.zeros((0, 3)), problem.predict(x, FRAME))
     noise = NoiseModel.of(problem, x, FRAME, Scatters())
-    return solver.standing(problem, noise, point, np.ones(problem.measurements.n))
+    return solver.solution_at(problem, noise, point, np.ones(problem.measurements.n))
 
 
 def test_what_a_step_promises(sino6: Arm, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
     """What plain least squares of the same rows gains, and what is left of it in a trust region."""
-    monkeypatch.setattr(solver, "AT_ONCE", 7)  # not all rows at once
+    monkeypatch.setattr(linear_model, "AT_ONCE", 7)  # not all rows at once
     problem = external(sino6, rng, off=1e-4)
     here = system_of(problem, off=0.3)
     x, scales = here.point.x, problem.scales
-    rows = np.vstack([np.pad(problem.prior, ((0, 0), (0, 6))) / scales, here.system.jacobian])
-    residual = np.concatenate([problem.beside_prior(x), here.system.residual])
-    assert here.cost == pytest.approx(residual @ residual, rel=1e-9)
-    assert here.cost > 1.0 + here.system.residual @ here.system.residual
-    quarter = solver.standing(problem, here.noise, here.point, 0.25 * here.weights).system
+    rows = np.vstack([here.system.prior.rows[:, :-1] / scales, here.system.jacobian])
+    residual = np.concatenate([here.system.prior.rows[:, -1], here.system.residual])
+    assert here.system.cost == pytest.approx(residual @ residual, rel=1e-9)
+    assert here.system.cost > 1.0 + here.system.residual @ here.system.residual
+    quarter = solver.solution_at(problem, here.noise, here.point, 0.25 * here.weights).system
     np.testing.assert_allclose(quarter.residual, 0.5 * here.system.residual, rtol=1e-12)
     seen = problem.predict(x, FRAME, here.point.prediction.tips).jacobian
     np.testing.assert_allclose(seen / scales, here.point.prediction.jacobian / scales, rtol=1e-9, atol=1e-9)
@@ -99,14 +99,14 @@ def test_what_a_step_promises(sino6: Arm, rng: np.random.Generator, monkeypatch:
         return float(residual @ residual - np.square(residual + rows @ step).sum())
 
     best = gained(-np.linalg.lstsq(rows * scales, residual)[0] * scales)
-    step = solver._Step.of(problem, here.system, x, np.zeros(scales.size))
+    step = solver._Step.of(here.system, np.zeros(scales.size))
     assert best > 100.0
-    assert [here.spectrum.promise(), step.promise] == pytest.approx([best] * 2, rel=1e-6)
+    assert [here.system.spectrum.predicted_reduction(0.0), step.predicted_reduction] == pytest.approx([best] * 2, rel=1e-6)
     full = step.within(np.inf)
-    assert full[2] == pytest.approx(best, rel=1e-6)
+    assert full.predicted == pytest.approx(best, rel=1e-6)
     for part in (1.1, 0.5, 0.1, 1e-6):
-        delta, length, promised = step.within(part * full[1])
-        assert length == pytest.approx(min(part, 1.0) * full[1], rel=1e-2)
+        delta, length, promised = step.within(part * full.length)
+        assert length == pytest.approx(min(part, 1.0) * full.length, rel=1e-2)
         assert promised == pytest.approx(gained(delta), rel=1e-6)
 
 
@@ -118,21 +118,21 @@ def test_ends_of_bars_are_where_they_fit_best(sino6: Arm, rng: np.random.Generat
     problem = problem_of(ErrorModel(sino6), data, "geometry", setup)
     model = NoiseModel.of(problem, problem.start, Frame.identity(), Scatters())
     search = solver._Search(problem, model, np.ones(60), False, solver.SETTLED)
-    begun = solver.begin(problem, model.observations)
+    begun = solver.initial_point(problem, model.observations)
     start = replace(begun, seats=begun.seats + rng.normal(scale=2e-3, size=begun.seats.shape))
     still = np.zeros(problem.scales.size)
     seats, bars = len(model.observations.labels), len(model.observations.ends)
     assert bars > 0
     assert search.system(start).free == 3 * (60 - seats) + bars
-    assert np.abs(search.system(start).seats(still)).max() > 1e-3
-    assert np.abs(search.seats_at_best(start, search.system(start))[1].seats(still)).max() < 1e-7
+    assert np.abs(search.system(start).seat_step(still)).max() > 1e-3
+    assert np.abs(search.seats_at_best(start, search.system(start))[1].seat_step(still)).max() < 1e-7
 
 
 def test_records_without_weight_count_for_nothing(sino6: Arm, rng: np.random.Generator) -> None:
     problem, weights = external(sino6, rng, off=1e-4), np.ones(12)
     weights[[2, 7]] = 0.0
     here = system_of(problem)
-    found = solver.standing(problem, here.noise, here.point, weights).chi2
+    found = solver.solution_at(problem, here.noise, here.point, weights).chi2
     fewer = system_of(problem.of(problem.measurements.take(np.flatnonzero(weights))))
     assert tuple(found) == pytest.approx(tuple(fewer.chi2), rel=1e-6)
 
@@ -145,9 +145,9 @@ def test_distance_from_where_the_others_put_a_seat(sino6: Arm, rng: np.random.Ge
     setup = Setup.of(sino6, **noise)
     problem = problem_of(ErrorModel(sino6), data, "geometry", setup)
     model = NoiseModel.of(problem, problem.start, Frame.identity(), Scatters())
-    begun, weights, observations = solver.begin(problem, model.observations), np.ones(24), model.observations
-    step = solver.standing(problem, model, begun, weights).system.seats(np.zeros(problem.scales.size))
-    best = solver.standing(problem, model, replace(begun, seats=begun.seats + step), weights)
+    begun, weights, observations = solver.initial_point(problem, model.observations), np.ones(24), model.observations
+    step = solver.solution_at(problem, model, begun, weights).system.seat_step(np.zeros(problem.scales.size))
+    best = solver.solution_at(problem, model, replace(begun, seats=begun.seats + step), weights)
     assert best.system.free == 3 * 24 - (0 if known else 9)
     found = deleted_distances(best)
     tips, covariance = begun.prediction.tips, model.of_residuals
@@ -171,13 +171,13 @@ def test_a_promise_that_nothing_comes_of_ends_the_search(sino6: Arm, rng: np.ran
     wrong = rng.normal(size=best.point.prediction.jacobian.shape) / problem.scales
     for promise, converged in ((1e-3, True), (1.0, False)):
         search = solver._Search(problem, begun.noise, weights, False, solver.SETTLED)
-        search.answer = 1e-12 * wrong
+        search.correction = 1e-12 * wrong
         for _ in range(20):
-            start = search.answered(best.point)
-            found = solver._Step.of(problem, search.system(start), start.x, search.units).promise
-            search.answer = search.answer * np.sqrt(promise / found)
+            start = search.corrected(best.point)
+            found = solver._Step.of(search.system(start), search.units).predicted_reduction
+            search.correction = search.correction * np.sqrt(promise / found)
         assert found == pytest.approx(promise, rel=1e-3)
-        assert search.run(search.answered(best.point)).converged == converged
+        assert search.run(search.corrected(best.point)).converged == converged
 
 
 def test_a_frame_is_no_mirror_image(rng: np.random.Generator) -> None:
@@ -271,5 +271,5 @@ def test_weights_of_gross_errors() -> None:
     """Cauchy's: half at two standard deviations in each of three coordinates, by the scatter of most records."""
     for scale in (1.0, 50.0):
         distance = scale * np.array([*[solver.MEDIAN] * 9, 0.0, 12.0, 108.0, np.nan])
-        np.testing.assert_allclose(solver._by_fit(distance)[9:], [1.0, 0.5, 0.1, 1.0])
-    assert (solver._by_fit(np.full(3, np.nan)) == 1.0).all()
+        np.testing.assert_allclose(solver._robust_weights(distance)[9:], [1.0, 0.5, 0.1, 1.0])
+    assert (solver._robust_weights(np.full(3, np.nan)) == 1.0).all()

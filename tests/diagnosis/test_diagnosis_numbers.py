@@ -24,7 +24,8 @@ from scipy.stats import chi2, f, kstest, t
 
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration.cross_validation import parts_of
-from aacmm_pin.calibration.fit import Fit, fit
+from aacmm_pin.calibration.estimation import fit
+from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.parameters import problem_of
 from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.calibration.setup import Setup
@@ -155,7 +156,7 @@ def whitened(case: Case, part: NDArray[np.intp], kept: NDArray[np.bool_]) -> Arr
     covariance = covariance_of_records(records)
     seat = records.conditions.seat
     unknown = seat is not None and not records.known.any()
-    points = dict(zip(case.fit.observations.labels, case.fit.solution.point.seats, strict=True))
+    points = dict(zip(case.fit.observations.labels, case.fit.point.seats, strict=True))
     target = np.array([points[s] for s in seat]) if unknown and seat is not None else records.reference
     found = []
     for number in np.unique(part[kept]):
@@ -191,7 +192,7 @@ def _bars(records: Measurements, labels: list[str], points: dict[str, Array]) ->
 
 def prior_rows(case: Case) -> Array:
     """What is known of the nuisances (m, columns + 1), in units of their widths."""
-    problem, x = case.design.fit.problem, case.design.fit.solution.point.x
+    problem, x = case.design.fit.problem, case.design.fit.point.x
     kept = case.design.kept
     rows = np.zeros((kept.size, case.design.width + 1))
     rows[:, : kept.size] = np.eye(kept.size)
@@ -480,7 +481,7 @@ def test_the_part_of_the_scatter_that_readings_have(share: float) -> None:
         used=used,
         problem=problem,
         observations=SimpleNamespace(says=np.ones(n, dtype=bool)),
-        solution=SimpleNamespace(point=SimpleNamespace(x=None, seats=None, frame=SimpleNamespace(rotation=frame))),
+        point=SimpleNamespace(x=None, seats=None, frame=SimpleNamespace(rotation=frame)),
     )
     design = SimpleNamespace(fit=fit_, deviations=lambda tips: tips - 1.0)
     products = SimpleNamespace(noise=RecordNoise.alone(whitening))
@@ -552,5 +553,5 @@ def test_held_out_prediction_is_that_of_a_refit(tmp_path: Path, cause: str | Non
         ]
         out = choice.fit.used & (case.parts == number)
         refit = case.refit(effects, used=choice.fit.used & ~out)
-        wanted = np.linalg.norm(refit.solution.point.prediction.tips[out] - case.records.reference[out], axis=1)
+        wanted = np.linalg.norm(refit.point.prediction.tips[out] - case.records.reference[out], axis=1)
         np.testing.assert_allclose(training.predicted(blocks), wanted, atol=2e-8)

@@ -17,7 +17,8 @@ from aacmm_pin.accuracy.volume import accuracy_volume
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration import calibrate
 from aacmm_pin.calibration.calibrated_arm import calibrated_model
-from aacmm_pin.calibration.fit import Fit, fit
+from aacmm_pin.calibration.estimation import fit
+from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.parameters import problem_of
 from aacmm_pin.calibration.setup import Setup
 from aacmm_pin.cli.root_command import app
@@ -183,7 +184,7 @@ def test_estimates_answer_to_what_is_held(plant: Plant) -> None:
 
     common = solved(ErrorModel(plant.arm), one.at((0.0,), (1.0,)))
     own = common.problem.vector.slices[-1]
-    found = one.at(common.solution.effects[-1].values, np.sqrt(np.diag(common.covariance[own, own])))
+    found = one.at(common.effects[-1].values, np.sqrt(np.diag(common.covariance[own, own])))
     held = ErrorModel(plant.arm, (found,))
     model, wanted = calibrated_beside(solved(held), found), calibrated_model(common)
     q, conditions = plant.touched(50)[0], Conditions(50, time=np.linspace(0.0, 3600.0, 50))

@@ -14,7 +14,8 @@ from blind.regimes import regime_file
 from numpy.typing import NDArray
 
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.calibration.fit import Fit, fit
+from aacmm_pin.calibration.estimation import fit
+from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.parameters import problem_of
 from aacmm_pin.calibration.setup import Setup
 from aacmm_pin.diagnosis.candidates import Variants, candidates

@@ -80,7 +80,7 @@ def test_a_warm_up_is_as_uncertain_as_its_time_constant_makes_it(sino6: Arm, rng
     data = simulate_measurements(ErrorModel(sino6, (drift,)), "free", 80, rng=rng)
     fit = calibrate(sino6, data, [drift.at(())], hold_out=False, robust=False, **NOISE).fit  # type: ignore[arg-type]
     told = replace(fit, found={drift.key: {}})
-    own = fit.solution.effects[0]
+    own = fit.effects[0]
     assert isinstance(own, ZeroDrift)
 
     def by(one: ZeroDrift, other: ZeroDrift, step: float) -> Array:
@@ -122,18 +122,18 @@ def test_a_trial_that_cannot_be_evaluated_is_a_rejected_step(
     predict, refused = Problem.predict, []
 
     def narrow(self: Problem, x: Array, *rest: object) -> object:
-        if np.abs(x - fit.solution.point.x).max() > 3e-4 and np.any(x != self.start):
+        if np.abs(x - fit.point.x).max() > 3e-4 and np.any(x != self.start):
             refused.append(x)
             raise AacmmError("too soft to stand")
         return predict(self, x, *rest)  # type: ignore[arg-type]
 
     monkeypatch.setattr(Problem, "predict", narrow)
     x = fit.problem.start + np.where(np.arange(fit.problem.start.size) == 0, 2.9e-4, 0.0)
-    prediction = predict(fit.problem, x, fit.solution.point.frame)
-    start = solver.Point(x, fit.solution.point.frame, fit.solution.point.seats, prediction)
+    prediction = predict(fit.problem, x, fit.point.frame)
+    start = solver.Point(x, fit.point.frame, fit.point.seats, prediction)
     found = solver.solve(fit.problem, fit.noise, start, fit.used.astype(float))
     assert found.converged
-    assert found.cost == pytest.approx(fit.solution.cost, rel=1e-6)
+    assert found.system.cost == pytest.approx(fit.system.cost, rel=1e-6)
 
 
 @dataclass(frozen=True)
@@ -222,7 +222,7 @@ def finding(probability: float, low: float | None = 0.1, effect: Effect | None =
 def test_verdicts(sino6: Arm, rng: np.random.Generator) -> None:
     data = simulate_measurements(ErrorModel(sino6), "free", 40, rng=rng)
     fit = calibrate(sino6, data, hold_out=False, **NOISE).fit  # type: ignore[arg-type]
-    stuck = replace(fit, solution=replace(fit.solution, held_up="60 steps were not enough"))
+    stuck = replace(fit, message="60 steps were not enough")
     noiseless = replace(fit, stated=False, dof=0.0)
     out = np.arange(40)
     seven, six = (replace(fit, used=out >= count, excluded=out < count) for count in (7, 6))

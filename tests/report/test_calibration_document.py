@@ -145,7 +145,7 @@ def test_causes_with_their_uncertainty(sino6: Arm) -> None:
     size, of_size, phase, of_phase = map(float, told.groups())
     assert abs(size - 200.0) < 2 * of_size
     assert abs(phase - np.rad2deg(np.arctan2(1.2, 1.6))) < 2 * of_phase
-    own, values = result.covariance[-3:-1, -3:-1], result.fit.solution.point.x[-3:-1]
+    own, values = result.covariance[-3:-1, -3:-1], result.fit.point.x[-3:-1]
     gradient = values / np.linalg.norm(values)
     np.testing.assert_allclose(of_size, 2e6 * np.sqrt(gradient @ own @ gradient), rtol=0.05)
     assert re.search(r"expansion [\d.]+ ± [\d.]+ µm/\(m·K\)", expansion)

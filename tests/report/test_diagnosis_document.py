@@ -174,7 +174,7 @@ def test_why_nothing_can_be_concluded(eccentric: Diagnosis) -> None:
     result, first = replace(eccentric, verdict="inconclusive"), eccentric.findings[0]
     weak = replace(first, brought=Brought(0.1, -0.1, 0.3))
     told = [verdict_in_words(replace(result, findings=found)) for found in ((), (first,), (weak,))]
-    stuck = replace(result, extended=replace(result.extended, solution=replace(result.extended.solution, held_up="stuck")))
+    stuck = replace(result, extended=replace(result.extended, message="stuck"))
     few = replace(result, extended=replace(result.extended, stated=False, dof=0.0))
     told += [verdict_in_words(one) for one in (stuck, few)]
     assert len(set(told)) == 5

@@ -15,7 +15,7 @@ from matplotlib.collections import LineCollection
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG, MM, UM
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.calibration.fit import fit
+from aacmm_pin.calibration.estimation import fit
 from aacmm_pin.calibration.parameters import problem_of
 from aacmm_pin.calibration.setup import Setup
 from aacmm_pin.diagnosis import Diagnosis, Finding
@@ -92,7 +92,7 @@ def knowing(base: Diagnosis, arm: Arm, effect: Effect, external: bool = False) -
         return fit(problem_of(ErrorModel(arm), data, parameters, setup))
 
     extended = fitted(["geometry", effect.at((), tuple(3 * t.typical for t in effect.terms))])
-    (found,) = (e for e in extended.solution.effects if e.cause == effect.cause)
+    (found,) = (e for e in extended.effects if e.cause == effect.cause)
     finding = Finding(found, dict.fromkeys(found.described(), (0.0, 0.0)), 1.0, 0.0, 1.0, ())
     fits = {"before": fitted([]), "recalibrated": fitted(["geometry"]), "extended": extended}
     return replace(base, findings=(finding,), **fits), finding
@@ -172,7 +172,7 @@ def test_a_curve_breaks_off_where_no_record_is(sound: Diagnosis, sino6: Arm) -> 
     fits = result.extended
     angle = fits.problem.measurements.q[:, 2]
     used = fits.used & ((angle < 2.0) | (angle > 3.5))
-    (found,) = (e for e in fits.solution.effects if isinstance(e, JointErrorCurve))
+    (found,) = (e for e in fits.effects if isinstance(e, JointErrorCurve))
     shown = partial_residual(replace(result, extended=replace(fits, used=used)), found)
     gap = (shown.curve[0] > 125) & (shown.curve[0] < 190)
     assert np.isnan(shown.curve[1][gap]).all()
@@ -205,13 +205,13 @@ def test_values_beyond_the_scale_are_marked_and_counted(
 
 def test_seats_without_a_stated_place_are_counted(sound: Diagnosis, sino6: Arm) -> None:
     result, finding = knowing(sound, sino6, SeatError("S4", values=(5e-5, -8e-5, 2e-4)))
-    solution = result.extended.solution
+    solution = result.extended
     records = solution.problem.measurements
     unknown = (records.conditions.seat == "S1") | (records.conditions.seat == "S2")
     assert plot_cause(result, finding).get_xlabel() == "seat"
     changed = replace(records, reference=np.where(unknown[:, None], np.nan, records.reference))
     problem = replace(solution.problem, measurements=changed)
-    extended = replace(result.extended, solution=replace(solution, problem=problem))
+    extended = replace(result.extended, problem=problem)
     ax = plot_cause(replace(result, extended=extended), finding)
     assert len(ax.get_xticklabels()) == 4
     assert "2 seats" in ax.get_xlabel()

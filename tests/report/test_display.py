@@ -385,7 +385,7 @@ def test_residuals_in_a_frame_of_their_own_are_drawn_in_the_base(sino6: Arm) -> 
     foot, end, _ = spikes_of(scene)
     rows = np.array([int(row[0]) for row in scene.frames.readings])
     records = np.array([int(np.flatnonzero(moved.row == row)[0]) for row in rows])
-    frame = result.fit.solution.point.frame
+    frame = result.fit.point.frame
     np.testing.assert_allclose(foot, (moved.reference[records] - frame.shift) @ frame.rotation, atol=1e-6)
     np.testing.assert_allclose(foot, data.reference[records], atol=2e-4)  # the frame is known that well
     tips = result.model.correct(moved.q[records])

@@ -58,11 +58,11 @@ def plot_residuals_over_joint(result: Calibration, joint: int, when: str = "afte
     arm, fit = result.model.arm, model_named(result, when)
     if not 1 <= joint <= arm.nq:
         raise AacmmError(f"joint is {joint}, {arm.name} has 1 to {arm.nq}")
-    q, point, slides = fit.problem.measurements.q, fit.solution.point, arm.chain.prismatic[joint - 1]
+    q, point, slides = fit.problem.measurements.q, fit.point, arm.chain.prismatic[joint - 1]
     motion = fit.problem.reading_jacobian(point.x, point.frame)[:, :3, joint - 1]
     size = np.linalg.norm(motion, axis=1)
     moved = result.fit.used & (size > 1e-6)
-    along = np.einsum("ni,ni->n", fit.solution.system.deviation[moved], motion[moved]) / size[moved] / UM
+    along = np.einsum("ni,ni->n", fit.system.deviation[moved], motion[moved]) / size[moved] / UM
     angle, ax = q[moved, joint - 1] / (MM if slides else DEG), axes_of(ax, (5.0, 3.2))
     ax.axhline(0.0, color=INK, lw=0.7)
     ax.plot(angle, along, ".", ms=3, color=COLOURS[when], alpha=0.8)
@@ -156,7 +156,7 @@ def plot_normalised_residuals(result: Calibration, ax: Axes | None = None) -> Ax
     A residual is normalised by the covariance of its record (Mahalanobis): by the stated noise, and by the scatter that was
     found where that does not suffice.
     """
-    distance = np.sqrt(result.fit.solution.system.distance[result.fit.used])
+    distance = np.sqrt(result.fit.system.distance[result.fit.used])
     ax, most = axes_of(ax, (5.4, 3.6)), max(4.5, float(distance.max(initial=0.0)))
     label = f"{len(distance)} records used"
     ax.hist(distance, 30, range=(0, most), density=True, color=BLUE, alpha=0.75, label=label)

@@ -133,7 +133,7 @@ def _plot_seat_error(result: Diagnosis, effect: Effect, ax: Axes | None = None) 
     error of the arm that is common to them is not in it. Seats without a stated place are counted.
     """
     fit, ax = result.extended, axes_of(ax, (6.8, 3.8))
-    records, tips = fit.problem.measurements, fit.solution.point.prediction.tips
+    records, tips = fit.problem.measurements, fit.point.prediction.tips
     weight = UM**2 / np.diagonal(fit.residual_noise[:, :3, :3], axis1=1, axis2=2)
     found = {e.place: np.array(e.values) for e in (*(f.effect for f in result.findings), effect) if e.corrects_seat}
     seats = {name: own[fit.used[own]] for name, own in records.seats().items() if records.known[own].all()}

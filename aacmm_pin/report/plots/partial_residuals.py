@@ -75,7 +75,7 @@ def is_constant(effect: Effect, state: State) -> bool:
 def state_of(fit: Fit, q: Array | None = None, conditions: Conditions | None = None) -> State:
     """The arm as fitted, in the records of the fit or in others."""
     problem = fit.problem
-    effects = (*problem.model.effects, *fit.solution.effects)
+    effects = (*problem.model.effects, *fit.effects)
     records, arm = problem.measurements, problem.model.arm
     own = conditions if conditions is not None else records.conditions
     return displaced(arm, effects, records.q if q is None else q, own, arm.place(), as_referenced=False)
@@ -100,11 +100,11 @@ def partial_residual(result: Diagnosis, effect: Effect) -> PartialResidual:
     if is_constant(effect, state):
         raise AacmmError(f"{effect.label} displaces every record alike, expected a cause that depends on something")
     found = _amount(effect, state)
-    lever = found.lever @ fit.solution.point.frame.rotation.T
+    lever = found.lever @ fit.point.frame.rotation.T
     weighted = np.linalg.solve(fit.residual_noise[:, :3, :3], lever[:, :, None])[:, :, 0]
     information = np.einsum("ni,ni->n", lever, weighted)
     there = fit.used & (information > 1e-6 * np.nanmax(information))
-    off = np.einsum("ni,ni->n", weighted, np.nan_to_num(fit.solution.system.deviation))
+    off = np.einsum("ni,ni->n", weighted, np.nan_to_num(fit.system.deviation))
     value = found.amount - off / np.where(there, information, 1.0)
     x, x_label = _covariate(effect, state, found)
     ordered = np.argsort(x[there], kind="stable")

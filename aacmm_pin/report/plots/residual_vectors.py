@@ -104,7 +104,7 @@ def plot_residual_vectors(
         raise UnknownNameError("plane", plane, list(get_args(Plane)))
     axes, ax = ["xyz".index(axis) for axis in plane], axes_of(ax, (6.0, 5.6))
     deviation = deviations_of(result, fit)
-    place = fit.solution.point.prediction.tips - deviation
+    place = fit.point.prediction.tips - deviation
     factor = factor or magnification_of(place[judge.used], deviation[judge.used])
     for posture in postures_of(judge):
         ax.plot(*posture[:, axes].T / MM, "-", color=GREY, lw=3, alpha=0.45, solid_capstyle="round", zorder=1)
@@ -137,7 +137,7 @@ def plot_residual_views(result: Calibration | Diagnosis, ax: Axes | None = None)
     names, panels = two_models(result), panels_of(ax, (8.6, 8.0), 4, 2)
     used, fit = [*models(result).values()][-1].used, models(result)[names[0]]
     deviation = deviations_of(result, fit)[used]
-    factor = magnification_of(fit.solution.point.prediction.tips[used] - deviation, deviation)
+    factor = magnification_of(fit.point.prediction.tips[used] - deviation, deviation)
     planes: tuple[Plane, ...] = ("xy", "xz")
     for panel, (plane, name) in zip(panels, product(planes, names), strict=True):
         plot_residual_vectors(result, name, plane, factor, panel)
@@ -167,13 +167,13 @@ def some_of(records: Index) -> Index:
 
 def off_stated(fit: Fit) -> Array:
     """Tip minus stated place, or minus the place that a seat seems to have where none is stated (n, 3) [m]."""
-    records, tips = fit.problem.measurements, fit.solution.point.prediction.tips
-    return np.where(records.known[:, None], tips - records.reference, fit.solution.system.deviation)
+    records, tips = fit.problem.measurements, fit.point.prediction.tips
+    return np.where(records.known[:, None], tips - records.reference, fit.system.deviation)
 
 
 def deviations_of(result: Calibration | Diagnosis, fit: Fit) -> Array:
     """Residuals as the result lists them (n, 3) [m]; of a diagnosis from the stated places, which may be wrong."""
-    return fit.solution.system.deviation if isinstance(result, Calibration) else off_stated(fit)
+    return fit.system.deviation if isinstance(result, Calibration) else off_stated(fit)
 
 
 def magnification_of(place: Array, deviation: Array) -> float:
@@ -184,7 +184,7 @@ def magnification_of(place: Array, deviation: Array) -> float:
 
 def postures_of(fit: Fit) -> Array:
     """The arm from foot to tip in postures whose tips are far apart, in the frame of the references (k, places, 3) [m]."""
-    tips, frame, records = fit.solution.point.prediction.tips, fit.solution.point.frame, fit.problem.measurements
+    tips, frame, records = fit.point.prediction.tips, fit.point.frame, fit.problem.measurements
     chosen: list[int] = []
     near = np.linalg.norm(tips - frame.shift, axis=1)
     for _ in range(min(POSTURES, int(fit.used.sum()))):

@@ -49,13 +49,13 @@ def residual_scene(result: Calibration | Diagnosis, model: str | None = None) ->
     arm, fits = result.model.arm, models(result)
     judge, name = [*fits.values()][-1], model or [*fits][-1]
     fit, start = model_named(result, name), "target" if isinstance(result, Calibration) else "stated place"
-    frame, records = fit.solution.point.frame, fit.problem.measurements
+    frame, records = fit.point.frame, fit.problem.measurements
     chosen = some_of(np.flatnonzero(judge.used))
     off = {which: np.linalg.norm(deviations_of(result, one)[chosen], axis=1) / MM for which, one in fits.items()}
     order = np.argsort(-off[name], kind="stable")
     chosen, off = chosen[order], {which: sizes[order] for which, sizes in off.items()}
     deviation = deviations_of(result, fit)[chosen] @ frame.rotation  # in the base, where the arm is drawn
-    target = frame.back(fit.solution.point.prediction.tips[chosen]) - deviation
+    target = frame.back(fit.point.prediction.tips[chosen]) - deviation
     factor = magnification_of(target, deviation)
     ends = target + factor * deviation
     q, bodies = records.q[chosen], Bodies(arm)

@@ -1,0 +1,234 @@
+"""One calibration: robust start, what scatters more than stated, what is excluded, the final least squares."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aacmm_pin._support.checks import Array
+from aacmm_pin._support.distributions import chi2_isf, f_isf
+from aacmm_pin.calibration.fit import Fit, redundant
+from aacmm_pin.calibration.noise_model import NoiseModel, Scatters, observations_of
+from aacmm_pin.calibration.problem import Problem
+from aacmm_pin.calibration.solver import MEDIAN, Chi2, Point, Solution, deviations, initial_point, solution_at, solve
+from aacmm_pin.calibration.studentised_residuals import deleted_distances, studentised_distances
+from aacmm_pin.calibration.variance_components import (
+    EFFICIENCY,
+    FALSE_EXCLUSION,
+    root,
+    squared_distances,
+    variance_components,
+)
+from aacmm_pin.errors import AacmmError
+
+UNEQUAL = 1.5
+"""Records far out scatter more, by their readings; where the noise is not stated, they are believed this much farther."""
+MOST_ROUNDS = 12
+STAYED = 1e-6
+"""What moved by less than this part of its width along a direction that nothing tells has stayed."""
+ALIKE = 1e-3
+"""Scatters that change by less than this part of them are found."""
+FIRST_SCATTER = 1e-4
+"""What nobody stated counts as this until the records show what it is [m]."""
+
+Mask = NDArray[np.bool_]
+
+
+def fit(problem: Problem, *, robust: bool = True, used: Mask | None = None) -> Fit:
+    """Estimate what is unknown in ``problem``.
+
+    First robustly, then without outliers (χ² of their residual, Bonferroni's bound over all records). The scatter beyond
+    the stated noise is the variance component with which χ² meets its degrees of freedom, and is looked for only where the
+    stated noise alone will not do.
+
+    Args:
+        problem: what is unknown.
+        robust: look for outliers.
+        used: the records that belong (n,), if that is known already; nothing is looked for then.
+
+    Raises:
+        AacmmError: no record says anything.
+    """
+    estimation = _Estimation(problem)
+    says = estimation.observations.says
+    if not says.any():
+        raise AacmmError("no record says where the tip was: no reference coordinates, and no seat touched twice")
+    point = initial_point(problem, estimation.observations)
+    if used is None and robust:
+        first = estimation.initial_fit(point, says, robust=True)
+        if redundant(first):
+            noise, point, used = estimation.without_outliers(first)
+            del first  # its rows are as large as those that come
+            everyone = None if (used == says).all() else estimation.fit_of_all(point)
+            return everyone or estimation.final_fit(noise, point, used)
+    used = says if used is None else used & says
+    first = estimation.initial_fit(point, used, robust=False)
+    noise, point = first.noise, first.point
+    del first
+    return estimation.final_fit(noise, point, used)
+
+
+class _Estimation:
+    """The steps of one fit: the scatter of the records, which of them belong, the parameters."""
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+        self.stated = not problem.setup.unstated(problem.measurements)
+        self.observations = observations_of(problem.measurements, problem.setup)
+
+    def noise(self, point: Point, scatters: Scatters) -> NoiseModel:
+        """The noise with scatters that stand in for what is not stated."""
+        return NoiseModel.of(self.problem, point.x, point.frame, scatters, self.observations)
+
+    def initial_fit(self, point: Point, used: Mask, *, robust: bool) -> Solution:
+        """A search with the scatter that the records have so far taken for noise; if robust, until it falls no more.
+
+        From afar the noise itself would give the data so much weight that the search follows every valley of parameters
+        which they hardly tell; the widths of the parameters hold it in.
+        """
+        squares = np.square(deviations(self.observations, point))
+        tip = _median_scatter(squares[used, :3])
+        scatters = Scatters(tip, _median_scatter(squares[used & self.observations.oriented, 3:]), tip)
+        for _ in range(MOST_ROUNDS):
+            noise = self.noise(point, scatters)
+            solution = solve(self.problem, noise, point, used.astype(np.float64), robust=robust, roughly=True)
+            if not robust:
+                break
+            point, before = solution.point, scatters.tip
+            scatters = self.scatters_of_median(noise, point, used)
+            if scatters.tip == 0.0 or scatters.tip > 0.8 * before:
+                break
+        return solution
+
+    def without_outliers(self, first: Solution) -> tuple[NoiseModel, Point, Mask]:
+        """The search without the records that do not belong, judged by the scatter of the better half: noise, end, and the
+        others.
+        """
+        says, numbers = self.observations.says, self.observations.counts
+        count, dof = int(says.sum()), max(first.chi2.dof, 1.0)
+        scatters = self.scatters_of_median(first.noise, first.point, says, min(1.0, dof / int(numbers.sum())))
+        noise = self.noise(first.point, scatters)
+        # A scatter that the records themselves tell is uncertain, and more records may seem far off beside it.
+        chance, numbers = FALSE_EXCLUSION / count, np.maximum(numbers, 3)
+        told = scatters.tip > 0
+        limit = numbers * f_isf(chance, numbers, EFFICIENCY * dof) if told else chi2_isf(chance, numbers)
+        if not self.stated:
+            limit = limit * UNEQUAL**2
+        used = says.copy()
+        solution = solution_at(self.problem, noise, first.point, first.weights)
+        for tried in range(MOST_ROUNDS):
+            belongs = says & (deleted_distances(solution) <= limit)
+            if belongs.sum() < 0.5 * count or (tried and (belongs == used).all()):
+                break
+            used = belongs
+            solution = solve(self.problem, noise, solution.point, used.astype(np.float64))
+        return solution.noise, solution.point, used
+
+    def fit_of_all(self, point: Point) -> Fit | None:
+        """The fit of all records, if the stated noise and what is stated of the parameters explain it and each of them.
+
+        Where records are few, a robust search fits some of them at the expense of others, which then seem to be outliers.
+        """
+        if not self.stated:
+            return None
+        says = self.observations.says
+        found, _ = self.fit_with_stated_noise(point, says)
+        if found is None:
+            return None
+        limit = chi2_isf(FALSE_EXCLUSION / int(says.sum()), np.maximum(self.observations.counts, 3))
+        farthest = np.maximum(deleted_distances(found), studentised_distances(found))
+        return found if (farthest <= limit)[says].all() else None
+
+    def scatters_of_median(self, noise: NoiseModel, point: Point, used: Mask, share: float = 1.0) -> Scatters:
+        """Scatters of tips and turns that bring their median squared distances to that of χ² with three degrees.
+
+        Seats have that of tips. They are beyond the stated noise. What was fitted to the records has taken some away:
+        ``share`` is what it left.
+        """
+        off, stated = deviations(noise.observations, point), noise.without_scatter
+        turned = used & noise.observations.oriented
+        tip = self._scatter_of_median(off[used, :3], stated[used, :3, :3], share)
+        turn = self._scatter_of_median(off[turned, 3:], stated[turned, 3:, 3:], share) if turned.any() else 0.0
+        return Scatters(tip, turn, tip)
+
+    def _scatter_of_median(self, deviation: Array, stated: Array, share: float) -> float:
+        """Of deviations (n, 3) with the stated covariances (n, 3, 3)."""
+
+        def excess(variance: float) -> float:
+            covariance = stated + variance * np.eye(3)
+            return float(np.median(squared_distances(deviation, covariance))) - share * MEDIAN
+
+        slack = MEDIAN * 6.0 / np.sqrt(len(stated))  # the median of a few records scatters by itself
+        if self.stated and excess(0.0) < slack:
+            return 0.0
+        return float(np.sqrt(root(excess, deviation)))
+
+    def final_fit(self, noise: NoiseModel, point: Point, used: Mask) -> Fit:
+        """The final fit, with the stated noise alone or with the scatter with which χ² meets its degrees of freedom."""
+        if not self.stated:
+            return self.fit(self.with_variance_components(noise, point, used), used, None)
+        found, _ = self.fit_with_stated_noise(point, used)
+        if found:
+            return found
+        first = self.scatters_of_median(self.noise(point, Scatters()), point, used)
+        noise = self.noise(point, first._replace(tip=first.tip or FIRST_SCATTER))
+        solution = self.with_variance_components(noise, point, used)
+        # From afar one step promises too little: judged again where the search came to rest.
+        found, chi2 = self.fit_with_stated_noise(solution.point, used)
+        if found:
+            return found
+        noise = self.noise(solution.point, solution.noise.scatters)
+        return self.fit(replace(solution, noise=noise), used, chi2)
+
+    def with_variance_components(self, noise: NoiseModel, point: Point, used: Mask) -> Solution:
+        """The search with the scatter with which χ² meets its degrees of freedom."""
+        weights = used.astype(np.float64)
+        solution = solve(self.problem, noise, point, weights)
+        for _ in range(MOST_ROUNDS):
+            before = np.array(noise.scatters)
+            scatters = variance_components(solution, used, self.observations.unstated)
+            noise = self.noise(solution.point, scatters)
+            solution = solve(self.problem, noise, solution.point, weights)
+            after = np.array(noise.scatters)
+            if (np.abs(after - before) <= ALIKE * after).all():
+                break
+        return solution
+
+    def fit_with_stated_noise(self, point: Point, used: Mask) -> tuple[Fit | None, Chi2]:
+        """The fit with the stated noise alone, if that may be right: by χ² after one more step, which spares the search."""
+        noise, weights = self.noise(point, Scatters()), used.astype(np.float64)
+        here = solution_at(self.problem, noise, point, weights)
+        chi2 = Chi2(here.chi2.value - here.system.predicted_reduction, here.chi2.dof)
+        if not chi2.acceptable:
+            return None, chi2
+        solution = solve(self.problem, noise, point, weights)
+        return self.fit(solution, used, solution.chi2), chi2
+
+    def fit(self, solution: Solution, used: Mask, chi2: Chi2 | None) -> Fit:
+        """The result, what nothing tells left where it was.
+
+        Noise that is not the same in all directions would turn the arm as a whole where nothing else holds it.
+        """
+        judgement = {
+            "stated": self.stated,
+            "used": used,
+            "excluded": self.observations.says & ~used,
+            "chi2_stated": chi2,
+            "dof": solution.chi2.dof,
+        }
+        found = Fit.of(solution, **judgement)
+        unknown = found.unknown[: self.problem.widths.size].T
+        moved = unknown @ ((solution.point.x - self.problem.start) / self.problem.widths)
+        if np.abs(moved).max(initial=0.0) < STAYED:
+            return found
+        held = solve(replace(self.problem, held=unknown), solution.noise, solution.point, solution.weights)
+        back = solution_at(self.problem, solution.noise, held.point, solution.weights)
+        steps, message = solution.steps + held.steps, solution.message or held.message
+        return Fit.of(replace(back, steps=steps, message=message), **judgement)
+
+
+def _median_scatter(squares: Array) -> float:
+    """Standard deviation of normal numbers of which the sums of three squares (n, 3) have this median; 0 without any."""
+    return float(np.sqrt(np.median(squares.sum(axis=1)) / MEDIAN)) if len(squares) else 0.0

@@ -1,0 +1,80 @@
+"""The linear model of the records at a point: what they predict there, whitened, the seats eliminated."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from aacmm_pin._support.checks import Array
+from aacmm_pin.calibration.linear_model import LinearModel, Prior, RowBlock, SeatElimination
+from aacmm_pin.calibration.noise_model import NoiseModel
+from aacmm_pin.calibration.problem import Prediction
+
+
+@dataclass(frozen=True, eq=False)
+class Linearisation(LinearModel):
+    """The linear model at a point.
+
+    Attributes:
+        distance: squared Mahalanobis distance of each tip from its target, (n,); NaN where it has none.
+        turn_distance: the same of its turn, the tip's deviation being known (n,); NaN where no orientation is stated.
+        off: tip minus target (n, 3) [m], NaN where it has none; behind it the turn from the stated orientation, zero where
+            there is none (n, 6) [rad].
+        free: number of rows less the number of coordinates of seats that the rows determine.
+        elimination: of the seats.
+        along_seats: what it took out of the rows (s, 3, p + 1).
+    """
+
+    distance: Array
+    turn_distance: Array
+    off: Array
+    free: int
+    elimination: SeatElimination
+    along_seats: Array
+
+    @property
+    def deviation(self) -> Array:
+        """Tip minus target (n, 3) [m]; NaN where it has none."""
+        return self.off[:, :3]
+
+    def seat_step(self, step: Array) -> Array:
+        """Best step of the seats (s, 3) [m] beside one of the parameters (p,) [units]."""
+        along = self.along_seats[:, :, -1] + self.along_seats[:, :, :-1] @ step
+        return self.elimination.step(along[:, :, None])
+
+
+def linearise(prediction: Prediction, prior: Prior, noise: NoiseModel, points: Array, weights: Array) -> Linearisation:
+    """The linear model at a prediction.
+
+    Args:
+        prediction: of the records.
+        prior: of its parameters.
+        noise: of the records.
+        points: where the seats are (s, 3) [m].
+        weights: of the records (n,), 1 for full.
+    """
+    observations, p = noise.observations, prediction.jacobian.shape[2]
+    says = observations.says
+    off = observations.deviations(prediction.poses, points)
+    white = (noise.whitening @ np.where(says[:, None], off, 0.0)[:, :, None])[:, :, 0]
+    of_tip, of_turn = (np.einsum("ni,ni->n", part, part) for part in np.split(white, [3], axis=1))
+    root = np.sqrt(np.where(says, weights, 0.0))[:, None]
+    whitening = noise.whitening * root[:, :, None]
+    rows = np.empty((*white.shape, p + 1))
+    np.matmul(whitening, prediction.jacobian, out=rows[:, :, :p])
+    rows[:, :, p] = white * root
+    elimination = SeatElimination(observations, points, -whitening[:, :, :3])
+    along, every = elimination.eliminated(rows, residual=True)
+    bars, seats = np.arange(len(observations.ends)), np.flatnonzero(observations.known)
+    block = RowBlock(np.flatnonzero(says), seats, bars, len(observations.labels))
+    return Linearisation(
+        rows=block.stack(every),
+        prior=prior,
+        distance=np.where(says, of_tip, np.nan),
+        turn_distance=np.where(observations.counts > 3, of_turn, np.nan),
+        off=off,
+        free=block.free(observations.counts),
+        elimination=elimination,
+        along_seats=along,
+    )

@@ -1,0 +1,50 @@
+"""Squared distance of each record from its target, in standard deviations of what it would be if the record belongs."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from aacmm_pin._support.checks import Array
+from aacmm_pin.calibration.solver import Solution
+from aacmm_pin.calibration.variance_components import information_of_seats, squared_distances
+from aacmm_pin.measurements.observations import NOTHING_KNOWN
+
+
+def deleted_distances(solution: Solution) -> Array:
+    """Squared distance of each record from where the *others* put its target, over its own and that place's variance (n,).
+
+    A record pulls an unknown point towards itself, the more the fewer the others are; and where it has been left out, its
+    target is only as sure as the others of its seat make it; bars count for nothing here. Records without a target are
+    infinitely far.
+    """
+    observations, covariance = solution.observations, solution.noise.of_residuals[:, :3, :3].copy()
+    off = solution.system.deviation.copy()
+    touched = np.flatnonzero(observations.seat >= 0)
+    if touched.size:
+        seat = observations.seat[touched]
+        whole, _, weighted = information_of_seats(solution)
+        others = np.linalg.inv(whole[seat] - weighted + NOTHING_KNOWN * np.eye(3))
+        off[touched] += np.einsum("nij,njk,nk->ni", others, weighted, off[touched])
+        covariance[touched] += others
+    says = observations.says
+    turns = np.nan_to_num(solution.system.turn_distance[says])
+    found = np.full(len(off), np.inf)
+    found[says] = squared_distances(off[says], covariance[says]) + turns
+    return found
+
+
+def studentised_distances(solution: Solution) -> Array:
+    """Squared distance of each record from its target over the variance that is left after its share in the parameters (n,).
+
+    ``eᵀ (I - H)⁻¹ e`` with the record's whitened residual and its block of the hat matrix of the system with its prior
+    (internally studentised residuals; Cook and Weisberg 1982). Records without a target are infinitely far.
+    """
+    system, says = solution.system, solution.observations.says
+    spectrum, known, width = system.spectrum, system.known, solution.noise.of_residuals.shape[1]
+    count = int(says.sum())
+    steps = solution.problem.scales[:, None] * spectrum.directions[:, known] / spectrum.values[known]
+    along = (system.jacobian[: width * count] @ steps).reshape(count, width, steps.shape[1])
+    remaining = np.eye(width) - along @ along.transpose(0, 2, 1)
+    found = np.full(len(says), np.inf)
+    found[says] = squared_distances(system.residual[: width * count].reshape(count, width), remaining)
+    return found
