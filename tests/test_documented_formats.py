@@ -19,8 +19,8 @@ from aacmm_pin.arm import file as arm_file
 from aacmm_pin.cli.root_command import app
 from aacmm_pin.effects import CAUSES
 from aacmm_pin.effects.smooth_functions import Smooth
-from aacmm_pin.measurements import csv_columns as measurement_columns
-from aacmm_pin.verification.touches import ACCEPTANCE
+from aacmm_pin.measurements import MEASUREMENT_FILE, PROBED_POINT_COLUMNS, REFERENCE
+from aacmm_pin.measurements.csv_columns import numbered_forms, single_names
 
 PAGE = (Path(__file__).parents[1] / "notebooks" / "site" / "formats.md").read_text(encoding="utf-8")
 SECTIONS = dict(re.findall(r"^#+ (.+?)\n(.*?)(?=^#+ |\Z)", PAGE, re.MULTILINE | re.DOTALL))
@@ -170,7 +170,7 @@ def test_columns_of_what_commands_write(tmp_path: Path) -> None:
     came = [
         name for path in tables for name in pd.read_csv(path, nrows=1) if not re.fullmatch(r"(theta|command)[2-6]_deg", name)
     ]
-    of_records = {*measurement_columns.SINGLE, *(f"approach{j}" for j in range(1, 7))}
+    of_records = {*single_names(MEASUREMENT_FILE), *(f"approach{j}" for j in range(1, 7))}
     explained = {key.removesuffix(" …") for key in documented("CSV that commands write")}
     assert explained == set(came) - (of_records - {"x_mm", "y_mm", "z_mm"})
 
@@ -178,10 +178,10 @@ def test_columns_of_what_commands_write(tmp_path: Path) -> None:
 def test_columns_of_the_acceptance_file() -> None:
     names = {key.removesuffix(" …") for key in documented("Acceptance file (CSV)")}
     planned = {"articulation", "planned_x_mm", "planned_theta1_deg"}
-    assert names - planned == {*ACCEPTANCE, *measurement_columns.REFERENCE, "theta1_deg"}
+    assert names - planned == {*single_names(PROBED_POINT_COLUMNS), *REFERENCE, "theta1_deg"}
 
 
 def test_columns_of_the_measurement_file() -> None:
     names = {key.removesuffix(" …") for key in documented("Measurement file (CSV)")}
-    numbered = {form.replace("#", "1") for form in measurement_columns.NUMBERED}
-    assert names | {"theta1_rad", "temperature1_c"} == {*measurement_columns.SINGLE, *numbered}
+    numbered = {form.replace("#", "1") for form in numbered_forms(MEASUREMENT_FILE)}
+    assert names | {"theta1_rad", "temperature1_c"} == {*single_names(MEASUREMENT_FILE), *numbered}

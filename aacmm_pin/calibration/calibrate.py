@@ -33,6 +33,7 @@ from aacmm_pin.effects.error_model import ErrorModel, GivenCause, GivenModel, as
 from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError, UnknownNameError, UnsupportedArmError
 from aacmm_pin.measurements.records import GivenRecords, Measurements, as_measurements
+from aacmm_pin.measurements.repeats import fingerprints, fingerprints_of_standards, means_of_contacts, originals
 
 OTHER_UNIT = 100.0
 """An uncertainty, or a torque, so many times off may be in another unit: the factor is 1000, but there are other parts."""
@@ -161,16 +162,16 @@ def _chosen(
 def counted_once(measurements: Measurements) -> tuple[Measurements, list[str]]:
     """The records without copies of others, and words for which these were, how the file was read, and too few postures.
 
-    See :meth:`Measurements.copies` and :meth:`Measurements.means_of_contacts`; ``row`` still has the line of each record in
+    See :mod:`aacmm_pin.measurements.repeats`; ``row`` still has the line of each record in
     the file. Records without a seat that state the very same coordinates are of one place, measured once, and get a seat.
     """
-    of = measurements.copies()
+    of = originals(measurements)
     copies = np.flatnonzero(of != np.arange(measurements.n))
     kept = measurements.take(np.unique(of)) if copies.size else measurements
     notes = list(measurements.read_as)
     if copies.size:
         notes.append(f"{copies.size} records are copies of others and count once: rows {listed(measurements.row[copies])}")
-    means, held = kept.means_of_contacts()
+    means, held = means_of_contacts(kept)
     if held.size:
         contacts = f"{held.size - kept.n + means.n} contacts that were held"
         notes.append(
@@ -262,12 +263,12 @@ def _counted_before(after: Fit) -> list[str]:
     if not problem.from_earlier:
         return []
     used, name, before = problem.measurements.take(after.used), problem.model.arm.name, set(problem.known_from)
-    if again := before.intersection(used.fingerprints()):
+    if again := before.intersection(fingerprints(used)):
         return [
             f"{len(again)} of these {used.n} records are in the calibration of {name} already and count twice, so the "
             "uncertainties are too small: start from the arm as it was before, or without a prior"
         ]
-    if standards := before.intersection(used.fingerprints_of_standards()):
+    if standards := before.intersection(fingerprints_of_standards(used)):
         return [
             f"the calibration of {name} has {len(standards)} of these seats' coordinates and bars' lengths already, and "
             "their errors count as new: U is too small, by up to √n after n calibrations by the same, where they matter"

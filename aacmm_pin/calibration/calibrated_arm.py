@@ -18,6 +18,7 @@ from aacmm_pin.calibration.identifiability import NEGLIGIBLE
 from aacmm_pin.effects import Effect, StylusOffset
 from aacmm_pin.effects.error_model import ErrorModel, entries_of
 from aacmm_pin.errors import AacmmError
+from aacmm_pin.measurements.repeats import fingerprints, fingerprints_of_standards
 
 FIELDS = {"a": ("a_mm", MM), "d": ("d_mm", MM), "alpha": ("alpha_rad", 1.0), "theta_offset": ("theta_offset_rad", 1.0)}
 """Where a kind of parameter stands in a row of an arm file, and the file's unit."""
@@ -52,7 +53,7 @@ def calibrated_model(fit: Fit) -> ErrorModel:
             effects.append(replace(effect.at(x[own], alone[own]), inner_u=inner_u if any(inner_u) else ()))
     names = [name if tells else "" for name, tells in zip(vector.names, told, strict=True)]
     used = problem.measurements.take(fit.used)
-    records = dict.fromkeys((*problem.known_from, *used.fingerprints(), *used.fingerprints_of_standards()))
+    records = dict.fromkeys((*problem.known_from, *fingerprints(used), *fingerprints_of_standards(used)))
     names += [f"{effect.key}.{name}" for _, effect, name, _ in fit.inner]
     columns = [*range(vector.size), *range(problem.scales.size, len(fit.with_inner))]  # between them those of the frame
     matrix = fit.with_inner[np.ix_(columns, columns)]

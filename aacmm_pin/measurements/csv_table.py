@@ -1,4 +1,8 @@
-"""The cells of a CSV file as text, however the program that wrote it separates cells and writes numbers."""
+"""The cells of a CSV file as text, however the program that wrote it separates cells and writes numbers.
+
+pandas reads neither the lines of records nor rows that are too short so that a message could name them: it fills such
+rows up, and leaves blank lines and line ends in quotes out of its count. Python's reader states the line of each row.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +10,8 @@ import csv
 import io
 import re
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -15,14 +20,24 @@ from aacmm_pin._support.checks import Index
 from aacmm_pin._support.input_files import content_of
 from aacmm_pin._support.text_escaping import csv_unquoted
 from aacmm_pin.errors import MeasurementFileError
-from aacmm_pin.measurements.csv_columns import LABELS, Problems, is_known
+from aacmm_pin.measurements.csv_columns import column_of, columns_of_file
+from aacmm_pin.measurements.file_problems import Problems
 
 LARGEST_FILE = 100_000_000
 """Bytes of a measurement file that is read, which are a quarter of a million records; its table takes ten times as much."""
 SEPARATORS = {";": "semicolons", "\t": "tabulators"}
 """Separators of cells beside commas, and what they are called."""
-_COMMA = re.compile(r"\s*[+-]?[0-9]*,[0-9]+([eE][+-]?[0-9]+)?\s*")
-_POINT = re.compile(r"\s*[+-]?[0-9]*\.[0-9]*([eE][+-]?[0-9]+)?\s*")
+_EXPONENT = "([eE][+-]?[0-9]+)?"
+_WITH_COMMA = re.compile(rf"\s*[+-]?[0-9]*,[0-9]+{_EXPONENT}\s*")
+_WITH_POINT = re.compile(rf"\s*[+-]?[0-9]*\.[0-9]*{_EXPONENT}\s*")
+
+
+class Row(NamedTuple):
+    """The cells of a line; the number of the line, and whether it begins like a comment."""
+
+    line: int
+    cells: list[str]
+    is_comment: bool
 
 
 def measurement_file(path: str) -> bytes:
@@ -39,105 +54,129 @@ def read_table(path: str, content: bytes | None = None) -> tuple[pd.DataFrame, I
     """Cells of a CSV file as text, the line of each record, and how the file was read where that is not as it usually is.
 
     Cells may be separated by commas, semicolons or tabulators, with spaces behind them; with the latter two, numbers may
-    have decimal commas. Lines that begin with #, and a first one such as sep=; of
-    spreadsheets, are left out where they can be no records. Known names of columns may be in
-    upper case. (pandas would fill short rows up and lose count of the lines.) With ``content`` nothing is read.
+    have decimal commas. Lines that begin with #, and a first one such as sep=; of spreadsheets, are left out where they
+    can be no records. Known names of columns may be in upper case. With ``content`` nothing is read.
 
     Raises:
         MeasurementFileError: the file cannot be read, or is not such a table.
     """
     text = _text(path, measurement_file(path) if content is None else content)
     notes: list[str] = []
-    header = _header(path, text, ",")
-    separator = next((mark for mark in SEPARATORS if len(header) == 1 and mark in header[0]), ",")
-    if separator != ",":
+    separator, spaced = _separation(path, text)
+    if separator in SEPARATORS:
         notes.append(f"{SEPARATORS[separator]} between cells")
-        header = _header(path, text, separator)
-    spaced = any(name.startswith(" ") for name in header[1:])
-    every = list(_rows(path, text, separator, spaced))
-    rows = [(line, cells) for line, cells, comment in every if not comment]
-    comments = len(every) - len(rows)
-    if not rows:
-        raise MeasurementFileError(path, None, "", "has comments only, expected a header and one row a record")
     if spaced:
         notes.append("spaces around cells left out")
-        rows = [(line, [cell.strip() for cell in cells]) for line, cells in rows]
-    if comments:
-        notes.append(f"{comments} line{'s' * (comments != 1)} that begin{'s' * (comments == 1)} with # or sep= left out")
-    header = _lower_case(rows[0][1], notes)
-    problems = Problems(path, np.array([line for line, _ in rows], dtype=np.intp))
-    cells_of = np.array([len(cells) for _, cells in rows])
-    expected = f"{{}} cells, expected {len(header)} as in the header (decimal points; quotes around text with commas)"
-    problems.at(cells_of != len(header), "", expected, cells_of)
-    first = np.array([cells[0].strip()[:1] for _, cells in rows])
-    first[0] = ""  # the header's
-    if {*first} - {"", "#"}:  # where all labels begin with # they are no comments
-        problems.at(
-            first == "#", header[0], "begins with # as a comment or a label may; delete the row, or name it otherwise"
-        )
-    problems.stop()
-    columns = {k: list(cells[1:]) for k, cells in enumerate(zip(*(cells for _, cells in rows), strict=True))}
+    rows = list(_rows(path, text, separator, spaced))
+    header, lines, records = _records(path, rows, notes)
+    cells = [list(column) for column in zip(*records, strict=True)] or [[] for _ in header]
     if separator != ",":
-        _decimal_points(header, columns, notes)
-    table = pd.DataFrame(columns, dtype=object).set_axis(header, axis=1)
-    return table, problems.lines[1:], ("the file was read with " + ", ".join(notes),) if notes else ()
+        _write_decimal_points(header, cells, notes)
+    table = pd.DataFrame(dict(enumerate(cells)), dtype=object).set_axis(header, axis=1)
+    return table, lines, ("the file was read with " + ", ".join(notes),) if notes else ()
 
 
-def _header(path: str, text: str, separator: str) -> list[str]:
+def _separation(path: str, text: str) -> tuple[str, bool]:
+    """What separates the cells of the header, and whether there are spaces behind it."""
+    by_comma = _first_row(path, text, ",")
+    separator = ","
+    if len(by_comma) == 1:
+        separator = next((mark for mark in SEPARATORS if mark in by_comma[0]), ",")
+    header = _first_row(path, text, separator)
+    return separator, any(name.startswith(" ") for name in header[1:])
+
+
+def _first_row(path: str, text: str, separator: str) -> list[str]:
     """The first line that is no comment; no cells where there is none."""
-    return next((cells for _, cells, comment in _rows(path, text, separator, strict=False) if not comment), [])
+    rows = _rows(path, text, separator, spaced=False, strict=False)
+    return next((row.cells for row in rows if not row.is_comment), [])
 
 
-def _rows(
-    path: str, text: str, separator: str, spaced: bool = False, strict: bool = True
-) -> Iterator[tuple[int, list[str], bool]]:
-    """Line and cells of all that is not empty, and whether that is a comment; the first that is none is the header.
+def _rows(path: str, text: str, separator: str, spaced: bool, strict: bool = True) -> Iterator[Row]:
+    """All lines that are not empty.
 
     Raises:
         MeasurementFileError: quotes are not as in CSV.
     """
     end = 0
-    header: list[str] = []
-    reader = csv.reader(io.StringIO(text, newline=""), strict=strict, delimiter=separator, skipinitialspace=spaced)
+    lines = io.StringIO(text, newline="")
+    reader = csv.reader(lines, strict=strict, delimiter=separator, skipinitialspace=spaced)
     try:
         for cells in reader:
-            comment = bool(cells) and cells[0].lstrip().startswith("#")
-            comment = comment or (not header and bool(cells) and re.fullmatch("sep=.?", cells[0], re.IGNORECASE) is not None)
-            if comment and header:  # a label may begin with #, a number does not
-                name = header[0].strip().lower()
-                comment = len(cells) != len(header) or (is_known(name) and name not in LABELS)
             if cells:
-                header = header or ([] if comment else cells)
-                yield end + 1, [csv_unquoted(cell) for cell in cells], comment
+                is_comment = cells[0].lstrip().startswith("#") or _names_separator(cells, end)
+                unquoted = [csv_unquoted(cell) for cell in cells]
+                yield Row(end + 1, [cell.strip() for cell in unquoted] if spaced else unquoted, is_comment)
             end = reader.line_num
     except csv.Error as error:
         raise MeasurementFileError(path, end + 1, "", f"not CSV: {error}; look at the quotes") from None
 
 
-def _lower_case(header: list[str], notes: list[str]) -> list[str]:
+def _names_separator(cells: Sequence[str], lines_before: int) -> bool:
+    """Whether it is a first line such as sep=; of a spreadsheet."""
+    return lines_before == 0 and re.fullmatch("sep=.?", cells[0], re.IGNORECASE) is not None
+
+
+def _records(path: str, rows: Sequence[Row], notes: list[str]) -> tuple[list[str], Index, list[list[str]]]:
+    """The header, and lines and cells of the records: of all rows but comments.
+
+    Raises:
+        MeasurementFileError: there are comments only, a row has another number of cells than the header, or it begins
+            with # as a label may.
+    """
+    first = next((k for k, row in enumerate(rows) if not row.is_comment), None)
+    if first is None:
+        raise MeasurementFileError(path, None, "", "has comments only, expected a header and one row a record")
+    header = _with_known_names(rows[first].cells, notes)
+    column = column_of(header[0], columns_of_file(header))
+    may_be_label = column is None or column.is_label  # a number does not begin with #
+    records = []
+    for row in rows[first + 1 :]:
+        if not row.is_comment or (may_be_label and len(row.cells) == len(header)):
+            records.append(row)
+    if comments := len(rows) - len(records) - 1:
+        lines_begin = "1 line that begins" if comments == 1 else f"{comments} lines that begin"
+        notes.append(f"{lines_begin} with # or sep= left out")
+    problems = Problems(path, np.array([row.line for row in records], dtype=np.intp))
+    counts = np.array([len(row.cells) for row in records], dtype=np.intp)
+    expected = f"expected {len(header)} as in the header (decimal points; quotes around text with commas)"
+    problems.at(counts != len(header), "", f"{{}} cells, {expected}", counts)
+    like_comments = np.array([row.is_comment for row in records], dtype=bool)
+    advice = "delete the row, or name it otherwise"
+    problems.at(like_comments, header[0], f"begins with # as a comment or a label may; {advice}")
+    problems.stop()
+    return header, problems.lines, [row.cells for row in records]
+
+
+def _with_known_names(header: list[str], notes: list[str]) -> list[str]:
     """The names, those that are known in lower case so."""
-    theirs: tuple[str, ...] = ()
-    if "test" in map(str.lower, header):
-        from aacmm_pin.measurements.acceptance_columns import ACCEPTANCE as theirs
-    lower = [name.lower() if is_known(name.lower()) or name.lower() in theirs else name for name in header]
+    known = columns_of_file(header)
+    lower = [name.lower() if column_of(name.lower(), known) else name for name in header]
     if lower == header or max(Counter(lower).values()) > 1:
         return header
     notes.append("names of columns in lower case")
     return lower
 
 
-def _decimal_points(header: list[str], columns: dict[int, list[str]], notes: list[str]) -> None:
+def _write_decimal_points(header: list[str], columns: list[list[str]], notes: list[str]) -> None:
     """Points in the stead of decimal commas, in all columns of numbers, unless some number has a point already."""
-    numbers = [k for k, name in enumerate(header) if name not in LABELS]
-    cells = [cell for k in numbers for cell in columns[k]]
-    if any(map(_POINT.fullmatch, cells)) or not any(map(_COMMA.fullmatch, cells)):
+    known = columns_of_file(header)
+    entries = [column_of(name, known) for name in header]
+    of_numbers = [k for k, entry in enumerate(entries) if entry is None or not entry.is_label]
+    cells = [cell for k in of_numbers for cell in columns[k]]
+    if any(map(_WITH_POINT.fullmatch, cells)) or not any(map(_WITH_COMMA.fullmatch, cells)):
         return
     notes.append("decimal commas")
-    for k in numbers:
-        columns[k] = [cell.replace(",", ".") if _COMMA.fullmatch(cell) else cell for cell in columns[k]]
+    for k in of_numbers:
+        columns[k] = [cell.replace(",", ".") if _WITH_COMMA.fullmatch(cell) else cell for cell in columns[k]]
 
 
 def _text(path: str, content: bytes) -> str:
+    """The content as text.
+
+    Raises:
+        MeasurementFileError: it is none, or empty.
+    """
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -147,7 +186,8 @@ def _text(path: str, content: bytes) -> str:
         raise MeasurementFileError(path, line, "", message) from None
     if "\0" in text:
         line = text.count("\n", 0, text.index("\0")) + 1
-        raise MeasurementFileError(path, line, "", "has a NUL byte: not text, or in UTF-16; expected a CSV file in UTF-8")
+        expected = "expected a CSV file in UTF-8"
+        raise MeasurementFileError(path, line, "", f"has a NUL byte: not text, or in UTF-16; {expected}")
     if not text.strip():
         raise MeasurementFileError(path, None, "", "is empty, expected a header and one row a record")
     return text

@@ -6,56 +6,39 @@ The file speaks millimetres and degrees (or radians); :class:`Measurements` spea
 from __future__ import annotations
 
 import csv
-import hashlib
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from itertools import product
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
-import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from aacmm_pin._support import plausible
 from aacmm_pin._support.checks import Array, Index, batch, vector, width_of
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.text_escaping import csv_text
-from aacmm_pin._support.units import DEG, MM, UM
+from aacmm_pin._support.units import DEG
 from aacmm_pin.effects.conditions import COLUMNS, Conditions, Labels, labels_of
 from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError
-from aacmm_pin.measurements import csv_columns as names
-from aacmm_pin.measurements.csv_columns import Problems, checked_columns, named, read_header
+from aacmm_pin.measurements.csv_columns import APPROACH, ORIENTATION_U, RECORD_COLUMNS, THETA, AngleUnit, Column, named
+from aacmm_pin.measurements.csv_header import read_header, similar_labels
 from aacmm_pin.measurements.csv_table import read_table
+from aacmm_pin.measurements.csv_values import RecordTable, read_records
+from aacmm_pin.measurements.file_problems import Problems
+from aacmm_pin.measurements.probed_points import as_records, has_probed_points
+from aacmm_pin.measurements.record_checks import (
+    MOST_NORM_ERROR,
+    check_records,
+    looks_like_radians,
+    mostly_like_radians,
+)
+from aacmm_pin.measurements.repeats import posture_numbers
 
 FIRST_RECORD = 2
 """Line of the first record in a file: the header is line 1."""
-REPEATED = 1e-3
-"""Postures whose readings differ by no more than this in any joint are one, repeated [rad; m where a joint slides].
-
-A UR10 sent to one pose 255 times reads within 3e-4 rad, and its other poses are more than 0.03 rad apart; a Fanuc's repeats
-state the very same angles. A tip moves by about a millimetre over such a step, and what depends on posture hardly changes.
-"""
-
-EXACT = 1e-6
-"""What is nearer to a whole number, or half of one, is it: in micrometres, a double at 100 m has 1e-8."""
-FINGERPRINT_STEP = 1e-9
-"""Numbers of a record that differ by less are the same [rad, m]."""
-FINGERPRINT_DIGITS = 12
-"""Hexadecimal digits of a fingerprint: among 100 000 records two agree by chance in one file of 50 000."""
-UNKNOWN = -(2.0**62)
-"""Stands for coordinates that are not known."""
-ROUNDED_TO = (1e-3, 1e-4, 1e-5, 1e-6)
-"""What angles of another export may be rounded to, the coarsest first [degree] …"""
-REFERENCE_ROUNDED_TO = (10 * UM, UM, UM / 10, UM / 100)
-"""… and its references [m]."""
-MOST_VALUES = 12
-"""An unknown column with more values than this is of single records, such as their numbers."""
-COPIED = (*names.REFERENCE, *names.ORIENTATION, "seat", "marker", "bar", "bar_end")
-"""Columns in which copies agree, beside the angles and the directions of approach."""
 
 
 class Bar(NamedTuple):
@@ -170,12 +153,21 @@ class Measurements(Shown):
         known = Conditions(n) if conditions is None else conditions
         if known.n != n:
             raise ShapeError(f"conditions are of {known.n} records, expected {n}")
-        nothing = np.full((n, 3), np.nan)
-        given = {"bar": bar, "bar_end": bar_end, "bar_length": bar_length, "operator": operator, "record": record}
-        given |= {"orientation": orientation, "orientation_u": orientation_u, "bar_length_u": bar_length_u}
-        given |= {"reference": nothing if reference is None else reference}
-        given |= {"reference_u": nothing if reference_u is None else reference_u}
-        checked = {name: _checked(name, values, n) for name, values in given.items()}
+        unknown = np.full((n, 3), np.nan)
+        given = {
+            "reference": unknown if reference is None else reference,
+            "reference_u": unknown if reference_u is None else reference_u,
+            "orientation": orientation,
+            "orientation_u": orientation_u,
+            "bar": bar,
+            "bar_end": bar_end,
+            "bar_length": bar_length,
+            "bar_length_u": bar_length_u,
+            "operator": operator,
+            "record": record,
+        }
+        entries = {column.field: column for column in RECORD_COLUMNS}
+        checked = {name: _checked(entries[name], values, n) for name, values in given.items()}
         row = np.arange(n) + FIRST_RECORD
         measurements = Measurements(q=q, conditions=known, extra=extra, row=row, source=source, **checked)
         header = read_header(list(measurements.to_frame().columns), None, Problems(source, measurements.row))
@@ -212,149 +204,74 @@ class Measurements(Shown):
         extra = self.extra.iloc[index].reset_index(drop=True)
         return replace(self, conditions=self.conditions.take(index), extra=extra, **arrays)
 
-    def copies(self) -> Index:
-        """Number of the first record (n,) that each says the same as; its own where it is the first.
-
-        Copies agree in the readings, but for whole turns, in the reference, the labels of what was touched and the
-        directions of approach, to the last digit, but for a reference that one of them states rounded to 1e-2 to 1e-5 mm,
-        angles that it states rounded to 1e-3 to 1e-6 degrees, or both: no second measurement does, while a file that was
-        appended to itself, or to another export of the same measurement, does. All else may be rounded or named in any way.
-        """
-        alone = self._nearest > DEG * ROUNDED_TO[0]
-        if alone.all():
-            return np.arange(self.n)
-        angles, within = named(names.THETA["deg"], self.nq), np.asarray(np.round(np.mod(self.q / DEG, 360.0), 9) % 360.0)
-        table = self.to_frame().reindex(columns=[*COPIED, *named(names.APPROACH, self.nq)])
-        table.loc[self.known, list(names.ORIENTATION)] = np.nan
-        table = table.assign(alone=np.where(alone, np.arange(self.n), -1), **dict(zip(angles, within.T, strict=True)))
-        same, but_for_angles = _numbered(table), _numbered(table.drop(columns=angles))
-        but_for_reference, but_for_both = (_numbered(table.drop(columns=[*names.REFERENCE, *more])) for more in ([], angles))
-        for step in ROUNDED_TO:
-            same = _joined(same, but_for_angles, within / step)
-        for size in REFERENCE_ROUNDED_TO if self.known.any() else ():
-            same = _joined(same, but_for_reference, self.reference / size)
-            for step in ROUNDED_TO:
-                same = _joined(same, but_for_both, np.hstack([within / step, self.reference / size]))
-        _, first, number = np.unique(same, return_index=True, return_inverse=True)
-        return np.asarray(first[number], dtype=np.intp)
-
-    def fingerprints(self) -> tuple[str, ...]:
-        """A short text for each record by which it is known again, in whatever file: of its readings and reference.
-
-        Readings are taken to 1e-9 rad and coordinates to a nanometre, so that a unit of angles makes no other record of it.
-        """
-        return _fingerprints(np.column_stack([self.q, self.reference]))
-
-    def fingerprints_of_standards(self) -> tuple[str, ...]:
-        """The same of each seat's stated coordinates and of each bar's length with its u, in which several records share."""
-        labels = np.full(self.n, "", dtype=object) if self.conditions.seat is None else self.conditions.seat
-        places = np.unique(self.reference[self.known & (labels != "")], axis=0)
-        lengths = np.unique([(bar.length, bar.u) for bar in self.bars()], axis=0).reshape(-1, 2)
-        each = {"seat": _fingerprints(places), "bar": _fingerprints(lengths)}
-        return tuple(f"{what}-{of_it}" for what, found in each.items() for of_it in found)
-
-    @cached_property
-    def _nearest(self) -> Array:
-        """Largest difference of each record's readings, but for whole turns, from the nearest's (n,), infinite where far."""
-        within = np.mod(np.mod(self.q, 2 * np.pi), 2 * np.pi)  # of what is below zero by next to nothing the first gives 2π
-        tree = scipy.spatial.KDTree(within, boxsize=2 * np.pi)
-        return np.asarray(tree.query(within, 2, p=np.inf, distance_upper_bound=2.0 * REPEATED)[0][:, 1])
-
     @cached_property
     def postures(self) -> Index:
-        """Number of the posture of each record (n,), from 0 in the order of their first records.
-
-        A record within :data:`REPEATED` of a posture's first record repeats it.
-        """
-        tree = scipy.spatial.KDTree(self.q)
-        found = np.full(self.n, -1, dtype=np.intp)
-        number = 0
-        for k, alone in enumerate((self._nearest > REPEATED).tolist()):
-            if found[k] < 0:
-                near = np.array([k]) if alone else np.asarray(tree.query_ball_point(self.q[k], REPEATED, p=np.inf))
-                found[near[found[near] < 0]] = number
-                number += 1
-        return found
-
-    def means_of_contacts(self) -> tuple[Measurements, Index]:
-        """One record of each contact, with the mean of its readings, for these share its error; and the records that are one
-        of several readings.
-
-        Records that follow one another in one posture, with the same reference, labels and directions of approach, and the
-        same of what else has a few values, such as a load, are readings of one contact, which was held. All but the angles
-        is that of its first record.
-        """
-        few = [name for name in self.extra if self.extra[name].nunique() <= MOST_VALUES]
-        columns = [*COPIED, "session", "operator", *named(names.APPROACH, self.nq), *few]
-        same = _numbered(self.to_frame().reindex(columns=columns).assign(posture=self.postures))
-        contact = np.cumsum(np.diff(same, prepend=-1) != 0) - 1
-        _, first, number, count = np.unique(contact, return_index=True, return_inverse=True, return_counts=True)
-        if count.max(initial=1) == 1:
-            return self, np.zeros(0, dtype=np.intp)
-        means = pd.DataFrame(self.q).groupby(number).mean().to_numpy()
-        return replace(self.take(first), q=means), np.flatnonzero(count[number] > 1)
+        """Number of the posture of each record (n,), see :func:`aacmm_pin.measurements.repeats.posture_numbers`."""
+        return posture_numbers(self.q)
 
     def seats(self) -> dict[str, Index]:
         """The records of each seat, by its label, in the order of their first records."""
-        seat = self.conditions.seat
-        if seat is None:
-            return {}
-        records = pd.Series(np.arange(self.n)).groupby(seat).indices
-        return {label: np.asarray(records[label], dtype=np.intp) for label in dict.fromkeys(seat) if label}
+        return _records_by_label(self.conditions.seat)
 
     def bars(self) -> list[Bar]:
         """The bars that have records of both ends, in the order of their first records."""
         seat = self.conditions.seat
         if self.bar is None or self.bar_end is None or self.bar_length is None or seat is None:
             return []
-        seat_at: dict[tuple[str, str], str] = {}
-        length: dict[str, float] = {}
-        u: dict[str, float] = {}
-        known = np.full(self.n, np.nan) if self.bar_length_u is None else self.bar_length_u
-        for bar, end, label, metres, of_it in zip(self.bar, self.bar_end, seat, self.bar_length, known, strict=True):
-            if bar:
-                seat_at.setdefault((bar, end), label)
-                length.setdefault(bar, float(metres))
-                u[bar] = float(np.fmax(u.get(bar, np.nan), of_it))
-        both = [bar for bar in length if (bar, "A") in seat_at and (bar, "B") in seat_at]
-        return [Bar(bar, seat_at[bar, "A"], seat_at[bar, "B"], length[bar], u[bar]) for bar in both]
+        stated_u = np.full(self.n, np.nan) if self.bar_length_u is None else self.bar_length_u
+        found = []
+        for bar, rows in _records_by_label(self.bar).items():
+            at_a, at_b = (rows[self.bar_end[rows] == end] for end in ("A", "B"))
+            if len(at_a) and len(at_b):
+                length, u = float(self.bar_length[rows[0]]), float(np.fmax.reduce(stated_u[rows]))
+                found.append(Bar(bar, seat[at_a[0]], seat[at_b[0]], length, u))
+        return found
 
     def bar_length_errors(self, tips: Array) -> Array:
         """Distance of the mean tips (n, 3) [m] at both ends of each bar, minus its length: (b,) [m]."""
-        seat, errors = np.asarray(self.conditions.seat), []
-        for bar in self.bars():
-            a, b = (tips[seat == label].mean(axis=0) for label in (bar.seat_a, bar.seat_b))
-            errors.append(float(np.linalg.norm(a - b)) - bar.length)
-        return np.array(errors)
+        means = {label: tips[rows].mean(axis=0) for label, rows in self.seats().items()}
+        bars = self.bars()
+        distances = [np.linalg.norm(means[bar.seat_a] - means[bar.seat_b]) for bar in bars]
+        return np.array(distances) - [bar.length for bar in bars]
 
-    def to_frame(self, angle_unit: names.AngleUnit = "deg") -> pd.DataFrame:
+    def to_frame(self, angle_unit: AngleUnit = "deg") -> pd.DataFrame:
         """The columns of a measurement file, those that are present, unknown ones last.
 
         Raises:
             UnknownNameError: ``angle_unit`` is neither ``deg`` nor ``rad``.
         """
-        if angle_unit not in names.THETA:
-            raise UnknownNameError("angle unit", angle_unit, list(names.THETA))
+        if angle_unit not in THETA:
+            raise UnknownNameError("angle unit", angle_unit, list(THETA))
         angles = self.q.T / (DEG if angle_unit == "deg" else 1.0)
-        columns = dict(zip(named(names.THETA[angle_unit], self.nq), angles, strict=True))
-        stated = np.isfinite(self.reference_u).any()
-        left_out = {"reference": not (stated or self.known.any()), "reference_u": not stated}
-        for attribute, (form, unit) in names.FIELDS.items():
-            values = getattr(self.conditions if attribute in COLUMNS else self, attribute)
-            if values is None or left_out.get(attribute):
-                continue
-            if values.dtype != object:
-                values = (values / unit).astype(np.int64 if attribute == "approach" else np.float64)
-            texts = named(form[0], values.shape[1]) if "#" in form[0] else form
-            columns |= dict(zip(texts, np.atleast_2d(values.T), strict=True))
-        return pd.concat([pd.DataFrame(columns), self.extra], axis=1)
+        table = dict(zip(named(THETA[angle_unit], self.nq), angles, strict=True))
+        for column in RECORD_COLUMNS:
+            table |= self._in_file(column)
+        return pd.concat([pd.DataFrame(table), self.extra], axis=1)
+
+    def _in_file(self, column: Column) -> dict[str, NDArray[Any]]:
+        """What is stated in the columns of an entry, in their unit; nothing where nothing is."""
+        values = getattr(self.conditions if column.field in COLUMNS else self, column.field)
+        if values is None or (column.field in self._left_out):
+            return {}
+        if not column.is_label:
+            kind = np.int64 if column.names[0] == APPROACH else np.float64
+            values = (values / column.si).astype(kind)
+        names = named(column.names[0], values.shape[1]) if column.is_numbered else column.names
+        return dict(zip(names, np.atleast_2d(values.T), strict=True))
+
+    @property
+    def _left_out(self) -> set[str]:
+        """The fields of references of which none is stated."""
+        if np.isfinite(self.reference_u).any():
+            return set()
+        return {"reference_u"} if self.known.any() else {"reference", "reference_u"}
 
     def csv(self) -> str:
         """The text of a CSV file from which :meth:`read` gives the same numbers back.
 
         Angles are in degrees, or in radians where :meth:`read` would take the degrees for radians.
         """
-        table = self.to_frame("rad" if names.looks_like_radians(self.q / DEG) else "deg")
+        table = self.to_frame("rad" if looks_like_radians(self.q / DEG) else "deg")
         dates = table.select_dtypes(["datetime", "datetimetz", "timedelta"])
         table[dates.columns] = dates.astype("string")  # without the hour where all are of midnight
         texts = table.select_dtypes(exclude="number")
@@ -382,28 +299,12 @@ class Measurements(Shown):
         )
 
 
-# --- copies
-
-
-def _numbered(table: pd.DataFrame) -> Index:
-    """A number (n,) that rows share which are alike."""
-    return np.asarray(table.groupby(list(table.columns), sort=False, dropna=False).ngroup(), dtype=np.intp)
-
-
-def _joined(same: Index, but_for_these: Index, values: Array) -> Index:
-    """The numbers ``same`` (n,), those of rows of values (n, k) as of the rows of whole numbers that they are rounded to.
-
-    A half is rounded up by some programs, to the even number or down by others.
-    """
-    whole = (np.abs(values - np.rint(values)) < EXACT).all(axis=1)
-    rounded = {(but_for_these[k], *np.rint(values[k])): same[k] for k in np.flatnonzero(whole)}
-    others = np.bincount(but_for_these)[but_for_these] > 1
-    joined: dict[int, int] = {}
-    for k in np.flatnonzero(~whole & others & np.isfinite(values).all(axis=1) & bool(rounded)):
-        for near in product(*(sorted({math.floor(m + 0.5 - EXACT), math.floor(m + 0.5 + EXACT)}) for m in values[k])):
-            if (but_for_these[k], *near) in rounded:
-                joined[same[k]] = rounded[but_for_these[k], *near]
-    return np.array([joined.get(number, number) for number in same], dtype=np.intp)
+def _records_by_label(labels: Labels | None) -> dict[str, Index]:
+    """The records of each label, in the order of their first records."""
+    if labels is None:
+        return {}
+    records = pd.Series(np.arange(len(labels))).groupby(labels).indices
+    return {label: np.asarray(records[label], dtype=np.intp) for label in dict.fromkeys(labels) if label}
 
 
 # --- from a table
@@ -428,37 +329,51 @@ def as_measurements(given: object, nq: int) -> Measurements:
 
 
 def _from_table(table: pd.DataFrame, lines: Index, nq: int | None, source: str) -> Measurements:
+    """The records of a measurement file, or of an acceptance file with readings.
+
+    Raises:
+        MeasurementFileError: see :meth:`Measurements.read`.
+    """
     read_as: tuple[str, ...] = ()
-    if "test" in table:
-        from aacmm_pin.measurements.acceptance_columns import as_records
-
-        table, read_as = as_records(table, lines, source)
-    columns = checked_columns(table, lines, nq, source)
-    found: dict[str, Any] = {attribute: columns.field(attribute) for attribute in names.FIELDS}
-    conditions = Conditions(columns.n, **{name: found.pop(name) for name in COLUMNS})
-    for name, of_form in (("reference", names.REFERENCE), ("reference_u", names.REFERENCE_U)):
-        found[name] = columns.block(of_form) * MM
-    if (turned := _unit(found.pop("orientation"))) is not None:
-        found["orientation"] = turned
-        u = columns.numbers.get(names.ORIENTATION_U, np.zeros(1))
-        if (most := np.nan_to_num(u).max()) > plausible.USUAL_TURN_NOISE:
-            read_as += (f"{names.ORIENTATION_U} is {most:g} rad at most, which is {most / DEG:.3g}°: is it in degrees?",)
-    else:
-        del found["orientation_u"]
-    q = columns.block(columns.header.theta) * (DEG if columns.header.unit == "deg" else 1.0)
-    if columns.header.unit == "deg" and names.mostly_like_radians(q / DEG):
-        read_as += (
-            f"most angles lie within ±{2 * np.pi:.4g}° of zero; are they in radians? Then name the columns theta1_rad …",
-        )
-    for name in ("seat", "marker", "bar", "session"):
-        labels = getattr(conditions, name, found.get(name))
-        if pairs := names.alike([] if labels is None else dict.fromkeys(labels.tolist())):
-            read_as += (f"labels in the column {name} that are nearly the same count as different ones: {', '.join(pairs)}",)
+    problems = Problems(source, lines)
+    if has_probed_points(table):
+        table, read_as = as_records(table, problems)
+    columns = read_records(table, nq, problems)
+    check_records(columns, problems)
+    found = columns.fields()
+    unknown = np.full((len(table), 3), np.nan)
+    for name in ("reference", "reference_u"):
+        found[name] = unknown if found[name] is None else found[name]
+    found["orientation"] = _unit_quaternions(found["orientation"])
+    if found["orientation"] is None:
+        found["orientation_u"] = None
+    conditions = Conditions(len(table), **{name: found.pop(name) for name in COLUMNS})
+    theta = columns.values.block(columns.header.theta)
+    q = theta * DEG if columns.header.unit == "deg" else theta
     extra = table[list(columns.header.extra)].reset_index(drop=True)
-    return Measurements(q=q, conditions=conditions, extra=extra, row=lines, source=source, read_as=read_as, **found)
+    stated: dict[str, Any] = dict(found)
+    read_as += _notes(columns)
+    return Measurements(q=q, conditions=conditions, extra=extra, row=lines, source=source, read_as=read_as, **stated)
 
 
-def _unit(quaternions: Array | None) -> Array | None:
+def _notes(columns: RecordTable) -> tuple[str, ...]:
+    """What may be in another unit, and labels that may be mistyped."""
+    notes = []
+    u = np.nan_to_num(columns.values.block([ORIENTATION_U])).max()
+    if u > plausible.USUAL_TURN_NOISE:
+        notes.append(f"{ORIENTATION_U} is {u:g} rad at most, which is {u / DEG:.3g}°: is it in degrees?")
+    if columns.header.unit == "deg" and mostly_like_radians(columns.values.block(columns.header.theta)):
+        turn = 2 * np.pi
+        question = "are they in radians? Then name the columns theta1_rad …"
+        notes.append(f"most angles lie within ±{turn:.4g}° of zero; {question}")
+    for name in ("seat", "marker", "bar", "session"):
+        if pairs := similar_labels(dict.fromkeys(columns.values.label(name).tolist())):
+            text = f"labels in the column {name} that are nearly the same count as different ones"
+            notes.append(f"{text}: {', '.join(pairs)}")
+    return tuple(notes)
+
+
+def _unit_quaternions(quaternions: Array | None) -> Array | None:
     """With the norm of one, which those of a file have but for rounding; None where none is stated."""
     if quaternions is None or np.isnan(quaternions).all():
         return None
@@ -468,39 +383,59 @@ def _unit(quaternions: Array | None) -> Array | None:
 # --- from arrays
 
 
-def _checked(name: str, values: ArrayLike | None, n: int) -> Any:
-    """What is given for an attribute, as an array of its own; numbers that are not known are NaN where they may be.
+def _checked(column: Column, values: ArrayLike | None, n: int) -> Any:
+    """What is given for the field of a column, as an array of its own; numbers that are not known are NaN where they may be.
 
     Raises:
         ShapeError: another shape, or numbers or labels that cannot be.
     """
+    name = column.field
     if values is None:
         return None
-    if name in names.LABELS:
+    if column.is_label:
         return labels_of(name, values, n)
-    if name in ("reference", "reference_u", "orientation"):
-        width, unit = (4, "1") if name == "orientation" else (3, "m")
-        array = _with_gaps(values, lambda filled: batch(filled, width, name, unit))
-        partly = np.flatnonzero(np.isnan(array).any(axis=1) & ~np.isnan(array).all(axis=1))
-        if partly.size:
-            raise ShapeError(f"{name}[{partly[0]}] is {array[partly[0]]}, expected numbers, or NaN for all where not known")
+    array = _numbers(column, values, n)
+    if column.range is not None:
+        column.range.check(np.where(np.isnan(array), column.range.most, array), name, ShapeError)
+    if column.above_zero and (array == 0.0).any():
+        raise ShapeError(f"{name} holds numbers that are not above zero")
+    return _checked_quaternions(array) if name == "orientation" else array
+
+
+def _numbers(column: Column, values: ArrayLike, n: int) -> Array:
+    """Numbers of n records, of each component of a column or of none.
+
+    Raises:
+        ShapeError: they are not.
+    """
+    name, width = column.field, len(column.names)
+    unit = column.range.unit if column.range is not None else column.unit
+    if width == 1:
+        array = _with_gaps(values, lambda filled: vector(filled, n, name, unit))
     else:
-        array = _with_gaps(values, lambda filled: vector(filled, n, name, "rad" if name == "orientation_u" else "m"))
+        array = _with_gaps(values, lambda filled: batch(filled, width, name, unit))
     if len(array) != n:
         raise ShapeError(f"{name} has {len(array)} rows, expected {n}: one a record")
-    if name in names.PLAUSIBLE:
-        range_ = names.PLAUSIBLE[name]
-        range_.check(np.where(np.isnan(array), range_.most, array), name, ShapeError)
-    if name in ("reference_u", "bar_length_u", "orientation_u") and (array == 0.0).any():
-        raise ShapeError(f"{name} holds numbers that are not above zero")
-    if name == "orientation":
-        norm = np.linalg.norm(array, axis=1)
-        if (np.abs(norm - 1.0) > names.NOT_ROUNDING).any():
-            raise ShapeError(
-                f"orientation has norms of {np.nanmin(norm):g} to {np.nanmax(norm):g}, expected unit quaternions"
-            )
-        return _unit(array)
+    if width > 1:
+        unknown = np.isnan(array)
+        partly = np.flatnonzero(unknown.any(axis=1) & ~unknown.all(axis=1))
+        if partly.size:
+            expected = "expected numbers, or NaN for all where not known"
+            raise ShapeError(f"{name}[{partly[0]}] is {array[partly[0]]}, {expected}")
     return array
+
+
+def _checked_quaternions(array: Array) -> Array | None:
+    """Unit quaternions without what rounding did to their norms; None where none is stated.
+
+    Raises:
+        ShapeError: a norm is off by more than rounding.
+    """
+    norm = np.linalg.norm(array, axis=1)
+    if (np.abs(norm - 1.0) > MOST_NORM_ERROR).any():
+        came = f"norms of {np.nanmin(norm):g} to {np.nanmax(norm):g}"
+        raise ShapeError(f"orientation has {came}, expected unit quaternions")
+    return _unit_quaternions(array)
 
 
 def _with_gaps(values: ArrayLike, check: Callable[[ArrayLike], Array]) -> Array:
@@ -511,8 +446,3 @@ def _with_gaps(values: ArrayLike, check: Callable[[ArrayLike], Array]) -> Array:
     array = check(np.where(unknown, 0.0, values) if np.any(unknown) else values)
     array[unknown] = np.nan
     return array
-
-
-def _fingerprints(rows: Array) -> tuple[str, ...]:
-    numbers = np.nan_to_num(np.rint(rows / FINGERPRINT_STEP), nan=UNKNOWN).astype("<i8")
-    return tuple(hashlib.sha256(row.tobytes()).hexdigest()[:FINGERPRINT_DIGITS] for row in numbers)

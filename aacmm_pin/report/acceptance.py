@@ -17,9 +17,9 @@ from aacmm_pin.report.html import SHORT
 from aacmm_pin.report.numbers import capital
 from aacmm_pin.verification import AcceptanceResult, History
 from aacmm_pin.verification.accept import COVERAGE, LONGEST_PART, SHOWN_AS, shown_verdict
-from aacmm_pin.verification.figures import EDITIONS, ORIGIN, RULE_OF
+from aacmm_pin.verification.characteristics import EDITIONS, ORIGIN, RULE_OF
 from aacmm_pin.verification.history import LEAST_CHECKS, PER_MOVING_RANGE
-from aacmm_pin.verification.touches import AS_GIVEN, brief
+from aacmm_pin.verification.probed_points import AS_GIVEN, brief
 
 RULE = (
     f"Conformity: |value| + U ≤ MPE for each error; non-conformity: |value| - U > MPE for one; {SHOWN_AS['neither']} in "

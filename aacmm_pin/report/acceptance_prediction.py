@@ -11,7 +11,7 @@ from aacmm_pin.report.document import Document, Download, Figure, Notes, Paragra
 from aacmm_pin.report.numbers import UNIT
 from aacmm_pin.report.plots.style import BLUE, GREEN, GREY, VERMILLION, plain
 from aacmm_pin.verification import PredictedAcceptance
-from aacmm_pin.verification.figures import ORIGIN
+from aacmm_pin.verification.characteristics import ORIGIN
 
 COLOURS = (BLUE, GREEN, GREY)
 

@@ -11,7 +11,7 @@ from aacmm_pin.report.document import Bullets, Document, Download, Figure, Headi
 from aacmm_pin.report.plots.style import BLUE, GREEN, GREY, VERMILLION
 from aacmm_pin.report.plots.two_views import two_views
 from aacmm_pin.verification import Procedure
-from aacmm_pin.verification.figures import ASME, EDITIONS, ORIGIN, ZONES
+from aacmm_pin.verification.characteristics import ASME, EDITIONS, ORIGIN, ZONES
 
 KINDS = {
     "sphere": ("sphere", BLUE),

@@ -17,10 +17,12 @@ from aacmm_pin._support.plausible import Range
 from aacmm_pin._support.units import MM, plain_mm
 from aacmm_pin.effects.error_model import ErrorModel, GivenModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
-from aacmm_pin.measurements.csv_table import measurement_file
+from aacmm_pin.measurements import measurement_file
+from aacmm_pin.verification.characteristics import DEFINITIONS, Definition, definitions
 from aacmm_pin.verification.doubts import check_unit, doubts
-from aacmm_pin.verification.figures import DEFINITIONS, LENGTH, Definition, Evaluated, Place, definitions
-from aacmm_pin.verification.touches import read_touches
+from aacmm_pin.verification.evaluators import LENGTH, Evaluated, without_value
+from aacmm_pin.verification.places import Place
+from aacmm_pin.verification.probed_points import read_file
 
 ACCEPTANCE_SCHEMA = "aacmm-pin/acceptance/1"
 COVERAGE = 2.0
@@ -78,6 +80,23 @@ class AcceptanceFigure:
         """
         return None if math.isnan(self.evaluated.value) or math.isnan(self.mpe) else _verdict(*self._sizes, self.mpe)
 
+    def row(self) -> dict[str, Any]:
+        """The columns of a table of them, lengths in mm; nan where there is no number."""
+        definition, evaluated = self.definition, self.evaluated
+        row: dict[str, Any] = {"coordinates": self.source, "figure": definition.name}
+        row |= {"standard": definition.standard, "test": definition.test_name}
+        row |= {"definition": definition.text, "value_mm": evaluated.value / MM}
+        row |= {"U_mm": COVERAGE * evaluated.u / MM, "mpe_mm": self.mpe / MM, "verdict": self.verdict}
+        row |= {"where": "" if self.where is None else str(self.where), "had": evaluated.had}
+        return row | {"counted": definition.counted, "missing": self.missing}
+
+    def to_dict(self) -> dict[str, Any]:
+        """The same for JSON: None where there is no number, and where the largest error is by labels and rows."""
+        row = {key: None if pd.isna(value) else value for key, value in self.row().items()}
+        place = self.where
+        where = None if place is None else {**place.labels, "rows": [*place.rows]}
+        return row | {"clause": row["test"], "where": where}
+
     @property
     def _sizes(self) -> tuple[Array, Array]:
         """Magnitude and U of each error of which this is the largest (n,) [m]."""
@@ -103,9 +122,11 @@ class AcceptanceFigure:
     def missing(self) -> str:
         """What is missing, in words; "" where nothing is."""
         few, counted, lacking = self.evaluated.missing, self.definition.counted, self.evaluated.lacking
-        named = "; ".join([*lacking[:MOST_LACKING], *["…"] * (len(lacking) > MOST_LACKING)])
         text = f"{few} {counted if few > 1 else SINGULAR[counted]}" if few else self.evaluated.why_incomplete
-        return text + f": {named}" * bool(named)
+        if not lacking:
+            return text
+        more = ["…"] if len(lacking) > MOST_LACKING else []
+        return f"{text}: {'; '.join([*lacking[:MOST_LACKING], *more])}"
 
 
 def shown_verdict(verdict: str | None) -> str:
@@ -152,11 +173,13 @@ class AcceptanceResult(Shown):
 
         A figure with an MPE and no value counts as neither.
         """
-        found = {}
+        found: dict[str, tuple[Verdict | None, tuple[AcceptanceFigure, ...]]] = {}
         for source in dict.fromkeys(f.source for f in self.figures):
-            judged = self._with_mpe(source)
-            worst = next((v for v in WORST_FIRST if any((f.verdict or "neither") == v for f in judged)), None)
-            found[source] = worst, tuple(f for f in judged if (f.verdict or "neither") == worst)
+            by_verdict: dict[Verdict, list[AcceptanceFigure]] = {verdict: [] for verdict in WORST_FIRST}
+            for figure in self._with_mpe(source):
+                by_verdict[figure.verdict or "neither"].append(figure)
+            worst = next((verdict for verdict, figures in by_verdict.items() if figures), None)
+            found[source] = worst, () if worst is None else tuple(by_verdict[worst])
         return found
 
     def _with_mpe(self, source: str) -> list[AcceptanceFigure]:
@@ -164,57 +187,39 @@ class AcceptanceResult(Shown):
         return [f for f in self.figures if f.source == source and not math.isnan(f.mpe)]
 
     def __str__(self) -> str:
-        told = []
-        overall = self.overall
-        for source, (verdict, by) in overall.items():
-            of = sum(f.source == source for f in self.figures)
-            names = ", ".join(f.definition.name + " without a value" * (f.verdict is None) for f in by)
-            text = f"{shown_verdict(verdict)}, decided by {names} (" if by else "no verdict ("
-            text += f"MPE given for {len(self._with_mpe(source))} of {of} figures)"
-            told.append(f"{source}: " * (len(overall) > 1) + text)
-        return "; ".join(told)
+        texts = {source: self._in_words(source, *found) for source, found in self.overall.items()}
+        if len(texts) > 1:
+            return "; ".join(f"{source}: {text}" for source, text in texts.items())
+        return "".join(texts.values())
+
+    def _in_words(self, source: str, verdict: Verdict | None, by: Sequence[AcceptanceFigure]) -> str:
+        """The verdict of one set of coordinates, and which characteristics decide it."""
+        of = sum(figure.source == source for figure in self.figures)
+        given = f"(MPE given for {len(self._with_mpe(source))} of {of} figures)"
+        if not by:
+            return f"no verdict {given}"
+        names = [f.definition.name + (" without a value" if f.verdict is None else "") for f in by]
+        return f"{shown_verdict(verdict)}, decided by {', '.join(names)} {given}"
 
     def to_frame(self) -> pd.DataFrame:
-        """One row a figure, lengths in mm; NaN where there is no number."""
-        rows = [
-            {
-                "coordinates": f.source,
-                "figure": f.definition.name,
-                "standard": f.definition.standard,
-                "test": f.definition.test_name,
-                "definition": f.definition.text,
-                "value_mm": f.evaluated.value / MM,
-                "U_mm": COVERAGE * f.evaluated.u / MM,
-                "mpe_mm": f.mpe / MM,
-                "verdict": f.verdict,
-                "where": "" if f.where is None else str(f.where),
-                "had": f.evaluated.had,
-                "counted": f.definition.counted,
-                "missing": f.missing,
-            }
-            for f in self.figures
-        ]
-        return pd.DataFrame(rows)
+        """One row a characteristic, lengths in mm; NaN where there is no number."""
+        return pd.DataFrame([figure.row() for figure in self.figures])
 
     def summary(self) -> dict[str, Any]:
         """Schema ``aacmm-pin/acceptance/1``."""
-        table = self.to_frame().astype(object)
-        figures = table.where(table.notna(), None).to_dict("records")
+        overall = []
+        for source, (verdict, by) in self.overall.items():
+            names = [figure.definition.name for figure in by]
+            overall.append({"coordinates": source, "verdict": verdict, "decided_by": names})
+        longest = {test: length / MM for test, length in self.longest.items()}
         return {
             "schema": ACCEPTANCE_SCHEMA,
             "source": self.path,
             "coverage_factor": COVERAGE,
-            "overall": [
-                {"coordinates": source, "verdict": verdict, "decided_by": [f.definition.name for f in by]}
-                for source, (verdict, by) in self.overall.items()
-            ],
-            "figures": [
-                {str(k): v for k, v in row.items()}
-                | {"clause": row["test"], "where": f.where and {**f.where.labels, "rows": [*f.where.rows]}}
-                for f, row in zip(self.figures, figures, strict=True)
-            ],
-            "measuring_range_mm": None if self.measuring_range is None else self.measuring_range / MM,
-            "longest_length_mm": {test: length / MM for test, length in self.longest.items()},
+            "overall": overall,
+            "figures": [figure.to_dict() for figure in self.figures],
+            "measuring_range_mm": self.measuring_range and self.measuring_range / MM,
+            "longest_length_mm": longest,
             "notes": [*self.notes],
         }
 
@@ -250,35 +255,54 @@ def accept(
     models = {name: ErrorModel.of(arm) for name, arm in (arms or {}).items()}
     wanted = definitions(standard)
     data = measurement_file(str(path))
-    sets, read_as, stated = read_touches(str(path), data, models)
-    figures, unfit = [], dict[str, list[str]]()
-    first = next(iter(sets))
+    points = read_file(str(path), data, models)
+    first, of_first = next(iter(points.sets.items()))
     try:
-        check_unit(sets[first])
+        check_unit(of_first)
     except AacmmError as error:
         raise AacmmError(f"{path}: {first}: {error}") from None
-    found = [*doubts(first, sets[first], measuring_range)]
-    for source, touches in sets.items():
+    figures: list[AcceptanceFigure] = []
+    unfit: dict[str, list[str]] = {}
+    for source, of_source in points.sets.items():
         for definition in wanted:
-            of_test = touches[touches["test"] == definition.test]
-            there = bool(of_test[definition.column].any()) if definition.column else len(of_test) > 0
-            if there or standard is not None or definition.name in limits:
-                try:
-                    evaluated = _in_range(definition.evaluate(of_test), definition, of_test, measuring_range)
-                except AacmmError as error:
-                    had = of_test.groupby([*LENGTH]).ngroups if definition.counted == "lengths" else len(of_test)
-                    evaluated = Evaluated(math.nan, math.nan, had, 0, "see the notes")
-                    unfit.setdefault(f"by {source}: no value; {error}", []).append(definition.name)
-                places = tuple(Place.of(of_test[of_test["row"].isin(rows)]) for rows in evaluated.rows)
-                mpe_of = limits.get(definition.name, math.nan)
-                figures.append(AcceptanceFigure(source, definition, evaluated, mpe_of, places))
-    found += [f"{', '.join(names)} {why}" for why, names in unfit.items()]
+            of_test = of_source[of_source["test"] == definition.test]
+            if standard is None and definition.name not in limits and not _has_points(of_test, definition):
+                continue
+            try:
+                evaluated = _in_range(definition.evaluate(of_test), definition, of_test, measuring_range)
+            except AacmmError as error:
+                evaluated = without_value(_count(of_test, definition), 0, why="see the notes")
+                unfit.setdefault(f"by {source}: no value; {error}", []).append(definition.name)
+            mpe_of = limits.get(definition.name, math.nan)
+            figures.append(AcceptanceFigure(source, definition, evaluated, mpe_of, _places(of_test, evaluated)))
+    notes = [*points.notes, *doubts(first, of_first, measuring_range)]
+    notes += [f"{', '.join(names)} {why}" for why, names in unfit.items()]
     if left_out := [name for name in limits if name not in {d.name for d in wanted}]:
-        found.append(f"{', '.join(left_out)}: no verdict in spite of the MPE, for only figures of {standard} were asked for")
-    notes = (*read_as, *found, *_notes(figures, measuring_range))
-    of_range = sets[first][sets[first]["test"].isin(IN_RANGE)].groupby("test", sort=False)["length"].max()
-    longest = {str(test): float(length) for test, length in of_range.items()} if measuring_range is not None else {}
-    return AcceptanceResult(str(path), tuple(figures), notes, stated, measuring_range, longest, data)
+        notes.append(f"{', '.join(left_out)}: no verdict in spite of the MPE, for only figures of {standard} were asked for")
+    notes += _notes(figures, measuring_range)
+    longest = {} if measuring_range is None else _longest_lengths(of_first)
+    return AcceptanceResult(str(path), tuple(figures), tuple(notes), points.stated, measuring_range, longest, data)
+
+
+def _has_points(of_test: pd.DataFrame, definition: Definition) -> bool:
+    """Whether a file has something for a characteristic."""
+    return bool(of_test[definition.column].any()) if definition.column else len(of_test) > 0
+
+
+def _count(of_test: pd.DataFrame, definition: Definition) -> int:
+    """How many there are of what a characteristic counts."""
+    return of_test.groupby([*LENGTH]).ngroups if definition.counted == "lengths" else len(of_test)
+
+
+def _places(of_test: pd.DataFrame, evaluated: Evaluated) -> tuple[Place, ...]:
+    """Which points make each of the errors."""
+    return tuple(Place.of(of_test[of_test["row"].isin(rows)]) for rows in evaluated.rows)
+
+
+def _longest_lengths(points: pd.DataFrame) -> dict[str, float]:
+    """The longest calibrated length of each test that asks for one [m]."""
+    of_tests = points[points["test"].isin(IN_RANGE)].groupby("test", sort=False)
+    return {str(test): float(length) for test, length in of_tests["length"].max().items()}
 
 
 def checked_limits(mpe: Mapping[str, float] | None) -> dict[str, float]:
@@ -308,7 +332,7 @@ def _in_range(found: Evaluated, definition: Definition, touches: pd.DataFrame, m
     if longest >= least:
         return found
     why = f"longest length {plain_mm(longest)} mm, expected {plain_mm(least)} mm or more"
-    return Evaluated(math.nan, math.nan, found.had, 0, why)
+    return without_value(found.had, 0, why=why)
 
 
 def _notes(figures: Sequence[AcceptanceFigure], measuring_range: float | None) -> tuple[str, ...]:

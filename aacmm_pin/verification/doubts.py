@@ -11,7 +11,8 @@ from scipy.special import stdtr
 
 from aacmm_pin._support.units import MM
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.verification.figures import LENGTH, Place, measured_lengths, points_of, size_error
+from aacmm_pin.verification.evaluators import LENGTH, measured_lengths, size_error
+from aacmm_pin.verification.places import Place, coordinates_of
 from aacmm_pin.verification.spheres import LEAST, FittedSphere, fitted_sphere
 
 ROUNDED = 5e-7
@@ -96,7 +97,7 @@ def _spheres(touches: pd.DataFrame) -> Iterator[tuple[pd.DataFrame, FittedSphere
     for _, group in touches.groupby(by, sort=False):
         try:
             if len(group) > LEAST and group["test"].iloc[0] != "single-point":
-                yield group, fitted_sphere(points_of(group))
+                yield group, fitted_sphere(coordinates_of(group))
         except AacmmError:  # a note says that its figures have no value
             continue
 
@@ -114,7 +115,7 @@ def _beside(spheres: list[tuple[pd.DataFrame, FittedSphere]]) -> Iterator[str]:
 
 def _farthest(group: pd.DataFrame, sphere: FittedSphere) -> tuple[pd.DataFrame | None, float]:
     """The touch that is not on the sphere of the others by more than chance, and how far it is from that [m]."""
-    points, free = points_of(group), np.sqrt(np.maximum(1 - sphere.leverages, 0.0))
+    points, free = coordinates_of(group), np.sqrt(np.maximum(1 - sphere.leverages, 0.0))
     k, dof = int(np.divide(np.abs(sphere.residuals), free, where=free > 0, out=np.zeros(len(free))).argmax()), len(group) - 5
     try:
         others = fitted_sphere(np.delete(points, k, axis=0)) if dof > 0 else None

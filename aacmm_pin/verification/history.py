@@ -26,10 +26,9 @@ from aacmm_pin._support.output_files import OutputFiles
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import MM, number
 from aacmm_pin.errors import AacmmError, MeasurementFileError
-from aacmm_pin.measurements.csv_columns import Problems
-from aacmm_pin.measurements.csv_table import measurement_file, read_table
+from aacmm_pin.measurements import Problems, measurement_file, read_table
 from aacmm_pin.verification.accept import VERDICTS, AcceptanceResult
-from aacmm_pin.verification.figures import DEFINITIONS
+from aacmm_pin.verification.characteristics import DEFINITIONS
 
 COLUMNS = ("time", "instrument", "arm", "figure", "value_mm", "U_mm", "mpe_mm", "verdict", "version")
 LEAST_CHECKS = 8
@@ -94,6 +93,14 @@ class ControlChart:
     def left(self) -> bool:
         """Whether the latest value lies outside the limits."""
         return _outside(self.values[-1], self.limits)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The numbers, for JSON, lengths in mm; None where there are none."""
+        lower, upper = self.limits
+        numbers: dict[str, Any] = {"coordinates": self.arm, "figure": self.figure}
+        numbers |= {"checks_before": len(self.values) - 1, "checks_counted": int(self.counted.sum())}
+        numbers |= {"centre_mm": _or_none(self.centre), "lower_mm": _or_none(lower), "upper_mm": _or_none(upper)}
+        return numbers | {"left_usual_range": self.left if np.isfinite(upper) else None}
 
 
 def _limits(values: Array) -> tuple[float, float]:
@@ -229,19 +236,7 @@ class History(Shown):
 
     def summary(self) -> list[dict[str, Any]]:
         """The charts as numbers, for JSON."""
-        return [
-            {
-                "coordinates": chart.arm,
-                "figure": chart.figure,
-                "checks_before": len(chart.values) - 1,
-                "checks_counted": int(chart.counted.sum()),
-                "centre_mm": _or_none(chart.centre),
-                "lower_mm": _or_none(chart.limits[0]),
-                "upper_mm": _or_none(chart.limits[1]),
-                "left_usual_range": chart.left if np.isfinite(chart.limits[1]) else None,
-            }
-            for chart in self.charts()
-        ]
+        return [chart.to_dict() for chart in self.charts()]
 
     def write(self, files: OutputFiles, path: str | Path) -> None:
         """Put the file among others that are written together, in the place of what was read."""

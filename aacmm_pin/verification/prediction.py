@@ -2,7 +2,7 @@
 
 In each run the errors of the arm's parameters are drawn once and the noise of every touch anew (JCGM 101:2008, 6.4). The
 tip touches the point p, so that the model, which does not know the errors e, states p - S e there, to first order in
-e; the noise η of the readings adds J η. The figures are those of :mod:`aacmm_pin.verification.figures`.
+e; the noise η of the readings adds J η. The figures are those of :mod:`aacmm_pin.verification.characteristics`.
 """
 
 from __future__ import annotations
@@ -26,14 +26,10 @@ from aacmm_pin.accuracy.tip_sensitivity import ErrorSources
 from aacmm_pin.effects.error_model import ErrorModel, GivenModel
 from aacmm_pin.effects.geometry import of_geometry
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.measurements.csv_columns import Problems
-from aacmm_pin.measurements.csv_table import read_table
-from aacmm_pin.measurements.noise import ENCODER
-from aacmm_pin.measurements.simulate import seed_of
+from aacmm_pin.measurements import ENCODER, Problems, read_probed_points, read_table, seed_of
 from aacmm_pin.verification.accept import AcceptanceFigure, checked_limits
-from aacmm_pin.verification.figures import Definition, definitions
+from aacmm_pin.verification.characteristics import Definition, definitions
 from aacmm_pin.verification.procedure import Procedure
-from aacmm_pin.verification.touches import what_is_touched
 
 SCHEMA = "aacmm-pin/acceptance-prediction/1"
 RUNS, FEWEST = 200, 20
@@ -190,7 +186,7 @@ def predict_acceptance(
     seed, draws = seed_of(rng), int(rng.integers(2**32))
     table, lines, notes = read_table(path)
     problems = Problems(path, lines)
-    touches = what_is_touched(table, problems)
+    touches = read_probed_points(table, problems)
     problems.stop()
     found: list[PredictedFigure] = []
     for name, arm in arms.items():

@@ -19,20 +19,27 @@ from aacmm_pin.arm.arm import Arm, GivenArm, as_arm
 from aacmm_pin.arm.random_postures import joint_bounds
 from aacmm_pin.effects.error_model import ErrorModel, GivenModel
 from aacmm_pin.errors import AacmmError, MeasurementFileError
-from aacmm_pin.measurements.acceptance_columns import LABELS, NUMBERS, PLANNED, READINGS
-from aacmm_pin.measurements.csv_columns import REFERENCE, Problems
-from aacmm_pin.measurements.csv_table import read_table
-from aacmm_pin.measurements.measuring_points import Pool, bars_for
-from aacmm_pin.measurements.records import GivenRecords, as_measurements
-from aacmm_pin.measurements.simulate import seed_of
+from aacmm_pin.measurements import (
+    PLANNED,
+    PROBED_POINT_COLUMNS,
+    REFERENCE,
+    GivenRecords,
+    Pool,
+    Problems,
+    as_measurements,
+    bars_for,
+    is_reading,
+    read_table,
+    seed_of,
+)
 from aacmm_pin.postures.articulation import articulations
 from aacmm_pin.postures.sampling import brought_to, spread_out
-from aacmm_pin.verification.figures import STANDARDS, definitions
+from aacmm_pin.verification.characteristics import STANDARDS, definitions
 
 SPHERES = {"near": (0.2, 0.45), "far": (0.7, 0.95)}
 """Between which parts of the reach spheres stand, chosen here; the reach counts from joint 2."""
 SEATS = {"near": (0.0, 0.18), "middle": (0.4, 0.6), "far": (0.82, 1.0)}
-"""The same of single points: inside :data:`aacmm_pin.verification.figures.ZONES`, off their edges."""
+"""The same of single points: inside :data:`aacmm_pin.verification.characteristics.ZONES`, off their edges."""
 LENGTHS, PLACES, REPEATS = 5, 7, 3
 """Of the tests of lengths."""
 BALL_BARS = {"short": 1, "long": 3}
@@ -107,28 +114,28 @@ class Procedure(Shown):
         """
         arm = as_arm(arm)
         table, lines, _ = read_table(str(path))
-        problems, found = Problems(str(path), lines), []
         angles = [f"{PLANNED}theta{k}_deg" for k in range(1, arm.nq + 1)]
         expected = [*(PLANNED + name for name in REFERENCE), *angles]
         if missing := [name for name in expected if name not in table]:
-            raise MeasurementFileError(
-                str(path),
-                None,
-                ", ".join(missing),
-                f"missing; aacmm-pin plan ARM --for acceptance -o FILE writes such a file, here for {arm.name}",
-            )
+            advice = "aacmm-pin plan ARM --for acceptance -o FILE writes such a file"
+            text = f"missing; {advice}, here for {arm.name}"
+            raise MeasurementFileError(str(path), None, ", ".join(missing), text)
+        problems = Problems(str(path), lines)
+        planned = table[expected].apply(pd.to_numeric, errors="coerce").astype(np.float64)
         for name in expected:
-            values = pd.to_numeric(table[name], errors="coerce").to_numpy(dtype=np.float64)
-            problems.at(~np.isfinite(values), name, "is {!r}, expected a number", table[name].to_numpy())
-            found.append(values)
+            bad = ~np.isfinite(planned[name]).to_numpy()
+            problems.at(bad, name, "is {!r}, expected a number", table[name].to_numpy())
         problems.stop()
         if f"{PLANNED}theta{arm.nq + 1}_deg" in table:
             raise AacmmError(f"{path}: planned for an arm with more joints than {arm.name}, which has {arm.nq}")
-        planned = (
-            table.columns.str.startswith(PLANNED) | table.columns.isin([*REFERENCE]) | table.columns.str.match(READINGS)
-        )
-        values = np.stack(found, axis=1)
-        return Procedure(arm, table.loc[:, ~planned], values[:, 3:] * DEG, values[:, :3] * MM)
+        points = planned[expected[:3]].to_numpy() * MM
+        q = planned[angles].to_numpy() * DEG
+        return Procedure(arm, table[[name for name in table if not _is_filled_in(name)]], q, points)
+
+
+def _is_filled_in(name: object) -> bool:
+    """Whether a column of the file is planned, or filled in at the test."""
+    return str(name).startswith(PLANNED) or name in REFERENCE or is_reading(name)
 
 
 def acceptance_procedure(
@@ -203,20 +210,20 @@ class _Layout:
     def fill(self, standard: str | None, measuring_range: float | None, lengths: Sequence[float] | None) -> None:
         """All touches that the figures of a standard need; see :func:`acceptance_procedure`."""
         wanted = {d.test for d in definitions(standard)}
-        longest = 2 / 3 * (2 * self.reach if measuring_range is None else measuring_range)
         all_lengths = bool({"length-uni", "length-bi"} & wanted)
         parts = [*range(1, LENGTHS + 1)] if all_lengths else [*BALL_BARS.values()]
-        bars = [STEP * MM * np.ceil(longest * k / LENGTHS / (STEP * MM)) for k in parts]
-        bars = sorted(bars if lengths is None else lengths)
+        if lengths is None:
+            step, longest = STEP * MM, 2 / 3 * (2 * self.reach if measuring_range is None else measuring_range)
+            lengths = [step * np.ceil(longest * k / LENGTHS / step) for k in parts]
+        bars = sorted(lengths)
         if not len(set(bars)) == len(bars) == len(parts) or not np.all(np.isfinite(bars)) or min(bars) <= 0:
-            raise AacmmError(
-                f"lengths are {', '.join(f'{x / MM:g}' for x in bars)} mm, expected {len(parts)} different ones above 0 for "
-                f"{'the figures of all standards' if standard is None else STANDARDS[standard]}"
-            )
-        sizes = {"length_mm": bars, "feature_diameter_mm": [self.sphere], "probe_diameter_mm": [self.probe]}
-        for column, values in sizes.items():
-            called, range_ = NUMBERS[column]
-            range_.check(values, called.replace("_", " "))
+            came = ", ".join(f"{x / MM:g}" for x in bars)
+            purpose = "the figures of all standards" if standard is None else STANDARDS[standard]
+            raise AacmmError(f"lengths are {came} mm, expected {len(parts)} different ones above 0 for {purpose}")
+        sizes = {"length": bars, "feature_diameter": [self.sphere], "probe_diameter": [self.probe]}
+        for column in PROBED_POINT_COLUMNS:
+            if column.field in sizes and column.range is not None:
+                column.range.check(sizes[column.field], column.field.replace("_", " "))
         self.spheres(wanted)
         if "single-point" in wanted:
             self.single_points()
@@ -343,7 +350,7 @@ class _Layout:
         if not arrived.all():
             beyond = f"{(~arrived).sum()} of {len(q)} touches are beyond the limits of the joints"
             raise AacmmError(f"{arm.name}: {beyond}; another seed draws other postures")
-        table = pd.DataFrame(self.rows).reindex(columns=[*LABELS, *NUMBERS])
+        table = pd.DataFrame(self.rows).reindex(columns=[column.names[0] for column in PROBED_POINT_COLUMNS])
         table["repeat"] = table["repeat"].astype("Int64")
         return Procedure(arm, table.assign(articulation=articulations(arm, np.array(self.q))), q, points, seed)
 

@@ -18,6 +18,7 @@ from aacmm_pin.diagnosis import diagnose
 from aacmm_pin.effects import EncoderEccentricity
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements.repeats import originals
 from aacmm_pin.measurements.simulate import simulate_measurements
 from aacmm_pin.report.calibration import verdict
 
@@ -35,7 +36,7 @@ def test_a_file_appended_to_itself_says_the_same(sino6: Arm, rng: np.random.Gene
     (note,) = (note for note in twice.notes if "copies" in note)
     for rounded in (("x_mm", "y_mm", "z_mm"), [f"theta{i}_deg" for i in range(1, 7)]):
         exports = pd.concat([table, table.round(dict.fromkeys(rounded, 3))], ignore_index=True)
-        assert Measurements.from_frame(exports).copies().tolist() == [*range(60), *range(60)]
+        assert originals(Measurements.from_frame(exports)).tolist() == [*range(60), *range(60)]
     assert "60 records" in note
     assert "rows 62 to 121" in note
     pd.testing.assert_frame_equal(once.parameters, twice.parameters)
@@ -60,22 +61,27 @@ def test_what_makes_a_copy() -> None:
     table = pd.DataFrame({"theta1_deg": [10.0, 10.0, 10.0, 10.0], "theta2_deg": 20.0, "x_mm": 1.0, "y_mm": 2.0, "z_mm": 3.0})
     labels = {"record": ["a", "b", "c", "d"], "time_s": [0.0, 1.0, 2.0, 3.0], "seat": ["A", "A", "B", ""]}
     records = Measurements.from_frame(table.assign(**labels))
-    assert records.copies().tolist() == [0, 0, 2, 3]
+    assert originals(records).tolist() == [0, 0, 2, 3]
     other = Measurements.from_frame(table.assign(z_mm=[3.0, 3.0000001, 3.0, 3.0], approach1=[1, 1, -1, 1], approach2=1))
-    assert other.copies().tolist() == [0, 0, 2, 0]
+    assert originals(other).tolist() == [0, 0, 2, 0]
     x = {"x_mm": [1.23456, 1.235, 1.2354, 1.2356], "y_mm": [-2.0005, -2.001, -2.0005, -2.0005]}
     exports = Measurements.from_frame(table.assign(**x))
-    assert exports.copies().tolist() == [0, 0, 0, 3]
-    assert exports.take([0, 2, 3]).copies().tolist() == [0, 1, 2]  # none of them is rounded
-    assert Measurements.from_frame(table.assign(**x, approach1=[1, -1, 1, 1], approach2=1)).copies().tolist() == [0, 1, 2, 3]
+    assert originals(exports).tolist() == [0, 0, 0, 3]
+    assert originals(exports.take([0, 2, 3])).tolist() == [0, 1, 2]  # none of them is rounded
+    assert originals(Measurements.from_frame(table.assign(**x, approach1=[1, -1, 1, 1], approach2=1))).tolist() == [
+        0,
+        1,
+        2,
+        3,
+    ]
     both = table.iloc[:3].assign(theta1_deg=[10.00004, 10.0, 10.00004], x_mm=[1.23456, 1.235, 1.2356])
-    assert Measurements.from_frame(both).copies().tolist() == [0, 0, 2]
+    assert originals(Measurements.from_frame(both)).tolist() == [0, 0, 2]
     warm = table.assign(z_mm=[3.0, 3.0, 3.0, 3.01], temperature_c=[20.04, 20.0, 20.1, 20.0])
-    assert Measurements.from_frame(warm).copies().tolist() == [0, 0, 0, 3]
+    assert originals(Measurements.from_frame(warm)).tolist() == [0, 0, 0, 3]
     for size, there in ((1e-2, 0), (1e-4, 0), (1e-5, 0), (2e-3, 1)):  # the last is no power of ten
         twice = table.iloc[:2].assign(x_mm=[1.2345678, round(1.2345678 / size) * size], y_mm=2.0, session=["a", "b"])
         twice = twice.assign(theta1_deg=[10.0, -350.0], u_x_mm=[0.01, 0.012], u_y_mm=0.01, u_z_mm=0.01)
-        assert Measurements.from_frame(twice).copies().tolist() == [0, there], size
+        assert originals(Measurements.from_frame(twice)).tolist() == [0, there], size
     kept, notes = counted_once(records.take([0, 2, 1]))
     assert kept.row.tolist() == [2, 4]
     assert "rows 3" in notes[0]

@@ -192,8 +192,9 @@ def test_other_ways_to_write_the_same(tmp_path: Path) -> None:
         np.testing.assert_array_equal(read.reference, known.reference)
         (note,) = read.read_as
         assert (note.count(", ") + 1, [word for word in words if word not in note]) == (len(words), []), note
-    labelled = Measurements.read(write(tmp_path, "record,theta1_deg\n#1,10\n#2,20\n"), 1)
-    assert (labelled.to_frame()["record"].tolist(), labelled.read_as) == (["#1", "#2"], ())  # labels, no comments
+    for labels in ("#1,10\n#2,20\n", "1,10\n#2,20\n"):  # labels, or comments?
+        error = error_of(tmp_path, f"record,theta1_deg\n{labels}")
+        assert (error.column, "begins with #" in str(error)) == ("record", True)
     with pytest.raises(MeasurementFileError, match="row 3, column record: begins with #") as told:
         Measurements.read(write(tmp_path, "record,theta1_deg\n1,10\n#2,20\n3,10\n"), 1)
     assert (told.value.row, told.value.column) == (3, "record")
@@ -403,10 +404,10 @@ def test_degrees_that_look_like_radians(rng: np.random.Generator) -> None:
 
 def test_labels_that_are_nearly_the_same() -> None:
     table = angles("deg", np.full((8, 2), 40.0))
-    table = table.assign(seat=2 * ["P1", "p 01", "P10", "1"], session=2 * ["1", "1.0", "2", "10"])
+    table = table.assign(seat=2 * ["P1", "#p 01", "P10", "1"], session=2 * ["1", "1.0", "2", "10"])
     (seats, sessions) = Measurements.from_frame(table).read_as
     assert "seat that" in seats
-    assert seats.endswith(": 'P1' and 'p 01'")
+    assert seats.endswith(": 'P1' and '#p 01'")
     assert sessions.endswith(": '1' and '1.0'")
 
 
@@ -435,7 +436,7 @@ def test_what_seats_and_bars_may_be(tmp_path: Path) -> None:
 
 
 def test_a_label_is_written_in_one_way(tmp_path: Path) -> None:
-    for label in ("S3 ", "S3\u00a0", "#S3", "S3\u200b"):
+    for label in ("S3 ", "S3\u00a0", "S3\u200b"):
         for name in ("seat", "marker"):
             error = error_of(tmp_path, f"theta1_deg,x_mm,y_mm,z_mm,{name}\n1,1,2,3,S3\n2,1,2,3,{label}\n3,1,2,3,S3\n")
             assert (error.row, error.column, f"is {label!r} beside 'S3'" in str(error)) == (3, name, True), str(error)

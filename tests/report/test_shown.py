@@ -42,14 +42,16 @@ from aacmm_pin.arm.file import load_arm_file
 from aacmm_pin.arm.parameter import Parameter
 from aacmm_pin.effects import EncoderEccentricity, JointCompliance, SeatError
 from aacmm_pin.errors import AacmmError, UnknownNameError
-from aacmm_pin.measurements.acceptance_columns import LABELS, NUMBERS
+from aacmm_pin.measurements import PROBED_POINT_COLUMNS
+from aacmm_pin.measurements.csv_columns import single_names
 from aacmm_pin.papers.sino6.table2 import reproduce_table2
 from aacmm_pin.papers.sino6_table3.diagnosis import Table3Diagnosis
 from aacmm_pin.report import plots
 from aacmm_pin.report.document import document_of
 from aacmm_pin.verification import PredictedAcceptance, Procedure
 from aacmm_pin.verification.accept import AcceptanceFigure, AcceptanceResult
-from aacmm_pin.verification.figures import DEFINITIONS, Evaluated
+from aacmm_pin.verification.characteristics import DEFINITIONS
+from aacmm_pin.verification.evaluators import Evaluated
 from aacmm_pin.verification.prediction import PredictedFigure
 from tests.pages import Page
 
@@ -95,7 +97,7 @@ def values(arm: Arm, calibration: Calibration, found: Diagnosis, hidden: Any, ro
     predicted = PredictedFigure(NASTY, DEFINITIONS[0], (figure,) * 3, pd.Series({NASTY: 1e-5}))
     touches = pd.DataFrame(
         {"test": "single-point", "feature": NASTY, "position": NASTY, "repeat": [1, 2], "articulation": NASTY},
-        columns=[*LABELS, *NUMBERS, "articulation"],
+        columns=[*single_names(PROBED_POINT_COLUMNS), "articulation"],
     )
     return {
         "Arm": arm,

@@ -23,7 +23,7 @@ from aacmm_pin.errors import AacmmError
 from aacmm_pin.report.acceptance import CheckDetails, acceptance_document
 from aacmm_pin.report.document import Paragraph, Table
 from aacmm_pin.verification.accept import COVERAGE
-from aacmm_pin.verification.touches import ACCEPTANCE, AS_GIVEN
+from aacmm_pin.verification.probed_points import AS_GIVEN
 
 DIRECTIONS = np.vstack([np.eye(3), -np.eye(3), [[0.6, 0.8, 0], [0, -0.6, 0.8], [0.8, 0, -0.6]]])
 
@@ -399,7 +399,7 @@ def test_what_cannot_be_judged(data: Path, tmp_path: Path) -> None:
     ):
         outcome = CliRunner().invoke(app, ["accept", str(data), *words])
         assert (outcome.exit_code, outcome.stdout) == (1, ""), words
-    table = everything()[["test", *ACCEPTANCE[:1], "position", "repeat", "length_id"]]
+    table = everything()[["test", "feature", "position", "repeat", "length_id"]]
     table[table["test"] == "single-point"].to_csv(tmp_path / "no.csv", index=False)
     with pytest.raises(AacmmError, match="no coordinates"):
         accept(tmp_path / "no.csv")

@@ -21,7 +21,7 @@ from aacmm_pin.measurements.noise import Noise
 from aacmm_pin.measurements.simulate import simulate_touches
 from aacmm_pin.report.procedure import _sizes, _steps
 from aacmm_pin.verification import Procedure
-from aacmm_pin.verification.figures import DEFINITIONS, definitions
+from aacmm_pin.verification.characteristics import DEFINITIONS, definitions
 from aacmm_pin.verification.prediction import READINGS, _Test
 
 

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from aacmm_pin._support.units import MM
 from aacmm_pin.report.plots.style import BLUE, GREY, INK, VERMILLION, axes_of, panels_of, plain, whole
 from aacmm_pin.verification import ControlChart, History
-from aacmm_pin.verification.touches import brief
+from aacmm_pin.verification.probed_points import brief
 
 NAME = 22
 """Characters of the name of an arm above a panel."""

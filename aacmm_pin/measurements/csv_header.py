@@ -1,0 +1,220 @@
+"""The first line of a measurement or acceptance file: which columns there are, and which names must be mistakes."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from aacmm_pin._support import plausible
+from aacmm_pin.measurements.csv_columns import (
+    APPROACH,
+    BAR,
+    LINK_TEMPERATURE,
+    MEASUREMENT_FILE,
+    ORIENTATION,
+    ORIENTATION_U,
+    REFERENCE,
+    REFERENCE_U,
+    THETA,
+    TORQUE,
+    AngleUnit,
+    Column,
+    column_of,
+    named,
+    number_in,
+    numbered_forms,
+    single_names,
+    span,
+)
+from aacmm_pin.measurements.file_problems import Problems, shortened
+
+SPELLING_SIMILARITY = 0.9
+"""Similarity (difflib) from which an unknown name is taken for a slip of a known one: one letter wrong in ten."""
+OTHER_UNITS = frozenset(["m", "cm", "um", "µm", "in", "inch", "k", "f", "ms", "min", "nmm", "mrad", "gon", "arcsec"])
+MOST_NAMES = 8
+"""So many columns are listed."""
+
+
+@dataclass(frozen=True)
+class Header:
+    """Unit of the angles, the columns of each form with numbers in the order of these, and those of unknown names."""
+
+    unit: AngleUnit
+    numbered: dict[str, tuple[str, ...]]
+    extra: tuple[str, ...]
+
+    @property
+    def theta(self) -> tuple[str, ...]:
+        """Columns of the angles."""
+        return self.numbered[THETA[self.unit]]
+
+    def names(self, column: Column) -> tuple[str, ...]:
+        """The columns of an entry."""
+        return self.numbered[column.names[0]] if column.is_numbered else column.names
+
+
+def read_header(names: Sequence[object], nq: int | None, problems: Problems) -> Header:
+    """Sort the names of columns of a measurement file; ``nq`` is the number of joints, None where any will do.
+
+    Raises:
+        MeasurementFileError: a name is missing, there twice, almost a known one, or one that does not stand alone.
+    """
+    texts, extra = checked_names(names, MEASUREMENT_FILE, problems)
+    unit = _angle_unit(texts, problems)
+    forms = numbered_forms(MEASUREMENT_FILE)
+    header = Header(unit, {form: _numbered(texts, form, problems) for form in forms}, extra)
+    joints = len(header.theta)
+    _check_joints(header, texts, nq, problems)
+    for columns in (header.numbered[form] for form in (APPROACH, TORQUE)):
+        if columns and joints and len(columns) != joints:
+            problems.add(span(columns), f"{len(columns)} columns, expected one for each of the {joints} joints")
+    _check_companions({*texts}, problems)
+    _check_temperatures({*texts}, joints, header.numbered[LINK_TEMPERATURE], problems)
+    problems.stop()
+    return header
+
+
+def checked_names(
+    names: Sequence[object], columns: Sequence[Column], problems: Problems
+) -> tuple[list[str], tuple[str, ...]]:
+    """The names of a file with these columns, as text, and those that are unknown.
+
+    Raises:
+        MeasurementFileError: a name is missing, there twice, or almost a known one; or too many are unknown.
+    """
+    texts = [name if isinstance(name, str) else "" for name in names]
+    for place, name in enumerate(names, start=1):
+        if not isinstance(name, str) or not name.strip():
+            came = "" if isinstance(name, str) else f" but {name!r}, which is not text"
+            expected = "expected a name for each column"
+            problems.add("", f"column {place} of {len(names)} has no name{came}; {expected}")
+    for name, count in Counter(texts).items():
+        if count > 1 and name.strip():
+            problems.add(name, f"is there {count} times, expected each name once in the header")
+    extra = tuple(name for name in dict.fromkeys(texts) if column_of(name, columns) is None)
+    most = plausible.MOST_UNKNOWN
+    if len(extra) > most:
+        came = f"{len(extra)} columns of unknown names, such as {', '.join(map(shortened, extra[:3]))}"
+        expected = f"expected at most {most}, so leave out what residuals do not depend on"
+        problems.add("", f"{came}; {expected}")
+        problems.stop()
+    for name in extra:
+        if meant := near_miss(name, texts, columns):
+            other = "if something else is meant, a name that cannot be taken for it"
+            problems.add(name, f"is not a known name; expected {shortened(meant)}, or {other}")
+    problems.stop()
+    return texts, extra
+
+
+def near_miss(name: str, present: Sequence[str], columns: Sequence[Column]) -> str | None:
+    """The known name that was meant, if one was: of the same letters, or a missing one, similar or with another unit."""
+    with_unit = f"{name.lower()}_mm"
+    if with_unit in REFERENCE and with_unit not in present:
+        return with_unit  # a reference that would be lost in silence
+    known = _names_with_number_of(name, columns)
+    letters = {_letters(k): k for k in known}
+    if _letters(name) in letters:
+        return letters[_letters(name)]
+    stems = {_stem(k) for k in known if k in present}
+    missing = {key: k for key, k in letters.items() if _stem(k) not in stems}
+    if name.rpartition("_")[2] in OTHER_UNITS:
+        for k in missing.values():
+            if _stem(k) == _stem(name):
+                return k
+    close = difflib.get_close_matches(_letters(name), missing, n=1, cutoff=SPELLING_SIMILARITY)
+    return missing[close[0]] if close else None
+
+
+def _names_with_number_of(name: str, columns: Sequence[Column]) -> tuple[str, ...]:
+    """The known names: with the number that is in ``name``, or those without numbers."""
+    digits = re.search("[0-9]+", name)
+    if digits is None:
+        return single_names(columns)
+    number = digits[0].lstrip("0") or "0"
+    return tuple(form.replace("#", number) for form in numbered_forms(columns))
+
+
+def similar_labels(labels: Iterable[str]) -> list[str]:
+    """Pairs of labels that differ only in letter case, blanks, dashes, #, leading zeros, or in a ``.0`` of a spreadsheet."""
+    spellings: dict[str, list[str]] = {}
+    for label in filter(None, labels):
+        key = re.sub(r"[\s#_-]|\.0$|(?<!\d)0+(?=\d)", "", label.casefold())
+        spellings.setdefault(key, []).append(label)
+    return [f"{same[0]!r} and {same[1]!r}" for same in spellings.values() if len(same) > 1]
+
+
+def _stem(name: str) -> str:
+    return name.rpartition("_")[0] or name
+
+
+def _letters(name: str) -> str:
+    return "".join(c for c in name.casefold() if c.isalnum())
+
+
+def _numbered(names: Sequence[str], form: str, problems: Problems) -> tuple[str, ...]:
+    """The columns of ``form`` in the order of their numbers."""
+    numbers = [number for number in (number_in(name, form) for name in names) if number is not None]
+    numbers.sort(key=lambda number: (len(number), number))
+    found = [form.replace("#", number) for number in numbers]
+    expected = named(form, len(found))
+    if found != expected:
+        there = {*found}
+        missing = next(name for name in expected if name not in there)
+        came = ", ".join(map(shortened, numbers))
+        problems.add(span(found), f"numbered {came}; expected numbers from 1 without gap, but {missing} is missing")
+    return tuple(found)
+
+
+def _angle_unit(names: Sequence[str], problems: Problems) -> AngleUnit:
+    """Unit of the angles."""
+    columns = {unit: ", ".join(shortened(name) for name in names if number_in(name, form)) for unit, form in THETA.items()}
+    if all(columns.values()):
+        came = f"{columns['deg']} in degrees beside {columns['rad']} in radians"
+        problems.add("", f"{came}; expected one unit for all joints")
+        problems.stop()
+    return "rad" if columns["rad"] else "deg"
+
+
+def _check_joints(header: Header, names: Sequence[str], nq: int | None, problems: Problems) -> None:
+    """Whether there are angles, of as many joints as the arm has."""
+    theta = header.theta
+    if not theta:
+        expected = "expected columns theta1_deg … (or theta1_rad …) in the first line"
+        problems.add("", f"no angles: {expected}, which has {listed(map(repr, names))}")
+    elif nq is not None and len(theta) != nq:
+        expected = span(named(THETA[header.unit], nq))
+        problems.add(span(theta), f"angles of {len(theta)} joints, but the arm has {nq}; expected {expected}")
+
+
+def listed(names: Iterable[str]) -> str:
+    """The first names."""
+    texts = [*names]
+    return ", ".join(texts[:MOST_NAMES]) + (", …" if len(texts) > MOST_NAMES else "")
+
+
+def _check_companions(there: set[str], problems: Problems) -> None:
+    """Names that need others."""
+    for group in (REFERENCE, REFERENCE_U, ORIENTATION, BAR):
+        present = [name for name in group if name in there]
+        missing = [name for name in group if name not in there]
+        if present and missing:
+            expected = f"expected all of {', '.join(group)}"
+            problems.add(", ".join(missing), f"missing beside {', '.join(present)}; {expected}")
+    for u, of in ((REFERENCE_U[0], REFERENCE), (ORIENTATION_U, ORIENTATION)):
+        if u in there and not there.intersection(of):
+            problems.add(u, f"uncertainty of a reference that is not there; expected {', '.join(of)} too")
+    if there.intersection(BAR) and "seat" not in there:
+        expected = "expected the label of the seat that each end of a bar stands for"
+        problems.add("seat", f"missing beside bar; {expected}")
+
+
+def _check_temperatures(there: set[str], joints: int, of_rows: Sequence[str], problems: Problems) -> None:
+    """One temperature of the arm, or one of each row."""
+    if of_rows and "temperature_c" in there:
+        problems.add("temperature_c", f"beside {span(of_rows)}; expected one temperature, or one for each DH row")
+    if 0 < len(of_rows) < joints:
+        expected = f"expected one for each DH row, so {joints} or more; temperature_c is that of the whole arm"
+        problems.add(span(of_rows), f"{len(of_rows)} columns, {expected}")

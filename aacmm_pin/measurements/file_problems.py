@@ -1,0 +1,64 @@
+"""What is wrong with a table, row by row, gathered so that one message states the first of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aacmm_pin._support.checks import Index
+from aacmm_pin.errors import MeasurementFileError
+
+Mask = NDArray[np.bool_]
+
+MOST_PROBLEMS = 10
+"""Problems that a message states one by one."""
+MOST_ROWS_LISTED = 6
+"""Rows of one problem that a message lists."""
+LONGEST_NAME = 100
+"""Characters of a column's name, or of a cell, that a message has."""
+
+
+@dataclass
+class Problems:
+    """What is wrong with a table from ``source``; ``lines`` (n,) are the line numbers of its rows."""
+
+    source: str
+    lines: Index
+    found: list[tuple[int | None, str, str]] = field(default_factory=list)
+
+    def add(self, column: str, message: str) -> None:
+        """A problem of a whole column, or of the whole table where ``column`` is ""."""
+        self.found.append((None, shortened(column), message))
+
+    def at(self, bad: Mask, column: str, message: str, *values: NDArray[Any]) -> None:
+        """A problem of the rows ``bad`` (n,): ``message`` with ``values`` (n,) of the first, and which others share it."""
+        where = np.flatnonzero(bad)
+        if not where.size:
+            return
+        first = [v[where[0]] for v in values]
+        text = message.format(*(shortened(v) if isinstance(v, str) else v for v in first))
+        if where.size > 1:
+            others = ", ".join(str(line) for line in self.lines[where[1:MOST_ROWS_LISTED]])
+            more = ", …" if where.size > MOST_ROWS_LISTED else ""
+            text += f" (and {where.size - 1} more: row {others}{more})"
+        self.found.append((int(self.lines[where[0]]), column, text))
+
+    def stop(self) -> None:
+        """Raise MeasurementFileError with the first problems, one a line, if there are any."""
+        if not self.found:
+            return
+        row, column, message = self.found[0]
+        for problem in self.found[1:MOST_PROBLEMS]:
+            message += f"\n{MeasurementFileError(self.source, *problem)}"
+        if len(self.found) > MOST_PROBLEMS:
+            message += f"\n{self.source}: and {len(self.found) - MOST_PROBLEMS} more problems"
+        raise MeasurementFileError(self.source, row, column, message)
+
+
+def shortened(name: str) -> str:
+    """A name or a cell as messages have it: of a very long one the two ends."""
+    half = LONGEST_NAME // 2
+    return name if len(name) <= LONGEST_NAME else f"{name[:half]}…{name[-half:]}"

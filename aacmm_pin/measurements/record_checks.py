@@ -1,0 +1,200 @@
+"""What the cells of a measurement file say together: units of angles, references, seats and bars that fit one another."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+import pandas as pd
+
+from aacmm_pin._support import plausible
+from aacmm_pin._support.checks import Array
+from aacmm_pin.effects.conditions import Labels
+from aacmm_pin.measurements.csv_columns import (
+    APPROACH,
+    BAR_U,
+    MEASUREMENT_FILE,
+    ORIENTATION,
+    REFERENCE,
+    REFERENCE_U,
+    THETA,
+    named,
+    span,
+)
+from aacmm_pin.measurements.csv_values import RecordTable, Values, check_numbers
+from aacmm_pin.measurements.file_problems import Problems
+
+MOST_NORM_ERROR = 2e-3
+"""A quaternion whose norm is off one by more than this is none: four numbers with three decimals give 1e-3 at most."""
+ENOUGH_RECORDS = 5
+"""So many records distinguish degrees from radians."""
+LEAST_PART_IN_A_TURN = 0.75
+"""Part of the angles that are within ±2π where degrees may be radians."""
+SIGNS = (-1.0, 0.0, 1.0)
+"""Directions of approach."""
+BAR_ENDS = ("A", "B")
+
+
+def check_records(table: RecordTable, problems: Problems) -> None:
+    """Whether cells that can be read say together what records can say.
+
+    Raises:
+        MeasurementFileError: they do not.
+    """
+    values = table.values
+    _check_angles(table, problems)
+    _check_references(values, problems)
+    for name in table.header.numbered[APPROACH]:
+        sign = values.numbers[name]
+        problems.at(~np.isin(sign, SIGNS), name, "is {:g}, expected -1, 0 or 1", sign)
+    check_numbers(values, MEASUREMENT_FILE, problems)
+    for name in ("seat", "marker", "bar"):
+        _check_spelling(name, values.label(name), problems)
+    _check_seats(values, problems)
+    if "bar" in values.labels:
+        _check_bar_rows(values, problems)
+        _check_bar_uncertainty(values, problems)
+        _check_bars(values, problems)
+    problems.stop()
+
+
+def looks_like_radians(degrees: Array) -> bool:
+    """Whether ``degrees`` (n, nq) are radians: at least 5 records, and the largest of all angles between 1 and 2π.
+
+    Measurements turn several joints by tens of degrees. An arm that stays within ±1° of zero in all joints, or fewer
+    records than 5, get the benefit of the doubt.
+    """
+    return len(degrees) >= ENOUGH_RECORDS and bool(1.0 < np.abs(degrees).max() <= 2.0 * np.pi)
+
+
+def mostly_like_radians(degrees: Array) -> bool:
+    """Whether most of ``degrees`` (n, nq) would be less than a turn if they were radians: of few records, or with an endless
+    wrist.
+    """
+    sizes = np.abs(degrees[degrees != 0.0])
+    if not sizes.size or sizes.max() <= 1.0:
+        return False
+    return bool(np.mean(sizes <= 2.0 * np.pi) >= LEAST_PART_IN_A_TURN)
+
+
+def _check_angles(table: RecordTable, problems: Problems) -> None:
+    """Degrees that must be radians, and radians that must be degrees."""
+    theta = table.header.theta
+    q = table.values.block(theta)
+    if table.header.unit == "rad":
+        most = plausible.MOST_TURNS * 2.0 * np.pi + 1e-9
+        expected = f"expected at most {plausible.MOST_TURNS} turns"
+        advice = "if these are degrees, rename the columns to theta1_deg …"
+        for name, angle in zip(theta, q.T, strict=True):
+            problems.at(np.abs(angle) > most, name, f"is {{:g}} rad, {expected}; {advice}", angle)
+    elif looks_like_radians(q):
+        largest, in_radians = np.abs(q).max(), span(named(THETA["rad"], len(theta)))
+        problems.add(
+            span(theta),
+            f"all angles of all {len(q)} records lie within ±{largest:.4g}°, so these look like radians; if they "
+            f"are, rename the columns to {in_radians}; if they are degrees, convert them to radians under these "
+            f"names (from {ENOUGH_RECORDS} records on, a largest angle of 1 to 2π is taken for radians)",
+        )
+
+
+def _check_references(values: Values, problems: Problems) -> None:
+    """References with all of their components, and quaternions of the norm 1."""
+    for names in (REFERENCE, REFERENCE_U, ORIENTATION):
+        stated = np.isfinite(values.block(names))
+        partly = stated.any(axis=1) & ~stated.all(axis=1)
+        for k, name in enumerate(names):
+            others = ", ".join(names)
+            message = f"is empty in a row that states others of {others}; expected all or none"
+            problems.at(partly & ~stated[:, k], name, message)
+    norm = np.linalg.norm(values.block(ORIENTATION), axis=1)
+    expected = "expected 1: a unit quaternion, scalar first"
+    advice = "(angles in degrees or Euler angles are to be converted)"
+    message = f"has the norm {{:.6g}}, {expected} {advice}"
+    problems.at(np.abs(norm - 1.0) > MOST_NORM_ERROR, span(ORIENTATION), message, norm)
+    placed = np.isfinite(values.block(REFERENCE)).any(axis=1) | (values.label("seat") != "")
+    unplaced = np.isfinite(norm) & ~placed
+    problems.at(unplaced, span(ORIENTATION), f"in a row without {span(REFERENCE)} and seat")
+
+
+def _check_spelling(name: str, labels: Labels, problems: Problems) -> None:
+    """One seat, target or bar is written in one way: blanks and signs that are not seen make no other of it."""
+    spellings = {"": ""}
+    first = [spellings.setdefault(_visible(label), label) for label in labels]
+    spelling = np.array(first, dtype=object)
+    difference = "differs in blanks or characters without shape alone"
+    message = f"is {{!r}} beside {{!r}}, which {difference}; expected one spelling"
+    problems.at(spelling != labels, name, message, labels, spelling)
+
+
+def _visible(label: str) -> str:
+    """A label without blanks around it, and without what has no shape."""
+    return "".join(filter(str.isprintable, label)).strip()
+
+
+def _check_seats(values: Values, problems: Problems) -> None:
+    """Each seat has two records, coordinates or a bar."""
+    seat = values.label("seat")
+    counts = Counter(seat)
+    single = np.array([counts[label] == 1 for label in seat], dtype=bool)
+    known = np.isfinite(values.block(REFERENCE)).any(axis=1)
+    useless = (seat != "") & single & ~known & (values.label("bar") == "")
+    why = "has this record only, without reference coordinates, and so contributes nothing"
+    expected = "expected two records or more with this label, or an empty cell"
+    problems.at(useless, "seat", f"seat {{!r}} {why}; {expected}", seat)
+
+
+def _check_bar_rows(values: Values, problems: Problems) -> None:
+    """Each row of a bar states its end, seat and length, and other rows do not."""
+    bar, end, seat = (values.label(name) for name in ("bar", "bar_end", "seat"))
+    length = values.numbers["bar_length_mm"]
+    has_bar = bar != ""
+    nothing = "in a row without bar, expected an empty cell"
+    problems.at(~has_bar & (end != ""), "bar_end", f"is {{!r}} {nothing}", end)
+    problems.at(~has_bar & np.isfinite(length), "bar_length_mm", f"is {{:g}} {nothing}", length)
+    problems.at(has_bar & ~np.isin(end, BAR_ENDS), "bar_end", "is {!r}, expected A or B", end)
+    expected = "expected the label of the seat at its end"
+    problems.at(has_bar & (seat == ""), "seat", f"is empty in a row of bar {{!r}}, {expected}", bar)
+    message = "is empty in a row of bar {!r}, expected its length"
+    problems.at(has_bar & np.isnan(length), "bar_length_mm", message, bar)
+
+
+def _check_bar_uncertainty(values: Values, problems: Problems) -> None:
+    """One uncertainty of the length of each bar."""
+    u, bar = values.numbers.get(BAR_U), values.label("bar")
+    if u is None:
+        return
+    most = pd.Series(u).groupby(bar).transform("max").to_numpy()
+    differs = (bar != "") & np.isfinite(u) & (u != most)
+    message = "is {:g} for bar {!r}, of which another row states {:g}; expected one value"
+    problems.at(differs, BAR_U, message, u, bar, most)
+
+
+def _check_bars(values: Values, problems: Problems) -> None:
+    """Whether the rows of each bar state one length, both ends, and another seat at each."""
+    bar, end, seat = (values.label(name) for name in ("bar", "bar_end", "seat"))
+    length, row = values.numbers["bar_length_mm"], np.arange(values.n)
+    table = pd.DataFrame({"bar": bar, "end": end, "seat": seat, "row": row})
+    by_bar, by_end = table.groupby("bar"), table.groupby(["bar", "end"])
+    first = by_bar["row"].transform("first").to_numpy()
+    first_of_end = by_end["row"].transform("first").to_numpy()
+    of_bar = (bar != "") & np.isin(end, BAR_ENDS)
+    known = np.isfinite(length) & np.isfinite(length[first])
+    problems.at(
+        of_bar & known & (length != length[first]),
+        "bar_length_mm",
+        "is {} for bar {!r}, which row {} says is {} long; expected one length for each bar",
+        *(length, bar, problems.lines[first], length[first]),
+    )
+    other_seat = (seat != seat[first_of_end]) & (seat != "") & (seat[first_of_end] != "")
+    problems.at(
+        of_bar & other_seat,
+        "seat",
+        "is {!r} at end {} of bar {!r}, which row {} says is seat {!r}; expected one seat for each end",
+        *(seat, end, bar, problems.lines[first_of_end], seat[first_of_end]),
+    )
+    one_end = by_bar["end"].transform("nunique").to_numpy() == 1
+    message = "bar {!r} has records of end {} only, expected records of A and of B"
+    problems.at(of_bar & one_end & (row == first), "bar_end", message, bar, end)
+    ends_of_seat = table.groupby(["bar", "seat"])["end"].transform("nunique").to_numpy()
+    message = "{!r} is at both ends of bar {!r}, expected two seats"
+    problems.at(of_bar & (ends_of_seat == 2) & (seat != ""), "seat", message, seat, bar)

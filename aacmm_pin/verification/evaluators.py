@@ -1,0 +1,362 @@
+"""Test values from probed points: what is needed of them, and the errors of which a test value is the largest.
+
+Two evaluators do it from data: :class:`OfPoints` for spheres and single points, :class:`OfLengths` for calibrated lengths.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from aacmm_pin._support.checks import Array
+from aacmm_pin.accuracy.single_point import single_point_statistics
+from aacmm_pin.errors import AacmmError
+from aacmm_pin.measurements import PREDICTED_ACCURATE
+from aacmm_pin.verification.places import Place, coordinates_of, named, rows_of
+from aacmm_pin.verification.spheres import LEAST, FittedSphere, fitted_sphere, minimum_circumscribed_sphere
+
+Mask = NDArray[np.bool_]
+
+LENGTH = ("length_id", "position", "repeat")
+"""What distinguishes one measured length from another."""
+SPHERE = ("feature", "position")
+"""What distinguishes one sphere from another."""
+MOST_DIAMETER_FACTOR = 4.0
+"""Independent errors of points that are enlarged by more than this in the diameter: 25 of
+them are within about 45° of their middle then, nine within 60°."""
+REPEATS, POSITIONS = 3, 7
+"""Of each length of ISO 10360-12."""
+VOLUMETRIC_LENGTHS, VOLUMETRIC_POSITIONS = 2, 20
+"""Of the volumetric performance test."""
+
+
+@dataclass(frozen=True)
+class Evaluated:
+    """A test value and its standard uncertainty [m], how many of what it had, and how many are missing.
+
+    ``value`` is nan where something is missing; ``u`` is nan where none is stated, or none belongs to it. ``errors``
+    (n, 2) are all of which it is the largest, each with its own u, and ``rows`` the lines of the points of each, where it
+    comes from some. ``lacking`` names what was begun, or is elsewhere, and is missing here.
+    """
+
+    value: float
+    u: float
+    had: int
+    missing: int
+    why_incomplete: str = ""
+    errors: Array = field(default_factory=lambda: np.empty((0, 2)))
+    rows: tuple[tuple[int, ...], ...] = ()
+    lacking: tuple[str, ...] = ()
+
+
+class Error(NamedTuple):
+    """One of the errors of which a test value is the largest, its standard uncertainty [m], and the lines of its points."""
+
+    value: float
+    u: float = np.nan
+    rows: tuple[int, ...] = ()
+
+
+def without_value(had: int, missing: int, lacking: Iterable[str] = (), why: str = "") -> Evaluated:
+    """No test value, as something is missing."""
+    return Evaluated(np.nan, np.nan, had, missing, why, lacking=tuple(lacking))
+
+
+def _largest(errors: Sequence[Error], had: int) -> Evaluated:
+    """The error of largest magnitude, with its u."""
+    table = np.array([(error.value, error.u) for error in errors])
+    value, u = table[np.abs(table[:, 0]).argmax()]
+    rows = tuple(error.rows for error in errors if error.rows)
+    return Evaluated(float(value), float(u), had, 0, "", table, rows)
+
+
+def groups_of(points: pd.DataFrame, by: Sequence[str]) -> list[pd.DataFrame]:
+    """The points with the same labels, in the order of their first rows."""
+    return [group for _, group in points.groupby(list(by), sort=False)]
+
+
+# --- what is needed
+
+
+class Needed(NamedTuple):
+    """Nested groups that a test value needs, such as positions of lengths.
+
+    Attributes:
+        levels: the labels that distinguish groups, and how many groups there must be in each of the level above.
+        each: rows in each of the innermost groups.
+    """
+
+    levels: tuple[tuple[tuple[str, ...], int], ...]
+    each: int
+
+    def missing(self, table: pd.DataFrame) -> int:
+        """How many rows are missing, until all groups, and every one that was begun, have them."""
+        if not self.levels:
+            return max(self.each - len(table), 0)
+        (by, count), *inner = self.levels
+        within = Needed(tuple(inner), self.each)
+        groups = groups_of(table, by)
+        missing = sum(map(within.missing, groups))
+        if len(groups) < count:
+            missing += (count - len(groups)) * within.missing(table.iloc[:0])
+        return missing
+
+    def begun(self, table: pd.DataFrame) -> Iterator[str]:
+        """The names of the innermost groups that have too few rows."""
+        labels = [name for by, _ in self.levels for name in by]
+        for group in groups_of(table, labels):
+            if len(group) < self.each:
+                yield named(Place.of(group).labels)
+
+
+# --- from points
+
+
+@dataclass(frozen=True)
+class OfPoints:
+    """The largest error of groups of probed points.
+
+    Attributes:
+        needed: the points that there must be; its outermost labels distinguish the groups.
+        errors: of a group; one that is nan has its points on a small cap of their sphere.
+        has_enough: whether a group has what an error needs beside so many points; None: it always has.
+    """
+
+    needed: Needed
+    errors: Callable[[pd.DataFrame], Iterable[Error]]
+    has_enough: Callable[[pd.DataFrame], bool] | None = None
+
+    def __call__(self, points: pd.DataFrame) -> Evaluated:
+        """Evaluate the probed points of a test.
+
+        Raises:
+            AacmmError: the points of a sphere lie in a plane.
+        """
+        groups = groups_of(points, self.needed.levels[0][0])
+        missing = self.needed.missing(points)
+        if self.has_enough is not None:
+            missing += sum(not self.has_enough(group) for group in groups)
+        if missing:
+            return without_value(len(points), missing, self.needed.begun(points))
+        errors = [error for group in groups for error in self.errors(group)]
+        if any(np.isnan(error.value) for error in errors):
+            return without_value(len(points), 0, why="touches farther round")
+        return _largest(errors, len(points))
+
+
+def size_error(points: pd.DataFrame, sphere: FittedSphere) -> float:
+    """How much larger the sphere through some points is than the calibrated one and the probe [m]."""
+    stated = points[["feature_diameter", "probe_diameter"]].iloc[0]
+    return float(sphere.diameter - stated.iloc[0] - stated.iloc[1])
+
+
+def size_of_sphere(points: pd.DataFrame) -> Iterator[Error]:
+    """Diameter of the least-squares sphere minus the calibrated one."""
+    sphere, u = _sphere(points), points["u_length"].iloc[0]
+    value = np.nan if sphere.diameter_factor > MOST_DIAMETER_FACTOR else size_error(points, sphere)
+    yield Error(value, u, rows_of(points))
+
+
+def form_of_sphere(points: pd.DataFrame) -> Iterator[Error]:
+    """Range of the radial distances from the least-squares sphere."""
+    sphere = _sphere(points)
+    value = np.nan if sphere.diameter_factor > MOST_DIAMETER_FACTOR else sphere.form
+    yield Error(value, rows=rows_of(points))
+
+
+def spread_of_centres(points: pd.DataFrame) -> Iterator[Error]:
+    """Diameter of the smallest sphere round the centres found in each repeat."""
+    centres = [_sphere(repeat).center for repeat in groups_of(points, ["repeat"])]
+    _, diameter = minimum_circumscribed_sphere(np.array(centres))
+    yield Error(diameter, rows=rows_of(points))
+
+
+def distances_from_mean(points: pd.DataFrame) -> Iterator[Error]:
+    """Of each point from the mean of all."""
+    at = coordinates_of(points)
+    distances = np.linalg.norm(at - at.mean(axis=0), axis=1)
+    for distance, row in zip(distances, rows_of(points), strict=True):
+        yield Error(distance, rows=(row,))
+
+
+def standard_deviation(points: pd.DataFrame) -> Iterator[Error]:
+    """Of the position of one point, see :func:`aacmm_pin.accuracy.single_point.single_point_statistics`."""
+    yield Error(single_point_statistics(coordinates_of(points)).sigma, rows=rows_of(points))
+
+
+def twice_standard_deviation(points: pd.DataFrame) -> Iterator[Error]:
+    """Twice that."""
+    (error,) = standard_deviation(points)
+    yield error._replace(value=2 * error.value)
+
+
+def deviation_of_accurate(points: pd.DataFrame) -> Iterator[Error]:
+    """RMS distance from the mean of all points, of those in postures that were predicted to be accurate."""
+    yield _deviation_of(points, _is_accurate(points))
+
+
+def deviation_of_others(points: pd.DataFrame) -> Iterator[Error]:
+    """The same of the other points."""
+    yield _deviation_of(points, ~_is_accurate(points))
+
+
+def has_accurate(points: pd.DataFrame) -> bool:
+    """Whether the posture of a point was predicted to be accurate."""
+    return bool(_is_accurate(points).any())
+
+
+def has_others(points: pd.DataFrame) -> bool:
+    """Whether that of another was not."""
+    return not _is_accurate(points).all()
+
+
+def _is_accurate(points: pd.DataFrame) -> Mask:
+    return (points["part"] == PREDICTED_ACCURATE).to_numpy()
+
+
+def _deviation_of(points: pd.DataFrame, chosen: Mask) -> Error:
+    statistics = single_point_statistics(coordinates_of(points), chosen)
+    return Error(statistics.part, rows=rows_of(points[chosen]))
+
+
+def _sphere(points: pd.DataFrame) -> FittedSphere:
+    """The least-squares sphere.
+
+    Raises:
+        AacmmError: the points lie in a plane.
+    """
+    try:
+        return fitted_sphere(coordinates_of(points))
+    except AacmmError as error:
+        rows = ", ".join(map(str, points["row"].head(6)))
+        raise AacmmError(f"feature {points['feature'].iloc[0]}, row {rows}, …: {error}") from None
+
+
+# --- from lengths
+
+
+@dataclass(frozen=True)
+class OfLengths:
+    """The largest error of calibrated lengths, or what is made of all of them.
+
+    Attributes:
+        missing: how many lengths are missing, of the table of those that were measured.
+        lacking: which of them, of the probed points and that table.
+        both_sides: whether the ends are probed from opposite sides, so that the probe makes the length longer.
+        errors: of the table of measured lengths.
+    """
+
+    missing: Callable[[pd.DataFrame], int]
+    lacking: Callable[[pd.DataFrame, pd.DataFrame], Iterable[str]]
+    both_sides: bool
+    errors: Callable[[pd.DataFrame], Iterable[Error]]
+
+    def __call__(self, points: pd.DataFrame) -> Evaluated:
+        """Evaluate the probed points of a test.
+
+        Raises:
+            AacmmError: the points at an end lie in a plane, or an end has no other.
+        """
+        lengths = measured_lengths(points, self.both_sides)
+        if missing := self.missing(lengths):
+            return without_value(len(lengths), missing, self.lacking(points, lengths))
+        _check_pairs(points)
+        return _largest([*self.errors(lengths)], len(lengths))
+
+
+def measured_lengths(points: pd.DataFrame, both_sides: bool) -> pd.DataFrame:
+    """The lengths of which both ends were probed: labels, calibrated length, its u, error [m], and rows of the points."""
+    labels, at = [*LENGTH], ["x", "y", "z"]
+    ends = points.groupby([*labels, "feature"], sort=False)
+    sizes = ends.size()
+    _check_ends(points, sizes.reset_index(name="points"))
+    first = points.drop_duplicates([*labels, "feature"])
+    centres = first.set_index([*labels, "feature"])[at].astype(np.float64)
+    for end in sizes.index[sizes > 1]:
+        centres.loc[end, at] = _sphere(ends.get_group(end)).center
+    of_lengths = centres.groupby(level=labels, sort=False)
+    both = (of_lengths.size() == 2).to_numpy()
+    stated = points.drop_duplicates(labels).set_index(labels)
+    stated = stated[["length", "u_length", "probe_diameter"]][both]
+    apart = (of_lengths.last() - of_lengths.first())[both].to_numpy()
+    probe = stated["probe_diameter"] if both_sides else 0.0
+    errors = np.linalg.norm(apart, axis=1) - stated["length"] - probe
+    lines, of_length = points["row"].to_numpy(), points.groupby(labels, sort=False).indices
+    rows = [tuple(lines[of_length[length]].tolist()) for length in stated.index]
+    lengths = stated.rename(columns={"u_length": "u"})
+    return lengths.assign(error=errors, rows=pd.Series(rows, stated.index)).reset_index()
+
+
+def _check_ends(points: pd.DataFrame, ends: pd.DataFrame) -> None:
+    """Two features at most of each length, with one point each or with enough for a sphere.
+
+    Raises:
+        AacmmError: a length has others.
+    """
+    labels = [*LENGTH]
+    features = ends.groupby(labels)["feature"].transform("size")
+    bad = ends["points"].between(2, LEAST - 1) | (features > 2)
+    if not bad.any():
+        return
+    first = ends[bad].iloc[:1][labels]
+    of_first = ends.merge(first, on=labels)
+    came = ", ".join(f"{n} of {name}" for name, n in of_first[["feature", "points"]].to_numpy())
+    expected = f"expected two features with 1 each, or with {LEAST} and more all over a sphere"
+    raise AacmmError(f"{Place.of(points.merge(first, on=labels))}: probed points: {came}; {expected}")
+
+
+def _check_pairs(points: pd.DataFrame) -> None:
+    """No end of a length without the other: it might be the one that does not conform.
+
+    Raises:
+        AacmmError: there is one.
+    """
+    for length in groups_of(points, LENGTH):
+        if length["feature"].nunique() < 2:
+            raise AacmmError(f"{Place.of(length)}: only one end was probed; expected two, with the same labels")
+
+
+def errors_of_lengths(lengths: pd.DataFrame) -> Iterator[Error]:
+    """Of each length."""
+    for error, u, rows in zip(lengths["error"], lengths["u"], lengths["rows"], strict=True):
+        yield Error(error, u, rows)
+
+
+def twice_rms_of_lengths(lengths: pd.DataFrame) -> Iterator[Error]:
+    """Twice the root mean square error; a common error of the calibrated lengths moves it by as much as itself at most."""
+    rms = np.sqrt(np.mean(lengths["error"].to_numpy() ** 2))
+    yield Error(2 * rms, 2 * lengths["u"].max(skipna=False))
+
+
+def missing_places(lengths: pd.DataFrame) -> int:
+    """How many more of 20 positions with two lengths are needed."""
+    places = len(lengths[["length_id", "position"]].drop_duplicates())
+    different = lengths["length_id"].nunique()
+    return max(VOLUMETRIC_POSITIONS - places, VOLUMETRIC_LENGTHS - different, 0)
+
+
+def lengths_with_one_end(points: pd.DataFrame, lengths: pd.DataFrame) -> Iterator[str]:
+    """The names of lengths that were begun."""
+    for length in groups_of(points, LENGTH):
+        if length["feature"].nunique() < 2:
+            yield named(Place.of(length).labels)
+
+
+def lengths_not_measured(points: pd.DataFrame, lengths: pd.DataFrame) -> Iterator[str]:
+    """Which of three repeats in seven positions are not among the ``lengths``, as far as labels elsewhere tell."""
+    measured = {*zip(*(lengths[name] for name in LENGTH), strict=True)}
+    positions, repeats = points["position"].unique(), points["repeat"].unique()
+    places = points[["length_id", "position"]].drop_duplicates().itertuples(index=False, name=None)
+    if len(positions) <= POSITIONS:
+        places = product(points["length_id"].unique(), positions)
+    for length, position in places:
+        absent = [repeat for repeat in repeats if (length, position, repeat) not in measured]
+        if len(repeats) - len(absent) < REPEATS:
+            for repeat in absent:
+                yield named(dict(zip(LENGTH, (length, position, repeat), strict=True)))

@@ -1,0 +1,58 @@
+"""Where probed points are in a test: the labels that they share, and their lines in the file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import pandas as pd
+
+from aacmm_pin._support.checks import Array
+
+LABELS_OF_PLACES = ("length_id", "feature", "position", "repeat")
+MOST_LISTED = 6
+"""Rows that are listed one by one."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """Probed points of a test: the labels that all of them have, by column, and their lines in the file."""
+
+    labels: Mapping[str, str]
+    rows: tuple[int, ...]
+
+    @classmethod
+    def of(cls, points: pd.DataFrame) -> Place:
+        """The place of these points."""
+        labels = {name: points[name].iloc[0] for name in LABELS_OF_PLACES}
+        shared = {name: label for name, label in labels.items() if label and (points[name] == label).all()}
+        return cls(shared, rows_of(points))
+
+    def __str__(self) -> str:
+        names = [named(self.labels)] if self.labels else []
+        return ", ".join([*names, self._rows_in_words()])
+
+    def _rows_in_words(self) -> str:
+        """The lines in the file: one by one, or of many that follow one another the first and the last."""
+        first, last = min(self.rows), max(self.rows)
+        if len(self.rows) == 1:
+            return f"row {first}"
+        if len(self.rows) > 2 and last - first + 1 == len(self.rows):
+            return f"rows {first} to {last}"
+        few = [str(row) for row in self.rows[:MOST_LISTED]]
+        return f"rows {', '.join(few)}" + (", …" if len(self.rows) > len(few) else "")
+
+
+def named(labels: Mapping[str, str]) -> str:
+    """Labels with the names of their columns."""
+    return ", ".join(f"{name.removesuffix('_id')} {label}" for name, label in labels.items())
+
+
+def rows_of(points: pd.DataFrame) -> tuple[int, ...]:
+    """Their lines in the file."""
+    return tuple(points["row"].tolist())
+
+
+def coordinates_of(points: pd.DataFrame) -> Array:
+    """Their coordinates (n, 3) [m]."""
+    return points[["x", "y", "z"]].to_numpy()

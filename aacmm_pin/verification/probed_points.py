@@ -1,0 +1,147 @@
+"""The probed points of an acceptance file: where the tip was, by the file's own coordinates and by each arm."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from aacmm_pin._support.checks import Array
+from aacmm_pin._support.units import MM
+from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.errors import AacmmError, MeasurementFileError
+from aacmm_pin.measurements import (
+    MEASUREMENT_FILE,
+    PROBED_POINT_COLUMNS,
+    REFERENCE,
+    Measurements,
+    Problems,
+    check_numbers,
+    is_of_reference,
+    is_reading,
+    read_probed_points,
+    read_table,
+    read_values,
+    span,
+)
+
+STATED = ("operator", "session", "temperature_c", "probe_diameter_mm", "feature_diameter_mm", "length_mm")
+"""Columns that are stated of a check as a whole."""
+MOST_COLUMNS = 8
+"""So many columns are listed."""
+AS_GIVEN = "coordinates of the file"
+"""What points are called whose coordinates the arm's software gave."""
+OF_TEST = tuple(name for column in PROBED_POINT_COLUMNS for name in column.names)
+
+
+class ProbedPoints(NamedTuple):
+    """What a file has.
+
+    Attributes:
+        sets: the points by the coordinates of the file, if it has them, and by each arm: a table with the fields of
+            :func:`aacmm_pin.measurements.read_probed_points`, and ``x``, ``y``, ``z`` of the centre of the probe [m].
+        notes: how the file was read.
+        stated: the different values of the columns :data:`STATED`.
+    """
+
+    sets: dict[str, pd.DataFrame]
+    notes: tuple[str, ...]
+    stated: dict[str, tuple[Any, ...]]
+
+
+def brief(source: str, most: int) -> str:
+    """Whose coordinates, in at most so many characters."""
+    if source == AS_GIVEN:
+        return "file"
+    return source if len(source) <= most else f"…{source[1 - most :]}"
+
+
+def read_file(path: str, content: bytes, models: Mapping[str, ErrorModel]) -> ProbedPoints:
+    """The probed points of a file, once for its coordinates, if it has them, and once for each arm that makes some.
+
+    Raises:
+        MeasurementFileError: a column is missing, a cell is not as expected, or the file has nothing that gives coordinates.
+        AacmmError: an arm with an effect that does not know these readings.
+    """
+    table, lines, read_as = read_table(path, content)
+    problems = Problems(path, lines)
+    points = read_probed_points(table, problems)
+    unfilled = _unfilled(table)
+    table = table.drop(columns=unfilled)
+    given = _given_coordinates(table, problems)
+    problems.stop()
+    of_arms, notes = _by_arms(table, path, models, unfilled)
+    coordinates = ({} if given is None else {AS_GIVEN: given}) | of_arms
+    if not coordinates:
+        expected = "expected x_mm, y_mm, z_mm, or indications theta1_deg … and an arm"
+        came = f"the columns that are filled in are {_listed(table)}"
+        raise MeasurementFileError(path, None, "", f"no coordinates: {expected}; {came}")
+    sets = {name: points.assign(**dict(zip("xyz", at.T, strict=True))) for name, at in coordinates.items()}
+    stated = {name: _different(table[name]) for name in STATED if name in table}
+    return ProbedPoints(sets, (*read_as, *notes), stated)
+
+
+def _unfilled(table: pd.DataFrame) -> list[str]:
+    """Coordinates and readings that are empty in every row, for of a procedure either may be filled in."""
+    to_fill = [str(name) for name in table if name in REFERENCE or is_reading(name)]
+    return [name for name in to_fill if (table[name] == "").all()]
+
+
+def _given_coordinates(table: pd.DataFrame, problems: Problems) -> Array | None:
+    """The coordinates of the file (n, 3) [m]; None where it has none."""
+    given = [name for name in REFERENCE if name in table]
+    if not given:
+        return None
+    if missing := [name for name in REFERENCE if name not in table]:
+        problems.add(", ".join(missing), f"missing beside {', '.join(given)}")
+    values = read_values(table[given], MEASUREMENT_FILE, problems)
+    check_numbers(values, MEASUREMENT_FILE, problems)
+    for name in given:
+        empty = np.array([not cell.strip() for cell in table[name]], dtype=bool)
+        problems.at(empty, name, "is empty, expected a number with a decimal point")
+    return values.block(REFERENCE) * MM
+
+
+def _different(cells: pd.Series) -> tuple[Any, ...]:
+    """What stands in a column: each number or label once."""
+    stripped = cells.str.strip()
+    texts = stripped[stripped != ""].drop_duplicates()
+    numbers = pd.to_numeric(texts, errors="coerce")
+    return tuple(texts) if numbers.isna().any() else tuple(sorted({*numbers.tolist()}))
+
+
+def _by_arms(
+    table: pd.DataFrame, path: str, models: Mapping[str, ErrorModel], unfilled: list[str]
+) -> tuple[dict[str, Array], list[str]]:
+    """Where each arm with its effects has the tip (n, 3) [m], and notes on the readings.
+
+    Raises:
+        MeasurementFileError: there are no readings; ``unfilled`` are columns that are empty in every row.
+        AacmmError: an effect does not know these readings.
+    """
+    if models and not any(map(is_reading, table)):
+        theta = [name for name in unfilled if is_reading(name)]
+        why = f"no indications: expected columns theta1_deg … beside the arms that were named; there are {_listed(table)}"
+        if theta:
+            why = f"{span(theta)}: empty in every row, expected indications"
+        raise MeasurementFileError(path, None, "", why)
+    of_arm = [name for name in table if name not in OF_TEST and not is_of_reference(name)]
+    tips: dict[str, Array] = {}
+    notes: dict[str, list[str]] = {}
+    for name, model in models.items():
+        readings = Measurements.from_frame(table[of_arm], model.arm.nq, path)
+        for note in model.odd_readings(readings.q, readings.conditions):
+            notes.setdefault(note, []).append(name)
+        try:
+            tips[name] = model.correct(readings.q, readings.conditions)
+        except AacmmError as error:
+            raise AacmmError(f"{path}: {error}") from None
+    return tips, [f"{', '.join(names)}: {note}" for note, names in notes.items()]
+
+
+def _listed(table: pd.DataFrame) -> str:
+    """The first of its columns."""
+    names = [str(name) for name in table]
+    return ", ".join(names[:MOST_COLUMNS]) + (", …" if len(names) > MOST_COLUMNS else "")
