@@ -24,7 +24,6 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from aacmm_pin._support.stop_signals import STOPPING
 from aacmm_pin._support.text_escaping import note, results_alone_on_stdout, say
 from aacmm_pin.cli.common import Results
 from aacmm_pin.errors import AacmmError
@@ -45,6 +44,8 @@ COMMANDS = (
     "urdf",
 )
 """Each is a module beside this one, and its function ``run``."""
+STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+"""Signals that ask a process to stop."""
 FOLDERS = [*sys.path]
 """Where modules are found, before plugins add their folders."""
 INTERRUPTED = "interrupted; every file is there whole, or as it was before"

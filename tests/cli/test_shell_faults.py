@@ -152,21 +152,6 @@ def test_an_interrupt_while_the_package_is_being_imported() -> None:
     assert (process.communicate(timeout=60), process.returncode) == ((b"", b""), -signal.SIGINT)
 
 
-def test_a_pipe_that_nothing_reads_or_writes_is_waited_for_and_can_be_given_up(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "pipe")
-    write, read = ["urdf", "sino6", "-o"], ["correct", "sino6"]
-    for then, words in (("read", write), ("give up", write), ("give up", read)):
-        process = started(*words, str(tmp_path / "pipe"))
-        assert process.stderr is not None
-        assert b"pipe" in process.stderr.readline()  # it says what it waits for
-        if then == "read":
-            assert "<robot" in (tmp_path / "pipe").read_text()
-        else:
-            process.send_signal(signal.SIGINT)
-        process.communicate(timeout=60)
-        assert process.returncode == (0 if then == "read" else 130)
-
-
 def test_a_machine_without_memory() -> None:
     """Address space for Python, and not for the libraries."""
     limit = 300_000_000
