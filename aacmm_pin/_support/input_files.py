@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
 
-from aacmm_pin._support.output_files import are_same, is_input
-from aacmm_pin.errors import AacmmError
+from aacmm_pin.errors import AacmmError, OutputError
 
 _OUTPUTS: ContextVar[tuple[Path, ...]] = ContextVar("outputs", default=())
 
@@ -32,6 +32,16 @@ def to_be_read(path: str | Path) -> None:
     for output in _OUTPUTS.get():
         if output.is_file() and are_same(output, path):
             raise is_input(output)
+
+
+def are_same(path: str | Path, other: str | Path) -> bool:
+    """Whether both are names of one file that exists."""
+    return os.path.exists(path) and os.path.exists(other) and os.path.samefile(path, other)
+
+
+def is_input(path: str | Path) -> OutputError:
+    """The refusal to write a file that is read."""
+    return OutputError(f"{path}: is read by this command and is left as it is; expected another name")
 
 
 def content_of(path: str | Path, most: int, expected: str, refused: Callable[[str], AacmmError]) -> bytes:

@@ -17,6 +17,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
+from aacmm_pin._support.input_files import are_same, is_input
 from aacmm_pin._support.text_escaping import encodable, stdout
 from aacmm_pin.errors import OutputError
 
@@ -193,16 +194,6 @@ def whole_file(path: str | Path, force: bool = False) -> Iterator[Path]:
     """The temporary file for one ``path`` alone, see :class:`OutputFiles`."""
     with OutputFiles(force) as files:
         yield files.file(path)
-
-
-def are_same(path: str | Path, other: str | Path) -> bool:
-    """Whether both are names of one file that exists."""
-    return os.path.exists(path) and os.path.exists(other) and os.path.samefile(path, other)
-
-
-def is_input(path: str | Path) -> OutputError:
-    """The refusal to write a file that is read."""
-    return OutputError(f"{path}: is read by this command and is left as it is; expected another name")
 
 
 def _named_twice(path: str | Path) -> OutputError:

@@ -17,7 +17,7 @@ import pytest
 from shell import NOISE, POINT, done, refused, run
 
 from aacmm_pin._support.text_escaping import printable
-from aacmm_pin.cli.root_command import Stopped
+from aacmm_pin.cli.signals import Stopped
 
 
 def started(*words: str, **named: Any) -> subprocess.Popen[bytes]:
@@ -114,7 +114,7 @@ def test_streams_that_take_nothing() -> None:
             (started("--help", stdout=full), "standard output: No space left"),
         ]
     closed = [sys.executable, "-m", "aacmm_pin.cli", "causes"]
-    devices += [(subprocess.Popen(["sh", "-c", 'exec "$@" >&-', "sh", *closed], stderr=subprocess.PIPE), "closed")]
+    devices += [(subprocess.Popen(["sh", "-c", 'exec "$@" >&-', "sh", *closed], stderr=subprocess.PIPE), "not writable")]
     for process, words in devices:
         status, said = ended(process)
         assert (status, words in said) == (1, True), said
