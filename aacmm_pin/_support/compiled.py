@@ -1,29 +1,25 @@
-"""Functions in NumPy with a twin in plain loops, which numba compiles where that is worth its time.
+"""Loops that numba compiles, and functions in NumPy that have such a loop as a twin.
 
-Loading numba and a compiled loop takes about a second, compiling it for the first time one to five more: far longer than
-small work takes in NumPy. So twins are loaded when the NumPy functions have worked for ``WORTH_SECONDS`` in this process,
-which costs at most twice what knowing beforehand would. Twins give the same numbers to the last bit, so that no result
-depends on the moment; a :class:`Loop` without one is chosen by the size of its task.
-Where numba is not installed, or does not work with the NumPy there is, NumPy does it all.
+Loading numba and a compiled loop takes about half a second, compiling it for the first time one to five more. So a
+twin is chosen where the task is large enough; it gives the same numbers to the last bit.
 """
 
 from __future__ import annotations
 
 import os
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache, cached_property, partial
 from types import FunctionType
 from typing import Any
 
+import numpy as np
+
 from aacmm_pin.errors import UnknownNameError
 
-WORTH_SECONDS = 4.0
-"""Time in NumPy after which the loops are loaded [s]: about what loading numba and compiling all twins takes."""
-VARIABLE, ALWAYS, NEVER, WHEN_WORTH = "AACMM_PIN_COMPILED", "always", "never", "auto"
-
-_spent = 0.0
+LARGE_TASK = 1_000_000
+"""Numbers in the largest array of a task from which on a loop is loaded: NumPy takes 15 ms for sensitivities of SINO6."""
+VARIABLE, ALWAYS, NEVER, BY_SIZE = "AACMM_PIN_COMPILED", "always", "never", "auto"
 
 
 @dataclass(frozen=True)
@@ -41,41 +37,42 @@ class Loop:
     helpers: tuple[Callable[..., Any], ...] = ()
 
     def wanted(self, worth: bool) -> Callable[..., Any] | None:
-        """The loop, where it is ``worth`` loading and can be; the environment variable overrules.
+        """The compiled loop where it is ``worth`` loading; the environment variable overrules.
 
         Raises:
-            UnknownNameError: the variable says something else than ``always``, ``never`` or ``auto``.
+            UnknownNameError: the variable is none of ``always``, ``never`` and ``auto``.
         """
-        wanted = os.environ.get(VARIABLE, WHEN_WORTH)
-        if wanted not in (ALWAYS, NEVER, WHEN_WORTH):
-            raise UnknownNameError(f"environment variable {VARIABLE}", wanted, [ALWAYS, NEVER, WHEN_WORTH])
-        return self.compiled if wanted == ALWAYS or (wanted == WHEN_WORTH and worth) else None
+        wanted = os.environ.get(VARIABLE, BY_SIZE)
+        if wanted not in (ALWAYS, NEVER, BY_SIZE):
+            raise UnknownNameError(f"environment variable {VARIABLE}", wanted, [ALWAYS, NEVER, BY_SIZE])
+        if wanted == ALWAYS or (wanted == BY_SIZE and worth):
+            return self.compiled
+        return None
 
     @cached_property
-    def compiled(self) -> Callable[..., Any] | None:
-        """The loop, compiled and kept beside its source for the next process; None where numba cannot."""
-        if os.environ.get("NUMBA_DISABLE_JIT", "0") != "0":  # the loops would run in Python
-            return None
-        try:
-            import numba
-        except ImportError:  # also where it is too old or too new for this NumPy
-            return None
-        loop = FunctionType(self.loop.__code__, _names(self.helpers)) if self.helpers else self.loop
+    def compiled(self) -> Callable[..., Any]:
+        """The compiled loop, kept beside its source for the next process where that can be written."""
+        import numba
+
+        loop = self.loop
+        if self.helpers:
+            loop = FunctionType(self.loop.__code__, _names(self.helpers))
         compile_ = partial(numba.njit, self.signature, nogil=True, error_model="numpy")
         try:
             return compile_(cache=True)(loop)
-        except Exception:  # no folder to keep it in, a full disk, a file that cannot be read back: numba has no class for it
+        except Exception:  # a full disk, a damaged file, no folder: numba has no class for it
             return compile_()(loop)
 
 
 @cache
 def _names(helpers: tuple[Callable[..., Any], ...]) -> dict[str, Any]:
-    """The names of the helpers' module, with the helpers as numba compiles them: once for all loops that call them."""
+    """The names of the helpers' module, with the compiled helpers: once for all loops that call them."""
     import numba
 
     names = dict(helpers[0].__globals__)
     for helper in helpers:
-        names[helper.__name__] = numba.njit(nogil=True, error_model="numpy")(FunctionType(helper.__code__, names))
+        function = FunctionType(helper.__code__, names)
+        names[helper.__name__] = numba.njit(nogil=True, error_model="numpy")(function)
     return names
 
 
@@ -85,22 +82,19 @@ class Twins(Loop):
 
     Attributes:
         plain: in NumPy, with the same arguments.
+        least: numbers in the largest array from which on the loop is chosen.
     """
 
     plain: Callable[..., None] = field(kw_only=True)
+    least: int = field(default=LARGE_TASK, kw_only=True)
 
     def __call__(self, *arguments: Any) -> None:
-        """Call the one that is faster here."""
-        global _spent
-        loop = self.wanted(_spent >= WORTH_SECONDS)
-        if loop is not None:
-            loop(*arguments)
-            return
-        start = time.perf_counter()
-        self.plain(*arguments)
-        _spent += time.perf_counter() - start
+        """Call the loop for a large task, the function in NumPy for a small one."""
+        size = max(np.size(argument) for argument in arguments)
+        function = self.wanted(size >= self.least) or self.plain
+        function(*arguments)
 
 
-def twin_of(loop: Callable[..., None], signature: str) -> Callable[[Callable[..., None]], Twins]:
-    """Decorator of a NumPy function: ``loop`` does the same."""
-    return lambda plain: Twins(loop, signature, plain=plain)
+def twin_of(loop: Callable[..., None], signature: str, least: int = LARGE_TASK) -> Callable[[Callable[..., None]], Twins]:
+    """Decorator of a NumPy function: ``loop`` does the same, and is chosen from ``least`` numbers on."""
+    return lambda plain: Twins(loop, signature, plain=plain, least=least)

@@ -2,39 +2,65 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 
-from aacmm_pin.errors import AacmmError
+from aacmm_pin.errors import AacmmError, OutputError
 
-WATCHERS: list[Callable[[str | Path], None]] = []
-"""Told of every file that is about to be read; one of them may refuse it."""
+_OUTPUTS: ContextVar[tuple[Path, ...]] = ContextVar("outputs", default=())
+
+
+@contextmanager
+def outputs_refused(outputs: tuple[Path, ...]) -> Iterator[None]:
+    """Refuse to read any of ``outputs`` meanwhile, for a command replaces no file that it reads."""
+    token = _OUTPUTS.set(outputs)
+    try:
+        yield
+    finally:
+        _OUTPUTS.reset(token)
 
 
 def to_be_read(path: str | Path) -> None:
-    """Tell :data:`WATCHERS` of a file."""
-    for watcher in WATCHERS:
-        watcher(path)
+    """Check that a file is none of the command's outputs.
+
+    Raises:
+        OutputError: it is, by whatever name.
+    """
+    for output in _OUTPUTS.get():
+        if output.is_file() and are_same(output, path):
+            raise is_input(output)
+
+
+def are_same(path: str | Path, other: str | Path) -> bool:
+    """Whether both are names of one file that exists."""
+    return os.path.exists(path) and os.path.exists(other) and os.path.samefile(path, other)
+
+
+def is_input(path: str | Path) -> OutputError:
+    """The refusal to write a file that is read."""
+    return OutputError(f"{path}: is read by this command and is left as it is; expected another name")
 
 
 def content_of(path: str | Path, most: int, expected: str, refused: Callable[[str], AacmmError]) -> bytes:
     """The content of a file of at most ``most`` bytes; ``expected`` says in words what it should be.
 
     Raises:
-        AacmmError: it is not there, is a folder, is too large, or cannot be read: as ``refused`` makes it of the message.
+        AacmmError: it is not there, is a folder, is too large, or cannot be read: as ``refused`` makes
+            it of the message.
+        OutputError: it is an output of the command.
     """
+    if "\0" in str(path):
+        raise refused("cannot be read: no file has a NUL in its name")
     to_be_read(path)
     try:
-        if "\0" in str(path):
-            raise refused("cannot be read: no file has a NUL in its name")
-        if Path(path).is_fifo():
-            from aacmm_pin._support.text_escaping import note  # few are
-
-            note(f"note: {path} is a pipe; waiting for its end")
         with open(path, "rb") as file:
             content = file.read(most + 1)
     except FileNotFoundError:
-        raise refused("no such file" + "; standard input is /dev/stdin" * (str(path) == "-")) from None
+        hint = "; standard input is /dev/stdin" if str(path) == "-" else ""
+        raise refused(f"no such file{hint}") from None
     except IsADirectoryError:
         raise refused(f"is a folder, expected {expected}") from None
     except OSError as error:

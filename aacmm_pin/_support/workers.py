@@ -1,7 +1,4 @@
-"""Independent pieces of work, here, in worker processes, or wherever an executor has them done.
-
-Worker processes end at once when their work is no longer wanted, and with the process that started them.
-"""
+"""Independent pieces of work: in this process, in worker processes, or by an executor of the user."""
 
 from __future__ import annotations
 
@@ -10,128 +7,109 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
-from contextlib import ExitStack, contextmanager
-from itertools import chain, islice
-from multiprocessing import get_context, resource_tracker
-from multiprocessing.connection import Connection
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    wait,
+)
+from contextlib import contextmanager
+from itertools import islice
+from multiprocessing import get_context, parent_process, resource_tracker
 from typing import TypeVar
 
 from aacmm_pin._support.checks import whole
-from aacmm_pin._support.stop_signals import signals_wait
 from aacmm_pin.errors import AacmmError
 
 J = TypeVar("J")
 R = TypeVar("R")
 Workers = int | Executor
-"""How many processes, this one included, or a ``concurrent.futures.Executor``, which is used as it is and not shut down."""
-OF_PARENT = (signal.SIGINT, signal.SIGHUP)
-"""Signals that a terminal sends to all processes, and that are for the parent to answer."""
-MOST_WAITING = 256
-"""Jobs that are handed out at once: as many as there can be processes; more would only take memory."""
-OF_EACH = 2
-"""Jobs that each process has, the one that it does and the next; the others are left for this process to take from."""
+"""How many processes, or a ``concurrent.futures.Executor``, which is used and not shut down."""
+TERMINAL_SIGNALS = (signal.SIGINT, signal.SIGHUP)
+"""Signals that a terminal sends to all processes, and that the parent answers."""
+MOST_SUBMITTED = 256
+"""Jobs that an executor of the user has at once; more would only take memory."""
+SUBMITTED_PER_PROCESS = 2
+"""Jobs that each worker process has: the one that it does, and the next."""
 
 
 @contextmanager
-def results(
-    work: Callable[[J], R], jobs: Iterable[J], workers: Workers, *, beside: bool = False
-) -> Iterator[Iterator[tuple[int, R]]]:
-    """Numbers and results of all jobs as they come; when the context ends, nothing is worked out any more.
+def results(work: Callable[[J], R], jobs: Iterable[J], workers: Workers) -> Iterator[Iterator[tuple[int, R]]]:
+    """Numbers and results of all jobs, as they are done; jobs not begun when the context ends are cancelled.
 
     Args:
         work: a function of a module, for it is sent by its name.
-        jobs: taken from the iterable as they are handed out.
-        workers: see :data:`Workers`; other processes take a while to start, and this one works when asked for results.
-        beside: this process has work of its own meanwhile, so that even one job is worth another process.
+        jobs: taken from the iterable as they are submitted.
+        workers: see :data:`Workers`; 1 is this process.
 
     Raises:
-        AacmmError: a process was killed, or there are not so many.
+        AacmmError: a worker process was killed, or the number of processes is out of range.
     """
-    if isinstance(workers, Executor):
-        with _handed_out(workers, work, iter(jobs), MOST_WAITING) as found:
-            yield found
-        return
-    count, jobs = whole(workers, 1, "processes"), iter(jobs)
-    first = list(islice(jobs, count))
-    jobs = chain(first, jobs)
-    others = min(count - 1, len(first) - 1 + beside)
-    if others < 1:
-        yield enumerate(map(work, jobs))
-        return
-    context = get_context("spawn")
-    with ExitStack() as ends:
-        ending, alive = context.Pipe(duplex=False)
-        ends.callback(ending.close)
-        with _held_from_children():
-            pool = ProcessPoolExecutor(others, context, _end_with_parent, (ending,))
-            ends.callback(pool.shutdown, cancel_futures=True)
-            ends.callback(alive.close)
-            found = ends.enter_context(_handed_out(pool, work, jobs, OF_EACH * others, here=True))  # which starts them
-        yield found
-        pool.shutdown()
-
-
-@contextmanager
-def _handed_out(
-    pool: Executor, work: Callable[[J], R], jobs: Iterator[J], most: int, *, here: bool = False
-) -> Iterator[Iterator[tuple[int, R]]]:
-    """The results of a pool, which has ``most`` jobs at once; with ``here``, this process does jobs too.
-
-    No job is taken back from a process pool: what is cancelled there when a process is killed ends, in Python 3.11, the
-    thread that would tell of the others.
-    """
-    numbered, waiting = enumerate(jobs), dict[Future[R], int]()
-
-    def hand_out() -> None:
-        for number, job in islice(numbered, most - len(waiting)):
-            waiting[pool.submit(work, job)] = number
-
-    def as_they_come() -> Iterator[tuple[int, R]]:
-        while waiting:
-            mine = next(numbered, None) if here else None
-            if mine is not None:
-                yield mine[0], work(mine[1])
-            for future in wait(waiting, None if mine is None else 0, FIRST_COMPLETED).done:
-                yield waiting.pop(future), future.result()
-            hand_out()
-
+    waiting: dict[Future[R], int] = {}
+    pool: ProcessPoolExecutor | None = None
     try:
-        hand_out()
-        yield as_they_come()
+        if isinstance(workers, Executor):
+            yield _submitted(workers, work, jobs, MOST_SUBMITTED, waiting)
+        elif (count := whole(workers, 1, "processes")) == 1:
+            yield enumerate(map(work, jobs))
+        else:
+            pool = ProcessPoolExecutor(count, get_context("spawn"), _begin)
+            yield _submitted(pool, work, jobs, SUBMITTED_PER_PROCESS * count, waiting)
     except BrokenExecutor:
         raise AacmmError(
             "a worker process ended, as happens when memory runs out (fewer take less), or when a script without "
             "`if __name__ == '__main__':` asks for processes"
         ) from None
     finally:
-        for future in () if here else waiting:
-            future.cancel()
+        if pool is not None:
+            pool.shutdown(cancel_futures=True)
+        else:
+            for future in waiting:
+                future.cancel()
 
 
-def _end_with_parent(ending: Connection) -> None:
-    """End this process, whatever it does, when nobody holds the other end of a pipe any more; its prints are no results."""
-    sys.stdout = sys.stderr
+def _submitted(
+    pool: Executor, work: Callable[[J], R], jobs: Iterable[J], most: int, waiting: dict[Future[R], int]
+) -> Iterator[tuple[int, R]]:
+    """Submit the first ``most`` jobs; the results as they are done, for each of which another is submitted."""
+    numbered = enumerate(jobs)
 
-    def wait() -> None:
-        ending.poll(None)
-        os._exit(1)
+    def submit() -> None:
+        with _blocked_signals():
+            for number, job in islice(numbered, most - len(waiting)):
+                waiting[pool.submit(work, job)] = number
 
-    threading.Thread(target=wait, daemon=True).start()
+    def done() -> Iterator[tuple[int, R]]:
+        while waiting:
+            for future in wait(waiting, return_when=FIRST_COMPLETED).done:
+                yield waiting.pop(future), future.result()
+            submit()
+
+    submit()
+    return done()
 
 
 @contextmanager
-def _held_from_children() -> Iterator[None]:
-    """Keep signals until the end, and those of the terminal from processes that are started meanwhile for ever.
+def _blocked_signals() -> Iterator[None]:
+    """Block the signals of the terminal: processes that are started meanwhile never receive them."""
+    resource_tracker.ensure_running()  # its start would unblock them
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, TERMINAL_SIGNALS)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
-    Another thread may receive what this one blocks, and Python raises here even so; a process that has been started, and
-    not been told yet what to do, would end in a traceback.
-    """
-    with signals_wait():
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, OF_PARENT)
-        try:
-            resource_tracker.ensure_running()  # which lets interrupts through when it starts
-            signal.pthread_sigmask(signal.SIG_BLOCK, OF_PARENT)
-            yield
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+def _begin() -> None:
+    """Begin a worker process: what it prints is no result, and it ends with its parent."""
+    sys.stdout = sys.stderr
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)

@@ -27,9 +27,6 @@ def main() -> None:
     warnings.resetwarnings()
     if 0 <= (limit := resource.getrlimit(resource.RLIMIT_AS)[0]) < LEAST_MEMORY:
         sys.exit(f"aacmm-pin: not enough memory: {limit / 1e6:.0f} MB of address space, expected {LEAST_MEMORY / 1e6:.0f}")
-    epoch = os.environ.get("SOURCE_DATE_EPOCH", "0")
-    if not (epoch.isdecimal() and len(epoch) <= 11):  # with others NumPy cannot be loaded whole
-        sys.exit(f"aacmm-pin: environment variable SOURCE_DATE_EPOCH is {epoch!r}, expected a number of seconds")
     if signal.getsignal(signal.SIGINT) != signal.SIG_IGN:  # as shells want it for jobs in the background
         signal.signal(signal.SIGINT, signal.SIG_DFL)  # while compiled code is loaded, no handler of Python's would run
     from aacmm_pin.cli.root_command import app

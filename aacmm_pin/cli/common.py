@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self, get_type_hints
 
 import typer
 
-from aacmm_pin._support.input_files import WATCHERS
+from aacmm_pin._support.input_files import outputs_refused
 from aacmm_pin._support.output_files import OutputFiles, json_text
 from aacmm_pin._support.text_escaping import encodable
 from aacmm_pin._support.text_escaping import note as note
@@ -91,9 +91,9 @@ def refuse(context: typer.Context, options: Iterable[str], why: str) -> None:
 
 
 class Results(OutputFiles):
-    """The files of one command and what it prints in their stead: all of it in the end, or nothing.
+    """The files of one command, and what it prints in their stead: all of it in the end, or nothing.
 
-    A file that is to be written is refused when it is about to be read; plugins, read before that, at once.
+    Reading a file that is to be written is refused; so is, at once, writing a file of a plugin.
     """
 
     plugins: ClassVar[tuple[str, ...]] = ()
@@ -106,7 +106,7 @@ class Results(OutputFiles):
         plot: Path | None = None,
         json_: str | None = None,
     ) -> None:
-        """Look, before long work begins, whether everything can be written.
+        """Check before long work that everything can be written.
 
         Args:
             force: replace files that exist.
@@ -115,20 +115,25 @@ class Results(OutputFiles):
             json_: a file for JSON, ``-`` for stdout.
 
         Raises:
-            AacmmError: a file cannot be written, is there already, is read by the command, or is asked for twice.
+            AacmmError: a file cannot be written, exists, is read by the command, or is asked for twice.
         """
         super().__init__(force, self.plugins)
-        self.check(*[path for path in (*paths, plot, json_) if path is not None])
+        self._outputs = tuple(Path(path) for path in (*paths, plot, json_) if path is not None)
+        self.check(*self._outputs)
         if plot is not None and plot.suffix not in PLOT_SUFFIXES:
             raise AacmmError(f"{plot}: expected a name that ends in one of {', '.join(PLOT_SUFFIXES)}")
 
     def __enter__(self) -> Self:
-        WATCHERS.append(self.refuse_to_read)
+        self._stack.enter_context(outputs_refused(self._outputs))
         return super().__enter__()
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        """Put the files in their places, and say which."""
-        WATCHERS.remove(self.refuse_to_read)
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Put the files in their places, and name them."""
         super().__exit__(kind, error, trace)
         if kind is None and self.written:
             note(f"written: {', '.join(self.written)}")

@@ -13,7 +13,7 @@ from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.accuracy.volume import accuracy_volume
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.limits import broken_limits
-from aacmm_pin.calibration.cross_validation import rms
+from aacmm_pin.calibration.comparison import compare
 from aacmm_pin.cli.arm_options import ArmAndData, EncoderNoise
 from aacmm_pin.cli.common import Force, Output, Results, command, note
 from aacmm_pin.effects.conditions import Conditions
@@ -24,7 +24,7 @@ from aacmm_pin.measurements.csv_columns import BAR, BAR_U, ORIENTATION, ORIENTAT
 from aacmm_pin.measurements.csv_table import read_table
 from aacmm_pin.measurements.orientation import quaternions
 from aacmm_pin.measurements.records import Measurements
-from aacmm_pin.report.numbers import count
+from aacmm_pin.report.comparison import comparison_notes
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -38,11 +38,7 @@ OF_REFERENCES = ("seat", *BAR, BAR_U, *REFERENCE, *REFERENCE_U, *ORIENTATION, OR
 DECIMALS = {"mm": 6, "deg": 8, "rad": 9}
 """Of computed numbers by the unit at the end of their column, 9 of quaternions. Angles rounded so move the tip of SINO6 by
 1.4 nm at most (20 000 postures); the noise of arms and references is a thousand times larger."""
-NO_MORE = 1e-3
-"""Part by which distances may grow by chance, as where arms are the same but for rounding."""
-FAR = 0.01
-"""No arm whose angles these are is so far from its references by RMS: the worst are a millimetre off [m]."""
-LARGE = 0.05
+LARGE_CHANGE = 0.05
 """A command that changes more than errors of an arm account for is next to a singular posture [rad]."""
 
 
@@ -104,7 +100,7 @@ def run(
                 u = _u(model, known.q, known.conditions, noise.encoder_noise_rad)
                 of_known = np.column_stack([state.position / MM, u / MM, quaternions(state.rotation[-1])])
                 found[rows] = of_known[:, : len(names)]
-                _compare(model, before, table, rows, state.position, path)
+                _note_comparisons(model, before, table, rows, state.position, path)
         except AacmmError as error:
             raise AacmmError(f"{path}: {error}") from None
         columns = {name: _as_filed(name, values) for name, values in zip(names, found.T, strict=True)}
@@ -141,7 +137,7 @@ def _commands(model: ErrorModel, nominal: ErrorModel, known: Measurements, path:
     """
     commands, arrived = joint_commands(model, nominal, known.q, known.conditions)
     changes = np.where(model.arm.chain.prismatic, 0.0, np.abs(commands - known.q))
-    for k in np.flatnonzero(arrived & (changes.max(axis=1) > LARGE)):
+    for k in np.flatnonzero(arrived & (changes.max(axis=1) > LARGE_CHANGE)):
         joint, turn = changes[k].argmax() + 1, changes[k].max() / DEG
         note(f"{path}: row {known.row[k]} is near a singular posture: the command of joint {joint} changes by {turn:.1f}°")
     if np.array_equal(commands, known.q):
@@ -159,8 +155,15 @@ def _commands(model: ErrorModel, nominal: ErrorModel, known: Measurements, path:
     return commands
 
 
-def _compare(model: ErrorModel, before: ErrorModel | None, table: pd.DataFrame, rows: Index, tips: Array, path: str) -> None:
-    """Say how far the tips (n, 3) [m] are from what the file states, by the arm before and after the correction."""
+def _note_comparisons(
+    model: ErrorModel,
+    before: ErrorModel | None,
+    table: pd.DataFrame,
+    rows: Index,
+    tips: Array,
+    path: str,
+) -> None:
+    """Say how far the tips (n, 3) [m] are from what the file states, before and after the correction."""
     if not table.columns.isin([*REFERENCE, BAR[0], "seat"]).any() or not len(rows):
         return
     try:
@@ -168,53 +171,23 @@ def _compare(model: ErrorModel, before: ErrorModel | None, table: pd.DataFrame, 
     except MeasurementFileError as error:
         note(f"note: references, bars and seats are not compared: {str(error).splitlines()[0]}")
         return
-    if elsewhere := model.other_targets(records.conditions):
-        of_tip = ~np.isin(records.conditions.require("marker", "correct").astype(str), elsewhere)
-        left = f"{len(of_tip) - of_tip.sum()} references, bar ends and seats of the targets {', '.join(elsewhere)}"
-        note(f"note: {left} are not compared, for these are not at the tip")
-        records, tips = records.take(of_tip), tips[of_tip]
-    # Geometry alone, where nobody says what was before: the file may know the effects together with it.
-    if before is not None:
-        compared = [before.correct(records.q, records.conditions), tips]
-    else:
-        compared = [model.arm.positions(records.q), tips] if model.effects else [tips]
-    known = records.known
-    far = rms(np.linalg.norm((tips - records.reference)[known], axis=1)) if known.any() else 0.0
-    if far > FAR:
+    elsewhere = model.other_targets(records.conditions)
+    if elsewhere:
+        markers = records.conditions.require("marker", "correct").astype(str)
+        of_tip = ~np.isin(markers, elsewhere)
         note(
-            f"warning: references are not compared: the tip is {far / MM:.0f} mm from them (RMS). They are in another frame "
-            f"than the base of {model.arm.name}, of another point, or the angles are in another unit or of another arm"
+            f"note: {len(of_tip) - of_tip.sum()} references, bar ends and seats of the targets "
+            f"{', '.join(elsewhere)} are not compared, for these are not at the tip"
         )
-    elif known.any():
-        u = np.linalg.norm(records.reference_u[known], axis=1)
-        of = f", themselves with u = {rms(u[np.isfinite(u)]) / MM:.4f} mm" if np.isfinite(u).any() else ""
-        _tell(
-            f"distance from {count(int(known.sum()), 'reference')}{of}",
-            [np.linalg.norm((where - records.reference)[known], axis=1) for where in compared],
-        )
-    bars = records.bars()
-    if bars:
-        _tell(f"error of {count(len(bars), 'bar length')}", [records.bar_length_errors(where) for where in compared])
-    unknown = [touched for touched in records.seats().values() if len(touched) > 1 and not known[touched].any()]
-    if unknown:
-        of_seats = [
-            np.concatenate([where[touched] - where[touched].mean(axis=0) for touched in unknown]) for where in compared
-        ]
-        _tell(
-            f"distance from the mean of the touches of {count(len(unknown), 'seat')} without coordinates",
-            [np.linalg.norm(off, axis=1) for off in of_seats],
-        )
-
-
-def _tell(what: str, errors: list[Array]) -> None:
-    sizes = {"RMS": [rms(e) for e in errors], "largest": [float(np.abs(e).max()) for e in errors]}
-    when = ["before", "after"] if len(errors) > 1 else ["by this arm"]
-    told = [
-        f"{name} " + ", ".join(f"{e / MM:.4f} mm {w}" for e, w in zip(of, when, strict=True)) for name, of in sizes.items()
-    ]
-    note(f"{what}: {'; '.join(told)}")
-    if sizes["RMS"][-1] > (1 + NO_MORE) * sizes["RMS"][0]:
-        note("warning: this arm and its effects make it worse; aacmm-pin diagnose says what has changed")
+        records, tips = records.take(of_tip), tips[of_tip]
+    compared = [tips]
+    if before is not None:
+        compared.insert(0, before.correct(records.q, records.conditions))
+    elif model.effects:  # geometry alone: the file may know the effects together with it
+        compared.insert(0, model.arm.positions(records.q))
+    for comparison in compare(records, compared):
+        for line in comparison_notes(comparison, model.arm.name):
+            note(line)
 
 
 def _known_rows(model: ErrorModel, readings: Measurements, path: str) -> Index:

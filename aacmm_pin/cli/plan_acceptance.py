@@ -60,11 +60,11 @@ class Artefacts:
         if output is not None:
             terminal.show(procedure_document(procedure))
             then = shlex.join(["aacmm-pin", "accept", *arm.urdf_words, str(output)])
-            tell_lowest(procedure.points @ procedure.arm.up, above_mm)
+            note_lowest_tip(procedure.points @ procedure.arm.up, above_mm)
             say(f"{output}: fill in x_mm, y_mm, z_mm, or theta1_deg …; then: {then}")
 
 
-def tell_lowest(heights: Array, above_mm: float | None) -> None:
+def note_lowest_tip(heights: Array, above_mm: float | None) -> None:
     """How far below the base the lowest tip is [m], where no table was stated."""
     if above_mm is None and heights.min() < 0:
         note(f"note: the lowest tip is {-heights.min() / MM:.0f} mm below the base; --above-mm sets the height of a table")

@@ -4,29 +4,24 @@ from __future__ import annotations
 
 import ast
 import errno
-import functools
-import importlib.machinery
-import importlib.util
+import importlib
 import io
 import logging
 import os
 import signal
 import sys
-import threading
-import traceback
 import warnings
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, redirect_stdout, suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from types import FrameType, ModuleType
 from typing import Annotated, Any
 
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from aacmm_pin._support.stop_signals import STOPPING
 from aacmm_pin._support.text_escaping import note, results_alone_on_stdout, say
 from aacmm_pin.cli.common import Results
+from aacmm_pin.cli.signals import RECEIVED, stopping_signals
 from aacmm_pin.errors import AacmmError
 
 COMMANDS = (
@@ -45,23 +40,9 @@ COMMANDS = (
     "urdf",
 )
 """Each is a module beside this one, and its function ``run``."""
-FOLDERS = [*sys.path]
-"""Where modules are found, before plugins add their folders."""
+USAGE_ERROR: Any = typer.BadParameter.__base__
+"""Of click, which versions of typer have in different places."""
 INTERRUPTED = "interrupted; every file is there whole, or as it was before"
-CAME: list[int] = []
-"""Signals that came: compiled code that is being loaded makes other errors of what they raise."""
-
-
-class Stopped(BaseException):
-    """A signal came that ends the command, as ``timeout`` and batch systems send it."""
-
-    def __init__(self, number: int) -> None:
-        self.number = number
-
-
-def _stop(number: int, frame: FrameType | None) -> None:
-    CAME.append(number)
-    raise KeyboardInterrupt if number == signal.SIGINT else Stopped(number)
 
 
 class _Subcommand(TyperCommand):
@@ -69,7 +50,7 @@ class _Subcommand(TyperCommand):
 
     def invoke(self, ctx: Any) -> Any:
         """Do what was asked."""
-        with _signals(), results_alone_on_stdout():
+        with stopping_signals(), results_alone_on_stdout():
             return super().invoke(ctx)
 
 
@@ -95,12 +76,12 @@ class Shell(TyperGroup):
 
     def main(self, *args: Any, **named: Any) -> Any:
         """Run the command, with the streams as it needs them."""
-        sys.stdout = sys.stdout or _Closed()
+        sys.stdout = sys.stdout or open(os.devnull, encoding="utf-8")  # noqa: SIM115, refuses what is written
         sys.stderr = sys.stderr or open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
         for stream in (sys.stdout, sys.stderr):
             if hasattr(stream, "reconfigure"):  # what a terminal cannot show is escaped
                 stream.reconfigure(errors="backslashreplace")
-        with _told(), _warnings_as_notes():
+        with _errors_as_messages(), _warnings_as_notes():
             try:
                 return super().main(*args, **named)
             finally:
@@ -108,12 +89,12 @@ class Shell(TyperGroup):
 
     def make_context(self, *args: Any, **named: Any) -> Any:
         """See :meth:`main`; typer would answer some errors before they come there."""
-        with _told():
+        with _errors_as_messages():
             return super().make_context(*args, **named)
 
     def invoke(self, ctx: Any) -> Any:
         """See :meth:`make_context`."""
-        with _told():
+        with _errors_as_messages():
             return super().invoke(ctx)
 
 
@@ -124,72 +105,56 @@ def _sentence(name: str) -> str:
     return (ast.get_docstring(function) or "").partition("\n\n")[0]
 
 
-class _Closed(io.StringIO):
-    """Standard output where the caller has closed it."""
-
-    def write(self, text: str) -> int:
-        """Refuse it."""
-        raise OSError(errno.EBADF, "standard output is closed")
-
-
 @contextmanager
-def _told() -> Iterator[None]:
+def _errors_as_messages() -> Iterator[None]:
+    """End the command with one line on stderr for whatever was raised, a mistake of this package excepted."""
     try:
         yield
-    except AacmmError as error:
-        _end(1, str(error))
-    except MemoryError as error:
-        _end(1, f"not enough memory: {error}".removesuffix(": "))
-    except RecursionError:
-        _end(1, "the input is nested too deep")
-    except UnicodeEncodeError as error:
-        _end(1, f"{error.object[error.start : error.end]!r} cannot be written as {error.encoding}")
-    except BrokenPipeError:  # whoever read has what it wanted, as head has
-        _end(128 + signal.SIGPIPE)
-    except OSError as error:
-        words, of_stream = error.strerror or str(error), error.errno == errno.ENOSPC
-        where = error.filename or ("standard output" if of_stream else None)  # other files are told by their names
-        _end(1, words if where is None else f"{where}: {words}")
-    except KeyboardInterrupt:
-        _end(128 + signal.SIGINT, INTERRUPTED)
-    except Stopped as stopped:
-        _end(128 + stopped.number, INTERRUPTED)
     except BaseException as error:
-        if CAME and isinstance(error, Exception):
-            _end(128 + CAME[0], INTERRUPTED)
-        if (said := _of_a_plugin(error) or _of_matplotlib(error)) is None:
+        ending = _ending(error)
+        if ending is None:
             raise
-        _end(1, said)
+        _end(*ending)
 
 
-def _of_a_plugin(error: BaseException) -> str | None:
-    """What a class that a plugin registered has raised, in one line; None where the mistake is ours, or it is the end."""
-    if "aacmm_pin.effects.causes" not in sys.modules:
+def _ending(error: BaseException) -> tuple[int, str] | None:
+    """Exit status, and what is said."""
+    match error:
+        case USAGE_ERROR() | typer.Exit() | typer.Abort():  # typer's own
+            return None
+        case AacmmError():
+            return 1, str(error)
+        case MemoryError():
+            return 1, f"not enough memory: {error}".removesuffix(": ")
+        case RecursionError():
+            return 1, "the input is nested too deep"
+        case UnicodeEncodeError():
+            text = error.object[error.start : error.end]
+            return 1, f"{text!r} cannot be written as {error.encoding}"
+        case BrokenPipeError():  # its reader has what it wanted, as head has
+            return 128 + signal.SIGPIPE, ""
+        case OSError():
+            return 1, _of_the_system(error)
+        case KeyboardInterrupt():
+            return 128 + getattr(error, "number", signal.SIGINT), INTERRUPTED
+        case Exception() if RECEIVED:
+            return 128 + RECEIVED[0], INTERRUPTED
+    if "aacmm_pin.cli.plugins" not in sys.modules:
         return None
-    from aacmm_pin.effects.causes import CAUSES, raised
+    from aacmm_pin.cli.plugins import plugin_error
 
-    passed = [frame.f_code.co_filename for frame, _ in traceback.walk_tb(error.__traceback__)]
-    own = {name: cause.__module__ for name, cause in CAUSES.items() if not cause.__module__.startswith("aacmm_pin.")}
-    for name, module in own.items():
-        if (file := getattr(sys.modules.get(module), "__file__", None)) in passed:
-            return f"{name}: {raised(error, file)}"
-    # What it states of itself may be found wrong far from its lines.
-    return (
-        f"{', '.join(own)}, or what uses it: {raised(error, passed[-1])}" if own and isinstance(error, Exception) else None
-    )
+    message = plugin_error(error)
+    return None if message is None else (1, message)
 
 
-def _of_matplotlib(error: BaseException) -> str | None:
-    """What drawing has raised, in one line: what it is set to is the user's, and may be anything."""
-    passed = [frame.f_code.co_filename for frame, _ in traceback.walk_tb(error.__traceback__)]
-    if not isinstance(error, Exception) or not any("/matplotlib/" in file for file in passed):
-        return None
-    from aacmm_pin.effects.causes import raised
-
-    return f"matplotlib, set by matplotlibrc and SOURCE_DATE_EPOCH, raised {raised(error, '')}"
+def _of_the_system(error: OSError) -> str:
+    words = error.strerror or str(error)
+    of_stream = error.errno == errno.ENOSPC or isinstance(error, io.UnsupportedOperation)
+    place = error.filename or ("standard output" if of_stream else None)
+    return words if place is None else f"{place}: {words}"
 
 
-def _end(status: int, message: str = "") -> None:
+def _end(status: int, message: str) -> None:
     """Say why, if anybody reads it, and give up what standard output did not take."""
     with suppress(OSError):
         if message:
@@ -200,24 +165,6 @@ def _end(status: int, message: str = "") -> None:
         except OSError:  # it would be tried again at exit, with a message of Python's own
             os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
     raise SystemExit(status)
-
-
-@contextmanager
-def _signals() -> Iterator[None]:
-    """Those that end a command raise, so that what is half-written is taken away; those that are ignored stay so."""
-    if threading.current_thread() is not threading.main_thread():  # only that one may
-        yield
-        return
-    CAME.clear()
-    before = {number: signal.getsignal(number) for number in STOPPING}
-    for number, handler in before.items():
-        if handler != signal.SIG_IGN:
-            signal.signal(number, _stop)
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 OF_PROGRAMS = (DeprecationWarning, PendingDeprecationWarning, FutureWarning, ImportWarning, ResourceWarning)
@@ -271,42 +218,9 @@ def _root(
     """Options of the command itself."""
     from importlib.metadata import entry_points
 
-    loaded_before = {*sys.modules}
-    loaders: list[tuple[str, Callable[[], Any]]] = []
-    loaders += [(f"--plugin {name}", functools.partial(_import, name)) for name in plugin or []]
-    loaders += [(f"entry point {point.name}", point.load) for point in entry_points(group="aacmm_pin.causes")]
-    if loaders:
-        from aacmm_pin.effects.causes import CAUSES, raised
-    for what, load in loaders:
-        known = dict(CAUSES)
-        try:
-            with redirect_stdout(sys.stderr):  # what a module prints is no result
-                load()
-        except (KeyboardInterrupt, Stopped):
-            raise
-        except BaseException as error:
-            raise AacmmError(f"{what}: {raised(error, os.path.abspath(what.removeprefix('--plugin ')))}") from None
-        if known == CAUSES:
-            note(f"note: {what} registers no cause")
-    loaded = [getattr(sys.modules[name], "__file__", None) for name in {*sys.modules} - loaded_before if loaders]
-    Results.plugins = (*(plugin or ()), *filter(None, loaded))
+    points = entry_points(group="aacmm_pin.causes")
+    Results.plugins = ()
+    if plugin or points:
+        from aacmm_pin.cli.plugins import load_plugins
 
-
-def _import(name: str) -> ModuleType:
-    """A module by its name or by the path of its file."""
-    if not name.endswith(".py"):
-        return importlib.import_module(name)
-    path, stem = Path(name).absolute(), Path(name).stem
-    if path.exists() and not path.is_file():  # reading a pipe may never end
-        raise AacmmError("is not a regular file, expected a module of Python")
-    other = importlib.machinery.PathFinder.find_spec(stem, FOLDERS)
-    if stem in sys.stdlib_module_names or (other is not None and other.origin != str(path)):
-        raise AacmmError(f"{stem} is the name of another module, which programs import; expected another name of the file")
-    spec = importlib.util.spec_from_file_location(stem, path)
-    assert spec is not None
-    if str(path.parent) not in sys.path:  # worker processes have the same and import it by its name
-        sys.path.append(str(path.parent))
-    module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)
-    # What it says now: bytecode that Python keeps is told by second and size, and may be of what the file was before.
-    exec(compile(path.read_bytes(), str(path), "exec", dont_inherit=True), vars(module))
-    return module
+        Results.plugins = load_plugins(plugin or [], points)

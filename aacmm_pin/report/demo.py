@@ -223,7 +223,7 @@ def run_demo(
         progress: show bars in a notebook, or on stderr at a terminal.
         cells: cells of the map along x and z.
         sectors: sectors of the configuration circle.
-        processes: with two the papers' page is made beside the rest.
+        processes: with two or more a worker process makes the papers' page meanwhile.
 
     Raises:
         OutputError: the folder cannot be used.
@@ -234,7 +234,7 @@ def run_demo(
     arm_file = load_arm_file(arm_name)
     arm = Arm.from_file(arm_file)
     seeds = [SEED] if arm.name == ARM_OF_THE_PAPER else []
-    with OutputFiles(force) as outputs, results(_papers, seeds, processes, beside=True) as papers:
+    with OutputFiles(force) as outputs, results(_papers, seeds, processes) as papers:
         out = outputs.folder(folder)
         circle = configuration_circle(arm, printed_points()[0])
         accuracy = circle_accuracy(circle)

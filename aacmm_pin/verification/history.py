@@ -123,14 +123,14 @@ class History(Shown):
         time: of the check that is looked at; None for none.
         instrument: which arm that was of.
         appended: whether it was appended, or there before.
-        content: of the file that was read; empty where there was none.
+        from_file: whether a file was read, over which it may be written.
     """
 
     checks: pd.DataFrame = field(default_factory=lambda: pd.DataFrame(columns=list(COLUMNS)))
     time: datetime | None = None
     instrument: str = ""
     appended: bool = False
-    content: bytes = b""
+    from_file: bool = False
 
     @classmethod
     def read(cls, path: str | Path) -> Self:
@@ -165,7 +165,7 @@ class History(Shown):
         twice = checks.duplicated(["time", "instrument", "arm", "figure"]).to_numpy()
         problems.at(twice, "figure", "{!r} of this check is there twice", table["figure"].to_numpy())
         problems.stop()
-        return cls(checks, content=content)
+        return cls(checks, from_file=True)
 
     def with_check(self, result: AcceptanceResult, time: datetime, instrument: str = "") -> History:
         """The history with the figures of ``result`` that have a value, unless some check has the very same.
@@ -241,14 +241,14 @@ class History(Shown):
     def write(self, files: OutputFiles, path: str | Path) -> None:
         """Put the file among others that are written together, in the place of what was read."""
         table = self.checks.assign(time=[time.isoformat() for time in self.checks["time"]])
-        target = files.file(path, instead_of=self.content)
+        target = files.file(path, update=self.from_file)
         target.write_text(csv_text(table), encoding="utf-8", newline="")
 
     def save(self, path: str | Path) -> None:
-        """Write the file, whole or not at all; only over the file that was read.
+        """Write the file, whole or not at all; only a history that was read replaces one.
 
         Raises:
-            OutputError: it cannot be written, or is not what was read.
+            OutputError: it cannot be written.
         """
         with OutputFiles() as files:
             self.write(files, path)

@@ -67,11 +67,9 @@ def process_of(job: int) -> tuple[int, int]:
     return job, os.getpid()
 
 
-@pytest.mark.parametrize(
-    ("jobs", "processes", "beside", "elsewhere"), [([7], 2, True, True), ([7], 2, False, False), ([], 2, True, False)]
-)
-def test_one_job_beside_the_work_of_this_process(jobs: list[int], processes: int, beside: bool, elsewhere: bool) -> None:
-    with results(process_of, jobs, processes, beside=beside) as found:
+@pytest.mark.parametrize(("jobs", "processes", "elsewhere"), [([7], 2, True), ([7], 1, False), ([], 2, True)])
+def test_one_process_is_this_one(jobs: list[int], processes: int, elsewhere: bool) -> None:
+    with results(process_of, jobs, processes) as found:
         done = list(found)
     assert [job for _, (job, _) in done] == jobs
     assert all((pid != os.getpid()) == elsewhere for _, (_, pid) in done)

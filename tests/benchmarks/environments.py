@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from aacmm_pin._support.compiled import VARIABLE, WHEN_WORTH
+from aacmm_pin._support.compiled import BY_SIZE, VARIABLE
 
 PEERS = Path(__file__).parent / "peers"
 
@@ -77,7 +77,7 @@ def ask(package: str, script: str, urdf: str, *options: str, **arrays: NDArray[n
 
 def child(*words: str) -> Seconds:
     """CPU time of ``python WORDS`` with all that it starts, which loads compiled loops when they are worth it [s]."""
-    environment = os.environ | {VARIABLE: WHEN_WORTH}
+    environment = os.environ | {VARIABLE: BY_SIZE}
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     done = subprocess.run([sys.executable, *words], capture_output=True, text=True, env=environment)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)

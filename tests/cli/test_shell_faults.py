@@ -17,7 +17,7 @@ import pytest
 from shell import NOISE, POINT, done, refused, run
 
 from aacmm_pin._support.text_escaping import printable
-from aacmm_pin.cli.root_command import Stopped
+from aacmm_pin.cli.signals import Stopped
 
 
 def started(*words: str, **named: Any) -> subprocess.Popen[bytes]:
@@ -114,7 +114,7 @@ def test_streams_that_take_nothing() -> None:
             (started("--help", stdout=full), "standard output: No space left"),
         ]
     closed = [sys.executable, "-m", "aacmm_pin.cli", "causes"]
-    devices += [(subprocess.Popen(["sh", "-c", 'exec "$@" >&-', "sh", *closed], stderr=subprocess.PIPE), "closed")]
+    devices += [(subprocess.Popen(["sh", "-c", 'exec "$@" >&-', "sh", *closed], stderr=subprocess.PIPE), "not writable")]
     for process, words in devices:
         status, said = ended(process)
         assert (status, words in said) == (1, True), said
@@ -150,21 +150,6 @@ def test_an_interrupt_while_the_package_is_being_imported() -> None:
         time.sleep(0.001)
     process.send_signal(signal.SIGINT)
     assert (process.communicate(timeout=60), process.returncode) == ((b"", b""), -signal.SIGINT)
-
-
-def test_a_pipe_that_nothing_reads_or_writes_is_waited_for_and_can_be_given_up(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "pipe")
-    write, read = ["urdf", "sino6", "-o"], ["correct", "sino6"]
-    for then, words in (("read", write), ("give up", write), ("give up", read)):
-        process = started(*words, str(tmp_path / "pipe"))
-        assert process.stderr is not None
-        assert b"pipe" in process.stderr.readline()  # it says what it waits for
-        if then == "read":
-            assert "<robot" in (tmp_path / "pipe").read_text()
-        else:
-            process.send_signal(signal.SIGINT)
-        process.communicate(timeout=60)
-        assert process.returncode == (0 if then == "read" else 130)
 
 
 def test_a_machine_without_memory() -> None:

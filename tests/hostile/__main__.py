@@ -97,10 +97,6 @@ def of_faults(kills: int, seed: int, folder: Path) -> Iterator[tuple[str, Counte
     rng = random.Random(seed)
     places = [faults.Place.of(command, folder / command.text.split()[0]) for command in faults.COMMANDS]
     rounds = range(max(1, kills // 20))
-    yield "two writers, with --force", counted(lambda place: faults.two_writers(place, True), places, rounds)
-    yield "two writers, without", counted(lambda place: faults.two_writers(place, False), places, rounds)
-    for place in places:
-        place.fill()
     yield "files of at most 1 kB", counted(lambda place: faults.refused(place, faults.small_files), places, rounds)
     yield "full file system", counted(faults.full_disk, places, rounds)
     yield "read-only file system", counted(faults.read_only, places, rounds)

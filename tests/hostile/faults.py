@@ -1,5 +1,7 @@
 """Real commands that are stopped, or cannot write: afterwards all their files are as before, or all of them are new.
 
+Of a process that is killed each file is whole.
+
 A fault is told by an AssertionError; what happened otherwise is a word for the table.
 """
 
@@ -9,6 +11,7 @@ import json
 import os
 import random
 import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -88,16 +91,24 @@ class Place:
         """What stands in the files, but for the time that the work took."""
         return {name: content(self.folder / name) for name in self.command.outputs if (self.folder / name).exists()}
 
-    def judged(self, may_be_left: bool = False) -> str:
-        """``old`` or ``new``; folders that are hidden may be left only where the process was killed."""
+    def judged(self) -> str:
+        """``old`` or ``new``, and nothing hidden is left."""
         left = [path.name for path in self.folder.glob(f"{HIDDEN}*")]
-        assert may_be_left or not left, f"{self.command.text}: left {left}"
+        assert not left, f"{self.command.text}: left {left}"
         found = self.outputs()
         if found == dict.fromkeys(self.command.outputs, OLD.encode()):
             return "old"
         same = {name: found.get(name) == new for name, new in self.reference.items()}
         assert all(same.values()), f"{self.command.text}: a mixture of old and new: {same}"
         return "new"
+
+    def each_whole(self) -> str:
+        """``whole``: each file is the old one or the new one; what a killed process hid is removed here."""
+        for folder in self.folder.glob(f"{HIDDEN}*"):
+            shutil.rmtree(folder)
+        for name, found in self.outputs().items():
+            assert found in (OLD.encode(), self.reference[name]), f"{self.command.text}: {name} is half-written"
+        return "whole"
 
 
 def content(path: Path) -> Any:
@@ -182,12 +193,10 @@ def stopped(place: Place, number: int, after: float, everyone: bool) -> str:
     if run.poll() is None:
         (os.killpg if everyone else os.kill)(run.pid, number)
     status = ended(run)
-    outcome = place.judged(may_be_left=number == signal.SIGKILL)
+    if number == signal.SIGKILL:
+        return place.each_whole()
+    outcome = place.judged()
     assert status != 0 or outcome == "new", f"{place.command.text}: status 0, but nothing new"
-    if list(place.folder.glob(f"{HIDDEN}*")):
-        assert ended(start(["urdf", "sino6", "-o", "next.urdf", "--force"], place.folder)) == 0
-        assert place.judged() == outcome
-        return f"{outcome}, tidied by the next"
     return outcome
 
 
@@ -273,14 +282,3 @@ def worker_killed(place: Place, after: float) -> str:
     outcome = place.judged()
     assert status == (0 if outcome == "new" else 1), (status, outcome, told(run))
     return outcome
-
-
-def two_writers(place: Place, force: bool) -> str:
-    """Two processes that write to the same names at once: with ``--force`` the last wins, without the first."""
-    for name in place.command.outputs:
-        (place.folder / name).unlink(missing_ok=True)
-    runs = [start([*place.command.words(), *["--force"] * force], place.folder) for _ in range(2)]
-    status = sorted(ended(run) for run in runs)
-    assert status == ([0, 0] if force else [0, 1]), [told(run) for run in runs]
-    assert place.judged() == "new"
-    return "whole"

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.hostile.faults import SIMULATE, Place, refused, small_files, stopped, two_writers
+from tests.hostile.faults import SIMULATE, Place, refused, small_files, stopped
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="processes are looked up in /proc")
 
@@ -16,5 +16,5 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="processes are l
 def test_old_files_or_new_ones_and_no_mixture(tmp_path: Path) -> None:
     place = Place.of(SIMULATE, tmp_path / "place")
     assert refused(place, small_files) == "refused"
-    assert two_writers(place, force=False) == "whole"
-    assert stopped(place, signal.SIGKILL, 0.9 * place.seconds, everyone=False).startswith(("old", "new"))
+    assert stopped(place, signal.SIGTERM, 0.9 * place.seconds, everyone=False) in ("old", "new")
+    assert stopped(place, signal.SIGKILL, 0.9 * place.seconds, everyone=False) == "whole"

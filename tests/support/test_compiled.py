@@ -1,18 +1,17 @@
-"""Loops for numba beside their NumPy twins: to the last bit, when they are loaded, and what goes wrong with what is kept."""
+"""Loops for numba and their NumPy twins: to the last bit, by the size of the task, and with a damaged cache."""
 
 from __future__ import annotations
 
-import sys
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from typing import Any
 
+import numba
 import numpy as np
 import pytest
 
-from aacmm_pin._support import compiled
 from aacmm_pin._support.checks import Array
-from aacmm_pin._support.compiled import ALWAYS, NEVER, VARIABLE, WHEN_WORTH, Twins
+from aacmm_pin._support.compiled import ALWAYS, LARGE_TASK, NEVER, VARIABLE, Twins
 from aacmm_pin.accuracy import zonotope
 from aacmm_pin.accuracy.workspace import map_workspace
 from aacmm_pin.arm.arm import Arm
@@ -21,8 +20,6 @@ from aacmm_pin.errors import UnknownNameError
 from aacmm_pin.postures import continuation
 from aacmm_pin.postures.point_system import PointSystem
 from aacmm_pin.postures.wrist_ik import Wrist, wrist_curves
-
-numba = pytest.importorskip("numba")
 
 LOOP = """
 def add_one(values):
@@ -145,25 +142,20 @@ def test_volumes_of_zonotopes(rng: np.random.Generator, monkeypatch: pytest.Monk
             np.testing.assert_array_equal(plain, loop)
 
 
-def test_loaded_when_worth_it(kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    values = np.zeros(200_000)
-    monkeypatch.setenv(VARIABLE, WHEN_WORTH)
-    monkeypatch.setattr(compiled, "_spent", 0.0)
+def test_a_large_task_is_done_by_the_loop(kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     both = twins(tmp_path)
-    both(values)
-    assert compiled._spent > 0.0
+    small, large = np.zeros(3), np.zeros(LARGE_TASK)
+    both(small)
     assert not kept.exists()
-    spent = compiled._spent = compiled.WORTH_SECONDS
-    both(values)
-    assert compiled._spent == spent
+    both(large)
     assert [*kept.rglob("*.nbi")]
+    monkeypatch.setattr(numba, "njit", None)
     monkeypatch.setenv(VARIABLE, NEVER)
-    both(values)
-    assert compiled._spent > spent
-    np.testing.assert_array_equal(values, 3.0)
+    twins(tmp_path)(large)
+    np.testing.assert_array_equal((small[0], large[-1]), (1.0, 2.0))
     monkeypatch.setenv(VARIABLE, "yes")
     with pytest.raises(UnknownNameError, match=f"{VARIABLE}.*'yes'.*always, never"):
-        both(values)
+        both(small)
 
 
 def test_what_is_kept_may_be_damaged_or_have_no_folder(kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -176,16 +168,3 @@ def test_what_is_kept_may_be_damaged_or_have_no_folder(kept: Path, tmp_path: Pat
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "loop.py"))
     twins(tmp_path)(values)
     np.testing.assert_array_equal(values, 3.0)
-
-
-def test_without_numba_numpy_does_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv(VARIABLE, ALWAYS)
-    values = np.zeros(3)
-    with monkeypatch.context() as debugging:
-        debugging.setenv("NUMBA_DISABLE_JIT", "1")
-        assert twins(tmp_path).compiled is None
-    monkeypatch.setitem(sys.modules, "numba", None)
-    both = twins(tmp_path)
-    both(values)
-    assert both.compiled is None
-    np.testing.assert_array_equal(values, 1.0)

@@ -1,0 +1,80 @@
+"""Errors of several arms by what a measurement file states: references, bars, seats."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from aacmm_pin._support.checks import Array, Index
+from aacmm_pin.calibration.cross_validation import rms
+from aacmm_pin.measurements.records import Measurements
+
+ROUNDING_GROWTH = 1e-3
+"""Part by which an RMS may grow where arms are the same but for rounding."""
+MAX_RMS = 0.01
+"""Largest RMS distance of an arm from its references [m]; the worst are a millimetre off."""
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Errors of one kind by each arm.
+
+    Attributes:
+        kind: ``reference``, ``bar length`` or ``seat`` (distance from the mean of its contacts).
+        count: how many of these there are.
+        errors: by each arm (n,) [m].
+        u: RMS standard uncertainty of the references [m]; nan if none is stated.
+    """
+
+    kind: str
+    count: int
+    errors: tuple[Array, ...]
+    u: float = math.nan
+
+    @property
+    def rms(self) -> list[float]:
+        """By each arm [m]."""
+        return [rms(errors) for errors in self.errors]
+
+    @property
+    def largest(self) -> list[float]:
+        """By each arm [m]."""
+        return [float(np.abs(errors).max()) for errors in self.errors]
+
+    @property
+    def is_worse(self) -> bool:
+        """Whether the last arm has larger errors than the first."""
+        return self.rms[-1] > (1 + ROUNDING_GROWTH) * self.rms[0]
+
+    @property
+    def is_of_other_frame(self) -> bool:
+        """Whether the references cannot be those of the last arm's tip in its base."""
+        return self.kind == "reference" and self.rms[-1] > MAX_RMS
+
+
+def compare(records: Measurements, tips: Sequence[Array]) -> Iterator[Comparison]:
+    """Compare the tips (n, 3) [m] of each arm with the references, bars and other seats."""
+    known = records.known
+    if known.any():
+        u = np.linalg.norm(records.reference_u[known], axis=1)
+        u = u[np.isfinite(u)]
+        errors = tuple(_distances((tip - records.reference)[known]) for tip in tips)
+        yield Comparison("reference", int(known.sum()), errors, rms(u) if len(u) else math.nan)
+    bars = records.bars()
+    if bars:
+        yield Comparison("bar length", len(bars), tuple(map(records.bar_length_errors, tips)))
+    seats = [seat for seat in records.seats().values() if len(seat) > 1 and not any(known[seat])]
+    if seats:
+        yield Comparison("seat", len(seats), tuple(_scatter(tip, seats) for tip in tips))
+
+
+def _distances(differences: Array) -> Array:
+    return np.asarray(np.linalg.norm(differences, axis=1))
+
+
+def _scatter(tips: Array, seats: list[Index]) -> Array:
+    off = [tips[seat] - tips[seat].mean(axis=0) for seat in seats]
+    return _distances(np.concatenate(off))

@@ -1,0 +1,100 @@
+"""Causes of a user's own: modules that ``--plugin`` names, and entry points of installed packages."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import os
+import sys
+import traceback
+from collections.abc import Callable
+from contextlib import redirect_stdout
+from functools import partial
+from importlib.machinery import PathFinder
+from importlib.metadata import EntryPoints
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from aacmm_pin._support.text_escaping import note
+from aacmm_pin.effects.causes import CAUSES, raised
+from aacmm_pin.errors import AacmmError
+
+SEARCHED = [*sys.path]
+"""Where modules are found, before plugins add their folders."""
+
+
+def load_plugins(names: list[str], points: EntryPoints) -> tuple[str, ...]:
+    """Import the modules ``names``, by name or path, and those of entry points; the files that were read.
+
+    Raises:
+        AacmmError: one cannot be imported.
+    """
+    loaders: dict[str, Callable[[], Any]] = {}
+    for name in names:
+        loaders[f"--plugin {name}"] = partial(import_plugin, name)
+    for point in points:
+        loaders[f"entry point {point.name}"] = point.load
+    before = set(sys.modules)
+    for origin, load in loaders.items():
+        _load(origin, load)
+    files = [getattr(sys.modules[name], "__file__", None) for name in set(sys.modules) - before]
+    return (*names, *filter(None, files))
+
+
+def _load(origin: str, load: Callable[[], Any]) -> None:
+    known = dict(CAUSES)
+    try:
+        with redirect_stdout(sys.stderr):  # what a module prints is no result
+            load()
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
+        file = os.path.abspath(origin.removeprefix("--plugin "))
+        raise AacmmError(f"{origin}: {raised(error, file)}") from None
+    if known == CAUSES:
+        note(f"note: {origin} registers no cause")
+
+
+def import_plugin(name: str) -> ModuleType:
+    """Import a module by its name or by the path of its file.
+
+    Raises:
+        AacmmError: another module has the name of the file; worker processes import it by its name.
+    """
+    if not name.endswith(".py"):
+        return importlib.import_module(name)
+    path = Path(name).absolute()
+    other = PathFinder.find_spec(path.stem, SEARCHED)
+    taken = other is not None and other.origin != str(path)
+    if taken or path.stem in sys.stdlib_module_names:
+        raise AacmmError(
+            f"{path.stem} is the name of another module, which programs import; expected another name of the file"
+        )
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    assert spec is not None
+    assert spec.loader is not None
+    if str(path.parent) not in sys.path:  # worker processes have the same
+        sys.path.append(str(path.parent))
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[path.stem] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+def plugin_error(error: BaseException) -> str | None:
+    """What a class of a plugin has raised, in one line; None where there is none.
+
+    Where no line of a plugin is in the traceback, what a class states of itself may be wrong.
+    """
+    own = {cause.cause: cause.__module__ for cause in CAUSES.values()}
+    own = {name: module for name, module in own.items() if not module.startswith("aacmm_pin.")}
+    frames = traceback.extract_tb(error.__traceback__)
+    files = [frame.filename for frame in frames]
+    for name, module in own.items():
+        file = getattr(sys.modules.get(module), "__file__", None)
+        if file in files:
+            return f"{name}: {raised(error, file)}"
+    if not own or not isinstance(error, Exception):
+        return None
+    return f"{', '.join(own)}, or what uses it: {raised(error, files[-1])}"
