@@ -22,7 +22,6 @@ ROOMS = [
     "diagnosis",
     "planning",
     "verification",
-    "papers",
     "report",
     "cli",
 ]

@@ -34,16 +34,13 @@ OF_EACH = 2
 
 
 @contextmanager
-def results(
-    work: Callable[[J], R], jobs: Iterable[J], workers: Workers, *, beside: bool = False
-) -> Iterator[Iterator[tuple[int, R]]]:
+def results(work: Callable[[J], R], jobs: Iterable[J], workers: Workers) -> Iterator[Iterator[tuple[int, R]]]:
     """Numbers and results of all jobs as they come; when the context ends, nothing is worked out any more.
 
     Args:
         work: a function of a module, for it is sent by its name.
         jobs: taken from the iterable as they are handed out.
         workers: see :data:`Workers`; other processes take a while to start, and this one works when asked for results.
-        beside: this process has work of its own meanwhile, so that even one job is worth another process.
 
     Raises:
         AacmmError: a process was killed, or there are not so many.
@@ -55,7 +52,7 @@ def results(
     count, jobs = whole(workers, 1, "processes"), iter(jobs)
     first = list(islice(jobs, count))
     jobs = chain(first, jobs)
-    others = min(count - 1, len(first) - 1 + beside)
+    others = min(count - 1, len(first) - 1)
     if others < 1:
         yield enumerate(map(work, jobs))
         return

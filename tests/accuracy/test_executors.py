@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from typing import Any
@@ -12,7 +11,6 @@ import pytest
 import xarray as xr
 
 from aacmm_pin import Arm, ErrorModel, accuracy_volume, map_workspace
-from aacmm_pin._support.workers import results
 from aacmm_pin.accuracy import volume, workspace
 from aacmm_pin.effects import EncoderEccentricity
 
@@ -61,17 +59,3 @@ def test_results_do_not_depend_on_the_executor(executor: Counting, monkeypatch: 
         np.testing.assert_array_equal(one.volume, other.volume)
         np.testing.assert_array_equal(one.covariance, other.covariance)
     assert executor.submit(sum, [1, 2]).result() == 3, "was shut down"
-
-
-def process_of(job: int) -> tuple[int, int]:
-    return job, os.getpid()
-
-
-@pytest.mark.parametrize(
-    ("jobs", "processes", "beside", "elsewhere"), [([7], 2, True, True), ([7], 2, False, False), ([], 2, True, False)]
-)
-def test_one_job_beside_the_work_of_this_process(jobs: list[int], processes: int, beside: bool, elsewhere: bool) -> None:
-    with results(process_of, jobs, processes, beside=beside) as found:
-        done = list(found)
-    assert [job for _, (job, _) in done] == jobs
-    assert all((pid != os.getpid()) == elsewhere for _, (_, pid) in done)
