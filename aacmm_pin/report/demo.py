@@ -110,29 +110,40 @@ class DemoSummary:
 
 
 def _at_the_point(circle: ConfigurationCircle, accuracy: AccuracyVolume, summary: dict[str, Any]) -> list[Block]:
+    curves = len(circle.components.curves)
+    can_move = f"With the wrist held there the arm can still move: its elbow runs along {curves} closed curves."
     ends = postures_at_the_ends(summary)
     return [
         Heading("At one point: in which posture, how accurate, and why"),
-        Paragraph(
-            f"{circle}. With the wrist held there the arm can still move: its elbow runs along "
-            f"{len(circle.components.curves)} closed curves."
-        ),
+        Paragraph(f"{circle}. {can_move}"),
         Paragraph(_uncertainty_at_the_point(summary["u_mm"]), finding=True),
         Paragraph(what_k_covers()),
         Paragraph(_volume_at_the_point(summary), finding=True),
-        Figure(
-            lambda: plots.plot_circle(circle, accuracy, ax=_axes_3d()),
-            f"The elbow's path round the working point and {circle.arm.name} in five postures",
-            "Five of the postures, and the path of the elbow, coloured by the accuracy volume where "
-            "all joints are within limits.",
-        ),
+        _circle_figure(circle, accuracy),
         Table(ends, "Postures at the ends; swivel 0 where the elbow is highest"),
-        Figure(
-            lambda: plots.plot_budget(accuracy, "parameter", blank_axes(7.0, 3.6)),
-            "Bars of the shares of the variance by parameter",
-            "Uncertainty budget: share of the variance, and the standard uncertainty that each parameter alone would cause.",
-        ),
+        _budget_figure(accuracy),
     ]
+
+
+def _circle_figure(circle: ConfigurationCircle, accuracy: AccuracyVolume) -> Figure:
+    def draw() -> Any:
+        figure = Drawing(figsize=(7.2, 6.6), layout="constrained")
+        return plots.plot_circle(circle, accuracy, ax=figure.add_subplot(projection="3d"))
+
+    return Figure(
+        draw,
+        f"The elbow's path round the working point and {circle.arm.name} in five postures",
+        "Five of the postures, and the path of the elbow, coloured by the accuracy volume where all joints "
+        "are within limits.",
+    )
+
+
+def _budget_figure(accuracy: AccuracyVolume) -> Figure:
+    return Figure(
+        lambda: plots.plot_budget(accuracy, "parameter", blank_axes(7.0, 3.6)),
+        "Bars of the shares of the variance by parameter",
+        "Uncertainty budget: share of the variance, and the standard uncertainty that each parameter alone would cause.",
+    )
 
 
 def _uncertainty_at_the_point(u_mm: dict[str, float]) -> str:
@@ -153,21 +164,18 @@ def _volume_at_the_point(summary: dict[str, Any]) -> str:
 
 
 def _over_the_workspace(map_: WorkspaceMap, circle: ConfigurationCircle) -> list[Block]:
-    sizes = map_.data.sizes
-    name = circle.arm.name
+    x, z = map_.data.sizes["x_mm"], map_.data.sizes["z_mm"]
+    figure = Figure(
+        lambda: _maps(map_, circle),
+        f"Maps of {circle.arm.name} over distance from joint axis 1 and z: uncertainty and flexibility",
+        "Standard uncertainty u of the position in the posture where it is smallest, and flexibility. The star is the "
+        "working point above, turned into the plane.",
+    )
     return [
         Heading("Over the workspace"),
-        Paragraph(
-            "The arm turns about joint 1, so one half-plane stands for all of space: "
-            f"{sizes['x_mm']} × {sizes['z_mm']} cells."
-        ),
+        Paragraph(f"The arm turns about joint 1, so one half-plane stands for all of space: {x} × {z} cells."),
         Paragraph(_uncertainty_over_the_workspace(map_), finding=True),
-        Figure(
-            lambda: _maps(map_, circle),
-            f"Maps of {name} over distance from joint axis 1 and z: uncertainty and flexibility",
-            "Standard uncertainty u of the position in the posture where it is smallest, and "
-            "flexibility. The star is the working point above, turned into the plane.",
-        ),
+        figure,
     ]
 
 
@@ -195,16 +203,18 @@ def _maps(map_: WorkspaceMap, circle: ConfigurationCircle) -> Drawing:
 
 def _measured(found: Diagnosis, hidden: Effect) -> list[Block]:
     name, records = found.model.arm.name, found.extended.problem.measurements
+    how = (
+        f"A virtual {name}, its geometry drawn within the half-widths, got an encoder that is off its centre and "
+        f"touched {SEATS} seats of known coordinates, {records.n} records in all. The diagnosis knows the records and "
+        "the arm file only."
+    )
+    table = _hidden_and_found(found, hidden)
     return [
         Heading("After measuring: a hidden effect found"),
-        Paragraph(
-            f"A virtual {name}, its geometry drawn within the half-widths, got an encoder that is "
-            f"off its centre and touched {SEATS} seats of known coordinates, {records.n} records "
-            "in all. The diagnosis knows the records and the arm file only."
-        ),
+        Paragraph(how),
         Paragraph(verdict_in_words(found), finding=True),
         Paragraph(line_to_remember(found), finding=True),
-        Table(_hidden_and_found(found, hidden), "What was hidden, and what was found; ± U (k = 2)"),
+        Table(table, "What was hidden, and what was found; ± U (k = 2)"),
         rms_figure(found),
         *causes_drawn(found),
     ]
@@ -217,10 +227,6 @@ def _hidden_and_found(found: Diagnosis, hidden: Effect) -> pd.DataFrame:
         values = values_in_words(finding.effect, finding.parameters)
         rows.append(("found", in_words(finding.effect), values))
     return pd.DataFrame(rows, columns=["", "cause", "values"])
-
-
-def _axes_3d() -> Any:
-    return Drawing(figsize=(7.2, 6.6), layout="constrained").add_subplot(projection="3d")
 
 
 def run_demo(

@@ -112,7 +112,8 @@ def _draw_base(ax: Axes3D, circle: ConfigurationCircle) -> Array:
     _, _, z, _ = dh.axes(np.zeros((1, dh.nq)), row=1)
     axis = z[0 if dh.standard else 1, :, 0]
     length = BASE_LINE * float(np.abs([dh.a, dh.d]).max())
-    line = np.array([shoulder - length * axis, shoulder + length * axis])
+    along = length * axis
+    line = np.array([shoulder - along, shoulder + along])
     ax.plot(*line.T / MM, color=INK, lw=1.0, ls="-.", zorder=3, label="joint axis 1")
     ax.plot(*shoulder[:, None] / MM, marker="s", ms=7, color=INK, ls="none", zorder=5, label="base (shoulder)")
     return np.asarray(line)

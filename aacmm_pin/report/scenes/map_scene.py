@@ -122,11 +122,12 @@ def _centres(map_: WorkspaceMap) -> Array:
 def _corners(map_: WorkspaceMap, cells: Marks) -> Array:
     """Corners of the marked cells, in turn round each (n, 4, 3) [m]."""
     x0, x1, z0, z1 = map_.data.attrs["extent_mm"]
-    width = (x1 - x0) / map_.data.sizes["x_mm"] * MM
-    height = (z1 - z0) / map_.data.sizes["z_mm"] * MM
+    width = (x1 - x0) / map_.data.sizes["x_mm"]
+    height = (z1 - z0) / map_.data.sizes["z_mm"]
+    half = np.array([width, 0.0, height]) * MM / 2
     square = np.array([[-1, 0, -1], [1, 0, -1], [1, 0, 1], [-1, 0, 1]])
-    from_centre = square * np.array([width, 0.0, height]) / 2
-    return np.asarray(_centres(map_)[cells][:, None] + from_centre)
+    centres = _centres(map_)[cells]
+    return np.asarray(centres[:, None] + half * square)
 
 
 def _draw_cells(scene: Scene, map_: WorkspaceMap, name: str, cells: Marks, colours: Array) -> None:

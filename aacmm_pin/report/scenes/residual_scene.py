@@ -100,7 +100,8 @@ def residual_scene(result: Calibration | Diagnosis, model: str | None = None) ->
 
 def _distances_mm(result: Calibration | Diagnosis, fit: Fit) -> Array:
     """Of tip and target, or stated place, for each record (n,)."""
-    return np.asarray(np.linalg.norm(deviations_of(result, fit), axis=1) / MM)
+    deviation = deviations_of(result, fit)
+    return np.asarray(np.linalg.norm(deviation, axis=1) / MM)
 
 
 def _caption(result: Calibration | Diagnosis, judge: Fit, chosen: Index) -> str:

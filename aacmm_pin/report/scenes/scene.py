@@ -120,8 +120,9 @@ class ColourBar:
     @property
     def ticks(self) -> list[tuple[float, str]]:
         """Where along the bar [%] a number stands, and the number."""
-        values = MaxNLocator(4, steps=[1, 2, 2.5, 5, 10]).tick_values(self.low, self.high)
-        inside = [float(value) for value in values if self.low <= value <= self.high]
+        locator = MaxNLocator(4, steps=[1, 2, 2.5, 5, 10])
+        values = np.asarray(locator.tick_values(self.low, self.high))
+        inside = values[(self.low <= values) & (values <= self.high)].tolist()
         percent = 100 / (self.high - self.low)
         return [(percent * (value - self.low), f"{value:.4g}") for value in inside]
 
