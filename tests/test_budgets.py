@@ -30,7 +30,6 @@ TOKENS: dict[str, int] = {
     "diagnosis": 40000,
     "planning": 13200,
     "verification": 17200,
-    "papers": 11900,
     "report": 57400,
     "cli": 15300,
 }
@@ -47,7 +46,6 @@ DENSE: dict[str, int] = {
     "diagnosis": 88,
     "planning": 28,
     "verification": 39,
-    "papers": 55,
     "report": 150,
     "cli": 8,
 }
@@ -65,7 +63,6 @@ WIDE: dict[str, int] = {
     "diagnosis": 456,
     "planning": 186,
     "verification": 241,
-    "papers": 247,
     "report": 832,
     "cli": 236,
 }
@@ -81,7 +78,6 @@ SENTENCES: dict[str, int] = {
     "diagnosis": 6,
     "planning": 23,
     "verification": 39,
-    "papers": 9,
 }
 """English of six words or more that is neither a docstring nor raised: the report says it."""
 INNER: dict[str, int] = {
@@ -93,7 +89,6 @@ INNER: dict[str, int] = {
     "diagnosis": 102,
     "planning": 67,
     "verification": 55,
-    "papers": 23,
     "report": 202,
     "cli": 107,
 }

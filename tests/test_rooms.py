@@ -22,11 +22,10 @@ ROOMS = [
     "diagnosis",
     "planning",
     "verification",
-    "papers",
     "report",
     "cli",
 ]
-SPEAK_TO_PINOCCHIO = {"arm.arm", "arm.corrected_urdf", "arm.pinocchio_model", "arm.poses", "report.scenes.arm_parts"}
+SPEAK_TO_PINOCCHIO = {"arm.arm", "arm.corrected_urdf", "arm.pinocchio_model", "arm.poses"}
 MODULES = {".".join(path.relative_to(ROOT).with_suffix("").parts): path for path in ROOT.rglob("*.py")}
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Annotated
 
@@ -20,5 +19,5 @@ def run(
     """The whole tour on bundled input: SINO6 at a point and over its workspace, as one HTML page."""
     from aacmm_pin.report.demo import run_demo  # here and below: what draws is loaded only where it is drawn
 
-    summary = run_demo(folder=output, cells=cells, force=force, processes=min(2, os.cpu_count() or 1))
+    summary = run_demo(folder=output, cells=cells, force=force)
     say(str(summary))

@@ -1,5 +1,5 @@
-"""The demonstration on bundled input: ``index.html``, an arm at a working point, over its workspace, and measured; the files
-behind it; and for the papers' arm ``papers.html``.
+"""The demonstration on bundled input: ``index.html``, an arm at a working point, over its workspace, and measured; and
+the files behind it.
 
 Every number in the text is computed when the page is made; the sentences around them are fixed.
 """
@@ -19,7 +19,6 @@ from matplotlib.figure import Figure as Drawing
 from aacmm_pin._support.output_files import OutputFiles, json_text
 from aacmm_pin._support.text_escaping import csv_text, encodable
 from aacmm_pin._support.units import MM
-from aacmm_pin._support.workers import results
 from aacmm_pin.accuracy.volume import AccuracyVolume, circle_accuracy, what_k_covers
 from aacmm_pin.accuracy.workspace import WorkspaceMap, map_workspace
 from aacmm_pin.arm.arm import Arm
@@ -32,7 +31,6 @@ from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.effects.labels import in_words, values_in_words
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.measurements.simulate import simulate_measurements
-from aacmm_pin.papers.sino6.tables import printed_points
 from aacmm_pin.postures.configurations import ConfigurationCircle, configuration_circle
 from aacmm_pin.report import plots
 from aacmm_pin.report.accuracy import postures_at_the_ends
@@ -47,12 +45,14 @@ from aacmm_pin.report.document import Block, Bullets, Document, Download, Figure
 from aacmm_pin.report.html import page
 from aacmm_pin.report.json_summaries import accuracy_summary, map_summary
 from aacmm_pin.report.numbers import percent
-from aacmm_pin.report.papers import PaperStudy, papers_document
 from aacmm_pin.report.scenes import circle_scene, map_scene
 
 SEED = 1
 """Seed of every random number."""
-ARM_OF_THE_PAPER = "SINO6"
+POINT = np.array([33.6323, -671.8702, 182.9355]) * MM
+"""The working point of the wrist in the DH base frame [m]: the first one that the paper of SINO6 measured."""
+LARGEST = 3
+"""Parameters that the text names as the largest of the budget."""
 RECORDS, SEATS = 200, 10
 READING_NOISE = 8e-6
 """Standard uncertainty of one reading, simulated and stated [rad]."""
@@ -62,7 +62,6 @@ FILES = {
     "diagnosis.html": "the whole diagnosis, with what could look like its findings",
     "postures.html": "in 3D: the arm going round its postures at the working point",
     "workspace.html": "in 3D: the arm in one cell of the workspace after the other",
-    "papers.html": "the two source papers, reproduced: equations, tables, measurements",
     "site/index.html": "the documentation, once it is built into this folder as the README says",
     "configurations.csv": "every configuration at the working point, angles in degrees",
     "accuracy.json": "accuracy at the working point",
@@ -111,95 +110,123 @@ class DemoSummary:
 
 
 def _at_the_point(circle: ConfigurationCircle, accuracy: AccuracyVolume, summary: dict[str, Any]) -> list[Block]:
-    volume, u = summary["volume_mm3"], summary["u_mm"]
-    largest = ", ".join(f"{row['parameter']} {percent(row['share'])}" for row in summary["budget"][:3])
+    curves = len(circle.components.curves)
+    can_move = f"With the wrist held there the arm can still move: its elbow runs along {curves} closed curves."
+    ends = postures_at_the_ends(summary)
     return [
         Heading("At one point: in which posture, how accurate, and why"),
-        Paragraph(
-            f"{circle}. With the wrist held there the arm can still move: its elbow runs along "
-            f"{len(circle.components.curves)} closed curves."
-        ),
-        Paragraph(
-            f"Expanded uncertainty of the position: U (k = 2) = {COVERAGE_FACTOR * u['min']:.3f} to "
-            f"{COVERAGE_FACTOR * u['max']:.3f} mm, depending on the posture.",
-            finding=True,
-        ),
+        Paragraph(f"{circle}. {can_move}"),
+        Paragraph(_uncertainty_at_the_point(summary["u_mm"]), finding=True),
         Paragraph(what_k_covers()),
-        Paragraph(
-            f"Accuracy volume, all that the half-widths allow together: {volume['min']:.4f} mm³ to {volume['max']:.4f} mm³; "
-            f"comprehensive accuracy {volume['comprehensive']:.4f} mm³. Most of the variance comes from {largest} "
-            "(theta_offset: zero offset of a joint).",
-            finding=True,
-        ),
-        Figure(
-            lambda: plots.plot_circle(circle, accuracy, ax=_axes_3d()),
-            f"The elbow's path round the working point and {circle.arm.name} in five postures",
-            "Five of the postures, and the path of the elbow, coloured by the accuracy volume where all joints are within "
-            "limits.",
-        ),
-        Table(postures_at_the_ends(summary), "Postures at the ends; swivel 0 where the elbow is highest"),
-        Figure(
-            lambda: plots.plot_budget(accuracy, "parameter", blank_axes(7.0, 3.6)),
-            "Bars of the shares of the variance by parameter",
-            "Uncertainty budget: share of the variance, and the standard uncertainty that each parameter alone would cause.",
-        ),
+        Paragraph(_volume_at_the_point(summary), finding=True),
+        _circle_figure(circle, accuracy),
+        Table(ends, "Postures at the ends; swivel 0 where the elbow is highest"),
+        _budget_figure(accuracy),
     ]
+
+
+def _circle_figure(circle: ConfigurationCircle, accuracy: AccuracyVolume) -> Figure:
+    def draw() -> Any:
+        figure = Drawing(figsize=(7.2, 6.6), layout="constrained")
+        return plots.plot_circle(circle, accuracy, ax=figure.add_subplot(projection="3d"))
+
+    return Figure(
+        draw,
+        f"The elbow's path round the working point and {circle.arm.name} in five postures",
+        "Five of the postures, and the path of the elbow, coloured by the accuracy volume where all joints "
+        "are within limits.",
+    )
+
+
+def _budget_figure(accuracy: AccuracyVolume) -> Figure:
+    return Figure(
+        lambda: plots.plot_budget(accuracy, "parameter", blank_axes(7.0, 3.6)),
+        "Bars of the shares of the variance by parameter",
+        "Uncertainty budget: share of the variance, and the standard uncertainty that each parameter alone would cause.",
+    )
+
+
+def _uncertainty_at_the_point(u_mm: dict[str, float]) -> str:
+    least, most = COVERAGE_FACTOR * u_mm["min"], COVERAGE_FACTOR * u_mm["max"]
+    return f"Expanded uncertainty of the position: U (k = 2) = {least:.3f} to {most:.3f} mm, depending on the posture."
+
+
+def _volume_at_the_point(summary: dict[str, Any]) -> str:
+    volume = summary["volume_mm3"]
+    budget = summary["budget"][:LARGEST]
+    largest = ", ".join(f"{row['parameter']} {percent(row['share'])}" for row in budget)
+    return (
+        "Accuracy volume, all that the half-widths allow together: "
+        f"{volume['min']:.4f} mm³ to {volume['max']:.4f} mm³; "
+        f"comprehensive accuracy {volume['comprehensive']:.4f} mm³. "
+        f"Most of the variance comes from {largest} (theta_offset: zero offset of a joint)."
+    )
 
 
 def _over_the_workspace(map_: WorkspaceMap, circle: ConfigurationCircle) -> list[Block]:
-    data, cells, u = map_.data, map_.working_sectors(), map_.data["smallest_u_mm"]
-    least, most = (COVERAGE_FACTOR * float(end) for end in (u.min(), u.max()))
+    x, z = map_.data.sizes["x_mm"], map_.data.sizes["z_mm"]
+    figure = Figure(
+        lambda: _maps(map_, circle),
+        f"Maps of {circle.arm.name} over distance from joint axis 1 and z: uncertainty and flexibility",
+        "Standard uncertainty u of the position in the posture where it is smallest, and flexibility. The star is the "
+        "working point above, turned into the plane.",
+    )
     return [
         Heading("Over the workspace"),
-        Paragraph(
-            f"The arm turns about joint 1, so one half-plane stands for all of space: {data.sizes['x_mm']} × "
-            f"{data.sizes['z_mm']} cells."
-        ),
-        Paragraph(
-            f"In the best posture of each cell U (k = 2) = {least:.3f} to {most:.3f} mm. {cells[map_.sectors]} of "
-            f"{sum(cells.values())} reachable cells can be reached all round the circle; mean flexibility "
-            f"{float(data['flexibility'].mean()):.3f}.",
-            finding=True,
-        ),
-        Figure(
-            lambda: _maps(map_, circle),
-            f"Maps of {circle.arm.name} over distance from joint axis 1 and z: uncertainty and flexibility",
-            "Standard uncertainty u of the position in the posture where it is smallest, and flexibility. The star is the "
-            "working point above, turned into the plane.",
-        ),
+        Paragraph(f"The arm turns about joint 1, so one half-plane stands for all of space: {x} × {z} cells."),
+        Paragraph(_uncertainty_over_the_workspace(map_), finding=True),
+        figure,
     ]
+
+
+def _uncertainty_over_the_workspace(map_: WorkspaceMap) -> str:
+    u_mm = map_.data["smallest_u_mm"]
+    least, most = COVERAGE_FACTOR * float(u_mm.min()), COVERAGE_FACTOR * float(u_mm.max())
+    cells = map_.working_sectors()
+    flexibility = float(map_.data["flexibility"].mean())
+    return (
+        f"In the best posture of each cell U (k = 2) = {least:.3f} to {most:.3f} mm. "
+        f"{cells[map_.sectors]} of {sum(cells.values())} reachable cells can be reached all round "
+        f"the circle; mean flexibility {flexibility:.3f}."
+    )
 
 
 def _maps(map_: WorkspaceMap, circle: ConfigurationCircle) -> Drawing:
     figure = Drawing(figsize=(10.0, 6.0), layout="constrained")
     x, y, z = circle.point / MM
-    for axes, quantity in zip(figure.subplots(1, 2), ("smallest_u_mm", "flexibility"), strict=True):
-        plots.plot_map(map_, quantity, axes).plot(np.hypot(x, y), z, "*", ms=13, mfc=plots.VERMILLION, mec="white")
+    panels = figure.subplots(1, 2)
+    for panel, quantity in zip(panels, ("smallest_u_mm", "flexibility"), strict=True):
+        plots.plot_map(map_, quantity, panel)
+        panel.plot(np.hypot(x, y), z, "*", ms=13, mfc=plots.VERMILLION, mec="white")
     return figure
 
 
 def _measured(found: Diagnosis, hidden: Effect) -> list[Block]:
     name, records = found.model.arm.name, found.extended.problem.measurements
-    true = {key: (value, 0.0) for key, value in hidden.described().items()}
-    rows = [("hidden", in_words(hidden), values_in_words(hidden, true))]
-    rows += [("found", in_words(f.effect), values_in_words(f.effect, f.parameters)) for f in found.findings]
+    how = (
+        f"A virtual {name}, its geometry drawn within the half-widths, got an encoder that is off its centre and "
+        f"touched {SEATS} seats of known coordinates, {records.n} records in all. The diagnosis knows the records and "
+        "the arm file only."
+    )
+    table = _hidden_and_found(found, hidden)
     return [
         Heading("After measuring: a hidden effect found"),
-        Paragraph(
-            f"A virtual {name}, its geometry drawn within the half-widths, got an encoder that is off its centre and "
-            f"touched {SEATS} seats of known coordinates, {records.n} records in all. The diagnosis knows the records and "
-            "the arm file only."
-        ),
+        Paragraph(how),
         Paragraph(verdict_in_words(found), finding=True),
         Paragraph(line_to_remember(found), finding=True),
-        Table(pd.DataFrame(rows, columns=["", "cause", "values"]), "What was hidden, and what was found; ± U (k = 2)"),
+        Table(table, "What was hidden, and what was found; ± U (k = 2)"),
         rms_figure(found),
         *causes_drawn(found),
     ]
 
 
-def _axes_3d() -> Any:
-    return Drawing(figsize=(7.2, 6.6), layout="constrained").add_subplot(projection="3d")
+def _hidden_and_found(found: Diagnosis, hidden: Effect) -> pd.DataFrame:
+    true = {key: (value, 0.0) for key, value in hidden.described().items()}
+    rows = [("hidden", in_words(hidden), values_in_words(hidden, true))]
+    for finding in found.findings:
+        values = values_in_words(finding.effect, finding.parameters)
+        rows.append(("found", in_words(finding.effect), values))
+    return pd.DataFrame(rows, columns=["", "cause", "values"])
 
 
 def run_demo(
@@ -209,12 +236,8 @@ def run_demo(
     progress: bool = True,
     cells: tuple[int, int] = (48, 48),
     sectors: int = 12,
-    processes: int = 1,
 ) -> DemoSummary:
     """Compute the tour and write it to ``folder``: index.html, and the files and pages behind it.
-
-    The working point is the first one that the paper measured (its Table 3), for the wrist. The papers' page is written for
-    their arm alone.
 
     Args:
         arm_name: bundled arm or arm file; it needs uncertainties.
@@ -223,7 +246,6 @@ def run_demo(
         progress: show bars in a notebook, or on stderr at a terminal.
         cells: cells of the map along x and z.
         sectors: sectors of the configuration circle.
-        processes: with two or more a worker process makes the papers' page meanwhile.
 
     Raises:
         OutputError: the folder cannot be used.
@@ -233,15 +255,15 @@ def run_demo(
     started, folder, when = time.perf_counter(), Path(folder), f"{datetime.now(UTC):%Y-%m-%d}"
     arm_file = load_arm_file(arm_name)
     arm = Arm.from_file(arm_file)
-    seeds = [SEED] if arm.name == ARM_OF_THE_PAPER else []
-    with OutputFiles(force) as outputs, results(_papers, seeds, processes) as papers:
+    with OutputFiles(force) as outputs:
         out = outputs.folder(folder)
-        circle = configuration_circle(arm, printed_points()[0])
+        circle = configuration_circle(arm, POINT)
         accuracy = circle_accuracy(circle)
-        over_map = map_workspace(arm, cells, sectors, progress=progress)
+        map_ = map_workspace(arm, cells, sectors, progress=progress)
         hidden, data = _simulated(arm)
-        found = diagnose(arm, data, encoder_noise=READING_NOISE, rng=np.random.default_rng(SEED), progress=progress)
-        of_point, of_map = accuracy_summary(circle, accuracy, sectors), map_summary(over_map)
+        rng = np.random.default_rng(SEED)
+        found = diagnose(arm, data, encoder_noise=READING_NOISE, rng=rng, progress=progress)
+        of_point, of_map = accuracy_summary(circle, accuracy, sectors), map_summary(map_)
         diagnosis = found.summary() | {"source": "measured.csv", "seed": SEED}
         texts = {
             f"{arm.name.lower()}.urdf": urdf_text(arm_file),
@@ -251,34 +273,22 @@ def run_demo(
             "diagnosis.json": json_text(diagnosis),
             "diagnosis.html": page(diagnosis_document(found, diagnosis, when)),
             "postures.html": circle_scene(circle, accuracy).html(),
-            "workspace.html": map_scene(over_map, arm).html(),
+            "workspace.html": map_scene(map_, arm).html(),
         }
-        of_papers: list[str] = []
-        for _, (texts["papers.html"], said) in papers:
-            of_papers += said
-        over_map.save(out / "map.nc")
-        data.save(out / "measured.csv")
         files = sorted([*texts, "map.nc", "measured.csv", "index.html"])
-        told = [
+        story = [
             *_at_the_point(circle, accuracy, of_point),
-            *_over_the_workspace(over_map, circle),
+            *_over_the_workspace(map_, circle),
             *_measured(found, hidden),
         ]
-        links = [Download(name, text) for name, text in FILES.items() if name in (*files, "site/index.html")]
-        links += [Download(name, "the arm for Pinocchio, lengths in metres") for name in files if name.endswith(".urdf")]
-        made = f"Seed {SEED}; made {when}."
-        blocks = [QUESTION, *told, Heading("What is assumed"), Bullets(ASSUMED), Heading("More"), *links, made]
-        texts["index.html"] = page(Document(f"{arm.name}: postures, accuracy, diagnosis", blocks, f"Geometry: {arm.source}"))
+        texts["index.html"] = page(_index(arm, story, files, when))
+        map_.save(out / "map.nc")
+        data.save(out / "measured.csv")
         for name, text in texts.items():
             (out / name).write_text(encodable(text), encoding="utf-8")
-    findings = [*(block.text for block in told if isinstance(block, Paragraph) and block.finding), *of_papers]
-    return DemoSummary(folder, tuple(files), tuple(findings), of_point, of_map, time.perf_counter() - started)
-
-
-def _papers(seed: int) -> tuple[str, list[str]]:
-    """The papers' page, and what the shell says of it."""
-    study = PaperStudy.of(seed)
-    return page(papers_document(study)), study.findings()
+    findings = [block.text for block in story if isinstance(block, Paragraph) and block.finding]
+    seconds = time.perf_counter() - started
+    return DemoSummary(folder, tuple(files), tuple(findings), of_point, of_map, seconds)
 
 
 def _simulated(arm: Arm) -> tuple[Effect, Measurements]:
@@ -286,5 +296,27 @@ def _simulated(arm: Arm) -> tuple[Effect, Measurements]:
     rng = np.random.default_rng(SEED)
     phase = rng.uniform(-np.pi, np.pi)
     hidden = EncoderEccentricity(JOINT, values=(SIZE * np.cos(phase), SIZE * np.sin(phase)))
-    truth = ErrorModel(perturbed_model(ErrorModel(arm), rng).arm, (hidden,))
+    drawn = perturbed_model(ErrorModel(arm), rng).arm
+    truth = ErrorModel(drawn, (hidden,))
     return hidden, simulate_measurements(truth, "seats", RECORDS, rng=rng, seats=SEATS)
+
+
+def _index(arm: Arm, story: list[Block], files: list[str], when: str) -> Document:
+    """The page that tells the story and links to the files."""
+    names = [name for name in FILES if name in (*files, "site/index.html")]
+    links = [Download(name, FILES[name]) for name in names]
+    urdf = [name for name in files if name.endswith(".urdf")]
+    links += [Download(name, "the arm for Pinocchio, lengths in metres") for name in urdf]
+    return Document(
+        f"{arm.name}: postures, accuracy, diagnosis",
+        [
+            QUESTION,
+            *story,
+            Heading("What is assumed"),
+            Bullets(ASSUMED),
+            Heading("More"),
+            *links,
+            f"Seed {SEED}; made {when}.",
+        ],
+        f"Geometry: {arm.source}",
+    )

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from papers.zero_offset import printed_postures
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
@@ -48,7 +49,6 @@ from aacmm_pin.errors import AacmmError, MissingConditionError, UnknownNameError
 from aacmm_pin.measurements.measuring_points import Pool
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.measurements.simulate import simulate_measurements
-from aacmm_pin.papers.zero_offset import printed_postures
 
 READING, REFERENCE = 8e-6, 12e-6
 

@@ -3,15 +3,14 @@
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from papers.sino6.equations import ConfigurationsAtTheta2, PlanarConfigurations
+from papers.sino6.misprints import misprints
+from papers.sino6.table2 import reproduce_table2
+from papers.sino6.tables import NominalArm, printed_table1, printed_table2, sino6_nominal
 
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.dh import table
 from aacmm_pin.errors import UnsupportedArmError
-from aacmm_pin.papers.sino6.equations import ConfigurationsAtTheta2, PlanarConfigurations
-from aacmm_pin.papers.sino6.misprints import misprints
-from aacmm_pin.papers.sino6.table2 import reproduce_table2
-from aacmm_pin.papers.sino6.tables import NominalArm, printed_table1, printed_table2, sino6_nominal
-from aacmm_pin.report import plots
 
 MM = 1e-3
 L2, L3, D3, D5 = 60.7309 * MM, 53.10897 * MM, 700.95392 * MM, 500.2211 * MM
@@ -172,5 +171,5 @@ def test_table_2_is_reproduced_within_one_percent_and_exact_geometry_gives_more(
     assert (near["exact_sectors"] == 12).all()
     assert (found.cells["reproduced_sectors"] == 1).sum() - len(near) == 68  # in front of the axis: not explained
     ax = Figure().add_subplot()
-    assert plots.plot_table2(found, ax) is ax
+    assert found.plot(ax) is ax
     assert [bar.get_height() for bar in ax.containers[0]][1:] == printed.tolist()

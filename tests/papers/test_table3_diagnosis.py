@@ -7,20 +7,20 @@ within what that and its draws may change.
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-
-from aacmm_pin.accuracy.parameter_draws import parameter_errors
-from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.errors import AacmmError, UnknownNameError
-from aacmm_pin.papers.sino6.tables import printed_points, printed_table1, printed_table3
-from aacmm_pin.papers.sino6_table3.diagnosis import Table3Diagnosis, diagnose_table3
-from aacmm_pin.papers.sino6_table3.evidence import evidence
-from aacmm_pin.papers.sino6_table3.patterns import DH, ECCENTRICITY, NOISE, ODD, STAND
-from aacmm_pin.papers.sino6_table3.selection_bias import (
+from papers import plots
+from papers.document import bayes_factor, papers_document, table3_document
+from papers.sino6.table2 import reproduce_table2
+from papers.sino6.tables import printed_points, printed_table1, printed_table3
+from papers.sino6_table3.diagnosis import Table3Diagnosis, diagnose_table3
+from papers.sino6_table3.evidence import evidence
+from papers.sino6_table3.patterns import DH, ECCENTRICITY, NOISE, ODD, STAND
+from papers.sino6_table3.selection_bias import (
     COUNTS,
     MEASURED_LOGS,
     band,
@@ -28,10 +28,14 @@ from aacmm_pin.papers.sino6_table3.selection_bias import (
     marked_count,
     marked_part,
 )
-from aacmm_pin.papers.sino6_table3.simulated_touches import MEASURED, TouchedSeats, touched_seats
-from aacmm_pin.report import plots
+from papers.sino6_table3.simulated_touches import MEASURED, TouchedSeats, touched_seats
+
+from aacmm_pin.accuracy.parameter_draws import parameter_errors
+from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.report.document import Paragraph
-from aacmm_pin.report.papers import bayes_factor, table3_document
+from aacmm_pin.report.html import page
+from tests.pages import Page
 
 ARCSEC = np.pi / 180 / 3600
 FIVE_ARCSEC_MM = [0.0282, 0.0307, 0.0347, 0.0389, 0.0310]
@@ -364,7 +368,16 @@ def test_figures_draw_on_given_axes(found: Table3Diagnosis):
 
 
 def test_bars_that_are_cut_off_are_explained(found: Table3Diagnosis, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("aacmm_pin.report.plots.papers.WORST", -5.0)
+    monkeypatch.setattr(plots, "WORST", -5.0)
     ax = plots.plot_bayes_factors(found, Figure().add_subplot())
     assert "cut" in ax.get_xlabel()
     assert min(bar.get_width() for bar in ax.patches) == -5.0
+
+
+def test_the_page_of_both_papers(found: Table3Diagnosis) -> None:
+    table2 = reproduce_table2(grid=12)
+    parsed = Page(page(papers_document(table2, found, 1)))
+    assert len(parsed.all("img")) == 5
+    assert not re.search(r"\bnan\b|\binf\b|None", parsed.text)
+    for result in (table2, found):  # as Jupyter shows them
+        assert f"<{Page(result._repr_html_()).tags[0][0]}" in result._repr_html_()

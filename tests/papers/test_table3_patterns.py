@@ -4,6 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from papers.sino6_table3.evidence import evidence
+from papers.sino6_table3.patterns import (
+    Pattern,
+    drawn_values,
+    mixed,
+    of_displacements,
+    of_encoder_noise,
+    of_local_noise,
+)
+from papers.sino6_table3.selection_bias import from_mean, log_ratios
+from papers.sino6_table3.simulated_touches import TouchedSeats
 from scipy.integrate import quad
 from scipy.stats import chi2, norm
 
@@ -12,17 +23,6 @@ from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.file import ArmFile
 from aacmm_pin.effects import EncoderEccentricity, EncoderGain, LinkLength
 from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.papers.sino6_table3.evidence import evidence
-from aacmm_pin.papers.sino6_table3.patterns import (
-    Pattern,
-    drawn_values,
-    mixed,
-    of_displacements,
-    of_encoder_noise,
-    of_local_noise,
-)
-from aacmm_pin.papers.sino6_table3.selection_bias import from_mean, log_ratios
-from aacmm_pin.papers.sino6_table3.simulated_touches import TouchedSeats
 
 N = 40
 

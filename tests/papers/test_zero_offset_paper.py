@@ -8,13 +8,8 @@ import numpy as np
 import pandas as pd
 import pytest
 from matplotlib.figure import Figure
-
-from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.calibration import calibrate
-from aacmm_pin.errors import UnknownNameError
-from aacmm_pin.measurements.records import Measurements
-from aacmm_pin.papers.zero_offset import (
+from papers.plots import plot_iterations
+from papers.zero_offset import (
     MRAD,
     assembled_arm,
     comparison,
@@ -24,7 +19,12 @@ from aacmm_pin.papers.zero_offset import (
     printed_table2,
     simulated_run,
 )
-from aacmm_pin.report import plots
+
+from aacmm_pin._support.units import DEG, MM
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.calibration import calibrate
+from aacmm_pin.errors import UnknownNameError
+from aacmm_pin.measurements.records import Measurements
 
 RUNS = (1, 2, 3)
 TRUE_DEG = np.array([2.4, -2.05, -1.5, 2.2, 1.2, -1.8])
@@ -161,7 +161,7 @@ def test_three_printed_points_calibrated_from_afar_have_the_chi2_of_their_roundi
 
 
 def test_the_figure_shows_the_printed_errors() -> None:
-    ax = plots.plot_iterations(Figure().add_subplot())
+    ax = plot_iterations(Figure().add_subplot())
     squares = np.concatenate([line.get_ydata() for line in ax.lines if line.get_marker() == "s"])
     printed = [printed_postures().groupby("run")["position_error_mm"].max(), printed_table2()[ERRORS].max(axis=1)]
     np.testing.assert_array_equal(np.sort(squares), np.sort(np.concatenate(printed)))

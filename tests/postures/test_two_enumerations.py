@@ -5,11 +5,11 @@ at each swivel, written here, and the paper's equations (10) to (13) at each θ2
 from __future__ import annotations
 
 import numpy as np
+from papers.sino6.equations import ConfigurationsAtTheta2
+from papers.sino6.table2 import exact_sectors, generating_grid
+from papers.sino6.tables import NominalArm, sino6_nominal
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin.papers.sino6.equations import ConfigurationsAtTheta2
-from aacmm_pin.papers.sino6.table2 import exact_sectors, generating_grid
-from aacmm_pin.papers.sino6.tables import NominalArm, sino6_nominal
 
 SAMPLES, HALVINGS = 180, 50
 ARM = sino6_nominal()

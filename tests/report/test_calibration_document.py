@@ -30,7 +30,7 @@ from aacmm_pin.report.calibration import (
 )
 from aacmm_pin.report.numbers import length
 from aacmm_pin.report.parameters import decimals, parameter_table, readable_parameters, stated_half_widths
-from aacmm_pin.report.scenes.page import viewer_script
+from aacmm_pin.report.scenes.scene import viewer_script
 from tests.pages import Page
 
 NAME = "a <b> & c.csv"

@@ -39,7 +39,7 @@ from aacmm_pin.report.diagnosis import (
 )
 from aacmm_pin.report.document import document_of
 from aacmm_pin.report.numbers import lengths, percent
-from aacmm_pin.report.scenes.page import viewer_script
+from aacmm_pin.report.scenes.scene import viewer_script
 from tests.pages import Page
 
 NAME = "a <b> & c.csv"

@@ -44,7 +44,7 @@ from aacmm_pin.report import scenes
 from aacmm_pin.report.numbers import lengths
 from aacmm_pin.report.plots import residual_vectors
 from aacmm_pin.report.scenes import Frames, Scene
-from aacmm_pin.report.scenes.page import viewer_script
+from aacmm_pin.report.scenes.scene import viewer_script
 from tests.by_pinocchio import dh_sensitivity
 
 POINT = np.array([33.6323, -671.8702, 182.9355]) * MM

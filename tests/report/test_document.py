@@ -25,7 +25,7 @@ from aacmm_pin.report.document import (
 )
 from aacmm_pin.report.numbers import capital, count, in_one_unit, lengths, p_equals, small, small_unit, spread
 from aacmm_pin.report.scenes import arm_scene
-from aacmm_pin.report.scenes.page import viewer_script
+from aacmm_pin.report.scenes.scene import viewer_script
 from tests.browser import Page as Browser
 from tests.pages import Page
 

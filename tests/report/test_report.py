@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-from functools import partial
 from pathlib import Path
 
 import matplotlib as mpl
@@ -17,7 +16,6 @@ from aacmm_pin import Arm, Measurements, calibrate
 from aacmm_pin.accuracy.workspace import WorkspaceMap
 from aacmm_pin.effects import EncoderEccentricity
 from aacmm_pin.errors import AacmmError, OutputError
-from aacmm_pin.report import papers
 from aacmm_pin.report.demo import DemoSummary, run_demo
 from tests.browser import Page as Browser
 from tests.pages import Page
@@ -32,12 +30,8 @@ def figures_left_by_demo() -> list[int]:
 
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory: pytest.TempPathFactory, figures_left_by_demo: list[int]) -> DemoSummary:
-    """With less of the papers than in the demo itself: what is computed of them has tests of its own."""
     plt.close("all")
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(papers, "reproduce_table2", partial(papers.reproduce_table2, 12))
-        patched.setattr(papers, "diagnose_table3", partial(papers.diagnose_table3, draws=500))
-        summary = run_demo(folder=tmp_path_factory.mktemp("demo") / "out", progress=False, cells=(6, 8), sectors=4)
+    summary = run_demo(folder=tmp_path_factory.mktemp("demo") / "out", progress=False, cells=(6, 8), sectors=4)
     figures_left_by_demo += plt.get_fignums()
     return summary
 
@@ -45,25 +39,23 @@ def demo(tmp_path_factory: pytest.TempPathFactory, figures_left_by_demo: list[in
 def test_demo_writes_the_whole_tour(demo: DemoSummary, figures_left_by_demo: list[int]) -> None:
     written = {path.name for path in demo.folder.iterdir()}
     assert written == set(demo.files)
-    pages = {f"{name}.html" for name in ("index", "papers", "diagnosis", "postures", "workspace")}
+    pages = {f"{name}.html" for name in ("index", "diagnosis", "postures", "workspace")}
     data = {"sino6.urdf", "configurations.csv", "accuracy.json", "map.nc", "map.json", "measured.csv", "diagnosis.json"}
     assert written == pages | data
     assert figures_left_by_demo == []
 
 
 def test_demo_pages_fetch_nothing_and_their_links_lead_somewhere(demo: DemoSummary) -> None:
-    for name, pictures in (("index", 5), ("papers", 5)):
-        html = (demo.folder / f"{name}.html").read_text(encoding="utf-8")
-        assert len(html.encode()) < 5_000_000
-        assert not re.search(r"https?:", html)
-        parsed = Page(html)
-        assert len(parsed.all("img")) == pictures
-        assert all(image["src"].startswith("data:image/png;base64,") and image["alt"] for image in parsed.all("img"))
-        assert not re.search(r"\bnan\b|\binf\b|None", parsed.text)
-        sections = {section["id"] for section in parsed.all("section")}
-        for target in (link["href"] for link in parsed.all("a")):
-            assert target.removeprefix("#") in sections | set(demo.files) | {"site/index.html"}
-    index = Page((demo.folder / "index.html").read_text(encoding="utf-8"))
+    html = (demo.folder / "index.html").read_text(encoding="utf-8")
+    assert len(html.encode()) < 5_000_000
+    assert not re.search(r"https?:", html)
+    index = Page(html)
+    assert len(index.all("img")) == 5
+    assert all(image["src"].startswith("data:image/png;base64,") and image["alt"] for image in index.all("img"))
+    assert not re.search(r"\bnan\b|\binf\b|None", index.text)
+    sections = {section["id"] for section in index.all("section")}
+    for target in (link["href"] for link in index.all("a")):
+        assert target.removeprefix("#") in sections | set(demo.files) | {"site/index.html"}
     assert {link["href"] for link in index.all("a")} >= set(demo.files) - {"index.html"}
 
 
@@ -80,7 +72,7 @@ def test_demo_data_agree(demo: DemoSummary) -> None:
     assert json.loads((demo.folder / "map.json").read_text(encoding="utf-8")) == demo.map
     index = Page((demo.folder / "index.html").read_text(encoding="utf-8")).text
     lines = str(demo).splitlines()
-    assert [line in index for line in lines] == [True] * 5 + [False] * (len(lines) - 5)  # then the papers, and the end
+    assert [line in index for line in lines] == [True] * 5 + [False]  # the end
     assert all(re.search(r"mm|µm|%|cells|joint", line) for line in lines[:-1])
     assert "index.html" in lines[-1]
     ends = " to ".join(f"{2 * accuracy['u_mm'][end]:.3f}" for end in ("min", "max"))
@@ -93,7 +85,7 @@ def test_demo_pages_in_a_browser(demo: DemoSummary, page: Browser) -> None:
         page.wait_for("!!document.querySelector('canvas')")
         assert page.errors == []
         assert {request.split(":")[0] for request in page.requests} <= {"file", "data", "about", "blob"}
-    for name in ("index", "papers", "diagnosis"):  # on a phone
+    for name in ("index", "diagnosis"):  # on a phone
         page.open(demo.folder / f"{name}.html", (390, 800), touch=True)
         assert page.evaluate("document.scrollingElement.scrollWidth") <= 390
         sizes = "[...document.querySelectorAll('p')].map(p => parseFloat(getComputedStyle(p).fontSize))"

@@ -44,8 +44,6 @@ from aacmm_pin.effects import EncoderEccentricity, JointCompliance, SeatError
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements import PROBED_POINT_COLUMNS
 from aacmm_pin.measurements.csv_columns import single_names
-from aacmm_pin.papers.sino6.table2 import reproduce_table2
-from aacmm_pin.papers.sino6_table3.diagnosis import Table3Diagnosis
 from aacmm_pin.report import plots
 from aacmm_pin.report.document import document_of
 from aacmm_pin.verification import PredictedAcceptance, Procedure
@@ -92,7 +90,6 @@ def values(arm: Arm, calibration: Calibration, found: Diagnosis, hidden: Any, ro
     rng = np.random.default_rng(2)
     q = circle.q[circle.within_limits]
     plan = plan_measurements(arm, ("bearing_tilt:1", "base_compliance"), 4, postures=60)
-    table2 = reproduce_table2(grid=6)
     figure = AcceptanceFigure(NASTY, DEFINITIONS[0], Evaluated(1e-5, np.nan, 50, 0, "", np.array([[1e-5, np.nan]])), 2e-5)
     predicted = PredictedFigure(NASTY, DEFINITIONS[0], (figure,) * 3, pd.Series({NASTY: 1e-5}))
     touches = pd.DataFrame(
@@ -128,16 +125,11 @@ def values(arm: Arm, calibration: Calibration, found: Diagnosis, hidden: Any, ro
         "MeasurementPlan": plan,
         "Tried": plan.tried[-1],
         "Power": plan.after,
-        "Table2": table2,
         "AcceptanceResult": AcceptanceResult(NASTY, (figure,), (NASTY,)),
         "CalibrationPlan": plan_calibration(arm, 4, postures=60),
         "Procedure": Procedure(arm, touches, q[:2], arm.positions(q[:2]), 1),
         "PredictedAcceptance": PredictedAcceptance(NASTY, (predicted,), 3, 1, (NASTY,)),
     }
-
-
-OF_TABLE_3 = {Table3Diagnosis}
-"""These take long; ``test_table3_diagnosis`` shows them."""
 
 
 def test_every_class_that_a_user_meets_shows_itself(values: dict[str, Any]) -> None:
@@ -146,7 +138,7 @@ def test_every_class_that_a_user_meets_shows_itself(values: dict[str, Any]) -> N
     assert silent == set()
     shown = {type(value) for value in values.values()}
     for kind in document_of.registry:
-        if kind not in (object, *OF_TABLE_3):
+        if kind.__module__.startswith("aacmm_pin."):  # other tests register classes of their own
             assert any(issubclass(one, kind) for one in shown), kind
     assert {c for c in Shown.__subclasses__() if document_of.dispatch(c) is document_of.dispatch(object)} == set()
 
@@ -258,7 +250,6 @@ def drawings(values: dict[str, Any]) -> list[tuple[str, Callable[..., Any]]]:
         ("diagnosis", found.plot),
         ("second cause", partial(found.plot, 1)),
         *((draw.__name__, partial(draw, found)) for draw in OF_DIAGNOSIS),
-        ("Table 2", values["Table2"].plot),
     ]
     return [*single, ("circle", circle.plot), ("circle, accuracy", lambda ax=None: circle.plot(accuracy, 3, ax))]
 

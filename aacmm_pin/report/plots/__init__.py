@@ -24,13 +24,6 @@ from aacmm_pin.report.plots.circle import plot_circle
 from aacmm_pin.report.plots.groups import plot_groups, plot_held_out, plot_rms
 from aacmm_pin.report.plots.history import plot_history
 from aacmm_pin.report.plots.maps import QUANTITIES, plot_map
-from aacmm_pin.report.plots.papers import (
-    plot_bayes_factors,
-    plot_iterations,
-    plot_part_and_rest,
-    plot_spreads,
-    plot_table2,
-)
 from aacmm_pin.report.plots.parameter_changes import plot_geometry, plot_parameter_changes
 from aacmm_pin.report.plots.residual_vectors import plot_residual_vectors, plot_residual_views
 from aacmm_pin.report.plots.style import BLUE, GREY, INK, VERMILLION
@@ -42,7 +35,6 @@ __all__ = [
     "QUANTITIES",
     "VERMILLION",
     "plot_accuracy_of_postures",
-    "plot_bayes_factors",
     "plot_budget",
     "plot_cause",
     "plot_circle",
@@ -52,18 +44,14 @@ __all__ = [
     "plot_groups",
     "plot_held_out",
     "plot_history",
-    "plot_iterations",
     "plot_map",
     "plot_normalised_residuals",
     "plot_parameter_changes",
-    "plot_part_and_rest",
     "plot_residual_vectors",
     "plot_residual_views",
     "plot_residuals_by_seat",
     "plot_residuals_over_joint",
     "plot_residuals_over_joints",
     "plot_rms",
-    "plot_spreads",
-    "plot_table2",
     "plot_unexplained",
 ]

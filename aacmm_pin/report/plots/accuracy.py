@@ -12,6 +12,7 @@ from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.units import DEG, MM, MM3, UM
 from aacmm_pin.accuracy.tip_sensitivity import ErrorSources
 from aacmm_pin.accuracy.volume import AccuracyVolume, paired
+from aacmm_pin.arm.arm import Arm
 from aacmm_pin.effects.labels import row_in_words
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.postures.configurations import ConfigurationCircle
@@ -143,12 +144,19 @@ def _shortened(budget: pd.DataFrame, by: str, most: int, sources: ErrorSources) 
     (nan) where it is not the root of a sum of squares.
     """
     budget = budget[budget["share"] != 0].sort_values("share", ascending=False, key=abs, ignore_index=True, kind="stable")
-    what = (f"{row_in_words(at, sources.arm)} " if by == "joint" and pd.notna(at) else "" for at in budget[by])
-    names = [f"{words}{name}" if pd.notna(name) else "whole arm" for words, name in zip(what, budget[by], strict=True)]
+    names = [_source_name(source, by, sources.arm) for source in budget[by]]
     table = pd.DataFrame({"name": names, "share": budget["share"], "u_mm": budget["u_mm"]})
     if len(table) <= most:
         return table
-    kept, left = table.head(most - 1), table.iloc[most - 1 :]
-    u = float(np.sqrt((left["u_mm"] ** 2).sum())) if sources.correlation is None else np.nan
-    rest = pd.DataFrame({"name": [f"rest ({len(left)})"], "share": [left["share"].sum()], "u_mm": [u]})
-    return pd.concat([kept, rest], ignore_index=True)
+    largest, others = table.head(most - 1), table.iloc[most - 1 :]
+    u = float(np.sqrt((others["u_mm"] ** 2).sum())) if sources.correlation is None else np.nan
+    share = others["share"].sum()
+    rest = pd.DataFrame({"name": [f"rest ({len(others)})"], "share": [share], "u_mm": [u]})
+    return pd.concat([largest, rest], ignore_index=True)
+
+
+def _source_name(source: Any, by: str, arm: Arm) -> str:
+    """What a bar stands for: a parameter, a kind, a joint with its word; <NA> is what moves the whole arm."""
+    if pd.isna(source):
+        return "whole arm"
+    return f"{row_in_words(source, arm)} {source}" if by == "joint" else str(source)

@@ -62,8 +62,10 @@ def plot_residuals_over_joint(result: Calibration, joint: int, when: str = "afte
     motion = fit.problem.reading_jacobian(point.x, point.frame)[:, :3, joint - 1]
     size = np.linalg.norm(motion, axis=1)
     moved = result.fit.used & (size > 1e-6)
-    along = np.einsum("ni,ni->n", fit.system.deviation[moved], motion[moved]) / size[moved] / UM
-    angle, ax = q[moved, joint - 1] / (MM if slides else DEG), axes_of(ax, (5.0, 3.2))
+    way = motion[moved] / size[moved, None]
+    along = np.einsum("ni,ni->n", fit.system.deviation[moved], way) / UM
+    unit, one = ("mm", MM) if slides else ("°", DEG)
+    angle, ax = q[moved, joint - 1] / one, axes_of(ax, (5.0, 3.2))
     ax.axhline(0.0, color=INK, lw=0.7)
     ax.plot(angle, along, ".", ms=3, color=COLOURS[when], alpha=0.8)
     if len(angle):
@@ -71,18 +73,18 @@ def plot_residuals_over_joint(result: Calibration, joint: int, when: str = "afte
     else:  # its axis goes through the tip
         ax.text(0.5, 0.6, "does not move the tip", transform=ax.transAxes, ha="center", color=INK)
         ax.set_xticks([])
-    ax.set(xlabel=f"joint {joint} [{'mm' if slides else '°'}]", ylabel="residual [µm]")
+    ax.set(xlabel=f"joint {joint} [{unit}]", ylabel="residual [µm]")
     ax.grid(alpha=0.3)
     return ax
 
 
 def _draw_means(ax: Axes, angle: Array, values: Array) -> None:
-    table = pd.DataFrame({"part": pd.cut(angle, BINS, labels=False), "angle": angle, "value": values})
-    parts = table.groupby("part").agg(
-        angle=("angle", "mean"), mean=("value", "mean"), u=("value", "sem"), records=("value", "size")
-    )
-    parts = parts[parts["records"] >= LEAST_IN_BIN]
-    ax.errorbar(*parts[["angle", "mean", "u"]].to_numpy().T, color=VERMILLION, capsize=2)
+    table = pd.DataFrame({"angle": angle, "value": values})
+    parts = table.groupby(pd.cut(angle, BINS, labels=False))
+    many = parts.size() >= LEAST_IN_BIN
+    angles, means = parts.mean()[many].to_numpy().T
+    u = parts["value"].sem()[many].to_numpy()
+    ax.errorbar(angles, means, u, color=VERMILLION, capsize=2)
 
 
 @plain
@@ -102,8 +104,7 @@ def plot_residuals_over_joints(result: Calibration, when: str = "after", ax: Axe
     """
     joints = result.model.arm.nq
     columns = min(joints, 3)
-    size = (3.5 * columns, 2.5 * -(-joints // columns) + 0.3)
-    panels = panels_of(ax, size, joints, columns, share_y=True)
+    panels = panels_of(ax, (3.5, 2.65), joints, columns, share_y=True)
     for number, panel in enumerate(panels, start=1):
         plot_residuals_over_joint(result, number, when, panel)
         if (number - 1) % columns:
@@ -129,7 +130,8 @@ def plot_residuals_by_seat(result: Calibration, ax: Axes | None = None) -> Axes:
     ax = axes_of(ax, (min(14.0, max(5.0, 1.6 + 0.55 * len(seats))), 3.6))
     top = 1.15 * float(table.loc[result.fit.used, ["before_mm", "after_mm"]].max().max()) or 1.0
     records = np.concatenate([seats[name] for name in names])
-    place = np.concatenate([k + np.linspace(-0.14, 0.14, len(seats[name])) for k, name in enumerate(names)])
+    places = [k + np.linspace(-0.14, 0.14, len(seats[name])) for k, name in enumerate(names)]
+    place = np.concatenate(places)
     used, excluded = result.fit.used[records], result.fit.excluded[records]
     crossed: list[tuple[Array, Array, str]] = []
     for aside, (when, colour) in zip((-0.2, 0.2), COLOURS.items(), strict=True):
@@ -161,7 +163,8 @@ def plot_normalised_residuals(result: Calibration, ax: Axes | None = None) -> Ax
     label = f"{len(distance)} records used"
     ax.hist(distance, 30, range=(0, most), density=True, color=BLUE, alpha=0.75, label=label)
     x = np.linspace(0, most, 300)
-    ax.plot(x, np.sqrt(2 / np.pi) * x**2 * np.exp(-0.5 * x**2), color=VERMILLION, lw=1.8, label="χ, 3 degrees of freedom")
+    chi = np.sqrt(2 / np.pi) * x**2 * np.exp(-0.5 * x**2)
+    ax.plot(x, chi, color=VERMILLION, lw=1.8, label="χ, 3 degrees of freedom")
     ax.set(xlabel="normalised residual [1]", ylabel="density [1]", xlim=(0, most))
     ax.legend(fontsize=8, frameon=False)
     ax.set_title(f"{result.model.arm.name}: residuals against the noise", fontsize=10)

@@ -109,20 +109,28 @@ def plot_cause(result: Diagnosis, finding: Finding, ax: Axes | None = None) -> A
 
 def _means(shown: PartialResidual, few: bool) -> pd.DataFrame:
     """Weighted means of x and value in parts of the range, or at each x, and the standard uncertainty u of the latter."""
-    parts = shown.x if few else pd.cut(shown.x, int(np.clip(len(shown.x) // 8, 4, shown.bins)), labels=False)
+    if few:
+        parts, least = shown.x, 1
+    else:
+        bins = int(np.clip(len(shown.x) // 8, 4, shown.bins))
+        parts, least = np.asarray(pd.cut(shown.x, bins, labels=False), float), LEAST_IN_BIN
     weight = 1.0 / shown.u**2
-    weighted = pd.DataFrame({"records": 1, "weight": weight, "x": weight * shown.x, "value": weight * shown.value})
-    sums = weighted.groupby(parts).sum()
-    sums = sums[sums["records"] >= (1 if few else LEAST_IN_BIN)]
-    return sums[["x", "value"]].div(sums["weight"], axis=0).assign(u=sums["weight"] ** -0.5)
+    weighted = pd.DataFrame({"weight": weight, "x": weight * shown.x, "value": weight * shown.value})
+    groups = weighted.groupby(parts)
+    sums = groups.sum()[groups.size() >= least]
+    means = sums[["x", "value"]].div(sums["weight"], axis=0)
+    return means.assign(u=sums["weight"] ** -0.5)
 
 
 def _limits(shown: PartialResidual, means: pd.DataFrame) -> tuple[float, float]:
     """Room for the curve and the means, and for nearly all records as far as that does not dwarf these."""
-    inner = np.concatenate([shown.curve[1], means["value"] - means["u"], means["value"] + means["u"]])
+    value, u = means["value"], means["u"]
+    inner = np.concatenate([shown.curve[1], value - u, value + u])
     low, high = float(np.nanmin(inner)), float(np.nanmax(inner))
-    least, most = np.clip(np.quantile(shown.value, SHOWN), low - ROOM * (high - low), high + ROOM * (high - low))
-    margin = 0.05 * (high - low) or 1.0
+    height = high - low
+    room = ROOM * height
+    least, most = np.clip(np.quantile(shown.value, SHOWN), low - room, high + room)
+    margin = 0.05 * height or 1.0
     return min(low, least) - margin, max(high, most) + margin
 
 
@@ -135,7 +143,8 @@ def _plot_seat_error(result: Diagnosis, effect: Effect, ax: Axes | None = None) 
     fit, ax = result.extended, axes_of(ax, (6.8, 3.8))
     records, tips = fit.problem.measurements, fit.point.prediction.tips
     weight = UM**2 / np.diagonal(fit.residual_noise[:, :3, :3], axis1=1, axis2=2)
-    found = {e.place: np.array(e.values) for e in (*(f.effect for f in result.findings), effect) if e.corrects_seat}
+    effects = [*(finding.effect for finding in result.findings), effect]
+    found = {each.place: np.array(each.values) for each in effects if each.corrects_seat}
     seats = {name: own[fit.used[own]] for name, own in records.seats().items() if records.known[own].all()}
     names = sorted((name for name, own in seats.items() if own.size), key=numbers_by_size)
     total = np.array([weight[seats[name]].sum(axis=0) for name in names])
@@ -151,7 +160,8 @@ def _plot_seat_error(result: Diagnosis, effect: Effect, ax: Axes | None = None) 
     ax.plot([], [], "o", ms=9, mfc="none", color=INK, label="fitted error")
     name_places(ax, names)
     without = len(records.seats()) - len(names)
-    ax.set_xlabel("seat" + (f" ({count(without, 'seat')} without a stated place not shown)" if without else ""))
+    missing = f" ({count(without, 'seat')} without a stated place not shown)" if without else ""
+    ax.set_xlabel(f"seat{missing}")
     ax.set_ylabel("true place minus stated place [µm]")
     legend_below(ax)
     ax.set_title(f"{result.model.arm.name}: {in_words(effect, result.model.arm)}", fontsize=10)
@@ -207,10 +217,15 @@ def _plot_over_one(shape: pd.DataFrame, over: list[str], quantities: list[str], 
 
 def _plot_over_two(shape: pd.DataFrame, over: list[str], quantities: list[str], label: str, ax: Axes) -> None:
     """The size of the correction as colour over the first and the last covariate; records where it is largest on top."""
-    one = len(quantities) == 1
-    size = shape[quantities[0]] if one else np.sqrt(np.square(shape[quantities]).sum(axis=1))
-    bound, at = float(np.abs(size).max()), shape.assign(size=size).sort_values("size", key=np.abs)
-    low, colours = (-bound, "RdBu_r") if one else (0.0, "viridis")
+    if len(quantities) == 1:
+        size = shape[quantities[0]]
+        bound = float(np.abs(size).max())
+        low, colours = -bound, "RdBu_r"
+    else:
+        size = np.sqrt(np.square(shape[quantities]).sum(axis=1))
+        bound = float(size.max())
+        low, colours = 0.0, "viridis"
+    at = shape.assign(size=size).sort_values("size", key=np.abs)
     drawn = ax.scatter(at[over[0]], at[over[-1]], c=at["size"], s=14, vmin=low, vmax=bound, cmap=colours)
     ax.figure.colorbar(drawn, ax=ax, label=label)
     ax.set(xlabel=_head(over[0]), ylabel=_head(over[-1]))

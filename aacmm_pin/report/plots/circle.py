@@ -68,15 +68,17 @@ def plot_circle(
 
 def evenly(members: Index, count: int) -> Index:
     """So many of the members, evenly spread."""
-    return members[np.unique(np.linspace(0, len(members), count, endpoint=False, dtype=np.intp))]
+    places = np.linspace(0, len(members), count, endpoint=False, dtype=np.intp)
+    return members[np.unique(places)]
 
 
 def neighbours(circle: PosturesAtPoint, members: Index, path: Array) -> Index:
     """Numbers of the configurations at both ends of every piece of the ``path`` (n, 3) through the members: (pieces, 2)."""
     pairs = [np.empty((0, 2), dtype=np.intp)]
     for number in np.unique(circle.component[members]):
-        mine = members[circle.component[members] == number]
-        along = np.append(mine, mine[0]) if _closed(circle, int(number), path[mine]) else mine
+        along = members[circle.component[members] == number]
+        if _closed(circle, int(number), path[along]):
+            along = np.append(along, along[0])
         pairs.append(np.column_stack([along[:-1], along[1:]]))
     return np.concatenate(pairs)
 
@@ -84,8 +86,10 @@ def neighbours(circle: PosturesAtPoint, members: Index, path: Array) -> Index:
 def _closed(circle: PosturesAtPoint, number: int, line: Array) -> bool:
     if isinstance(circle, ConfigurationCircle):
         return bool(circle.components.curves[number - 1].closed)
-    steps = np.linalg.norm(np.diff(line, axis=0), axis=1)
-    return len(line) > 2 and bool(np.linalg.norm(line[-1] - line[0]) <= NEXT * np.median(steps))
+    if len(line) <= 2:
+        return False
+    usual = np.median(np.linalg.norm(np.diff(line, axis=0), axis=1))
+    return bool(np.linalg.norm(line[-1] - line[0]) <= NEXT * usual)
 
 
 def _frame(ax: Axes3D, circle: ConfigurationCircle, points: Array) -> None:
@@ -106,8 +110,10 @@ def _draw_base(ax: Axes3D, circle: ConfigurationCircle) -> Array:
     """Joint axis 1 and the shoulder on it; the ends of the line (2, 3) [m]."""
     dh, shoulder = circle.components.swivel.dh, circle.components.swivel.shoulder
     _, _, z, _ = dh.axes(np.zeros((1, dh.nq)), row=1)
+    axis = z[0 if dh.standard else 1, :, 0]
     length = BASE_LINE * float(np.abs([dh.a, dh.d]).max())
-    line = shoulder + np.array([[-length], [length]]) * z[0 if dh.standard else 1, :, 0]
+    along = length * axis
+    line = np.array([shoulder - along, shoulder + along])
     ax.plot(*line.T / MM, color=INK, lw=1.0, ls="-.", zorder=3, label="joint axis 1")
     ax.plot(*shoulder[:, None] / MM, marker="s", ms=7, color=INK, ls="none", zorder=5, label="base (shoulder)")
     return np.asarray(line)
@@ -115,15 +121,17 @@ def _draw_base(ax: Axes3D, circle: ConfigurationCircle) -> Array:
 
 def _draw_postures(ax: Axes3D, circle: ConfigurationCircle, chosen: Index) -> Array:
     """The arm from the base to the working point, from light to dark, so that each posture can be followed; its corners."""
-    lines, row = ArmLines(circle.arm), circle.arm.dh_row(circle.at) or circle.components.swivel.dh.rows
-    joints = lines.placements(circle.q[chosen])[1 : row + 1, :, :3, 3]
+    lines = ArmLines(circle.arm)
+    last = circle.arm.dh_row(circle.at) or circle.components.swivel.dh.rows
+    joints = lines.placements(circle.q[chosen])[1 : last + 1, :, :3, 3]
     style: dict[str, Any] = {"lw": TUBE_WIDTH, "zorder": 4, "solid_capstyle": "round", "solid_joinstyle": "round"}
     shades, drawn = TUBE_COLOURS(np.linspace(0.3, 0.75, len(chosen))), []
     for k, corners in enumerate(lines.corners(circle.q[chosen])):
-        ending = int(np.linalg.norm(corners - circle.point, axis=1).argmin())
-        drawn.append(corners[: ending + 1])
+        at_point = int(np.linalg.norm(corners - circle.point, axis=1).argmin())
+        line = corners[: at_point + 1]
         label = "arm to the point" if k == len(chosen) // 2 else None
-        ax.plot(*drawn[-1].T / MM, color=shades[k], label=label, **style)
+        ax.plot(*line.T / MM, color=shades[k], label=label, **style)
+        drawn.append(line)
         ax.plot(*joints[:, k].T / MM, color=INK, marker="o", ms=3.5, ls="none", zorder=5)
     return np.concatenate(drawn)
 

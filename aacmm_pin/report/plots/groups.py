@@ -38,7 +38,8 @@ def plot_rms(result: Diagnosis, ax: Axes | None = None) -> Axes:
     unit, scale = length_unit(max(result.rms.values()))
     words = dict(zip(result.rms, lengths(result.rms.values()), strict=True))
     ax = axes_of(ax, (6.8, 2.2))
-    bars = ax.barh(list(MODELS), [result.rms[name] / scale for name in MODELS], color=list(MODELS.values()), height=0.6)
+    sizes = [result.rms[name] / scale for name in MODELS]
+    bars = ax.barh(list(MODELS), sizes, color=list(MODELS.values()), height=0.6)
     box = {"fc": "white", "ec": "none", "pad": 1}
     ax.bar_label(bars, [words[name] for name in MODELS], padding=5, fontsize=9, bbox=box)
     ax.axvline(result.rms["noise"] / scale, color=VERMILLION, ls="--", lw=1.4, label=f"noise alone, {words['noise']}")
@@ -69,14 +70,14 @@ def plot_groups(result: Diagnosis, ax: Axes | None = None) -> Figure:
     if not kinds:
         raise AacmmError("there are too few records to compare groups of them")
     columns = min(3, len(kinds))
-    size = (3.1 * columns, 2.2 * -(-len(kinds) // columns) + 0.5)
-    panels = panels_of(ax, size, len(kinds), columns, share_y=True)
+    panels = panels_of(ax, (3.1, 2.4), len(kinds), columns, share_y=True)
     expected = {"noise": (":", "noise alone")}
     if not table["predicted_mm"].equals(table["noise_mm"]):
         expected = {"predicted": ("--", "predicted for it")} | expected
     for panel, kind in zip(panels, kinds, strict=True):
         _draw_groups(panel, kind, table[table["by"] == kind], expected)
-    panels[0].set_ylim(0, 1.06 * float(table[["predicted_mm", *(f"{name}_mm" for name in MODELS)]].max().max()))
+    heights = table[["predicted_mm", *(f"{name}_mm" for name in MODELS)]]
+    panels[0].set_ylim(0, 1.06 * float(heights.max().max()))
     for panel in panels[::columns]:
         panel.set_ylabel("RMS [mm]")
     handles, labels = panels[0].get_legend_handles_labels()
@@ -114,7 +115,8 @@ def _start(group: str) -> float:
 
 def place_in_words(by: str, group: str) -> str:
     """``joint 6, 89 to 178°``, ``seat P3``."""
-    return f"{by}, {group}" if by.split()[0] in UNITS else f"{by} {group}"
+    between = ", " if by.split()[0] in UNITS else " "
+    return by + between + group
 
 
 def held_out_parts(result: Diagnosis) -> pd.DataFrame:
@@ -129,15 +131,25 @@ def held_out_parts(result: Diagnosis) -> pd.DataFrame:
     seats = result.extended.problem.measurements.seats() if held.kind == "seats" else {}
     there = np.isfinite(held.extended)
     numbers = np.unique(held.part[there])
+    chosen = held.chosen if len(held.chosen) == len(numbers) else [()] * len(numbers)
     rows = []
-    for place, number in enumerate(numbers):
+    for number, without_it in zip(numbers, chosen, strict=True):
         mine = (held.part == number) & there
-        names = sorted((s for s, records in seats.items() if mine[records].any()), key=numbers_by_size)
-        before, after = (float(np.sqrt(np.mean(values[mine] ** 2))) for values in (held.recalibrated, held.extended))
-        row = {"part": ", ".join(names) or f"block {number + 1}", "records": int(mine.sum())}
-        row |= {"recalibrated_mm": before / MM, "extended_mm": after / MM, "gain": 1 - after / before}
-        rows.append(row | {"chosen": held.chosen[place] if len(held.chosen) == len(numbers) else ()})
-    return pd.DataFrame(rows).sort_values("part", key=lambda parts: parts.map(numbers_by_size), ignore_index=True)
+        names = [seat for seat, records in seats.items() if mine[records].any()]
+        before = float(np.sqrt(np.mean(held.recalibrated[mine] ** 2)))
+        after = float(np.sqrt(np.mean(held.extended[mine] ** 2)))
+        rows.append(
+            {
+                "part": ", ".join(sorted(names, key=numbers_by_size)) or f"block {number + 1}",
+                "records": int(mine.sum()),
+                "recalibrated_mm": before / MM,
+                "extended_mm": after / MM,
+                "gain": 1 - after / before,
+                "chosen": without_it,
+            }
+        )
+    table = pd.DataFrame(rows)
+    return table.sort_values("part", key=lambda parts: parts.map(numbers_by_size), ignore_index=True)
 
 
 @plain
@@ -148,8 +160,9 @@ def plot_held_out(result: Diagnosis, ax: Axes | None = None) -> Axes:
         AacmmError: nothing was held out.
     """
     table, ax = held_out_parts(result), axes_of(ax, (7.0, 3.4))
-    for k, name in enumerate(("recalibrated", "extended")):
-        ax.bar(np.arange(len(table)) + 0.4 * k - 0.2, table[f"{name}_mm"], 0.38, color=MODELS[name], label=name)
+    place = np.arange(len(table))
+    for shift, name in ((-0.2, "recalibrated"), (0.2, "extended")):
+        ax.bar(place + shift, table[f"{name}_mm"], 0.38, color=MODELS[name], label=name)
     if not result.extended.observations.labels:  # else a part left out has the noise of its points too
         ax.axhline(result.noise / MM, color=VERMILLION, ls="--", lw=1.2, label="noise alone")
     blocks = table["part"].str.startswith("block ").all()

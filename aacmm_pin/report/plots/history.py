@@ -57,7 +57,7 @@ def plot_history(history: History, ax: Axes | None = None) -> Figure:
         ax.text(0.5, 0.5, "no figure of two checks", ha="center", va="center")
         ax.set_axis_off()
         return whole([ax])
-    panels = panels_of(ax, (9.4, 0.6 + 1.5 * -(-len(charts) // across)), len(charts), across)
+    panels = panels_of(ax, (9.4 / across, 1.9), len(charts), across)
     several = len({chart.arm for chart in charts}) > 1
     for k, (panel, chart) in enumerate(zip(panels, charts, strict=True)):
         _draw(panel, chart, several)
@@ -66,23 +66,19 @@ def plot_history(history: History, ax: Axes | None = None) -> Figure:
         if k + across >= len(charts):
             panel.set_xlabel("date (UTC)", fontsize=8)
     drawn = {line.get_label(): line for panel in panels for line in panel.lines}
+    names = [name for name in MARKS if name in drawn]
+    handles = [drawn[name] for name in names]
+    title = f"{missing} of {missing + len(charts)} figures not drawn" if missing else None
+    style: dict[str, Any] = {"ncols": len(MARKS), "fontsize": 7, "title_fontsize": 7, "frameon": False}
     figure = whole(panels)
-    figure.legend(
-        [drawn[name] for name in MARKS if name in drawn],
-        [name for name in MARKS if name in drawn],
-        loc="outside lower center",
-        ncols=len(MARKS),
-        fontsize=7,
-        frameon=False,
-        title=f"{missing} of {missing + len(charts)} figures not drawn" if missing else None,
-        title_fontsize=7,
-    )
+    figure.legend(handles, names, loc="outside lower center", title=title, **style)
     return figure
 
 
 def _draw(ax: Axes, chart: ControlChart, several: bool) -> None:
     values = chart.values / MM
-    number, latest = np.arange(len(values)), "latest check, outside the limits" if chart.left else "latest check"
+    number = np.arange(len(values))
+    latest = "latest check, outside the limits" if chart.left else "latest check"
     ax.plot(number, values, "-", color=GREY, lw=0.8)
     earlier = {"earlier check": chart.counted, "failed or outside the limits, not counted": ~chart.counted}
     for name, some in earlier.items():
@@ -93,7 +89,8 @@ def _draw(ax: Axes, chart: ControlChart, several: bool) -> None:
     for name, level in levels:
         if np.isfinite(level):
             ax.axhline(level / MM, label=name, **MARKS[name])
-    ax.set_title(f"{chart.figure}\n{brief(chart.arm, NAME)}" if several else chart.figure, fontsize=8)
+    of_arm = f"\n{brief(chart.arm, NAME)}" if several else ""
+    ax.set_title(chart.figure + of_arm, fontsize=8)
     _name_dates(ax, chart.times)
     low, high = ax.get_ylim()
     room = max(0.0, FINEST - (high - low)) / 2

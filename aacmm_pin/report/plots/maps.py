@@ -64,10 +64,12 @@ def plot_map(map_: WorkspaceMap, quantity: str = "comprehensive_mm3", ax: Axes |
     image = ax.pcolormesh(x, z, values.T, shading="nearest", cmap=how.colours, vmin=low, vmax=high)
     ax.figure.colorbar(image, ax=ax, label=how.label)
     legend = []
-    for cells, colour, text in (
+    outside = reachable & np.isnan(values)
+    marked = (
         (~reachable, UNREACHABLE, "out of reach"),
-        (reachable & np.isnan(values), OUTSIDE_LIMITS, "in reach, no working sector"),
-    ):
+        (outside, OUTSIDE_LIMITS, "in reach, no working sector"),
+    )
+    for cells, colour, text in marked:
         if cells.any():
             ax.pcolormesh(x, z, np.where(cells, 0.0, np.nan).T, shading="nearest", cmap=ListedColormap([colour]))
             legend.append(Patch(color=colour, label=text))

@@ -39,8 +39,8 @@ def plot_parameter_changes(result: Calibration, ax: Axes | None = None) -> Figur
     if (table["known"] == "in combination").any():
         title += "\nopen: known only in combination with others"
     parts = [table[stated]] if stated.any() else [part for _, part in table.groupby("unit", sort=False)]
-    size = (6.6 if len(parts) == 1 else 8.6, 1.2 + 0.24 * max(map(len, parts)))
-    panels = panels_of(ax, size, len(parts), min(len(parts), 2))
+    height = 1.2 + 0.24 * max(map(len, parts))
+    panels = panels_of(ax, (6.6 if len(parts) == 1 else 4.3, height), len(parts), len(parts))
     for panel, part in zip(panels, parts, strict=True):
         _draw_changes(part, panel)
     panels[0].set_title(title, fontsize=10)
@@ -77,8 +77,9 @@ def plot_geometry(result: Diagnosis, ax: Axes | None = None) -> Axes:
 def _draw_changes(table: pd.DataFrame, ax: Axes) -> None:
     """Columns parameter, unit, change, U, stated, known, beyond: over what was stated, or in a small unit of the first."""
     stated, place = bool(table["stated"].notna().all()), np.arange(len(table))
-    unit, factor = small_unit(table["unit"].iloc[0], np.nanmax(np.abs(table[["change", "U"]].to_numpy())))
-    scale = table["stated"] if stated else 1 / factor
+    largest = np.nanmax(np.abs(table[["change", "U"]].to_numpy()))
+    unit, factor = small_unit(table["unit"].iloc[0], largest)
+    scale, per = (table["stated"], "/ stated ± [1]") if stated else (1 / factor, f"[{unit}]")
     change, bar = table["change"] / scale, table["U"] / scale
     if stated:
         ax.axvspan(-1, 1, color=WITHIN, zorder=0)
@@ -89,5 +90,5 @@ def _draw_changes(table: pd.DataFrame, ax: Axes) -> None:
     ax.scatter(change, place, 24, facecolors=list(faces), edgecolors=list(colours), zorder=3)
     ax.set_yticks(place, list(table["parameter"]), fontsize=8)
     ax.set_ylim(len(table) - 0.4, -0.6)
-    ax.set_xlabel(f"change {'/ stated ± [1]' if stated else f'[{unit}]'}; bars: U (k = 2)")
+    ax.set_xlabel(f"change {per}; bars: U (k = 2)")
     ax.spines[["top", "right"]].set_visible(False)

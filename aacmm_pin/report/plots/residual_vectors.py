@@ -134,7 +134,7 @@ def plot_residual_views(result: Calibration | Diagnosis, ax: Axes | None = None)
     Returns:
         the figure of the four panels: in plan without and with, from the side without and with.
     """
-    names, panels = two_models(result), panels_of(ax, (8.6, 8.0), 4, 2)
+    names, panels = two_models(result), panels_of(ax, (4.3, 4.0), 4, 2)
     used, fit = [*models(result).values()][-1].used, models(result)[names[0]]
     deviation = deviations_of(result, fit)[used]
     factor = magnification_of(fit.point.prediction.tips[used] - deviation, deviation)
@@ -154,41 +154,47 @@ def _draw_vectors(ax: Axes, start: Array, off: Array, factor: float) -> None:
     bar = round_down(0.12 * size / factor)
     y = low[1] - 0.11 * size
     ax.plot([low[0], low[0] + factor * bar], [y, y], "|-", color=INK, lw=1.2, ms=7)
-    ax.annotate(
-        length(bar * MM), (low[0] + factor * bar, y), (5, 0), textcoords="offset points", va="center", fontsize=8, color=INK
-    )
+    style: dict[str, Any] = {"textcoords": "offset points", "va": "center", "fontsize": 8, "color": INK}
+    ax.annotate(length(bar * MM), (low[0] + factor * bar, y), (5, 0), **style)
     ax.margins(0.08)
 
 
 def some_of(records: Index) -> Index:
     """At most ``MOST_VECTORS`` of the records, every so-manieth."""
-    return records[:: -(-len(records) // MOST_VECTORS)] if len(records) else records
+    step = max(1, -(-len(records) // MOST_VECTORS))
+    return records[::step]
 
 
 def off_stated(fit: Fit) -> Array:
     """Tip minus stated place, or minus the place that a seat seems to have where none is stated (n, 3) [m]."""
-    records, tips = fit.problem.measurements, fit.point.prediction.tips
-    return np.where(records.known[:, None], tips - records.reference, fit.system.deviation)
+    records = fit.problem.measurements
+    from_reference = fit.point.prediction.tips - records.reference
+    return np.where(records.known[:, None], from_reference, fit.system.deviation)
 
 
 def deviations_of(result: Calibration | Diagnosis, fit: Fit) -> Array:
     """Residuals as the result lists them (n, 3) [m]; of a diagnosis from the stated places, which may be wrong."""
-    return fit.system.deviation if isinstance(result, Calibration) else off_stated(fit)
+    if isinstance(result, Calibration):
+        return fit.system.deviation
+    return off_stated(fit)
 
 
 def magnification_of(place: Array, deviation: Array) -> float:
     """With which nearly all residuals (n, 3) are shorter than a fixed part of the picture of their places (n, 3) [m]."""
     size = float(np.ptp(place, axis=0).max()) or 1.0
-    return round_down(LONGEST * size / (float(np.quantile(np.linalg.norm(deviation, axis=1), 0.95)) or 1e-12))
+    usual = float(np.quantile(np.linalg.norm(deviation, axis=1), 0.95)) or 1e-12
+    return round_down(LONGEST * size / usual)
 
 
 def postures_of(fit: Fit) -> Array:
     """The arm from foot to tip in postures whose tips are far apart, in the frame of the references (k, places, 3) [m]."""
-    tips, frame, records = fit.point.prediction.tips, fit.point.frame, fit.problem.measurements
+    tips, frame = fit.point.prediction.tips, fit.point.frame
+    records = fit.problem.measurements
     chosen: list[int] = []
     near = np.linalg.norm(tips - frame.shift, axis=1)
     for _ in range(min(POSTURES, int(fit.used.sum()))):
-        chosen.append(int(np.argmax(np.where(fit.used, near, -1.0))))
-        near = np.minimum(near, np.linalg.norm(tips - tips[chosen[-1]], axis=1))
+        farthest = int(np.argmax(np.where(fit.used, near, -1.0)))
+        chosen.append(farthest)
+        near = np.minimum(near, np.linalg.norm(tips - tips[farthest], axis=1))
     state = state_of(fit, records.q[chosen], records.conditions.take(chosen))
     return np.stack([frame.apply(points) for points in state.origin.transpose(1, 0, 2)])

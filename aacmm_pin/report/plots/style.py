@@ -11,6 +11,7 @@ from typing import Any, ParamSpec, TypeVar, cast
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.legend import Legend
 from matplotlib.text import Text
@@ -50,22 +51,38 @@ def plain(draw: Callable[P, Drawn]) -> Callable[P, Drawn]:
         with without_latex():
             picture = draw(*args, **named)
             place: Any = picture
-            every = place.axes if isinstance(place, Figure) else [place]
-            numbers = {label for axes in every for label in _numbers(axes)}
-            in_legends = {text for legend in picture.findobj(Legend) for text in legend.get_texts()}
-            for text in picture.findobj(Text):
-                text.set_usetex(False)
-                if text not in numbers:
-                    text.set_parse_math(False)
-                    text.set_text(short(printable(text.get_text()), LONGEST_NAME if text in in_legends else LONGEST_LINE))
-            for axis in (axis for axes in every for axis in (axes.xaxis, axes.yaxis)):
-                if isinstance(names := axis.get_major_formatter(), OF_NAMES):
-                    axis.set_major_formatter(_shortened(names))
+            panels = place.axes if isinstance(place, Figure) else [place]
+            _write_names(picture, [axis for panel in panels for axis in (panel.xaxis, panel.yaxis)])
             if latex:  # ticks are made where they are drawn first
                 place.figure.canvas.figure.draw_without_rendering()
         return picture
 
     return drawn
+
+
+def _write_names(picture: Any, axes: Sequence[Axis]) -> None:
+    """All text of a picture as it stands there, shortened; but numbers at the ``axes`` stay formulas."""
+    numbers, in_legends = set[Text](), set[Text]()
+    for axis in axes:
+        names = axis.get_major_formatter()
+        if isinstance(names, OF_NAMES):
+            axis.set_major_formatter(_short_names(names))
+        else:
+            numbers.update(_tick_labels(axis))
+    for legend in picture.findobj(Legend):
+        in_legends.update(legend.get_texts())
+    for text in picture.findobj(Text):
+        text.set_usetex(False)
+        if text not in numbers:
+            most = LONGEST_NAME if text in in_legends else LONGEST_LINE
+            text.set_parse_math(False)
+            text.set_text(short(printable(text.get_text()), most))
+
+
+def _tick_labels(axis: Axis) -> Iterator[Text]:
+    for tick in (*axis.get_major_ticks(), *axis.get_minor_ticks()):
+        yield tick.label1
+        yield tick.label2
 
 
 @contextmanager
@@ -84,19 +101,21 @@ def without_latex() -> Iterator[None]:
 
 def short(text: str, most: int) -> str:
     """The text with lines of at most so many characters, the middle of longer ones left out."""
+    return "\n".join(_short_line(line, most) for line in text.split("\n"))
+
+
+def _short_line(line: str, most: int) -> str:
+    if len(line) <= most:
+        return line
     half = most // 2
-    return "\n".join(line if len(line) <= most else f"{line[:half]}…{line[half + 1 - most :]}" for line in text.split("\n"))
+    return f"{line[:half]}…{line[half + 1 - most :]}"
 
 
-def _shortened(names: Callable[..., str]) -> Callable[[float, float], str]:
-    return lambda value, place: short(names(value, place), LONGEST_NAME)
+def _short_names(names: Callable[..., str]) -> Callable[[float, float], str]:
+    def short_name(value: float, place: float) -> str:
+        return short(names(value, place), LONGEST_NAME)
 
-
-def _numbers(axes: Axes) -> list[Text]:
-    """The labels that matplotlib writes at the ticks, powers of ten as formulas."""
-    written = [axis for axis in (axes.xaxis, axes.yaxis) if not isinstance(axis.get_major_formatter(), OF_NAMES)]
-    ticks = [tick for axis in written for tick in (*axis.get_major_ticks(), *axis.get_minor_ticks())]
-    return [label for tick in ticks for label in (tick.label1, tick.label2)]
+    return short_name
 
 
 def axes_of(ax: Axes | None, size: tuple[float, float]) -> Axes:
@@ -104,12 +123,12 @@ def axes_of(ax: Axes | None, size: tuple[float, float]) -> Axes:
     return ax if ax is not None else plt.figure(figsize=size, layout="constrained").add_subplot()
 
 
-def panels_of(ax: Axes | None, size: tuple[float, float], count: int, columns: int, *, share_y: bool = False) -> list[Axes]:
+def panels_of(ax: Axes | None, each: tuple[float, float], count: int, columns: int, *, share_y: bool = False) -> list[Axes]:
     """Axes of ``count`` panels, row by row.
 
     Args:
         ax: axes, whose place is divided among the panels (they are gone then); or None for a new pyplot figure.
-        size: of that figure [inches].
+        each: width and height of a panel of that figure [inches].
         count: number of panels.
         columns: panels side by side.
         share_y: one scale for all panels.
@@ -117,12 +136,15 @@ def panels_of(ax: Axes | None, size: tuple[float, float], count: int, columns: i
     Raises:
         AacmmError: axes that have no place in a grid.
     """
-    place = axes_of(ax, size)
+    rows = -(-count // columns)
+    width, height = each
+    place = axes_of(ax, (width * columns, height * rows))
     spec = place.get_subplotspec()
     if spec is None:
         raise AacmmError("ax has no place in a grid that could be divided; expected axes such as plt.subplots() gives")
     place.remove()
-    panels = list(spec.subgridspec(-(-count // columns), columns).subplots(sharey=share_y, squeeze=False).flat)
+    grid = spec.subgridspec(rows, columns).subplots(sharey=share_y, squeeze=False)
+    panels = list(grid.flat)
     for left_over in panels[count:]:
         left_over.remove()
     return panels[:count]
@@ -161,23 +183,30 @@ def draw_beyond(ax: Axes, series: Iterable[tuple[Array, Array, str]], limits: tu
 def name_places(ax: Axes, names: Sequence[str], letters: int = 80, size: float = 8.0) -> None:
     """Names below the places 0, 1, 2, …, where so many ``letters`` stand side by side, or a third as many names upright."""
     names = [printable(name) for name in names]
-    upright = sum(2 + max(map(len, name.split("\n"))) for name in names) > letters
-    shown = [short(name, UPRIGHT) if upright else name for name in names]
-    some = slice(None, None, -(-3 * len(names) // letters))
-    ax.set_xticks(range(len(names))[some], shown[some], fontsize=size, rotation=90 if upright else 0)
+    widths = [2 + max(map(len, name.split("\n"))) for name in names]
+    rotation = 0
+    if sum(widths) > letters:
+        rotation = 90
+        names = [short(name, UPRIGHT) for name in names]
+    step = -(-3 * len(names) // letters)
+    places = range(len(names))
+    ax.set_xticks(places[::step], names[::step], fontsize=size, rotation=rotation)
 
 
 def aside(count: int, width: float) -> Array:
     """Shifts within ``width`` that set records of one place side by side, so that they do not hide each other (count,)."""
-    return np.asarray(width * (np.arange(count) * 0.618 % 1.0 - 0.5))
+    part = np.arange(count) * 0.618 % 1.0
+    return np.asarray(width * (part - 0.5))
 
 
 def numbers_by_size(label: str) -> list[tuple[int, str]]:
     """A key that sorts S2 before S10."""
-    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", label)]
+    parts = re.split(r"(\d+)", label)
+    return [(int(part), "") if part.isdigit() else (-1, part) for part in parts]
 
 
 def round_down(value: float) -> float:
     """The largest of 1, 2, 2.5, 5 times a power of ten that is not above ``value``."""
     power = 10.0 ** np.floor(np.log10(value))
-    return float(power * max(f for f in (1.0, 2.0, 2.5, 5.0) if f * power <= value))
+    steps = power * np.array([1.0, 2.0, 2.5, 5.0])
+    return float(steps[steps <= value].max())

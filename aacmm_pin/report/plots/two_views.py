@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from aacmm_pin._support.checks import Array
@@ -16,6 +18,8 @@ Groups = Mapping[str, tuple[str, Sequence[tuple[str, Array]]]]
 """By name: a colour, and places, each with a label, or "", and points (k, 3) [m] that are joined by lines."""
 MANY = 8
 """Places of one kind that are drawn large; more are drawn small."""
+LARGE: dict[str, Any] = {"ms": 6, "lw": 2, "alpha": 1}
+SMALL: dict[str, Any] = {"ms": 4, "lw": 0.8, "alpha": 0.7}
 
 
 @plain
@@ -23,20 +27,28 @@ def two_views(arm: Arm, q: Array, groups: Groups) -> Figure:
     """The arm in the posture ``q`` (1, nq) [rad], and places in the axes of its base."""
     figure = Figure(figsize=(10.0, 5.6), layout="constrained")
     lines = ArmLines(arm).corners(q)[0] / MM
-    for axes, across, along, title in zip(
-        figure.subplots(1, 2), (0, 0), (1, 2), ("against z (from above)", "along y (from the side)"), strict=True
-    ):
-        for name, (colour, places) in groups.items():
-            many = len(places) > MANY
-            style = {"color": colour, "ms": 4 if many else 6, "lw": 0.8 if many else 2, "alpha": 0.7 if many else 1}
-            for number, (label, points) in enumerate(places):
-                u, v = points[:, across] / MM, points[:, along] / MM
-                axes.plot(u, v, "o-", label=None if number else name, **style)
-                axes.annotate(label, (u[0], v[0]), textcoords="offset points", xytext=(5, 4), fontsize=8, color=colour)
-        axes.plot(lines[:, across], lines[:, along], color=INK, lw=2.5, solid_capstyle="round")
-        axes.plot(0, 0, "s", color=INK, ms=7)
-        axes.set(xlabel=f"{'xyz'[across]} [mm]", ylabel=f"{'xyz'[along]} [mm]", title=f"Seen {title}", aspect="equal")
-        axes.grid(color="#eeeeee")
-        axes.margins(0.08)
-    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=4, frameon=False)
+    from_above, from_the_side = figure.subplots(1, 2)
+    _draw_view(from_above, lines, groups, [0, 1])
+    _draw_view(from_the_side, lines, groups, [0, 2])
+    from_above.set(xlabel="x [mm]", ylabel="y [mm]", title="Seen against z (from above)")
+    from_the_side.set(xlabel="x [mm]", ylabel="z [mm]", title="Seen along y (from the side)")
+    handles, names = from_above.get_legend_handles_labels()
+    figure.legend(handles, names, loc="outside lower center", ncols=4, frameon=False)
     return figure
+
+
+def _draw_view(axes: Axes, lines: Array, groups: Groups, plane: list[int]) -> None:
+    """The arm and the places, projected on the two axes of the ``plane``."""
+    text: dict[str, Any] = {"textcoords": "offset points", "xytext": (5, 4), "fontsize": 8}
+    for name, (colour, places) in groups.items():
+        style = SMALL if len(places) > MANY else LARGE
+        axes.plot([], [], "o-", color=colour, label=name, **style)
+        for label, points in places:
+            projected = points[:, plane] / MM
+            axes.plot(*projected.T, "o-", color=colour, **style)
+            axes.annotate(label, projected[0], color=colour, **text)
+    axes.plot(*lines[:, plane].T, color=INK, lw=2.5, solid_capstyle="round")
+    axes.plot(0, 0, "s", color=INK, ms=7)
+    axes.set_aspect("equal")
+    axes.grid(color="#eeeeee")
+    axes.margins(0.08)

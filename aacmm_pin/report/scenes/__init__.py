@@ -2,12 +2,17 @@
 
 from aacmm_pin.report.scenes.arm_scene import arm_scene
 from aacmm_pin.report.scenes.circle_scene import circle_scene
-from aacmm_pin.report.scenes.legend import ColourBar, Swatch
 from aacmm_pin.report.scenes.map_scene import map_scene
-from aacmm_pin.report.scenes.page import shared_script
 from aacmm_pin.report.scenes.residual_scene import residual_scene
-from aacmm_pin.report.scenes.scene import Frames, Scene, View
-from aacmm_pin.report.scenes.server import Server
+from aacmm_pin.report.scenes.scene import (
+    ColourBar,
+    Frames,
+    Scene,
+    Server,
+    Swatch,
+    View,
+    shared_script,
+)
 
 __all__ = [
     "ColourBar",

@@ -17,11 +17,20 @@ from aacmm_pin.postures.postures_at_point import PosturesAtPoint
 from aacmm_pin.report.numbers import count
 from aacmm_pin.report.plots.circle import evenly, neighbours
 from aacmm_pin.report.plots.style import BLUE, GREY, VOLUME_COLOURS, VOLUME_LABEL, round_down
-from aacmm_pin.report.scenes.arm_parts import Bodies
-from aacmm_pin.report.scenes.arm_scene import draw_ball, draw_ghosts, joint_texts, moving, place_text, stage
-from aacmm_pin.report.scenes.legend import ColourBar, Swatch
-from aacmm_pin.report.scenes.scene import Frames, Scene
-from aacmm_pin.report.scenes.shapes import ahead, flat, prisms
+from aacmm_pin.report.scenes.scene import ColourBar, Frames, Scene, Swatch
+from aacmm_pin.report.scenes.stage import (
+    Bodies,
+    ahead,
+    draw_ball,
+    draw_ghosts,
+    flat,
+    joint_texts,
+    moving,
+    place_text,
+    placed_at,
+    prisms,
+    stage,
+)
 
 ELLIPSOID = "#cc79a7"
 """Colour of the accuracy at the point."""
@@ -79,23 +88,26 @@ def circle_scene(circle: PosturesAtPoint, accuracy: AccuracyVolume | None = None
 
 
 def _place(circle: PosturesAtPoint) -> str:
-    what = {WRIST: "wrist", circle.arm.tip: "tip"}.get(circle.at, circle.at)
-    return f"{what} at {place_text(circle.point)}"
+    names = {WRIST: "wrist", circle.arm.tip: "tip"}
+    return f"{names.get(circle.at, circle.at)} at {place_text(circle.point)}"
 
 
 def _caption(circle: PosturesAtPoint) -> str:
-    within, components = int(circle.within_limits.sum()), int(circle.component.max())
+    components = count(int(circle.component.max()), "component")
     return (
-        f"{len(circle.q)} configurations on {count(components, 'component')} reach this point, "
-        f"{within} of them within the joint limits."
+        f"{len(circle.q)} configurations on {components} reach this point, "
+        f"{circle.within_limits.sum()} of them within the joint limits."
     )
 
 
 def _thinned(component: Index, members: Index, most: int) -> Index:
     """At most about ``most`` of the ``members``, or three a component, evenly along each component."""
     step = -(-len(members) // most)
-    lines = [members[component[members] == number] for number in np.unique(component[members])]
-    return np.concatenate([some[:: max(1, min(step, len(some) // 3))] for some in lines])
+    of_member, thinned = component[members], []
+    for number in np.unique(of_member):
+        line = members[of_member == number]
+        thinned.append(line[:: max(1, min(step, len(line) // 3))])
+    return np.concatenate(thinned)
 
 
 def _path_of(circle: PosturesAtPoint) -> tuple[Array, str]:
@@ -135,9 +147,9 @@ def _draw_ellipsoids(scene: Scene, centre: Array, accuracy: AccuracyVolume, size
     half = COVERAGE_FACTOR * np.sqrt(np.maximum(variances, 0.0))
     factor = round_down(SEEN * size / max(float(half.max()), 1e-12))
     vectors[np.linalg.det(vectors) < 0, :, 0] *= -1.0
-    placements = np.tile(np.eye(4), (len(vectors), 1, 1))
-    placements[:, :3, :3] = vectors * (factor * np.maximum(half, THIN * half.max(axis=1, keepdims=True)))[:, None, :]
-    placements[:, :3, 3] = centre
+    drawn = factor * np.maximum(half, THIN * half.max(axis=1, keepdims=True))
+    placements = placed_at(np.tile(centre, (len(vectors), 1)))
+    placements[:, :3, :3] = vectors * drawn[:, None, :]
     scene["accuracy"].set_object(Sphere(1.0), ahead(ELLIPSOID, 0.6))
     scene["accuracy"].set_transform(placements[0])
     scene.swatches.insert(0, Swatch(ELLIPSOID, "accuracy of this posture (ellipsoid)", "area"))
@@ -150,7 +162,8 @@ def _texts(circle: PosturesAtPoint, members: Index) -> dict[str, Sequence[str]]:
     """What is read out of the ``members``, beside their accuracy."""
     texts: dict[str, Sequence[str]] = {"component": [str(number) for number in circle.component[members]]}
     if isinstance(circle, ConfigurationCircle):
-        texts["swivel angle"] = [f"{angle / DEG:.1f}°" for angle in circle.swivel[members]]
+        degrees = circle.swivel[members] / DEG
+        texts["swivel angle"] = [f"{angle:.1f}°" for angle in degrees]
     return texts | joint_texts(circle.arm, circle.q[members])
 
 

@@ -14,11 +14,17 @@ from aacmm_pin.effects.error_model import ErrorModel, GivenModel
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.report.plots.maps import OUTSIDE_LIMITS, QUANTITIES
 from aacmm_pin.report.plots.style import VOLUME_COLOURS
-from aacmm_pin.report.scenes.arm_parts import Bodies
-from aacmm_pin.report.scenes.arm_scene import ROOM, draw_ball, joint_texts, moving, stage
-from aacmm_pin.report.scenes.legend import ColourBar, Swatch
-from aacmm_pin.report.scenes.scene import Frames, Scene, View
-from aacmm_pin.report.scenes.shapes import flat, placed_at
+from aacmm_pin.report.scenes.scene import ColourBar, Frames, Scene, Swatch, View
+from aacmm_pin.report.scenes.stage import (
+    ROOM,
+    Bodies,
+    draw_ball,
+    flat,
+    joint_texts,
+    moving,
+    placed_at,
+    stage,
+)
 
 Marks = NDArray[np.bool_]
 MOST_FRAMES = 240
@@ -52,16 +58,19 @@ def map_scene(workspace_map: WorkspaceMap, model: GivenModel) -> Scene:
     cells = _in_turn(works)
     q, points, bodies = q_of_cells[cells], _centres(workspace_map)[cells], Bodies(arm)
 
-    everything = np.vstack([_corners(workspace_map, reachable).reshape(-1, 3), bodies.corners(q).reshape(-1, 3)])
-    scene = stage(f"{arm.name}: comprehensive accuracy", _caption(workspace_map), bodies, everything, points)
+    of_cells, of_arm = _corners(workspace_map, reachable), bodies.corners(q)
+    everything = np.vstack([of_cells.reshape(-1, 3), of_arm.reshape(-1, 3)])
+    title = f"{arm.name}: comprehensive accuracy"
+    scene = stage(title, _caption(workspace_map), bodies, everything, points)
     scene.view = View(np.vstack([everything, bodies.foot]), SIDE, HEIGHT, ROOM * bodies.radius)
     scene.bar = bar
     scene.notes.insert(0, _on_slider(len(q), int(works.sum())))
     draw_ball(scene, "point", "working point: the wrist in a cell", 0.75 * bodies.radius, points[0])
-    outside = reachable & np.isnan(values)
-    _draw_cells(scene, workspace_map, "cells", ~outside & reachable, bar.colours(values[~outside & reachable]))
+    inside, outside = np.isfinite(values), reachable & np.isnan(values)
+    _draw_cells(scene, workspace_map, "cells", inside, bar.colours(values[inside]))
     if outside.any():
-        _draw_cells(scene, workspace_map, "outside limits", outside, np.array([to_rgb(OUTSIDE_LIMITS)]))
+        pink = np.array(to_rgb(OUTSIDE_LIMITS))
+        _draw_cells(scene, workspace_map, "outside limits", outside, pink)
         scene.swatches.insert(0, Swatch(OUTSIDE_LIMITS, "in reach, no working sector", "area"))
     texts = {
         "x of the cell": [f"{x / MM:.1f} mm" for x in points[:, 0]],
@@ -96,29 +105,37 @@ def _on_slider(frames: int, cells: int) -> str:
 def _in_turn(works: Marks) -> tuple[Index, Index]:
     """Some of the marked cells, column by column, up and down by turns."""
     x, z = np.nonzero(works)
-    turn = np.unique(x, return_inverse=True)[1]
-    order = np.lexsort([np.where(turn % 2, -z, z), x])[:: -(-len(x) // MOST_FRAMES)]
+    column = np.unique(x, return_inverse=True)[1]
+    upward = np.where(column % 2, -z, z)
+    step = -(-len(x) // MOST_FRAMES)
+    order = np.lexsort([upward, x])[::step]
     return x[order], z[order]
 
 
 def _centres(map_: WorkspaceMap) -> Array:
     """Centres of the cells (nx, nz, 3) [m]."""
-    x, z = np.meshgrid(map_.data["x_mm"].values * MM, map_.data["z_mm"].values * MM, indexing="ij")
-    return np.stack([x, np.zeros_like(x), z], axis=2)
+    data = map_.data
+    x, z = np.meshgrid(data["x_mm"].values, data["z_mm"].values, indexing="ij")
+    return np.stack([x, np.zeros_like(x), z], axis=2) * MM
 
 
 def _corners(map_: WorkspaceMap, cells: Marks) -> Array:
     """Corners of the marked cells, in turn round each (n, 4, 3) [m]."""
-    x0, x1, z0, z1 = np.asarray(map_.data.attrs["extent_mm"], dtype=np.float64) * MM
-    half = np.array([(x1 - x0) / map_.data.sizes["x_mm"], (z1 - z0) / map_.data.sizes["z_mm"]]) / 2
-    way = np.array([[-1, 0, -1], [1, 0, -1], [1, 0, 1], [-1, 0, 1]]) * np.array([half[0], 0.0, half[1]])
-    return np.asarray(_centres(map_)[cells][:, None] + way)
+    x0, x1, z0, z1 = map_.data.attrs["extent_mm"]
+    width = (x1 - x0) / map_.data.sizes["x_mm"]
+    height = (z1 - z0) / map_.data.sizes["z_mm"]
+    half = np.array([width, 0.0, height]) * MM / 2
+    square = np.array([[-1, 0, -1], [1, 0, -1], [1, 0, 1], [-1, 0, 1]])
+    centres = _centres(map_)[cells]
+    return np.asarray(centres[:, None] + half * square)
 
 
 def _draw_cells(scene: Scene, map_: WorkspaceMap, name: str, cells: Marks, colours: Array) -> None:
     """The marked cells, each with its colour or all with one."""
     corners = _corners(map_, cells)
-    faces = np.array([[0, 1, 2], [0, 2, 3]]) + 4 * np.arange(len(corners))[:, None, None]
-    painted = np.repeat(np.broadcast_to(colours, (len(corners), 3)), 4, axis=0)
+    first = 4 * np.arange(len(corners))
+    faces = np.array([[0, 1, 2], [0, 2, 3]]) + first[:, None, None]
+    of_cells = np.broadcast_to(colours, (len(corners), 3))
+    painted = np.repeat(of_cells, 4, axis=0)
     mesh = TriangularMeshGeometry(corners.reshape(-1, 3), faces.reshape(-1, 3), painted)
     scene[f"map/{name}"].set_object(mesh, flat(opacity=0.94, by_vertex=True))

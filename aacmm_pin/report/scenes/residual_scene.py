@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.colors import to_hex
 
-from aacmm_pin._support.checks import Index
+from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.units import MM
 from aacmm_pin.calibration import Calibration
 from aacmm_pin.calibration.fit import Fit
@@ -20,11 +20,20 @@ from aacmm_pin.report.plots.residual_vectors import (
     rms_of,
     some_of,
 )
-from aacmm_pin.report.scenes.arm_parts import Bodies
-from aacmm_pin.report.scenes.arm_scene import TO_SCALE, draw_ball, draw_ghosts, joint_texts, moving, place_text, stage
-from aacmm_pin.report.scenes.legend import ColourBar
-from aacmm_pin.report.scenes.scene import Frames, Scene
-from aacmm_pin.report.scenes.shapes import flat, placed_at, prisms
+from aacmm_pin.report.scenes.scene import ColourBar, Frames, Scene
+from aacmm_pin.report.scenes.stage import (
+    TO_SCALE,
+    Bodies,
+    draw_ball,
+    draw_ghosts,
+    flat,
+    joint_texts,
+    moving,
+    place_text,
+    placed_at,
+    prisms,
+    stage,
+)
 
 SIZE_COLOURS = "plasma"
 FOOT = 0.005
@@ -47,13 +56,14 @@ def residual_scene(result: Calibration | Diagnosis, model: str | None = None) ->
         UnknownNameError: no such model.
     """
     arm, fits = result.model.arm, models(result)
-    judge, name = [*fits.values()][-1], model or [*fits][-1]
-    fit, start = model_named(result, name), "target" if isinstance(result, Calibration) else "stated place"
+    last, judge = [*fits.items()][-1]
+    name = model or last
+    fit = model_named(result, name)
+    start = "target" if isinstance(result, Calibration) else "stated place"
     frame, records = fit.point.frame, fit.problem.measurements
+    off = {which: _distances_mm(result, one) for which, one in fits.items()}
     chosen = some_of(np.flatnonzero(judge.used))
-    off = {which: np.linalg.norm(deviations_of(result, one)[chosen], axis=1) / MM for which, one in fits.items()}
-    order = np.argsort(-off[name], kind="stable")
-    chosen, off = chosen[order], {which: sizes[order] for which, sizes in off.items()}
+    chosen = chosen[np.argsort(-off[name][chosen], kind="stable")]
     deviation = deviations_of(result, fit)[chosen] @ frame.rotation  # in the base, where the arm is drawn
     target = frame.back(fit.point.prediction.tips[chosen]) - deviation
     factor = magnification_of(target, deviation)
@@ -64,8 +74,9 @@ def residual_scene(result: Calibration | Diagnosis, model: str | None = None) ->
 
     scene = stage(f"{arm.name}: residuals, {name}", _caption(result, judge, chosen), bodies, points, target)
     draw_ghosts(scene, bodies.radius, map(frame.back, postures_of(judge)))
-    scene.bar = ColourBar.of(f"distance of tip and {start} [mm]", off[name], SIZE_COLOURS)
-    colours = scene.bar.colours(off[name])
+    size_mm = off[name][chosen]
+    scene.bar = ColourBar.of(f"distance of tip and {start} [mm]", size_mm, SIZE_COLOURS)
+    colours = scene.bar.colours(size_mm)
     spikes = prisms(target, ends, FOOT * size, 0.0, np.repeat(colours[:, None], 2, axis=1))
     scene["residuals"].set_object(spikes, flat(by_vertex=True))
     draw_ball(scene, "record", f"{start} of this record", 1.6 * FOOT * size, target[0])
@@ -74,18 +85,23 @@ def residual_scene(result: Calibration | Diagnosis, model: str | None = None) ->
         "The slider goes from the largest residual to the smallest.",
         TO_SCALE.replace("Lengths are", "The arm is"),
     ]
-    seats = records.conditions.seat
-    texts = {
-        "row": [str(row) for row in records.row[chosen]],
-        "seat": ["–"] * len(chosen) if seats is None else [str(seat or "–") for seat in seats[chosen]],
-        start: [place_text(place) for place in target],
-        **{f"off, {which}": [f"{size:.4f} mm" for size in sizes] for which, sizes in off.items()},
-        **joint_texts(arm, q),
-    }
-    texts.pop("limits")
+    texts = {"row": [str(row) for row in records.row[chosen]]}
+    seats = np.full(records.n, "") if records.conditions.seat is None else records.conditions.seat
+    texts["seat"] = [str(seat or "–") for seat in seats[chosen]]
+    texts[start] = [place_text(place) for place in target]
+    for which, distances in off.items():
+        texts[f"off, {which}"] = [f"{distance:.4f} mm" for distance in distances[chosen]]
+    texts |= joint_texts(arm, q)
+    del texts["limits"]
     moves = moving(bodies, q, scene) | {"record": placed_at(target)}
     scene.frames = Frames(moves, texts, [to_hex(colour) for colour in colours], per_second=PER_SECOND)
     return scene
+
+
+def _distances_mm(result: Calibration | Diagnosis, fit: Fit) -> Array:
+    """Of tip and target, or stated place, for each record (n,)."""
+    deviation = deviations_of(result, fit)
+    return np.asarray(np.linalg.norm(deviation, axis=1) / MM)
 
 
 def _caption(result: Calibration | Diagnosis, judge: Fit, chosen: Index) -> str:

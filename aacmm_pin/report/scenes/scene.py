@@ -1,34 +1,130 @@
-"""A meshcat scene without a server: whatever is sent to it is kept, and can be written down as one page or be shown live."""
+"""A scene, without a server or with one: whatever is sent to meshcat is kept, written as one page, or shown live.
+
+meshcat's viewer is one script of 0.85 MB. A whole page has it inside. A page with several scenes has it once, as text that
+does nothing (:func:`shared_script`); each scene is an inner frame that receives the text when it is scrolled into sight, or
+soon after the page has been read.
+
+A live scene is served by a thread on the loopback address alone. meshcat's own file server listens on every network
+interface, so that anyone on the net could look.
+"""
 
 from __future__ import annotations
 
+import asyncio
+import base64
+import json
 import re
+import socket
+import threading
 import webbrowser
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
+from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, Self
 from uuid import UUID
 
+import jinja2
+import meshcat
 import numpy as np
+import tornado.httpserver
+import tornado.netutil
+import tornado.web
+import tornado.websocket
 import umsgpack
+from markupsafe import Markup, escape
+from matplotlib import colormaps
+from matplotlib.colors import Normalize, to_hex
+from matplotlib.ticker import MaxNLocator
 from meshcat import Visualizer
+from meshcat.commands import SetProperty
+from meshcat.path import Path as ScenePath
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.output_files import whole_file
 from aacmm_pin._support.text_escaping import encodable
 from aacmm_pin._support.units import DEG
-from aacmm_pin.errors import ShapeError
-from aacmm_pin.report.scenes import page
-from aacmm_pin.report.scenes.legend import ColourBar, Swatch
-from aacmm_pin.report.scenes.server import Server
+from aacmm_pin.errors import AacmmError, ShapeError
 
+Mark = Literal["ball", "line", "area"]
+STOPS = 24
+"""Colours that a bar is made of on the page."""
 NOTEBOOK_HEIGHT = 560
 """Height of a scene in a notebook [px]."""
 AN_ID = re.compile(r"[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}")
 """How meshcat writes the id of a geometry, a material or an object."""
 OUTERMOST = 60
 """Directions in which the points that have to be seen are looked for."""
+POSTER = '<p style="position: absolute; inset: 2rem 1rem auto; text-align: center">3D scene: scroll here to see it.</p>'
+"""Seen until the scene is drawn over it."""
+LOOPBACK = "127.0.0.1"
+OWN_NAMES = r"(127\.0\.0\.1|localhost)"
+"""Requests for other names are refused: a foreign page may have its own name resolved to this computer."""
+MOST_SENT = 65_536
+"""A browser that only looks has no more than this to say at once [bytes]; requests with more are refused unread."""
+WHOLE = umsgpack.packb(SetProperty("whole", True, ScenePath(("aacmm",))).lower())
+"""Tells the page that the scene is there."""
+
+
+@dataclass(frozen=True)
+class Swatch:
+    """One colour and what it stands for.
+
+    Attributes:
+        colour: a CSS background.
+        text: what has it.
+        mark: the shape in which it is shown.
+    """
+
+    colour: str
+    text: str
+    mark: Mark = "ball"
+
+
+@dataclass(frozen=True, eq=False)
+class ColourBar:
+    """Numbers by colours.
+
+    Attributes:
+        label: what the numbers are, with their unit.
+        low, high: the numbers at both ends.
+        name: of a matplotlib colour map.
+    """
+
+    label: str
+    low: float
+    high: float
+    name: str
+
+    @staticmethod
+    def of(label: str, values: Array, name: str) -> ColourBar:
+        """The bar over the finite ones of ``values``; of equal ones it shows a little on both sides."""
+        finite = values[np.isfinite(values)]
+        low, high = float(finite.min()), float(finite.max())
+        room = 0.0 if high > low else max(abs(low), 1e-12) * 0.01
+        return ColourBar(label, low - room, high + room, name)
+
+    def colours(self, values: Array) -> Array:
+        """Colours of ``values`` (n,): (n, 3) in [0, 1]."""
+        shade = Normalize(self.low, self.high)(values)
+        rgba = np.asarray(colormaps[self.name](shade))
+        return rgba[:, :3]
+
+    @property
+    def css(self) -> str:
+        """The bar as a CSS gradient."""
+        colours = colormaps[self.name](np.linspace(0, 1, STOPS))
+        return f"linear-gradient(to right, {', '.join(map(to_hex, colours))})"
+
+    @property
+    def ticks(self) -> list[tuple[float, str]]:
+        """Where along the bar [%] a number stands, and the number."""
+        locator = MaxNLocator(4, steps=[1, 2, 2.5, 5, 10])
+        values = np.asarray(locator.tick_values(self.low, self.high))
+        inside = values[(self.low <= values) & (values <= self.high)].tolist()
+        percent = 100 / (self.high - self.low)
+        return [(percent * (value - self.low), f"{value:.4g}") for value in inside]
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +132,7 @@ class Frames:
     """What moves in a scene.
 
     Attributes:
-        placements: of each moving path (n, 4, 4) [m], rotations with or without scale; nan where the body is not shown.
+        placements: of each moving path (n, 4, 4) [m], rotations with or without scale.
         texts: of each number that is read out, by its name, (n,) each.
         colours: a CSS colour for each frame (n,), shown along the slider.
         start: number of the frame shown first.
@@ -92,7 +188,9 @@ class View:
     def direction(self) -> Array:
         """From what is seen towards the camera, unit (3,)."""
         level = np.cos(self.elevation)
-        return np.array([level * np.cos(self.azimuth), level * np.sin(self.azimuth), np.sin(self.elevation)])
+        x = level * np.cos(self.azimuth)
+        y = level * np.sin(self.azimuth)
+        return np.array([x, y, np.sin(self.elevation)])
 
     @property
     def outermost(self) -> Array:
@@ -101,7 +199,8 @@ class View:
         height = 1.0 - (2 * np.arange(OUTERMOST) + 1) / OUTERMOST
         level = np.sqrt(1.0 - height**2)
         directions = np.column_stack([level * np.cos(turn), level * np.sin(turn), height])
-        return np.asarray(self.points[np.unique((directions @ self.points.T).argmax(axis=1))])
+        farthest = (directions @ self.points.T).argmax(axis=1)
+        return np.asarray(self.points[np.unique(farthest)])
 
 
 class _Window:
@@ -119,9 +218,12 @@ class _Window:
         lowered = command.lower()
         if "object" in lowered:
             lowered["object"] = self._numbered(lowered["object"])
-        path, kind, packed = lowered["path"].rstrip("/"), lowered["type"], umsgpack.packb(lowered)
+        path, kind = lowered["path"].rstrip("/"), lowered["type"]
+        packed = umsgpack.packb(lowered)
         if kind == "delete":
-            self.kept = {key: data for key, data in self.kept.items() if not f"{key[0]}/".startswith(f"{path}/")}
+            below = [key for key in self.kept if f"{key[0]}/".startswith(f"{path}/")]
+            for key in below:
+                del self.kept[key]
         else:
             self.kept[path, kind, lowered.get("property", "")] = packed
         for listener in self.listeners:
@@ -167,7 +269,8 @@ class Scene:
         return self.meshcat[path]
 
     def __str__(self) -> str:
-        return f"{self.title}: {len(self.commands)} commands, {0 if self.frames is None else len(self.frames)} frames"
+        frames = len(self.frames) if self.frames else 0
+        return f"{self.title}: {len(self.commands)} commands, {frames} frames"
 
     @property
     def commands(self) -> list[bytes]:
@@ -176,7 +279,7 @@ class Scene:
 
     def html(self) -> str:
         """The scene as one page that needs neither a network nor a server."""
-        return page.whole(self)
+        return whole_page(self)
 
     def save(self, path: str | Path, force: bool = False) -> None:
         """Write that page.
@@ -193,10 +296,10 @@ class Scene:
         Args:
             height: of the frame that it is shown in [px].
         """
-        return page.embedded(self, height)
+        return embedded_page(self, height)
 
     def _repr_html_(self) -> str:
-        return page.in_frame(self, NOTEBOOK_HEIGHT)
+        return framed_page(self, NOTEBOOK_HEIGHT)
 
     def show(self, browser: bool = True) -> Server:
         """Serve the scene on this computer's loopback address; what is sent to it from then on is seen at once.
@@ -214,3 +317,201 @@ class Scene:
         if browser:
             webbrowser.open(server.url, new=2)
         return server
+
+
+# --- the page
+
+
+def whole_page(scene: Scene, live: bool = False) -> str:
+    """One page that needs no network; a ``live`` one gets its commands from the server that sends it."""
+    return _rendered(scene, Markup(f"<script>{viewer_script()}</script>"), live=live, plays=True)
+
+
+def embedded_page(scene: Scene, height: int) -> str:
+    """A part of another page that has :func:`shared_script`: an inner frame, and behind it what it will show as JSON."""
+    inner = _json(_rendered(scene, Markup("<!-- viewer -->"), live=False, plays=False))
+    frame = _frame(scene, height, "class=aacmm-scene", "; position: relative")
+    return f'<div style="position: relative">{POSTER}{frame}\n<script type="application/json">{inner}</script></div>'
+
+
+def shared_script() -> str:
+    """What a page with embedded scenes needs once, anywhere: the viewer, and what fills the inner frames."""
+    filling = _template("embed.js")
+    return f'<script type="text/plain" id="aacmm-viewer">{viewer_script()}</script>\n<script>{filling}</script>'
+
+
+def framed_page(scene: Scene, height: int) -> str:
+    """A whole page as an inner frame, for a notebook."""
+    return _frame(scene, height, f'srcdoc="{escape(whole_page(scene))}"')
+
+
+def _frame(scene: Scene, height: int, more: str, style: str = "") -> str:
+    style = f"width: 100%; height: {height}px; border: 0{style}"
+    return f'<iframe title="{escape(scene.title)}" {more} allowfullscreen style="{style}"></iframe>'
+
+
+@cache
+def viewer_script() -> str:
+    """meshcat's viewer, the script that draws.
+
+    Raises:
+        AacmmError: it is not where meshcat 0.3 keeps it, or cannot stand inside a page.
+    """
+    place = resources.files(meshcat) / "viewer" / "dist" / "main.min.js"
+    try:
+        script = place.read_text(encoding="utf-8")
+    except OSError as error:
+        raise AacmmError(f"{place}: meshcat's viewer cannot be read: {error.strerror or error}") from None
+    if "</script" in script or "<!--" in script:
+        raise AacmmError(f"{place}: meshcat's viewer cannot stand inside a page: it holds </script or <!--")
+    return script
+
+
+def _rendered(scene: Scene, viewer: Markup, *, live: bool, plays: bool) -> str:
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("aacmm_pin.report", "templates"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    data = {
+        "live": live,
+        "plays": plays,
+        "commands": [] if live else [_base64(command) for command in scene.commands],
+        "frames": scene.frames and _frames(scene.frames),
+        "view": scene.view and _view(scene.view),
+    }
+    drawing = Markup(_template("scene.js"))
+    template = environment.get_template("scene.html.j2")
+    return template.render(scene=scene, viewer=viewer, drawing=drawing, data=Markup(_json(data)))
+
+
+def _frames(frames: Frames) -> dict[str, Any]:
+    """Placements as the three upper rows of their matrices in single precision."""
+    moving = {}
+    for path, placements in frames.placements.items():
+        rows = placements[:, :3].astype("<f4")
+        moving[path] = _base64(rows.tobytes())
+    return {
+        "count": len(frames),
+        "start": frames.start,
+        "perSecond": frames.per_second,
+        "labels": frames.labels,
+        "readings": frames.readings,
+        "colours": list(frames.colours),
+        "moving": moving,
+    }
+
+
+def _view(view: View) -> dict[str, Any]:
+    return {
+        "points": view.outermost.tolist(),
+        "direction": view.direction.tolist(),
+        "room": float(view.room),
+    }
+
+
+def _base64(data: bytes) -> str:
+    return base64.b64encode(data).decode("ascii")
+
+
+def _json(value: Any) -> str:
+    """JSON that can stand inside a script element."""
+    return json.dumps(value, allow_nan=False, ensure_ascii=False).replace("<", "\\u003c")
+
+
+@cache
+def _template(name: str) -> str:
+    return (resources.files("aacmm_pin.report") / "templates" / name).read_text(encoding="utf-8")
+
+
+# --- the server
+
+
+class Server:
+    """A running server; a context, at whose end it stops. It ends with this process too.
+
+    Attributes:
+        url: where the scene is seen, on this computer.
+    """
+
+    def __init__(self, scene: Scene, listeners: list[Callable[[bytes], None]]) -> None:
+        """Start it; further commands are heard of through ``listeners``.
+
+        Raises:
+            AacmmError: it does not start.
+        """
+        try:
+            (bound,) = tornado.netutil.bind_sockets(0, LOOPBACK)
+        except OSError as error:
+            raise AacmmError(f"the server of the scene did not start: {error.strerror}") from None
+        self.url = f"http://{LOOPBACK}:{bound.getsockname()[1]}/"
+        self._listeners, self._browsers, started = listeners, set[_Browser](), threading.Event()
+        self._thread = threading.Thread(target=lambda: asyncio.run(self._serve(scene, bound, started)), daemon=True)
+        self._thread.start()
+        started.wait()
+        listeners.append(self._send)
+
+    @property
+    def running(self) -> bool:
+        """Whether it serves."""
+        return self._thread.is_alive()
+
+    def close(self) -> None:
+        """Stop; a second time is harmless."""
+        if self._send in self._listeners:
+            self._listeners.remove(self._send)
+            self._loop.call_soon_threadsafe(self._stop.set)
+            self._thread.join()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    async def _serve(self, scene: Scene, bound: socket.socket, started: threading.Event) -> None:
+        self._loop, self._stop = asyncio.get_running_loop(), asyncio.Event()
+        application = tornado.web.Application(log_function=lambda handler: None, websocket_max_message_size=MOST_SENT)
+        application.add_handlers(OWN_NAMES, [("/", _Browser, {"scene": scene, "browsers": self._browsers})])
+        server = tornado.httpserver.HTTPServer(application, max_body_size=MOST_SENT, max_buffer_size=16 * MOST_SENT)
+        server.add_sockets([bound])
+        started.set()
+        await self._stop.wait()
+        server.stop()
+        for browser in tuple(self._browsers):
+            browser.close()
+        await server.close_all_connections()
+
+    def _send(self, command: bytes) -> None:
+        self._loop.call_soon_threadsafe(self._hand_on, command)
+
+    def _hand_on(self, command: bytes) -> None:
+        for browser in self._browsers:
+            browser.write_message(command, binary=True)
+
+
+class _Browser(tornado.websocket.WebSocketHandler):
+    """Its plain request gets the page, its WebSocket (tornado refuses those of other origins) the commands."""
+
+    def initialize(self, scene: Scene, browsers: set[_Browser]) -> None:
+        self._scene, self._browsers = scene, browsers
+
+    async def get(self, *args: Any, **kwargs: Any) -> None:
+        if self.request.headers.get("Upgrade", "").lower() == "websocket":
+            await super().get(*args, **kwargs)
+        else:
+            self.set_header("Cache-Control", "no-store")
+            self.finish(whole_page(self._scene, live=True))
+
+    def open(self, *args: str, **kwargs: str) -> None:
+        for command in (*self._scene.commands, WHOLE):
+            self.write_message(command, binary=True)
+        self._browsers.add(self)
+
+    def on_message(self, message: str | bytes) -> None:
+        """Browsers have nothing to say."""
+
+    def on_close(self) -> None:
+        self._browsers.discard(self)

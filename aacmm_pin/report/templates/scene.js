@@ -65,8 +65,6 @@
 
   function place(path, rows) { // the three upper rows of a placement
     const { object } = node(path);
-    object.visible = Number.isFinite(rows[0]);
-    if (!object.visible) return;
     object.matrix.set(...rows, 0, 0, 0, 1).decompose(object.position, object.quaternion, object.scale);
   }
 

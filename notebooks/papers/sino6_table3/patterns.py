@@ -27,8 +27,8 @@ from aacmm_pin.effects import (
 )
 from aacmm_pin.effects.gravity import GravityEffect
 from aacmm_pin.measurements.noise import ENCODER
-from aacmm_pin.papers.sino6.tables import printed_points
-from aacmm_pin.papers.sino6_table3.simulated_touches import TouchedSeats
+from papers.sino6.tables import printed_points
+from papers.sino6_table3.simulated_touches import TouchedSeats
 
 DH, NOISE, CONTACT, BOTH = "DH errors", "encoder noise", "contact noise", "DH errors + encoder noise"
 ODD, STAND = "encoder noise + one odd seat", "encoder noise + stand that yields with height"

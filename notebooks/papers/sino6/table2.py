@@ -16,20 +16,20 @@ belong to no configuration, and the real ones with the turned base are not looke
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin._support.display import Shown, report
+from aacmm_pin._support.display import Shown
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.papers.sino6.equations import ConfigurationsAtTheta2, PlanarConfigurations, tube_end_to_point
-from aacmm_pin.papers.sino6.tables import NominalArm, printed_table2, sino6_nominal
 from aacmm_pin.postures.curve_sampling import Components, Sectors
 from aacmm_pin.postures.elbow_swivel import Swivel
 from aacmm_pin.postures.wrist_ik import FEW_PER_TURN, Wrist, wrist_curves, wrist_system
+from papers.sino6.equations import ConfigurationsAtTheta2, PlanarConfigurations, tube_end_to_point
+from papers.sino6.tables import NominalArm, printed_table2, sino6_nominal
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -70,7 +70,9 @@ class Table2(Shown):
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Cells by their working sectors."""
-        return cast("Axes", report().plots.plot_table2(self, ax))
+        from papers.plots import plot_table2
+
+        return plot_table2(self, ax)
 
 
 def reproduce_table2(grid: int = GRID) -> Table2:

@@ -24,7 +24,7 @@ from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.dh import DHTable
 from aacmm_pin.arm.file import load_arm_file
 from aacmm_pin.errors import UnknownNameError
-from aacmm_pin.papers.read_table import read_table
+from papers.read_table import read_table
 
 RUNS = range(1, 4)
 ITERATIONS = 4

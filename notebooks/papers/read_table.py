@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import importlib.resources
+from pathlib import Path
 
 import pandas as pd
+
+TABLES = Path(__file__).parent / "tables"
 
 
 def read_table(name: str) -> pd.DataFrame:
     """The table ``name``, without its comments: lines that begin with # say where it comes from."""
-    with (importlib.resources.files("aacmm_pin.papers") / "tables" / f"{name}.csv").open(encoding="utf-8") as file:
-        return pd.read_csv(file, comment="#")
+    return pd.read_csv(TABLES / f"{name}.csv", comment="#")

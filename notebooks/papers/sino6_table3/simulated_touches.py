@@ -14,8 +14,8 @@ from aacmm_pin._support.units import MM
 from aacmm_pin.effects import Effect
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
-from aacmm_pin.papers.sino6.tables import printed_points, printed_table3
 from aacmm_pin.postures.configurations import WRIST, ConfigurationCircle, configuration_circles
+from papers.sino6.tables import printed_points, printed_table3
 
 Reading = Literal["stylus down", "stylus up", "wrist"]
 """The tip is in the seat with the stylus along -z or +z of the DH base; or the wrist is at the printed coordinates."""

@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal, cast
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import pandas as pd
 from scipy.special import softmax
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin._support.display import Shown, report
+from aacmm_pin._support.display import Shown
 from aacmm_pin._support.distributions import chi2_cdf
 from aacmm_pin._support.units import MM
 from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.papers.sino6_table3.evidence import DISCREPANCY, INTERVAL, Evidence, evidence
-from aacmm_pin.papers.sino6_table3.patterns import BOTH, DH, NOISE, NOISE_SIZES, Pattern, patterns
-from aacmm_pin.papers.sino6_table3.selection_bias import FIVE, MarkedPart, marked_part
-from aacmm_pin.papers.sino6_table3.simulated_touches import MEASURED, SIXTH, TouchedSeats, touched_seats
+from papers.sino6_table3.evidence import DISCREPANCY, INTERVAL, Evidence, evidence
+from papers.sino6_table3.patterns import BOTH, DH, NOISE, NOISE_SIZES, Pattern, patterns
+from papers.sino6_table3.selection_bias import FIVE, MarkedPart, marked_part
+from papers.sino6_table3.simulated_touches import MEASURED, SIXTH, TouchedSeats, touched_seats
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -136,7 +136,9 @@ class Table3Diagnosis(Shown):
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Measured spreads over what each cause predicts when seats 1 to 5 have given it its size."""
-        return cast("Axes", report().plots.plot_spreads(self, ax))
+        from papers.plots import plot_spreads
+
+        return plot_spreads(self, ax)
 
 
 def diagnose_table3(rng: np.random.Generator, seats: TouchedSeats | None = None, *, draws: int = 6000) -> Table3Diagnosis:

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 
-from aacmm_pin.papers.sino6.table2 import Table2
-from aacmm_pin.papers.sino6_table3.diagnosis import Table3Diagnosis
-from aacmm_pin.papers.sino6_table3.patterns import CONTACT, DH, ECCENTRICITY, GRAVITY, NOISE
-from aacmm_pin.papers.sino6_table3.selection_bias import COUNTS, MEASURED_LOGS, band
-from aacmm_pin.papers.zero_offset import ERRORS_MM, RUNS, iterations, printed_postures, printed_table2
 from aacmm_pin.report.plots.style import BLUE, GREEN, GREY, INK, VERMILLION, axes_of, plain
+from papers.sino6.table2 import Table2
+from papers.sino6_table3.diagnosis import Table3Diagnosis
+from papers.sino6_table3.patterns import CONTACT, DH, ECCENTRICITY, GRAVITY, NOISE
+from papers.sino6_table3.selection_bias import COUNTS, MEASURED_LOGS, band
+from papers.zero_offset import ERRORS_MM, RUNS, iterations, printed_postures, printed_table2
 
 PURPLE, YELLOW, SKY = "#aa4499", "#e69f00", "#56b4e9"
 """More colours that stay apart for colour-blind readers."""

@@ -1,26 +1,23 @@
-"""The two source papers beside what is computed here: ``papers.html``, and what the shell says of them.
+"""The two source papers beside what is computed here, as a page and as cards of the results.
 
 Every number is computed when the page is made; the sentences around them are fixed.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import pandas as pd
 
-from aacmm_pin._support.units import ARCSEC, MM, UM
-from aacmm_pin.papers import zero_offset
-from aacmm_pin.papers.sino6.misprints import misprints
-from aacmm_pin.papers.sino6.table2 import Table2, reproduce_table2
-from aacmm_pin.papers.sino6_table3.diagnosis import Table3Diagnosis, diagnose_table3
-from aacmm_pin.papers.sino6_table3.evidence import DISCREPANCY
-from aacmm_pin.papers.sino6_table3.patterns import DH, ECCENTRICITY, GRAVITY, NOISE, ODD, OF_SEATS
-from aacmm_pin.papers.sino6_table3.selection_bias import FIVE, MEASURED_LOGS, band, implied_counts
-from aacmm_pin.report import plots
+from aacmm_pin._support.units import ARCSEC, MM
 from aacmm_pin.report.document import Block, Document, Figure, Format, Heading, Paragraph, Table, blank_axes, document_of
 from aacmm_pin.report.numbers import percent
+from papers import plots, zero_offset
+from papers.sino6.misprints import misprints
+from papers.sino6.table2 import Table2
+from papers.sino6_table3.diagnosis import Table3Diagnosis
+from papers.sino6_table3.evidence import DISCREPANCY
+from papers.sino6_table3.patterns import DH, ECCENTRICITY, GRAVITY, NOISE, ODD, OF_SEATS
+from papers.sino6_table3.selection_bias import FIVE, MEASURED_LOGS, band, implied_counts
 
 PAPER = "Xu You et al., Chinese Journal of Scientific Instrument 40 (2019), doi:10.19650/j.cnki.cjsi.J1905059"
 NEAR = 10.0
@@ -87,51 +84,17 @@ HELD_OUT = {
 }
 
 
-@dataclass(frozen=True, eq=False)
-class PaperStudy:
-    """What is computed for the page: Table 2 and Table 3 of the SINO6 paper, with the seed of all that is drawn."""
-
-    table2: Table2
-    table3: Table3Diagnosis
-    seed: int
-
-    @staticmethod
-    def of(seed: int) -> PaperStudy:
-        """Compute everything."""
-        return PaperStudy(reproduce_table2(), diagnose_table3(np.random.default_rng(seed)), seed)
-
-    def findings(self) -> list[str]:
-        """What the shell says."""
-        mean, found, causes = self.table2.mean_flexibility, self.table3, self.table3.marked.causes
-        seats, (low, middle, high) = found.shown, found.noise / ARCSEC
-        return [
-            f"Table 2 of the paper: histogram reproduced to a total variation distance of "
-            f"{100 * self.table2.total_variation['reproduced']:.1f} %; mean flexibility {mean['paper']:.3f} printed, "
-            f"{mean['exact']:.3f} by exact geometry on the same cells",
-            f"Table 3 of the paper: spreads of {seats['measured_mm'].min():.4f} to {seats['measured_mm'].max():.4f} mm "
-            f"measured, {seats['dh_p05_mm'].min():.3f} to {seats['dh_p95_mm'].max():.3f} mm by DH errors alone (5–95 %); "
-            f"{_often_above_seat_5(found)} does seat 6 spread as much more than seat 5 as measured",
-            f"Table 3 diagnosed: encoder noise of {middle:.1f}″ ({low:.1f}″ to {high:.1f}″) gives seats 1 to 5 within "
-            f"{found.fit[0]:.1f} %, other small random errors as well; seat 6 needs "
-            f"{found.local_noise / UM:.0f} µm in each coordinate of its own",
-            f"marked part of Table 3: {np.exp(MEASURED_LOGS[FIVE].mean()):.2f} times the spread of the rest at seats 1 to "
-            f"5; the smallest deviations picked after measuring give {causes['after_ratio'][NOISE]:.2f}, the smallest "
-            f"predicted volume {causes['before_ratio'][DH]:.2f}; gain by encoder noise on a seat left out "
-            f"{100 * found.held_out.gain['extended']:.0f} %",
-        ]
-
-
-def papers_document(study: PaperStudy) -> Document:
-    """The page of the papers."""
+def papers_document(table2: Table2, table3: Table3Diagnosis, seed: int) -> Document:
+    """The page of both papers; ``seed`` is of all that is drawn for it."""
     return Document(
         "The two source papers, reproduced",
         [
             f"SINO6 and the idea of its configuration circle come from {PAPER}; the arm zero6 from a paper of 2010 on the "
             "calibration of zero offsets. Their equations and tables stand here beside what exact geometry, the stated "
-            f"uncertainties and a diagnosis give. Seed {study.seed}.",
-            *_about_misprints(study.seed),
-            *table2_document(study.table2).blocks,
-            *table3_document(study.table3).blocks,
+            f"uncertainties and a diagnosis give. Seed {seed}.",
+            *_about_misprints(seed),
+            *table2_document(table2).blocks,
+            *table3_document(table3).blocks,
             *_about_zero_offsets(),
         ],
         "Xu You et al. 2019 (SINO6) and the zero-offset calibration of 2010",

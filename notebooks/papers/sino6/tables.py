@@ -11,7 +11,7 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm.dh import DHTable, table
 from aacmm_pin.errors import UnsupportedArmError
-from aacmm_pin.papers.read_table import read_table
+from papers.read_table import read_table
 
 
 def printed_table1() -> pd.DataFrame:

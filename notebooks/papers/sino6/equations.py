@@ -17,7 +17,7 @@ import numpy as np
 
 from aacmm_pin._support.angles import wrapped
 from aacmm_pin._support.checks import Array
-from aacmm_pin.papers.sino6.tables import NominalArm
+from papers.sino6.tables import NominalArm
 
 
 def arccos_or_nan(cosine: Array) -> Array:

@@ -25,9 +25,9 @@ import pandas as pd
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.accuracy.parameter_draws import parameter_errors
 from aacmm_pin.accuracy.volume import accuracy_volume
-from aacmm_pin.papers.sino6.tables import printed_table3
-from aacmm_pin.papers.sino6_table3.patterns import DH, NOISE, drawn_values, systematic
-from aacmm_pin.papers.sino6_table3.simulated_touches import RECORDS, SIXTH, TouchedSeats
+from papers.sino6.tables import printed_table3
+from papers.sino6_table3.patterns import DH, NOISE, drawn_values, systematic
+from papers.sino6_table3.simulated_touches import RECORDS, SIXTH, TouchedSeats
 
 PRINTED_STEP = 1e-4
 """Last printed digit of the spreads [mm]."""

@@ -13,14 +13,14 @@ import pandas as pd
 from aacmm_pin._support.angles import wrapped
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.papers.sino6.equations import (
+from papers.sino6.equations import (
     ConfigurationsAtTheta2,
     PlanarConfigurations,
     angle_in_triangle,
     arccos_or_nan,
     tube_end_to_point,
 )
-from aacmm_pin.papers.sino6.tables import NominalArm, sino6_nominal
+from papers.sino6.tables import NominalArm, sino6_nominal
 
 WRONG = 1e-9
 """A difference above this counts as wrong [m or rad]; rounding stays far below it for nearly all configurations."""

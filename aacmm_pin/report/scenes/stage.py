@@ -1,0 +1,279 @@
+"""What every scene shows: the arm as bodies (tubes along its lines, joints along their axes, a foot, a tip), the shapes
+and materials that things are made of, and around them ground, grid and axes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from matplotlib.colors import to_hex
+from meshcat.geometry import Cylinder, MeshBasicMaterial, MeshPhongMaterial, Sphere, TriangularMeshGeometry
+
+from aacmm_pin._support.checks import Array
+from aacmm_pin._support.units import DEG, MM
+from aacmm_pin.arm import chain
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.limits import broken_limits
+from aacmm_pin.report.arm_wireframe import ArmLines
+from aacmm_pin.report.plots.style import VERMILLION
+from aacmm_pin.report.scenes.scene import Scene, Swatch, View
+
+TUBE, JOINT, STYLUS, TIP, BASE = "#8d99a6", "#22395c", "#b8bec6", "#a3123a", "#4a4a4f"
+GHOST = "#7f9cc0"
+"""The arm in postures other than the one that is shown."""
+THICKNESS = 0.014
+"""Radius of a tube, in lengths of the arm."""
+DRAWN = 0.3
+"""Pieces shorter than this many radii are hidden in a joint and not drawn."""
+TO_SCALE = "Lengths are true to scale; tubes and joints are not as thick as drawn."
+ROOM = 3.4
+"""So many radii of a tube are seen beyond the arm's lines: its joints, its foot."""
+ANGLED = 35 * DEG
+"""How far the camera stands beside the direction in which the arm reaches."""
+CELL, CELLS = 0.5, 40
+"""Side of a cell of meshcat's grid [m], and how many of them lie along each side of it."""
+SIDES = 6
+"""Corners of the section of a prism."""
+
+
+class Bodies(ArmLines):
+    """The bodies of an arm along its lines."""
+
+    @property
+    def radius(self) -> float:
+        """Of the tubes [m]."""
+        return THICKNESS * self.length
+
+    def draw(self, scene: Scene, root: str = "arm") -> None:
+        """Put the bodies into a scene below ``root``; they are moved by a transform of ``root/body i`` each."""
+        moves, last = set(self.arm.chain.moving_axes()), len(self.lines) - 1
+        for number, line in enumerate(self.lines):
+            path = f"{root}/body {number}"
+            self._draw_line(scene, path, line, thin=number == last)
+            if number == 0:
+                self._draw_foot(scene, path)
+            elif chain.axis(number) in moves:
+                self._draw_joint(scene, path, number)
+        _put(scene, f"{root}/body {last}/tip", Sphere(0.55 * self.radius), self.lines[-1][-1], TIP)
+
+    def _draw_line(self, scene: Scene, path: str, line: Array, thin: bool) -> None:
+        """Tubes along the line and round corners; the last body gets thinner towards the tip."""
+        pieces = [pair for pair in pairwise(line) if self._shows(*pair)]
+        for count, (start, end) in enumerate(pieces, start=1):
+            if thin and count == len(pieces):  # the stylus
+                cone, placement = rod(start, end, 0.35 * self.radius, 0.3 * self.radius)
+                _put(scene, f"{path}/tube {count}", cone, placement, STYLUS)
+                return
+            radius = 0.7 * self.radius if thin else self.radius
+            tube, placement = rod(start, end, radius)
+            _put(scene, f"{path}/tube {count}", tube, placement, TUBE)
+            _put(scene, f"{path}/corner {count}", Sphere(radius), end, TUBE)
+
+    def _draw_joint(self, scene: Scene, path: str, number: int) -> None:
+        """A short thick cylinder along the joint's axis; a square one for a joint that slides."""
+        half, radius = np.array([0.0, 0.0, 1.9]), 1.45
+        if number == len(self.lines) - 1:  # near the tip
+            half, radius = np.array([0.0, 0.0, 1.4]), 1.1
+        shape, placement = rod(-self.radius * half, self.radius * half, radius * self.radius)
+        if self.arm.chain.prismatic[self.arm.chain.joint[chain.axis(number)]]:
+            shape.radialSegments = 4
+        _put(scene, f"{path}/joint", shape, placement, JOINT)
+
+    @property
+    def foot(self) -> Array:
+        """Two points: where the foot ends and the arm begins, and the middle of the flange below (2, 3) [m].
+
+        The arm stands on the origin of the base where something leads from there to joint 1, else on a short post.
+        """
+        if self._shows(*self.lines[0][[0, -1]]):
+            return np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+        rotations, origins = self.arm.chain.walk(np.zeros((1, self.arm.nq)))
+        first = chain.axis(1)
+        axis, origin = rotations[first, 0, :, 2], origins[first, 0]
+        up = -axis if axis @ self.arm.up < 0 else axis
+        return np.array([origin, origin - 4.2 * self.radius * up])
+
+    def _draw_foot(self, scene: Scene, path: str) -> None:
+        top, bottom = self.foot
+        if (bottom != top).any():
+            way = bottom - top
+            _put(scene, f"{path}/post", *rod(top, bottom, 1.5 * self.radius), BASE)
+        else:
+            way = self.lines[0][0] - self.lines[0][-1]
+        thick = 0.8 * self.radius * way / np.linalg.norm(way)
+        _put(scene, f"{path}/flange", *rod(bottom, bottom + thick, 3.4 * self.radius), BASE)
+
+    def _shows(self, start: Array, end: Array) -> bool:
+        length = float(np.linalg.norm(end - start))
+        return length > DRAWN * self.radius
+
+
+def _put(scene: Scene, path: str, shape: Any, where: Array, colour: str) -> None:
+    """An object at a point (3,) [m], or with a placement (4, 4)."""
+    placement = placed_at(where[None])[0] if where.ndim == 1 else where
+    scene[path].set_object(shape, solid(colour))
+    scene[path].set_transform(placement)
+
+
+# --- the stage
+
+
+def stage(title: str, caption: str, bodies: Bodies, points: Array, targets: Array) -> Scene:
+    """A scene with the arm's bodies, and around ``points`` (n, 3) [m] background, grid and axes.
+
+    It is looked at past the ``targets`` (k, 3) [m] that the arm reaches for, a little from the side, back to the base.
+    """
+    scene = Scene(title, caption)
+    bodies.draw(scene)
+    scene["/Background"].set_property("top_color", [1.0, 1.0, 1.0])
+    scene["/Background"].set_property("bottom_color", [0.90, 0.92, 0.94])
+    cell = 0.1  # [m]; ten times as long where so many cells do not reach all points
+    while np.abs(points[:, :2]).max() > CELLS / 2 * cell:
+        cell *= 10
+    scene["/Grid"].set_transform(np.diag([*[cell / CELL] * 3, 1.0]))
+    scene["/Grid"].set_property("color", [1.1, 1.1, 1.1, 0.45])
+    axes = 0.2 * float(np.ptp(points, axis=0).max())
+    scene["/Axes"].set_transform(np.diag([*[axes] * 3, 1.0]))
+    thirds = ", ".join(f"{colour} {33 * i}% {33 * (i + 1)}%" for i, colour in enumerate(("red", "lime", "blue")))
+    scene.swatches = [
+        Swatch(TUBE, "tubes", "line"),
+        Swatch(JOINT, "joints, drawn along their axes", "area"),
+        Swatch(STYLUS, "last body, thinner towards the tip", "line"),
+        Swatch(TIP, "tip"),
+        Swatch("#b4bac2", f"base plane z = 0, one cell {cell / MM:g} mm", "line"),
+        Swatch(f"linear-gradient(to right, {thirds})", "axes x, y, z of the base", "line"),
+    ]
+    scene.notes = [TO_SCALE]
+    x, y, _ = targets.mean(axis=0)
+    seen = np.vstack([points, bodies.foot])
+    scene.view = View(seen, float(np.arctan2(y, x)) + ANGLED, room=ROOM * bodies.radius)
+    return scene
+
+
+def moving(bodies: Bodies, q: Array, scene: Scene) -> dict[str, Array]:
+    """Placements of the bodies that move, by their paths; they are put where the first posture has them."""
+    placed = {f"arm/body {k}": placements for k, placements in enumerate(bodies.placements(q))}
+    for path, placements in placed.items():
+        scene[path].set_transform(placements[0])
+    placed.pop("arm/body 0")
+    return placed
+
+
+def draw_ghosts(scene: Scene, radius: float, postures: Iterable[Array]) -> None:
+    """The arm in other postures, as thin lines through their corners (corners, 3) [m] each."""
+    for number, corners in enumerate(postures, start=1):
+        lines = prisms(corners[:-1], corners[1:], 0.3 * radius)
+        scene[f"ghosts/{number}"].set_object(lines, solid(GHOST, 0.45))
+    scene.swatches.insert(0, Swatch(GHOST, "other postures", "line"))
+
+
+def draw_ball(scene: Scene, path: str, what: str, radius: float, place: Array) -> None:
+    """A ball at ``place`` (3,) [m] that is seen whatever stands before it."""
+    scene[path].set_object(Sphere(radius), ahead(VERMILLION, 0.85))
+    scene[path].set_transform(placed_at(place[None])[0])
+    scene.swatches.insert(0, Swatch(VERMILLION, what))
+
+
+def place_text(point: Array) -> str:
+    """Coordinates for the reader."""
+    x, y, z = point / MM
+    return f"{x:.1f}, {y:.1f}, {z:.1f} mm"
+
+
+def joint_texts(arm: Arm, q: Array) -> dict[str, list[str]]:
+    """Values of the joints (n, nq), degrees or millimetres, and whether they are within limits, or which are not."""
+    texts = {}
+    for joint, (values, slides) in enumerate(zip(q.T, arm.chain.prismatic, strict=True), start=1):
+        one, unit = (MM, " mm") if slides else (DEG, "°")
+        texts[f"joint {joint}"] = [f"{value:.2f}{unit}" for value in values / one]
+    texts["limits"] = [_outside(row) for row in broken_limits(q, arm.limits)]
+    return texts
+
+
+def _outside(broken: Array) -> str:
+    """Which joints are outside their limits (nq,)."""
+    joints = ", ".join(str(joint + 1) for joint in np.flatnonzero(broken))
+    return f"outside: joint {joints}" if joints else "within"
+
+
+# --- shapes and materials
+
+
+def colour_number(colour: str) -> int:
+    """A colour as three.js wants it."""
+    return int(to_hex(colour)[1:], 16)
+
+
+def solid(colour: str, opacity: float = 1.0) -> Any:
+    """Material of a body: shaded by the lights of the scene."""
+    opaque = opacity == 1.0
+    options = {"shininess": 40, "depthWrite": opaque, "flatShading": not opaque}
+    return MeshPhongMaterial(color=colour_number(colour), opacity=opacity, **options)
+
+
+def flat(colour: str = "white", opacity: float = 1.0, *, by_vertex: bool = False) -> Any:
+    """Material of data: exactly the colour that the legend shows, whatever the light."""
+    return MeshBasicMaterial(color=colour_number(colour), opacity=opacity, vertexColors=by_vertex)
+
+
+def ahead(colour: str, opacity: float = 0.999) -> Any:
+    """Material of what has to be seen even where it is inside the arm: drawn last, whatever stands before it."""
+    options = {"transparent": True, "side": 0, "shininess": 40, "depthTest": False, "depthWrite": False}
+    return MeshPhongMaterial(color=colour_number(colour), opacity=opacity, **options)
+
+
+def placed_at(points: Array) -> Array:
+    """Placements with their origins at ``points`` (n, 3) [m]: (n, 4, 4)."""
+    placements = np.tile(np.eye(4), (len(points), 1, 1))
+    placements[:, :3, 3] = points
+    return placements
+
+
+def rod(start: Array, end: Array, radius: float, end_radius: float | None = None) -> tuple[Any, Array]:
+    """A cylinder from ``start`` to ``end`` (3,) [m], or a cone with another radius there, and its placement (4, 4)."""
+    along = end - start
+    length = float(np.linalg.norm(along))
+    top = radius if end_radius is None else end_radius
+    shape = Cylinder(length, radiusBottom=radius, radiusTop=top)
+    across, beside = _sections(along[None])
+    placement = placed_at((start + end)[None] / 2)[0]
+    placement[:3, :3] = np.column_stack([across[0], along / length, -beside[0]])  # three.js draws cylinders along y
+    return shape, placement
+
+
+def prisms(start: Array, end: Array, radius: float, end_radius: float | None = None, colours: Array | None = None) -> Any:
+    """Thin prisms from ``start`` to ``end`` (n, 3) [m], pyramids where ``end_radius`` is zero.
+
+    Six vertices about each start are followed by six about its end; ``colours`` (n, 2, 3) in [0, 1] are those of both.
+    """
+    across, beside = _sections(end - start)
+    turn = np.arange(SIDES)[:, None] * (2 * np.pi / SIDES)
+    ring = across[:, None] * np.cos(turn) + beside[:, None] * np.sin(turn)
+    far = radius if end_radius is None else end_radius
+    near_ring, far_ring = start[:, None] + radius * ring, end[:, None] + far * ring
+    vertices = np.stack([near_ring, far_ring], axis=1)  # (n, 2, 6, 3)
+    corner = np.arange(SIDES)
+    after = (corner + 1) % SIDES
+    lower = np.column_stack([corner, after, corner + SIDES])
+    upper = np.column_stack([after, after + SIDES, corner + SIDES])
+    first = 2 * SIDES * np.arange(len(start))
+    faces = np.vstack([lower, upper]) + first[:, None, None]
+    painted = None if colours is None else np.repeat(colours.reshape(-1, 3), SIDES, axis=0)
+    return TriangularMeshGeometry(vertices.reshape(-1, 3), faces.reshape(-1, 3), painted)
+
+
+def _sections(along: Array) -> tuple[Array, Array]:
+    """Two unit vectors across each direction (n, 3), which with it are right-handed."""
+    along = _units(along)
+    least = np.eye(3)[np.abs(along).argmin(axis=1)]
+    across = _units(np.cross(along, least))
+    return across, np.cross(along, across)
+
+
+def _units(vectors: Array) -> Array:
+    """Of length one (n, 3); zero stays zero."""
+    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.asarray(vectors / np.maximum(lengths, 1e-300))
