@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -16,8 +15,6 @@ from aacmm_pin.effects.conditions import Labels
 from aacmm_pin.measurements.csv_columns import MEASUREMENT_FILE, RECORD_COLUMNS, Column, column_of
 from aacmm_pin.measurements.csv_header import Header, read_header
 from aacmm_pin.measurements.file_problems import Problems
-
-_DECIMAL_COMMA = re.compile(r"\s*[+-]?[0-9.]*,[0-9]+\s*")
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,11 +66,7 @@ def _numbers(name: str, cells: Labels, column: Column, problems: Problems) -> Ar
     values = np.array([_number(cell) for cell in cells], dtype=np.float64)
     empty = np.array([not cell.strip() for cell in cells], dtype=bool)
     unreadable = ~np.isfinite(values) & ~empty
-    comma = unreadable.copy()
-    comma[unreadable] = [_DECIMAL_COMMA.fullmatch(cell) is not None for cell in cells[unreadable]]
-    expected = "expected a number with a decimal point, not a decimal comma"
-    problems.at(comma, name, "is {!r}, " + expected, cells)
-    problems.at(unreadable & ~comma, name, "is {!r}, expected a finite number", cells)
+    problems.at(unreadable, name, "is {!r}, expected a finite number with a decimal point", cells)
     if not column.may_be_empty:
         problems.at(empty, name, "is empty (or NaN), expected a number in every row")
     return values
