@@ -9,6 +9,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from aacmm_pin._support import plausible
+from aacmm_pin._support.file_problems import Problems, shortened
 from aacmm_pin.measurements.csv_columns import (
     APPROACH,
     BAR,
@@ -29,7 +30,6 @@ from aacmm_pin.measurements.csv_columns import (
     single_names,
     span,
 )
-from aacmm_pin.measurements.file_problems import Problems, shortened
 
 SPELLING_SIMILARITY = 0.9
 """Similarity (difflib) from which an unknown name is taken for a slip of a known one: one letter wrong in ten."""

@@ -17,11 +17,11 @@ import numpy as np
 import pandas as pd
 
 from aacmm_pin._support.checks import Index
+from aacmm_pin._support.file_problems import Problems
 from aacmm_pin._support.input_files import content_of
 from aacmm_pin._support.text_escaping import csv_unquoted
 from aacmm_pin.errors import MeasurementFileError
 from aacmm_pin.measurements.csv_columns import column_of, columns_of_file
-from aacmm_pin.measurements.file_problems import Problems
 
 LARGEST_FILE = 100_000_000
 """Bytes of a measurement file that is read, which are a quarter of a million records; its table takes ten times as much."""

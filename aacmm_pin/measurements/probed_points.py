@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
+from aacmm_pin._support.file_problems import Problems
 from aacmm_pin._support.units import MM
 from aacmm_pin.measurements.csv_columns import (
     ACCEPTANCE_FILE,
@@ -19,7 +20,6 @@ from aacmm_pin.measurements.csv_columns import (
 )
 from aacmm_pin.measurements.csv_header import checked_names
 from aacmm_pin.measurements.csv_values import cells_of, check_numbers, read_values
-from aacmm_pin.measurements.file_problems import Problems
 
 NEEDED = {
     "sphere": ("feature", "feature_diameter_mm", "probe_diameter_mm"),

@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 
 from aacmm_pin._support.checks import Array
+from aacmm_pin._support.file_problems import Problems
 from aacmm_pin.measurements.csv_columns import (
     APPROACH,
     BAR_U,
@@ -20,7 +21,6 @@ from aacmm_pin.measurements.csv_columns import (
     span,
 )
 from aacmm_pin.measurements.csv_values import RecordTable, Values, check_numbers
-from aacmm_pin.measurements.file_problems import Problems
 
 MOST_NORM_ERROR = 2e-3
 """A quaternion whose norm is off one by more than this is none: four numbers with three decimals give 1e-3 at most."""
