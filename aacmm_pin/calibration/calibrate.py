@@ -32,8 +32,15 @@ from aacmm_pin.effects.conditions import WARMER
 from aacmm_pin.effects.error_model import ErrorModel, GivenCause, GivenModel, as_causes, require_shown
 from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError, UnknownNameError, UnsupportedArmError
-from aacmm_pin.measurements.records import GivenRecords, Measurements, as_measurements
-from aacmm_pin.measurements.repeats import fingerprints, fingerprints_of_standards, means_of_contacts, originals
+from aacmm_pin.measurements import (
+    GivenRecords,
+    Measurements,
+    as_measurements,
+    fingerprints,
+    fingerprints_of_standards,
+    means_of_contacts,
+    originals,
+)
 
 OTHER_UNIT = 100.0
 """An uncertainty, or a torque, so many times off may be in another unit: the factor is 1000, but there are other parts."""

@@ -18,7 +18,7 @@ from aacmm_pin.calibration.identifiability import NEGLIGIBLE
 from aacmm_pin.effects import Effect, StylusOffset
 from aacmm_pin.effects.error_model import ErrorModel, entries_of
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.measurements.repeats import fingerprints, fingerprints_of_standards
+from aacmm_pin.measurements import fingerprints, fingerprints_of_standards
 
 FIELDS = {"a": ("a_mm", MM), "d": ("d_mm", MM), "alpha": ("alpha_rad", 1.0), "theta_offset": ("theta_offset_rad", 1.0)}
 """Where a kind of parameter stands in a row of an arm file, and the file's unit."""

@@ -17,7 +17,6 @@ from aacmm_pin.measurements.csv_columns import (
 )
 from aacmm_pin.measurements.csv_table import measurement_file, read_table
 from aacmm_pin.measurements.csv_values import check_numbers, read_values
-from aacmm_pin.measurements.file_problems import Problems
 from aacmm_pin.measurements.measuring_points import Pool, bars_for
 from aacmm_pin.measurements.noise import ENCODER, Noise
 from aacmm_pin.measurements.probed_points import PREDICTED_ACCURATE, read_probed_points
@@ -43,7 +42,6 @@ __all__ = [
     "Measurements",
     "Noise",
     "Pool",
-    "Problems",
     "as_measurements",
     "bars_for",
     "check_numbers",

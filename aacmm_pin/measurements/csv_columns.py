@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -90,10 +91,12 @@ ORIENTATION, ORIENTATION_U = ("qw", "qx", "qy", "qz"), "u_rot_rad"
 BAR, BAR_U = ("bar", "bar_end", "bar_length_mm"), "u_bar_length_mm"
 APPROACH, TORQUE, LINK_TEMPERATURE = map(_form, ("approach", "torque", "link_temperature"))
 
+_TURNS = plausible.MOST_TURNS * 2.0 * math.pi + 1e-9
+_NO_DEGREES = "if these are degrees, rename the columns to theta1_deg …"
 _LENGTH_U = (plausible.LENGTH_NOISE, True, True)
 ANGLES = (
     Column("q", (THETA["deg"],), "°", plausible.READING),
-    Column("q", (THETA["rad"],), "rad"),
+    Column("q", (THETA["rad"],), "rad", Range(-_TURNS, _TURNS, "rad", _NO_DEGREES)),
 )
 RECORD_COLUMNS = (
     Column("reference", REFERENCE, "mm", plausible.COORDINATE, may_be_empty=True, of_reference=True),

@@ -9,6 +9,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from aacmm_pin._support import plausible
+from aacmm_pin._support.file_problems import Problems, shortened
 from aacmm_pin.measurements.csv_columns import (
     APPROACH,
     BAR,
@@ -29,7 +30,6 @@ from aacmm_pin.measurements.csv_columns import (
     single_names,
     span,
 )
-from aacmm_pin.measurements.file_problems import Problems, shortened
 
 SPELLING_SIMILARITY = 0.9
 """Similarity (difflib) from which an unknown name is taken for a slip of a known one: one letter wrong in ten."""
@@ -138,10 +138,10 @@ def _names_with_number_of(name: str, columns: Sequence[Column]) -> tuple[str, ..
 
 
 def similar_labels(labels: Iterable[str]) -> list[str]:
-    """Pairs of labels that differ only in letter case, blanks, dashes, #, leading zeros, or in a ``.0`` of a spreadsheet."""
+    """Pairs of labels that differ only in letter case, signs that are no letters or digits, leading zeros, or ``.0``."""
     spellings: dict[str, list[str]] = {}
     for label in filter(None, labels):
-        key = re.sub(r"[\s#_-]|\.0$|(?<!\d)0+(?=\d)", "", label.casefold())
+        key = re.sub(r"\.0$|[\W_]|(?<!\d)0+(?=\d)", "", label.casefold())
         spellings.setdefault(key, []).append(label)
     return [f"{same[0]!r} and {same[1]!r}" for same in spellings.values() if len(same) > 1]
 

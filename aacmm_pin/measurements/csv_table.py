@@ -17,16 +17,18 @@ import numpy as np
 import pandas as pd
 
 from aacmm_pin._support.checks import Index
+from aacmm_pin._support.file_problems import Problems
 from aacmm_pin._support.input_files import content_of
 from aacmm_pin._support.text_escaping import csv_unquoted
 from aacmm_pin.errors import MeasurementFileError
 from aacmm_pin.measurements.csv_columns import column_of, columns_of_file
-from aacmm_pin.measurements.file_problems import Problems
 
 LARGEST_FILE = 100_000_000
 """Bytes of a measurement file that is read, which are a quarter of a million records; its table takes ten times as much."""
 SEPARATORS = {";": "semicolons", "\t": "tabulators"}
 """Separators of cells beside commas, and what they are called."""
+_NO_HEADER = re.compile(r"\s*#|sep=.?$", re.IGNORECASE)
+"""A comment, or a first line such as sep=; of a spreadsheet."""
 _EXPONENT = "([eE][+-]?[0-9]+)?"
 _WITH_COMMA = re.compile(rf"\s*[+-]?[0-9]*,[0-9]+{_EXPONENT}\s*")
 _WITH_POINT = re.compile(rf"\s*[+-]?[0-9]*\.[0-9]*{_EXPONENT}\s*")
@@ -62,7 +64,7 @@ def read_table(path: str, content: bytes | None = None) -> tuple[pd.DataFrame, I
     """
     text = _text(path, measurement_file(path) if content is None else content)
     notes: list[str] = []
-    separator, spaced = _separation(path, text)
+    separator, spaced = _separation(text)
     if separator in SEPARATORS:
         notes.append(f"{SEPARATORS[separator]} between cells")
     if spaced:
@@ -76,23 +78,16 @@ def read_table(path: str, content: bytes | None = None) -> tuple[pd.DataFrame, I
     return table, lines, ("the file was read with " + ", ".join(notes),) if notes else ()
 
 
-def _separation(path: str, text: str) -> tuple[str, bool]:
+def _separation(text: str) -> tuple[str, bool]:
     """What separates the cells of the header, and whether there are spaces behind it."""
-    by_comma = _first_row(path, text, ",")
-    separator = ","
-    if len(by_comma) == 1:
-        separator = next((mark for mark in SEPARATORS if mark in by_comma[0]), ",")
-    header = _first_row(path, text, separator)
-    return separator, any(name.startswith(" ") for name in header[1:])
+    lines = (line for line in text.splitlines() if line.strip() and not _NO_HEADER.match(line))
+    header = next(lines, "")
+    separator = next((mark for mark in (",", *SEPARATORS) if mark in header), ",")
+    names = next(csv.reader([header], delimiter=separator), [])
+    return separator, any(name.startswith(" ") for name in names[1:])
 
 
-def _first_row(path: str, text: str, separator: str) -> list[str]:
-    """The first line that is no comment; no cells where there is none."""
-    rows = _rows(path, text, separator, spaced=False, strict=False)
-    return next((row.cells for row in rows if not row.is_comment), [])
-
-
-def _rows(path: str, text: str, separator: str, spaced: bool, strict: bool = True) -> Iterator[Row]:
+def _rows(path: str, text: str, separator: str, spaced: bool) -> Iterator[Row]:
     """All lines that are not empty.
 
     Raises:
@@ -100,21 +95,16 @@ def _rows(path: str, text: str, separator: str, spaced: bool, strict: bool = Tru
     """
     end = 0
     lines = io.StringIO(text, newline="")
-    reader = csv.reader(lines, strict=strict, delimiter=separator, skipinitialspace=spaced)
+    reader = csv.reader(lines, strict=True, delimiter=separator, skipinitialspace=spaced)
     try:
         for cells in reader:
             if cells:
-                is_comment = cells[0].lstrip().startswith("#") or _names_separator(cells, end)
+                is_comment = _NO_HEADER.match(cells[0]) is not None
                 unquoted = [csv_unquoted(cell) for cell in cells]
                 yield Row(end + 1, [cell.strip() for cell in unquoted] if spaced else unquoted, is_comment)
             end = reader.line_num
     except csv.Error as error:
         raise MeasurementFileError(path, end + 1, "", f"not CSV: {error}; look at the quotes") from None
-
-
-def _names_separator(cells: Sequence[str], lines_before: int) -> bool:
-    """Whether it is a first line such as sep=; of a spreadsheet."""
-    return lines_before == 0 and re.fullmatch("sep=.?", cells[0], re.IGNORECASE) is not None
 
 
 def _records(path: str, rows: Sequence[Row], notes: list[str]) -> tuple[list[str], Index, list[list[str]]]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -12,12 +11,12 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin.effects.conditions import Labels
+from aacmm_pin._support.file_problems import Problems
 from aacmm_pin.measurements.csv_columns import MEASUREMENT_FILE, RECORD_COLUMNS, Column, column_of
 from aacmm_pin.measurements.csv_header import Header, read_header
-from aacmm_pin.measurements.file_problems import Problems
 
-_DECIMAL_COMMA = re.compile(r"\s*[+-]?[0-9.]*,[0-9]+\s*")
+Cells = NDArray[np.object_]
+"""(n,) of str; "" where there is nothing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,14 +25,14 @@ class Values:
 
     n: int
     numbers: dict[str, Array]
-    labels: dict[str, Labels]
+    labels: dict[str, Cells]
 
     def block(self, names: Sequence[str]) -> Array:
         """The columns ``names`` side by side, (n, len(names)); NaN where one is not there."""
         missing = np.full(self.n, np.nan)
         return np.column_stack([self.numbers.get(name, missing) for name in names])
 
-    def label(self, name: str) -> Labels:
+    def label(self, name: str) -> Cells:
         """The column ``name``; "" where it is not there."""
         return self.labels.get(name, np.full(self.n, "", dtype=object))
 
@@ -41,7 +40,7 @@ class Values:
 def read_values(table: pd.DataFrame, columns: Sequence[Column], problems: Problems) -> Values:
     """The cells of the known ``columns`` of a table, text or numbers; what is wrong with them goes to ``problems``."""
     numbers: dict[str, Array] = {}
-    labels: dict[str, Labels] = {}
+    labels: dict[str, Cells] = {}
     for name in table.columns:
         column = column_of(name, columns)
         if column is None:
@@ -54,7 +53,7 @@ def read_values(table: pd.DataFrame, columns: Sequence[Column], problems: Proble
     return Values(len(table), numbers, labels)
 
 
-def cells_of(column: pd.Series) -> Labels:
+def cells_of(column: pd.Series) -> Cells:
     """Cells as text, exactly as they are; "" where there is nothing."""
     cells = np.array(column, dtype=object)
     if set(map(type, cells)) <= {str}:
@@ -64,16 +63,12 @@ def cells_of(column: pd.Series) -> Labels:
     return np.array(texts, dtype=object)
 
 
-def _numbers(name: str, cells: Labels, column: Column, problems: Problems) -> Array:
+def _numbers(name: str, cells: Cells, column: Column, problems: Problems) -> Array:
     """Cells as numbers, NaN where there is nothing."""
     values = np.array([_number(cell) for cell in cells], dtype=np.float64)
     empty = np.array([not cell.strip() for cell in cells], dtype=bool)
     unreadable = ~np.isfinite(values) & ~empty
-    comma = unreadable.copy()
-    comma[unreadable] = [_DECIMAL_COMMA.fullmatch(cell) is not None for cell in cells[unreadable]]
-    expected = "expected a number with a decimal point, not a decimal comma"
-    problems.at(comma, name, "is {!r}, " + expected, cells)
-    problems.at(unreadable & ~comma, name, "is {!r}, expected a finite number", cells)
+    problems.at(unreadable, name, "is {!r}, expected a finite number with a decimal point", cells)
     if not column.may_be_empty:
         problems.at(empty, name, "is empty (or NaN), expected a number in every row")
     return values

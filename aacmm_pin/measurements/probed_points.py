@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
+from aacmm_pin._support.file_problems import Problems
 from aacmm_pin._support.units import MM
 from aacmm_pin.measurements.csv_columns import (
     ACCEPTANCE_FILE,
@@ -19,7 +20,6 @@ from aacmm_pin.measurements.csv_columns import (
 )
 from aacmm_pin.measurements.csv_header import checked_names
 from aacmm_pin.measurements.csv_values import cells_of, check_numbers, read_values
-from aacmm_pin.measurements.file_problems import Problems
 
 NEEDED = {
     "sphere": ("feature", "feature_diameter_mm", "probe_diameter_mm"),
@@ -67,9 +67,11 @@ def read_probed_points(table: pd.DataFrame, problems: Problems) -> pd.DataFrame:
         if column.is_label:
             points[column.field] = [label.strip() for label in values.label(name)]
         else:
-            points[column.field] = values.block([name])[:, 0] * column.si
+            points[column.field] = values.block([name])[:, 0]
     _check_tests(points, problems)
     _state_one_value(points, problems)
+    lengths = [column.field for column in PROBED_POINT_COLUMNS if not column.is_label]
+    points[lengths] *= MM
     return points
 
 
@@ -98,17 +100,12 @@ def _state_one_value(points: pd.DataFrame, problems: Problems) -> None:
     for labels, names in ONE_VALUE.items():
         tests = [test for test, needed in NEEDED.items() if names[0] in needed]
         of_these = points["test"].isin(tests)
-        by = [points[label] for label in ("test", *labels)]
+        groups = points.groupby(["test", *labels]).ngroup()
         for name in names:
-            values = points[_field(name)]
-            rows = points["row"].where(values.notna())
-            first, row = (each.groupby(by).transform("first") for each in (values, rows))
-            other = (of_these & values.notna() & (values != first)).to_numpy()
-            came = "is {:.9g} mm, but row {:.0f} states {:.9g} mm"
-            message = f"{came}; expected one value for one {', '.join(labels)}"
-            shown = (values / MM, row, first / MM)
-            problems.at(other, name, message, *(each.to_numpy() for each in shown))
-            points[_field(name)] = first.where(of_these, values)
+            values = points[_field(name)].to_numpy()
+            stated = of_these & np.isfinite(values)
+            first = problems.of_other_values(name, values, stated, groups, ", ".join(labels))
+            points[_field(name)] = np.where(of_these & (first >= 0), values[first], values)
 
 
 def has_probed_points(table: pd.DataFrame) -> bool:

@@ -7,9 +7,8 @@ from collections import Counter
 import numpy as np
 import pandas as pd
 
-from aacmm_pin._support import plausible
 from aacmm_pin._support.checks import Array
-from aacmm_pin.effects.conditions import Labels
+from aacmm_pin._support.file_problems import Problems
 from aacmm_pin.measurements.csv_columns import (
     APPROACH,
     BAR_U,
@@ -22,7 +21,6 @@ from aacmm_pin.measurements.csv_columns import (
     span,
 )
 from aacmm_pin.measurements.csv_values import RecordTable, Values, check_numbers
-from aacmm_pin.measurements.file_problems import Problems
 
 MOST_NORM_ERROR = 2e-3
 """A quaternion whose norm is off one by more than this is none: four numbers with three decimals give 1e-3 at most."""
@@ -48,12 +46,8 @@ def check_records(table: RecordTable, problems: Problems) -> None:
         sign = values.numbers[name]
         problems.at(~np.isin(sign, SIGNS), name, "is {:g}, expected -1, 0 or 1", sign)
     check_numbers(values, MEASUREMENT_FILE, problems)
-    for name in ("seat", "marker", "bar"):
-        _check_spelling(name, values.label(name), problems)
     _check_seats(values, problems)
     if "bar" in values.labels:
-        _check_bar_rows(values, problems)
-        _check_bar_uncertainty(values, problems)
         _check_bars(values, problems)
     problems.stop()
 
@@ -78,23 +72,18 @@ def mostly_like_radians(degrees: Array) -> bool:
 
 
 def _check_angles(table: RecordTable, problems: Problems) -> None:
-    """Degrees that must be radians, and radians that must be degrees."""
+    """Degrees that must be radians."""
     theta = table.header.theta
     q = table.values.block(theta)
-    if table.header.unit == "rad":
-        most = plausible.MOST_TURNS * 2.0 * np.pi + 1e-9
-        expected = f"expected at most {plausible.MOST_TURNS} turns"
-        advice = "if these are degrees, rename the columns to theta1_deg …"
-        for name, angle in zip(theta, q.T, strict=True):
-            problems.at(np.abs(angle) > most, name, f"is {{:g}} rad, {expected}; {advice}", angle)
-    elif looks_like_radians(q):
-        largest, in_radians = np.abs(q).max(), span(named(THETA["rad"], len(theta)))
-        problems.add(
-            span(theta),
-            f"all angles of all {len(q)} records lie within ±{largest:.4g}°, so these look like radians; if they "
-            f"are, rename the columns to {in_radians}; if they are degrees, convert them to radians under these "
-            f"names (from {ENOUGH_RECORDS} records on, a largest angle of 1 to 2π is taken for radians)",
-        )
+    if table.header.unit == "rad" or not looks_like_radians(q):
+        return
+    largest, in_radians = np.abs(q).max(), span(named(THETA["rad"], len(theta)))
+    problems.add(
+        span(theta),
+        f"all angles of all {len(q)} records lie within ±{largest:.4g}°, so these look like radians; if they "
+        f"are, rename the columns to {in_radians}; if they are degrees, convert them to radians under these "
+        f"names (from {ENOUGH_RECORDS} records on, a largest angle of 1 to 2π is taken for radians)",
+    )
 
 
 def _check_references(values: Values, problems: Problems) -> None:
@@ -116,21 +105,6 @@ def _check_references(values: Values, problems: Problems) -> None:
     problems.at(unplaced, span(ORIENTATION), f"in a row without {span(REFERENCE)} and seat")
 
 
-def _check_spelling(name: str, labels: Labels, problems: Problems) -> None:
-    """One seat, target or bar is written in one way: blanks and signs that are not seen make no other of it."""
-    spellings = {"": ""}
-    first = [spellings.setdefault(_visible(label), label) for label in labels]
-    spelling = np.array(first, dtype=object)
-    difference = "differs in blanks or characters without shape alone"
-    message = f"is {{!r}} beside {{!r}}, which {difference}; expected one spelling"
-    problems.at(spelling != labels, name, message, labels, spelling)
-
-
-def _visible(label: str) -> str:
-    """A label without blanks around it, and without what has no shape."""
-    return "".join(filter(str.isprintable, label)).strip()
-
-
 def _check_seats(values: Values, problems: Problems) -> None:
     """Each seat has two records, coordinates or a bar."""
     seat = values.label("seat")
@@ -143,55 +117,25 @@ def _check_seats(values: Values, problems: Problems) -> None:
     problems.at(useless, "seat", f"seat {{!r}} {why}; {expected}", seat)
 
 
-def _check_bar_rows(values: Values, problems: Problems) -> None:
-    """Each row of a bar states its end, seat and length, and other rows do not."""
-    bar, end, seat = (values.label(name) for name in ("bar", "bar_end", "seat"))
-    length = values.numbers["bar_length_mm"]
-    has_bar = bar != ""
-    nothing = "in a row without bar, expected an empty cell"
-    problems.at(~has_bar & (end != ""), "bar_end", f"is {{!r}} {nothing}", end)
-    problems.at(~has_bar & np.isfinite(length), "bar_length_mm", f"is {{:g}} {nothing}", length)
-    problems.at(has_bar & ~np.isin(end, BAR_ENDS), "bar_end", "is {!r}, expected A or B", end)
-    expected = "expected the label of the seat at its end"
-    problems.at(has_bar & (seat == ""), "seat", f"is empty in a row of bar {{!r}}, {expected}", bar)
-    message = "is empty in a row of bar {!r}, expected its length"
-    problems.at(has_bar & np.isnan(length), "bar_length_mm", message, bar)
-
-
-def _check_bar_uncertainty(values: Values, problems: Problems) -> None:
-    """One uncertainty of the length of each bar."""
-    u, bar = values.numbers.get(BAR_U), values.label("bar")
-    if u is None:
-        return
-    most = pd.Series(u).groupby(bar).transform("max").to_numpy()
-    differs = (bar != "") & np.isfinite(u) & (u != most)
-    message = "is {:g} for bar {!r}, of which another row states {:g}; expected one value"
-    problems.at(differs, BAR_U, message, u, bar, most)
-
-
 def _check_bars(values: Values, problems: Problems) -> None:
-    """Whether the rows of each bar state one length, both ends, and another seat at each."""
+    """Whether the rows of each bar state one length with its u, both ends, and another seat at each; other rows none."""
     bar, end, seat = (values.label(name) for name in ("bar", "bar_end", "seat"))
-    length, row = values.numbers["bar_length_mm"], np.arange(values.n)
+    length, u = values.block(["bar_length_mm", BAR_U]).T
+    of_bar, row = bar != "", np.arange(values.n)
+    cells = {"bar_end": (end, end != ""), "bar_length_mm": (length, np.isfinite(length))}
+    for name, (stated, is_stated) in cells.items():
+        problems.at(~of_bar & is_stated, name, "is {} in a row without bar, expected an empty cell", stated)
+    problems.at(of_bar & ~np.isin(end, BAR_ENDS), "bar_end", "is {!r}, expected A or B", end)
+    for name, empty in (("seat", seat == ""), ("bar_length_mm", np.isnan(length))):
+        problems.at(of_bar & empty, name, "is empty in a row of bar {!r}, expected a value", bar)
+    groups = pd.Series(bar)
+    for name, numbers in (("bar_length_mm", length), (BAR_U, u)):
+        problems.of_other_values(name, numbers, of_bar & np.isfinite(numbers), groups, "bar")
+    problems.of_other_values("seat", seat, of_bar & (seat != ""), groups + "\0" + end, "end of a bar")
     table = pd.DataFrame({"bar": bar, "end": end, "seat": seat, "row": row})
-    by_bar, by_end = table.groupby("bar"), table.groupby(["bar", "end"])
+    by_bar = table.groupby("bar")
     first = by_bar["row"].transform("first").to_numpy()
-    first_of_end = by_end["row"].transform("first").to_numpy()
-    of_bar = (bar != "") & np.isin(end, BAR_ENDS)
-    known = np.isfinite(length) & np.isfinite(length[first])
-    problems.at(
-        of_bar & known & (length != length[first]),
-        "bar_length_mm",
-        "is {} for bar {!r}, which row {} says is {} long; expected one length for each bar",
-        *(length, bar, problems.lines[first], length[first]),
-    )
-    other_seat = (seat != seat[first_of_end]) & (seat != "") & (seat[first_of_end] != "")
-    problems.at(
-        of_bar & other_seat,
-        "seat",
-        "is {!r} at end {} of bar {!r}, which row {} says is seat {!r}; expected one seat for each end",
-        *(seat, end, bar, problems.lines[first_of_end], seat[first_of_end]),
-    )
+    of_bar &= np.isin(end, BAR_ENDS)
     one_end = by_bar["end"].transform("nunique").to_numpy() == 1
     message = "bar {!r} has records of end {} only, expected records of A and of B"
     problems.at(of_bar & one_end & (row == first), "bar_end", message, bar, end)

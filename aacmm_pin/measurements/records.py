@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from aacmm_pin._support import plausible
 from aacmm_pin._support.checks import Array, Index, batch, vector, width_of
 from aacmm_pin._support.display import Shown
+from aacmm_pin._support.file_problems import Problems
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import DEG
 from aacmm_pin.effects.conditions import COLUMNS, Conditions, Labels, labels_of
@@ -27,7 +28,6 @@ from aacmm_pin.measurements.csv_columns import APPROACH, ORIENTATION_U, RECORD_C
 from aacmm_pin.measurements.csv_header import read_header, similar_labels
 from aacmm_pin.measurements.csv_table import read_table
 from aacmm_pin.measurements.csv_values import RecordTable, read_records
-from aacmm_pin.measurements.file_problems import Problems
 from aacmm_pin.measurements.probed_points import as_records, has_probed_points
 from aacmm_pin.measurements.record_checks import (
     MOST_NORM_ERROR,
@@ -244,27 +244,23 @@ class Measurements(Shown):
             raise UnknownNameError("angle unit", angle_unit, list(THETA))
         angles = self.q.T / (DEG if angle_unit == "deg" else 1.0)
         table = dict(zip(named(THETA[angle_unit], self.nq), angles, strict=True))
+        stated = np.isfinite(self.reference_u).any()
+        left_out = {"reference": not (stated or self.known.any()), "reference_u": not stated}
         for column in RECORD_COLUMNS:
-            table |= self._in_file(column)
+            if not left_out.get(column.field):
+                table |= self._in_file(column)
         return pd.concat([pd.DataFrame(table), self.extra], axis=1)
 
     def _in_file(self, column: Column) -> dict[str, NDArray[Any]]:
         """What is stated in the columns of an entry, in their unit; nothing where nothing is."""
         values = getattr(self.conditions if column.field in COLUMNS else self, column.field)
-        if values is None or (column.field in self._left_out):
+        if values is None:
             return {}
         if not column.is_label:
             kind = np.int64 if column.names[0] == APPROACH else np.float64
             values = (values / column.si).astype(kind)
         names = named(column.names[0], values.shape[1]) if column.is_numbered else column.names
         return dict(zip(names, np.atleast_2d(values.T), strict=True))
-
-    @property
-    def _left_out(self) -> set[str]:
-        """The fields of references of which none is stated."""
-        if np.isfinite(self.reference_u).any():
-            return set()
-        return {"reference_u"} if self.known.any() else {"reference", "reference_u"}
 
     def csv(self) -> str:
         """The text of a CSV file from which :meth:`read` gives the same numbers back.
@@ -274,9 +270,9 @@ class Measurements(Shown):
         table = self.to_frame("rad" if looks_like_radians(self.q / DEG) else "deg")
         dates = table.select_dtypes(["datetime", "datetimetz", "timedelta"])
         table[dates.columns] = dates.astype("string")  # without the hour where all are of midnight
-        texts = table.select_dtypes(exclude="number")
+        texts = table.select_dtypes(exclude="number").astype(str).to_numpy().ravel()
         # A lone carriage return ends a line for readers, but is no reason to quote for the writer.
-        returns = any(texts[name].astype(str).str.contains("\r", regex=False, na=False).any() for name in texts)
+        returns = any("\r" in text for text in texts)
         quoting: Literal[0, 2] = csv.QUOTE_NONNUMERIC if returns else csv.QUOTE_MINIMAL
         return csv_text(table, quoting)
 

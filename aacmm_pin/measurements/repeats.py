@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator
 from dataclasses import replace
-from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -90,28 +89,21 @@ def _group_numbers(table: pd.DataFrame) -> Index:
 def _joined(group: Index, equal_otherwise: Index, values: Array) -> Index:
     """The groups (n,) where rows of ``values`` (n, k) have joined those of the whole numbers that they are rounded to.
 
-    Only rows with one number ``equal_otherwise`` (n,) are compared.
+    Programs round a half up, to the even number, or down. Only rows with one number ``equal_otherwise`` (n,) are compared.
     """
-    whole = (np.abs(values - np.rint(values)) < WHOLE_TOLERANCE).all(axis=1)
-    group_of = {(equal_otherwise[k], *np.rint(values[k])): group[k] for k in np.flatnonzero(whole)}
-    if not group_of:
+    finite = np.isfinite(values).all(axis=1)
+    whole = finite & (np.abs(values - np.rint(values)) < WHOLE_TOLERANCE).all(axis=1)
+    between = np.flatnonzero(finite & ~whole)
+    if not whole.any() or not between.size:
         return group
-    compared = np.bincount(equal_otherwise)[equal_otherwise] > 1
-    joined: dict[int, int] = {}
-    for k in np.flatnonzero(~whole & compared & np.isfinite(values).all(axis=1)):
-        for near in _rounded_values(values[k]):
-            key = (equal_otherwise[k], *near)
-            if key in group_of:
-                joined[group[k]] = group_of[key]
-    return np.array([joined.get(number, number) for number in group], dtype=np.intp)
-
-
-def _rounded_values(values: Array) -> Iterator[tuple[float, ...]]:
-    """The whole numbers that programs round ``values`` (k,) to: a half up, or to the even number, or down."""
-    down = np.floor(values + 0.5 - WHOLE_TOLERANCE)
-    up = np.floor(values + 0.5 + WHOLE_TOLERANCE)
-    each = [sorted({low, high}) for low, high in zip(down.tolist(), up.tolist(), strict=True)]
-    return product(*each)
+    apart = np.column_stack([values, 2.0 * equal_otherwise])
+    tree = scipy.spatial.KDTree(apart[whole])
+    half = 0.5 + 2 * WHOLE_TOLERANCE
+    distance, nearest = tree.query(apart[between], p=np.inf, distance_upper_bound=half)
+    found = np.isfinite(distance)
+    joined = np.arange(group.max() + 1)
+    joined[group[between[found]]] = group[whole][nearest[found]]
+    return np.asarray(joined[group], dtype=np.intp)
 
 
 def _nearest_difference(q: Array) -> Array:

@@ -22,11 +22,12 @@ from numpy.typing import NDArray
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown, report
+from aacmm_pin._support.file_problems import Problems
 from aacmm_pin._support.output_files import OutputFiles
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import MM, number
 from aacmm_pin.errors import AacmmError, MeasurementFileError
-from aacmm_pin.measurements import Problems, measurement_file, read_table
+from aacmm_pin.measurements import measurement_file, read_table
 from aacmm_pin.verification.accept import VERDICTS, AcceptanceResult
 from aacmm_pin.verification.characteristics import DEFINITIONS
 

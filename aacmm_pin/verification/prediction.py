@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 
 from aacmm_pin._support.checks import Array, whole
 from aacmm_pin._support.display import Shown
+from aacmm_pin._support.file_problems import Problems
 from aacmm_pin._support.progress import Progress, watched
 from aacmm_pin._support.units import MM
 from aacmm_pin.accuracy.parameter_draws import source_errors
@@ -26,7 +27,7 @@ from aacmm_pin.accuracy.tip_sensitivity import ErrorSources
 from aacmm_pin.effects.error_model import ErrorModel, GivenModel
 from aacmm_pin.effects.geometry import of_geometry
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.measurements import ENCODER, Problems, read_probed_points, read_table, seed_of
+from aacmm_pin.measurements import ENCODER, read_probed_points, read_table, seed_of
 from aacmm_pin.verification.accept import AcceptanceFigure, checked_limits
 from aacmm_pin.verification.characteristics import Definition, definitions
 from aacmm_pin.verification.procedure import Procedure

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from aacmm_pin._support.checks import Array
+from aacmm_pin._support.file_problems import Problems
 from aacmm_pin._support.units import MM
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, MeasurementFileError
@@ -17,7 +18,6 @@ from aacmm_pin.measurements import (
     PROBED_POINT_COLUMNS,
     REFERENCE,
     Measurements,
-    Problems,
     check_numbers,
     is_of_reference,
     is_reading,

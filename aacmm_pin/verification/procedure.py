@@ -13,6 +13,7 @@ import pandas as pd
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown
+from aacmm_pin._support.file_problems import Problems
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm.arm import Arm, GivenArm, as_arm
@@ -25,7 +26,6 @@ from aacmm_pin.measurements import (
     REFERENCE,
     GivenRecords,
     Pool,
-    Problems,
     as_measurements,
     bars_for,
     is_reading,

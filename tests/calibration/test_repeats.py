@@ -17,9 +17,7 @@ from aacmm_pin.calibration.cross_validation import groups_of, left_out_in_turn, 
 from aacmm_pin.diagnosis import diagnose
 from aacmm_pin.effects import EncoderEccentricity
 from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.measurements.records import Measurements
-from aacmm_pin.measurements.repeats import originals
-from aacmm_pin.measurements.simulate import simulate_measurements
+from aacmm_pin.measurements import Measurements, originals, simulate_measurements
 from aacmm_pin.report.calibration import verdict
 
 

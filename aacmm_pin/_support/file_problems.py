@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from aacmm_pin._support.checks import Index
@@ -45,6 +46,17 @@ class Problems:
             more = ", …" if where.size > MOST_ROWS_LISTED else ""
             text += f" (and {where.size - 1} more: row {others}{more})"
         self.found.append((int(self.lines[where[0]]), column, text))
+
+    def of_other_values(self, column: str, values: NDArray[Any], stated: Mask, by: pd.Series, of: str) -> Index:
+        """Rows (n,) that are the first of their group ``by`` to state a value, of each row; -1 where none does.
+
+        Rows that state another value are a problem: expected is one for one ``of``.
+        """
+        rows = pd.Series(np.arange(len(values))).where(stated)
+        first = rows.groupby(by).transform("first").fillna(-1).to_numpy(dtype=np.intp)
+        message = f"is {{}}, but row {{}} states {{}}; expected one value for one {of}"
+        self.at(stated & (values != values[first]), column, message, values, self.lines[first], values[first])
+        return first
 
     def stop(self) -> None:
         """Raise MeasurementFileError with the first problems, one a line, if there are any."""
