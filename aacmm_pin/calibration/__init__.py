@@ -3,7 +3,20 @@
 from aacmm_pin.calibration.calibrate import calibrate
 from aacmm_pin.calibration.calibrated_arm import calibrated_model
 from aacmm_pin.calibration.cross_validation import HeldOut
+from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.identifiability import Observability
+from aacmm_pin.calibration.linear_model import RowBlock, SeatElimination, remaining_triangle, seat_columns
 from aacmm_pin.calibration.result import Calibration
 
-__all__ = ["Calibration", "HeldOut", "Observability", "calibrate", "calibrated_model"]
+__all__ = [
+    "Calibration",
+    "Fit",
+    "HeldOut",
+    "Observability",
+    "RowBlock",
+    "SeatElimination",
+    "calibrate",
+    "calibrated_model",
+    "remaining_triangle",
+    "seat_columns",
+]

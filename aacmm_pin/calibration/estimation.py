@@ -1,4 +1,6 @@
-"""One calibration: robust start, what scatters more than stated, what is excluded, the final least squares."""
+"""One calibration: robust start, what scatters more than stated, what is excluded, the final least
+squares.
+"""
 
 from __future__ import annotations
 
@@ -24,10 +26,12 @@ from aacmm_pin.calibration.variance_components import (
 from aacmm_pin.errors import AacmmError
 
 UNEQUAL = 1.5
-"""Records far out scatter more, by their readings; where the noise is not stated, they are believed this much farther."""
+"""Records far out scatter more, by their readings; where the noise is not stated, they are believed
+this much farther."""
 MOST_ROUNDS = 12
 STAYED = 1e-6
-"""What moved by less than this part of its width along a direction that nothing tells has stayed."""
+"""What moved by less than this part of its width along a direction that nothing tells has
+stayed."""
 ALIKE = 1e-3
 """Scatters that change by less than this part of them are found."""
 FIRST_SCATTER = 1e-4
@@ -39,9 +43,9 @@ Mask = NDArray[np.bool_]
 def fit(problem: Problem, *, robust: bool = True, used: Mask | None = None) -> Fit:
     """Estimate what is unknown in ``problem``.
 
-    First robustly, then without outliers (χ² of their residual, Bonferroni's bound over all records). The scatter beyond
-    the stated noise is the variance component with which χ² meets its degrees of freedom, and is looked for only where the
-    stated noise alone will not do.
+    First robustly, then without outliers (χ² of their residual, Bonferroni's bound over all
+    records). The scatter beyond the stated noise is the variance component with which χ² meets its
+    degrees of freedom, and is looked for only where the stated noise alone will not do.
 
     Args:
         problem: what is unknown.
@@ -83,10 +87,11 @@ class _Estimation:
         return NoiseModel.of(self.problem, point.x, point.frame, scatters, self.observations)
 
     def initial_fit(self, point: Point, used: Mask, *, robust: bool) -> Solution:
-        """A search with the scatter that the records have so far taken for noise; if robust, until it falls no more.
+        """A search with the scatter that the records have so far taken for noise; if robust, until
+        it falls no more.
 
-        From afar the noise itself would give the data so much weight that the search follows every valley of parameters
-        which they hardly tell; the widths of the parameters hold it in.
+        From afar the noise itself would give the data so much weight that the search follows every
+        valley of parameters which they hardly tell; the widths of the parameters hold it in.
         """
         squares = np.square(deviations(self.observations, point))
         tip = _median_scatter(squares[used, :3])
@@ -103,8 +108,8 @@ class _Estimation:
         return solution
 
     def without_outliers(self, first: Solution) -> tuple[NoiseModel, Point, Mask]:
-        """The search without the records that do not belong, judged by the scatter of the better half: noise, end, and the
-        others.
+        """The search without the records that do not belong, judged by the scatter of the better
+        half: noise, end, and the others.
         """
         says, numbers = self.observations.says, self.observations.counts
         count, dof = int(says.sum()), max(first.chi2.dof, 1.0)
@@ -127,9 +132,11 @@ class _Estimation:
         return solution.noise, solution.point, used
 
     def fit_of_all(self, point: Point) -> Fit | None:
-        """The fit of all records, if the stated noise and what is stated of the parameters explain it and each of them.
+        """The fit of all records, if the stated noise and what is stated of the parameters explain
+        it and each of them.
 
-        Where records are few, a robust search fits some of them at the expense of others, which then seem to be outliers.
+        Where records are few, a robust search fits some of them at the expense of others, which
+        then seem to be outliers.
         """
         if not self.stated:
             return None
@@ -142,10 +149,11 @@ class _Estimation:
         return found if (farthest <= limit)[says].all() else None
 
     def scatters_of_median(self, noise: NoiseModel, point: Point, used: Mask, share: float = 1.0) -> Scatters:
-        """Scatters of tips and turns that bring their median squared distances to that of χ² with three degrees.
+        """Scatters of tips and turns that bring their median squared distances to that of χ² with
+        three degrees.
 
-        Seats have that of tips. They are beyond the stated noise. What was fitted to the records has taken some away:
-        ``share`` is what it left.
+        Seats have that of tips. They are beyond the stated noise. What was fitted to the records
+        has taken some away: ``share`` is what it left.
         """
         off, stated = deviations(noise.observations, point), noise.without_scatter
         turned = used & noise.observations.oriented
@@ -166,7 +174,9 @@ class _Estimation:
         return float(np.sqrt(root(excess, deviation)))
 
     def final_fit(self, noise: NoiseModel, point: Point, used: Mask) -> Fit:
-        """The final fit, with the stated noise alone or with the scatter with which χ² meets its degrees of freedom."""
+        """The final fit, with the stated noise alone or with the scatter with which χ² meets its
+        degrees of freedom.
+        """
         if not self.stated:
             return self.fit(self.with_variance_components(noise, point, used), used, None)
         found, _ = self.fit_with_stated_noise(point, used)
@@ -197,7 +207,9 @@ class _Estimation:
         return solution
 
     def fit_with_stated_noise(self, point: Point, used: Mask) -> tuple[Fit | None, Chi2]:
-        """The fit with the stated noise alone, if that may be right: by χ² after one more step, which spares the search."""
+        """The fit with the stated noise alone, if that may be right: by χ² after one more step,
+        which spares the search.
+        """
         noise, weights = self.noise(point, Scatters()), used.astype(np.float64)
         here = solution_at(self.problem, noise, point, weights)
         chi2 = Chi2(here.chi2.value - here.system.predicted_reduction, here.chi2.dof)
@@ -209,7 +221,8 @@ class _Estimation:
     def fit(self, solution: Solution, used: Mask, chi2: Chi2 | None) -> Fit:
         """The result, what nothing tells left where it was.
 
-        Noise that is not the same in all directions would turn the arm as a whole where nothing else holds it.
+        Noise that is not the same in all directions would turn the arm as a whole where nothing
+        else holds it.
         """
         judgement = {
             "stated": self.stated,
@@ -230,5 +243,10 @@ class _Estimation:
 
 
 def _median_scatter(squares: Array) -> float:
-    """Standard deviation of normal numbers of which the sums of three squares (n, 3) have this median; 0 without any."""
-    return float(np.sqrt(np.median(squares.sum(axis=1)) / MEDIAN)) if len(squares) else 0.0
+    """Standard deviation of normal numbers of which the sums of three squares (n, 3) have this
+    median; 0 without any.
+    """
+    if not len(squares):
+        return 0.0
+    median = np.median(squares.sum(axis=1))
+    return float(np.sqrt(median / MEDIAN))

@@ -1,4 +1,6 @@
-"""A calibration solved: where the search ended, which records count, and how well the parameters are known."""
+"""A calibration solved: where the search ended, which records count, and how well the parameters
+are known.
+"""
 
 from __future__ import annotations
 
@@ -20,13 +22,16 @@ from aacmm_pin.calibration.solver import LEAST_DOF, Chi2, Solution, solution_at
 from aacmm_pin.effects import Effect
 
 MOST_EXCLUDED = 0.15
-"""Where more than this part of the records is excluded, they are no gross errors of single records."""
+"""Where more than this part of the records is excluded, they are no gross errors of single
+records."""
 FEWEST_TOGETHER = 3
 """Fewer excluded records than this may be one mishap, whatever part of a few records they are."""
 NO_SCATTER = 5e-8
-"""Scatter below this is none: the search for it ends just above zero, and nobody measures so well [m]."""
+"""Scatter below this is none: the search for it ends just above zero, and nobody measures so well
+[m]."""
 ONE_DIRECTION = 1e-2
-"""Directions that records do not tell, found at tips and at targets, are one if the sine of their angle is less."""
+"""Directions that records do not tell, found at tips and at targets, are one if the sine of their
+angle is less."""
 
 Mask = NDArray[np.bool_]
 
@@ -41,9 +46,10 @@ class Fit(Solution):
         excluded: (n,) True for outliers: records that fit too badly to be believed.
         chi2_stated: χ² against the stated noise alone; None where it was not complete.
         dof: degrees of freedom of the final fit.
-        found: effects, by their keys, whose inner values (order, time constant) come from these records too, so that what is
-            uncertain of them makes the other parameters uncertain; with the least u of each, by its name, where the
-            derivative at the value that was found does not tell all.
+        found: effects, by their keys, whose inner values (order, time constant) come from these
+            records too, so that what is uncertain of them makes the other parameters uncertain;
+            with the least u of each, by its name, where the derivative at the value that was found
+            does not tell all.
     """
 
     stated: bool
@@ -61,18 +67,24 @@ class Fit(Solution):
 
     @property
     def unmodelled(self) -> float:
-        """Scatter of each coordinate beyond the stated noise; 0 where the stated noise suffices [m]."""
+        """Scatter of each coordinate beyond the stated noise; 0 where the stated noise suffices
+        [m].
+        """
         return self.noise.scatters.tip
 
     @property
     def turns(self) -> Array:
-        """How far each record's orientation is from the stated one (n,) [rad]; NaN where none is stated."""
+        """How far each record's orientation is from the stated one (n,) [rad]; NaN where none is
+        stated.
+        """
         turns = np.linalg.norm(self.system.off[:, 3:], axis=1)
         return np.where(self.observations.oriented, turns, np.nan)
 
     @property
     def lever(self) -> float:
-        """Distance over which a turn counts as much as a shift: that of their noise [m]; 0 without orientations."""
+        """Distance over which a turn counts as much as a shift: that of their noise [m]; 0 without
+        orientations.
+        """
         both = self.residual_noise[self.used & self.observations.oriented]
         if not len(both):
             return 0.0
@@ -86,7 +98,9 @@ class Fit(Solution):
 
     @property
     def too_many_excluded(self) -> bool:
-        """Whether so many records are excluded that something of their own may be wrong with them."""
+        """Whether so many records are excluded that something of their own may be wrong with
+        them.
+        """
         excluded = int(self.excluded.sum())
         return excluded >= FEWEST_TOGETHER and excluded > MOST_EXCLUDED * (excluded + int(self.used.sum()))
 
@@ -103,7 +117,9 @@ class Fit(Solution):
 
     @property
     def residual_noise(self) -> Array:
-        """Covariance of each residual by its reading, its target and the scatter found (n, 3, 3) [m²], or (n, 6, 6)."""
+        """Covariance of each residual by its reading, its target and the scatter found (n, 3, 3)
+        [m²], or (n, 6, 6).
+        """
         return self.noise.of_residuals
 
     @property
@@ -112,23 +128,28 @@ class Fit(Solution):
         return self.noise.without_scatter if self.stated else self.residual_noise
 
     def distance_of(self, covariance: Array) -> float:
-        """RMS distance of the used records' tips and targets that residuals of such covariances (n, 3, 3) [m²] give [m].
+        """RMS distance of the used records' tips and targets that residuals of such covariances (n,
+        3, 3) [m²] give [m].
 
-        A seat of which no coordinates are known is where its own touches put it, which takes its part of their scatter.
+        A seat of which no coordinates are known is where its own touches put it, which takes its
+        part of their scatter.
         """
         variance = np.trace(covariance[self.used, :3, :3], axis1=1, axis2=2)
         seat, known = self.observations.seat[self.used], np.append(self.observations.known, True)
         touches = np.bincount(seat + 1, minlength=known.size)[seat + 1]
         remaining = np.where(known[seat], 1.0, 1.0 - 1.0 / touches)
-        return float(np.sqrt((variance * remaining).mean()))
+        mean = (variance * remaining).mean()
+        return float(np.sqrt(mean))
 
     @cached_property
     def unknown(self) -> Array:
-        """Directions of which these records tell nothing, in units of the scales (p, k), orthonormal.
+        """Directions of which these records tell nothing, in units of the scales (p, k),
+        orthonormal.
 
-        A direction that leaves every residual as it is tells nothing; but where tips scatter about their targets, a turn
-        of the whole arm about its base, or of its target about the last joint, seems to move them a little apart, which
-        would pass for knowledge. The first does not move targets apart, the second not tips: so both are asked.
+        A direction that leaves every residual as it is tells nothing; but where tips scatter about
+        their targets, a turn of the whole arm about its base, or of its target about the last
+        joint, seems to move them a little apart, which would pass for knowledge. The first does not
+        move targets apart, the second not tips: so both are asked.
         """
         point = self.point
         targets = point.prediction.tips - np.nan_to_num(self.system.deviation)
@@ -145,16 +166,20 @@ class Fit(Solution):
 
     @property
     def covariance(self) -> Array:
-        """Covariance of all columns, the frame's included (p, p) [units]; zero along what nothing determines."""
+        """Covariance of all columns, the frame's included (p, p) [units]; zero along what nothing
+        determines.
+        """
         p = self.problem.scales.size
         return self.with_inner[:p, :p]
 
     @property
     def inner_u(self) -> dict[tuple[str, str], float]:
-        """Standard uncertainty of each inner value, by the effect's key and the name of the field."""
-        u = np.sqrt(np.diag(self.with_inner)[self.problem.scales.size :])
+        """Standard uncertainty of each inner value, by the effect's key and the name of the
+        field.
+        """
+        variances = np.diag(self.with_inner)[self.problem.scales.size :]
         keys = [(effect.key, name) for _, effect, name, _ in self.inner]
-        return dict(zip(keys, u.tolist(), strict=True))
+        return dict(zip(keys, np.sqrt(variances).tolist(), strict=True))
 
     @cached_property
     def inner(self) -> list[tuple[int, Effect, str, float]]:
@@ -175,7 +200,7 @@ class Fit(Solution):
         by_inner = np.stack([self._by_inner(*one) for one in self.inner], axis=2)
         jacobian = np.concatenate([point.prediction.jacobian, by_inner], axis=2)
         prediction = replace(point.prediction, jacobian=jacobian)
-        prior = self.problem.prior(point.x).with_columns(widths)
+        prior = self.problem.prior(point.x, widths)
         system = linearise(prediction, prior, self.noise, point.seats, self.weights)
         covariance = system.covariance(np.pad(self.unknown, ((0, widths.size), (0, 0))))
         for own, (_, effect, name, _) in enumerate(self.inner, start=self.problem.scales.size):
@@ -199,5 +224,7 @@ class Fit(Solution):
 
 
 def redundant(solution: Solution) -> bool:
-    """Whether the records are enough to tell which of them are wrong: half of them cannot be fitted whatever they say."""
+    """Whether the records are enough to tell which of them are wrong: half of them cannot be fitted
+    whatever they say.
+    """
     return solution.chi2.dof >= 0.5 * solution.system.free

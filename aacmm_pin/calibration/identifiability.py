@@ -1,4 +1,6 @@
-"""What the data can determine: combinations of parameters that they cannot, in words, and observability indices."""
+"""What the data can determine: combinations of parameters that they cannot, in words, and
+observability indices.
+"""
 
 from __future__ import annotations
 
@@ -20,17 +22,21 @@ NEGLIGIBLE = 0.02
 OTHER_POSTURES = 200
 """Postures at which it is looked what an undetermined direction moves."""
 ROTATION = 1e-2
-"""A base whose rotation has a larger u than this is open [rad]: to first order nothing can be said of it any more."""
+"""A base whose rotation has a larger u than this is open [rad]: to first order nothing can be said
+of it any more."""
 MOVES = 1e-6
-"""A direction moves a point if one width along it does so by more than this (RMS over postures) [m].
+"""A direction moves a point if one width along it does so by more than this (RMS over postures)
+[m].
 
-Directions that only describe the same arm otherwise move it by 1e-9 m; what records leave open, by 1e-4 m and more.
+Directions that only describe the same arm otherwise move it by 1e-9 m; what records leave open, by
+1e-4 m and more.
 """
 
 
 @dataclass(frozen=True, eq=False)
 class Undetermined:
-    """Directions of which the records tell nothing, and what they move at postures between the joint limits.
+    """Directions of which the records tell nothing, and what they move at postures between the
+    joint limits.
 
     Attributes:
         problem: what is unknown.
@@ -44,7 +50,9 @@ class Undetermined:
 
     @cached_property
     def spread(self) -> Array:
-        """How far off the parameters may be along them, one column a standard deviation (p, k) [units]."""
+        """How far off the parameters may be along them, one column a standard deviation (p, k)
+        [units].
+        """
         widths = self.problem.widths
         span, size, _ = np.linalg.svd(self.directions[: widths.size], full_matrices=False)
         return np.asarray(widths[:, None] * span[:, size > NEGLIGIBLE])
@@ -64,7 +72,8 @@ class Undetermined:
 
     @cached_property
     def target_directions(self) -> Array:
-        """Those that move the targets, in the frame of the references, at other postures (P, k) [scales].
+        """Those that move the targets, in the frame of the references, at other postures (P, k)
+        [scales].
 
         The others describe the same arm in other words.
         """
@@ -77,7 +86,9 @@ class Undetermined:
 
     @cached_property
     def frame_is_open(self) -> bool:
-        """Whether the records leave the placement of the base open, beyond how the arm itself is described."""
+        """Whether the records leave the placement of the base open, beyond how the arm itself is
+        described.
+        """
         if not self.problem.external:
             return False
         p = self.problem.widths.size
@@ -86,7 +97,9 @@ class Undetermined:
 
     @property
     def tied_to_frame(self) -> tuple[str, ...]:
-        """Parameters of the arm that the records know only together with where the base is, and that stay as they were."""
+        """Parameters of the arm that the records know only together with where the base is, and
+        that stay as they were.
+        """
         p, names = self.problem.widths.size, self.problem.names
         rows = _combinations(self.problem, self.directions)
         rows = rows[(rows[:, p : p + 6] != 0.0).any(axis=1)]
@@ -94,11 +107,15 @@ class Undetermined:
 
     @property
     def words(self) -> tuple[str, ...]:
-        """Combinations of parameters that neither the records nor a stated uncertainty determine."""
+        """Combinations of parameters that neither the records nor a stated uncertainty
+        determine.
+        """
         return in_words(self.problem, self.directions)
 
     def _elsewhere(self, *, on_tip: bool) -> Prediction:
-        """Targets, or tips, at other postures under the conditions of the records, in the frame of the references."""
+        """Targets, or tips, at other postures under the conditions of the records, in the frame of
+        the references.
+        """
         records, arm = self.problem.measurements, self.problem.model.arm
         bounded = np.isfinite(arm.limits).all(axis=1)
         low = np.where(bounded, arm.limits[:, 0], records.q.min(axis=0))
@@ -117,9 +134,11 @@ class Undetermined:
 
 
 def _moving(directions: Array, jacobian: Array, free: Array | None) -> Array:
-    """The span of directions (p, k), each of unit variance, that moves points by their derivative (n, 3, p).
+    """The span of directions (p, k), each of unit variance, that moves points by their derivative
+    (n, 3, p).
 
-    Motions of all points (n, 3) [m] as one rigid body do not count where these are given as ``free``.
+    Motions of all points (n, 3) [m] as one rigid body do not count where these are given as
+    ``free``.
     """
     motion = (jacobian @ directions).reshape(-1, directions.shape[1])
     if free is not None:
@@ -133,10 +152,12 @@ def _moving(directions: Array, jacobian: Array, free: Array | None) -> Array:
 
 @dataclass(frozen=True)
 class Observability(Shown):
-    """Observability indices of a data set (Sun, Hollerbach 2008), of the directions that the data determine.
+    """Observability indices of a data set (Sun, Hollerbach 2008), of the directions that the data
+    determine.
 
-    From the singular values σ of the tips' sensitivity, each parameter in units of its typical error, n records:
-    O1 = (Πσ)^(1/m)/√n (Borm, Menq), O2 = σ_min/σ_max, O3 = σ_min, O4 = σ_min²/σ_max, O5 = 1/Σ(1/σ). Larger is better.
+    From the singular values σ of the tips' sensitivity, each parameter in units of its typical
+    error, n records: O1 = (Πσ)^(1/m)/√n (Borm, Menq), O2 = σ_min/σ_max, O3 = σ_min, O4 =
+    σ_min²/σ_max, O5 = 1/Σ(1/σ). Larger is better.
     """
 
     o1: float
@@ -148,7 +169,9 @@ class Observability(Shown):
 
     @staticmethod
     def of(jacobian: Array, records: int) -> Observability:
-        """From the sensitivity (rows, p), nuisances projected out, columns in units of typical errors [m]."""
+        """From the sensitivity (rows, p), nuisances projected out, columns in units of typical
+        errors [m].
+        """
         values = np.linalg.svd(jacobian, compute_uv=False) if jacobian.size else np.empty(0)
         values = values[values > 1e-9 * values[0]] if values.size else values
         if not values.size:
@@ -159,18 +182,24 @@ class Observability(Shown):
 
 
 def in_words(problem: Problem, directions: Array) -> tuple[str, ...]:
-    """Combinations of parameters that span ``directions``, in units of the scales (p, k), one sentence each."""
+    """Combinations of parameters that span ``directions``, in units of the scales (p, k), one
+    sentence each.
+    """
     return tuple(_words(row, problem.names) for row in _combinations(problem, directions))
 
 
 def _combinations(problem: Problem, directions: Array) -> Array:
-    """What spans ``directions`` (p, k) [scales] with as many zeros as elimination gives (k, p) [units]."""
+    """What spans ``directions`` (p, k) [scales] with as many zeros as elimination gives (k, p)
+    [units].
+    """
     typical = _typical(problem)
     return _sparse((directions * problem.scales[:, None] / typical[:, None]).T) * typical
 
 
 def _typical(problem: Problem) -> Array:
-    """1 mm for lengths, 1 mrad for angles, so that parts of a combination can be compared; others by their widths."""
+    """1 mm for lengths, 1 mrad for angles, so that parts of a combination can be compared; others
+    by their widths.
+    """
     usual = {"m": 1e-3, "rad": 1e-3}
     of_parameters = [
         usual.get(p.unit, float(width)) for p, width in zip(problem.vector.parameters, problem.widths, strict=True)

@@ -1,8 +1,10 @@
-"""The whitened linear model that calibration, diagnosis and planning share: rows, priors, eliminated seats.
+"""The whitened linear model that calibration, diagnosis and planning share: rows, priors,
+eliminated seats.
 
-``r + A δ + B s``: A by the parameters, B by the unknown points of the seats, rows in units of their noise. A row comes from
-a record, from the stated coordinates of a seat, or from a bar. The seats are eliminated from the rows; other columns, from
-the normal matrix or from the triangle of the rows, as its Schur complement.
+``r + A δ + B s``: A by the parameters, B by the unknown points of the seats, rows in units of their
+noise. A row comes from a record, from the stated coordinates of a seat, or from a bar. The seats
+are eliminated from the rows; other columns, from the normal matrix or from the triangle of the
+rows, as its Schur complement.
 """
 
 from __future__ import annotations
@@ -20,14 +22,17 @@ from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.measurements.observations import NOTHING_KNOWN, Observations
 
 LEAST_KNOWN = 0.1
-"""A direction about which data and stated uncertainties together say less than this, one over its width, is not known."""
+"""A direction about which data and stated uncertainties together say less than this, one over its
+width, is not known."""
 MOVABLE = 1e-9
-"""A direction with a singular value below this, of columns times their widths, is one along which no step can be taken."""
+"""A direction with a singular value below this, of columns times their widths, is one along which
+no step can be taken."""
 UNEVEN = 1e-6
-"""Normal equations do where every singular value, of columns of length one, is certain to be above this: errors of the
-smallest are then a ten-thousandth of it, and the gradient has none."""
+"""Normal equations do where every singular value, of columns of length one, is certain to be above
+this: errors of the smallest are then a ten-thousandth of it, and the gradient has none."""
 AT_ONCE = 4000
-"""Rows that are brought to a triangle at once: copies of all of them would take more memory than all the rest."""
+"""Rows that are brought to a triangle at once: copies of all of them would take more memory than
+all the rest."""
 
 Mask = NDArray[np.bool_]
 
@@ -46,20 +51,11 @@ class Prior:
     scales: Array
     assumed: Mask
 
-    def with_columns(self, scales: Array) -> Prior:
-        """With further parameters behind, each known within its scale (q,)."""
-        p, q = self.scales.size, scales.size
-        rows = np.zeros((len(self.rows) + q, p + q + 1))
-        rows[: len(self.rows), :p] = self.rows[:, :-1]
-        rows[: len(self.rows), -1] = self.rows[:, -1]
-        rows[len(self.rows) :, p:-1] = np.eye(q)
-        assumed = np.concatenate([self.assumed, np.zeros(q, dtype=bool)])
-        return Prior(rows, np.concatenate([self.scales, scales]), assumed)
-
 
 @dataclass(frozen=True, eq=False)
 class LinearModel:
-    """``r + A δ`` in whitened rows, the seats eliminated, with what is known of the parameters beforehand.
+    """``r + A δ`` in whitened rows, the seats eliminated, with what is known of the parameters
+    beforehand.
 
     Attributes:
         rows: columns and, last, the residual (m, p + 1) [1/unit].
@@ -87,7 +83,9 @@ class LinearModel:
 
     @cached_property
     def normal(self) -> NormalEquations | None:
-        """Normal equations in units of the scales, prior included; None where some directions are hardly known."""
+        """Normal equations in units of the scales, prior included; None where some directions are
+        hardly known.
+        """
         scales, prior = self.prior.scales, self.prior.rows
         information = self.jacobian.T @ self.jacobian
         information *= scales
@@ -98,7 +96,9 @@ class LinearModel:
 
     @cached_property
     def triangle(self) -> Array:
-        """R of the scaled rows, prior included, with the residual last (p + 1, p + 1), or with fewer rows."""
+        """R of the scaled rows, prior included, with the residual last (p + 1, p + 1), or with
+        fewer rows.
+        """
         scales, triangle = np.append(self.prior.scales, 1.0), self.prior.rows
         for first in range(0, max(len(self.rows), 1), AT_ONCE):
             some, above = self.rows[first : first + AT_ONCE], len(triangle)
@@ -114,8 +114,11 @@ class LinearModel:
 
     @property
     def known(self) -> Mask:
-        """(p,) True for directions of the spectrum of which the data or stated uncertainties say something."""
-        assumed = np.square(self.spectrum.directions).T @ self.prior.assumed
+        """(p,) True for directions of the spectrum of which the data or stated uncertainties say
+        something.
+        """
+        squares = np.square(self.spectrum.directions)
+        assumed = squares.T @ self.prior.assumed
         return np.asarray(self.spectrum.values**2 - assumed >= LEAST_KNOWN**2)
 
     @property
@@ -127,7 +130,8 @@ class LinearModel:
 
     @cached_property
     def independent_steps(self) -> Array:
-        """Steps of unit variance that span all of which something is known (p, k) [units]: the covariance is their square.
+        """Steps of unit variance that span all of which something is known (p, k) [units]: the
+        covariance is their square.
 
         R⁻¹, or by the directions that can be moved along where some cannot.
         """
@@ -143,11 +147,14 @@ class LinearModel:
 
         The trace of the rows' information times the inverse of all information.
         """
-        of_prior = self.prior.rows[:, :-1] @ (self.independent_steps / self.prior.scales[:, None])
-        return float(self.independent_steps.shape[1] - np.square(of_prior).sum())
+        steps, scales = self.independent_steps, self.prior.scales[:, None]
+        of_prior = self.prior.rows[:, :-1] @ (steps / scales)
+        return float(steps.shape[1] - np.square(of_prior).sum())
 
     def covariance(self, unknown: Array) -> Array:
-        """Covariance of the parameters (p, p) [units], zero along the ``unknown`` directions (p, k) [scales]."""
+        """Covariance of the parameters (p, p) [units], zero along the ``unknown`` directions (p, k)
+        [scales].
+        """
         known = null_space(unknown.T) if unknown.size else np.eye(self.prior.scales.size)
         spectrum = self.spectrum
         triangle = np.linalg.qr((spectrum.values[:, None] * spectrum.directions.T) @ known, mode="r")
@@ -159,13 +166,14 @@ class LinearModel:
 class NormalEquations:
     """Normal equations, their columns of length one.
 
-    A seventh of the time of a triangle by reflections. They square how unevenly directions are known, and serve where that
-    leaves digits enough.
+    A seventh of the time of a triangle by reflections. They square how unevenly directions are
+    known, and serve where that leaves digits enough.
 
     Attributes:
         lengths: of the columns, times their scales (p,).
         inverse: ``R⁻¹`` with the upper Cholesky factor R of the information (p, p).
-        along: residual along the columns of ``Q`` (p,), so that ``-R⁻¹ along`` is the Gauss–Newton step.
+        along: residual along the columns of ``Q`` (p,), so that ``-R⁻¹ along`` is the Gauss–Newton
+            step.
     """
 
     lengths: Array
@@ -174,8 +182,8 @@ class NormalEquations:
 
     @staticmethod
     def of(information: Array, gradient: Array) -> NormalEquations | None:
-        """Of the columns' products with one another (p, p) and with the residual (p,); None where some directions are hardly
-        known.
+        """Of the columns' products with one another (p, p) and with the residual (p,); None where
+        some directions are hardly known.
         """
         lengths = np.sqrt(np.diagonal(information))
         if not (lengths.size and (lengths > MOVABLE).all()):
@@ -208,7 +216,8 @@ class Spectrum:
     Attributes:
         values: (p,), largest first.
         directions: (p, p), columns in the units of the rows' columns.
-        along: residual along each direction (p,), so that ``-along / values`` is the Gauss–Newton step.
+        along: residual along each direction (p,), so that ``-along / values`` is the Gauss–Newton
+            step.
     """
 
     values: Array
@@ -227,7 +236,9 @@ class Spectrum:
         return Spectrum(values, right.T, left.T @ triangle[:, -1])
 
     def above(self, least: float) -> tuple[Array, Array, Array]:
-        """Values above ``least`` (k,), with their directions (p, k) and the residual along these (k,)."""
+        """Values above ``least`` (k,), with their directions (p, k) and the residual along these
+        (k,).
+        """
         chosen = self.values > least
         return self.values[chosen], self.directions[:, chosen], self.along[chosen]
 
@@ -237,7 +248,8 @@ class Spectrum:
 
 
 def remaining_triangle(rows: Array, nuisances: int) -> Array:
-    """R (q, q) with ``RᵀR`` the Schur complement of the first columns in the normal matrix of ``rows`` (m, nuisances + q).
+    """R (q, q) with ``RᵀR`` the Schur complement of the first columns in the normal matrix of
+    ``rows`` (m, nuisances + q).
 
     It is what the rows say of the others when the nuisances are at their best.
     """
@@ -248,7 +260,8 @@ def remaining_triangle(rows: Array, nuisances: int) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class RowBlock:
-    """Rows that are used together: of some records, of the stated coordinates of some seats, and of some bars.
+    """Rows that are used together: of some records, of the stated coordinates of some seats, and of
+    some bars.
 
     Attributes:
         records, seats, bars: their numbers.
@@ -262,15 +275,21 @@ class RowBlock:
 
     def size(self, width: int) -> int:
         """How many rows, each record having ``width`` of them."""
-        return width * self.records.size + 3 * self.seats.size + self.bars.size
+        of_records = width * self.records.size
+        return of_records + 3 * self.seats.size + self.bars.size
 
     def free(self, counts: Index) -> int:
-        """How many numbers are stated, by ``counts`` for each record (n,), less the coordinates of the seats."""
-        stated = int(counts[self.records].sum()) + 3 * self.seats.size + self.bars.size
-        return stated - 3 * self.unknown
+        """How many numbers are stated, by ``counts`` for each record (n,), less the coordinates of
+        the seats.
+        """
+        of_records = int(counts[self.records].sum())
+        of_seats = 3 * (self.seats.size - self.unknown)
+        return of_records + of_seats + self.bars.size
 
     def stack(self, rows: tuple[Array, Array, Array]) -> Array:
-        """The rows (m, c), of those of all records (n, 3 or 6, c), seats (s, 3, c) and bars (b, c)."""
+        """The rows (m, c), of those of all records (n, 3 or 6, c), seats (s, 3, c) and bars (b,
+        c).
+        """
         stacked = []
         for each, chosen in zip(rows, (self.records, self.seats, self.bars), strict=True):
             own = each if chosen.size == len(each) else each[chosen]
@@ -282,15 +301,17 @@ class RowBlock:
 
 
 class SeatElimination:
-    """Projection of whitened rows onto what no coordinates of seats can change: variable projection (Golub, Pereyra 1973).
+    """Projection of whitened rows onto what no coordinates of seats can change: variable projection
+    (Golub, Pereyra 1973).
 
-    With the seats' derivative ``B = Q C`` (Q orthonormal, seat by seat) the rows become ``R - Q Qᵀ R``; a bar, which couples
-    two seats, then gives one row more, see :meth:`eliminated`. No loop over records or seats.
+    With the seats' derivative ``B = Q C`` (Q orthonormal, seat by seat) the rows become ``R - Q Qᵀ
+    R``; a bar, which couples two seats, then gives one row more, see :meth:`eliminated`. No loop
+    over records or seats.
     """
 
     def __init__(self, observations: Observations, points: Array, by_seat: Array) -> None:
-        """At seats ``points`` (s, 3), with ``by_seat`` the derivative of each record's whitened residual by the place of the
-        seat that it touches (n, 3 or 6, 3).
+        """At seats ``points`` (s, 3), with ``by_seat`` the derivative of each record's whitened
+        residual by the place of the seat that it touches (n, 3 or 6, 3).
         """
         self.observations = observations
         self._touched = np.flatnonzero(observations.seat >= 0)
@@ -324,15 +345,18 @@ class SeatElimination:
 
     def _seat_sums(self, each: Array) -> Array:
         """Sums over the records of each seat of arrays (touched, …): (s, …)."""
-        flat = each.reshape(len(each), int(np.prod(each.shape[1:])))
-        return np.asarray(self._sum @ flat).reshape(self._sum.shape[0], *each.shape[1:])
+        shape = each.shape[1:]
+        flat = each.reshape(len(each), int(np.prod(shape)))
+        sums = np.asarray(self._sum @ flat)
+        return sums.reshape(len(sums), *shape)
 
     def eliminated(self, rows: Array, residual: bool) -> tuple[Array, tuple[Array, Array, Array]]:
-        """Whitened rows (n, 3 or 6, c) with the seats at their best; where ``residual``, the last column is the residual.
+        """Whitened rows (n, 3 or 6, c) with the seats at their best; where ``residual``, the last
+        column is the residual.
 
         Returns:
-            ``Qᵀ R`` (s, 3, c); and the records' rows (n, 3 or 6, c), in place, the seats' own (s, 3, c), and one for each
-            bar (b, c).
+            ``Qᵀ R`` (s, 3, c); and the records' rows (n, 3 or 6, c), in place, the seats' own (s,
+            3, c), and one for each bar (b, c).
         """
         along = self._seat_sums(self._q.transpose(0, 2, 1) @ rows[self._touched])
         ties = np.zeros_like(along)
@@ -343,7 +367,9 @@ class SeatElimination:
         return along, (rows, ties - self._q_tie @ along, self._bar_rows(along, residual))
 
     def _bar_rows(self, along: Array, residual: bool) -> Array:
-        """One row for each bar with the seats at their best (b, c): ``(1 + H Hᵀ)^-½ (t - H Qᵀ R)``, H of the bars."""
+        """One row for each bar with the seats at their best (b, c): ``(1 + H Hᵀ)^-½ (t - H Qᵀ R)``,
+        H of the bars.
+        """
         rows = -self._by_bars(along)
         if residual:
             rows[:, -1] += self._bar_residual
@@ -370,7 +396,9 @@ class SeatElimination:
         return np.asarray(np.linalg.cholesky(np.eye(len(outer)) + outer))
 
     def step(self, along: Array) -> Array:
-        """Best step of the seats (s, 3) [m] for ``Qᵀ`` of the residual, its ties included (s, 3, 1)."""
+        """Best step of the seats (s, 3) [m] for ``Qᵀ`` of the residual, its ties included (s, 3,
+        1).
+        """
         if not len(along):
             return np.zeros((0, 3))
         best = -along
@@ -383,7 +411,8 @@ class SeatElimination:
 
 
 def seat_columns(observations: Observations, points: Array, by_seat: Array) -> tuple[Array, Array, Array]:
-    """Derivative by the seats where these are kept as columns: of records, of stated coordinates, of bars.
+    """Derivative by the seats where these are kept as columns: of records, of stated coordinates,
+    of bars.
 
     Args:
         observations: of n records, s seats and b bars.

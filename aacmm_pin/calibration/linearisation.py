@@ -1,4 +1,6 @@
-"""The linear model of the records at a point: what they predict there, whitened, the seats eliminated."""
+"""The linear model of the records at a point: what they predict there, whitened, the seats
+eliminated.
+"""
 
 from __future__ import annotations
 
@@ -17,10 +19,12 @@ class Linearisation(LinearModel):
     """The linear model at a point.
 
     Attributes:
-        distance: squared Mahalanobis distance of each tip from its target, (n,); NaN where it has none.
-        turn_distance: the same of its turn, the tip's deviation being known (n,); NaN where no orientation is stated.
-        off: tip minus target (n, 3) [m], NaN where it has none; behind it the turn from the stated orientation, zero where
-            there is none (n, 6) [rad].
+        distance: squared Mahalanobis distance of each tip from its target, (n,); NaN where it has
+            none.
+        turn_distance: the same of its turn, the tip's deviation being known (n,); NaN where no
+            orientation is stated.
+        off: tip minus target (n, 3) [m], NaN where it has none; behind it the turn from the stated
+            orientation, zero where there is none (n, 6) [rad].
         free: number of rows less the number of coordinates of seats that the rows determine.
         elimination: of the seats.
         along_seats: what it took out of the rows (s, 3, p + 1).
@@ -40,8 +44,9 @@ class Linearisation(LinearModel):
 
     def seat_step(self, step: Array) -> Array:
         """Best step of the seats (s, 3) [m] beside one of the parameters (p,) [units]."""
-        along = self.along_seats[:, :, -1] + self.along_seats[:, :, :-1] @ step
-        return self.elimination.step(along[:, :, None])
+        by_parameters, residual = np.split(self.along_seats, [-1], axis=2)
+        along = residual + (by_parameters @ step)[:, :, None]
+        return self.elimination.step(along)
 
 
 def linearise(prediction: Prediction, prior: Prior, noise: NoiseModel, points: Array, weights: Array) -> Linearisation:

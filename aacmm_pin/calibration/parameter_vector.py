@@ -21,7 +21,9 @@ KIND_OF = {cause: kind for kind, cause in OF_KIND.items()}
 
 
 def geometric_parameters(arm: Arm, effect: Effect) -> list[Parameter]:
-    """The arm's own parameters that a geometric effect changes, in the order of its terms; none for other effects."""
+    """The arm's own parameters that a geometric effect changes, in the order of its terms; none for
+    other effects.
+    """
     if isinstance(effect, JointPlacement):
         return [p for p in arm.parameters if p.joint == effect.joint]
     kind, row = KIND_OF.get(type(effect)), effect.row
@@ -30,7 +32,8 @@ def geometric_parameters(arm: Arm, effect: Effect) -> list[Parameter]:
 
 @dataclass(frozen=True, eq=False)
 class ParameterVector:
-    """Parameters of effects, one after the other. Iteration gives each effect and the slice of its entries.
+    """Parameters of effects, one after the other. Iteration gives each effect and the slice of its
+    entries.
 
     Attributes:
         arm: whose geometry some of the effects change.
@@ -66,7 +69,9 @@ class ParameterVector:
 
     @cached_property
     def of_arm(self) -> tuple[Parameter | None, ...]:
-        """The arm's own parameter that each entry changes (p entries); None where it is of a cause."""
+        """The arm's own parameter that each entry changes (p entries); None where it is of a
+        cause.
+        """
         found: list[Parameter | None] = []
         for effect, own in self:
             found += geometric_parameters(self.arm, effect) or [None] * (own.stop - own.start)
@@ -74,7 +79,9 @@ class ParameterVector:
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The entries with name, unit and value; geometric ones by the names that the arm has for them."""
+        """The entries with name, unit and value; geometric ones by the names that the arm has for
+        them.
+        """
         entries = (parameter for effect in self.effects for parameter in effect.parameters())
         return tuple(p if a is None else replace(p, name=a.name) for p, a in zip(entries, self.of_arm, strict=True))
 
@@ -85,12 +92,16 @@ class ParameterVector:
 
     @property
     def origins(self) -> Array:
-        """What the arm states of each entry, to which the effect's value adds; zero for causes (p,)."""
+        """What the arm states of each entry, to which the effect's value adds; zero for causes
+        (p,).
+        """
         return np.array([0.0 if p is None else p.value for p in self.of_arm])
 
     @cached_property
     def arm_u(self) -> Array:
-        """Standard uncertainty that the arm states of each entry that is its own (p,); 0 for others."""
+        """Standard uncertainty that the arm states of each entry that is its own (p,); 0 for
+        others.
+        """
         return np.array([0.0 if p is None else p.u for p in self.of_arm])
 
     def at(self, x: Array) -> tuple[Effect, ...]:

@@ -23,7 +23,8 @@ from aacmm_pin.measurements.records import Measurements
 ParameterSet = Literal["zero-offsets", "geometry"]
 
 ASSEMBLED = {"m": 0.01, "rad": 0.1}
-"""How far off a geometric value may be where nobody stated it: as assembled, 10 mm and 6° [m, rad]."""
+"""How far off a geometric value may be where nobody stated it: as assembled, 10 mm and 6° [m,
+rad]."""
 HELD = 1e-9
 """A length that stands for all others is taken to be off by no more than this [m]."""
 REACH_OF_TARGET = 1.0
@@ -89,7 +90,9 @@ def unstated(problem: Problem, mine: NDArray[np.bool_]) -> Problem:
 
 
 def scale_is_unidentifiable(problem: Problem) -> list[str]:
-    """Lengths of the arm that nobody stated if the records, without coordinates and bars, tell nothing of its size."""
+    """Lengths of the arm that nobody stated if the records, without coordinates and bars, tell
+    nothing of its size.
+    """
     records = problem.measurements
     if records.known.any() or records.bars():
         return []
@@ -99,7 +102,9 @@ def scale_is_unidentifiable(problem: Problem) -> list[str]:
 
 
 def length_held(problem: Problem) -> Effect | None:
-    """The arm's largest length, at the value that the arm states, where records tell nothing of its size; else None."""
+    """The arm's largest length, at the value that the arm states, where records tell nothing of its
+    size; else None.
+    """
     if not scale_is_unidentifiable(problem):
         return None
     vector = problem.vector
@@ -113,10 +118,11 @@ def length_held(problem: Problem) -> Effect | None:
 
 
 def _correlation(arm: Arm, vector: ParameterVector, stated: Array) -> Array:
-    """Correlation of what is known of the parameters (p, p), as the arm's file states it with their u.
+    """Correlation of what is known of the parameters (p, p), as the arm's file states it with their
+    u.
 
-    The search starts with ``stated`` u (p,), NaN where there is none; a parameter that is given another one than the file's,
-    such as a cause that may have changed, is known by itself.
+    The search starts with ``stated`` u (p,), NaN where there is none; a parameter that is given
+    another one than the file's, such as a cause that may have changed, is known by itself.
     """
     found = np.eye(stated.size)
     if arm.covariance is None:
@@ -155,7 +161,9 @@ def _held(effect: Effect) -> _Unknown:
 
 
 def _before_parallel_axes(arm: Arm) -> list[int]:
-    """Rows whose axis is nearly parallel to the next joint's: there DH has no value for one of the tilts."""
+    """Rows whose axis is nearly parallel to the next joint's: there DH has no value for one of the
+    tilts.
+    """
     dh = arm.require_dh("geometry by DH rows")
     found = []
     for row in range(1, dh.rows):
@@ -186,13 +194,17 @@ def _turned_targets(measurements: Measurements) -> tuple[str, ...]:
 
 
 def is_reestimated(effect: Effect, setup: Setup, measurements: Measurements) -> bool:
-    """Whether it is where a target of the records sits, and that is unknown: no u is stated that counts."""
+    """Whether it is where a target of the records sits, and that is unknown: no u is stated that
+    counts.
+    """
     told = isinstance(effect, StylusOffset) and effect.marker is not None and setup.prior and any(effect.u)
     return not told and effect.label in {unknown.label for unknown, _, _ in _of_target(measurements, setup.target)}
 
 
 def _of_target(measurements: Measurements, target: Target) -> list[_Unknown]:
-    """Where the target sits on the last body: one for each marker, one where nobody says that it is the tip."""
+    """Where the target sits on the last body: one for each marker, one where nobody says that it is
+    the tip.
+    """
     width, unstated = np.full(3, REACH_OF_TARGET), np.zeros(3, dtype=bool)
     markers = measurements.conditions.marker
     if markers is not None and any(markers):

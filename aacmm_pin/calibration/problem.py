@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.arm.chain import exp, skew
@@ -21,15 +22,19 @@ from aacmm_pin.measurements import orientation
 from aacmm_pin.measurements.records import Measurements
 
 FRAME_WIDTHS = np.array([10.0, 10.0, 10.0, 1.0, 1.0, 1.0])
-"""The reference frame has no prior; these only scale its columns, wide enough that it takes up what it can [m, rad]."""
+"""The reference frame has no prior; these only scale its columns, wide enough that it takes up what
+it can [m, rad]."""
 OF_WIDTH = 1e-3
 """Step of a difference, as a part of the parameter's width."""
 UNTOLD_VARIANCE = 1e-9
-"""A combination of correlated parameters with less variance than this, each of unit variance, was not told."""
+"""A combination of correlated parameters with less variance than this, each of unit variance, was
+not told."""
 HELD = 1e4
-"""A parameter that is held may move by this part, inverted, of its width where the records pull it by as much as u."""
+"""A parameter that is held may move by this part, inverted, of its width where the records pull it
+by as much as u."""
 AT_ONCE = 50
 """Columns of the derivative that are turned into the frame of the references at once."""
+NONE = np.empty(0)
 FRAME = ("frame.x", "frame.y", "frame.z", "frame.rx", "frame.ry", "frame.rz")
 
 
@@ -60,7 +65,8 @@ class Frame:
         return np.asarray((points - self.shift) @ self.rotation)
 
     def moved(self, step: Array) -> Frame:
-        """With the base moved by a twist, v then ω, in its own axes; behind it turns of the targets in theirs [m, rad].
+        """With the base moved by a twist, v then ω, in its own axes; behind it turns of the targets
+        in theirs [m, rad].
 
         ``step`` is (6 + 3 k,), or (3 k,) where the base stays.
         """
@@ -77,10 +83,11 @@ class Prediction:
     """Tips in the frame of the references, and their derivative.
 
     Attributes:
-        poses: tips (n, 3) [m]; of records with orientations (n, 6), behind them the turn from the stated orientation to that
-            of the target, in the axes of the references, zero where none is stated [rad].
-        jacobian: by the unknown parameters, last the base's twist where the frame is unknown and the turns of the targets
-            (n, 3 or 6, p) [m/unit, rad/unit].
+        poses: tips (n, 3) [m]; of records with orientations (n, 6), behind them the turn from the
+            stated orientation to that of the target, in the axes of the references, zero where none
+            is stated [rad].
+        jacobian: by the unknown parameters, last the base's twist where the frame is unknown and
+            the turns of the targets (n, 3 or 6, p) [m/unit, rad/unit].
     """
 
     poses: Array
@@ -100,14 +107,18 @@ class Problem:
         model: arm and effects that stay as they are.
         vector: the unknown parameters, without the frame; their values are where the search starts.
         widths: how far each parameter may be off before anything was measured (p,) [units].
-        stated: (p,) True where that is a stated standard uncertainty; elsewhere it is a bound so wide that it hardly pulls.
+        stated: (p,) True where that is a stated standard uncertainty; elsewhere it is a bound so
+            wide that it hardly pulls.
         correlation: of the stated widths with one another (p, p); one on the diagonal.
         measurements: the records.
         setup: how they were taken.
         known_from: fingerprints of the records that the arm's file knows its parameters from.
-        targets: labels of the targets whose orientation on the tip is unknown; their turns are the last columns.
-        candidates: how many of the effects, the last ones, are those of a search that may choose again without them.
-        held: directions in which the parameters stay where the search starts, in units of the widths (k, p).
+        targets: labels of the targets whose orientation on the tip is unknown; their turns are the
+            last columns.
+        candidates: how many of the effects, the last ones, are those of a search that may choose
+            again without them.
+        held: directions in which the parameters stay where the search starts, in units of the
+            widths (k, p).
     """
 
     model: ErrorModel
@@ -161,22 +172,28 @@ class Problem:
 
     @cached_property
     def prior_rows(self) -> Array:
-        """Rows that say what is known of the parameters beforehand, in units of the widths (p + k, p); none for the frame.
+        """Rows that say what is known of the parameters beforehand, in units of the widths (p + k,
+        p); none for the frame.
 
-        A combination without variance is one that earlier records did not tell: it is known as its parameters are.
+        A combination without variance is one that earlier records did not tell: it is known as its
+        parameters are.
         """
         variances, combinations = np.linalg.eigh(self.correlation)
         rows = combinations.T / np.sqrt(np.where(variances > UNTOLD_VARIANCE, variances, 1.0))[:, None]
         return np.concatenate([rows, HELD * self.held]) if self.held.size else rows
 
-    def prior(self, x: Array) -> Prior:
-        """What is known beforehand of all columns, beside the parameters ``x`` (p,)."""
-        rows = np.zeros((len(self.prior_rows), self.scales.size + 1))
-        rows[:, : x.size] = self.prior_rows
-        rows[:, -1] = self.prior_rows @ ((x - self.start) / self.widths)
-        assumed = np.zeros(self.scales.size, dtype=bool)
+    def prior(self, x: Array, more: Array = NONE) -> Prior:
+        """What is known beforehand of all columns, beside the parameters ``x`` (p,).
+
+        Behind them are ``more`` (q,), each known within so much.
+        """
+        scales = np.concatenate([self.scales, more])
+        not_known = np.zeros((0, self.scales.size - x.size))
+        rows = np.pad(block_diag(self.prior_rows, not_known, np.eye(more.size)), ((0, 0), (0, 1)))
+        rows[: len(self.prior_rows), -1] = self.prior_rows @ ((x - self.start) / self.widths)
+        assumed = np.zeros(scales.size, dtype=bool)
         assumed[: x.size] = ~self.stated
-        return Prior(rows, self.scales, assumed)
+        return Prior(rows, scales, assumed)
 
     @cached_property
     def _fixed(self) -> Array:
@@ -196,10 +213,11 @@ class Problem:
         return Columns.of(drawn, (*self.model.effects, *self.vector.effects))
 
     def reading_jacobian(self, x: Array, frame: Frame) -> Array:
-        """Derivative of each record's target by the readings (n, 3, nq) [m/rad], along the axes of the references.
+        """Derivative of each record's target by the readings (n, 3, nq) [m/rad], along the axes of
+        the references.
 
-        By the arm as drawn, with its targets where they sit. With orientations (n, 6, nq): one reading moves target and
-        orientation together.
+        By the arm as drawn, with its targets where they sit. With orientations (n, 6, nq): one
+        reading moves target and orientation together.
 
         Args:
             x: values of the parameters (p,); those of targets count.
@@ -219,8 +237,8 @@ class Problem:
         Args:
             x: values (p,).
             frame: where the base is in the frame of the references.
-            looked_at: take the derivative of these points of the last body (n, 3), in the frame of the references, instead
-                of that of the tips [m].
+            looked_at: take the derivative of these points of the last body (n, 3), in the frame of
+                the references, instead of that of the tips [m].
         """
         state = self._columns.at(np.concatenate([self._fixed, x]))
         seen = state if looked_at is None else replace(state, looked_at=frame.back(looked_at))
@@ -257,7 +275,9 @@ class Problem:
         return np.asarray(tips @ frame.targets[self._target] if self.targets else tips)
 
     def with_targets(self, x: Array, frame: Frame) -> Frame:
-        """The frame with each target turned as the orientations that records state of it say on average."""
+        """The frame with each target turned as the orientations that records state of it say on
+        average.
+        """
         state = self._columns.at(np.concatenate([self._fixed, x]))
         turned = (frame.rotation @ state.rotation[-1]).transpose(0, 2, 1) @ self._stated
         own = [self.measurements.oriented & (self._target == k) for k in range(len(self.targets))]
@@ -271,7 +291,9 @@ class Problem:
 
     @cached_property
     def _target(self) -> Index:
-        """Number of each record's target among those of unknown orientation (n,); 0 for records without one."""
+        """Number of each record's target among those of unknown orientation (n,); 0 for records
+        without one.
+        """
         marker, number = self.measurements.conditions.marker, {label: k for k, label in enumerate(self.targets)}
         labels = [""] * self.measurements.n if marker is None else marker
         return np.array([number.get(label, 0) for label in labels], dtype=np.intp)
@@ -281,9 +303,11 @@ class Problem:
         return self._columns.bends(np.concatenate([self._fixed, x]))
 
     def elastic_jacobian_correction(self, x: Array, frame: Frame, prediction: Prediction) -> Array:
-        """What the derivative of the poses leaves out: a turned arm bends otherwise (n, 3 or 6, columns) [m/unit].
+        """What the derivative of the poses leaves out: a turned arm bends otherwise (n, 3 or 6,
+        columns) [m/unit].
 
-        By central differences, for the parameters that displace all records alike: others turn it by too little to matter.
+        By central differences, for the parameters that displace all records alike: others turn it
+        by too little to matter.
         """
         correction, fixed = np.zeros_like(prediction.jacobian), self._fixed
         for k in self._columns.alike - fixed.size:
@@ -299,7 +323,9 @@ class Problem:
 
 
 def _turn(rotation: Array, columns: Array) -> None:
-    """Turn columns (n, 3 or 6, p) in place, some at once: a copy of all would take as much memory as they do."""
+    """Turn columns (n, 3 or 6, p) in place, some at once: a copy of all would take as much memory
+    as they do.
+    """
     for first in range(0, columns.shape[2], AT_ONCE):
         some = columns[:, :, first : first + AT_ONCE].transpose(1, 2, 0)
         for half in range(0, len(some), 3):
@@ -307,10 +333,11 @@ def _turn(rotation: Array, columns: Array) -> None:
 
 
 def registered(tips: Array, references: Array, rounds: int = 60) -> Frame:
-    """The frame that brings ``tips`` onto ``references`` (n, 3) with the least sum of distances: robust to gross errors.
+    """The frame that brings ``tips`` onto ``references`` (n, 3) with the least sum of distances:
+    robust to gross errors.
 
-    Kabsch's solution (Acta Cryst. A32, 1976), weighted anew by the inverse distances (Weiszfeld). With fewer than three
-    records the rotation is the least that does.
+    Kabsch's solution (Acta Cryst. A32, 1976), weighted anew by the inverse distances (Weiszfeld).
+    With fewer than three records the rotation is the least that does.
     """
     weights, before = np.ones(len(tips)), np.inf
     frame = Frame.identity()

@@ -1,4 +1,6 @@
-"""How records were taken, and what is known before they are looked at: gathered once, passed on as one value."""
+"""How records were taken, and what is known before they are looked at: gathered once, passed on as
+one value.
+"""
 
 from __future__ import annotations
 
@@ -23,23 +25,29 @@ Target = Literal["tip", "unknown", "frame"]
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """Reference frame, target, prior and noise of a set of records; a noise is None where it is not stated.
+    """Reference frame, target, prior and noise of a set of records; a noise is None where it is not
+    stated.
 
     Attributes:
-        reference_frame: ``base`` if the reference coordinates are in the arm's base, ``external`` if their frame is unknown.
-        target: ``tip`` if the tip itself was measured, ``unknown`` if some point on the last body was; the axes of a target
-            with orientation are turned in the tip by an unknown constant, but for ``frame``: tip and axes are the tip's.
+        reference_frame: ``base`` if the reference coordinates are in the arm's base, ``external``
+            if their frame is unknown.
+        target: ``tip`` if the tip itself was measured, ``unknown`` if some point on the last body
+            was; the axes of a target with orientation are turned in the tip by an unknown constant,
+            but for ``frame``: tip and axes are the tip's.
         prior: the arm's stated uncertainties are information.
         encoder_noise: standard uncertainty of one reading of each joint (nq,) [rad].
-        reference_noise: of each coordinate of a reference, where the records do not state their own [m].
+        reference_noise: of each coordinate of a reference, where the records do not state their own
+            [m].
         probe_noise: of each coordinate of one contact [m].
         length_noise: of a bar's length [m].
-        held: a geometric effect that stays as the arm states it, because the records do not determine it: the largest
-            length of an arm whose records have neither coordinates nor lengths.
+        held: a geometric effect that stays as the arm states it, because the records do not
+            determine it: the largest length of an arm whose records have neither coordinates nor
+            lengths.
 
     Raises:
         UnknownNameError: no such frame or target.
-        AacmmError: a noise is negative, not finite, or larger than any arm's: it was stated in another unit.
+        AacmmError: a noise is negative, not finite, or larger than any arm's: it was stated in
+            another unit.
     """
 
     reference_frame: ReferenceFrame = "base"
@@ -72,7 +80,8 @@ class Setup:
         probe_noise: float | None = None,
         length_noise: float | None = None,
     ) -> Setup:
-        """From the keywords of the public functions; the noise of the encoders is by default what the arm states.
+        """From the keywords of the public functions; the noise of the encoders is by default what
+        the arm states.
 
         Raises:
             UnknownNameError, AacmmError: see :class:`Setup`.
@@ -94,7 +103,9 @@ class Setup:
         return self.reference_frame == "external"
 
     def unstated(self, measurements: Measurements) -> list[str]:
-        """In words, whose noise is not stated although χ² needs it; empty where χ² can be judged."""
+        """In words, whose noise is not stated although χ² needs it; empty where χ² can be
+        judged.
+        """
         seats = measurements.conditions.seat
         touched = np.zeros(measurements.n, dtype=bool) if seats is None else np.asarray(seats != "", dtype=bool)
         placed = [measurements.known[records].any() for records in measurements.seats().values()]
@@ -114,8 +125,8 @@ class Setup:
 def checked_input(model: GivenModel, measurements: object, asked: Collection[str] = ()) -> tuple[ErrorModel, Measurements]:
     """Model and measurements, given or by name or path, if they have as many joints.
 
-    Records outside the range of a known effect are left out, as ``read_as`` then says, unless all are; effects whose labels
-    are ``asked`` for do not count, for they are replaced.
+    Records outside the range of a known effect are left out, as ``read_as`` then says, unless all
+    are; effects whose labels are ``asked`` for do not count, for they are replaced.
 
     Raises:
         AacmmError: they are not.

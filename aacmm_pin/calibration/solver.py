@@ -1,7 +1,9 @@
-"""Weighted least squares with prior information: a trust-region search on the analytic sensitivities, robust where asked.
+"""Weighted least squares with prior information: a trust-region search on the analytic
+sensitivities, robust where asked.
 
-Levenberg–Marquardt as in MINPACK (Moré 1978): steps are bounded in units of what each parameter moves the tips by, and a
-trial that cannot be evaluated is a rejected step. The search always ends, and says whether it converged.
+Levenberg–Marquardt as in MINPACK (Moré 1978): steps are bounded in units of what each parameter
+moves the tips by, and a trial that cannot be evaluated is a rejected step. The search always ends,
+and says whether it converged.
 """
 
 from __future__ import annotations
@@ -26,11 +28,13 @@ from aacmm_pin.measurements.observations import Observations
 
 MOST_STEPS = 100
 SETTLED = 1e-6
-"""The search ends when a step promises to lower χ² by less than this: parameters then stand still to 0.001 u."""
+"""The search ends when a step promises to lower χ² by less than this: parameters then stand still
+to 0.001 u."""
 LOOSELY_SETTLED = 1e-2
 """The same of a search whose result is only a start."""
 NO_STEP = 1e-12
-"""A step that promises less than this is not taken: where it ends is where it begins, to a millionth of u."""
+"""A step that promises less than this is not taken: where it ends is where it begins, to a
+millionth of u."""
 SHRINKS = 0.9
 """A step of the ends of bars is to be smaller than this part of the one before."""
 AT_BEST = 1e-7
@@ -38,8 +42,9 @@ AT_BEST = 1e-7
 FLAT = 1e-2
 """A promise below this that nothing comes of ends the search too: it is within 0.1 u of its end."""
 CREEPING = 6
-"""A step after so many that gains much less than it promises has a poor derivative: how what bends answers to the others is
-then worked out, once. Without it a search may creep along a valley in which that is all that the records tell."""
+"""A step after so many that gains much less than it promises has a poor derivative: how what bends
+answers to the others is then worked out, once. Without it a search may creep along a valley in
+which that is all that the records tell."""
 SMALLEST_STEP = 1e-12
 """A trust region smaller than this part of the first step has no better point in it."""
 ROUNDING = 1e-12
@@ -47,19 +52,24 @@ ROUNDING = 1e-12
 SINGULAR = 1e-13
 """Directions with smaller singular values, beside the largest, are rounding."""
 WILD = 2.0
-"""Records this many standard deviations off have half weight in the robust search (Cauchy's weight function)."""
+"""Records this many standard deviations off have half weight in the robust search (Cauchy's weight
+function)."""
 FEWEST = 3
 """Records with coordinates that find a frame or a target."""
 MEDIAN = float(chi2_isf(0.5, 3))
 LEAST_DOF = 0.5
-"""With fewer degrees of freedom records do not tell their scatter; widths that nobody stated leave a little above zero."""
+"""With fewer degrees of freedom records do not tell their scatter; widths that nobody stated leave
+a little above zero."""
 MISFIT = 1e-3
-"""χ² with less chance than this is larger than the stated noise explains; with more than one minus this, smaller."""
+"""χ² with less chance than this is larger than the stated noise explains; with more than one minus
+this, smaller."""
 
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """Where the search stands: parameters, frame, the seats' points (s, 3) [m], and what follows from them."""
+    """Where the search stands: parameters, frame, the seats' points (s, 3) [m], and what follows
+    from them.
+    """
 
     x: Array
     frame: Frame
@@ -75,7 +85,9 @@ class Chi2(NamedTuple):
 
     @property
     def acceptable(self) -> bool:
-        """Whether it is no larger than its degrees of freedom allow, or there are none to judge it by."""
+        """Whether it is no larger than its degrees of freedom allow, or there are none to judge it
+        by.
+        """
         return self.dof < LEAST_DOF or float(chi2_sf(*self)) >= MISFIT
 
 
@@ -113,7 +125,9 @@ class Solution:
 
     @cached_property
     def chi2(self) -> Chi2:
-        """χ² and its degrees of freedom: rows that count, less what the data determine of the parameters."""
+        """χ² and its degrees of freedom: rows that count, less what the data determine of the
+        parameters.
+        """
         residual = self.system.residual
         excluded = int(self.observations.counts[self.weights == 0.0].sum())
         return Chi2(float(residual @ residual), self.system.free - excluded - self.system.determined)
@@ -240,7 +254,9 @@ class _Search:
         return Solution(point, system, self.problem, self.noise, self.weights, count, message)
 
     def adapt_radius(self, length: float, ratio: float) -> None:
-        """A smaller trust region after a step that gained little of what was predicted, a larger one after a good step."""
+        """A smaller trust region after a step that gained little of what was predicted, a larger
+        one after a good step.
+        """
         self.first_length = self.first_length or length
         if not ratio > 0.25:
             self.radius = length / 4
@@ -256,7 +272,8 @@ class _Search:
     ) -> tuple[tuple[Point, Linearisation] | None, float]:
         """Where a step leads, and by how much χ² is lower than ``cost`` there.
 
-        None and -∞ where the arm cannot be evaluated there, such as one too soft to carry its weight.
+        None and -∞ where the arm cannot be evaluated there, such as one too soft to carry its
+        weight.
         """
         x, of_frame = np.split(step, [point.x.size])
         x, frame = point.x + x, point.frame.moved(of_frame)
@@ -294,8 +311,8 @@ class _Search:
     def seats_at_best(self, point: Point, system: Linearisation) -> tuple[Point, Linearisation]:
         """The ends of bars where they fit best, parameters as they are.
 
-        A system's residual is as if the seats were there, which they are where nothing but coordinates is known of them;
-        where a bar's length is, no step may seem to lower it.
+        A system's residual is as if the seats were there, which they are where nothing but
+        coordinates is known of them; where a bar's length is, no step may seem to lower it.
         """
         if not len(self.noise.observations.ends):
             return point, system
@@ -312,7 +329,9 @@ class _Search:
 
 
 class Delta(NamedTuple):
-    """A step of the parameters (p,) [units], its length, and by how much it lowers χ² if the problem is linear."""
+    """A step of the parameters (p,) [units], its length, and by how much it lowers χ² if the
+    problem is linear.
+    """
 
     parameters: Array
     length: float
@@ -321,7 +340,8 @@ class Delta(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _Step:
-    """Steps in a trust region, each column divided by its length: what its parameter moves the tips by.
+    """Steps in a trust region, each column divided by its length: what its parameter moves the tips
+    by.
 
     Attributes:
         system: the linear model.
@@ -344,7 +364,9 @@ class _Step:
 
     @cached_property
     def _spectrum(self) -> tuple[Array, Array, Array]:
-        """Singular values, directions, the residual along them; for steps that are too long, or where some are unknown."""
+        """Singular values, directions, the residual along them; for steps that are too long, or
+        where some are unknown.
+        """
         spectrum = Spectrum.of(self.system.triangle, self._divisors)
         return spectrum.above(SINGULAR * spectrum.values.max(initial=0.0))
 
@@ -374,7 +396,9 @@ class _Step:
         return np.asarray(step / self._divisors * self.system.prior.scales)
 
     def _damping(self, radius: float) -> float:
-        """What is added to the squared singular values so that the step is as long as ``radius``; 0 if it is shorter."""
+        """What is added to the squared singular values so that the step is as long as ``radius``; 0
+        if it is shorter.
+        """
         values, _, along = self._spectrum
 
         def excess(log_damping: float) -> float:
@@ -394,12 +418,16 @@ def solution_at(problem: Problem, noise: NoiseModel, point: Point, weights: Arra
 
 
 def deviations(observations: Observations, point: Point) -> Array:
-    """Tip minus target (n, 3) [m], the turn behind it where orientations are stated (n, 6) [rad]; NaN where it has none."""
+    """Tip minus target (n, 3) [m], the turn behind it where orientations are stated (n, 6) [rad];
+    NaN where it has none.
+    """
     return observations.deviations(point.prediction.poses, point.seats)
 
 
 def _robust_weights(distance: Array) -> Array:
-    """Cauchy's weights of squared distances, scaled by their median over the records that count at all."""
+    """Cauchy's weights of squared distances, scaled by their median over the records that count at
+    all.
+    """
     counts = np.isfinite(distance)
     scale = np.median(distance[counts]) / MEDIAN if counts.any() else 1.0
     relative = np.where(counts, distance, 0.0) / max(float(scale), 1e-300)

@@ -1,4 +1,6 @@
-"""Squared distance of each record from its target, in standard deviations of what it would be if the record belongs."""
+"""Squared distance of each record from its target, in standard deviations of what it would be if
+the record belongs.
+"""
 
 from __future__ import annotations
 
@@ -11,11 +13,12 @@ from aacmm_pin.measurements.observations import NOTHING_KNOWN
 
 
 def deleted_distances(solution: Solution) -> Array:
-    """Squared distance of each record from where the *others* put its target, over its own and that place's variance (n,).
+    """Squared distance of each record from where the *others* put its target, over its own and that
+    place's variance (n,).
 
-    A record pulls an unknown point towards itself, the more the fewer the others are; and where it has been left out, its
-    target is only as sure as the others of its seat make it; bars count for nothing here. Records without a target are
-    infinitely far.
+    A record pulls an unknown point towards itself, the more the fewer the others are; and where it
+    has been left out, its target is only as sure as the others of its seat make it; bars count for
+    nothing here. Records without a target are infinitely far.
     """
     observations, covariance = solution.observations, solution.noise.of_residuals[:, :3, :3].copy()
     off = solution.system.deviation.copy()
@@ -34,10 +37,12 @@ def deleted_distances(solution: Solution) -> Array:
 
 
 def studentised_distances(solution: Solution) -> Array:
-    """Squared distance of each record from its target over the variance that is left after its share in the parameters (n,).
+    """Squared distance of each record from its target over the variance that is left after its
+    share in the parameters (n,).
 
-    ``eᵀ (I - H)⁻¹ e`` with the record's whitened residual and its block of the hat matrix of the system with its prior
-    (internally studentised residuals; Cook and Weisberg 1982). Records without a target are infinitely far.
+    ``eᵀ (I - H)⁻¹ e`` with the record's whitened residual and its block of the hat matrix of the
+    system with its prior (internally studentised residuals; Cook and Weisberg 1982). Records
+    without a target are infinitely far.
     """
     system, says = solution.system, solution.observations.says
     spectrum, known, width = system.spectrum, system.known, solution.noise.of_residuals.shape[1]

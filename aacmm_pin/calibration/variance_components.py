@@ -1,4 +1,6 @@
-"""Scatter of tips, of turns and of seats beyond the stated noise: variance components by which χ² meets its freedom."""
+"""Scatter of tips, of turns and of seats beyond the stated noise: variance components by which χ²
+meets its freedom.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,8 @@ from aacmm_pin.calibration.solver import LEAST_DOF, MEDIAN, Solution
 FALSE_EXCLUSION = 0.01
 """Chance that any good record is excluded, over the whole file."""
 EFFICIENCY = 0.53
-"""A scatter taken from the median of χ² with three degrees is as certain as from this part of all the records' numbers."""
+"""A scatter taken from the median of χ² with three degrees is as certain as from this part of all
+the records' numbers."""
 LEAST_TOLD = 1e-3
 """A seat of whose coordinates refitting leaves less than this tells nothing of their scatter."""
 LEAST_SCATTER = 1e-10
@@ -26,8 +29,9 @@ Mask = NDArray[np.bool_]
 
 
 def variance_components(solution: Solution, used: Mask, open_: Mask) -> Scatters:
-    """Scatters beyond the stated noise with which χ² of tips, of turns and of the coordinates of seats (s, 3) that are
-    ``open_``, for nobody stated their uncertainty, meet their degrees of freedom.
+    """Scatters beyond the stated noise with which χ² of tips, of turns and of the coordinates of
+    seats (s, 3) that are ``open_``, for nobody stated their uncertainty, meet their degrees of
+    freedom.
     """
     seat, dof = _of_seats(solution, open_) if open_.any() else (0.0, 0.0)
     tip, turn = (_variance_component(solution, used, turns, open_, dof) for turns in (False, True))
@@ -35,10 +39,11 @@ def variance_components(solution: Solution, used: Mask, open_: Mask) -> Scatters
 
 
 def _variance_component(solution: Solution, used: Mask, turns: bool, open_: Mask, dof_of_seats: float) -> float:
-    """Scatter beyond the stated noise with which χ² meets its degrees of freedom; as it was where there are none [m].
+    """Scatter beyond the stated noise with which χ² meets its degrees of freedom; as it was where
+    there are none [m].
 
-    That of tips, beside the coordinates of seats (s, 3) that are ``open_`` and have degrees of freedom of their own; or of
-    turns [rad], which are looked at beside what the tips say already.
+    That of tips, beside the coordinates of seats (s, 3) that are ``open_`` and have degrees of
+    freedom of their own; or of turns [rad], which are looked at beside what the tips say already.
     """
     noise, own, of_turns = solution.noise, solution.noise.without_scatter[used], solution.turn_dof
     scatters = noise.scatters
@@ -62,11 +67,13 @@ def _variance_component(solution: Solution, used: Mask, turns: bool, open_: Mask
 
 
 def _of_seats(solution: Solution, open_: Mask) -> tuple[float, float]:
-    """Scatter of the coordinates of seats (s, 3) that are ``open_`` [m], and degrees of freedom of all of them.
+    """Scatter of the coordinates of seats (s, 3) that are ``open_`` [m], and degrees of freedom of
+    all of them.
 
-    Their residuals over what refitting leaves of them, the almost unbiased estimate of a variance component (Horn, Horn and
-    Duncan 1975, J. Am. Stat. Assoc. 70). Few seats tell it poorly: as one number more the scatter of the tips counts. Seats
-    that are outliers beside the better half, such as one that was moved, have no part in it.
+    Their residuals over what refitting leaves of them, the almost unbiased estimate of a variance
+    component (Horn, Horn and Duncan 1975, J. Am. Stat. Assoc. 70). Few seats tell it poorly: as one
+    number more the scatter of the tips counts. Seats that are outliers beside the better half, such
+    as one that was moved, have no part in it.
     """
     noise, system, known = solution.noise, solution.system, solution.noise.observations.known
     ties, bars = 3 * int(known.sum()), len(noise.observations.ends)
@@ -84,8 +91,8 @@ def _of_seats(solution: Solution, open_: Mask) -> tuple[float, float]:
 
 
 def information_of_seats(solution: Solution) -> tuple[Array, Array, Array]:
-    """Of where each seat is (s, 3, 3) [1/m²], without bars; its coordinates' part of it, the diagonal (s, 3); that of
-    each record that touches one (records, 3, 3).
+    """Of where each seat is (s, 3, 3) [1/m²], without bars; its coordinates' part of it, the
+    diagonal (s, 3); that of each record that touches one (records, 3, 3).
     """
     observations = solution.noise.observations
     touched = np.flatnonzero(observations.seat >= 0)
@@ -105,7 +112,9 @@ def squared_distances(deviation: Array, covariance: Array) -> Array:
 
 
 def root(excess: Callable[[float], float], deviation: Array) -> float:
-    """Variance at which ``excess``, which falls with it, vanishes; the largest that can be where it does not."""
+    """Variance at which ``excess``, which falls with it, vanishes; the largest that can be where it
+    does not.
+    """
     low, high = LEAST_SCATTER**2, 10 * (float(np.square(deviation).sum()) + LEAST_SCATTER**2)
     if excess(low) <= 0:
         return low

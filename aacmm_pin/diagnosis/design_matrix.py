@@ -1,4 +1,6 @@
-"""Columns of all that is considered: what is refitted anyway, every cause of the library, every covariate."""
+"""Columns of all that is considered: what is refitted anyway, every cause of the library, every
+covariate.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,7 @@ from itertools import groupby
 import numpy as np
 
 from aacmm_pin._support.checks import Array, Index
-from aacmm_pin.calibration.fit import Fit
+from aacmm_pin.calibration import Fit
 from aacmm_pin.calibration.jacobian import Columns
 from aacmm_pin.calibration.parameter_vector import ParameterVector
 from aacmm_pin.calibration.variance_components import information_of_seats
@@ -21,7 +23,8 @@ from aacmm_pin.effects.discrepancy import Carrier, Discrepancy, Part
 from aacmm_pin.effects.state import State
 
 TYPICAL_SHIFT = 2e-5
-"""Usual size of what no cause explains, for each smooth function of it: at the tip, or what is left there if more [m] …"""
+"""Usual size of what no cause explains, for each smooth function of it: at the tip, or what is left
+there if more [m] …"""
 TYPICAL_TURN = 2.0
 """… at a joint [rad] for each metre of that …"""
 TYPICAL_GROWTH = 1.0
@@ -56,7 +59,8 @@ class Block:
 
 @dataclass(frozen=True, eq=False)
 class Design:
-    """Columns of all that is considered, at the point where a calibration ended; worked out when they are asked for.
+    """Columns of all that is considered, at the point where a calibration ended; worked out when
+    they are asked for.
 
     Attributes:
         fit: the calibration.
@@ -67,9 +71,10 @@ class Design:
         scales: by which each column is multiplied, so that all are of one order (columns,).
         kept: which of the fit's own parameters are nuisances.
         known: the nuisances that stand for what is stated of known causes that were taken out.
-        prior: rows of what is known of the nuisances beforehand, and their residuals (m, nuisances + 1).
-        tips: (n, 3), in the frame of the references, the causes taken out that are candidates here [m]; with orientations
-            (n, 6), see :class:`Prediction`.
+        prior: rows of what is known of the nuisances beforehand, and their residuals (m, nuisances
+            + 1).
+        tips: (n, 3), in the frame of the references, the causes taken out that are candidates here
+            [m]; with orientations (n, 6), see :class:`Prediction`.
         taken_out: how many of the calibration's estimated effects these are, its last ones.
     """
 
@@ -98,8 +103,10 @@ class Design:
         scales = np.concatenate([self.scales[: self.nuisances], *(self.scales[b.columns] for b in chosen)])
         return replace(self, blocks=tuple(blocks), scales=scales)
 
-    def strips(self) -> Iterator[tuple[slice, Array]]:
-        """The columns of all in turn, a limited number at once: which, and (n, 3 or 6, q), scaled [m, rad]."""
+    def column_blocks(self) -> Iterator[tuple[slice, Array]]:
+        """The columns of all in turn, a limited number at once: which, and (n, 3 or 6, q), scaled
+        [m, rad].
+        """
         if self.nuisances:
             yield slice(0, self.nuisances), self.columns(None)
         most = max(min(AT_ONCE, NUMBERS_AT_ONCE // self.tips.size), 1)
@@ -110,7 +117,9 @@ class Design:
                 yield columns, self._of([b.source for b in some]) * self.scales[columns]
 
     def columns(self, block: int | None) -> Array:
-        """The columns of a block, or of the nuisances where it is None, scaled (n, 3 or 6, q) [m, rad]; kept."""
+        """The columns of a block, or of the nuisances where it is None, scaled (n, 3 or 6, q) [m,
+        rad]; kept.
+        """
         if block not in self._kept:
             if block is None:
                 own = self.fit.point.prediction.jacobian[:, :, self.kept]
@@ -120,7 +129,9 @@ class Design:
         return self._kept[block]
 
     def combined(self, chosen: Index, weights: Array) -> Array:
-        """Combinations of the columns of some blocks, which are ``chosen``, by ``weights`` (columns, r) (n, 3 or 6, r)."""
+        """Combinations of the columns of some blocks, which are ``chosen``, by ``weights``
+        (columns, r) (n, 3 or 6, r).
+        """
         whole = np.zeros((self.width, weights.shape[1]))
         whole[chosen] = weights
         found = np.zeros((*self.tips.shape, weights.shape[1]))
@@ -130,7 +141,9 @@ class Design:
         return found
 
     def deviations(self, tips: Array) -> Array:
-        """How far tips are from their targets, the places of seats at their best for these tips (n, 3 or 6) [m, rad]."""
+        """How far tips are from their targets, the places of seats at their best for these tips (n,
+        3 or 6) [m, rad].
+        """
         observations = self.fit.observations
         points, touched = self.fit.point.seats, np.flatnonzero(observations.seat >= 0)
         off = observations.deviations(tips, points)
@@ -144,7 +157,9 @@ class Design:
 
     @property
     def of_angles(self) -> Array:
-        """Displacement by one unit of each joint (n, 3 or 6, nq) [m/rad, or m/m where it slides]."""
+        """Displacement by one unit of each joint (n, 3 or 6, nq) [m/rad, or m/m where it
+        slides].
+        """
         rows = self.fit.problem.model.arm.chain.moving_rows()
         return self._calibrated.columns([JointZeroOffset(row) for row in rows])
 
@@ -171,9 +186,10 @@ def design_of(fit: Fit, library: Sequence[Variants], others: Sequence[Covariate]
         fit: the calibration.
         library: causes to consider.
         others: covariates that anything else may depend on.
-        taken_out: so many of the estimated effects, the last ones, are no nuisances but candidates: what they do is taken
-            out of the tips, so that they can be chosen again or not. What the arm states of a geometric value among them,
-            or of a cause that it is known to have, is a nuisance as well, within its u.
+        taken_out: so many of the estimated effects, the last ones, are no nuisances but candidates:
+            what they do is taken out of the tips, so that they can be chosen again or not. What the
+            arm states of a geometric value among them, or of a cause that it is known to have, is a
+            nuisance as well, within its u.
     """
     problem, point = fit.problem, fit.point
     width = problem.vector.size
@@ -205,7 +221,9 @@ def design_of(fit: Fit, library: Sequence[Variants], others: Sequence[Covariate]
 
 
 def _sources(variants: Variants) -> list[tuple[Effect, ...]]:
-    """What each variant changes: itself, and where it has another inner value than a cause that is known, that one too."""
+    """What each variant changes: itself, and where it has another inner value than a cause that is
+    known, that one too.
+    """
     first, both = variants[0], is_change(variants[0]) and variants[0].inner
     return [(effect, first) if both and effect is not first else (effect,) for effect in variants]
 
@@ -223,14 +241,18 @@ class _Calibrated:
         self._of_carriers = dict[str, Array]()
 
     def columns(self, effects: Sequence[Effect]) -> Array:
-        """∂(pose)/∂parameters of effects that are all zero, in the frame of the references (n, 3 or 6, p) [m/unit]."""
+        """∂(pose)/∂parameters of effects that are all zero, in the frame of the references (n, 3 or
+        6, p) [m/unit].
+        """
         columns = Columns.of(self.drawn, effects).jacobian(self.state)
         if not self.state.turns:
             return np.asarray(self.frame @ columns)
         return np.concatenate([self.frame @ half for half in np.split(columns, 2, axis=1)], axis=1)
 
     def carried(self, way: Carried) -> Array:
-        """Shift of the tip by each function on each axis of the carrier (n, 3 or 6, functions · axes) [m/unit]."""
+        """Shift of the tip by each function on each axis of the carrier (n, 3 or 6, functions ·
+        axes) [m/unit].
+        """
         axes = self._axes(way.carrier)
         return np.asarray(np.einsum("nm,nij->nimj", way.functions, axes).reshape(*axes.shape[:2], -1))
 

@@ -11,11 +11,10 @@ from numpy.typing import ArrayLike
 from aacmm_pin._support.progress import Progress
 from aacmm_pin._support.threads import one_blas_thread
 from aacmm_pin.arm.arm import Arm
+from aacmm_pin.calibration import Fit, calibrated_model
 from aacmm_pin.calibration.calibrate import contradicted_places, counted_once
-from aacmm_pin.calibration.calibrated_arm import calibrated_model
 from aacmm_pin.calibration.cross_validation import enough_postures, parts_of
 from aacmm_pin.calibration.estimation import fit
-from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.input_mistakes import first_fit
 from aacmm_pin.calibration.parameter_vector import geometric_parameters
 from aacmm_pin.calibration.parameters import is_reestimated, length_held, problem_of

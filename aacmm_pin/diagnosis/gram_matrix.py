@@ -1,9 +1,11 @@
-"""Inner products of whitened residuals, nuisances and candidate columns, worked out as far as they are asked for.
+"""Inner products of whitened residuals, nuisances and candidate columns, worked out as far as they
+are asked for.
 
-Everything that choosing among causes needs, a projection, a score, an evidence, a held-out prediction, is arithmetic on
-these inner products, so that trying another set of causes, or leaving out a part of the records, costs next to nothing.
-The nuisances are what is refitted anyway: geometry with its prior, the reference frame; the unknown points of the
-observations are projected out of the rows.
+Everything that choosing among causes needs, a projection, a score, an evidence, a held-out
+prediction, is arithmetic on these inner products, so that trying another set of causes, or leaving
+out a part of the records, costs next to nothing. The nuisances are what is refitted anyway:
+geometry with its prior, the reference frame; the unknown points of the observations are projected
+out of the rows.
 """
 
 from __future__ import annotations
@@ -17,7 +19,7 @@ from itertools import chain
 import numpy as np
 
 from aacmm_pin._support.checks import Array, Index
-from aacmm_pin.calibration.linear_model import RowBlock, SeatElimination
+from aacmm_pin.calibration import RowBlock, SeatElimination
 from aacmm_pin.diagnosis.covariates import Carried
 from aacmm_pin.diagnosis.design_matrix import Block, Design
 from aacmm_pin.diagnosis.held_postures import RecordNoise
@@ -25,7 +27,8 @@ from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.measurements.observations import Observations
 
 MOST_DOUBLE = 10_000_000
-"""More numbers than this are held in single precision: 6e-8 of a column is far below the noise of any record."""
+"""More numbers than this are held in single precision: 6e-8 of a column is far below the noise of
+any record."""
 CHUNK = 400
 """Rows of which products are taken at once."""
 RANK = 150
@@ -74,15 +77,19 @@ class Part:
         return with_all, with_own
 
     def squared(self, columns: Index, weights: Array) -> Array:
-        """``Rᵀ R`` of some columns times ``weights`` (columns, r), to the precision of the rows (columns, r)."""
+        """``Rᵀ R`` of some columns times ``weights`` (columns, r), to the precision of the rows
+        (columns, r).
+        """
         found, single = np.zeros(weights.shape), weights.astype(self.rows.dtype)
         for first in range(0, len(self.rows), CHUNK):
             rows = self.rows[first : first + CHUNK, columns]
             found += rows.T @ (rows @ single)
         return found
 
-    def insides(self, columns: Mapping[int, Index]) -> dict[int, Array]:
-        """Products of the columns of each block with one another, for columns (blocks, q) of each size q: (blocks, q, q)."""
+    def diagonal_blocks(self, columns: Mapping[int, Index]) -> dict[int, Array]:
+        """Products of the columns of each block with one another, for columns (blocks, q) of each
+        size q: (blocks, q, q).
+        """
         found = {size: np.zeros((*own.shape, size)) for size, own in columns.items()}
         for rows in self._exact():
             for size, own in columns.items():
@@ -91,16 +98,19 @@ class Part:
         return found
 
     def _exact(self) -> Iterator[Array]:
-        """The rows, some at a time, in double precision: products of rounded columns are to be exact."""
+        """The rows, some at a time, in double precision: products of rounded columns are to be
+        exact.
+        """
         for first in range(0, max(len(self.rows), 1), CHUNK):
             yield self.rows[first : first + CHUNK].astype(np.float64, copy=False)
 
 
 class Products:
-    """Inner products of the columns of a design, by part and over all; kept once they are worked out.
+    """Inner products of the columns of a design, by part and over all; kept once they are worked
+    out.
 
-    The rows, by far the largest that a diagnosis holds, are worked out again where they are asked for after
-    :meth:`release`.
+    The rows, by far the largest that a diagnosis holds, are worked out again where they are asked
+    for after :meth:`release`.
 
     Args:
         design: the columns.
@@ -127,7 +137,7 @@ class Products:
         self.of_size = {int(q): np.flatnonzero(sizes == q) for q in np.unique(sizes)}
         self.columns = {q: starts[own][:, None] + np.arange(q) for q, own in self.of_size.items()}
         self.place = {id(design.blocks[b]): (q, k) for q, own in self.of_size.items() for k, b in enumerate(own)}
-        self._insides: dict[int | None, dict[int, Array]] = {}
+        self._diagonal_blocks: dict[int | None, dict[int, Array]] = {}
 
     @cached_property
     def parts(self) -> list[Part]:
@@ -139,14 +149,18 @@ class Products:
         self.__dict__.pop("parts", None)
 
     def strip(self, part: int | None, columns: slice) -> Array:
-        """Products of some columns with all, and with the residual (q, columns + 1): of one part, or of all with prior."""
+        """Products of some columns with all, and with the residual (q, columns + 1): of one part,
+        or of all with prior.
+        """
         key = (part, columns.start, columns.stop)
         if key not in self._strips:
             self.prepare(part, [columns])
         return self._strips[key]
 
     def prepare(self, part: int | None, strips: Iterable[slice]) -> None:
-        """Work out several strips that will be asked for: the rows are read once for all of them."""
+        """Work out several strips that will be asked for: the rows are read once for all of
+        them.
+        """
         wanted = {(s.start, s.stop) for s in strips if (part, s.start, s.stop) not in self._strips}
         if wanted:
             columns = np.concatenate([np.arange(*ends) for ends in wanted])
@@ -158,28 +172,32 @@ class Products:
             for ends, strip in zip(wanted, np.split(found, last[:-1]), strict=True):
                 self._strips[part, *ends] = strip
 
-    def insides(self, part: int | None) -> dict[int, Array]:
-        """Products of the columns of each block with one another: size -> (blocks of that size, q, q)."""
-        if part not in self._insides:
+    def diagonal_blocks(self, part: int | None) -> dict[int, Array]:
+        """Products of the columns of each block with one another: size -> (blocks of that size, q,
+        q).
+        """
+        if part not in self._diagonal_blocks:
             if part is None:
-                each = [self.insides(k) for k in range(len(self.free))]
-                self._insides[part] = {size: np.sum([one[size] for one in each], axis=0) for size in self.columns}
+                each = [self.diagonal_blocks(k) for k in range(len(self.free))]
+                self._diagonal_blocks[part] = {size: np.sum([one[size] for one in each], axis=0) for size in self.columns}
             else:
-                self._insides[part] = self.parts[part].insides(self.columns)
-        return self._insides[part]
+                self._diagonal_blocks[part] = self.parts[part].diagonal_blocks(self.columns)
+        return self._diagonal_blocks[part]
 
     @cached_property
     def background(self) -> tuple[Index, Array]:
-        """All covariates together in few directions: their columns, and weights of these (columns, :data:`RANK`).
+        """All covariates together in few directions: their columns, and weights of these (columns,
+        :data:`RANK`).
 
-        Each covariate block counts with the same mean square, and all together with that of the noise; but no parameter is
-        larger than the largest width, or an arm that shrinks to a point would meet every unknown seat. The directions span
-        about the largest of these columns' right singular vectors: one step of a randomised range finder (Halko,
-        Martinsson, Tropp 2011, SIAM Review 53), whose start depends on the names of the covariates and on no order.
+        Each covariate block counts with the same mean square, and all together with that of the
+        noise; but no parameter is larger than the largest width, or an arm that shrinks to a point
+        would meet every unknown seat. The directions span about the largest of these columns' right
+        singular vectors: one step of a randomised range finder (Halko, Martinsson, Tropp 2011, SIAM
+        Review 53), whose start depends on the names of the covariates and on no order.
         """
         blocks = [b for b in self.design.blocks if b.candidate >= self.design.causes]
         columns = np.concatenate([np.arange(b.columns.start, b.columns.stop) for b in blocks] or [np.empty(0, np.intp)])
-        traces = [np.trace(self.insides(None)[q][k]) for q, k in (self.place[id(b)] for b in blocks)]
+        traces = [np.trace(self.diagonal_blocks(None)[q][k]) for q, k in (self.place[id(b)] for b in blocks)]
         each = np.sqrt(sum(self.free) / (np.maximum(traces, LEAST_TRACE) * len(blocks)))
         scale = np.repeat(np.minimum(each, max(THRESHOLDS.widths)), [b.size for b in blocks])
         rank = min(RANK, columns.size, sum(self.free))
@@ -195,11 +213,15 @@ class Products:
 
     @cached_property
     def background_columns(self) -> Array:
-        """Displacement of each record by each direction of the background (n, 3 or 6, r) [m, rad]."""
+        """Displacement of each record by each direction of the background (n, 3 or 6, r) [m,
+        rad].
+        """
         return self.design.combined(*self.background)
 
     def combined(self, part: int) -> tuple[Array, Array]:
-        """Products of the background of one part with all columns (r, columns + 1), and inside it (r, r)."""
+        """Products of the background of one part with all columns (r, columns + 1), and inside it
+        (r, r).
+        """
         if part not in self._combined:
             self._combined[part] = self.parts[part].combined(*self.background)
         return self._combined[part]
@@ -242,7 +264,9 @@ class Gram:
             self.products.prepare(part, strips)
 
     def strip(self, columns: slice, others: slice | Index = slice(None)) -> Array:
-        """Products of some columns with others, or with all and with the residual (q, columns + 1)."""
+        """Products of some columns with others, or with all and with the residual (q, columns +
+        1).
+        """
         total = self.products.strip(None, columns)[:, others]
         for part in self.left_out:
             total = total - self.products.strip(part, columns)[:, others]
@@ -256,21 +280,23 @@ class Gram:
 
     @property
     def background(self) -> tuple[Array, Array]:
-        """Products of the background with all columns and the residual (r, columns + 1), and inside it (r, r)."""
+        """Products of the background with all columns and the residual (r, columns + 1), and inside
+        it (r, r).
+        """
         with_all, with_own = zip(*(self.products.combined(part) for part in self.parts), strict=True)
         return np.sum(with_all, axis=0), np.sum(with_own, axis=0)
 
-    def insides(self, size: int) -> Array:
+    def diagonal_blocks(self, size: int) -> Array:
         """Products inside each block of a size (blocks, q, q)."""
-        total = self.products.insides(None)[size]
+        total = self.products.diagonal_blocks(None)[size]
         for part in self.left_out:
-            total = total - self.products.insides(part)[size]
+            total = total - self.products.diagonal_blocks(part)[size]
         return total
 
-    def inside(self, block: Block) -> Array:
+    def diagonal_block(self, block: Block) -> Array:
         """Products inside one block (q, q)."""
         size, number = self.products.place[id(block)]
-        return np.asarray(self.insides(size)[number])
+        return np.asarray(self.diagonal_blocks(size)[number])
 
 
 def products_of(design: Design, part: Index, noise: RecordNoise | None = None) -> Products:
@@ -299,7 +325,7 @@ def _parts_of(design: Design, part: Index, noise: RecordNoise) -> list[Part]:
     kind = np.float64 if deviations.size * width <= MOST_DOUBLE else np.float32
     found = [np.empty((block.size(whitening.shape[1]), width + 1), dtype=kind) for block in blocks]
     residual = slice(width, width + 1), deviations[:, :, None]
-    for columns, strip in chain(design.strips(), [residual]):
+    for columns, strip in chain(design.column_blocks(), [residual]):
         whitened = held.whitened(whitening @ strip)
         _, rows = elimination.eliminated(whitened, residual=columns.start == width)
         for into, block in zip(found, blocks, strict=True):
@@ -309,7 +335,9 @@ def _parts_of(design: Design, part: Index, noise: RecordNoise) -> list[Part]:
 
 
 def _row_blocks(observations: Observations, part: Index, of_seat: Index) -> list[RowBlock]:
-    """The rows of each part, by the part of each record (n,) and of each seat (s,), -1 of those that do not count."""
+    """The rows of each part, by the part of each record (n,) and of each seat (s,), -1 of those
+    that do not count.
+    """
     known, of_bar = observations.known, of_seat[observations.ends[:, 0]]
     blocks = []
     for k in range(int(part.max(initial=0)) + 1):

@@ -11,7 +11,7 @@ import scipy
 from scipy.special import logsumexp
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin.calibration.fit import Fit
+from aacmm_pin.calibration import Fit
 from aacmm_pin.diagnosis.candidates import Variants, is_change
 from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.design_matrix import design_of

@@ -1,7 +1,8 @@
 """The linear model of what is left: causes, nuisances and a background, all integrated over.
 
-``r = Z η + Σ G_k β_k + B d + ε`` in units of the records' noise. Nuisances η and the background d are taken out of the inner
-products once for each amplitude of the background; the blocks of a set are then conditioned on by one small Cholesky factor.
+``r = Z η + Σ G_k β_k + B d + ε`` in units of the records' noise. Nuisances η and the background d
+are taken out of the inner products once for each amplitude of the background; the blocks of a set
+are then conditioned on by one small Cholesky factor.
 """
 
 from __future__ import annotations
@@ -21,11 +22,13 @@ from aacmm_pin.diagnosis.gram_matrix import Gram
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 
 UNKNOWN = 1e-9
-"""What is added to the information of a nuisance: what is known of it beforehand is among the products already."""
+"""What is added to the information of a nuisance: what is known of it beforehand is among the
+products already."""
 HELD = 1e12
 """What is added to that of one which is held where it is stated."""
 ROUNDINGS = (1e-14, 1e-12, 1e-10, 1e-8)
-"""Inner products are no more certain than this part of them, the first with which they are positive definite."""
+"""Inner products are no more certain than this part of them, the first with which they are positive
+definite."""
 LARGE = 6
 """From so many columns on, a Cholesky factor for each width costs less than all eigenvalues."""
 LEAST_CHI2 = 1e-9
@@ -38,8 +41,9 @@ WIDTHS = np.array(THRESHOLDS.widths)
 class Likelihood:
     """Marginal likelihood of the residuals by their χ², the scale of the noise integrated over.
 
-    Where the noise is not stated, ``σ`` has the prior ``1/σ``: ``χ²^(-ν/2)`` (Zellner 1971, ch. 3). Where it is stated, it
-    is as stated but for a small probability, with which ``σ²`` has an inverse gamma prior about one.
+    Where the noise is not stated, ``σ`` has the prior ``1/σ``: ``χ²^(-ν/2)`` (Zellner 1971, ch. 3).
+    Where it is stated, it is as stated but for a small probability, with which ``σ²`` has an
+    inverse gamma prior about one.
 
     Attributes:
         dof: degrees of freedom ν.
@@ -89,7 +93,9 @@ class Base:
 
     @cached_property
     def _products(self) -> tuple[Array, Array]:
-        """Products of nuisances and background with all columns (b, columns + 1), and with one another (b, b)."""
+        """Products of nuisances and background with all columns (b, columns + 1), and with one
+        another (b, b).
+        """
         first = slice(0, self.nuisances)
         rows = self.gram.strip(first)
         if not self.amplitude:
@@ -149,7 +155,9 @@ class Base:
         return self._strips[block]
 
     def among(self, blocks: tuple[int, ...]) -> Array:
-        """Products of the columns of some blocks with one another and with the residual, which is last (m + 1, m + 1)."""
+        """Products of the columns of some blocks with one another and with the residual, which is
+        last (m + 1, m + 1).
+        """
         design = self.gram.products.design
         strips = [design.blocks[k].columns for k in blocks]
         own = numbers_of([*strips, slice(design.width, design.width + 1)])
@@ -158,18 +166,20 @@ class Base:
         return np.asarray(products - whitened.T @ whitened)
 
     @cached_property
-    def _insides(self) -> dict[int, Array]:
+    def _diagonal_blocks(self) -> dict[int, Array]:
         return {}
 
-    def insides(self, size: int) -> Array:
+    def diagonal_blocks(self, size: int) -> Array:
         """Products inside each block of a size (blocks, q, q)."""
-        if size not in self._insides:
-            self._insides[size] = self.gram.insides(size) - squares(self.gram, self.whitened, size)
-        return self._insides[size]
+        if size not in self._diagonal_blocks:
+            self._diagonal_blocks[size] = self.gram.diagonal_blocks(size) - squares(self.gram, self.whitened, size)
+        return self._diagonal_blocks[size]
 
     @cached_property
     def determined(self) -> float:
-        """How many parameters of nuisances and background the records, apart from priors, determine."""
+        """How many parameters of nuisances and background the records, apart from priors,
+        determine.
+        """
         inverse, first = divided(self.factor, np.eye(len(self.factor))), self.nuisances
         of_nuisances = np.square(inverse[:, :first] @ self.gram.products.prior.rows[:, :first].T).sum()
         of_others = np.square(inverse[:, first:]).sum(axis=0) @ self.prior[first:]
@@ -178,14 +188,16 @@ class Base:
 
 @dataclass(frozen=True, eq=False)
 class Conditional:
-    """The base with the blocks of a set integrated over, each parameter ``β ~ N(0, τ²)`` in units of the typical magnitude.
+    """The base with the blocks of a set integrated over, each parameter ``β ~ N(0, τ²)`` in units
+    of the typical magnitude.
 
     Attributes:
         base: nuisances and background integrated over.
         blocks: numbers of the set's blocks.
         widths: numbers of their τ.
         likelihood: of χ².
-        products: of the set's columns with one another and with the residual, which is last (m + 1, m + 1).
+        products: of the set's columns with one another and with the residual, which is last (m + 1,
+            m + 1).
     """
 
     base: Base
@@ -277,7 +289,9 @@ class Conditional:
 
     @property
     def over_widths(self) -> Array:
-        """Log marginal likelihood with each width of each block, and last without it (blocks, widths + 1)."""
+        """Log marginal likelihood with each width of each block, and last without it (blocks,
+        widths + 1).
+        """
         each = [self._over_widths(k, width) for k, width in zip(self.blocks, self.widths, strict=True)]
         return np.array(each).reshape(-1, WIDTHS.size + 1)
 
@@ -298,11 +312,15 @@ class Conditional:
 
     @cached_property
     def residual(self) -> Array:
-        """Products of the residual with all columns and itself, the set integrated over (columns + 1,)."""
+        """Products of the residual with all columns and itself, the set integrated over (columns +
+        1,).
+        """
         return np.asarray(self.base.residual - self.whitened[:, -1] @ self.whitened)
 
     def of_residuals(self, products: Array) -> Array:
-        """The same of other residuals, by their products with all columns (columns, draws) -> (columns, draws)."""
+        """The same of other residuals, by their products with all columns (columns, draws) ->
+        (columns, draws).
+        """
         base, first = self.base, self.base.nuisances
         background = np.zeros((len(base.factor) - first, products.shape[1]))
         if background.size:
@@ -317,8 +335,8 @@ class Conditional:
     def informations(self, size: int) -> Array:
         """Information of every block of a size, the set integrated over (blocks, q, q)."""
         if not self.blocks:
-            return self.base.insides(size)
-        return np.asarray(self.base.insides(size) - squares(self.base.gram, self.whitened, size))
+            return self.base.diagonal_blocks(size)
+        return np.asarray(self.base.diagonal_blocks(size) - squares(self.base.gram, self.whitened, size))
 
     def information(self, block: int) -> Array:
         """The same of one block (q, q)."""
@@ -331,7 +349,9 @@ class Conditional:
 
     @cached_property
     def additions(self) -> Array:
-        """Log marginal likelihood with each block more, at each width (blocks, widths); minus infinity for its own."""
+        """Log marginal likelihood with each block more, at each width (blocks, widths); minus
+        infinity for its own.
+        """
         products = self.base.gram.products
         found = np.full((len(self.design_blocks), WIDTHS.size), -np.inf)
         for size, own in products.of_size.items():
@@ -348,7 +368,9 @@ class Conditional:
         return np.concatenate([-of_base, self.estimate])
 
     def tips(self, rows: Index | slice = slice(None)) -> Array:
-        """Tips of some records with everything at its posterior mean (n, 3), with orientations (n, 6) [m, rad]."""
+        """Tips of some records with everything at its posterior mean (n, 3), with orientations (n,
+        6) [m, rad].
+        """
         products = self.base.gram.products
         design = products.design
         each = [design.columns(None)[rows]]
@@ -406,7 +428,9 @@ def numbers_of(columns: Sequence[slice]) -> Index:
 
 
 def log_sum(logs: Array) -> Array:
-    """Log of the sum of exponentials over the last axis: a tenth of the time of SciPy's, for a handful of numbers."""
+    """Log of the sum of exponentials over the last axis: a tenth of the time of SciPy's, for a
+    handful of numbers.
+    """
     return np.asarray(np.logaddexp.reduce(logs, axis=-1))
 
 
@@ -419,6 +443,7 @@ def squares(gram: Gram, rows: Array, size: int) -> Array:
 def divided(factor: Array, right: Array) -> Array:
     """``L⁻¹ R``, row by row in memory.
 
-    As ``Rᵀ L⁻ᵀ``, whose arrays lie in memory as BLAS wants them: half the time of LAPACK's solver with its copies.
+    As ``Rᵀ L⁻ᵀ``, whose arrays lie in memory as BLAS wants them: half the time of LAPACK's solver
+    with its copies.
     """
     return np.asarray(dtrsm(1.0, factor.T, np.ascontiguousarray(right).T, side=1, lower=0, overwrite_b=False).T)

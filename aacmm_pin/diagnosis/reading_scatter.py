@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin.calibration.fit import Fit
+from aacmm_pin.calibration import Fit
 from aacmm_pin.calibration.variance_components import LEAST_SCATTER
 from aacmm_pin.diagnosis.held_postures import HeldPostures
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS

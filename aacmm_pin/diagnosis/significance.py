@@ -1,4 +1,6 @@
-"""Frequentist checks beside the posterior, and how much alike the columns of causes are in these records."""
+"""Frequentist checks beside the posterior, and how much alike the columns of causes are in these
+records.
+"""
 
 from __future__ import annotations
 
@@ -53,7 +55,8 @@ def likelihood_ratio(left: Conditional, block: int) -> tuple[float, int]:
 def _likelihood_ratios(left: Conditional, informations: Array, gradients: Array) -> Array:
     """Of blocks with informations (b, q, q) and gradients (b, q): (b,).
 
-    Their parameters are known to within the largest width. Else columns of which the records tell next to nothing would
+    Their parameters are known to within the largest width. Else columns of which the records tell
+    next to nothing would
     explain everything: an arm that shrinks to a point meets every unknown seat.
     """
     gain, _ = gains(informations, gradients[:, :, None])
@@ -67,10 +70,11 @@ def chance(left: Conditional, block: int) -> float:
 
 
 def family_wise(candidates: Candidates, left: Conditional, block: int, rng: np.random.Generator) -> float:
-    """Chance that the best posterior odds of all candidates reach those of a block when nothing is there.
+    """Chance that the best posterior odds of all candidates reach those of a block when nothing is
+    there.
 
-    Bonferroni's bound over all that is tried, where that is smaller than any number of draws could tell; else by draws of
-    the gradients of residuals that are noise alone.
+    Bonferroni's bound over all that is tried, where that is smaller than any number of draws could
+    tell; else by draws of the gradients of residuals that are noise alone.
     """
     bound = len(candidates.blocks) * chance(left, block)
     if bound < 1 / DRAWS:
@@ -83,7 +87,9 @@ def family_wise(candidates: Candidates, left: Conditional, block: int, rng: np.r
 
 
 def _largest_odds(candidates: Candidates, left: Conditional, rng: np.random.Generator) -> Array:
-    """Largest log posterior odds of all candidates in draws of records with nothing there (draws,)."""
+    """Largest log posterior odds of all candidates in draws of records with nothing there
+    (draws,).
+    """
     products = left.base.gram.products
     gradient = left.of_residuals(products.drawn(DRAWS, rng) * np.sqrt(left.variance))
     best = np.full(DRAWS, -np.inf)
@@ -111,12 +117,14 @@ def retained(left: Conditional, block: int) -> float:
     information = left.information(block)
     step = np.linalg.lstsq(information, left.residual[own.columns], rcond=1e-10)[0]
     kept = max(float(step @ information @ step), 0.0)
-    size = float(step @ left.base.gram.inside(own) @ step)
+    size = float(step @ left.base.gram.diagonal_block(own) @ step)
     return math.sqrt(kept / size) if size > 0.0 else 0.0
 
 
 def aliases_of(posterior: Posterior, library: tuple[Variants, ...], block: int) -> list[Alias]:
-    """The candidates that may act in the place of a block of the median probability model, most probable first."""
+    """The candidates that may act in the place of a block of the median probability model, most
+    probable first.
+    """
     candidates, left = posterior.space.candidates, posterior.without(block)
     own, names = candidates.owner(block), candidates.design.names
     instead, values = posterior.instead(own), logsumexp(left.additions, axis=1) + candidates.log_odds
@@ -160,10 +168,12 @@ def canonical(left: Conditional, one: int, other: int) -> float:
 
 
 def visible(posterior: Posterior) -> tuple[int, int]:
-    """How many causes of the library these records would have shown at their typical magnitude, and of how many.
+    """How many causes of the library these records would have shown at their typical magnitude, and
+    of how many.
 
-    A cause shows if the noncentrality of its first parameter alone, geometry refitted, is at least that of the threshold;
-    more where the noise comes from the same records and few degrees of freedom, so that Student's evidence is as large.
+    A cause shows if the noncentrality of its first parameter alone, geometry refitted, is at least
+    that of the threshold; more where the noise comes from the same records and few degrees of
+    freedom, so that Student's evidence is as large.
     """
     shows, dof = THRESHOLDS.shows, posterior.space.likelihood.dof
     if not posterior.space.stated:
@@ -173,11 +183,13 @@ def visible(posterior: Posterior) -> tuple[int, int]:
 
 
 def _noncentralities(space: ModelSpace) -> Array:
-    """Largest of one parameter's, over the variants of each cause at typical magnitude, geometry refitted (causes,)."""
+    """Largest of one parameter's, over the variants of each cause at typical magnitude, geometry
+    refitted (causes,).
+    """
     candidates, base = space.candidates, space.base(0)
     of_blocks = np.empty(len(candidates.blocks))
     for size, own in space.gram.products.of_size.items():
-        each = np.diagonal(base.insides(size), axis1=1, axis2=2)
+        each = np.diagonal(base.diagonal_blocks(size), axis1=1, axis2=2)
         of_blocks[own] = each.max(axis=1)
     found = np.zeros(candidates.design.causes)
     of_causes = candidates.owners < len(found)

@@ -13,7 +13,7 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown, report, two_digits
 from aacmm_pin._support.distributions import chi2_sf
 from aacmm_pin._support.units import UM
-from aacmm_pin.calibration.fit import Fit
+from aacmm_pin.calibration import Fit
 from aacmm_pin.calibration.shared_exclusions import Shared, round_excluded, shared_by
 from aacmm_pin.diagnosis.background import Background
 from aacmm_pin.diagnosis.branches import Branches, branches_of

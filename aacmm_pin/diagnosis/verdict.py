@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from aacmm_pin.calibration.fit import Fit
+from aacmm_pin.calibration import Fit
 from aacmm_pin.diagnosis.result import Doubt, Finding, Verdict
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 

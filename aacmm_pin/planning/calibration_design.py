@@ -15,9 +15,8 @@ from aacmm_pin._support.display import Shown
 from aacmm_pin._support.progress import Progress, watched
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import MM, UM
+from aacmm_pin.calibration import Observability, remaining_triangle
 from aacmm_pin.calibration.fit import NO_SCATTER
-from aacmm_pin.calibration.identifiability import Observability
-from aacmm_pin.calibration.linear_model import remaining_triangle
 from aacmm_pin.calibration.setup import ReferenceFrame, Setup, Target
 from aacmm_pin.effects.error_model import ErrorModel, GivenModel
 from aacmm_pin.errors import AacmmError
@@ -48,7 +47,8 @@ class CalibrationPlan(Shown):
         measurements: the records expected.
         o1: observability index O1 (Borm, Menq 1991) of existing and planned records.
         o1_random: the same of random records of the same number, (:data:`RANDOM`,).
-        u: standard uncertainty of the tip by the calibrated geometry, root mean square over all postures to choose from [m].
+        u: standard uncertainty of the tip by the calibrated geometry, root mean square over all
+            postures to choose from [m].
         u_random: the same after random records (:data:`RANDOM`,) [m].
         existing: number of existing records.
         seed: of all that was drawn, or None where the generator does not say.
@@ -120,23 +120,26 @@ def plan_calibration(
     rng: np.random.Generator | None = None,
     progress: Progress = True,
 ) -> CalibrationPlan:
-    """Records that tell most of the geometry: the determinant of the information is as large as exchanges make it.
+    """Records that tell most of the geometry: the determinant of the information is as large as
+    exchanges make it.
 
-    Bayesian D-optimality (Chaloner, Verdinelli 1995, Statistical Science 10): log det of the information of what is stated
-    of the arm, of the existing records and of the chosen ones, whitened by the noise. Records come in one after the other,
-    each the best; then every one is exchanged for the best in its place until none changes (Fedorov 1972).
+    Bayesian D-optimality (Chaloner, Verdinelli 1995, Statistical Science 10): log det of the
+    information of what is stated of the arm, of the existing records and of the chosen ones,
+    whitened by the noise. Records come in one after the other, each the best; then every one is
+    exchanged for the best in its place until none changes (Fedorov 1972).
 
     Args:
         model: the arm; effects that it has stay.
         records: how many to plan.
         existing: what was measured already, which counts too.
-        reference, reference_frame, target, prior: see :func:`plan_measurements`, as all that follow.
+        reference, reference_frame, target, prior: see :func:`plan_measurements`, as all that
+            follow.
 
     Raises:
         UnknownNameError: an unknown reference or frame.
         MissingConditionError: an effect of the arm needs what the existing records do not state.
-        AacmmError: too few records or postures, an arm that the records are not of or whose values are all exact, or records
-            without any noise.
+        AacmmError: too few records or postures, an arm that the records are not of or whose values
+            are all exact, or records without any noise.
     """
     model, rng = ErrorModel.of(model).where_known(), rng or np.random.default_rng(1)
     existing = None if existing is None else as_measurements(existing, model.arm.nq)
@@ -171,7 +174,9 @@ def plan_calibration(
 
 
 def d_optimal(rows: Array, information: Array, count: int, steps: Iterable[int] | None = None) -> list[int]:
-    """``count`` of the candidates ``rows`` (n, 3, p) with a large det of ``information`` (p, p) and theirs."""
+    """``count`` of the candidates ``rows`` (n, 3, p) with a large det of ``information`` (p, p) and
+    theirs.
+    """
     choice = Choosing(rows, information)
     choice.run(count, informing, steps)
     for _ in range(ROUNDS):
@@ -184,13 +189,15 @@ def d_optimal(rows: Array, information: Array, count: int, steps: Iterable[int] 
 
 @dataclass(frozen=True, eq=False)
 class _Judged:
-    """What records tell of the parameters: their columns stand last, what is refitted beside before them.
+    """What records tell of the parameters: their columns stand last, what is refitted beside before
+    them.
 
     Attributes:
         situation: the pool.
         order: of the columns.
         beside: how many are refitted beside: frame and seats.
-        tips: what one unit of each parameter does to the tip in every posture of the pool (n, 3, p) [m].
+        tips: what one unit of each parameter does to the tip in every posture of the pool (n, 3, p)
+            [m].
     """
 
     situation: Situation
@@ -207,7 +214,9 @@ class _Judged:
         return _Judged(situation, order, layout.width - own, jacobian * layout.scales[:own])
 
     def worth(self, chosen: list[int]) -> tuple[float, float]:
-        """O1 of existing and chosen records, and the root mean square u of the tip after them [m]."""
+        """O1 of existing and chosen records, and the root mean square u of the tip after them
+        [m].
+        """
         situation, width = self.situation, self.situation.layout.width
         prior, measured = np.split(situation.known[:, self.order], [situation.layout.nuisances])
         chosen_rows = situation.rows[chosen].reshape(-1, width)[:, self.order]

@@ -1,4 +1,6 @@
-"""One set-up with its pool of records, and what a choice from it would tell together with the records that exist."""
+"""One set-up with its pool of records, and what a choice from it would tell together with the
+records that exist.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aacmm_pin._support.checks import Array, Index
-from aacmm_pin.calibration.linear_model import remaining_triangle, seat_columns
+from aacmm_pin.calibration import remaining_triangle, seat_columns
 from aacmm_pin.calibration.noise_model import NoiseModel, Scatters, observations_of
 from aacmm_pin.calibration.parameter_vector import ParameterVector
 from aacmm_pin.calibration.problem import Frame, Problem
@@ -20,15 +22,18 @@ from aacmm_pin.planning.measurement_conditions import MeasurementConditions
 from aacmm_pin.planning.task import Task
 
 LOOSE = 1e-6
-"""A cause of which nobody knows anything is within a thousand times its typical size: information in that unit."""
+"""A cause of which nobody knows anything is within a thousand times its typical size: information
+in that unit."""
 
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """Which column stands for what: first what is refitted anyway, then three for each seat, then the causes.
+    """Which column stands for what: first what is refitted anyway, then three for each seat, then
+    the causes.
 
     Attributes:
-        order: numbers of the columns in the problem's Jacobian: geometry, target and frame, then the causes.
+        order: numbers of the columns in the problem's Jacobian: geometry, target and frame, then
+            the causes.
         scales: what one unit of each of these is: how far off it may be; typical size of a cause.
         refitted: how many of them are no causes.
         seats: labels of the seats.
@@ -93,7 +98,9 @@ class Situation:
 
     @staticmethod
     def of(task: Task, set_up: MeasurementConditions, postures: Measurements, rng: np.random.Generator) -> Situation:
-        """The rows of everything in this set-up; another arm file is measured and judged by itself."""
+        """The rows of everything in this set-up; another arm file is measured and judged by
+        itself.
+        """
         existing = None if set_up.changes_arm else task.existing
         pool = candidates(task, set_up, postures, rng)
         old = () if existing is None else observations_of(existing, task.setup).labels
@@ -117,13 +124,15 @@ class Situation:
     def power(
         self, chosen: list[int] | None, pair: tuple[int, int], sizes: tuple[Size, Size], draws: int, times: float = 1.0
     ) -> Power:
-        """How well a choice tells two of the causes apart; the same ``draws`` make odds differ by what is measured alone."""
+        """How well a choice tells two of the causes apart; the same ``draws`` make odds differ by
+        what is measured alone.
+        """
         blocks = self.layout.blocks[pair[0]], self.layout.blocks[pair[1]]
         return power_of(self.triangle(chosen, times), blocks, sizes, np.random.default_rng(draws))
 
     def triangle(self, chosen: list[int] | None, times: float = 1.0) -> Array:
-        """What a choice (None: the whole pool), taken so many ``times``, tells of the causes when what is refitted is at
-        its best: R with ``S = RᵀR``.
+        """What a choice (None: the whole pool), taken so many ``times``, tells of the causes when
+        what is refitted is at its best: R with ``S = RᵀR``.
         """
         records = self.rows if chosen is None else self.rows[chosen]
         rows = np.sqrt(times) * records.reshape(-1, self.layout.width)
@@ -131,8 +140,9 @@ class Situation:
 
 
 def rows_of(problem: Problem, layout: Layout, frame: Frame, stated: tuple[str, ...] = ()) -> tuple[Array, Array]:
-    """Whitened derivatives of each of the problem's records (n, 3, width), zero where it says nothing; and of what is stated
-    of seats and bars (t, width), but for seats whose coordinates are ``stated`` elsewhere; ``frame`` is the base's.
+    """Whitened derivatives of each of the problem's records (n, 3, width), zero where it says
+    nothing; and of what is stated of seats and bars (t, width), but for seats whose coordinates are
+    ``stated`` elsewhere; ``frame`` is the base's.
     """
     prediction = problem.predict(problem.start, frame)
     noise = NoiseModel.of(problem, problem.start, frame, Scatters())

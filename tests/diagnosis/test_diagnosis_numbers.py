@@ -152,7 +152,7 @@ def whitened(case: Case, part: NDArray[np.intp], kept: NDArray[np.bool_]) -> Arr
     """Rows of the kept records, columns and residual, unknown points taken out; each part has points of its own."""
     design, records = case.design, case.records
     n, width = records.n, design.width
-    jacobian = np.concatenate([columns for _, columns in design.strips()], axis=2)
+    jacobian = np.concatenate([columns for _, columns in design.column_blocks()], axis=2)
     covariance = covariance_of_records(records)
     seat = records.conditions.seat
     unknown = seat is not None and not records.known.any()
@@ -230,7 +230,7 @@ def test_inner_products(case: Case, left_out: tuple[int, ...], monkeypatch: pyte
     for k in some_blocks(design):
         own = design.blocks[k].columns
         scale = np.outer(size[own], size[own])
-        np.testing.assert_allclose(gram.inside(design.blocks[k]) / scale, wanted[own, own] / scale, atol=2e-6)
+        np.testing.assert_allclose(gram.diagonal_block(design.blocks[k]) / scale, wanted[own, own] / scale, atol=2e-6)
     assert gram.free == len(rows) - design.nuisances
 
 
