@@ -2,8 +2,9 @@
 
 from aacmm_pin.calibration.calibrate import calibrate
 from aacmm_pin.calibration.calibrated_arm import calibrated_model
+from aacmm_pin.calibration.comparison import Comparison, compare
 from aacmm_pin.calibration.cross_validation import HeldOut
 from aacmm_pin.calibration.identifiability import Observability
 from aacmm_pin.calibration.result import Calibration
 
-__all__ = ["Calibration", "HeldOut", "Observability", "calibrate", "calibrated_model"]
+__all__ = ["Calibration", "Comparison", "HeldOut", "Observability", "calibrate", "calibrated_model", "compare"]
