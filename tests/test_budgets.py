@@ -20,7 +20,7 @@ from tests.test_rooms import MODULES, ROOMS, imports
 
 TOKENS: dict[str, int] = {
     "errors": 500,
-    "_support": 7400,
+    "_support": 6400,
     "arm": 20700,
     "effects": 26800,
     "postures": 27000,
@@ -31,7 +31,7 @@ TOKENS: dict[str, int] = {
     "planning": 13200,
     "verification": 17200,
     "report": 57400,
-    "cli": 15300,
+    "cli": 15150,
 }
 """Code without comments and docstrings: unlike lines, they do not fall when a line is packed fuller."""
 DENSE: dict[str, int] = {
@@ -47,13 +47,13 @@ DENSE: dict[str, int] = {
     "planning": 28,
     "verification": 39,
     "report": 150,
-    "cli": 8,
+    "cli": 7,
 }
 """Functions of which one statement has more than :data:`MOST_NODES` syntax nodes on average."""
 MOST_NODES = 23.0
 WIDE: dict[str, int] = {
     "errors": 8,
-    "_support": 105,
+    "_support": 73,
     "arm": 287,
     "effects": 432,
     "postures": 334,
@@ -64,11 +64,11 @@ WIDE: dict[str, int] = {
     "planning": 186,
     "verification": 241,
     "report": 832,
-    "cli": 236,
+    "cli": 207,
 }
 """Lines of more than 100 characters."""
 SENTENCES: dict[str, int] = {
-    "_support": 10,
+    "_support": 7,
     "arm": 10,
     "effects": 28,
     "postures": 12,
@@ -90,7 +90,7 @@ INNER: dict[str, int] = {
     "planning": 67,
     "verification": 55,
     "report": 202,
-    "cli": 107,
+    "cli": 105,
 }
 """Names that a room takes from inner modules of other rooms, and not from their faces."""
 CONSTANTS = 101

@@ -23,17 +23,6 @@ def outputs_refused(outputs: tuple[Path, ...]) -> Iterator[None]:
         _OUTPUTS.reset(token)
 
 
-def to_be_read(path: str | Path) -> None:
-    """Check that a file is none of the command's outputs.
-
-    Raises:
-        OutputError: it is, by whatever name.
-    """
-    for output in _OUTPUTS.get():
-        if output.is_file() and are_same(output, path):
-            raise is_input(output)
-
-
 def are_same(path: str | Path, other: str | Path) -> bool:
     """Whether both are names of one file that exists."""
     return os.path.exists(path) and os.path.exists(other) and os.path.samefile(path, other)
@@ -54,7 +43,9 @@ def content_of(path: str | Path, most: int, expected: str, refused: Callable[[st
     """
     if "\0" in str(path):
         raise refused("cannot be read: no file has a NUL in its name")
-    to_be_read(path)
+    for output in _OUTPUTS.get():
+        if output.is_file() and are_same(output, path):
+            raise is_input(output)
     try:
         with open(path, "rb") as file:
             content = file.read(most + 1)

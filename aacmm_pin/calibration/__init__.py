@@ -2,6 +2,7 @@
 
 from aacmm_pin.calibration.calibrate import calibrate
 from aacmm_pin.calibration.calibrated_arm import calibrated_model
+from aacmm_pin.calibration.comparison import Comparison, compare
 from aacmm_pin.calibration.cross_validation import HeldOut
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.identifiability import Observability
@@ -10,6 +11,7 @@ from aacmm_pin.calibration.result import Calibration
 
 __all__ = [
     "Calibration",
+    "Comparison",
     "Fit",
     "HeldOut",
     "Observability",
@@ -17,6 +19,7 @@ __all__ = [
     "SeatElimination",
     "calibrate",
     "calibrated_model",
+    "compare",
     "remaining_triangle",
     "seat_columns",
 ]

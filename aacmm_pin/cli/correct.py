@@ -13,7 +13,7 @@ from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.accuracy.volume import accuracy_volume
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.limits import broken_limits
-from aacmm_pin.calibration.comparison import compare
+from aacmm_pin.calibration import compare
 from aacmm_pin.cli.arm_options import ArmAndData, EncoderNoise
 from aacmm_pin.cli.common import Force, Output, Results, command, note
 from aacmm_pin.effects.conditions import Conditions
