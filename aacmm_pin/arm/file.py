@@ -343,7 +343,7 @@ class ArmFile(AnyArmFile):
     @model_validator(mode="after")
     def _has_a_size(self) -> ArmFile:
         postures = np.vstack([np.zeros(self.dh.nq), spread_angles(POSTURES, self.dh.nq)])
-        if refused := out_of_reach(self.dh.positions(postures)):
+        if refused := out_of_reach(self.dh.chain.positions(postures)):
             lengths = {
                 f"joints[{n}].{k}": getattr(r, k) for n, r in enumerate(self.joints, start=1) for k in ("a_mm", "d_mm")
             }
@@ -381,7 +381,7 @@ class ArmFile(AnyArmFile):
         return _noise(self.moving_rows)
 
     def dh_parameters(self) -> tuple[Parameter, ...]:
-        """The four values of every row in the order of :meth:`DHTable.sensitivity`; rows without uncertainty have u = 0."""
+        """The four values of every row in the order of :attr:`DHTable.chain`; rows without uncertainty have u = 0."""
         parameters = []
         for number, row in enumerate(self.joints, start=1):
             for kind in KINDS:
