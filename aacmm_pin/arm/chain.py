@@ -35,6 +35,9 @@ OF_A_POSE = 6
 BASE = 0
 V_X, V_Y, V_Z, OMEGA_X, OMEGA_Y, OMEGA_Z = range(6)
 """Components of a twist."""
+Z = 2
+"""Number of the axis along or about which joints move."""
+ALONG_Z = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
 NO_PLACE = -1
 """Place of a parameter or joint that does not move the tip."""
 LARGE_BATCH = 14_000
@@ -226,21 +229,33 @@ class Chain:
         """
         n = len(q)
         frames = np.empty((self.places, 4, 3, n))
-        before, angles = np.zeros((4, 3, n)), q.T
+        before = np.zeros((4, 3, n))
         before[:3] = np.eye(3)[:, :, None]
-        cosine, sine = np.cos(angles), np.sin(angles)
         constants, varying = self._with_constant(twists)
-        for place, (constant, joint) in enumerate(zip(constants, self.joint.tolist(), strict=True)):
+        values, varying = self._with_joints(q.T, varying)
+        cosine, sine = np.cos(values), np.sin(values)
+        for place, joint in enumerate(self.joint.tolist()):
             here = frames[place]
-            np.matmul(constant.T, before.reshape(4, -1), out=here.reshape(4, -1))
+            np.matmul(constants[place].T, before.reshape(4, -1), out=here.reshape(4, -1))
             if joint >= 0 and self.prismatic[joint]:
-                here[3] += angles[joint] * here[2]
+                here[3] += values[joint] * here[Z]
             elif joint >= 0:
-                _turn(here, 2, cosine[joint], sine[joint])
+                _turn(here, Z, cosine[joint], sine[joint])
             if place in varying:
                 _displace(here, varying[place])
             before = here
         return frames
+
+    def _with_joints(self, values: Array, twists: Mapping[int, Array]) -> tuple[Array, Mapping[int, Array]]:
+        """Joint values (nq, n) with the turns that displacements make about a joint's axis, and the other twists."""
+        others = dict(twists)
+        for place, twist in twists.items():
+            joint = self.joint[place]
+            if joint >= 0 and not self.prismatic[joint] and _screw_axis(twist) == Z:
+                values = values.copy()
+                values[joint] += twist[:, OMEGA_Z]
+                others[place] = twist * ALONG_Z
+        return values, others
 
     def _twists(self, errors: Array) -> dict[int, Array]:
         """Twists (n, 6) of the places by ``errors`` in the parameters (n, p)."""
@@ -248,7 +263,7 @@ class Chain:
         twists = {}
         for here in np.unique(place[place != NO_PLACE]).tolist():
             own = np.flatnonzero(place == here)
-            twists[here] = np.zeros((len(errors), 6))
+            twists[here] = np.zeros((6, len(errors))).T  # components contiguous
             twists[here][:, component[own]] = errors[:, own]
         return twists
 
@@ -275,6 +290,14 @@ def _derivative(frames: Array, place: int, component: int) -> Array:
     return cross(along, frames[-1, 3] - frames[place, 3])
 
 
+def _screw_axis(twists: Array) -> int | None:
+    """The own axis along and about which all of the twists (n, 6) go; None where there is no such."""
+    acting = np.flatnonzero(twists.any(axis=0)) % 3
+    if acting.size == 0:
+        return Z
+    return int(acting[0]) if (acting == acting[0]).all() else None
+
+
 def _turn(frames: Array, about: int, cosine: Array, sine: Array) -> None:
     """Turn frames (x, y, z …; components; n) in place about their own axis ``about``."""
     u, v = frames[(about + 1) % 3], frames[(about + 2) % 3]
@@ -285,17 +308,17 @@ def _turn(frames: Array, about: int, cosine: Array, sine: Array) -> None:
     u[:] = turned
 
 
-def _displace(frames: Array, twist: Array) -> None:
-    """Displace frames (4, 3, n) in place by twists (n or 1, 6) in their own axes."""
-    moved = np.flatnonzero(twist.any(axis=0)) % 3
-    about = int(moved[0]) if moved.size else 0
-    if (moved == about).all():  # a screw, as an error of a DH value: a third of the work
-        shift, turn = twist[:, about], twist[:, 3 + about]
-        frames[3] += shift * frames[about]
+def _displace(frames: Array, twists: Array) -> None:
+    """Displace frames (4, 3, n) in place by twists (n, 6) in their own axes."""
+    about = _screw_axis(twists)
+    if about is None:
+        motions = np.broadcast_to(exp(twists), (frames.shape[2], 4, 4))
+        frames[:] = np.einsum("nij,icn->jcn", motions, frames)
+        return
+    shift, turn = twists[:, about], twists[:, 3 + about]
+    frames[3] += shift * frames[about]
+    if turn.any():
         _turn(frames, about, np.cos(turn), np.sin(turn))
-    else:
-        motion = np.broadcast_to(exp(twist), (frames.shape[2], 4, 4))
-        frames[:] = np.einsum("nij,icn->jcn", motion, frames)
 
 
 def _differentiate(
