@@ -19,6 +19,7 @@ from aacmm_pin._support.units import MM
 from aacmm_pin.arm import chain
 from aacmm_pin.arm.chain import Chain
 from aacmm_pin.arm.dh import DHTable
+from aacmm_pin.arm.example_robots import EXAMPLE_ROBOTS, urdf_of_robot
 from aacmm_pin.arm.file import ArmFile, Covariance, Urdf, UrdfArmFile, UrdfJoint, calibrated, read_arm_file
 from aacmm_pin.arm.parameter import Parameter
 from aacmm_pin.arm.pinocchio_model import chain_of, frame_number, joint_axes, onto_z, read_model, serial_part
@@ -86,12 +87,16 @@ class Arm(Shown):
 
     @staticmethod
     def load(name_or_path: str | Path) -> Arm:
-        """A bundled arm by name (``sino6``, ``zero6``) or an arm file by path.
+        """A bundled arm (``sino6``, ``zero6``) or example robot (``ur5``) by name, or an arm file by path.
 
         Raises:
             UnknownNameError, ArmFileError: see :func:`aacmm_pin.arm.file.read_arm_file` and :meth:`from_file`.
+            AacmmError: see :func:`aacmm_pin.arm.example_robots.urdf_of_robot`.
         """
-        return Arm.from_file(read_arm_file(name_or_path), str(name_or_path))
+        name = str(name_or_path)
+        if name in EXAMPLE_ROBOTS:
+            return Arm.from_urdf(name)
+        return Arm.from_file(read_arm_file(name_or_path), name)
 
     @staticmethod
     def from_file(arm: ArmFile | UrdfArmFile, path: str = "") -> Arm:
@@ -128,7 +133,7 @@ class Arm(Shown):
 
     @staticmethod
     def from_urdf(
-        path: str | Path, frame: str, *, translation_half_width: float = 0.0, rotation_half_width: float = 0.0
+        path: str | Path, frame: str = "", *, translation_half_width: float = 0.0, rotation_half_width: float = 0.0
     ) -> Arm:
         """Any fixed-base arm with revolute, continuous or prismatic joints, by its URDF.
 
@@ -138,8 +143,9 @@ class Arm(Shown):
         turns about the axes of the placement), each known within ± the half-width.
 
         Args:
-            path: URDF file; meshes are not needed.
-            frame: name of the link or frame whose origin is the tip.
+            path: URDF file; meshes are not needed. Or the name of a robot of example-robot-data, one
+                of :data:`aacmm_pin.arm.example_robots.EXAMPLE_ROBOTS`.
+            frame: name of the link or frame whose origin is the tip; such a robot has a default.
             translation_half_width: bound of every placement shift [m]; 0 states none, as does the next.
             rotation_half_width: bound of every placement turn [rad].
 
@@ -148,6 +154,9 @@ class Arm(Shown):
             UnsupportedArmError: a joint takes more than one number (planar, floating), or mimics one so that both move it.
             UnknownNameError: no such frame; lists the frames.
         """
+        if str(path) in EXAMPLE_ROBOTS:
+            frame = frame or EXAMPLE_ROBOTS[str(path)][1]
+            path = urdf_of_robot(str(path))
         model, sha256, mimics = read_model(path)
         arm = Arm.from_model(
             serial_part(model, frame, mimics),

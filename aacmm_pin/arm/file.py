@@ -48,6 +48,7 @@ from aacmm_pin._support.plausible import (
 )
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm.dh import KINDS, DHTable, table
+from aacmm_pin.arm.example_robots import EXAMPLE_ROBOTS
 from aacmm_pin.arm.parameter import Parameter
 from aacmm_pin.errors import AacmmError, ArmFileError, UnknownNameError
 
@@ -441,7 +442,8 @@ def read_arm_file(name_or_path: str | Path) -> ArmFile | UrdfArmFile:
     path = Path(name_or_path)
     try:
         if path.suffix != ".toml" and not path.exists():
-            raise UnknownNameError("arm", name, bundled_arms(), "or the path of an arm file, *.toml")
+            known = [*bundled_arms(), *EXAMPLE_ROBOTS]
+            raise UnknownNameError("arm", name, known, "or the path of an arm file, *.toml")
     except OSError as error:
         raise ArmFileError(name, "", f"cannot be read: {error.strerror}") from None
     content = content_of(path, MOST_BYTES, "an arm file, *.toml,", lambda message: ArmFileError(name, "", message))
