@@ -12,7 +12,10 @@ CHUNK = 2048
 
 def chunks(n: int, size: int = CHUNK) -> list[slice]:
     """Slices that cover ``range(n)`` in parts of ``size``."""
-    return [slice(start, min(start + size, n)) for start in range(0, n, size)]
+    parts = []
+    for start in range(0, n, size):
+        parts.append(slice(start, min(start + size, n)))
+    return parts
 
 
 def cross(u: Array, v: Array) -> Array:
@@ -21,7 +24,8 @@ def cross(u: Array, v: Array) -> Array:
     numpy.cross copies, and is several times slower here.
     """
     product = np.empty(np.broadcast_shapes(u.shape, v.shape))
-    product[..., 0, :] = u[..., 1, :] * v[..., 2, :] - u[..., 2, :] * v[..., 1, :]
-    product[..., 1, :] = u[..., 2, :] * v[..., 0, :] - u[..., 0, :] * v[..., 2, :]
-    product[..., 2, :] = u[..., 0, :] * v[..., 1, :] - u[..., 1, :] * v[..., 0, :]
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        ahead = u[..., j, :] * v[..., k, :]
+        product[..., i, :] = ahead - u[..., k, :] * v[..., j, :]
     return product

@@ -491,9 +491,10 @@ def as_arm(given: object, name: str = "arm") -> Arm:
 
 
 def _placement_parameters(model: Any, shift: float, turn: float) -> tuple[Parameter, ...]:
-    axes = [("x", "m"), ("y", "m"), ("z", "m"), ("rx", "rad"), ("ry", "rad"), ("rz", "rad")]
-    return tuple(
-        Parameter.bounded(f"{axis}{joint}", axis, joint, unit, 0.0, shift if unit == "m" else turn)
-        for joint in range(1, model.njoints)
-        for axis, unit in axes
-    )
+    parameters = []
+    for joint in range(1, model.njoints):
+        for axis in ("x", "y", "z"):
+            parameters.append(Parameter.bounded(f"{axis}{joint}", axis, joint, "m", 0.0, shift))
+        for axis in ("rx", "ry", "rz"):
+            parameters.append(Parameter.bounded(f"{axis}{joint}", axis, joint, "rad", 0.0, turn))
+    return tuple(parameters)

@@ -314,7 +314,9 @@ class UrdfArmFile(AnyArmFile):
     @property
     def corrections(self) -> Array:
         """Twist of every placement, shifts then turns (nq, 6) [m, rad]."""
-        return np.array([[*(x * MM for x in j.shift_mm), *j.turn_rad] for j in self.joints]).reshape(-1, 6)
+        shifts = np.array([joint.shift_mm for joint in self.joints]).reshape(-1, 3) * MM
+        turns = np.array([joint.turn_rad for joint in self.joints]).reshape(-1, 3)
+        return np.hstack([shifts, turns])
 
     @property
     def encoder_noise(self) -> Array | None:
@@ -359,8 +361,11 @@ class ArmFile(AnyArmFile):
     @property
     def dh(self) -> DHTable:
         """The DH table in SI."""
-        rows = np.array([[r.a_mm * MM, r.d_mm * MM, r.alpha_rad, r.theta_offset_rad] for r in self.joints])
-        return table(rows, self.convention, [not r.fixed for r in self.joints])
+        rows, moving = [], []
+        for row in self.joints:
+            rows.append([row.a_mm * MM, row.d_mm * MM, row.alpha_rad, row.theta_offset_rad])
+            moving.append(not row.fixed)
+        return table(np.array(rows), self.convention, moving)
 
     @property
     def moving_rows(self) -> list[Row]:
@@ -406,8 +411,16 @@ def _check_noise(noise: Mapping[int, float | None]) -> None:
 
 def calibrated(parameters: Iterable[Parameter], covariance: Covariance | None) -> tuple[Parameter, ...]:
     """The parameters, those that ``covariance`` names with its standard uncertainty u and ± k u as their bound."""
-    u = {} if covariance is None else dict(zip(covariance.parameters, covariance.standard_uncertainty_si, strict=True))
-    return tuple(replace(p, u=u[p.name], half_width=COVERAGE_FACTOR * u[p.name]) if p.name in u else p for p in parameters)
+    if covariance is None:
+        return tuple(parameters)
+    u = dict(zip(covariance.parameters, covariance.standard_uncertainty_si, strict=True))
+    found = []
+    for parameter in parameters:
+        if parameter.name in u:
+            own = u[parameter.name]
+            parameter = replace(parameter, u=own, half_width=COVERAGE_FACTOR * own)
+        found.append(parameter)
+    return tuple(found)
 
 
 def bundled_arms() -> list[str]:

@@ -78,8 +78,8 @@ def parsed_urdf(content: bytes, path: str) -> Element:
         raise ArmFileError(path, "", f"not a URDF: no well-formed XML: {error}") from None
     errors = [error for error in parser.error_log if error.domain_name != "NAMESPACE"]
     if errors:
-        what = f"not a URDF: no well-formed XML: {errors[0].message}"
-        raise ArmFileError(path, f"line {errors[0].line}", what)
+        first = errors[0]
+        raise ArmFileError(path, f"line {first.line}", f"not a URDF: no well-formed XML: {first.message}")
     if root is None:
         raise ArmFileError(path, "", "not a URDF: no well-formed XML: it has no element")
     if root.getroottree().docinfo.internalDTD is not None:
