@@ -21,7 +21,7 @@ from tests.test_rooms import MODULES, ROOMS, imports
 TOKENS: dict[str, int] = {
     "errors": 500,
     "_support": 7400,
-    "arm": 20700,
+    "arm": 20200,
     "effects": 26800,
     "postures": 27000,
     "measurements": 17700,
@@ -37,7 +37,7 @@ TOKENS: dict[str, int] = {
 DENSE: dict[str, int] = {
     "errors": 1,
     "_support": 6,
-    "arm": 40,
+    "arm": 27,
     "effects": 75,
     "postures": 56,
     "measurements": 46,
@@ -54,7 +54,7 @@ MOST_NODES = 23.0
 WIDE: dict[str, int] = {
     "errors": 8,
     "_support": 105,
-    "arm": 287,
+    "arm": 225,
     "effects": 432,
     "postures": 334,
     "measurements": 289,
