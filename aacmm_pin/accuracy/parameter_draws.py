@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
+from aacmm_pin._support.batches import chunks
 from aacmm_pin._support.checks import Array
 from aacmm_pin.accuracy.tip_sensitivity import ErrorSources
-from aacmm_pin.arm.dh import chunks
 from aacmm_pin.effects import Displacement, Effect, Term
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.error_model import ErrorModel, displaced

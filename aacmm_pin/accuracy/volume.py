@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any, Literal, cast, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
+from aacmm_pin._support.batches import CHUNK, chunks
 from aacmm_pin._support.checks import Array, Index, batch, whole
 from aacmm_pin._support.display import Shown, report
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.accuracy.tip_sensitivity import ErrorSources
-from aacmm_pin.arm.dh import CHUNK, chunks
 from aacmm_pin.arm.file import COVERAGE_FACTOR as K_OF_ONE_NUMBER
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.error_model import ErrorModel, GivenModel, loaded

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from aacmm_pin._support.angles import spread_angles
+from aacmm_pin._support.batches import chunks
 from aacmm_pin._support.checks import Array, Index, Mask, vector, whole
 from aacmm_pin._support.display import Shown, report
 from aacmm_pin._support.input_files import content_of
@@ -28,7 +29,6 @@ from aacmm_pin.accuracy.comprehensive_accuracy import configuration_weights
 from aacmm_pin.accuracy.tip_sensitivity import caveats
 from aacmm_pin.accuracy.volume import METHODS, AccuracyVolume, Method, accuracy_volume
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.dh import chunks
 from aacmm_pin.arm.limits import AT_LIMIT
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.error_model import ErrorModel, GivenModel, loaded

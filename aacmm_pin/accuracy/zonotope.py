@@ -9,10 +9,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from aacmm_pin._support.batches import chunks
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.compiled import twin_of
 from aacmm_pin.accuracy import zonotope_loop
-from aacmm_pin.arm.dh import chunks
 
 CHUNK = 256
 """Configurations handled at once: the pair normals of 24 generators then fit in the processor's cache."""

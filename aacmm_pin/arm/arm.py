@@ -19,6 +19,7 @@ from aacmm_pin._support.units import MM
 from aacmm_pin.arm import chain
 from aacmm_pin.arm.chain import Chain
 from aacmm_pin.arm.dh import DHTable
+from aacmm_pin.arm.example_robots import EXAMPLE_ROBOTS, urdf_of_robot
 from aacmm_pin.arm.file import ArmFile, Covariance, Urdf, UrdfArmFile, UrdfJoint, calibrated, read_arm_file
 from aacmm_pin.arm.parameter import Parameter
 from aacmm_pin.arm.pinocchio_model import chain_of, frame_number, joint_axes, onto_z, read_model, serial_part
@@ -86,12 +87,16 @@ class Arm(Shown):
 
     @staticmethod
     def load(name_or_path: str | Path) -> Arm:
-        """A bundled arm by name (``sino6``, ``zero6``) or an arm file by path.
+        """A bundled arm (``sino6``, ``zero6``) or example robot (``ur5``) by name, or an arm file by path.
 
         Raises:
             UnknownNameError, ArmFileError: see :func:`aacmm_pin.arm.file.read_arm_file` and :meth:`from_file`.
+            AacmmError: see :func:`aacmm_pin.arm.example_robots.urdf_of_robot`.
         """
-        return Arm.from_file(read_arm_file(name_or_path), str(name_or_path))
+        name = str(name_or_path)
+        if name in EXAMPLE_ROBOTS:
+            return Arm.from_urdf(name)
+        return Arm.from_file(read_arm_file(name_or_path), name)
 
     @staticmethod
     def from_file(arm: ArmFile | UrdfArmFile, path: str = "") -> Arm:
@@ -128,7 +133,7 @@ class Arm(Shown):
 
     @staticmethod
     def from_urdf(
-        path: str | Path, frame: str, *, translation_half_width: float = 0.0, rotation_half_width: float = 0.0
+        path: str | Path, frame: str = "", *, translation_half_width: float = 0.0, rotation_half_width: float = 0.0
     ) -> Arm:
         """Any fixed-base arm with revolute, continuous or prismatic joints, by its URDF.
 
@@ -138,8 +143,9 @@ class Arm(Shown):
         turns about the axes of the placement), each known within ± the half-width.
 
         Args:
-            path: URDF file; meshes are not needed.
-            frame: name of the link or frame whose origin is the tip.
+            path: URDF file; meshes are not needed. Or the name of a robot of example-robot-data, one
+                of :data:`aacmm_pin.arm.example_robots.EXAMPLE_ROBOTS`.
+            frame: name of the link or frame whose origin is the tip; such a robot has a default.
             translation_half_width: bound of every placement shift [m]; 0 states none, as does the next.
             rotation_half_width: bound of every placement turn [rad].
 
@@ -148,6 +154,9 @@ class Arm(Shown):
             UnsupportedArmError: a joint takes more than one number (planar, floating), or mimics one so that both move it.
             UnknownNameError: no such frame; lists the frames.
         """
+        if str(path) in EXAMPLE_ROBOTS:
+            frame = frame or EXAMPLE_ROBOTS[str(path)][1]
+            path = urdf_of_robot(str(path))
         model, sha256, mimics = read_model(path)
         arm = Arm.from_model(
             serial_part(model, frame, mimics),
@@ -276,8 +285,8 @@ class Arm(Shown):
 
     @cached_property
     def chain(self) -> Chain:
-        """The arm as a chain of places, to be walked without Pinocchio."""
-        return Chain.of_dh(self.dh) if self.dh is not None else chain_of(self.model, self.tip)
+        """Its kinematics: the arm as a chain of places."""
+        return chain_of(self.model, self.tip) if self.dh is None else self.dh.chain
 
     @cached_property
     def masses(self) -> Array | None:
@@ -288,12 +297,11 @@ class Arm(Shown):
     @cached_property
     def centres_of_mass(self) -> Array:
         """Centre of mass of that body in the axes of the ``axis`` (rows, 3) [m]; zero where there is no mass."""
-        bodies = zip(self.joint_axes, self.model.inertias.tolist()[1:], strict=True)
-        of_joints = [onto_z(axis).T @ body.lever if body.mass > 0.0 else np.zeros(3) for axis, body in bodies]
-        centres = self._over_rows(np.array(of_joints))
-        if self.dh is not None and not self.dh.standard:
-            centres[self.dh.moving, 2] -= self.dh.d[self.dh.moving]
-        return centres
+        centres = np.zeros((self.nq, 3))
+        for joint, body in enumerate(self.model.inertias.tolist()[1:]):
+            if body.mass > 0.0:
+                centres[joint] = self._on_axis(joint, body.lever)
+        return self._over_rows(centres)
 
     def foot(self, row: int) -> int:
         """Place on the axis of ``row`` where its body begins: in modified DH before its d, which ``axis row`` is behind."""
@@ -314,8 +322,7 @@ class Arm(Shown):
         if at is None or at == self.tip:
             return self.chain.tip
         dh = self.require_dh(f"looking at frame {at!r}")
-        row = self._known_row(at)
-        return (chain.end if dh.standard else chain.axis)(row) if row else chain.end(0)
+        return dh.place(self._known_row(at))
 
     def poses(self, q: Array, at: str | None = None) -> Poses:
         """The arm at configurations ``q`` (n, nq) [rad], looked at in frame ``at`` (default: the tip), by Pinocchio.
@@ -330,29 +337,26 @@ class Arm(Shown):
 
     def positions(self, q: Array, at: str | None = None) -> Array:
         """Origin of frame ``at`` (default: the tip) for ``q`` (n, nq) [rad]: (n, 3) [m]."""
-        row = self.dh_row(at)
-        if self.dh is None or row is None:
-            return self.poses(q, at).position
-        return self.dh.positions(q, row)
+        chain_to = self._chain_to(at)
+        return chain_to.positions(batch(q, self.nq, "q", "rad"))
 
     def sensitivity(self, q: Array, at: str | None = None) -> Array:
-        """∂(origin of frame ``at``)/∂parameters for ``q`` (n, nq) [rad]: (n, 3, len(parameters)) [m/unit].
+        """∂(origin of frame ``at``)/∂parameters for ``q`` (n, nq) [rad]: (n, 3, p) [m/unit].
 
-        The closed form of :meth:`DHTable.sensitivity` where there is a DH table, Pinocchio's regressor elsewhere.
+        In closed form, see :mod:`aacmm_pin.arm.chain`; the p columns are of :attr:`parameters`.
         """
-        if self.dh is None:
-            return self.poses(q, at).placement_sensitivity
-        return self.dh.sensitivity(q, self._known_row(at))
+        chain_to = self._chain_of_parameters(at)
+        return chain_to.position_and_sensitivity(batch(q, self.nq, "q", "rad"))[1]
 
     def jacobian(self, q: Array, at: str | None = None) -> Array:
         """∂(origin of frame ``at``)/∂q for ``q`` (n, nq) [rad]: (n, 3, nq) [m/rad]."""
-        row = self.dh_row(at)
-        if self.dh is None or row is None:
-            return self.poses(q, at).jacobian[:, :3]
-        return self.dh.sensitivity(q, row)[:, :, 3::4][:, :, self.dh.moving]
+        chain_to = self._chain_to(at)
+        return chain_to.position_and_jacobian(batch(q, self.nq, "q", "rad"))[1]
 
     def perturbed_positions(self, q: Array, errors: Array, at: str | None = None) -> Array:
         """Exact positions under many draws of parameter errors; nothing is linearised.
+
+        Errors of a joint placement are a twist, as corrections in an arm file are.
 
         Args:
             q: one configuration (1, nq), or one for each draw (m, nq) [rad].
@@ -367,19 +371,32 @@ class Arm(Shown):
         if len(q) not in (1, len(errors)):
             raise ShapeError(f"q has {len(q)} rows, expected 1 or as many as errors has, {len(errors)}")
         q = np.broadcast_to(q, (len(errors), self.nq))
-        if self.dh is None:
-            return self._perturbed_by_pinocchio(q, errors, frame_number(self.model, at or self.tip))
-        return self.dh.positions(q, self._known_row(at), errors.reshape(len(errors), -1, 4))
+        return self._chain_of_parameters(at).positions(q, errors)
 
-    def _perturbed_by_pinocchio(self, q: Array, errors: Array, frame: int) -> Array:
-        model, data = self.model.copy(), self.model.createData()
-        positions = np.empty((len(errors), 3))
-        for k, error in enumerate(errors.reshape(len(errors), -1, 6)):
-            for joint, step in enumerate(error, start=1):
-                model.jointPlacements[joint] = self.model.jointPlacements[joint] * pin.SE3(pin.exp3(step[3:]), step[:3])
-            pin.forwardKinematics(model, data, q[k])
-            positions[k] = pin.updateFramePlacement(model, data, frame).translation
-        return positions
+    def _chain_to(self, at: str | None) -> Chain:
+        """The chain up to the origin of frame ``at`` (default: the tip)."""
+        if at is None or at == self.tip:
+            return self.chain
+        if self.dh_row(at) is not None:
+            return self.chain.cut(self.place(at))
+        frame = self.model.frames[frame_number(self.model, at)]
+        joint = frame.parentJoint - 1
+        if joint < 0:
+            return self.chain.cut(chain.BASE, frame.placement.translation)
+        return self.chain.cut(self.chain.moving_axes()[joint], self._on_axis(joint, frame.placement.translation))
+
+    def _chain_of_parameters(self, at: str | None) -> Chain:
+        """The same; of an arm with a DH table that ends in a frame of the table."""
+        if self.dh is not None:
+            self._known_row(at)
+        return self._chain_to(at)
+
+    def _on_axis(self, joint: int, point: Array) -> Array:
+        """A point (3,) [m] in the frame of Pinocchio's ``joint``, from 0, in the axes of its place."""
+        turned = onto_z(self.joint_axes[joint]).T @ point
+        if self.dh is not None and not self.dh.standard:
+            turned[2] -= self.dh.d[self.dh.moving][joint]
+        return np.asarray(turned)
 
     def _known_row(self, at: str | None) -> int:
         row = self.dh_row(at)
@@ -474,9 +491,10 @@ def as_arm(given: object, name: str = "arm") -> Arm:
 
 
 def _placement_parameters(model: Any, shift: float, turn: float) -> tuple[Parameter, ...]:
-    axes = [("x", "m"), ("y", "m"), ("z", "m"), ("rx", "rad"), ("ry", "rad"), ("rz", "rad")]
-    return tuple(
-        Parameter.bounded(f"{axis}{joint}", axis, joint, unit, 0.0, shift if unit == "m" else turn)
-        for joint in range(1, model.njoints)
-        for axis, unit in axes
-    )
+    parameters = []
+    for joint in range(1, model.njoints):
+        for axis in ("x", "y", "z"):
+            parameters.append(Parameter.bounded(f"{axis}{joint}", axis, joint, "m", 0.0, shift))
+        for axis in ("rx", "ry", "rz"):
+            parameters.append(Parameter.bounded(f"{axis}{joint}", axis, joint, "rad", 0.0, turn))
+    return tuple(parameters)

@@ -1,34 +1,52 @@
-"""The arm as a chain of places at which something may be displaced, and the walk along it; pure NumPy.
+"""The kinematics: an arm as a chain of places at which something may be displaced, and the walk along it.
 
 The places, from the base to the tip, with i from 1 to the number of rows:
 
 - ``base``: the base frame;
 - ``end 0``: where the base ends and joint 1 begins, not yet turned;
-- ``axis i``: on the axis of row i, turned with it, z along the axis: what sits here moves with body i. In standard DH its
-  origin is that of frame i-1, in modified DH that of frame i;
+- ``axis i``: on the axis of row i, turned with it, z along the axis: what sits here moves with
+  body i. In standard DH its origin is that of frame i-1, in modified DH that of frame i;
 - ``end i``: where body i ends and the next begins;
-- ``tip``: the origin of the last frame once more, so that a stylus can be shifted apart from the last body.
+- ``tip``: the origin of the last frame once more, so that a stylus can be shifted apart from the
+  last body.
 
-Each place is a constant transform behind the one before, followed at an ``axis`` by the joint's own motion. A displacement
-is a twist ξ = (v, ω) in the axes of its place, and acts as ``exp(ξ)`` behind it; nothing is linearised. Standard DH puts
-(d, θ) of row i at ``axis i`` and (a, α) at ``end i``; modified DH puts (a, α) at ``end i-1``. Two screws about one axis
-commute, so displacing a place by (δa, δα) is exactly the arm with a + δa, α + δα.
+Each place is a constant transform behind the one before, followed at an ``axis`` by the joint's
+own motion. A displacement is a twist ξ = (v, ω) in the axes of its place, and acts as ``exp(ξ)``
+behind it; nothing is linearised.
+
+Its derivative is in closed form. A unit shift along an axis of its place moves the tip p along that
+axis, a unit turn about it by ``axis × (p - o)``, o the origin of the place.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from aacmm_pin._support.batches import chunks, cross
 from aacmm_pin._support.checks import Array, Index
-from aacmm_pin.arm.dh import DHTable
+from aacmm_pin._support.compiled import Loop
 
 OF_A_POSE = 6
 """Joints with which an arm can take a whole pose; one with fewer brings only its point."""
 BASE = 0
+V_X, V_Y, V_Z, OMEGA_X, OMEGA_Y, OMEGA_Z = range(6)
+"""Components of a twist."""
+Z = 2
+"""Number of the axis along or about which joints move."""
+ALONG_Z = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+NO_PLACE = -1
+"""Place of a parameter or joint that does not move the tip."""
+LARGE_BATCH = 14_000
+"""Configurations from which on the compiled loop is used: NumPy takes 15 ms for these, loading the
+loop takes half a second once. It is two times faster, and differs from NumPy in the last digits."""
+LANES = 128
+"""Configurations side by side in the processor's wide registers."""
+SMALL_ANGLE_SQUARED = 1e-6
+"""Below it the coefficients of :func:`exp` are those of their series [rad²]."""
 
 
 def axis(row: int) -> int:
@@ -49,36 +67,36 @@ class Chain:
         constant: constant transform of each place behind the one before (places, 4, 4) [m].
         joint: number of the joint that moves a place, counted from 0; -1 where none (places,).
         prismatic: (nq,) True where a joint slides along z instead of turning about it.
+        parameters: place of each geometric parameter, and component of the twist that an error in
+            it is (p, 2); place -1 where the tip does not depend on it.
     """
 
     constant: Array
     joint: NDArray[np.intp]
     prismatic: NDArray[np.bool_]
+    parameters: Index
 
     @staticmethod
-    def of_dh(dh: DHTable) -> Chain:
-        """The chain of a DH table; fixed rows have an ``axis`` that does not move."""
-        turns, slides, tilts = (screws(*values) for values in ((dh.theta_offset, 0, 2), (0, dh.d, 2), (dh.alpha, dh.a, 0)))
-        axes, ends = [], [np.eye(4)]
-        for turn, slide, tilt in zip(turns, slides, tilts, strict=True):
-            if dh.standard:
-                axes.append(turn)
-                ends.append(slide @ tilt)
-            else:
-                ends[-1] = ends[-1] @ tilt
-                axes.append(turn @ slide)
-                ends.append(np.eye(4))
-        numbers = np.where(dh.moving, np.cumsum(dh.moving) - 1, -1)
-        return Chain.of_pieces(axes, ends, numbers, np.zeros(dh.nq, dtype=bool))
+    def of_pieces(
+        axes: list[Array],
+        ends: list[Array],
+        joints: Array | Index,
+        prismatic: NDArray[np.bool_],
+        parameters: list[tuple[int, int]],
+    ) -> Chain:
+        """The chain with these constant transforms before ``axis`` 1 … and before ``end`` 0 ….
 
-    @staticmethod
-    def of_pieces(axes: list[Array], ends: list[Array], joints: Array | Index, prismatic: NDArray[np.bool_]) -> Chain:
-        """The chain with these constant transforms before ``axis`` 1 … and before ``end`` 0 …; ``joints`` of the axes."""
+        Args:
+            axes, ends: transforms (4, 4) [m], one more of the ends.
+            joints: number of the joint of each axis, -1 where it is rigid.
+            prismatic, parameters: see :class:`Chain`.
+        """
         constant, joint = [np.eye(4), ends[0]], [-1, -1]
         for before_axis, before_end, number in zip(axes, ends[1:], joints, strict=True):
             constant += [before_axis, before_end]
             joint += [int(number), -1]
-        return Chain(np.stack([*constant, np.eye(4)]), np.array([*joint, -1]), prismatic)
+        of_parameters = np.array(parameters, dtype=np.intp).reshape(-1, 2)
+        return Chain(np.stack([*constant, np.eye(4)]), np.array([*joint, -1]), prismatic, of_parameters)
 
     @property
     def places(self) -> int:
@@ -108,11 +126,80 @@ class Chain:
         """The rows (from 1) that have a joint, in the order of the joints."""
         return [place // 2 for place in self.moving_axes()]
 
+    def cut(self, place: int, offset: Array | None = None) -> Chain:
+        """The chain whose tip is at ``place``, shifted by ``offset`` (3,) [m] in the axes there.
+
+        It has the same joints and parameters; those beyond do not move its tip.
+        """
+        tip = np.eye(4)
+        if offset is not None:
+            tip[:3, 3] = offset
+        return replace(
+            self,
+            constant=np.concatenate([self.constant[: place + 1], tip[None]]),
+            joint=np.append(self.joint[: place + 1], -1),
+            parameters=np.where(self.parameters[:, :1] <= place, self.parameters, NO_PLACE),
+        )
+
+    def positions(self, q: Array, errors: Array | None = None) -> Array:
+        """Position of the tip for already checked ``q`` (n, nq) [rad, m]: (n, 3) [m].
+
+        Args:
+            q: configurations (n, nq).
+            errors: added to the parameters, (n, p) or (1, p) [m, rad]; nothing is linearised.
+        """
+        if errors is None:
+            return self._differentiated(q, np.empty((0, 2), dtype=np.intp))[0]
+        twists = self._twists(errors)
+        position = np.empty((len(q), 3))
+        for part in chunks(len(q)):
+            own = {place: t if len(t) == 1 else t[part] for place, t in twists.items()}
+            position[part] = self.walk(q[part], own)[1][-1]
+        return position
+
+    def position_and_jacobian(self, q: Array) -> tuple[Array, Array]:
+        """Position (n, 3) [m], and its derivative by the joints (n, 3, nq) [m/rad; 1 for a slide].
+
+        ``q`` (n, nq) is already checked.
+        """
+        joints = np.full((self.nq, 2), NO_PLACE)
+        moving = np.flatnonzero(self.joint >= 0)
+        joints[self.joint[moving], 0] = moving
+        joints[:, 1] = np.where(self.prismatic, V_Z, OMEGA_Z)
+        position, columns = self._differentiated(q, joints)
+        return position, np.ascontiguousarray(columns)
+
+    def position_and_sensitivity(self, q: Array) -> tuple[Array, Array]:
+        """Position (n, 3) [m], and its derivative by the parameters (n, 3, p) [m/m, m/rad].
+
+        ``q`` (n, nq) is already checked.
+        """
+        return self._differentiated(q, self.parameters)
+
+    def _differentiated(self, q: Array, twists: Index) -> tuple[Array, Array]:
+        """Position (n, 3), and its derivative by components of twists, place and number (k, 2)."""
+        n = len(q)
+        position, columns = np.empty((n, 3)), np.zeros((3, len(twists), n))
+        loop = LOOP.wanted(n >= LARGE_BATCH)
+        for part in chunks(n):
+            if loop is None:
+                frames = self._frames(q[part], {})
+                position[part] = frames[-1, 3].T
+                for k, (place, component) in enumerate(twists.tolist()):
+                    if place != NO_PLACE:
+                        columns[:, k, part] = _derivative(frames, place, component)
+            else:
+                angles = np.ascontiguousarray(q[part].T)
+                of_chain = self.constant, self.joint, self.prismatic, twists
+                loop(*of_chain, np.cos(angles), np.sin(angles), angles, part.start, position, columns)
+        return position, columns.transpose(2, 0, 1)
+
     def jacobian(self, rotation: Array, origin: Array, point: Array) -> tuple[Array, Array]:
         """Motion of a point (n, 3) [m] of the last body by the joints, from the frames of a :meth:`walk`.
 
         Returns:
-            shifts of the point (n, 3, nq) [m/rad; 1 where a joint slides] and turns of the body (n, 3, nq) [1].
+            shifts of the point (n, 3, nq) [m/rad; 1 where a joint slides] and turns of the body
+            (n, 3, nq) [1].
         """
         places = self.moving_axes()
         z = rotation[places, :, :, 2]
@@ -122,35 +209,63 @@ class Chain:
         return np.ascontiguousarray(shifts.transpose(1, 2, 0)), turns.transpose(1, 2, 0)
 
     def walk(self, q: Array, twists: Mapping[int, Array] | None = None) -> tuple[Array, Array]:
-        """Frames of all places for already checked ``q`` (n, nq), each behind the displacement of its own place.
+        """Frames of all places for already checked ``q`` (n, nq), each behind its displacement.
 
         Args:
             q: joint values (n, nq) [rad, m].
-            twists: displacement of some places: (n, 6) or (1, 6), v then ω in the place's axes [m, rad].
+            twists: displacement of some places: (n, 6) or (1, 6), v then ω in the axes of the
+                place [m, rad].
 
         Returns:
             rotation (places, n, 3, 3) and origin (places, n, 3) [m], in the base.
         """
-        n = len(q)
-        frames = np.empty((self.places, 4, 3, n))  # x, y, z and origin, components, and the records last: see dh
-        before, angles = np.zeros((4, 3, n)), q.T
-        before[:3] = np.eye(3)[:, :, None]
-        cosine, sine = np.cos(angles), _both_signs(np.sin(angles))
-        constants, left = self._with_constant(twists or {})
-        for place, (constant, joint) in enumerate(zip(constants, self.joint.tolist(), strict=True)):
-            here = frames[place]
-            np.matmul(constant.T, before.reshape(4, -1), out=here.reshape(4, -1))
-            if joint >= 0 and self.prismatic[joint]:
-                here[3] += angles[joint] * here[2]
-            elif joint >= 0:
-                _about_z(here, cosine[joint], sine[joint])
-            if place in left and not left[place][:, :5].any():  # as an encoder's error: a third of the work
-                turn = left[place][:, 5]
-                _about_z(here, np.cos(turn), _both_signs(np.sin(turn)))
-            elif place in left:
-                here[:] = np.einsum("nij,icn->jcn", np.broadcast_to(exp(left[place]), (n, 4, 4)), here)
-            before = here
+        frames = self._frames(q, twists or {})
         return frames[:, :3].transpose(0, 3, 2, 1), frames[:, 3].transpose(0, 2, 1)
+
+    def _frames(self, q: Array, twists: Mapping[int, Array]) -> Array:
+        """The same as x, y, z and origin, their components, and the records last (places, 4, 3, n).
+
+        Whole-array arithmetic on such rows is several times faster than stacks of 3×3 products.
+        """
+        n = len(q)
+        frames = np.empty((self.places, 4, 3, n))
+        before = np.zeros((4, 3, n))
+        before[:3] = np.eye(3)[:, :, None]
+        constants, varying = self._with_constant(twists)
+        values, varying = self._with_joints(q.T, varying)
+        cosine, sine = np.cos(values), np.sin(values)
+        for place, joint in enumerate(self.joint.tolist()):
+            here = frames[place]
+            np.matmul(constants[place].T, before.reshape(4, -1), out=here.reshape(4, -1))
+            if joint >= 0 and self.prismatic[joint]:
+                here[3] += values[joint] * here[Z]
+            elif joint >= 0:
+                _turn(here, Z, cosine[joint], sine[joint])
+            if place in varying:
+                _displace(here, varying[place])
+            before = here
+        return frames
+
+    def _with_joints(self, values: Array, twists: Mapping[int, Array]) -> tuple[Array, Mapping[int, Array]]:
+        """Joint values (nq, n) with the turns that displacements make about a joint's axis, and the other twists."""
+        others = dict(twists)
+        for place, twist in twists.items():
+            joint = self.joint[place]
+            if joint >= 0 and not self.prismatic[joint] and _screw_axis(twist) == Z:
+                values = values.copy()
+                values[joint] += twist[:, OMEGA_Z]
+                others[place] = twist * ALONG_Z
+        return values, others
+
+    def _twists(self, errors: Array) -> dict[int, Array]:
+        """Twists (n, 6) of the places by ``errors`` in the parameters (n, p)."""
+        place, component = self.parameters.T
+        twists = {}
+        for here in np.unique(place[place != NO_PLACE]).tolist():
+            own = np.flatnonzero(place == here)
+            twists[here] = np.zeros((6, len(errors))).T  # components contiguous
+            twists[here][:, component[own]] = errors[:, own]
+        return twists
 
     def _with_constant(self, twists: Mapping[int, Array]) -> tuple[Array, Mapping[int, Array]]:
         """The constant transforms with those displacements that are the same in every record, and the others.
@@ -167,6 +282,127 @@ class Chain:
         return constants, {place: twist for place, twist in twists.items() if place not in places}
 
 
+def _derivative(frames: Array, place: int, component: int) -> Array:
+    """Derivative of the last origin by a component of the twist of a place (3, n); frames (places, 4, 3, n)."""
+    along = np.asarray(frames[place, component % 3])
+    if component < OMEGA_X:
+        return along
+    return cross(along, frames[-1, 3] - frames[place, 3])
+
+
+def _screw_axis(twists: Array) -> int | None:
+    """The own axis along and about which all of the twists (n, 6) go; None where there is no such."""
+    acting = np.flatnonzero(twists.any(axis=0)) % 3
+    if acting.size == 0:
+        return Z
+    return int(acting[0]) if (acting == acting[0]).all() else None
+
+
+def _turn(frames: Array, about: int, cosine: Array, sine: Array) -> None:
+    """Turn frames (x, y, z …; components; n) in place about their own axis ``about``."""
+    u, v = frames[(about + 1) % 3], frames[(about + 2) % 3]
+    turned = cosine * u
+    turned += sine * v
+    v *= cosine
+    v -= sine * u
+    u[:] = turned
+
+
+def _displace(frames: Array, twists: Array) -> None:
+    """Displace frames (4, 3, n) in place by twists (n, 6) in their own axes."""
+    about = _screw_axis(twists)
+    if about is None:
+        motions = np.broadcast_to(exp(twists), (frames.shape[2], 4, 4))
+        frames[:] = np.einsum("nij,icn->jcn", motions, frames)
+        return
+    shift, turn = twists[:, about], twists[:, 3 + about]
+    frames[3] += shift * frames[about]
+    if turn.any():
+        _turn(frames, about, np.cos(turn), np.sin(turn))
+
+
+def _differentiate(
+    constant: Array,
+    joint: Index,
+    prismatic: NDArray[np.bool_],
+    twists: Index,
+    cosine: Array,
+    sine: Array,
+    value: Array,
+    start: int,
+    position: Array,
+    columns: Array,
+) -> None:  # pragma: no cover, for numba compiles it
+    """What :meth:`Chain._differentiated` does in NumPy, in loops: of a part of the records, from ``start`` on.
+
+    ``cosine``, ``sine`` and ``value`` are those of the joints (nq, n of the part); the results go
+    into ``position`` (all, 3) and ``columns`` (3, k, all).
+    """
+    places, n = len(constant), cosine.shape[1]
+    frames = np.empty((places + 1, 4, 3, LANES))
+    frames[0] = 0.0
+    lever, turned = np.empty((3, LANES)), np.empty(LANES)
+    for k in range(3):
+        frames[0, k, k] = 1.0
+    for first in range(0, n, LANES):
+        width = min(LANES, n - first)
+        for place in range(places):
+            before, here, number = frames[place], frames[place + 1], joint[place]
+            for k in range(4):
+                for i in range(3):
+                    sum_ = here[k, i]
+                    sum_[:] = 0.0
+                    for m in range(4):
+                        factor, term = constant[place, m, k], before[m, i]
+                        if factor != 0.0:
+                            for lane in range(width):
+                                sum_[lane] += factor * term[lane]
+            if number >= 0 and prismatic[number]:
+                for i in range(3):
+                    for lane in range(width):
+                        here[3, i, lane] += value[number, first + lane] * here[2, i, lane]
+            elif number >= 0:
+                c, s = cosine[number, first : first + width], sine[number, first : first + width]
+                for i in range(3):
+                    u, v = here[0, i], here[1, i]
+                    for lane in range(width):
+                        turned[lane] = c[lane] * u[lane] + s[lane] * v[lane]
+                    for lane in range(width):
+                        v[lane] = c[lane] * v[lane] - s[lane] * u[lane]
+                    for lane in range(width):
+                        u[lane] = turned[lane]
+        tip, begin = frames[places, 3], start + first
+        for i in range(3):
+            for lane in range(width):
+                position[begin + lane, i] = tip[i, lane]
+        for k in range(len(twists)):
+            place, component = twists[k, 0], twists[k, 1]
+            if place < 0:
+                continue
+            along, origin = frames[place + 1, component % 3], frames[place + 1, 3]
+            if component < 3:
+                for i in range(3):
+                    column = columns[i, k, begin : begin + width]
+                    for lane in range(width):
+                        column[lane] = along[i, lane]
+                continue
+            for i in range(3):
+                for lane in range(width):
+                    lever[i, lane] = tip[i, lane] - origin[i, lane]
+            for i in range(3):
+                j, m = (i + 1) % 3, (i + 2) % 3
+                u, v, w, x = along[j], along[m], lever[j], lever[m]
+                column = columns[i, k, begin : begin + width]
+                for lane in range(width):
+                    column[lane] = u[lane] * x[lane] - v[lane] * w[lane]
+
+
+LOOP = Loop(
+    _differentiate,
+    "void(f8[:, :, ::1], i8[::1], b1[::1], i8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], i8, f8[:, ::1], f8[:, :, ::1])",
+)
+
+
 def exp(twist: Array) -> Array:
     """Rigid motions (n, 4, 4) [m] of twists (n, 6), v then ω [m, rad], by Rodrigues' formula.
 
@@ -175,7 +411,7 @@ def exp(twist: Array) -> Array:
     """
     v, w = twist[:, :3], twist[:, 3:]
     squared = np.einsum("ni,ni->n", w, w)[:, None, None]
-    small = squared < 1e-6
+    small = squared < SMALL_ANGLE_SQUARED
     phi = np.sqrt(np.where(small, 1.0, squared))
     a = np.where(small, 1.0 - squared / 6.0, np.sin(phi) / phi)
     b = np.where(small, 0.5 - squared / 24.0, (1.0 - np.cos(phi)) / phi**2)
@@ -192,18 +428,6 @@ def skew(w: Array) -> Array:
     cross = np.zeros((len(w), 3, 3))
     cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = -w[:, 2], w[:, 1], -w[:, 0]
     return cross - cross.transpose(0, 2, 1)
-
-
-def _about_z(frames: Array, cosine: Array, sine: Array) -> None:
-    """Frames (x, y, z …; components; n) turned in place about their own z; ``sine`` as :func:`_both_signs` gives it."""
-    turned = frames[1::-1] * sine
-    frames[:2] *= cosine
-    frames[:2] += turned
-
-
-def _both_signs(sine: Array) -> Array:
-    """Sines (…, n) as x and as y need them (…, 2, 1, n)."""
-    return np.stack([sine, -sine], axis=-2)[..., None, :]
 
 
 def screws(angle: Array | float, length: Array | float, axis: int) -> Array:

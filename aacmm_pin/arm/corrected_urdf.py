@@ -1,49 +1,27 @@
-"""A URDF file with the placements of its joints as a calibration found them; all else stays byte for byte as it was."""
+"""A URDF file with the placements of its joints as a calibration found them; comments and all else stay."""
 
 from __future__ import annotations
 
 import hashlib
-import re
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
-from xml.parsers import expat
 
 import numpy as np
 import pinocchio as pin
+from lxml import etree
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.urdf_check import Element, parsed_urdf
 from aacmm_pin.errors import AacmmError, UnsupportedArmError
-
-_TAG = re.compile(rb"""<(?:[^>"']|"[^"]*"|'[^']*')*>""")
-
-
-@dataclass
-class _Joint:
-    """Where a joint states its origin.
-
-    Attributes:
-        kind: type of the joint.
-        start, end: bytes of its tag ``<origin …>``; both behind the joint's own tag where it has none.
-        closed: True where the tag has no end tag of its own.
-        origin: attributes of that tag.
-        child: link that it carries.
-    """
-
-    kind: str
-    start: int
-    end: int
-    closed: bool = True
-    origin: dict[str, str] = field(default_factory=dict)
-    child: str = ""
 
 
 def corrected_urdf(arm: Arm, tip_shift: Array | None = None) -> bytes:
     """The URDF file that an arm came from, with the joint placements that the arm has now.
 
-    Pinocchio gathers fixed joints into the placement of the next moving one. A correction acts behind that placement, so
-    it goes into the origin of the moving joint alone: ``origin_new = origin (placement_before⁻¹ placement_after)``.
+    Pinocchio gathers fixed joints into the placement of the next moving one. A correction acts
+    behind that placement, so it goes into the origin of the moving joint alone:
+    ``origin_new = origin (placement_before⁻¹ placement_after)``.
 
     Args:
         arm: the arm.
@@ -51,79 +29,57 @@ def corrected_urdf(arm: Arm, tip_shift: Array | None = None) -> bytes:
 
     Raises:
         AacmmError: the file cannot be read, or was changed since the arm was made from it.
-        UnsupportedArmError: the arm did not come as a URDF file; or the tip is to be shifted, but its link has no fixed
-            joint of its own.
+        UnsupportedArmError: the arm did not come as a URDF file; or the tip is to be shifted, but
+            its link has no fixed joint of its own.
     """
     urdf = arm.urdf_file.urdf
     if not urdf.file:
         raise UnsupportedArmError(f"{arm.name}: was made from no file that could be corrected; a pipe is none")
     try:
-        text = Path(urdf.file).read_bytes()
-        if hashlib.sha256(text).hexdigest() != urdf.sha256:
-            raise AacmmError(f"it was changed since {arm.name} was made from it")
-        joints = _joints(text)
+        content = Path(urdf.file).read_bytes()
     except OSError as error:
         raise AacmmError(f"{urdf.file}: cannot be read: {error.strerror}") from None
-    except (AacmmError, expat.ExpatError) as error:
-        raise AacmmError(f"{urdf.file}: cannot be corrected: {error}") from None
-    motions = {}
-    for number, name in enumerate(arm.joint_names, start=1):
-        old, new = (model.jointPlacements[number] for model in (arm.nominal, arm.model))
-        if old != new:
-            motions[name] = old.actInv(new)
+    if hashlib.sha256(content).hexdigest() != urdf.sha256:
+        raise AacmmError(f"{urdf.file}: was changed since {arm.name} was made from it")
+    robot = parsed_urdf(content, urdf.file)
+    joints = {joint.get("name"): joint for joint in robot.findall("joint")}
+    motions = _corrections(arm)
     if tip_shift is not None and np.any(tip_shift):
         motions[_joint_of_tip(joints, arm)] = pin.SE3(np.eye(3), np.array(tip_shift))
-    for name in sorted(motions, key=lambda name: -joints[name].start):  # from the end, so that earlier places stay
-        text = _moved(text, joints[name], motions[name])
-    return text
+    if not motions:
+        return content
+    for name, motion in motions.items():
+        _move(joints[name], motion)
+    tree = robot.getroottree()
+    return bytes(etree.tostring(tree, xml_declaration=True, encoding=tree.docinfo.encoding or "utf-8"))
 
 
-def _joints(text: bytes) -> dict[str, _Joint]:
-    """The joints of a URDF by name."""
-    joints: dict[str, _Joint] = {}
-    path: list[str] = []
-    parser = expat.ParserCreate()
-
-    def span(name: str) -> tuple[int, int]:
-        tag = _TAG.match(text, parser.CurrentByteIndex)
-        if tag is None or not tag[0].startswith(b"<" + name.encode()):
-            raise AacmmError("its encoding has tags that are not ASCII, expected UTF-8")
-        return tag.span()
-
-    def start(name: str, attributes: dict[str, str]) -> None:
-        if path == ["robot"] and name == "joint":
-            behind = span(name)[1]
-            joints[attributes.get("name", "")] = _Joint(attributes.get("type", ""), behind, behind)
-        elif path == ["robot", "joint"] and name in ("origin", "child"):
-            joint = list(joints.values())[-1]
-            if name == "child":
-                joint.child = attributes.get("link", "")
-            else:
-                joint.start, joint.end = span(name)
-                joint.origin, joint.closed = attributes, text[: joint.end].endswith(b"/>")
-        path.append(name)
-
-    parser.StartElementHandler = start
-    parser.EndElementHandler = lambda name: path.pop()
-    parser.Parse(text, True)
-    return joints
+def _corrections(arm: Arm) -> dict[str, Any]:
+    """Motion of each joint's placement, in its own axes, by the name of the joint."""
+    motions = {}
+    for number, name in enumerate(arm.joint_names, start=1):
+        before, after = arm.nominal.jointPlacements[number], arm.model.jointPlacements[number]
+        if before != after:
+            motions[name] = before.actInv(after)
+    return motions
 
 
-def _joint_of_tip(joints: dict[str, _Joint], arm: Arm) -> str:
+def _joint_of_tip(joints: dict[str, Element], arm: Arm) -> str:
     for name, joint in joints.items():
-        if joint.child == arm.tip and joint.kind == "fixed":
+        if joint.get("type") == "fixed" and joint.find("child").get("link") == arm.tip:
             return name
     raise UnsupportedArmError(f"{arm.name}: {arm.tip!r} has no fixed joint of its own that could take the shift of the tip")
 
 
-def _moved(text: bytes, joint: _Joint, motion: Any) -> bytes:
-    """The file with the origin of one joint multiplied by ``motion`` from the right."""
-    xyz, rpy = (np.array([float(v) for v in joint.origin.get(key, "0 0 0").split()]) for key in ("xyz", "rpy"))
-    placement = pin.SE3(from_roll_pitch_yaw(rpy), xyz) * motion
-    xyz, rpy = placement.translation, pin.rpy.matrixToRpy(placement.rotation)
-    numbers = (" ".join(f"{value:.17g}" for value in values) for values in (xyz, rpy))
-    tag = '<origin xyz="{}" rpy="{}"{}>'.format(*numbers, "/" * joint.closed)
-    return text[: joint.start] + tag.encode() + text[joint.end :]
+def _move(joint: Element, motion: Any) -> None:
+    """Multiply the origin of a joint by ``motion`` from the right."""
+    origin = joint.find("origin")
+    if origin is None:
+        origin = etree.SubElement(joint, "origin")
+    shift, angles = ([float(v) for v in origin.get(key, "0 0 0").split()] for key in ("xyz", "rpy"))
+    placement = pin.SE3(from_roll_pitch_yaw(np.array(angles)), np.array(shift)) * motion
+    for key, values in (("xyz", placement.translation), ("rpy", pin.rpy.matrixToRpy(placement.rotation))):
+        origin.set(key, " ".join(f"{value:.17g}" for value in values))
 
 
 def from_roll_pitch_yaw(angles: Array) -> Array:

@@ -1,34 +1,33 @@
-"""The Denavit–Hartenberg table as a value, and its geometry in pure NumPy.
+"""The Denavit–Hartenberg table as a value.
 
 A row is a transform from frame i-1 to frame i:
 
 - ``standard-dh``: ``T_i = Rz(θ_i + θ0_i) Tz(d_i) Tx(a_i) Rx(α_i)``
 - ``modified-dh`` (Craig): ``T_i = Rx(α_i) Tx(a_i) Rz(θ_i + θ0_i) Tz(d_i)``
 
-A row that does not move (``moving[i] = False``: a stylus) has θ_i = 0. Batches run along the *last* axis inside this
-module, because whole-array arithmetic on contiguous components is several times faster than stacks of 3×3 products.
+A row that does not move (``moving[i] = False``: a stylus) has θ_i = 0. As a chain, standard DH puts
+(d, θ) of row i at ``axis i`` and (a, α) at ``end i``; modified DH puts (a, α) at ``end i-1``. Two
+screws about one axis commute, so displacing a place by (δa, δα) is exactly the arm with a + δa,
+α + δα.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from aacmm_pin._support.checks import Array, Index, batch
-from aacmm_pin._support.compiled import twin_of
+from aacmm_pin._support.checks import Array, batch
 from aacmm_pin._support.display import Shown
-from aacmm_pin.arm import dh_loop
+from aacmm_pin.arm.chain import OMEGA_X, OMEGA_Z, V_X, V_Z, Chain, axis, end, screws
 from aacmm_pin.errors import ShapeError, UnknownNameError
 
 Convention = Literal["standard-dh", "modified-dh"]
 KINDS = ("a", "d", "alpha", "theta_offset")
 """The four values of a row, in the order in which sensitivities list them."""
-
-CHUNK = 2048
-"""Configurations handled at once: their frames stay in the processor's cache."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,165 +69,50 @@ class DHTable(Shown):
         """All values as (rows, 4): a, d, alpha, theta_offset [m, m, rad, rad]."""
         return np.stack([self.a, self.d, self.alpha, self.theta_offset], axis=1)
 
-    def positions(self, q: Array, row: int | None = None, errors: Array | None = None) -> Array:
-        """Origin of frame ``row`` (default: the last) for ``q`` (n, nq) [rad]: (n, 3) [m].
+    @cached_property
+    def chain(self) -> Chain:
+        """Its kinematics; the parameters are the values row by row.
 
-        Args:
-            q: configurations (n, nq) [rad].
-            row: number of the frame, 0 the base.
-            errors: (n, rows, 4) or (rows, 4), added to a, d, alpha, theta_offset; exact, nothing is linearised.
+        Fixed rows have an ``axis`` that does not move.
         """
-        q = batch(q, self.nq, "q", "rad")
-        row = self.rows if row is None else row
-        if errors is None:
-            return self._walked(q, row, 0)[0]
-        positions = np.empty((len(q), 3))
-        for part in chunks(len(q)):
-            these = errors[part] if errors.ndim == 3 else errors
-            positions[part] = self.axes(q[part], these, row)[3][row].T
-        return positions
+        turns = screws(self.theta_offset, 0.0, 2)
+        slides = screws(0.0, self.d, 2)
+        tilts = screws(self.alpha, self.a, 0)
+        axes, ends, parameters = [], [np.eye(4)], []
+        for row in range(self.rows):
+            if self.standard:
+                axes.append(turns[row])
+                ends.append(slides[row] @ tilts[row])
+            else:
+                ends[-1] = ends[-1] @ tilts[row]
+                axes.append(turns[row] @ slides[row])
+                ends.append(np.eye(4))
+            joint, link = axis(row + 1), end(row + 1 if self.standard else row)
+            parameters += [(link, V_X), (joint, V_Z), (link, OMEGA_X), (joint, OMEGA_Z)]
+        numbers = np.where(self.moving, np.cumsum(self.moving) - 1, -1)
+        turning = np.zeros(self.nq, dtype=bool)
+        return Chain.of_pieces(axes, ends, numbers, turning, parameters)
 
     def links(self) -> Array:
-        """Constant transforms L of ``L_0 Rz(q_1) L_1 Rz(q_2) ... Rz(q_nq) L_nq``: (nq + 1, 4, 4) [m]."""
-        links = [np.eye(4)]
-        for i in range(self.rows):
-            before, after = _row_constants(self, i)
-            links[-1] = links[-1] @ before
-            if self.moving[i]:
-                links.append(after)
+        """Constant transforms L of ``L_0 Rz(q_1) L_1 … Rz(q_nq) L_nq``: (nq + 1, 4, 4) [m].
+
+        What is on the axis of a row commutes with its joint, and is put behind it.
+        """
+        constant = self.chain.constant
+        links = [constant[end(0)]]
+        for row, moves in enumerate(self.moving.tolist(), start=1):
+            link = constant[axis(row)] @ constant[end(row)]
+            if moves:
+                links.append(link)
             else:
-                links[-1] = links[-1] @ after
+                links[-1] = links[-1] @ link
         return np.stack(links)
 
-    def position_and_jacobian(self, q: Array) -> tuple[Array, Array]:
-        """Origin of the last frame and its derivative, for already checked ``q`` (n, nq): (n, 3) [m], (n, 3, nq) [m/rad]."""
-        position, columns = self._walked(q, self.rows, 1)
-        return position, np.ascontiguousarray(columns[:, self.moving, 0].transpose(2, 0, 1))
-
-    def sensitivity(self, q: Array, row: int | None = None) -> Array:
-        """∂(origin of frame ``row``)/∂(a, d, alpha, theta of each row), closed form: (n, 3, 4 rows) [m/m, m/rad].
-
-        A length moves the point along its own axis, an angle turns the point about its own axis; so for standard DH
-        ``∂p/∂d_i = z_{i-1}``, ``∂p/∂a_i = x_i``, ``∂p/∂θ_i = z_{i-1} × (p - o_{i-1})``, ``∂p/∂α_i = x_i × (p - o_i)``.
-        In modified DH the axis of a and alpha is x_{i-1}, the axis of d and theta is z_i. Rows beyond ``row`` give zeros.
-        """
-        return self.position_and_sensitivity(q, row)[1]
-
-    def position_and_sensitivity(self, q: Array, row: int | None = None) -> tuple[Array, Array]:
-        """Both :meth:`positions` (n, 3) [m] and :meth:`sensitivity` (n, 3, 4 rows) in one walk."""
-        q = batch(q, self.nq, "q", "rad")
-        position, columns = self._walked(q, self.rows if row is None else row, len(KINDS))
-        return position, columns.reshape(3, 4 * self.rows, len(q)).transpose(2, 0, 1)
-
-    def _walked(self, q: Array, row: int, kinds: int) -> tuple[Array, Array]:
-        """Origin of frame ``row`` (n, 3) and its derivatives, the last ``kinds`` of each row: (3, rows, kinds, n)."""
-        position, columns = np.empty((len(q), 3)), np.zeros((3, self.rows, kinds, len(q)))
-        for part in chunks(len(q)):
-            walk(*self._motions(q[part], self.values(), row), self.standard, part.start, position, columns)
-        return position, columns
-
-    def axes(self, q: Array, errors: Array | None = None, row: int | None = None) -> tuple[Array, Array, Array, Array]:
-        """Axes and origins of the frames 0..row in the base, for already checked ``q`` (n, nq).
-
-        Returns:
-            x, y, z, o: each (row + 1, 3, n), components along the middle axis, the batch last.
-        """
-        values = self.values() if errors is None else self.values() + errors  # (rows, 4) or (n, rows, 4)
-        values = values.transpose(1, 2, 0) if values.ndim == 3 else values
-        x, y, z, o = _frames(*self._motions(q, values, self.rows if row is None else row), self.standard)
-        return x, y, z, o
-
-    def _motions(self, q: Array, values: Array, row: int) -> tuple[Array, Array, Array]:
-        """Cosines and sines of the turns about z of the first ``row`` rows (row, n), and a, d, cos α, sin α of each.
-
-        ``values`` are (rows, 4), or (rows, 4, n) where configurations have their own; so are the constants, without the
-        rows beyond.
-        """
-        turns, joints = np.empty((row, len(q))), iter(q.T)
-        for turn, moves, offset in zip(turns, self.moving, values[:, 3], strict=False):
-            turn[:] = next(joints) + offset if moves else offset
-        constants = values[:row].copy()
-        constants[:, 2], constants[:, 3] = np.cos(values[:row, 2]), np.sin(values[:row, 2])
-        return np.cos(turns), np.sin(turns), constants
-
-    @property
-    def joint_frames(self) -> Index:
-        """Number of the frame about whose z each joint turns (nq,)."""
-        rows = np.flatnonzero(self.moving)
-        return rows if self.standard else rows + 1
-
-
-def _frames(cosine: Array, sine: Array, constants: Array, standard: bool) -> Array:
-    """x, y, z and origins of the frames (4, rows + 1, 3, n) for what :meth:`DHTable._motions` gives."""
-    rows, n = cosine.shape
-    frames = np.empty((4, rows + 1, 3, n))
-    frames[:, 0] = np.eye(4, 3)[:, :, None]
-    for i in range(rows):
-        # Plain floats where all configurations share the values: NumPy multiplies by them fastest.
-        a, d, its_cosine, its_sine = constants[i].tolist() if constants.ndim == 2 else constants[i]
-        frames[:, i + 1] = frames[:, i]
-        x, y, z, o = frames[:, i + 1]
-        screws = [(x, y, z, cosine[i], sine[i], d), (y, z, x, its_cosine, its_sine, a)]
-        for screw in screws if standard else reversed(screws):
-            _move(o, *screw)
-    return frames
-
-
-@twin_of(dh_loop.walk, dh_loop.SIGNATURE)
-def walk(cosine: Array, sine: Array, constants: Array, standard: bool, start: int, position: Array, columns: Array) -> None:
-    """Origin of the last frame into ``position`` (all, 3), from ``start`` on, and its derivatives into ``columns``.
-
-    These are (3, ≥ rows, 4, all) as in :meth:`DHTable.sensitivity`, (…, 1, all) for those by theta alone, or (…, 0, all).
-    The other arguments are those that :meth:`DHTable._motions` gives, with constants that all configurations share.
-    """
-    rows, part = len(cosine), slice(start, start + cosine.shape[1])
-    x, _, z, o = _frames(cosine, sine, constants, standard)
-    position[part] = o[rows].T
-    kinds = columns.shape[2]
-    for i in range(rows if kinds else 0):
-        z_frame, x_frame = (i, i + 1) if standard else (i + 1, i)
-        cross(z[z_frame], o[rows] - o[z_frame], columns[:, i, kinds - 1, part])
-        if kinds > 1:
-            columns[:, i, 0, part] = x[x_frame]
-            columns[:, i, 1, part] = z[z_frame]
-            cross(x[x_frame], o[rows] - o[x_frame], columns[:, i, 2, part])
-
-
-def _move(
-    o: Array, u: Array, v: Array, axis: Array, cosine: float | Array, sine: float | Array, length: float | Array
-) -> None:
-    """A screw motion of a frame in place: u and v turn about the axis, the origin o shifts along it."""
-    turned = cosine * u
-    turned += sine * v
-    v *= cosine
-    v -= sine * u
-    u[:] = turned
-    if isinstance(length, np.ndarray) or length != 0.0:
-        o += length * axis
-
-
-def _row_constants(dh: DHTable, i: int) -> tuple[Array, Array]:
-    """What stands before and behind the joint of row i; Rz(θ0) commutes with the joint and is put behind it."""
-    ca, sa = np.cos(dh.alpha[i]), np.sin(dh.alpha[i])
-    c, s = np.cos(dh.theta_offset[i]), np.sin(dh.theta_offset[i])
-    turn = np.array([[c, -s, 0, 0], [s, c, 0, 0], [0, 0, 1, dh.d[i]], [0, 0, 0, 1]])
-    tilt = np.array([[1, 0, 0, dh.a[i]], [0, ca, -sa, 0], [0, sa, ca, 0], [0, 0, 0, 1]])
-    return (np.eye(4), turn @ tilt) if dh.standard else (tilt, turn)
-
-
-def cross(u: Array, v: Array, out: Array | None = None) -> Array:
-    """u × v of components along the last axis but one (..., 3, n); numpy.cross copies and is several times slower here."""
-    if out is None:
-        out = np.empty(np.broadcast_shapes(u.shape, v.shape))
-    out[..., 0, :] = u[..., 1, :] * v[..., 2, :] - u[..., 2, :] * v[..., 1, :]
-    out[..., 1, :] = u[..., 2, :] * v[..., 0, :] - u[..., 0, :] * v[..., 2, :]
-    out[..., 2, :] = u[..., 0, :] * v[..., 1, :] - u[..., 1, :] * v[..., 0, :]
-    return out
-
-
-def chunks(n: int, size: int = CHUNK) -> list[slice]:
-    """Slices that cover ``range(n)`` in parts of ``size``."""
-    return [slice(start, min(start + size, n)) for start in range(0, n, size)]
+    def place(self, frame: int) -> int:
+        """Place of the chain that has the origin of ``frame``, 0 the base."""
+        if frame == 0:
+            return end(0)
+        return end(frame) if self.standard else axis(frame)
 
 
 def table(rows: Array, convention: Convention = "standard-dh", moving: list[bool] | None = None) -> DHTable:

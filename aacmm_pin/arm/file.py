@@ -48,6 +48,7 @@ from aacmm_pin._support.plausible import (
 )
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm.dh import KINDS, DHTable, table
+from aacmm_pin.arm.example_robots import EXAMPLE_ROBOTS
 from aacmm_pin.arm.parameter import Parameter
 from aacmm_pin.errors import AacmmError, ArmFileError, UnknownNameError
 
@@ -58,12 +59,8 @@ MOST_BYTES = 32_000_000
 """Size of a file: one with a covariance of a thousand parameters has half of it."""
 DEEPEST = 20
 """Tables inside one another; those of an arm file are three."""
-MOST_KEY_PARTS = 100
-"""Parts of a dotted key: Python's parser takes their square in time and memory."""
-_PART = r"""(?:[\w-]++|"(?:[^"\\\n]|\\[^\n])*+"?|'[^'\n]*+'?)"""
-_STRING = r"""\"{3}(?:[^"\\]|\\.|"(?!""))*+(?:"{3,5}|\Z)|'{3}(?:[^']|'(?!''))*+(?:'{3,5}|\Z)"""
-_KEY = re.compile(rf"#[^\n]*+|{_STRING}|(?P<key>{_PART}(?:[ \t]*+\.[ \t]*+{_PART})*+)", re.ASCII | re.DOTALL)
-"""A comment, a string of several lines, or all that is parted by dots alone: a key, a number, or a string."""
+MANY_KEY_PARTS = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++[ \t]*+\.[ \t]*+){100}""")
+"""A dotted key of more than a hundred parts: Python's parser takes their square in time and memory."""
 
 MOST_EFFECTS = 1000
 """Causes of error that a file may add; `diagnose` finds a handful."""
@@ -317,7 +314,9 @@ class UrdfArmFile(AnyArmFile):
     @property
     def corrections(self) -> Array:
         """Twist of every placement, shifts then turns (nq, 6) [m, rad]."""
-        return np.array([[*(x * MM for x in j.shift_mm), *j.turn_rad] for j in self.joints]).reshape(-1, 6)
+        shifts = np.array([joint.shift_mm for joint in self.joints]).reshape(-1, 3) * MM
+        turns = np.array([joint.turn_rad for joint in self.joints]).reshape(-1, 3)
+        return np.hstack([shifts, turns])
 
     @property
     def encoder_noise(self) -> Array | None:
@@ -343,7 +342,7 @@ class ArmFile(AnyArmFile):
     @model_validator(mode="after")
     def _has_a_size(self) -> ArmFile:
         postures = np.vstack([np.zeros(self.dh.nq), spread_angles(POSTURES, self.dh.nq)])
-        if refused := out_of_reach(self.dh.positions(postures)):
+        if refused := out_of_reach(self.dh.chain.positions(postures)):
             lengths = {
                 f"joints[{n}].{k}": getattr(r, k) for n, r in enumerate(self.joints, start=1) for k in ("a_mm", "d_mm")
             }
@@ -362,8 +361,11 @@ class ArmFile(AnyArmFile):
     @property
     def dh(self) -> DHTable:
         """The DH table in SI."""
-        rows = np.array([[r.a_mm * MM, r.d_mm * MM, r.alpha_rad, r.theta_offset_rad] for r in self.joints])
-        return table(rows, self.convention, [not r.fixed for r in self.joints])
+        rows, moving = [], []
+        for row in self.joints:
+            rows.append([row.a_mm * MM, row.d_mm * MM, row.alpha_rad, row.theta_offset_rad])
+            moving.append(not row.fixed)
+        return table(np.array(rows), self.convention, moving)
 
     @property
     def moving_rows(self) -> list[Row]:
@@ -381,7 +383,7 @@ class ArmFile(AnyArmFile):
         return _noise(self.moving_rows)
 
     def dh_parameters(self) -> tuple[Parameter, ...]:
-        """The four values of every row in the order of :meth:`DHTable.sensitivity`; rows without uncertainty have u = 0."""
+        """The four values of every row in the order of :attr:`DHTable.chain`; rows without uncertainty have u = 0."""
         parameters = []
         for number, row in enumerate(self.joints, start=1):
             for kind in KINDS:
@@ -409,8 +411,16 @@ def _check_noise(noise: Mapping[int, float | None]) -> None:
 
 def calibrated(parameters: Iterable[Parameter], covariance: Covariance | None) -> tuple[Parameter, ...]:
     """The parameters, those that ``covariance`` names with its standard uncertainty u and ± k u as their bound."""
-    u = {} if covariance is None else dict(zip(covariance.parameters, covariance.standard_uncertainty_si, strict=True))
-    return tuple(replace(p, u=u[p.name], half_width=COVERAGE_FACTOR * u[p.name]) if p.name in u else p for p in parameters)
+    if covariance is None:
+        return tuple(parameters)
+    u = dict(zip(covariance.parameters, covariance.standard_uncertainty_si, strict=True))
+    found = []
+    for parameter in parameters:
+        if parameter.name in u:
+            own = u[parameter.name]
+            parameter = replace(parameter, u=own, half_width=COVERAGE_FACTOR * own)
+        found.append(parameter)
+    return tuple(found)
 
 
 def bundled_arms() -> list[str]:
@@ -441,7 +451,8 @@ def read_arm_file(name_or_path: str | Path) -> ArmFile | UrdfArmFile:
     path = Path(name_or_path)
     try:
         if path.suffix != ".toml" and not path.exists():
-            raise UnknownNameError("arm", name, bundled_arms(), "or the path of an arm file, *.toml")
+            known = [*bundled_arms(), *EXAMPLE_ROBOTS]
+            raise UnknownNameError("arm", name, known, "or the path of an arm file, *.toml")
     except OSError as error:
         raise ArmFileError(name, "", f"cannot be read: {error.strerror}") from None
     content = content_of(path, MOST_BYTES, "an arm file, *.toml,", lambda message: ArmFileError(name, "", message))
@@ -456,7 +467,9 @@ def toml_of(content: bytes, refused: Callable[[str], AacmmError]) -> dict[str, A
     """
     try:
         text = content.decode("utf-8-sig")
-        _check_keys(text, refused)
+        if long_key := MANY_KEY_PARTS.search(text):
+            line = text.count("\n", 0, long_key.start()) + 1
+            raise refused(f"line {line} has a key of more than 100 parts")
         return tomllib.loads(text)
     except UnicodeDecodeError as error:
         raise refused(f"not UTF-8 text (byte {error.start})") from None
@@ -464,17 +477,6 @@ def toml_of(content: bytes, refused: Callable[[str], AacmmError]) -> dict[str, A
         raise refused("not TOML: nested too deep") from None
     except ValueError as error:  # a TOMLDecodeError, or an integer of thousands of digits, with advice for programmers
         raise refused(f"not TOML: {str(error).partition('; use sys.')[0]}") from None
-
-
-def _check_keys(text: str, refused: Callable[[str], AacmmError]) -> None:
-    """Refuse a key of more than :data:`MOST_KEY_PARTS` parts; a file whose lines have fewer dots is not looked through."""
-    if all(line.count(".") < MOST_KEY_PARTS for line in text.split("\n")):
-        return
-    for found in _KEY.finditer(text):
-        key = found["key"] or ""
-        if key.count(".") >= MOST_KEY_PARTS and len(re.findall(_PART, key, re.ASCII)) > MOST_KEY_PARTS:
-            line = text.count("\n", 0, found.start()) + 1
-            raise refused(f"line {line} has a key of more than {MOST_KEY_PARTS} parts")
 
 
 def parse_arm_file(content: bytes, path: str) -> ArmFile | UrdfArmFile:

@@ -13,7 +13,7 @@ import pinocchio as pin
 from aacmm_pin._support.angles import spread_angles
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.plausible import MOST_JOINTS, POSTURES, out_of_reach
-from aacmm_pin.arm.chain import Chain
+from aacmm_pin.arm.chain import Chain, end
 from aacmm_pin.errors import AacmmError, UnknownNameError, UnsupportedArmError
 
 
@@ -103,14 +103,19 @@ def _rename(model: Any, joints: list[int]) -> None:
 
 
 def chain_of(model: Any, tip: str) -> Chain:
-    """The chain of a Pinocchio model; every joint axis is turned onto z, the placements keep their own axes."""
+    """The chain of a Pinocchio model; every joint axis is turned onto z, the placements keep their own axes.
+
+    The parameters are the twists of the placements in their own axes.
+    """
     turns = [pin.SE3(onto_z(axis), np.zeros(3)) for axis in joint_axes(model)]
     frame = model.frames[frame_number(model, tip)].placement.homogeneous
     placements = [*(model.jointPlacements[j].homogeneous for j in range(1, model.njoints)), frame]
     backs = [pin.SE3.Identity(), *(turn.inverse() for turn in turns)]
     ends = [back.homogeneous @ placement for back, placement in zip(backs, placements, strict=True)]
     slides = np.asarray(~_motions(model)[:, 3:].any(axis=1))
-    return Chain.of_pieces([turn.homogeneous for turn in turns], ends, np.arange(len(turns)), slides)
+    parameters = [(end(joint), component) for joint in range(len(turns)) for component in range(6)]
+    axes = [turn.homogeneous for turn in turns]
+    return Chain.of_pieces(axes, ends, np.arange(len(turns)), slides, parameters)
 
 
 def _motions(model: Any) -> Array:

@@ -114,7 +114,8 @@ def _onto_axis(frame: Array, z: Array, point: Array) -> Iterator[Row]:
 
 
 def _seen_from(frame: Array, z: Array, point: Array) -> tuple[Array, Array]:
-    return frame[:3, :3].T @ z, frame[:3, :3].T @ (point - frame[:3, 3])
+    rotation, origin = frame[:3, :3], frame[:3, 3]
+    return rotation.T @ z, rotation.T @ (point - origin)
 
 
 def _row(z: Array, point: Array) -> Row:
@@ -137,4 +138,6 @@ def _row(z: Array, point: Array) -> Row:
 
 
 def _motion(row: Row) -> Array:
-    return np.asarray(screws(np.array([row.theta]), row.d, 2)[0] @ screws(np.array([row.alpha]), row.a, 0)[0])
+    (about_z,) = screws(np.array([row.theta]), row.d, 2)
+    (about_x,) = screws(np.array([row.alpha]), row.a, 0)
+    return np.asarray(about_z @ about_x)

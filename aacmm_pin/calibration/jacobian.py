@@ -13,8 +13,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from aacmm_pin._support.batches import cross
 from aacmm_pin._support.checks import Array, Index
-from aacmm_pin.arm.dh import cross
 from aacmm_pin.calibration.parameter_vector import ParameterVector
 from aacmm_pin.effects import Displacement, Effect
 from aacmm_pin.effects.effect import moved

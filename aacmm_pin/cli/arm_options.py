@@ -11,6 +11,7 @@ import typer
 from aacmm_pin._support import plausible
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.example_robots import EXAMPLE_ROBOTS
 from aacmm_pin.arm.file import bundled_arms
 from aacmm_pin.cli.common import angle_option, note
 from aacmm_pin.effects.error_model import ErrorModel
@@ -20,6 +21,7 @@ from aacmm_pin.measurements.noise import ENCODER, PROBE, REFERENCE, Noise
 SHOWN = 20
 """So many frames of a URDF are listed."""
 BUNDLED = ", ".join(bundled_arms())
+ROBOTS = ", ".join(EXAMPLE_ROBOTS)
 
 
 @dataclass(frozen=True)
@@ -46,8 +48,11 @@ class UrdfArm:
         """
         if self.urdf is None:
             if self.frame is not None:
-                raise typer.BadParameter("--frame goes with --urdf")
+                raise typer.BadParameter("--frame requires --urdf, or the name of an example robot")
             return None
+        if self.frame is None and self.urdf in EXAMPLE_ROBOTS:
+            robot = EXAMPLE_ROBOTS[self.urdf]
+            note(f"note: {self.urdf} by its URDF, with the tip at {robot[1]}; --frame NAME takes another")
         try:
             return ErrorModel(Arm.from_urdf(self.urdf, self.frame or "", **half_widths))
         except UnknownNameError as error:
@@ -64,8 +69,17 @@ class AnyArm(UrdfArm):
 
     arm: Annotated[
         str | None,
-        typer.Argument(metavar="ARM", help=f"Bundled arm ({BUNDLED}) or path of an arm file; none with --urdf."),
+        typer.Argument(
+            metavar="ARM",
+            help=f"Bundled arm ({BUNDLED}), example robot ({ROBOTS}) or path of an arm file; none with --urdf.",
+        ),
     ] = None
+
+    def __post_init__(self) -> None:
+        """Take an example robot as the URDF that it is."""
+        if self.urdf is None and self.arm in EXAMPLE_ROBOTS:
+            object.__setattr__(self, "urdf", self.arm)
+            object.__setattr__(self, "arm", None)
 
     def model(self, **half_widths: float) -> ErrorModel:
         """The arm with its effects; see :meth:`UrdfArm.of_urdf`.

@@ -20,6 +20,7 @@ from aacmm_pin._support.display import report
 from aacmm_pin._support.plausible import COORDINATE
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm.arm import Arm, GivenArm, as_arm
+from aacmm_pin.arm.chain import axis
 from aacmm_pin.arm.limits import broken_limits, into_limits
 from aacmm_pin.errors import AacmmError, UnsupportedArmError
 from aacmm_pin.postures.curve_sampling import Components, Flexibility, evenly, flexibility
@@ -62,11 +63,13 @@ class ConfigurationCircle(PosturesAtPoint):
 
         The second is the sign of d|shoulder → wrist|/dθ4: +1 where a growing θ4 stretches the arm.
         """
-        _, _, z, o = self.arm.require_dh("a branch").axes(self.q)
-        first, second, fourth, elbow = (0, 1, 3, 3) if self.components.swivel.dh.standard else (1, 2, 4, 4)
-        wrist = o[5] - self.components.swivel.shoulder[:, None]
-        side = np.einsum("in,in->n", np.cross(z[first], z[second], axis=0), wrist)
-        stretch = np.einsum("in,in->n", np.cross(z[fourth], o[5] - o[elbow], axis=0), wrist)
+        dh = self.arm.require_dh("a branch")
+        rotation, origin = self.arm.chain.walk(self.q)
+        first, second, fourth = (rotation[axis(row)][:, :, 2] for row in (1, 2, 4))
+        tip = origin[dh.place(5)]
+        wrist = tip - self.components.swivel.shoulder
+        side = np.einsum("ni,ni->n", np.cross(first, second), wrist)
+        stretch = np.einsum("ni,ni->n", np.cross(fourth, tip - origin[axis(4)]), wrist)
         return np.where(np.column_stack([side, stretch]) >= 0, 1, -1)
 
     def flexibility(self, sectors: int = 12) -> Flexibility:

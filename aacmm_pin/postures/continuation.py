@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aacmm_pin._support.angles import wrapped
+from aacmm_pin._support.batches import chunks
 from aacmm_pin._support.checks import Array, Index
-from aacmm_pin.arm.dh import chunks
 from aacmm_pin.postures.curve_loop import (
     ASIDE_START,
     BULGE,

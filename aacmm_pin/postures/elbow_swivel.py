@@ -33,9 +33,10 @@ class Swivel:
     @property
     def shoulder(self) -> Array:
         """The point of joint axis 1 next to joint axis 2, (3,) [m]; it does not move."""
-        x, _, _, o = self.dh.axes(np.zeros((1, self.dh.nq)), row=1)
-        origin = o[1, :, 0]
-        return np.asarray(origin - self.dh.a[0] * x[1, :, 0] if self.dh.standard else origin)
+        rotation, origin = self.dh.chain.walk(np.zeros((1, self.dh.nq)))
+        frame = self.dh.place(1)
+        along = rotation[frame, 0, :, 0]
+        return np.asarray(origin[frame, 0] - self.dh.a[0] * along if self.dh.standard else origin[frame, 0])
 
     @property
     def elbow_row(self) -> int:
@@ -44,7 +45,7 @@ class Swivel:
 
     def elbow(self, q: Array) -> Array:
         """Position of the elbow for ``q`` (n, nq): (n, 3) [m]."""
-        return self.dh.positions(q, self.elbow_row)
+        return self.dh.chain.cut(self.dh.place(self.elbow_row)).positions(q)
 
     def angle(self, q: Array, points: Array) -> Array:
         """Swivel angles of ``q`` (n, nq) with their working points (n, 3): (n,) [rad] in [-π, π]."""

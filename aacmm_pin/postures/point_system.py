@@ -37,7 +37,7 @@ class PointSystem:
 
     def __call__(self, q: Array, problem: Index) -> tuple[Array, Array]:
         """The distances, and their derivatives (n, 3, nq) [m/rad]."""
-        position, jacobian = self.table.position_and_jacobian(q)
+        position, jacobian = self.table.chain.position_and_jacobian(q)
         return position - self.points[problem], jacobian
 
     def newton(

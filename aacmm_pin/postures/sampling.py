@@ -7,9 +7,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from aacmm_pin._support.batches import chunks
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.dh import chunks
 from aacmm_pin.arm.random_postures import joint_bounds
 from aacmm_pin.effects.state import State
 

@@ -13,7 +13,7 @@ import numpy as np
 from aacmm_pin._support.angles import spread_angles
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.arm.chain import exp, screws
-from aacmm_pin.arm.dh import DHTable, cross
+from aacmm_pin.arm.dh import DHTable
 from aacmm_pin.postures.continuation import Curves, System, all_curves, degenerate, following, polish
 from aacmm_pin.postures.wrist_ik import FEW_PER_TURN, POSITIONING, Wrist, with_spread, wrist_curves
 
@@ -38,7 +38,8 @@ def tip_curves(dh: DHTable, points: Array, stylus: Array, axis: Array) -> Curves
     system = tip_system(dh, points, stylus, axis)
     seeds, problem = with_spread(*_tip_seeds(dh, points, stylus, axis), len(points), SPREAD)
     seeds, good = polish(system, seeds, problem)
-    towards = axis @ _pointing(dh.axes(seeds), stylus) > 0
+    rotation, _ = dh.chain.walk(seeds)
+    towards = rotation[-1] @ stylus @ axis > 0
     some = good & towards
     flat = len(points) > 0 and degenerate(system, spread_angles(DIRECTIONS, dh.nq))
     return all_curves(system, seeds[some], problem[some], flat)
@@ -52,19 +53,13 @@ def tip_system(dh: DHTable, points: Array, stylus: Array, axis: Array) -> System
 
 
 def _off_place(dh: DHTable, points: Array, stylus: Array, normals: Array, q: Array, problem: Index) -> tuple[Array, Array]:
-    x, y, z, o = dh.axes(q)
-    direction = _pointing((x, y, z, o), stylus)
-    f = np.concatenate([o[-1] - points[problem].T, normals @ direction]).T
-    about = z[dh.joint_frames]
-    moved, turned = cross(about, o[-1] - o[dh.joint_frames]), cross(about, direction)
-    jacobian = np.concatenate([moved, normals @ turned], axis=1)  # (joints, 5, n)
-    return f, np.ascontiguousarray(jacobian.transpose(2, 1, 0))
-
-
-def _pointing(frames: tuple[Array, ...], stylus: Array) -> Array:
-    """Direction of the stylus in the base, by the axes of the last frame: (3, n)."""
-    x, y, z, _ = frames
-    return np.asarray(stylus[0] * x[-1] + stylus[1] * y[-1] + stylus[2] * z[-1])
+    rotation, origin = dh.chain.walk(q)
+    direction = rotation[-1] @ stylus
+    f = np.concatenate([origin[-1] - points[problem], direction @ normals.T], axis=1)
+    shifts, turns = dh.chain.jacobian(rotation, origin, origin[-1])
+    turned = np.cross(turns, direction[:, :, None], axis=1)
+    across = normals @ turned
+    return f, np.concatenate([shifts, across], axis=1)
 
 
 def _tip_seeds(dh: DHTable, points: Array, stylus: Array, axis: Array) -> tuple[Array, Index]:

@@ -157,10 +157,10 @@ def _extremes(wrist: Wrist, of_place: Callable[[Array], tuple[Array, Array]]) ->
     """
     angles = np.linspace(-np.pi, np.pi, GRID, endpoint=False)
     grid = np.stack(np.meshgrid(*[angles] * POSITIONING, indexing="ij"), axis=-1).reshape(-1, POSITIONING)
-    values = of_place(wrist.table.positions(grid))[0]
+    values = of_place(wrist.table.chain.positions(grid))[0]
 
     def signed(q: Array, sign: float) -> tuple[float, Array]:
-        place, jacobian = wrist.table.position_and_jacobian(q[None])
+        place, jacobian = wrist.table.chain.position_and_jacobian(q[None])
         value, gradient = of_place(place[0])
         return sign * float(value), sign * gradient @ jacobian[0]
 

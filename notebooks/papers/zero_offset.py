@@ -83,11 +83,12 @@ class Run:
 
     def misses(self, offsets: Array) -> Array:
         """ΔQ, reference minus computed position, for ``offsets`` (6,) [rad]: (3, 3) [m]."""
-        return self.references - self.nominal.positions(self.q + offsets)
+        return self.references - self.nominal.chain.positions(self.q + offsets)
 
     def matrix(self, offsets: Array) -> Array:
         """G, the derivatives of the three positions with respect to the zero offsets: (9, 6) [m/rad]."""
-        return self.nominal.position_and_jacobian(self.q + offsets)[1].reshape(-1, self.nominal.nq)
+        _, jacobian = self.nominal.chain.position_and_jacobian(self.q + offsets)
+        return jacobian.reshape(-1, self.nominal.nq)
 
     def increment(self, offsets: Array) -> Array:
         """Δδ of (8): (6,) [rad]. Solved by singular values; the normal equations would square the condition number."""
@@ -104,7 +105,7 @@ def simulated_run(run: int) -> Run:
         raise UnknownNameError("run", str(run), [str(known) for known in RUNS])
     q = printed_postures().query("run == @run").filter(like="theta").to_numpy(dtype=np.float64) * DEG
     dh = load_arm_file("zero6").dh
-    return Run(replace(dh, theta_offset=np.zeros(dh.rows)), q, dh.positions(q))
+    return Run(replace(dh, theta_offset=np.zeros(dh.rows)), q, dh.chain.positions(q))
 
 
 def assembled_arm() -> Arm:

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from aacmm_pin._support.batches import CHUNK
 from aacmm_pin._support.checks import Array
 from aacmm_pin.accuracy.volume import COVERAGE_FACTOR, COVERED, METHODS, accuracy_volume, what_k_covers
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.dh import CHUNK
 from aacmm_pin.arm.file import load_arm_file
 from aacmm_pin.effects import ThermalExpansion
 from aacmm_pin.effects.conditions import Conditions

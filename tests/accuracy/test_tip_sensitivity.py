@@ -13,12 +13,12 @@ import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 
+from aacmm_pin._support.batches import CHUNK
 from aacmm_pin._support.checks import Array
 from aacmm_pin.accuracy.parameter_draws import exact_positions, source_errors
 from aacmm_pin.accuracy.tip_sensitivity import ErrorSources
 from aacmm_pin.accuracy.volume import AccuracyVolume, accuracy_volume, circle_accuracy
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.dh import CHUNK
 from aacmm_pin.arm.file import Covariance, load_arm_file
 from aacmm_pin.effects import (
     BaseCompliance,

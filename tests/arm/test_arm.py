@@ -255,5 +255,5 @@ def test_unusable_urdf_is_refused(one_joint: Callable[..., Path], tmp_path: Path
     klingon = b'<?xml version="1.0" encoding="klingon"?><robot name="odd"/>'
     for content in (b"", b"hello", b"<robot", b"<html/>", b'<robot name="empty"/>', b"\xff\xfe\x00", klingon):
         (tmp_path / "bad.urdf").write_bytes(content)
-        with pytest.raises(AacmmError, match=r"bad\.urdf: (not a URDF|line 1: (html|robot))"):
+        with pytest.raises(AacmmError, match=r"bad\.urdf: (line 1: )?(not a URDF|html|robot)"):
             Arm.from_urdf(tmp_path / "bad.urdf", "tool")

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.example_robots import EXAMPLE_ROBOTS
 from aacmm_pin.arm.file import ArmFile, arm_text, bundled_arms, load_arm_file, parse_arm_file
 from aacmm_pin.arm.urdf import urdf_text
 from aacmm_pin.calibration import calibrate
@@ -260,9 +261,9 @@ def test_what_is_no_arm_file(tmp_path: Path) -> None:
         (tmp_path / name).mkdir()
         with pytest.raises(ArmFileError, match=rf"{name}: .*folder"):
             load_arm_file(tmp_path / name)
-    with pytest.raises(UnknownNameError, match=r"'sino7'; known: sino6, zero6 \(or the path of an arm file") as caught:
+    with pytest.raises(UnknownNameError, match=r"'sino7'; known: sino6, zero6, .* \(or the path of an arm file") as caught:
         load_arm_file("sino7")
-    assert caught.value.known == bundled_arms()
+    assert caught.value.known == [*bundled_arms(), *EXAMPLE_ROBOTS]
     with pytest.raises(ArmFileError, match="too long"):
         load_arm_file("x" * 300)
     with pytest.raises(ArmFileError, match="NUL"):

@@ -11,10 +11,13 @@ import pinocchio as pin
 import pytest
 from scipy.linalg import expm
 
+from aacmm_pin._support.batches import CHUNK
 from aacmm_pin._support.checks import Array
+from aacmm_pin._support.compiled import ALWAYS, NEVER, VARIABLE
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.chain import BASE, axis, end, exp, skew
 from aacmm_pin.arm.file import ArmFile
+from aacmm_pin.arm.poses import Poses
 from aacmm_pin.errors import UnknownNameError, UnsupportedArmError
 
 ROBOTS = [  # file, frame, number of joints that slide
@@ -111,7 +114,7 @@ def test_twists_are_the_table_with_other_values(arm_file: ArmFile, rng: np.rando
         zero = np.zeros(10)
         twists[axis(row)] = np.stack([zero, zero, d, zero, zero, theta], axis=1)
         twists[end(row if dh.standard else row - 1)] = np.stack([a, zero, zero, alpha, zero, zero], axis=1)
-    same(arm.chain.walk(q, twists)[1][arm.chain.tip], dh.positions(q, errors=errors))
+    same(arm.chain.walk(q, twists)[1][arm.chain.tip], dh.chain.positions(q, errors.reshape(10, -1)))
 
 
 def test_a_twist_acts_behind_its_place_and_on_all_beyond(robots: list[Arm], rng: np.random.Generator) -> None:
@@ -127,6 +130,48 @@ def test_a_twist_acts_behind_its_place_and_on_all_beyond(robots: list[Arm], rng:
             carried = plain[place] @ motion @ np.linalg.inv(plain[place])
             same(bent[place:], carried @ plain[place:])
             same(frames(robot, q, {place: twist[:1]}), frames(robot, q, {place: np.tile(twist[:1], (5, 1))}))
+
+
+def test_compiled_loop_and_numpy_agree_with_pinocchio(
+    arm_file: ArmFile, robots: list[Arm], rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Joints that slide, rows without a joint, and batches that do not fill the loop's lanes."""
+    for arm, n in product((Arm.from_file(arm_file), *robots), (0, 1, 150, CHUNK + 2)):
+        q, found = postures(arm, rng, n), []
+        for way in (NEVER, ALWAYS):
+            monkeypatch.setenv(VARIABLE, way)
+            found.append(
+                [arm.chain.positions(q), *arm.chain.position_and_sensitivity(q), *arm.chain.position_and_jacobian(q)]
+            )
+        for plain, looped in zip(*found, strict=True):
+            same(looped, plain, 1e-14)
+        poses = arm.poses(q[:5])
+        same(found[0][0][:5], poses.position, 1e-13)
+        same(found[0][4][:5], poses.jacobian[:, :3], 1e-13)
+        if arm.dh is None:
+            same(found[0][2][:5], poses.placement_sensitivity, 1e-13)
+
+
+def test_frames_beside_the_places_are_pinocchios(arm_file: ArmFile, robots: list[Arm], rng: np.random.Generator) -> None:
+    for arm in (Arm.from_file(arm_file), *robots):
+        q = postures(arm, rng, 3)
+        for name in {frame.name for frame in arm.model.frames if frame.name not in ("world", "universe")}:
+            poses = arm.poses(q, name)
+            same(arm.positions(q, name), poses.position, 1e-13)
+            same(arm.jacobian(q, name), poses.jacobian[:, :3], 1e-13)
+            if arm.dh is None:
+                same(arm.sensitivity(q, name), poses.placement_sensitivity, 1e-13)
+
+
+def test_errors_of_placements_are_twists_for_pinocchio_too(robots: list[Arm], rng: np.random.Generator) -> None:
+    for robot in robots:
+        q, errors = postures(robot, rng, 4), rng.normal(scale=0.1, size=(4, 6 * robot.nq))
+        for k, error in enumerate(errors):
+            model = robot.model.copy()
+            for joint, twist in enumerate(error.reshape(-1, 6), start=1):
+                model.jointPlacements[joint] = model.jointPlacements[joint] * pin.exp6(twist)
+            moved = Poses(model, q[k : k + 1], model.getFrameId(robot.tip)).position
+            same(robot.perturbed_positions(q[k : k + 1], errors[k : k + 1]), moved, 1e-13)
 
 
 def test_no_record_and_one_record(robots: list[Arm]) -> None:

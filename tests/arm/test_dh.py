@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from aacmm_pin._support.batches import CHUNK
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.chain import screws
-from aacmm_pin.arm.dh import CHUNK, DHTable, table
+from aacmm_pin.arm.dh import DHTable, table
 from aacmm_pin.arm.file import ArmFile
 from aacmm_pin.errors import AacmmError, ShapeError
 
@@ -25,30 +26,31 @@ def random_q(dh: DHTable, rng: np.random.Generator, n: int) -> Array:
 
 def test_errors_move_the_arm_as_a_changed_table_does(dh: DHTable, rng: np.random.Generator) -> None:
     q, errors = random_q(dh, rng, 5), rng.normal(0, 0.1, (5, dh.rows, 4))
-    changed = [table(dh.values() + e, dh.convention, list(dh.moving)) for e in errors]
-    one_each = np.concatenate([t.positions(q[k : k + 1]) for k, t in enumerate(changed)])
-    np.testing.assert_allclose(dh.positions(q, errors=errors), one_each, rtol=0, atol=1e-14)
-    np.testing.assert_allclose(dh.positions(q, errors=errors[0]), changed[0].positions(q), rtol=0, atol=1e-14)
+    changed = [table(dh.values() + e, dh.convention, list(dh.moving)).chain for e in errors]
+    each = np.concatenate([chain.positions(q[k : k + 1]) for k, chain in enumerate(changed)])
+    same, of_parameters = changed[0].positions(q), errors.reshape(5, -1)
+    np.testing.assert_allclose(dh.chain.positions(q, of_parameters), each, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(dh.chain.positions(q, of_parameters[:1]), same, rtol=0, atol=1e-14)
 
 
 def test_links_between_joints_make_the_arm(dh: DHTable, rng: np.random.Generator) -> None:
     (q,), (first, *links) = random_q(dh, rng, 1), dh.links()
     for turn, link in zip(screws(q, 0.0, 2), links, strict=True):
         first = first @ turn @ link
-    np.testing.assert_allclose(first[:3, 3], dh.positions(q[None])[0], rtol=0, atol=1e-14)
+    np.testing.assert_allclose(first[:3, 3], dh.chain.positions(q[None])[0], rtol=0, atol=1e-14)
 
 
-def test_chunking_does_not_change_results(dh: DHTable, rng: np.random.Generator) -> None:
+def test_parts_of_a_batch_do_not_change_results(dh: DHTable, rng: np.random.Generator) -> None:
     n = 2 * CHUNK + 3
-    q, errors = random_q(dh, rng, n), rng.normal(0, 1e-3, (n, dh.rows, 4))
+    q, errors = random_q(dh, rng, n), rng.normal(0, 1e-3, (n, 4 * dh.rows))
     some = [0, CHUNK - 1, CHUNK, 2 * CHUNK - 1, 2 * CHUNK, n - 1]
-    np.testing.assert_allclose(dh.positions(q)[some], dh.positions(q[some]), rtol=0, atol=1e-15)
-    np.testing.assert_allclose(dh.sensitivity(q)[some], dh.sensitivity(q[some]), rtol=0, atol=1e-15)
-    none = np.empty((0, dh.nq))
-    assert dh.positions(none).shape == (0, 3)
-    assert dh.sensitivity(none).shape == (0, 3, 4 * dh.rows)
-    one_by_one = dh.positions(q[some], errors=errors[some])
-    np.testing.assert_allclose(dh.positions(q, errors=errors)[some], one_by_one, rtol=0, atol=1e-15)
+    alone, together = dh.chain.position_and_sensitivity(q[some]), dh.chain.position_and_sensitivity(q)
+    for one, many in zip(alone, together, strict=True):
+        np.testing.assert_allclose(many[some], one, rtol=0, atol=1e-15)
+    moved = dh.chain.positions(q[some], errors[some])
+    np.testing.assert_allclose(dh.chain.positions(q, errors)[some], moved, rtol=0, atol=1e-15)
+    position, sensitivity = dh.chain.position_and_sensitivity(np.empty((0, dh.nq)))
+    assert (position.shape, sensitivity.shape) == ((0, 3), (0, 3, 4 * dh.rows))
 
 
 # The simulated measurements of the 2010 paper on the zero offsets of a six-joint measuring arm: angles [deg], tip [mm].
@@ -68,21 +70,11 @@ PRINTED = np.array(
 
 
 def test_zero6_returns_the_27_printed_coordinates(zero6: Arm) -> None:
-    tip = zero6.require_dh("this test").positions(PRINTED[:, :6] * DEG)
+    tip = zero6.positions(PRINTED[:, :6] * DEG)
     assert np.abs(tip / MM - PRINTED[:, 6:]).max() <= 0.0005  # half of the last printed digit
 
 
-def test_what_is_refused(sino6: Arm) -> None:
-    for method in ("positions", "sensitivity"):
-        for q, said in (
-            (np.zeros(6), r"q has shape \(6,\), expected \(n, 6\) \[rad\].*q\[None, :\]"),
-            (np.zeros((2, 5)), r"q has shape \(2, 5\), expected \(n, 6\) \[rad\]"),
-            (np.zeros((1, 2, 6)), r"q has shape \(1, 2, 6\)"),
-            ([[0, 0, 0, 0, 0, 0], [0, 0, np.nan, 0, 0, 0]], r"q\[1, 2\] is nan, expected a finite number"),
-            ([["a"] * 6], "q is not an array of numbers"),
-        ):
-            with pytest.raises(ShapeError, match=said):
-                getattr(sino6.dh, method)(q)
+def test_what_is_refused() -> None:
     for rows, moving, said in (
         (np.zeros((2, 3)), None, r"rows has shape \(2, 3\), expected \(n, 4\)"),
         (np.full((2, 4), np.nan), None, r"rows\[0, 0\] is nan"),

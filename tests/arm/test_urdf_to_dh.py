@@ -22,7 +22,7 @@ def assert_same(arm: Arm, rng: np.random.Generator) -> None:
     q = rng.uniform(-3.0, 3.0, (200, arm.nq))
     np.testing.assert_allclose(again.poses(q).placement, arm.poses(q).placement, rtol=0, atol=1e-12)
     assert again.dh is not None
-    np.testing.assert_allclose(again.dh.positions(q), arm.poses(q).position, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(again.dh.chain.positions(q), arm.poses(q).position, rtol=0, atol=1e-12)
     np.testing.assert_array_equal(again.limits, arm.limits)
     for configuration in q[:5]:  # the weights' torques know every mass and its centre
         torques = [pin.computeGeneralizedGravity(a.model, a.model.createData(), configuration) for a in (again, arm)]

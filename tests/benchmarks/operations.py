@@ -148,8 +148,8 @@ def sensitivities(table: Table) -> None:
     dh = arm.require_dh("")
     for n in table.sizes(100, 1000, 10_000, 100_000, 1_000_000):
         q = _configurations(n, arm)
-        position, columns = dh.position_and_sensitivity(q)
-        ways: dict[str, Callable[[], object]] = {OURS: lambda q=q: dh.position_and_sensitivity(q)}
+        position, columns = dh.chain.position_and_sensitivity(q)
+        ways: dict[str, Callable[[], object]] = {OURS: lambda q=q: dh.chain.position_and_sensitivity(q)}
         with table.without():
             c = PlainC(dh.values())
             for mine, theirs in zip((position, columns), c.sensitivities(q), strict=True):
@@ -169,8 +169,8 @@ def positions(table: Table) -> None:
     arm, urdf = Arm.from_file(file), urdf_text(file)
     for n in table.sizes(100, 1000, 10_000):
         q = _configurations(n, arm)
-        mine = file.dh.positions(q)
-        ways: dict[str, Callable[[], object]] = {OURS: lambda q=q: file.dh.positions(q)}
+        mine = file.dh.chain.positions(q)
+        ways: dict[str, Callable[[], object]] = {OURS: lambda q=q: file.dh.chain.positions(q)}
         for package in ("pybotics", "ikpy"):
 
             def by_peer(package: str = package, q: Array = q, mine: Array = mine) -> Seconds:
@@ -190,7 +190,7 @@ def volumes(table: Table) -> None:
     dh, widths = arm.require_dh(""), np.array([p.half_width for p in arm.parameters])
     for n in table.sizes(100, 1000, 10_000, 100_000):
         q = _configurations(n, arm)
-        ours: Callable[[], Array] = lambda q=q: zonotope.volume(dh.sensitivity(q) * widths)  # noqa: E731
+        ours: Callable[[], Array] = lambda q=q: zonotope.volume(arm.sensitivity(q) * widths)  # noqa: E731
         ways: dict[str, Callable[[], object]] = {OURS: ours}
         with table.without():
             c = PlainC(dh.values())

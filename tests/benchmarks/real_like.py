@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.chain import Chain, exp
+from aacmm_pin.arm.chain import exp
 from aacmm_pin.arm.dh import DHTable
 from aacmm_pin.arm.file import load_arm_file
 from aacmm_pin.effects.conditions import Conditions
@@ -39,7 +39,7 @@ def real_like(postures: int, markers: int = 1) -> tuple[Arm, Measurements]:
     file, rng = load_arm_file(str(ROBOT)), np.random.default_rng(4)
     q = rng.uniform(*file.limits.T, (postures, len(file.limits)))
     robot = with_errors(file.dh, rng)
-    turns, places = Chain.of_dh(robot).walk(q + _curves(rng, q))
+    turns, places = robot.chain.walk(q + _curves(rng, q))
     own = rng.normal(size=(markers, 3)) * MARKER
     tips = places[-1][:, None] + np.einsum("nij,mj->nmi", turns[-1], own)
     frame = exp(rng.normal(size=(1, 6)))[0]

@@ -142,7 +142,7 @@ def test_an_independent_least_squares_agrees(sino6: Arm, rng: np.random.Generato
     def residual(z: Array) -> Array:
         errors = np.zeros(len(names))
         errors[chosen] = z * width
-        off = dh.positions(data.q, errors=errors.reshape(-1, 4)) - data.reference
+        off = dh.chain.positions(data.q, errors[None]) - data.reference
         return np.concatenate([np.einsum("nij,nj->ni", whiten, off).ravel(), z])
 
     best = least_squares(residual, np.zeros(len(chosen)), x_scale="jac", xtol=1e-14, ftol=1e-14, gtol=1e-14)

@@ -215,3 +215,11 @@ def test_a_calibrated_and_an_extended_robot_are_files(robot: tuple[Path, Path, P
         refused(command, *given, option, tmp_path / "none.toml", said=["a pipe"])
         os.close(read)
     refused("calibrate", ext, records, "--urdf-out", urdf, "--force", said=["is read by this command"])
+
+
+def test_an_example_robot_is_its_urdf(ur5: list[str]) -> None:
+    by_file, _ = done("configurations", *ur5, *POSE)
+    by_name, said = done("configurations", "ur5", *POSE)
+    assert by_name == by_file
+    assert "tool0" in said
+    assert done("configurations", "ur5", "--frame", "tool0", *POSE)[0] == by_file

@@ -64,7 +64,7 @@ def arm(request: pytest.FixtureRequest, robot_file: Callable[[str], Path]) -> Ar
 def tips_of(arm: Arm, q: Array) -> Array:
     """Kinematics that the simulation does not use: the closed form of the table, or Pinocchio."""
     if arm.dh is not None:
-        return arm.dh.positions(q)
+        return arm.dh.chain.positions(q)
     data, frame = arm.model.createData(), arm.model.getFrameId(arm.tip, pin.FrameType.BODY)
     tips = []
     for row in q:
@@ -122,7 +122,7 @@ def warped_tips(arm: Arm, measurements: Measurements) -> Array:
     growth = np.zeros((len(q), arm.dh.rows, 4))
     growth[:, :, 0] = 2.4e-5 * (known.temperature - 20.0)[:, None] * arm.dh.a
     growth[:, :, 1] = 2.4e-5 * (known.temperature - 20.0)[:, None] * arm.dh.d
-    return arm.dh.positions(q, errors=growth)
+    return arm.dh.chain.positions(q, growth.reshape(len(q), -1))
 
 
 @pytest.fixture(scope="module")
@@ -140,7 +140,7 @@ def warped(sino6: Arm) -> ErrorModel:
 def test_the_errors_are_exact(sino6: Arm, warped: ErrorModel, plan: str) -> None:
     measurements = simulated(warped, plan=plan, **quiet())
     np.testing.assert_allclose(warped_tips(sino6, measurements), measurements.reference, atol=1e-9, rtol=0)
-    off = np.linalg.norm(sino6.dh.positions(measurements.q) - measurements.reference, axis=1)  # type: ignore[union-attr]
+    off = np.linalg.norm(sino6.dh.chain.positions(measurements.q) - measurements.reference, axis=1)  # type: ignore[union-attr]
     assert np.median(off) > 1e-4  # or the test above would pass without errors
 
 
@@ -154,7 +154,7 @@ def test_weight_bends_the_arm(sino6: Arm) -> None:
         for _ in range(5):
             torque = -pin.computeGeneralizedGravity(sino6.model, data, q[k])[1]
             q[k, 1] = row[1] + 2e-5 * torque
-    np.testing.assert_allclose(sino6.dh.positions(q), measurements.reference, atol=1e-9, rtol=0)  # type: ignore[union-attr]
+    np.testing.assert_allclose(sino6.dh.chain.positions(q), measurements.reference, atol=1e-9, rtol=0)  # type: ignore[union-attr]
 
 
 def test_errors_of_references_act_where_these_are_stated(sino6: Arm) -> None:
@@ -162,7 +162,7 @@ def test_errors_of_references_act_where_these_are_stated(sino6: Arm) -> None:
     shift = np.array([1e-4, -2e-4, 3e-4])
     model = ErrorModel(sino6).with_effects(SeatError(seat="S3", values=tuple(shift)))
     measurements = simulated(model, plan="seats", **quiet())
-    off = sino6.dh.positions(measurements.q) - measurements.reference  # true place = stated place + e
+    off = sino6.dh.chain.positions(measurements.q) - measurements.reference  # true place = stated place + e
     third = measurements.conditions.seat == "S3"
     np.testing.assert_allclose(off[third], np.broadcast_to(shift, (30, 3)), atol=1e-9)
     np.testing.assert_allclose(off[~third], 0.0, atol=1e-9)
@@ -170,10 +170,10 @@ def test_errors_of_references_act_where_these_are_stated(sino6: Arm) -> None:
     turned = ErrorModel(sino6).with_effects(ReferenceFrame(values=(0.5, 0.1, -0.2, 0.0, 0.0, 0.3)))
     measurements = simulated(turned, plan="free", **quiet())
     motion = pin.exp6(np.array([0.5, 0.1, -0.2, 0.0, 0.0, 0.3]))
-    expected = sino6.dh.positions(measurements.q) @ motion.rotation.T + motion.translation
+    expected = sino6.dh.chain.positions(measurements.q) @ motion.rotation.T + motion.translation
     np.testing.assert_allclose(measurements.reference, expected, atol=1e-12)
     unknown = simulated(turned, plan="single-point", **quiet())
-    assert np.ptp(sino6.dh.positions(unknown.q), axis=0).max() < 1e-9
+    assert np.ptp(sino6.dh.chain.positions(unknown.q), axis=0).max() < 1e-9
 
 
 # --- the postures
@@ -190,11 +190,11 @@ def test_postures_go_all_round_the_point(sino6: Arm) -> None:
     """Whatever posture another solver finds at the point, one like it is there: 300 in three dimensions of freedom."""
     assert sino6.dh is not None
     q = simulated(sino6, plan="single-point", **quiet()).q
-    point, lower, upper = sino6.dh.positions(q)[0], sino6.limits[:, 0], sino6.limits[:, 1]
+    point, lower, upper = sino6.dh.chain.positions(q)[0], sino6.limits[:, 0], sino6.limits[:, 1]
     rng, found = np.random.default_rng(5), 0
     for _ in range(120):
         solution = least_squares(
-            lambda x: sino6.dh.positions(x[None])[0] - point,
+            lambda x: sino6.dh.chain.positions(x[None])[0] - point,
             rng.uniform(lower, upper),
             jac=lambda x: sino6.jacobian(x[None])[0],
             bounds=(lower, upper),
@@ -266,7 +266,7 @@ def test_contacts(sino6: Arm) -> None:
     assert sino6.dh is not None
     for plan in ("seats", "free"):
         measurements = simulated(sino6, plan=plan, **quiet(probe=5e-6))
-        assert consistent((sino6.dh.positions(measurements.q) - measurements.reference) / 5e-6)
+        assert consistent((sino6.dh.chain.positions(measurements.q) - measurements.reference) / 5e-6)
 
 
 def test_lengths_of_bars_are_as_good_as_references(sino6: Arm) -> None:

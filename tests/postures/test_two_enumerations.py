@@ -84,7 +84,7 @@ def configuration(arm: NominalArm, p: Array, u: Array, theta3: Array, branch: fl
 
 def swivel_of(points: Array, q: Array) -> Array:
     """Of the elbows: from the direction square to the line to the point that is nearest to -z_DH."""
-    elbow = ARM.dh.positions(np.column_stack([q, np.zeros(len(q))]), 3)
+    elbow = ARM.dh.chain.cut(ARM.dh.place(3)).positions(np.column_stack([q, np.zeros(len(q))]))
     along = points / np.linalg.norm(points, axis=1, keepdims=True)
     up = np.array([0.0, 0.0, -1.0]) + along[:, 2:] * along
     up /= np.linalg.norm(up, axis=1, keepdims=True)
@@ -97,10 +97,10 @@ def allowed(q: Array) -> Array:
 
 def test_the_closed_form_reaches_its_points_and_misses_none() -> None:
     q = np.random.default_rng(11).uniform([0, -np.pi, 0, -np.pi], [2 * np.pi, 0, 2 * np.pi, 0], (150, 4))
-    points = ARM.dh.positions(np.column_stack([q, np.zeros(len(q))]))
+    points = ARM.dh.chain.positions(np.column_stack([q, np.zeros(len(q))]))
     for point, own in zip(points, q, strict=True):
         found, _ = at_swivel(ARM, point[None], swivel_of(point[None], own[None]))
-        reached = ARM.dh.positions(np.column_stack([found, np.zeros(len(found))]))
+        reached = ARM.dh.chain.positions(np.column_stack([found, np.zeros(len(found))]))
         np.testing.assert_allclose(reached, np.broadcast_to(point, reached.shape), atol=1e-11)
         assert np.abs(np.angle(np.exp(1j * (found - own)))).max(axis=1).min() < 1e-7
 

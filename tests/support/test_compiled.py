@@ -15,7 +15,7 @@ from aacmm_pin._support.compiled import ALWAYS, LARGE_TASK, NEVER, VARIABLE, Twi
 from aacmm_pin.accuracy import zonotope
 from aacmm_pin.accuracy.workspace import map_workspace
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.dh import CHUNK, DHTable, table
+from aacmm_pin.arm.dh import table
 from aacmm_pin.errors import UnknownNameError
 from aacmm_pin.postures import continuation
 from aacmm_pin.postures.point_system import PointSystem
@@ -61,30 +61,11 @@ def of_both(monkeypatch: pytest.MonkeyPatch, work: Any) -> list[Array]:
 
 
 @pytest.mark.parametrize("convention", ["standard-dh", "modified-dh"])
-def test_walk_along_any_table(convention: Any, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
-    for rows in (1, 6, 7):
-        for n in (0, 1, 3, 129, CHUNK + 2):
-            values = rng.normal(size=(rows, 4)) * rng.integers(0, 2, size=(rows, 4))
-            dh = table(values, convention, list(rng.random(rows) < 0.8))
-            q = rng.uniform(-4.0, 4.0, (n, dh.nq))
-
-            def both(dh: DHTable = dh, q: Array = q, row: int = rows - 1) -> tuple[Array, ...]:
-                return (
-                    dh.positions(q, row),
-                    *dh.position_and_sensitivity(q),
-                    dh.sensitivity(q, row),
-                    *dh.position_and_jacobian(q),
-                )
-
-            np.testing.assert_array_equal(*of_both(monkeypatch, both))
-
-
-@pytest.mark.parametrize("convention", ["standard-dh", "modified-dh"])
 def test_newton_steps_to_a_point(convention: Any, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
     """Shortest steps and steps across the curve, to the same solutions, and the same that are out of reach."""
     dh = table(rng.uniform(0.1, 1.0, (5, 4)), convention, [True] * 4 + [False])
     goal, problem = rng.uniform(-3.0, 3.0, (300, 4)), np.arange(300)
-    points = dh.positions(goal)
+    points = dh.chain.positions(goal)
     points[::10] *= 100.0
     start = goal + rng.uniform(-0.02, 0.02, goal.shape)
     system = PointSystem(dh, points)
@@ -129,7 +110,7 @@ def test_curves_of_many_points(sino6: Arm, rng: np.random.Generator, monkeypatch
     found, left = PointSystem(wrist.table, points).curves(seeds, problem)
     assert (len(found), left.any()) == (len(plain), False)
     planar = table([[0.3, 0, np.pi, 0]] * 4 + [[0.1, 0, 0, 0]], moving=[True] * 4 + [False])
-    found, left = PointSystem(planar, planar.positions(seeds)).curves(seeds, np.arange(len(seeds)))
+    found, left = PointSystem(planar, planar.chain.positions(seeds)).curves(seeds, np.arange(len(seeds)))
     assert (found, left.all()) == ([], True)
 
 

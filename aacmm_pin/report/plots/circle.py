@@ -109,8 +109,8 @@ def _frame(ax: Axes3D, circle: ConfigurationCircle, points: Array) -> None:
 def _draw_base(ax: Axes3D, circle: ConfigurationCircle) -> Array:
     """Joint axis 1 and the shoulder on it; the ends of the line (2, 3) [m]."""
     dh, shoulder = circle.components.swivel.dh, circle.components.swivel.shoulder
-    _, _, z, _ = dh.axes(np.zeros((1, dh.nq)), row=1)
-    axis = z[0 if dh.standard else 1, :, 0]
+    rotation, _ = dh.chain.walk(np.zeros((1, dh.nq)))
+    axis = rotation[dh.chain.moving_axes()[0], 0, :, 2]
     length = BASE_LINE * float(np.abs([dh.a, dh.d]).max())
     along = length * axis
     line = np.array([shoulder - along, shoulder + along])

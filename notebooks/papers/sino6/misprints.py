@@ -49,7 +49,7 @@ def misprints(rng: np.random.Generator, samples: int = 20_000) -> pd.DataFrame:
 
 
 def _points(arm: NominalArm, q: Array) -> Array:
-    return arm.dh.positions(np.column_stack([q, np.zeros(len(q))]))
+    return arm.dh.chain.positions(np.column_stack([q, np.zeros(len(q))]))
 
 
 def _planar(arm: NominalArm, q: Array, theta3: float) -> tuple[Array, Array, PlanarConfigurations]:

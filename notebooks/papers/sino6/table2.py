@@ -107,7 +107,8 @@ def generating_grid(arm: NominalArm, grid: int = GRID) -> tuple[Array, Array, Ar
     nodes = np.arange(1, grid + 1) * np.pi / (grid + 1) - np.pi
     theta2, theta4 = (angle.ravel() for angle in np.meshgrid(nodes, nodes, indexing="ij"))
     zero = np.zeros_like(theta2)
-    return theta2, theta4, arm.dh.positions(np.column_stack([zero, theta2, zero, theta4, zero]))
+    q = np.column_stack([zero, theta2, zero, theta4, zero])
+    return theta2, theta4, arm.dh.chain.positions(q)
 
 
 def _sectors_by_steps(arm: NominalArm, points: Array, theta2: Array, theta4: Array) -> NDArray[np.int64]:

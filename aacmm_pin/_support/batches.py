@@ -1,0 +1,31 @@
+"""Long batches in parts, and products of vectors whose batch is the last axis."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from aacmm_pin._support.checks import Array
+
+CHUNK = 2048
+"""Rows handled at once: what is made of them stays in the processor's cache."""
+
+
+def chunks(n: int, size: int = CHUNK) -> list[slice]:
+    """Slices that cover ``range(n)`` in parts of ``size``."""
+    parts = []
+    for start in range(0, n, size):
+        parts.append(slice(start, min(start + size, n)))
+    return parts
+
+
+def cross(u: Array, v: Array) -> Array:
+    """u × v of components along the last axis but one (..., 3, n).
+
+    numpy.cross copies, and is several times slower here.
+    """
+    product = np.empty(np.broadcast_shapes(u.shape, v.shape))
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        ahead = u[..., j, :] * v[..., k, :]
+        product[..., i, :] = ahead - u[..., k, :] * v[..., j, :]
+    return product
