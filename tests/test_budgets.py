@@ -20,7 +20,7 @@ from tests.test_rooms import MODULES, ROOMS, imports
 
 TOKENS: dict[str, int] = {
     "errors": 500,
-    "_support": 6400,
+    "_support": 7060,
     "arm": 20700,
     "effects": 26800,
     "postures": 27000,
@@ -33,7 +33,10 @@ TOKENS: dict[str, int] = {
     "report": 57400,
     "cli": 15150,
 }
-"""Code without comments and docstrings: unlike lines, they do not fall when a line is packed fuller."""
+"""Code without comments and docstrings: unlike lines, they do not fall when a line is packed fuller.
+
+``_support`` has what gathers the problems of a table (500) from the room of measurements, for three rooms use it.
+"""
 DENSE: dict[str, int] = {
     "errors": 1,
     "_support": 6,
@@ -68,7 +71,7 @@ WIDE: dict[str, int] = {
 }
 """Lines of more than 100 characters."""
 SENTENCES: dict[str, int] = {
-    "_support": 7,
+    "_support": 8,
     "arm": 10,
     "effects": 28,
     "postures": 12,

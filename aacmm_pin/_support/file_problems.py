@@ -24,7 +24,7 @@ LONGEST_NAME = 100
 
 @dataclass
 class Problems:
-    """What is wrong with a table from ``source``; ``lines`` (n,) are the line numbers of its rows."""
+    """What is wrong with a table from ``source``; ``lines`` (n,) are the numbers of its rows."""
 
     source: str
     lines: Index
@@ -35,7 +35,10 @@ class Problems:
         self.found.append((None, shortened(column), message))
 
     def at(self, bad: Mask, column: str, message: str, *values: NDArray[Any]) -> None:
-        """A problem of the rows ``bad`` (n,): ``message`` with ``values`` (n,) of the first, and which others share it."""
+        """A problem of the rows ``bad`` (n,): ``message`` with ``values`` (n,) of the first.
+
+        The message lists which others share it.
+        """
         where = np.flatnonzero(bad)
         if not where.size:
             return
@@ -48,14 +51,15 @@ class Problems:
         self.found.append((int(self.lines[where[0]]), column, text))
 
     def of_other_values(self, column: str, values: NDArray[Any], stated: Mask, by: pd.Series, of: str) -> Index:
-        """Rows (n,) that are the first of their group ``by`` to state a value, of each row; -1 where none does.
+        """The first row of the group ``by`` of each row that states a value (n,); -1 where none does.
 
         Rows that state another value are a problem: expected is one for one ``of``.
         """
         rows = pd.Series(np.arange(len(values))).where(stated)
         first = rows.groupby(by).transform("first").fillna(-1).to_numpy(dtype=np.intp)
         message = f"is {{}}, but row {{}} states {{}}; expected one value for one {of}"
-        self.at(stated & (values != values[first]), column, message, values, self.lines[first], values[first])
+        other = stated & (values != values[first])
+        self.at(other, column, message, values, self.lines[first], values[first])
         return first
 
     def stop(self) -> None:

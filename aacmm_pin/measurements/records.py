@@ -270,9 +270,9 @@ class Measurements(Shown):
         table = self.to_frame("rad" if looks_like_radians(self.q / DEG) else "deg")
         dates = table.select_dtypes(["datetime", "datetimetz", "timedelta"])
         table[dates.columns] = dates.astype("string")  # without the hour where all are of midnight
-        texts = table.select_dtypes(exclude="number").astype(str).to_numpy().ravel()
+        texts = table.select_dtypes(exclude="number").to_numpy().ravel()
         # A lone carriage return ends a line for readers, but is no reason to quote for the writer.
-        returns = any("\r" in text for text in texts)
+        returns = any("\r" in str(text) for text in texts)
         quoting: Literal[0, 2] = csv.QUOTE_NONNUMERIC if returns else csv.QUOTE_MINIMAL
         return csv_text(table, quoting)
 
