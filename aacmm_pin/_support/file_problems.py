@@ -50,8 +50,15 @@ class Problems:
             text += f" (and {where.size - 1} more: row {others}{more})"
         self.found.append((int(self.lines[where[0]]), column, text))
 
-    def of_other_values(self, column: str, values: NDArray[Any], stated: Mask, by: pd.Series, of: str) -> Index:
-        """The first row of the group ``by`` of each row that states a value (n,); -1 where none does.
+    def of_other_values(
+        self,
+        column: str,
+        values: NDArray[Any],
+        stated: Mask,
+        by: pd.Series,
+        of: str,
+    ) -> Index:
+        """The first row of each row's group ``by`` that states a value (n,); -1 where none does.
 
         Rows that state another value are a problem: expected is one for one ``of``.
         """
