@@ -236,7 +236,8 @@ class Discrepancy(Effect):
     def _functions(self) -> list[Smooth]:
         return [each for part in self.parts for each in part.functions]
 
-    def inner_in_words(self) -> list[str]:
+    @property
+    def details(self) -> list[str]:
         """What it depends on, and what is off."""
         words = [f"over {self.covariate}"]
         if len(self.parts) == 1:
@@ -253,7 +254,7 @@ class Discrepancy(Effect):
         u = self.u if any(self.u) else ()
         return DiscrepancyEntry(depends_on=self.covariate, parts=parts, values_si=self.values, standard_uncertainty_si=u)
 
-    def to_be_told(self, conditions: Conditions) -> list[str]:
+    def validity_notes(self, conditions: Conditions) -> list[str]:
         """That readings are outside the range of time or temperature that it was fitted to."""
         found: dict[str, str] = {}
         for each in self._functions:
@@ -276,8 +277,7 @@ def discrepancy_of(entry: DiscrepancyEntry) -> Discrepancy:
     """
     parts = tuple(_part(part) for part in entry.parts)
     values, u = entry.values_si, entry.standard_uncertainty_si
-    found = Discrepancy(entry.depends_on, parts, len(values), values=values, u=u)
-    return found.require_plausible()
+    return Discrepancy(entry.depends_on, parts, len(values), values=values, u=u)
 
 
 def _part(entry: DiscrepancyPart) -> Part:

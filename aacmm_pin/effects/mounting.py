@@ -10,7 +10,8 @@ import numpy as np
 
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.chain import BASE
-from aacmm_pin.effects.effect import Displacement, Effect, Records, Term, shifts, turns, twist
+from aacmm_pin.effects.conditions import Records
+from aacmm_pin.effects.effect import Displacement, Effect, Term, shifts, turns, twist
 from aacmm_pin.effects.gravity import GravityEffect
 from aacmm_pin.effects.state import State
 
@@ -28,11 +29,10 @@ class BaseCompliance(GravityEffect):
 
     cause: ClassVar[str] = "base_compliance"
     words: ClassVar[str] = "tilting stand (base compliance)"
-    load: ClassVar[str] = "moment of the weight about the base"
     flexibility: ClassVar[Term] = Term("", "rad/(N·m)", 1e-5, "compliance_rad_per_nm", positive=True)
 
     def displacements(self, state: State) -> list[Displacement]:
-        """The moment about the foot."""
+        """The moment about the origin of the base."""
         whole = not self.bodies and self.load_at is None
         moments = state.moment(1, np.zeros((state.n, 3)))[:, :, None] if whole else self.moments(state, 1)
         return [Displacement(BASE, twist(angular=moments))]
@@ -79,7 +79,7 @@ class ReferenceFrame(Effect):
     words: ClassVar[str] = "error of the reference frame"
     of_reference: ClassVar[bool] = True
     refitted: ClassVar[bool] = True
-    usual: ClassVar[float] = 0.2
+    prior_weight: ClassVar[float] = 0.2
     terms: ClassVar[tuple[Term, ...]] = (*shifts(1e-3), *turns(1e-3))
 
     def displacements(self, state: State) -> list[Displacement]:

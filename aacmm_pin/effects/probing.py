@@ -30,7 +30,7 @@ class StylusOffset(Effect):
     marker: str | None = None
     cause: ClassVar[str] = "stylus_offset"
     refitted: ClassVar[bool] = True
-    usual: ClassVar[float] = 0.2
+    prior_weight: ClassVar[float] = 0.2
     terms: ClassVar[tuple[Term, ...]] = shifts(5e-5, FARTHEST)
 
     @property
@@ -38,7 +38,7 @@ class StylusOffset(Effect):
         """The marker, where one is named."""
         return () if self.marker is None else ("marker",)
 
-    def to_be_told(self, conditions: Conditions) -> list[str]:
+    def validity_notes(self, conditions: Conditions) -> list[str]:
         """That coordinates are of another point than the tip of the arm's geometry."""
         far = float(np.linalg.norm(self.values))
         if self.marker is not None or far < ANOTHER_POINT:
@@ -62,8 +62,7 @@ class StylusBending(Effect):
     """
 
     cause: ClassVar[str] = "stylus_bending"
-    usual: ClassVar[float] = 0.2
-    load: ClassVar[str] = "horizontal part of the stylus"
+    prior_weight: ClassVar[float] = 0.2
     elastic: ClassVar[bool] = True
     terms: ClassVar[tuple[Term, ...]] = (Term("", "m", 1e-5, "level_sag_mm", MM, positive=True),)
 

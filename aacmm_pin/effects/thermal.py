@@ -26,7 +26,6 @@ class ThermalExpansion(Effect):
 
     link: int | None = None
     cause: ClassVar[str] = "thermal_expansion"
-    whole: ClassVar[str] = "the arm"
     needs: ClassVar[tuple[str, ...]] = ("temperature",)
     terms: ClassVar[tuple[Term, ...]] = (
         Term("", "1/K", 2e-5, "expansion_per_k", read_in=("µm/(m·K)", 1e-6), positive=True),
