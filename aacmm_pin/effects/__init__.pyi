@@ -27,6 +27,7 @@ from .encoder import (
     JointPeriodicError,
     strongest_waves,
 )
+from .environment import BaseCompliance, ReferenceFrame, SeatError, StylusBending, StylusOffset, ThermalExpansion
 from .error_model import ErrorModel, GivenCause, GivenModel, as_causes, displaced, loaded, require_shown, static_equilibrium
 from .extrapolation import extrapolation_terms
 from .geometry import JointDistance, JointPlacement, JointZeroOffset, LinkLength, LinkTilt, LinkTwist, of_geometry
@@ -45,13 +46,10 @@ from .labels import (
     typical_magnitude_in_words,
     values_in_words,
 )
-from .mounting import BaseCompliance, ReferenceFrame, SeatError
 from .nonlinear import Nonlinear, TimeConstant
-from .probing import StylusBending, StylusOffset
 from .smooth_functions import Bumps, Cosines, Moment, Smooth, Waves, product_of
 from .state import State
 from .text import cause_of, effect_from, entries_of, require_plausible, stated_cause, text_of
-from .thermal import ThermalExpansion
 from .time_dependent import EncoderSlip, ZeroDrift
 from .tube import tubes
 

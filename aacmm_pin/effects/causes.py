@@ -26,7 +26,7 @@ from aacmm_pin.effects.compliance import (
     TorsionalWindup,
 )
 from aacmm_pin.effects.conditions import COLUMNS, Conditions, Records
-from aacmm_pin.effects.effect import Displacement, Effect, Term, fields_of
+from aacmm_pin.effects.effect import Effect, Term, fields_of
 from aacmm_pin.effects.encoder import (
     EncoderEccentricity,
     EncoderEllipticity,
@@ -34,6 +34,14 @@ from aacmm_pin.effects.encoder import (
     JointErrorCurve,
     JointHysteresis,
     JointPeriodicError,
+)
+from aacmm_pin.effects.environment import (
+    BaseCompliance,
+    ReferenceFrame,
+    SeatError,
+    StylusBending,
+    StylusOffset,
+    ThermalExpansion,
 )
 from aacmm_pin.effects.geometry import (
     JointDistance,
@@ -43,11 +51,8 @@ from aacmm_pin.effects.geometry import (
     LinkTilt,
     LinkTwist,
 )
-from aacmm_pin.effects.mounting import BaseCompliance, ReferenceFrame, SeatError
 from aacmm_pin.effects.nonlinear import Nonlinear
-from aacmm_pin.effects.probing import StylusBending, StylusOffset
 from aacmm_pin.effects.state import State
-from aacmm_pin.effects.thermal import ThermalExpansion
 from aacmm_pin.effects.time_dependent import EncoderSlip, ZeroDrift
 from aacmm_pin.errors import AacmmError, CauseError, UnknownNameError
 
@@ -117,7 +122,7 @@ def register(cause: _Own) -> _Own:
     if cause.__abstractmethods__:
         raise CauseError(name, f"{own} lacks {', '.join(sorted(cause.__abstractmethods__))}")
     _check_attributes(cause)
-    for method in _PARTS:
+    for method in ("displacements", "exact"):
         given = getattr(cause, method)
         if given is not Effect.exact and not hasattr(given, "__wrapped__"):
             setattr(cause, method, _checked(given, method))
@@ -128,32 +133,18 @@ def register(cause: _Own) -> _Own:
 def _check_attributes(cause: type[Effect]) -> None:
     """Refuse what a class states of itself, if that is no property."""
     fields = fields_of(cause)
-    checks: list[tuple[str, Callable[[Any], bool], str]] = [
-        ("terms", _are_terms, "a tuple of one Term or more, such as (Term(…),)"),
-        ("needs", _are_needs, f"a tuple of some of {', '.join(COLUMNS)}"),
-        ("prior_weight", _is_weight, "a number above 0"),
-        ("nonlinear", lambda one: _is_of(one, fields), f"one of {', '.join(fields)} as Nonlinear"),
+    checks: list[tuple[str, type, Callable[[Any], bool], str]] = [
+        ("terms", tuple, lambda all_: {*map(type, all_)} == {Term}, "a tuple of one Term or more"),
+        ("needs", tuple, lambda all_: {*all_} <= {*COLUMNS}, f"a tuple of some of {', '.join(COLUMNS)}"),
+        ("prior_weight", float, lambda weight: 0.0 < weight < np.inf, "a number above 0"),
+        ("nonlinear", Nonlinear, lambda one: one.field in ("", *fields), "a Nonlinear of a field"),
     ]
-    for name, check, expected in checks:
+    for name, kind, check, expected in checks:
         stated = inspect.getattr_static(cause, name)
-        if not isinstance(stated, property) and not check(stated):
+        if isinstance(stated, int):
+            stated = float(stated)
+        if not isinstance(stated, property) and not (isinstance(stated, kind) and check(stated)):
             raise CauseError(cause.cause, f"{name} is {stated!r}, expected {expected}")
-
-
-def _are_terms(terms: Any) -> bool:
-    return isinstance(terms, tuple) and {*map(type, terms)} == {Term}
-
-
-def _are_needs(needs: Any) -> bool:
-    return isinstance(needs, tuple) and {*needs} <= {*COLUMNS}
-
-
-def _is_weight(weight: Any) -> bool:
-    return isinstance(weight, int | float) and 0.0 < weight < np.inf
-
-
-def _is_of(nonlinear: Any, fields: tuple[str, ...]) -> bool:
-    return isinstance(nonlinear, Nonlinear) and nonlinear.field in ("", *fields)
 
 
 def _checked(method: _Method, name: str) -> _Method:
@@ -175,26 +166,13 @@ def _checked(method: _Method, name: str) -> _Method:
     return checked
 
 
-def _of_displacement(effect: Effect, moved: Displacement) -> tuple[int, Array, tuple[int, ...]]:
-    return moved.place, moved.columns, (6, len(effect.terms))
-
-
-def _of_twist(effect: Effect, moved: tuple[int, Array]) -> tuple[int, Array, tuple[int, ...]]:
-    place, twists = moved
-    return place, twists, (6,)
-
-
-_PARTS: dict[str, Callable[[Effect, Any], tuple[int, Array, tuple[int, ...]]]] = {
-    "displacements": _of_displacement,
-    "exact": _of_twist,
-}
-"""Place, numbers, and the shape of these in one record, of what a method returns."""
-
-
 def _check(effect: Effect, method: str, moved: Any, state: State) -> None:
     """Refuse a displacement, or a twist of a place, of another shape or without finite numbers."""
-    place, given, width = _PARTS[method](effect, moved)
-    what = "columns" if method == "displacements" else "twists"
+    if method == "displacements":
+        place, given, what = moved.place, moved.columns, "columns"
+        width: tuple[int, ...] = (6, len(effect.terms))
+    else:
+        (place, given), what, width = moved, "twists", (6,)
     numbers, last = np.asarray(given), state.arm.chain.tip
     if numbers.shape not in ((state.n, *width), (1, *width)):
         expected = f"expected {(state.n, *width)} or {(1, *width)}"

@@ -15,9 +15,9 @@ from aacmm_pin.arm.chain import BASE, axis
 from aacmm_pin.arm.file import DiscrepancyEntry, DiscrepancyPart
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.effect import Displacement, Effect, Term, about_axis, twist
+from aacmm_pin.effects.environment import growth_of_body
 from aacmm_pin.effects.smooth_functions import Cosines, Smooth, as_filed, as_read, needs_of, product_of
 from aacmm_pin.effects.state import State
-from aacmm_pin.effects.thermal import growth_of_body
 from aacmm_pin.effects.tube import tubes
 from aacmm_pin.errors import AacmmError
 

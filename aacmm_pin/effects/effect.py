@@ -272,8 +272,9 @@ class Effect(Shown, ABC):
     @property
     def row(self) -> int | None:
         """The DH row it belongs to; None for causes of the whole arm."""
-        of_row = self.place is not None and self.location_field() in ("joint", "link")
-        return int(self.place) if of_row and self.place is not None else None
+        if self.place is None or self.location_field() not in ("joint", "link"):
+            return None
+        return int(self.place)
 
     @property
     def label(self) -> str:

@@ -421,9 +421,8 @@ def loaded(model: GivenModel) -> Arm | ErrorModel:
 
 def _extended(arm: Arm, path: str) -> ErrorModel:
     """An arm with the effects of its file; ``path`` is what errors call this."""
-    if arm.file is None or not (arm.file.effects or arm.file.discrepancy):
-        effects: tuple[Effect, ...] = ()
-    else:
+    effects: tuple[Effect, ...] = ()
+    if arm.file is not None and (arm.file.effects or arm.file.discrepancy):
         from aacmm_pin.effects.text import effects_of_file  # loads every cause
 
         effects = effects_of_file(arm, path)

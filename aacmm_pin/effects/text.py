@@ -24,9 +24,9 @@ from aacmm_pin.errors import AacmmError, ArmFileError, UnknownNameError
 if TYPE_CHECKING:
     from aacmm_pin.effects.error_model import ErrorModel
 
+STRICT = ConfigDict(strict=True, allow_inf_nan=False)
 MOST_VALUES = 6
 """A text states the values of so many parameters at most."""
-STRICT = ConfigDict(strict=True, allow_inf_nan=False)
 
 AnyEffect = TypeVar("AnyEffect", bound=Effect)
 
@@ -49,11 +49,11 @@ def cause_of(text: str, model: ErrorModel, present: Collection[str] = ()) -> Eff
         UnknownNameError: an unknown cause, field or parameter.
         AacmmError: a field is missing or of no use, or the arm has no such row.
     """
-    cause, *_ = re.split("[:,]", text, maxsplit=1)
+    cause, *rest = re.split("[:,]", text, maxsplit=1)
     kind = cause_named(cause)
     fields: dict[str, Any] = {}
     parameters: dict[str, float] = {}
-    for name, value in _items(text, kind):
+    for name, value in _items(text, rest, kind):
         if name in fields or name in parameters:
             raise AacmmError(f"{text!r}: {name} is there twice")
         if name in fields_of(kind):
@@ -96,12 +96,11 @@ def text_of(effect: Effect) -> str:
     return f"{effect.key}{',' if ':' in effect.key else ':'}{values}"
 
 
-def _items(text: str, kind: type[Effect]) -> list[tuple[str, str]]:
+def _items(text: str, rest: list[str], kind: type[Effect]) -> list[tuple[str, str]]:
     """Names and values in a text; the first value may be the place alone, as in encoder_gain:3."""
-    _, *rest = re.split("[:,]", text, maxsplit=1)
     location = kind.location_field()
     found: list[tuple[str, str]] = []
-    for item in filter(None, rest[0].split(",") if rest else ()):
+    for item in filter(None, ",".join(rest).split(",")):
         name, equals, value = item.partition("=")
         if not equals and not found and location is not None:
             name, value = location, item
@@ -220,9 +219,9 @@ def entries_of(effects: Iterable[Effect]) -> dict[str, list[EffectEntry | Discre
 
 def _entry_of(effect: Effect) -> EffectEntry:
     """A cause as an arm file has it."""
-    fields = {name: getattr(effect, name) for name in fields_of(type(effect))}
     entry: dict[str, Any] = {"cause": effect.cause}
-    for name, value in fields.items():
+    for name in fields_of(type(effect)):
+        value = getattr(effect, name)
         if value not in (None, ()):
             entry[name] = list(value) if isinstance(value, tuple) else value
     uncertainty: dict[str, float] = {}

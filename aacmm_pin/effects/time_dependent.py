@@ -46,9 +46,9 @@ class _TimeOfDrift(TimeConstant["ZeroDrift"]):
         """How fast it goes on after what was seen of it."""
         if effect.until_s is None or not any(effect.values):
             return ()
-        rate = effect.values[0] / effect.time_constant_s
-        rate = float(abs(rate * np.exp(-effect.until_s / effect.time_constant_s)))
-        return (_DriftExtrapolation(effect.joint, effect.time_constant_s, effect.until_s, u=(rate,)),)
+        tau, until = effect.time_constant_s, effect.until_s
+        rate = float(abs(effect.values[0] / tau * np.exp(-until / tau)))
+        return (_DriftExtrapolation(effect.joint, tau, until, u=(rate,)),)
 
 
 @dataclass(frozen=True)
@@ -214,9 +214,8 @@ class EncoderSlip(Effect):
         later = self._is_of_later_session(conditions)
         if later.any():
             labels = dict.fromkeys(conditions.require("session", self.label)[later])
-            count = f"{later.sum()} of {conditions.n} records"
             own = ", ".join(map(repr, labels))
-            found.append(f"{count} are later than {self.label} by their session, {own}")
+            found.append(f"{later.sum()} of {conditions.n} records are later than {self.label} by their session, {own}")
         return found
 
     def part(self, conditions: Conditions) -> Array:

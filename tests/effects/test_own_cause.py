@@ -216,7 +216,7 @@ def test_mistakes_of_a_class_are_told_with_its_name_and_place(
             ("causes",),
             ": prior_weight is nan, expected a number above 0",
         ),
-        (terms, f"{terms}\n    nonlinear = 'order'", ("causes",), ": nonlinear is 'order', expected one of joint"),
+        (terms, f"{terms}\n    nonlinear = 'order'", ("causes",), ": nonlinear is 'order', expected a Nonlinear"),
         (terms, f"{terms}\n    known_range = 'ab'", given, ", or what uses it: UFuncTypeError"),
         (terms, f"{terms}\n    candidates = lambda *_: None", tried, ": candidates gives None, expected tuples of one"),
         (
