@@ -113,8 +113,7 @@ def register(cause: _Own) -> _Own:
         raise AacmmError(f"{cause!r} is no cause, expected a class derived from Effect")
     own, name = cause.__name__, getattr(cause, "cause", None)
     if not (isinstance(name, str) and re.fullmatch("[a-z][a-z0-9_]*", name)):
-        expected = "expected a name of small letters, digits and _"
-        raise AacmmError(f"{own}: cause is {name!r}, {expected}")
+        raise AacmmError(f"{own}: cause is {name!r}, expected small letters, digits and _")
     there = CAUSES.get(name, cause)
     if (there.__module__, there.__qualname__) != (cause.__module__, cause.__qualname__):
         taken = f"{there.__module__}.{there.__qualname__}"

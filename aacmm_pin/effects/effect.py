@@ -75,8 +75,7 @@ class Term:
         for name in ("typical", "scale"):
             number = getattr(self, name)
             if not (isinstance(number, int | float) and 0.0 < number < math.inf):
-                expected = "expected a number above 0"
-                raise AacmmError(f"Term {self.key!r}: {name} is {number!r}, {expected}")
+                raise AacmmError(f"Term {self.key!r}: {name} is {number!r}, expected a number above 0")
 
     @property
     def unit_read(self) -> tuple[str, float]:
@@ -182,8 +181,7 @@ class Effect(Shown, ABC):
         for name in ("values", "u"):
             numbers = tuple(map(float, getattr(self, name))) or (0.0,) * count
             if len(numbers) != count or not all(map(math.isfinite, numbers)):
-                expected = f"expected {count} finite numbers"
-                raise AacmmError(f"{self.label}: {name} is {numbers}, {expected}")
+                raise AacmmError(f"{self.label}: {name} is {numbers}, expected {count} finite numbers")
             object.__setattr__(self, name, numbers)
         if min(self.u, default=0.0) < 0.0:
             raise AacmmError(f"{self.label}: u is {self.u}, expected numbers that are not negative")
