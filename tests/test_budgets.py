@@ -41,7 +41,7 @@ DENSE: dict[str, int] = {
     "errors": 1,
     "_support": 6,
     "arm": 40,
-    "effects": 75,
+    "effects": 48,
     "postures": 56,
     "measurements": 46,
     "accuracy": 23,
@@ -58,7 +58,7 @@ WIDE: dict[str, int] = {
     "errors": 8,
     "_support": 73,
     "arm": 287,
-    "effects": 432,
+    "effects": 249,
     "postures": 334,
     "measurements": 289,
     "accuracy": 233,
@@ -84,16 +84,16 @@ SENTENCES: dict[str, int] = {
 }
 """English of six words or more that is neither a docstring nor raised: the report says it."""
 INNER: dict[str, int] = {
-    "effects": 50,
-    "postures": 34,
-    "measurements": 27,
-    "accuracy": 51,
-    "calibration": 66,
-    "diagnosis": 102,
-    "planning": 67,
-    "verification": 55,
-    "report": 202,
-    "cli": 105,
+    "effects": 48,
+    "postures": 31,
+    "measurements": 14,
+    "accuracy": 20,
+    "calibration": 38,
+    "diagnosis": 60,
+    "planning": 50,
+    "verification": 10,
+    "report": 131,
+    "cli": 86,
 }
 """Names that a room takes from inner modules of other rooms, and not from their faces."""
 CONSTANTS = 101

@@ -15,6 +15,7 @@ from pydantic import BaseModel
 from typer.testing import CliRunner
 
 import aacmm_pin
+from aacmm_pin import effects
 from aacmm_pin.arm import file as arm_file
 from aacmm_pin.cli.root_command import app
 from aacmm_pin.effects import CAUSES
@@ -110,7 +111,7 @@ def test_json_keys_are_those_that_are_written(schema: str, written: dict[str, se
     name = f"aacmm-pin/{schema}/1"
     explained, came = documented(f"`{name}`"), written[name]
     unexplained = {key for key in came if not known(key, explained)}
-    fields = {f"findings[].{field}" for cause in CAUSES.values() for field in cause.structure()}
+    fields = {f"findings[].{field}" for cause in CAUSES.values() for field in effects.fields_of(cause)}
     assert unexplained - (fields if schema == "diagnosis" else set()) == set()
     never = {
         key for key, words in explained.items() if not arrived(key, came) and "only" not in words and "null" not in words

@@ -23,7 +23,7 @@ from aacmm_pin._support.display import Shown
 from aacmm_pin._support.units import MM
 from aacmm_pin.accuracy.tip_sensitivity import ErrorSources
 from aacmm_pin.accuracy.volume import expanded
-from aacmm_pin.effects.error_model import ErrorModel, GivenModel, loaded
+from aacmm_pin.effects import ErrorModel, GivenModel, loaded
 from aacmm_pin.errors import AacmmError, ShapeError
 
 if TYPE_CHECKING:

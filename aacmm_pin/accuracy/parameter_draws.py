@@ -13,11 +13,7 @@ import scipy
 from aacmm_pin._support.batches import chunks
 from aacmm_pin._support.checks import Array
 from aacmm_pin.accuracy.tip_sensitivity import ErrorSources
-from aacmm_pin.effects import Displacement, Effect, Term
-from aacmm_pin.effects.conditions import Conditions
-from aacmm_pin.effects.error_model import ErrorModel, displaced
-from aacmm_pin.effects.geometry import of_geometry
-from aacmm_pin.effects.state import State
+from aacmm_pin.effects import Conditions, Displacement, Effect, ErrorModel, State, Term, displaced, of_geometry
 
 FEWEST_DRAWS = 100
 """With fewer a volume or an interval says nothing."""

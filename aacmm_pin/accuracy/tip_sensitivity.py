@@ -26,12 +26,17 @@ from aacmm_pin._support.units import MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.file import COVERAGE_FACTOR
 from aacmm_pin.arm.parameter import Parameter
-from aacmm_pin.effects.conditions import Conditions
-from aacmm_pin.effects.effect import Effect
-from aacmm_pin.effects.error_model import ErrorModel, displaced
-from aacmm_pin.effects.geometry import JointZeroOffset, of_geometry
-from aacmm_pin.effects.inner_value import open_questions
-from aacmm_pin.effects.state import State
+from aacmm_pin.effects import (
+    Conditions,
+    Effect,
+    ErrorModel,
+    JointZeroOffset,
+    State,
+    displaced,
+    extrapolation_terms,
+    of_geometry,
+    sensitivity,
+)
 from aacmm_pin.errors import AacmmError, MissingConditionError, UnknownNameError
 
 if TYPE_CHECKING:
@@ -77,7 +82,7 @@ class ErrorSources(Shown):
                 parameters together with those of effects was passed without the effects.
         """
         model, not_passed = _with_effects(model)
-        questions = (question for effect in model.effects for question in open_questions(effect))
+        questions = (question for effect in model.effects for question in extrapolation_terms(effect))
         model = replace(model, effects=(*model.effects, *questions))
         left_out = _lacking(model, q, conditions)
         not_included = tuple(dict.fromkeys((*not_passed, *(effect.label for effect in left_out))))
@@ -182,7 +187,7 @@ class ErrorSources(Shown):
             end = start + len(cause.terms)
             wanted = columns[(columns >= start) & (columns < end)] - start
             if wanted.size:
-                found.append(cause.sensitivity(state)[:, :, wanted])
+                found.append(sensitivity(cause, state)[:, :, wanted])
             start = end
         return np.concatenate(found, axis=2)
 
@@ -254,8 +259,10 @@ def _with_effects(model: Arm | ErrorModel) -> tuple[ErrorModel, list[str]]:
         raise AacmmError(f"{model.name}: {error}; pass its ErrorModel (ErrorModel.load), not the arm alone") from None
     if model.file is None or not (model.file.effects or model.file.discrepancy):
         return alone, []
-    from aacmm_pin.effects.causes import CAUSES  # loads every cause
-    from aacmm_pin.effects.discrepancy import discrepancy_of
+    from aacmm_pin.effects import (
+        CAUSES,  # loads every cause
+        discrepancy_of,
+    )
 
     labels = []
     for entry in model.file.effects:

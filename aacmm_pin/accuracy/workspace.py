@@ -30,8 +30,7 @@ from aacmm_pin.accuracy.tip_sensitivity import caveats
 from aacmm_pin.accuracy.volume import METHODS, AccuracyVolume, Method, accuracy_volume
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.limits import AT_LIMIT
-from aacmm_pin.effects.conditions import Conditions
-from aacmm_pin.effects.error_model import ErrorModel, GivenModel, loaded
+from aacmm_pin.effects import Conditions, ErrorModel, GivenModel, loaded
 from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError
 from aacmm_pin.postures.configurations import WRIST
 from aacmm_pin.postures.curve_sampling import Components, Sectors, arc_fractions, sector_centres
@@ -260,7 +259,7 @@ def map_workspace(
     whole(cells[0] * cells[1], 1, "cells")
     sectors = whole(sectors, 1, "sectors")
     model = loaded(model)
-    model = model.where_known() if isinstance(model, ErrorModel) else model
+    model = model.restricted_to_known_range() if isinstance(model, ErrorModel) else model
     arm = ErrorModel.arm_of(model)
     box = _extent(arm, extent)
     probe = _probe(model, conditions, method)

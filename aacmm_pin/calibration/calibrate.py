@@ -27,10 +27,18 @@ from aacmm_pin.calibration.parameters import ASSEMBLED, ParameterSet, problem_of
 from aacmm_pin.calibration.result import Calibration
 from aacmm_pin.calibration.setup import ReferenceFrame, Setup, Target, checked_input, listed
 from aacmm_pin.calibration.shared_exclusions import exclusions_of
-from aacmm_pin.effects import CAUSES, Effect, StylusOffset
-from aacmm_pin.effects.conditions import WARMER
-from aacmm_pin.effects.error_model import ErrorModel, GivenCause, GivenModel, as_causes, require_shown
-from aacmm_pin.effects.state import State
+from aacmm_pin.effects import (
+    CAUSES,
+    WARMER,
+    Effect,
+    ErrorModel,
+    GivenCause,
+    GivenModel,
+    State,
+    StylusOffset,
+    as_causes,
+    require_shown,
+)
 from aacmm_pin.errors import AacmmError, UnknownNameError, UnsupportedArmError
 from aacmm_pin.measurements import (
     GivenRecords,

@@ -15,8 +15,7 @@ from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.file import ArmFile, Covariance
 from aacmm_pin.calibration.fit import NO_SCATTER, Fit
 from aacmm_pin.calibration.identifiability import NEGLIGIBLE
-from aacmm_pin.effects import Effect, StylusOffset
-from aacmm_pin.effects.error_model import ErrorModel, entries_of
+from aacmm_pin.effects import Effect, ErrorModel, StylusOffset, entries_of
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import fingerprints, fingerprints_of_standards
 
@@ -49,8 +48,8 @@ def calibrated_model(fit: Fit) -> ErrorModel:
         if isinstance(effect, StylusOffset) and effect.marker is not None:
             told[own] = False
         elif vector.of_arm[own.start] is None:
-            inner_u = tuple(fit.inner_u.get((effect.key, name), 0.0) for name in effect.inner)
-            effects.append(replace(effect.at(x[own], alone[own]), inner_u=inner_u if any(inner_u) else ()))
+            nonlinear_u = fit.inner_u.get((effect.key, effect.nonlinear.field), 0.0)
+            effects.append(replace(effect.at(x[own], alone[own]), nonlinear_u=nonlinear_u))
     names = [name if tells else "" for name, tells in zip(vector.names, told, strict=True)]
     used = problem.measurements.take(fit.used)
     records = dict.fromkeys((*problem.known_from, *fingerprints(used), *fingerprints_of_standards(used)))

@@ -186,9 +186,10 @@ class Fit(Solution):
         """Inner values: number and effect, field, how far off it may be."""
         inner = []
         for k, effect in enumerate(self.effects):
-            stated = {name: u for name, u in zip(effect.inner, effect.inner_u, strict=False) if u}
-            widths = effect.inner_widths() if effect.key in self.found else stated
-            inner += [(k, effect, name, width) for name, width in widths.items()]
+            nonlinear, is_found = effect.nonlinear, effect.key in self.found
+            width = nonlinear.prior_sd(effect) if is_found else effect.nonlinear_u
+            if width:
+                inner.append((k, effect, nonlinear.field, width))
         return inner
 
     @cached_property

@@ -15,7 +15,7 @@ from aacmm_pin._support.display import Shown
 from aacmm_pin.arm.chain import axis, skew
 from aacmm_pin.calibration.problem import FRAME_WIDTHS, Prediction, Problem
 from aacmm_pin.calibration.solver import Point
-from aacmm_pin.effects.labels import listed
+from aacmm_pin.effects import listed
 
 NEGLIGIBLE = 0.02
 """Parts of a combination smaller than this, beside the largest, are not mentioned."""

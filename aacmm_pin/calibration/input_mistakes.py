@@ -31,9 +31,7 @@ from aacmm_pin.calibration.parameters import ASSEMBLED, problem_of
 from aacmm_pin.calibration.problem import Frame, Problem, registered
 from aacmm_pin.calibration.setup import Setup
 from aacmm_pin.calibration.solver import FEWEST, initial_point, solve
-from aacmm_pin.effects import JointPlacement, JointZeroOffset, LinkLength, LinkTilt, StylusOffset
-from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.effects.labels import listed
+from aacmm_pin.effects import ErrorModel, JointPlacement, JointZeroOffset, LinkLength, LinkTilt, StylusOffset, listed
 from aacmm_pin.errors import AacmmError, MissingConditionError, MistakenFileError
 from aacmm_pin.measurements.observations import Observations
 from aacmm_pin.measurements.records import Measurements

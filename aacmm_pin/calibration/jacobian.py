@@ -16,10 +16,7 @@ from numpy.typing import NDArray
 from aacmm_pin._support.batches import cross
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.calibration.parameter_vector import ParameterVector
-from aacmm_pin.effects import Displacement, Effect
-from aacmm_pin.effects.effect import moved
-from aacmm_pin.effects.error_model import settled
-from aacmm_pin.effects.state import State
+from aacmm_pin.effects import Displacement, Effect, State, point_sensitivity, sensitivity, static_equilibrium
 
 Twists = dict[int, Array]
 
@@ -116,12 +113,12 @@ class Columns:
         """The arm with all effects at the values ``x`` (p,), as the references state it."""
         state = replace(self.state, twists=self._twists(x, False))
         elastic = [effect.at(tuple(x[own])) for effect, own in self._elastic if x[own].any()]
-        state = settled(elastic, state) if elastic else state
+        state = static_equilibrium(elastic, state) if elastic else state
         of_reference = self._twists(x, True)
         return replace(state, twists=_sum(dict(state.twists), of_reference)) if of_reference else state
 
     def jacobian(self, state: State, more: int = 0) -> Array:
-        """∂(position)/∂parameters in ``state``, (n, 3, p) [m/unit]; see :meth:`Effect.sensitivity` for turns.
+        """∂(position)/∂parameters in ``state``, (n, 3, p) [m/unit]; see :func:`aacmm_pin.effects.sensitivity` for turns.
 
         Behind them there is room for so many columns ``more``, which are zero.
         """
@@ -129,9 +126,9 @@ class Columns:
         if self.same.place.size:
             total[:, :, self.same.number] = self._same_columns(state)
         for part in self.varying:
-            total[:, :, part.number] += moved(state, part.displacement)
+            total[:, :, part.number] += point_sensitivity(state, part.displacement)
         for effect, own in self._elastic:
-            total[:, :, own] = effect.sensitivity(state)
+            total[:, :, own] = sensitivity(effect, state)
         return total
 
     def _same_columns(self, state: State) -> Array:

@@ -15,8 +15,16 @@ from aacmm_pin.arm.chain import end
 from aacmm_pin.calibration.parameter_vector import OF_KIND, ParameterVector, geometric_parameters
 from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.calibration.setup import Setup, Target
-from aacmm_pin.effects import Effect, JointDistance, JointPlacement, JointZeroOffset, LinkLength, LinkTilt, StylusOffset
-from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.effects import (
+    Effect,
+    ErrorModel,
+    JointDistance,
+    JointPlacement,
+    JointZeroOffset,
+    LinkLength,
+    LinkTilt,
+    StylusOffset,
+)
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements.records import Measurements
 

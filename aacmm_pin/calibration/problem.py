@@ -15,9 +15,7 @@ from aacmm_pin.calibration.jacobian import Columns
 from aacmm_pin.calibration.linear_model import Prior
 from aacmm_pin.calibration.parameter_vector import ParameterVector
 from aacmm_pin.calibration.setup import Setup
-from aacmm_pin.effects import StylusOffset
-from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.effects.state import State
+from aacmm_pin.effects import ErrorModel, State, StylusOffset
 from aacmm_pin.measurements import orientation
 from aacmm_pin.measurements.records import Measurements
 

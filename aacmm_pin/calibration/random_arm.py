@@ -9,7 +9,7 @@ from aacmm_pin.accuracy.parameter_draws import parameter_errors
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration.calibrated_arm import moved_file
 from aacmm_pin.calibration.parameter_vector import ParameterVector
-from aacmm_pin.effects.error_model import ErrorModel, GivenModel
+from aacmm_pin.effects import ErrorModel, GivenModel
 from aacmm_pin.errors import AacmmError
 
 

@@ -25,8 +25,7 @@ from aacmm_pin.calibration.parameters import ASSEMBLED
 from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.calibration.shared_exclusions import Exclusions, exclusions_of
 from aacmm_pin.calibration.solver import LEAST_DOF
-from aacmm_pin.effects.conditions import COLUMNS
-from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.effects import COLUMNS, ErrorModel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

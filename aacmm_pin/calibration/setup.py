@@ -14,8 +14,7 @@ from numpy.typing import ArrayLike
 from aacmm_pin._support import plausible
 from aacmm_pin._support.checks import Array, Index, vector
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.effects import Effect
-from aacmm_pin.effects.error_model import ErrorModel, GivenModel
+from aacmm_pin.effects import Effect, ErrorModel, GivenModel, known_range_in_words
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements.records import Measurements, as_measurements
 
@@ -144,7 +143,8 @@ def checked_input(model: GivenModel, measurements: object, asked: Collection[str
     if used.all() or not used.any():
         return model, measurements
     notes = tuple(
-        f"{(~inside).sum()} of {measurements.n} records are outside the range of {effect.label}{effect.known_where}; "
+        f"{(~inside).sum()} of {measurements.n} records are outside the range of {effect.label}"
+        f"{known_range_in_words(effect)}; "
         f"left out: rows {listed(measurements.row[~inside])}"
         for effect, inside in zip(model.effects, known.T, strict=True)
         if not inside.all()

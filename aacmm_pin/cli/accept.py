@@ -18,7 +18,7 @@ from aacmm_pin.arm.file import MOST_BYTES, toml_of
 from aacmm_pin.cli.accept_prediction import BeforeTheTest
 from aacmm_pin.cli.arm_options import UrdfArm, in_metres
 from aacmm_pin.cli.common import Force, Json, Plot, Results, command, note, refuse
-from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.effects import ErrorModel
 from aacmm_pin.errors import AacmmError, MeasurementFileError
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.verification import AcceptanceResult, History, accept

@@ -13,7 +13,7 @@ from aacmm_pin.accuracy.volume import METHODS, AccuracyVolume, Method, circle_ac
 from aacmm_pin.cli.arm_options import EncoderNoise, UncertainArm, where_known
 from aacmm_pin.cli.common import Force, Json, Plot, Results, Sectors, Seed, command, note, say
 from aacmm_pin.cli.pose_options import Orientation, Point, Triple
-from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.effects import ErrorModel
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.postures.postures_at_point import PosturesAtPoint
 from aacmm_pin.report import terminal

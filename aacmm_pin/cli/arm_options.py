@@ -14,7 +14,7 @@ from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.example_robots import EXAMPLE_ROBOTS
 from aacmm_pin.arm.file import bundled_arms
 from aacmm_pin.cli.common import angle_option, note
-from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.effects import ErrorModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements.noise import ENCODER, PROBE, REFERENCE, Noise
 
@@ -212,7 +212,7 @@ def in_metres(length_mm: float | None) -> float | None:
 
 def where_known(model: ErrorModel) -> ErrorModel:
     """The model whose joints stay where its effects are known; says which do, where that is not their whole range."""
-    within = model.where_known()
+    within = model.restricted_to_known_range()
     for j in np.flatnonzero((within.arm.limits != model.arm.limits).any(axis=1)):
         low, high = within.arm.limits[j] / (MM if model.arm.chain.prismatic[j] else DEG)
         unit = "mm" if model.arm.chain.prismatic[j] else "°"

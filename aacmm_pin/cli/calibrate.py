@@ -14,7 +14,7 @@ from aacmm_pin.calibration import calibrate
 from aacmm_pin.cli.arm_options import ArmAndData, MeasuredHow
 from aacmm_pin.cli.common import EffectTexts, Force, Json, Plot, Results, Seed, command, note
 from aacmm_pin.cli.urdf import urdf_of
-from aacmm_pin.effects.cause_text import stated_cause
+from aacmm_pin.effects import stated_cause
 from aacmm_pin.measurements.records import Measurements
 
 

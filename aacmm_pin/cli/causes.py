@@ -10,10 +10,7 @@ import pandas as pd
 import typer
 
 from aacmm_pin.cli.common import command, say
-from aacmm_pin.effects import CAUSES, Effect, example
-from aacmm_pin.effects.causes import cause_named
-from aacmm_pin.effects.conditions import COLUMNS
-from aacmm_pin.effects.labels import usual_size_in_words
+from aacmm_pin.effects import CAUSES, COLUMNS, Effect, cause_in_words, cause_named, example, typical_magnitude_in_words
 from aacmm_pin.report import terminal
 from aacmm_pin.report.document import Document, Table
 
@@ -29,11 +26,12 @@ def run(name: Annotated[str | None, typer.Argument(metavar="NAME", help="One of 
 
 def _row(cause: type[Effect]) -> dict[str, str]:
     effect = example(cause)
-    site, inner = cause.site(), [f"{field}=…" for field in cause.inner]
-    row = {"cause, and in words": f"{cause.cause}{f':{site.upper()}' if site else ''} ({cause.words})"}
+    site, field = cause.location_field(), cause.nonlinear.field
+    inner = [f"{field}=…"] if field else []
+    row = {"cause, and in words": f"{cause.cause}{f':{site.upper()}' if site else ''} ({cause_in_words(cause)})"}
     if effect is None:
         return row | {"parameters": ", ".join(inner), "usual": "", "needs": ""}
-    keys = list(effect.described())
+    keys = list(effect.notation.parameters(effect))
     shown = keys if len(keys) <= 6 else [keys[0], "…", keys[-1]]
     needs = ", ".join(COLUMNS[condition] for condition in effect.needs)
-    return row | {"parameters": ", ".join([*inner, *shown]), "usual": usual_size_in_words(effect), "needs": needs}
+    return row | {"parameters": ", ".join([*inner, *shown]), "usual": typical_magnitude_in_words(effect), "needs": needs}

@@ -17,10 +17,11 @@ from aacmm_pin._support.text_escaping import encodable
 from aacmm_pin._support.text_escaping import note as note
 from aacmm_pin._support.text_escaping import say as say
 from aacmm_pin._support.units import ANGLES, in_radians
+from aacmm_pin.effects import require_plausible
 from aacmm_pin.errors import AacmmError
 
 if TYPE_CHECKING:
-    from aacmm_pin.effects.error_model import ErrorModel
+    from aacmm_pin.effects import ErrorModel
 
 PLOT_SUFFIXES = (".png", ".svg", ".pdf")
 
@@ -149,7 +150,7 @@ class Results(OutputFiles):
         """
         for effect in model.effects:
             try:
-                effect.require_plausible()
+                require_plausible(effect)
             except AacmmError as error:
                 note(f"note: {error}: {path} cannot be read with it")
         self.text(model.text(comment, path), path)

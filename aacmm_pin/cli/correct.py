@@ -16,9 +16,7 @@ from aacmm_pin.arm.limits import broken_limits
 from aacmm_pin.calibration import compare
 from aacmm_pin.cli.arm_options import ArmAndData, EncoderNoise
 from aacmm_pin.cli.common import Force, Output, Results, command, note
-from aacmm_pin.effects.conditions import Conditions
-from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.effects.joint_commands import joint_commands
+from aacmm_pin.effects import Conditions, ErrorModel, joint_commands, known_range_in_words
 from aacmm_pin.errors import AacmmError, MeasurementFileError, UnknownNameError
 from aacmm_pin.measurements.csv_columns import BAR, BAR_U, ORIENTATION, ORIENTATION_U, REFERENCE, REFERENCE_U
 from aacmm_pin.measurements.csv_table import read_table
@@ -85,7 +83,7 @@ def run(
             raise MeasurementFileError(path, 1, name, "is there already; expected readings that were not corrected yet")
         of_readings = ~table.columns.isin(OF_REFERENCES)
         readings = Measurements.from_frame(table.loc[:, of_readings], model.arm.nq, path)
-        for line in (*read_as, *readings.read_as, *model.odd_readings(readings.q, readings.conditions)):
+        for line in (*read_as, *readings.read_as, *model.input_warnings(readings.q, readings.conditions)):
             note(f"note: {line}")
         rows = _known_rows(model, readings, path)
         known = readings.take(rows)
@@ -199,7 +197,9 @@ def _known_rows(model: ErrorModel, readings: Measurements, path: str) -> Index:
     known = model.known_at(readings.q)
     for k, number in zip(*np.nonzero(~known), strict=True):
         effect = model.effects[number]
-        note(f"{path}: row {readings.row[k]} is outside the range of {effect.label}{effect.known_where}; left empty")
+        note(
+            f"{path}: row {readings.row[k]} is outside the range of {effect.label}{known_range_in_words(effect)}; left empty"
+        )
     rows = np.flatnonzero(known.all(axis=1))
     if readings.n and not rows.size:
         raise AacmmError(f"{path}: no reading is in the range in which the effects of {model.arm.name} are known")

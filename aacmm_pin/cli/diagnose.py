@@ -13,7 +13,7 @@ from aacmm_pin._support.text_escaping import note
 from aacmm_pin.cli.arm_options import ArmAndData, MeasuredHow
 from aacmm_pin.cli.common import Force, Json, Results, Seed, command
 from aacmm_pin.diagnosis import diagnose
-from aacmm_pin.effects.labels import listed
+from aacmm_pin.effects import listed
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements.records import Measurements
 

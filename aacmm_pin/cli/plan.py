@@ -14,7 +14,7 @@ from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin.cli.arm_options import MeasuredHow, UncertainArm, in_metres, where_known
 from aacmm_pin.cli.common import Force, Json, Output, Results, Seed, command, note, refuse, say
 from aacmm_pin.cli.plan_acceptance import Artefacts, note_lowest_tip
-from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.effects import ErrorModel
 from aacmm_pin.errors import UnknownNameError
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.planning import CalibrationPlan, MeasurementPlan, plan_calibration, plan_measurements

@@ -17,7 +17,7 @@ from types import ModuleType
 from typing import Any
 
 from aacmm_pin._support.text_escaping import note
-from aacmm_pin.effects.causes import CAUSES, raised
+from aacmm_pin.effects import CAUSES, raised
 from aacmm_pin.errors import AacmmError
 
 SEARCHED = [*sys.path]

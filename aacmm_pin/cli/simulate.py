@@ -14,9 +14,7 @@ from aacmm_pin._support.units import MM
 from aacmm_pin.calibration.random_arm import perturbed_model
 from aacmm_pin.cli.arm_options import ContactNoise, UncertainArm, in_metres, where_known
 from aacmm_pin.cli.common import EffectTexts, Force, Output, Results, Seed, angle_option, command, note, refuse
-from aacmm_pin.effects import Effect
-from aacmm_pin.effects.cause_text import stated_cause
-from aacmm_pin.effects.error_model import ErrorModel, require_shown
+from aacmm_pin.effects import Effect, ErrorModel, require_shown, stated_cause
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements.noise import Noise
 from aacmm_pin.measurements.records import Measurements
@@ -130,7 +128,9 @@ def _require_effects_shown(effects: list[Effect], model: ErrorModel, data: Measu
     """Refuse effects without a size, and those that no record shows."""
     for given in effects:
         if not any(given.values):
-            raise AacmmError(f"--effect {given.key}: no size is given, expected {', '.join(given.described())}")
+            raise AacmmError(
+                f"--effect {given.key}: no size is given, expected {', '.join(given.notation.parameters(given))}"
+            )
         require_shown(given, model.arm, data.q, data.conditions, "this plan")
         if given.of_reference and not data.known.any():
             raise AacmmError(f"--effect {given.key}: is of stated coordinates, which records of this plan do not have")

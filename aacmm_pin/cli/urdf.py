@@ -14,8 +14,7 @@ from aacmm_pin.arm.urdf import urdf_text
 from aacmm_pin.arm.urdf_to_dh import dh_file
 from aacmm_pin.cli.arm_options import AnyArm
 from aacmm_pin.cli.common import Force, Output, Results, command, note
-from aacmm_pin.effects import StylusOffset
-from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.effects import ErrorModel, StylusOffset
 
 
 @command

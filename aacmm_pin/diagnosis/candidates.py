@@ -9,10 +9,17 @@ from aacmm_pin.calibration.parameter_vector import OF_KIND
 from aacmm_pin.calibration.parameters import is_reestimated
 from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.calibration.setup import Setup
-from aacmm_pin.effects import CAUSES, Effect, ReferenceFrame, StylusOffset, all_candidates
-from aacmm_pin.effects.discrepancy import Discrepancy
-from aacmm_pin.effects.effect import require_row
-from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.effects import (
+    CAUSES,
+    Discrepancy,
+    Effect,
+    ErrorModel,
+    ReferenceFrame,
+    StylusOffset,
+    all_candidates,
+    load_variants,
+    require_row,
+)
 from aacmm_pin.errors import UnknownNameError
 from aacmm_pin.measurements.records import Measurements
 
@@ -74,8 +81,8 @@ def _changes(
     """The change of each known cause, and its other variants; of several known causes with one label with the first."""
     taken = {effect.identity for effect in model.effects}
     for effect in known_causes(model, measurements, setup):
-        others = [*effect.other_loads(model.arm)]
-        if effect.inner:
+        others = [*load_variants(effect, model.arm)]
+        if effect.nonlinear.field:
             others = [*found.get(effect.label, ()), *others]
         new = [other for other in others if other.identity not in taken]
         taken.update(other.identity for other in new)

@@ -16,12 +16,19 @@ from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration.shared_exclusions import MOST_LABELS, as_numbers
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
-from aacmm_pin.effects.conditions import Conditions
-from aacmm_pin.effects.discrepancy import Carrier
-from aacmm_pin.effects.encoder import LEAST_SPREAD
-from aacmm_pin.effects.smooth_functions import Bumps, Cosines, Moment, Smooth, Waves, product_of
-from aacmm_pin.effects.state import State
-from aacmm_pin.effects.tube import tubes
+from aacmm_pin.effects import (
+    LEAST_SPREAD,
+    Bumps,
+    Carrier,
+    Conditions,
+    Cosines,
+    Moment,
+    Smooth,
+    State,
+    Waves,
+    product_of,
+    tubes,
+)
 from aacmm_pin.measurements.records import Measurements
 
 SMOOTH = (5, 20)

@@ -18,9 +18,7 @@ from aacmm_pin.calibration.parameter_vector import ParameterVector
 from aacmm_pin.calibration.variance_components import information_of_seats
 from aacmm_pin.diagnosis.candidates import Variants, is_change
 from aacmm_pin.diagnosis.covariates import Carried, Covariate
-from aacmm_pin.effects import Effect, JointZeroOffset
-from aacmm_pin.effects.discrepancy import Carrier, Discrepancy, Part
-from aacmm_pin.effects.state import State
+from aacmm_pin.effects import Carrier, Discrepancy, Effect, JointZeroOffset, Part, State
 
 TYPICAL_SHIFT = 2e-5
 """Usual size of what no cause explains, for each smooth function of it: at the tip, or what is left
@@ -224,7 +222,7 @@ def _sources(variants: Variants) -> list[tuple[Effect, ...]]:
     """What each variant changes: itself, and where it has another inner value than a cause that is
     known, that one too.
     """
-    first, both = variants[0], is_change(variants[0]) and variants[0].inner
+    first, both = variants[0], is_change(variants[0]) and variants[0].nonlinear.field
     return [(effect, first) if both and effect is not first else (effect,) for effect in variants]
 
 

@@ -30,9 +30,7 @@ from aacmm_pin.diagnosis.result import Diagnosis, Finding
 from aacmm_pin.diagnosis.significance import visible
 from aacmm_pin.diagnosis.unexplained import Unexplained, excess_of, unexplained_by
 from aacmm_pin.diagnosis.verdict import doubts_of, verdict_of
-from aacmm_pin.effects import Effect
-from aacmm_pin.effects.discrepancy import Discrepancy
-from aacmm_pin.effects.error_model import ErrorModel, GivenCause, GivenModel, as_causes
+from aacmm_pin.effects import Discrepancy, Effect, ErrorModel, GivenCause, GivenModel, as_causes, corrects_seat
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements.records import GivenRecords, Measurements
 
@@ -157,7 +155,7 @@ def _no_better(arm: Arm, findings: Sequence[Finding], held: Gain | None, structu
     """
     if held is None or held.beyond_doubt:
         return False
-    causes = [f for f in findings if not (f.effect.corrects_seat or geometric_parameters(arm, f.effect))]
+    causes = [f for f in findings if not (corrects_seat(f.effect) or geometric_parameters(arm, f.effect))]
     borne_out = structure and all(f.brought is not None and f.borne_out for f in causes)
     return bool(causes) and not borne_out
 
@@ -186,7 +184,7 @@ def _with_causes(model: ErrorModel, measurements: Measurements, setup: Setup) ->
     def problem(causes: Sequence[Effect], held_causes: Sequence[Effect] = (), gone: Sequence[Effect] = ()) -> Problem:
         freed = [replace(c, values=known[c.identity].values) if c.identity in known else c for c in causes]
         keys = {cause.key for cause in (*causes, *gone)}
-        places = {cause.label for cause in causes if cause.inner and cause.identity not in known}
+        places = {cause.label for cause in causes if cause.nonlinear.field and cause.identity not in known}
         rest = [effect for effect in known.values() if effect.key not in keys]
         beside = [effect.at(effect.values, free(effect).u) for effect in rest if effect.label in places]
         within = [effect for effect in rest if effect.label not in places]
@@ -206,4 +204,4 @@ def _as_found(model: ErrorModel, stated: bool, findings: Sequence[Finding], left
     each = ((e, found.get(e.identity, e)) for e in model.effects)
     scatter = [model.arm.unexplained] if stated and model.arm.unexplained else []
     arm = model.arm.with_unexplained("; ".join([*left.in_words, *scatter]))
-    return ErrorModel(arm, tuple(replace(f, values=e.values, u=e.u, inner_u=e.inner_u) for e, f in each))
+    return ErrorModel(arm, tuple(replace(f, values=e.values, u=e.u, nonlinear_u=e.nonlinear_u) for e, f in each))

@@ -19,8 +19,7 @@ from aacmm_pin.diagnosis.background import Background
 from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.covariates import Carried
 from aacmm_pin.diagnosis.model_extension import ProblemOf, free
-from aacmm_pin.effects.discrepancy import Carrier, Discrepancy, Part
-from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.effects import Carrier, Discrepancy, ErrorModel, Part
 
 FACTORS = 10
 """So many independent factors stand for the covariance of a background, beside the size of the whole; with 20 u is off by

@@ -14,8 +14,7 @@ from aacmm_pin.diagnosis.cross_validation import Training, brought
 from aacmm_pin.diagnosis.inner_values import Step, step_of
 from aacmm_pin.diagnosis.result import Finding, described
 from aacmm_pin.diagnosis.significance import aliases_of, family_wise, retained
-from aacmm_pin.effects import Effect
-from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.effects import Effect, ErrorModel, slides
 
 
 def findings_of(model: ErrorModel, choice: Choice, trained: list[Training], rng: np.random.Generator) -> list[Finding]:
@@ -31,8 +30,9 @@ def _finding(model: ErrorModel, choice: Choice, trained: list[Training], block: 
     effect, covariance = every.get(chosen.identity, latest[chosen.label])
     covariance = covariance + _of_other_sets(choice, block, effect)
     effect = effect.at(effect.values, tuple(np.sqrt(np.diag(covariance))))
-    stepping = (name for name in effect.inner if name not in effect.inner_widths())
-    steps = {name: step_of(choice, block, name) for name in stepping}
+    field = effect.nonlinear.field
+    is_step = field and not effect.nonlinear.prior_sd(effect)
+    steps = {field: step_of(choice, block, field)} if is_step else {}
     inner = _inner_values(choice, effect, steps)
     known = [old for old in model.effects if old.label == effect.label]
     replaced = [old for old in known if old.identity == effect.identity or old.identity not in every]
@@ -46,7 +46,7 @@ def _finding(model: ErrorModel, choice: Choice, trained: list[Training], block: 
         tuple(aliases_of(choice.posterior, choice.library, block)),
         None if geometric_parameters(model.arm, effect) else brought(choice, trained, block),
         inner,
-        effect.slides(choice.fit.problem.model.arm),
+        slides(effect, choice.fit.problem.model.arm),
         None if effect.place is None else latest.get(effect.cause, (None,))[0],
         next(iter(replaced), None),
     )
@@ -64,7 +64,8 @@ def _told(choice: Choice, effect: Effect, inner: Mapping[str, tuple[float, float
     """The effect with what the records tell of where it steps, or of how far off its inner values may be."""
     intervals = {name: (value - 2.0 * u, value + 2.0 * u) for name, (value, u) in inner.items()}
     for low, high in (intervals | {name: (step.low, step.high) for name, step in steps.items()}).values():
-        effect = effect.told_between(low, high, choice.fit.problem.measurements)
+        records = choice.fit.problem.measurements
+        effect = effect.nonlinear.with_coverage_interval(effect, low, high, records)
     return effect
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import scipy
@@ -47,11 +46,12 @@ def refined_causes(choice: Choice, before: Sequence[Effect] = ()) -> list[Effect
     there = {variants[0].label for variants in choice.library}
     best = [variants[-1] for variants in acting]
     new = [k for k, block in enumerate(choice.top_causes) if not is_change(choice.variant(block))]
-    special = {k: [[case for case in best[k].special_cases() if case.label in there]] for k in new}
-    series = {k: [best[k].refined(records)] for k in new}
+    special = {k: [[case for case in best[k].nonlinear.special_cases(best[k]) if case.label in there]] for k in new}
+    series = {k: [best[k].nonlinear.refine(best[k], records)] for k in new}
     for number, (found,) in evidences(choice.fit, acting, special).items():
         (cases,) = special[number]
-        series[number].append(cases[int(np.argmax(found))].refined(records))
+        case = cases[int(np.argmax(found))]
+        series[number].append(case.nonlinear.refine(case, records))
     several = {number: each for number, each in series.items() if sum(map(len, each)) > 1}
     for number, odds in evidences(choice.fit, acting, several).items():
         which = int(np.argmax([each.max() for each in odds]))
@@ -78,8 +78,9 @@ def _rivals(choice: Choice, block: int) -> list[list[Effect]]:
     best = {candidates.owner(k): k for k in reversed(order)}
     others = [k for k in order if best[candidates.owner(k)] == k and candidates.owner(k) != candidates.owner(block)]
     effects = [choice.variant(k) for k in others[:RIVALS]]
-    tried = [effect.at(()).refined(records) for effect in effects if effect.inner and not is_change(effect)]
-    return [each for each in tried if not any(effect.exceptional for effect in each)]
+    free = [effect.at(()) for effect in effects if effect.nonlinear.field and not is_change(effect)]
+    tried = [effect.nonlinear.refine(effect, records) for effect in free]
+    return [each for each in tried if not any(effect.nonlinear.is_preferred(effect) for effect in each)]
 
 
 def _acting(choice: Choice, blocks: Sequence[int]) -> list[Variants]:
@@ -118,7 +119,8 @@ def evidences(at: Fit, acting: Sequence[Variants], tried: Mapping[int, Series]) 
     for number, effects in every.items():
         beside = space.conditional(space.marginal(without_block(tuple(held), held[number])).best)
         odds = logsumexp(beside.additions[places[number][-len(effects) :]], axis=1)
-        odds += np.log([effect.share(at.problem.measurements) for effect in effects])
+        records = at.problem.measurements
+        odds += np.log([effect.nonlinear.prior_probability(effect, records) for effect in effects])
         ends = np.cumsum([len(each) for each in tried[number]])[:-1]
         found[number] = np.split(odds, ends)
     return found
@@ -127,7 +129,7 @@ def evidences(at: Fit, acting: Sequence[Variants], tried: Mapping[int, Series]) 
 def likeliest(tried: Sequence[Effect], odds: Array) -> Effect:
     """The effect with the largest evidence, or one with an exceptional inner value that has nearly as much."""
     best = int(np.argmax(odds))
-    exceptional = [k for k, effect in enumerate(tried) if effect.exceptional]
+    exceptional = [k for k, effect in enumerate(tried) if effect.nonlinear.is_preferred(effect)]
     usual = max(exceptional, key=lambda k: odds[k], default=best)
     if exceptional and odds[usual] > odds[best] - EXCEPTIONAL:
         return tried[usual]
@@ -137,22 +139,23 @@ def likeliest(tried: Sequence[Effect], odds: Array) -> Effect:
 def _at_the_top(tried: Sequence[Effect], odds: Array, best: int) -> Effect:
     """The effect at the top of the parabola through the best of those tried and its neighbours."""
     effect = tried[best]
-    if not effect.inner_widths() or not 0 < best < len(tried) - 1:
+    nonlinear = effect.nonlinear
+    if not nonlinear.prior_sd(effect) or not 0 < best < len(tried) - 1:
         return effect
-    name = next(iter(effect.inner_widths()))
     near = slice(best - 1, best + 2)
-    values = np.array([getattr(each, name) for each in tried[near]])
+    values = np.array([nonlinear.value(each) for each in tried[near]])
     bend, slope, _ = np.polyfit(values - values[1], odds[near], 2)
     top = -slope / (2.0 * bend) if bend < 0.0 else 0.0
-    inner: dict[str, Any] = {name: float(np.clip(values[1] + top, values[0], values[2]))}
-    return replace(effect, **inner)
+    refined: Effect = nonlinear.at(effect, float(np.clip(values[1] + top, values[0], values[2])))
+    return refined
 
 
 def _as_before(effect: Effect, before: Sequence[Effect]) -> Effect:
     """The same cause in an earlier fit, if its inner values are about the same."""
     for old in before:
-        widths = old.inner_widths() if old.label == effect.label else {}
-        if widths and all(abs(getattr(effect, n) - getattr(old, n)) <= ABOUT * w for n, w in widths.items()):
+        nonlinear = old.nonlinear
+        width = nonlinear.prior_sd(old) if old.label == effect.label else 0.0
+        if width and abs(nonlinear.value(effect) - nonlinear.value(old)) <= ABOUT * width:
             return old
     return effect
 
@@ -160,18 +163,23 @@ def _as_before(effect: Effect, before: Sequence[Effect]) -> Effect:
 def with_inner_u(at: Fit, effects: Sequence[Effect]) -> Fit:
     """A refit that counts the inner values of new causes as uncertain; a known one changes its values alone."""
     records = at.problem.measurements
-    new = [k for k, e in enumerate(effects) if not is_change(e) and e.inner_widths() and not e.exceptional]
-    tried = {k: [effects[k].at(()).refined(records)] for k in new}
+    new = [k for k, effect in enumerate(effects) if not is_change(effect) and _is_smooth(effect)]
+    tried = {k: [effects[k].nonlinear.refine(effects[k].at(()), records)] for k in new}
     odds, found = evidences(at, [(effect,) for effect in effects], tried), {}
     number = {effects[k].label: k for k in new}
     for effect, own in zip(at.effects, at.problem.vector.slices, strict=True):
         k = number.get(effect.label, -1)
         if k in odds and not at.problem.start[own].any():
-            found[effect.key] = {name: _least_u(effect, name, tried[k][0], odds[k][0]) for name in effect.inner_widths()}
+            found[effect.key] = {effect.nonlinear.field: _least_u(effect, tried[k][0], odds[k][0])}
     return replace(at, found=found)
 
 
-def _least_u(effect: Effect, name: str, tried: Sequence[Effect], odds: Array) -> float:
+def _is_smooth(effect: Effect) -> bool:
+    """Whether it has an inner value in which it is smooth, and that may be any."""
+    return bool(effect.nonlinear.prior_sd(effect)) and not effect.nonlinear.is_preferred(effect)
+
+
+def _least_u(effect: Effect, tried: Sequence[Effect], odds: Array) -> float:
     """Half of the way from an inner value to the farther end of its 95 % interval, by the evidence of others near it.
 
     A time constant that is longer than the records last has far more room upwards than its derivative says.
@@ -180,9 +188,9 @@ def _least_u(effect: Effect, name: str, tried: Sequence[Effect], odds: Array) ->
         return 0.0
     grid = np.arange(len(tried))
     fine = np.linspace(0.0, grid[-1], FINER * int(grid[-1]) + 1)
-    values = scipy.interpolate.CubicSpline(grid, [getattr(each, name) for each in tried])(fine)
+    values = scipy.interpolate.CubicSpline(grid, [each.nonlinear.value(each) for each in tried])(fine)
     low, high = _interval(values, scipy.interpolate.CubicSpline(grid, odds)(fine))
-    value = getattr(effect, name)
+    value = effect.nonlinear.value(effect)
     return float(max(high - value, value - low) / 2.0)
 
 
@@ -213,11 +221,11 @@ def step_of(choice: Choice, block: int, name: str) -> Step:
     """What the records determine of the inner value ``name`` of a block."""
     candidates, records = choice.candidates, choice.fit.problem.measurements
     chosen = choice.variant(block).at(())
-    tried = chosen.refined(records)
+    tried = chosen.nonlinear.refine(chosen, records)
     others = [k for k in choice.top_causes if candidates.owner(k) != candidates.owner(block)]
     ((odds,),) = evidences(choice.fit, _acting(choice, [block, *others]), {0: [tried]}).values()
     values = np.array([getattr(effect, name) for effect in tried])
     share = np.exp(odds - logsumexp(odds))
-    gaps = np.array([effect.step_width(records) for effect in tried])
+    gaps = np.array([effect.nonlinear.gap(effect, records) for effect in tried])
     u = float(np.sqrt(share @ (np.square(values - getattr(chosen, name)) + np.square(gaps) / 12.0)))
     return Step(u, *_interval(values, odds))

@@ -215,7 +215,7 @@ def _extended(problem_of: ProblemOf, found: Choice, first: Fit, used: NDArray[np
 
 def _gone(at: Fit, effects: Sequence[Effect]) -> list[Effect]:
     """Known causes, beside new ones of their name, whose values are zero to within their U (k = 2)."""
-    named = {effect.label for effect in effects if effect.inner and not is_change(effect)}
+    named = {effect.label for effect in effects if effect.nonlinear.field and not is_change(effect)}
     own = {effect.identity for effect in effects}
     found = []
     for effect, place in zip(at.effects, at.problem.vector.slices, strict=True):
@@ -229,9 +229,9 @@ def _gone(at: Fit, effects: Sequence[Effect]) -> list[Effect]:
 def _without(at: Fit, effects: Sequence[Effect], number: int, gone: Sequence[Effect]) -> Effect:
     """One of the effects, with the likeliest inner value where it has taken the place of a known one."""
     effect = effects[number]
-    if effect.label not in {old.label for old in gone} or effect.exceptional:
+    if effect.label not in {old.label for old in gone} or effect.nonlinear.is_preferred(effect):
         return effect
-    tried = effect.refined(at.problem.measurements)
+    tried = effect.nonlinear.refine(effect, at.problem.measurements)
     ((odds,),) = evidences(at, [(each,) for each in effects], {number: [tried]}).values()
     return likeliest(tried, odds)
 

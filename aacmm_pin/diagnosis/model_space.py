@@ -107,7 +107,7 @@ def _owners(design: Design) -> Index:
 
 def _log_prior_of_candidates(library: Sequence[Variants], count: int) -> Array:
     """Log prior odds of each candidate, causes before covariates (count,)."""
-    weights = np.array([variants[0].usual for variants in library])
+    weights = np.array([variants[0].prior_weight for variants in library])
     covariates = count - len(library)
     of_causes = THRESHOLDS.library * weights / weights.sum()
     of_covariates = np.full(covariates, (1.0 - THRESHOLDS.library) / max(covariates, 1))
@@ -119,8 +119,8 @@ def _shares(variants: Variants, log_prior: float, records: Measurements) -> Arra
 
     Another inner value than that of a known cause is a change of this one and a new cause, each with these odds.
     """
-    shares = np.log([effect.share(records) for effect in variants])
-    new_beside_change = len(variants) > 1 and is_change(variants[0]) and variants[0].inner
+    shares = np.log([effect.nonlinear.prior_probability(effect, records) for effect in variants])
+    new_beside_change = len(variants) > 1 and is_change(variants[0]) and variants[0].nonlinear.field
     if not new_beside_change:
         return np.asarray(shares - log_sum(shares))
     new = shares[1:] - log_sum(shares[1:])
@@ -131,7 +131,7 @@ def _contained(library: Sequence[Variants]) -> dict[int, frozenset[int]]:
     number = {(effect.cause, effect.place): k for k, (effect, *_) in enumerate(library)}
     found = defaultdict[int, set[int]](set)
     for k, (effect, *_) in enumerate(library):
-        for freer in effect.contained_in:
+        for freer in effect.special_case_of:
             owner = number.get((freer, effect.place))
             if owner is not None:
                 found[owner].add(k)

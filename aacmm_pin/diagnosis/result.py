@@ -24,8 +24,7 @@ from aacmm_pin.diagnosis.discrepancy import described_by, lost
 from aacmm_pin.diagnosis.significance import Alias
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.diagnosis.unexplained import Unexplained
-from aacmm_pin.effects import Effect
-from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.effects import Effect, ErrorModel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -272,7 +271,7 @@ class Diagnosis(Shown):
 
 def described(effect: Effect, covariance: Array) -> dict[str, tuple[float, float]]:
     """Described values of an effect with u, from the covariance of its parameters (p, p)."""
-    jacobian, values = effect.described_jacobian(), effect.described()
+    jacobian, values = effect.notation.jacobian(effect), effect.notation.parameters(effect)
     variance = np.einsum("ij,jk,ik->i", jacobian, covariance, jacobian)
     u = np.sqrt(np.maximum(variance, 0.0)).tolist()
     return dict(zip(values, zip(values.values(), u, strict=True), strict=True))

@@ -1,6 +1,8 @@
-"""The causes of error, one small class each. ``CAUSES`` finds a class by the name of its cause, ``register`` adds one.
+"""The causes of error, one small class each, the conditions of records, and arms with causes.
 
-The names of ``__init__.pyi`` are loaded when they are first used: an arm without causes needs none of them.
+``CAUSES`` finds a class by the name of its cause, ``register`` adds one. Other rooms import from
+here. The names of ``__init__.pyi`` are loaded when they are first used: an arm without causes needs
+none of them.
 """
 
 import lazy_loader

@@ -1,33 +1,82 @@
-from .cause_text import cause_of
-from .causes import CAUSES, all_candidates, example, register
+from .causes import CAUSES, all_candidates, cause_named, example, raised, register
 from .compliance import BearingTilt, Counterbalance, JointCompliance, LinkBending, TorsionalWindup
-from .drift_and_hysteresis import JointHysteresis, ZeroDrift
-from .effect import Displacement, Effect, Reading, Records, Term, about_axis, axis, twist
+from .conditions import COLUMNS, UNITS, WARMER, Conditions, Labels, Records, labels_of
+from .discrepancy import Carrier, Discrepancy, Part, discrepancy_of
+from .effect import (
+    Displacement,
+    Effect,
+    Notation,
+    Reading,
+    Term,
+    about_axis,
+    axis,
+    corrects_seat,
+    fields_of,
+    point_sensitivity,
+    require_row,
+    sensitivity,
+    twist,
+)
 from .encoder import (
+    LEAST_SPREAD,
     EncoderEccentricity,
     EncoderEllipticity,
     EncoderGain,
-    EncoderSlip,
     JointErrorCurve,
+    JointHysteresis,
     JointPeriodicError,
+    strongest_waves,
 )
-from .geometry import JointDistance, JointPlacement, JointZeroOffset, LinkLength, LinkTilt, LinkTwist
-from .mounting import BaseCompliance, ReferenceFrame, SeatError
-from .probing import StylusBending, StylusOffset
+from .environment import BaseCompliance, ReferenceFrame, SeatError, StylusBending, StylusOffset, ThermalExpansion
+from .error_model import ErrorModel, GivenCause, GivenModel, as_causes, displaced, loaded, require_shown, static_equilibrium
+from .extrapolation import extrapolation_terms
+from .geometry import JointDistance, JointPlacement, JointZeroOffset, LinkLength, LinkTilt, LinkTwist, of_geometry
+from .gravity import GravityEffect, load_variants
+from .joint_commands import joint_commands
+from .labels import (
+    cause_in_words,
+    in_words,
+    known_range_in_words,
+    listed,
+    name_in_words,
+    probability,
+    row_in_words,
+    several_in_words,
+    slides,
+    typical_magnitude_in_words,
+    values_in_words,
+)
+from .nonlinear import Nonlinear, TimeConstant
+from .smooth_functions import Bumps, Cosines, Moment, Smooth, Waves, product_of
 from .state import State
-from .thermal import ThermalExpansion
+from .text import cause_of, effect_from, entries_of, require_plausible, stated_cause, text_of
+from .time_dependent import EncoderSlip, ZeroDrift
+from .tube import tubes
 
 __all__ = [
     "CAUSES",
+    "COLUMNS",
+    "LEAST_SPREAD",
+    "UNITS",
+    "WARMER",
     "BaseCompliance",
     "BearingTilt",
+    "Bumps",
+    "Carrier",
+    "Conditions",
+    "Cosines",
     "Counterbalance",
+    "Discrepancy",
     "Displacement",
     "Effect",
     "EncoderEccentricity",
     "EncoderEllipticity",
     "EncoderGain",
     "EncoderSlip",
+    "ErrorModel",
+    "GivenCause",
+    "GivenModel",
+    "GravityEffect",
     "JointCompliance",
     "JointDistance",
     "JointErrorCurve",
@@ -35,26 +84,71 @@ __all__ = [
     "JointPeriodicError",
     "JointPlacement",
     "JointZeroOffset",
+    "Labels",
     "LinkBending",
     "LinkLength",
     "LinkTilt",
     "LinkTwist",
+    "Moment",
+    "Nonlinear",
+    "Notation",
+    "Part",
     "Reading",
     "Records",
     "ReferenceFrame",
     "SeatError",
+    "Smooth",
     "State",
     "StylusBending",
     "StylusOffset",
     "Term",
     "ThermalExpansion",
+    "TimeConstant",
     "TorsionalWindup",
+    "Waves",
     "ZeroDrift",
     "about_axis",
     "all_candidates",
+    "as_causes",
     "axis",
+    "cause_in_words",
+    "cause_named",
     "cause_of",
+    "corrects_seat",
+    "discrepancy_of",
+    "displaced",
+    "effect_from",
+    "entries_of",
     "example",
+    "extrapolation_terms",
+    "fields_of",
+    "in_words",
+    "joint_commands",
+    "known_range_in_words",
+    "labels_of",
+    "listed",
+    "load_variants",
+    "loaded",
+    "name_in_words",
+    "of_geometry",
+    "point_sensitivity",
+    "probability",
+    "product_of",
+    "raised",
     "register",
+    "require_plausible",
+    "require_row",
+    "require_shown",
+    "row_in_words",
+    "sensitivity",
+    "several_in_words",
+    "slides",
+    "stated_cause",
+    "static_equilibrium",
+    "strongest_waves",
+    "text_of",
+    "tubes",
     "twist",
+    "typical_magnitude_in_words",
+    "values_in_words",
 ]

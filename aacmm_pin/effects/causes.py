@@ -18,23 +18,42 @@ from numpy.typing import NDArray
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin.arm.arm import Arm, GivenArm, as_arm
-from aacmm_pin.effects.compliance import BearingTilt, Counterbalance, JointCompliance, LinkBending, TorsionalWindup
-from aacmm_pin.effects.conditions import COLUMNS, Conditions
-from aacmm_pin.effects.drift_and_hysteresis import JointHysteresis, ZeroDrift
-from aacmm_pin.effects.effect import Displacement, Effect, Records, Term
+from aacmm_pin.effects.compliance import (
+    BearingTilt,
+    Counterbalance,
+    JointCompliance,
+    LinkBending,
+    TorsionalWindup,
+)
+from aacmm_pin.effects.conditions import COLUMNS, Conditions, Records
+from aacmm_pin.effects.effect import Effect, Term, fields_of
 from aacmm_pin.effects.encoder import (
     EncoderEccentricity,
     EncoderEllipticity,
     EncoderGain,
-    EncoderSlip,
     JointErrorCurve,
+    JointHysteresis,
     JointPeriodicError,
 )
-from aacmm_pin.effects.geometry import JointDistance, JointPlacement, JointZeroOffset, LinkLength, LinkTilt, LinkTwist
-from aacmm_pin.effects.mounting import BaseCompliance, ReferenceFrame, SeatError
-from aacmm_pin.effects.probing import StylusBending, StylusOffset
+from aacmm_pin.effects.environment import (
+    BaseCompliance,
+    ReferenceFrame,
+    SeatError,
+    StylusBending,
+    StylusOffset,
+    ThermalExpansion,
+)
+from aacmm_pin.effects.geometry import (
+    JointDistance,
+    JointPlacement,
+    JointZeroOffset,
+    LinkLength,
+    LinkTilt,
+    LinkTwist,
+)
+from aacmm_pin.effects.nonlinear import Nonlinear
 from aacmm_pin.effects.state import State
-from aacmm_pin.effects.thermal import ThermalExpansion
+from aacmm_pin.effects.time_dependent import EncoderSlip, ZeroDrift
 from aacmm_pin.errors import AacmmError, CauseError, UnknownNameError
 
 CAUSES: dict[str, type[Effect]] = {
@@ -70,67 +89,73 @@ CAUSES: dict[str, type[Effect]] = {
 """Every cause by its name, in the order in which they are tried."""
 
 LARGEST_COLUMN = 1e12
-"""What a cause of one's own may move a place by per unit of a parameter [m/unit, rad/unit]; no physical one comes near."""
+"""What a cause of one's own may move a place by per unit of a parameter [m/unit, rad/unit]."""
 
 _Own = TypeVar("_Own", bound=type[Effect])
-_Item = TypeVar("_Item")
+_Method = Callable[[Any, State], list[Any]]
 
 
 def register(cause: _Own) -> _Own:
     """Make a cause of your own known by its name; a decorator of its class.
 
-    From then on ``diagnose`` tries it wherever its ``candidates`` say, plans tell it from others, arm files and ``--effect``
-    may name it, and pages and pictures show it. At the shell ``aacmm-pin --plugin MODULE …`` imports the module that
-    registers it, as does an entry point in the group ``aacmm_pin.causes``. It lasts as long as the process: a program that
-    reads an arm file with the cause registers it first. A class that is defined anew, as in a notebook, takes its own place.
-    Whatever its ``displacements`` and ``exact`` give is checked, each time.
+    From then on ``diagnose`` tries it wherever its ``candidates`` say, plans distinguish it from
+    others, arm files and ``--effect`` may name it, and pages and pictures show it. At the shell
+    ``aacmm-pin --plugin MODULE …`` imports the module that registers it, as does an entry point in
+    the group ``aacmm_pin.causes``. It lasts as long as the process: a program that reads an arm
+    file with the cause registers it first. A class that is defined anew, as in a notebook, takes
+    its own place. What its ``displacements`` and ``exact`` return is checked each time.
 
     Raises:
-        AacmmError: it is no :class:`Effect`, the name is of no use in a file, or another class has it.
-        CauseError: it has no ``displacements``, or its ``terms``, ``needs``, ``usual`` or ``inner`` are none.
+        AacmmError: it is no :class:`Effect`, the name is of no use in a file, or is taken.
+        CauseError: it has no ``displacements``, or states something of itself that cannot be.
     """
     if not (isinstance(cause, type) and issubclass(cause, Effect)):
-        raise AacmmError(f"{cause!r} is registered as a cause, expected a class derived from aacmm_pin.effects.Effect")
-    name = getattr(cause, "cause", None)
+        raise AacmmError(f"{cause!r} is no cause, expected a class derived from Effect")
+    own, name = cause.__name__, getattr(cause, "cause", None)
     if not (isinstance(name, str) and re.fullmatch("[a-z][a-z0-9_]*", name)):
-        raise AacmmError(f"{cause.__name__}: cause is {name!r}, expected a name of small letters, digits and _")
+        raise AacmmError(f"{own}: cause is {name!r}, expected small letters, digits and _")
     there = CAUSES.get(name, cause)
     if (there.__module__, there.__qualname__) != (cause.__module__, cause.__qualname__):
-        raise AacmmError(f"{cause.__name__}: the cause {name} is there already, {there.__module__}.{there.__qualname__}")
+        taken = f"{there.__module__}.{there.__qualname__}"
+        raise AacmmError(f"{own}: the cause {name} is there already, {taken}")
     if cause.__abstractmethods__:
-        raise CauseError(name, f"{cause.__name__} lacks {', '.join(sorted(cause.__abstractmethods__))}")
-    terms = inspect.getattr_static(cause, "terms")
-    if not isinstance(terms, property) and not (isinstance(terms, tuple) and terms and {*map(type, terms)} == {Term}):
-        raise CauseError(name, f"terms is {terms!r}, expected a tuple of one Term or more, such as (Term(…),)")
-    _check_attributes(cause, name)
-    for method, check in (("displacements", _check), ("exact", _check_exact)):
-        if not hasattr(getattr(cause, method), "__wrapped__") and getattr(cause, method) is not Effect.exact:
-            setattr(cause, method, _checked(getattr(cause, method), check))
+        raise CauseError(name, f"{own} lacks {', '.join(sorted(cause.__abstractmethods__))}")
+    _check_attributes(cause)
+    for method in ("displacements", "exact"):
+        given = getattr(cause, method)
+        if given is not Effect.exact and not hasattr(given, "__wrapped__"):
+            setattr(cause, method, _checked(given, method))
     CAUSES[name] = cause
     return cause
 
 
-def _check_attributes(cause: type[Effect], name: str) -> None:
-    """Refuse what a class states of itself, where that is no property."""
-    needs = inspect.getattr_static(cause, "needs")
-    if not isinstance(needs, property) and not (isinstance(needs, tuple) and {*needs} <= {*COLUMNS}):
-        raise CauseError(name, f"needs is {needs!r}, expected a tuple of some of {', '.join(COLUMNS)}")
-    if not (isinstance(cause.usual, int | float) and 0.0 < cause.usual < np.inf):
-        raise CauseError(name, f"usual is {cause.usual!r}, expected a number above 0")
-    if not (isinstance(cause.inner, tuple) and {*cause.inner} <= {*cause.structure()}):
-        raise CauseError(name, f"inner is {cause.inner!r}, expected a tuple of some of {', '.join(cause.structure())}")
+def _check_attributes(cause: type[Effect]) -> None:
+    """Refuse what a class states of itself, if that is no property."""
+    fields = fields_of(cause)
+    checks: list[tuple[str, type, Callable[[Any], bool], str]] = [
+        ("terms", tuple, lambda all_: {*map(type, all_)} == {Term}, "a tuple of one Term or more"),
+        ("needs", tuple, lambda all_: {*all_} <= {*COLUMNS}, f"a tuple of some of {', '.join(COLUMNS)}"),
+        ("prior_weight", float, lambda weight: 0.0 < weight < np.inf, "a number above 0"),
+        ("nonlinear", Nonlinear, lambda one: one.field in ("", *fields), "a Nonlinear of a field"),
+    ]
+    for name, kind, check, expected in checks:
+        stated = inspect.getattr_static(cause, name)
+        if isinstance(stated, int):
+            stated = float(stated)
+        if not isinstance(stated, property) and not (isinstance(stated, kind) and check(stated)):
+            raise CauseError(cause.cause, f"{name} is {stated!r}, expected {expected}")
 
 
-def _checked(method: Callable[[Any, State], list[_Item]], check: Callable[..., None]) -> Callable[[Any, State], list[_Item]]:
-    """The same, with a :class:`CauseError` for whatever is wrong with it but what an :class:`AacmmError` says."""
-    file, name = method.__code__.co_filename, method.__name__
+def _checked(method: _Method, name: str) -> _Method:
+    """The method, with a :class:`CauseError` for whatever is wrong with it or what it returns."""
+    file = method.__code__.co_filename
 
     @wraps(method)
-    def checked(self: Effect, state: State) -> list[_Item]:
+    def checked(self: Effect, state: State) -> list[Any]:
         try:
             found = list(method(self, state))
-            for item in found:
-                check(self, item, state)
+            for moved in found:
+                _check(self, name, moved, state)
         except AacmmError:
             raise
         except (Exception, SystemExit) as error:
@@ -140,34 +165,31 @@ def _checked(method: Callable[[Any, State], list[_Item]], check: Callable[..., N
     return checked
 
 
-def _check(effect: Effect, displacement: Displacement, state: State) -> None:
-    columns = np.asarray(displacement.columns)
-    expected = f"expected ({state.n}, 6, {len(effect.terms)}) or (1, 6, {len(effect.terms)}): records, twist, parameters"
-    if columns.shape[1:] != (6, len(effect.terms)) or len(columns) not in (1, state.n):
-        raise CauseError(effect.label, f"displacements: columns have shape {columns.shape}, {expected}")
-    numbers = columns.reshape(len(columns), -1)
-    _check_numbers(effect, "displacements: columns", displacement.place, numbers, state)
-
-
-def _check_exact(effect: Effect, moved: tuple[int, Array], state: State) -> None:
-    twists = np.asarray(moved[1])
-    if twists.shape not in ((state.n, 6), (1, 6)):
-        raise CauseError(effect.label, f"exact: twists have shape {twists.shape}, expected ({state.n}, 6) or (1, 6)")
-    _check_numbers(effect, "exact: twists", moved[0], twists, state)
-
-
-def _check_numbers(effect: Effect, what: str, place: int, numbers: Array, state: State) -> None:
-    last, wrong = state.arm.chain.tip, np.flatnonzero(~(np.abs(numbers) <= LARGEST_COLUMN).all(axis=1))
+def _check(effect: Effect, method: str, moved: Any, state: State) -> None:
+    """Refuse a displacement, or a twist of a place, of another shape or without finite numbers."""
+    if method == "displacements":
+        place, given, what = moved.place, moved.columns, "columns"
+        width: tuple[int, ...] = (6, len(effect.terms))
+    else:
+        (place, given), what, width = moved, "twists", (6,)
+    numbers, last = np.asarray(given), state.arm.chain.tip
+    if numbers.shape not in ((state.n, *width), (1, *width)):
+        expected = f"expected {(state.n, *width)} or {(1, *width)}"
+        raise CauseError(effect.label, f"{method}: {what} have shape {numbers.shape}, {expected}")
     if place not in range(last + 1):
-        raise CauseError(effect.label, f"{what.split(':')[0]}: place is {place!r}, expected a whole number from 0 to {last}")
+        expected = f"expected a whole number from 0 to {last}"
+        raise CauseError(effect.label, f"{method}: place is {place!r}, {expected}")
+    rows = np.abs(numbers.reshape(len(numbers), -1))
+    wrong = np.flatnonzero(~(rows <= LARGEST_COLUMN).all(axis=1))
     if wrong.size:
-        came = f"numbers that are not finite, or beyond {LARGEST_COLUMN:g}, in {wrong.size} of {len(numbers)} records"
-        raise CauseError(effect.label, f"{what} have {came}, the first at number {wrong[0] + 1}")
+        came = f"numbers that are not finite, or beyond {LARGEST_COLUMN:g}"
+        where = f"in {wrong.size} of {len(rows)} records, the first at number {wrong[0] + 1}"
+        raise CauseError(effect.label, f"{method}: {what} have {came}, {where}")
 
 
 def raised(error: BaseException, file: str) -> str:
     """An exception in one line, with the last line of ``file`` on its way, if it came by there."""
-    lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]
+    lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == file]
     where = f" ({Path(file).name}, line {lines[-1]})" if lines else ""
     text = str(traceback.TracebackException.from_exception(error))  # whatever its own __str__ does
     return f"{type(error).__name__}: {' '.join(text.split())}{where}"
@@ -195,8 +217,11 @@ def all_candidates(arm: GivenArm, records: Records | None = None) -> Iterator[tu
         records: as far as they show the causes; None for whatever could be recorded.
     """
     arm = as_arm(arm)
-    for _, kinds in itertools.groupby(CAUSES.values(), key=lambda cause: cause.site()):
-        found = [variants for cause in kinds if not cause.refitted for variants in _candidates(cause, arm, records)]
+    free = (cause for cause in CAUSES.values() if not cause.refitted)
+    for _, kinds in itertools.groupby(free, key=lambda cause: cause.location_field()):
+        found: list[tuple[Effect, ...]] = []
+        for cause in kinds:
+            found += _candidates(cause, arm, records)
         yield from sorted(found, key=lambda variants: variants[0].row or 0)
 
 
@@ -209,15 +234,17 @@ def _candidates(cause: type[Effect], arm: Arm, records: Records | None) -> list[
     found = cause.candidates(arm, records)
     given = list(found) if isinstance(found, Iterable) else [found]
     for variants in given:
-        if not (isinstance(variants, tuple) and variants and all(isinstance(one, cause) for one in variants)):
-            came = reprlib.repr(variants)
-            raise CauseError(cause.cause, f"candidates gives {came}, expected tuples of one {cause.__name__} or more")
+        effects = variants if isinstance(variants, tuple) else ()
+        if not effects or not all(isinstance(effect, cause) for effect in effects):
+            expected = f"expected tuples of one {cause.__name__} or more"
+            came = f"candidates gives {reprlib.repr(variants)}"
+            raise CauseError(cause.cause, f"{came}, {expected}")
     return given
 
 
 @dataclass(frozen=True, eq=False)
-class SomeRecords:
-    """Records as far as :class:`Records` asks of them, which nobody took."""
+class SyntheticRecords:
+    """Records as far as :class:`Records` asks of them."""
 
     q: Array
     conditions: Conditions
@@ -226,19 +253,21 @@ class SomeRecords:
 
 @cache
 def example(cause: type[Effect]) -> Effect | None:
-    """One of its kind in SINO6, for what cannot be asked of a class; None where :meth:`Effect.candidates` has none there."""
+    """One of its kind in SINO6; None where :meth:`Effect.candidates` has none there."""
     from aacmm_pin.arm.random_postures import joint_bounds
 
     arm, n = Arm.load("sino6"), 360
     low, high = joint_bounds(arm).T
     part = np.linspace(0.0, 1.0, n)
+    waves = np.arange(1, n + 1)[:, None] * np.arange(1, arm.nq + 1)
     conditions = Conditions(
         n,
         time=3600.0 * part,
         temperature=20.0 + part,
-        approach=np.sign(np.sin(np.arange(1, n + 1)[:, None] * np.arange(1, arm.nq + 1))),
+        approach=np.sign(np.sin(waves)),
         seat=np.array(list("ABC") * (n // 3), dtype=object),
         marker=np.full(n, "1", dtype=object),
     )
-    records = SomeRecords(low + part[:, None] * (high - low), conditions, np.ones(n, dtype=bool))
+    q = low + part[:, None] * (high - low)
+    records = SyntheticRecords(q, conditions, np.ones(n, dtype=bool))
     return next((variants[0] for variants in _candidates(cause, arm, records)), None)

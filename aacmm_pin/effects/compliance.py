@@ -11,7 +11,8 @@ import numpy as np
 from aacmm_pin._support.checks import Array
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.chain import axis, end
-from aacmm_pin.effects.effect import Displacement, Effect, Records, Term, about_axis, twist
+from aacmm_pin.effects.conditions import Records
+from aacmm_pin.effects.effect import Displacement, Effect, Term, about_axis, is_possible, twist
 from aacmm_pin.effects.gravity import GravityEffect, LoadedEffect
 from aacmm_pin.effects.state import State
 from aacmm_pin.effects.tube import Tube, length_of
@@ -63,15 +64,10 @@ class JointCompliance(GravityEffect):
             if tried:
                 yield tuple(tried)
 
-    @property
-    def load(self) -> str:
-        """The moment of the weight, or what holds it."""
-        return "minus the measured torque" if self.torque == "measured" else "moment of the weight about the axis"
-
     @classmethod
-    def completed(cls, structure: Mapping[str, Any], arm: Arm, present: tuple[str, ...]) -> dict[str, Any]:
+    def default_fields(cls, stated: Mapping[str, Any], arm: Arm, present: tuple[str, ...]) -> dict[str, Any]:
         """By measured torques, where the records have them."""
-        return ({"torque": "measured"} if "torque" in present else {}) | dict(structure)
+        return {"torque": "measured"} if "torque" in present else {}
 
     @property
     def needs(self) -> tuple[str, ...]:
@@ -107,14 +103,13 @@ class BearingTilt(GravityEffect):
     joint: int
     cause: ClassVar[str] = "bearing_tilt"
     words: ClassVar[str] = "bearing tilt under gravity"
-    load: ClassVar[str] = "moment of the weight across the axis"
-    usual: ClassVar[float] = 0.2
+    prior_weight: ClassVar[float] = 0.2
     flexibility: ClassVar[Term] = Term("", "rad/(N·m)", 1e-5, "compliance_rad_per_nm", positive=True)
 
     def displacements(self, state: State) -> list[Displacement]:
         """The moment without its part about the axis."""
-        place = state.arm.foot(self.joint)
-        state.joint(self.joint)
+        state.joint(self.joint)  # a rigid row has no bearing
+        place = state.bearing(self.joint)
         local = state.rotation[place].transpose(0, 2, 1) @ self.moments(state, self.joint)
         local[:, 2] = 0.0
         return [Displacement(place, twist(angular=local))]
@@ -125,7 +120,6 @@ class _OfTube(LoadedEffect):
     """A tube that yields under what it carries: the end of its body is shifted and turned."""
 
     link: int
-    place_words: ClassVar[str] = "tube"
 
     def _yielded(self, tube: Tube) -> tuple[Array, Array]:
         """Shift and turn of the end of the tube per unit of the parameter, in the base (n, 3) [m/unit, rad/unit]."""
@@ -153,8 +147,7 @@ class TorsionalWindup(_OfTube):
 
     cause: ClassVar[str] = "torsional_windup"
     words: ClassVar[str] = "torsional wind-up"
-    load: ClassVar[str] = "moment of the weight about the tube"
-    usual: ClassVar[float] = 0.2
+    prior_weight: ClassVar[float] = 0.2
     flexibility: ClassVar[Term] = Term("", "rad/(N·m)", 1e-5, "compliance_rad_per_nm", positive=True)
 
     def _yielded(self, tube: Tube) -> tuple[Array, Array]:
@@ -175,7 +168,6 @@ class LinkBending(_OfTube):
 
     cause: ClassVar[str] = "link_bending"
     words: ClassVar[str] = "bending"
-    load: ClassVar[str] = "bending load of the tube"
     flexibility: ClassVar[Term] = Term("", "rad/(N·m²)", 5e-5, "flexibility_rad_per_nm2", positive=True)
     of_load: ClassVar[Term] = Term("", "rad/m²", 2e-4, "load_rad_per_m2")
 
@@ -202,16 +194,17 @@ class Counterbalance(Effect):
     joint: int
     cause: ClassVar[str] = "counterbalance"
     words: ClassVar[str] = "counterbalance error"
-    load: ClassVar[str] = "horizontal part of the body"
-    usual: ClassVar[float] = 0.2
+    prior_weight: ClassVar[float] = 0.2
     elastic: ClassVar[bool] = True
     terms: ClassVar[tuple[Term, ...]] = (Term("", "rad", 1e-4, "level_turn_rad"),)
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
         """The second joint, which lifts the arm, where it has a body."""
-        second = map(cls, arm.chain.moving_rows()[1:2])
-        yield from ((effect,) for effect in second if effect._shows(arm, records))
+        for row in arm.chain.moving_rows()[1:2]:
+            effect = cls(row)
+            if is_possible(effect, arm, records):
+                yield (effect,)
 
     def displacements(self, state: State) -> list[Displacement]:
         """The horizontal part of the body across the axis."""

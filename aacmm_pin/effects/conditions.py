@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -143,6 +143,22 @@ class Conditions(Shown):
         if values is None:
             raise MissingConditionError(purpose, COLUMNS[name])
         return np.asarray(values)
+
+
+class Records(Protocol):
+    """What a cause may ask of records, to say where it could sit: :class:`aacmm_pin.Measurements` are such."""
+
+    @property
+    def q(self) -> Array:
+        """Indications of the encoders (n, nq) [rad]."""
+
+    @property
+    def conditions(self) -> Conditions:
+        """What else is known of the records."""
+
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """True where the coordinates of the tip are known (n,)."""
 
 
 def labels_of(name: str, values: ArrayLike, n: int) -> Labels:

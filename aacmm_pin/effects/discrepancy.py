@@ -15,9 +15,9 @@ from aacmm_pin.arm.chain import BASE, axis
 from aacmm_pin.arm.file import DiscrepancyEntry, DiscrepancyPart
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.effect import Displacement, Effect, Term, about_axis, twist
+from aacmm_pin.effects.environment import growth_of_body
 from aacmm_pin.effects.smooth_functions import Cosines, Smooth, as_filed, as_read, needs_of, product_of
 from aacmm_pin.effects.state import State
-from aacmm_pin.effects.thermal import growth_of_body
 from aacmm_pin.effects.tube import tubes
 from aacmm_pin.errors import AacmmError
 
@@ -236,7 +236,8 @@ class Discrepancy(Effect):
     def _functions(self) -> list[Smooth]:
         return [each for part in self.parts for each in part.functions]
 
-    def inner_in_words(self) -> list[str]:
+    @property
+    def details(self) -> list[str]:
         """What it depends on, and what is off."""
         words = [f"over {self.covariate}"]
         if len(self.parts) == 1:
@@ -253,7 +254,7 @@ class Discrepancy(Effect):
         u = self.u if any(self.u) else ()
         return DiscrepancyEntry(depends_on=self.covariate, parts=parts, values_si=self.values, standard_uncertainty_si=u)
 
-    def to_be_told(self, conditions: Conditions) -> list[str]:
+    def validity_notes(self, conditions: Conditions) -> list[str]:
         """That readings are outside the range of time or temperature that it was fitted to."""
         found: dict[str, str] = {}
         for each in self._functions:
@@ -276,8 +277,7 @@ def discrepancy_of(entry: DiscrepancyEntry) -> Discrepancy:
     """
     parts = tuple(_part(part) for part in entry.parts)
     values, u = entry.values_si, entry.standard_uncertainty_si
-    found = Discrepancy(entry.depends_on, parts, len(values), values=values, u=u)
-    return found.require_plausible()
+    return Discrepancy(entry.depends_on, parts, len(values), values=values, u=u)
 
 
 def _part(entry: DiscrepancyPart) -> Part:

@@ -14,13 +14,15 @@ from numpy.typing import ArrayLike, NDArray
 from aacmm_pin._support.checks import Array, batch
 from aacmm_pin._support.display import Shown
 from aacmm_pin.arm.arm import Arm, GivenArm, as_arm
-from aacmm_pin.arm.file import ArmFile, DiscrepancyEntry, EffectEntry, UrdfArmFile, arm_text, validated
+from aacmm_pin.arm.file import ArmFile, UrdfArmFile, arm_text, validated
 from aacmm_pin.arm.limits import AT_LIMIT, other_turns
 from aacmm_pin.arm.parameter import Parameter
 from aacmm_pin.effects.conditions import COLUMNS, Conditions
-from aacmm_pin.effects.effect import Effect, axis, require_row
+from aacmm_pin.effects.effect import Effect, axis, sensitivity
+from aacmm_pin.effects.extrapolation import extrapolation_terms
 from aacmm_pin.effects.geometry import of_geometry
-from aacmm_pin.effects.inner_value import open_questions
+from aacmm_pin.effects.labels import known_range_in_words
+from aacmm_pin.effects.nonlinear import TimeConstant
 from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError, ArmFileError, ShapeError, UnknownNameError
 
@@ -28,8 +30,8 @@ MOST_ROUNDS = 20
 """The weight's moments are found again in the bent arm until nothing moves; the arm is stiff, so three or four do."""
 MOST_LABELS = 20
 """So many labels are listed."""
-SETTLED = 1e-15
-"""Twists that change by less than this have settled [m, rad]."""
+SAME_TWIST = 1e-15
+"""Twists that change by less than this stay as they are [m, rad]."""
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -59,9 +61,11 @@ class ErrorModel(Shown):
         if twice:
             raise AacmmError(f"{self.arm.name}: the parameter {twice[0]} is there twice; merge the two effects into one")
         if self.arm.covariance is not None:
-            of_inner = {p.name for effect in self.effects for open_ in open_questions(effect) for p in open_.parameters()}
+            uncertain: set[str] = set()
+            for effect in self.effects:
+                uncertain.update(p.name for p in _extrapolation_parameters(effect))
             for name in self.arm.covariance.parameters:
-                if name not in names and name not in of_inner:
+                if name not in names and name not in uncertain:
                     raise UnknownNameError("parameter in covariance", name, names)
 
     def __repr__(self) -> str:
@@ -108,6 +112,8 @@ class ErrorModel(Shown):
         file = self.arm.file
         if file is None or (isinstance(file, UrdfArmFile) and not file.urdf.file):
             raise AacmmError(f"{self.arm.name}: was made from no file that could be named or extended; a pipe is none")
+        from aacmm_pin.effects.text import entries_of  # loads every cause
+
         file = file.model_copy(update=entries_of(self.effects))
         return validated(UrdfArmFile, file.model_dump(by_alias=True), file.name) if isinstance(file, UrdfArmFile) else file
 
@@ -139,11 +145,13 @@ class ErrorModel(Shown):
     def without_covariance(self) -> ErrorModel:
         """The model with nothing stated of the parameters that its covariance names, of the arm or of effects."""
         known = set(() if self.arm.covariance is None else self.arm.covariance.parameters)
-        untold = tuple(replace(p, half_width=None, u=0.0) if p.name in known else p for p in self.arm.parameters)
-        effects = (
-            replace(e, u=(), inner_u=()) if known.intersection(p.name for p in e.parameters()) else e for e in self.effects
-        )
-        return ErrorModel(replace(self.arm, parameters=untold, covariance=None), tuple(effects))
+        untold = [replace(p, half_width=None, u=0.0) if p.name in known else p for p in self.arm.parameters]
+        effects = []
+        for effect in self.effects:
+            is_known = known.intersection(p.name for p in effect.parameters())
+            effects.append(replace(effect, u=(), nonlinear_u=0.0) if is_known else effect)
+        arm = replace(self.arm, parameters=tuple(untold), covariance=None)
+        return ErrorModel(arm, tuple(effects))
 
     def restricted(self, effects: tuple[Effect, ...]) -> ErrorModel:
         """The arm with some of its effects alone, and what is known of their parameters and the arm's together."""
@@ -151,7 +159,7 @@ class ErrorModel(Shown):
             return replace(self, effects=effects)
         held = [*self.arm.parameters]
         for effect in effects:
-            held += [p for one in (effect, *open_questions(effect)) for p in one.parameters()]
+            held += [*effect.parameters(), *_extrapolation_parameters(effect)]
         known = self.arm.covariance.restricted(p.name for p in held)
         return ErrorModel(replace(self.arm, covariance=known), effects)
 
@@ -201,26 +209,34 @@ class ErrorModel(Shown):
         """
         return self.predict(readings, conditions)
 
-    def odd_readings(self, q: Array, conditions: Conditions) -> list[str]:
-        """What looks as if it were counted otherwise, in another unit, or by another clock, in words: angles ``q`` (n, nq)
-        [rad] outside the limits, and conditions on which the effects rest.
+    def input_warnings(self, q: Array, conditions: Conditions) -> list[str]:
+        """What looks as if it were in another unit, or by another clock.
+
+        That is angles ``q`` (n, nq) [rad] outside the limits, and conditions of the effects.
 
         Raises:
             MissingConditionError: an effect depends on a condition that is not there.
         """
-        clock = conditions.odd_clock if any(effect.settling_time is not None for effect in self.effects) else []
-        by_warmth = any("temperature" in need for effect in self.effects for need in effect.needs)
+        found = [*other_turns(q, self.arm.limits, self.arm.chain.prismatic)]
+        if any(isinstance(effect.nonlinear, TimeConstant) for effect in self.effects):
+            found += conditions.odd_clock
         reference = self.arm.reference_temperature
-        warm = conditions.odd_temperatures(reference) if by_warmth else conditions.other_temperatures(reference)
-        turns = other_turns(q, self.arm.limits, self.arm.chain.prismatic)
-        of_effects = (text for effect in self.effects for text in effect.to_be_told(conditions))
+        if any("temperature" in effect.needs for effect in self.effects):
+            found += conditions.odd_temperatures(reference)
+        else:
+            found += conditions.other_temperatures(reference)
         others = ", ".join(map(repr, self.other_targets(conditions)))
-        such = f"{self.arm.name} knows no target with the markers {others}: coordinates of such records are of the tip"
-        return [*turns, *clock, *warm, *([such] if others else []), *of_effects]
+        if others:
+            found.append(
+                f"{self.arm.name} knows no target with the markers {others}: coordinates of such records are of the tip"
+            )
+        for effect in self.effects:
+            found += effect.validity_notes(conditions)
+        return found
 
     def other_targets(self, conditions: Conditions) -> list[str]:
         """Labels of the markers whose place on the last body the arm does not know: the coordinates are of the tip there."""
-        known = {effect.place for effect in self.effects if effect.site() == "marker"}
+        known = {effect.place for effect in self.effects if effect.location_field() == "marker"}
         labels = [] if conditions.marker is None else conditions.marker.tolist()
         return [label for label in dict.fromkeys(labels) if label and label not in known]
 
@@ -234,9 +250,15 @@ class ErrorModel(Shown):
         """
         q = batch(q, self.arm.nq, "q", "rad or another unit")
         state = State(self.arm, q, Conditions(len(q)), self.arm.place())
-        return np.array([effect.known(state) for effect in self.effects], dtype=bool).reshape(-1, len(q)).T
+        known = np.ones((len(q), len(self.effects)), dtype=bool)
+        for k, effect in enumerate(self.effects):
+            if effect.known_range is not None and effect.row is not None:
+                low, high = effect.known_range
+                angle = state.angle(effect.row)
+                known[:, k] = (angle >= low) & (angle <= high)
+        return known
 
-    def where_known(self) -> ErrorModel:
+    def restricted_to_known_range(self) -> ErrorModel:
         """The model whose joints stay where its effects are known: an error curve has a range.
 
         Raises:
@@ -250,18 +272,22 @@ class ErrorModel(Shown):
             low, high = np.array(effect.known_range) + 2 * AT_LIMIT * np.array([1.0, -1.0])
             limits[joint] = max(limits[joint, 0], low), min(limits[joint, 1], high)
             if limits[joint, 0] >= limits[joint, 1]:
-                where = f"{effect.label}{effect.known_where}"
-                raise AacmmError(f"{self.arm.name}: no angle between the limits of joint {joint + 1} is within {where}")
-        return self if np.array_equal(limits, self.arm.limits) else replace(self, arm=replace(self.arm, limits=limits))
+                name = f"{self.arm.name}: no angle between the limits of joint {joint + 1}"
+                where = f"{effect.label}{known_range_in_words(effect)}"
+                raise AacmmError(f"{name} is within {where}")
+        if np.array_equal(limits, self.arm.limits):
+            return self
+        return replace(self, arm=replace(self.arm, limits=limits))
 
     def sensitivity(self, q: ArrayLike, conditions: Conditions | None = None, at: str | None = None) -> Array:
         """∂(position)/∂parameters for ``q`` (n, nq) [rad]: (n, 3, len(parameters)) [m/unit]. See :meth:`predict`."""
         state = self.state(q, conditions, at)
-        columns = [effect.sensitivity(state) for effect in self.effects]
+        columns = [sensitivity(effect, state) for effect in self.effects]
         if not state.twists:
             return np.concatenate([self.arm.sensitivity(state.q, at), *columns], axis=2)
         # A target 0.1 m from the tip has another lever than the tip: the geometry too acts on the arm as displaced.
-        return np.concatenate([*(e.sensitivity(state) for e in of_geometry(self.arm)), *columns], axis=2)
+        geometry = [sensitivity(effect, state) for effect in of_geometry(self.arm)]
+        return np.concatenate([*geometry, *columns], axis=2)
 
     def state(
         self, q: ArrayLike, conditions: Conditions | None = None, at: str | None = None, *, as_referenced: bool = False
@@ -279,30 +305,49 @@ class ErrorModel(Shown):
 
 
 def displaced(
-    arm: Arm, effects: tuple[Effect, ...], q: Array, conditions: Conditions, target: int, as_referenced: bool
+    arm: Arm,
+    effects: tuple[Effect, ...],
+    q: Array,
+    conditions: Conditions,
+    target: int,
+    as_referenced: bool,
 ) -> State:
-    """The arm with every place displaced by the exact effects; weights act on the arm as it is bent."""
-    acting = [e for e in effects if any(e.values)]
-    rigid = _twists([e for e in acting if not (e.elastic or e.of_reference)], State(arm, q, conditions, target), {})
-    state = settled([e for e in acting if e.elastic], State(arm, q, conditions, target, rigid))
-    # What is wrong with the references does not turn the arm against gravity: it comes when the arm has settled.
-    of_reference = [e for e in acting if e.of_reference and as_referenced]
-    return replace(state, twists=_twists(of_reference, state, state.twists)) if of_reference else state
+    """The arm with every place displaced by the exact effects.
 
-
-def settled(elastic: list[Effect], state: State) -> State:
-    """The arm bent so far that the displacements are those of the weights in the bent arm."""
-    rigid = state.twists
-    for _ in range(MOST_ROUNDS if elastic else 0):
-        twists = _twists(elastic, state, rigid)
-        change = max((float(np.abs(twists[p] - state.twists.get(p, 0.0)).max(initial=0.0)) for p in twists), default=0.0)
-        state = replace(state, twists=twists)
-        if change < SETTLED:
-            return state
-    if elastic:
-        labels = ", ".join(e.label for e in elastic)
-        raise AacmmError(f"{state.arm.name}: {labels} does not settle: the arm is too soft to stand")
+    Weights act on the arm as it is bent. Errors of the references do not turn it against gravity:
+    they come last.
+    """
+    acting = [effect for effect in effects if any(effect.values)]
+    of_reference = [effect for effect in acting if effect.of_reference]
+    of_arm = [effect for effect in acting if not effect.of_reference]
+    stiff = [effect for effect in of_arm if not effect.elastic]
+    elastic = [effect for effect in acting if effect.elastic]
+    nominal = State(arm, q, conditions, target)
+    state = replace(nominal, twists=_twists(stiff, nominal, {}))
+    state = static_equilibrium(elastic, state)
+    if as_referenced and of_reference:
+        state = replace(state, twists=_twists(of_reference, state, state.twists))
     return state
+
+
+def static_equilibrium(elastic: list[Effect], state: State) -> State:
+    """The arm bent so far that the displacements are those of the weights in the bent arm.
+
+    Raises:
+        AacmmError: that is not reached.
+    """
+    if not elastic:
+        return state
+    rigid = state.twists
+    for _ in range(MOST_ROUNDS):
+        twists = _twists(elastic, state, rigid)
+        changes = [np.abs(twist - state.twists.get(place, 0.0)) for place, twist in twists.items()]
+        state = replace(state, twists=twists)
+        if all((change < SAME_TWIST).all() for change in changes):
+            return state
+    labels = ", ".join(effect.label for effect in elastic)
+    reached = f"static equilibrium not reached in {MOST_ROUNDS} rounds"
+    raise AacmmError(f"{state.arm.name}: {labels}: {reached}; compliance or masses are too large")
 
 
 def _twists(effects: list[Effect], state: State, others: Mapping[int, Array]) -> dict[int, Array]:
@@ -323,9 +368,9 @@ def require_shown(effect: Effect, arm: Arm, q: Array, conditions: Conditions, so
     state = State(arm, q, conditions, arm.chain.tip)
     if not effect.needs or any(d.columns.any() for d in effect.displacements(state)):
         return
-    there = {COLUMNS[need]: values for need in effect.needs if (values := getattr(conditions, need)) is not None}
-    stands = "; ".join(f"{column} has {_in_words(values)}" for column, values in there.items())
-    raise AacmmError(f"{effect.key}: no record of {source} shows it: {stands}")
+    present = [need for need in effect.needs if need in conditions.present]
+    stands = [f"{COLUMNS[need]} has {_in_words(getattr(conditions, need))}" for need in present]
+    raise AacmmError(f"{effect.key}: no record of {source} shows it: {'; '.join(stands)}")
 
 
 def _in_words(values: NDArray[Any]) -> str:
@@ -333,15 +378,8 @@ def _in_words(values: NDArray[Any]) -> str:
     if values.dtype != object:
         return f"{values.min():.6g} to {values.max():.6g}"
     labels = [label for label in dict.fromkeys(values) if label]
-    return ", ".join(labels[:MOST_LABELS]) + f", … ({len(labels)} in all)" * (len(labels) > MOST_LABELS)
-
-
-def entries_of(effects: Iterable[Effect]) -> dict[str, list[EffectEntry | DiscrepancyEntry]]:
-    """The effects as an arm file has them: causes by their names, and what no cause explains."""
-    found: dict[str, list[EffectEntry | DiscrepancyEntry]] = {"effects": [], "discrepancy": []}
-    for entry in (effect.filed() for effect in effects):
-        found["discrepancy" if isinstance(entry, DiscrepancyEntry) else "effects"].append(entry)
-    return found
+    more = f", … ({len(labels)} in all)" if len(labels) > MOST_LABELS else ""
+    return ", ".join(labels[:MOST_LABELS]) + more
 
 
 GivenCause = Effect | str
@@ -363,7 +401,7 @@ def as_causes(
     effects = tuple(given for given in each if isinstance(given, Effect))
     if len(effects) == len(each):
         return effects
-    from aacmm_pin.effects.cause_text import cause_of  # loads every cause
+    from aacmm_pin.effects.text import cause_of  # loads every cause
 
     return tuple(cause_of(given, model, present) if isinstance(given, str) else given for given in each)
 
@@ -383,11 +421,11 @@ def loaded(model: GivenModel) -> Arm | ErrorModel:
 
 def _extended(arm: Arm, path: str) -> ErrorModel:
     """An arm with the effects of its file; ``path`` is what errors call this."""
-    entries = [] if arm.file is None else arm.file.effects
-    causes = [_effect(entry, arm, path, f"effects[{number}]") for number, entry in enumerate(entries, start=1)]
-    described = [] if arm.file is None else arm.file.discrepancy
-    others = [_discrepancy(entry, arm, path, f"discrepancy[{n}]") for n, entry in enumerate(described, start=1)]
-    effects = (*causes, *others)
+    effects: tuple[Effect, ...] = ()
+    if arm.file is not None and (arm.file.effects or arm.file.discrepancy):
+        from aacmm_pin.effects.text import effects_of_file  # loads every cause
+
+        effects = effects_of_file(arm, path)
     try:
         return ErrorModel(arm, effects)
     except UnknownNameError as error:
@@ -396,41 +434,6 @@ def _extended(arm: Arm, path: str) -> ErrorModel:
         raise ArmFileError(path, "effects", str(error)) from None
 
 
-def _require_all(entry: EffectEntry, effect: Effect) -> None:
-    """Refuse an entry that states some of the parameters, or of their u, and not the others; none of them are zero."""
-    linear = [term.key for term in effect.terms]
-    for what, stated, names in (
-        ("parameters", entry.parameters, linear if {*entry.parameters} <= {*linear} else [*effect.described()]),
-        ("uncertainty", entry.uncertainty, linear),
-    ):
-        if stated and (missing := [name for name in names if name not in stated]):
-            raise AacmmError(f"{effect.label}: {what}: missing {', '.join(missing)} beside {', '.join(stated)}")
-
-
-def _discrepancy(entry: DiscrepancyEntry, arm: Arm, path: str, key: str) -> Effect:
-    """The discrepancy of an entry, if it can act on the arm."""
-    from aacmm_pin.effects.discrepancy import discrepancy_of  # few arms have one
-
-    try:
-        found = discrepancy_of(entry)
-        nothing = np.zeros(0)
-        conditions = Conditions(0, time=nothing, temperature=nothing)
-        found.displacements(State(arm, np.zeros((0, arm.nq)), conditions, arm.chain.tip))
-        return found
-    except AacmmError as error:
-        raise ArmFileError(path, key, str(error)) from None
-
-
-def _effect(entry: EffectEntry, arm: Arm, path: str, key: str) -> Effect:
-    from aacmm_pin.effects.causes import cause_named  # loads every cause
-
-    try:
-        kind = cause_named(entry.cause)
-    except UnknownNameError as error:
-        raise ArmFileError(path, f"{key}.cause", str(error)) from None
-    try:
-        effect = kind.from_description(entry.structure, entry.parameters, entry.uncertainty)
-        _require_all(entry, effect)
-        return require_row(effect.require_sign(), arm)
-    except (AacmmError, TypeError, ValueError) as error:
-        raise ArmFileError(path, key, str(error)) from None
+def _extrapolation_parameters(effect: Effect) -> list[Parameter]:
+    """Parameters of what is uncertain of an effect beside its values."""
+    return [p for term in extrapolation_terms(effect) for p in term.parameters()]

@@ -67,7 +67,7 @@ class LinkLength(_RowValue):
 
     cause: ClassVar[str] = "link_length"
     words: ClassVar[str] = "length a"
-    usual: ClassVar[float] = 0.2
+    prior_weight: ClassVar[float] = 0.2
     component: ClassVar[int] = 0
     terms: ClassVar[tuple[Term, ...]] = (Term("", "m", 5e-5, "a_mm", MM),)
 
@@ -82,7 +82,7 @@ class JointDistance(_RowValue):
 
     cause: ClassVar[str] = "joint_distance"
     words: ClassVar[str] = "distance d"
-    usual: ClassVar[float] = 0.2
+    prior_weight: ClassVar[float] = 0.2
     component: ClassVar[int] = 2
     terms: ClassVar[tuple[Term, ...]] = (Term("", "m", 5e-5, "d_mm", MM),)
 
@@ -96,7 +96,7 @@ class LinkTwist(_RowValue):
 
     cause: ClassVar[str] = "link_twist"
     words: ClassVar[str] = "twist α"
-    usual: ClassVar[float] = 0.2
+    prior_weight: ClassVar[float] = 0.2
     component: ClassVar[int] = 3
     terms: ClassVar[tuple[Term, ...]] = (Term("", "rad", 1e-4, "alpha_rad"),)
 

@@ -49,11 +49,12 @@ class LoadedEffect(Effect):
         """With where the load hangs."""
         return super().key if self.load_at is None else f"{self.label},load_at={self.load_at}"
 
-    def inner_in_words(self) -> list[str]:
+    @property
+    def details(self) -> list[str]:
         """Where the load hangs."""
         return [] if self.load_at is None else [f"load at the end of body {self.load_at}"]
 
-    def other_loads(self, arm: Arm) -> tuple[Self, ...]:
+    def load_variants(self, arm: Arm) -> tuple[Self, ...]:
         """With a load at the end of each tube that it carries, and at the tip."""
         ends = [row for row in dict.fromkeys((*tubes(arm), arm.chain.rows)) if row >= (self.row or 0)]
         return tuple(replace(self, load_at=row, values=(), u=()) for row in ends)
@@ -100,9 +101,9 @@ class GravityEffect(LoadedEffect):
         names = [f"{body}{component}" for body in self.bodies for component in "xyz"]
         return tuple(Term(name, "rad", TYPICAL_SAG, f"sag{name}_rad") for name in names)
 
-    def other_loads(self, arm: Arm) -> tuple[Self, ...]:
+    def load_variants(self, arm: Arm) -> tuple[Self, ...]:
         """None where the masses do not count."""
-        return () if self.bodies or "torque" in self.needs else super().other_loads(arm)
+        return () if self.bodies or "torque" in self.needs else super().load_variants(arm)
 
     def moments(self, state: State, row: int) -> Array:
         """Moment about ``axis row`` per unit of each parameter, in the base: (n, 3, p).
@@ -112,7 +113,7 @@ class GravityEffect(LoadedEffect):
             AacmmError: the ``bodies`` are not those at and beyond the axis, or the load hangs before it.
         """
         if self.load_at is not None:
-            return self.unit_load(state, row, state.origin[state.arm.foot(row)])[:, :, None]
+            return self.unit_load(state, row, state.origin[state.bearing(row)])[:, :, None]
         if not self.bodies:
             return np.asarray(state.moment_at_axis(row)[:, :, None])
         columns = state.unit_moments(row)
@@ -120,3 +121,8 @@ class GravityEffect(LoadedEffect):
         if self.bodies != beyond:
             raise AacmmError(f"{self.label}: bodies is {self.bodies}, expected those at and beyond row {row}, {beyond}")
         return columns
+
+
+def load_variants(effect: Effect, arm: Arm) -> tuple[Effect, ...]:
+    """The effect under loads that the arm's file does not have; none of one that bears no weight."""
+    return effect.load_variants(arm) if isinstance(effect, LoadedEffect) else ()

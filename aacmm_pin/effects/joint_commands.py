@@ -59,7 +59,7 @@ def joint_commands(
     position, axes = wanted.position, wanted.rotation[-1]
     commands, arrived = q.copy(), np.zeros(len(q), dtype=bool)
     endless = np.tile([-np.inf, np.inf], (model.arm.nq, 1))
-    bounds = replace(model, arm=replace(model.arm, limits=endless)).where_known().arm.limits.T
+    bounds = replace(model, arm=replace(model.arm, limits=endless)).restricted_to_known_range().arm.limits.T
     for _ in range(MOST_STEPS):
         state = model.state(commands, conditions)
         shift, turn = position - state.position, _turn(axes, state.rotation[-1])

@@ -6,28 +6,40 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from aacmm_pin._support.units import LARGE, MM
+from aacmm_pin._support.units import DEG, LARGE, MM
 from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.chain import axis
 from aacmm_pin.arm.file import COVERAGE_FACTOR
-from aacmm_pin.effects.effect import PLACES, Effect, Reading
+from aacmm_pin.effects.effect import Effect, Reading
 
+PLACE_WORDS = {"marker": "target", "link_bending": "tube", "torsional_windup": "tube"}
+"""What people call a place, by the cause or else by the field; without either as the field."""
+WHOLE_ARM = {"thermal_expansion": "the arm"}
+"""Causes that may be of a place, and what people call the whole arm there."""
 FEW_VALUES = 8
 """More parameters than this are no reading."""
 MOST_DECIMALS = 6
 """Numbers of more decimals than this are written with a power of ten."""
 
 
+def cause_in_words(kind: type[Effect]) -> str:
+    """What people call a cause."""
+    return kind.words or kind.cause.replace("_", " ")
+
+
 def name_in_words(effect: Effect, arm: Arm | None = None) -> str:
-    """The cause and where it sits: ``encoder gain of joint 5``; on a known arm, ``distance d of tool row 7``."""
-    if effect.place is None:
-        return f"{effect.words} of {effect.whole}" if effect.whole else effect.words
-    return f"{effect.words} of {_place_words(effect, arm)} {effect.place}"
+    """The cause and where it sits: ``encoder gain of joint 5``, ``distance d of tool row 7``."""
+    words = cause_in_words(type(effect))
+    if effect.place is not None:
+        return f"{words} of {_place_words(effect, arm)} {effect.place}"
+    whole = WHOLE_ARM.get(effect.cause)
+    return f"{words} of {whole}" if whole else words
 
 
 def in_words(effect: Effect, arm: Arm | None = None) -> str:
     """The same, and its order or time."""
-    inner = effect.inner_in_words()
-    return name_in_words(effect, arm) + (f" ({', '.join(inner)})" if inner else "")
+    details = f" ({', '.join(effect.details)})" if effect.details else ""
+    return name_in_words(effect, arm) + details
 
 
 def several_in_words(effects: Sequence[Effect], arm: Arm | None = None) -> str:
@@ -42,15 +54,17 @@ def several_in_words(effects: Sequence[Effect], arm: Arm | None = None) -> str:
             found += [in_words(effect, arm) for effect in alike]
         else:
             places = [str(place) for place in sorted(effect.place for effect in alike if effect.place is not None)]
-            found.append(f"{one.words} of {_place_words(one, arm)}s {listed(places)}")
+            words = cause_in_words(type(one))
+            found.append(f"{words} of {_place_words(one, arm)}s {listed(places)}")
     return listed(found)
 
 
 def _place_words(effect: Effect, arm: Arm | None) -> str:
     """What the place is called."""
-    if effect.place_words or arm is None or effect.site() != "joint" or effect.row is None:
-        return effect.place_words or PLACES[str(effect.site())]
-    return row_in_words(effect.row, arm)
+    location = str(effect.location_field())
+    if arm is not None and location == "joint" and effect.row is not None:
+        return row_in_words(effect.row, arm)
+    return PLACE_WORDS.get(effect.cause) or PLACE_WORDS.get(location, location)
 
 
 def row_in_words(row: int, arm: Arm) -> str:
@@ -59,11 +73,29 @@ def row_in_words(row: int, arm: Arm) -> str:
     return "joint" if row in moving else "row" if row < moving[-1] else "tool row"
 
 
+def slides(effect: Effect, arm: Arm) -> bool:
+    """Whether its values are of a joint that slides, so that those in rad are metres."""
+    if effect.location_field() != "joint" or effect.row is None:
+        return False
+    number = int(arm.chain.joint[axis(effect.row)])
+    of_angle = all(term.unit == "rad" for term in effect.terms)
+    return of_angle and number >= 0 and bool(arm.chain.prismatic[number])
+
+
+def known_range_in_words(effect: Effect) -> str:
+    """The range of its joint in which it is known, after a comma; "" for everywhere."""
+    if effect.known_range is None:
+        return ""
+    low, high = effect.known_range
+    degrees = f"{low / DEG:g}° to {high / DEG:g}°"
+    return f", which is known from {low:g} to {high:g} rad ({degrees})"
+
+
 def values_in_words(effect: Effect, values: Mapping[str, tuple[float, float]], slides: bool = False) -> str:
     """Described values of an effect and their u, by their keys, as value ± U (k = 2); metres where a joint ``slides``."""
     if len(values) > FEW_VALUES:
         return f"free curve of {len(values)} values"
-    readings = effect.readings()
+    readings = effect.notation.readings(effect)
     if slides:
         readings = {key: reading._replace(unit=reading.unit.replace("rad", "m")) for key, reading in readings.items()}
     in_um = [abs(value) * readings[key].factor for key, (value, _) in values.items() if readings[key].unit == "µm"]
@@ -93,8 +125,8 @@ def probability(value: float) -> str:
     return "> 0.999" if value > 0.999 else "< 0.001" if value < 0.001 else f"{value:.3f}"
 
 
-def usual_size_in_words(effect: Effect) -> str:
-    """Usual sizes of its parameters, each once: ``10 µrad/(N·m)``."""
+def typical_magnitude_in_words(effect: Effect) -> str:
+    """Typical magnitudes of its parameters, each once: ``10 µrad/(N·m)``."""
     sizes = dict.fromkeys(f"{term.typical / size:.3g} {unit}" for term in effect.terms for unit, size in [term.unit_read])
     return ", ".join(sizes)
 

@@ -9,7 +9,6 @@ from functools import cached_property
 import numpy as np
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.chain import axis, end
 from aacmm_pin.effects.conditions import Conditions
@@ -94,13 +93,19 @@ class State:
             raise AacmmError(f"{self.arm.name} has no row {row}, expected 1 to {rows}")
         return row
 
+    def bearing(self, row: int) -> int:
+        """Place of the bearing on the axis of ``row``, where its body begins.
+
+        :meth:`moment_at_axis` is about its origin.
+
+        Raises:
+            AacmmError: no such row.
+        """
+        return self.arm.foot(self.known_row(row))
+
     def angle(self, row: int) -> Array:
         """Indication of the encoder of ``row`` (n,) [rad; m where the joint slides]."""
         return self.q[:, self.joint(row)]
-
-    def read_in(self, row: int) -> tuple[str, float]:
-        """Unit in which people read the indication of ``row``, and one of it in SI."""
-        return ("mm", MM) if self.arm.chain.prismatic[self.joint(row)] else ("°", DEG)
 
     def in_axes_of(self, place: int, vectors: Array) -> Array:
         """Vectors of the base (n, 3), or one (3,), as components along the axes of ``place`` (n, 3)."""
@@ -108,8 +113,9 @@ class State:
         return np.asarray(np.einsum("nji,nj->ni", turned, np.broadcast_to(vectors, turned.shape[:2])))
 
     def span(self, row: int) -> Array:
-        """From the foot to the end of body ``row``, in the base (n, 3) [m]: d of the row, and a of it or of the next."""
-        return np.asarray(self.origin[end(row)] - self.origin[self.arm.foot(row)])
+        """From the bearing to the end of body ``row``, in the base (n, 3) [m]."""
+        bearing = self.bearing(row)
+        return np.asarray(self.origin[end(row)] - self.origin[bearing])
 
     @property
     def down(self) -> Array:
@@ -117,12 +123,12 @@ class State:
         return -self.arm.up
 
     def moment_at_axis(self, row: int) -> Array:
-        """Moment of the weight of body ``row`` and all beyond, about its foot on the axis, in the base (n, 3) [N·m].
+        """Moment of the weight of body ``row`` and all beyond about its bearing, in the base (n, 3) [N·m].
 
         Raises:
             UnsupportedArmError: the arm states no masses.
         """
-        return self.moment(row, self.origin[self.arm.foot(row)])
+        return self.moment(row, self.origin[self.bearing(row)])
 
     def along_axis(self, row: int, vectors: Array) -> Array:
         """Part of vectors of the base (n, 3, …) along the axis of ``row`` (n, …): of a moment, what turns the joint."""

@@ -57,15 +57,15 @@ class Tube:
             AacmmError: the body is too short.
             UnsupportedArmError: the arm states no masses.
         """
-        span, z = state.span(state.known_row(row)), state.rotation[axis(row)][:, :, 2]
+        span, z = state.span(row), state.rotation[axis(row)][:, :, 2]
         upward = np.einsum("ni,ni->n", span, z)[:, None] * z
         outward = span - upward
         lengthwise = np.linalg.norm(upward) >= np.linalg.norm(outward)
         tube, clamp = (upward, np.zeros_like(upward)) if lengthwise else (outward, upward)
         length = length_of(tube, state, row, label)
         rest = span - clamp - tube
-        from_foot = state.origin[axis(row)] - state.origin[state.arm.foot(row)]
-        centre = from_foot + state.rotation[axis(row)] @ state.arm.centres_of_mass[row - 1] - clamp
+        from_bearing = state.origin[axis(row)] - state.origin[state.bearing(row)]
+        centre = from_bearing + state.rotation[axis(row)] @ state.arm.centres_of_mass[row - 1] - clamp
         place = np.einsum("ni,ni->n", centre, tube)[:, None] / length**2
         share = np.clip(2 * np.minimum(place, 1 - place), 0.0, 1.0)
         body, beyond = state.masses[row - 1] * state.arm.gravity, state.weight_beyond(row)

@@ -12,7 +12,7 @@ from aacmm_pin._support import plausible
 from aacmm_pin._support.checks import RANGES
 from aacmm_pin._support.plausible import Range
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.effects.conditions import COLUMNS, UNITS
+from aacmm_pin.effects import COLUMNS, UNITS
 
 AngleUnit = Literal["deg", "rad"]
 

@@ -11,7 +11,7 @@ from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.random_postures import MOST_DRAWS, Room, joint_bounds
-from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.effects import ErrorModel
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.postures.sampling import StateOf, agile, brought_to, different_postures, spread_out
 

@@ -22,7 +22,7 @@ from aacmm_pin._support.display import Shown
 from aacmm_pin._support.file_problems import Problems
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import DEG
-from aacmm_pin.effects.conditions import COLUMNS, Conditions, Labels, labels_of
+from aacmm_pin.effects import COLUMNS, Conditions, Labels, labels_of
 from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError
 from aacmm_pin.measurements.csv_columns import APPROACH, ORIENTATION_U, RECORD_COLUMNS, THETA, AngleUnit, Column, named
 from aacmm_pin.measurements.csv_header import read_header, similar_labels

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from aacmm_pin._support.checks import Array, Index
-from aacmm_pin.effects.conditions import Conditions, Labels
+from aacmm_pin.effects import Conditions, Labels
 from aacmm_pin.errors import AacmmError
 
 MOST_IN_SESSION = 200

@@ -12,8 +12,7 @@ from aacmm_pin._support import plausible
 from aacmm_pin._support.checks import Array, Index, whole
 from aacmm_pin.arm.chain import exp
 from aacmm_pin.arm.random_postures import MARGIN, Room
-from aacmm_pin.effects.conditions import Conditions, Labels
-from aacmm_pin.effects.error_model import ErrorModel, GivenModel
+from aacmm_pin.effects import Conditions, ErrorModel, GivenModel, Labels, corrects_seat
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements.measuring_points import SEATS_APART, Place, Pool, bars_for, seats_for, visits
 from aacmm_pin.measurements.noise import ENCODER, PROBE, REFERENCE, Noise
@@ -82,12 +81,12 @@ def simulate_measurements(
     """
     if plan not in PLANS:
         raise UnknownNameError("plan", plan, list(PLANS))
-    model = ErrorModel.of(model).where_known()
+    model = ErrorModel.of(model).restricted_to_known_range()
     points = {"free": 0, "single-point": 1}.get(plan, seats)
     stated = plan == "free" or (plan == "seats" and known)
     _check_numbers(plan, records, points, stated, bar_length)
     for effect in model.effects:
-        if plan == "seats" and known and effect.corrects_seat and effect.place not in _seat_labels(seats):
+        if plan == "seats" and known and corrects_seat(effect) and effect.place not in _seat_labels(seats):
             raise UnknownNameError(f"seat of {effect.cause}", str(effect.place), _seat_labels(seats))
     encoder = model.arm.encoder_noise if encoder_noise is None else encoder_noise
     assumed = f", encoder noise {ENCODER * 1e6:g} µrad (assumed)" if encoder is None else ""

@@ -18,7 +18,7 @@ from aacmm_pin._support.units import MM, UM
 from aacmm_pin.calibration import Observability, remaining_triangle
 from aacmm_pin.calibration.fit import NO_SCATTER
 from aacmm_pin.calibration.setup import ReferenceFrame, Setup, Target
-from aacmm_pin.effects.error_model import ErrorModel, GivenModel
+from aacmm_pin.effects import ErrorModel, GivenModel
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements.records import GivenRecords, Measurements, as_measurements
 from aacmm_pin.measurements.simulate import seed_of
@@ -141,7 +141,7 @@ def plan_calibration(
         AacmmError: too few records or postures, an arm that the records are not of or whose values
             are all exact, or records without any noise.
     """
-    model, rng = ErrorModel.of(model).where_known(), rng or np.random.default_rng(1)
+    model, rng = ErrorModel.of(model).restricted_to_known_range(), rng or np.random.default_rng(1)
     existing = None if existing is None else as_measurements(existing, model.arm.nq)
     check_numbers(model, records, postures, existing, reference)
     seed = seed_of(rng)

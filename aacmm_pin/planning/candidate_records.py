@@ -11,8 +11,7 @@ from aacmm_pin._support.units import DEG
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.random_postures import Room, joint_bounds
 from aacmm_pin.calibration.noise_model import observations_of
-from aacmm_pin.effects.conditions import Conditions
-from aacmm_pin.effects.state import State
+from aacmm_pin.effects import Conditions, State
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements.measuring_points import Pool, seats_for
 from aacmm_pin.measurements.records import Measurements

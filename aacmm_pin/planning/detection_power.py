@@ -36,7 +36,7 @@ class Size:
         scaled = np.array(effect.values) / np.array([term.typical for term in effect.terms])
         if not scaled.any():
             return Size(np.eye(scaled.size))
-        if effect.magnitude_alone:
+        if effect.notation.phase_is_free(effect):
             return Size(np.eye(scaled.size) * np.linalg.norm(scaled) / np.sqrt(scaled.size), stated=True)
         return Size(scaled[:, None], stated=True)
 

@@ -14,8 +14,7 @@ from aacmm_pin._support.units import MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.chain import axis, end
 from aacmm_pin.arm.file import ArmFile
-from aacmm_pin.effects import Effect
-from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.effects import Effect, ErrorModel, TimeConstant
 
 WARMER = 4.0
 """A room can be warmed by this much [K]."""
@@ -82,7 +81,7 @@ def _changes(arm: Arm, causes: tuple[Effect, ...], reference_temperature: float)
         warm = reference_temperature + WARMER
         words = f"warm the room by {WARMER:g} K for some of the records ({reference_temperature:g} °C and {warm:g} °C)"
         yield words, {"warmer": WARMER}
-    constants = [effect.settling_time for effect in causes if effect.settling_time is not None]
+    constants = [e.nonlinear.value(e) for e in causes if isinstance(e.nonlinear, TimeConstant)]
     if constants:
         watched = WARM_UPS * max(constants)
         yield f"switch the arm on cold and measure while it warms up, over {watched / 60:.0f} minutes", {"warm_up": watched}

@@ -6,8 +6,7 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from aacmm_pin.effects import Effect
-from aacmm_pin.effects.labels import usual_size_in_words
+from aacmm_pin.effects import Effect, typical_magnitude_in_words
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.planning.candidate_design import Situation
 from aacmm_pin.planning.detection_power import Power, Size, mimicking
@@ -115,8 +114,9 @@ def _notes(split: tuple[Effect, Effect], before: Power | None) -> Iterator[str]:
         if before is not None and any(other.values):
             size = f"as large as it must be to look like {other.label} in the existing records"
         else:
-            size = f"at its usual size, {usual_size_in_words(effect)}"
-        yield f"{effect.label} states no value; planned {size} ({effect.key},{next(iter(effect.described()))}=… states one)"
+            size = f"at its usual size, {typical_magnitude_in_words(effect)}"
+        parameter = next(iter(effect.notation.parameters(effect)))
+        yield f"{effect.label} states no value; planned {size} ({effect.key},{parameter}=… states one)"
 
 
 def _why_not(split: tuple[Effect, Effect], power: Power) -> str:

@@ -13,8 +13,7 @@ from aacmm_pin._support.progress import Progress, watched
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration.setup import ReferenceFrame, Setup, Target
-from aacmm_pin.effects import Effect
-from aacmm_pin.effects.error_model import ErrorModel, GivenCause, GivenModel, as_causes
+from aacmm_pin.effects import Effect, ErrorModel, GivenCause, GivenModel, as_causes
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements.noise import ENCODER
 from aacmm_pin.measurements.noise import REFERENCE as REFERENCE_NOISE
@@ -87,7 +86,7 @@ def plan_measurements(
         UnsupportedArmError: the arm lacks what a cause needs, such as masses.
         AacmmError: causes that no plan can be about, too few records or postures, or an arm that the records are not of.
     """
-    model = ErrorModel.of(model).where_known()
+    model = ErrorModel.of(model).restricted_to_known_range()
     existing = None if existing is None else as_measurements(existing, model.arm.nq)
     check_numbers(model, records, postures, existing, reference)
     rng = rng or np.random.default_rng(1)

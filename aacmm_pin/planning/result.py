@@ -14,9 +14,7 @@ from aacmm_pin._support.output_files import whole_file
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm.file import bundled_arms
-from aacmm_pin.effects import Effect
-from aacmm_pin.effects.cause_text import text_of
-from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.effects import Effect, ErrorModel, text_of
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.planning.detection_power import Power
 

@@ -11,10 +11,7 @@ from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration.parameters import problem_of
 from aacmm_pin.calibration.problem import Frame, Problem, registered
 from aacmm_pin.calibration.setup import Setup
-from aacmm_pin.effects import Effect, all_candidates
-from aacmm_pin.effects.conditions import Conditions
-from aacmm_pin.effects.effect import require_row
-from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.effects import Conditions, Effect, ErrorModel, all_candidates, require_row
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements.records import Measurements
 
@@ -72,10 +69,10 @@ def require_separable(effects: tuple[Effect, ...], arm: Arm) -> None:
         AacmmError: one that is refitted anyway, one on a row that the arm does not have, or the same twice.
     """
     for effect in effects:
-        if effect.refitted and effect.site() != "marker":  # the tip is refitted only where the target is unknown
+        if effect.refitted and effect.location_field() != "marker":  # the tip is refitted only where the target is unknown
             raise AacmmError(f"{effect.label} is refitted in every diagnosis, expected a cause that stands beside geometry")
         require_row(effect, arm)
-        if effect.site() == "joint" and effect.row not in arm.chain.moving_rows():
+        if effect.location_field() == "joint" and effect.row not in arm.chain.moving_rows():
             raise AacmmError(f"{effect.label}: row {effect.row} of {arm.name} is rigid, expected one with a joint")
     if len(effects) != len({e.identity for e in effects}):
         raise AacmmError(f"{effects[0].key} is there twice, expected two different causes")
@@ -84,5 +81,5 @@ def require_separable(effects: tuple[Effect, ...], arm: Arm) -> None:
 def usual_causes(model: ErrorModel) -> tuple[Effect, ...]:
     """Every further cause that the arm can have, typical in size; but for those with an order or time of their own."""
     known = {effect.identity for effect in model.effects}
-    usual = (effect for effect, *others in all_candidates(model.arm) if not (others or effect.inner))
+    usual = (effect for effect, *others in all_candidates(model.arm) if not (others or effect.nonlinear.field))
     return tuple(effect for effect in usual if effect.identity not in known)

@@ -11,7 +11,7 @@ from aacmm_pin._support.batches import chunks
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.random_postures import joint_bounds
-from aacmm_pin.effects.state import State
+from aacmm_pin.effects import State
 
 StateOf = Callable[[Array, Index], State]
 """The arm at indications (m, nq) that belong to the records with these numbers (m,)."""

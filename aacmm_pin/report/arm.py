@@ -15,9 +15,7 @@ from aacmm_pin.arm.file import COVERAGE_FACTOR, ArmFile
 from aacmm_pin.arm.parameter import Parameter
 from aacmm_pin.arm.poses import Poses
 from aacmm_pin.diagnosis.result import described
-from aacmm_pin.effects import Effect
-from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.effects.labels import in_words, values_in_words
+from aacmm_pin.effects import Effect, ErrorModel, in_words, values_in_words
 from aacmm_pin.report.document import Document, Paragraph, Table, document_of
 from aacmm_pin.report.numbers import count, quantity, small, vector
 

@@ -26,9 +26,7 @@ from aacmm_pin.arm.file import COVERAGE_FACTOR, load_arm_file
 from aacmm_pin.arm.urdf import urdf_text
 from aacmm_pin.calibration.random_arm import perturbed_model
 from aacmm_pin.diagnosis import Diagnosis, diagnose
-from aacmm_pin.effects import Effect, EncoderEccentricity
-from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.effects.labels import in_words, values_in_words
+from aacmm_pin.effects import Effect, EncoderEccentricity, ErrorModel, in_words, values_in_words
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.measurements.simulate import simulate_measurements
 from aacmm_pin.postures.configurations import ConfigurationCircle, configuration_circle
@@ -221,7 +219,7 @@ def _measured(found: Diagnosis, hidden: Effect) -> list[Block]:
 
 
 def _hidden_and_found(found: Diagnosis, hidden: Effect) -> pd.DataFrame:
-    true = {key: (value, 0.0) for key, value in hidden.described().items()}
+    true = {key: (value, 0.0) for key, value in hidden.notation.parameters(hidden).items()}
     rows = [("hidden", in_words(hidden), values_in_words(hidden, true))]
     for finding in found.findings:
         values = values_in_words(finding.effect, finding.parameters)

@@ -22,9 +22,20 @@ from aacmm_pin.diagnosis.cross_validation import Gain
 from aacmm_pin.diagnosis.significance import Alias
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.diagnosis.unexplained import BACKGROUND, ScatteredReadings, SharedError, Unexplained
-from aacmm_pin.effects import Effect, State
-from aacmm_pin.effects.discrepancy import Discrepancy
-from aacmm_pin.effects.labels import in_words, listed, name_in_words, probability, several_in_words, values_in_words
+from aacmm_pin.effects import (
+    Discrepancy,
+    Effect,
+    State,
+    corrects_seat,
+    in_words,
+    listed,
+    name_in_words,
+    probability,
+    sensitivity,
+    several_in_words,
+    strongest_waves,
+    values_in_words,
+)
 from aacmm_pin.report import plots
 from aacmm_pin.report.calibration import KINDS, excluded_records, exclusions_in_words, files
 from aacmm_pin.report.document import (
@@ -133,7 +144,7 @@ def _excluded_in_words(result: Diagnosis) -> str:
 
 def _wrong_in_words(result: Diagnosis) -> str:
     """What the simulation lacks, or may lack, and which of its values are wrong: of the geometry, of the places of seats."""
-    values = [f for f in result.findings if result.geometric(f) or f.effect.corrects_seat]
+    values = [f for f in result.findings if result.geometric(f) or corrects_seat(f.effect)]
     causes = [f for f in result.findings if f not in values]
     sound = [f for f in causes if f.borne_out and not (result.no_better or f.below_zero)]
     sure = [f for f in sound if f.probability >= THRESHOLDS.settled]
@@ -351,7 +362,7 @@ def _excluded(left: Unexplained) -> list[str]:
 
 def motion_of(result: Diagnosis, effect: Effect, state: State | None = None) -> float:
     """RMS by which a cause moves the tip, or the stated place, over the used records [m]; ``state``: extended arm."""
-    moved = effect.sensitivity(state or state_of(result.extended)) @ np.array(effect.values)
+    moved = sensitivity(effect, state or state_of(result.extended)) @ np.array(effect.values)
     return rms(np.linalg.norm(moved[result.extended.used], axis=1))
 
 
@@ -433,7 +444,7 @@ def _result(result: Diagnosis) -> list[Block]:
     seats = (
         " An error of a seat's stated place hardly shows here, where residuals are taken from the place that its records "
         "have in common, nor in the gain."
-        if any(f.effect.corrects_seat for f in result.findings)
+        if any(corrects_seat(f.effect) for f in result.findings)
         else ""
     )
     return [
@@ -498,7 +509,7 @@ def _worst(result: Diagnosis, predicted: str) -> pd.DataFrame:
 
 
 def _causes(result: Diagnosis) -> list[Block]:
-    waves = {in_words(f.effect, result.model.arm): f.effect.spectrum() or [] for f in result.findings}
+    waves = {in_words(f.effect, result.model.arm): strongest_waves(f.effect) or [] for f in result.findings}
     curves = [
         f"{capital(words)}, waves per turn: " + ", ".join(f"{n:.3g} ({size / UM:.1f} µrad)" for n, size in found[:WAVES])
         for words, found in waves.items()
@@ -538,7 +549,7 @@ def causes_drawn(result: Diagnosis) -> list[Block]:
     blocks: list[Block] = []
     for finding in result.findings:
         effect = finding.effect
-        if result.geometric(finding) or (is_constant(effect, state) and not effect.corrects_seat):
+        if result.geometric(finding) or (is_constant(effect, state) and not corrects_seat(effect)):
             continue
         draw = lambda f=finding: plots.plot_cause(result, f, blank_axes(7.4, 4.0))  # noqa: E731
         words = capital(in_words(effect, result.model.arm))

@@ -14,8 +14,7 @@ from aacmm_pin.diagnosis.branches import Branches
 from aacmm_pin.diagnosis.candidates import not_tried
 from aacmm_pin.diagnosis.posterior import Posterior
 from aacmm_pin.diagnosis.unexplained import Discrepancy, ScatteredReadings, SharedError
-from aacmm_pin.effects import Effect
-from aacmm_pin.effects.conditions import COLUMNS
+from aacmm_pin.effects import COLUMNS, Effect, fields_of, strongest_waves
 
 SCHEMA = "aacmm-pin/diagnosis/1"
 PLACES = {"joint", "bodies"}
@@ -90,7 +89,7 @@ def _brought(finding: Finding) -> dict[str, Any] | None:
 
 def _inner_fields(effect: Effect) -> dict[str, Any]:
     """Orders, times and other fields that are set, but for the place."""
-    names = [name for name in effect.structure() if name not in PLACES]
+    names = [name for name in fields_of(type(effect)) if name not in PLACES]
     fields = {name: getattr(effect, name) for name in names}
     unset = (None, ())
     return {name: value for name, value in fields.items() if value not in unset}
@@ -98,7 +97,7 @@ def _inner_fields(effect: Effect) -> dict[str, Any]:
 
 def _spectrum(effect: Effect) -> dict[str, Any]:
     """Waves per turn of a free curve."""
-    waves = effect.spectrum()
+    waves = strongest_waves(effect)
     if waves is None:
         return {}
     return {"spectrum": [{"order": order, "amplitude_rad": size} for order, size in waves]}
@@ -127,7 +126,7 @@ def _covariate(label: str) -> dict[str, Any]:
 def _place(effect: Effect) -> dict[str, Any]:
     """A cause, its joint, and the seat or body where it sits on one."""
     summary: dict[str, Any] = {"cause": effect.cause, "joint": effect.row}
-    site = effect.site()
+    site = effect.location_field()
     if site not in (None, "joint"):
         summary[site] = effect.place
     return summary

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from aacmm_pin._support.units import MM
 from aacmm_pin.diagnosis import Diagnosis, Finding, Gain
-from aacmm_pin.effects.labels import probability, values_in_words
+from aacmm_pin.effects import probability, strongest_waves, values_in_words
 
 FEW_WAVES = 4
 """So many waves of a free curve are listed."""
@@ -53,7 +53,7 @@ def finding_line(finding: Finding) -> str:
 
 def _values(finding: Finding) -> str:
     """Waves per turn of a free curve; the values of another cause."""
-    waves = finding.effect.spectrum()
+    waves = strongest_waves(finding.effect)
     if waves is None:
         return values_in_words(finding.effect, finding.parameters, finding.slides)
     sizes = [f"{order:.3g} ({size:.2g} rad)" for order, size in waves[:FEW_WAVES]]

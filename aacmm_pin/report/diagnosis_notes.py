@@ -13,11 +13,7 @@ from aacmm_pin.diagnosis.candidates import not_tried
 from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.findings import estimated
 from aacmm_pin.diagnosis.result import described, too_good
-from aacmm_pin.effects import Effect
-from aacmm_pin.effects.conditions import COLUMNS
-from aacmm_pin.effects.drift_and_hysteresis import ZeroDrift
-from aacmm_pin.effects.gravity import LoadedEffect
-from aacmm_pin.effects.labels import listed, values_in_words
+from aacmm_pin.effects import COLUMNS, Effect, cause_in_words, listed, values_in_words
 
 RESTARTS = 5
 """A clock that goes back more often than this is of records in another order."""
@@ -40,7 +36,7 @@ def notes_of(result: Diagnosis) -> list[str]:
         *_slopes(findings),
         *(f"{f.label}: its values come on top of those of {f.beside.label}" for f in findings if f.beside),
         *_changed(findings, known, choice),
-        *(text for effect in known for text in effect.to_be_told(extended.problem.measurements.conditions)),
+        *(text for effect in known for text in effect.validity_notes(extended.problem.measurements.conditions)),
         *_size(extended),
         *_clock(extended),
         *_too_good(extended),
@@ -62,7 +58,7 @@ def _disagreement(result: Diagnosis) -> list[str]:
 def _not_tried(choice: Choice) -> list[str]:
     """Columns that the file lacks, and what could not be tried without them; one line."""
     lacking = not_tried(choice.library, choice.fit.problem.measurements).items()
-    each = [f"no {COLUMNS[need]}: {listed([c.words for c in causes])} not tried" for need, causes in lacking]
+    each = [f"no {COLUMNS[need]}: {listed([cause_in_words(c) for c in causes])} not tried" for need, causes in lacking]
     return ["; ".join(each)] if each else []
 
 
@@ -79,9 +75,10 @@ def _otherwise(choice: Choice) -> list[str]:
 def _slopes(findings: Sequence[Finding]) -> Iterator[str]:
     """Drifts of which the records show hardly more than that they go on."""
     for effect in (finding.effect for finding in findings):
-        if isinstance(effect, ZeroDrift) and effect.until_s is not None:
+        until = getattr(effect, "until_s", None)
+        if until is not None:
             yield (
-                f"{effect.label}: these records hardly tell its time constant; after {effect.until_s:.4g} s, when they "
+                f"{effect.label}: these records hardly tell its time constant; after {until:.4g} s, when they "
                 "end, it may stop or go on, which is in u then: take records later, too"
             )
 
@@ -105,7 +102,7 @@ def _changed(findings: Sequence[Finding], known: Sequence[Effect], choice: Choic
 
 def _in_words(effect: Effect, values: dict[str, tuple[float, float]], slides: bool) -> str:
     """Values with U, and inner values."""
-    return ", ".join([values_in_words(effect, values, slides), *effect.inner_in_words()])
+    return ", ".join([values_in_words(effect, values, slides), *effect.details])
 
 
 def _size(extended: Fit) -> list[str]:
@@ -139,7 +136,7 @@ def _since(findings: Sequence[Finding], recalibrated: Fit) -> list[str]:
 
 def _of_masses(findings: Sequence[Finding]) -> list[str]:
     """What gives way under weights that nobody measured."""
-    loaded = (finding for finding in findings if isinstance(finding.effect, LoadedEffect))
+    loaded = (finding for finding in findings if hasattr(finding.effect, "load_at"))
     names = [finding.label for finding in loaded if "torque" not in finding.effect.needs]
     if any(getattr(finding.effect, "bodies", ()) for finding in findings):
         return [

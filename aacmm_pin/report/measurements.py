@@ -9,7 +9,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from aacmm_pin._support.units import MM
-from aacmm_pin.effects.conditions import COLUMNS, Conditions
+from aacmm_pin.effects import COLUMNS, Conditions
 from aacmm_pin.measurements.csv_columns import BAR
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.report.document import Document, Paragraph, Table, document_of

@@ -10,8 +10,7 @@ from aacmm_pin.calibration.shared_exclusions import LABELS
 from aacmm_pin.diagnosis import Alias, Diagnosis, Finding
 from aacmm_pin.diagnosis.result import too_good
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
-from aacmm_pin.effects import Effect, ZeroDrift
-from aacmm_pin.effects.labels import listed
+from aacmm_pin.effects import Effect, corrects_seat, listed
 from aacmm_pin.planning import advice
 from aacmm_pin.report.numbers import lengths
 
@@ -84,7 +83,7 @@ def _first(result: Diagnosis) -> str:
         return _to_tell(result, doubtful)
     if verdict == "ambiguous":
         return _to_tell_sets(result)
-    seats = [finding for finding in findings if finding.effect.corrects_seat]
+    seats = [finding for finding in findings if corrects_seat(finding.effect)]
     if seats:
         return f"measure again where {'; '.join(map(_off, seats))}; then check the extended model on new records"
     if result.no_better:
@@ -96,8 +95,8 @@ def _first(result: Diagnosis) -> str:
         )
     if verdict == "inconclusive":
         return f"more records, at other postures: {_open(result)}"
-    drifts = [finding.effect for finding in findings if isinstance(finding.effect, ZeroDrift)]
-    if ends := [drift.until_s for drift in drifts if drift.until_s is not None]:
+    until = [getattr(finding.effect, "until_s", None) for finding in findings]
+    if ends := [end for end in until if end is not None]:
         return f"records after {max(ends):.4g} s, by the same clock: whether the drift stops or goes on is open"
     return f"nothing is open; take new records over all ranges of the joints: {_as_held_out(result)}"
 
@@ -143,7 +142,7 @@ def _to_tell(result: Diagnosis, doubtful: Sequence[Finding]) -> str:
             continue
         if cause.refitted or other.refitted:  # so that no plan can split it from another
             return f"measure more records, at other postures, to tell {finding.label} from {alike.label}"
-        if other.cause in cause.contained_in and other.place == cause.place:
+        if other.cause in cause.special_case_of and other.place == cause.place:
             return (
                 f"measure more records with joint {finding.joint} spread evenly over its range: they show whether "
                 f"{finding.label} is all that depends on its angle"

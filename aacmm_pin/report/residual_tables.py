@@ -13,7 +13,7 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.calibration.cross_validation import Mask
 from aacmm_pin.calibration.fit import Fit
-from aacmm_pin.effects.conditions import Labels
+from aacmm_pin.effects import Labels
 
 BINS = 4
 """Ranges into which joints, time and temperature are divided, with as many records in each."""

@@ -15,7 +15,7 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.plausible import Range
 from aacmm_pin._support.units import MM, plain_mm
-from aacmm_pin.effects.error_model import ErrorModel, GivenModel
+from aacmm_pin.effects import ErrorModel, GivenModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements import measurement_file
 from aacmm_pin.verification.characteristics import DEFINITIONS, Definition, definitions

@@ -11,7 +11,7 @@ import pandas as pd
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.file_problems import Problems
 from aacmm_pin._support.units import MM
-from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.effects import ErrorModel
 from aacmm_pin.errors import AacmmError, MeasurementFileError
 from aacmm_pin.measurements import (
     MEASUREMENT_FILE,
@@ -132,7 +132,7 @@ def _by_arms(
     notes: dict[str, list[str]] = {}
     for name, model in models.items():
         readings = Measurements.from_frame(table[of_arm], model.arm.nq, path)
-        for note in model.odd_readings(readings.q, readings.conditions):
+        for note in model.input_warnings(readings.q, readings.conditions):
             notes.setdefault(note, []).append(name)
         try:
             tips[name] = model.correct(readings.q, readings.conditions)

@@ -18,7 +18,7 @@ from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm.arm import Arm, GivenArm, as_arm
 from aacmm_pin.arm.random_postures import joint_bounds
-from aacmm_pin.effects.error_model import ErrorModel, GivenModel
+from aacmm_pin.effects import ErrorModel, GivenModel
 from aacmm_pin.errors import AacmmError, MeasurementFileError
 from aacmm_pin.measurements import (
     PLANNED,
@@ -170,7 +170,7 @@ def acceptance_procedure(
         AacmmError: other than so many lengths above 0, or the arm does not reach such places.
     """
     rng = rng or np.random.default_rng(1)
-    seed, model = seed_of(rng), ErrorModel.of(model).where_known()
+    seed, model = seed_of(rng), ErrorModel.of(model).restricted_to_known_range()
     margin = ROOM * np.diff(model.arm.limits, axis=1) * np.array([1.0, -1.0])
     inner = replace(model, arm=replace(model.arm, limits=model.arm.limits + margin))
 

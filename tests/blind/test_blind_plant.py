@@ -13,6 +13,7 @@ import pytest
 import aacmm_pin.effects as library
 import blind
 from aacmm_pin.arm.arm import Arm
+from aacmm_pin.effects import effect_from, fields_of
 from aacmm_pin.effects.conditions import Conditions as PackageConditions
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.measurements.records import Measurements
@@ -198,12 +199,12 @@ def test_parameters_mean_what_they_mean_in_the_package(both: tuple[Chain, Arm], 
 def by_package(arm: Arm, fault: Hidden, q: Array, c: Conditions, approach: Array) -> Array:
     """What the package says that the fault does."""
     cause, parameters = library.CAUSES[fault.cause], dict(fault.parameters)
-    structure = {name: parameters.pop(name) for name in cause.structure() if name in parameters}
-    structure |= {name: fault.joint for name in ("joint", "link") if name in cause.structure() and fault.joint is not None}
+    structure = {name: parameters.pop(name) for name in fields_of(cause) if name in parameters}
+    structure |= {name: fault.joint for name in ("joint", "link") if name in fields_of(cause) and fault.joint is not None}
     seat = np.array([f"P{s + 1}" for s in c.seat], dtype=object)
     known = PackageConditions(len(q), time=c.time, temperature=c.temperature, approach=approach, seat=seat)
     sound = ErrorModel(arm)
-    faulty = sound.with_effects(cause.from_description(structure, parameters))
+    faulty = sound.with_effects(effect_from(cause, structure, parameters))
     return faulty.predict(q, known, as_referenced=True) - sound.predict(q, known, as_referenced=True)
 
 

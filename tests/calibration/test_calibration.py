@@ -612,8 +612,8 @@ def test_calibrated_lengths_hold_at_the_temperature_of_their_records(sino6: Arm)
     assert sum("23.0 °C" in note for note in alone.notes) == 1
     some = quick(sino6, data, "zero-offsets", reference_noise=5e-6)
     assert [any("as the file has them" in note for note in told.notes) for told in (alone, some)] == [False, True]
-    assert alone.model.odd_readings(q, warm) == []
-    assert len(alone.model.odd_readings(q, cold)) == 1
+    assert alone.model.input_warnings(q, warm) == []
+    assert len(alone.model.input_warnings(q, cold)) == 1
     off = np.linalg.norm(alone.model.predict(q, cold) - truth.predict(q, cold), axis=1)
     # With the expansion on top, the arm is right at other temperatures too.
     grown = ErrorModel(found, (*alone.model.effects, ThermalExpansion(values=(2.3e-5,))))
@@ -624,7 +624,7 @@ def test_calibrated_lengths_hold_at_the_temperature_of_their_records(sino6: Arm)
 
 def test_what_is_uncertain_of_a_time_constant_stays_so(sino6: Arm, tmp_path: Path) -> None:
     """Against normal equations of both values by finite differences; a file keeps the u of both."""
-    rng, drift = np.random.default_rng(3), ZeroDrift(2, 1500.0, values=(2.5e-4,), u=(5e-5,), inner_u=(600.0,))
+    rng, drift = np.random.default_rng(3), ZeroDrift(2, 1500.0, values=(2.5e-4,), u=(5e-5,), nonlinear_u=600.0)
     ErrorModel(sino6, (drift,)).save(tmp_path / "a.toml")
     model = ErrorModel.load(tmp_path / "a.toml")
     assert model.effects == (drift,)
@@ -639,7 +639,7 @@ def test_what_is_uncertain_of_a_time_constant_stays_so(sino6: Arm, tmp_path: Pat
     steps = (tips(2.6e-4, 1500.0) - tips(2.4e-4, 1500.0)) / 2e-5, (tips(2.5e-4, 1501.0) - tips(2.5e-4, 1499.0)) / 2.0
     j = np.column_stack(steps) / 2e-5
     covariance = np.linalg.inv(j.T @ j + np.diag([5e-5**-2, 600.0**-2]))
-    assert (*found.u, *found.inner_u) == pytest.approx(tuple(np.sqrt(np.diag(covariance))), rel=0.03)
+    assert (*found.u, found.nonlinear_u) == pytest.approx(tuple(np.sqrt(np.diag(covariance))), rel=0.03)
     assert found.u[0] > 2.0 / np.sqrt(j[:, 0] @ j[:, 0])  # more than with a known time constant
     # And of tips within the session it tells far more than of both by themselves.
     after.save(tmp_path / "b.toml")
@@ -664,7 +664,7 @@ def test_values_that_earlier_records_tell_exactly_stay_exact(sino6: Arm, rng: np
 
 def test_an_arm_that_drifts_can_be_set_tasks_without_a_clock(sino6: Arm, rng: np.random.Generator) -> None:
     """Its covariance names a cause that has no part in where the touches of a procedure are."""
-    drift = ZeroDrift(2, 1500.0, values=(2e-4,), u=(5e-5,), inner_u=(300.0,))
+    drift = ZeroDrift(2, 1500.0, values=(2e-4,), u=(5e-5,), nonlinear_u=300.0)
     data = simulate_measurements(ErrorModel(sino6, (drift,)), "free", 40, rng=rng)
     model = calibrate(ErrorModel(sino6, (drift,)), data, ["geometry", drift], hold_out=False).model
     assert model.arm.covariance is not None

@@ -16,6 +16,7 @@ from aacmm_pin.effects import (
     SeatError,
     StylusOffset,
     ThermalExpansion,
+    sensitivity,
 )
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.error_model import ErrorModel
@@ -40,7 +41,7 @@ def test_columns_of_all_effects_are_those_of_each(n: int, sino6: Arm, rng: np.ra
     model = ErrorModel(sino6, tuple(e.at(tuple(x[own])) for e, own in columns.vector))
     state = columns.at(x)
     np.testing.assert_allclose(state.position, model.predict(q, known, as_referenced=True), rtol=0, atol=1e-14)
-    wanted = np.concatenate([e.sensitivity(state) for e in effects], axis=2)
+    wanted = np.concatenate([sensitivity(e, state) for e in effects], axis=2)
     np.testing.assert_allclose(columns.jacobian(state), wanted, rtol=1e-12, atol=1e-14)
     assert columns.bends(x)
     assert not columns.bends(np.where(np.arange(x.size) == columns.vector.slices[6].start, 0.0, x))

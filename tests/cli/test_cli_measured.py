@@ -128,7 +128,7 @@ def test_effects_make_the_data_and_stand_in_the_truth(extended: Path, folder: Pa
     model, read = ErrorModel.load(extended), Measurements.read(folder / "warm.csv", 6)
     eccentricity, expansion = model.effects
     assert isinstance(eccentricity, EncoderEccentricity)
-    assert (eccentricity.amplitude, eccentricity.phase) == pytest.approx((1e-4, 0.5))
+    assert [*eccentricity.notation.parameters(eccentricity).values()] == pytest.approx([1e-4, 0.5])
     assert expansion == ThermalExpansion(values=(2e-5,))
     off = np.linalg.norm(model.predict(read.q, read.conditions) - read.reference, axis=1)
     assert np.sqrt(np.mean(off**2)) < 0.03 * MM

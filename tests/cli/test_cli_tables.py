@@ -107,8 +107,10 @@ def test_accuracy_map_and_plan(tmp_path: Path) -> None:
 
 
 def test_names_are_in_one_piece_however_narrow_the_terminal_is() -> None:
-    known = {cause.cause + (f":{site.upper()}" if (site := cause.site()) else "") for cause in CAUSES.values()}
-    known |= {key for cause in CAUSES.values() if (effect := example(cause)) for key in [*effect.described()][:1]}
+    known = {cause.cause + (f":{site.upper()}" if (site := cause.location_field()) else "") for cause in CAUSES.values()}
+    known |= {
+        key for cause in CAUSES.values() if (effect := example(cause)) for key in [*effect.notation.parameters(effect)][:1]
+    }
     known |= {"temperature_c", "time_s"}
     for columns in (40, 80, 200):
         assert known <= set(told("causes", columns=columns).replace(",", " ").split()), columns

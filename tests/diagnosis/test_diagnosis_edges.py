@@ -256,5 +256,5 @@ def test_a_known_target_is_refitted_once(sino6: Arm, rng: np.random.Generator, u
     data = Measurements.of(q, measured, conditions=conditions)
     found = diagnose(known, data, encoder_noise=1e-6, reference_noise=1e-5, hold_out=False, progress=False)
     assert (found.verdict, [finding.label for finding in found.findings]) == ("explained", ["encoder_eccentricity:3"])
-    (other,) = known.odd_readings(q, conditions)
+    (other,) = known.input_warnings(q, conditions)
     assert "knows no target with the markers 'C'" in other

@@ -276,12 +276,12 @@ def test_prior_of_the_candidates(free_case: Case) -> None:
     design, library = free_case.design, free_case.library
     of_blocks = Candidates.of(design, library)
     prior, causes = np.bincount(of_blocks.owners, np.exp(of_blocks.log_odds)), design.causes
-    usual = np.array([variants[0].usual for variants in library])
+    usual = np.array([variants[0].prior_weight for variants in library])
     np.testing.assert_allclose(prior[:causes], 0.9 * usual / usual.sum(), rtol=1e-12)
     np.testing.assert_allclose(prior[causes:], 0.1 / len(free_case.others), rtol=1e-12)
     first = [variants[0] for variants in library]
     inside = {
-        owner: {k for k, e in enumerate(first) if freer.cause in e.contained_in and freer.place == e.place}
+        owner: {k for k, e in enumerate(first) if freer.cause in e.special_case_of and freer.place == e.place}
         for owner, freer in enumerate(first)
     }
     assert of_blocks.contained == {owner: causes for owner, causes in inside.items() if causes} != {}

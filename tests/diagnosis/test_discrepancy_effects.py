@@ -34,6 +34,7 @@ from aacmm_pin.diagnosis.discrepancy import (
     lost,
     with_covariance,
 )
+from aacmm_pin.effects import sensitivity
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.discrepancy import Carrier, Discrepancy, Part
 from aacmm_pin.effects.error_model import ErrorModel
@@ -233,7 +234,7 @@ def test_background_as_one_effect(plant: Plant, tmp_path: Path) -> None:
     scales = np.concatenate([way.size.repeat(Carrier(way.carrier).axes) for _, way in described])
     q = plant.touched(300)[0]
     states = State(plant.arm, q, Conditions(300, time=rng.uniform(0.0, 3600.0, 300)), plant.arm.chain.tip)
-    columns = np.concatenate([effect.sensitivity(states) for effect in every], axis=2) / scales
+    columns = np.concatenate([sensitivity(effect, states) for effect in every], axis=2) / scales
     weights = (
         np.linalg.qr(rng.standard_normal((columns.shape[2], 120)))[0] / np.square(columns).sum(axis=(0, 1))[:, None] ** 0.5
     )
@@ -243,7 +244,7 @@ def test_background_as_one_effect(plant: Plant, tmp_path: Path) -> None:
     model = with_effect(ErrorModel(plant.arm), made, np.diag(np.square(made.u)))
     model.save(tmp_path / "background.toml")
     (effect,) = ErrorModel.load(tmp_path / "background.toml").effects
-    moves, directions = effect.sensitivity(states), columns @ weights
+    moves, directions = sensitivity(effect, states), columns @ weights
     np.testing.assert_allclose(
         moves @ effect.values, directions @ estimate, rtol=0, atol=1e-6 * np.abs(directions @ estimate).max()
     )

@@ -79,7 +79,8 @@ def test_the_top_of_a_parabola() -> None:
 def test_inner_values_by_their_evidence(monkeypatch: pytest.MonkeyPatch) -> None:
     """A whole order unless another is far better; u of a step by the gaps between the records."""
     for far, expected in ((1.0, 4.0), (3.0, 4.11)):
-        tried = [*JointPeriodicError(3, 4.0).refined(Measurements.of(np.zeros((4, 6))))]
+        wave = JointPeriodicError(3, 4.0)
+        tried = wave.nonlinear.refine(wave, Measurements.of(np.zeros((4, 6))))
         peak = far / 0.11**2  # so much better than the whole order
         refined = inner_values.likeliest(tried, np.array([-peak * (e.order - 4.11) ** 2 for e in tried]))  # type: ignore[attr-defined]
         assert isinstance(refined, JointPeriodicError)

@@ -419,7 +419,7 @@ def test_a_drift_that_records_show_as_a_slope_may_stop_or_go_on(
         off = np.linalg.norm(model.correct(q[:50], conditions) - truth.correct(q[:50], conditions), axis=1)
         u = accuracy_volume(model, q[:50], conditions=conditions, method="ellipsoid", encoder_noise=0.0).u
         assert np.sqrt(np.mean((off / u) ** 2)) < 2.0
-        assert bool(model.odd_readings(q[:50], conditions)) != told
+        assert bool(model.input_warnings(q[:50], conditions)) != told
 
 
 def test_a_known_slip_beside_a_clock_that_stands(sino6: Arm) -> None:
@@ -454,11 +454,13 @@ def test_readings_between_the_records_around_a_slip_have_its_step_in_their_u(
     assert 0.7 < np.sqrt(np.mean(z[between] ** 2)) < 1.3
     assert z.max() < 3.0
     assert judged.u[~between].mean() < judged.u[between].mean() / 1.5
-    assert [text.split()[0] for text in model.odd_readings(q, conditions)] == [str((time <= low).sum())]
+    assert [text.split()[0] for text in model.input_warnings(q, conditions)] == [str((time <= low).sum())]
     later = Conditions(time.size, time=time - low, session=np.full(time.size, "next day", dtype=object))
     off = np.linalg.norm(model.correct(q, later) - truth.correct(q, replace(later, time=time + 1e4)), axis=1)
     assert np.all(off < 3.0 * accuracy_volume(model, q, conditions=later, method="ellipsoid", encoder_noise=0.0).u)
-    assert model.odd_readings(q, later) == ["301 of 301 records are later than encoder_slip:3 by their session, 'next day'"]
+    assert model.input_warnings(q, later) == [
+        "301 of 301 records are later than encoder_slip:3 by their session, 'next day'"
+    ]
     unlabelled = replace(conditions, session=np.full(time.size, "", dtype=object))
     np.testing.assert_array_equal(model.correct(q, unlabelled), model.correct(q, conditions))
     one: dict[str, Any] = {"conditions": conditions.take([150]), "encoder_noise": 0.0, "rng": rng}

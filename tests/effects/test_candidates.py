@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +25,8 @@ from aacmm_pin.effects import (
     ZeroDrift,
 )
 from aacmm_pin.effects.conditions import Conditions
-from aacmm_pin.effects.encoder import FINE, LEAST_SPREAD, NEAR, PER_COEFFICIENT
+from aacmm_pin.effects.encoder import LEAST_SPREAD, ORDERS_NEAR, PER_COEFFICIENT
+from aacmm_pin.effects.time_dependent import GAPS_NEAR
 
 N = 200
 
@@ -101,6 +103,10 @@ def test_places(sino6: Arm, zero6: Arm, robot_file: Callable[[str], Path], rng: 
     assert places(JointCompliance, zero6, None) == []
 
 
+def refined(effect: Effect, records: Taken) -> list[Any]:
+    return effect.nonlinear.refine(effect, records)
+
+
 def test_inner_values(sino6: Arm, rng: np.random.Generator) -> None:
     """Orders that make a period over the covered range, knots that the records can tell, times between records."""
     pause = np.arange(N) + np.where(np.arange(N) >= 50, 1000.0, 0.0)
@@ -109,10 +115,10 @@ def test_inner_values(sino6: Arm, rng: np.random.Generator) -> None:
     assert min(orders[5]) == 3
     assert min(orders[1]) < 3
     assert set(orders[5]) == {order for order in orders[1] if order >= 3}
-    fine = [e.order for e in JointPeriodicError(1, 4).refined(records)]
-    assert [len(fine), min(fine), max(fine)] == [2 * FINE + 1, 3.5, 4.5]
+    fine = [e.order for e in refined(JointPeriodicError(1, 4), records)]
+    assert [len(fine), min(fine), max(fine)] == [2 * ORDERS_NEAR + 1, 3.5, 4.5]
     assert 4 in fine
-    assert min(e.order for e in JointPeriodicError(1, 0.5).refined(records)) > 0.3
+    assert min(e.order for e in refined(JointPeriodicError(1, 0.5), records)) > 0.3
     for curves in JointErrorCurve.candidates(sino6, records):
         angle = records.q[:, curves[0].joint - 1]
         for curve in curves:
@@ -122,13 +128,13 @@ def test_inner_values(sino6: Arm, rng: np.random.Generator) -> None:
     assert 549.5 in times  # the middle of the pause
     assert 0.0 < min(times) < 12.0 < 1180.0 < max(times) < pause[-1]
     assert not np.isin(times, pause).any()
-    near = [e.time_s for e in EncoderSlip(1, 549.0).refined(records)]
-    assert len(near) == NEAR
+    near = [e.time_s for e in refined(EncoderSlip(1, 549.0), records)]
+    assert len(near) == GAPS_NEAR
     assert {48.5, 549.5, 1050.5} <= set(near)
     assert near == sorted(near)
-    assert min(e.time_s for e in EncoderSlip(1, 0.0).refined(records)) == 0.0  # before the first
-    assert min(e.time_s for e in EncoderSlip(1, 1150.0).refined(records)) > 1100.0
-    slow = [e.time_constant_s for e in ZeroDrift(1, 600.0).refined(records)]
+    assert min(e.time_s for e in refined(EncoderSlip(1, 0.0), records)) == 0.0  # before the first
+    assert min(e.time_s for e in refined(EncoderSlip(1, 1150.0), records)) > 1100.0
+    slow = [e.time_constant_s for e in refined(ZeroDrift(1, 600.0), records)]
     assert [min(slow), max(slow)] == [200.0, 1800.0]
 
 

@@ -28,8 +28,8 @@ from aacmm_pin.effects import (
     cause_of,
     example,
 )
-from aacmm_pin.effects.cause_text import stated_cause, text_of
-from aacmm_pin.effects.labels import in_words, name_in_words, several_in_words, values_in_words
+from aacmm_pin.effects.labels import cause_in_words, in_words, name_in_words, several_in_words, values_in_words
+from aacmm_pin.effects.text import stated_cause, text_of
 from aacmm_pin.errors import AacmmError, UnknownNameError
 
 KNOWN = EncoderEccentricity(joint=3, values=(1e-4, 2e-5), u=(1e-6, 1e-6))
@@ -83,7 +83,7 @@ def test_texts_are_read(sino6: Arm) -> None:
     for effect in (BaseCompliance(values=(4.138e-6,)), KNOWN, JointPeriodicError(6, 7.0)):
         again = cause_of(text_of(effect), ErrorModel(sino6))
         assert again.identity == effect.identity
-        assert again.described() == pytest.approx(effect.described(), rel=1e-3)
+        assert again.notation.parameters(again) == pytest.approx(effect.notation.parameters(effect), rel=1e-3)
 
 
 def test_texts_of_no_use_are_refused(sino6: Arm) -> None:
@@ -109,8 +109,8 @@ def test_every_cause_has_words_places_and_units(sino6: Arm) -> None:
     for cause in CAUSES.values():
         effect = example(cause)
         assert isinstance(effect, cause)
-        assert cause.words in name_in_words(effect)
-        assert set(effect.readings()) == set(effect.described())
+        assert cause_in_words(cause) in name_in_words(effect)
+        assert set(effect.notation.readings(effect)) == set(effect.notation.parameters(effect))
         for term in effect.terms:
             assert 0.999 <= term.typical / term.scale * term.reading.factor < 1000, term
     tried = [variants[0] for variants in all_candidates(sino6)]

@@ -26,6 +26,7 @@ from aacmm_pin.effects import (
     SeatError,
     StylusOffset,
     ThermalExpansion,
+    effect_from,
 )
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.error_model import ErrorModel
@@ -294,7 +295,7 @@ def test_bundled_arm_has_no_effects(sino6: Arm) -> None:
 
 def test_file_states_the_effects_as_people_do(tmp_path: Path, sino6: Arm) -> None:
     """Amplitude and phase, millimetres: what the file says is what a reader knows from data sheets."""
-    eccentricity = EncoderEccentricity.from_description({"joint": 3}, {"amplitude_rad": 1.1e-4, "phase_rad": 0.4})
+    eccentricity = effect_from(EncoderEccentricity, {"joint": 3}, {"amplitude_rad": 1.1e-4, "phase_rad": 0.4})
     bodies = JointCompliance(joint=4, bodies=(4, 5, 6), values=tuple(np.arange(9.0) * 1e-6))
     model = ErrorModel(sino6, (eccentricity, LinkLength(joint=3, values=(2e-5,), u=(1e-6,)), bodies))
     model.save(tmp_path / "x.toml", comment="Found by hand.\nTwice.")

@@ -210,8 +210,13 @@ def test_mistakes_of_a_class_are_told_with_its_name_and_place(
         (terms, "terms: ClassVar[Term] = None", ("causes",), ": terms is None"),
         (terms, "@property\n    def terms(self):\n        return 1 / 0", ("causes",), ": ZeroDivisionError"),
         (terms, f"{terms}\n    needs = 'time'", ("causes",), ": needs is 'time', expected a tuple of some of time"),
-        (terms, f"{terms}\n    usual = float('nan')", ("causes",), ": usual is nan, expected a number above 0"),
-        (terms, f"{terms}\n    inner = ('order',)", ("causes",), ": inner is ('order',), expected a tuple of some of joint"),
+        (
+            terms,
+            f"{terms}\n    prior_weight = float('nan')",
+            ("causes",),
+            ": prior_weight is nan, expected a number above 0",
+        ),
+        (terms, f"{terms}\n    nonlinear = 'order'", ("causes",), ": nonlinear is 'order', expected a Nonlinear"),
         (terms, f"{terms}\n    known_range = 'ab'", given, ", or what uses it: UFuncTypeError"),
         (terms, f"{terms}\n    candidates = lambda *_: None", tried, ": candidates gives None, expected tuples of one"),
         (

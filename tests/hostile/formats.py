@@ -16,8 +16,8 @@ from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.file import arm_text
 from aacmm_pin.arm.urdf import urdf_text
 from aacmm_pin.calibration import calibrate
-from aacmm_pin.effects.cause_text import cause_of
 from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.effects.text import cause_of
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.measurements.simulate import simulate_measurements

@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.diagnosis import diagnose
-from aacmm_pin.effects.cause_text import cause_of
 from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.effects.text import cause_of
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.measurements.simulate import simulate_measurements
 

@@ -133,7 +133,7 @@ def test_the_command_writes_the_page_and_nothing_else_on_stdout(tmp_path: Path) 
 
 
 def finding(effect: Effect, probability: float, *aliases: Alias) -> Finding:
-    values = {key: (value, 1e-6) for key, value in effect.described().items()}
+    values = {key: (value, 1e-6) for key, value in effect.notation.parameters(effect).items()}
     return Finding(effect, values, probability, 0.0, 0.3, aliases)
 
 

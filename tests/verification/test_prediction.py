@@ -171,7 +171,7 @@ def test_the_first_order_step_is_exact_physics(sino6: Arm, few: Path) -> None:
 
 
 def test_the_order_of_a_wave_belongs_to_it(sino6: Arm, few: Path) -> None:
-    wave = JointPeriodicError(3, 7.1, values=(1e-4, 0.0), u=(1e-5, 1e-5), inner_u=(0.02,))
+    wave = JointPeriodicError(3, 7.1, values=(1e-4, 0.0), u=(1e-5, 1e-5), nonlinear_u=0.02)
     causes = _Test.of(ErrorModel(sino6, (wave,)), Procedure.read(few, sino6), 8e-6, 0.0, 1).causes
     assert causes[-9:] == (*[wave.label] * 3, *[READINGS] * 6)
 

@@ -13,7 +13,7 @@ from aacmm_pin._support.units import DEG, MM, MM3, UM
 from aacmm_pin.accuracy.tip_sensitivity import ErrorSources
 from aacmm_pin.accuracy.volume import AccuracyVolume, paired
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.effects.labels import row_in_words
+from aacmm_pin.effects import row_in_words
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.postures.configurations import ConfigurationCircle
 from aacmm_pin.postures.general_ik import ReachingPostures

@@ -11,8 +11,7 @@ from pandas.api.types import is_numeric_dtype
 
 from aacmm_pin._support.units import UM
 from aacmm_pin.diagnosis import Diagnosis, Finding
-from aacmm_pin.effects import Effect
-from aacmm_pin.effects.labels import in_words
+from aacmm_pin.effects import Effect, corrects_seat, in_words
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.report.numbers import count
 from aacmm_pin.report.plots.groups import plot_rms
@@ -64,7 +63,7 @@ def plot_diagnosis(result: Diagnosis, finding: int = 0, ax: Axes | None = None) 
     if not 0 <= finding < len(result.findings):
         raise AacmmError(f"finding {finding} was asked for, this diagnosis has {len(result.findings)}, counted from 0")
     found = result.findings[finding]
-    over_something = found.effect.corrects_seat or result.geometric(found)
+    over_something = corrects_seat(found.effect) or result.geometric(found)
     if not over_something and is_constant(found.effect, state_of(result.extended)):
         return plot_rms(result, ax)
     return plot_cause(result, found, ax)
@@ -83,7 +82,7 @@ def plot_cause(result: Diagnosis, finding: Finding, ax: Axes | None = None) -> A
         finding: one of its findings.
         ax: axes.
     """
-    if finding.effect.corrects_seat:
+    if corrects_seat(finding.effect):
         return _plot_seat_error(result, finding.effect, ax)
     if result.geometric(finding):
         return plot_geometry(result, ax)
@@ -144,7 +143,7 @@ def _plot_seat_error(result: Diagnosis, effect: Effect, ax: Axes | None = None) 
     records, tips = fit.problem.measurements, fit.point.prediction.tips
     weight = UM**2 / np.diagonal(fit.residual_noise[:, :3, :3], axis1=1, axis2=2)
     effects = [*(finding.effect for finding in result.findings), effect]
-    found = {each.place: np.array(each.values) for each in effects if each.corrects_seat}
+    found = {each.place: np.array(each.values) for each in effects if corrects_seat(each)}
     seats = {name: own[fit.used[own]] for name, own in records.seats().items() if records.known[own].all()}
     names = sorted((name for name, own in seats.items() if own.size), key=numbers_by_size)
     total = np.array([weight[seats[name]].sum(axis=0) for name in names])

@@ -11,7 +11,7 @@ from aacmm_pin.arm.file import COVERAGE_FACTOR
 from aacmm_pin.calibration import Calibration
 from aacmm_pin.calibration.parameter_vector import geometric_parameters
 from aacmm_pin.diagnosis import Diagnosis
-from aacmm_pin.effects.labels import in_words
+from aacmm_pin.effects import in_words
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.report.numbers import small_unit
 from aacmm_pin.report.parameters import parameter_table

@@ -11,12 +11,9 @@ from numpy.typing import NDArray
 from aacmm_pin._support.checks import Array
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.diagnosis import Diagnosis
-from aacmm_pin.effects import Displacement, Effect
-from aacmm_pin.effects.conditions import Conditions
-from aacmm_pin.effects.effect import moved
-from aacmm_pin.effects.error_model import displaced
-from aacmm_pin.effects.state import State
+from aacmm_pin.effects import Conditions, Displacement, Effect, State, displaced, point_sensitivity, sensitivity
 from aacmm_pin.errors import AacmmError
+from aacmm_pin.report.plots.abscissa import abscissa, bins, is_of_angle, load_words, period, unit_of_angle
 
 MICRO = 1e-6
 KINDS = {"µm/m": "expansion", "µrad": "turn", "µm": "shift"}
@@ -109,7 +106,7 @@ def partial_residual(result: Diagnosis, effect: Effect) -> PartialResidual:
     x, x_label = _covariate(effect, state, found)
     ordered = np.argsort(x[there], kind="stable")
     curve = np.stack([x[there][ordered], found.amount[there][ordered]])
-    if effect.is_of_angle(state):
+    if is_of_angle(effect, state):
         curve = _over_angle(effect, state, found, there)
     return PartialResidual(
         x=x[there],
@@ -119,7 +116,7 @@ def partial_residual(result: Diagnosis, effect: Effect) -> PartialResidual:
         fitted=found.amount[there] / MICRO,
         y_label=_y_label(effect, found),
         curve=curve * np.array([[1.0], [1 / MICRO]]),
-        bins=effect.bins,
+        bins=bins(effect),
     )
 
 
@@ -133,7 +130,7 @@ def _amount(effect: Effect, state: State) -> _Amount:
         columns = np.broadcast_to(places[0].columns, (state.n, 6, len(values)))
         direction = _common_direction(columns)
         if direction is not None:
-            lever = moved(state, Displacement(places[0].place, direction[None, :, None]))[:, :, 0]
+            lever = point_sensitivity(state, Displacement(places[0].place, direction[None, :, None]))[:, :, 0]
             amount = _along(direction, columns, values)
             unit = "µrad" if direction[3:].any() else "µm"
             return _Amount(amount, unit, np.broadcast_to(lever, (state.n, 3)), direction)
@@ -141,9 +138,9 @@ def _amount(effect: Effect, state: State) -> _Amount:
         size, unit = (turn, "µrad") if turn.any() else (shift, "µm")
         amount = np.linalg.norm(size, axis=1) * (np.sign(values[0]) if len(values) == 1 else 1.0)
     else:
-        amount, unit = np.linalg.norm(effect.sensitivity(state) @ values, axis=1), "µm"
+        amount, unit = np.linalg.norm(sensitivity(effect, state) @ values, axis=1), "µm"
     safe = np.where(amount == 0.0, np.inf, amount)
-    return _Amount(amount, unit, (effect.sensitivity(state) @ values) / safe[:, None])
+    return _Amount(amount, unit, (sensitivity(effect, state) @ values) / safe[:, None])
 
 
 def _common_direction(columns: Array) -> Array | None:
@@ -166,11 +163,12 @@ def _along(direction: Array, columns: Array, values: Array) -> Array:
 
 def _covariate(effect: Effect, state: State, found: _Amount) -> tuple[Array, str]:
     """What the cause depends on, and its name with its unit."""
-    if (over := effect.drawn_over(state)) is not None:
+    over = abscissa(effect, state)
+    if over is not None:
         return over
     if len(effect.values) == 1 and effect.values[0] and found.unit != "µm/m":
         unit = unit_of_load(effect.terms[0].unit, found.unit.removeprefix("µ"))
-        return found.amount / effect.values[0], f"{effect.load} [{unit}]"
+        return found.amount / effect.values[0], f"{load_words(effect)} [{unit}]"
     return found.amount / MICRO, f"the same, as fitted [{found.unit}]"
 
 
@@ -189,22 +187,22 @@ def _over_angle(effect: Effect, state: State, found: _Amount, there: NDArray[np.
     """The fitted cause over the covered range of its joint, x [°, or mm] and amount (2, m)."""
     assert effect.row is not None
     assert found.direction is not None  # a function of one joint's angle turns about its axis
-    number, period = state.joint(effect.row), effect.period
+    number, folded = state.joint(effect.row), period(effect)
     angle = state.angle(effect.row)[there]
-    grid = np.linspace(0.0, period, DENSE) if period else np.linspace(angle.min(), angle.max(), DENSE)
+    grid = np.linspace(0.0, folded, DENSE) if folded else np.linspace(angle.min(), angle.max(), DENSE)
     q = np.zeros((DENSE, state.q.shape[1]))
     q[:, number] = grid
     (shown,) = effect.displacements(State(state.arm, q, Conditions(DENSE), state.target))
     amount = _along(found.direction, shown.columns, np.array(effect.values))
-    if period is None:  # where no record is near, nobody knows the curve
+    if folded is None:  # where no record is near, nobody knows the curve
         ordered = np.sort(angle)
         after = np.clip(np.searchsorted(ordered, grid), 1, len(ordered) - 1)
         away = np.minimum(np.abs(grid - ordered[after - 1]), np.abs(ordered[after] - grid))
         amount[away > AWAY * np.ptp(ordered)] = np.nan
-    return np.stack([grid / state.read_in(effect.row)[1], amount])
+    return np.stack([grid / unit_of_angle(state, effect.row)[1], amount])
 
 
 def _y_label(effect: Effect, found: _Amount) -> str:
-    if effect.site() == "joint" and found.direction is not None:
+    if effect.location_field() == "joint" and found.direction is not None:
         return f"joint {'angle' if found.unit == 'µrad' else 'position'} minus indication [{found.unit}]"
     return f"{KINDS[found.unit]} [{found.unit}]"

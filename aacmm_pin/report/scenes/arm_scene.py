@@ -5,7 +5,7 @@ from __future__ import annotations
 from numpy.typing import ArrayLike
 
 from aacmm_pin._support.checks import batch
-from aacmm_pin.effects.error_model import ErrorModel, GivenModel
+from aacmm_pin.effects import ErrorModel, GivenModel
 from aacmm_pin.errors import ShapeError
 from aacmm_pin.report.plots.style import BLUE, GREY
 from aacmm_pin.report.scenes.scene import Frames, Scene

@@ -13,7 +13,7 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.distributions import chi2_cdf
 from aacmm_pin._support.units import MM
-from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.effects import ErrorModel
 from papers.sino6_table3.evidence import DISCREPANCY, INTERVAL, Evidence, evidence
 from papers.sino6_table3.patterns import BOTH, DH, NOISE, NOISE_SIZES, Pattern, patterns
 from papers.sino6_table3.selection_bias import FIVE, MarkedPart, marked_part

@@ -22,10 +22,10 @@ from aacmm_pin.effects import (
     Effect,
     EncoderEccentricity,
     EncoderEllipticity,
+    GravityEffect,
     JointCompliance,
     LinkBending,
 )
-from aacmm_pin.effects.gravity import GravityEffect
 from aacmm_pin.measurements.noise import ENCODER
 from papers.sino6.tables import printed_points
 from papers.sino6_table3.simulated_touches import TouchedSeats

@@ -11,8 +11,7 @@ import numpy as np
 from aacmm_pin._support.angles import wrapped
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import MM
-from aacmm_pin.effects import Effect
-from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.effects import Effect, ErrorModel, sensitivity
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.postures.configurations import WRIST, ConfigurationCircle, configuration_circles
 from papers.sino6.tables import printed_points, printed_table3
@@ -56,7 +55,7 @@ class TouchedSeats:
         if effects is None:
             return self._by_seat(self.model.sensitivity(self.all_q, at=self.at))
         state = self.model.state(self.all_q, at=self.at)
-        return self._by_seat(np.concatenate([effect.sensitivity(state) for effect in effects], axis=2))
+        return self._by_seat(np.concatenate([sensitivity(effect, state) for effect in effects], axis=2))
 
     def levers(self) -> Array:
         """∂(position)/∂(angle of each joint): (seats, records, 3, nq) [m/rad]."""

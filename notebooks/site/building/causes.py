@@ -8,7 +8,7 @@ import re
 import numpy as np
 
 from aacmm_pin import Arm
-from aacmm_pin.effects import CAUSES, Effect, example
+from aacmm_pin.effects import CAUSES, Effect, example, fields_of
 from aacmm_pin.effects.conditions import COLUMNS, Conditions
 from aacmm_pin.effects.state import State
 from aacmm_pin.errors import MissingConditionError, UnsupportedArmError
@@ -26,8 +26,8 @@ def causes_table() -> str:
 def _row(cause: type[Effect]) -> list[str]:
     effect = example(cause)
     assert effect is not None
-    inner = [f"`{name}`" for name in cause.structure() if name not in PLACES and name not in ("bodies", "torque")]
-    keys = [f"`{key}`" for key in effect.described()]
+    inner = [f"`{name}`" for name in fields_of(cause) if name not in PLACES and name not in ("bodies", "torque")]
+    keys = [f"`{key}`" for key in effect.notation.parameters(effect)]
     shown = keys if len(keys) <= 6 else [keys[0], "…", keys[-1]]
     which = f"; which one: {', '.join(inner)}" if inner else ""
     return [
@@ -39,7 +39,7 @@ def _row(cause: type[Effect]) -> list[str]:
 
 
 def _place(cause: type[Effect]) -> str:
-    site = cause.site()
+    site = cause.location_field()
     if site is None:
         return "whole arm"
     if cause.refitted and site == "joint":

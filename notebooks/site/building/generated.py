@@ -46,9 +46,9 @@ def api(module: str) -> str:
 def effects() -> str:
     """What a cause of one's own uses, the base of all causes with all that it has, each cause with what only it has."""
     lines = [".. currentmodule:: aacmm_pin.effects", ""]
-    for name in ("register", "about_axis", "twist", "cause_of", "all_candidates", "example"):
+    for name in ("register", "about_axis", "twist", "sensitivity", "cause_of", "all_candidates", "example"):
         lines += [f".. autofunction:: {name}", ""]
-    for name in ("Effect", "Term", "Reading", "Displacement", "State", "Records"):
+    for name in ("Effect", "Nonlinear", "TimeConstant", "Notation", "Term", "Reading", "Displacement", "State", "Records"):
         lines += [f".. autoclass:: {name}", "   :members:", ""]
     for cause in CAUSES.values():
         lines += [f".. autoclass:: {cause.__name__}", "   :members:", f"   :exclude-members: {INHERITED}", ""]

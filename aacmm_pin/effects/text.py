@@ -1,0 +1,290 @@
+"""Causes as text: as people type them in commands and in Python, and as arm files have them."""
+
+from __future__ import annotations
+
+import re
+import reprlib
+from collections.abc import Collection, Iterable, Mapping
+from typing import TYPE_CHECKING, Any, TypeVar, get_type_hints
+
+import numpy as np
+from pydantic import ConfigDict, TypeAdapter, ValidationError
+
+from aacmm_pin._support.plausible import LEAST_KNOWN, MOST_TYPICAL
+from aacmm_pin._support.units import in_radians, number
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.file import DiscrepancyEntry, EffectEntry
+from aacmm_pin.effects.causes import cause_named
+from aacmm_pin.effects.conditions import Conditions
+from aacmm_pin.effects.discrepancy import Discrepancy, discrepancy_of
+from aacmm_pin.effects.effect import Effect, fields_of, require_row, values_by_key
+from aacmm_pin.effects.state import State
+from aacmm_pin.errors import AacmmError, ArmFileError, UnknownNameError
+
+if TYPE_CHECKING:
+    from aacmm_pin.effects.error_model import ErrorModel
+
+STRICT = ConfigDict(strict=True, allow_inf_nan=False)
+MOST_VALUES = 6
+"""A text states the values of so many parameters at most."""
+
+AnyEffect = TypeVar("AnyEffect", bound=Effect)
+
+
+def cause_of(text: str, model: ErrorModel, present: Collection[str] = ()) -> Effect:
+    """The cause that a text names: ``cause[:place][,name=value…]``.
+
+    Such as ``joint_compliance:2`` or ``joint_periodic_error:6,order=7,amplitude_rad=2e-5``. Names
+    are fields or parameters, as arm files have them; ``joint=2`` may stand for the place. What ends
+    in ``_rad`` may carry a unit: ``amplitude_rad=20urad``, ``1.65arcsec``, ``0.5mdeg``. Without
+    parameters it has the values of the same cause of the model, if there is one; else all are zero,
+    which stands for a typical magnitude.
+
+    Args:
+        text: cause, place, fields, parameters.
+        model: the arm.
+        present: conditions that the records state (``Conditions.present``), for missing fields.
+
+    Raises:
+        UnknownNameError: an unknown cause, field or parameter.
+        AacmmError: a field is missing or of no use, or the arm has no such row.
+    """
+    cause, *rest = re.split("[:,]", text, maxsplit=1)
+    kind = cause_named(cause)
+    fields: dict[str, Any] = {}
+    parameters: dict[str, float] = {}
+    for name, value in _items(text, rest, kind):
+        if name in fields or name in parameters:
+            raise AacmmError(f"{text!r}: {name} is there twice")
+        if name in fields_of(kind):
+            fields[name] = _field(kind, name, value)
+        else:
+            parameters[name] = _number(text, name, value)
+    try:
+        defaults = kind.default_fields(fields, model.arm, tuple(present))
+        effect = require_row(effect_from(kind, defaults | fields, parameters), model.arm)
+    except UnknownNameError as error:
+        known = [*fields_of(kind), *error.known]
+        raise UnknownNameError(f"name for {cause}", error.name, known, f"in {text!r}") from None
+    except AacmmError as error:
+        raise AacmmError(f"{text!r}: {error}; expected {_form(kind)}") from None
+    if not parameters:
+        same = (known for known in model.effects if known.identity == effect.identity)
+        effect = next(same, effect)
+    return effect
+
+
+def stated_cause(text: str, model: ErrorModel) -> Effect:
+    """The cause that a text names, with values as a person states them.
+
+    Raises:
+        UnknownNameError, AacmmError: see :func:`cause_of` and :func:`require_sign`.
+    """
+    effect = cause_of(text, model)
+    try:
+        return effect if effect in model.effects else require_sign(effect)
+    except AacmmError as error:
+        raise AacmmError(f"{text!r}: {error}") from None
+
+
+def text_of(effect: Effect) -> str:
+    """The text by which :func:`cause_of` finds a cause again, with its values if they are few."""
+    if not any(effect.values) or len(effect.terms) > MOST_VALUES:
+        return effect.key
+    parameters = effect.notation.parameters(effect).items()
+    values = ",".join(f"{name}={value:.4g}" for name, value in parameters)
+    return f"{effect.key}{',' if ':' in effect.key else ':'}{values}"
+
+
+def _items(text: str, rest: list[str], kind: type[Effect]) -> list[tuple[str, str]]:
+    """Names and values in a text; the first value may be the place alone, as in encoder_gain:3."""
+    location = kind.location_field()
+    found: list[tuple[str, str]] = []
+    for item in filter(None, ",".join(rest).split(",")):
+        name, equals, value = item.partition("=")
+        if not equals and not found and location is not None:
+            name, value = location, item
+        elif not (equals and name):
+            raise AacmmError(f"{text!r}: {item!r} has no value, expected {_form(kind)}")
+        found.append((name, value))
+    return found
+
+
+def _field(kind: type[Effect], name: str, value: str) -> Any:
+    """The text as the type that the cause declares; if it is none, itself: the cause refuses it."""
+    declared = get_type_hints(kind)[name]
+    try:
+        if name.endswith("_rad"):
+            return in_radians(value)
+        given = value.split("+") if "tuple" in str(declared) else value
+        return TypeAdapter(declared).validate_python(given)
+    except (ValidationError, ValueError):
+        return value
+
+
+def _number(text: str, name: str, value: str) -> float:
+    is_angle = name.endswith("_rad")
+    try:
+        return in_radians(value) if is_angle else number(value)
+    except ValueError:
+        angle = ", or an angle such as 8urad or 1.65arcsec" if is_angle else ""
+        raise AacmmError(f"{text!r}: {name} is {value!r}, expected a number{angle}") from None
+
+
+def _form(kind: type[Effect]) -> str:
+    """How a cause is typed."""
+    location, field = kind.location_field(), kind.nonlinear.field
+    place = f":{location.upper()}" if location else ""
+    return f"{kind.cause}{place},{f'{field}=…,' if field else ''}NAME=VALUE"
+
+
+def effect_from(
+    kind: type[AnyEffect],
+    stated: Mapping[str, Any],
+    parameters: Mapping[str, float],
+    uncertainty: Mapping[str, float] | None = None,
+) -> AnyEffect:
+    """A cause from what a file states: fields, parameters and their standard uncertainty.
+
+    Raises:
+        UnknownNameError: a field or parameter that the cause does not have.
+        AacmmError: a field is missing or of no use, or a number is beyond what can be.
+    """
+    for name in stated:
+        if name not in fields_of(kind):
+            raise UnknownNameError(f"field of {kind.cause}", name, list(fields_of(kind)))
+    missing = [name for name in fields_of(kind) if name not in stated and not hasattr(kind, name)]
+    if missing:
+        raise AacmmError(f"{kind.cause}: missing {', '.join(missing)}")
+    u = dict(uncertainty or {})
+    nonlinear_u = u.pop(kind.nonlinear.field, 0.0)
+    fields = {name: _checked_field(kind, name, value) for name, value in stated.items()}
+    bare = kind(**fields, nonlinear_u=float(nonlinear_u))
+    values = bare.notation.values(bare, parameters)
+    return require_plausible(bare.at(values, values_by_key(bare, u, "uncertainty")))
+
+
+def _checked_field(kind: type[Effect], name: str, value: Any) -> Any:
+    """A field as a file states it, if it has the type that the class declares."""
+    adapter = TypeAdapter(get_type_hints(kind)[name], config=STRICT)
+    try:
+        return adapter.validate_python(tuple(value) if isinstance(value, list) else value)
+    except ValidationError as error:
+        expected = error.errors()[0]["msg"].removeprefix("Input should be ")
+        came = reprlib.repr(value)
+        raise AacmmError(f"{kind.cause}: {name} is {came}, expected {expected}") from None
+
+
+def require_plausible(effect: AnyEffect) -> AnyEffect:
+    """The cause itself, if no value or u is beyond what a file can state.
+
+    Raises:
+        AacmmError: one is.
+    """
+    for term, value, u in zip(effect.terms, effect.values, effect.u, strict=True):
+        most = MOST_TYPICAL * term.typical if term.largest is None else term.largest
+        for what, size, limit in (("", value, most), ("u of ", u, LEAST_KNOWN * term.typical)):
+            if abs(size) > limit:
+                came, expected = f"{size / term.scale:g}", f"{limit / term.scale:g}"
+                place = f"{effect.label}: {what}{term.key}"
+                raise AacmmError(f"{place} is {came}, expected at most {expected}")
+    return effect
+
+
+def require_sign(effect: AnyEffect) -> AnyEffect:
+    """The cause itself, if no value is stated below zero that nature has above zero only.
+
+    A value with a standard uncertainty is an estimate: it may have either sign.
+
+    Raises:
+        AacmmError: one is.
+    """
+    for term, value, u in zip(effect.terms, effect.values, effect.u, strict=True):
+        if term.positive and value < 0 and u == 0:
+            came = f"{effect.label}: {term.key} is {value / term.scale:g}"
+            raise AacmmError(f"{came}, expected a number that is not negative")
+    return effect
+
+
+def entries_of(effects: Iterable[Effect]) -> dict[str, list[EffectEntry | DiscrepancyEntry]]:
+    """The effects as an arm file has them: causes by their names, and what no cause explains."""
+    found: dict[str, list[EffectEntry | DiscrepancyEntry]] = {"effects": [], "discrepancy": []}
+    for effect in effects:
+        if isinstance(effect, Discrepancy):
+            found["discrepancy"].append(effect.filed())
+        else:
+            found["effects"].append(_entry_of(effect))
+    return found
+
+
+def _entry_of(effect: Effect) -> EffectEntry:
+    """A cause as an arm file has it."""
+    entry: dict[str, Any] = {"cause": effect.cause}
+    for name in fields_of(type(effect)):
+        value = getattr(effect, name)
+        if value not in (None, ()):
+            entry[name] = list(value) if isinstance(value, tuple) else value
+    uncertainty: dict[str, float] = {}
+    if any(effect.u):
+        pairs = zip(effect.terms, effect.u, strict=True)
+        uncertainty = {term.key: float(u / term.scale) for term, u in pairs}
+    if effect.nonlinear_u:
+        uncertainty[effect.nonlinear.field] = float(effect.nonlinear_u)
+    entry |= {"parameters": effect.notation.parameters(effect), "uncertainty": uncertainty}
+    return EffectEntry.model_validate(entry)
+
+
+def effects_of_file(arm: Arm, path: str) -> tuple[Effect, ...]:
+    """The effects that the file of an arm has; ``path`` is what errors call it.
+
+    Raises:
+        ArmFileError: an entry is none.
+    """
+    if arm.file is None:
+        return ()
+    found: list[Effect] = []
+    for k, entry in enumerate(arm.file.effects, start=1):
+        found.append(_cause_of_entry(entry, arm, path, f"effects[{k}]"))
+    for k, described in enumerate(arm.file.discrepancy, start=1):
+        found.append(_discrepancy_of_entry(described, arm, path, f"discrepancy[{k}]"))
+    return tuple(found)
+
+
+def _cause_of_entry(entry: EffectEntry, arm: Arm, path: str, key: str) -> Effect:
+    try:
+        kind = cause_named(entry.cause)
+    except UnknownNameError as error:
+        raise ArmFileError(path, f"{key}.cause", str(error)) from None
+    try:
+        effect = effect_from(kind, entry.structure, entry.parameters, entry.uncertainty)
+        _require_all(entry, effect)
+        return require_row(require_sign(effect), arm)
+    except (AacmmError, TypeError, ValueError) as error:
+        raise ArmFileError(path, key, str(error)) from None
+
+
+def _discrepancy_of_entry(entry: DiscrepancyEntry, arm: Arm, path: str, key: str) -> Discrepancy:
+    """The discrepancy of an entry, if it can act on the arm."""
+    nothing = np.zeros(0)
+    conditions = Conditions(0, time=nothing, temperature=nothing)
+    try:
+        found = require_plausible(discrepancy_of(entry))
+        found.displacements(State(arm, np.zeros((0, arm.nq)), conditions, arm.chain.tip))
+        return found
+    except AacmmError as error:
+        raise ArmFileError(path, key, str(error)) from None
+
+
+def _require_all(entry: EffectEntry, effect: Effect) -> None:
+    """Refuse an entry that states some of the parameters, or of their u, but not the others."""
+    linear = [term.key for term in effect.terms]
+    by_notation = [*effect.notation.parameters(effect)]
+    names = linear if {*entry.parameters} <= {*linear} else by_notation
+    for what, stated, expected in (
+        ("parameters", entry.parameters, names),
+        ("uncertainty", entry.uncertainty, linear),
+    ):
+        missing = [name for name in expected if name not in stated]
+        if stated and missing:
+            beside = f"missing {', '.join(missing)} beside {', '.join(stated)}"
+            raise AacmmError(f"{effect.label}: {what}: {beside}")

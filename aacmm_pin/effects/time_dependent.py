@@ -1,0 +1,254 @@
+"""What depends on when: a zero that drifts while the arm warms up, and one that slips."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aacmm_pin._support.checks import Array
+from aacmm_pin._support.plausible import LATEST
+from aacmm_pin.effects.conditions import Conditions, Records
+from aacmm_pin.effects.effect import Displacement, Effect, Term, about_axis
+from aacmm_pin.effects.nonlinear import Nonlinear, TimeConstant
+from aacmm_pin.effects.state import State
+from aacmm_pin.errors import AacmmError
+
+SLIPS = 40
+"""Times of a slip that are tried, in quantiles of the records' times, besides every long pause."""
+AT_ENDS = 3
+"""Fewer records before or behind a slip than this may be gross errors: no slip is tried there."""
+GAPS_NEAR = 60
+"""Gaps between records around a time of a slip to which it is refined."""
+PAUSE = 5.0
+"""A pause is so many times longer than the median time between records."""
+
+
+@dataclass(frozen=True)
+class _TimeOfDrift(TimeConstant["ZeroDrift"]):
+    """The time constant of a drift, which the records may show as little more than a slope."""
+
+    def refine(self, effect: ZeroDrift, records: Records) -> list[ZeroDrift]:
+        """From a third to three times as slow, and seen to no end."""
+        return super().refine(replace(effect, until_s=None), records)
+
+    def with_coverage_interval(self, effect: ZeroDrift, low: float, high: float, records: Records) -> ZeroDrift:
+        """Until the last record, unless that shows where the drift ends."""
+        last = float(records.conditions.times[-1])
+        if low > 0.0 and effect.time_constant_s < last:
+            return effect
+        return replace(effect, until_s=last)
+
+    def extrapolation_terms(self, effect: ZeroDrift) -> tuple[Effect, ...]:
+        """How fast it goes on after what was seen of it."""
+        if effect.until_s is None or not any(effect.values):
+            return ()
+        tau, until = effect.time_constant_s, effect.until_s
+        rate = float(abs(effect.values[0] / tau * np.exp(-until / tau)))
+        return (_DriftExtrapolation(effect.joint, tau, until, u=(rate,)),)
+
+
+@dataclass(frozen=True)
+class ZeroDrift(Effect):
+    """The zero of one encoder drifts while it warms up: ``δ = A (1 - exp(-t/τ))``, 0 before t = 0.
+
+    t counts from switching on. Unit rad; typical 5e-5 to 3e-4, τ a quarter to two hours. Source:
+    first-order heating. Needs ``time_s``. Confused with: ``encoder_slip`` where τ is short,
+    ``thermal_expansion`` where the room warms up alike.
+
+    Records that it was found from may show hardly more than a slope. Where they end, at
+    ``until_s``, it may then stop or go on as it was: its rate there is the standard uncertainty of
+    its rate from then on.
+    """
+
+    joint: int
+    time_constant_s: float
+    until_s: float | None = None
+    cause: ClassVar[str] = "zero_drift"
+    words: ClassVar[str] = "drift of the zero"
+    needs: ClassVar[tuple[str, ...]] = ("time",)
+    nonlinear: ClassVar[Nonlinear[Any]] = _TimeOfDrift("time_constant_s")
+    terms: ClassVar[tuple[Term, ...]] = (Term("", "rad", 2e-4, "drift_rad"),)
+
+    @property
+    def identity(self) -> tuple[object, ...]:
+        """That of the joint and the time constant."""
+        return (self.cause, self.joint, self.time_constant_s)
+
+    def validity_notes(self, conditions: Conditions) -> list[str]:
+        """That readings are later than what was seen of it."""
+        time, until = conditions.require("time", self.label), self.until_s
+        if until is None or not (time > until).any():
+            return []
+        return [
+            f"{(time > until).sum()} of {conditions.n} records are after {until:.4g} s, up to which "
+            f"{self.label} was seen, as little more than a slope: u has it that it may stop there "
+            "or go on"
+        ]
+
+    def displacements(self, state: State) -> list[Displacement]:
+        """How far the warm-up has come; nothing before 0."""
+        time = np.maximum(state.conditions.require("time", self.label), 0.0)
+        return [about_axis(state, self.joint, -np.expm1(-time / self.time_constant_s)[:, None])]
+
+
+@dataclass(frozen=True)
+class _DriftExtrapolation(ZeroDrift):
+    """How much faster or slower than thought a drift goes on after what was seen of it."""
+
+    terms: ClassVar[tuple[Term, ...]] = (Term("later", "rad/s", 1e-7, "later_rad_per_s"),)
+
+    def displacements(self, state: State) -> list[Displacement]:
+        """The time since then."""
+        later = state.conditions.require("time", self.label) - (self.until_s or 0.0)
+        return [about_axis(state, self.joint, np.maximum(later, 0.0)[:, None])]
+
+
+@dataclass(frozen=True)
+class _TimeOfSlip(Nonlinear["EncoderSlip"]):
+    """The time of a slip: a step, of which records determine the gap between two of them."""
+
+    unit: str = "s"
+    above: float = -LATEST
+    words: str = "at {minutes:.1f} min"
+
+    def grid(self, records: Records | None) -> Sequence[float]:
+        """Times between records, and in every pause, when arms are handled."""
+        times = np.zeros(0) if records is None else records.conditions.times
+        if times.size < 2:
+            return ()
+        between, gaps = (times[1:] + times[:-1]) / 2, np.diff(times)
+        pauses = between[gaps > PAUSE * np.median(gaps)][:SLIPS]
+        first = min(AT_ENDS, (len(between) + 1) // 2) - 1
+        spread = np.linspace(first, len(between) - 1 - first, SLIPS).astype(int)
+        tried: list[float] = np.union1d(between[np.unique(spread)], pauses).tolist()
+        return tried
+
+    def refine(self, effect: EncoderSlip, records: Records) -> list[EncoderSlip]:
+        """In every gap between records near it, counted by records: a pause is far in time."""
+        times = records.conditions.times
+        between = np.array([*times[:1], *(times[1:] + times[:-1]) / 2])
+        first = max(int(np.searchsorted(between, effect.time_s)) - GAPS_NEAR // 2, 0)
+        free = replace(effect, between_s=(), sessions=())
+        return [self.at(free, float(time)) for time in between[first : first + GAPS_NEAR]]
+
+    def gap(self, effect: EncoderSlip, records: Records) -> float:
+        """Width of the gap between two times of records in which it is [s]."""
+        times = records.conditions.times
+        behind = int(np.searchsorted(times, self.value(effect)))
+        return float(times[behind] - times[behind - 1]) if 0 < behind < times.size else 0.0
+
+    def prior_probability(self, effect: EncoderSlip, records: Records) -> float:
+        """Half by the records (knocked in use), half by the time of the gap (carried around)."""
+        times = records.conditions.times
+        if times.size < 2:  # of one that is known
+            return 1.0
+        by_time = self.gap(effect, records) / float(np.ptp(times))
+        return 1.0 / min(times.size - 1, SLIPS) + by_time
+
+    def with_coverage_interval(self, effect: EncoderSlip, low: float, high: float, records: Records) -> EncoderSlip:
+        """From the last record before the interval to the first behind it."""
+        times, labels = records.conditions.times, records.conditions.session
+        # Other causes may have moved the likeliest gap since.
+        low, high = min(low, effect.time_s), max(high, effect.time_s)
+        before = float(times[times < low].max(initial=-LATEST))
+        behind = float(times[times > high].min(initial=LATEST))
+        sessions = ("",) if labels is None else tuple(sorted({*labels.tolist()}))
+        return replace(effect, between_s=(before, behind), sessions=sessions)
+
+    def extrapolation_terms(self, effect: EncoderSlip) -> tuple[Effect, ...]:
+        """Whether a reading between the two times is of before or after."""
+        if not (effect.between_s and any(effect.values)):
+            return ()
+        fields = (effect.joint, effect.time_s, effect.between_s, effect.sessions)
+        return (_SlipTimeUncertainty(*fields, u=(abs(effect.values[0]) / 2.0,)),)
+
+
+@dataclass(frozen=True)
+class EncoderSlip(Effect):
+    """The disc or coupling slips once: ``δ`` from ``time_s`` on, zero before.
+
+    Unit rad; typical 5e-5 to 5e-4. Needs ``time_s``. Confused with: ``zero_drift`` where few
+    records are near the slip, a moved reference (which shifts all directions, not one joint's), a
+    session boundary.
+
+    The slip lies between the two times ``between_s``: half of ``δ`` is taken there, and ``δ/2`` is
+    the standard uncertainty of that (JCGM 100:2008, 4.3: two values, equally probable). The times
+    are by the clock of the ``sessions``; records of another, which is a later one, have all of
+    ``δ``.
+    """
+
+    joint: int
+    time_s: float
+    between_s: tuple[float, ...] = ()
+    sessions: tuple[str, ...] = ()
+    cause: ClassVar[str] = "encoder_slip"
+    needs: ClassVar[tuple[str, ...]] = ("time",)
+    nonlinear: ClassVar[Nonlinear[Any]] = _TimeOfSlip("time_s")
+    terms: ClassVar[tuple[Term, ...]] = (Term("", "rad", 2e-4, "step_rad"),)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        gap = self.between_s
+        if gap and not (len(gap) == 2 and gap[0] <= self.time_s <= gap[1]):
+            expected = f"expected two times, time_s, {self.time_s:g}, between them"
+            raise AacmmError(f"{self.label}: between_s is {gap}, {expected}")
+
+    @property
+    def identity(self) -> tuple[object, ...]:
+        """That of the joint and the time."""
+        return (self.cause, self.joint, self.time_s)
+
+    def validity_notes(self, conditions: Conditions) -> list[str]:
+        """That records are before it, by a clock that may be another, or later by their session."""
+        found = []
+        if self.sessions and (before := self.part(conditions) == 0.0).any():
+            found.append(
+                f"{before.sum()} of {conditions.n} records are before {self.label} by the clock of the "
+                f"session in which it slipped ({self.time_s:.4g} s); a later session needs a label "
+                "of its own in the column session"
+            )
+        later = self._is_of_later_session(conditions)
+        if later.any():
+            labels = dict.fromkeys(conditions.require("session", self.label)[later])
+            own = ", ".join(map(repr, labels))
+            found.append(f"{later.sum()} of {conditions.n} records are later than {self.label} by their session, {own}")
+        return found
+
+    def part(self, conditions: Conditions) -> Array:
+        """(n,) 0 before it, 1 after it, a half between the two times."""
+        later = self._is_of_later_session(conditions)
+        if conditions.n and later.all():
+            return np.ones(conditions.n)
+        or_else = " (or, in a later session, a label of its own in the column session)"
+        time = conditions.require("time", self.label + (or_else if self.sessions else ""))
+        low, high = self.between_s or (self.time_s, self.time_s)
+        is_between = (low < time) & (time < high)
+        by_clock = np.where(is_between, 0.5, time >= self.time_s)
+        return np.where(later | (time >= high), 1.0, by_clock)
+
+    def _is_of_later_session(self, conditions: Conditions) -> NDArray[np.bool_]:
+        """(n,) True where the label is none of its own; without a label the clock counts."""
+        labels = conditions.session if self.sessions else None
+        if labels is None:
+            return np.zeros(conditions.n, dtype=bool)
+        return np.asarray((labels != "") & ~np.isin(labels.astype(str), self.sessions))
+
+    def displacements(self, state: State) -> list[Displacement]:
+        """One from the time on; a half between the two times."""
+        return [about_axis(state, self.joint, self.part(state.conditions)[:, None])]
+
+
+@dataclass(frozen=True)
+class _SlipTimeUncertainty(EncoderSlip):
+    """What is missing of a slip, or too much, between the two times."""
+
+    terms: ClassVar[tuple[Term, ...]] = (Term("in_gap", "rad", 2e-4, "in_gap_rad"),)
+
+    def displacements(self, state: State) -> list[Displacement]:
+        """One between the two times."""
+        between = (self.part(state.conditions) == 0.5).astype(np.float64)
+        return [about_axis(state, self.joint, between[:, None])]
