@@ -384,8 +384,7 @@ def _places(location: str | None, arm: Arm, records: Records | None) -> list[dic
 
 
 def _is_row(row: Any) -> bool:
-    is_number = isinstance(row, Integral) and not isinstance(row, bool)
-    return is_number and 1 <= int(row) <= MOST_ROWS
+    return not isinstance(row, bool) and isinstance(row, Integral) and 1 <= int(row) <= MOST_ROWS
 
 
 def shifts(typical: float, largest: float | None = None) -> tuple[Term, ...]:
