@@ -174,11 +174,10 @@ def _check(effect: Effect, method: str, moved: Any, state: State) -> None:
         (place, given), what, width = moved, "twists", (6,)
     numbers, last = np.asarray(given), state.arm.chain.tip
     if numbers.shape not in ((state.n, *width), (1, *width)):
-        expected = f"expected {(state.n, *width)} or {(1, *width)}"
-        raise CauseError(effect.label, f"{method}: {what} have shape {numbers.shape}, {expected}")
+        came = f"{method}: {what} have shape {numbers.shape}"
+        raise CauseError(effect.label, f"{came}, expected {(state.n, *width)} or {(1, *width)}")
     if place not in range(last + 1):
-        expected = f"expected a whole number from 0 to {last}"
-        raise CauseError(effect.label, f"{method}: place is {place!r}, {expected}")
+        raise CauseError(effect.label, f"{method}: place is {place!r}, expected 0 to {last}")
     rows = np.abs(numbers.reshape(len(numbers), -1))
     wrong = np.flatnonzero(~(rows <= LARGEST_COLUMN).all(axis=1))
     if wrong.size:

@@ -190,8 +190,8 @@ class Effect(Shown, ABC):
             expected = f"a number above {above:g} and not above {LATEST:g}"
             raise AacmmError(f"{self.label}: {field} is {getattr(self, field)}, expected {expected}")
         if not 0.0 <= self.nonlinear_u <= (LATEST if field else 0.0):
-            of = f"u of {field or 'a field'} is {self.nonlinear_u}"
-            raise AacmmError(f"{self.label}: {of}, expected a number from 0 to {LATEST:g}")
+            came = f"{self.label}: u of {field or 'no field'} is {self.nonlinear_u}"
+            raise AacmmError(f"{came}, expected a number from 0 to {LATEST:g}")
 
     @property
     @abstractmethod
@@ -384,7 +384,9 @@ def _places(location: str | None, arm: Arm, records: Records | None) -> list[dic
 
 
 def _is_row(row: Any) -> bool:
-    return not isinstance(row, bool) and isinstance(row, Integral) and 1 <= int(row) <= MOST_ROWS
+    if isinstance(row, bool) or not isinstance(row, Integral):
+        return False
+    return 1 <= int(row) <= MOST_ROWS
 
 
 def shifts(typical: float, largest: float | None = None) -> tuple[Term, ...]:

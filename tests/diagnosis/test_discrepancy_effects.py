@@ -108,7 +108,7 @@ def test_columns_are_those_of_the_design(plant: Plant) -> None:
         estimate = np.linspace(1e-5, 2e-5, stated.shape[2])
         (effect,) = covariate_effects([(name, way)], np.ones(len(estimate)))
         values = coefficients_of_effect(way) * estimate
-        shifts, turns = np.split(effect.sensitivity(at.state) @ values, 2, axis=1)
+        shifts, turns = np.split(sensitivity(effect, at.state) @ values, 2, axis=1)
         found = np.concatenate([shifts @ at.frame.T, turns @ at.frame.T], axis=1)
         # Tips and moments are those of the calibrated arm, a millimetre or less from those of the arm as it was.
         differs = name == "place" or "moment" in name or way.carrier == "lengths"
