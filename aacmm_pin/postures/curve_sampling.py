@@ -195,7 +195,7 @@ def _finer(equations: Equations, curves: list[Curve]) -> list[Array]:
     return np.split(solutions, np.cumsum([len(q) for q in finer])[:-1])
 
 
-def _crossings(pieces: _Segments, angles: Array) -> tuple[Index, Index, Array]:
+def _swivel_crossings(pieces: _Segments, angles: Array) -> tuple[Index, Index, Array]:
     """Where the swivel becomes one of ``angles`` (s,) [rad], a piece's start included, its end not.
 
     Returns:
@@ -213,7 +213,7 @@ def _crossings(pieces: _Segments, angles: Array) -> tuple[Index, Index, Array]:
     return piece[passed], which[passed], ahead[passed]
 
 
-def _between(
+def _solutions_at_swivel(
     components: Components, pieces: _Segments, piece: Index, wanted: Array, ahead: Array
 ) -> tuple[Array, NDArray[np.bool_]]:
     """The configuration on each ``piece`` whose swivel is ``wanted``, ``ahead`` of that at its start, and which were found.
@@ -278,11 +278,11 @@ class Sectors:
             none = np.empty(0, dtype=np.intp)
             return Sectors(np.empty((0, components.nq)), none, none, theoretical, working)
         pieces, centres = components.segments, sector_centres(sectors)
-        piece, sector, ahead = _crossings(pieces, centres)
+        piece, sector, ahead = _swivel_crossings(pieces, centres)
         theoretical[pieces.problem[piece], sector] = True
         near = ~components.outside(limits)[piece]
         piece, sector, ahead = piece[near], sector[near], ahead[near]
-        q, there = _between(components, pieces, piece, centres[sector], ahead)
+        q, there = _solutions_at_swivel(components, pieces, piece, centres[sector], ahead)
         q = into_limits(components.full(q), limits)
         inside = there & ~broken_limits(q, limits).any(axis=1)
         q, sector, point = q[inside], sector[inside], pieces.problem[piece[inside]]
@@ -324,13 +324,13 @@ def arc_fractions(components: Components, limits: Array) -> Array:
     problem = np.concatenate([pieces.problem[whole], fine.problem[some]])
     swivel = np.concatenate([pieces.swivel[whole], (fine.swivel + first * fine.turn)[some]])
     turn = np.concatenate([pieces.turn[whole], ((last - first) * fine.turn)[some]])
-    theoretical = _covered(pieces.problem, pieces.swivel, pieces.turn, m)
-    working = _covered(problem, swivel, turn, m)
+    theoretical = _covered_bins(pieces.problem, pieces.swivel, pieces.turn, m)
+    working = _covered_bins(problem, swivel, turn, m)
     with np.errstate(invalid="ignore"):
         return np.asarray(working / theoretical)
 
 
-def _covered(problem: Index, start: Array, turn: Array, points: int) -> Index:
+def _covered_bins(problem: Index, start: Array, turn: Array, points: int) -> Index:
     """How many of the ``ARC_BINS`` of the full turn are covered by arcs from ``start`` over ``turn``: (points,).
 
     A bin counts when an arc covers its centre; of arcs in order, each adds what is behind the end of all before it.

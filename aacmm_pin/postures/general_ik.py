@@ -21,7 +21,7 @@ from aacmm_pin.arm.limits import broken_limits, inside_part, into_limits
 from aacmm_pin.errors import AacmmError, ShapeError, UnsupportedArmError
 from aacmm_pin.postures.curve_sampling import Flexibility, evenly
 from aacmm_pin.postures.elbow_swivel import Swivel
-from aacmm_pin.postures.newton_search import MOST_STARTS, Finds, Isolated, Search, SelfMotion, search
+from aacmm_pin.postures.newton_search import MOST_STARTS, Isolated, Search, SelfMotion, SolutionSet, search
 from aacmm_pin.postures.pose_equations import Curve, PoseConditions
 from aacmm_pin.postures.postures_at_point import DEGENERATE, PosturesAtPoint, in_degrees, lost, not_closed
 from aacmm_pin.postures.solution_curves import NEARLY_SINGULAR, flattest
@@ -213,7 +213,7 @@ def _rotation(values: ArrayLike) -> Array:
     return np.asarray(left @ right)
 
 
-def _families(finds: Finds, found: Search) -> list[str]:
+def _families(finds: SolutionSet, found: Search) -> list[str]:
     """That there are singular postures in families, which are not listed."""
     if finds.family is None:
         return []

@@ -91,7 +91,7 @@ class Search:
 
 
 @dataclass(eq=False)
-class Finds:
+class SolutionSet:
     """What gathers solutions.
 
     Attributes:
@@ -111,7 +111,7 @@ class Finds:
         """True where following what was found has used up its limit of work."""
         return False
 
-    def absorb(self, q: Array) -> int:
+    def add(self, q: Array) -> int:
         """Take in solutions (n, k) [rad]; return the place in ``q`` behind the last that brought something new, or 0."""
         raise NotImplementedError
 
@@ -126,7 +126,7 @@ class Finds:
 
 
 @dataclass(eq=False)
-class Isolated(Finds):
+class Isolated(SolutionSet):
     """Gathers single solutions.
 
     Two solutions that nearly coincide, as next to a singularity, have small basins between them: each find is left in its
@@ -138,8 +138,8 @@ class Isolated(Finds):
 
     q: Array = field(kw_only=True)
 
-    def absorb(self, q: Array) -> int:
-        """See :meth:`Finds.absorb`."""
+    def add(self, q: Array) -> int:
+        """See :meth:`SolutionSet.add`."""
         single = self._single(q)
         newest = self._count_families(q, single)
         for place in np.flatnonzero(single):
@@ -207,7 +207,7 @@ class Isolated(Finds):
 
 
 @dataclass(eq=False)
-class SelfMotion(Finds):
+class SelfMotion(SolutionSet):
     """Gathers closed curves.
 
     Attributes:
@@ -220,11 +220,11 @@ class SelfMotion(Finds):
 
     @property
     def ended(self) -> bool:
-        """See :attr:`Finds.ended`."""
+        """See :attr:`SolutionSet.ended`."""
         return self.steps >= MOST_STEPS
 
-    def absorb(self, q: Array) -> int:
-        """See :meth:`Finds.absorb`."""
+    def add(self, q: Array) -> int:
+        """See :meth:`SolutionSet.add`."""
         regular = flattest(self.equations, q, _the_one(q))[0] > SINGULAR
         newest, left = self._count_families(q, regular), np.flatnonzero(regular)
         for number, curve in enumerate(self.curves):
@@ -249,7 +249,7 @@ class SelfMotion(Finds):
         return on
 
 
-def search(finds: Finds, joints: int, most_starts: int = MOST_STARTS) -> Search:
+def search(finds: SolutionSet, joints: int, most_starts: int = MOST_STARTS) -> Search:
     """Fill ``finds`` with the solutions of its system in ``joints`` angles; it ends at ``most_starts`` in any case."""
     equations = finds.equations
     starts = arrived = stalled = since_new = 0
@@ -259,7 +259,7 @@ def search(finds: Finds, joints: int, most_starts: int = MOST_STARTS) -> Search:
         q, good = equations.polish(some, _the_one(some))
         stalled += _stalled(equations, q[~good])
         q = q[good]
-        newest = finds.absorb(q) if len(q) else 0
+        newest = finds.add(q) if len(q) else 0
         since_new = len(q) - newest + (0 if newest else since_new)
         starts, arrived = starts + len(some), arrived + len(q)
     ended = finds.ended or (since_new < ENOUGH and (arrived > 0 or starts < NOTHING))

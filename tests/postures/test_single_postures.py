@@ -18,7 +18,7 @@ from aacmm_pin.arm.arm import Arm
 from aacmm_pin.postures import continuation, newton_search
 from aacmm_pin.postures.continuation import FIRST_STEP
 from aacmm_pin.postures.general_ik import ReachingPostures, reaching_postures
-from aacmm_pin.postures.newton_search import ENOUGH, NOTHING, ROUND, Finds, Isolated, SelfMotion, search
+from aacmm_pin.postures.newton_search import ENOUGH, NOTHING, ROUND, Isolated, SelfMotion, SolutionSet, search
 from aacmm_pin.postures.pose_equations import Equations
 from aacmm_pin.postures.solution_curves import MOST_VERTICES
 
@@ -270,7 +270,7 @@ def test_all_single_solutions_and_how_often(monkeypatch: pytest.MonkeyPatch) -> 
         monkeypatch.setattr(newton_search, "flattest", lambda *at, s=sense: (flattest(*at)[0], s * flattest(*at)[1]))
         b = 0.004
         finds = Isolated(system, q=np.empty((0, 2)))
-        assert finds.absorb(np.array([[1.0, b]])) == 1
+        assert finds.add(np.array([[1.0, b]])) == 1
         assert_same(finds.q, np.array([[1.0, b], [1.0, -b]]))
         assert finds.hits == [1, 0]
 
@@ -296,7 +296,7 @@ def test_where_a_search_ends(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(newton_search, "ENOUGH", 2000)
     newest = iter([10, 0, 200, *[0] * 8])
     scripted = Isolated(always, q=np.empty((0, 1)))
-    monkeypatch.setattr(scripted, "absorb", lambda q: next(newest))
+    monkeypatch.setattr(scripted, "add", lambda q: next(newest))
     found = search(scripted, 1)
     assert (found.starts, found.since_new, found.ended) == (11 * ROUND, 9 * ROUND - 200, False)
 
@@ -345,7 +345,7 @@ def test_families_of_solutions_are_no_single_ones() -> None:
     ):
         found = search(wider, 3)
         assert (wider.families, found.hits) == (found.arrived, ())
-    some, counted = np.arange(6.0).reshape(3, 2), Finds(finds.equations)
+    some, counted = np.arange(6.0).reshape(3, 2), SolutionSet(finds.equations)
     assert counted._count_families(some, np.array([True, True, True])) == 0
     assert counted.family is None
     assert counted._count_families(some, np.array([True, False, False])) == 2
