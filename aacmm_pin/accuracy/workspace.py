@@ -41,7 +41,7 @@ from aacmm_pin.postures.wrist_ik import (
     Wrist,
     box_of_wrist,
     wrist_curves,
-    wrist_system,
+    wrist_equations,
 )
 
 if TYPE_CHECKING:
@@ -296,7 +296,7 @@ def _work(job: _Job) -> dict[str, Array]:
     arm = ErrorModel.arm_of(job.model)
     wrist, dh = Wrist.of_arm(arm, MAP), arm.require_dh(MAP)
     known = wrist_curves(wrist, job.points, FEW_PER_TURN)
-    components = Components(Swivel(dh, arm.up), wrist_system(wrist, job.points), job.points, known.curves, wrist)
+    components = Components(Swivel(dh, arm.up), wrist_equations(wrist, job.points), job.points, known.curves, wrist)
     found = Sectors.of(components, arm.limits, job.sectors)
     with_curves = [curve.problem for curve in known.curves]
     not_closed = [curve.problem for curve in known.curves if not curve.closed]

@@ -26,8 +26,8 @@ from aacmm_pin.errors import AacmmError, UnsupportedArmError
 from aacmm_pin.postures.curve_sampling import Components, Flexibility, evenly, flexibility
 from aacmm_pin.postures.elbow_swivel import Swivel
 from aacmm_pin.postures.postures_at_point import DEGENERATE, PosturesAtPoint, in_degrees, lost, not_closed
-from aacmm_pin.postures.tip_ik import tip_curves, tip_system
-from aacmm_pin.postures.wrist_ik import WRIST_ROW, Wrist, reach_of_wrist, wrist_curves, wrist_system
+from aacmm_pin.postures.tip_ik import tip_curves, tip_equations
+from aacmm_pin.postures.wrist_ik import WRIST_ROW, Wrist, reach_of_wrist, wrist_curves, wrist_equations
 
 if TYPE_CHECKING:
     from mpl_toolkits.mplot3d import Axes3D
@@ -182,13 +182,13 @@ def configuration_circles(
             raise AacmmError("tip=True needs axis, the direction of the stylus in the base, such as [0, 0, -1]")
         wrist, stylus, direction = None, arm.stylus_axis, unit_vector(axis, "axis")
         found = tip_curves(dh, points, stylus, direction)
-        systems = [tip_system(dh, point[None, :], stylus, direction) for point in points]
+        systems = [tip_equations(dh, point[None, :], stylus, direction) for point in points]
     else:
         if axis is not None:
             raise AacmmError("axis was given without tip=True; at the wrist the stylus has no say")
         wrist = Wrist.of_arm(arm, "a configuration circle", rest)
         found = wrist_curves(wrist, points, SEEDS_PER_TURN)
-        systems = [wrist_system(wrist, point[None, :]) for point in points]
+        systems = [wrist_equations(wrist, point[None, :]) for point in points]
     swivel, circles = Swivel(dh, arm.up), []
     for number, (point, system) in enumerate(zip(points, systems, strict=True)):
         mine = [replace(curve, problem=0) for curve in found.curves if curve.problem == number]
@@ -211,7 +211,7 @@ def _sampled(
     q, component = np.empty((0, arm.nq)), np.empty(0, dtype=np.intp)
     if components.curves:
         some, component, missing = evenly(
-            components.system, components.curves, count, lambda q: components.swivel.elbow(components.full(q))
+            components.equations, components.curves, count, lambda q: components.swivel.elbow(components.full(q))
         )
         q = into_limits(components.full(some), arm.limits)
         notes += tuple(lost(missing))

@@ -1,492 +1,669 @@
-"""Closed curves of solutions of k equations in k + 1 angles, many at once, by predictor and corrector.
+"""Closed curves of solutions of k equations in k + 1 angles, by predictor and corrector, in loops
+that numba compiles.
 
-Source of the method: E. Allgower, K. Georg, "Introduction to Numerical Continuation Methods", SIAM 2003.
-Each curve keeps its own step length. The sign of ``det [J; tᵀ]`` is constant along a smooth curve and changes where a step
-jumps across a narrow gap to another branch; such a step is taken back and shortened. Where no step is short enough, curves
-cross (as they do for an arm with parallel axes in an upright pose), and the trace leaps over to go straight on.
+Source of the method: E. Allgower, K. Georg, "Introduction to Numerical Continuation Methods", SIAM
+2003. The sign of ``det [J; tᵀ]`` is constant along a smooth curve and changes where a step jumps
+across a narrow gap to another branch; such a step is taken back and shortened. Where no step is
+short enough, curves cross (as they do for an arm with parallel axes in an upright pose), and the
+trace leaps over the crossing to go straight on.
+
+The equations say that the tip's frame is that of the base: its origin, its z axis too, or all its
+axes. What the wanted pose is, is part of the first link: see :class:`~.pose_equations.Equations`.
+Every function and constant that is compiled is here, for numba keeps the result until this file
+changes; there are no slices, for these take numba seconds to compile.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from itertools import chain, product
+import math
 
 import numpy as np
 from numpy.typing import NDArray
 
-from aacmm_pin._support.angles import wrapped
-from aacmm_pin._support.batches import chunks
-from aacmm_pin._support.checks import Array, Index
-from aacmm_pin.postures.curve_loop import (
-    ASIDE_START,
-    BULGE,
-    CLEARLY,
-    CLOSE_ENOUGH,
-    CORRECTED,
-    DAMPING,
-    FIRST_STEP,
-    LARGEST_TURN,
-    LEAST_TURN,
-    LONGEST_POLISH,
-    LONGEST_STEP,
-    MOST_CORRECTIONS,
-    MOST_MEETINGS,
-    MOST_POLISHES,
-    MOST_ROUNDS,
-    MOST_STEPS,
-    MOST_VERTICES,
-    NEAREST,
-    OFF_GUESS,
-    PAST_START,
-    PICKS,
-    POLISHED,
-    SAME_POINT,
-    SHORTENED,
-    SHORTEST_STEP,
-    SINGULAR,
-    STEP_CHANGE,
-    SURE_STEP,
-    WANTED_TURN,
-)
-from aacmm_pin.postures.point_system import PointSystem
+from aacmm_pin._support.checks import Array
+from aacmm_pin._support.compiled import Loop
 
-System = Callable[[Array, Index], tuple[Array, Array]]
-"""``system(q, problem) -> F (n, k), J (n, k, k + 1)`` for angles q (n, k + 1) and the number of each row's problem (n,)."""
+Space = tuple[Array, Array, Array, Array]
+"""Working space: equations (k, n + 1), joint axes (n, 6), frame of the tip (3, 4), matrix (n, n + 2).
 
-FLAT = 1e-4
-"""Instead of ``SINGULAR``: a solution next to a singular one, where rounding decides what is found."""
+The equations are their derivatives by the n angles, and in the last column their values."""
+
+POINT, POINT_AND_AXIS = 3, 5
+"""Numbers of equations; a whole pose has 6."""
+STRAIGHT = 1e-12
+"""Sine of an angle below which a direction has arrived, or points right away from its goal."""
+SERIES = 1e-3
+"""Angle below which a series loses fewer digits than the closed form [rad]."""
+CLOSE_ENOUGH = 1e-12
+"""Largest residual of a solution [m, rad]."""
+POLISHED, CORRECTED = 0.02 * CLOSE_ENOUGH, 0.2 * CLOSE_ENOUGH
+"""Residuals at which polishing a seed, and correcting a step, end: what is left is rounding."""
+MOST_POLISHES, MOST_CORRECTIONS, MOST_MEETINGS = 40, 5, 8
+"""Newton steps after which polishing a seed, correcting a step, and meeting a plane give up."""
+LONGEST_POLISH = 0.5
+"""Of one Newton step from a seed [rad]; longer ones would leave the neighbourhood."""
+DAMPING = 1e-14
+"""Part of the trace of ``J Jᵀ`` added to its diagonal: felt only where J is nearly singular."""
+SURE_STEP = 5e-7
+"""After a shorter Newton step the residual is about the arm's length times step²/2, < 2e-13 m."""
+LONGEST_CURVE_STEP = 0.40
+FIRST_STEP = 0.125 * LONGEST_CURVE_STEP
+"""Of a predictor along the curve [rad]."""
+SHORTENED = 0.4
+"""A step that failed is tried again at this part of its length."""
+LEAST_CHANGE, MOST_CHANGE = 0.5, 1.8
+"""Of a step's length, over that of the one before, which succeeded."""
+SHORTEST_STEP = 1e-5
+"""Nearer than this to a crossing the residual's rounding, over the distance, hides the direction
+of the curve; a gap that narrow is a crossing [rad]."""
+LARGEST_TURN = 0.30
+"""Largest angle between the tangents at the two ends of a step [rad]."""
+WANTED_TURN, LEAST_TURN = 0.6 * LARGEST_TURN, 1e-3
+"""Angle that the length of the next step aims at, and one below which a piece counts as straight
+[rad]."""
+OFF_GUESS = 0.4
+"""Part of a step by which its correction may move it; farther away it may be another curve."""
+PAST_START, ASIDE_START = 1.0001, 0.3
+"""Parts of a step: so far along it, and so far aside of it, the start is taken for passed."""
+BULGE = 0.1
+"""A curve that turns by less than ``LARGEST_TURN`` between vertices leaves the chord by less than
+this part of it."""
 STEADY = 0.01
-"""A vertex reached by a step this long knows its tangent and curvature, however near a crossing is [rad]."""
+"""A vertex reached by a step this long knows its tangent and curvature, however near a crossing is
+[rad]."""
 LEAPS = (0.03, 0.1, 0.01)
 """How far beyond a crossing, where no step succeeds, the curve is looked for again [rad]."""
-COMPARED = 200_000
-"""Distances of solutions from vertices that are worked out at once, for the processor's cache."""
 MOST_LEAPS = 100
+NEAREST = 3
+"""Vertices of a curve from which a solution is looked for on it: the nearest may be on another
+strand."""
+SAME_POINT = 1e-6
+"""Two solutions nearer to each other than this are one [rad]."""
 
 
-@dataclass(frozen=True)
-class Curve:
-    """One curve: its vertices in order (the first is not repeated at the end) and whether it returned to its start.
+# --- what is called from Python
 
-    Attributes:
-        q: (m, k + 1) [rad], unwrapped: it follows the curve and may leave [-π, π].
-        closed: True where the last vertex is followed by the first.
-        problem: number of the problem that it belongs to.
+
+def evaluate(links: Array, goals: Array, sine: bool, q: Array, equations: Array) -> None:
+    """Values and derivatives of the equations.
+
+    Args:
+        links: see :meth:`DHTable.links`, (n + 1, 4, 4); the wanted pose is in the first.
+        goals: places of the tip, one for each row of ``q``, (m, 3) [m].
+        sine: whether the stylus is off by the sine of its angle, not by the angle.
+        q: angles (m, n) [rad].
+        equations: filled (m, k, n + 1), see :data:`Space`.
     """
-
-    q: Array
-    closed: bool
-    problem: int
-
-
-def following(curves: list[Curve]) -> Index:
-    """Of the vertices of some curves, one curve after the other, the number of each one's next round its curve (n,)."""
-    lengths = np.array([len(curve.q) for curve in curves])
-    last = np.cumsum(lengths) - 1
-    behind = np.arange(1, lengths.sum() + 1)
-    behind[last] = last - lengths + 1
-    return behind
+    count, here, angles = equations.shape[1], links.copy(), np.empty(q.shape[1])
+    space = working_space(count, q.shape[1])
+    for row in range(len(q)):
+        place(links, goals, row, here)
+        copy(q, row, angles)
+        linearise(here, sine, angles, space)
+        for i in range(count):
+            for j in range(q.shape[1] + 1):
+                equations[row, i, j] = space[0][i, j]
 
 
-@dataclass(frozen=True, eq=False)
-class Curves:
-    """The curves of some problems, and what is known besides of their solutions.
-
-    Attributes:
-        curves: sorted by the number of their problem.
-        families: by problem, a singular solution that is on none of its curves: such go on in families of more dimensions.
-        unfinished: numbers of the problems of which there may be more curves: the search ended at its limit of work.
-        degenerate: see :func:`degenerate`.
-    """
-
-    curves: list[Curve]
-    families: dict[int, Array]
-    unfinished: frozenset[int]
-    degenerate: bool
-
-
-def polish(system: System, q: Array, problem: Index) -> tuple[Array, NDArray[np.bool_]]:
-    """Move each row to the nearest solution by damped least-norm Newton steps.
+def polish(links: Array, goals: Array, sine: bool, count: int, q: Array) -> NDArray[np.bool_]:
+    """Move each row of ``q`` (m, n) to the nearest solution by damped least-norm Newton steps.
 
     Returns:
-        q (n, k + 1) [rad] and the flags (n,) of those that reached a residual of ``CLOSE_ENOUGH``.
+        which rows arrived (m,), at a residual of at most ``CLOSE_ENOUGH``.
     """
-    if isinstance(system, PointSystem):
-        arrived = system.newton(q, problem, np.empty((0, q.shape[1])), MOST_POLISHES - 1)
-        if arrived is not None:
-            return arrived[0], arrived[2]
-    q, best = q.copy(), np.full(len(q), np.inf)
-    result = q.copy()
-    active = np.arange(len(q))
-    for _ in range(MOST_POLISHES):
-        f, jacobian = system(q[active], problem[active])
-        size = np.abs(f).max(axis=1, initial=0.0)
-        better = size < best[active]
-        result[active[better]], best[active[better]] = q[active[better]], size[better]
-        going = size > POLISHED
-        active, f, jacobian = active[going], f[going], jacobian[going]
-        if not active.size:
-            break
-        step = -_least_norm(jacobian, f)
-        length = np.linalg.norm(step, axis=1)
-        q[active] += step * np.minimum(1.0, LONGEST_POLISH / np.maximum(length, 1e-300))[:, None]
-        sure = _sure(jacobian, f, step)
-        result[active[sure]], best[active[sure]] = q[active[sure]], 0.0
-        active = active[~sure]
-    return result, best <= CLOSE_ENOUGH
+    arrived, here = np.empty(len(q), dtype=np.bool_), links.copy()
+    angles, best = np.empty(q.shape[1]), np.empty(q.shape[1])
+    space = working_space(count, q.shape[1])
+    for row in range(len(q)):
+        place(links, goals, row, here)
+        copy(q, row, angles)
+        arrived[row] = descend(here, sine, angles, best, space)
+        for j in range(q.shape[1]):
+            q[row, j] = best[j]
+    return arrived
 
 
-def trace(system: System, start: Array, problem: Index, most: int = MOST_VERTICES) -> tuple[list[Curve], int]:
-    """Follow the curve through each of ``start`` (n, k + 1), which must be regular solutions, once round.
+def trace(links: Array, goal: Array, sine: bool, start: Array, most: int, vertices: Array) -> tuple[int, int, bool]:
+    """Follow the curve through ``start`` (n,), a regular solution, once round.
 
-    Two starts on one curve give it twice: see :func:`on_curves`.
+    Args:
+        links, sine: see :func:`evaluate`.
+        goal: place of the tip (1, 3) [m].
+        start: angles (n,) [rad].
+        most: steps after which it ends in any case.
+        vertices: filled (at least most + 1, n) [rad].
 
     Returns:
-        one curve for each start, and the number of steps, at most ``most``, that the longest of them took.
+        how many vertices there are, how many steps it took, and whether the curve came back to its
+        start.
     """
-    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # what comes of it is judged, and refused
-        state = _State(system, start, problem)
-        steps = next((step for step in range(most) if not state.step()), most)
-    return state.curves(), steps
+    n, here = len(start), links.copy()
+    space = working_space(n - 1, n)
+    place(links, goal, 0, here)
+    q, tangent, curvature, first_tangent = start.copy(), np.empty(n), np.zeros(n), np.empty(n)
+    steady_q, steady_tangent, steady_curvature = start.copy(), np.empty(n), np.zeros(n)
+    trial, ahead = np.empty(n), np.empty(n)
+    sign = tangent_at(here, sine, q, tangent, space)
+    for j in range(n):
+        vertices[0, j] = q[j]
+        first_tangent[j] = steady_tangent[j] = tangent[j]
+    length, travelled, count, leaps = FIRST_STEP, 0.0, 1, 0
+    for step in range(most):
+        on_side = follow(here, sine, q, tangent, curvature, length, OFF_GUESS * length, trial, ahead, space)
+        leapt = False
+        if on_side != sign:
+            length *= SHORTENED
+            if length >= SHORTEST_STEP:
+                continue
+            far = 2.0 * distance(q, steady_q)
+            for leap in LEAPS:
+                h = far + leap
+                if not leapt and leaps < MOST_LEAPS:
+                    on_side = follow(
+                        here,
+                        sine,
+                        steady_q,
+                        steady_tangent,
+                        steady_curvature,
+                        h,
+                        BULGE * h,
+                        trial,
+                        ahead,
+                        space,
+                    )
+                    leapt = on_side != 0.0
+            if not leapt:
+                return count, step + 1, False
+            leaps, sign = leaps + 1, on_side
+        moved = distance(trial, q)
+        if travelled > 0.0 and passes(here, sine, q, trial, moved, start, first_tangent, space):
+            return count, step + 1, True
+        turn = LARGEST_TURN
+        if not leapt:
+            turn = math.sqrt(max(0.0, 1.0 - dot(ahead, tangent) ** 2))
+        for j in range(n):
+            vertices[count, j] = trial[j]
+            change = (ahead[j] - tangent[j]) / moved
+            curvature[j] = steady_curvature[j] if leapt else change
+            q[j], tangent[j] = trial[j], ahead[j]
+            if moved >= STEADY:
+                steady_q[j], steady_tangent[j], steady_curvature[j] = q[j], tangent[j], change
+        travelled, count = travelled + moved, count + 1
+        length *= min(max(WANTED_TURN / max(turn, LEAST_TURN), LEAST_CHANGE), MOST_CHANGE)
+        length = min(max(length, SHORTEST_STEP), LONGEST_CURVE_STEP)
+        if leapt:
+            length = STEADY
+    return count, most, False
 
 
-class _State:
-    """All curves that are still under way."""
+def on_curve(links: Array, goal: Array, sine: bool, q: Array, vertices: Array) -> NDArray[np.bool_]:
+    """Which of the solutions ``q`` (m, n) are on the curve with these ``vertices`` (any, n): (m,).
 
-    def __init__(self, system: System, start: Array, problem: Index) -> None:
-        self.system, self.start, self.problem = system, start, problem
-        n = len(start)
-        self.q = start.copy()
-        jacobian = system(start, problem)[1]
-        self.tangent = _null_vectors(jacobian)
-        self.start_tangent = self.tangent.copy()
-        self.sign = np.sign(np.linalg.det(_bordered(jacobian, self.tangent)))
-        self.curvature = np.zeros_like(start)
-        self.length = np.full(n, FIRST_STEP)
-        self.steady = (self.q.copy(), self.tangent.copy(), self.curvature.copy())
-        self.leaps = np.zeros(n, dtype=np.intp)
-        self.travelled = np.zeros(n)
-        self.closed = np.zeros(n, dtype=bool)
-        self.active = np.arange(n)
-        self.history: list[tuple[Index, Array]] = [(self.active, start.copy())]
-
-    def step(self) -> bool:
-        """One step of every active curve; False when none is left."""
-        who = self.active
-        if not who.size:
-            return False
-        h, t = self.length[who, None], self.tangent[who]
-        guess = self.q[who] + h * t + 0.5 * h**2 * self.curvature[who]
-        q, jacobian, good = _correct(self.system, guess, t, self.problem[who])
-        tangent, sign = _next_tangent(jacobian, t)
-        cosine = np.einsum("ni,ni->n", tangent, t)
-        good &= (cosine > np.cos(LARGEST_TURN)) & (np.linalg.norm(q - guess, axis=1) < OFF_GUESS * h[:, 0])
-        good &= sign == self.sign[who]
-        self.length[who[~good]] *= SHORTENED
-        stuck = self.length[who] < SHORTEST_STEP
-        self._accept(who[good], q[good], tangent[good], sign[good], np.sqrt(np.maximum(0.0, 1 - cosine[good] ** 2)))
-        stuck[stuck] = ~self._leap(who[stuck])
-        self.active = who[~(self.closed[who] | stuck)]
-        return True
-
-    def _leap(self, who: Index) -> NDArray[np.bool_]:
-        """Go on beyond the crossing that stops each of ``who``; which of them got there.
-
-        Where curves cross, J loses rank. From the last vertex that knew its tangent well, the curve is foretold beyond the
-        crossing and corrected there.
-        """
-        over = np.zeros(len(who), dtype=bool)
-        for leap in LEAPS:
-            left = np.flatnonzero(~over & (self.leaps[who] < MOST_LEAPS))
-            some = who[left]
-            if not some.size:
-                break
-            base, t, curvature = (part[some] for part in self.steady)
-            h = 2 * np.linalg.norm(self.q[some] - base, axis=1)[:, None] + leap
-            guess = base + h * t + 0.5 * h**2 * curvature
-            q, jacobian, good = _correct(self.system, guess, t, self.problem[some])
-            tangent, sign = _next_tangent(jacobian, t)
-            good &= np.einsum("ni,ni->n", tangent, t) > np.cos(LARGEST_TURN)
-            good &= np.linalg.norm(q - guess, axis=1) < BULGE * h[:, 0]
-            there = some[good]
-            self._accept(there, q[good], tangent[good], sign[good], np.full(len(there), LARGEST_TURN))
-            self.length[there], self.curvature[there] = STEADY, curvature[good]
-            self.leaps[there] += 1
-            over[left[good]] = True
-        return over
-
-    def _accept(self, who: Index, q: Array, tangent: Array, sign: Array, turn: Array) -> None:
-        moved = q - self.q[who]
-        distance = np.linalg.norm(moved, axis=1)
-        closed = self._returned(who, moved, distance)
-        keep = ~closed
-        self.closed[who[closed]] = True
-        self.history.append((who[keep], q[keep]))
-        self.curvature[who] = (tangent - self.tangent[who]) / distance[:, None]
-        self.q[who], self.tangent[who], self.sign[who] = q, tangent, sign
-        steady = who[distance >= STEADY]
-        for kept, now in zip(self.steady, (self.q, self.tangent, self.curvature), strict=True):
-            kept[steady] = now[steady]
-        self.travelled[who] += distance
-        wanted = np.clip(WANTED_TURN / np.maximum(turn, LEAST_TURN), *STEP_CHANGE)
-        self.length[who] = np.clip(self.length[who] * wanted, SHORTEST_STEP, LONGEST_STEP)
-
-    def _returned(self, who: Index, moved: Array, distance: Array) -> NDArray[np.bool_]:
-        """Did this step pass the start (modulo full turns)? Near it, the start is solved for and compared."""
-        to_start = wrapped(self.start[who] - self.q[who])
-        along = np.einsum("ni,ni->n", to_start, moved) / distance
-        aside = np.linalg.norm(to_start - (along / distance)[:, None] * moved, axis=1)
-        near = (along > 0) & (along <= PAST_START * distance) & (aside < ASIDE_START * distance) & (self.travelled[who] > 0)
-        returned = np.zeros(len(who), dtype=bool)
-        if near.any():
-            some = np.flatnonzero(near)
-            guess = self.q[who[some]] + (along[some] / distance[some])[:, None] * moved[some]
-            goal = guess + wrapped(self.start[who[some]] - guess)
-            returned[some] = _meets(self.system, guess, goal, self.start_tangent[who[some]], self.problem[who[some]])
-        return returned
-
-    def curves(self) -> list[Curve]:
-        """The vertices gathered by curve."""
-        who = np.concatenate([w for w, _ in self.history])
-        q = np.concatenate([v for _, v in self.history])
-        order = np.argsort(who, kind="stable")
-        parts = np.split(q[order], np.searchsorted(who[order], np.arange(1, len(self.start))))
-        return [Curve(part, bool(c), int(p)) for part, c, p in zip(parts, self.closed, self.problem, strict=True)]
-
-
-def all_curves(system: System, seeds: Array, problem: Index, is_degenerate: bool) -> Curves:
-    """Every curve that holds one of the ``seeds`` (n, k + 1), which must be solutions, once."""
-    followed, left = system.curves(seeds, problem) if isinstance(system, PointSystem) else ([], slice(None))
-    seeds, problem = seeds[left], problem[left]
-    rounds: list[list[Curve]] = []
-    regular = _regular(system, seeds, problem)
-    singular, of_singular = seeds[~regular], problem[~regular]
-    seeds, problem, steps = seeds[regular], problem[regular], 0
-    while len(seeds) and steps < MOST_STEPS and len(rounds) < MOST_ROUNDS:
-        _, first = np.unique(problem, return_index=True)
-        new, more = trace(system, seeds[first], problem[first], min(MOST_VERTICES, MOST_STEPS - steps))
-        steps += more
-        left = np.ones(len(seeds), dtype=bool)
-        left[first] = False
-        left[left] = ~on_curves(system, seeds[left], problem[left], new)
-        seeds, problem = seeds[left], problem[left]
-        rounds.append(without_known(system, new, rounds))
-    for known in rounds:  # a crossing is singular, but on a curve
-        off = ~on_curves(system, singular, of_singular, known)
-        singular, of_singular = singular[off], of_singular[off]
-    return Curves(
-        sorted(chain((Curve(q, True, number) for number, q in followed), *rounds), key=lambda curve: curve.problem),
-        {int(number): q for number, q in zip(of_singular[::-1], singular[::-1], strict=True)},
-        frozenset(int(number) for number in problem),
-        is_degenerate,
-    )
-
-
-def degenerate(system: System, spread: Array) -> bool:
-    """Whether the equations are nearly singular at all of some spread angles (n, k): then solutions are easily missed.
-
-    So it is with arms whose axes are parallel, or meet in a point, all of them or nearly.
+    From the pieces at the vertices nearest to a solution, the curve's point in the plane through
+    the solution and across its tangent is solved for; the solution is on the curve where that point
+    is the solution itself.
     """
-    return bool(flattest(system, spread, np.zeros(len(spread), dtype=np.intp))[0].max(initial=0.0) < FLAT)
-
-
-def _regular(system: System, q: Array, problem: Index) -> NDArray[np.bool_]:
-    """Which solutions (n, k + 1) are not singular: (n,).
-
-    ``√det(J Jᵀ) / ‖J‖ᵏ``, a product of ratios of singular values, is no larger than the smallest of them. Only where it is
-    small they are worked out.
-    """
-    jacobian = system(q, problem)[1]
-    gram = jacobian @ jacobian.transpose(0, 2, 1)
-    size = np.trace(gram, axis1=1, axis2=2)[:, None, None]
-    bound = np.sqrt(np.maximum(np.linalg.det(gram / np.where(size > 0, size, 1.0)), 0.0))
-    regular = np.asarray(bound > CLEARLY * SINGULAR)
-    doubtful = np.flatnonzero(~regular)
-    regular[doubtful] = flattest(system, q[doubtful], problem[doubtful])[0] > SINGULAR
-    return regular
-
-
-def flattest(system: System, q: Array, problem: Index) -> tuple[Array, Array]:
-    """How far each solution (n, k) is from singular, and in which direction it is most easily left.
-
-    Returns:
-        smallest over largest singular value of the derivative (n,), 0 where all are; and the unit right singular vectors
-        (n, k, k), the last row of each the one that changes the equations least.
-    """
-    _, sizes, vectors = np.linalg.svd(system(q, problem)[1])
-    return sizes[:, -1] / np.where(sizes[:, 0] > 0, sizes[:, 0], 1.0), vectors
-
-
-def without_known(system: System, new: list[Curve], rounds: list[list[Curve]]) -> list[Curve]:
-    """The ``new`` curves without those found before: from a seed next to a crossing a known curve may not be recognised,
-    but most of some vertices all round it are.
-    """
-    for known in rounds:
-        if not new:
-            break
-        picks = [curve.q[np.linspace(0, len(curve.q) - 1, PICKS).astype(np.intp)] for curve in new]
-        problem = np.repeat([curve.problem for curve in new], PICKS)
-        on = on_curves(system, np.concatenate(picks), problem, known).reshape(-1, PICKS).sum(axis=1)
-        new = [curve for curve, count in zip(new, on, strict=True) if 2 * count < PICKS]
-    return new
-
-
-def on_curves(system: System, q: Array, problem: Index, curves: list[Curve]) -> NDArray[np.bool_]:
-    """Which of the solutions ``q`` (n, k + 1) lie on one of the ``curves`` (at most one for each problem): (n,).
-
-    From the pieces at the vertices nearest to a solution, the curve's point in the plane through the solution and across its
-    tangent is solved for; the solution is on the curve where that point is the solution itself. It must be as near to the
-    piece as the curve is: from farther away Newton's method finds the solution from a neighbouring curve as well.
-    """
-    found = np.zeros(len(q), dtype=bool)
-    row_of = np.full(max(problem.max(initial=-1), *[curve.problem for curve in curves], -1) + 1, -1)
-    row_of[[curve.problem for curve in curves]] = np.arange(len(curves))
-    open_ = np.flatnonzero(row_of[problem] >= 0)
-    if not open_.size:
-        return found
-    longest = max(len(curve.q) for curve in curves)
-    vertices = np.empty((len(curves), longest, q.shape[1]))
-    for row, curve in enumerate(curves):
-        vertices[row, : len(curve.q)] = curve.q
-        vertices[row, len(curve.q) :] = curve.q[0]
-    lengths = np.array([len(curve.q) for curve in curves])
-    rows = row_of[problem[open_]]
-    tangents = _null_vectors(system(q[open_], problem[open_])[1])
-    nearest = _nearest(q[open_], vertices, lengths, rows)
-    for k, side in product(range(nearest.shape[1]), (1, -1)):  # then the next nearest: the first may be on another strand
-        left = np.flatnonzero(~found[open_])
-        mine, vertex = rows[left], nearest[left, k]
-        start, piece = vertices[mine, vertex], vertices[mine, (vertex + side) % lengths[mine]]
-        piece = wrapped(piece - start)
-        goal = start + wrapped(q[open_[left]] - start)
-        size = np.maximum(np.linalg.norm(piece, axis=1), 1e-100)
-        part = np.clip(np.einsum("ni,ni->n", goal - start, piece) / size**2, 0.0, 1.0)
-        guess = start + part[:, None] * piece
-        close = np.linalg.norm(goal - guess, axis=1) < BULGE * size + SAME_POINT  # else Newton might come from another curve
-        left, who = left[close], open_[left[close]]
-        found[who] = _meets(system, guess[close], goal[close], tangents[left], problem[who])
+    n, here, found = q.shape[1], links.copy(), np.empty(len(q), dtype=np.bool_)
+    space = working_space(n - 1, n)
+    place(links, goal, 0, here)
+    angles, tangent, guess, seen = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    nearest = np.empty(NEAREST, dtype=np.int64)
+    for row in range(len(q)):
+        copy(q, row, angles)
+        nearest_vertices(angles, vertices, nearest)
+        found[row], has_tangent = False, False
+        for k in range(min(NEAREST, len(vertices))):
+            for side in (1, -1):
+                other = (nearest[k] + side) % len(vertices)
+                if found[row] or not touches(angles, vertices, nearest[k], other, guess, seen):
+                    continue
+                if not has_tangent:
+                    tangent_at(here, sine, angles, tangent, space)
+                    has_tangent = True
+                found[row] = meets(here, sine, guess, seen, tangent, space)
     return found
 
 
-def _nearest(q: Array, vertices: Array, lengths: Index, rows: Index) -> Index:
-    """Numbers of the vertices of row ``rows[i]`` that are nearest to ``q[i]``: (n, at most ``NEAREST``).
+# --- along a curve
 
-    Beyond its ``lengths`` a row is padded; copies of one vertex would crowd out the second and third nearest.
+
+def follow(
+    links: Array,
+    sine: bool,
+    q: Array,
+    tangent: Array,
+    curvature: Array,
+    length: float,
+    widest: float,
+    trial: Array,
+    ahead: Array,
+    space: Space,
+) -> float:
+    """Predict a step of this ``length`` and correct it, into ``trial``, by less than ``widest``.
+
+    Returns:
+        the sign of the determinant there, with the tangent in ``ahead``; 0 where the step fails.
     """
-    longest = vertices.shape[1]
-    nearest = np.empty((len(q), min(NEAREST, longest)), dtype=np.intp)
-    real = np.arange(longest) < lengths[:, None]
-    there, here = (_on_circles(vertices) * real[:, :, None]).transpose(0, 2, 1), _on_circles(q)
-    order = np.argsort(rows, kind="stable")
-    ends = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=len(vertices)))])
-    most = max(1, int(np.diff(ends).max()))  # of one row: the others are filled up to as many
-    for part in chunks(len(vertices), max(1, COMPARED // (most * longest))):
-        mine = order[ends[part.start] : ends[part.stop]]
-        row, place = rows[mine] - part.start, np.arange(ends[part.start], ends[part.stop]) - ends[rows[mine]]
-        filled = np.zeros((part.stop - part.start, most, here.shape[1]))
-        filled[row, place] = here[mine]
-        closeness = filled @ there[part]  # Σ cos(difference): largest where nearest
-        for k in range(nearest.shape[1]):
-            pick = closeness.argmax(axis=2)
-            nearest[mine, k] = pick[row, place]
-            np.put_along_axis(closeness, pick[:, :, None], -np.inf, axis=2)
-    return nearest
+    guess = np.empty(len(q))
+    for j in range(len(q)):
+        guess[j] = q[j] + length * tangent[j] + 0.5 * length**2 * curvature[j]
+        trial[j] = guess[j]
+        ahead[j] = tangent[j]
+    if not correct(links, sine, tangent, MOST_CORRECTIONS, trial, space):
+        return 0.0
+    sign = null_vector(space, ahead)
+    near = distance(trial, guess) < widest
+    if near and dot(ahead, tangent) > math.cos(LARGEST_TURN):
+        return sign
+    return 0.0
 
 
-def _on_circles(angles: Array) -> Array:
-    """Each angle as a point of the unit circle, (..., 2 k)."""
-    return np.concatenate([np.cos(angles), np.sin(angles)], axis=-1)
+def passes(
+    links: Array,
+    sine: bool,
+    q: Array,
+    trial: Array,
+    moved: float,
+    start: Array,
+    tangent: Array,
+    space: Space,
+) -> bool:
+    """Does the step from ``q`` to ``trial`` pass ``start``, where the curve has this ``tangent``?"""
+    n, along, aside = len(q), 0.0, 0.0
+    guess, goal = np.empty(n), np.empty(n)
+    for j in range(n):
+        along += wrap(start[j] - q[j]) * (trial[j] - q[j]) / moved
+    for j in range(n):
+        aside += (wrap(start[j] - q[j]) - along / moved * (trial[j] - q[j])) ** 2
+    if not 0.0 < along <= PAST_START * moved or math.sqrt(aside) >= ASIDE_START * moved:
+        return False
+    for j in range(n):
+        guess[j] = q[j] + along / moved * (trial[j] - q[j])
+        goal[j] = guess[j] + wrap(start[j] - guess[j])
+    return meets(links, sine, guess, goal, tangent, space)
 
 
-def _meets(system: System, guess: Array, goal: Array, tangent: Array, problem: Index) -> NDArray[np.bool_]:
-    """Does the curve near ``guess`` cut the plane through ``goal`` across ``tangent`` in ``goal`` itself?"""
-    if not len(guess):
-        return np.zeros(0, dtype=bool)
-    shifted = guess - np.einsum("ni,ni->n", guess - goal, tangent)[:, None] * tangent
-    near = np.linalg.norm(shifted - goal, axis=1) < 2 * LONGEST_STEP
-    met = np.zeros(len(guess), dtype=bool)
-    if near.any():
-        q, _, good = _correct(system, shifted[near], tangent[near], problem[near], MOST_MEETINGS)
-        met[near] = good & (np.linalg.norm(q - goal[near], axis=1) < SAME_POINT)
-    return met
+def nearest_vertices(q: Array, vertices: Array, nearest: NDArray[np.int64]) -> None:
+    """Numbers of the vertices nearest to ``q``, in order; 0 where there are fewer."""
+    least = np.full(NEAREST, np.inf)
+    for place_ in range(NEAREST):
+        nearest[place_] = 0
+    for vertex in range(len(vertices)):
+        far = 0.0
+        for j in range(len(q)):
+            far += wrap(q[j] - vertices[vertex, j]) ** 2
+        rank = NEAREST
+        while rank > 0 and far < least[rank - 1]:
+            rank -= 1
+        for later in range(NEAREST - 1, rank, -1):
+            least[later], nearest[later] = least[later - 1], nearest[later - 1]
+        if rank < NEAREST:
+            least[rank], nearest[rank] = far, vertex
 
 
-def _correct(
-    system: System, guess: Array, tangent: Array, problem: Index, iterations: int = MOST_CORRECTIONS
-) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Newton across the tangent: solutions, their Jacobians, and which of them converged."""
-    if isinstance(system, PointSystem):
-        arrived = system.newton(guess, problem, tangent, iterations)
-        if arrived is not None:
-            return arrived
-    q = guess.copy()
-    f, jacobian = system(q, problem)
-    good = np.abs(f).max(axis=1) <= CORRECTED
-    open_ = np.flatnonzero(~good)
+def touches(q: Array, vertices: Array, begin: int, end: int, guess: Array, seen: Array) -> bool:
+    """Whether ``q`` is as near to the chord between two vertices as their curve is: from farther
+    away Newton's method finds it from a neighbouring curve as well.
+
+    The nearest place on the chord goes into ``guess``, and ``q`` in the same turns into ``seen``.
+    """
+    square, part = 1e-200, 0.0
+    for j in range(len(q)):
+        chord = wrap(vertices[end, j] - vertices[begin, j])
+        seen[j] = vertices[begin, j] + wrap(q[j] - vertices[begin, j])
+        square += chord**2
+        part += chord * (seen[j] - vertices[begin, j])
+    part = min(max(part / square, 0.0), 1.0)
+    for j in range(len(q)):
+        chord = wrap(vertices[end, j] - vertices[begin, j])
+        guess[j] = vertices[begin, j] + part * chord
+    return distance(seen, guess) < BULGE * math.sqrt(square) + SAME_POINT
+
+
+def meets(links: Array, sine: bool, guess: Array, goal: Array, tangent: Array, space: Space) -> bool:
+    """Does the curve near ``guess``, which moves, cut the plane through ``goal`` and across
+    ``tangent`` in ``goal`` itself?
+    """
+    off = 0.0
+    for j in range(len(goal)):
+        off += (guess[j] - goal[j]) * tangent[j]
+    for j in range(len(goal)):
+        guess[j] -= off * tangent[j]
+    if not distance(guess, goal) < 2 * LONGEST_CURVE_STEP:
+        return False
+    solved = correct(links, sine, tangent, MOST_MEETINGS, guess, space)
+    return solved and distance(guess, goal) < SAME_POINT
+
+
+# --- Newton's method
+
+
+def correct(links: Array, sine: bool, tangent: Array, iterations: int, q: Array, space: Space) -> bool:
+    """Move ``q`` across ``tangent`` to a solution; whether it arrived."""
+    equations, _, _, matrix = space
+    n = len(q)
+    size = linearise(links, sine, q, space)
     for _ in range(iterations):
-        right = np.zeros((len(open_), q.shape[1], 1))
-        right[:, :-1, 0] = -f[open_]
-        step = _solve(_bordered(jacobian[open_], tangent[open_]), right)[:, :, 0]
-        q[open_] += step
-        sure = _sure(jacobian[open_], f[open_], step)
-        good[open_[sure]] = True
-        open_ = open_[~sure]
-        if not open_.size:
-            break
-        f[open_], jacobian[open_] = system(q[open_], problem[open_])
-        there = np.abs(f[open_]).max(axis=1) <= CORRECTED
-        good[open_[there]] = True
-        open_ = open_[~there]
-    return q, jacobian, good
+        if size <= CORRECTED:
+            return True
+        border(equations, tangent, -1.0, matrix)
+        solve(matrix, n)
+        length = step_length(matrix, n)
+        if not length < np.inf:  # the derivative is singular
+            return False
+        for j in range(n):
+            q[j] += matrix[j, n]
+        if length < SURE_STEP and residual_after(equations, matrix) <= CLOSE_ENOUGH:
+            return True
+        size = linearise(links, sine, q, space)
+    return size <= CORRECTED
 
 
-def _sure(jacobian: Array, f: Array, step: Array) -> NDArray[np.bool_]:
-    """Which Newton steps (n, k + 1) are so short that the next residual need not be worked out: (n,).
+def descend(links: Array, sine: bool, q: Array, best: Array, space: Space) -> bool:
+    """Move ``q`` to the nearest solution by damped least-norm steps; the best place into ``best``.
 
-    A step is short, too, where no step helps: an arm whose axes are all parallel cannot leave its plane.
+    Returns:
+        whether that is a solution.
     """
-    sure = np.asarray(np.linalg.norm(step, axis=1) < SURE_STEP)
-    left = (jacobian[sure] @ step[sure][:, :, None])[:, :, 0] + f[sure]
-    sure[sure] = np.abs(left).max(axis=1, initial=0.0) <= CLOSE_ENOUGH
-    return sure
+    equations, _, _, matrix = space
+    n, least = len(q), np.inf
+    for _ in range(MOST_POLISHES):
+        size = linearise(links, sine, q, space)
+        if size < least:
+            least = size
+            for j in range(n):
+                best[j] = q[j]
+        if size <= POLISHED:
+            break
+        least_norm_step(equations, matrix)
+        length = step_length(matrix, n)
+        if not length < np.inf:
+            break
+        part = min(1.0, LONGEST_POLISH / max(length, 1e-300))
+        for j in range(n):
+            q[j] += part * matrix[j, n]
+        if length < SURE_STEP and residual_after(equations, matrix) <= CLOSE_ENOUGH:
+            for j in range(n):
+                best[j] = q[j]
+            return True
+    return least <= CLOSE_ENOUGH
 
 
-def _next_tangent(jacobian: Array, tangent: Array) -> tuple[Array, Array]:
-    """Unit null vectors that go on in the sense of ``tangent``, and the sign of the bordered determinant."""
-    matrix = _bordered(jacobian, tangent)
-    right = np.zeros((len(matrix), matrix.shape[1], 1))
-    right[:, -1] = 1.0
-    new = _solve(matrix, right)[:, :, 0]
-    new /= np.linalg.norm(new, axis=1)[:, None]
-    return new, np.sign(np.linalg.det(matrix))
+def least_norm_step(equations: Array, matrix: Array) -> None:
+    """The shortest step to where the linear equations hold, damped where J is nearly singular, into
+    column n of ``matrix``.
+    """
+    count, n, size = len(equations), len(matrix), 0.0
+    for i in range(count):
+        for k in range(i + 1):
+            product = 0.0
+            for j in range(n):
+                product += equations[i, j] * equations[k, j]
+            matrix[i, k] = matrix[k, i] = product
+        size += matrix[i, i]
+    for i in range(count):
+        matrix[i, i] += DAMPING * size if size > 0.0 else 1.0
+        matrix[i, count] = -equations[i, n]
+    solve(matrix, count)
+    for i in range(count):
+        matrix[i, n + 1] = matrix[i, count]
+    for j in range(n):
+        step = 0.0
+        for i in range(count):
+            step += equations[i, j] * matrix[i, n + 1]
+        matrix[j, n] = step
 
 
-def _solve(matrix: Array, right: Array) -> Array:
-    """Batched solve; a singular matrix gives a step that the caller refuses, not an exception for the whole batch."""
-    try:
-        return np.asarray(np.linalg.solve(matrix, right))
-    except np.linalg.LinAlgError:
-        return np.asarray(np.linalg.pinv(matrix) @ right)
+def residual_after(equations: Array, matrix: Array) -> float:
+    """Largest residual that the step in ``matrix`` leaves, to first order."""
+    n, largest = len(matrix), 0.0
+    for i in range(len(equations)):
+        rest = equations[i, n]
+        for j in range(n):
+            rest += equations[i, j] * matrix[j, n]
+        largest = max(largest, abs(rest))
+    return largest
 
 
-def _bordered(jacobian: Array, tangent: Array) -> Array:
-    return np.concatenate([jacobian, tangent[:, None, :]], axis=1)
+def step_length(matrix: Array, n: int) -> float:
+    """Length of the step in column ``n`` of ``matrix`` [rad]."""
+    square = 0.0
+    for j in range(n):
+        square += matrix[j, n] ** 2
+    return math.sqrt(square)
 
 
-def _null_vectors(jacobian: Array) -> Array:
-    """Unit null vectors of J (n, k, k + 1), from one solve each: any border that is not orthogonal to them will do."""
-    n, k, _ = jacobian.shape
-    border = np.broadcast_to(np.sqrt(np.arange(2.0, k + 3.0)), (n, k + 1))
-    right = np.zeros((n, k + 1, 1))
-    right[:, -1] = 1.0
-    vectors = _solve(_bordered(jacobian, border), right)[:, :, 0]
-    return np.asarray(vectors / np.linalg.norm(vectors, axis=1)[:, None])
+def tangent_at(links: Array, sine: bool, q: Array, tangent: Array, space: Space) -> float:
+    """The curve's ``tangent`` at the solution ``q``, in one of its senses; the sign of the
+    determinant. Any border that is not orthogonal to the tangent would do.
+    """
+    linearise(links, sine, q, space)
+    for j in range(len(q)):
+        tangent[j] = math.sqrt(2.0 + j)
+    return null_vector(space, tangent)
 
 
-def _least_norm(jacobian: Array, f: Array) -> Array:
-    """Least-norm solution of J x = f, damped only where J is nearly singular."""
-    gram = jacobian @ jacobian.transpose(0, 2, 1)
-    trace_ = np.trace(gram, axis1=1, axis2=2)[:, None, None]
-    damping = np.where(trace_ > 0, DAMPING * trace_, 1.0) * np.eye(gram.shape[1])
-    return np.asarray((jacobian.transpose(0, 2, 1) @ np.linalg.solve(gram + damping, f[:, :, None]))[:, :, 0])
+def null_vector(space: Space, along: Array) -> float:
+    """The unit null vector of J in the sense of ``along``, in its place; the sign of the
+    determinant of J with ``along`` below.
+    """
+    equations, _, _, matrix = space
+    n = len(along)
+    border(equations, along, 0.0, matrix)
+    matrix[n - 1, n] = 1.0
+    sign = solve(matrix, n)
+    length = step_length(matrix, n)
+    for j in range(n):
+        along[j] = matrix[j, n] / length
+    return sign
+
+
+def border(equations: Array, along: Array, sense: float, matrix: Array) -> None:
+    """``[J; alongᵀ]`` and behind it the values of the equations times ``sense``, into ``matrix``."""
+    n = len(along)
+    for j in range(n):
+        for i in range(n - 1):
+            matrix[i, j] = equations[i, j]
+        matrix[n - 1, j] = along[j]
+    for i in range(n - 1):
+        matrix[i, n] = sense * equations[i, n]
+    matrix[n - 1, n] = 0.0
+
+
+def solve(matrix: Array, size: int) -> float:
+    """Gauss's elimination: the solution of ``size`` equations takes the place of their right side,
+    which is the column behind them.
+
+    Returns:
+        the sign of the determinant. Of a singular matrix the solution is not finite.
+    """
+    sign = 1.0
+    for k in range(size):
+        pivot = k
+        for i in range(k + 1, size):
+            if abs(matrix[i, k]) > abs(matrix[pivot, k]):
+                pivot = i
+        if pivot != k:
+            sign = -sign
+            for j in range(k, size + 1):
+                matrix[k, j], matrix[pivot, j] = matrix[pivot, j], matrix[k, j]
+        sign = math.copysign(sign, sign * matrix[k, k])
+        for i in range(k + 1, size):
+            factor = matrix[i, k] / matrix[k, k]
+            for j in range(k + 1, size + 1):
+                matrix[i, j] -= factor * matrix[k, j]
+    for k in range(size - 1, -1, -1):
+        for j in range(k + 1, size):
+            matrix[k, size] -= matrix[k, j] * matrix[j, size]
+        matrix[k, size] /= matrix[k, k]
+    return sign
+
+
+# --- the equations
+
+
+def linearise(links: Array, sine: bool, q: Array, space: Space) -> float:
+    """The equations at ``q``, into ``space``; the largest of their values."""
+    equations, axes, tip, _ = space
+    n, count, largest = len(q), len(equations), 0.0
+    walk(links, q, axes, tip)
+    for j in range(n):
+        z0, z1, z2 = axes[j, 0], axes[j, 1], axes[j, 2]
+        l0, l1, l2 = tip[0, 3] - axes[j, 3], tip[1, 3] - axes[j, 4], tip[2, 3] - axes[j, 5]
+        equations[0, j] = z1 * l2 - z2 * l1
+        equations[1, j] = z2 * l0 - z0 * l2
+        equations[2, j] = z0 * l1 - z1 * l0
+    for i in range(POINT):
+        equations[i, n] = tip[i, 3]
+    if count == POINT_AND_AXIS:
+        point_along_z(equations, axes, tip, sine)
+    elif count > POINT_AND_AXIS:
+        turn_back(equations, axes, tip)
+    for i in range(count):
+        largest = max(largest, abs(equations[i, n]))
+    return largest
+
+
+def walk(links: Array, q: Array, axes: Array, tip: Array) -> None:
+    """Direction and origin of each joint axis, and the frame of the tip."""
+    for i in range(3):
+        for k in range(4):
+            tip[i, k] = links[0, i, k]
+    for j in range(len(q)):
+        cosine, sine, link = math.cos(q[j]), math.sin(q[j]), links[j + 1]
+        for i in range(3):
+            z, o = tip[i, 2], tip[i, 3]
+            x = cosine * tip[i, 0] + sine * tip[i, 1]
+            y = cosine * tip[i, 1] - sine * tip[i, 0]
+            axes[j, i], axes[j, 3 + i] = z, o
+            for k in range(4):
+                tip[i, k] = x * link[0, k] + y * link[1, k] + z * link[2, k]
+            tip[i, 3] += o
+
+
+def point_along_z(equations: Array, axes: Array, tip: Array, sine: bool) -> None:
+    """How far the tip's z axis d points off the base's: its part across, stretched from the sine of
+    the angle θ to the angle, ``f = (d_x, d_y) θ/sin θ``; or its part across alone.
+
+    Unlike the sine, the angle has no zero half a turn away: Newton's method from spread starts then
+    arrives four times as often. Half a turn away it jumps, which costs a detour.
+    """
+    n = len(axes)
+    d0, d1, d2 = tip[0, 2], tip[1, 2], tip[2, 2]
+    across = math.sqrt(d0**2 + d1**2)
+    stretch, slope, fixed = 1.0, 0.0, 0.0
+    if not sine and across >= STRAIGHT:
+        stretch = math.atan2(across, d2) / across
+        slope, fixed = (d2 - stretch) / across**2, 1.0
+    for j in range(n):
+        z0, z1, z2 = axes[j, 0], axes[j, 1], axes[j, 2]
+        u, v, w = z1 * d2 - z2 * d1, z2 * d0 - z0 * d2, z0 * d1 - z1 * d0
+        longer = slope * (d0 * u + d1 * v) - fixed * w  # how the stretch changes
+        equations[3, j] = stretch * u + d0 * longer
+        equations[4, j] = stretch * v + d1 * longer
+    equations[3, n], equations[4, n] = stretch * d0, stretch * d1
+    if not sine and across < STRAIGHT and d2 < 0.0:
+        equations[3, n] = math.pi
+
+
+def turn_back(equations: Array, axes: Array, tip: Array) -> None:
+    """The turn of the tip's frame as axis times angle φ, and its derivative by the joints.
+
+    ``φ = log R``, and by a turn ω before R ``∂φ/∂ω = 1 - ½ [φ] + c [φ]²`` with c = 1/φ² -
+    (1 + cos φ)/(2 φ sin φ) (Murray, Li, Sastry 1994, 2.3; the inverse of the left Jacobian).
+    """
+    n = len(axes)
+    s0, s1, s2 = tip[2, 1] - tip[1, 2], tip[0, 2] - tip[2, 0], tip[1, 0] - tip[0, 1]
+    sine = 0.5 * math.sqrt(s0**2 + s1**2 + s2**2)
+    cosine = 0.5 * (tip[0, 0] + tip[1, 1] + tip[2, 2] - 1.0)
+    angle, stretch = math.atan2(sine, cosine), 0.5
+    if sine >= STRAIGHT:
+        stretch = 0.5 * angle / sine
+    p0, p1, p2 = stretch * s0, stretch * s1, stretch * s2
+    if sine < STRAIGHT and cosine < 0.0:
+        p0 = math.pi  # any axis is as wrong as another
+    c = 1.0 / 12.0 + angle**2 / 720.0
+    if angle >= SERIES:
+        c = 1.0 / angle**2 - (1.0 + cosine) / (2.0 * angle * max(sine, STRAIGHT))
+    for j in range(n):
+        z0, z1, z2 = axes[j, 0], axes[j, 1], axes[j, 2]
+        u, v, w = p1 * z2 - p2 * z1, p2 * z0 - p0 * z2, p0 * z1 - p1 * z0
+        equations[3, j] = z0 - 0.5 * u + c * (p1 * w - p2 * v)
+        equations[4, j] = z1 - 0.5 * v + c * (p2 * u - p0 * w)
+        equations[5, j] = z2 - 0.5 * w + c * (p0 * v - p1 * u)
+    equations[3, n], equations[4, n], equations[5, n] = p0, p1, p2
+
+
+# --- small things
+
+
+def working_space(count: int, n: int) -> Space:
+    """Room for ``count`` equations in ``n`` angles."""
+    return np.empty((count, n + 1)), np.empty((n, 6)), np.empty((3, 4)), np.empty((n, n + 2))
+
+
+def place(links: Array, goals: Array, row: int, here: Array) -> None:
+    """Move the base of ``here`` so that the goal is at the origin."""
+    for i in range(3):
+        here[0, i, 3] = links[0, i, 3] - goals[row, i]
+
+
+def distance(a: Array, b: Array) -> float:
+    """Of two configurations [rad]."""
+    square = 0.0
+    for j in range(len(a)):
+        square += (a[j] - b[j]) ** 2
+    return math.sqrt(square)
+
+
+def dot(a: Array, b: Array) -> float:
+    """Scalar product."""
+    total = 0.0
+    for j in range(len(a)):
+        total += a[j] * b[j]
+    return total
+
+
+def wrap(angle: float) -> float:
+    """The same direction between -π and π."""
+    return angle - 2 * math.pi * math.floor(angle * (0.5 / math.pi) + 0.5)
+
+
+def copy(rows: Array, number: int, row: Array) -> None:
+    """One of the rows."""
+    for j in range(len(row)):
+        row[j] = rows[number, j]
+
+
+HELPERS = (
+    copy,
+    wrap,
+    dot,
+    distance,
+    place,
+    working_space,
+    turn_back,
+    point_along_z,
+    walk,
+    linearise,
+    solve,
+    border,
+    step_length,
+    null_vector,
+    tangent_at,
+    residual_after,
+    least_norm_step,
+    descend,
+    correct,
+    meets,
+    touches,
+    nearest_vertices,
+    passes,
+    follow,
+)
+"""What the loops call, in an order in which each knows those that it calls itself."""
+ARM = "f8[:, :, ::1], f8[:, ::1], b1"
+EVALUATE = Loop(evaluate, f"({ARM}, f8[:, ::1], f8[:, :, ::1])", HELPERS)
+POLISH = Loop(polish, f"({ARM}, i8, f8[:, ::1])", HELPERS)
+TRACE = Loop(trace, f"({ARM}, f8[::1], i8, f8[:, ::1])", HELPERS)
+ON_CURVE = Loop(on_curve, f"({ARM}, f8[:, ::1], f8[:, ::1])", HELPERS)

@@ -13,8 +13,9 @@ from aacmm_pin._support.angles import wrapped
 from aacmm_pin._support.checks import Array, Index, whole
 from aacmm_pin._support.display import Shown
 from aacmm_pin.arm.limits import broken_limits, inside_part, into_limits
-from aacmm_pin.postures.continuation import Curve, System, following, polish
 from aacmm_pin.postures.elbow_swivel import Swivel
+from aacmm_pin.postures.pose_equations import Curve, Equations
+from aacmm_pin.postures.solution_curves import following
 from aacmm_pin.postures.wrist_ik import Wrist
 
 FINER = 16
@@ -59,14 +60,14 @@ class Components:
 
     Attributes:
         swivel: swivel angles of the arm.
-        system: the equations that the curves solve.
+        equations: what the curves solve.
         points: working points (m, 3) [m].
         curves: the curves, each with the number of its point.
         wrist: how joints 1 to 4 make a whole configuration; None where the curves have all joints.
     """
 
     swivel: Swivel
-    system: System
+    equations: Equations
     points: Array
     curves: list[Curve]
     wrist: Wrist | None
@@ -120,7 +121,7 @@ class Components:
         joints, cuts = start.shape[1], LIMIT_PARTS + 1
         problem = np.repeat(pieces.problem[which], cuts)
         guess = start[:, None] + np.linspace(0.0, 1.0, cuts)[:, None] * chord[:, None]
-        q, there = polish(self.system, guess.reshape(-1, joints), problem)
+        q, there = self.equations.polish(guess.reshape(-1, joints), problem)
         swivel = self.angle(q, problem).reshape(-1, cuts)
         q, turn = q.reshape(-1, cuts, joints), wrapped(np.diff(swivel, axis=1)).ravel()
         there = there.reshape(-1, cuts)
@@ -151,11 +152,13 @@ class Flexibility(Shown):
         return ", ".join(f"{x:.3f} {of}" for of, x in numbers.items() if np.isfinite(x)) or "undefined"
 
 
-def evenly(system: System, curves: list[Curve], count: int, path: Callable[[Array], Array]) -> tuple[Array, Index, int]:
+def evenly(
+    equations: Equations, curves: list[Curve], count: int, path: Callable[[Array], Array]
+) -> tuple[Array, Index, int]:
     """``count`` solutions on each curve, evenly spaced along what ``path`` makes of them.
 
     Args:
-        system: the equations that the curves solve.
+        equations: what the curves solve.
         curves: at least one.
         count: of each curve.
         path: from solutions in order along a curve (m, k) to places whose distances count (m, any). A curve along which
@@ -166,7 +169,7 @@ def evenly(system: System, curves: list[Curve], count: int, path: Callable[[Arra
         of a nearly degenerate arm.
     """
     guesses = []
-    for vertices in _finer(system, curves):
+    for vertices in _finer(equations, curves):
         length = np.linalg.norm(np.diff(path(vertices), axis=0), axis=1)
         if length.sum() < STILL:
             length = np.linalg.norm(np.diff(vertices, axis=0), axis=1)
@@ -175,11 +178,11 @@ def evenly(system: System, curves: list[Curve], count: int, path: Callable[[Arra
         guesses.append(np.column_stack([np.interp(wanted, along, column) for column in vertices.T]))
     number = np.repeat(np.arange(len(guesses)), count)
     problem = np.array([c.problem for c in curves])[number]
-    q, there = polish(system, np.concatenate(guesses), problem)
+    q, there = equations.polish(np.concatenate(guesses), problem)
     return q[there], number[there], int((~there).sum())
 
 
-def _finer(system: System, curves: list[Curve]) -> list[Array]:
+def _finer(equations: Equations, curves: list[Curve]) -> list[Array]:
     """Each curve with solutions between its vertices, its first repeated at the end where it is closed."""
     finer = []
     for curve in curves:
@@ -188,11 +191,11 @@ def _finer(system: System, curves: list[Curve]) -> list[Array]:
         rows = np.arange((len(q) - 1) * FINER + 1) / FINER
         finer.append(np.column_stack([np.interp(rows, np.arange(len(q)), angles) for angles in q.T]))
     problem = np.repeat([c.problem for c in curves], [len(q) for q in finer])
-    solutions, _ = polish(system, np.concatenate(finer), problem)  # what does not arrive is near enough to measure a way
+    solutions, _ = equations.polish(np.concatenate(finer), problem)  # what does not arrive is near enough to measure a way
     return np.split(solutions, np.cumsum([len(q) for q in finer])[:-1])
 
 
-def _crossings(pieces: _Segments, angles: Array) -> tuple[Index, Index, Array]:
+def _swivel_crossings(pieces: _Segments, angles: Array) -> tuple[Index, Index, Array]:
     """Where the swivel becomes one of ``angles`` (s,) [rad], a piece's start included, its end not.
 
     Returns:
@@ -210,7 +213,7 @@ def _crossings(pieces: _Segments, angles: Array) -> tuple[Index, Index, Array]:
     return piece[passed], which[passed], ahead[passed]
 
 
-def _between(
+def _solutions_at_swivel(
     components: Components, pieces: _Segments, piece: Index, wanted: Array, ahead: Array
 ) -> tuple[Array, NDArray[np.bool_]]:
     """The configuration on each ``piece`` whose swivel is ``wanted``, ``ahead`` of that at its start, and which were found.
@@ -226,7 +229,7 @@ def _between(
     for _ in range(MOST_TRIALS):
         part = (gap_low / (gap_low - gap_high))[left, None]
         guess = low[left] + part * (high - low)[left]
-        q[left], there[left] = polish(components.system, guess, problem[left])
+        q[left], there[left] = components.equations.polish(guess, problem[left])
         gap = wrapped(wanted[left] - components.angle(q[left], problem[left]))
         before = np.sign(gap) == np.sign(gap_low[left])  # still on the near side of the wanted swivel
         with np.errstate(divide="ignore", invalid="ignore"):  # an end that is met
@@ -275,11 +278,11 @@ class Sectors:
             none = np.empty(0, dtype=np.intp)
             return Sectors(np.empty((0, components.nq)), none, none, theoretical, working)
         pieces, centres = components.segments, sector_centres(sectors)
-        piece, sector, ahead = _crossings(pieces, centres)
+        piece, sector, ahead = _swivel_crossings(pieces, centres)
         theoretical[pieces.problem[piece], sector] = True
         near = ~components.outside(limits)[piece]
         piece, sector, ahead = piece[near], sector[near], ahead[near]
-        q, there = _between(components, pieces, piece, centres[sector], ahead)
+        q, there = _solutions_at_swivel(components, pieces, piece, centres[sector], ahead)
         q = into_limits(components.full(q), limits)
         inside = there & ~broken_limits(q, limits).any(axis=1)
         q, sector, point = q[inside], sector[inside], pieces.problem[piece[inside]]
@@ -321,13 +324,13 @@ def arc_fractions(components: Components, limits: Array) -> Array:
     problem = np.concatenate([pieces.problem[whole], fine.problem[some]])
     swivel = np.concatenate([pieces.swivel[whole], (fine.swivel + first * fine.turn)[some]])
     turn = np.concatenate([pieces.turn[whole], ((last - first) * fine.turn)[some]])
-    theoretical = _covered(pieces.problem, pieces.swivel, pieces.turn, m)
-    working = _covered(problem, swivel, turn, m)
+    theoretical = _covered_bins(pieces.problem, pieces.swivel, pieces.turn, m)
+    working = _covered_bins(problem, swivel, turn, m)
     with np.errstate(invalid="ignore"):
         return np.asarray(working / theoretical)
 
 
-def _covered(problem: Index, start: Array, turn: Array, points: int) -> Index:
+def _covered_bins(problem: Index, start: Array, turn: Array, points: int) -> Index:
     """How many of the ``ARC_BINS`` of the full turn are covered by arcs from ``start`` over ``turn``: (points,).
 
     A bin counts when an arc covers its centre; of arcs in order, each adds what is behind the end of all before it.

@@ -19,12 +19,12 @@ from aacmm_pin._support.units import DEG
 from aacmm_pin.arm.arm import Arm, GivenArm, as_arm
 from aacmm_pin.arm.limits import broken_limits, inside_part, into_limits
 from aacmm_pin.errors import AacmmError, ShapeError, UnsupportedArmError
-from aacmm_pin.postures.constraints import PoseConditions
-from aacmm_pin.postures.continuation import FLAT, Curve, flattest
 from aacmm_pin.postures.curve_sampling import Flexibility, evenly
 from aacmm_pin.postures.elbow_swivel import Swivel
-from aacmm_pin.postures.newton_search import MOST_STARTS, Finds, Isolated, Search, SelfMotion, search
+from aacmm_pin.postures.newton_search import MOST_STARTS, Isolated, Search, SelfMotion, SolutionSet, search
+from aacmm_pin.postures.pose_equations import Curve, PoseConditions
 from aacmm_pin.postures.postures_at_point import DEGENERATE, PosturesAtPoint, in_degrees, lost, not_closed
+from aacmm_pin.postures.solution_curves import NEARLY_SINGULAR, flattest
 
 CONDITIONS = {3: "a point", 5: "a point and an axis", 6: "a full pose"}
 ELBOW_JOINT = 4
@@ -136,21 +136,21 @@ def reaching_postures(
     """
     arm, count, most_starts = as_arm(arm), whole(count, 3, "count"), whole(most_starts, 1, "most_starts")
     conditions = _conditions(arm, vector(point, 3, "point", "m"), axis, tool, rotation)
-    system = conditions.system()
+    equations = conditions.equations()
     curves: tuple[Curve, ...] = ()
     finds: Isolated | SelfMotion
     if conditions.free == 0:
-        finds = Isolated(system, q=np.empty((0, arm.nq)))
+        finds = Isolated(equations, q=np.empty((0, arm.nq)))
         found = search(finds, arm.nq, most_starts)
         q, component = finds.q, np.arange(len(finds.q))
         notes = [*_families(finds, found), *_next_to_singular(finds, found)]
     else:
-        finds = SelfMotion(system)
+        finds = SelfMotion(equations)
         found = search(finds, arm.nq, most_starts)
         curves = tuple(finds.curves)
         q, component, missing = np.empty((0, arm.nq)), np.arange(0), 0
         if curves:
-            q, component, missing = evenly(system, finds.curves, count, lambda q: q)
+            q, component, missing = evenly(equations, finds.curves, count, lambda q: q)
         notes = _families(finds, found) + not_closed(curves) + lost(missing)
     notes += [DEGENERATE] * found.degenerate
     reason = "" if len(q) else "; ".join(notes) or f"{found}: out of reach"
@@ -213,7 +213,7 @@ def _rotation(values: ArrayLike) -> Array:
     return np.asarray(left @ right)
 
 
-def _families(finds: Finds, found: Search) -> list[str]:
+def _families(finds: SolutionSet, found: Search) -> list[str]:
     """That there are singular postures in families, which are not listed."""
     if finds.family is None:
         return []
@@ -224,7 +224,7 @@ def _families(finds: Finds, found: Search) -> list[str]:
 def _next_to_singular(single: Isolated, found: Search) -> list[str]:
     """That some postures are so flat that rounding decides whether a neighbour is found, and whether it is another one."""
     near = (
-        np.flatnonzero(flattest(single.system, single.q, np.zeros(len(single.q), dtype=np.intp))[0] < FLAT)
+        np.flatnonzero(flattest(single.equations, single.q, np.zeros(len(single.q), dtype=np.intp))[0] < NEARLY_SINGULAR)
         if len(single.q)
         else np.empty(0)
     )

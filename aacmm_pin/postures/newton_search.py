@@ -14,18 +14,17 @@ from numpy.typing import NDArray
 
 from aacmm_pin._support.angles import spread_angles, wrapped
 from aacmm_pin._support.checks import Array, Index
-from aacmm_pin.postures.continuation import (
-    FLAT,
-    Curve,
-    System,
+from aacmm_pin.postures.continuation import CLOSE_ENOUGH, SAME_POINT
+from aacmm_pin.postures.pose_equations import Curve, Equations
+from aacmm_pin.postures.solution_curves import (
+    MOST_STEPS,
+    MOST_VERTICES,
+    NEARLY_SINGULAR,
+    SINGULAR,
     degenerate,
     flattest,
-    on_curves,
-    polish,
-    trace,
-    without_known,
+    is_known,
 )
-from aacmm_pin.postures.curve_loop import CLOSE_ENOUGH, MOST_STEPS, MOST_VERTICES, SAME_POINT, SINGULAR
 
 ROUND = 256
 """Starts of one round."""
@@ -48,8 +47,6 @@ MOST_SINGLE = 16
 """Six turning joints have at most so many single postures for a pose (Primrose 1986); more are a family in disguise."""
 MOST_BESIDE = 8
 """So many finds are looked for beside one another; next to a singular pose an almost-family of them has no end."""
-TOGETHER = 24
-"""Curves that are traced side by side, the same one several times: a batch costs little more than one alone."""
 
 
 @dataclass(frozen=True)
@@ -94,17 +91,17 @@ class Search:
 
 
 @dataclass(eq=False)
-class Finds:
+class SolutionSet:
     """What gathers solutions.
 
     Attributes:
-        system: the equations.
+        equations: what is solved.
         hits: arrivals at each find so far.
         family: a singular solution that belongs to none of the finds (k,); None where none was met.
         families: arrivals at such.
     """
 
-    system: System
+    equations: Equations
     hits: list[int] = field(default_factory=list)
     family: Array | None = None
     families: int = 0
@@ -114,7 +111,7 @@ class Finds:
         """True where following what was found has used up its limit of work."""
         return False
 
-    def absorb(self, q: Array) -> int:
+    def add(self, q: Array) -> int:
         """Take in solutions (n, k) [rad]; return the place in ``q`` behind the last that brought something new, or 0."""
         raise NotImplementedError
 
@@ -129,7 +126,7 @@ class Finds:
 
 
 @dataclass(eq=False)
-class Isolated(Finds):
+class Isolated(SolutionSet):
     """Gathers single solutions.
 
     Two solutions that nearly coincide, as next to a singularity, have small basins between them: each find is left in its
@@ -141,8 +138,8 @@ class Isolated(Finds):
 
     q: Array = field(kw_only=True)
 
-    def absorb(self, q: Array) -> int:
-        """See :meth:`Finds.absorb`."""
+    def add(self, q: Array) -> int:
+        """See :meth:`SolutionSet.add`."""
         single = self._single(q)
         newest = self._count_families(q, single)
         for place in np.flatnonzero(single):
@@ -173,7 +170,7 @@ class Isolated(Finds):
             if distance[number] > NEAR:
                 return None
             between = (q + 0.5 * gap[number])[None, :]
-            if np.abs(self.system(between, _the_one(between))[0]).max() <= CLOSE_ENOUGH:
+            if np.abs(self.equations(between, _the_one(between))[0]).max() <= CLOSE_ENOUGH:
                 return int(number)  # a solution of higher order is known less sharply
         return None
 
@@ -184,9 +181,9 @@ class Isolated(Finds):
             if not left:
                 return
             find = left.pop(0)
-            direction = flattest(self.system, find[None, :], _the_one(find[None, :]))[1][0, -1]
+            direction = flattest(self.equations, find[None, :], _the_one(find[None, :]))[1][0, -1]
             starts = find + np.concatenate([-ASIDE, ASIDE])[:, None] * direction
-            found, good = polish(self.system, starts, _the_one(starts))
+            found, good = self.equations.polish(starts, _the_one(starts))
             found = found[good]
             for other in found[self._single(found)]:
                 if len(self.q) < MOST_SINGLE and self._number(other) is None:
@@ -198,11 +195,11 @@ class Isolated(Finds):
         single = np.ones(len(q), dtype=bool)
         if not len(q):
             return single
-        size, vectors = flattest(self.system, q, _the_one(q))
+        size, vectors = flattest(self.equations, q, _the_one(q))
         flat = np.flatnonzero(size < SINGULAR)
         start, step = np.broadcast_arrays(q[flat, None, None], ALONG[:, None] * vectors[flat, -2:, None])
         guess = (start + step).reshape(-1, q.shape[1])
-        found, good = polish(self.system, guess, _the_one(guess))
+        found, good = self.equations.polish(guess, _the_one(guess))
         off = np.linalg.norm(found - guess, axis=1).reshape(-1, 2, len(ALONG))
         there = good.reshape(off.shape) & (off < ABOUT_THERE * ALONG)
         single[flat] = ~there.all(axis=2).any(axis=1)
@@ -210,7 +207,7 @@ class Isolated(Finds):
 
 
 @dataclass(eq=False)
-class SelfMotion(Finds):
+class SelfMotion(SolutionSet):
     """Gathers closed curves.
 
     Attributes:
@@ -223,57 +220,58 @@ class SelfMotion(Finds):
 
     @property
     def ended(self) -> bool:
-        """See :attr:`Finds.ended`."""
+        """See :attr:`SolutionSet.ended`."""
         return self.steps >= MOST_STEPS
 
-    def absorb(self, q: Array) -> int:
-        """See :meth:`Finds.absorb`."""
-        regular = flattest(self.system, q, _the_one(q))[0] > SINGULAR
+    def add(self, q: Array) -> int:
+        """See :meth:`SolutionSet.add`."""
+        regular = flattest(self.equations, q, _the_one(q))[0] > SINGULAR
         newest, left = self._count_families(q, regular), np.flatnonzero(regular)
         for number, curve in enumerate(self.curves):
             left = left[~self._count(number, curve, q[left])]
         while left.size and not self.ended:
-            some, left = left[:TOGETHER], left[TOGETHER:]
-            new, steps = trace(self.system, q[some], _the_one(some), min(MOST_VERTICES, MOST_STEPS - self.steps))
+            most = min(MOST_VERTICES, MOST_STEPS - self.steps)
+            curve, steps = self.equations.trace(q[left[0]], 0, most)
             self.steps += steps
-            for start, curve in zip(some, new, strict=True):
-                if start not in some or not without_known(self.system, [curve], [[known] for known in self.curves]):
-                    continue
-                newest = max(newest, int(start) + 1)
-                self.curves.append(curve)
-                self.hits.append(0)
-                some, left = (part[~self._count(-1, curve, q[part])] for part in (some, left))
+            if is_known(self.equations, curve, self.curves):
+                left = left[1:]
+                continue
+            newest = max(newest, int(left[0]) + 1)
+            self.curves.append(curve)
+            self.hits.append(0)
+            on = self._count(-1, curve, q[left])
+            left = left[1:][~on[1:]]
         return newest
 
     def _count(self, number: int, curve: Curve, q: Array) -> NDArray[np.bool_]:
-        on = on_curves(self.system, q, _the_one(q), [curve])
+        on = self.equations.on_curve(q, curve)
         self.hits[number] += int(on.sum())
         return on
 
 
-def search(finds: Finds, joints: int, most_starts: int = MOST_STARTS) -> Search:
+def search(finds: SolutionSet, joints: int, most_starts: int = MOST_STARTS) -> Search:
     """Fill ``finds`` with the solutions of its system in ``joints`` angles; it ends at ``most_starts`` in any case."""
-    system = finds.system
+    equations = finds.equations
     starts = arrived = stalled = since_new = 0
     spread = spread_angles(most_starts, joints)
     while starts < most_starts and since_new < ENOUGH and (arrived or starts < NOTHING) and not finds.ended:
         some = spread[starts : starts + ROUND]
-        q, good = polish(system, some, _the_one(some))
-        stalled += _stalled(system, q[~good])
+        q, good = equations.polish(some, _the_one(some))
+        stalled += _stalled(equations, q[~good])
         q = q[good]
-        newest = finds.absorb(q) if len(q) else 0
+        newest = finds.add(q) if len(q) else 0
         since_new = len(q) - newest + (0 if newest else since_new)
         starts, arrived = starts + len(some), arrived + len(q)
     ended = finds.ended or (since_new < ENOUGH and (arrived > 0 or starts < NOTHING))
-    flat = degenerate(system, spread[:ROUND])
+    flat = degenerate(equations, spread[:ROUND])
     return Search(starts, arrived, stalled, tuple(finds.hits), since_new, ended, flat)
 
 
-def _stalled(system: System, q: Array) -> int:
+def _stalled(equations: Equations, q: Array) -> int:
     """How many of some that did not arrive (n, k) stand beside a solution that is nearly singular."""
-    off = np.abs(system(q, _the_one(q))[0]).max(axis=1, initial=0.0)
+    off = np.abs(equations(q, _the_one(q))[0]).max(axis=1, initial=0.0)
     beside = q[off < BESIDE]  # others of these would have arrived with more steps
-    return int((flattest(system, beside, _the_one(beside))[0] < FLAT).sum()) if len(beside) else 0
+    return int((flattest(equations, beside, _the_one(beside))[0] < NEARLY_SINGULAR).sum()) if len(beside) else 0
 
 
 def _the_one(q: Array | Index) -> Index:

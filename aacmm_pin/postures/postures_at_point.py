@@ -14,8 +14,8 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.postures.continuation import Curve
 from aacmm_pin.postures.curve_sampling import Flexibility
+from aacmm_pin.postures.pose_equations import Curve
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -6,15 +6,14 @@ of the body about the stylus, and from evenly spread starts where windows are to
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
 
 from aacmm_pin._support.angles import spread_angles
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.arm.chain import exp, screws
 from aacmm_pin.arm.dh import DHTable
-from aacmm_pin.postures.continuation import Curves, System, all_curves, degenerate, following, polish
+from aacmm_pin.postures.pose_equations import Equations, rotation_between
+from aacmm_pin.postures.solution_curves import Curves, all_curves, degenerate, following
 from aacmm_pin.postures.wrist_ik import FEW_PER_TURN, POSITIONING, Wrist, with_spread, wrist_curves
 
 SPREAD = 600
@@ -35,31 +34,19 @@ def tip_curves(dh: DHTable, points: Array, stylus: Array, axis: Array) -> Curves
         stylus: unit direction of the stylus in the last frame (3,).
         axis: unit direction that it shall have in the base (3,).
     """
-    system = tip_system(dh, points, stylus, axis)
+    equations = tip_equations(dh, points, stylus, axis)
     seeds, problem = with_spread(*_tip_seeds(dh, points, stylus, axis), len(points), SPREAD)
-    seeds, good = polish(system, seeds, problem)
+    seeds, good = equations.polish(seeds, problem)
     rotation, _ = dh.chain.walk(seeds)
     towards = rotation[-1] @ stylus @ axis > 0
     some = good & towards
-    flat = len(points) > 0 and degenerate(system, spread_angles(DIRECTIONS, dh.nq))
-    return all_curves(system, seeds[some], problem[some], flat)
+    flat = len(points) > 0 and degenerate(equations, spread_angles(DIRECTIONS, dh.nq))
+    return all_curves(equations, seeds[some], problem[some], flat)
 
 
-def tip_system(dh: DHTable, points: Array, stylus: Array, axis: Array) -> System:
-    """Residual (n, 5): the tip's place from its point among ``points`` (m, 3) [m], and the stylus across two directions
-    normal to ``axis`` [1].
-    """
-    return partial(_off_place, dh, points, stylus, np.linalg.svd(axis[None, :])[2][1:])
-
-
-def _off_place(dh: DHTable, points: Array, stylus: Array, normals: Array, q: Array, problem: Index) -> tuple[Array, Array]:
-    rotation, origin = dh.chain.walk(q)
-    direction = rotation[-1] @ stylus
-    f = np.concatenate([origin[-1] - points[problem], direction @ normals.T], axis=1)
-    shifts, turns = dh.chain.jacobian(rotation, origin, origin[-1])
-    turned = np.cross(turns, direction[:, :, None], axis=1)
-    across = normals @ turned
-    return f, np.concatenate([shifts, across], axis=1)
+def tip_equations(dh: DHTable, points: Array, stylus: Array, axis: Array) -> Equations:
+    """The tip at its point among ``points`` (m, 3) [m], and the stylus along ``axis`` or right against it."""
+    return Equations.of_axis(dh.links(), points, stylus, axis, sine=True)
 
 
 def _tip_seeds(dh: DHTable, points: Array, stylus: Array, axis: Array) -> tuple[Array, Index]:
@@ -85,18 +72,7 @@ def _bodies_about(axis: Array, stylus: Array) -> Array:
     """Orientations (n, 3, 3) of the body behind joint 6 that have ``stylus`` along ``axis``."""
     angles = np.arange(DIRECTIONS)[:, None] * (2 * np.pi / DIRECTIONS)
     turns = np.concatenate([np.zeros((DIRECTIONS, 3)), angles * axis], axis=1)
-    return np.asarray(exp(turns)[:, :3, :3] @ _rotation_between(stylus, axis))
-
-
-def _rotation_between(u: Array, v: Array) -> Array:
-    """A rotation that takes the unit vector u to the unit vector v."""
-    frames = []
-    for direction in (u, v):
-        other = np.eye(3)[np.argmin(np.abs(direction))]
-        second = np.cross(direction, other)
-        second /= np.linalg.norm(second)
-        frames.append(np.column_stack([direction, second, np.cross(direction, second)]))
-    return np.asarray(frames[1] @ frames[0].T)
+    return np.asarray(exp(turns)[:, :3, :3] @ rotation_between(stylus, axis))
 
 
 def _wrist_angles(q: Array, behind: Index, body: Array, links: Array) -> tuple[Array, Index]:

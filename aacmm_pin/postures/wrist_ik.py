@@ -23,8 +23,8 @@ from aacmm_pin.arm.chain import OF_A_POSE, screws
 from aacmm_pin.arm.dh import DHTable
 from aacmm_pin.arm.limits import into_limits
 from aacmm_pin.errors import UnsupportedArmError
-from aacmm_pin.postures.continuation import Curves, all_curves, degenerate, polish
-from aacmm_pin.postures.point_system import PointSystem
+from aacmm_pin.postures.pose_equations import Equations
+from aacmm_pin.postures.solution_curves import Curves, all_curves, degenerate
 from aacmm_pin.postures.three_revolutes import candidates
 
 POSITIONING = 4
@@ -172,9 +172,9 @@ def _extremes(wrist: Wrist, of_place: Callable[[Array], tuple[Array, Array]]) ->
     return extremes[0], extremes[1]
 
 
-def wrist_system(wrist: Wrist, points: Array) -> PointSystem:
+def wrist_equations(wrist: Wrist, points: Array) -> Equations:
     """The wrist's distance (n, 3) [m] from its point among ``points`` (m, 3), as a function of joints 1 to 4."""
-    return PointSystem(wrist.table, points)
+    return Equations.of_points(wrist.table.links(), points)
 
 
 def wrist_curves(wrist: Wrist, points: Array, per_turn: int) -> Curves:
@@ -185,15 +185,15 @@ def wrist_curves(wrist: Wrist, points: Array, per_turn: int) -> Curves:
         points: where it shall be (m, 3) [m].
         per_turn: angles at which each of the joints 1 to 4 is held to find seeds.
     """
-    system = wrist_system(wrist, points)
+    equations = wrist_equations(wrist, points)
     links = wrist.table.links()
     within = np.linalg.norm(points - links[0, :3, 3], axis=1) <= np.linalg.norm(links[1:, :3, 3], axis=1).sum()
     near = np.flatnonzero(within)
     seeds, number = with_spread(*_held_seeds(links, points[near], per_turn), len(near), 4 * per_turn)
     problem = near[number]
-    seeds, good = polish(system, seeds, problem)
-    flat = len(points) > 0 and degenerate(system, spread_angles(4 * per_turn, POSITIONING))
-    return all_curves(system, seeds[good], problem[good], flat)
+    seeds, good = equations.polish(seeds, problem)
+    flat = len(points) > 0 and degenerate(equations, spread_angles(4 * per_turn, POSITIONING))
+    return all_curves(equations, seeds[good], problem[good], flat)
 
 
 def with_spread(seeds: Array, problem: Index, problems: int, count: int) -> tuple[Array, Index]:

@@ -27,10 +27,10 @@ from aacmm_pin.arm.limits import broken_limits, into_limits
 from aacmm_pin.errors import AacmmError, ShapeError, UnsupportedArmError
 from aacmm_pin.postures import three_revolutes
 from aacmm_pin.postures.configurations import ConfigurationCircle, configuration_circle, configuration_circles
-from aacmm_pin.postures.continuation import Curve
 from aacmm_pin.postures.curve_sampling import Components, Sectors, sector_centres
 from aacmm_pin.postures.elbow_swivel import Swivel
-from aacmm_pin.postures.wrist_ik import FEW_PER_TURN, Wrist, reach_of_wrist, wrist_curves, wrist_system
+from aacmm_pin.postures.pose_equations import Curve
+from aacmm_pin.postures.wrist_ik import FEW_PER_TURN, Wrist, reach_of_wrist, wrist_curves, wrist_equations
 from tests.arm_files import craig, nominal
 
 System = Callable[[Array, Index], tuple[Array, Array]]
@@ -341,7 +341,7 @@ def test_configurations_at_a_swivel_have_it(name: str) -> None:
     swivel, wrist = Swivel(dh, arm.up), Wrist.of(dh, np.zeros(2))
     points = np.concatenate([p[:10] for p in clouds_of(arm, rng, 10).values()])
     curves = wrist_curves(wrist, points, 8).curves
-    components = Components(swivel, wrist_system(wrist, points), points, curves, wrist)
+    components = Components(swivel, wrist_equations(wrist, points), points, curves, wrist)
     found = Sectors.of(components, np.array([[-np.inf, np.inf]] * arm.nq), 12)
     q, sector, which = found.q, found.sector, found.point
     assert len(q) > 500

@@ -9,7 +9,7 @@ from aacmm_pin.accuracy.workspace import map_workspace
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.file import load_arm_file
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.postures import continuation
+from aacmm_pin.postures import solution_curves
 from aacmm_pin.postures.configurations import configuration_circle
 from aacmm_pin.postures.general_ik import reaching_postures
 from aacmm_pin.report.json_summaries import map_summary
@@ -90,7 +90,7 @@ def test_a_search_that_ends_early_says_so(sino6: Arm, monkeypatch: pytest.Monkey
     assert (whole.complete, whole.notes) == (True, ())
     pose = reaching_postures(sino6, point, axis=[0, 0, -1], count=20)
     assert (pose.complete, pose.search.ended) == (True, False)
-    monkeypatch.setattr(continuation, "MOST_STEPS", 70)
+    monkeypatch.setattr(solution_curves, "MOST_STEPS", 70)
     part = configuration_circle(sino6, point, count=20)
     assert 0 < part.component.max() < whole.component.max()
     assert not part.complete

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from aacmm_pin._support.checks import Array
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.errors import AacmmError, ShapeError, UnsupportedArmError
-from aacmm_pin.postures.constraints import PoseConditions, pointed_off, turned_off
 from aacmm_pin.postures.general_ik import reaching_postures
+from aacmm_pin.postures.pose_equations import Equations, PoseConditions
 
 H = 1e-6
 ANGLES = [0.0, 1e-13, 1e-7, 9e-4, 1.1e-3, 0.5, 2.0, 3.1, np.pi - 1e-5]
@@ -25,36 +26,43 @@ SLIDING = """\
 """
 
 
+def by_differences(equations: Equations, q: Array) -> Array:
+    """Derivatives (k, joints) at ``q`` (joints,)."""
+    zero = np.zeros(1, dtype=np.intp)
+    columns = [equations((q + h)[None], zero)[0] - equations((q - h)[None], zero)[0] for h in H * np.eye(len(q))]
+    return np.concatenate(columns).T / (2 * H)
+
+
 @pytest.mark.parametrize("angle", ANGLES)
-def test_turns_are_the_logarithm_and_pointing_is_an_angle(rng: np.random.Generator, angle: float) -> None:
-    axis = rng.normal(size=(20, 3))
-    axis /= np.linalg.norm(axis, axis=1)[:, None]
-    m = Rotation.from_rotvec(angle * axis).as_matrix()
-    phi, derivative = turned_off(m)
-    np.testing.assert_allclose(phi, angle * axis, rtol=0, atol=1e-15 + 1e-9 * angle)
-    for k, step in enumerate(H * np.eye(3)):
-        ahead, behind = (turned_off(Rotation.from_rotvec(sign * step).as_matrix() @ m)[0] for sign in (1, -1))
+def test_turns_are_the_logarithm_and_pointing_is_an_angle(sino6: Arm, rng: np.random.Generator, angle: float) -> None:
+    zero = np.zeros(1, dtype=np.intp)
+    for q in rng.uniform(-np.pi, np.pi, (20, 6)):
+        pose = sino6.poses(q[None]).placement[0]
+        axis = rng.normal(size=3)
+        axis /= np.linalg.norm(axis)
+        wanted = Rotation.from_rotvec(-angle * axis).as_matrix() @ pose[:3, :3]
+        across = np.cross(pose[:3, 1], axis)
+        across /= np.linalg.norm(across)
+        goal = Rotation.from_rotvec(angle * across).as_matrix() @ pose[:3, 1]
+        off = PoseConditions(sino6.chain, pose[:3, 3], rotation=wanted).equations()
+        pointing = PoseConditions(sino6.chain, pose[:3, 3], np.array([0.0, 1.0, 0.0]), goal).equations()
+        within = 1e-14 + 1e-9 * angle
+        np.testing.assert_allclose(wanted @ off(q[None], zero)[0][0, 3:], angle * axis, rtol=0, atol=within)
+        assert np.linalg.norm(pointing(q[None], zero)[0][0, 3:]) == pytest.approx(angle, rel=1e-9, abs=1e-14)
         if angle < 3.14:
-            np.testing.assert_allclose(derivative[:, :, k], (ahead - behind) / (2 * H), rtol=0, atol=2e-7)
-    axis = np.array([2.0, -1.0, 2.0]) / 3.0
-    normals = np.linalg.svd(axis[None, :])[2][1:]
-    away = rng.normal(size=(20, 2)) @ normals
-    away /= np.linalg.norm(away, axis=1)[:, None]
-    direction = np.cos(angle) * axis + np.sin(angle) * away
-    f, slope = pointed_off(direction, axis, normals)
-    np.testing.assert_allclose(f, angle * away @ normals.T, rtol=0, atol=1e-15 + 1e-9 * angle)
-    for turn in H * np.eye(3):  # the derivative holds on the sphere
-        ahead, behind = (direction @ Rotation.from_rotvec(sign * turn).as_matrix().T for sign in (1, -1))
-        by_differences = (pointed_off(ahead, axis, normals)[0] - pointed_off(behind, axis, normals)[0]) / (2 * H)
-        if angle < 3.14:
-            along = np.einsum("nij,nj->ni", slope, (ahead - behind) / (2 * H))
-            np.testing.assert_allclose(along, by_differences, rtol=0, atol=2e-7)
+            for equations in (off, pointing):
+                np.testing.assert_allclose(equations(q[None], zero)[1][0], by_differences(equations, q), rtol=0, atol=2e-7)
 
 
-def test_half_a_turn_away_is_not_there() -> None:
-    assert np.linalg.norm(turned_off(np.diag([-1.0, -1.0, 1.0])[None])[0]) == pytest.approx(np.pi)
-    axis, normals = np.array([0.0, 0.0, 1.0]), np.eye(3)[:2]
-    assert np.linalg.norm(pointed_off(-axis[None], axis, normals)[0]) == pytest.approx(np.pi)
+def test_half_a_turn_away_is_not_there(sino6: Arm) -> None:
+    q, zero = np.zeros((1, 6)), np.zeros(1, dtype=np.intp)
+    pose = sino6.poses(q).placement[0]
+    for given in (
+        {"rotation": pose[:3, :3] @ np.diag([-1.0, -1.0, 1.0])},
+        {"tool": np.array([0.0, 0.0, 1.0]), "axis": -pose[:3, 2]},
+    ):
+        off = PoseConditions(sino6.chain, pose[:3, 3], **given).equations()(q, zero)[0][0]
+        assert np.linalg.norm(off) == pytest.approx(np.pi)
 
 
 def test_derivative_by_the_joints(sino6: Arm, rng: np.random.Generator) -> None:
@@ -62,11 +70,10 @@ def test_derivative_by_the_joints(sino6: Arm, rng: np.random.Generator) -> None:
     pointing: dict[str, Any] = {"tool": sino6.stylus_axis, "axis": pose[:3, 1]}
     for given in ({}, pointing, {"rotation": pose[:3, :3]}):
         conditions = PoseConditions(sino6.chain, pose[:3, 3], **given)
-        system, none = conditions.system(), np.zeros(1, dtype=np.intp)
-        for q in rng.uniform(-np.pi, np.pi, (10, 1, 6)):
-            columns = [(system(q + h, none)[0] - system(q - h, none)[0])[0] / (2 * H) for h in H * np.eye(6)]
-            np.testing.assert_allclose(system(q, none)[1][0], np.column_stack(columns), rtol=0, atol=1e-7)
-        assert system(np.zeros((2, 6)), np.zeros(2, dtype=np.intp))[0].shape == (2, conditions.count)
+        equations, none = conditions.equations(), np.zeros(1, dtype=np.intp)
+        for q in rng.uniform(-np.pi, np.pi, (10, 6)):
+            np.testing.assert_allclose(equations(q[None], none)[1][0], by_differences(equations, q), rtol=0, atol=1e-7)
+        assert equations(np.zeros((2, 6)), np.zeros(2, dtype=np.intp))[0].shape == (2, conditions.count)
 
 
 # --- what is refused

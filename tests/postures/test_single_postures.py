@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
@@ -15,11 +15,12 @@ from by_newton import by_newton, distances
 from aacmm_pin._support.angles import spread_angles
 from aacmm_pin._support.checks import Array
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.postures import newton_search
-from aacmm_pin.postures.continuation import System, polish, trace
-from aacmm_pin.postures.curve_loop import FIRST_STEP
+from aacmm_pin.postures import continuation, newton_search
+from aacmm_pin.postures.continuation import FIRST_STEP
 from aacmm_pin.postures.general_ik import ReachingPostures, reaching_postures
-from aacmm_pin.postures.newton_search import ENOUGH, NOTHING, ROUND, Finds, Isolated, SelfMotion, search
+from aacmm_pin.postures.newton_search import ENOUGH, NOTHING, ROUND, Isolated, SelfMotion, SolutionSet, search
+from aacmm_pin.postures.pose_equations import Equations
+from aacmm_pin.postures.solution_curves import MOST_VERTICES
 
 SAME = 1e-6  # rad
 
@@ -204,23 +205,48 @@ def test_an_arm_with_five_joints(robot_file: Callable[[str], Path], rng: np.rand
 # --- the search, on equations whose solutions are known
 
 
-def apart(*each: Callable[[Array], tuple[Array, Array]], joints: int) -> System:
+System = Callable[[Array], tuple[Array, Array]]
+SYSTEMS: list[System] = []
+
+
+@pytest.fixture
+def in_python(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """The loops as Python runs them, with the equations of :data:`SYSTEMS` in place of an arm's."""
+
+    def linearise(links: Array, _: bool, q: Array, space: tuple[Array, ...]) -> float:
+        f, jacobian = SYSTEMS[int(links[0, 0, 0])](q)
+        space[0][:, -1], space[0][:, :-1] = f, jacobian
+        return float(np.abs(f).max())
+
+    monkeypatch.setattr(continuation, "linearise", linearise)
+    for loop in (continuation.EVALUATE, continuation.POLISH, continuation.TRACE, continuation.ON_CURVE):
+        monkeypatch.setitem(vars(loop), "compiled", loop.loop)
+    with np.errstate(all="ignore"):
+        yield
+
+
+def solved(system: System, count: int) -> Equations:
+    SYSTEMS.append(system)
+    return Equations(np.full((1, 4, 4), len(SYSTEMS) - 1.0), np.zeros((1, 3)), count)
+
+
+def apart(*each: Callable[[float], tuple[float, float]], joints: int) -> Equations:
     """Equations of one angle each, value and derivative; further angles are free."""
 
-    def system(q: Array, _: object) -> tuple[Array, Array]:
-        values = np.zeros((len(q), len(each)))
-        jacobian = np.zeros((len(q), len(each), joints))
+    def system(q: Array) -> tuple[Array, Array]:
+        values, jacobian = np.zeros(len(each)), np.zeros((len(each), joints))
         for k, equation in enumerate(each):
-            values[:, k], jacobian[:, k, k] = equation(q[:, k])
+            values[k], jacobian[k, k] = equation(q[k])
         return values, jacobian
 
-    return system
+    return solved(system, len(each))
 
 
-def cosine(of: float, times: int = 1) -> Callable[[Array], tuple[Array, Array]]:
+def cosine(of: float, times: int = 1) -> Callable[[float], tuple[float, float]]:
     return lambda q: (np.cos(times * q) - of, -times * np.sin(times * q))
 
 
+@pytest.mark.usefixtures("in_python")
 def test_all_single_solutions_and_how_often(monkeypatch: pytest.MonkeyPatch) -> None:
     """Two of each angle; some of them nearly coincide; behind the last that was new nothing new came."""
     for a, b in ((1.0, 2.0), (1.0, 0.004)):
@@ -228,9 +254,8 @@ def test_all_single_solutions_and_how_often(monkeypatch: pytest.MonkeyPatch) -> 
         finds = Isolated(system, q=np.empty((0, 2)))
         found = search(finds, 2)
         assert_same(finds.q, np.array([[i * a, j * b] for i in (1, -1) for j in (1, -1)]))
-        q, good = polish(
-            system, spread_angles(newton_search.MOST_STARTS, 2)[: found.starts], np.zeros(found.starts, np.intp)
-        )
+        starts = spread_angles(newton_search.MOST_STARTS, 2)[: found.starts]
+        q, good = system.polish(starts, np.zeros(found.starts, np.intp))
         which = distances(q[good], finds.q).argmin(axis=1)
         assert found.arrived == good.sum()
         assert found.hits == tuple(np.bincount(which, minlength=4))
@@ -245,11 +270,12 @@ def test_all_single_solutions_and_how_often(monkeypatch: pytest.MonkeyPatch) -> 
         monkeypatch.setattr(newton_search, "flattest", lambda *at, s=sense: (flattest(*at)[0], s * flattest(*at)[1]))
         b = 0.004
         finds = Isolated(system, q=np.empty((0, 2)))
-        assert finds.absorb(np.array([[1.0, b]])) == 1
+        assert finds.add(np.array([[1.0, b]])) == 1
         assert_same(finds.q, np.array([[1.0, b], [1.0, -b]]))
         assert finds.hits == [1, 0]
 
 
+@pytest.mark.usefixtures("in_python")
 def test_where_a_search_ends(monkeypatch: pytest.MonkeyPatch) -> None:
     nothing, always = apart(cosine(1.5), joints=1), apart(cosine(0.0), joints=1)
     for system, most, starts, ended in (
@@ -270,11 +296,12 @@ def test_where_a_search_ends(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(newton_search, "ENOUGH", 2000)
     newest = iter([10, 0, 200, *[0] * 8])
     scripted = Isolated(always, q=np.empty((0, 1)))
-    monkeypatch.setattr(scripted, "absorb", lambda q: next(newest))
+    monkeypatch.setattr(scripted, "add", lambda q: next(newest))
     found = search(scripted, 1)
     assert (found.starts, found.since_new, found.ended) == (11 * ROUND, 9 * ROUND - 200, False)
 
 
+@pytest.mark.usefixtures("in_python")
 def test_starts_that_stall_beside_a_solution() -> None:
     """Equations that miss a double solution by 1e-6, and by 1e-4; solutions of order two are single."""
     for missed, there in ((1e-6, True), (1e-4, False)):
@@ -290,7 +317,7 @@ def test_starts_that_stall_beside_a_solution() -> None:
     assert (len(finds.q), finds.families, sum(found.hits)) == (2, 0, found.arrived)
 
     # One with another where the first step along a family would lead, but none where the next would.
-    def twice_and_once(q: Array) -> tuple[Array, Array]:
+    def twice_and_once(q: float) -> tuple[float, float]:
         off = q - 0.021
         return (1 - np.cos(q)) * np.sin(off), np.sin(q) * np.sin(off) + (1 - np.cos(q)) * np.cos(off)
 
@@ -299,10 +326,11 @@ def test_starts_that_stall_beside_a_solution() -> None:
     assert single._single(np.array([[0.0, np.pi / 3]])).all()
 
 
+@pytest.mark.usefixtures("in_python")
 def test_families_of_solutions_are_no_single_ones() -> None:
     """An angle that no equation has: everything arrives at a family, of which the first is kept."""
 
-    def nothing(q: Array) -> tuple[Array, Array]:
+    def nothing(q: float) -> tuple[float, float]:
         return 0.0 * q, 0.0 * q
 
     finds = Isolated(apart(cosine(0.5), nothing, joints=2), q=np.empty((0, 2)))
@@ -317,7 +345,7 @@ def test_families_of_solutions_are_no_single_ones() -> None:
     ):
         found = search(wider, 3)
         assert (wider.families, found.hits) == (found.arrived, ())
-    some, counted = np.arange(6.0).reshape(3, 2), Finds(finds.system)
+    some, counted = np.arange(6.0).reshape(3, 2), SolutionSet(finds.equations)
     assert counted._count_families(some, np.array([True, True, True])) == 0
     assert counted.family is None
     assert counted._count_families(some, np.array([True, False, False])) == 2
@@ -325,6 +353,7 @@ def test_families_of_solutions_are_no_single_ones() -> None:
     assert (counted.families, *np.array(counted.family)) == (3, 2.0, 3.0)
 
 
+@pytest.mark.usefixtures("in_python")
 def test_closed_curves_and_how_often() -> None:
     """Straight, round a free angle: four of them."""
     finds = SelfMotion(apart(cosine(0.5), cosine(-0.2), joints=3))
@@ -338,15 +367,17 @@ def test_closed_curves_and_how_often() -> None:
         assert np.abs(np.ptp(curve.q[:, 2]) - 2 * np.pi) < 0.2
 
 
+@pytest.mark.usefixtures("in_python")
 @pytest.mark.parametrize("gap", [1e-2, 1e-3, 1e-4, 1e-5, 1e-6])
 def test_a_trace_stays_on_its_side_of_a_narrow_gap(gap: float) -> None:
     """``cos a + cos b = gap`` nearly crosses itself where one angle is 0 and the other π; its four sides are one curve."""
 
-    def system(q: Array, _: object) -> tuple[Array, Array]:
-        return np.cos(q).sum(axis=1, keepdims=True) - gap, -np.sin(q)[:, None, :]
+    def system(q: Array) -> tuple[Array, Array]:
+        return np.cos(q).sum(keepdims=True) - gap, -np.sin(q)[None]
 
     start = np.array([[np.arccos(gap / 2)] * 2, [np.arccos(gap - np.cos(0.3)), 0.3]])
-    for curve in trace(system, start, np.zeros(2, dtype=np.intp))[0]:
+    for begin in start:
+        curve, _ = solved(system, 1).trace(begin, 0, MOST_VERTICES)
         assert curve.closed
         assert np.linalg.norm(curve.q[1] - curve.q[0]) == pytest.approx(FIRST_STEP, rel=1e-4)  # no leap as over a crossing
         assert np.abs(curve.q).sum(axis=1).max() < np.pi

@@ -15,11 +15,7 @@ from aacmm_pin._support.compiled import ALWAYS, LARGE_TASK, NEVER, VARIABLE, Twi
 from aacmm_pin.accuracy import zonotope
 from aacmm_pin.accuracy.workspace import map_workspace
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.dh import table
 from aacmm_pin.errors import UnknownNameError
-from aacmm_pin.postures import continuation
-from aacmm_pin.postures.point_system import PointSystem
-from aacmm_pin.postures.wrist_ik import Wrist, wrist_curves
 
 LOOP = """
 def add_one(values):
@@ -60,30 +56,6 @@ def of_both(monkeypatch: pytest.MonkeyPatch, work: Any) -> list[Array]:
     return found
 
 
-@pytest.mark.parametrize("convention", ["standard-dh", "modified-dh"])
-def test_newton_steps_to_a_point(convention: Any, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Shortest steps and steps across the curve, to the same solutions, and the same that are out of reach."""
-    dh = table(rng.uniform(0.1, 1.0, (5, 4)), convention, [True] * 4 + [False])
-    goal, problem = rng.uniform(-3.0, 3.0, (300, 4)), np.arange(300)
-    points = dh.chain.positions(goal)
-    points[::10] *= 100.0
-    start = goal + rng.uniform(-0.02, 0.02, goal.shape)
-    system = PointSystem(dh, points)
-    _, sizes, vectors = np.linalg.svd(system(goal, problem)[1])
-    tangent, here = vectors[:, -1], (sizes[:, 2] > 0.1 * sizes[:, 0]) & (problem % 10 > 0)
-    assert here.sum() > 50
-
-    def work() -> tuple[Array, ...]:
-        polished, arrived = continuation.polish(system, start, problem)
-        q, jacobian, good = continuation._correct(system, start, tangent, problem)
-        assert arrived[here].all()
-        assert good[here].all()
-        return polished[here], q[here], jacobian[here], arrived, good
-
-    plain, loop = of_both(monkeypatch, work)
-    np.testing.assert_allclose(loop, plain, rtol=0, atol=1e-9)
-
-
 def test_a_map_by_loops(sino6: Arm, monkeypatch: pytest.MonkeyPatch) -> None:
     def work() -> list[Array]:
         data = map_workspace(sino6, (3, 4), 5, progress=False).data
@@ -91,27 +63,6 @@ def test_a_map_by_loops(sino6: Arm, monkeypatch: pytest.MonkeyPatch) -> None:
 
     plain, loop = of_both(monkeypatch, work)
     np.testing.assert_allclose(loop, plain, rtol=1e-12)
-
-
-def test_curves_of_many_points(sino6: Arm, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The same curves vertex by vertex, which rounding moves along them; points where anything is singular, as all is in a
-    plane, are left to NumPy.
-    """
-    points = sino6.poses(rng.uniform(*sino6.limits.T, (8, sino6.nq)), "frame5").position
-    points[0] *= 100.0
-    wrist = Wrist.of(sino6.require_dh(""))
-    plain = wrist_curves(wrist, points, 3).curves
-    monkeypatch.setenv(VARIABLE, ALWAYS)
-    loop = wrist_curves(wrist, points, 3).curves
-    assert [(c.problem, c.closed, len(c.q)) for c in plain] == [(c.problem, c.closed, len(c.q)) for c in loop]
-    for one, other in zip(plain, loop, strict=True):
-        np.testing.assert_allclose(one.q, other.q, rtol=0, atol=1e-8)
-    seeds, problem = np.stack([c.q[0] for c in plain]), np.array([c.problem for c in plain])
-    found, left = PointSystem(wrist.table, points).curves(seeds, problem)
-    assert (len(found), left.any()) == (len(plain), False)
-    planar = table([[0.3, 0, np.pi, 0]] * 4 + [[0.1, 0, 0, 0]], moving=[True] * 4 + [False])
-    found, left = PointSystem(planar, planar.chain.positions(seeds)).curves(seeds, np.arange(len(seeds)))
-    assert (found, left.all()) == ([], True)
 
 
 def test_volumes_of_zonotopes(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:

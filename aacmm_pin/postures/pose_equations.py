@@ -1,0 +1,178 @@
+"""What a pose demands of the joint angles: the tip's place, the direction of one of its axes, or its
+whole orientation; and Newton's method and continuation for these equations.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aacmm_pin._support.checks import Array, Index
+from aacmm_pin.arm.chain import Chain
+from aacmm_pin.postures import continuation
+
+POINT, POINT_AND_AXIS, POSE = 3, 5, 6
+"""Numbers of equations."""
+Z = np.array([0.0, 0.0, 1.0])
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One curve: its vertices in order (the first is not repeated at the end).
+
+    Attributes:
+        q: (m, k + 1) [rad], unwrapped: it follows the curve and may leave [-π, π].
+        closed: True where the last vertex is followed by the first.
+        problem: number of the problem that it belongs to.
+    """
+
+    q: Array
+    closed: bool
+    problem: int
+
+
+@dataclass(frozen=True, eq=False)
+class Equations:
+    """The equations of some problems, which differ by the place of the tip alone.
+
+    Attributes:
+        links: constant transforms ``L_0 Rz(q_1) L_1 … Rz(q_n) L_n``, (n + 1, 4, 4) [m], from the
+            wanted orientation to the tip: that is reached where the tip's frame is the base's.
+        goals: places of the tip of all problems, in the axes of the wanted orientation (m, 3) [m].
+        count: number of equations k: 3 of a point, 5 with the z axis, 6 of a whole pose.
+        sine: whether the z axis is off by the sine of its angle (then it may point right away from
+            where it shall), not by the angle.
+    """
+
+    links: Array
+    goals: Array
+    count: int
+    sine: bool = False
+
+    @staticmethod
+    def of_points(links: Array, points: Array) -> Equations:
+        """The tip shall be at ``points`` (m, 3) [m]; ``links`` (n + 1, 4, 4) are in the base."""
+        return Equations(links, np.ascontiguousarray(points), POINT)
+
+    @staticmethod
+    def of_axis(links: Array, points: Array, tool: Array, axis: Array, sine: bool = False) -> Equations:
+        """The unit vector ``tool`` of the tip (3,) shall lie along ``axis`` of the base (3,) too."""
+        turned = _in_axes(links, rotation_between(axis, Z))
+        turned[-1, :3, :3] = turned[-1, :3, :3] @ rotation_between(Z, tool)
+        return Equations(turned, points @ rotation_between(axis, Z).T, POINT_AND_AXIS, sine)
+
+    @staticmethod
+    def of_pose(links: Array, points: Array, rotation: Array) -> Equations:
+        """The tip's frame shall have the orientation ``rotation`` in the base (3, 3) too."""
+        return Equations(_in_axes(links, rotation.T), points @ rotation, POSE)
+
+    def __call__(self, q: Array, problem: Index) -> tuple[Array, Array]:
+        """Values (n, k) [m, rad] and derivatives (n, k, joints) at ``q`` (n, joints) [rad].
+
+        Args:
+            q: configurations.
+            problem: number of the problem of each (n,).
+        """
+        equations = np.empty((len(q), self.count, q.shape[1] + 1))
+        loop = continuation.EVALUATE.compiled
+        loop(self.links, self.goals[problem], self.sine, np.ascontiguousarray(q), equations)
+        return equations[:, :, -1], equations[:, :, :-1]
+
+    def polish(self, q: Array, problem: Index) -> tuple[Array, NDArray[np.bool_]]:
+        """Move each row to the nearest solution by damped least-norm Newton steps.
+
+        Returns:
+            q (n, joints) [rad] and the flags (n,) of those that arrived.
+        """
+        moved, loop = np.array(q, order="C"), continuation.POLISH.compiled
+        arrived = loop(self.links, self.goals[problem], self.sine, self.count, moved)
+        return moved, arrived
+
+    def trace(self, start: Array, problem: int, most: int) -> tuple[Curve, int]:
+        """Follow the curve through ``start`` (k + 1,), a regular solution, once round.
+
+        Returns:
+            the curve, and the number of steps that it took, at most ``most``.
+        """
+        vertices, goal = np.empty((most + 1, len(start))), self.goals[problem][None]
+        loop = continuation.TRACE.compiled
+        count, steps, closed = loop(self.links, goal, self.sine, start, most, vertices)
+        return Curve(vertices[:count].copy(), closed, problem), steps
+
+    def on_curve(self, q: Array, curve: Curve) -> NDArray[np.bool_]:
+        """Which of the solutions ``q`` (n, k + 1) of the curve's problem lie on it: (n,)."""
+        goal, loop = self.goals[curve.problem][None], continuation.ON_CURVE.compiled
+        on: NDArray[np.bool_] = loop(self.links, goal, self.sine, np.ascontiguousarray(q), curve.q)
+        return on
+
+
+@dataclass(frozen=True, eq=False)
+class PoseConditions:
+    """Conditions on the tip of a chain whose joints turn.
+
+    Attributes:
+        chain: the arm.
+        point: place of the tip (3,) [m].
+        tool: unit direction in the tip's frame that shall lie along ``axis`` (3,), or None.
+        axis: unit direction in the base (3,), or None.
+        rotation: orientation of the tip's frame in the base (3, 3), or None.
+    """
+
+    chain: Chain
+    point: Array
+    tool: Array | None = None
+    axis: Array | None = None
+    rotation: Array | None = None
+
+    @property
+    def count(self) -> int:
+        """Number of conditions: 3, 5 with an axis, 6 with a rotation."""
+        if self.rotation is not None:
+            return POSE
+        return POINT if self.axis is None else POINT_AND_AXIS
+
+    @property
+    def free(self) -> int:
+        """Joints beyond the conditions: the dimension of a set of postures that meets them, outside
+        singularities.
+        """
+        return self.chain.nq - self.count
+
+    def equations(self) -> Equations:
+        """The same as equations of one problem."""
+        links, points = _links(self.chain), self.point[None]
+        if self.rotation is not None:
+            return Equations.of_pose(links, points, self.rotation)
+        if self.axis is not None and self.tool is not None:
+            return Equations.of_axis(links, points, self.tool, self.axis)
+        return Equations.of_points(links, points)
+
+
+def rotation_between(u: Array, v: Array) -> Array:
+    """A rotation that takes the unit vector u to the unit vector v."""
+    frames = []
+    for direction in (u, v):
+        other = np.eye(3)[np.argmin(np.abs(direction))]
+        second = np.cross(direction, other)
+        second /= np.linalg.norm(second)
+        frames.append(np.column_stack([direction, second, np.cross(direction, second)]))
+    return np.asarray(frames[1] @ frames[0].T)
+
+
+def _in_axes(links: Array, rotation: Array) -> Array:
+    """The links from the base turned: ``rotation`` (3, 3) takes vectors into its axes."""
+    turned = links.copy()
+    turned[0, :3] = rotation @ turned[0, :3]
+    return turned
+
+
+def _links(chain: Chain) -> Array:
+    """Constant transforms of ``L_0 Rz(q_1) L_1 … Rz(q_nq) L_nq``: (nq + 1, 4, 4) [m]."""
+    links = [np.eye(4)]
+    for constant, joint in zip(chain.constant, chain.joint, strict=True):
+        links[-1] = links[-1] @ constant
+        if joint >= 0:
+            links.append(np.eye(4))
+    return np.stack(links)
