@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cache, wraps
 from pathlib import Path
+from types import ModuleType
 from typing import Any, TypeVar
 
 import numpy as np
@@ -18,74 +19,26 @@ from numpy.typing import NDArray
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin.arm.arm import Arm, GivenArm, as_arm
-from aacmm_pin.effects.compliance import (
-    BearingTilt,
-    Counterbalance,
-    JointCompliance,
-    LinkBending,
-    TorsionalWindup,
-)
+from aacmm_pin.effects import compliance, encoder, environment, geometry, time_dependent
 from aacmm_pin.effects.conditions import COLUMNS, Conditions, Records
 from aacmm_pin.effects.effect import Effect, Term, fields_of
-from aacmm_pin.effects.encoder import (
-    EncoderEccentricity,
-    EncoderEllipticity,
-    EncoderGain,
-    JointErrorCurve,
-    JointHysteresis,
-    JointPeriodicError,
-)
-from aacmm_pin.effects.environment import (
-    BaseCompliance,
-    ReferenceFrame,
-    SeatError,
-    StylusBending,
-    StylusOffset,
-    ThermalExpansion,
-)
-from aacmm_pin.effects.geometry import (
-    JointDistance,
-    JointPlacement,
-    JointZeroOffset,
-    LinkLength,
-    LinkTilt,
-    LinkTwist,
-)
 from aacmm_pin.effects.nonlinear import Nonlinear
 from aacmm_pin.effects.state import State
-from aacmm_pin.effects.time_dependent import EncoderSlip, ZeroDrift
 from aacmm_pin.errors import AacmmError, CauseError, UnknownNameError
 
-CAUSES: dict[str, type[Effect]] = {
-    effect.cause: effect
-    for effect in (
-        EncoderEccentricity,
-        EncoderEllipticity,
-        EncoderGain,
-        JointPeriodicError,
-        JointErrorCurve,
-        EncoderSlip,
-        ZeroDrift,
-        JointHysteresis,
-        JointCompliance,
-        BearingTilt,
-        BaseCompliance,
-        LinkBending,
-        TorsionalWindup,
-        Counterbalance,
-        ThermalExpansion,
-        StylusBending,
-        SeatError,
-        JointZeroOffset,
-        LinkLength,
-        JointDistance,
-        LinkTwist,
-        LinkTilt,
-        JointPlacement,
-        StylusOffset,
-        ReferenceFrame,
-    )
-}
+LIBRARY = (encoder, time_dependent, compliance, environment, geometry)
+"""The modules of the library's causes."""
+
+
+def _defined_in(module: ModuleType) -> Iterator[type[Effect]]:
+    """The classes of a module that state the name of a cause, in the order of its text."""
+    for found in vars(module).values():
+        own = isinstance(found, type) and found.__module__ == module.__name__
+        if own and issubclass(found, Effect) and "cause" in vars(found):
+            yield found
+
+
+CAUSES = {effect.cause: effect for module in LIBRARY for effect in _defined_in(module)}
 """Every cause by its name, in the order in which they are tried."""
 
 LARGEST_COLUMN = 1e12
