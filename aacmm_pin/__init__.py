@@ -27,4 +27,4 @@ def _sentence() -> Callable[[notes.Note], str]:
 
 
 display.reported_by(_report)
-notes.sentences_by(_sentence)
+notes.register_sentences(_sentence)

@@ -22,7 +22,7 @@ class Note:
     code: str
     data: Mapping[str, Any] = field(default_factory=dict, hash=False)
 
-    def of(self, place: str) -> Note:
+    def with_place(self, place: str) -> Note:
         """The same note of a file, an arm, a position."""
         outer = self.data.get("place")
         return replace(self, data={**self.data, "place": f"{place}: {outer}" if outer else place})
@@ -40,6 +40,6 @@ def notes_in_json(notes: Iterable[Note]) -> dict[str, list[str]]:
     return {"notes": [str(note) for note in listed], "note_codes": [note.code for note in listed]}
 
 
-def sentences_by(load: Callable[[], Callable[[Note], str]]) -> None:
+def register_sentences(load: Callable[[], Callable[[Note], str]]) -> None:
     """State how the function is found that makes the sentence of a note."""
     _load[:] = [load]

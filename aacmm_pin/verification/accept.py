@@ -273,12 +273,12 @@ def accept(
                 evaluated = _in_range(definition.evaluate(of_test), definition, of_test, measuring_range)
             except AacmmError as error:
                 evaluated = without_value(_count(of_test, definition), 0, why="see the notes")
-                why = Note("figure_without_value", {"error": str(error)}).of(source)
+                why = Note("figure_without_value", {"error": str(error)}).with_place(source)
                 unfit.setdefault(why, []).append(definition.name)
             mpe_of = limits.get(definition.name, math.nan)
             figures.append(AcceptanceFigure(source, definition, evaluated, mpe_of, _places(of_test, evaluated)))
     notes = [*points.notes, *doubts(first, of_first, measuring_range)]
-    notes += [why.of(", ".join(names)) for why, names in unfit.items()]
+    notes += [why.with_place(", ".join(names)) for why, names in unfit.items()]
     if left_out := [name for name in limits if name not in {d.name for d in wanted}]:
         notes.append(Note("mpe_of_other_standard", {"figures": left_out, "standard": standard}))
     notes += _notes(figures, measuring_range)

@@ -62,19 +62,19 @@ def doubts(source: str, touches: pd.DataFrame, measuring_range: float | None = N
     at = touches[["x", "y", "z"]]
     nearest = scipy.spatial.KDTree(at).query(at, 2, p=np.inf, distance_upper_bound=ROUNDED)[0][:, 1]  # inf where farther
     if alike := int(np.isfinite(nearest).sum()):
-        yield Note("touches_copied", {"copies": alike, "touches": len(at)}).of(source)
+        yield Note("touches_copied", {"copies": alike, "touches": len(at)}).with_place(source)
     for test, of_test in touches.groupby("test", sort=False):
         extent = float(np.ptp(of_test[["x", "y", "z"]].to_numpy(), axis=0).max())
         several = of_test["position"].nunique() > 1
         data = {"test": test, "extent": extent}
         if extent < CLOSE and (several or test != "single-point"):
-            yield Note("test_small", data).of(source)
+            yield Note("test_small", data).with_place(source)
         elif several and measuring_range is not None and extent < PART_OF_RANGE * measuring_range:
-            yield Note("test_small_in_range", {**data, "range": measuring_range}).of(source)
+            yield Note("test_small_in_range", {**data, "range": measuring_range}).with_place(source)
         if test == "single-point":
-            yield from (note.of(source) for note in _too_small(of_test))
+            yield from (note.with_place(source) for note in _too_small(of_test))
         found = [*_spheres(of_test)]
-        yield from (note.of(source) for note in (*_beside(found), *_wrong_sizes(found)))
+        yield from (note.with_place(source) for note in (*_beside(found), *_wrong_sizes(found)))
 
 
 def _too_small(touches: pd.DataFrame) -> Iterator[Note]:
@@ -83,7 +83,7 @@ def _too_small(touches: pd.DataFrame) -> Iterator[Note]:
     for position, extent in extents.items():
         others = float(extents.drop(position).median()) if len(extents) > 1 else 0.0
         if 0.0 < extent * TIMES_SMALLER < others:  # of copies there is a note
-            yield Note("position_small", {"extent": float(extent), "others": others}).of(f"position {position}")
+            yield Note("position_small", {"extent": float(extent), "others": others}).with_place(f"position {position}")
 
 
 def _spheres(touches: pd.DataFrame) -> Iterator[tuple[pd.DataFrame, FittedSphere]]:
@@ -103,9 +103,9 @@ def _beside(spheres: list[tuple[pd.DataFrame, FittedSphere]]) -> Iterator[Note]:
     for k, (group, sphere) in enumerate(spheres):
         touch, off = _farthest(group, sphere)
         if touch is not None:
-            yield Note("touch_off_sphere", {"distance": off}).of(str(Place.of(touch)))
+            yield Note("touch_off_sphere", {"distance": off}).with_place(str(Place.of(touch)))
         elif len(spheres) > 2 and sphere.form > max(TIMES_ITS_LIKE * float(np.median(np.delete(forms, k))), BESIDE):
-            yield Note("touches_off_sphere", {"form": sphere.form}).of(str(Place.of(group)))
+            yield Note("touches_off_sphere", {"form": sphere.form}).with_place(str(Place.of(group)))
 
 
 def _farthest(group: pd.DataFrame, sphere: FittedSphere) -> tuple[pd.DataFrame | None, float]:
@@ -135,4 +135,4 @@ def _wrong_sizes(spheres: list[tuple[pd.DataFrame, FittedSphere]]) -> Iterator[N
         group, error = max(wrong, key=lambda of: abs(of[1]))
         more = f" and {len(wrong) - 1} more" if len(wrong) > 1 else ""
         code = "sphere_too_large" if error > 0 else "sphere_too_small"
-        yield Note(code, {"difference": abs(error)}).of(f"{Place.of(group)}{more}")
+        yield Note(code, {"difference": abs(error)}).with_place(f"{Place.of(group)}{more}")

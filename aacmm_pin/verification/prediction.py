@@ -196,11 +196,11 @@ def predict_acceptance(
         noise = encoder_noise if encoder_noise is not None else model.arm.encoder_noise
         if noise is None:
             noise = ENCODER
-            notes += (Note("encoder_noise_assumed", {"noise": ENCODER}).of(name),)
+            notes += (Note("encoder_noise_assumed", {"noise": ENCODER}).with_place(name),)
         test = _Test.of(model, procedure, noise, probe_noise, max(runs // ALONE, 1))
-        notes += tuple(caveat.of(name) for caveat in test.sources.caveats)
+        notes += tuple(caveat.with_place(name) for caveat in test.sources.caveats)
         missing = test.sources.not_included
-        notes += tuple(Note("cause_not_predicted", {"cause": cause}).of(name) for cause in missing)
+        notes += tuple(Note("cause_not_predicted", {"cause": cause}).with_place(name) for cause in missing)
         wanted = [
             d for d in of_standard if d.name in limits or touches.loc[touches["test"] == d.test, d.column or "test"].any()
         ]

@@ -139,7 +139,7 @@ def _by_arms(
             tips[name] = model.correct(readings.q, readings.conditions)
         except AacmmError as error:
             raise AacmmError(f"{path}: {error}") from None
-    return tips, [note.of(", ".join(names)) for note, names in notes.items()]
+    return tips, [note.with_place(", ".join(names)) for note, names in notes.items()]
 
 
 def _listed(table: pd.DataFrame) -> str:

@@ -45,7 +45,7 @@ def test_sentences_are_short_and_ask_nothing() -> None:
         (Note("reference_noise_assumed", {"noise": 1.2e-5}), "0.012 mm"),
         (Note("joint_narrowed", {"joint": 2, "used": 0.5, "seen": 1.0}), "28.6°"),
         (Note("branches", {"joint": 2, "half_width": 5.04e-5}), "±50 µrad"),
-        (Note("arm_degenerate").of("sphere 2").of("touches.csv"), "touches.csv: sphere 2: the arm"),
+        (Note("arm_degenerate").with_place("sphere 2").with_place("touches.csv"), "touches.csv: sphere 2: the arm"),
     ],
 )
 def test_values_in_a_sentence(note: Note, text: str) -> None:
