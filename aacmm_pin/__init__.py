@@ -3,11 +3,12 @@
 The names of ``__init__.pyi`` are loaded when they are first used, so that the command answers at once.
 """
 
+from collections.abc import Callable
 from types import ModuleType
 
 import lazy_loader
 
-from aacmm_pin._support import display
+from aacmm_pin._support import display, notes
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 __version__ = "0.1.0"
@@ -19,4 +20,11 @@ def _report() -> ModuleType:
     return results
 
 
+def _sentence() -> Callable[[notes.Note], str]:
+    from aacmm_pin.report.messages import sentence
+
+    return sentence
+
+
 display.reported_by(_report)
+notes.register_sentences(_sentence)

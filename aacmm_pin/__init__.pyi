@@ -19,6 +19,7 @@ from .planning import CalibrationPlan, MeasurementPlan, plan_calibration, plan_m
 from .postures.configurations import ConfigurationCircle, configuration_circle, configuration_circles
 from .postures.curve_sampling import Flexibility
 from .postures.general_ik import ReachingPostures, reaching_postures
+from .report.next_measurements import next_measurements
 from .verification import (
     AcceptanceResult,
     PredictedAcceptance,
@@ -65,6 +66,7 @@ __all__ = [
     "diagnose",
     "length_uncertainty",
     "map_workspace",
+    "next_measurements",
     "perturbed_model",
     "plan_calibration",
     "plan_measurements",

@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike
 from aacmm_pin._support import plausible
 from aacmm_pin._support.checks import Array, Index, vector
 from aacmm_pin._support.display import Shown
+from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.file import COVERAGE_FACTOR
@@ -140,8 +141,8 @@ class ErrorSources(Shown):
         return (*self.arm.without_uncertainty, *(name for name in of_effects if variance[name] == 0))
 
     @property
-    def caveats(self) -> tuple[str, ...]:
-        """What is not in the uncertainties, in words."""
+    def caveats(self) -> tuple[Note, ...]:
+        """What is not in the uncertainties."""
         return caveats(self.arm, self.taken_as_exact)
 
     @cached_property
@@ -302,9 +303,9 @@ def _correlation(covariance: Array, columns: Index) -> Array | None:
     return correlation
 
 
-def caveats(arm: Arm, exact: Sequence[str]) -> tuple[str, ...]:
+def caveats(arm: Arm, exact: Sequence[str]) -> tuple[Note, ...]:
     """What is not in the uncertainties of an arm: parameters that are taken as exact, and what was left unexplained."""
-    words = [f"no uncertainty is stated for, and so taken as exact: {', '.join(exact)}"] if exact else []
+    notes = [Note("taken_as_exact", {"parameters": ", ".join(exact)})] if exact else []
     if arm.unexplained:
-        words.append(f"not in u, for nothing explained it when {arm.name} was calibrated: {arm.unexplained}")
-    return tuple(words)
+        notes.append(Note("unexplained_not_in_u", {"arm": arm.name, "unexplained": arm.unexplained}))
+    return tuple(notes)

@@ -142,12 +142,6 @@ def expanded(u: Array) -> str:
     return f"U (k = {K_OF_ONE_NUMBER:g}) = {low:.4f} to {high:.4f} mm"
 
 
-def what_k_covers() -> str:
-    """The coverage probability of U of a position, in words."""
-    of_normal = f"{100 * COVERED[0]:.1f} % of normal errors along one direction, {100 * COVERED[1]:.1f} % of isotropic ones"
-    return f"U (k = {K_OF_ONE_NUMBER:g}) of a position covers {of_normal}."
-
-
 def paired(circle: PosturesAtPoint, accuracy: AccuracyVolume) -> Index:
     """Numbers, in the circle, of the configurations of ``accuracy``: those within limits, (n,).
 
@@ -155,14 +149,11 @@ def paired(circle: PosturesAtPoint, accuracy: AccuracyVolume) -> Index:
         ShapeError: ``accuracy`` was worked out for other configurations.
     """
     inside = np.flatnonzero(circle.within_limits)
-    wanted = "pass accuracy_volume(arm, circle.q[circle.within_limits], at=circle.at)"
-    if len(accuracy.q) != len(inside):
+    if not np.array_equal(accuracy.q, circle.q[inside]):
         raise ShapeError(
             f"accuracy has {len(accuracy.q)} configurations, expected the {len(inside)} of the circle's {len(circle.q)} "
-            f"that are within limits: {wanted}"
+            "within limits: pass accuracy_volume(arm, circle.q[circle.within_limits], at=circle.at)"
         )
-    if not np.array_equal(accuracy.q, circle.q[inside]):
-        raise ShapeError(f"accuracy has other configurations than those of the circle within limits: {wanted}")
     return inside
 
 

@@ -20,6 +20,7 @@ from aacmm_pin._support.batches import chunks
 from aacmm_pin._support.checks import Array, Index, Mask, vector, whole
 from aacmm_pin._support.display import Shown, report
 from aacmm_pin._support.input_files import content_of
+from aacmm_pin._support.notes import Note
 from aacmm_pin._support.output_files import whole_file
 from aacmm_pin._support.plausible import COORDINATE, SMALLEST_ARM
 from aacmm_pin._support.progress import bar
@@ -83,19 +84,17 @@ class Variable(NamedTuple):
 
 
 VARIABLES = (
-    Variable("reachable", "reachable", "1", "1 where a configuration reaches the cell, limits apart", np.int8),
-    Variable("complete", "complete", "1", "0 where postures form families or the search ended early", np.int8),
-    Variable(
-        "sector_works", "works", "1", "1 where the sector's centre has a configuration in limits", np.int8, ("sector",)
-    ),
+    Variable("reachable", "reachable", "1", "1 in reach, limits apart", np.int8),
+    Variable("complete", "complete", "1", "0 if postures are missing", np.int8),
+    Variable("sector_works", "works", "1", "1 if within the limits", np.int8, ("sector",)),
     Variable("working_sectors", "count", "1", "number of working sectors", np.int32),
     Variable("flexibility", "flexibility", "1", "working over theoretical sectors (eq. 1)"),
-    Variable("arc_fraction", "arc_fraction", "1", "working over theoretical range of swivel"),
+    Variable("arc_fraction", "arc_fraction", "1", "working over theoretical swivel range"),
     Variable("comprehensive_mm3", "comprehensive", "mm3", "comprehensive accuracy (eq. 15)"),
-    Variable("best_mm3", "best", "mm3", "smallest accuracy volume of a sector's centre"),
-    Variable("worst_mm3", "worst", "mm3", "largest accuracy volume of a sector's centre"),
-    Variable("smallest_u_mm", "least_u", "mm", "smallest standard uncertainty of a sector's centre"),
-    Variable("largest_u_mm", "most_u", "mm", "largest standard uncertainty of a sector's centre"),
+    Variable("best_mm3", "best", "mm3", "smallest accuracy volume of sectors"),
+    Variable("worst_mm3", "worst", "mm3", "largest accuracy volume of sectors"),
+    Variable("smallest_u_mm", "least_u", "mm", "smallest standard uncertainty of sectors"),
+    Variable("largest_u_mm", "most_u", "mm", "largest standard uncertainty of sectors"),
     Variable("smallest_u_theta_deg", "least_u_q", "degree", "configuration with the smallest u", more=("joint",)),
     Variable("best_theta_deg", "best_q", "degree", "configuration with the smallest volume", more=("joint",)),
     Variable("worst_theta_deg", "worst_q", "degree", "configuration with the largest volume", more=("joint",)),
@@ -123,16 +122,11 @@ class WorkspaceMap(Shown):
         return int(self.data.sizes["sector"])
 
     @property
-    def caveats(self) -> tuple[str, ...]:
+    def caveats(self) -> tuple[Note, ...]:
         """That cells in reach have no sectors, where some have none."""
         no_sectors = np.isnan(self.data["flexibility"].values)
         without = int(np.sum(self._reachable & no_sectors))
-        if not without:
-            return ()
-        return (
-            f"{without} cells in reach have no swivel angle that changes, as where the elbow stays in one plane: they have "
-            "no sectors; accuracy at a point lists the postures there",
-        )
+        return (Note("cells_without_sectors", {"cells": without}),) if without else ()
 
     def working_sectors(self) -> dict[int, int]:
         """Number of reachable cells for each number of working sectors."""
@@ -209,9 +203,9 @@ class WorkspaceMap(Shown):
         x, z = self.data.sizes["x_mm"], self.data.sizes["z_mm"]
         full = self.working_sectors()[self.sectors]
         where = f"{self.data.attrs['arm']}: {x} × {z} cells × {self.sectors} sectors"
-        unknown = f"; of {self.incomplete} cells not all configurations are known" if self.incomplete else ""
+        unknown = f"; configurations missing in {self.incomplete} cells" if self.incomplete else ""
         if self.unreachable == x * z:
-            return f"{where}, all of them out of reach{unknown}"
+            return f"{where}, all out of reach{unknown}"
         mean = float(self.data["flexibility"].mean())
         return (
             f"{where}, {self.unreachable} cells out of reach, {full} cells with the full circle"
@@ -276,7 +270,7 @@ def map_workspace(
     merged = {name: np.concatenate([arrays[name] for arrays in in_order]) for name in in_order[0]}
     seconds = time.perf_counter() - started
     data = _dataset(arm, merged, box, cells, sectors, method, seconds)
-    all_caveats = (*WorkspaceMap(data, seconds).caveats, *map_caveats(arm, extent))
+    all_caveats = map(str, (*WorkspaceMap(data, seconds).caveats, *map_caveats(arm, extent)))
     data = data.assign_attrs(caveats="; ".join(all_caveats), not_included="; ".join(probe.not_included))
     return WorkspaceMap(data, seconds)
 
@@ -358,14 +352,14 @@ def _extent(arm: Arm, extent: ArrayLike | None) -> Array:
     return box
 
 
-def _left_out(arm: Arm, box: Array) -> list[str]:
+def _left_out(arm: Arm, box: Array) -> list[Note]:
     """On which sides of a box that was stated the wrist reaches farther."""
     reached = box_of_wrist(Wrist.of_arm(arm, MAP))
     beyond = (reached - box) * np.array([-1.0, 1.0, -1.0, 1.0]) > SMALLEST_ARM
     names = ("x below", "x above", "z below", "z above")
     ends = zip(names, box / MM, reached / MM + 0.0, beyond, strict=True)
     sides = [f"{name} {at:.4g} mm (to {end:.4g} mm)" for name, at, end, cut in ends if cut]
-    return [f"the extent leaves out points that the wrist reaches: {', '.join(sides)}"] * bool(sides)
+    return [Note("extent_cuts_reach", {"sides": ", ".join(sides)})] if sides else []
 
 
 def _probe(model: Arm | ErrorModel, conditions: Conditions | None, method: Method) -> AccuracyVolume:
@@ -379,7 +373,7 @@ def _probe(model: Arm | ErrorModel, conditions: Conditions | None, method: Metho
     return accuracy_volume(model, q, conditions=conditions, at=WRIST, method=method)
 
 
-def map_caveats(arm: Arm, extent: ArrayLike | None = None) -> tuple[str, ...]:
+def map_caveats(arm: Arm, extent: ArrayLike | None = None) -> tuple[Note, ...]:
     """Why the half-plane y = 0 does not stand for all of space with this arm, and what is not in its uncertainties.
 
     Args:
@@ -389,18 +383,18 @@ def map_caveats(arm: Arm, extent: ArrayLike | None = None) -> tuple[str, ...]:
     found = [] if extent is None else _left_out(arm, _extent(arm, extent))
     lower, upper = arm.limits[0]
     if upper - lower < 2 * np.pi - AT_LIMIT:
-        found.append("joint 1 does not turn all the way round: the map holds for the half-plane y = 0 alone")
+        found.append(Note("first_joint_limited"))
     first = arm.require_dh(MAP, WRIST_ROW).links()[0]
     if np.abs(first[:2, 2:]).max() > SMALLEST_ARM:
-        found.append("joint axis 1 is not the z axis of the base: the map holds for the half-plane y = 0 alone")
+        found.append(Note("first_axis_off_z"))
     if abs(arm.up[2]) < 1 - 1e-12:
-        found.append("gravity is not along joint axis 1: swivel angles count from another place in other half-planes")
+        found.append(Note("gravity_off_first_axis"))
     wrist = Wrist.of_arm(arm, MAP)
     found += wrist.notes
     rest = wrist.rest / DEG
     if rest.any():
         held = " and ".join(f"joint {WRIST_ROW + k} at {angle:.4g}°" for k, angle in enumerate(rest) if angle)
-        found.append(f"held where the limits are nearest to 0: {held}")
+        found.append(Note("joints_held", {"joints": held}))
     return (*found, *caveats(arm, arm.without_uncertainty))
 
 
@@ -440,7 +434,7 @@ def _dataset(
     coordinates = {
         "x_mm": ("x_mm", x / MM, {"units": "mm", "long_name": "distance from joint axis 1"}),
         "z_mm": ("z_mm", z / MM, {"units": "mm", "long_name": "z of the base"}),
-        "sector_deg": ("sector", centres, {"units": "degree", "long_name": "swivel angle of the sector's centre"}),
+        "sector_deg": ("sector", centres, {"units": "degree", "long_name": "swivel of the sector's centre"}),
         "joint": ("joint", np.arange(1, arm.nq + 1, dtype=np.int32)),
     }
     attributes = {

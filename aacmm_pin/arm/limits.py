@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from aacmm_pin._support.angles import wrapped
 from aacmm_pin._support.checks import Array
-from aacmm_pin._support.units import DEG
+from aacmm_pin._support.notes import Note
 
 AT_LIMIT = 1e-9
 """An angle this little beyond a limit is on it [rad]."""
@@ -40,16 +40,16 @@ def broken_limits(q: Array, limits: Array) -> NDArray[np.bool_]:
     return np.asarray((q < limits[:, 0] - AT_LIMIT) | (q > limits[:, 1] + AT_LIMIT))
 
 
-def other_turns(q: Array, limits: Array, slides: NDArray[np.bool_]) -> list[str]:
-    """That turning joints have angles ``q`` (n, nq) [rad] that are whole turns outside their limits (nq, 2), in words."""
+def other_turns(q: Array, limits: Array, slides: NDArray[np.bool_]) -> list[Note]:
+    """That turning joints have angles ``q`` (n, nq) [rad] that are whole turns outside their limits (nq, 2)."""
     turned = into_limits(q, limits)
     lost = broken_limits(q, limits) & ~broken_limits(turned, limits + BESIDE * np.array([-1.0, 1.0])) & ~slides
     lost &= np.abs(turned - q) > np.pi
-    joints = [f"{j + 1} ({limits[j, 0] / DEG:.4g}° to {limits[j, 1] / DEG:.4g}°)" for j in np.flatnonzero(lost.any(axis=0))]
-    return [
-        f"{lost.any(axis=1).sum()} of {len(q)} records have angles a whole turn outside the limits of joints "
-        f"{', '.join(joints)}; gains and error curves are of angles counted as the limits are"
-    ] * bool(joints)
+    joints = np.flatnonzero(lost.any(axis=0)) + 1
+    if not joints.size:
+        return []
+    records = int(lost.any(axis=1).sum())
+    return [Note("angles_outside_limits", {"records": records, "of": len(q), "joints": joints.tolist()})]
 
 
 def inside_part(start: Array, end: Array, limits: Array) -> tuple[Array, Array]:

@@ -12,9 +12,10 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from aacmm_pin._support.checks import Index
+from aacmm_pin._support.notes import Note
 from aacmm_pin._support.progress import Progress
 from aacmm_pin._support.threads import one_blas_thread
-from aacmm_pin._support.units import DEG, MM
+from aacmm_pin._support.units import MM
 from aacmm_pin.arm.limits import other_turns
 from aacmm_pin.calibration.calibrated_arm import temperature_of
 from aacmm_pin.calibration.cross_validation import enough_postures
@@ -25,7 +26,7 @@ from aacmm_pin.calibration.input_mistakes import FAR, first_fit
 from aacmm_pin.calibration.noise_model import LENGTH, contradictions, reference_u
 from aacmm_pin.calibration.parameters import ASSEMBLED, ParameterSet, problem_of, scale_is_unidentifiable, unstated
 from aacmm_pin.calibration.result import Calibration
-from aacmm_pin.calibration.setup import ReferenceFrame, Setup, Target, checked_input, listed
+from aacmm_pin.calibration.setup import ReferenceFrame, Setup, Target, checked_input
 from aacmm_pin.calibration.shared_exclusions import exclusions_of
 from aacmm_pin.effects import (
     CAUSES,
@@ -152,7 +153,7 @@ def calibrate(
             "parameters and the seats' own; state the noise, measure more, or estimate less"
         )
     if len(measurements.extra.columns):
-        repeated.append(f"columns that no calibration uses: {', '.join(map(str, measurements.extra))}")
+        repeated.append(Note("columns_unused", {"columns": [*measurements.extra]}))
     found = Calibration(after, problem_of(model, measurements, [], setup), (), (*notes_of(after), *repeated))
     held = left_out(found.before, after, rng or np.random.default_rng(1), progress) if hold_out else ()
     return replace(found, held_out=tuple(held))
@@ -174,8 +175,8 @@ def _chosen(
     return [item if item in sets else as_causes([item], model, present)[0] for item in items]
 
 
-def counted_once(measurements: Measurements) -> tuple[Measurements, list[str]]:
-    """The records without copies of others, and words for which these were, how the file was read, and too few postures.
+def counted_once(measurements: Measurements) -> tuple[Measurements, list[Note]]:
+    """The records without copies of others, and notes: which these were, how the file was read, too few postures.
 
     See :mod:`aacmm_pin.measurements.repeats`; ``row`` still has the line of each record in
     the file. Records without a seat that state the very same coordinates are of one place, measured once, and get a seat.
@@ -185,41 +186,30 @@ def counted_once(measurements: Measurements) -> tuple[Measurements, list[str]]:
     kept = measurements.take(np.unique(of)) if copies.size else measurements
     notes = list(measurements.read_as)
     if copies.size:
-        notes.append(f"{copies.size} records are copies of others and count once: rows {listed(measurements.row[copies])}")
+        notes.append(Note("copies", {"rows": measurements.row[copies].tolist()}))
     means, held = means_of_contacts(kept)
     if held.size:
-        contacts = f"{held.size - kept.n + means.n} contacts that were held"
-        notes.append(
-            f"{held.size} records are readings of {contacts}, and count as their means: rows {listed(kept.row[held])}"
-        )
+        contacts = held.size - kept.n + means.n
+        notes.append(Note("contacts_averaged", {"rows": kept.row[held].tolist(), "contacts": contacts}))
         kept = means
     kept, seated = _seated(kept)
     if seated.size:
-        notes.append(
-            f"{seated.size} records without a seat have the very same coordinates as others, and count as touches of one "
-            f"seat with these: rows {listed(kept.row[seated])}"
-        )
+        notes.append(Note("seats_by_coordinates", {"rows": kept.row[seated].tolist()}))
     if not enough_postures(kept):
-        count = np.unique(kept.postures).size
-        notes.append(
-            f"only {count} posture{'s' * (count != 1)} in {kept.n} record{'s' * (kept.n != 1)}: nothing can be said of what "
-            "depends on posture, and no held-out validation is possible"
-        )
+        postures = np.unique(kept.postures).size
+        notes.append(Note("few_postures", {"postures": postures, "records": kept.n}))
     return kept, notes
 
 
-def held_postures(measurements: Measurements) -> list[str]:
+def held_postures(measurements: Measurements) -> list[Note]:
     """Records of few postures that were held: a calibration reckons as if they shared no error."""
     postures = 1 + np.count_nonzero(np.diff(measurements.postures))
     if measurements.n <= OFTEN * postures:
         return []
-    return [
-        f"{measurements.n} records are of {postures} postures that were held, with references of their own: errors that "
-        "they share, such as the contact's, count as if they did not; keep one of each posture, or the mean"
-    ]
+    return [Note("held_postures", {"records": measurements.n, "postures": postures})]
 
 
-def _references_in_other_unit(after: Fit) -> list[str]:
+def _references_in_other_unit(after: Fit) -> list[Note]:
     """A stated uncertainty of the references that no reference has beside the scatter of these records."""
     known = after.used & after.problem.measurements.known
     if not known.any():
@@ -229,10 +219,9 @@ def _references_in_other_unit(after: Fit) -> list[str]:
     small, large = u < BEST_REFERENCE and u < off / OTHER_UNIT, off < u / OTHER_UNIT
     if not (small or large):
         return []
-    return [
-        f"the uncertainty of the references is stated as {u / MM:.2g} mm, {off / u if small else u / off:.0f} times "
-        f"{'less' if small else 'more'} than their residuals, {off / MM:.2g} mm: is it in another unit?"
-    ]
+    if small:
+        return [Note("reference_noise_small", {"u": u, "times": off / u, "residual": off})]
+    return [Note("reference_noise_large", {"u": u, "times": u / off, "residual": off})]
 
 
 def _seated(measurements: Measurements) -> tuple[Measurements, Index]:
@@ -254,7 +243,7 @@ def _seated(measurements: Measurements) -> tuple[Measurements, Index]:
     return replace(measurements, conditions=replace(measurements.conditions, seat=seat)), np.sort(found)
 
 
-def _of_bars(after: Fit) -> list[str]:
+def _of_bars(after: Fit) -> list[Note]:
     """A bar that is longer or shorter than all else says: by its deletion residual (Belsley, Kuh, Welsch 1980, eq. 2.27)."""
     system, touched = after.system, after.observations.labels
     bars = [bar for bar in after.problem.measurements.bars() if {bar.seat_a, bar.seat_b}.issubset(touched)]
@@ -266,90 +255,70 @@ def _of_bars(after: Fit) -> list[str]:
     worst = int(off.argmax())
     if off[worst] < ODD_BAR:
         return []
-    return [
-        f"bar {bars[worst].bar} is {off[worst]:.2g} standard deviations off the length that all else says it has: is its "
-        "stated length right?"
-    ]
+    return [Note("bar_length_off", {"bar": bars[worst].bar, "deviations": float(off[worst])})]
 
 
-def _counted_before(after: Fit) -> list[str]:
+def _counted_before(after: Fit) -> list[Note]:
     """Records that the stated uncertainties of the parameters come from: correlated inputs (JCGM 100:2008, F.1.2.3)."""
     problem = after.problem
     if not problem.from_earlier:
         return []
     used, name, before = problem.measurements.take(after.used), problem.model.arm.name, set(problem.known_from)
     if again := before.intersection(fingerprints(used)):
-        return [
-            f"{len(again)} of these {used.n} records are in the calibration of {name} already and count twice, so the "
-            "uncertainties are too small: start from the arm as it was before, or without a prior"
-        ]
+        return [Note("records_used_before", {"again": len(again), "records": used.n, "arm": name})]
     if standards := before.intersection(fingerprints_of_standards(used)):
-        return [
-            f"the calibration of {name} has {len(standards)} of these seats' coordinates and bars' lengths already, and "
-            "their errors count as new: U is too small, by up to √n after n calibrations by the same, where they matter"
-        ]
+        return [Note("standards_used_before", {"arm": name, "standards": len(standards)})]
     return []
 
 
-def _left_before(after: Fit) -> list[str]:
+def _left_before(after: Fit) -> list[Note]:
     """What the calibration that states the parameters left unexplained: some of that is in the parameters."""
     arm = after.problem.model.arm
     if not (after.problem.from_earlier and arm.unexplained):
         return []
-    return [
-        f"what {arm.name} states of its parameters is of a calibration that left something unexplained ({arm.unexplained}), "
-        "which may have moved them by more than their U, and so these: diagnose says what it is, --no-prior does without"
-    ]
+    return [Note("prior_left_unexplained", {"arm": arm.name, "unexplained": arm.unexplained})]
 
 
-def _of_conditions(after: Fit) -> list[str]:
+def _of_conditions(after: Fit) -> list[Note]:
     """Angles counted otherwise, temperatures that look like Fahrenheit, and joints whose column of angles holds a length."""
     arm, records = after.problem.model.arm, after.problem.measurements
     conditions, turns = records.conditions, other_turns(records.q, arm.limits, arm.chain.prismatic)
     found = [*turns, *conditions.odd_temperatures(arm.reference_temperature), *_of_torques(after)]
     for j in np.flatnonzero(arm.chain.prismatic) + 1:
-        found.append(f"joint {j} slides: theta{j}_rad holds metres, theta{j}_deg metres times 180/π")
+        joint = {"joint": int(j)}
+        found.append(Note("slide_units", joint))
         if not (records.known.any() or records.bars()):
-            found.append(f"the scale of joint {j} is taken as exact: no coordinates and no bar of known length tell of it")
+            found.append(Note("slide_scale_exact", joint))
     return found
 
 
-def _of_target(after: Fit) -> list[str]:
+def _of_target(after: Fit) -> list[Note]:
     """That an unknown target without a label becomes the tip of the arm."""
     if not after.problem.tip_on_target:
         return []
     offsets = [effect for effect in after.effects if isinstance(effect, StylusOffset) and effect.marker is None]
-    return [
-        f"the target is {np.linalg.norm(offset.values) / MM:.4g} mm from the tip of {after.problem.model.arm.name}, and is "
-        "the tip of the calibrated arm; to keep the tip where it was, give the target a label in the column marker"
-        for offset in offsets
-    ]
+    arm, distances = after.problem.model.arm.name, [float(np.linalg.norm(offset.values)) for offset in offsets]
+    return [Note("target_becomes_tip", {"distance": distance, "arm": arm}) for distance in distances]
 
 
-def _of_open_tip(after: Fit) -> list[str]:
+def _of_open_tip(after: Fit) -> list[Note]:
     """Parameters that move the tip and are known within the widths alone within which they were looked for."""
     spread = np.linalg.norm(after.undetermined.tip_spread, axis=1) / after.problem.widths
     if not spread.any():
         return []
     names = [name for name, each in zip(after.problem.vector.names, spread, strict=True) if each > OPEN * spread.max()]
-    return [
-        f"these records do not determine {', '.join(names)}, and the tip depends on that: u of the tip has the width in it "
-        "within which they were looked for; half-widths in the arm file, or records of the tip itself, make it smaller"
-    ]
+    return [Note("tip_undetermined", {"parameters": names})]
 
 
-def _of_temperature(after: Fit) -> list[str]:
+def _of_temperature(after: Fit) -> list[Note]:
     """At which temperature the lengths hold that were calibrated."""
     stated, found = after.problem.model.arm.reference_temperature, temperature_of(after)
     if abs(found - stated) < WARMER:
         return []
-    return [
-        f"the lengths of the calibrated arm hold at {found:.1f} °C, the mean of the records, no more at {stated:g} °C; "
-        "no thermal expansion is known"
-    ]
+    return [Note("temperature_of_lengths", {"temperature": found, "stated": stated})]
 
 
-def _of_torques(after: Fit) -> list[str]:
+def _of_torques(after: Fit) -> list[Note]:
     """Torques that are far more than the weight of the arm gives, where its masses are known."""
     problem, arm, torque = after.problem, after.problem.model.arm, after.problem.measurements.conditions.torque
     if torque is None:
@@ -363,38 +332,40 @@ def _of_torques(after: Fit) -> list[str]:
     measured, weight = np.nanmax(np.abs(torque), initial=0.0), np.max(np.abs(moments), initial=0.0)
     if weight == 0.0 or measured < OTHER_UNIT * weight:
         return []
-    return [f"torques are up to {measured:.4g} N·m, where the masses of the arm give {weight:.3g} N·m: are they in N·mm?"]
+    return [Note("torques_large", {"torque": float(measured), "weight": float(weight)})]
 
 
-def _of_noise(after: Fit) -> list[str]:
+def _of_noise(after: Fit) -> list[Note]:
     """Noise that was found instead of stated, or beside what is stated."""
-    problem, setup, seats, found = after.problem, after.problem.setup, after.noise.scatters.seat, []
+    setup, found = after.problem.setup, []
     if setup.encoder_noise is None:
-        found.append("encoder noise not given; estimated with the scatter")
+        found.append(Note("encoder_noise_estimated"))
     if not after.stated:
-        what = " and ".join(setup.unstated(problem.measurements))
-        of_seats = f", and {seats / MM:.4f} mm per coordinate of the seats" if seats else ""
-        beside = "" if setup.encoder_noise is None else " beside what is stated"
-        found.append(
-            f"noise {what} not given: {after.scatter_in_words} of scatter per coordinate{of_seats} were found{beside}"
-            if after.scatters
-            else f"noise {what} not given: what is stated of it is enough for these records, and none was added"
-        )
-        if seats and (count := int(after.observations.known.sum())) < FEW_SEATS:
-            found.append(
-                f"{count} seat{'s' * (count != 1)} hardly tell how well their coordinates are known, and U rests on it: "
-                "state it (--reference-noise-mm, u_x_mm …)"
-            )
-    elif after.unmodelled > 0:
-        found.append(
-            f"the records scatter more than stated: {after.scatter_in_words} per coordinate were added; if the arm lacks "
-            "something, it moves the tips by about as much, and U of the tips does not contain it"
-        )
+        return found + _of_unstated_noise(after)
+    if after.unmodelled > 0:
+        found.append(Note("scatter_added", {"scatter": after.scatter_in_words}))
         found += _farther_off(after)
     return found
 
 
-def _farther_off(after: Fit) -> list[str]:
+def _of_unstated_noise(after: Fit) -> list[Note]:
+    """Scatter that was found because some noise is not stated."""
+    of, scatter = after.problem.setup.unstated(after.problem.measurements), after.noise.scatters.seat
+    if not after.scatters:
+        found = [Note("noise_enough", {"of": of})]
+    else:
+        found = [Note("noise_estimated", {"of": of, "scatter": after.scatter_in_words})]
+    if not scatter:
+        return found
+    if after.scatters:
+        found.append(Note("seat_scatter_estimated", {"scatter": scatter}))
+    seats = int(after.observations.known.sum())
+    if seats < FEW_SEATS:
+        found.append(Note("few_seats", {"seats": seats}))
+    return found
+
+
+def _farther_off(after: Fit) -> list[Note]:
     """Parameters that are farther off than the arm states, if they are what makes the records scatter: their stated
     uncertainties then hold them in.
     """
@@ -406,25 +377,22 @@ def _farther_off(after: Fit) -> list[str]:
     off = np.where(mine, np.abs(without.point.x - problem.start) / problem.widths, 0.0)
     if without.unmodelled > HELD_IN * after.unmodelled or off.max() < FAR_OFF:
         return []
-    farthest = [k for k in np.argsort(-off)[:MOST_NAMED] if off[k] > FAR_OFF]
-    names = ", ".join(f"{problem.vector.names[k]} by {off[k]:.2g} u" for k in farthest)
-    return [
-        f"without what the arm states of its parameters, the scatter is {without.unmodelled / MM:.4f} mm: {names} from the "
-        "value in the file; if a part was exchanged, or half-widths are too small, estimate without them (--no-prior)"
-    ]
+    names = [problem.vector.names[k] for k in np.argsort(-off)[:MOST_NAMED] if off[k] > FAR_OFF]
+    data = {"scatter": without.unmodelled, "parameters": names, "off": float(off.max())}
+    return [Note("stated_values_hold", data)]
 
 
-def contradicted_places(after: Fit) -> list[str]:
-    """Stated places that the file itself, or all of the excluded records, contradict, in words."""
+def contradicted_places(after: Fit) -> list[Note]:
+    """Stated places that the file itself, or all of the excluded records, contradict."""
     records, found = after.problem.measurements, []
     seats, count = records.conditions.seat, int(after.excluded.sum())
     at = set() if seats is None else set(seats[after.excluded])
     if len(at) == 1 and count >= SEVERAL and "" not in at:
-        found.append(f"all {count} excluded records touch seat {at.pop()}, which may have moved")
+        found.append(Note("seat_excluded", {"records": count, "seat": at.pop()}))
     return found + contradictions(records, after.problem.setup, after.noise.scatters)
 
 
-def notes_of(after: Fit) -> list[str]:
+def notes_of(after: Fit) -> list[Note]:
     """What was assumed, or found instead of stated."""
     problem, setup = after.problem, after.problem.setup
     found = [*exclusions_of(after).notes, *_counted_before(after), *_left_before(after), *_of_noise(after)]
@@ -437,33 +405,25 @@ def notes_of(after: Fit) -> list[str]:
         *_of_temperature(after),
     ]
     if after.unmodelled > FAR:
-        found.append(
-            f"{after.unmodelled / MM:.1f} mm of scatter is far more than an arm has: are the columns, their units and the "
-            "reference frame right?"
-        )
+        found.append(Note("scatter_too_large", {"scatter": after.unmodelled}))
     units = [term.unit for effect in problem.vector.effects for term in effect.terms]
     free = {name: u for name, u, stated in zip(problem.vector.names, units, problem.stated, strict=True) if not stated}
     if any(unit in ASSEMBLED for unit in free.values()):
-        count = f"{len(free)} parameters" if len(free) > MOST_NAMED else ", ".join(free)
-        found.append(
-            f"uncertainty of {count} not given: taken as ±{ASSEMBLED['m'] / MM:g} mm and "
-            f"±{ASSEMBLED['rad'] / DEG:.0f}° for geometry, wide enough not to matter where the data say something"
-        )
+        names = f"{len(free)} parameters" if len(free) > MOST_NAMED else ", ".join(free)
+        assumed = {"parameters": names, "length": ASSEMBLED["m"], "angle": ASSEMBLED["rad"]}
+        found.append(Note("uncertainty_assumed", assumed))
     estimated = {p.name for p in problem.vector.of_arm if p is not None}
     held = sum(p.u > 0 and p.name not in estimated for p in problem.model.arm.parameters)
     if held and estimated:
-        found.append(
-            f"{held} other values of the geometry are taken as the file has them: their uncertainties are in those of the "
-            "tip, and not in those of what was estimated"
-        )
+        found.append(Note("geometry_held", {"held": held}))
     if not redundant(after) and not after.excluded.any():
-        found.append("too few records to look for gross errors: all were used")
+        found.append(Note("gross_errors_unsought"))
     if setup.length_noise is None and not all(np.isfinite(bar.u) for bar in problem.measurements.bars()):
-        found.append(f"uncertainty of the bars' lengths not given: taken as {LENGTH / MM:g} mm")
+        found.append(Note("bar_noise_assumed", {"u": LENGTH}))
     if not after.converged:
-        found.append(f"the search did not converge ({after.message}): what follows is of the best point that it found")
+        found.append(Note("not_converged", {"why": after.message}))
     found += contradicted_places(after)
     silent = int((~after.used & ~after.excluded).sum())
     if silent:
-        found.append(f"{silent} records say nothing: they have no coordinates, and no seat that holds them to one place")
+        found.append(Note("records_silent", {"records": silent}))
     return found

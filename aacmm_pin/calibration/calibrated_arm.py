@@ -10,6 +10,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from aacmm_pin._support.checks import Array
+from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.file import ArmFile, Covariance
@@ -60,9 +61,9 @@ def calibrated_model(fit: Fit) -> ErrorModel:
     known = joined(arm, names, matrix, " ".join(records))
     every = (*problem.model.effects, *effects)
     warm = temperature_of(fit)
-    of_noise = "beyond their noise" if fit.stated else "and their noise was not stated"
+    code = "scatter_beyond_noise" if fit.stated else "scatter_of_unstated_noise"
     scatters = max(fit.noise.scatters.tip, fit.noise.scatters.turn) > NO_SCATTER
-    left = f"the records scatter by {fit.scatter_in_words} per coordinate {of_noise}" if scatters else ""
+    left = str(Note(code, {"scatter": fit.scatter_in_words})) if scatters else ""
     update: dict[str, Any] = {
         "reference_temperature_c": warm,
         "unexplained": left,

@@ -20,6 +20,7 @@ import numpy as np
 import pandas as pd
 
 from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.file import ArmFile
@@ -31,7 +32,7 @@ from aacmm_pin.calibration.parameters import ASSEMBLED, problem_of
 from aacmm_pin.calibration.problem import Frame, Problem, registered
 from aacmm_pin.calibration.setup import Setup
 from aacmm_pin.calibration.solver import FEWEST, initial_point, solve
-from aacmm_pin.effects import ErrorModel, JointPlacement, JointZeroOffset, LinkLength, LinkTilt, StylusOffset, listed
+from aacmm_pin.effects import ErrorModel, JointPlacement, JointZeroOffset, LinkLength, LinkTilt, StylusOffset
 from aacmm_pin.errors import AacmmError, MissingConditionError, MistakenFileError
 from aacmm_pin.measurements.observations import Observations
 from aacmm_pin.measurements.records import Measurements
@@ -57,25 +58,20 @@ FEW = 10
 """With fewer records some mistake fits anything."""
 ENOUGH = 80
 """So many records tell one mistake from another."""
-UNITS = {
-    "metres, in columns of mm": 1e3,
-    "inches, in columns of mm": 25.4,
-    "micrometres, in columns of mm": 1e-3,
-    "mm, taken as metres": MM,
-}
-"""Units that lengths may have come in, and the factor that undoes it."""
+GON = 0.9
+"""In degrees."""
+UNITS = {("metres", "mm"): 1e3, ("inches", "mm"): 25.4, ("micrometres", "mm"): 1e-3, ("mm", "metres"): MM}
+"""Units that lengths may have come in and what they were taken as, and the factor that undoes it."""
 ANGLES = {
-    "degrees, taken as radians": DEG,
-    "radians, taken as degrees": 1 / DEG,
-    "gon, taken as degrees": 0.9,
-    "minutes of arc, taken as degrees": 1 / 60,
-    "milliradians, taken as radians": 1e-3,
-    "turns, taken as degrees": 360.0,
-    "turns, taken as radians": 360.0 * DEG,
+    ("degrees", "radians"): DEG,
+    ("radians", "degrees"): 1 / DEG,
+    ("gon", "degrees"): GON,
+    ("minutes of arc", "degrees"): 1 / 60,
+    ("milliradians", "radians"): 1e-3,
+    ("turns", "degrees"): 360.0,
+    ("turns", "radians"): 360.0 * DEG,
 }
 """The same of angles."""
-OPTIONS = {"frame": "--reference-frame external", "target": "--target unknown"}
-"""The options that leave them open."""
 AXES = np.arange(3)
 TURNED = 0.05
 """Median turn from the stated orientations after a fit that no arm has [rad]."""
@@ -96,7 +92,7 @@ class _Mistake:
         arm: the arm is this one.
     """
 
-    name: str
+    name: Note | None
     kind: str
     turned: Array | None = None
     added: Array | None = None
@@ -156,11 +152,9 @@ def first_fit(problem: Problem, *, robust: bool = True) -> Fit:
     if unlike or problem.measurements.bars() or max(fitted, _as_described(after)) >= FAR:
         _require_no_mistake(problem, fitted, thorough=unlike, options=fitted >= FAR or _absorbs(after))
     if unlike:
-        asked = "are the columns of angles and coordinates, their units and signs, the arm and the reference frame right?"
-        if _sessions_fit_alone(problem):
-            asked = "each session alone does, in a frame of its own: was the arm, or what was measured, moved between them?"
+        advice = Note("sessions_unlike" if _sessions_fit_alone(problem) else "unlike_arm")
         raise AacmmError(
-            f"{problem.measurements.source} does not fit this arm: {asked} (With the best parameters its records still "
+            f"{problem.measurements.source} does not fit this arm: {advice}. (With the best parameters its records still "
             f"scatter by {after.unmodelled / MM:.0f} mm in each coordinate; the tips at these angles are spread over "
             f"{travel / MM:.0f} mm.)"
         )
@@ -170,7 +164,7 @@ def first_fit(problem: Problem, *, robust: bool = True) -> Fit:
 
 def _sessions_fit_alone(problem: Problem) -> bool:
     """Whether there are several sessions, and the records of each fit the arm in some frame."""
-    records, own_frame = problem.measurements, _Mistake("", "", external=True)
+    records, own_frame = problem.measurements, _Mistake(None, "", external=True)
     if records.conditions.session is None:
         return False
     of_session = pd.Series(np.arange(records.n)).groupby(records.conditions.session).indices
@@ -191,16 +185,16 @@ def _require_orientations(after: Fit) -> None:
     stated = problem.measurements.orientation
     if stated is None or not rows.any() or (off := np.median(after.turns[rows])) < TURNED:
         return
-    why = "no other order of the four numbers explains it"
+    why = "orientation_unlike"
     for mistake, other in (
-        ("the scalar comes last, and has to come first", stated[:, [3, 0, 1, 2]]),
-        ("they are those of the reference frame in the tip's, not the other way", stated * [1, -1, -1, -1]),
+        ("orientation_scalar_last", stated[:, [3, 0, 1, 2]]),
+        ("orientation_inverse", stated * [1, -1, -1, -1]),
     ):
         changed = replace(problem, measurements=replace(problem.measurements, orientation=other))
         poses = changed.poses(point.x, changed.with_targets(point.x, point.frame))
         why = mistake if np.median(np.linalg.norm(poses[rows, 3:], axis=1)) < TURNED else why
-    source = problem.measurements.source
-    raise AacmmError(f"{source}: orientations do not fit this arm, they are off by {off / DEG:.3g}° (median): {why}")
+    source, reason = problem.measurements.source, Note(why)
+    raise AacmmError(f"{source}: orientations do not fit this arm, they are off by {off / DEG:.3g}° (median): {reason}")
 
 
 def _require_no_mistake(problem: Problem, fitted: float, *, thorough: bool, options: bool) -> None:
@@ -256,7 +250,7 @@ def _require_no_mistake(problem: Problem, fitted: float, *, thorough: bool, opti
                 continue
             named = [several for several, own in left.items() if own <= ALIKE * least]
             named = [many for many in named if not any(set(few) < set(many) for few in named)]
-            words = [", and ".join(one.name for one in several) for several in named]
+            words = [", and ".join(str(one.name) for one in several) for several in named]
             raise MistakenFileError(records.source, words[0], as_is, left[named[0]], tuple(words[1:]))
 
 
@@ -419,55 +413,50 @@ def _mistakes(problem: Problem) -> Iterator[_Mistake]:
     records, one = problem.measurements, np.eye(problem.measurements.nq)
     for j, largest in enumerate(np.abs(records.q).max(axis=0)):
         yield _counted(j, nq=records.nq)
-        units = [(ANGLES["gon, taken as degrees"], "gon", "deg")]
+        units = [(GON, "gon", "deg")]
         if largest > TURN or largest <= TURN * DEG:
             units.append((DEG, "degrees", "rad") if largest > TURN else (1 / DEG, "radians", "deg"))
         for factor, unit, column in units:
-            name = f"the angles of joint {j + 1} alone are in {unit}, in the column theta{j + 1}_{column}"
+            name = Note("joint_angles_unit", {"joint": j + 1, "unit": unit, "column": column})
             yield _Mistake(name, f"unit {j}", turned=np.diag(np.where(one[j] > 0, factor, 1.0)))
     for j, degrees in product(range(records.nq), (90, -90, 180)):
-        name = f"the zero of joint {j + 1} is turned: {degrees}° have to be added to its angles"
+        name = Note("zero_turned", {"joint": j + 1, "degrees": degrees})
         yield _Mistake(name, f"zero {j}", added=degrees * DEG * one[j])
     for j, k in combinations(range(records.nq), 2):
         order = np.arange(records.nq)
         order[[j, k]] = k, j
-        yield _Mistake(f"the columns of joints {j + 1} and {k + 1} are exchanged", "columns", turned=one[order])
+        yield _Mistake(Note("joints_exchanged", {"joints": (j + 1, k + 1)}), "columns", turned=one[order])
     for j, sign in product(range(1, records.nq), (1.0, -1.0)):
-        other = "sum" if sign < 0 else "difference"
-        name = f"joint {j + 1} is shown as the {other} of its angle and that of joint {j}"
+        code = "joint_shows_sum" if sign < 0 else "joint_shows_difference"
+        name = Note(code, {"joint": j + 1, "before": j})
         yield _Mistake(name, "sum", turned=one + sign * np.outer(one[j - 1], one[j]))
-    for name, factor in ANGLES.items():
-        yield _Mistake(f"the angles are in {name}", "angles", turned=factor * one)
+    for (unit, taken), factor in ANGLES.items():
+        yield _Mistake(Note("angles_unit", {"unit": unit, "taken": taken}), "angles", turned=factor * one)
     yield from _of_convention(problem.model.arm)
     if records.known.any():
         yield from _of_frame(problem.external)
         if problem.setup.target != "unknown" and not any(isinstance(one, StylusOffset) for one in problem.vector.effects):
-            name = f"the coordinates are of another point of the last body than the tip ({OPTIONS['target']})"
-            yield _Mistake(name, "target", target=True)
-        for name, factor in UNITS.items():
-            yield _Mistake(f"the coordinates are in {name}", "unit", scale=factor)
+            yield _Mistake(Note("target_off_tip"), "target", target=True)
+        for (unit, taken), factor in UNITS.items():
+            yield _Mistake(Note("coordinates_unit", {"unit": unit, "taken": taken}), "unit", scale=factor)
         for k, axis in enumerate("xyz"):
-            yield _Mistake(
-                f"{axis} alone is in metres, in the column {axis}_mm", "unit", scale=np.where(k == AXES, 1e3, 1.0)
-            )
+            scale = np.where(k == AXES, 1e3, 1.0)
+            yield _Mistake(Note("coordinate_in_metres", {"axis": axis}), "unit", scale=scale)
     if records.bars():
-        for name, factor in UNITS.items():
-            yield _Mistake(f"the lengths of the bars are in {name}", "bars", bars=factor)
+        for (unit, taken), factor in UNITS.items():
+            yield _Mistake(Note("bars_unit", {"unit": unit, "taken": taken}), "bars", bars=factor)
 
 
 def _of_frame(external: bool) -> Iterator[_Mistake]:
     """Coordinates along other axes; in an unknown frame all mirror images are alike."""
     if external:
-        name = "the coordinates are a mirror image: two columns are exchanged, or one has the other sign"
-        yield _Mistake(name, "axes", axes=((0, 1, 2), (1, 1, -1)))
+        yield _Mistake(Note("coordinates_mirrored"), "axes", axes=((0, 1, 2), (1, 1, -1)))
         return
     for order, signs in product(permutations(range(3)), product((1, -1), repeat=3)):
         if (order, signs) != ((0, 1, 2), (1, 1, 1)):
             came = ", ".join(f"{'-' * (s < 0)}{'xyz'[k]}" for k, s in zip(order, signs, strict=True))
-            name = f"the coordinates are along other axes: x, y, z should be {came}"
-            yield _Mistake(name, "axes", axes=(order, signs))
-    name = f"the coordinates are in another frame than the base's ({OPTIONS['frame']})"
-    yield _Mistake(name, "axes", external=True)
+            yield _Mistake(Note("other_axes", {"axes": came}), "axes", axes=(order, signs))
+    yield _Mistake(Note("other_frame"), "axes", external=True)
 
 
 def _of_convention(arm: Arm) -> Iterator[_Mistake]:
@@ -475,8 +464,8 @@ def _of_convention(arm: Arm) -> Iterator[_Mistake]:
     if not isinstance(arm.file, ArmFile):
         return
     now, other = ("standard-dh", "modified-dh")[:: 1 if arm.file.convention == "standard-dh" else -1]
-    name = f'the numbers of the arm file are {other}, under convention = "{now}"'
-    yield _Mistake(name, "convention", arm=Arm.from_file(arm.file.model_copy(update={"convention": other})))
+    changed = Arm.from_file(arm.file.model_copy(update={"convention": other}))
+    yield _Mistake(Note("other_convention", {"other": other, "convention": now}), "convention", arm=changed)
 
 
 def _options(single: list[tuple[_Mistake]]) -> list[tuple[_Mistake, ...]]:
@@ -487,10 +476,9 @@ def _options(single: list[tuple[_Mistake]]) -> list[tuple[_Mistake, ...]]:
 
 def _counted(*joints: int, nq: int) -> _Mistake:
     """Joints counted the other way."""
-    which = "joint {} is" if len(joints) == 1 else "joints {} are"
-    words = which.format(listed([str(j + 1) for j in joints]))
+    code = "joint_reversed" if len(joints) == 1 else "joints_reversed"
     signs = np.where(np.isin(np.arange(nq), joints), -1.0, 1.0)
-    return _Mistake(f"{words} counted the other way", "sign", turned=np.diag(signs))
+    return _Mistake(Note(code, {"joints": [j + 1 for j in joints]}), "sign", turned=np.diag(signs))
 
 
 def _several_signs(nq: int) -> list[tuple[_Mistake, ...]]:

@@ -11,7 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from aacmm_pin._support.checks import Array, Index
-from aacmm_pin._support.units import MM
+from aacmm_pin._support.notes import Note
 from aacmm_pin.calibration.problem import Frame, Problem
 from aacmm_pin.calibration.setup import Setup
 from aacmm_pin.measurements.observations import Observations
@@ -157,9 +157,9 @@ def observations_of(measurements: Measurements, setup: Setup) -> Observations:
     )
 
 
-def contradictions(measurements: Measurements, setup: Setup, scatters: Scatters) -> list[str]:
+def contradictions(measurements: Measurements, setup: Setup, scatters: Scatters) -> list[Note]:
     """Seats whose records state coordinates farther apart than their noise allows, and bars that do not fit between the
-    coordinates of their ends, in words.
+    coordinates of their ends.
     """
     u, known = reference_u(measurements, setup, max(scatters.tip, scatters.seat)), measurements.known
     seat, labels = _numbered(measurements)
@@ -173,13 +173,13 @@ def contradictions(measurements: Measurements, setup: Setup, scatters: Scatters)
         over_u = np.ptp(at, axis=0) / np.maximum(u[records].max(axis=0), SAME)
         if over_u.max() > (ROUNDED if repeated[label] else CONTRADICTING):
             ends = records[[at[:, over_u.argmax()].argmin(), at[:, over_u.argmax()].argmax()]]
-            rows = " and ".join(str(row) for row in np.sort(measurements.row[ends]))
-            apart = np.linalg.norm(np.diff(measurements.reference[ends], axis=0)) / MM
-            found.append(f"seat {label} has coordinates {apart:.4g} mm apart, in rows {rows}: it moved, or one is mistyped")
+            apart = float(np.linalg.norm(np.diff(measurements.reference[ends], axis=0)))
+            rows = np.sort(measurements.row[ends]).tolist()
+            found.append(Note("seat_contradicted", {"seat": label, "apart": apart, "rows": rows}))
     return found
 
 
-def _bars_between(measurements: Measurements, setup: Setup, stating: dict[str, Index], u: Array) -> list[str]:
+def _bars_between(measurements: Measurements, setup: Setup, stating: dict[str, Index], u: Array) -> list[Note]:
     """Bars whose length is not the distance of their ends, where records state coordinates of both."""
     found = []
     for bar in measurements.bars():
@@ -189,10 +189,8 @@ def _bars_between(measurements: Measurements, setup: Setup, stating: dict[str, I
         a, b = (measurements.reference[records].mean(axis=0) for records in ends)
         apart, allowed = np.linalg.norm(a - b), [*(u[records].max() for records in ends), _length_u(bar, setup)]
         if abs(apart - bar.length) > CONTRADICTING * np.linalg.norm(allowed):
-            found.append(
-                f"bar {bar.bar} is {bar.length / MM:.6g} mm long, and the coordinates of its ends are {apart / MM:.6g} mm "
-                "apart: one of them is wrong"
-            )
+            data = {"bar": bar.bar, "length": bar.length, "apart": float(apart)}
+            found.append(Note("bar_contradicted", data))
     return found
 
 

@@ -14,6 +14,7 @@ import pandas as pd
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown, report
 from aacmm_pin._support.distributions import chi2_sf
+from aacmm_pin._support.notes import Note, notes_in_json
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm.file import COVERAGE_FACTOR
 from aacmm_pin.calibration.calibrated_arm import calibrated_model
@@ -65,13 +66,13 @@ class Calibration(Shown):
         fit: fit of everything.
         setup: the problem of the set-up alone (reference frame, target), the arm as it was.
         held_out: residuals of records left out of the fit, by kind; empty where that was not asked for.
-        notes: what was assumed, in sentences.
+        notes: what was assumed.
     """
 
     fit: Fit
     setup: Problem
     held_out: tuple[HeldOut, ...]
-    notes: tuple[str, ...]
+    notes: tuple[Note, ...]
 
     @cached_property
     def model(self) -> ErrorModel:
@@ -208,7 +209,7 @@ class Calibration(Shown):
         """Records that were left out because they cannot belong: row, residual, reason."""
         table = self.residuals[self.fit.excluded]
         columns = [c for c in ("row", "record", "seat", "marker", "session") if c in table]
-        reason = "farther off than one good record in a hundred files would be"
+        reason = str(Note("excluded"))
         return table[[*columns, "after_mm"]].rename(columns={"after_mm": "residual_mm"}).assign(reason=reason)
 
     @cached_property
@@ -250,7 +251,7 @@ class Calibration(Shown):
                 }
                 for h in self.held_out
             ],
-            "notes": list(self.notes),
+            **notes_in_json(self.notes),
         }
 
     def __str__(self) -> str:

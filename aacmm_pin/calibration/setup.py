@@ -9,10 +9,11 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from aacmm_pin._support import plausible
-from aacmm_pin._support.checks import Array, Index, vector
+from aacmm_pin._support.checks import Array, vector
+from aacmm_pin._support.notes import Note
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.effects import Effect, ErrorModel, GivenModel, known_range_in_words
 from aacmm_pin.errors import AacmmError, UnknownNameError
@@ -102,22 +103,20 @@ class Setup:
         return self.reference_frame == "external"
 
     def unstated(self, measurements: Measurements) -> list[str]:
-        """In words, whose noise is not stated although χ² needs it; empty where χ² can be
-        judged.
-        """
+        """Whose noise is not stated although χ² needs it; empty where χ² can be judged."""
         seats = measurements.conditions.seat
         touched = np.zeros(measurements.n, dtype=bool) if seats is None else np.asarray(seats != "", dtype=bool)
         placed = [measurements.known[records].any() for records in measurements.seats().values()]
         stated = np.asarray(np.isfinite(measurements.reference_u).all(axis=1))
         found = []
         if self.reference_noise is None and not stated[measurements.known].all():
-            found.append("of the reference coordinates")
+            found.append("reference coordinates")
         turn_u = np.full(measurements.n, np.nan) if measurements.orientation_u is None else measurements.orientation_u
         if not np.isfinite(turn_u[measurements.oriented]).all():
-            found.append("of the orientations")
+            found.append("orientations")
         # Without these a seat touched again would have to give the very same tip.
         if touched.any() and self.probe_noise is None and (self.encoder_noise is None or not all(placed)):
-            found.append("of a contact in its seat")
+            found.append("contacts in seats")
         return found
 
 
@@ -142,17 +141,11 @@ def checked_input(model: GivenModel, measurements: object, asked: Collection[str
     used = known.all(axis=1)
     if used.all() or not used.any():
         return model, measurements
-    notes = tuple(
-        f"{(~inside).sum()} of {measurements.n} records are outside the range of {effect.label}"
-        f"{known_range_in_words(effect)}; "
-        f"left out: rows {listed(measurements.row[~inside])}"
-        for effect, inside in zip(model.effects, known.T, strict=True)
-        if not inside.all()
-    )
+    outside = [(effect, ~inside) for effect, inside in zip(model.effects, known.T, strict=True) if not inside.all()]
+    notes = tuple(_outside_known_range(effect, measurements, rows) for effect, rows in outside)
     return model, replace(measurements.take(used), read_as=measurements.read_as + notes)
 
 
-def listed(rows: Index) -> str:
-    """Rows in order, those in unbroken sequence by the first and the last."""
-    runs = np.split(rows, np.flatnonzero(np.diff(rows) != 1) + 1)
-    return ", ".join(f"{run[0]} to {run[-1]}" if len(run) > 1 else f"{run[0]}" for run in runs)
+def _outside_known_range(effect: Effect, measurements: Measurements, outside: NDArray[np.bool_]) -> Note:
+    cause, rows = f"{effect.label}{known_range_in_words(effect)}", measurements.row[outside].tolist()
+    return Note("outside_known_range", {"records": len(rows), "of": measurements.n, "cause": cause, "rows": rows})

@@ -14,6 +14,7 @@ from scipy.special import gammaln
 
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.distributions import chi2_sf
+from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration.fit import FEWEST_TOGETHER, Fit
@@ -61,12 +62,12 @@ class Shared:
     records: int
     of: int
 
-    def __str__(self) -> str:
+    @property
+    def note(self) -> Note:
+        """That they share it."""
         others = self.records - self.excluded
-        return (
-            f"{self.excluded} of the {self.of} excluded records have {self.where}, and {others} of those used: gross "
-            "errors are scattered, and these have a common cause, which the model lacks"
-        )
+        data = {"excluded": self.excluded, "of": self.of, "where": self.where, "others": others}
+        return Note("excluded_share", data)
 
 
 @dataclass(frozen=True)
@@ -84,12 +85,11 @@ class Narrowed:
     seen: float
     slides: bool
 
-    def __str__(self) -> str:
-        size, unit = (MM, " mm") if self.slides else (DEG, "°")
-        return (
-            f"the used records move joint {self.joint} over {self.used / size:.3g}{unit}, and all over "
-            f"{self.seen / size:.3g}{unit}: nothing is known of the rest"
-        )
+    @property
+    def note(self) -> Note:
+        """That it does."""
+        code = "slide_narrowed" if self.slides else "joint_narrowed"
+        return Note(code, {"joint": self.joint, "used": self.used, "seen": self.seen})
 
 
 @dataclass(frozen=True)
@@ -115,9 +115,9 @@ class Exclusions:
         return self.too_many or self.shared is not None or bool(self.narrowed)
 
     @property
-    def notes(self) -> list[str]:
-        """What they share and which joints they narrowed, in sentences."""
-        return [str(each) for each in (self.shared, *self.narrowed) if each is not None]
+    def notes(self) -> list[Note]:
+        """What they share and which joints they narrowed."""
+        return [each.note for each in (self.shared, *self.narrowed) if each is not None]
 
     def summary(self) -> dict[str, Any]:
         """As plain values, for JSON; SI."""
@@ -283,7 +283,7 @@ def round_excluded(found: Fit, off: Array) -> Shared | None:
         k = int(np.argmin(chances))
         if chances[k] < (TOGETHER if best is None else best.p_value):
             inside = order[: sizes[k]]
-            where = f"{_extent('place', tips[inside])}, where used ones are off the same way"
+            where = f"{_extent('place', tips[inside])}, where used records deviate alike"
             best = Shared("place", float(chances[k]), where, int(out[inside].sum()), inside.size, int(out.sum()))
     return best
 

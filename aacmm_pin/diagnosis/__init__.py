@@ -1,10 +1,32 @@
 """Diagnosis: what the simulation gets wrong, the cause, the extended model, and the gain."""
 
+from aacmm_pin.diagnosis.branches import Branches
+from aacmm_pin.diagnosis.candidates import not_tried
+from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.cross_validation import Gain
 from aacmm_pin.diagnosis.diagnose import diagnose
+from aacmm_pin.diagnosis.findings import estimated
 from aacmm_pin.diagnosis.odd_groups import OddGroup
-from aacmm_pin.diagnosis.result import Diagnosis, Finding
+from aacmm_pin.diagnosis.result import Diagnosis, Doubt, Finding, too_good
 from aacmm_pin.diagnosis.significance import Alias
-from aacmm_pin.diagnosis.unexplained import Unexplained
+from aacmm_pin.diagnosis.thresholds import THRESHOLDS
+from aacmm_pin.diagnosis.unexplained import ScatteredReadings, SharedError, Unexplained
 
-__all__ = ["Alias", "Diagnosis", "Finding", "Gain", "OddGroup", "Unexplained", "diagnose"]
+__all__ = [
+    "THRESHOLDS",
+    "Alias",
+    "Branches",
+    "Choice",
+    "Diagnosis",
+    "Doubt",
+    "Finding",
+    "Gain",
+    "OddGroup",
+    "ScatteredReadings",
+    "SharedError",
+    "Unexplained",
+    "diagnose",
+    "estimated",
+    "not_tried",
+    "too_good",
+]

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin._support.display import Shown, two_digits
-from aacmm_pin._support.units import UM
+from aacmm_pin._support.display import Shown
+from aacmm_pin._support.notes import Note
 from aacmm_pin.diagnosis.choice import Choice
 
 WAVES = 3
@@ -42,9 +42,14 @@ class Branches(Shown):
     slides: bool
     log_ratio: float
 
+    @property
+    def note(self) -> Note:
+        """That they do."""
+        code = "branches_of_slide" if self.slides else "branches"
+        return Note(code, {"joint": self.joint, "half_width": self.half_width})
+
     def __str__(self) -> str:
-        unit = "µm" if self.slides else "µrad"
-        return f"residuals of joint {self.joint} fall into two branches of ±{two_digits(self.half_width / UM)} {unit}"
+        return str(self.note)
 
 
 def branches_of(choice: Choice) -> Branches | None:

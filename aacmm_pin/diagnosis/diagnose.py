@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from aacmm_pin._support.notes import Note
 from aacmm_pin._support.progress import Progress
 from aacmm_pin._support.threads import one_blas_thread
 from aacmm_pin.arm.arm import Arm
@@ -87,10 +88,7 @@ def diagnose(
     if prior and model.arm.unexplained and model.arm.covariance is not None:
         # What was not explained then is partly in the parameters, and would be missing from the cause that is found now.
         model = model.without_covariance
-        repeated.append(
-            f"the calibration of {model.arm.name} left something unexplained ({model.arm.unexplained}): what it states of "
-            "the parameters is not used"
-        )
+        repeated.append(Note("prior_ignored", {"arm": model.arm.name, "unexplained": model.arm.unexplained}))
     rng = rng or np.random.default_rng(1)
     problem = _with_causes(model, measurements, setup)
     recalibrated = first_fit(problem([]))
@@ -164,7 +162,7 @@ def _require_residuals(measurements: Measurements, recalibrated: Fit) -> None:
     """Raises AacmmError if the records agree with the fitted arm exactly."""
     if not np.nanmax(np.abs(recalibrated.system.deviation), initial=0.0) > NOTHING:
         few = recalibrated.problem.scales.size >= 3 * measurements.n
-        why = "they are too few, unless the noise is stated" if few else "is the file filled in?"
+        why = "too few, state the noise" if few else "fill in the file"
         raise AacmmError(f"{measurements.source}: all {measurements.n} records agree with the fitted arm exactly: {why}")
 
 
@@ -203,5 +201,5 @@ def _as_found(model: ErrorModel, stated: bool, findings: Sequence[Finding], left
     found = {finding.effect.identity: finding.effect for finding in findings}
     each = ((e, found.get(e.identity, e)) for e in model.effects)
     scatter = [model.arm.unexplained] if stated and model.arm.unexplained else []
-    arm = model.arm.with_unexplained("; ".join([*left.in_words, *scatter]))
+    arm = model.arm.with_unexplained("; ".join([*map(str, left.notes), *scatter]))
     return ErrorModel(arm, tuple(replace(f, values=e.values, u=e.u, nonlinear_u=e.nonlinear_u) for e, f in each))

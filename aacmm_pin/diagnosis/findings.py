@@ -12,9 +12,9 @@ from aacmm_pin.diagnosis.candidates import is_change
 from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.cross_validation import Training, brought
 from aacmm_pin.diagnosis.inner_values import Step, step_of
-from aacmm_pin.diagnosis.result import Finding, described
+from aacmm_pin.diagnosis.result import Finding
 from aacmm_pin.diagnosis.significance import aliases_of, family_wise, retained
-from aacmm_pin.effects import Effect, ErrorModel, slides
+from aacmm_pin.effects import Effect, ErrorModel, slides, values_with_u
 
 
 def findings_of(model: ErrorModel, choice: Choice, trained: list[Training], rng: np.random.Generator) -> list[Finding]:
@@ -39,7 +39,7 @@ def _finding(model: ErrorModel, choice: Choice, trained: list[Training], block: 
     left = choice.posterior.without(block)
     return Finding(
         effect if is_change(chosen) else _told(choice, effect, inner, steps),
-        described(effect, covariance),
+        values_with_u(effect, covariance),
         choice.posterior.probability(block),
         family_wise(choice.candidates, left, block, rng),
         retained(left, block),

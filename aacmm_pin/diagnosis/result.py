@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any, Literal, cast
 import numpy as np
 import pandas as pd
 
-from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown, report
 from aacmm_pin._support.distributions import chi2_cdf
+from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm.file import COVERAGE_FACTOR
 from aacmm_pin.calibration import Fit
@@ -123,7 +123,7 @@ class Diagnosis(Shown):
     Attributes:
         verdict, doubts: see :func:`aacmm_pin.diagnosis.verdict.verdict_of` and ``doubts_of`` there.
         otherwise: what would be found if excluded records counted.
-        contradicted: stated places that the records contradict, in words.
+        contradicted: stated places that the records contradict.
         findings: causes, strongest first; geometric values beyond their stated uncertainty last.
         model: the arm recalibrated, with the causes found; without them where it does not predict held-out records better.
         before: the arm as it was, set-up fitted; recalibrated: geometry refitted; extended: with the causes.
@@ -146,10 +146,10 @@ class Diagnosis(Shown):
     unexplained: Unexplained
     noise: float
     visible: tuple[int, int]
-    assumed: tuple[str, ...]
+    assumed: tuple[Note, ...]
     doubts: tuple[Doubt, ...]
     otherwise: tuple[str, ...]
-    contradicted: tuple[str, ...]
+    contradicted: tuple[Note, ...]
 
     def geometric(self, finding: Finding) -> bool:
         """Whether a finding is a value of the arm's own geometry."""
@@ -192,14 +192,9 @@ class Diagnosis(Shown):
         return lost(described_by(self.choice, self.choice.covariates))
 
     @cached_property
-    def notes(self) -> tuple[str, ...]:
+    def notes(self) -> tuple[Note, ...]:
         """What was assumed, and what limits what is stated."""
         return tuple(report().diagnosis_notes.notes_of(self))
-
-    @cached_property
-    def next_measurements(self) -> str:
-        """What would settle what is open, in a sentence; where two causes are alike, with the command that plans it."""
-        return str(report().next_measurements.next_measurements(self))
 
     @cached_property
     def residual_groups(self) -> pd.DataFrame:
@@ -246,7 +241,7 @@ class Diagnosis(Shown):
         deviation = self.extended.system.deviation[out]
         table = pd.DataFrame({"row": self.extended.problem.measurements.row[out]})
         table["residual_mm"] = np.linalg.norm(deviation, axis=1) / MM
-        return table.assign(reason="outlier: farther off than the noise allows")
+        return table.assign(reason=str(Note("outlier")))
 
     def __str__(self) -> str:
         return str(report().diagnosis_line.diagnosis_line(self))
@@ -267,14 +262,6 @@ class Diagnosis(Shown):
             AacmmError: there is no such finding.
         """
         return cast("Axes", report().plots.plot_diagnosis(self, finding, ax))
-
-
-def described(effect: Effect, covariance: Array) -> dict[str, tuple[float, float]]:
-    """Described values of an effect with u, from the covariance of its parameters (p, p)."""
-    jacobian, values = effect.notation.jacobian(effect), effect.notation.parameters(effect)
-    variance = np.einsum("ij,jk,ik->i", jacobian, covariance, jacobian)
-    u = np.sqrt(np.maximum(variance, 0.0)).tolist()
-    return dict(zip(values, zip(values.values(), u, strict=True), strict=True))
 
 
 def too_good(extended: Fit) -> bool:

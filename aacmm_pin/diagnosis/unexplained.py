@@ -12,7 +12,7 @@ import scipy
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown, report, two_digits
 from aacmm_pin._support.distributions import chi2_sf
-from aacmm_pin._support.units import UM
+from aacmm_pin._support.notes import Note
 from aacmm_pin.calibration import Fit
 from aacmm_pin.calibration.shared_exclusions import Shared, round_excluded, shared_by
 from aacmm_pin.diagnosis.background import Background
@@ -65,9 +65,14 @@ class ScatteredReadings(Shown):
     log_ratio: float
     p_value: float
 
+    @property
+    def note(self) -> Note:
+        """That they do."""
+        code = "readings_of_slide_scatter" if self.slides else "readings_scatter"
+        return Note(code, {"joint": self.joint, "scatter": self.scatter})
+
     def __str__(self) -> str:
-        unit = "µm" if self.slides else "µrad"
-        return f"readings of joint {self.joint} scatter by {two_digits(self.scatter / UM)} {unit} more than stated"
+        return str(self.note)
 
 
 @dataclass(frozen=True)
@@ -84,11 +89,13 @@ class SharedError(Shown):
     times: float
     p_value: float
 
+    @property
+    def note(self) -> Note:
+        """That they do."""
+        return Note("postures_share_error", {"rms": self.rms, "times": two_digits(self.times)})
+
     def __str__(self) -> str:
-        return (
-            f"records of one posture share an error of {two_digits(self.rms / UM)} µm (RMS), "
-            f"{two_digits(self.times)} times that of a single record"
-        )
+        return str(self.note)
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,15 +154,13 @@ class Unexplained(Shown):
         return bool(self.depends_on or self.discrepancy or self.readings) or others != (None, None)
 
     @property
-    def in_words(self) -> tuple[str, ...]:
+    def notes(self) -> tuple[Note, ...]:
         """What it depends on, and which groups do not fit in."""
         odd = {group.name: group for group in self.groups}
         covariates = [name for name in self.depends_on if name not in odd]
-        return (
-            *([f"something that no cause explains depends on {', '.join(covariates)}"] if covariates else []),
-            *(f"{g.name} does not agree with the other records: {g.times:.1f} times as far off" for g in self.groups),
-            *map(str, self.apart),
-        )
+        depends = [Note("depends_on", {"covariates": covariates})] if covariates else []
+        groups = [Note("group_differs", {"group": group.name, "times": group.times}) for group in self.groups]
+        return (*depends, *groups, *(one.note for one in self.apart))
 
     @property
     def apart(self) -> tuple[Branches | ScatteredReadings | SharedError, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from aacmm_pin._support.notes import Note
 from aacmm_pin.calibration import Fit
 from aacmm_pin.diagnosis.result import Doubt, Finding, Verdict
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
@@ -16,7 +17,7 @@ def doubts_of(
     visible: tuple[int, int],
     otherwise: Sequence[str] = (),
     no_better: bool = False,
-    contradicted: Sequence[str] = (),
+    contradicted: Sequence[Note] = (),
     agree: bool = True,
 ) -> tuple[Doubt, ...]:
     """What speaks against a diagnosis of which all searches ended and no structure stands out.

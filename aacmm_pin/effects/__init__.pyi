@@ -45,6 +45,7 @@ from .labels import (
     slides,
     typical_magnitude_in_words,
     values_in_words,
+    values_with_u,
 )
 from .nonlinear import Nonlinear, TimeConstant
 from .smooth_functions import Bumps, Cosines, Moment, Smooth, Waves, product_of
@@ -151,4 +152,5 @@ __all__ = [
     "twist",
     "typical_magnitude_in_words",
     "values_in_words",
+    "values_with_u",
 ]

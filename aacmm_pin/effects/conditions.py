@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from aacmm_pin._support.checks import Array, Index, batch, vector, width_of
 from aacmm_pin._support.display import Shown
+from aacmm_pin._support.notes import Note
 from aacmm_pin.errors import MissingConditionError, ShapeError
 
 Labels = NDArray[np.object_]
@@ -105,33 +106,34 @@ class Conditions(Shown):
         """Names of the conditions that are known."""
         return tuple(field.name for field in fields(self)[1:] if getattr(self, field.name) is not None)
 
-    def odd_temperatures(self, reference: float) -> list[str]:
-        """Temperatures that no workshop has, in words; ``reference`` is that at which the arm's lengths hold [°C]."""
+    def odd_temperatures(self, reference: float) -> list[Note]:
+        """Temperatures that no workshop has; ``reference`` is that at which the arm's lengths hold [°C]."""
         found = []
         for values in (self.temperature, self.link_temperature):
-            if values is not None and values.size and (values.min() > HOT_WORKSHOP or values.max() < COLD_WORKSHOP):
-                cold = f"are they differences from {reference:g} °C?"
-                asked = "are they in Fahrenheit?" if values.min() > HOT_WORKSHOP else cold
-                found.append(f"temperatures are {values.min():.4g} to {values.max():.4g} °C: {asked}")
+            if values is None or not values.size:
+                continue
+            data = {"least": float(values.min()), "most": float(values.max()), "reference": reference}
+            if data["least"] > HOT_WORKSHOP:
+                found.append(Note("temperatures_high", data))
+            elif data["most"] < COLD_WORKSHOP:
+                found.append(Note("temperatures_low", data))
         return found
 
-    def other_temperatures(self, reference: float) -> list[str]:
-        """Temperatures at which lengths that hold at ``reference`` [°C] are others, in words."""
+    def other_temperatures(self, reference: float) -> list[Note]:
+        """Temperatures at which lengths that hold at ``reference`` [°C] are others."""
         values = self.temperature if self.temperature is not None else self.link_temperature
         if values is None or not values.size or abs(values - reference).max() < WARMER:
             return []
-        return [
-            f"temperatures are {values.min():.4g} to {values.max():.4g} °C, the arm's lengths hold at {reference:.4g} °C, "
-            "and no thermal expansion is known of it (a metre of aluminium grows 23 µm by 1 K, of steel 12 µm)"
-        ]
+        data = {"least": float(values.min()), "most": float(values.max()), "reference": reference}
+        return [Note("temperatures_other", data)]
 
     @property
-    def odd_clock(self) -> list[str]:
-        """A clock that does not count from the moment at which the arm was switched on, in words."""
+    def odd_clock(self) -> list[Note]:
+        """A clock that does not count from the moment at which the arm was switched on."""
         time = self.time
         if time is None or not time.size or 0.0 <= time.min() <= LONGEST_ON:
             return []
-        return [f"time_s is {time.min():.4g} to {time.max():.4g} s: a warm-up counts from 0, the moment of switching on"]
+        return [Note("clock_odd", {"least": float(time.min()), "most": float(time.max())})]
 
     def require(self, name: str, purpose: str) -> NDArray:  # type: ignore[type-arg]
         """The condition ``name``.

@@ -10,6 +10,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from aacmm_pin._support.checks import Array
+from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm.chain import BASE, axis
 from aacmm_pin.arm.file import DiscrepancyEntry, DiscrepancyPart
@@ -254,18 +255,18 @@ class Discrepancy(Effect):
         u = self.u if any(self.u) else ()
         return DiscrepancyEntry(depends_on=self.covariate, parts=parts, values_si=self.values, standard_uncertainty_si=u)
 
-    def validity_notes(self, conditions: Conditions) -> list[str]:
+    def validity_notes(self, conditions: Conditions) -> list[Note]:
         """That readings are outside the range of time or temperature that it was fitted to."""
-        found: dict[str, str] = {}
+        found: dict[str, Note] = {}
         for each in self._functions:
             if not (isinstance(each, Cosines) and each.of in self.needs):
                 continue
             values = conditions.require(each.of, self.label)
             low, high = each.at_si[0], each.at_si[-1]
             outside = int(np.sum((values < low) | (values > high)))
-            where = f"the {each.of} that {self.label} was fitted to, {low:.4g} to {high:.4g}"
+            fitted = {"cause": self.label, "condition": each.of, "low": float(low), "high": float(high)}
             if outside:
-                found[each.of] = f"{outside} of {conditions.n} records are outside {where}: it stays as at the end"
+                found[each.of] = Note("outside_fitted_range", {"records": outside, "of": conditions.n, **fitted})
         return list(found.values())
 
 

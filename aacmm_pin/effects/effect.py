@@ -17,6 +17,7 @@ import numpy as np
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown
+from aacmm_pin._support.notes import Note
 from aacmm_pin._support.plausible import LATEST, MOST_ROWS
 from aacmm_pin._support.units import MM, prefixed
 from aacmm_pin.arm.arm import Arm
@@ -301,7 +302,7 @@ class Effect(Shown, ABC):
         """In which it differs from others of its cause at its place, for people."""
         return [self.nonlinear.in_words(self)] if self.nonlinear.field else []
 
-    def validity_notes(self, conditions: Conditions) -> list[str]:
+    def validity_notes(self, conditions: Conditions) -> list[Note]:
         """What whoever applies it to new records should know."""
         return []
 

@@ -9,6 +9,7 @@ from typing import ClassVar, Self
 import numpy as np
 
 from aacmm_pin._support.checks import Array
+from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.chain import BASE, axis, end
@@ -113,12 +114,12 @@ class StylusOffset(Effect):
         """The marker, where one is named."""
         return () if self.marker is None else ("marker",)
 
-    def validity_notes(self, conditions: Conditions) -> list[str]:
+    def validity_notes(self, conditions: Conditions) -> list[Note]:
         """That coordinates are of another point than the tip of the arm's geometry."""
         far = float(np.linalg.norm(self.values))
         if self.marker is not None or far < ANOTHER_POINT:
             return []
-        return [f"{self.label}: coordinates are of the target, {far / MM:.4g} mm from the tip of the arm's geometry"]
+        return [Note("tip_is_target", {"cause": self.label, "distance": far})]
 
     def displacements(self, state: State) -> list[Displacement]:
         """Unit shifts at the tip."""

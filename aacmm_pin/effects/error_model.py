@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from aacmm_pin._support.checks import Array, batch
 from aacmm_pin._support.display import Shown
+from aacmm_pin._support.notes import Note
 from aacmm_pin.arm.arm import Arm, GivenArm, as_arm
 from aacmm_pin.arm.file import ArmFile, UrdfArmFile, arm_text, validated
 from aacmm_pin.arm.limits import AT_LIMIT, other_turns
@@ -209,7 +210,7 @@ class ErrorModel(Shown):
         """
         return self.predict(readings, conditions)
 
-    def input_warnings(self, q: Array, conditions: Conditions) -> list[str]:
+    def input_warnings(self, q: Array, conditions: Conditions) -> list[Note]:
         """What looks as if it were in another unit, or by another clock.
 
         That is angles ``q`` (n, nq) [rad] outside the limits, and conditions of the effects.
@@ -225,11 +226,9 @@ class ErrorModel(Shown):
             found += conditions.odd_temperatures(reference)
         else:
             found += conditions.other_temperatures(reference)
-        others = ", ".join(map(repr, self.other_targets(conditions)))
+        others = self.other_targets(conditions)
         if others:
-            found.append(
-                f"{self.arm.name} knows no target with the markers {others}: coordinates of such records are of the tip"
-            )
+            found.append(Note("markers_unknown", {"arm": self.arm.name, "markers": others}))
         for effect in self.effects:
             found += effect.validity_notes(conditions)
         return found

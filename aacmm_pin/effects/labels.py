@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG, LARGE, MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.chain import axis
@@ -80,6 +81,14 @@ def slides(effect: Effect, arm: Arm) -> bool:
     number = int(arm.chain.joint[axis(effect.row)])
     of_angle = all(term.unit == "rad" for term in effect.terms)
     return of_angle and number >= 0 and bool(arm.chain.prismatic[number])
+
+
+def values_with_u(effect: Effect, covariance: Array) -> dict[str, tuple[float, float]]:
+    """Described values of an effect with u, by their keys, from the covariance of its parameters (p, p)."""
+    jacobian, values = effect.notation.jacobian(effect), effect.notation.parameters(effect)
+    variance = np.einsum("ij,jk,ik->i", jacobian, covariance, jacobian)
+    u = np.sqrt(np.maximum(variance, 0.0)).tolist()
+    return dict(zip(values, zip(values.values(), u, strict=True), strict=True))
 
 
 def known_range_in_words(effect: Effect) -> str:

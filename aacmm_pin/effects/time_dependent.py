@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aacmm_pin._support.checks import Array
+from aacmm_pin._support.notes import Note
 from aacmm_pin._support.plausible import LATEST
 from aacmm_pin.effects.conditions import Conditions, Records
 from aacmm_pin.effects.effect import Displacement, Effect, Term, about_axis
@@ -78,16 +79,13 @@ class ZeroDrift(Effect):
         """That of the joint and the time constant."""
         return (self.cause, self.joint, self.time_constant_s)
 
-    def validity_notes(self, conditions: Conditions) -> list[str]:
+    def validity_notes(self, conditions: Conditions) -> list[Note]:
         """That readings are later than what was seen of it."""
         time, until = conditions.require("time", self.label), self.until_s
         if until is None or not (time > until).any():
             return []
-        return [
-            f"{(time > until).sum()} of {conditions.n} records are after {until:.4g} s, up to which "
-            f"{self.label} was seen, as little more than a slope: u has it that it may stop there "
-            "or go on"
-        ]
+        later = int((time > until).sum())
+        return [Note("after_drift", {"records": later, "of": conditions.n, "cause": self.label, "until": until})]
 
     def displacements(self, state: State) -> list[Displacement]:
         """How far the warm-up has come; nothing before 0."""
@@ -202,20 +200,17 @@ class EncoderSlip(Effect):
         """That of the joint and the time."""
         return (self.cause, self.joint, self.time_s)
 
-    def validity_notes(self, conditions: Conditions) -> list[str]:
+    def validity_notes(self, conditions: Conditions) -> list[Note]:
         """That records are before it, by a clock that may be another, or later by their session."""
         found = []
         if self.sessions and (before := self.part(conditions) == 0.0).any():
-            found.append(
-                f"{before.sum()} of {conditions.n} records are before {self.label} by the clock of the "
-                f"session in which it slipped ({self.time_s:.4g} s); a later session needs a label "
-                "of its own in the column session"
-            )
+            slip = {"cause": self.label, "time": self.time_s}
+            found.append(Note("before_slip", {"records": int(before.sum()), "of": conditions.n, **slip}))
         later = self._is_of_later_session(conditions)
         if later.any():
-            labels = dict.fromkeys(conditions.require("session", self.label)[later])
-            own = ", ".join(map(repr, labels))
-            found.append(f"{later.sum()} of {conditions.n} records are later than {self.label} by their session, {own}")
+            sessions = [*dict.fromkeys(conditions.require("session", self.label)[later])]
+            slip = {"cause": self.label, "sessions": sessions}
+            found.append(Note("after_slip", {"records": int(later.sum()), "of": conditions.n, **slip}))
         return found
 
     def part(self, conditions: Conditions) -> Array:

@@ -19,6 +19,7 @@ import pandas as pd
 from aacmm_pin._support.checks import Index
 from aacmm_pin._support.file_problems import Problems
 from aacmm_pin._support.input_files import content_of
+from aacmm_pin._support.notes import Note
 from aacmm_pin._support.text_escaping import csv_unquoted
 from aacmm_pin.errors import MeasurementFileError
 from aacmm_pin.measurements.csv_columns import column_of, columns_of_file
@@ -52,7 +53,7 @@ def measurement_file(path: str) -> bytes:
     return content_of(path, LARGEST_FILE, expected, lambda message: MeasurementFileError(path, None, "", message))
 
 
-def read_table(path: str, content: bytes | None = None) -> tuple[pd.DataFrame, Index, tuple[str, ...]]:
+def read_table(path: str, content: bytes | None = None) -> tuple[pd.DataFrame, Index, tuple[Note, ...]]:
     """Cells of a CSV file as text, the line of each record, and how the file was read where that is not as it usually is.
 
     Cells may be separated by commas, semicolons or tabulators, with spaces behind them; with the latter two, numbers may
@@ -63,19 +64,22 @@ def read_table(path: str, content: bytes | None = None) -> tuple[pd.DataFrame, I
         MeasurementFileError: the file cannot be read, or is not such a table.
     """
     text = _text(path, measurement_file(path) if content is None else content)
-    notes: list[str] = []
+    ways: list[str] = []
     separator, spaced = _separation(text)
     if separator in SEPARATORS:
-        notes.append(f"{SEPARATORS[separator]} between cells")
+        ways.append(f"{SEPARATORS[separator]} between cells")
     if spaced:
-        notes.append("spaces around cells left out")
+        ways.append("spaces around cells left out")
     rows = list(_rows(path, text, separator, spaced))
-    header, lines, records = _records(path, rows, notes)
+    header, lines, records = _records(path, rows, ways)
     cells = [list(column) for column in zip(*records, strict=True)] or [[] for _ in header]
     if separator != ",":
-        _write_decimal_points(header, cells, notes)
+        _write_decimal_points(header, cells, ways)
     table = pd.DataFrame(dict(enumerate(cells)), dtype=object).set_axis(header, axis=1)
-    return table, lines, ("the file was read with " + ", ".join(notes),) if notes else ()
+    notes = [Note("read_with", {"ways": ways})] if ways else []
+    if comments := len(rows) - len(records) - 1:
+        notes.append(Note("comments_ignored", {"lines": comments}))
+    return table, lines, tuple(notes)
 
 
 def _separation(text: str) -> tuple[str, bool]:
@@ -107,7 +111,7 @@ def _rows(path: str, text: str, separator: str, spaced: bool) -> Iterator[Row]:
         raise MeasurementFileError(path, end + 1, "", f"not CSV: {error}; look at the quotes") from None
 
 
-def _records(path: str, rows: Sequence[Row], notes: list[str]) -> tuple[list[str], Index, list[list[str]]]:
+def _records(path: str, rows: Sequence[Row], ways: list[str]) -> tuple[list[str], Index, list[list[str]]]:
     """The header, and lines and cells of the records: of all rows but comments.
 
     Raises:
@@ -117,16 +121,13 @@ def _records(path: str, rows: Sequence[Row], notes: list[str]) -> tuple[list[str
     first = next((k for k, row in enumerate(rows) if not row.is_comment), None)
     if first is None:
         raise MeasurementFileError(path, None, "", "has comments only, expected a header and one row a record")
-    header = _with_known_names(rows[first].cells, notes)
+    header = _with_known_names(rows[first].cells, ways)
     column = column_of(header[0], columns_of_file(header))
     may_be_label = column is None or column.is_label  # a number does not begin with #
     records = []
     for row in rows[first + 1 :]:
         if not row.is_comment or (may_be_label and len(row.cells) == len(header)):
             records.append(row)
-    if comments := len(rows) - len(records) - 1:
-        lines_begin = "1 line that begins" if comments == 1 else f"{comments} lines that begin"
-        notes.append(f"{lines_begin} with # or sep= left out")
     problems = Problems(path, np.array([row.line for row in records], dtype=np.intp))
     counts = np.array([len(row.cells) for row in records], dtype=np.intp)
     expected = f"expected {len(header)} as in the header (decimal points; quotes around text with commas)"
@@ -138,17 +139,17 @@ def _records(path: str, rows: Sequence[Row], notes: list[str]) -> tuple[list[str
     return header, problems.lines, [row.cells for row in records]
 
 
-def _with_known_names(header: list[str], notes: list[str]) -> list[str]:
+def _with_known_names(header: list[str], ways: list[str]) -> list[str]:
     """The names, those that are known in lower case so."""
     known = columns_of_file(header)
     lower = [name.lower() if column_of(name.lower(), known) else name for name in header]
     if lower == header or max(Counter(lower).values()) > 1:
         return header
-    notes.append("names of columns in lower case")
+    ways.append("columns in lower case")
     return lower
 
 
-def _write_decimal_points(header: list[str], columns: list[list[str]], notes: list[str]) -> None:
+def _write_decimal_points(header: list[str], columns: list[list[str]], ways: list[str]) -> None:
     """Points in the stead of decimal commas, in all columns of numbers, unless some number has a point already."""
     known = columns_of_file(header)
     entries = [column_of(name, known) for name in header]
@@ -156,7 +157,7 @@ def _write_decimal_points(header: list[str], columns: list[list[str]], notes: li
     cells = [cell for k in of_numbers for cell in columns[k]]
     if any(map(_WITH_POINT.fullmatch, cells)) or not any(map(_WITH_COMMA.fullmatch, cells)):
         return
-    notes.append("decimal commas")
+    ways.append("decimal commas")
     for k in of_numbers:
         columns[k] = [cell.replace(",", ".") if _WITH_COMMA.fullmatch(cell) else cell for cell in columns[k]]
 

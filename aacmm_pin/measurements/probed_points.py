@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 
 from aacmm_pin._support.file_problems import Problems
+from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import MM
 from aacmm_pin.measurements.csv_columns import (
     ACCEPTANCE_FILE,
@@ -115,7 +116,7 @@ def has_probed_points(table: pd.DataFrame) -> bool:
     return any(cell.strip() in NEEDED for cell in cells_of(table["test"]))
 
 
-def as_records(table: pd.DataFrame, problems: Problems) -> tuple[pd.DataFrame, tuple[str, ...]]:
+def as_records(table: pd.DataFrame, problems: Problems) -> tuple[pd.DataFrame, tuple[Note, ...]]:
     """The table of a measurement file that states what the probed points state, and how that was made.
 
     A single point is a seat. So is each end of a length that is probed once a repeat, over all repeats of its position; the
@@ -129,18 +130,15 @@ def as_records(table: pd.DataFrame, problems: Problems) -> tuple[pd.DataFrame, t
     points = read_probed_points(table, problems)
     problems.stop()
     records = table.loc[:, [not _is_of_test(str(name)) for name in table]].reset_index(drop=True)
-    notes = ["touches of an acceptance test: coordinates in the file are no reference"] if REFERENCE[0] in table else []
+    notes = [Note("touches_no_reference")] if REFERENCE[0] in table else []
     if {"seat", *BAR} & {*table}:
         return records, tuple(notes)
     seats = _seats_of(points)
     for name in seats.columns.intersection(["seat", *BAR, BAR_U], sort=False):
         records[name] = seats[name].to_numpy()
     is_bar, is_point = seats["bar"] != "", seats["is_point"]
-    notes.append(
-        f"touches of an acceptance test: {points['position'][is_point].nunique()} single points and the ends of "
-        f"{seats['bar'][is_bar].nunique()} lengths are seats that stood still; {(~is_bar & ~is_point).sum()} touches on "
-        "spheres are not used"
-    )
+    counts = {"points": points["position"][is_point].nunique(), "lengths": seats["bar"][is_bar].nunique()}
+    notes.append(Note("touches_as_seats", {**counts, "unused": int((~is_bar & ~is_point).sum())}))
     return records, tuple(notes)
 
 

@@ -20,6 +20,7 @@ from aacmm_pin._support import plausible
 from aacmm_pin._support.checks import Array, Index, batch, vector, width_of
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.file_problems import Problems
+from aacmm_pin._support.notes import Note
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import DEG
 from aacmm_pin.effects import COLUMNS, Conditions, Labels, labels_of
@@ -90,7 +91,7 @@ class Measurements(Shown):
     extra: pd.DataFrame
     row: Index
     source: str
-    read_as: tuple[str, ...] = ()
+    read_as: tuple[Note, ...] = ()
     header: tuple[str, ...] = ()
     orientation: Array | None = None
     orientation_u: Array | None = None
@@ -330,7 +331,7 @@ def _from_table(table: pd.DataFrame, lines: Index, nq: int | None, source: str) 
     Raises:
         MeasurementFileError: see :meth:`Measurements.read`.
     """
-    read_as: tuple[str, ...] = ()
+    read_as: tuple[Note, ...] = ()
     problems = Problems(source, lines)
     if has_probed_points(table):
         table, read_as = as_records(table, problems)
@@ -352,20 +353,17 @@ def _from_table(table: pd.DataFrame, lines: Index, nq: int | None, source: str) 
     return Measurements(q=q, conditions=conditions, extra=extra, row=lines, source=source, read_as=read_as, **stated)
 
 
-def _notes(columns: RecordTable) -> tuple[str, ...]:
+def _notes(columns: RecordTable) -> tuple[Note, ...]:
     """What may be in another unit, and labels that may be mistyped."""
     notes = []
     u = np.nan_to_num(columns.values.block([ORIENTATION_U])).max()
     if u > plausible.USUAL_TURN_NOISE:
-        notes.append(f"{ORIENTATION_U} is {u:g} rad at most, which is {u / DEG:.3g}°: is it in degrees?")
+        notes.append(Note("orientation_u_large", {"u": float(u)}))
     if columns.header.unit == "deg" and mostly_like_radians(columns.values.block(columns.header.theta)):
-        turn = 2 * np.pi
-        question = "are they in radians? Then name the columns theta1_rad …"
-        notes.append(f"most angles lie within ±{turn:.4g}° of zero; {question}")
+        notes.append(Note("angles_like_radians", {"turn": 2 * np.pi}))
     for name in ("seat", "marker", "bar", "session"):
         if pairs := similar_labels(dict.fromkeys(columns.values.label(name).tolist())):
-            text = f"labels in the column {name} that are nearly the same count as different ones"
-            notes.append(f"{text}: {', '.join(pairs)}")
+            notes.append(Note("labels_alike", {"column": name, "labels": ", ".join(pairs)}))
     return tuple(notes)
 
 

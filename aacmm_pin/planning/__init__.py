@@ -2,15 +2,15 @@
 
 from aacmm_pin.planning.calibration_design import CalibrationPlan, plan_calibration
 from aacmm_pin.planning.detection_power import Power
-from aacmm_pin.planning.plan import advice, plan_measurements
+from aacmm_pin.planning.plan import Reference, plan_measurements
 from aacmm_pin.planning.result import MeasurementPlan, Tried
 
 __all__ = [
     "CalibrationPlan",
     "MeasurementPlan",
     "Power",
+    "Reference",
     "Tried",
-    "advice",
     "plan_calibration",
     "plan_measurements",
 ]

@@ -11,7 +11,8 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from aacmm_pin._support.checks import Array, Index
-from aacmm_pin._support.display import Shown
+from aacmm_pin._support.display import Shown, report
+from aacmm_pin._support.notes import Note, notes_in_json
 from aacmm_pin._support.progress import Progress, watched
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import MM, UM
@@ -65,7 +66,7 @@ class CalibrationPlan(Shown):
     u_random: Array
     existing: int
     seed: int | None
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
 
     @property
     def ratio(self) -> float:
@@ -77,12 +78,7 @@ class CalibrationPlan(Shown):
         return csv_text(self.records)
 
     def __str__(self) -> str:
-        beside = f" beside the {self.existing} existing ones" if self.existing else ""
-        return (
-            f"{len(self.records)} records to calibrate {self.model.arm.name}{beside}: observability O1 is {self.ratio:.2f} "
-            f"times that of random records of the same number; u of a point after calibration {self.u / MM:.4f} mm (root "
-            f"mean square), {float(np.median(self.u_random)) / MM:.4f} mm after random ones"
-        )
+        return str(report().calibration_plan.calibration_plan_line(self))
 
     def summary(self) -> dict[str, Any]:
         """Schema ``aacmm-pin/calibration-plan/1``."""
@@ -98,7 +94,7 @@ class CalibrationPlan(Shown):
             "u_random_mm": (self.u_random / MM).tolist(),
             "expected_mm": np.round(self.expected / MM, 3).tolist(),
             "seed": self.seed,
-            "notes": [*self.notes],
+            **notes_in_json(self.notes),
         }
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from aacmm_pin._support.checks import Array
+from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.chain import axis, end
@@ -75,16 +76,15 @@ def _changes(arm: Arm, causes: tuple[Effect, ...], reference_temperature: float)
     joints = sorted({rows.index(e.row) + 1 for e in causes if "approach" in e.needs and e.row in rows})
     if joints:
         which = f"joint{'s' * (len(joints) > 1)} {', '.join(map(str, joints))}"
-        words = f"bring {which} to the postures from both sides, each time from the one that the approach column says"
-        yield words, {"sides": tuple(joints)}
+        yield str(Note("approach_both_sides", {"joints": which})), {"sides": tuple(joints)}
     if any("temperature" in effect.needs for effect in causes):
         warm = reference_temperature + WARMER
-        words = f"warm the room by {WARMER:g} K for some of the records ({reference_temperature:g} °C and {warm:g} °C)"
-        yield words, {"warmer": WARMER}
+        data = {"by": WARMER, "cool": reference_temperature, "warm": warm}
+        yield str(Note("warm_room", data)), {"warmer": WARMER}
     constants = [e.nonlinear.value(e) for e in causes if isinstance(e.nonlinear, TimeConstant)]
     if constants:
         watched = WARM_UPS * max(constants)
-        yield f"switch the arm on cold and measure while it warms up, over {watched / 60:.0f} minutes", {"warm_up": watched}
+        yield str(Note("measure_warm_up", {"minutes": watched / 60})), {"warm_up": watched}
 
 
 def _loads_and_mounts(arm: Arm, file: ArmFile) -> Iterator[Change]:
@@ -92,14 +92,14 @@ def _loads_and_mounts(arm: Arm, file: ArmFile) -> Iterator[Change]:
     if arm.masses is not None:
         rows = arm.chain.moving_rows()
         row = rows[-2] if len(rows) > 1 else rows[-1]
-        yield f"hang {LOAD:g} kg on the end of link {row}", _loaded(arm, file, row)
+        yield str(Note("hang_load", {"load": LOAD, "link": row})), _loaded(arm, file, row)
     if not arm.gravity.any():
         return
     about = int(np.argmin(np.abs(arm.gravity)))
     for degrees in (90, 180):
         gravity = _turned(arm.gravity, about, np.deg2rad(-degrees))
         numbers = ", ".join(f"{g:g}" for g in gravity)
-        words = f"turn the mount by {degrees}° about the {'xyz'[about]} axis of the base (gravity_m_s2 = [{numbers}])"
+        words = str(Note("turn_mount", {"degrees": degrees, "axis": "xyz"[about], "gravity": numbers}))
         yield words, {"gravity_m_s2": tuple(gravity.tolist())}
 
 

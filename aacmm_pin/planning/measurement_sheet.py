@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.notes import Note
 from aacmm_pin.measurements.csv_columns import REFERENCE, REFERENCE_U
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.planning.candidate_design import Situation
@@ -20,12 +21,12 @@ DECIMALS = 6
 """Of angles in degrees."""
 
 
-def plan_of(task: Task, situation: Situation, chosen: list[int], notes: tuple[str, ...], **found: Any) -> MeasurementPlan:
+def plan_of(task: Task, situation: Situation, chosen: list[int], notes: tuple[Note, ...], **found: Any) -> MeasurementPlan:
     """The plan of the chosen records, in the order in which they are taken; ``found`` are its other fields."""
     set_up = situation.set_up
     records, sheet = sheet_of(task, situation, chosen)
     apart = set_up.changes_arm and task.existing is not None
-    without = ("the old records are of another arm file and have no part in the odds",) if apart else ()
+    without = (Note("old_records_excluded"),) if apart else ()
     return MeasurementPlan(
         model=set_up.model,
         records=sheet,

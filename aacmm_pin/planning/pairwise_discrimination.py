@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
+from aacmm_pin._support.notes import Note
 from aacmm_pin.effects import Effect, typical_magnitude_in_words
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.planning.candidate_design import Situation
@@ -106,17 +107,17 @@ def _matched(situation: Situation, sizes: tuple[Size, Size]) -> tuple[Size, Size
     return (sizes[0], Size(alike)) if known == 0 else (Size(alike), sizes[1])
 
 
-def _notes(split: tuple[Effect, Effect], before: Power | None) -> Iterator[str]:
+def _notes(split: tuple[Effect, Effect], before: Power | None) -> Iterator[Note]:
     """How large causes without values are taken to be, see :func:`_matched`."""
     for effect, other in (split, split[::-1]):
         if any(effect.values):
             continue
+        option = f"{effect.key},{next(iter(effect.notation.parameters(effect)))}=…"
+        data = {"cause": effect.label, "option": option}
         if before is not None and any(other.values):
-            size = f"as large as it must be to look like {other.label} in the existing records"
+            yield Note("planned_as_large_as", {**data, "other": other.label})
         else:
-            size = f"at its usual size, {typical_magnitude_in_words(effect)}"
-        parameter = next(iter(effect.notation.parameters(effect)))
-        yield f"{effect.label} states no value; planned {size} ({effect.key},{parameter}=… states one)"
+            yield Note("planned_at_typical_magnitude", {**data, "size": typical_magnitude_in_words(effect)})
 
 
 def _why_not(split: tuple[Effect, Effect], power: Power) -> str:
@@ -127,6 +128,6 @@ def _why_not(split: tuple[Effect, Effect], power: Power) -> str:
     if not power.same:
         return ""
     if power.open == (False, False):
-        return "the two do the same in every posture"
+        return str(Note("causes_inseparable"))
     inner, outer = split[::-1] if power.open[0] else split
     return f"whatever {inner.label} does, {outer.label} can do too"

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from aacmm_pin._support.checks import whole
+from aacmm_pin._support.notes import Note
 from aacmm_pin._support.progress import Progress, watched
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm.arm import Arm
@@ -28,8 +29,6 @@ from aacmm_pin.planning.task import Task, require_separable, usual_causes
 Reference = Literal["free", "seats"]
 POSTURES = 2000
 """Postures from which a plan chooses."""
-QUICK = 200
-"""Postures that are enough to say whether a plan would help; the plan itself then chooses from more."""
 
 
 def plan_measurements(
@@ -111,7 +110,7 @@ def plan_measurements(
         else:
             found = for_two(task, (causes[0], causes[1]), where, records, as_it_stands, rng, steps)
     if "torque" in present and split is not None:
-        left_out += ("the compliance is of measured torques: record torque1_nm … too",)
+        left_out += (Note("record_torques"),)
     usual = {"--reference": (reference, "free"), "--reference-frame": (reference_frame, "base"), "--target": (target, "tip")}
     options = [f"{name} {value}" for name, (value, default) in usual.items() if value != default]
     options += noise_options(model.arm, encoder_noise, reference_noise, probe_noise)
@@ -128,28 +127,6 @@ def noise_options(arm: Arm, encoder: ArrayLike | None, reference: float | None, 
     if readings.size == 1 and not of_arm:
         options.append(f"--encoder-noise-rad {readings[0]:g}")
     return options
-
-
-def advice(model: GivenModel, split: tuple[GivenCause, GivenCause], existing: Measurements, **setup: Any) -> str:
-    """What to measure next to tell two causes apart, in a sentence with the command that plans it.
-
-    New records are taken as the old ones were: at their seats where most of them have one, else each with coordinates of
-    its own. Where no plan can be made the sentence says why; nothing is raised for that.
-
-    Args:
-        model: the arm.
-        split: the two causes, with their values where they are estimated.
-        existing: the records that leave the two alike.
-        setup: how records are taken, by keywords of :func:`plan_measurements`: ``reference_frame``, noise, ….
-    """
-    seat = existing.conditions.seat
-    reference: Reference = "seats" if seat is not None and np.mean(seat != "") > 0.5 else "free"
-    options: dict[str, Any] = {"reference": reference, "postures": QUICK, "progress": False} | setup
-    try:
-        return plan_measurements(model, split, existing=existing, **options).sentence()
-    except AacmmError as error:
-        one, other = (cause if isinstance(cause, str) else cause.key for cause in split)
-        return f"no records could be planned that tell {one} from {other}: {error}"
 
 
 def places_for(
@@ -188,23 +165,23 @@ def check_numbers(
         raise AacmmError(f"{existing.source} has angles of {existing.nq} joints, {model.arm.name} has {model.arm.nq}")
 
 
-def complete(setup: Setup, arm: Arm) -> tuple[Setup, tuple[str, ...]]:
-    """The set-up with the noise to plan with, and words for what of it was assumed."""
+def complete(setup: Setup, arm: Arm) -> tuple[Setup, tuple[Note, ...]]:
+    """The set-up with the noise to plan with, and what of it was assumed."""
     notes = []
     if setup.encoder_noise is None:
         setup = replace(setup, encoder_noise=np.full(arm.nq, ENCODER))
-        notes.append(f"encoder noise not given; {ENCODER:g} rad assumed")
+        notes.append(Note("encoder_noise_assumed", {"noise": ENCODER}))
     if setup.reference_noise is None:
         setup = replace(setup, reference_noise=REFERENCE_NOISE)
-        notes.append(f"reference noise not given; {REFERENCE_NOISE / MM:g} mm assumed where records state none")
+        notes.append(Note("reference_noise_assumed", {"noise": REFERENCE_NOISE}))
     return replace(setup, probe_noise=setup.probe_noise or 0.0), tuple(notes)
 
 
-Usable = tuple[tuple[Effect, ...], Measurements | None, tuple[str, ...]]
+Usable = tuple[tuple[Effect, ...], Measurements | None, tuple[Note, ...]]
 
 
 def _usable(causes: tuple[Effect, ...], existing: Measurements | None, named: bool) -> Usable:
-    """The causes and the existing records that go together, and words for why not all.
+    """The causes and the existing records that go together, and why not all.
 
     Records that do not state what a cause depends on do not count where the causes were ``named``; else such causes do not.
     """
@@ -216,8 +193,8 @@ def _usable(causes: tuple[Effect, ...], existing: Measurements | None, named: bo
         return causes, existing, ()
     if named:
         needs = sorted({f"{need} ({effect.label})" for effect, need in lacking})
-        return causes, None, (f"{existing.source} does not state {', '.join(needs)}, so its records do not count here",)
+        return causes, None, (Note("records_not_counted", {"source": existing.source, "needs": needs}),)
     needs, silent = sorted({need for _, need in lacking}), [effect for effect, _ in lacking]
-    left_out = ", ".join(dict.fromkeys(effect.label for effect in silent))
-    words = f"{existing.source} does not state {', '.join(needs)}: left out {left_out}"
-    return tuple(effect for effect in causes if effect not in silent), existing, (words,)
+    left_out = [*dict.fromkeys(effect.label for effect in silent)]
+    note = Note("causes_left_out", {"source": existing.source, "needs": needs, "causes": left_out})
+    return tuple(effect for effect in causes if effect not in silent), existing, (note,)

@@ -9,22 +9,18 @@ from typing import Any
 import pandas as pd
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin._support.display import Shown
+from aacmm_pin._support.display import Shown, report
+from aacmm_pin._support.notes import Note, notes_in_json
 from aacmm_pin._support.output_files import whole_file
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import MM
-from aacmm_pin.arm.file import bundled_arms
-from aacmm_pin.effects import Effect, ErrorModel, text_of
+from aacmm_pin.effects import Effect, ErrorModel
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.planning.detection_power import Power
 
 SCHEMA = "aacmm-pin/plan/1"
 DECIDED = 0.95
 """Causes are told apart when the chance of the right decision is this large."""
-
-
-LEAST_CHANGE = 0.005
-"""A probability of a right decision that grows by less is not worth new records."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +72,7 @@ class MeasurementPlan(Shown):
     after: Power
     tried: tuple[Tried, ...]
     existing: int
-    notes: tuple[str, ...]
+    notes: tuple[Note, ...]
     measurements: Measurements
     pairs: pd.DataFrame | None = None
     enough: int | None = None
@@ -116,37 +112,6 @@ class MeasurementPlan(Shown):
         """The text of that file."""
         return csv_text(self.records)
 
-    @property
-    def _more(self) -> str:
-        """How many records would decide; "" where nobody knows."""
-        beside = f" beside the {self.existing} existing ones" if self.existing else ""
-        return "" if self.enough is None else f"; about {self.enough} new records{beside} would decide"
-
-    def sentence(self) -> str:
-        """One sentence: what to do to tell the two causes apart, and the command."""
-        one, other = self.split
-        if self.after.same:
-            return f"nothing that was considered tells {one.label} from {other.label}: {self.tried[-1].why_not}"
-        name = self.model.arm.name.lower()
-        arm = name if name in bundled_arms() else "ARM.toml"
-        with_it = "; diagnose these with set_up.toml, apart from the old ones" if self.changes_arm else ""
-        options = [*self.options, *(["--set-up-arm set_up.toml"] if self.changes_arm else [])]
-        split = f"--split {text_of(one)} {text_of(other)}"
-        command = " ".join(["aacmm-pin plan", arm, split, f"--records {len(self.records)}", *options, "-o plan.csv"])
-        if self.before is not None and self.after.probability - self.before.probability < LEAST_CHANGE:
-            return (
-                f"records such as these tell {one.label} from {other.label} with a probability of "
-                f"{self.before.probability:.2f}, and more would add nothing: if they do not, something else acts"
-            )
-        odds = f"from {0.5 if self.before is None else self.before.probability:.2f} to {self.after.probability:.2f}"
-        if not self.decided:
-            odds += self._more or ", not enough yet"
-        where = "" if not self.set_up else f", and {self.setup}"
-        return (
-            f"to tell {one.label} from {other.label}, measure {len(self.records)} records where the two differ "
-            f"most{where}: {command} (the probability of a right decision goes {odds}{with_it})"
-        )
-
     def summary(self) -> dict[str, Any]:
         """Schema ``aacmm-pin/plan/1``."""
         pairs = None
@@ -176,26 +141,11 @@ class MeasurementPlan(Shown):
             "pairs": pairs,
             "expected_mm": [[round(float(x) / MM, 3) for x in tip] for tip in self.expected],
             "seed": self.seed,
-            "notes": list(self.notes),
+            **notes_in_json(self.notes),
         }
 
     def __str__(self) -> str:
-        one, other = (effect.label for effect in self.split)
-        what = f"to tell {one} from {other}" if self.asked else f"for all causes, of which {one} and {other} are worst told"
-        if self.before is not None and not self.needed:
-            return (
-                f"no more records are needed {what}: the {self.existing} existing ones do, with a probability of the right "
-                f"decision of {self.before.probability:.2f}; these {len(self.records)} are for a check by new records"
-            )
-        text = f"{len(self.records)} records {what}, {self.setup}: "
-        if self.after.same:
-            text += "nothing that was considered tells them apart"
-        else:
-            text += f"T = {self.after.least:.3g} (expected increase of χ² with the wrong one of the two), "
-            text += f"probability of the right decision {self.after.probability:.2f}"
-            text += "" if self.before is None else f", {self.before.probability:.2f} before"
-            text += "" if self.decided else f"; that is not enough to decide{self._more}"
-        return text + "".join(f"; {t.words}: {t.why_not}" for t in self.tried if t.why_not)
+        return str(report().plan.plan_line(self))
 
 
 def _power(power: Power | None) -> dict[str, Any] | None:

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from aacmm_pin._support.checks import Array
+from aacmm_pin._support.notes import Note
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.planning.candidate_design import Situation
@@ -61,8 +62,8 @@ def for_all(
     draws, sizes = int(rng.integers(2**32)), (Size.of(split[0]), Size.of(split[1]))
     power = situation.power(chosen, worst, sizes, draws)
     before = situation.power([], worst, sizes, draws) if situation.before else None
-    told = f"{int(pairs['told'].sum())} of {len(pairs)} pairs of causes of typical size are told apart"
-    notes = (f"{told} with odds of 0.95 or more", *_notes(silent, same, labels, others, blocks))
+    told = Note("pairs_told_apart", {"told": int(pairs["told"].sum()), "pairs": len(pairs)})
+    notes = (told, *_notes(silent, same, labels, others, blocks))
     found = {"split": split, "before": before, "after": power, "tried": (Tried(str(set_up), power),), "pairs": pairs}
     return plan_of(task, situation, chosen, notes, **found)
 
@@ -111,19 +112,18 @@ def _best_for(pair: Pair, situation: Situation, choice: Choosing) -> int:
 
 def _notes(
     silent: set[int], same: set[Pair], labels: list[str], others: dict[str, Array], blocks: tuple[slice, ...]
-) -> Iterator[str]:
+) -> Iterator[Note]:
     """What no posture shows or tells apart, and which of the ``others``, set-ups with their triangles, would."""
     for k in sorted(silent):
-        yield f"{labels[k]} would not show{_how(words for words, r in others.items() if not _silent(r, blocks[k]))}"
+        helps = next((words for words, r in others.items() if not _silent(r, blocks[k])), None)
+        data = {"cause": labels[k], "set_up": helps}
+        yield Note("cause_never_shows" if helps is None else "cause_shows_otherwise", data)
     for one, other in sorted(same):
         both = blocks[one], blocks[other]
-        helps = _how(words for words, r in others.items() if distances(r, both)[0, 1][1] > SAME and not _silent(r, *both))
-        yield f"no posture tells {labels[one]} from {labels[other]}{helps}"
-
-
-def _how(helps: Iterator[str]) -> str:
-    first = next(helps, None)
-    return ", nor would it with a load or on another mount" if first is None else f"; it takes another set-up: {first}"
+        separating = (words for words, r in others.items() if distances(r, both)[0, 1][1] > SAME and not _silent(r, *both))
+        helps = next(separating, None)
+        data = {"one": labels[one], "other": labels[other], "set_up": helps}
+        yield Note("pair_never_told" if helps is None else "pair_told_otherwise", data)
 
 
 def _silent(r: Array, *blocks: slice) -> bool:

@@ -17,15 +17,15 @@ from numpy.typing import ArrayLike, NDArray
 from aacmm_pin._support.angles import wrapped
 from aacmm_pin._support.checks import Array, batch, unit_vector, vector, whole
 from aacmm_pin._support.display import report
+from aacmm_pin._support.notes import Note
 from aacmm_pin._support.plausible import COORDINATE
-from aacmm_pin._support.units import MM
 from aacmm_pin.arm.arm import Arm, GivenArm, as_arm
 from aacmm_pin.arm.chain import axis
 from aacmm_pin.arm.limits import broken_limits, into_limits
 from aacmm_pin.errors import AacmmError, UnsupportedArmError
 from aacmm_pin.postures.curve_sampling import Components, Flexibility, evenly, flexibility
 from aacmm_pin.postures.elbow_swivel import Swivel
-from aacmm_pin.postures.postures_at_point import DEGENERATE, PosturesAtPoint, in_degrees, lost, not_closed
+from aacmm_pin.postures.postures_at_point import PosturesAtPoint, in_degrees, lost, not_closed
 from aacmm_pin.postures.tip_ik import tip_curves, tip_equations
 from aacmm_pin.postures.wrist_ik import WRIST_ROW, Wrist, reach_of_wrist, wrist_curves, wrist_equations
 
@@ -193,19 +193,19 @@ def configuration_circles(
     for number, (point, system) in enumerate(zip(points, systems, strict=True)):
         mine = [replace(curve, problem=0) for curve in found.curves if curve.problem == number]
         components = Components(swivel, system, point[None, :], mine, wrist)
-        notes = not_closed(mine) + [DEGENERATE] * found.degenerate
+        notes = not_closed(mine) + [Note("arm_degenerate")] * found.degenerate
         notes += wrist.notes if wrist is not None and rest is None else []
         if number in found.families:
             such = in_degrees(components.full(found.families[number][None, :])[0])
-            notes.append(f"singular postures, such as {such}, are not listed; they may go on in families")
+            notes.append(Note("singular_unlisted", {"posture": such}))
         if number in found.unfinished:
-            notes.append("the search ended at its limit of work: there may be more components")
+            notes.append(Note("search_ended"))
         circles.append(_sampled(arm, point, arm.tip if tip else WRIST, components, count, tuple(notes)))
     return circles
 
 
 def _sampled(
-    arm: Arm, point: Array, at: str, components: Components, count: int, notes: tuple[str, ...]
+    arm: Arm, point: Array, at: str, components: Components, count: int, notes: tuple[Note, ...]
 ) -> ConfigurationCircle:
     """Configurations evenly spaced along the elbow's path."""
     q, component = np.empty((0, arm.nq)), np.empty(0, dtype=np.intp)
@@ -216,18 +216,19 @@ def _sampled(
         q = into_limits(components.full(some), arm.limits)
         notes += tuple(lost(missing))
     swivel = components.swivel.angle(q, np.broadcast_to(point, (len(q), 3)))
-    reason, broken = "" if len(q) else "; ".join(notes) or _why_not(components, point), broken_limits(q, arm.limits)
+    reason = "" if len(q) else "; ".join(map(str, notes)) or _why_not(components, point)
+    broken = broken_limits(q, arm.limits)
     those = (arm, point, at, q, component + 1, swivel, broken)
     return ConfigurationCircle(*those, components, reason=reason, notes=notes, complete=not notes)
 
 
 def _why_not(components: Components, point: Array) -> str:
     shoulder, wrist = components.swivel.shoulder, components.wrist
-    distance = f"the point is {np.linalg.norm(point - shoulder) / MM:.3f} mm from the shoulder"
+    distance = float(np.linalg.norm(point - shoulder))
     if wrist is None:
-        return f"{distance} and cannot be reached with that stylus axis"
+        return str(Note("stylus_axis_unreachable", {"distance": distance}))
     nearest, farthest = reach_of_wrist(wrist, shoulder)
-    return f"{distance}; the wrist reaches from {nearest / MM:.3f} mm to {farthest / MM:.3f} mm"
+    return str(Note("wrist_out_of_reach", {"distance": distance, "nearest": nearest, "farthest": farthest}))
 
 
 def _sides(signs: NDArray[np.intp]) -> str:

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from aacmm_pin._support.angles import wrapped
 from aacmm_pin._support.checks import Array, unit_vector, vector, whole
+from aacmm_pin._support.notes import Note
 from aacmm_pin._support.plausible import COORDINATE
 from aacmm_pin._support.units import DEG
 from aacmm_pin.arm.arm import Arm, GivenArm, as_arm
@@ -23,7 +24,7 @@ from aacmm_pin.postures.curve_sampling import Flexibility, evenly
 from aacmm_pin.postures.elbow_swivel import Swivel
 from aacmm_pin.postures.newton_search import MOST_STARTS, Isolated, Search, SelfMotion, SolutionSet, search
 from aacmm_pin.postures.pose_equations import Curve, PoseConditions
-from aacmm_pin.postures.postures_at_point import DEGENERATE, PosturesAtPoint, in_degrees, lost, not_closed
+from aacmm_pin.postures.postures_at_point import PosturesAtPoint, in_degrees, lost, not_closed
 from aacmm_pin.postures.solution_curves import NEARLY_SINGULAR, flattest
 
 CONDITIONS = {3: "a point", 5: "a point and an axis", 6: "a full pose"}
@@ -152,8 +153,8 @@ def reaching_postures(
         if curves:
             q, component, missing = evenly(equations, finds.curves, count, lambda q: q)
         notes = _families(finds, found) + not_closed(curves) + lost(missing)
-    notes += [DEGENERATE] * found.degenerate
-    reason = "" if len(q) else "; ".join(notes) or f"{found}: out of reach"
+    notes += [Note("arm_degenerate")] * found.degenerate
+    reason = "" if len(q) else "; ".join(map(str, notes)) or f"{found}: out of reach"
     q = into_limits(q, arm.limits)
     swivel, broken = _swivel(arm, q, conditions.point), broken_limits(q, arm.limits)
     at = (arm, conditions.point, arm.tip)
@@ -194,7 +195,7 @@ def _what_fits(arm: Arm, conditions: PoseConditions) -> str:
         for n, words in CONDITIONS.items()
         if joints - n in (0, 1)
     ]
-    expected = f"state {' or '.join(fitting)}" if fitting else "only arms of 3 to 7 joints have conditions that fit"
+    expected = f"state {' or '.join(fitting)}" if fitting else "only 3 to 7 joints fit"
     if free < 0:
         return f"{arm.name}: {joints} joints cannot meet the {conditions.count} conditions of {asked}; {expected}"
     return f"{arm.name}: {joints} joints and {asked} leave {free} joints free; {expected}"
@@ -213,15 +214,15 @@ def _rotation(values: ArrayLike) -> Array:
     return np.asarray(left @ right)
 
 
-def _families(finds: SolutionSet, found: Search) -> list[str]:
+def _families(finds: SolutionSet, found: Search) -> list[Note]:
     """That there are singular postures in families, which are not listed."""
     if finds.family is None:
         return []
-    where = f"{finds.families} of {found.arrived} arrivals at singular postures"
-    return [f"{where} that go on in families, such as {in_degrees(finds.family)}; they are not listed"]
+    data = {"families": finds.families, "arrivals": found.arrived, "posture": in_degrees(finds.family)}
+    return [Note("singular_families_unlisted", data)]
 
 
-def _next_to_singular(single: Isolated, found: Search) -> list[str]:
+def _next_to_singular(single: Isolated, found: Search) -> list[Note]:
     """That some postures are so flat that rounding decides whether a neighbour is found, and whether it is another one."""
     near = (
         np.flatnonzero(flattest(single.equations, single.q, np.zeros(len(single.q), dtype=np.intp))[0] < NEARLY_SINGULAR)
@@ -230,12 +231,9 @@ def _next_to_singular(single: Isolated, found: Search) -> list[str]:
     )
     notes = []
     if near.size:
-        which = f"posture {near[0] + 1} is" if near.size == 1 else f"postures {', '.join(str(n + 1) for n in near)} are"
-        notes.append(f"{which} singular or nearly so: a neighbour may be missed there, or one posture be listed twice")
+        notes.append(Note("nearly_singular", {"postures": (near + 1).tolist()}))
     if found.stalled:
-        notes.append(
-            f"{found.stalled} of {found.starts} starts came to a stand next to singular postures: some there may be missed"
-        )
+        notes.append(Note("starts_stalled", {"stalled": found.stalled, "starts": found.starts}))
     return notes
 
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from aacmm_pin._support.angles import spread_angles, wrapped
 from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.notes import Note
 from aacmm_pin.postures.continuation import CLOSE_ENOUGH, SAME_POINT
 from aacmm_pin.postures.pose_equations import Curve, Equations
 from aacmm_pin.postures.solution_curves import (
@@ -86,7 +87,7 @@ class Search:
         return (
             f"{self.arrived} of {self.starts} spread starts arrived, the last {self.since_new} at nothing new "
             f"(95 %: fewer than {self.unseen:.1%} of arrivals would find more)"
-            + ("; the search ended at its limit of work" if self.ended else "")
+            + (f"; {Note('search_ended')}" if self.ended else "")
         )
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from aacmm_pin._support.angles import wrapped
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown
+from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.postures.curve_sampling import Flexibility
@@ -47,7 +48,7 @@ class PosturesAtPoint(Shown):
     swivel: Array
     broken: NDArray[np.bool_]
     reason: str = field(default="", kw_only=True)
-    notes: tuple[str, ...] = field(default=(), kw_only=True)
+    notes: tuple[Note, ...] = field(default=(), kw_only=True)
     complete: bool = field(default=True, kw_only=True)
 
     def __len__(self) -> int:
@@ -98,19 +99,15 @@ class PosturesAtPoint(Shown):
         return f"{self.arm.name}, {self.at} at ({x:z.4f}, {y:z.4f}, {z:z.4f}) mm"
 
 
-def not_closed(curves: Iterable[Curve]) -> list[str]:
+def not_closed(curves: Iterable[Curve]) -> list[Note]:
     """A note on each curve that was not followed all the way round."""
     unfinished = [number for number, curve in enumerate(curves, start=1) if not curve.closed]
-    return [f"component {number} could not be followed all the way round" for number in unfinished]
+    return [Note("curve_open", {"component": number}) for number in unfinished]
 
 
-DEGENERATE = "the arm is degenerate, or nearly: it is nearly singular in all postures, and some may be missed"
-"""A note."""
-
-
-def lost(number: int) -> list[str]:
+def lost(number: int) -> list[Note]:
     """A note on configurations between others of a curve that could not be found."""
-    return [f"{number} configurations between others of a curve could not be found"] if number else []
+    return [Note("configurations_missing", {"number": number})] if number else []
 
 
 def in_degrees(q: Array) -> str:

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from aacmm_pin._support.angles import spread_angles
 from aacmm_pin._support.checks import Array, Index, vector
+from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.chain import OF_A_POSE, screws
@@ -114,9 +115,9 @@ class Wrist:
         return f"joint {WRIST_ROW} is held at {angle:.4g}° and moves frame{WRIST_ROW} by {lever:.4g} mm"
 
     @property
-    def notes(self) -> list[str]:
+    def notes(self) -> list[Note]:
         """What it leaves out that joint 5 is held."""
-        return [f"{self.held}: postures with other angles of it are not listed"] * (self.lever > SEEN_LEVER)
+        return [Note("wrist_joint_held", {"held": self.held})] if self.lever > SEEN_LEVER else []
 
     def full(self, q: Array) -> Array:
         """All joints from the first four: (n, nq) [rad]."""

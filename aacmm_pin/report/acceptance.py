@@ -15,9 +15,10 @@ from aacmm_pin._support.units import MM, plain_mm
 from aacmm_pin.report.document import MARK, Block, Document, Download, Figure, Folded, Notes, Paragraph, Table, document_of
 from aacmm_pin.report.html import SHORT
 from aacmm_pin.report.numbers import capital
+from aacmm_pin.report.procedure import ORIGIN
 from aacmm_pin.verification import AcceptanceResult, History
 from aacmm_pin.verification.accept import COVERAGE, LONGEST_PART, SHOWN_AS, shown_verdict
-from aacmm_pin.verification.characteristics import EDITIONS, ORIGIN, RULE_OF
+from aacmm_pin.verification.characteristics import EDITIONS, RULE_OF
 from aacmm_pin.verification.history import LEAST_CHECKS, PER_MOVING_RANGE
 from aacmm_pin.verification.probed_points import AS_GIVEN, brief
 

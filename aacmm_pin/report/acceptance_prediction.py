@@ -10,8 +10,8 @@ from aacmm_pin._support.units import MM
 from aacmm_pin.report.document import Document, Download, Figure, Notes, Paragraph, Table, document_of
 from aacmm_pin.report.numbers import UNIT
 from aacmm_pin.report.plots.style import BLUE, GREEN, GREY, VERMILLION, plain
+from aacmm_pin.report.procedure import ORIGIN
 from aacmm_pin.verification import PredictedAcceptance
-from aacmm_pin.verification.characteristics import ORIGIN
 
 COLOURS = (BLUE, GREEN, GREY)
 

@@ -8,7 +8,7 @@ import pandas as pd
 
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.accuracy.length import LengthUncertainty
-from aacmm_pin.accuracy.volume import AccuracyVolume, what_k_covers
+from aacmm_pin.accuracy.volume import COVERED, AccuracyVolume
 from aacmm_pin.accuracy.workspace import WorkspaceMap
 from aacmm_pin.arm.file import COVERAGE_FACTOR
 from aacmm_pin.postures.curve_sampling import Flexibility, sector_centres
@@ -69,7 +69,7 @@ def accuracy_document(accuracy: AccuracyVolume, summary: dict[str, Any] | None =
         Table(postures, f"Postures{', swivel 0 where the elbow is highest' if 'swivel [°]' in postures else ''}"),
         Table(over),
         _budget(budget),
-        *accuracy.sources.caveats,
+        *map(str, accuracy.sources.caveats),
     ]
     return Document("Accuracy", blocks)
 
@@ -96,9 +96,16 @@ def length_document(length: LengthUncertainty) -> Document:
         str(length),
         Table(ends, "Postures for this length"),
         _budget(budget),
-        *length.sources.caveats,
+        *map(str, length.sources.caveats),
     ]
     return Document("Length", blocks)
+
+
+def what_k_covers() -> str:
+    """The coverage probability of U of a position."""
+    along, isotropic = (f"{100 * part:.1f} %" for part in COVERED)
+    errors = f"{along} of normal errors along one direction, {isotropic} of isotropic ones"
+    return f"U (k = {COVERAGE_FACTOR:g}) of a position covers {errors}."
 
 
 def postures_at_the_ends(summary: dict[str, Any]) -> pd.DataFrame:

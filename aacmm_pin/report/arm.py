@@ -14,8 +14,7 @@ from aacmm_pin.arm.dh import KINDS, DHTable
 from aacmm_pin.arm.file import COVERAGE_FACTOR, ArmFile
 from aacmm_pin.arm.parameter import Parameter
 from aacmm_pin.arm.poses import Poses
-from aacmm_pin.diagnosis.result import described
-from aacmm_pin.effects import Effect, ErrorModel, in_words, values_in_words
+from aacmm_pin.effects import Effect, ErrorModel, in_words, values_in_words, values_with_u
 from aacmm_pin.report.document import Document, Paragraph, Table, document_of
 from aacmm_pin.report.numbers import count, quantity, small, vector
 
@@ -138,7 +137,7 @@ def effect_document(effect: Effect) -> Document:
 
 def _values(effect: Effect) -> str:
     """Described values of a cause ± U; its parameters count as independent."""
-    return values_in_words(effect, described(effect, np.diag(np.square(effect.u))))
+    return values_in_words(effect, values_with_u(effect, np.diag(np.square(effect.u))))
 
 
 @document_of.register

@@ -16,8 +16,7 @@ from aacmm_pin.calibration import Calibration
 from aacmm_pin.calibration.cross_validation import rms
 from aacmm_pin.calibration.shared_exclusions import Exclusions
 from aacmm_pin.calibration.solver import MISFIT
-from aacmm_pin.diagnosis.result import described
-from aacmm_pin.effects import ErrorModel, in_words, listed, slides, values_in_words
+from aacmm_pin.effects import ErrorModel, in_words, listed, slides, values_in_words, values_with_u
 from aacmm_pin.report import plots
 from aacmm_pin.report.document import (
     Block,
@@ -177,7 +176,9 @@ def estimated_causes(result: Calibration) -> pd.DataFrame:
             "cause": in_words(effect, result.model.arm),
             "value ± U (k = 2)": "known in combination with others only"
             if together[own].any()
-            else values_in_words(effect, described(effect, result.covariance[own, own]), slides(effect, result.model.arm)),
+            else values_in_words(
+                effect, values_with_u(effect, result.covariance[own, own]), slides(effect, result.model.arm)
+            ),
         }
         for effect, own in zip(result.fit.effects, vector.slices, strict=True)
         if vector.of_arm[own.start] is None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from aacmm_pin._support.units import DEG
+from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.planning import CalibrationPlan, MeasurementPlan
 from aacmm_pin.postures.articulation import articulations, places
 from aacmm_pin.report.document import Block, Document, Download, Figure, Heading, Notes, Paragraph, Table, document_of
@@ -23,6 +23,16 @@ def calibration_plan_document(plan: CalibrationPlan) -> Document:
         f"Calibration of {plan.model.arm.name}: what to measure",
         [Paragraph(f"{plan}.", finding=True, head="Plan:"), *where_to_go(plan), Notes(plan.notes)],
         "" if plan.seed is None else f"seed {plan.seed}",
+    )
+
+
+def calibration_plan_line(plan: CalibrationPlan) -> str:
+    """How many records, and what they are worth beside random ones."""
+    beside = f" beside the {plan.existing} existing ones" if plan.existing else ""
+    return (
+        f"{len(plan.records)} records to calibrate {plan.model.arm.name}{beside}: observability O1 is {plan.ratio:.2f} "
+        f"times that of random records of the same number; u of a point after calibration {plan.u / MM:.4f} mm (root "
+        f"mean square), {float(np.median(plan.u_random)) / MM:.4f} mm after random ones"
     )
 
 

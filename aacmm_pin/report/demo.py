@@ -19,7 +19,7 @@ from matplotlib.figure import Figure as Drawing
 from aacmm_pin._support.output_files import OutputFiles, json_text
 from aacmm_pin._support.text_escaping import csv_text, encodable
 from aacmm_pin._support.units import MM
-from aacmm_pin.accuracy.volume import AccuracyVolume, circle_accuracy, what_k_covers
+from aacmm_pin.accuracy.volume import AccuracyVolume, circle_accuracy
 from aacmm_pin.accuracy.workspace import WorkspaceMap, map_workspace
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.file import COVERAGE_FACTOR, load_arm_file
@@ -31,7 +31,7 @@ from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.measurements.simulate import simulate_measurements
 from aacmm_pin.postures.configurations import ConfigurationCircle, configuration_circle
 from aacmm_pin.report import plots
-from aacmm_pin.report.accuracy import postures_at_the_ends
+from aacmm_pin.report.accuracy import postures_at_the_ends, what_k_covers
 from aacmm_pin.report.diagnosis import (
     causes_drawn,
     diagnosis_document,

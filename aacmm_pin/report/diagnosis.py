@@ -2,26 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from aacmm_pin._support.display import two_digits
 from aacmm_pin._support.units import MM, UM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration.cross_validation import rms
 from aacmm_pin.calibration.fit import NO_SCATTER
 from aacmm_pin.calibration.result import residuals_by_record
 from aacmm_pin.calibration.shared_exclusions import exclusions_of
-from aacmm_pin.diagnosis import Diagnosis, Finding
-from aacmm_pin.diagnosis.branches import Branches
-from aacmm_pin.diagnosis.cross_validation import Gain
-from aacmm_pin.diagnosis.significance import Alias
-from aacmm_pin.diagnosis.thresholds import THRESHOLDS
-from aacmm_pin.diagnosis.unexplained import BACKGROUND, ScatteredReadings, SharedError, Unexplained
+from aacmm_pin.diagnosis import (
+    THRESHOLDS,
+    Alias,
+    Branches,
+    Diagnosis,
+    Finding,
+    Gain,
+    ScatteredReadings,
+    SharedError,
+    Unexplained,
+)
+from aacmm_pin.diagnosis.unexplained import BACKGROUND
 from aacmm_pin.effects import (
     Discrepancy,
     Effect,
@@ -38,6 +43,7 @@ from aacmm_pin.effects import (
 )
 from aacmm_pin.report import plots
 from aacmm_pin.report.calibration import KINDS, excluded_records, exclusions_in_words, files
+from aacmm_pin.report.diagnosis_notes import beside_threshold, doubts_in_words, labels_in_words
 from aacmm_pin.report.document import (
     Block,
     Bullets,
@@ -51,6 +57,7 @@ from aacmm_pin.report.document import (
     blank_axes,
     document_of,
 )
+from aacmm_pin.report.next_measurements import next_measurements
 from aacmm_pin.report.numbers import capital, count, length, length_unit, lengths, p_equals, p_value, percent
 from aacmm_pin.report.plots.groups import held_out_parts, place_in_words
 from aacmm_pin.report.plots.partial_residuals import is_constant, state_of
@@ -92,7 +99,7 @@ def diagnosis_document(result: Diagnosis, summary: dict[str, Any] | None = None,
             *_held_out(result),
             *_left(result),
             Heading("What to measure next"),
-            Paragraph(f"{result.next_measurements}.", finding=True, head="Next:"),
+            Paragraph(f"{next_measurements(result)}.", finding=True, head="Next:"),
             Notes(result.notes),
             *([] if summary is None else _files(result, summary, when)),
         ],
@@ -115,7 +122,7 @@ def verdict_in_words(result: Diagnosis) -> str:
     else:
         after = "recalibration and extension" if result.findings else "recalibration"
         text = f"{wrong}. After {after}, {_left_in_words(result)}"
-    beside = _doubts_in_words(result) if result.verdict in ("unexplained", "ambiguous") else ()
+    beside = doubts_in_words(result) if result.verdict in ("unexplained", "ambiguous") else ()
     doubts = "".join(f" {capital(doubt)}." for doubt in beside)
     return f"{_excluded_in_words(result)}{result.model.arm.name}: {text}.{doubts}"
 
@@ -186,35 +193,10 @@ def _inconclusive(result: Diagnosis, wrong: str) -> str:
     if result.extended.too_many_excluded:
         out, all_of = int(result.extended.excluded.sum()), int((result.extended.used | result.extended.excluded).sum())
         return f"{out} of {all_of} records do not agree with the others, too many for gross errors; of the others: {wrong}"
-    doubts = "; ".join(_doubts_in_words(result))
+    doubts = "; ".join(doubts_in_words(result))
     if not result.findings:
         return f"no cause was found, but {doubts}"
     return f"these records suggest that {wrong}{f'; but {doubts}' if doubts else ''}"
-
-
-def _doubts_in_words(result: Diagnosis) -> Iterator[str]:
-    """What keeps the verdict from being ``explained`` or ``no-discrepancy``, but for what is said of the causes."""
-    (seen, of), left, out = result.visible, result.unexplained, int(result.extended.excluded.sum())
-    findings, more, arm = result.findings, probability(result.more), result.model.arm
-    unconfirmed = [] if "no better" in result.doubts else [f.effect for f in findings if not f.borne_out]
-    unsaid = result.verdict != "unexplained"
-    words = {
-        "contradicted references": "; ".join(result.contradicted),
-        "few causes shown": f"these records would show only {seen} of {count(of, 'cause')} of typical magnitude",
-        "cause not named": f"{labels_in_words(result, result.otherwise)} would be found with {count(out, 'record')} more",
-        "below zero": f"nature has no {several_in_words([f.effect for f in findings if f.below_zero], arm)} below zero",
-        "cause not borne out": unconfirmed and f"held-out records do not confirm {several_in_words(unconfirmed, arm)}",
-        "structure left": unsaid and f"structure is left beyond chance ({_beside_threshold(left)})",
-        "starts disagree": "two explorations of the sets of causes found different ones",
-        "more causes": f"something acts that is not named (probability {more}, threshold {THRESHOLDS.settled:g})",
-    }
-    yield from (text for doubt in result.doubts if (text := words.get(doubt)))
-
-
-def _beside_threshold(left: Unexplained) -> str:
-    """The p-value of what is left, and below which something is: ``p = 0.02, threshold 0.001 beside what was named``."""
-    where = "where nothing was named" if left.threshold == THRESHOLDS.left_alone else "beside what was named"
-    return f"{p_equals(left.p_value)}, threshold {left.threshold:g} {where}"
 
 
 def _not_explained(result: Diagnosis) -> str:
@@ -239,7 +221,7 @@ def _not_explained(result: Diagnosis) -> str:
         more = f"{more} and {way}" if larger else f"the residuals {way}"
     elif left_over.apart and not larger:
         more = ""
-    return "; ".join(filter(None, [*map(apart_in_words, left_over.apart), more]))
+    return "; ".join(filter(None, [*map(str, left_over.apart), more]))
 
 
 def _background(left: Unexplained) -> str:
@@ -250,13 +232,6 @@ def _background(left: Unexplained) -> str:
 def alias_in_words(alias: Alias, arm: Arm) -> str:
     """A look-alike: a cause and where it sits, or a covariate."""
     return f"dependence on {alias.label}" if alias.effect is None else name_in_words(alias.effect, arm)
-
-
-def labels_in_words(result: Diagnosis, labels: Sequence[str]) -> str:
-    """Causes and covariates that labels of the result name, in a row."""
-    causes = [result.cause(label) for label in labels]
-    pairs, arm = zip(labels, causes, strict=True), result.model.arm
-    return listed([f"dependence on {label}" if cause is None else name_in_words(cause, arm) for label, cause in pairs])
 
 
 def line_to_remember(result: Diagnosis) -> str:
@@ -313,7 +288,7 @@ def unexplained_in_words(left: Unexplained) -> str:
         if left.excluded is not None:
             return branches.strip()
         what = "Structure over a column is" if left.left else "No structure over a column is"
-        return f"{branches}{what} left beyond chance ({_beside_threshold(left)})."
+        return f"{branches}{what} left beyond chance ({beside_threshold(left)})."
     return f"{branches}The residuals depend on {listed(covariates)} ({p}) in a way that no cause of the library has.{worth}"
 
 
@@ -332,18 +307,10 @@ def _saved_in_words(result: Diagnosis) -> str:
     return " ".join(said)
 
 
-def apart_in_words(one: Branches | ScatteredReadings | SharedError) -> str:
-    """What is left beside structure over a column."""
-    if not isinstance(one, SharedError):
-        return str(one)
-    shared, own = (two_digits(size / UM) for size in (one.rms, one.rms / one.times))
-    return f"records of one posture share an error of {shared} µm (RMS), beside {own} µm of each record's own"
-
-
 def _with_its_chance(one: Branches | ScatteredReadings | SharedError) -> str:
     """A statement with the number that it rests on."""
     rests_on = f"log likelihood ratio {one.log_ratio:.1f}" if isinstance(one, Branches) else p_equals(one.p_value)
-    return f"{apart_in_words(one)} ({rests_on})"
+    return f"{one} ({rests_on})"
 
 
 def _excluded(left: Unexplained) -> list[str]:

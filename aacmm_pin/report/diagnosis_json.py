@@ -7,14 +7,24 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
+from aacmm_pin._support.notes import notes_in_json
 from aacmm_pin._support.units import MM
 from aacmm_pin.calibration.cross_validation import rms
-from aacmm_pin.diagnosis import Alias, Diagnosis, Finding, Gain, Unexplained
-from aacmm_pin.diagnosis.branches import Branches
-from aacmm_pin.diagnosis.candidates import not_tried
+from aacmm_pin.diagnosis import (
+    Alias,
+    Branches,
+    Diagnosis,
+    Finding,
+    Gain,
+    ScatteredReadings,
+    SharedError,
+    Unexplained,
+    not_tried,
+)
 from aacmm_pin.diagnosis.posterior import Posterior
-from aacmm_pin.diagnosis.unexplained import Discrepancy, ScatteredReadings, SharedError
+from aacmm_pin.diagnosis.unexplained import Discrepancy
 from aacmm_pin.effects import COLUMNS, Effect, fields_of, strongest_waves
+from aacmm_pin.report.next_measurements import next_measurements
 
 SCHEMA = "aacmm-pin/diagnosis/1"
 PLACES = {"joint", "bodies"}
@@ -39,9 +49,8 @@ def diagnosis_to_dict(diagnosis: Diagnosis) -> dict[str, Any]:
     summary["unexplained"] = _unexplained(diagnosis.unexplained)
     summary["not_tried"] = _not_tried(diagnosis)
     summary["cannot_tell_apart"] = [list(labels) for labels in diagnosis.cannot_tell_apart]
-    summary["next_measurements"] = diagnosis.next_measurements
-    summary["notes"] = list(diagnosis.notes)
-    return summary
+    summary["next_measurements"] = next_measurements(diagnosis)
+    return summary | notes_in_json(diagnosis.notes)
 
 
 def finding_to_dict(finding: Finding) -> dict[str, Any]:

@@ -26,8 +26,8 @@ def diagnosis_line(diagnosis: Diagnosis) -> str:
 def _clauses(diagnosis: Diagnosis) -> Iterator[str]:
     yield f"{diagnosis.verdict}: RMS {_sizes(diagnosis)}"
     yield from map(finding_line, diagnosis.findings)
-    yield from diagnosis.unexplained.in_words
-    yield from diagnosis.contradicted
+    yield from map(str, diagnosis.unexplained.notes)
+    yield from map(str, diagnosis.contradicted)
     if diagnosis.held_out is not None:
         yield _gain(diagnosis.held_out)
     if diagnosis.no_better:

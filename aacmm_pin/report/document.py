@@ -30,6 +30,7 @@ import numpy as np
 import pandas as pd
 
 from aacmm_pin._support.display import Shown
+from aacmm_pin._support.notes import Note
 from aacmm_pin.report.numbers import in_one_unit
 
 if TYPE_CHECKING:  # a document without pictures needs neither matplotlib nor meshcat
@@ -96,7 +97,7 @@ class Bullets:
 class Notes:
     """What was assumed or found beside; the shell writes it to the error stream."""
 
-    items: Sequence[str]
+    items: Sequence[Note]
 
 
 @dataclass(frozen=True, eq=False)

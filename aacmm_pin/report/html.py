@@ -105,7 +105,7 @@ def _prepared(blocks: Iterable[Block], *, on_page: bool) -> list[dict[str, Any]]
 def _derived(block: Block, on_page: bool) -> dict[str, Any]:
     match block:
         case Notes(items=items):
-            return {"items": [f"{capital(text)}." for text in items], "head": "What was assumed or found beside:"}
+            return {"items": [f"{capital(str(note))}." for note in items], "head": "What was assumed or found beside:"}
         case Table():
             return _table(block, on_page)
         case Figure(png=png):

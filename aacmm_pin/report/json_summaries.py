@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from aacmm_pin._support.checks import Array
+from aacmm_pin._support.notes import notes_in_json
 from aacmm_pin._support.units import DEG, MM, MM3
 from aacmm_pin.accuracy.comprehensive_accuracy import comprehensive_accuracy
 from aacmm_pin.accuracy.length import LengthUncertainty
@@ -67,7 +68,7 @@ def accuracy_summary(circle: PosturesAtPoint, accuracy: AccuracyVolume, sectors:
         "not_included": list(accuracy.not_included),
         "unexplained": accuracy.sources.arm.unexplained,
     }
-    summary |= {"complete": circle.complete, "notes": list(circle.notes)}
+    summary |= {"complete": circle.complete} | notes_in_json(circle.notes)
     if isinstance(circle, ReachingPostures):
         summary |= _search(circle)
     if not len(inside):

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from weakref import WeakKeyDictionary
 
 from aacmm_pin._support.threads import one_blas_thread
 from aacmm_pin.calibration.cross_validation import rms
 from aacmm_pin.calibration.shared_exclusions import LABELS
-from aacmm_pin.diagnosis import Alias, Diagnosis, Finding
-from aacmm_pin.diagnosis.result import too_good
-from aacmm_pin.diagnosis.thresholds import THRESHOLDS
+from aacmm_pin.diagnosis import THRESHOLDS, Alias, Diagnosis, Finding, too_good
 from aacmm_pin.effects import Effect, corrects_seat, listed
-from aacmm_pin.planning import advice
+from aacmm_pin.report.diagnosis_notes import doubts_in_words
 from aacmm_pin.report.numbers import lengths
+from aacmm_pin.report.plan import advice
 
 PLACE, SCALE = ("x", "y", "z", "place"), "scale"
 """Names of what :mod:`aacmm_pin.diagnosis.covariates` calls so."""
@@ -20,13 +20,20 @@ ORDER = ("record", "time")
 """The same, of the order in which records were taken."""
 
 
+_advice: WeakKeyDictionary[Diagnosis, str] = WeakKeyDictionary()
+"""What was planned, which a page and its JSON both state."""
+
+
 @one_blas_thread
 def next_measurements(result: Diagnosis) -> str:
-    """What would settle what a diagnosis leaves open; beside structure also which of two causes acts."""
-    first = _first(result)
-    if result.verdict == "unexplained" and result.cannot_tell_apart:
-        return f"{first}; also: {_to_tell_sets(result)}"
-    return first
+    """What would settle what a diagnosis leaves open, in a sentence; beside structure also which of two causes acts.
+
+    Where two causes are alike it plans how to distinguish them, which takes seconds, and has the command for that plan.
+    """
+    if result not in _advice:
+        also = result.verdict == "unexplained" and result.cannot_tell_apart
+        _advice[result] = _first(result) + (f"; also: {_to_tell_sets(result)}" if also else "")
+    return _advice[result]
 
 
 def _first(result: Diagnosis) -> str:
@@ -49,7 +56,7 @@ def _first(result: Diagnosis) -> str:
         where = unexplained.excluded.where
         return f"find what changed at {where}, such as the stand, the references or an encoder; diagnose both parts apart"
     if result.contradicted and verdict != "unexplained":
-        return f"measure the stated places anew: {'; '.join(result.contradicted)}"
+        return f"measure the stated places anew: {'; '.join(map(str, result.contradicted))}"
     if verdict == "inconclusive" and not findings:
         return f"more records, at other postures: of {of} causes of typical magnitude these would have shown {seen}"
     if verdict == "no-discrepancy":
@@ -94,7 +101,8 @@ def _first(result: Diagnosis) -> str:
             "if they are right, more records at other postures may tell what acts like it"
         )
     if verdict == "inconclusive":
-        return f"more records, at other postures: {_open(result)}"
+        doubts = doubts_in_words(result) or ["these do not confirm what was found yet"]
+        return f"more records, at other postures: {'; '.join(doubts)}"
     until = [getattr(finding.effect, "until_s", None) for finding in findings]
     if ends := [end for end in until if end is not None]:
         return f"records after {max(ends):.4g} s, by the same clock: whether the drift stops or goes on is open"
@@ -109,18 +117,6 @@ def _as_held_out(result: Diagnosis) -> str:
         return f"{by}, to be compared with that of these records, {lengths(sizes.values())[2]}"
     *_, size = lengths([*sizes.values(), rms(held.extended)])
     return f"{by}, which was {size} on held-out records"
-
-
-def _open(result: Diagnosis) -> str:
-    """What keeps a diagnosis with findings from being sure."""
-    doubts = result.doubts
-    if "structure left" in doubts:
-        return "something is left in the residuals that may be another cause"
-    if "more causes" in doubts:
-        return "a cause acts that these do not name"
-    if "starts disagree" in doubts:
-        return "several sets of causes explain these nearly alike"
-    return "these do not confirm what was found yet"
 
 
 def _repeats(result: Diagnosis) -> bool:

@@ -1,13 +1,24 @@
-"""A plan of measurements as a document: set-up, what was considered, which causes are told apart, the records."""
+"""A plan of measurements as a document, in one line, and as advice with its command."""
 
 from __future__ import annotations
 
+from typing import Any
+
+import numpy as np
 import pandas as pd
 
-from aacmm_pin.planning import MeasurementPlan
+from aacmm_pin.arm.file import bundled_arms
+from aacmm_pin.effects import GivenCause, GivenModel, text_of
+from aacmm_pin.errors import AacmmError
+from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.planning import MeasurementPlan, Reference, plan_measurements
 from aacmm_pin.report.calibration_plan import where_to_go
 from aacmm_pin.report.document import Bullets, Document, Notes, Paragraph, Table, document_of
 
+QUICK = 200
+"""Postures that are enough to state whether a plan would help; the plan itself has more."""
+LEAST_CHANGE = 0.005
+"""A probability of a right decision that grows by less is not worth new records."""
 MOST_PAIRS = 8
 """Pairs of causes that are listed; the JSON has all."""
 
@@ -45,3 +56,99 @@ def _pairs(plan: MeasurementPlan) -> pd.DataFrame:
         return pd.DataFrame()
     heads = {"cause": "cause", "other": "from", "T": "T", "told": "told apart"}
     return plan.pairs.loc[plan.pairs["why_not"] == "", [*heads]].rename(columns=heads)
+
+
+def plan_line(plan: MeasurementPlan) -> str:
+    """How many records in which set-up, and what they decide."""
+    one, other = (effect.label for effect in plan.split)
+    if plan.asked:
+        what = f"to distinguish {one} from {other}"
+    else:
+        what = f"for all causes, of which {one} and {other} are hardest to distinguish"
+    if plan.before is not None and not plan.needed:
+        return (
+            f"no more records are needed {what}: the {plan.existing} existing ones do, with a "
+            f"probability of the right decision of {plan.before.probability:.2f}; "
+            f"these {len(plan.records)} are for a check by new records"
+        )
+    text = f"{len(plan.records)} records {what}, {plan.setup}: {_power(plan)}"
+    return text + "".join(f"; {one.words}: {one.why_not}" for one in plan.tried if one.why_not)
+
+
+def _power(plan: MeasurementPlan) -> str:
+    """What the planned records decide."""
+    if plan.after.same:
+        return "nothing that was considered distinguishes them"
+    text = f"T = {plan.after.least:.3g} (expected increase of χ² with the wrong one of the two), "
+    text += f"probability of the right decision {plan.after.probability:.2f}"
+    text += "" if plan.before is None else f", {plan.before.probability:.2f} before"
+    return text + ("" if plan.decided else f"; that is not enough to decide{_more(plan)}")
+
+
+def _more(plan: MeasurementPlan) -> str:
+    """How many records would decide; "" where nobody knows."""
+    beside = f" beside the {plan.existing} existing ones" if plan.existing else ""
+    return "" if plan.enough is None else f"; about {plan.enough} new records{beside} would decide"
+
+
+def plan_advice(plan: MeasurementPlan) -> str:
+    """What to do to distinguish the two causes of a plan, and the command that plans it."""
+    one, other = plan.split
+    if plan.after.same:
+        pair = f"{one.label} from {other.label}"
+        return f"nothing that was considered distinguishes {pair}: {plan.tried[-1].why_not}"
+    before = 0.5 if plan.before is None else plan.before.probability
+    if plan.before is not None and plan.after.probability - before < LEAST_CHANGE:
+        return (
+            f"records such as these distinguish {one.label} from {other.label} with a probability "
+            f"of {before:.2f}, and more would add nothing: if they do not, something else acts"
+        )
+    odds = f"from {before:.2f} to {plan.after.probability:.2f}"
+    if not plan.decided:
+        odds += _more(plan) or ", not enough yet"
+    if plan.changes_arm:
+        odds += "; diagnose these with set_up.toml, apart from the old ones"
+    where = f", and {plan.setup}" if plan.set_up else ""
+    return (
+        f"to distinguish {one.label} from {other.label}, measure {len(plan.records)} records where "
+        f"the two differ most{where}: {_command(plan)} "
+        f"(the probability of a right decision goes {odds})"
+    )
+
+
+def _command(plan: MeasurementPlan) -> str:
+    """The command that makes such a plan."""
+    one, other = map(text_of, plan.split)
+    name = plan.model.arm.name.lower()
+    arm = name if name in bundled_arms() else "ARM.toml"
+    options = [*plan.options, *(["--set-up-arm set_up.toml"] if plan.changes_arm else [])]
+    count = f"--records {len(plan.records)}"
+    words = ["aacmm-pin plan", arm, f"--split {one} {other}", count, *options, "-o plan.csv"]
+    return " ".join(words)
+
+
+def advice(
+    model: GivenModel,
+    split: tuple[GivenCause, GivenCause],
+    existing: Measurements,
+    **setup: Any,
+) -> str:
+    """:func:`plan_advice` of a quick plan.
+
+    New records are taken as the old ones were: at their seats if most of them have one, else each
+    with its own coordinates. If no plan can be made the sentence states why; nothing is raised.
+
+    Args:
+        model: the arm.
+        split: the two causes, with their values where they are estimated.
+        existing: the records that leave the two alike.
+        setup: how records are taken, by keywords of :func:`plan_measurements`.
+    """
+    seat = existing.conditions.seat
+    reference: Reference = "seats" if seat is not None and np.mean(seat != "") > 0.5 else "free"
+    options: dict[str, Any] = {"reference": reference, "postures": QUICK, "progress": False} | setup
+    try:
+        return plan_advice(plan_measurements(model, split, existing=existing, **options))
+    except AacmmError as error:
+        one, other = (cause if isinstance(cause, str) else cause.key for cause in split)
+        return f"no records could be planned that distinguish {one} from {other}: {error}"

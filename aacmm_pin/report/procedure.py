@@ -11,7 +11,7 @@ from aacmm_pin.report.document import Bullets, Document, Download, Figure, Headi
 from aacmm_pin.report.plots.style import BLUE, GREEN, GREY, VERMILLION
 from aacmm_pin.report.plots.two_views import two_views
 from aacmm_pin.verification import Procedure
-from aacmm_pin.verification.characteristics import ASME, EDITIONS, ORIGIN, ZONES
+from aacmm_pin.verification.characteristics import ASME, EDITIONS, RULE_OF
 
 KINDS = {
     "sphere": ("sphere", BLUE),
@@ -22,6 +22,13 @@ KINDS = {
 """What stands in the room for the tests that begin so, and its colour."""
 SAME = {"location": "sphere", "effective-diameter": "sphere", "length-uni": "length", "length-bi": "length"}
 """Tests whose artefacts are those of another."""
+ORIGIN = (
+    f"Definitions and decision rule come from public descriptions of {', '.join(EDITIONS.values())} and {RULE_OF}. They "
+    "were never compared with the standards' texts; compare them before a contract depends on a verdict."
+)
+"""Stands first where a test is planned, predicted or judged."""
+ZONES = "0 to 20, 20 to 80 and 80 to 100 % of the reach by public descriptions"
+"""Where the points of ASME B89.4.22 stand; the standard's text rules. Touches do not say whether they did."""
 FILL_IN = (
     "Line numbers are those of the CSV file. Make the touches in its order, and tick each row.",
     "Fill in x_mm, y_mm, z_mm (centre of the probe, by the arm's software), or theta1_deg … (indications), or both; "

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin.diagnosis.choice import Choice
+from aacmm_pin.diagnosis import Choice
 from aacmm_pin.diagnosis.covariates import Carried
 from aacmm_pin.diagnosis.design_matrix import Design
 

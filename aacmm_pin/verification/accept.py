@@ -13,6 +13,7 @@ import pandas as pd
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown
+from aacmm_pin._support.notes import Note, notes_in_json
 from aacmm_pin._support.plausible import Range
 from aacmm_pin._support.units import MM, plain_mm
 from aacmm_pin.effects import ErrorModel, GivenModel
@@ -156,7 +157,7 @@ class AcceptanceResult(Shown):
 
     path: str
     figures: tuple[AcceptanceFigure, ...]
-    notes: tuple[str, ...] = field(default=())
+    notes: tuple[Note, ...] = field(default=())
     stated: Mapping[str, tuple[Any, ...]] = field(default_factory=dict)
     measuring_range: float | None = None
     longest: Mapping[str, float] = field(default_factory=dict)
@@ -220,7 +221,7 @@ class AcceptanceResult(Shown):
             "figures": [figure.to_dict() for figure in self.figures],
             "measuring_range_mm": self.measuring_range and self.measuring_range / MM,
             "longest_length_mm": longest,
-            "notes": [*self.notes],
+            **notes_in_json(self.notes),
         }
 
 
@@ -262,7 +263,7 @@ def accept(
     except AacmmError as error:
         raise AacmmError(f"{path}: {first}: {error}") from None
     figures: list[AcceptanceFigure] = []
-    unfit: dict[str, list[str]] = {}
+    unfit: dict[Note, list[str]] = {}
     for source, of_source in points.sets.items():
         for definition in wanted:
             of_test = of_source[of_source["test"] == definition.test]
@@ -272,13 +273,14 @@ def accept(
                 evaluated = _in_range(definition.evaluate(of_test), definition, of_test, measuring_range)
             except AacmmError as error:
                 evaluated = without_value(_count(of_test, definition), 0, why="see the notes")
-                unfit.setdefault(f"by {source}: no value; {error}", []).append(definition.name)
+                why = Note("figure_without_value", {"error": str(error)}).with_place(source)
+                unfit.setdefault(why, []).append(definition.name)
             mpe_of = limits.get(definition.name, math.nan)
             figures.append(AcceptanceFigure(source, definition, evaluated, mpe_of, _places(of_test, evaluated)))
     notes = [*points.notes, *doubts(first, of_first, measuring_range)]
-    notes += [f"{', '.join(names)} {why}" for why, names in unfit.items()]
+    notes += [why.with_place(", ".join(names)) for why, names in unfit.items()]
     if left_out := [name for name in limits if name not in {d.name for d in wanted}]:
-        notes.append(f"{', '.join(left_out)}: no verdict in spite of the MPE, for only figures of {standard} were asked for")
+        notes.append(Note("mpe_of_other_standard", {"figures": left_out, "standard": standard}))
     notes += _notes(figures, measuring_range)
     longest = {} if measuring_range is None else _longest_lengths(of_first)
     return AcceptanceResult(str(path), tuple(figures), tuple(notes), points.stated, measuring_range, longest, data)
@@ -335,25 +337,23 @@ def _in_range(found: Evaluated, definition: Definition, touches: pd.DataFrame, m
     return without_value(found.had, 0, why=why)
 
 
-def _notes(figures: Sequence[AcceptanceFigure], measuring_range: float | None) -> tuple[str, ...]:
+def _notes(figures: Sequence[AcceptanceFigure], measuring_range: float | None) -> tuple[Note, ...]:
     judged = [f for f in figures if f.verdict is not None]
     unstated = dict.fromkeys(f.definition.name for f in judged if math.isnan(f.evaluated.u) and not f.stated)
     partly = dict.fromkeys(f.definition.name for f in judged if f.stated and f.stated < len(f.evaluated.errors))
     notes = []
     if unstated:
-        notes.append(f"{', '.join(unstated)}: no uncertainty is stated or belongs to it, so the guard band is zero")
+        notes.append(Note("guard_band_zero", {"figures": [*unstated]}))
     if partly:
-        notes.append(f"{', '.join(partly)}: some uncertainties are not stated, and their guard bands are zero")
+        notes.append(Note("some_guard_bands_zero", {"figures": [*partly]}))
     far = [f for f in judged if f.mpe > max(FAR_BELOW * abs(f.evaluated.value), MM)]
     for name, mpe in {f.definition.name: f.mpe for f in far}.items():
-        notes.append(f"MPE of {name}, {mpe / MM:g} mm, is more than {FAR_BELOW:g} times what was found; is it in mm?")
+        notes.append(Note("mpe_large", {"figure": name, "mpe": mpe, "times": FAR_BELOW}))
     for figure in judged:
         if (other := figure.decided_by) is not None:
-            size, guard = (f"{length / MM:.4g} mm" for length in other[:2])
-            notes.append(
-                f"{figure.definition.name} by {figure.source}: another error, {size} with U = {guard}, "
-                f"{figure.places[other[2]]}, decides the verdict"
-            )
+            error, expanded, place = other
+            data = {"figure": figure.definition.name, "source": figure.source, "error": error}
+            notes.append(Note("other_error_decides", {**data, "expanded": expanded, "where": figure.places[place]}))
     if measuring_range is None and any(f.definition.test in IN_RANGE for f in figures):
-        notes.append("measuring range not given; whether the longest length is 66 % of it was not checked")
+        notes.append(Note("measuring_range_unknown"))
     return tuple(notes)

@@ -9,7 +9,7 @@ import pandas as pd
 import scipy
 from scipy.special import stdtr
 
-from aacmm_pin._support.units import MM
+from aacmm_pin._support.notes import Note
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.verification.evaluators import LENGTH, measured_lengths, size_error
 from aacmm_pin.verification.places import Place, coordinates_of
@@ -57,38 +57,33 @@ def check_unit(touches: pd.DataFrame) -> None:
             )
 
 
-def doubts(source: str, touches: pd.DataFrame, measuring_range: float | None = None) -> Iterator[str]:
+def doubts(source: str, touches: pd.DataFrame, measuring_range: float | None = None) -> Iterator[Note]:
     """Notes on the touches of one set of coordinates; ``measuring_range`` of the arm [m], None where not given."""
     at = touches[["x", "y", "z"]]
     nearest = scipy.spatial.KDTree(at).query(at, 2, p=np.inf, distance_upper_bound=ROUNDED)[0][:, 1]  # inf where farther
     if alike := int(np.isfinite(nearest).sum()):
-        yield f"{source}: {alike} of {len(at)} touches have the coordinates of another one; a copy says nothing of the arm"
+        yield Note("touches_copied", {"copies": alike, "touches": len(at)}).with_place(source)
     for test, of_test in touches.groupby("test", sort=False):
         extent = float(np.ptp(of_test[["x", "y", "z"]].to_numpy(), axis=0).max())
         several = of_test["position"].nunique() > 1
+        data = {"test": test, "extent": extent}
         if extent < CLOSE and (several or test != "single-point"):
-            yield f"{source}: all touches of {test} are within {extent / MM:.3g} mm; are the coordinates in mm?"
+            yield Note("test_small", data).with_place(source)
         elif several and measuring_range is not None and extent < PART_OF_RANGE * measuring_range:
-            yield (
-                f"{source}: all touches of {test} are within {extent / MM:.3g} mm, the measuring range is "
-                f"{measuring_range / MM:.4g} mm; are the coordinates in mm, and the positions spread over the range?"
-            )
+            yield Note("test_small_in_range", {**data, "range": measuring_range}).with_place(source)
         if test == "single-point":
-            yield from (f"{source}: {text}" for text in _too_small(of_test))
+            yield from (note.with_place(source) for note in _too_small(of_test))
         found = [*_spheres(of_test)]
-        yield from (f"{source}: {text}" for text in (*_beside(found), *_wrong_sizes(found)))
+        yield from (note.with_place(source) for note in (*_beside(found), *_wrong_sizes(found)))
 
 
-def _too_small(touches: pd.DataFrame) -> Iterator[str]:
+def _too_small(touches: pd.DataFrame) -> Iterator[Note]:
     """Positions whose touches scatter far less than those of the others."""
     extents = touches.groupby("position", sort=False)[["x", "y", "z"]].agg(np.ptp).max(axis=1)
     for position, extent in extents.items():
         others = float(extents.drop(position).median()) if len(extents) > 1 else 0.0
         if 0.0 < extent * TIMES_SMALLER < others:  # of copies there is a note
-            yield (
-                f"position {position}: all touches are within {extent / MM:.3g} mm, those of the others within "
-                f"{others / MM:.3g} mm; are its coordinates in mm?"
-            )
+            yield Note("position_small", {"extent": float(extent), "others": others}).with_place(f"position {position}")
 
 
 def _spheres(touches: pd.DataFrame) -> Iterator[tuple[pd.DataFrame, FittedSphere]]:
@@ -102,15 +97,15 @@ def _spheres(touches: pd.DataFrame) -> Iterator[tuple[pd.DataFrame, FittedSphere
             continue
 
 
-def _beside(spheres: list[tuple[pd.DataFrame, FittedSphere]]) -> Iterator[str]:
+def _beside(spheres: list[tuple[pd.DataFrame, FittedSphere]]) -> Iterator[Note]:
     """Touches far from the sphere of the others; spheres of five or six touches that do not lie on one."""
     forms = np.array([sphere.form for _, sphere in spheres])
     for k, (group, sphere) in enumerate(spheres):
         touch, off = _farthest(group, sphere)
         if touch is not None:
-            yield f"{Place.of(touch)}: {off / MM:.3g} mm from the sphere of the other touches, and not left out; a mistouch?"
+            yield Note("touch_off_sphere", {"distance": off}).with_place(str(Place.of(touch)))
         elif len(spheres) > 2 and sphere.form > max(TIMES_ITS_LIKE * float(np.median(np.delete(forms, k))), BESIDE):
-            yield f"{Place.of(group)}: one of these touches is beside their sphere, whose form is {sphere.form / MM:.3g} mm"
+            yield Note("touches_off_sphere", {"form": sphere.form}).with_place(str(Place.of(group)))
 
 
 def _farthest(group: pd.DataFrame, sphere: FittedSphere) -> tuple[pd.DataFrame | None, float]:
@@ -129,7 +124,7 @@ def _farthest(group: pd.DataFrame, sphere: FittedSphere) -> tuple[pd.DataFrame |
     return (group.iloc[[k]] if off > BESIDE and chance < CHANCE else None), off
 
 
-def _wrong_sizes(spheres: list[tuple[pd.DataFrame, FittedSphere]]) -> Iterator[str]:
+def _wrong_sizes(spheres: list[tuple[pd.DataFrame, FittedSphere]]) -> Iterator[Note]:
     """Spheres whose size no arm gets so wrong, or is off by about the probe."""
     wrong = []
     for group, sphere in spheres:
@@ -138,8 +133,6 @@ def _wrong_sizes(spheres: list[tuple[pd.DataFrame, FittedSphere]]) -> Iterator[s
             wrong.append((group, error))
     if wrong:
         group, error = max(wrong, key=lambda of: abs(of[1]))
-        yield (
-            f"{Place.of(group)}{f' and {len(wrong) - 1} more' * (len(wrong) > 1)}: the sphere is {abs(error) / MM:.4g} mm "
-            f"{'larger' if error > 0 else 'smaller'} than feature_diameter_mm and probe_diameter_mm together; are "
-            "coordinates those of the probe's centre, and both diameters right, and in mm?"
-        )
+        more = f" and {len(wrong) - 1} more" if len(wrong) > 1 else ""
+        code = "sphere_too_large" if error > 0 else "sphere_too_small"
+        yield Note(code, {"difference": abs(error)}).with_place(f"{Place.of(group)}{more}")

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 from aacmm_pin._support.checks import Array, whole
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.file_problems import Problems
+from aacmm_pin._support.notes import Note, notes_in_json
 from aacmm_pin._support.progress import Progress, watched
 from aacmm_pin._support.units import MM
 from aacmm_pin.accuracy.parameter_draws import source_errors
@@ -84,7 +85,7 @@ class PredictedAcceptance(Shown):
     figures: tuple[PredictedFigure, ...]
     count: int
     seed: int | None
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
 
     def to_frame(self) -> pd.DataFrame:
         """One row a figure, lengths in mm; NaN where touches are missing, or there is no limit."""
@@ -138,7 +139,7 @@ class PredictedAcceptance(Shown):
                 {str(k): v for k, v in row.items()} | {"alone_mm": causes}
                 for row, causes in zip(figures, alone, strict=True)
             ],
-            "notes": [*self.notes],
+            **notes_in_json(self.notes),
         }
 
 
@@ -195,10 +196,11 @@ def predict_acceptance(
         noise = encoder_noise if encoder_noise is not None else model.arm.encoder_noise
         if noise is None:
             noise = ENCODER
-            notes += (f"{name}: encoder noise not given; {ENCODER:g} rad assumed",)
+            notes += (Note("encoder_noise_assumed", {"noise": ENCODER}).with_place(name),)
         test = _Test.of(model, procedure, noise, probe_noise, max(runs // ALONE, 1))
-        notes += tuple(f"{name}: {caveat}" for caveat in test.sources.caveats)
-        notes += tuple(f"{name}: not predicted, as no conditions are planned: {left}" for left in test.sources.not_included)
+        notes += tuple(caveat.with_place(name) for caveat in test.sources.caveats)
+        missing = test.sources.not_included
+        notes += tuple(Note("cause_not_predicted", {"cause": cause}).with_place(name) for cause in missing)
         wanted = [
             d for d in of_standard if d.name in limits or touches.loc[touches["test"] == d.test, d.column or "test"].any()
         ]

@@ -10,6 +10,7 @@ import pandas as pd
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.file_problems import Problems
+from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import MM
 from aacmm_pin.effects import ErrorModel
 from aacmm_pin.errors import AacmmError, MeasurementFileError
@@ -47,7 +48,7 @@ class ProbedPoints(NamedTuple):
     """
 
     sets: dict[str, pd.DataFrame]
-    notes: tuple[str, ...]
+    notes: tuple[Note, ...]
     stated: dict[str, tuple[Any, ...]]
 
 
@@ -114,7 +115,7 @@ def _different(cells: pd.Series) -> tuple[Any, ...]:
 
 def _by_arms(
     table: pd.DataFrame, path: str, models: Mapping[str, ErrorModel], unfilled: list[str]
-) -> tuple[dict[str, Array], list[str]]:
+) -> tuple[dict[str, Array], list[Note]]:
     """Where each arm with its effects has the tip (n, 3) [m], and notes on the readings.
 
     Raises:
@@ -129,7 +130,7 @@ def _by_arms(
         raise MeasurementFileError(path, None, "", why)
     of_arm = [name for name in table if name not in OF_TEST and not is_of_reference(name)]
     tips: dict[str, Array] = {}
-    notes: dict[str, list[str]] = {}
+    notes: dict[Note, list[str]] = {}
     for name, model in models.items():
         readings = Measurements.from_frame(table[of_arm], model.arm.nq, path)
         for note in model.input_warnings(readings.q, readings.conditions):
@@ -138,7 +139,7 @@ def _by_arms(
             tips[name] = model.correct(readings.q, readings.conditions)
         except AacmmError as error:
             raise AacmmError(f"{path}: {error}") from None
-    return tips, [f"{', '.join(names)}: {note}" for note, names in notes.items()]
+    return tips, [note.with_place(", ".join(names)) for note, names in notes.items()]
 
 
 def _listed(table: pd.DataFrame) -> str:

@@ -39,7 +39,7 @@ from aacmm_pin.verification.characteristics import STANDARDS, definitions
 SPHERES = {"near": (0.2, 0.45), "far": (0.7, 0.95)}
 """Between which parts of the reach spheres stand, chosen here; the reach counts from joint 2."""
 SEATS = {"near": (0.0, 0.18), "middle": (0.4, 0.6), "far": (0.82, 1.0)}
-"""The same of single points: inside :data:`aacmm_pin.verification.characteristics.ZONES`, off their edges."""
+"""The same of single points: inside the zones of ASME B89.4.22, off their edges."""
 LENGTHS, PLACES, REPEATS = 5, 7, 3
 """Of the tests of lengths."""
 BALL_BARS = {"short": 1, "long": 3}
@@ -348,8 +348,10 @@ class _Layout:
         points = np.array(self.points)
         q, arrived = brought_to(self.pool.state_of, np.array(self.q), points, joint_bounds(arm))
         if not arrived.all():
-            beyond = f"{(~arrived).sum()} of {len(q)} touches are beyond the limits of the joints"
-            raise AacmmError(f"{arm.name}: {beyond}; another seed draws other postures")
+            raise AacmmError(
+                f"{arm.name}: {(~arrived).sum()} of {len(q)} touches are beyond the limits of the joints; "
+                "another seed draws other postures"
+            )
         table = pd.DataFrame(self.rows).reindex(columns=[column.names[0] for column in PROBED_POINT_COLUMNS])
         table["repeat"] = table["repeat"].astype("Int64")
         return Procedure(arm, table.assign(articulation=articulations(arm, np.array(self.q))), q, points, seed)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -49,6 +48,7 @@ from aacmm_pin.errors import AacmmError, MissingConditionError, UnknownNameError
 from aacmm_pin.measurements.measuring_points import Pool
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.measurements.simulate import simulate_measurements
+from tests.notes import data_of
 
 READING, REFERENCE = 8e-6, 12e-6
 
@@ -173,8 +173,8 @@ def test_more_scatter_than_stated_is_found_and_said(sino6: Arm, rng: np.random.G
     assert result.p_value is not None
     assert result.p_value < 1e-6
     assert result.fit.unmodelled == pytest.approx(50e-6, rel=0.1)
-    assert any("scatter more than stated" in note for note in result.notes)
-    assert not any("--no-prior" in note for note in result.notes)
+    assert len(data_of(result.notes, "scatter_added")) == 1
+    assert not data_of(result.notes, "stated_values_hold")
 
 
 def test_a_part_that_was_exchanged_is_told(sino6: Arm, rng: np.random.Generator) -> None:
@@ -185,8 +185,10 @@ def test_a_part_that_was_exchanged_is_told(sino6: Arm, rng: np.random.Generator)
     data = simulate_measurements(true, "free", 60, rng=rng, encoder_noise=READING, reference_noise=REFERENCE)
     result = quick(sino6, data)
     assert result.fit.unmodelled > 1e-4
-    (note,) = (note for note in result.notes if "--no-prior" in note)
-    assert re.search(r"the scatter is 0.0000 mm: d6 by [67]\S*e\+02 u", note)
+    (told,) = data_of(result.notes, "stated_values_hold")
+    assert told["scatter"] < 5e-8
+    assert told["parameters"][0] == "d6"
+    assert 600.0 < told["off"] < 800.0
     free = quick(sino6, data, prior=False).parameters.set_index("parameter")
     assert free.loc["d6", "change"] == pytest.approx(1.0, rel=0.05)  # [mm]
 
@@ -421,7 +423,7 @@ def test_a_search_that_does_not_converge_gives_its_best_point_and_says_so(
     assert not far.converged
     assert far.system.cost < solver.solution_at(fit.problem, fit.noise, start, weights).system.cost
     said = notes_of(replace(fit, point=far.point, system=far.system, message=far.message))
-    assert [note for note in said if far.message in note]
+    assert data_of(said, "not_converged") == [{"why": far.message}]
     assert len(said) == 1 + len(result.notes)
 
 
@@ -448,9 +450,9 @@ def test_conditions_in_another_unit_are_asked_about(sino6: Arm, rng: np.random.G
     assert data.conditions.temperature is not None
     warm = replace(data.conditions, temperature=1.8 * data.conditions.temperature + 32.0)
     less = replace(data.conditions, temperature=data.conditions.temperature - 20.0)
-    for conditions, asked in ((warm, ["Fahrenheit"]), (less, ["differences from 20 °C"]), (data.conditions, [])):
+    for conditions, asked in ((warm, ["temperatures_high"]), (less, ["temperatures_low"]), (data.conditions, [])):
         notes = quick(sino6, replace(data, conditions=conditions), "geometry").notes
-        assert [word for word in ("Fahrenheit", "differences from 20 °C") if word in " ".join(notes)] == asked
+        assert [note.code for note in notes if note.code.startswith("temperatures")] == asked
     limits = 'effort="1" velocity="1"'
     joints = (
         ("rail", "prismatic", f'lower="0" upper="1" {limits}'),
@@ -465,15 +467,15 @@ def test_conditions_in_another_unit_are_asked_about(sino6: Arm, rng: np.random.G
     arm = Arm.from_urdf(tmp_path / "slide.urdf", "hinge_body")
     q = np.column_stack([rng.uniform(0, 1, 20), rng.uniform(-2, 2, 20)])
     found = quick(arm, Measurements.of(q, arm.positions(q) + 12e-6 * rng.normal(size=(20, 3))), "zero-offsets")
-    assert [note for note in found.notes if "joint 1 slides: theta1_rad holds metres" in note]
+    assert data_of(found.notes, "slide_units") == [{"joint": 1}]
 
 
-@pytest.mark.parametrize(("factor", "word"), [(1.0, ""), (1e-3, "times less"), (700.0, "times more")])
+@pytest.mark.parametrize(("factor", "word"), [(1.0, ""), (1e-3, "reference_noise_small"), (700.0, "reference_noise_large")])
 def test_an_uncertainty_of_references_in_another_unit(sino6: Arm, factor: float, word: str) -> None:
     for plan in ("free", "seats"):
         data = simulate_measurements(sino6, plan, 60, rng=np.random.default_rng(3), seats=6)  # type: ignore[arg-type]
         notes = quick(sino6, replace(data, reference_u=factor * data.reference_u), "geometry", encoder_noise=8e-6).notes
-        assert [word in note for note in notes if "another unit" in note] == [True] * bool(word), notes
+        assert [note.code for note in notes if note.code.startswith("reference_noise")] == [word] * bool(word), notes
 
 
 def test_records_that_the_arm_is_calibrated_with_already_are_said_to_count_twice(
@@ -486,16 +488,16 @@ def test_records_that_the_arm_is_calibrated_with_already_are_said_to_count_twice
     first.take([3, 1]).to_frame("rad").to_csv(tmp_path / "some.csv", index=False)  # in another unit and order
     some = Measurements.read(tmp_path / "some.csv", 6)
     mixed = Measurements.from_frame(pd.concat([second.take(range(20)).to_frame(), first.take(range(5)).to_frame()]))
-    for model, data, prior, words in (
-        (calibrated, first, None, ["40 of these 40 records"]),
-        (both, first, None, ["40 of these 40 records"]),
-        (calibrated, mixed, None, ["5 of these 25 records"]),
-        (calibrated, some, None, ["2 of these 2 records"]),
+    for model, data, prior, counts in (
+        (calibrated, first, None, [(40, 40)]),
+        (both, first, None, [(40, 40)]),
+        (calibrated, mixed, None, [(5, 25)]),
+        (calibrated, some, None, [(2, 2)]),
         (calibrated, first, False, []),
         (calibrated, second, None, []),
     ):
-        notes = [note for note in quick(model, data, "geometry", prior=prior).notes if "twice" in note]
-        assert [word in note for word, note in zip(words, notes, strict=True)] == [True] * len(words), notes
+        told = data_of(quick(model, data, "geometry", prior=prior).notes, "records_used_before")
+        assert [(one["again"], one["records"]) for one in told] == counts
     once, twice = (np.sqrt(np.diag(m.covariance())) for m in (calibrated, quick(calibrated, first).model))
     assert (twice[once > 0] / once[once > 0]).min() < 0.75  # where the data tell all, the same twice looks like √2 less
 
@@ -509,10 +511,10 @@ def test_seats_and_bars_of_an_earlier_calibration_are_said_to_be(sino6: Arm, pla
     once = ErrorModel.load(tmp_path / "once.toml")
     for prior, said in ((None, True), (False, False)):
         notes = quick(once, second, "geometry", prior=prior).notes
-        assert any(f"has {count} of these seats' coordinates and bars' lengths already" in note for note in notes) == said
+        assert [one["standards"] for one in data_of(notes, "standards_used_before")] == [count] * said
     moved = replace(second, reference=second.reference + 1e-6)
     again = quick(once, moved if plan == "seats" else replace(second, bar_length=second.bar_length + 1e-6), "geometry")
-    assert not any("already" in note for note in again.notes)
+    assert not {"records_used_before", "standards_used_before"} & {note.code for note in again.notes}
 
 
 def test_a_seat_with_contradicting_coordinates_is_named(sino6: Arm, rng: np.random.Generator) -> None:
@@ -522,9 +524,11 @@ def test_a_seat_with_contradicting_coordinates_is_named(sino6: Arm, rng: np.rand
     moved[records[:3]] += [3e-3, -4e-3, 0.0]
     first, other = sorted(data.row[records[[0, 3]]])
     result = quick(sino6, replace(data, reference=moved), "geometry")
-    assert [note for note in result.notes if f"{label} has coordinates 5 mm apart, in rows {first} and {other}" in note]
+    (told,) = data_of(result.notes, "seat_contradicted")
+    assert (told["seat"], told["rows"]) == (label, [first, other])
+    assert told["apart"] == pytest.approx(5e-3, rel=0.02)
     noisy = replace(data, reference=data.reference + rng.normal(0, 12e-6, data.reference.shape))
-    assert not [note for note in quick(sino6, noisy, "geometry").notes if "apart" in note]
+    assert not data_of(quick(sino6, noisy, "geometry").notes, "seat_contradicted")
 
 
 def test_a_bar_that_does_not_fit_between_its_ends_is_named(sino6: Arm, rng: np.random.Generator) -> None:
@@ -539,7 +543,7 @@ def test_a_bar_that_does_not_fit_between_its_ends_is_named(sino6: Arm, rng: np.r
         result = quick(
             sino6, replace(data, bar=bar.astype(object), bar_end=end.astype(object), bar_length=length), "geometry"
         )
-        assert sum("bar long is" in note for note in result.notes) == named
+        assert [told["bar"] for told in data_of(result.notes, "bar_contradicted")] == ["long"] * named
 
 
 def test_messages(sino6: Arm, zero6: Arm, rng: np.random.Generator) -> None:
@@ -579,7 +583,7 @@ def test_torques_in_another_unit_are_asked_about(sino6: Arm, rng: np.random.Gene
     torque = np.sum(moments, axis=2).T
     for factor, asked in ((1.0, 0), (-3.0, 0), (1000.0, 1)):
         given = replace(data, conditions=replace(data.conditions, torque=factor * torque))
-        assert len([note for note in quick(sino6, given, "geometry").notes if "in N·mm" in note]) == asked
+        assert len(data_of(quick(sino6, given, "geometry").notes, "torques_large")) == asked
 
 
 def test_records_outside_a_known_error_curve_are_left_out_and_listed(sino6: Arm) -> None:
@@ -592,8 +596,9 @@ def test_records_outside_a_known_error_curve_are_left_out_and_listed(sino6: Arm)
     )
     assert few.rms == same.rms
     (note,) = set(few.notes) - set(same.notes)
-    assert curve.label in note
-    assert [int(row) for row in re.findall(r"\d+", note.split("rows ")[1])] == records.row[~inside].tolist()
+    assert note.code == "outside_known_range"
+    assert note.data["cause"].startswith(curve.label)
+    assert note.data["rows"] == records.row[~inside].tolist()
     wide = replace(curve, values=(), lower_rad=-0.1, upper_rad=6.4)  # takes the place of the one that is known
     assert calibrate(model, records, ["zero-offsets", wide], hold_out=False, progress=False).fit.used.size == 60
     with pytest.raises(AacmmError, match="outside the curve's range"):
@@ -609,9 +614,10 @@ def test_calibrated_lengths_hold_at_the_temperature_of_their_records(sino6: Arm)
     alone = calibrate(sino6, data, reference_noise=5e-6)
     found = alone.model.arm
     assert found.reference_temperature == pytest.approx(23.0, abs=0.2)
-    assert sum("23.0 °C" in note for note in alone.notes) == 1
+    (told,) = data_of(alone.notes, "temperature_of_lengths")
+    assert told == {"temperature": found.reference_temperature, "stated": 20.0}
     some = quick(sino6, data, "zero-offsets", reference_noise=5e-6)
-    assert [any("as the file has them" in note for note in told.notes) for told in (alone, some)] == [False, True]
+    assert [len(data_of(one.notes, "geometry_held")) for one in (alone, some)] == [0, 1]
     assert alone.model.input_warnings(q, warm) == []
     assert len(alone.model.input_warnings(q, cold)) == 1
     off = np.linalg.norm(alone.model.predict(q, cold) - truth.predict(q, cold), axis=1)
@@ -682,7 +688,7 @@ def test_a_bar_of_another_length_is_noted(sino6: Arm) -> None:
     for off, u, said in ((0.0, None, False), (0.3, None, True), (-3.0, None, True), (0.0, 5e-6, False), (0.1, 5e-6, True)):
         table = data.assign(bar_length_mm=data["bar_length_mm"] + off * (data["bar"] == "B4"))
         found = calibrate(sino6, Measurements.from_frame(table), length_noise=u, hold_out=False, progress=False)
-        assert any(note.startswith("bar B4 is ") for note in found.notes) == said
+        assert [told["bar"] for told in data_of(found.notes, "bar_length_off")] == ["B4"] * said
 
 
 @pytest.mark.parametrize("plan", ["ball-bar", "seats"])

@@ -18,6 +18,7 @@ from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.report.calibration import frame_in_words, open_in_words
+from tests.notes import data_of
 
 FRAME = Rotation.from_rotvec([0.4, -0.9, 1.1]).as_matrix(), np.array([1.0, 2.0, -0.5])
 
@@ -52,7 +53,7 @@ def test_u_of_the_tip_has_what_a_marker_does_not_determine(
     assert known["stylus_offset:smr.z"] == ("in combination" if half_width is None else "measured")
     assert result.fit.undetermined.tip_spread.shape[1] == (1 if half_width is None else 0)
     assert result.fit.undetermined.target_directions.size == 0
-    assert any("y6" in note for note in result.notes) is (half_width is None)
+    assert bool(data_of(result.notes, "tip_undetermined")) is (half_width is None)
 
 
 def test_what_describes_the_same_arm_otherwise_moves_nothing(

@@ -19,6 +19,7 @@ from aacmm_pin.effects import EncoderEccentricity
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.measurements import Measurements, originals, simulate_measurements
 from aacmm_pin.report.calibration import verdict
+from tests.notes import data_of
 
 
 def several(table: pd.DataFrame, times: int) -> Measurements:
@@ -30,13 +31,11 @@ def test_a_file_appended_to_itself_says_the_same(sino6: Arm, rng: np.random.Gene
     model = ErrorModel(sino6).with_effects(EncoderEccentricity(3, values=(2e-4, 1e-4)))
     table = simulate_measurements(model, plan, 60, rng=rng, seats=6).to_frame()
     once, twice = (calibrate(sino6, several(table, k), progress=False) for k in (1, 2))
-    assert not any("copies" in note for note in once.notes)
-    (note,) = (note for note in twice.notes if "copies" in note)
+    assert not data_of(once.notes, "copies")
+    assert data_of(twice.notes, "copies") == [{"rows": [*range(62, 122)]}]
     for rounded in (("x_mm", "y_mm", "z_mm"), [f"theta{i}_deg" for i in range(1, 7)]):
         exports = pd.concat([table, table.round(dict.fromkeys(rounded, 3))], ignore_index=True)
         assert originals(Measurements.from_frame(exports)).tolist() == [*range(60), *range(60)]
-    assert "60 records" in note
-    assert "rows 62 to 121" in note
     pd.testing.assert_frame_equal(once.parameters, twice.parameters)
     assert [h.rms_after for h in once.held_out] == pytest.approx([h.rms_after for h in twice.held_out])
     assert twice.residuals["row"].tolist() == list(range(2, 62))
@@ -50,9 +49,9 @@ def test_a_file_appended_to_itself_says_the_same(sino6: Arm, rng: np.random.Gene
     assert found.held_out is not None
     assert again.held_out is not None
     assert found.held_out.gain == pytest.approx(again.held_out.gain)
-    assert any("240 records" in note for note in again.notes)
+    assert [len(told["rows"]) for told in data_of(again.notes, "copies")] == [240]
     other = calibrate(sino6, Measurements.from_frame(table.assign(x_ref_mm=0.0)), hold_out=False, progress=False)
-    assert "columns that no calibration uses: x_ref_mm" in other.notes
+    assert data_of(other.notes, "columns_unused") == [{"columns": ["x_ref_mm"]}]
 
 
 def test_what_makes_a_copy() -> None:
@@ -82,7 +81,7 @@ def test_what_makes_a_copy() -> None:
         assert originals(Measurements.from_frame(twice)).tolist() == [0, there], size
     kept, notes = counted_once(records.take([0, 2, 1]))
     assert kept.row.tolist() == [2, 4]
-    assert "rows 3" in notes[0]
+    assert data_of(notes, "copies") == [{"rows": [3]}]
 
 
 def test_places_that_several_records_state_to_the_last_digit_are_seats(sino6: Arm, rng: np.random.Generator) -> None:
@@ -95,7 +94,7 @@ def test_places_that_several_records_state_to_the_last_digit_are_seats(sino6: Ar
         file = replace(data, conditions=replace(data.conditions, seat=labels))
         found = calibrate(sino6, file, hold_out=False, progress=False)
         np.testing.assert_allclose(found.parameters["u"], wanted.parameters["u"], rtol=1e-6)
-        assert any("without a seat have the very same coordinates" in note for note in found.notes)
+        assert data_of(found.notes, "seats_by_coordinates")
     assert counted_once(data) == (data, [])
 
 
@@ -133,7 +132,7 @@ def test_readings_of_one_contact_count_as_their_mean(sino6: Arm, rng: np.random.
     kept, notes = counted_once(again)
     assert kept.q == pytest.approx(again.q.reshape(60, 5, 6).mean(axis=1))
     assert kept.row.tolist() == list(range(2, 302, 5))
-    assert "300 records are readings of 60 contacts" in notes[0]
+    assert [(told["contacts"], len(told["rows"])) for told in data_of(notes, "contacts_averaged")] == [(60, 300)]
     wanted, found = (calibrate(sino6, each, hold_out=False, **noise).parameters["u"] for each in (once, again))
     np.testing.assert_allclose(found, wanted, rtol=0.01)
     free = table.drop(columns="seat").assign(x_mm=table["x_mm"] + np.repeat(rng.normal(0.0, 0.01, 60), 5))
@@ -173,10 +172,10 @@ def test_one_posture_tells_nothing_of_others(sino6: Arm, rng: np.random.Generato
     there = sino6.positions(q[:1]) + [1e-3, 0.0, 0.0] + 1.2e-5 * rng.normal(size=(30, 3))
     records = Measurements.of(q, there)
     result = calibrate(sino6, records, progress=False, **stated)  # type: ignore[arg-type]
-    assert any("1 posture" in note for note in result.notes)
+    assert [told["postures"] for told in data_of(result.notes, "few_postures")] == [1]
     assert result.held_out == ()
     assert "helps" not in verdict(result)
     found = diagnose(sino6, records, progress=False, **stated)  # type: ignore[arg-type]
-    assert any("1 posture" in note for note in found.notes)
+    assert [told["postures"] for told in data_of(found.notes, "few_postures")] == [1]
     assert found.held_out is None
     assert found.findings == ()

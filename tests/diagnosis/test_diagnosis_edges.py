@@ -25,7 +25,9 @@ from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.measurements.simulate import simulate_measurements
 from aacmm_pin.report.diagnosis import verdict_in_words
+from aacmm_pin.report.next_measurements import next_measurements
 from aacmm_pin.report.plots.partial_residuals import partial_residual
+from tests.notes import data_of
 
 NOISE = ["--encoder-noise-rad", "8e-6", "--reference-noise-mm", "0.012", "--probe-noise-mm", "0.012"]
 ECCENTRIC = "encoder_eccentricity:joint=3,amplitude_rad=1e-4,phase_rad=0.5"
@@ -100,8 +102,8 @@ def test_a_clock_that_starts_anew_needs_sessions(tmp_path: Path) -> None:
     table.loc[table.index[20:], "time_s"] -= table["time_s"].iloc[19]
     for session, noted in ((None, True), (["a"] * 20 + ["b"] * 20, False)):
         told = table if session is None else table.assign(session=session)
-        notes = diagnosed(tmp_path, told, "--no-held-out")["notes"]
-        assert any("time_s goes back" in note for note in notes) == noted
+        codes = diagnosed(tmp_path, told, "--no-held-out")["note_codes"]
+        assert ("clock_restarts" in codes) == noted
 
 
 def test_unit_of_angles_and_seed_do_not_matter(tmp_path: Path) -> None:
@@ -204,11 +206,11 @@ def test_noise_stated_a_hundred_times_too_large_is_not_answered_with_more_record
 ) -> None:
     early = replace(compliant, conditions=replace(compliant.conditions, time=np.arange(60.0) - 1e9))
     found = diagnose(sino6, early, encoder_noise=8e-4, reference_noise=1e-3, hold_out=False)
-    assert any("time_s starts below 0" in note for note in found.notes)
+    assert data_of(found.notes, "clock_below_zero") == [{}]
     assert found.verdict == "inconclusive"
-    assert "unit" in found.next_measurements
-    assert "more records" not in found.next_measurements
-    assert "far smaller than the stated noise" in found.notes[-1]
+    assert "unit" in next_measurements(found)
+    assert "more records" not in next_measurements(found)
+    assert found.notes[-1].code == "noise_too_large"
     with pytest.raises(AacmmError, match=r"encoder_noise\[0\] is 8 rad, expected 0 to 0\.005 rad"):
         diagnose(sino6, compliant, encoder_noise=8.0)
 
@@ -226,7 +228,7 @@ def test_a_gain_that_is_not_borne_out_asks_for_more_records(sino6: Arm, complian
     assert good.verdict == "explained"
     found = replace(good, doubts=("no better",))
     assert ("lacks" in verdict_in_words(good), "lacks" in verdict_in_words(found)) == (True, False)
-    assert ("more records" in good.next_measurements, "more records" in found.next_measurements) == (False, True)
+    assert ("more records" in next_measurements(good), "more records" in next_measurements(found)) == (False, True)
 
 
 def test_residuals_beside_no_noise_at_all_have_a_verdict_in_words(sino6: Arm) -> None:
@@ -257,4 +259,4 @@ def test_a_known_target_is_refitted_once(sino6: Arm, rng: np.random.Generator, u
     found = diagnose(known, data, encoder_noise=1e-6, reference_noise=1e-5, hold_out=False, progress=False)
     assert (found.verdict, [finding.label for finding in found.findings]) == ("explained", ["encoder_eccentricity:3"])
     (other,) = known.input_warnings(q, conditions)
-    assert "knows no target with the markers 'C'" in other
+    assert (other.code, other.data["markers"]) == ("markers_unknown", ["C"])

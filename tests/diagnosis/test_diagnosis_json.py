@@ -156,6 +156,7 @@ SUMMARY = fields(
         "cannot_tell_apart": several(lambda v: several(text)(v) and len(v) > 1),
         "next_measurements": text,
         "notes": several(text),
+        "note_codes": several(text),
         "source": text,
         "seed": count,
     }

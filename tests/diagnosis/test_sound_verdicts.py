@@ -53,7 +53,9 @@ from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.measurements.simulate import simulate_measurements
 from aacmm_pin.report.diagnosis import verdict_in_words
 from aacmm_pin.report.diagnosis_json import finding_to_dict
+from aacmm_pin.report.next_measurements import next_measurements
 from tests.cli import shell
+from tests.notes import data_of
 
 NOISE = {"encoder_noise": 8e-6, "reference_noise": 1.2e-5}
 again = partial(pytest.param, marks=pytest.mark.long)
@@ -168,7 +170,8 @@ def test_what_no_cause_has_lends_its_strength_to_no_name_and_stays_with_the_arm(
     found.model.save(saved)
     q = data.q[:1]
     assert "depends on" in Arm.load(saved).unexplained
-    assert any("depends on" in caveat for caveat in accuracy_volume(ErrorModel.load(saved), q).sources.caveats)
+    (told,) = data_of(accuracy_volume(ErrorModel.load(saved), q).sources.caveats, "unexplained_not_in_u")
+    assert "depends on" in told["unexplained"]
     # New records that the arm explains take it back; records that scatter beyond their noise do not.
     for noise, left in ((1e-6, False), (2e-4, True)):
         again = simulate_measurements(found.model, "free", 60, rng=np.random.default_rng(4), encoder_noise=noise)
@@ -176,7 +179,7 @@ def test_what_no_cause_has_lends_its_strength_to_no_name_and_stays_with_the_arm(
         assert ("scatter by" in done.model.arm.unexplained, "depends" in done.model.arm.unexplained) == (left, False)
 
 
-@pytest.mark.parametrize(("records", "note"), [(60, "left something unexplained"), (15, "nothing of it acted when")])
+@pytest.mark.parametrize(("records", "note"), [(60, "prior_ignored"), (15, "partly_in_calibration")])
 def test_part_of_an_unknown_error_is_in_an_earlier_calibration(sino6: Arm, records: int, note: str) -> None:
     """By more than the U of its values; whether its records showed that something was left decides how that is told."""
     off, amplitude = [], 1e-4
@@ -185,17 +188,17 @@ def test_part_of_an_unknown_error_is_in_an_earlier_calibration(sino6: Arm, recor
         truth = ErrorModel(perturbed_model(sino6, rng).arm, (EncoderEccentricity(3, values=(amplitude, 0.0)),))
         first, second = (simulate_measurements(truth, "free", n, rng=rng, encoder_noise=8e-6) for n in (records, 60))
         calibrated = calibrate(sino6, first, hold_out=False, encoder_noise=8e-6)
-        if bool(calibrated.model.arm.unexplained) != note.startswith("left"):
+        if bool(calibrated.model.arm.unexplained) != (note == "prior_ignored"):
             continue
         found = diagnose(calibrated.model, second, hold_out=False, progress=False, encoder_noise=8e-6)
-        assert any(note in line for line in found.notes)
+        assert len(data_of(found.notes, note)) == 1
         value, u = next(f.parameters["amplitude_rad"] for f in found.findings if f.label == "encoder_eccentricity:3")
         off.append((value - amplitude) / u)
     assert off
-    if note.startswith("left"):
+    if note == "prior_ignored":
         assert np.sqrt(np.mean(np.square(off))) < 1.5
         again = calibrate(calibrated.model, second, hold_out=False, encoder_noise=8e-6)
-        assert any(note in line for line in again.notes)
+        assert len(data_of(again.notes, "prior_left_unexplained")) == 1
 
 
 def test_two_names_that_take_turns_do_not_cancel(tmp_path: Path) -> None:
@@ -263,7 +266,7 @@ def test_a_value_that_nature_does_not_have_explains_nothing(sino6: Arm) -> None:
     data = simulate_measurements(model, "free", 100, rng=np.random.default_rng(1))
     found = diagnose(sino6, data, hold_out=False, progress=False, **NOISE)  # type: ignore[arg-type]
     assert (found.verdict, [f.below_zero for f in found.findings]) == ("inconclusive", [("compliance_rad_per_nm",)])
-    assert any("joint_compliance:2" in note for note in found.notes)
+    assert data_of(found.notes, "masses_exact") == [{"causes": ["joint_compliance:2"]}]
     steel_and_carbon = ErrorModel(sino6, (ThermalExpansion(values=(2e-5,)), ThermalExpansion(5, values=(-1.8e-5,))))
     data = simulate_measurements(steel_and_carbon, "free", 100, temperature_range=15.0, rng=np.random.default_rng(1))
     found = diagnose(sino6, data, hold_out=False, progress=False, **NOISE)  # type: ignore[arg-type]
@@ -279,7 +282,7 @@ def test_an_arm_of_which_nothing_tells_the_size_keeps_it(zero6: Arm) -> None:
     data = simulate_measurements(hidden, "seats", 160, known=False, rng=np.random.default_rng(4))
     found = diagnose(zero6, data, encoder_noise=8e-6, probe_noise=5e-6, hold_out=False)
     assert [finding.label for finding in found.findings] == ["encoder_eccentricity:3"]
-    assert any("size" in note for note in found.notes)
+    assert len(data_of(found.notes, "size_taken")) == 1
     before, after = (arm.require_dh("this test") for arm in (zero6, found.model.arm))
     lengths = np.abs(np.concatenate([before.a, before.d]))
     change = np.concatenate([after.a - before.a, after.d - before.d])
@@ -307,7 +310,7 @@ def test_excluded_records_of_one_seat_are_said_to_be_of_it(sino6: Arm) -> None:
     seat[np.flatnonzero(seat == names[0])[:4]] = names[1]
     moved = replace(data, conditions=replace(data.conditions, seat=seat))
     result = calibrate(sino6, moved, encoder_noise=8e-6, probe_noise=5e-6, hold_out=False)
-    assert any(f"seat {names[1]}" in note for note in result.notes)
+    assert names[1] in {told["seat"] for told in data_of(result.notes, "seat_contradicted")}
 
 
 def test_a_look_alike_at_a_seat_has_a_seat_and_no_joint() -> None:
@@ -412,8 +415,8 @@ def test_a_drift_that_records_show_as_a_slope_may_stop_or_go_on(
     (drift,) = (effect for effect in model.effects if isinstance(effect, ZeroDrift))
     told = constant < 3600.0
     assert (drift.until_s is None) == told
-    assert told == (not any("it may stop or go on" in note for note in found.notes))
-    assert told == ("nothing is open" in found.next_measurements)
+    assert told == (not data_of(found.notes, "drift_slope"))
+    assert told == ("nothing is open" in next_measurements(found))
     for later in (2e4, 8e4):
         conditions = Conditions(50, time=np.full(50, later))
         off = np.linalg.norm(model.correct(q[:50], conditions) - truth.correct(q[:50], conditions), axis=1)
@@ -454,13 +457,12 @@ def test_readings_between_the_records_around_a_slip_have_its_step_in_their_u(
     assert 0.7 < np.sqrt(np.mean(z[between] ** 2)) < 1.3
     assert z.max() < 3.0
     assert judged.u[~between].mean() < judged.u[between].mean() / 1.5
-    assert [text.split()[0] for text in model.input_warnings(q, conditions)] == [str((time <= low).sum())]
+    assert [note.data["records"] for note in model.input_warnings(q, conditions)] == [(time <= low).sum()]
     later = Conditions(time.size, time=time - low, session=np.full(time.size, "next day", dtype=object))
     off = np.linalg.norm(model.correct(q, later) - truth.correct(q, replace(later, time=time + 1e4)), axis=1)
     assert np.all(off < 3.0 * accuracy_volume(model, q, conditions=later, method="ellipsoid", encoder_noise=0.0).u)
-    assert model.input_warnings(q, later) == [
-        "301 of 301 records are later than encoder_slip:3 by their session, 'next day'"
-    ]
+    told = {"records": 301, "of": 301, "cause": "encoder_slip:3", "sessions": ["next day"]}
+    assert data_of(model.input_warnings(q, later), "after_slip") == [told]
     unlabelled = replace(conditions, session=np.full(time.size, "", dtype=object))
     np.testing.assert_array_equal(model.correct(q, unlabelled), model.correct(q, conditions))
     one: dict[str, Any] = {"conditions": conditions.take([150]), "encoder_noise": 0.0, "rng": rng}
@@ -519,7 +521,9 @@ def test_a_known_cause_that_has_changed(sino6: Arm) -> None:
         assert finding.was is not None
         assert (finding.was.values, finding.gone) == ((2e-5,), value == 0.0)
         assert "no longer right for compliance" in verdict_in_words(found)
-        assert any("joint_compliance:2 was known as compliance 20" in note for note in found.notes)
+        (changed,) = data_of(found.notes, "known_cause_changed")
+        assert changed["cause"] == "joint_compliance:2"
+        assert changed["was"].startswith("compliance 20")
     same = known_before(sino6)
     assert (same.verdict, same.findings) == ("no-discrepancy", ())
 

@@ -218,7 +218,7 @@ def test_records_without_its_condition_and_outside_its_range(sino6: Arm, rng: np
         model.predict(q)
     outside = int(np.sum((conditions.time < 0.0) | (conditions.time > 400.0)))  # type: ignore[operator]
     (line,) = model.effects[0].validity_notes(conditions)
-    assert line.startswith(f"{outside} of {N} records are outside")
+    assert (line.code, line.data["records"]) == ("outside_fitted_range", outside)
     assert ErrorSources.of(model, None, None, q, None).not_included == (model.effects[0].label,)
 
 

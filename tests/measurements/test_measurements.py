@@ -14,6 +14,7 @@ import pytest
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.errors import MeasurementFileError, OutputError, ShapeError, UnknownNameError
 from aacmm_pin.measurements.records import Bar, Measurements
+from tests.notes import data_of
 
 DEG = np.pi / 180
 
@@ -181,17 +182,17 @@ def test_other_ways_to_write_the_same(tmp_path: Path) -> None:
         german.replace(";", "\t"): ("tabulators", "decimal commas"),
         halves.replace(",", ", "): ("spaces",),
         upper: ("lower case",),
-        f"# arm 7, on Tuesday\n#\n{halves}# the end, at 16:00\n": ("3 lines that begin with #",),
-        f"sep=;\n{german}": ("1 line that begins", "semicolons", "commas"),
+        f"# arm 7, on Tuesday\n#\n{halves}# the end, at 16:00\n": ("comments_ignored",),
+        f"sep=;\n{german}": ("comments_ignored", "semicolons", "commas"),
         re.sub(r"[a-z]\w+", r'"\g<0>"', german): ("semicolons", "decimal commas"),
-        f"# arm 7\n{german.replace(';', '; ').upper()}": ("1 line that begins", "semicolons", "commas", "spaces", "lower"),
+        f"# arm 7\n{german.replace(';', '; ').upper()}": ("comments_ignored", "semicolons", "commas", "spaces", "lower"),
     }
     for content, words in same.items():
         read = Measurements.read(write(tmp_path, content), 2)
         np.testing.assert_array_equal(read.q, known.q)
         np.testing.assert_array_equal(read.reference, known.reference)
-        (note,) = read.read_as
-        assert (note.count(", ") + 1, [word for word in words if word not in note]) == (len(words), []), note
+        ways = [way for note in read.read_as for way in note.data.get("ways", [note.code])]
+        assert (len(ways), [word for word in words if word not in " ".join(ways)]) == (len(words), [])
     for labels in ("#1,10\n#2,20\n", "1,10\n#2,20\n"):  # labels, or comments?
         error = error_of(tmp_path, f"record,theta1_deg\n{labels}")
         assert (error.column, "begins with #" in str(error)) == ("record", True)
@@ -399,7 +400,8 @@ def test_degrees_that_look_like_radians(rng: np.random.Generator) -> None:
     np.testing.assert_array_equal(Measurements.from_frame(angles("rad", q)).q, q)
     wrist = np.vstack([q, [1.0, 1.0, 1.0, 1.0, 1.0, 40.0]])
     for degrees, noted in ((q[:2], True), (wrist, True), (rng.uniform(-180, 180, (2, 6)), False), (np.zeros((9, 6)), False)):
-        assert any("radians?" in note for note in Measurements.from_frame(angles("deg", degrees)).read_as) == noted
+        read_as = Measurements.from_frame(angles("deg", degrees)).read_as
+        assert len(data_of(read_as, "angles_like_radians")) == noted
     still = np.full((50, 6), 3.0)
     still[-1, 2] = 6.3  # one angle beyond 2π is enough
     for degrees in (rng.uniform(-3, 3, size=(4, 6)), still, rng.uniform(-1, 1, size=(50, 6)), np.zeros((9, 6))):
@@ -409,13 +411,13 @@ def test_degrees_that_look_like_radians(rng: np.random.Generator) -> None:
 def test_labels_that_are_nearly_the_same() -> None:
     table = angles("deg", np.full((8, 2), 40.0))
     table = table.assign(seat=2 * ["P1", "#p 01", "P10", "1"], session=2 * ["1", "1.0", "2", "10"])
-    (seats, sessions) = Measurements.from_frame(table).read_as
-    assert "seat that" in seats
-    assert seats.endswith(": 'P1' and '#p 01'")
-    assert sessions.endswith(": '1' and '1.0'")
+    told = data_of(Measurements.from_frame(table).read_as, "labels_alike")
+    seats, sessions = {"column": "seat", "labels": "'P1' and '#p 01'"}, {"column": "session", "labels": "'1' and '1.0'"}
+    assert told == [seats, sessions]
     for label in ("S3 ", "S3\u00a0", "s-3", "S3\u200b"):
         table = angles("deg", np.full((4, 2), 40.0)).assign(marker=["S3", label, "S3", ""])
-        assert repr(label) in Measurements.from_frame(table).read_as[0]
+        (alike,) = data_of(Measurements.from_frame(table).read_as, "labels_alike")
+        assert repr(label) in alike["labels"]
 
 
 def test_radians_that_look_like_degrees() -> None:

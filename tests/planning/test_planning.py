@@ -30,12 +30,14 @@ from aacmm_pin.effects import (
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError, MissingConditionError, UnknownNameError, UnsupportedArmError
-from aacmm_pin.planning import MeasurementPlan, advice
+from aacmm_pin.planning import MeasurementPlan
 from aacmm_pin.planning.candidate_design import Layout, Situation
 from aacmm_pin.planning.detection_power import Size, power_of
 from aacmm_pin.planning.measurement_conditions import possible_conditions
 from aacmm_pin.planning.search import Choosing, informing, telling
 from aacmm_pin.planning.separability import _best_for
+from aacmm_pin.report.plan import advice, plan_advice
+from tests.notes import data_of
 
 U_READING, U_REFERENCE = 8e-6, 1.2e-5
 NOISE: dict[str, Any] = {"encoder_noise": U_READING, "reference_noise": U_REFERENCE}
@@ -343,7 +345,7 @@ def test_what_looks_the_same_on_a_level_mount_needs_another(sino6: Arm) -> None:
     stays = planned(sino6, split, as_it_stands=True)
     assert stays.after.same
     assert not stays.decided
-    assert "do the same in every posture" in stays.sentence()
+    assert "do the same in every posture" in plan_advice(stays)
     hardly = planned(sino6, (BearingTilt(1, values=(1e-7,)), BaseCompliance(values=(1e-7,))))
     assert hardly.changes_arm
     assert hardly.after.probability < 0.55
@@ -361,7 +363,8 @@ def test_conditions_that_causes_depend_on_are_varied(sino6: Arm) -> None:
     old = Measurements.of(q, tips, source="old.csv")
     without = planned(sino6, ("joint_hysteresis:3", "encoder_gain:3"), existing=old)
     assert without.existing == 0
-    assert any("old.csv does not state approach" in note for note in without.notes)
+    (told,) = data_of(without.notes, "records_not_counted")
+    assert told == {"source": "old.csv", "needs": ["approach (joint_hysteresis:3)"]}
     plan = planned(sino6, ("thermal_expansion", "encoder_gain:2"))
     assert set(plan.records["temperature_c"]) == {20.0, 24.0}
     assert plan.records["temperature_c"].is_monotonic_increasing
@@ -395,10 +398,11 @@ def test_more_records_are_less_effort_than_another_mount(sino6: Arm) -> None:
     assert not few.decided
     assert few.set_up == ()
     assert few.enough is not None
-    assert any("encoder_eccentricity:2" in note and "look like joint_compliance:2" in note for note in few.notes)
+    (alike,) = data_of(few.notes, "planned_as_large_as")
+    assert (alike["cause"], alike["other"]) == ("encoder_eccentricity:2", "joint_compliance:2")
     unstated = planned(sino6, ("joint_compliance:2", "encoder_eccentricity:2"), 20, existing=free)
-    assert any("at its usual size, 20 µrad/(N·m)" in note for note in unstated.notes)
-    assert f"about {few.enough} new records beside the {free.n} existing ones would decide" in few.sentence()
+    assert "20 µrad/(N·m)" in [told["size"] for told in data_of(unstated.notes, "planned_at_typical_magnitude")]
+    assert f"about {few.enough} new records beside the {free.n} existing ones would decide" in plan_advice(few)
     assert planned(sino6, split, few.enough, existing=free).after.probability > 0.93
 
 
@@ -460,8 +464,10 @@ def test_a_plan_for_everything(sino6: Arm, zero6: Arm) -> None:
     assert not plan.asked
     table = plan.pairs.set_index(["cause", "other"])
     assert table.loc[("bearing_tilt:1", "base_compliance"), "why_not"] == "the same"
-    assert any("bearing_tilt:1 from base_compliance; it takes another set-up: turn the mount" in n for n in plan.notes)
-    assert any("joint_compliance:1 would not show; it takes another set-up: turn the mount" in n for n in plan.notes)
+    pair = [told for told in data_of(plan.notes, "pair_told_otherwise") if told["one"] == "bearing_tilt:1"]
+    assert [told["set_up"].startswith("turn the mount") for told in pair if told["other"] == "base_compliance"] == [True]
+    (silent,) = (told for told in data_of(plan.notes, "cause_shows_otherwise") if told["cause"] == "joint_compliance:1")
+    assert silent["set_up"].startswith("turn the mount")
     told = table.loc[("encoder_eccentricity:2", "joint_compliance:2")]
     split = (EncoderEccentricity(2), JointCompliance(2))
     assert told["T"] == pytest.approx(min(brute(plan, sino6, split)), rel=EXACT)
@@ -557,7 +563,7 @@ def test_measured_torques_are_expected_to_hold_the_weight(sino6: Arm) -> None:
     by_torque, by_weight = (columns(sino6, new, JointCompliance(2, torque=t)) for t in ("measured", "gravity"))  # type: ignore[arg-type]
     np.testing.assert_allclose(by_torque, by_weight, atol=1e-9)
     assert plan.records.filter(like="torque").isna().all(axis=None)  # to be measured
-    assert any("record torque1_nm" in note for note in plan.notes)
+    assert data_of(plan.notes, "record_torques")
 
 
 def test_more_that_is_unknown_leaves_less_to_tell(sino6: Arm) -> None:

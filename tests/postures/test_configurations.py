@@ -32,6 +32,7 @@ from aacmm_pin.postures.elbow_swivel import Swivel
 from aacmm_pin.postures.pose_equations import Curve
 from aacmm_pin.postures.wrist_ik import FEW_PER_TURN, Wrist, reach_of_wrist, wrist_curves, wrist_equations
 from tests.arm_files import craig, nominal
+from tests.notes import data_of
 
 System = Callable[[Array, Index], tuple[Array, Array]]
 
@@ -472,10 +473,11 @@ def test_a_held_joint_that_moves_the_point_is_named(sino6: Arm) -> None:
     stated = configuration_circle(arm, point, rest=[0.7], count=24)
     assert (len(stated), stated.notes, stated.complete) == (96, (), True)
     little = configuration_circle(with_long_fifth_row(0.9), point, count=24)
-    assert "joint 5" in little.notes[0]
-    assert "0.9 mm" in little.notes[0]
+    (told,) = data_of(little.notes, "wrist_joint_held")
+    assert "joint 5" in told["held"]
+    assert "0.9 mm" in told["held"]
     assert not little.complete
-    assert any("0.9 mm" in caveat for caveat in map_caveats(with_long_fifth_row(0.9)))
+    assert data_of(map_caveats(with_long_fifth_row(0.9)), "wrist_joint_held") == [told]
     assert configuration_circle(sino6, point, count=24).notes == ()
 
 
@@ -695,10 +697,10 @@ def test_swivel_straight_above_and_below_the_shoulder_in_any_mount(axis: int, si
 
 def test_a_map_says_what_it_does_not_stand_for(sino6: Arm) -> None:
     assert map_caveats(sino6) == ()
-    assert "joint 1" in map_caveats(limited("sino6", 1, 0, 180))[0]
-    assert "joint 5 at 17°" in map_caveats(limited("sino6", 5, 17, 180))[0]
+    assert map_caveats(limited("sino6", 1, 0, 180))[0].code == "first_joint_limited"
+    assert data_of(map_caveats(limited("sino6", 5, 17, 180)), "joints_held") == [{"joints": "joint 5 at 17°"}]
     wall = load_arm_file("sino6").model_copy(update={"gravity_m_s2": (9.81, 0.0, 0.0)})
-    assert "gravity" in map_caveats(Arm.from_file(wall))[0]
+    assert map_caveats(Arm.from_file(wall))[0].code == "gravity_off_first_axis"
 
 
 def test_long_and_short_curves_traced_together_are_found_once() -> None:

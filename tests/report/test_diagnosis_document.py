@@ -38,6 +38,7 @@ from aacmm_pin.report.diagnosis import (
     verdict_in_words,
 )
 from aacmm_pin.report.document import document_of
+from aacmm_pin.report.next_measurements import next_measurements
 from aacmm_pin.report.numbers import lengths, percent
 from aacmm_pin.report.scenes.scene import viewer_script
 from tests.pages import Page
@@ -161,7 +162,7 @@ def test_doubt_is_told_with_the_rivals(eccentric: Diagnosis, tmp_path: Path) -> 
     beside = replace(result, verdict="unexplained", doubts=("more causes",))
     assert "not named" in verdict_in_words(beside)
     assert "do not distinguish" in card(beside)
-    assert all(label.replace("__", ":") in beside.next_measurements for label in [*shares][:2])
+    assert all(label.replace("__", ":") in next_measurements(beside) for label in [*shares][:2])
     unexplained = replace(eccentric, verdict="unexplained")
     assert ranking(unexplained)["p"].tolist()[0] == "< 1e-16"
     results.save(unexplained, tmp_path / "report.html")

@@ -24,6 +24,7 @@ from aacmm_pin.report.acceptance import CheckDetails, acceptance_document
 from aacmm_pin.report.document import Paragraph, Table
 from aacmm_pin.verification.accept import COVERAGE
 from aacmm_pin.verification.probed_points import AS_GIVEN
+from tests.notes import data_of
 
 DIRECTIONS = np.vstack([np.eye(3), -np.eye(3), [[0.6, 0.8, 0], [0, -0.6, 0.8], [0.8, 0, -0.6]]])
 
@@ -142,8 +143,7 @@ def test_every_error_of_which_one_is_the_largest_decides(tmp_path: Path, mpe: fl
     result = accept(path, mpe={"E_Uni": mpe * 1e-3})
     (found,) = (f for f in result.figures if f.definition.name == "E_Uni")
     assert found.verdict == verdict
-    note = "some uncertainties are not stated" if u is None else "another error"
-    assert any(note in each for each in result.notes), result.notes
+    assert data_of(result.notes, "some_guard_bands_zero" if u is None else "other_error_decides"), result.notes
 
 
 def test_the_worst_verdict_is_that_of_the_whole(data: Path) -> None:
@@ -238,7 +238,7 @@ def test_an_end_has_one_touch_or_a_sphere(data: Path) -> None:
         end = pd.concat([table.loc[[row]]] * touches)
         end[["x_mm", "y_mm", "z_mm"]] += 15.0 * np.vstack([np.zeros(3), np.eye(3)])[:touches]
         pd.concat([table.drop(row), end]).to_csv(data, index=False)
-        assert any("expected two features" in note for note in accept(data).notes) == refused
+        assert bool(data_of(accept(data).notes, "figure_without_value")) == refused
 
 
 def test_part_that_was_predicted_to_be_accurate(tmp_path: Path) -> None:
@@ -414,7 +414,7 @@ def test_touches_that_fit_no_sphere_take_only_their_figures_values(data: Path, t
     table.to_csv(data, index=False)
     result = accept(data)
     assert {f.definition.test for f in result.figures if np.isnan(f.evaluated.value)} == {test}
-    (note,) = (note for note in result.notes if "no value" in note)
+    note = data_of(result.notes, "figure_without_value")[0]["error"]
     assert ("plane" if test == "sphere" else "3 of C") in note
     assert (" 2, " if test == "sphere" else f"{len(table) + 1}") in note
 
@@ -429,7 +429,8 @@ def test_an_end_without_the_other_takes_the_value_of_its_figure(data: Path, test
     result = accept(data)
     (found,) = (f for f in result.figures if f.definition.name == figure)
     assert np.isnan(found.evaluated.value)
-    assert any(figure in note and f"row {len(table) + 2}" in note for note in result.notes)
+    told = data_of(result.notes, "figure_without_value")
+    assert any(figure in one["place"] and f"row {len(table) + 2}" in one["error"] for one in told)
 
 
 def test_names_that_are_nearly_those_of_columns_are_refused(data: Path) -> None:
@@ -456,20 +457,23 @@ def test_every_figure_says_where_it_is(data: Path) -> None:
     assert found.missing == "1 length: length L0, position 6, repeat 2"
 
 
+OFF_SPHERE = ("touch_off_sphere", "touches_off_sphere")
+
+
 def test_a_touch_beside_its_sphere_is_named_and_not_left_out(data: Path) -> None:
     """5 mm off: of 25 and of nine touches the very row, of five the sphere."""
     table, rng = everything(), np.random.default_rng(1)
     table[["x_mm", "y_mm", "z_mm"]] += rng.normal(scale=0.005, size=(len(table), 3))
     table.to_csv(data, index=False)
-    assert not any("beside" in note or "mistouch" in note for note in accept(data).notes)
+    assert not [note for note in accept(data).notes if note.code in OFF_SPHERE]
     for test, said in (("sphere", "row 12: "), ("effective-diameter", "row {}: "), ("location", "rows {} to {}: ")):
         first = int(table.index[table["test"] == test][0])
         off, at = table.copy(), first + 10 if test != "location" else first + 6
         off.loc[at, ["x_mm", "y_mm", "z_mm"]] += 5.0 / np.sqrt(3)
         off.to_csv(data, index=False)
         said = said.format(at + 2) if test != "location" else said.format(first + 7, first + 11)
-        (note,) = (note for note in accept(data).notes if "beside" in note or "mistouch" in note)
-        assert said in note
+        (note,) = (note for note in accept(data).notes if note.code in OFF_SPHERE)
+        assert said in str(note)
 
 
 @pytest.mark.parametrize(
@@ -495,14 +499,14 @@ def test_single_points_in_another_unit_are_noted(data: Path) -> None:
         table.assign(**{c: table[c].where(~at, table[c] * factor) for c in ("x_mm", "y_mm", "z_mm")}).to_csv(
             data, index=False
         )
-        assert any("single-point" in note for note in accept(data).notes) == noted
+        assert [told["test"] for told in data_of(accept(data).notes, "test_small")] == ["single-point"] * noted
     inches = {c: table[c].where(~at, table[c] / 25.4) for c in ("x_mm", "y_mm", "z_mm")}
     for assigned, noted in (({}, False), (inches, True)):
         table.assign(**assigned).to_csv(data, index=False)
-        assert any("the measuring range is" in note for note in accept(data, measuring_range=2.0).notes) == noted
+        assert len(data_of(accept(data, measuring_range=2.0).notes, "test_small_in_range")) == noted
     one = at & (table["position"] == 1)
     table.assign(**{c: table[c].where(~one, table[c] * 1e-3) for c in ("x_mm", "y_mm", "z_mm")}).to_csv(data, index=False)
-    assert any("position 1: all touches" in note for note in accept(data).notes)
+    assert any("position 1" in told["place"] for told in data_of(accept(data).notes, "position_small"))
 
 
 def test_touches_that_are_there_twice_are_noted(data: Path) -> None:
@@ -510,27 +514,29 @@ def test_touches_that_are_there_twice_are_noted(data: Path) -> None:
     table = table[table["test"] == "sphere"]
     for twice, noted in ((table.iloc[:0], False), (table.iloc[:5].round(3), True)):
         pd.concat([table, twice]).to_csv(data, index=False)
-        assert any(f"10 of {len(table) + 5} touches" in note for note in accept(data).notes) == noted
+        copied = [(told["copies"], told["touches"]) for told in data_of(accept(data).notes, "touches_copied")]
+        assert copied == [(10, len(table) + 5)] * noted
 
 
 def test_an_mpe_in_another_unit_is_noted(data: Path) -> None:
     for mpe, noted in ((6e-5, False), (6e-2, True)):
-        assert any("SPAT.Max" in note and "in mm" in note for note in accept(data, mpe={"SPAT.Max": mpe}).notes) == noted
+        told = data_of(accept(data, mpe={"SPAT.Max": mpe}).notes, "mpe_large")
+        assert [one["figure"] for one in told] == ["SPAT.Max"] * noted
 
 
 def test_figures_with_an_mpe_that_are_left_out_are_named(data: Path) -> None:
     notes = accept(data, standard="iso10360-12", mpe={"SPAT.Max": 1e-5}).notes
-    assert any("SPAT.Max" in note and "MPE" in note for note in notes)
+    assert data_of(notes, "mpe_of_other_standard") == [{"figures": ["SPAT.Max"], "standard": "iso10360-12"}]
 
 
-@pytest.mark.parametrize(("probe", "said"), [(0.0, "6.02 mm larger"), (12.0, "6 mm smaller")])
+@pytest.mark.parametrize(("probe", "said"), [(0.0, "sphere_too_large"), (12.0, "sphere_too_small")])
 def test_a_probe_that_the_spheres_contradict_is_noted(data: Path, probe: float, said: str) -> None:
-    assert not any("probe_diameter_mm" in note for note in accept(data).notes)
+    assert not data_of(accept(data).notes, said)
     table = everything()
     table.loc[table["test"] == "sphere", "probe_diameter_mm"] = probe
     table.to_csv(data, index=False)
-    (note,) = (note for note in accept(data).notes if "probe_diameter_mm" in note)
-    assert said in note
+    (told,) = data_of(accept(data).notes, said)
+    assert told["difference"] == pytest.approx(6e-3, rel=0.01)
 
 
 def test_messages_tell_columns_that_are_not_there_from_empty_ones(data: Path) -> None:

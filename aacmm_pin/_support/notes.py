@@ -1,0 +1,45 @@
+"""Notes of results: a code with data. :mod:`aacmm_pin.report.messages` makes the sentence."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+_load: list[Callable[[], Callable[[Note], str]]] = []
+
+
+@dataclass(frozen=True, repr=False)
+class Note:
+    """An assumption, or what was found beside; ``str(note)`` is its sentence.
+
+    Attributes:
+        code: the kind of note; JSON lists it in ``note_codes``.
+        data: what the sentence states, by name: SI units, names, rows of the file; ``place``, if
+            there is one, stands in front of the sentence.
+    """
+
+    code: str
+    data: Mapping[str, Any] = field(default_factory=dict, hash=False)
+
+    def with_place(self, place: str) -> Note:
+        """The same note of a file, an arm, a position."""
+        outer = self.data.get("place")
+        return replace(self, data={**self.data, "place": f"{place}: {outer}" if outer else place})
+
+    def __str__(self) -> str:
+        return _load[0]()(self)
+
+    def __repr__(self) -> str:
+        return repr(str(self))
+
+
+def notes_in_json(notes: Iterable[Note]) -> dict[str, list[str]]:
+    """Notes as JSON has them: sentences, and the code of each."""
+    listed = [*notes]
+    return {"notes": [str(note) for note in listed], "note_codes": [note.code for note in listed]}
+
+
+def register_sentences(load: Callable[[], Callable[[Note], str]]) -> None:
+    """State how the function is found that makes the sentence of a note."""
+    _load[:] = [load]
