@@ -197,9 +197,8 @@ def _known_rows(model: ErrorModel, readings: Measurements, path: str) -> Index:
     known = model.known_at(readings.q)
     for k, number in zip(*np.nonzero(~known), strict=True):
         effect = model.effects[number]
-        note(
-            f"{path}: row {readings.row[k]} is outside the range of {effect.label}{known_range_in_words(effect)}; left empty"
-        )
+        where = f"{effect.label}{known_range_in_words(effect)}"
+        note(f"{path}: row {readings.row[k]} is outside the range of {where}; left empty")
     rows = np.flatnonzero(known.all(axis=1))
     if readings.n and not rows.size:
         raise AacmmError(f"{path}: no reading is in the range in which the effects of {model.arm.name} are known")
