@@ -16,7 +16,7 @@ import numpy as np
 from aacmm_pin._support.display import two_digits
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import DEG, MM, UM
-from aacmm_pin.effects.labels import listed
+from aacmm_pin.effects import listed
 from aacmm_pin.report.numbers import count
 
 UNITS = {"mm": (MM, " mm"), "µm": (UM, " µm"), "µrad": (UM, " µrad"), "°": (DEG, "°")}
