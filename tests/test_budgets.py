@@ -20,18 +20,18 @@ from tests.test_rooms import MODULES, ROOMS, imports
 
 TOKENS: dict[str, int] = {
     "errors": 500,
-    "_support": 7060,
-    "arm": 20700,
-    "effects": 26800,
-    "postures": 22700,
-    "measurements": 17700,
-    "accuracy": 13100,
-    "calibration": 39400,
-    "diagnosis": 40000,
-    "planning": 13200,
-    "verification": 17200,
-    "report": 57400,
-    "cli": 15150,
+    "_support": 7300,
+    "arm": 20200,
+    "effects": 27200,
+    "postures": 22900,
+    "measurements": 17800,
+    "accuracy": 12100,
+    "calibration": 42300,
+    "diagnosis": 40200,
+    "planning": 12800,
+    "verification": 17500,
+    "report": 56700,
+    "cli": 15200,
 }
 """Code without comments and docstrings: unlike lines, they do not fall when a line is packed fuller.
 
@@ -40,16 +40,16 @@ TOKENS: dict[str, int] = {
 DENSE: dict[str, int] = {
     "errors": 1,
     "_support": 6,
-    "arm": 40,
+    "arm": 26,
     "effects": 48,
-    "postures": 48,
-    "measurements": 46,
-    "accuracy": 23,
-    "calibration": 95,
-    "diagnosis": 88,
-    "planning": 28,
-    "verification": 39,
-    "report": 150,
+    "postures": 47,
+    "measurements": 32,
+    "accuracy": 17,
+    "calibration": 82,
+    "diagnosis": 72,
+    "planning": 25,
+    "verification": 33,
+    "report": 97,
     "cli": 7,
 }
 """Functions of which one statement has more than :data:`MOST_NODES` syntax nodes on average."""
@@ -57,16 +57,16 @@ MOST_NODES = 23.0
 WIDE: dict[str, int] = {
     "errors": 8,
     "_support": 73,
-    "arm": 287,
-    "effects": 249,
-    "postures": 231,
-    "measurements": 289,
-    "accuracy": 233,
-    "calibration": 592,
-    "diagnosis": 456,
-    "planning": 186,
-    "verification": 241,
-    "report": 832,
+    "arm": 224,
+    "effects": 244,
+    "postures": 221,
+    "measurements": 230,
+    "accuracy": 198,
+    "calibration": 384,
+    "diagnosis": 368,
+    "planning": 136,
+    "verification": 183,
+    "report": 640,
     "cli": 207,
 }
 """Lines of more than 100 characters."""
@@ -74,29 +74,24 @@ SENTENCES: dict[str, int] = {
     "_support": 8,
     "arm": 8,
     "effects": 18,
-    "postures": 0,
     "measurements": 35,
-    "accuracy": 0,
-    "calibration": 0,
-    "diagnosis": 0,
-    "planning": 0,
     "verification": 8,
 }
 """English of six words or more that is neither a docstring nor raised: the report says it."""
 INNER: dict[str, int] = {
     "effects": 48,
-    "postures": 31,
+    "postures": 29,
     "measurements": 14,
     "accuracy": 20,
     "calibration": 38,
     "diagnosis": 60,
-    "planning": 50,
+    "planning": 49,
     "verification": 10,
-    "report": 131,
+    "report": 108,
     "cli": 86,
 }
 """Names that a room takes from inner modules of other rooms, and not from their faces."""
-CONSTANTS = 101
+CONSTANTS = 80
 """Names of module constants with several values."""
 
 LAYOUT = {tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER}

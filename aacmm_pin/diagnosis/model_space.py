@@ -315,19 +315,30 @@ class ModelSpace:
     def additions(self, blocks: Blocks) -> Array:
         """Log posterior of the set with each block more, about (blocks,); minus infinity for those that are barred; kept.
 
-        Widths are the best without it. Amplitudes are the best and the next lower: a block takes over what the background
-        did without it.
+        Widths are the best without it; a member of the smallest width is tried with a usual one too, for beside
+        the block it may act. Amplitudes are the best and the next lower: a block takes over what the background did
+        without it.
         """
         if blocks not in self._additions:
             marginal = self.marginal(blocks)
             near = self._near_best(marginal, lower=True)
             there = [at.additions - at.log_evidence + weight for at, weight in near]
             factors = np.logaddexp.reduce(there, axis=0)
+            if 0 in marginal.best.widths:
+                factors = np.maximum(factors, self._with_usual_widths(marginal, near))
             self._widths[blocks] = np.argmax(factors, axis=1)
             gain = log_sum(factors) - np.log(WIDTHS.size)
             gain[self.candidates.barred(blocks)] = -np.inf
             self._additions[blocks] = marginal.log_posterior + gain + self.candidates.log_odds
         return self._additions[blocks]
+
+    def _with_usual_widths(self, marginal: Marginal, near: list[tuple[Conditional, float]]) -> Array:
+        """Factors of the additions if no member has the smallest width (blocks, widths)."""
+        best = marginal.best
+        usual = tuple(width or FIRST_WIDTH for width in best.widths)
+        at = self.conditional(best._replace(widths=usual))
+        ((same, weight),) = [(one, w) for one, w in near if one.base is at.base]
+        return np.asarray(at.additions - same.log_evidence + weight)
 
     def removals(self, blocks: Blocks) -> Array:
         """Log posterior of the set without each of its blocks, about (members,).
