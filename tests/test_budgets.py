@@ -67,7 +67,7 @@ WIDE: dict[str, int] = {
     "planning": 186,
     "verification": 241,
     "report": 832,
-    "cli": 207,
+    "cli": 208,
 }
 """Lines of more than 100 characters."""
 SENTENCES: dict[str, int] = {
