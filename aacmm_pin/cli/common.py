@@ -17,7 +17,6 @@ from aacmm_pin._support.text_escaping import encodable
 from aacmm_pin._support.text_escaping import note as note
 from aacmm_pin._support.text_escaping import say as say
 from aacmm_pin._support.units import ANGLES, in_radians
-from aacmm_pin.effects import require_plausible
 from aacmm_pin.errors import AacmmError
 
 if TYPE_CHECKING:
@@ -148,6 +147,8 @@ class Results(OutputFiles):
 
         An estimate that is larger than any file may state is written and shown, for it took long to find.
         """
+        from aacmm_pin.effects import require_plausible  # the list of commands needs none
+
         for effect in model.effects:
             try:
                 require_plausible(effect)

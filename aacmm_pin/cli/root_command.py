@@ -76,7 +76,7 @@ class Shell(TyperGroup):
 
     def main(self, *args: Any, **named: Any) -> Any:
         """Run the command, with the streams as it needs them."""
-        sys.stdout = sys.stdout or open(os.devnull, encoding="utf-8")  # noqa: SIM115, refuses what is written
+        sys.stdout = sys.stdout or open(1, closefd=False)  # noqa: SIM115, refuses what is written
         sys.stderr = sys.stderr or open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
         for stream in (sys.stdout, sys.stderr):
             if hasattr(stream, "reconfigure"):  # what a terminal cannot show is escaped

@@ -29,7 +29,7 @@ def command(*words: str) -> str:
         ("import aacmm_pin", 3, ("numpy", *HEAVY)),
         ("import aacmm_pin.accuracy.volume", 29, ("pandas", "scipy.special", "tqdm", *HEAVY)),
         ("import aacmm_pin.diagnosis.diagnose", 93, HEAVY),
-        (command("--help"), 12, ("numpy", "rich", "pandas", *HEAVY)),
+        (command("--help"), 13, ("numpy", "rich", "pandas", *HEAVY)),
         (command("accuracy", "sino6", *POINT), 70, ("scipy.special", *HEAVY)),
         (command("configurations", "sino6", *POINT), 54, ("pandas", "rich", "scipy.special", *HEAVY)),
     ],
