@@ -517,8 +517,8 @@ def test_angles_a_turn_outside_the_limits_are_told(sino6: Arm, tmp_path: Path) -
     table.assign(**dict(zip(REFERENCE, sino6.positions(q).T / MM, strict=True))).to_csv(data, index=False)
     for words in (["correct"], ["calibrate", "--no-held-out"], ["diagnose", "--no-held-out"]):
         _, err = done(words[0], arm, data, *NOISE, *words[1:], *(["-o", tmp_path / "c.csv"] if words == ["correct"] else []))
-        assert f"{beyond.sum()} of 40 records have angles a whole turn outside the limits of joints 3 (0° to 360°)" in err
-        assert err.count("a whole turn outside") == 1
+        assert err.count(f"{beyond.sum()} of 40 records") == 1
+        assert "the limits of joints 3" in err
 
 
 def test_readings_need_nothing_but_angles(tmp_path: Path) -> None:
