@@ -1,0 +1,59 @@
+from .csv_columns import (
+    BAR,
+    BAR_U,
+    MEASUREMENT_FILE,
+    ORIENTATION,
+    ORIENTATION_U,
+    PLANNED,
+    PROBED_POINT_COLUMNS,
+    REFERENCE,
+    REFERENCE_U,
+    Column,
+    is_of_reference,
+    is_reading,
+    span,
+)
+from .csv_table import measurement_file, read_table
+from .csv_values import check_numbers, read_values
+from .measuring_points import Pool, bars_for
+from .noise import ENCODER, Noise
+from .probed_points import PREDICTED_ACCURATE, read_probed_points
+from .records import Bar, GivenRecords, Measurements, as_measurements
+from .repeats import fingerprints, fingerprints_of_standards, means_of_contacts, originals
+from .simulate import seed_of, simulate_measurements
+
+__all__ = [
+    "BAR",
+    "BAR_U",
+    "ENCODER",
+    "MEASUREMENT_FILE",
+    "ORIENTATION",
+    "ORIENTATION_U",
+    "PLANNED",
+    "PREDICTED_ACCURATE",
+    "PROBED_POINT_COLUMNS",
+    "REFERENCE",
+    "REFERENCE_U",
+    "Bar",
+    "Column",
+    "GivenRecords",
+    "Measurements",
+    "Noise",
+    "Pool",
+    "as_measurements",
+    "bars_for",
+    "check_numbers",
+    "fingerprints",
+    "fingerprints_of_standards",
+    "is_of_reference",
+    "is_reading",
+    "means_of_contacts",
+    "measurement_file",
+    "originals",
+    "read_probed_points",
+    "read_table",
+    "read_values",
+    "seed_of",
+    "simulate_measurements",
+    "span",
+]
