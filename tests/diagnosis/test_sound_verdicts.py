@@ -310,7 +310,7 @@ def test_excluded_records_of_one_seat_are_said_to_be_of_it(sino6: Arm) -> None:
     seat[np.flatnonzero(seat == names[0])[:4]] = names[1]
     moved = replace(data, conditions=replace(data.conditions, seat=seat))
     result = calibrate(sino6, moved, encoder_noise=8e-6, probe_noise=5e-6, hold_out=False)
-    assert names[1] in {told["seat"] for told in data_of(result.notes, "seat_contradicted")}
+    assert names[1] in {told["seat"] for told in data_of(result.notes, "seat_excluded")}
 
 
 def test_a_look_alike_at_a_seat_has_a_seat_and_no_joint() -> None:
@@ -521,9 +521,9 @@ def test_a_known_cause_that_has_changed(sino6: Arm) -> None:
         assert finding.was is not None
         assert (finding.was.values, finding.gone) == ((2e-5,), value == 0.0)
         assert "no longer right for compliance" in verdict_in_words(found)
-        (changed,) = data_of(found.notes, "known_cause_changed")
-        assert changed["cause"] == "joint_compliance:2"
-        assert changed["was"].startswith("compliance 20")
+        (told,) = data_of(found.notes, "known_cause_gone" if finding.gone else "known_cause_changed")
+        assert told["cause"] == "joint_compliance:2"
+        assert told["was"].startswith("compliance 20")
     same = known_before(sino6)
     assert (same.verdict, same.findings) == ("no-discrepancy", ())
 

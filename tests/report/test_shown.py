@@ -37,6 +37,7 @@ from aacmm_pin import (
     single_point_statistics,
 )
 from aacmm_pin._support.display import Shown
+from aacmm_pin._support.notes import Note
 from aacmm_pin.accuracy.length import length_between
 from aacmm_pin.arm.file import load_arm_file
 from aacmm_pin.arm.parameter import Parameter
@@ -128,7 +129,9 @@ def values(arm: Arm, calibration: Calibration, found: Diagnosis, hidden: Any, ro
         "AcceptanceResult": AcceptanceResult(NASTY, (figure,), (NASTY,)),
         "CalibrationPlan": plan_calibration(arm, 4, postures=60),
         "Procedure": Procedure(arm, touches, q[:2], arm.positions(q[:2]), 1),
-        "PredictedAcceptance": PredictedAcceptance(NASTY, (predicted,), 3, 1, (NASTY,)),
+        "PredictedAcceptance": PredictedAcceptance(
+            NASTY, (predicted,), 3, 1, (Note("test_small", {"test": NASTY, "extent": 1e-3}),)
+        ),
     }
 
 
