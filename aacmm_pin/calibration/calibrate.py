@@ -216,7 +216,8 @@ def _references_in_other_unit(after: Fit) -> list[Note]:
         return []
     u = float(np.median(reference_u(after.problem.measurements, after.problem.setup, np.nan)[known]))  # nan: not stated
     off = float(np.sqrt(np.mean(np.square(after.system.deviation[known]))))
-    small, large = u < BEST_REFERENCE and u < off / OTHER_UNIT, off < u / OTHER_UNIT
+    small = u < BEST_REFERENCE and u < off / OTHER_UNIT
+    large = 0.0 < off < u / OTHER_UNIT
     if not (small or large):
         return []
     if small:

@@ -23,7 +23,7 @@ PAGE = ROOT / "notebooks" / "site" / "study.md"
 
 
 def fault(key: str, *aliases: str) -> Row:
-    seen = {"lambda": 100.0, "power": 0.99}
+    seen = {"lambda": 100.0, "power": 0.99, "rivals": {}}
     return {"key": key, "parameters": {}, "size_um": 50.0, "aliases": dict.fromkeys(aliases, 0.97)} | seen
 
 

@@ -8,6 +8,7 @@ from papers.sino6.misprints import misprints
 from papers.sino6.table2 import reproduce_table2
 from papers.sino6.tables import NominalArm, printed_table1, printed_table2, sino6_nominal
 
+from aacmm_pin.arm import end
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.dh import table
 from aacmm_pin.errors import UnsupportedArmError
@@ -63,7 +64,7 @@ def test_table_1_is_the_bundled_arm(sino6: Arm):
 
 def test_highest_configuration_is_the_one_that_made_the_point():
     q = random_configurations(1, 20_000, theta3=0.0)
-    p = TRUTH.positions(q)
+    p = TRUTH.chain.positions(q)
     elbow_angle = np.arctan2(L3 - L2, D3)  # where |θ4| passes π - this, the mirror image about OP is the answer instead
     applies = looks_towards(q, p) & (q[:, 3] > -np.pi - elbow_angle)
     assert applies.mean() > 0.8
@@ -74,7 +75,7 @@ def test_highest_configuration_is_the_one_that_made_the_point():
 
 def test_lowest_configuration_is_the_one_that_made_the_point():
     q = random_configurations(2, 20_000, theta3=np.pi)
-    p = TRUTH.positions(q)
+    p = TRUTH.chain.positions(q)
     first = q[:, 3] < -np.arctan2(L2 + L3, D3)
     reachable = np.linalg.norm(p, axis=1) < np.hypot(L3 - L2, D3) + D5  # (7) starts from the highest configuration
     towards = looks_towards(q, p)
@@ -88,21 +89,21 @@ def test_lowest_configuration_is_the_one_that_made_the_point():
 
 def test_highest_means_below_the_line_to_the_point_in_the_dh_frame():
     q = random_configurations(4, 5_000, theta3=0.0)
-    p = TRUTH.positions(q)
+    p = TRUTH.chain.positions(q)
     both = looks_towards(q, p) & (q[:, 3] > -3.1) & (np.linalg.norm(p, axis=1) > np.hypot(L2 + L3, D3) - D5)
     q, p = q[both], p[both]
     lowest = np.column_stack([PlanarConfigurations(ARM, p).lowest, np.zeros(len(p))])
-    np.testing.assert_allclose(TRUTH.positions(lowest), p, atol=1e-12)
+    np.testing.assert_allclose(TRUTH.chain.positions(lowest), p, atol=1e-12)
     slope = p[:, 2] / np.hypot(p[:, 0], p[:, 1])
     for configuration, side in ((q, -1.0), (lowest, 1.0)):
-        elbow = TRUTH.positions(configuration, 3)
+        elbow = TRUTH.chain.walk(configuration)[1][end(3)]
         ahead = elbow[:, 0] * np.cos(q[:, 0]) + elbow[:, 1] * np.sin(q[:, 0])
         assert (np.sign(elbow[:, 2] - slope * ahead) == side).all()
 
 
 def test_all_configurations_at_a_theta2_contain_the_one_that_made_the_point():
     q = random_configurations(5, 20_000)
-    p = TRUTH.positions(q)
+    p = TRUTH.chain.positions(q)
     at = ConfigurationsAtTheta2(ARM, p, q[:, 1])
     error = angle_error(at.all(), q[:, None, None, :4])
     best = np.nanmin(error.reshape(len(q), 4), axis=1)
@@ -118,7 +119,7 @@ def test_all_configurations_at_a_theta2_contain_the_one_that_made_the_point():
 
 def test_every_configuration_at_a_theta2_reaches_the_point():
     rng = np.random.default_rng(6)
-    p = TRUTH.positions(random_configurations(6, 5_000))
+    p = TRUTH.chain.positions(random_configurations(6, 5_000))
     theta2 = rng.uniform(-np.pi, 0, len(p))  # another θ2 than the one that made the point
     found = ConfigurationsAtTheta2(ARM, p, theta2).all()
     exists = np.isfinite(found).all(axis=-1)
@@ -127,7 +128,7 @@ def test_every_configuration_at_a_theta2_reaches_the_point():
     assert len(q) > 1_000
     offset = L3 - D5 * np.sin(q[:, 3])  # θ3 follows from a direction: outside the limits it may point the other way
     inside = offset > 0
-    np.testing.assert_allclose(TRUTH.positions(q[inside]), p[number[inside]], atol=1e-11)
+    np.testing.assert_allclose(TRUTH.chain.positions(q[inside]), p[number[inside]], atol=1e-11)
     np.testing.assert_array_equal(q[:, 1], theta2[number])
 
 
@@ -141,7 +142,7 @@ def test_misprints_have_the_sizes_of_their_geometry():
     assert row["median_angle_error_deg"] == pytest.approx(90.0, abs=1e-9)
     assert row["affected_share"] == 1.0
     q = random_configurations(3, 20_000, theta3=0.0)  # the same sample
-    t4 = -q[looks_towards(q, TRUTH.positions(q)), 3]
+    t4 = -q[looks_towards(q, TRUTH.chain.positions(q)), 3]
     t4 = t4[t4 < np.pi + np.arctan2(L3 - L2, D3)]  # else the mirror image of the highest
     squares, double = L3**2 + D5**2, 2 * L3 * D5 * np.sin(t4)
     difference = np.sqrt(squares + double) - np.sqrt(squares - double)

@@ -60,7 +60,7 @@ def test_table_1_is_the_bundled_arm_but_for_its_link_lengths(zero6: Arm) -> None
     np.testing.assert_array_equal(printed["a_mm"], [0.01, 0.02, -0.01, -0.03, 0.01, 0.005, 0.0])
     postures = printed_postures()
     q = postures.filter(like="theta").to_numpy() * DEG
-    by_print = replace(dh, a=printed["a_mm"].to_numpy() * MM).positions(q) / MM
+    by_print = replace(dh, a=printed["a_mm"].to_numpy() * MM).chain.positions(q) / MM
     off = np.abs(by_print - postures[["x_mm", "y_mm", "z_mm"]].to_numpy())
     assert (off > 0.0005).all()
     assert off.max() == pytest.approx(0.0387, abs=5e-5)
