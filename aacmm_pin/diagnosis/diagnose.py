@@ -62,7 +62,7 @@ def diagnose(
     The residuals are a linear model of geometry, reference frame and known causes, which are refitted, of a set of causes,
     of a discrepancy that depends on what was recorded, and of noise. Every probability is read off one posterior over sets
     of causes. The extended arm has the causes that are more probable than not. The gain is measured on groups of records
-    that had no part in choosing or fitting.
+    that had no part in choosing the set and in its linear fit.
 
     Args:
         model: the arm, with the effects that are known of it.

