@@ -58,7 +58,11 @@ def doubts_in_words(result: Diagnosis) -> list[str]:
 
 
 def _doubt(result: Diagnosis, doubt: Doubt) -> Note | None:
-    """None where the verdict says it."""
+    """None where the verdict, or another doubt, says it.
+
+    Raises:
+        LookupError: a doubt has no sentence.
+    """
     (seen, of), arm = result.visible, result.model.arm
     match doubt:
         case "contradicted references":
@@ -80,7 +84,9 @@ def _doubt(result: Diagnosis, doubt: Doubt) -> Note | None:
             return Note("starts_disagree")
         case "more causes":
             return Note("more_causes", {"probability": probability(result.more), "threshold": THRESHOLDS.settled})
-    return None
+        case "no better" | "cause not borne out" | "structure left":
+            return None
+    raise LookupError(doubt)
 
 
 def beside_threshold(left: Unexplained) -> str:
