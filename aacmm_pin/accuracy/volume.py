@@ -152,7 +152,8 @@ def paired(circle: PosturesAtPoint, accuracy: AccuracyVolume) -> Index:
     if not np.array_equal(accuracy.q, circle.q[inside]):
         raise ShapeError(
             f"accuracy has {len(accuracy.q)} configurations, expected the {len(inside)} of the "
-            f"circle's {len(circle.q)} within limits: pass accuracy_volume(arm, circle.q[circle.within_limits], at=circle.at)"
+            f"circle's {len(circle.q)} within limits: pass "
+            "accuracy_volume(arm, circle.q[circle.within_limits], at=circle.at)"
         )
     return inside
 
