@@ -5,10 +5,11 @@ The names of ``__init__.pyi`` are loaded when they are first used, so that the c
 
 from collections.abc import Callable
 from types import ModuleType
+from typing import Any
 
 import lazy_loader
 
-from aacmm_pin._support import display, notes
+from aacmm_pin._support import display
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 __version__ = "0.1.0"
@@ -20,11 +21,10 @@ def _report() -> ModuleType:
     return results
 
 
-def _sentence() -> Callable[[notes.Note], str]:
+def _sentence() -> Callable[[Any], str]:
     from aacmm_pin.report.messages import sentence
 
     return sentence
 
 
-display.reported_by(_report)
-notes.register_sentences(_sentence)
+display.reported_by(_report, _sentence)

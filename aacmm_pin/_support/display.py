@@ -12,17 +12,27 @@ from typing import Any
 
 LETTERS = 1000
 """A line in a console is at most this long; a dataclass would print all its arrays."""
-_load: list[Callable[[], Any]] = []
+_load: dict[str, Callable[[], Any]] = {}
 
 
-def reported_by(load: Callable[[], Any]) -> None:
-    """State how the module is found that has ``plots`` and ``html_of``."""
-    _load[:] = [load]
+def reported_by(results: Callable[[], Any], sentence: Callable[[], Any]) -> None:
+    """State how parts of the report are found.
+
+    Args:
+        results: gives the module that has ``plots`` and ``html_of``.
+        sentence: gives the function that makes the sentence of a note, without what draws.
+    """
+    _load.update(results=results, sentence=sentence)
 
 
 def report() -> Any:
-    """That module: :mod:`aacmm_pin.report.results`."""
-    return _load[0]()
+    """The module :mod:`aacmm_pin.report.results`."""
+    return _load["results"]()
+
+
+def sentence_of(note: object) -> str:
+    """The sentence of a :class:`aacmm_pin._support.notes.Note`."""
+    return str(_load["sentence"]()(note))
 
 
 class Shown:

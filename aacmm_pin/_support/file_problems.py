@@ -9,10 +9,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from aacmm_pin._support.checks import Index
+from aacmm_pin._support.checks import Index, Mask
 from aacmm_pin.errors import MeasurementFileError
-
-Mask = NDArray[np.bool_]
 
 MOST_PROBLEMS = 10
 """Problems that a message states one by one."""

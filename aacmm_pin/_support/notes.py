@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-_load: list[Callable[[], Callable[[Note], str]]] = []
+from aacmm_pin._support.display import sentence_of
 
 
 @dataclass(frozen=True, repr=False)
@@ -28,7 +28,7 @@ class Note:
         return replace(self, data={**self.data, "place": f"{place}: {outer}" if outer else place})
 
     def __str__(self) -> str:
-        return _load[0]()(self)
+        return sentence_of(self)
 
     def __repr__(self) -> str:
         return repr(str(self))
@@ -38,8 +38,3 @@ def notes_in_json(notes: Iterable[Note]) -> dict[str, list[str]]:
     """Notes as JSON has them: sentences, and the code of each."""
     listed = [*notes]
     return {"notes": [str(note) for note in listed], "note_codes": [note.code for note in listed]}
-
-
-def register_sentences(load: Callable[[], Callable[[Note], str]]) -> None:
-    """State how the function is found that makes the sentence of a note."""
-    _load[:] = [load]

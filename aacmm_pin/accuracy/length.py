@@ -16,9 +16,9 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from aacmm_pin._support.checks import Array, batch
+from aacmm_pin._support.checks import Array, Mask, batch
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.units import MM
 from aacmm_pin.accuracy.tip_sensitivity import ErrorSources
@@ -149,6 +149,6 @@ def _independent(sources: ErrorSources, scaled: Array) -> Array:
     return scaled if sources.axes is None else scaled @ sources.axes
 
 
-def _shared(sources: ErrorSources) -> NDArray[np.bool_]:
+def _shared(sources: ErrorSources) -> Mask:
     """True for each source that is the same at both ends (p,); those of a record are correlated with no other."""
     return np.array([p.scope != "record" for p in sources.parameters])

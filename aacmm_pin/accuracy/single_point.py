@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aacmm_pin._support.checks import batch
+from aacmm_pin._support.checks import Mask, batch
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.units import MM
 from aacmm_pin.errors import ShapeError
@@ -64,5 +64,5 @@ def single_point_statistics(indications: ArrayLike, part: ArrayLike | None = Non
     return SinglePoint(len(points), sigma, _rms(squares, flags), _rms(squares, rest), int(flags.sum()))
 
 
-def _rms(squares: NDArray[np.float64], flags: NDArray[np.bool_]) -> float:
+def _rms(squares: NDArray[np.float64], flags: Mask) -> float:
     return float(np.sqrt(squares[flags].mean())) if flags.any() else float("nan")

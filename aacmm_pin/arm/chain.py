@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aacmm_pin._support.batches import chunks, cross
-from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin._support.compiled import Loop
 
 OF_A_POSE = 6
@@ -73,7 +73,7 @@ class Chain:
 
     constant: Array
     joint: NDArray[np.intp]
-    prismatic: NDArray[np.bool_]
+    prismatic: Mask
     parameters: Index
 
     @staticmethod
@@ -81,7 +81,7 @@ class Chain:
         axes: list[Array],
         ends: list[Array],
         joints: Array | Index,
-        prismatic: NDArray[np.bool_],
+        prismatic: Mask,
         parameters: list[tuple[int, int]],
     ) -> Chain:
         """The chain with these constant transforms before ``axis`` 1 … and before ``end`` 0 ….
@@ -324,7 +324,7 @@ def _displace(frames: Array, twists: Array) -> None:
 def _differentiate(
     constant: Array,
     joint: Index,
-    prismatic: NDArray[np.bool_],
+    prismatic: Mask,
     twists: Index,
     cosine: Array,
     sine: Array,

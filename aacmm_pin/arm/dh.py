@@ -18,9 +18,8 @@ from functools import cached_property
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
-from aacmm_pin._support.checks import Array, batch
+from aacmm_pin._support.checks import Array, Mask, batch
 from aacmm_pin._support.display import Shown
 from aacmm_pin.arm.chain import OMEGA_X, OMEGA_Z, V_X, V_Z, Chain, axis, end, screws
 from aacmm_pin.errors import ShapeError, UnknownNameError
@@ -47,7 +46,7 @@ class DHTable(Shown):
     d: Array
     alpha: Array
     theta_offset: Array
-    moving: NDArray[np.bool_]
+    moving: Mask
     convention: Convention = "standard-dh"
 
     @property

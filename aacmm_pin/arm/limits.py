@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aacmm_pin._support.angles import wrapped
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.checks import Array, Mask
 from aacmm_pin._support.notes import Note
 
 AT_LIMIT = 1e-9
@@ -35,12 +34,12 @@ def into_limits(q: Array, limits: Array) -> Array:
     return np.asarray(np.where(nearer_below, first - 2 * np.pi, first))
 
 
-def broken_limits(q: Array, limits: Array) -> NDArray[np.bool_]:
+def broken_limits(q: Array, limits: Array) -> Mask:
     """Which angles of ``q`` (n, nq) [rad], as they stand, are outside ``limits`` (nq, 2): (n, nq)."""
     return np.asarray((q < limits[:, 0] - AT_LIMIT) | (q > limits[:, 1] + AT_LIMIT))
 
 
-def other_turns(q: Array, limits: Array, slides: NDArray[np.bool_]) -> list[Note]:
+def other_turns(q: Array, limits: Array, slides: Mask) -> list[Note]:
     """That turning joints have angles ``q`` (n, nq) [rad] that are whole turns outside their limits (nq, 2)."""
     turned = into_limits(q, limits)
     lost = broken_limits(q, limits) & ~broken_limits(turned, limits + BESIDE * np.array([-1.0, 1.0])) & ~slides

@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aacmm_pin._support import plausible
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.checks import Array, Mask
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.errors import AacmmError, UnsupportedArmError
@@ -65,7 +64,7 @@ class Room:
         if self.above is not None:
             plausible.COORDINATE.check(self.above, "above")
 
-    def admits(self, tips: Array) -> NDArray[np.bool_]:
+    def admits(self, tips: Array) -> Mask:
         """Which of the ``tips`` (n, 3) [m] are of use: (n,)."""
         rotation, origin = self.arm.chain.walk(np.zeros((1, self.arm.nq)))
         first = self.arm.chain.moving_axes()[0]

@@ -10,9 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.progress import Progress, watched
 from aacmm_pin.calibration.fit import Fit
@@ -32,8 +31,6 @@ ROUNDED = 9
 """Angles with so many decimals are in the same order, whether they came in degrees or in radians."""
 MOSTLY = 0.9
 """A diagnosis leaves out seats where more than this part of the records touch one."""
-
-Mask = NDArray[np.bool_]
 
 
 def rms(distance: Array) -> float:

@@ -7,9 +7,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.checks import Array, Mask
 from aacmm_pin._support.distributions import chi2_isf, f_isf
 from aacmm_pin.calibration.fit import Fit, redundant
 from aacmm_pin.calibration.noise_model import NoiseModel, Scatters, observations_of
@@ -36,8 +35,6 @@ ALIKE = 1e-3
 """Scatters that change by less than this part of them are found."""
 FIRST_SCATTER = 1e-4
 """What nobody stated counts as this until the records show what it is [m]."""
-
-Mask = NDArray[np.bool_]
 
 
 def fit(problem: Problem, *, robust: bool = True, used: Mask | None = None) -> Fit:

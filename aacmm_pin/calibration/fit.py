@@ -10,10 +10,9 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import orth
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.checks import Array, Mask
 from aacmm_pin._support.units import MM, UM
 from aacmm_pin.calibration.identifiability import Undetermined
 from aacmm_pin.calibration.linearisation import linearise
@@ -32,8 +31,6 @@ NO_SCATTER = 5e-8
 ONE_DIRECTION = 1e-2
 """Directions that records do not tell, found at tips and at targets, are one if the sine of their
 angle is less."""
-
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)

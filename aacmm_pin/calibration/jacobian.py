@@ -11,10 +11,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aacmm_pin._support.batches import cross
-from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin.calibration.parameter_vector import ParameterVector
 from aacmm_pin.effects import Displacement, Effect, State, point_sensitivity, sensitivity, static_equilibrium
 
@@ -28,7 +27,7 @@ class _Same:
     place: Index
     twist: Array
     number: Index
-    of_reference: NDArray[np.bool_]
+    of_reference: Mask
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,11 +14,10 @@ from functools import cached_property
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 from scipy.linalg import null_space, solve_triangular
 from scipy.sparse import csr_array
 
-from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin.measurements.observations import NOTHING_KNOWN, Observations
 
 LEAST_KNOWN = 0.1
@@ -33,8 +32,6 @@ this: errors of the smallest are then a ten-thousandth of it, and the gradient h
 AT_ONCE = 4000
 """Rows that are brought to a triangle at once: copies of all of them would take more memory than
 all the rest."""
-
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,9 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
-from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin._support.notes import Note
 from aacmm_pin.calibration.problem import Frame, Problem
 from aacmm_pin.calibration.setup import Setup
@@ -218,7 +217,7 @@ def _of_each(combine: np.ufunc, values: Array, seat: Index, count: int) -> Array
     return found
 
 
-def _repeated(seat: Index, stated: Array, count: int) -> tuple[NDArray[np.bool_], Array]:
+def _repeated(seat: Index, stated: Array, count: int) -> tuple[Mask, Array]:
     """Seats whose records, on the average, repeat each of their coordinates (s,); those that most records have (s, 3).
 
     Of the records that state coordinates (n, 3), each at a ``seat`` (n,).

@@ -7,9 +7,8 @@ from dataclasses import replace
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.checks import Array, Mask
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.chain import end
 from aacmm_pin.calibration.parameter_vector import OF_KIND, ParameterVector, geometric_parameters
@@ -41,7 +40,7 @@ BEYOND_TYPICAL = 1000.0
 """How many times its typical magnitude a cause may have where nobody stated it."""
 
 
-_Unknown = tuple[Effect, Array, NDArray[np.bool_]]
+_Unknown = tuple[Effect, Array, Mask]
 """An effect, the widths of its parameters, and which of those are stated."""
 
 
@@ -89,7 +88,7 @@ def problem_of(
     return Problem(base, vector, widths, stated, correlation, measurements, setup, tuple(known_from.split()), targets)
 
 
-def unstated(problem: Problem, mine: NDArray[np.bool_]) -> Problem:
+def unstated(problem: Problem, mine: Mask) -> Problem:
     """The problem as if nothing were stated of some geometric parameters, ``mine`` (p,)."""
     assembled = np.array([ASSEMBLED.get(parameter.unit, np.nan) for parameter in problem.vector.parameters])
     correlation = np.where(mine[:, None] | mine, np.eye(mine.size), problem.correlation)

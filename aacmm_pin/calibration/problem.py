@@ -6,10 +6,9 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
-from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin.arm.chain import exp, skew
 from aacmm_pin.calibration.jacobian import Columns
 from aacmm_pin.calibration.linear_model import Prior
@@ -122,7 +121,7 @@ class Problem:
     model: ErrorModel
     vector: ParameterVector
     widths: Array
-    stated: NDArray[np.bool_]
+    stated: Mask
     correlation: Array
     measurements: Measurements
     setup: Setup
@@ -199,7 +198,7 @@ class Problem:
         return np.array([value for effect in self.model.effects for value in effect.values])
 
     @cached_property
-    def _of_targets(self) -> NDArray[np.bool_]:
+    def _of_targets(self) -> Mask:
         """Which values, those of the fixed effects first, say where a target sits."""
         effects = (*self.model.effects, *self.vector.effects)
         return np.array([isinstance(effect, StylusOffset) for effect in effects for _ in effect.values], dtype=bool)

@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from aacmm_pin._support import plausible
-from aacmm_pin._support.checks import Array, vector
+from aacmm_pin._support.checks import Array, Mask, vector
 from aacmm_pin._support.notes import Note
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.effects import Effect, ErrorModel, GivenModel, known_range_in_words
@@ -146,6 +146,6 @@ def checked_input(model: GivenModel, measurements: object, asked: Collection[str
     return model, replace(measurements.take(used), read_as=measurements.read_as + notes)
 
 
-def _outside_known_range(effect: Effect, measurements: Measurements, outside: NDArray[np.bool_]) -> Note:
+def _outside_known_range(effect: Effect, measurements: Measurements, outside: Mask) -> Note:
     cause, rows = f"{effect.label}{known_range_in_words(effect)}", measurements.row[outside].tolist()
     return Note("outside_known_range", {"records": len(rows), "of": measurements.n, "cause": cause, "rows": rows})

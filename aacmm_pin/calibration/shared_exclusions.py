@@ -9,10 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 import scipy
-from numpy.typing import NDArray
 from scipy.special import gammaln
 
-from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin._support.distributions import chi2_sf
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import DEG, MM
@@ -39,8 +38,6 @@ NARROW = 0.5
 """Used records that move a joint over less than this part of its range in all records are about another part of the arm."""
 LABELS = ("session", "marker", "seat", "operator", "bar")
 """Columns of labels."""
-
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

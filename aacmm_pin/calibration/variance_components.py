@@ -8,9 +8,8 @@ from collections.abc import Callable
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.checks import Array, Mask
 from aacmm_pin._support.distributions import f_isf
 from aacmm_pin.calibration.noise_model import Scatters
 from aacmm_pin.calibration.solver import LEAST_DOF, MEDIAN, Solution
@@ -24,8 +23,6 @@ LEAST_TOLD = 1e-3
 """A seat of whose coordinates refitting leaves less than this tells nothing of their scatter."""
 LEAST_SCATTER = 1e-10
 """Data from a computer may fit without any residual; the scatter then counts as this [m]."""
-
-Mask = NDArray[np.bool_]
 
 
 def variance_components(solution: Solution, used: Mask, open_: Mask) -> Scatters:

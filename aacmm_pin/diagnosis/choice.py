@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin.calibration import Fit
 from aacmm_pin.diagnosis.candidates import Variants
 from aacmm_pin.diagnosis.covariates import Carried, Covariate
@@ -45,7 +44,7 @@ class Choice:
     held: Gram
     scatter: ReadingScatter | None = None
     otherwise: tuple[str, ...] = ()
-    kept_alone: NDArray[np.bool_] | None = None
+    kept_alone: Mask | None = None
 
     @property
     def candidates(self) -> Candidates:
@@ -58,7 +57,7 @@ class Choice:
         return self.candidates.design
 
     @property
-    def counted(self) -> NDArray[np.bool_]:
+    def counted(self) -> Mask:
         """Records that count when they are left out and predicted (n,): all but those that both arms exclude.
 
         A record that only the extended arm excludes may be one that its causes are wrong for. One that the recalibrated

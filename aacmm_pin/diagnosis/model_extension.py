@@ -7,9 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin._support.distributions import chi2_isf
 from aacmm_pin._support.progress import bar
 from aacmm_pin.arm.file import COVERAGE_FACTOR
@@ -99,12 +98,12 @@ def _release(choice: Choice) -> None:
     choice.posterior.space.gram.products.release()
 
 
-def _doubtful(choice: Choice, judge: Fit) -> NDArray[np.bool_]:
+def _doubtful(choice: Choice, judge: Fit) -> Mask:
     """Records that do not fit with all that was found, covariates included, by the scatter of ``judge`` (n,)."""
     return np.asarray(_times_the_limit(choice.design.fit, choice.design.deviations(choice.tips), judge) > 1.0)
 
 
-def _put_back(of: Fit) -> NDArray[np.bool_]:
+def _put_back(of: Fit) -> Mask:
     """The records that count, and those that were excluded but not by far, or that are neighbours (n,)."""
     far = _times_the_limit(of, of.system.off, of)
     dense = [cluster.records for cluster in clusters(of.problem.model.arm, of.problem.measurements, of.excluded, of.used)]
@@ -126,7 +125,7 @@ def _standing(
     others: tuple[Covariate, ...],
     parts: Index,
     progress: bool,
-    used: NDArray[np.bool_] | None = None,
+    used: Mask | None = None,
 ) -> Choice:
     """Rounds of exploration and refit, each refit at the most probable set; last, a refit at the median model.
 
@@ -194,7 +193,7 @@ class _Before:
         return same_kind and bool(abs(np.log(self.scatter.size / reckoned)) < np.log(THRESHOLDS.rescaled))
 
 
-def _extended(problem_of: ProblemOf, found: Choice, first: Fit, used: NDArray[np.bool_] | None) -> Fit:
+def _extended(problem_of: ProblemOf, found: Choice, first: Fit, used: Mask | None) -> Fit:
     """The refit at the median probability model; what is uncertain of inner values is in its u.
 
     A known cause beside one of its name with another inner value, and of which nothing is left, is gone.
@@ -240,7 +239,7 @@ def refitted(
     problem_of: ProblemOf,
     effects: Sequence[Effect],
     gone: Sequence[Effect] = (),
-    used: NDArray[np.bool_] | None = None,
+    used: Mask | None = None,
 ) -> Fit:
     """All refitted with these causes, without known ones that are gone; without ``used``, gross errors are looked for."""
     return fit(problem_of([free(effect) for effect in effects], gone=gone), used=used)

@@ -9,9 +9,8 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin.diagnosis.candidates import Variants, is_change
 from aacmm_pin.diagnosis.design_matrix import Block, Design
 from aacmm_pin.diagnosis.gram_matrix import Gram
@@ -90,7 +89,7 @@ class Candidates:
                 found[member].add(container)
         return {member: frozenset(containers) for member, containers in found.items()}
 
-    def barred(self, blocks: Blocks) -> NDArray[np.bool_]:
+    def barred(self, blocks: Blocks) -> Mask:
         """Which blocks cannot stand beside these: of the same candidates, what these contain, and what contains these."""
         struck = set[int]()
         for owner in {self.owner(k) for k in blocks}:
@@ -337,7 +336,7 @@ class ModelSpace:
         best = marginal.best
         usual = tuple(width or FIRST_WIDTH for width in best.widths)
         at = self.conditional(best._replace(widths=usual))
-        ((same, weight),) = [(one, w) for one, w in near if one.base is at.base]
+        same, weight = near[-1]  # the best amplitude: the other one is lower
         return np.asarray(at.additions - same.log_evidence + weight)
 
     def removals(self, blocks: Blocks) -> Array:

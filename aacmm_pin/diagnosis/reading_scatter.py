@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.checks import Array, Mask
 from aacmm_pin.calibration import Fit
 from aacmm_pin.calibration.variance_components import LEAST_SCATTER
 from aacmm_pin.diagnosis.held_postures import HeldPostures
@@ -91,7 +90,7 @@ class ReadingScatter:
 class _Components:
     """``C = N + Σ v_c F_c F_cᵀ`` for the residuals of the records that count."""
 
-    def __init__(self, stated: Array, groups: list[Array], off: Array, counts: NDArray[np.bool_]) -> None:
+    def __init__(self, stated: Array, groups: list[Array], off: Array, counts: Mask) -> None:
         self.stated = stated
         self.squares = np.stack([group @ group.transpose(0, 2, 1) for group in groups])
         self.off, self.of_stated = off[counts], stated[counts]

@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING, Any, Literal, cast
 import numpy as np
 import pandas as pd
 
+from aacmm_pin._support.checks import Mask
 from aacmm_pin._support.display import Shown, report
 from aacmm_pin._support.distributions import chi2_cdf
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm.file import COVERAGE_FACTOR
 from aacmm_pin.calibration import Fit
-from aacmm_pin.calibration.cross_validation import Mask, rms
+from aacmm_pin.calibration.cross_validation import rms
 from aacmm_pin.calibration.parameter_vector import geometric_parameters
 from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.cross_validation import Brought, Gain

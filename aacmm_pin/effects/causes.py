@@ -15,9 +15,8 @@ from types import ModuleType
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.checks import Array, Mask
 from aacmm_pin.arm.arm import Arm, GivenArm, as_arm
 from aacmm_pin.effects import compliance, encoder, environment, geometry, time_dependent
 from aacmm_pin.effects.conditions import COLUMNS, Conditions, Records
@@ -200,7 +199,7 @@ class SyntheticRecords:
 
     q: Array
     conditions: Conditions
-    known: NDArray[np.bool_]
+    known: Mask
 
 
 @cache

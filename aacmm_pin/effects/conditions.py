@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aacmm_pin._support.checks import Array, Index, batch, vector, width_of
+from aacmm_pin._support.checks import Array, Index, Mask, batch, vector, width_of
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.notes import Note
 from aacmm_pin.errors import MissingConditionError, ShapeError
@@ -87,7 +87,7 @@ class Conditions(Shown):
                 raise ShapeError("approach holds other numbers than -1, 0 and 1")
             object.__setattr__(self, name, given)
 
-    def take(self, rows: Index | slice | NDArray[np.bool_] | Sequence[int]) -> Conditions:
+    def take(self, rows: Index | slice | Mask | Sequence[int]) -> Conditions:
         """The same of some of the records."""
         chosen = {}
         for field in fields(self)[1:]:
@@ -159,7 +159,7 @@ class Records(Protocol):
         """What else is known of the records."""
 
     @property
-    def known(self) -> NDArray[np.bool_]:
+    def known(self) -> Mask:
         """True where the coordinates of the tip are known (n,)."""
 
 

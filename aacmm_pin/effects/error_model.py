@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aacmm_pin._support.checks import Array, batch
+from aacmm_pin._support.checks import Array, Mask, batch
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.notes import Note
 from aacmm_pin.arm.arm import Arm, GivenArm, as_arm
@@ -239,7 +239,7 @@ class ErrorModel(Shown):
         labels = [] if conditions.marker is None else conditions.marker.tolist()
         return [label for label in dict.fromkeys(labels) if label and label not in known]
 
-    def known_at(self, q: ArrayLike) -> NDArray[np.bool_]:
+    def known_at(self, q: ArrayLike) -> Mask:
         """(n, effects) True where an effect is known at indications ``q`` (n, nq) [rad]: an error curve has a range.
 
         Of angles in another unit too, which are looked for where a file does not fit the arm.

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from aacmm_pin._support.checks import Array, batch
+from aacmm_pin._support.checks import Array, Mask, batch
 from aacmm_pin.arm.chain import OF_A_POSE
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.error_model import ErrorModel, GivenModel
@@ -25,7 +25,7 @@ SINGULAR = 1e-6
 
 def joint_commands(
     model: GivenModel, nominal: GivenModel, q: ArrayLike, conditions: Conditions | None = None
-) -> tuple[Array, NDArray[np.bool_]]:
+) -> tuple[Array, Mask]:
     """Commands by which ``model`` has the tip, and with six joints or more its axes, that ``nominal`` has at ``q``.
 
     Newton's method with the shortest step, so that an arm with more joints than it needs stays near ``q``.

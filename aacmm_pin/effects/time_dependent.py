@@ -7,9 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.checks import Array, Mask
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.plausible import LATEST
 from aacmm_pin.effects.conditions import Conditions, Records
@@ -225,7 +224,7 @@ class EncoderSlip(Effect):
         by_clock = np.where(is_between, 0.5, time >= self.time_s)
         return np.where(later | (time >= high), 1.0, by_clock)
 
-    def _is_of_later_session(self, conditions: Conditions) -> NDArray[np.bool_]:
+    def _is_of_later_session(self, conditions: Conditions) -> Mask:
         """(n,) True where the label is none of its own; without a label the clock counts."""
         labels = conditions.session if self.sessions else None
         if labels is None:

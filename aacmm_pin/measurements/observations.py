@@ -7,11 +7,10 @@ from functools import cached_property
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.checks import Array, Index, Mask
 
 NOTHING_KNOWN = 1e-4
 """With less information than this nothing is known of a seat, which is somewhere within a hundred metres [1/m²]."""
@@ -48,10 +47,10 @@ class Observations:
     ends: Index
     length: Array
     length_u: Array
-    oriented: NDArray[np.bool_]
+    oriented: Mask
 
     @cached_property
-    def says(self) -> NDArray[np.bool_]:
+    def says(self) -> Mask:
         """(n,) True for records that say something."""
         return np.asarray((self.seat >= 0) | np.isfinite(self.reference).all(axis=1))
 
@@ -61,12 +60,12 @@ class Observations:
         return 3 * (self.says * (1 + self.oriented.astype(np.intp)))
 
     @property
-    def known(self) -> NDArray[np.bool_]:
+    def known(self) -> Mask:
         """(s,) True for seats whose coordinates are stated."""
         return np.asarray(np.isfinite(self.stated).all(axis=1))
 
     @property
-    def unstated(self) -> NDArray[np.bool_]:
+    def unstated(self) -> Mask:
         """(s, 3) True for coordinates of seats that are stated without an uncertainty."""
         return np.asarray(self.known[:, None] & np.isnan(self.stated_u))
 

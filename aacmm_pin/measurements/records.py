@@ -17,7 +17,7 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from aacmm_pin._support import plausible
-from aacmm_pin._support.checks import Array, Index, batch, vector, width_of
+from aacmm_pin._support.checks import Array, Index, Mask, batch, vector, width_of
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.file_problems import Problems
 from aacmm_pin._support.notes import Note
@@ -188,16 +188,16 @@ class Measurements(Shown):
         return int(self.q.shape[1])
 
     @property
-    def known(self) -> NDArray[np.bool_]:
+    def known(self) -> Mask:
         """(n,) True where the reference is known."""
         return np.asarray(np.isfinite(self.reference).all(axis=1))
 
     @property
-    def oriented(self) -> NDArray[np.bool_]:
+    def oriented(self) -> Mask:
         """(n,) True where an orientation is stated."""
         return np.zeros(self.n, dtype=bool) if self.orientation is None else np.isfinite(self.orientation[:, 0])
 
-    def take(self, rows: Index | slice | NDArray[np.bool_] | Sequence[int]) -> Measurements:
+    def take(self, rows: Index | slice | Mask | Sequence[int]) -> Measurements:
         """Some of the records; seats and bars may lose what made them useful, which only reading a file checks."""
         index = np.arange(self.n)[rows]
         stated = {field.name: getattr(self, field.name) for field in fields(self)}  # not what was worked out from it

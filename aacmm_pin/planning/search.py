@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 
-from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin.planning.detection_power import Size
 
 HARDLY = 1e-3
@@ -31,7 +30,7 @@ class Choosing:
         self.covariance = np.linalg.inv(information)
         self.taken: list[int] = []
         self.seen = pool @ self.covariance
-        self.free: NDArray[np.bool_] = np.ones(len(pool), dtype=bool)
+        self.free: Mask = np.ones(len(pool), dtype=bool)
 
     @property
     def scatter(self) -> Array:

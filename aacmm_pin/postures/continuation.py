@@ -20,7 +20,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.checks import Array, Mask
 from aacmm_pin._support.compiled import Loop
 
 Space = tuple[Array, Array, Array, Array]
@@ -105,7 +105,7 @@ def evaluate(links: Array, goals: Array, sine: bool, q: Array, equations: Array)
                 equations[row, i, j] = space[0][i, j]
 
 
-def polish(links: Array, goals: Array, sine: bool, count: int, q: Array) -> NDArray[np.bool_]:
+def polish(links: Array, goals: Array, sine: bool, count: int, q: Array) -> Mask:
     """Move each row of ``q`` (m, n) to the nearest solution by damped least-norm Newton steps.
 
     Returns:
@@ -196,7 +196,7 @@ def trace(links: Array, goal: Array, sine: bool, start: Array, most: int, vertic
     return count, most, False
 
 
-def on_curve(links: Array, goal: Array, sine: bool, q: Array, vertices: Array) -> NDArray[np.bool_]:
+def on_curve(links: Array, goal: Array, sine: bool, q: Array, vertices: Array) -> Mask:
     """Which of the solutions ``q`` (m, n) are on the curve with these ``vertices`` (any, n): (m,).
 
     From the pieces at the vertices nearest to a solution, the curve's point in the plane through

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aacmm_pin._support.angles import wrapped
-from aacmm_pin._support.checks import Array, Index, whole
+from aacmm_pin._support.checks import Array, Index, Mask, whole
 from aacmm_pin._support.display import Shown
 from aacmm_pin.arm.limits import broken_limits, inside_part, into_limits
 from aacmm_pin.postures.elbow_swivel import Swivel
@@ -110,12 +109,12 @@ class Components:
             last = np.zeros_like(last)
         return first, last
 
-    def outside(self, limits: Array) -> NDArray[np.bool_]:
+    def outside(self, limits: Array) -> Mask:
         """Which of the segments are outside the ``limits`` (nq, 2) [rad] all along: (s,)."""
         first, last = self.inside(self.segments, limits + CURVED * OUTWARDS)
         return np.asarray(last <= first)
 
-    def divided(self, pieces: _Segments, which: NDArray[np.bool_]) -> _Segments:
+    def divided(self, pieces: _Segments, which: Mask) -> _Segments:
         """Those of the ``pieces`` that are marked, each cut into ``LIMIT_PARTS`` with solutions at the cuts."""
         start, chord = pieces.start[which], (pieces.end - pieces.start)[which]
         joints, cuts = start.shape[1], LIMIT_PARTS + 1
@@ -215,7 +214,7 @@ def _swivel_crossings(pieces: _Segments, angles: Array) -> tuple[Index, Index, A
 
 def _solutions_at_swivel(
     components: Components, pieces: _Segments, piece: Index, wanted: Array, ahead: Array
-) -> tuple[Array, NDArray[np.bool_]]:
+) -> tuple[Array, Mask]:
     """The configuration on each ``piece`` whose swivel is ``wanted``, ``ahead`` of that at its start, and which were found.
 
     False position between the nearest solutions on either side; every trial point is moved onto the curve. The bracket never
@@ -267,8 +266,8 @@ class Sectors:
     q: Array
     sector: Index
     point: Index
-    theoretical: NDArray[np.bool_]
-    working: NDArray[np.bool_]
+    theoretical: Mask
+    working: Mask
 
     @staticmethod
     def of(components: Components, limits: Array, sectors: int) -> Sectors:

@@ -10,10 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aacmm_pin._support.angles import spread_angles, wrapped
-from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin._support.notes import Note
 from aacmm_pin.postures.continuation import CLOSE_ENOUGH, SAME_POINT
 from aacmm_pin.postures.pose_equations import Curve, Equations
@@ -116,7 +115,7 @@ class SolutionSet:
         """Take in solutions (n, k) [rad]; return the place in ``q`` behind the last that brought something new, or 0."""
         raise NotImplementedError
 
-    def _count_families(self, q: Array, regular: NDArray[np.bool_]) -> int:
+    def _count_families(self, q: Array, regular: Mask) -> int:
         """Count those that are not ``regular``; return the place behind the first if no family was known, or 0."""
         self.families += int((~regular).sum())
         if self.family is not None or regular.all():
@@ -191,7 +190,7 @@ class Isolated(SolutionSet):
                     self._add(other)
                     left.append(other)
 
-    def _single(self, q: Array) -> NDArray[np.bool_]:
+    def _single(self, q: Array) -> Mask:
         """Which solutions (n, k) do not go on beside themselves, in one of their two flattest directions: (n,)."""
         single = np.ones(len(q), dtype=bool)
         if not len(q):
@@ -244,7 +243,7 @@ class SelfMotion(SolutionSet):
             left = left[1:][~on[1:]]
         return newest
 
-    def _count(self, number: int, curve: Curve, q: Array) -> NDArray[np.bool_]:
+    def _count(self, number: int, curve: Curve, q: Array) -> Mask:
         on = self.equations.on_curve(q, curve)
         self.hits[number] += int(on.sum())
         return on

@@ -7,9 +7,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin.arm.chain import Chain
 from aacmm_pin.postures import continuation
 
@@ -80,7 +79,7 @@ class Equations:
         loop(self.links, self.goals[problem], self.sine, np.ascontiguousarray(q), equations)
         return equations[:, :, -1], equations[:, :, :-1]
 
-    def polish(self, q: Array, problem: Index) -> tuple[Array, NDArray[np.bool_]]:
+    def polish(self, q: Array, problem: Index) -> tuple[Array, Mask]:
         """Move each row to the nearest solution by damped least-norm Newton steps.
 
         Returns:
@@ -101,10 +100,10 @@ class Equations:
         count, steps, closed = loop(self.links, goal, self.sine, start, most, vertices)
         return Curve(vertices[:count].copy(), closed, problem), steps
 
-    def on_curve(self, q: Array, curve: Curve) -> NDArray[np.bool_]:
+    def on_curve(self, q: Array, curve: Curve) -> Mask:
         """Which of the solutions ``q`` (n, k + 1) of the curve's problem lie on it: (n,)."""
         goal, loop = self.goals[curve.problem][None], continuation.ON_CURVE.compiled
-        on: NDArray[np.bool_] = loop(self.links, goal, self.sine, np.ascontiguousarray(q), curve.q)
+        on: Mask = loop(self.links, goal, self.sine, np.ascontiguousarray(q), curve.q)
         return on
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aacmm_pin._support.angles import wrapped
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.checks import Array, Mask
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import DEG, MM
@@ -46,7 +46,7 @@ class PosturesAtPoint(Shown):
     q: Array
     component: NDArray[np.intp]
     swivel: Array
-    broken: NDArray[np.bool_]
+    broken: Mask
     reason: str = field(default="", kw_only=True)
     notes: tuple[Note, ...] = field(default=(), kw_only=True)
     complete: bool = field(default=True, kw_only=True)
@@ -55,7 +55,7 @@ class PosturesAtPoint(Shown):
         return len(self.q)
 
     @property
-    def within_limits(self) -> NDArray[np.bool_]:
+    def within_limits(self) -> Mask:
         """True where no limit is broken, (n,)."""
         return np.asarray(~self.broken.any(axis=1))
 

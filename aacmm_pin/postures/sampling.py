@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aacmm_pin._support.batches import chunks
-from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.random_postures import joint_bounds
 from aacmm_pin.effects import State
@@ -33,7 +32,7 @@ def tip_jacobian(state: State) -> Array:
     return state.arm.chain.jacobian(state.rotation, state.origin, state.position)[0]
 
 
-def brought_to(state_of: StateOf, q: Array, target: Array, bounds: Array) -> tuple[Array, NDArray[np.bool_]]:
+def brought_to(state_of: StateOf, q: Array, target: Array, bounds: Array) -> tuple[Array, Mask]:
     """Postures near ``q`` whose tips are at ``target``, by a damped Newton method of least steps that stays in ``bounds``.
 
     A step is ``Jᵀ (J Jᵀ + λ² I)⁻¹ (target - tip)`` with λ² = |target - tip|²/10, which vanishes on arrival (Nakamura,
@@ -72,7 +71,7 @@ def _step(jacobian: Array, miss: Array) -> Array:
     return np.asarray(step * np.minimum(1.0, LONGEST_STEP / np.maximum(longest, LONGEST_STEP)))
 
 
-def agile(state: State) -> NDArray[np.bool_]:
+def agile(state: State) -> Mask:
     """Which tips can move about alike in all directions in which any of them can, see :data:`SINGULAR`: (n,)."""
     easiness = np.linalg.svd(tip_jacobian(state), compute_uv=False)
     directions = (easiness > 1e-9 * easiness[:, :1]).any(axis=0)

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin.postures.pose_equations import Curve, Equations
 
 MOST_VERTICES = 2000
@@ -137,7 +136,7 @@ def flattest(equations: Equations, q: Array, problem: Index) -> tuple[Array, Arr
     return sizes[:, -1] / np.where(sizes[:, 0] > 0, sizes[:, 0], 1.0), vectors
 
 
-def _regular(equations: Equations, q: Array, problem: Index) -> NDArray[np.bool_]:
+def _regular(equations: Equations, q: Array, problem: Index) -> Mask:
     """Which solutions (n, k + 1) are not singular: (n,).
 
     ``√det(J Jᵀ) / ‖J‖ᵏ``, a product of ratios of singular values, is no larger than the smallest of

@@ -9,9 +9,8 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.checks import Array, Mask
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.calibration.cross_validation import Mask
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.effects import Labels
 

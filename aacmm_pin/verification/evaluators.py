@@ -12,16 +12,13 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.checks import Array, Mask
 from aacmm_pin.accuracy.single_point import single_point_statistics
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import PREDICTED_ACCURATE
 from aacmm_pin.verification.places import Place, coordinates_of, named, rows_of
 from aacmm_pin.verification.spheres import LEAST, FittedSphere, fitted_sphere, minimum_circumscribed_sphere
-
-Mask = NDArray[np.bool_]
 
 LENGTH = ("length_id", "position", "repeat")
 """What distinguishes one measured length from another."""

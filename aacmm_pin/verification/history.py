@@ -18,9 +18,8 @@ from typing import Any, Self
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.checks import Array, Mask
 from aacmm_pin._support.display import Shown, report
 from aacmm_pin._support.file_problems import Problems
 from aacmm_pin._support.output_files import OutputFiles
@@ -62,10 +61,10 @@ class ControlChart:
     times: tuple[datetime, ...]
     values: Array
     mpe: float
-    failed: NDArray[np.bool_]
+    failed: Mask
 
     @cached_property
-    def counted(self) -> NDArray[np.bool_]:
+    def counted(self) -> Mask:
         """Which of the earlier values (n - 1,) make the limits: those that do not fail and lay within their own limits."""
         counted = np.zeros(len(self.values) - 1, dtype=bool)
         for k, value in enumerate(self.values[:-1]):

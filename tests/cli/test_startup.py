@@ -29,7 +29,7 @@ def command(*words: str) -> str:
 @pytest.mark.parametrize(
     ("code", "most", "without"),
     [
-        ("import aacmm_pin", 4, ("numpy", *HEAVY)),
+        ("import aacmm_pin", 3, ("numpy", *HEAVY)),
         ("import aacmm_pin.accuracy.volume", 34, ("pandas", "scipy.special", "tqdm", *HEAVY)),
         ("import aacmm_pin.diagnosis.diagnose", 105, HEAVY),
         (command("--help"), 13, ("numpy", "rich", "pandas", *HEAVY)),

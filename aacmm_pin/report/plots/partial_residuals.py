@@ -6,9 +6,8 @@ import re
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.checks import Array, Mask
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.diagnosis import Diagnosis
 from aacmm_pin.effects import Conditions, Displacement, Effect, State, displaced, point_sensitivity, sensitivity
@@ -183,7 +182,7 @@ def unit_of_load(unit: str, amount: str) -> str:
     return "·".join(factors) if len(factors) > 1 else re.sub(r"^\(([^()]*)\)$", r"\1", factors[0])
 
 
-def _over_angle(effect: Effect, state: State, found: _Amount, there: NDArray[np.bool_]) -> Array:
+def _over_angle(effect: Effect, state: State, found: _Amount, there: Mask) -> Array:
     """The fitted cause over the covered range of its joint, x [°, or mm] and amount (2, m)."""
     assert effect.row is not None
     assert found.direction is not None  # a function of one joint's angle turns about its axis

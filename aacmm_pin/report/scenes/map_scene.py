@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.colors import to_hex, to_rgb
 from meshcat.geometry import TriangularMeshGeometry
-from numpy.typing import NDArray
 
-from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.accuracy.workspace import WorkspaceMap
 from aacmm_pin.effects import ErrorModel, GivenModel
@@ -26,7 +25,7 @@ from aacmm_pin.report.scenes.stage import (
     stage,
 )
 
-Marks = NDArray[np.bool_]
+Marks = Mask
 MOST_FRAMES = 240
 """Cells that the arm reaches for on the slider; of more, every so-manieth."""
 PER_SECOND = 4.0
