@@ -1,6 +1,8 @@
-"""Postures, accuracy, calibration and diagnosis of articulated-arm coordinate measuring machines, on Pinocchio.
+"""Postures, accuracy, calibration and diagnosis of articulated-arm coordinate measuring machines,
+on Pinocchio.
 
-The names of ``__init__.pyi`` are loaded when they are first used, so that the command answers at once.
+The names of ``__init__.pyi`` are loaded when they are first used, so that the command answers at
+once.
 """
 
 from collections.abc import Callable

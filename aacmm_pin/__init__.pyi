@@ -16,7 +16,11 @@ from .errors import AacmmError
 from .measurements.records import Measurements
 from .measurements.simulate import simulate_measurements
 from .planning import CalibrationPlan, MeasurementPlan, plan_calibration, plan_measurements
-from .postures.configurations import ConfigurationCircle, configuration_circle, configuration_circles
+from .postures.configurations import (
+    ConfigurationCircle,
+    configuration_circle,
+    configuration_circles,
+)
 from .postures.curve_sampling import Flexibility
 from .postures.general_ik import ReachingPostures, reaching_postures
 from .report.next_measurements import next_measurements

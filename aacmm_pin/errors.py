@@ -5,7 +5,9 @@ from __future__ import annotations
 import copyreg
 
 MOST_CHARACTERS = 1200
-"""Of a line of a message; what is longer, such as a number of thousands of digits that it quotes, is cut in the middle."""
+"""Of a line of a message; what is longer, such as a number of thousands of digits that it quotes,
+is cut in the middle.
+"""
 
 
 class AacmmError(Exception):
@@ -14,10 +16,16 @@ class AacmmError(Exception):
     def __init__(self, message: str) -> None:
         half = MOST_CHARACTERS // 2
         lines = message.split("\n")
-        super().__init__("\n".join(x if len(x) <= MOST_CHARACTERS else f"{x[:half]} … {x[-half:]}" for x in lines))
+        super().__init__(
+            "\n".join(
+                x if len(x) <= MOST_CHARACTERS else f"{x[:half]} … {x[-half:]}" for x in lines
+            )
+        )
 
     def __reduce__(self) -> tuple[object, ...]:
-        """As pickle takes it: an error of a worker process has to arrive as what it was, whatever its own arguments."""
+        """As pickle takes it: an error of a worker process has to arrive as what it was, whatever
+        its own arguments.
+        """
         return copyreg.__newobj__, (type(self), *self.args), self.__dict__  # type: ignore[attr-defined]
 
 
@@ -50,7 +58,9 @@ class UnknownNameError(AacmmError):
     def __init__(self, what: str, name: str, known: list[str], hint: str = "") -> None:
         self.name = name
         self.known = known
-        super().__init__(f"unknown {what} {name!r}; known: {', '.join(known)}" + (f" ({hint})" if hint else ""))
+        super().__init__(
+            f"unknown {what} {name!r}; known: {', '.join(known)}" + (f" ({hint})" if hint else "")
+        )
 
 
 class UnsupportedArmError(AacmmError):
@@ -104,7 +114,8 @@ class MeasurementFileError(AacmmError):
 
 
 class MistakenFileError(AacmmError):
-    """Records have nothing to do with the arm until a mistake in them is undone, such as a joint counted the other way.
+    """Records have nothing to do with the arm until a mistake in them is undone, such as a joint
+    counted the other way.
 
     Attributes:
         source: the records, as the caller named them.
@@ -114,7 +125,9 @@ class MistakenFileError(AacmmError):
         others: mistakes that explain the records as well, in words.
     """
 
-    def __init__(self, source: str, mistake: str, before: float, after: float, others: tuple[str, ...] = ()) -> None:
+    def __init__(
+        self, source: str, mistake: str, before: float, after: float, others: tuple[str, ...] = ()
+    ) -> None:
         self.source = source
         self.mistake = mistake
         self.before = before
@@ -122,6 +135,7 @@ class MistakenFileError(AacmmError):
         self.others = others
         also = f" (or: {'; or: '.join(others)})" if others else ""
         super().__init__(
-            f"{source} does not fit this arm: {mistake}{also}. With that changed the median residual falls from "
+            f"{source} does not fit this arm: {mistake}{also}. With that changed the median "
+            "residual falls from "
             f"{before * 1e3:.4g} to {after * 1e3:.2g} mm; change the file, the arm or the options"
         )

@@ -11,31 +11,63 @@ from aacmm_pin.arm.file import ArmFile, load_arm_file
 
 
 def nominal() -> ArmFile:
-    """SINO6 as drawn: axes exactly at right angles, no small lengths, no zero offsets; its half-widths and limits stay."""
+    """SINO6 as drawn: axes exactly at right angles, no small lengths, no zero offsets; its
+    half-widths and limits stay.
+    """
     file, rows = load_arm_file("sino6"), []
-    for row, right, small in zip(file.joints, (-1, 1, -1, 1, 1, 0), ("ad", "d", "", "ad", "a", ""), strict=True):
-        change = {"alpha_rad": right * np.pi / 2, "theta_offset_rad": 0.0} | {f"{letter}_mm": 0.0 for letter in small}
+    for row, right, small in zip(
+        file.joints, (-1, 1, -1, 1, 1, 0), ("ad", "d", "", "ad", "a", ""), strict=True
+    ):
+        change = {"alpha_rad": right * np.pi / 2, "theta_offset_rad": 0.0} | {
+            f"{letter}_mm": 0.0 for letter in small
+        }
         rows.append(row.model_copy(update=change))
     return file.model_copy(update={"name": "nominal", "joints": rows})
 
 
 def craig() -> ArmFile:
-    """SINO6 written in modified DH: a and alpha move one row down, so the last row's stay behind."""
+    """SINO6 written in modified DH: a and alpha move one row down, so the last row's stay
+    behind.
+    """
     sino6 = load_arm_file("sino6")
     before = [(0.0, 0.0), *[(row.a_mm, row.alpha_rad) for row in sino6.joints[:-1]]]
-    rows = [row.model_copy(update={"a_mm": a, "alpha_rad": t}) for row, (a, t) in zip(sino6.joints, before, strict=True)]
+    rows = [
+        row.model_copy(update={"a_mm": a, "alpha_rad": t})
+        for row, (a, t) in zip(sino6.joints, before, strict=True)
+    ]
     return sino6.model_copy(update={"convention": "modified-dh", "joints": rows})
 
 
 def nearly_parallel() -> ArmFile:
-    """An arm of 1 m with joint axes 2, 3 and 4 parallel but for 3 mrad, by its axes: they meet a hundred metres away."""
-    directions = np.array([[0, 0, 1], [0, 1, 0], [0.003, 1, 0], [-0.003, 1, 0.003], [0, 0.01, 1], [0.02, 1, 0], [1, 0, 0]])
+    """An arm of 1 m with joint axes 2, 3 and 4 parallel but for 3 mrad, by its axes: they meet a
+    hundred metres away.
+    """
+    directions = np.array(
+        [
+            [0, 0, 1],
+            [0, 1, 0],
+            [0.003, 1, 0],
+            [-0.003, 1, 0.003],
+            [0, 0.01, 1],
+            [0.02, 1, 0],
+            [1, 0, 0],
+        ]
+    )
     points = np.array(
-        [[0, 0, 0.16], [0.42, 0, 0.16], [0.81, 0, 0.16], [0.81, 0.13, 0.16], [0.81, 0.13, 0.06], [0.81, 0.23, 0.06]]
+        [
+            [0, 0, 0.16],
+            [0.42, 0, 0.16],
+            [0.81, 0, 0.16],
+            [0.81, 0.13, 0.16],
+            [0.81, 0.13, 0.06],
+            [0.81, 0.23, 0.06],
+        ]
     )
     directions /= np.linalg.norm(directions, axis=1)[:, None]
     x, foot, joints = np.array([1.0, 0.0, 0.0]), np.zeros(3), []
-    for row, z, after, point in zip(load_arm_file("sino6").joints, directions, directions[1:], points, strict=False):
+    for row, z, after, point in zip(
+        load_arm_file("sino6").joints, directions, directions[1:], points, strict=False
+    ):
         normal = np.cross(z, after)
         sine = np.linalg.norm(normal)
         normal /= sine
@@ -45,14 +77,34 @@ def nearly_parallel() -> ArmFile:
             "theta_offset_rad": np.arctan2(np.cross(x, normal) @ z, x @ normal),
         }
         x, foot = normal, foot + d * z + a * normal
-        change = {"a_mm": a * 1e3, "d_mm": d * 1e3, "limits_rad": (-3.1, 3.1), "mass_kg": None, "com_mm": None}
-        joints.append(row.model_copy(update=change | {key: float(angle) for key, angle in angles.items()}))
-    return load_arm_file("sino6").model_copy(update={"name": "nearly parallel", "stylus": None, "joints": joints})
+        change = {
+            "a_mm": a * 1e3,
+            "d_mm": d * 1e3,
+            "limits_rad": (-3.1, 3.1),
+            "mass_kg": None,
+            "com_mm": None,
+        }
+        joints.append(
+            row.model_copy(update=change | {key: float(angle) for key, angle in angles.items()})
+        )
+    return load_arm_file("sino6").model_copy(
+        update={"name": "nearly parallel", "stylus": None, "joints": joints}
+    )
 
 
 def by_table(name: str, rows: Iterable[Sequence[float]], limit: float, **each: object) -> Arm:
-    """An arm of standard DH rows a, d [mm], alpha, theta offset [°], its joints within ±limit [°]; ``each``: of all rows."""
+    """An arm of standard DH rows a, d [mm], alpha, theta offset [°], its joints within ±limit [°];
+    ``each``: of all rows.
+    """
     keys = ("a_mm", "d_mm", "alpha_deg", "theta_offset_deg")
-    joints = [dict(zip(keys, row, strict=True)) | {"limits_deg": [-limit, limit]} | each for row in rows]
-    file = {"schema": "aacmm-pin/arm/1", "name": name, "source": "", "convention": "standard-dh", "joints": joints}
+    joints = [
+        dict(zip(keys, row, strict=True)) | {"limits_deg": [-limit, limit]} | each for row in rows
+    ]
+    file = {
+        "schema": "aacmm-pin/arm/1",
+        "name": name,
+        "source": "",
+        "convention": "standard-dh",
+        "joints": joints,
+    }
     return Arm.from_file(ArmFile.model_validate(file))

@@ -1,6 +1,8 @@
-"""A real headless Chromium for tests: pages are opened, asked, and pictured over the DevTools protocol.
+"""A real headless Chromium for tests: pages are opened, asked, and pictured over the DevTools
+protocol.
 
-The protocol runs over two pipes (``--remote-debugging-pipe``), so that no port is opened and no library is needed.
+The protocol runs over two pipes (``--remote-debugging-pipe``), so that no port is opened and no
+library is needed.
 """
 
 from __future__ import annotations
@@ -27,13 +29,33 @@ import pytest
 from PIL import Image
 
 REQUIRED = "AACMM_PIN_BROWSER"
-"""Environment variable: with the value ``required``, tests fail where there is no browser instead of being skipped."""
+"""Environment variable: with the value ``required``, tests fail where there is no browser instead
+of being skipped.
+"""
 PATIENCE = 60.0
 """So long anything may take [s]; drawing by software on two busy cores is slow."""
 FLAGS = (
-    *("--headless", "--no-sandbox", "--no-first-run", "--no-default-browser-check", "--disable-quic", "--disable-sync"),
-    *("--disable-background-networking", "--disable-component-update", "--disable-extensions", "--disable-dev-shm-usage"),
-    *("--mute-audio", "--hide-scrollbars", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
+    *(
+        "--headless",
+        "--no-sandbox",
+        "--no-first-run",
+        "--no-default-browser-check",
+        "--disable-quic",
+        "--disable-sync",
+    ),
+    *(
+        "--disable-background-networking",
+        "--disable-component-update",
+        "--disable-extensions",
+        "--disable-dev-shm-usage",
+    ),
+    *(
+        "--mute-audio",
+        "--hide-scrollbars",
+        "--use-gl=angle",
+        "--use-angle=swiftshader",
+        "--enable-unsafe-swiftshader",
+    ),
     "--remote-debugging-pipe",
 )
 PIPES = 'exec "$@" 3<&{read} 4>&{write}'
@@ -46,7 +68,10 @@ def browser_path() -> str:
         if found := shutil.which(name):
             return found
     if os.environ.get(REQUIRED) == "required":
-        pytest.fail(f"{REQUIRED}=required, but there is no chromium on PATH (Debian: apt-get install chromium)")
+        pytest.fail(
+            f"{REQUIRED}=required, but there is no chromium on PATH (Debian: apt-get install "
+            "chromium)"
+        )
     pytest.skip("no chromium on PATH (Debian: apt-get install chromium)")
 
 
@@ -54,8 +79,8 @@ class Page:
     """One tab of a Chromium of its own.
 
     Attributes:
-        errors: what the page complained of since it was opened: exceptions, errors and warnings on the console, requests
-            that failed.
+        errors: what the page complained of since it was opened: exceptions, errors and warnings on
+            the console, requests that failed.
         requests: URLs that it asked the network for.
     """
 
@@ -63,13 +88,24 @@ class Page:
         browser = browser_path()
         self.errors: list[str] = []
         self.requests: list[str] = []
-        self._number, self._buffer, self._answers, self._events = 0, b"", dict[int, dict[str, Any]](), set[str]()
+        self._number, self._buffer, self._answers, self._events = (
+            0,
+            b"",
+            dict[int, dict[str, Any]](),
+            set[str](),
+        )
         self._folder = tempfile.TemporaryDirectory(prefix="browser-", ignore_cleanup_errors=True)
         theirs_in, self._out = _pipe()
         self._in, theirs_out = _pipe()
         command = [browser, *FLAGS, *flags, f"--user-data-dir={self._folder.name}", "about:blank"]
         self._process = subprocess.Popen(
-            ["/bin/bash", "-c", PIPES.format(read=theirs_in, write=theirs_out), "browser", *command],
+            [
+                "/bin/bash",
+                "-c",
+                PIPES.format(read=theirs_in, write=theirs_out),
+                "browser",
+                *command,
+            ],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
@@ -80,17 +116,26 @@ class Page:
         os.close(theirs_out)
         targets = self._ask("Target.getTargets", session=False)["targetInfos"]
         target = next(t["targetId"] for t in targets if t["type"] == "page")
-        self._session = self._ask("Target.attachToTarget", session=False, targetId=target, flatten=True)["sessionId"]
+        self._session = self._ask(
+            "Target.attachToTarget", session=False, targetId=target, flatten=True
+        )["sessionId"]
         for domain in ("Page", "Runtime", "Log", "Network"):
             self._ask(f"{domain}.enable")
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         self.close()
 
-    def open(self, where: str | Path, size: tuple[int, int] = (1200, 800), *, touch: bool = False) -> None:
+    def open(
+        self, where: str | Path, size: tuple[int, int] = (1200, 800), *, touch: bool = False
+    ) -> None:
         """Load a file or a URL in a window of that size, and wait until it is loaded."""
         self._load("about:blank")  # so that another place of the same page is loaded anew too
         self.resize(size, touch=touch)
@@ -108,16 +153,28 @@ class Page:
 
     def resize(self, size: tuple[int, int], *, touch: bool = False) -> None:
         """Give the window another size [px]; ``touch`` makes it that of a phone."""
-        self._ask("Emulation.setDeviceMetricsOverride", width=size[0], height=size[1], deviceScaleFactor=1, mobile=touch)
+        self._ask(
+            "Emulation.setDeviceMetricsOverride",
+            width=size[0],
+            height=size[1],
+            deviceScaleFactor=1,
+            mobile=touch,
+        )
         self._ask("Emulation.setTouchEmulationEnabled", enabled=touch)
 
     def media(self, kind: str) -> None:
-        """Show the page as on ``screen`` or in ``print``; "" for what the browser takes by itself."""
+        """Show the page as on ``screen`` or in ``print``; "" for what the browser takes by
+        itself.
+        """
         self._ask("Emulation.setEmulatedMedia", media=kind)
 
     def evaluate(self, script: str) -> Any:
-        """Value of a JavaScript expression (a promise is waited for) as JSON has it; what it throws, an AssertionError."""
-        said = self._ask("Runtime.evaluate", expression=script, returnByValue=True, awaitPromise=True)
+        """Value of a JavaScript expression (a promise is waited for) as JSON has it; what it
+        throws, an AssertionError.
+        """
+        said = self._ask(
+            "Runtime.evaluate", expression=script, returnByValue=True, awaitPromise=True
+        )
         if "exceptionDetails" in said:
             details = said["exceptionDetails"]
             raise AssertionError(details.get("exception", {}).get("description") or details["text"])
@@ -135,15 +192,34 @@ class Page:
 
     def drag(self, start: tuple[int, int], end: tuple[int, int]) -> None:
         """Press the mouse at one place and let it go at another."""
-        for kind, (x, y), held in (("mousePressed", start, 1), ("mouseMoved", end, 1), ("mouseReleased", end, 0)):
+        for kind, (x, y), held in (
+            ("mousePressed", start, 1),
+            ("mouseMoved", end, 1),
+            ("mouseReleased", end, 0),
+        ):
             button = "none" if kind == "mouseMoved" else "left"
-            self._ask("Input.dispatchMouseEvent", type=kind, x=x, y=y, button=button, buttons=held, clickCount=1)
+            self._ask(
+                "Input.dispatchMouseEvent",
+                type=kind,
+                x=x,
+                y=y,
+                button=button,
+                buttons=held,
+                clickCount=1,
+            )
 
-    def screenshot(self, size: tuple[int, int] | None = None, path: Path | None = None) -> np.ndarray:
-        """What is seen, as an array (height, width, 3) of bytes; written to ``path`` too where one is given."""
+    def screenshot(
+        self, size: tuple[int, int] | None = None, path: Path | None = None
+    ) -> np.ndarray:
+        """What is seen, as an array (height, width, 3) of bytes; written to ``path`` too where one
+        is given.
+        """
         if size is not None:
             self.resize(size)
-        self.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => done(1))))")
+        self.evaluate(
+            "new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => "
+            "done(1))))"
+        )
         png = base64.b64decode(self._ask("Page.captureScreenshot", format="png")["data"])
         if path is not None:
             path.write_bytes(png)
@@ -152,7 +228,9 @@ class Page:
 
     def printed_pages(self) -> int:
         """Sheets of A4 that the page takes when it is printed with its own margins."""
-        printed = self._ask("Page.printToPDF", paperWidth=8.27, paperHeight=11.69, preferCSSPageSize=True)
+        printed = self._ask(
+            "Page.printToPDF", paperWidth=8.27, paperHeight=11.69, preferCSSPageSize=True
+        )
         return len(re.findall(rb"/Type\s*/Page\b(?!s)", base64.b64decode(printed["data"])))
 
     def close(self) -> None:
@@ -204,8 +282,14 @@ class Page:
         if method == "Runtime.exceptionThrown":
             details = said["exceptionDetails"]
             self.errors.append(details.get("exception", {}).get("description") or details["text"])
-        elif method == "Runtime.consoleAPICalled" and said["type"] in ("error", "warning", "assert"):
-            self.errors.append(" ".join(str(a.get("value", a.get("description"))) for a in said["args"]))
+        elif method == "Runtime.consoleAPICalled" and said["type"] in (
+            "error",
+            "warning",
+            "assert",
+        ):
+            self.errors.append(
+                " ".join(str(a.get("value", a.get("description"))) for a in said["args"])
+            )
         elif method == "Log.entryAdded" and said["entry"]["level"] in ("error", "warning"):
             self.errors.append(f"{said['entry']['text']} {said['entry'].get('url', '')}".strip())
         elif method == "Network.requestWillBeSent":

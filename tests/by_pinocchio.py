@@ -18,10 +18,11 @@ def placements(arm: Arm, q: Array) -> Array:
 
 
 def dh_sensitivity(arm: Arm, q: Array, frames: list[str]) -> dict[str, Array]:
-    """∂(origin of each frame)/∂(a, d, alpha, theta of each row), each (n, 3, 4 rows) [m/m, m/rad], from models made anew.
+    """∂(origin of each frame)/∂(a, d, alpha, theta of each row), each (n, 3, 4 rows) [m/m, m/rad],
+    from models made anew.
 
-    A position is linear in a length and A + B cos x + C sin x in an angle x: half the difference of its values a metre, or
-    a quarter of a turn, to either side is the exact derivative.
+    A position is linear in a length and A + B cos x + C sin x in an angle x: half the difference of
+    its values a metre, or a quarter of a turn, to either side is the exact derivative.
     """
     assert arm.file is not None
     rows, columns = arm.file.joints, []
@@ -39,7 +40,9 @@ def dh_sensitivity(arm: Arm, q: Array, frames: list[str]) -> dict[str, Array]:
 
 
 def gravity_moments(arm: Arm, q: Array) -> Array:
-    """Moment of the weight of all that hangs beyond each joint, about the joint's origin, base axes: (n, nq, 3) [N·m]."""
+    """Moment of the weight of all that hangs beyond each joint, about the joint's origin, base
+    axes: (n, nq, 3) [N·m].
+    """
     data, moments = arm.model.createData(), np.zeros((len(q), arm.nq, 3))
     for k, each in enumerate(q):
         pin.centerOfMass(arm.model, data, each, True)

@@ -1,4 +1,6 @@
-"""What the tests share: a seeded generator, the bundled arms, variants of them, and robots of another package."""
+"""What the tests share: a seeded generator, the bundled arms, variants of them, and robots of
+another package.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from unittest.mock import patch
 
-os.environ["OMP_NUM_THREADS"] = "1"  # before NumPy comes: each worker has one core, and matrices are small
+os.environ["OMP_NUM_THREADS"] = (
+    "1"  # before NumPy comes: each worker has one core, and matrices are small
+)
 
 import numpy as np
 import pytest
@@ -20,7 +24,8 @@ from aacmm_pin.arm.file import ArmFile, load_arm_file
 from aacmm_pin.effects import CAUSES
 from tests.browser import Page
 
-# Started in the background of a shell the tests would ignore interrupts, and so would what they start to interrupt it.
+# Started in the background of a shell the tests would ignore interrupts, and so would what they
+# start to interrupt it.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # bundled arm, convention, rows (from 1) that are made rigid
@@ -36,7 +41,9 @@ VARIANTS = [
 
 @pytest.fixture(autouse=True)
 def _nothing_of_other_tests() -> Iterator[None]:
-    """Each test starts without pyplot figures and causes registered by others, whatever ran before it in this process."""
+    """Each test starts without pyplot figures and causes registered by others, whatever ran before
+    it in this process.
+    """
     _close_figures()
     with patch.dict(CAUSES):
         yield
@@ -44,13 +51,17 @@ def _nothing_of_other_tests() -> Iterator[None]:
 
 
 def _close_figures() -> None:
-    if pyplot := sys.modules.get("matplotlib.pyplot"):  # most tests draw nothing, and need not import it
+    if pyplot := sys.modules.get(
+        "matplotlib.pyplot"
+    ):  # most tests draw nothing, and need not import it
         pyplot.close("all")
 
 
 @pytest.fixture(scope="module")
 def page() -> Iterator[Page]:
-    """A browser for the tests of one module; not for longer, for a page that moves keeps it busy."""
+    """A browser for the tests of one module; not for longer, for a page that moves keeps it
+    busy.
+    """
     with Page() as opened:
         yield opened
 
@@ -77,7 +88,9 @@ LONGEST = (
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The longest files come first, lest one worker is busy with one at the end while the others have nothing to do."""
+    """The longest files come first, lest one worker is busy with one at the end while the others
+    have nothing to do.
+    """
     order = {name: place for place, name in enumerate(LONGEST)}
     items.sort(key=lambda item: order.get(item.path.stem, len(order)))
 
@@ -99,11 +112,16 @@ def zero6() -> Arm:
 
 @pytest.fixture(params=VARIANTS, ids=lambda v: f"{v[0]}-{v[1]}" + "-rigid" * bool(v[2]))
 def arm_file(request: pytest.FixtureRequest) -> ArmFile:
-    """The bundled arms as they are, read in the other convention, and with rows that do not move."""
+    """The bundled arms as they are, read in the other convention, and with rows that do not
+    move.
+    """
     name, convention, rigid = request.param
     arm = load_arm_file(name)
     no_joint = {"fixed": True, "limits_rad": None, "encoder_noise_rad": None}
-    rows = [row.model_copy(update=no_joint) if n in rigid else row for n, row in enumerate(arm.joints, start=1)]
+    rows = [
+        row.model_copy(update=no_joint) if n in rigid else row
+        for n, row in enumerate(arm.joints, start=1)
+    ]
     return arm.model_copy(update={"convention": convention, "joints": rows})
 
 
@@ -113,6 +131,8 @@ def robot_file() -> Callable[[str], Path]:
     robots = importlib.metadata.distribution("example-robot-data")
 
     def find(name: str) -> Path:
-        return next(Path(str(robots.locate_file(file))) for file in robots.files or [] if file.name == name)
+        return next(
+            Path(str(robots.locate_file(file))) for file in robots.files or [] if file.name == name
+        )
 
     return find

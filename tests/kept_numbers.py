@@ -1,7 +1,9 @@
-"""Every number and every name that the commands write for fixed inputs, so that a change is held to those it should keep.
+"""Every number and every name that the commands write for fixed inputs, so that a change is held to
+those it should keep.
 
-``python -m tests.kept_numbers NUMBERS.json`` runs all commands, and with two such files lists what differs.
-``python -m tests.kept_numbers few`` writes anew the few that a test holds, in ``kept_numbers.json``.
+``python -m tests.kept_numbers NUMBERS.json`` runs all commands, and with two such files lists what
+differs. ``python -m tests.kept_numbers few`` writes anew the few that a test holds, in
+``kept_numbers.json``.
 """
 
 from __future__ import annotations
@@ -40,30 +42,40 @@ FEW = [
     f"configurations sino6 {POINT} --count 24 -o circle.csv",
     f"accuracy sino6 {POINT} --count 24 --json accuracy.json",
     "map sino6 --cells 5 5 --sectors 4 -o map.nc --json map.json",
-    f"{FREE} --records 60 --effect encoder_eccentricity:joint=3,amplitude_rad=3e-4 --seed 1 -o free.csv",
+    f"{FREE} --records 60 --effect encoder_eccentricity:joint=3,amplitude_rad=3e-4 --seed 1 -o "
+    "free.csv",
     f"calibrate sino6 free.csv {NOISE} -o calibrated.toml --json calibrate.json",
     f"diagnose sino6 free.csv {NOISE} --json diagnose.json --extended-arm extended.toml",
     "correct extended.toml free.csv -o corrected.csv",
-    "plan sino6 --split encoder_gain:3 encoder_eccentricity:3 --records 12 -o plan.csv --json plan.json",
+    "plan sino6 --split encoder_gain:3 encoder_eccentricity:3 --records 12 -o plan.csv --json "
+    "plan.json",
 ]
 """A command of each kind; the later ones use what the earlier ones wrote."""
 MORE = [
     "urdf zero6 -o zero6.urdf",
     "configurations sino6 --tip --point 500 200 400 --axis 0 0 -1 --count 12 -o axis.csv",
-    *(f"accuracy sino6 {POINT} --count 24 --method {m} --json {m}.json" for m in ("jointwise", "ellipsoid", "monte-carlo")),
+    *(
+        f"accuracy sino6 {POINT} --count 24 --method {m} --json {m}.json"
+        for m in ("jointwise", "ellipsoid", "monte-carlo")
+    ),
     f"{SEATS} --effect bearing_tilt:joint=2,compliance_rad_per_nm=2e-6 --seed 2 -o seats.csv",
-    f"{FREE} --records 300 --perturb --effect thermal_expansion:expansion_per_k=2e-5 --seed 3 -o warm.csv",
+    f"{FREE} --records 300 --perturb --effect thermal_expansion:expansion_per_k=2e-5 --seed 3 -o "
+    "warm.csv",
     f"{FREE} --records 80 --seed 4 -o nothing.csv",
     f"calibrate sino6 seats.csv {AT_SEATS} --json seats-calibrate.json -o seats.toml",
-    f"calibrate sino6 warm.csv {NOISE} --reference-frame external --json external.json --urdf-out external.urdf",
-    f"calibrate sino6 nothing.csv {NOISE} --parameters zero-offsets --json zero.json --residuals residuals.csv",
+    f"calibrate sino6 warm.csv {NOISE} --reference-frame external --json external.json --urdf-out "
+    "external.urdf",
+    f"calibrate sino6 nothing.csv {NOISE} --parameters zero-offsets --json zero.json --residuals "
+    "residuals.csv",
     f"diagnose sino6 seats.csv {AT_SEATS} --json seats-diagnose.json",
-    f"diagnose sino6 warm.csv {NOISE} --reference-frame external --json warm-diagnose.json --extended-arm warm.toml",
+    f"diagnose sino6 warm.csv {NOISE} --reference-frame external --json warm-diagnose.json "
+    "--extended-arm warm.toml",
     f"diagnose sino6 nothing.csv {NOISE} --json nothing-diagnose.json",
     "diagnose sino6 free.csv --json unstated.json",
     "correct seats.toml seats.csv -o seats-corrected.csv",
     f"plan sino6 --data warm.csv {NOISE} --records 10 -o best.csv --json best.json",
-    f"plan sino6 --for calibration {NOISE} --records 20 --postures 300 -o geometry.csv --json geometry.json",
+    f"plan sino6 --for calibration {NOISE} --records 20 --postures 300 -o geometry.csv --json "
+    "geometry.json",
     "plan sino6 --for acceptance --range-mm 1000 -o procedure.csv",
     f"simulate sino6 --plan procedure.csv {TOUCHED} --seed 5 -o touches.csv",
     "accept sino6 touches.csv --mpe SPAT.Max=0.15 --json accept.json",
@@ -71,17 +83,33 @@ MORE = [
     f"{BARS} --effect joint_compliance:3,compliance_rad_per_nm=2e-5 --seed 6 -o bars.csv",
     f"calibrate sino6 bars.csv {AT_BARS} --target unknown --json bars-calibrate.json",
     f"diagnose sino6 bars.csv {AT_BARS} --target unknown --json bars-diagnose.json",
-    f"{FREE} --records 60 --orientation-noise-rad 50urad --effect encoder_gain:2,gain=2e-4 --seed 7 -o oriented.csv",
+    f"{FREE} --records 60 --orientation-noise-rad 50urad --effect encoder_gain:2,gain=2e-4 --seed "
+    "7 -o oriented.csv",
     f"diagnose sino6 oriented.csv {NOISE} --json oriented-diagnose.json",
     f"{FREE} --records 100 --effect thermal_expansion:expansion_per_k=4e-5 --seed 8 -o warmer.csv",
     f"diagnose warm.toml warmer.csv {NOISE} --reference-frame external --json changed.json",
     "correct warm.toml warmer.csv --commands --nominal sino6 -o commands.csv",
-    f"diagnose sino6 free.csv {NOISE} --with-discrepancy --extended-arm described.toml --json described.json",
-    f"calibrate --urdf sino6.urdf --frame tip {HALF_WIDTHS} free.csv {NOISE} --json urdf-calibrate.json",
+    f"diagnose sino6 free.csv {NOISE} --with-discrepancy --extended-arm described.toml --json "
+    "described.json",
+    f"calibrate --urdf sino6.urdf --frame tip {HALF_WIDTHS} free.csv {NOISE} --json "
+    "urdf-calibrate.json",
 ]
 Value = float | str
 KEPT = Path(__file__).with_suffix(".json")
-NAMES = {"verdict", "doubts", "cause", "causes", "joint", "covariate", "depends_on", "kind", "name", "label", "unit", "code"}
+NAMES = {
+    "verdict",
+    "doubts",
+    "cause",
+    "causes",
+    "joint",
+    "covariate",
+    "depends_on",
+    "kind",
+    "name",
+    "label",
+    "unit",
+    "code",
+}
 """Keys of strings that are compared."""
 OWN_UNITS = {"u", "standard_uncertainty_si", "covariance", "covariance_mm2"}
 """Keys of numbers that are compared however small they are."""
@@ -92,18 +120,28 @@ OTHERWISE = {"seconds", "version", "source", "commit", "date"}
 
 
 def numbers_of(commands: list[str]) -> dict[str, Value]:
-    """Runs the commands in one new folder; every number and name in every file they write, by file and place in it."""
+    """Runs the commands in one new folder; every number and name in every file they write, by file
+    and place in it.
+    """
     with TemporaryDirectory() as name, contextlib.chdir(name):
         for command in tqdm(commands, unit="command"):
             done = CliRunner().invoke(app, command.split())
             if done.exit_code != 0:
-                raise RuntimeError(f"aacmm-pin {command}: exit status {done.exit_code}\n{done.output}") from done.exception
-        return {f"{p.name}/{place}": v for p in sorted(Path().iterdir()) for place, v in _flat(_read(p))}
+                raise RuntimeError(
+                    f"aacmm-pin {command}: exit status {done.exit_code}\n{done.output}"
+                ) from done.exception
+        return {
+            f"{p.name}/{place}": v for p in sorted(Path().iterdir()) for place, v in _flat(_read(p))
+        }
 
 
 def of_results(numbers: Mapping[str, Value]) -> dict[str, Value]:
     """Without tables of records and postures, rounded so that they do not fill the page."""
-    chosen = {place: value for place, value in numbers.items() if place.split("/")[0].endswith((".json", ".toml"))}
+    chosen = {
+        place: value
+        for place, value in numbers.items()
+        if place.split("/")[0].endswith((".json", ".toml"))
+    }
     return {place: v if isinstance(v, str) else float(f"{v:.10g}") for place, v in chosen.items()}
 
 
@@ -119,7 +157,10 @@ def _read(path: Path) -> Any:
             with xr.open_dataset(path) as data:
                 return {str(name): data[name].to_numpy().tolist() for name in data.variables}
         case ".urdf":
-            return [[e.tag, {k: _words(v) for k, v in e.attrib.items()}] for e in ElementTree.parse(path).iter()]
+            return [
+                [e.tag, {k: _words(v) for k, v in e.attrib.items()}]
+                for e in ElementTree.parse(path).iter()
+            ]
     raise ValueError(path)
 
 
@@ -153,14 +194,23 @@ def _key(place: str) -> str:
 
 
 def differences(old: Mapping[str, Value], new: Mapping[str, Value], relative: float) -> list[str]:
-    """What one has and the other lacks, names that differ, and numbers that do by more than ``relative`` of the larger."""
-    found = [f"- {place}" for place in old.keys() - new.keys()] + [f"+ {place}" for place in new.keys() - old.keys()]
+    """What one has and the other lacks, names that differ, and numbers that do by more than
+    ``relative`` of the larger.
+    """
+    found = [f"- {place}" for place in old.keys() - new.keys()] + [
+        f"+ {place}" for place in new.keys() - old.keys()
+    ]
     both = ((place, old[place], new[place]) for place in old.keys() & new.keys())
-    return sorted(found + [f"{place}: {a!r} {b!r}" for place, a, b in both if not _same(place, a, b, relative)])
+    return sorted(
+        found
+        + [f"{place}: {a!r} {b!r}" for place, a, b in both if not _same(place, a, b, relative)]
+    )
 
 
 def _same(place: str, a: Value, b: Value, relative: float) -> bool:
-    """Whether two values are the same; of standard uncertainties and covariances in their own units, however small."""
+    """Whether two values are the same; of standard uncertainties and covariances in their own
+    units, however small.
+    """
     if isinstance(a, str) or isinstance(b, str):
         return a == b
     if math.isnan(a) and math.isnan(b):

@@ -15,24 +15,36 @@ from typing import Any
 NEW_FIGURE = ("subplots", "figure")
 """What makes a figure of pyplot."""
 PYPLOT = "plt"
-"""Draws on the figure that it made last; all it draws in a cell is one picture, if the cell makes no figure."""
+"""Draws on the figure that it made last; all it draws in a cell is one picture, if the cell makes
+no figure.
+"""
 DRAWS = "plot"
-"""Methods of this name, and functions whose names begin with it, draw on axes they are given or on a new figure."""
+"""Methods of this name, and functions whose names begin with it, draw on axes they are given or on
+a new figure.
+"""
 
 
 def promised(source: str) -> int:
-    """Number of pictures that a cell shows at least: one for each statement that makes a figure, functions left out."""
+    """Number of pictures that a cell shows at least: one for each statement that makes a figure,
+    functions left out.
+    """
     tree = ast.parse(source)
     own = {
         name.id
         for statement in tree.body
-        if isinstance(statement, ast.Assign) and any(_called(call) in NEW_FIGURE for call in _calls(statement))
+        if isinstance(statement, ast.Assign)
+        and any(_called(call) in NEW_FIGURE for call in _calls(statement))
         for target in statement.targets
         for name in ast.walk(target)
         if isinstance(name, ast.Name)
     }
-    made = sum(any(_makes_figure(call, own | {PYPLOT}) for call in _calls(statement)) for statement in tree.body)
-    by_pyplot = any(_makes_figure(call, own) for statement in tree.body for call in _calls(statement))
+    made = sum(
+        any(_makes_figure(call, own | {PYPLOT}) for call in _calls(statement))
+        for statement in tree.body
+    )
+    by_pyplot = any(
+        _makes_figure(call, own) for statement in tree.body for call in _calls(statement)
+    )
     return made or int(by_pyplot)
 
 
@@ -70,7 +82,9 @@ def _called(call: ast.Call) -> str:
 
 
 def _makes_figure(call: ast.Call, own: set[str]) -> bool:
-    """Whether a call makes a figure; not one that draws on axes it is given, or on the cell's ``own``."""
+    """Whether a call makes a figure; not one that draws on axes it is given, or on the cell's
+    ``own``.
+    """
     name = _called(call)
     if name in NEW_FIGURE:
         return True
@@ -84,8 +98,18 @@ def _makes_figure(call: ast.Call, own: set[str]) -> bool:
 def main() -> None:
     """Name the cells without their pictures, and fail if there are any, or no notebooks."""
     paths = sorted(Path(sys.argv[1]).glob("*.ipynb"))
-    found = [f"{p.name}: {fault}" for p in paths for fault in missing(json.loads(p.read_text(encoding="utf-8")))]
-    sys.exit("\n".join(found) if found else None if paths else f"{sys.argv[1]}: no notebooks; expected some")
+    found = [
+        f"{p.name}: {fault}"
+        for p in paths
+        for fault in missing(json.loads(p.read_text(encoding="utf-8")))
+    ]
+    sys.exit(
+        "\n".join(found)
+        if found
+        else None
+        if paths
+        else f"{sys.argv[1]}: no notebooks; expected some"
+    )
 
 
 if __name__ == "__main__":

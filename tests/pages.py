@@ -1,4 +1,6 @@
-"""What a page of HTML holds: its tags with their attributes, and its text; every tag has to be closed in order."""
+"""What a page of HTML holds: its tags with their attributes, and its text; every tag has to be
+closed in order.
+"""
 
 from __future__ import annotations
 

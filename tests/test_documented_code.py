@@ -1,14 +1,18 @@
-"""Every code block of the README and of the documentation runs, and says what the page says that it says.
+"""Every code block of the README and of the documentation runs, and says what the page says that it
+says.
 
-The blocks of a page build on each other: they run in order, in one folder, the Python ones in one module. A ``python`` block
-is run statement by statement, a ``sh`` block line by line: commands of the package in this process, as by a shell. Then
+The blocks of a page build on each other: they run in order, in one folder, the Python ones in one
+module. A ``python`` block is run statement by statement, a ``sh`` block line by line: commands of
+the package in this process, as by a shell. Then
 
 - a ``text`` block is the output of the block before it; ``…`` stands for anything;
-- a number with a decimal point in a comment behind a statement is among the numbers that this statement printed;
-- ``python``, ``toml``, ``csv`` and ``json`` behind ``<!-- file: NAME -->`` are files that later blocks use, too; ``toml``,
-  ``csv`` and ``json`` without it are read.
+- a number with a decimal point in a comment behind a statement is among the numbers that this
+  statement printed;
+- ``python``, ``toml``, ``csv`` and ``json`` behind ``<!-- file: NAME -->`` are files that later
+  blocks use, too; ``toml``, ``csv`` and ``json`` without it are read.
 
-Only commands that ``.ci/run`` takes from the README and runs itself are left out, behind the mark that it looks for.
+Only commands that ``.ci/run`` takes from the README and runs itself are left out, behind the mark
+that it looks for.
 """
 
 from __future__ import annotations
@@ -43,7 +47,11 @@ SITE = ROOT / "notebooks" / "site"
 PAGES = [ROOT / "README.md", *sorted(SITE.rglob("*.md"))]
 RUN_BY_CI = ("demo-command", "test-command", "docs-command")
 DIRECTIVES = ("{include}", "{toctree}", "{eval-rst}", "{figure}")
-DATA = {"toml": tomllib.loads, "json": json.loads, "csv": lambda text: list(csv.reader(io.StringIO(text), strict=True))}
+DATA = {
+    "toml": tomllib.loads,
+    "json": json.loads,
+    "csv": lambda text: list(csv.reader(io.StringIO(text), strict=True)),
+}
 KNOWN = dict(CAUSES)
 PLAIN = {"COLUMNS": "100", "NO_COLOR": "1", "TERM": "dumb"}
 NUMBER = re.compile(r"(?<![\w.])-?\d+\.\d+(?:e[+-]?\d+)?(?![\w.]*\d)")
@@ -51,7 +59,9 @@ NUMBER = re.compile(r"(?<![\w.])-?\d+\.\d+(?:e[+-]?\d+)?(?![\w.]*\d)")
 
 @dataclass(frozen=True)
 class Block:
-    """A fenced block, its first line in the page, and the comment that stands directly before it."""
+    """A fenced block, its first line in the page, and the comment that stands directly
+    before it.
+    """
 
     language: str
     text: str
@@ -65,7 +75,9 @@ def blocks(page: str) -> list[Block]:
         if token.type == "fence":
             assert token.map is not None
             found.append(Block(token.info.partition(" ")[0], token.content, token.map[0] + 2, mark))
-        comment = re.fullmatch(r"<!-- (.*) -->\s*", token.content) if token.type == "html_block" else None
+        comment = (
+            re.fullmatch(r"<!-- (.*) -->\s*", token.content) if token.type == "html_block" else None
+        )
         mark = comment[1] if comment else ""
     return found
 
@@ -93,8 +105,12 @@ class Page:
                 Path(block.mark.removeprefix("file: ")).write_text(block.text, encoding="utf-8")
         else:
             known = block.language in DIRECTIVES
-            assert known, f"a block of {block.language!r}, expected python, sh, text, toml, csv or json"
-            assert "```" not in block.text, "a directive with code inside is not looked into; use :::"
+            assert known, (
+                f"a block of {block.language!r}, expected python, sh, text, toml, csv or json"
+            )
+            assert "```" not in block.text, (
+                "a directive with code inside is not looked into; use :::"
+            )
 
     def python(self, block: Block) -> list[str]:
         said, comments = [], comments_of(block.text)
@@ -106,7 +122,9 @@ class Page:
             for line in range(statement.lineno, (statement.end_lineno or 0) + 1):
                 if said[-1] and not isinstance(statement, ast.FunctionDef | ast.ClassDef):
                     missing = not_said(comments.get(line, ""), said[-1])
-                    assert not missing, f"{missing} claimed in line {block.line + line - 1}, said: {said[-1]}"
+                    assert not missing, (
+                        f"{missing} claimed in line {block.line + line - 1}, said: {said[-1]}"
+                    )
         return said
 
 
@@ -116,16 +134,27 @@ def comments_of(code: str) -> dict[int, str]:
 
 
 def lines(text: str) -> list[str]:
-    return [line for line in text.replace("\\\n", " ").splitlines() if line.strip() and not line.startswith("#")]
+    return [
+        line
+        for line in text.replace("\\\n", " ").splitlines()
+        if line.strip() and not line.startswith("#")
+    ]
 
 
 def shell(line: str) -> str:
     if line.startswith("aacmm-pin "):
-        with patch.dict(CAUSES, KNOWN, clear=True):  # what a page makes known a new process does not know
+        with patch.dict(
+            CAUSES, KNOWN, clear=True
+        ):  # what a page makes known a new process does not know
             done = CliRunner().invoke(app, shlex.split(line, comments=True)[1:], env=PLAIN)
         status, said, error = done.exit_code, done.output, done.exception
     else:
-        run = subprocess.run(["bash", "-euo", "pipefail", "-c", line], env=environment(), capture_output=True, text=True)
+        run = subprocess.run(
+            ["bash", "-euo", "pipefail", "-c", line],
+            env=environment(),
+            capture_output=True,
+            text=True,
+        )
         status, said, error = run.returncode, run.stdout + run.stderr, None
     if status != 0:
         raise AssertionError(f"{line}: exit status {status}\n{said}") from error
@@ -138,8 +167,12 @@ def environment() -> dict[str, str]:
 
 
 def says(said: str, claimed: str) -> bool:
-    """Whether an output is the claimed one, ``…`` being anything; blanks at the ends of lines do not count."""
-    said, claimed = ("\n".join(map(str.rstrip, text.strip("\n").splitlines())) for text in (said, claimed))
+    """Whether an output is the claimed one, ``…`` being anything; blanks at the ends of lines do
+    not count.
+    """
+    said, claimed = (
+        "\n".join(map(str.rstrip, text.strip("\n").splitlines())) for text in (said, claimed)
+    )
     return re.fullmatch(".*?".join(map(re.escape, claimed.split("…"))), said, re.DOTALL) is not None
 
 
@@ -152,7 +185,11 @@ def not_said(comment: str, said: str) -> list[str]:
         digits = len(mantissa.partition(".")[2])
         return f"{value:.{digits}e}" if exponent else f"{value:.{digits}f}"
 
-    return [n for n in NUMBER.findall(comment) if not any(rounded(p, n) == rounded(float(n), n) for p in printed)]
+    return [
+        n
+        for n in NUMBER.findall(comment)
+        if not any(rounded(p, n) == rounded(float(n), n) for p in printed)
+    ]
 
 
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
@@ -166,12 +203,17 @@ def test_every_block_runs(path: Path, tmp_path: Path, monkeypatch: pytest.Monkey
             try:
                 page.run(block)
             except BaseException as error:
-                error.add_note(f"{path.relative_to(ROOT)}, the {block.language} block at line {block.line}")
+                error.add_note(
+                    f"{path.relative_to(ROOT)}, the {block.language} block at line {block.line}"
+                )
                 raise
 
 
 def test_what_is_left_out_is_run_by_ci() -> None:
-    script, readme = (ROOT / ".ci" / "run").read_text(encoding="utf-8"), blocks(PAGES[0].read_text(encoding="utf-8"))
+    script, readme = (
+        (ROOT / ".ci" / "run").read_text(encoding="utf-8"),
+        blocks(PAGES[0].read_text(encoding="utf-8")),
+    )
     for mark in RUN_BY_CI:
         assert f"readme_command {mark})" in script
         (command,) = [block for block in readme if block.mark == mark]
@@ -182,7 +224,11 @@ def test_what_is_left_out_is_run_by_ci() -> None:
 def test_no_page_is_of_another_kind() -> None:
     """Pages that are no Markdown would not be looked at."""
     assert len(PAGES) > 5
-    kinds = {path.suffix for path in SITE.rglob("*") if path.is_file() and "__pycache__" not in path.parts}
+    kinds = {
+        path.suffix
+        for path in SITE.rglob("*")
+        if path.is_file() and "__pycache__" not in path.parts
+    }
     assert kinds <= {".md", ".py", ".css"}
 
 
@@ -222,12 +268,19 @@ cat data.csv  # the file
     ],
 )
 def test_what_is_wrong_is_seen(
-    claim: str, output: str, command: str, complaint: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    claim: str,
+    output: str,
+    command: str,
+    complaint: str | None,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.chdir(tmp_path)
     found = blocks(PAGE.format(claim=claim, output=output, command=command))
     page = Page(ModuleType("documented"))
-    expected = contextlib.nullcontext() if complaint is None else pytest.raises(Exception, match=complaint)
+    expected = (
+        contextlib.nullcontext() if complaint is None else pytest.raises(Exception, match=complaint)
+    )
     with expected:
         for block in found:
             page.run(block)

@@ -1,4 +1,6 @@
-"""The keys of files and JSON that the documentation explains are those that are read and written."""
+"""The keys of files and JSON that the documentation explains are those that are read and
+written.
+"""
 
 from __future__ import annotations
 
@@ -55,16 +57,23 @@ def keys(value: Any, at: str = "") -> Iterator[str]:
 def written(tmp_path_factory: pytest.TempPathFactory) -> dict[str, set[str]]:
     """Keys that commands wrote, by schema; each of several small outputs adds some."""
     folder = tmp_path_factory.mktemp("json")
-    data, external, hidden, poses = (str(folder / f"{name}.csv") for name in ("data", "external", "hidden", "poses"))
+    data, external, hidden, poses = (
+        str(folder / f"{name}.csv") for name in ("data", "external", "hidden", "poses")
+    )
     simulate = "simulate sino6 --encoder-noise-rad 8e-6 --records 60 -o"
-    run(f"{simulate} {data} --plan free --effect joint_periodic_error:joint=3,order=7,amplitude_rad=5e-4")
+    run(
+        f"{simulate} {data} --plan free --effect "
+        "joint_periodic_error:joint=3,order=7,amplitude_rad=5e-4"
+    )
     run(f"{simulate} {poses} --plan seats --orientation-noise-rad 50urad")
     run(f"{simulate} {hidden} --plan seats --effect base_compliance:compliance_rad_per_nm=3e-5")
     table = pd.read_csv(data, dtype=str)
     table.loc[8, "x_mm"] = "999.0"
     table.to_csv(external, index=False)
     touches = str(folder / "touches.csv")
-    table.assign(test="single-point", position=[str(k % 3) for k in range(60)]).to_csv(touches, index=False)
+    table.assign(test="single-point", position=[str(k % 3) for k in range(60)]).to_csv(
+        touches, index=False
+    )
     procedure = str(folder / "procedure.csv")
     run(f"plan sino6 --for acceptance --standard asme-b89.4.22 -o {procedure}")
     noise = "--encoder-noise-rad 8e-6 --reference-noise-mm 0.012"
@@ -80,7 +89,8 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> dict[str, set[str]]:
         f"diagnose sino6 {poses} --no-held-out {noise}",
         f"diagnose sino6 {external} {noise}",
         f"diagnose sino6 {hidden} --no-held-out {noise}",
-        f"plan sino6 --split encoder_eccentricity:2 joint_compliance:2 --data {data} --records 4 --postures 30",
+        f"plan sino6 --split encoder_eccentricity:2 joint_compliance:2 --data {data} --records 4 "
+        "--postures 30",
         "plan sino6 --records 4 --postures 30",
         f"accept {touches} --mpe SPAT.Max=0.1",
         "plan sino6 --for calibration --records 12 --postures 30",
@@ -98,12 +108,18 @@ def run(command: str) -> str:
 
 
 def test_every_schema_has_a_section() -> None:
-    source = "".join(path.read_text(encoding="utf-8") for path in Path(aacmm_pin.__file__).parent.rglob("*.py"))
+    source = "".join(
+        path.read_text(encoding="utf-8") for path in Path(aacmm_pin.__file__).parent.rglob("*.py")
+    )
     schemas = set(re.findall(r'"(aacmm-pin/[\w-]+/\d+)"', source)) - set(NOT_OF_A_COMMAND)
-    assert {f"`{schema}`" for schema in schemas} <= set(SECTIONS), "explain its keys in notebooks/site/formats.md"
+    assert {f"`{schema}`" for schema in schemas} <= set(SECTIONS), (
+        "explain its keys in notebooks/site/formats.md"
+    )
 
 
-SCHEMAS = "accuracy map calibration diagnosis plan calibration-plan acceptance acceptance-prediction"
+SCHEMAS = (
+    "accuracy map calibration diagnosis plan calibration-plan acceptance acceptance-prediction"
+)
 
 
 @pytest.mark.parametrize("schema", SCHEMAS.split())
@@ -111,10 +127,14 @@ def test_json_keys_are_those_that_are_written(schema: str, written: dict[str, se
     name = f"aacmm-pin/{schema}/1"
     explained, came = documented(f"`{name}`"), written[name]
     unexplained = {key for key in came if not known(key, explained)}
-    fields = {f"findings[].{field}" for cause in CAUSES.values() for field in effects.fields_of(cause)}
+    fields = {
+        f"findings[].{field}" for cause in CAUSES.values() for field in effects.fields_of(cause)
+    }
     assert unexplained - (fields if schema == "diagnosis" else set()) == set()
     never = {
-        key for key, words in explained.items() if not arrived(key, came) and "only" not in words and "null" not in words
+        key
+        for key, words in explained.items()
+        if not arrived(key, came) and "only" not in words and "null" not in words
     }
     assert never == set(), "explained, but never written"
 
@@ -131,7 +151,12 @@ def arrived(key: str, came: set[str]) -> bool:
 
 def fields_of(model: type[BaseModel], at: str = "") -> Iterator[str]:
     joint = arm_file.Row if model is arm_file.ArmFile else arm_file.UrdfJoint
-    parts = {"joints": joint, "urdf": arm_file.Urdf, "uncertainty": arm_file.Uncertainty, "stylus": arm_file.Stylus}
+    parts = {
+        "joints": joint,
+        "urdf": arm_file.Urdf,
+        "uncertainty": arm_file.Uncertainty,
+        "stylus": arm_file.Stylus,
+    }
     parts |= {"effects": arm_file.EffectEntry, "covariance": arm_file.Covariance}
     parts |= {"discrepancy": arm_file.DiscrepancyEntry, "parts": arm_file.DiscrepancyPart}
     for name, field in model.model_fields.items():
@@ -151,7 +176,9 @@ def names_of(functions: type) -> list[str]:
 
 
 def test_keys_of_the_arm_file() -> None:
-    assert set(documented("Arm file (TOML)")) - {"effects[].joint"} == set(fields_of(arm_file.ArmFile))
+    assert set(documented("Arm file (TOML)")) - {"effects[].joint"} == set(
+        fields_of(arm_file.ArmFile)
+    )
     both = set(fields_of(arm_file.ArmFile)) & set(fields_of(arm_file.UrdfArmFile))
     both -= {key for key in both if key.startswith("joints")}
     assert set(documented("Of a URDF")) == set(fields_of(arm_file.UrdfArmFile)) - both
@@ -159,17 +186,23 @@ def test_keys_of_the_arm_file() -> None:
 
 def test_columns_of_what_commands_write(tmp_path: Path) -> None:
     data, *tables = (
-        str(tmp_path / f"{name}.csv") for name in ("data", "circle", "accuracy", "residuals", "corrected", "to")
+        str(tmp_path / f"{name}.csv")
+        for name in ("data", "circle", "accuracy", "residuals", "corrected", "to")
     )
     point = "--point 33.6 -671.9 182.9 --count 6 -o"
-    run(f"simulate sino6 --plan seats --records 40 --seats 5 --orientation-noise-rad 5e-5 -o {data}")
+    run(
+        f"simulate sino6 --plan seats --records 40 --seats 5 --orientation-noise-rad 5e-5 -o {data}"
+    )
     run(f"configurations sino6 {point} {tables[0]}")
     run(f"accuracy sino6 {point} {tables[1]}")
     run(f"calibrate sino6 {data} --no-held-out --residuals {tables[2]}")
     run(f"correct sino6 {data} -o {tables[3]}")
     run(f"correct sino6 {data} --nominal sino6 --commands -o {tables[4]}")
     came = [
-        name for path in tables for name in pd.read_csv(path, nrows=1) if not re.fullmatch(r"(theta|command)[2-6]_deg", name)
+        name
+        for path in tables
+        for name in pd.read_csv(path, nrows=1)
+        if not re.fullmatch(r"(theta|command)[2-6]_deg", name)
     ]
     of_records = {*single_names(MEASUREMENT_FILE), *(f"approach{j}" for j in range(1, 7))}
     explained = {key.removesuffix(" …") for key in documented("CSV that commands write")}

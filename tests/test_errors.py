@@ -32,6 +32,8 @@ def test_long_names_and_lines(tmp_path: Path) -> None:
     with pytest.raises(MeasurementFileError, match="no angles") as told:
         Measurements.read(table)
     assert len(str(told.value)) < 1500
-    arm.write_text(f'schema = "aacmm-pin/arm/1"\nname = "a"\n[urdf]\nfile = "{"a" * 400}.urdf"\nframe = "b"\n')
+    arm.write_text(
+        f'schema = "aacmm-pin/arm/1"\nname = "a"\n[urdf]\nfile = "{"a" * 400}.urdf"\nframe = "b"\n'
+    )
     with pytest.raises(ArmFileError, match="no such file"):
         Arm.load(arm)

@@ -1,4 +1,6 @@
-"""A name stands for an arm, a path for an arm or records, a text for a cause: wherever Python takes one."""
+"""A name stands for an arm, a path for an arm or records, a text for a cause: wherever Python takes
+one.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,13 @@ import pytest
 import aacmm_pin
 from aacmm_pin import Arm, ErrorModel, Measurements
 from aacmm_pin.accuracy.length import length_between
-from aacmm_pin.effects import EncoderEccentricity, EncoderGain, JointCompliance, JointPeriodicError, all_candidates
+from aacmm_pin.effects import (
+    EncoderEccentricity,
+    EncoderGain,
+    JointCompliance,
+    JointPeriodicError,
+    all_candidates,
+)
 from aacmm_pin.effects.joint_commands import joint_commands
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.report import scenes
@@ -35,7 +43,9 @@ def extended(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def records(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Records of such an arm."""
     path, rng = tmp_path_factory.mktemp("data") / "records.csv", np.random.default_rng(1)
-    aacmm_pin.simulate_measurements(ErrorModel("sino6", [ECCENTRIC]), "free", 60, rng=rng).save(path)
+    aacmm_pin.simulate_measurements(ErrorModel("sino6", [ECCENTRIC]), "free", 60, rng=rng).save(
+        path
+    )
     return path
 
 
@@ -62,7 +72,14 @@ def planned(model: Any) -> Any:
 
 
 def scene_of_map(model: Any) -> Any:
-    return len(scenes.map_scene(aacmm_pin.map_workspace(Arm.load("sino6"), (2, 2), progress=False), model).embedded(100)) > 0
+    return (
+        len(
+            scenes.map_scene(
+                aacmm_pin.map_workspace(Arm.load("sino6"), (2, 2), progress=False), model
+            ).embedded(100)
+        )
+        > 0
+    )
 
 
 OF_MODELS: list[Callable[[Any], Any]] = [
@@ -73,7 +90,9 @@ OF_MODELS: list[Callable[[Any], Any]] = [
     planned,
     scene_of_map,
     lambda model: aacmm_pin.length_uncertainty(model, np.zeros((1, 6)), np.full((1, 6), 0.3)),
-    lambda model: aacmm_pin.map_workspace(model, (2, 2), progress=False).data["comprehensive_mm3"].values,
+    lambda model: (
+        aacmm_pin.map_workspace(model, (2, 2), progress=False).data["comprehensive_mm3"].values
+    ),
     lambda model: aacmm_pin.perturbed_model(model, np.random.default_rng(1)).arm.dh.values(),
     lambda model: (
         aacmm_pin.plan_measurements(
@@ -94,7 +113,9 @@ OF_ARMS: list[Callable[[Any], Any]] = [
 
 
 @pytest.mark.parametrize("call", OF_MODELS)
-def test_a_path_stands_for_an_arm_with_its_causes(call: Callable[[Any], Any], extended: Path) -> None:
+def test_a_path_stands_for_an_arm_with_its_causes(
+    call: Callable[[Any], Any], extended: Path
+) -> None:
     expected = call(ErrorModel.load(extended))
     for given in (extended, str(extended)):
         np.testing.assert_array_equal(call(given), expected)
@@ -112,8 +133,14 @@ def test_a_path_stands_for_records(records: Path) -> None:
     calls: list[Callable[[Any], Any]] = [
         lambda data: aacmm_pin.calibrate(arm, data, hold_out=False, **NOISE).rms,
         lambda data: aacmm_pin.diagnose(arm, data, hold_out=False, **quiet).rms["extended"],
-        lambda data: aacmm_pin.plan_measurements(arm, causes, 3, existing=data, postures=20, **quiet).measurements.q,
-        lambda data: aacmm_pin.plan_calibration(arm, 10, existing=data, postures=20, **quiet).measurements.q,
+        lambda data: (
+            aacmm_pin.plan_measurements(
+                arm, causes, 3, existing=data, postures=20, **quiet
+            ).measurements.q
+        ),
+        lambda data: (
+            aacmm_pin.plan_calibration(arm, 10, existing=data, postures=20, **quiet).measurements.q
+        ),
     ]
     for call in calls:
         np.testing.assert_array_equal(call(records), call(read))
@@ -123,26 +150,41 @@ def test_a_path_stands_for_records(records: Path) -> None:
 def test_the_file_of_a_procedure_is_filled_in_from_paths(tmp_path: Path, extended: Path) -> None:
     procedure = aacmm_pin.acceptance_procedure("sino6", standard="asme-b89.4.22")
     (tmp_path / "plan.csv").write_text(procedure.csv(), encoding="utf-8")
-    np.testing.assert_allclose(Procedure.read(tmp_path / "plan.csv", "sino6").q, procedure.q, atol=1e-6)  # four decimals
+    np.testing.assert_allclose(
+        Procedure.read(tmp_path / "plan.csv", "sino6").q, procedure.q, atol=1e-6
+    )  # four decimals
     taken = Measurements.of(procedure.q)
     taken.save(tmp_path / "taken.csv")
     filled = procedure.filled(tmp_path / "taken.csv", extended)
-    np.testing.assert_allclose(filled["x_mm"], procedure.filled(taken, ErrorModel.load(extended))["x_mm"], atol=1e-6)
+    np.testing.assert_allclose(
+        filled["x_mm"], procedure.filled(taken, ErrorModel.load(extended))["x_mm"], atol=1e-6
+    )
     filled.to_csv(tmp_path / "filled.csv", index=False)
     arms = ("sino6", Arm.load("sino6"))
-    by_name, by_arm = (aacmm_pin.accept(tmp_path / "filled.csv", {"it": of}).summary() for of in arms)
+    by_name, by_arm = (
+        aacmm_pin.accept(tmp_path / "filled.csv", {"it": of}).summary() for of in arms
+    )
     assert by_name == by_arm
-    predicted = aacmm_pin.predict_acceptance(tmp_path / "plan.csv", {"it": "sino6"}, runs=20, encoder_noise=8e-6)
+    predicted = aacmm_pin.predict_acceptance(
+        tmp_path / "plan.csv", {"it": "sino6"}, runs=20, encoder_noise=8e-6
+    )
     assert predicted.summary()["figures"]
 
 
 def test_a_text_stands_for_a_cause(sino6: Arm, records: Path) -> None:
     model = ErrorModel(sino6, [ECCENTRIC, EncoderGain(5, values=(1e-5,))])
-    assert model.effects == (EncoderEccentricity(3, values=(1e-4, 0.0)), EncoderGain(5, values=(1e-5,)))
+    assert model.effects == (
+        EncoderEccentricity(3, values=(1e-4, 0.0)),
+        EncoderGain(5, values=(1e-5,)),
+    )
     assert ErrorModel(sino6, ECCENTRIC).effects == model.effects[:1]
     assert model.with_effects("encoder_gain:5,gain=2e-5").effects[-1].values == (2e-5,)
-    found = aacmm_pin.calibrate(sino6, records, ["geometry", "encoder_eccentricity:3"], hold_out=False, **NOISE)
-    same = aacmm_pin.calibrate(sino6, records, ["geometry", EncoderEccentricity(3)], hold_out=False, **NOISE)
+    found = aacmm_pin.calibrate(
+        sino6, records, ["geometry", "encoder_eccentricity:3"], hold_out=False, **NOISE
+    )
+    same = aacmm_pin.calibrate(
+        sino6, records, ["geometry", EncoderEccentricity(3)], hold_out=False, **NOISE
+    )
     np.testing.assert_array_equal(found.fit.point.x, same.fit.point.x)
     quiet: dict[str, Any] = {"progress": False, "hold_out": False, **NOISE}
     by_text, by_cause = (

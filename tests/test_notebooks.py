@@ -1,5 +1,5 @@
-"""The notebooks as they are kept: without outputs, code that parses and is formatted, nothing of one machine in them; and
-the pictures that they show when they run.
+"""The notebooks as they are kept: without outputs, code that parses and is formatted, nothing of
+one machine in them; and the pictures that they show when they run.
 """
 
 from __future__ import annotations
@@ -25,7 +25,9 @@ KERNEL = {
     "kernelspec": {"display_name": "Python 3", "language": "python", "name": "python3"},
     "language_info": {"name": "python"},
 }
-OF_ONE_MACHINE = re.compile(r"""(?:^|[\s"'`(=])(?:/(?:home|tmp|usr|root|work|Users|opt|mnt|var)\b|[A-Za-z]:\\|~/|file://)""")
+OF_ONE_MACHINE = re.compile(
+    r"""(?:^|[\s"'`(=])(?:/(?:home|tmp|usr|root|work|Users|opt|mnt|var)\b|[A-Za-z]:\\|~/|file://)"""
+)
 """Absolute paths in text or code."""
 
 
@@ -70,7 +72,11 @@ def test_formatted_and_linted() -> None:
     pytest.importorskip("ruff", reason="ruff comes with the extra 'lint'")
     for command in (["check"], ["format", "--check"]):
         done = subprocess.run(
-            [sys.executable, "-m", "ruff", *command, "notebooks"], cwd=ROOT, capture_output=True, text=True, check=False
+            [sys.executable, "-m", "ruff", *command, "notebooks"],
+            cwd=ROOT,
+            capture_output=True,
+            text=True,
+            check=False,
         )
         assert done.returncode == 0, done.stdout + done.stderr
 
@@ -86,7 +92,14 @@ def test_formatted_and_linted() -> None:
     ],
 )
 def test_faults_are_seen(change: dict[str, Any], fault: str) -> None:
-    cell = {"cell_type": "code", "id": "c", "metadata": {}, "outputs": [], "execution_count": None, "source": ["a / b"]}
+    cell = {
+        "cell_type": "code",
+        "id": "c",
+        "metadata": {},
+        "outputs": [],
+        "execution_count": None,
+        "source": ["a / b"],
+    }
     assert faults({"metadata": KERNEL, "cells": [cell]}) == []
     assert faults({"metadata": KERNEL, "cells": [cell | change]}) == [f"c: {fault}"]
 
@@ -105,14 +118,19 @@ plt.plot([1, 2, 3]);
 
 @pytest.fixture(scope="module")
 def executed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    """A notebook that draws with the package, with pyplot, and with the package again, as a kernel leaves it."""
+    """A notebook that draws with the package, with pyplot, and with the package again, as a kernel
+    leaves it.
+    """
     cells = [nbformat.v4.new_code_cell(source) for source in (DRAWN, BY_HAND, DRAWN)]
     notebook = nbformat.v4.new_notebook(cells=cells)
     with pytest.MonkeyPatch.context() as patched:
         patched.delenv("MPLBACKEND", raising=False)  # a kernel of Jupyter chooses its own
         client = NotebookClient(notebook, timeout=120, kernel_name="python3")
         client.create_kernel_manager()
-        client.km.transport, client.km.ip = "ipc", str(tmp_path_factory.mktemp("k") / "k")  # no port that another takes
+        client.km.transport, client.km.ip = (
+            "ipc",
+            str(tmp_path_factory.mktemp("k") / "k"),
+        )  # no port that another takes
         client.execute(cwd=str(ROOT))
     return notebook
 
@@ -149,4 +167,9 @@ def test_a_cell_says_how_many_pictures_it_shows(source: str, pictures: int) -> N
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_every_notebook_promises_pictures(path: Path) -> None:
-    assert sum(promised("".join(cell["source"])) for cell in cells(path) if cell["cell_type"] == "code") >= 2
+    assert (
+        sum(
+            promised("".join(cell["source"])) for cell in cells(path) if cell["cell_type"] == "code"
+        )
+        >= 2
+    )

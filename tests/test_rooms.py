@@ -1,4 +1,6 @@
-"""A room imports only rooms above it in the list, no two modules import each other, and only the arm speaks to Pinocchio."""
+"""A room imports only rooms above it in the list, no two modules import each other, and only the
+arm speaks to Pinocchio.
+"""
 
 from __future__ import annotations
 
@@ -26,14 +28,22 @@ ROOMS = [
     "cli",
 ]
 SPEAK_TO_PINOCCHIO = {"arm.arm", "arm.corrected_urdf", "arm.pinocchio_model", "arm.poses"}
-MODULES = {".".join(path.relative_to(ROOT).with_suffix("").parts): path for path in ROOT.rglob("*.py")}
+MODULES = {
+    ".".join(path.relative_to(ROOT).with_suffix("").parts): path for path in ROOT.rglob("*.py")
+}
 
 
 def imports(path: Path, for_types: bool = True) -> Iterator[str]:
-    """Dotted names of all that a module imports, wherever in its text; what types alone need may be left out."""
+    """Dotted names of all that a module imports, wherever in its text; what types alone need may be
+    left out.
+    """
     tree = ast.parse(path.read_text(encoding="utf-8"))
     if not for_types:
-        tree.body = [node for node in tree.body if not (isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test))]
+        tree.body = [
+            node
+            for node in tree.body
+            if not (isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test))
+        ]
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
@@ -46,7 +56,11 @@ def module_of(name: str) -> str:
     """The module that a dotted name is, or is defined in."""
     inside = name.removeprefix("aacmm_pin.")
     above = inside.rpartition(".")[0]
-    return next(m for m in (inside, f"{inside}.__init__", above, f"{above}.__init__", "__init__") if m in MODULES)
+    return next(
+        m
+        for m in (inside, f"{inside}.__init__", above, f"{above}.__init__", "__init__")
+        if m in MODULES
+    )
 
 
 def test_rooms_import_in_their_order() -> None:
@@ -64,12 +78,17 @@ def test_rooms_import_in_their_order() -> None:
 
 def test_no_two_modules_import_each_other() -> None:
     inside = {
-        module: {module_of(name) for name in imports(path, False) if name.startswith("aacmm_pin.")} - {module}
+        module: {module_of(name) for name in imports(path, False) if name.startswith("aacmm_pin.")}
+        - {module}
         for module, path in MODULES.items()
     }
     assert len([*TopologicalSorter(inside).static_order()]) >= len(MODULES)
 
 
 def test_only_the_arm_speaks_to_pinocchio() -> None:
-    found = {module for module, path in MODULES.items() if any(n.split(".")[0] == "pinocchio" for n in imports(path))}
+    found = {
+        module
+        for module, path in MODULES.items()
+        if any(n.split(".")[0] == "pinocchio" for n in imports(path))
+    }
     assert found <= SPEAK_TO_PINOCCHIO

@@ -28,7 +28,8 @@ def batch(values: ArrayLike, columns: int, name: str, unit: str) -> Array:
     """Return ``values`` as a float array of shape (n, columns).
 
     Raises:
-        ShapeError: not two-dimensional, another number of columns, not numbers, not finite, or larger than can be.
+        ShapeError: not two-dimensional, another number of columns, not numbers, not finite, or
+            larger than can be.
     """
     array = _floats(values, name)
     if array.ndim == 1 and array.size == columns:
@@ -57,7 +58,9 @@ def vector(values: ArrayLike, length: int, name: str, unit: str) -> Array:
 
 def width_of(values: ArrayLike) -> int:
     """Number of columns of ``values``, whatever they are."""
-    shape = values.shape if isinstance(values, np.ndarray) else np.asarray(values, dtype=object).shape
+    shape = (
+        values.shape if isinstance(values, np.ndarray) else np.asarray(values, dtype=object).shape
+    )
     return int(shape[-1]) if shape else 1
 
 
@@ -80,7 +83,8 @@ def whole(value: object, least: int, name: str) -> int:
     """Return ``value`` as an int.
 
     Raises:
-        AacmmError: it is no whole number, below ``least``, or more than :data:`plausible.COUNTS` has for this name.
+        AacmmError: it is no whole number, below ``least``, or more than :data:`plausible.COUNTS`
+            has for this name.
     """
     try:
         number = operator.index(value)  # type: ignore[arg-type]
@@ -91,12 +95,16 @@ def whole(value: object, least: int, name: str) -> int:
     most, each = plausible.COUNTS[name]
     if number > most:
         size = f"{most * each / 1e9:.2g} GB of memory"
-        raise AacmmError(f"{name} is {reprlib.repr(number)}, expected at most {most}, which take about {size}")
+        raise AacmmError(
+            f"{name} is {reprlib.repr(number)}, expected at most {most}, which take about {size}"
+        )
     return number
 
 
 def _floats(values: ArrayLike, name: str) -> Array:
-    """A copy as floats; text, booleans, complex numbers and masks are refused rather than read as numbers."""
+    """A copy as floats; text, booleans, complex numbers and masks are refused rather than read as
+    numbers.
+    """
     try:
         array = np.array(values)
     except ValueError as error:
@@ -108,14 +116,23 @@ def _floats(values: ArrayLike, name: str) -> Array:
 
 
 def _finite(array: Array, name: str, unit: str) -> None:
-    if array.size and not np.isfinite([array.min(), array.max()]).all():  # NaN is the smallest and the largest
+    if (
+        array.size and not np.isfinite([array.min(), array.max()]).all()
+    ):  # NaN is the smallest and the largest
         bad = np.argwhere(~np.isfinite(array))
         where = ", ".join(str(i) for i in bad[0])
         raise ShapeError(f"{name}[{where}] is {array[tuple(bad[0])]}, expected a finite number")
     if unit in RANGES:
         RANGES[unit].check(array, name, ShapeError)
-    if unit == "rad" and array.size and plausible.like_degrees(max(float(array.max()), -float(array.min()))):
+    if (
+        unit == "rad"
+        and array.size
+        and plausible.like_degrees(max(float(array.max()), -float(array.min())))
+    ):
         degrees = np.argwhere(plausible.mostly_like_degrees(np.atleast_2d(array)))
         if len(degrees):
             place = degrees[0][-array.ndim :]
-            raise ShapeError(f"{name}[{', '.join(map(str, place))}] {plausible.like_degrees(array[tuple(place)])}")
+            raise ShapeError(
+                f"{name}[{', '.join(map(str, place))}] "
+                f"{plausible.like_degrees(array[tuple(place)])}"
+            )

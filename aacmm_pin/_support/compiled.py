@@ -1,7 +1,8 @@
 """Loops that numba compiles, and functions in NumPy that have such a loop as a twin.
 
-Loading numba and a compiled loop takes about half a second, compiling it for the first time one to five more. So a
-twin is chosen where the task is large enough; it gives the same numbers to the last bit.
+Loading numba and a compiled loop takes about half a second, compiling it for the first time one to
+five more. So a twin is chosen where the task is large enough; it gives the same numbers to the last
+bit.
 """
 
 from __future__ import annotations
@@ -18,7 +19,9 @@ import numpy as np
 from aacmm_pin.errors import UnknownNameError
 
 LARGE_TASK = 1_000_000
-"""Numbers in the largest array of a task from which on a loop is loaded: NumPy takes 15 ms for sensitivities of SINO6."""
+"""Numbers in the largest array of a task from which on a loop is loaded: NumPy takes 15 ms for
+sensitivities of SINO6.
+"""
 VARIABLE, ALWAYS, NEVER, BY_SIZE = "AACMM_PIN_COMPILED", "always", "never", "auto"
 
 
@@ -44,14 +47,18 @@ class Loop:
         """
         wanted = os.environ.get(VARIABLE, BY_SIZE)
         if wanted not in (ALWAYS, NEVER, BY_SIZE):
-            raise UnknownNameError(f"environment variable {VARIABLE}", wanted, [ALWAYS, NEVER, BY_SIZE])
+            raise UnknownNameError(
+                f"environment variable {VARIABLE}", wanted, [ALWAYS, NEVER, BY_SIZE]
+            )
         if wanted == ALWAYS or (wanted == BY_SIZE and worth):
             return self.compiled
         return None
 
     @cached_property
     def compiled(self) -> Callable[..., Any]:
-        """The compiled loop, kept beside its source for the next process where that can be written."""
+        """The compiled loop, kept beside its source for the next process where that can be
+        written.
+        """
         import numba
 
         loop = self.loop
@@ -66,7 +73,9 @@ class Loop:
 
 @cache
 def _names(helpers: tuple[Callable[..., Any], ...]) -> dict[str, Any]:
-    """The names of the helpers' module, with the compiled helpers: once for all loops that call them."""
+    """The names of the helpers' module, with the compiled helpers: once for all loops that call
+    them.
+    """
     import numba
 
     names = dict(helpers[0].__globals__)
@@ -95,6 +104,10 @@ class Twins(Loop):
         function(*arguments)
 
 
-def twin_of(loop: Callable[..., None], signature: str, least: int = LARGE_TASK) -> Callable[[Callable[..., None]], Twins]:
-    """Decorator of a NumPy function: ``loop`` does the same, and is chosen from ``least`` numbers on."""
+def twin_of(
+    loop: Callable[..., None], signature: str, least: int = LARGE_TASK
+) -> Callable[[Callable[..., None]], Twins]:
+    """Decorator of a NumPy function: ``loop`` does the same, and is chosen from ``least`` numbers
+    on.
+    """
     return lambda plain: Twins(loop, signature, plain=plain, least=least)

@@ -1,8 +1,9 @@
-"""How a result shows and draws itself, although words and pictures stand in a later room, :mod:`aacmm_pin.report`.
+"""How a result shows and draws itself, although words and pictures stand in a later room,
+:mod:`aacmm_pin.report`.
 
-``found.plot()`` and the HTML that Jupyter shows of ``found`` belong to the result, which is where people look for them. The
-package itself, which may import every room, says at import how the report is found; it is loaded when it is first needed,
-so that ``import aacmm_pin`` loads no matplotlib.
+``found.plot()`` and the HTML that Jupyter shows of ``found`` belong to the result, which is where
+people look for them. The package itself, which may import every room, says at import how the report
+is found; it is loaded when it is first needed, so that ``import aacmm_pin`` loads no matplotlib.
 """
 
 from __future__ import annotations
@@ -40,7 +41,8 @@ class Shown:
 
     def __init_subclass__(cls, **named: Any) -> None:
         super().__init_subclass__(**named)
-        # IPython asks the classes of a value in turn for this or for __repr__, which every dataclass has of its own.
+        # IPython asks the classes of a value in turn for this or for __repr__, which every
+        # dataclass has of its own.
         cls._repr_pretty_ = _line  # type: ignore[attr-defined]
 
     def _repr_html_(self) -> str:

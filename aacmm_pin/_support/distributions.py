@@ -1,4 +1,6 @@
-"""χ² and F, by scipy.special: scipy.stats, which has them too, takes as long to import as all the rest of the package."""
+"""χ² and F, by scipy.special: scipy.stats, which has them too, takes as long to import as all the
+rest of the package.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,9 @@ def chi2_isf(probability: ArrayLike, dof: ArrayLike) -> Array:
 
 
 def f_sf(value: ArrayLike, dof: ArrayLike, other: ArrayLike) -> Array:
-    """Probability that F, the ratio of two mean squares of so many degrees of freedom, is more than ``value``."""
+    """Probability that F, the ratio of two mean squares of so many degrees of freedom, is more than
+    ``value``.
+    """
     d, o, x = np.asarray(dof), np.asarray(other), np.asarray(value)
     return np.asarray(betainc(o / 2, d / 2, o / (o + d * x)))
 

@@ -30,15 +30,20 @@ def are_same(path: str | Path, other: str | Path) -> bool:
 
 def is_input(path: str | Path) -> OutputError:
     """The refusal to write a file that is read."""
-    return OutputError(f"{path}: is read by this command and is left as it is; expected another name")
+    return OutputError(
+        f"{path}: is read by this command and is left as it is; expected another name"
+    )
 
 
-def content_of(path: str | Path, most: int, expected: str, refused: Callable[[str], AacmmError]) -> bytes:
-    """The content of a file of at most ``most`` bytes; ``expected`` says in words what it should be.
+def content_of(
+    path: str | Path, most: int, expected: str, refused: Callable[[str], AacmmError]
+) -> bytes:
+    """The content of a file of at most ``most`` bytes; ``expected`` says in words what it should
+    be.
 
     Raises:
-        AacmmError: it is not there, is a folder, is too large, or cannot be read: as ``refused`` makes
-            it of the message.
+        AacmmError: it is not there, is a folder, is too large, or cannot be read: as ``refused``
+            makes it of the message.
         OutputError: it is an output of the command.
     """
     if "\0" in str(path):

@@ -1,7 +1,8 @@
-"""Files of results: each is written whole, a set is put in place together, and nothing else is replaced.
+"""Files of results: each is written whole, a set is put in place together, and nothing else is
+replaced.
 
-Files are first written into a hidden folder beside their places, and renamed when all are complete. If a rename fails,
-what was there before is put back.
+Files are first written into a hidden folder beside their places, and renamed when all are complete.
+If a rename fails, what was there before is put back.
 """
 
 from __future__ import annotations
@@ -59,8 +60,9 @@ class OutputFiles:
         """Check before long work that the files can be written.
 
         Raises:
-            OutputError: one exists and ``force`` is not given, is an input, is neither a regular file nor a
-                pipe, its folder does not exist or cannot be written to, or two are the same.
+            OutputError: one exists and ``force`` is not given, is an input, is neither a regular
+                file nor a pipe, its folder does not exist or cannot be written to, or two are the
+                same.
         """
         places = [self._place(Path(path)) for path in paths]
         for path, place in zip(paths, places, strict=True):
@@ -97,7 +99,8 @@ class OutputFiles:
         """The temporary folder whose files are put into ``path``; files of other names there stay.
 
         Raises:
-            OutputError: it is a file, is not empty and ``force`` is not given, or cannot be written to.
+            OutputError: it is a file, is not empty and ``force`` is not given, or cannot be written
+                to.
         """
         path = Path(path)
         self._current = path
@@ -105,7 +108,10 @@ class OutputFiles:
             if path.exists() and not path.is_dir():
                 raise OutputError(f"{path}: is a file, expected the name of a folder")
             if path.is_dir() and any(path.iterdir()) and not self._force:
-                raise OutputError(f"{path}: exists already and is not empty; --force replaces its files of the same names")
+                raise OutputError(
+                    f"{path}: exists already and is not empty; --force replaces its files of the "
+                    "same names"
+                )
             place = Path(os.path.realpath(path))
             parent = place if place.is_dir() else place.parent
             _check_folder(path, parent)
@@ -212,7 +218,9 @@ def _write_error(path: Path, error: OSError) -> OutputError:
 
 @contextmanager
 def _as_output_errors(path: Path) -> Iterator[None]:
-    """Errors of the system as :class:`OutputError`; the end of a reader of standard output excepted."""
+    """Errors of the system as :class:`OutputError`; the end of a reader of standard output
+    excepted.
+    """
     try:
         yield
     except OSError as error:

@@ -1,6 +1,8 @@
-"""What is plausible of each quantity: types that files, options and Python use alike to refuse what must be a mistake.
+"""What is plausible of each quantity: types that files, options and Python use alike to refuse what
+must be a mistake.
 
-A number beyond these limits was stated in another unit, or is no number of an arm; inside them nothing overflows.
+A number beyond these limits was stated in another unit, or is no number of an arm; inside them
+nothing overflows.
 """
 
 from __future__ import annotations
@@ -18,21 +20,26 @@ from aacmm_pin.errors import AacmmError
 LONGEST = 100.0
 """Largest length, to either side [m]."""
 FARTHEST = 1e6
-"""Largest place along an axis, to either side [m]: axes that are nearly parallel have their common normal far away, at 0.1 m
-over the angle. What the arm reaches is small all the same; at this distance rounding moves it by 0.1 nm.
+"""Largest place along an axis, to either side [m]: axes that are nearly parallel have their common
+normal far away, at 0.1 m over the angle. What the arm reaches is small all the same; at this
+distance rounding moves it by 0.1 nm.
 """
 POSTURES = 32
 """So many spread postures show how far from the base a tip comes."""
 SMALLEST_ARM = 1e-6
 """An arm whose lengths add up to less has none [m]."""
 LARGEST_ANGLE = 1e4 * 2.0 * math.pi
-"""Largest angle, to either side [rad]: an encoder counts a few turns, a wide limit stands for none."""
+"""Largest angle, to either side [rad]: an encoder counts a few turns, a wide limit stands for none.
+"""
 MOST_TURNS = 5
 """Limits, and readings in files in radians, beyond so many turns are taken for degrees."""
 LARGEST_DEGREES = 720.0
-"""Numbers of an angle up to here may be degrees; wider limits of a joint in a URDF stand for none."""
+"""Numbers of an angle up to here may be degrees; wider limits of a joint in a URDF stand for none.
+"""
 MOST_TYPICAL = 1e3
-"""Parameters of causes are at most so many times as large as usual on a measuring arm: an encoder's gain within ±10 %."""
+"""Parameters of causes are at most so many times as large as usual on a measuring arm: an encoder's
+gain within ±10 %.
+"""
 LEAST_KNOWN = 1e5
 """Their standard uncertainty is at most so many times that: a fit may hardly know one."""
 LATEST = 1e12
@@ -44,11 +51,15 @@ MOST_ROWS = 200
 MOST_JOINTS = 64
 """Joints that move the tip."""
 MOST_UNKNOWN = 100
-"""Columns of unknown names in a measurement file; `diagnose` looks into each of them for a twentieth of a second."""
+"""Columns of unknown names in a measurement file; `diagnose` looks into each of them for a
+twentieth of a second.
+"""
 
 
 class Range(NamedTuple):
-    """What can be measured, or stated as noise, in ``unit``; ``hint`` says what else a number may be."""
+    """What can be measured, or stated as noise, in ``unit``; ``hint`` says what else a number may
+    be.
+    """
 
     least: float
     most: float
@@ -91,7 +102,9 @@ TEMPERATURE = Range(COLDEST, HOTTEST, "°C", "is it in kelvin or Fahrenheit?")
 TIME = Range(-LATEST, LATEST, "s")
 TORQUE = Range(-1e6, 1e6, "N·m")
 ENCODER_NOISE = Range(0.0, 5e-3, "rad")
-"""Standard uncertainty of one reading; no encoder, and no robot's joint, has more [rad; m where a joint slides]."""
+"""Standard uncertainty of one reading; no encoder, and no robot's joint, has more [rad; m where a
+joint slides].
+"""
 SHIFT_HALF_WIDTH = Range(0.0, 1.0, "m")
 TURN_HALF_WIDTH = Range(0.0, math.pi, "rad")
 """Bounds of the placement of a joint; half a turn says that nothing is known."""
@@ -99,7 +112,9 @@ LENGTH_NOISE = Range(0.0, 0.01, "m")
 """Standard uncertainty of a reference, a contact, a length of a bar."""
 
 TURN_NOISE = Range(0.0, 0.1, "rad")
-"""Standard uncertainty of a stated orientation about each axis: a laser tracker has 5e-5, a camera 1e-3."""
+"""Standard uncertainty of a stated orientation about each axis: a laser tracker has 5e-5, a camera
+1e-3.
+"""
 USUAL_TURN_NOISE = 5e-3
 """From here on it is asked whether that is in degrees [rad]."""
 
@@ -116,7 +131,8 @@ COUNTS = {
     "sectors": (2_500, 1.5e6),
     "virtual runs": (100_000, 5e3),
 }
-"""Largest number of each thing that can be asked for, and the memory that one takes [bytes], measured with SINO6.
+"""Largest number of each thing that can be asked for, and the memory that one takes [bytes],
+measured with SINO6.
 
 Plans alone are limited by time: each record takes a third of a second.
 """
@@ -125,7 +141,9 @@ Plans alone are limited by time: each record takes a third of a second.
 def without_nul(value: str) -> str:
     """The text, refused where it has a character NUL."""
     if "\0" in value:
-        raise ValueError(f"has the character NUL at place {value.index(chr(0)) + 1}, expected text without it")
+        raise ValueError(
+            f"has the character NUL at place {value.index(chr(0)) + 1}, expected text without it"
+        )
     return value
 
 
@@ -140,22 +158,31 @@ NonNegative = Annotated[FiniteFloat, Field(ge=0.0)]
 
 
 def out_of_reach(tips: ArrayLike) -> str:
-    """That one of ``tips`` (n, 3) [m] is farther from the base than any arm reaches, in words; "" where none is."""
+    """That one of ``tips`` (n, 3) [m] is farther from the base than any arm reaches, in words; ""
+    where none is.
+    """
     distance = float(np.linalg.norm(tips, axis=1).max())
     if distance <= LONGEST:
         return ""
-    return f"the tip is up to {distance:.4g} m from the base, expected at most {LONGEST:g} m; is it in another unit?"
+    return (
+        f"the tip is up to {distance:.4g} m from the base, expected at most {LONGEST:g} m; is "
+        "it in another unit?"
+    )
 
 
 def like_degrees(angle: float, turns: int = MOST_TURNS) -> str:
     """That a number in radians must be degrees, in words; "" where it is within so many turns."""
     if abs(angle) <= turns * 2 * math.pi + 1e-9:
         return ""
-    return f"is {angle:g} rad, more than {turns} turn{'s' * (turns > 1)}: this looks like degrees, expected radians"
+    return (
+        f"is {angle:g} rad, more than {turns} turn{'s' * (turns > 1)}: this looks like "
+        "degrees, expected radians"
+    )
 
 
 def mostly_like_degrees(angles: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Which of ``angles`` (n, joints) [rad] are beyond :data:`MOST_TURNS`, if those of most joints that are not at zero are;
+    """Which of ``angles`` (n, joints) [rad] are beyond :data:`MOST_TURNS`, if those of most joints
+    that are not at zero are;
     else none: an endless joint may count many turns.
     """
     beyond = np.abs(angles) > MOST_TURNS * 2 * math.pi + 1e-9
@@ -181,7 +208,12 @@ Acceleration = Annotated[FiniteFloat, Field(ge=-100.0, le=100.0)]
 """A component of the acceleration of gravity [m/s²]."""
 TemperatureC = Annotated[FiniteFloat, Field(ge=COLDEST, le=HOTTEST)]
 """[°C]."""
-Name = Annotated[str, Field(min_length=1, max_length=200), AfterValidator(without_nul), AfterValidator(in_one_line)]
+Name = Annotated[
+    str,
+    Field(min_length=1, max_length=200),
+    AfterValidator(without_nul),
+    AfterValidator(in_one_line),
+]
 """Of an arm, a seat, a target or a cause."""
 Text = Annotated[str, Field(max_length=10_000), AfterValidator(without_nul)]
 """What stands in a file for people."""

@@ -1,4 +1,6 @@
-"""Bars for what takes longer than a moment: a widget in a notebook, a line on stderr at a terminal, nothing elsewhere."""
+"""Bars for what takes longer than a moment: a widget in a notebook, a line on stderr at a terminal,
+nothing elsewhere.
+"""
 
 from __future__ import annotations
 
@@ -10,12 +12,16 @@ from typing import Any, TypeVar
 from tqdm import TqdmExperimentalWarning
 
 with warnings.catch_warnings():
-    warnings.simplefilter("ignore", TqdmExperimentalWarning)  # of a notebook; tqdm.auto does the same, but loads asyncio
+    warnings.simplefilter(
+        "ignore", TqdmExperimentalWarning
+    )  # of a notebook; tqdm.auto does the same, but loads asyncio
     from tqdm.autonotebook import tqdm
 
 T = TypeVar("T")
 Progress = bool | Callable[[Iterable[Any]], Iterable[Any]] | None
-"""Whether to show bars; or a function such as ``tqdm`` that is given the steps of the longest part and returns them."""
+"""Whether to show bars; or a function such as ``tqdm`` that is given the steps of the longest part
+and returns them.
+"""
 
 DELAY = 0.5
 """What is over before this shows no bar [s]."""
@@ -23,7 +29,9 @@ IN_NOTEBOOK = any(kind.__module__ == "tqdm.notebook" for kind in tqdm.__mro__)
 
 
 def bar(progress: Progress, what: str, unit: str, **named: Any) -> Any:
-    """A bar of tqdm, to be used as a context, so that it is gone before an error or an interrupt is told."""
+    """A bar of tqdm, to be used as a context, so that it is gone before an error or an interrupt is
+    told.
+    """
     # A notebook's stderr is no terminal, and has a widget all the same.
     hidden = (False if IN_NOTEBOOK else None) if progress else True
     return tqdm(desc=what, unit=unit, leave=False, disable=hidden, delay=DELAY, **named)

@@ -24,7 +24,9 @@ _NOTHING = ("nan", "None", "<NA>", "NaT")
 
 
 def printable(text: str) -> str:
-    """The text with control characters, and others that have no shape, as escapes; line ends and tabulators stay."""
+    """The text with control characters, and others that have no shape, as escapes; line ends and
+    tabulators stay.
+    """
     if text.isprintable():
         return text
     return "".join(c.encode("unicode_escape").decode() if _acts(c) else c for c in text)
@@ -36,7 +38,9 @@ def _acts(character: str) -> bool:
 
 
 def encodable(text: str) -> str:
-    """The text with the bytes of names that are no UTF-8, which Python keeps as half characters, as escapes."""
+    """The text with the bytes of names that are no UTF-8, which Python keeps as half characters, as
+    escapes.
+    """
     return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
@@ -70,7 +74,8 @@ def note(text: str) -> None:
 
 
 def csv_quoted(text: str) -> str:
-    """A cell of text as it stands in a CSV file: an apostrophe in front where a spreadsheet would compute it.
+    """A cell of text as it stands in a CSV file: an apostrophe in front where a spreadsheet would
+    compute it.
 
     Also behind a semicolon or tab, where one that separates at these has a cell of its own.
     """
@@ -84,9 +89,15 @@ def csv_unquoted(cell: str) -> str:
     return cell[1:] if cell.startswith("'") and _FORMULA.match(cell) else cell
 
 
-def csv_text(table: pd.DataFrame | Mapping[str, Any], quoting: Literal[0, 2] = csv.QUOTE_MINIMAL) -> str:
-    """A data frame, or columns by their names, as CSV: text is quoted, numbers are as they are, a missing value is empty."""
-    columns = [getattr(column, "tolist", lambda column=column: column)() for _, column in table.items()]
+def csv_text(
+    table: pd.DataFrame | Mapping[str, Any], quoting: Literal[0, 2] = csv.QUOTE_MINIMAL
+) -> str:
+    """A data frame, or columns by their names, as CSV: text is quoted, numbers are as they are, a
+    missing value is empty.
+    """
+    columns = [
+        getattr(column, "tolist", lambda column=column: column)() for _, column in table.items()
+    ]
     text = io.StringIO()
     writer = csv.writer(text, quoting=quoting, lineterminator="\n")
     writer.writerow([_quoted(str(name)) for name, _ in table.items()])

@@ -1,4 +1,6 @@
-"""One thread of linear algebra: on small matrices threads that wait for one another cost up to forty times the work."""
+"""One thread of linear algebra: on small matrices threads that wait for one another cost up to
+forty times the work.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""Units where files and people state them: multiply on the way in, divide on the way out. Inside everything is SI."""
+"""Units where files and people state them: multiply on the way in, divide on the way out. Inside
+everything is SI.
+"""
 
 from __future__ import annotations
 
@@ -18,10 +20,24 @@ DEG = math.pi / 180.0
 ARCSEC = DEG / 3600.0
 """One second of arc in radians."""
 
-ANGLES = {"rad": 1.0, "mrad": 1e-3, "urad": 1e-6, "µrad": 1e-6, "deg": DEG, "mdeg": 1e-3 * DEG, "arcmin": DEG / 60.0}
+ANGLES = {
+    "rad": 1.0,
+    "mrad": 1e-3,
+    "urad": 1e-6,
+    "µrad": 1e-6,
+    "deg": DEG,
+    "mdeg": 1e-3 * DEG,
+    "arcmin": DEG / 60.0,
+}
 ANGLES |= {"arcsec": ARCSEC}
 """Units that an angle may carry where people type it, in radians."""
-PREFIXES = {"k": (1e3, "·10³"), "": (1.0, ""), "m": (1e-3, "·10⁻³"), "µ": (1e-6, "ppm"), "n": (1e-9, "·10⁻⁹")}
+PREFIXES = {
+    "k": (1e3, "·10³"),
+    "": (1.0, ""),
+    "m": (1e-3, "·10⁻³"),
+    "µ": (1e-6, "ppm"),
+    "n": (1e-9, "·10⁻⁹"),
+}
 """SI prefixes that people read, largest first; and in their stead, for units that take none."""
 
 
@@ -36,7 +52,8 @@ def in_radians(text: str) -> float:
 
 
 def number(text: str) -> float:
-    """A number as it is typed, without the ``_`` between digits that Python passes over: ``0_06`` would be 6.
+    """A number as it is typed, without the ``_`` between digits that Python passes over: ``0_06``
+    would be 6.
 
     Raises:
         ValueError: it is none.
@@ -45,7 +62,9 @@ def number(text: str) -> float:
 
 
 def prefixed(unit: str, size: float) -> tuple[str, float]:
-    """The unit with the prefix in which ``size`` is 1 to 1000, and one of it in SI: ``rad/m``, 1e-4 -> ``µrad/m``, 1e-6."""
+    """The unit with the prefix in which ``size`` is 1 to 1000, and one of it in SI: ``rad/m``, 1e-4
+    -> ``µrad/m``, 1e-6.
+    """
     prefix = next((p for p, (factor, _) in PREFIXES.items() if 0.999 * factor <= abs(size)), "n")
     factor, power = PREFIXES[prefix]
     if re.match(r"(rad|m|N|s|Pa)(?![²³⁴\w])", unit):

@@ -1,4 +1,6 @@
-"""Independent pieces of work: in this process, in worker processes, or by an executor of the user."""
+"""Independent pieces of work: in this process, in worker processes, or by an executor of
+the user.
+"""
 
 from __future__ import annotations
 
@@ -36,8 +38,11 @@ SUBMITTED_PER_PROCESS = 2
 
 
 @contextmanager
-def results(work: Callable[[J], R], jobs: Iterable[J], workers: Workers) -> Iterator[Iterator[tuple[int, R]]]:
-    """Numbers and results of all jobs, as they are done; jobs not begun when the context ends are cancelled.
+def results(
+    work: Callable[[J], R], jobs: Iterable[J], workers: Workers
+) -> Iterator[Iterator[tuple[int, R]]]:
+    """Numbers and results of all jobs, as they are done; jobs not begun when the context ends are
+    cancelled.
 
     Args:
         work: a function of a module, for it is sent by its name.
@@ -59,7 +64,8 @@ def results(work: Callable[[J], R], jobs: Iterable[J], workers: Workers) -> Iter
             yield _submitted(pool, work, jobs, SUBMITTED_PER_PROCESS * count, waiting)
     except BrokenExecutor:
         raise AacmmError(
-            "a worker process ended, as happens when memory runs out (fewer take less), or when a script without "
+            "a worker process ended, as happens when memory runs out (fewer take less), or when a "
+            "script without "
             "`if __name__ == '__main__':` asks for processes"
         ) from None
     finally:
@@ -71,9 +77,15 @@ def results(work: Callable[[J], R], jobs: Iterable[J], workers: Workers) -> Iter
 
 
 def _submitted(
-    pool: Executor, work: Callable[[J], R], jobs: Iterable[J], most: int, waiting: dict[Future[R], int]
+    pool: Executor,
+    work: Callable[[J], R],
+    jobs: Iterable[J],
+    most: int,
+    waiting: dict[Future[R], int],
 ) -> Iterator[tuple[int, R]]:
-    """Submit the first ``most`` jobs; the results as they are done, for each of which another is submitted."""
+    """Submit the first ``most`` jobs; the results as they are done, for each of which another is
+    submitted.
+    """
     numbered = enumerate(jobs)
 
     def submit() -> None:
@@ -93,7 +105,9 @@ def _submitted(
 
 @contextmanager
 def _blocked_signals() -> Iterator[None]:
-    """Block the signals of the terminal: processes that are started meanwhile never receive them."""
+    """Block the signals of the terminal: processes that are started meanwhile never receive
+    them.
+    """
     resource_tracker.ensure_running()  # its start would unblock them
     before = signal.pthread_sigmask(signal.SIG_BLOCK, TERMINAL_SIGNALS)
     try:

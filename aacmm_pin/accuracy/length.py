@@ -1,12 +1,14 @@
 """Uncertainty of the distance between two points that the arm touches.
 
-With the unit vector e from the one point to the other, the sensitivities S and N (to the readings) of both ends, the
-covariance Σ of the parameters and u_j of a reading of joint j,
+With the unit vector e from the one point to the other, the sensitivities S and N (to the readings)
+of both ends, the covariance Σ of the parameters and u_j of a reading of joint j,
 
-    u² = s Σ sᵀ + sum over j of u_j² [(e N_a)_j² + (e N_b)_j²],   s = e (S_b - S_a)   (JCGM 100:2008, 5.2.2)
+    u² = s Σ sᵀ + sum over j of u_j² [(e N_a)_j² + (e N_b)_j²],   s = e (S_b - S_a)   (JCGM
+    100:2008, 5.2.2)
 
-A parameter of the arm has the same error at both ends, and only the difference of what it does there counts: an error of
-the first zero turns both and leaves their distance. What is new in each record, as noise of the encoders, adds.
+A parameter of the arm has the same error at both ends, and only the difference of what it does
+there counts: an error of the first zero turns both and leaves their distance. What is new in each
+record, as noise of the encoders, adds.
 """
 
 from __future__ import annotations
@@ -39,13 +41,15 @@ MOST_PAIRS = 20_000_000
 
 @dataclass(frozen=True, eq=False)
 class LengthUncertainty(Shown):
-    """A distance between two points, measured in any of some postures at the one and any of some at the other.
+    """A distance between two points, measured in any of some postures at the one and any of some at
+    the other.
 
     Attributes:
         sources: what may be off.
         q_a, q_b: postures at either end, (n, nq) and (m, nq) [rad].
         length: the distance [m].
-        scaled: what one standard uncertainty of each source does along the length at either end, (n, p) and (m, p) [m].
+        scaled: what one standard uncertainty of each source does along the length at either end,
+            (n, p) and (m, p) [m].
     """
 
     sources: ErrorSources
@@ -68,31 +72,47 @@ class LengthUncertainty(Shown):
         return int(a), int(b)
 
     def budget(self, by: str = "parameter") -> pd.DataFrame:
-        """Each source's part in the mean variance of the length over all pairs; see :meth:`AccuracyVolume.budget`."""
+        """Each source's part in the mean variance of the length over all pairs; see
+        :meth:`AccuracyVolume.budget`.
+        """
         (a, b), shared = self.scaled, _shared(self.sources)
         both = np.outer(a.mean(axis=0) * shared, b.mean(axis=0) * shared)
         together = a.T @ a / len(a) + b.T @ b / len(b) - both - both.T
         correlation = self.sources.correlation
-        return self.sources.budget(together * (np.eye(len(together)) if correlation is None else correlation), by)
+        return self.sources.budget(
+            together * (np.eye(len(together)) if correlation is None else correlation), by
+        )
 
     def __str__(self) -> str:
-        without = f"; not included: {', '.join(self.sources.not_included)}" if self.sources.not_included else ""
+        without = (
+            f"; not included: {', '.join(self.sources.not_included)}"
+            if self.sources.not_included
+            else ""
+        )
         return (
-            f"{self.sources.arm.name} at {self.sources.at}: length {self.length / MM:.4f} mm, {expanded(self.u)} over "
+            f"{self.sources.arm.name} at {self.sources.at}: length {self.length / MM:.4f} mm, "
+            f"{expanded(self.u)} over "
             f"{len(self.q_a)} × {len(self.q_b)} pairs of postures{without}"
         )
 
 
 def length_uncertainty(
-    model: GivenModel, qa: ArrayLike, qb: ArrayLike, *, at: str | None = None, encoder_noise: ArrayLike | None = None
+    model: GivenModel,
+    qa: ArrayLike,
+    qb: ArrayLike,
+    *,
+    at: str | None = None,
+    encoder_noise: ArrayLike | None = None,
 ) -> Array:
-    """Standard uncertainty of distances, each from the point of ``qa`` to that of ``qb`` in the same row: (n,) [m].
+    """Standard uncertainty of distances, each from the point of ``qa`` to that of ``qb`` in the
+    same row: (n,) [m].
 
     Args:
         model: the arm, or the arm with its effects; those that depend on conditions are left out.
         qa, qb: configurations at either end (n, nq) [rad].
         at: frame whose origin touches; default the tip.
-        encoder_noise: standard uncertainty of one reading, (nq,) or one number [rad]; default what the arm states.
+        encoder_noise: standard uncertainty of one reading, (nq,) or one number [rad]; default what
+            the arm states.
 
     Raises:
         ShapeError: ``qa`` and ``qb`` are not finite arrays of one shape (n, nq).
@@ -112,19 +132,27 @@ def length_uncertainty(
 
 
 def length_between(
-    a: PosturesAtPoint, b: PosturesAtPoint, model: GivenModel, encoder_noise: ArrayLike | None = None
+    a: PosturesAtPoint,
+    b: PosturesAtPoint,
+    model: GivenModel,
+    encoder_noise: ArrayLike | None = None,
 ) -> LengthUncertainty:
-    """Uncertainty of the distance of two points, for every pair of postures within limits; see :func:`length_uncertainty`.
+    """Uncertainty of the distance of two points, for every pair of postures within limits; see
+    :func:`length_uncertainty`.
 
     Raises:
-        AacmmError: the points coincide, or no posture, or too many pairs of them, are within limits.
+        AacmmError: the points coincide, or no posture, or too many pairs of them, are within
+            limits.
     """
     q_a, q_b = a.q[a.within_limits], b.q[b.within_limits]
     for postures, q in ((a, q_a), (b, q_b)):
         if not len(q):
             raise AacmmError(f"{postures}; no configuration to judge")
     if len(q_a) * len(q_b) > MOST_PAIRS:
-        raise AacmmError(f"{len(q_a)} × {len(q_b)} pairs of postures, expected at most {MOST_PAIRS}; take a smaller count")
+        raise AacmmError(
+            f"{len(q_a)} × {len(q_b)} pairs of postures, expected at most {MOST_PAIRS}; take a "
+            "smaller count"
+        )
     sources = ErrorSources.of(loaded(model), a.at, encoder_noise, q_a, None)
     direction, length = _directions((b.point - a.point)[None])
     scaled = _along(sources, q_a, direction), _along(sources, q_b, direction)
@@ -135,7 +163,10 @@ def _directions(difference: Array) -> tuple[Array, Array]:
     """Unit vectors (n, 3) and lengths (n,) [m]."""
     length = np.linalg.norm(difference, axis=1)
     if (length < SHORTEST).any():
-        raise AacmmError(f"pair {int(length.argmin())} of points is {length.min() / MM:g} mm apart; expected two points")
+        raise AacmmError(
+            f"pair {int(length.argmin())} of points is {length.min() / MM:g} mm apart; expected "
+            "two points"
+        )
     return difference / length[:, None], length
 
 
@@ -150,5 +181,7 @@ def _independent(sources: ErrorSources, scaled: Array) -> Array:
 
 
 def _shared(sources: ErrorSources) -> Mask:
-    """True for each source that is the same at both ends (p,); those of a record are correlated with no other."""
+    """True for each source that is the same at both ends (p,); those of a record are correlated
+    with no other.
+    """
     return np.array([p.scope != "record" for p in sources.parameters])

@@ -1,4 +1,5 @@
-"""Draws of what is uncertain in an arm, as causes of error that differ from draw to draw, and what they do to its tip.
+"""Draws of what is uncertain in an arm, as causes of error that differ from draw to draw, and what
+they do to its tip.
 
 Nothing is linearised: the check on first order.
 """
@@ -13,19 +14,31 @@ import scipy
 from aacmm_pin._support.batches import chunks
 from aacmm_pin._support.checks import Array
 from aacmm_pin.accuracy.tip_sensitivity import ErrorSources
-from aacmm_pin.effects import Conditions, Displacement, Effect, ErrorModel, State, Term, displaced, of_geometry
+from aacmm_pin.effects import (
+    Conditions,
+    Displacement,
+    Effect,
+    ErrorModel,
+    State,
+    Term,
+    displaced,
+    of_geometry,
+)
 
 FEWEST_DRAWS = 100
 """With fewer a volume or an interval says nothing."""
 FLAT = 1e-13
-"""Positions that are off a plane by no more than this part of their coordinates are so by rounding."""
+"""Positions that are off a plane by no more than this part of their coordinates are so by rounding.
+"""
 
 
 def parameter_errors(model: ErrorModel, rng: np.random.Generator, count: int) -> Array:
-    """Drawn errors of all parameters of a model: (count, p) [their units], in the order of ``model.parameters``.
+    """Drawn errors of all parameters of a model: (count, p) [their units], in the order of
+    ``model.parameters``.
 
-    Parameters that the arm file's covariance names are normal and drawn together (JCGM 101:2008, 6.4.8); other parameters
-    with bounds are rectangular (6.4.2), the rest normal and independent (6.4.7).
+    Parameters that the arm file's covariance names are normal and drawn together (JCGM 101:2008,
+    6.4.8); other parameters with bounds are rectangular (6.4.2), the rest normal and independent
+    (6.4.7).
     """
     parameters, known = model.parameters, model.arm.covariance
     together = () if known is None else known.parameters
@@ -34,22 +47,31 @@ def parameter_errors(model: ErrorModel, rng: np.random.Generator, count: int) ->
     u = np.sqrt(np.diag(covariance))
     half_width = np.array([p.half_width or 0.0 for p in parameters])
     errors = np.zeros((count, len(parameters)))
-    errors[:, bounded] = rng.uniform(-1.0, 1.0, size=(count, int(bounded.sum()))) * half_width[bounded]
+    errors[:, bounded] = (
+        rng.uniform(-1.0, 1.0, size=(count, int(bounded.sum()))) * half_width[bounded]
+    )
     normal = np.flatnonzero(~bounded & (u > 0))
     correlation = covariance[np.ix_(normal, normal)] / np.outer(u[normal], u[normal])
     variance, direction = np.linalg.eigh(correlation)
-    # A correlation matrix that was rounded in a file may have eigenvalues a little below zero: they are zero.
+    # A correlation matrix that was rounded in a file may have eigenvalues a little below zero: they
+    # are zero.
     root = direction * np.sqrt(np.maximum(variance, 0.0))
     errors[:, normal] = rng.normal(size=(count, len(normal))) @ root.T * u[normal]
     return errors
 
 
 def drawn_effects(model: ErrorModel, errors: Array) -> tuple[Effect, ...]:
-    """The arm's own parameters and its effects as causes whose values differ from record to record by ``errors`` (n, p)."""
+    """The arm's own parameters and its effects as causes whose values differ from record to record
+    by ``errors`` (n, p).
+    """
     causes = [*of_geometry(model.arm), *model.effects]
     ends = np.cumsum([len(cause.terms) for cause in causes])
     own = zip(causes, np.split(errors, ends[:-1], axis=1), strict=True)
-    return tuple(_drawn(cause, error) if error.any() else cause for cause, error in own if not cause.of_reference)
+    return tuple(
+        _drawn(cause, error) if error.any() else cause
+        for cause, error in own
+        if not cause.of_reference
+    )
 
 
 def _drawn(cause: Effect, error: Array) -> Effect:
@@ -59,7 +81,8 @@ def _drawn(cause: Effect, error: Array) -> Effect:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Drawn(Effect):
-    """A cause with other values in every record: its one parameter is the share of them that acts, 1.
+    """A cause with other values in every record: its one parameter is the share of them that
+    acts, 1.
 
     Attributes:
         of: the cause.
@@ -85,15 +108,25 @@ class _Drawn(Effect):
         return self.of.displacements(state)
 
     def exact(self, state: State) -> list[tuple[int, Array]]:
-        """Twists (n, 6) at the values of each record; one by one for a cause that is not linear in them."""
+        """Twists (n, 6) at the values of each record; one by one for a cause that is not linear in
+        them.
+        """
         if type(self.of).exact is Effect.exact:
-            return [(d.place, (d.columns @ self.drawn[:, :, None])[:, :, 0]) for d in self.displacements(state)]
+            return [
+                (d.place, (d.columns @ self.drawn[:, :, None])[:, :, 0])
+                for d in self.displacements(state)
+            ]
         each = []
         for k, values in enumerate(self.drawn):
             twists = {p: t if len(t) == 1 else t[k : k + 1] for p, t in state.twists.items()}
-            own = State(state.arm, state.q[k : k + 1], state.conditions.take([k]), state.target, twists)
+            own = State(
+                state.arm, state.q[k : k + 1], state.conditions.take([k]), state.target, twists
+            )
             each.append(self.of.at(values).exact(own))
-        return [(same[0][0], np.concatenate([twist for _, twist in same])) for same in zip(*each, strict=True)]
+        return [
+            (same[0][0], np.concatenate([twist for _, twist in same]))
+            for same in zip(*each, strict=True)
+        ]
 
 
 class _DrawnElastic(_Drawn):
@@ -103,9 +136,12 @@ class _DrawnElastic(_Drawn):
 
 
 def exact_volume(
-    sources: ErrorSources, draws: int, piece: tuple[Array, Conditions | None, list[np.random.Generator]]
+    sources: ErrorSources,
+    draws: int,
+    piece: tuple[Array, Conditions | None, list[np.random.Generator]],
 ) -> tuple[Array, Array, Array]:
-    """Accuracy volume, covariance of the position and sampling error, from ``draws`` at each configuration of a piece.
+    """Accuracy volume, covariance of the position and sampling error, from ``draws`` at each
+    configuration of a piece.
 
     Args:
         sources: what may be off.
@@ -113,22 +149,29 @@ def exact_volume(
         piece: configurations (n, nq) [rad], their conditions, and a generator for each.
 
     Returns:
-        volume (n,) [m³], covariance (n, 3, 3) [m²], how far half of the draws change the volume (n,) [m³].
+        volume (n,) [m³], covariance (n, 3, 3) [m²], how far half of the draws change the volume
+        (n,) [m³].
     """
     q, conditions, generators = piece
     volume, error, covariance = np.empty(len(q)), np.empty(len(q)), np.empty((len(q), 3, 3))
     bounds = sources.generators(sources.sensitivity(q, conditions))
     for k, rng in enumerate(generators):
         record = None if conditions is None else conditions.take([k])
-        corners = exact_positions(sources, q[k : k + 1], record, _corners(sources, bounds[k], rng, draws))
+        corners = exact_positions(
+            sources, q[k : k + 1], record, _corners(sources, bounds[k], rng, draws)
+        )
         volume[k] = _hull_volume(corners)
         error[k] = volume[k] - _hull_volume(corners[: draws // 2])
-        covariance[k] = np.cov(exact_positions(sources, q[k : k + 1], record, source_errors(sources, rng, draws)).T)
+        covariance[k] = np.cov(
+            exact_positions(sources, q[k : k + 1], record, source_errors(sources, rng, draws)).T
+        )
     return volume, covariance, error
 
 
 def _hull_volume(points: Array) -> float:
-    """Volume of the convex hull of points (m, 3) [m³]; 0 where they lie in a plane, but for rounding."""
+    """Volume of the convex hull of points (m, 3) [m³]; 0 where they lie in a plane, but for
+    rounding.
+    """
     off = points - points.mean(axis=0)
     across = off @ np.linalg.svd(off, full_matrices=False)[2][-1]
     if np.ptp(across) <= FLAT * np.abs(points).max():
@@ -137,9 +180,9 @@ def _hull_volume(points: Array) -> float:
 
 
 def _corners(sources: ErrorSources, generators: Array, rng: np.random.Generator, m: int) -> Array:
-    """Errors (m, p) at the corners of the box, for correlated sources along their principal axes, that go farthest along
-    random directions; any corner is possible, so the hull never exceeds the true set, and random interior draws would
-    leave most of it empty.
+    """Errors (m, p) at the corners of the box, for correlated sources along their principal axes,
+    that go farthest along random directions; any corner is possible, so the hull never exceeds the
+    true set, and random interior draws would leave most of it empty.
     """
     pick = list(sources.bounded)
     signs = np.sign(rng.normal(size=(m, 3)) @ generators)
@@ -151,8 +194,8 @@ def _corners(sources: ErrorSources, generators: Array, rng: np.random.Generator,
 
 
 def source_errors(sources: ErrorSources, rng: np.random.Generator, m: int) -> Array:
-    """Draws (m, p) of all sources: rectangular where u is that of the bounds, half-width/√3, else normal, jointly where
-    they are correlated (JCGM 101:2008, 6.4).
+    """Draws (m, p) of all sources: rectangular where u is that of the bounds, half-width/√3, else
+    normal, jointly where they are correlated (JCGM 101:2008, 6.4).
     """
     normal = rng.normal(size=(m, len(sources.parameters)))
     errors = (normal if sources.axes is None else normal @ sources.axes.T) * sources.u
@@ -162,12 +205,16 @@ def source_errors(sources: ErrorSources, rng: np.random.Generator, m: int) -> Ar
     return errors
 
 
-def exact_positions(sources: ErrorSources, q: Array, conditions: Conditions | None, errors: Array) -> Array:
-    """Positions (m, 3) [m] of the real model at ``q`` (1, nq) [rad] with ``errors`` (m, p) [SI] in the sources.
+def exact_positions(
+    sources: ErrorSources, q: Array, conditions: Conditions | None, errors: Array
+) -> Array:
+    """Positions (m, 3) [m] of the real model at ``q`` (1, nq) [rad] with ``errors`` (m, p) [SI] in
+    the sources.
 
-    With effects the geometry is moved as the causes ``link_length``, ``joint_distance``, ``link_twist`` and
-    ``joint_zero_offset`` move it: exactly, but the lengths that bend and grow warm remain those of the table, so that an
-    error of a length counts without its own warmth and sag, a few parts in ten thousand of it.
+    With effects the geometry is moved as the causes ``link_length``, ``joint_distance``,
+    ``link_twist`` and ``joint_zero_offset`` move it: exactly, but the lengths that bend and grow
+    warm remain those of the table, so that an error of a length counts without its own warmth and
+    sag, a few parts in ten thousand of it.
     """
     arm, count = sources.arm, len(sources.model.parameters)
     whole = np.zeros((len(errors), count + arm.nq))
@@ -179,6 +226,10 @@ def exact_positions(sources: ErrorSources, q: Array, conditions: Conditions | No
     positions = np.empty((len(errors), 3))
     for part in chunks(len(errors)):
         records = conditions.take(np.zeros(len(q[part]), dtype=np.intp))
-        drawn = tuple(e for e in drawn_effects(sources.model, moved[part]) if e not in sources.left_out)
-        positions[part] = displaced(arm, drawn, q[part], records, arm.place(sources.at), False).position
+        drawn = tuple(
+            e for e in drawn_effects(sources.model, moved[part]) if e not in sources.left_out
+        )
+        positions[part] = displaced(
+            arm, drawn, q[part], records, arm.place(sources.at), False
+        ).position
     return positions

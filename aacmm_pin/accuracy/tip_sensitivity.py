@@ -1,11 +1,13 @@
-"""What may be off in an arm, and what it does to the position: sensitivity, covariance, and all that bounds allow.
+"""What may be off in an arm, and what it does to the position: sensitivity, covariance, and all
+that bounds allow.
 
-Parameters that a calibration knows together are replaced, where single sources are needed, by their principal axes: with
-the standard uncertainties D = diag(u) and the correlation matrix R = V λ Vᵀ of a group, the columns of ``D V √λ`` are as
-many independent sources with the same covariance ``D R D``, and parameters known only as a sum become one source. R has no
-units, so the axes do not depend on them; where eigenvalues coincide the axes are not unique, and neither is what depends
-on more than the covariance: the slightest correlation turns the axes away from the parameters, and the accuracy volume
-jumps. The covariance does not.
+Parameters that a calibration knows together are replaced, where single sources are needed, by their
+principal axes: with the standard uncertainties D = diag(u) and the correlation matrix R = V λ Vᵀ of
+a group, the columns of ``D V √λ`` are as many independent sources with the same covariance ``D R
+D``, and parameters known only as a sum become one source. R has no units, so the axes do not depend
+on them; where eigenvalues coincide the axes are not unique, and neither is what depends
+on more than the covariance: the slightest correlation turns the axes away from the parameters, and
+the accuracy volume jumps. The covariance does not.
 """
 
 from __future__ import annotations
@@ -53,11 +55,13 @@ class ErrorSources(Shown):
         left_out: effects that depend on conditions that were not given.
         at: frame whose origin is looked at.
         parameters: the sources that have an uncertainty. Those of effects have the bounds
-            ± k u with k = 2 of a calibrated parameter, so that they have a part in the accuracy volume.
-        columns: where they stand among the parameters of the model and, behind these, the noise of each joint.
+            ± k u with k = 2 of a calibrated parameter, so that they have a part in the accuracy
+            volume.
+        columns: where they stand among the parameters of the model and, behind these, the noise of
+            each joint.
         correlation: of the sources (p, p); None where all are independent.
-        not_included: labels of the causes without which the answer is: those left out, and effects in the file of an arm
-            that was passed without them.
+        not_included: labels of the causes without which the answer is: those left out, and effects
+            in the file of an arm that was passed without them.
     """
 
     model: ErrorModel
@@ -76,25 +80,33 @@ class ErrorSources(Shown):
         q: Array,
         conditions: Conditions | None,
     ) -> ErrorSources:
-        """Gather the sources of ``model`` for configurations ``q`` (n, nq) [rad] under ``conditions``.
+        """Gather the sources of ``model`` for configurations ``q`` (n, nq) [rad] under
+        ``conditions``.
 
         Raises:
-            AacmmError: no source has an uncertainty, so that every answer would be "perfect"; an arm whose file knows its
-                parameters together with those of effects was passed without the effects.
+            AacmmError: no source has an uncertainty, so that every answer would be "perfect"; an
+                arm whose file knows its parameters together with those of effects was passed
+                without the effects.
         """
         model, not_passed = _with_effects(model)
-        questions = (question for effect in model.effects for question in extrapolation_terms(effect))
+        questions = (
+            question for effect in model.effects for question in extrapolation_terms(effect)
+        )
         model = replace(model, effects=(*model.effects, *questions))
         left_out = _lacking(model, q, conditions)
         not_included = tuple(dict.fromkeys((*not_passed, *(effect.label for effect in left_out))))
         arm, covariance, stated = model.arm, model.covariance(), _noise(model.arm, encoder_noise)
-        silent = {p.name for e in model.effects if e.of_reference or e in left_out for p in e.parameters()}
+        silent = {
+            p.name for e in model.effects if e.of_reference or e in left_out for p in e.parameters()
+        }
         noise = arm.encoder_noise if stated is None else stated
         every, u = list(arm.parameters), np.sqrt(np.diag(covariance)).tolist()
         for p, its_u in list(zip(model.parameters, u, strict=True))[len(every) :]:
             every.append(replace(p, u=its_u, half_width=COVERAGE_FACTOR * its_u))
         for j, its_u in enumerate([] if noise is None else noise.tolist(), start=1):
-            every.append(Parameter(f"encoder_noise{j}", "encoder", j, "rad", 0.0, None, its_u, "record"))
+            every.append(
+                Parameter(f"encoder_noise{j}", "encoder", j, "rad", 0.0, None, its_u, "record")
+            )
         # The square of what no computer can square is no variance.
         known = [(c, p) for c, p in enumerate(every) if p.u**2 > 0 and p.name not in silent]
         if not known:
@@ -105,7 +117,9 @@ class ErrorSources(Shown):
             )
         columns, parameters = zip(*known, strict=True)
         correlation = _correlation(covariance, np.array(columns))
-        return ErrorSources(model, left_out, at or arm.tip, parameters, columns, correlation, not_included)
+        return ErrorSources(
+            model, left_out, at or arm.tip, parameters, columns, correlation, not_included
+        )
 
     @property
     def arm(self) -> Arm:
@@ -130,15 +144,22 @@ class ErrorSources(Shown):
     @property
     def half_widths(self) -> Array:
         """Bounds of the bounded parameters (b,) [SI]."""
-        return np.array([p.half_width for p in self.parameters if p.half_width is not None], dtype=np.float64)
+        return np.array(
+            [p.half_width for p in self.parameters if p.half_width is not None], dtype=np.float64
+        )
 
     @property
     def taken_as_exact(self) -> tuple[str, ...]:
-        """Names of the parameters, of the arm and of the effects that take part, that have no stated uncertainty."""
+        """Names of the parameters, of the arm and of the effects that take part, that have no
+        stated uncertainty.
+        """
         names = [p.name for p in self.model.parameters]
         variance = dict(zip(names, np.diag(self.model.covariance()), strict=True))
         of_effects = [p.name for effect in self.effects for p in effect.parameters()]
-        return (*self.arm.without_uncertainty, *(name for name in of_effects if variance[name] == 0))
+        return (
+            *self.arm.without_uncertainty,
+            *(name for name in of_effects if variance[name] == 0),
+        )
 
     @property
     def caveats(self) -> tuple[Note, ...]:
@@ -147,29 +168,38 @@ class ErrorSources(Shown):
 
     @cached_property
     def axes(self) -> Array | None:
-        """Principal axes ``V √λ`` of each group of correlated sources, as columns in the places of its sources (p, p).
+        """Principal axes ``V √λ`` of each group of correlated sources, as columns in the places of
+        its sources (p, p).
 
-        Multiplied by its transpose it is the correlation; the identity for the rest. None where all are independent.
+        Multiplied by its transpose it is the correlation; the identity for the rest. None where all
+        are independent.
         """
         if self.correlation is None:
             return None
         axes = np.eye(len(self.parameters))
-        count, group = scipy.sparse.csgraph.connected_components(self.correlation != 0, directed=False)
+        count, group = scipy.sparse.csgraph.connected_components(
+            self.correlation != 0, directed=False
+        )
         for number in range(count):
             mine = np.flatnonzero(group == number)
             values, vectors = np.linalg.eigh(self.correlation[np.ix_(mine, mine)])
             # What rounded correlations leave below zero is no variance.
-            axes[np.ix_(mine, mine)] = vectors * np.sqrt(np.maximum(values, 0.0)) if len(mine) > 1 else 1.0
+            axes[np.ix_(mine, mine)] = (
+                vectors * np.sqrt(np.maximum(values, 0.0)) if len(mine) > 1 else 1.0
+            )
         return axes
 
     def positions(self, q: Array) -> Array:
         """Where frame :attr:`at` is by the arm with the effects that take part: (n, 3) [m]."""
         if not self.effects:
             return self.arm.positions(q, self.at)
-        return displaced(self.arm, self.effects, q, Conditions(len(q)), self.arm.place(self.at), False).position
+        return displaced(
+            self.arm, self.effects, q, Conditions(len(q)), self.arm.place(self.at), False
+        ).position
 
     def sensitivity(self, q: Array, conditions: Conditions | None = None) -> Array:
-        """∂position/∂source for ``q`` (n, nq) under ``conditions`` of n records: (n, 3, p) [m/unit].
+        """∂position/∂source for ``q`` (n, nq) under ``conditions`` of n records: (n, 3, p)
+        [m/unit].
 
         Raises:
             MissingConditionError: an effect depends on a condition that is not there.
@@ -178,7 +208,11 @@ class ErrorSources(Shown):
         if not self.effects:
             own = arm.sensitivity(q, self.at)[:, :, columns[columns < len(arm.parameters)]]
             noisy = columns[columns >= len(self.model.parameters)] - len(self.model.parameters)
-            return np.concatenate([own, arm.jacobian(q, self.at)[:, :, noisy]], axis=2) if noisy.size else own
+            return (
+                np.concatenate([own, arm.jacobian(q, self.at)[:, :, noisy]], axis=2)
+                if noisy.size
+                else own
+            )
         conditions = Conditions(len(q)) if conditions is None else conditions
         state = displaced(arm, self.effects, q, conditions, arm.place(self.at), False)
         # A noisy reading is a noisy zero.
@@ -193,35 +227,47 @@ class ErrorSources(Shown):
         return np.concatenate(found, axis=2)
 
     def generators(self, sensitivity: Array) -> Array:
-        """What each bounded source does at its bound: half-width times its :meth:`sensitivity` (n, 3, b) [m].
+        """What each bounded source does at its bound: half-width times its :meth:`sensitivity` (n,
+        3, b) [m].
 
-        In place of correlated sources their principal axes ``k D V √λ``, k = 2 the half-width over u.
+        In place of correlated sources their principal axes ``k D V √λ``, k = 2 the half-width over
+        u.
 
         Raises:
             AacmmError: no parameter is bounded.
         """
         pick = list(self.bounded)
         if not pick:
-            raise AacmmError(f"{self.arm.name}: no parameter has stated bounds; only the ellipsoid can be given")
+            raise AacmmError(
+                f"{self.arm.name}: no parameter has stated bounds; only the ellipsoid can be given"
+            )
         generators = sensitivity[:, :, pick] * self.half_widths
-        return np.asarray(generators if self.axes is None else generators @ self.axes[np.ix_(pick, pick)])
+        return np.asarray(
+            generators if self.axes is None else generators @ self.axes[np.ix_(pick, pick)]
+        )
 
     def covariance_of(self, sensitivity: Array) -> Array:
-        """Covariance of the position, S Σ Sᵀ (JCGM 102:2011, 6.2), of a known :meth:`sensitivity`: (n, 3, 3) [m²]."""
+        """Covariance of the position, S Σ Sᵀ (JCGM 102:2011, 6.2), of a known :meth:`sensitivity`:
+        (n, 3, 3) [m²].
+        """
         scaled = sensitivity * self.u
         if self.axes is not None:
             scaled = scaled @ self.axes
         return np.asarray(scaled @ scaled.transpose(0, 2, 1))
 
     def shared_variance(self, sensitivity: Array) -> Array:
-        """Parts ``S_k Σ_kl S_l`` of the variance, summed over the three coordinates and all configurations: (p, p) [m²]."""
+        """Parts ``S_k Σ_kl S_l`` of the variance, summed over the three coordinates and all
+        configurations: (p, p) [m²].
+        """
         scaled = sensitivity * self.u
         if self.correlation is None:
             return np.diag(np.square(scaled).sum(axis=(0, 1)))
         return np.asarray((scaled.transpose(0, 2, 1) @ scaled).sum(axis=0) * self.correlation)
 
     def budget(self, together: Array, by: str = "parameter") -> pd.DataFrame:
-        """The table of :meth:`aacmm_pin.accuracy.volume.AccuracyVolume.budget` from parts of a variance (p, p) [m²]."""
+        """The table of :meth:`aacmm_pin.accuracy.volume.AccuracyVolume.budget` from parts of a
+        variance (p, p) [m²].
+        """
         import pandas as pd
 
         table = pd.DataFrame(
@@ -236,7 +282,9 @@ class ErrorSources(Shown):
             group, names = pd.factorize(table[by], use_na_sentinel=False)
             member = np.eye(len(names))[group]
             table, together = pd.DataFrame({by: names}), member.T @ together @ member
-        table["u_mm"] = np.sqrt(np.maximum(np.diag(together), 0.0)) / MM  # below zero by rounding, where both ends cancel
+        table["u_mm"] = (
+            np.sqrt(np.maximum(np.diag(together), 0.0)) / MM
+        )  # below zero by rounding, where both ends cancel
         table["share"] = together.sum(axis=1) / together.sum()
         return table.sort_values("share", ascending=False, ignore_index=True)
 
@@ -257,7 +305,9 @@ def _with_effects(model: Arm | ErrorModel) -> tuple[ErrorModel, list[str]]:
     try:
         alone = ErrorModel(model)
     except UnknownNameError as error:
-        raise AacmmError(f"{model.name}: {error}; pass its ErrorModel (ErrorModel.load), not the arm alone") from None
+        raise AacmmError(
+            f"{model.name}: {error}; pass its ErrorModel (ErrorModel.load), not the arm alone"
+        ) from None
     if model.file is None or not (model.file.effects or model.file.discrepancy):
         return alone, []
     from aacmm_pin.effects import (
@@ -267,7 +317,14 @@ def _with_effects(model: Arm | ErrorModel) -> tuple[ErrorModel, list[str]]:
 
     labels = []
     for entry in model.file.effects:
-        where = next((entry.structure[k] for k in ("joint", "link", "seat", "marker") if k in entry.structure), None)
+        where = next(
+            (
+                entry.structure[k]
+                for k in ("joint", "link", "seat", "marker")
+                if k in entry.structure
+            ),
+            None,
+        )
         if entry.cause not in CAUSES or not CAUSES[entry.cause].of_reference:
             labels.append(entry.cause if where is None else f"{entry.cause}:{where}")
     labels += [discrepancy_of(entry).label for entry in model.file.discrepancy]
@@ -291,7 +348,9 @@ def _lacking(model: ErrorModel, q: Array, conditions: Conditions | None) -> tupl
 
 
 def _correlation(covariance: Array, columns: Index) -> Array | None:
-    """Correlation of the sources in ``columns``; encoder noise, behind those of the covariance, is independent."""
+    """Correlation of the sources in ``columns``; encoder noise, behind those of the covariance, is
+    independent.
+    """
     correlation = np.eye(len(columns))
     inside = np.flatnonzero(columns < len(covariance))
     block = covariance[np.ix_(columns[inside], columns[inside])]
@@ -304,8 +363,12 @@ def _correlation(covariance: Array, columns: Index) -> Array | None:
 
 
 def caveats(arm: Arm, exact: Sequence[str]) -> tuple[Note, ...]:
-    """What is not in the uncertainties of an arm: parameters that are taken as exact, and what was left unexplained."""
+    """What is not in the uncertainties of an arm: parameters that are taken as exact, and what was
+    left unexplained.
+    """
     notes = [Note("taken_as_exact", {"parameters": ", ".join(exact)})] if exact else []
     if arm.unexplained:
-        notes.append(Note("unexplained_not_in_u", {"arm": arm.name, "unexplained": arm.unexplained}))
+        notes.append(
+            Note("unexplained_not_in_u", {"arm": arm.name, "unexplained": arm.unexplained})
+        )
     return tuple(notes)

@@ -1,7 +1,8 @@
-"""Accuracy of an arm at given configurations: covariance, accuracy volume, largest deviation, budget.
+"""Accuracy of an arm at given configurations: covariance, accuracy volume, largest deviation,
+budget.
 
-``p(κ + δ) ≈ p(κ) + S δ`` with the sensitivity S of :meth:`ErrorModel.sensitivity`; the Monte Carlo method moves the real
-model instead and is the check on the rest.
+``p(κ + δ) ≈ p(κ) + S δ`` with the sensitivity S of :meth:`ErrorModel.sensitivity`; the Monte Carlo
+method moves the real model instead and is the check on the rest.
 """
 
 from __future__ import annotations
@@ -35,9 +36,13 @@ METHODS: tuple[Method, ...] = get_args(Method)
 
 COVERAGE = 0.95
 COVERED = (0.954, 0.993)
-"""Parts that U = 2 u of a position, u² = u_x² + u_y² + u_z², covers of normal errors: along one direction, isotropic."""
+"""Parts that U = 2 u of a position, u² = u_x² + u_y² + u_z², covers of normal errors: along one
+direction, isotropic.
+"""
 COVERAGE_FACTOR = 2.7954834829151074
-"""k = 2.80: the ellipsoid that holds 95 % of a normal distribution in three dimensions (JCGM 102:2011, table 1)."""
+"""k = 2.80: the ellipsoid that holds 95 % of a normal distribution in three dimensions (JCGM
+102:2011, table 1).
+"""
 DRAWN_AT_ONCE = 4
 """Configurations of one piece of work of ``monte-carlo``."""
 MANY = 50_000
@@ -53,9 +58,11 @@ class AccuracyVolume(Shown):
         q: configurations (n, nq) [rad].
         method: how ``volume`` was found.
         volume: accuracy volume (n,) [m³].
-        covariance: covariance of the position, all sources (n, 3, 3) [m²]; with ``monte-carlo`` that of the draws.
+        covariance: covariance of the position, all sources (n, 3, 3) [m²]; with ``monte-carlo``
+            that of the draws.
         sampling_error: Monte Carlo only: how far half of the draws change the volume (n,) [m³].
-        conditions: of the n configurations, or of one record that hold for all; None where nothing was stated.
+        conditions: of the n configurations, or of one record that hold for all; None where nothing
+            was stated.
     """
 
     sources: ErrorSources
@@ -68,7 +75,9 @@ class AccuracyVolume(Shown):
 
     @property
     def u(self) -> Array:
-        """Standard uncertainty of the position, the root of the summed variances of its three coordinates: (n,) [m]."""
+        """Standard uncertainty of the position, the root of the summed variances of its three
+        coordinates: (n,) [m].
+        """
         return np.asarray(np.sqrt(np.trace(self.covariance, axis1=1, axis2=2)))
 
     @property
@@ -78,7 +87,9 @@ class AccuracyVolume(Shown):
 
     @cached_property
     def largest_deviation(self) -> Array:
-        """Largest distance that the bounded parameters together can cause, to first order: (n,) [m]."""
+        """Largest distance that the bounded parameters together can cause, to first order: (n,)
+        [m].
+        """
         from aacmm_pin.accuracy import zonotope
 
         found = [np.empty(0)]
@@ -88,16 +99,19 @@ class AccuracyVolume(Shown):
         return np.concatenate(found)
 
     def budget(self, by: Literal["parameter", "joint", "kind"] = "parameter") -> pd.DataFrame:
-        """Uncertainty budget (JCGM 100:2008, 5.1): each source's part in the mean variance over the configurations.
+        """Uncertainty budget (JCGM 100:2008, 5.1): each source's part in the mean variance over the
+        configurations.
 
-        Where parameters with the covariance Σ are correlated the share of one is ``tr(S_k (Σ Sᵀ)_k) / tr(S Σ Sᵀ)``, half of
-        the relative change of the variance for a relative change of its u at the same correlations; what two have in common
-        is parted evenly between them, and a share may be negative. ``u_mm`` is what the parameter (or joint, or kind) does
-        by itself.
+        Where parameters with the covariance Σ are correlated the share of one is ``tr(S_k (Σ
+        Sᵀ)_k) / tr(S Σ Sᵀ)``, half of the relative change of the variance for a relative change of
+        its u at the same correlations; what two have in common is parted evenly between them, and a
+        share may be negative. ``u_mm`` is what the parameter (or joint, or kind) does by itself.
 
         Returns:
-            A table, largest first: the parameter (or joint, or kind; <NA> for the joint of a cause of the whole arm),
-            ``u_mm`` (its root mean square contribution) and ``share`` (of the variance; the shares sum to 1).
+            A table, largest first: the parameter (or joint, or kind; <NA> for the joint of a cause
+                of the whole arm),
+            ``u_mm`` (its root mean square contribution) and ``share`` (of the variance; the shares
+            sum to 1).
         """
         together = np.zeros((len(self.sources.parameters),) * 2)
         for q, conditions in _parts(self.q, self.conditions):
@@ -105,7 +119,9 @@ class AccuracyVolume(Shown):
         return self.sources.budget(together / max(len(self.q), 1), by)
 
     def to_frame(self) -> pd.DataFrame:
-        """One row for each configuration: theta1_deg …, volume_mm3, u_mm, and largest_deviation_mm where it is bounded."""
+        """One row for each configuration: theta1_deg …, volume_mm3, u_mm, and largest_deviation_mm
+        where it is bounded.
+        """
         import pandas as pd
 
         table = {f"theta{j + 1}_deg": self.q[:, j] / DEG for j in range(self.q.shape[1])}
@@ -114,8 +130,14 @@ class AccuracyVolume(Shown):
             table["largest_deviation_mm"] = self.largest_deviation / MM
         return pd.DataFrame(table)
 
-    def plot(self, by: Literal["parameter", "joint", "kind"] = "parameter", most: int = 12, ax: Axes | None = None) -> Axes:
-        """The uncertainty budget as bars: share of the variance, with the standard uncertainty at the end of each.
+    def plot(
+        self,
+        by: Literal["parameter", "joint", "kind"] = "parameter",
+        most: int = 12,
+        ax: Axes | None = None,
+    ) -> Axes:
+        """The uncertainty budget as bars: share of the variance, with the standard uncertainty at
+        the end of each.
 
         Args:
             by: what the bars stand for.
@@ -129,11 +151,17 @@ class AccuracyVolume(Shown):
 
     def __str__(self) -> str:
         volume = self.volume / MM**3
-        what = f"{self.sources.arm.name} at {self.sources.at}, {self.method}, {len(self.q)} configurations"
+        what = (
+            f"{self.sources.arm.name} at {self.sources.at}, {self.method}, {len(self.q)} "
+            "configurations"
+        )
         without = f"; not included: {', '.join(self.not_included)}" if self.not_included else ""
         if not len(self.q):
             return what + without
-        return f"{what}: {expanded(self.u)}, volume {volume.min():.3g} to {volume.max():.3g} mm³{without}"
+        return (
+            f"{what}: {expanded(self.u)}, volume {volume.min():.3g} to {volume.max():.3g} "
+            f"mm³{without}"
+        )
 
 
 def expanded(u: Array) -> str:
@@ -158,14 +186,17 @@ def paired(circle: PosturesAtPoint, accuracy: AccuracyVolume) -> Index:
     return inside
 
 
-def circle_accuracy(circle: PosturesAtPoint, model: GivenModel | None = None, **options: Any) -> AccuracyVolume:
-    """Accuracy of those configurations of a circle that are within limits, at the circle's own frame.
+def circle_accuracy(
+    circle: PosturesAtPoint, model: GivenModel | None = None, **options: Any
+) -> AccuracyVolume:
+    """Accuracy of those configurations of a circle that are within limits, at the circle's own
+    frame.
 
     Args:
         circle: the configurations.
         model: the circle's arm (the default) or an extended model of it.
-        options: those of :func:`accuracy_volume` but ``at``; ``conditions`` are of one record, or of each configuration
-            within limits.
+        options: those of :func:`accuracy_volume` but ``at``; ``conditions`` are of one record, or
+            of each configuration within limits.
 
     Raises:
         AacmmError: no configuration is within limits; see :func:`accuracy_volume` for the rest.
@@ -190,30 +221,38 @@ def accuracy_volume(
 ) -> AccuracyVolume:
     """Accuracy volume and covariance of an arm, or of an arm with its effects, at ``q``.
 
-    - ``zonotope``: volume of everything that the bounded parameters can do together, exact to first order.
-    - ``jointwise``: eq. 14 of Xu You et al. 2019, read as the sum over the rows of each row's own zonotope; causes of the
-      whole arm count as one more row. Smaller by far than the zonotope, which combines the rows.
-    - ``ellipsoid``: 95 % coverage ellipsoid of the covariance; the only one in which unbounded noise has a part.
-    - ``monte-carlo``: the real model at corners of the parameter box, convex hull; covariance from random draws.
+    - ``zonotope``: volume of everything that the bounded parameters can do together, exact to first
+      order.
+    - ``jointwise``: eq. 14 of Xu You et al. 2019, read as the sum over the rows of each row's own
+      zonotope; causes of the whole arm count as one more row. Smaller by far than the zonotope,
+      which combines the rows.
+    - ``ellipsoid``: 95 % coverage ellipsoid of the covariance; the only one in which unbounded
+      noise has a part.
+    - ``monte-carlo``: the real model at corners of the parameter box, convex hull; covariance from
+      random draws.
 
-    The parameters of effects, and those that a calibration states, count as within ± k u, k = 2. Parameters that are known
-    together (``[covariance]`` of the arm file) enter the covariance as S Σ Sᵀ and the volumes by the principal axes of their
-    correlation, see :mod:`aacmm_pin.accuracy.tip_sensitivity`. Effects of the reference have no part.
+    The parameters of effects, and those that a calibration states, count as within ± k u, k = 2.
+    Parameters that are known together (``[covariance]`` of the arm file) enter the covariance as S
+    Σ Sᵀ and the volumes by the principal axes of their correlation, see
+    :mod:`aacmm_pin.accuracy.tip_sensitivity`. Effects of the reference have no part.
 
     Args:
         model: the arm, or the arm with its effects.
         q: configurations (n, nq) [rad].
-        conditions: of n records, or of one that holds for all. Causes that depend on what they do not state are left out
-            and named in ``not_included``.
+        conditions: of n records, or of one that holds for all. Causes that depend on what they do
+            not state are left out and named in ``not_included``.
         at: frame whose origin is looked at; default the tip, ``frame5`` for the wrist.
         method: one of the four.
-        encoder_noise: standard uncertainty of one reading, (nq,) or one number [rad]; default what the arm states.
-        rng, draws: for ``monte-carlo``: the generator, which it needs, and draws for each configuration, every one with a
-            generator that is spawned from it.
-        workers: how many processes, or a ``concurrent.futures.Executor``; the results do not depend on it.
+        encoder_noise: standard uncertainty of one reading, (nq,) or one number [rad]; default what
+            the arm states.
+        rng, draws: for ``monte-carlo``: the generator, which it needs, and draws for each
+            configuration, every one with a generator that is spawned from it.
+        workers: how many processes, or a ``concurrent.futures.Executor``; the results do not depend
+            on it.
 
     Raises:
-        ShapeError: ``q`` is not a finite (n, nq) array, or ``conditions`` are of another number of records.
+        ShapeError: ``q`` is not a finite (n, nq) array, or ``conditions`` are of another number of
+            records.
         UnknownNameError: no such method or frame.
         UnsupportedArmError: ``jointwise`` with parameters of different rows that are correlated.
         AacmmError: nothing has an uncertainty, noise is negative, or ``rng`` is missing.
@@ -227,20 +266,34 @@ def accuracy_volume(
     arm, drawn = ErrorModel.arm_of(model), method == "monte-carlo"
     q = batch(q, arm.nq, "q", "rad")
     if conditions is not None and conditions.n not in (1, len(q)):
-        raise ShapeError(f"conditions are of {conditions.n} records, expected {len(q)} as q has, or 1")
+        raise ShapeError(
+            f"conditions are of {conditions.n} records, expected {len(q)} as q has, or 1"
+        )
     sources = ErrorSources.of(model, at, encoder_noise, q, conditions)
     work: Callable[[Any], tuple[Array, ...]] = partial(_first_order, sources, method)
     size, pieces = CHUNK, cast("Iterator[tuple[Any, ...]]", _parts(q, conditions))
-    volume, covariance, error = np.empty(len(q)), np.empty((len(q), 3, 3)), np.empty(len(q) if drawn else 0)
+    volume, covariance, error = (
+        np.empty(len(q)),
+        np.empty((len(q), 3, 3)),
+        np.empty(len(q) if drawn else 0),
+    )
     if drawn:
         from aacmm_pin.accuracy.parameter_draws import FEWEST_DRAWS, exact_volume
 
         if rng is None:
-            raise AacmmError("method 'monte-carlo' needs rng, a numpy.random.Generator such as numpy.random.default_rng(1)")
-        size, work = DRAWN_AT_ONCE, partial(exact_volume, sources, whole(draws, FEWEST_DRAWS, "draws"))
+            raise AacmmError(
+                "method 'monte-carlo' needs rng, a numpy.random.Generator such as "
+                "numpy.random.default_rng(1)"
+            )
+        size, work = (
+            DRAWN_AT_ONCE,
+            partial(exact_volume, sources, whole(draws, FEWEST_DRAWS, "draws")),
+        )
         pieces = ((*piece, rng.spawn(len(piece[0]))) for piece in _parts(q, conditions, size))
     with (
-        bar(drawn or len(q) > MANY, "Monte Carlo" if drawn else "accuracy", "posture", total=len(q)) as moving,
+        bar(
+            drawn or len(q) > MANY, "Monte Carlo" if drawn else "accuracy", "posture", total=len(q)
+        ) as moving,
         results(work, pieces, workers) as worked,
     ):
         for number, values in worked:
@@ -248,20 +301,33 @@ def accuracy_volume(
             for whole_, some in zip((volume, covariance, error), values, strict=False):
                 whole_[part] = some
             moving.update(len(values[0]))
-    return AccuracyVolume(sources, q, method, volume, covariance, error if drawn else None, conditions)
+    return AccuracyVolume(
+        sources, q, method, volume, covariance, error if drawn else None, conditions
+    )
 
 
-def _parts(q: Array, conditions: Conditions | None, size: int = CHUNK) -> Iterator[tuple[Array, Conditions | None]]:
-    """Some configurations at a time, with their conditions; those of a single record hold for all."""
+def _parts(
+    q: Array, conditions: Conditions | None, size: int = CHUNK
+) -> Iterator[tuple[Array, Conditions | None]]:
+    """Some configurations at a time, with their conditions; those of a single record hold
+    for all.
+    """
     for part in chunks(len(q), size):
         some = q[part]
         if conditions is None:
             yield some, None
         else:
-            yield some, conditions.take(part if conditions.n == len(q) else np.zeros(len(some), dtype=np.intp))
+            yield (
+                some,
+                conditions.take(
+                    part if conditions.n == len(q) else np.zeros(len(some), dtype=np.intp)
+                ),
+            )
 
 
-def _first_order(sources: ErrorSources, method: Method, piece: tuple[Array, Conditions | None]) -> tuple[Array, Array]:
+def _first_order(
+    sources: ErrorSources, method: Method, piece: tuple[Array, Conditions | None]
+) -> tuple[Array, Array]:
     """Volume (n,) [m³] and covariance (n, 3, 3) [m²] of some configurations."""
     sensitivity = sources.sensitivity(*piece)
     covariance = sources.covariance_of(sensitivity)
@@ -286,7 +352,8 @@ def _volume(method: Method, sources: ErrorSources, sensitivity: Array, covarianc
         if len(across):
             first, second = (bounded[i].name for i in across[0])
             raise UnsupportedArmError(
-                f"{sources.arm.name}: {first} and {second} are correlated and of different rows, so that what one row does "
+                f"{sources.arm.name}: {first} and {second} are correlated and of different rows, "
+                "so that what one row does "
                 "is not its own; 'jointwise' needs independent rows, take 'zonotope' or 'ellipsoid'"
             )
     volumes = [zonotope.volume(generators[:, :, joints == joint]) for joint in np.unique(joints)]

@@ -1,6 +1,7 @@
 """Maps over the workspace: at every cell of a half-plane, how flexible and how accurate the arm is.
 
-The arm turns about joint axis 1, z of the base, so the half-plane y = 0, x ≥ 0 stands for all of space.
+The arm turns about joint axis 1, z of the base, so the half-plane y = 0, x ≥ 0 stands for all of
+space.
 """
 
 from __future__ import annotations
@@ -57,7 +58,9 @@ PROBES = 64
 UNITS = {"1": 1.0, "mm": MM, "mm3": MM3, "degree": DEG}
 
 MARGIN = 1e-3
-"""The default box goes so far beyond the reach, in parts of its size; then outwards to whole steps of it."""
+"""The default box goes so far beyond the reach, in parts of its size; then outwards to whole steps
+of it.
+"""
 
 MOST_BYTES = 4_000_000_000
 """Size of a file: a map of a million cells has a tenth of it."""
@@ -95,9 +98,27 @@ VARIABLES = (
     Variable("worst_mm3", "worst", "mm3", "largest accuracy volume of sectors"),
     Variable("smallest_u_mm", "least_u", "mm", "smallest standard uncertainty of sectors"),
     Variable("largest_u_mm", "most_u", "mm", "largest standard uncertainty of sectors"),
-    Variable("smallest_u_theta_deg", "least_u_q", "degree", "configuration with the smallest u", more=("joint",)),
-    Variable("best_theta_deg", "best_q", "degree", "configuration with the smallest volume", more=("joint",)),
-    Variable("worst_theta_deg", "worst_q", "degree", "configuration with the largest volume", more=("joint",)),
+    Variable(
+        "smallest_u_theta_deg",
+        "least_u_q",
+        "degree",
+        "configuration with the smallest u",
+        more=("joint",),
+    ),
+    Variable(
+        "best_theta_deg",
+        "best_q",
+        "degree",
+        "configuration with the smallest volume",
+        more=("joint",),
+    ),
+    Variable(
+        "worst_theta_deg",
+        "worst_q",
+        "degree",
+        "configuration with the largest volume",
+        more=("joint",),
+    ),
 )
 
 
@@ -106,10 +127,12 @@ class WorkspaceMap(Shown):
     """Flexibility and accuracy over the half-plane.
 
     Attributes:
-        data: labelled arrays over ``x_mm`` and ``z_mm`` (cell centres): ``reachable``, ``working_sectors``,
-            ``flexibility``, ``arc_fraction``, ``comprehensive_mm3``, ``best_mm3``, ``worst_mm3``, ``best_theta_deg``,
-            ``worst_theta_deg`` (by volume), ``smallest_u_mm``, ``largest_u_mm``, ``smallest_u_theta_deg`` (by standard
-            uncertainty, which ranks the configurations differently), ``sector_works``; nan (or 0) where unreachable.
+        data: labelled arrays over ``x_mm`` and ``z_mm`` (cell centres): ``reachable``,
+            ``working_sectors``, ``flexibility``, ``arc_fraction``, ``comprehensive_mm3``,
+            ``best_mm3``, ``worst_mm3``, ``best_theta_deg``, ``worst_theta_deg`` (by volume),
+            ``smallest_u_mm``, ``largest_u_mm``, ``smallest_u_theta_deg`` (by standard uncertainty,
+            which ranks the configurations differently), ``sector_works``; nan (or 0) where
+            unreachable.
         seconds: time that the computation took.
     """
 
@@ -148,7 +171,8 @@ class WorkspaceMap(Shown):
     def incomplete(self) -> int:
         """Number of cells of which not all configurations are known.
 
-        Their singular postures form families, a curve could not be followed, or the search ended at its limit of work.
+        Their singular postures form families, a curve could not be followed, or the search ended at
+        its limit of work.
         """
         if "complete" not in self.data:
             return 0
@@ -157,12 +181,15 @@ class WorkspaceMap(Shown):
 
     @property
     def not_included(self) -> tuple[str, ...]:
-        """Labels of the causes of error that are left out of the accuracies, see :class:`ErrorSources`."""
+        """Labels of the causes of error that are left out of the accuracies, see
+        :class:`ErrorSources`.
+        """
         labels = str(self.data.attrs.get("not_included", ""))
         return tuple(labels.split("; ")) if labels else ()
 
     def save(self, path: str | Path, force: bool = False) -> None:
-        """Write the map, whole or not at all, as netCDF (classic format, 64-bit offsets): for xarray, MATLAB, R and ncdump.
+        """Write the map, whole or not at all, as netCDF (classic format, 64-bit offsets): for
+        xarray, MATLAB, R and ncdump.
 
         Raises:
             OutputError: ``path`` exists and ``force`` is not given, or it cannot be written.
@@ -179,7 +206,9 @@ class WorkspaceMap(Shown):
         """
         import xarray as xr  # loaded where a map is made or read: commands without one start sooner
 
-        content = content_of(path, MOST_BYTES, "a map", lambda message: AacmmError(f"{path}: {message}"))
+        content = content_of(
+            path, MOST_BYTES, "a map", lambda message: AacmmError(f"{path}: {message}")
+        )
         try:
             with xr.open_dataset(io.BytesIO(content), engine="scipy") as data:
                 return WorkspaceMap(data.load(), float(data.attrs["seconds"]))
@@ -190,8 +219,9 @@ class WorkspaceMap(Shown):
         """One quantity of the map over the half-plane through joint axis 1.
 
         Args:
-            quantity: its name in ``data``: ``comprehensive_mm3``, ``best_mm3``, ``worst_mm3``, ``smallest_u_mm``,
-                ``largest_u_mm``, ``flexibility``, ``arc_fraction`` or ``working_sectors``.
+            quantity: its name in ``data``: ``comprehensive_mm3``, ``best_mm3``, ``worst_mm3``,
+                ``smallest_u_mm``, ``largest_u_mm``, ``flexibility``, ``arc_fraction`` or
+                ``working_sectors``.
             ax: axes; without them a new pyplot figure is made.
 
         Raises:
@@ -226,26 +256,34 @@ def map_workspace(
     workers: Workers = 1,
     progress: bool = True,
 ) -> WorkspaceMap:
-    """Flexibility, comprehensive accuracy, best and worst configuration of the wrist over the half-plane.
+    """Flexibility, comprehensive accuracy, best and worst configuration of the wrist over the
+    half-plane.
 
-    The joints behind the fourth are held at 0, or at the angle nearest to 0 that their limits allow.
+    The joints behind the fourth are held at 0, or at the angle nearest to 0 that their limits
+    allow.
 
     Args:
-        model: an arm with a DH table whose first five rows are joints, or such an arm with its effects.
+        model: an arm with a DH table whose first five rows are joints, or such an arm with its
+            effects.
         cells: number of cells along x and z.
-        sectors: number of sectors of the configuration circle; each stands for the configuration at its centre, and
-            where several configurations inside the limits have that swivel, for the most accurate of them.
-        extent: x from, x to, z from, z to (4,) [m]; default all that the wrist reaches, limits apart.
+        sectors: number of sectors of the configuration circle; each stands for the configuration at
+            its centre, and where several configurations inside the limits have that swivel, for the
+            most accurate of them.
+        extent: x from, x to, z from, z to (4,) [m]; default all that the wrist reaches, limits
+            apart.
         conditions: of one record, which hold everywhere; see :func:`accuracy_volume`.
         method: how accuracy volumes are found (not ``monte-carlo``).
-        workers: how many processes, or a ``concurrent.futures.Executor``; a piece of work is several hundred cells.
+        workers: how many processes, or a ``concurrent.futures.Executor``; a piece of work is
+            several hundred cells.
         progress: show a bar in a notebook, or on stderr at a terminal.
 
     Raises:
-        AacmmError: sizes below 1, an extent in the wrong order or with negative x, nothing has an uncertainty.
+        AacmmError: sizes below 1, an extent in the wrong order or with negative x, nothing has an
+            uncertainty.
         ShapeError: ``conditions`` of more than one record.
         UnknownNameError: no such method for a map.
-        UnsupportedArmError: no DH table, or one without the joints that this needs; see :func:`accuracy_volume`.
+        UnsupportedArmError: no DH table, or one without the joints that this needs; see
+            :func:`accuracy_volume`.
     """
     started = time.perf_counter()
     if min(cells) < 1:
@@ -271,7 +309,9 @@ def map_workspace(
     seconds = time.perf_counter() - started
     data = _dataset(arm, merged, box, cells, sectors, method, seconds)
     all_caveats = map(str, (*WorkspaceMap(data, seconds).caveats, *map_caveats(arm, extent)))
-    data = data.assign_attrs(caveats="; ".join(all_caveats), not_included="; ".join(probe.not_included))
+    data = data.assign_attrs(
+        caveats="; ".join(all_caveats), not_included="; ".join(probe.not_included)
+    )
     return WorkspaceMap(data, seconds)
 
 
@@ -290,7 +330,9 @@ def _work(job: _Job) -> dict[str, Array]:
     arm = ErrorModel.arm_of(job.model)
     wrist, dh = Wrist.of_arm(arm, MAP), arm.require_dh(MAP)
     known = wrist_curves(wrist, job.points, FEW_PER_TURN)
-    components = Components(Swivel(dh, arm.up), wrist_equations(wrist, job.points), job.points, known.curves, wrist)
+    components = Components(
+        Swivel(dh, arm.up), wrist_equations(wrist, job.points), job.points, known.curves, wrist
+    )
     found = Sectors.of(components, arm.limits, job.sectors)
     with_curves = [curve.problem for curve in known.curves]
     not_closed = [curve.problem for curve in known.curves if not curve.closed]
@@ -311,8 +353,12 @@ def _work(job: _Job) -> dict[str, Array]:
 def _accuracies(job: _Job, found: Sectors) -> dict[str, Array]:
     """Best, worst and comprehensive accuracy of each cell from its working configurations."""
     n, q = len(job.points), found.q
-    result = {name: np.full(n, np.nan) for name in ("comprehensive", "best", "worst", "least_u", "most_u")}
-    result |= {f"{name}_q": np.full((n, q.shape[1]), np.nan) for name in ("best", "worst", "least_u")}
+    result = {
+        name: np.full(n, np.nan) for name in ("comprehensive", "best", "worst", "least_u", "most_u")
+    }
+    result |= {
+        f"{name}_q": np.full((n, q.shape[1]), np.nan) for name in ("best", "worst", "least_u")
+    }
     if not len(q):
         return result
     accuracy = accuracy_volume(job.model, q, conditions=job.conditions, at=WRIST, method=job.method)
@@ -341,14 +387,18 @@ def _extent(arm: Arm, extent: ArrayLike | None) -> Array:
         _, farthest, lowest, highest = box_of_wrist(wrist).tolist()
         size = max(farthest, highest - lowest)
         if size < SMALLEST_ARM:
-            raise AacmmError(f"{arm.name}: the wrist does not leave the shoulder, so there is nothing to map")
+            raise AacmmError(
+                f"{arm.name}: the wrist does not leave the shoulder, so there is nothing to map"
+            )
         step, margin = 10.0 ** (math.floor(math.log10(size)) - 2), MARGIN * size
         right, high = (math.ceil((most + margin) / step) for most in (farthest, highest))
         return np.array([0.0, right, math.floor((lowest - margin) / step), high]) * step
     box = vector(extent, 4, "extent", "m")
     COORDINATE.check(box, "extent")
     if not (0 <= box[0] < box[1] and box[2] < box[3]):
-        raise AacmmError(f"extent is {(box / MM).tolist()} mm, expected 0 ≤ x from < x to and z from < z to")
+        raise AacmmError(
+            f"extent is {(box / MM).tolist()} mm, expected 0 ≤ x from < x to and z from < z to"
+        )
     return box
 
 
@@ -362,19 +412,28 @@ def _left_out(arm: Arm, box: Array) -> list[Note]:
     return [Note("extent_cuts_reach", {"sides": ", ".join(sides)})] if sides else []
 
 
-def _probe(model: Arm | ErrorModel, conditions: Conditions | None, method: Method) -> AccuracyVolume:
-    """The accuracy of a few postures: it refuses, before the work begins, what the first cell would refuse."""
+def _probe(
+    model: Arm | ErrorModel, conditions: Conditions | None, method: Method
+) -> AccuracyVolume:
+    """The accuracy of a few postures: it refuses, before the work begins, what the first cell would
+    refuse.
+    """
     if method == "monte-carlo" or method not in METHODS:
-        raise UnknownNameError("method", method, [m for m in METHODS if m != "monte-carlo"], "of a map")
+        raise UnknownNameError(
+            "method", method, [m for m in METHODS if m != "monte-carlo"], "of a map"
+        )
     if conditions is not None and conditions.n != 1:
-        raise ShapeError(f"conditions are of {conditions.n} records, expected 1 that hold everywhere")
+        raise ShapeError(
+            f"conditions are of {conditions.n} records, expected 1 that hold everywhere"
+        )
     arm = ErrorModel.arm_of(model)
     q = np.clip(spread_angles(PROBES, arm.nq), arm.limits[:, 0], arm.limits[:, 1])
     return accuracy_volume(model, q, conditions=conditions, at=WRIST, method=method)
 
 
 def map_caveats(arm: Arm, extent: ArrayLike | None = None) -> tuple[Note, ...]:
-    """Why the half-plane y = 0 does not stand for all of space with this arm, and what is not in its uncertainties.
+    """Why the half-plane y = 0 does not stand for all of space with this arm, and what is not in
+    its uncertainties.
 
     Args:
         arm: the arm.
@@ -393,7 +452,9 @@ def map_caveats(arm: Arm, extent: ArrayLike | None = None) -> tuple[Note, ...]:
     found += wrist.notes
     rest = wrist.rest / DEG
     if rest.any():
-        held = " and ".join(f"joint {WRIST_ROW + k} at {angle:.4g}°" for k, angle in enumerate(rest) if angle)
+        held = " and ".join(
+            f"joint {WRIST_ROW + k} at {angle:.4g}°" for k, angle in enumerate(rest) if angle
+        )
         found.append(Note("joints_held", {"joints": held}))
     return (*found, *caveats(arm, arm.without_uncertainty))
 
@@ -434,7 +495,11 @@ def _dataset(
     coordinates = {
         "x_mm": ("x_mm", x / MM, {"units": "mm", "long_name": "distance from joint axis 1"}),
         "z_mm": ("z_mm", z / MM, {"units": "mm", "long_name": "z of the base"}),
-        "sector_deg": ("sector", centres, {"units": "degree", "long_name": "swivel of the sector's centre"}),
+        "sector_deg": (
+            "sector",
+            centres,
+            {"units": "degree", "long_name": "swivel of the sector's centre"},
+        ),
         "joint": ("joint", np.arange(1, arm.nq + 1, dtype=np.int32)),
     }
     attributes = {

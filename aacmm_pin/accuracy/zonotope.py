@@ -15,7 +15,9 @@ from aacmm_pin._support.compiled import twin_of
 from aacmm_pin.accuracy import zonotope_loop
 
 CHUNK = 256
-"""Configurations handled at once: the pair normals of 24 generators then fit in the processor's cache."""
+"""Configurations handled at once: the pair normals of 24 generators then fit in the processor's
+cache.
+"""
 MOST = 4_000_000
 """Signs of generators in corners that are looked at together: 32 MB, and some copies."""
 LARGE_VOLUME = 200_000
@@ -27,7 +29,8 @@ FLAT = 1e-13
 def volume(generators: Array) -> Array:
     """``8 Σ_{i<j<k} |det(g_i, g_j, g_k)|`` for generators (n, 3, p) [m]: (n,) [m³].
 
-    Source: P. McMullen, "On zonotopes", Trans. AMS 159 (1971); the factor 8 because each s runs over [-1, 1].
+    Source: P. McMullen, "On zonotopes", Trans. AMS 159 (1971); the factor 8 because each s runs
+    over [-1, 1].
     """
     volumes = np.empty(len(generators))
     sum_of_determinants(np.require(generators, np.float64, "W"), volumes)
@@ -45,7 +48,9 @@ def sum_of_determinants(generators: Array, total: Array) -> None:
         g = np.zeros((3, count, max(width, 2)))  # NumPy sums a single column in another order
         g[:, :, :width] = generators[part].transpose(1, 2, 0)
         a, b = g[:, first], g[:, second]
-        normal = np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+        normal = np.stack(
+            [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+        )
         for k in range(2, count):
             upto = k * (k - 1) // 2  # the pairs i < j < k come first
             triple = normal[0, :upto] * g[0, k]
@@ -55,7 +60,8 @@ def sum_of_determinants(generators: Array, total: Array) -> None:
 
 
 def largest_deviation(generators: Array) -> Array:
-    """Distance of the farthest point from the centre, ``max_n Σ |n·g_k|``, for generators (n, 3, p) [m]: (n,) [m].
+    """Distance of the farthest point from the centre, ``max_n Σ |n·g_k|``, for generators (n, 3, p)
+    [m]: (n,) [m].
 
     The farthest point is a vertex; all vertices are looked at.
     """
@@ -66,17 +72,21 @@ def largest_deviation(generators: Array) -> Array:
     for part in chunks(n, max(1, min(CHUNK, MOST // (len(first) * count)))):
         for pairs in chunks(len(first), max(1, MOST // count)):
             for points in _corners(generators[part], first[pairs], second[pairs]):
-                farthest[part] = np.maximum(farthest[part], np.square(points).sum(axis=2).max(axis=1))
+                farthest[part] = np.maximum(
+                    farthest[part], np.square(points).sum(axis=2).max(axis=1)
+                )
     return np.asarray(np.sqrt(farthest))
 
 
 def _corners(generators: Array, first: Index, second: Index) -> Iterator[Array]:
-    """Points among which, over all pairs, is one of each two opposite vertices, in two parts (n, pairs, 3).
+    """Points among which, over all pairs, is one of each two opposite vertices, in two parts (n,
+    pairs, 3).
 
-    A vertex is ``Σ_k s_k g_k``. Every vertex bounds an edge along some g_i of a face that is spanned by some g_i and g_j;
-    its signs are those of ``n·g_k`` with the face's normal n = g_i × g_j, where that is zero (in the face) those of
-    ±(n × g_i)·g_k, where that is zero too (parallel to g_i) those of ±g_i·g_k; and the set is symmetric. The sign of
-    n × g_i may be left: of the edges at a vertex the one with the least i lies between two faces, on either side of it.
+    A vertex is ``Σ_k s_k g_k``. Every vertex bounds an edge along some g_i of a face that is
+    spanned by some g_i and g_j; its signs are those of ``n·g_k`` with the face's normal n = g_i ×
+    g_j, where that is zero (in the face) those of ±(n × g_i)·g_k, where that is zero too (parallel
+    to g_i) those of ±g_i·g_k; and the set is symmetric. The sign of n × g_i may be left: of the
+    edges at a vertex the one with the least i lies between two faces, on either side of it.
     """
     g = generators.transpose(0, 2, 1)  # (n, p, 3)
     length = np.linalg.norm(g, axis=2)
@@ -84,7 +94,9 @@ def _corners(generators: Array, first: Index, second: Index) -> Iterator[Array]:
     along = np.where(length[:, first, None] > 0, unit[:, first], unit[:, second])
     normal = np.cross(along, unit[:, second])  # (n, pairs, 3)
     inwards = np.cross(normal, along)
-    above, beside, ahead = (_clear_sign(v @ unit.transpose(0, 2, 1)) for v in (normal, inwards, along))
+    above, beside, ahead = (
+        _clear_sign(v @ unit.transpose(0, 2, 1)) for v in (normal, inwards, along)
+    )
     for t in (1.0, -1.0):
         sign = np.where(above != 0, above, np.where(beside != 0, beside, t * ahead))
         yield sign @ g

@@ -8,11 +8,15 @@ from aacmm_pin._support.checks import Array
 
 SIGNATURE = "void(f8[:, :, :], f8[::1])"
 LANES = 32
-"""Configurations side by side in the processor's wide registers; 24 generators of so many stay in its nearest cache."""
+"""Configurations side by side in the processor's wide registers; 24 generators of so many stay in
+its nearest cache.
+"""
 
 
 def sum_of_determinants(generators: Array, total: Array) -> None:
-    """As :data:`aacmm_pin.accuracy.zonotope.sum_of_determinants`: the same sums in the same order."""
+    """As :data:`aacmm_pin.accuracy.zonotope.sum_of_determinants`: the same sums in the same
+    order.
+    """
     n, _, count = generators.shape
     g, normal, sums = np.empty((count, 3, LANES)), np.empty((3, LANES)), np.empty((count, LANES))
     u, v, w = normal[0], normal[1], normal[2]
@@ -34,7 +38,9 @@ def sum_of_determinants(generators: Array, total: Array) -> None:
                 for k in range(j + 1, count):
                     x, y, z, its_sum = g[k, 0], g[k, 1], g[k, 2], sums[k]
                     for lane in range(width):
-                        its_sum[lane] += abs(u[lane] * x[lane] + v[lane] * y[lane] + w[lane] * z[lane])
+                        its_sum[lane] += abs(
+                            u[lane] * x[lane] + v[lane] * y[lane] + w[lane] * z[lane]
+                        )
         for lane in range(width):
             total[first + lane] = 0.0
             for k in range(2, count):

@@ -1,4 +1,6 @@
-"""An arm: its DH table or URDF, its kinematics, what its file states, and its poses by Pinocchio."""
+"""An arm: its DH table or URDF, its kinematics, what its file states, and its poses by
+Pinocchio.
+"""
 
 import lazy_loader
 

@@ -20,10 +20,31 @@ from aacmm_pin.arm import chain
 from aacmm_pin.arm.chain import Chain
 from aacmm_pin.arm.dh import DHTable
 from aacmm_pin.arm.example_robots import EXAMPLE_ROBOTS, urdf_of_robot
-from aacmm_pin.arm.file import ArmFile, Covariance, Urdf, UrdfArmFile, UrdfJoint, calibrated, read_arm_file
+from aacmm_pin.arm.file import (
+    ArmFile,
+    Covariance,
+    Urdf,
+    UrdfArmFile,
+    UrdfJoint,
+    calibrated,
+    read_arm_file,
+)
 from aacmm_pin.arm.parameter import Parameter
-from aacmm_pin.arm.pinocchio_model import chain_of, frame_number, joint_axes, onto_z, read_model, serial_part
-from aacmm_pin.errors import AacmmError, ArmFileError, ShapeError, UnknownNameError, UnsupportedArmError
+from aacmm_pin.arm.pinocchio_model import (
+    chain_of,
+    frame_number,
+    joint_axes,
+    onto_z,
+    read_model,
+    serial_part,
+)
+from aacmm_pin.errors import (
+    AacmmError,
+    ArmFileError,
+    ShapeError,
+    UnknownNameError,
+    UnsupportedArmError,
+)
 
 if TYPE_CHECKING:
     from aacmm_pin.arm.poses import Poses
@@ -41,7 +62,8 @@ class Arm(Shown):
         model: the Pinocchio model; treat it as read-only.
         tip: name of the frame whose origin is the tip.
         limits: joint limits (nq, 2) [rad].
-        parameters: geometric parameters with their uncertainties, in the order of :meth:`sensitivity`.
+        parameters: geometric parameters with their uncertainties, in the order of
+            :meth:`sensitivity`.
         dh: the DH table, or None for an arm that came as URDF alone.
         encoder_noise: standard uncertainty of one reading (nq,) [rad], or None.
         stylus_axis: direction of the stylus in the tip frame (3,), or None.
@@ -49,7 +71,8 @@ class Arm(Shown):
         reference_temperature: temperature for which the numbers hold [°C].
         file: the arm file it came from, or could be saved as.
         covariance: what a calibration knows of parameters together, or None.
-        nominal: of an arm that came as URDF, the Pinocchio model before any correction of its placements; else None.
+        nominal: of an arm that came as URDF, the Pinocchio model before any correction of its
+            placements; else None.
     """
 
     name: str
@@ -72,25 +95,33 @@ class Arm(Shown):
 
     @property
     def without_uncertainty(self) -> tuple[str, ...]:
-        """Names of the geometric parameters for which no uncertainty was stated; they count as exact."""
+        """Names of the geometric parameters for which no uncertainty was stated; they count as
+        exact.
+        """
         return tuple(p.name for p in self.parameters if p.half_width is None and p.u == 0)
 
     @property
     def unexplained(self) -> str:
-        """What its last calibration or diagnosis saw in the records and could not explain, in words; "" where nothing."""
+        """What its last calibration or diagnosis saw in the records and could not explain, in
+        words; "" where nothing.
+        """
         return "" if self.file is None else self.file.unexplained
 
     @property
     def tip_on_target(self) -> bool:
-        """Whether a calibration placed the tip on a target whose place on the last body nobody had stated."""
+        """Whether a calibration placed the tip on a target whose place on the last body nobody had
+        stated.
+        """
         return self.file is not None and self.file.tip_on_target
 
     @staticmethod
     def load(name_or_path: str | Path) -> Arm:
-        """A bundled arm (``sino6``, ``zero6``) or example robot (``ur5``) by name, or an arm file by path.
+        """A bundled arm (``sino6``, ``zero6``) or example robot (``ur5``) by name, or an arm file
+        by path.
 
         Raises:
-            UnknownNameError, ArmFileError: see :func:`aacmm_pin.arm.file.read_arm_file` and :meth:`from_file`.
+            UnknownNameError, ArmFileError: see :func:`aacmm_pin.arm.file.read_arm_file` and
+                :meth:`from_file`.
             AacmmError: see :func:`aacmm_pin.arm.example_robots.urdf_of_robot`.
         """
         name = str(name_or_path)
@@ -115,7 +146,9 @@ class Arm(Shown):
 
         model = pin.buildModelFromXML(urdf_text(arm))
         model.gravity.linear = np.array(arm.gravity_m_s2)
-        axis = None if arm.stylus is None else unit_vector(arm.stylus.axis, "the axis of the stylus")
+        axis = (
+            None if arm.stylus is None else unit_vector(arm.stylus.axis, "the axis of the stylus")
+        )
         return Arm(
             name=arm.name,
             model=model,
@@ -133,25 +166,32 @@ class Arm(Shown):
 
     @staticmethod
     def from_urdf(
-        path: str | Path, frame: str = "", *, translation_half_width: float = 0.0, rotation_half_width: float = 0.0
+        path: str | Path,
+        frame: str = "",
+        *,
+        translation_half_width: float = 0.0,
+        rotation_half_width: float = 0.0,
     ) -> Arm:
         """Any fixed-base arm with revolute, continuous or prismatic joints, by its URDF.
 
-        A ``continuous`` joint is read as a revolute one with limits of ±2π: one number, its angle. Joints that do not carry
-        ``frame`` (a gripper's fingers) are locked at zero; a joint that carries it moves by itself, also where it mimics
-        one that does not carry it. The parameters are the six components of every joint placement (three shifts, three
-        turns about the axes of the placement), each known within ± the half-width.
+        A ``continuous`` joint is read as a revolute one with limits of ±2π: one number, its angle.
+        Joints that do not carry ``frame`` (a gripper's fingers) are locked at zero; a joint that
+        carries it moves by itself, also where it mimics one that does not carry it. The parameters
+        are the six components of every joint placement (three shifts, three turns about the axes of
+        the placement), each known within ± the half-width.
 
         Args:
-            path: URDF file; meshes are not needed. Or the name of a robot of example-robot-data, one
-                of :data:`aacmm_pin.arm.example_robots.EXAMPLE_ROBOTS`.
+            path: URDF file; meshes are not needed. Or the name of a robot of example-robot-data,
+                one of :data:`aacmm_pin.arm.example_robots.EXAMPLE_ROBOTS`.
             frame: name of the link or frame whose origin is the tip; such a robot has a default.
-            translation_half_width: bound of every placement shift [m]; 0 states none, as does the next.
+            translation_half_width: bound of every placement shift [m]; 0 states none, as does the
+                next.
             rotation_half_width: bound of every placement turn [rad].
 
         Raises:
             ArmFileError: see :func:`aacmm_pin.arm.urdf_check.read_urdf`.
-            UnsupportedArmError: a joint takes more than one number (planar, floating), or mimics one so that both move it.
+            UnsupportedArmError: a joint takes more than one number (planar, floating), or mimics
+                one so that both move it.
             UnknownNameError: no such frame; lists the frames.
         """
         if str(path) in EXAMPLE_ROBOTS:
@@ -165,14 +205,22 @@ class Arm(Shown):
             translation_half_width=translation_half_width,
             rotation_half_width=rotation_half_width,
         )
-        file = os.path.realpath(path) if os.path.isfile(path) else ""  # a pipe has no name for others to read it by
+        file = (
+            os.path.realpath(path) if os.path.isfile(path) else ""
+        )  # a pipe has no name for others to read it by
         return replace(arm, file=_with_urdf(arm.urdf_file, file=file, sha256=sha256))
 
     @staticmethod
     def from_model(
-        model: Any, frame: str, *, source: str = "", translation_half_width: float = 0.0, rotation_half_width: float = 0.0
+        model: Any,
+        frame: str,
+        *,
+        source: str = "",
+        translation_half_width: float = 0.0,
+        rotation_half_width: float = 0.0,
     ) -> Arm:
-        """The same from a Pinocchio model that is already there; the joints past ``frame`` are locked at zero.
+        """The same from a Pinocchio model that is already there; the joints past ``frame`` are
+        locked at zero.
 
         Raises:
             UnsupportedArmError, UnknownNameError: see :meth:`from_urdf`.
@@ -198,16 +246,21 @@ class Arm(Shown):
 
     @property
     def urdf_file(self) -> UrdfArmFile:
-        """The arm file of an arm that came as URDF; its path is empty for one that came as a Pinocchio model or by a pipe.
+        """The arm file of an arm that came as URDF; its path is empty for one that came as a
+        Pinocchio model or by a pipe.
 
         Raises:
             UnsupportedArmError: the arm has a DH table.
         """
         if not isinstance(self.file, UrdfArmFile):
-            raise UnsupportedArmError(f"{self.name}: has a DH table; expected an arm that came as URDF")
+            raise UnsupportedArmError(
+                f"{self.name}: has a DH table; expected an arm that came as URDF"
+            )
         return self.file
 
-    def with_placements(self, steps: Array, covariance: Covariance | None, *, exact: bool = False) -> Arm:
+    def with_placements(
+        self, steps: Array, covariance: Covariance | None, *, exact: bool = False
+    ) -> Arm:
         """An arm that came as URDF, every joint placement moved by a twist in its own axes.
 
         Args:
@@ -217,9 +270,14 @@ class Arm(Shown):
         """
         steps = batch(steps, 6, "steps", "m, rad")
         joints = []
-        for joint, before, step in zip(self.urdf_file.joints, self.urdf_file.corrections, steps, strict=True):
+        for joint, before, step in zip(
+            self.urdf_file.joints, self.urdf_file.corrections, steps, strict=True
+        ):
             total = step if not before.any() else pin.log6(_motion(before) * _motion(step)).vector
-            moved = {"shift_mm": tuple((total[:3] / MM).tolist()), "turn_rad": tuple(total[3:].tolist())}
+            moved = {
+                "shift_mm": tuple((total[:3] / MM).tolist()),
+                "turn_rad": tuple(total[3:].tolist()),
+            }
             joints.append(joint.model_copy(update=moved))
         file = self.urdf_file.model_copy(update={"joints": joints, "covariance": covariance})
         if exact:
@@ -227,19 +285,28 @@ class Arm(Shown):
         return _corrected(self.nominal, file)
 
     def with_encoder_noise(self, noise: Array) -> Arm:
-        """The arm with this standard uncertainty of one reading of each joint (nq,) [rad], in its file too."""
+        """The arm with this standard uncertainty of one reading of each joint (nq,) [rad], in its
+        file too.
+        """
         if self.file is None:
             return replace(self, encoder_noise=noise)
         of_joint, rows = iter(noise.tolist()), []
         for row in self.file.joints:
             moves = not getattr(row, "fixed", False)
-            rows.append(row.model_copy(update={"encoder_noise_rad": next(of_joint)}) if moves else row)
-        return replace(self, encoder_noise=noise, file=self.file.model_copy(update={"joints": rows}))
+            rows.append(
+                row.model_copy(update={"encoder_noise_rad": next(of_joint)}) if moves else row
+            )
+        return replace(
+            self, encoder_noise=noise, file=self.file.model_copy(update={"joints": rows})
+        )
 
     def with_unexplained(self, text: str) -> Arm:
         """The arm in whose file is what was left unexplained, shortened to what a file has."""
         short = textwrap.shorten(text, MOST_UNEXPLAINED, placeholder=" …")
-        return replace(self, file=None if self.file is None else self.file.model_copy(update={"unexplained": short}))
+        return replace(
+            self,
+            file=None if self.file is None else self.file.model_copy(update={"unexplained": short}),
+        )
 
     @property
     def nq(self) -> int:
@@ -253,7 +320,9 @@ class Arm(Shown):
 
     @property
     def joint_axes(self) -> Array:
-        """Axis of each joint in the axes of its own placement (nq, 3): along it or about it the joint moves."""
+        """Axis of each joint in the axes of its own placement (nq, 3): along it or about it the
+        joint moves.
+        """
         return joint_axes(self.model)
 
     @property
@@ -275,10 +344,13 @@ class Arm(Shown):
         """
         if self.dh is None:
             first = f" whose first {joints} rows are joints" if joints else ""
-            raise UnsupportedArmError(f"{self.name}: {purpose} needs a DH table{first}; this arm came as URDF alone")
+            raise UnsupportedArmError(
+                f"{self.name}: {purpose} needs a DH table{first}; this arm came as URDF alone"
+            )
         if self.dh.rows < joints or not self.dh.moving[:joints].all():
             raise UnsupportedArmError(
-                f"{self.name}: {purpose} needs joints in the first {joints} DH rows; this arm has {self.nq} joints in "
+                f"{self.name}: {purpose} needs joints in the first {joints} DH rows; this arm has "
+                f"{self.nq} joints in "
                 f"{self.dh.rows} rows"
             )
         return self.dh
@@ -290,13 +362,17 @@ class Arm(Shown):
 
     @cached_property
     def masses(self) -> Array | None:
-        """Mass of the body behind each ``axis`` of the chain (rows,) [kg]; None where no body of the arm has one."""
+        """Mass of the body behind each ``axis`` of the chain (rows,) [kg]; None where no body of
+        the arm has one.
+        """
         masses = np.array([inertia.mass for inertia in self.model.inertias.tolist()[1:]])
         return self._over_rows(masses) if masses.any() else None
 
     @cached_property
     def centres_of_mass(self) -> Array:
-        """Centre of mass of that body in the axes of the ``axis`` (rows, 3) [m]; zero where there is no mass."""
+        """Centre of mass of that body in the axes of the ``axis`` (rows, 3) [m]; zero where there
+        is no mass.
+        """
         centres = np.zeros((self.nq, 3))
         for joint, body in enumerate(self.model.inertias.tolist()[1:]):
             if body.mass > 0.0:
@@ -304,7 +380,9 @@ class Arm(Shown):
         return self._over_rows(centres)
 
     def foot(self, row: int) -> int:
-        """Place on the axis of ``row`` where its body begins: in modified DH before its d, which ``axis row`` is behind."""
+        """Place on the axis of ``row`` where its body begins: in modified DH before its d, which
+        ``axis row`` is behind.
+        """
         return chain.axis(row) if self.dh is None or self.dh.standard else chain.end(row - 1)
 
     def _over_rows(self, of_joints: Array) -> Array:
@@ -325,7 +403,8 @@ class Arm(Shown):
         return dh.place(self._known_row(at))
 
     def poses(self, q: Array, at: str | None = None) -> Poses:
-        """The arm at configurations ``q`` (n, nq) [rad], looked at in frame ``at`` (default: the tip), by Pinocchio.
+        """The arm at configurations ``q`` (n, nq) [rad], looked at in frame ``at`` (default: the
+        tip), by Pinocchio.
 
         Raises:
             ShapeError: ``q`` is not a finite (n, nq) array.
@@ -333,7 +412,9 @@ class Arm(Shown):
         """
         from aacmm_pin.arm.poses import Poses
 
-        return Poses(self.model, batch(q, self.nq, "q", "rad"), frame_number(self.model, at or self.tip))
+        return Poses(
+            self.model, batch(q, self.nq, "q", "rad"), frame_number(self.model, at or self.tip)
+        )
 
     def positions(self, q: Array, at: str | None = None) -> Array:
         """Origin of frame ``at`` (default: the tip) for ``q`` (n, nq) [rad]: (n, 3) [m]."""
@@ -369,7 +450,9 @@ class Arm(Shown):
         q = batch(q, self.nq, "q", "rad")
         errors = batch(errors, len(self.parameters), "errors", "m or rad")
         if len(q) not in (1, len(errors)):
-            raise ShapeError(f"q has {len(q)} rows, expected 1 or as many as errors has, {len(errors)}")
+            raise ShapeError(
+                f"q has {len(q)} rows, expected 1 or as many as errors has, {len(errors)}"
+            )
         q = np.broadcast_to(q, (len(errors), self.nq))
         return self._chain_of_parameters(at).positions(q, errors)
 
@@ -383,7 +466,9 @@ class Arm(Shown):
         joint = frame.parentJoint - 1
         if joint < 0:
             return self.chain.cut(chain.BASE, frame.placement.translation)
-        return self.chain.cut(self.chain.moving_axes()[joint], self._on_axis(joint, frame.placement.translation))
+        return self.chain.cut(
+            self.chain.moving_axes()[joint], self._on_axis(joint, frame.placement.translation)
+        )
 
     def _chain_of_parameters(self, at: str | None) -> Chain:
         """The same; of an arm with a DH table that ends in a frame of the table."""
@@ -392,7 +477,9 @@ class Arm(Shown):
         return self._chain_to(at)
 
     def _on_axis(self, joint: int, point: Array) -> Array:
-        """A point (3,) [m] in the frame of Pinocchio's ``joint``, from 0, in the axes of its place."""
+        """A point (3,) [m] in the frame of Pinocchio's ``joint``, from 0, in the axes of
+        its place.
+        """
         turned = onto_z(self.joint_axes[joint]).T @ point
         if self.dh is not None and not self.dh.standard:
             turned[2] -= self.dh.d[self.dh.moving][joint]
@@ -405,7 +492,8 @@ class Arm(Shown):
         return row
 
     def dh_row(self, at: str | None = None) -> int | None:
-        """Number of the DH row whose frame is ``at`` (default: the tip); None for frames that the table does not know.
+        """Number of the DH row whose frame is ``at`` (default: the tip); None for frames that the
+        table does not know.
 
         Raises:
             UnknownNameError: no such frame.
@@ -423,11 +511,17 @@ def _of_urdf_file(file: UrdfArmFile, path: str) -> Arm:
     """The arm of a file that names a URDF; ``path`` is what errors call the file."""
     urdf = file.urdf
     if not os.path.exists(urdf.file):
-        raise ArmFileError(path, "urdf.file", f"{urdf.file}: no such file; expected the URDF, by its path from {path}")
+        raise ArmFileError(
+            path,
+            "urdf.file",
+            f"{urdf.file}: no such file; expected the URDF, by its path from {path}",
+        )
     model, sha256, mimics = read_model(urdf.file)
     if urdf.sha256 not in (None, sha256):
         expected = f"expected the one that {file.name} was made from, of SHA-256 {urdf.sha256}"
-        raise ArmFileError(path, "urdf.sha256", f"{urdf.file} was changed: it has {sha256}, {expected}")
+        raise ArmFileError(
+            path, "urdf.sha256", f"{urdf.file} was changed: it has {sha256}, {expected}"
+        )
     try:
         nominal = serial_part(model, urdf.frame, mimics)
     except (UnknownNameError, UnsupportedArmError) as error:
@@ -436,7 +530,11 @@ def _of_urdf_file(file: UrdfArmFile, path: str) -> Arm:
     joints = file.joints or [UrdfJoint.model_construct(name=name) for name in names]
     if [joint.name for joint in joints] != names:
         stated = ", ".join(joint.name for joint in joints)
-        raise ArmFileError(path, "joints", f"are {stated}, expected those that move {urdf.frame!r}: {', '.join(names)}")
+        raise ArmFileError(
+            path,
+            "joints",
+            f"are {stated}, expected those that move {urdf.frame!r}: {', '.join(names)}",
+        )
     return _corrected(nominal, file.model_copy(update={"joints": joints}))
 
 
@@ -454,7 +552,9 @@ def _corrected(nominal: Any, file: UrdfArmFile) -> Arm:
         limits=np.column_stack([model.lowerPositionLimit, model.upperPositionLimit]),
         parameters=calibrated(_placement_parameters(model, *widths), file.covariance),
         encoder_noise=file.encoder_noise,
-        stylus_axis=None if file.stylus is None else unit_vector(file.stylus.axis, "the axis of the stylus"),
+        stylus_axis=None
+        if file.stylus is None
+        else unit_vector(file.stylus.axis, "the axis of the stylus"),
         source=file.source,
         reference_temperature=file.reference_temperature_c,
         file=file,
@@ -487,7 +587,9 @@ def as_arm(given: object, name: str = "arm") -> Arm:
     if isinstance(given, str | Path):
         return Arm.load(given)
     held = " of the model: its .arm" if isinstance(getattr(given, "arm", None), Arm) else ""
-    raise AacmmError(f"{name} is of type {type(given).__name__}, expected an Arm, or its name or path{held}")
+    raise AacmmError(
+        f"{name} is of type {type(given).__name__}, expected an Arm, or its name or path{held}"
+    )
 
 
 def _placement_parameters(model: Any, shift: float, turn: float) -> tuple[Parameter, ...]:

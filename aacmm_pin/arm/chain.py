@@ -1,4 +1,5 @@
-"""The kinematics: an arm as a chain of places at which something may be displaced, and the walk along it.
+"""The kinematics: an arm as a chain of places at which something may be displaced, and the walk
+along it.
 
 The places, from the base to the tip, with i from 1 to the number of rows:
 
@@ -96,7 +97,9 @@ class Chain:
             constant += [before_axis, before_end]
             joint += [int(number), -1]
         of_parameters = np.array(parameters, dtype=np.intp).reshape(-1, 2)
-        return Chain(np.stack([*constant, np.eye(4)]), np.array([*joint, -1]), prismatic, of_parameters)
+        return Chain(
+            np.stack([*constant, np.eye(4)]), np.array([*joint, -1]), prismatic, of_parameters
+        )
 
     @property
     def places(self) -> int:
@@ -191,11 +194,14 @@ class Chain:
             else:
                 angles = np.ascontiguousarray(q[part].T)
                 of_chain = self.constant, self.joint, self.prismatic, twists
-                loop(*of_chain, np.cos(angles), np.sin(angles), angles, part.start, position, columns)
+                loop(
+                    *of_chain, np.cos(angles), np.sin(angles), angles, part.start, position, columns
+                )
         return position, columns.transpose(2, 0, 1)
 
     def jacobian(self, rotation: Array, origin: Array, point: Array) -> tuple[Array, Array]:
-        """Motion of a point (n, 3) [m] of the last body by the joints, from the frames of a :meth:`walk`.
+        """Motion of a point (n, 3) [m] of the last body by the joints, from the frames of a
+        :meth:`walk`.
 
         Returns:
             shifts of the point (n, 3, nq) [m/rad; 1 where a joint slides] and turns of the body
@@ -246,8 +252,12 @@ class Chain:
             before = here
         return frames
 
-    def _with_joints(self, values: Array, twists: Mapping[int, Array]) -> tuple[Array, Mapping[int, Array]]:
-        """Joint values (nq, n) with the turns that displacements make about a joint's axis, and the other twists."""
+    def _with_joints(
+        self, values: Array, twists: Mapping[int, Array]
+    ) -> tuple[Array, Mapping[int, Array]]:
+        """Joint values (nq, n) with the turns that displacements make about a joint's axis, and the
+        other twists.
+        """
         others = dict(twists)
         for place, twist in twists.items():
             joint = self.joint[place]
@@ -268,11 +278,14 @@ class Chain:
         return twists
 
     def _with_constant(self, twists: Mapping[int, Array]) -> tuple[Array, Mapping[int, Array]]:
-        """The constant transforms with those displacements that are the same in every record, and the others.
+        """The constant transforms with those displacements that are the same in every record, and
+        the others.
 
         Behind a joint only a screw about its own z can change places with the joint's motion.
         """
-        places = np.array([place for place, twist in twists.items() if len(twist) == 1], dtype=np.intp)
+        places = np.array(
+            [place for place, twist in twists.items() if len(twist) == 1], dtype=np.intp
+        )
         if not places.size:
             return self.constant, twists
         same = np.concatenate([twists[place] for place in places.tolist()])
@@ -283,7 +296,9 @@ class Chain:
 
 
 def _derivative(frames: Array, place: int, component: int) -> Array:
-    """Derivative of the last origin by a component of the twist of a place (3, n); frames (places, 4, 3, n)."""
+    """Derivative of the last origin by a component of the twist of a place (3, n); frames (places,
+    4, 3, n).
+    """
     along = np.asarray(frames[place, component % 3])
     if component < OMEGA_X:
         return along
@@ -291,7 +306,9 @@ def _derivative(frames: Array, place: int, component: int) -> Array:
 
 
 def _screw_axis(twists: Array) -> int | None:
-    """The own axis along and about which all of the twists (n, 6) go; None where there is no such."""
+    """The own axis along and about which all of the twists (n, 6) go; None where there is
+    no such.
+    """
     acting = np.flatnonzero(twists.any(axis=0)) % 3
     if acting.size == 0:
         return Z
@@ -333,7 +350,8 @@ def _differentiate(
     position: Array,
     columns: Array,
 ) -> None:  # pragma: no cover, for numba compiles it
-    """What :meth:`Chain._differentiated` does in NumPy, in loops: of a part of the records, from ``start`` on.
+    """What :meth:`Chain._differentiated` does in NumPy, in loops: of a part of the records, from
+    ``start`` on.
 
     ``cosine``, ``sine`` and ``value`` are those of the joints (nq, n of the part); the results go
     into ``position`` (all, 3) and ``columns`` (3, k, all).
@@ -399,15 +417,17 @@ def _differentiate(
 
 LOOP = Loop(
     _differentiate,
-    "void(f8[:, :, ::1], i8[::1], b1[::1], i8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], i8, f8[:, ::1], f8[:, :, ::1])",
+    "void(f8[:, :, ::1], i8[::1], b1[::1], i8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], i8, "
+    "f8[:, ::1], f8[:, :, ::1])",
 )
 
 
 def exp(twist: Array) -> Array:
     """Rigid motions (n, 4, 4) [m] of twists (n, 6), v then ω [m, rad], by Rodrigues' formula.
 
-    ``I + A M + B M²`` with M = [[ω], v; 0, 0], and ``C ω (ω · v)`` added to its shift; A = sin φ/φ, B = (1 - cos φ)/φ²,
-    C = (φ - sin φ)/φ³, φ = |ω| (Murray, Li, Sastry 1994, eqs. 2.14, 2.36, with [ω]² = ω ωᵀ - φ² I).
+    ``I + A M + B M²`` with M = [[ω], v; 0, 0], and ``C ω (ω · v)`` added to its shift; A = sin φ/φ,
+    B = (1 - cos φ)/φ², C = (φ - sin φ)/φ³, φ = |ω| (Murray, Li, Sastry 1994, eqs. 2.14, 2.36, with
+    [ω]² = ω ωᵀ - φ² I).
     """
     v, w = twist[:, :3], twist[:, 3:]
     squared = np.einsum("ni,ni->n", w, w)[:, None, None]

@@ -1,4 +1,6 @@
-"""A URDF file with the placements of its joints as a calibration found them; comments and all else stay."""
+"""A URDF file with the placements of its joints as a calibration found them; comments and all else
+stay.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +36,9 @@ def corrected_urdf(arm: Arm, tip_shift: Array | None = None) -> bytes:
     """
     urdf = arm.urdf_file.urdf
     if not urdf.file:
-        raise UnsupportedArmError(f"{arm.name}: was made from no file that could be corrected; a pipe is none")
+        raise UnsupportedArmError(
+            f"{arm.name}: was made from no file that could be corrected; a pipe is none"
+        )
     try:
         content = Path(urdf.file).read_bytes()
     except OSError as error:
@@ -51,7 +55,9 @@ def corrected_urdf(arm: Arm, tip_shift: Array | None = None) -> bytes:
     for name, motion in motions.items():
         _move(joints[name], motion)
     tree = robot.getroottree()
-    return bytes(etree.tostring(tree, xml_declaration=True, encoding=tree.docinfo.encoding or "utf-8"))
+    return bytes(
+        etree.tostring(tree, xml_declaration=True, encoding=tree.docinfo.encoding or "utf-8")
+    )
 
 
 def _corrections(arm: Arm) -> dict[str, Any]:
@@ -68,7 +74,10 @@ def _joint_of_tip(joints: dict[str, Element], arm: Arm) -> str:
     for name, joint in joints.items():
         if joint.get("type") == "fixed" and joint.find("child").get("link") == arm.tip:
             return name
-    raise UnsupportedArmError(f"{arm.name}: {arm.tip!r} has no fixed joint of its own that could take the shift of the tip")
+    raise UnsupportedArmError(
+        f"{arm.name}: {arm.tip!r} has no fixed joint of its own that could take the shift "
+        "of the tip"
+    )
 
 
 def _move(joint: Element, motion: Any) -> None:
@@ -78,10 +87,15 @@ def _move(joint: Element, motion: Any) -> None:
         origin = etree.SubElement(joint, "origin")
     shift, angles = ([float(v) for v in origin.get(key, "0 0 0").split()] for key in ("xyz", "rpy"))
     placement = pin.SE3(from_roll_pitch_yaw(np.array(angles)), np.array(shift)) * motion
-    for key, values in (("xyz", placement.translation), ("rpy", pin.rpy.matrixToRpy(placement.rotation))):
+    for key, values in (
+        ("xyz", placement.translation),
+        ("rpy", pin.rpy.matrixToRpy(placement.rotation)),
+    ):
         origin.set(key, " ".join(f"{value:.17g}" for value in values))
 
 
 def from_roll_pitch_yaw(angles: Array) -> Array:
-    """``Rz(yaw) Ry(pitch) Rx(roll)`` of URDF's roll, pitch, yaw (3,) [rad], turns about fixed axes: (3, 3)."""
+    """``Rz(yaw) Ry(pitch) Rx(roll)`` of URDF's roll, pitch, yaw (3,) [rad], turns about fixed axes:
+    (3, 3).
+    """
     return np.asarray(pin.rpy.rpyToMatrix(angles))

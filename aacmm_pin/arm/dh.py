@@ -114,7 +114,9 @@ class DHTable(Shown):
         return end(frame) if self.standard else axis(frame)
 
 
-def table(rows: Array, convention: Convention = "standard-dh", moving: list[bool] | None = None) -> DHTable:
+def table(
+    rows: Array, convention: Convention = "standard-dh", moving: list[bool] | None = None
+) -> DHTable:
     """Make a table from ``rows`` (rows, 4): a, d, alpha, theta_offset [m, m, rad, rad].
 
     Raises:
@@ -125,5 +127,7 @@ def table(rows: Array, convention: Convention = "standard-dh", moving: list[bool
     rows = batch(rows, 4, "rows", "m, m, rad, rad")
     flags = np.ones(len(rows), dtype=bool) if moving is None else np.array(moving, dtype=bool)
     if flags.shape != (len(rows),):
-        raise ShapeError(f"moving has {flags.size} entries, expected one for each of the {len(rows)} rows")
+        raise ShapeError(
+            f"moving has {flags.size} entries, expected one for each of the {len(rows)} rows"
+        )
     return DHTable(rows[:, 0], rows[:, 1], rows[:, 2], rows[:, 3], flags, convention)

@@ -38,4 +38,6 @@ def urdf_of_robot(name: str) -> Path:
     for file in files:
         if file.name == wanted:
             return Path(str(file.locate()))
-    raise AacmmError(f"{name}: no {wanted} of {PACKAGE} is installed; install the package {PACKAGE} from PyPI")
+    raise AacmmError(
+        f"{name}: no {wanted} of {PACKAGE} is installed; install the package {PACKAGE} from PyPI"
+    )

@@ -1,6 +1,8 @@
-"""Arm files (TOML): the DH table of an arm with its uncertainties, limits and masses; or its URDF with what is known better.
+"""Arm files (TOML): the DH table of an arm with its uncertainties, limits and masses; or its URDF
+with what is known better.
 
-The file speaks millimetres and radians (degrees where a key ends in ``_deg``); the properties of :class:`ArmFile` speak SI.
+The file speaks millimetres and radians (degrees where a key ends in ``_deg``); the properties of
+:class:`ArmFile` speak SI.
 """
 
 from __future__ import annotations
@@ -18,7 +20,15 @@ from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
 import tomli_w
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    FiniteFloat,
+    ValidationError,
+    model_validator,
+)
 
 from aacmm_pin._support.angles import spread_angles
 from aacmm_pin._support.checks import Array
@@ -60,13 +70,16 @@ MOST_BYTES = 32_000_000
 DEEPEST = 20
 """Tables inside one another; those of an arm file are three."""
 MANY_KEY_PARTS = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++[ \t]*+\.[ \t]*+){100}""")
-"""A dotted key of more than a hundred parts: Python's parser takes their square in time and memory."""
+"""A dotted key of more than a hundred parts: Python's parser takes their square in time and memory.
+"""
 
 MOST_EFFECTS = 1000
 """Causes of error that a file may add; `diagnose` finds a handful."""
 
 MOST_DISCREPANCIES = 100
-"""Entries of what no cause explains; `diagnose` writes one for each covariate that structure depends on, and one more."""
+"""Entries of what no cause explains; `diagnose` writes one for each covariate that structure
+depends on, and one more.
+"""
 MOST_COEFFICIENTS = 10_000
 """Numbers of one of these; those of all covariates together are about a thousand."""
 
@@ -76,7 +89,9 @@ MOST_FACTORS = 4
 LARGEST_DEG = 1e6
 """Whole numbers of TOML may be larger than any float; no angle is."""
 
-_FROM_ARRAY = Field(strict=False)  # TOML has arrays only; strict validation would refuse them where a tuple is meant
+_FROM_ARRAY = Field(
+    strict=False
+)  # TOML has arrays only; strict validation would refuse them where a tuple is meant
 Pair = Annotated[tuple[FiniteFloat, FiniteFloat], _FROM_ARRAY]
 Vector3 = Annotated[tuple[FiniteFloat, FiniteFloat, FiniteFloat], _FROM_ARRAY]
 
@@ -94,7 +109,9 @@ class _WithAngles(_Part):
         if not isinstance(data, dict):
             return data
         in_degrees = {
-            key: f"{key[:-4]}_rad" for key in data if key.endswith("_deg") and f"{key[:-4]}_rad" in cls.model_fields
+            key: f"{key[:-4]}_rad"
+            for key in data
+            if key.endswith("_deg") and f"{key[:-4]}_rad" in cls.model_fields
         }
         found = {key: value for key, value in data.items() if key not in in_degrees}
         for key, name in in_degrees.items():
@@ -102,8 +119,12 @@ class _WithAngles(_Part):
                 raise ValueError(f"{key} beside {name}, expected one of them")
             numbers = data[key] if isinstance(data[key], list) else [data[key]]
             if any(type(number) not in (int, float) for number in numbers):
-                raise ValueError(f"{key} is {reprlib.repr(data[key])}, expected degrees as {name} has radians")
-            radians = [number * DEG if abs(number) < LARGEST_DEG else math.inf for number in numbers]
+                raise ValueError(
+                    f"{key} is {reprlib.repr(data[key])}, expected degrees as {name} has radians"
+                )
+            radians = [
+                number * DEG if abs(number) < LARGEST_DEG else math.inf for number in numbers
+            ]
             found[name] = radians if isinstance(data[key], list) else radians[0]
         return found
 
@@ -134,16 +155,23 @@ class Row(_WithAngles):
     @model_validator(mode="after")
     def _consistent(self) -> Row:
         angles = [("alpha_rad", self.alpha_rad, 1), ("theta_offset_rad", self.theta_offset_rad, 1)]
-        angles += [(f"limits_rad[{i}]", limit, MOST_TURNS) for i, limit in enumerate(self.limits_rad or (), start=1)]
+        angles += [
+            (f"limits_rad[{i}]", limit, MOST_TURNS)
+            for i, limit in enumerate(self.limits_rad or (), start=1)
+        ]
         for key, angle, most in angles:
             if refused := like_degrees(angle, most):
                 raise ValueError(f"{key} {refused}, or a key in _deg")
         if self.fixed and (self.limits_rad is not None or self.encoder_noise_rad is not None):
-            raise ValueError("a fixed row has no joint: expected no limits_rad and no encoder_noise_rad")
+            raise ValueError(
+                "a fixed row has no joint: expected no limits_rad and no encoder_noise_rad"
+            )
         if not self.fixed and self.limits_rad is None:
             raise ValueError("limits_rad is missing, expected [lower, upper] for a joint")
         if self.limits_rad is not None and not self.limits_rad[0] < self.limits_rad[1]:
-            raise ValueError(f"limits_rad is {list(self.limits_rad)}, expected the lower limit first")
+            raise ValueError(
+                f"limits_rad is {list(self.limits_rad)}, expected the lower limit first"
+            )
         if self.com_mm is not None and self.mass_kg is None:
             raise ValueError("com_mm without mass_kg, expected both")
         return self
@@ -162,9 +190,11 @@ class Stylus(_Part):
 
 
 class EffectEntry(_Part):
-    """A cause of error in the file: its name, which one it is (``joint``, ``order``, …), its parameters and their u.
+    """A cause of error in the file: its name, which one it is (``joint``, ``order``, …), its
+    parameters and their u.
 
-    Which fields and parameters a cause has is known to :mod:`aacmm_pin.effects`, which is above this module.
+    Which fields and parameters a cause has is known to :mod:`aacmm_pin.effects`, which is above
+    this module.
     """
 
     model_config = ConfigDict(extra="allow", strict=True, frozen=True)
@@ -176,21 +206,30 @@ class EffectEntry(_Part):
     @property
     def structure(self) -> dict[str, Any]:
         """Everything but the cause, its parameters and their uncertainty."""
-        return {k: tuple(v) if isinstance(v, list) else v for k, v in (self.model_extra or {}).items()}
+        return {
+            k: tuple(v) if isinstance(v, list) else v for k, v in (self.model_extra or {}).items()
+        }
 
 
-_Coefficients = Annotated[tuple[FiniteFloat, ...], Field(strict=False, max_length=MOST_COEFFICIENTS)]
+_Coefficients = Annotated[
+    tuple[FiniteFloat, ...], Field(strict=False, max_length=MOST_COEFFICIENTS)
+]
 
 
 class DiscrepancyPart(_Part):
-    """Smooth functions of a discrepancy, and what they act on; see :mod:`aacmm_pin.effects.discrepancy`, above this module.
+    """Smooth functions of a discrepancy, and what they act on; see
+    :mod:`aacmm_pin.effects.discrepancy`, above this module.
 
     Each row of ``directions`` is of one coefficient, with a number for each of the entry's values.
     """
 
     acts_on: Name
-    functions: Annotated[list[dict[str, Any]], Field(max_length=MOST_FACTORS)] = Field(default_factory=list)
-    directions: Annotated[tuple[_Coefficients, ...], Field(strict=False, max_length=MOST_COEFFICIENTS)] = ()
+    functions: Annotated[list[dict[str, Any]], Field(max_length=MOST_FACTORS)] = Field(
+        default_factory=list
+    )
+    directions: Annotated[
+        tuple[_Coefficients, ...], Field(strict=False, max_length=MOST_COEFFICIENTS)
+    ] = ()
 
 
 class DiscrepancyEntry(_Part):
@@ -203,9 +242,11 @@ class DiscrepancyEntry(_Part):
 
 
 class Covariance(_Part):
-    """What a calibration knows of parameters together; it overrides the half-widths of the parameters that it names.
+    """What a calibration knows of parameters together; it overrides the half-widths of the
+    parameters that it names.
 
-    ``records`` are fingerprints of the records that it is known from, with blanks between them, so that none counts twice.
+    ``records`` are fingerprints of the records that it is known from, with blanks between them, so
+    that none counts twice.
     """
 
     parameters: Annotated[tuple[str, ...], Field(min_length=1, strict=False)]
@@ -219,17 +260,27 @@ class Covariance(_Part):
         if len(set(self.parameters)) != n:
             raise ValueError("parameters names one of them twice")
         if len(self.standard_uncertainty_si) != n:
-            raise ValueError(f"standard_uncertainty_si has {len(self.standard_uncertainty_si)} numbers, expected {n}")
+            raise ValueError(
+                f"standard_uncertainty_si has {len(self.standard_uncertainty_si)} numbers, "
+                f"expected {n}"
+            )
         if [len(row) for row in self.correlation] != list(range(n)):
-            shape = "the part below the diagonal, such as [[], [0.5], [0.1, -0.2]]: the first row has none"
+            shape = (
+                "the part below the diagonal, such as [[], [0.5], [0.1, -0.2]]: the first row "
+                "has none"
+            )
             raise ValueError(f"correlation: expected {n} rows of 0, 1, … {n - 1} numbers, {shape}")
         matrix = self.matrix_of_correlation()
         if np.abs(matrix).max() > 1 + 1e-9 or np.linalg.eigvalsh(matrix).min() < -1e-6:
-            raise ValueError("correlation is not a correlation matrix: it has a negative eigenvalue")
+            raise ValueError(
+                "correlation is not a correlation matrix: it has a negative eigenvalue"
+            )
         return self
 
     def restricted(self, names: Iterable[str]) -> Covariance | None:
-        """The part about those of the parameters that are among ``names``; None where there is none."""
+        """The part about those of the parameters that are among ``names``; None where there is
+        none.
+        """
         among = set(names)
         keep = [i for i, name in enumerate(self.parameters) if name in among]
         if not keep:
@@ -262,12 +313,20 @@ class AnyArmFile(_Part):
     name: Name
     source: Text = ""
     reference_temperature_c: TemperatureC = 20.0
-    gravity_m_s2: Annotated[tuple[Acceleration, Acceleration, Acceleration], _FROM_ARRAY] = (0.0, 0.0, -9.81)
+    gravity_m_s2: Annotated[tuple[Acceleration, Acceleration, Acceleration], _FROM_ARRAY] = (
+        0.0,
+        0.0,
+        -9.81,
+    )
     stylus: Stylus | None = None
     unexplained: Text = ""
     tip_on_target: bool = False
-    effects: Annotated[list[EffectEntry], Field(max_length=MOST_EFFECTS)] = Field(default_factory=list)
-    discrepancy: Annotated[list[DiscrepancyEntry], Field(max_length=MOST_DISCREPANCIES)] = Field(default_factory=list)
+    effects: Annotated[list[EffectEntry], Field(max_length=MOST_EFFECTS)] = Field(
+        default_factory=list
+    )
+    discrepancy: Annotated[list[DiscrepancyEntry], Field(max_length=MOST_DISCREPANCIES)] = Field(
+        default_factory=list
+    )
     covariance: Covariance | None = None
 
 
@@ -275,22 +334,27 @@ Kind = TypeVar("Kind", bound=AnyArmFile)
 
 
 class Urdf(_WithAngles):
-    """Which URDF, which frame of it has its origin at the tip, and within what its joint placements are known.
+    """Which URDF, which frame of it has its origin at the tip, and within what its joint placements
+    are known.
 
-    The numbers of the file hold for that URDF alone, to the byte: its SHA-256 is beside its path, so that one that was
-    changed is refused. The path is relative to the folder where the arm file really is, links followed (here, in memory,
-    absolute), so that both can move together.
+    The numbers of the file hold for that URDF alone, to the byte: its SHA-256 is beside its path,
+    so that one that was changed is refused. The path is relative to the folder where the arm file
+    really is, links followed (here, in memory, absolute), so that both can move together.
     """
 
     file: Annotated[str, Field(min_length=1, max_length=4096), AfterValidator(without_nul)]
     frame: Name
     sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")] | None = None
-    translation_half_width_mm: Annotated[FiniteFloat, Field(ge=0.0, le=SHIFT_HALF_WIDTH.most / MM)] = 0.0
+    translation_half_width_mm: Annotated[
+        FiniteFloat, Field(ge=0.0, le=SHIFT_HALF_WIDTH.most / MM)
+    ] = 0.0
     rotation_half_width_rad: AngleHalfWidth = 0.0
 
 
 class UrdfJoint(_WithAngles):
-    """A joint of the URDF: the twist of its placement in its own axes, behind what the URDF says, and its encoder."""
+    """A joint of the URDF: the twist of its placement in its own axes, behind what the URDF says,
+    and its encoder.
+    """
 
     name: Name
     shift_mm: Annotated[tuple[LengthMm, LengthMm, LengthMm], _FROM_ARRAY] = (0.0, 0.0, 0.0)
@@ -307,8 +371,13 @@ class UrdfArmFile(AnyArmFile):
     @model_validator(mode="after")
     def _of_one_urdf(self) -> UrdfArmFile:
         if self.urdf.sha256 is None and (self.joints or self.covariance is not None):
-            raise ValueError("urdf.sha256 is missing, expected that of the URDF for which joints and covariance hold")
-        _check_noise({number: joint.encoder_noise_rad for number, joint in enumerate(self.joints, start=1)})
+            raise ValueError(
+                "urdf.sha256 is missing, expected that of the URDF for which joints and "
+                "covariance hold"
+            )
+        _check_noise(
+            {number: joint.encoder_noise_rad for number, joint in enumerate(self.joints, start=1)}
+        )
         return self
 
     @property
@@ -335,8 +404,16 @@ class ArmFile(AnyArmFile):
         if all(row.fixed for row in self.joints):
             raise ValueError("every row is fixed, expected at least one joint")
         if len(self.moving_rows) > MOST_JOINTS:
-            raise ValueError(f"{len(self.moving_rows)} rows have a joint, expected at most {MOST_JOINTS}")
-        _check_noise({number: row.encoder_noise_rad for number, row in enumerate(self.joints, start=1) if not row.fixed})
+            raise ValueError(
+                f"{len(self.moving_rows)} rows have a joint, expected at most {MOST_JOINTS}"
+            )
+        _check_noise(
+            {
+                number: row.encoder_noise_rad
+                for number, row in enumerate(self.joints, start=1)
+                if not row.fixed
+            }
+        )
         return self
 
     @model_validator(mode="after")
@@ -344,13 +421,18 @@ class ArmFile(AnyArmFile):
         postures = np.vstack([np.zeros(self.dh.nq), spread_angles(POSTURES, self.dh.nq)])
         if refused := out_of_reach(self.dh.chain.positions(postures)):
             lengths = {
-                f"joints[{n}].{k}": getattr(r, k) for n, r in enumerate(self.joints, start=1) for k in ("a_mm", "d_mm")
+                f"joints[{n}].{k}": getattr(r, k)
+                for n, r in enumerate(self.joints, start=1)
+                for k in ("a_mm", "d_mm")
             }
             key = max(lengths, key=lambda name: abs(lengths[name]))
             raise ValueError(f"{key} is {lengths[key]:g}: {refused}")
         size = sum(abs(row.a_mm) + abs(row.d_mm) for row in self.joints)
         if size * MM < SMALLEST_ARM:
-            raise ValueError(f"all lengths a_mm and d_mm add up to {size:g} mm, expected at least {SMALLEST_ARM / MM:g} mm")
+            raise ValueError(
+                f"all lengths a_mm and d_mm add up to {size:g} mm, expected at least "
+                f"{SMALLEST_ARM / MM:g} mm"
+            )
         for number, row in enumerate(self.joints, start=1):
             for key in ("a_mm", "d_mm"):
                 if row.uncertainty is not None and (half := getattr(row.uncertainty, key)) > size:
@@ -379,11 +461,15 @@ class ArmFile(AnyArmFile):
 
     @property
     def encoder_noise(self) -> Array | None:
-        """Standard uncertainty of one reading, (nq,) [rad]; None where the file states it for no joint."""
+        """Standard uncertainty of one reading, (nq,) [rad]; None where the file states it for no
+        joint.
+        """
         return _noise(self.moving_rows)
 
     def dh_parameters(self) -> tuple[Parameter, ...]:
-        """The four values of every row in the order of :attr:`DHTable.chain`; rows without uncertainty have u = 0."""
+        """The four values of every row in the order of :attr:`DHTable.chain`; rows without
+        uncertainty have u = 0.
+        """
         parameters = []
         for number, row in enumerate(self.joints, start=1):
             for kind in KINDS:
@@ -405,12 +491,17 @@ def _check_noise(noise: Mapping[int, float | None]) -> None:
     missing = [number for number, u in noise.items() if u is None]
     if 0 < len(missing) < len(noise):
         raise ValueError(
-            f"joints[{missing[0]}].encoder_noise_rad is missing, which other joints state; expected all or none"
+            f"joints[{missing[0]}].encoder_noise_rad is missing, which other joints state; "
+            "expected all or none"
         )
 
 
-def calibrated(parameters: Iterable[Parameter], covariance: Covariance | None) -> tuple[Parameter, ...]:
-    """The parameters, those that ``covariance`` names with its standard uncertainty u and ± k u as their bound."""
+def calibrated(
+    parameters: Iterable[Parameter], covariance: Covariance | None
+) -> tuple[Parameter, ...]:
+    """The parameters, those that ``covariance`` names with its standard uncertainty u and ± k u as
+    their bound.
+    """
     if covariance is None:
         return tuple(parameters)
     u = dict(zip(covariance.parameters, covariance.standard_uncertainty_si, strict=True))
@@ -442,7 +533,8 @@ def read_arm_file(name_or_path: str | Path) -> ArmFile | UrdfArmFile:
 
     Raises:
         UnknownNameError: neither a bundled name nor a file; lists the names.
-        ArmFileError: the file is not TOML, or a key is unknown, missing, of the wrong type or out of range.
+        ArmFileError: the file is not TOML, or a key is unknown, missing, of the wrong type or out
+            of range.
     """
     name = str(name_or_path)
     if name in bundled_arms():
@@ -455,7 +547,9 @@ def read_arm_file(name_or_path: str | Path) -> ArmFile | UrdfArmFile:
             raise UnknownNameError("arm", name, known, "or the path of an arm file, *.toml")
     except OSError as error:
         raise ArmFileError(name, "", f"cannot be read: {error.strerror}") from None
-    content = content_of(path, MOST_BYTES, "an arm file, *.toml,", lambda message: ArmFileError(name, "", message))
+    content = content_of(
+        path, MOST_BYTES, "an arm file, *.toml,", lambda message: ArmFileError(name, "", message)
+    )
     return parse_arm_file(content, name)
 
 
@@ -475,12 +569,15 @@ def toml_of(content: bytes, refused: Callable[[str], AacmmError]) -> dict[str, A
         raise refused(f"not UTF-8 text (byte {error.start})") from None
     except RecursionError:
         raise refused("not TOML: nested too deep") from None
-    except ValueError as error:  # a TOMLDecodeError, or an integer of thousands of digits, with advice for programmers
+    # a TOMLDecodeError, or an integer of thousands of digits, with advice for programmers
+    except ValueError as error:
         raise refused(f"not TOML: {str(error).partition('; use sys.')[0]}") from None
 
 
 def parse_arm_file(content: bytes, path: str) -> ArmFile | UrdfArmFile:
-    """Validate the content of an arm file; ``path`` is for messages, and a URDF is looked for from its folder."""
+    """Validate the content of an arm file; ``path`` is for messages, and a URDF is looked for from
+    its folder.
+    """
 
     def refused(message: str) -> ArmFileError:
         is_urdf = f"is a URDF: --urdf {path} --frame NAME, or Arm.from_urdf"
@@ -508,23 +605,34 @@ def validated(kind: type[Kind], data: dict[str, Any], path: str) -> Kind:
 
 
 def _check_depth(data: dict[str, Any], path: str) -> None:
-    """Refuse tables and arrays inside one another that no arm file has, before anything walks them by recursion."""
+    """Refuse tables and arrays inside one another that no arm file has, before anything walks them
+    by recursion.
+    """
     level: list[tuple[str, Any]] = list(data.items())
     for _ in range(DEEPEST):
-        inside = [(key, list(value.values()) if isinstance(value, dict) else value) for key, value in level]
+        inside = [
+            (key, list(value.values()) if isinstance(value, dict) else value)
+            for key, value in level
+        ]
         level = [(key, item) for key, value in inside if isinstance(value, list) for item in value]
     if level:
-        raise ArmFileError(path, level[0][0], f"more than {DEEPEST} tables or arrays inside one another")
+        raise ArmFileError(
+            path, level[0][0], f"more than {DEEPEST} tables or arrays inside one another"
+        )
 
 
 def _explained(error: ValidationError, path: str, kind: type[AnyArmFile]) -> ArmFileError:
     """One line for each problem: what came, what was expected, and where."""
     (key, message), *rest = [_problem(item, kind) for item in error.errors()]
-    return ArmFileError(path, key, message + "".join(f"\n{ArmFileError(path, *problem)}" for problem in rest))
+    return ArmFileError(
+        path, key, message + "".join(f"\n{ArmFileError(path, *problem)}" for problem in rest)
+    )
 
 
 def _problem(item: Any, kind: type[AnyArmFile]) -> tuple[str, str]:
-    key = "".join(f"[{part + 1}]" if isinstance(part, int) else f".{part}" for part in item["loc"]).removeprefix(".")
+    key = "".join(
+        f"[{part + 1}]" if isinstance(part, int) else f".{part}" for part in item["loc"]
+    ).removeprefix(".")
     match item["type"]:
         case "extra_forbidden":
             parts: dict[str, type[_Part]] = {
@@ -538,7 +646,11 @@ def _problem(item: Any, kind: type[AnyArmFile]) -> tuple[str, str]:
             }
             parents = [part for part in item["loc"][:-1] if isinstance(part, str)]
             fields = (parts[parents[-1]] if parents else kind).model_fields
-            return key, f"unknown key; known here: {', '.join(sorted(f.alias or name for name, f in fields.items()))}"
+            return (
+                key,
+                "unknown key; known here: "
+                f"{', '.join(sorted(f.alias or name for name, f in fields.items()))}",
+            )
         case "missing":
             return key, "missing"
         case "value_error":
@@ -552,19 +664,26 @@ def _problem(item: Any, kind: type[AnyArmFile]) -> tuple[str, str]:
 
 
 def arm_text(arm: ArmFile | UrdfArmFile, comment: str = "", path: str | Path | None = None) -> str:
-    """TOML of ``arm``, with ``comment`` in front; numbers are written so that they come back to the last bit.
+    """TOML of ``arm``, with ``comment`` in front; numbers are written so that they come back to the
+    last bit.
 
     Args:
         arm: the file.
         comment: lines of text.
-        path: where the text will be, from which the path to a URDF is told; None is beside the URDF.
+        path: where the text will be, from which the path to a URDF is told; None is beside the
+            URDF.
     """
-    content = {"schema": arm.schema_} | arm.model_dump(by_alias=True, exclude_none=True, exclude_defaults=True)
+    content = {"schema": arm.schema_} | arm.model_dump(
+        by_alias=True, exclude_none=True, exclude_defaults=True
+    )
     for last in ("effects", "discrepancy", "covariance"):
         if last in content:
             content[last] = content.pop(last)
     if isinstance(arm, UrdfArmFile):
         folder = Path(arm.urdf.file if path is None else os.path.realpath(path)).parent
         content["urdf"]["file"] = Path(os.path.relpath(arm.urdf.file, folder)).as_posix()
-    lines = [f"# {''.join(c if c.isprintable() else ' ' for c in line)}".rstrip() for line in comment.splitlines()]
+    lines = [
+        f"# {''.join(c if c.isprintable() else ' ' for c in line)}".rstrip()
+        for line in comment.splitlines()
+    ]
     return "\n".join([*lines, *([""] if lines else []), tomli_w.dumps(content)])

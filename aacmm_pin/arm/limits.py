@@ -15,7 +15,8 @@ BESIDE = 0.02
 
 
 def into_limits(q: Array, limits: Array) -> Array:
-    """The same configurations, each angle turned by whole turns to where it is inside its limits or least outside.
+    """The same configurations, each angle turned by whole turns to where it is inside its limits or
+    least outside.
 
     Of several places inside, which limits wider than a turn have, the one nearest to their middle.
 
@@ -35,20 +36,30 @@ def into_limits(q: Array, limits: Array) -> Array:
 
 
 def broken_limits(q: Array, limits: Array) -> Mask:
-    """Which angles of ``q`` (n, nq) [rad], as they stand, are outside ``limits`` (nq, 2): (n, nq)."""
+    """Which angles of ``q`` (n, nq) [rad], as they stand, are outside ``limits`` (nq, 2):
+    (n, nq).
+    """
     return np.asarray((q < limits[:, 0] - AT_LIMIT) | (q > limits[:, 1] + AT_LIMIT))
 
 
 def other_turns(q: Array, limits: Array, slides: Mask) -> list[Note]:
-    """That turning joints have angles ``q`` (n, nq) [rad] that are whole turns outside their limits (nq, 2)."""
+    """That turning joints have angles ``q`` (n, nq) [rad] that are whole turns outside their limits
+    (nq, 2).
+    """
     turned = into_limits(q, limits)
-    lost = broken_limits(q, limits) & ~broken_limits(turned, limits + BESIDE * np.array([-1.0, 1.0])) & ~slides
+    lost = (
+        broken_limits(q, limits)
+        & ~broken_limits(turned, limits + BESIDE * np.array([-1.0, 1.0]))
+        & ~slides
+    )
     lost &= np.abs(turned - q) > np.pi
     joints = np.flatnonzero(lost.any(axis=0)) + 1
     if not joints.size:
         return []
     records = int(lost.any(axis=1).sum())
-    return [Note("angles_outside_limits", {"records": records, "of": len(q), "joints": joints.tolist()})]
+    return [
+        Note("angles_outside_limits", {"records": records, "of": len(q), "joints": joints.tolist()})
+    ]
 
 
 def inside_part(start: Array, end: Array, limits: Array) -> tuple[Array, Array]:
@@ -70,4 +81,6 @@ def inside_part(start: Array, end: Array, limits: Array) -> tuple[Array, Array]:
     way = end[:, bounded] - start[:, bounded]
     way = np.where(np.abs(way) < 1e-15, 1e-15, way)
     ends = np.stack([(-half - off) / way, (half - off) / way])
-    return np.clip(ends.min(axis=0).max(axis=1), 0.0, 1.0), np.clip(ends.max(axis=0).min(axis=1), 0.0, 1.0)
+    return np.clip(ends.min(axis=0).max(axis=1), 0.0, 1.0), np.clip(
+        ends.max(axis=0).min(axis=1), 0.0, 1.0
+    )

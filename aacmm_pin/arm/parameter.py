@@ -23,7 +23,8 @@ class Parameter(Shown):
         value: stated value [unit].
         half_width: bound of the error, value ± half_width [unit]; None where no bound is stated.
         u: standard uncertainty [unit].
-        scope: ``arm`` (one error for all records), ``session`` (one for each session), ``record`` (a new one each record).
+        scope: ``arm`` (one error for all records), ``session`` (one for each session), ``record``
+            (a new one each record).
     """
 
     name: str
@@ -36,9 +37,14 @@ class Parameter(Shown):
     scope: Scope = "arm"
 
     @staticmethod
-    def bounded(name: str, kind: str, joint: int, unit: str, value: float, half_width: float | None) -> Parameter:
-        """A parameter known within ± half_width: rectangular distribution, u = half_width/√3 (JCGM 100:2008, 4.3.7).
+    def bounded(
+        name: str, kind: str, joint: int, unit: str, value: float, half_width: float | None
+    ) -> Parameter:
+        """A parameter known within ± half_width: rectangular distribution, u = half_width/√3 (JCGM
+        100:2008, 4.3.7).
 
         Where no half-width is stated (None) the value counts as exact, u = 0.
         """
-        return Parameter(name, kind, joint, unit, value, half_width, (half_width or 0.0) / math.sqrt(3.0))
+        return Parameter(
+            name, kind, joint, unit, value, half_width, (half_width or 0.0) / math.sqrt(3.0)
+        )

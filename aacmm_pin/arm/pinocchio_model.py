@@ -1,4 +1,6 @@
-"""What a Pinocchio model says of a serial arm: its frames, the joints that move one of them, their axes, its chain."""
+"""What a Pinocchio model says of a serial arm: its frames, the joints that move one of them, their
+axes, its chain.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,9 @@ from aacmm_pin.errors import AacmmError, UnknownNameError, UnsupportedArmError
 
 
 def read_model(path: str | Path) -> tuple[Any, str, dict[str, tuple[str, str]]]:
-    """The Pinocchio model of a URDF file, the SHA-256 of the file, and joints that mimic others; see `read_urdf`."""
+    """The Pinocchio model of a URDF file, the SHA-256 of the file, and joints that mimic others;
+    see `read_urdf`.
+    """
     from aacmm_pin.arm.urdf_check import read_urdf
 
     text, sha256, mimics = read_urdf(path)
@@ -29,7 +33,8 @@ def read_model(path: str | Path) -> tuple[Any, str, dict[str, tuple[str, str]]]:
 
 
 def frame_number(model: Any, name: str) -> int:
-    """Number of a frame; of a link and a joint with the same name, which URDF allows, the link (getFrameId would raise).
+    """Number of a frame; of a link and a joint with the same name, which URDF allows, the link
+    (getFrameId would raise).
 
     Raises:
         UnknownNameError: no such frame; lists the frames.
@@ -41,10 +46,14 @@ def frame_number(model: Any, name: str) -> int:
     return (links or same)[0]
 
 
-def serial_part(model: Any, frame: str, mimics: Mapping[str, tuple[str, str]] = MappingProxyType({})) -> Any:
-    """The chain from the base to ``frame``; other joints (a gripper's fingers) are locked at their neutral place.
+def serial_part(
+    model: Any, frame: str, mimics: Mapping[str, tuple[str, str]] = MappingProxyType({})
+) -> Any:
+    """The chain from the base to ``frame``; other joints (a gripper's fingers) are locked at their
+    neutral place.
 
-    Two joints of it that follow one, by the ``mimics`` of :func:`read_model`, are refused: they are not read by themselves.
+    Two joints of it that follow one, by the ``mimics`` of :func:`read_model`, are refused: they are
+    not read by themselves.
     """
     joint = model.frames[frame_number(model, frame)].parentJoint
     chain = []
@@ -52,35 +61,52 @@ def serial_part(model: Any, frame: str, mimics: Mapping[str, tuple[str, str]] = 
         chain.append(joint)
         joint = model.parents[joint]
     if len(chain) > MOST_JOINTS:
-        raise UnsupportedArmError(f"{model.name}: {len(chain)} joints move frame {frame!r}, expected at most {MOST_JOINTS}")
+        raise UnsupportedArmError(
+            f"{model.name}: {len(chain)} joints move frame {frame!r}, expected at most "
+            f"{MOST_JOINTS}"
+        )
     names = [model.names[joint] for joint in chain]
     leaders = [mimics.get(name, (name,))[0] for name in names]
     for name, leader in zip(names, leaders, strict=True):
-        if name in mimics and (leaders.count(leader) > 1 or not model.existJointName(leader)):  # a fixed one is none there
-            raise UnsupportedArmError(f"{mimics[name][1]}; each joint that moves frame {frame!r} must be read by itself")
+        if name in mimics and (
+            leaders.count(leader) > 1 or not model.existJointName(leader)
+        ):  # a fixed one is none there
+            raise UnsupportedArmError(
+                f"{mimics[name][1]}; each joint that moves frame {frame!r} must be read by itself"
+            )
     others = [j for j in range(1, model.njoints) if j not in chain]
     model = model.copy()
     if others:
         _rename(model, others)
         model = pin.buildReducedModel(model, others, pin.neutral(model))
-    wide = [model.names[j] for j in range(1, model.njoints) if model.joints[j].nq != 1 or model.joints[j].nv != 1]
+    wide = [
+        model.names[j]
+        for j in range(1, model.njoints)
+        if model.joints[j].nq != 1 or model.joints[j].nv != 1
+    ]
     if wide:
         raise UnsupportedArmError(
-            f"{model.name}: joint {', '.join(wide)} takes more than one number; write it as revolute with wide limits"
+            f"{model.name}: joint {', '.join(wide)} takes more than one number; write it as "
+            "revolute with wide limits"
         )
     if model.njoints < 2:
         raise UnsupportedArmError(f"{model.name}: no joint moves frame {frame!r}")
     if refused := out_of_reach(_spread_tips(model, frame)):
         shifts = {
-            model.names[j]: float(np.linalg.norm(model.jointPlacements[j].translation)) for j in range(1, model.njoints)
+            model.names[j]: float(np.linalg.norm(model.jointPlacements[j].translation))
+            for j in range(1, model.njoints)
         }
         name = max(shifts, key=lambda joint: shifts[joint])
-        raise UnsupportedArmError(f"{model.name}: joint {name!r} is {shifts[name]:.4g} m behind the one before: {refused}")
+        raise UnsupportedArmError(
+            f"{model.name}: joint {name!r} is {shifts[name]:.4g} m behind the one before: {refused}"
+        )
     return model
 
 
 def _spread_tips(model: Any, frame: str) -> Array:
-    """Origin of a frame with all joints at zero, and in postures that are spread over a turn, slides at zero: (n, 3) [m]."""
+    """Origin of a frame with all joints at zero, and in postures that are spread over a turn,
+    slides at zero: (n, 3) [m].
+    """
     turns = _motions(model)[:, 3:].any(axis=1)
     data, number = model.createData(), frame_number(model, frame)
     tips = []
@@ -91,19 +117,26 @@ def _spread_tips(model: Any, frame: str) -> Array:
 
 
 def _rename(model: Any, joints: list[int]) -> None:
-    """Give fixed joints, and these, another name where a link has theirs: Pinocchio looks for frames by name alone."""
+    """Give fixed joints, and these, another name where a link has theirs: Pinocchio looks for
+    frames by name alone.
+    """
     links = {frame.name for frame in model.frames if frame.type == pin.FrameType.BODY}
     for frame in model.frames:
         if frame.type == pin.FrameType.FIXED_JOINT and frame.name in links:
             frame.name = f"joint {frame.name}"
     for joint in joints:
         if model.names[joint] in links:
-            frame = next(f for f in model.frames if f.name == model.names[joint] and f.type == pin.FrameType.JOINT)
+            frame = next(
+                f
+                for f in model.frames
+                if f.name == model.names[joint] and f.type == pin.FrameType.JOINT
+            )
             frame.name = model.names[joint] = f"joint {frame.name}"
 
 
 def chain_of(model: Any, tip: str) -> Chain:
-    """The chain of a Pinocchio model; every joint axis is turned onto z, the placements keep their own axes.
+    """The chain of a Pinocchio model; every joint axis is turned onto z, the placements keep their
+    own axes.
 
     The parameters are the twists of the placements in their own axes.
     """
@@ -122,7 +155,10 @@ def _motions(model: Any) -> Array:
     """Twist of every joint per unit of its number, in its own axes (nq, 6)."""
     data = model.createData()
     pin.computeJointJacobians(model, data, pin.neutral(model))
-    each = [pin.getJointJacobian(model, data, joint, pin.LOCAL).reshape(6, -1) for joint in range(1, model.njoints)]
+    each = [
+        pin.getJointJacobian(model, data, joint, pin.LOCAL).reshape(6, -1)
+        for joint in range(1, model.njoints)
+    ]
     return np.array([jacobian[:, number] for number, jacobian in enumerate(each)])
 
 
@@ -135,4 +171,6 @@ def joint_axes(model: Any) -> Array:
 
 def onto_z(axis: Array) -> Array:
     """A rotation with ``axis`` as its third column."""
-    return np.array(pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), axis).toRotationMatrix())
+    return np.array(
+        pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), axis).toRotationMatrix()
+    )

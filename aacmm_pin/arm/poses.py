@@ -15,7 +15,8 @@ from aacmm_pin._support.display import Shown
 
 @dataclass(frozen=True, eq=False)
 class Poses(Shown):
-    """An arm at many configurations, computed by Pinocchio on first use; the arrays are copies, not views of its memory.
+    """An arm at many configurations, computed by Pinocchio on first use; the arrays are copies, not
+    views of its memory.
 
     Attributes:
         model: the Pinocchio model.
@@ -44,20 +45,28 @@ class Poses(Shown):
 
     @cached_property
     def jacobian(self) -> Array:
-        """Twist of the frame per joint speed, linear first, ``LOCAL_WORLD_ALIGNED``: (n, 6, nq) [m/rad, rad/rad]."""
+        """Twist of the frame per joint speed, linear first, ``LOCAL_WORLD_ALIGNED``: (n, 6, nq)
+        [m/rad, rad/rad].
+        """
         model, data = self.model, self.model.createData()
         jacobians = np.empty((len(self.q), 6, self.q.shape[1]))
         for k, q in enumerate(self.q):
-            jacobians[k] = pin.computeFrameJacobian(model, data, q, self.frame_id, pin.LOCAL_WORLD_ALIGNED).reshape(6, -1)
+            jacobians[k] = pin.computeFrameJacobian(
+                model, data, q, self.frame_id, pin.LOCAL_WORLD_ALIGNED
+            ).reshape(6, -1)
         return jacobians
 
     @cached_property
     def placement_sensitivity(self) -> Array:
-        """∂position/∂(shift, turn of every joint placement in its own axes): (n, 3, 6 nq) [m/m, m/rad]."""
+        """∂position/∂(shift, turn of every joint placement in its own axes): (n, 3, 6 nq) [m/m,
+        m/rad].
+        """
         model, data = self.model, self.model.createData()
         columns = np.empty((len(self.q), 3, 6 * (model.njoints - 1)))
         for k, q in enumerate(self.q):
             pin.forwardKinematics(model, data, q)
             pin.updateFramePlacement(model, data, self.frame_id)
-            columns[k] = pin.computeFrameKinematicRegressor(model, data, self.frame_id, pin.LOCAL_WORLD_ALIGNED)[:3]
+            columns[k] = pin.computeFrameKinematicRegressor(
+                model, data, self.frame_id, pin.LOCAL_WORLD_ALIGNED
+            )[:3]
         return columns

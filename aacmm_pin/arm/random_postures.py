@@ -13,7 +13,9 @@ from aacmm_pin.arm.arm import Arm
 from aacmm_pin.errors import AacmmError, UnsupportedArmError
 
 MARGIN = 1e-3
-"""Postures keep this far from the limits, so that noise and small errors leave them inside [rad, m]."""
+"""Postures keep this far from the limits, so that noise and small errors leave them inside [rad,
+m].
+"""
 CLEAR = 0.1
 """Tips keep this far from the axis of the first joint, where the stand is [m]."""
 MOST_DRAWS = 20
@@ -30,10 +32,15 @@ def joint_bounds(arm: Arm) -> Array:
     """
     limits = arm.limits.copy()
     slides = arm.chain.prismatic
-    endless = ~np.isfinite(limits).all(axis=1) | (np.abs(limits).max(axis=1) > plausible.MOST_TURNS * 2 * np.pi) & ~slides
+    endless = (
+        ~np.isfinite(limits).all(axis=1)
+        | (np.abs(limits).max(axis=1) > plausible.MOST_TURNS * 2 * np.pi) & ~slides
+    )
     if (endless & slides).any():
         joint = int(np.flatnonzero(endless & slides)[0]) + 1
-        raise UnsupportedArmError(f"{arm.name}: joint {joint} slides without limits; drawing postures needs them")
+        raise UnsupportedArmError(
+            f"{arm.name}: joint {joint} slides without limits; drawing postures needs them"
+        )
     limits[endless] = (-np.pi, np.pi)
     margin = np.minimum(MARGIN, 0.01 * (limits[:, 1] - limits[:, 0]))
     return np.asarray(limits + margin[:, None] * np.array([1.0, -1.0]))
@@ -49,12 +56,13 @@ def random_postures(arm: Arm, count: int, rng: np.random.Generator) -> Array:
 class Room:
     """Where a part can stand beside an arm.
 
-    A tip is of use when it is :data:`CLEAR` of the axis of the first joint and not lower than ``above``. Whether the arm
-    meets itself, or its elbow the table, is not looked at.
+    A tip is of use when it is :data:`CLEAR` of the axis of the first joint and not lower than
+    ``above``. Whether the arm meets itself, or its elbow the table, is not looked at.
 
     Attributes:
         arm: the arm.
-        above: height of the table over the base origin, along gravity [m]; None where there is no table.
+        above: height of the table over the base origin, along gravity [m]; None where there is no
+            table.
     """
 
     arm: Arm
@@ -70,10 +78,13 @@ class Room:
         first = self.arm.chain.moving_axes()[0]
         lever = np.cross(tips - origin[first][0], rotation[first][0, :, 2])
         clear = np.linalg.norm(lever, axis=1) >= CLEAR
-        return np.asarray(clear if self.above is None else clear & (tips @ self.arm.up >= self.above))
+        return np.asarray(
+            clear if self.above is None else clear & (tips @ self.arm.up >= self.above)
+        )
 
     def postures(self, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
-        """Random postures (count, nq) [rad], uniform in the joints, and their tips (count, 3) [m], which are of use.
+        """Random postures (count, nq) [rad], uniform in the joints, and their tips (count, 3) [m],
+        which are of use.
 
         Raises:
             AacmmError: hardly any posture is of use.
@@ -90,6 +101,7 @@ class Room:
                 return np.concatenate(kept)[:count], np.concatenate(tips)[:count]
         over = "" if self.above is None else f", and {self.above / MM:g} mm or more over the base"
         raise AacmmError(
-            f"{self.arm.name}: {found} of {MOST_DRAWS * count} random postures have their tip {CLEAR / MM:g} mm or more "
+            f"{self.arm.name}: {found} of {MOST_DRAWS * count} random postures have their tip "
+            f"{CLEAR / MM:g} mm or more "
             f"from the axis of joint 1{over}; expected {count} at least"
         )

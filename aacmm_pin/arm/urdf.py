@@ -1,14 +1,16 @@
 """URDF of an arm file.
 
-Every DH row becomes one moving link and one frame link behind it, so that no rotation matrix has to be
-turned into roll, pitch and yaw and every number of the table appears in the text as it is (``%.17g``): standard DH puts
-``Rz(θ0)`` into the joint's origin and ``Tz(d) Tx(a) Rx(α)`` into the frame's; modified DH puts ``Rx(α) Tx(a)`` into an extra
-fixed joint before. Frames are named ``frame1`` ... ``frameN``; ``tip`` is the last. Joints are ``revolute`` (a
-``continuous`` joint would give Pinocchio two numbers for one angle).
+Every DH row becomes one moving link and one frame link behind it, so that no rotation matrix has to
+be turned into roll, pitch and yaw and every number of the table appears in the text as it is
+(``%.17g``): standard DH puts ``Rz(θ0)`` into the joint's origin and ``Tz(d) Tx(a) Rx(α)`` into the
+frame's; modified DH puts ``Rx(α) Tx(a)`` into an extra fixed joint before. Frames are named
+``frame1`` ... ``frameN``; ``tip`` is the last. Joints are ``revolute`` (a ``continuous`` joint
+would give Pinocchio two numbers for one angle).
 
-A URDF holds geometry. Of the causes of error that an arm file may add, a ``stylus_offset`` without marker can go in: it
-shifts ``tip`` in the axes of the last frame. That is for other programs; here the tip stays where the table has it, because
-:class:`aacmm_pin.effects.error_model.ErrorModel` adds the offset itself.
+A URDF holds geometry. Of the causes of error that an arm file may add, a ``stylus_offset`` without
+marker can go in: it shifts ``tip`` in the axes of the last frame. That is for other programs; here
+the tip stays where the table has it, because :class:`aacmm_pin.effects.error_model.ErrorModel` adds
+the offset itself.
 """
 
 from __future__ import annotations
@@ -25,22 +27,31 @@ STYLUS_RADIUS = 0.004
 SHORTEST_DRAWN = 0.005
 """Lengths below this are calibration residues, not tubes, and are not drawn [m]."""
 BODY_RADIUS = 0.03
-"""Radius of the solid sphere whose inertia stands for a body: statics needs mass and centre only [m]."""
+"""Radius of the solid sphere whose inertia stands for a body: statics needs mass and centre only
+[m].
+"""
 
 Triple = tuple[float, ...]
 _ZERO: Triple = (0.0, 0.0, 0.0)
 _ALONG_X: Triple = (0.0, math.pi / 2, 0.0)
-_COLORS = {"tube": "0.55 0.58 0.62 1", "joint": "0.13 0.23 0.36 1", "stylus": "0.75 0.1 0.15 1", "base": "0.3 0.3 0.32 1"}
+_COLORS = {
+    "tube": "0.55 0.58 0.62 1",
+    "joint": "0.13 0.23 0.36 1",
+    "stylus": "0.75 0.1 0.15 1",
+    "base": "0.3 0.3 0.32 1",
+}
 
 
 def urdf_text(arm: ArmFile, *, with_stylus_offset: bool = False) -> str:
     """URDF of ``arm``: joints with limits, primitive visuals, inertials from the stated masses.
 
-    Lengths in metres, angles in radians. The text depends on ``arm`` alone, so it can be compared with a stored one.
+    Lengths in metres, angles in radians. The text depends on ``arm`` alone, so it can be compared
+    with a stored one.
 
     Args:
         arm: the arm file; its other effects have no part.
-        with_stylus_offset: shift ``tip`` by the arm's ``stylus_offset``, if it has one of the tip itself.
+        with_stylus_offset: shift ``tip`` by the arm's ``stylus_offset``, if it has one of the tip
+            itself.
     """
     robot = ET.Element("robot", name=_printable(arm.name))
     robot.append(ET.Comment(f" made by aacmm-pin urdf from: {_comment(arm.source or arm.name)} "))
@@ -49,10 +60,14 @@ def urdf_text(arm: ArmFile, *, with_stylus_offset: bool = False) -> str:
     link = ET.SubElement(robot, "link", name="base_link")
     _draw(link, "base", 0.05, 0.06, (0.0, 0.0, -0.03))
     for number, row in enumerate(arm.joints, start=1):
-        link = _add_row(robot, link, number, row, arm.convention == "standard-dh", number == len(arm.joints))
+        link = _add_row(
+            robot, link, number, row, arm.convention == "standard-dh", number == len(arm.joints)
+        )
     tip = ET.SubElement(robot, "link", name="tip")
     _draw(tip, "stylus", STYLUS_RADIUS)
-    _joint(robot, "tip_fixed", "fixed", link, tip, _stylus_offset(arm) if with_stylus_offset else _ZERO)
+    _joint(
+        robot, "tip_fixed", "fixed", link, tip, _stylus_offset(arm) if with_stylus_offset else _ZERO
+    )
     ET.indent(robot)
     return '<?xml version="1.0"?>\n' + ET.tostring(robot, encoding="unicode") + "\n"
 
@@ -66,7 +81,9 @@ def _stylus_offset(arm: ArmFile) -> Triple:
     return offset
 
 
-def _add_row(robot: ET.Element, parent: ET.Element, number: int, row: Row, standard: bool, last: bool) -> ET.Element:
+def _add_row(
+    robot: ET.Element, parent: ET.Element, number: int, row: Row, standard: bool, last: bool
+) -> ET.Element:
     """Append the links and joints of one row behind the link ``parent``; return its frame link."""
     a, d, tilt = row.a_mm * MM, row.d_mm * MM, (row.alpha_rad, 0.0, 0.0)
     if not standard:
@@ -75,35 +92,51 @@ def _add_row(robot: ET.Element, parent: ET.Element, number: int, row: Row, stand
             _draw(parent, "tube", TUBE_RADIUS, abs(a), (-a / 2, 0.0, 0.0), _ALONG_X)
     link = ET.SubElement(robot, "link", name=f"link{number}")
     kind = "fixed" if row.fixed else "revolute"
-    joint = _joint(robot, f"joint{number}", kind, parent, link, rpy=(0.0, 0.0, row.theta_offset_rad))
+    joint = _joint(
+        robot, f"joint{number}", kind, parent, link, rpy=(0.0, 0.0, row.theta_offset_rad)
+    )
     if row.limits_rad is not None:
         ET.SubElement(joint, "axis", xyz="0 0 1")
         lower, upper = row.limits_rad
-        ET.SubElement(joint, "limit", lower=_text(lower), upper=_text(upper), effort="0", velocity="10")
+        ET.SubElement(
+            joint, "limit", lower=_text(lower), upper=_text(upper), effort="0", velocity="10"
+        )
         _draw(link, "joint", 0.026, 0.06)
     material, radius = ("stylus", STYLUS_RADIUS) if last else ("tube", TUBE_RADIUS)
     if abs(d) > SHORTEST_DRAWN:
         _draw(link, material, radius, abs(d), (0.0, 0.0, d / 2))
     if standard and abs(a) > SHORTEST_DRAWN:
         _draw(link, material, radius, abs(a), (a / 2, 0.0, d), _ALONG_X)
-    frame = _fixed_link(robot, link, f"frame{number}", (a if standard else 0.0, 0.0, d), tilt if standard else _ZERO)
+    frame = _fixed_link(
+        robot, link, f"frame{number}", (a if standard else 0.0, 0.0, d), tilt if standard else _ZERO
+    )
     if row.mass_kg is not None:
         inertial = ET.SubElement(frame, "inertial")
         _origin(inertial, tuple(c * MM for c in row.com_mm or _ZERO), _ZERO)
         ET.SubElement(inertial, "mass", value=_text(row.mass_kg))
         moment = _text(0.4 * row.mass_kg * BODY_RADIUS**2)
-        ET.SubElement(inertial, "inertia", ixx=moment, iyy=moment, izz=moment, ixy="0", ixz="0", iyz="0")
+        ET.SubElement(
+            inertial, "inertia", ixx=moment, iyy=moment, izz=moment, ixy="0", ixz="0", iyz="0"
+        )
     return frame
 
 
-def _fixed_link(robot: ET.Element, parent: ET.Element, name: str, xyz: Triple, rpy: Triple) -> ET.Element:
+def _fixed_link(
+    robot: ET.Element, parent: ET.Element, name: str, xyz: Triple, rpy: Triple
+) -> ET.Element:
     link = ET.SubElement(robot, "link", name=name)
     _joint(robot, f"{name}_fixed", "fixed", parent, link, xyz, rpy)
     return link
 
 
 def _joint(
-    robot: ET.Element, name: str, kind: str, parent: ET.Element, child: ET.Element, xyz: Triple = _ZERO, rpy: Triple = _ZERO
+    robot: ET.Element,
+    name: str,
+    kind: str,
+    parent: ET.Element,
+    child: ET.Element,
+    xyz: Triple = _ZERO,
+    rpy: Triple = _ZERO,
 ) -> ET.Element:
     joint = ET.SubElement(robot, "joint", name=name, type=kind)
     ET.SubElement(joint, "parent", link=parent.attrib["name"])
@@ -113,7 +146,12 @@ def _joint(
 
 
 def _draw(
-    link: ET.Element, material: str, radius: float, length: float | None = None, xyz: Triple = _ZERO, rpy: Triple = _ZERO
+    link: ET.Element,
+    material: str,
+    radius: float,
+    length: float | None = None,
+    xyz: Triple = _ZERO,
+    rpy: Triple = _ZERO,
 ) -> None:
     """A cylinder of this length, or a sphere."""
     visual = ET.SubElement(link, "visual")

@@ -1,4 +1,5 @@
-"""A URDF file, checked before Pinocchio sees it: what it says of links and joints, as it is expected.
+"""A URDF file, checked before Pinocchio sees it: what it says of links and joints, as it is
+expected.
 
 One pass of lxml, without entities, gives the elements with their lines; what Pinocchio gets is
 written anew from the numbers that were read, without pictures, materials and transmissions. Joints
@@ -39,7 +40,8 @@ Element = Any
 
 
 def read_urdf(path: str | Path) -> tuple[str, str, dict[str, tuple[str, str]]]:
-    """The links and joints of a URDF file as text for Pinocchio, its SHA-256, and the joints that mimic others.
+    """The links and joints of a URDF file as text for Pinocchio, its SHA-256, and the joints that
+    mimic others.
 
     A joint that mimics another is one of its own in the text; frames that both move are refused. By
     its name there is the joint that it follows in the end, and words for where that is said.
@@ -48,13 +50,17 @@ def read_urdf(path: str | Path) -> tuple[str, str, dict[str, tuple[str, str]]]:
         ArmFileError: the file cannot be read, is no URDF, or states what no arm has; names the
             element and its line.
     """
-    content = content_of(path, MAX_URDF_BYTES, "a URDF", lambda message: ArmFileError(str(path), "", message))
+    content = content_of(
+        path, MAX_URDF_BYTES, "a URDF", lambda message: ArmFileError(str(path), "", message)
+    )
     robot = parsed_urdf(content, str(path))
     if robot.tag != "robot":
         raise _refused(robot, "expected robot, the root of a URDF")
     links, joints = robot.findall("link"), robot.findall("joint")
     if len(links) > MAX_LINKS:
-        raise _refused(links[MAX_LINKS], f"is one of {len(links)} links, expected at most {MAX_LINKS}")
+        raise _refused(
+            links[MAX_LINKS], f"is one of {len(links)} links, expected at most {MAX_LINKS}"
+        )
     named = _by_name(joints)
     _check_tree(robot, _by_name(links), named)
     root = etree.Element("robot", name=_text(robot, "name"))
@@ -62,7 +68,11 @@ def read_urdf(path: str | Path) -> tuple[str, str, dict[str, tuple[str, str]]]:
         _add_link(root, link)
     for joint in joints:
         _add_joint(root, joint)
-    return etree.tostring(root, encoding="unicode"), hashlib.sha256(content).hexdigest(), _mimics(named)
+    return (
+        etree.tostring(root, encoding="unicode"),
+        hashlib.sha256(content).hexdigest(),
+        _mimics(named),
+    )
 
 
 def parsed_urdf(content: bytes, path: str) -> Element:
@@ -79,7 +89,9 @@ def parsed_urdf(content: bytes, path: str) -> Element:
     errors = [error for error in parser.error_log if error.domain_name != "NAMESPACE"]
     if errors:
         first = errors[0]
-        raise ArmFileError(path, f"line {first.line}", f"not a URDF: no well-formed XML: {first.message}")
+        raise ArmFileError(
+            path, f"line {first.line}", f"not a URDF: no well-formed XML: {first.message}"
+        )
     if root is None:
         raise ArmFileError(path, "", "not a URDF: no well-formed XML: it has no element")
     if root.getroottree().docinfo.internalDTD is not None:
@@ -91,7 +103,8 @@ def parsed_urdf(content: bytes, path: str) -> Element:
 
 
 def _from_declaration_on(content: bytes) -> bytes:
-    """The file with what is blank before its XML declaration behind it, so that lines keep their numbers.
+    """The file with what is blank before its XML declaration behind it, so that lines keep their
+    numbers.
 
     The parser of Pinocchio passes over it, lxml does not.
     """
@@ -113,7 +126,9 @@ def _refused(element: Element, message: str) -> ArmFileError:
     tree = element.getroottree()
     ancestors = [_words(each) for each in element.iterancestors()]
     inside = [*ancestors[-2::-1], _words(element)]
-    return ArmFileError(tree.docinfo.URL, f"line {element.sourceline}", f"{': '.join(inside)}: {message}")
+    return ArmFileError(
+        tree.docinfo.URL, f"line {element.sourceline}", f"{': '.join(inside)}: {message}"
+    )
 
 
 def _text(element: Element, name: str) -> str:
@@ -124,7 +139,9 @@ def _text(element: Element, name: str) -> str:
     return str(value)
 
 
-def _numbers(element: Element, name: str, default: tuple[float, ...] | None, largest: float) -> tuple[float, ...]:
+def _numbers(
+    element: Element, name: str, default: tuple[float, ...] | None, largest: float
+) -> tuple[float, ...]:
     """The numbers of an attribute, as many as ``default`` has, or one that must be there."""
     if default is not None and element.get(name) is None:
         return default
@@ -134,7 +151,9 @@ def _numbers(element: Element, name: str, default: tuple[float, ...] | None, lar
     except ValueError:
         values = ()
     if len(values) != count or len(text.split()) != count:
-        raise _refused(element, f"{name} is {text[:80]!r}, expected {count} number{'s' * (count > 1)}")
+        raise _refused(
+            element, f"{name} is {text[:80]!r}, expected {count} number{'s' * (count > 1)}"
+        )
     if any(not abs(value) <= largest for value in values):
         hint = "; are the angles in degrees?" if name == "rpy" else ""
         if element.tag == "limit":
@@ -153,7 +172,9 @@ def _child(element: Element, tag: str) -> Element | None:
     known = ATTRIBUTES.get(tag, ())
     for name in found[0].attrib if known else ():
         if name not in known:
-            raise _refused(found[0], f"{name} is not known there, expected {' and '.join(known)} alone")
+            raise _refused(
+                found[0], f"{name} is not known there, expected {' and '.join(known)} alone"
+            )
     return found[0]
 
 
@@ -263,7 +284,9 @@ def _limits(joint: Element, kind: str) -> tuple[float, float]:
     (lower,) = _numbers(limit, "lower", (0.0,), LARGEST_ANGLE)
     (upper,) = _numbers(limit, "upper", (0.0,), LARGEST_ANGLE)
     if lower > upper:
-        raise _refused(limit, f"lower is {lower:g} and upper {upper:g}, expected the lower limit first")
+        raise _refused(
+            limit, f"lower is {lower:g} and upper {upper:g}, expected the lower limit first"
+        )
     for name, angle in {"lower": lower, "upper": upper}.items():
         refused = like_degrees(angle) if kind == "revolute" else None
         if refused and abs(angle) <= LARGEST_DEGREES:  # wider ones stand for none

@@ -1,14 +1,19 @@
-"""The DH table of an arm that came as URDF, the same arm exactly: joint axes, base and tip as they are.
+"""The DH table of an arm that came as URDF, the same arm exactly: joint axes, base and tip as they
+are.
 
-A row of standard DH, ``Rz(θ) Tz(d) Tx(a) Rx(α)``, leads from a frame whose z is one axis to a frame whose z is the next,
-with x along the common normal of both: four numbers, because where a frame sits along its axis, and how it is turned about
-it, is free (Denavit, Hartenberg 1955). So the rows are found one by one, each from the frame that the last one left:
+A row of standard DH, ``Rz(θ) Tz(d) Tx(a) Rx(α)``, leads from a frame whose z is one axis to a frame
+whose z is the next,
+with x along the common normal of both: four numbers, because where a frame sits along its axis, and
+how it is turned about it, is free (Denavit, Hartenberg 1955). So the rows are found one by one,
+each from the frame that the last one left:
 
 - from z of the base to the first joint axis: a fixed row, left out where they are one line;
-- from each joint axis to the next: the row of the joint. Parallel axes have a common normal everywhere; that through the
-  origin of the frame is taken (d = 0). Axes that are parallel but for a small angle have one that is far away, where
+- from each joint axis to the next: the row of the joint. Parallel axes have a common normal
+  everywhere; that through the origin of the frame is taken (d = 0). Axes that are parallel but for
+  a small angle have one that is far away, where
   rounding is multiplied: between them comes a fixed row, by an axis across both;
-- from the last joint axis to z of the tip, and a fixed row ``Rz(θ) Tz(d)`` onto the tip itself, where it is needed.
+- from the last joint axis to z of the tip, and a fixed row ``Rz(θ) Tz(d)`` onto the tip itself,
+  where it is needed.
 """
 
 from __future__ import annotations
@@ -27,9 +32,13 @@ from aacmm_pin.arm.file import AnyArmFile, ArmFile, UrdfArmFile, validated
 from aacmm_pin.errors import UnsupportedArmError
 
 PARALLEL = 1e-13
-"""Axes with a smaller angle between them are parallel: it is that of rounding, and no arm is long enough to see it [rad]."""
+"""Axes with a smaller angle between them are parallel: it is that of rounding, and no arm is long
+enough to see it [rad].
+"""
 NEARLY_PARALLEL = 1e-2
-"""Of axes with a smaller angle the common normal is not used: its place is off by rounding divided by the angle [rad]."""
+"""Of axes with a smaller angle the common normal is not used: its place is off by rounding divided
+by the angle [rad].
+"""
 SAME = 1e-14
 """Lengths and angles below this are rounding [m, rad]."""
 
@@ -44,7 +53,8 @@ class Row(NamedTuple):
 
 
 def dh_file(arm: Arm) -> ArmFile:
-    """The arm file, by standard DH, of an arm that came as URDF; masses and limits go along, half-widths cannot.
+    """The arm file, by standard DH, of an arm that came as URDF; masses and limits go along,
+    half-widths cannot.
 
     Raises:
         UnsupportedArmError: a joint slides, or the arm has a DH table.
@@ -52,8 +62,12 @@ def dh_file(arm: Arm) -> ArmFile:
     """
     file, chain = arm.urdf_file, arm.chain
     if chain.prismatic.any():
-        slides = ", ".join(name for name, slide in zip(arm.joint_names, chain.prismatic, strict=True) if slide)
-        raise UnsupportedArmError(f"{arm.name}: joint {slides} slides; the DH rows of an arm file turn")
+        slides = ", ".join(
+            name for name, slide in zip(arm.joint_names, chain.prismatic, strict=True) if slide
+        )
+        raise UnsupportedArmError(
+            f"{arm.name}: joint {slides} slides; the DH rows of an arm file turn"
+        )
     rotation, origin = (part[:, 0] for part in chain.walk(np.zeros((1, arm.nq))))
     rows: list[tuple[Row, int | None]] = []  # with the number of the joint, from 0
     frame, frames = np.eye(4), []
@@ -66,7 +80,10 @@ def dh_file(arm: Arm) -> ArmFile:
                 frame = frame @ _motion(row)
                 frames.append(frame)
     turn, shift = frame[:3, :3].T @ rotation[-1], frame[:3, :3].T @ (origin[-1] - frame[:3, 3])
-    rest, (last, joint_of_last) = Row(0.0, float(shift[2]), 0.0, math.atan2(turn[1, 0], turn[0, 0])), rows[-1]
+    rest, (last, joint_of_last) = (
+        Row(0.0, float(shift[2]), 0.0, math.atan2(turn[1, 0], turn[0, 0])),
+        rows[-1],
+    )
     if last.a == last.alpha == 0.0:
         rows[-1] = Row(0.0, last.d + rest.d, 0.0, last.theta + rest.theta), joint_of_last
         frames[-1] = frame @ _motion(rest)
@@ -76,35 +93,51 @@ def dh_file(arm: Arm) -> ArmFile:
     return _file(arm, file, rows, frames)
 
 
-def _file(arm: Arm, file: UrdfArmFile, rows: list[tuple[Row, int | None]], frames: list[Array]) -> ArmFile:
-    """The arm file of these rows, whose frames (4, 4) stand like this where all joints are at zero."""
+def _file(
+    arm: Arm, file: UrdfArmFile, rows: list[tuple[Row, int | None]], frames: list[Array]
+) -> ArmFile:
+    """The arm file of these rows, whose frames (4, 4) stand like this where all joints are
+    at zero.
+    """
     axes = [axis(number) for number in arm.chain.moving_rows()]
     rotation, origin = (part[axes, 0] for part in arm.chain.walk(np.zeros((1, arm.nq))))
     joints = []
     for (row, joint), frame in zip(rows, frames, strict=True):
         keys = ("a_mm", "d_mm", "alpha_rad", "theta_offset_rad")
-        entry: dict[str, Any] = dict(zip(keys, (row.a / MM, row.d / MM, row.alpha, row.theta), strict=True))
+        entry: dict[str, Any] = dict(
+            zip(keys, (row.a / MM, row.d / MM, row.alpha, row.theta), strict=True)
+        )
         if joint is None:
             entry["fixed"] = True
         else:
             entry["limits_rad"] = arm.limits[joint].tolist()
-            entry["encoder_noise_rad"] = None if arm.encoder_noise is None else float(arm.encoder_noise[joint])
+            entry["encoder_noise_rad"] = (
+                None if arm.encoder_noise is None else float(arm.encoder_noise[joint])
+            )
             if arm.masses is not None and arm.masses[joint]:
                 centre = rotation[joint] @ arm.centres_of_mass[joint] + origin[joint]
                 entry["mass_kg"] = float(arm.masses[joint])
                 entry["com_mm"] = (frame[:3, :3].T @ (centre - frame[:3, 3]) / MM).tolist()
         joints.append(entry)
-    kept = file.model_dump(by_alias=True, include=set(AnyArmFile.model_fields) - {"effects", "discrepancy", "covariance"})
+    kept = file.model_dump(
+        by_alias=True,
+        include=set(AnyArmFile.model_fields) - {"effects", "discrepancy", "covariance"},
+    )
     source = f"DH table of: {file.source or file.name}"
-    return validated(ArmFile, kept | {"source": source, "convention": "standard-dh", "joints": joints}, file.name)
+    return validated(
+        ArmFile, kept | {"source": source, "convention": "standard-dh", "joints": joints}, file.name
+    )
 
 
 def _onto_axis(frame: Array, z: Array, point: Array) -> Iterator[Row]:
-    """The rows, one or two, from a frame (4, 4) to one on the axis with direction z (3,) through a point (3,) [m]."""
+    """The rows, one or two, from a frame (4, 4) to one on the axis with direction z (3,) through a
+    point (3,) [m].
+    """
     z, point = _seen_from(frame, z, point)
     angle = math.hypot(z[0], z[1])
     if PARALLEL < angle < NEARLY_PARALLEL:
-        # First onto the line across the frame's z and the way to the next axis, which then passes it closely.
+        # First onto the line across the frame's z and the way to the next axis, which then passes
+        # it closely.
         way = point[:2] if np.hypot(*point[:2]) > SAME else np.array([1.0, 0.0])
         across = _row(np.array([-way[1], way[0], 0.0]) / np.hypot(*way), np.zeros(3))
         yield across
@@ -119,7 +152,9 @@ def _seen_from(frame: Array, z: Array, point: Array) -> tuple[Array, Array]:
 
 
 def _row(z: Array, point: Array) -> Row:
-    """The row onto the axis with direction z (3,) through a point (3,) [m], both in the frame that it starts from."""
+    """The row onto the axis with direction z (3,) through a point (3,) [m], both in the frame that
+    it starts from.
+    """
     sine = math.hypot(z[0], z[1])
     if sine < PARALLEL:
         a = math.hypot(point[0], point[1])

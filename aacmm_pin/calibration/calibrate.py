@@ -24,7 +24,13 @@ from aacmm_pin.calibration.estimation import fit
 from aacmm_pin.calibration.fit import Fit, redundant
 from aacmm_pin.calibration.input_mistakes import FAR, first_fit
 from aacmm_pin.calibration.noise_model import LENGTH, contradictions, reference_u
-from aacmm_pin.calibration.parameters import ASSEMBLED, ParameterSet, problem_of, scale_is_unidentifiable, unstated
+from aacmm_pin.calibration.parameters import (
+    ASSEMBLED,
+    ParameterSet,
+    problem_of,
+    scale_is_unidentifiable,
+    unstated,
+)
 from aacmm_pin.calibration.result import Calibration
 from aacmm_pin.calibration.setup import ReferenceFrame, Setup, Target, checked_input
 from aacmm_pin.calibration.shared_exclusions import exclusions_of
@@ -52,17 +58,26 @@ from aacmm_pin.measurements import (
 )
 
 OTHER_UNIT = 100.0
-"""An uncertainty, or a torque, so many times off may be in another unit: the factor is 1000, but there are other parts."""
+"""An uncertainty, or a torque, so many times off may be in another unit: the factor is 1000, but
+there are other parts.
+"""
 BEST_REFERENCE = 2e-7
-"""No coordinate is known better: a coordinate measuring machine has 5e-7, a laser tracker 1e-5 [m]."""
+"""No coordinate is known better: a coordinate measuring machine has 5e-7, a laser tracker 1e-5 [m].
+"""
 ODD_BAR = 4.0
-"""A bar that is off by so many standard deviations may have another length: chance does that to 1 of 16 000."""
+"""A bar that is off by so many standard deviations may have another length: chance does that to 1
+of 16 000.
+"""
 TOLD = 1e-3
 """Of a bar of which all else says less than this share, nobody can say how far it is off."""
 OFTEN = 2
-"""More records of a posture, one after the other, than this on the average are readings of one contact."""
+"""More records of a posture, one after the other, than this on the average are readings of one
+contact.
+"""
 HELD_IN = 0.5
-"""Stated uncertainties hold parameters in where, without them, the scatter is smaller than this part of it …"""
+"""Stated uncertainties hold parameters in where, without them, the scatter is smaller than this
+part of it …
+"""
 FAR_OFF = 4.0
 """… and some are farther off than so many standard uncertainties; …"""
 MOST_NAMED = 3
@@ -70,7 +85,9 @@ MOST_NAMED = 3
 FEW_SEATS = 5
 """Fewer seats than this hardly tell how well their coordinates are known."""
 OPEN = 0.1
-"""Parameters with less than this part of the largest share in what is open about the tip are not named."""
+"""Parameters with less than this part of the largest share in what is open about the tip are not
+named.
+"""
 SEVERAL = 3
 """So many excluded records, all of one seat, are no coincidence."""
 
@@ -96,35 +113,45 @@ def calibrate(
     """Estimate parameters of the arm from measurements, with their covariance.
 
     Weighted least squares (JCGM 100:2008, 5.2) with the stated uncertainties of the arm as
-    information: known coordinates, unknown points touched repeatedly and known distances together. Each record is
-    weighted by its own noise, the encoders' carried to the tip. Gross errors are found robustly, listed, and left out.
+    information: known coordinates, unknown points touched repeatedly and known distances together.
+    Each record is weighted by its own noise, the encoders' carried to the tip. Gross errors are
+    found robustly, listed, and left out.
 
     Args:
-        model: the arm, with effects if it has some; these stay unless they are among ``parameters``. Records outside the
-            range of one that stays are left out, and listed in the notes.
+        model: the arm, with effects if it has some; these stay unless they are among
+            ``parameters``. Records outside the range of one that stays are left out, and listed in
+            the notes.
         measurements: the records.
-        parameters: ``zero-offsets`` (of every joint, the 2010 paper's method), ``geometry`` (everything that describes the
-            arm's lengths and axes), effects or their texts, such as ``encoder_gain:5``, or a list of these.
-        reference_frame: ``base`` if the reference coordinates are in the arm's base, ``external`` if their frame is unknown.
-        target: ``tip`` if the tip itself was measured, ``unknown`` if some point on the last body was; markers always are.
-            The axes of a target whose orientation the records state are turned in the tip by an unknown constant, one for
-            each marker; ``frame`` if both point and axes are the tip's.
-        prior: use the arm's stated uncertainties as information; default yes for all but plain zero offsets.
-        encoder_noise: standard uncertainty of a reading, one number or (nq,) [rad]; default what the arm states.
+        parameters: ``zero-offsets`` (of every joint, the 2010 paper's method), ``geometry``
+            (everything that describes the arm's lengths and axes), effects or their texts, such as
+            ``encoder_gain:5``, or a list of these.
+        reference_frame: ``base`` if the reference coordinates are in the arm's base, ``external``
+            if their frame is unknown.
+        target: ``tip`` if the tip itself was measured, ``unknown`` if some point on the last body
+            was; markers always are. The axes of a target whose orientation the records state are
+            turned in the tip by an unknown constant, one for each marker; ``frame`` if both point
+            and axes are the tip's.
+        prior: use the arm's stated uncertainties as information; default yes for all but plain zero
+            offsets.
+        encoder_noise: standard uncertainty of a reading, one number or (nq,) [rad]; default what
+            the arm states.
         reference_noise: of each coordinate of a reference where the records do not state it [m].
         probe_noise: of each coordinate of one contact [m].
-        length_noise: of a bar's length where the records do not state it; default 50 µm, which is then said [m].
+        length_noise: of a bar's length where the records do not state it; default 50 µm, which is
+            then said [m].
         robust: look for gross errors.
-        hold_out: predict records left out of the fit, at random and by seats, sessions or blocks of joint space.
+        hold_out: predict records left out of the fit, at random and by seats, sessions or blocks of
+            joint space.
         rng: chooses which; default seed 1.
-        progress: show a bar in a notebook, or on stderr at a terminal; or a function such as ``tqdm`` that wraps the parts
-            left out in turn.
+        progress: show a bar in a notebook, or on stderr at a terminal; or a function such as
+            ``tqdm`` that wraps the parts left out in turn.
 
     Raises:
         UnknownNameError: no such set of parameters, cause, frame or target.
         MissingConditionError: an effect needs a column that the records lack.
-        AacmmError: no record says anything, or none shows an effect that is asked for; the noise is not stated and there are
-            too few records to find it; the records have nothing to do with this arm.
+        AacmmError: no record says anything, or none shows an effect that is asked for; the noise is
+            not stated and there are too few records to find it; the records have nothing to do with
+            this arm.
     """
     model = ErrorModel.of(model)
     measurements = as_measurements(measurements, model.arm.nq)
@@ -135,27 +162,45 @@ def calibrate(
     repeated += held_postures(measurements)
     for effect in chosen:
         if isinstance(effect, Effect):
-            require_shown(effect, model.arm, measurements.q, measurements.conditions, measurements.source)
+            require_shown(
+                effect, model.arm, measurements.q, measurements.conditions, measurements.source
+            )
     if prior is None:
         prior = chosen != ["zero-offsets"]
-    setup = Setup.of(model.arm, reference_frame, target, prior, encoder_noise, reference_noise, probe_noise, length_noise)
+    setup = Setup.of(
+        model.arm,
+        reference_frame,
+        target,
+        prior,
+        encoder_noise,
+        reference_noise,
+        probe_noise,
+        length_noise,
+    )
     problem = problem_of(model, measurements, chosen, setup)
     if of_arm := scale_is_unidentifiable(problem):
         raise AacmmError(
-            f"{measurements.source} has seats without coordinates and no bar between them, which tell nothing of the arm's "
-            f"size: {', '.join(of_arm[:4])} … cannot be found; add a bar of known length or coordinates, state the arm's "
+            f"{measurements.source} has seats without coordinates and no bar between them, which "
+            "tell nothing of the arm's "
+            f"size: {', '.join(of_arm[:4])} … cannot be found; add a bar of known length or "
+            "coordinates, state the arm's "
             "uncertainties, or estimate zero-offsets"
         )
     after = first_fit(problem, robust=robust)
     if not after.tells_noise:
         raise AacmmError(
-            f"too few records to find the noise: {3 * int(after.used.sum())} coordinates for {after.problem.scales.size} "
+            f"too few records to find the noise: {3 * int(after.used.sum())} coordinates for "
+            f"{after.problem.scales.size} "
             "parameters and the seats' own; state the noise, measure more, or estimate less"
         )
     if len(measurements.extra.columns):
         repeated.append(Note("columns_unused", {"columns": [*measurements.extra]}))
-    found = Calibration(after, problem_of(model, measurements, [], setup), (), (*notes_of(after), *repeated))
-    held = left_out(found.before, after, rng or np.random.default_rng(1), progress) if hold_out else ()
+    found = Calibration(
+        after, problem_of(model, measurements, [], setup), (), (*notes_of(after), *repeated)
+    )
+    held = (
+        left_out(found.before, after, rng or np.random.default_rng(1), progress) if hold_out else ()
+    )
     return replace(found, held_out=tuple(held))
 
 
@@ -176,10 +221,12 @@ def _chosen(
 
 
 def counted_once(measurements: Measurements) -> tuple[Measurements, list[Note]]:
-    """The records without copies of others, and notes: which these were, how the file was read, too few postures.
+    """The records without copies of others, and notes: which these were, how the file was read, too
+    few postures.
 
     See :mod:`aacmm_pin.measurements.repeats`; ``row`` still has the line of each record in
-    the file. Records without a seat that state the very same coordinates are of one place, measured once, and get a seat.
+    the file. Records without a seat that state the very same coordinates are of one place, measured
+    once, and get a seat.
     """
     of = originals(measurements)
     copies = np.flatnonzero(of != np.arange(measurements.n))
@@ -190,7 +237,9 @@ def counted_once(measurements: Measurements) -> tuple[Measurements, list[Note]]:
     means, held = means_of_contacts(kept)
     if held.size:
         contacts = held.size - kept.n + means.n
-        notes.append(Note("contacts_averaged", {"rows": kept.row[held].tolist(), "contacts": contacts}))
+        notes.append(
+            Note("contacts_averaged", {"rows": kept.row[held].tolist(), "contacts": contacts})
+        )
         kept = means
     kept, seated = _seated(kept)
     if seated.size:
@@ -210,11 +259,15 @@ def held_postures(measurements: Measurements) -> list[Note]:
 
 
 def _references_in_other_unit(after: Fit) -> list[Note]:
-    """A stated uncertainty of the references that no reference has beside the scatter of these records."""
+    """A stated uncertainty of the references that no reference has beside the scatter of these
+    records.
+    """
     known = after.used & after.problem.measurements.known
     if not known.any():
         return []
-    u = float(np.median(reference_u(after.problem.measurements, after.problem.setup, np.nan)[known]))  # nan: not stated
+    u = float(
+        np.median(reference_u(after.problem.measurements, after.problem.setup, np.nan)[known])
+    )  # nan: not stated
     off = float(np.sqrt(np.mean(np.square(after.system.deviation[known]))))
     small = u < BEST_REFERENCE and u < off / OTHER_UNIT
     large = 0.0 < off < u / OTHER_UNIT
@@ -226,7 +279,9 @@ def _references_in_other_unit(after: Fit) -> list[Note]:
 
 
 def _seated(measurements: Measurements) -> tuple[Measurements, Index]:
-    """The same, with a seat for the records without one that repeat the coordinates of others; and which these are."""
+    """The same, with a seat for the records without one that repeat the coordinates of others; and
+    which these are.
+    """
     n, labels = measurements.n, measurements.conditions.seat
     seat = np.full(n, "", dtype=object) if labels is None else labels.copy()
     table = pd.DataFrame(measurements.reference).assign(seat=seat)[measurements.known]
@@ -241,16 +296,26 @@ def _seated(measurements: Measurements) -> tuple[Measurements, Index]:
             found += alone.tolist()
     if not found:
         return measurements, np.zeros(0, dtype=np.intp)
-    return replace(measurements, conditions=replace(measurements.conditions, seat=seat)), np.sort(found)
+    return replace(measurements, conditions=replace(measurements.conditions, seat=seat)), np.sort(
+        found
+    )
 
 
 def _of_bars(after: Fit) -> list[Note]:
-    """A bar that is longer or shorter than all else says: by its deletion residual (Belsley, Kuh, Welsch 1980, eq. 2.27)."""
+    """A bar that is longer or shorter than all else says: by its deletion residual (Belsley, Kuh,
+    Welsch 1980, eq. 2.27).
+    """
     system, touched = after.system, after.observations.labels
-    bars = [bar for bar in after.problem.measurements.bars() if {bar.seat_a, bar.seat_b}.issubset(touched)]
+    bars = [
+        bar
+        for bar in after.problem.measurements.bars()
+        if {bar.seat_a, bar.seat_b}.issubset(touched)
+    ]
     if len(bars) < 2:
         return []
-    rows = slice(-len(bars), None)  # where no two bars have an end in common, each is one of the last rows
+    rows = slice(
+        -len(bars), None
+    )  # where no two bars have an end in common, each is one of the last rows
     left = 1.0 - np.square(system.jacobian[rows] @ system.independent_steps).sum(axis=1)
     off = np.abs(system.residual[rows]) / np.sqrt(np.maximum(left, TOLD))
     worst = int(off.argmax())
@@ -260,11 +325,17 @@ def _of_bars(after: Fit) -> list[Note]:
 
 
 def _counted_before(after: Fit) -> list[Note]:
-    """Records that the stated uncertainties of the parameters come from: correlated inputs (JCGM 100:2008, F.1.2.3)."""
+    """Records that the stated uncertainties of the parameters come from: correlated inputs (JCGM
+    100:2008, F.1.2.3).
+    """
     problem = after.problem
     if not problem.from_earlier:
         return []
-    used, name, before = problem.measurements.take(after.used), problem.model.arm.name, set(problem.known_from)
+    used, name, before = (
+        problem.measurements.take(after.used),
+        problem.model.arm.name,
+        set(problem.known_from),
+    )
     if again := before.intersection(fingerprints(used)):
         return [Note("records_used_before", {"again": len(again), "records": used.n, "arm": name})]
     if standards := before.intersection(fingerprints_of_standards(used)):
@@ -273,7 +344,9 @@ def _counted_before(after: Fit) -> list[Note]:
 
 
 def _left_before(after: Fit) -> list[Note]:
-    """What the calibration that states the parameters left unexplained: some of that is in the parameters."""
+    """What the calibration that states the parameters left unexplained: some of that is in the
+    parameters.
+    """
     arm = after.problem.model.arm
     if not (after.problem.from_earlier and arm.unexplained):
         return []
@@ -281,7 +354,9 @@ def _left_before(after: Fit) -> list[Note]:
 
 
 def _of_conditions(after: Fit) -> list[Note]:
-    """Angles counted otherwise, temperatures that look like Fahrenheit, and joints whose column of angles holds a length."""
+    """Angles counted otherwise, temperatures that look like Fahrenheit, and joints whose column of
+    angles holds a length.
+    """
     arm, records = after.problem.model.arm, after.problem.measurements
     conditions, turns = records.conditions, other_turns(records.q, arm.limits, arm.chain.prismatic)
     found = [*turns, *conditions.odd_temperatures(arm.reference_temperature), *_of_torques(after)]
@@ -297,17 +372,32 @@ def _of_target(after: Fit) -> list[Note]:
     """That an unknown target without a label becomes the tip of the arm."""
     if not after.problem.tip_on_target:
         return []
-    offsets = [effect for effect in after.effects if isinstance(effect, StylusOffset) and effect.marker is None]
-    arm, distances = after.problem.model.arm.name, [float(np.linalg.norm(offset.values)) for offset in offsets]
-    return [Note("target_becomes_tip", {"distance": distance, "arm": arm}) for distance in distances]
+    offsets = [
+        effect
+        for effect in after.effects
+        if isinstance(effect, StylusOffset) and effect.marker is None
+    ]
+    arm, distances = (
+        after.problem.model.arm.name,
+        [float(np.linalg.norm(offset.values)) for offset in offsets],
+    )
+    return [
+        Note("target_becomes_tip", {"distance": distance, "arm": arm}) for distance in distances
+    ]
 
 
 def _of_open_tip(after: Fit) -> list[Note]:
-    """Parameters that move the tip and are known within the widths alone within which they were looked for."""
+    """Parameters that move the tip and are known within the widths alone within which they were
+    looked for.
+    """
     spread = np.linalg.norm(after.undetermined.tip_spread, axis=1) / after.problem.widths
     if not spread.any():
         return []
-    names = [name for name, each in zip(after.problem.vector.names, spread, strict=True) if each > OPEN * spread.max()]
+    names = [
+        name
+        for name, each in zip(after.problem.vector.names, spread, strict=True)
+        if each > OPEN * spread.max()
+    ]
     return [Note("tip_undetermined", {"parameters": names})]
 
 
@@ -321,7 +411,11 @@ def _of_temperature(after: Fit) -> list[Note]:
 
 def _of_torques(after: Fit) -> list[Note]:
     """Torques that are far more than the weight of the arm gives, where its masses are known."""
-    problem, arm, torque = after.problem, after.problem.model.arm, after.problem.measurements.conditions.torque
+    problem, arm, torque = (
+        after.problem,
+        after.problem.model.arm,
+        after.problem.measurements.conditions.torque,
+    )
     if torque is None:
         return []
     state = State(arm, problem.measurements.q, problem.measurements.conditions, arm.chain.tip)
@@ -351,7 +445,10 @@ def _of_noise(after: Fit) -> list[Note]:
 
 def _of_unstated_noise(after: Fit) -> list[Note]:
     """Scatter that was found because some noise is not stated."""
-    of, scatter = after.problem.setup.unstated(after.problem.measurements), after.noise.scatters.seat
+    of, scatter = (
+        after.problem.setup.unstated(after.problem.measurements),
+        after.noise.scatters.seat,
+    )
     if not after.scatters:
         found = [Note("noise_enough", {"of": of})]
     else:
@@ -367,11 +464,13 @@ def _of_unstated_noise(after: Fit) -> list[Note]:
 
 
 def _farther_off(after: Fit) -> list[Note]:
-    """Parameters that are farther off than the arm states, if they are what makes the records scatter: their stated
-    uncertainties then hold them in.
+    """Parameters that are farther off than the arm states, if they are what makes the records
+    scatter: their stated uncertainties then hold them in.
     """
     problem = after.problem
-    mine = problem.stated & np.array([parameter is not None for parameter in problem.vector.of_arm], dtype=bool)
+    mine = problem.stated & np.array(
+        [parameter is not None for parameter in problem.vector.of_arm], dtype=bool
+    )
     if not mine.any():
         return []
     without = fit(unstated(problem, mine), used=after.used)
@@ -396,7 +495,12 @@ def contradicted_places(after: Fit) -> list[Note]:
 def notes_of(after: Fit) -> list[Note]:
     """What was assumed, or found instead of stated."""
     problem, setup = after.problem, after.problem.setup
-    found = [*exclusions_of(after).notes, *_counted_before(after), *_left_before(after), *_of_noise(after)]
+    found = [
+        *exclusions_of(after).notes,
+        *_counted_before(after),
+        *_left_before(after),
+        *_of_noise(after),
+    ]
     found += [
         *_of_bars(after),
         *_references_in_other_unit(after),
@@ -408,7 +512,11 @@ def notes_of(after: Fit) -> list[Note]:
     if after.unmodelled > FAR:
         found.append(Note("scatter_too_large", {"scatter": after.unmodelled}))
     units = [term.unit for effect in problem.vector.effects for term in effect.terms]
-    free = {name: u for name, u, stated in zip(problem.vector.names, units, problem.stated, strict=True) if not stated}
+    free = {
+        name: u
+        for name, u, stated in zip(problem.vector.names, units, problem.stated, strict=True)
+        if not stated
+    }
     if any(unit in ASSEMBLED for unit in free.values()):
         names = f"{len(free)} parameters" if len(free) > MOST_NAMED else ", ".join(free)
         assumed = {"parameters": names, "length": ASSEMBLED["m"], "angle": ASSEMBLED["rad"]}
@@ -419,7 +527,9 @@ def notes_of(after: Fit) -> list[Note]:
         found.append(Note("geometry_held", {"held": held}))
     if not redundant(after) and not after.excluded.any():
         found.append(Note("gross_errors_unsought"))
-    if setup.length_noise is None and not all(np.isfinite(bar.u) for bar in problem.measurements.bars()):
+    if setup.length_noise is None and not all(
+        np.isfinite(bar.u) for bar in problem.measurements.bars()
+    ):
         found.append(Note("bar_noise_assumed", {"u": LENGTH}))
     if not after.converged:
         found.append(Note("not_converged", {"why": after.message}))

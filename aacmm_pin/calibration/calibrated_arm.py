@@ -1,4 +1,6 @@
-"""From estimated effects back to an arm: geometry goes into its table, the rest stays effects, covariance goes along."""
+"""From estimated effects back to an arm: geometry goes into its table, the rest stays effects,
+covariance goes along.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,12 @@ from aacmm_pin.effects import Effect, ErrorModel, StylusOffset, entries_of
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import fingerprints, fingerprints_of_standards
 
-FIELDS = {"a": ("a_mm", MM), "d": ("d_mm", MM), "alpha": ("alpha_rad", 1.0), "theta_offset": ("theta_offset_rad", 1.0)}
+FIELDS = {
+    "a": ("a_mm", MM),
+    "d": ("d_mm", MM),
+    "alpha": ("alpha_rad", 1.0),
+    "theta_offset": ("theta_offset_rad", 1.0),
+}
 """Where a kind of parameter stands in a row of an arm file, and the file's unit."""
 
 
@@ -29,12 +36,15 @@ UNTOLD = 0.999
 
 
 def calibrated_model(fit: Fit) -> ErrorModel:
-    """The arm and effects with the estimated values; targets of single markers are part of the set-up.
+    """The arm and effects with the estimated values; targets of single markers are part of the
+    set-up.
 
-    A noise of the encoders that was stated stays with the arm. Its lengths hold at :func:`temperature_of` the records. The u
-    of an effect has in it the width within which it was looked for, as far as the records do not tell it by itself. The
-    covariance is that of what they tell, and of what they do not tell where that moves the tip: there the width within
-    which a parameter was looked for is its u. Scatter beyond the stated noise goes along as what is left unexplained.
+    A noise of the encoders that was stated stays with the arm. Its lengths hold at
+    :func:`temperature_of` the records. The u of an effect has in it the width within which it was
+    looked for, as far as the records do not tell it by itself. The covariance is that of what they
+    tell, and of what they do not tell where that moves the tip: there the width within which a
+    parameter was looked for is its u. Scatter beyond the stated noise goes along as what is left
+    unexplained.
     """
     problem, vector = fit.problem, fit.problem.vector
     arm, u, x = problem.model.arm, np.sqrt(np.diag(fit.covariance)), fit.point.x
@@ -42,7 +52,9 @@ def calibrated_model(fit: Fit) -> ErrorModel:
     spread, of_tip = fit.undetermined.spread, fit.undetermined.tip_spread
     unknown = np.linalg.norm(spread, axis=1)
     # A parameter that nothing determines has no u that means anything, unless it moves the tip.
-    told = (unknown < UNTOLD * problem.widths) | (np.linalg.norm(of_tip, axis=1) > NEGLIGIBLE * unknown)
+    told = (unknown < UNTOLD * problem.widths) | (
+        np.linalg.norm(of_tip, axis=1) > NEGLIGIBLE * unknown
+    )
     alone = np.hypot(u[: vector.size], unknown)
     effects: list[Effect] = []
     for effect, own in vector:
@@ -53,9 +65,14 @@ def calibrated_model(fit: Fit) -> ErrorModel:
             effects.append(replace(effect.at(x[own], alone[own]), nonlinear_u=nonlinear_u))
     names = [name if tells else "" for name, tells in zip(vector.names, told, strict=True)]
     used = problem.measurements.take(fit.used)
-    records = dict.fromkeys((*problem.known_from, *fingerprints(used), *fingerprints_of_standards(used)))
+    records = dict.fromkeys(
+        (*problem.known_from, *fingerprints(used), *fingerprints_of_standards(used))
+    )
     names += [f"{effect.key}.{name}" for _, effect, name, _ in fit.inner]
-    columns = [*range(vector.size), *range(problem.scales.size, len(fit.with_inner))]  # between them those of the frame
+    columns = [
+        *range(vector.size),
+        *range(problem.scales.size, len(fit.with_inner)),
+    ]  # between them those of the frame
     matrix = fit.with_inner[np.ix_(columns, columns)]
     matrix[: vector.size, : vector.size] += of_tip @ of_tip.T
     known = joined(arm, names, matrix, " ".join(records))
@@ -73,27 +90,42 @@ def calibrated_model(fit: Fit) -> ErrorModel:
     if arm.dh is None:
         twists = np.array([steps.get(p.name, 0.0) for p in arm.parameters]).reshape(-1, 6)
         moved = arm.with_placements(twists, known)
-        moved = replace(moved, reference_temperature=warm, file=moved.urdf_file.model_copy(update=update))
+        moved = replace(
+            moved, reference_temperature=warm, file=moved.urdf_file.model_copy(update=update)
+        )
     else:
-        moved = Arm.from_file(moved_file(arm, steps).model_copy(update=update | {"covariance": known}))
+        moved = Arm.from_file(
+            moved_file(arm, steps).model_copy(update=update | {"covariance": known})
+        )
     if problem.setup.encoder_noise is not None:
         moved = moved.with_encoder_noise(problem.setup.encoder_noise)
     return ErrorModel(moved, every)
 
 
 def temperature_of(fit: Fit) -> float:
-    """At which the calibrated lengths hold [°C]: the mean of the records, where nothing in the model says how they grow."""
+    """At which the calibrated lengths hold [°C]: the mean of the records, where nothing in the
+    model says how they grow.
+    """
     problem, arm = fit.problem, fit.problem.model.arm
     conditions = problem.measurements.conditions.take(fit.used)
-    stated = conditions.temperature if conditions.temperature is not None else conditions.link_temperature
+    stated = (
+        conditions.temperature
+        if conditions.temperature is not None
+        else conditions.link_temperature
+    )
     grows = any("temperature" in effect.needs for effect in (*problem.model.effects, *fit.effects))
-    if stated is None or grows or not any(p is not None and p.unit == "m" for p in problem.vector.of_arm):
+    if (
+        stated is None
+        or grows
+        or not any(p is not None and p.unit == "m" for p in problem.vector.of_arm)
+    ):
         return arm.reference_temperature
     return round(float(stated.mean()), 2)
 
 
 def joined(arm: Arm, names: list[str], matrix: Array, records: str) -> Covariance | None:
-    """The covariance of new estimates, beside what the arm's file knows together of other parameters.
+    """The covariance of new estimates, beside what the arm's file knows together of other
+    parameters.
 
     Args:
         arm: the arm.
@@ -109,7 +141,9 @@ def joined(arm: Arm, names: list[str], matrix: Array, records: str) -> Covarianc
         old = [i for i, name in enumerate(arm.covariance.parameters) if name not in names]
         chosen += [arm.covariance.parameters[i] for i in old]
         u = np.append(u, np.array(arm.covariance.standard_uncertainty_si)[old])
-        correlation = block_diag(correlation, arm.covariance.matrix_of_correlation()[np.ix_(old, old)])
+        correlation = block_diag(
+            correlation, arm.covariance.matrix_of_correlation()[np.ix_(old, old)]
+        )
     if not chosen:
         return None
     return Covariance(
@@ -121,17 +155,22 @@ def joined(arm: Arm, names: list[str], matrix: Array, records: str) -> Covarianc
 
 
 def moved_file(arm: Arm, steps: Mapping[str, float]) -> ArmFile:
-    """The arm's file with the values of ``steps``, by name, added to those of its parameters [m, rad].
+    """The arm's file with the values of ``steps``, by name, added to those of its parameters [m,
+    rad].
 
     Raises:
         AacmmError: the arm was not made from a file.
     """
     if not isinstance(arm.file, ArmFile):
-        raise AacmmError(f"{arm.name}: was not made from an arm file, so there are no half-widths to draw from")
+        raise AacmmError(
+            f"{arm.name}: was not made from an arm file, so there are no half-widths to draw from"
+        )
     rows = list(arm.file.joints)
     for parameter in arm.parameters:
         if parameter.name in steps and parameter.joint is not None:
             field, unit = FIELDS[parameter.kind]
             row = rows[parameter.joint - 1]
-            rows[parameter.joint - 1] = row.model_copy(update={field: getattr(row, field) + steps[parameter.name] / unit})
+            rows[parameter.joint - 1] = row.model_copy(
+                update={field: getattr(row, field) + steps[parameter.name] / unit}
+            )
     return arm.file.model_copy(update={"joints": rows})

@@ -1,4 +1,5 @@
-"""Cross-validation: records left out in turn, by seats, sessions or blocks of joint space, and predicted by the others.
+"""Cross-validation: records left out in turn, by seats, sessions or blocks of joint space, and
+predicted by the others.
 
 A calibration and a diagnosis divide their records, leave parts out and measure distances here.
 """
@@ -22,13 +23,18 @@ from aacmm_pin.measurements.records import Measurements
 
 FOLDS = 10
 FEWEST_GROUPS = 3
-"""With fewer groups than this nothing can be said of how much the residuals differ from group to group."""
+"""With fewer groups than this nothing can be said of how much the residuals differ from group to
+group.
+"""
 FEWEST_POSTURES = 3
 """Fewer postures than this tell nothing of what depends on posture."""
 FEWEST_SEATS = 5
-"""Fewer seats than this are no groups for a diagnosis to leave out; blocks of joint space are taken instead."""
+"""Fewer seats than this are no groups for a diagnosis to leave out; blocks of joint space are taken
+instead.
+"""
 ROUNDED = 9
-"""Angles with so many decimals are in the same order, whether they came in degrees or in radians."""
+"""Angles with so many decimals are in the same order, whether they came in degrees or in radians.
+"""
 MOSTLY = 0.9
 """A diagnosis leaves out seats where more than this part of the records touch one."""
 
@@ -43,10 +49,11 @@ class HeldOut(Shown):
     """Residuals of records left out of the fit in turn.
 
     Attributes:
-        kind: ``records`` (at random, repeats of a posture together; neighbours stay in, which flatters), ``seats``,
-            ``sessions``, ``blocks`` (of joints).
+        kind: ``records`` (at random, repeats of a posture together; neighbours stay in, which
+            flatters), ``seats``, ``sessions``, ``blocks`` (of joints).
         groups: how many parts were left out in turn.
-        before: residual of each record by the arm as it was, only the set-up fitted (n,) [m]; nan where there is none.
+        before: residual of each record by the arm as it was, only the set-up fitted (n,) [m]; nan
+            where there is none.
         after: by the calibrated arm (n,) [m].
         turn_before, turn_after: how far orientations are off (n,) [rad]; nan where none is stated.
     """
@@ -78,21 +85,28 @@ class HeldOut(Shown):
 
 
 def groups_of(fit: Fit, rng: np.random.Generator) -> tuple[str, Index]:
-    """The natural groups of the records: seats, else sessions, else blocks of joint space: a label for each record.
+    """The natural groups of the records: seats, else sessions, else blocks of joint space: a label
+    for each record.
 
     Repeats of a posture are in one group, whatever their seat or session.
     """
     records = fit.problem.measurements
-    for kind, labels in (("seats", records.conditions.seat), ("sessions", records.conditions.session)):
+    for kind, labels in (
+        ("seats", records.conditions.seat),
+        ("sessions", records.conditions.session),
+    ):
         if labels is not None and len(set(labels[fit.used]) - {""}) >= FEWEST_GROUPS:
-            groups = together(np.unique(labels.astype(str), return_inverse=True)[1], records.postures)
+            groups = together(
+                np.unique(labels.astype(str), return_inverse=True)[1], records.postures
+            )
             if len(np.unique(groups[fit.used & (labels != "")])) >= FEWEST_GROUPS:
                 return kind, groups
     return "blocks", _blocks(records, FOLDS, rng)
 
 
 def parts_of(fit: Fit, rng: np.random.Generator) -> tuple[str, Index]:
-    """The parts that a diagnosis leaves out: seats (those of a bar together); where these are few, blocks of joint space.
+    """The parts that a diagnosis leaves out: seats (those of a bar together); where these are few,
+    blocks of joint space.
 
     Repeats of a posture are always left out together.
     """
@@ -109,17 +123,23 @@ def parts_of(fit: Fit, rng: np.random.Generator) -> tuple[str, Index]:
 
 
 def _blocks(records: Measurements, most: int, rng: np.random.Generator) -> Index:
-    """Block of joint space of each record (n,), at most ``most``: k-means over one record of every posture."""
+    """Block of joint space of each record (n,), at most ``most``: k-means over one record of every
+    posture.
+    """
     order = _in_order(records)
     one = order[np.sort(np.unique(records.postures[order], return_index=True)[1])]
     turns = np.hstack([np.cos(records.q[one]), np.sin(records.q[one])])
     clusters = np.empty(len(one), dtype=np.intp)
-    clusters[records.postures[one]] = scipy.cluster.vq.kmeans2(turns, min(most, len(one)), minit="++", rng=rng)[1]
+    clusters[records.postures[one]] = scipy.cluster.vq.kmeans2(
+        turns, min(most, len(one)), minit="++", rng=rng
+    )[1]
     return np.asarray(clusters[records.postures])
 
 
 def _folds(labels: Index, records: Measurements, rng: np.random.Generator) -> Index:
-    """Number of the part, 0 to at most 9, in which each record is left out; records of one label stay together."""
+    """Number of the part, 0 to at most 9, in which each record is left out; records of one label
+    stay together.
+    """
     first = np.unique(labels[_in_order(records)], return_index=True)[1]
     part = np.argsort(rng.permutation(first.size)) % FOLDS
     number = np.unique(labels, return_inverse=True)[1]
@@ -127,7 +147,9 @@ def _folds(labels: Index, records: Measurements, rng: np.random.Generator) -> In
 
 
 def _in_order(records: Measurements) -> Index:
-    """The records in order of their angles (n,), so that what is drawn depends neither on the file's order nor on labels."""
+    """The records in order of their angles (n,), so that what is drawn depends neither on the
+    file's order nor on labels.
+    """
     return np.asarray(np.lexsort(np.round(records.q, ROUNDED).T[::-1]))
 
 
@@ -136,8 +158,12 @@ def together(labels: Index, postures: Index) -> Index:
     joined = np.unique(labels, return_inverse=True)[1]
     count = int(joined.max()) + 1
     nodes = count + int(postures.max()) + 1
-    graph = scipy.sparse.coo_array((np.ones(len(joined)), (joined, count + postures)), shape=(nodes, nodes))
-    return np.asarray(scipy.sparse.csgraph.connected_components(graph, directed=False)[1][joined], dtype=np.intp)
+    graph = scipy.sparse.coo_array(
+        (np.ones(len(joined)), (joined, count + postures)), shape=(nodes, nodes)
+    )
+    return np.asarray(
+        scipy.sparse.csgraph.connected_components(graph, directed=False)[1][joined], dtype=np.intp
+    )
 
 
 def enough_postures(records: Measurements, used: Mask | slice = slice(None)) -> bool:
@@ -149,9 +175,14 @@ def enough_postures(records: Measurements, used: Mask | slice = slice(None)) -> 
 
 
 def left_out_in_turn(
-    part: Index, used: Mask, predict: Callable[[int, Mask], Sequence[Array]], what: str, progress: Progress
+    part: Index,
+    used: Mask,
+    predict: Callable[[int, Mask], Sequence[Array]],
+    what: str,
+    progress: Progress,
 ) -> Array:
-    """Distances of the ``used`` records, each ``part`` predicted by the others (models, n) [m]; NaN where there is none.
+    """Distances of the ``used`` records, each ``part`` predicted by the others (models, n) [m]; NaN
+    where there is none.
 
     ``predict`` gives the distances of a part by each model, from its number and its records (n,).
     """
@@ -166,11 +197,18 @@ def left_out_in_turn(
     return distance
 
 
-def distances(records: Measurements, poses: Array, seats: Mapping[str, Array] | None = None, lever: float = 0.0) -> Array:
-    """Distance of predicted tips (n, 3) from the reference, else from the seat where it is known, else from the mean there.
+def distances(
+    records: Measurements,
+    poses: Array,
+    seats: Mapping[str, Array] | None = None,
+    lever: float = 0.0,
+) -> Array:
+    """Distance of predicted tips (n, 3) from the reference, else from the seat where it is known,
+    else from the mean there.
 
-    The mean is of these records themselves, so their spread about it is widened by √(m/(m-1)); NaN for a single record.
-    ``seats`` are places that other records know (3,) [m]. Turns behind the tips (n, 6) count over a ``lever`` [m].
+    The mean is of these records themselves, so their spread about it is widened by √(m/(m-1)); NaN
+    for a single record. ``seats`` are places that other records know (3,) [m]. Turns behind the
+    tips (n, 6) count over a ``lever`` [m].
     """
     tips = poses[:, :3]
     distance = np.linalg.norm(tips - records.reference, axis=1)
@@ -184,37 +222,53 @@ def distances(records: Measurements, poses: Array, seats: Mapping[str, Array] | 
     return np.asarray(np.hypot(distance, lever * np.linalg.norm(poses[:, 3:], axis=1)))
 
 
-def held_out(before: Fit, after: Fit, rng: np.random.Generator, progress: Progress = None) -> list[HeldOut]:
-    """Leave out postures at random, then natural groups, and predict them by the set-up alone and by everything.
+def held_out(
+    before: Fit, after: Fit, rng: np.random.Generator, progress: Progress = None
+) -> list[HeldOut]:
+    """Leave out postures at random, then natural groups, and predict them by the set-up alone and
+    by everything.
 
-    Excluded records are neither used nor predicted. Where there are fewer than three postures nothing is left out: the
-    others would say nothing of them.
+    Excluded records are neither used nor predicted. Where there are fewer than three postures
+    nothing is left out: the others would say nothing of them.
     """
     records, used = after.problem.measurements, after.used
     if not enough_postures(records, used):
         return []
     kind, labels = groups_of(after, rng)
     found = []
-    for name, part in (("records", _folds(records.postures, records, rng)), (kind, _folds(labels, records, rng))):
+    for name, part in (
+        ("records", _folds(records.postures, records, rng)),
+        (kind, _folds(labels, records, rng)),
+    ):
         count = np.unique(part[used]).size
         if count >= 2:
             residual = left_out_in_turn(
-                part, used, lambda _, out: _predicted((before, after), used & ~out, out), name, progress
+                part,
+                used,
+                lambda _, out: _predicted((before, after), used & ~out, out),
+                name,
+                progress,
             )
             found.append(HeldOut(name, count, *residual))
     return found
 
 
 def _predicted(fits: Sequence[Fit], kept: Mask, out: Mask) -> list[Array]:
-    """Distances of the records ``out`` from where fits of the records ``kept`` put them; then their turns."""
+    """Distances of the records ``out`` from where fits of the records ``kept`` put them; then their
+    turns.
+    """
     records = fits[0].problem.measurements
     left, others = records.take(out), records.take(kept)
     observations = observations_of(others, fits[0].problem.setup)
-    distance, turn = zip(*(_predicted_by(fit, others, observations, left) for fit in fits), strict=True)
+    distance, turn = zip(
+        *(_predicted_by(fit, others, observations, left) for fit in fits), strict=True
+    )
     return [*distance, *turn]
 
 
-def _predicted_by(fit: Fit, others: Measurements, observations: Observations, left: Measurements) -> tuple[Array, Array]:
+def _predicted_by(
+    fit: Fit, others: Measurements, observations: Observations, left: Measurements
+) -> tuple[Array, Array]:
     problem, start = fit.problem.of(others), fit.point
     noise = NoiseModel.of(problem, start.x, start.frame, fit.noise.scatters, observations)
     prediction = problem.predict(start.x, start.frame)
@@ -222,4 +276,6 @@ def _predicted_by(fit: Fit, others: Measurements, observations: Observations, le
     end = solve(problem, noise, point, np.ones(others.n)).point
     poses = fit.problem.of(left).poses(end.x, end.frame)
     turn = np.where(left.oriented, np.linalg.norm(poses[:, 3:], axis=1), np.nan)
-    return distances(left, poses, dict(zip(noise.observations.labels, end.seats, strict=True))), turn
+    return distances(
+        left, poses, dict(zip(noise.observations.labels, end.seats, strict=True))
+    ), turn

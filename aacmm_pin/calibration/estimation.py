@@ -13,7 +13,16 @@ from aacmm_pin._support.distributions import chi2_isf, f_isf
 from aacmm_pin.calibration.fit import Fit, redundant
 from aacmm_pin.calibration.noise_model import NoiseModel, Scatters, observations_of
 from aacmm_pin.calibration.problem import Problem
-from aacmm_pin.calibration.solver import MEDIAN, Chi2, Point, Solution, deviations, initial_point, solution_at, solve
+from aacmm_pin.calibration.solver import (
+    MEDIAN,
+    Chi2,
+    Point,
+    Solution,
+    deviations,
+    initial_point,
+    solution_at,
+    solve,
+)
 from aacmm_pin.calibration.studentised_residuals import deleted_distances, studentised_distances
 from aacmm_pin.calibration.variance_components import (
     EFFICIENCY,
@@ -55,7 +64,9 @@ def fit(problem: Problem, *, robust: bool = True, used: Mask | None = None) -> F
     estimation = _Estimation(problem)
     says = estimation.observations.says
     if not says.any():
-        raise AacmmError("no record says where the tip was: no reference coordinates, and no seat touched twice")
+        raise AacmmError(
+            "no record says where the tip was: no reference coordinates, and no seat touched twice"
+        )
     point = initial_point(problem, estimation.observations)
     if used is None and robust:
         first = estimation.initial_fit(point, says, robust=True)
@@ -92,10 +103,14 @@ class _Estimation:
         """
         squares = np.square(deviations(self.observations, point))
         tip = _median_scatter(squares[used, :3])
-        scatters = Scatters(tip, _median_scatter(squares[used & self.observations.oriented, 3:]), tip)
+        scatters = Scatters(
+            tip, _median_scatter(squares[used & self.observations.oriented, 3:]), tip
+        )
         for _ in range(MOST_ROUNDS):
             noise = self.noise(point, scatters)
-            solution = solve(self.problem, noise, point, used.astype(np.float64), robust=robust, roughly=True)
+            solution = solve(
+                self.problem, noise, point, used.astype(np.float64), robust=robust, roughly=True
+            )
             if not robust:
                 break
             point, before = solution.point, scatters.tip
@@ -110,12 +125,19 @@ class _Estimation:
         """
         says, numbers = self.observations.says, self.observations.counts
         count, dof = int(says.sum()), max(first.chi2.dof, 1.0)
-        scatters = self.scatters_of_median(first.noise, first.point, says, min(1.0, dof / int(numbers.sum())))
+        scatters = self.scatters_of_median(
+            first.noise, first.point, says, min(1.0, dof / int(numbers.sum()))
+        )
         noise = self.noise(first.point, scatters)
-        # A scatter that the records themselves tell is uncertain, and more records may seem far off beside it.
+        # A scatter that the records themselves tell is uncertain, and more records may seem far off
+        # beside it.
         chance, numbers = FALSE_EXCLUSION / count, np.maximum(numbers, 3)
         told = scatters.tip > 0
-        limit = numbers * f_isf(chance, numbers, EFFICIENCY * dof) if told else chi2_isf(chance, numbers)
+        limit = (
+            numbers * f_isf(chance, numbers, EFFICIENCY * dof)
+            if told
+            else chi2_isf(chance, numbers)
+        )
         if not self.stated:
             limit = limit * UNEQUAL**2
         used = says.copy()
@@ -145,7 +167,9 @@ class _Estimation:
         farthest = np.maximum(deleted_distances(found), studentised_distances(found))
         return found if (farthest <= limit)[says].all() else None
 
-    def scatters_of_median(self, noise: NoiseModel, point: Point, used: Mask, share: float = 1.0) -> Scatters:
+    def scatters_of_median(
+        self, noise: NoiseModel, point: Point, used: Mask, share: float = 1.0
+    ) -> Scatters:
         """Scatters of tips and turns that bring their median squared distances to that of χ² with
         three degrees.
 
@@ -155,7 +179,11 @@ class _Estimation:
         off, stated = deviations(noise.observations, point), noise.without_scatter
         turned = used & noise.observations.oriented
         tip = self._scatter_of_median(off[used, :3], stated[used, :3, :3], share)
-        turn = self._scatter_of_median(off[turned, 3:], stated[turned, 3:, 3:], share) if turned.any() else 0.0
+        turn = (
+            self._scatter_of_median(off[turned, 3:], stated[turned, 3:, 3:], share)
+            if turned.any()
+            else 0.0
+        )
         return Scatters(tip, turn, tip)
 
     def _scatter_of_median(self, deviation: Array, stated: Array, share: float) -> float:
@@ -165,7 +193,9 @@ class _Estimation:
             covariance = stated + variance * np.eye(3)
             return float(np.median(squared_distances(deviation, covariance))) - share * MEDIAN
 
-        slack = MEDIAN * 6.0 / np.sqrt(len(stated))  # the median of a few records scatters by itself
+        slack = (
+            MEDIAN * 6.0 / np.sqrt(len(stated))
+        )  # the median of a few records scatters by itself
         if self.stated and excess(0.0) < slack:
             return 0.0
         return float(np.sqrt(root(excess, deviation)))
@@ -233,7 +263,9 @@ class _Estimation:
         moved = unknown @ ((solution.point.x - self.problem.start) / self.problem.widths)
         if np.abs(moved).max(initial=0.0) < STAYED:
             return found
-        held = solve(replace(self.problem, held=unknown), solution.noise, solution.point, solution.weights)
+        held = solve(
+            replace(self.problem, held=unknown), solution.noise, solution.point, solution.weights
+        )
         back = solution_at(self.problem, solution.noise, held.point, solution.weights)
         steps, message = solution.steps + held.steps, solution.message or held.message
         return Fit.of(replace(back, steps=steps, message=message), **judgement)

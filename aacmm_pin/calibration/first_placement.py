@@ -1,9 +1,11 @@
-"""Where targets, and the base, are at first: of all placements the nearest, for the arm as it is described.
+"""Where targets, and the base, are at first: of all placements the nearest, for the arm as it is
+described.
 
-Base Y, b and offset t of a target are in ``r = Y (p + A t) + b``, for references r, tips p and axes A of the last body. With
-W = Yᵀ this is ``W r = p + A t + c``, linear in t and c; eliminated, they leave a quadratic form of the nine numbers of W. It
-has several minima over the rotations, which are looked for from those of a cube. Orientations S state ``Aᵀ W S = X``, the
-constant axes of the target (robot-world and hand-eye calibration, Shah 2013), which is linear in the same way.
+Base Y, b and offset t of a target are in ``r = Y (p + A t) + b``, for references r, tips p and axes
+A of the last body. With W = Yᵀ this is ``W r = p + A t + c``, linear in t and c; eliminated, they
+leave a quadratic form of the nine numbers of W. It has several minima over the rotations, which are
+looked for from those of a cube. Orientations S state ``Aᵀ W S = X``, the constant axes of the
+target (robot-world and hand-eye calibration, Shah 2013), which is linear in the same way.
 """
 
 from __future__ import annotations
@@ -20,17 +22,23 @@ from aacmm_pin.calibration.problem import Frame, Problem
 from aacmm_pin.measurements import orientation
 
 BASINS = 3
-"""So many minima, the lowest first, are compared by the sum of their distances, which gross errors hardly change."""
+"""So many minima, the lowest first, are compared by the sum of their distances, which gross errors
+hardly change.
+"""
 APART = 0.05
 """Minima at rotations whose matrices differ by less are one."""
 STEPS = 40
 """Most steps of a search over the rotations; five to twenty do."""
 ROUNDS = 60
-"""Most rounds of weights; they end where the sum of distances falls by less than a part of 1000, as in a registration."""
+"""Most rounds of weights; they end where the sum of distances falls by less than a part of 1000, as
+in a registration.
+"""
 STANDS = 1e-6
 """A step over the rotations smaller than this is none [rad]."""
 NEARER = 2.0
-"""Orientations do not count if positions alone bring tips so many times nearer: they contradict each other."""
+"""Orientations do not count if positions alone bring tips so many times nearer: they contradict
+each other.
+"""
 UNTOLD = 1e-10
 """Offsets of which records say less than this part of what they say of others stay zero."""
 
@@ -39,7 +47,9 @@ TINY = 1e-300
 """Keeps what is divided by from zero."""
 
 _Form = tuple[Array, Array]
-"""H (9, 9) and h (9,): a sum of squares is ``wᵀ H w - 2 hᵀ w`` and a constant, w being the nine numbers of W."""
+"""H (9, 9) and h (9,): a sum of squares is ``wᵀ H w - 2 hᵀ w`` and a constant, w being the nine
+numbers of W.
+"""
 
 
 class _Place(NamedTuple):
@@ -59,8 +69,14 @@ def placed(problem: Problem, tips: Array, by_offset: Array) -> tuple[Frame, Arra
         by_offset: derivative of the tips by the offsets (n, 3, m).
     """
     records, known = problem.measurements, problem.measurements.known
-    positions = _Positions.of(tips[known], records.reference[known], by_offset[known], problem.external)
-    place = _nearest(positions, []) if problem.external else _weighted([positions], np.eye(3), turning=False)
+    positions = _Positions.of(
+        tips[known], records.reference[known], by_offset[known], problem.external
+    )
+    place = (
+        _nearest(positions, [])
+        if problem.external
+        else _weighted([positions], np.eye(3), turning=False)
+    )
     if problem.external and problem.turns and problem.targets:
         together = _nearest(positions, [_Turns.of(problem, positions.spread)])
         near, nearest = (np.median(positions.distances(*each[:2])) for each in (together, place))
@@ -73,7 +89,9 @@ def placed(problem: Problem, tips: Array, by_offset: Array) -> tuple[Frame, Arra
 
 @dataclass(frozen=True, eq=False)
 class _Positions:
-    """Tips (n, 3), references about a ``middle`` (n, 3), and derivatives by t and, in an unknown frame, c (n, 3, m + 3)."""
+    """Tips (n, 3), references about a ``middle`` (n, 3), and derivatives by t and, in an unknown
+    frame, c (n, 3, m + 3).
+    """
 
     tips: Array
     references: Array
@@ -86,7 +104,9 @@ class _Positions:
             return _Positions(tips, references, by_offset, np.zeros(3))
         by_shift = np.broadcast_to(np.eye(3), (len(tips), 3, 3))
         middle = references.mean(axis=0)
-        return _Positions(tips, references - middle, np.concatenate([by_offset, by_shift], axis=2), middle)
+        return _Positions(
+            tips, references - middle, np.concatenate([by_offset, by_shift], axis=2), middle
+        )
 
     @property
     def n(self) -> int:
@@ -105,7 +125,9 @@ class _Positions:
         columns = np.concatenate([self.linear, by_rotation, self.tips[:, :, None]], axis=2)
         rows = (np.sqrt(weights)[:, None, None] * columns).reshape(3 * self.n, -1)
         gram = rows.T @ rows
-        eliminated = gram[m:, :m] @ np.linalg.pinv(gram[:m, :m], UNTOLD, hermitian=True) @ gram[:m, m:]
+        eliminated = (
+            gram[m:, :m] @ np.linalg.pinv(gram[:m, :m], UNTOLD, hermitian=True) @ gram[:m, m:]
+        )
         left = gram[m:, m:] - eliminated
         return left[:9, :9], left[:9, 9]
 
@@ -123,7 +145,9 @@ class _Positions:
 
 @dataclass(frozen=True, eq=False)
 class _Turns:
-    """Derivative of ``Aᵀ W S`` by W, over a lever (n, 9, 9) [m], and the number of each record's target (n,)."""
+    """Derivative of ``Aᵀ W S`` by W, over a lever (n, 9, 9) [m], and the number of each record's
+    target (n,).
+    """
 
     by_rotation: Array
     target: Index
@@ -137,7 +161,9 @@ class _Turns:
         by_rotation = lever * np.einsum("nji,nkl->niljk", axes, stated)
         marker = records.conditions.marker
         labels = np.full(records.n, "") if marker is None else marker
-        target = np.array([problem.targets.index(label) for label in labels[oriented]], dtype=np.intp)
+        target = np.array(
+            [problem.targets.index(label) for label in labels[oriented]], dtype=np.intp
+        )
         return _Turns(by_rotation.reshape(-1, 9, 9), target)
 
     @property
@@ -146,7 +172,9 @@ class _Turns:
         return len(self.target)
 
     def form(self, weights: Array) -> _Form:
-        """Of the squared distances, the constant axes eliminated; nothing is stated of these, so that h is zero."""
+        """Of the squared distances, the constant axes eliminated; nothing is stated of these, so
+        that h is zero.
+        """
         rows = (np.sqrt(weights)[:, None, None] * self._about_means(weights)).reshape(-1, 9)
         return rows.T @ rows, np.zeros(9)
 
@@ -158,7 +186,10 @@ class _Turns:
         """The derivatives less their means over each target, which are the constant axes."""
         total = np.zeros((self.target.max() + 1, 9, 9))
         np.add.at(total, self.target, weights[:, None, None] * self.by_rotation)
-        return np.asarray(self.by_rotation - (total / np.bincount(self.target, weights)[:, None, None])[self.target])
+        return np.asarray(
+            self.by_rotation
+            - (total / np.bincount(self.target, weights)[:, None, None])[self.target]
+        )
 
 
 def _nearest(positions: _Positions, turns: list[_Turns]) -> _Place:
@@ -170,14 +201,19 @@ def _nearest(positions: _Positions, turns: list[_Turns]) -> _Place:
     for rotation in rotations[np.argsort(values)]:
         if all(np.linalg.norm(rotation - other) > APART for other in distinct):
             distinct.append(rotation)
-    return min((_weighted(parts, rotation) for rotation in distinct[:BASINS]), key=lambda place: place.total)
+    return min(
+        (_weighted(parts, rotation) for rotation in distinct[:BASINS]),
+        key=lambda place: place.total,
+    )
 
 
 def _weighted(parts: list[_Positions | _Turns], rotation: Array, *, turning: bool = True) -> _Place:
     """The place near ``rotation``, or at it, weighted anew by the inverse distances (Weiszfeld)."""
     weights, before = [np.ones(part.n) for part in parts], np.inf
     for _ in range(ROUNDS):
-        distances = [part.distances(rotation, own) for part, own in zip(parts, weights, strict=True)]
+        distances = [
+            part.distances(rotation, own) for part, own in zip(parts, weights, strict=True)
+        ]
         total = float(sum(each.sum() for each in distances))
         if abs(before - total) < 1e-3 * total:
             break
@@ -192,8 +228,8 @@ def _weighted(parts: list[_Positions | _Turns], rotation: Array, *, turning: boo
 def _descended(form: _Form, rotations: Array) -> tuple[Array, Array]:
     """The minima of ``wᵀ H w - 2 hᵀ w`` near each rotation (k, 3, 3), and its values there (k,).
 
-    By Newton's method over turns ω behind W, which move it by ``[ω] W + [ω]² W / 2``: damped, and with the sizes of the
-    curvatures, so that no step goes up (Dauphin et al. 2014).
+    By Newton's method over turns ω behind W, which move it by ``[ω] W + [ω]² W / 2``: damped, and
+    with the sizes of the curvatures, so that no step goes up (Dauphin et al. 2014).
     """
     whole, part = form
 
@@ -207,7 +243,11 @@ def _descended(form: _Form, rotations: Array) -> tuple[Array, Array]:
         slope = (by_turn @ pull[:, :, None])[:, :, 0]
         bent = rotations @ pull.reshape(-1, 3, 3).transpose(0, 2, 1)
         trace = np.trace(bent, axis1=1, axis2=2)[:, None, None]
-        curvature = by_turn @ whole @ by_turn.transpose(0, 2, 1) + 0.5 * (bent + bent.transpose(0, 2, 1)) - trace * np.eye(3)
+        curvature = (
+            by_turn @ whole @ by_turn.transpose(0, 2, 1)
+            + 0.5 * (bent + bent.transpose(0, 2, 1))
+            - trace * np.eye(3)
+        )
         curvatures, along = np.linalg.eigh(curvature)
         sizes = np.abs(curvatures) + damping[:, None] * np.trace(whole) + TINY
         step = -(along @ ((slope[:, None] @ along)[:, 0] / sizes)[:, :, None])[:, :, 0]
@@ -215,7 +255,10 @@ def _descended(form: _Form, rotations: Array) -> tuple[Array, Array]:
         trial = exp(np.hstack([np.zeros_like(step), step]))[:, :3, :3] @ rotations
         tried = value(trial.reshape(-1, 9))
         lower = tried < values
-        rotations, values = np.where(lower[:, None, None], trial, rotations), np.where(lower, tried, values)
+        rotations, values = (
+            np.where(lower[:, None, None], trial, rotations),
+            np.where(lower, tried, values),
+        )
         damping = np.where(lower, damping / 10.0, damping * 10.0)
         if np.abs(step).max() < STANDS:
             break
@@ -223,11 +266,15 @@ def _descended(form: _Form, rotations: Array) -> tuple[Array, Array]:
 
 
 def _sum(forms: list[_Form]) -> _Form:
-    return np.sum([whole for whole, _ in forms], axis=0), np.sum([part for _, part in forms], axis=0)
+    return np.sum([whole for whole, _ in forms], axis=0), np.sum(
+        [part for _, part in forms], axis=0
+    )
 
 
 def _cube() -> Array:
     """The rotations of a cube (24, 3, 3)."""
     axes = [np.eye(3)[list(order)] for order in permutations(range(3))]
-    signed = np.array([np.diag(signs) @ one for one in axes for signs in product((1.0, -1.0), repeat=3)])
+    signed = np.array(
+        [np.diag(signs) @ one for one in axes for signs in product((1.0, -1.0), repeat=3)]
+    )
     return np.asarray(signed[np.linalg.det(signed) > 0.0])

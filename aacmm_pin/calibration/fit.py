@@ -99,7 +99,9 @@ class Fit(Solution):
         them.
         """
         excluded = int(self.excluded.sum())
-        return excluded >= FEWEST_TOGETHER and excluded > MOST_EXCLUDED * (excluded + int(self.used.sum()))
+        return excluded >= FEWEST_TOGETHER and excluded > MOST_EXCLUDED * (
+            excluded + int(self.used.sum())
+        )
 
     @property
     def scatters(self) -> bool:
@@ -153,7 +155,9 @@ class Fit(Solution):
         jacobian = self.problem.predict(point.x, point.frame, targets).jacobian
         there = replace(point, prediction=replace(point.prediction, jacobian=jacobian))
         at_targets = solution_at(self.problem, self.noise, there, self.weights).system
-        directions = [system.spectrum.directions[:, ~system.known] for system in (self.system, at_targets)]
+        directions = [
+            system.spectrum.directions[:, ~system.known] for system in (self.system, at_targets)
+        ]
         return np.asarray(orth(np.hstack(directions), rcond=ONE_DIRECTION))
 
     @cached_property

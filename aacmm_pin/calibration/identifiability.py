@@ -143,7 +143,9 @@ def _moving(directions: Array, jacobian: Array, free: Array | None) -> Array:
     motion = (jacobian @ directions).reshape(-1, directions.shape[1])
     if free is not None:
         turns = -skew(free)
-        rigid = np.concatenate([np.broadcast_to(np.eye(3), turns.shape), turns], axis=2).reshape(-1, 6)
+        rigid = np.concatenate([np.broadcast_to(np.eye(3), turns.shape), turns], axis=2).reshape(
+            -1, 6
+        )
         basis = np.linalg.qr(rigid)[0]
         motion = motion - basis @ (basis.T @ motion)
     _, size, combined = np.linalg.svd(motion / np.sqrt(len(jacobian)), full_matrices=False)
@@ -178,7 +180,9 @@ class Observability(Shown):
             return Observability(0.0, 0.0, 0.0, 0.0, 0.0, 0)
         low, high = float(values[-1]), float(values[0])
         o1 = float(np.exp(np.mean(np.log(values))) / np.sqrt(records))
-        return Observability(o1, low / high, low, low**2 / high, float(1.0 / np.sum(1.0 / values)), values.size)
+        return Observability(
+            o1, low / high, low, low**2 / high, float(1.0 / np.sum(1.0 / values)), values.size
+        )
 
 
 def in_words(problem: Problem, directions: Array) -> tuple[str, ...]:
@@ -202,7 +206,8 @@ def _typical(problem: Problem) -> Array:
     """
     usual = {"m": 1e-3, "rad": 1e-3}
     of_parameters = [
-        usual.get(p.unit, float(width)) for p, width in zip(problem.vector.parameters, problem.widths, strict=True)
+        usual.get(p.unit, float(width))
+        for p, width in zip(problem.vector.parameters, problem.widths, strict=True)
     ]
     return np.array(of_parameters + [1e-3] * (len(problem.names) - len(of_parameters)))
 

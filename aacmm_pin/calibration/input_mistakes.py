@@ -1,11 +1,13 @@
-"""Whether records have anything to do with the arm, and the mistake of a first file behind those that have not.
+"""Whether records have anything to do with the arm, and the mistake of a first file behind those
+that have not.
 
-A joint counted the other way, a zero a quarter turn off, exchanged columns, another unit or frame are no causes of error:
-no parameter may take them up. Where the first fit leaves more than an arm has, or the arm as it is described is as far off,
-every such mistake is undone in turn. The arm as it is described judges which of them brings tips and targets together best
-(median distance over what the tips travel, so that gross errors do not count and no unit that shrinks the arm is rewarded);
-a fit then has to leave no more than the noise. Of several the simplest is named: the fewest, with the fewest free numbers.
-Nothing is repaired.
+A joint counted the other way, a zero a quarter turn off, exchanged columns, another unit or frame
+are no causes of error: no parameter may take them up. Where the first fit leaves more than an arm
+has, or the arm as it is described is as far off, every such mistake is undone in turn. The arm as
+it is described judges which of them brings tips and targets together best (median distance over
+what the tips travel, so that gross errors do not count and no unit that shrinks the arm is
+rewarded); a fit then has to leave no more than the noise. Of several the simplest is named: the
+fewest, with the fewest free numbers. Nothing is repaired.
 """
 
 from __future__ import annotations
@@ -32,7 +34,14 @@ from aacmm_pin.calibration.parameters import ASSEMBLED, problem_of
 from aacmm_pin.calibration.problem import Frame, Problem, registered
 from aacmm_pin.calibration.setup import Setup
 from aacmm_pin.calibration.solver import FEWEST, initial_point, solve
-from aacmm_pin.effects import ErrorModel, JointPlacement, JointZeroOffset, LinkLength, LinkTilt, StylusOffset
+from aacmm_pin.effects import (
+    ErrorModel,
+    JointPlacement,
+    JointZeroOffset,
+    LinkLength,
+    LinkTilt,
+    StylusOffset,
+)
 from aacmm_pin.errors import AacmmError, MissingConditionError, MistakenFileError
 from aacmm_pin.measurements.observations import Observations
 from aacmm_pin.measurements.records import Measurements
@@ -40,10 +49,14 @@ from aacmm_pin.measurements.records import Measurements
 FAR = 2e-3
 """Scatter, or median distance after a fit, that no arm has; some mistake is looked for [m]."""
 UNLIKE = 0.03
-"""Scatter about the best fit, as a part of what the tips travel, beyond which records have nothing to do with the arm."""
+"""Scatter about the best fit, as a part of what the tips travel, beyond which records have nothing
+to do with the arm.
+"""
 MOVED = 5.0
-"""Geometry that moves so many times what assembly leaves (:data:`ASSEMBLED`), and the tips by as much as such a length, has
-taken up another mistake; the zero of a joint that hardly moves the tip may be anything."""
+"""Geometry that moves so many times what assembly leaves (:data:`ASSEMBLED`), and the tips by as
+much as such a length, has taken up another mistake; the zero of a joint that hardly moves the tip
+may be anything.
+"""
 EXPLAINS = 0.2
 """A mistake is named if without it the median distance falls to less than this part."""
 ALIKE = 1.5
@@ -51,7 +64,9 @@ ALIKE = 1.5
 TRIED = 3
 """So many of the best are fitted, the best first, until one explains the file."""
 FITTED = 8
-"""Of those that are alike, so many at most are fitted, the simplest first; seldom there are more than four."""
+"""Of those that are alike, so many at most are fitted, the simplest first; seldom there are more
+than four.
+"""
 TURN = 2 * np.pi
 """An angle beyond this was hardly in radians [rad]."""
 FEW = 10
@@ -60,8 +75,14 @@ ENOUGH = 80
 """So many records tell one mistake from another."""
 GON = 0.9
 """In degrees."""
-UNITS = {("metres", "mm"): 1e3, ("inches", "mm"): 25.4, ("micrometres", "mm"): 1e-3, ("mm", "metres"): MM}
-"""Units that lengths may have come in and what they were taken as, and the factor that undoes it."""
+UNITS = {
+    ("metres", "mm"): 1e3,
+    ("inches", "mm"): 25.4,
+    ("micrometres", "mm"): 1e-3,
+    ("mm", "metres"): MM,
+}
+"""Units that lengths may have come in and what they were taken as, and the factor that undoes it.
+"""
 ANGLES = {
     ("degrees", "radians"): DEG,
     ("radians", "degrees"): 1 / DEG,
@@ -79,13 +100,15 @@ TURNED = 0.05
 
 @dataclass(frozen=True, eq=False)
 class _Mistake:
-    """A mistake, which of angles, axes, lengths it is made in, and what has to be done to the records to undo it.
+    """A mistake, which of angles, axes, lengths it is made in, and what has to be done to the
+    records to undo it.
 
     Attributes:
         turned: the angles are these combinations of those in the file (nq, nq).
         added: to the angles (nq,) [rad].
         axes: which coordinate of the file is x, y, z, and its sign.
-        scale: of the coordinates, or of each of the three columns; their uncertainties stay, which may be right.
+        scale: of the coordinates, or of each of the three columns; their uncertainties stay, which
+            may be right.
         bars: factor of the bars' lengths.
         external: the coordinates are in another frame than the base's.
         target: they are of another point of the last body than the tip.
@@ -138,7 +161,8 @@ def first_fit(problem: Problem, *, robust: bool = True) -> Fit:
 
     Raises:
         MistakenFileError: undoing one mistake, or two, explains the records.
-        AacmmError: after the fit they are off by a large part of what the tips travel; see :func:`fit`.
+        AacmmError: after the fit they are off by a large part of what the tips travel; see
+            :func:`fit`.
     """
     try:
         after = fit(problem, robust=robust)
@@ -150,12 +174,16 @@ def first_fit(problem: Problem, *, robust: bool = True) -> Fit:
     travel = _travel(problem) if after.unmodelled > FAR else np.inf
     unlike, fitted = after.unmodelled > UNLIKE * travel, _median(after.system.deviation)
     if unlike or problem.measurements.bars() or max(fitted, _as_described(after)) >= FAR:
-        _require_no_mistake(problem, fitted, thorough=unlike, options=fitted >= FAR or _absorbs(after))
+        _require_no_mistake(
+            problem, fitted, thorough=unlike, options=fitted >= FAR or _absorbs(after)
+        )
     if unlike:
         advice = Note("sessions_unlike" if _sessions_fit_alone(problem) else "unlike_arm")
         raise AacmmError(
-            f"{problem.measurements.source} does not fit this arm: {advice}. (With the best parameters its records still "
-            f"scatter by {after.unmodelled / MM:.0f} mm in each coordinate; the tips at these angles are spread over "
+            f"{problem.measurements.source} does not fit this arm: {advice}. (With the best "
+            "parameters its records still "
+            f"scatter by {after.unmodelled / MM:.0f} mm in each coordinate; the tips at these "
+            "angles are spread over "
             f"{travel / MM:.0f} mm.)"
         )
     _require_orientations(after)
@@ -169,14 +197,18 @@ def _sessions_fit_alone(problem: Problem) -> bool:
         return False
     of_session = pd.Series(np.arange(records.n)).groupby(records.conditions.session).indices
     try:
-        fits = [fit(own_frame.undone(problem.of(records.take(np.asarray(rows))))) for rows in of_session.values()]
+        fits = [
+            fit(own_frame.undone(problem.of(records.take(np.asarray(rows)))))
+            for rows in of_session.values()
+        ]
     except AacmmError:
         return False
     return len(fits) > 1 and all(after.unmodelled < FAR for after in fits)
 
 
 def _require_orientations(after: Fit) -> None:
-    """Refuse orientations that are not of a body which moves with the last one, and say what explains them.
+    """Refuse orientations that are not of a body which moves with the last one, and say what
+    explains them.
 
     Raises:
         AacmmError: they are none.
@@ -194,7 +226,10 @@ def _require_orientations(after: Fit) -> None:
         poses = changed.poses(point.x, changed.with_targets(point.x, point.frame))
         why = mistake if np.median(np.linalg.norm(poses[rows, 3:], axis=1)) < TURNED else why
     source, reason = problem.measurements.source, Note(why)
-    raise AacmmError(f"{source}: orientations do not fit this arm, they are off by {off / DEG:.3g}° (median): {reason}")
+    raise AacmmError(
+        f"{source}: orientations do not fit this arm, they are off by {off / DEG:.3g}° (median): "
+        f"{reason}"
+    )
 
 
 def _require_no_mistake(problem: Problem, fitted: float, *, thorough: bool, options: bool) -> None:
@@ -204,8 +239,8 @@ def _require_no_mistake(problem: Problem, fitted: float, *, thorough: bool, opti
         problem: the records as they are.
         fitted: median distance after a fit of these, infinite where there is no such fit [m].
         thorough: look for two mistakes, and several signs, too.
-        options: look for options that were left out. They leave numbers open that geometry may as well take up: a tip
-            that is off by a length of the last row is no mistake.
+        options: look for options that were left out. They leave numbers open that geometry may as
+            well take up: a tip that is off by a length of the last row is no mistake.
 
     Raises:
         MistakenFileError: the mistake.
@@ -236,7 +271,11 @@ def _require_no_mistake(problem: Problem, fitted: float, *, thorough: bool, opti
     taken_up = fitted < FAR or fitted == np.inf
     as_is = before if taken_up else fitted
     single = [(mistake,) for mistake in _mistakes(problem) if options or not mistake.free]
-    tiers = [single, _options(single), *((_several_signs(records.nq), _pairs(single)) if thorough else ())]
+    tiers = [
+        single,
+        _options(single),
+        *((_several_signs(records.nq), _pairs(single)) if thorough else ()),
+    ]
     for mistakes in tiers:
         misfits = np.array([misfit(several) for several in mistakes])
         limit = (EXPLAINS if taken_up else 1.0) * as_given
@@ -251,17 +290,23 @@ def _require_no_mistake(problem: Problem, fitted: float, *, thorough: bool, opti
             named = [several for several, own in left.items() if own <= ALIKE * least]
             named = [many for many in named if not any(set(few) < set(many) for few in named)]
             words = [", and ".join(str(one.name) for one in several) for several in named]
-            raise MistakenFileError(records.source, words[0], as_is, left[named[0]], tuple(words[1:]))
+            raise MistakenFileError(
+                records.source, words[0], as_is, left[named[0]], tuple(words[1:])
+            )
 
 
 def _left(without: Problem, as_is: float) -> float:
-    """Median distance after a fit without a mistake [m]; infinite unless that is by far less, and no more than noise."""
+    """Median distance after a fit without a mistake [m]; infinite unless that is by far less, and
+    no more than noise.
+    """
     try:
         after = fit(without)
     except AacmmError:
         return np.inf
     left = _median(after.system.deviation)
-    explained = after.unmodelled < FAR and left < min(EXPLAINS * as_is, UNLIKE * _travel(after.problem))
+    explained = after.unmodelled < FAR and left < min(
+        EXPLAINS * as_is, UNLIKE * _travel(after.problem)
+    )
     return left if explained and not _absorbs(after) else np.inf
 
 
@@ -278,17 +323,28 @@ def _travel(problem: Problem) -> float:
 
 
 def _absorbs(after: Fit) -> bool:
-    """Whether the fit moved a geometric value, and the tips by it, farther than any arm's is off."""
+    """Whether the fit moved a geometric value, and the tips by it, farther than any arm's
+    is off.
+    """
     vector, point = after.problem.vector, after.point
     moved = np.abs(point.x - after.problem.start)
-    tips = moved * np.sqrt(np.square(point.prediction.jacobian[:, :3, : moved.size]).sum(axis=1).mean(axis=0))
-    geometric = [k for effect, own in vector if isinstance(effect, (JointPlacement, *KIND_OF)) for k in np.r_[own]]
+    tips = moved * np.sqrt(
+        np.square(point.prediction.jacobian[:, :3, : moved.size]).sum(axis=1).mean(axis=0)
+    )
+    geometric = [
+        k
+        for effect, own in vector
+        if isinstance(effect, (JointPlacement, *KIND_OF))
+        for k in np.r_[own]
+    ]
     far = [moved[k] > MOVED * ASSEMBLED[vector.parameters[k].unit] for k in geometric]
     return bool((np.array(far, dtype=bool) & (tips[geometric] > MOVED * ASSEMBLED["m"])).any())
 
 
 def _as_described(after: Fit) -> float:
-    """Median distance by the arm as it is described, with frame and seats where the fit has them, to first order [m]."""
+    """Median distance by the arm as it is described, with frame and seats where the fit has them,
+    to first order [m].
+    """
     x, jacobian = after.point.x - after.problem.start, after.point.prediction.jacobian
     return _median(after.system.deviation - jacobian[:, :3, : x.size] @ x)
 
@@ -301,7 +357,9 @@ def _median(deviation: Array) -> float:
 
 
 class _Described(NamedTuple):
-    """The arm as it is described: tips in its base (n, 3) [m], in a problem with nothing unknown but targets."""
+    """The arm as it is described: tips in its base (n, 3) [m], in a problem with nothing unknown
+    but targets.
+    """
 
     problem: Problem
     tips: Array
@@ -326,12 +384,18 @@ def _touched(problem: Problem) -> _Touched:
 
 
 def _misfit(arm: _Described, touched: _Touched) -> tuple[float, float]:
-    """Median distance by the arm as it is described, frame, seats and target fitted [m]; the same over the tips' travel."""
+    """Median distance by the arm as it is described, frame, seats and target fitted [m]; the same
+    over the tips' travel.
+    """
     records, observations, setup = touched
     if setup.external and records.known.sum() < FEWEST:
         return np.inf, np.inf
     try:
-        tips, points = _fitted_tips(arm, touched) if arm.problem.vector.effects else _registered_tips(arm.tips, touched)
+        tips, points = (
+            _fitted_tips(arm, touched)
+            if arm.problem.vector.effects
+            else _registered_tips(arm.tips, touched)
+        )
     except AacmmError:
         return np.inf, np.inf
     off, seats = observations.deviations(tips, points), records.seats()
@@ -365,7 +429,9 @@ def _fitted_tips(arm: _Described, touched: _Touched) -> tuple[Array, Array]:
     problem = replace(arm.problem, measurements=changed, setup=setup)
     point = initial_point(problem, observations)
     if not records.known.all():
-        noise = NoiseModel.of(problem, point.x, point.frame, Scatters(FAR, 0.0, FIRST_SCATTER), observations)
+        noise = NoiseModel.of(
+            problem, point.x, point.frame, Scatters(FAR, 0.0, FIRST_SCATTER), observations
+        )
         point = solve(problem, noise, point, np.ones(records.n), robust=True, roughly=True).point
     return point.prediction.tips, point.seats
 
@@ -373,7 +439,11 @@ def _fitted_tips(arm: _Described, touched: _Touched) -> tuple[Array, Array]:
 def _asked_again(problem: Problem, model: ErrorModel, setup: Setup) -> Problem:
     """The same unknowns of another model, or with another set-up."""
     effects = problem.vector.effects
-    named = [effect for effect in effects if not isinstance(effect, (StylusOffset, JointPlacement, LinkTilt, *KIND_OF))]
+    named = [
+        effect
+        for effect in effects
+        if not isinstance(effect, (StylusOffset, JointPlacement, LinkTilt, *KIND_OF))
+    ]
     whole = any(isinstance(effect, (JointPlacement, LinkLength)) for effect in effects)
     zeros = any(isinstance(effect, JointZeroOffset) for effect in effects)
     sets = ["geometry"] if whole else ["zero-offsets"] if zeros else []
@@ -382,7 +452,9 @@ def _asked_again(problem: Problem, model: ErrorModel, setup: Setup) -> Problem:
 
 def _of_targets(problem: Problem) -> Problem:
     """The problem with nothing unknown but where targets sit, and the frame."""
-    of_target = [(effect, own) for effect, own in problem.vector if isinstance(effect, StylusOffset)]
+    of_target = [
+        (effect, own) for effect, own in problem.vector if isinstance(effect, StylusOffset)
+    ]
     mine = np.concatenate([np.arange(0), *(np.r_[own] for _, own in of_target)])
     return replace(
         problem,
@@ -402,7 +474,9 @@ def _few(records: Measurements) -> Index:
     if not seats:
         return rows[:: max(1, records.n // ENOUGH)]
     each = max(3, ENOUGH // len(seats))
-    return np.unique(np.concatenate([members[:: max(1, len(members) // each)] for members in seats.values()]))
+    return np.unique(
+        np.concatenate([members[:: max(1, len(members) // each)] for members in seats.values()])
+    )
 
 
 # --- mistakes
@@ -425,20 +499,28 @@ def _mistakes(problem: Problem) -> Iterator[_Mistake]:
     for j, k in combinations(range(records.nq), 2):
         order = np.arange(records.nq)
         order[[j, k]] = k, j
-        yield _Mistake(Note("joints_exchanged", {"joints": (j + 1, k + 1)}), "columns", turned=one[order])
+        yield _Mistake(
+            Note("joints_exchanged", {"joints": (j + 1, k + 1)}), "columns", turned=one[order]
+        )
     for j, sign in product(range(1, records.nq), (1.0, -1.0)):
         code = "joint_shows_sum" if sign < 0 else "joint_shows_difference"
         name = Note(code, {"joint": j + 1, "before": j})
         yield _Mistake(name, "sum", turned=one + sign * np.outer(one[j - 1], one[j]))
     for (unit, taken), factor in ANGLES.items():
-        yield _Mistake(Note("angles_unit", {"unit": unit, "taken": taken}), "angles", turned=factor * one)
+        yield _Mistake(
+            Note("angles_unit", {"unit": unit, "taken": taken}), "angles", turned=factor * one
+        )
     yield from _of_convention(problem.model.arm)
     if records.known.any():
         yield from _of_frame(problem.external)
-        if problem.setup.target != "unknown" and not any(isinstance(one, StylusOffset) for one in problem.vector.effects):
+        if problem.setup.target != "unknown" and not any(
+            isinstance(one, StylusOffset) for one in problem.vector.effects
+        ):
             yield _Mistake(Note("target_off_tip"), "target", target=True)
         for (unit, taken), factor in UNITS.items():
-            yield _Mistake(Note("coordinates_unit", {"unit": unit, "taken": taken}), "unit", scale=factor)
+            yield _Mistake(
+                Note("coordinates_unit", {"unit": unit, "taken": taken}), "unit", scale=factor
+            )
         for k, axis in enumerate("xyz"):
             scale = np.where(k == AXES, 1e3, 1.0)
             yield _Mistake(Note("coordinate_in_metres", {"axis": axis}), "unit", scale=scale)
@@ -454,7 +536,9 @@ def _of_frame(external: bool) -> Iterator[_Mistake]:
         return
     for order, signs in product(permutations(range(3)), product((1, -1), repeat=3)):
         if (order, signs) != ((0, 1, 2), (1, 1, 1)):
-            came = ", ".join(f"{'-' * (s < 0)}{'xyz'[k]}" for k, s in zip(order, signs, strict=True))
+            came = ", ".join(
+                f"{'-' * (s < 0)}{'xyz'[k]}" for k, s in zip(order, signs, strict=True)
+            )
             yield _Mistake(Note("other_axes", {"axes": came}), "axes", axes=(order, signs))
     yield _Mistake(Note("other_frame"), "axes", external=True)
 
@@ -463,9 +547,13 @@ def _of_convention(arm: Arm) -> Iterator[_Mistake]:
     """The numbers of a DH table, read by the other convention."""
     if not isinstance(arm.file, ArmFile):
         return
-    now, other = ("standard-dh", "modified-dh")[:: 1 if arm.file.convention == "standard-dh" else -1]
+    now, other = ("standard-dh", "modified-dh")[
+        :: 1 if arm.file.convention == "standard-dh" else -1
+    ]
     changed = Arm.from_file(arm.file.model_copy(update={"convention": other}))
-    yield _Mistake(Note("other_convention", {"other": other, "convention": now}), "convention", arm=changed)
+    yield _Mistake(
+        Note("other_convention", {"other": other, "convention": now}), "convention", arm=changed
+    )
 
 
 def _options(single: list[tuple[_Mistake]]) -> list[tuple[_Mistake, ...]]:
@@ -482,7 +570,11 @@ def _counted(*joints: int, nq: int) -> _Mistake:
 
 
 def _several_signs(nq: int) -> list[tuple[_Mistake, ...]]:
-    return [(_counted(*joints, nq=nq),) for count in range(2, nq + 1) for joints in combinations(range(nq), count)]
+    return [
+        (_counted(*joints, nq=nq),)
+        for count in range(2, nq + 1)
+        for joints in combinations(range(nq), count)
+    ]
 
 
 def _pairs(single: list[tuple[_Mistake]]) -> list[tuple[_Mistake, ...]]:

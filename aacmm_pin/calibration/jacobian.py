@@ -1,7 +1,9 @@
-"""Many effects at once, for one set of records: what does not depend on where the arm is, is worked out a single time.
+"""Many effects at once, for one set of records: what does not depend on where the arm is, is worked
+out a single time.
 
-The same numbers as effect by effect, several times faster: a geometric value has the same twist in every record, an
-encoder error or a thermal length the same twists in every step of a search; only what bends under weight changes.
+The same numbers as effect by effect, several times faster: a geometric value has the same twist in
+every record, an encoder error or a thermal length the same twists in every step of a search; only
+what bends under weight changes.
 """
 
 from __future__ import annotations
@@ -15,14 +17,23 @@ import numpy as np
 from aacmm_pin._support.batches import cross
 from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin.calibration.parameter_vector import ParameterVector
-from aacmm_pin.effects import Displacement, Effect, State, point_sensitivity, sensitivity, static_equilibrium
+from aacmm_pin.effects import (
+    Displacement,
+    Effect,
+    State,
+    point_sensitivity,
+    sensitivity,
+    static_equilibrium,
+)
 
 Twists = dict[int, Array]
 
 
 @dataclass(frozen=True, eq=False)
 class _Same:
-    """Parameters whose twist is the same in every record: their places (k,), twists (k, 6), and numbers (k,)."""
+    """Parameters whose twist is the same in every record: their places (k,), twists (k, 6), and
+    numbers (k,).
+    """
 
     place: Index
     twist: Array
@@ -32,7 +43,9 @@ class _Same:
 
 @dataclass(frozen=True, eq=False)
 class _Varying:
-    """One place, twists per unit that change from record to record (n, 6, k), and the numbers of the parameters."""
+    """One place, twists per unit that change from record to record (n, 6, k), and the numbers of
+    the parameters.
+    """
 
     displacement: Displacement
     number: slice
@@ -67,7 +80,10 @@ class Columns:
             for d in displacements:
                 if len(displacements) == len(d.columns) == 1 and straight:
                     numbers = range(own.start, own.stop)
-                    constant += [(d.place, t, k, effect.of_reference) for t, k in zip(d.columns[0].T, numbers, strict=True)]
+                    constant += [
+                        (d.place, t, k, effect.of_reference)
+                        for t, k in zip(d.columns[0].T, numbers, strict=True)
+                    ]
                 else:
                     varying.append(_Varying(d, own, effect.of_reference, straight))
         same = _Same(
@@ -84,12 +100,16 @@ class Columns:
 
     @cached_property
     def _curved(self) -> list[tuple[Effect, slice]]:
-        return [(e, own) for e, own in self.vector if not e.elastic and type(e).exact is not Effect.exact]
+        return [
+            (e, own)
+            for e, own in self.vector
+            if not e.elastic and type(e).exact is not Effect.exact
+        ]
 
     @cached_property
     def _same_twists(self) -> list[tuple[list[int], Array]]:
-        """Places with the same twist in every record, and that by one unit of each parameter (places, 6, p): of the arm,
-        and of the references.
+        """Places with the same twist in every record, and that by one unit of each parameter
+        (places, 6, p): of the arm, and of the references.
         """
         found = []
         for chosen in (~self.same.of_reference, self.same.of_reference):
@@ -101,7 +121,9 @@ class Columns:
 
     @property
     def alike(self) -> Index:
-        """Numbers of the parameters that displace a place of the arm by the same twist in every record."""
+        """Numbers of the parameters that displace a place of the arm by the same twist in every
+        record.
+        """
         return np.unique(self.same.number[~self.same.of_reference])
 
     def bends(self, x: Array) -> bool:
@@ -114,10 +136,13 @@ class Columns:
         elastic = [effect.at(tuple(x[own])) for effect, own in self._elastic if x[own].any()]
         state = static_equilibrium(elastic, state) if elastic else state
         of_reference = self._twists(x, True)
-        return replace(state, twists=_sum(dict(state.twists), of_reference)) if of_reference else state
+        return (
+            replace(state, twists=_sum(dict(state.twists), of_reference)) if of_reference else state
+        )
 
     def jacobian(self, state: State, more: int = 0) -> Array:
-        """∂(position)/∂parameters in ``state``, (n, 3, p) [m/unit]; see :func:`aacmm_pin.effects.sensitivity` for turns.
+        """∂(position)/∂parameters in ``state``, (n, 3, p) [m/unit]; see
+        :func:`aacmm_pin.effects.sensitivity` for turns.
 
         Behind them there is room for so many columns ``more``, which are zero.
         """
@@ -131,7 +156,9 @@ class Columns:
         return total
 
     def _same_columns(self, state: State) -> Array:
-        """``R v + (R ω) × (p - o)`` for all of them together (n, 3, k); the turns ``R ω`` behind it where asked for."""
+        """``R v + (R ω) × (p - o)`` for all of them together (n, 3, k); the turns ``R ω`` behind it
+        where asked for.
+        """
         axes = state.rotation.transpose(0, 3, 2, 1)[self.same.place].reshape(-1, 3, 3 * state.n)
         moves = (self.same.twist.reshape(-1, 2, 3) @ axes).reshape(-1, 2, 3, state.n)
         lever = state.position.T - state.origin.transpose(0, 2, 1)[self.same.place]

@@ -154,7 +154,9 @@ class LinearModel:
         """
         known = null_space(unknown.T) if unknown.size else np.eye(self.prior.scales.size)
         spectrum = self.spectrum
-        triangle = np.linalg.qr((spectrum.values[:, None] * spectrum.directions.T) @ known, mode="r")
+        triangle = np.linalg.qr(
+            (spectrum.values[:, None] * spectrum.directions.T) @ known, mode="r"
+        )
         steps = known @ np.linalg.inv(triangle) * self.prior.scales[:, None]
         return np.asarray(steps @ steps.T)
 
@@ -191,7 +193,9 @@ class NormalEquations:
         if failed:
             return None
         inverse = scipy.linalg.lapack.dtrtri(factor)[0]
-        if not np.linalg.norm(inverse) * UNEVEN < 1.0:  # no singular value is smaller than one over this norm
+        if (
+            not np.linalg.norm(inverse) * UNEVEN < 1.0
+        ):  # no singular value is smaller than one over this norm
             return None
         return NormalEquations(lengths, inverse, inverse.T @ (gradient / lengths))
 
@@ -225,7 +229,9 @@ class Spectrum:
     def of(triangle: Array, divisors: Array) -> Spectrum:
         """Of rows with the residual last (m, p + 1), their columns over ``divisors`` (p,)."""
         p = divisors.size
-        left, values, right = np.linalg.svd(triangle[:, :-1] / divisors, full_matrices=len(triangle) < p)
+        left, values, right = np.linalg.svd(
+            triangle[:, :-1] / divisors, full_matrices=len(triangle) < p
+        )
         missing = p - values.size
         if missing > 0:  # fewer rows than parameters: the rest of the directions is unknown
             values = np.pad(values, (0, missing))
@@ -332,12 +338,20 @@ class SeatElimination:
         by_tie = weight[:, :, None] * np.eye(3)
         self._root = np.broadcast_to(np.eye(3), (count, 3, 3))
         for least in (NOTHING_KNOWN, 0.5):
-            square = self._seat_sums(by.transpose(0, 2, 1) @ by) + by_tie.transpose(0, 2, 1) @ by_tie
-            some = np.trace(square, axis1=1, axis2=2) > least  # the others have nothing to be made orthonormal
+            square = (
+                self._seat_sums(by.transpose(0, 2, 1) @ by) + by_tie.transpose(0, 2, 1) @ by_tie
+            )
+            some = (
+                np.trace(square, axis1=1, axis2=2) > least
+            )  # the others have nothing to be made orthonormal
             square = np.where(some[:, None, None], square, np.eye(3))
             upper = np.linalg.cholesky(square).transpose(0, 2, 1)
             inverse = np.linalg.inv(upper)
-            by, by_tie, self._root = by @ inverse[self._numbers], by_tie @ inverse, upper @ self._root
+            by, by_tie, self._root = (
+                by @ inverse[self._numbers],
+                by_tie @ inverse,
+                upper @ self._root,
+            )
         self._q, self._q_tie = by, by_tie
 
     def _seat_sums(self, each: Array) -> Array:
@@ -370,7 +384,9 @@ class SeatElimination:
         rows = -self._by_bars(along)
         if residual:
             rows[:, -1] += self._bar_residual
-        return np.asarray(solve_triangular(self._bar_factor, rows, lower=True)) if len(rows) else rows
+        return (
+            np.asarray(solve_triangular(self._bar_factor, rows, lower=True)) if len(rows) else rows
+        )
 
     def _by_bars(self, along: Array) -> Array:
         """``H`` times vectors of the seats (s, 3, c): (b, c)."""
@@ -407,7 +423,9 @@ class SeatElimination:
         return np.asarray(np.linalg.solve(self._root, best)[:, :, 0])
 
 
-def seat_columns(observations: Observations, points: Array, by_seat: Array) -> tuple[Array, Array, Array]:
+def seat_columns(
+    observations: Observations, points: Array, by_seat: Array
+) -> tuple[Array, Array, Array]:
     """Derivative by the seats where these are kept as columns: of records, of stated coordinates,
     of bars.
 

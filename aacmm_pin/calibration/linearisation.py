@@ -49,7 +49,9 @@ class Linearisation(LinearModel):
         return self.elimination.step(along)
 
 
-def linearise(prediction: Prediction, prior: Prior, noise: NoiseModel, points: Array, weights: Array) -> Linearisation:
+def linearise(
+    prediction: Prediction, prior: Prior, noise: NoiseModel, points: Array, weights: Array
+) -> Linearisation:
     """The linear model at a prediction.
 
     Args:

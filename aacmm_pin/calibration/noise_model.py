@@ -23,21 +23,26 @@ LEAST = 1e-12
 SAME = 1e-9
 """Coordinates that differ by less are the same whatever their uncertainty [m]."""
 MEASURED, ROUNDED = 1 / 3, 2.0
-"""Coordinates of a seat that differ by less than so many standard uncertainties are the same: where each may be a record's
-own; where records repeat them."""
+"""Coordinates of a seat that differ by less than so many standard uncertainties are the same: where
+each may be a record's own; where records repeat them.
+"""
 REPEATED = 2
 """As many records of a seat as this for each of its coordinates, on the average, repeat them."""
 CONTRADICTING = 10.0
-"""Coordinates of one seat that are so many standard uncertainties apart are not of one point; the noise of 100 gives 6."""
+"""Coordinates of one seat that are so many standard uncertainties apart are not of one point; the
+noise of 100 gives 6.
+"""
 
 
 class Scatters(NamedTuple):
-    """Standard deviations that the stated noise does not explain, and which stand in for noise that is not stated.
+    """Standard deviations that the stated noise does not explain, and which stand in for noise that
+    is not stated.
 
     Attributes:
         tip: of each coordinate of a tip beside its target [m].
         turn: of each component of the turn behind it [rad].
-        seat: of each coordinate of a seat, where its uncertainty is not stated: what all touches of it share [m].
+        seat: of each coordinate of a seat, where its uncertainty is not stated: what all touches of
+            it share [m].
     """
 
     tip: float = 0.0
@@ -45,8 +50,12 @@ class Scatters(NamedTuple):
     seat: float = 0.0
 
     def covariance(self, width: int) -> Array:
-        """Of a residual, by tip and turn alone (width, width), ``width`` being 3 or 6 [m², rad²]."""
-        return np.diag(np.repeat([max(self.tip, LEAST) ** 2, max(self.turn, LEAST) ** 2], 3)[:width])
+        """Of a residual, by tip and turn alone (width, width), ``width`` being 3 or 6 [m²,
+        rad²].
+        """
+        return np.diag(
+            np.repeat([max(self.tip, LEAST) ** 2, max(self.turn, LEAST) ** 2], 3)[:width]
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,8 +65,8 @@ class NoiseModel:
     Attributes:
         scatters: beyond the stated noise.
         observations: targets of the tips.
-        tips: covariance of each tip in the frame of the references, by its reading and the scatter (n, 3, 3) [m²]; with
-            orientations (n, 6, 6), the turn behind it [rad²].
+        tips: covariance of each tip in the frame of the references, by its reading and the scatter
+            (n, 3, 3) [m²]; with orientations (n, 6, 6), the turn behind it [rad²].
     """
 
     scatters: Scatters
@@ -65,12 +74,19 @@ class NoiseModel:
     tips: Array
 
     @staticmethod
-    def of(problem: Problem, x: Array, frame: Frame, scatters: Scatters, known: Observations | None = None) -> NoiseModel:
+    def of(
+        problem: Problem,
+        x: Array,
+        frame: Frame,
+        scatters: Scatters,
+        known: Observations | None = None,
+    ) -> NoiseModel:
         """The noise of a problem's records.
 
         Args:
             problem: the problem.
-            x: values of its parameters (p,): a reading's noise acts on the target, wherever that is on the last body.
+            x: values of its parameters (p,): a reading's noise acts on the target, wherever that is
+                on the last body.
             frame: where the base is in the frame of the references.
             scatters: beyond the stated noise.
             known: the observations, where they are worked out already.
@@ -88,12 +104,15 @@ class NoiseModel:
 
     @property
     def of_residuals(self) -> Array:
-        """Covariance of each residual, by its reading, its target and the scatter (n, 3, 3) [m²], or (n, 6, 6)."""
+        """Covariance of each residual, by its reading, its target and the scatter (n, 3, 3) [m²],
+        or (n, 6, 6).
+        """
         return np.asarray(self.tips + self.observations.covariance)
 
     @cached_property
     def whitening(self) -> Array:
-        """What gives each residual unit variance (n, 3, 3) [1/m], or (n, 6, 6); zero for turns that are not stated.
+        """What gives each residual unit variance (n, 3, 3) [1/m], or (n, 6, 6); zero for turns that
+        are not stated.
 
         As a triangle it leaves the first three numbers what they are without turns.
         """
@@ -110,10 +129,12 @@ class NoiseModel:
 def observations_of(measurements: Measurements, setup: Setup) -> Observations:
     """What the records say.
 
-    A seat whose records state the same coordinates, if they state any, was measured once, and a record of it without
-    coordinates was there too; a seat without coordinates is an unknown point. A record whose coordinates are its own stands
-    for itself, even at a seat: where the records of a seat repeat its coordinates, those that are off by more than twice the
-    uncertainty, for less may be rounding; elsewhere all, unless they differ by less than a third of it.
+    A seat whose records state the same coordinates, if they state any, was measured once, and a
+    record of it without coordinates was there too; a seat without coordinates is an unknown point.
+    A record whose coordinates are its own stands
+    for itself, even at a seat: where the records of a seat repeat its coordinates, those that are
+    off by more than twice the uncertainty, for less may be rounding; elsewhere all, unless they
+    differ by less than a third of it.
     """
     known, contact = measurements.known, setup.probe_noise or 0.0
     seat, labels = _numbered(measurements)
@@ -123,11 +144,16 @@ def observations_of(measurements: Measurements, setup: Setup) -> Observations:
     least = np.nan_to_num(np.fmin.reduce(_of_each(np.fmin, u[stating], of, count), axis=1))
     repeated, most = _repeated(of, measurements.reference[stating], count)
     if repeated.any():
-        far = np.abs(measurements.reference - most[seat]).max(axis=1) > np.maximum(SAME, ROUNDED * least)[seat]
+        far = (
+            np.abs(measurements.reference - most[seat]).max(axis=1)
+            > np.maximum(SAME, ROUNDED * least)[seat]
+        )
         seat = np.where(stating & repeated[seat] & far, -1, seat)
         stating = known & (seat >= 0)
     of, stated = seat[stating], measurements.reference[stating]
-    total, high, low = (_of_each(combine, stated, of, count) for combine in (np.add, np.fmax, np.fmin))
+    total, high, low = (
+        _of_each(combine, stated, of, count) for combine in (np.add, np.fmax, np.fmin)
+    )
     at = total / np.maximum(np.bincount(of, minlength=count), 1)[:, None]
     at_u = _of_each(np.fmax, u[stating], of, count)
     mixed = ~repeated & ((high - low).max(axis=1) > np.maximum(SAME, MEASURED * least))
@@ -136,12 +162,20 @@ def observations_of(measurements: Measurements, setup: Setup) -> Observations:
     seat = np.where(seat >= 0, number[seat] if len(labels) else -1, -1)
     alone = known & (seat < 0)
     # What is not stated is in the covariance of the tips already.
-    own = np.where(alone[:, None], np.hypot(reference_u(measurements, setup, 0.0), contact), contact)
+    own = np.where(
+        alone[:, None], np.hypot(reference_u(measurements, setup, 0.0), contact), contact
+    )
     if measurements.orientation is not None:
-        turn = np.zeros(measurements.n) if measurements.orientation_u is None else np.nan_to_num(measurements.orientation_u)
+        turn = (
+            np.zeros(measurements.n)
+            if measurements.orientation_u is None
+            else np.nan_to_num(measurements.orientation_u)
+        )
         own = np.hstack([own, np.repeat(turn[:, None], 3, axis=1)])
     chosen = [label for label, none in zip(labels, mixed, strict=True) if not none]
-    ends, length, length_u = _bars(measurements, setup, {label: k for k, label in enumerate(chosen)})
+    ends, length, length_u = _bars(
+        measurements, setup, {label: k for k, label in enumerate(chosen)}
+    )
     return Observations(
         reference=np.where(alone[:, None], measurements.reference, np.nan),
         seat=seat.astype(np.intp),
@@ -157,15 +191,22 @@ def observations_of(measurements: Measurements, setup: Setup) -> Observations:
 
 
 def contradictions(measurements: Measurements, setup: Setup, scatters: Scatters) -> list[Note]:
-    """Seats whose records state coordinates farther apart than their noise allows, and bars that do not fit between the
-    coordinates of their ends.
+    """Seats whose records state coordinates farther apart than their noise allows, and bars that do
+    not fit between the coordinates of their ends.
     """
-    u, known = reference_u(measurements, setup, max(scatters.tip, scatters.seat)), measurements.known
+    u, known = (
+        reference_u(measurements, setup, max(scatters.tip, scatters.seat)),
+        measurements.known,
+    )
     seat, labels = _numbered(measurements)
     at_seats = known & (seat >= 0)
     repeats, _ = _repeated(seat[at_seats], measurements.reference[at_seats], len(labels))
     repeated = dict(zip(labels, repeats, strict=True))
-    stating = {label: records[known[records]] for label, records in measurements.seats().items() if known[records].any()}
+    stating = {
+        label: records[known[records]]
+        for label, records in measurements.seats().items()
+        if known[records].any()
+    }
     found = _bars_between(measurements, setup, stating, u)
     for label, records in stating.items():
         at = measurements.reference[records]
@@ -178,15 +219,22 @@ def contradictions(measurements: Measurements, setup: Setup, scatters: Scatters)
     return found
 
 
-def _bars_between(measurements: Measurements, setup: Setup, stating: dict[str, Index], u: Array) -> list[Note]:
-    """Bars whose length is not the distance of their ends, where records state coordinates of both."""
+def _bars_between(
+    measurements: Measurements, setup: Setup, stating: dict[str, Index], u: Array
+) -> list[Note]:
+    """Bars whose length is not the distance of their ends, where records state coordinates
+    of both.
+    """
     found = []
     for bar in measurements.bars():
         ends = [stating[seat] for seat in (bar.seat_a, bar.seat_b) if seat in stating]
         if len(ends) < 2:
             continue
         a, b = (measurements.reference[records].mean(axis=0) for records in ends)
-        apart, allowed = np.linalg.norm(a - b), [*(u[records].max() for records in ends), _length_u(bar, setup)]
+        apart, allowed = (
+            np.linalg.norm(a - b),
+            [*(u[records].max() for records in ends), _length_u(bar, setup)],
+        )
         if abs(apart - bar.length) > CONTRADICTING * np.linalg.norm(allowed):
             data = {"bar": bar.bar, "length": bar.length, "apart": float(apart)}
             found.append(Note("bar_contradicted", data))
@@ -194,14 +242,18 @@ def _bars_between(measurements: Measurements, setup: Setup, stating: dict[str, I
 
 
 def reference_u(measurements: Measurements, setup: Setup, scatter: float) -> Array:
-    """Standard uncertainty of each coordinate of the references, ``scatter`` where it is not stated (n, 3) [m]."""
+    """Standard uncertainty of each coordinate of the references, ``scatter`` where it is not stated
+    (n, 3) [m].
+    """
     fallback = scatter if setup.reference_noise is None else setup.reference_noise
     u = np.where(np.isfinite(measurements.reference_u), measurements.reference_u, fallback)
     return np.maximum(u, LEAST)
 
 
 def _numbered(measurements: Measurements) -> tuple[Index, list[str]]:
-    """Number of the seat of each record in the order of their first records (n,), -1 where none; and their labels."""
+    """Number of the seat of each record in the order of their first records (n,), -1 where none;
+    and their labels.
+    """
     labels = measurements.conditions.seat
     if labels is None:
         return np.full(measurements.n, -1, dtype=np.intp), []
@@ -210,7 +262,9 @@ def _numbered(measurements: Measurements) -> tuple[Index, list[str]]:
 
 
 def _of_each(combine: np.ufunc, values: Array, seat: Index, count: int) -> Array:
-    """Sum, least or largest (``np.add``, ``np.fmin``, ``np.fmax``) of the values (n, 3) at each seat (s, 3); else NaN."""
+    """Sum, least or largest (``np.add``, ``np.fmin``, ``np.fmax``) of the values (n, 3) at each
+    seat (s, 3); else NaN.
+    """
     found = np.full((count, 3), np.nan)
     found[seat] = 0.0 if combine is np.add else np.nan
     combine.at(found, seat, values)
@@ -218,7 +272,8 @@ def _of_each(combine: np.ufunc, values: Array, seat: Index, count: int) -> Array
 
 
 def _repeated(seat: Index, stated: Array, count: int) -> tuple[Mask, Array]:
-    """Seats whose records, on the average, repeat each of their coordinates (s,); those that most records have (s, 3).
+    """Seats whose records, on the average, repeat each of their coordinates (s,); those that most
+    records have (s, 3).
 
     Of the records that state coordinates (n, 3), each at a ``seat`` (n,).
     """
@@ -233,17 +288,25 @@ def _repeated(seat: Index, stated: Array, count: int) -> tuple[Mask, Array]:
     return repeated, most
 
 
-def _bars(measurements: Measurements, setup: Setup, number: dict[str, int]) -> tuple[Index, Array, Array]:
-    """Numbers of the seats at both ends of each bar (b, 2), the lengths and their standard uncertainties (b,) [m].
+def _bars(
+    measurements: Measurements, setup: Setup, number: dict[str, int]
+) -> tuple[Index, Array, Array]:
+    """Numbers of the seats at both ends of each bar (b, 2), the lengths and their standard
+    uncertainties (b,) [m].
 
-    Bars that state the very same are one bar at n places, which have its error in common: with √n times u each, their mean
-    has u, whether that is so or not. A u that is not stated is a guess, large enough for each.
+    Bars that state the very same are one bar at n places, which have its error in common: with √n
+    times u each, their mean has u, whether that is so or not. A u that is not stated is a guess,
+    large enough for each.
     """
     bars = [b for b in measurements.bars() if b.seat_a in number and b.seat_b in number]
-    ends = np.array([(number[b.seat_a], number[b.seat_b]) for b in bars], dtype=np.intp).reshape(-1, 2)
+    ends = np.array([(number[b.seat_a], number[b.seat_b]) for b in bars], dtype=np.intp).reshape(
+        -1, 2
+    )
     stated = np.array([(b.length, max(_length_u(b, setup), LEAST)) for b in bars]).reshape(-1, 2)
     _, alike, count = np.unique(stated, axis=0, return_inverse=True, return_counts=True)
-    guessed = np.array([setup.length_noise is None and not np.isfinite(b.u) for b in bars], dtype=bool)
+    guessed = np.array(
+        [setup.length_noise is None and not np.isfinite(b.u) for b in bars], dtype=bool
+    )
     return ends, stated[:, 0], stated[:, 1] * np.where(guessed, 1.0, np.sqrt(count[alike.ravel()]))
 
 

@@ -12,9 +12,21 @@ import numpy as np
 from aacmm_pin._support.checks import Array
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.parameter import Parameter
-from aacmm_pin.effects import Effect, JointDistance, JointPlacement, JointZeroOffset, LinkLength, LinkTwist
+from aacmm_pin.effects import (
+    Effect,
+    JointDistance,
+    JointPlacement,
+    JointZeroOffset,
+    LinkLength,
+    LinkTwist,
+)
 
-OF_KIND: dict[str, type[Effect]] = {"a": LinkLength, "d": JointDistance, "alpha": LinkTwist, "theta_offset": JointZeroOffset}
+OF_KIND: dict[str, type[Effect]] = {
+    "a": LinkLength,
+    "d": JointDistance,
+    "alpha": LinkTwist,
+    "theta_offset": JointZeroOffset,
+}
 """The cause behind each value of a DH row."""
 KIND_OF = {cause: kind for kind, cause in OF_KIND.items()}
 """The value of a DH row behind each geometric cause."""
@@ -83,7 +95,10 @@ class ParameterVector:
         them.
         """
         entries = (parameter for effect in self.effects for parameter in effect.parameters())
-        return tuple(p if a is None else replace(p, name=a.name) for p, a in zip(entries, self.of_arm, strict=True))
+        return tuple(
+            p if a is None else replace(p, name=a.name)
+            for p, a in zip(entries, self.of_arm, strict=True)
+        )
 
     @property
     def names(self) -> list[str]:

@@ -49,7 +49,10 @@ PARALLEL = 0.1
 
 
 def problem_of(
-    model: ErrorModel, measurements: Measurements, parameters: str | Iterable[str | Effect], setup: Setup
+    model: ErrorModel,
+    measurements: Measurements,
+    parameters: str | Iterable[str | Effect],
+    setup: Setup,
 ) -> Problem:
     """The unknowns that ``parameters`` names, those of the set-up (target, frame) included.
 
@@ -60,16 +63,27 @@ def problem_of(
     items = [parameters] if isinstance(parameters, str) else list(parameters)
     # A value that is asked for by itself, with a width of its own, stands in its own place.
     asked = {item.label for item in items if isinstance(item, Effect) and any(item.u)}
-    chosen = [unknown for unknown in _of_target(measurements, setup.target) if unknown[0].label not in asked]
+    chosen = [
+        unknown
+        for unknown in _of_target(measurements, setup.target)
+        if unknown[0].label not in asked
+    ]
     for item in items:
         if isinstance(item, Effect):
             chosen.append(_of_effect(item))
         elif item == "zero-offsets":
-            chosen += [_geometric(model.arm, JointZeroOffset(row), setup.prior) for row in _moving_rows(model.arm)]
+            chosen += [
+                _geometric(model.arm, JointZeroOffset(row), setup.prior)
+                for row in _moving_rows(model.arm)
+            ]
         elif item == "geometry":
-            chosen += [unknown for unknown in _geometry(model.arm, setup) if unknown[0].label not in asked]
+            chosen += [
+                unknown for unknown in _geometry(model.arm, setup) if unknown[0].label not in asked
+            ]
         else:
-            raise UnknownNameError("set of parameters", str(item), [*get_args(ParameterSet), "an Effect"])
+            raise UnknownNameError(
+                "set of parameters", str(item), [*get_args(ParameterSet), "an Effect"]
+            )
     labels = [effect.label for effect, _, _ in chosen]
     keys = [effect.key for effect, _, _ in chosen]
     for key in keys:
@@ -82,15 +96,29 @@ def problem_of(
     vector = ParameterVector(base.arm, tuple(e for e, _, _ in chosen))
     correlation = _correlation(model.arm, vector, np.where(stated, widths, np.nan))
     known_from = (
-        model.arm.covariance.records if model.arm.covariance is not None and (setup.prior or base.arm.covariance) else ""
+        model.arm.covariance.records
+        if model.arm.covariance is not None and (setup.prior or base.arm.covariance)
+        else ""
     )
     targets = () if setup.target == "frame" else _turned_targets(measurements)
-    return Problem(base, vector, widths, stated, correlation, measurements, setup, tuple(known_from.split()), targets)
+    return Problem(
+        base,
+        vector,
+        widths,
+        stated,
+        correlation,
+        measurements,
+        setup,
+        tuple(known_from.split()),
+        targets,
+    )
 
 
 def unstated(problem: Problem, mine: Mask) -> Problem:
     """The problem as if nothing were stated of some geometric parameters, ``mine`` (p,)."""
-    assembled = np.array([ASSEMBLED.get(parameter.unit, np.nan) for parameter in problem.vector.parameters])
+    assembled = np.array(
+        [ASSEMBLED.get(parameter.unit, np.nan) for parameter in problem.vector.parameters]
+    )
     correlation = np.where(mine[:, None] | mine, np.eye(mine.size), problem.correlation)
     widths = np.where(mine, assembled, problem.widths)
     return replace(problem, widths=widths, stated=problem.stated & ~mine, correlation=correlation)
@@ -118,7 +146,9 @@ def length_held(problem: Problem) -> Effect | None:
     sizes: dict[Effect, float] = {}
     for effect, own in vector:
         if isinstance(effect, JointPlacement):
-            sizes[effect] = float(np.linalg.norm(vector.arm.chain.constant[end(effect.joint - 1), :3, 3]))
+            sizes[effect] = float(
+                np.linalg.norm(vector.arm.chain.constant[end(effect.joint - 1), :3, 3])
+            )
         elif isinstance(effect, LinkLength | JointDistance):
             sizes[effect] = float(np.abs(vector.origins[own]).sum())
     return max(sizes, key=lambda effect: sizes[effect]).at(())
@@ -138,7 +168,9 @@ def _correlation(arm: Arm, vector: ParameterVector, stated: Array) -> Array:
     place = {name: i for i, name in enumerate(arm.covariance.parameters)}
     u = np.array(arm.covariance.standard_uncertainty_si)
     mine = [
-        i for i, name in enumerate(names) if name in place and np.isclose(stated[i], u[place[name]], rtol=1e-9, atol=0.0)
+        i
+        for i, name in enumerate(names)
+        if name in place and np.isclose(stated[i], u[place[name]], rtol=1e-9, atol=0.0)
     ]
     theirs = [place[names[i]] for i in mine]
     found[np.ix_(mine, mine)] = arm.covariance.matrix_of_correlation()[np.ix_(theirs, theirs)]
@@ -158,7 +190,10 @@ def _geometry(arm: Arm, setup: Setup) -> list[_Unknown]:
         effects = [OF_KIND[p.kind](joint=p.joint) for p in parameters]  # type: ignore[call-arg]
         effects += [LinkTilt(row) for row in _before_parallel_axes(arm)]
     held = "" if setup.held is None else setup.held.label
-    return [_held(effect) if effect.label == held else _geometric(arm, effect, setup.prior) for effect in effects]
+    return [
+        _held(effect) if effect.label == held else _geometric(arm, effect, setup.prior)
+        for effect in effects
+    ]
 
 
 def _held(effect: Effect) -> _Unknown:
@@ -197,15 +232,26 @@ def _of_effect(effect: Effect) -> _Unknown:
 def _turned_targets(measurements: Measurements) -> tuple[str, ...]:
     """Labels of the targets whose orientation was measured, "" for one without a label."""
     marker, oriented = measurements.conditions.marker, measurements.oriented
-    return tuple(dict.fromkeys((np.full(measurements.n, "") if marker is None else marker)[oriented].tolist()))
+    return tuple(
+        dict.fromkeys(
+            (np.full(measurements.n, "") if marker is None else marker)[oriented].tolist()
+        )
+    )
 
 
 def is_reestimated(effect: Effect, setup: Setup, measurements: Measurements) -> bool:
     """Whether it is where a target of the records sits, and that is unknown: no u is stated that
     counts.
     """
-    told = isinstance(effect, StylusOffset) and effect.marker is not None and setup.prior and any(effect.u)
-    return not told and effect.label in {unknown.label for unknown, _, _ in _of_target(measurements, setup.target)}
+    told = (
+        isinstance(effect, StylusOffset)
+        and effect.marker is not None
+        and setup.prior
+        and any(effect.u)
+    )
+    return not told and effect.label in {
+        unknown.label for unknown, _, _ in _of_target(measurements, setup.target)
+    }
 
 
 def _of_target(measurements: Measurements, target: Target) -> list[_Unknown]:

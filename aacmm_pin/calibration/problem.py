@@ -72,7 +72,9 @@ class Frame:
         targets = self.targets
         if turns.size:
             targets = targets @ exp(np.pad(turns.reshape(-1, 3), ((0, 0), (3, 0))))[:, :3, :3]
-        return Frame(self.rotation @ motion[:3, :3], self.rotation @ motion[:3, 3] + self.shift, targets)
+        return Frame(
+            self.rotation @ motion[:3, :3], self.rotation @ motion[:3, 3] + self.shift, targets
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,19 +150,28 @@ class Problem:
     @property
     def tip_on_target(self) -> bool:
         """Whether the tip is placed on a target whose place on the last body nobody stated."""
-        placed = (isinstance(effect, StylusOffset) and effect.marker is None for effect in self.vector.effects)
+        placed = (
+            isinstance(effect, StylusOffset) and effect.marker is None
+            for effect in self.vector.effects
+        )
         return self.setup.target == "unknown" and any(placed)
 
     @property
     def names(self) -> list[str]:
         """Names of all columns, the frame's included."""
-        turns = [f"target.{axis}{label and ':'}{label}" for label in self.targets for axis in ("rx", "ry", "rz")]
+        turns = [
+            f"target.{axis}{label and ':'}{label}"
+            for label in self.targets
+            for axis in ("rx", "ry", "rz")
+        ]
         return self.vector.names + (list(FRAME) if self.external else []) + turns
 
     @cached_property
     def scales(self) -> Array:
         """Width of every column, the frame's included."""
-        return np.concatenate([self.widths, FRAME_WIDTHS if self.external else [], np.ones(3 * len(self.targets))])
+        return np.concatenate(
+            [self.widths, FRAME_WIDTHS if self.external else [], np.ones(3 * len(self.targets))]
+        )
 
     @property
     def start(self) -> Array:
@@ -176,7 +187,9 @@ class Problem:
         parameters are.
         """
         variances, combinations = np.linalg.eigh(self.correlation)
-        rows = combinations.T / np.sqrt(np.where(variances > UNTOLD_VARIANCE, variances, 1.0))[:, None]
+        rows = (
+            combinations.T / np.sqrt(np.where(variances > UNTOLD_VARIANCE, variances, 1.0))[:, None]
+        )
         return np.concatenate([rows, HELD * self.held]) if self.held.size else rows
 
     def prior(self, x: Array, more: Array = NONE) -> Prior:
@@ -201,7 +214,10 @@ class Problem:
     def _of_targets(self) -> Mask:
         """Which values, those of the fixed effects first, say where a target sits."""
         effects = (*self.model.effects, *self.vector.effects)
-        return np.array([isinstance(effect, StylusOffset) for effect in effects for _ in effect.values], dtype=bool)
+        return np.array(
+            [isinstance(effect, StylusOffset) for effect in effects for _ in effect.values],
+            dtype=bool,
+        )
 
     @cached_property
     def _columns(self) -> Columns:
@@ -278,7 +294,10 @@ class Problem:
         state = self._columns.at(np.concatenate([self._fixed, x]))
         turned = (frame.rotation @ state.rotation[-1]).transpose(0, 2, 1) @ self._stated
         own = [self.measurements.oriented & (self._target == k) for k in range(len(self.targets))]
-        return replace(frame, targets=np.array([orientation.mean(turned[rows]) for rows in own]).reshape(-1, 3, 3))
+        return replace(
+            frame,
+            targets=np.array([orientation.mean(turned[rows]) for rows in own]).reshape(-1, 3, 3),
+        )
 
     @cached_property
     def _stated(self) -> Array:
@@ -291,7 +310,10 @@ class Problem:
         """Number of each record's target among those of unknown orientation (n,); 0 for records
         without one.
         """
-        marker, number = self.measurements.conditions.marker, {label: k for k, label in enumerate(self.targets)}
+        marker, number = (
+            self.measurements.conditions.marker,
+            {label: k for k, label in enumerate(self.targets)},
+        )
         labels = [""] * self.measurements.n if marker is None else marker
         return np.array([number.get(label, 0) for label in labels], dtype=np.intp)
 

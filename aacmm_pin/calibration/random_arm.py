@@ -1,4 +1,6 @@
-"""A virtual arm that differs from its file as a real one does: its geometry drawn from what the file states of it."""
+"""A virtual arm that differs from its file as a real one does: its geometry drawn from what the
+file states of it.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,8 @@ from aacmm_pin.errors import AacmmError
 
 
 def perturbed_model(model: GivenModel, rng: np.random.Generator) -> ErrorModel:
-    """The model with all parameters drawn: uniform within half-widths, normal and together where a calibration says so.
+    """The model with all parameters drawn: uniform within half-widths, normal and together where a
+    calibration says so.
 
     Its values are the truth of a virtual arm, so it states no uncertainty of them.
 
@@ -23,25 +26,33 @@ def perturbed_model(model: GivenModel, rng: np.random.Generator) -> ErrorModel:
         rng: for the draw.
 
     Raises:
-        AacmmError: no parameter has an uncertainty, or an arm with a DH table was not made from a file.
+        AacmmError: no parameter has an uncertainty, or an arm with a DH table was not made from a
+            file.
     """
     model = ErrorModel.of(model)
     errors = parameter_errors(model, rng, 1)[0]
     if not errors.any():
         raise AacmmError(
-            f"{model.arm.name}: no parameter has an uncertainty to draw from; state half-widths in the arm file, or, "
+            f"{model.arm.name}: no parameter has an uncertainty to draw from; state half-widths "
+            "in the arm file, or, "
             "with --urdf, --translation-half-width-mm and --rotation-half-width-rad"
         )
     geometric = len(model.arm.parameters)
     vector = ParameterVector(model.arm, model.effects)
-    return ErrorModel(_exact(model.arm, errors[:geometric]), vector.at(vector.values + errors[geometric:]))
+    return ErrorModel(
+        _exact(model.arm, errors[:geometric]), vector.at(vector.values + errors[geometric:])
+    )
 
 
 def _exact(arm: Arm, errors: Array) -> Arm:
     """The arm with its parameters off by ``errors`` (p,) [m, rad]."""
     if arm.dh is None:
         return arm.with_placements(errors.reshape(-1, 6), None, exact=True)
-    file = moved_file(arm, {p.name: float(error) for p, error in zip(arm.parameters, errors, strict=True)})
+    file = moved_file(
+        arm, {p.name: float(error) for p, error in zip(arm.parameters, errors, strict=True)}
+    )
     rows = [row.model_copy(update={"uncertainty": None}) for row in file.joints]
     source = f"drawn within the uncertainties of: {arm.source or arm.name}"
-    return Arm.from_file(file.model_copy(update={"joints": rows, "covariance": None, "source": source}))
+    return Arm.from_file(
+        file.model_copy(update={"joints": rows, "covariance": None, "source": source})
+    )

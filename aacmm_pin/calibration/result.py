@@ -34,17 +34,24 @@ if TYPE_CHECKING:
 
 SCHEMA = "aacmm-pin/calibration/1"
 MENTIONED = 0.02
-"""A parameter of which more than this part of its width is open is known in combination with others."""
+"""A parameter of which more than this part of its width is open is known in combination with
+others.
+"""
 HARDLY = 0.1
-"""A parameter that nobody stated and whose u is more than this part of what it may be off is hardly known."""
+"""A parameter that nobody stated and whose u is more than this part of what it may be off is hardly
+known.
+"""
 UNCHANGED = 0.95
-"""A parameter whose u is more than this part of the stated one has learnt nothing from the data …"""
+"""A parameter whose u is more than this part of the stated one has learnt nothing from the data …
+"""
 LESS = 0.5**0.5
 """… and where it is more than this part, less than what was stated says."""
 
 
 def residuals_by_record(fits: Mapping[str, Fit]) -> pd.DataFrame:
-    """One row a record: line in the file, labels, tip minus target by each of the named fits to the same records [mm]."""
+    """One row a record: line in the file, labels, tip minus target by each of the named fits to the
+    same records [mm].
+    """
     records = next(iter(fits.values())).problem.measurements
     table: dict[str, Any] = {"row": records.row}
     for name in ("record", "operator", "seat", "marker", "session"):
@@ -65,7 +72,8 @@ class Calibration(Shown):
     Attributes:
         fit: fit of everything.
         setup: the problem of the set-up alone (reference frame, target), the arm as it was.
-        held_out: residuals of records left out of the fit, by kind; empty where that was not asked for.
+        held_out: residuals of records left out of the fit, by kind; empty where that was not asked
+            for.
         notes: what was assumed.
     """
 
@@ -101,8 +109,9 @@ class Calibration(Shown):
 
     @property
     def turns(self) -> dict[str, float] | None:
-        """Root mean square turn from the stated orientations of the used records, as :attr:`rms_before`, :attr:`rms` and
-        :attr:`noise` are of distances [rad]; None where none is stated.
+        """Root mean square turn from the stated orientations of the used records, as
+        :attr:`rms_before`, :attr:`rms` and :attr:`noise` are of distances [rad]; None where none is
+        stated.
         """
         turned = self.fit.used & self.fit.observations.oriented
         if not turned.any():
@@ -113,13 +122,17 @@ class Calibration(Shown):
 
     @property
     def p_value(self) -> float | None:
-        """Chance of a χ² this large if the model and the stated noise are right; None where the noise was not stated."""
+        """Chance of a χ² this large if the model and the stated noise are right; None where the
+        noise was not stated.
+        """
         judged = self.fit.chi2_stated
         return None if judged is None or judged[1] < LEAST_DOF else float(chi2_sf(*judged))
 
     @property
     def undetermined(self) -> tuple[str, ...]:
-        """Combinations of parameters that these data cannot tell, in words; such a combination stays as it was."""
+        """Combinations of parameters that these data cannot tell, in words; such a combination
+        stays as it was.
+        """
         return self.fit.undetermined.words
 
     @cached_property
@@ -131,9 +144,11 @@ class Calibration(Shown):
 
     @property
     def base_u(self) -> tuple[Array, Array] | None:
-        """Standard uncertainty of the base in an unknown frame of the references: origin (3,) [m] and turns (3,) [rad].
+        """Standard uncertainty of the base in an unknown frame of the references: origin (3,) [m]
+        and turns (3,) [rad].
 
-        Both along the axes of the references; None where the two frames are one, or these records leave it open.
+        Both along the axes of the references; None where the two frames are one, or these records
+        leave it open.
         """
         p = self.fit.problem.widths.size
         if not self.fit.problem.external or self.base_is_open:
@@ -144,7 +159,9 @@ class Calibration(Shown):
 
     @property
     def base_is_open(self) -> bool:
-        """Whether these records do not determine where the base is in an unknown frame of the references."""
+        """Whether these records do not determine where the base is in an unknown frame of the
+        references.
+        """
         if not self.fit.problem.external:
             return False
         p = self.fit.problem.widths.size
@@ -159,24 +176,39 @@ class Calibration(Shown):
 
     @cached_property
     def parameters(self) -> pd.DataFrame:
-        """One row a parameter: before, after, change, u, U (k = 2), in the unit of the row; and what the data say of it.
+        """One row a parameter: before, after, change, u, U (k = 2), in the unit of the row; and
+        what the data say of it.
 
-        ``known`` is ``measured``, ``hardly`` (the data say less than what was stated), ``as stated`` (they add nothing to
-        it) or ``in combination``: it is part of one in :attr:`undetermined`, so that it has no u by itself.
+        ``known`` is ``measured``, ``hardly`` (the data say less than what was stated), ``as
+        stated`` (they add nothing to
+        it) or ``in combination``: it is part of one in :attr:`undetermined`, so that it has no u by
+        itself.
         """
         problem, vector = self.fit.problem, self.fit.problem.vector
         spread = np.linalg.norm(self.fit.undetermined.spread, axis=1)
-        # A target may be a metre off, but is known from its place on the last body like any length of the arm.
-        assembled = np.array([ASSEMBLED.get(parameter.unit, np.inf) for parameter in vector.parameters])
+        # A target may be a metre off, but is known from its place on the last body like any length
+        # of the arm.
+        assembled = np.array(
+            [ASSEMBLED.get(parameter.unit, np.inf) for parameter in vector.parameters]
+        )
         open_ = spread > MENTIONED * np.minimum(problem.widths, assembled)
         u = np.where(open_, np.nan, np.hypot(np.sqrt(np.diag(self.covariance)), spread))
         before, change = vector.origins + problem.start, self.fit.point.x - problem.start
         lengths = np.array([parameter.unit == "m" for parameter in vector.parameters], dtype=bool)
-        values = {"before": before, "after": before + change, "change": change, "u": u, "U": COVERAGE_FACTOR * u}
+        values = {
+            "before": before,
+            "after": before + change,
+            "change": change,
+            "u": u,
+            "U": COVERAGE_FACTOR * u,
+        }
         return pd.DataFrame(
             {
                 "parameter": vector.names,
-                "unit": ["mm" if parameter.unit == "m" else parameter.unit for parameter in vector.parameters],
+                "unit": [
+                    "mm" if parameter.unit == "m" else parameter.unit
+                    for parameter in vector.parameters
+                ],
                 **{name: column / np.where(lengths, MM, 1.0) for name, column in values.items()},
                 "known": [self._known(i, float(each)) for i, each in enumerate(u)],
             }
@@ -188,7 +220,13 @@ class Calibration(Shown):
             return "in combination"
         if problem.stated[i]:
             of_stated = u / problem.widths[i]
-            return "as stated" if of_stated > UNCHANGED else "hardly" if of_stated > LESS else "measured"
+            return (
+                "as stated"
+                if of_stated > UNCHANGED
+                else "hardly"
+                if of_stated > LESS
+                else "measured"
+            )
         return "hardly" if u > HARDLY * problem.widths[i] else "measured"
 
     @cached_property
@@ -201,8 +239,12 @@ class Calibration(Shown):
 
     @cached_property
     def residuals(self) -> pd.DataFrame:
-        """One row a record: line in the file, seat, tip minus target before and after [mm], whether it was used."""
-        return residuals_by_record({"before": self.before, "after": self.fit}).assign(used=self.fit.used)
+        """One row a record: line in the file, seat, tip minus target before and after [mm], whether
+        it was used.
+        """
+        return residuals_by_record({"before": self.before, "after": self.fit}).assign(
+            used=self.fit.used
+        )
 
     @property
     def excluded(self) -> pd.DataFrame:
@@ -210,7 +252,11 @@ class Calibration(Shown):
         table = self.residuals[self.fit.excluded]
         columns = [c for c in ("row", "record", "seat", "marker", "session") if c in table]
         reason = str(Note("excluded"))
-        return table[[*columns, "after_mm"]].rename(columns={"after_mm": "residual_mm"}).assign(reason=reason)
+        return (
+            table[[*columns, "after_mm"]]
+            .rename(columns={"after_mm": "residual_mm"})
+            .assign(reason=reason)
+        )
 
     @cached_property
     def exclusions(self) -> Exclusions:
@@ -227,19 +273,31 @@ class Calibration(Shown):
                 "used": int(self.fit.used.sum()),
                 "silent": int((~self.fit.used & ~self.fit.excluded).sum()),
                 "excluded": [
-                    {"row": int(r["row"]), "reason": r["reason"], "residual_mm": float(r["residual_mm"])}
+                    {
+                        "row": int(r["row"]),
+                        "reason": r["reason"],
+                        "residual_mm": float(r["residual_mm"]),
+                    }
                     for r in self.excluded.to_dict("records")
                 ],
                 "exclusions": self.exclusions.summary(),
             },
-            "rms_mm": {"simulation": self.rms_before / MM, "calibrated": self.rms / MM, "noise": self.noise / MM},
-            "chi2": None if judged is None else {"value": judged[0], "dof": judged[1], "p_value": self.p_value},
+            "rms_mm": {
+                "simulation": self.rms_before / MM,
+                "calibrated": self.rms / MM,
+                "noise": self.noise / MM,
+            },
+            "chi2": None
+            if judged is None
+            else {"value": judged[0], "dof": judged[1], "p_value": self.p_value},
             "rms_rad": self.turns,
             "unmodelled_mm": self.fit.unmodelled / MM,
             "unmodelled_rad": self.fit.noise.scatters.turn if self.turns else None,
             "unmodelled_seat_mm": self.fit.noise.scatters.seat / MM or None,
             "noise_stated": self.fit.stated,
-            "parameters": [{k: _plain(v) for k, v in row.items()} for row in self.parameters.to_dict("records")],
+            "parameters": [
+                {k: _plain(v) for k, v in row.items()} for row in self.parameters.to_dict("records")
+            ],
             "undetermined": list(self.undetermined),
             "observability": {k: _plain(v) for k, v in vars(self.observability).items()},
             "held_out": [
@@ -247,7 +305,9 @@ class Calibration(Shown):
                     "kind": h.kind,
                     "groups": h.groups,
                     "rms_mm": {"simulation": h.rms_before / MM, "calibrated": h.rms_after / MM},
-                    "rms_rad": {"simulation": rms(h.turn_before), "calibrated": rms(h.turn_after)} if h.turned else None,
+                    "rms_rad": {"simulation": rms(h.turn_before), "calibrated": rms(h.turn_after)}
+                    if h.turned
+                    else None,
                 }
                 for h in self.held_out
             ],
@@ -258,7 +318,8 @@ class Calibration(Shown):
         left = self.exclusions
         no_errors = ", which are no gross errors" if left.doubtful else ""
         text = (
-            f"{self.model.arm.name} calibrated on {left.used} records ({left.excluded} excluded{no_errors}): "
+            f"{self.model.arm.name} calibrated on {left.used} records ({left.excluded} "
+            f"excluded{no_errors}): "
             f"RMS {self.rms_before / MM:.4f} mm before, {self.rms / MM:.4f} mm after"
         )
         for h in self.held_out:
@@ -266,7 +327,8 @@ class Calibration(Shown):
         return text
 
     def plot(self, ax: Axes | None = None) -> Figure:
-        """Residuals in space, before and after, in plan and from the side; the figure of the four panels.
+        """Residuals in space, before and after, in plan and from the side; the figure of the four
+        panels.
 
         Args:
             ax: axes, whose place is divided; without them a new pyplot figure is made.

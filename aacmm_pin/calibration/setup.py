@@ -62,7 +62,9 @@ class Setup:
     def __post_init__(self) -> None:
         for name, choice in (("reference_frame", ReferenceFrame), ("target", Target)):
             if getattr(self, name) not in get_args(choice):
-                raise UnknownNameError(name.replace("_", " "), getattr(self, name), list(get_args(choice)))
+                raise UnknownNameError(
+                    name.replace("_", " "), getattr(self, name), list(get_args(choice))
+                )
         for name in ("encoder", "reference", "probe", "length"):
             noise = getattr(self, f"{name}_noise")
             if noise is not None:
@@ -89,8 +91,15 @@ class Setup:
         encoder = arm.encoder_noise
         if encoder_noise is not None:
             stated = np.asarray(encoder_noise, dtype=np.float64)
-            encoder = vector(np.full(arm.nq, stated) if stated.ndim == 0 else stated, arm.nq, "encoder_noise", "rad")
-        return Setup(reference_frame, target, prior, encoder, reference_noise, probe_noise, length_noise)
+            encoder = vector(
+                np.full(arm.nq, stated) if stated.ndim == 0 else stated,
+                arm.nq,
+                "encoder_noise",
+                "rad",
+            )
+        return Setup(
+            reference_frame, target, prior, encoder, reference_noise, probe_noise, length_noise
+        )
 
     @property
     def keywords(self) -> dict[str, Any]:
@@ -105,22 +114,36 @@ class Setup:
     def unstated(self, measurements: Measurements) -> list[str]:
         """Whose noise is not stated although χ² needs it; empty where χ² can be judged."""
         seats = measurements.conditions.seat
-        touched = np.zeros(measurements.n, dtype=bool) if seats is None else np.asarray(seats != "", dtype=bool)
+        touched = (
+            np.zeros(measurements.n, dtype=bool)
+            if seats is None
+            else np.asarray(seats != "", dtype=bool)
+        )
         placed = [measurements.known[records].any() for records in measurements.seats().values()]
         stated = np.asarray(np.isfinite(measurements.reference_u).all(axis=1))
         found = []
         if self.reference_noise is None and not stated[measurements.known].all():
             found.append("reference coordinates")
-        turn_u = np.full(measurements.n, np.nan) if measurements.orientation_u is None else measurements.orientation_u
+        turn_u = (
+            np.full(measurements.n, np.nan)
+            if measurements.orientation_u is None
+            else measurements.orientation_u
+        )
         if not np.isfinite(turn_u[measurements.oriented]).all():
             found.append("orientations")
         # Without these a seat touched again would have to give the very same tip.
-        if touched.any() and self.probe_noise is None and (self.encoder_noise is None or not all(placed)):
+        if (
+            touched.any()
+            and self.probe_noise is None
+            and (self.encoder_noise is None or not all(placed))
+        ):
             found.append("contacts in seats")
         return found
 
 
-def checked_input(model: GivenModel, measurements: object, asked: Collection[str] = ()) -> tuple[ErrorModel, Measurements]:
+def checked_input(
+    model: GivenModel, measurements: object, asked: Collection[str] = ()
+) -> tuple[ErrorModel, Measurements]:
     """Model and measurements, given or by name or path, if they have as many joints.
 
     Records outside the range of a known effect are left out, as ``read_as`` then says, unless all
@@ -135,17 +158,30 @@ def checked_input(model: GivenModel, measurements: object, asked: Collection[str
         raise AacmmError(f"{measurements.source} has no records")
     if measurements.nq != model.arm.nq:
         raise AacmmError(
-            f"{measurements.source} has angles of {measurements.nq} joints, {model.arm.name} has {model.arm.nq}"
+            f"{measurements.source} has angles of {measurements.nq} joints, {model.arm.name} has "
+            f"{model.arm.nq}"
         )
-    known = model.known_at(measurements.q) | np.array([effect.label in asked for effect in model.effects], dtype=bool)
+    known = model.known_at(measurements.q) | np.array(
+        [effect.label in asked for effect in model.effects], dtype=bool
+    )
     used = known.all(axis=1)
     if used.all() or not used.any():
         return model, measurements
-    outside = [(effect, ~inside) for effect, inside in zip(model.effects, known.T, strict=True) if not inside.all()]
+    outside = [
+        (effect, ~inside)
+        for effect, inside in zip(model.effects, known.T, strict=True)
+        if not inside.all()
+    ]
     notes = tuple(_outside_known_range(effect, measurements, rows) for effect, rows in outside)
     return model, replace(measurements.take(used), read_as=measurements.read_as + notes)
 
 
 def _outside_known_range(effect: Effect, measurements: Measurements, outside: Mask) -> Note:
-    cause, rows = f"{effect.label}{known_range_in_words(effect)}", measurements.row[outside].tolist()
-    return Note("outside_known_range", {"records": len(rows), "of": measurements.n, "cause": cause, "rows": rows})
+    cause, rows = (
+        f"{effect.label}{known_range_in_words(effect)}",
+        measurements.row[outside].tolist(),
+    )
+    return Note(
+        "outside_known_range",
+        {"records": len(rows), "of": measurements.n, "cause": cause, "rows": rows},
+    )

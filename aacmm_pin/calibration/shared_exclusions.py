@@ -1,4 +1,6 @@
-"""Excluded records that are no gross errors: too many, sharing something, or all that moved some joint."""
+"""Excluded records that are no gross errors: too many, sharing something, or all that moved some
+joint.
+"""
 
 from __future__ import annotations
 
@@ -21,13 +23,17 @@ from aacmm_pin.effects import LEAST_SPREAD
 from aacmm_pin.measurements.records import Measurements
 
 TOGETHER = 1e-3
-"""Chance, over all neighbours of their kind, below which excluded records that are neighbours are no gross errors."""
+"""Chance, over all neighbours of their kind, below which excluded records that are neighbours are
+no gross errors.
+"""
 NEIGHBOURS = (4, 8, 16, 32)
 """So many records round an excluded one are looked at together."""
 FEWEST = 5
 """Fewer excluded records than this share many things by chance."""
 SURELY = 1e-6
-"""Chance, over all that is known of the records, below which what the excluded ones share is no chance."""
+"""Chance, over all that is known of the records, below which what the excluded ones share is no
+chance.
+"""
 PARTS = 20
 """Parts of the range of a number that are looked at."""
 WAVES = 20
@@ -35,7 +41,9 @@ WAVES = 20
 MOST_LABELS = 12
 """Numbers with more different values than this are a scale, others are labels."""
 NARROW = 0.5
-"""Used records that move a joint over less than this part of its range in all records are about another part of the arm."""
+"""Used records that move a joint over less than this part of its range in all records are about
+another part of the arm.
+"""
 LABELS = ("session", "marker", "seat", "operator", "bar")
 """Columns of labels."""
 
@@ -73,7 +81,8 @@ class Narrowed:
 
     Attributes:
         joint: its row, from 1.
-        used, seen: range over which the used records move it, and all of them [rad; m where it slides].
+        used, seen: range over which the used records move it, and all of them [rad; m where it
+            slides].
         slides: whether it is prismatic.
     """
 
@@ -95,7 +104,8 @@ class Exclusions:
 
     Attributes:
         excluded, used: how many were excluded, and how many count.
-        too_many: whether that is more than gross errors are, see :attr:`aacmm_pin.calibration.fit.Fit.too_many_excluded`.
+        too_many: whether that is more than gross errors are, see
+            :attr:`aacmm_pin.calibration.fit.Fit.too_many_excluded`.
         shared: what they share, or None.
         narrowed: joints that they alone moved over most of the range.
     """
@@ -133,9 +143,11 @@ def exclusions_of(found: Fit) -> Exclusions:
 
 
 def _narrowed(found: Fit) -> Iterator[Narrowed]:
-    """Joints that the used records move over a part below :data:`NARROW` of the range which all records give them.
+    """Joints that the used records move over a part below :data:`NARROW` of the range which all
+    records give them.
 
-    Three excluded records at least reach beyond the used range, for one or two may be wrong readings.
+    Three excluded records at least reach beyond the used range, for one or two may be wrong
+    readings.
     """
     if not (found.excluded.any() and found.used.any()):
         return
@@ -146,19 +158,28 @@ def _narrowed(found: Fit) -> Iterator[Narrowed]:
         beyond = np.maximum(low - values, values - high)
         if (beyond > 0.0).sum() < FEWEST_TOGETHER:
             continue
-        values = values[beyond <= np.sort(beyond)[-FEWEST_TOGETHER]]  # a reading or two may be wrong by any angle
+        values = values[
+            beyond <= np.sort(beyond)[-FEWEST_TOGETHER]
+        ]  # a reading or two may be wrong by any angle
         seen = max(high, values.max()) - min(low, values.min())
         if high - low < NARROW * seen:
             yield Narrowed(row, float(high - low), float(seen), bool(chain.prismatic[j]))
 
 
 def shared_by(found: Fit) -> Shared | None:
-    """What the excluded records of a fit share that the used ones do not, by the smallest chance; None if nothing.
+    """What the excluded records of a fit share that the used ones do not, by the smallest chance;
+    None if nothing.
 
-    The stretch of time first, see :func:`clusters`. Then the other clusters; numbers by Kuiper's statistic (Kuiper 1960),
-    labels by the binomial chance of so many excluded ones with one of them; Bonferroni's bound over all that were looked at.
+    The stretch of time first, see :func:`clusters`. Then the other clusters; numbers by Kuiper's
+    statistic (Kuiper 1960), labels by the binomial chance of so many excluded ones with one of
+    them; Bonferroni's bound over all that were looked at.
     """
-    arm, records, excluded, used = found.problem.model.arm, found.problem.measurements, found.excluded, found.used
+    arm, records, excluded, used = (
+        found.problem.model.arm,
+        found.problem.measurements,
+        found.excluded,
+        found.used,
+    )
     dense = [cluster.shared for cluster in clusters(arm, records, excluded, used)]
     if dense and dense[0].name == "time":
         return dense[0]
@@ -167,26 +188,31 @@ def shared_by(found: Fit) -> Shared | None:
     each = [shared for shared in found_by if shared is not None]
     bounds = [replace(shared, p_value=shared.p_value * len(each)) for shared in each]
     sure = [*dense, *(shared for shared in bounds if shared.p_value < SURELY)]
-    labels = [shared for shared in sure if shared.name in LABELS]  # these say more than the rows of a file that have one
+    labels = [
+        shared for shared in sure if shared.name in LABELS
+    ]  # these say more than the rows of a file that have one
     return min(labels or sure, key=lambda shared: shared.p_value, default=None)
 
 
 class Cluster(NamedTuple):
-    """Records (n,) of which so many are excluded that these are no gross errors, and what they share."""
+    """Records (n,) of which so many are excluded that these are no gross errors, and what they
+    share.
+    """
 
     records: Mask
     shared: Shared
 
 
 def clusters(arm: Arm, records: Measurements, excluded: Mask, used: Mask) -> list[Cluster]:
-    """The stretch of time, else of the file, that of each joint, and the ball in space in which the ``excluded`` records
-    (n,) are, and few of the ``used`` ones; those of which the chance of any such is less than :data:`TOGETHER`.
+    """The stretch of time, else of the file, that of each joint, and the ball in space in which the
+    ``excluded`` records (n,) are, and few of the ``used`` ones; those of which the chance of any
+    such is less than :data:`TOGETHER`.
 
     Where k of N are drawn at random, m of them are among w neighbours with a chance of no more than
-    ``C(w, m) C(N - m, k - m) / C(N, k)``; Bonferroni's bound over all stretches of time, half of it for those that begin or
-    end with the file, and over all stretches of joints and all balls. Of the neighbours with m, the fewest are the least
-    likely. Records of one posture share an error and count once. Wrong readings, and their tips, are beyond the range of
-    the used records.
+    ``C(w, m) C(N - m, k - m) / C(N, k)``; Bonferroni's bound over all stretches of time, half of it
+    for those that begin or end with the file, and over all stretches of joints and all balls. Of
+    the neighbours with m, the fewest are the least likely. Records of one posture share an error
+    and count once. Wrong readings, and their tips, are beyond the range of the used records.
     """
     postures = records.postures
     single = np.zeros(records.n, dtype=bool)
@@ -196,20 +222,28 @@ def clusters(arm: Arm, records: Measurements, excluded: Mask, used: Mask) -> lis
         return []
     found = []
     for name, values, kinds in _scales(arm, records):
-        like = counted & np.all((values >= values[used].min(axis=0)) & (values <= values[used].max(axis=0)), axis=1)
+        like = counted & np.all(
+            (values >= values[used].min(axis=0)) & (values <= values[used].max(axis=0)), axis=1
+        )
         if name in ("time", "record"):
             like = counted
-        window, chance = (_ball if values.shape[1] > 1 else _stretch)(values, np.flatnonzero(like), excluded)
+        window, chance = (_ball if values.shape[1] > 1 else _stretch)(
+            values, np.flatnonzero(like), excluded
+        )
         if (chance := chance * kinds) < TOGETHER:
             inside = np.isin(postures, postures[window])
             mine, every = (int((inside & some).sum()) for some in (excluded, excluded | used))
-            shared = Shared(name, chance, _extent(name, values[window]), mine, every, int(excluded.sum()))
+            shared = Shared(
+                name, chance, _extent(name, values[window]), mine, every, int(excluded.sum())
+            )
             found.append(Cluster(inside, shared))
     return found
 
 
 def _scales(arm: Arm, records: Measurements) -> Iterator[tuple[str, Array, int]]:
-    """Where neighbours are looked for: name, values (n, 1 or 3) in the unit of words, and of how many kinds it is one."""
+    """Where neighbours are looked for: name, values (n, 1 or 3) in the unit of words, and of how
+    many kinds it is one.
+    """
     time, chain = records.conditions.time, arm.chain
     order = records.row if time is None else time
     yield "record" if time is None else "time", np.asarray(order, dtype=np.float64)[:, None], 1
@@ -230,7 +264,9 @@ def _extent(name: str, values: Array) -> str:
 
 
 def _stretch(values: Array, like: Index, excluded: Mask) -> tuple[Index, float]:
-    """Of the records ``like``, the least likely ones that follow one another by ``values`` (n, 1); and their chance."""
+    """Of the records ``like``, the least likely ones that follow one another by ``values`` (n, 1);
+    and their chance.
+    """
     order = like[np.argsort(values[like, 0], kind="stable")]
     places, count = np.flatnonzero(excluded[order]), order.size
     k = places.size
@@ -251,20 +287,26 @@ def _ball(places: Array, like: Index, excluded: Mask) -> tuple[Index, float]:
     number: Index = np.arange(FEWEST_TOGETHER, k + 1)
     found: tuple[Index, float] = like[:0], 1.0
     for centre in like[excluded[like]] if number.size else ():
-        order = like[np.argsort(np.linalg.norm(places[like] - places[centre], axis=1), kind="stable")]
+        order = like[
+            np.argsort(np.linalg.norm(places[like] - places[centre], axis=1), kind="stable")
+        ]
         among = np.flatnonzero(excluded[order])[number - 1] + 1
-        best, chance = _least_likely(among, number, np.full(number.size, float(count) ** 2), count, k)
+        best, chance = _least_likely(
+            among, number, np.full(number.size, float(count) ** 2), count, k
+        )
         if chance < found[1]:
             found = order[: among[best]], chance
     return found
 
 
 def round_excluded(found: Fit, off: Array) -> Shared | None:
-    """The ball round an excluded record in which records are off in one direction; None if that is chance.
+    """The ball round an excluded record in which records are off in one direction; None if that is
+    chance.
 
     Args:
         found: the fit.
-        off: residuals beside all that was found, of variance one (n, 3). Of an excluded record the direction counts alone.
+        off: residuals beside all that was found, of variance one (n, 3). Of an excluded record the
+            direction counts alone.
     """
     out, says = found.excluded, found.observations.says
     size = np.where(out, np.sqrt(np.square(off).sum(axis=1) / 3.0), 1.0)
@@ -281,24 +323,42 @@ def round_excluded(found: Fit, off: Array) -> Shared | None:
         if chances[k] < (TOGETHER if best is None else best.p_value):
             inside = order[: sizes[k]]
             where = f"{_extent('place', tips[inside])}, where used records deviate alike"
-            best = Shared("place", float(chances[k]), where, int(out[inside].sum()), inside.size, int(out.sum()))
+            best = Shared(
+                "place",
+                float(chances[k]),
+                where,
+                int(out[inside].sum()),
+                inside.size,
+                int(out.sum()),
+            )
     return best
 
 
 def _least_likely(w: Index, m: Index, tried: Array, count: int, k: int) -> tuple[int, float]:
-    """Which m of k excluded ones of ``count`` are least likely among w neighbours, and the chance of any of ``tried``."""
-    chances = np.log(tried) + _log_binomial(w, m) + _log_binomial(count - m, k - m) - _log_binomial(count, k)
+    """Which m of k excluded ones of ``count`` are least likely among w neighbours, and the chance
+    of any of ``tried``.
+    """
+    chances = (
+        np.log(tried)
+        + _log_binomial(w, m)
+        + _log_binomial(count - m, k - m)
+        - _log_binomial(count, k)
+    )
     best = int(np.argmin(chances))
     return best, float(np.exp(min(chances[best], 0.0)))
 
 
 def _log_binomial(n: Array | Index | int, k: Array | Index | int) -> Array:
     """``log C(n, k)``."""
-    return np.asarray(gammaln(np.add(n, 1)) - gammaln(np.add(k, 1)) - gammaln(np.subtract(n, k) + 1))
+    return np.asarray(
+        gammaln(np.add(n, 1)) - gammaln(np.add(k, 1)) - gammaln(np.subtract(n, k) + 1)
+    )
 
 
 def as_numbers(values: Iterable[object]) -> pd.Series | None:
-    """A column as numbers, or None where it holds labels: text, or no more than :data:`MOST_LABELS` different numbers."""
+    """A column as numbers, or None where it holds labels: text, or no more than :data:`MOST_LABELS`
+    different numbers.
+    """
     numbers = pd.to_numeric(pd.Series(values), errors="coerce")
     return numbers if numbers.notna().all() and numbers.nunique() > MOST_LABELS else None
 
@@ -314,9 +374,17 @@ def _columns(arm: Arm, measurements: Measurements) -> Iterator[tuple[str, pd.Ser
         if conditions.torque is not None:
             yield f"torque {row}", pd.Series(conditions.torque[:, j], name=f"torque{row}_nm")
     known = {"time_s": conditions.time, "temperature_c": conditions.temperature}
-    yield from ((name.partition("_")[0], pd.Series(v, name=name)) for name, v in known.items() if v is not None)
+    yield from (
+        (name.partition("_")[0], pd.Series(v, name=name))
+        for name, v in known.items()
+        if v is not None
+    )
     labels = {name: getattr(conditions, name, getattr(measurements, name, None)) for name in LABELS}
-    yield from ((name, pd.Series(values, name=name)) for name, values in labels.items() if values is not None)
+    yield from (
+        (name, pd.Series(values, name=name))
+        for name, values in labels.items()
+        if values is not None
+    )
     for name in measurements.extra:
         numbers = as_numbers(measurements.extra[name])
         values = measurements.extra[name].astype(str) if numbers is None else numbers
@@ -330,19 +398,31 @@ def _of_values(name: str, values: pd.Series, excluded: Mask, used: Mask) -> Shar
     if pd.api.types.is_numeric_dtype(values):
         return _of_numbers(name, values, excluded, used) if values.notna().all() else None
     codes, labels = pd.factorize(values.astype(str))
-    there, mine = (np.bincount(codes[some], minlength=len(labels)) for some in (excluded, excluded | used))
+    there, mine = (
+        np.bincount(codes[some], minlength=len(labels)) for some in (excluded, excluded | used)
+    )
     count = int(excluded.sum())
     # Bonferroni's bound over the labels; one that all records have says nothing.
-    chances = np.minimum(1.0, len(labels) * scipy.special.bdtrc(there - 1.0, count, mine / mine.sum()))
+    chances = np.minimum(
+        1.0, len(labels) * scipy.special.bdtrc(there - 1.0, count, mine / mine.sum())
+    )
     chances[(there == 0) | (mine == mine.sum())] = 1.0
     best = int(np.argmin(chances))
-    return Shared(name, float(chances[best]), f"{values.name} {labels[best]}", int(there[best]), int(mine[best]), count)
+    return Shared(
+        name,
+        float(chances[best]),
+        f"{values.name} {labels[best]}",
+        int(there[best]),
+        int(mine[best]),
+        count,
+    )
 
 
 def _of_numbers(name: str, values: pd.Series, excluded: Mask, used: Mask) -> Shared | None:
     """The range in which most of the excluded ones are, and fewest of the others.
 
-    In parts of the range, and not far beyond that of the used ones: wrong readings, and their tips, are elsewhere anyway.
+    In parts of the range, and not far beyond that of the used ones: wrong readings, and their tips,
+    are elsewhere anyway.
     """
     numbers = values.to_numpy(dtype=np.float64)
     low, high = numbers[used].min(), numbers[used].max()
@@ -357,11 +437,15 @@ def _of_numbers(name: str, values: pd.Series, excluded: Mask, used: Mask) -> Sha
     size = np.sqrt(1.0 / (1.0 / counts[0].sum() + 1.0 / counts[1].sum()))
     chance = _kuiper(float((size + 0.155 + 0.24 / size) * np.ptp(ahead)))
     inside = (numbers >= edges[first]) & (numbers < edges[last])
-    outside = bool(ahead.argmin() > ahead.argmax())  # the excluded ones are on both sides of the range
+    outside = bool(
+        ahead.argmin() > ahead.argmax()
+    )  # the excluded ones are on both sides of the range
     words = f"{values.name} {'not ' * outside}from {edges[first]:.4g} to {edges[last]:.4g}"
     there = like & (inside != outside)
     mine = int((there & excluded).sum())
-    return Shared(name, chance, words, mine, int((there & (excluded | used)).sum()), int(excluded.sum()))
+    return Shared(
+        name, chance, words, mine, int((there & (excluded | used)).sum()), int(excluded.sum())
+    )
 
 
 def _kuiper(size: float) -> float:

@@ -130,7 +130,9 @@ class Solution:
         """
         residual = self.system.residual
         excluded = int(self.observations.counts[self.weights == 0.0].sum())
-        return Chi2(float(residual @ residual), self.system.free - excluded - self.system.determined)
+        return Chi2(
+            float(residual @ residual), self.system.free - excluded - self.system.determined
+        )
 
     @cached_property
     def turn_dof(self) -> float:
@@ -156,11 +158,18 @@ def initial_point(problem: Problem, observations: Observations) -> Point:
     Raises:
         AacmmError: an unknown frame, and fewer than three records with coordinates.
     """
-    frame, x, known = Frame.identity(len(problem.targets)), problem.start, problem.measurements.known
+    frame, x, known = (
+        Frame.identity(len(problem.targets)),
+        problem.start,
+        problem.measurements.known,
+    )
     prediction, offsets = problem.predict(x, frame), _offsets(problem)
     tips, enough = prediction.tips, known.sum() >= FEWEST
     if problem.external and not enough:
-        raise AacmmError(f"{known.sum()} records have reference coordinates, expected 3 or more to find their frame")
+        raise AacmmError(
+            f"{known.sum()} records have reference coordinates, expected 3 or more to find "
+            "their frame"
+        )
     if offsets.size and enough:
         found, moved = placed(problem, tips, prediction.jacobian[:, :3, offsets])
         frame, x = replace(found, targets=frame.targets), x.copy()
@@ -210,7 +219,9 @@ def solve(
 class _Search:
     """One search from one start."""
 
-    def __init__(self, problem: Problem, noise: NoiseModel, weights: Array, robust: bool, tolerance: float) -> None:
+    def __init__(
+        self, problem: Problem, noise: NoiseModel, weights: Array, robust: bool, tolerance: float
+    ) -> None:
         self.problem, self.noise, self.weights = problem, noise, weights
         self.robust, self.tolerance = robust, tolerance
         self.final = tolerance == SETTLED
@@ -229,7 +240,9 @@ class _Search:
             point, system = self.seats_at_best(point, system)
             step = _Step.of(system, self.units)
             self.units, predicted = step.units, step.predicted_reduction
-            if predicted < (NO_STEP if self.final else self.tolerance):  # of a mere start it need not be taken
+            if predicted < (
+                NO_STEP if self.final else self.tolerance
+            ):  # of a mere start it need not be taken
                 message = ""
                 break
             cost, delta = system.cost, step.within(self.radius)
@@ -265,7 +278,9 @@ class _Search:
 
     def system(self, point: Point) -> Linearisation:
         """The linear model at a point."""
-        return linearise(point.prediction, self.problem.prior(point.x), self.noise, point.seats, self.weights)
+        return linearise(
+            point.prediction, self.problem.prior(point.x), self.noise, point.seats, self.weights
+        )
 
     def trial(
         self, point: Point, seats: Array, step: Array, cost: float
@@ -301,7 +316,9 @@ class _Search:
     def with_correction(self, point: Point) -> tuple[Point, Linearisation]:
         """Work out what the derivative leaves out, and go on from the same point with it."""
         try:
-            self.correction = self.problem.elastic_jacobian_correction(point.x, point.frame, point.prediction)
+            self.correction = self.problem.elastic_jacobian_correction(
+                point.x, point.frame, point.prediction
+            )
         except AacmmError:  # a neighbour of this point is too soft
             self.correction = np.zeros_like(point.prediction.jacobian)
         self.radius = np.inf
@@ -320,7 +337,9 @@ class _Search:
         for _ in range(MOST_STEPS):
             step = system.seat_step(still)
             size = np.abs(step).max(initial=0.0)
-            if size < AT_BEST or size > SHRINKS * before:  # bars that cannot be met at all make it go to and fro
+            if (
+                size < AT_BEST or size > SHRINKS * before
+            ):  # bars that cannot be met at all make it go to and fro
                 break
             before = size
             point = replace(point, seats=point.seats + step)
@@ -355,7 +374,9 @@ class _Step:
     def of(system: Linearisation, before: Array) -> _Step:
         """Of a system, after steps in units ``before`` (p,)."""
         normal = system.normal
-        lengths = np.linalg.norm(system.triangle[:, :-1], axis=0) if normal is None else normal.lengths
+        lengths = (
+            np.linalg.norm(system.triangle[:, :-1], axis=0) if normal is None else normal.lengths
+        )
         return _Step(system, np.maximum(before, lengths))
 
     @cached_property

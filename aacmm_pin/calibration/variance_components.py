@@ -35,7 +35,9 @@ def variance_components(solution: Solution, used: Mask, open_: Mask) -> Scatters
     return Scatters(tip, turn, seat)
 
 
-def _variance_component(solution: Solution, used: Mask, turns: bool, open_: Mask, dof_of_seats: float) -> float:
+def _variance_component(
+    solution: Solution, used: Mask, turns: bool, open_: Mask, dof_of_seats: float
+) -> float:
     """Scatter beyond the stated noise with which χ² meets its degrees of freedom; as it was where
     there are none [m].
 
@@ -48,12 +50,18 @@ def _variance_component(solution: Solution, used: Mask, turns: bool, open_: Mask
     if dof < LEAST_DOF:
         return scatters.turn if turns else scatters.tip
     deviation, seats = solution.system.off[used], solution.point.seats
-    ties = (np.where(open_, 0.0, noise.observations.of_seats(seats)), noise.observations.of_bars(seats)[0])
+    ties = (
+        np.where(open_, 0.0, noise.observations.of_seats(seats)),
+        noise.observations.of_bars(seats)[0],
+    )
     rest = sum(float(np.square(tie).sum()) for tie in ties)
     varied = np.eye(3)
     if turns:
         own[:, :3, :3] += scatters.tip**2 * np.eye(3)
-        rest, varied = -float(squared_distances(deviation[:, :3], own[:, :3, :3]).sum()), np.diag([0.0, 0, 0, 1, 1, 1])
+        rest, varied = (
+            -float(squared_distances(deviation[:, :3], own[:, :3, :3]).sum()),
+            np.diag([0.0, 0, 0, 1, 1, 1]),
+        )
     else:
         deviation, own = deviation[:, :3], own[:, :3, :3]
 
@@ -77,12 +85,16 @@ def _of_seats(solution: Solution, open_: Mask) -> tuple[float, float]:
     rows = system.jacobian[len(system.residual) - ties - bars :][:ties] @ system.independent_steps
     whole, tie, _ = information_of_seats(solution)
     of_seats = tie[known] * np.diagonal(np.linalg.inv(whole[known]), axis1=1, axis2=2)
-    left = np.where(open_[known], 1.0 - of_seats - np.square(rows).sum(axis=1).reshape(-1, 3), 0.0).sum(axis=1)
+    left = np.where(
+        open_[known], 1.0 - of_seats - np.square(rows).sum(axis=1).reshape(-1, 3), 0.0
+    ).sum(axis=1)
     off = np.where(open_, solution.point.seats - noise.observations.stated, 0.0)[known]
     square, told = np.square(off).sum(axis=1), left > LEAST_TOLD
     each, own = square[told] / left[told], noise.scatters.tip**2
     limit = f_isf(FALSE_EXCLUSION / max(each.size, 1), 3, max(EFFICIENCY * left.sum(), 1.0))
-    belongs = each <= limit * (3.0 / MEDIAN) * max(float(np.median(each)) if each.size else 0.0, own)
+    belongs = each <= limit * (3.0 / MEDIAN) * max(
+        float(np.median(each)) if each.size else 0.0, own
+    )
     variance = (square[told][belongs].sum() + own) / (left[told][belongs].sum() + 1.0)
     return float(np.sqrt(variance)), float(left.sum())
 
@@ -105,7 +117,11 @@ def squared_distances(deviation: Array, covariance: Array) -> Array:
     """``dᵀ Σ⁻¹ d`` of each deviation (n, k) by its covariance (n, k, k)."""
     # Stated noise may be nothing at all, of an exact contact with exact readings.
     covariance = covariance + LEAST_SCATTER**2 * np.eye(deviation.shape[1])
-    return np.asarray(np.einsum("ni,ni->n", deviation, np.linalg.solve(covariance, deviation[:, :, None])[:, :, 0]))
+    return np.asarray(
+        np.einsum(
+            "ni,ni->n", deviation, np.linalg.solve(covariance, deviation[:, :, None])[:, :, 0]
+        )
+    )
 
 
 def root(excess: Callable[[float], float], deviation: Array) -> float:
@@ -115,4 +131,8 @@ def root(excess: Callable[[float], float], deviation: Array) -> float:
     low, high = LEAST_SCATTER**2, 10 * (float(np.square(deviation).sum()) + LEAST_SCATTER**2)
     if excess(low) <= 0:
         return low
-    return high if excess(high) > 0 else float(scipy.optimize.brentq(excess, low, high, xtol=1e-24, rtol=1e-10))
+    return (
+        high
+        if excess(high) > 0
+        else float(scipy.optimize.brentq(excess, low, high, xtol=1e-24, rtol=1e-10))
+    )

@@ -1,1 +1,3 @@
-"""The command ``aacmm-pin``: one file for each subcommand, no logic of its own; imported without loading any of them."""
+"""The command ``aacmm-pin``: one file for each subcommand, no logic of its own; imported without
+loading any of them.
+"""

@@ -1,4 +1,6 @@
-"""``aacmm-pin`` and ``python -m aacmm_pin.cli``: the streams and signals as the rest needs them, before it is imported."""
+"""``aacmm-pin`` and ``python -m aacmm_pin.cli``: the streams and signals as the rest needs them,
+before it is imported.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,9 @@ LEAST_MEMORY = 600_000_000
 
 
 def _open_what_is_closed() -> None:
-    """Standard streams that the caller closed, lest files that are opened later take their numbers."""
+    """Standard streams that the caller closed, lest files that are opened later take their
+    numbers.
+    """
     while (number := os.open(os.devnull, os.O_RDWR)) <= 2:
         pass
     os.close(number)
@@ -22,13 +26,22 @@ def _open_what_is_closed() -> None:
 def main() -> None:
     """The command."""
     _open_what_is_closed()
-    os.environ.pop("PYTHONWARNINGS", None)  # no warning of a library ends a command, or a worker process of it
+    os.environ.pop(
+        "PYTHONWARNINGS", None
+    )  # no warning of a library ends a command, or a worker process of it
     sys.warnoptions.clear()
     warnings.resetwarnings()
     if 0 <= (limit := resource.getrlimit(resource.RLIMIT_AS)[0]) < LEAST_MEMORY:
-        sys.exit(f"aacmm-pin: not enough memory: {limit / 1e6:.0f} MB of address space, expected {LEAST_MEMORY / 1e6:.0f}")
-    if signal.getsignal(signal.SIGINT) != signal.SIG_IGN:  # as shells want it for jobs in the background
-        signal.signal(signal.SIGINT, signal.SIG_DFL)  # while compiled code is loaded, no handler of Python's would run
+        sys.exit(
+            f"aacmm-pin: not enough memory: {limit / 1e6:.0f} MB of address space, expected "
+            f"{LEAST_MEMORY / 1e6:.0f}"
+        )
+    if (
+        signal.getsignal(signal.SIGINT) != signal.SIG_IGN
+    ):  # as shells want it for jobs in the background
+        signal.signal(
+            signal.SIGINT, signal.SIG_DFL
+        )  # while compiled code is loaded, no handler of Python's would run
     from aacmm_pin.cli.root_command import app
 
     app()

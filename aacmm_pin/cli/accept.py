@@ -30,23 +30,43 @@ def run(
     context: typer.Context,
     files: Annotated[
         list[str],
-        typer.Argument(metavar="[ARM]... DATA", help="Arms that make coordinates of indications, and the touches (CSV)."),
+        typer.Argument(
+            metavar="[ARM]... DATA",
+            help="Arms that make coordinates of indications, and the touches (CSV).",
+        ),
     ],
     mpe: Annotated[
         list[str] | None,
-        typer.Option(metavar="FIGURE=MM", help="Maximum permissible error, or a TOML file of such; several times."),
+        typer.Option(
+            metavar="FIGURE=MM",
+            help="Maximum permissible error, or a TOML file of such; several times.",
+        ),
     ] = None,
-    standard: Annotated[str | None, typer.Option(help="Only iso10360-12, or asme-b89.4.22.")] = None,
-    range_mm: Annotated[float | None, typer.Option(help="Measuring range of the arm, in mm.")] = None,
-    output: Annotated[Path | None, typer.Option("--output", "-o", help="HTML page to print: the test report.")] = None,
-    history: Annotated[Path | None, typer.Option(help="CSV of all checks, to which this one is appended.")] = None,
+    standard: Annotated[
+        str | None, typer.Option(help="Only iso10360-12, or asme-b89.4.22.")
+    ] = None,
+    range_mm: Annotated[
+        float | None, typer.Option(help="Measuring range of the arm, in mm.")
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="HTML page to print: the test report.")
+    ] = None,
+    history: Annotated[
+        Path | None, typer.Option(help="CSV of all checks, to which this one is appended.")
+    ] = None,
     plot: Plot = None,
     time: Annotated[
-        str | None, typer.Option(metavar="ISO8601", help="Of the check, UTC unless it says otherwise; else of the file.")
+        str | None,
+        typer.Option(
+            metavar="ISO8601", help="Of the check, UTC unless it says otherwise; else of the file."
+        ),
     ] = None,
-    instrument: Annotated[str, typer.Option(help="Which arm was checked, such as its serial number.")] = "",
+    instrument: Annotated[
+        str, typer.Option(help="Which arm was checked, such as its serial number.")
+    ] = "",
     about: Annotated[
-        list[str] | None, typer.Option(metavar="NAME=TEXT", help="A further line of the test report; several times.")
+        list[str] | None,
+        typer.Option(metavar="NAME=TEXT", help="A further line of the test report; several times."),
     ] = None,
     *,
     robot: UrdfArm,
@@ -54,7 +74,8 @@ def run(
     json_: Json = None,
     force: Force = False,
 ) -> None:
-    """Whether the arm meets its specification: figures of ISO 10360-12:2016 and ASME B89.4.22-2004, with verdicts.
+    """Whether the arm meets its specification: figures of ISO 10360-12:2016 and ASME B89.4.22-2004,
+    with verdicts.
 
     The definitions come from public descriptions and were never compared with the standards' texts.
     """
@@ -64,7 +85,11 @@ def run(
 
     *names, path = files
     if before.predict:
-        refuse(context, ("range_mm", "history", "plot", "time", "instrument", "about"), "is of a check that was made")
+        refuse(
+            context,
+            ("range_mm", "history", "plot", "time", "instrument", "about"),
+            "is of a check that was made",
+        )
     else:
         refuse(context, [f.name for f in fields(before)], "goes with --predict")
     if plot is not None and history is None:
@@ -77,7 +102,9 @@ def run(
             before.show(arms, path, limits, standard, results, output, json_)
             return
         past = None if history is None else History.read(history)
-        result = accept(path, arms, mpe=limits, standard=standard, measuring_range=in_metres(range_mm))
+        result = accept(
+            path, arms, mpe=limits, standard=standard, measuring_range=in_metres(range_mm)
+        )
         when, summary, told = _when(time, path), result.summary(), acceptance_document(result)
         checks = None if past is None else past.with_check(result, when, instrument)
         if checks is not None and history is not None:
@@ -101,9 +128,16 @@ def _of_history(checks: History, path: Path | None) -> Iterator[str]:
     """Which other arms the file has where this one has no name, and why nothing was appended."""
     others = ", ".join(repr(name) for name in sorted(checks.checks["instrument"].unique()) if name)
     if others and not checks.instrument:
-        yield f"without --instrument this check is of an arm without a name; {path} has checks of {others} too"
+        yield (
+            f"without --instrument this check is of an arm without a name; {path} has checks of "
+            f"{others} too"
+        )
     if not checks.appended:
-        same = f"its check of {checks.time} has the very same values, so that it is this one" if checks.charts() else ""
+        same = (
+            f"its check of {checks.time} has the very same values, so that it is this one"
+            if checks.charts()
+            else ""
+        )
         yield f"nothing appended to {path}: {same or 'no figure has a value'}"
 
 
@@ -125,7 +159,9 @@ def _about(lines: list[str]) -> dict[str, str]:
 
 
 def _failed_arm(result: AcceptanceResult, arms: list[str]) -> str | None:
-    """The first arm that fails; of no name where only the coordinates of the file were judged; None where none fails."""
+    """The first arm that fails; of no name where only the coordinates of the file were judged; None
+    where none fails.
+    """
     failed = {figure.source for figure in result.failed}
     return next((arm for arm in arms if arm in failed), "ARM" if failed and not arms else None)
 
@@ -135,9 +171,15 @@ def _next_step(arm: list[str], path: str) -> str:
     try:
         seats = Measurements.read(path).seats()
     except MeasurementFileError:
-        return "with indications (theta1_deg …) beside the coordinates, aacmm-pin diagnose could look for the cause"
+        return (
+            "with indications (theta1_deg …) beside the coordinates, aacmm-pin diagnose could "
+            "look for the cause"
+        )
     if not seats:
-        return "touches of spheres are not used to find the cause; those of single points and of ends touched once are"
+        return (
+            "touches of spheres are not used to find the cause; those of single points and of "
+            "ends touched once are"
+        )
     return f"{shlex.join(['aacmm-pin', 'diagnose', *arm, path])} looks for the cause"
 
 
@@ -156,8 +198,14 @@ def _limits(texts: list[str]) -> dict[str, float]:
         name, equals, value = text.partition("=")
         refused = partial(_refused, text)
         if not equals and Path(text).suffix != ".toml" and not Path(text).exists():
-            raise typer.BadParameter(f"--mpe {text}, expected FIGURE=MM, such as E_Uni=0.1, or a TOML file of such")
-        of_file = {} if equals else toml_of(content_of(text, MOST_BYTES, "MPEs, *.toml,", refused), refused)
+            raise typer.BadParameter(
+                f"--mpe {text}, expected FIGURE=MM, such as E_Uni=0.1, or a TOML file of such"
+            )
+        of_file = (
+            {}
+            if equals
+            else toml_of(content_of(text, MOST_BYTES, "MPEs, *.toml,", refused), refused)
+        )
         for figure, limit in {name: value}.items() if equals else of_file.items():
             if figure in given:
                 raise typer.BadParameter(f"--mpe states {figure} twice")
@@ -167,5 +215,8 @@ def _limits(texts: list[str]) -> dict[str, float]:
         try:
             limits[name] = number(str(limit)) * MM
         except ValueError:
-            raise AacmmError(f"MPE of {name} is {limit!r}, expected a number of millimetres, with a decimal point") from None
+            raise AacmmError(
+                f"MPE of {name} is {limit!r}, expected a number of millimetres, with a "
+                "decimal point"
+            ) from None
     return limits

@@ -22,16 +22,28 @@ class BeforeTheTest(EncoderNoise):
 
     encoder_noise_rad: Annotated[
         float | None,
-        angle_option("With --predict: standard uncertainty of one reading of each joint, in rad or as 8urad, 1.65arcsec."),
+        angle_option(
+            "With --predict: standard uncertainty of one reading of each joint, in rad or as "
+            "8urad, 1.65arcsec."
+        ),
     ] = None
     probe_noise_mm: Annotated[
-        float | None, typer.Option(help="With --predict: standard uncertainty of a coordinate of one contact, in mm.")
+        float | None,
+        typer.Option(
+            help="With --predict: standard uncertainty of a coordinate of one contact, in mm."
+        ),
     ] = None
     predict: Annotated[
         bool,
-        typer.Option("--predict", help="DATA is a procedure by plan --for acceptance: predict its figures by virtual runs."),
+        typer.Option(
+            "--predict",
+            help="DATA is a procedure by plan --for acceptance: predict its figures by "
+            "virtual runs.",
+        ),
     ] = False
-    runs: Annotated[int, typer.Option(min=20, help="With --predict: number of virtual runs.")] = RUNS
+    runs: Annotated[int, typer.Option(min=20, help="With --predict: number of virtual runs.")] = (
+        RUNS
+    )
     seed: Annotated[int, typer.Option(min=0, help="With --predict: seed of all that is drawn.")] = 1
 
     def show(

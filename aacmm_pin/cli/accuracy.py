@@ -29,13 +29,17 @@ def run(
     noise: EncoderNoise,
     to: Annotated[
         Triple | None,
-        typer.Option(metavar="X Y Z", help="A second point, in mm: accuracy of the length between them, in which postures."),
+        typer.Option(
+            metavar="X Y Z",
+            help="A second point, in mm: accuracy of the length between them, in which postures.",
+        ),
     ] = None,
     method: Annotated[str, typer.Option(help=f"One of {', '.join(METHODS)}.")] = "zonotope",
     sectors: Sectors = 12,
     seed: Seed = 1,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="CSV file: the sampled postures with their accuracy.")
+        Path | None,
+        typer.Option("--output", "-o", help="CSV file: the sampled postures with their accuracy."),
     ] = None,
     json_: Json = None,
     plot: Plot = None,
@@ -44,21 +48,34 @@ def run(
     """How accurate the arm is at a point, in which posture, and why."""
     with Results(force, output, plot=plot, json_=json_) as results:
         model, encoder_noise = where_known(arm.model()), noise.encoder_noise_rad
-        if model.arm.dh is None and encoder_noise is None and not any(p.u for p in model.parameters):
+        if (
+            model.arm.dh is None
+            and encoder_noise is None
+            and not any(p.u for p in model.parameters)
+        ):
             raise AacmmError(
-                "a URDF states no uncertainties; expected --translation-half-width-mm and --rotation-half-width-rad (bounds "
+                "a URDF states no uncertainties; expected --translation-half-width-mm and "
+                "--rotation-half-width-rad (bounds "
                 "of the joint placements), or --encoder-noise-rad with --method ellipsoid"
             )
         circle = orientation.postures(model.arm, point)
         if to is not None:
             if output is not None or plot is not None or method != METHODS[0]:
                 raise typer.BadParameter("--to goes with neither --output, --plot nor --method")
-            _length(results, (circle, orientation.postures(model.arm, to)), model, encoder_noise, json_)
+            _length(
+                results, (circle, orientation.postures(model.arm, to)), model, encoder_noise, json_
+            )
             return
         result = circle_accuracy(
-            circle, model, method=cast(Method, method), encoder_noise=encoder_noise, rng=np.random.default_rng(seed)
+            circle,
+            model,
+            method=cast(Method, method),
+            encoder_noise=encoder_noise,
+            rng=np.random.default_rng(seed),
         )
-        summary = accuracy_summary(circle, result, sectors) | ({"seed": seed} if method == "monte-carlo" else {})
+        summary = accuracy_summary(circle, result, sectors) | (
+            {"seed": seed} if method == "monte-carlo" else {}
+        )
         if output is not None:
             results.text(csv_text(accuracy_table(circle, result)), output)
         results.picture(lambda: _drawn(circle, result), plot)
@@ -88,7 +105,10 @@ def _length(
 
 def _note_noise(model: ErrorModel, encoder_noise: float | None) -> None:
     if encoder_noise is None and model.arm.encoder_noise is None:
-        note("note: encoder noise not given; u is of the parameters alone (--encoder-noise-rad adds it)")
+        note(
+            "note: encoder noise not given; u is of the parameters alone (--encoder-noise-rad "
+            "adds it)"
+        )
 
 
 def _drawn(circle: PosturesAtPoint, result: AccuracyVolume) -> Any:

@@ -29,10 +29,14 @@ class UrdfArm:
     """An arm by its URDF."""
 
     urdf: Annotated[
-        str | None, typer.Option("--urdf", metavar="FILE", help="Any serial arm by its URDF, in place of ARM.")
+        str | None,
+        typer.Option("--urdf", metavar="FILE", help="Any serial arm by its URDF, in place of ARM."),
     ] = None
     frame: Annotated[
-        str | None, typer.Option("--frame", metavar="NAME", help="With --urdf: the frame whose origin is the tip.")
+        str | None,
+        typer.Option(
+            "--frame", metavar="NAME", help="With --urdf: the frame whose origin is the tip."
+        ),
     ] = None
 
     @property
@@ -52,12 +56,18 @@ class UrdfArm:
             return None
         if self.frame is None and self.urdf in EXAMPLE_ROBOTS:
             robot = EXAMPLE_ROBOTS[self.urdf]
-            note(f"note: {self.urdf} by its URDF, with the tip at {robot[1]}; --frame NAME takes another")
+            note(
+                f"note: {self.urdf} by its URDF, with the tip at {robot[1]}; --frame NAME "
+                "takes another"
+            )
         try:
             return ErrorModel(Arm.from_urdf(self.urdf, self.frame or "", **half_widths))
         except UnknownNameError as error:
             more = f" … and {len(error.known) - SHOWN} more" if len(error.known) > SHOWN else ""
-            frames = f"frames of {self.urdf}, the last first: {', '.join(error.known[: -SHOWN - 1 : -1])}{more}"
+            frames = (
+                f"frames of {self.urdf}, the last first: "
+                f"{', '.join(error.known[: -SHOWN - 1 : -1])}{more}"
+            )
             if self.frame is not None:
                 raise AacmmError(f"unknown frame {self.frame!r}; {frames}") from None
             raise typer.BadParameter(f"--urdf goes with --frame NAME; {frames}") from None
@@ -71,7 +81,8 @@ class AnyArm(UrdfArm):
         str | None,
         typer.Argument(
             metavar="ARM",
-            help=f"Bundled arm ({BUNDLED}), example robot ({ROBOTS}) or path of an arm file; none with --urdf.",
+            help=f"Bundled arm ({BUNDLED}), example robot ({ROBOTS}) or path of an arm file; none "
+            "with --urdf.",
         ),
     ] = None
 
@@ -97,11 +108,17 @@ class UncertainArm(AnyArm):
     """An arm whose uncertainty matters; that of a URDF is given by options."""
 
     translation_half_width_mm: Annotated[
-        float | None, typer.Option(help="With --urdf: bound of the shifts of every joint placement, in mm; 0 states none.")
+        float | None,
+        typer.Option(
+            help="With --urdf: bound of the shifts of every joint placement, in mm; 0 states none."
+        ),
     ] = None
     rotation_half_width_rad: Annotated[
         float | None,
-        angle_option("With --urdf: bound of the turns of every joint placement, in rad or 20arcsec; 0 states none."),
+        angle_option(
+            "With --urdf: bound of the turns of every joint placement, in rad or 20arcsec; 0 "
+            "states none."
+        ),
     ] = None
 
     def model(self, **half_widths: float) -> ErrorModel:
@@ -109,16 +126,22 @@ class UncertainArm(AnyArm):
         shift, turn = self.translation_half_width_mm, self.rotation_half_width_rad
         if self.urdf is None and (shift is not None or turn is not None):
             raise typer.BadParameter(
-                "--translation-half-width-mm and --rotation-half-width-rad go with --urdf; an arm file has its own"
+                "--translation-half-width-mm and --rotation-half-width-rad go with --urdf; an arm "
+                "file has its own"
             )
-        return super().model(translation_half_width=(shift or 0.0) * MM, rotation_half_width=turn or 0.0)
+        return super().model(
+            translation_half_width=(shift or 0.0) * MM, rotation_half_width=turn or 0.0
+        )
 
 
 @dataclass(frozen=True)
 class ArmAndData(UncertainArm):
     """An arm and a file of measurements; with ``--urdf`` the file is the only argument."""
 
-    data: Annotated[str | None, typer.Argument(metavar="DATA", help="Measurement file (CSV).", show_default=False)] = None
+    data: Annotated[
+        str | None,
+        typer.Argument(metavar="DATA", help="Measurement file (CSV).", show_default=False),
+    ] = None
 
     def model_and_data(self) -> tuple[ErrorModel, str]:
         """The arm with its effects, and the path of the file.
@@ -126,7 +149,11 @@ class ArmAndData(UncertainArm):
         Raises:
             AacmmError: the arm cannot be used.
         """
-        given = replace(self, arm=None, data=self.arm) if self.urdf is not None and self.data is None else self
+        given = (
+            replace(self, arm=None, data=self.arm)
+            if self.urdf is not None and self.data is None
+            else self
+        )
         if given.data is None:
             raise typer.BadParameter("expected ARM DATA, or --urdf FILE --frame NAME DATA")
         return given.model(), given.data
@@ -141,14 +168,21 @@ class EncoderNoise:
     """
 
     encoder_noise_rad: Annotated[
-        float | None, angle_option("Standard uncertainty of one reading of each joint, in rad or as 8urad, 1.65arcsec.")
+        float | None,
+        angle_option(
+            "Standard uncertainty of one reading of each joint, in rad or as 8urad, 1.65arcsec."
+        ),
     ] = None
 
     def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)
             if isinstance(value, float):
-                range_ = plausible.LENGTH_NOISE.of_unit("mm", MM) if field.name.endswith("_mm") else plausible.ENCODER_NOISE
+                range_ = (
+                    plausible.LENGTH_NOISE.of_unit("mm", MM)
+                    if field.name.endswith("_mm")
+                    else plausible.ENCODER_NOISE
+                )
                 range_.check(value, f"--{field.name.replace('_', '-')}")
 
 
@@ -160,11 +194,14 @@ class ContactNoise(EncoderNoise):
         float | None, typer.Option(help="Standard uncertainty of a reference coordinate, in mm.")
     ] = None
     probe_noise_mm: Annotated[
-        float | None, typer.Option(help="Standard uncertainty of a coordinate of one contact, in mm.")
+        float | None,
+        typer.Option(help="Standard uncertainty of a coordinate of one contact, in mm."),
     ] = None
 
     def simulated(self, arm: Arm) -> Noise:
-        """Noise of virtual measurements; what is not given is what the arm states, or usual, which is then said."""
+        """Noise of virtual measurements; what is not given is what the arm states, or usual, which
+        is then said.
+        """
         encoder = arm.encoder_noise if self.encoder_noise_rad is None else self.encoder_noise_rad
         if encoder is None:
             note(f"note: encoder noise not given; {ENCODER:g} rad assumed")
@@ -182,15 +219,22 @@ class ContactNoise(EncoderNoise):
 class MeasuredHow(ContactNoise):
     """How records were, or will be, measured, and what is known of the arm beforehand."""
 
-    length_noise_mm: Annotated[float | None, typer.Option(help="Standard uncertainty of a bar's length, in mm.")] = None
-    reference_frame: Annotated[str, typer.Option(help="base, or external: an unknown frame.")] = "base"
+    length_noise_mm: Annotated[
+        float | None, typer.Option(help="Standard uncertainty of a bar's length, in mm.")
+    ] = None
+    reference_frame: Annotated[str, typer.Option(help="base, or external: an unknown frame.")] = (
+        "base"
+    )
     target: Annotated[
         str,
         typer.Option(
-            help="tip; unknown: some point on the last body, which is the tip from then on; frame: tip with its axes."
+            help="tip; unknown: some point on the last body, which is the tip from then on; "
+            "frame: tip with its axes."
         ),
     ] = "tip"
-    no_prior: Annotated[bool, typer.Option("--no-prior", help="Do not use the arm's stated uncertainties.")] = False
+    no_prior: Annotated[
+        bool, typer.Option("--no-prior", help="Do not use the arm's stated uncertainties.")
+    ] = False
 
     def keywords(self) -> dict[str, Any]:
         """As ``calibrate``, ``diagnose`` and ``plan_measurements`` take them."""
@@ -211,10 +255,15 @@ def in_metres(length_mm: float | None) -> float | None:
 
 
 def where_known(model: ErrorModel) -> ErrorModel:
-    """The model whose joints stay where its effects are known; says which do, where that is not their whole range."""
+    """The model whose joints stay where its effects are known; says which do, where that is not
+    their whole range.
+    """
     within = model.restricted_to_known_range()
     for j in np.flatnonzero((within.arm.limits != model.arm.limits).any(axis=1)):
         low, high = within.arm.limits[j] / (MM if model.arm.chain.prismatic[j] else DEG)
         unit = "mm" if model.arm.chain.prismatic[j] else "°"
-        note(f"note: joint {j + 1} is used from {low:.4g} to {high:.4g}{unit} only, where its error is known")
+        note(
+            f"note: joint {j + 1} is used from {low:.4g} to {high:.4g}{unit} only, where its "
+            "error is known"
+        )
     return within

@@ -24,17 +24,25 @@ def run(
     how: MeasuredHow,
     parameters: Annotated[str, typer.Option(help="One of zero-offsets, geometry.")] = "geometry",
     effect: EffectTexts = None,
-    no_held_out: Annotated[bool, typer.Option("--no-held-out", help="Do not predict records left out of the fit.")] = False,
+    no_held_out: Annotated[
+        bool, typer.Option("--no-held-out", help="Do not predict records left out of the fit.")
+    ] = False,
     seed: Seed = 1,
-    output: Annotated[Path | None, typer.Option("--output", "-o", help="Arm file for the calibrated arm.")] = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Arm file for the calibrated arm.")
+    ] = None,
     urdf_out: Annotated[Path | None, typer.Option(help="URDF for the calibrated arm.")] = None,
-    residuals: Annotated[Path | None, typer.Option(help="CSV file: every record with its residuals.")] = None,
+    residuals: Annotated[
+        Path | None, typer.Option(help="CSV file: every record with its residuals.")
+    ] = None,
     plot: Plot = None,
     report: Annotated[Path | None, typer.Option(help="HTML page of all that was found.")] = None,
     json_: Json = None,
     force: Force = False,
 ) -> None:
-    """Parameters of an arm from measurements, with their uncertainty and what the data cannot tell."""
+    """Parameters of an arm from measurements, with their uncertainty and what the data
+    cannot tell.
+    """
     from aacmm_pin.report import html, terminal  # these load what draws
     from aacmm_pin.report.calibration import calibration_document, calibration_summary, comment
 
@@ -43,7 +51,10 @@ def run(
         if output is not None:
             model.file()  # or refused before the work
         effects = [stated_cause(text, model) for text in effect or []]
-        stated = how.keywords() | {"prior": False if how.no_prior else None, "hold_out": not no_held_out}
+        stated = how.keywords() | {
+            "prior": False if how.no_prior else None,
+            "hold_out": not no_held_out,
+        }
         records, rng = Measurements.read(path, model.arm.nq), np.random.default_rng(seed)
         result = calibrate(model, records, [parameters, *effects], rng=rng, **stated)
         when, summary = f"{datetime.now(UTC):%Y-%m-%d}", calibration_summary(result, path, seed)
@@ -61,4 +72,7 @@ def run(
     terminal.show(told, json_ == "-")
     found = {effect.label for effect in result.fit.effects}
     if held := [effect.label for effect in model.effects if effect.label not in found]:
-        note(f"note: held as {model.arm.name} states it: {', '.join(held)}; aacmm-pin diagnose estimates known causes anew")
+        note(
+            f"note: held as {model.arm.name} states it: {', '.join(held)}; aacmm-pin diagnose "
+            "estimates known causes anew"
+        )

@@ -10,14 +10,28 @@ import pandas as pd
 import typer
 
 from aacmm_pin.cli.common import command, say
-from aacmm_pin.effects import CAUSES, COLUMNS, Effect, cause_in_words, cause_named, example, typical_magnitude_in_words
+from aacmm_pin.effects import (
+    CAUSES,
+    COLUMNS,
+    Effect,
+    cause_in_words,
+    cause_named,
+    example,
+    typical_magnitude_in_words,
+)
 from aacmm_pin.report import terminal
 from aacmm_pin.report.document import Document, Table
 
 
 @command
-def run(name: Annotated[str | None, typer.Argument(metavar="NAME", help="One of them, explained.")] = None) -> None:
-    """Every cause of error that is known: what it is called, its parameters and typical magnitude, the columns it needs."""
+def run(
+    name: Annotated[
+        str | None, typer.Argument(metavar="NAME", help="One of them, explained.")
+    ] = None,
+) -> None:
+    """Every cause of error that is known: what it is called, its parameters and typical magnitude,
+    the columns it needs.
+    """
     chosen = list(CAUSES.values()) if name is None else [cause_named(name)]
     terminal.show(Document("Causes", [Table(pd.DataFrame([_row(cause) for cause in chosen]))]))
     if name is not None:
@@ -28,10 +42,17 @@ def _row(cause: type[Effect]) -> dict[str, str]:
     effect = example(cause)
     site, field = cause.location_field(), cause.nonlinear.field
     inner = [f"{field}=…"] if field else []
-    row = {"cause, and in words": f"{cause.cause}{f':{site.upper()}' if site else ''} ({cause_in_words(cause)})"}
+    row = {
+        "cause, and in words": f"{cause.cause}{f':{site.upper()}' if site else ''} "
+        f"({cause_in_words(cause)})"
+    }
     if effect is None:
         return row | {"parameters": ", ".join(inner), "usual": "", "needs": ""}
     keys = list(effect.notation.parameters(effect))
     shown = keys if len(keys) <= 6 else [keys[0], "…", keys[-1]]
     needs = ", ".join(COLUMNS[condition] for condition in effect.needs)
-    return row | {"parameters": ", ".join([*inner, *shown]), "usual": typical_magnitude_in_words(effect), "needs": needs}
+    return row | {
+        "parameters": ", ".join([*inner, *shown]),
+        "usual": typical_magnitude_in_words(effect),
+        "needs": needs,
+    }

@@ -1,4 +1,6 @@
-"""What the subcommands share: how they are registered, the types of their arguments, and how results leave them."""
+"""What the subcommands share: how they are registered, the types of their arguments, and how
+results leave them.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +30,8 @@ PLOT_SUFFIXES = (".png", ".svg", ".pdf")
 def command(function: Callable[..., None]) -> Callable[..., None]:
     """What a subcommand does, with the options that typer sees.
 
-    A parameter whose type is a dataclass stands for the fields of it, which are options that several commands share.
+    A parameter whose type is a dataclass stands for the fields of it, which are options that
+    several commands share.
     """
     types = get_type_hints(function, include_extras=True)
     groups: dict[str, Any] = {key: kind for key, kind in types.items() if is_dataclass(kind)}
@@ -36,14 +39,20 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
     for key, parameter in inspect.signature(function).parameters.items():
         here = {key: (types[key], parameter.default)} if key not in groups else _fields(groups[key])
         for option, (kind, default) in here.items():
-            options[option] = inspect.Parameter(option, parameter.KEYWORD_ONLY, default=default, annotation=kind)
+            options[option] = inspect.Parameter(
+                option, parameter.KEYWORD_ONLY, default=default, annotation=kind
+            )
 
     def guarded(**typed: Any) -> None:
-        made = {key: kind(**{f: typed.pop(f) for f in _fields(kind)}) for key, kind in groups.items()}
+        made = {
+            key: kind(**{f: typed.pop(f) for f in _fields(kind)}) for key, kind in groups.items()
+        }
         function(**made, **typed)
 
     guarded.__doc__ = function.__doc__
-    guarded.__annotations__ = {option: parameter.annotation for option, parameter in options.items()}
+    guarded.__annotations__ = {
+        option: parameter.annotation for option, parameter in options.items()
+    }
     guarded.__signature__ = inspect.Signature([*options.values()])  # type: ignore[attr-defined]
     return guarded
 
@@ -51,7 +60,10 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
 def _fields(group: Any) -> dict[str, tuple[Any, Any]]:
     """Type and default of every option of a group."""
     types = get_type_hints(group, include_extras=True)
-    return {f.name: (types[f.name], inspect.Parameter.empty if f.default is MISSING else f.default) for f in fields(group)}
+    return {
+        f.name: (types[f.name], inspect.Parameter.empty if f.default is MISSING else f.default)
+        for f in fields(group)
+    }
 
 
 def angle_option(help_: str) -> Any:
@@ -61,12 +73,16 @@ def angle_option(help_: str) -> Any:
         try:
             return in_radians(text)
         except ValueError:
-            raise typer.BadParameter(f"{text!r}, expected an angle in rad, or with one of {', '.join(ANGLES)}") from None
+            raise typer.BadParameter(
+                f"{text!r}, expected an angle in rad, or with one of {', '.join(ANGLES)}"
+            ) from None
 
     return typer.Option(parser=angle, metavar="ANGLE", help=help_)
 
 
-Json = Annotated[str | None, typer.Option("--json", metavar="FILE", help="Write one JSON object; - for stdout.")]
+Json = Annotated[
+    str | None, typer.Option("--json", metavar="FILE", help="Write one JSON object; - for stdout.")
+]
 Seed = Annotated[int, typer.Option(min=0, help="Seed of all that is drawn.")]
 Sectors = Annotated[int, typer.Option(min=1, help="Sectors of the configuration circle.")]
 EffectTexts = Annotated[
@@ -74,16 +90,21 @@ EffectTexts = Annotated[
     typer.Option(
         "--effect",
         metavar="CAUSE[:PLACE][,NAME=VALUE…]",
-        help="A cause of error, such as encoder_eccentricity:3,amplitude_rad=20urad; may be given several times.",
+        help="A cause of error, such as encoder_eccentricity:3,amplitude_rad=20urad; may be given "
+        "several times.",
     ),
 ]
 Output = Annotated[Path | None, typer.Option("--output", "-o", help="File to write.")]
-Plot = Annotated[Path | None, typer.Option("--plot", help="Draw the result into this file (.png, .svg, .pdf).")]
+Plot = Annotated[
+    Path | None, typer.Option("--plot", help="Draw the result into this file (.png, .svg, .pdf).")
+]
 Force = Annotated[bool, typer.Option("--force", help="Replace files that exist.")]
 
 
 def refuse(context: typer.Context, options: Iterable[str], why: str) -> None:
-    """Refuse those of the ``options``, by the names of their arguments, that were given with a command."""
+    """Refuse those of the ``options``, by the names of their arguments, that were given with a
+    command.
+    """
     for parameter in context.command.params:
         source = context.get_parameter_source(str(parameter.name))
         if parameter.name in options and source is not None and source.name != "DEFAULT":
@@ -91,7 +112,8 @@ def refuse(context: typer.Context, options: Iterable[str], why: str) -> None:
 
 
 class Results(OutputFiles):
-    """The files of one command, and what it prints in their stead: all of it in the end, or nothing.
+    """The files of one command, and what it prints in their stead: all of it in the end, or
+    nothing.
 
     Reading a file that is to be written is refused; so is, at once, writing a file of a plugin.
     """
@@ -115,13 +137,16 @@ class Results(OutputFiles):
             json_: a file for JSON, ``-`` for stdout.
 
         Raises:
-            AacmmError: a file cannot be written, exists, is read by the command, or is asked for twice.
+            AacmmError: a file cannot be written, exists, is read by the command, or is asked for
+                twice.
         """
         super().__init__(force, self.plugins)
         self._outputs = tuple(Path(path) for path in (*paths, plot, json_) if path is not None)
         self.check(*self._outputs)
         if plot is not None and plot.suffix not in PLOT_SUFFIXES:
-            raise AacmmError(f"{plot}: expected a name that ends in one of {', '.join(PLOT_SUFFIXES)}")
+            raise AacmmError(
+                f"{plot}: expected a name that ends in one of {', '.join(PLOT_SUFFIXES)}"
+            )
 
     def __enter__(self) -> Self:
         self._stack.enter_context(outputs_refused(self._outputs))
@@ -140,12 +165,15 @@ class Results(OutputFiles):
 
     def text(self, text: str, path: str | Path | None) -> None:
         """Write ``text`` to a file, or print it where ``path`` is None."""
-        self.file("-" if path is None else path).write_text(encodable(text), encoding="utf-8", newline="")
+        self.file("-" if path is None else path).write_text(
+            encodable(text), encoding="utf-8", newline=""
+        )
 
     def arm(self, model: ErrorModel, path: Path, comment: str) -> None:
         """Write the arm file of a model.
 
-        An estimate that is larger than any file may state is written and shown, for it took long to find.
+        An estimate that is larger than any file may state is written and shown, for it took long to
+        find.
         """
         from aacmm_pin.effects import require_plausible  # the list of commands needs none
 
@@ -157,7 +185,9 @@ class Results(OutputFiles):
         self.text(model.text(comment, path), path)
 
     def json(self, content: dict[str, Any], target: str | None) -> None:
-        """Write one JSON object to the file ``target``, or to stdout where that is ``-``; nothing where it is None."""
+        """Write one JSON object to the file ``target``, or to stdout where that is ``-``; nothing
+        where it is None.
+        """
         if target is not None:
             self.text(json_text(content), target)
 
@@ -167,4 +197,6 @@ class Results(OutputFiles):
             from aacmm_pin.report.plots.style import without_latex
 
             with without_latex():
-                drawn().savefig(self.file(path), dpi=150, bbox_inches="tight", format=path.suffix[1:])
+                drawn().savefig(
+                    self.file(path), dpi=150, bbox_inches="tight", format=path.suffix[1:]
+                )

@@ -9,7 +9,9 @@ from aacmm_pin.cli.pose_options import Orientation, Point
 
 
 @command
-def run(point: Point, arm: AnyArm, orientation: Orientation, output: Output = None, force: Force = False) -> None:
+def run(
+    point: Point, arm: AnyArm, orientation: Orientation, output: Output = None, force: Force = False
+) -> None:
     """Every configuration that reaches a point, as CSV."""
     with Results(force, output) as results:
         circle = orientation.postures(arm.model().arm, point)

@@ -18,7 +18,14 @@ from aacmm_pin.cli.arm_options import ArmAndData, EncoderNoise
 from aacmm_pin.cli.common import Force, Output, Results, command, note
 from aacmm_pin.effects import Conditions, ErrorModel, joint_commands, known_range_in_words
 from aacmm_pin.errors import AacmmError, MeasurementFileError, UnknownNameError
-from aacmm_pin.measurements.csv_columns import BAR, BAR_U, ORIENTATION, ORIENTATION_U, REFERENCE, REFERENCE_U
+from aacmm_pin.measurements.csv_columns import (
+    BAR,
+    BAR_U,
+    ORIENTATION,
+    ORIENTATION_U,
+    REFERENCE,
+    REFERENCE_U,
+)
 from aacmm_pin.measurements.csv_table import read_table
 from aacmm_pin.measurements.orientation import quaternions
 from aacmm_pin.measurements.records import Measurements
@@ -28,16 +35,22 @@ if TYPE_CHECKING:
     import pandas as pd
 
 CORRECTED = ("corrected_x_mm", "corrected_y_mm", "corrected_z_mm", "u_mm")
-"""The columns that ``correct`` adds; behind them :data:`CORRECTED_ORIENTATION`, where orientations are looked at."""
+"""The columns that ``correct`` adds; behind them :data:`CORRECTED_ORIENTATION`, where orientations
+are looked at.
+"""
 CORRECTED_ORIENTATION = tuple(f"corrected_{name}" for name in ORIENTATION)
 OF_REFERENCES = ("seat", *BAR, BAR_U, *REFERENCE, *REFERENCE_U, *ORIENTATION, ORIENTATION_U)
 """Columns that say where the tip should be have no part in where the readings put it."""
 
 DECIMALS = {"mm": 6, "deg": 8, "rad": 9}
-"""Of computed numbers by the unit at the end of their column, 9 of quaternions. Angles rounded so move the tip of SINO6 by
-1.4 nm at most (20 000 postures); the noise of arms and references is a thousand times larger."""
+"""Of computed numbers by the unit at the end of their column, 9 of quaternions. Angles rounded so
+move the tip of SINO6 by 1.4 nm at most (20 000 postures); the noise of arms and references is a
+thousand times larger.
+"""
 LARGE_CHANGE = 0.05
-"""A command that changes more than errors of an arm account for is next to a singular posture [rad]."""
+"""A command that changes more than errors of an arm account for is next to a singular posture
+[rad].
+"""
 
 
 @command
@@ -48,7 +61,8 @@ def run(
         str | None,
         typer.Option(
             metavar="ARM",
-            help="The arm as it was believed to be: bundled arm, arm file or, where ARM came as one, URDF; default the URDF "
+            help="The arm as it was believed to be: bundled arm, arm file or, where ARM came as "
+            "one, URDF; default the URDF "
             "that ARM names, or else, but for --commands, ARM without its effects.",
         ),
     ] = None,
@@ -56,34 +70,51 @@ def run(
         bool,
         typer.Option(
             "--commands",
-            help="For robots: the angles are commands; add those by which the tip comes where the --nominal arm has it, and "
+            help="For robots: the angles are commands; add those by which the tip comes where the "
+            "--nominal arm has it, and "
             "the u of the tip there.",
         ),
     ] = False,
     orientation: Annotated[
-        bool, typer.Option("--orientation", help="Add the orientation of the tip; unasked, where the file states some.")
+        bool,
+        typer.Option(
+            "--orientation",
+            help="Add the orientation of the tip; unasked, where the file states some.",
+        ),
     ] = False,
     output: Output = None,
     force: Force = False,
 ) -> None:
-    """Tip coordinates of readings by the calibrated arm with its effects, with their uncertainty, as CSV."""
+    """Tip coordinates of readings by the calibrated arm with its effects, with their uncertainty,
+    as CSV.
+    """
     with Results(force, output) as results:
         model, path = arm.model_and_data()
         before = _nominal(nominal, model)
         if commands and before is None:
-            raise typer.BadParameter("--commands goes with --nominal ARM, the arm as its controller believes it to be")
+            raise typer.BadParameter(
+                "--commands goes with --nominal ARM, the arm as its controller believes it to be"
+            )
         if commands and orientation:
-            raise typer.BadParameter("--orientation goes without --commands, which keep the orientation that is wanted")
+            raise typer.BadParameter(
+                "--orientation goes without --commands, which keep the orientation that is wanted"
+            )
         table, _, read_as = read_table(path)
         unit = "rad" if "theta1_rad" in table else "deg"
         of_tips = CORRECTED + CORRECTED_ORIENTATION * (orientation or ORIENTATION[0] in table)
         of_commands = (*(f"command{j}_{unit}" for j in range(1, model.arm.nq + 1)), "u_mm")
         names = list(of_commands if commands else of_tips)
         for name in table.columns.intersection(names):
-            raise MeasurementFileError(path, 1, name, "is there already; expected readings that were not corrected yet")
+            raise MeasurementFileError(
+                path, 1, name, "is there already; expected readings that were not corrected yet"
+            )
         of_readings = ~table.columns.isin(OF_REFERENCES)
         readings = Measurements.from_frame(table.loc[:, of_readings], model.arm.nq, path)
-        for line in (*read_as, *readings.read_as, *model.input_warnings(readings.q, readings.conditions)):
+        for line in (
+            *read_as,
+            *readings.read_as,
+            *model.input_warnings(readings.q, readings.conditions),
+        ):
             note(f"note: {line}")
         rows = _known_rows(model, readings, path)
         known = readings.take(rows)
@@ -96,12 +127,16 @@ def run(
             else:
                 state = model.state(known.q, known.conditions)
                 u = _u(model, known.q, known.conditions, noise.encoder_noise_rad)
-                of_known = np.column_stack([state.position / MM, u / MM, quaternions(state.rotation[-1])])
+                of_known = np.column_stack(
+                    [state.position / MM, u / MM, quaternions(state.rotation[-1])]
+                )
                 found[rows] = of_known[:, : len(names)]
                 _note_comparisons(model, before, table, rows, state.position, path)
         except AacmmError as error:
             raise AacmmError(f"{path}: {error}") from None
-        columns = {name: _as_filed(name, values) for name, values in zip(names, found.T, strict=True)}
+        columns = {
+            name: _as_filed(name, values) for name, values in zip(names, found.T, strict=True)
+        }
         results.text(csv_text(table.assign(**columns)), output)
     effects = ", ".join(effect.label for effect in model.effects) or "its geometry alone"
     done = np.isfinite(found[:, 0]).sum()
@@ -115,15 +150,23 @@ def _nominal(name: str | None, model: ErrorModel) -> ErrorModel | None:
         AacmmError: it is none, or has other joints.
     """
     if name is None:
-        return None if model.arm.nominal is None else ErrorModel(Arm.from_model(model.arm.nominal, model.arm.tip))
+        return (
+            None
+            if model.arm.nominal is None
+            else ErrorModel(Arm.from_model(model.arm.nominal, model.arm.tip))
+        )
     try:
         of_urdf = name.lower().endswith(".urdf")
-        before = ErrorModel(Arm.from_urdf(name, model.arm.tip)) if of_urdf else ErrorModel.load(name)
+        before = (
+            ErrorModel(Arm.from_urdf(name, model.arm.tip)) if of_urdf else ErrorModel.load(name)
+        )
     except UnknownNameError as error:
         raise AacmmError(f"--nominal {name}: {error}") from None
     if before.arm.nq != model.arm.nq:
         expected = f"expected {model.arm.nq} as {model.arm.name} has"
-        raise AacmmError(f"--nominal {name}: {before.arm.name} has {before.arm.nq} joints, {expected}")
+        raise AacmmError(
+            f"--nominal {name}: {before.arm.name} has {before.arm.nq} joints, {expected}"
+        )
     return before
 
 
@@ -137,19 +180,30 @@ def _commands(model: ErrorModel, nominal: ErrorModel, known: Measurements, path:
     changes = np.where(model.arm.chain.prismatic, 0.0, np.abs(commands - known.q))
     for k in np.flatnonzero(arrived & (changes.max(axis=1) > LARGE_CHANGE)):
         joint, turn = changes[k].argmax() + 1, changes[k].max() / DEG
-        note(f"{path}: row {known.row[k]} is near a singular posture: the command of joint {joint} changes by {turn:.1f}°")
+        note(
+            f"{path}: row {known.row[k]} is near a singular posture: the command of joint {joint} "
+            f"changes by {turn:.1f}°"
+        )
     if np.array_equal(commands, known.q):
-        note(f"note: no command changes, for {model.arm.name} has its tip where the nominal arm has it")
+        note(
+            f"note: no command changes, for {model.arm.name} has its tip where the nominal "
+            "arm has it"
+        )
     refused = {
         "is next to a singular posture, out of reach, or at the end of an error curve": ~arrived,
-        "has a command outside the joint limits": broken_limits(commands, model.arm.limits).any(axis=1),
+        "has a command outside the joint limits": broken_limits(commands, model.arm.limits).any(
+            axis=1
+        ),
     }
     for reason, rows in refused.items():
         for row in known.row[rows]:
             note(f"{path}: row {row} {reason}; left empty")
         commands[rows] = np.nan
     if len(commands) and np.isnan(commands).all():
-        raise AacmmError(f"no command takes {model.arm.name} where the nominal arm has its tip; is --nominal the same arm?")
+        raise AacmmError(
+            f"no command takes {model.arm.name} where the nominal arm has its tip; is --nominal "
+            "the same arm?"
+        )
     return commands
 
 
@@ -161,7 +215,9 @@ def _note_comparisons(
     tips: Array,
     path: str,
 ) -> None:
-    """Say how far the tips (n, 3) [m] are from what the file states, before and after the correction."""
+    """Say how far the tips (n, 3) [m] are from what the file states, before and after the
+    correction.
+    """
     if not table.columns.isin([*REFERENCE, BAR[0], "seat"]).any() or not len(rows):
         return
     try:
@@ -189,7 +245,8 @@ def _note_comparisons(
 
 
 def _known_rows(model: ErrorModel, readings: Measurements, path: str) -> Index:
-    """The readings that can be corrected; the others, outside the range of an error of a joint, are listed on stderr.
+    """The readings that can be corrected; the others, outside the range of an error of a joint, are
+    listed on stderr.
 
     Raises:
         AacmmError: none can be.
@@ -201,7 +258,9 @@ def _known_rows(model: ErrorModel, readings: Measurements, path: str) -> Index:
         note(f"{path}: row {readings.row[k]} is outside the range of {where}; left empty")
     rows = np.flatnonzero(known.all(axis=1))
     if readings.n and not rows.size:
-        raise AacmmError(f"{path}: no reading is in the range in which the effects of {model.arm.name} are known")
+        raise AacmmError(
+            f"{path}: no reading is in the range in which the effects of {model.arm.name} are known"
+        )
     return rows
 
 
@@ -211,8 +270,8 @@ def _as_filed(name: str, values: Array) -> Array:
 
 
 def _u(model: ErrorModel, q: Array, conditions: Conditions, encoder_noise: float | None) -> Array:
-    """Standard uncertainty of the tip at each of the angles ``q`` (n, nq) [rad]: (n,) [m]; nan where none is stated, or an
-    angle is nan.
+    """Standard uncertainty of the tip at each of the angles ``q`` (n, nq) [rad]: (n,) [m]; nan
+    where none is stated, or an angle is nan.
     """
     u, there = np.full(len(q), np.nan), np.flatnonzero(np.isfinite(q).all(axis=1))
     noise = model.arm.encoder_noise if encoder_noise is None else np.array([encoder_noise])
@@ -220,9 +279,16 @@ def _u(model: ErrorModel, q: Array, conditions: Conditions, encoder_noise: float
         note(f"note: {model.arm.name} states no uncertainty, so u_mm is left empty")
         return u
     if noise is None:
-        note("note: u_mm is of the parameters alone; --encoder-noise-rad adds the noise of the readings")
+        note(
+            "note: u_mm is of the parameters alone; --encoder-noise-rad adds the noise of the "
+            "readings"
+        )
     found = accuracy_volume(
-        model, q[there], conditions=conditions.take(there), method="ellipsoid", encoder_noise=encoder_noise
+        model,
+        q[there],
+        conditions=conditions.take(there),
+        method="ellipsoid",
+        encoder_noise=encoder_noise,
     )
     for caveat in found.sources.caveats:
         note(f"note: {caveat}")

@@ -13,11 +13,18 @@ from aacmm_pin.cli.common import Force, command, say
 @command
 def run(
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder to write.")] = Path("out"),
-    cells: Annotated[tuple[int, int], typer.Option(metavar="NX NZ", help="Cells of the map.")] = (48, 48),
+    cells: Annotated[tuple[int, int], typer.Option(metavar="NX NZ", help="Cells of the map.")] = (
+        48,
+        48,
+    ),
     force: Force = False,
 ) -> None:
-    """The whole tour on bundled input: SINO6 at a point and over its workspace, as one HTML page."""
-    from aacmm_pin.report.demo import run_demo  # here and below: what draws is loaded only where it is drawn
+    """The whole tour on bundled input: SINO6 at a point and over its workspace, as one HTML
+    page.
+    """
+    from aacmm_pin.report.demo import (
+        run_demo,
+    )  # here and below: what draws is loaded only where it is drawn
 
     summary = run_demo(folder=output, cells=cells, force=force)
     say(str(summary))

@@ -22,18 +22,29 @@ from aacmm_pin.measurements.records import Measurements
 def run(
     arm: ArmAndData,
     how: MeasuredHow,
-    no_held_out: Annotated[bool, typer.Option("--no-held-out", help="Do not measure the gain.")] = False,
+    no_held_out: Annotated[
+        bool, typer.Option("--no-held-out", help="Do not measure the gain.")
+    ] = False,
     with_discrepancy: Annotated[
         bool,
-        typer.Option("--with-discrepancy", help="Save in the extended arm what no cause explains too, with its u."),
+        typer.Option(
+            "--with-discrepancy",
+            help="Save in the extended arm what no cause explains too, with its u.",
+        ),
     ] = False,
     seed: Seed = 1,
-    output: Annotated[Path | None, typer.Option("--output", "-o", help="HTML page of all that was found.")] = None,
-    extended_arm: Annotated[Path | None, typer.Option(help="Arm file for the extended model.")] = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="HTML page of all that was found.")
+    ] = None,
+    extended_arm: Annotated[
+        Path | None, typer.Option(help="Arm file for the extended model.")
+    ] = None,
     json_: Json = None,
     force: Force = False,
 ) -> None:
-    """What the simulation gets wrong, which cause it has, and how much better the arm is once the model knows."""
+    """What the simulation gets wrong, which cause it has, and how much better the arm is once the
+    model knows.
+    """
     from aacmm_pin.report import html, terminal  # these load what draws
     from aacmm_pin.report.diagnosis import diagnosis_document
 
@@ -45,25 +56,43 @@ def run(
             model.file()  # or refused before the work
         records, rng = Measurements.read(path, model.arm.nq), np.random.default_rng(seed)
         held_out = not no_held_out
-        result = diagnose(model, records, hold_out=held_out, with_discrepancy=with_discrepancy, rng=rng, **how.keywords())
+        result = diagnose(
+            model,
+            records,
+            hold_out=held_out,
+            with_discrepancy=with_discrepancy,
+            rng=rng,
+            **how.keywords(),
+        )
         told = diagnosis_document(result)
         if extended_arm is not None:
             if result.no_better:
                 note(
-                    f"warning: {extended_arm}: the extended arm does not predict held-out records better than the "
+                    f"warning: {extended_arm}: the extended arm does not predict held-out records "
+                    "better than the "
                     "recalibrated arm; the file has the recalibrated arm"
                 )
             if result.findings and result.extended.too_many_excluded:
                 out = int(result.extended.excluded.sum())
                 note(
-                    f"warning: {extended_arm}: {out} records do not fit the extended arm and were excluded, too many for "
-                    "gross errors; at new postures it may be worse than the arm that aacmm-pin calibrate writes"
+                    f"warning: {extended_arm}: {out} records do not fit the extended arm and were "
+                    "excluded, too many for "
+                    "gross errors; at new postures it may be worse than the arm that aacmm-pin "
+                    "calibrate writes"
                 )
             if with_discrepancy and result.not_saved:
-                note(f"warning: {extended_arm}: {listed(result.not_saved)}: not saved, new records do not have them")
-            results.arm(result.model, extended_arm, f"Extended by aacmm-pin diagnose from {path}: {result}")
+                note(
+                    f"warning: {extended_arm}: {listed(result.not_saved)}: not saved, new records "
+                    "do not have them"
+                )
+            results.arm(
+                result.model, extended_arm, f"Extended by aacmm-pin diagnose from {path}: {result}"
+            )
         summary = result.summary() | {"source": path, "seed": seed}
         if output is not None:
-            results.text(html.page(diagnosis_document(result, summary, f"{datetime.now(UTC):%Y-%m-%d}")), output)
+            results.text(
+                html.page(diagnosis_document(result, summary, f"{datetime.now(UTC):%Y-%m-%d}")),
+                output,
+            )
         results.json(summary, json_)
     terminal.show(told, json_ == "-")

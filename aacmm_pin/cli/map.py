@@ -21,13 +21,19 @@ from aacmm_pin.report.json_summaries import map_summary
 @command
 def run(
     arm: AnyArm,
-    cells: Annotated[tuple[int, int], typer.Option(metavar="NX NZ", help="Cells along x and z.")] = (48, 48),
+    cells: Annotated[
+        tuple[int, int], typer.Option(metavar="NX NZ", help="Cells along x and z.")
+    ] = (48, 48),
     sectors: Sectors = 12,
     extent_mm: Annotated[
         tuple[float, float, float, float] | None,
-        typer.Option(metavar="X0 X1 Z0 Z1", help="Part of the half-plane, in mm; default the arm's reach."),
+        typer.Option(
+            metavar="X0 X1 Z0 Z1", help="Part of the half-plane, in mm; default the arm's reach."
+        ),
     ] = None,
-    method: Annotated[str, typer.Option(help="One of zonotope, jointwise, ellipsoid.")] = "zonotope",
+    method: Annotated[
+        str, typer.Option(help="One of zonotope, jointwise, ellipsoid.")
+    ] = "zonotope",
     processes: Annotated[int, typer.Option(min=1, help="Worker processes.")] = 1,
     output: Output = None,
     plot: Plot = None,
@@ -42,7 +48,9 @@ def run(
         for caveat in map_caveats(model.arm, extent):
             note(f"note: {caveat}")
         method_ = cast(Method, method)
-        result = map_workspace(model, cells, sectors, extent=extent, method=method_, workers=processes)
+        result = map_workspace(
+            model, cells, sectors, extent=extent, method=method_, workers=processes
+        )
         for caveat in result.caveats:
             note(f"note: {caveat}")
         if result.unreachable == cells[0] * cells[1]:

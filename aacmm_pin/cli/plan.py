@@ -49,7 +49,8 @@ class PlannedRecords:
     reference: Annotated[
         str,
         typer.Option(
-            help="free: each record has coordinates of its own; seats: at the seats of --data, or at new ones.",
+            help="free: each record has coordinates of its own; seats: at the seats of --data, or "
+            "at new ones.",
         ),
     ] = "free"
     postures: Annotated[
@@ -62,7 +63,9 @@ class PlannedRecords:
         """The records of ``--data``."""
         records = None if self.data is None else Measurements.read(self.data, model.arm.nq)
         if how.length_noise_mm is not None and (records is None or not records.bars()):
-            raise typer.BadParameter("--length-noise-mm goes with --data that has bars; a plan has none of its own")
+            raise typer.BadParameter(
+                "--length-noise-mm goes with --data that has bars; a plan has none of its own"
+            )
         return records
 
 
@@ -74,7 +77,8 @@ class CausesToSplit:
         tuple[str, str] | None,
         typer.Option(
             metavar="CAUSE CAUSE",
-            help="Causes to tell apart, such as encoder_eccentricity:3 joint_compliance:3,compliance_rad_per_nm=2e-5; "
+            help="Causes to tell apart, such as encoder_eccentricity:3 "
+            "joint_compliance:3,compliance_rad_per_nm=2e-5; "
             "one without values has its typical magnitude.",
         ),
     ] = None
@@ -104,7 +108,8 @@ def run(
         str,
         typer.Option(
             "--for",
-            help="causes: tell them apart; calibration: most of the geometry; acceptance: touches of "
+            help="causes: tell them apart; calibration: most of the geometry; acceptance: "
+            "touches of "
             "ISO 10360-12:2016 and ASME B89.4.22-2004, for accept.",
         ),
     ] = "causes",
@@ -126,7 +131,9 @@ def run(
         artefacts.plan(arm, above_mm, seed, files.output, files.sheet, files.force)
         return
     if causes.as_it_stands and causes.split is None:
-        raise typer.BadParameter("--as-it-stands goes with --split; without it a plan changes neither load nor mount")
+        raise typer.BadParameter(
+            "--as-it-stands goes with --split; without it a plan changes neither load nor mount"
+        )
     json_ = planned.json_
     with Results(files.force, files.output, causes.set_up_arm, files.sheet, json_=json_) as results:
         model = where_known(arm.model())
@@ -192,7 +199,10 @@ def _say_what_to_do(plan: MeasurementPlan, file: Path | None, arm_written: bool)
         where = "where the arm only comes near a posture, enter the angles indicated"
         say(f"{file}: {only}fill in x_mm, y_mm, z_mm; {where}")
     if plan.changes_arm and not arm_written:
-        note("note: this set-up is another arm file, which --set-up-arm FILE writes; diagnose the new records with it")
+        note(
+            "note: this set-up is another arm file, which --set-up-arm FILE writes; diagnose the "
+            "new records with it"
+        )
 
 
 def _like(existing: Measurements, records: pd.DataFrame) -> str:

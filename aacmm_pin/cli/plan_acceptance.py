@@ -1,4 +1,6 @@
-"""What ``plan --for acceptance`` does: the touches of an acceptance test, as a file to be filled in and a sheet."""
+"""What ``plan --for acceptance`` does: the touches of an acceptance test, as a file to be filled in
+and a sheet.
+"""
 
 from __future__ import annotations
 
@@ -26,21 +28,35 @@ FOR = "With --for acceptance: "
 class Artefacts:
     """What is there to be touched."""
 
-    standard: Annotated[str | None, typer.Option(help=f"{FOR}only iso10360-12, or asme-b89.4.22.")] = None
+    standard: Annotated[
+        str | None, typer.Option(help=f"{FOR}only iso10360-12, or asme-b89.4.22.")
+    ] = None
     range_mm: Annotated[
-        float | None, typer.Option(help=f"{FOR}measuring range, in mm; else twice the reach from joint 2.")
+        float | None,
+        typer.Option(help=f"{FOR}measuring range, in mm; else twice the reach from joint 2."),
     ] = None
     length_mm: Annotated[
         list[float] | None,
         typer.Option(
-            help=f"{FOR}a calibrated length, in mm; five times, for asme-b89.4.22 twice. Else parts of 2/3 of the range."
+            help=f"{FOR}a calibrated length, in mm; five times, for asme-b89.4.22 twice. Else "
+            "parts of 2/3 of the range."
         ),
     ] = None
-    sphere_mm: Annotated[float | None, typer.Option(help=f"{FOR}diameter of the sphere, in mm. Default {SPHERE:g}.")] = None
-    probe_mm: Annotated[float | None, typer.Option(help=f"{FOR}diameter of the probe, in mm. Default {PROBE:g}.")] = None
+    sphere_mm: Annotated[
+        float | None, typer.Option(help=f"{FOR}diameter of the sphere, in mm. Default {SPHERE:g}.")
+    ] = None
+    probe_mm: Annotated[
+        float | None, typer.Option(help=f"{FOR}diameter of the probe, in mm. Default {PROBE:g}.")
+    ] = None
 
     def plan(
-        self, arm: UncertainArm, above_mm: float | None, seed: int, output: Path | None, sheet: Path | None, force: bool
+        self,
+        arm: UncertainArm,
+        above_mm: float | None,
+        seed: int,
+        output: Path | None,
+        sheet: Path | None,
+        force: bool,
     ) -> None:
         """Plan the touches, and write the file and the sheet."""
         with Results(force, output, sheet) as results:
@@ -48,7 +64,9 @@ class Artefacts:
                 where_known(arm.model()),
                 standard=self.standard,
                 measuring_range=in_metres(self.range_mm),
-                lengths=None if self.length_mm is None else [length * MM for length in self.length_mm],
+                lengths=None
+                if self.length_mm is None
+                else [length * MM for length in self.length_mm],
                 sphere_diameter=(SPHERE if self.sphere_mm is None else self.sphere_mm) * MM,
                 probe_diameter=(PROBE if self.probe_mm is None else self.probe_mm) * MM,
                 above=in_metres(above_mm),
@@ -67,4 +85,7 @@ class Artefacts:
 def note_lowest_tip(heights: Array, above_mm: float | None) -> None:
     """How far below the base the lowest tip is [m], where no table was stated."""
     if above_mm is None and heights.min() < 0:
-        note(f"note: the lowest tip is {-heights.min() / MM:.0f} mm below the base; --above-mm sets the height of a table")
+        note(
+            f"note: the lowest tip is {-heights.min() / MM:.0f} mm below the base; --above-mm "
+            "sets the height of a table"
+        )

@@ -1,4 +1,6 @@
-"""Causes of a user's own: modules that ``--plugin`` names, and entry points of installed packages."""
+"""Causes of a user's own: modules that ``--plugin`` names, and entry points of installed
+packages.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,8 @@ SEARCHED = [*sys.path]
 
 
 def load_plugins(names: list[str], points: EntryPoints) -> tuple[str, ...]:
-    """Import the modules ``names``, by name or path, and those of entry points; the files that were read.
+    """Import the modules ``names``, by name or path, and those of entry points; the files that were
+    read.
 
     Raises:
         AacmmError: one cannot be imported.
@@ -69,7 +72,8 @@ def import_plugin(name: str) -> ModuleType:
     taken = other is not None and other.origin != str(path)
     if taken or path.stem in sys.stdlib_module_names:
         raise AacmmError(
-            f"{path.stem} is the name of another module, which programs import; expected another name of the file"
+            f"{path.stem} is the name of another module, which programs import; expected another "
+            "name of the file"
         )
     spec = importlib.util.spec_from_file_location(path.stem, path)
     assert spec is not None

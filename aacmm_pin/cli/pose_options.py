@@ -1,4 +1,6 @@
-"""Where the arm shall be, as the commands are told: a point, and for the tip a direction or a whole pose."""
+"""Where the arm shall be, as the commands are told: a point, and for the tip a direction or a whole
+pose.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,9 @@ from aacmm_pin.postures.general_ik import reaching_postures
 from aacmm_pin.postures.postures_at_point import PosturesAtPoint
 
 Triple = tuple[float, float, float]
-Point = Annotated[Triple, typer.Option(metavar="X Y Z", help="Working point in the base frame, in mm.")]
+Point = Annotated[
+    Triple, typer.Option(metavar="X Y Z", help="Working point in the base frame, in mm.")
+]
 
 IN_METRES = 20.0
 """Coordinates up to here, in mm, may be those of a point in metres: no arm reaches farther."""
@@ -30,21 +34,36 @@ class Orientation:
     """What is wanted of the tip at a point, and how finely postures are listed."""
 
     tip: Annotated[
-        bool, typer.Option("--tip", help="The point is for the tip, not for the wrist; give --axis or --rpy-deg too.")
+        bool,
+        typer.Option(
+            "--tip",
+            help="The point is for the tip, not for the wrist; give --axis or --rpy-deg too.",
+        ),
     ] = False
     axis: Annotated[
         Triple | None,
-        typer.Option(metavar="X Y Z", help="With --tip or --urdf: direction of the stylus (of the tool) in the base."),
+        typer.Option(
+            metavar="X Y Z",
+            help="With --tip or --urdf: direction of the stylus (of the tool) in the base.",
+        ),
     ] = None
     tool_axis: Annotated[
         Triple | None,
-        typer.Option(metavar="X Y Z", help="With --urdf and --axis: which direction of the frame; default its z."),
+        typer.Option(
+            metavar="X Y Z",
+            help="With --urdf and --axis: which direction of the frame; default its z.",
+        ),
     ] = None
     rpy_deg: Annotated[
         Triple | None,
-        typer.Option(metavar="R P Y", help="With --tip or --urdf: the whole pose, roll-pitch-yaw as in URDF, in degrees."),
+        typer.Option(
+            metavar="R P Y",
+            help="With --tip or --urdf: the whole pose, roll-pitch-yaw as in URDF, in degrees.",
+        ),
     ] = None
-    count: Annotated[int, typer.Option(min=3, help="Configurations on each closed component.")] = 360
+    count: Annotated[int, typer.Option(min=3, help="Configurations on each closed component.")] = (
+        360
+    )
 
     @property
     def oriented(self) -> bool:
@@ -59,14 +78,22 @@ class Orientation:
         """
         has_table = arm.dh is not None
         if self.tool_axis is not None and (self.axis is None or has_table):
-            raise typer.BadParameter("--tool-axis goes with --urdf and --axis; an arm file names its stylus")
+            raise typer.BadParameter(
+                "--tool-axis goes with --urdf and --axis; an arm file names its stylus"
+            )
         if self.axis is not None and self.rpy_deg is not None:
-            raise typer.BadParameter("--axis and --rpy-deg: expected one of them; a whole pose holds every axis")
+            raise typer.BadParameter(
+                "--axis and --rpy-deg: expected one of them; a whole pose holds every axis"
+            )
         if has_table and self.tip != self.oriented:
             raise typer.BadParameter("--tip goes with --axis, or with --rpy-deg")
         found = self._enumerated(arm, np.array(point) * MM)
         near = float(np.linalg.norm(point)) < IN_METRES and not found.within_limits.any()
-        told = f"; {METRES}" if near and self._enumerated(arm, np.array(point)).within_limits.any() else ""
+        told = (
+            f"; {METRES}"
+            if near and self._enumerated(arm, np.array(point)).within_limits.any()
+            else ""
+        )
         if found.reason:
             raise AacmmError(f"{found}{told}")
         for line in (*found.notes, *([METRES] * bool(told))):
@@ -82,5 +109,9 @@ class Orientation:
         if self.rpy_deg is not None:
             from aacmm_pin.arm.corrected_urdf import from_roll_pitch_yaw
 
-            rotation = from_roll_pitch_yaw(vector(np.array(self.rpy_deg) * DEG, 3, "--rpy-deg", "rad"))
-        return reaching_postures(arm, where, axis=self.axis, tool=self.tool_axis, rotation=rotation, count=self.count)
+            rotation = from_roll_pitch_yaw(
+                vector(np.array(self.rpy_deg) * DEG, 3, "--rpy-deg", "rad")
+            )
+        return reaching_postures(
+            arm, where, axis=self.axis, tool=self.tool_axis, rotation=rotation, count=self.count
+        )

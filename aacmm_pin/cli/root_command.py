@@ -1,4 +1,6 @@
-"""The command itself: its options, what ends it, and its subcommands, of which only the one that runs is imported."""
+"""The command itself: its options, what ends it, and its subcommands, of which only the one that
+runs is imported.
+"""
 
 from __future__ import annotations
 
@@ -65,14 +67,20 @@ class Shell(TyperGroup):
         """The command with its options; its module is imported."""
         if cmd_name not in COMMANDS:
             return None
-        alone = typer.Typer(add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False)
-        alone.command(cmd_name, cls=_Subcommand)(importlib.import_module(f"aacmm_pin.cli.{cmd_name}").run)
+        alone = typer.Typer(
+            add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False
+        )
+        alone.command(cmd_name, cls=_Subcommand)(
+            importlib.import_module(f"aacmm_pin.cli.{cmd_name}").run
+        )
         return typer.main.get_command(alone)
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """The list of commands, of which none is imported."""
         listed = [TyperCommand(name, short_help=_sentence(name)) for name in COMMANDS]
-        TyperGroup(commands=listed, params=self.params, help=self.help, rich_markup_mode=None).format_help(ctx, formatter)
+        TyperGroup(
+            commands=listed, params=self.params, help=self.help, rich_markup_mode=None
+        ).format_help(ctx, formatter)
 
     def main(self, *args: Any, **named: Any) -> Any:
         """Run the command, with the streams as it needs them."""
@@ -101,13 +109,17 @@ class Shell(TyperGroup):
 def _sentence(name: str) -> str:
     """The first sentence of a command's docstring, read from its file."""
     tree = ast.parse(Path(__file__).with_name(f"{name}.py").read_text(encoding="utf-8"))
-    (function,) = (node for node in tree.body if isinstance(node, ast.FunctionDef) and node.name == "run")
+    (function,) = (
+        node for node in tree.body if isinstance(node, ast.FunctionDef) and node.name == "run"
+    )
     return (ast.get_docstring(function) or "").partition("\n\n")[0]
 
 
 @contextmanager
 def _errors_as_messages() -> Iterator[None]:
-    """End the command with one line on stderr for whatever was raised, a mistake of this package excepted."""
+    """End the command with one line on stderr for whatever was raised, a mistake of this package
+    excepted.
+    """
     try:
         yield
     except BaseException as error:
@@ -167,7 +179,13 @@ def _end(status: int, message: str) -> None:
     raise SystemExit(status)
 
 
-OF_PROGRAMS = (DeprecationWarning, PendingDeprecationWarning, FutureWarning, ImportWarning, ResourceWarning)
+OF_PROGRAMS = (
+    DeprecationWarning,
+    PendingDeprecationWarning,
+    FutureWarning,
+    ImportWarning,
+    ResourceWarning,
+)
 """Warnings for those who write programs, and no matter of those who run them."""
 
 
@@ -178,8 +196,12 @@ def _noted(message: Warning | str, category: type[Warning], *_: object, **__: ob
 
 @contextmanager
 def _warnings_as_notes() -> Iterator[None]:
-    """What a library warns of, without its file and line; a test that makes errors of warnings still has them."""
-    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # that its cache has no place is nobody's concern
+    """What a library warns of, without its file and line; a test that makes errors of warnings
+    still has them.
+    """
+    logging.getLogger("matplotlib").setLevel(
+        logging.ERROR
+    )  # that its cache has no place is nobody's concern
     with warnings.catch_warnings():
         warnings.showwarning = _noted
         yield
@@ -188,7 +210,8 @@ def _warnings_as_notes() -> Iterator[None]:
 app = typer.Typer(
     cls=Shell,
     name="aacmm-pin",
-    help="Postures, accuracy and calibration of articulated-arm coordinate measuring machines, on Pinocchio.",
+    help="Postures, accuracy and calibration of articulated-arm coordinate measuring machines, on "
+    "Pinocchio.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -196,7 +219,9 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-os.environ["MPLBACKEND"] = "Agg"  # the command writes files and never opens a window; matplotlib is loaded to draw only
+os.environ["MPLBACKEND"] = (
+    "Agg"  # the command writes files and never opens a window; matplotlib is loaded to draw only
+)
 
 
 def _version(wanted: bool) -> None:
@@ -211,9 +236,14 @@ def _version(wanted: bool) -> None:
 def _root(
     plugin: Annotated[
         list[str] | None,
-        typer.Option(metavar="MODULE", help="Module or .py file that registers causes of your own; before the command."),
+        typer.Option(
+            metavar="MODULE",
+            help="Module or .py file that registers causes of your own; before the command.",
+        ),
     ] = None,
-    version_: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Say the version.")] = False,
+    version_: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Say the version.")
+    ] = False,
 ) -> None:
     """Options of the command itself."""
     from importlib.metadata import entry_points

@@ -27,23 +27,31 @@ def run(
     arm: UncertainArm,
     point: Annotated[
         Triple | None,
-        typer.Option(metavar="X Y Z", help="Working point in the base frame, in mm: the postures that reach it."),
+        typer.Option(
+            metavar="X Y Z",
+            help="Working point in the base frame, in mm: the postures that reach it.",
+        ),
     ] = None,
     *,
     orientation: Orientation,
     theta_deg: Annotated[
         str | None,
-        typer.Option(metavar='"θ1 θ2 …"', help="One posture, in degrees (slides in mm); default all 0, or amid the limits."),
+        typer.Option(
+            metavar='"θ1 θ2 …"',
+            help="One posture, in degrees (slides in mm); default all 0, or amid the limits.",
+        ),
     ] = None,
     noise: EncoderNoise,
-    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the browser.")] = True,
+    browser: Annotated[
+        bool, typer.Option("--browser/--no-browser", help="Open the browser.")
+    ] = True,
     output: Output = None,
     force: Force = False,
 ) -> None:
     """The arm in three dimensions: at a point in the postures that reach it, or in one posture.
 
-    With -o as a page that needs no network. Else it is served on this computer's loopback address until Ctrl-C, which is
-    how it ends, with exit status 0.
+    With -o as a page that needs no network. Else it is served on this computer's loopback address
+    until Ctrl-C, which is how it ends, with exit status 0.
     """
     from aacmm_pin.report import scenes  # loads meshcat
 
@@ -78,10 +86,14 @@ def _posture(arm: Arm, text: str | None) -> Array:
         numbers = [float(word) for word in text.replace(",", " ").split()]
     except ValueError:
         raise AacmmError(
-            f"--theta-deg is {text!r}, expected {arm.nq} numbers such as {' '.join(['0'] * arm.nq)!r}"
+            f"--theta-deg is {text!r}, expected {arm.nq} numbers such as "
+            f"{' '.join(['0'] * arm.nq)!r}"
         ) from None
     if len(numbers) != arm.nq:
-        raise AacmmError(f"--theta-deg has {len(numbers)} numbers, expected {arm.nq}, one for each joint of {arm.name}")
+        raise AacmmError(
+            f"--theta-deg has {len(numbers)} numbers, expected {arm.nq}, one for each joint of "
+            f"{arm.name}"
+        )
     return np.array(numbers) * np.where(slides, MM, DEG)
 
 

@@ -10,7 +10,8 @@ from types import FrameType
 
 STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 RECEIVED: list[int] = []
-"""Signals of this command: compiled code that is being loaded makes other errors of the exception."""
+"""Signals of this command: compiled code that is being loaded makes other errors of the exception.
+"""
 
 
 class Stopped(KeyboardInterrupt):
@@ -27,7 +28,9 @@ def _stop(number: int, frame: FrameType | None) -> None:
 
 @contextmanager
 def stopping_signals() -> Iterator[None]:
-    """Raise :class:`Stopped` for each signal of :data:`STOPPING` that is not ignored, until the end."""
+    """Raise :class:`Stopped` for each signal of :data:`STOPPING` that is not ignored, until the
+    end.
+    """
     if threading.current_thread() is not threading.main_thread():  # only that one receives any
         yield
         return

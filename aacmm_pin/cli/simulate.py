@@ -13,7 +13,17 @@ from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import MM
 from aacmm_pin.calibration.random_arm import perturbed_model
 from aacmm_pin.cli.arm_options import ContactNoise, UncertainArm, in_metres, where_known
-from aacmm_pin.cli.common import EffectTexts, Force, Output, Results, Seed, angle_option, command, note, refuse
+from aacmm_pin.cli.common import (
+    EffectTexts,
+    Force,
+    Output,
+    Results,
+    Seed,
+    angle_option,
+    command,
+    note,
+    refuse,
+)
 from aacmm_pin.effects import Effect, ErrorModel, require_shown, stated_cause
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements.noise import Noise
@@ -41,16 +51,26 @@ class Planned:
     plan: Annotated[
         str,
         typer.Option(
-            help=f"One of {', '.join(PLANS)}; or a procedure (CSV) by plan --for acceptance, whose touches are filled in."
+            help=f"One of {', '.join(PLANS)}; or a procedure (CSV) by plan --for acceptance, "
+            "whose touches are filled in."
         ),
     ] = "seats"
     records: Annotated[int, typer.Option(help="Number of records.")] = 300
-    seats: Annotated[int, typer.Option(help="With plans seats, ball-bar: number of seats; two for each bar.")] = 10
-    unknown: Annotated[bool, typer.Option("--unknown", help="With plan seats: without their coordinates.")] = False
-    bar_length_mm: Annotated[float | None, typer.Option(help="With plan ball-bar: length of the bars.")] = None
+    seats: Annotated[
+        int, typer.Option(help="With plans seats, ball-bar: number of seats; two for each bar.")
+    ] = 10
+    unknown: Annotated[
+        bool, typer.Option("--unknown", help="With plan seats: without their coordinates.")
+    ] = False
+    bar_length_mm: Annotated[
+        float | None, typer.Option(help="With plan ball-bar: length of the bars.")
+    ] = None
     orientation_noise_rad: Annotated[
         float | None,
-        angle_option("With coordinates: orientations of the tip too, with this standard uncertainty, in rad or as 50urad."),
+        angle_option(
+            "With coordinates: orientations of the tip too, with this standard uncertainty, in "
+            "rad or as 50urad."
+        ),
     ] = None
 
     def refuse_others(self, context: typer.Context) -> None:
@@ -59,13 +79,20 @@ class Planned:
             if (self.plan in PLANS or self.plan.endswith(".csv")) and self.plan not in plans:
                 refuse(context, [option], f"goes with --plan {' or '.join(plans)}")
         if self.unknown:
-            refuse(context, ["reference_noise_mm", "orientation_noise_rad"], "beside --unknown, which states no reference")
+            refuse(
+                context,
+                ["reference_noise_mm", "orientation_noise_rad"],
+                "beside --unknown, which states no reference",
+            )
 
     def measured(self, model: ErrorModel, noise: Noise, rng: np.random.Generator) -> Measurements:
         """Records of an arm, by a plan that is no procedure."""
         length = in_metres(self.bar_length_mm)
         if self.plan == "ball-bar" and length is None:
-            note(f"note: bars of {BAR_LENGTH_MM:g} mm are assumed; --bar-length-mm states another length")
+            note(
+                f"note: bars of {BAR_LENGTH_MM:g} mm are assumed; --bar-length-mm states "
+                "another length"
+            )
             length = BAR_LENGTH_MM * MM
         return simulate_measurements(
             model,
@@ -89,13 +116,16 @@ def run(
     planned: Planned,
     effect: EffectTexts = None,
     perturb: Annotated[
-        bool, typer.Option("--perturb", help="Draw the true geometry within the arm's uncertainties.")
+        bool,
+        typer.Option("--perturb", help="Draw the true geometry within the arm's uncertainties."),
     ] = False,
     seed: Seed = 1,
     *,
     stated: ContactNoise,
     output: Output = None,
-    truth: Annotated[Path | None, typer.Option(help="File for the arm that made the data, with its effects.")] = None,
+    truth: Annotated[
+        Path | None, typer.Option(help="File for the arm that made the data, with its effects.")
+    ] = None,
     force: Force = False,
 ) -> None:
     """Virtual measurements of an arm with known errors, as CSV."""
@@ -107,18 +137,28 @@ def run(
         touches = None if procedure is None else Procedure.read(procedure, model.arm)
         effects = [stated_cause(text, model) for text in effect or []]
         if perturb:
-            model = perturbed_model(model, rng.spawn(1)[0])  # a stream of its own: the plan is the same without it
-            note(f"note: the true geometry was drawn within the uncertainties of {model.arm.name}, seed {seed}")
+            model = perturbed_model(
+                model, rng.spawn(1)[0]
+            )  # a stream of its own: the plan is the same without it
+            note(
+                f"note: the true geometry was drawn within the uncertainties of {model.arm.name}, "
+                f"seed {seed}"
+            )
         model = where_known(model.with_effects(*effects))
         noise = stated.simulated(model.arm)
         if touches is None:
             data = planned.measured(model, noise, rng)
         else:
             data = simulate_touches(model, touches.q, touches.points, rng=rng, noise=noise)
-        results.text(data.csv() if touches is None else csv_text(touches.filled(data, as_filed)), output)
+        results.text(
+            data.csv() if touches is None else csv_text(touches.filled(data, as_filed)), output
+        )
         _require_effects_shown(effects, model, data)
         encoder = ", ".join(f"{u:g}" for u in dict.fromkeys(noise.encoder))
-        words = f"noise: readings {encoder} rad, references {noise.reference / MM:g} mm, contacts {noise.probe / MM:g} mm"
+        words = (
+            f"noise: readings {encoder} rad, references {noise.reference / MM:g} mm, contacts "
+            f"{noise.probe / MM:g} mm"
+        )
         if truth is not None:
             results.arm(model, truth, f"The arm behind: {data.source}; {words}.")
     note(f"{data}; {words}")
@@ -129,8 +169,12 @@ def _require_effects_shown(effects: list[Effect], model: ErrorModel, data: Measu
     for given in effects:
         if not any(given.values):
             raise AacmmError(
-                f"--effect {given.key}: no size is given, expected {', '.join(given.notation.parameters(given))}"
+                f"--effect {given.key}: no size is given, expected "
+                f"{', '.join(given.notation.parameters(given))}"
             )
         require_shown(given, model.arm, data.q, data.conditions, "this plan")
         if given.of_reference and not data.known.any():
-            raise AacmmError(f"--effect {given.key}: is of stated coordinates, which records of this plan do not have")
+            raise AacmmError(
+                f"--effect {given.key}: is of stated coordinates, which records of this plan do "
+                "not have"
+            )

@@ -21,12 +21,18 @@ from aacmm_pin.effects import ErrorModel, StylusOffset
 def run(
     arm: AnyArm,
     to_dh: Annotated[
-        bool, typer.Option("--to-dh", help="Of a URDF, or an arm file that names one: its DH table, as an arm file.")
+        bool,
+        typer.Option(
+            "--to-dh",
+            help="Of a URDF, or an arm file that names one: its DH table, as an arm file.",
+        ),
     ] = False,
     output: Output = None,
     force: Force = False,
 ) -> None:
-    """URDF of an arm, from its DH table or with its corrected placements; or the DH table of a URDF."""
+    """URDF of an arm, from its DH table or with its corrected placements; or the DH table of a
+    URDF.
+    """
     with Results(force, output) as results:
         model = arm.model()
         if to_dh:
@@ -41,7 +47,9 @@ def run(
 
 def urdf_of(model: ErrorModel) -> bytes:
     """An arm as URDF, as far as a URDF can say it."""
-    lost = [e.label for e in model.effects if not (isinstance(e, StylusOffset) and e.marker is None)]
+    lost = [
+        e.label for e in model.effects if not (isinstance(e, StylusOffset) and e.marker is None)
+    ]
     if lost:
         note(f"note: a URDF has no place for {', '.join(lost)}")
     file = model.file()

@@ -30,5 +30,7 @@ class Background:
     def covariance(self) -> Array:
         """Posterior covariance of the coefficients (r, r)."""
         first = self.left.base.nuisances
-        inverse = np.linalg.inv(self.left.base.factor[first:, first:])  # the nuisances are eliminated
+        inverse = np.linalg.inv(
+            self.left.base.factor[first:, first:]
+        )  # the nuisances are eliminated
         return np.asarray(self.left.variance * inverse.T @ inverse)

@@ -1,4 +1,6 @@
-"""Residuals over a joint that fall into two branches, as hysteresis leaves them where no direction of approach is stated."""
+"""Residuals over a joint that fall into two branches, as hysteresis leaves them where no direction
+of approach is stated.
+"""
 
 from __future__ import annotations
 
@@ -12,15 +14,20 @@ from aacmm_pin._support.notes import Note
 from aacmm_pin.diagnosis.choice import Choice
 
 WAVES = 3
-"""Waves per turn, up to this, are taken out first: an error that is a wave is mostly near its two extremes."""
+"""Waves per turn, up to this, are taken out first: an error that is a wave is mostly near its two
+extremes.
+"""
 FEWEST_RECORDS = 30
 """Fewer records than this do not show whether a scatter has two peaks."""
 LEAST = 7.0
 """Log likelihood by which two branches have to be likelier than one scatter."""
-# Some 870 files without hysteresis: 3 above 5, the one looked at 5.004. Of 12 files with ±50 µrad at one of the joints, 200
-# touches at ten seats, noise stated: 8 above 10, always at the right joint; 4 below 3.5.
+# Some 870 files without hysteresis: 3 above 5, the one looked at 5.004. Of 12 files with ±50 µrad
+# at one of the joints, 200 touches at ten seats, noise stated: 8 above 10, always at the right
+# joint; 4 below 3.5.
 LEAST_LEVER = 1.0
-"""A record that a joint moves by less than the noise, where it turns by 1 rad, shows nothing of its branches."""
+"""A record that a joint moves by less than the noise, where it turns by 1 rad, shows nothing of its
+branches.
+"""
 HALVES = np.append(0.0, np.geomspace(0.05, 1.5, 60))
 SCATTERS = np.geomspace(0.05, 1.5, 40)
 """Half-widths and scatters that are tried, in parts of the RMS."""
@@ -53,14 +60,18 @@ class Branches(Shown):
 
 
 def branches_of(choice: Choice) -> Branches | None:
-    """The joint over which the counted records most clearly fall into two branches; None where none does."""
+    """The joint over which the counted records most clearly fall into two branches; None where none
+    does.
+    """
     fit, records = choice.design.fit, choice.fit.problem.measurements
     chosen = choice.counted & fit.observations.says
     if records.conditions.approach is not None or chosen.sum() < FEWEST_RECORDS:
         return None
     whiten = fit.noise.whitening[:, :3, :3]
     off = whiten @ choice.design.deviations(choice.tips)[:, :3, None]
-    off = choice.held.products.noise.postures.whitened(off)[chosen, :, 0]  # what a posture shares counts once
+    off = choice.held.products.noise.postures.whitened(off)[
+        chosen, :, 0
+    ]  # what a posture shares counts once
     columns = (whiten @ choice.design.of_angles[:, :3])[chosen]
     chain = fit.problem.model.arm.chain
     found = []
@@ -78,7 +89,9 @@ def branches_of(choice: Choice) -> Branches | None:
 
 
 def _smooth(along: Array, size: Array, angle: Array) -> Array:
-    """The part of residuals (n,) that is a smooth function of the joint's angle (n,), each ``size`` of it (n,)."""
+    """The part of residuals (n,) that is a smooth function of the joint's angle (n,), each ``size``
+    of it (n,).
+    """
     waves = np.arange(1, WAVES + 1) * angle[:, None]
     basis = np.hstack([np.ones((angle.size, 1)), np.cos(waves), np.sin(waves)]) * size[:, None]
     return np.asarray(basis @ np.linalg.lstsq(basis, along, rcond=1e-9)[0])
@@ -87,7 +100,8 @@ def _smooth(along: Array, size: Array, angle: Array) -> Array:
 def two_branches(along: Array, size: Array) -> tuple[float, float]:
     """Half-width h, and log likelihood of two branches over that of one scatter.
 
-    ``along`` ~ ½ N(h size, s²) + ½ N(-h size, s²), or N(0, s² + h² size²): h and s are the likeliest for each.
+    ``along`` ~ ½ N(h size, s²) + ½ N(-h size, s²), or N(0, s² + h² size²): h and s are the
+    likeliest for each.
 
     Args:
         along: residuals (n,).

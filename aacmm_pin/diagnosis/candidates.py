@@ -1,4 +1,6 @@
-"""Which causes could be behind what a set of records shows: the library, as far as these records can carry it."""
+"""Which causes could be behind what a set of records shows: the library, as far as these records
+can carry it.
+"""
 
 from __future__ import annotations
 
@@ -24,11 +26,15 @@ from aacmm_pin.errors import UnknownNameError
 from aacmm_pin.measurements.records import Measurements
 
 Variants = tuple[Effect, ...]
-"""A candidate: one cause at one place with each value of its inner parameter (order, time, …), all parameters zero."""
+"""A candidate: one cause at one place with each value of its inner parameter (order, time, …), all
+parameters zero.
+"""
 
 
 def is_change(effect: Effect) -> bool:
-    """Whether a variant is the change of a cause that the arm is known to have: it has what is stated of that, as u."""
+    """Whether a variant is the change of a cause that the arm is known to have: it has what is
+    stated of that, as u.
+    """
     return any(effect.u)
 
 
@@ -38,11 +44,14 @@ def candidates(
     """Every registered cause that these records could show, one for each place where it can sit.
 
     Args:
-        model: the arm; of what it is known to have, a change is a candidate, whose u is what is stated of it. Its other
-            variants have another inner value, and stand in its place, or are of a load that the arm's file does not have.
+        model: the arm; of what it is known to have, a change is a candidate, whose u is what is
+            stated of it. Its other variants have another inner value, and stand in its place, or
+            are of a load that the arm's file does not have.
         measurements: the records.
-        problem: what is refitted anyway; geometric values beyond what is stated of them are causes too.
-        extra: causes to try besides; those with one label are variants of one candidate, which may be the library's.
+        problem: what is refitted anyway; geometric values beyond what is stated of them are causes
+            too.
+        extra: causes to try besides; those with one label are variants of one candidate, which may
+            be the library's.
 
     Raises:
         UnknownNameError: an extra cause is not registered.
@@ -51,7 +60,12 @@ def candidates(
     found = _of_library(model.arm, measurements, problem)
     for effect in extra:
         if CAUSES.get(effect.cause) is not type(effect):
-            raise UnknownNameError("cause", effect.cause, list(CAUSES), "aacmm_pin.effects.register adds one of your own")
+            raise UnknownNameError(
+                "cause",
+                effect.cause,
+                list(CAUSES),
+                "aacmm_pin.effects.register adds one of your own",
+            )
         label = require_row(effect, model.arm).label
         variants = (*found.get(label, ()), effect.at(()))
         found[label] = tuple(dict.fromkeys(variants))
@@ -78,7 +92,9 @@ def _known_labels(model: ErrorModel, setup: Setup) -> set[str]:
 def _changes(
     model: ErrorModel, measurements: Measurements, setup: Setup, found: Mapping[str, Variants]
 ) -> Iterator[Variants]:
-    """The change of each known cause, and its other variants; of several known causes with one label with the first."""
+    """The change of each known cause, and its other variants; of several known causes with one
+    label with the first.
+    """
     taken = {effect.identity for effect in model.effects}
     for effect in known_causes(model, measurements, setup):
         others = [*load_variants(effect, model.arm)]
@@ -89,8 +105,12 @@ def _changes(
         yield (effect.at((), effect.u), *new)
 
 
-def not_tried(library: Sequence[Variants], measurements: Measurements) -> dict[str, tuple[type[Effect], ...]]:
-    """Conditions that the records do not state, and the causes of which none was a candidate for want of them."""
+def not_tried(
+    library: Sequence[Variants], measurements: Measurements
+) -> dict[str, tuple[type[Effect], ...]]:
+    """Conditions that the records do not state, and the causes of which none was a candidate for
+    want of them.
+    """
     tried = {variants[0].cause for variants in library}
     lacking: dict[str, tuple[type[Effect], ...]] = {}
     for cause in CAUSES.values():
@@ -107,7 +127,9 @@ def _needs(cause: type[Effect]) -> tuple[str, ...]:
 
 
 def known_causes(model: ErrorModel, measurements: Measurements, setup: Setup) -> list[Effect]:
-    """The causes that the arm is known to have, with a stated uncertainty that counts; a discrepancy is none."""
+    """The causes that the arm is known to have, with a stated uncertainty that counts; a
+    discrepancy is none.
+    """
     if not setup.prior:
         return []
     causes = [effect for effect in model.effects if not isinstance(effect, Discrepancy)]
@@ -116,7 +138,9 @@ def known_causes(model: ErrorModel, measurements: Measurements, setup: Setup) ->
 
 
 def _of_set_up(arm: Arm, measurements: Measurements, problem: Problem) -> Iterator[Effect]:
-    """Geometric values farther off than is stated, a tip or a frame of references that is not where it is said to be."""
+    """Geometric values farther off than is stated, a tip or a frame of references that is not where
+    it is said to be.
+    """
     vector = problem.vector
     estimated = {effect.label for effect in vector.effects}
     for effect, own in vector:

@@ -31,9 +31,10 @@ class Choice:
         parts: part of each record for leaving out (n,).
         held: inner products from which parts can be left out.
         scatter: of readings beyond the stated noise; None where the records show none.
-        otherwise: labels of causes and covariates that would be found if excluded records counted, where without these no
-            cause is.
-        kept_alone: records that the arm recalibrated alone, by its own scatter, does not exclude (n,); None: the used ones.
+        otherwise: labels of causes and covariates that would be found if excluded records counted,
+            where without these no cause is.
+        kept_alone: records that the arm recalibrated alone, by its own scatter, does not exclude
+            (n,); None: the used ones.
     """
 
     fit: Fit
@@ -58,11 +59,13 @@ class Choice:
 
     @property
     def counted(self) -> Mask:
-        """Records that count when they are left out and predicted (n,): all but those that both arms exclude.
+        """Records that count when they are left out and predicted (n,): all but those that both
+        arms exclude.
 
-        A record that only the extended arm excludes may be one that its causes are wrong for. One that the recalibrated
-        arm excludes too is a gross error: either arm is equally far off there, and a few such records would be all that
-        a gain in RMS shows.
+        A record that only the extended arm excludes may be one that its causes are wrong for. One
+        that the recalibrated
+        arm excludes too is a gross error: either arm is equally far off there, and a few such
+        records would be all that a gain in RMS shows.
         """
         used = self.fit.used
         return np.asarray(used if self.kept_alone is None else used | self.kept_alone)
@@ -70,12 +73,19 @@ class Choice:
     @cached_property
     def of_part(self) -> dict[int, tuple[Index, Measurements]]:
         """The counted records of each part that can be left out, their numbers first."""
-        rows = {number: np.flatnonzero(self.counted & (self.parts == number)) for number in self.held.parts}
-        return {number: (own, self.fit.problem.measurements.take(own)) for number, own in rows.items()}
+        rows = {
+            number: np.flatnonzero(self.counted & (self.parts == number))
+            for number in self.held.parts
+        }
+        return {
+            number: (own, self.fit.problem.measurements.take(own)) for number, own in rows.items()
+        }
 
     @cached_property
     def tips(self) -> Array:
-        """Tips (n, 3), turns behind them (n, 6), with the median probability model and the background [m, rad]."""
+        """Tips (n, 3), turns behind them (n, 6), with the median probability model and the
+        background [m, rad].
+        """
         return self.posterior.left.tips()
 
     @cached_property
@@ -83,7 +93,9 @@ class Choice:
         """Scatter of readings and tips beside all that was found."""
         left, postures = self.posterior.left, self.posterior.space.gram.products.noise.postures
         share = min(max(left.dof, 1.0) / max(left.base.gram.free, 1), 1.0)
-        return ReadingScatter.of(self.design.fit, self.design.deviations(self.tips), share, postures)
+        return ReadingScatter.of(
+            self.design.fit, self.design.deviations(self.tips), share, postures
+        )
 
     @property
     def top_causes(self) -> Blocks:
@@ -92,7 +104,9 @@ class Choice:
 
     @property
     def causes(self) -> Blocks:
-        """Blocks of the median probability model that are causes of the library, the strongest first."""
+        """Blocks of the median probability model that are causes of the library, the strongest
+        first.
+        """
         own = [k for k in self.posterior.median if self.candidates.is_cause(k)]
         return tuple(sorted(own, key=lambda k: -self.posterior.strength(k)))
 
@@ -114,9 +128,14 @@ class Choice:
         return tuple(names[self.candidates.owner(k)] for k in (*self.causes, *self.covariates))
 
     def in_one_part(self, block: int) -> bool:
-        """Whether a block moves only records that are left out together, so that the others say nothing of it."""
+        """Whether a block moves only records that are left out together, so that the others say
+        nothing of it.
+        """
         moved = self.design.columns(block).any(axis=(1, 2))
-        inside, every = (np.unique(self.parts[records]).size for records in (moved & self.fit.used, self.fit.used))
+        inside, every = (
+            np.unique(self.parts[records]).size
+            for records in (moved & self.fit.used, self.fit.used)
+        )
         return bool(inside == 1 < every)
 
     def covariate(self, block: int) -> Covariate:

@@ -32,7 +32,9 @@ from aacmm_pin.effects import (
 from aacmm_pin.measurements.records import Measurements
 
 SMOOTH = (5, 20)
-"""Numbers of cosines over the ranks of a covariate: a slow change; one with many turns, where it may shift the tip."""
+"""Numbers of cosines over the ranks of a covariate: a slow change; one with many turns, where it
+may shift the tip.
+"""
 ORDERS = (1, 2, 3)
 """Waves per turn of an error of a joint that another joint's angle makes."""
 GEAR_ORDERS = (2, 3, 4, 6)
@@ -56,9 +58,11 @@ class Carried:
     """Smooth functions of a covariate, and what they act on.
 
     Attributes:
-        functions: (n, m), root mean square one, the constant first: whatever depends on something also has a mean.
+        functions: (n, m), root mean square one, the constant first: whatever depends on something
+            also has a mean.
         carrier: name of a :class:`aacmm_pin.effects.discrepancy.Carrier`.
-        smooth: the same functions at any records, but for their ``size``; None of what new records do not have.
+        smooth: the same functions at any records, but for their ``size``; None of what new records
+            do not have.
         size: root mean square of each at these records (m,).
     """
 
@@ -89,10 +93,12 @@ class Covariate:
     """Something that residuals may depend on.
 
     Attributes:
-        name: ``joint 4``, ``joint 2 × joint 4``, ``time``, ``temperature``, ``place``, ``bar left``, or an unknown column.
+        name: ``joint 4``, ``joint 2 × joint 4``, ``time``, ``temperature``, ``place``, ``bar
+            left``, or an unknown column.
         depends_on: the single covariates in it: ``joint 2``, ``time``, ``x``, …
         variants: ways in which it may act.
-        values: the covariates themselves, n rows; a column of numbers has its unit in its name, others are labels.
+        values: the covariates themselves, n rows; a column of numbers has its unit in its name,
+            others are labels.
     """
 
     name: str
@@ -162,7 +168,9 @@ def covariates(arm: Arm, measurements: Measurements) -> list[Covariate]:
 def _of_joints(state: State, joints: Sequence[Joint]) -> Iterator[Covariate | None]:
     """Each joint, which may shift the tip along the body before it, or turn another joint."""
     for joint in joints:
-        found = _of(joint.name, state.q[:, joint.number], [f"before {joint.row}"], state, joint.column)
+        found = _of(
+            joint.name, state.q[:, joint.number], [f"before {joint.row}"], state, joint.column
+        )
         if found is None or joint.slides:
             yield found
             continue
@@ -172,7 +180,9 @@ def _of_joints(state: State, joints: Sequence[Joint]) -> Iterator[Covariate | No
         yield replace(found, variants=(*found.variants, *turning))
 
 
-def _of_columns(measurements: Measurements, state: State, joints: Sequence[Joint]) -> Iterator[Covariate | None]:
+def _of_columns(
+    measurements: Measurements, state: State, joints: Sequence[Joint]
+) -> Iterator[Covariate | None]:
     """Recorded conditions, the operator and unknown columns."""
     conditions = state.conditions
     turning = ["room", "target", *(joint.error for joint in joints)]
@@ -200,7 +210,9 @@ def _of(
     state: State | None = None,
     column: Column | None = None,
 ) -> Covariate | None:
-    """A column of numbers or labels that may act on each of the carriers; numbers of a ``state`` new records have too."""
+    """A column of numbers or labels that may act on each of the carriers; numbers of a ``state``
+    new records have too.
+    """
     column = column or Column(name)
     numbers = as_numbers(values)
     if numbers is None:
@@ -213,7 +225,9 @@ def _of(
     return Covariate(name, (name,), tuple(variants), table)
 
 
-def _of_labels(name: str, labels: pd.Series, carriers: Sequence[str], column: Column) -> Covariate | None:
+def _of_labels(
+    name: str, labels: pd.Series, carriers: Sequence[str], column: Column
+) -> Covariate | None:
     """A column of labels; None with a single one, or with too many."""
     if not 2 <= labels.nunique() <= MOST_LABELS:
         return None
@@ -230,7 +244,9 @@ def _carried(cosines: Cosines, numbers: pd.Series, carrier: str, state: State | 
 
 
 def _with_time(covariate: Covariate, conditions: Conditions) -> Covariate:
-    """Sessions and time belong together: time may go on anew in each session, and one session is later than the other."""
+    """Sessions and time belong together: time may go on anew in each session, and one session is
+    later than the other.
+    """
     session, time = conditions.session, conditions.time
     if session is None or time is None or covariate.name not in ("time", "session"):
         return covariate
@@ -258,7 +274,9 @@ def _products(state: State, joints: Sequence[Joint]) -> Iterator[Covariate]:
 
 
 def _product(state: State, *joints: Joint) -> Covariate:
-    """The angle of one of two joints depends on where both stand: on their first orders, or on a gear's and on a load."""
+    """The angle of one of two joints depends on where both stand: on their first orders, or on a
+    gear's and on a load.
+    """
     names = tuple(joint.name for joint in joints)
     waves = tuple(Waves(name, constant=True) for name in names)
     variants = [Carried.of(waves, joint.error, state) for joint in joints]
@@ -270,7 +288,9 @@ def _product(state: State, *joints: Joint) -> Covariate:
 
 
 def _over_time(state: State, joint: Joint, time: Array) -> Covariate:
-    """The angle of a joint is off by where it stands, and otherwise later: an encoder that was knocked midway."""
+    """The angle of a joint is off by where it stands, and otherwise later: an encoder that was
+    knocked midway.
+    """
     functions = Waves(joint.name), Cosines.over("time", time, LATER)
     way = Carried.of(functions, joint.error, state)
     values = joint.table(state).join(TIME.table(time))
@@ -300,7 +320,9 @@ def _of_loads(state: State, joints: Sequence[Joint]) -> Iterator[Covariate]:
 
 
 def _place(state: State) -> Covariate:
-    """Where the tip is: a field of shifts in the room, as a table that bends or a tracker's own error would give."""
+    """Where the tip is: a field of shifts in the room, as a table that bends or a tracker's own
+    error would give.
+    """
     tip = state.position
     values = pd.DataFrame(tip / MM, columns=["tip_x_mm", "tip_y_mm", "tip_z_mm"])
     way = Carried.of((_bumps(state),), "room", state)
@@ -309,7 +331,9 @@ def _place(state: State) -> Covariate:
 
 def _bumps(state: State) -> Bumps:
     """Round centres among the tips, as many as these are apart."""
-    order = np.lexsort(np.round(state.q, DECIMALS).T)  # so that the order of the records does not matter
+    order = np.lexsort(
+        np.round(state.q, DECIMALS).T
+    )  # so that the order of the records does not matter
     tip = state.position[order]
     apart = np.unique(np.round(tip / NARROWEST), axis=0)
     count = int(np.clip(len(apart) // 2, 1, CENTRES))
@@ -322,14 +346,18 @@ def _bumps(state: State) -> Bumps:
 
 
 def _scale(state: State) -> Covariate:
-    """All lengths are too long or too short by one factor: a wrong unit, another reference temperature."""
+    """All lengths are too long or too short by one factor: a wrong unit, another reference
+    temperature.
+    """
     distance = np.linalg.norm(state.position, axis=1)
     way = Carried.of((), "lengths", state)
     return Covariate("scale", ("scale",), (way,), pd.DataFrame({"distance_mm": distance / MM}))
 
 
 def _groups(measurements: Measurements) -> Iterator[Covariate]:
-    """One group of records, a bar or else a seat of unknown place, in which the target sat elsewhere on the arm."""
+    """One group of records, a bar or else a seat of unknown place, in which the target sat
+    elsewhere on the arm.
+    """
     what, labels = "bar", measurements.bar
     if labels is None:
         what, labels = "seat", measurements.conditions.seat

@@ -1,4 +1,6 @@
-"""Leave parts of the records out, explore and fit with the rest, predict the part: what the causes are worth."""
+"""Leave parts of the records out, explore and fit with the rest, predict the part: what the causes
+are worth.
+"""
 
 from __future__ import annotations
 
@@ -31,12 +33,13 @@ class Gain(Shown):
     Attributes:
         kind: ``seats`` or ``blocks`` of joint space.
         groups: how many parts were left out in turn.
-        simulation, recalibrated, extended: distances of the records by each model (n,) [m]; nan where there is none. A
-            rotation from a stated orientation is part of it, by :attr:`Fit.lever`.
+        simulation, recalibrated, extended: distances of the records by each model (n,) [m]; nan
+            where there is none. A rotation from a stated orientation is part of it, by
+            :attr:`Fit.lever`.
         smooth: the same with the discrepancy (n,) [m].
         part: part of each record (n,).
-        excluded: how many of the records were excluded from the extended arm, and count here, for the recalibrated arm alone
-            does not exclude them.
+        excluded: how many of the records were excluded from the extended arm, and count here, for
+            the recalibrated arm alone does not exclude them.
         gross_errors: how many do not count, for both arms exclude them.
         chosen: labels that were chosen without each part.
         interval: 95 % interval of the gain, by resampling the parts.
@@ -65,7 +68,9 @@ class Gain(Shown):
         return self.interval[0] > THRESHOLDS.least_gain
 
     def of_nothing(self) -> Gain:
-        """The same where all records together name nothing, whatever some parts did: both arms are one."""
+        """The same where all records together name nothing, whatever some parts did: both arms are
+        one.
+        """
         return replace(self, extended=self.recalibrated, interval=(0.0, 0.0))
 
     @property
@@ -93,7 +98,9 @@ class Training:
 
     @cached_property
     def chosen(self) -> Blocks:
-        """The median probability model of the other records, explored from nothing and from that of all."""
+        """The median probability model of the other records, explored from nothing and from that of
+        all.
+        """
         starts = [(), self.choice.posterior.median]
         return explored_from(self.space, starts).median
 
@@ -112,8 +119,8 @@ class Training:
     def predicted(self, blocks: Blocks, background: bool = False) -> Array:
         """Distances of the part's records with these blocks, fitted to the others [m].
 
-        What is stated of known causes holds exactly where their change is not among the blocks, or the other records would
-        change them all the same.
+        What is stated of known causes holds exactly where their change is not among the blocks, or
+        the other records would change them all the same.
         """
         amplitude = len(self.space.amplitudes) - 1 if background else 0
         if (blocks, amplitude) not in self._found:
@@ -123,7 +130,9 @@ class Training:
         return self._found[blocks, amplitude]
 
     def by_models(self, before: Fit) -> list[Array]:
-        """Distances of the part's records by the arm as it was, recalibrated, extended, with the discrepancy too [m]."""
+        """Distances of the part's records by the arm as it was, recalibrated, extended, with the
+        discrepancy too [m].
+        """
         poses = before.point.prediction.poses[self.rows]
         recalibrated, extended = self.predicted(()), self.predicted(self.causes)
         smooth = self.predicted(self.chosen, background=True)
@@ -134,7 +143,12 @@ class Training:
 
 
 def gain_of(
-    choice: Choice, trained: list[Training], before: Fit, kind: str, rng: np.random.Generator, progress: Progress = None
+    choice: Choice,
+    trained: list[Training],
+    before: Fit,
+    kind: str,
+    rng: np.random.Generator,
+    progress: Progress = None,
 ) -> Gain | None:
     """Leave out every part in turn; choose and fit with the rest; predict it.
 
@@ -149,7 +163,8 @@ def gain_of(
         progress: whether to show a bar, or a function that wraps the parts.
 
     Returns:
-        None where no part that is left out has anything to be compared with, such as one record only of each unknown seat.
+        None where no part that is left out has anything to be compared with, such as one record
+        only of each unknown seat.
     """
     of_part = {training.number: training for training in trained}
     part = choice.parts
@@ -158,7 +173,9 @@ def gain_of(
     def predict(number: int, _: Mask) -> list[Array]:
         return of_part[number].by_models(before)
 
-    simulation, recalibrated, extended, smooth = left_out_in_turn(part, counted, predict, kind, progress)
+    simulation, recalibrated, extended, smooth = left_out_in_turn(
+        part, counted, predict, kind, progress
+    )
     if not np.isfinite(extended).any():
         return None
     excluded = choice.counted & ~choice.fit.used
@@ -179,7 +196,9 @@ def gain_of(
     )
 
 
-def _interval(recalibrated: Array, extended: Array, part: Index, rng: np.random.Generator) -> tuple[float, float]:
+def _interval(
+    recalibrated: Array, extended: Array, part: Index, rng: np.random.Generator
+) -> tuple[float, float]:
     """95 % interval of the gain by resampling the parts, of distances (n,) [m]."""
     squares = []
     for number in np.unique(part):
@@ -194,7 +213,9 @@ def _interval(recalibrated: Array, extended: Array, part: Index, rng: np.random.
 
 
 class Brought(NamedTuple):
-    """What one cause brings on held-out records: its part of the gain in RMS, and the 95 % interval of that."""
+    """What one cause brings on held-out records: its part of the gain in RMS, and the 95 % interval
+    of that.
+    """
 
     gain: float
     low: float
@@ -202,10 +223,12 @@ class Brought(NamedTuple):
 
 
 def brought(choice: Choice, trained: list[Training], block: int) -> Brought | None:
-    """By how much one of the causes lowers the RMS of held-out records, each distance over its own noise.
+    """By how much one of the causes lowers the RMS of held-out records, each distance over its own
+    noise.
 
-    Every part is predicted by the others with and without the block. The squares that it saves are a ratio of sums over the
-    parts, whose interval is Student's t for as few parts as there are (Cochran 1977, 6.4).
+    Every part is predicted by the others with and without the block. The squares that it saves are
+    a ratio of sums over the parts, whose interval is Student's t for as few parts as there are
+    (Cochran 1977, 6.4).
 
     Returns:
         None where too few parts say something of it, such as of a group that is left out whole.
@@ -231,7 +254,9 @@ def _ratio(upper: Array, lower: Array) -> tuple[float, float]:
 
 
 def _squares(choice: Choice, trained: list[Training], block: int) -> Iterator[tuple[float, float]]:
-    """Of each part, the sum of squares of its distances over their noise, with a block and without."""
+    """Of each part, the sum of squares of its distances over their noise, with a block and
+    without.
+    """
     whole = choice.posterior.median
     without = tuple(k for k in whole if k != block)
     variance = np.trace(choice.fit.residual_noise[:, :3, :3], axis1=1, axis2=2)

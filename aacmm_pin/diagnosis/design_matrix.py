@@ -97,8 +97,13 @@ class Design:
         """The same with some of the blocks alone, in this order."""
         chosen = [self.blocks[k] for k in numbers]
         ends = self.nuisances + np.cumsum([0, *(b.size for b in chosen)])
-        blocks = (replace(b, columns=slice(int(a), int(c))) for b, a, c in zip(chosen, ends[:-1], ends[1:], strict=True))
-        scales = np.concatenate([self.scales[: self.nuisances], *(self.scales[b.columns] for b in chosen)])
+        blocks = (
+            replace(b, columns=slice(int(a), int(c)))
+            for b, a, c in zip(chosen, ends[:-1], ends[1:], strict=True)
+        )
+        scales = np.concatenate(
+            [self.scales[: self.nuisances], *(self.scales[b.columns] for b in chosen)]
+        )
         return replace(self, blocks=tuple(blocks), scales=scales)
 
     def column_blocks(self) -> Iterator[tuple[slice, Array]]:
@@ -123,7 +128,9 @@ class Design:
                 own = self.fit.point.prediction.jacobian[:, :, self.kept]
                 self._kept[block] = own * self.scales[: self.nuisances]
             else:
-                self._kept[block] = self._of([self.blocks[block].source]) * self.scales[self.blocks[block].columns]
+                self._kept[block] = (
+                    self._of([self.blocks[block].source]) * self.scales[self.blocks[block].columns]
+                )
         return self._kept[block]
 
     def combined(self, chosen: Index, weights: Array) -> Array:
@@ -149,7 +156,9 @@ class Design:
             return off
         whole, tie, of_records = information_of_seats(self.fit)
         pull = -tie * np.nan_to_num(points - observations.stated)
-        np.add.at(pull, observations.seat[touched], np.einsum("nij,nj->ni", of_records, off[touched, :3]))
+        np.add.at(
+            pull, observations.seat[touched], np.einsum("nij,nj->ni", of_records, off[touched, :3])
+        )
         moved = np.einsum("sij,sj->si", np.linalg.pinv(whole, hermitian=True), pull)
         return observations.deviations(tips, points + moved)
 
@@ -170,14 +179,18 @@ class Design:
         effects = [effect for source in sources if isinstance(source, tuple) for effect in source]
         if effects:
             return self._calibrated.columns(effects)
-        return np.concatenate([self._calibrated.carried(way) for way in sources if isinstance(way, Carried)], axis=2)
+        return np.concatenate(
+            [self._calibrated.carried(way) for way in sources if isinstance(way, Carried)], axis=2
+        )
 
     @cached_property
     def _calibrated(self) -> _Calibrated:
         return _Calibrated(self.fit)
 
 
-def design_of(fit: Fit, library: Sequence[Variants], others: Sequence[Covariate], taken_out: int = 0) -> Design:
+def design_of(
+    fit: Fit, library: Sequence[Variants], others: Sequence[Covariate], taken_out: int = 0
+) -> Design:
     """The columns of every candidate in the arm as calibrated.
 
     Args:
@@ -202,20 +215,44 @@ def design_of(fit: Fit, library: Sequence[Variants], others: Sequence[Covariate]
     kept = np.concatenate([np.arange(stays), within, np.arange(width, own.shape[2])])
     tips = point.prediction.poses - own[:, :, stays:width] @ (point.x - problem.start)[stays:width]
     left = np.sqrt(np.square(fit.system.deviation[fit.used]).mean())
-    candidates: list[Sequence[tuple[Effect, ...] | Carried]] = [*map(_sources, library), *(each.variants for each in others)]
+    candidates: list[Sequence[tuple[Effect, ...] | Carried]] = [
+        *map(_sources, library),
+        *(each.variants for each in others),
+    ]
     blocks, typical, first = [], [], kept.size
     for number, variants in enumerate(candidates):
         for which, source in enumerate(variants):
             typical.append(_typical(source, left))
-            blocks.append(Block(number, which, slice(first, first := first + typical[-1].size), source))
-    scales = np.concatenate([problem.scales[:stays], stated_u[within], problem.scales[width:], *typical])
-    names = (*(variants[0].label for variants in library), *(covariate.name for covariate in others))
+            blocks.append(
+                Block(number, which, slice(first, first := first + typical[-1].size), source)
+            )
+    scales = np.concatenate(
+        [problem.scales[:stays], stated_u[within], problem.scales[width:], *typical]
+    )
+    names = (
+        *(variants[0].label for variants in library),
+        *(covariate.name for covariate in others),
+    )
     prior = np.zeros((width + within.size, kept.size + 1))
     prior[:width, :stays] = problem.prior_rows[:, :stays]
-    prior[:width, -1] = problem.prior_rows[:, :stays] @ ((point.x - problem.start) / problem.widths)[:stays]
+    prior[:width, -1] = (
+        problem.prior_rows[:, :stays] @ ((point.x - problem.start) / problem.widths)[:stays]
+    )
     prior[width:, stays : stays + within.size] = np.eye(within.size)
     held = np.flatnonzero(np.isin(kept, np.flatnonzero(known_u)))
-    return Design(fit, names, len(library), tuple(blocks), kept.size, scales, kept, held, prior, tips, taken_out)
+    return Design(
+        fit,
+        names,
+        len(library),
+        tuple(blocks),
+        kept.size,
+        scales,
+        kept,
+        held,
+        prior,
+        tips,
+        taken_out,
+    )
 
 
 def _sources(variants: Variants) -> list[tuple[Effect, ...]]:
@@ -252,7 +289,9 @@ class _Calibrated:
         axes) [m/unit].
         """
         axes = self._axes(way.carrier)
-        return np.asarray(np.einsum("nm,nij->nimj", way.functions, axes).reshape(*axes.shape[:2], -1))
+        return np.asarray(
+            np.einsum("nm,nij->nimj", way.functions, axes).reshape(*axes.shape[:2], -1)
+        )
 
     def _axes(self, name: str) -> Array:
         """Shift of the tip by one unit on each axis of a carrier (n, 3 or 6, axes)."""

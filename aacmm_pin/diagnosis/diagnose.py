@@ -31,7 +31,15 @@ from aacmm_pin.diagnosis.result import Diagnosis, Finding
 from aacmm_pin.diagnosis.significance import visible
 from aacmm_pin.diagnosis.unexplained import Unexplained, excess_of, unexplained_by
 from aacmm_pin.diagnosis.verdict import doubts_of, verdict_of
-from aacmm_pin.effects import Discrepancy, Effect, ErrorModel, GivenCause, GivenModel, as_causes, corrects_seat
+from aacmm_pin.effects import (
+    Discrepancy,
+    Effect,
+    ErrorModel,
+    GivenCause,
+    GivenModel,
+    as_causes,
+    corrects_seat,
+)
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements.records import GivenRecords, Measurements
 
@@ -59,46 +67,71 @@ def diagnose(
 ) -> Diagnosis:
     """Show what the simulation gets wrong, name the cause, extend the model, measure the gain.
 
-    The residuals are a linear model of geometry, reference frame and known causes, which are refitted, of a set of causes,
-    of a discrepancy that depends on what was recorded, and of noise. Every probability is read off one posterior over sets
-    of causes. The extended arm has the causes that are more probable than not. The gain is measured on groups of records
-    that had no part in choosing the set and in its linear fit.
+    The residuals are a linear model of geometry, reference frame and known causes, which are
+    refitted, of a set of causes, of a discrepancy that depends on what was recorded, and of noise.
+    Every probability is read off one posterior over sets of causes. The extended arm has the causes
+    that are more probable than not. The gain is measured on groups of records that had no part in
+    choosing the set and in its linear fit.
 
     Args:
         model: the arm, with the effects that are known of it.
         measurements: the records.
-        reference_frame, target, prior, encoder_noise, reference_noise, probe_noise, length_noise: see
+        reference_frame, target, prior, encoder_noise, reference_noise, probe_noise, length_noise:
+        see
             :func:`aacmm_pin.calibration.calibrate`.
         hold_out: measure the gain.
-        with_discrepancy: the extended arm has what no cause explains too, as far as new records can have it.
-        extra_causes: causes to try besides, at places or with inner values (orders, times, other fields) that are not
-            tried anyway; causes of your own are, once they are registered (:func:`aacmm_pin.effects.register`). They
-            compete with the others, by the ``typical`` size of their terms; their values do not count.
+        with_discrepancy: the extended arm has what no cause explains too, as far as new records can
+            have it.
+        extra_causes: causes to try besides, at places or with inner values (orders, times, other
+            fields) that are not tried anyway; causes of your own are, once they are registered
+            (:func:`aacmm_pin.effects.register`). They compete with the others, by the ``typical``
+            size of their terms; their values do not count.
         rng: for the draws behind p-values and intervals, and the groups left out; default seed 1.
-        progress: show bars in a notebook, or on stderr at a terminal; or a function such as ``tqdm`` that wraps the groups
-            left out.
+        progress: show bars in a notebook, or on stderr at a terminal; or a function such as
+            ``tqdm`` that wraps the groups left out.
 
     Raises:
-        AacmmError, UnknownNameError, MissingConditionError: see :func:`aacmm_pin.calibration.calibrate`.
+        AacmmError, UnknownNameError, MissingConditionError: see
+        :func:`aacmm_pin.calibration.calibrate`.
     """
     model, measurements = checked_input(model, measurements)
     extra = as_causes(extra_causes, model, measurements.conditions.present)
-    setup = Setup.of(model.arm, reference_frame, target, prior, encoder_noise, reference_noise, probe_noise, length_noise)
+    setup = Setup.of(
+        model.arm,
+        reference_frame,
+        target,
+        prior,
+        encoder_noise,
+        reference_noise,
+        probe_noise,
+        length_noise,
+    )
     measurements, repeated = counted_once(measurements)
     if prior and model.arm.unexplained and model.arm.covariance is not None:
-        # What was not explained then is partly in the parameters, and would be missing from the cause that is found now.
+        # What was not explained then is partly in the parameters, and would be missing from the
+        # cause that is found now.
         model = model.without_covariance
-        repeated.append(Note("prior_ignored", {"arm": model.arm.name, "unexplained": model.arm.unexplained}))
+        repeated.append(
+            Note("prior_ignored", {"arm": model.arm.name, "unexplained": model.arm.unexplained})
+        )
     rng = rng or np.random.default_rng(1)
     problem = _with_causes(model, measurements, setup)
     recalibrated = first_fit(problem([]))
     _require_residuals(measurements, recalibrated)
     kind, parts = parts_of(recalibrated, rng)
     library = candidates(model, measurements, recalibrated.problem, extra)
-    choice = choose(problem, recalibrated, library, covariates(model.arm, measurements), parts, progress is True)
+    choice = choose(
+        problem, recalibrated, library, covariates(model.arm, measurements), parts, progress is True
+    )
     used, setup, alone = choice.fit.used, recalibrated.problem.setup, recalibrated
-    before, recalibrated = (fit(asked, used=used) for asked in (problem_of(model, measurements, [], setup), problem([])))
-    trained = [Training(choice, number) for number in choice.held.parts] if enough_postures(measurements) else []
+    before, recalibrated = (
+        fit(asked, used=used) for asked in (problem_of(model, measurements, [], setup), problem([]))
+    )
+    trained = (
+        [Training(choice, number) for number in choice.held.parts]
+        if enough_postures(measurements)
+        else []
+    )
     findings = findings_of(model, choice, trained, rng)
     held = gain_of(choice, trained, before, kind, rng, progress) if hold_out and trained else None
     if held is not None and not findings:
@@ -106,7 +139,9 @@ def diagnose(
     unexplained = unexplained_by(choice, held, bool(findings), rng)
     # Without a finding nothing explains what the recalibrated arm alone excludes.
     judged = (choice.fit, *([] if findings else [alone]))
-    contradicted = tuple(dict.fromkeys(place for one in judged for place in contradicted_places(one)))
+    contradicted = tuple(
+        dict.fromkeys(place for one in judged for place in contradicted_places(one))
+    )
     worse = _no_better(model.arm, findings, held, bool(choice.covariates))
     doubts = doubts_of(
         findings,
@@ -146,14 +181,17 @@ def diagnose(
 
 
 def _no_better(arm: Arm, findings: Sequence[Finding], held: Gain | None, structure: bool) -> bool:
-    """Whether there are causes among the findings with which held-out records are not predicted better beyond doubt.
+    """Whether there are causes among the findings with which held-out records are not predicted
+    better beyond doubt.
 
-    Values of the geometry are in the recalibrated arm as well, and places of seats in neither. Beside ``structure`` it is
-    enough that each cause is borne out beside it.
+    Values of the geometry are in the recalibrated arm as well, and places of seats in neither.
+    Beside ``structure`` it is enough that each cause is borne out beside it.
     """
     if held is None or held.beyond_doubt:
         return False
-    causes = [f for f in findings if not (corrects_seat(f.effect) or geometric_parameters(arm, f.effect))]
+    causes = [
+        f for f in findings if not (corrects_seat(f.effect) or geometric_parameters(arm, f.effect))
+    ]
     borne_out = structure and all(f.brought is not None and f.borne_out for f in causes)
     return bool(causes) and not borne_out
 
@@ -163,38 +201,61 @@ def _require_residuals(measurements: Measurements, recalibrated: Fit) -> None:
     if not np.nanmax(np.abs(recalibrated.system.deviation), initial=0.0) > NOTHING:
         few = recalibrated.problem.scales.size >= 3 * measurements.n
         why = "too few, state the noise" if few else "fill in the file"
-        raise AacmmError(f"{measurements.source}: all {measurements.n} records agree with the fitted arm exactly: {why}")
+        raise AacmmError(
+            f"{measurements.source}: all {measurements.n} records agree with the fitted arm "
+            f"exactly: {why}"
+        )
 
 
 def _with_causes(model: ErrorModel, measurements: Measurements, setup: Setup) -> ProblemOf:
     """The calibration problem with some causes estimated too.
 
-    What the arm is known to have is refitted with the geometry within its stated u, but freely where nothing is stated, or
-    where a cause of the same name is estimated: it may have changed.
+    What the arm is known to have is refitted with the geometry within its stated u, but freely
+    where nothing is stated, or where a cause of the same name is estimated: it may have changed.
     """
     known = {effect.identity: effect for effect in known_causes(model, measurements, setup)}
     free_ones = (effect for effect in model.effects if not isinstance(effect, Discrepancy))
-    others = [e for e in free_ones if e.identity not in known and not is_reestimated(e, setup, measurements)]
+    others = [
+        e
+        for e in free_ones
+        if e.identity not in known and not is_reestimated(e, setup, measurements)
+    ]
     unstated = [effect.at(effect.values, free(effect).u) for effect in others]
-    held = length_held(problem_of(model, measurements, ["geometry", *unstated, *known.values()], setup))
+    held = length_held(
+        problem_of(model, measurements, ["geometry", *unstated, *known.values()], setup)
+    )
     setup = replace(setup, held=held)
 
-    def problem(causes: Sequence[Effect], held_causes: Sequence[Effect] = (), gone: Sequence[Effect] = ()) -> Problem:
-        freed = [replace(c, values=known[c.identity].values) if c.identity in known else c for c in causes]
+    def problem(
+        causes: Sequence[Effect], held_causes: Sequence[Effect] = (), gone: Sequence[Effect] = ()
+    ) -> Problem:
+        freed = [
+            replace(c, values=known[c.identity].values) if c.identity in known else c
+            for c in causes
+        ]
         keys = {cause.key for cause in (*causes, *gone)}
-        places = {cause.label for cause in causes if cause.nonlinear.field and cause.identity not in known}
+        places = {
+            cause.label for cause in causes if cause.nonlinear.field and cause.identity not in known
+        }
         rest = [effect for effect in known.values() if effect.key not in keys]
-        beside = [effect.at(effect.values, free(effect).u) for effect in rest if effect.label in places]
+        beside = [
+            effect.at(effect.values, free(effect).u) for effect in rest if effect.label in places
+        ]
         within = [effect for effect in rest if effect.label not in places]
         whole = replace(model, effects=(*model.effects, *held_causes))
-        asked = problem_of(whole, measurements, ["geometry", *unstated, *within, *beside, *freed], setup)
+        asked = problem_of(
+            whole, measurements, ["geometry", *unstated, *within, *beside, *freed], setup
+        )
         return replace(asked, candidates=len(beside) + len(freed))
 
     return problem
 
 
-def _as_found(model: ErrorModel, stated: bool, findings: Sequence[Finding], left: Unexplained) -> ErrorModel:
-    """The arm, whose effects have the fields that were found, such as between which times a slip was; and what is left.
+def _as_found(
+    model: ErrorModel, stated: bool, findings: Sequence[Finding], left: Unexplained
+) -> ErrorModel:
+    """The arm, whose effects have the fields that were found, such as between which times a slip
+    was; and what is left.
 
     Where the noise was not stated, and no structure was found, the scatter is the noise.
     """
@@ -202,4 +263,6 @@ def _as_found(model: ErrorModel, stated: bool, findings: Sequence[Finding], left
     each = ((e, found.get(e.identity, e)) for e in model.effects)
     scatter = [model.arm.unexplained] if stated and model.arm.unexplained else []
     arm = model.arm.with_unexplained("; ".join([*map(str, left.notes), *scatter]))
-    return ErrorModel(arm, tuple(replace(f, values=e.values, u=e.u, nonlinear_u=e.nonlinear_u) for e, f in each))
+    return ErrorModel(
+        arm, tuple(replace(f, values=e.values, u=e.u, nonlinear_u=e.nonlinear_u) for e, f in each)
+    )

@@ -1,4 +1,6 @@
-"""Covariates that structure depends on, as effects that an arm file can have: described, and not named."""
+"""Covariates that structure depends on, as effects that an arm file can have: described, and not
+named.
+"""
 
 from __future__ import annotations
 
@@ -22,8 +24,9 @@ from aacmm_pin.diagnosis.model_extension import ProblemOf, free
 from aacmm_pin.effects import Carrier, Discrepancy, ErrorModel, Part
 
 FACTORS = 10
-"""So many independent factors stand for the covariance of a background, beside the size of the whole; with 20 u is off by
-10 %, and the file is twice as large."""
+"""So many independent factors stand for the covariance of a background, beside the size of the
+whole; with 20 u is off by 10 %, and the file is twice as large.
+"""
 EVERYTHING = "all that was recorded"
 """What a background depends on."""
 
@@ -41,13 +44,18 @@ def described_by(choice: Choice, blocks: Iterable[int]) -> list[Described]:
 
 
 def lost(described: Sequence[Described]) -> list[str]:
-    """Covariates that no arm file can have, for new records do not have them: labels, torques, unknown columns."""
+    """Covariates that no arm file can have, for new records do not have them: labels, torques,
+    unknown columns.
+    """
     names = [name for name, way in described if way.smooth is None]
     return list(dict.fromkeys(names))
 
 
-def described_model(known: ErrorModel, choice: Choice, problem_of: ProblemOf, background: bool) -> ErrorModel:
-    """The extended arm, refitted with the discrepancy as effects: covariates are estimated, the background is held.
+def described_model(
+    known: ErrorModel, choice: Choice, problem_of: ProblemOf, background: bool
+) -> ErrorModel:
+    """The extended arm, refitted with the discrepancy as effects: covariates are estimated, the
+    background is held.
 
     Args:
         known: the arm as it was, whose labels are taken.
@@ -66,7 +74,9 @@ def described_model(known: ErrorModel, choice: Choice, problem_of: ProblemOf, ba
 
 
 def _prior_u(choice: Choice) -> Array:
-    """Prior standard deviation of the coefficients of all covariates that were found (p,) [m, rad, m/m]."""
+    """Prior standard deviation of the coefficients of all covariates that were found (p,) [m, rad,
+    m/m].
+    """
     left, design = choice.posterior.left, choice.design
     widths = [np.empty(0)]
     for k in choice.covariates:
@@ -91,12 +101,13 @@ def covariate_effects(
     prior_u: Array,
     taken: Collection[str] = (),
 ) -> list[Discrepancy]:
-    """Effects to be estimated, one for each covariate that new records have too, see :func:`lost` for the others.
+    """Effects to be estimated, one for each covariate that new records have too, see :func:`lost`
+    for the others.
 
     Args:
         described: covariates, each with its variant.
-        prior_u: prior standard deviations of the coefficients of their functions, those of each on all axes together, one
-            covariate after the other (p,) [m, rad, m/m].
+        prior_u: prior standard deviations of the coefficients of their functions, those of each on
+            all axes together, one covariate after the other (p,) [m, rad, m/m].
         taken: labels of effects that the arm has already: another one has a number behind its name.
     """
     effects, labels = list[Discrepancy](), set(taken)
@@ -117,16 +128,18 @@ def background_effect(
     covariance: Array,
     taken: Collection[str] = (),
 ) -> Discrepancy:
-    """A background of many covariates as one effect: its size, 1 ± u, and :data:`FACTORS` factors, each 0 ± 1.
+    """A background of many covariates as one effect: its size, 1 ± u, and :data:`FACTORS` factors,
+    each 0 ± 1.
 
-    Ten principal axes of its covariance have a tenth of the variance: all are alike. So the factors are orthogonal
-    combinations of all axes, drawn at random, as large as all axes together. Over such draws the mean square of u is right
-    at every posture; in one draw u is off by 15 % (standard deviation).
+    Ten principal axes of its covariance have a tenth of the variance: all are alike. So the factors
+    are orthogonal combinations of all axes, drawn at random, as large as all axes together. Over
+    such draws the mean square of u is right at every posture; in one draw u is off by 15 %
+    (standard deviation).
 
     Args:
         described: covariates, each with one of its variants; :func:`lost` ones are left out.
-        weights: coefficients of all their functions, as in :func:`covariate_effects`, for each direction of the background
-            (p, r) [m, rad, m/m].
+        weights: coefficients of all their functions, as in :func:`covariate_effects`, for each
+            direction of the background (p, r) [m, rad, m/m].
         estimate: of the directions (r,), not all zero.
         covariance: of these, positive definite (r, r).
         taken: see :func:`covariate_effects`.
@@ -144,11 +157,13 @@ def background_effect(
 
 
 def calibrated_beside(fit: Fit, held: Discrepancy) -> ErrorModel:
-    """The calibrated arm of a fit that held an effect, with what its uncertainty does to the estimates.
+    """The calibrated arm of a fit that held an effect, with what its uncertainty does to the
+    estimates.
 
-    The estimates answer to the coefficients by ``R = ∂x/∂β``: with the covariance ``K`` of the fit and ``Σ`` of the
-    coefficients, which are independent, that of both is ``[[K + R Σ Rᵀ, R Σ], [Σ Rᵀ, Σ]]``. If they counted as independent
-    of the estimates, what both can explain would be uncertain twice.
+    The estimates answer to the coefficients by ``R = ∂x/∂β``: with the covariance ``K`` of the fit
+    and ``Σ`` of the coefficients, which are independent, that of both is ``[[K + R Σ Rᵀ, R Σ], [Σ
+    Rᵀ, Σ]]``. If they counted as independent of the estimates, what both can explain would be
+    uncertain twice.
 
     Args:
         fit: of a problem that has the effect among those that stay as they are.
@@ -176,7 +191,9 @@ def _known_covariance(arm: Arm) -> tuple[list[str], Array]:
 
 
 def _answers(fit: Fit, held: Discrepancy) -> Array:
-    """How the estimates of a fit answer to one unit of each coefficient of an effect that it held (p, q)."""
+    """How the estimates of a fit answer to one unit of each coefficient of an effect that it held
+    (p, q).
+    """
     columns = [_answer(fit, held, k) for k in range(held.size)]
     return np.column_stack(columns)
 

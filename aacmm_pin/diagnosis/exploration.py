@@ -1,4 +1,6 @@
-"""Which sets of causes hold the posterior's mass: best first from several starts, with exchanges."""
+"""Which sets of causes hold the posterior's mass: best first from several starts, with
+exchanges.
+"""
 
 from __future__ import annotations
 
@@ -14,8 +16,9 @@ from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 def explore(space: ModelSpace, starts: Iterable[Blocks] = ()) -> Posterior:
     """The sets that hold the posterior's mass.
 
-    One half of the starts is nothing; the other half is what is given, each of the leading causes, and what could be instead
-    of each member of the most probable set. Where they do not find the same, all sets that either found are explored on.
+    One half of the starts is nothing; the other half is what is given, each of the leading causes,
+    and what could be instead of each member of the most probable set. Where they do not find the
+    same, all sets that either found are explored on.
     """
     walk = Walk(space, [()])
     walk.run()
@@ -35,14 +38,18 @@ def explore(space: ModelSpace, starts: Iterable[Blocks] = ()) -> Posterior:
 
 
 def climbed(space: ModelSpace, start: Blocks) -> Posterior:
-    """The most probable set that steps and exchanges from a start, or from nothing, lead to, and those beside it."""
+    """The most probable set that steps and exchanges from a start, or from nothing, lead to, and
+    those beside it.
+    """
     walk = Walk(space, [(), start])
     walk.run(least=1.0)
     return walk.posterior()
 
 
 def explored_from(space: ModelSpace, starts: Iterable[Blocks]) -> Posterior:
-    """The sets that hold the mass near some starts, for a part of the records: nothing is exchanged."""
+    """The sets that hold the mass near some starts, for a part of the records: nothing is
+    exchanged.
+    """
     walk = Walk(space, starts)
     walk.expansions = THRESHOLDS.expansions_of_part
     walk.run(exchanges=False)
@@ -59,21 +66,28 @@ def _leading(space: ModelSpace) -> list[Blocks]:
 
 
 def _grown_without(space: ModelSpace, blocks: Blocks, block: int) -> Blocks:
-    """The set that the rest of some blocks leads to, step by step uphill, if the candidate of one of them does not act."""
+    """The set that the rest of some blocks leads to, step by step uphill, if the candidate of one
+    of them does not act.
+    """
     barred = space.candidates.owners == space.candidates.owner(block)
     at = without_block(blocks, block)
     while True:
         now = space.marginal(at).log_posterior
         more = np.where(barred, -np.inf, space.additions(at))
         steps = [(float(more.max()), with_block(at, int(np.argmax(more))))]
-        steps += [(about, without_block(at, k)) for k, about in zip(at, space.removals(at).tolist(), strict=True)]
+        steps += [
+            (about, without_block(at, k))
+            for k, about in zip(at, space.removals(at).tolist(), strict=True)
+        ]
         about, further = max(steps, key=lambda step: step[0])
         if about <= now - THRESHOLDS.close or space.marginal(further).log_posterior <= now:
             return at
         at = further
 
 
-def _total_variation(space: ModelSpace, one: Mapping[Blocks, float], other: Mapping[Blocks, float]) -> float:
+def _total_variation(
+    space: ModelSpace, one: Mapping[Blocks, float], other: Mapping[Blocks, float]
+) -> float:
     first, second = (inclusion(space, weights_of(values)) for values in (one, other))
     return float(np.abs(first - second).max(initial=0.0))
 
@@ -82,7 +96,8 @@ class Walk:
     """Sets visited from some starts.
 
     Attributes:
-        values: log posterior of each set visited; an approximation where that is far lower than the best.
+        values: log posterior of each set visited; an approximation where that is far lower than the
+            best.
         best: largest log posterior.
         expansions: of how many sets all additions may still be ranked.
     """
@@ -100,7 +115,8 @@ class Walk:
         return Posterior(self.space, weights_of(self.values), best, total_variation)
 
     def run(self, least: float = THRESHOLDS.expanded, exchanges: bool = True) -> None:
-        """Expand the best sets, and exchange members of those that hold the mass before weaker ones are expanded.
+        """Expand the best sets, and exchange members of those that hold the mass before weaker ones
+        are expanded.
 
         Args:
             least: sets that are less probable than this part of the most probable are not expanded.
@@ -111,7 +127,11 @@ class Walk:
             top = weights[next(iter(weights))]
             holds = max(min(THRESHOLDS.holds, top), least * top)
             open_ = [s for s, w in weights.items() if s not in self.expanded and w >= least * top]
-            held = [s for s, w in weights.items() if exchanges and w >= holds and s not in self.exchanged]
+            held = [
+                s
+                for s, w in weights.items()
+                if exchanges and w >= holds and s not in self.exchanged
+            ]
             if open_ and (not held or weights[open_[0]] >= holds):
                 self._expand(open_[0])
             elif held:
@@ -124,7 +144,9 @@ class Walk:
         self.values[blocks], self.best = value, max(self.best, value)
 
     def _visit(self, blocks: Blocks, about: float) -> None:
-        """Look at a set if it is not far lower than the best; far ones keep what is known about them."""
+        """Look at a set if it is not far lower than the best; far ones keep what is known about
+        them.
+        """
         if about > self.best - THRESHOLDS.close:
             self._look_at(blocks)
         elif about > self.best - THRESHOLDS.reach:
@@ -152,14 +174,20 @@ class Walk:
         return leading
 
     def _exchange(self, blocks: Blocks) -> None:
-        """Visit the set with one or two in the place of a member, or one in that of several; until a better set is found."""
+        """Visit the set with one or two in the place of a member, or one in that of several; until
+        a better set is found.
+        """
         self.exchanged.add(blocks)
         candidates, before = self.space.candidates, self.best
         for rest in self._without_contained(blocks):
             self._visit_additions(rest)
         for k in blocks:
             rest = without_block(blocks, k)
-            leading, values, least = self._visit_additions(rest), self.space.additions(rest), self.values[rest]
+            leading, values, least = (
+                self._visit_additions(rest),
+                self.space.additions(rest),
+                self.values[rest],
+            )
             least += THRESHOLDS.imitated * (self.best - least)
             for first in dict.fromkeys([*leading, *self._contained_in(rest, k)]):
                 if candidates.owner(first) != candidates.owner(k) and values[first] > least:
@@ -168,9 +196,14 @@ class Walk:
                 return
 
     def _without_contained(self, blocks: Blocks) -> list[Blocks]:
-        """The set without the members that one candidate contains, for each that contains several."""
+        """The set without the members that one candidate contains, for each that contains
+        several.
+        """
         candidates = self.space.candidates
-        each = [tuple(k for k in blocks if candidates.owner(k) not in inside) for inside in candidates.contained.values()]
+        each = [
+            tuple(k for k in blocks if candidates.owner(k) not in inside)
+            for inside in candidates.contained.values()
+        ]
         return [rest for rest in dict.fromkeys(each) if len(rest) < len(blocks) - 1]
 
     def _contained_in(self, rest: Blocks, block: int) -> list[int]:

@@ -1,4 +1,6 @@
-"""The causes of the median probability model, with their values: new or changed ones, and geometry beyond what is stated."""
+"""The causes of the median probability model, with their values: new or changed ones, and geometry
+beyond what is stated.
+"""
 
 from __future__ import annotations
 
@@ -17,15 +19,23 @@ from aacmm_pin.diagnosis.significance import aliases_of, family_wise, retained
 from aacmm_pin.effects import Effect, ErrorModel, slides, values_with_u
 
 
-def findings_of(model: ErrorModel, choice: Choice, trained: list[Training], rng: np.random.Generator) -> list[Finding]:
-    """The causes, strongest first, with the values that the last refit gave them; geometric values last."""
+def findings_of(
+    model: ErrorModel, choice: Choice, trained: list[Training], rng: np.random.Generator
+) -> list[Finding]:
+    """The causes, strongest first, with the values that the last refit gave them; geometric values
+    last.
+    """
     found = [_finding(model, choice, trained, block, rng) for block in choice.causes]
     return sorted(found, key=lambda finding: bool(geometric_parameters(model.arm, finding.effect)))
 
 
-def _finding(model: ErrorModel, choice: Choice, trained: list[Training], block: int, rng: np.random.Generator) -> Finding:
+def _finding(
+    model: ErrorModel, choice: Choice, trained: list[Training], block: int, rng: np.random.Generator
+) -> Finding:
     every = {effect.identity: (effect, covariance) for effect, covariance in estimated(choice)}
-    latest = {effect.label: (effect, covariance) for effect, covariance in every.values()}  # the new one comes last
+    latest = {
+        effect.label: (effect, covariance) for effect, covariance in every.values()
+    }  # the new one comes last
     chosen = choice.variant(block)
     effect, covariance = every.get(chosen.identity, latest[chosen.label])
     covariance = covariance + _of_other_sets(choice, block, effect)
@@ -35,7 +45,9 @@ def _finding(model: ErrorModel, choice: Choice, trained: list[Training], block: 
     steps = {field: step_of(choice, block, field)} if is_step else {}
     inner = _inner_values(choice, effect, steps)
     known = [old for old in model.effects if old.label == effect.label]
-    replaced = [old for old in known if old.identity == effect.identity or old.identity not in every]
+    replaced = [
+        old for old in known if old.identity == effect.identity or old.identity not in every
+    ]
     left = choice.posterior.without(block)
     return Finding(
         effect if is_change(chosen) else _told(choice, effect, inner, steps),
@@ -53,23 +65,36 @@ def _finding(model: ErrorModel, choice: Choice, trained: list[Training], block: 
 
 
 def _of_other_sets(choice: Choice, block: int, effect: Effect) -> Array:
-    """What is added to the covariance of a cause's values, for other sets of causes give other values."""
+    """What is added to the covariance of a cause's values, for other sets of causes give other
+    values.
+    """
     design = choice.design
     scales = design.scales[design.blocks[block].columns][: len(effect.terms)]
     more = choice.posterior.uncertainty_of_the_set(block)[: len(effect.terms), : len(effect.terms)]
     return np.asarray(scales[:, None] * more * scales)
 
 
-def _told(choice: Choice, effect: Effect, inner: Mapping[str, tuple[float, float]], steps: Mapping[str, Step]) -> Effect:
-    """The effect with what the records tell of where it steps, or of how far off its inner values may be."""
+def _told(
+    choice: Choice,
+    effect: Effect,
+    inner: Mapping[str, tuple[float, float]],
+    steps: Mapping[str, Step],
+) -> Effect:
+    """The effect with what the records tell of where it steps, or of how far off its inner values
+    may be.
+    """
     intervals = {name: (value - 2.0 * u, value + 2.0 * u) for name, (value, u) in inner.items()}
-    for low, high in (intervals | {name: (step.low, step.high) for name, step in steps.items()}).values():
+    for low, high in (
+        intervals | {name: (step.low, step.high) for name, step in steps.items()}
+    ).values():
         records = choice.fit.problem.measurements
         effect = effect.nonlinear.with_coverage_interval(effect, low, high, records)
     return effect
 
 
-def _inner_values(choice: Choice, effect: Effect, steps: Mapping[str, Step]) -> dict[str, tuple[float, float]]:
+def _inner_values(
+    choice: Choice, effect: Effect, steps: Mapping[str, Step]
+) -> dict[str, tuple[float, float]]:
     """What was found of order, time constant or time, with u."""
     told = {name: u for (key, name), u in choice.fit.inner_u.items() if key == effect.key}
     told |= {name: step.u for name, step in steps.items()}
@@ -77,8 +102,8 @@ def _inner_values(choice: Choice, effect: Effect, steps: Mapping[str, Step]) -> 
 
 
 def estimated(choice: Choice) -> Iterator[tuple[Effect, Array]]:
-    """Every effect that the last fit estimated, with u, and the covariance of its values; of what no record tells, by the
-    widths within which it was looked for.
+    """Every effect that the last fit estimated, with u, and the covariance of its values; of what
+    no record tells, by the widths within which it was looked for.
     """
     fit = choice.fit
     untold = fit.unknown * fit.problem.scales[:, None]

@@ -69,7 +69,10 @@ class Part:
         Returns:
             With all columns and the residual (r, columns + 1), and with one another (r, r).
         """
-        with_all, with_own = np.zeros((weights.shape[1], self.rows.shape[1])), np.zeros((weights.shape[1],) * 2)
+        with_all, with_own = (
+            np.zeros((weights.shape[1], self.rows.shape[1])),
+            np.zeros((weights.shape[1],) * 2),
+        )
         for rows in self._exact():
             own = rows[:, columns] @ weights
             with_all += own.T @ rows
@@ -136,7 +139,11 @@ class Products:
         starts = np.array([b.columns.start for b in design.blocks], dtype=np.intp)
         self.of_size = {int(q): np.flatnonzero(sizes == q) for q in np.unique(sizes)}
         self.columns = {q: starts[own][:, None] + np.arange(q) for q, own in self.of_size.items()}
-        self.place = {id(design.blocks[b]): (q, k) for q, own in self.of_size.items() for k, b in enumerate(own)}
+        self.place = {
+            id(design.blocks[b]): (q, k)
+            for q, own in self.of_size.items()
+            for k, b in enumerate(own)
+        }
         self._diagonal_blocks: dict[int | None, dict[int, Array]] = {}
 
     @cached_property
@@ -179,7 +186,9 @@ class Products:
         if part not in self._diagonal_blocks:
             if part is None:
                 each = [self.diagonal_blocks(k) for k in range(len(self.free))]
-                self._diagonal_blocks[part] = {size: np.sum([one[size] for one in each], axis=0) for size in self.columns}
+                self._diagonal_blocks[part] = {
+                    size: np.sum([one[size] for one in each], axis=0) for size in self.columns
+                }
             else:
                 self._diagonal_blocks[part] = self.parts[part].diagonal_blocks(self.columns)
         return self._diagonal_blocks[part]
@@ -196,8 +205,13 @@ class Products:
         Review 53), whose start depends on the names of the covariates and on no order.
         """
         blocks = [b for b in self.design.blocks if b.candidate >= self.design.causes]
-        columns = np.concatenate([np.arange(b.columns.start, b.columns.stop) for b in blocks] or [np.empty(0, np.intp)])
-        traces = [np.trace(self.diagonal_blocks(None)[q][k]) for q, k in (self.place[id(b)] for b in blocks)]
+        columns = np.concatenate(
+            [np.arange(b.columns.start, b.columns.stop) for b in blocks] or [np.empty(0, np.intp)]
+        )
+        traces = [
+            np.trace(self.diagonal_blocks(None)[q][k])
+            for q, k in (self.place[id(b)] for b in blocks)
+        ]
         each = np.sqrt(sum(self.free) / (np.maximum(traces, LEAST_TRACE) * len(blocks)))
         scale = np.repeat(np.minimum(each, max(THRESHOLDS.widths)), [b.size for b in blocks])
         rank = min(RANK, columns.size, sum(self.free))
@@ -250,7 +264,9 @@ class Gram:
     @property
     def parts(self) -> list[int]:
         """Numbers of the parts that count and have something to say."""
-        return [k for k, free in enumerate(self.products.free) if k not in self.left_out and free > 0]
+        return [
+            k for k, free in enumerate(self.products.free) if k not in self.left_out and free > 0
+        ]
 
     @property
     def free(self) -> int:
@@ -283,7 +299,9 @@ class Gram:
         """Products of the background with all columns and the residual (r, columns + 1), and inside
         it (r, r).
         """
-        with_all, with_own = zip(*(self.products.combined(part) for part in self.parts), strict=True)
+        with_all, with_own = zip(
+            *(self.products.combined(part) for part in self.parts), strict=True
+        )
         return np.sum(with_all, axis=0), np.sum(with_own, axis=0)
 
     def diagonal_blocks(self, size: int) -> Array:

@@ -1,4 +1,6 @@
-"""Held postures: records of one posture at one target share an error, which is a variance component of its own."""
+"""Held postures: records of one posture at one target share an error, which is a variance component
+of its own.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,8 @@ class HeldPostures:
     Attributes:
         group: number of the group of each record, -1 of those that do not count (n,).
         count: records of each group (groups,).
-        ratio: standard deviation of the shared error over that of a record, both in units of the records' noise.
+        ratio: standard deviation of the shared error over that of a record, both in units of the
+            records' noise.
         log_ratio: log likelihood with the shared error over that without.
     """
 
@@ -33,15 +36,18 @@ class HeldPostures:
 
     @property
     def p_value(self) -> float:
-        """Chance of such a likelihood ratio if records of one posture share nothing (Self, Liang 1987, JASA 82)."""
+        """Chance of such a likelihood ratio if records of one posture share nothing (Self, Liang
+        1987, JASA 82).
+        """
         return 0.5 * float(chi2_sf(2.0 * self.log_ratio, 1)) if self.ratio else 1.0
 
     @staticmethod
     def of(fit: Fit, off: Array, whitening: Array) -> HeldPostures:
-        """By the residuals ``off`` (n, 3) [m], with orientations (n, 6) [m, rad], and what gives each unit variance.
+        """By the residuals ``off`` (n, 3) [m], with orientations (n, 6) [m, rad], and what gives
+        each unit variance.
 
-        The ratio is the restricted maximum likelihood estimate (Patterson, Thompson 1971, Biometrika 58) with the parameters
-        of the fit shared between the means of the groups.
+        The ratio is the restricted maximum likelihood estimate (Patterson, Thompson 1971,
+        Biometrika 58) with the parameters of the fit shared between the means of the groups.
         """
         counts = fit.used & fit.observations.says
         group = np.full(len(counts), -1, dtype=np.intp)
@@ -51,7 +57,9 @@ class HeldPostures:
         whole = HeldPostures(group, count, 0.0)
         if count.max(initial=1.0) < 2.0:
             return whole
-        return HeldPostures(group, count, *whole._estimate(np.einsum("nij,nj->ni", whitening, off), fit.dof))
+        return HeldPostures(
+            group, count, *whole._estimate(np.einsum("nij,nj->ni", whitening, off), fit.dof)
+        )
 
     def _estimate(self, residual: Array, dof: float) -> tuple[float, float]:
         """The likeliest ratio, and its log likelihood over that of none.
@@ -72,7 +80,10 @@ class HeldPostures:
         def deviance(log_ratio: float) -> float:
             scale = 1.0 + self.count * np.exp(2.0 * log_ratio)
             chi2 = within + float((squares / scale).sum())
-            return float(share * width * np.log(scale).sum() + (of_within + of_means) * np.log(max(chi2, 1e-300)))
+            return float(
+                share * width * np.log(scale).sum()
+                + (of_within + of_means) * np.log(max(chi2, 1e-300))
+            )
 
         best = scipy.optimize.minimize_scalar(deviance, bounds=np.log(RATIOS), method="bounded")
         log_ratio = 0.5 * (deviance(-np.inf) - float(best.fun))
@@ -88,7 +99,8 @@ class HeldPostures:
     def whitened(self, rows: Array) -> Array:
         """Rows (n, k, c), whitened record by record, with the shared error whitened too.
 
-        The mean of a group of m has ``1 + m ratio²`` times the variance of independent records; the rest is as it was.
+        The mean of a group of m has ``1 + m ratio²`` times the variance of independent records; the
+        rest is as it was.
         """
         if not self.ratio:
             return rows
@@ -102,7 +114,8 @@ class HeldPostures:
 
 @dataclass(frozen=True, eq=False)
 class RecordNoise:
-    """The noise of records: what gives each residual unit variance, and what records of one posture share.
+    """The noise of records: what gives each residual unit variance, and what records of one posture
+    share.
 
     Attributes:
         whitening: (n, 3, 3) [1/m], with orientations (n, 6, 6).
@@ -122,4 +135,6 @@ class RecordNoise:
     def alone(whitening: Array) -> RecordNoise:
         """Of records that share nothing."""
         count = len(whitening)
-        return RecordNoise(whitening, HeldPostures(np.arange(count, dtype=np.intp), np.ones(count), 0.0))
+        return RecordNoise(
+            whitening, HeldPostures(np.arange(count, dtype=np.intp), np.ones(count), 0.0)
+        )

@@ -1,4 +1,6 @@
-"""Inner values of causes, such as orders, times and time constants: by the evidence of others near them."""
+"""Inner values of causes, such as orders, times and time constants: by the evidence of others near
+them.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,9 @@ RIVALS = 2
 FINER = 200
 """Parts of a step between inner values that were tried in which their evidence is summed."""
 ABOUT = 0.01
-"""Inner values that differ by this part of what they may be off before records tell are not refitted."""
+"""Inner values that differ by this part of what they may be off before records tell are not
+refitted.
+"""
 
 Series = Sequence[Sequence[Effect]]
 """Effects to try in one place, such as one cause with neighbouring inner values."""
@@ -40,13 +44,17 @@ def noise_is_known(at: Fit) -> bool:
 def refined_causes(choice: Choice, before: Sequence[Effect] = ()) -> list[Effect]:
     """The causes of the most probable set with their likeliest inner values.
 
-    Each may become a special case of what it was. Those whose values are about the same as before are as before.
+    Each may become a special case of what it was. Those whose values are about the same as before
+    are as before.
     """
     records, acting = choice.fit.problem.measurements, _acting(choice, choice.top_causes)
     there = {variants[0].label for variants in choice.library}
     best = [variants[-1] for variants in acting]
     new = [k for k, block in enumerate(choice.top_causes) if not is_change(choice.variant(block))]
-    special = {k: [[case for case in best[k].nonlinear.special_cases(best[k]) if case.label in there]] for k in new}
+    special = {
+        k: [[case for case in best[k].nonlinear.special_cases(best[k]) if case.label in there]]
+        for k in new
+    }
     series = {k: [best[k].nonlinear.refine(best[k], records)] for k in new}
     for number, (found,) in evidences(choice.fit, acting, special).items():
         (cases,) = special[number]
@@ -60,13 +68,17 @@ def refined_causes(choice: Choice, before: Sequence[Effect] = ()) -> list[Effect
 
 
 def refined_rivals(choice: Choice) -> list[Effect]:
-    """The likeliest others in the place of each cause, refined as it is: where they were tried they are worse than need be.
+    """The likeliest others in the place of each cause, refined as it is: where they were tried they
+    are worse than need be.
 
-    But for those with inner values that machines are made with, such as orders: these are the values that are tried.
+    But for those with inner values that machines are made with, such as orders: these are the
+    values that are tried.
     """
     tried = {number: _rivals(choice, block) for number, block in enumerate(choice.top_causes)}
     found = evidences(choice.fit, _acting(choice, choice.top_causes), tried)
-    pairs = [pair for number, each in found.items() for pair in zip(tried[number], each, strict=True)]
+    pairs = [
+        pair for number, each in found.items() for pair in zip(tried[number], each, strict=True)
+    ]
     return [likeliest(effects, odds) for effects, odds in pairs]
 
 
@@ -74,13 +86,23 @@ def _rivals(choice: Choice, block: int) -> list[list[Effect]]:
     """The best others in the place of a block, each with the inner values near its own."""
     candidates, records = choice.candidates, choice.fit.problem.measurements
     values = choice.posterior.space.additions(without_block(choice.posterior.top, block))
-    order = [k for k in np.argsort(-values, kind="stable").tolist() if candidates.is_cause(k) and np.isfinite(values[k])]
+    order = [
+        k
+        for k in np.argsort(-values, kind="stable").tolist()
+        if candidates.is_cause(k) and np.isfinite(values[k])
+    ]
     best = {candidates.owner(k): k for k in reversed(order)}
-    others = [k for k in order if best[candidates.owner(k)] == k and candidates.owner(k) != candidates.owner(block)]
+    others = [
+        k
+        for k in order
+        if best[candidates.owner(k)] == k and candidates.owner(k) != candidates.owner(block)
+    ]
     effects = [choice.variant(k) for k in others[:RIVALS]]
     free = [effect.at(()) for effect in effects if effect.nonlinear.field and not is_change(effect)]
     tried = [effect.nonlinear.refine(effect, records) for effect in free]
-    return [each for each in tried if not any(effect.nonlinear.is_preferred(effect) for effect in each)]
+    return [
+        each for each in tried if not any(effect.nonlinear.is_preferred(effect) for effect in each)
+    ]
 
 
 def _acting(choice: Choice, blocks: Sequence[int]) -> list[Variants]:
@@ -93,18 +115,25 @@ def _acting(choice: Choice, blocks: Sequence[int]) -> list[Variants]:
     return found
 
 
-def evidences(at: Fit, acting: Sequence[Variants], tried: Mapping[int, Series]) -> dict[int, list[Array]]:
-    """Log evidence of effects in the place of one cause, the other causes held, where a fit with one of each ended.
+def evidences(
+    at: Fit, acting: Sequence[Variants], tried: Mapping[int, Series]
+) -> dict[int, list[Array]]:
+    """Log evidence of effects in the place of one cause, the other causes held, where a fit with
+    one of each ended.
 
     Args:
         at: the fit.
-        acting: each cause as it acts; before it, the one that is known to act, of which it is another inner value.
+        acting: each cause as it acts; before it, the one that is known to act, of which it is
+            another inner value.
         tried: effects to try, by the number of the cause whose place they take.
 
     Returns:
         The evidence of each effect, in the same order.
     """
-    every = {number: [effect for effects in series for effect in effects] for number, series in tried.items()}
+    every = {
+        number: [effect for effects in series for effect in effects]
+        for number, series in tried.items()
+    }
     every = {number: effects for number, effects in every.items() if effects}
     if not every:
         return {}
@@ -127,7 +156,9 @@ def evidences(at: Fit, acting: Sequence[Variants], tried: Mapping[int, Series]) 
 
 
 def likeliest(tried: Sequence[Effect], odds: Array) -> Effect:
-    """The effect with the largest evidence, or one with an exceptional inner value that has nearly as much."""
+    """The effect with the largest evidence, or one with an exceptional inner value that has nearly
+    as much.
+    """
     best = int(np.argmax(odds))
     exceptional = [k for k, effect in enumerate(tried) if effect.nonlinear.is_preferred(effect)]
     usual = max(exceptional, key=lambda k: odds[k], default=best)
@@ -161,7 +192,9 @@ def _as_before(effect: Effect, before: Sequence[Effect]) -> Effect:
 
 
 def with_inner_u(at: Fit, effects: Sequence[Effect]) -> Fit:
-    """A refit that counts the inner values of new causes as uncertain; a known one changes its values alone."""
+    """A refit that counts the inner values of new causes as uncertain; a known one changes its
+    values alone.
+    """
     records = at.problem.measurements
     new = [k for k, effect in enumerate(effects) if not is_change(effect) and _is_smooth(effect)]
     tried = {k: [effects[k].nonlinear.refine(effects[k].at(()), records)] for k in new}
@@ -180,22 +213,28 @@ def _is_smooth(effect: Effect) -> bool:
 
 
 def _least_u(effect: Effect, tried: Sequence[Effect], odds: Array) -> float:
-    """Half of the way from an inner value to the farther end of its 95 % interval, by the evidence of others near it.
+    """Half of the way from an inner value to the farther end of its 95 % interval, by the evidence
+    of others near it.
 
-    A time constant that is longer than the records last has far more room upwards than its derivative says.
+    A time constant that is longer than the records last has far more room upwards than its
+    derivative says.
     """
     if len(tried) < 2:
         return 0.0
     grid = np.arange(len(tried))
     fine = np.linspace(0.0, grid[-1], FINER * int(grid[-1]) + 1)
-    values = scipy.interpolate.CubicSpline(grid, [each.nonlinear.value(each) for each in tried])(fine)
+    values = scipy.interpolate.CubicSpline(grid, [each.nonlinear.value(each) for each in tried])(
+        fine
+    )
     low, high = _interval(values, scipy.interpolate.CubicSpline(grid, odds)(fine))
     value = effect.nonlinear.value(effect)
     return float(max(high - value, value - low) / 2.0)
 
 
 def _interval(values: Array, odds: Array) -> tuple[float, float]:
-    """The first and the last of some values that together have 95 % of the probability, by their log odds."""
+    """The first and the last of some values that together have 95 % of the probability, by their
+    log odds.
+    """
     share = np.cumsum(np.exp(odds - logsumexp(odds)))
     low, high = values[np.searchsorted(share, (0.025, 0.975)).clip(max=values.size - 1)]
     return float(low), float(high)
@@ -203,7 +242,8 @@ def _interval(values: Array, odds: Array) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Step:
-    """What the records determine of an inner value in which a cause steps, such as the time of a slip [its unit].
+    """What the records determine of an inner value in which a cause steps, such as the time of a
+    slip [its unit].
 
     Of its posterior over the values near it, each of which stands for the gap around it.
 

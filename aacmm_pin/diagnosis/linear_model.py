@@ -59,7 +59,12 @@ class Likelihood:
         if not self.stated:
             return np.asarray(-0.5 * self.dof * np.log(chi2))
         a = 0.5 * THRESHOLDS.scale_dof
-        free = a * np.log(a) - gammaln(a) + gammaln(a + 0.5 * self.dof) - (a + 0.5 * self.dof) * np.log(a + 0.5 * chi2)
+        free = (
+            a * np.log(a)
+            - gammaln(a)
+            + gammaln(a + 0.5 * self.dof)
+            - (a + 0.5 * self.dof) * np.log(a + 0.5 * chi2)
+        )
         share = THRESHOLDS.noise_misstated
         return np.asarray(np.logaddexp(np.log1p(-share) - 0.5 * chi2, np.log(share) + free))
 
@@ -68,7 +73,9 @@ class Likelihood:
         if self.dof <= 0:
             return 1.0
         ratio = max(chi2, LEAST_CHI2) / self.dof
-        as_stated = self.stated and np.log1p(-THRESHOLDS.noise_misstated) - 0.5 * chi2 > self.log(chi2) - np.log(2.0)
+        as_stated = self.stated and np.log1p(-THRESHOLDS.noise_misstated) - 0.5 * chi2 > self.log(
+            chi2
+        ) - np.log(2.0)
         return 1.0 if as_stated else ratio
 
 
@@ -118,11 +125,16 @@ class Base:
     def factor(self) -> Array:
         """Lower Cholesky factor of their precision, after the records (b, b)."""
         whole = self._products[1]
-        # A frame without a prior is many metres wide: the rounding of its products may be more than what is known of others.
+        # A frame without a prior is many metres wide: the rounding of its products may be more than
+        # what is known of others.
         every = np.diag(whole) + 0.0
-        every[: self.nuisances] = np.diag(self.gram.products.strip(None, slice(0, self.nuisances))[:, : self.nuisances])
+        every[: self.nuisances] = np.diag(
+            self.gram.products.strip(None, slice(0, self.nuisances))[:, : self.nuisances]
+        )
         for rounding in ROUNDINGS:
-            found, failed = scipy.linalg.lapack.dpotrf(whole + np.diag(self.prior + rounding * every), lower=1, clean=1)
+            found, failed = scipy.linalg.lapack.dpotrf(
+                whole + np.diag(self.prior + rounding * every), lower=1, clean=1
+            )
             if not failed:
                 break
         return np.asarray(found)
@@ -151,7 +163,9 @@ class Base:
         """Products of a block's columns with all and with the residual (q, columns + 1)."""
         if block not in self._strips:
             columns = self.gram.products.design.blocks[block].columns
-            self._strips[block] = self.gram.strip(columns) - self.whitened[:, columns].T @ self.whitened
+            self._strips[block] = (
+                self.gram.strip(columns) - self.whitened[:, columns].T @ self.whitened
+            )
         return self._strips[block]
 
     def among(self, blocks: tuple[int, ...]) -> Array:
@@ -162,7 +176,9 @@ class Base:
         strips = [design.blocks[k].columns for k in blocks]
         own = numbers_of([*strips, slice(design.width, design.width + 1)])
         whitened = self.whitened[:, own]
-        products = np.concatenate([*(self.gram.strip(s, own) for s in strips), self.gram.residual[None, own]])
+        products = np.concatenate(
+            [*(self.gram.strip(s, own) for s in strips), self.gram.residual[None, own]]
+        )
         return np.asarray(products - whitened.T @ whitened)
 
     @cached_property
@@ -172,7 +188,9 @@ class Base:
     def diagonal_blocks(self, size: int) -> Array:
         """Products inside each block of a size (blocks, q, q)."""
         if size not in self._diagonal_blocks:
-            self._diagonal_blocks[size] = self.gram.diagonal_blocks(size) - squares(self.gram, self.whitened, size)
+            self._diagonal_blocks[size] = self.gram.diagonal_blocks(size) - squares(
+                self.gram, self.whitened, size
+            )
         return self._diagonal_blocks[size]
 
     @cached_property
@@ -181,7 +199,9 @@ class Base:
         determine.
         """
         inverse, first = divided(self.factor, np.eye(len(self.factor))), self.nuisances
-        of_nuisances = np.square(inverse[:, :first] @ self.gram.products.prior.rows[:, :first].T).sum()
+        of_nuisances = np.square(
+            inverse[:, :first] @ self.gram.products.prior.rows[:, :first].T
+        ).sum()
         of_others = np.square(inverse[:, first:]).sum(axis=0) @ self.prior[first:]
         return float(len(self.factor) - of_nuisances - of_others)
 
@@ -207,7 +227,9 @@ class Conditional:
     products: Array
 
     @staticmethod
-    def of(base: Base, blocks: tuple[int, ...], widths: tuple[int, ...], likelihood: Likelihood) -> Conditional:
+    def of(
+        base: Base, blocks: tuple[int, ...], widths: tuple[int, ...], likelihood: Likelihood
+    ) -> Conditional:
         """The blocks, by their products beside the base."""
         return Conditional(base, blocks, widths, likelihood, base.among(blocks))
 
@@ -230,7 +252,9 @@ class Conditional:
     @cached_property
     def scale(self) -> Array:
         """Prior width of each of the set's parameters (m,)."""
-        return np.repeat(WIDTHS[list(self.widths)], [self.design_blocks[k].size for k in self.blocks])
+        return np.repeat(
+            WIDTHS[list(self.widths)], [self.design_blocks[k].size for k in self.blocks]
+        )
 
     @cached_property
     def factor(self) -> Array:
@@ -244,7 +268,9 @@ class Conditional:
         """Posterior mean of the set's parameters (m,), as a step."""
         if not self.blocks:
             return np.zeros(0)
-        return np.asarray(-scipy.linalg.lapack.dpotrs(self.factor, self.products[:-1, -1], lower=1)[0])
+        return np.asarray(
+            -scipy.linalg.lapack.dpotrs(self.factor, self.products[:-1, -1], lower=1)[0]
+        )
 
     @cached_property
     def inverse(self) -> Array:
@@ -292,7 +318,9 @@ class Conditional:
         """Log marginal likelihood with each width of each block, and last without it (blocks,
         widths + 1).
         """
-        each = [self._over_widths(k, width) for k, width in zip(self.blocks, self.widths, strict=True)]
+        each = [
+            self._over_widths(k, width) for k, width in zip(self.blocks, self.widths, strict=True)
+        ]
         return np.array(each).reshape(-1, WIDTHS.size + 1)
 
     def _over_widths(self, block: int, width: int) -> Array:
@@ -301,14 +329,21 @@ class Conditional:
         information = precision - np.eye(len(precision)) / WIDTHS[width] ** 2
         gain, volume = gains(information[None], (precision @ self.estimate[own])[None, :, None])
         gain, volume = np.append(gain, 0.0), np.append(volume, 0.0)
-        chi2, log_volume = self.chi2 + 2.0 * (gain[width] - gain), self.log_volume + volume - volume[width]
+        chi2, log_volume = (
+            self.chi2 + 2.0 * (gain[width] - gain),
+            self.log_volume + volume - volume[width],
+        )
         return np.asarray(self.likelihood.log(chi2) - log_volume)
 
     @cached_property
     def whitened(self) -> Array:
         """``L⁻¹ G`` of all columns and the residual (m, columns + 1)."""
         rows = [self.base.strip(k) for k in self.blocks]
-        return divided(self.factor, np.concatenate(rows)) if rows else np.zeros((0, self.base.residual.size))
+        return (
+            divided(self.factor, np.concatenate(rows))
+            if rows
+            else np.zeros((0, self.base.residual.size))
+        )
 
     @cached_property
     def residual(self) -> Array:
@@ -336,7 +371,9 @@ class Conditional:
         """Information of every block of a size, the set integrated over (blocks, q, q)."""
         if not self.blocks:
             return self.base.diagonal_blocks(size)
-        return np.asarray(self.base.diagonal_blocks(size) - squares(self.base.gram, self.whitened, size))
+        return np.asarray(
+            self.base.diagonal_blocks(size) - squares(self.base.gram, self.whitened, size)
+        )
 
     def information(self, block: int) -> Array:
         """The same of one block (q, q)."""
@@ -345,7 +382,9 @@ class Conditional:
     def cross(self, one: int, other: int) -> Array:
         """Products of the columns of two blocks, the set integrated over (q, q')."""
         first, second = (self.design_blocks[k].columns for k in (one, other))
-        return np.asarray(self.base.strip(one)[:, second] - self.whitened[:, first].T @ self.whitened[:, second])
+        return np.asarray(
+            self.base.strip(one)[:, second] - self.whitened[:, first].T @ self.whitened[:, second]
+        )
 
     @cached_property
     def additions(self) -> Array:
@@ -355,8 +394,12 @@ class Conditional:
         products = self.base.gram.products
         found = np.full((len(self.design_blocks), WIDTHS.size), -np.inf)
         for size, own in products.of_size.items():
-            gain, volume = gains(self.informations(size), self.residual[products.columns[size]][:, :, None])
-            found[own] = self.likelihood.log(self.chi2 - 2.0 * gain[:, :, 0]) - volume - self.log_volume
+            gain, volume = gains(
+                self.informations(size), self.residual[products.columns[size]][:, :, None]
+            )
+            found[own] = (
+                self.likelihood.log(self.chi2 - 2.0 * gain[:, :, 0]) - volume - self.log_volume
+            )
         found[list(self.blocks)] = -np.inf
         return found
 
@@ -401,7 +444,9 @@ def _by_eigenvalues(information: Array, gradient: Array) -> tuple[Array, Array]:
     values = np.maximum(values, 0.0)
     scaled = WIDTHS[:, None] ** 2 * values[:, None]  # (b, widths, q)
     along = vectors.transpose(0, 2, 1) @ gradient
-    return 0.5 * (WIDTHS[:, None] ** 2 / (1.0 + scaled) @ np.square(along)), 0.5 * np.log1p(scaled).sum(axis=2)
+    return 0.5 * (WIDTHS[:, None] ** 2 / (1.0 + scaled) @ np.square(along)), 0.5 * np.log1p(
+        scaled
+    ).sum(axis=2)
 
 
 def _by_factors(information: Array, gradient: Array) -> tuple[Array, Array]:
@@ -417,9 +462,9 @@ def _by_factors(information: Array, gradient: Array) -> tuple[Array, Array]:
     whole[:, :, q, q] = np.finfo(np.float64).max
     factor = np.linalg.cholesky(whole)
     diagonal = np.diagonal(factor, axis1=2, axis2=3)[:, :, :q]
-    return 0.5 * np.square(factor[:, :, q:, :q]).sum(axis=3).reshape(b, -1, 1), np.log(diagonal * WIDTHS[:, None]).sum(
-        axis=2
-    )
+    return 0.5 * np.square(factor[:, :, q:, :q]).sum(axis=3).reshape(b, -1, 1), np.log(
+        diagonal * WIDTHS[:, None]
+    ).sum(axis=2)
 
 
 def numbers_of(columns: Sequence[slice]) -> Index:
@@ -446,4 +491,6 @@ def divided(factor: Array, right: Array) -> Array:
     As ``Rᵀ L⁻ᵀ``, whose arrays lie in memory as BLAS wants them: half the time of LAPACK's solver
     with its copies.
     """
-    return np.asarray(dtrsm(1.0, factor.T, np.ascontiguousarray(right).T, side=1, lower=0, overwrite_b=False).T)
+    return np.asarray(
+        dtrsm(1.0, factor.T, np.ascontiguousarray(right).T, side=1, lower=0, overwrite_b=False).T
+    )

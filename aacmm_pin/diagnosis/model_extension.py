@@ -1,4 +1,6 @@
-"""From the posterior to an extended arm: explore, refit at the most probable set, explore there, until the set stands."""
+"""From the posterior to an extended arm: explore, refit at the most probable set, explore there,
+until the set stands.
+"""
 
 from __future__ import annotations
 
@@ -38,11 +40,15 @@ from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.effects import Effect
 
 MOST_ROUNDS = 10
-"""The scatter that is left shrinks from refit to refit and lets weaker causes be seen; it settles long before this."""
+"""The scatter that is left shrinks from refit to refit and lets weaker causes be seen; it settles
+long before this.
+"""
 FEWEST_BACK = 3
 """So many records have to make sense at once before they are more than gross errors."""
 A_FEW = 0.005
-"""A smaller part of the records than this is left out without asking whether they make sense together."""
+"""A smaller part of the records than this is left out without asking whether they make sense
+together.
+"""
 NOT_FAR = 5.0
 """Excluded records up to so many times the limit away are tried with the others."""
 LETTERS = 40
@@ -66,12 +72,13 @@ def choose(
     parts: Index,
     progress: bool = False,
 ) -> Choice:
-    """Explore at the recalibrated arm, refit with what was found, explore again there, until the set stays.
+    """Explore at the recalibrated arm, refit with what was found, explore again there, until the
+    set stays.
 
-    A strong cause in few records (a moved seat, a place in the room) makes these look like gross errors, which hides it.
-    So where records were excluded, the search is tried with the nearer of them, and those of one time, joint or place, put
-    back too; what it finds is taken if it makes sense of them, of one or two only where there is nothing else, and then not
-    as found.
+    A strong cause in few records (a moved seat, a place in the room) makes these look like gross
+    errors, which hides it. So where records were excluded, the search is tried with the nearer of
+    them, and those of one time, joint or place, put back too; what it finds is taken if it makes
+    sense of them, of one or two only where there is nothing else, and then not as found.
     """
     found = _standing(problem_of, first, tuple(library), tuple(others), parts, progress)
     nearer, least = _put_back(first) & _put_back(found.fit), FEWEST_BACK if found.causes else 1
@@ -99,21 +106,35 @@ def _release(choice: Choice) -> None:
 
 
 def _doubtful(choice: Choice, judge: Fit) -> Mask:
-    """Records that do not fit with all that was found, covariates included, by the scatter of ``judge`` (n,)."""
-    return np.asarray(_times_the_limit(choice.design.fit, choice.design.deviations(choice.tips), judge) > 1.0)
+    """Records that do not fit with all that was found, covariates included, by the scatter of
+    ``judge`` (n,).
+    """
+    return np.asarray(
+        _times_the_limit(choice.design.fit, choice.design.deviations(choice.tips), judge) > 1.0
+    )
 
 
 def _put_back(of: Fit) -> Mask:
-    """The records that count, and those that were excluded but not by far, or that are neighbours (n,)."""
+    """The records that count, and those that were excluded but not by far, or that are neighbours
+    (n,).
+    """
     far = _times_the_limit(of, of.system.off, of)
-    dense = [cluster.records for cluster in clusters(of.problem.model.arm, of.problem.measurements, of.excluded, of.used)]
+    dense = [
+        cluster.records
+        for cluster in clusters(of.problem.model.arm, of.problem.measurements, of.excluded, of.used)
+    ]
     return np.asarray(of.used | (of.excluded & np.any([far < NOT_FAR, *dense], axis=0)))
 
 
 def _times_the_limit(at: Fit, off: Array, judge: Fit) -> Array:
-    """Residual of each record (n, 3 or 6), over what a good one may have by the scatter of ``judge`` (n,)."""
+    """Residual of each record (n, 3 or 6), over what a good one may have by the scatter of
+    ``judge`` (n,).
+    """
     says = at.observations.says
-    found, limit = np.zeros(len(off)), chi2_isf(FALSE_EXCLUSION / len(off), at.observations.counts[says])
+    found, limit = (
+        np.zeros(len(off)),
+        chi2_isf(FALSE_EXCLUSION / len(off), at.observations.counts[says]),
+    )
     found[says] = np.sqrt(squared_distances(off[says], judge.residual_noise[says]) / limit)
     return found
 
@@ -127,10 +148,11 @@ def _standing(
     progress: bool,
     used: Mask | None = None,
 ) -> Choice:
-    """Rounds of exploration and refit, each refit at the most probable set; last, a refit at the median model.
+    """Rounds of exploration and refit, each refit at the most probable set; last, a refit at the
+    median model.
 
-    Each refit looks for gross errors anew, or is of the records ``used``; the last one then of those that fit with all that
-    was found, where covariates are a part of it.
+    Each refit looks for gross errors anew, or is of the records ``used``; the last one then of
+    those that fit with all that was found, where covariates are a part of it.
     """
     at, effects, before, seen = first, list[Effect](), None, {frozenset[Any]()}
     with bar(progress, "search for causes", "round") as rounds:  # nobody knows how many it takes
@@ -149,7 +171,9 @@ def _standing(
             if _identities(best) != _identities(effects):
                 at = refitted(problem_of, best, used=used) if best else first
             if not at.tells_noise:  # more causes than these records can carry
-                return replace(found, fit=first, posterior=replace(found.posterior, weights={(): 1.0}))
+                return replace(
+                    found, fit=first, posterior=replace(found.posterior, weights={(): 1.0})
+                )
             effects = best
             seen.add(_identities(best))
             library = _with_variants(library, [*rivals, *effects])
@@ -173,7 +197,8 @@ class _Before:
 
     Attributes:
         tips: with all that was found.
-        scatter: of readings and tips beside that; None where the stated noise was all there was to begin with.
+        scatter: of readings and tips beside that; None where the stated noise was all there was to
+            begin with.
     """
 
     tips: Array
@@ -188,15 +213,20 @@ class _Before:
         if self.scatter is None:
             return True
         at = found.design.fit
-        reckoned = at.distance_of(at.residual_noise) if found.scatter is None else found.scatter.size
+        reckoned = (
+            at.distance_of(at.residual_noise) if found.scatter is None else found.scatter.size
+        )
         same_kind = found.scatter is not None or not self.scatter.readings.any()
-        return same_kind and bool(abs(np.log(self.scatter.size / reckoned)) < np.log(THRESHOLDS.rescaled))
+        return same_kind and bool(
+            abs(np.log(self.scatter.size / reckoned)) < np.log(THRESHOLDS.rescaled)
+        )
 
 
 def _extended(problem_of: ProblemOf, found: Choice, first: Fit, used: Mask | None) -> Fit:
     """The refit at the median probability model; what is uncertain of inner values is in its u.
 
-    A known cause beside one of its name with another inner value, and of which nothing is left, is gone.
+    A known cause beside one of its name with another inner value, and of which nothing is left, is
+    gone.
     """
     effects = [effect.at(()) for effect in found.effects]
     if not effects:
@@ -213,7 +243,9 @@ def _extended(problem_of: ProblemOf, found: Choice, first: Fit, used: Mask | Non
 
 
 def _gone(at: Fit, effects: Sequence[Effect]) -> list[Effect]:
-    """Known causes, beside new ones of their name, whose values are zero to within their U (k = 2)."""
+    """Known causes, beside new ones of their name, whose values are zero to within their U
+    (k = 2).
+    """
     named = {effect.label for effect in effects if effect.nonlinear.field and not is_change(effect)}
     own = {effect.identity for effect in effects}
     found = []
@@ -226,7 +258,9 @@ def _gone(at: Fit, effects: Sequence[Effect]) -> list[Effect]:
 
 
 def _without(at: Fit, effects: Sequence[Effect], number: int, gone: Sequence[Effect]) -> Effect:
-    """One of the effects, with the likeliest inner value where it has taken the place of a known one."""
+    """One of the effects, with the likeliest inner value where it has taken the place of a known
+    one.
+    """
     effect = effects[number]
     if effect.label not in {old.label for old in gone} or effect.nonlinear.is_preferred(effect):
         return effect
@@ -241,7 +275,9 @@ def refitted(
     gone: Sequence[Effect] = (),
     used: Mask | None = None,
 ) -> Fit:
-    """All refitted with these causes, without known ones that are gone; without ``used``, gross errors are looked for."""
+    """All refitted with these causes, without known ones that are gone; without ``used``, gross
+    errors are looked for.
+    """
     return fit(problem_of([free(effect) for effect in effects], gone=gone), used=used)
 
 
@@ -264,7 +300,9 @@ def _climbed(
     effects: Sequence[Effect],
     before: _Before | None,
 ) -> Choice:
-    """The posterior where a fit with some causes ended, with the noise that the round before found."""
+    """The posterior where a fit with some causes ended, with the noise that the round
+    before found.
+    """
     design = design_of(at, library, others, at.problem.candidates)
     tips = at.point.prediction.poses if before is None else before.tips
     scatter = None if before is None else before.scatter
@@ -273,7 +311,9 @@ def _climbed(
     # With all records there is no need to take an observation's unknown points apart.
     gram = Gram(products_of(design, np.zeros_like(parts) if _torn(at, parts) else parts, noise))
     candidates = Candidates.of(design, library)
-    space = ModelSpace(candidates, gram, noise_is_known(at) if scatter is None else scatter.as_stated)
+    space = ModelSpace(
+        candidates, gram, noise_is_known(at) if scatter is None else scatter.as_stated
+    )
     start = tuple(sorted(_block_of(candidates, library, effect) for effect in effects))
     return Choice(at, climbed(space, start), library, others, parts, gram, scatter)
 
@@ -281,13 +321,18 @@ def _climbed(
 def _torn(at: Fit, parts: Index) -> bool:
     """Whether the records of a seat, or of seats that a bar connects, are in several parts."""
     touched = at.observations.seat >= 0
-    pairs = np.stack([at.observations.clusters[at.observations.seat[touched]], parts[touched]], axis=1)
+    pairs = np.stack(
+        [at.observations.clusters[at.observations.seat[touched]], parts[touched]], axis=1
+    )
     return len(np.unique(pairs, axis=0)) > len(np.unique(pairs[:, 0]))
 
 
 def _block_of(candidates: Candidates, library: tuple[Variants, ...], effect: Effect) -> int:
     for number, block in enumerate(candidates.blocks):
-        if block.candidate < len(library) and library[block.candidate][block.variant].identity == effect.identity:
+        if (
+            block.candidate < len(library)
+            and library[block.candidate][block.variant].identity == effect.identity
+        ):
             return number
     raise LookupError(effect.label)
 

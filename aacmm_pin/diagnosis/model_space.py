@@ -23,13 +23,17 @@ Blocks = tuple[int, ...]
 FIRST_WIDTH = 2
 """Number of the width with which the search for a block's best width begins."""
 COUNTS = 6.0
-"""At an amplitude whose log posterior is lower than the largest by more, the widths need not be the best."""
+"""At an amplitude whose log posterior is lower than the largest by more, the widths need not be the
+best.
+"""
 LEAST_WEIGHT = 1e-12
 """An amplitude has at least this weight where additions are ranked."""
 LEAST_GAIN = 1e-9
 """A width is better if the log posterior is larger by more."""
 RECENT = 10
-"""So many sets' own products are kept, for they are asked for again at once: at each amplitude, and beside other blocks."""
+"""So many sets' own products are kept, for they are asked for again at once: at each amplitude, and
+beside other blocks.
+"""
 NEGLIGIBLE = 12.0
 """A log posterior that is lower than the largest by more adds nothing to a sum."""
 
@@ -41,7 +45,8 @@ class Candidates:
     Attributes:
         design: the candidates and their blocks of columns.
         log_odds: log prior odds of inclusion of each block (blocks,).
-        contained: for a candidate that is free enough to be others too, their numbers; they do not stand beside it.
+        contained: for a candidate that is free enough to be others too, their numbers; they do not
+            stand beside it.
     """
 
     design: Design
@@ -90,7 +95,9 @@ class Candidates:
         return {member: frozenset(containers) for member, containers in found.items()}
 
     def barred(self, blocks: Blocks) -> Mask:
-        """Which blocks cannot stand beside these: of the same candidates, what these contain, and what contains these."""
+        """Which blocks cannot stand beside these: of the same candidates, what these contain, and
+        what contains these.
+        """
         struck = set[int]()
         for owner in {self.owner(k) for k in blocks}:
             struck.add(owner)
@@ -116,7 +123,8 @@ def _log_prior_of_candidates(library: Sequence[Variants], count: int) -> Array:
 def _shares(variants: Variants, log_prior: float, records: Measurements) -> Array:
     """Log share of each variant in the prior odds of its candidate (variants,).
 
-    Another inner value than that of a known cause is a change of this one and a new cause, each with these odds.
+    Another inner value than that of a known cause is a change of this one and a new cause, each
+    with these odds.
     """
     shares = np.log([effect.nonlinear.prior_probability(effect, records) for effect in variants])
     new_beside_change = len(variants) > 1 and is_change(variants[0]) and variants[0].nonlinear.field
@@ -138,7 +146,9 @@ def _contained(library: Sequence[Variants]) -> dict[int, frozenset[int]]:
 
 
 class State(NamedTuple):
-    """A set of blocks with the prior width of each, and an amplitude of the background, by their numbers."""
+    """A set of blocks with the prior width of each, and an amplitude of the background, by their
+    numbers.
+    """
 
     blocks: Blocks
     widths: tuple[int, ...]
@@ -152,7 +162,9 @@ class State(NamedTuple):
 
 
 class Marginal(NamedTuple):
-    """Log posterior of a set of blocks, its widths and the background's amplitude summed over; and the best of these."""
+    """Log posterior of a set of blocks, its widths and the background's amplitude summed over; and
+    the best of these.
+    """
 
     log_posterior: float
     best: State
@@ -160,7 +172,9 @@ class Marginal(NamedTuple):
 
 
 class Peak(NamedTuple):
-    """At one amplitude: the largest log posterior over the widths of a set, the sum over the widths, the best state."""
+    """At one amplitude: the largest log posterior over the widths of a set, the sum over the
+    widths, the best state.
+    """
 
     largest: float
     total: float
@@ -220,10 +234,11 @@ class ModelSpace:
         return float(self.candidates.log_odds[list(blocks)].sum())
 
     def log_posterior(self, state: State) -> float:
-        """Log posterior of a set with its widths and an amplitude, up to a constant of these records.
+        """Log posterior of a set with its widths and an amplitude, up to a constant of these
+        records.
 
-        Log marginal likelihood, plus the log prior odds of inclusion, plus the equal prior of widths and amplitudes. It does
-        not depend on the order of the blocks.
+        Log marginal likelihood, plus the log prior odds of inclusion, plus the equal prior of
+        widths and amplitudes. It does not depend on the order of the blocks.
         """
         ordered = state.of(sorted(state.blocks))
         log_evidence = self.conditional(ordered).log_evidence
@@ -238,7 +253,8 @@ class ModelSpace:
     def marginal(self, blocks: Blocks) -> Marginal:
         """The set's log posterior, summed over its widths and the amplitudes; kept.
 
-        At each amplitude, the sum is taken along each width alone from the best widths there, as if they were independent.
+        At each amplitude, the sum is taken along each width alone from the best widths there, as if
+        they were independent.
         """
         if blocks not in self._marginals:
             self._marginals[blocks] = self._summed(blocks)
@@ -263,7 +279,9 @@ class ModelSpace:
         return Marginal(total, top.state, np.exp(found - total))
 
     def _near(self, blocks: Blocks) -> State:
-        """A state of the set near the best: widths and amplitude of a set with one block less, if one is known."""
+        """A state of the set near the best: widths and amplitude of a set with one block less, if
+        one is known.
+        """
         for k, block in enumerate(blocks):
             rest = (*blocks[:k], *blocks[k + 1 :])
             known = self._marginals.get(rest)
@@ -299,7 +317,8 @@ class ModelSpace:
     def _over_amplitudes(self, state: State) -> Array:
         """Log posterior of the state with each amplitude (amplitudes,).
 
-        It has one top: upwards and downwards from the state's amplitude, those beyond a negligible one are not asked.
+        It has one top: upwards and downwards from the state's amplitude, those beyond a negligible
+        one are not asked.
         """
         found = np.full(len(self.amplitudes), -np.inf)
         upwards = range(state.amplitude, found.size)
@@ -312,11 +331,12 @@ class ModelSpace:
         return found
 
     def additions(self, blocks: Blocks) -> Array:
-        """Log posterior of the set with each block more, about (blocks,); minus infinity for those that are barred; kept.
+        """Log posterior of the set with each block more, about (blocks,); minus infinity for those
+        that are barred; kept.
 
-        Widths are the best without it; a member of the smallest width is tried with a usual one too, for beside
-        the block it may act. Amplitudes are the best and the next lower: a block takes over what the background did
-        without it.
+        Widths are the best without it; a member of the smallest width is tried with a usual one
+        too, for beside the block it may act. Amplitudes are the best and the next lower: a block
+        takes over what the background did without it.
         """
         if blocks not in self._additions:
             marginal = self.marginal(blocks)
@@ -331,7 +351,9 @@ class ModelSpace:
             self._additions[blocks] = marginal.log_posterior + gain + self.candidates.log_odds
         return self._additions[blocks]
 
-    def _with_usual_widths(self, marginal: Marginal, near: list[tuple[Conditional, float]]) -> Array:
+    def _with_usual_widths(
+        self, marginal: Marginal, near: list[tuple[Conditional, float]]
+    ) -> Array:
         """Factors of the additions if no member has the smallest width (blocks, widths)."""
         best = marginal.best
         usual = tuple(width or FIRST_WIDTH for width in best.widths)

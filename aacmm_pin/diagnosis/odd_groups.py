@@ -1,4 +1,6 @@
-"""Groups of records that do not agree with all others: a bar, a seat, a session, a marker that was set up badly."""
+"""Groups of records that do not agree with all others: a bar, a seat, a session, a marker that was
+set up badly.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,9 @@ from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.measurements.records import Measurements
 
 READING_SHARES = (0.0, 0.25, 0.5, 0.75, 0.95)
-"""Parts of a scatter that may be of the readings; not all, for these move some tips in one plane only."""
+"""Parts of a scatter that may be of the readings; not all, for these move some tips in one plane
+only.
+"""
 
 
 @dataclass(frozen=True)
@@ -29,7 +33,8 @@ class OddGroup(Shown):
     Attributes:
         name: such as ``bar left``.
         records: how many it has.
-        times: by how much its records, predicted by the others, are farther off than those are from one another.
+        times: by how much its records, predicted by the others, are farther off than those are from
+            one another.
         p_value: chance of that in a good set, for the best of all groups.
     """
 
@@ -40,7 +45,9 @@ class OddGroup(Shown):
 
 
 class Grouping(NamedTuple):
-    """A way to divide the records: its name, the names of the groups, and the group of each record (n,)."""
+    """A way to divide the records: its name, the names of the groups, and the group of each record
+    (n,).
+    """
 
     what: str
     names: list[str]
@@ -48,12 +55,13 @@ class Grouping(NamedTuple):
 
 
 def odd_groups(choice: Choice) -> list[OddGroup]:
-    """The groups that stand out when the causes are refitted without them, worst first; where structure over a covariate was
-    found, when the geometry alone is.
+    """The groups that stand out when the causes are refitted without them, worst first; where
+    structure over a covariate was found, when the geometry alone is.
 
-    Chow's test (Econometrica 28, 1960): ``F = ((χ² - χ²₋) / n) / (χ²₋ / ν₋)`` with χ²₋ of the other records, ν₋ their
-    degrees of freedom and n what the group adds to these; Bonferroni's bound over the groups. Where the noise of the
-    encoders is not stated, both are compared with what the residuals of a group vary by: see :func:`_scatter`.
+    Chow's test (Econometrica 28, 1960): ``F = ((χ² - χ²₋) / n) / (χ²₋ / ν₋)`` with χ²₋ of the other
+    records, ν₋ their degrees of freedom and n what the group adds to these; Bonferroni's bound over
+    the groups. Where the noise of the encoders is not stated, both are compared with what the
+    residuals of a group vary by: see :func:`_scatter`.
     """
     scatter = _scatter(choice)
     groupings = _groupings(choice.fit.problem.measurements, choice)
@@ -63,7 +71,9 @@ def odd_groups(choice: Choice) -> list[OddGroup]:
 
 
 def _tested(choice: Choice, grouping: Grouping, scatter: Array) -> Iterator[OddGroup]:
-    """Chow's test of every group that adds to the others, with the covariance of the residuals (n, 3, 3)."""
+    """Chow's test of every group that adds to the others, with the covariance of the residuals (n,
+    3, 3).
+    """
     # A group that was set up badly may be what a covariate was found by.
     blocks = () if choice.covariates else choice.posterior.median
     products = products_of(choice.design.of(blocks), grouping.part, choice.held.products.noise)
@@ -92,10 +102,11 @@ def _without_background(choice: Choice, gram: Gram, blocks: Blocks) -> Condition
 
 
 def _scatter(choice: Choice) -> Array:
-    """Covariance of each whitened residual (n, 3, 3), up to a factor: one, where the noise of the encoders is stated.
+    """Covariance of each whitened residual (n, 3, 3), up to a factor: one, where the noise of the
+    encoders is stated.
 
-    Else a part of the scatter, the likeliest of :data:`READING_SHARES`, is taken to be of the readings, whose errors move
-    far tips more, and in few directions.
+    Else a part of the scatter, the likeliest of :data:`READING_SHARES`, is taken to be of the
+    readings, whose errors move far tips more, and in few directions.
     """
     fit = choice.design.fit
     alike = np.broadcast_to(np.eye(3), (len(choice.tips), 3, 3))
@@ -114,7 +125,9 @@ def _scatter(choice: Choice) -> Array:
 
 
 def _log_likelihood(residual: Array, covariance: Array) -> float:
-    """Of residuals (n, 3) with covariances (n, 3, 3) up to a common factor, at its best; times two."""
+    """Of residuals (n, 3) with covariances (n, 3, 3) up to a common factor, at its best;
+    times two.
+    """
     precision = np.linalg.inv(covariance)
     chi2 = np.einsum("ni,nij,nj->", residual, precision, residual)
     log_volume = np.linalg.slogdet(covariance)[1].sum()
@@ -122,14 +135,18 @@ def _log_likelihood(residual: Array, covariance: Array) -> float:
 
 
 class Spread(NamedTuple):
-    """Mean variance of coordinates of residuals; the part of them that, if all were alike, would state it as well."""
+    """Mean variance of coordinates of residuals; the part of them that, if all were alike, would
+    state it as well.
+    """
 
     variance: float
     certainty: float
 
 
 def _spread(scatter: Array) -> Spread:
-    """Of residuals with covariances (n, 3, 3); the part is ``(Σ tr C)² / (3 n Σ tr C²)`` (Satterthwaite 1946)."""
+    """Of residuals with covariances (n, 3, 3); the part is ``(Σ tr C)² / (3 n Σ tr C²)``
+    (Satterthwaite 1946).
+    """
     count = 3 * len(scatter)
     total = float(np.trace(scatter, axis1=1, axis2=2).sum())
     squares = float(np.square(scatter).sum())

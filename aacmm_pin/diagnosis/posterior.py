@@ -23,7 +23,8 @@ class Posterior:
         space: the model space that was explored.
         weights: of each set of blocks, the largest first; they add up to one.
         log_posterior: of the most probable, against the empty set.
-        total_variation: largest difference of an inclusion probability between the two halves of the starts.
+        total_variation: largest difference of an inclusion probability between the two halves of
+            the starts.
     """
 
     space: ModelSpace
@@ -52,8 +53,8 @@ class Posterior:
 
     @cached_property
     def median(self) -> Blocks:
-        """The median probability model: the candidates more probable than not, each by its most probable variant (Barbieri,
-        Berger 2004, Ann. Stat. 32).
+        """The median probability model: the candidates more probable than not, each by its most
+        probable variant (Barbieri, Berger 2004, Ann. Stat. 32).
         """
         of_blocks = defaultdict[int, float](float)
         for blocks, weight in self.weights.items():
@@ -75,20 +76,26 @@ class Posterior:
         return self.beside(self.median)
 
     def without(self, block: int) -> Conditional:
-        """What is left beside the median probability model without one of its blocks; all else is as in it."""
+        """What is left beside the median probability model without one of its blocks; all else is
+        as in it.
+        """
         best = self.space.marginal(self.median).best
         kept = [k for k in best.blocks if k != block]
         return self.space.conditional(best.of(kept))
 
     def strength(self, block: int) -> float:
-        """Log posterior odds of the median probability model with one of its blocks against without."""
+        """Log posterior odds of the median probability model with one of its blocks against
+        without.
+        """
         kept = tuple(k for k in self.median if k != block)
         whole, without = (self.space.marginal(blocks) for blocks in (self.median, kept))
         return whole.log_posterior - without.log_posterior
 
     @cached_property
     def causes(self) -> dict[tuple[str, ...], float]:
-        """Probability of each set of causes, by their labels, the most probable first; they add up to one."""
+        """Probability of each set of causes, by their labels, the most probable first; they add up
+        to one.
+        """
         candidates = self.space.candidates
         found = defaultdict[tuple[str, ...], float](float)
         for blocks, weight in self.weights.items():
@@ -106,7 +113,9 @@ class Posterior:
 
     def instead(self, owner: int) -> Array:
         """Probability that each candidate is in the set and ``owner`` is not (candidates,)."""
-        owned = [k for k, block in enumerate(self.space.candidates.blocks) if block.candidate == owner]
+        owned = [
+            k for k, block in enumerate(self.space.candidates.blocks) if block.candidate == owner
+        ]
         without = {s: w for s, w in self.weights.items() if not set(owned) & set(s)}
         return inclusion(self.space, without)
 
@@ -124,17 +133,20 @@ class Posterior:
 
     @cached_property
     def causes_alone(self) -> Conditional:
-        """What is left beside the causes of the median probability model, without covariates and background."""
+        """What is left beside the causes of the median probability model, without covariates and
+        background.
+        """
         best = self.space.marginal(self.median).best
         kept = filter(self.space.candidates.is_cause, best.blocks)
         causes = best.of([*kept])
         return self.space.conditional(causes._replace(amplitude=0))
 
     def uncertainty_of_the_set(self, block: int) -> Array:
-        """By how much a cause's covariance is larger than beside the other causes of the median probability model alone
-        (q, q), in units of the design's scales.
+        """By how much a cause's covariance is larger than beside the other causes of the median
+        probability model alone (q, q), in units of the design's scales.
 
-        Other sets hold it too, and structure beside it: law of total variance, about the estimate with these causes alone.
+        Other sets hold it too, and structure beside it: law of total variance, about the estimate
+        with these causes alone.
         """
         place = self.causes_alone.places[block]
         alone = self.causes_alone.covariance[place, place]
@@ -143,7 +155,9 @@ class Posterior:
 
     @cached_property
     def _of_other_sets(self) -> dict[int, Array]:
-        """Of each cause, its mean covariance in the sets that hold it, about the estimate with the causes alone (q, q)."""
+        """Of each cause, its mean covariance in the sets that hold it, about the estimate with the
+        causes alone (q, q).
+        """
         alone = self.causes_alone
         sizes = {k: alone.design_blocks[k].size for k in alone.blocks}
         total = {k: np.zeros((size, size)) for k, size in sizes.items()}
@@ -168,7 +182,9 @@ def inclusion(space: ModelSpace, weights: Mapping[Blocks, float]) -> Array:
 
 
 def weights_of(values: Mapping[Blocks, float]) -> dict[Blocks, float]:
-    """Weights of sets by their log posteriors, the largest first; sets out of reach are not among them."""
+    """Weights of sets by their log posteriors, the largest first; sets out of reach are not among
+    them.
+    """
     best = max(values.values())
     near = {blocks: value for blocks, value in values.items() if value > best - THRESHOLDS.reach}
     ordered = sorted(near, key=lambda blocks: (-near[blocks], blocks))

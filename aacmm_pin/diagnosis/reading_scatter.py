@@ -1,4 +1,6 @@
-"""Scatter beside the stated noise and all that was found: of tips, of rotations, and of the readings of each joint."""
+"""Scatter beside the stated noise and all that was found: of tips, of rotations, and of the
+readings of each joint.
+"""
 
 from __future__ import annotations
 
@@ -24,14 +26,17 @@ LEAST = 1e-30
 
 @dataclass(frozen=True, eq=False)
 class ReadingScatter:
-    """Variance components of the residuals beside the noise that is stated (Patterson, Thompson 1971, Biometrika 58).
+    """Variance components of the residuals beside the noise that is stated (Patterson, Thompson
+    1971, Biometrika 58).
 
     Attributes:
-        covariances: of each residual, stated noise and all components (n, 3, 3) [m²]; with orientations (n, 6, 6).
-        readings: standard deviation of the readings of each joint beyond the stated noise (nq,) [rad; m where it slides].
+        covariances: of each residual, stated noise and all components (n, 3, 3) [m²]; with
+            orientations (n, 6, 6).
+        readings: standard deviation of the readings of each joint beyond the stated noise (nq,)
+            [rad; m where it slides].
         at_tips: what that moves tips by, root mean square for each joint (nq,) [m].
-        log_ratios: log likelihood with the scatter of each joint over that without (nq,). All three are zero of joints of
-            which it is less than the threshold.
+        log_ratios: log likelihood with the scatter of each joint over that without (nq,). All three
+            are zero of joints of which it is less than the threshold.
         size: root mean square of a tip's residual by all of these [m].
         as_stated: whether the stated noise is all there is.
     """
@@ -47,8 +52,9 @@ class ReadingScatter:
     def of(fit: Fit, off: Array, left: float, postures: HeldPostures) -> ReadingScatter:
         """By the residuals of all that was found.
 
-        The likelihood is maximised by steps that multiply each variance (minorise, maximise: Zhou, Hu, Qiao, Cho 2019,
-        J. Comput. Graph. Stat. 28); residuals are enlarged by what the fitted parameters have taken from them.
+        The likelihood is maximised by steps that multiply each variance (minorise, maximise: Zhou,
+        Hu, Qiao, Cho 2019, J. Comput. Graph. Stat. 28); residuals are enlarged by what the fitted
+        parameters have taken from them.
 
         Args:
             fit: the calibration.
@@ -61,7 +67,9 @@ class ReadingScatter:
         by_reading = fit.problem.reading_jacobian(point.x, point.frame)
         groups = [np.broadcast_to(np.eye(width)[:, :3], (len(off), width, 3))]
         if width > 3:
-            groups.append(np.where(fit.observations.oriented[:, None, None], np.eye(width)[:, 3:], 0.0))
+            groups.append(
+                np.where(fit.observations.oriented[:, None, None], np.eye(width)[:, 3:], 0.0)
+            )
         alone = len(groups)
         groups += [by_reading[:, :, j : j + 1] for j in range(by_reading.shape[2])]
         enlarged = np.where(np.isfinite(off), off, 0.0) / np.sqrt(left)
@@ -77,9 +85,14 @@ class ReadingScatter:
         log_ratios = apart.sure_ratios(np.concatenate([start, first]), alone)
         whole = search.best(np.concatenate([start, np.where(log_ratios > 0.0, first, 0.0)]))
         readings, covariances = np.sqrt(whole[alone:]), search.covariances(whole)
-        size, known = (np.sqrt(np.trace(each[counts, :3, :3], axis1=1, axis2=2).mean()) for each in (covariances, stated))
+        size, known = (
+            np.sqrt(np.trace(each[counts, :3, :3], axis1=1, axis2=2).mean())
+            for each in (covariances, stated)
+        )
         as_stated = fit.stated and bool(size < known * THRESHOLDS.as_stated)
-        return ReadingScatter(covariances, readings, readings * np.sqrt(lever), log_ratios, float(size), as_stated)
+        return ReadingScatter(
+            covariances, readings, readings * np.sqrt(lever), log_ratios, float(size), as_stated
+        )
 
     @property
     def whitening(self) -> Array:
@@ -118,7 +131,8 @@ class _Components:
         return found
 
     def sure_ratios(self, start: Array, alone: int) -> Array:
-        """Log likelihood with each variance from number ``alone`` on over that without it; 0 below the threshold.
+        """Log likelihood with each variance from number ``alone`` on over that without it; 0 below
+        the threshold.
 
         The least sure one is taken out until all are sure.
         """

@@ -56,11 +56,12 @@ class Finding(Shown):
         p_value: family-wise.
         retained_fraction: of its effect that recalibration leaves.
         aliases: causes with a similar effect in these records.
-        brought: what it brings on held-out records; None where too few groups say something of it, and of a value of the
-            geometry, which recalibration moves as well.
+        brought: what it brings on held-out records; None where too few groups say something of it,
+            and of a value of the geometry, which recalibration moves as well.
         inner: order, time constant or time that these records told, with u: name -> (value, u).
         slides: True where its joint slides, so that its values in rad are metres.
-        beside: the same cause of the whole arm, on top of which its values come; None where that was not estimated.
+        beside: the same cause of the whole arm, on top of which its values come; None where that
+            was not estimated.
         was: the cause as the arm was known to have it before; None where it is new.
     """
 
@@ -88,19 +89,25 @@ class Finding(Shown):
 
     @property
     def borne_out(self) -> bool:
-        """Whether held-out records are predicted better with it beyond doubt, as far as there are groups to ask."""
+        """Whether held-out records are predicted better with it beyond doubt, as far as there are
+        groups to ask.
+        """
         return self.brought is None or self.brought.low > 0.0
 
     @property
     def gone(self) -> bool:
-        """Whether it is a cause that was known, and of which nothing is left beyond its U (k = 2)."""
+        """Whether it is a cause that was known, and of which nothing is left beyond its U
+        (k = 2).
+        """
         expanded_u = COVERAGE_FACTOR * np.array(self.effect.u)
         within = np.abs(self.effect.values) <= expanded_u
         return self.was is not None and bool(within.all())
 
     @property
     def below_zero(self) -> tuple[str, ...]:
-        """Keys of values that are negative beyond their U (k = 2), though nature has them above zero only."""
+        """Keys of values that are negative beyond their U (k = 2), though nature has them above
+        zero only.
+        """
         values = np.array(self.effect.values)
         if self.beside is not None:
             values = values + self.beside.values
@@ -126,13 +133,16 @@ class Diagnosis(Shown):
         otherwise: what would be found if excluded records counted.
         contradicted: stated places that the records contradict.
         findings: causes, strongest first; geometric values beyond their stated uncertainty last.
-        model: the arm recalibrated, with the causes found; without them where it does not predict held-out records better.
-        before: the arm as it was, set-up fitted; recalibrated: geometry refitted; extended: with the causes.
+        model: the arm recalibrated, with the causes found; without them where it does not predict
+            held-out records better.
+        before: the arm as it was, set-up fitted; recalibrated: geometry refitted; extended: with
+            the causes.
         choice: the search behind it.
         held_out: residuals of records left out of choosing and fitting, or None.
         unexplained: structure without a cause.
         noise: RMS that the noise alone would give [m].
-        visible: how many causes of typical magnitude these records would have shown, and of how many.
+        visible: how many causes of typical magnitude these records would have shown, and of how
+            many.
         assumed: notes of the calibration, and of what was done with the records before.
     """
 
@@ -158,22 +168,30 @@ class Diagnosis(Shown):
 
     @property
     def no_better(self) -> bool:
-        """Whether causes were added with which held-out records are not predicted better beyond doubt."""
+        """Whether causes were added with which held-out records are not predicted better beyond
+        doubt.
+        """
         return "no better" in self.doubts
 
     def cause(self, label: str) -> Effect | None:
-        """The cause that a label of this result names, as it was tried first; None for a covariate."""
+        """The cause that a label of this result names, as it was tried first; None for a
+        covariate.
+        """
         causes = (variants[0] for variants in self.choice.library)
         return next((cause for cause in causes if cause.label == label), None)
 
     @property
     def alternatives(self) -> dict[tuple[str, ...], float]:
-        """Probability of each set of causes, by their labels, the most probable first; they add up to one."""
+        """Probability of each set of causes, by their labels, the most probable first; they add up
+        to one.
+        """
         return self.choice.posterior.causes
 
     @property
     def cannot_tell_apart(self) -> list[tuple[str, ...]]:
-        """Causes of which one set has some and another set, which cannot be excluded, has others instead."""
+        """Causes of which one set has some and another set, which cannot be excluded, has others
+        instead.
+        """
         best, *others = self.alternatives.items()
         acting = set(best[0])
         rivals = [labels for labels, share in others if share >= THRESHOLDS.rival]
@@ -218,18 +236,26 @@ class Diagnosis(Shown):
     @property
     def _fits(self) -> dict[str, Fit]:
         """The three models by name."""
-        return {"simulation": self.before, "recalibrated": self.recalibrated, "extended": self.extended}
+        return {
+            "simulation": self.before,
+            "recalibrated": self.recalibrated,
+            "extended": self.extended,
+        }
 
     @property
     def rms(self) -> dict[str, float]:
-        """RMS of the used records by simulation, recalibrated and extended model, and by noise alone [m]."""
+        """RMS of the used records by simulation, recalibrated and extended model, and by noise
+        alone [m].
+        """
         used = self.extended.used
         sizes = {name: _rms_residual(fit, used) for name, fit in self._fits.items()}
         return sizes | {"noise": self.noise}
 
     @property
     def turns(self) -> dict[str, float] | None:
-        """RMS turn of the used records from their stated orientations, by each model [rad]; None where none is stated."""
+        """RMS turn of the used records from their stated orientations, by each model [rad]; None
+        where none is stated.
+        """
         used = self.extended.used & self.extended.observations.oriented
         if not used.any():
             return None
@@ -252,8 +278,8 @@ class Diagnosis(Shown):
         return dict(report().diagnosis_json.diagnosis_to_dict(self))
 
     def plot(self, finding: int = 0, ax: Axes | None = None) -> Axes:
-        """The strongest cause through what the records say of it; where none was found, what the residuals depend on; where
-        they depend on nothing, their size by the three models.
+        """The strongest cause through what the records say of it; where none was found, what the
+        residuals depend on; where they depend on nothing, their size by the three models.
 
         Args:
             finding: number of another finding, from 0.

@@ -69,7 +69,9 @@ def chance(left: Conditional, block: int) -> float:
     return float(chi2_sf(ratio, columns))
 
 
-def family_wise(candidates: Candidates, left: Conditional, block: int, rng: np.random.Generator) -> float:
+def family_wise(
+    candidates: Candidates, left: Conditional, block: int, rng: np.random.Generator
+) -> float:
     """Chance that the best posterior odds of all candidates reach those of a block when nothing is
     there.
 
@@ -95,7 +97,9 @@ def _largest_odds(candidates: Candidates, left: Conditional, rng: np.random.Gene
     best = np.full(DRAWS, -np.inf)
     for size, own in products.of_size.items():
         gain, volume = gains(left.informations(size), gradient[products.columns[size]])
-        additions = logsumexp(gain / left.variance - volume[:, :, None], axis=1) - np.log(WIDTHS.size)
+        additions = logsumexp(gain / left.variance - volume[:, :, None], axis=1) - np.log(
+            WIDTHS.size
+        )
         odds = additions + candidates.log_odds[own][:, None]
         best = np.maximum(best, odds.max(axis=0))
     return best
@@ -105,7 +109,9 @@ def any_structure(candidates: Candidates, left: Conditional) -> float:
     """Chance of as much structure over any covariate when there is none: Bonferroni's bound."""
     products, chances = left.base.gram.products, list[float]()
     for size, own in products.of_size.items():
-        ratios = _likelihood_ratios(left, left.informations(size), left.residual[products.columns[size]])
+        ratios = _likelihood_ratios(
+            left, left.informations(size), left.residual[products.columns[size]]
+        )
         covariates = [not candidates.is_cause(k) for k in own.tolist()]
         chances += chi2_sf(ratios[covariates], size).tolist()
     return min(1.0, len(chances) * min(chances, default=1.0))
@@ -127,7 +133,10 @@ def aliases_of(posterior: Posterior, library: tuple[Variants, ...], block: int) 
     """
     candidates, left = posterior.space.candidates, posterior.without(block)
     own, names = candidates.owner(block), candidates.design.names
-    instead, values = posterior.instead(own), logsumexp(left.additions, axis=1) + candidates.log_odds
+    instead, values = (
+        posterior.instead(own),
+        logsumexp(left.additions, axis=1) + candidates.log_odds,
+    )
     acting = {candidates.owner(k) for k in posterior.median}
     found = []
     for other in _rivals(candidates, values, instead, own):
@@ -151,7 +160,11 @@ def _rivals(candidates: Candidates, values: Array, instead: Array, own: int) -> 
         if owner != own and np.isfinite(values[k]):
             best.setdefault(owner, k)
     leading = list(best)[: 2 * ALIASES]
-    return [best[owner] for owner in dict.fromkeys([*leading, *np.flatnonzero(instead).tolist()]) if owner in best]
+    return [
+        best[owner]
+        for owner in dict.fromkeys([*leading, *np.flatnonzero(instead).tolist()])
+        if owner in best
+    ]
 
 
 def canonical(left: Conditional, one: int, other: int) -> float:

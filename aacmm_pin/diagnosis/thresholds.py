@@ -15,27 +15,36 @@ class Thresholds:
     Where no measurement is stated, other values were not tried.
 
     Attributes:
-        widths: prior standard deviations τ of a cause's parameters, in units of the typical magnitude, each as probable.
+        widths: prior standard deviations τ of a cause's parameters, in units of the typical
+            magnitude, each as probable.
         amplitudes: root mean square of the background over that of the noise, each as probable.
         library: prior probability, if anything is there, that it is a cause of the library.
         noise_misstated: prior probability that a stated noise is not the noise.
         scale_dof: degrees of freedom of the inverse gamma prior of the variance in that case.
-        readings: log likelihood by which readings that scatter more than stated have to be likelier than tips that do. Blind
-            files with a branch or a gear's error: 35 to 62; with smooth structure or none: 0 to 0.1.
-        as_stated: a scatter beside all that was found is the stated noise if it is not larger by this.
+        readings: log likelihood by which readings that scatter more than stated have to be likelier
+            than tips that do. Blind files with a branch or a gear's error: 35 to 62; with smooth
+            structure or none: 0 to 0.1.
+        as_stated: a scatter beside all that was found is the stated noise if it is not larger by
+            this.
         rescaled: a scatter that changes by less than this factor from round to round is found.
-        reach: sets whose log posterior is lower than the largest by more have no weight. A sampler over sets found no better
-            one in 5 real and 17 of 18 blind files, and inclusion probabilities within 0.013.
-        expanded: of sets that are less probable than this part of the most probable, no additions are ranked.
+        reach: sets whose log posterior is lower than the largest by more have no weight. A sampler
+            over sets found no better one in 5 real and 17 of 18 blind files, and inclusion
+            probabilities within 0.013.
+        expanded: of sets that are less probable than this part of the most probable, no additions
+            are ranked.
         close: of sets whose log posterior is about lower by more, it is not worked out exactly.
         expansions: sets of which all additions are ranked, at most, from each half of the starts.
         expansions_of_part: the same where a part of the records is left out.
-        holds: sets with a larger weight have their members exchanged, for one other and for two. Exchanged before weaker
+        holds: sets with a larger weight have their members exchanged, for one other and for two.
+            Exchanged before weaker
             sets are expanded: a set better by 4.3 was found in a real file.
-        instead: candidates in the place of a member beside which another is tried, besides those that it contains.
-        imitated: one of two that imitate a member explains at least this part of what the member does, in log posterior.
+        instead: candidates in the place of a member beside which another is tried, besides those
+            that it contains.
+        imitated: one of two that imitate a member explains at least this part of what the member
+            does, in log posterior.
         leading: leading causes of which each is a start.
-        agreement: difference of an inclusion probability between the two halves of the starts up to which they agree.
+        agreement: difference of an inclusion probability between the two halves of the starts up to
+            which they agree.
         named: inclusion probability from which on a cause is in the extended arm and in sentences.
         settled: inclusion probability from which on a cause is named without doubt.
         worth_listing: aliases and sets that are less probable are not listed.
@@ -44,18 +53,23 @@ class Thresholds:
         shows: noncentrality at which a cause is found more often than not among all others.
         shown: records that would show more than this part of all causes would show most of them.
         rival: probability from which on a set without a doubtful cause cannot be excluded.
-        large: readings of a joint that move tips by this part of the noise scatter more than stated.
-        negligible: a background that is smaller than this part of the noise is none. In 12 blind files with a complete
-            library it was smaller, but in one.
-        left: structure over some covariate with less chance than this is left, even if its probability is small …
+        large: readings of a joint that move tips by this part of the noise scatter more than
+            stated.
+        negligible: a background that is smaller than this part of the noise is none. In 12 blind
+            files with a complete library it was smaller, but in one.
+        left: structure over some covariate with less chance than this is left, even if its
+            probability is small …
         left_alone: … and with less than this where nothing was named.
         much_more: residuals larger by this than the stated noise, beyond chance, are not explained.
         plain_encoder: noise of a reading that a plain encoder has where none is stated [rad].
-        too_good: residuals that are smaller than the stated noise allows by this chance are far smaller.
+        too_good: residuals that are smaller than the stated noise allows by this chance are far
+            smaller.
         least_gain: a gain on held-out records that is not larger is shown as 0 %, and is none.
-        fewest_groups: of fewer groups nobody can say which one is the odd one out, nor how much they differ.
+        fewest_groups: of fewer groups nobody can say which one is the odd one out, nor how much
+            they differ.
         fewest_records: a group has more records, or its own shift explains them whatever they are.
-        odd: a group whose records agree with the others with less chance than this, family-wise, is odd.
+        odd: a group whose records agree with the others with less chance than this, family-wise, is
+            odd.
     """
 
     widths: tuple[float, ...] = (0.2, 0.5, 1.0, 2.0, 10.0)

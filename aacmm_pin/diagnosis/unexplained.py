@@ -1,4 +1,6 @@
-"""What no cause of the library explains: the discrepancy, what it depends on, its size, and groups that do not fit in."""
+"""What no cause of the library explains: the discrepancy, what it depends on, its size, and groups
+that do not fit in.
+"""
 
 from __future__ import annotations
 
@@ -106,10 +108,12 @@ class Unexplained(Shown):
         p_value: chance of as much structure over any covariate when there is none, family-wise.
         threshold: structure with less chance than this is left.
         depends_on: the covariates, strongest first.
-        discrepancy: covariates more probable than not, strongest first; last the background, if it is not negligible.
+        discrepancy: covariates more probable than not, strongest first; last the background, if it
+            is not negligible.
         choice: the search behind it.
         acts_on: for each, in words, what it acts on.
-        gain: by how much the discrepancy lowers the RMS of held-out records below that of the causes alone, or None.
+        gain: by how much the discrepancy lowers the RMS of held-out records below that of the
+            causes alone, or None.
         groups: groups of records that do not agree with the others.
         excluded: what the excluded records share, or None.
         branches: the joint over which the residuals fall into two branches, or None.
@@ -132,8 +136,9 @@ class Unexplained(Shown):
 
     @cached_property
     def shapes(self) -> dict[str, pd.DataFrame]:
-        """For each covariate one row a record: the covariate; the smooth correction, in x, y, z of the tip [mm], or as angle
-        of a joint [µrad] or growth of all lengths [µm/m]; and the same as each record has it (``_of_record``).
+        """For each covariate one row a record: the covariate; the smooth correction, in x, y, z of
+        the tip [mm], or as angle of a joint [µrad] or growth of all lengths [µm/m]; and the same as
+        each record has it (``_of_record``).
         """
         return dict(report().structure_shapes.shapes_of(self.choice))
 
@@ -159,7 +164,10 @@ class Unexplained(Shown):
         odd = {group.name: group for group in self.groups}
         covariates = [name for name in self.depends_on if name not in odd]
         depends = [Note("depends_on", {"covariates": covariates})] if covariates else []
-        groups = [Note("group_differs", {"group": group.name, "times": group.times}) for group in self.groups]
+        groups = [
+            Note("group_differs", {"group": group.name, "times": group.times})
+            for group in self.groups
+        ]
         return (*depends, *groups, *(one.note for one in self.apart))
 
     @property
@@ -169,22 +177,38 @@ class Unexplained(Shown):
         return tuple(one for one in each if one is not None)
 
 
-def unexplained_by(choice: Choice, held: Gain | None, named: bool, rng: np.random.Generator) -> Unexplained:
+def unexplained_by(
+    choice: Choice, held: Gain | None, named: bool, rng: np.random.Generator
+) -> Unexplained:
     """The discrepancy, or else whether anything seems left; ``named``: something was found."""
     mine = {k: choice.covariate(k) for k in choice.covariates}
-    depends = tuple(dict.fromkeys(name for covariate in mine.values() for name in covariate.depends_on))
-    odd, shared = tuple(odd_groups(choice)), shared_by(choice.fit) or round_excluded(choice.fit, _whitened(choice))
+    depends = tuple(
+        dict.fromkeys(name for covariate in mine.values() for name in covariate.depends_on)
+    )
+    odd, shared = (
+        tuple(odd_groups(choice)),
+        shared_by(choice.fit) or round_excluded(choice.fit, _whitened(choice)),
+    )
     if mine:
-        p_value = min(family_wise(choice.candidates, choice.posterior.without(k), k, rng) for k in mine)
+        p_value = min(
+            family_wise(choice.candidates, choice.posterior.without(k), k, rng) for k in mine
+        )
     else:
-        p_value = min(any_structure(choice.candidates, choice.posterior.left), *(group.p_value for group in odd), 1.0)
+        p_value = min(
+            any_structure(choice.candidates, choice.posterior.left),
+            *(group.p_value for group in odd),
+            1.0,
+        )
     depends = (*(group.name for group in odd[:1]), *depends)
     if shared is not None:
         p_value = min(p_value, shared.p_value)
         if shared.name not in depends and not (shared.name == "place" and "x" in depends):
             depends = (*depends, shared.name)
     background, branches = _background(choice), branches_of(choice)
-    known = (*depends, f"joint {branches.joint}" if branches else "")  # what these leave of a joint is no scatter
+    known = (
+        *depends,
+        f"joint {branches.joint}" if branches else "",
+    )  # what these leave of a joint is no scatter
     return Unexplained(
         p_value,
         THRESHOLDS.left if named else THRESHOLDS.left_alone,
@@ -202,7 +226,9 @@ def unexplained_by(choice: Choice, held: Gain | None, named: bool, rng: np.rando
 
 
 def _shared_error(choice: Choice) -> SharedError | None:
-    """The error that records of one posture share; None if that is chance, or small beside that of a record."""
+    """The error that records of one posture share; None if that is chance, or small beside that of
+    a record.
+    """
     noise, fit = choice.posterior.space.gram.products.noise, choice.design.fit
     postures = noise.postures
     if postures.p_value >= THRESHOLDS.left or postures.ratio < THRESHOLDS.large:
@@ -212,7 +238,9 @@ def _shared_error(choice: Choice) -> SharedError | None:
 
 
 def _whitened(choice: Choice) -> Array:
-    """How far tips are off beside all that was found, in units of the noise; what a posture shares counts once (n, 3)."""
+    """How far tips are off beside all that was found, in units of the noise; what a posture shares
+    counts once (n, 3).
+    """
     noise = choice.held.products.noise
     off = noise.whitening @ choice.design.deviations(choice.tips)[:, :, None]
     return noise.postures.whitened(off[:, :3])[:, :, 0]
@@ -223,7 +251,11 @@ def scattered_readings(choice: Choice) -> tuple[ScatteredReadings, ...]:
     fit = choice.design.fit
     if noise_is_known(fit) or fit.problem.setup.encoder_noise is None:
         return ()
-    scatter, chain, noise = choice.scatter_left, fit.problem.model.arm.chain, fit.distance_of(fit.stated_noise)
+    scatter, chain, noise = (
+        choice.scatter_left,
+        fit.problem.model.arm.chain,
+        fit.distance_of(fit.stated_noise),
+    )
     found = []
     for j, row in enumerate(chain.moving_rows()):
         at_tips, log_ratio = float(scatter.at_tips[j]), float(scatter.log_ratios[j])
@@ -235,20 +267,30 @@ def scattered_readings(choice: Choice) -> tuple[ScatteredReadings, ...]:
 
 
 def excess_of(extended: Fit) -> float:
-    """By how much χ² is larger than the stated noise explains, over the scatter found in its place; 0 where it is not.
+    """By how much χ² is larger than the stated noise explains, over the scatter found in its place;
+    0 where it is not.
 
-    Of shifts or of rotations. Where the noise of the encoders is not stated, they may have as much as plain ones.
+    Of shifts or of rotations. Where the noise of the encoders is not stated, they may have as much
+    as plain ones.
     """
-    if extended.chi2_stated is None or max(extended.unmodelled, extended.noise.scatters.turn) == 0.0:
+    if (
+        extended.chi2_stated is None
+        or max(extended.unmodelled, extended.noise.scatters.turn) == 0.0
+    ):
         return 0.0
     off, explained = extended.system.off, np.diagonal(extended.stated_noise, axis1=1, axis2=2)
     if extended.problem.setup.encoder_noise is None:
         point = extended.point
         by_reading = extended.problem.reading_jacobian(point.x, point.frame)
         explained = explained + THRESHOLDS.plain_encoder**2 * np.square(by_reading).sum(axis=2)
-    kinds = [(slice(3), extended.used), (slice(3, 6), extended.used & extended.observations.oriented)]
+    kinds = [
+        (slice(3), extended.used),
+        (slice(3, 6), extended.used & extended.observations.oriented),
+    ]
     limit = THRESHOLDS.much_more**2
-    much = any(np.square(off[some, of]).sum() > limit * explained[some, of].sum() for of, some in kinds)
+    much = any(
+        np.square(off[some, of]).sum() > limit * explained[some, of].sum() for of, some in kinds
+    )
     chi2, dof = extended.chi2_stated
     return max(extended.dof * (1.0 - dof / chi2), 0.0) if much else 0.0
 
@@ -257,19 +299,29 @@ def _discrepancy(choice: Choice, block: int, name: str) -> Discrepancy:
     """The size of a covariate's part, at its posterior mean."""
     left, columns = choice.posterior.left, choice.design.blocks[block].columns
     own, absorbed = left.places[block], choice.posterior.space.base(0).whitened[:, columns]
-    sizes = _sizes(choice, choice.design.columns(block), absorbed, left.estimate[own], left.covariance[own, own])
+    sizes = _sizes(
+        choice,
+        choice.design.columns(block),
+        absorbed,
+        left.estimate[own],
+        left.covariance[own, own],
+    )
     return Discrepancy(name, *sizes, choice.posterior.probability(block))
 
 
 def _background(choice: Choice) -> list[Discrepancy]:
-    """The background at its most probable amplitude; none where it may be zero, is negligible, or smaller than its u."""
+    """The background at its most probable amplitude; none where it may be zero, is negligible, or
+    smaller than its u.
+    """
     left = choice.posterior.left
     if not left.base.amplitude:
         return []
     background, products = Background(left), left.base.gram.products
     columns, weights = products.background
     absorbed = choice.posterior.space.base(0).whitened[:, columns] @ weights
-    rms, u = _sizes(choice, products.background_columns, absorbed, background.estimate, background.covariance)
+    rms, u = _sizes(
+        choice, products.background_columns, absorbed, background.estimate, background.covariance
+    )
     noise = choice.design.fit.distance_of(choice.design.fit.residual_noise)
     there = float(1.0 - choice.posterior.amplitudes[0])
     if there < THRESHOLDS.settled or rms < max(THRESHOLDS.negligible * noise, u):
@@ -277,9 +329,11 @@ def _background(choice: Choice) -> list[Discrepancy]:
     return [Discrepancy(BACKGROUND, rms, u, there)]
 
 
-def _sizes(choice: Choice, columns: Array, absorbed: Array, estimate: Array, covariance: Array) -> tuple[float, float]:
-    """Root mean square displacement of the used records' tips, and its standard uncertainty [m]: of what recalibration
-    leaves of it.
+def _sizes(
+    choice: Choice, columns: Array, absorbed: Array, estimate: Array, covariance: Array
+) -> tuple[float, float]:
+    """Root mean square displacement of the used records' tips, and its standard uncertainty [m]: of
+    what recalibration leaves of it.
 
     Args:
         choice: what was found.
@@ -288,10 +342,18 @@ def _sizes(choice: Choice, columns: Array, absorbed: Array, estimate: Array, cov
         estimate, covariance: of the parameters (q,), (q, q).
     """
     design, factor = choice.design, choice.posterior.space.base(0).factor
-    left = columns - design.columns(None) @ scipy.linalg.solve_triangular(factor, absorbed, lower=True, trans=1)
+    left = columns - design.columns(None) @ scipy.linalg.solve_triangular(
+        factor, absorbed, lower=True, trans=1
+    )
     stay = design.deviations(design.tips)
-    moved = [(design.deviations(design.tips + left[:, :, k]) - stay)[choice.fit.used, :3] for k in range(len(estimate))]
+    moved = [
+        (design.deviations(design.tips + left[:, :, k]) - stay)[choice.fit.used, :3]
+        for k in range(len(estimate))
+    ]
     rows = np.stack(moved, axis=2)
-    squares = np.square(rows @ estimate).sum(), np.einsum("nij,jk,nik->", rows, covariance, rows, optimize=True)
+    squares = (
+        np.square(rows @ estimate).sum(),
+        np.einsum("nij,jk,nik->", rows, covariance, rows, optimize=True),
+    )
     rms, u = (float(np.sqrt(max(float(each), 0.0) / len(rows))) for each in squares)
     return rms, u

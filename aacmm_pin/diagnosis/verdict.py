@@ -24,9 +24,11 @@ def doubts_of(
 
     Args:
         findings: what was named.
-        left: structure over some covariate is left beyond chance, though none is more probable than not.
+        left: structure over some covariate is left beyond chance, though none is more probable than
+            not.
         p_more: probability that a cause acts that was not named.
-        visible: how many causes of typical magnitude these records would have shown, and of how many.
+        visible: how many causes of typical magnitude these records would have shown, and of how
+            many.
         otherwise: what would be found if excluded records counted.
         no_better: causes were added with which held-out records are not predicted better.
         contradicted: stated places that the records contradict.
@@ -47,7 +49,11 @@ def doubts_of(
 
 
 def verdict_of(
-    findings: Sequence[Finding], structure: bool, p_more: float, doubts: Sequence[Doubt], fits: Sequence[Fit]
+    findings: Sequence[Finding],
+    structure: bool,
+    p_more: float,
+    doubts: Sequence[Doubt],
+    fits: Sequence[Fit],
 ) -> Verdict:
     """The verdict.
 
@@ -59,9 +65,10 @@ def verdict_of(
         fits: the searches on which all that rests, that of the extended arm last.
 
     Returns:
-        ``unexplained``: structure is left. ``inconclusive``: a search did not converge, or the noise cannot be told; so many
-        records were excluded that they are no gross errors; or a doubt stands. ``ambiguous``: the mass is on several sets of
-        causes. ``explained``, ``no-discrepancy``: else.
+        ``unexplained``: structure is left. ``inconclusive``: a search did not converge, or the
+        noise cannot be told; so many records were excluded that they are no gross errors; or a
+        doubt stands. ``ambiguous``: the mass is on several sets of causes. ``explained``,
+        ``no-discrepancy``: else.
     """
     if not all(fit.converged and fit.tells_noise for fit in fits):
         return "inconclusive"
@@ -69,7 +76,10 @@ def verdict_of(
         return "unexplained"
     if fits[-1].too_many_excluded or "below zero" in doubts:
         return "inconclusive"
-    if any(finding.probability < THRESHOLDS.settled for finding in findings) or p_more >= THRESHOLDS.named:
+    if (
+        any(finding.probability < THRESHOLDS.settled for finding in findings)
+        or p_more >= THRESHOLDS.named
+    ):
         return "ambiguous"
     if doubts:
         return "inconclusive"

@@ -27,10 +27,34 @@ from .encoder import (
     JointPeriodicError,
     strongest_waves,
 )
-from .environment import BaseCompliance, ReferenceFrame, SeatError, StylusBending, StylusOffset, ThermalExpansion
-from .error_model import ErrorModel, GivenCause, GivenModel, as_causes, displaced, loaded, require_shown, static_equilibrium
+from .environment import (
+    BaseCompliance,
+    ReferenceFrame,
+    SeatError,
+    StylusBending,
+    StylusOffset,
+    ThermalExpansion,
+)
+from .error_model import (
+    ErrorModel,
+    GivenCause,
+    GivenModel,
+    as_causes,
+    displaced,
+    loaded,
+    require_shown,
+    static_equilibrium,
+)
 from .extrapolation import extrapolation_terms
-from .geometry import JointDistance, JointPlacement, JointZeroOffset, LinkLength, LinkTilt, LinkTwist, of_geometry
+from .geometry import (
+    JointDistance,
+    JointPlacement,
+    JointZeroOffset,
+    LinkLength,
+    LinkTilt,
+    LinkTwist,
+    of_geometry,
+)
 from .gravity import GravityEffect, load_variants
 from .joint_commands import joint_commands
 from .labels import (

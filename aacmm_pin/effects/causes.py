@@ -86,7 +86,12 @@ def _check_attributes(cause: type[Effect]) -> None:
     fields = fields_of(cause)
     checks: list[tuple[str, type, Callable[[Any], bool], str]] = [
         ("terms", tuple, lambda all_: {*map(type, all_)} == {Term}, "a tuple of one Term or more"),
-        ("needs", tuple, lambda all_: {*all_} <= {*COLUMNS}, f"a tuple of some of {', '.join(COLUMNS)}"),
+        (
+            "needs",
+            tuple,
+            lambda all_: {*all_} <= {*COLUMNS},
+            f"a tuple of some of {', '.join(COLUMNS)}",
+        ),
         ("prior_weight", float, lambda weight: 0.0 < weight < np.inf, "a number above 0"),
         ("nonlinear", Nonlinear, lambda one: one.field in ("", *fields), "a Nonlinear of a field"),
     ]
@@ -153,15 +158,20 @@ def cause_named(name: str) -> type[Effect]:
         UnknownNameError: no cause of this name is known.
     """
     if name not in CAUSES:
-        hint = "a cause of your own needs --plugin MODULE before the command, in Python the import of that module"
+        hint = (
+            "a cause of your own needs --plugin MODULE before the command, in Python the "
+            "import of that module"
+        )
         raise UnknownNameError("cause", name, list(CAUSES), hint)
     return CAUSES[name]
 
 
 def all_candidates(arm: GivenArm, records: Records | None = None) -> Iterator[tuple[Effect, ...]]:
-    """Every cause at every place where it could sit, with the variants to try, but for what a calibration refits anyway.
+    """Every cause at every place where it could sit, with the variants to try, but for what a
+    calibration refits anyway.
 
-    In the order of :data:`CAUSES`; neighbours there that sit in places of one kind come place by place.
+    In the order of :data:`CAUSES`; neighbours there that sit in places of one kind come place by
+    place.
 
     Args:
         arm: the arm.

@@ -23,39 +23,52 @@ from aacmm_pin.errors import AacmmError, UnsupportedArmError
 class JointCompliance(GravityEffect):
     """The joint yields about its own axis: ``δθ = c τ``, τ the moment of the weight about the axis.
 
-    Right where a spring, brake or drive holds the joint (joint 2 of a measuring arm, every joint of a robot); a free joint
-    carries no moment about its axis, see :class:`BearingTilt`. With ``torque="measured"`` τ is minus the measured torque
-    of the drive, which holds the weight. Unit rad/(N·m); typical 1e-5 to 3e-5. Source: robot calibration with joint
-    stiffness (Whitney, Lozinski, Rourke 1986). Needs ``torqueN_nm`` if measured. Confused with: ``encoder_eccentricity``
-    and ``counterbalance`` of the same joint where the load turns with it, ``base_compliance``, ``torsional_windup``.
+    Right where a spring, brake or drive holds the joint (joint 2 of a measuring arm, every joint of
+    a robot); a free joint carries no moment about its axis, see :class:`BearingTilt`. With
+    ``torque="measured"`` τ is minus the measured torque of the drive, which holds the weight. Unit
+    rad/(N·m); typical 1e-5 to 3e-5. Source: robot calibration with joint stiffness (Whitney,
+    Lozinski, Rourke 1986). Needs ``torqueN_nm`` if measured. Confused with:
+    ``encoder_eccentricity`` and ``counterbalance`` of the same joint where the load turns with it,
+    ``base_compliance``, ``torsional_windup``.
     """
 
     joint: int
     torque: Literal["gravity", "measured"] = "gravity"
     cause: ClassVar[str] = "joint_compliance"
     words: ClassVar[str] = "compliance under gravity"
-    flexibility: ClassVar[Term] = Term("", "rad/(N·m)", 2e-5, "compliance_rad_per_nm", positive=True)
+    flexibility: ClassVar[Term] = Term(
+        "", "rad/(N·m)", 2e-5, "compliance_rad_per_nm", positive=True
+    )
 
     def __post_init__(self) -> None:
         """Check the origin of the torque."""
         super().__post_init__()
         if self.torque not in ("gravity", "measured"):
-            raise AacmmError(f"{self.label}: torque is {self.torque!r}, expected 'gravity' or 'measured'")
+            raise AacmmError(
+                f"{self.label}: torque is {self.torque!r}, expected 'gravity' or 'measured'"
+            )
         if self.torque == "measured" and (self.bodies or self.load_at is not None):
-            raise AacmmError(f"{self.label}: a measured torque needs no bodies and no load, expected one or the other")
+            raise AacmmError(
+                f"{self.label}: a measured torque needs no bodies and no load, expected one or "
+                "the other"
+            )
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
-        """Every joint that turns: by measured torques, which have noise, and by the weights, known or unknown.
+        """Every joint that turns: by measured torques, which have noise, and by the weights, known
+        or unknown.
 
-        The other causes that yield know the weights alone; by noisy torques alone it would seem to fit worse than these.
+        The other causes that yield know the weights alone; by noisy torques alone it would seem to
+        fit worse than these.
         """
         rows = arm.chain.moving_rows()
         measured = records is not None and records.conditions.torque is not None
         for number, row in enumerate(rows):
             slides = arm.chain.prismatic[number:]
             if slides[0] or (arm.masses is None and slides.any()):
-                continue  # no angle that a torque could turn; and unknown masses beyond a slide have no constant lever
+                # no angle that a torque could turn; and unknown masses beyond a slide have no
+                # constant lever
+                continue
             tried = [cls(row, torque="measured")] if measured else []
             if arm.masses is not None:
                 tried.append(cls(row))
@@ -65,7 +78,9 @@ class JointCompliance(GravityEffect):
                 yield tuple(tried)
 
     @classmethod
-    def default_fields(cls, stated: Mapping[str, Any], arm: Arm, present: tuple[str, ...]) -> dict[str, Any]:
+    def default_fields(
+        cls, stated: Mapping[str, Any], arm: Arm, present: tuple[str, ...]
+    ) -> dict[str, Any]:
         """By measured torques, where the records have them."""
         return {"torque": "measured"} if "torque" in present else {}
 
@@ -83,28 +98,35 @@ class JointCompliance(GravityEffect):
         number = state.joint(self.joint)
         if state.arm.chain.prismatic[number]:
             raise UnsupportedArmError(
-                f"{self.label}: joint {self.joint} of {state.arm.name} slides, expected one that turns"
+                f"{self.label}: joint {self.joint} of {state.arm.name} slides, expected one "
+                "that turns"
             )
         if self.torque == "measured":
             torques = state.conditions.require("torque", self.label)
             return [about_axis(state, self.joint, -torques[:, number, None])]
-        return [about_axis(state, self.joint, state.along_axis(self.joint, self.moments(state, self.joint)))]
+        return [
+            about_axis(
+                state, self.joint, state.along_axis(self.joint, self.moments(state, self.joint))
+            )
+        ]
 
 
 @dataclass(frozen=True)
 class BearingTilt(GravityEffect):
     """The bearing yields across its axis: ``δφ = C (I - z zᵀ) m``, m the moment of the weight.
 
-    The physics of a free joint: its bearing carries every moment but the one about the axis. Unit rad/(N·m); typical 2e-6
-    to 2e-5. Source: angular stiffness of a bearing pair. Needs no column. Confused with: ``link_bending`` of the tube
-    behind it, ``base_compliance`` at joint 1.
+    The physics of a free joint: its bearing carries every moment but the one about the axis. Unit
+    rad/(N·m); typical 2e-6 to 2e-5. Source: angular stiffness of a bearing pair. Needs no column.
+    Confused with: ``link_bending`` of the tube behind it, ``base_compliance`` at joint 1.
     """
 
     joint: int
     cause: ClassVar[str] = "bearing_tilt"
     words: ClassVar[str] = "bearing tilt under gravity"
     prior_weight: ClassVar[float] = 0.2
-    flexibility: ClassVar[Term] = Term("", "rad/(N·m)", 1e-5, "compliance_rad_per_nm", positive=True)
+    flexibility: ClassVar[Term] = Term(
+        "", "rad/(N·m)", 1e-5, "compliance_rad_per_nm", positive=True
+    )
 
     def displacements(self, state: State) -> list[Displacement]:
         """The moment without its part about the axis."""
@@ -122,7 +144,9 @@ class _OfTube(LoadedEffect):
     link: int
 
     def _yielded(self, tube: Tube) -> tuple[Array, Array]:
-        """Shift and turn of the end of the tube per unit of the parameter, in the base (n, 3) [m/unit, rad/unit]."""
+        """Shift and turn of the end of the tube per unit of the parameter, in the base (n, 3)
+        [m/unit, rad/unit].
+        """
         raise NotImplementedError
 
     def displacements(self, state: State) -> list[Displacement]:
@@ -130,25 +154,38 @@ class _OfTube(LoadedEffect):
         tube, place = Tube.of(state, self.link, self.label), end(self.link)
         if self.load_at is not None:
             moment = self.unit_load(state, self.link, state.origin[place] - tube.rest)
-            tube = replace(tube, weight=np.broadcast_to(state.down, moment.shape), moment=moment, own=0.0 * moment)
+            tube = replace(
+                tube,
+                weight=np.broadcast_to(state.down, moment.shape),
+                moment=moment,
+                own=0.0 * moment,
+            )
         shift, turn = self._yielded(tube)
-        local = [state.in_axes_of(place, part)[:, :, None] for part in (shift + np.cross(turn, tube.rest), turn)]
+        local = [
+            state.in_axes_of(place, part)[:, :, None]
+            for part in (shift + np.cross(turn, tube.rest), turn)
+        ]
         return [Displacement(place, twist(*local))]
 
 
 @dataclass(frozen=True)
 class TorsionalWindup(_OfTube):
-    """A tube twists about its own length: ``δφ = c (u · m) u``, m the moment about the tube's end of all beyond.
+    """A tube twists about its own length: ``δφ = c (u · m) u``, m the moment about the tube's end
+    of all beyond.
 
-    Unit rad/(N·m); typical 2e-6 to 2e-5 (length over torsional rigidity G J). Source: Saint-Venant torsion. Needs no
-    column, but masses. Confused with: ``joint_compliance`` of a joint whose axis runs along the tube (joints 3 and 5 of
+    Unit rad/(N·m); typical 2e-6 to 2e-5 (length over torsional rigidity G J). Source: Saint-Venant
+    torsion. Needs no
+    column, but masses. Confused with: ``joint_compliance`` of a joint whose axis runs along the
+    tube (joints 3 and 5 of
     SINO6): nearly the same columns.
     """
 
     cause: ClassVar[str] = "torsional_windup"
     words: ClassVar[str] = "torsional wind-up"
     prior_weight: ClassVar[float] = 0.2
-    flexibility: ClassVar[Term] = Term("", "rad/(N·m)", 1e-5, "compliance_rad_per_nm", positive=True)
+    flexibility: ClassVar[Term] = Term(
+        "", "rad/(N·m)", 1e-5, "compliance_rad_per_nm", positive=True
+    )
 
     def _yielded(self, tube: Tube) -> tuple[Array, Array]:
         turn = np.einsum("ni,ni->n", tube.along, tube.moment)[:, None] * tube.along
@@ -159,22 +196,27 @@ class TorsionalWindup(_OfTube):
 class LinkBending(_OfTube):
     """A tube bends under its own weight and all that hangs beyond: slope and sag of its end.
 
-    Euler–Bernoulli cantilever of length L along u, with the weight W and moment M of all beyond at its end, and the weight
-    w of the tube spread evenly (see :class:`~aacmm_pin.effects.tube.Tube`), κ = 1/EI:
-    slope ``κ (L²/2 u×W + L²/6 u×w + L M)``, sag ``κ (L³/3 W + L³/8 w + L²/2 M×u)``, each without its part along u.
-    Unit rad/(N·m²) = (rad/m)/(N·m); typical 3e-5 to 8e-5 (aluminium or carbon tube of 50 to 60 mm). Source: beam theory
-    (Timoshenko). Needs no column, but masses. Confused with: ``bearing_tilt`` and ``joint_compliance`` of the joint before.
+    Euler–Bernoulli cantilever of length L along u, with the weight W and moment M of all beyond at
+    its end, and the weight w of the tube spread evenly (see :class:`~aacmm_pin.effects.tube.Tube`),
+    κ = 1/EI: slope ``κ (L²/2 u×W + L²/6 u×w + L M)``, sag ``κ (L³/3 W + L³/8 w + L²/2 M×u)``, each
+    without its part along u. Unit rad/(N·m²) = (rad/m)/(N·m); typical 3e-5 to 8e-5 (aluminium or
+    carbon tube of 50 to 60 mm). Source: beam theory (Timoshenko). Needs no column, but masses.
+    Confused with: ``bearing_tilt`` and ``joint_compliance`` of the joint before.
     """
 
     cause: ClassVar[str] = "link_bending"
     words: ClassVar[str] = "bending"
-    flexibility: ClassVar[Term] = Term("", "rad/(N·m²)", 5e-5, "flexibility_rad_per_nm2", positive=True)
+    flexibility: ClassVar[Term] = Term(
+        "", "rad/(N·m²)", 5e-5, "flexibility_rad_per_nm2", positive=True
+    )
     of_load: ClassVar[Term] = Term("", "rad/m²", 2e-4, "load_rad_per_m2")
 
     def _yielded(self, tube: Tube) -> tuple[Array, Array]:
         u, length = tube.along, tube.length
         slope = length**2 * np.cross(u, tube.weight / 2 + tube.own / 6) + length * tube.moment
-        sag = length**3 * (tube.weight / 3 + tube.own / 8) + length**2 / 2 * np.cross(tube.moment, u)
+        sag = length**3 * (tube.weight / 3 + tube.own / 8) + length**2 / 2 * np.cross(
+            tube.moment, u
+        )
         return tube.across(sag), tube.across(slope)
 
 
@@ -182,13 +224,15 @@ class LinkBending(_OfTube):
 class Counterbalance(Effect):
     """The spring of a joint does not carry what it should: ``δθ = κ z · (u × down)``.
 
-    u is the direction of the next joint's axis where that stands across this one (the upper tube of SINO6 behind joint
-    2), else of the body itself; the lever arm of a weight on it goes with its horizontal part, whatever the rest of the
-    arm does. κ above zero lets u sink: the spring carries too little where u points outwards, and too much where the
-    axis points back to the shoulder, as on SINO6 (d3 < 0). Unit rad, the turn when the body is level; typical 2e-5 to
-    2e-4. Source: moment of a constant-force counterbalance. Needs no column. Confused with: ``encoder_eccentricity`` of
-    the same joint with the phase that gravity has (the same columns on a level mount), ``joint_compliance`` where the
-    load beyond hardly changes.
+    u is the direction of the next joint's axis where that stands across this one (the upper tube of
+    SINO6 behind joint 2), else of the body itself; the lever arm of a weight on it goes with its
+    horizontal part, whatever the rest of the
+    arm does. κ above zero lets u sink: the spring carries too little where u points outwards, and
+    too much where the axis points back to the shoulder, as on SINO6 (d3 < 0). Unit rad, the turn
+    when the body is level; typical 2e-5 to 2e-4. Source: moment of a constant-force counterbalance.
+    Needs no column. Confused with: ``encoder_eccentricity`` of the same joint with the phase that
+    gravity has (the same columns on a level mount), ``joint_compliance`` where the load beyond
+    hardly changes.
     """
 
     joint: int
@@ -208,7 +252,9 @@ class Counterbalance(Effect):
 
     def displacements(self, state: State) -> list[Displacement]:
         """The horizontal part of the body across the axis."""
-        lever = state.along_axis(state.known_row(self.joint), np.cross(self._carried(state), state.down))
+        lever = state.along_axis(
+            state.known_row(self.joint), np.cross(self._carried(state), state.down)
+        )
         return [about_axis(state, self.joint, lever[:, None])]
 
     def _carried(self, state: State) -> Array:

@@ -1,4 +1,6 @@
-"""What is known of records beside their angles: when, how warm, from which side, under which torque, at which seat."""
+"""What is known of records beside their angles: when, how warm, from which side, under which
+torque, at which seat.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,13 @@ COLUMNS = {
     "session": "session",
 }
 """The column of a measurement file behind each condition."""
-UNITS = {"time": "s", "temperature": "°C", "link_temperature": "°C", "approach": "1", "torque": "N·m"}
+UNITS = {
+    "time": "s",
+    "temperature": "°C",
+    "link_temperature": "°C",
+    "approach": "1",
+    "torque": "N·m",
+}
 """What the numbers of a condition are."""
 COLD_WORKSHOP, HOT_WORKSHOP = 5.0, 50.0
 """No record is taken where it is always colder, or always warmer; 50 °F are 10 °C [°C]."""
@@ -93,7 +101,9 @@ class Conditions(Shown):
         for field in fields(self)[1:]:
             values = getattr(self, field.name)
             chosen[field.name] = None if values is None else values[rows]
-        count = len(range(self.n)[rows]) if isinstance(rows, slice) else len(np.arange(self.n)[rows])
+        count = (
+            len(range(self.n)[rows]) if isinstance(rows, slice) else len(np.arange(self.n)[rows])
+        )
         return Conditions(count, **chosen)
 
     @cached_property
@@ -104,15 +114,23 @@ class Conditions(Shown):
     @property
     def present(self) -> tuple[str, ...]:
         """Names of the conditions that are known."""
-        return tuple(field.name for field in fields(self)[1:] if getattr(self, field.name) is not None)
+        return tuple(
+            field.name for field in fields(self)[1:] if getattr(self, field.name) is not None
+        )
 
     def odd_temperatures(self, reference: float) -> list[Note]:
-        """Temperatures that no workshop has; ``reference`` is that at which the arm's lengths hold [°C]."""
+        """Temperatures that no workshop has; ``reference`` is that at which the arm's lengths hold
+        [°C].
+        """
         found = []
         for values in (self.temperature, self.link_temperature):
             if values is None or not values.size:
                 continue
-            data = {"least": float(values.min()), "most": float(values.max()), "reference": reference}
+            data = {
+                "least": float(values.min()),
+                "most": float(values.max()),
+                "reference": reference,
+            }
             if data["least"] > HOT_WORKSHOP:
                 found.append(Note("temperatures_high", data))
             elif data["most"] < COLD_WORKSHOP:
@@ -148,7 +166,9 @@ class Conditions(Shown):
 
 
 class Records(Protocol):
-    """What a cause may ask of records, to say where it could sit: :class:`aacmm_pin.Measurements` are such."""
+    """What a cause may ask of records, to say where it could sit: :class:`aacmm_pin.Measurements`
+    are such.
+    """
 
     @property
     def q(self) -> Array:

@@ -17,7 +17,14 @@ from aacmm_pin.arm.file import DiscrepancyEntry, DiscrepancyPart
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.effect import Displacement, Effect, Term, about_axis, twist
 from aacmm_pin.effects.environment import growth_of_body
-from aacmm_pin.effects.smooth_functions import Cosines, Smooth, as_filed, as_read, needs_of, product_of
+from aacmm_pin.effects.smooth_functions import (
+    Cosines,
+    Smooth,
+    as_filed,
+    as_read,
+    needs_of,
+    product_of,
+)
 from aacmm_pin.effects.state import State
 from aacmm_pin.effects.tube import tubes
 from aacmm_pin.errors import AacmmError
@@ -25,7 +32,9 @@ from aacmm_pin.errors import AacmmError
 CARRIERS = re.compile(r"room|target|lengths|tubes|(before|angle|slide|tube) [1-9]\d{0,2}")
 """What the functions may act on, see :class:`Carrier`."""
 DIGITS = 7
-"""Significant digits of a direction in a file: 1e-7 of any displacement is far below the noise of any arm."""
+"""Significant digits of a direction in a file: 1e-7 of any displacement is far below the noise of
+any arm.
+"""
 OF_TIP = dict.fromkeys(("x_mm", "y_mm", "z_mm"), MM)
 GROWTH = {"growth_um_per_m": 1e-6}
 
@@ -64,17 +73,20 @@ class Carrier:
     """What the functions of a discrepancy act on.
 
     Attributes:
-        name: ``room`` (the tip shifts along the axes of the base), ``target`` (along those of the last body),
-            ``before j`` (along those of the body before row j), ``angle j`` (the angle of row j; ``slide j`` of one that
-            slides), ``lengths`` (the distance of the tip from the base grows), ``tubes`` (all long bodies
-            grow), ``tube j`` (the body of row j does).
+        name: ``room`` (the tip shifts along the axes of the base), ``target`` (along those of the
+            last body), ``before j`` (along those of the body before row j), ``angle j`` (the angle
+            of row j; ``slide j`` of one that slides), ``lengths`` (the distance of the tip from the
+            base grows), ``tubes`` (all long bodies grow), ``tube j`` (the body of row j does).
     """
 
     name: str
 
     def __post_init__(self) -> None:
         if not CARRIERS.fullmatch(self.name):
-            expected = "expected room, target, lengths, tubes, or before j, angle j, slide j, tube j of row j"
+            expected = (
+                "expected room, target, lengths, tubes, or before j, angle j, slide j, "
+                "tube j of row j"
+            )
             raise AacmmError(f"a discrepancy acts on {self.name!r}, {expected}")
 
     @property
@@ -140,8 +152,8 @@ class Part:
     Attributes:
         carrier: what they act on.
         functions: products with one function of each of these; () for the constant 1.
-        directions: coefficients of the functions, those of each on all axes together, per unit of each parameter
-            (functions · axes, p); () where each coefficient is a parameter.
+        directions: coefficients of the functions, those of each on all axes together, per unit of
+            each parameter (functions · axes, p); () where each coefficient is a parameter.
     """
 
     carrier: Carrier
@@ -166,7 +178,9 @@ class Part:
         """The part as an arm file has it."""
         functions = [as_filed(each) for each in self.functions]
         directions = tuple(map(_rounded, self.directions))
-        return DiscrepancyPart(acts_on=self.carrier.name, functions=functions, directions=directions)
+        return DiscrepancyPart(
+            acts_on=self.carrier.name, functions=functions, directions=directions
+        )
 
 
 def _rounded(row: tuple[float, ...]) -> tuple[float, ...]:
@@ -177,11 +191,12 @@ def _rounded(row: tuple[float, ...]) -> tuple[float, ...]:
 
 @dataclass(frozen=True)
 class Discrepancy(Effect):
-    """What no cause explains: smooth functions of what was recorded, with coefficients that a fit gave them.
+    """What no cause explains: smooth functions of what was recorded, with coefficients that a fit
+    gave them.
 
-    It is described and not named: it is no candidate of a diagnosis, which holds it as the arm's file states it, as a
-    calibration does. Outside the range of the records that it was fitted to, functions of time, temperature and ranks stay
-    as they are at its ends.
+    It is described and not named: it is no candidate of a diagnosis, which holds it as the arm's
+    file states it, as a calibration does. Outside the range of the records that it was fitted to,
+    functions of time, temperature and ranks stay as they are at its ends.
 
     Attributes:
         covariate: what it depends on, such as ``joint 2 × joint 4``.
@@ -200,16 +215,24 @@ class Discrepancy(Effect):
         if others or first.directions:
             self._check_directions()
         elif self.size != first.coefficients:
-            raise AacmmError(f"{self.label}: {self.size} values, expected {first.coefficients} coefficients")
+            raise AacmmError(
+                f"{self.label}: {self.size} values, expected {first.coefficients} coefficients"
+            )
         super().__post_init__()
 
     def _check_directions(self) -> None:
-        """Raises AacmmError unless every coefficient of each part has a number for each parameter."""
+        """Raises AacmmError unless every coefficient of each part has a number for each
+        parameter.
+        """
         for part in self.parts:
             lengths = [len(row) for row in part.directions]
             if lengths != [self.size] * part.coefficients:
-                expected = f"directions of {part.coefficients} coefficients with {self.size} numbers each"
-                raise AacmmError(f"{self.label}: {part.carrier.name}: expected {expected}, one for each value")
+                expected = (
+                    f"directions of {part.coefficients} coefficients with {self.size} numbers each"
+                )
+                raise AacmmError(
+                    f"{self.label}: {part.carrier.name}: expected {expected}, one for each value"
+                )
 
     @property
     def label(self) -> str:
@@ -253,7 +276,9 @@ class Discrepancy(Effect):
         """The discrepancy as an arm file has it."""
         parts = [part.filed() for part in self.parts]
         u = self.u if any(self.u) else ()
-        return DiscrepancyEntry(depends_on=self.covariate, parts=parts, values_si=self.values, standard_uncertainty_si=u)
+        return DiscrepancyEntry(
+            depends_on=self.covariate, parts=parts, values_si=self.values, standard_uncertainty_si=u
+        )
 
     def validity_notes(self, conditions: Conditions) -> list[Note]:
         """That readings are outside the range of time or temperature that it was fitted to."""
@@ -264,9 +289,16 @@ class Discrepancy(Effect):
             values = conditions.require(each.of, self.label)
             low, high = each.at_si[0], each.at_si[-1]
             outside = int(np.sum((values < low) | (values > high)))
-            fitted = {"cause": self.label, "condition": each.of, "low": float(low), "high": float(high)}
+            fitted = {
+                "cause": self.label,
+                "condition": each.of,
+                "low": float(low),
+                "high": float(high),
+            }
             if outside:
-                found[each.of] = Note("outside_fitted_range", {"records": outside, "of": conditions.n, **fitted})
+                found[each.of] = Note(
+                    "outside_fitted_range", {"records": outside, "of": conditions.n, **fitted}
+                )
         return list(found.values())
 
 

@@ -38,7 +38,9 @@ UNIT_OF_KEY = re.compile(r"_(rad|deg|mm|um|m|s|k|kg|n|nm)?(_?per_\w+)?$")
 
 
 class Reading(NamedTuple):
-    """How people read a value of a file: its name, a unit, and how many of these are one of the file's."""
+    """How people read a value of a file: its name, a unit, and how many of these are one of the
+    file's.
+    """
 
     name: str
     unit: str
@@ -76,7 +78,9 @@ class Term:
         for name in ("typical", "scale"):
             number = getattr(self, name)
             if not (isinstance(number, int | float) and 0.0 < number < math.inf):
-                raise AacmmError(f"Term {self.key!r}: {name} is {number!r}, expected a number above 0")
+                raise AacmmError(
+                    f"Term {self.key!r}: {name} is {number!r}, expected a number above 0"
+                )
 
     @property
     def unit_read(self) -> tuple[str, float]:
@@ -161,7 +165,8 @@ class Effect(Shown, ABC):
     prior_weight: ClassVar[float] = 1.0
     """Weight of its prior probability beside other causes."""
     special_case_of: ClassVar[tuple[str, ...]] = ()
-    """Freer causes that can be this one too at its place; the two do not stand beside each other."""
+    """Freer causes that can be this one too at its place; the two do not stand beside each other.
+    """
     nonlinear: ClassVar[Nonlinear[Any]] = Nonlinear()
     """The field that records determine by trial; the key has its value."""
     notation: ClassVar[Notation] = Notation()
@@ -182,14 +187,18 @@ class Effect(Shown, ABC):
         for name in ("values", "u"):
             numbers = tuple(map(float, getattr(self, name))) or (0.0,) * count
             if len(numbers) != count or not all(map(math.isfinite, numbers)):
-                raise AacmmError(f"{self.label}: {name} is {numbers}, expected {count} finite numbers")
+                raise AacmmError(
+                    f"{self.label}: {name} is {numbers}, expected {count} finite numbers"
+                )
             object.__setattr__(self, name, numbers)
         if min(self.u, default=0.0) < 0.0:
             raise AacmmError(f"{self.label}: u is {self.u}, expected numbers that are not negative")
         field, above = self.nonlinear.field, self.nonlinear.above
         if field and not above < getattr(self, field) <= LATEST:
             expected = f"a number above {above:g} and not above {LATEST:g}"
-            raise AacmmError(f"{self.label}: {field} is {getattr(self, field)}, expected {expected}")
+            raise AacmmError(
+                f"{self.label}: {field} is {getattr(self, field)}, expected {expected}"
+            )
         if not 0.0 <= self.nonlinear_u <= (LATEST if field else 0.0):
             came = f"{self.label}: u of {field or 'no field'} is {self.nonlinear_u}"
             raise AacmmError(f"{came}, expected a number from 0 to {LATEST:g}")
@@ -252,7 +261,9 @@ class Effect(Shown, ABC):
                 yield effects
 
     @classmethod
-    def default_fields(cls, stated: Mapping[str, Any], arm: Arm, present: tuple[str, ...]) -> dict[str, Any]:
+    def default_fields(
+        cls, stated: Mapping[str, Any], arm: Arm, present: tuple[str, ...]
+    ) -> dict[str, Any]:
         """Fields that a person may leave out, by the arm and the conditions in the records."""
         return {}
 
@@ -436,7 +447,9 @@ def point_sensitivity(state: State, displacement: Displacement) -> Array:
 
 
 def about_axis(state: State, row: int, columns: Array) -> Displacement:
-    """Body ``row`` turned about its joint by ``columns`` (n, p) [rad]; along it if the joint slides."""
+    """Body ``row`` turned about its joint by ``columns`` (n, p) [rad]; along it if the joint
+    slides.
+    """
     component = 2 if state.arm.chain.prismatic[state.joint(row)] else 5
     # Component by component, so that the zeros of the others take no memory: nobody writes there.
     twists = np.zeros((6, *columns.shape)).transpose(1, 0, 2)

@@ -1,6 +1,7 @@
 """What an encoder can do wrong: its indication differs from the angle that the joint has.
 
-``δ`` is always joint angle minus indication [rad], as a function of the indication θ: what must be added.
+``δ`` is always joint angle minus indication [rad], as a function of the indication θ: what must be
+added.
 """
 
 from __future__ import annotations
@@ -28,7 +29,9 @@ SAMPLES = 4096
 MOST_COEFFICIENTS = 1000
 """More of them than any joint has records for."""
 LEAST_SPREAD = 0.02
-"""A joint that moves less than this cannot show anything that depends on its angle [rad], or its way [m]."""
+"""A joint that moves less than this cannot show anything that depends on its angle [rad], or its
+way [m].
+"""
 ORDERS = (0.5, 1.5, 2.5, *(k / 2 for k in range(6, 21)), *(float(k) for k in range(11, 33)))
 """Orders of a periodic error that are tried before the order is refined."""
 ORDERS_NEAR = 15
@@ -36,10 +39,14 @@ ORDERS_NEAR = 15
 LEAST_ORDER = 0.3
 """No order below this is tried."""
 WHOLE_ORDER_SD = 0.03
-"""An order that is found to be whole may be off by this. Where records tell it to 0.07, the phase of one that is whole has
-a rms error of 0.7 u with this, and of 1.9 u where it is 7.08; with 0.5 the first is 0.4 u."""
+"""An order that is found to be whole may be off by this. Where records tell it to 0.07, the phase
+of one that is whole has a rms error of 0.7 u with this, and of 1.9 u where it is 7.08; with 0.5 the
+first is 0.4 u.
+"""
 CURVES = (24, 60)
-"""Numbers of coefficients per turn of a free curve that are tried, before they are doubled where that is better."""
+"""Numbers of coefficients per turn of a free curve that are tried, before they are doubled where
+that is better.
+"""
 PER_COEFFICIENT = 2
 """So many records for each coefficient of a curve, at least."""
 
@@ -77,7 +84,10 @@ class _Polar(Notation):
     def parameters(self, effect: Effect) -> dict[str, float]:
         """Amplitude and phase [rad]; the phase is kθ at which δ is largest."""
         cos, sin = effect.values
-        return {"amplitude_rad": float(np.hypot(cos, sin)), "phase_rad": float(np.arctan2(sin, cos))}
+        return {
+            "amplitude_rad": float(np.hypot(cos, sin)),
+            "phase_rad": float(np.arctan2(sin, cos)),
+        }
 
     def readings(self, effect: Effect) -> dict[str, Reading]:
         """Amplitude and phase."""
@@ -133,12 +143,14 @@ class _Periodic(_OfAngle):
 
 @dataclass(frozen=True)
 class EncoderEccentricity(_Periodic):
-    """The disc turns about a point that is not its centre, with one reading head: ``δ = arcsin(A cos(θ - φ))``.
+    """The disc turns about a point that is not its centre, with one reading head: ``δ = arcsin(A
+    cos(θ - φ))``.
 
-    A is the eccentricity over the radius of the track. Derivation: in the triangle of axis, disc centre and head the law
-    of sines gives ``sin δ = A cos(θ - φ)`` exactly, θ the indication. Two opposite heads cancel it. Unit rad; typical
-    2e-5 to 3e-4. Needs no column. Confused with: ``joint_compliance`` and ``counterbalance`` of a joint that tilts against
-    gravity, ``encoder_ellipticity`` and ``encoder_gain`` where the joint covers part of a turn.
+    A is the eccentricity over the radius of the track. Derivation: in the triangle of axis, disc
+    centre and head the law of sines gives ``sin δ = A cos(θ - φ)`` exactly, θ the indication. Two
+    opposite heads cancel it. Unit rad; typical 2e-5 to 3e-4. Needs no column. Confused with:
+    ``joint_compliance`` and ``counterbalance`` of a joint that tilts against gravity,
+    ``encoder_ellipticity`` and ``encoder_gain`` where the joint covers part of a turn.
     """
 
     cause: ClassVar[str] = "encoder_eccentricity"
@@ -159,9 +171,11 @@ class EncoderEccentricity(_Periodic):
 
 @dataclass(frozen=True)
 class EncoderEllipticity(_Periodic):
-    """Twice per turn: an oval disc, or what two opposite heads leave of an eccentricity: ``δ = A cos(2θ - φ)``.
+    """Twice per turn: an oval disc, or what two opposite heads leave of an eccentricity: ``δ = A
+    cos(2θ - φ)``.
 
-    Unit rad; typical 1e-5 to 2e-4. Source: harmonic analysis of circle divisions (Watanabe et al. 2001, CIRP Annals 50).
+    Unit rad; typical 1e-5 to 2e-4. Source: harmonic analysis of circle divisions (Watanabe et al.
+    2001, CIRP Annals 50).
     Needs no column. Confused with: the neighbouring orders where the joint covers part of a turn.
     """
 
@@ -231,7 +245,9 @@ class _Knots(Nonlinear["JointErrorCurve"]):
         return [replace(effect, values=(), u=(), coefficients=c) for c in counts if c <= most]
 
     def special_cases(self, effect: JointErrorCurve) -> Sequence[Effect]:
-        """A wave, of orders a quarter of a period over the range apart, as far as knots follow it."""
+        """A wave, of orders a quarter of a period over the range apart, as far as knots
+        follow it.
+        """
         turns = (effect.upper_rad - effect.lower_rad) / (2 * np.pi)
         quarters = range(4, 2 * effect.coefficients)
         return [JointPeriodicError(effect.joint, quarter / (4 * turns)) for quarter in quarters]
@@ -239,10 +255,13 @@ class _Knots(Nonlinear["JointErrorCurve"]):
 
 @dataclass(frozen=True)
 class JointErrorCurve(Effect):
-    """Any repeatable function of one joint's angle: a cubic spline with uniform knots from ``lower_rad`` to ``upper_rad``.
+    """Any repeatable function of one joint's angle: a cubic spline with uniform knots from
+    ``lower_rad`` to ``upper_rad``.
 
-    ``δ(θ) = Σ c_i B_i(θ)`` with cubic B-splines (de Boor 1978). Unit rad; typical 1e-5 to 3e-4. Needs no column. Confused
-    with: everything else at that joint that depends on its angle alone; gravity where only this joint moves the load.
+    ``δ(θ) = Σ c_i B_i(θ)`` with cubic B-splines (de Boor 1978). Unit rad; typical 1e-5 to 3e-4.
+    Needs no column. Confused
+    with: everything else at that joint that depends on its angle alone; gravity where only this
+    joint moves the load.
     """
 
     joint: int
@@ -259,7 +278,8 @@ class JointErrorCurve(Effect):
         in_order = -LARGEST_ANGLE <= self.lower_rad < self.upper_rad <= LARGEST_ANGLE
         if not (in_order and 4 <= self.coefficients <= MOST_COEFFICIENTS):
             raise AacmmError(
-                f"{self.label}: expected lower_rad < upper_rad and 4 to {MOST_COEFFICIENTS} coefficients, "
+                f"{self.label}: expected lower_rad < upper_rad and 4 to {MOST_COEFFICIENTS} "
+                "coefficients, "
                 f"not {self.lower_rad}, {self.upper_rad}, {self.coefficients}"
             )
         super().__post_init__()
@@ -279,7 +299,9 @@ class JointErrorCurve(Effect):
                 yield curves
 
     @classmethod
-    def default_fields(cls, stated: Mapping[str, Any], arm: Arm, present: tuple[str, ...]) -> dict[str, Any]:
+    def default_fields(
+        cls, stated: Mapping[str, Any], arm: Arm, present: tuple[str, ...]
+    ) -> dict[str, Any]:
         """Over the range of the joint."""
         from aacmm_pin.arm.random_postures import joint_bounds
 
@@ -291,7 +313,9 @@ class JointErrorCurve(Effect):
     @property
     def terms(self) -> tuple[Term, ...]:
         """The coefficients."""
-        return tuple(Term(f"c{i}", "rad", 1e-4, f"c{i}_rad") for i in range(1, self.coefficients + 1))
+        return tuple(
+            Term(f"c{i}", "rad", 1e-4, f"c{i}_rad") for i in range(1, self.coefficients + 1)
+        )
 
     def displacements(self, state: State) -> list[Displacement]:
         """The B-splines at the indications.
@@ -303,7 +327,8 @@ class JointErrorCurve(Effect):
         outside = ~((angle >= self.lower_rad) & (angle <= self.upper_rad))
         if outside.any():
             raise AacmmError(
-                f"{self.label}: {outside.sum()} of {state.n} records are outside the curve's range, "
+                f"{self.label}: {outside.sum()} of {state.n} records are outside the "
+                "curve's range, "
                 f"{self.lower_rad:g} to {self.upper_rad:g} rad; "
                 f"the first is at {angle[outside][0]:g} rad"
             )
@@ -328,9 +353,9 @@ class JointErrorCurve(Effect):
 class EncoderGain(_OfAngle):
     """A turn of the joint is not a turn of the indication: ``δ = g θ``.
 
-    A closed disc cannot have it; a belt, a gear or an interpolator can, and a wound cable looks like it. Of a joint that
-    slides, the error of its scale. Unit 1 (rad/rad, m/m); typical 2e-5 to 4e-4. Needs no column. Confused with: slow
-    harmonics where the joint covers part of a turn.
+    A closed disc cannot have it; a belt, a gear or an interpolator can, and a wound cable looks
+    like it. Of a joint that slides, the error of its scale. Unit 1 (rad/rad, m/m); typical 2e-5 to
+    4e-4. Needs no column. Confused with: slow harmonics where the joint covers part of a turn.
     """
 
     cause: ClassVar[str] = "encoder_gain"
@@ -348,10 +373,11 @@ class EncoderGain(_OfAngle):
 
 @dataclass(frozen=True)
 class JointHysteresis(Effect):
-    """Friction, a cable or a coupling holds the joint back on the side that it came from: ``δ = h s``, s = -1, 0, 1.
+    """Friction, a cable or a coupling holds the joint back on the side that it came from: ``δ = h
+    s``, s = -1, 0, 1.
 
-    Unit rad, half of the reversal error, of either sign, as the encoder sits before or behind what gives; typical 2e-5 to
-    2e-4. Source: reversal value, ISO 230-2:2014. Needs ``approachN``.
+    Unit rad, half of the reversal error, of either sign, as the encoder sits before or behind what
+    gives; typical 2e-5 to 2e-4. Source: reversal value, ISO 230-2:2014. Needs ``approachN``.
     Confused with: hysteresis of neighbours that always move together.
     """
 

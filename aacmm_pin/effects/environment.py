@@ -29,28 +29,36 @@ ANOTHER_POINT = 5e-4
 
 @dataclass(frozen=True)
 class BaseCompliance(GravityEffect):
-    """The stand tilts under the moment of the whole arm: ``δφ = c m``, m about the base origin, always level.
+    """The stand tilts under the moment of the whole arm: ``δφ = c m``, m about the base origin,
+    always level.
 
-    Unit rad/(N·m); typical 5e-6 to 2e-5 (magnetic base, tripod). Source: rotational stiffness of the mount. Needs no
+    Unit rad/(N·m); typical 5e-6 to 2e-5 (magnetic base, tripod). Source: rotational stiffness of
+    the mount. Needs no
     column. Confused with: ``bearing_tilt:1``, ``joint_compliance:2``, an eccentricity of joint 2.
     """
 
     cause: ClassVar[str] = "base_compliance"
     words: ClassVar[str] = "tilting stand (base compliance)"
-    flexibility: ClassVar[Term] = Term("", "rad/(N·m)", 1e-5, "compliance_rad_per_nm", positive=True)
+    flexibility: ClassVar[Term] = Term(
+        "", "rad/(N·m)", 1e-5, "compliance_rad_per_nm", positive=True
+    )
 
     def displacements(self, state: State) -> list[Displacement]:
         """The moment about the origin of the base."""
         whole = not self.bodies and self.load_at is None
-        moments = state.moment(1, np.zeros((state.n, 3)))[:, :, None] if whole else self.moments(state, 1)
+        moments = (
+            state.moment(1, np.zeros((state.n, 3)))[:, :, None] if whole else self.moments(state, 1)
+        )
         return [Displacement(BASE, twist(angular=moments))]
 
 
 @dataclass(frozen=True)
 class SeatError(Effect):
-    """One seat is not where it is said to be: true place = stated place + e. The arm itself is right.
+    """One seat is not where it is said to be: true place = stated place + e. The arm itself is
+    right.
 
-    Unit m; typical 1e-5 (worn, dirty, moved). Source: seats of single-point tests, ASME B89.4.22-2004. Needs ``seat``.
+    Unit m; typical 1e-5 (worn, dirty, moved). Source: seats of single-point tests, ASME
+    B89.4.22-2004. Needs ``seat``.
     Confused with: any smooth error of the arm where a seat is touched in one posture.
     """
 
@@ -78,9 +86,10 @@ class SeatError(Effect):
 class ReferenceFrame(Effect):
     """The references stand in a frame that is off from the base by a small shift and turn.
 
-    A twist (v, ω) at the base: ``p_reference = exp(v, ω) p_base``. Units m, rad; any size that is left after the two
-    frames have been fitted. Source: rigid registration. Needs no column. Confused with: a zero offset of joint 1 and d of
-    row 1, which move the whole arm alike.
+    A twist (v, ω) at the base: ``p_reference = exp(v, ω) p_base``. Units m, rad; any size that is
+    left after the two
+    frames have been fitted. Source: rigid registration. Needs no column. Confused with: a zero
+    offset of joint 1 and d of row 1, which move the whole arm alike.
     """
 
     cause: ClassVar[str] = "reference_frame"
@@ -97,10 +106,12 @@ class ReferenceFrame(Effect):
 
 @dataclass(frozen=True)
 class StylusOffset(Effect):
-    """The ball or target is not at the tip: a constant shift in the axes of the last frame; with ``marker``, of that target.
+    """The ball or target is not at the tip: a constant shift in the axes of the last frame; with
+    ``marker``, of that target.
 
-    Unit m; typical 2e-5 of a qualified stylus, 0.1 of a target screwed on. Source: probe qualification, ISO 10360-12:2016.
-    Needs ``marker`` where one is named. Confused with: a, d and θ of the last row, which move the same point.
+    Unit m; typical 2e-5 of a qualified stylus, 0.1 of a target screwed on. Source: probe
+    qualification, ISO 10360-12:2016. Needs ``marker`` where one is named. Confused with: a, d and θ
+    of the last row, which move the same point.
     """
 
     marker: str | None = None
@@ -125,16 +136,21 @@ class StylusOffset(Effect):
         """Unit shifts at the tip."""
         columns = twist(np.eye(3)[None])
         if self.marker is not None:
-            columns = columns * (state.conditions.require("marker", self.label) == self.marker)[:, None, None]
+            columns = (
+                columns
+                * (state.conditions.require("marker", self.label) == self.marker)[:, None, None]
+            )
         return [Displacement(state.arm.chain.tip, columns)]
 
 
 @dataclass(frozen=True)
 class StylusBending(Effect):
-    """The stylus sags under gravity: ``δp = s (I - e eᵀ) down``, e its axis; s is the sag when it is level.
+    """The stylus sags under gravity: ``δp = s (I - e eᵀ) down``, e its axis; s is the sag when it
+    is level.
 
-    Unit m; typical 1e-6 to 2e-5. Source: beam theory; probing force adds to it where the hand always pushes alike. Needs
-    no column, but the stylus axis of the arm file. Confused with: ``bearing_tilt``, ``joint_compliance`` of the last joint.
+    Unit m; typical 1e-6 to 2e-5. Source: beam theory; probing force adds to it where the hand
+    always pushes alike. Needs no column, but the stylus axis of the arm file. Confused with:
+    ``bearing_tilt``, ``joint_compliance`` of the last joint.
     """
 
     cause: ClassVar[str] = "stylus_bending"
@@ -146,7 +162,9 @@ class StylusBending(Effect):
         """Gravity across the stylus."""
         stylus = state.arm.stylus_axis
         if stylus is None:
-            raise UnsupportedArmError(f"{self.label} needs the axis of the stylus ([stylus] in the arm file)")
+            raise UnsupportedArmError(
+                f"{self.label} needs the axis of the stylus ([stylus] in the arm file)"
+            )
         down = state.in_axes_of(state.arm.chain.tip, np.broadcast_to(state.down, (state.n, 3)))
         across = down - (down @ stylus)[:, None] * stylus
         return [Displacement(state.arm.chain.tip, twist(across[:, :, None]))]
@@ -154,13 +172,15 @@ class StylusBending(Effect):
 
 @dataclass(frozen=True)
 class ThermalExpansion(Effect):
-    """Lengths grow with temperature: ``δl = α (T - T0) l``, of the whole arm or of one body; T0 from the arm file.
+    """Lengths grow with temperature: ``δl = α (T - T0) l``, of the whole arm or of one body; T0
+    from the arm file.
 
-    Unit 1/K; typical 12e-6 (steel) to 24e-6 (aluminium), 1e-6 carbon. Source: ISO 1:2022. Needs ``temperature_c``, or
-    ``temperature1_c …`` of each row: that of the body which moves with it, d and a of the row in standard DH, d of the
-    row and a of the next in modified DH. What stands before row 1 has the mean of the rows.
-    A body beside the whole arm has what it grows more, below zero where it grows less. Confused with: the scale of the
-    reference, ``link_length`` and ``joint_distance`` where the temperature hardly changes; the whole arm with one tube.
+    Unit 1/K; typical 12e-6 (steel) to 24e-6 (aluminium), 1e-6 carbon. Source: ISO 1:2022. Needs
+    ``temperature_c``, or ``temperature1_c …`` of each row: that of the body which moves with it, d
+    and a of the row in standard DH, d of the row and a of the next in modified DH. What stands
+    before row 1 has the mean of the rows. A body beside the whole arm has what it grows more, below
+    zero where it grows less. Confused with: the scale of the reference, ``link_length`` and
+    ``joint_distance`` where the temperature hardly changes; the whole arm with one tube.
     """
 
     link: int | None = None
@@ -172,7 +192,9 @@ class ThermalExpansion(Effect):
 
     def displacements(self, state: State) -> list[Displacement]:
         """Each length of the chain per kelvin, times what the record is warmer."""
-        rows = range(state.arm.chain.rows + 1) if self.link is None else [state.known_row(self.link)]
+        rows = (
+            range(state.arm.chain.rows + 1) if self.link is None else [state.known_row(self.link)]
+        )
         found = []
         for row in rows:
             warmer = self._warmer(state, row)
@@ -181,10 +203,15 @@ class ThermalExpansion(Effect):
 
     def _warmer(self, state: State, row: int) -> Array:
         conditions, reference = state.conditions, state.arm.reference_temperature
-        if conditions.link_temperature is not None and 1 <= row <= conditions.link_temperature.shape[1]:
+        if (
+            conditions.link_temperature is not None
+            and 1 <= row <= conditions.link_temperature.shape[1]
+        ):
             return np.asarray(conditions.link_temperature[:, row - 1] - reference)
         if conditions.link_temperature is not None and conditions.temperature is None:
-            return np.asarray(conditions.link_temperature.mean(axis=1) - reference)  # the stand: nobody measured it
+            return np.asarray(
+                conditions.link_temperature.mean(axis=1) - reference
+            )  # the stand: nobody measured it
         return np.asarray(conditions.require("temperature", self.label) - reference)
 
 
@@ -204,6 +231,8 @@ def growth_of_body(state: State, row: int, growth: Array) -> list[Displacement]:
 
 
 def _length_before(state: State, place: int) -> Array:
-    """The constant shift from the place before to ``place``, in its own axes; a joint turns it only where it is along z."""
+    """The constant shift from the place before to ``place``, in its own axes; a joint turns it only
+    where it is along z.
+    """
     constant = state.arm.chain.constant[place]
     return np.asarray(constant[:3, :3].T @ constant[:3, 3])

@@ -28,7 +28,9 @@ from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError, ArmFileError, ShapeError, UnknownNameError
 
 MOST_ROUNDS = 20
-"""The weight's moments are found again in the bent arm until nothing moves; the arm is stiff, so three or four do."""
+"""The weight's moments are found again in the bent arm until nothing moves; the arm is stiff, so
+three or four do.
+"""
 MOST_LABELS = 20
 """So many labels are listed."""
 SAME_TWIST = 1e-15
@@ -51,7 +53,8 @@ class ErrorModel(Shown):
         """An arm, or its name or path without the effects of its file, and effects, or their texts.
 
         Raises:
-            UnknownNameError: a parameter in the arm's covariance that neither has; an unknown name or cause.
+            UnknownNameError: a parameter in the arm's covariance that neither has; an unknown name
+                or cause.
             AacmmError: the same parameter twice.
         """
         object.__setattr__(self, "arm", as_arm(arm))
@@ -60,7 +63,10 @@ class ErrorModel(Shown):
         names = [p.name for p in self.parameters]
         twice = sorted(name for name, times in Counter(names).items() if times > 1)
         if twice:
-            raise AacmmError(f"{self.arm.name}: the parameter {twice[0]} is there twice; merge the two effects into one")
+            raise AacmmError(
+                f"{self.arm.name}: the parameter {twice[0]} is there twice; merge the two effects "
+                "into one"
+            )
         if self.arm.covariance is not None:
             uncertain: set[str] = set()
             for effect in self.effects:
@@ -70,7 +76,10 @@ class ErrorModel(Shown):
                     raise UnknownNameError("parameter in covariance", name, names)
 
     def __repr__(self) -> str:
-        return f"ErrorModel({self.arm.name!r}, {', '.join(e.label for e in self.effects) or 'no effects'})"
+        return (
+            f"ErrorModel({self.arm.name!r}, "
+            f"{', '.join(e.label for e in self.effects) or 'no effects'})"
+        )
 
     @staticmethod
     def of(model: GivenModel) -> ErrorModel:
@@ -82,7 +91,11 @@ class ErrorModel(Shown):
         """
         if isinstance(model, ErrorModel):
             return model
-        return ErrorModel.load(model) if isinstance(model, str | Path) else _extended(as_arm(model, "model"), model.name)
+        return (
+            ErrorModel.load(model)
+            if isinstance(model, str | Path)
+            else _extended(as_arm(model, "model"), model.name)
+        )
 
     @staticmethod
     def arm_of(model: GivenModel) -> Arm:
@@ -112,14 +125,23 @@ class ErrorModel(Shown):
         """
         file = self.arm.file
         if file is None or (isinstance(file, UrdfArmFile) and not file.urdf.file):
-            raise AacmmError(f"{self.arm.name}: was made from no file that could be named or extended; a pipe is none")
+            raise AacmmError(
+                f"{self.arm.name}: was made from no file that could be named or extended; a "
+                "pipe is none"
+            )
         from aacmm_pin.effects.text import entries_of  # loads every cause
 
         file = file.model_copy(update=entries_of(self.effects))
-        return validated(UrdfArmFile, file.model_dump(by_alias=True), file.name) if isinstance(file, UrdfArmFile) else file
+        return (
+            validated(UrdfArmFile, file.model_dump(by_alias=True), file.name)
+            if isinstance(file, UrdfArmFile)
+            else file
+        )
 
     def text(self, comment: str = "", path: str | Path | None = None) -> str:
-        """The arm file of this model as TOML; see :func:`aacmm_pin.arm.file.arm_text` and :meth:`file`."""
+        """The arm file of this model as TOML; see :func:`aacmm_pin.arm.file.arm_text` and
+        :meth:`file`.
+        """
         return arm_text(self.file(), comment, path)
 
     def save(self, path: str | Path, force: bool = False, comment: str = "") -> None:
@@ -137,16 +159,23 @@ class ErrorModel(Shown):
             temporary.write_text(encodable(text), encoding="utf-8")
 
     def with_effects(self, *effects: GivenCause) -> ErrorModel:
-        """The model with more effects; one that sits where another of the same cause sits takes its place."""
+        """The model with more effects; one that sits where another of the same cause sits takes its
+        place.
+        """
         added = as_causes(effects, self)
         new = {effect.identity for effect in added}
         return replace(self, effects=(*(e for e in self.effects if e.identity not in new), *added))
 
     @property
     def without_covariance(self) -> ErrorModel:
-        """The model with nothing stated of the parameters that its covariance names, of the arm or of effects."""
+        """The model with nothing stated of the parameters that its covariance names, of the arm or
+        of effects.
+        """
         known = set(() if self.arm.covariance is None else self.arm.covariance.parameters)
-        untold = [replace(p, half_width=None, u=0.0) if p.name in known else p for p in self.arm.parameters]
+        untold = [
+            replace(p, half_width=None, u=0.0) if p.name in known else p
+            for p in self.arm.parameters
+        ]
         effects = []
         for effect in self.effects:
             is_known = known.intersection(p.name for p in effect.parameters())
@@ -155,7 +184,9 @@ class ErrorModel(Shown):
         return ErrorModel(arm, tuple(effects))
 
     def restricted(self, effects: tuple[Effect, ...]) -> ErrorModel:
-        """The arm with some of its effects alone, and what is known of their parameters and the arm's together."""
+        """The arm with some of its effects alone, and what is known of their parameters and the
+        arm's together.
+        """
         if self.arm.covariance is None:
             return replace(self, effects=effects)
         held = [*self.arm.parameters]
@@ -168,15 +199,22 @@ class ErrorModel(Shown):
     def parameters(self) -> tuple[Parameter, ...]:
         """The arm's parameters, then those of the effects: the columns of :meth:`sensitivity`.
 
-        The file's covariance overrides the u of the effects that it names, as it does for the arm's own parameters.
+        The file's covariance overrides the u of the effects that it names, as it does for the arm's
+        own parameters.
         """
         known = self.arm.covariance
-        u = {} if known is None else dict(zip(known.parameters, known.standard_uncertainty_si, strict=True))
+        u = (
+            {}
+            if known is None
+            else dict(zip(known.parameters, known.standard_uncertainty_si, strict=True))
+        )
         of_effects = (p for effect in self.effects for p in effect.parameters())
         return (*self.arm.parameters, *(replace(p, u=u.get(p.name, p.u)) for p in of_effects))
 
     def covariance(self) -> Array:
-        """Covariance of all parameters (p, p) [their units]: independent, but for those that the file knows together."""
+        """Covariance of all parameters (p, p) [their units]: independent, but for those that the
+        file knows together.
+        """
         parameters = self.parameters
         matrix = np.diag([p.u**2 for p in parameters])
         position = {p.name: i for i, p in enumerate(parameters)}
@@ -187,24 +225,33 @@ class ErrorModel(Shown):
         return matrix
 
     def predict(
-        self, q: ArrayLike, conditions: Conditions | None = None, at: str | None = None, *, as_referenced: bool = False
+        self,
+        q: ArrayLike,
+        conditions: Conditions | None = None,
+        at: str | None = None,
+        *,
+        as_referenced: bool = False,
     ) -> Array:
-        """Where the tip (or frame ``at``) is, by exact physics, for indications ``q`` (n, nq) [rad]: (n, 3) [m].
+        """Where the tip (or frame ``at``) is, by exact physics, for indications ``q`` (n, nq)
+        [rad]: (n, 3) [m].
 
         Args:
             q: encoder indications (n, nq) [rad].
             conditions: of the records; needed by causes that depend on them.
             at: name of a frame.
-            as_referenced: with the errors of the references too: the coordinates that the reference would state.
+            as_referenced: with the errors of the references too: the coordinates that the reference
+                would state.
 
         Raises:
-            ShapeError: ``q`` is not a finite (n, nq) array, or ``conditions`` are of another number of records.
+            ShapeError: ``q`` is not a finite (n, nq) array, or ``conditions`` are of another number
+                of records.
             MissingConditionError: an effect depends on a condition that is not there.
         """
         return self.state(q, conditions, at, as_referenced=as_referenced).position
 
     def correct(self, readings: ArrayLike, conditions: Conditions | None = None) -> Array:
-        """Compensated coordinates of the tip for encoder readings (n, nq) [rad]: (n, 3) [m]; see :meth:`predict`.
+        """Compensated coordinates of the tip for encoder readings (n, nq) [rad]: (n, 3) [m]; see
+        :meth:`predict`.
 
         Readings of which :meth:`known_at` is not all True are refused; leave them out.
         """
@@ -234,13 +281,16 @@ class ErrorModel(Shown):
         return found
 
     def other_targets(self, conditions: Conditions) -> list[str]:
-        """Labels of the markers whose place on the last body the arm does not know: the coordinates are of the tip there."""
+        """Labels of the markers whose place on the last body the arm does not know: the coordinates
+        are of the tip there.
+        """
         known = {effect.place for effect in self.effects if effect.location_field() == "marker"}
         labels = [] if conditions.marker is None else conditions.marker.tolist()
         return [label for label in dict.fromkeys(labels) if label and label not in known]
 
     def known_at(self, q: ArrayLike) -> Mask:
-        """(n, effects) True where an effect is known at indications ``q`` (n, nq) [rad]: an error curve has a range.
+        """(n, effects) True where an effect is known at indications ``q`` (n, nq) [rad]: an error
+        curve has a range.
 
         Of angles in another unit too, which are looked for where a file does not fit the arm.
 
@@ -278,28 +328,43 @@ class ErrorModel(Shown):
             return self
         return replace(self, arm=replace(self.arm, limits=limits))
 
-    def sensitivity(self, q: ArrayLike, conditions: Conditions | None = None, at: str | None = None) -> Array:
-        """∂(position)/∂parameters for ``q`` (n, nq) [rad]: (n, 3, len(parameters)) [m/unit]. See :meth:`predict`."""
+    def sensitivity(
+        self, q: ArrayLike, conditions: Conditions | None = None, at: str | None = None
+    ) -> Array:
+        """∂(position)/∂parameters for ``q`` (n, nq) [rad]: (n, 3, len(parameters)) [m/unit]. See
+        :meth:`predict`.
+        """
         state = self.state(q, conditions, at)
         columns = [sensitivity(effect, state) for effect in self.effects]
         if not state.twists:
             return np.concatenate([self.arm.sensitivity(state.q, at), *columns], axis=2)
-        # A target 0.1 m from the tip has another lever than the tip: the geometry too acts on the arm as displaced.
+        # A target 0.1 m from the tip has another lever than the tip: the geometry too acts on the
+        # arm as displaced.
         geometry = [sensitivity(effect, state) for effect in of_geometry(self.arm)]
         return np.concatenate([*geometry, *columns], axis=2)
 
     def state(
-        self, q: ArrayLike, conditions: Conditions | None = None, at: str | None = None, *, as_referenced: bool = False
+        self,
+        q: ArrayLike,
+        conditions: Conditions | None = None,
+        at: str | None = None,
+        *,
+        as_referenced: bool = False,
     ) -> State:
         """The arm in its records, displaced by the effects at their values; see :meth:`predict`."""
         q = batch(q, self.arm.nq, "q", "rad")
         conditions = Conditions(len(q)) if conditions is None else conditions
         if conditions.n != len(q):
-            raise ShapeError(f"conditions are of {conditions.n} records, expected {len(q)} as q has")
+            raise ShapeError(
+                f"conditions are of {conditions.n} records, expected {len(q)} as q has"
+            )
         for name in ("approach", "torque"):
             values = getattr(conditions, name)
             if values is not None and values.shape[1] != self.arm.nq:
-                raise ShapeError(f"{name} has {values.shape[1]} columns, expected {self.arm.nq}, one of each joint")
+                raise ShapeError(
+                    f"{name} has {values.shape[1]} columns, expected {self.arm.nq}, one of "
+                    "each joint"
+                )
         return displaced(self.arm, self.effects, q, conditions, self.arm.place(at), as_referenced)
 
 
@@ -359,10 +424,12 @@ def _twists(effects: list[Effect], state: State, others: Mapping[int, Array]) ->
 
 
 def require_shown(effect: Effect, arm: Arm, q: Array, conditions: Conditions, source: str) -> None:
-    """Refuse an effect whose seat, target, time, … none of the records has; ``source`` is what errors call these.
+    """Refuse an effect whose seat, target, time, … none of the records has; ``source`` is what
+    errors call these.
 
     Raises:
-        AacmmError: nothing in the columns that it depends on moves anything; says what stands there.
+        AacmmError: nothing in the columns that it depends on moves anything; says what stands
+            there.
     """
     state = State(arm, q, conditions, arm.chain.tip)
     if not effect.needs or any(d.columns.any() for d in effect.displacements(state)):
@@ -388,10 +455,12 @@ GivenCause = Effect | str
 def as_causes(
     causes: GivenCause | Iterable[GivenCause], model: ErrorModel, present: Collection[str] = ()
 ) -> tuple[Effect, ...]:
-    """Causes themselves, and those that texts name by :func:`aacmm_pin.effects.cause_of`; one alone counts as a list of one.
+    """Causes themselves, and those that texts name by :func:`aacmm_pin.effects.cause_of`; one alone
+    counts as a list of one.
 
     Raises:
-        UnknownNameError, AacmmError: see :func:`aacmm_pin.effects.cause_of`; something that is neither.
+        UnknownNameError, AacmmError: see :func:`aacmm_pin.effects.cause_of`; something that is
+            neither.
     """
     each = [causes] if isinstance(causes, Effect | str) else list(causes)
     if wrong := [given for given in each if not isinstance(given, Effect | str)]:
@@ -402,7 +471,9 @@ def as_causes(
         return effects
     from aacmm_pin.effects.text import cause_of  # loads every cause
 
-    return tuple(cause_of(given, model, present) if isinstance(given, str) else given for given in each)
+    return tuple(
+        cause_of(given, model, present) if isinstance(given, str) else given for given in each
+    )
 
 
 GivenModel = Arm | ErrorModel | str | Path

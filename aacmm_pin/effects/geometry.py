@@ -24,7 +24,9 @@ class _RowValue(Effect):
     """Of the twist at the place: 0, 2 shift along x, z; 3, 4, 5 turn about x, y, z."""
 
     def _moved(self, state: State) -> int:
-        """(d, θ) act on the row's axis; (a, α) behind the body in standard DH, before the axis in modified DH."""
+        """(d, θ) act on the row's axis; (a, α) behind the body in standard DH, before the axis in
+        modified DH.
+        """
         row = state.known_row(self.joint)
         if self.component in (2, 5):
             return axis(row)
@@ -40,11 +42,12 @@ class _RowValue(Effect):
 
 @dataclass(frozen=True)
 class JointZeroOffset(_RowValue):
-    """The encoder's zero is not where the table has it: the body turns by ``δ`` about its axis, or slides along it.
+    """The encoder's zero is not where the table has it: the body turns by ``δ`` about its axis, or
+    slides along it.
 
-    Unit rad; typical 1e-4 after a factory calibration, up to 0.05 (3°) as assembled. Source: any DH calibration; the 2010
-    zero-offset paper. Needs no column. Confused with: ``seat_error`` where few seats are touched; at joint 1 with a turned
-    reference frame (then it cannot be told at all).
+    Unit rad; typical 1e-4 after a factory calibration, up to 0.05 (3°) as assembled. Source: any DH
+    calibration; the 2010 zero-offset paper. Needs no column. Confused with: ``seat_error`` where
+    few seats are touched; at joint 1 with a turned reference frame (then it cannot be told at all).
     """
 
     cause: ClassVar[str] = "joint_zero_offset"
@@ -55,14 +58,19 @@ class JointZeroOffset(_RowValue):
     def displacements(self, state: State) -> list[Displacement]:
         """A unit of the joint's own motion; a row without a joint turns."""
         moves = state.arm.chain.joint[axis(state.known_row(self.joint))] >= 0
-        return [about_axis(state, self.joint, np.ones((1, 1)))] if moves else super().displacements(state)
+        return (
+            [about_axis(state, self.joint, np.ones((1, 1)))]
+            if moves
+            else super().displacements(state)
+        )
 
 
 @dataclass(frozen=True)
 class LinkLength(_RowValue):
     """a of a row is off: the rest of the arm shifts along x of the row. Unit m; typical 2e-5.
 
-    Source: Denavit–Hartenberg. Needs no column. Confused with: ``thermal_expansion``, ``stylus_offset`` in the last row.
+    Source: Denavit–Hartenberg. Needs no column. Confused with: ``thermal_expansion``,
+    ``stylus_offset`` in the last row.
     """
 
     cause: ClassVar[str] = "link_length"
@@ -76,8 +84,8 @@ class LinkLength(_RowValue):
 class JointDistance(_RowValue):
     """d of a row is off: the rest of the arm shifts along the row's axis. Unit m; typical 2e-5.
 
-    Source: Denavit–Hartenberg. Needs no column. Confused with: d of a neighbour with a parallel axis (only their sum
-    shows), ``thermal_expansion``, the height of the reference frame in row 1.
+    Source: Denavit–Hartenberg. Needs no column. Confused with: d of a neighbour with a parallel
+    axis (only their sum shows), ``thermal_expansion``, the height of the reference frame in row 1.
     """
 
     cause: ClassVar[str] = "joint_distance"
@@ -91,7 +99,8 @@ class JointDistance(_RowValue):
 class LinkTwist(_RowValue):
     """alpha of a row is off: the rest of the arm turns about x of the row. Unit rad; typical 5e-5.
 
-    Source: Denavit–Hartenberg. Needs no column. Confused with: ``bearing_tilt`` where the load hardly changes.
+    Source: Denavit–Hartenberg. Needs no column. Confused with: ``bearing_tilt`` where the load
+    hardly changes.
     """
 
     cause: ClassVar[str] = "link_twist"
@@ -103,10 +112,12 @@ class LinkTwist(_RowValue):
 
 @dataclass(frozen=True)
 class LinkTilt(_RowValue):
-    """The next axis is tilted about y of the row: what DH cannot say of two parallel axes, whose common normal jumps away.
+    """The next axis is tilted about y of the row: what DH cannot say of two parallel axes, whose
+    common normal jumps away.
 
-    Unit rad; typical 5e-5. Source: Hayati, Mirmirani 1985 (angle β). Needs no column. Confused with: d of the row and of
-    the next where the axes are far from parallel; there DH itself suffices.
+    Unit rad; typical 5e-5. Source: Hayati, Mirmirani 1985 (angle β). Needs no column. Confused
+    with: d of the row and of the next where the axes are far from parallel; there DH itself
+    suffices.
     """
 
     cause: ClassVar[str] = "link_tilt"
@@ -119,8 +130,9 @@ class LinkTilt(_RowValue):
 class JointPlacement(Effect):
     """The placement of a joint is off, by three shifts and three turns in the placement's own axes.
 
-    For arms that came as URDF, which have placements and no DH rows; more parameters than any data can tell, so some are
-    known only together. Units m and rad; typical 5e-5, 1e-4. Needs no column. Confused with: the neighbours' placements.
+    For arms that came as URDF, which have placements and no DH rows; more parameters than any data
+    can tell, so some are known only together. Units m and rad; typical 5e-5, 1e-4. Needs no column.
+    Confused with: the neighbours' placements.
     """
 
     joint: int
@@ -139,4 +151,8 @@ def of_geometry(arm: Arm) -> list[Effect]:
     rows = range(1, arm.chain.rows + 1)
     if arm.dh is None:
         return [JointPlacement(joint=row) for row in rows]
-    return [cause(joint=row) for row in rows for cause in (LinkLength, JointDistance, LinkTwist, JointZeroOffset)]
+    return [
+        cause(joint=row)
+        for row in rows
+        for cause in (LinkLength, JointDistance, LinkTwist, JointZeroOffset)
+    ]

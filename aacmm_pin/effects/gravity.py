@@ -1,4 +1,6 @@
-"""Bases of the causes that yield to weight: known masses give one flexibility, unknown masses give more free parameters."""
+"""Bases of the causes that yield to weight: known masses give one flexibility, unknown masses give
+more free parameters.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,9 @@ from aacmm_pin.effects.tube import tubes
 from aacmm_pin.errors import AacmmError
 
 TYPICAL_SAG = 5e-4
-"""Usual turn under a moment that nobody knows [rad]: measuring arms have 1e-4, the joints of robots up to 5e-3."""
+"""Usual turn under a moment that nobody knows [rad]: measuring arms have 1e-4, the joints of robots
+up to 5e-3.
+"""
 TYPICAL_LOAD = 1e-4
 """Usual turn under a load of one metre's lever [rad/m]."""
 
@@ -25,8 +29,9 @@ TYPICAL_LOAD = 1e-4
 class LoadedEffect(Effect):
     """Something that yields to the weights which it carries, with one flexibility.
 
-    A load that the arm's file does not have may hang at the end of a body: ``flexibility × weight`` is the parameter then,
-    of a unit force downwards there. It comes on top of the flexibility that is known.
+    A load that the arm's file does not have may hang at the end of a body: ``flexibility × weight``
+    is the parameter then, of a unit force downwards there. It comes on top of the flexibility that
+    is known.
 
     Attributes:
         load_at: row of the body at whose end the load hangs; None where the arm's masses count.
@@ -56,7 +61,9 @@ class LoadedEffect(Effect):
 
     def load_variants(self, arm: Arm) -> tuple[Self, ...]:
         """With a load at the end of each tube that it carries, and at the tip."""
-        ends = [row for row in dict.fromkeys((*tubes(arm), arm.chain.rows)) if row >= (self.row or 0)]
+        ends = [
+            row for row in dict.fromkeys((*tubes(arm), arm.chain.rows)) if row >= (self.row or 0)
+        ]
         return tuple(replace(self, load_at=row, values=(), u=()) for row in ends)
 
     def unit_load(self, state: State, row: int, about: Array) -> Array:
@@ -75,10 +82,12 @@ class LoadedEffect(Effect):
 class GravityEffect(LoadedEffect):
     """A displacement proportional to a static moment.
 
-    With the masses of the arm the one parameter is a flexibility. Where the arm states none, name the ``bodies`` (rows)
-    that pull: the static moment is linear in their first moments, so that flexibility × first moment × |g| of each body,
-    three numbers in its own axes, are the parameters; nothing is guessed. Weights farther out are gathered at the bodies'
-    ends, so some of these numbers are known only together.
+    With the masses of the arm the one parameter is a flexibility. Where the arm states none, name
+    the ``bodies`` (rows)
+    that pull: the static moment is linear in their first moments, so that flexibility × first
+    moment × |g| of each body, three numbers in its own axes, are the parameters; nothing is
+    guessed. Weights farther out are gathered at the bodies' ends, so some of these numbers are
+    known only together.
 
     Attributes:
         bodies: rows of the bodies with unknown masses; () where the arm's masses count.
@@ -91,7 +100,9 @@ class GravityEffect(LoadedEffect):
         object.__setattr__(self, "bodies", tuple(self.bodies))
         super().__post_init__()
         if self.bodies and self.load_at is not None:
-            raise AacmmError(f"{self.label}: has a load and bodies of unknown masses, expected one or the other")
+            raise AacmmError(
+                f"{self.label}: has a load and bodies of unknown masses, expected one or the other"
+            )
 
     @property
     def terms(self) -> tuple[Term, ...]:
@@ -110,7 +121,8 @@ class GravityEffect(LoadedEffect):
 
         Raises:
             UnsupportedArmError: the arm states no masses and no ``bodies`` are named.
-            AacmmError: the ``bodies`` are not those at and beyond the axis, or the load hangs before it.
+            AacmmError: the ``bodies`` are not those at and beyond the axis, or the load hangs
+                before it.
         """
         if self.load_at is not None:
             return self.unit_load(state, row, state.origin[state.bearing(row)])[:, :, None]
@@ -119,10 +131,15 @@ class GravityEffect(LoadedEffect):
         columns = state.unit_moments(row)
         beyond = tuple(place // 2 for place in state.arm.chain.moving_axes() if place // 2 >= row)
         if self.bodies != beyond:
-            raise AacmmError(f"{self.label}: bodies is {self.bodies}, expected those at and beyond row {row}, {beyond}")
+            raise AacmmError(
+                f"{self.label}: bodies is {self.bodies}, expected those at and beyond row {row}, "
+                f"{beyond}"
+            )
         return columns
 
 
 def load_variants(effect: Effect, arm: Arm) -> tuple[Effect, ...]:
-    """The effect under loads that the arm's file does not have; none of one that bears no weight."""
+    """The effect under loads that the arm's file does not have; none of one that bears no
+    weight.
+    """
     return effect.load_variants(arm) if isinstance(effect, LoadedEffect) else ()

@@ -1,4 +1,6 @@
-"""Joint commands with which the real arm, as an error model knows it, comes where a nominal model wants it."""
+"""Joint commands with which the real arm, as an error model knows it, comes where a nominal model
+wants it.
+"""
 
 from __future__ import annotations
 
@@ -26,9 +28,11 @@ SINGULAR = 1e-6
 def joint_commands(
     model: GivenModel, nominal: GivenModel, q: ArrayLike, conditions: Conditions | None = None
 ) -> tuple[Array, Mask]:
-    """Commands by which ``model`` has the tip, and with six joints or more its axes, that ``nominal`` has at ``q``.
+    """Commands by which ``model`` has the tip, and with six joints or more its axes, that
+    ``nominal`` has at ``q``.
 
-    Newton's method with the shortest step, so that an arm with more joints than it needs stays near ``q``.
+    Newton's method with the shortest step, so that an arm with more joints than it needs stays near
+    ``q``.
 
     Args:
         model: the arm as it is.
@@ -40,18 +44,26 @@ def joint_commands(
         commands (n, nq) [rad], and True for each that arrives within 1 nm (and 1 nrad) (n,).
 
     Raises:
-        ShapeError: ``q`` is not a finite (n, nq) array, or the arms have not as many joints as each other.
+        ShapeError: ``q`` is not a finite (n, nq) array, or the arms have not as many joints as each
+            other.
         MissingConditionError: an effect depends on a condition that is not there.
-        AacmmError: the tip of ``model`` is a target, and that of ``nominal`` is not: they are two points.
+        AacmmError: the tip of ``model`` is a target, and that of ``nominal`` is not: they are two
+            points.
     """
     model, nominal = ErrorModel.of(model), ErrorModel.of(nominal)
     if nominal.arm.nq != model.arm.nq:
-        raise ShapeError(f"{nominal.arm.name} has {nominal.arm.nq} joints, expected {model.arm.nq} as {model.arm.name} has")
+        raise ShapeError(
+            f"{nominal.arm.name} has {nominal.arm.nq} joints, expected {model.arm.nq} as "
+            f"{model.arm.name} has"
+        )
     if model.arm.tip_on_target and not nominal.arm.tip_on_target:
         raise AacmmError(
-            f"{model.arm.name}: its tip is a target that a calibration with target unknown placed on the last body. "
-            f"Commands would bring that target where {nominal.arm.name} has its own tip. Calibrate with a label in the "
-            "column marker; or with the target as a frame of the URDF or a fixed last row of the table, and then without "
+            f"{model.arm.name}: its tip is a target that a calibration with target unknown placed "
+            "on the last body. "
+            f"Commands would bring that target where {nominal.arm.name} has its own tip. "
+            "Calibrate with a label in the "
+            "column marker; or with the target as a frame of the URDF or a fixed last row of the "
+            "table, and then without "
             "target unknown: --effect stylus_offset finds how far the target is off that frame"
         )
     q = batch(q, model.arm.nq, "q", "rad")
@@ -59,28 +71,40 @@ def joint_commands(
     position, axes = wanted.position, wanted.rotation[-1]
     commands, arrived = q.copy(), np.zeros(len(q), dtype=bool)
     endless = np.tile([-np.inf, np.inf], (model.arm.nq, 1))
-    bounds = replace(model, arm=replace(model.arm, limits=endless)).restricted_to_known_range().arm.limits.T
+    bounds = (
+        replace(model, arm=replace(model.arm, limits=endless))
+        .restricted_to_known_range()
+        .arm.limits.T
+    )
     for _ in range(MOST_STEPS):
         state = model.state(commands, conditions)
         shift, turn = position - state.position, _turn(axes, state.rotation[-1])
         if model.arm.nq < OF_A_POSE:
             turn = np.zeros_like(turn)
         off = np.concatenate([shift, turn], axis=1)
-        arrived = (np.linalg.norm(shift, axis=1) < ARRIVED) & (np.linalg.norm(turn, axis=1) < ARRIVED)
+        arrived = (np.linalg.norm(shift, axis=1) < ARRIVED) & (
+            np.linalg.norm(turn, axis=1) < ARRIVED
+        )
         if arrived.all():
             break
-        jacobian = np.concatenate(model.arm.chain.jacobian(state.rotation, state.origin, state.position), axis=1)
+        jacobian = np.concatenate(
+            model.arm.chain.jacobian(state.rotation, state.origin, state.position), axis=1
+        )
         if model.arm.nq < OF_A_POSE:
             jacobian, off = jacobian[:, :3], shift
         step = (np.linalg.pinv(jacobian, rcond=SINGULAR) @ off[:, :, None])[:, :, 0]
         length = np.linalg.norm(step, axis=1, keepdims=True)
-        further = np.clip(commands + step * (LONGEST_STEP / np.maximum(length, LONGEST_STEP)), *bounds)
+        further = np.clip(
+            commands + step * (LONGEST_STEP / np.maximum(length, LONGEST_STEP)), *bounds
+        )
         commands[~arrived] = further[~arrived]
     return commands, arrived
 
 
 def _turn(to: Array, of: Array) -> Array:
-    """Rotation vectors (n, 3) [rad] of small turns from axes ``of`` to axes ``to``, each (n, 3, 3)."""
+    """Rotation vectors (n, 3) [rad] of small turns from axes ``of`` to axes ``to``, each
+    (n, 3, 3).
+    """
     turn = to @ of.transpose(0, 2, 1)
     lower, upper = turn[:, [2, 0, 1], [1, 2, 0]], turn[:, [1, 2, 0], [2, 0, 1]]
     return np.asarray(0.5 * (lower - upper))

@@ -47,14 +47,19 @@ def several_in_words(effects: Sequence[Effect], arm: Arm | None = None) -> str:
     """Causes in a row; those of one kind together, ``error curve of joints 1, 2 and 3``."""
     kinds: dict[tuple[str, str], list[Effect]] = {}
     for effect in effects:
-        kinds.setdefault((effect.cause, "" if effect.place is None else _place_words(effect, arm)), []).append(effect)
+        kinds.setdefault(
+            (effect.cause, "" if effect.place is None else _place_words(effect, arm)), []
+        ).append(effect)
     found = []
     for alike in kinds.values():
         one = alike[0]
         if len({effect.place for effect in alike}) < len(alike) or len(alike) == 1:
             found += [in_words(effect, arm) for effect in alike]
         else:
-            places = [str(place) for place in sorted(effect.place for effect in alike if effect.place is not None)]
+            places = [
+                str(place)
+                for place in sorted(effect.place for effect in alike if effect.place is not None)
+            ]
             words = cause_in_words(type(one))
             found.append(f"{words} of {_place_words(one, arm)}s {listed(places)}")
     return listed(found)
@@ -69,7 +74,9 @@ def _place_words(effect: Effect, arm: Arm | None) -> str:
 
 
 def row_in_words(row: int, arm: Arm) -> str:
-    """``joint`` for a row (from 1) that a joint moves, ``row`` for a rigid one, ``tool row`` behind the last joint."""
+    """``joint`` for a row (from 1) that a joint moves, ``row`` for a rigid one, ``tool row`` behind
+    the last joint.
+    """
     moving = arm.chain.moving_rows()
     return "joint" if row in moving else "row" if row < moving[-1] else "tool row"
 
@@ -84,7 +91,9 @@ def slides(effect: Effect, arm: Arm) -> bool:
 
 
 def values_with_u(effect: Effect, covariance: Array) -> dict[str, tuple[float, float]]:
-    """Described values of an effect with u, by their keys, from the covariance of its parameters (p, p)."""
+    """Described values of an effect with u, by their keys, from the covariance of its parameters
+    (p, p).
+    """
     jacobian, values = effect.notation.jacobian(effect), effect.notation.parameters(effect)
     variance = np.einsum("ij,jk,ik->i", jacobian, covariance, jacobian)
     u = np.sqrt(np.maximum(variance, 0.0)).tolist()
@@ -100,17 +109,33 @@ def known_range_in_words(effect: Effect) -> str:
     return f", which is known from {low:g} to {high:g} rad ({degrees})"
 
 
-def values_in_words(effect: Effect, values: Mapping[str, tuple[float, float]], slides: bool = False) -> str:
-    """Described values of an effect and their u, by their keys, as value ± U (k = 2); metres where a joint ``slides``."""
+def values_in_words(
+    effect: Effect, values: Mapping[str, tuple[float, float]], slides: bool = False
+) -> str:
+    """Described values of an effect and their u, by their keys, as value ± U (k = 2); metres where
+    a joint ``slides``.
+    """
     if len(values) > FEW_VALUES:
         return f"free curve of {len(values)} values"
     readings = effect.notation.readings(effect)
     if slides:
-        readings = {key: reading._replace(unit=reading.unit.replace("rad", "m")) for key, reading in readings.items()}
-    in_um = [abs(value) * readings[key].factor for key, (value, _) in values.items() if readings[key].unit == "µm"]
+        readings = {
+            key: reading._replace(unit=reading.unit.replace("rad", "m"))
+            for key, reading in readings.items()
+        }
+    in_um = [
+        abs(value) * readings[key].factor
+        for key, (value, _) in values.items()
+        if readings[key].unit == "µm"
+    ]
     if in_um and max(in_um) >= LARGE:
-        readings = {key: r._replace(unit="mm", factor=r.factor * MM) if r.unit == "µm" else r for key, r in readings.items()}
-    return ", ".join(_value(readings[key], value, COVERAGE_FACTOR * u) for key, (value, u) in values.items())
+        readings = {
+            key: r._replace(unit="mm", factor=r.factor * MM) if r.unit == "µm" else r
+            for key, r in readings.items()
+        }
+    return ", ".join(
+        _value(readings[key], value, COVERAGE_FACTOR * u) for key, (value, u) in values.items()
+    )
 
 
 def _value(reading: Reading, value: float, expanded: float) -> str:
@@ -124,7 +149,9 @@ def _value(reading: Reading, value: float, expanded: float) -> str:
             places = max(0, int(np.floor(np.log10(max(abs(value), expanded)))) + digits)
             text = f"{value:.{places}e} ± {expanded:.1e}"
         else:
-            text = " ± ".join(f"{round(number, digits):z.{max(digits, 0)}f}" for number in (value, expanded))
+            text = " ± ".join(
+                f"{round(number, digits):z.{max(digits, 0)}f}" for number in (value, expanded)
+            )
     space = "" if reading.unit[:1] in ("", "°", "·") else " "
     return f"{reading.name} {text}{space}{reading.unit}"
 
@@ -136,10 +163,20 @@ def probability(value: float) -> str:
 
 def typical_magnitude_in_words(effect: Effect) -> str:
     """Typical magnitudes of its parameters, each once: ``10 µrad/(N·m)``."""
-    sizes = dict.fromkeys(f"{term.typical / size:.3g} {unit}" for term in effect.terms for unit, size in [term.unit_read])
+    sizes = dict.fromkeys(
+        f"{term.typical / size:.3g} {unit}"
+        for term in effect.terms
+        for unit, size in [term.unit_read]
+    )
     return ", ".join(sizes)
 
 
 def listed(items: Sequence[str], last: str = "and") -> str:
     """``a, b and c``."""
-    return items[0] if len(items) == 1 else f"{', '.join(items[:-1])} {last} {items[-1]}" if items else ""
+    return (
+        items[0]
+        if len(items) == 1
+        else f"{', '.join(items[:-1])} {last} {items[-1]}"
+        if items
+        else ""
+    )

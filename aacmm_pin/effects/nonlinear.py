@@ -1,4 +1,6 @@
-"""A field in which a cause is not linear, such as an order, a time constant, or the time of a step."""
+"""A field in which a cause is not linear, such as an order, a time constant, or the time of
+a step.
+"""
 
 from __future__ import annotations
 
@@ -69,7 +71,9 @@ class Nonlinear(Generic[E]):
         return ()
 
     def prior_sd(self, effect: E) -> float:
-        """How far off the value may be before records tell; 0 where the cause is not smooth in it."""
+        """How far off the value may be before records tell; 0 where the cause is not smooth
+        in it.
+        """
         return 0.0
 
     def prior_probability(self, effect: E, records: Records) -> float:

@@ -18,7 +18,9 @@ from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError
 
 MOST_KNOTS = 50
-"""Between so many quantiles the rank of a value is interpolated; fewer different values have their own."""
+"""Between so many quantiles the rank of a value is interpolated; fewer different values have their
+own.
+"""
 MOST_FUNCTIONS = 100
 """Functions of one kind in a file; those that diagnosis looks at are 25 at most."""
 
@@ -30,12 +32,14 @@ Point = tuple[float, float, float]
 class Cosines:
     """``cos kπp`` for k from 0 to ``count``, p the part of the fitted records whose value is below.
 
-    p is interpolated between knots. Outside the range of the fitted records it is that of the nearest of them.
+    p is interpolated between knots. Outside the range of the fitted records it is that of the
+    nearest of them.
 
     Attributes:
         of: ``joint 2``, ``time`` or ``temperature``.
         at_si: values at the knots, ascending [rad, m of a joint that slides, s, °C].
-        below: how many of the fitted records are below each of them, half of those that are there included.
+        below: how many of the fitted records are below each of them, half of those that are there
+            included.
         records: how many fitted records there are.
         count: k of the last one.
     """
@@ -50,9 +54,15 @@ class Cosines:
 
     def __post_init__(self) -> None:
         if not len(self.at_si) == len(self.below) >= 1 or np.any(np.diff(self.at_si) <= 0.0):
-            raise AacmmError(f"cosines of {self.of}: expected ascending values in at_si, and a number in below for each")
+            raise AacmmError(
+                f"cosines of {self.of}: expected ascending values in at_si, and a number in below "
+                "for each"
+            )
         if self.records < 1 or not 0 <= self.count <= MOST_FUNCTIONS:
-            raise AacmmError(f"cosines of {self.of}: expected records above 0, and a count from 0 to {MOST_FUNCTIONS}")
+            raise AacmmError(
+                f"cosines of {self.of}: expected records above 0, and a count from 0 to "
+                f"{MOST_FUNCTIONS}"
+            )
 
     @property
     def number(self) -> int:
@@ -62,7 +72,9 @@ class Cosines:
     @staticmethod
     def over(of: str, values: ArrayLike, count: int) -> Cosines:
         """The cosines over the ranks of ``values`` (n,)."""
-        at, first, times = np.unique(np.asarray(values, dtype=np.float64), return_inverse=True, return_counts=True)
+        at, first, times = np.unique(
+            np.asarray(values, dtype=np.float64), return_inverse=True, return_counts=True
+        )
         below = np.cumsum(times) - 0.5 * times
         if at.size > MOST_KNOTS:
             knots = np.unique(np.searchsorted(below, np.linspace(below[0], below[-1], MOST_KNOTS)))
@@ -71,7 +83,9 @@ class Cosines:
 
     def of_values(self, values: ArrayLike) -> Array:
         """The functions of values (n,): (n, count + 1)."""
-        part = np.interp(np.asarray(values, dtype=np.float64), self.at_si, self.below) / self.records
+        part = (
+            np.interp(np.asarray(values, dtype=np.float64), self.at_si, self.below) / self.records
+        )
         return np.asarray(np.cos(np.pi * np.arange(self.count + 1) * part[:, None]))
 
     def values(self, state: State) -> Array:
@@ -97,7 +111,10 @@ class Waves:
 
     def __post_init__(self) -> None:
         if not 1 <= self.order <= MOST_FUNCTIONS:
-            raise AacmmError(f"waves of {self.of}: expected an order from 1 to {MOST_FUNCTIONS}, got {self.order}")
+            raise AacmmError(
+                f"waves of {self.of}: expected an order from 1 to {MOST_FUNCTIONS}, got "
+                f"{self.order}"
+            )
 
     @property
     def number(self) -> int:
@@ -165,7 +182,9 @@ class Bumps:
 
     def __post_init__(self) -> None:
         if not (0 < len(self.centres_si) <= MOST_FUNCTIONS and self.width_si > 0.0):
-            raise AacmmError(f"bumps: expected 1 to {MOST_FUNCTIONS} places in centres_si, and width_si above 0")
+            raise AacmmError(
+                f"bumps: expected 1 to {MOST_FUNCTIONS} places in centres_si, and width_si above 0"
+            )
 
     @property
     def number(self) -> int:
@@ -193,12 +212,16 @@ OF_KIND = {
 
 
 def product_of(functions: Sequence[Smooth], state: State) -> Array:
-    """Products of one function of each of these (n, m), the last one varying fastest; without any the constant 1 (n, 1)."""
+    """Products of one function of each of these (n, m), the last one varying fastest; without any
+    the constant 1 (n, 1).
+    """
     return reduce(products, (each.values(state) for each in functions), np.ones((state.n, 1)))
 
 
 def products(one: Array, other: Array) -> Array:
-    """Products of each function (n, a) with each other one (n, b), the other one varying fastest (n, a · b)."""
+    """Products of each function (n, a) with each other one (n, b), the other one varying fastest
+    (n, a · b).
+    """
     each = np.einsum("na,nb->nab", one, other)
     return np.asarray(each.reshape(len(one), one.shape[1] * other.shape[1]))
 

@@ -1,4 +1,6 @@
-"""An arm in n records: where every place of its chain is, which weights pull at it, and under which conditions."""
+"""An arm in n records: where every place of its chain is, which weights pull at it, and under which
+conditions.
+"""
 
 from __future__ import annotations
 
@@ -19,8 +21,8 @@ from aacmm_pin.errors import AacmmError, UnsupportedArmError
 class State:
     """What a cause of error may look at. Places are those of :mod:`aacmm_pin.arm.chain`.
 
-    All vectors and axes are in the base frame; :meth:`in_axes_of` turns vectors into the axes of a place, in which a
-    :class:`~aacmm_pin.effects.Displacement` states its columns.
+    All vectors and axes are in the base frame; :meth:`in_axes_of` turns vectors into the axes of a
+    place, in which a :class:`~aacmm_pin.effects.Displacement` states its columns.
 
     Attributes:
         arm: the arm.
@@ -28,7 +30,8 @@ class State:
         conditions: what else is known of the records.
         target: the place whose origin is looked at.
         twists: displacements of places, see :meth:`Chain.walk`.
-        looked_at: a point of the last body near the target, whose motion is asked for (n, 3) [m]; None for the target.
+        looked_at: a point of the last body near the target, whose motion is asked for (n, 3) [m];
+            None for the target.
         turns: whether the turn of the last body is asked for too, behind the motion of the point.
     """
 
@@ -46,7 +49,9 @@ class State:
 
     @property
     def rotation(self) -> Array:
-        """Axes of every place in the base, as columns: (places, n, 3, 3); ``rotation[axis(2)][:, :, 2]`` is z of joint 2."""
+        """Axes of every place in the base, as columns: (places, n, 3, 3); ``rotation[axis(2)][:, :,
+        2]`` is z of joint 2.
+        """
         return self._frames[0]
 
     @property
@@ -108,9 +113,13 @@ class State:
         return self.q[:, self.joint(row)]
 
     def in_axes_of(self, place: int, vectors: Array) -> Array:
-        """Vectors of the base (n, 3), or one (3,), as components along the axes of ``place`` (n, 3)."""
+        """Vectors of the base (n, 3), or one (3,), as components along the axes of ``place`` (n,
+        3).
+        """
         turned = self.rotation[place]
-        return np.asarray(np.einsum("nji,nj->ni", turned, np.broadcast_to(vectors, turned.shape[:2])))
+        return np.asarray(
+            np.einsum("nji,nj->ni", turned, np.broadcast_to(vectors, turned.shape[:2]))
+        )
 
     def span(self, row: int) -> Array:
         """From the bearing to the end of body ``row``, in the base (n, 3) [m]."""
@@ -123,7 +132,8 @@ class State:
         return -self.arm.up
 
     def moment_at_axis(self, row: int) -> Array:
-        """Moment of the weight of body ``row`` and all beyond about its bearing, in the base (n, 3) [N·m].
+        """Moment of the weight of body ``row`` and all beyond about its bearing, in the base (n, 3)
+        [N·m].
 
         Raises:
             UnsupportedArmError: the arm states no masses.
@@ -131,7 +141,9 @@ class State:
         return self.moment(row, self.origin[self.bearing(row)])
 
     def along_axis(self, row: int, vectors: Array) -> Array:
-        """Part of vectors of the base (n, 3, …) along the axis of ``row`` (n, …): of a moment, what turns the joint."""
+        """Part of vectors of the base (n, 3, …) along the axis of ``row`` (n, …): of a moment, what
+        turns the joint.
+        """
         return np.asarray(np.einsum("ni,ni...->n...", self.rotation[axis(row)][:, :, 2], vectors))
 
     def weight_beyond(self, row: int) -> Array:
@@ -144,11 +156,12 @@ class State:
         return np.asarray(np.cross(lever, self.arm.gravity))
 
     def unit_moments(self, row: int) -> Array:
-        """The same moment for unknown masses: columns of the unknown first moments of body ``row`` and each beyond.
+        """The same moment for unknown masses: columns of the unknown first moments of body ``row``
+        and each beyond.
 
-        The static moment about ``axis row`` is ``Σ (R_k H_k) × g`` with one constant vector H_k in each body, into which
-        the masses farther out have been gathered at the body's end; for each component of H_k and unit gravity:
-        (n, 3, 3 · bodies).
+        The static moment about ``axis row`` is ``Σ (R_k H_k) × g`` with one constant vector H_k in
+        each body, into which the masses farther out have been gathered at the body's end; for each
+        component of H_k and unit gravity: (n, 3, 3 · bodies).
 
         Raises:
             UnsupportedArmError: a joint beyond ``row`` slides, and H_k is not constant.
@@ -156,7 +169,9 @@ class State:
         rows = [place // 2 for place in self.arm.chain.moving_axes() if place // 2 >= row]
         slide = [k for k in rows if k > row and self.arm.chain.prismatic[self.joint(k)]]
         if slide:
-            raise UnsupportedArmError(f"{self.arm.name}: joint {slide[0]} slides; unknown masses need joints that turn")
+            raise UnsupportedArmError(
+                f"{self.arm.name}: joint {slide[0]} slides; unknown masses need joints that turn"
+            )
         columns = [self.rotation[axis(k)] for k in rows]
         return np.cross(np.concatenate(columns, axis=2), self.down[None, :, None], axis=1)
 
@@ -168,14 +183,18 @@ class State:
             UnsupportedArmError: the arm states none.
         """
         if self.arm.masses is None:
-            raise UnsupportedArmError(f"{self.arm.name}: gravity needs masses (mass_kg); the arm states none")
+            raise UnsupportedArmError(
+                f"{self.arm.name}: gravity needs masses (mass_kg); the arm states none"
+            )
         return self.arm.masses
 
     @cached_property
     def _first_moments(self) -> Array:
         """Σ m_k c_k over each body and all beyond, (rows + 1, n, 3) [kg·m]."""
         axes = slice(2, 2 * self.arm.chain.rows + 1, 2)
-        centres = self.origin[axes] + np.einsum("rnij,rj->rni", self.rotation[axes], self.arm.centres_of_mass)
+        centres = self.origin[axes] + np.einsum(
+            "rnij,rj->rni", self.rotation[axes], self.arm.centres_of_mass
+        )
         moments = np.zeros((len(centres) + 1, self.n, 3))
         moments[:-1] = np.cumsum((self.masses[:, None, None] * centres)[::-1], axis=0)[::-1]
         return moments

@@ -35,7 +35,9 @@ class _TimeOfDrift(TimeConstant["ZeroDrift"]):
         """From a third to three times as slow, and seen to no end."""
         return super().refine(replace(effect, until_s=None), records)
 
-    def with_coverage_interval(self, effect: ZeroDrift, low: float, high: float, records: Records) -> ZeroDrift:
+    def with_coverage_interval(
+        self, effect: ZeroDrift, low: float, high: float, records: Records
+    ) -> ZeroDrift:
         """Until the last record, unless that shows where the drift ends."""
         last = float(records.conditions.times[-1])
         if low > 0.0 and effect.time_constant_s < last:
@@ -84,7 +86,12 @@ class ZeroDrift(Effect):
         if until is None or not (time > until).any():
             return []
         later = int((time > until).sum())
-        return [Note("after_drift", {"records": later, "of": conditions.n, "cause": self.label, "until": until})]
+        return [
+            Note(
+                "after_drift",
+                {"records": later, "of": conditions.n, "cause": self.label, "until": until},
+            )
+        ]
 
     def displacements(self, state: State) -> list[Displacement]:
         """How far the warm-up has come; nothing before 0."""
@@ -146,7 +153,9 @@ class _TimeOfSlip(Nonlinear["EncoderSlip"]):
         by_time = self.gap(effect, records) / float(np.ptp(times))
         return 1.0 / min(times.size - 1, SLIPS) + by_time
 
-    def with_coverage_interval(self, effect: EncoderSlip, low: float, high: float, records: Records) -> EncoderSlip:
+    def with_coverage_interval(
+        self, effect: EncoderSlip, low: float, high: float, records: Records
+    ) -> EncoderSlip:
         """From the last record before the interval to the first behind it."""
         times, labels = records.conditions.times, records.conditions.session
         # Other causes may have moved the likeliest gap since.
@@ -204,12 +213,16 @@ class EncoderSlip(Effect):
         found = []
         if self.sessions and (before := self.part(conditions) == 0.0).any():
             slip = {"cause": self.label, "time": self.time_s}
-            found.append(Note("before_slip", {"records": int(before.sum()), "of": conditions.n, **slip}))
+            found.append(
+                Note("before_slip", {"records": int(before.sum()), "of": conditions.n, **slip})
+            )
         later = self._is_of_later_session(conditions)
         if later.any():
             sessions = [*dict.fromkeys(conditions.require("session", self.label)[later])]
             slip = {"cause": self.label, "sessions": sessions}
-            found.append(Note("after_slip", {"records": int(later.sum()), "of": conditions.n, **slip}))
+            found.append(
+                Note("after_slip", {"records": int(later.sum()), "of": conditions.n, **slip})
+            )
         return found
 
     def part(self, conditions: Conditions) -> Array:

@@ -28,7 +28,8 @@ def tubes(arm: Arm) -> list[int]:
 
 @dataclass(frozen=True, eq=False)
 class Tube:
-    """A tube along the axis of its row or across it, whichever the body is longer along; the rest of the body is rigid.
+    """A tube along the axis of its row or across it, whichever the body is longer along; the rest
+    of the body is rigid.
 
     Attributes:
         along: unit vector from its clamp to its end (n, 3).
@@ -50,8 +51,9 @@ class Tube:
     def of(state: State, row: int, label: str) -> Tube:
         """The tube of body ``row``.
 
-        As much of the body's weight is spread over the tube as its centre of mass allows; the rest is a lump at the end of
-        the tube or, where the centre of mass is in the nearer half, at its clamp.
+        As much of the body's weight is spread over the tube as its centre of mass allows; the rest
+        is a lump at the end of the tube or, where the centre of mass is in the nearer half, at its
+        clamp.
 
         Raises:
             AacmmError: the body is too short.
@@ -65,11 +67,14 @@ class Tube:
         length = length_of(tube, state, row, label)
         rest = span - clamp - tube
         from_bearing = state.origin[axis(row)] - state.origin[state.bearing(row)]
-        centre = from_bearing + state.rotation[axis(row)] @ state.arm.centres_of_mass[row - 1] - clamp
+        centre = (
+            from_bearing + state.rotation[axis(row)] @ state.arm.centres_of_mass[row - 1] - clamp
+        )
         place = np.einsum("ni,ni->n", centre, tube)[:, None] / length**2
         share = np.clip(2 * np.minimum(place, 1 - place), 0.0, 1.0)
         body, beyond = state.masses[row - 1] * state.arm.gravity, state.weight_beyond(row)
-        # The first moment of the lump about the end is the body's less that of the tube, whose middle is half a length back.
+        # The first moment of the lump about the end is the body's less that of the tube, whose
+        # middle is half a length back.
         lump = np.where(place > 0.5, 1.0, 0.0)
         off = lump * (centre - (1 - share / 2) * tube)
         return Tube(
@@ -77,13 +82,17 @@ class Tube:
             length=length,
             rest=rest,
             weight=beyond + lump * (1 - share) * body,
-            moment=state.moment(row + 1, state.origin[end(row)]) + np.cross(rest, beyond) + np.cross(off, body),
+            moment=state.moment(row + 1, state.origin[end(row)])
+            + np.cross(rest, beyond)
+            + np.cross(off, body),
             own=share * body,
         )
 
     def across(self, vectors: Array) -> Array:
         """Vectors (n, 3) without their part along the tube."""
-        return np.asarray(vectors - np.einsum("ni,ni->n", vectors, self.along)[:, None] * self.along)
+        return np.asarray(
+            vectors - np.einsum("ni,ni->n", vectors, self.along)[:, None] * self.along
+        )
 
 
 def length_of(vectors: Array, state: State, row: int, label: str) -> Array:
@@ -94,5 +103,8 @@ def length_of(vectors: Array, state: State, row: int, label: str) -> Array:
     """
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
     if (length < SHORT).any():
-        raise AacmmError(f"{label}: body {row} of {state.arm.name} is {length.min() / MM:.3f} mm long, expected a tube")
+        raise AacmmError(
+            f"{label}: body {row} of {state.arm.name} is {length.min() / MM:.3f} mm long, "
+            "expected a tube"
+        )
     return np.asarray(length)

@@ -1,4 +1,6 @@
-"""The columns of measurement and acceptance files: an entry says all by which a column is read, checked and written."""
+"""The columns of measurement and acceptance files: an entry says all by which a column is read,
+checked and written.
+"""
 
 from __future__ import annotations
 
@@ -28,13 +30,14 @@ class Column:
 
     Attributes:
         field: attribute of measurements, conditions or probed points that has the values.
-        names: one for each component; # stands for the numbers 1, 2, … of as many columns: of the joint, or of the DH row
-            for temperatures.
+        names: one for each component; # stands for the numbers 1, 2, … of as many columns: of the
+            joint, or of the DH row for temperatures.
         unit: of the numbers in the file; "" of labels.
         range: what the numbers can be, in SI; None: any.
         may_be_empty: whether a row may state no number; a label may always be missing.
         above_zero: whether zero is no value, as of a standard uncertainty.
-        of_reference: whether it says where the tip should be, and so has no part in where the readings put it.
+        of_reference: whether it says where the tip should be, and so has no part in where the
+            readings put it.
     """
 
     field: str
@@ -69,7 +72,9 @@ class Column:
 
     def has(self, name: str) -> bool:
         """Whether ``name`` is one of its columns."""
-        return number_in(name, self.names[0]) is not None if self.is_numbered else name in self.names
+        return (
+            number_in(name, self.names[0]) is not None if self.is_numbered else name in self.names
+        )
 
 
 def _condition(field: str, of_reference: bool = False) -> Column:
@@ -99,15 +104,32 @@ ANGLES = (
     Column("q", (THETA["rad"],), "rad", Range(-_TURNS, _TURNS, "rad", _NO_DEGREES)),
 )
 RECORD_COLUMNS = (
-    Column("reference", REFERENCE, "mm", plausible.COORDINATE, may_be_empty=True, of_reference=True),
+    Column(
+        "reference", REFERENCE, "mm", plausible.COORDINATE, may_be_empty=True, of_reference=True
+    ),
     Column("reference_u", REFERENCE_U, "mm", *_LENGTH_U, of_reference=True),
     Column("orientation", ORIENTATION, "1", may_be_empty=True, of_reference=True),
-    Column("orientation_u", (ORIENTATION_U,), "rad", plausible.TURN_NOISE, True, True, of_reference=True),
+    Column(
+        "orientation_u",
+        (ORIENTATION_U,),
+        "rad",
+        plausible.TURN_NOISE,
+        True,
+        True,
+        of_reference=True,
+    ),
     _condition("seat", of_reference=True),
     _condition("marker"),
     Column("bar", ("bar",), of_reference=True),
     Column("bar_end", ("bar_end",), of_reference=True),
-    Column("bar_length", ("bar_length_mm",), "mm", plausible.BAR_LENGTH, may_be_empty=True, of_reference=True),
+    Column(
+        "bar_length",
+        ("bar_length_mm",),
+        "mm",
+        plausible.BAR_LENGTH,
+        may_be_empty=True,
+        of_reference=True,
+    ),
     Column("bar_length_u", (BAR_U,), "mm", *_LENGTH_U, of_reference=True),
     _condition("time"),
     _condition("temperature"),
@@ -129,14 +151,17 @@ PROBED_POINT_COLUMNS = (
     Column("repeat", ("repeat",)),
     Column("length_id", ("length_id",)),
     Column("part", ("part",)),
-    Column("feature_diameter", ("feature_diameter_mm",), "mm", Range(1e-3, 1.0, "m"), may_be_empty=True),
+    Column(
+        "feature_diameter", ("feature_diameter_mm",), "mm", Range(1e-3, 1.0, "m"), may_be_empty=True
+    ),
     Column("length", ("length_mm",), "mm", plausible.BAR_LENGTH, may_be_empty=True),
     Column("u_length", ("u_length_mm",), "mm", plausible.LENGTH_NOISE, may_be_empty=True),
     Column("probe_diameter", ("probe_diameter_mm",), "mm", Range(0.0, 0.1, "m"), may_be_empty=True),
 )
 """The columns that an acceptance file has beside them."""
 PLANNED = "planned_"
-"""Begins the columns in which a procedure says where the arm was to be: no conditions of a record."""
+"""Begins the columns in which a procedure says where the arm was to be: no conditions of a record.
+"""
 
 MEASUREMENT_FILE = (*ANGLES, *RECORD_COLUMNS)
 ACCEPTANCE_FILE = (*MEASUREMENT_FILE, *PROBED_POINT_COLUMNS)

@@ -1,4 +1,6 @@
-"""The first line of a measurement or acceptance file: which columns there are, and which names must be mistakes."""
+"""The first line of a measurement or acceptance file: which columns there are, and which names must
+be mistakes.
+"""
 
 from __future__ import annotations
 
@@ -32,15 +34,21 @@ from aacmm_pin.measurements.csv_columns import (
 )
 
 SPELLING_SIMILARITY = 0.9
-"""Similarity (difflib) from which an unknown name is taken for a slip of a known one: one letter wrong in ten."""
-OTHER_UNITS = frozenset(["m", "cm", "um", "µm", "in", "inch", "k", "f", "ms", "min", "nmm", "mrad", "gon", "arcsec"])
+"""Similarity (difflib) from which an unknown name is taken for a slip of a known one: one letter
+wrong in ten.
+"""
+OTHER_UNITS = frozenset(
+    ["m", "cm", "um", "µm", "in", "inch", "k", "f", "ms", "min", "nmm", "mrad", "gon", "arcsec"]
+)
 MOST_NAMES = 8
 """So many columns are listed."""
 
 
 @dataclass(frozen=True)
 class Header:
-    """Unit of the angles, the columns of each form with numbers in the order of these, and those of unknown names."""
+    """Unit of the angles, the columns of each form with numbers in the order of these, and those of
+    unknown names.
+    """
 
     unit: AngleUnit
     numbered: dict[str, tuple[str, ...]]
@@ -57,10 +65,12 @@ class Header:
 
 
 def read_header(names: Sequence[object], nq: int | None, problems: Problems) -> Header:
-    """Sort the names of columns of a measurement file; ``nq`` is the number of joints, None where any will do.
+    """Sort the names of columns of a measurement file; ``nq`` is the number of joints, None where
+    any will do.
 
     Raises:
-        MeasurementFileError: a name is missing, there twice, almost a known one, or one that does not stand alone.
+        MeasurementFileError: a name is missing, there twice, almost a known one, or one that does
+            not stand alone.
     """
     texts, extra = checked_names(names, MEASUREMENT_FILE, problems)
     unit = _angle_unit(texts, problems)
@@ -70,7 +80,10 @@ def read_header(names: Sequence[object], nq: int | None, problems: Problems) -> 
     _check_joints(header, texts, nq, problems)
     for columns in (header.numbered[form] for form in (APPROACH, TORQUE)):
         if columns and joints and len(columns) != joints:
-            problems.add(span(columns), f"{len(columns)} columns, expected one for each of the {joints} joints")
+            problems.add(
+                span(columns),
+                f"{len(columns)} columns, expected one for each of the {joints} joints",
+            )
     _check_companions({*texts}, problems)
     _check_temperatures({*texts}, joints, header.numbered[LINK_TEMPERATURE], problems)
     problems.stop()
@@ -83,7 +96,8 @@ def checked_names(
     """The names of a file with these columns, as text, and those that are unknown.
 
     Raises:
-        MeasurementFileError: a name is missing, there twice, or almost a known one; or too many are unknown.
+        MeasurementFileError: a name is missing, there twice, or almost a known one; or too many are
+            unknown.
     """
     texts = [name if isinstance(name, str) else "" for name in names]
     for place, name in enumerate(names, start=1):
@@ -97,7 +111,9 @@ def checked_names(
     extra = tuple(name for name in dict.fromkeys(texts) if column_of(name, columns) is None)
     most = plausible.MOST_UNKNOWN
     if len(extra) > most:
-        came = f"{len(extra)} columns of unknown names, such as {', '.join(map(shortened, extra[:3]))}"
+        came = (
+            f"{len(extra)} columns of unknown names, such as {', '.join(map(shortened, extra[:3]))}"
+        )
         expected = f"expected at most {most}, so leave out what residuals do not depend on"
         problems.add("", f"{came}; {expected}")
         problems.stop()
@@ -110,7 +126,9 @@ def checked_names(
 
 
 def near_miss(name: str, present: Sequence[str], columns: Sequence[Column]) -> str | None:
-    """The known name that was meant, if one was: of the same letters, or a missing one, similar or with another unit."""
+    """The known name that was meant, if one was: of the same letters, or a missing one, similar or
+    with another unit.
+    """
     with_unit = f"{name.lower()}_mm"
     if with_unit in REFERENCE and with_unit not in present:
         return with_unit  # a reference that would be lost in silence
@@ -138,7 +156,9 @@ def _names_with_number_of(name: str, columns: Sequence[Column]) -> tuple[str, ..
 
 
 def similar_labels(labels: Iterable[str]) -> list[str]:
-    """Pairs of labels that differ only in letter case, signs that are no letters or digits, leading zeros, or ``.0``."""
+    """Pairs of labels that differ only in letter case, signs that are no letters or digits, leading
+    zeros, or ``.0``.
+    """
     spellings: dict[str, list[str]] = {}
     for label in filter(None, labels):
         key = re.sub(r"\.0$|[\W_]|(?<!\d)0+(?=\d)", "", label.casefold())
@@ -164,13 +184,19 @@ def _numbered(names: Sequence[str], form: str, problems: Problems) -> tuple[str,
         there = {*found}
         missing = next(name for name in expected if name not in there)
         came = ", ".join(map(shortened, numbers))
-        problems.add(span(found), f"numbered {came}; expected numbers from 1 without gap, but {missing} is missing")
+        problems.add(
+            span(found),
+            f"numbered {came}; expected numbers from 1 without gap, but {missing} is missing",
+        )
     return tuple(found)
 
 
 def _angle_unit(names: Sequence[str], problems: Problems) -> AngleUnit:
     """Unit of the angles."""
-    columns = {unit: ", ".join(shortened(name) for name in names if number_in(name, form)) for unit, form in THETA.items()}
+    columns = {
+        unit: ", ".join(shortened(name) for name in names if number_in(name, form))
+        for unit, form in THETA.items()
+    }
     if all(columns.values()):
         came = f"{columns['deg']} in degrees beside {columns['rad']} in radians"
         problems.add("", f"{came}; expected one unit for all joints")
@@ -186,7 +212,9 @@ def _check_joints(header: Header, names: Sequence[str], nq: int | None, problems
         problems.add("", f"no angles: {expected}, which has {listed(map(repr, names))}")
     elif nq is not None and len(theta) != nq:
         expected = span(named(THETA[header.unit], nq))
-        problems.add(span(theta), f"angles of {len(theta)} joints, but the arm has {nq}; expected {expected}")
+        problems.add(
+            span(theta), f"angles of {len(theta)} joints, but the arm has {nq}; expected {expected}"
+        )
 
 
 def listed(names: Iterable[str]) -> str:
@@ -205,16 +233,26 @@ def _check_companions(there: set[str], problems: Problems) -> None:
             problems.add(", ".join(missing), f"missing beside {', '.join(present)}; {expected}")
     for u, of in ((REFERENCE_U[0], REFERENCE), (ORIENTATION_U, ORIENTATION)):
         if u in there and not there.intersection(of):
-            problems.add(u, f"uncertainty of a reference that is not there; expected {', '.join(of)} too")
+            problems.add(
+                u, f"uncertainty of a reference that is not there; expected {', '.join(of)} too"
+            )
     if there.intersection(BAR) and "seat" not in there:
         expected = "expected the label of the seat that each end of a bar stands for"
         problems.add("seat", f"missing beside bar; {expected}")
 
 
-def _check_temperatures(there: set[str], joints: int, of_rows: Sequence[str], problems: Problems) -> None:
+def _check_temperatures(
+    there: set[str], joints: int, of_rows: Sequence[str], problems: Problems
+) -> None:
     """One temperature of the arm, or one of each row."""
     if of_rows and "temperature_c" in there:
-        problems.add("temperature_c", f"beside {span(of_rows)}; expected one temperature, or one for each DH row")
+        problems.add(
+            "temperature_c",
+            f"beside {span(of_rows)}; expected one temperature, or one for each DH row",
+        )
     if 0 < len(of_rows) < joints:
-        expected = f"expected one for each DH row, so {joints} or more; temperature_c is that of the whole arm"
+        expected = (
+            f"expected one for each DH row, so {joints} or more; temperature_c is that of "
+            "the whole arm"
+        )
         problems.add(span(of_rows), f"{len(of_rows)} columns, {expected}")

@@ -1,7 +1,9 @@
-"""The cells of a CSV file as text, however the program that wrote it separates cells and writes numbers.
+"""The cells of a CSV file as text, however the program that wrote it separates cells and writes
+numbers.
 
-pandas reads neither the lines of records nor rows that are too short so that a message could name them: it fills such
-rows up, and leaves blank lines and line ends in quotes out of its count. Python's reader states the line of each row.
+pandas reads neither the lines of records nor rows that are too short so that a message could name
+them: it fills such rows up, and leaves blank lines and line ends in quotes out of its count.
+Python's reader states the line of each row.
 """
 
 from __future__ import annotations
@@ -25,7 +27,9 @@ from aacmm_pin.errors import MeasurementFileError
 from aacmm_pin.measurements.csv_columns import column_of, columns_of_file
 
 LARGEST_FILE = 100_000_000
-"""Bytes of a measurement file that is read, which are a quarter of a million records; its table takes ten times as much."""
+"""Bytes of a measurement file that is read, which are a quarter of a million records; its table
+takes ten times as much.
+"""
 SEPARATORS = {";": "semicolons", "\t": "tabulators"}
 """Separators of cells beside commas, and what they are called."""
 _NO_HEADER = re.compile(r"\s*#|sep=.?$", re.IGNORECASE)
@@ -50,15 +54,21 @@ def measurement_file(path: str) -> bytes:
         MeasurementFileError: the file cannot be read.
     """
     expected = "a measurement file, *.csv,"
-    return content_of(path, LARGEST_FILE, expected, lambda message: MeasurementFileError(path, None, "", message))
+    return content_of(
+        path, LARGEST_FILE, expected, lambda message: MeasurementFileError(path, None, "", message)
+    )
 
 
-def read_table(path: str, content: bytes | None = None) -> tuple[pd.DataFrame, Index, tuple[Note, ...]]:
-    """Cells of a CSV file as text, the line of each record, and how the file was read where that is not as it usually is.
+def read_table(
+    path: str, content: bytes | None = None
+) -> tuple[pd.DataFrame, Index, tuple[Note, ...]]:
+    """Cells of a CSV file as text, the line of each record, and how the file was read where that is
+    not as it usually is.
 
-    Cells may be separated by commas, semicolons or tabulators, with spaces behind them; with the latter two, numbers may
-    have decimal commas. Lines that begin with #, and a first one such as sep=; of spreadsheets, are left out where they
-    can be no records. Known names of columns may be in upper case. With ``content`` nothing is read.
+    Cells may be separated by commas, semicolons or tabulators, with spaces behind them; with the
+    latter two, numbers may have decimal commas. Lines that begin with #, and a first one such as
+    sep=; of spreadsheets, are left out where they can be no records. Known names of columns may be
+    in upper case. With ``content`` nothing is read.
 
     Raises:
         MeasurementFileError: the file cannot be read, or is not such a table.
@@ -105,22 +115,30 @@ def _rows(path: str, text: str, separator: str, spaced: bool) -> Iterator[Row]:
             if cells:
                 is_comment = _NO_HEADER.match(cells[0]) is not None
                 unquoted = [csv_unquoted(cell) for cell in cells]
-                yield Row(end + 1, [cell.strip() for cell in unquoted] if spaced else unquoted, is_comment)
+                yield Row(
+                    end + 1, [cell.strip() for cell in unquoted] if spaced else unquoted, is_comment
+                )
             end = reader.line_num
     except csv.Error as error:
-        raise MeasurementFileError(path, end + 1, "", f"not CSV: {error}; look at the quotes") from None
+        raise MeasurementFileError(
+            path, end + 1, "", f"not CSV: {error}; look at the quotes"
+        ) from None
 
 
-def _records(path: str, rows: Sequence[Row], ways: list[str]) -> tuple[list[str], Index, list[list[str]]]:
+def _records(
+    path: str, rows: Sequence[Row], ways: list[str]
+) -> tuple[list[str], Index, list[list[str]]]:
     """The header, and lines and cells of the records: of all rows but comments.
 
     Raises:
-        MeasurementFileError: there are comments only, a row has another number of cells than the header, or it begins
-            with # as a label may.
+        MeasurementFileError: there are comments only, a row has another number of cells than the
+            header, or it begins with # as a label may.
     """
     first = next((k for k, row in enumerate(rows) if not row.is_comment), None)
     if first is None:
-        raise MeasurementFileError(path, None, "", "has comments only, expected a header and one row a record")
+        raise MeasurementFileError(
+            path, None, "", "has comments only, expected a header and one row a record"
+        )
     header = _with_known_names(rows[first].cells, ways)
     column = column_of(header[0], columns_of_file(header))
     may_be_label = column is None or column.is_label  # a number does not begin with #
@@ -130,7 +148,9 @@ def _records(path: str, rows: Sequence[Row], ways: list[str]) -> tuple[list[str]
             records.append(row)
     problems = Problems(path, np.array([row.line for row in records], dtype=np.intp))
     counts = np.array([len(row.cells) for row in records], dtype=np.intp)
-    expected = f"expected {len(header)} as in the header (decimal points; quotes around text with commas)"
+    expected = (
+        f"expected {len(header)} as in the header (decimal points; quotes around text with commas)"
+    )
     problems.at(counts != len(header), "", f"{{}} cells, {expected}", counts)
     like_comments = np.array([row.is_comment for row in records], dtype=bool)
     advice = "delete the row, or name it otherwise"
@@ -150,7 +170,9 @@ def _with_known_names(header: list[str], ways: list[str]) -> list[str]:
 
 
 def _write_decimal_points(header: list[str], columns: list[list[str]], ways: list[str]) -> None:
-    """Points in the stead of decimal commas, in all columns of numbers, unless some number has a point already."""
+    """Points in the stead of decimal commas, in all columns of numbers, unless some number has a
+    point already.
+    """
     known = columns_of_file(header)
     entries = [column_of(name, known) for name in header]
     of_numbers = [k for k, entry in enumerate(entries) if entry is None or not entry.is_label]
@@ -159,7 +181,9 @@ def _write_decimal_points(header: list[str], columns: list[list[str]], ways: lis
         return
     ways.append("decimal commas")
     for k in of_numbers:
-        columns[k] = [cell.replace(",", ".") if _WITH_COMMA.fullmatch(cell) else cell for cell in columns[k]]
+        columns[k] = [
+            cell.replace(",", ".") if _WITH_COMMA.fullmatch(cell) else cell for cell in columns[k]
+        ]
 
 
 def _text(path: str, content: bytes) -> str:
@@ -178,7 +202,11 @@ def _text(path: str, content: bytes) -> str:
     if "\0" in text:
         line = text.count("\n", 0, text.index("\0")) + 1
         expected = "expected a CSV file in UTF-8"
-        raise MeasurementFileError(path, line, "", f"has a NUL byte: not text, or in UTF-16; {expected}")
+        raise MeasurementFileError(
+            path, line, "", f"has a NUL byte: not text, or in UTF-16; {expected}"
+        )
     if not text.strip():
-        raise MeasurementFileError(path, None, "", "is empty, expected a header and one row a record")
+        raise MeasurementFileError(
+            path, None, "", "is empty, expected a header and one row a record"
+        )
     return text

@@ -21,7 +21,9 @@ Cells = NDArray[np.object_]
 
 @dataclass(frozen=True, eq=False)
 class Values:
-    """What stands in the known columns of a table: numbers (n,) in the units of the file, and labels (n,)."""
+    """What stands in the known columns of a table: numbers (n,) in the units of the file, and
+    labels (n,).
+    """
 
     n: int
     numbers: dict[str, Array]
@@ -38,7 +40,9 @@ class Values:
 
 
 def read_values(table: pd.DataFrame, columns: Sequence[Column], problems: Problems) -> Values:
-    """The cells of the known ``columns`` of a table, text or numbers; what is wrong with them goes to ``problems``."""
+    """The cells of the known ``columns`` of a table, text or numbers; what is wrong with them goes
+    to ``problems``.
+    """
     numbers: dict[str, Array] = {}
     labels: dict[str, Cells] = {}
     for name in table.columns:

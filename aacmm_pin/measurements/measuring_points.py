@@ -1,4 +1,6 @@
-"""Where to measure in a virtual workshop: free postures, seats, and bars that the arm can reach in many postures."""
+"""Where to measure in a virtual workshop: free postures, seats, and bars that the arm can reach in
+many postures.
+"""
 
 from __future__ import annotations
 
@@ -47,7 +49,8 @@ class Pool:
 
     Attributes:
         room: the arm and where its tip may be.
-        state_of: the arm with those of its errors that are there in every record, whatever its conditions.
+        state_of: the arm with those of its errors that are there in every record, whatever its
+            conditions.
         q: postures (n, nq) [rad].
         tips: (n, 3) [m].
         tree: of the tips.
@@ -61,7 +64,8 @@ class Pool:
 
     @staticmethod
     def draw(model: ErrorModel, above: float | None, each: int, rng: np.random.Generator) -> Pool:
-        """A pool from which a point can be touched in ``each`` postures, over a table at ``above`` [m].
+        """A pool from which a point can be touched in ``each`` postures, over a table at ``above``
+        [m].
 
         Raises:
             AacmmError: see :meth:`Room.postures`.
@@ -77,30 +81,43 @@ class Pool:
         return self.room.arm
 
     def thinness(self, points: Array, most: float = np.inf) -> Array:
-        """Radius about each point (n, 3) that holds the nearest tips of the pool; large where few postures reach [m].
+        """Radius about each point (n, 3) that holds the nearest tips of the pool; large where few
+        postures reach [m].
 
         Infinite from ``most`` on: looking so far takes long.
         """
-        return np.asarray(self.tree.query(points, k=LEAST_GUESSES, distance_upper_bound=most)[0][:, -1])
+        return np.asarray(
+            self.tree.query(points, k=LEAST_GUESSES, distance_upper_bound=most)[0][:, -1]
+        )
 
     def dense(self, rng: np.random.Generator, count: int) -> Array:
-        """The better half of ``2 count`` random tips, those that many postures reach: (count, 3) [m]."""
+        """The better half of ``2 count`` random tips, those that many postures reach: (count, 3)
+        [m].
+        """
         points = self.tips[rng.permutation(len(self.tips))[: 2 * count]]
         return points[np.argsort(self.thinness(points))[: len(points) // 2]]
 
     def touched(self, points: Array, each: int) -> list[Array]:
-        """Up to ``each`` different postures with the tip at each of the ``points`` (k, 3), from guesses near it."""
+        """Up to ``each`` different postures with the tip at each of the ``points`` (k, 3), from
+        guesses near it.
+        """
         guesses = max(LEAST_GUESSES, GUESSES * each)
         near = self.tree.query(points, k=guesses)[1]
         bounds, target = joint_bounds(self.arm), np.repeat(points, guesses, axis=0)
         q, arrived = brought_to(self.state_of, self.q[near.ravel()], target, bounds)
         arrived &= ((q > bounds[:, 0]) & (q < bounds[:, 1])).all(axis=1)
-        arrived[arrived] = agile(self.state_of(q[arrived], np.flatnonzero(arrived))) if arrived.any() else False
+        arrived[arrived] = (
+            agile(self.state_of(q[arrived], np.flatnonzero(arrived))) if arrived.any() else False
+        )
         here = arrived.reshape(len(points), guesses)
-        return [different_postures(self.arm, q.reshape(*here.shape, -1)[k][here[k]], each) for k in range(len(points))]
+        return [
+            different_postures(self.arm, q.reshape(*here.shape, -1)[k][here[k]], each)
+            for k in range(len(points))
+        ]
 
     def places(self, candidates: Array, wanted: int, each: int, what: str) -> list[Place]:
-        """The first ``wanted`` of the ``candidates`` (c, k, 3) all of whose points can be touched in ``each`` postures.
+        """The first ``wanted`` of the ``candidates`` (c, k, 3) all of whose points can be touched
+        in ``each`` postures.
 
         Raises:
             AacmmError: there are fewer.
@@ -120,8 +137,10 @@ class Pool:
                     most = max(most, fewest)
         if len(found) < wanted:
             raise AacmmError(
-                f"{self.arm.name}: {len(found)} of {wanted} {what} found that can be touched in {each} different postures "
-                f"inside the limits, of {at} tried; the others in {most} at most. Expected fewer records or {what}"
+                f"{self.arm.name}: {len(found)} of {wanted} {what} found that can be touched in "
+                f"{each} different postures "
+                f"inside the limits, of {at} tried; the others in {most} at most. Expected fewer "
+                f"records or {what}"
             )
         return found
 
@@ -136,16 +155,20 @@ def seats_for(pool: Pool, wanted: int, each: int, rng: np.random.Generator) -> l
     order = spread_out(points, TRIES * wanted, SEATS_APART)
     if len(order) < wanted:
         raise AacmmError(
-            f"{pool.arm.name}: room for {len(order)} seats {SEATS_APART / MM:g} mm or more apart, expected {wanted}; "
+            f"{pool.arm.name}: room for {len(order)} seats {SEATS_APART / MM:g} mm or more apart, "
+            f"expected {wanted}; "
             "ask for fewer seats"
         )
     return pool.places(points[order][:, None], wanted, each, "seats")
 
 
-def bars_for(pool: Pool, wanted: int, length: float, each: int, rng: np.random.Generator) -> list[Place]:
+def bars_for(
+    pool: Pool, wanted: int, length: float, each: int, rng: np.random.Generator
+) -> list[Place]:
     """Ball bars of ``length`` [m] in ``wanted`` places, each end with ``each`` postures.
 
-    One end is a random tip, the other lies on the way to another random tip, where postures are as many as about seats.
+    One end is a random tip, the other lies on the way to another random tip, where postures are as
+    many as about seats.
 
     Raises:
         AacmmError: the arm does not reach both ends anywhere, or not in so many postures.
@@ -157,13 +180,17 @@ def bars_for(pool: Pool, wanted: int, length: float, each: int, rng: np.random.G
         way = pool.tips[rng.integers(len(pool.tips), size=len(a))] - a
         distance = np.linalg.norm(way, axis=1, keepdims=True)
         end = a + length * way / np.maximum(distance, MM)
-        fits = ~found & (distance[:, 0] > MM) & pool.room.admits(end) & (pool.thinness(end) <= enough)
+        fits = (
+            ~found & (distance[:, 0] > MM) & pool.room.admits(end) & (pool.thinness(end) <= enough)
+        )
         b[fits], found = end[fits], found | fits
     if found.sum() < wanted:
         extent = np.linalg.norm(pool.tips.max(axis=0) - pool.tips.min(axis=0))
         raise AacmmError(
-            f"{pool.arm.name}: {found.sum()} of {wanted} bars of {length / MM:g} mm found with both ends where many "
-            f"postures reach, in {MOST_DRAWS * len(a)} tries; all tips lie in a box with a diagonal of {extent / MM:.0f} mm"
+            f"{pool.arm.name}: {found.sum()} of {wanted} bars of {length / MM:g} mm found with "
+            "both ends where many "
+            f"postures reach, in {MOST_DRAWS * len(a)} tries; all tips lie in a box with a "
+            f"diagonal of {extent / MM:.0f} mm"
         )
     a, b = a[found], b[found]
     order = spread_out((a + b) / 2, TRIES * wanted, 0.0)
@@ -171,7 +198,8 @@ def bars_for(pool: Pool, wanted: int, length: float, each: int, rng: np.random.G
 
 
 def visits(counts: Index, session: Index, rng: np.random.Generator) -> tuple[Index, Index]:
-    """In which order points are touched: point by point in each session, each session with its share of every point.
+    """In which order points are touched: point by point in each session, each session with its
+    share of every point.
 
     Args:
         counts: records of each point (k,).

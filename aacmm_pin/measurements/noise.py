@@ -12,9 +12,12 @@ from aacmm_pin._support.checks import Array, vector
 from aacmm_pin.errors import ShapeError
 
 ENCODER = 8e-6
-"""Standard uncertainty of one reading where nothing is stated [rad]: a good optical encoder, 1.6″."""
+"""Standard uncertainty of one reading where nothing is stated [rad]: a good optical encoder, 1.6″.
+"""
 REFERENCE = 1.2e-5
-"""Standard uncertainty of a coordinate of a reference where nothing is stated [m]: a laser tracker at 2 m."""
+"""Standard uncertainty of a coordinate of a reference where nothing is stated [m]: a laser tracker
+at 2 m.
+"""
 PROBE = 0.0
 """Standard uncertainty of a contact where nothing is stated [m]."""
 
@@ -25,8 +28,10 @@ class Noise:
 
     Attributes:
         encoder: of one reading of each encoder (nq,) [rad; m where a joint slides].
-        reference: of each coordinate of a stated reference [m]: drawn once for a seat, once a record for free points.
-        probe: of each coordinate of one contact, how exactly the ball sits; new in every record [m].
+        reference: of each coordinate of a stated reference [m]: drawn once for a seat, once a
+            record for free points.
+        probe: of each coordinate of one contact, how exactly the ball sits; new in every record
+            [m].
     """
 
     encoder: Array
@@ -36,14 +41,19 @@ class Noise:
     def __post_init__(self) -> None:
         encoder = np.array(self.encoder, dtype=np.float64)
         if encoder.ndim != 1:
-            raise ShapeError(f"encoder noise has shape {encoder.shape}, expected (nq,) [rad]; Noise.of takes one number")
+            raise ShapeError(
+                f"encoder noise has shape {encoder.shape}, expected (nq,) [rad]; Noise.of takes "
+                "one number"
+            )
         object.__setattr__(self, "encoder", encoder)
         plausible.ENCODER_NOISE.check(encoder, "encoder noise")
         for name in ("reference", "probe"):
             plausible.LENGTH_NOISE.check(getattr(self, name), f"{name} noise")
 
     @staticmethod
-    def of(nq: int, *, encoder: ArrayLike = ENCODER, reference: float = REFERENCE, probe: float = PROBE) -> Noise:
+    def of(
+        nq: int, *, encoder: ArrayLike = ENCODER, reference: float = REFERENCE, probe: float = PROBE
+    ) -> Noise:
         """Noise of an arm with ``nq`` joints; ``encoder`` is (nq,), or one number for all [rad].
 
         Raises:

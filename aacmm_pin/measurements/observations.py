@@ -1,4 +1,6 @@
-"""What records say of where their tips were, as arrays: known coordinates, one point touched again, known distances."""
+"""What records say of where their tips were, as arrays: known coordinates, one point touched again,
+known distances.
+"""
 
 from __future__ import annotations
 
@@ -13,19 +15,24 @@ from scipy.sparse.csgraph import connected_components
 from aacmm_pin._support.checks import Array, Index, Mask
 
 NOTHING_KNOWN = 1e-4
-"""With less information than this nothing is known of a seat, which is somewhere within a hundred metres [1/m²]."""
+"""With less information than this nothing is known of a seat, which is somewhere within a hundred
+metres [1/m²].
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class Observations:
-    """Targets of the tips of n records, some of them at s seats: points of unknown coordinates (nuisances).
+    """Targets of the tips of n records, some of them at s seats: points of unknown coordinates
+    (nuisances).
 
-    The residual of a record is tip - target, so that its derivative by the tip is one. What is known of the seats
-    themselves, their coordinates or the lengths of bars between them, comes as further residuals, the *ties*: an error of a
-    seat's stated coordinates is common to its records, and does not average out over them.
+    The residual of a record is tip - target, so that its derivative by the tip is one. What is
+    known of the seats themselves, their coordinates or the lengths of bars between them, comes as
+    further residuals, the *ties*: an error of a seat's stated coordinates is common to its records,
+    and does not average out over them.
 
     Attributes:
-        reference: known coordinates (n, 3) [m]; NaN where there are none, or where the record touches a seat.
+        reference: known coordinates (n, 3) [m]; NaN where there are none, or where the record
+            touches a seat.
         seat: number of the seat that a record touches (n,); -1 where none.
         covariance: of each record's own target, apart from the arm (n, 3, 3) [m²].
         labels: of the seats (s,).
@@ -34,8 +41,8 @@ class Observations:
         ends: seats at the two ends of each bar (b, 2).
         length: calibrated lengths of the bars (b,) [m].
         length_u: their standard uncertainties (b,) [m].
-        oriented: True for records that state an orientation (n,). The covariance is then (n, 6, 6), of the turn behind the
-            tip [rad²].
+        oriented: True for records that state an orientation (n,). The covariance is then (n, 6, 6),
+            of the turn behind the tip [rad²].
     """
 
     reference: Array
@@ -71,13 +78,19 @@ class Observations:
 
     @cached_property
     def clusters(self) -> Index:
-        """Number of the cluster of each seat (s,): seats that bars connect, directly or by way of others."""
+        """Number of the cluster of each seat (s,): seats that bars connect, directly or by way of
+        others.
+        """
         shape = (len(self.labels), len(self.labels))
-        graph = coo_array((np.ones(len(self.ends)), (self.ends[:, 0], self.ends[:, 1])), shape=shape)
+        graph = coo_array(
+            (np.ones(len(self.ends)), (self.ends[:, 0], self.ends[:, 1])), shape=shape
+        )
         return np.asarray(connected_components(graph, directed=False)[1], dtype=np.intp)
 
     def start(self, tips: Array) -> Array:
-        """First coordinates of the seats (s, 3): the stated ones, else the median of their tips (n, 3) [m]."""
+        """First coordinates of the seats (s, 3): the stated ones, else the median of their tips
+        (n, 3) [m].
+        """
         touched = self.seat >= 0
         if not touched.any():
             return np.empty((0, 3))
@@ -88,24 +101,32 @@ class Observations:
         return np.nan_to_num(found)
 
     def targets(self, points: Array) -> Array:
-        """Where the tips should be with the seats at ``points`` (s, 3): (n, 3) [m]; NaN for records that say nothing."""
+        """Where the tips should be with the seats at ``points`` (s, 3): (n, 3) [m]; NaN for records
+        that say nothing.
+        """
         found = self.reference.copy()
         found[self.seat >= 0] = points[self.seat[self.seat >= 0]]
         return found
 
     def deviations(self, poses: Array, points: Array) -> Array:
-        """``poses`` (n, 3 or 6) [m, rad] less the targets, see :meth:`targets`; turns are from the target already."""
+        """``poses`` (n, 3 or 6) [m, rad] less the targets, see :meth:`targets`; turns are from the
+        target already.
+        """
         off = poses.copy()
         off[:, :3] -= self.targets(points)
         return off
 
     def of_seats(self, points: Array) -> Array:
-        """Residual of each seat's stated coordinates over their u (s, 3); zero where none are stated."""
+        """Residual of each seat's stated coordinates over their u (s, 3); zero where none are
+        stated.
+        """
         known = self.known[:, None]
         return np.where(known, (points - self.stated) / np.where(known, self.stated_u, 1.0), 0.0)
 
     def of_bars(self, points: Array) -> tuple[Array, Array]:
-        """Residuals of lengths over their u (b,), and derivatives by the first ends (b, 3): minus those by the others."""
+        """Residuals of lengths over their u (b,), and derivatives by the first ends (b, 3): minus
+        those by the others.
+        """
         way = points[self.ends[:, 0]] - points[self.ends[:, 1]]
         distance = np.linalg.norm(way, axis=1)
         along = way / np.where(distance > 0.0, distance, 1.0)[:, None]
@@ -116,7 +137,9 @@ class Observations:
         its number before and its part (s',).
         """
         touched = self.seat >= 0
-        pairs, number = np.unique(np.stack([part[touched], self.seat[touched]], axis=1), axis=0, return_inverse=True)
+        pairs, number = np.unique(
+            np.stack([part[touched], self.seat[touched]], axis=1), axis=0, return_inverse=True
+        )
         seat = np.full(len(self.seat), -1)
         seat[touched] = number.ravel()
         place = {(int(p), int(s)): k for k, (p, s) in enumerate(pairs)}

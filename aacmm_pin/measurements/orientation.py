@@ -1,4 +1,6 @@
-"""Turns between orientations: matrices of stated quaternions, rotation vectors and their derivative, a mean."""
+"""Turns between orientations: matrices of stated quaternions, rotation vectors and their
+derivative, a mean.
+"""
 
 from __future__ import annotations
 
@@ -12,16 +14,22 @@ from aacmm_pin.arm.chain import skew
 def matrices(quaternions: Array) -> Array:
     """Orientations (n, 3, 3) of unit quaternions (n, 4), scalar first; no turn where one is NaN."""
     filled = np.where(np.isfinite(quaternions), quaternions, [1.0, 0.0, 0.0, 0.0])
-    return np.asarray(scipy.spatial.transform.Rotation.from_quat(filled[:, [1, 2, 3, 0]]).as_matrix())
+    return np.asarray(
+        scipy.spatial.transform.Rotation.from_quat(filled[:, [1, 2, 3, 0]]).as_matrix()
+    )
 
 
 def quaternions(orientations: Array) -> Array:
     """The way back: unit quaternions (n, 4), scalar first, of orientations (n, 3, 3)."""
-    return np.asarray(scipy.spatial.transform.Rotation.from_matrix(orientations).as_quat()[:, [3, 0, 1, 2]])
+    return np.asarray(
+        scipy.spatial.transform.Rotation.from_matrix(orientations).as_quat()[:, [3, 0, 1, 2]]
+    )
 
 
 def turns(orientation: Array, start: Array) -> Array:
-    """Rotation vectors ``log(R Sᵀ)`` (n, 3) [rad] from ``start`` S to ``orientation`` R, in the axes in which both are."""
+    """Rotation vectors ``log(R Sᵀ)`` (n, 3) [rad] from ``start`` S to ``orientation`` R, in the
+    axes in which both are.
+    """
     way = orientation @ start.transpose(0, 2, 1)
     return np.asarray(scipy.spatial.transform.Rotation.from_matrix(way).as_rotvec())
 
@@ -39,7 +47,9 @@ def by_small_turn(turn: Array) -> Array:
 
 
 def mean(orientations: Array) -> Array:
-    """The mean (3, 3) of orientations (n, 3, 3), nearest to all in the Frobenius norm; no turn where there are none."""
+    """The mean (3, 3) of orientations (n, 3, 3), nearest to all in the Frobenius norm; no turn
+    where there are none.
+    """
     if not len(orientations):
         return np.eye(3)
     return np.asarray(scipy.spatial.transform.Rotation.from_matrix(orientations).mean().as_matrix())

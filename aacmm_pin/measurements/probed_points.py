@@ -1,4 +1,6 @@
-"""Probed points of an acceptance test: what their file states of each, and the records that they amount to."""
+"""Probed points of an acceptance test: what their file states of each, and the records that they
+amount to.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +39,9 @@ ONE_VALUE = {
     ("length_id", "position", "repeat"): ("length_mm", "probe_diameter_mm", "u_length_mm"),
     ("feature", "position"): ("feature_diameter_mm", "probe_diameter_mm", "u_length_mm"),
 }
-"""What distinguishes the lengths, and the spheres, of a test, and the columns in which all points of one state the same."""
+"""What distinguishes the lengths, and the spheres, of a test, and the columns in which all points
+of one state the same.
+"""
 LEAST_LENGTH_U = 1e-9
 """A length is not known better, even if its standard uncertainty is stated as zero [m]."""
 PREDICTED_ACCURATE = "high"
@@ -45,18 +49,21 @@ PREDICTED_ACCURATE = "high"
 
 
 def read_probed_points(table: pd.DataFrame, problems: Problems) -> pd.DataFrame:
-    """What an acceptance file states of each probed point: a column for each field of :data:`PROBED_POINT_COLUMNS`.
+    """What an acceptance file states of each probed point: a column for each field of
+    :data:`PROBED_POINT_COLUMNS`.
 
-    Labels are text, "" where there is none; lengths are in metres, NaN where none is stated; ``row`` is the
-    line in the file.
+    Labels are text, "" where there is none; lengths are in metres, NaN where none is stated;
+    ``row`` is the line in the file.
 
     Raises:
-        MeasurementFileError: a name of a column is a mistake, there is no column ``test``, or no point; other ``problems``
-            are gathered.
+        MeasurementFileError: a name of a column is a mistake, there is no column ``test``, or no
+            point; other ``problems`` are gathered.
     """
     checked_names(list(table.columns), ACCEPTANCE_FILE, problems)
     if "test" not in table:
-        problems.add("test", f"missing; expected which test each point belongs to: {', '.join(NEEDED)}")
+        problems.add(
+            "test", f"missing; expected which test each point belongs to: {', '.join(NEEDED)}"
+        )
     if not len(table):
         problems.add("", "has a header but no probed points")
     problems.stop()
@@ -93,11 +100,15 @@ def _check_tests(points: pd.DataFrame, problems: Problems) -> None:
         for name in names:
             stated = points[_field(name)]
             empty = (stated.isna() | (stated == "")).to_numpy()
-            problems.at(empty & (tests == test), name, f"is empty, expected a value: test {test} needs it")
+            problems.at(
+                empty & (tests == test), name, f"is empty, expected a value: test {test} needs it"
+            )
 
 
 def _state_one_value(points: pd.DataFrame, problems: Problems) -> None:
-    """What is calibrated is the same for all points of a length, or sphere; one that states nothing is given it."""
+    """What is calibrated is the same for all points of a length, or sphere; one that states nothing
+    is given it.
+    """
     for labels, names in ONE_VALUE.items():
         tests = [test for test, needed in NEEDED.items() if names[0] in needed]
         of_these = points["test"].isin(tests)
@@ -110,19 +121,23 @@ def _state_one_value(points: pd.DataFrame, problems: Problems) -> None:
 
 
 def has_probed_points(table: pd.DataFrame) -> bool:
-    """Whether a table states readings of probed points: a column ``test`` with a known test, and angles."""
+    """Whether a table states readings of probed points: a column ``test`` with a known test, and
+    angles.
+    """
     if "test" not in table or not any(is_reading(name) for name in table):
         return False
     return any(cell.strip() in NEEDED for cell in cells_of(table["test"]))
 
 
 def as_records(table: pd.DataFrame, problems: Problems) -> tuple[pd.DataFrame, tuple[Note, ...]]:
-    """The table of a measurement file that states what the probed points state, and how that was made.
+    """The table of a measurement file that states what the probed points state, and how that was
+    made.
 
-    A single point is a seat. So is each end of a length that is probed once a repeat, over all repeats of its position; the
-    length is a bar between them, longer by the probe's diameter where it is probed from opposite sides. Other points lie
-    on spheres of unknown centre, and are not used. Where the table has seats or bars of its own, these hold.
-    Coordinates are those of the arm that is tested, and no reference.
+    A single point is a seat. So is each end of a length that is probed once a repeat, over all
+    repeats of its position; the length is a bar between them, longer by the probe's diameter where
+    it is probed from opposite sides. Other points lie on spheres of unknown centre, and are not
+    used. Where the table has seats or bars of its own, these hold. Coordinates are those of the arm
+    that is tested, and no reference.
 
     Raises:
         MeasurementFileError: see :func:`read_probed_points`.
@@ -137,19 +152,26 @@ def as_records(table: pd.DataFrame, problems: Problems) -> tuple[pd.DataFrame, t
     for name in seats.columns.intersection(["seat", *BAR, BAR_U], sort=False):
         records[name] = seats[name].to_numpy()
     is_bar, is_point = seats["bar"] != "", seats["is_point"]
-    counts = {"points": points["position"][is_point].nunique(), "lengths": seats["bar"][is_bar].nunique()}
+    counts = {
+        "points": points["position"][is_point].nunique(),
+        "lengths": seats["bar"][is_bar].nunique(),
+    }
     notes.append(Note("touches_as_seats", {**counts, "unused": int((~is_bar & ~is_point).sum())}))
     return records, tuple(notes)
 
 
 def _is_of_test(name: str) -> bool:
-    """Whether a column has no part in records: it is of the test, of its coordinates, or planned."""
+    """Whether a column has no part in records: it is of the test, of its coordinates, or
+    planned.
+    """
     of_test = column_of(name, PROBED_POINT_COLUMNS) is not None
     return of_test or name in (*REFERENCE, *REFERENCE_U) or name.lower().startswith(PLANNED)
 
 
 def _seats_of(points: pd.DataFrame) -> pd.DataFrame:
-    """Seat and bar of each probed point, in the columns of a measurement file, and whether it is a single point."""
+    """Seat and bar of each probed point, in the columns of a measurement file, and whether it is a
+    single point.
+    """
     place = [points[name] for name in ("test", "length_id", "position")]
     probed = points.groupby([*place, points["repeat"], points["feature"]])["test"].transform("size")
     is_bar = points["test"].isin(LENGTH_TESTS) & (probed.groupby(place).transform("max") == 1)
@@ -160,7 +182,9 @@ def _seats_of(points: pd.DataFrame) -> pd.DataFrame:
     end = features.transform(lambda feature: np.array(["A", "B"])[pd.factorize(feature)[0] % 2])
     both_sides = points["test"] == "length-bi"
     length = points["length"] + np.where(both_sides, points["probe_diameter"], 0.0)
-    seats = pd.DataFrame({"seat": ("point " + points["position"]).where(is_point, ""), "is_point": is_point})
+    seats = pd.DataFrame(
+        {"seat": ("point " + points["position"]).where(is_point, ""), "is_point": is_point}
+    )
     seats["seat"] = seats["seat"].where(~is_bar, bar + ", " + points["feature"])
     seats["bar"], seats["bar_end"] = bar.where(is_bar, ""), end.where(is_bar, "")
     seats["bar_length_mm"] = (length / MM).astype(object).where(is_bar, "")

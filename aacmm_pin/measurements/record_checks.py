@@ -1,4 +1,6 @@
-"""What the cells of a measurement file say together: units of angles, references, seats and bars that fit one another."""
+"""What the cells of a measurement file say together: units of angles, references, seats and bars
+that fit one another.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,9 @@ from aacmm_pin.measurements.csv_columns import (
 from aacmm_pin.measurements.csv_values import RecordTable, Values, check_numbers
 
 MOST_NORM_ERROR = 2e-3
-"""A quaternion whose norm is off one by more than this is none: four numbers with three decimals give 1e-3 at most."""
+"""A quaternion whose norm is off one by more than this is none: four numbers with three decimals
+give 1e-3 at most.
+"""
 ENOUGH_RECORDS = 5
 """So many records distinguish degrees from radians."""
 LEAST_PART_IN_A_TURN = 0.75
@@ -53,17 +57,18 @@ def check_records(table: RecordTable, problems: Problems) -> None:
 
 
 def looks_like_radians(degrees: Array) -> bool:
-    """Whether ``degrees`` (n, nq) are radians: at least 5 records, and the largest of all angles between 1 and 2π.
+    """Whether ``degrees`` (n, nq) are radians: at least 5 records, and the largest of all angles
+    between 1 and 2π.
 
-    Measurements turn several joints by tens of degrees. An arm that stays within ±1° of zero in all joints, or fewer
-    records than 5, get the benefit of the doubt.
+    Measurements turn several joints by tens of degrees. An arm that stays within ±1° of zero in all
+    joints, or fewer records than 5, get the benefit of the doubt.
     """
     return len(degrees) >= ENOUGH_RECORDS and bool(1.0 < np.abs(degrees).max() <= 2.0 * np.pi)
 
 
 def mostly_like_radians(degrees: Array) -> bool:
-    """Whether most of ``degrees`` (n, nq) would be less than a turn if they were radians: of few records, or with an endless
-    wrist.
+    """Whether most of ``degrees`` (n, nq) would be less than a turn if they were radians: of few
+    records, or with an endless wrist.
     """
     sizes = np.abs(degrees[degrees != 0.0])
     if not sizes.size or sizes.max() <= 1.0:
@@ -80,9 +85,12 @@ def _check_angles(table: RecordTable, problems: Problems) -> None:
     largest, in_radians = np.abs(q).max(), span(named(THETA["rad"], len(theta)))
     problems.add(
         span(theta),
-        f"all angles of all {len(q)} records lie within ±{largest:.4g}°, so these look like radians; if they "
-        f"are, rename the columns to {in_radians}; if they are degrees, convert them to radians under these "
-        f"names (from {ENOUGH_RECORDS} records on, a largest angle of 1 to 2π is taken for radians)",
+        f"all angles of all {len(q)} records lie within ±{largest:.4g}°, so these look like "
+        "radians; if they "
+        f"are, rename the columns to {in_radians}; if they are degrees, convert them to radians "
+        "under these "
+        f"names (from {ENOUGH_RECORDS} records on, a largest angle of 1 to 2π is taken for "
+        "radians)",
     )
 
 
@@ -118,20 +126,26 @@ def _check_seats(values: Values, problems: Problems) -> None:
 
 
 def _check_bars(values: Values, problems: Problems) -> None:
-    """Whether the rows of each bar state one length with its u, both ends, and another seat at each; other rows none."""
+    """Whether the rows of each bar state one length with its u, both ends, and another seat at
+    each; other rows none.
+    """
     bar, end, seat = (values.label(name) for name in ("bar", "bar_end", "seat"))
     length, u = values.block(["bar_length_mm", BAR_U]).T
     of_bar, row = bar != "", np.arange(values.n)
     cells = {"bar_end": (end, end != ""), "bar_length_mm": (length, np.isfinite(length))}
     for name, (stated, is_stated) in cells.items():
-        problems.at(~of_bar & is_stated, name, "is {} in a row without bar, expected an empty cell", stated)
+        problems.at(
+            ~of_bar & is_stated, name, "is {} in a row without bar, expected an empty cell", stated
+        )
     problems.at(of_bar & ~np.isin(end, BAR_ENDS), "bar_end", "is {!r}, expected A or B", end)
     for name, empty in (("seat", seat == ""), ("bar_length_mm", np.isnan(length))):
         problems.at(of_bar & empty, name, "is empty in a row of bar {!r}, expected a value", bar)
     groups = pd.Series(bar)
     for name, numbers in (("bar_length_mm", length), (BAR_U, u)):
         problems.of_other_values(name, numbers, of_bar & np.isfinite(numbers), groups, "bar")
-    problems.of_other_values("seat", seat, of_bar & (seat != ""), groups + "\0" + end, "end of a bar")
+    problems.of_other_values(
+        "seat", seat, of_bar & (seat != ""), groups + "\0" + end, "end of a bar"
+    )
     table = pd.DataFrame({"bar": bar, "end": end, "seat": seat, "row": row})
     by_bar = table.groupby("bar")
     first = by_bar["row"].transform("first").to_numpy()

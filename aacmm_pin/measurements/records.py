@@ -1,4 +1,5 @@
-"""Measurements of an arm: encoder indications, references where they are known, and conditions; their CSV file.
+"""Measurements of an arm: encoder indications, references where they are known, and conditions;
+their CSV file.
 
 The file speaks millimetres and degrees (or radians); :class:`Measurements` speaks SI.
 """
@@ -25,7 +26,15 @@ from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import DEG
 from aacmm_pin.effects import COLUMNS, Conditions, Labels, labels_of
 from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError
-from aacmm_pin.measurements.csv_columns import APPROACH, ORIENTATION_U, RECORD_COLUMNS, THETA, AngleUnit, Column, named
+from aacmm_pin.measurements.csv_columns import (
+    APPROACH,
+    ORIENTATION_U,
+    RECORD_COLUMNS,
+    THETA,
+    AngleUnit,
+    Column,
+    named,
+)
 from aacmm_pin.measurements.csv_header import read_header, similar_labels
 from aacmm_pin.measurements.csv_table import read_table
 from aacmm_pin.measurements.csv_values import RecordTable, read_records
@@ -43,7 +52,9 @@ FIRST_RECORD = 2
 
 
 class Bar(NamedTuple):
-    """Two seats at a known distance, and its standard uncertainty, NaN where it is not stated [m]."""
+    """Two seats at a known distance, and its standard uncertainty, NaN where it is not
+    stated [m].
+    """
 
     bar: str
     seat_a: str
@@ -67,16 +78,18 @@ class Measurements(Shown):
         operator: label (n,), "" where none.
         record: label (n,), "" where none.
         extra: columns of unknown meaning as they came, n rows.
-        row: line of each record in the file (n,), the header being line 1; in a table, the line it would have.
+        row: line of each record in the file (n,), the header being line 1; in a table, the line it
+            would have.
         source: the file as the caller named it, or ``table``.
-        read_as: how the file was read, where that is not as it usually is: separators, decimal commas, comments left out,
-            touches of an acceptance test; records that were left out.
+        read_as: how the file was read, where that is not as it usually is: separators, decimal
+            commas, comments left out, touches of an acceptance test; records that were left out.
         header: names of the columns of the file, as they stand there.
-        orientation: of the target in the frame of the references, unit quaternions with the scalar first (n, 4), NaN rows
-            where it is not known; None where it nowhere is.
-        orientation_u: its standard uncertainty about each axis (n,) [rad], NaN where it is not stated; None where it
-            nowhere is.
-        bar_length_u: standard uncertainty of that length (n,) [m], NaN where it is not stated; None where it nowhere is.
+        orientation: of the target in the frame of the references, unit quaternions with the scalar
+            first (n, 4), NaN rows where it is not known; None where it nowhere is.
+        orientation_u: its standard uncertainty about each axis (n,) [rad], NaN where it is not
+            stated; None where it nowhere is.
+        bar_length_u: standard uncertainty of that length (n,) [m], NaN where it is not stated; None
+            where it nowhere is.
     """
 
     q: Array
@@ -99,22 +112,27 @@ class Measurements(Shown):
 
     @staticmethod
     def read(path: str | Path, nq: int | None = None) -> Measurements:
-        """Read a measurement file (CSV) of an arm with ``nq`` joints, of any arm where ``nq`` is None.
+        """Read a measurement file (CSV) of an arm with ``nq`` joints, of any arm where ``nq`` is
+        None.
 
         Raises:
-            MeasurementFileError: the file cannot be read, is not such a table, or a column or cell is not as expected;
-                the message names the row and column of the first ten problems.
+            MeasurementFileError: the file cannot be read, is not such a table, or a column or cell
+                is not as expected; the message names the row and column of the first ten problems.
         """
         table, lines, read_as = read_table(str(path))
         found = _from_table(table, lines, nq, str(path))
         return replace(found, read_as=read_as + found.read_as, header=tuple(table.columns))
 
     @staticmethod
-    def from_frame(table: pd.DataFrame, nq: int | None = None, source: str = "table") -> Measurements:
-        """The same from a table with the columns of a measurement file; cells may be numbers or text.
+    def from_frame(
+        table: pd.DataFrame, nq: int | None = None, source: str = "table"
+    ) -> Measurements:
+        """The same from a table with the columns of a measurement file; cells may be numbers or
+        text.
 
         Raises:
-            MeasurementFileError: see :meth:`read`; rows are counted as in a file, the first record being row 2.
+            MeasurementFileError: see :meth:`read`; rows are counted as in a file, the first record
+                being row 2.
         """
         lines = np.arange(len(table)) + FIRST_RECORD
         return _from_table(table, lines, nq, source)
@@ -139,12 +157,15 @@ class Measurements(Shown):
     ) -> Measurements:
         """Measurements from arrays in SI units, see the attributes; None where nothing is known.
 
-        Shapes and numbers are checked, but not whether seats and bars suffice for a calibration, as :meth:`read` does.
+        Shapes and numbers are checked, but not whether seats and bars suffice for a calibration, as
+        :meth:`read` does.
 
         Raises:
-            ShapeError: an array has another shape or numbers that cannot be, or ``extra`` a known column.
-            MeasurementFileError: the columns of a file with these data would contradict each other, such as an
-                unknown column named like a known one, a bar without seat, or another number of approaches than joints.
+            ShapeError: an array has another shape or numbers that cannot be, or ``extra`` a known
+                column.
+            MeasurementFileError: the columns of a file with these data would contradict each other,
+                such as an unknown column named like a known one, a bar without seat, or another
+                number of approaches than joints.
         """
         q = batch(q, width_of(q), "q", "rad")
         n = len(q)
@@ -170,11 +191,18 @@ class Measurements(Shown):
         entries = {column.field: column for column in RECORD_COLUMNS}
         checked = {name: _checked(entries[name], values, n) for name, values in given.items()}
         row = np.arange(n) + FIRST_RECORD
-        measurements = Measurements(q=q, conditions=known, extra=extra, row=row, source=source, **checked)
-        header = read_header(list(measurements.to_frame().columns), None, Problems(source, measurements.row))
+        measurements = Measurements(
+            q=q, conditions=known, extra=extra, row=row, source=source, **checked
+        )
+        header = read_header(
+            list(measurements.to_frame().columns), None, Problems(source, measurements.row)
+        )
         if list(header.extra) != list(extra.columns):
             known_names = [name for name in extra.columns if name not in header.extra]
-            raise ShapeError(f"extra has columns of known names: {', '.join(known_names)}; these are arguments of their own")
+            raise ShapeError(
+                f"extra has columns of known names: {', '.join(known_names)}; these are arguments "
+                "of their own"
+            )
         return measurements
 
     @property
@@ -195,19 +223,31 @@ class Measurements(Shown):
     @property
     def oriented(self) -> Mask:
         """(n,) True where an orientation is stated."""
-        return np.zeros(self.n, dtype=bool) if self.orientation is None else np.isfinite(self.orientation[:, 0])
+        return (
+            np.zeros(self.n, dtype=bool)
+            if self.orientation is None
+            else np.isfinite(self.orientation[:, 0])
+        )
 
     def take(self, rows: Index | slice | Mask | Sequence[int]) -> Measurements:
-        """Some of the records; seats and bars may lose what made them useful, which only reading a file checks."""
+        """Some of the records; seats and bars may lose what made them useful, which only reading a
+        file checks.
+        """
         index = np.arange(self.n)[rows]
-        stated = {field.name: getattr(self, field.name) for field in fields(self)}  # not what was worked out from it
-        arrays: dict[str, Any] = {name: value[index] for name, value in stated.items() if isinstance(value, np.ndarray)}
+        stated = {
+            field.name: getattr(self, field.name) for field in fields(self)
+        }  # not what was worked out from it
+        arrays: dict[str, Any] = {
+            name: value[index] for name, value in stated.items() if isinstance(value, np.ndarray)
+        }
         extra = self.extra.iloc[index].reset_index(drop=True)
         return replace(self, conditions=self.conditions.take(index), extra=extra, **arrays)
 
     @cached_property
     def postures(self) -> Index:
-        """Number of the posture of each record (n,), see :func:`aacmm_pin.measurements.repeats.posture_numbers`."""
+        """Number of the posture of each record (n,), see
+        :func:`aacmm_pin.measurements.repeats.posture_numbers`.
+        """
         return posture_numbers(self.q)
 
     def seats(self) -> dict[str, Index]:
@@ -229,7 +269,9 @@ class Measurements(Shown):
         return found
 
     def bar_length_errors(self, tips: Array) -> Array:
-        """Distance of the mean tips (n, 3) [m] at both ends of each bar, minus its length: (b,) [m]."""
+        """Distance of the mean tips (n, 3) [m] at both ends of each bar, minus its length: (b,)
+        [m].
+        """
         means = {label: tips[rows].mean(axis=0) for label, rows in self.seats().items()}
         bars = self.bars()
         distances = [np.linalg.norm(means[bar.seat_a] - means[bar.seat_b]) for bar in bars]
@@ -289,9 +331,12 @@ class Measurements(Shown):
             temporary.write_text(self.csv(), encoding="utf-8", newline="")
 
     def __str__(self) -> str:
-        unknown = f", unknown columns {', '.join(self.extra.columns)}" if len(self.extra.columns) else ""
+        unknown = (
+            f", unknown columns {', '.join(self.extra.columns)}" if len(self.extra.columns) else ""
+        )
         return (
-            f"{self.source}: {self.n} records of {self.nq} joints, {self.known.sum()} with reference, "
+            f"{self.source}: {self.n} records of {self.nq} joints, {self.known.sum()} with "
+            "reference, "
             f"{len(self.seats())} seats, {len(self.bars())} bars{unknown}"
         )
 
@@ -301,7 +346,9 @@ def _records_by_label(labels: Labels | None) -> dict[str, Index]:
     if labels is None:
         return {}
     records = pd.Series(np.arange(len(labels))).groupby(labels).indices
-    return {label: np.asarray(records[label], dtype=np.intp) for label in dict.fromkeys(labels) if label}
+    return {
+        label: np.asarray(records[label], dtype=np.intp) for label in dict.fromkeys(labels) if label
+    }
 
 
 # --- from a table
@@ -312,7 +359,8 @@ GivenRecords = Measurements | str | Path
 
 
 def as_measurements(given: object, nq: int) -> Measurements:
-    """Records themselves, or those of a file by :meth:`Measurements.read`, of an arm with ``nq`` joints.
+    """Records themselves, or those of a file by :meth:`Measurements.read`, of an arm with ``nq``
+    joints.
 
     Raises:
         MeasurementFileError: see :meth:`Measurements.read`.
@@ -322,7 +370,10 @@ def as_measurements(given: object, nq: int) -> Measurements:
         return given
     if isinstance(given, str | Path):
         return Measurements.read(given, nq)
-    raise AacmmError(f"measurements is of type {type(given).__name__}, expected Measurements, or the path of a file")
+    raise AacmmError(
+        f"measurements is of type {type(given).__name__}, expected Measurements, or the path "
+        "of a file"
+    )
 
 
 def _from_table(table: pd.DataFrame, lines: Index, nq: int | None, source: str) -> Measurements:
@@ -350,7 +401,9 @@ def _from_table(table: pd.DataFrame, lines: Index, nq: int | None, source: str) 
     extra = table[list(columns.header.extra)].reset_index(drop=True)
     stated: dict[str, Any] = dict(found)
     read_as += _notes(columns)
-    return Measurements(q=q, conditions=conditions, extra=extra, row=lines, source=source, read_as=read_as, **stated)
+    return Measurements(
+        q=q, conditions=conditions, extra=extra, row=lines, source=source, read_as=read_as, **stated
+    )
 
 
 def _notes(columns: RecordTable) -> tuple[Note, ...]:
@@ -359,7 +412,9 @@ def _notes(columns: RecordTable) -> tuple[Note, ...]:
     u = np.nan_to_num(columns.values.block([ORIENTATION_U])).max()
     if u > plausible.USUAL_TURN_NOISE:
         notes.append(Note("orientation_u_large", {"u": float(u)}))
-    if columns.header.unit == "deg" and mostly_like_radians(columns.values.block(columns.header.theta)):
+    if columns.header.unit == "deg" and mostly_like_radians(
+        columns.values.block(columns.header.theta)
+    ):
         notes.append(Note("angles_like_radians", {"turn": 2 * np.pi}))
     for name in ("seat", "marker", "bar", "session"):
         if pairs := similar_labels(dict.fromkeys(columns.values.label(name).tolist())):
@@ -368,7 +423,9 @@ def _notes(columns: RecordTable) -> tuple[Note, ...]:
 
 
 def _unit_quaternions(quaternions: Array | None) -> Array | None:
-    """With the norm of one, which those of a file have but for rounding; None where none is stated."""
+    """With the norm of one, which those of a file have but for rounding; None where none is
+    stated.
+    """
     if quaternions is None or np.isnan(quaternions).all():
         return None
     return np.asarray(quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True))
@@ -378,7 +435,8 @@ def _unit_quaternions(quaternions: Array | None) -> Array | None:
 
 
 def _checked(column: Column, values: ArrayLike | None, n: int) -> Any:
-    """What is given for the field of a column, as an array of its own; numbers that are not known are NaN where they may be.
+    """What is given for the field of a column, as an array of its own; numbers that are not known
+    are NaN where they may be.
 
     Raises:
         ShapeError: another shape, or numbers or labels that cannot be.
@@ -433,10 +491,14 @@ def _checked_quaternions(array: Array) -> Array | None:
 
 
 def _with_gaps(values: ArrayLike, check: Callable[[ArrayLike], Array]) -> Array:
-    """``values`` after a ``check`` for which NaN counts as a number; masks stay what they are and do not pass it."""
+    """``values`` after a ``check`` for which NaN counts as a number; masks stay what they are and
+    do not pass it.
+    """
     if isinstance(values, np.ma.MaskedArray):
         return check(values)
-    unknown = pd.isna(values if isinstance(values, np.ndarray) else np.asarray(values, dtype=object))
+    unknown = pd.isna(
+        values if isinstance(values, np.ndarray) else np.asarray(values, dtype=object)
+    )
     array = check(np.where(unknown, 0.0, values) if np.any(unknown) else values)
     array[unknown] = np.nan
     return array

@@ -1,4 +1,6 @@
-"""Records that repeat others: copies of one record, readings of one contact, records of one posture."""
+"""Records that repeat others: copies of one record, readings of one contact, records of one
+posture.
+"""
 
 from __future__ import annotations
 
@@ -19,17 +21,23 @@ if TYPE_CHECKING:
     from aacmm_pin.measurements.records import Measurements
 
 SAME_POSTURE = 1e-3
-"""Postures whose readings differ by no more than this in any joint are one, repeated [rad; m where a joint slides].
+"""Postures whose readings differ by no more than this in any joint are one, repeated [rad; m where
+a joint slides].
 
-A UR10 sent to one pose 255 times reads within 3e-4 rad, and its other poses are more than 0.03 rad apart; a Fanuc's repeats
-state the very same angles. A tip moves by about a millimetre over such a step, and what depends on posture hardly changes.
+A UR10 sent to one pose 255 times reads within 3e-4 rad, and its other poses are more than 0.03 rad
+apart; a Fanuc's repeats state the very same angles. A tip moves by about a millimetre over such a
+step, and what depends on posture hardly changes.
 """
 WHOLE_TOLERANCE = 1e-6
-"""What is nearer to a whole number, or half of one, is it: in micrometres, a double at 100 m has 1e-8."""
+"""What is nearer to a whole number, or half of one, is it: in micrometres, a double at 100 m has
+1e-8.
+"""
 FINGERPRINT_STEP = 1e-9
 """Numbers of a record that differ by less are the same [rad, m]."""
 FINGERPRINT_DIGITS = 12
-"""Hexadecimal digits of a fingerprint: among 100 000 records two agree by chance in one file of 50 000."""
+"""Hexadecimal digits of a fingerprint: among 100 000 records two agree by chance in one file of
+50 000.
+"""
 UNKNOWN_IN_FINGERPRINT = -(2.0**62)
 """Stands for coordinates that are not known."""
 ANGLE_STEPS = (1e-3, 1e-4, 1e-5, 1e-6)
@@ -47,15 +55,18 @@ SHARED_BY_COPIES = (*REFERENCE, *ORIENTATION, "seat", "marker", "bar", "bar_end"
 def originals(records: Measurements) -> Index:
     """Number of the first record (n,) that each states the same as; its own where it is the first.
 
-    Copies agree in the readings, but for whole turns, in the reference, the labels of what was probed and the directions of
-    approach, to the last digit, but for a reference that one of them states rounded to 1e-2 to 1e-5 mm, angles that it
-    states rounded to 1e-3 to 1e-6 degrees, or both: no second measurement does, while a file that was appended to itself, or
-    to another export of the same measurement, does. All else may be rounded or named in any way.
+    Copies agree in the readings, but for whole turns, in the reference, the labels of what was
+    probed and the directions of approach, to the last digit, but for a reference that one of them
+    states rounded to 1e-2 to 1e-5 mm, angles that it states rounded to 1e-3 to 1e-6 degrees, or
+    both: no second measurement does, while a file that was appended to itself, or to another export
+    of the same measurement, does. All else may be rounded or named in any way.
     """
     single = _nearest_difference(records.q) > DEG * ANGLE_STEPS[0]
     if single.all():
         return np.arange(records.n)
-    degrees = np.asarray(np.round(np.mod(records.q / DEG, 360.0), ANGLE_DECIMALS) % 360.0, np.float64)
+    degrees = np.asarray(
+        np.round(np.mod(records.q / DEG, 360.0), ANGLE_DECIMALS) % 360.0, np.float64
+    )
     angles = named(THETA["deg"], records.nq)
     table = records.to_frame().reindex(columns=[*SHARED_BY_COPIES, *named(APPROACH, records.nq)])
     table.loc[records.known, list(ORIENTATION)] = np.nan
@@ -63,14 +74,19 @@ def originals(records: Measurements) -> Index:
     table[angles] = degrees
     group = _group_numbers(table)
     for rounded, values in _roundings(records, degrees):
-        others = [*(angles if "angles" in rounded else ()), *(REFERENCE if "reference" in rounded else ())]
+        others = [
+            *(angles if "angles" in rounded else ()),
+            *(REFERENCE if "reference" in rounded else ()),
+        ]
         group = _joined(group, _group_numbers(table.drop(columns=others)), values)
     _, first, number = np.unique(group, return_index=True, return_inverse=True)
     return np.asarray(first[number], dtype=np.intp)
 
 
 def _roundings(records: Measurements, degrees: Array) -> Iterator[tuple[tuple[str, ...], Array]]:
-    """What another export may have rounded, and its values (n, k) in the steps of that: angles, the reference, or both."""
+    """What another export may have rounded, and its values (n, k) in the steps of that: angles, the
+    reference, or both.
+    """
     for step in ANGLE_STEPS:
         yield ("angles",), degrees / step
     for size in REFERENCE_STEPS if records.known.any() else ():
@@ -87,9 +103,11 @@ def _group_numbers(table: pd.DataFrame) -> Index:
 
 
 def _joined(group: Index, equal_otherwise: Index, values: Array) -> Index:
-    """The groups (n,) where rows of ``values`` (n, k) have joined those of the whole numbers that they are rounded to.
+    """The groups (n,) where rows of ``values`` (n, k) have joined those of the whole numbers that
+    they are rounded to.
 
-    Programs round a half up, to the even number, or down. Only rows with one number ``equal_otherwise`` (n,) are compared.
+    Programs round a half up, to the even number, or down. Only rows with one number
+    ``equal_otherwise`` (n,) are compared.
     """
     finite = np.isfinite(values).all(axis=1)
     whole = finite & (np.abs(values - np.rint(values)) < WHOLE_TOLERANCE).all(axis=1)
@@ -107,16 +125,21 @@ def _joined(group: Index, equal_otherwise: Index, values: Array) -> Index:
 
 
 def _nearest_difference(q: Array) -> Array:
-    """Largest difference of each record's readings, but for whole turns, from the nearest's (n,), infinite where far."""
+    """Largest difference of each record's readings, but for whole turns, from the nearest's (n,),
+    infinite where far.
+    """
     turn = 2 * np.pi
-    within = np.mod(np.mod(q, turn), turn)  # of what is below zero by next to nothing the first gives 2π
+    within = np.mod(
+        np.mod(q, turn), turn
+    )  # of what is below zero by next to nothing the first gives 2π
     tree = scipy.spatial.KDTree(within, boxsize=turn)
     distances, _ = tree.query(within, 2, p=np.inf, distance_upper_bound=2.0 * SAME_POSTURE)
     return np.asarray(distances[:, 1])
 
 
 def posture_numbers(q: Array) -> Index:
-    """Number of the posture of each record (n,), from 0 in the order of their first records; q is (n, nq) [rad].
+    """Number of the posture of each record (n,), from 0 in the order of their first records; q is
+    (n, nq) [rad].
 
     A record within :data:`SAME_POSTURE` of a posture's first record repeats it.
     """
@@ -136,12 +159,12 @@ def posture_numbers(q: Array) -> Index:
 
 
 def means_of_contacts(records: Measurements) -> tuple[Measurements, Index]:
-    """One record of each contact, with the mean of its readings, for these share its error; and the records that are one
-    of several readings.
+    """One record of each contact, with the mean of its readings, for these share its error; and the
+    records that are one of several readings.
 
-    Records that follow one another in one posture, with the same reference, labels and directions of approach, and the
-    same of what else has a few values, such as a load, are readings of one contact, which was held. All but the angles
-    is that of its first record.
+    Records that follow one another in one posture, with the same reference, labels and directions
+    of approach, and the same of what else has a few values, such as a load, are readings of one
+    contact, which was held. All but the angles is that of its first record.
     """
     few = [name for name in records.extra if records.extra[name].nunique() <= MOST_VALUES]
     columns = [*SHARED_BY_COPIES, "session", "operator", *named(APPROACH, records.nq), *few]
@@ -156,15 +179,19 @@ def means_of_contacts(records: Measurements) -> tuple[Measurements, Index]:
 
 
 def fingerprints(records: Measurements) -> tuple[str, ...]:
-    """A short text for each record by which it is known again, in whatever file: of its readings and reference.
+    """A short text for each record by which it is known again, in whatever file: of its readings
+    and reference.
 
-    Readings are taken to 1e-9 rad and coordinates to a nanometre, so that a unit of angles makes no other record of it.
+    Readings are taken to 1e-9 rad and coordinates to a nanometre, so that a unit of angles makes no
+    other record of it.
     """
     return _hashes(np.column_stack([records.q, records.reference]))
 
 
 def fingerprints_of_standards(records: Measurements) -> tuple[str, ...]:
-    """The same of each seat's stated coordinates and of each bar's length with its u, in which several records share."""
+    """The same of each seat's stated coordinates and of each bar's length with its u, in which
+    several records share.
+    """
     seat = records.conditions.seat
     at_seat = np.zeros(records.n, dtype=bool) if seat is None else seat != ""
     places = np.unique(records.reference[records.known & at_seat], axis=0)

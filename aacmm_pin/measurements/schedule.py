@@ -1,4 +1,6 @@
-"""When and how a virtual workshop measures: pauses, a room that warms up, joints that come from either side."""
+"""When and how a virtual workshop measures: pauses, a room that warms up, joints that come from
+either side.
+"""
 
 from __future__ import annotations
 
@@ -40,16 +42,19 @@ def workshop_conditions(
 ) -> Conditions:
     """Conditions of records in the order in which they are taken.
 
-    Time runs from switching the arm on. The temperature stays within ± ``temperature_range`` of the reference: a constant
-    offset (4/10), a drift (3/10), the sine of the day (2/10) and noise (1/10), each drawn. The approach is the sign of the
-    way from the record before, turned round for one joint in five, which overshot; the first record is approached from the
-    mean of all postures. ``session`` is the number of each record's session, ascending (n,); q is (n, nq) [rad].
+    Time runs from switching the arm on. The temperature stays within ± ``temperature_range`` of the
+    reference: a constant offset (4/10), a drift (3/10), the sine of the day (2/10) and noise
+    (1/10), each drawn. The approach is the sign of the way from the record before, turned round for
+    one joint in five, which overshot; the first record is approached from the mean of all postures.
+    ``session`` is the number of each record's session, ascending (n,); q is (n, nq) [rad].
 
     Raises:
         AacmmError: the range is negative or not finite.
     """
     if not (np.isfinite(temperature_range) and temperature_range >= 0):
-        raise AacmmError(f"temperature_range is {temperature_range:g} K, expected a number that is not negative")
+        raise AacmmError(
+            f"temperature_range is {temperature_range:g} K, expected a number that is not negative"
+        )
     time = _time(session, rng)
     several = len(session) > 0 and session[-1] > 0
     return Conditions(
@@ -58,7 +63,9 @@ def workshop_conditions(
         temperature=reference_temperature + temperature_range * _warmth(time, rng),
         approach=_approach(q, rng),
         seat=seat,
-        session=np.array([str(number + 1) for number in session], dtype=object) if several else None,
+        session=np.array([str(number + 1) for number in session], dtype=object)
+        if several
+        else None,
     )
 
 
@@ -74,9 +81,15 @@ def _warmth(time: Array, rng: np.random.Generator) -> Array:
     """Temperature above the reference, within ±1: (n,)."""
     offset, drift, phase = rng.uniform(-1.0, 1.0, size=3)
     slow = 0.4 * offset + 0.3 * drift * time / time.max(initial=1.0)
-    return np.asarray(slow + 0.2 * np.sin(2 * np.pi * time / DAY + np.pi * phase) + rng.uniform(-0.1, 0.1, size=len(time)))
+    return np.asarray(
+        slow
+        + 0.2 * np.sin(2 * np.pi * time / DAY + np.pi * phase)
+        + rng.uniform(-0.1, 0.1, size=len(time))
+    )
 
 
 def _approach(q: Array, rng: np.random.Generator) -> Array:
     way = np.sign(np.diff(q, axis=0, prepend=q.mean(axis=0, keepdims=True)))
-    return np.asarray(np.where(rng.random(q.shape) < OVERSHOOT, -way, way) + 0.0)  # + 0.0: no minus zero
+    return np.asarray(
+        np.where(rng.random(q.shape) < OVERSHOOT, -way, way) + 0.0
+    )  # + 0.0: no minus zero

@@ -14,7 +14,14 @@ from aacmm_pin.arm.chain import exp
 from aacmm_pin.arm.random_postures import MARGIN, Room
 from aacmm_pin.effects import Conditions, ErrorModel, GivenModel, Labels, corrects_seat
 from aacmm_pin.errors import AacmmError, UnknownNameError
-from aacmm_pin.measurements.measuring_points import SEATS_APART, Place, Pool, bars_for, seats_for, visits
+from aacmm_pin.measurements.measuring_points import (
+    SEATS_APART,
+    Place,
+    Pool,
+    bars_for,
+    seats_for,
+    visits,
+)
 from aacmm_pin.measurements.noise import ENCODER, PROBE, REFERENCE, Noise
 from aacmm_pin.measurements.orientation import quaternions
 from aacmm_pin.measurements.records import Measurements
@@ -41,42 +48,49 @@ def simulate_measurements(
     temperature_range: float = 3.0,
     orientation_noise: float | None = None,
 ) -> Measurements:
-    """Measurements of an arm that has just the errors of ``model``, by :meth:`ErrorModel.predict`, plus noise.
+    """Measurements of an arm that has just the errors of ``model``, by :meth:`ErrorModel.predict`,
+    plus noise.
 
-    - ``free``: random postures, uniform in the joints, each with a reference of its own (a laser tracker).
-    - ``seats``: kinematic seats spread over the workspace, each touched in different postures of all branches; each with
-      one stated reference, or with none (``known=False``).
-    - ``ball-bar``: ``seats // 2`` bars of ``bar_length``, both ends touched; no coordinates. Each stated length is off by
-      its own draw of the reference noise.
+    - ``free``: random postures, uniform in the joints, each with a reference of its own (a laser
+      tracker).
+    - ``seats``: kinematic seats spread over the workspace, each touched in different postures of
+      all branches; each with one stated reference, or with none (``known=False``).
+    - ``ball-bar``: ``seats // 2`` bars of ``bar_length``, both ends touched; no coordinates. Each
+      stated length is off by its own draw of the reference noise.
     - ``single-point``: one seat without reference.
 
-    The postures are exact: before noise, the tip of the arm with all its errors is at the point touched, which is the seat
-    plus the draw of this contact (``free``: the tracker's target sits that much off the tip). What is recorded is posture
-    plus encoder noise. Effects ``of_reference`` act where coordinates are stated. Postures avoid what :class:`Room` names,
-    and keep 1e-3 rad from the limits. Conditions: see :func:`aacmm_pin.measurements.schedule.workshop_conditions`; a session
-    ends after 200 records at most.
+    The postures are exact: before noise, the tip of the arm with all its errors is at the point
+    touched, which is the seat
+    plus the draw of this contact (``free``: the tracker's target sits that much off the tip). What
+    is recorded is posture plus encoder noise. Effects ``of_reference`` act where coordinates are
+    stated. Postures avoid what :class:`Room` names, and keep 1e-3 rad from the limits. Conditions:
+    see :func:`aacmm_pin.measurements.schedule.workshop_conditions`; a session ends after 200
+    records at most.
 
     Args:
         model: the arm with its errors.
         plan: one of the four.
         records: number of records.
         rng: for all that is drawn; its seed goes into ``source`` of the result.
-        encoder_noise: standard uncertainty of one reading, of each joint (nq,) or one for all [rad; m where a joint slides];
-            default what the arm states of its encoders, or 8 µrad, which ``source`` then says.
-        reference_noise: of each coordinate of a stated reference [m]: drawn once for a seat, once a record for free points.
+        encoder_noise: standard uncertainty of one reading, of each joint (nq,) or one for all [rad;
+            m where a joint slides]; default what the arm states of its encoders, or 8 µrad, which
+            ``source`` then says.
+        reference_noise: of each coordinate of a stated reference [m]: drawn once for a seat, once a
+            record for free points.
         probe_noise: of each coordinate of one contact [m], new in every record.
         seats: number of seats; two for each bar.
         known: for plan ``seats``, whether their coordinates are stated.
         bar_length: for plan ``ball-bar`` [m].
         above: height of a table over the base origin, along gravity, under which no tip goes [m].
         temperature_range: temperatures stay within ± this of the arm's reference temperature [K].
-        orientation_noise: where coordinates are stated, state the orientation of the tip too, with this standard uncertainty
-            about each axis [rad]; None for positions alone.
+        orientation_noise: where coordinates are stated, state the orientation of the tip too, with
+            this standard uncertainty about each axis [rad]; None for positions alone.
 
     Raises:
         UnknownNameError: no such plan; a ``seat_error`` of a seat that the plan does not have.
         ShapeError: noise of another number of encoders, or not finite.
-        MissingConditionError: an effect depends on something that a virtual workshop does not record.
+        MissingConditionError: an effect depends on something that a virtual workshop does not
+            record.
         AacmmError: a number is of no use, or the plan cannot be carried out: says why.
     """
     if plan not in PLANS:
@@ -86,15 +100,28 @@ def simulate_measurements(
     stated = plan == "free" or (plan == "seats" and known)
     _check_numbers(plan, records, points, stated, bar_length)
     for effect in model.effects:
-        if plan == "seats" and known and corrects_seat(effect) and effect.place not in _seat_labels(seats):
-            raise UnknownNameError(f"seat of {effect.cause}", str(effect.place), _seat_labels(seats))
+        if (
+            plan == "seats"
+            and known
+            and corrects_seat(effect)
+            and effect.place not in _seat_labels(seats)
+        ):
+            raise UnknownNameError(
+                f"seat of {effect.cause}", str(effect.place), _seat_labels(seats)
+            )
     encoder = model.arm.encoder_noise if encoder_noise is None else encoder_noise
     assumed = f", encoder noise {ENCODER * 1e6:g} µrad (assumed)" if encoder is None else ""
     noise = Noise.of(
-        model.arm.nq, encoder=ENCODER if encoder is None else encoder, reference=reference_noise, probe=probe_noise
+        model.arm.nq,
+        encoder=ENCODER if encoder is None else encoder,
+        reference=reference_noise,
+        probe=probe_noise,
     )
     seed = seed_of(rng)
-    source = f"simulated, {model.arm.name}, plan {plan}, seed {'unknown' if seed is None else seed}{assumed}"
+    source = (
+        f"simulated, {model.arm.name}, plan {plan}, seed "
+        f"{'unknown' if seed is None else seed}{assumed}"
+    )
     if orientation_noise is not None:
         plausible.TURN_NOISE.check(orientation_noise, "orientation_noise")
     shop = _Workshop(model, noise, temperature_range, rng, source, orientation_noise)
@@ -103,15 +130,22 @@ def simulate_measurements(
     counts = np.bincount(np.arange(records) % points)
     each = int(counts.max())
     pool = Pool.draw(model, above, each, rng)
-    places = bars_for(pool, points // 2, bar_length, each, rng) if bar_length else seats_for(pool, points, each, rng)
+    places = (
+        bars_for(pool, points // 2, bar_length, each, rng)
+        if bar_length
+        else seats_for(pool, points, each, rng)
+    )
     return shop.touched(places, counts, stated, bar_length)
 
 
-def simulate_touches(model: ErrorModel, q: Array, points: Array, *, rng: np.random.Generator, noise: Noise) -> Measurements:
-    """Records of touches in the order in which they are made, near the postures ``q`` (n, nq) [rad].
+def simulate_touches(
+    model: ErrorModel, q: Array, points: Array, *, rng: np.random.Generator, noise: Noise
+) -> Measurements:
+    """Records of touches in the order in which they are made, near the postures ``q`` (n, nq)
+    [rad].
 
-    The tip of the arm with all its errors is at ``points`` (n, 3) [m] plus the draw of the contact, as in
-    :func:`simulate_measurements`; no record has a reference.
+    The tip of the arm with all its errors is at ``points`` (n, 3) [m] plus the draw of the contact,
+    as in :func:`simulate_measurements`; no record has a reference.
 
     Raises:
         AacmmError: a point cannot be touched near its posture.
@@ -134,11 +168,17 @@ class _Workshop:
         """Records at the postures ``q`` (n, nq), each with its own reference."""
         conditions = self._conditions(sessions(len(q)), q, None)
         tips = self.model.predict(q, conditions, as_referenced=True)
-        stated = tips + self._normal(self.noise.probe, tips) + self._normal(self.noise.reference, tips)
+        stated = (
+            tips + self._normal(self.noise.probe, tips) + self._normal(self.noise.reference, tips)
+        )
         return self._recorded(q, conditions, stated)
 
-    def touched(self, places: list[Place], counts: Index, stated: bool, length: float | None) -> Measurements:
-        """Records at seats, with ``stated`` coordinates or without, or at both ends of bars; ``counts`` (k,) at each."""
+    def touched(
+        self, places: list[Place], counts: Index, stated: bool, length: float | None
+    ) -> Measurements:
+        """Records at seats, with ``stated`` coordinates or without, or at both ends of bars;
+        ``counts`` (k,) at each.
+        """
         points = np.concatenate([place.points for place in places])
         ends = [f"B{k}{end}" for k in range(1, len(places) + 1) for end in "AB"]
         names = _seat_labels(len(points)) if length is None else ends
@@ -154,11 +194,16 @@ class _Workshop:
             seats = self.model.predict(q[first], conditions.take(first), as_referenced=True)
             reference = (seats + self._normal(self.noise.reference, seats))[point]
         if self.noise.probe > 0:
-            q = self._exactly(q, points[point] + self._normal(self.noise.probe, points[point]), conditions)
+            q = self._exactly(
+                q, points[point] + self._normal(self.noise.probe, points[point]), conditions
+            )
         bars: dict[str, Any] = {}
         if length is not None:
             lengths = length + self._normal(self.noise.reference, np.empty(len(places)))
-            bars = {"bar": [f"B{k // 2 + 1}" for k in point], "bar_end": ["AB"[k % 2] for k in point]}
+            bars = {
+                "bar": [f"B{k // 2 + 1}" for k in point],
+                "bar_end": ["AB"[k % 2] for k in point],
+            }
             bars["bar_length"] = lengths[point // 2]
         return self._recorded(q, conditions, reference, **bars)
 
@@ -166,7 +211,9 @@ class _Workshop:
         """Records without references at ``points`` (n, 3), near the postures ``q`` (n, nq)."""
         conditions = self._conditions(sessions(len(q)), q, None)
         return self._recorded(
-            self._exactly(q, points + self._normal(self.noise.probe, points), conditions), conditions, None
+            self._exactly(q, points + self._normal(self.noise.probe, points), conditions),
+            conditions,
+            None,
         )
 
     def _exactly(self, q: Array, target: Array, conditions: Conditions) -> Array:
@@ -176,12 +223,19 @@ class _Workshop:
             AacmmError: a tip cannot be brought there.
         """
         arm = self.model.arm
-        q, arrived = brought_to(lambda q, rows: self.model.state(q, conditions.take(rows)), q, target, arm.limits)
+        q, arrived = brought_to(
+            lambda q, rows: self.model.state(q, conditions.take(rows)), q, target, arm.limits
+        )
         if not arrived.all():
-            causes = ", ".join(effect.label for effect in self.model.effects if effect.needs) or "the contacts"
+            causes = (
+                ", ".join(effect.label for effect in self.model.effects if effect.needs)
+                or "the contacts"
+            )
             raise AacmmError(
-                f"{arm.name}: in {(~arrived).sum()} of {len(q)} records no posture inside the limits has its tip at the "
-                f"seat: {causes} differ more from record to record than {MARGIN:g} rad, which postures keep from the limits"
+                f"{arm.name}: in {(~arrived).sum()} of {len(q)} records no posture inside the "
+                "limits has its tip at the "
+                f"seat: {causes} differ more from record to record than {MARGIN:g} rad, which "
+                "postures keep from the limits"
             )
         return q
 
@@ -198,15 +252,23 @@ class _Workshop:
     def _normal(self, u: float, like: Array) -> Array:
         return np.asarray(u * self.rng.normal(size=like.shape))
 
-    def _recorded(self, q: Array, conditions: Conditions, reference: Array | None, **more: Any) -> Measurements:
+    def _recorded(
+        self, q: Array, conditions: Conditions, reference: Array | None, **more: Any
+    ) -> Measurements:
         """The records, with noisy readings; exact references state no uncertainty."""
         u = self.noise.reference
         readings = q + self.noise.encoder * self.rng.normal(size=q.shape)
         if self.orientation_noise is not None and reference is not None:
             state = self.model.state(q, conditions, as_referenced=True)
-            turned = exp(np.hstack([np.zeros_like(reference), self._normal(self.orientation_noise, reference)]))[:, :3, :3]
+            turned = exp(
+                np.hstack(
+                    [np.zeros_like(reference), self._normal(self.orientation_noise, reference)]
+                )
+            )[:, :3, :3]
             more["orientation"] = quaternions(turned @ state.rotation[-1])
-            more["orientation_u"] = np.full(len(q), self.orientation_noise) if self.orientation_noise > 0 else None
+            more["orientation_u"] = (
+                np.full(len(q), self.orientation_noise) if self.orientation_noise > 0 else None
+            )
         return Measurements.of(
             readings,
             reference,
@@ -222,7 +284,9 @@ def _seat_labels(count: int) -> list[str]:
     return [f"S{k}" for k in range(1, count + 1)]
 
 
-def _check_numbers(plan: Plan, records: int, points: int, stated: bool, bar_length: float | None) -> None:
+def _check_numbers(
+    plan: Plan, records: int, points: int, stated: bool, bar_length: float | None
+) -> None:
     """Whether there are enough records for so many points, and a bar where one is needed.
 
     Raises:
@@ -236,10 +300,14 @@ def _check_numbers(plan: Plan, records: int, points: int, stated: bool, bar_leng
         each = f": {least} at each of {points} seats" if points else ""
         raise AacmmError(f"records is {records}, expected at least {max(1, least * points)}{each}")
     if plan == "ball-bar" and points % 2:
-        raise AacmmError(f"seats is {points}, expected an even number for plan 'ball-bar': two for each bar")
+        raise AacmmError(
+            f"seats is {points}, expected an even number for plan 'ball-bar': two for each bar"
+        )
     if (bar_length is not None) != (plan == "ball-bar"):
         came = "was not given" if bar_length is None else f"is {bar_length:g} m"
-        expected = "the length of the bar" if bar_length is None else "none: only plan 'ball-bar' has bars"
+        expected = (
+            "the length of the bar" if bar_length is None else "none: only plan 'ball-bar' has bars"
+        )
         raise AacmmError(f"bar_length {came} for plan {plan!r}, expected {expected}")
     if bar_length is not None:
         plausible.BAR_LENGTH.check(bar_length, "bar_length")
@@ -251,6 +319,10 @@ def seed_of(rng: np.random.Generator) -> int | None:
     """The seed of a generator that nothing was drawn from yet; None where it does not say."""
     bits = rng.bit_generator
     seed = getattr(bits, "seed_seq", None)
-    if not isinstance(seed, np.random.SeedSequence) or seed.spawn_key or not isinstance(seed.entropy, int):
+    if (
+        not isinstance(seed, np.random.SeedSequence)
+        or seed.spawn_key
+        or not isinstance(seed.entropy, int)
+    ):
         return None
     return seed.entropy if repr(type(bits)(seed).state) == repr(bits.state) else None

@@ -142,10 +142,23 @@ def plan_calibration(
     check_numbers(model, records, postures, existing, reference)
     seed = seed_of(rng)
     setup, notes = complete(
-        Setup.of(model.arm, reference_frame, target, prior, encoder_noise, reference_noise, probe_noise, length_noise),
+        Setup.of(
+            model.arm,
+            reference_frame,
+            target,
+            prior,
+            encoder_noise,
+            reference_noise,
+            probe_noise,
+            length_noise,
+        ),
         model.arm,
     )
-    noise = np.r_[setup.encoder_noise, setup.probe_noise, setup.reference_noise if reference == "free" else 0.0]
+    noise = np.r_[
+        setup.encoder_noise,
+        setup.probe_noise,
+        setup.reference_noise if reference == "free" else 0.0,
+    ]
     if noise.max() < NO_SCATTER:
         raise AacmmError(
             "without any noise of readings, contacts and references (none reaches "
@@ -155,7 +168,8 @@ def plan_calibration(
     where = places_for(task, reference, records, postures, above, rng)
     if not task.problem(model, where).vector.size:
         raise AacmmError(
-            f"nothing to calibrate: {model.arm.name} states all its values to be exact; without a prior (--no-prior) they "
+            f"nothing to calibrate: {model.arm.name} states all its values to be exact; without a "
+            "prior (--no-prior) they "
             "are looked for all the same"
         )
     situation = Situation.of(task, MeasurementConditions((), model), where, rng)
@@ -166,10 +180,14 @@ def plan_calibration(
     (o1, u), (o1_random, u_random) = judged.worth(chosen), np.array(beside).T
     measured, sheet = sheet_of(task, situation, chosen)
     expected = task.frame.apply(model.predict(measured.q, measured.conditions))
-    return CalibrationPlan(model, sheet, expected, measured, o1, o1_random, u, u_random, situation.before, seed, notes)
+    return CalibrationPlan(
+        model, sheet, expected, measured, o1, o1_random, u, u_random, situation.before, seed, notes
+    )
 
 
-def d_optimal(rows: Array, information: Array, count: int, steps: Iterable[int] | None = None) -> list[int]:
+def d_optimal(
+    rows: Array, information: Array, count: int, steps: Iterable[int] | None = None
+) -> list[int]:
     """``count`` of the candidates ``rows`` (n, 3, p) with a large det of ``information`` (p, p) and
     theirs.
     """

@@ -53,7 +53,13 @@ class Layout:
         stop, total = problem.vector.size, len(problem.scales)
         refitted = np.r_[: stop - vector.size, stop:total]
         order = np.r_[refitted, stop - vector.size : stop]
-        return Layout(order, np.r_[problem.scales[refitted], vector.typical], refitted.size, seats, vector.slices)
+        return Layout(
+            order,
+            np.r_[problem.scales[refitted], vector.typical],
+            refitted.size,
+            seats,
+            vector.slices,
+        )
 
     @property
     def nuisances(self) -> int:
@@ -97,7 +103,9 @@ class Situation:
     before: int
 
     @staticmethod
-    def of(task: Task, set_up: MeasurementConditions, postures: Measurements, rng: np.random.Generator) -> Situation:
+    def of(
+        task: Task, set_up: MeasurementConditions, postures: Measurements, rng: np.random.Generator
+    ) -> Situation:
         """The rows of everything in this set-up; another arm file is measured and judged by
         itself.
         """
@@ -107,12 +115,21 @@ class Situation:
         seats = {*old, *observations_of(pool, task.setup).labels}
         problem = task.problem(set_up.model, pool if existing is None else existing)
         layout = Layout.of(problem, task.causes, tuple(sorted(seats)))
-        known = [np.eye(layout.nuisances, layout.width)]  # of what is refitted, its prior; seats are within a metre
+        known = [
+            np.eye(layout.nuisances, layout.width)
+        ]  # of what is refitted, its prior; seats are within a metre
         if existing is not None:
             measured, ties = rows_of(problem, layout, task.frame)
             known += [measured.reshape(-1, layout.width), ties]
         rows, ties = rows_of(problem.of(pool), layout, task.frame, old)
-        return Situation(set_up, pool, layout, np.vstack([*known, ties]), rows, 0 if existing is None else existing.n)
+        return Situation(
+            set_up,
+            pool,
+            layout,
+            np.vstack([*known, ties]),
+            rows,
+            0 if existing is None else existing.n,
+        )
 
     @property
     def start(self) -> Array:
@@ -122,7 +139,12 @@ class Situation:
         return np.asarray(self.known.T @ self.known + np.diag(causes))
 
     def power(
-        self, chosen: list[int] | None, pair: tuple[int, int], sizes: tuple[Size, Size], draws: int, times: float = 1.0
+        self,
+        chosen: list[int] | None,
+        pair: tuple[int, int],
+        sizes: tuple[Size, Size],
+        draws: int,
+        times: float = 1.0,
     ) -> Power:
         """How well a choice tells two of the causes apart; the same ``draws`` make odds differ by
         what is measured alone.
@@ -139,7 +161,9 @@ class Situation:
         return remaining_triangle(np.vstack([self.known, rows]), self.layout.nuisances)
 
 
-def rows_of(problem: Problem, layout: Layout, frame: Frame, stated: tuple[str, ...] = ()) -> tuple[Array, Array]:
+def rows_of(
+    problem: Problem, layout: Layout, frame: Frame, stated: tuple[str, ...] = ()
+) -> tuple[Array, Array]:
     """Whitened derivatives of each of the problem's records (n, 3, width), zero where it says
     nothing; and of what is stated of seats and bars (t, width), but for seats whose coordinates are
     ``stated`` elsewhere; ``frame`` is the base's.
@@ -150,9 +174,14 @@ def rows_of(problem: Problem, layout: Layout, frame: Frame, stated: tuple[str, .
     labels, whitening = observations.labels, noise.whitening * observations.says[:, None, None]
     jacobian = prediction.jacobian[:, :, layout.order] * layout.scales
     refitted, causes = np.split(whitening @ jacobian, [layout.refitted], axis=2)
-    of_records, of_seats, of_bars = seat_columns(observations, observations.start(prediction.tips), -whitening)
+    of_records, of_seats, of_bars = seat_columns(
+        observations, observations.start(prediction.tips), -whitening
+    )
     rows = np.concatenate([refitted, layout.seat_columns(of_records, labels), causes], axis=2)
     new = np.array([label not in stated for label in labels], dtype=bool)
-    own_seats, own_bars = of_seats[observations.known & new], of_bars[new[observations.ends].any(axis=1)]
+    own_seats, own_bars = (
+        of_seats[observations.known & new],
+        of_bars[new[observations.ends].any(axis=1)],
+    )
     ties = layout.seat_columns(np.concatenate([*own_seats, own_bars]), labels)
     return rows, np.pad(ties, ((0, 0), (layout.refitted, causes.shape[2])))

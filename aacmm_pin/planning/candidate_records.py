@@ -1,4 +1,6 @@
-"""Records that could be taken: postures inside the limits, at seats or free, with the conditions of a set-up."""
+"""Records that could be taken: postures inside the limits, at seats or free, with the conditions of
+a set-up.
+"""
 
 from __future__ import annotations
 
@@ -28,15 +30,20 @@ EACH = 40
 """Postures at each seat from which a plan chooses, at most."""
 
 
-def free_postures(arm: Arm, count: int, above: float | None, rng: np.random.Generator) -> Measurements:
+def free_postures(
+    arm: Arm, count: int, above: float | None, rng: np.random.Generator
+) -> Measurements:
     """Random postures beside the stand, over the table."""
     q, _ = Room(arm, above).postures(count, rng)
     bounds, steps = joint_bounds(arm), np.where(arm.chain.prismatic, 1e-4, ROUND)
     return Measurements.of(np.clip(np.round(q / steps) * steps, bounds[:, 0], bounds[:, 1]))
 
 
-def postures_at_seats(task: Task, count: int, above: float | None, rng: np.random.Generator) -> Measurements:
-    """Postures at the seats that were touched before, else at new ones whose coordinates will be stated.
+def postures_at_seats(
+    task: Task, count: int, above: float | None, rng: np.random.Generator
+) -> Measurements:
+    """Postures at the seats that were touched before, else at new ones whose coordinates will be
+    stated.
 
     Raises:
         AacmmError: the seats cannot be touched in different postures.
@@ -58,14 +65,20 @@ def postures_at_seats(task: Task, count: int, above: float | None, rng: np.rando
     touched = pool.touched(points, max(4, min(EACH, count // len(labels))))
     if not any(len(q) for q in touched):
         arm = task.model.arm.name
-        raise AacmmError(f"{arm}: no posture inside the limits has its tip at one of the {len(labels)} seats")
+        raise AacmmError(
+            f"{arm}: no posture inside the limits has its tip at one of the {len(labels)} seats"
+        )
     seat = np.repeat(np.arange(len(labels)), [len(q) for q in touched])
     at = Conditions(len(seat), seat=np.array(labels, dtype=object)[seat])
     return Measurements.of(np.concatenate(touched), stated[seat], stated_u[seat], at)
 
 
-def candidates(task: Task, set_up: MeasurementConditions, postures: Measurements, rng: np.random.Generator) -> Measurements:
-    """The records that could be taken in a set-up, with the coordinates that are expected; free conditions are drawn."""
+def candidates(
+    task: Task, set_up: MeasurementConditions, postures: Measurements, rng: np.random.Generator
+) -> Measurements:
+    """The records that could be taken in a set-up, with the coordinates that are expected; free
+    conditions are drawn.
+    """
     model, n, known = set_up.model, postures.n, task.conditions
     needed = {need for effect in (*task.causes, *model.effects) for need in effect.needs}
     present, links = needed | set(known.present), known.link_temperature
@@ -80,8 +93,12 @@ def candidates(task: Task, set_up: MeasurementConditions, postures: Measurements
     conditions = Conditions(
         n,
         time=time if "time" in present else None,
-        temperature=warmth if links is None and present & {"temperature", "link_temperature"} else None,
-        link_temperature=None if links is None else np.repeat(warmth[:, None], links.shape[1], axis=1),
+        temperature=warmth
+        if links is None and present & {"temperature", "link_temperature"}
+        else None,
+        link_temperature=None
+        if links is None
+        else np.repeat(warmth[:, None], links.shape[1], axis=1),
         approach=sides if "approach" in present else None,
         torque=_torques(model.arm, postures.q) if "torque" in needed else None,
         seat=at_none if postures.conditions.seat is None else postures.conditions.seat,
@@ -94,6 +111,11 @@ def candidates(task: Task, set_up: MeasurementConditions, postures: Measurements
 
 
 def _torques(arm: Arm, q: Array) -> Array:
-    """Torques that a drive would need to hold the weight (n, nq) [N·m]: minus the weight's moment about each axis."""
+    """Torques that a drive would need to hold the weight (n, nq) [N·m]: minus the weight's moment
+    about each axis.
+    """
     state = State(arm, q, Conditions(len(q)), arm.chain.tip)
-    return -np.stack([state.along_axis(row, state.moment_at_axis(row)) for row in arm.chain.moving_rows()], axis=1)
+    return -np.stack(
+        [state.along_axis(row, state.moment_at_axis(row)) for row in arm.chain.moving_rows()],
+        axis=1,
+    )

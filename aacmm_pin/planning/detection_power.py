@@ -1,4 +1,6 @@
-"""How well records tell causes apart: distances of what the causes do, and the chance of a right decision."""
+"""How well records tell causes apart: distances of what the causes do, and the chance of a right
+decision.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,8 @@ class Size:
     """How large a cause would be, in units of its typical magnitudes.
 
     Attributes:
-        factor: the parameters are ``factor @ z`` (q, m), z with unit variance; one column where the values are stated.
+        factor: the parameters are ``factor @ z`` (q, m), z with unit variance; one column where the
+            values are stated.
         stated: whether the effect has values; a stated size may well be the typical one.
     """
 
@@ -32,16 +35,22 @@ class Size:
 
     @staticmethod
     def of(effect: Effect) -> Size:
-        """The effect's own values, or their magnitude in any direction; a typical one where all are zero."""
+        """The effect's own values, or their magnitude in any direction; a typical one where all are
+        zero.
+        """
         scaled = np.array(effect.values) / np.array([term.typical for term in effect.terms])
         if not scaled.any():
             return Size(np.eye(scaled.size))
         if effect.notation.phase_is_free(effect):
-            return Size(np.eye(scaled.size) * np.linalg.norm(scaled) / np.sqrt(scaled.size), stated=True)
+            return Size(
+                np.eye(scaled.size) * np.linalg.norm(scaled) / np.sqrt(scaled.size), stated=True
+            )
         return Size(scaled[:, None], stated=True)
 
     def drawn(self, count: int, rng: np.random.Generator) -> Array:
-        """Parameters of ``count`` draws of one size: in any direction, or the values with either sign (q, count)."""
+        """Parameters of ``count`` draws of one size: in any direction, or the values with either
+        sign (q, count).
+        """
         z = rng.standard_normal((self.factor.shape[1], count))
         return np.asarray(self.factor @ (z / np.linalg.norm(z, axis=0) * np.sqrt(len(z))))
 
@@ -52,7 +61,8 @@ class Power(Shown):
 
     Attributes:
         one, other: ``T = min ‖G_k β_k - Z η - G_l β_l‖²``, the first cause true, and the second.
-        alone: the same without the other cause, ``min ‖G_k β_k - Z η‖²``: what shows of each at all.
+        alone: the same without the other cause, ``min ‖G_k β_k - Z η‖²``: what shows of each at
+            all.
         probability: of deciding for the right one of the two by their evidence.
     """
 
@@ -85,7 +95,9 @@ class Power(Shown):
 
 
 def mimicking(r: Array, mine: slice, its: slice, factor: Array) -> Array:
-    """Parameters of the other cause that do most nearly what ``factor`` (q, m) of this one does (q', m)."""
+    """Parameters of the other cause that do most nearly what ``factor`` (q, m) of this one does
+    (q', m).
+    """
     return np.asarray(np.linalg.lstsq(r[:, its], r[:, mine] @ factor, rcond=1e-12)[0])
 
 
@@ -100,13 +112,17 @@ def distance(r: Array, mine: slice, its: slice, factor: Array) -> float:
     return float(np.square(left).sum())
 
 
-def power_of(r: Array, blocks: tuple[slice, slice], sizes: tuple[Size, Size], rng: np.random.Generator) -> Power:
+def power_of(
+    r: Array, blocks: tuple[slice, slice], sizes: tuple[Size, Size], rng: np.random.Generator
+) -> Power:
     """How well records with the triangle ``r`` (``S = RᵀR``) tell two blocks of its columns apart.
 
-    The probability is that the evidence of the true cause is the larger one, each true in half of the cases. The evidence
-    is that of a normal prior: with g = Rᵀy and prior variance w², ``½ gᵀ (S + I/w²)⁻¹ g - ½ log det(I + w² S)``. How large a
-    cause may be is hardly known, so size alone must not decide: w lets each of the two show as much as the true one does,
-    ``w² tr S = ‖R β‖²``. By :data:`DRAWS` draws of y.
+    The probability is that the evidence of the true cause is the larger one, each true in half of
+    the cases. The evidence
+    is that of a normal prior: with g = Rᵀy and prior variance w², ``½ gᵀ (S + I/w²)⁻¹ g - ½ log
+    det(I + w² S)``. How large a cause may be is hardly known, so size alone must not decide: w lets
+    each of the two show as much as the true one does, ``w² tr S = ‖R β‖²``. By :data:`DRAWS` draws
+    of y.
     """
     probability, shows, apart = 0.0, [], []
     for true, (mine, size) in enumerate(zip(blocks, sizes, strict=True)):

@@ -1,4 +1,6 @@
-"""What can be changed beside postures: the side a joint comes from, the warmth, a load, the mount."""
+"""What can be changed beside postures: the side a joint comes from, the warmth, a load, the
+mount.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,8 @@ class MeasurementConditions:
         sides: joints (from 1) that are brought to their postures from either side.
         warmer: part of the records are taken so much warmer [K].
         warm_up: the records are taken while the arm warms up, over this time [s].
-        changes_arm: the arm file is another one, so that old and new records do not go into one diagnosis.
+        changes_arm: the arm file is another one, so that old and new records do not go into one
+            diagnosis.
     """
 
     words: tuple[str, ...]
@@ -52,7 +55,9 @@ class MeasurementConditions:
 def possible_conditions(
     model: ErrorModel, causes: tuple[Effect, ...], reference_temperature: float
 ) -> Iterator[MeasurementConditions]:
-    """What could tell the causes apart, from the least effort to the most: conditions that they depend on, load, mount."""
+    """What could tell the causes apart, from the least effort to the most: conditions that they
+    depend on, load, mount.
+    """
     changes = list(_changes(model.arm, causes, reference_temperature))
     for count in range(len(changes) + 1):
         for some in combinations(changes, count):
@@ -63,17 +68,26 @@ def possible_conditions(
     if isinstance(file, ArmFile) and any(effect.elastic for effect in causes):
         for words, changed in _loads_and_mounts(model.arm, file):
             arm = Arm.from_file(file.model_copy(update=changed))
-            yield replace(last, words=(*last.words, words), model=ErrorModel(arm, model.effects), changes_arm=True)
+            yield replace(
+                last,
+                words=(*last.words, words),
+                model=ErrorModel(arm, model.effects),
+                changes_arm=True,
+            )
 
 
 Change = tuple[str, dict[str, Any]]
 """What has to be done, in words, and the fields that it changes."""
 
 
-def _changes(arm: Arm, causes: tuple[Effect, ...], reference_temperature: float) -> Iterator[Change]:
+def _changes(
+    arm: Arm, causes: tuple[Effect, ...], reference_temperature: float
+) -> Iterator[Change]:
     """Each condition that a cause depends on and that a person can choose."""
     rows = arm.chain.moving_rows()
-    joints = sorted({rows.index(e.row) + 1 for e in causes if "approach" in e.needs and e.row in rows})
+    joints = sorted(
+        {rows.index(e.row) + 1 for e in causes if "approach" in e.needs and e.row in rows}
+    )
     if joints:
         which = f"joint{'s' * (len(joints) > 1)} {', '.join(map(str, joints))}"
         yield str(Note("approach_both_sides", {"joints": which})), {"sides": tuple(joints)}
@@ -88,7 +102,9 @@ def _changes(arm: Arm, causes: tuple[Effect, ...], reference_temperature: float)
 
 
 def _loads_and_mounts(arm: Arm, file: ArmFile) -> Iterator[Change]:
-    """The arm loaded, and on other mounts: what has to be done, and what that changes in the arm's file."""
+    """The arm loaded, and on other mounts: what has to be done, and what that changes in the arm's
+    file.
+    """
     if arm.masses is not None:
         rows = arm.chain.moving_rows()
         row = rows[-2] if len(rows) > 1 else rows[-1]
@@ -99,7 +115,9 @@ def _loads_and_mounts(arm: Arm, file: ArmFile) -> Iterator[Change]:
     for degrees in (90, 180):
         gravity = _turned(arm.gravity, about, np.deg2rad(-degrees))
         numbers = ", ".join(f"{g:g}" for g in gravity)
-        words = str(Note("turn_mount", {"degrees": degrees, "axis": "xyz"[about], "gravity": numbers}))
+        words = str(
+            Note("turn_mount", {"degrees": degrees, "axis": "xyz"[about], "gravity": numbers})
+        )
         yield words, {"gravity_m_s2": tuple(gravity.tolist())}
 
 
@@ -120,5 +138,7 @@ def _loaded(arm: Arm, file: ArmFile, row: int) -> dict[str, Any]:
     own = rows[row - 1]
     before = own.mass_kg or 0.0
     centre = (before * np.array(own.com_mm or (0.0, 0.0, 0.0)) + LOAD * place) / (before + LOAD)
-    rows[row - 1] = own.model_copy(update={"mass_kg": before + LOAD, "com_mm": tuple(centre.tolist())})
+    rows[row - 1] = own.model_copy(
+        update={"mass_kg": before + LOAD, "com_mm": tuple(centre.tolist())}
+    )
     return {"joints": rows}

@@ -1,4 +1,6 @@
-"""From chosen records to the plan that a person takes to the arm: their order, and the file to be filled in."""
+"""From chosen records to the plan that a person takes to the arm: their order, and the file to be
+filled in.
+"""
 
 from __future__ import annotations
 
@@ -21,8 +23,12 @@ DECIMALS = 6
 """Of angles in degrees."""
 
 
-def plan_of(task: Task, situation: Situation, chosen: list[int], notes: tuple[Note, ...], **found: Any) -> MeasurementPlan:
-    """The plan of the chosen records, in the order in which they are taken; ``found`` are its other fields."""
+def plan_of(
+    task: Task, situation: Situation, chosen: list[int], notes: tuple[Note, ...], **found: Any
+) -> MeasurementPlan:
+    """The plan of the chosen records, in the order in which they are taken; ``found`` are its other
+    fields.
+    """
     set_up = situation.set_up
     records, sheet = sheet_of(task, situation, chosen)
     apart = set_up.changes_arm and task.existing is not None
@@ -40,7 +46,9 @@ def plan_of(task: Task, situation: Situation, chosen: list[int], notes: tuple[No
     )
 
 
-def sheet_of(task: Task, situation: Situation, chosen: list[int]) -> tuple[Measurements, pd.DataFrame]:
+def sheet_of(
+    task: Task, situation: Situation, chosen: list[int]
+) -> tuple[Measurements, pd.DataFrame]:
     """The chosen records in the order in which they are taken, and the file to be filled in."""
     records = situation.pool.take(np.array(chosen))
     records = records.take(_order(records))
@@ -53,17 +61,20 @@ def sheet_of(task: Task, situation: Situation, chosen: list[int]) -> tuple[Measu
 
 
 def _sheet(records: Measurements, existing: Measurements | None) -> pd.DataFrame:
-    """The file to be filled in; beside existing records in their columns, so that it can be appended to them.
+    """The file to be filled in; beside existing records in their columns, so that it can be
+    appended to them.
 
-    Coordinates are empty but for known seats, and so is what else is to be measured; an uncertainty of references that does
-    not change stays.
+    Coordinates are empty but for known seats, and so is what else is to be measured; an uncertainty
+    of references that does not change stays.
     """
     stated = records.conditions.seat is not None and existing is not None
     nothing = np.full((records.n, 3), np.nan)
     table = replace(
         records,
         reference=records.reference if stated else nothing,
-        reference_u=records.reference_u if stated and np.isfinite(records.reference_u).all() else nothing,
+        reference_u=records.reference_u
+        if stated and np.isfinite(records.reference_u).all()
+        else nothing,
         conditions=replace(records.conditions, torque=None),
     ).to_frame()
     angles = [name for name in table.columns if name.startswith("theta")]
@@ -84,11 +95,15 @@ def _sheet(records: Measurements, existing: Measurements | None) -> pd.DataFrame
 
 
 def _order(records: Measurements) -> Index:
-    """Early before late, cold before warm, seat by seat; then by the first joint, so that the arm swings round once."""
+    """Early before late, cold before warm, seat by seat; then by the first joint, so that the arm
+    swings round once.
+    """
     conditions = records.conditions
     keys: list[Array] = list(np.round(records.q, 2).T[::-1])
     if conditions.seat is not None:
-        keys.append(np.unique(conditions.seat.astype(str), return_inverse=True)[1].astype(np.float64))
+        keys.append(
+            np.unique(conditions.seat.astype(str), return_inverse=True)[1].astype(np.float64)
+        )
     keys += [key for key in (conditions.temperature, conditions.time) if key is not None]
     return np.asarray(np.lexsort(keys), dtype=np.intp)
 

@@ -1,4 +1,6 @@
-"""A plan for two causes: the set-up with the least effort that tells them apart, and the records in it."""
+"""A plan for two causes: the set-up with the least effort that tells them apart, and the records in
+it.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,9 @@ from aacmm_pin.planning.task import Task
 THOROUGH = 1000
 """From so many postures on, every record of a plan is looked at once more when all are chosen."""
 MORE = (1.5, 2.0, 2.5, 3.0)
-"""Where so many times the records would decide, nobody need hang a load on the arm or turn its mount."""
+"""Where so many times the records would decide, nobody need hang a load on the arm or turn its
+mount.
+"""
 PAIR = (0, 1)
 BETTER = 0.1
 """More effort that does not decide must at least raise the odds by this much to be worth it."""
@@ -35,10 +39,11 @@ def for_two(
     rng: np.random.Generator,
     steps: Iterable[int],
 ) -> MeasurementPlan:
-    """The plan with the least effort that decides, or else the best, of so many ``records`` at some of the ``postures``.
+    """The plan with the least effort that decides, or else the best, of so many ``records`` at some
+    of the ``postures``.
 
-    Values of the ``split`` that are all zero stand for a typical size. The generator is for the conditions of the records;
-    ``steps`` count these, perhaps wrapped to show progress.
+    Values of the ``split`` that are all zero stand for a typical size. The generator is for the
+    conditions of the records; ``steps`` count these, perhaps wrapped to show progress.
     """
     tried: list[Tried] = []
     best: tuple[Situation, list[int], Power] | None = None
@@ -71,14 +76,23 @@ def for_two(
             break
     assert best is not None
     situation, chosen, after = best
-    found = {"split": split, "before": before, "after": after, "tried": tuple(tried), "enough": enough}
+    found = {
+        "split": split,
+        "before": before,
+        "after": after,
+        "tried": tuple(tried),
+        "enough": enough,
+    }
     return plan_of(task, situation, chosen, tuple(_notes(split, before)), **found)
 
 
-def _chosen(situation: Situation, sizes: tuple[Size, Size], records: int, steps: Iterable[int]) -> list[int]:
+def _chosen(
+    situation: Situation, sizes: tuple[Size, Size], records: int, steps: Iterable[int]
+) -> list[int]:
     """Numbers of the records of the pool that tell the two causes apart best."""
     flat = situation.rows.reshape(-1, situation.layout.width)
-    # One record's worth of the average keeps the first steps from being blind; it counts in no power.
+    # One record's worth of the average keeps the first steps from being blind; it counts in no
+    # power.
     choice = Choosing(situation.rows, situation.start + flat.T @ flat / len(situation.rows))
     score = telling(situation.layout.columns(0), situation.layout.columns(1), sizes)
     choice.run(records, score, steps)
@@ -87,8 +101,12 @@ def _chosen(situation: Situation, sizes: tuple[Size, Size], records: int, steps:
     return choice.taken
 
 
-def _enough(situation: Situation, chosen: list[int], sizes: tuple[Size, Size], draws: int) -> int | None:
-    """About how many records like the chosen ones would decide; None if not even a few times as many."""
+def _enough(
+    situation: Situation, chosen: list[int], sizes: tuple[Size, Size], draws: int
+) -> int | None:
+    """About how many records like the chosen ones would decide; None if not even a few times as
+    many.
+    """
     for times in MORE:
         if situation.power(chosen, PAIR, sizes, draws, times).probability >= DECIDED:
             return int(np.ceil(times * len(chosen)))
@@ -96,7 +114,9 @@ def _enough(situation: Situation, chosen: list[int], sizes: tuple[Size, Size], d
 
 
 def _matched(situation: Situation, sizes: tuple[Size, Size]) -> tuple[Size, Size]:
-    """A cause without values is as large as it must be to look like the other one, if that has some, in existing records."""
+    """A cause without values is as large as it must be to look like the other one, if that has
+    some, in existing records.
+    """
     if sizes[0].stated == sizes[1].stated:
         return sizes
     known, r = int(sizes[1].stated), situation.triangle([])
@@ -117,7 +137,9 @@ def _notes(split: tuple[Effect, Effect], before: Power | None) -> Iterator[Note]
         if before is not None and any(other.values):
             yield Note("planned_as_large_as", {**data, "other": other.label})
         else:
-            yield Note("planned_at_typical_magnitude", {**data, "size": typical_magnitude_in_words(effect)})
+            yield Note(
+                "planned_at_typical_magnitude", {**data, "size": typical_magnitude_in_words(effect)}
+            )
 
 
 def _why_not(split: tuple[Effect, Effect], power: Power) -> str:

@@ -53,37 +53,42 @@ def plan_measurements(
 ) -> MeasurementPlan:
     """Records that tell two causes apart, or all causes that the arm can have.
 
-    For two causes k and l the records are chosen one after the other, then exchanged once, so that the smaller of
-    ``T_kl = min over η, β_l of ‖G_k β_k - Z η - G_l β_l‖²`` and T_lk is as large as it can be (T-optimality: Atkinson,
-    Fedorov 1975, Biometrika 62). Everything is whitened by the noise; Z is what is refitted anyway: geometry within its
-    stated uncertainties, an unknown frame, the seats. β_k is the value of the effect, or, where that is zero, any of
-    typical size. Postures come first; conditions that the causes depend on (approach, warmth, warm-up), a load and another
+    For two causes k and l the records are chosen one after the other, then exchanged once, so that
+    the smaller of ``T_kl = min over η, β_l of ‖G_k β_k - Z η - G_l β_l‖²`` and T_lk is as large as
+    it can be (T-optimality: Atkinson, Fedorov 1975, Biometrika 62). Everything is whitened by the
+    noise; Z is what is refitted anyway: geometry within its stated uncertainties, an unknown frame,
+    the seats. β_k is the value of the effect, or, where that is zero, any of typical size. Postures
+    come first; conditions that the causes depend on (approach, warmth, warm-up), a load and another
     mount are taken into account in this order, and only where what comes before does not decide.
 
-    Without ``split`` half of the records are chosen so that they tell most of geometry and all causes together (Bayesian
-    D-optimality: Chaloner, Verdinelli 1995, Statistical Science 10), the others each for the pair that is told worst.
+    Without ``split`` half of the records are chosen so that they tell most of geometry and all
+    causes together (Bayesian D-optimality: Chaloner, Verdinelli 1995, Statistical Science 10), the
+    others each for the pair that is told worst.
 
     Args:
         model: the arm, with effects if it has some; these stay.
         split: two causes, or labels such as ``joint_compliance:2``; None for all.
         records: how many to plan.
         existing: records that will be judged together with the new ones.
-        reference: ``free``: every record with coordinates of its own (laser tracker), which the plan leaves open;
-            ``seats``: at the seats of the existing records, or at new ones.
-        reference_frame, target, prior, encoder_noise, reference_noise, probe_noise, length_noise: see
-            :func:`aacmm_pin.calibration.calibrate`; unstated noise is taken as usual, which is then said.
+        reference: ``free``: every record with coordinates of its own (laser tracker), which the
+            plan leaves open; ``seats``: at the seats of the existing records, or at new ones.
+        reference_frame, target, prior, encoder_noise, reference_noise, probe_noise, length_noise:
+        see
+            :func:`aacmm_pin.calibration.calibrate`; unstated noise is taken as usual, which is then
+            said.
         above: height of a table over the base origin, along gravity, under which no tip goes [m].
         as_it_stands: no load and no other mount.
         postures: how many to choose from; fewer are quicker.
         rng: for all that is drawn; default seed 1.
-        progress: show a bar in a notebook, or on stderr at a terminal; or a function such as ``tqdm`` that wraps the
-            records to choose.
+        progress: show a bar in a notebook, or on stderr at a terminal; or a function such as
+            ``tqdm`` that wraps the records to choose.
 
     Raises:
         UnknownNameError: an unknown cause, field, reference or frame.
         MissingConditionError: an effect of the arm needs what the existing records do not state.
         UnsupportedArmError: the arm lacks what a cause needs, such as masses.
-        AacmmError: causes that no plan can be about, too few records or postures, or an arm that the records are not of.
+        AacmmError: causes that no plan can be about, too few records or postures, or an arm that
+            the records are not of.
     """
     model = ErrorModel.of(model).restricted_to_known_range()
     existing = None if existing is None else as_measurements(existing, model.arm.nq)
@@ -92,14 +97,26 @@ def plan_measurements(
     seed = seed_of(rng)
     present = () if existing is None else existing.conditions.present
     wanted = usual_causes(model) if split is None else split
-    causes, usable, left_out = _usable(as_causes(wanted, model, present), existing, split is not None)
+    causes, usable, left_out = _usable(
+        as_causes(wanted, model, present), existing, split is not None
+    )
     require_separable(causes, model.arm)
     if reference == "free" and (at_seat := next((e for e in causes if "seat" in e.needs), None)):
         raise AacmmError(
-            f"{at_seat.label} shows at that seat only: plan with reference 'seats' and the records that touch it"
+            f"{at_seat.label} shows at that seat only: plan with reference 'seats' and the "
+            "records that touch it"
         )
     setup, notes = complete(
-        Setup.of(model.arm, reference_frame, target, prior, encoder_noise, reference_noise, probe_noise, length_noise),
+        Setup.of(
+            model.arm,
+            reference_frame,
+            target,
+            prior,
+            encoder_noise,
+            reference_noise,
+            probe_noise,
+            length_noise,
+        ),
         model.arm,
     )
     task = Task(model, tuple(e.at(()) for e in causes), usable, setup)
@@ -111,26 +128,47 @@ def plan_measurements(
             found = for_two(task, (causes[0], causes[1]), where, records, as_it_stands, rng, steps)
     if "torque" in present and split is not None:
         left_out += (Note("record_torques"),)
-    usual = {"--reference": (reference, "free"), "--reference-frame": (reference_frame, "base"), "--target": (target, "tip")}
+    usual = {
+        "--reference": (reference, "free"),
+        "--reference-frame": (reference_frame, "base"),
+        "--target": (target, "tip"),
+    }
     options = [f"{name} {value}" for name, (value, default) in usual.items() if value != default]
     options += noise_options(model.arm, encoder_noise, reference_noise, probe_noise)
-    options += [words for words, wanted in (("--no-prior", not prior), ("--as-it-stands", as_it_stands)) if wanted]
-    return replace(found, seed=seed, notes=(*notes, *left_out, *found.notes), options=tuple(options))
+    options += [
+        words
+        for words, wanted in (("--no-prior", not prior), ("--as-it-stands", as_it_stands))
+        if wanted
+    ]
+    return replace(
+        found, seed=seed, notes=(*notes, *left_out, *found.notes), options=tuple(options)
+    )
 
 
-def noise_options(arm: Arm, encoder: ArrayLike | None, reference: float | None, probe: float | None) -> list[str]:
-    """Options of the command ``aacmm-pin plan`` that state the same noise [rad, m], as far as they can."""
+def noise_options(
+    arm: Arm, encoder: ArrayLike | None, reference: float | None, probe: float | None
+) -> list[str]:
+    """Options of the command ``aacmm-pin plan`` that state the same noise [rad, m], as far as they
+    can.
+    """
     lengths = {"--reference-noise-mm": reference, "--probe-noise-mm": probe}
     options = [f"{name} {value / MM:g}" for name, value in lengths.items() if value is not None]
     readings = np.empty(0) if encoder is None else np.unique(encoder)
-    of_arm = arm.encoder_noise is not None and np.array_equal(readings, np.unique(arm.encoder_noise))
+    of_arm = arm.encoder_noise is not None and np.array_equal(
+        readings, np.unique(arm.encoder_noise)
+    )
     if readings.size == 1 and not of_arm:
         options.append(f"--encoder-noise-rad {readings[0]:g}")
     return options
 
 
 def places_for(
-    task: Task, reference: Reference, records: int, postures: int, above: float | None, rng: np.random.Generator
+    task: Task,
+    reference: Reference,
+    records: int,
+    postures: int,
+    above: float | None,
+    rng: np.random.Generator,
 ) -> Measurements:
     """The postures to choose from.
 
@@ -142,12 +180,18 @@ def places_for(
     else:
         where = postures_at_seats(task, postures, above, rng)
     if where.n < records:
-        raise AacmmError(f"records is {records}, but only {where.n} different postures were found; ask for fewer")
+        raise AacmmError(
+            f"records is {records}, but only {where.n} different postures were found; ask for fewer"
+        )
     return where
 
 
 def check_numbers(
-    model: ErrorModel, records: int, postures: int, existing: Measurements | None, reference: Reference
+    model: ErrorModel,
+    records: int,
+    postures: int,
+    existing: Measurements | None,
+    reference: Reference,
 ) -> None:
     """Refuse what no plan can be made of.
 
@@ -162,7 +206,10 @@ def check_numbers(
     if postures < records:
         raise AacmmError(f"postures is {postures}, expected at least as many as records, {records}")
     if existing is not None and existing.nq != model.arm.nq:
-        raise AacmmError(f"{existing.source} has angles of {existing.nq} joints, {model.arm.name} has {model.arm.nq}")
+        raise AacmmError(
+            f"{existing.source} has angles of {existing.nq} joints, {model.arm.name} has "
+            f"{model.arm.nq}"
+        )
 
 
 def complete(setup: Setup, arm: Arm) -> tuple[Setup, tuple[Note, ...]]:
@@ -183,7 +230,8 @@ Usable = tuple[tuple[Effect, ...], Measurements | None, tuple[Note, ...]]
 def _usable(causes: tuple[Effect, ...], existing: Measurements | None, named: bool) -> Usable:
     """The causes and the existing records that go together, and why not all.
 
-    Records that do not state what a cause depends on do not count where the causes were ``named``; else such causes do not.
+    Records that do not state what a cause depends on do not count where the causes were ``named``;
+    else such causes do not.
     """
     stated = set() if existing is None else set(existing.conditions.present)
     if "link_temperature" in stated:
@@ -193,7 +241,11 @@ def _usable(causes: tuple[Effect, ...], existing: Measurements | None, named: bo
         return causes, existing, ()
     if named:
         needs = sorted({f"{need} ({effect.label})" for effect, need in lacking})
-        return causes, None, (Note("records_not_counted", {"source": existing.source, "needs": needs}),)
+        return (
+            causes,
+            None,
+            (Note("records_not_counted", {"source": existing.source, "needs": needs}),),
+        )
     needs, silent = sorted({need for _, need in lacking}), [effect for effect, _ in lacking]
     left_out = [*dict.fromkeys(effect.label for effect in silent)]
     note = Note("causes_left_out", {"source": existing.source, "needs": needs, "causes": left_out})

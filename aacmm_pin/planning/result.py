@@ -29,7 +29,8 @@ class Tried(Shown):
 
     Attributes:
         words: what would have to be done.
-        power: with a plan in it, or with all of its pool where nothing can tell the causes apart there.
+        power: with a plan in it, or with all of its pool where nothing can tell the causes apart
+            there.
         why_not: why no posture tells the causes apart in it; "" where some do.
     """
 
@@ -43,9 +44,12 @@ class MeasurementPlan(Shown):
     """What to measure next.
 
     Attributes:
-        model: the arm as it stands while the plan is measured; another than before where ``changes_arm``.
-        split: the two causes to tell apart; where none were asked for, the worst told pair of all that can be told.
-        records: the plan as a measurement file to be filled in: angles, conditions, and references that are empty.
+        model: the arm as it stands while the plan is measured; another than before where
+            ``changes_arm``.
+        split: the two causes to tell apart; where none were asked for, the worst told pair of all
+            that can be told.
+        records: the plan as a measurement file to be filled in: angles, conditions, and references
+            that are empty.
         expected: where the tip will be about, in the frame of the references (n, 3) [m].
         set_up: what has to be done beside postures, in words; () where the arm stays as it is.
         changes_arm: the arm file is another one; old records then have no part in the power.
@@ -56,10 +60,11 @@ class MeasurementPlan(Shown):
         notes: what was assumed, and what cannot be told.
         measurements: the records expected, as a diagnosis would take them.
         pairs: where no split was asked: every pair of causes with its T, worst first; else None.
-        enough: about how many new records of this kind would decide, beside the existing ones, where the plan does not;
-            None if no few times as many.
+        enough: about how many new records of this kind would decide, beside the existing ones,
+            where the plan does not; None if no few times as many.
         seed: of all that was drawn, or None where the generator does not say.
-        options: those of the command ``aacmm-pin plan`` that ask for the same, as far as they are not the usual ones.
+        options: those of the command ``aacmm-pin plan`` that ask for the same, as far as they are
+            not the usual ones.
     """
 
     model: ErrorModel
@@ -118,7 +123,11 @@ class MeasurementPlan(Shown):
         if self.pairs is not None:
             untold = self.pairs[~self.pairs["told"]]
             rows = [{str(k): v for k, v in row.items()} for row in untold.to_dict("records")]
-            pairs = {"count": len(self.pairs), "told": int(self.pairs["told"].sum()), "untold": rows}
+            pairs = {
+                "count": len(self.pairs),
+                "told": int(self.pairs["told"].sum()),
+                "untold": rows,
+            }
         return {
             "schema": SCHEMA,
             "arm": self.model.arm.name,
@@ -135,7 +144,8 @@ class MeasurementPlan(Shown):
                 "enough": self.enough,
             },
             "tried": [
-                {"set_up": t.words, "inseparable": bool(t.why_not), "why": t.why_not} | (_power(t.power) or {})
+                {"set_up": t.words, "inseparable": bool(t.why_not), "why": t.why_not}
+                | (_power(t.power) or {})
                 for t in self.tried
             ],
             "pairs": pairs,
@@ -151,4 +161,8 @@ class MeasurementPlan(Shown):
 def _power(power: Power | None) -> dict[str, Any] | None:
     if power is None:
         return None
-    return {"T": [power.one, power.other], "alone": list(power.alone), "probability": power.probability}
+    return {
+        "T": [power.one, power.other],
+        "alone": list(power.alone),
+        "probability": power.probability,
+    }

@@ -1,4 +1,6 @@
-"""Choosing records one after the other from a pool, each the one that helps most, by rank-three updates of an inverse."""
+"""Choosing records one after the other from a pool, each the one that helps most, by rank-three
+updates of an inverse.
+"""
 
 from __future__ import annotations
 
@@ -10,14 +12,17 @@ from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin.planning.detection_power import Size
 
 HARDLY = 1e-3
-"""Weight of the better told direction, which only decides among records that do the same for the worse."""
+"""Weight of the better told direction, which only decides among records that do the same for the
+worse.
+"""
 
 Score = Callable[["Choosing"], Array]
 """What each record of the pool would be worth if it came next (n,)."""
 
 
 class Choosing:
-    """The state of a choice: which records of a pool are taken, and the covariance of all unknowns that they leave.
+    """The state of a choice: which records of a pool are taken, and the covariance of all unknowns
+    that they leave.
 
     Attributes:
         pool: whitened rows of the candidates (n, 3, p).
@@ -38,7 +43,9 @@ class Choosing:
         return np.asarray(np.eye(3) + self.seen @ self.pool.transpose(0, 2, 1))
 
     def take(self, record: int) -> None:
-        """One more record: ``Σ - Σ Aᵀ (I + A Σ Aᵀ)⁻¹ A Σ`` (Woodbury), and the same for what the pool sees of it."""
+        """One more record: ``Σ - Σ Aᵀ (I + A Σ Aᵀ)⁻¹ A Σ`` (Woodbury), and the same for what the
+        pool sees of it.
+        """
         rows, seen = self.pool[record], self.seen[record].copy()
         gain = np.linalg.solve(np.eye(3) + seen @ rows.T, seen)
         self.covariance = self.covariance - seen.T @ gain
@@ -47,7 +54,9 @@ class Choosing:
         self.free[record] = False
 
     def drop(self, record: int) -> None:
-        """One less, worked out anew: an update back would lose what a record with little noise had told."""
+        """One less, worked out anew: an update back would lose what a record with little noise had
+        told.
+        """
         self.taken.remove(record)
         self.free[record] = True
         rows = self.pool[self.taken].reshape(-1, self.pool.shape[2])
@@ -60,7 +69,9 @@ class Choosing:
             self.take(self._best(score))
 
     def exchange(self, score: Score) -> None:
-        """Look once at every record taken, and take the one instead that does better when all others stay."""
+        """Look once at every record taken, and take the one instead that does better when all
+        others stay.
+        """
         for record in list(self.taken):
             self.drop(record)
             self.take(self._best(score))
@@ -70,20 +81,29 @@ class Choosing:
 
 
 def telling(one: Index, other: Index, sizes: tuple[Size, Size]) -> Score:
-    """The smaller of the two distances of a pair of causes, columns ``one`` and ``other``, after one more record."""
+    """The smaller of the two distances of a pair of causes, columns ``one`` and ``other``, after
+    one more record.
+    """
 
     def score(choice: Choosing) -> Array:
         inverse = np.linalg.inv(choice.scatter)
         distances = []
         for columns, size in ((one, sizes[0]), (other, sizes[1])):
             seen = choice.seen[:, :, columns]
-            left = choice.covariance[np.ix_(columns, columns)] - seen.transpose(0, 2, 1) @ inverse @ seen
-            distances.append(np.einsum("nij,jm,im->n", np.linalg.inv(left), size.factor, size.factor))
+            left = (
+                choice.covariance[np.ix_(columns, columns)]
+                - seen.transpose(0, 2, 1) @ inverse @ seen
+            )
+            distances.append(
+                np.einsum("nij,jm,im->n", np.linalg.inv(left), size.factor, size.factor)
+            )
         return np.asarray(np.minimum(*distances) + HARDLY * np.maximum(*distances))
 
     return score
 
 
 def informing(choice: Choosing) -> Array:
-    """What a record tells of all unknowns together: log determinant, Bayesian D-optimality (Chaloner, Verdinelli 1995)."""
+    """What a record tells of all unknowns together: log determinant, Bayesian D-optimality
+    (Chaloner, Verdinelli 1995).
+    """
     return np.asarray(np.linalg.slogdet(choice.scatter)[1])

@@ -1,4 +1,6 @@
-"""A plan for all causes at once: which pairs of them records tell apart, and which no posture will."""
+"""A plan for all causes at once: which pairs of them records tell apart, and which no
+posture will.
+"""
 
 from __future__ import annotations
 
@@ -31,10 +33,12 @@ Pair = tuple[int, int]
 def for_all(
     task: Task, postures: Measurements, records: int, rng: np.random.Generator, steps: Iterable[int]
 ) -> MeasurementPlan:
-    """The plan for every pair of causes, each of typical size: half of the records for all, the others for the worst told.
+    """The plan for every pair of causes, each of typical size: half of the records for all, the
+    others for the worst told.
 
-    Its ``pairs`` are all that show, worst first; ``told`` where T suffices. ``why_not``: the two do ``the same`` in every
-    posture, or what they do is ``too small`` for so many records; else "". See :func:`pairwise_discrimination.for_two`.
+    Its ``pairs`` are all that show, worst first; ``told`` where T suffices. ``why_not``: the two do
+    ``the same`` in every posture, or what they do is ``too small`` for so many records; else "".
+    See :func:`pairwise_discrimination.for_two`.
 
     Raises:
         AacmmError: fewer than two causes would show at all.
@@ -42,21 +46,40 @@ def for_all(
     options = [*possible_conditions(task.model, task.causes, task.temperature)]
     set_up = [option for option in options if not option.changes_arm][-1]  # every condition varied
     situation = Situation.of(task, set_up, postures, rng)
-    others = {o.words[-1]: Situation.of(task, o, postures, rng).triangle(None) for o in options if o.changes_arm}
+    others = {
+        o.words[-1]: Situation.of(task, o, postures, rng).triangle(None)
+        for o in options
+        if o.changes_arm
+    }
     blocks, whole = situation.layout.blocks, situation.triangle(None)
     silent = {k for k, block in enumerate(blocks) if _silent(whole, block)}
-    every = {pair: both for pair, both in distances(whole, blocks).items() if not silent & set(pair)}
+    every = {
+        pair: both for pair, both in distances(whole, blocks).items() if not silent & set(pair)
+    }
     if not every:
-        raise AacmmError("fewer than two causes would show at all, so that there is nothing to tell apart")
+        raise AacmmError(
+            "fewer than two causes would show at all, so that there is nothing to tell apart"
+        )
     same = {pair for pair, (_, part) in every.items() if part <= SAME}
     share = records / situation.pool.n
     open_ = {pair for pair, (t, _) in every.items() if pair not in same and t * share >= HOPELESS}
     chosen = _chosen(situation, records, open_, steps)
-    after = {pair: t for pair, (t, _) in distances(situation.triangle(chosen), blocks).items() if pair in every}
+    after = {
+        pair: t
+        for pair, (t, _) in distances(situation.triangle(chosen), blocks).items()
+        if pair in every
+    }
     labels = [cause.label for cause in task.causes]
-    why_not = {pair: "the same" if pair in same else "" if pair in open_ else "too small" for pair in every}
-    rows = [(labels[one], labels[other], t, t >= TOLD, why_not[one, other]) for (one, other), t in after.items()]
-    pairs = pd.DataFrame(rows, columns=["cause", "other", "T", "told", "why_not"]).sort_values("T", ignore_index=True)
+    why_not = {
+        pair: "the same" if pair in same else "" if pair in open_ else "too small" for pair in every
+    }
+    rows = [
+        (labels[one], labels[other], t, t >= TOLD, why_not[one, other])
+        for (one, other), t in after.items()
+    ]
+    pairs = pd.DataFrame(rows, columns=["cause", "other", "T", "told", "why_not"]).sort_values(
+        "T", ignore_index=True
+    )
     worst = min(open_ or set(every) - same or set(every), key=lambda pair: after[pair])
     split = (task.causes[worst[0]], task.causes[worst[1]])
     draws, sizes = int(rng.integers(2**32)), (Size.of(split[0]), Size.of(split[1]))
@@ -64,12 +87,22 @@ def for_all(
     before = situation.power([], worst, sizes, draws) if situation.before else None
     told = Note("pairs_told_apart", {"told": int(pairs["told"].sum()), "pairs": len(pairs)})
     notes = (told, *_notes(silent, same, labels, others, blocks))
-    found = {"split": split, "before": before, "after": power, "tried": (Tried(str(set_up), power),), "pairs": pairs}
+    found = {
+        "split": split,
+        "before": before,
+        "after": power,
+        "tried": (Tried(str(set_up), power),),
+        "pairs": pairs,
+    }
     return plan_of(task, situation, chosen, notes, **found)
 
 
-def _chosen(situation: Situation, records: int, open_: set[Pair], steps: Iterable[int]) -> list[int]:
-    """Numbers of records of the pool: those that tell most of everything, then each for the ``open_`` pair told worst."""
+def _chosen(
+    situation: Situation, records: int, open_: set[Pair], steps: Iterable[int]
+) -> list[int]:
+    """Numbers of records of the pool: those that tell most of everything, then each for the
+    ``open_`` pair told worst.
+    """
     layout = situation.layout
     typical = np.zeros(layout.width)
     typical[layout.nuisances :] = 1.0
@@ -84,7 +117,9 @@ def _chosen(situation: Situation, records: int, open_: set[Pair], steps: Iterabl
 
 
 def distances(r: Array, blocks: tuple[slice, ...]) -> dict[Pair, tuple[float, float]]:
-    """Of every pair of blocks, each of typical size: the smaller T, and the part of a cause that the other does not do."""
+    """Of every pair of blocks, each of typical size: the smaller T, and the part of a cause that
+    the other does not do.
+    """
     found = {}
     for pair in combinations(range(len(blocks)), 2):
         both = []
@@ -111,16 +146,26 @@ def _best_for(pair: Pair, situation: Situation, choice: Choosing) -> int:
 
 
 def _notes(
-    silent: set[int], same: set[Pair], labels: list[str], others: dict[str, Array], blocks: tuple[slice, ...]
+    silent: set[int],
+    same: set[Pair],
+    labels: list[str],
+    others: dict[str, Array],
+    blocks: tuple[slice, ...],
 ) -> Iterator[Note]:
-    """What no posture shows or tells apart, and which of the ``others``, set-ups with their triangles, would."""
+    """What no posture shows or tells apart, and which of the ``others``, set-ups with their
+    triangles, would.
+    """
     for k in sorted(silent):
         helps = next((words for words, r in others.items() if not _silent(r, blocks[k])), None)
         data = {"cause": labels[k], "set_up": helps}
         yield Note("cause_never_shows" if helps is None else "cause_shows_otherwise", data)
     for one, other in sorted(same):
         both = blocks[one], blocks[other]
-        separating = (words for words, r in others.items() if distances(r, both)[0, 1][1] > SAME and not _silent(r, *both))
+        separating = (
+            words
+            for words, r in others.items()
+            if distances(r, both)[0, 1][1] > SAME and not _silent(r, *both)
+        )
         helps = next(separating, None)
         data = {"one": labels[one], "other": labels[other], "set_up": helps}
         yield Note("pair_never_told" if helps is None else "pair_told_otherwise", data)

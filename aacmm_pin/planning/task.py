@@ -1,4 +1,6 @@
-"""What a plan is for: the arm, the causes to tell apart, the records that exist, and how records are taken."""
+"""What a plan is for: the arm, the causes to tell apart, the records that exist, and how records
+are taken.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +36,9 @@ class Task:
 
     def __post_init__(self) -> None:
         if self.existing is not None:  # a plan is of tips
-            object.__setattr__(self, "existing", replace(self.existing, orientation=None, orientation_u=None))
+            object.__setattr__(
+                self, "existing", replace(self.existing, orientation=None, orientation_u=None)
+            )
 
     @property
     def conditions(self) -> Conditions:
@@ -66,20 +70,35 @@ def require_separable(effects: tuple[Effect, ...], arm: Arm) -> None:
     """Refuse causes that no plan can be about.
 
     Raises:
-        AacmmError: one that is refitted anyway, one on a row that the arm does not have, or the same twice.
+        AacmmError: one that is refitted anyway, one on a row that the arm does not have, or the
+            same twice.
     """
     for effect in effects:
-        if effect.refitted and effect.location_field() != "marker":  # the tip is refitted only where the target is unknown
-            raise AacmmError(f"{effect.label} is refitted in every diagnosis, expected a cause that stands beside geometry")
+        if (
+            effect.refitted and effect.location_field() != "marker"
+        ):  # the tip is refitted only where the target is unknown
+            raise AacmmError(
+                f"{effect.label} is refitted in every diagnosis, expected a cause that stands "
+                "beside geometry"
+            )
         require_row(effect, arm)
         if effect.location_field() == "joint" and effect.row not in arm.chain.moving_rows():
-            raise AacmmError(f"{effect.label}: row {effect.row} of {arm.name} is rigid, expected one with a joint")
+            raise AacmmError(
+                f"{effect.label}: row {effect.row} of {arm.name} is rigid, expected one "
+                "with a joint"
+            )
     if len(effects) != len({e.identity for e in effects}):
         raise AacmmError(f"{effects[0].key} is there twice, expected two different causes")
 
 
 def usual_causes(model: ErrorModel) -> tuple[Effect, ...]:
-    """Every further cause that the arm can have, typical in size; but for those with an order or time of their own."""
+    """Every further cause that the arm can have, typical in size; but for those with an order or
+    time of their own.
+    """
     known = {effect.identity for effect in model.effects}
-    usual = (effect for effect, *others in all_candidates(model.arm) if not (others or effect.nonlinear.field))
+    usual = (
+        effect
+        for effect, *others in all_candidates(model.arm)
+        if not (others or effect.nonlinear.field)
+    )
     return tuple(effect for effect in usual if effect.identity not in known)

@@ -1,1 +1,3 @@
-"""Postures with which an arm reaches a point or a pose: the configuration circle, and what limits leave of it."""
+"""Postures with which an arm reaches a point or a pose: the configuration circle, and what limits
+leave of it.
+"""

@@ -1,4 +1,6 @@
-"""Postures and places as people at the arm see them: where the elbow is, where the stylus points, where a point stands."""
+"""Postures and places as people at the arm see them: where the elbow is, where the stylus points,
+where a point stands.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,9 @@ from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm.arm import Arm
 
 STRAIGHT = 0.05
-"""An elbow nearer to the line from shoulder to tip than this part of its length is on neither side of it."""
+"""An elbow nearer to the line from shoulder to tip than this part of its length is on neither side
+of it.
+"""
 BESIDE = 0.6
 """A direction has a second word where that part of it is this many times the first."""
 SIDES = ("up", "right", "down", "left")
@@ -19,28 +23,38 @@ SIDES = ("up", "right", "down", "left")
 def articulations(arm: Arm, q: Array) -> list[str]:
     """Checked postures ``q`` (n, nq) in words, such as ``elbow left, stylus down``.
 
-    The elbow is the joint axis farthest from the line shoulder (joint 2) → tip; left and right are those of a person behind
-    the stand who looks along that line. So are those of the stylus, of an arm whose file states its axis; it points
-    ``out`` where it points away from the stand.
+    The elbow is the joint axis farthest from the line shoulder (joint 2) → tip; left and right are
+    those of a person behind the stand who looks along that line. So are those of the stylus, of an
+    arm whose file states its axis; it points ``out`` where it points away from the stand.
     """
     rotation, origin = arm.chain.walk(q)
     axes, tips = arm.chain.moving_axes(), origin[arm.chain.tip]
-    words = _elbows(arm, origin[axes[1]], origin[axes[2:]], tips) if len(axes) > 3 else [""] * len(q)
+    words = (
+        _elbows(arm, origin[axes[1]], origin[axes[2:]], tips) if len(axes) > 3 else [""] * len(q)
+    )
     if arm.stylus_axis is None:
         return words
     styluses = _directions(arm, tips, rotation[arm.chain.tip] @ arm.stylus_axis)
-    return [", ".join(filter(None, both)) for both in zip(words, (f"stylus {word}" for word in styluses), strict=True)]
+    return [
+        ", ".join(filter(None, both))
+        for both in zip(words, (f"stylus {word}" for word in styluses), strict=True)
+    ]
 
 
 def places(arm: Arm, points: Array) -> pd.DataFrame:
-    """Where ``points`` (n, 3) [m] stand: distance from the upright line through the base's origin, bearing from the base's
-    first level axis (counter-clockwise, seen from above), height over the base.
+    """Where ``points`` (n, 3) [m] stand: distance from the upright line through the base's origin,
+    bearing from the base's first level axis (counter-clockwise, seen from above), height over the
+    base.
     """
     level = _level(arm)
     x, y = points @ level, points @ np.cross(arm.up, level)
     bearing = np.round(np.arctan2(y, x) / DEG) + 0.0
     return pd.DataFrame(
-        {"distance_mm": np.hypot(x, y) / MM, "bearing_deg": bearing, "height_mm": points @ arm.up / MM}
+        {
+            "distance_mm": np.hypot(x, y) / MM,
+            "bearing_deg": bearing,
+            "height_mm": points @ arm.up / MM,
+        }
     ).round(0)
 
 
@@ -64,7 +78,10 @@ def _elbows(arm: Arm, shoulder: Array, joints: Array, tips: Array) -> list[str]:
     angle = np.arctan2(np.sum(np.cross(above, elbow) * line, axis=1), np.sum(above * elbow, axis=1))
     side = np.round(angle / (np.pi / 2)).astype(int) % 4
     straight = np.linalg.norm(elbow, axis=1) < STRAIGHT * length[:, 0]
-    return ["arm straight" if none else f"elbow {SIDES[k]}" for k, none in zip(side, straight, strict=True)]
+    return [
+        "arm straight" if none else f"elbow {SIDES[k]}"
+        for k, none in zip(side, straight, strict=True)
+    ]
 
 
 def _directions(arm: Arm, tips: Array, direction: Array) -> list[str]:
@@ -72,10 +89,17 @@ def _directions(arm: Arm, tips: Array, direction: Array) -> list[str]:
     out = tips - arm.up * (tips @ arm.up)[:, None]
     out = out / np.maximum(np.linalg.norm(out, axis=1), 1e-12)[:, None]
     left = np.cross(arm.up, out)
-    parts = np.stack([direction @ arm.up, np.sum(direction * out, axis=1), np.sum(direction * left, axis=1)], axis=1)
+    parts = np.stack(
+        [direction @ arm.up, np.sum(direction * out, axis=1), np.sum(direction * left, axis=1)],
+        axis=1,
+    )
     words = []
     for part in parts:
         order = np.abs(part).argsort()[::-1]
-        named = [(("up", "down"), ("out", "in"), ("left", "right"))[k][int(part[k] < 0)] for k in order]
-        words.append(named[0] + f" and {named[1]}" * bool(abs(part[order[1]]) > BESIDE * abs(part[order[0]])))
+        named = [
+            (("up", "down"), ("out", "in"), ("left", "right"))[k][int(part[k] < 0)] for k in order
+        ]
+        words.append(
+            named[0] + f" and {named[1]}" * bool(abs(part[order[1]]) > BESIDE * abs(part[order[0]]))
+        )
     return words

@@ -1,8 +1,9 @@
 """The configuration circle: the configurations with which the arm reaches a working point.
 
-The working point is the wrist (the origin of frame 5) with the joints behind the fourth held, or the tip with the stylus
-along a given axis. Source of the notions: Xu You et al. 2019, section 1; its closed forms hold for the nominal geometry,
-the enumeration here for the calibrated one.
+The working point is the wrist (the origin of frame 5) with the joints behind the fourth held, or
+the tip with the stylus
+along a given axis. Source of the notions: Xu You et al. 2019, section 1; its closed forms hold for
+the nominal geometry, the enumeration here for the calibrated one.
 """
 
 from __future__ import annotations
@@ -27,7 +28,13 @@ from aacmm_pin.postures.curve_sampling import Components, Flexibility, evenly, f
 from aacmm_pin.postures.elbow_swivel import Swivel
 from aacmm_pin.postures.postures_at_point import PosturesAtPoint, in_degrees, lost, not_closed
 from aacmm_pin.postures.tip_ik import tip_curves, tip_equations
-from aacmm_pin.postures.wrist_ik import WRIST_ROW, Wrist, reach_of_wrist, wrist_curves, wrist_equations
+from aacmm_pin.postures.wrist_ik import (
+    WRIST_ROW,
+    Wrist,
+    reach_of_wrist,
+    wrist_curves,
+    wrist_equations,
+)
 
 if TYPE_CHECKING:
     from mpl_toolkits.mplot3d import Axes3D
@@ -35,7 +42,9 @@ if TYPE_CHECKING:
 WRIST = "frame5"
 """Name of the frame whose origin is the working point of the source paper."""
 TIP_JOINTS = WRIST_ROW + 1
-"""With so many joints the postures with the tip at a point and the stylus along an axis are closed curves."""
+"""With so many joints the postures with the tip at a point and the stylus along an axis are closed
+curves.
+"""
 SEEDS_PER_TURN = 24
 """Angles at which each of the joints 1 to 4 is held to find the components."""
 
@@ -44,7 +53,8 @@ SEEDS_PER_TURN = 24
 class ConfigurationCircle(PosturesAtPoint):
     """Every configuration that reaches a working point, in order along its closed components.
 
-    ``at`` is ``frame5`` or the tip; what else it has in common with other enumerations is in the base class.
+    ``at`` is ``frame5`` or the tip; what else it has in common with other enumerations is in the
+    base class.
 
     Attributes:
         components: the closed curves that were sampled.
@@ -59,7 +69,8 @@ class ConfigurationCircle(PosturesAtPoint):
 
     @cached_property
     def branch(self) -> NDArray[np.intp]:
-        """Branch signs (n, 2): the wrist's side of the plane of joint axes 1 and 2, and the side to which the elbow bends.
+        """Branch signs (n, 2): the wrist's side of the plane of joint axes 1 and 2, and the side to
+        which the elbow bends.
 
         The second is the sign of d|shoulder → wrist|/dθ4: +1 where a growing θ4 stretches the arm.
         """
@@ -89,7 +100,8 @@ class ConfigurationCircle(PosturesAtPoint):
         """The path of the elbow round the working point, and the arm in a few of its postures.
 
         Args:
-            accuracy: an :class:`~aacmm_pin.AccuracyVolume` of the configurations within limits; it colours the path.
+            accuracy: an :class:`~aacmm_pin.AccuracyVolume` of the configurations within limits; it
+                colours the path.
             postures: number of postures that are drawn.
             ax: three-dimensional axes; without them a new pyplot figure is made.
 
@@ -110,7 +122,8 @@ class ConfigurationCircle(PosturesAtPoint):
         if self.reason:
             return f"{where}: no configuration; {self.reason}"
         return (
-            f"{where}: {len(self)} configurations on {self.component.max()} components, {self.within_limits.sum()} of them "
+            f"{where}: {len(self)} configurations on {self.component.max()} components, "
+            f"{self.within_limits.sum()} of them "
             f"within limits, flexibility {self.flexibility()}"
         )
 
@@ -129,11 +142,14 @@ def configuration_circle(
     Args:
         arm: an arm with a DH table whose first five rows are joints.
         point: working point (3,) [m].
-        tip: False: the wrist (origin of frame 5) is there, the joints behind the fourth are held at ``rest``.
+        tip: False: the wrist (origin of frame 5) is there, the joints behind the fourth are held at
+            ``rest``.
             True: the tip is there with the stylus along ``axis``; all six joints move.
-        axis: direction of the stylus in the base (3,), any length; needed with ``tip``, refused without.
-        rest: angles of the joints behind the fourth (nq - 4,) [rad], default those nearest to 0 inside the limits. Row 5
-            of SINO6 has a length of 0.037 mm, so the circle of the wrist depends, a little, on θ5.
+        axis: direction of the stylus in the base (3,), any length; needed with ``tip``, refused
+            without.
+        rest: angles of the joints behind the fourth (nq - 4,) [rad], default those nearest to 0
+            inside the limits. Row 5 of SINO6 has a length of 0.037 mm, so the circle of the wrist
+            depends, a little, on θ5.
         count: configurations on each closed component, evenly spaced along the elbow's path.
 
     Returns:
@@ -141,9 +157,10 @@ def configuration_circle(
 
     Raises:
         ShapeError: a vector of the wrong shape or not finite.
-        AacmmError: ``axis`` without ``tip`` or the reverse, an axis of length zero, a count below 3.
-        UnsupportedArmError: no DH table, one without the joints that this needs, or a wrist that joint 5 moves; see
-            :meth:`aacmm_pin.postures.wrist_ik.Wrist.of_arm`.
+        AacmmError: ``axis`` without ``tip`` or the reverse, an axis of length zero, a count
+            below 3.
+        UnsupportedArmError: no DH table, one without the joints that this needs, or a wrist that
+            joint 5 moves; see :meth:`aacmm_pin.postures.wrist_ik.Wrist.of_arm`.
     """
     points = vector(point, 3, "point", "m")[None, :]
     (circle,) = configuration_circles(arm, points, tip=tip, axis=axis, rest=rest, count=count)
@@ -159,7 +176,8 @@ def configuration_circles(
     rest: ArrayLike | None = None,
     count: int = 360,
 ) -> list[ConfigurationCircle]:
-    """The circles of many ``points`` (m, 3) [m], each as by :func:`configuration_circle`, in a fraction of the time.
+    """The circles of many ``points`` (m, 3) [m], each as by :func:`configuration_circle`, in a
+    fraction of the time.
 
     Raises:
         ShapeError, AacmmError, UnsupportedArmError: see :func:`configuration_circle`.
@@ -172,14 +190,19 @@ def configuration_circles(
     if tip:
         if dh.nq != TIP_JOINTS:
             raise UnsupportedArmError(
-                f"{arm.name}: the circle of the tip needs {TIP_JOINTS} joints, this arm has {dh.nq}; see reaching_postures"
+                f"{arm.name}: the circle of the tip needs {TIP_JOINTS} joints, this arm has "
+                f"{dh.nq}; see reaching_postures"
             )
         if rest is not None:
             raise AacmmError("rest was given, but with tip=True every joint moves")
         if arm.stylus_axis is None:
-            raise UnsupportedArmError(f"{arm.name}: tip=True needs the axis of the stylus ([stylus] in the arm file)")
+            raise UnsupportedArmError(
+                f"{arm.name}: tip=True needs the axis of the stylus ([stylus] in the arm file)"
+            )
         if axis is None:
-            raise AacmmError("tip=True needs axis, the direction of the stylus in the base, such as [0, 0, -1]")
+            raise AacmmError(
+                "tip=True needs axis, the direction of the stylus in the base, such as [0, 0, -1]"
+            )
         wrist, stylus, direction = None, arm.stylus_axis, unit_vector(axis, "axis")
         found = tip_curves(dh, points, stylus, direction)
         systems = [tip_equations(dh, point[None, :], stylus, direction) for point in points]
@@ -200,7 +223,9 @@ def configuration_circles(
             notes.append(Note("singular_unlisted", {"posture": such}))
         if number in found.unfinished:
             notes.append(Note("search_ended"))
-        circles.append(_sampled(arm, point, arm.tip if tip else WRIST, components, count, tuple(notes)))
+        circles.append(
+            _sampled(arm, point, arm.tip if tip else WRIST, components, count, tuple(notes))
+        )
     return circles
 
 
@@ -211,7 +236,10 @@ def _sampled(
     q, component = np.empty((0, arm.nq)), np.empty(0, dtype=np.intp)
     if components.curves:
         some, component, missing = evenly(
-            components.equations, components.curves, count, lambda q: components.swivel.elbow(components.full(q))
+            components.equations,
+            components.curves,
+            count,
+            lambda q: components.swivel.elbow(components.full(q)),
         )
         q = into_limits(components.full(some), arm.limits)
         notes += tuple(lost(missing))
@@ -228,7 +256,9 @@ def _why_not(components: Components, point: Array) -> str:
     if wrist is None:
         return str(Note("stylus_axis_unreachable", {"distance": distance}))
     nearest, farthest = reach_of_wrist(wrist, shoulder)
-    return str(Note("wrist_out_of_reach", {"distance": distance, "nearest": nearest, "farthest": farthest}))
+    return str(
+        Note("wrist_out_of_reach", {"distance": distance, "nearest": nearest, "farthest": farthest})
+    )
 
 
 def _sides(signs: NDArray[np.intp]) -> str:

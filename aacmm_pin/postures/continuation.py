@@ -24,7 +24,8 @@ from aacmm_pin._support.checks import Array, Mask
 from aacmm_pin._support.compiled import Loop
 
 Space = tuple[Array, Array, Array, Array]
-"""Working space: equations (k, n + 1), joint axes (n, 6), frame of the tip (3, 4), matrix (n, n + 2).
+"""Working space: equations (k, n + 1), joint axes (n, 6), frame of the tip (3, 4), matrix (n, n +
+2).
 
 The equations are their derivatives by the n angles, and in the last column their values."""
 
@@ -123,7 +124,9 @@ def polish(links: Array, goals: Array, sine: bool, count: int, q: Array) -> Mask
     return arrived
 
 
-def trace(links: Array, goal: Array, sine: bool, start: Array, most: int, vertices: Array) -> tuple[int, int, bool]:
+def trace(
+    links: Array, goal: Array, sine: bool, start: Array, most: int, vertices: Array
+) -> tuple[int, int, bool]:
     """Follow the curve through ``start`` (n,), a regular solution, once round.
 
     Args:
@@ -149,7 +152,9 @@ def trace(links: Array, goal: Array, sine: bool, start: Array, most: int, vertic
         first_tangent[j] = steady_tangent[j] = tangent[j]
     length, travelled, count, leaps = FIRST_STEP, 0.0, 1, 0
     for step in range(most):
-        on_side = follow(here, sine, q, tangent, curvature, length, OFF_GUESS * length, trial, ahead, space)
+        on_side = follow(
+            here, sine, q, tangent, curvature, length, OFF_GUESS * length, trial, ahead, space
+        )
         leapt = False
         if on_side != sign:
             length *= SHORTENED
@@ -268,7 +273,9 @@ def passes(
     tangent: Array,
     space: Space,
 ) -> bool:
-    """Does the step from ``q`` to ``trial`` pass ``start``, where the curve has this ``tangent``?"""
+    """Does the step from ``q`` to ``trial`` pass ``start``, where the curve has this
+    ``tangent``?
+    """
     n, along, aside = len(q), 0.0, 0.0
     guess, goal = np.empty(n), np.empty(n)
     for j in range(n):
@@ -320,7 +327,9 @@ def touches(q: Array, vertices: Array, begin: int, end: int, guess: Array, seen:
     return distance(seen, guess) < BULGE * math.sqrt(square) + SAME_POINT
 
 
-def meets(links: Array, sine: bool, guess: Array, goal: Array, tangent: Array, space: Space) -> bool:
+def meets(
+    links: Array, sine: bool, guess: Array, goal: Array, tangent: Array, space: Space
+) -> bool:
     """Does the curve near ``guess``, which moves, cut the plane through ``goal`` and across
     ``tangent`` in ``goal`` itself?
     """
@@ -338,7 +347,9 @@ def meets(links: Array, sine: bool, guess: Array, goal: Array, tangent: Array, s
 # --- Newton's method
 
 
-def correct(links: Array, sine: bool, tangent: Array, iterations: int, q: Array, space: Space) -> bool:
+def correct(
+    links: Array, sine: bool, tangent: Array, iterations: int, q: Array, space: Space
+) -> bool:
     """Move ``q`` across ``tangent`` to a solution; whether it arrived."""
     equations, _, _, matrix = space
     n = len(q)
@@ -459,7 +470,9 @@ def null_vector(space: Space, along: Array) -> float:
 
 
 def border(equations: Array, along: Array, sense: float, matrix: Array) -> None:
-    """``[J; alongᵀ]`` and behind it the values of the equations times ``sense``, into ``matrix``."""
+    """``[J; alongᵀ]`` and behind it the values of the equations times ``sense``, into
+    ``matrix``.
+    """
     n = len(along)
     for j in range(n):
         for i in range(n - 1):

@@ -1,4 +1,6 @@
-"""Sampling closed curves of configurations: evenly, at given swivel angles, and how much of them is inside the limits."""
+"""Sampling closed curves of configurations: evenly, at given swivel angles, and how much of them is
+inside the limits.
+"""
 
 from __future__ import annotations
 
@@ -99,13 +101,20 @@ class Components:
         keep = np.delete(np.arange(len(start)), ends)
         behind = following(self.curves)[keep]
         end = start[keep] + wrapped(start[behind] - start[keep])
-        return _Segments(start[keep], end, swivel[keep], wrapped(swivel[behind] - swivel[keep]), problem[keep])
+        return _Segments(
+            start[keep], end, swivel[keep], wrapped(swivel[behind] - swivel[keep]), problem[keep]
+        )
 
     def inside(self, pieces: _Segments, limits: Array) -> tuple[Array, Array]:
-        """Which part of the chord of each of the ``pieces`` is inside the limits, as :func:`inside_part` says."""
+        """Which part of the chord of each of the ``pieces`` is inside the limits, as
+        :func:`inside_part` says.
+        """
         joints = pieces.start.shape[1]
         first, last = inside_part(pieces.start, pieces.end, limits[:joints])
-        if self.wrist is not None and broken_limits(into_limits(self.wrist.rest, limits[joints:]), limits[joints:]).any():
+        if (
+            self.wrist is not None
+            and broken_limits(into_limits(self.wrist.rest, limits[joints:]), limits[joints:]).any()
+        ):
             last = np.zeros_like(last)
         return first, last
 
@@ -115,7 +124,9 @@ class Components:
         return np.asarray(last <= first)
 
     def divided(self, pieces: _Segments, which: Mask) -> _Segments:
-        """Those of the ``pieces`` that are marked, each cut into ``LIMIT_PARTS`` with solutions at the cuts."""
+        """Those of the ``pieces`` that are marked, each cut into ``LIMIT_PARTS`` with solutions at
+        the cuts.
+        """
         start, chord = pieces.start[which], (pieces.end - pieces.start)[which]
         joints, cuts = start.shape[1], LIMIT_PARTS + 1
         problem = np.repeat(pieces.problem[which], cuts)
@@ -126,20 +137,27 @@ class Components:
         there = there.reshape(-1, cuts)
         known = (there[:, :-1] & there[:, 1:]).ravel()
         start, end = q[:, :-1].reshape(-1, joints)[known], q[:, 1:].reshape(-1, joints)[known]
-        swivel, numbers = swivel[:, :-1].ravel()[known], np.repeat(pieces.problem[which], LIMIT_PARTS)[known]
+        swivel, numbers = (
+            swivel[:, :-1].ravel()[known],
+            np.repeat(pieces.problem[which], LIMIT_PARTS)[known],
+        )
         return _Segments(start, end, swivel, turn[known], numbers)
 
 
 @dataclass(frozen=True)
 class Flexibility(Shown):
-    """Flexibility ζ of a working point (eq. 1 of Xu You et al. 2019): working over theoretical configurations.
+    """Flexibility ζ of a working point (eq. 1 of Xu You et al. 2019): working over theoretical
+    configurations.
 
-    A swivel angle is theoretical where some configuration, limits apart, has it; working where one inside the limits has.
+    A swivel angle is theoretical where some configuration, limits apart, has it; working where one
+    inside the limits has.
 
     Attributes:
-        zeta: working over theoretical sectors, judged at their centres; nan where nothing is theoretical.
+        zeta: working over theoretical sectors, judged at their centres; nan where nothing is
+            theoretical.
         sectors: which sectors work; sector k, from 0, has its centre at swivel k 360°/count.
-        arc_fraction: working over theoretical range of the swivel angle, to 0.1°; nan where nothing is theoretical.
+        arc_fraction: working over theoretical range of the swivel angle, to 0.1°; nan where nothing
+            is theoretical.
     """
 
     zeta: float
@@ -148,7 +166,9 @@ class Flexibility(Shown):
 
     def __str__(self) -> str:
         numbers = {f"by {len(self.sectors)} sectors": self.zeta, "of arc": self.arc_fraction}
-        return ", ".join(f"{x:.3f} {of}" for of, x in numbers.items() if np.isfinite(x)) or "undefined"
+        return (
+            ", ".join(f"{x:.3f} {of}" for of, x in numbers.items() if np.isfinite(x)) or "undefined"
+        )
 
 
 def evenly(
@@ -160,12 +180,12 @@ def evenly(
         equations: what the curves solve.
         curves: at least one.
         count: of each curve.
-        path: from solutions in order along a curve (m, k) to places whose distances count (m, any). A curve along which
-            it stands still is divided by its angles.
+        path: from solutions in order along a curve (m, k) to places whose distances count (m, any).
+            A curve along which it stands still is divided by its angles.
 
     Returns:
-        at most (curves * count, k) [rad], the number of the curve of each, from 0, and how many were not found: on a curve
-        of a nearly degenerate arm.
+        at most (curves * count, k) [rad], the number of the curve of each, from 0, and how many
+        were not found: on a curve of a nearly degenerate arm.
     """
     guesses = []
     for vertices in _finer(equations, curves):
@@ -182,15 +202,23 @@ def evenly(
 
 
 def _finer(equations: Equations, curves: list[Curve]) -> list[Array]:
-    """Each curve with solutions between its vertices, its first repeated at the end where it is closed."""
+    """Each curve with solutions between its vertices, its first repeated at the end where it is
+    closed.
+    """
     finer = []
     for curve in curves:
-        turns = np.round((curve.q[-1] - curve.q[0]) / (2 * np.pi)) * 2 * np.pi  # made when it is back at its start
+        turns = (
+            np.round((curve.q[-1] - curve.q[0]) / (2 * np.pi)) * 2 * np.pi
+        )  # made when it is back at its start
         q = np.vstack([curve.q, curve.q[:1] + turns]) if curve.closed else curve.q
         rows = np.arange((len(q) - 1) * FINER + 1) / FINER
-        finer.append(np.column_stack([np.interp(rows, np.arange(len(q)), angles) for angles in q.T]))
+        finer.append(
+            np.column_stack([np.interp(rows, np.arange(len(q)), angles) for angles in q.T])
+        )
     problem = np.repeat([c.problem for c in curves], [len(q) for q in finer])
-    solutions, _ = equations.polish(np.concatenate(finer), problem)  # what does not arrive is near enough to measure a way
+    solutions, _ = equations.polish(
+        np.concatenate(finer), problem
+    )  # what does not arrive is near enough to measure a way
     return np.split(solutions, np.cumsum([len(q) for q in finer])[:-1])
 
 
@@ -198,27 +226,38 @@ def _swivel_crossings(pieces: _Segments, angles: Array) -> tuple[Index, Index, A
     """Where the swivel becomes one of ``angles`` (s,) [rad], a piece's start included, its end not.
 
     Returns:
-        numbers of the piece and of the angle (n,), and how far that is ahead of the piece's start (n,) [rad].
+        numbers of the piece and of the angle (n,), and how far that is ahead of the piece's start
+        (n,) [rad].
     """
     order = np.argsort(wrapped(angles))
     every = (wrapped(angles)[order] + 2 * np.pi * np.arange(-1, 2)[:, None]).ravel()
     low, high = np.sort([pieces.swivel, pieces.swivel + pieces.turn], axis=0)
-    first, last = np.searchsorted(every, low - SAME_SWIVEL), np.searchsorted(every, high + SAME_SWIVEL)
+    first, last = (
+        np.searchsorted(every, low - SAME_SWIVEL),
+        np.searchsorted(every, high + SAME_SWIVEL),
+    )
     piece = np.repeat(np.arange(len(first)), last - first)
-    which = order[(np.arange(len(piece)) + np.repeat(last - np.cumsum(last - first), last - first)) % len(angles)]
+    which = order[
+        (np.arange(len(piece)) + np.repeat(last - np.cumsum(last - first), last - first))
+        % len(angles)
+    ]
     ahead, turn = wrapped(angles[which] - pieces.swivel[piece]), pieces.turn[piece]
     passed = np.where(turn >= 0, (ahead >= 0) & (ahead < turn), (ahead <= 0) & (ahead > turn))
-    passed &= np.abs(turn) > SAME_SWIVEL  # an elbow that stays in one plane passes no angle, but by rounding
+    passed &= (
+        np.abs(turn) > SAME_SWIVEL
+    )  # an elbow that stays in one plane passes no angle, but by rounding
     return piece[passed], which[passed], ahead[passed]
 
 
 def _solutions_at_swivel(
     components: Components, pieces: _Segments, piece: Index, wanted: Array, ahead: Array
 ) -> tuple[Array, Mask]:
-    """The configuration on each ``piece`` whose swivel is ``wanted``, ``ahead`` of that at its start, and which were found.
+    """The configuration on each ``piece`` whose swivel is ``wanted``, ``ahead`` of that at its
+    start, and which were found.
 
-    False position between the nearest solutions on either side; every trial point is moved onto the curve. The bracket never
-    opens, so that a swivel that changes unevenly costs steps but not accuracy. An end that stays counts less from step to
+    False position between the nearest solutions on either side; every trial point is moved onto the
+    curve. The bracket never opens, so that a swivel that changes unevenly costs steps but not
+    accuracy. An end that stays counts less from step to
     step: N. Anderson, Å. Björck, "A new high order method of regula falsi type", BIT 13 (1973).
     """
     problem, left = pieces.problem[piece], np.arange(len(piece))
@@ -230,7 +269,9 @@ def _solutions_at_swivel(
         guess = low[left] + part * (high - low)[left]
         q[left], there[left] = components.equations.polish(guess, problem[left])
         gap = wrapped(wanted[left] - components.angle(q[left], problem[left]))
-        before = np.sign(gap) == np.sign(gap_low[left])  # still on the near side of the wanted swivel
+        before = np.sign(gap) == np.sign(
+            gap_low[left]
+        )  # still on the near side of the wanted swivel
         with np.errstate(divide="ignore", invalid="ignore"):  # an end that is met
             less = 1.0 - gap / np.where(before, gap_low[left], gap_high[left])
         less = np.where(less > 0, less, 0.5)
@@ -240,14 +281,18 @@ def _solutions_at_swivel(
         low[near], gap_low[near] = q[near], gap[before]
         high[far], gap_high[far] = q[far], gap[~before]
         last[near], last[far] = 1.0, -1.0
-        left = left[(np.abs(gap) > SAME_SWIVEL) & (np.abs(high - low).max(axis=1)[left] > NO_LENGTH)]
+        left = left[
+            (np.abs(gap) > SAME_SWIVEL) & (np.abs(high - low).max(axis=1)[left] > NO_LENGTH)
+        ]
         if not left.size:
             break
     return q, there
 
 
 def sector_centres(sectors: int) -> Array:
-    """Swivel angles of the centres of equal sectors (sectors,) [rad]; the first is the highest place of the elbow."""
+    """Swivel angles of the centres of equal sectors (sectors,) [rad]; the first is the highest
+    place of the elbow.
+    """
     return np.asarray(np.arange(sectors) * (2 * np.pi / sectors), dtype=np.float64)
 
 
@@ -290,7 +335,9 @@ class Sectors:
 
     @property
     def zeta(self) -> Array:
-        """Working over theoretical sectors of every point (points,); nan where nothing is theoretical."""
+        """Working over theoretical sectors of every point (points,); nan where nothing is
+        theoretical.
+        """
         with np.errstate(invalid="ignore"):
             return np.asarray(self.working.sum(axis=1) / self.theoretical.sum(axis=1))
 
@@ -307,9 +354,11 @@ def flexibility(components: Components, limits: Array, sectors: int) -> Flexibil
 
 
 def arc_fractions(components: Components, limits: Array) -> Array:
-    """Working over theoretical range of the swivel angle for every point: (m,), nan where nothing is theoretical.
+    """Working over theoretical range of the swivel angle for every point: (m,), nan where nothing
+    is theoretical.
 
-    Pieces between vertices that may meet a limit are divided into ``LIMIT_PARTS``, with solutions in between.
+    Pieces between vertices that may meet a limit are divided into ``LIMIT_PARTS``, with solutions
+    in between.
     """
     m = len(components.points)
     if not components.curves:
@@ -330,9 +379,11 @@ def arc_fractions(components: Components, limits: Array) -> Array:
 
 
 def _covered_bins(problem: Index, start: Array, turn: Array, points: int) -> Index:
-    """How many of the ``ARC_BINS`` of the full turn are covered by arcs from ``start`` over ``turn``: (points,).
+    """How many of the ``ARC_BINS`` of the full turn are covered by arcs from ``start`` over
+    ``turn``: (points,).
 
-    A bin counts when an arc covers its centre; of arcs in order, each adds what is behind the end of all before it.
+    A bin counts when an arc covers its centre; of arcs in order, each adds what is behind the end
+    of all before it.
     """
     bins = ARC_BINS
     low = np.where(turn >= 0, start, start + turn) % (2 * np.pi) * (bins / (2 * np.pi))
@@ -340,7 +391,10 @@ def _covered_bins(problem: Index, start: Array, turn: Array, points: int) -> Ind
     end = np.ceil(low + np.abs(turn) * (bins / (2 * np.pi)) - 0.5).astype(np.intp)
     over = end > bins  # these begin again at bin 0
     problem = np.concatenate([problem, problem[over]])
-    first, end = np.concatenate([first, np.zeros_like(end[over])]), np.concatenate([np.minimum(end, bins), end[over] - bins])
+    first, end = (
+        np.concatenate([first, np.zeros_like(end[over])]),
+        np.concatenate([np.minimum(end, bins), end[over] - bins]),
+    )
     order = np.argsort(problem * bins + first, kind="stable")
     place = problem[order] * bins
     before = np.maximum.accumulate(np.concatenate([[0], place + end[order]]))

@@ -1,8 +1,9 @@
 """The swivel angle: where on its circle the elbow is.
 
-The elbow turns about the line from the shoulder to the working point. Its angle is 0 where it is highest (against
-gravity) and grows by the right-hand rule about the direction shoulder → point. Straight above or below the shoulder no
-direction is "highest"; the axis of the base frame that is least along gravity (x, where gravity is along z) takes its place.
+The elbow turns about the line from the shoulder to the working point. Its angle is 0 where it is
+highest (against gravity) and grows by the right-hand rule about the direction shoulder → point.
+Straight above or below the shoulder no direction is "highest"; the axis of the base frame that is
+least along gravity (x, where gravity is along z) takes its place.
 """
 
 from __future__ import annotations
@@ -36,7 +37,9 @@ class Swivel:
         rotation, origin = self.dh.chain.walk(np.zeros((1, self.dh.nq)))
         frame = self.dh.place(1)
         along = rotation[frame, 0, :, 0]
-        return np.asarray(origin[frame, 0] - self.dh.a[0] * along if self.dh.standard else origin[frame, 0])
+        return np.asarray(
+            origin[frame, 0] - self.dh.a[0] * along if self.dh.standard else origin[frame, 0]
+        )
 
     @property
     def elbow_row(self) -> int:
@@ -48,11 +51,15 @@ class Swivel:
         return self.dh.chain.cut(self.dh.place(self.elbow_row)).positions(q)
 
     def angle(self, q: Array, points: Array) -> Array:
-        """Swivel angles of ``q`` (n, nq) with their working points (n, 3): (n,) [rad] in [-π, π]."""
+        """Swivel angles of ``q`` (n, nq) with their working points (n, 3): (n,) [rad] in
+        [-π, π].
+        """
         return self.angle_in(self.frames(points), q)
 
     def frames(self, points: Array) -> Array:
-        """For working points (m, 3) the directions of the swivel angles 0 and π/2 (m, 2, 3), of the same length."""
+        """For working points (m, 3) the directions of the swivel angles 0 and π/2 (m, 2, 3), of the
+        same length.
+        """
         axis = points - self.shoulder
         axis = axis / np.maximum(np.linalg.norm(axis, axis=1), 1e-300)[:, None]
         reference = self.up - axis * (axis @ self.up)[:, None]
@@ -62,6 +69,8 @@ class Swivel:
         return np.stack([reference, np.cross(axis, reference)], axis=1)
 
     def angle_in(self, frames: Array, q: Array) -> Array:
-        """Swivel angles of ``q`` (n, nq) in the :meth:`frames` of their working points (n, 2, 3): (n,) [rad] in [-π, π]."""
+        """Swivel angles of ``q`` (n, nq) in the :meth:`frames` of their working points (n, 2, 3):
+        (n,) [rad] in [-π, π].
+        """
         upwards, sideways = np.einsum("nki,ni->kn", frames, self.elbow(q) - self.shoulder)
         return np.asarray(np.arctan2(sideways, upwards))

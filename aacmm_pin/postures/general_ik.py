@@ -1,7 +1,9 @@
-"""Postures with which any serial arm of turning joints holds its tip at a point, and oriented as wanted.
+"""Postures with which any serial arm of turning joints holds its tip at a point, and oriented as
+wanted.
 
-With as many conditions as joints the postures are single ones; with one joint more they lie on closed curves, the
-self-motion of the arm. Point: 3 conditions; point and direction of one axis of the tip: 5; whole pose: 6.
+With as many conditions as joints the postures are single ones; with one joint more they lie on
+closed curves, the self-motion of the arm. Point: 3 conditions; point and direction of one axis of
+the tip: 5; whole pose: 6.
 """
 
 from __future__ import annotations
@@ -22,7 +24,14 @@ from aacmm_pin.arm.limits import broken_limits, inside_part, into_limits
 from aacmm_pin.errors import AacmmError, ShapeError, UnsupportedArmError
 from aacmm_pin.postures.curve_sampling import Flexibility, evenly
 from aacmm_pin.postures.elbow_swivel import Swivel
-from aacmm_pin.postures.newton_search import MOST_STARTS, Isolated, Search, SelfMotion, SolutionSet, search
+from aacmm_pin.postures.newton_search import (
+    MOST_STARTS,
+    Isolated,
+    Search,
+    SelfMotion,
+    SolutionSet,
+    search,
+)
 from aacmm_pin.postures.pose_equations import Curve, PoseConditions
 from aacmm_pin.postures.postures_at_point import PosturesAtPoint, in_degrees, lost, not_closed
 from aacmm_pin.postures.solution_curves import NEARLY_SINGULAR, flattest
@@ -36,7 +45,8 @@ ORTHONORMAL = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class ReachingPostures(PosturesAtPoint):
-    """The postures found that meet the conditions: single ones, each a component of its own, or closed curves.
+    """The postures found that meet the conditions: single ones, each a component of its own, or
+    closed curves.
 
     Attributes:
         conditions: what the tip was asked for.
@@ -55,7 +65,9 @@ class ReachingPostures(PosturesAtPoint):
 
     @property
     def travel(self) -> Array:
-        """Way of all angles together from the first posture of a component to each, (n,) [rad]; zero of single postures."""
+        """Way of all angles together from the first posture of a component to each, (n,) [rad];
+        zero of single postures.
+        """
         way = np.zeros(len(self))
         for number in np.unique(self.component):
             mine = np.flatnonzero(self.component == number)
@@ -64,22 +76,30 @@ class ReachingPostures(PosturesAtPoint):
 
     @property
     def arc_fraction(self) -> float:
-        """Which part of the curves, by the way of the angles, is within limits; nan where postures are single."""
+        """Which part of the curves, by the way of the angles, is within limits; nan where postures
+        are single.
+        """
         if self.single or not len(self):
             return float("nan")
         steps = {number: self._steps(number) for number in np.unique(self.component)}
-        begin = np.concatenate([self.q[self.component == number][: len(way)] for number, way in steps.items()])
+        begin = np.concatenate(
+            [self.q[self.component == number][: len(way)] for number, way in steps.items()]
+        )
         moved = np.concatenate([*steps.values()])
         first, last = inside_part(begin, begin + moved, self.arm.limits)
         length = np.linalg.norm(moved, axis=1)
         return float((length * np.maximum(last - first, 0.0)).sum() / length.sum())
 
     def flexibility(self, sectors: int = 12) -> Flexibility:
-        """Only ``arc_fraction`` exists, of the way along the curves: an arm without an elbow has no sectors."""
+        """Only ``arc_fraction`` exists, of the way along the curves: an arm without an elbow has no
+        sectors.
+        """
         return Flexibility(float("nan"), (), self.arc_fraction)
 
     def _steps(self, number: int) -> Array:
-        """From each posture of a component to the next, on a closed curve from the last to the first too [rad]."""
+        """From each posture of a component to the next, on a closed curve from the last to the
+        first too [rad].
+        """
         q = self.q[self.component == number]
         back = q[:1] if not self.single and self.curves[number - 1].closed else q[:0]
         return wrapped(np.diff(q, axis=0, append=back))
@@ -115,27 +135,37 @@ def reaching_postures(
     count: int = 360,
     most_starts: int = MOST_STARTS,
 ) -> ReachingPostures:
-    """Enumerate the postures of ``arm`` that bring its tip to ``point``; limits are flags, not conditions.
+    """Enumerate the postures of ``arm`` that bring its tip to ``point``; limits are flags, not
+    conditions.
 
-    Newton's method from evenly spread starts, in rounds, until some hundred arrivals in a row bring nothing new; curves are
-    followed once round. Singular postures that form families of more dimensions than the arm has joints to spare are not
-    sampled but told in ``notes``, or in ``reason`` where there is nothing else.
+    Newton's method from evenly spread starts, in rounds, until some hundred arrivals in a row bring
+    nothing new; curves are followed once round. Singular postures that form families of more
+    dimensions than the arm has joints to spare are not sampled but told in ``notes``, or in
+    ``reason`` where there is nothing else.
 
     Args:
         arm: serial, all joints turning; as many joints as conditions, or one more.
         point: place of the tip in the base (3,) [m].
-        axis: direction in the base (3,), any length, along which ``tool`` shall lie: five conditions.
-        tool: direction in the tip's frame (3,); default the axis of the stylus where the arm has one, else z.
+        axis: direction in the base (3,), any length, along which ``tool`` shall lie: five
+            conditions.
+        tool: direction in the tip's frame (3,); default the axis of the stylus where the arm has
+            one, else z.
         rotation: orientation of the tip's frame in the base (3, 3): six conditions.
         count: configurations on each closed curve, evenly spaced by the way that the angles go.
         most_starts: starts after which the search ends in any case.
 
     Raises:
         ShapeError: a vector or matrix of the wrong shape, not finite, or not a rotation.
-        AacmmError: both ``axis`` and ``rotation``, a direction of length zero, ``tool`` without ``axis``, a count below 3.
-        UnsupportedArmError: a joint slides, or the conditions leave another number of joints free than 0 or 1.
+        AacmmError: both ``axis`` and ``rotation``, a direction of length zero, ``tool`` without
+            ``axis``, a count below 3.
+        UnsupportedArmError: a joint slides, or the conditions leave another number of joints free
+            than 0 or 1.
     """
-    arm, count, most_starts = as_arm(arm), whole(count, 3, "count"), whole(most_starts, 1, "most_starts")
+    arm, count, most_starts = (
+        as_arm(arm),
+        whole(count, 3, "count"),
+        whole(most_starts, 1, "most_starts"),
+    )
     conditions = _conditions(arm, vector(point, 3, "point", "m"), axis, tool, rotation)
     equations = conditions.equations()
     curves: tuple[Curve, ...] = ()
@@ -164,18 +194,27 @@ def reaching_postures(
 
 
 def _conditions(
-    arm: Arm, point: Array, axis: ArrayLike | None, tool: ArrayLike | None, rotation: ArrayLike | None
+    arm: Arm,
+    point: Array,
+    axis: ArrayLike | None,
+    tool: ArrayLike | None,
+    rotation: ArrayLike | None,
 ) -> PoseConditions:
     COORDINATE.check(point, "point")
     slides = np.flatnonzero(arm.chain.prismatic) + 1
     if slides.size:
         raise UnsupportedArmError(
-            f"{arm.name}: joint {', '.join(str(j) for j in slides)} slides; postures are enumerated where all joints turn"
+            f"{arm.name}: joint {', '.join(str(j) for j in slides)} slides; postures are "
+            "enumerated where all joints turn"
         )
     if axis is not None and rotation is not None:
-        raise AacmmError("axis and rotation were given; expected one of them: a rotation holds every axis")
+        raise AacmmError(
+            "axis and rotation were given; expected one of them: a rotation holds every axis"
+        )
     if tool is not None and axis is None:
-        raise AacmmError("tool was given without axis, the direction in the base along which it shall lie")
+        raise AacmmError(
+            "tool was given without axis, the direction in the base along which it shall lie"
+        )
     if axis is not None:
         stylus = arm.stylus_axis if arm.stylus_axis is not None else np.array([0.0, 0.0, 1.0])
         mine = stylus if tool is None else unit_vector(tool, "tool")
@@ -197,7 +236,10 @@ def _what_fits(arm: Arm, conditions: PoseConditions) -> str:
     ]
     expected = f"state {' or '.join(fitting)}" if fitting else "only 3 to 7 joints fit"
     if free < 0:
-        return f"{arm.name}: {joints} joints cannot meet the {conditions.count} conditions of {asked}; {expected}"
+        return (
+            f"{arm.name}: {joints} joints cannot meet the {conditions.count} conditions of "
+            f"{asked}; {expected}"
+        )
     return f"{arm.name}: {joints} joints and {asked} leave {free} joints free; {expected}"
 
 
@@ -218,14 +260,23 @@ def _families(finds: SolutionSet, found: Search) -> list[Note]:
     """That there are singular postures in families, which are not listed."""
     if finds.family is None:
         return []
-    data = {"families": finds.families, "arrivals": found.arrived, "posture": in_degrees(finds.family)}
+    data = {
+        "families": finds.families,
+        "arrivals": found.arrived,
+        "posture": in_degrees(finds.family),
+    }
     return [Note("singular_families_unlisted", data)]
 
 
 def _next_to_singular(single: Isolated, found: Search) -> list[Note]:
-    """That some postures are so flat that rounding decides whether a neighbour is found, and whether it is another one."""
+    """That some postures are so flat that rounding decides whether a neighbour is found, and
+    whether it is another one.
+    """
     near = (
-        np.flatnonzero(flattest(single.equations, single.q, np.zeros(len(single.q), dtype=np.intp))[0] < NEARLY_SINGULAR)
+        np.flatnonzero(
+            flattest(single.equations, single.q, np.zeros(len(single.q), dtype=np.intp))[0]
+            < NEARLY_SINGULAR
+        )
         if len(single.q)
         else np.empty(0)
     )
@@ -238,7 +289,9 @@ def _next_to_singular(single: Isolated, found: Search) -> list[Note]:
 
 
 def _swivel(arm: Arm, q: Array, point: Array) -> Array:
-    """Swivel angles where the arm has the elbow of an AACMM: a DH table whose first four rows are joints."""
+    """Swivel angles where the arm has the elbow of an AACMM: a DH table whose first four rows are
+    joints.
+    """
     if arm.dh is None or arm.dh.rows <= ELBOW_JOINT or not arm.dh.moving[:ELBOW_JOINT].all():
         return np.full(len(q), np.nan)
     return Swivel(arm.dh, arm.up).angle(q, np.broadcast_to(point, (len(q), 3)))

@@ -1,7 +1,9 @@
-"""All solutions of the equations of a pose by Newton's method from many starts, in rounds, until rounds bring nothing new.
+"""All solutions of the equations of a pose by Newton's method from many starts, in rounds, until
+rounds bring nothing new.
 
-Of as many equations as angles the solutions are single (:class:`Isolated`). With one angle more they are closed curves, the
-self-motion of an arm whose pose is held (:class:`SelfMotion`): J. W. Burdick, "On the inverse kinematics of redundant
+Of as many equations as angles the solutions are single (:class:`Isolated`). With one angle more
+they are closed curves, the self-motion of an arm whose pose is held (:class:`SelfMotion`): J. W.
+Burdick, "On the inverse kinematics of redundant
 manipulators: characterization of the self-motion manifolds", ICRA 1989; at most sixteen of them.
 """
 
@@ -34,19 +36,27 @@ NOTHING = 1024
 """Starts of which none arrives end it too."""
 MOST_STARTS = 16384
 BESIDE = 1e-5
-"""A start that did not arrive but whose equations are off by less than this stalled next to a solution [m, rad]."""
+"""A start that did not arrive but whose equations are off by less than this stalled next to a
+solution [m, rad].
+"""
 NEAR = 0.02
 """Solutions nearer than this are one if the equations hold half-way between them as well [rad]."""
 ASIDE = np.array([0.003, 0.01, 0.03, 0.1, 0.3, 1.0])
-"""How far beside a solution its neighbour is looked for, in the direction in which it is most easily left [rad]."""
+"""How far beside a solution its neighbour is looked for, in the direction in which it is most
+easily left [rad].
+"""
 ALONG = np.array([0.02, 0.04, 0.08])
 """Steps along a family, each of which has to arrive about there [rad]."""
 ABOUT_THERE = 0.3
 """Part of such a step by which it may end elsewhere."""
 MOST_SINGLE = 16
-"""Six turning joints have at most so many single postures for a pose (Primrose 1986); more are a family in disguise."""
+"""Six turning joints have at most so many single postures for a pose (Primrose 1986); more are a
+family in disguise.
+"""
 MOST_BESIDE = 8
-"""So many finds are looked for beside one another; next to a singular pose an almost-family of them has no end."""
+"""So many finds are looked for beside one another; next to a singular pose an almost-family of them
+has no end.
+"""
 
 
 @dataclass(frozen=True)
@@ -73,9 +83,11 @@ class Search:
 
     @property
     def unseen(self) -> float:
-        """Upper limit, 95 %, of the share of arrivals that would go to finds not yet seen: 3/``since_new``, at most 1.
+        """Upper limit, 95 %, of the share of arrivals that would go to finds not yet seen:
+        3/``since_new``, at most 1.
 
-        The rule of three: n trials without a success bound its probability by -ln 0.05/n. It speaks of basins of Newton's
+        The rule of three: n trials without a success bound its probability by -ln 0.05/n. It speaks
+        of basins of Newton's
         method, not of the arm: what no start leads to stays unseen.
         """
         return min(1.0, 3.0 / self.since_new) if self.since_new else 1.0
@@ -84,7 +96,8 @@ class Search:
         if not self.arrived:
             return f"none of {self.starts} spread starts arrived"
         return (
-            f"{self.arrived} of {self.starts} spread starts arrived, the last {self.since_new} at nothing new "
+            f"{self.arrived} of {self.starts} spread starts arrived, the last {self.since_new} at "
+            "nothing new "
             f"(95 %: fewer than {self.unseen:.1%} of arrivals would find more)"
             + (f"; {Note('search_ended')}" if self.ended else "")
         )
@@ -112,11 +125,15 @@ class SolutionSet:
         return False
 
     def add(self, q: Array) -> int:
-        """Take in solutions (n, k) [rad]; return the place in ``q`` behind the last that brought something new, or 0."""
+        """Take in solutions (n, k) [rad]; return the place in ``q`` behind the last that brought
+        something new, or 0.
+        """
         raise NotImplementedError
 
     def _count_families(self, q: Array, regular: Mask) -> int:
-        """Count those that are not ``regular``; return the place behind the first if no family was known, or 0."""
+        """Count those that are not ``regular``; return the place behind the first if no family was
+        known, or 0.
+        """
         self.families += int((~regular).sum())
         if self.family is not None or regular.all():
             return 0
@@ -129,8 +146,8 @@ class SolutionSet:
 class Isolated(SolutionSet):
     """Gathers single solutions.
 
-    Two solutions that nearly coincide, as next to a singularity, have small basins between them: each find is left in its
-    flattest direction, to both sides, to look for the other.
+    Two solutions that nearly coincide, as next to a singularity, have small basins between them:
+    each find is left in its flattest direction, to both sides, to look for the other.
 
     Attributes:
         q: the solutions so far (m, k) [rad].
@@ -175,7 +192,9 @@ class Isolated(SolutionSet):
         return None
 
     def _look_beside(self, q: Array) -> None:
-        """Look for neighbours of a find (k,) in its flattest direction, for neighbours of these, and so on."""
+        """Look for neighbours of a find (k,) in its flattest direction, for neighbours of these,
+        and so on.
+        """
         left = [q]
         for _ in range(MOST_BESIDE):
             if not left:
@@ -191,13 +210,17 @@ class Isolated(SolutionSet):
                     left.append(other)
 
     def _single(self, q: Array) -> Mask:
-        """Which solutions (n, k) do not go on beside themselves, in one of their two flattest directions: (n,)."""
+        """Which solutions (n, k) do not go on beside themselves, in one of their two flattest
+        directions: (n,).
+        """
         single = np.ones(len(q), dtype=bool)
         if not len(q):
             return single
         size, vectors = flattest(self.equations, q, _the_one(q))
         flat = np.flatnonzero(size < SINGULAR)
-        start, step = np.broadcast_arrays(q[flat, None, None], ALONG[:, None] * vectors[flat, -2:, None])
+        start, step = np.broadcast_arrays(
+            q[flat, None, None], ALONG[:, None] * vectors[flat, -2:, None]
+        )
         guess = (start + step).reshape(-1, q.shape[1])
         found, good = self.equations.polish(guess, _the_one(guess))
         off = np.linalg.norm(found - guess, axis=1).reshape(-1, 2, len(ALONG))
@@ -250,11 +273,18 @@ class SelfMotion(SolutionSet):
 
 
 def search(finds: SolutionSet, joints: int, most_starts: int = MOST_STARTS) -> Search:
-    """Fill ``finds`` with the solutions of its system in ``joints`` angles; it ends at ``most_starts`` in any case."""
+    """Fill ``finds`` with the solutions of its system in ``joints`` angles; it ends at
+    ``most_starts`` in any case.
+    """
     equations = finds.equations
     starts = arrived = stalled = since_new = 0
     spread = spread_angles(most_starts, joints)
-    while starts < most_starts and since_new < ENOUGH and (arrived or starts < NOTHING) and not finds.ended:
+    while (
+        starts < most_starts
+        and since_new < ENOUGH
+        and (arrived or starts < NOTHING)
+        and not finds.ended
+    ):
         some = spread[starts : starts + ROUND]
         q, good = equations.polish(some, _the_one(some))
         stalled += _stalled(equations, q[~good])
@@ -268,10 +298,16 @@ def search(finds: SolutionSet, joints: int, most_starts: int = MOST_STARTS) -> S
 
 
 def _stalled(equations: Equations, q: Array) -> int:
-    """How many of some that did not arrive (n, k) stand beside a solution that is nearly singular."""
+    """How many of some that did not arrive (n, k) stand beside a solution that is nearly
+    singular.
+    """
     off = np.abs(equations(q, _the_one(q))[0]).max(axis=1, initial=0.0)
     beside = q[off < BESIDE]  # others of these would have arrived with more steps
-    return int((flattest(equations, beside, _the_one(beside))[0] < NEARLY_SINGULAR).sum()) if len(beside) else 0
+    return (
+        int((flattest(equations, beside, _the_one(beside))[0] < NEARLY_SINGULAR).sum())
+        if len(beside)
+        else 0
+    )
 
 
 def _the_one(q: Array | Index) -> Index:

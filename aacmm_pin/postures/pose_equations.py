@@ -1,5 +1,5 @@
-"""What a pose demands of the joint angles: the tip's place, the direction of one of its axes, or its
-whole orientation; and Newton's method and continuation for these equations.
+"""What a pose demands of the joint angles: the tip's place, the direction of one of its axes, or
+its whole orientation; and Newton's method and continuation for these equations.
 """
 
 from __future__ import annotations
@@ -56,8 +56,12 @@ class Equations:
         return Equations(links, np.ascontiguousarray(points), POINT)
 
     @staticmethod
-    def of_axis(links: Array, points: Array, tool: Array, axis: Array, sine: bool = False) -> Equations:
-        """The unit vector ``tool`` of the tip (3,) shall lie along ``axis`` of the base (3,) too."""
+    def of_axis(
+        links: Array, points: Array, tool: Array, axis: Array, sine: bool = False
+    ) -> Equations:
+        """The unit vector ``tool`` of the tip (3,) shall lie along ``axis`` of the base
+        (3,) too.
+        """
         turned = _in_axes(links, rotation_between(axis, Z))
         turned[-1, :3, :3] = turned[-1, :3, :3] @ rotation_between(Z, tool)
         return Equations(turned, points @ rotation_between(axis, Z).T, POINT_AND_AXIS, sine)

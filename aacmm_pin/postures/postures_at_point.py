@@ -1,4 +1,6 @@
-"""What all enumerations of postures have in common: postures with which one frame of an arm is at one point."""
+"""What all enumerations of postures have in common: postures with which one frame of an arm is at
+one point.
+"""
 
 from __future__ import annotations
 
@@ -30,14 +32,17 @@ class PosturesAtPoint(Shown):
         arm: the arm.
         point: working point (3,) [m].
         at: name of the frame whose origin is there.
-        q: configurations (n, nq) [rad]; each angle inside its limits where a full turn can bring it there.
+        q: configurations (n, nq) [rad]; each angle inside its limits where a full turn can bring it
+            there.
         component: number of the component of each, from 1, (n,).
-        swivel: swivel angle of the elbow (n,) [rad] in [-π, π], 0 where it is highest; nan for an arm without such an elbow.
+        swivel: swivel angle of the elbow (n,) [rad] in [-π, π], 0 where it is highest; nan for an
+            arm without such an elbow.
         broken: which joints are outside their limits (n, nq).
         reason: why there is no configuration; "" where there are some.
-        notes: what else is to be known, such as singular postures that form families and are not listed.
-        complete: False where there may be more: of families, of a curve that could not be followed all the way round, of a
-            search that ended at its limit of work; ``notes`` say which.
+        notes: what else is to be known, such as singular postures that form families and are not
+            listed.
+        complete: False where there may be more: of families, of a curve that could not be followed
+            all the way round, of a search that ended at its limit of work; ``notes`` say which.
     """
 
     arm: Arm
@@ -80,7 +85,9 @@ class PosturesAtPoint(Shown):
         return table
 
     def summary(self) -> pd.DataFrame:
-        """One row for each component: its configurations, how many are within limits, joints that are outside somewhere."""
+        """One row for each component: its configurations, how many are within limits, joints that
+        are outside somewhere.
+        """
         import pandas as pd
 
         return pd.DataFrame([self._row(number) for number in np.unique(self.component)])
@@ -91,7 +98,9 @@ class PosturesAtPoint(Shown):
             "component": int(number),
             "configurations": int(mine.sum()),
             "within_limits": int(self.within_limits[mine].sum()),
-            "joints_outside_limits": " ".join(str(j + 1) for j in np.flatnonzero(self.broken[mine].any(axis=0))),
+            "joints_outside_limits": " ".join(
+                str(j + 1) for j in np.flatnonzero(self.broken[mine].any(axis=0))
+            ),
         }
 
     def _where(self) -> str:

@@ -22,9 +22,13 @@ MOST_ROUNDS = 30
 LONGEST_STEP = 0.5
 """Of one round [rad, m]."""
 SINGULAR = 0.01
-"""A posture whose tip moves this many times less easily in one direction than in another is left out."""
+"""A posture whose tip moves this many times less easily in one direction than in another is left
+out.
+"""
 DIFFERENT = 0.02
-"""Postures differ when they are this far apart, see :func:`posture_features`; about as many radians."""
+"""Postures differ when they are this far apart, see :func:`posture_features`; about as many
+radians.
+"""
 
 
 def tip_jacobian(state: State) -> Array:
@@ -33,10 +37,11 @@ def tip_jacobian(state: State) -> Array:
 
 
 def brought_to(state_of: StateOf, q: Array, target: Array, bounds: Array) -> tuple[Array, Mask]:
-    """Postures near ``q`` whose tips are at ``target``, by a damped Newton method of least steps that stays in ``bounds``.
+    """Postures near ``q`` whose tips are at ``target``, by a damped Newton method of least steps
+    that stays in ``bounds``.
 
-    A step is ``Jᵀ (J Jᵀ + λ² I)⁻¹ (target - tip)`` with λ² = |target - tip|²/10, which vanishes on arrival (Nakamura,
-    Hanafusa 1986; the damping is ours).
+    A step is ``Jᵀ (J Jᵀ + λ² I)⁻¹ (target - tip)`` with λ² = |target - tip|²/10, which vanishes on
+    arrival (Nakamura, Hanafusa 1986; the damping is ours).
 
     Args:
         state_of: the arm.
@@ -45,7 +50,8 @@ def brought_to(state_of: StateOf, q: Array, target: Array, bounds: Array) -> tup
         bounds: (nq, 2) [rad].
 
     Returns:
-        Postures (n, nq), and which of them have arrived (n,); the others stand where they got stuck.
+        Postures (n, nq), and which of them have arrived (n,); the others stand where they got
+        stuck.
     """
     q, arrived = q.copy(), np.zeros(len(q), dtype=bool)
     for part in chunks(len(q)):
@@ -72,27 +78,34 @@ def _step(jacobian: Array, miss: Array) -> Array:
 
 
 def agile(state: State) -> Mask:
-    """Which tips can move about alike in all directions in which any of them can, see :data:`SINGULAR`: (n,)."""
+    """Which tips can move about alike in all directions in which any of them can, see
+    :data:`SINGULAR`: (n,).
+    """
     easiness = np.linalg.svd(tip_jacobian(state), compute_uv=False)
     directions = (easiness > 1e-9 * easiness[:, :1]).any(axis=0)
     return np.asarray((easiness[:, directions] > SINGULAR * easiness[:, :1]).all(axis=1))
 
 
 def posture_features(arm: Arm, q: Array) -> Array:
-    """Numbers whose distance says how different postures are: cosine and sine of angles, slides over their range.
+    """Numbers whose distance says how different postures are: cosine and sine of angles, slides
+    over their range.
 
     A whole turn makes no difference; a small turn of one joint by δ is a distance of δ.
     """
     bounds, slides = joint_bounds(arm), arm.chain.prismatic
     turns = q[:, ~slides]
     span = bounds[slides, 1] - bounds[slides, 0]
-    return np.concatenate([np.cos(turns), np.sin(turns), (q[:, slides] - bounds[slides, 0]) / span], axis=1)
+    return np.concatenate(
+        [np.cos(turns), np.sin(turns), (q[:, slides] - bounds[slides, 0]) / span], axis=1
+    )
 
 
 def spread_out(features: Array, count: int, apart: float) -> Index:
-    """Numbers of ``count`` different rows, far from one another; fewer where no more are ``apart`` from all the others.
+    """Numbers of ``count`` different rows, far from one another; fewer where no more are ``apart``
+    from all the others.
 
-    Farthest-point order: each is the row farthest from all before it (Gonzalez 1985); the first is row 0.
+    Farthest-point order: each is the row farthest from all before it (Gonzalez 1985); the first is
+    row 0.
     """
     if not len(features):
         return np.empty(0, dtype=np.intp)
@@ -107,5 +120,7 @@ def spread_out(features: Array, count: int, apart: float) -> Index:
 
 
 def different_postures(arm: Arm, q: Array, count: int) -> Array:
-    """``count`` of the postures ``q`` (n, nq), spread out, or as many as differ from one another."""
+    """``count`` of the postures ``q`` (n, nq), spread out, or as many as differ from one
+    another.
+    """
     return q[spread_out(posture_features(arm, q), count, DIFFERENT)]

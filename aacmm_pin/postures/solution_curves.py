@@ -15,12 +15,14 @@ MOST_STEPS, MOST_ROUNDS = 3000, 50
 """Steps and curves of one problem after which a search ends with what it has. Real arms take fewer
 than 800 steps and have up to 16 curves."""
 SINGULAR = 1e-6
-"""A solution is singular where the smallest singular value of the equations' derivative is this part
-of the largest."""
+"""A solution is singular where the smallest singular value of the equations' derivative is this
+part of the largest.
+"""
 CLEARLY = 10.0
 """A bound so many times larger leaves room for the rounding of a determinant, 1e-8 of its root."""
 NEARLY_SINGULAR = 1e-4
-"""Instead of ``SINGULAR``: a solution next to a singular one, where rounding decides what is found."""
+"""Instead of ``SINGULAR``: a solution next to a singular one, where rounding decides what is found.
+"""
 PICKS, MAJORITY = 7, 4
 """Vertices of a curve that are looked for on the others, and most of them."""
 
@@ -45,8 +47,8 @@ class Curves:
 
 
 def following(curves: list[Curve]) -> Index:
-    """Of the vertices of some curves, one curve after the other, the number of each one's next round
-    its curve (n,).
+    """Of the vertices of some curves, one curve after the other, the number of each one's next
+    round its curve (n,).
     """
     lengths = np.array([len(curve.q) for curve in curves])
     last = np.cumsum(lengths) - 1
@@ -101,8 +103,8 @@ def curves_through(equations: Equations, seeds: Array, problem: int) -> tuple[li
 
 
 def is_known(equations: Equations, curve: Curve, curves: list[Curve]) -> bool:
-    """Whether a curve is one of ``curves``: from a seed next to a crossing it may not be recognised,
-    but most of some vertices all round it are.
+    """Whether a curve is one of ``curves``: from a seed next to a crossing it may not be
+    recognised, but most of some vertices all round it are.
     """
     picks = curve.q[np.arange(PICKS) * (len(curve.q) - 1) // (PICKS - 1)]
     for other in curves:

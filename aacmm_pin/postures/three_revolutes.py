@@ -1,11 +1,14 @@
-"""All positions of a general chain of three revolute joints that bring a point to a place, in closed form.
+"""All positions of a general chain of three revolute joints that bring a point to a place, in
+closed form.
 
-``p = B0 Rz(φ1) B1 Rz(φ2) B2 Rz(φ3) c`` for any constant transforms B. With ``u = B2 Rz(φ3) c`` and ``w = B0⁻¹ p``, turning
-about the first axis keeps |w|² and w_z; both conditions are linear in the in-plane part g of ``Rz(φ2) u``:
-``N g = h``, and |g|² = u_x² + u_y². Eliminating φ2 gives ``|adj(N) h|² = det(N)² (u_x² + u_y²)``, a quadratic form in
-(1, cos φ3, sin φ3), that is a polynomial of degree four in exp(iφ3), whose solutions lie on the unit circle. There is no
-division by the (possibly tiny) offset between the first two axes: where they intersect, the roots pair up.
-Derivation: own, after D. L. Pieper's reduction of the three-joint regional structure (Stanford, 1968).
+``p = B0 Rz(φ1) B1 Rz(φ2) B2 Rz(φ3) c`` for any constant transforms B. With ``u = B2 Rz(φ3) c`` and
+``w = B0⁻¹ p``, turning about the first axis keeps |w|² and w_z; both conditions are linear in the
+in-plane part g of ``Rz(φ2) u``: ``N g = h``, and |g|² = u_x² + u_y². Eliminating φ2 gives ``|adj(N)
+h|² = det(N)² (u_x² + u_y²)``, a quadratic form in (1, cos φ3, sin φ3), that is a polynomial of
+degree four in exp(iφ3), whose solutions lie on the unit circle. There is no division by the
+(possibly tiny) offset between the first two axes: where they intersect, the roots pair up.
+Derivation: own, after D. L. Pieper's reduction of the three-joint regional structure (Stanford,
+1968).
 """
 
 from __future__ import annotations
@@ -17,15 +20,21 @@ from aacmm_pin._support.checks import Array, Index
 NEAR = 0.1
 """Candidates that miss the place by more solve only one of the two equations [m]."""
 WORSE, ROUNDING = 1e3, 1e-6
-"""So do those that miss it by so many times more than the other candidate with their φ3, and by more than rounding [m]."""
+"""So do those that miss it by so many times more than the other candidate with their φ3, and by
+more than rounding [m].
+"""
 NEARLY = 0.25
-"""Pairs of roots with a smaller imaginary part are kept as candidates: rounding parts those that should be one [rad]."""
+"""Pairs of roots with a smaller imaginary part are kept as candidates: rounding parts those that
+should be one [rad].
+"""
 GRID, STEPS = 48, 6
-"""Angles round the circle between two of which there are at most two roots, and steps to each root."""
+"""Angles round the circle between two of which there are at most two roots, and steps to each root.
+"""
 
 
 def candidates(b0: Array, b1: Array, b2: Array, c: Array, p: Array) -> tuple[Array, Index]:
-    """Candidates for the three angles; every solution is near one, but not every candidate is a solution.
+    """Candidates for the three angles; every solution is near one, but not every candidate is a
+    solution.
 
     Args:
         b0, b1, b2: constant transforms (n, 4, 4) [m].
@@ -33,10 +42,13 @@ def candidates(b0: Array, b1: Array, b2: Array, c: Array, p: Array) -> tuple[Arr
         p: place that it shall reach (n, 3) [m].
 
     Returns:
-        angles (m, 3) [rad] to be polished by Newton's method, and the row (m,) that each belongs to.
+        angles (m, 3) [rad] to be polished by Newton's method, and the row (m,) that each belongs
+        to.
     """
     w = np.einsum("nji,nj->ni", b0[:, :3, :3], p - b0[:, :3, 3])
-    rows = np.stack([np.einsum("nji,nj->ni", b1[:, :3, :3], b1[:, :3, 3]), b1[:, 2, :3]], axis=1)  # R1ᵀ t1, R1ᵀ e_z
+    rows = np.stack(
+        [np.einsum("nji,nj->ni", b1[:, :3, :3], b1[:, :3, 3]), b1[:, 2, :3]], axis=1
+    )  # R1ᵀ t1, R1ᵀ e_z
     u = _affine_point(b2, c)
     h = _affine_right_side(b1, u, c, b2, w, rows)
     phi3, who = _roots(_quadratic_form(rows[:, :, :2], u, h))
@@ -45,10 +57,14 @@ def candidates(b0: Array, b1: Array, b2: Array, c: Array, p: Array) -> tuple[Arr
     phi2, twice = _second_angle(rows[who], u3, h3)
     who, phi3, u3 = who[twice], phi3[twice], u3[twice]
     cosine, sine = np.cos(phi2), np.sin(phi2)
-    v = np.column_stack([cosine * u3[:, 0] - sine * u3[:, 1], sine * u3[:, 0] + cosine * u3[:, 1], u3[:, 2]])
+    v = np.column_stack(
+        [cosine * u3[:, 0] - sine * u3[:, 1], sine * u3[:, 0] + cosine * u3[:, 1], u3[:, 2]]
+    )
     v = np.einsum("nij,nj->ni", b1[who, :3, :3], v) + b1[who, :3, 3]
     phi1 = np.arctan2(w[who, 1], w[who, 0]) - np.arctan2(v[:, 1], v[:, 0])
-    miss = np.hypot(np.hypot(v[:, 0], v[:, 1]) - np.hypot(w[who, 0], w[who, 1]), v[:, 2] - w[who, 2])
+    miss = np.hypot(
+        np.hypot(v[:, 0], v[:, 1]) - np.hypot(w[who, 0], w[who, 1]), v[:, 2] - w[who, 2]
+    )
     near = miss < np.minimum(NEAR, ROUNDING + WORSE * np.roll(miss, len(miss) // 2))
     return np.column_stack([phi1, phi2, phi3])[near], who[near]
 
@@ -63,7 +79,9 @@ def _affine_point(b2: Array, c: Array) -> Array:
 
 
 def _affine_right_side(b1: Array, u: Array, c: Array, b2: Array, w: Array, rows: Array) -> Array:
-    """h as an affine function of (1, cos φ3, sin φ3): (n, 2, 3). |u|² is affine, because |B2 Rz c|² - |c|² - |t2|² is."""
+    """h as an affine function of (1, cos φ3, sin φ3): (n, 2, 3). |u|² is affine, because |B2 Rz
+    c|² - |c|² - |t2|² is.
+    """
     shift = b2[:, :3, 3]
     square = 2 * np.einsum("ni,nik->nk", shift, u)
     square[:, 0] += np.square(c).sum(axis=1) - np.square(shift).sum(axis=1)
@@ -77,7 +95,11 @@ def _affine_right_side(b1: Array, u: Array, c: Array, b2: Array, w: Array, rows:
 def _quadratic_form(plane: Array, u: Array, h: Array) -> Array:
     """|adj(N) h|² - det(N)² (u_x² + u_y²) as symmetric forms (n, 3, 3) in (1, cos φ3, sin φ3)."""
     adjugate = np.stack(
-        [np.stack([plane[:, 1, 1], -plane[:, 0, 1]], axis=1), np.stack([-plane[:, 1, 0], plane[:, 0, 0]], axis=1)], axis=1
+        [
+            np.stack([plane[:, 1, 1], -plane[:, 0, 1]], axis=1),
+            np.stack([-plane[:, 1, 0], plane[:, 0, 0]], axis=1),
+        ],
+        axis=1,
     )
     determinant = plane[:, 0, 0] * plane[:, 1, 1] - plane[:, 0, 1] * plane[:, 1, 0]
     left = adjugate @ h
@@ -88,21 +110,38 @@ def _quadratic_form(plane: Array, u: Array, h: Array) -> Array:
 def _roots(form: Array) -> tuple[Array, Index]:
     """Angles φ with (1, cos φ, sin φ) form (…)ᵀ ≈ 0, and the row that each belongs to.
 
-    Between two neighbours of a grid the form, a wave of first and second order, has one root where its sign changes; and
-    two, nearly two or none where, as fast as it can bend, it may come to zero and turn back. Each step towards a root goes
-    to that of the osculating parabola at which the form grows or falls as it shall, or to where the parabola turns.
+    Between two neighbours of a grid the form, a wave of first and second order, has one root where
+    its sign changes; and two, nearly two or none where, as fast as it can bend, it may come to zero
+    and turn back. Each step towards a root goes to that of the osculating parabola at which the
+    form grows or falls as it shall, or to where the parabola turns.
     """
     size = np.abs(form).max(axis=(1, 2), keepdims=True)
-    form = form / np.where(size > 1e-200, size, 1.0)  # of an arm without lengths there is nothing left
+    form = form / np.where(
+        size > 1e-200, size, 1.0
+    )  # of an arm without lengths there is nothing left
     one, cc, ss = form[:, 0, 0], form[:, 1, 1], form[:, 2, 2]
-    terms = np.stack([one + 0.5 * (cc + ss), 2 * form[:, 0, 1], 2 * form[:, 0, 2], 0.5 * (cc - ss), form[:, 1, 2]])
+    terms = np.stack(
+        [
+            one + 0.5 * (cc + ss),
+            2 * form[:, 0, 1],
+            2 * form[:, 0, 2],
+            0.5 * (cc - ss),
+            form[:, 1, 2],
+        ]
+    )
     step = 2 * np.pi / GRID
     grid = step * np.arange(GRID + 1) - np.pi
-    wave = np.stack([np.ones(GRID + 1), np.cos(grid), np.sin(grid), np.cos(2 * grid), np.sin(2 * grid)])
+    wave = np.stack(
+        [np.ones(GRID + 1), np.cos(grid), np.sin(grid), np.cos(2 * grid), np.sin(2 * grid)]
+    )
     value = terms.T @ wave
-    half = 0.5 * step * np.sign(value) * (terms[[2, 1, 4, 3]].T @ (wave[1:] * [[1], [-1], [2], [-2]]))  # |form|' step/2
+    half = (
+        0.5 * step * np.sign(value) * (terms[[2, 1, 4, 3]].T @ (wave[1:] * [[1], [-1], [2], [-2]]))
+    )  # |form|' step/2
     bend = np.hypot(terms[1], terms[2]) + 4 * np.hypot(terms[3], terms[4])  # at most
-    low = 0.125 * step**2 * bend[:, None] - np.abs(value)  # more than half: comes to zero in half a step
+    low = 0.125 * step**2 * bend[:, None] - np.abs(
+        value
+    )  # more than half: comes to zero in half a step
     passes = (value[:, :-1] < 0) != (value[:, 1:] < 0)
     turns = ~passes & (half < low)[:, :-1], ~passes & (-half < low)[:, 1:]
     which, who, left = np.nonzero(np.stack([passes, *turns]))
@@ -114,20 +153,29 @@ def _roots(form: Array) -> tuple[Array, Index]:
         c, s = np.cos(phi), np.sin(phi)
         c2, s2 = 2 * c**2 - 1, 2 * c * s
         first, second = mine[1] * c + mine[2] * s, mine[3] * c2 + mine[4] * s2
-        f, slope = mine[0] + first + second, mine[2] * c - mine[1] * s + 2 * (mine[4] * c2 - mine[3] * s2)
+        f, slope = (
+            mine[0] + first + second,
+            mine[2] * c - mine[1] * s + 2 * (mine[4] * c2 - mine[3] * s2),
+        )
         bend = -first - 4 * second
         square = slope**2 - 2 * f * bend
         with np.errstate(divide="ignore", invalid="ignore"):
             change = -2 * f / (slope + sense * np.sqrt(np.maximum(square, 0.0)))
             change = np.where(square < 0, -slope / bend, change)
         phi = phi + np.clip(np.nan_to_num(change), -step, step)
-    good = (square > -((NEARLY * bend) ** 2)) & (np.abs(phi - grid[left] - 0.5 * step) < 0.5 * step + 1e-6)
+    good = (square > -((NEARLY * bend) ** 2)) & (
+        np.abs(phi - grid[left] - 0.5 * step) < 0.5 * step + 1e-6
+    )
     return phi[good], who[good]
 
 
 def _second_angle(rows: Array, u: Array, h: Array) -> tuple[Array, Index]:
-    """Angles φ2 from the better one of the two linear equations: line and circle meet in two points."""
-    weight = np.linalg.norm(rows[:, :, :2], axis=2) / np.maximum(np.linalg.norm(rows, axis=2), 1e-300)
+    """Angles φ2 from the better one of the two linear equations: line and circle meet in two
+    points.
+    """
+    weight = np.linalg.norm(rows[:, :, :2], axis=2) / np.maximum(
+        np.linalg.norm(rows, axis=2), 1e-300
+    )
     weight[:, 0] *= 0.999  # the z equation where both are as good
     pick = np.argmax(weight, axis=1)
     each = np.arange(len(u))

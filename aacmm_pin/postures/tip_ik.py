@@ -1,7 +1,8 @@
 """All configurations that bring the tip to a place with the stylus along an axis, as closed curves.
 
-Five conditions for six joints. Seeds come from the curves of the wrist (:mod:`aacmm_pin.postures.wrist_ik`) for many turns
-of the body about the stylus, and from evenly spread starts where windows are too narrow for those.
+Five conditions for six joints. Seeds come from the curves of the wrist
+(:mod:`aacmm_pin.postures.wrist_ik`) for many turns of the body about the stylus, and from evenly
+spread starts where windows are too narrow for those.
 """
 
 from __future__ import annotations
@@ -23,10 +24,12 @@ DIRECTIONS = 48
 
 
 def tip_curves(dh: DHTable, points: Array, stylus: Array, axis: Array) -> Curves:
-    """Curves of six joints on which the tip is at one of ``points`` and the stylus points along ``axis``.
+    """Curves of six joints on which the tip is at one of ``points`` and the stylus points along
+    ``axis``.
 
-    The body behind joint 6 may still turn about the stylus. For each of many such turns the wrist's place is known; where
-    along its circle joint axis 5 makes the angle with joint axis 6 that row 5 demands, there is a seed.
+    The body behind joint 6 may still turn about the stylus. For each of many such turns the wrist's
+    place is known; where along its circle joint axis 5 makes the angle with joint axis 6 that row 5
+    demands, there is a seed.
 
     Args:
         dh: table with exactly six joints, the first six rows.
@@ -45,7 +48,9 @@ def tip_curves(dh: DHTable, points: Array, stylus: Array, axis: Array) -> Curves
 
 
 def tip_equations(dh: DHTable, points: Array, stylus: Array, axis: Array) -> Equations:
-    """The tip at its point among ``points`` (m, 3) [m], and the stylus along ``axis`` or right against it."""
+    """The tip at its point among ``points`` (m, 3) [m], and the stylus along ``axis`` or right
+    against it.
+    """
     return Equations.of_axis(dh.links(), points, stylus, axis, sine=True)
 
 
@@ -55,14 +60,17 @@ def _tip_seeds(dh: DHTable, points: Array, stylus: Array, axis: Array) -> tuple[
     behind = links[6]  # from joint 6 to the tip
     stylus_in_6 = behind[:3, :3] @ stylus
     bodies = _bodies_about(axis, stylus_in_6)
-    # The origin of frame 5 is that of the axes of joint 6, in modified DH but for the length of row 6.
+    # The origin of frame 5 is that of the axes of joint 6, in modified DH but for the length of
+    # row 6.
     back = bodies @ behind[:3, 3]
     wrist = Wrist.of(dh)
     places = (points[:, None, :] - back).reshape(-1, 3)
     curves = wrist_curves(wrist, places, FEW_PER_TURN).curves
     if not curves:
         return np.empty((0, dh.nq)), np.empty(0, dtype=np.intp)
-    point, body = np.divmod(np.repeat([c.problem for c in curves], [len(c.q) for c in curves]), DIRECTIONS)
+    point, body = np.divmod(
+        np.repeat([c.problem for c in curves], [len(c.q) for c in curves]), DIRECTIONS
+    )
     q = wrist.full(np.concatenate([c.q for c in curves]))
     seeds, vertex = _wrist_angles(q, following(curves), bodies[body], links)
     return seeds, point[vertex]
@@ -76,10 +84,12 @@ def _bodies_about(axis: Array, stylus: Array) -> Array:
 
 
 def _wrist_angles(q: Array, behind: Index, body: Array, links: Array) -> tuple[Array, Index]:
-    """Vertices of wrist curves at which joint 6 can carry ``body`` (n, 3, 3), with θ5 and θ6 (m, 6) [rad]; their numbers.
+    """Vertices of wrist curves at which joint 6 can carry ``body`` (n, 3, 3), with θ5 and θ6 (m, 6)
+    [rad]; their numbers.
 
-    In the axes of joint 5 joint 6's axis is ``Rz(θ5) L5 e_z``; its z component does not depend on θ5, which gives the
-    condition on joints 1 to 4. ``behind`` is the number of the vertex behind each (n,).
+    In the axes of joint 5 joint 6's axis is ``Rz(θ5) L5 e_z``; its z component does not depend on
+    θ5, which gives the condition on joints 1 to 4. ``behind`` is the number of the vertex behind
+    each (n,).
     """
     before = np.broadcast_to(links[0][:3, :3], (len(q), 3, 3))
     for joint in range(POSITIONING):
@@ -93,7 +103,9 @@ def _wrist_angles(q: Array, behind: Index, body: Array, links: Array) -> tuple[A
     pick = np.flatnonzero((gap * gap[behind] <= 0) | least)
     seeds = q[pick].copy()
     seeds[:, 4] = np.arctan2(axis[pick, 1], axis[pick, 0]) - np.arctan2(wanted[1], wanted[0])
-    rest = np.einsum("nji,njk->nik", before[pick] @ _turns(seeds[:, 4]) @ links[5][:3, :3], body[pick])
+    rest = np.einsum(
+        "nji,njk->nik", before[pick] @ _turns(seeds[:, 4]) @ links[5][:3, :3], body[pick]
+    )
     seeds[:, 5] = np.arctan2(rest[:, 1, 0], rest[:, 0, 0])
     return seeds, pick
 

@@ -1,8 +1,11 @@
-"""All configurations that bring the wrist to given places, as closed curves; limits play no part here.
+"""All configurations that bring the wrist to given places, as closed curves; limits play no part
+here.
 
-Seeds come from the closed form of :mod:`aacmm_pin.postures.three_revolutes` with each of the joints 1 to 4 held in turn at
-many angles: no single joint will do, because near the base axis the curves run at almost constant θ3, and on it θ1 is free.
-Newton's method then moves every candidate to the nearest solution, and continuation follows each curve once round.
+Seeds come from the closed form of :mod:`aacmm_pin.postures.three_revolutes` with each of the joints
+1 to 4 held in turn at
+many angles: no single joint will do, because near the base axis the curves run at almost constant
+θ3, and on it θ1 is free. Newton's method then moves every candidate to the nearest solution, and
+continuation follows each curve once round.
 """
 
 from __future__ import annotations
@@ -33,15 +36,23 @@ POSITIONING = 4
 WRIST_ROW = 5
 """The wrist is the origin of this frame."""
 SEEN_LEVER = 1e-4
-"""A note tells that joint 5 moves the wrist by more than this; that of SINO6 moves it by 0.037 mm [m]."""
+"""A note tells that joint 5 moves the wrist by more than this; that of SINO6 moves it by 0.037 mm
+[m].
+"""
 MOST_LEVER = 0.01
-"""A joint 5 that moves frame 5 by more was designed so; the largest residue in SINO6's table is 0.7 mm [m]."""
+"""A joint 5 that moves frame 5 by more was designed so; the largest residue in SINO6's table is 0.7
+mm [m].
+"""
 GRID = 16
 """Angles of each of the joints 1 to 4 at which the search for the reach looks first."""
 STARTS = 4
-"""So many of these configurations begin a local search: of 25 random arms, all had the reach that 16 starts find."""
+"""So many of these configurations begin a local search: of 25 random arms, all had the reach that
+16 starts find.
+"""
 FEW_PER_TURN = 3
-"""Angles at which each joint is held where curves are many; with the spread seeds they find all that twenty-four find."""
+"""Angles at which each joint is held where curves are many; with the spread seeds they find all
+that twenty-four find.
+"""
 
 
 @dataclass(frozen=True)
@@ -67,15 +78,17 @@ class Wrist:
 
         Raises:
             ShapeError: see :meth:`of`.
-            UnsupportedArmError: no DH table whose first five rows are joints; or joint 5, of which no angle was stated,
-                moves the wrist by more than :data:`MOST_LEVER`.
+            UnsupportedArmError: no DH table whose first five rows are joints; or joint 5, of which
+                no angle was stated, moves the wrist by more than :data:`MOST_LEVER`.
         """
         wrist = Wrist.of(arm.require_dh(purpose, WRIST_ROW), rest, arm.limits)
         if rest is None and wrist.lever > MOST_LEVER:
             pose = ", or --rpy-deg" if arm.nq >= OF_A_POSE else ""
             raise UnsupportedArmError(
-                f"{arm.name}: {purpose} needs a wrist, but {wrist.held}; expected at most {MOST_LEVER / MM:g} mm; accuracy "
-                f"and configurations take a point of the tip with the direction of the stylus: --tip --axis 0 0 -1{pose} "
+                f"{arm.name}: {purpose} needs a wrist, but {wrist.held}; expected at most "
+                f"{MOST_LEVER / MM:g} mm; accuracy "
+                "and configurations take a point of the tip with the direction of the stylus: "
+                f"--tip --axis 0 0 -1{pose} "
                 "(in Python reaching_postures)"
             )
         return wrist
@@ -86,7 +99,8 @@ class Wrist:
 
         Args:
             dh: a table whose first five rows have joints.
-            rest: their angles (nq - 4,) [rad]; default 0, or what is nearest to 0, whole turns apart, inside ``limits``.
+            rest: their angles (nq - 4,) [rad]; default 0, or what is nearest to 0, whole turns
+                apart, inside ``limits``.
             limits: of all joints (nq, 2) [rad]; None for no limits.
 
         Raises:
@@ -96,12 +110,16 @@ class Wrist:
         held = np.zeros(behind) if rest is None else vector(rest, behind, "rest", "rad")
         if rest is None and limits is not None:
             nearest = into_limits(held, limits[POSITIONING:])
-            held = np.clip(nearest, *limits[POSITIONING:].T) - nearest  # exactly 0 where that is inside
+            held = (
+                np.clip(nearest, *limits[POSITIONING:].T) - nearest
+            )  # exactly 0 where that is inside
         offsets = dh.theta_offset[:WRIST_ROW].copy()
         offsets[-1] += held[0]
         moving = np.array([True] * POSITIONING + [False])
         first = slice(0, WRIST_ROW)
-        return Wrist(DHTable(dh.a[first], dh.d[first], dh.alpha[first], offsets, moving, dh.convention), held)
+        return Wrist(
+            DHTable(dh.a[first], dh.d[first], dh.alpha[first], offsets, moving, dh.convention), held
+        )
 
     @property
     def lever(self) -> float:
@@ -112,7 +130,10 @@ class Wrist:
     def held(self) -> str:
         """In words, what is held and what it would move."""
         angle, lever = self.rest[0] / DEG, self.lever / MM
-        return f"joint {WRIST_ROW} is held at {angle:.4g}° and moves frame{WRIST_ROW} by {lever:.4g} mm"
+        return (
+            f"joint {WRIST_ROW} is held at {angle:.4g}° and moves frame{WRIST_ROW} by "
+            f"{lever:.4g} mm"
+        )
 
     @property
     def notes(self) -> list[Note]:
@@ -125,7 +146,9 @@ class Wrist:
 
 
 def reach_of_wrist(wrist: Wrist, shoulder: Array) -> tuple[float, float]:
-    """Least and largest distance of the wrist from ``shoulder`` (3,) [m] over all configurations, limits apart [m]."""
+    """Least and largest distance of the wrist from ``shoulder`` (3,) [m] over all configurations,
+    limits apart [m].
+    """
 
     def square(place: Array) -> tuple[Array, Array]:
         off = place - shoulder
@@ -136,7 +159,8 @@ def reach_of_wrist(wrist: Wrist, shoulder: Array) -> tuple[float, float]:
 
 
 def box_of_wrist(wrist: Wrist) -> Array:
-    """Least and largest distance of the wrist from the z axis of the base, and its least and largest z (4,) [m].
+    """Least and largest distance of the wrist from the z axis of the base, and its least and
+    largest z (4,) [m].
 
     Over all configurations, limits apart.
     """
@@ -148,16 +172,23 @@ def box_of_wrist(wrist: Wrist) -> Array:
     def height(place: Array) -> tuple[Array, Array]:
         return place[..., 2], np.broadcast_to(np.array([0.0, 0.0, 1.0]), place.shape)
 
-    return np.array([*np.sqrt(np.maximum(_extremes(wrist, square), 0.0)), *_extremes(wrist, height)])
+    return np.array(
+        [*np.sqrt(np.maximum(_extremes(wrist, square), 0.0)), *_extremes(wrist, height)]
+    )
 
 
-def _extremes(wrist: Wrist, of_place: Callable[[Array], tuple[Array, Array]]) -> tuple[float, float]:
-    """Least and largest value over all configurations of ``of_place``: of places (…, 3) [m], with its gradient there.
+def _extremes(
+    wrist: Wrist, of_place: Callable[[Array], tuple[Array, Array]]
+) -> tuple[float, float]:
+    """Least and largest value over all configurations of ``of_place``: of places (…, 3) [m], with
+    its gradient there.
 
     A coarse grid of the joints 1 to 4, then a local search from the best places on it.
     """
     angles = np.linspace(-np.pi, np.pi, GRID, endpoint=False)
-    grid = np.stack(np.meshgrid(*[angles] * POSITIONING, indexing="ij"), axis=-1).reshape(-1, POSITIONING)
+    grid = np.stack(np.meshgrid(*[angles] * POSITIONING, indexing="ij"), axis=-1).reshape(
+        -1, POSITIONING
+    )
     values = of_place(wrist.table.chain.positions(grid))[0]
 
     def signed(q: Array, sign: float) -> tuple[float, Array]:
@@ -168,13 +199,22 @@ def _extremes(wrist: Wrist, of_place: Callable[[Array], tuple[Array, Array]]) ->
     extremes = []
     for sign in (1.0, -1.0):
         starts = grid[np.argsort(sign * values)[:STARTS]]
-        search = partial(scipy.optimize.minimize, signed, args=(sign,), method="BFGS", jac=True, options={"gtol": 1e-9})
+        search = partial(
+            scipy.optimize.minimize,
+            signed,
+            args=(sign,),
+            method="BFGS",
+            jac=True,
+            options={"gtol": 1e-9},
+        )
         extremes.append(sign * min(float(search(q).fun) for q in starts))
     return extremes[0], extremes[1]
 
 
 def wrist_equations(wrist: Wrist, points: Array) -> Equations:
-    """The wrist's distance (n, 3) [m] from its point among ``points`` (m, 3), as a function of joints 1 to 4."""
+    """The wrist's distance (n, 3) [m] from its point among ``points`` (m, 3), as a function of
+    joints 1 to 4.
+    """
     return Equations.of_points(wrist.table.links(), points)
 
 
@@ -188,9 +228,14 @@ def wrist_curves(wrist: Wrist, points: Array, per_turn: int) -> Curves:
     """
     equations = wrist_equations(wrist, points)
     links = wrist.table.links()
-    within = np.linalg.norm(points - links[0, :3, 3], axis=1) <= np.linalg.norm(links[1:, :3, 3], axis=1).sum()
+    within = (
+        np.linalg.norm(points - links[0, :3, 3], axis=1)
+        <= np.linalg.norm(links[1:, :3, 3], axis=1).sum()
+    )
     near = np.flatnonzero(within)
-    seeds, number = with_spread(*_held_seeds(links, points[near], per_turn), len(near), 4 * per_turn)
+    seeds, number = with_spread(
+        *_held_seeds(links, points[near], per_turn), len(near), 4 * per_turn
+    )
     problem = near[number]
     seeds, good = equations.polish(seeds, problem)
     flat = len(points) > 0 and degenerate(equations, spread_angles(4 * per_turn, POSITIONING))
@@ -198,18 +243,27 @@ def wrist_curves(wrist: Wrist, points: Array, per_turn: int) -> Curves:
 
 
 def with_spread(seeds: Array, problem: Index, problems: int, count: int) -> tuple[Array, Index]:
-    """Seeds (n, joints) [rad] and the numbers of their problems (n,), with ``count`` spread ones more for each problem."""
+    """Seeds (n, joints) [rad] and the numbers of their problems (n,), with ``count`` spread ones
+    more for each problem.
+    """
     spread = np.tile(spread_angles(count, seeds.shape[1]), (problems, 1))
-    return np.concatenate([seeds, spread]), np.concatenate([problem, np.repeat(np.arange(problems), count)])
+    return np.concatenate([seeds, spread]), np.concatenate(
+        [problem, np.repeat(np.arange(problems), count)]
+    )
 
 
 def _held_seeds(links: Array, points: Array, per_turn: int) -> tuple[Array, Index]:
     """Candidates with each joint held in turn: (n, 4) [rad] and the number of their point (n,)."""
-    angles = np.linspace(-np.pi, np.pi, per_turn, endpoint=False) + 0.37  # off the symmetric angles 0 and ±π
+    angles = (
+        np.linspace(-np.pi, np.pi, per_turn, endpoint=False) + 0.37
+    )  # off the symmetric angles 0 and ±π
     seeds, numbers = [], []
     for held in range(POSITIONING):
         (b0, b1, b2), c = _chain_with_held(links, held, angles)
-        which, angle = (grid.ravel() for grid in np.meshgrid(np.arange(len(points)), np.arange(per_turn), indexing="ij"))
+        which, angle = (
+            grid.ravel()
+            for grid in np.meshgrid(np.arange(len(points)), np.arange(per_turn), indexing="ij")
+        )
         found, who = candidates(b0[angle], b1[angle], b2[angle], c[angle], points[which])
         free = [joint for joint in range(POSITIONING) if joint != held]
         q = np.empty((len(found), POSITIONING))

@@ -1,4 +1,6 @@
-"""Figures of an acceptance test before it is made: median, interval, chance to conform, and what each comes from."""
+"""Figures of an acceptance test before it is made: median, interval, chance to conform, and what
+each comes from.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +9,15 @@ from matplotlib.figure import Figure as Drawing
 
 from aacmm_pin._support.output_files import json_text
 from aacmm_pin._support.units import MM
-from aacmm_pin.report.document import Document, Download, Figure, Notes, Paragraph, Table, document_of
+from aacmm_pin.report.document import (
+    Document,
+    Download,
+    Figure,
+    Notes,
+    Paragraph,
+    Table,
+    document_of,
+)
 from aacmm_pin.report.numbers import UNIT
 from aacmm_pin.report.plots.style import BLUE, GREEN, GREY, VERMILLION, plain
 from aacmm_pin.report.procedure import ORIGIN
@@ -20,8 +30,17 @@ COLOURS = (BLUE, GREEN, GREY)
 def prediction_document(result: PredictedAcceptance) -> Document:
     """The figures that a procedure will show."""
     table = result.to_frame()
-    heads = {"median_mm": "median [mm]", "low_mm": "95 % from [mm]", "high_mm": "95 % to [mm]", "mpe_mm": "MPE [mm]"}
-    heads |= {"probability_to_pass": "conforms", "dominant": "largest cause", "dominant_alone_mm": "this cause alone [mm]"}
+    heads = {
+        "median_mm": "median [mm]",
+        "low_mm": "95 % from [mm]",
+        "high_mm": "95 % to [mm]",
+        "mpe_mm": "MPE [mm]",
+    }
+    heads |= {
+        "probability_to_pass": "conforms",
+        "dominant": "largest cause",
+        "dominant_alone_mm": "this cause alone [mm]",
+    }
     several = table["arm"].nunique() > 1
     shown = ["arm"] * several + ["figure", *heads]
     shown += ["missing"] * bool((table["missing"] != "").any())
@@ -32,8 +51,10 @@ def prediction_document(result: PredictedAcceptance) -> Document:
             Paragraph(f"{result}.", finding=True, head="Predicted:"),
             Table(table[shown], "Magnitude of each figure", {"probability_to_pass": ".2f"}, heads),
             Paragraph(
-                "Predicted is what the arm states as uncertain, first order; what its model gets wrong unknown to it is "
-                "not in these figures. Conforms: share of the runs in which the figure and U are within the MPE.",
+                "Predicted is what the arm states as uncertain, first order; what its model gets "
+                "wrong unknown to it is "
+                "not in these figures. Conforms: share of the runs in which the figure and U are "
+                "within the MPE.",
                 detail=True,
             ),
             Figure(
@@ -42,15 +63,21 @@ def prediction_document(result: PredictedAcceptance) -> Document:
                 "Median and 95 % interval of every figure; a mark stands at the MPE.",
             ),
             Table(
-                result.causes().drop(columns=[] if several else "arm").rename(columns=lambda name: UNIT.sub(" [mm]", name)),
+                result.causes()
+                .drop(columns=[] if several else "arm")
+                .rename(columns=lambda name: UNIT.sub(" [mm]", name)),
                 "Median of the figure by each cause alone",
-                explained="Parameters that a calibration knows together may do more alone than together.",
+                explained="Parameters that a calibration knows together may do more alone than "
+                "together.",
                 detail=True,
             ),
             Notes(result.notes),
-            Download("prediction.json", "the figures as JSON", json_text(result.summary()).encode()),
+            Download(
+                "prediction.json", "the figures as JSON", json_text(result.summary()).encode()
+            ),
         ],
-        f"{result.path}; {result.count} runs" + ("" if result.seed is None else f", seed {result.seed}"),
+        f"{result.path}; {result.count} runs"
+        + ("" if result.seed is None else f", seed {result.seed}"),
     )
 
 
@@ -64,7 +91,14 @@ def _intervals(result: PredictedAcceptance) -> Drawing:
         y = names.index(f.definition.name) + 0.22 * (number - (len(arms) - 1) / 2)
         low, median, high = np.quantile(f.magnitudes, (0.025, 0.5, 0.975)) / MM
         label = f.source if f.definition.name == names[0] else None
-        axes.plot([low, high], [y, y], color=COLOURS[number % 3], lw=2.5, solid_capstyle="butt", label=label)
+        axes.plot(
+            [low, high],
+            [y, y],
+            color=COLOURS[number % 3],
+            lw=2.5,
+            solid_capstyle="butt",
+            label=label,
+        )
         axes.plot(median, y, "o", color=COLOURS[number % 3], mec="white")
         axes.plot(f.runs[0].mpe / MM, y, "|", color=VERMILLION, ms=16, mew=2.5)
     axes.set_yticks(range(len(names)), names)

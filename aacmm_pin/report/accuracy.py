@@ -1,4 +1,6 @@
-"""Postures, accuracy, maps and Monte Carlo as documents: what is known before anything is measured."""
+"""Postures, accuracy, maps and Monte Carlo as documents: what is known before anything is
+measured.
+"""
 
 from __future__ import annotations
 
@@ -40,7 +42,10 @@ def flexibility_document(flexibility: Flexibility) -> Document:
     """Which sectors have a configuration."""
     number = len(flexibility.sectors)  # none of an arm without an elbow that goes round
     heads = [f"{centre / DEG:.4g}°" for centre in (sector_centres(number) if number else ())]
-    works = {head: ["works" if yes else "–"] for head, yes in zip(heads, flexibility.sectors, strict=True)}
+    works = {
+        head: ["works" if yes else "–"]
+        for head, yes in zip(heads, flexibility.sectors, strict=True)
+    }
     table = Table(pd.DataFrame(works), "Swivel angle of each sector's centre")
     return Document("Flexibility", [Paragraph(str(flexibility), head="Flexibility ζ:"), table])
 
@@ -51,8 +56,8 @@ def accuracy_document(accuracy: AccuracyVolume, summary: dict[str, Any] | None =
 
     Args:
         accuracy: over some configurations.
-        summary: of the same at a point, by :func:`aacmm_pin.report.json_summaries.accuracy_summary`; adds its best and
-            worst.
+        summary: of the same at a point, by
+            :func:`aacmm_pin.report.json_summaries.accuracy_summary`; adds its best and worst.
     """
     if not len(accuracy.q):
         return Document("Accuracy", [str(accuracy)])
@@ -60,13 +65,16 @@ def accuracy_document(accuracy: AccuracyVolume, summary: dict[str, Any] | None =
     values = accuracy.to_frame().filter(regex="_mm")
     values.insert(0, EXPANDED, COVERAGE_FACTOR * values["u_mm"])
     budget = accuracy.budget()[["parameter", "u_mm", "share"]]
-    postures, over, budget = in_one_unit(postures, spread(values, "over the configurations"), budget)
+    postures, over, budget = in_one_unit(
+        postures, spread(values, "over the configurations"), budget
+    )
     comprehensive = None if summary is None else summary["volume_mm3"]["comprehensive"]
+    origin = ", swivel 0 where the elbow is highest" if "swivel [°]" in postures else ""
     blocks: list[Block] = [
         str(accuracy),
         what_k_covers(),
         "" if comprehensive is None else f"comprehensive accuracy {comprehensive:.4g} mm³",
-        Table(postures, f"Postures{', swivel 0 where the elbow is highest' if 'swivel [°]' in postures else ''}"),
+        Table(postures, f"Postures{origin}"),
         Table(over),
         _budget(budget),
         *map(str, accuracy.sources.caveats),
@@ -89,7 +97,10 @@ def length_document(length: LengthUncertainty) -> Document:
     for words, number in (("smallest U", length.u.argmin()), ("largest U", length.u.argmax())):
         a, b = length.pair(int(number))
         angles = {"at A": length.q_a[a], "at B": length.q_b[b]}
-        degrees = {f"theta {end}_deg": " ".join(f"{theta:.0f}" for theta in q / DEG) for end, q in angles.items()}
+        degrees = {
+            f"theta {end}_deg": " ".join(f"{theta:.0f}" for theta in q / DEG)
+            for end, q in angles.items()
+        }
         rows.append({"postures": words, EXPANDED: COVERAGE_FACTOR * length.u[a, b] / MM, **degrees})
     ends, budget = in_one_unit(pd.DataFrame(rows), length.budget()[["parameter", "u_mm", "share"]])
     blocks: list[Block] = [
@@ -109,10 +120,14 @@ def what_k_covers() -> str:
 
 
 def postures_at_the_ends(summary: dict[str, Any]) -> pd.DataFrame:
-    """The postures of an accuracy summary with the smallest and largest volume and U, one row each."""
+    """The postures of an accuracy summary with the smallest and largest volume and U, one
+    row each.
+    """
     rows = [{"posture": words} | summary[name] for name, words in POSTURES.items()]
     table = pd.DataFrame(rows).dropna(axis="columns", how="all")
-    table["theta_deg"] = [" ".join(f"{theta:.0f}" for theta in posture) for posture in table["theta_deg"]]
+    table["theta_deg"] = [
+        " ".join(f"{theta:.0f}" for theta in posture) for posture in table["theta_deg"]
+    ]
     table.insert(2, EXPANDED, COVERAGE_FACTOR * table.pop("u_mm"))
     return table
 
@@ -129,6 +144,11 @@ def map_document(map_: WorkspaceMap) -> Document:
         "flexibility": "flexibility",
     }
     values = pd.DataFrame({words: map_.data[name].values.ravel() for name, words in names.items()})
-    cells = pd.DataFrame({str(sectors): [number] for sectors, number in map_.working_sectors().items()})
+    cells = pd.DataFrame(
+        {str(sectors): [number] for sectors, number in map_.working_sectors().items()}
+    )
     table = Table(spread(values, "over the cells"))
-    return Document("Map", [str(map_), table, Table(cells, "Reachable cells by their number of working sectors")])
+    return Document(
+        "Map",
+        [str(map_), table, Table(cells, "Reachable cells by their number of working sectors")],
+    )

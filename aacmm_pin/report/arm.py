@@ -29,8 +29,16 @@ MOST_SOURCES = 40
 def arm_document(arm: Arm) -> Document:
     """Geometry with its uncertainty, limits and noise."""
     origin = f"{arm.dh.rows} rows of {arm.dh.convention}" if arm.dh else "from a URDF"
-    words = [f"{count(arm.nq, 'joint')}, {origin}", f"tip at frame {arm.tip}", f"gravity {vector(arm.gravity)} m/s²"]
-    words += [] if arm.stylus_axis is None else [f"stylus along {vector(arm.stylus_axis)} of the tip's frame"]
+    words = [
+        f"{count(arm.nq, 'joint')}, {origin}",
+        f"tip at frame {arm.tip}",
+        f"gravity {vector(arm.gravity)} m/s²",
+    ]
+    words += (
+        []
+        if arm.stylus_axis is None
+        else [f"stylus along {vector(arm.stylus_axis)} of the tip's frame"]
+    )
     return Document(
         arm.name,
         [
@@ -49,7 +57,10 @@ def _uncertainty_in_words(arm: Arm) -> str:
         return "No uncertainty is stated, so no accuracy can be computed."
     text = "±: half-widths as stated; without ±: exact"
     if arm.covariance is not None:
-        text += f"; U (k = 2) of the {len(arm.covariance.parameters)} parameters of a calibration with its covariance"
+        text += (
+            f"; U (k = 2) of the {len(arm.covariance.parameters)} parameters of a calibration "
+            "with its covariance"
+        )
     return f"{text}."
 
 
@@ -72,7 +83,9 @@ def _dh_cells(dh: DHTable, half_widths: Mapping[str, float | None]) -> pd.DataFr
         scale = MM if kind in ("a", "d") else DEG
         halves = [half_widths.get(f"{kind}{i + 1}") for i in range(dh.rows)]
         cells = zip(values / scale, halves, strict=True)
-        table[HEADS[kind]] = [f"{value:z.5f}" + (f" ± {half / scale:.5f}" if half else "") for value, half in cells]
+        table[HEADS[kind]] = [
+            f"{value:z.5f}" + (f" ± {half / scale:.5f}" if half else "") for value, half in cells
+        ]
     return table
 
 
@@ -90,7 +103,11 @@ def _joints(arm: Arm) -> pd.DataFrame:
             "placement ± [µrad]": [tuple(own) for own in half[:, 3:] / UM],
         }
     )
-    return table if arm.encoder_noise is None else table.assign(**{"encoder u [µrad]": arm.encoder_noise / UM})
+    return (
+        table
+        if arm.encoder_noise is None
+        else table.assign(**{"encoder u [µrad]": arm.encoder_noise / UM})
+    )
 
 
 def _limits(arm: Arm, joint: int) -> str:
@@ -101,7 +118,9 @@ def _limits(arm: Arm, joint: int) -> str:
 @document_of.register
 def dh_document(dh: DHTable) -> Document:
     """The rows of a DH table."""
-    return Document("DH table", [Table(_dh_cells(dh, {}).assign(joint=dh.moving), f"DH table, {dh.convention}")])
+    return Document(
+        "DH table", [Table(_dh_cells(dh, {}).assign(joint=dh.moving), f"DH table, {dh.convention}")]
+    )
 
 
 def _parameters(parameters: Sequence[Parameter]) -> pd.DataFrame:
@@ -131,7 +150,10 @@ def effect_document(effect: Effect) -> Document:
     needs = f"; depends on {', '.join(effect.needs)}" if effect.needs else ""
     rows = _parameters(effect.parameters()).drop(columns="half-width")
     rows["typical"] = [small(term.typical, term.unit) for term in effect.terms]
-    words = Paragraph(f"{_values(effect)}{', ± U (k = 2)' if any(effect.u) else ''}{needs}", head=f"{in_words(effect)}:")
+    words = Paragraph(
+        f"{_values(effect)}{', ± U (k = 2)' if any(effect.u) else ''}{needs}",
+        head=f"{in_words(effect)}:",
+    )
     return Document(in_words(effect), [words, Table(rows)])
 
 
@@ -143,7 +165,10 @@ def _values(effect: Effect) -> str:
 @document_of.register
 def error_model_document(model: ErrorModel) -> Document:
     """An arm and its causes of error."""
-    rows = [{"cause": in_words(e, model.arm), "label": e.label, "value ± U (k = 2)": _values(e)} for e in model.effects]
+    rows = [
+        {"cause": in_words(e, model.arm), "label": e.label, "value ± U (k = 2)": _values(e)}
+        for e in model.effects
+    ]
     none = "" if rows else "No causes of error other than geometry."
     causes = Table(pd.DataFrame(rows), f"Causes of error: {len(rows)}")
     return Document(model.arm.name, [*arm_document(model.arm).blocks, causes, none])
@@ -154,13 +179,23 @@ def poses_document(poses: Poses) -> Document:
     """Angles and tip positions of the first configurations; of all there may be a million."""
     table = {}
     for j, values in enumerate(poses.q.T):
-        slides = poses.model.joints[j + 1].shortname().startswith("JointModelP")  # prismatic; planar ones are refused
-        table[f"joint {j + 1} [mm]" if slides else f"θ{j + 1} [°]"] = values[:FEW] / (MM if slides else DEG)
+        slides = (
+            poses.model.joints[j + 1].shortname().startswith("JointModelP")
+        )  # prismatic; planar ones are refused
+        table[f"joint {j + 1} [mm]" if slides else f"θ{j + 1} [°]"] = values[:FEW] / (
+            MM if slides else DEG
+        )
     some = Poses(poses.model, poses.q[:FEW], poses.frame_id)
     table |= {f"{axis} [mm]": some.position[:, k] / MM for k, axis in enumerate("xyz")}
-    words = f"{count(len(poses.q), 'configuration')}, frame {poses.model.frames[poses.frame_id].name}, by Pinocchio"
+    words = (
+        f"{count(len(poses.q), 'configuration')}, frame "
+        f"{poses.model.frames[poses.frame_id].name}, by Pinocchio"
+    )
     more = f"… and {len(poses.q) - FEW} more" if len(poses.q) > FEW else ""
-    return Document(poses.model.name, [Paragraph(words, head=poses.model.name), Table(pd.DataFrame(table)), more])
+    return Document(
+        poses.model.name,
+        [Paragraph(words, head=poses.model.name), Table(pd.DataFrame(table)), more],
+    )
 
 
 @document_of.register
@@ -170,5 +205,8 @@ def sources_document(sources: ErrorSources) -> Document:
     words = f"{count(len(sources.parameters), 'source')} of error at {sources.at}{left_out}"
     return Document(
         sources.arm.name,
-        [Paragraph(words, head=sources.arm.name), Table(_parameters(sources.parameters), most=MOST_SOURCES)],
+        [
+            Paragraph(words, head=sources.arm.name),
+            Table(_parameters(sources.parameters), most=MOST_SOURCES),
+        ],
     )

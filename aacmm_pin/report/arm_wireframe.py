@@ -1,8 +1,9 @@
-"""The arm as lines: what lies between one joint axis and the next, in the axes of the joint before it.
+"""The arm as lines: what lies between one joint axis and the next, in the axes of the joint before
+it.
 
-Body i moves with ``axis i`` of the chain (:mod:`aacmm_pin.arm.chain`), body 0 stands still. With a DH table its line runs
-along d and a of the row, so that tubes are where the arm has them; an arm that came as URDF has straight lines between
-its joints.
+Body i moves with ``axis i`` of the chain (:mod:`aacmm_pin.arm.chain`), body 0 stands still. With a
+DH table its line runs along d and a of the row, so that tubes are where the arm has them; an arm
+that came as URDF has straight lines between its joints.
 """
 
 from __future__ import annotations
@@ -33,7 +34,9 @@ class ArmLines:
     @cached_property
     def length(self) -> float:
         """Of all lines [m]."""
-        return sum(float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum()) for line in self.lines)
+        return sum(
+            float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum()) for line in self.lines
+        )
 
     def placements(self, q: Array) -> Array:
         """Placements of all bodies for checked ``q`` (n, nq): (bodies, n, 4, 4) [m]."""
@@ -47,7 +50,10 @@ class ArmLines:
     def corners(self, q: Array) -> Array:
         """All corners of all lines in the base, from the base to the tip: (n, corners, 3) [m]."""
         placed = zip(self.placements(q), self.lines, strict=True)
-        return np.concatenate([line @ at[:, :3, :3].transpose(0, 2, 1) + at[:, None, :3, 3] for at, line in placed], axis=1)
+        return np.concatenate(
+            [line @ at[:, :3, :3].transpose(0, 2, 1) + at[:, None, :3, 3] for at, line in placed],
+            axis=1,
+        )
 
 
 def _lines_of_table(dh: DHTable) -> list[Array]:
@@ -56,13 +62,22 @@ def _lines_of_table(dh: DHTable) -> list[Array]:
     along_d, along_a = np.column_stack([zero, zero, dh.d]), np.column_stack([dh.a, zero, zero])
     start = np.zeros((1, 3))
     if dh.standard:
-        return [start, *(np.vstack([start, d, d + a]) for d, a in zip(along_d, along_a, strict=True))]
+        return [
+            start,
+            *(np.vstack([start, d, d + a]) for d, a in zip(along_d, along_a, strict=True)),
+        ]
     behind = [*along_a[1:, None], np.empty((0, 3))]
-    return [np.vstack([start, along_a[0]]), *(np.vstack([-d, start, a]) for d, a in zip(along_d, behind, strict=True))]
+    return [
+        np.vstack([start, along_a[0]]),
+        *(np.vstack([-d, start, a]) for d, a in zip(along_d, behind, strict=True)),
+    ]
 
 
 def _straight_lines(arm: Arm) -> list[Array]:
     """From each joint's origin to the next, at rest."""
     places = [chain.BASE, *(chain.axis(row) for row in range(1, arm.chain.rows + 1)), arm.chain.tip]
     rotation, origin = (part[:, 0] for part in arm.chain.walk(np.zeros((1, arm.nq))))
-    return [np.vstack([np.zeros(3), (origin[after] - origin[place]) @ rotation[place]]) for place, after in pairwise(places)]
+    return [
+        np.vstack([np.zeros(3), (origin[after] - origin[place]) @ rotation[place]])
+        for place, after in pairwise(places)
+    ]

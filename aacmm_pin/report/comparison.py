@@ -22,13 +22,17 @@ def comparison_notes(found: Comparison, arm: str) -> Iterator[str]:
     what = {
         "reference": f"distance from {count(found.count, 'reference')}",
         "bar length": f"error of {count(found.count, 'bar length')}",
-        "seat": f"distance from the mean of the touches of {count(found.count, 'seat')} without coordinates",
+        "seat": f"distance from the mean of the touches of {count(found.count, 'seat')} without "
+        "coordinates",
     }[found.kind]
     if not math.isnan(found.u):
         what = f"{what}, themselves with u = {found.u / MM:.4f} mm"
     yield f"{what}: RMS {_sizes(found.rms)}; largest {_sizes(found.largest)}"
     if found.is_worse:
-        yield ("warning: this arm and its effects make it worse; aacmm-pin diagnose says what has changed")
+        yield (
+            "warning: this arm and its effects make it worse; aacmm-pin diagnose says what "
+            "has changed"
+        )
 
 
 def _sizes(sizes: list[float]) -> str:

@@ -1,5 +1,5 @@
-"""The demonstration on bundled input: ``index.html``, an arm at a working point, over its workspace, and measured; and
-the files behind it.
+"""The demonstration on bundled input: ``index.html``, an arm at a working point, over its
+workspace, and measured; and the files behind it.
 
 Every number in the text is computed when the page is made; the sentences around them are fixed.
 """
@@ -39,7 +39,17 @@ from aacmm_pin.report.diagnosis import (
     rms_figure,
     verdict_in_words,
 )
-from aacmm_pin.report.document import Block, Bullets, Document, Download, Figure, Heading, Paragraph, Table, blank_axes
+from aacmm_pin.report.document import (
+    Block,
+    Bullets,
+    Document,
+    Download,
+    Figure,
+    Heading,
+    Paragraph,
+    Table,
+    blank_axes,
+)
 from aacmm_pin.report.html import page
 from aacmm_pin.report.json_summaries import accuracy_summary, map_summary
 from aacmm_pin.report.numbers import percent
@@ -48,7 +58,9 @@ from aacmm_pin.report.scenes import circle_scene, map_scene
 SEED = 1
 """Seed of every random number."""
 POINT = np.array([33.6323, -671.8702, 182.9355]) * MM
-"""The working point of the wrist in the DH base frame [m]: the first one that the paper of SINO6 measured."""
+"""The working point of the wrist in the DH base frame [m]: the first one that the paper of SINO6
+measured.
+"""
 LARGEST = 3
 """Parameters that the text names as the largest of the budget."""
 RECORDS, SEATS = 200, 10
@@ -70,13 +82,17 @@ FILES = {
 }
 """What the page links to."""
 QUESTION = (
-    "Before measuring: how accurate is the arm at a point and over its workspace, in which posture, and why? After "
-    "measuring: what does its model get wrong, what causes it, and how much better is the arm once the model knows?"
+    "Before measuring: how accurate is the arm at a point and over its workspace, in which "
+    "posture, and why? After "
+    "measuring: what does its model get wrong, what causes it, and how much better is the arm "
+    "once the model knows?"
 )
 ASSUMED = (
-    "Before measuring only the geometry is uncertain: independent errors, uniform within the half-widths. Encoder noise, "
+    "Before measuring only the geometry is uncertain: independent errors, uniform within the "
+    "half-widths. Encoder noise, "
     "eccentricity, gravity, temperature and contact come on top.",
-    "The working point is the wrist; what lies behind it, the stylus too, has no part in these numbers.",
+    "The working point is the wrist; what lies behind it, the stylus too, has no part in these "
+    "numbers.",
     "Volumes are first order in the errors; cells and sectors are judged at their centres.",
     "Neither volume nor u is a maximum permissible error of any standard.",
 )
@@ -103,13 +119,21 @@ class DemoSummary:
     seconds: float
 
     def __str__(self) -> str:
-        end = f"{len(self.files)} files in {self.seconds:.0f} s; the page is {self.folder / 'index.html'}"
+        end = (
+            f"{len(self.files)} files in {self.seconds:.0f} s; the page is "
+            f"{self.folder / 'index.html'}"
+        )
         return "\n".join([*self.findings, end])
 
 
-def _at_the_point(circle: ConfigurationCircle, accuracy: AccuracyVolume, summary: dict[str, Any]) -> list[Block]:
+def _at_the_point(
+    circle: ConfigurationCircle, accuracy: AccuracyVolume, summary: dict[str, Any]
+) -> list[Block]:
     curves = len(circle.components.curves)
-    can_move = f"With the wrist held there the arm can still move: its elbow runs along {curves} closed curves."
+    can_move = (
+        f"With the wrist held there the arm can still move: its elbow runs along {curves} "
+        "closed curves."
+    )
     ends = postures_at_the_ends(summary)
     return [
         Heading("At one point: in which posture, how accurate, and why"),
@@ -131,7 +155,8 @@ def _circle_figure(circle: ConfigurationCircle, accuracy: AccuracyVolume) -> Fig
     return Figure(
         draw,
         f"The elbow's path round the working point and {circle.arm.name} in five postures",
-        "Five of the postures, and the path of the elbow, coloured by the accuracy volume where all joints "
+        "Five of the postures, and the path of the elbow, coloured by the accuracy volume where "
+        "all joints "
         "are within limits.",
     )
 
@@ -140,13 +165,17 @@ def _budget_figure(accuracy: AccuracyVolume) -> Figure:
     return Figure(
         lambda: plots.plot_budget(accuracy, "parameter", blank_axes(7.0, 3.6)),
         "Bars of the shares of the variance by parameter",
-        "Uncertainty budget: share of the variance, and the standard uncertainty that each parameter alone would cause.",
+        "Uncertainty budget: share of the variance, and the standard uncertainty that each "
+        "parameter alone would cause.",
     )
 
 
 def _uncertainty_at_the_point(u_mm: dict[str, float]) -> str:
     least, most = COVERAGE_FACTOR * u_mm["min"], COVERAGE_FACTOR * u_mm["max"]
-    return f"Expanded uncertainty of the position: U (k = 2) = {least:.3f} to {most:.3f} mm, depending on the posture."
+    return (
+        f"Expanded uncertainty of the position: U (k = 2) = {least:.3f} to {most:.3f} mm, "
+        "depending on the posture."
+    )
 
 
 def _volume_at_the_point(summary: dict[str, Any]) -> str:
@@ -165,13 +194,18 @@ def _over_the_workspace(map_: WorkspaceMap, circle: ConfigurationCircle) -> list
     x, z = map_.data.sizes["x_mm"], map_.data.sizes["z_mm"]
     figure = Figure(
         lambda: _maps(map_, circle),
-        f"Maps of {circle.arm.name} over distance from joint axis 1 and z: uncertainty and flexibility",
-        "Standard uncertainty u of the position in the posture where it is smallest, and flexibility. The star is the "
+        f"Maps of {circle.arm.name} over distance from joint axis 1 and z: uncertainty and "
+        "flexibility",
+        "Standard uncertainty u of the position in the posture where it is smallest, and "
+        "flexibility. The star is the "
         "working point above, turned into the plane.",
     )
     return [
         Heading("Over the workspace"),
-        Paragraph(f"The arm turns about joint 1, so one half-plane stands for all of space: {x} × {z} cells."),
+        Paragraph(
+            f"The arm turns about joint 1, so one half-plane stands for all of space: {x} × "
+            f"{z} cells."
+        ),
         Paragraph(_uncertainty_over_the_workspace(map_), finding=True),
         figure,
     ]
@@ -202,8 +236,10 @@ def _maps(map_: WorkspaceMap, circle: ConfigurationCircle) -> Drawing:
 def _measured(found: Diagnosis, hidden: Effect) -> list[Block]:
     name, records = found.model.arm.name, found.extended.problem.measurements
     how = (
-        f"A virtual {name}, its geometry drawn within the half-widths, got an encoder that is off its centre and "
-        f"touched {SEATS} seats of known coordinates, {records.n} records in all. The diagnosis knows the records and "
+        f"A virtual {name}, its geometry drawn within the half-widths, got an encoder that is off "
+        "its centre and "
+        f"touched {SEATS} seats of known coordinates, {records.n} records in all. The diagnosis "
+        "knows the records and "
         "the arm file only."
     )
     table = _hidden_and_found(found, hidden)

@@ -178,7 +178,9 @@ def _shared(error: SharedError | None) -> dict[str, float] | None:
 
 
 def _amount(name: str, value: float, slides: bool) -> dict[str, float]:
-    """An amount of a joint, its unit in the name; ``value`` in m where the joint slides, else in rad."""
+    """An amount of a joint, its unit in the name; ``value`` in m where the joint slides, else in
+    rad.
+    """
     if slides:
         return {f"{name}_mm": value / MM}
     return {f"{name}_rad": value}

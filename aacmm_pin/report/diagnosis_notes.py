@@ -9,7 +9,17 @@ import numpy as np
 from aacmm_pin._support.notes import Note
 from aacmm_pin.calibration.calibrate import notes_of as notes_of_fit
 from aacmm_pin.calibration.fit import Fit
-from aacmm_pin.diagnosis import THRESHOLDS, Choice, Diagnosis, Doubt, Finding, Unexplained, estimated, not_tried, too_good
+from aacmm_pin.diagnosis import (
+    THRESHOLDS,
+    Choice,
+    Diagnosis,
+    Doubt,
+    Finding,
+    Unexplained,
+    estimated,
+    not_tried,
+    too_good,
+)
 from aacmm_pin.effects import (
     COLUMNS,
     Effect,
@@ -26,7 +36,9 @@ from aacmm_pin.report.numbers import p_equals
 RESTARTS = 5
 """A clock that goes back more often than this is of records in another order."""
 LATE = 10.0
-"""A clock is no time since switching on if it starts later than so many times what the records cover."""
+"""A clock is no time since switching on if it starts later than so many times what the records
+cover.
+"""
 
 
 def notes_of(result: Diagnosis) -> list[Note]:
@@ -42,9 +54,17 @@ def notes_of(result: Diagnosis) -> list[Note]:
         *_since(findings, result.recalibrated),
         *_of_masses(findings),
         *_slopes(findings),
-        *(Note("on_top", {"cause": f.label, "other": f.beside.label}) for f in findings if f.beside),
+        *(
+            Note("on_top", {"cause": f.label, "other": f.beside.label})
+            for f in findings
+            if f.beside
+        ),
         *_changed(findings, known, choice),
-        *(text for effect in known for text in effect.validity_notes(extended.problem.measurements.conditions)),
+        *(
+            text
+            for effect in known
+            for text in effect.validity_notes(extended.problem.measurements.conditions)
+        ),
         *_size(extended),
         *_clock(extended),
         *_too_good(extended),
@@ -53,7 +73,9 @@ def notes_of(result: Diagnosis) -> list[Note]:
 
 
 def doubts_in_words(result: Diagnosis) -> list[str]:
-    """What keeps the verdict from being ``explained`` or ``no-discrepancy``, but for what is said of the causes."""
+    """What keeps the verdict from being ``explained`` or ``no-discrepancy``, but for what is said
+    of the causes.
+    """
     return [str(note) for doubt in result.doubts if (note := _doubt(result, doubt))]
 
 
@@ -66,11 +88,16 @@ def _doubt(result: Diagnosis, doubt: Doubt) -> Note | None:
     (seen, of), arm = result.visible, result.model.arm
     match doubt:
         case "contradicted references":
-            return Note("contradicted_references", {"places": "; ".join(map(str, result.contradicted))})
+            return Note(
+                "contradicted_references", {"places": "; ".join(map(str, result.contradicted))}
+            )
         case "few causes shown":
             return Note("few_causes_shown", {"seen": seen, "of": of})
         case "cause not named":
-            causes, records = labels_in_words(result, result.otherwise), int(result.extended.excluded.sum())
+            causes, records = (
+                labels_in_words(result, result.otherwise),
+                int(result.extended.excluded.sum()),
+            )
             return Note("cause_not_named", {"causes": causes, "records": records})
         case "below zero":
             negative = [finding.effect for finding in result.findings if finding.below_zero]
@@ -83,15 +110,24 @@ def _doubt(result: Diagnosis, doubt: Doubt) -> Note | None:
         case "starts disagree":
             return Note("starts_disagree")
         case "more causes":
-            return Note("more_causes", {"probability": probability(result.more), "threshold": THRESHOLDS.settled})
+            return Note(
+                "more_causes",
+                {"probability": probability(result.more), "threshold": THRESHOLDS.settled},
+            )
         case "no better" | "cause not borne out" | "structure left":
             return None
     raise LookupError(doubt)
 
 
 def beside_threshold(left: Unexplained) -> str:
-    """The p-value of what is left, and below which something is: ``p = 0.02, threshold 0.001 beside what was named``."""
-    where = "where nothing was named" if left.threshold == THRESHOLDS.left_alone else "beside what was named"
+    """The p-value of what is left, and below which something is: ``p = 0.02, threshold 0.001 beside
+    what was named``.
+    """
+    where = (
+        "where nothing was named"
+        if left.threshold == THRESHOLDS.left_alone
+        else "beside what was named"
+    )
     return f"{p_equals(left.p_value)}, threshold {left.threshold:g} {where}"
 
 
@@ -99,7 +135,12 @@ def labels_in_words(result: Diagnosis, labels: Sequence[str]) -> str:
     """Causes and covariates that labels of the result name, in a row."""
     causes = [result.cause(label) for label in labels]
     pairs, arm = zip(labels, causes, strict=True), result.model.arm
-    return listed([f"dependence on {label}" if cause is None else name_in_words(cause, arm) for label, cause in pairs])
+    return listed(
+        [
+            f"dependence on {label}" if cause is None else name_in_words(cause, arm)
+            for label, cause in pairs
+        ]
+    )
 
 
 def _disagreement(result: Diagnosis) -> list[Note]:
@@ -113,7 +154,10 @@ def _disagreement(result: Diagnosis) -> list[Note]:
 def _not_tried(choice: Choice) -> list[Note]:
     """Columns that the file lacks, and what could not be tried without them."""
     lacking = not_tried(choice.library, choice.fit.problem.measurements).items()
-    each = [f"no {COLUMNS[need]}: {listed([cause_in_words(c) for c in causes])} not tried" for need, causes in lacking]
+    each = [
+        f"no {COLUMNS[need]}: {listed([cause_in_words(c) for c in causes])} not tried"
+        for need, causes in lacking
+    ]
     return [Note("causes_not_tried", {"columns": "; ".join(each)})] if each else []
 
 
@@ -130,22 +174,40 @@ def _slopes(findings: Sequence[Finding]) -> Iterator[Note]:
             yield Note("drift_slope", {"cause": effect.label, "until": until})
 
 
-def _changed(findings: Sequence[Finding], known: Sequence[Effect], choice: Choice) -> Iterator[Note]:
-    """Causes that were known with other values, and those beside which another of their kind was found."""
-    now = {effect.identity: (effect, values_with_u(effect, covariance)) for effect, covariance in estimated(choice)}
-    found, of_known = ({effect.identity for effect in some} for some in ((f.effect for f in findings), known))
+def _changed(
+    findings: Sequence[Finding], known: Sequence[Effect], choice: Choice
+) -> Iterator[Note]:
+    """Causes that were known with other values, and those beside which another of their kind was
+    found.
+    """
+    now = {
+        effect.identity: (effect, values_with_u(effect, covariance))
+        for effect, covariance in estimated(choice)
+    }
+    found, of_known = (
+        {effect.identity for effect in some} for some in ((f.effect for f in findings), known)
+    )
     for f in findings:
         same = f.effect.identity in of_known
-        others = [] if same else [old for old in known if old.label == f.label and old.identity not in found]
+        others = (
+            []
+            if same
+            else [old for old in known if old.label == f.label and old.identity not in found]
+        )
         for old in others or [old for old in known if old.identity == f.effect.identity]:
             was = _in_words(old, values_with_u(old, np.diag(np.square(old.u))), f.slides)
             data = {"cause": f.label, "was": was}
             if f.gone:
                 yield Note("known_cause_gone", data)
             elif same or old.identity not in now:
-                yield Note("known_cause_changed", {**data, "now": _in_words(f.effect, f.parameters, f.slides)})
+                yield Note(
+                    "known_cause_changed",
+                    {**data, "now": _in_words(f.effect, f.parameters, f.slides)},
+                )
             else:
-                yield Note("known_cause_beside", {**data, "now": _in_words(*now[old.identity], f.slides)})
+                yield Note(
+                    "known_cause_beside", {**data, "now": _in_words(*now[old.identity], f.slides)}
+                )
 
 
 def _in_words(effect: Effect, values: dict[str, tuple[float, float]], slides: bool) -> str:
@@ -166,7 +228,9 @@ def _below_zero(findings: Sequence[Finding]) -> list[Note]:
 
 
 def _since(findings: Sequence[Finding], recalibrated: Fit) -> list[Note]:
-    """Causes of which a part would be in the values of an earlier calibration, if they acted then."""
+    """Causes of which a part would be in the values of an earlier calibration, if they
+    acted then.
+    """
     lasting = [f.label for f in findings if f.was is None and "time" not in f.effect.needs]
     if not (lasting and recalibrated.problem.from_earlier):
         return []

@@ -1,4 +1,5 @@
-"""A result told once, as blocks; the shell, Jupyter and a page each show the same :class:`Document`.
+"""A result told once, as blocks; the shell, Jupyter and a page each show the same
+:class:`Document`.
 
     document = Document(
         "SINO6: calibration",
@@ -6,7 +7,8 @@
             Heading("Residuals"),
             Paragraph("The residuals fell by 29 %.", finding=True),
             Table(frame, "RMS distance of tip and target"),
-            Figure(lambda: plots.plot_groups(found, blank_axes(9.3, 4.0)), "RMS by group", "RMS of the residuals."),
+            Figure(lambda: plots.plot_groups(found, blank_axes(9.3, 4.0)), "RMS by group", "RMS of
+                the residuals."),
         ],
         "300 records of data.csv",
     )
@@ -105,11 +107,14 @@ class Table:
     """A data frame as a table.
 
     Attributes:
-        frame: the data; the index is not shown. Units stand at the end of names, ``u_mm`` or ``u [mm]``; lengths of the
-            first kind are in mm, and shown in µm where all of them are small.
+        frame: the data; the index is not shown. Units stand at the end of names, ``u_mm`` or ``u
+            [mm]``; lengths of the first kind are in mm, and shown in µm where all of them are
+            small.
         caption: what it shows, in a few words.
-        formats: how the values of a column are written, such as ``{"r": ".2f"}``, where not as its unit or type says.
-        heads: heads of columns whose name is not what a reader should see, such as ``{"retained_share": "retained"}``.
+        formats: how the values of a column are written, such as ``{"r": ".2f"}``, where not as its
+            unit or type says.
+        heads: heads of columns whose name is not what a reader should see, such as
+            ``{"retained_share": "retained"}``.
         explained: how to read it, for pages.
         most: at most so many rows, and how many more there are.
         spare: head of a column that the shell leaves out where the table would be too wide with it.
@@ -130,7 +135,10 @@ class Table:
         (frame,) = in_one_unit(self.frame.rename(columns=self.heads))
         forms = {self.heads.get(name, name): form for name, form in self.formats.items()}
         texts = {
-            name: [cell(value, forms.get(name) or _form(name)) for value in column.head(self.most or len(column))]
+            name: [
+                cell(value, forms.get(name) or _form(name))
+                for value in column.head(self.most or len(column))
+            ]
             for name, column in ((str(name), frame[name]) for name in frame)
         }
         return pd.DataFrame(texts, dtype=object)
@@ -159,7 +167,9 @@ class Figure:
         with without_latex():
             drawn = self.drawn()
             figure: Any = drawn if hasattr(drawn, "savefig") else drawn.figure
-            figure.savefig(buffer, format="png", dpi=DPI, facecolor="white", metadata={"Software": None})
+            figure.savefig(
+                buffer, format="png", dpi=DPI, facecolor="white", metadata={"Software": None}
+            )
         return buffer.getvalue()
 
 
@@ -217,22 +227,33 @@ class Document:
         title: title of the page.
         blocks: in the order in which they are read, those left out that have nothing to show.
         subtitle: one line below the title.
-        sheet: rows of tables that it has where it is to take one sheet of paper to be signed, and is set closely for it; 0
-            where not.
+        sheet: rows of tables that it has where it is to take one sheet of paper to be signed, and
+            is set closely for it; 0 where not.
         by_hand: what is filled in by hand on paper, below the blocks before the first heading.
     """
 
     def __init__(
-        self, title: str, blocks: Iterable[Block], subtitle: str = "", sheet: int = 0, by_hand: Sequence[str] = ()
+        self,
+        title: str,
+        blocks: Iterable[Block],
+        subtitle: str = "",
+        sheet: int = 0,
+        by_hand: Sequence[str] = (),
     ) -> None:
         """A plain string among the blocks is a paragraph."""
         self.title, self.subtitle, self.sheet = title, subtitle, sheet
         self.by_hand = by_hand or ("Operator", "Date", "Signature") * bool(sheet)
-        self.blocks = [b for b in (Paragraph(b) if isinstance(b, str) else b for b in blocks) if not _is_empty(b)]
+        self.blocks = [
+            b
+            for b in (Paragraph(b) if isinstance(b, str) else b for b in blocks)
+            if not _is_empty(b)
+        ]
 
     def short(self) -> list[Block]:
         """The blocks that the shell and Jupyter show."""
-        return [b for b in self.blocks if not (isinstance(b, FOR_PAGES) or getattr(b, "detail", False))]
+        return [
+            b for b in self.blocks if not (isinstance(b, FOR_PAGES) or getattr(b, "detail", False))
+        ]
 
 
 def _is_empty(block: Block) -> bool:
@@ -259,14 +280,20 @@ def document_of(result: object) -> Document:
 
 @document_of.register
 def shown_document(result: Shown) -> Document:
-    """A result by what it says of itself; one that says nothing by its fields and properties that are numbers or words."""
+    """A result by what it says of itself; one that says nothing by its fields and properties that
+    are numbers or words.
+    """
     kind = type(result)
     if kind.__str__ is not object.__str__:
         return Document(kind.__name__, [Paragraph(str(result), head=f"{kind.__name__}:")])
     names = [f.name for f in fields(result)]  # type: ignore[arg-type]
     names += [name for name, member in vars(kind).items() if isinstance(member, property)]
     values = {name: getattr(result, name) for name in names}
-    row = {name: [value] for name, value in values.items() if isinstance(value, str | int | float | tuple | None)}
+    row = {
+        name: [value]
+        for name, value in values.items()
+        if isinstance(value, str | int | float | tuple | None)
+    }
     return Document(kind.__name__, [Table(pd.DataFrame(row), f"{kind.__name__}, in SI units")])
 
 

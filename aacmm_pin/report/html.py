@@ -1,4 +1,5 @@
-"""A document as one self-contained HTML page, or as a fragment that Jupyter shows; nothing is fetched from anywhere.
+"""A document as one self-contained HTML page, or as a fragment that Jupyter shows; nothing is
+fetched from anywhere.
 
 Text is text: it is escaped, never read as markup.
 """
@@ -30,7 +31,9 @@ from aacmm_pin.report.document import (
 from aacmm_pin.report.numbers import capital
 
 WIDE = 1050
-"""A figure of more columns than this has several panels side by side; on a phone it is scrolled, not shrunk [pixels]."""
+"""A figure of more columns than this has several panels side by side; on a phone it is scrolled,
+not shrunk [pixels].
+"""
 SHORT = 22
 """Texts up to this many characters stay on one line of a table."""
 ALIGNED = {
@@ -38,8 +41,12 @@ ALIGNED = {
     "short": Markup(' style="text-align: left"'),
     "long": Markup(' style="text-align: left"'),
 }
-"""Attribute of a cell where no style sheet of ours is: that of Jupyter aligns all cells to the right."""
-_TIES = re.compile(r"(?<=[0-9=]) (?=(?:mm³|mm|µm|kB|%|°)(?!\w))|(?<==) (?=[-0-9])|(?<=[\wθζ]) (?==\s-?[0-9])")
+"""Attribute of a cell where no style sheet of ours is: that of Jupyter aligns all cells to the
+right.
+"""
+_TIES = re.compile(
+    r"(?<=[0-9=]) (?=(?:mm³|mm|µm|kB|%|°)(?!\w))|(?<==) (?=[-0-9])|(?<=[\wθζ]) (?==\s-?[0-9])"
+)
 
 
 def page(document: Document) -> str:
@@ -54,7 +61,9 @@ def page(document: Document) -> str:
         else:
             sections[-1]["blocks"].append(block)
     has_scene = any(isinstance(block, SceneView) for block in document.blocks)
-    opening, *contents = [section | {"blocks": _prepared(section["blocks"], on_page=True)} for section in sections]
+    opening, *contents = [
+        section | {"blocks": _prepared(section["blocks"], on_page=True)} for section in sections
+    ]
     template = _environment().get_template("report.html.j2")
     return template.render(
         title=document.title,
@@ -99,13 +108,18 @@ def _viewer() -> Markup:
 
 def _prepared(blocks: Iterable[Block], *, on_page: bool) -> list[dict[str, Any]]:
     """What the template needs of each block."""
-    return [{"kind": type(block).__name__} | vars(block) | _derived(block, on_page) for block in blocks]
+    return [
+        {"kind": type(block).__name__} | vars(block) | _derived(block, on_page) for block in blocks
+    ]
 
 
 def _derived(block: Block, on_page: bool) -> dict[str, Any]:
     match block:
         case Notes(items=items):
-            return {"items": [f"{capital(str(note))}." for note in items], "head": "What was assumed or found beside:"}
+            return {
+                "items": [f"{capital(str(note))}." for note in items],
+                "head": "What was assumed or found beside:",
+            }
         case Table():
             return _table(block, on_page)
         case Figure(png=png):
@@ -123,7 +137,9 @@ def _derived(block: Block, on_page: bool) -> dict[str, Any]:
 
 
 def _table(table: Table, on_page: bool) -> dict[str, Any]:
-    """Rows of text; head and style of every column: ``number``, ``short`` (not broken into lines) or ``long`` text."""
+    """Rows of text; head and style of every column: ``number``, ``short`` (not broken into lines)
+    or ``long`` text.
+    """
     cells = table.cells()
     return {
         "explained": table.explained if on_page else "",
@@ -135,7 +151,13 @@ def _table(table: Table, on_page: bool) -> dict[str, Any]:
 
 
 def _style(texts: Sequence[str]) -> str:
-    return "number" if are_numbers(texts) else "short" if max(map(len, texts), default=0) <= SHORT else "long"
+    return (
+        "number"
+        if are_numbers(texts)
+        else "short"
+        if max(map(len, texts), default=0) <= SHORT
+        else "long"
+    )
 
 
 def _kept_together(value: object) -> object:

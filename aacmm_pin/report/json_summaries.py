@@ -1,4 +1,6 @@
-"""Results as plain dictionaries for JSON: what ``aacmm-pin accuracy --json`` and ``aacmm-pin map --json`` write."""
+"""Results as plain dictionaries for JSON: what ``aacmm-pin accuracy --json`` and ``aacmm-pin map
+--json`` write.
+"""
 
 from __future__ import annotations
 
@@ -22,20 +24,28 @@ ACCURACY_SCHEMA = "aacmm-pin/accuracy/1"
 LENGTH_SCHEMA = "aacmm-pin/length/1"
 MAP_SCHEMA = "aacmm-pin/map/1"
 DIGITS = 9
-"""Decimals kept of lengths and angles [mm, deg]: hides what binary fractions do to decimal input, and nothing else."""
+"""Decimals kept of lengths and angles [mm, deg]: hides what binary fractions do to decimal input,
+and nothing else.
+"""
 
 
-def accuracy_summary(circle: PosturesAtPoint, accuracy: AccuracyVolume, sectors: int = 12) -> dict[str, Any]:
-    """Schema ``aacmm-pin/accuracy/1``: accuracy over the configurations of ``circle`` that are within limits.
+def accuracy_summary(
+    circle: PosturesAtPoint, accuracy: AccuracyVolume, sectors: int = 12
+) -> dict[str, Any]:
+    """Schema ``aacmm-pin/accuracy/1``: accuracy over the configurations of ``circle`` that are
+    within limits.
 
-    ``best`` and ``worst`` are by accuracy volume, ``smallest_u`` and ``largest_u`` by standard uncertainty; the budget is
-    the mean over the configurations; ``taken_as_exact`` names the parameters for which no uncertainty is stated,
-    ``not_included`` the causes of error that are left out, see :class:`aacmm_pin.accuracy.tip_sensitivity.ErrorSources`,
-    ``unexplained`` what the arm's calibration left, "" where nothing.
-    Numbers that do not exist are None: without a configuration all of them, and ``reason`` says why; for an arm that came
-    as URDF swivel angles, sectors (an empty list) and the comprehensive accuracy, whose weights are those of SINO6.
-    ``arc_fraction`` of :func:`aacmm_pin.postures.general_ik` is of the way along the curves, and None for single postures;
-    what was asked for, how it was searched, and what is to be known besides, stand in ``conditions``, ``search``, ``notes``.
+    ``best`` and ``worst`` are by accuracy volume, ``smallest_u`` and ``largest_u`` by standard
+    uncertainty; the budget is the mean over the configurations; ``taken_as_exact`` names the
+    parameters for which no uncertainty is stated, ``not_included`` the causes of error that are
+    left out, see :class:`aacmm_pin.accuracy.tip_sensitivity.ErrorSources`, ``unexplained`` what the
+    arm's calibration left, "" where nothing.
+    Numbers that do not exist are None: without a configuration all of them, and ``reason`` says
+    why; for an arm that came as URDF swivel angles, sectors (an empty list) and the comprehensive
+    accuracy, whose weights are those of SINO6. ``arc_fraction`` of
+    :func:`aacmm_pin.postures.general_ik` is of the way along the curves, and None for single
+    postures; what was asked for, how it was searched, and what is to be known besides, stand in
+    ``conditions``, ``search``, ``notes``.
 
     Args:
         circle: every configuration at the point.
@@ -61,7 +71,9 @@ def accuracy_summary(circle: PosturesAtPoint, accuracy: AccuracyVolume, sectors:
         },
         "volume_mm3": _volumes(circle, accuracy),
         "u_mm": _spread(accuracy.u / MM),
-        "largest_deviation_mm": _spread(accuracy.largest_deviation / MM) if accuracy.sources.bounded else None,
+        "largest_deviation_mm": _spread(accuracy.largest_deviation / MM)
+        if accuracy.sources.bounded
+        else None,
         **_postures(circle, accuracy),
         "budget": _budget(accuracy) if len(inside) else [],
         "taken_as_exact": list(accuracy.sources.taken_as_exact),
@@ -76,12 +88,19 @@ def accuracy_summary(circle: PosturesAtPoint, accuracy: AccuracyVolume, sectors:
     return summary
 
 
-def length_summary(a: PosturesAtPoint, b: PosturesAtPoint, length: LengthUncertainty) -> dict[str, Any]:
-    """Schema ``aacmm-pin/length/1``: uncertainty of the distance of two points over the pairs of postures within limits."""
+def length_summary(
+    a: PosturesAtPoint, b: PosturesAtPoint, length: LengthUncertainty
+) -> dict[str, Any]:
+    """Schema ``aacmm-pin/length/1``: uncertainty of the distance of two points over the pairs of
+    postures within limits.
+    """
     ends = {}
     for name, number in (("best", length.u.argmin()), ("worst", length.u.argmax())):
         i, j = length.pair(int(number))
-        angles = {"from_theta_deg": _rounded(length.q_a[i] / DEG), "to_theta_deg": _rounded(length.q_b[j] / DEG)}
+        angles = {
+            "from_theta_deg": _rounded(length.q_a[i] / DEG),
+            "to_theta_deg": _rounded(length.q_b[j] / DEG),
+        }
         ends[name] = {**angles, "u_mm": float(length.u[i, j] / MM)}
     return {
         "schema": LENGTH_SCHEMA,
@@ -101,9 +120,11 @@ def length_summary(a: PosturesAtPoint, b: PosturesAtPoint, length: LengthUncerta
 
 
 def map_summary(map_: WorkspaceMap) -> dict[str, Any]:
-    """Schema ``aacmm-pin/map/1``: sizes of a map and how many reachable cells have how many working sectors.
+    """Schema ``aacmm-pin/map/1``: sizes of a map and how many reachable cells have how many working
+    sectors.
 
-    ``not_included``, only where there are some, names the causes of error that are left out of the accuracies.
+    ``not_included``, only where there are some, names the causes of error that are left out of the
+    accuracies.
     """
     data = map_.data
     box = np.asarray(data.attrs["extent_mm"])
@@ -123,7 +144,8 @@ def map_summary(map_: WorkspaceMap) -> dict[str, Any]:
 
 
 def accuracy_table(circle: PosturesAtPoint, accuracy: AccuracyVolume) -> pd.DataFrame:
-    """The configurations within limits as in :meth:`PosturesAtPoint.to_frame`, with their accuracy behind.
+    """The configurations within limits as in :meth:`PosturesAtPoint.to_frame`, with their accuracy
+    behind.
 
     Raises:
         ShapeError: ``accuracy`` was worked out for other configurations.
@@ -137,14 +159,20 @@ def _search(postures: ReachingPostures) -> dict[str, Any]:
     return {
         "conditions": postures.conditions.count,
         "components": int(postures.component.max(initial=0)),
-        "search": {"starts": search.starts, "arrived": search.arrived, "unseen_at_most": search.unseen},
+        "search": {
+            "starts": search.starts,
+            "arrived": search.arrived,
+            "unseen_at_most": search.unseen,
+        },
     }
 
 
 def _volumes(circle: PosturesAtPoint, accuracy: AccuracyVolume) -> dict[str, float | None]:
     volume = accuracy.volume / MM3
     weighted = circle.arm.dh is not None  # by the θ3 of an arm built like SINO6
-    comprehensive = comprehensive_accuracy(volume, accuracy.q[:, 2], circle.point) if weighted else math.nan
+    comprehensive = (
+        comprehensive_accuracy(volume, accuracy.q[:, 2], circle.point) if weighted else math.nan
+    )
     return _spread(volume) | {"comprehensive": _number(comprehensive)}
 
 
@@ -159,7 +187,12 @@ def _postures(circle: PosturesAtPoint, accuracy: AccuracyVolume) -> dict[str, di
         nothing = dict.fromkeys(("theta_deg", "swivel_deg", "volume_mm3", "u_mm"))
         return {name: dict(nothing) for name in ("best", "worst", "smallest_u", "largest_u")}
     volume, u = accuracy.volume, accuracy.u
-    numbers = {"best": volume.argmin(), "worst": volume.argmax(), "smallest_u": u.argmin(), "largest_u": u.argmax()}
+    numbers = {
+        "best": volume.argmin(),
+        "worst": volume.argmax(),
+        "smallest_u": u.argmin(),
+        "largest_u": u.argmax(),
+    }
     swivel = circle.swivel[circle.within_limits] / DEG
     return {
         name: {
@@ -174,7 +207,10 @@ def _postures(circle: PosturesAtPoint, accuracy: AccuracyVolume) -> dict[str, di
 
 def _budget(accuracy: AccuracyVolume | LengthUncertainty) -> list[dict[str, Any]]:
     table = accuracy.budget("parameter")[["parameter", "joint", "share", "u_mm"]].astype(object)
-    return [{str(k): v for k, v in row.items()} for row in table.where(table.notna(), None).to_dict("records")]
+    return [
+        {str(k): v for k, v in row.items()}
+        for row in table.where(table.notna(), None).to_dict("records")
+    ]
 
 
 def _rounded(values: Array) -> list[float]:

@@ -23,7 +23,10 @@ FEW = 8
 def measurements_document(records: Measurements) -> Document:
     """What a measurement file holds, column by column."""
     table, seats, bars = records.to_frame(), records.seats(), records.bars()
-    each, mm = np.array([len(rows) for rows in seats.values()]), np.array([bar.length for bar in bars]) / MM
+    each, mm = (
+        np.array([len(rows) for rows in seats.values()]),
+        np.array([bar.length for bar in bars]) / MM,
+    )
     shown = {
         "records": str(records.n),
         "joints": str(records.nq),
@@ -34,7 +37,9 @@ def measurements_document(records: Measurements) -> Document:
     for name in table.columns.drop(["seat", *BAR, *records.extra.columns], errors="ignore"):
         shown[name] = _range(table[name].to_numpy())
     if len(records.extra.columns):
-        shown["unknown columns"] = f"{', '.join(records.extra.columns)} (kept; candidates for 'depends on')"
+        shown["unknown columns"] = (
+            f"{', '.join(records.extra.columns)} (kept; candidates for 'depends on')"
+        )
     summary = pd.DataFrame({"what": list(shown), "value": list(shown.values())})
     return Document("Measurements", [str(records), Table(summary)])
 
@@ -44,8 +49,13 @@ def conditions_document(conditions: Conditions) -> Document:
     """What is known of records besides the angles."""
     rows = []
     for name in conditions.present:
-        rows.append({"column": COLUMNS[name], "values": _range(conditions.require(name, "its document"))})
-    head = f"{'Conditions' if rows else 'Nothing but the angles is known'} of {count(conditions.n, 'record')}"
+        rows.append(
+            {"column": COLUMNS[name], "values": _range(conditions.require(name, "its document"))}
+        )
+    head = (
+        f"{'Conditions' if rows else 'Nothing but the angles is known'} of "
+        f"{count(conditions.n, 'record')}"
+    )
     return Document("Conditions", [Paragraph("", head=head), Table(pd.DataFrame(rows))])
 
 

@@ -26,9 +26,11 @@ _advice: WeakKeyDictionary[Diagnosis, str] = WeakKeyDictionary()
 
 @one_blas_thread
 def next_measurements(result: Diagnosis) -> str:
-    """What would settle what a diagnosis leaves open, in a sentence; beside structure also which of two causes acts.
+    """What would settle what a diagnosis leaves open, in a sentence; beside structure also which of
+    two causes acts.
 
-    Where two causes are alike it plans how to distinguish them, which takes seconds, and has the command for that plan.
+    Where two causes are alike it plans how to distinguish them, which takes seconds, and has the
+    command for that plan.
     """
     if result not in _advice:
         also = result.verdict == "unexplained" and result.cannot_tell_apart
@@ -38,49 +40,85 @@ def next_measurements(result: Diagnosis) -> str:
 
 def _first(result: Diagnosis) -> str:
     """What to measure first."""
-    verdict, findings, unexplained, (seen, of) = result.verdict, result.findings, result.unexplained, result.visible
+    verdict, findings, unexplained, (seen, of) = (
+        result.verdict,
+        result.findings,
+        result.unexplained,
+        result.visible,
+    )
     if too_good(result.extended):
-        return "check what was stated of the noise, and its unit: beside noise that large no cause can show, in any records"
+        return (
+            "check what was stated of the noise, and its unit: beside noise that large no "
+            "cause can show, in any records"
+        )
     if verdict == "inconclusive" and result.extended.too_many_excluded:
-        return "look what the excluded records have in common, repeat some of them, and state time_s and session of all"
+        return (
+            "look what the excluded records have in common, repeat some of them, and state "
+            "time_s and session of all"
+        )
     if unexplained.branches is not None:
         joint = unexplained.branches.joint
-        return f"take the records anew and state the direction from which joint {joint} came, in the columns approach1 …"
+        return (
+            f"take the records anew and state the direction from which joint {joint} came, in "
+            "the columns approach1 …"
+        )
     if unexplained.readings and not unexplained.depends_on:
         joint = unexplained.readings[0].joint
         return (
-            f"take some postures with joint {joint} from both sides and under other loads: its encoder or gear is not as "
+            f"take some postures with joint {joint} from both sides and under other loads: its "
+            "encoder or gear is not as "
             "modelled"
         )
-    if verdict == "unexplained" and unexplained.excluded is not None and unexplained.excluded.name in ORDER:
+    if (
+        verdict == "unexplained"
+        and unexplained.excluded is not None
+        and unexplained.excluded.name in ORDER
+    ):
         where = unexplained.excluded.where
-        return f"find what changed at {where}, such as the stand, the references or an encoder; diagnose both parts apart"
+        return (
+            f"find what changed at {where}, such as the stand, the references or an encoder; "
+            "diagnose both parts apart"
+        )
     if result.contradicted and verdict != "unexplained":
         return f"measure the stated places anew: {'; '.join(map(str, result.contradicted))}"
     if verdict == "inconclusive" and not findings:
-        return f"more records, at other postures: of {of} causes of typical magnitude these would have shown {seen}"
+        return (
+            f"more records, at other postures: of {of} causes of typical magnitude these would "
+            f"have shown {seen}"
+        )
     if verdict == "no-discrepancy":
         return (
-            f"nothing that these records show is open ({seen} of {of} causes of typical magnitude would have shown); "
+            f"nothing that these records show is open ({seen} of {of} causes of typical magnitude "
+            "would have shown); "
             "keep them for the next check"
         )
     if unexplained.groups and unexplained.depends_on[:1] == (unexplained.groups[0].name,):
-        return f"set up {unexplained.groups[0].name} anew and repeat its records; diagnose the others without it"
+        return (
+            f"set up {unexplained.groups[0].name} anew and repeat its records; diagnose the "
+            "others without it"
+        )
     if unexplained.shared_by_postures is not None and not unexplained.depends_on:
         return (
-            "take the same postures on another day, with the stand or the references elsewhere: that shows whether the "
-            "error that the records of one posture share is of the arm, of the set-up or of the references"
+            "take the same postures on another day, with the stand or the references elsewhere: "
+            "that shows whether the "
+            "error that the records of one posture share is of the arm, of the set-up or of the "
+            "references"
         )
     if verdict == "unexplained" and not unexplained.depends_on and unexplained.has_background:
-        return "more records, at other postures, and note what else changes: what is left depends on no single column"
+        return (
+            "more records, at other postures, and note what else changes: what is left depends "
+            "on no single column"
+        )
     if verdict == "unexplained" and not unexplained.depends_on and _repeats(result):
         return (
-            "check columns, units and reference frame, and note what changes from posture to posture: repeats show the "
+            "check columns, units and reference frame, and note what changes from posture to "
+            "posture: repeats show the "
             "true noise, and the residuals are larger than what was stated"
         )
     if verdict == "unexplained" and not unexplained.depends_on:
         return (
-            "repeat some postures with everything alike: the scatter of repeats is the true noise; if it is as stated, "
+            "repeat some postures with everything alike: the scatter of repeats is the true "
+            "noise; if it is as stated, "
             "check columns, units and reference frame, and note what else changes"
         )
     if verdict == "unexplained":
@@ -92,12 +130,19 @@ def _first(result: Diagnosis) -> str:
         return _to_tell_sets(result)
     seats = [finding for finding in findings if corrects_seat(finding.effect)]
     if seats:
-        return f"measure again where {'; '.join(map(_off, seats))}; then check the extended model on new records"
+        return (
+            f"measure again where {'; '.join(map(_off, seats))}; then check the extended model "
+            "on new records"
+        )
     if result.no_better:
-        return "more records, at other postures: the extended model does not yet predict held-out records better"
+        return (
+            "more records, at other postures: the extended model does not yet predict held-out "
+            "records better"
+        )
     if negative := [finding.label for finding in findings if finding.below_zero]:
         return (
-            f"check the signs of what {' and '.join(negative)} rests on: gravity in the arm's file, torques, temperatures; "
+            f"check the signs of what {' and '.join(negative)} rests on: gravity in the arm's "
+            "file, torques, temperatures; "
             "if they are right, more records at other postures may tell what acts like it"
         )
     if verdict == "inconclusive":
@@ -105,8 +150,13 @@ def _first(result: Diagnosis) -> str:
         return f"more records, at other postures: {'; '.join(doubts)}"
     until = [getattr(finding.effect, "until_s", None) for finding in findings]
     if ends := [end for end in until if end is not None]:
-        return f"records after {max(ends):.4g} s, by the same clock: whether the drift stops or goes on is open"
-    return f"nothing is open; take new records over all ranges of the joints: {_as_held_out(result)}"
+        return (
+            f"records after {max(ends):.4g} s, by the same clock: whether the drift stops or "
+            "goes on is open"
+        )
+    return (
+        f"nothing is open; take new records over all ranges of the joints: {_as_held_out(result)}"
+    )
 
 
 def _as_held_out(result: Diagnosis) -> str:
@@ -133,26 +183,37 @@ def _to_tell(result: Diagnosis, doubtful: Sequence[Finding]) -> str:
     """How to tell doubtful findings from what looks like them."""
     for finding in doubtful:
         cause = finding.effect
-        alike, other = next(((a, a.effect) for a in finding.aliases if a.effect is not None), (None, None))
+        alike, other = next(
+            ((a, a.effect) for a in finding.aliases if a.effect is not None), (None, None)
+        )
         if alike is None or other is None:
             continue
         if cause.refitted or other.refitted:  # so that no plan can split it from another
-            return f"measure more records, at other postures, to tell {finding.label} from {alike.label}"
+            return (
+                f"measure more records, at other postures, to tell {finding.label} from "
+                f"{alike.label}"
+            )
         if other.cause in cause.special_case_of and other.place == cause.place:
             return (
-                f"measure more records with joint {finding.joint} spread evenly over its range: they show whether "
+                f"measure more records with joint {finding.joint} spread evenly over its range: "
+                "they show whether "
                 f"{finding.label} is all that depends on its angle"
             )
         return _planned(result, finding, alike)
     first = doubtful[0]
     on = first.aliases[0].label if first.aliases else "all that was recorded"
-    return f"to tell {first.label} from anything else that depends on {on}, {_otherwise((on,))}{_and_repeat(result)}"
+    return (
+        f"to tell {first.label} from anything else that depends on {on}, "
+        f"{_otherwise((on,))}{_and_repeat(result)}"
+    )
 
 
 def _to_tell_sets(result: Diagnosis) -> str:
     """How to tell the two most probable sets of causes from each other."""
     first, second = (set(labels) for labels in [*result.alternatives][:2])
-    one, other = (next(map(result.cause, sorted(own)), None) for own in (first - second, second - first))
+    one, other = (
+        next(map(result.cause, sorted(own)), None) for own in (first - second, second - first)
+    )
     if one is None or other is None or one.refitted or other.refitted:
         return "more records, at other postures: they show which of the causes that are listed act"
     return _plan_for(result, (one, other))
@@ -165,7 +226,9 @@ def _planned(result: Diagnosis, finding: Finding, alike: Alias) -> str:
 
 def _plan_for(result: Diagnosis, split: tuple[Effect, Effect]) -> str:
     problem = result.extended.problem
-    return advice(result.before.problem.model, split, problem.measurements, **problem.setup.keywords)
+    return advice(
+        result.before.problem.model, split, problem.measurements, **problem.setup.keywords
+    )
 
 
 def _off(finding: Finding) -> str:
@@ -183,14 +246,25 @@ def _otherwise(depends_on: Sequence[str]) -> str:
     if joints:
         found.append(f"touch the same places in postures with other angles of {listed(joints)}")
     if places:
-        found.append("measure the same postures with the stand of the arm elsewhere, which tells the room from the arm")
+        found.append(
+            "measure the same postures with the stand of the arm elsewhere, which tells the room "
+            "from the arm"
+        )
     if SCALE in depends_on:
-        found.append("measure a length that is known from elsewhere, which tells whether the references or the arm are off")
+        found.append(
+            "measure a length that is known from elsewhere, which tells whether the references or "
+            "the arm are off"
+        )
     labels = [name for name in others if name.split()[0] in LABELS]
     if labels:
-        found.append(f"take some postures again with another {', another '.join(labels)} and all else unchanged")
+        found.append(
+            f"take some postures again with another {', another '.join(labels)} and all else "
+            "unchanged"
+        )
     if numbers := [name for name in others if name not in (*labels, *ORDER)]:
-        found.append(f"take some postures again at another time, when {listed(numbers)} is not the same")
+        found.append(
+            f"take some postures again at another time, when {listed(numbers)} is not the same"
+        )
     elif set(others) & set(ORDER):
         found.append("take some postures again at another time, with all else unchanged")
     return ", ".join(found)

@@ -1,4 +1,6 @@
-"""Numbers as people read them, in one style: lengths, shares, counts, p-values, values of parameters."""
+"""Numbers as people read them, in one style: lengths, shares, counts, p-values, values of
+parameters.
+"""
 
 from __future__ import annotations
 
@@ -29,12 +31,19 @@ def length(value: float) -> str:
 
 
 def lengths(values: Iterable[float]) -> list[str]:
-    """Lengths [m] that stand side by side, with three digits in the unit of the largest: ``0.312 mm``, ``0.0523 mm``."""
+    """Lengths [m] that stand side by side, with three digits in the unit of the largest: ``0.312
+    mm``, ``0.0523 mm``.
+    """
     rounded = [float(f"{value:.3g}") for value in values]
     unit, scale = length_unit(max(map(abs, rounded)))
     most = 4 if unit == "mm" else 3
-    digits = [2 - int(np.floor(np.log10(abs(value / scale)) + 1e-9)) if value else 0 for value in rounded]
-    return [f"{value / scale:z.{min(most, max(0, n))}f} {unit}" for value, n in zip(rounded, digits, strict=True)]
+    digits = [
+        2 - int(np.floor(np.log10(abs(value / scale)) + 1e-9)) if value else 0 for value in rounded
+    ]
+    return [
+        f"{value / scale:z.{min(most, max(0, n))}f} {unit}"
+        for value, n in zip(rounded, digits, strict=True)
+    ]
 
 
 def length_unit(largest: float) -> tuple[str, float]:
@@ -43,7 +52,9 @@ def length_unit(largest: float) -> tuple[str, float]:
 
 
 def in_one_unit(*frames: pd.DataFrame) -> list[pd.DataFrame]:
-    """Tables whose heads say the unit, ``before_mm`` as ``before [µm]``: all lengths in mm, or in µm where all are small."""
+    """Tables whose heads say the unit, ``before_mm`` as ``before [µm]``: all lengths in mm, or in
+    µm where all are small.
+    """
     of_length = [frame.filter(regex="_mm$") for frame in frames]
     sizes = [float(np.nanmax(np.abs(part))) for part in of_length if part.notna().any(axis=None)]
     unit, scale = length_unit(max(sizes, default=0.0) * MM)
@@ -63,7 +74,9 @@ def head(name: str) -> str:
 
 
 def spread(frame: pd.DataFrame, over: str) -> pd.DataFrame:
-    """Least, median and largest of each column, what is not finite left out; ``over``: what the rows of the frame are."""
+    """Least, median and largest of each column, what is not finite left out; ``over``: what the
+    rows of the frame are.
+    """
     numbers = frame.astype(float).replace([np.inf, -np.inf], np.nan)
     found = numbers.agg(["min", "median", "max"]).reset_index(drop=True)
     found.insert(0, over, ["least", "median", "largest"])
@@ -81,7 +94,9 @@ def count(number: int, noun: str) -> str:
 
 
 def capital(text: str) -> str:
-    """The text with a capital letter in front; as it is where its first word is a name, such as ``theta_offset3``."""
+    """The text with a capital letter in front; as it is where its first word is a name, such as
+    ``theta_offset3``.
+    """
     return f"{text[:1].upper()}{text[1:]}" if WORD.match(text) else text
 
 
@@ -102,16 +117,22 @@ def quantity(value: float, unit: str) -> str:
 
 
 def small(value: float, unit: str) -> str:
-    """A change or an uncertainty of a parameter [SI] in its small unit: ``30 µm``, ``27.1 µrad``."""
+    """A change or an uncertainty of a parameter [SI] in its small unit: ``30 µm``, ``27.1
+    µrad``.
+    """
     name, factor = small_unit(unit, value)
     return f"{value * factor:.4g} {name}"
 
 
 def small_unit(unit: str, largest: float = 0.0) -> tuple[str, float]:
-    """The unit of changes, up to ``largest``, of a parameter whose value has ``unit``; how many of it make one of that."""
+    """The unit of changes, up to ``largest``, of a parameter whose value has ``unit``; how many of
+    it make one of that.
+    """
     if unit not in ("m", "mm") and not unit.startswith("rad"):
         return "ppm" + unit.removeprefix("1"), 1e6
-    name, factor = ("µm", 1e3 if unit == "mm" else 1e6) if unit in ("m", "mm") else (f"µ{unit}", 1e6)
+    name, factor = (
+        ("µm", 1e3 if unit == "mm" else 1e6) if unit in ("m", "mm") else (f"µ{unit}", 1e6)
+    )
     return (f"m{name[1:]}", factor / 1e3) if abs(largest) * factor >= LARGE else (name, factor)
 
 

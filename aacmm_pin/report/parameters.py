@@ -13,7 +13,8 @@ from aacmm_pin.report.numbers import quantity, small_unit
 
 
 def stated_half_widths(result: Calibration) -> Array:
-    """How far off each parameter was said to be, ± (p,) [SI]; nan where nothing was stated, or that it is exact.
+    """How far off each parameter was said to be, ± (p,) [SI]; nan where nothing was stated, or that
+    it is exact.
 
     The half-width of the arm file, or k u with k = 2 of a cause with a standard uncertainty.
     """
@@ -23,10 +24,12 @@ def stated_half_widths(result: Calibration) -> Array:
 
 
 def parameter_table(result: Calibration) -> pd.DataFrame:
-    """:attr:`Calibration.parameters` with ``stated``, how far off each was said to be, and ``beyond``.
+    """:attr:`Calibration.parameters` with ``stated``, how far off each was said to be, and
+    ``beyond``.
 
-    ``beyond`` is True where the change exceeds stated + U: the half-width bounds the parameter, wherever in it that is, and
-    so does not add in quadrature. Of 40 arms drawn within their half-widths √(stated² + U²) flags some parameter in 14.
+    ``beyond`` is True where the change exceeds stated + U: the half-width bounds the parameter,
+    wherever in it that is, and so does not add in quadrature. Of 40 arms drawn within their
+    half-widths √(stated² + U²) flags some parameter in 14.
     """
     table = result.parameters
     stated = stated_half_widths(result) / np.where(table["unit"] == "mm", MM, 1.0)
@@ -34,24 +37,33 @@ def parameter_table(result: Calibration) -> pd.DataFrame:
 
 
 def readable_parameters(result: Calibration) -> pd.DataFrame:
-    """The same for reading: value with its unit as text; changes and uncertainties in small units, see column ``in``."""
+    """The same for reading: value with its unit as text; changes and uncertainties in small units,
+    see column ``in``.
+    """
     table = parameter_table(result)
     largest = table[["change", "stated", "U"]].abs().max(axis=1)
     small = [small_unit(unit, most) for unit, most in zip(table["unit"], largest, strict=True)]
     together = table["known"] == "in combination"
-    values = [quantity(value, unit) for value, unit in zip(table["after"], table["unit"], strict=True)]
+    values = [
+        quantity(value, unit) for value, unit in zip(table["after"], table["unit"], strict=True)
+    ]
     readable = {
         "parameter": table["parameter"],
         "value": np.where(together, "–", values),
         "in": [unit for unit, _ in small],
     }
     shown = table.assign(change=table["change"].where(~together))
-    readable |= {name: shown[name] * [factor for _, factor in small] for name in ("change", "stated", "u", "U")}
+    readable |= {
+        name: shown[name] * [factor for _, factor in small]
+        for name in ("change", "stated", "u", "U")
+    }
     return pd.DataFrame(readable | {"known": table["known"], "beyond": table["beyond"]})
 
 
 def decimals(table: pd.DataFrame) -> str:
-    """Format of the changes and uncertainties of :func:`readable_parameters`: two digits of the smaller u, 1 at least."""
+    """Format of the changes and uncertainties of :func:`readable_parameters`: two digits of the
+    smaller u, 1 at least.
+    """
     u = table["u"].to_numpy()
     smaller = float(np.quantile(u[u > 0], 0.25)) if (u > 0).any() else 1.0
     return f"z.{min(6, max(1, 1 - int(np.floor(np.log10(smaller)))))}f"

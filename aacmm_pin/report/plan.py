@@ -43,7 +43,12 @@ def plan_document(plan: MeasurementPlan) -> Document:
             Paragraph(str(plan), head="Plan:"),
             Bullets(plan.set_up, "Set-up, besides postures:"),
             Table(considered, "Set-ups that were considered", forms),
-            Table(_pairs(plan), "Told apart worst, of what these postures can tell apart", forms, most=MOST_PAIRS),
+            Table(
+                _pairs(plan),
+                "Told apart worst, of what these postures can tell apart",
+                forms,
+                most=MOST_PAIRS,
+            ),
             *where_to_go(plan),
             Notes(plan.notes),
         ],
@@ -51,7 +56,9 @@ def plan_document(plan: MeasurementPlan) -> Document:
 
 
 def _pairs(plan: MeasurementPlan) -> pd.DataFrame:
-    """Pairs of causes that postures can tell apart, worst first; empty where the plan is for one pair."""
+    """Pairs of causes that postures can tell apart, worst first; empty where the plan is for one
+    pair.
+    """
     if plan.pairs is None:
         return pd.DataFrame()
     heads = {"cause": "cause", "other": "from", "T": "T", "told": "told apart"}

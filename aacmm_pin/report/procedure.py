@@ -1,4 +1,6 @@
-"""A procedure of an acceptance test as a sheet for the workshop: where things stand, what is touched, in which order."""
+"""A procedure of an acceptance test as a sheet for the workshop: where things stand, what is
+touched, in which order.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +9,15 @@ from matplotlib.figure import Figure as Drawing
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin.postures.articulation import places
-from aacmm_pin.report.document import Bullets, Document, Download, Figure, Heading, Table, document_of
+from aacmm_pin.report.document import (
+    Bullets,
+    Document,
+    Download,
+    Figure,
+    Heading,
+    Table,
+    document_of,
+)
 from aacmm_pin.report.plots.style import BLUE, GREEN, GREY, VERMILLION
 from aacmm_pin.report.plots.two_views import two_views
 from aacmm_pin.verification import Procedure
@@ -20,24 +30,37 @@ KINDS = {
     "volumetric": ("ball bar", GREY),
 }
 """What stands in the room for the tests that begin so, and its colour."""
-SAME = {"location": "sphere", "effective-diameter": "sphere", "length-uni": "length", "length-bi": "length"}
+SAME = {
+    "location": "sphere",
+    "effective-diameter": "sphere",
+    "length-uni": "length",
+    "length-bi": "length",
+}
 """Tests whose artefacts are those of another."""
 ORIGIN = (
-    f"Definitions and decision rule come from public descriptions of {', '.join(EDITIONS.values())} and {RULE_OF}. They "
-    "were never compared with the standards' texts; compare them before a contract depends on a verdict."
+    "Definitions and decision rule come from public descriptions of "
+    f"{', '.join(EDITIONS.values())} and {RULE_OF}. They "
+    "were never compared with the standards' texts; compare them before a contract depends on a "
+    "verdict."
 )
 """Stands first where a test is planned, predicted or judged."""
 ZONES = "0 to 20, 20 to 80 and 80 to 100 % of the reach by public descriptions"
-"""Where the points of ASME B89.4.22 stand; the standard's text rules. Touches do not say whether they did."""
+"""Where the points of ASME B89.4.22 stand; the standard's text rules. Touches do not say whether
+they did.
+"""
 FILL_IN = (
     "Line numbers are those of the CSV file. Make the touches in its order, and tick each row.",
-    "Fill in x_mm, y_mm, z_mm (centre of the probe, by the arm's software), or theta1_deg … (indications), or both; "
+    "Fill in x_mm, y_mm, z_mm (centre of the probe, by the arm's software), or theta1_deg … "
+    "(indications), or both; "
     "columns that stay empty do not count.",
-    "Put the calibrated values of your sphere and lengths in place of the planned ones, and their standard uncertainty into "
+    "Put the calibrated values of your sphere and lengths in place of the planned ones, and their "
+    "standard uncertainty into "
     "u_length_mm: the verdict rests on them.",
-    "Positions are right within a few centimetres, articulations within what the words say; what is measured is where the "
+    "Positions are right within a few centimetres, articulations within what the words say; what "
+    "is measured is where the "
     "arm says that it was.",
-    "Left and right are those of a person behind the stand who looks along the line from shoulder to tip; out is away from "
+    "Left and right are those of a person behind the stand who looks along the line from shoulder "
+    "to tip; out is away from "
     "the stand. Bearing counts counter-clockwise, seen from above, from the x axis of the base.",
 )
 
@@ -57,17 +80,23 @@ def procedure_document(procedure: Procedure) -> Document:
             Figure(
                 lambda: procedure_views(procedure),
                 "Spheres, seats and bars round the arm, from above and from the side",
-                "The arm in one of the postures (black), and where everything stands; the bars one after the other.",
+                "The arm in one of the postures (black), and where everything stands; the bars "
+                "one after the other.",
             ),
             Table(_sizes(procedure), "What is touched, and with what", detail=True),
             Table(
                 _stands(procedure),
-                "Positions: distance from the stand, bearing, height; of a bar those of A, and of its far end",
+                "Positions: distance from the stand, bearing, height; of a bar those of A, and of "
+                "its far end",
                 explained=zones,
             ),
             Heading("Touches, in order"),
             Bullets(FILL_IN),
-            Table(_steps(procedure), "Consecutive touches in one articulation are one row", detail=True),
+            Table(
+                _steps(procedure),
+                "Consecutive touches in one articulation are one row",
+                detail=True,
+            ),
             Download("touches.csv", "the file to be filled in", procedure.csv().encode()),
         ],
         f"{len(procedure.touches)} touches{seed}",
@@ -76,16 +105,26 @@ def procedure_document(procedure: Procedure) -> Document:
 
 
 def _ends(procedure: Procedure) -> pd.DataFrame:
-    """One row for each place of an artefact, and one more for the far end of a bar: kind, position, end, x, y, z [m]."""
-    table = procedure.touches[["test", "position", "feature"]].assign(**dict(zip("xyz", procedure.points.T, strict=True)))
+    """One row for each place of an artefact, and one more for the far end of a bar: kind, position,
+    end, x, y, z [m].
+    """
+    table = procedure.touches[["test", "position", "feature"]].assign(
+        **dict(zip("xyz", procedure.points.T, strict=True))
+    )
     table["kind"] = table["test"].replace(SAME)
     rows = []
     for (kind, position), touches in table.groupby(["kind", "position"], sort=False):
         barred = kind in ("length", "volumetric")
-        ends = [touches["feature"].iloc[0], touches["feature"].iloc[-1]] if barred else [touches["feature"].iloc[0]]
+        ends = (
+            [touches["feature"].iloc[0], touches["feature"].iloc[-1]]
+            if barred
+            else [touches["feature"].iloc[0]]
+        )
         for end in ends:
             at = touches.loc[touches["feature"] == end, ["x", "y", "z"]].mean()
-            rows.append({"kind": kind, "position": position, "end": end if barred else ""} | at.to_dict())
+            rows.append(
+                {"kind": kind, "position": position, "end": end if barred else ""} | at.to_dict()
+            )
     return pd.DataFrame(rows)
 
 
@@ -107,24 +146,35 @@ def _sizes(procedure: Procedure) -> pd.DataFrame:
     """The size of every artefact, and room for its number."""
     touches = procedure.touches
     bars = touches["length_id"].replace(r"^(L\d+)$", r"length bar, A to \1", regex=True)
-    names = {"feature_diameter_mm": "sphere, diameter", "probe_diameter_mm": "probe, diameter", "length_mm": bars}
-    sizes = [pd.DataFrame({"artefact": name, "size [mm]": pd.to_numeric(touches[column])}) for column, name in names.items()]
+    names = {
+        "feature_diameter_mm": "sphere, diameter",
+        "probe_diameter_mm": "probe, diameter",
+        "length_mm": bars,
+    }
+    sizes = [
+        pd.DataFrame({"artefact": name, "size [mm]": pd.to_numeric(touches[column])})
+        for column, name in names.items()
+    ]
     return pd.concat(sizes).dropna().drop_duplicates().assign(**{"serial number": 24 * "_"})
 
 
 def _steps(procedure: Procedure) -> pd.DataFrame:
     """Consecutive touches of one feature in one articulation as one row."""
-    touches = procedure.touches.astype({"repeat": "string"}).fillna({"repeat": ""}).reset_index(drop=True)
+    touches = (
+        procedure.touches.astype({"repeat": "string"}).fillna({"repeat": ""}).reset_index(drop=True)
+    )
     repeat = (", repeat " + touches["repeat"]).where(touches["repeat"] != "", "")
-    rows = touches[["feature", "articulation"]].assign(test=touches["test"] + " " + touches["position"] + repeat)
+    rows = touches[["feature", "articulation"]].assign(
+        test=touches["test"] + " " + touches["position"] + repeat
+    )
     steps = rows.groupby((rows != rows.shift()).any(axis=1).cumsum(), sort=False)
     count, first = steps.size(), steps.first()
     last = count.cumsum() + 1  # the head of the file is line 1
     lines = [f"{b}" if n == 1 else f"{b - n + 1} to {b}" for n, b in zip(count, last, strict=True)]
     touch = (count.astype(str) + " × ").where(count > 1, "") + first["feature"]
-    return pd.DataFrame({"done": "☐", "lines": lines, "test": first["test"], "touch": touch}).assign(
-        articulation=first["articulation"]
-    )
+    return pd.DataFrame(
+        {"done": "☐", "lines": lines, "test": first["test"], "touch": touch}
+    ).assign(articulation=first["articulation"])
 
 
 def procedure_views(procedure: Procedure) -> Drawing:

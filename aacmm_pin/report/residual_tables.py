@@ -1,4 +1,6 @@
-"""What the simulation gets wrong, before any cause is thought of: residuals against what their own uncertainty predicts."""
+"""What the simulation gets wrong, before any cause is thought of: residuals against what their own
+uncertainty predicts.
+"""
 
 from __future__ import annotations
 
@@ -26,19 +28,22 @@ class Unit(NamedTuple):
 
 
 def residuals_by_group(before: Fit, recalibrated: Fit, extended: Fit) -> pd.DataFrame:
-    """RMS of the records by seat, joint range, time, temperature, …, by the three models, beside what is predicted.
+    """RMS of the records by seat, joint range, time, temperature, …, by the three models, beside
+    what is predicted.
 
-    Predicted for the arm as it was: by its stated uncertainties, the noise and, where its targets are as stated, what the
-    records of a seat share, ``S Σ Sᵀ + N + u²`` (JCGM 100:2008, eq. 13); for the others, whose targets are fitted, the
-    noise ``N`` alone. Scatter that was found beside a stated noise is what this asks about, and is not predicted.
+    Predicted for the arm as it was: by its stated uncertainties, the noise and, where its targets
+    are as stated, what the records of a seat share, ``S Σ Sᵀ + N + u²`` (JCGM 100:2008, eq. 13);
+    for the others, whose targets are fitted, the noise ``N`` alone. Scatter that was found beside a
+    stated noise is what this asks about, and is not predicted.
 
     Args:
         before: the arm as it was, set-up fitted.
         recalibrated, extended: its geometry fitted too; with the causes found.
 
     Returns:
-        by, group, records, simulation_mm, predicted_mm, times_predicted, recalibrated_mm, extended_mm, noise_mm,
-        times_noise (extended), the largest times_predicted first; groups of fewer than two records are left out.
+        by, group, records, simulation_mm, predicted_mm, times_predicted, recalibrated_mm,
+        extended_mm, noise_mm, times_noise (extended), the largest times_predicted first; groups of
+        fewer than two records are left out.
     """
     noise = np.trace(extended.stated_noise[:, :3, :3], axis1=1, axis2=2)
     squares = {
@@ -68,7 +73,9 @@ def _square_distances(fit: Fit) -> Array:
 
 
 def _stated_variance(before: Fit) -> Array:
-    """What the stated uncertainties of the arm and, where nothing is fitted, of the targets predict (n,) [m²]."""
+    """What the stated uncertainties of the arm and, where nothing is fitted, of the targets predict
+    (n,) [m²].
+    """
     model, records = before.problem.model, before.problem.measurements
     rotation = before.point.frame.rotation
     moved = rotation @ model.sensitivity(records.q, records.conditions)

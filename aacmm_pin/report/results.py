@@ -1,7 +1,9 @@
-"""Every result shows and draws itself with what is here; :mod:`aacmm_pin` hands it to :mod:`aacmm_pin._support.display`.
+"""Every result shows and draws itself with what is here; :mod:`aacmm_pin` hands it to
+:mod:`aacmm_pin._support.display`.
 
-To show a class of one's own, derive it from :class:`aacmm_pin._support.display.Shown` and register a function that makes its
-:class:`~aacmm_pin.report.document.Document` with ``document_of.register``.
+To show a class of one's own, derive it from :class:`aacmm_pin._support.display.Shown` and register
+a function that makes its :class:`~aacmm_pin.report.document.Document` with
+``document_of.register``.
 """
 
 from __future__ import annotations
@@ -63,7 +65,8 @@ def html_of(result: object) -> str:
 
 
 def save(result: object, path: str | Path, force: bool = False) -> None:
-    """Write the HTML page of a result, as ``save(found, "report.html")`` of a diagnosis or a calibration.
+    """Write the HTML page of a result, as ``save(found, "report.html")`` of a diagnosis or a
+    calibration.
 
     Raises:
         OutputError: the file exists and ``force`` is not given, or it cannot be written.

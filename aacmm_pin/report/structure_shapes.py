@@ -1,4 +1,6 @@
-"""What no cause explains, record by record: the smooth correction over a covariate, and what the records say of it."""
+"""What no cause explains, record by record: the smooth correction over a covariate, and what the
+records say of it.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,8 @@ def _shape(choice: Choice, block: int) -> pd.DataFrame:
     left, columns = choice.posterior.left, design.blocks[block].columns
     step = left.estimate[left.places[block]]
     count = len(way.quantities)
-    # Each function has one column for each quantity; the first function is the constant where there is one.
+    # Each function has one column for each quantity; the first function is the constant where there
+    # is one.
     sizes = way.functions @ (step * design.scales[columns]).reshape(-1, count)
     axes = _axes(design, block, way, count)
     off = design.deviations(choice.tips)[:, :3]
@@ -40,6 +43,8 @@ def _axes(design: Design, block: int, way: Carried, count: int) -> Array:
         np.abs(way.functions), axis=1
     )  # a column is a function times the shift; divide by one that is there
     of_tips = design.columns(block)[:, :3]
-    own = (of_tips / design.scales[design.blocks[block].columns]).reshape(len(strongest), 3, -1, count)
+    own = (of_tips / design.scales[design.blocks[block].columns]).reshape(
+        len(strongest), 3, -1, count
+    )
     row = np.arange(len(strongest))
     return np.asarray(own[row, :, strongest] / way.functions[row, strongest][:, None, None])

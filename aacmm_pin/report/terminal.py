@@ -35,7 +35,9 @@ class _Console(Console):
 
 
 def show(document: Document, notes_alone: bool = False) -> None:
-    """Print the short form of a document, or nothing but its notes, which go to the error stream."""
+    """Print the short form of a document, or nothing but its notes, which go to the error
+    stream.
+    """
     for block in document.short():
         match block:
             case Notes(items=items):
@@ -56,22 +58,30 @@ def _print_table(table: Table) -> None:
         say(f"{table.caption}:")
     cells = table.cells().map(printable).rename(columns=printable)
     known = stdout().isatty() or "COLUMNS" in os.environ
-    console = _Console(file=stdout(), width=None if known else WIDTH, markup=False, highlight=False, emoji=False)
+    console = _Console(
+        file=stdout(), width=None if known else WIDTH, markup=False, highlight=False, emoji=False
+    )
     others = cells.drop(columns=table.spare, errors="ignore")
     if sum(_widths(others)) + GAP * len(cells.columns) + SPARE > console.width:
         cells = others
     columns = _columns(cells, console.width)
-    console.width = max(console.width, sum(column.width or 0 for column in columns) + GAP * len(columns))
+    console.width = max(
+        console.width, sum(column.width or 0 for column in columns) + GAP * len(columns)
+    )
     grid = Grid(*columns, box=SIMPLE, pad_edge=False, collapse_padding=True)
     for row in cells.itertuples(index=False):
         grid.add_row(*row)
-    console.print(grid, crop=False)  # a terminal that is too narrow for the names breaks the lines; nothing is left out
+    console.print(
+        grid, crop=False
+    )  # a terminal that is too narrow for the names breaks the lines; nothing is left out
     if len(cells) < len(table.frame):
         say(f"  … and {len(table.frame) - len(cells)} more")
 
 
 def _columns(cells: pd.DataFrame, width: int) -> list[Column]:
-    """Numbers to the right; the widest are narrowed, to their words and, if need be, to the names of files and commands."""
+    """Numbers to the right; the widest are narrowed, to their words and, if need be, to the names
+    of files and commands.
+    """
     columns = {str(head): [str(text) for text in texts] for head, texts in cells.items()}
     widths = _widths(cells)
     for kept in (r"\S+", r"\S*_\S*"):
@@ -81,8 +91,13 @@ def _columns(cells: pd.DataFrame, width: int) -> list[Column]:
             if not any(wide):
                 break
             widths[wide.index(max(wide))] -= 1
-    ways: list[Literal["right", "left"]] = ["right" if are_numbers(texts) else "left" for texts in columns.values()]
-    return [Column(head, justify=way, width=w, overflow="fold") for head, way, w in zip(columns, ways, widths, strict=True)]
+    ways: list[Literal["right", "left"]] = [
+        "right" if are_numbers(texts) else "left" for texts in columns.values()
+    ]
+    return [
+        Column(head, justify=way, width=w, overflow="fold")
+        for head, way, w in zip(columns, ways, widths, strict=True)
+    ]
 
 
 def _widths(cells: pd.DataFrame) -> list[int]:
@@ -90,7 +105,9 @@ def _widths(cells: pd.DataFrame) -> list[int]:
 
 
 def _least(head: str, texts: list[str], kept: str) -> int:
-    """Width of a column in which numbers, labels, words of the head and words that match ``kept`` are in one piece."""
+    """Width of a column in which numbers, labels, words of the head and words that match ``kept``
+    are in one piece.
+    """
     in_one = are_numbers(texts) or all(LABEL.fullmatch(text) for text in texts)
     words = texts if in_one else [word for text in texts for word in re.findall(kept, text)]
     return max([*map(cell_len, head.split()), *(min(LONGEST, cell_len(word)) for word in words)])

@@ -1,4 +1,6 @@
-"""Whether an arm meets its specification: figures of two standards, by public descriptions, planned, predicted, judged."""
+"""Whether an arm meets its specification: figures of two standards, by public descriptions,
+planned, predicted, judged.
+"""
 
 from aacmm_pin.verification.accept import AcceptanceResult, accept
 from aacmm_pin.verification.history import ControlChart, History

@@ -1,4 +1,6 @@
-"""An arm against its specification: every figure that a file of touches has something for, and a verdict on each."""
+"""An arm against its specification: every figure that a file of touches has something for, and a
+verdict on each.
+"""
 
 from __future__ import annotations
 
@@ -27,14 +29,18 @@ from aacmm_pin.verification.probed_points import read_file
 
 ACCEPTANCE_SCHEMA = "aacmm-pin/acceptance/1"
 COVERAGE = 2.0
-"""Coverage factor of the guard band U = 2 u: the rule of ISO 14253-1:1998 and 2013. The default of ISO 14253-1:2017, a
-probability of 95 % at one limit, is a guard band of 1.65 u: with U fewer verdicts are conformity or non-conformity."""
+"""Coverage factor of the guard band U = 2 u: the rule of ISO 14253-1:1998 and 2013. The default of
+ISO 14253-1:2017, a probability of 95 % at one limit, is a guard band of 1.65 u: with U fewer
+verdicts are conformity or non-conformity.
+"""
 MPE = Range(1e-9, 1.0, "m")
 """What a maximum permissible error can be."""
 FAR_BELOW = 100.0
 """Where an MPE above 1 mm is so many times what was found, it may be in another unit."""
 LONGEST_PART = 0.66
-"""The longest of five lengths is at least this part of the measuring range (ISO 10360-12:2016, by public descriptions)."""
+"""The longest of five lengths is at least this part of the measuring range (ISO 10360-12:2016, by
+public descriptions).
+"""
 
 IN_RANGE = ("length-uni", "length-bi")
 """The tests whose longest length that is."""
@@ -54,7 +60,8 @@ class AcceptanceFigure:
     """One figure of one set of coordinates.
 
     Attributes:
-        source: whose coordinates: those of the file, or of the arm of this name from its indications.
+        source: whose coordinates: those of the file, or of the arm of this name from its
+            indications.
         definition: what the figure is.
         evaluated: its value and standard uncertainty [m], and what is missing.
         mpe: maximum permissible error [m]; nan where none is given.
@@ -69,17 +76,26 @@ class AcceptanceFigure:
 
     @property
     def where(self) -> Place | None:
-        """Which touches make the largest error; None where there is none, or all touches make it."""
-        return self.places[int(np.abs(self.evaluated.errors[:, 0]).argmax())] if self.places else None
+        """Which touches make the largest error; None where there is none, or all touches
+        make it.
+        """
+        return (
+            self.places[int(np.abs(self.evaluated.errors[:, 0]).argmax())] if self.places else None
+        )
 
     @property
     def verdict(self) -> Verdict | None:
-        """By ISO 14253-1:2013 with the guard band U = 2u; None without a value or an MPE. A u not stated is zero.
+        """By ISO 14253-1:2013 with the guard band U = 2u; None without a value or an MPE. A u not
+        stated is zero.
 
-        A largest error conforms where each error does, and does not where one of them does not: the largest of them need not
-        be the one that decides, since each has a U of its own.
+        A largest error conforms where each error does, and does not where one of them does not: the
+        largest of them need not be the one that decides, since each has a U of its own.
         """
-        return None if math.isnan(self.evaluated.value) or math.isnan(self.mpe) else _verdict(*self._sizes, self.mpe)
+        return (
+            None
+            if math.isnan(self.evaluated.value) or math.isnan(self.mpe)
+            else _verdict(*self._sizes, self.mpe)
+        )
 
     def row(self) -> dict[str, Any]:
         """The columns of a table of them, lengths in mm; nan where there is no number."""
@@ -87,12 +103,18 @@ class AcceptanceFigure:
         row: dict[str, Any] = {"coordinates": self.source, "figure": definition.name}
         row |= {"standard": definition.standard, "test": definition.test_name}
         row |= {"definition": definition.text, "value_mm": evaluated.value / MM}
-        row |= {"U_mm": COVERAGE * evaluated.u / MM, "mpe_mm": self.mpe / MM, "verdict": self.verdict}
+        row |= {
+            "U_mm": COVERAGE * evaluated.u / MM,
+            "mpe_mm": self.mpe / MM,
+            "verdict": self.verdict,
+        }
         row |= {"where": "" if self.where is None else str(self.where), "had": evaluated.had}
         return row | {"counted": definition.counted, "missing": self.missing}
 
     def to_dict(self) -> dict[str, Any]:
-        """The same for JSON: None where there is no number, and where the largest error is by labels and rows."""
+        """The same for JSON: None where there is no number, and where the largest error is by
+        labels and rows.
+        """
         row = {key: None if pd.isna(value) else value for key, value in self.row().items()}
         place = self.where
         where = None if place is None else {**place.labels, "rows": [*place.rows]}
@@ -111,7 +133,9 @@ class AcceptanceFigure:
 
     @property
     def decided_by(self) -> tuple[float, float, int] | None:
-        """Magnitude, U [m] and number of a smaller error that alone forbids a better verdict; None: the largest decides."""
+        """Magnitude, U [m] and number of a smaller error that alone forbids a better verdict; None:
+        the largest decides.
+        """
         size, guard = self._sizes
         largest = int(size.argmax())
         if self.verdict == _verdict(size[[largest]], guard[[largest]], self.mpe):
@@ -122,8 +146,16 @@ class AcceptanceFigure:
     @property
     def missing(self) -> str:
         """What is missing, in words; "" where nothing is."""
-        few, counted, lacking = self.evaluated.missing, self.definition.counted, self.evaluated.lacking
-        text = f"{few} {counted if few > 1 else SINGULAR[counted]}" if few else self.evaluated.why_incomplete
+        few, counted, lacking = (
+            self.evaluated.missing,
+            self.definition.counted,
+            self.evaluated.lacking,
+        )
+        text = (
+            f"{few} {counted if few > 1 else SINGULAR[counted]}"
+            if few
+            else self.evaluated.why_incomplete
+        )
         if not lacking:
             return text
         more = ["…"] if len(lacking) > MOST_LACKING else []
@@ -147,9 +179,11 @@ class AcceptanceResult(Shown):
 
     Attributes:
         path: the file of touches.
-        figures: one after the other; of several sets of coordinates those of one set stand together.
+        figures: one after the other; of several sets of coordinates those of one set stand
+            together.
         notes: what was assumed.
-        stated: the different numbers or labels in columns that tell of the check as a whole, such as ``temperature_c``.
+        stated: the different numbers or labels in columns that tell of the check as a whole, such
+            as ``temperature_c``.
         measuring_range: of the arm [m]; None where not given.
         longest: calibrated length [m] that was compared with 66 % of it, by the test.
         data: content of the file.
@@ -170,13 +204,16 @@ class AcceptanceResult(Shown):
 
     @property
     def overall(self) -> dict[str, tuple[Verdict | None, tuple[AcceptanceFigure, ...]]]:
-        """By whose coordinates: the worst verdict of the figures with an MPE, and which have it; None without an MPE.
+        """By whose coordinates: the worst verdict of the figures with an MPE, and which have it;
+        None without an MPE.
 
         A figure with an MPE and no value counts as neither.
         """
         found: dict[str, tuple[Verdict | None, tuple[AcceptanceFigure, ...]]] = {}
         for source in dict.fromkeys(f.source for f in self.figures):
-            by_verdict: dict[Verdict, list[AcceptanceFigure]] = {verdict: [] for verdict in WORST_FIRST}
+            by_verdict: dict[Verdict, list[AcceptanceFigure]] = {
+                verdict: [] for verdict in WORST_FIRST
+            }
             for figure in self._with_mpe(source):
                 by_verdict[figure.verdict or "neither"].append(figure)
             worst = next((verdict for verdict, figures in by_verdict.items() if figures), None)
@@ -193,7 +230,9 @@ class AcceptanceResult(Shown):
             return "; ".join(f"{source}: {text}" for source, text in texts.items())
         return "".join(texts.values())
 
-    def _in_words(self, source: str, verdict: Verdict | None, by: Sequence[AcceptanceFigure]) -> str:
+    def _in_words(
+        self, source: str, verdict: Verdict | None, by: Sequence[AcceptanceFigure]
+    ) -> str:
         """The verdict of one set of coordinates, and which characteristics decide it."""
         of = sum(figure.source == source for figure in self.figures)
         given = f"(MPE given for {len(self._with_mpe(source))} of {of} figures)"
@@ -233,22 +272,26 @@ def accept(
     standard: str | None = None,
     measuring_range: float | None = None,
 ) -> AcceptanceResult:
-    """The figures of ISO 10360-12:2016 and ASME B89.4.22-2004 from a file of touches, and whether each is within its limit.
+    """The figures of ISO 10360-12:2016 and ASME B89.4.22-2004 from a file of touches, and whether
+    each is within its limit.
 
     The definitions are public descriptions' and were never compared with the standards' texts.
 
     Args:
-        path: CSV of touches, see the file formats in the documentation; coordinates are of the probe's centre.
+        path: CSV of touches, see the file formats in the documentation; coordinates are of the
+            probe's centre.
         arms: arms that make coordinates of the file's indications, by what the result calls each.
         mpe: maximum permissible errors by the name of the figure [m].
-        standard: ``iso10360-12`` or ``asme-b89.4.22``: its figures alone, those without touches too.
-        measuring_range: of the arm, the diameter of its working volume [m]; with it E_Uni and E_Bi are
-            given only where the longest length is at least 66 % of it.
+        standard: ``iso10360-12`` or ``asme-b89.4.22``: its figures alone, those without touches
+            too.
+        measuring_range: of the arm, the diameter of its working volume [m]; with it E_Uni and E_Bi
+            are given only where the longest length is at least 66 % of it.
 
     Raises:
         MeasurementFileError: the file cannot be used.
         UnknownNameError: a figure or a standard that is not known.
-        AacmmError: an MPE or the range is no positive number, arms do not fit the file, every length is in another unit.
+        AacmmError: an MPE or the range is no positive number, arms do not fit the file, every
+            length is in another unit.
     """
     limits = checked_limits(mpe)
     if measuring_range is not None and not (math.isfinite(measuring_range) and measuring_range > 0):
@@ -267,23 +310,33 @@ def accept(
     for source, of_source in points.sets.items():
         for definition in wanted:
             of_test = of_source[of_source["test"] == definition.test]
-            if standard is None and definition.name not in limits and not _has_points(of_test, definition):
+            if (
+                standard is None
+                and definition.name not in limits
+                and not _has_points(of_test, definition)
+            ):
                 continue
             try:
-                evaluated = _in_range(definition.evaluate(of_test), definition, of_test, measuring_range)
+                evaluated = _in_range(
+                    definition.evaluate(of_test), definition, of_test, measuring_range
+                )
             except AacmmError as error:
                 evaluated = without_value(_count(of_test, definition), 0, why="see the notes")
                 why = Note("figure_without_value", {"error": str(error)}).with_place(source)
                 unfit.setdefault(why, []).append(definition.name)
             mpe_of = limits.get(definition.name, math.nan)
-            figures.append(AcceptanceFigure(source, definition, evaluated, mpe_of, _places(of_test, evaluated)))
+            figures.append(
+                AcceptanceFigure(source, definition, evaluated, mpe_of, _places(of_test, evaluated))
+            )
     notes = [*points.notes, *doubts(first, of_first, measuring_range)]
     notes += [why.with_place(", ".join(names)) for why, names in unfit.items()]
     if left_out := [name for name in limits if name not in {d.name for d in wanted}]:
         notes.append(Note("mpe_of_other_standard", {"figures": left_out, "standard": standard}))
     notes += _notes(figures, measuring_range)
     longest = {} if measuring_range is None else _longest_lengths(of_first)
-    return AcceptanceResult(str(path), tuple(figures), tuple(notes), points.stated, measuring_range, longest, data)
+    return AcceptanceResult(
+        str(path), tuple(figures), tuple(notes), points.stated, measuring_range, longest, data
+    )
 
 
 def _has_points(of_test: pd.DataFrame, definition: Definition) -> bool:
@@ -323,13 +376,18 @@ def checked_limits(mpe: Mapping[str, float] | None) -> dict[str, float]:
     return dict(mpe)
 
 
-def _in_range(found: Evaluated, definition: Definition, touches: pd.DataFrame, measuring_range: float | None) -> Evaluated:
+def _in_range(
+    found: Evaluated, definition: Definition, touches: pd.DataFrame, measuring_range: float | None
+) -> Evaluated:
     """A length error without its value where the lengths are too short for the range."""
     longest = touches["length"].max()
     if definition.test not in IN_RANGE or measuring_range is None or found.missing:
         return found
     if longest > measuring_range:
-        raise AacmmError(f"the longest length, {plain_mm(longest)} mm, is beyond the range, {plain_mm(measuring_range)} mm")
+        raise AacmmError(
+            f"the longest length, {plain_mm(longest)} mm, is beyond the range, "
+            f"{plain_mm(measuring_range)} mm"
+        )
     least = LONGEST_PART * measuring_range
     if longest >= least:
         return found
@@ -339,8 +397,12 @@ def _in_range(found: Evaluated, definition: Definition, touches: pd.DataFrame, m
 
 def _notes(figures: Sequence[AcceptanceFigure], measuring_range: float | None) -> tuple[Note, ...]:
     judged = [f for f in figures if f.verdict is not None]
-    unstated = dict.fromkeys(f.definition.name for f in judged if math.isnan(f.evaluated.u) and not f.stated)
-    partly = dict.fromkeys(f.definition.name for f in judged if f.stated and f.stated < len(f.evaluated.errors))
+    unstated = dict.fromkeys(
+        f.definition.name for f in judged if math.isnan(f.evaluated.u) and not f.stated
+    )
+    partly = dict.fromkeys(
+        f.definition.name for f in judged if f.stated and f.stated < len(f.evaluated.errors)
+    )
     notes = []
     if unstated:
         notes.append(Note("guard_band_zero", {"figures": [*unstated]}))
@@ -353,7 +415,12 @@ def _notes(figures: Sequence[AcceptanceFigure], measuring_range: float | None) -
         if (other := figure.decided_by) is not None:
             error, expanded, place = other
             data = {"figure": figure.definition.name, "source": figure.source, "error": error}
-            notes.append(Note("other_error_decides", {**data, "expanded": expanded, "where": figure.places[place]}))
+            notes.append(
+                Note(
+                    "other_error_decides",
+                    {**data, "expanded": expanded, "where": figure.places[place]},
+                )
+            )
     if measuring_range is None and any(f.definition.test in IN_RANGE for f in figures):
         notes.append(Note("measuring_range_unknown"))
     return tuple(notes)

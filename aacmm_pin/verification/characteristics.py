@@ -1,6 +1,8 @@
-"""The characteristics of ISO 10360-12 and ASME B89.4.22 that a test has values of, by public descriptions of the standards.
+"""The characteristics of ISO 10360-12 and ASME B89.4.22 that a test has values of, by public
+descriptions of the standards.
 
-The definitions were never compared with the standards' texts, which stands where a verdict is given.
+The definitions were never compared with the standards' texts, which stands where a verdict is
+given.
 """
 
 from __future__ import annotations

@@ -1,4 +1,6 @@
-"""What about touches is not as a test gives them: copies, other units, touches beside their sphere, wrong probes."""
+"""What about touches is not as a test gives them: copies, other units, touches beside their sphere,
+wrong probes.
+"""
 
 from __future__ import annotations
 
@@ -16,11 +18,14 @@ from aacmm_pin.verification.places import Place, coordinates_of
 from aacmm_pin.verification.spheres import LEAST, FittedSphere, fitted_sphere
 
 ROUNDED = 5e-7
-"""Coordinates that differ by no more are those of a copy that is rounded to a micrometre, or more finely [m]."""
+"""Coordinates that differ by no more are those of a copy that is rounded to a micrometre, or more
+finely [m].
+"""
 PART_OF_RANGE = 0.1
 """Positions of a test are spread over more of the measuring range than this."""
 CLOSE = 3e-3
-"""Touches of a test that are all closer together than this may be coordinates in another unit [m]."""
+"""Touches of a test that are all closer together than this may be coordinates in another unit [m].
+"""
 OTHER_UNIT = 2.0
 """No arm measures a length this many times too long, or too short."""
 ALIKE = 0.02
@@ -30,11 +35,15 @@ WRONG_SIZE = 1e-3
 BESIDE = 5e-5
 """A touch nearer to its sphere than this is none that is beside it [m]."""
 TIMES_SMALLER = 50.0
-"""Touches of a position that scatter so much less than those of the others may be coordinates in another unit."""
+"""Touches of a position that scatter so much less than those of the others may be coordinates in
+another unit.
+"""
 CHANCE = 1e-4
 """Chance that one of the touches of a sphere is as far off as one that is named."""
 TIMES_ITS_LIKE = 10.0
-"""Touches too few to tell which is off do not lie on a sphere whose form is so many times the median of spheres like it."""
+"""Touches too few to tell which is off do not lie on a sphere whose form is so many times the
+median of spheres like it.
+"""
 
 
 def check_unit(touches: pd.DataFrame) -> None:
@@ -49,18 +58,30 @@ def check_unit(touches: pd.DataFrame) -> None:
         except AacmmError:  # a note says that these have no value
             continue
         factors = (1 + lengths["error"] / lengths["length"]).to_numpy()
-        if len(factors) and np.ptp(factors) <= ALIKE * factors.min() and not 1 / OTHER_UNIT < factors.mean() < OTHER_UNIT:
-            times = f"{factors.mean():.4g} times" + f", or 1/{1 / factors.mean():.4g} of," * bool(factors.mean() < 1)
+        if (
+            len(factors)
+            and np.ptp(factors) <= ALIKE * factors.min()
+            and not 1 / OTHER_UNIT < factors.mean() < OTHER_UNIT
+        ):
+            times = f"{factors.mean():.4g} times" + f", or 1/{1 / factors.mean():.4g} of," * bool(
+                factors.mean() < 1
+            )
             raise AacmmError(
                 f"test {test}: each of {len(factors)} lengths measures {times} its length_mm; "
                 "in which unit are the coordinates, or length_mm? Expected both in mm"
             )
 
 
-def doubts(source: str, touches: pd.DataFrame, measuring_range: float | None = None) -> Iterator[Note]:
-    """Notes on the touches of one set of coordinates; ``measuring_range`` of the arm [m], None where not given."""
+def doubts(
+    source: str, touches: pd.DataFrame, measuring_range: float | None = None
+) -> Iterator[Note]:
+    """Notes on the touches of one set of coordinates; ``measuring_range`` of the arm [m], None
+    where not given.
+    """
     at = touches[["x", "y", "z"]]
-    nearest = scipy.spatial.KDTree(at).query(at, 2, p=np.inf, distance_upper_bound=ROUNDED)[0][:, 1]  # inf where farther
+    nearest = scipy.spatial.KDTree(at).query(at, 2, p=np.inf, distance_upper_bound=ROUNDED)[0][
+        :, 1
+    ]  # inf where farther
     if alike := int(np.isfinite(nearest).sum()):
         yield Note("touches_copied", {"copies": alike, "touches": len(at)}).with_place(source)
     for test, of_test in touches.groupby("test", sort=False):
@@ -83,7 +104,9 @@ def _too_small(touches: pd.DataFrame) -> Iterator[Note]:
     for position, extent in extents.items():
         others = float(extents.drop(position).median()) if len(extents) > 1 else 0.0
         if 0.0 < extent * TIMES_SMALLER < others:  # of copies there is a note
-            yield Note("position_small", {"extent": float(extent), "others": others}).with_place(f"position {position}")
+            yield Note("position_small", {"extent": float(extent), "others": others}).with_place(
+                f"position {position}"
+            )
 
 
 def _spheres(touches: pd.DataFrame) -> Iterator[tuple[pd.DataFrame, FittedSphere]]:
@@ -98,20 +121,33 @@ def _spheres(touches: pd.DataFrame) -> Iterator[tuple[pd.DataFrame, FittedSphere
 
 
 def _beside(spheres: list[tuple[pd.DataFrame, FittedSphere]]) -> Iterator[Note]:
-    """Touches far from the sphere of the others; spheres of five or six touches that do not lie on one."""
+    """Touches far from the sphere of the others; spheres of five or six touches that do not lie on
+    one.
+    """
     forms = np.array([sphere.form for _, sphere in spheres])
     for k, (group, sphere) in enumerate(spheres):
         touch, off = _farthest(group, sphere)
         if touch is not None:
             yield Note("touch_off_sphere", {"distance": off}).with_place(str(Place.of(touch)))
-        elif len(spheres) > 2 and sphere.form > max(TIMES_ITS_LIKE * float(np.median(np.delete(forms, k))), BESIDE):
+        elif len(spheres) > 2 and sphere.form > max(
+            TIMES_ITS_LIKE * float(np.median(np.delete(forms, k))), BESIDE
+        ):
             yield Note("touches_off_sphere", {"form": sphere.form}).with_place(str(Place.of(group)))
 
 
 def _farthest(group: pd.DataFrame, sphere: FittedSphere) -> tuple[pd.DataFrame | None, float]:
-    """The touch that is not on the sphere of the others by more than chance, and how far it is from that [m]."""
+    """The touch that is not on the sphere of the others by more than chance, and how far it is from
+    that [m].
+    """
     points, free = coordinates_of(group), np.sqrt(np.maximum(1 - sphere.leverages, 0.0))
-    k, dof = int(np.divide(np.abs(sphere.residuals), free, where=free > 0, out=np.zeros(len(free))).argmax()), len(group) - 5
+    k, dof = (
+        int(
+            np.divide(
+                np.abs(sphere.residuals), free, where=free > 0, out=np.zeros(len(free))
+            ).argmax()
+        ),
+        len(group) - 5,
+    )
     try:
         others = fitted_sphere(np.delete(points, k, axis=0)) if dof > 0 else None
     except AacmmError:  # the others lie in a plane

@@ -1,6 +1,8 @@
-"""Test values from probed points: what is needed of them, and the errors of which a test value is the largest.
+"""Test values from probed points: what is needed of them, and the errors of which a test value is
+the largest.
 
-Two evaluators do it from data: :class:`OfPoints` for spheres and single points, :class:`OfLengths` for calibrated lengths.
+Two evaluators do it from data: :class:`OfPoints` for spheres and single points, :class:`OfLengths`
+for calibrated lengths.
 """
 
 from __future__ import annotations
@@ -18,7 +20,12 @@ from aacmm_pin.accuracy.single_point import single_point_statistics
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import PREDICTED_ACCURATE
 from aacmm_pin.verification.places import Place, coordinates_of, named, rows_of
-from aacmm_pin.verification.spheres import LEAST, FittedSphere, fitted_sphere, minimum_circumscribed_sphere
+from aacmm_pin.verification.spheres import (
+    LEAST,
+    FittedSphere,
+    fitted_sphere,
+    minimum_circumscribed_sphere,
+)
 
 LENGTH = ("length_id", "position", "repeat")
 """What distinguishes one measured length from another."""
@@ -35,11 +42,13 @@ VOLUMETRIC_LENGTHS, VOLUMETRIC_POSITIONS = 2, 20
 
 @dataclass(frozen=True)
 class Evaluated:
-    """A test value and its standard uncertainty [m], how many of what it had, and how many are missing.
+    """A test value and its standard uncertainty [m], how many of what it had, and how many are
+    missing.
 
-    ``value`` is nan where something is missing; ``u`` is nan where none is stated, or none belongs to it. ``errors``
-    (n, 2) are all of which it is the largest, each with its own u, and ``rows`` the lines of the points of each, where it
-    comes from some. ``lacking`` names what was begun, or is elsewhere, and is missing here.
+    ``value`` is nan where something is missing; ``u`` is nan where none is stated, or none belongs
+    to it. ``errors`` (n, 2) are all of which it is the largest, each with its own u, and ``rows``
+    the lines of the points of each, where it comes from some. ``lacking`` names what was begun, or
+    is elsewhere, and is missing here.
     """
 
     value: float
@@ -53,7 +62,9 @@ class Evaluated:
 
 
 class Error(NamedTuple):
-    """One of the errors of which a test value is the largest, its standard uncertainty [m], and the lines of its points."""
+    """One of the errors of which a test value is the largest, its standard uncertainty [m], and the
+    lines of its points.
+    """
 
     value: float
     u: float = np.nan
@@ -85,7 +96,8 @@ class Needed(NamedTuple):
     """Nested groups that a test value needs, such as positions of lengths.
 
     Attributes:
-        levels: the labels that distinguish groups, and how many groups there must be in each of the level above.
+        levels: the labels that distinguish groups, and how many groups there must be in each of the
+            level above.
         each: rows in each of the innermost groups.
     """
 
@@ -122,7 +134,8 @@ class OfPoints:
     Attributes:
         needed: the points that there must be; its outermost labels distinguish the groups.
         errors: of a group; one that is nan has its points on a small cap of their sphere.
-        has_enough: whether a group has what an error needs beside so many points; None: it always has.
+        has_enough: whether a group has what an error needs beside so many points; None: it always
+            has.
     """
 
     needed: Needed
@@ -148,7 +161,9 @@ class OfPoints:
 
 
 def size_error(points: pd.DataFrame, sphere: FittedSphere) -> float:
-    """How much larger the sphere through some points is than the calibrated one and the probe [m]."""
+    """How much larger the sphere through some points is than the calibrated one and the
+    probe [m].
+    """
     stated = points[["feature_diameter", "probe_diameter"]].iloc[0]
     return float(sphere.diameter - stated.iloc[0] - stated.iloc[1])
 
@@ -183,7 +198,9 @@ def distances_from_mean(points: pd.DataFrame) -> Iterator[Error]:
 
 
 def standard_deviation(points: pd.DataFrame) -> Iterator[Error]:
-    """Of the position of one point, see :func:`aacmm_pin.accuracy.single_point.single_point_statistics`."""
+    """Of the position of one point, see
+    :func:`aacmm_pin.accuracy.single_point.single_point_statistics`.
+    """
     yield Error(single_point_statistics(coordinates_of(points)).sigma, rows=rows_of(points))
 
 
@@ -194,7 +211,9 @@ def twice_standard_deviation(points: pd.DataFrame) -> Iterator[Error]:
 
 
 def deviation_of_accurate(points: pd.DataFrame) -> Iterator[Error]:
-    """RMS distance from the mean of all points, of those in postures that were predicted to be accurate."""
+    """RMS distance from the mean of all points, of those in postures that were predicted to be
+    accurate.
+    """
     yield _deviation_of(points, _is_accurate(points))
 
 
@@ -245,7 +264,8 @@ class OfLengths:
     Attributes:
         missing: how many lengths are missing, of the table of those that were measured.
         lacking: which of them, of the probed points and that table.
-        both_sides: whether the ends are probed from opposite sides, so that the probe makes the length longer.
+        both_sides: whether the ends are probed from opposite sides, so that the probe makes the
+            length longer.
         errors: of the table of measured lengths.
     """
 
@@ -268,7 +288,9 @@ class OfLengths:
 
 
 def measured_lengths(points: pd.DataFrame, both_sides: bool) -> pd.DataFrame:
-    """The lengths of which both ends were probed: labels, calibrated length, its u, error [m], and rows of the points."""
+    """The lengths of which both ends were probed: labels, calibrated length, its u, error [m], and
+    rows of the points.
+    """
     labels, at = [*LENGTH], ["x", "y", "z"]
     ends = points.groupby([*labels, "feature"], sort=False)
     sizes = ends.size()
@@ -305,7 +327,9 @@ def _check_ends(points: pd.DataFrame, ends: pd.DataFrame) -> None:
     of_first = ends.merge(first, on=labels)
     came = ", ".join(f"{n} of {name}" for name, n in of_first[["feature", "points"]].to_numpy())
     expected = f"expected two features with 1 each, or with {LEAST} and more all over a sphere"
-    raise AacmmError(f"{Place.of(points.merge(first, on=labels))}: probed points: {came}; {expected}")
+    raise AacmmError(
+        f"{Place.of(points.merge(first, on=labels))}: probed points: {came}; {expected}"
+    )
 
 
 def _check_pairs(points: pd.DataFrame) -> None:
@@ -316,7 +340,9 @@ def _check_pairs(points: pd.DataFrame) -> None:
     """
     for length in groups_of(points, LENGTH):
         if length["feature"].nunique() < 2:
-            raise AacmmError(f"{Place.of(length)}: only one end was probed; expected two, with the same labels")
+            raise AacmmError(
+                f"{Place.of(length)}: only one end was probed; expected two, with the same labels"
+            )
 
 
 def errors_of_lengths(lengths: pd.DataFrame) -> Iterator[Error]:
@@ -326,7 +352,9 @@ def errors_of_lengths(lengths: pd.DataFrame) -> Iterator[Error]:
 
 
 def twice_rms_of_lengths(lengths: pd.DataFrame) -> Iterator[Error]:
-    """Twice the root mean square error; a common error of the calibrated lengths moves it by as much as itself at most."""
+    """Twice the root mean square error; a common error of the calibrated lengths moves it by as
+    much as itself at most.
+    """
     rms = np.sqrt(np.mean(lengths["error"].to_numpy() ** 2))
     yield Error(2 * rms, 2 * lengths["u"].max(skipna=False))
 
@@ -346,7 +374,9 @@ def lengths_with_one_end(points: pd.DataFrame, lengths: pd.DataFrame) -> Iterato
 
 
 def lengths_not_measured(points: pd.DataFrame, lengths: pd.DataFrame) -> Iterator[str]:
-    """Which of three repeats in seven positions are not among the ``lengths``, as far as labels elsewhere tell."""
+    """Which of three repeats in seven positions are not among the ``lengths``, as far as labels
+    elsewhere tell.
+    """
     measured = {*zip(*(lengths[name] for name in LENGTH), strict=True)}
     positions, repeats = points["position"].unique(), points["repeat"].unique()
     places = points[["length_id", "position"]].drop_duplicates().itertuples(index=False, name=None)

@@ -1,8 +1,9 @@
-"""The acceptance checks of an arm over time: a file of their figures, and whether the latest lies where the others lie.
+"""The acceptance checks of an arm over time: a file of their figures, and whether the latest lies
+where the others lie.
 
-An individuals chart (Shewhart; ISO 7870-2:2013): the mean of the earlier values, and limits 2.66 mean moving ranges away
-from it. Values that did not conform, or lay outside their own limits, have a cause of their own, and no part in later
-limits.
+An individuals chart (Shewhart; ISO 7870-2:2013): the mean of the earlier values, and limits 2.66
+mean moving ranges away from it. Values that did not conform, or lay outside their own limits, have
+a cause of their own, and no part in later limits.
 """
 
 from __future__ import annotations
@@ -30,10 +31,21 @@ from aacmm_pin.measurements import measurement_file, read_table
 from aacmm_pin.verification.accept import VERDICTS, AcceptanceResult
 from aacmm_pin.verification.characteristics import DEFINITIONS
 
-COLUMNS = ("time", "instrument", "arm", "figure", "value_mm", "U_mm", "mpe_mm", "verdict", "version")
+COLUMNS = (
+    "time",
+    "instrument",
+    "arm",
+    "figure",
+    "value_mm",
+    "U_mm",
+    "mpe_mm",
+    "verdict",
+    "version",
+)
 LEAST_CHECKS = 8
-"""Earlier checks that limits need. A figure of an arm that has not changed lies outside then in 3.1 % of checks, with 20
-earlier ones in 1.9 % (200 000 normal series each)."""
+"""Earlier checks that limits need. A figure of an arm that has not changed lies outside then in 3.1
+% of checks, with 20 earlier ones in 1.9 % (200 000 normal series each).
+"""
 PER_MOVING_RANGE = 2.66
 """Half-width of the limits in mean moving ranges: three standard deviations, 3 / 1.128."""
 HALF = {"SinglePoint.Sigma": "SPAT.2s"}
@@ -50,8 +62,8 @@ class ControlChart:
         arm: whose coordinates, as in :class:`~aacmm_pin.verification.accept.AcceptanceFigure`.
         figure: its name.
         times: of the checks (n,), the earliest first.
-        values: of the figure without their signs (n,) [m], for the largest error is now above zero and now below; the last
-            is that of the check.
+        values: of the figure without their signs (n,) [m], for the largest error is now above zero
+            and now below; the last is that of the check.
         mpe: maximum permissible error of the latest [m]; nan where none.
         failed: which of them do not conform (n,).
     """
@@ -65,10 +77,14 @@ class ControlChart:
 
     @cached_property
     def counted(self) -> Mask:
-        """Which of the earlier values (n - 1,) make the limits: those that do not fail and lay within their own limits."""
+        """Which of the earlier values (n - 1,) make the limits: those that do not fail and lay
+        within their own limits.
+        """
         counted = np.zeros(len(self.values) - 1, dtype=bool)
         for k, value in enumerate(self.values[:-1]):
-            counted[k] = not self.failed[k] and not _outside(value, _limits(self.values[:k][counted[:k]]))
+            counted[k] = not self.failed[k] and not _outside(
+                value, _limits(self.values[:k][counted[:k]])
+            )
         return counted
 
     @property
@@ -83,7 +99,8 @@ class ControlChart:
 
     @property
     def limits(self) -> tuple[float, float]:
-        """Of the usual range [m]; nan with fewer than :data:`LEAST_CHECKS` earlier values that count.
+        """Of the usual range [m]; nan with fewer than :data:`LEAST_CHECKS` earlier values that
+        count.
 
         The lower one is nan too where it would be below zero, as no magnitude is.
         """
@@ -98,8 +115,15 @@ class ControlChart:
         """The numbers, for JSON, lengths in mm; None where there are none."""
         lower, upper = self.limits
         numbers: dict[str, Any] = {"coordinates": self.arm, "figure": self.figure}
-        numbers |= {"checks_before": len(self.values) - 1, "checks_counted": int(self.counted.sum())}
-        numbers |= {"centre_mm": _or_none(self.centre), "lower_mm": _or_none(lower), "upper_mm": _or_none(upper)}
+        numbers |= {
+            "checks_before": len(self.values) - 1,
+            "checks_counted": int(self.counted.sum()),
+        }
+        numbers |= {
+            "centre_mm": _or_none(self.centre),
+            "lower_mm": _or_none(lower),
+            "upper_mm": _or_none(upper),
+        }
         return numbers | {"left_usual_range": self.left if np.isfinite(upper) else None}
 
 
@@ -119,7 +143,8 @@ class History(Shown):
     """Checks of one arm or several.
 
     Attributes:
-        checks: one row a figure and check, with the columns of the file; ``time`` is a datetime in UTC.
+        checks: one row a figure and check, with the columns of the file; ``time`` is a datetime in
+            UTC.
         time: of the check that is looked at; None for none.
         instrument: which arm that was of.
         appended: whether it was appended, or there before.
@@ -142,33 +167,53 @@ class History(Shown):
         if not Path(path).exists():
             return cls()
         if not Path(path).is_file():  # it is written again
-            raise MeasurementFileError(str(path), None, "", "is not a regular file, expected the CSV of a history")
+            raise MeasurementFileError(
+                str(path), None, "", "is not a regular file, expected the CSV of a history"
+            )
         content = measurement_file(str(path))
         for line, text in enumerate(content.splitlines(), start=1):
             if text.lstrip().startswith(b"#"):
                 raise MeasurementFileError(
-                    str(path), line, "", "is a comment, which appending would not keep; expected none"
+                    str(path),
+                    line,
+                    "",
+                    "is a comment, which appending would not keep; expected none",
                 )
         table, lines, _ = read_table(str(path), content)
         problems = Problems(str(path), lines)
         if sorted(table.columns) != sorted(COLUMNS):
-            problems.add("", f"has columns {', '.join(table.columns)}; expected {', '.join(COLUMNS)}")
+            problems.add(
+                "", f"has columns {', '.join(table.columns)}; expected {', '.join(COLUMNS)}"
+            )
             problems.stop()
         checks = table.loc[:, list(COLUMNS)]
-        checks["time"] = _read(table, "time", in_utc, "a time as 2026-01-31T09:30:00+00:00", problems)
+        checks["time"] = _read(
+            table, "time", in_utc, "a time as 2026-01-31T09:30:00+00:00", problems
+        )
         checks["time"] = pd.to_datetime(checks["time"], utc=True)
         for name in ("value_mm", "U_mm", "mpe_mm"):
             values = _read(table, name, _number(name != "value_mm"), "a number", problems)
             checks[name] = values.astype(np.float64)
-        for name, known in (("figure", {d.name for d in DEFINITIONS}), ("verdict", {"", *VERDICTS})):
-            problems.at(~table[name].isin(known).to_numpy(), name, "is {!r}, which is none", table[name].to_numpy())
+        for name, known in (
+            ("figure", {d.name for d in DEFINITIONS}),
+            ("verdict", {"", *VERDICTS}),
+        ):
+            problems.at(
+                ~table[name].isin(known).to_numpy(),
+                name,
+                "is {!r}, which is none",
+                table[name].to_numpy(),
+            )
         twice = checks.duplicated(["time", "instrument", "arm", "figure"]).to_numpy()
-        problems.at(twice, "figure", "{!r} of this check is there twice", table["figure"].to_numpy())
+        problems.at(
+            twice, "figure", "{!r} of this check is there twice", table["figure"].to_numpy()
+        )
         problems.stop()
         return cls(checks, from_file=True)
 
     def with_check(self, result: AcceptanceResult, time: datetime, instrument: str = "") -> History:
-        """The history with the figures of ``result`` that have a value, unless some check has the very same.
+        """The history with the figures of ``result`` that have a value, unless some check has the
+        very same.
 
         Args:
             result: what :func:`~aacmm_pin.verification.accept.accept` found.
@@ -188,24 +233,31 @@ class History(Shown):
         table = table.loc[:, list(COLUMNS)]
         for then, check in self._of(instrument).groupby("time"):
             both = check.reset_index().merge(table, on=["arm", "figure"])
-            same = len(both) > 0 and bool(((both["value_mm_x"] - both["value_mm_y"]).abs() <= SAME).all())
+            same = len(both) > 0 and bool(
+                ((both["value_mm_x"] - both["value_mm_y"]).abs() <= SAME).all()
+            )
             if same and len(both) == len(table):
                 judged = both[(both["verdict_y"] != "") & (both["verdict_x"] == "")]
                 checks = self.checks.copy()
                 for name in ("U_mm", "mpe_mm", "verdict"):  # a check without a verdict may get one
                     checks.loc[judged["index"], name] = judged[f"{name}_y"].to_numpy()
-                kept = replace(self, checks=checks, time=check["time"].iloc[0], instrument=instrument)
+                kept = replace(
+                    self, checks=checks, time=check["time"].iloc[0], instrument=instrument
+                )
                 return replace(kept, appended=len(judged) > 0)
             if then == time and same:  # with figures that it did not have
                 old = pd.MultiIndex.from_frame(both[["arm", "figure"]])
                 table = table[~pd.MultiIndex.from_frame(table[["arm", "figure"]]).isin(old)]
             elif then == time and len(both):
                 raise AacmmError(
-                    f"a check of {instrument or 'this arm'} at {time.isoformat()} is in the history with other values; "
+                    f"a check of {instrument or 'this arm'} at {time.isoformat()} is in the "
+                    "history with other values; "
                     "expected another time, or another instrument"
                 )
         checks = table if self.checks.empty else pd.concat([self.checks, table], ignore_index=True)
-        return replace(self, checks=checks, time=time, instrument=instrument, appended=len(table) > 0)
+        return replace(
+            self, checks=checks, time=time, instrument=instrument, appended=len(table) > 0
+        )
 
     def _of(self, instrument: str) -> pd.DataFrame:
         """The checks of an instrument, however its name is written."""
@@ -213,7 +265,9 @@ class History(Shown):
         return self.checks[names == instrument.strip().casefold()]
 
     def charts(self) -> tuple[ControlChart, ...]:
-        """A chart for each figure of the check that is looked at, in its order; of :data:`HALF` none beside its double."""
+        """A chart for each figure of the check that is looked at, in its order; of :data:`HALF`
+        none beside its double.
+        """
         of = self._of(self.instrument)
         charts = []
         check: list[Any] = [*of[of["time"] == self.time].itertuples()]
@@ -221,11 +275,24 @@ class History(Shown):
         for latest in check:
             if (latest.arm, HALF.get(latest.figure)) in there:
                 continue
-            alike = of[(of["arm"] == latest.arm) & (of["figure"] == latest.figure) & (of["time"] <= self.time)]
+            alike = of[
+                (of["arm"] == latest.arm)
+                & (of["figure"] == latest.figure)
+                & (of["time"] <= self.time)
+            ]
             alike = alike.sort_values("time")
             values = np.abs(alike["value_mm"].to_numpy(dtype=np.float64)) * MM
             failed = (alike["verdict"] == "non-conformity").to_numpy()
-            charts.append(ControlChart(latest.arm, latest.figure, tuple(alike["time"]), values, latest.mpe_mm * MM, failed))
+            charts.append(
+                ControlChart(
+                    latest.arm,
+                    latest.figure,
+                    tuple(alike["time"]),
+                    values,
+                    latest.mpe_mm * MM,
+                    failed,
+                )
+            )
         return tuple(charts)
 
     def __str__(self) -> str:
@@ -285,7 +352,9 @@ def _number(may_be_empty: bool) -> Callable[[str], float]:
     return read
 
 
-def _read(table: pd.DataFrame, name: str, of: Callable[[str], Any], expected: str, problems: Problems) -> pd.Series:
+def _read(
+    table: pd.DataFrame, name: str, of: Callable[[str], Any], expected: str, problems: Problems
+) -> pd.Series:
     """A column of text as what it means."""
     values: list[Any] = []
     for cell in table[name].str.strip():

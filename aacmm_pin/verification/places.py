@@ -16,7 +16,9 @@ MOST_LISTED = 6
 
 @dataclass(frozen=True)
 class Place:
-    """Probed points of a test: the labels that all of them have, by column, and their lines in the file."""
+    """Probed points of a test: the labels that all of them have, by column, and their lines in the
+    file.
+    """
 
     labels: Mapping[str, str]
     rows: tuple[int, ...]
@@ -25,7 +27,9 @@ class Place:
     def of(cls, points: pd.DataFrame) -> Place:
         """The place of these points."""
         labels = {name: points[name].iloc[0] for name in LABELS_OF_PLACES}
-        shared = {name: label for name, label in labels.items() if label and (points[name] == label).all()}
+        shared = {
+            name: label for name, label in labels.items() if label and (points[name] == label).all()
+        }
         return cls(shared, rows_of(points))
 
     def __str__(self) -> str:
@@ -33,7 +37,9 @@ class Place:
         return ", ".join([*names, self._rows_in_words()])
 
     def _rows_in_words(self) -> str:
-        """The lines in the file: one by one, or of many that follow one another the first and the last."""
+        """The lines in the file: one by one, or of many that follow one another the first and the
+        last.
+        """
         first, last = min(self.rows), max(self.rows)
         if len(self.rows) == 1:
             return f"row {first}"

@@ -1,8 +1,9 @@
 """Before an acceptance test: the figures that it will show, by virtual runs of its touches.
 
-In each run the errors of the arm's parameters are drawn once and the noise of every touch anew (JCGM 101:2008, 6.4). The
-tip touches the point p, so that the model, which does not know the errors e, states p - S e there, to first order in
-e; the noise η of the readings adds J η. The figures are those of :mod:`aacmm_pin.verification.characteristics`.
+In each run the errors of the arm's parameters are drawn once and the noise of every touch anew
+(JCGM 101:2008, 6.4). The tip touches the point p, so that the model, which does not know the errors
+e, states p - S e there, to first order in e; the noise η of the readings adds J η. The figures are
+those of :mod:`aacmm_pin.verification.characteristics`.
 """
 
 from __future__ import annotations
@@ -66,7 +67,11 @@ class PredictedFigure:
     def passes(self) -> float:
         """Share of the runs with the verdict ``conformity``; nan without a limit or a value."""
         verdicts = [figure.verdict for figure in self.runs]
-        return math.nan if None in verdicts else float(np.mean([verdict == "conformity" for verdict in verdicts]))
+        return (
+            math.nan
+            if None in verdicts
+            else float(np.mean([verdict == "conformity" for verdict in verdicts]))
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +116,9 @@ class PredictedAcceptance(Shown):
     def causes(self) -> pd.DataFrame:
         """What each cause does alone to each figure: median of its magnitude [mm]."""
         rows = [
-            {"arm": f.source, "figure": f.definition.name} | (f.alone / MM).add_suffix("_mm").to_dict() for f in self.figures
+            {"arm": f.source, "figure": f.definition.name}
+            | (f.alone / MM).add_suffix("_mm").to_dict()
+            for f in self.figures
         ]
         return pd.DataFrame(rows)
 
@@ -122,14 +129,18 @@ class PredictedAcceptance(Shown):
         if least is None:
             return text
         return (
-            f"{text}; least likely to conform is {least.definition.name} of {least.source}, probability {least.passes:.2f}"
+            f"{text}; least likely to conform is {least.definition.name} of {least.source}, "
+            f"probability {least.passes:.2f}"
         )
 
     def summary(self) -> dict[str, Any]:
         """Schema ``aacmm-pin/acceptance-prediction/1``."""
         table = self.to_frame().astype(object)
         figures = table.where(table.notna(), None).to_dict("records")
-        alone = [{str(cause): float(value) / MM for cause, value in f.alone.items()} for f in self.figures]
+        alone = [
+            {str(cause): float(value) / MM for cause, value in f.alone.items()}
+            for f in self.figures
+        ]
         return {
             "schema": SCHEMA,
             "procedure": self.path,
@@ -155,22 +166,25 @@ def predict_acceptance(
     rng: np.random.Generator | None = None,
     progress: Progress = True,
 ) -> PredictedAcceptance:
-    """The figures that the touches of a procedure will show, with an interval, and the cause that each comes from.
+    """The figures that the touches of a procedure will show, with an interval, and the cause that
+    each comes from.
 
-    Only what the arm states as uncertain can be predicted: half-widths or the covariance of a calibration, uncertainties of
-    effects, noise. What a model gets wrong without knowing it is not in the figures.
+    Only what the arm states as uncertain can be predicted: half-widths or the covariance of a
+    calibration, uncertainties of effects, noise. What a model gets wrong without knowing it is not
+    in the figures.
 
     Args:
         path: procedure by :func:`aacmm_pin.verification.acceptance_procedure`, as a file.
         arms: by what the result calls each: nominal, calibrated, extended.
         mpe: maximum permissible errors by the name of the figure [m].
         standard: ``iso10360-12`` or ``asme-b89.4.22``: its figures alone.
-        encoder_noise: standard uncertainty of one reading, (nq,) or one number [rad]; default what the arm states,
-            else usual.
+        encoder_noise: standard uncertainty of one reading, (nq,) or one number [rad]; default what
+            the arm states, else usual.
         probe_noise: standard uncertainty of each coordinate of one contact [m].
         runs: number of virtual runs.
         rng: for all that is drawn; default seed 1. Every arm gets the same draws.
-        progress: show a bar in a notebook, or on stderr at a terminal; or a function such as ``tqdm``.
+        progress: show a bar in a notebook, or on stderr at a terminal; or a function such as
+            ``tqdm``.
 
     Raises:
         MeasurementFileError: the file is no procedure of such an arm.
@@ -180,7 +194,9 @@ def predict_acceptance(
     path, limits, of_standard = str(path), checked_limits(mpe), definitions(standard)
     rng = rng or np.random.default_rng(1)
     if left_out := [name for name in limits if name not in {d.name for d in of_standard}]:
-        raise AacmmError(f"MPE of {', '.join(left_out)} is given, expected figures of {standard} alone")
+        raise AacmmError(
+            f"MPE of {', '.join(left_out)} is given, expected figures of {standard} alone"
+        )
     if not arms:
         raise AacmmError(f"{path}: no arm, expected at least one whose figures are predicted")
     whole(runs, FEWEST, "virtual runs")
@@ -200,12 +216,18 @@ def predict_acceptance(
         test = _Test.of(model, procedure, noise, probe_noise, max(runs // ALONE, 1))
         notes += tuple(caveat.with_place(name) for caveat in test.sources.caveats)
         missing = test.sources.not_included
-        notes += tuple(Note("cause_not_predicted", {"cause": cause}).with_place(name) for cause in missing)
+        notes += tuple(
+            Note("cause_not_predicted", {"cause": cause}).with_place(name) for cause in missing
+        )
         wanted = [
-            d for d in of_standard if d.name in limits or touches.loc[touches["test"] == d.test, d.column or "test"].any()
+            d
+            for d in of_standard
+            if d.name in limits or touches.loc[touches["test"] == d.test, d.column or "test"].any()
         ]
         with watched(range(runs), progress, name, "run") as steps:
-            found += test.figures(name, touches, wanted, limits, steps, np.random.default_rng(draws))
+            found += test.figures(
+                name, touches, wanted, limits, steps, np.random.default_rng(draws)
+            )
     return PredictedAcceptance(path, tuple(found), runs, seed, notes)
 
 
@@ -230,13 +252,19 @@ class _Test:
     every: int
 
     @staticmethod
-    def of(model: ErrorModel, procedure: Procedure, noise: ArrayLike, probe_noise: float, every: int) -> _Test:
+    def of(
+        model: ErrorModel, procedure: Procedure, noise: ArrayLike, probe_noise: float, every: int
+    ) -> _Test:
         """The sources of a model at the postures of a procedure."""
         sources = ErrorSources.of(model, None, noise, procedure.q, None)
         names = [effect.cause for effect in of_geometry(model.arm) for _ in effect.terms]
-        names += [effect.label for effect in sources.model.effects for _ in effect.terms] + [READINGS] * model.arm.nq
+        names += [effect.label for effect in sources.model.effects for _ in effect.terms] + [
+            READINGS
+        ] * model.arm.nq
         causes = tuple(names[column] for column in sources.columns)
-        return _Test(sources, causes, procedure.points, sources.sensitivity(procedure.q), probe_noise, every)
+        return _Test(
+            sources, causes, procedure.points, sources.sensitivity(procedure.q), probe_noise, every
+        )
 
     def figures(
         self,
@@ -260,14 +288,21 @@ class _Test:
 
         for step in steps:
             parts = self._drawn(rng)
-            for d, figure in evaluated(self.points + sum(parts.values(), np.zeros_like(self.points))):
+            for d, figure in evaluated(
+                self.points + sum(parts.values(), np.zeros_like(self.points))
+            ):
                 runs[d.name].append(figure)
             for cause, part in parts.items() if step % self.every == 0 else ():
                 for d, figure in evaluated(self.points + part):
                     alone[d.name].setdefault(cause, []).append(abs(figure.evaluated.value))
-        medians = {d.name: pd.Series({c: np.median(v) for c, v in alone[d.name].items()}, dtype=float) for d in wanted}
+        medians = {
+            d.name: pd.Series({c: np.median(v) for c, v in alone[d.name].items()}, dtype=float)
+            for d in wanted
+        }
         return [
-            PredictedFigure(name, d, tuple(runs[d.name]), medians[d.name].dropna().sort_values(ascending=False))
+            PredictedFigure(
+                name, d, tuple(runs[d.name]), medians[d.name].dropna().sort_values(ascending=False)
+            )
             for d in wanted
         ]
 

@@ -1,4 +1,6 @@
-"""The probed points of an acceptance file: where the tip was, by the file's own coordinates and by each arm."""
+"""The probed points of an acceptance file: where the tip was, by the file's own coordinates and by
+each arm.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +30,14 @@ from aacmm_pin.measurements import (
     span,
 )
 
-STATED = ("operator", "session", "temperature_c", "probe_diameter_mm", "feature_diameter_mm", "length_mm")
+STATED = (
+    "operator",
+    "session",
+    "temperature_c",
+    "probe_diameter_mm",
+    "feature_diameter_mm",
+    "length_mm",
+)
 """Columns that are stated of a check as a whole."""
 MOST_COLUMNS = 8
 """So many columns are listed."""
@@ -41,8 +50,9 @@ class ProbedPoints(NamedTuple):
     """What a file has.
 
     Attributes:
-        sets: the points by the coordinates of the file, if it has them, and by each arm: a table with the fields of
-            :func:`aacmm_pin.measurements.read_probed_points`, and ``x``, ``y``, ``z`` of the centre of the probe [m].
+        sets: the points by the coordinates of the file, if it has them, and by each arm: a table
+            with the fields of :func:`aacmm_pin.measurements.read_probed_points`, and ``x``, ``y``,
+            ``z`` of the centre of the probe [m].
         notes: how the file was read.
         stated: the different values of the columns :data:`STATED`.
     """
@@ -60,10 +70,12 @@ def brief(source: str, most: int) -> str:
 
 
 def read_file(path: str, content: bytes, models: Mapping[str, ErrorModel]) -> ProbedPoints:
-    """The probed points of a file, once for its coordinates, if it has them, and once for each arm that makes some.
+    """The probed points of a file, once for its coordinates, if it has them, and once for each arm
+    that makes some.
 
     Raises:
-        MeasurementFileError: a column is missing, a cell is not as expected, or the file has nothing that gives coordinates.
+        MeasurementFileError: a column is missing, a cell is not as expected, or the file has
+            nothing that gives coordinates.
         AacmmError: an arm with an effect that does not know these readings.
     """
     table, lines, read_as = read_table(path, content)
@@ -79,13 +91,18 @@ def read_file(path: str, content: bytes, models: Mapping[str, ErrorModel]) -> Pr
         expected = "expected x_mm, y_mm, z_mm, or indications theta1_deg … and an arm"
         came = f"the columns that are filled in are {_listed(table)}"
         raise MeasurementFileError(path, None, "", f"no coordinates: {expected}; {came}")
-    sets = {name: points.assign(**dict(zip("xyz", at.T, strict=True))) for name, at in coordinates.items()}
+    sets = {
+        name: points.assign(**dict(zip("xyz", at.T, strict=True)))
+        for name, at in coordinates.items()
+    }
     stated = {name: _different(table[name]) for name in STATED if name in table}
     return ProbedPoints(sets, (*read_as, *notes), stated)
 
 
 def _unfilled(table: pd.DataFrame) -> list[str]:
-    """Coordinates and readings that are empty in every row, for of a procedure either may be filled in."""
+    """Coordinates and readings that are empty in every row, for of a procedure either may be filled
+    in.
+    """
     to_fill = [str(name) for name in table if name in REFERENCE or is_reading(name)]
     return [name for name in to_fill if (table[name] == "").all()]
 
@@ -119,12 +136,16 @@ def _by_arms(
     """Where each arm with its effects has the tip (n, 3) [m], and notes on the readings.
 
     Raises:
-        MeasurementFileError: there are no readings; ``unfilled`` are columns that are empty in every row.
+        MeasurementFileError: there are no readings; ``unfilled`` are columns that are empty in
+            every row.
         AacmmError: an effect does not know these readings.
     """
     if models and not any(map(is_reading, table)):
         theta = [name for name in unfilled if is_reading(name)]
-        why = f"no indications: expected columns theta1_deg … beside the arms that were named; there are {_listed(table)}"
+        why = (
+            "no indications: expected columns theta1_deg … beside the arms that were named; "
+            f"there are {_listed(table)}"
+        )
         if theta:
             why = f"{span(theta)}: empty in every row, expected indications"
         raise MeasurementFileError(path, None, "", why)

@@ -1,4 +1,6 @@
-"""Before an acceptance test: where sphere, seat and bars stand, which touches are made in which posture, in order."""
+"""Before an acceptance test: where sphere, seat and bars stand, which touches are made in which
+posture, in order.
+"""
 
 from __future__ import annotations
 
@@ -43,7 +45,8 @@ SEATS = {"near": (0.0, 0.18), "middle": (0.4, 0.6), "far": (0.82, 1.0)}
 LENGTHS, PLACES, REPEATS = 5, 7, 3
 """Of the tests of lengths."""
 BALL_BARS = {"short": 1, "long": 3}
-"""The ball bars, and which of the lengths they have where a test of lengths needs all of them too."""
+"""The ball bars, and which of the lengths they have where a test of lengths needs all of them too.
+"""
 SPHERE, PROBE = 25.0, 6.0
 """Diameters that are planned with where none are stated [mm]."""
 STEP = 10.0
@@ -59,7 +62,9 @@ RIM = 0.1
 UPRIGHT = 0.7
 """Cosine of the angle to gravity up to which joint axis 1 of an arm that stands is tilted."""
 ROOM = 0.02
-"""Part of a joint's range by which planned postures keep from either limit, so that a hand can move round a sphere."""
+"""Part of a joint's range by which planned postures keep from either limit, so that a hand can move
+round a sphere.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +86,9 @@ class Procedure(Shown):
     seed: int | None = None
 
     def to_frame(self) -> pd.DataFrame:
-        """The file to be filled in: coordinates and indications are empty, what is planned stands behind."""
+        """The file to be filled in: coordinates and indications are empty, what is planned stands
+        behind.
+        """
         names = [f"theta{k}_deg" for k in range(1, self.arm.nq + 1)]
         empty = pd.DataFrame("", self.touches.index, [*REFERENCE, *names])
         at = pd.DataFrame(self.points / MM, columns=[PLANNED + name for name in REFERENCE]).round(6)
@@ -93,16 +100,23 @@ class Procedure(Shown):
         return csv_text(self.to_frame())
 
     def filled(self, records: GivenRecords, software: GivenModel) -> pd.DataFrame:
-        """That file with the indications and conditions of ``records``, and the coordinates by ``software``."""
+        """That file with the indications and conditions of ``records``, and the coordinates by
+        ``software``.
+        """
         records, software = as_measurements(records, self.arm.nq), ErrorModel.of(software)
         at = software.correct(records.q, records.conditions) / MM
         indicated = records.to_frame().drop(columns=["record"], errors="ignore")
         planned = self.to_frame()
         planned = planned[planned.columns.difference(indicated.columns, sort=False)]
-        return pd.concat([planned.assign(**dict(zip(REFERENCE, at.T, strict=True))), indicated], axis=1)
+        return pd.concat(
+            [planned.assign(**dict(zip(REFERENCE, at.T, strict=True))), indicated], axis=1
+        )
 
     def __str__(self) -> str:
-        tests = ", ".join(f"{count} {test}" for test, count in self.touches["test"].value_counts(sort=False).items())
+        tests = ", ".join(
+            f"{count} {test}"
+            for test, count in self.touches["test"].value_counts(sort=False).items()
+        )
         return f"{self.arm.name}: {len(self.touches)} touches ({tests})"
 
     @staticmethod
@@ -127,7 +141,9 @@ class Procedure(Shown):
             problems.at(bad, name, "is {!r}, expected a number", table[name].to_numpy())
         problems.stop()
         if f"{PLANNED}theta{arm.nq + 1}_deg" in table:
-            raise AacmmError(f"{path}: planned for an arm with more joints than {arm.name}, which has {arm.nq}")
+            raise AacmmError(
+                f"{path}: planned for an arm with more joints than {arm.name}, which has {arm.nq}"
+            )
         points = planned[expected[:3]].to_numpy() * MM
         q = planned[angles].to_numpy() * DEG
         return Procedure(arm, table[[name for name in table if not _is_filled_in(name)]], q, points)
@@ -149,20 +165,24 @@ def acceptance_procedure(
     above: float | None = None,
     rng: np.random.Generator | None = None,
 ) -> Procedure:
-    """Touches for every figure of a standard, at places that the arm reaches in the postures needed.
+    """Touches for every figure of a standard, at places that the arm reaches in the postures
+    needed.
 
-    Two spheres (near and far), a point at three distances, a bar with five lengths in seven places, along the axes of the
-    base and the diagonals as far as the arm reaches, and ball bars of two lengths in twenty places. Points of a bar are
-    touched in another posture in every repeat; a sphere in five, of which that comes next whose stylus points at it best.
+    Two spheres (near and far), a point at three distances, a bar with five lengths in seven places,
+    along the axes of the base and the diagonals as far as the arm reaches, and ball bars of two
+    lengths in twenty places. Points of a bar are touched in another posture in every repeat; a
+    sphere in five, of which that comes next whose stylus points at it best.
 
     Args:
         model: the arm.
         standard: ``iso10360-12`` or ``asme-b89.4.22``: what its figures need alone.
-        measuring_range: diameter of the working volume [m]; default twice the reach of the tip from joint 2.
-        lengths: calibrated lengths [m], five, or for ASME B89.4.22 alone two; default even parts of two thirds of the range.
+        measuring_range: diameter of the working volume [m]; default twice the reach of the tip from
+            joint 2.
+        lengths: calibrated lengths [m], five, or for ASME B89.4.22 alone two; default even parts of
+            two thirds of the range.
         sphere_diameter, probe_diameter: [m].
-        above: height of a table over the base origin, along gravity, under which no tip goes [m]; default the base itself,
-            if the arm stands on it and can be tested so; else none.
+        above: height of a table over the base origin, along gravity, under which no tip goes [m];
+            default the base itself, if the arm stands on it and can be tested so; else none.
         rng: for all that is drawn; default seed 1.
 
     Raises:
@@ -186,7 +206,9 @@ def acceptance_procedure(
 
 
 def _stands(arm: Arm) -> bool:
-    """Whether an arm stands on its base: joint axis 1 is upright, and joint 2 not below the base."""
+    """Whether an arm stands on its base: joint axis 1 is upright, and joint 2 not below the
+    base.
+    """
     rotation, origin = arm.chain.walk(np.zeros((1, arm.nq)))
     axes = arm.chain.moving_axes()
     upright = abs(float(rotation[axes[0], 0, :, 2] @ arm.up)) > UPRIGHT
@@ -203,23 +225,36 @@ class _Layout:
         self.q: list[Array] = []
         self.taken: list[Array] = []
         axes = pool.arm.chain.moving_axes()
-        self.shoulder = pool.arm.chain.walk(np.zeros((1, pool.arm.nq)))[1][axes[min(1, len(axes) - 1)]][0]
+        self.shoulder = pool.arm.chain.walk(np.zeros((1, pool.arm.nq)))[1][
+            axes[min(1, len(axes) - 1)]
+        ][0]
         self.distance = np.linalg.norm(pool.tips - self.shoulder, axis=1)
         self.reach = float(self.distance.max())
 
-    def fill(self, standard: str | None, measuring_range: float | None, lengths: Sequence[float] | None) -> None:
+    def fill(
+        self, standard: str | None, measuring_range: float | None, lengths: Sequence[float] | None
+    ) -> None:
         """All touches that the figures of a standard need; see :func:`acceptance_procedure`."""
         wanted = {d.test for d in definitions(standard)}
         all_lengths = bool({"length-uni", "length-bi"} & wanted)
         parts = [*range(1, LENGTHS + 1)] if all_lengths else [*BALL_BARS.values()]
         if lengths is None:
-            step, longest = STEP * MM, 2 / 3 * (2 * self.reach if measuring_range is None else measuring_range)
+            step, longest = (
+                STEP * MM,
+                2 / 3 * (2 * self.reach if measuring_range is None else measuring_range),
+            )
             lengths = [step * np.ceil(longest * k / LENGTHS / step) for k in parts]
         bars = sorted(lengths)
-        if not len(set(bars)) == len(bars) == len(parts) or not np.all(np.isfinite(bars)) or min(bars) <= 0:
+        if (
+            not len(set(bars)) == len(bars) == len(parts)
+            or not np.all(np.isfinite(bars))
+            or min(bars) <= 0
+        ):
             came = ", ".join(f"{x / MM:g}" for x in bars)
             purpose = "the figures of all standards" if standard is None else STANDARDS[standard]
-            raise AacmmError(f"lengths are {came} mm, expected {len(parts)} different ones above 0 for {purpose}")
+            raise AacmmError(
+                f"lengths are {came} mm, expected {len(parts)} different ones above 0 for {purpose}"
+            )
         sizes = {"length": bars, "feature_diameter": [self.sphere], "probe_diameter": [self.probe]}
         for column in PROBED_POINT_COLUMNS:
             if column.field in sizes and column.range is not None:
@@ -239,7 +274,9 @@ class _Layout:
         self.q.append(q)
 
     def place(self, low: float, high: float, each: int) -> tuple[Array, Array]:
-        """A point between these parts of the reach, about as high as joint 2, that many postures reach, (3,), and some."""
+        """A point between these parts of the reach, about as high as joint 2, that many postures
+        reach, (3,), and some.
+        """
         inside = (self.distance >= low * self.reach) & (self.distance < high * self.reach)
         inside &= np.abs((self.pool.tips - self.shoulder) @ self.pool.arm.up) <= LEVEL * self.reach
         for other in self.taken:
@@ -247,11 +284,15 @@ class _Layout:
         tips = self.pool.tips[inside][:CANDIDATES]
         if not len(tips):
             raise AacmmError(
-                f"{self.pool.arm.name}: no posture inside the limits was found with the tip at {low:.0%} to {high:.0%} of "
-                f"the reach, about as high as joint 2, and {APART:.0%} of the reach from the places chosen before"
+                f"{self.pool.arm.name}: no posture inside the limits was found with the tip at "
+                f"{low:.0%} to {high:.0%} of "
+                f"the reach, about as high as joint 2, and {APART:.0%} of the reach from the "
+                "places chosen before"
             )
         best = tips[np.argsort(self.pool.thinness(tips))[:TRIED]]
-        (found,) = self.pool.places(best[:, None], 1, each, f"places at {low:.0%} to {high:.0%} of the reach")
+        (found,) = self.pool.places(
+            best[:, None], 1, each, f"places at {low:.0%} to {high:.0%} of the reach"
+        )
         self.taken.append(found.points[0])
         return found.points[0], found.postures[0]
 
@@ -264,7 +305,14 @@ class _Layout:
             if "sphere" in wanted:
                 self._round(center, postures, 25, test="sphere", **cells)
             for repeat in range(1, 6) if "location" in wanted else ():
-                self._round(center, postures[repeat - 1 : repeat], 5, test="location", repeat=repeat, **cells)
+                self._round(
+                    center,
+                    postures[repeat - 1 : repeat],
+                    5,
+                    test="location",
+                    repeat=repeat,
+                    **cells,
+                )
             for repeat in range(1, 4) if "effective-diameter" in wanted and name == "near" else ():
                 self._round(center, postures, 9, test="effective-diameter", repeat=repeat, **cells)
 
@@ -274,11 +322,19 @@ class _Layout:
         pole, tool = self.pool.arm.up, None
         if stylus is not None:
             tool = self.pool.arm.chain.walk(postures)[0][self.pool.arm.chain.tip] @ stylus
-            pole = -tool.mean(axis=0) / np.linalg.norm(tool.mean(axis=0)) if len(postures) > 1 else -tool[0]
+            pole = (
+                -tool.mean(axis=0) / np.linalg.norm(tool.mean(axis=0))
+                if len(postures) > 1
+                else -tool[0]
+            )
         normals = _half_sphere(count, pole)
-        best = np.arange(count) % len(postures) if tool is None else (-tool @ normals.T).argmax(axis=0)
+        best = (
+            np.arange(count) % len(postures) if tool is None else (-tool @ normals.T).argmax(axis=0)
+        )
         for k in np.argsort(best, kind="stable"):  # articulation by articulation
-            self.touch(center + (self.sphere + self.probe) / 2 * normals[k], postures[best[k]], **cells)
+            self.touch(
+                center + (self.sphere + self.probe) / 2 * normals[k], postures[best[k]], **cells
+            )
 
     def single_points(self) -> None:
         """One point in ten articulations at each of three distances."""
@@ -295,30 +351,45 @@ class _Layout:
             for test, aside in (("length-uni", 0.0), ("length-bi", self.probe / 2)):
                 for repeat in range(1, REPEATS + 1) if test in wanted else ():
                     for number, length in enumerate(lengths, start=1):
-                        cells = {"test": test, "position": f"P{place}", "repeat": repeat, "length_id": f"L{number}"}
+                        cells = {
+                            "test": test,
+                            "position": f"P{place}",
+                            "repeat": repeat,
+                            "length_id": f"L{number}",
+                        }
                         cells |= {"length_mm": length / MM, "probe_diameter_mm": self.probe / MM}
                         for feature, end, sign in (("A", 0, -1), (f"L{number}", number, 1)):
                             q = postures[end][(repeat - 1) % len(postures[end])]
-                            self.touch(ends[end] + sign * aside * direction, q, feature=feature, **cells)
+                            self.touch(
+                                ends[end] + sign * aside * direction, q, feature=feature, **cells
+                            )
 
     def _bar_places(self, lengths: Array) -> list[tuple[Array, Array]]:
         """Where the bar begins and how it points, in seven places far from one another."""
         up = self.pool.arm.up
         level = np.linalg.svd(up[None])[2][1:]
-        wanted = [*level, up] + [(a * level[0] + b * level[1] + up) / np.sqrt(3) for a in (-1, 1) for b in (-1, 1)]
+        wanted = [*level, up] + [
+            (a * level[0] + b * level[1] + up) / np.sqrt(3) for a in (-1, 1) for b in (-1, 1)
+        ]
         reached = float(np.quantile(self.pool.thinness(self.pool.tips[:CANDIDATES]), 0.98))
         found: list[tuple[Array, Array]] = []
         for aim in wanted:
             directions = aim + np.arange(TRIED)[:, None] / TRIED * self.rng.normal(size=(TRIED, 3))
             directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-            for direction in directions:  # the wanted one first, then others, farther and farther from it
+            for (
+                direction
+            ) in directions:  # the wanted one first, then others, farther and farther from it
                 good = self.pool.tips[self.rng.permutation(len(self.pool.tips))[:CANDIDATES]]
                 for length in (*lengths[::-1], 0.0):  # the far end is least often in reach
                     ends = good + length * direction
-                    good = good[self.pool.room.admits(ends) & np.isfinite(self.pool.thinness(ends, reached))]
+                    good = good[
+                        self.pool.room.admits(ends) & np.isfinite(self.pool.thinness(ends, reached))
+                    ]
                 middles = good + lengths[-1] / 2 * direction
                 before = np.array([start + lengths[-1] / 2 * way for start, way in found])
-                order = spread_out(np.vstack([before, middles]) if found else middles, len(found) + 5, 0.0)
+                order = spread_out(
+                    np.vstack([before, middles]) if found else middles, len(found) + 5, 0.0
+                )
                 tried = [good[k - len(found)] for k in order if k >= len(found)]
                 start = next((s for s in tried if self._touchable(s, direction, lengths)), None)
                 if start is not None:
@@ -326,20 +397,28 @@ class _Layout:
                     break
         if len(found) < PLACES:
             raise AacmmError(
-                f"{self.pool.arm.name}: {len(found)} of {PLACES} places found where a bar of {lengths[-1] / MM:g} mm can be "
+                f"{self.pool.arm.name}: {len(found)} of {PLACES} places found where a bar of "
+                f"{lengths[-1] / MM:g} mm can be "
                 "touched all along; state a shorter range or shorter lengths"
             )
         return found
 
     def _touchable(self, start: Array, direction: Array, lengths: Array) -> bool:
-        return all(len(q) for q in self.pool.touched(start + np.array([0.0, *lengths])[:, None] * direction, 1))
+        return all(
+            len(q)
+            for q in self.pool.touched(start + np.array([0.0, *lengths])[:, None] * direction, 1)
+        )
 
     def ball_bars(self, *lengths: float) -> None:
         """Ball bars of two lengths in ten places each."""
         for name, length in zip(BALL_BARS, lengths, strict=True):
             for place, bar in enumerate(bars_for(self.pool, 10, length, 2, self.rng), start=1):
                 cells: dict[str, Any] = {"test": "volumetric", "length_id": f"{name} ball bar"}
-                cells |= {"position": f"{name} {place}", "length_mm": length / MM, "probe_diameter_mm": self.probe / MM}
+                cells |= {
+                    "position": f"{name} {place}",
+                    "length_mm": length / MM,
+                    "probe_diameter_mm": self.probe / MM,
+                }
                 for feature, point, q in zip("AB", bar.points, bar.postures, strict=True):
                     self.touch(point, q[0], feature=feature, **cells)
 
@@ -349,16 +428,23 @@ class _Layout:
         q, arrived = brought_to(self.pool.state_of, np.array(self.q), points, joint_bounds(arm))
         if not arrived.all():
             raise AacmmError(
-                f"{arm.name}: {(~arrived).sum()} of {len(q)} touches are beyond the limits of the joints; "
+                f"{arm.name}: {(~arrived).sum()} of {len(q)} touches are beyond the limits of the "
+                "joints; "
                 "another seed draws other postures"
             )
-        table = pd.DataFrame(self.rows).reindex(columns=[column.names[0] for column in PROBED_POINT_COLUMNS])
+        table = pd.DataFrame(self.rows).reindex(
+            columns=[column.names[0] for column in PROBED_POINT_COLUMNS]
+        )
         table["repeat"] = table["repeat"].astype("Int64")
-        return Procedure(arm, table.assign(articulation=articulations(arm, np.array(self.q))), q, points, seed)
+        return Procedure(
+            arm, table.assign(articulation=articulations(arm, np.array(self.q))), q, points, seed
+        )
 
 
 def _half_sphere(count: int, pole: Array) -> Array:
-    """``count`` directions spread evenly over the half about ``pole`` (n, 3): a spiral of equal areas (Saff, Kuijlaars)."""
+    """``count`` directions spread evenly over the half about ``pole`` (n, 3): a spiral of equal
+    areas (Saff, Kuijlaars).
+    """
     along = 1 - np.arange(count) / max(count - 1, 1) * (1 - RIM)
     turn = np.arange(count) * np.pi * (3 - np.sqrt(5))
     level = np.linalg.svd(pole[None])[2][1:]

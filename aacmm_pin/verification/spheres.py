@@ -14,16 +14,20 @@ from aacmm_pin.errors import AacmmError, ShapeError
 LEAST = 4
 """Points that a sphere of unknown centre and diameter needs."""
 FLAT = 1e-6
-"""Points whose smallest extent is below this part of their largest lie in a plane, where no sphere can be fitted."""
+"""Points whose smallest extent is below this part of their largest lie in a plane, where no sphere
+can be fitted.
+"""
 INSIDE = 1e-10
 """Part of the radius by which a point may be outside a sphere and still count as on it."""
 
 
 class FittedSphere(NamedTuple):
-    """A least-squares sphere: centre (3,), diameter, and form, the range of radial distances of its points [m].
+    """A least-squares sphere: centre (3,), diameter, and form, the range of radial distances of its
+    points [m].
 
-    ``diameter_factor`` is the standard deviation of the diameter over that of independent errors of its points.
-    ``residuals`` are how far outside the points lie (n,) [m], ``leverages`` the parts of their errors that it follows.
+    ``diameter_factor`` is the standard deviation of the diameter over that of independent errors of
+    its points. ``residuals`` are how far outside the points lie (n,) [m], ``leverages`` the parts
+    of their errors that it follows.
     """
 
     center: Array
@@ -47,11 +51,16 @@ def fitted_sphere(points: ArrayLike) -> FittedSphere:
     middle = p.mean(axis=0)
     extents = np.linalg.svd(p - middle, compute_uv=False)
     if extents[2] <= FLAT * extents[0]:
-        raise AacmmError(f"{len(p)} points lie in one plane, which determines no sphere; expected touches all over it")
+        raise AacmmError(
+            f"{len(p)} points lie in one plane, which determines no sphere; expected touches "
+            "all over it"
+        )
     scaled = (p - middle) / extents[0]
 
     # |p|² = 2 c·p + (r² - |c|²) is linear: where the search begins.
-    x, *_ = np.linalg.lstsq(np.column_stack([2 * scaled, np.ones(len(p))]), np.sum(scaled**2, axis=1))
+    x, *_ = np.linalg.lstsq(
+        np.column_stack([2 * scaled, np.ones(len(p))]), np.sum(scaled**2, axis=1)
+    )
     radius = np.sqrt(x[3] + x[:3] @ x[:3])
     found = least_squares(
         lambda s: np.linalg.norm(scaled - s[:3], axis=1) - s[3],
@@ -67,12 +76,17 @@ def fitted_sphere(points: ArrayLike) -> FittedSphere:
     size = float(extents[0])
     factor = 2 * float(np.linalg.norm(np.linalg.pinv(found.jac)[3]))
     leverages = np.sum(np.linalg.qr(found.jac).Q ** 2, axis=1)
-    center, diameter, residuals = middle + found.x[:3] * size, 2 * float(found.x[3]) * size, found.fun * size
+    center, diameter, residuals = (
+        middle + found.x[:3] * size,
+        2 * float(found.x[3]) * size,
+        found.fun * size,
+    )
     return FittedSphere(center, diameter, float(np.ptp(residuals)), factor, residuals, leverages)
 
 
 def minimum_circumscribed_sphere(points: ArrayLike) -> tuple[Array, float]:
-    """Centre (3,) and diameter [m] of the smallest sphere round ``points`` (n, 3), exact (Welzl 1991).
+    """Centre (3,) and diameter [m] of the smallest sphere round ``points`` (n, 3), exact (Welzl
+    1991).
 
     Raises:
         ShapeError: no point, a wrong shape, or numbers that are not finite.
@@ -101,5 +115,7 @@ def _through(on: list[Array]) -> tuple[Array, float]:
     if not on:
         return np.zeros(3), -1.0
     edges = np.array(on[1:]).reshape(-1, 3) - on[0]
-    offset, *_ = np.linalg.lstsq(2 * edges, np.sum(edges**2, axis=1)) if len(edges) else (np.zeros(3),)
+    offset, *_ = (
+        np.linalg.lstsq(2 * edges, np.sum(edges**2, axis=1)) if len(edges) else (np.zeros(3),)
+    )
     return on[0] + offset, float(np.linalg.norm(offset))

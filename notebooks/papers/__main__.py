@@ -13,4 +13,6 @@ from papers.sino6_table3.diagnosis import diagnose_table3
 SEED = 1
 
 table3 = diagnose_table3(np.random.default_rng(SEED))
-Path(sys.argv[1]).write_text(page(papers_document(reproduce_table2(), table3, SEED)), encoding="utf-8")
+Path(sys.argv[1]).write_text(
+    page(papers_document(reproduce_table2(), table3, SEED)), encoding="utf-8"
+)

@@ -1,14 +1,18 @@
-"""The zero-offset paper beside us: its tables, and its simulated calibration made again, number by number.
+"""The zero-offset paper beside us: its tables, and its simulated calibration made again, number by
+number.
 
-六自由度关节式坐标测量机关节零位偏差的标定算法 (calibration of the joint zero offsets of a six-joint measuring arm), 2010;
-the arm is the bundled ``zero6``. With zero offsets ``s``, 0 at first, the tip is computed at ``q + s``. The misses ``ΔQ`` of
-three known points and the derivatives ``G`` of the tips with respect to the offsets give ``ΔQ = G Δδ`` (7), whose least
-squares solution is the increment ``Δδ = (Gᵀ G)⁻¹ Gᵀ ΔQ`` (8); then again from ``s + Δδ``.
+六自由度关节式坐标测量机关节零位偏差的标定算法, 2010
+(calibration of the joint zero offsets of a six-joint measuring arm); the arm is the bundled
+``zero6``. With zero offsets ``s``, 0 at first, the tip is computed at ``q +
+s``. The misses ``ΔQ`` of three known points and the derivatives ``G`` of the tips with respect to
+the offsets give ``ΔQ = G Δδ`` (7), whose least squares solution is the increment ``Δδ = (Gᵀ G)⁻¹ Gᵀ
+ΔQ`` (8); then again from ``s + Δδ``.
 
-**Rounding.** Every printed offset before a run's last iteration is a whole number of milliradians: the increments were
-rounded so, or their sums, which comes to the same. The iteration then ends in every run at the true offsets rounded to
-1 mrad. The rest, up to 0.42 mrad or 0.024° a joint, is what the paper's last position errors and its 0.02° come from;
-unrounded, three iterations reach the true offsets.
+**Rounding.** Every printed offset before a run's last iteration is a whole number of milliradians:
+the increments were rounded so, or their sums, which comes to the same. The iteration then ends in
+every run at the true offsets rounded to 1 mrad. The rest, up to 0.42 mrad or 0.024° a joint, is
+what the paper's last position errors and its 0.02° come from; unrounded, three iterations reach the
+true offsets.
 """
 
 from __future__ import annotations
@@ -28,7 +32,8 @@ from papers.read_table import read_table
 
 RUNS = range(1, 4)
 ITERATIONS = 4
-"""As many as the longest run of the paper, which stops when all position errors are below 0.3 mm."""
+"""As many as the longest run of the paper, which stops when all position errors are below 0.3 mm.
+"""
 OFFSETS_DEG = [f"theta_offset{joint}_deg" for joint in range(1, 7)]
 ERRORS_MM = [f"error{point}_mm" for point in range(1, 4)]
 MRAD = 1e-3
@@ -40,30 +45,40 @@ NOTES = {
     (1, 0, "x3_mm"): "printed 14257, read as 142.57",
     (2, 0, "error3_mm"): "printed 3930: the last digit is lost, compared with 39.303",
     (1, 2, "theta_offset5_deg"): "with the keying slip; without it 1.203",
-    (1, 3, "error2_mm"): "one digit differs; with 0.206 the paper's limit of 0.3 mm would have ended the run here",
+    (
+        1,
+        3,
+        "error2_mm",
+    ): "one digit differs; with 0.206 the paper's limit of 0.3 mm would have ended the run here",
     (1, 4, "error2_mm"): "printed as in iteration 3",
 }
 """Remarks by run, iteration and quantity."""
 
 
 def printed_table1() -> pd.DataFrame:
-    """DH values and true zero offsets of the simulated arm, one row a DH row, the stylus last [deg, mm].
+    """DH values and true zero offsets of the simulated arm, one row a DH row, the stylus last [deg,
+    mm].
 
-    The link lengths a are as printed; the coordinates of Table 2 come out with a = 0 only, as in the bundled ``zero6``.
+    The link lengths a are as printed; the coordinates of Table 2 come out with a = 0 only, as in
+    the bundled ``zero6``.
     """
     return read_table("zero_offset_table1")
 
 
 def printed_postures() -> pd.DataFrame:
-    """The nine postures of Table 2, three a run: joint angles [deg], reference coordinates, first position errors [mm].
+    """The nine postures of Table 2, three a run: joint angles [deg], reference coordinates, first
+    position errors [mm].
 
-    Corrected in one digit: the position error of run 2, point 3, which stands there as 39.30, is 39.303 here.
+    Corrected in one digit: the position error of run 2, point 3, which stands there as 39.30, is
+    39.303 here.
     """
     return read_table("zero_offset_postures")
 
 
 def printed_table2() -> pd.DataFrame:
-    """Table 2: zero offsets [deg] after each iteration of each run, and the position errors of its three points [mm]."""
+    """Table 2: zero offsets [deg] after each iteration of each run, and the position errors of its
+    three points [mm].
+    """
     return read_table("zero_offset_table2")
 
 
@@ -86,24 +101,34 @@ class Run:
         return self.references - self.nominal.chain.positions(self.q + offsets)
 
     def matrix(self, offsets: Array) -> Array:
-        """G, the derivatives of the three positions with respect to the zero offsets: (9, 6) [m/rad]."""
+        """G, the derivatives of the three positions with respect to the zero offsets: (9, 6)
+        [m/rad].
+        """
         _, jacobian = self.nominal.chain.position_and_jacobian(self.q + offsets)
         return jacobian.reshape(-1, self.nominal.nq)
 
     def increment(self, offsets: Array) -> Array:
-        """Δδ of (8): (6,) [rad]. Solved by singular values; the normal equations would square the condition number."""
-        return np.asarray(np.linalg.lstsq(self.matrix(offsets), self.misses(offsets).ravel(), rcond=None)[0])
+        """Δδ of (8): (6,) [rad]. Solved by singular values; the normal equations would square the
+        condition number.
+        """
+        return np.asarray(
+            np.linalg.lstsq(self.matrix(offsets), self.misses(offsets).ravel(), rcond=None)[0]
+        )
 
 
 def simulated_run(run: int) -> Run:
-    """Run 1, 2 or 3 of the paper with the bundled arm ``zero6``; the references are the arm's own positions, unrounded.
+    """Run 1, 2 or 3 of the paper with the bundled arm ``zero6``; the references are the arm's own
+    positions, unrounded.
 
     Raises:
         UnknownNameError: no such run.
     """
     if run not in RUNS:
         raise UnknownNameError("run", str(run), [str(known) for known in RUNS])
-    q = printed_postures().query("run == @run").filter(like="theta").to_numpy(dtype=np.float64) * DEG
+    q = (
+        printed_postures().query("run == @run").filter(like="theta").to_numpy(dtype=np.float64)
+        * DEG
+    )
     dh = load_arm_file("zero6").dh
     return Run(replace(dh, theta_offset=np.zeros(dh.rows)), q, dh.chain.positions(q))
 
@@ -116,15 +141,17 @@ def assembled_arm() -> Arm:
 
 
 def iterations(run: int, *, rounded: bool = False) -> pd.DataFrame:
-    """The paper's iterations (7), (8) of one run from zero offsets on, one row an iteration, 0 (the start) to 4.
+    """The paper's iterations (7), (8) of one run from zero offsets on, one row an iteration, 0 (the
+    start) to 4.
 
-    Columns: iteration, theta_offset1_deg … theta_offset6_deg, error1_mm … error3_mm (distance of the computed from the
-    reference position of each point).
+    Columns: iteration, theta_offset1_deg … theta_offset6_deg, error1_mm … error3_mm (distance of
+    the computed from the reference position of each point).
 
     Args:
         run: number of the run, 1 to 3.
-        rounded: as the paper has them: increments are whole milliradians, and run 1 has a keying slip in its iteration 2,
-            1.776° → 1.719° for joint 5, an increment of -0.001 rad, where (8) gives -0.010; what follows obeys (8) again.
+        rounded: as the paper has them: increments are whole milliradians, and run 1 has a keying
+            slip in its iteration 2, 1.776° → 1.719° for joint 5, an increment of -0.001 rad, where
+            (8) gives -0.010; what follows obeys (8) again.
 
     Raises:
         UnknownNameError: no such run.
@@ -144,15 +171,18 @@ def iterations(run: int, *, rounded: bool = False) -> pd.DataFrame:
 
 
 def comparison() -> pd.DataFrame:
-    """Every number of Table 2 as printed and as computed with rounded :func:`iterations`, one row a number.
+    """Every number of Table 2 as printed and as computed with rounded :func:`iterations`, one row a
+    number.
 
     Iteration 0 holds the reference coordinates and the position errors before the first iteration.
 
     Columns:
-        run, iteration; kind: ``coordinate``, ``first error``, ``error`` or ``offset``; quantity: ``x1_mm`` (of point 1),
-        ``error1_mm`` (of point 1), ``theta_offset1_deg`` (of joint 1), ...;
-        unit: ``mm`` or ``deg``; printed, reproduced, difference (reproduced - printed): in that unit;
-        verdict: ``reproduced`` where all printed digits agree; ``not derivable`` for offsets that are no whole number of
+        run, iteration; kind: ``coordinate``, ``first error``, ``error`` or ``offset``; quantity:
+        ``x1_mm`` (of point 1), ``error1_mm`` (of point 1), ``theta_offset1_deg`` (of joint 1), ...;
+        unit: ``mm`` or ``deg``; printed, reproduced, difference (reproduced - printed): in that
+            unit;
+        verdict: ``reproduced`` where all printed digits agree; ``not derivable`` for offsets that
+            are no whole number of
         milliradians and for errors beside such offsets; ``not reproduced`` elsewhere;
         note: a remark, or "".
     """
@@ -162,12 +192,24 @@ def comparison() -> pd.DataFrame:
         rows.loc[0, coordinates] = simulated_run(run).references.ravel() / MM
         runs.append(rows)
     names = {"x_mm": "x", "y_mm": "y", "z_mm": "z", "position_error_mm": "error"}
-    start = printed_postures().rename(columns=names).pivot(index="run", columns="point", values=list(names.values()))
+    start = (
+        printed_postures()
+        .rename(columns=names)
+        .pivot(index="run", columns="point", values=list(names.values()))
+    )
     start.columns = start.columns.map("{0[0]}{0[1]}_mm".format)
-    printed = _long(pd.concat([printed_table2(), start.reset_index().assign(iteration=0)]), "printed")
-    table = printed.merge(_long(pd.concat(runs), "reproduced"), how="left", on=[*KEYS, "quantity"], validate="1:1")
+    printed = _long(
+        pd.concat([printed_table2(), start.reset_index().assign(iteration=0)]), "printed"
+    )
+    table = printed.merge(
+        _long(pd.concat(runs), "reproduced"), how="left", on=[*KEYS, "quantity"], validate="1:1"
+    )
     offset, error = (table["quantity"].str.startswith(name) for name in ("theta_offset", "error"))
-    kinds = np.select([offset, error & (table["iteration"] == 0), error], ["offset", "first error", "error"], "coordinate")
+    kinds = np.select(
+        [offset, error & (table["iteration"] == 0), error],
+        ["offset", "first error", "error"],
+        "coordinate",
+    )
     table.insert(2, "kind", kinds)
     table.insert(4, "unit", table["quantity"].str.rpartition("_")[2])
     table["difference"] = table["reproduced"] - table["printed"]
@@ -175,8 +217,12 @@ def comparison() -> pd.DataFrame:
     broken = offset & ((table["printed"] - whole).abs() > HALF_DIGIT)
     underivable = broken | ~offset & broken.groupby([table[key] for key in KEYS]).transform("any")
     agrees = table["difference"].abs() <= HALF_DIGIT
-    table["verdict"] = np.select([agrees, underivable], ["reproduced", "not derivable"], "not reproduced")
-    table["note"] = [NOTES.get(key, "") for key in table[[*KEYS, "quantity"]].itertuples(index=False, name=None)]
+    table["verdict"] = np.select(
+        [agrees, underivable], ["reproduced", "not derivable"], "not reproduced"
+    )
+    table["note"] = [
+        NOTES.get(key, "") for key in table[[*KEYS, "quantity"]].itertuples(index=False, name=None)
+    ]
     return table
 
 

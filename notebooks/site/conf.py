@@ -1,4 +1,6 @@
-"""The documentation: ``sphinx-build -W --keep-going notebooks/site out/site``; nothing is read from the network."""
+"""The documentation: ``sphinx-build -W --keep-going notebooks/site out/site``; nothing is read from
+the network.
+"""
 
 from __future__ import annotations
 

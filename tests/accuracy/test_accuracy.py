@@ -1,4 +1,6 @@
-"""Accuracy volumes, covariances and budgets against determinants, Monte Carlo on real models, and independent numbers."""
+"""Accuracy volumes, covariances and budgets against determinants, Monte Carlo on real models, and
+independent numbers.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +36,9 @@ SEATS_MM = [
     (-17.4909, -736.6225, 731.4539),
 ]
 JOINTWISE = [(1.05, 1.42), (1.17, 1.72), (1.21, 1.88), (1.20, 2.07), (1.22, 1.92), (1.22, 2.06)]
-"""Least and largest joint-wise volume over the circle of each seat, from an independent analysis [1e-4 mm³]."""
+"""Least and largest joint-wise volume over the circle of each seat, from an independent analysis
+[1e-4 mm³].
+"""
 FULL = [(51, 79), (60, 91), (56, 91), (65, 100), (68, 97), (76, 106)]
 """The same of the full zonotope."""
 ELLIPSOID = [(3.5, 5.5), (4.5, 6.1), (4.7, 6.4), (5.3, 6.5), (5.4, 6.5), (5.8, 6.6)]
@@ -43,7 +47,12 @@ ELLIPSOID = [(3.5, 5.5), (4.5, 6.1), (4.7, 6.4), (5.3, 6.5), (5.4, 6.5), (5.8, 6
 
 @pytest.fixture(scope="session")
 def ur5(robot_file: Callable[[str], Path]) -> Arm:
-    return Arm.from_urdf(robot_file("ur5_robot.urdf"), "ee_link", translation_half_width=2e-5, rotation_half_width=4e-5)
+    return Arm.from_urdf(
+        robot_file("ur5_robot.urdf"),
+        "ee_link",
+        translation_half_width=2e-5,
+        rotation_half_width=4e-5,
+    )
 
 
 @pytest.fixture(params=["sino6", "ur5"])
@@ -79,13 +88,18 @@ def numerical_sensitivity(arm: Arm, q: Array) -> Array:
 
 def test_zonotope_and_jointwise_are_sums_of_determinants(arm: Arm) -> None:
     q = some(arm, 2)
-    full, by_joint = (accuracy_volume(arm, q, method=method) for method in ("zonotope", "jointwise"))
+    full, by_joint = (
+        accuracy_volume(arm, q, method=method) for method in ("zonotope", "jointwise")
+    )
     joints = np.array([p.joint for p in arm.parameters])
     for k in range(2):
         g = numerical_sensitivity(arm, q[k : k + 1]) * widths(arm)
 
         def total(columns: Array) -> float:
-            return 8 * sum(abs(np.linalg.det(columns[:, list(c)])) for c in combinations(range(columns.shape[1]), 3))
+            return 8 * sum(
+                abs(np.linalg.det(columns[:, list(c)]))
+                for c in combinations(range(columns.shape[1]), 3)
+            )
 
         assert full.volume[k] == pytest.approx(total(g), rel=1e-6, abs=0.0)
         of_joints = sum(total(g[:, joints == j]) for j in np.unique(joints))
@@ -102,7 +116,9 @@ def test_ellipsoid_is_that_of_the_covariance(arm: Arm) -> None:
 
 
 def test_ellipsoid_holds_95_percent_of_normal_errors(zero6: Arm, rng: np.random.Generator) -> None:
-    """Encoder noise alone, without uncertain parameters: of 40 000 real readings 95 % ± 0.4 % lie in the ellipsoid."""
+    """Encoder noise alone, without uncertain parameters: of 40 000 real readings 95 % ± 0.4 % lie
+    in the ellipsoid.
+    """
     q = some(zero6, 1)
     result = accuracy_volume(zero6, q, method="ellipsoid", encoder_noise=2e-5)
     read = zero6.poses(q + 2e-5 * rng.normal(size=(40_000, 6))).position - zero6.poses(q).position
@@ -131,15 +147,21 @@ def test_monte_carlo_hull_nears_the_zonotope_from_inside(
     exact = accuracy_volume(arm, q)
     hull = accuracy_volume(arm, q, method="monte-carlo", rng=rng, draws=draws)
     assert hull.sampling_error is not None
-    half = accuracy_volume(arm, q[:1], method="monte-carlo", rng=np.random.default_rng(20190427), draws=draws // 2)
+    half = accuracy_volume(
+        arm, q[:1], method="monte-carlo", rng=np.random.default_rng(20190427), draws=draws // 2
+    )
     np.testing.assert_allclose(hull.sampling_error[0], hull.volume[0] - half.volume[0], rtol=1e-9)
     assert (hull.sampling_error > 0).all()
     second_order = 1e-3  # errors of 1e-4 relative turn the generators by as much
     assert (hull.volume < exact.volume * (1 + second_order)).all()
-    missing = exact.volume - hull.volume  # the sampling error of a single posture is itself a draw: both together
+    missing = (
+        exact.volume - hull.volume
+    )  # the sampling error of a single posture is itself a draw: both together
     assert missing.sum() < 4 * hull.sampling_error.sum()
     np.testing.assert_allclose(hull.volume, exact.volume, rtol=0.02 if name == "sino6" else 0.1)
-    spread = np.trace(hull.covariance, axis1=1, axis2=2) / np.trace(exact.covariance, axis1=1, axis2=2)
+    spread = np.trace(hull.covariance, axis1=1, axis2=2) / np.trace(
+        exact.covariance, axis1=1, axis2=2
+    )
     np.testing.assert_allclose(spread, 1.0, atol=6 / np.sqrt(draws))
 
 
@@ -147,7 +169,9 @@ def test_monte_carlo_hull_nears_the_zonotope_from_inside(
 def test_covariance_is_that_of_the_real_model(
     name: str, draws: int, request: pytest.FixtureRequest, rng: np.random.Generator
 ) -> None:
-    """Rectangular draws of every parameter and normal ones of the readings, moved through the exact model."""
+    """Rectangular draws of every parameter and normal ones of the readings, moved through the exact
+    model.
+    """
     arm: Arm = request.getfixturevalue(name)
     q = some(arm, 1, seed=9)
     noise = np.linspace(1e-5, 3e-5, 6)
@@ -158,13 +182,15 @@ def test_covariance_is_that_of_the_real_model(
     np.testing.assert_allclose(np.cov(moved.T) / scale, covariance / scale, atol=7 / np.sqrt(draws))
     s = numerical_sensitivity(arm, q) * widths(arm) / np.sqrt(3)
     jacobian = arm.poses(q).jacobian[0, :3] * noise
-    np.testing.assert_allclose((s @ s.T + jacobian @ jacobian.T) / scale, covariance / scale, atol=1e-6)
+    np.testing.assert_allclose(
+        (s @ s.T + jacobian @ jacobian.T) / scale, covariance / scale, atol=1e-6
+    )
 
 
 def test_published_ranges_at_the_six_seats(nominal: Arm, sino6: Arm) -> None:
-    """The largest values agree to the printed digits, the least of the zonotope too. The joint-wise volume has a narrow dip
-    near θ3 = ±84°, the ellipsoid a shallow one; the analysis saw θ3 about every 30° and its least values lie above these,
-    by 7 to 13 % and 2 %.
+    """The largest values agree to the printed digits, the least of the zonotope too. The joint-wise
+    volume has a narrow dip near θ3 = ±84°, the ellipsoid a shallow one; the analysis saw θ3 about
+    every 30° and its least values lie above these, by 7 to 13 % and 2 %.
     """
     for seat, by_joint, full, ellipsoid in zip(SEATS_MM, JOINTWISE, FULL, ELLIPSOID, strict=True):
         for arm, slack in ((nominal, 0.006), (sino6, 0.03))[: 2 if seat in SEATS_MM[:2] else 1]:
@@ -177,7 +203,9 @@ def test_published_ranges_at_the_six_seats(nominal: Arm, sino6: Arm) -> None:
             assert accuracy.volume.min() * 1e13 == pytest.approx(full[0], abs=1.0)
             assert accuracy.volume.max() * 1e13 == pytest.approx(full[1], abs=1.0)
             covariance = accuracy.covariance
-            volume = 4 / 3 * np.pi * np.sqrt(np.linalg.det(3 * covariance)) * 1e13  # half-widths in place of u
+            volume = (
+                4 / 3 * np.pi * np.sqrt(np.linalg.det(3 * covariance)) * 1e13
+            )  # half-widths in place of u
             assert volume.min() == pytest.approx(ellipsoid[0], rel=0.03)
             assert volume.max() == pytest.approx(ellipsoid[1], rel=slack, abs=0.06)
 
@@ -197,7 +225,10 @@ def test_largest_deviation_bounds_the_real_model(sino6: Arm, rng: np.random.Gene
     for q in some(sino6, 2)[:, None]:
         largest = accuracy_volume(sino6, q).largest_deviation[0]
         towards = rng.normal(size=(4000, 3)) @ (sino6.sensitivity(q)[0] * widths(sino6))
-        for corners, of_largest in ((rng.choice([-1.0, 1.0], (4000, 24)), 0.0), (np.sign(towards), 0.998)):
+        for corners, of_largest in (
+            (rng.choice([-1.0, 1.0], (4000, 24)), 0.0),
+            (np.sign(towards), 0.998),
+        ):
             tips = sino6.perturbed_positions(q, corners * widths(sino6))
             moved = np.linalg.norm(tips - sino6.poses(q).position, axis=1).max()
             assert of_largest * largest < moved < 1.001 * largest
@@ -212,18 +243,28 @@ def test_encoder_noise_enters_covariance_and_ellipsoid_only(sino6: Arm) -> None:
     np.testing.assert_allclose(with_noise.volume, without.volume, rtol=1e-12)
     jacobian = sino6.poses(q).jacobian[:, :3]
     extra = 25e-10 * jacobian @ jacobian.transpose(0, 2, 1)
-    np.testing.assert_allclose(with_noise.covariance, without.covariance + extra, rtol=1e-9, atol=1e-18)
-    ellipsoids = [accuracy_volume(sino6, q, method="ellipsoid", encoder_noise=u).volume for u in (0.0, 5e-5)]
+    np.testing.assert_allclose(
+        with_noise.covariance, without.covariance + extra, rtol=1e-9, atol=1e-18
+    )
+    ellipsoids = [
+        accuracy_volume(sino6, q, method="ellipsoid", encoder_noise=u).volume for u in (0.0, 5e-5)
+    ]
     assert (ellipsoids[1] > ellipsoids[0]).all()
     assert set(with_noise.budget("kind")["kind"]) == {"a", "d", "alpha", "theta_offset", "encoder"}
 
 
 def test_stated_encoder_noise_is_taken_from_the_file(sino6: Arm) -> None:
     file = load_arm_file("sino6")
-    rows = [row.model_copy(update={"encoder_noise_rad": 1e-5 * n}) for n, row in enumerate(file.joints, start=1)]
+    rows = [
+        row.model_copy(update={"encoder_noise_rad": 1e-5 * n})
+        for n, row in enumerate(file.joints, start=1)
+    ]
     arm, q = Arm.from_file(file.model_copy(update={"joints": rows})), some(sino6, 2)
     for mine, given in ((None, 1e-5 * np.arange(1, 7)), (0.0, None)):
-        found, expected = accuracy_volume(arm, q, encoder_noise=mine), accuracy_volume(sino6, q, encoder_noise=given)
+        found, expected = (
+            accuracy_volume(arm, q, encoder_noise=mine),
+            accuracy_volume(sino6, q, encoder_noise=given),
+        )
         np.testing.assert_allclose(found.covariance, expected.covariance, rtol=1e-12)
 
 
@@ -233,7 +274,10 @@ def test_frames_before_the_tip(sino6: Arm) -> None:
     joints = [p.joint for p in result.sources.parameters]
     pulled = np.linalg.norm(result.sources.sensitivity(q), axis=1).max(axis=0)
     assert (pulled[np.array(joints) == 6] == 0.0).all()
-    moved = sino6.perturbed_positions(q[:1], widths(sino6)[None], "frame5") - sino6.poses(q[:1], "frame5").position
+    moved = (
+        sino6.perturbed_positions(q[:1], widths(sino6)[None], "frame5")
+        - sino6.poses(q[:1], "frame5").position
+    )
     assert np.linalg.norm(moved) < result.largest_deviation[0]
 
 
@@ -247,18 +291,24 @@ def test_budget_names_each_source_once(sino6: Arm) -> None:
     assert set(table["parameter"]) == uncertain | {f"encoder_noise{j}" for j in range(1, 7)}
     row = table.set_index("parameter").loc["d3"]
     assert (row["joint"], row["kind"], row["scope"]) == (3, "d", "arm")
-    assert row["u_mm"] == pytest.approx(0.02707 / np.sqrt(3), rel=1e-9)  # d3 moves the tip one for one
+    assert row["u_mm"] == pytest.approx(
+        0.02707 / np.sqrt(3), rel=1e-9
+    )  # d3 moves the tip one for one
 
 
 # --- what cannot be asked
 
 
-def test_nothing_uncertain_is_an_error_not_perfection(zero6: Arm, robot_file: Callable[[str], Path]) -> None:
+def test_nothing_uncertain_is_an_error_not_perfection(
+    zero6: Arm, robot_file: Callable[[str], Path]
+) -> None:
     bare = Arm.from_urdf(robot_file("ur5_robot.urdf"), "ee_link")
     for arm in (zero6, bare):
         with pytest.raises(AacmmError, match="uncertainty"):
             accuracy_volume(arm, np.zeros((1, 6)))
-        assert accuracy_volume(arm, some(arm, 1), method="ellipsoid", encoder_noise=1e-5).volume[0] > 0
+        assert (
+            accuracy_volume(arm, some(arm, 1), method="ellipsoid", encoder_noise=1e-5).volume[0] > 0
+        )
         with pytest.raises(AacmmError, match="uncertainty"):
             accuracy_volume(arm, np.zeros((1, 6)), method="ellipsoid", encoder_noise=0.0)
         with pytest.raises(AacmmError, match="bounds"):
@@ -293,7 +343,9 @@ def test_what_cannot_be_asked(sino6: Arm) -> None:
 
 def test_memory_grows_only_with_the_result(sino6: Arm, monkeypatch: pytest.MonkeyPatch) -> None:
     """Beyond q, volume and covariance, 30 000 configurations need no more than 5 000."""
-    monkeypatch.setenv("AACMM_PIN_COMPILED", "never")  # a slow machine may load numba between the two, which takes 20 MB
+    monkeypatch.setenv(
+        "AACMM_PIN_COMPILED", "never"
+    )  # a slow machine may load numba between the two, which takes 20 MB
     beyond = []
     for n in (5_000, 30_000):
         q = some(sino6, n)
@@ -311,11 +363,15 @@ def test_parts_of_a_batch_give_what_the_batch_gives(sino6: Arm) -> None:
     for method in ("zonotope", "jointwise", "ellipsoid"):
         whole, part = (accuracy_volume(sino6, x, method=method) for x in (q, q[2040:2056]))
         np.testing.assert_allclose(whole.volume[2040:2056], part.volume, rtol=1e-12)
-        np.testing.assert_allclose(whole.covariance[2040:2056], part.covariance, rtol=1e-12, atol=1e-25)
+        np.testing.assert_allclose(
+            whole.covariance[2040:2056], part.covariance, rtol=1e-12, atol=1e-25
+        )
 
 
 def test_parts_of_a_batch_have_their_own_conditions(sino6: Arm) -> None:
-    """Warmth that grows along the batch: what each posture has by itself, in covariance, budget and largest deviation."""
+    """Warmth that grows along the batch: what each posture has by itself, in covariance, budget and
+    largest deviation.
+    """
     q = some(sino6, CHUNK + 100)
     model = ErrorModel(sino6, (ThermalExpansion(values=(1e-5,), u=(5e-6,)),))
     warmth = Conditions(len(q), temperature=np.linspace(20.0, 60.0, len(q)))
@@ -326,7 +382,9 @@ def test_parts_of_a_batch_have_their_own_conditions(sino6: Arm) -> None:
     np.testing.assert_allclose(whole.covariance[last], part.covariance, rtol=1e-12, atol=1e-25)
     np.testing.assert_allclose(whole.largest_deviation[last], part.largest_deviation, rtol=1e-12)
     assert (part.u > 1.05 * first.u).any()
-    assert np.square(whole.budget()["u_mm"]).sum() == pytest.approx(1e6 * np.square(whole.u).mean(), rel=1e-12)
+    assert np.square(whole.budget()["u_mm"]).sum() == pytest.approx(
+        1e6 * np.square(whole.u).mean(), rel=1e-12
+    )
 
 
 def test_shows_itself(sino6: Arm) -> None:
@@ -337,6 +395,10 @@ def test_shows_itself(sino6: Arm) -> None:
     angles = [f"theta{j}_deg" for j in range(1, 7)]
     assert list(table.columns) == [*angles, "volume_mm3", "u_mm", "largest_deviation_mm"]
     np.testing.assert_allclose(table[angles], np.degrees(result.q), rtol=1e-12)
-    np.testing.assert_allclose(table["largest_deviation_mm"], 1e3 * result.largest_deviation, rtol=1e-12)
+    np.testing.assert_allclose(
+        table["largest_deviation_mm"], 1e3 * result.largest_deviation, rtol=1e-12
+    )
     np.testing.assert_allclose(table["volume_mm3"], result.volume * 1e9, rtol=1e-12)
-    np.testing.assert_allclose(table["u_mm"], 1e3 * np.sqrt(np.einsum("nii->n", result.covariance)), rtol=1e-12)
+    np.testing.assert_allclose(
+        table["u_mm"], 1e3 * np.sqrt(np.einsum("nii->n", result.covariance)), rtol=1e-12
+    )

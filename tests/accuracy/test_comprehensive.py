@@ -1,11 +1,17 @@
-"""Weights of eq. 15, the comprehensive accuracy and single-point statistics (eqs. 16-19), by hand and against numpy."""
+"""Weights of eq. 15, the comprehensive accuracy and single-point statistics (eqs. 16-19), by hand
+and against numpy.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from aacmm_pin.accuracy.comprehensive_accuracy import comprehensive_accuracy, configuration_weights, preferred_theta3
+from aacmm_pin.accuracy.comprehensive_accuracy import (
+    comprehensive_accuracy,
+    configuration_weights,
+    preferred_theta3,
+)
 from aacmm_pin.accuracy.single_point import single_point_statistics
 from aacmm_pin.errors import ShapeError
 
@@ -18,17 +24,25 @@ def test_weights_by_hand() -> None:
     expected = np.array([1 - 90 / 180, 1 - 60 / 180, 1.0, 1 - 30 / 180]) / 3
     np.testing.assert_allclose(configuration_weights(theta3, LEVEL), expected, rtol=1e-14)
     volumes = np.array([4.0, 3.0, 1.0, 2.0])
-    assert comprehensive_accuracy(volumes, theta3, LEVEL) == pytest.approx((4 * 3 + 3 * 4 + 1 * 6 + 2 * 5) / 18, rel=1e-14)
+    assert comprehensive_accuracy(volumes, theta3, LEVEL) == pytest.approx(
+        (4 * 3 + 3 * 4 + 1 * 6 + 2 * 5) / 18, rel=1e-14
+    )
     np.testing.assert_array_equal(configuration_weights(np.array([2.0]), LEVEL), [1.0])
-    np.testing.assert_allclose(configuration_weights(np.radians([90.0, 0.0]), LEVEL), [1.0, 0.0], atol=1e-15)
-    np.testing.assert_allclose(configuration_weights(np.radians([60.0, 0.0]), LEVEL), [0.75, 0.25], rtol=1e-14)
+    np.testing.assert_allclose(
+        configuration_weights(np.radians([90.0, 0.0]), LEVEL), [1.0, 0.0], atol=1e-15
+    )
+    np.testing.assert_allclose(
+        configuration_weights(np.radians([60.0, 0.0]), LEVEL), [0.75, 0.25], rtol=1e-14
+    )
     assert comprehensive_accuracy(np.array([7.0]), np.array([1.0]), LEVEL) == 7.0
     assert configuration_weights(np.empty(0), LEVEL).shape == (0,)
     assert np.isnan(comprehensive_accuracy(np.empty(0), np.empty(0), LEVEL))
 
 
 def test_the_elevation_sets_the_preferred_angle() -> None:
-    """z is drawn downward in the paper: a point 45° above the horizon of the base prefers 45°, one below 135°."""
+    """z is drawn downward in the paper: a point 45° above the horizon of the base prefers 45°, one
+    below 135°.
+    """
     points = np.array([LEVEL, [0.3, 0.4, 0.5], [0.3, 0.4, -0.5], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
     expected = np.radians([90, 45, 135, 0, 180])
     np.testing.assert_allclose([preferred_theta3(point) for point in points], expected, atol=1e-15)
@@ -41,14 +55,24 @@ def test_what_weights_have_in_common(rng: np.random.Generator) -> None:
         assert weights.sum() == pytest.approx(1.0, abs=1e-14)
         assert (weights >= 0).all()
         turns = 2 * np.pi * rng.integers(-3, 4, n)
-        np.testing.assert_allclose(configuration_weights(-theta3 + turns, point), weights, atol=1e-13)
-        np.testing.assert_allclose(configuration_weights(np.full(n, 0.3), LEVEL), np.full(n, 1 / n), rtol=1e-12)
-        assert comprehensive_accuracy(np.full(n, 3e-12), theta3, point) == pytest.approx(3e-12, rel=1e-12, abs=0.0)
+        np.testing.assert_allclose(
+            configuration_weights(-theta3 + turns, point), weights, atol=1e-13
+        )
+        np.testing.assert_allclose(
+            configuration_weights(np.full(n, 0.3), LEVEL), np.full(n, 1 / n), rtol=1e-12
+        )
+        assert comprehensive_accuracy(np.full(n, 3e-12), theta3, point) == pytest.approx(
+            3e-12, rel=1e-12, abs=0.0
+        )
     theta3, point = rng.uniform(0, np.pi, 9), np.array([0.5, 0.1, 0.2])
     away = np.abs(theta3 - preferred_theta3(point))
-    np.testing.assert_array_equal(np.argsort(configuration_weights(theta3, point)), np.argsort(-away))
+    np.testing.assert_array_equal(
+        np.argsort(configuration_weights(theta3, point)), np.argsort(-away)
+    )
     for _ in range(50):  # twelve differ little
-        weights = configuration_weights(np.linspace(-np.pi, np.pi, 12, endpoint=False), rng.normal(size=3))
+        weights = configuration_weights(
+            np.linspace(-np.pi, np.pi, 12, endpoint=False), rng.normal(size=3)
+        )
         assert 1.05 < weights.max() / weights.min() < 1.25
 
 
@@ -69,7 +93,9 @@ def test_parts_add_up_to_the_whole(rng: np.random.Generator) -> None:
             result = single_point_statistics(points, part)
             assert result.part_n == g
             whole = (n - 1) * result.sigma**2
-            assert g * result.part**2 + (n - g) * result.rest**2 == pytest.approx(whole, rel=1e-12, abs=0.0)
+            assert g * result.part**2 + (n - g) * result.rest**2 == pytest.approx(
+                whole, rel=1e-12, abs=0.0
+            )
             squares = np.linalg.norm(points - points.mean(axis=0), axis=1) ** 2
             assert result.part == pytest.approx(np.sqrt(squares[part].mean()), rel=1e-12)
         none, every = (single_point_statistics(points, np.full(n, flag)) for flag in (False, True))

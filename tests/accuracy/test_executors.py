@@ -1,4 +1,6 @@
-"""Maps and Monte Carlo by other executors than our own processes: the same to the last bit, and the executor stays open."""
+"""Maps and Monte Carlo by other executors than our own processes: the same to the last bit, and the
+executor stays open.
+"""
 
 from __future__ import annotations
 
@@ -34,20 +36,28 @@ def executor(request: pytest.FixtureRequest) -> Iterator[Counting]:
         with ThreadPoolExecutor(2) as pool:
             yield Counting(pool)
         return
-    distributed = pytest.importorskip("distributed", reason="needs the extra aacmm-pin[distributed]")
+    distributed = pytest.importorskip(
+        "distributed", reason="needs the extra aacmm-pin[distributed]"
+    )
     with (
-        distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, dashboard_address=None
+        ) as cluster,
         distributed.Client(cluster) as client,
     ):
         assert len(client.scheduler_info()["workers"]) == 2
         yield Counting(client.get_executor(pure=False))
 
 
-def test_results_do_not_depend_on_the_executor(executor: Counting, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_results_do_not_depend_on_the_executor(
+    executor: Counting, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(workspace, "CELLS_AT_ONCE", 4)
     arm = Arm.load("sino6")
     model = ErrorModel(arm, (EncoderEccentricity(joint=3, values=(1e-4, 0.0), u=(5e-5, 5e-5)),))
-    here, there = (map_workspace(model, (3, 3), 4, workers=w, progress=False).data for w in (1, executor))
+    here, there = (
+        map_workspace(model, (3, 3), 4, workers=w, progress=False).data for w in (1, executor)
+    )
     del here.attrs["seconds"], there.attrs["seconds"]
     xr.testing.assert_identical(here, there)
     assert executor.jobs == 3, "expected several cells in a piece"
@@ -67,7 +77,9 @@ def process_of(job: int) -> tuple[int, int]:
     return job, os.getpid()
 
 
-@pytest.mark.parametrize(("jobs", "processes", "elsewhere"), [([7], 2, True), ([7], 1, False), ([], 2, True)])
+@pytest.mark.parametrize(
+    ("jobs", "processes", "elsewhere"), [([7], 2, True), ([7], 1, False), ([], 2, True)]
+)
 def test_one_process_is_this_one(jobs: list[int], processes: int, elsewhere: bool) -> None:
     with results(process_of, jobs, processes) as found:
         done = list(found)

@@ -1,11 +1,20 @@
-"""Uncertainty of lengths: against draws of the exact model in which both ends have one arm and readings of their own."""
+"""Uncertainty of lengths: against draws of the exact model in which both ends have one arm and
+readings of their own.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from aacmm_pin import AacmmError, Arm, ErrorModel, circle_accuracy, configuration_circle, length_uncertainty
+from aacmm_pin import (
+    AacmmError,
+    Arm,
+    ErrorModel,
+    circle_accuracy,
+    configuration_circle,
+    length_uncertainty,
+)
 from aacmm_pin._support.checks import Array
 from aacmm_pin.accuracy.length import length_between
 from aacmm_pin.accuracy.parameter_draws import exact_positions, source_errors
@@ -17,28 +26,42 @@ from aacmm_pin.errors import ShapeError
 DRAWS = 20_000
 SAME = 0.03
 """Five standard deviations of a standard deviation from so many draws, and the second order."""
-EFFECTS = (LinkBending(link=3, values=(5e-5,), u=(2e-5,)), EncoderEccentricity(joint=3, values=(1e-4, 5e-5), u=(6e-5, 4e-5)))
+EFFECTS = (
+    LinkBending(link=3, values=(5e-5,), u=(2e-5,)),
+    EncoderEccentricity(joint=3, values=(1e-4, 5e-5), u=(6e-5, 4e-5)),
+)
 
 
 def together() -> ErrorModel:
     """An extended arm that knows parameters of its own and of its effects together."""
     names, u = ("d3", "theta_offset3", "encoder_eccentricity:3.cos"), (2e-5, 4e-5, 6e-5)
-    covariance = Covariance(parameters=names, standard_uncertainty_si=u, correlation=((), (0.6,), (-0.5, -0.8)))
-    return ErrorModel(Arm.from_file(load_arm_file("sino6").model_copy(update={"covariance": covariance})), EFFECTS)
+    covariance = Covariance(
+        parameters=names, standard_uncertainty_si=u, correlation=((), (0.6,), (-0.5, -0.8))
+    )
+    return ErrorModel(
+        Arm.from_file(load_arm_file("sino6").model_copy(update={"covariance": covariance})), EFFECTS
+    )
 
 
-def drawn(model: Arm | ErrorModel, q: tuple[Array, Array], noise: float, rng: np.random.Generator) -> float:
+def drawn(
+    model: Arm | ErrorModel, q: tuple[Array, Array], noise: float, rng: np.random.Generator
+) -> float:
     """Standard deviation of the exact distance of the tips at two postures (1, nq)."""
     sources = ErrorSources.of(model, None, noise, q[0], None)
     first, second = (source_errors(sources, rng, DRAWS) for _ in q)
     shared = [i for i, p in enumerate(sources.parameters) if p.scope != "record"]
     second[:, shared] = first[:, shared]
-    tips = [exact_positions(sources, end, None, errors) for end, errors in zip(q, (first, second), strict=True)]
+    tips = [
+        exact_positions(sources, end, None, errors)
+        for end, errors in zip(q, (first, second), strict=True)
+    ]
     return float(np.linalg.norm(tips[1] - tips[0], axis=1).std())
 
 
 @pytest.mark.parametrize("kind", ["arm", "together"])
-def test_lengths_are_as_uncertain_as_draws_say(kind: str, sino6: Arm, rng: np.random.Generator) -> None:
+def test_lengths_are_as_uncertain_as_draws_say(
+    kind: str, sino6: Arm, rng: np.random.Generator
+) -> None:
     model = sino6 if kind == "arm" else together()
     low, high = sino6.limits.T
     qa, qb = rng.uniform(low, high, (2, 2, 6))
@@ -48,10 +71,14 @@ def test_lengths_are_as_uncertain_as_draws_say(kind: str, sino6: Arm, rng: np.ra
 
 
 def test_what_turns_both_ends_leaves_their_distance(sino6: Arm, rng: np.random.Generator) -> None:
-    """Two touches that differ in joint 1 alone: only the noise of the readings is left of what acts above that joint."""
+    """Two touches that differ in joint 1 alone: only the noise of the readings is left of what acts
+    above that joint.
+    """
     q = rng.uniform(*sino6.limits.T, (1, 6))
     turned = q + np.array([0.5, 0, 0, 0, 0, 0])
-    a, b = length_uncertainty(sino6, np.concatenate([q, q]), np.concatenate([turned, turned]), encoder_noise=1e-5)
+    a, b = length_uncertainty(
+        sino6, np.concatenate([q, q]), np.concatenate([turned, turned]), encoder_noise=1e-5
+    )
     assert a == b == length_uncertainty(sino6, turned, q, encoder_noise=1e-5)[0]
     first = next(i for i, p in enumerate(sino6.parameters) if p.name == "theta_offset1")
     s = sino6.sensitivity(np.concatenate([q, turned]))[:, :, first]
@@ -70,7 +97,9 @@ def test_pairs_of_postures_at_two_points(sino6: Arm) -> None:
         assert u[0] == pytest.approx(length.u[i, j], rel=1e-7)
     budget = length.budget()
     assert budget["share"].sum() == pytest.approx(1.0)
-    assert np.square(budget["u_mm"]).sum() == pytest.approx(np.square(length.u).mean() * 1e6, rel=1e-9)
+    assert np.square(budget["u_mm"]).sum() == pytest.approx(
+        np.square(length.u).mean() * 1e6, rel=1e-9
+    )
     assert length.u.max() < 2 * circle_accuracy(a, encoder_noise=1e-5).u.max()
 
 

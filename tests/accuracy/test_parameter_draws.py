@@ -11,13 +11,20 @@ from aacmm_pin.accuracy.parameter_draws import drawn_effects, parameter_errors
 from aacmm_pin.accuracy.volume import accuracy_volume
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.file import Covariance
-from aacmm_pin.effects import EncoderEccentricity, JointCompliance, JointHysteresis, ThermalExpansion
+from aacmm_pin.effects import (
+    EncoderEccentricity,
+    JointCompliance,
+    JointHysteresis,
+    ThermalExpansion,
+)
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.error_model import ErrorModel, displaced
 
 DRAWS = 30_000
 WITHIN = 5 * np.sqrt(2.0 / DRAWS)
-"""Five standard uncertainties of a variance from as many normal draws, relative; bounded draws scatter less."""
+"""Five standard uncertainties of a variance from as many normal draws, relative; bounded draws
+scatter less.
+"""
 
 
 def test_what_is_known_together_is_drawn_together(sino6: Arm, rng: np.random.Generator) -> None:
@@ -29,15 +36,17 @@ def test_what_is_known_together_is_drawn_together(sino6: Arm, rng: np.random.Gen
         correlation=((), (-0.999,), (0.0, 0.0), (0.0, 0.0, 0.8)),
     )
     file = sino6.file.model_copy(update={"covariance": known})
-    calibrated = ErrorModel(Arm.from_file(file), (EncoderEccentricity(joint=3, values=(1e-4, 0.0)),))
+    calibrated = ErrorModel(
+        Arm.from_file(file), (EncoderEccentricity(joint=3, values=(1e-4, 0.0)),)
+    )
     errors = parameter_errors(calibrated, rng, DRAWS)
     expected, scale = calibrated.covariance(), np.sqrt(np.diag(calibrated.covariance()))
     uncertain = scale > 0
     assert (errors[:, ~uncertain] == 0).all()
     whitened = errors[:, uncertain] / scale[uncertain]
-    correlation = (expected / np.where(uncertain, scale, 1.0) / np.where(uncertain, scale, 1.0)[:, None])[
-        np.ix_(uncertain, uncertain)
-    ]
+    correlation = (
+        expected / np.where(uncertain, scale, 1.0) / np.where(uncertain, scale, 1.0)[:, None]
+    )[np.ix_(uncertain, uncertain)]
     np.testing.assert_allclose(np.cov(whitened.T), correlation, atol=WITHIN)
     names = [p.name for p, k in zip(calibrated.parameters, uncertain, strict=True) if k]
     largest = dict(zip(names, np.abs(whitened).max(axis=0), strict=True))
@@ -49,12 +58,16 @@ def test_draws_of_the_arm_are_those_of_its_table(sino6: Arm, rng: np.random.Gene
     model = ErrorModel(sino6)
     errors = 30 * parameter_errors(model, rng, 50)
     q = rng.uniform(sino6.limits[:, 0], sino6.limits[:, 1], (50, 6))
-    drawn = displaced(sino6, drawn_effects(model, errors), q, Conditions(50), sino6.chain.tip, False).position
+    drawn = displaced(
+        sino6, drawn_effects(model, errors), q, Conditions(50), sino6.chain.tip, False
+    ).position
     np.testing.assert_allclose(drawn, sino6.perturbed_positions(q, errors), atol=1e-14)
 
 
 def test_draws_of_effects_are_those_effects(sino6: Arm, rng: np.random.Generator) -> None:
-    """Draw by draw, a model with these very values: one is not linear, one bends, two need conditions."""
+    """Draw by draw, a model with these very values: one is not linear, one bends, two need
+    conditions.
+    """
     extended = ErrorModel(sino6).with_effects(
         EncoderEccentricity(joint=3, values=(2e-4, 1e-4), u=(3e-5, 3e-5)),
         JointCompliance(joint=2, values=(2e-5,), u=(5e-6,)),
@@ -65,7 +78,9 @@ def test_draws_of_effects_are_those_effects(sino6: Arm, rng: np.random.Generator
     errors = parameter_errors(extended, rng, 20)
     geometric = len(extended.arm.parameters)
     errors[:, :geometric] = 0.0
-    errors[:, geometric : geometric + 2] *= 3000.0  # an eccentricity of a tenth of the disc: far from linear
+    errors[:, geometric : geometric + 2] *= (
+        3000.0  # an eccentricity of a tenth of the disc: far from linear
+    )
     q = rng.uniform(extended.arm.limits[:, 0], extended.arm.limits[:, 1], (20, 6))
     effects = drawn_effects(extended, errors)
     drawn = displaced(extended.arm, effects, q, warm, extended.arm.chain.tip, False).position
@@ -77,13 +92,22 @@ def test_draws_of_effects_are_those_effects(sino6: Arm, rng: np.random.Generator
             start += len(effect.terms)
         one = ErrorModel(extended.arm, tuple(own)).predict(q[k : k + 1], warm.take([k]))[0]
         np.testing.assert_allclose(drawn[k], one, atol=1e-14)
-    assert [effect.label for effect in effects[geometric:]] == [effect.label for effect in extended.effects]
+    assert [effect.label for effect in effects[geometric:]] == [
+        effect.label for effect in extended.effects
+    ]
 
 
-@pytest.mark.parametrize("bounds", [{"theta_offset1": 1e-5}, {"a2": 1e-5, "d4": 2e-5}, {"a2": 1e-23, "alpha1": 1e-20}])
+@pytest.mark.parametrize(
+    "bounds", [{"theta_offset1": 1e-5}, {"a2": 1e-5, "d4": 2e-5}, {"a2": 1e-23, "alpha1": 1e-20}]
+)
 def test_a_cloud_that_is_flat_has_no_volume(sino6: Arm, bounds: dict[str, float]) -> None:
-    known = [replace(p, half_width=bounds.get(p.name, 0.0), u=bounds.get(p.name, 0.0) / 3**0.5) for p in sino6.parameters]
+    known = [
+        replace(p, half_width=bounds.get(p.name, 0.0), u=bounds.get(p.name, 0.0) / 3**0.5)
+        for p in sino6.parameters
+    ]
     q, few = sino6.limits.mean(axis=1)[None] + 0.3, np.random.default_rng(1)
-    found = accuracy_volume(replace(sino6, parameters=tuple(known)), q, method="monte-carlo", rng=few, draws=200)
+    found = accuracy_volume(
+        replace(sino6, parameters=tuple(known)), q, method="monte-carlo", rng=few, draws=200
+    )
     assert found.sampling_error is not None
     assert (found.volume.tolist(), found.sampling_error.tolist()) == ([0.0], [0.0])

@@ -1,4 +1,6 @@
-"""Maps of the workspace against the circle of every single cell, and what happens when a worker is stopped."""
+"""Maps of the workspace against the circle of every single cell, and what happens when a worker is
+stopped.
+"""
 
 from __future__ import annotations
 
@@ -53,13 +55,19 @@ def circles(sino6: Arm, small: WorkspaceMap) -> dict[tuple[int, int], Configurat
 def test_cells_are_centres_of_the_default_extent(small: WorkspaceMap) -> None:
     """The wrist reaches 1210.7 mm: with the margin 1220 in whole steps."""
     np.testing.assert_allclose(small.data["x_mm"], (np.arange(4) + 0.5) * 305, rtol=1e-12)
-    np.testing.assert_allclose(small.data["z_mm"], -1220 + (np.arange(6) + 0.5) * 2440 / 6, rtol=1e-12)
+    np.testing.assert_allclose(
+        small.data["z_mm"], -1220 + (np.arange(6) + 0.5) * 2440 / 6, rtol=1e-12
+    )
     np.testing.assert_allclose(small.data["sector_deg"], np.arange(12) * 30, atol=1e-12)
 
 
 @pytest.mark.parametrize("change", [{}, {"d_mm": 1310.0}, {"d_mm": -400.0}], ids=str)
-def test_no_place_that_the_wrist_reaches_is_outside_the_default_box(change: dict[str, float]) -> None:
-    """A tall base carries the shoulder up, and all that is reached with it; what is empty of the box is its margin."""
+def test_no_place_that_the_wrist_reaches_is_outside_the_default_box(
+    change: dict[str, float],
+) -> None:
+    """A tall base carries the shoulder up, and all that is reached with it; what is empty of the
+    box is its margin.
+    """
     file = load_arm_file("sino6")
     joints = [file.joints[0].model_copy(update=change), *file.joints[1:]]
     arm = Arm.from_file(file.model_copy(update={"joints": joints}))
@@ -85,18 +93,30 @@ def test_a_stated_box_says_on_which_sides_it_leaves_out_what_is_reached(sino6: A
 def test_a_first_axis_beside_that_of_the_base_is_told(sino6: Arm) -> None:
     joints = sino6.file.joints  # type: ignore[union-attr]
     file = sino6.file.model_copy(update={"convention": "modified-dh"})  # type: ignore[union-attr]
-    aside = file.model_copy(update={"joints": [joints[0].model_copy(update={"a_mm": 200.0}), *joints[1:]]})
-    assert [bool(data_of(map_caveats(one), "first_axis_off_z")) for one in (Arm.from_file(aside), sino6)] == [True, False]
+    aside = file.model_copy(
+        update={"joints": [joints[0].model_copy(update={"a_mm": 200.0}), *joints[1:]]}
+    )
+    assert [
+        bool(data_of(map_caveats(one), "first_axis_off_z")) for one in (Arm.from_file(aside), sino6)
+    ] == [True, False]
 
 
-def test_flexibility_is_that_of_the_circle(small: WorkspaceMap, circles: dict[tuple[int, int], ConfigurationCircle]) -> None:
+def test_flexibility_is_that_of_the_circle(
+    small: WorkspaceMap, circles: dict[tuple[int, int], ConfigurationCircle]
+) -> None:
     reached = 0
     for (i, k), circle in circles.items():
         cell = small.data.isel(x_mm=i, z_mm=k)
         assert bool(cell["reachable"]) == bool(len(circle))
         if not len(circle):
             assert not cell["sector_works"].any()
-            for name in ("flexibility", "arc_fraction", "comprehensive_mm3", "best_mm3", "largest_u_mm"):
+            for name in (
+                "flexibility",
+                "arc_fraction",
+                "comprehensive_mm3",
+                "best_mm3",
+                "largest_u_mm",
+            ):
                 assert np.isnan(cell[name])
             continue
         reached += 1
@@ -112,7 +132,9 @@ def test_flexibility_is_that_of_the_circle(small: WorkspaceMap, circles: dict[tu
 
 
 def at_centres(circle: ConfigurationCircle, sectors: int) -> tuple[Array, Array]:
-    """Configurations inside the limits where dense samples pass a sector's centre, and the numbers of the sectors."""
+    """Configurations inside the limits where dense samples pass a sector's centre, and the numbers
+    of the sectors.
+    """
     found, numbers = [], []
     for component in np.unique(circle.component):
         mine = circle.component == component
@@ -122,7 +144,9 @@ def at_centres(circle: ConfigurationCircle, sectors: int) -> tuple[Array, Array]
         for sector in range(sectors):
             ahead = (sector * 2 * np.pi / sectors - swivel + np.pi) % (2 * np.pi) - np.pi
             passes = (ahead * turn >= 0) & (np.abs(ahead) < np.abs(turn)) & inside
-            found.append(q[passes] + (ahead / np.where(turn == 0, 1, turn))[passes, None] * step[passes])
+            found.append(
+                q[passes] + (ahead / np.where(turn == 0, 1, turn))[passes, None] * step[passes]
+            )
             numbers.append(np.full(passes.sum(), sector))
     return np.concatenate(found), np.concatenate(numbers)
 
@@ -141,17 +165,25 @@ def test_accuracies_are_those_of_the_circle(
         assert float(cell["worst_mm3"]) == pytest.approx(volume.max(), rel=2e-3)
         assert float(cell["smallest_u_mm"]) == pytest.approx(1e3 * accuracy.u.min(), rel=2e-3)
         assert float(cell["largest_u_mm"]) == pytest.approx(1e3 * accuracy.u.max(), rel=2e-3)
-        pick = np.array([np.flatnonzero(sector == s)[volume[sector == s].argmin()] for s in np.unique(sector)])
+        pick = np.array(
+            [np.flatnonzero(sector == s)[volume[sector == s].argmin()] for s in np.unique(sector)]
+        )
         weights = configuration_weights(q[pick, 2], circle.point)
         assert float(cell["comprehensive_mm3"]) == pytest.approx(weights @ volume[pick], rel=1e-2)
         assert volume.min() * 0.99 < float(cell["comprehensive_mm3"]) < volume.max() * 1.01
 
 
 def test_best_and_worst_reach_the_cell_with_their_volume(sino6: Arm, small: WorkspaceMap) -> None:
-    reachable = small.data["reachable"].values.astype(bool) & (small.data["working_sectors"].values > 0)
+    reachable = small.data["reachable"].values.astype(bool) & (
+        small.data["working_sectors"].values > 0
+    )
     x, z = np.meshgrid(small.data["x_mm"], small.data["z_mm"], indexing="ij")
     points = np.stack([x, 0 * x, z], axis=-1)[reachable]
-    for kind, number in (("best", "best_mm3"), ("worst", "worst_mm3"), ("smallest_u", "smallest_u_mm")):
+    for kind, number in (
+        ("best", "best_mm3"),
+        ("worst", "worst_mm3"),
+        ("smallest_u", "smallest_u_mm"),
+    ):
         q = np.radians(small.data[f"{kind}_theta_deg"].values[reachable])
         np.testing.assert_allclose(sino6.poses(q, "frame5").position * 1e3, points, atol=1e-8)
         assert ((q >= sino6.limits[:, 0] - 1e-8) & (q <= sino6.limits[:, 1] + 1e-8)).all()
@@ -200,18 +232,28 @@ BOX = [0.2, 0.9, -0.2, 0.6]
 def test_a_map_of_an_extended_model(sino6: Arm, extended: ErrorModel) -> None:
     alone, model, warm = (
         map_workspace(m, (2, 2), 6, extent=BOX, conditions=conditions, progress=False)
-        for m, conditions in ((sino6, None), (extended, None), (extended, Conditions(1, temperature=np.array([35.0]))))
+        for m, conditions in (
+            (sino6, None),
+            (extended, None),
+            (extended, Conditions(1, temperature=np.array([35.0]))),
+        )
     )
     xr.testing.assert_equal(alone.data["flexibility"], model.data["flexibility"])
     for name in ("best_mm3", "worst_mm3", "comprehensive_mm3", "smallest_u_mm", "largest_u_mm"):
         assert (alone.data[name] < model.data[name]).all()
         assert (model.data[name] < warm.data[name]).all()
     q = np.radians(warm.data["smallest_u_theta_deg"].values.reshape(-1, 6))
-    expected = accuracy_volume(extended, q, conditions=Conditions(1, temperature=np.array([35.0])), at="frame5")
-    np.testing.assert_allclose(warm.data["smallest_u_mm"].values.reshape(-1), 1e3 * expected.u, rtol=1e-9)
+    expected = accuracy_volume(
+        extended, q, conditions=Conditions(1, temperature=np.array([35.0])), at="frame5"
+    )
+    np.testing.assert_allclose(
+        warm.data["smallest_u_mm"].values.reshape(-1), 1e3 * expected.u, rtol=1e-9
+    )
 
 
-def test_a_map_names_what_it_leaves_out(sino6: Arm, extended: ErrorModel, small: WorkspaceMap, tmp_path: Path) -> None:
+def test_a_map_names_what_it_leaves_out(
+    sino6: Arm, extended: ErrorModel, small: WorkspaceMap, tmp_path: Path
+) -> None:
     map_ = map_workspace(extended, (1, 2), 3, extent=BOX, progress=False)
     assert map_.not_included == ("thermal_expansion",)
     assert str(map_).endswith("; not included: thermal_expansion")
@@ -246,7 +288,9 @@ def test_netcdf_returns_what_was_written(small: WorkspaceMap, tmp_path: Path) ->
     units = {"mm": "mm", "mm3": "mm3", "deg": "degree"}
     for name, variable in small.data.variables.items():
         assert again.data[name].dtype.kind == variable.dtype.kind
-        assert name == "joint" or variable.attrs["units"] == units.get(str(name).rsplit("_", 1)[-1], "1"), name
+        assert name == "joint" or variable.attrs["units"] == units.get(
+            str(name).rsplit("_", 1)[-1], "1"
+        ), name
         assert name not in small.data.data_vars or variable.attrs["long_name"]
     assert "SINO6: 4 × 6 cells × 12 sectors" in str(small)
     assert "<" in small._repr_html_()
@@ -255,7 +299,9 @@ def test_netcdf_returns_what_was_written(small: WorkspaceMap, tmp_path: Path) ->
 # --- what cannot be asked
 
 
-def test_what_cannot_be_asked(sino6: Arm, extended: ErrorModel, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_cannot_be_asked(
+    sino6: Arm, extended: ErrorModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(workspace, "_work", lambda job: pytest.fail("work began"))
     two = {"model": extended, "conditions": Conditions(2, temperature=np.array([20.0, 30.0]))}
     asked: list[tuple[dict[str, Any], type[Exception], str]] = [
@@ -277,7 +323,9 @@ def test_what_cannot_be_asked(sino6: Arm, extended: ErrorModel, monkeypatch: pyt
 
 def test_arms_that_cannot_be_mapped(zero6: Arm, robot_file: Callable[[str], Path]) -> None:
     with pytest.raises(UnsupportedArmError, match="DH table"):
-        map_workspace(Arm.from_urdf(robot_file("ur5_robot.urdf"), "ee_link"), (2, 2), progress=False)
+        map_workspace(
+            Arm.from_urdf(robot_file("ur5_robot.urdf"), "ee_link"), (2, 2), progress=False
+        )
     with pytest.raises(AacmmError, match="uncertainty"):
         map_workspace(zero6, (2, 2), progress=False)
 
@@ -287,7 +335,9 @@ def test_few_held_angles_find_the_components_of_the_other_arm_too() -> None:
     file = load_arm_file("zero6")
     widths = load_arm_file("sino6").joints[0].uncertainty
     arm = Arm.from_file(
-        file.model_copy(update={"joints": [r.model_copy(update={"uncertainty": widths}) for r in file.joints]})
+        file.model_copy(
+            update={"joints": [r.model_copy(update={"uncertainty": widths}) for r in file.joints]}
+        )
     )
     point = np.array([-0.2690600933869131, 0.009980455793426534, -0.6957428498498395])
     assert configuration_circle(arm, point, count=3).component.max() == 4
@@ -297,8 +347,14 @@ def test_few_held_angles_find_the_components_of_the_other_arm_too() -> None:
 # --- processes
 
 
-def test_two_processes_and_parts_of_a_map_do_not_show(extended: ErrorModel, monkeypatch: pytest.MonkeyPatch) -> None:
-    options: dict[str, Any] = {"extent": BOX, "conditions": Conditions(1, temperature=np.array([35.0])), "progress": False}
+def test_two_processes_and_parts_of_a_map_do_not_show(
+    extended: ErrorModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    options: dict[str, Any] = {
+        "extent": BOX,
+        "conditions": Conditions(1, temperature=np.array([35.0])),
+        "progress": False,
+    }
     whole = map_workspace(extended, (2, 3), 7, **options)
     monkeypatch.setattr(workspace, "CELLS_AT_ONCE", 4)
     one, two = (map_workspace(extended, (2, 3), 7, workers=n, **options) for n in (1, 2))
@@ -309,10 +365,21 @@ def test_two_processes_and_parts_of_a_map_do_not_show(extended: ErrorModel, monk
 
 
 def test_an_elbow_that_stays_in_one_plane_has_no_sectors() -> None:
-    """A robot with a spherical wrist: its swivel is 0 or 180° but for rounding, which is no sector passed."""
-    rows = [(75, 310, -90, 0), (400, 0, 0, 0), (75, 0, -90, 0), (0, 400, 90, 0), (0, 0, -90, 0), (0, 80, 0, 0)]
+    """A robot with a spherical wrist: its swivel is 0 or 180° but for rounding, which is no sector
+    passed.
+    """
+    rows = [
+        (75, 310, -90, 0),
+        (400, 0, 0, 0),
+        (75, 0, -90, 0),
+        (0, 400, 90, 0),
+        (0, 0, -90, 0),
+        (0, 80, 0, 0),
+    ]
     known = {"a_mm": 0.02, "d_mm": 0.02, "alpha_rad": 5e-5, "theta_offset_rad": 5e-5}
-    found = map_workspace(by_table("robot", rows, 170.0, uncertainty=known), (4, 4), 12, progress=False)
+    found = map_workspace(
+        by_table("robot", rows, 170.0, uncertainty=known), (4, 4), 12, progress=False
+    )
     reachable = found.data["reachable"].values.astype(bool)
     assert reachable.any()
     assert np.isnan(found.data["flexibility"].values[reachable]).all()

@@ -1,4 +1,6 @@
-"""Zonotopes against determinants one by one, convex hulls of all vertices, and every vector of signs."""
+"""Zonotopes against determinants one by one, convex hulls of all vertices, and every vector of
+signs.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,10 @@ def vertices(generators: Array) -> Array:
 
 
 def triple_sum(generators: Array) -> float:
-    return 8 * sum(abs(np.linalg.det(generators[:, list(pick)])) for pick in combinations(range(generators.shape[1]), 3))
+    return 8 * sum(
+        abs(np.linalg.det(generators[:, list(pick)]))
+        for pick in combinations(range(generators.shape[1]), 3)
+    )
 
 
 def _degenerate(rng: np.random.Generator, p: int) -> dict[str, Array]:
@@ -47,7 +52,9 @@ def test_volume_is_the_sum_of_determinants_and_that_of_the_hull(rng: np.random.G
         for k in (0, 255, 256, 299):
             assert volume[k] == pytest.approx(triple_sum(generators[k]), rel=1e-12)
             if p < 9:
-                assert volume[k] == pytest.approx(ConvexHull(vertices(generators[k])).volume, rel=1e-10)
+                assert volume[k] == pytest.approx(
+                    ConvexHull(vertices(generators[k])).volume, rel=1e-10
+                )
 
 
 def test_degenerate_generators(rng: np.random.Generator) -> None:
@@ -55,10 +62,16 @@ def test_degenerate_generators(rng: np.random.Generator) -> None:
     for p in (3, 5, 10):
         for kind, g in _degenerate(rng, p).items():
             scale = np.prod(np.abs(g).sum(axis=1).clip(1e-12)) if kind == "needle" else 1.0
-            assert zonotope.volume(g[None])[0] == pytest.approx(triple_sum(g), rel=1e-9, abs=1e-14 * scale), kind
+            assert zonotope.volume(g[None])[0] == pytest.approx(
+                triple_sum(g), rel=1e-9, abs=1e-14 * scale
+            ), kind
             brute = np.linalg.norm(vertices(g), axis=1).max()
-            assert zonotope.largest_deviation(g[None])[0] == pytest.approx(brute, rel=1e-12, abs=1e-15), kind
-    g = rng.integers(-1, 2, size=(200, 3, 8)).astype(float)  # many lie exactly in the plane of two others
+            assert zonotope.largest_deviation(g[None])[0] == pytest.approx(
+                brute, rel=1e-12, abs=1e-15
+            ), kind
+    g = rng.integers(-1, 2, size=(200, 3, 8)).astype(
+        float
+    )  # many lie exactly in the plane of two others
     brute = [np.linalg.norm(vertices(one), axis=1).max() for one in g]
     np.testing.assert_allclose(zonotope.largest_deviation(g), brute, rtol=1e-12)
 
@@ -83,7 +96,9 @@ def test_largest_deviation_bounds_the_support(rng: np.random.Generator) -> None:
 
 
 def test_what_does_not_change_a_volume(rng: np.random.Generator) -> None:
-    """Order, signs, a rotation, a shear, a generator in two parts, zeros; lengths scale it with their cube."""
+    """Order, signs, a rotation, a shear, a generator in two parts, zeros; lengths scale it with
+    their cube.
+    """
     g = rng.normal(size=(20, 3, 7))
     before, volume = g.copy(), zonotope.volume(g)
     for changed in (

@@ -1,4 +1,6 @@
-"""Arm files: what the bundled ones say, what each mistake is answered with, and that as text they come back as they were."""
+"""Arm files: what the bundled ones say, what each mistake is answered with, and that as text they
+come back as they were.
+"""
 
 from __future__ import annotations
 
@@ -47,7 +49,8 @@ fixed = true
 axis = [0, 0.0, 1.0]
 """
 
-# Xu You et al. 2019 (doi:10.19650/j.cnki.cjsi.J1905059), Table 1: l, Δl, d, Δd [mm], α, Δα, θ, Δθ [rad]
+# Xu You et al. 2019 (doi:10.19650/j.cnki.cjsi.J1905059), Table 1: l, Δl, d, Δd [mm], α, Δα, θ, Δθ
+# [rad]
 TABLE_1 = np.array(
     [
         [-0.31989, 0.00852, 0.00000, 0.00000, -1.57184, 2.70805e-5, 0.00000, 0.00000],
@@ -62,10 +65,17 @@ TABLE_1 = np.array(
 
 def test_angles_in_degrees_by_the_suffix_of_their_keys() -> None:
     in_degrees = GOOD
-    for key, radians in {"alpha": "1.5", "theta_offset": "0.1", "alpha_": "1e-5", "encoder_noise": "1e-5"}.items():
+    for key, radians in {
+        "alpha": "1.5",
+        "theta_offset": "0.1",
+        "alpha_": "1e-5",
+        "encoder_noise": "1e-5",
+    }.items():
         key, degrees = key.rstrip("_"), math.degrees(float(radians))
         in_degrees = in_degrees.replace(f"{key}_rad = {radians}", f"{key}_deg = {degrees!r}")
-    in_degrees = in_degrees.replace("limits_rad = [-1.0, 2]", f"limits_deg = [{math.degrees(-1)!r}, {math.degrees(2)!r}]")
+    in_degrees = in_degrees.replace(
+        "limits_rad = [-1.0, 2]", f"limits_deg = [{math.degrees(-1)!r}, {math.degrees(2)!r}]"
+    )
     assert in_degrees.count("_deg") == 5
     known, read = (parse_arm_file(text.encode(), "arm.toml") for text in (GOOD, in_degrees))
     np.testing.assert_allclose(read.limits, known.limits, rtol=1e-15)
@@ -84,7 +94,9 @@ def test_sino6_is_table_1_of_its_paper() -> None:
     assert [p.name for p in parameters[:5]] == ["a1", "d1", "alpha1", "theta_offset1", "a2"]
     np.testing.assert_allclose([p.value for p in parameters], si[..., 0].ravel(), rtol=1e-15)
     np.testing.assert_allclose([p.half_width for p in parameters], si[..., 1].ravel(), rtol=1e-15)
-    np.testing.assert_allclose([p.u for p in parameters], si[..., 1].ravel() / math.sqrt(3), rtol=1e-15)
+    np.testing.assert_allclose(
+        [p.u for p in parameters], si[..., 1].ravel() / math.sqrt(3), rtol=1e-15
+    )
     np.testing.assert_allclose(load_arm_file("sino6").dh.values(), si[..., 0], rtol=1e-15)
 
 
@@ -99,8 +111,12 @@ def test_every_key_is_read_in_its_unit(tmp_path: Path) -> None:
     assert (arm.dh.convention, arm.dh.moving.tolist()) == ("modified-dh", [True, False])
     np.testing.assert_array_equal(arm.limits, [[-1, 2]])
     np.testing.assert_array_equal(arm.encoder_noise, [1e-5])
-    assert [p.half_width for p in arm.dh_parameters()[:4]] == pytest.approx([1e-5, 2e-5, 1e-5, 3e-5])
-    assert [p.half_width for p in arm.dh_parameters()[4:]] == [None] * 4  # not stated, which is not the same as zero
+    assert [p.half_width for p in arm.dh_parameters()[:4]] == pytest.approx(
+        [1e-5, 2e-5, 1e-5, 3e-5]
+    )
+    assert [p.half_width for p in arm.dh_parameters()[4:]] == [
+        None
+    ] * 4  # not stated, which is not the same as zero
     assert (arm.joints[0].mass_kg, arm.joints[0].com_mm) == (0.5, (1, 2, 3))
     assert (arm.reference_temperature_c, arm.gravity_m_s2) == (20, (0, 0, -9.81))
     assert arm.stylus is not None
@@ -125,7 +141,12 @@ MISTAKES = [
     ("d_mm = 20.0", "d_mm = 1e999", "joints[1].d_mm", "inf"),
     ("fixed = true", "fixed = 1", "joints[2].fixed", "boolean"),
     ("fixed = true", "fixed = true\nlimits_rad = [0, 1]", "joints[2]", "no limits_rad"),
-    (GOOD[GOOD.index("limits_rad") : GOOD.index("mass_kg")], "fixed = true\n", "", "every row is fixed"),
+    (
+        GOOD[GOOD.index("limits_rad") : GOOD.index("mass_kg")],
+        "fixed = true\n",
+        "",
+        "every row is fixed",
+    ),
     ("[-1.0, 2]", "2", "joints[1].limits_rad", "is 2"),
     ("[-1.0, 2]", "[2.0, -1.0]", "joints[1]", "[2.0, -1.0]"),
     ("[-1.0, 2]", "[2.0]", "joints[1].limits_rad[2]", "missing"),
@@ -150,7 +171,12 @@ MISTAKES = [
     ("a_mm = 0.01", "a_mm = 1e308", "", "joints[1].uncertainty.a_mm is 1e+308"),
     ("d_mm = 0.02", "d_mm = 171", "", "at most 170 mm"),
     ("alpha_rad = 1e-5", "alpha_rad = 4", "joints[1].uncertainty.alpha_rad", "3.14"),
-    ("encoder_noise_rad = 1e-5", "encoder_noise_rad = 1.65", "joints[1].encoder_noise_rad", "0.005"),
+    (
+        "encoder_noise_rad = 1e-5",
+        "encoder_noise_rad = 1.65",
+        "joints[1].encoder_noise_rad",
+        "0.005",
+    ),
     ("fixed = true", "limits_rad = [0, 1]", "", "joints[2].encoder_noise_rad is missing"),
     ("mass_kg = 0.5", "mass_kg = 1e6", "joints[1].mass_kg", "100000"),
     ("com_mm = [1,", "com_mm = [1e300,", "joints[1].com_mm[1]", "1e+300"),
@@ -162,10 +188,20 @@ MISTAKES = [
     ("name =", f"{'a.' * 50}a = 1\nname =", "a", "inside one another"),
     ("a_mm = 100", f"a_mm.{'a.' * 50}a = 1", "joints", "inside one another"),
     ("name =", f"{'a.' * 100_000}a = 1\nname =", "", "line 2 has a key of more than 100 parts"),
-    ("name =", 'x = {y = """\n" \'#"""", ' + "'.'. " * 100 + "a = 1}\nname =", "", "line 3 has a key of more"),
+    (
+        "name =",
+        'x = {y = """\n" \'#"""", ' + "'.'. " * 100 + "a = 1}\nname =",
+        "",
+        "line 3 has a key of more",
+    ),
     ("[stylus]", '[[effects]]\ncause = "encoder_gain"\n' * 1001 + "[stylus]", "effects", "1000"),
     ("[stylus]", ROWS * 1000 + "[stylus]", "joints", "200"),
-    ("[stylus]", ROWS.replace("fixed = true", "limits_rad = [-1, 1]") * 64 + "[stylus]", "", "65 rows have a joint"),
+    (
+        "[stylus]",
+        ROWS.replace("fixed = true", "limits_rad = [-1, 1]") * 64 + "[stylus]",
+        "",
+        "65 rows have a joint",
+    ),
 ]
 
 
@@ -185,18 +221,48 @@ EFFECT = '\n[[effects]]\ncause = "{}"\n{}\nparameters = {{ {} }}\n'
 EFFECTS = [
     ("encoder_gain", "joint = 1", "gain = 1e300", "gain is 1e+300"),
     ("encoder_gain", "joint = 1", "gain = 5.0", "gain is 5, expected at most 0.1"),
-    ("joint_compliance", "joint = 1", "compliance_rad_per_nm = 12.0", "is 12, expected at most 0.02"),
+    (
+        "joint_compliance",
+        "joint = 1",
+        "compliance_rad_per_nm = 12.0",
+        "is 12, expected at most 0.02",
+    ),
     ("thermal_expansion", "", "expansion_per_k = 11.5", "is 11.5, expected at most 0.02"),
     ("seat_error", 'seat = "A"', "x_mm = 250.0", "x_mm is 250, expected at most 20"),
-    ("encoder_gain", "joint = 1\nuncertainty = { gain = 1e300 }", "gain = 1e-4", "u of gain is 1e+300"),
+    (
+        "encoder_gain",
+        "joint = 1\nuncertainty = { gain = 1e300 }",
+        "gain = 1e-4",
+        "u of gain is 1e+300",
+    ),
     ("encoder_gain", f"joint = {'1' * 4000}", "gain = 1e-4", "joint is 111"),
-    ("encoder_eccentricity", "joint = 1", "amplitude_rad = 1e-4, phase_rad = 1e300", "phase_rad is 1e+300"),
+    (
+        "encoder_eccentricity",
+        "joint = 1",
+        "amplitude_rad = 1e-4, phase_rad = 1e300",
+        "phase_rad is 1e+300",
+    ),
     ("encoder_eccentricity", "joint = 1", "amplitude_rad = 1e300", "1e+300"),
     ("joint_periodic_error", "joint = 1\norder = 1e300", "amplitude_rad = 1e-4", "order is 1e+300"),
-    ("encoder_slip", "joint = 1\ntime_s = 9.0\nbetween_s = [1.0, 8.0]", "step_rad = 1e-4", "between_s is"),
+    (
+        "encoder_slip",
+        "joint = 1\ntime_s = 9.0\nbetween_s = [1.0, 8.0]",
+        "step_rad = 1e-4",
+        "between_s is",
+    ),
     ("encoder_slip", "joint = 1\ntime_s = 1e300", "step_rad = 1e-4", "time_s is 1e+300"),
-    ("zero_drift", "joint = 1\ntime_constant_s = 1e-300", "drift_rad = 1e-4", "time_constant_s is 1e-300"),
-    ("joint_error_curve", "joint = 1\nlower_rad = 0\nupper_rad = 1e300\ncoefficients = 5", "c1_rad = 1e-4", "1e+300"),
+    (
+        "zero_drift",
+        "joint = 1\ntime_constant_s = 1e-300",
+        "drift_rad = 1e-4",
+        "time_constant_s is 1e-300",
+    ),
+    (
+        "joint_error_curve",
+        "joint = 1\nlower_rad = 0\nupper_rad = 1e300\ncoefficients = 5",
+        "c1_rad = 1e-4",
+        "1e+300",
+    ),
     ("thermal_expansion", "", "expansion_per_k = 1e9", "1e+09"),
     ("thermal_expansion", "", "expansion_per_k = -2e-5", "-2e-05"),
     ("link_bending", "link = 1", "flexibility_rad_per_nm2 = -2e-5", "-2e-05"),
@@ -209,9 +275,14 @@ def test_implausible_effects_are_named(tmp_path: Path) -> None:
         path.write_text(GOOD + EFFECT.format(cause, fields, parameters), encoding="utf-8")
         with pytest.raises(ArmFileError) as caught:
             ErrorModel.load(path)
-        assert (caught.value.key, word in str(caught.value)) == ("effects[1]", True), str(caught.value)
+        assert (caught.value.key, word in str(caught.value)) == ("effects[1]", True), str(
+            caught.value
+        )
     estimate = "uncertainty = { expansion_per_k = 1e-6 }"  # of zero: negative every other time
-    path.write_text(GOOD + EFFECT.format("thermal_expansion", estimate, "expansion_per_k = -1e-6"), encoding="utf-8")
+    path.write_text(
+        GOOD + EFFECT.format("thermal_expansion", estimate, "expansion_per_k = -1e-6"),
+        encoding="utf-8",
+    )
     assert ErrorModel.load(path).effects[0].values == (-1e-6,)
 
 
@@ -222,7 +293,9 @@ def test_a_direction_has_any_length(tmp_path: Path) -> None:
         np.testing.assert_array_equal(Arm.load(path).stylus_axis, [0, 0, 1])
 
 
-def test_axes_that_are_nearly_parallel_may_meet_far_away(tmp_path: Path, rng: np.random.Generator) -> None:
+def test_axes_that_are_nearly_parallel_may_meet_far_away(
+    tmp_path: Path, rng: np.random.Generator
+) -> None:
     """As robots' controllers state themselves: what counts is what the arm reaches, a metre."""
     path = tmp_path / "near.toml"
     path.write_text(arm_text(nearly_parallel()), encoding="utf-8")
@@ -236,16 +309,27 @@ def test_axes_that_are_nearly_parallel_may_meet_far_away(tmp_path: Path, rng: np
     urdf = tmp_path / "near.urdf"
     urdf.write_text(urdf_text(load_arm_file(path)), encoding="utf-8")
     np.testing.assert_allclose(Arm.from_urdf(urdf, "tip").positions(q), tips, rtol=0, atol=1e-12)
-    true = ErrorModel(arm, tuple(JointZeroOffset(j, values=(3e-4 * (-1) ** j,)) for j in range(2, 6)))
-    data = simulate_measurements(true, "free", 60, rng=rng, encoder_noise=1e-6, reference_noise=1e-6)
-    found = calibrate(arm, data, "zero-offsets", encoder_noise=1e-6, reference_noise=1e-6, hold_out=False)
-    before, after = (np.linalg.norm(m.correct(q) - true.correct(q), axis=1).max() for m in (ErrorModel(arm), found.model))
+    true = ErrorModel(
+        arm, tuple(JointZeroOffset(j, values=(3e-4 * (-1) ** j,)) for j in range(2, 6))
+    )
+    data = simulate_measurements(
+        true, "free", 60, rng=rng, encoder_noise=1e-6, reference_noise=1e-6
+    )
+    found = calibrate(
+        arm, data, "zero-offsets", encoder_noise=1e-6, reference_noise=1e-6, hold_out=False
+    )
+    before, after = (
+        np.linalg.norm(m.correct(q) - true.correct(q), axis=1).max()
+        for m in (ErrorModel(arm), found.model)
+    )
     assert after < 5e-6 < 1e-4 < before
 
 
 def test_every_mistake_is_listed() -> None:
     bad = GOOD.replace("d_mm = 20.0", "d_mm = nan").replace("fixed = true", "fixed = 1")
-    with pytest.raises(ArmFileError, match=r"joints\[1\].d_mm: is nan(.|\n)*bad.toml: joints\[2\].fixed: is 1") as caught:
+    with pytest.raises(
+        ArmFileError, match=r"joints\[1\].d_mm: is nan(.|\n)*bad.toml: joints\[2\].fixed: is 1"
+    ) as caught:
         parse_arm_file(bad.encode(), "bad.toml")
     assert caught.value.key == "joints[1].d_mm"
 
@@ -261,7 +345,9 @@ def test_what_is_no_arm_file(tmp_path: Path) -> None:
         (tmp_path / name).mkdir()
         with pytest.raises(ArmFileError, match=rf"{name}: .*folder"):
             load_arm_file(tmp_path / name)
-    with pytest.raises(UnknownNameError, match=r"'sino7'; known: sino6, zero6, .* \(or the path of an arm file") as caught:
+    with pytest.raises(
+        UnknownNameError, match=r"'sino7'; known: sino6, zero6, .* \(or the path of an arm file"
+    ) as caught:
         load_arm_file("sino7")
     assert caught.value.known == [*bundled_arms(), *EXAMPLE_ROBOTS]
     with pytest.raises(ArmFileError, match="too long"):
@@ -286,8 +372,13 @@ def test_arms_come_back(arm_file: ArmFile) -> None:
 
 def test_every_bit_comes_back(rng: np.random.Generator) -> None:
     arm = load_arm_file("sino6")
-    for value in map(float, [5e-324, -0.0, 0.1 + 0.2, 1e4 - 0.1, np.nextafter(1.0, 2.0), *rng.normal(size=9)]):
-        rows = [row.model_copy(update={"a_mm": value, "com_mm": (value, -value, 1.0)}) for row in arm.joints]
+    for value in map(
+        float, [5e-324, -0.0, 0.1 + 0.2, 1e4 - 0.1, np.nextafter(1.0, 2.0), *rng.normal(size=9)]
+    ):
+        rows = [
+            row.model_copy(update={"a_mm": value, "com_mm": (value, -value, 1.0)})
+            for row in arm.joints
+        ]
         back = read(arm_text(arm.model_copy(update={"joints": rows})))
         assert {row.a_mm.hex() for row in back.joints} == {value.hex()}
         assert back.joints == rows
@@ -296,7 +387,9 @@ def test_every_bit_comes_back(rng: np.random.Generator) -> None:
 def test_optional_parts_names_and_comments_come_back() -> None:
     arm, zero = load_arm_file("sino6"), load_arm_file("zero6")
     rows = [row.model_copy(update={"encoder_noise_rad": 1e-5}) for row in arm.joints]
-    full = arm.model_copy(update={"joints": rows, "reference_temperature_c": 21.5, "gravity_m_s2": (0.0, -9.81, 0.0)})
+    full = arm.model_copy(
+        update={"joints": rows, "reference_temperature_c": 21.5, "gravity_m_s2": (0.0, -9.81, 0.0)}
+    )
     bare = zero.model_copy(update={"source": "", "stylus": None})
     named = [
         zero.model_copy(update={"name": text.replace("\n", " "), "source": text})
@@ -305,8 +398,20 @@ def test_optional_parts_names_and_comments_come_back() -> None:
     for each in (full, bare, *named):
         assert read(arm_text(each)) == each
     assert "stylus" not in tomllib.loads(arm_text(bare))
-    for comment in ("one line", "two\nlines", "", "\n\n", 'schema = "x"', "a\x00b\x07c\rd", "tab\tand \u2028 Ä"):
+    for comment in (
+        "one line",
+        "two\nlines",
+        "",
+        "\n\n",
+        'schema = "x"',
+        "a\x00b\x07c\rd",
+        "tab\tand \u2028 Ä",
+    ):
         text = arm_text(zero, comment)
         assert read(text) == zero
-        before = text.splitlines()[0] if comment.startswith("schema") else text[: text.index("schema = ")]
+        before = (
+            text.splitlines()[0]
+            if comment.startswith("schema")
+            else text[: text.index("schema = ")]
+        )
         assert all(line.startswith("#") for line in before.splitlines() if line)

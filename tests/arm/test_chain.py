@@ -1,4 +1,6 @@
-"""The walk along the chain against Pinocchio, against DH tables with other values, and against the matrix exponential."""
+"""The walk along the chain against Pinocchio, against DH tables with other values, and against the
+matrix exponential.
+"""
 
 from __future__ import annotations
 
@@ -62,12 +64,16 @@ def test_places_of_a_table_are_its_frames(arm_file: ArmFile, rng: np.random.Gene
     same(walked[arm.chain.tip], arm.poses(q).placement)
     for row in range(1, len(arm_file.joints) + 1):
         name = f"frame{row}"
-        assert arm.place(name) == (end(row) if arm.dh is not None and arm.dh.standard else axis(row))
+        assert arm.place(name) == (
+            end(row) if arm.dh is not None and arm.dh.standard else axis(row)
+        )
         same(walked[arm.place(name)], arm.poses(q, name).placement)
 
 
 def test_axes_of_a_table_are_the_joints(arm_file: ArmFile, rng: np.random.Generator) -> None:
-    """In standard DH an axis has all of Pinocchio's joint frame; in modified DH it stands at d along it."""
+    """In standard DH an axis has all of Pinocchio's joint frame; in modified DH it stands at d
+    along it.
+    """
     arm = Arm.from_file(arm_file)
     q, data = postures(arm, rng, 20), arm.model.createData()
     walked, moving = frames(arm, q), arm.chain.moving_axes()
@@ -81,18 +87,25 @@ def test_axes_of_a_table_are_the_joints(arm_file: ArmFile, rng: np.random.Genera
             same(walked[place, k], step)
 
 
-def test_places_of_a_robot_are_its_joints_and_placements(robots: list[Arm], rng: np.random.Generator) -> None:
+def test_places_of_a_robot_are_its_joints_and_placements(
+    robots: list[Arm], rng: np.random.Generator
+) -> None:
     for robot in robots:
         q, data = postures(robot, rng, 10), robot.model.createData()
         walked = frames(robot, q)
         same(walked[robot.chain.tip], robot.poses(q).placement)
         for k, each in enumerate(q):
-            jacobian = pin.computeJointJacobians(robot.model, data, each)  # in the base, of the point that passes its origin
+            jacobian = pin.computeJointJacobians(
+                robot.model, data, each
+            )  # in the base, of the point that passes its origin
             for joint, column in enumerate(jacobian.T, start=1):
                 placement = data.oMi[joint - 1] * robot.model.jointPlacements[joint]
                 same(walked[end(joint - 1), k], placement.homogeneous)
                 same(walked[axis(joint), k, :3, 3], data.oMi[joint].translation)
-                same(walked[axis(joint), k, :3, 2], column[:3] if robot.chain.prismatic[joint - 1] else column[3:])
+                same(
+                    walked[axis(joint), k, :3, 2],
+                    column[:3] if robot.chain.prismatic[joint - 1] else column[3:],
+                )
 
 
 def test_a_frame_that_is_no_place(sino6: Arm, robots: list[Arm]) -> None:
@@ -104,8 +117,12 @@ def test_a_frame_that_is_no_place(sino6: Arm, robots: list[Arm]) -> None:
         sino6.place("frame9")
 
 
-def test_twists_are_the_table_with_other_values(arm_file: ArmFile, rng: np.random.Generator) -> None:
-    """(d, θ) at the axis and (a, α) at the end, of any size, in either convention and in rows without a joint."""
+def test_twists_are_the_table_with_other_values(
+    arm_file: ArmFile, rng: np.random.Generator
+) -> None:
+    """(d, θ) at the axis and (a, α) at the end, of any size, in either convention and in rows
+    without a joint.
+    """
     arm, dh = Arm.from_file(arm_file), arm_file.dh
     q, errors = postures(arm, rng, 10), rng.uniform(-0.5, 0.5, size=(10, dh.rows, 4))
     twists = {}
@@ -113,13 +130,21 @@ def test_twists_are_the_table_with_other_values(arm_file: ArmFile, rng: np.rando
         a, d, alpha, theta = errors[:, row - 1].T
         zero = np.zeros(10)
         twists[axis(row)] = np.stack([zero, zero, d, zero, zero, theta], axis=1)
-        twists[end(row if dh.standard else row - 1)] = np.stack([a, zero, zero, alpha, zero, zero], axis=1)
+        twists[end(row if dh.standard else row - 1)] = np.stack(
+            [a, zero, zero, alpha, zero, zero], axis=1
+        )
     same(arm.chain.walk(q, twists)[1][arm.chain.tip], dh.chain.positions(q, errors.reshape(10, -1)))
 
 
-def test_a_twist_acts_behind_its_place_and_on_all_beyond(robots: list[Arm], rng: np.random.Generator) -> None:
-    """Any twist, each component alone, a screw along z; a twist for all records is that twist in each."""
-    for robot, components in product(robots, ([0, 1, 2, 3, 4, 5], [2, 5], *([k] for k in range(6)))):
+def test_a_twist_acts_behind_its_place_and_on_all_beyond(
+    robots: list[Arm], rng: np.random.Generator
+) -> None:
+    """Any twist, each component alone, a screw along z; a twist for all records is that twist in
+    each.
+    """
+    for robot, components in product(
+        robots, ([0, 1, 2, 3, 4, 5], [2, 5], *([k] for k in range(6)))
+    ):
         q = postures(robot, rng, 5)
         plain, twist = frames(robot, q), np.zeros((5, 6))
         twist[:, components] = rng.normal(scale=0.3, size=(5, len(components)))
@@ -129,7 +154,10 @@ def test_a_twist_acts_behind_its_place_and_on_all_beyond(robots: list[Arm], rng:
             np.testing.assert_array_equal(bent[:place], plain[:place])
             carried = plain[place] @ motion @ np.linalg.inv(plain[place])
             same(bent[place:], carried @ plain[place:])
-            same(frames(robot, q, {place: twist[:1]}), frames(robot, q, {place: np.tile(twist[:1], (5, 1))}))
+            same(
+                frames(robot, q, {place: twist[:1]}),
+                frames(robot, q, {place: np.tile(twist[:1], (5, 1))}),
+            )
 
 
 def test_compiled_loop_and_numpy_agree_with_pinocchio(
@@ -141,7 +169,11 @@ def test_compiled_loop_and_numpy_agree_with_pinocchio(
         for way in (NEVER, ALWAYS):
             monkeypatch.setenv(VARIABLE, way)
             found.append(
-                [arm.chain.positions(q), *arm.chain.position_and_sensitivity(q), *arm.chain.position_and_jacobian(q)]
+                [
+                    arm.chain.positions(q),
+                    *arm.chain.position_and_sensitivity(q),
+                    *arm.chain.position_and_jacobian(q),
+                ]
             )
         for plain, looped in zip(*found, strict=True):
             same(looped, plain, 1e-14)
@@ -152,10 +184,14 @@ def test_compiled_loop_and_numpy_agree_with_pinocchio(
             same(found[0][2][:5], poses.placement_sensitivity, 1e-13)
 
 
-def test_frames_beside_the_places_are_pinocchios(arm_file: ArmFile, robots: list[Arm], rng: np.random.Generator) -> None:
+def test_frames_beside_the_places_are_pinocchios(
+    arm_file: ArmFile, robots: list[Arm], rng: np.random.Generator
+) -> None:
     for arm in (Arm.from_file(arm_file), *robots):
         q = postures(arm, rng, 3)
-        for name in {frame.name for frame in arm.model.frames if frame.name not in ("world", "universe")}:
+        for name in {
+            frame.name for frame in arm.model.frames if frame.name not in ("world", "universe")
+        }:
             poses = arm.poses(q, name)
             same(arm.positions(q, name), poses.position, 1e-13)
             same(arm.jacobian(q, name), poses.jacobian[:, :3], 1e-13)
@@ -163,7 +199,9 @@ def test_frames_beside_the_places_are_pinocchios(arm_file: ArmFile, robots: list
                 same(arm.sensitivity(q, name), poses.placement_sensitivity, 1e-13)
 
 
-def test_errors_of_placements_are_twists_for_pinocchio_too(robots: list[Arm], rng: np.random.Generator) -> None:
+def test_errors_of_placements_are_twists_for_pinocchio_too(
+    robots: list[Arm], rng: np.random.Generator
+) -> None:
     for robot in robots:
         q, errors = postures(robot, rng, 4), rng.normal(scale=0.1, size=(4, 6 * robot.nq))
         for k, error in enumerate(errors):
@@ -176,13 +214,17 @@ def test_errors_of_placements_are_twists_for_pinocchio_too(robots: list[Arm], rn
 
 def test_no_record_and_one_record(robots: list[Arm]) -> None:
     for robot, n in product(robots, (0, 1)):
-        rotation, origin = robot.chain.walk(np.zeros((n, robot.nq)), {axis(1): np.zeros((n, 6)), end(2): np.zeros((1, 6))})
+        rotation, origin = robot.chain.walk(
+            np.zeros((n, robot.nq)), {axis(1): np.zeros((n, 6)), end(2): np.zeros((1, 6))}
+        )
         assert rotation.shape == (robot.chain.places, n, 3, 3)
         assert origin.shape == (robot.chain.places, n, 3)
 
 
 def test_exp_is_the_matrix_exponential(rng: np.random.Generator) -> None:
-    angles = np.repeat([0.0, 1e-12, 1e-6, 0.999e-3, 1.001e-3, 0.1, 1.0, np.pi - 1e-9, np.pi, 6.0, 40.0], 20)
+    angles = np.repeat(
+        [0.0, 1e-12, 1e-6, 0.999e-3, 1.001e-3, 0.1, 1.0, np.pi - 1e-9, np.pi, 6.0, 40.0], 20
+    )
     directions = rng.normal(size=(len(angles), 3))
     w = angles[:, None] * directions / np.linalg.norm(directions, axis=1, keepdims=True)
     twists = np.hstack([rng.normal(size=(len(angles), 3)), w])

@@ -1,4 +1,6 @@
-"""A URDF with corrected joints: Pinocchio finds the calibrated arm in it, and nothing else has changed."""
+"""A URDF with corrected joints: Pinocchio finds the calibrated arm in it, and nothing else has
+changed.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,11 @@ from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.corrected_urdf import corrected_urdf
 from aacmm_pin.errors import AacmmError, UnsupportedArmError
 
-ROBOTS = [("ur5_robot.urdf", "tool0"), ("panda.urdf", "panda_hand_tcp"), ("panda.urdf", "panda_link5")]
+ROBOTS = [
+    ("ur5_robot.urdf", "tool0"),
+    ("panda.urdf", "panda_hand_tcp"),
+    ("panda.urdf", "panda_link5"),
+]
 SHIFT = np.array([1e-3, -2e-3, 3e-3])
 SMALL = """<?xml version='1.0'?>
 <!-- a comment -->
@@ -23,7 +29,8 @@ SMALL = """<?xml version='1.0'?>
   <joint name="j1" type="revolute"><parent link="base"/><child link="one"/>
     <limit lower="-1" upper="1" effort="1" velocity="1"/><axis xyz="0 0 1"/></joint>
   <joint name="j2" type="revolute"><origin xyz="0.5 0 0" rpy="0 1.5707963267948966 0" ></origin>
-    <parent link="one"/><child link="two"/><axis xyz="0 -1 0"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+    <parent link="one"/><child link="two"/><axis xyz="0 -1 0"/>
+    <limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
   <joint name="end" type="fixed"><parent link="two"/><child link="tip"/></joint>
   <transmission name="t"><joint name="j1"/></transmission>
 </robot>
@@ -52,12 +59,18 @@ def assert_same(found: Arm, expected: Arm, shift: Array, rng: np.random.Generato
     poses = expected.poses(q)
     where = poses.position + poses.placement[:, :3, :3] @ shift
     np.testing.assert_allclose(found.positions(q), where, rtol=0, atol=1e-9)
-    np.testing.assert_allclose(found.poses(q).placement[:, :3, :3], poses.placement[:, :3, :3], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(
+        found.poses(q).placement[:, :3, :3], poses.placement[:, :3, :3], rtol=0, atol=1e-9
+    )
 
 
 @pytest.mark.parametrize(("name", "frame"), ROBOTS)
 def test_pinocchio_finds_the_corrected_arm(
-    name: str, frame: str, robot_file: Callable[[str], Path], tmp_path: Path, rng: np.random.Generator
+    name: str,
+    frame: str,
+    robot_file: Callable[[str], Path],
+    tmp_path: Path,
+    rng: np.random.Generator,
 ) -> None:
     arm = Arm.from_urdf(robot_file(name), frame)
     after = moved(arm, rng)
@@ -66,7 +79,9 @@ def test_pinocchio_finds_the_corrected_arm(
         assert_same(reread(corrected_urdf(after, SHIFT), tmp_path, frame), after, SHIFT, rng)
 
 
-def test_joints_without_an_origin_and_with_odd_tags(small: Arm, tmp_path: Path, rng: np.random.Generator) -> None:
+def test_joints_without_an_origin_and_with_odd_tags(
+    small: Arm, tmp_path: Path, rng: np.random.Generator
+) -> None:
     after = moved(small, rng)
     text = corrected_urdf(after, SHIFT)
     assert_same(reread(text, tmp_path, "tip"), after, SHIFT, rng)
@@ -74,7 +89,9 @@ def test_joints_without_an_origin_and_with_odd_tags(small: Arm, tmp_path: Path, 
     assert text.count(b"<origin") == 3
 
 
-def test_all_else_stays_as_it_was(robot_file: Callable[[str], Path], rng: np.random.Generator) -> None:
+def test_all_else_stays_as_it_was(
+    robot_file: Callable[[str], Path], rng: np.random.Generator
+) -> None:
     path = robot_file("ur5_robot.urdf")
     arm = Arm.from_urdf(path, "tool0")
     assert corrected_urdf(arm) == path.read_bytes()
@@ -86,13 +103,17 @@ def test_all_else_stays_as_it_was(robot_file: Callable[[str], Path], rng: np.ran
     assert [each.tag for each in changed] == ["origin"] * 6
 
 
-def test_what_is_refused(small: Arm, robot_file: Callable[[str], Path], tmp_path: Path, rng: np.random.Generator) -> None:
+def test_what_is_refused(
+    small: Arm, robot_file: Callable[[str], Path], tmp_path: Path, rng: np.random.Generator
+) -> None:
     with pytest.raises(UnsupportedArmError, match=r"wrist_3_link.*no fixed joint"):
         corrected_urdf(Arm.from_urdf(robot_file("ur5_robot.urdf"), "wrist_3_link"), SHIFT)
     with pytest.raises(UnsupportedArmError, match="has a DH table"):
         corrected_urdf(Arm.load("sino6"))
     utf16 = tmp_path / "utf16.urdf"
-    utf16.write_bytes(SMALL.replace("version='1.0'", "version='1.0' encoding='utf-16'").encode("utf-16"))
+    utf16.write_bytes(
+        SMALL.replace("version='1.0'", "version='1.0' encoding='utf-16'").encode("utf-16")
+    )
     after = moved(Arm.from_urdf(utf16, "tip"), rng)
     assert_same(reread(corrected_urdf(after), tmp_path, "tip"), after, np.zeros(3), rng)
     path = Path(small.source)

@@ -1,4 +1,6 @@
-"""The DH table against changed tables and printed coordinates; tests of the arm hold it against Pinocchio."""
+"""The DH table against changed tables and printed coordinates; tests of the arm hold it against
+Pinocchio.
+"""
 
 from __future__ import annotations
 
@@ -44,7 +46,10 @@ def test_parts_of_a_batch_do_not_change_results(dh: DHTable, rng: np.random.Gene
     n = 2 * CHUNK + 3
     q, errors = random_q(dh, rng, n), rng.normal(0, 1e-3, (n, 4 * dh.rows))
     some = [0, CHUNK - 1, CHUNK, 2 * CHUNK - 1, 2 * CHUNK, n - 1]
-    alone, together = dh.chain.position_and_sensitivity(q[some]), dh.chain.position_and_sensitivity(q)
+    alone, together = (
+        dh.chain.position_and_sensitivity(q[some]),
+        dh.chain.position_and_sensitivity(q),
+    )
     for one, many in zip(alone, together, strict=True):
         np.testing.assert_allclose(many[some], one, rtol=0, atol=1e-15)
     moved = dh.chain.positions(q[some], errors[some])
@@ -53,7 +58,8 @@ def test_parts_of_a_batch_do_not_change_results(dh: DHTable, rng: np.random.Gene
     assert (position.shape, sensitivity.shape) == ((0, 3), (0, 3, 4 * dh.rows))
 
 
-# The simulated measurements of the 2010 paper on the zero offsets of a six-joint measuring arm: angles [deg], tip [mm].
+# The simulated measurements of the 2010 paper on the zero offsets of a six-joint measuring arm:
+# angles [deg], tip [mm].
 PRINTED = np.array(
     [
         [-90, -90, 0, 90, 0, 90, 138.558, 575.782, -283.282],

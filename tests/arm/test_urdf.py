@@ -1,4 +1,6 @@
-"""The generated URDF against two parsers that share no code with it, and against the files that are kept of it."""
+"""The generated URDF against two parsers that share no code with it, and against the files that are
+kept of it.
+"""
 
 from __future__ import annotations
 
@@ -46,7 +48,9 @@ def test_pinocchio_and_yourdfpy_agree_with_the_table(
 ) -> None:
     arm, q = Arm.from_file(arm_file), configurations(arm_file, rng, 100)
     for at in ("tip", "frame5"):
-        np.testing.assert_allclose(arm.poses(q, at).position, arm.positions(q, at), rtol=0, atol=1e-12)
+        np.testing.assert_allclose(
+            arm.poses(q, at).position, arm.positions(q, at), rtol=0, atol=1e-12
+        )
     assert len(parsed.actuated_joint_names) == arm_file.dh.nq
     by_pinocchio = {at: arm.poses(q, at).placement for at in ("tip", "frame5")}
     for k, each in enumerate(q):
@@ -59,15 +63,23 @@ def test_joints_limits_masses_and_centres_survive(arm_file: ArmFile, parsed: you
     model = pin.buildModelFromXML(urdf_text(arm_file))
     assert model.nq == model.nv == arm_file.dh.nq
     stated = limits(arm_file)
-    np.testing.assert_array_equal(np.column_stack([model.lowerPositionLimit, model.upperPositionLimit]), stated)
-    np.testing.assert_array_equal([[j.limit.lower, j.limit.upper] for j in parsed.actuated_joints], stated)
+    np.testing.assert_array_equal(
+        np.column_stack([model.lowerPositionLimit, model.upperPositionLimit]), stated
+    )
+    np.testing.assert_array_equal(
+        [[j.limit.lower, j.limit.upper] for j in parsed.actuated_joints], stated
+    )
     masses = {
         f"frame{n}": (row.mass_kg, [c * MM for c in row.com_mm or (0, 0, 0)])
         for n, row in enumerate(arm_file.joints, start=1)
         if row.mass_kg is not None
     }
-    bodies = {name: link.inertial for name, link in parsed.link_map.items() if link.inertial is not None}
-    assert {name: (body.mass, body.origin[:3, 3].tolist()) for name, body in bodies.items()} == masses
+    bodies = {
+        name: link.inertial for name, link in parsed.link_map.items() if link.inertial is not None
+    }
+    assert {
+        name: (body.mass, body.origin[:3, 3].tolist()) for name, body in bodies.items()
+    } == masses
 
 
 def drawn_tubes(robot: yourdfpy.URDF) -> list[tuple[Array, Array]]:
@@ -76,8 +88,13 @@ def drawn_tubes(robot: yourdfpy.URDF) -> list[tuple[Array, Array]]:
     for name, link in robot.link_map.items():
         for visual in link.visuals:
             if visual.geometry.cylinder is not None:
-                place, half = robot.get_transform(name) @ visual.origin, visual.geometry.cylinder.length / 2
-                tubes.append((place[:3, 3] - half * place[:3, 2], place[:3, 3] + half * place[:3, 2]))
+                place, half = (
+                    robot.get_transform(name) @ visual.origin,
+                    visual.geometry.cylinder.length / 2,
+                )
+                tubes.append(
+                    (place[:3, 3] - half * place[:3, 2], place[:3, 3] + half * place[:3, 2])
+                )
     return tubes
 
 
@@ -88,7 +105,10 @@ def test_every_length_is_drawn_from_end_to_end(arm_file: ArmFile, parsed: yourdf
         x, z, start, end = *frames[n - 1][:3, [0, 2, 3]].T, frames[n][:3, 3]
         knee = start + (z * row.d_mm if arm_file.convention == "standard-dh" else x * row.a_mm) * MM
         for piece in ((start, knee), (knee, end)):
-            found = any(np.allclose(piece, tube, atol=1e-9) or np.allclose(piece[::-1], tube, atol=1e-9) for tube in tubes)
+            found = any(
+                np.allclose(piece, tube, atol=1e-9) or np.allclose(piece[::-1], tube, atol=1e-9)
+                for tube in tubes
+            )
             if np.linalg.norm(piece[1] - piece[0]) > SHORTEST_DRAWN and not found:
                 missing.append(f"row {n}: {piece[0]} to {piece[1]}")
     assert missing == []

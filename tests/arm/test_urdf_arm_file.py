@@ -1,4 +1,6 @@
-"""Arm files that name a URDF: what is written comes back to the last bit, and what does not belong together is refused."""
+"""Arm files that name a URDF: what is written comes back to the last bit, and what does not belong
+together is refused.
+"""
 
 from __future__ import annotations
 
@@ -21,11 +23,17 @@ FRAMES = {"ur5_robot.urdf": "tool0", "panda.urdf": "panda_hand_tcp"}
 
 
 def calibrated(path: Path, frame: str, rng: np.random.Generator) -> ErrorModel:
-    """By records of an arm that is off and yields, in two steps, so that corrections are joined; the noise is stated."""
+    """By records of an arm that is off and yields, in two steps, so that corrections are joined;
+    the noise is stated.
+    """
     arm = Arm.from_urdf(path, frame, **HALF_WIDTHS)
     real = arm.with_placements(rng.uniform(-3e-4, 3e-4, (arm.nq, 6)), None)
-    records = simulate_measurements(ErrorModel(real, (JointCompliance(2, values=(1e-5,)),)), "free", 60, rng=rng)
-    once = calibrate(arm, records, ["geometry", JointCompliance(2)], encoder_noise=8e-6, hold_out=False).model
+    records = simulate_measurements(
+        ErrorModel(real, (JointCompliance(2, values=(1e-5,)),)), "free", 60, rng=rng
+    )
+    once = calibrate(
+        arm, records, ["geometry", JointCompliance(2)], encoder_noise=8e-6, hold_out=False
+    ).model
     return calibrate(once, records, encoder_noise=8e-6, hold_out=False).model
 
 
@@ -42,7 +50,9 @@ def test_all_comes_back_to_the_last_bit(
     again = ErrorModel.load(moved / "kept" / "cal.toml")
     assert [p.name for p in again.parameters] == [p.name for p in model.parameters]
     for attribute in ("half_width", "u", "value"):
-        assert [getattr(p, attribute) for p in again.parameters] == [getattr(p, attribute) for p in model.parameters]
+        assert [getattr(p, attribute) for p in again.parameters] == [
+            getattr(p, attribute) for p in model.parameters
+        ]
     np.testing.assert_array_equal(again.covariance(), model.covariance())
     assert again.effects == model.effects
     q = rng.uniform(-2.0, 2.0, (50, model.arm.nq))
@@ -53,7 +63,9 @@ def test_all_comes_back_to_the_last_bit(
     assert again.text() == model.text()
 
 
-def test_corrections_are_joined(robot_file: Callable[[str], Path], rng: np.random.Generator) -> None:
+def test_corrections_are_joined(
+    robot_file: Callable[[str], Path], rng: np.random.Generator
+) -> None:
     """One after the other as Pinocchio's placements have them, which a file holds as one twist."""
     arm = Arm.from_urdf(robot_file("ur5_robot.urdf"), "tool0")
     first, second = rng.normal(scale=0.1, size=(2, 6, 6))
@@ -66,15 +78,26 @@ def test_corrections_are_joined(robot_file: Callable[[str], Path], rng: np.rando
         np.testing.assert_allclose(both.model.jointPlacements[number], expected, rtol=0, atol=1e-14)
 
 
-def test_amplitude_and_phase_come_back(robot_file: Callable[[str], Path], tmp_path: Path, rng: np.random.Generator) -> None:
-    """They are two other numbers than those inside, so the last bit may differ: far below an atom at the tip."""
-    model = ErrorModel(Arm.from_urdf(robot_file("ur5_robot.urdf"), "tool0"), (EncoderEccentricity(3, values=(1e-4, 3e-5)),))
+def test_amplitude_and_phase_come_back(
+    robot_file: Callable[[str], Path], tmp_path: Path, rng: np.random.Generator
+) -> None:
+    """They are two other numbers than those inside, so the last bit may differ: far below an atom
+    at the tip.
+    """
+    model = ErrorModel(
+        Arm.from_urdf(robot_file("ur5_robot.urdf"), "tool0"),
+        (EncoderEccentricity(3, values=(1e-4, 3e-5)),),
+    )
     model.save(tmp_path / "e.toml")
     q = rng.uniform(-2.0, 2.0, (50, 6))
-    np.testing.assert_allclose(ErrorModel.load(tmp_path / "e.toml").predict(q), model.predict(q), rtol=0, atol=1e-15)
+    np.testing.assert_allclose(
+        ErrorModel.load(tmp_path / "e.toml").predict(q), model.predict(q), rtol=0, atol=1e-15
+    )
 
 
-def test_a_model_without_a_file_is_not_saved(robot_file: Callable[[str], Path], tmp_path: Path) -> None:
+def test_a_model_without_a_file_is_not_saved(
+    robot_file: Callable[[str], Path], tmp_path: Path
+) -> None:
     arm = Arm.from_urdf(robot_file("ur5_robot.urdf"), "tool0")
     with pytest.raises(AacmmError, match="no file"):
         ErrorModel(Arm.from_model(arm.model, "tool0")).save(tmp_path / "a.toml")
@@ -85,9 +108,17 @@ def test_a_model_without_a_file_is_not_saved(robot_file: Callable[[str], Path], 
     [
         ("[urdf]", "[urdf]\nmesh = 1", r"urdf\.mesh: unknown key"),
         ("[urdf]", "convention = 'standard-dh'\n[urdf]", r"convention: unknown key"),
-        ("[[joints]]", "[[joints]]\na_mm = 1.0", r"joints\[1\]\.a_mm: unknown key; known here: encoder"),
+        (
+            "[[joints]]",
+            "[[joints]]\na_mm = 1.0",
+            r"joints\[1\]\.a_mm: unknown key; known here: encoder",
+        ),
         ('"tool0"', '"tool9"', r"urdf\.frame: unknown frame 'tool9'"),
-        ('"tool0"', '"forearm_link"', r"joints: are shoulder.*expected those that move 'forearm_link'"),
+        (
+            '"tool0"',
+            '"forearm_link"',
+            r"joints: are shoulder.*expected those that move 'forearm_link'",
+        ),
         ('"tool0"', '"base_link"', r"urdf\.frame: .*no joint moves"),
         ("sha256 = ", "# ", r"urdf\.sha256 is missing"),
         ('sha256 = "', 'sha256 = "x', r"urdf\.sha256: is 'x.*pattern"),
@@ -99,7 +130,12 @@ def test_a_model_without_a_file_is_not_saved(robot_file: Callable[[str], Path], 
     ],
 )
 def test_what_is_refused(
-    old: str, new: str, said: str, calibrated_ur5: str, robot_file: Callable[[str], Path], tmp_path: Path
+    old: str,
+    new: str,
+    said: str,
+    calibrated_ur5: str,
+    robot_file: Callable[[str], Path],
+    tmp_path: Path,
 ) -> None:
     shutil.copy(robot_file("ur5_robot.urdf"), tmp_path)
     assert old in calibrated_ur5
@@ -114,11 +150,15 @@ def calibrated_ur5(robot_file: Callable[[str], Path]) -> str:
     return calibrated(robot_file("ur5_robot.urdf"), "tool0", np.random.default_rng(1)).text()
 
 
-def test_another_urdf_is_refused(calibrated_ur5: str, robot_file: Callable[[str], Path], tmp_path: Path) -> None:
+def test_another_urdf_is_refused(
+    calibrated_ur5: str, robot_file: Callable[[str], Path], tmp_path: Path
+) -> None:
     (tmp_path / "cal.toml").write_text(calibrated_ur5, encoding="utf-8")
     urdf = tmp_path / "ur5_robot.urdf"
     urdf.write_bytes(robot_file("ur5_robot.urdf").read_bytes().replace(b"0.425", b"0.426"))
-    with pytest.raises(ArmFileError, match=r"cal\.toml: urdf\.sha256: .*ur5_robot\.urdf was changed"):
+    with pytest.raises(
+        ArmFileError, match=r"cal\.toml: urdf\.sha256: .*ur5_robot\.urdf was changed"
+    ):
         ErrorModel.load(tmp_path / "cal.toml")
     urdf.unlink()
     urdf.symlink_to("/dev/zero")

@@ -1,4 +1,6 @@
-"""URDF files as they come: what each mistake is answered with, and that nothing else of a good one changes."""
+"""URDF files as they come: what each mistake is answered with, and that nothing else of a good one
+changes.
+"""
 
 from __future__ import annotations
 
@@ -72,7 +74,12 @@ MISTAKES = [
     ('<parent link="base"/>', "", 13, "joint 'shoulder': parent is missing"),
     ('<child link="tip"/>', "<child/>", 22, "joint 'slide': child: link is missing"),
     ('<child link="tip"/>', '<child link="tool"/>', 22, "no link 'tool'"),
-    ('<child link="tip"/>', '<child link="upper"/>', 22, "'upper' is carried already by joint 'shoulder'"),
+    (
+        '<child link="tip"/>',
+        '<child link="upper"/>',
+        22,
+        "'upper' is carried already by joint 'shoulder'",
+    ),
     ('<parent link="upper"/>', '<parent link="tip"/>', 20, "joint 'slide': is part of a cycle"),
     ('<parent link="base"/>', '<parent link="tip"/>', 13, "cycle"),
     (
@@ -88,8 +95,18 @@ MISTAKES = [
     ('type="prismatic"', "", 20, "type is missing"),
     ("robot", "sdf", 2, "robot"),
     ('<link name="base"/>', '<xacro:include filename="x"/>', 3, "xacro"),
-    ('<axis xyz="1 0 0"/>', '<mimic joint="slide"/>', 23, "'slide': mimic: joint is 'slide', so that it mimics itself"),
-    (SLIDE, "".join(f'<link name="l{i}"/>' for i in range(30_000)), 20, f"expected at most {MAX_LINKS}"),
+    (
+        '<axis xyz="1 0 0"/>',
+        '<mimic joint="slide"/>',
+        23,
+        "'slide': mimic: joint is 'slide', so that it mimics itself",
+    ),
+    (
+        SLIDE,
+        "".join(f'<link name="l{i}"/>' for i in range(30_000)),
+        20,
+        f"expected at most {MAX_LINKS}",
+    ),
 ]
 
 
@@ -100,7 +117,9 @@ def test_each_mistake_is_named(tmp_path: Path) -> None:
         path.write_text(GOOD.replace(old, new), encoding="utf-8")
         with pytest.raises(ArmFileError) as caught:
             Arm.from_urdf(path, "tip")
-        assert (caught.value.path, caught.value.key) == (str(path), f"line {line}"), str(caught.value)
+        assert (caught.value.path, caught.value.key) == (str(path), f"line {line}"), str(
+            caught.value
+        )
         assert words in str(caught.value)
 
 
@@ -119,7 +138,11 @@ def test_what_is_no_xml(tmp_path: Path) -> None:
         path.write_bytes(content)
         with pytest.raises(ArmFileError, match=words):
             read_urdf(path)
-    for there, words in ((tmp_path, "folder"), (tmp_path / "none.urdf", "no such file"), (Path("/dev/zero"), "20 MB")):
+    for there, words in (
+        (tmp_path, "folder"),
+        (tmp_path / "none.urdf", "no such file"),
+        (Path("/dev/zero"), "20 MB"),
+    ):
         with pytest.raises(ArmFileError, match=words):
             read_urdf(there)
 
@@ -128,7 +151,10 @@ def chain_of(joints: int) -> str:
     """A robot of so many joints that turn, one behind the other."""
     links = "".join(f'<link name="l{i}"/>' for i in range(joints + 1))
     inside = '<parent link="l{}"/><child link="l{}"/><origin xyz="0.1 0 0"/><axis xyz="0 0 1"/>'
-    each = (f'<joint name="j{i}" type="continuous">{inside.format(i, i + 1)}</joint>' for i in range(joints))
+    each = (
+        f'<joint name="j{i}" type="continuous">{inside.format(i, i + 1)}</joint>'
+        for i in range(joints)
+    )
     return f'<robot name="long">{links}{"".join(each)}</robot>'
 
 
@@ -139,7 +165,9 @@ def test_long_chains(tmp_path: Path) -> None:
     q = np.linspace(-1, 1, 64)[None]
     np.testing.assert_allclose(arm.chain.walk(q)[1][-1], arm.positions(q), atol=1e-12)
     path.write_text(chain_of(200), encoding="utf-8")
-    with pytest.raises(UnsupportedArmError, match="200 joints move frame 'l200', expected at most 64"):
+    with pytest.raises(
+        UnsupportedArmError, match="200 joints move frame 'l200', expected at most 64"
+    ):
         Arm.from_urdf(path, "l200")
     assert Arm.from_urdf(path, "l64").nq == 64
     path.write_text(chain_of(MAX_LINKS - 1).replace("continuous", "fixed"), encoding="utf-8")
@@ -150,7 +178,10 @@ def test_long_chains(tmp_path: Path) -> None:
 def test_lengths_in_another_unit_are_seen_by_what_is_reached(tmp_path: Path) -> None:
     path = tmp_path / "arm.urdf"
     path.write_text(GOOD.replace('xyz="0 0 0.3"', 'xyz="0 0 300"'), encoding="utf-8")
-    with pytest.raises(UnsupportedArmError, match="joint 'shoulder' is 300 m behind the one before: the tip is up to 300"):
+    with pytest.raises(
+        UnsupportedArmError,
+        match="joint 'shoulder' is 300 m behind the one before: the tip is up to 300",
+    ):
         Arm.from_urdf(path, "tip")
 
 
@@ -161,7 +192,9 @@ def test_what_is_blank_before_the_declaration_is_passed_over(tmp_path: Path) -> 
     for before in ("\n", " \t\n\r\n", "\ufeff\n"):
         assert read_urdf(_written(path, before + good))[0] == expected
     with pytest.raises(ArmFileError, match=r"line 20: .*quat_xyzw"):
-        read_urdf(_written(path, "\n \n\n\n" + good.replace('rpy="0 1.5 0"', 'quat_xyzw="0 0 0 1"')))
+        read_urdf(
+            _written(path, "\n \n\n\n" + good.replace('rpy="0 1.5 0"', 'quat_xyzw="0 0 0 1"'))
+        )
 
 
 def _written(path: Path, text: str) -> Path:
@@ -171,7 +204,9 @@ def _written(path: Path, text: str) -> Path:
 
 def test_limits_far_beyond_degrees_stand_for_none(tmp_path: Path) -> None:
     path = tmp_path / "arm.urdf"
-    path.write_text(GOOD.replace('lower="-1" upper="2"', 'lower="-1e4" upper="1e4"'), encoding="utf-8")
+    path.write_text(
+        GOOD.replace('lower="-1" upper="2"', 'lower="-1e4" upper="1e4"'), encoding="utf-8"
+    )
     np.testing.assert_array_equal(Arm.from_urdf(path, "tip").limits[0], [-1e4, 1e4])
 
 
@@ -185,7 +220,9 @@ def test_an_axis_has_any_length(tmp_path: Path) -> None:
 
 
 def test_nothing_of_a_robot_changes() -> None:
-    """Every robot of example-robot-data as Pinocchio reads it by itself, with its continuous joints as turning ones."""
+    """Every robot of example-robot-data as Pinocchio reads it by itself, with its continuous joints
+    as turning ones.
+    """
     files = importlib.metadata.distribution("example-robot-data").files or []
     compared = 0
     for path in (Path(str(file.locate())) for file in files if file.name.endswith(".urdf")):
@@ -197,13 +234,20 @@ def test_nothing_of_a_robot_changes() -> None:
         for joint in root.iterfind(".//joint[@type='continuous']"):
             joint.set("type", "revolute")
             limit = joint.find("limit")
-            limit = ET.SubElement(joint, "limit", effort="0", velocity="0") if limit is None else limit
+            limit = (
+                ET.SubElement(joint, "limit", effort="0", velocity="0") if limit is None else limit
+            )
             limit.attrib.update(lower=repr(-FULL_TURN), upper=repr(FULL_TURN))
-        alone, ours = (pin.buildModelFromXML(text) for text in (ET.tostring(root, encoding="unicode"), read_urdf(path)[0]))
+        alone, ours = (
+            pin.buildModelFromXML(text)
+            for text in (ET.tostring(root, encoding="unicode"), read_urdf(path)[0])
+        )
         assert (alone.name, [*alone.names]) == (ours.name, [*ours.names])
         assert [*alone.jointPlacements] == [*ours.jointPlacements], path
         assert [*alone.inertias] == [*ours.inertias]
-        assert [(f.name, f.placement) for f in alone.frames] == [(f.name, f.placement) for f in ours.frames]
+        assert [(f.name, f.placement) for f in alone.frames] == [
+            (f.name, f.placement) for f in ours.frames
+        ]
         np.testing.assert_array_equal(alone.lowerPositionLimit, ours.lowerPositionLimit)
         np.testing.assert_array_equal(alone.upperPositionLimit, ours.upperPositionLimit)
         compared += 1
@@ -212,20 +256,33 @@ def test_nothing_of_a_robot_changes() -> None:
 
 def test_joints_that_mimic_each_other_are_refused_where_both_move_the_frame(tmp_path: Path) -> None:
     path, axis = tmp_path / "mimic.urdf", '<axis xyz="1 0 0"/>'
-    for leader, words in (("shoulder", "joint is 'shoulder'"), ("none", "there is no joint 'none'")):
+    for leader, words in (
+        ("shoulder", "joint is 'shoulder'"),
+        ("none", "there is no joint 'none'"),
+    ):
         path.write_text(GOOD.replace(axis, f'{axis}<mimic joint="{leader}"/>'), encoding="utf-8")
         assert Arm.from_urdf(path, "upper").nq == 1
         with pytest.raises(UnsupportedArmError, match=f"line 23: joint 'slide': mimic: {words}"):
             Arm.from_urdf(path, "tip")
-    path.write_text(GOOD.replace('<axis xyz="0 0 1"/>', '<mimic joint="slide" multiplier="2"/>'), encoding="utf-8")
+    path.write_text(
+        GOOD.replace('<axis xyz="0 0 1"/>', '<mimic joint="slide" multiplier="2"/>'),
+        encoding="utf-8",
+    )
     assert Arm.from_urdf(path, "upper").nq == 1
-    with pytest.raises(UnsupportedArmError, match="line 17: joint 'shoulder': mimic: joint is 'slide'"):
+    with pytest.raises(
+        UnsupportedArmError, match="line 17: joint 'shoulder': mimic: joint is 'slide'"
+    ):
         Arm.from_urdf(path, "tip")
 
 
 def test_a_fixed_joint_may_have_the_name_of_its_link(tmp_path: Path) -> None:
-    """As in Unitree's B1 with the Z1; a joint beside the chain is locked, and the frame stands for the link."""
-    joint = '<joint name="{0}" type="{1}"><parent link="{2}"/><child link="{3}"/><origin xyz="{4} 0 0"/>{5}</joint>'
+    """As in Unitree's B1 with the Z1; a joint beside the chain is locked, and the frame stands for
+    the link.
+    """
+    joint = (
+        '<joint name="{0}" type="{1}"><parent link="{2}"/><child link="{3}"/><origin xyz="{4} '
+        '0 0"/>{5}</joint>'
+    )
     moves = '<axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="1" velocity="1"/>'
     joints = (
         ("a", "revolute", "base", "one", 0.1, moves),
@@ -234,10 +291,16 @@ def test_a_fixed_joint_may_have_the_name_of_its_link(tmp_path: Path) -> None:
         ("finger", "revolute", "two", "nail", 0.1, moves),
         ("end", "fixed", "two", "tip", 0.4, ""),
     )
-    links = "".join(f'<link name="{name}"/>' for name in ("base", "one", "adapter", "two", "nail", "tip"))
+    links = "".join(
+        f'<link name="{name}"/>' for name in ("base", "one", "adapter", "two", "nail", "tip")
+    )
     path = tmp_path / "r.urdf"
-    path.write_text(f'<robot name="r">{links}{"".join(joint.format(*each) for each in joints)}</robot>')
+    path.write_text(
+        f'<robot name="r">{links}{"".join(joint.format(*each) for each in joints)}</robot>'
+    )
     arm = Arm.from_urdf(path, "tip")
     assert arm.joint_names == ("a", "b")
     np.testing.assert_allclose(arm.positions([[0.0, np.pi / 2]]), [[0.6, 0.4, 0.0]], atol=1e-12)
-    np.testing.assert_allclose(Arm.from_urdf(path, "adapter").positions([[0.0]]), [[0.3, 0.0, 0.0]], atol=1e-12)
+    np.testing.assert_allclose(
+        Arm.from_urdf(path, "adapter").positions([[0.0]]), [[0.3, 0.0, 0.0]], atol=1e-12
+    )

@@ -22,33 +22,53 @@ def assert_same(arm: Arm, rng: np.random.Generator) -> None:
     q = rng.uniform(-3.0, 3.0, (200, arm.nq))
     np.testing.assert_allclose(again.poses(q).placement, arm.poses(q).placement, rtol=0, atol=1e-12)
     assert again.dh is not None
-    np.testing.assert_allclose(again.dh.chain.positions(q), arm.poses(q).position, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        again.dh.chain.positions(q), arm.poses(q).position, rtol=0, atol=1e-12
+    )
     np.testing.assert_array_equal(again.limits, arm.limits)
     for configuration in q[:5]:  # the weights' torques know every mass and its centre
-        torques = [pin.computeGeneralizedGravity(a.model, a.model.createData(), configuration) for a in (again, arm)]
+        torques = [
+            pin.computeGeneralizedGravity(a.model, a.model.createData(), configuration)
+            for a in (again, arm)
+        ]
         np.testing.assert_allclose(*torques, rtol=0, atol=1e-11)
 
 
 @pytest.mark.parametrize(
     ("name", "frame", "rows"),
-    [("ur5_robot.urdf", "tool0", 8), ("panda.urdf", "panda_hand_tcp", 7), ("panda.urdf", "panda_link5", 5)],
+    [
+        ("ur5_robot.urdf", "tool0", 8),
+        ("panda.urdf", "panda_hand_tcp", 7),
+        ("panda.urdf", "panda_link5", 5),
+    ],
 )
-def test_robots(name: str, frame: str, rows: int, robot_file: Callable[[str], Path], rng: np.random.Generator) -> None:
+def test_robots(
+    name: str, frame: str, rows: int, robot_file: Callable[[str], Path], rng: np.random.Generator
+) -> None:
     arm = Arm.from_urdf(robot_file(name), frame)
     assert_same(arm, rng)
     file = dh_file(arm)
     assert len(file.joints) == rows
     if frame == "panda_hand_tcp":  # the table that its maker prints, in another convention
-        np.testing.assert_allclose([row.d_mm for row in file.joints], [333, 0, 316, 0, 384, 0, 210.4], rtol=0, atol=1e-9)
-        np.testing.assert_allclose([row.a_mm for row in file.joints], [0, 0, 82.5, -82.5, 0, 88, 0], rtol=0, atol=1e-9)
+        np.testing.assert_allclose(
+            [row.d_mm for row in file.joints], [333, 0, 316, 0, 384, 0, 210.4], rtol=0, atol=1e-9
+        )
+        np.testing.assert_allclose(
+            [row.a_mm for row in file.joints], [0, 0, 82.5, -82.5, 0, 88, 0], rtol=0, atol=1e-9
+        )
 
 
 def tilted(rng: np.random.Generator) -> Array:
-    """A rotation whose z is parallel to the old, or nearly so, or opposite, or across, or anyhow."""
+    """A rotation whose z is parallel to the old, or nearly so, or opposite, or across, or
+    anyhow.
+    """
     small = 10.0 ** rng.uniform(-16, -1)
     tilt = rng.choice([0.0, small, np.pi - small, np.pi, np.pi / 2, rng.uniform(0, np.pi)])
     about, turn = rng.uniform(-np.pi, np.pi, 2)
-    return np.array(pin.exp3(tilt * np.array([np.cos(about), np.sin(about), 0.0])) @ pin.exp3(np.array([0.0, 0.0, turn])))
+    return np.array(
+        pin.exp3(tilt * np.array([np.cos(about), np.sin(about), 0.0]))
+        @ pin.exp3(np.array([0.0, 0.0, turn]))
+    )
 
 
 def test_random_chains(rng: np.random.Generator) -> None:

@@ -1,7 +1,9 @@
-"""Measure this package beside its peers: ``python -m tests.benchmarks --json FILE --page notebooks/site/speed.md``.
+"""Measure this package beside its peers: ``python -m tests.benchmarks --json FILE --page
+notebooks/site/speed.md``.
 
-Each operation and its peers take turns in one run, and medians of CPU time count. Packages of others are installed from
-PyPI on first use, each in an environment of its own below ``$XDG_CACHE_HOME/aacmm_pin/peers`` (or ``~/.cache``).
+Each operation and its peers take turns in one run, and medians of CPU time count. Packages of
+others are installed from PyPI on first use, each in an environment of its own below
+``$XDG_CACHE_HOME/aacmm_pin/peers`` (or ``~/.cache``).
 """
 
 from __future__ import annotations
@@ -32,12 +34,16 @@ def machine() -> str:
     info = Path("/proc/cpuinfo")
     rows = info.read_text().splitlines() if info.exists() else []
     names = [row.split(":", 1)[1].strip() for row in rows if row.startswith("model name")]
-    return f"{names[0] if names else platform.machine()}, {os.cpu_count()} cores, {platform.system()}"
+    return (
+        f"{names[0] if names else platform.machine()}, {os.cpu_count()} cores, {platform.system()}"
+    )
 
 
 def commit() -> str:
     """The commit that is measured, and whether files differ from it."""
-    done = subprocess.run(["git", "describe", "--always", "--dirty", "--abbrev=40"], capture_output=True, text=True)
+    done = subprocess.run(
+        ["git", "describe", "--always", "--dirty", "--abbrev=40"], capture_output=True, text=True
+    )
     return done.stdout.strip() or "unknown"
 
 
@@ -62,16 +68,22 @@ def page(report: dict[str, Any]) -> str:
         *(f"| {key} | {report[key]} |" for key in ("commit", "date", "machine")),
         f"| versions | {versions} |",
         "",
-        "Median CPU time of ways that took turns in one run, on one thread. `ours over this` is the time of the first row",
-        "of the task divided by that of the row: below 1 this package is faster. Its loops are compiled before the clock",
+        "Median CPU time of ways that took turns in one run, on one thread. `ours over this` is "
+        "the time of the first row",
+        "of the task divided by that of the row: below 1 this package is faster. Its loops are "
+        "compiled before the clock",
         "starts, but for commands, which start as they do at the shell.",
     ]
     for operation in report["operations"]:
         lines += ["", f"## {operation['title']}", ""]
         if operation["rows"]:
-            lines += ["| task | by | CPU time | ours over this | peak memory | aimed at |", "|---|---|---|---|---|---|"]
+            lines += [
+                "| task | by | CPU time | ours over this | peak memory | aimed at |",
+                "|---|---|---|---|---|---|",
+            ]
         lines += [
-            f"| {row['what']} | {row['who']} | {_seconds(row['cpu_s'])} | {_number(row['ours_over_this'])} "
+            f"| {row['what']} | {row['who']} | {_seconds(row['cpu_s'])} | "
+            f"{_number(row['ours_over_this'])} "
             f"| {_number(row['peak_bytes'], 1e6, ' MB')} | {_target(row)} |"
             for row in operation["rows"]
         ]
@@ -83,7 +95,9 @@ def page(report: dict[str, Any]) -> str:
 def _target(row: dict[str, Any]) -> str:
     if row["target"] is None:
         return ""
-    most = _number(row["target"]) if row["peak_bytes"] is None else _number(row["target"], 1e6, " MB")
+    most = (
+        _number(row["target"]) if row["peak_bytes"] is None else _number(row["target"], 1e6, " MB")
+    )
     return f"at most {most}: {'reached' if row['reached'] else 'missed'}"
 
 
@@ -92,15 +106,25 @@ def _seconds(value: float | None) -> str:
 
 
 def _number(value: float | None, unit: float = 1.0, name: str = "") -> str:
-    return "" if value is None else f"{value / unit:.3g}{name}" if value / unit < 1000 else f"{value / unit:.0f}{name}"
+    return (
+        ""
+        if value is None
+        else f"{value / unit:.3g}{name}"
+        if value / unit < 1000
+        else f"{value / unit:.0f}{name}"
+    )
 
 
 def main(words: Sequence[str]) -> None:
     parser = argparse.ArgumentParser("python -m tests.benchmarks", description=__doc__)
     parser.add_argument("--json", type=Path, required=True, metavar="FILE")
     parser.add_argument("--page", type=Path, metavar="FILE")
-    parser.add_argument("--only", nargs="+", choices=OPERATIONS, default=list(OPERATIONS), metavar="NAME")
-    parser.add_argument("--quick", action="store_true", help="smallest sizes, one turn: whether it works")
+    parser.add_argument(
+        "--only", nargs="+", choices=OPERATIONS, default=list(OPERATIONS), metavar="NAME"
+    )
+    parser.add_argument(
+        "--quick", action="store_true", help="smallest sizes, one turn: whether it works"
+    )
     parser.add_argument("--long", action="store_true", help="also what takes many minutes")
     given = parser.parse_args(words)
     given.json.parent.mkdir(parents=True, exist_ok=True)
@@ -110,7 +134,10 @@ def main(words: Sequence[str]) -> None:
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "machine": machine(),
         "command": shlex.join(["python", "-m", "tests.benchmarks", *words]),
-        "versions": {"Python": platform.python_version(), **{name: version(name) for name in PACKAGES}},
+        "versions": {
+            "Python": platform.python_version(),
+            **{name: version(name) for name in PACKAGES},
+        },
         "operations": [],
     }
     for name in given.only:
@@ -118,9 +145,12 @@ def main(words: Sequence[str]) -> None:
         table = Table(given.quick, given.long)
         OPERATIONS[name](table)
         report["operations"].append(
-            {"name": name, "title": (OPERATIONS[name].__doc__ or name).strip(" .\n")} | table.as_dict(name)
+            {"name": name, "title": (OPERATIONS[name].__doc__ or name).strip(" .\n")}
+            | table.as_dict(name)
         )
-        given.json.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")  # after each: a long run may be stopped
+        given.json.write_text(
+            json.dumps(report, indent=1) + "\n", encoding="utf-8"
+        )  # after each: a long run may be stopped
         if given.page:
             given.page.write_text(page(report), encoding="utf-8")
 

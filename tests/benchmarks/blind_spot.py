@@ -1,7 +1,9 @@
-"""A robot whose every encoder is eccentric and whose every joint yields, as a measurement file and the truth behind it.
+"""A robot whose every encoder is eccentric and whose every joint yields, as a measurement file and
+the truth behind it.
 
-The machine is the tests' own plant (``tests/blind``): true eccentric discs, equilibrium under gravity iterated until the arm
-stands. It shares no code with the package, which sees the files that are written here and nothing else.
+The machine is the tests' own plant (``tests/blind``): true eccentric discs, equilibrium under
+gravity iterated until the arm stands. It shares no code with the package, which sees the files that
+are written here and nothing else.
 """
 
 from __future__ import annotations
@@ -51,15 +53,25 @@ class BlindSpot:
     truth: Array
 
     @staticmethod
-    def of(seed: int, eccentricity: float = ECCENTRICITY, compliance: float = COMPLIANCE) -> BlindSpot:
+    def of(
+        seed: int, eccentricity: float = ECCENTRICITY, compliance: float = COMPLIANCE
+    ) -> BlindSpot:
         """A machine drawn from the seed; a fault of size zero is none."""
         rng = np.random.default_rng(seed)
         arm = chains.read(ARM)
         rows = range(1, arm.rows + 1)
         phases = rng.uniform(-np.pi, np.pi, arm.rows)
         discs = [{"amplitude_rad": eccentricity, "phase_rad": float(phase)} for phase in phases]
-        faults = [Hidden("encoder_eccentricity", row, p) for row, p in zip(rows, discs, strict=True) if eccentricity]
-        faults += [Hidden("joint_compliance", row, {"compliance_rad_per_nm": compliance}) for row in rows if compliance]
+        faults = [
+            Hidden("encoder_eccentricity", row, p)
+            for row, p in zip(rows, discs, strict=True)
+            if eccentricity
+        ]
+        faults += [
+            Hidden("joint_compliance", row, {"compliance_rad_per_nm": compliance})
+            for row in rows
+            if compliance
+        ]
         machine = Machine(arm, rng.normal(size=arm.exact.shape) * ERRORS, tuple(faults))
         q, held_out = (rng.uniform(*arm.limits.T, (n, arm.rows)) for n in (RECORDS, HELD_OUT))
         seen, truth = tips(machine, q), tips(machine, held_out)
@@ -76,12 +88,16 @@ class BlindSpot:
         return {fault.key: fault for fault in self.machine.faults}
 
     def off(self, predicted: Array) -> float:
-        """Root mean square distance of predicted tips (n, 3) [m] from the true ones at the poses held out [m]."""
+        """Root mean square distance of predicted tips (n, 3) [m] from the true ones at the poses
+        held out [m].
+        """
         return float(np.sqrt(np.sum((predicted - self.truth) ** 2, axis=1).mean()))
 
     @cached_property
     def neighbours(self) -> dict[str, list[Machine]]:
-        """The machine with each of its unknown values a step off: ``geometry``, then fault by fault."""
+        """The machine with each of its unknown values a step off: ``geometry``, then fault by
+        fault.
+        """
         machine, found = self.machine, {"geometry": []}
         for where in np.ndindex(machine.values.shape):
             values = machine.values.copy()
@@ -95,7 +111,10 @@ class BlindSpot:
     def derivatives(self, q: Array) -> dict[str, Array]:
         """Of the tips by these values: each (3 n, values) [m per step]."""
         here = tips(self.machine, q).ravel()
-        return {key: np.stack([tips(m, q).ravel() - here for m in all_], axis=1) for key, all_ in self.neighbours.items()}
+        return {
+            key: np.stack([tips(m, q).ravel() - here for m in all_], axis=1)
+            for key, all_ in self.neighbours.items()
+        }
 
     @cached_property
     def here(self) -> dict[str, Array]:
@@ -103,18 +122,23 @@ class BlindSpot:
         return self.derivatives(self.q)
 
     def whitened(self, columns: dict[str, Array]) -> Array:
-        """Columns of the records over their noise, and below them one row for each geometric value: how far off it may be.
+        """Columns of the records over their noise, and below them one row for each geometric value:
+        how far off it may be.
 
-        Without it d of parallel axes could go off by metres against each other, and the weights with them.
+        Without it d of parallel axes could go off by metres against each other, and the weights
+        with them.
         """
         records = np.hstack([*columns.values()]) / NOISE
         rows = np.zeros((self.machine.values.size, records.shape[1]))
-        np.fill_diagonal(rows, STEP / np.broadcast_to(ASSEMBLED * ERRORS, self.machine.values.shape).ravel())
+        np.fill_diagonal(
+            rows, STEP / np.broadcast_to(ASSEMBLED * ERRORS, self.machine.values.shape).ravel()
+        )
         return np.vstack([records, rows])
 
     @cached_property
     def perfect(self) -> float:
-        """Error at the poses held out of one who knows the plant, and fits all its values to the noisy records [m].
+        """Error at the poses held out of one who knows the plant, and fits all its values to the
+        noisy records [m].
 
         To first order: what the noise alone moves the least-squares fit by.
         """
@@ -127,7 +151,9 @@ class BlindSpot:
 
     @cached_property
     def visibility(self) -> dict[str, float]:
-        """λ of each fault: what it leaves of χ² in the records when geometry and all other faults are fitted without it."""
+        """λ of each fault: what it leaves of χ² in the records when geometry and all other faults
+        are fitted without it.
+        """
         here = tips(self.machine, self.q)
         found = {}
         for key, fault in self.faults.items():
@@ -149,7 +175,11 @@ def _stepped(fault: Hidden) -> list[Hidden]:
     """The fault a step larger, and for a disc a step turned too."""
     p = fault.parameters
     if fault.cause == "joint_compliance":
-        return [replace(fault, parameters={"compliance_rad_per_nm": p["compliance_rad_per_nm"] + 0.1 * STEP})]
+        return [
+            replace(
+                fault, parameters={"compliance_rad_per_nm": p["compliance_rad_per_nm"] + 0.1 * STEP}
+            )
+        ]
     turned = p["phase_rad"] + STEP / p["amplitude_rad"]
     return [
         replace(fault, parameters={**p, "amplitude_rad": p["amplitude_rad"] + STEP}),

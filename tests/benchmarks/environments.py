@@ -1,4 +1,6 @@
-"""Work outside this process: packages in environments of their own, children and their memory, and the C compiler."""
+"""Work outside this process: packages in environments of their own, children and their memory, and
+the C compiler.
+"""
 
 from __future__ import annotations
 
@@ -60,8 +62,12 @@ def install(package: str) -> None:
     (folder(package) / "installed").touch()
 
 
-def ask(package: str, script: str, urdf: str, *options: str, **arrays: NDArray[np.float64]) -> dict[str, Any]:
-    """What a script in ``peers/`` reports of a problem: arrays, and the nominal arm as URDF text."""
+def ask(
+    package: str, script: str, urdf: str, *options: str, **arrays: NDArray[np.float64]
+) -> dict[str, Any]:
+    """What a script in ``peers/`` reports of a problem: arrays, and the nominal arm as URDF
+    text.
+    """
     with tempfile.TemporaryDirectory() as problem:
         data, arm = Path(problem) / "problem.npz", Path(problem) / "arm.urdf"
         np.savez(data, **arrays)  # type: ignore[arg-type]
@@ -76,7 +82,9 @@ def ask(package: str, script: str, urdf: str, *options: str, **arrays: NDArray[n
 
 
 def child(*words: str) -> Seconds:
-    """CPU time of ``python WORDS`` with all that it starts, which loads compiled loops when they are worth it [s]."""
+    """CPU time of ``python WORDS`` with all that it starts, which loads compiled loops when they
+    are worth it [s].
+    """
     environment = os.environ | {VARIABLE: BY_SIZE}
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     done = subprocess.run([sys.executable, *words], capture_output=True, text=True, env=environment)
@@ -87,9 +95,11 @@ def child(*words: str) -> Seconds:
 
 
 def by_itself(before: str, code: str) -> tuple[float, int]:
-    """CPU time of ``code`` in a Python process of its own, once ``before`` is done [s], and the most memory it had [byte].
+    """CPU time of ``code`` in a Python process of its own, once ``before`` is done [s], and the
+    most memory it had [byte].
 
-    From /proc, for the maximum that ``getrusage`` reports holds that of the process that started it too.
+    From /proc, for the maximum that ``getrusage`` reports holds that of the process that started it
+    too.
 
     Raises:
         MissingError: no /proc on this system.
@@ -97,7 +107,10 @@ def by_itself(before: str, code: str) -> tuple[float, int]:
     if not Path("/proc/self/status").exists():
         raise MissingError("no /proc here that tells the memory of a process")
     peak = "next(row.split()[1] for row in open('/proc/self/status') if row.startswith('VmHWM'))"
-    text = f"import time\n{before}\nstart = time.process_time()\n{code}\nprint(time.process_time() - start, {peak})"
+    text = (
+        f"import time\n{before}\nstart = "
+        f"time.process_time()\n{code}\nprint(time.process_time() - start, {peak})"
+    )
     done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True)
     if done.returncode:
         raise RuntimeError(done.stderr)
@@ -119,14 +132,24 @@ class PlainC:
         with tempfile.TemporaryDirectory() as built:
             library = Path(built) / "kernels.so"
             source = PEERS / "kernels.c"
-            subprocess.run([compiler, "-O2", "-shared", "-fPIC", str(source), "-o", str(library), "-lm"], check=True)
+            subprocess.run(
+                [compiler, "-O2", "-shared", "-fPIC", str(source), "-o", str(library), "-lm"],
+                check=True,
+            )
             self.library = ctypes.CDLL(str(library))
 
     def _call(self, name: str, *arguments: int | NDArray[np.float64]) -> None:
         function: Callable[..., Any] = self.library[name]
-        function(*(ctypes.c_long(a) if isinstance(a, int) else ctypes.c_void_p(a.ctypes.data) for a in arguments))
+        function(
+            *(
+                ctypes.c_long(a) if isinstance(a, int) else ctypes.c_void_p(a.ctypes.data)
+                for a in arguments
+            )
+        )
 
-    def sensitivities(self, q: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def sensitivities(
+        self, q: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Position (n, 3) [m] and sensitivity (n, 3, 4 rows)."""
         n, rows = len(q), len(self.rows)
         position, columns = np.empty((n, 3)), np.empty((n, 3, 4 * rows))
@@ -136,5 +159,11 @@ class PlainC:
     def volumes(self, generators: NDArray[np.float64]) -> NDArray[np.float64]:
         """Volumes (n,) [m³] of zonotopes."""
         volume = np.empty(len(generators))
-        self._call("volumes", len(generators), generators.shape[2], np.ascontiguousarray(generators), volume)
+        self._call(
+            "volumes",
+            len(generators),
+            generators.shape[2],
+            np.ascontiguousarray(generators),
+            volume,
+        )
         return volume

@@ -1,6 +1,7 @@
 """The operations that are measured, each beside its peers in turns.
 
-An operation fills a :class:`Table`. Numbers are compared before they are timed: who is wrong is no peer.
+An operation fills a :class:`Table`. Numbers are compared before they are timed: who is wrong is no
+peer.
 """
 
 from __future__ import annotations
@@ -29,7 +30,15 @@ from aacmm_pin.effects import EncoderEccentricity
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.measurements.simulate import simulate_measurements
-from tests.benchmarks.environments import MissingError, PlainC, Seconds, ask, by_itself, child, install
+from tests.benchmarks.environments import (
+    MissingError,
+    PlainC,
+    Seconds,
+    ask,
+    by_itself,
+    child,
+    install,
+)
 from tests.benchmarks.real_like import OPTIONS, real_like, with_errors
 
 OURS = "aacmm_pin"
@@ -37,7 +46,8 @@ NOISE = {"encoder_noise": 8e-6, "reference_noise": 1.2e-5}
 COORDINATE_NOISE = 1e-5
 """Standard deviation of every coordinate that the peers calibrate with [m]."""
 GROSS_ERROR = 3e-4
-"""Standard deviation of each coordinate of a gross error that is not far from what is believed [m]."""
+"""Standard deviation of each coordinate of a gross error that is not far from what is believed [m].
+"""
 IN_C, PINOCCHIO, CALIBRATE = "loop in C, -O2", "loop over Pinocchio", "aacmm_pin calibrate"
 TARGETS = {
     ("sensitivities", "100000 configurations", IN_C): 2.0,
@@ -59,7 +69,9 @@ TARGETS = {
     ("start-up", "--help", "python -c 'import typer'"): 3.0,
     ("start-up", "accuracy", "python -c 'import pinocchio, scipy.spatial'"): 2.5,
 }
-"""The most that is aimed at, of an operation, a task and who does it: ours over this, or the peak of memory [byte]."""
+"""The most that is aimed at, of an operation, a task and who does it: ours over this, or the peak
+of memory [byte].
+"""
 
 
 @dataclass(frozen=True)
@@ -76,12 +88,17 @@ class Row:
         """The row with its target, where it has one, and whether that was reached."""
         found = self.peak_bytes if self.ours_over_this is None else self.ours_over_this
         target = TARGETS.get((operation, self.what, self.who))
-        return asdict(self) | {"target": target, "reached": None if target is None or found is None else found <= target}
+        return asdict(self) | {
+            "target": target,
+            "reached": None if target is None or found is None else found <= target,
+        }
 
 
 @dataclass
 class Table:
-    """What one operation measured; ``quick`` is the smallest size and one turn, ``long`` takes many minutes."""
+    """What one operation measured; ``quick`` is the smallest size and one turn, ``long`` takes many
+    minutes.
+    """
 
     quick: bool
     long: bool
@@ -98,7 +115,9 @@ class Table:
             for who, work in ways.items():
                 start = time.process_time()
                 done = work()
-                seconds[who].append(done if isinstance(done, Seconds) else time.process_time() - start)
+                seconds[who].append(
+                    done if isinstance(done, Seconds) else time.process_time() - start
+                )
         median = {who: statistics.median(taken) for who, taken in seconds.items()}
         ours = next(iter(median.values()))
         self.rows += [Row(what, who, s, None, ours / s if s else None) for who, s in median.items()]
@@ -106,7 +125,13 @@ class Table:
     def by_itself(self, what: str, before: str, code: str) -> None:
         """CPU time of ``code`` in a process of its own, and the most memory that this had."""
         with self.without():
-            self.rows.append(Row(what, OURS, *by_itself(f"from tests.benchmarks.operations import *\n{before}", code)))
+            self.rows.append(
+                Row(
+                    what,
+                    OURS,
+                    *by_itself(f"from tests.benchmarks.operations import *\n{before}", code),
+                )
+            )
 
     def without(self) -> Any:
         """Goes on where something cannot be had, and says so in the table."""
@@ -132,13 +157,17 @@ def _configurations(n: int, arm: Arm) -> Array:
 
 
 def pinocchio_loop(arm: Arm, q: Array) -> tuple[Array, Array]:
-    """Position (n, 3) and kinematic regressor (n, 3, 36) of every configuration, in a loop as plain as can be."""
+    """Position (n, 3) and kinematic regressor (n, 3, 36) of every configuration, in a loop as plain
+    as can be.
+    """
     model, data, frame = arm.model, arm.model.createData(), arm.model.getFrameId("tip")
     positions, regressors = np.empty((len(q), 3)), np.empty((len(q), 6, 36))
     for k in range(len(q)):
         pin.forwardKinematics(model, data, q[k])
         positions[k] = pin.updateFramePlacement(model, data, frame).translation
-        regressors[k] = pin.computeFrameKinematicRegressor(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
+        regressors[k] = pin.computeFrameKinematicRegressor(
+            model, data, frame, pin.LOCAL_WORLD_ALIGNED
+        )
     return positions, regressors[:, :3]
 
 
@@ -149,7 +178,9 @@ def sensitivities(table: Table) -> None:
     for n in table.sizes(100, 1000, 10_000, 100_000, 1_000_000):
         q = _configurations(n, arm)
         position, columns = dh.chain.position_and_sensitivity(q)
-        ways: dict[str, Callable[[], object]] = {OURS: lambda q=q: dh.chain.position_and_sensitivity(q)}
+        ways: dict[str, Callable[[], object]] = {
+            OURS: lambda q=q: dh.chain.position_and_sensitivity(q)
+        }
         with table.without():
             c = PlainC(dh.values())
             for mine, theirs in zip((position, columns), c.sensitivities(q), strict=True):
@@ -158,7 +189,9 @@ def sensitivities(table: Table) -> None:
         if n <= 100_000:
             loop_positions, regressors = pinocchio_loop(arm, q[:200])
             np.testing.assert_allclose(position[:200], loop_positions, rtol=0, atol=1e-12)
-            np.testing.assert_allclose(arm.poses(q[:200]).placement_sensitivity, regressors, rtol=0, atol=1e-12)
+            np.testing.assert_allclose(
+                arm.poses(q[:200]).placement_sensitivity, regressors, rtol=0, atol=1e-12
+            )
             ways[PINOCCHIO] = lambda q=q: pinocchio_loop(arm, q)
         table.beside(f"{n} configurations", ways)
 
@@ -174,7 +207,9 @@ def positions(table: Table) -> None:
         for package in ("pybotics", "ikpy"):
 
             def by_peer(package: str = package, q: Array = q, mine: Array = mine) -> Seconds:
-                report = ask(package, "forward_kinematics.py", urdf, package, q=q, rows=file.dh.values())
+                report = ask(
+                    package, "forward_kinematics.py", urdf, package, q=q, rows=file.dh.values()
+                )
                 np.testing.assert_allclose(report["positions"], mine, rtol=0, atol=1e-9)
                 return Seconds(report["seconds"])
 
@@ -230,7 +265,10 @@ def map_cells(table: Table) -> None:
     if table.long:
         table.beside(
             "96 × 96 cells × 12 sectors, time on the clock",
-            {f"{OURS}, {n} processes": lambda n=n: _on_the_clock(lambda: whole(n, 96)) for n in (2, 1)},
+            {
+                f"{OURS}, {n} processes": lambda n=n: _on_the_clock(lambda: whole(n, 96))
+                for n in (2, 1)
+            },
             turns=3,
         )
 
@@ -249,19 +287,32 @@ def calibration(table: Table) -> None:
     real = with_errors(dh, rng)
     tips = real.positions(q) + rng.normal(size=(n, 3)) * COORDINATE_NOISE
     records, urdf = Measurements.of(q, reference=tips), urdf_text(file)
-    plain: dict[str, Any] = {"reference_noise": COORDINATE_NOISE, "prior": False, "robust": False, "hold_out": False}
+    plain: dict[str, Any] = {
+        "reference_noise": COORDINATE_NOISE,
+        "prior": False,
+        "robust": False,
+        "hold_out": False,
+    }
 
     def ours() -> Any:
-        """As the peers do it; 24 DH values and the 6 of an unknown frame, of which 27 combinations can be told."""
+        """As the peers do it; 24 DH values and the 6 of an unknown frame, of which 27 combinations
+        can be told.
+        """
         return calibrate(arm, records, "geometry", reference_frame="external", **plain)
 
-    assert ours().rms < 2 * COORDINATE_NOISE  # of coordinates, or of distances, which is √3 times as much
+    assert (
+        ours().rms < 2 * COORDINATE_NOISE
+    )  # of coordinates, or of distances, which is √3 times as much
     ways: dict[str, Callable[[], object]] = {OURS: ours}
     for package in ("robotkinecal", "figaroh"):
 
         def by_peer(package: str = package) -> Seconds:
-            report = ask(package, f"solve_with_{package}.py", urdf, "--repeats", "1", q=q, positions=tips)
-            assert report["rms_before_m"] > 10 * COORDINATE_NOISE  # otherwise there was nothing to calibrate
+            report = ask(
+                package, f"solve_with_{package}.py", urdf, "--repeats", "1", q=q, positions=tips
+            )
+            assert (
+                report["rms_before_m"] > 10 * COORDINATE_NOISE
+            )  # otherwise there was nothing to calibrate
             assert report["rms_after_m"] < 1.1 * COORDINATE_NOISE
             return Seconds(report["seconds"])
 
@@ -272,10 +323,15 @@ def calibration(table: Table) -> None:
 
 
 def measured(records: int, gross: float = 0.0) -> tuple[Arm, Measurements]:
-    """Free points of SINO6 with an eccentric encoder; a part of them are off by small gross errors."""
+    """Free points of SINO6 with an eccentric encoder; a part of them are off by small gross
+    errors.
+    """
     arm = Arm.load("sino6")
     hidden = ErrorModel(arm, (EncoderEccentricity(joint=3, values=(1e-4, 0.0)),))
-    data, rng = simulate_measurements(hidden, "free", records, rng=np.random.default_rng(1)), np.random.default_rng(2)
+    data, rng = (
+        simulate_measurements(hidden, "free", records, rng=np.random.default_rng(1)),
+        np.random.default_rng(2),
+    )
     off = rng.normal(size=(records, 3)) * GROSS_ERROR * (rng.random(records) < gross)[:, None]
     return arm, replace(data, reference=data.reference + off)
 
@@ -290,9 +346,15 @@ def diagnosis(table: Table) -> None:
         }
         table.beside(f"{n} records", ways, turns=3)
     few = 60 if table.quick else 12_000
-    for n, gross in ((few, 0.0), (few, 0.02), *(((30_000, 0.0), (100_000, 0.0)) if table.long else ())):
+    for n, gross in (
+        (few, 0.0),
+        (few, 0.02),
+        *(((30_000, 0.0), (100_000, 0.0)) if table.long else ()),
+    ):
         what = f"{n} records, {gross:.0%} gross errors, by itself"
-        table.by_itself(what, f"given = measured({n}, {gross})", "diagnose(*given, **NOISE, progress=False)")
+        table.by_itself(
+            what, f"given = measured({n}, {gross})", "diagnose(*given, **NOISE, progress=False)"
+        )
 
 
 def diagnosis_of_real_like(table: Table) -> None:
@@ -307,7 +369,9 @@ def diagnosis_of_real_like(table: Table) -> None:
         table.beside(f"{postures} postures × {markers} markers", ways, turns=3)
     most = 60 if table.quick else 12_000
     what = f"{most} postures × 1 markers, by itself"
-    table.by_itself(what, f"given = real_like({most})", "diagnose(*given, **OPTIONS, progress=False)")
+    table.by_itself(
+        what, f"given = real_like({most})", "diagnose(*given, **OPTIONS, progress=False)"
+    )
 
 
 def volume_of_work(table: Table) -> None:
@@ -318,18 +382,30 @@ def volume_of_work(table: Table) -> None:
         return
     calibrated = "calibrate(*given, **NOISE, progress=False)"
     table.by_itself(f"calibration of {records} records", f"given = measured({records})", calibrated)
-    drawn = f"arm = Arm.load('sino6')\nq = np.random.default_rng(1).uniform(*arm.limits.T, ({configurations}, 6))"
-    table.by_itself(f"accuracy_volume of {configurations} configurations", drawn, "workspace.accuracy_volume(arm, q)")
+    drawn = (
+        "arm = Arm.load('sino6')\nq = np.random.default_rng(1).uniform(*arm.limits.T, "
+        f"({configurations}, 6))"
+    )
+    table.by_itself(
+        f"accuracy_volume of {configurations} configurations",
+        drawn,
+        "workspace.accuracy_volume(arm, q)",
+    )
 
 
 def start_up(table: Table) -> None:
     """Start of a command, beside the imports that it cannot do without."""
     shell = ("-m", "aacmm_pin.cli")
     point = ("accuracy", "sino6", "--point", "33.6323", "-671.8702", "182.9355")
-    for what, words, imports in (("--help", ("--help",), "typer"), ("accuracy", point, "pinocchio, scipy.spatial")):
+    for what, words, imports in (
+        ("--help", ("--help",), "typer"),
+        ("accuracy", point, "pinocchio, scipy.spatial"),
+    ):
         ways: dict[str, Callable[[], object]] = {
             f"aacmm-pin {what}": lambda words=words: child(*shell, *words),
-            f"python -c 'import {imports}'": lambda imports=imports: child("-c", f"import {imports}"),
+            f"python -c 'import {imports}'": lambda imports=imports: child(
+                "-c", f"import {imports}"
+            ),
         }
         for work in ways.values():
             work()  # bytecode is there

@@ -1,4 +1,6 @@
-"""Files as they come from robots in factories: no noise stated, no cause alone, markers, one day of a clock."""
+"""Files as they come from robots in factories: no noise stated, no cause alone, markers, one day of
+a clock.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,9 @@ DAY_S = 13 * 3600.0
 
 
 def real_like(postures: int, markers: int = 1) -> tuple[Arm, Measurements]:
-    """A robot of six joints by its file, and records of a tracker in a frame of its own: every marker in each posture."""
+    """A robot of six joints by its file, and records of a tracker in a frame of its own: every
+    marker in each posture.
+    """
     file, rng = load_arm_file(str(ROBOT)), np.random.default_rng(4)
     q = rng.uniform(*file.limits.T, (postures, len(file.limits)))
     robot = with_errors(file.dh, rng)
@@ -47,16 +51,22 @@ def real_like(postures: int, markers: int = 1) -> tuple[Arm, Measurements]:
     conditions = Conditions(
         n=len(seen),
         time=np.repeat(np.linspace(0.0, DAY_S, postures), markers),
-        marker=np.tile(np.array([f"M{k}" for k in range(markers)], dtype=object), postures) if markers > 1 else None,
+        marker=np.tile(np.array([f"M{k}" for k in range(markers)], dtype=object), postures)
+        if markers > 1
+        else None,
     )
     reference = seen + rng.normal(size=seen.shape) * SCATTER
-    return Arm.from_file(file), Measurements.of(np.repeat(q, markers, axis=0), reference, conditions=conditions)
+    return Arm.from_file(file), Measurements.of(
+        np.repeat(q, markers, axis=0), reference, conditions=conditions
+    )
 
 
 def with_errors(dh: DHTable, rng: np.random.Generator) -> DHTable:
     """A table whose values are all off."""
     a, d, alpha, theta = (rng.normal(size=(dh.rows, 4)) * GEOMETRY_ERRORS).T
-    return replace(dh, a=dh.a + a, d=dh.d + d, alpha=dh.alpha + alpha, theta_offset=dh.theta_offset + theta)
+    return replace(
+        dh, a=dh.a + a, d=dh.d + d, alpha=dh.alpha + alpha, theta_offset=dh.theta_offset + theta
+    )
 
 
 def _curves(rng: np.random.Generator, q: Array) -> Array:
@@ -64,5 +74,7 @@ def _curves(rng: np.random.Generator, q: Array) -> Array:
     found, knots = np.zeros_like(q), np.linspace(-np.pi, np.pi, KNOTS + 1)
     for joint in range(CURVED):
         heights = CURVE * rng.normal(size=KNOTS)
-        found[:, joint] = CubicSpline(knots, np.append(heights, heights[0]), bc_type="periodic")(q[:, joint])
+        found[:, joint] = CubicSpline(knots, np.append(heights, heights[0]), bc_type="periodic")(
+            q[:, joint]
+        )
     return found

@@ -29,7 +29,13 @@ def test_cheapest_operation(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
 
 def test_targets(monkeypatch: pytest.MonkeyPatch) -> None:
     assert {operation for operation, *_ in TARGETS} <= set(OPERATIONS)
-    monkeypatch.setattr(operations, "TARGETS", {("maps", "a map", "C"): 2.0, ("maps", "large", "us"): 1e9})
-    rows = [Row("a map", "C", 1.0, None, 2.5), Row("a map", "C", 1.0, None, 2.0), Row("large", "us", 1.0, 2 * 10**9)]
+    monkeypatch.setattr(
+        operations, "TARGETS", {("maps", "a map", "C"): 2.0, ("maps", "large", "us"): 1e9}
+    )
+    rows = [
+        Row("a map", "C", 1.0, None, 2.5),
+        Row("a map", "C", 1.0, None, 2.0),
+        Row("large", "us", 1.0, 2 * 10**9),
+    ]
     assert [row.judged("maps")["reached"] for row in rows] == [False, True, False]
     assert rows[0].judged("volumes")["reached"] is None

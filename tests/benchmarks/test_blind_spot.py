@@ -1,13 +1,16 @@
-"""What a calibration without encoder errors makes of them: a robot with six eccentric encoders and six yielding joints.
+"""What a calibration without encoder errors makes of them: a robot with six eccentric encoders and
+six yielding joints.
 
-Two hundred poses of random angles, tips measured to 10 µm; judged by the tips at poses held out, where the plant says the
-truth without noise. Our half is called as a user would, at the shell. The peer, FIGAROH, knows geometry and joint stiffness
-but no encoder error; it runs in an environment of its own, which
+Two hundred poses of random angles, tips measured to 10 µm; judged by the tips at poses held out,
+where the plant says the truth without noise. Our half is called as a user would, at the shell. The
+peer, FIGAROH, knows geometry and joint stiffness but no encoder error; it runs in an environment of
+its own, which
 
     python -m tests.benchmarks --json speed.json --only calibration --quick
 
 makes it. Without it our half is tested alone. Both calibrate without any stated uncertainty of the
-geometry, whose errors they have to find as well. ``perfect`` is one who knows the plant and fits all that is wrong with it.
+geometry, whose errors they have to find as well. ``perfect`` is one who knows the plant and fits
+all that is wrong with it.
 """
 
 from __future__ import annotations
@@ -33,7 +36,9 @@ from aacmm_pin.arm.urdf import urdf_text
 from tests.benchmarks.environments import ask, is_installed
 
 VISIBLE = 40.0
-"""λ of a fault that nobody may overlook: a test of one parameter at 1e-3 sees it in 999 of 1000 data sets."""
+"""λ of a fault that nobody may overlook: a test of one parameter at 1e-3 sees it in 999 of 1000
+data sets.
+"""
 TARGET = 6e-6
 """Held out [m], over the seeds; see ``perfect``."""
 NEAR = 1.1
@@ -43,8 +48,8 @@ SEEDS = (1, 2, 3)
 
 @dataclass(frozen=True, eq=False)
 class Diagnosed:
-    """What ``aacmm-pin diagnose`` said, and the tips that ``aacmm-pin correct`` then gave at the poses held out (n, 3) [m];
-    seconds are of computing, start of the program included.
+    """What ``aacmm-pin diagnose`` said, and the tips that ``aacmm-pin correct`` then gave at the
+    poses held out (n, 3) [m]; seconds are of computing, start of the program included.
     """
 
     summary: dict[str, Any]
@@ -68,17 +73,29 @@ def ours(spot: BlindSpot, folder: Path) -> Diagnosed:
     measured = pd.DataFrame(spot.positions / MM, columns=["x_mm", "y_mm", "z_mm"])
     pd.DataFrame(spot.q, columns=angles).join(measured).to_csv(folder / "data.csv", index=False)
     pd.DataFrame(spot.held_out, columns=angles).to_csv(folder / "readings.csv", index=False)
-    options = ["--reference-noise-mm", f"{NOISE / MM:g}", "--no-held-out", "--json", "-", "--extended-arm", "extended.toml"]
+    options = [
+        "--reference-noise-mm",
+        f"{NOISE / MM:g}",
+        "--no-held-out",
+        "--json",
+        "-",
+        "--extended-arm",
+        "extended.toml",
+    ]
     start = os.times().children_user
     said = _shell(folder, "diagnose", str(ARM), "data.csv", *options)
     seconds = os.times().children_user - start
     _shell(folder, "correct", "extended.toml", "readings.csv", "-o", "corrected.csv")
-    corrected = pd.read_csv(folder / "corrected.csv")[["corrected_x_mm", "corrected_y_mm", "corrected_z_mm"]]
+    corrected = pd.read_csv(folder / "corrected.csv")[
+        ["corrected_x_mm", "corrected_y_mm", "corrected_z_mm"]
+    ]
     return Diagnosed(json.loads(said), corrected.to_numpy() * MM, seconds)
 
 
 def _shell(folder: Path, *words: str) -> str:
-    done = subprocess.run([sys.executable, "-m", "aacmm_pin.cli", *words], capture_output=True, text=True, cwd=folder)
+    done = subprocess.run(
+        [sys.executable, "-m", "aacmm_pin.cli", *words], capture_output=True, text=True, cwd=folder
+    )
     assert done.returncode == 0, done.stderr
     return done.stdout
 
@@ -94,7 +111,9 @@ def test_all_twelve_causes_are_named_and_corrected(tmp_path: Path) -> None:
     diagnosed = ours(spot, tmp_path)
     assert sorted(diagnosed.named) == sorted(spot.faults)
     for key, fault in spot.faults.items():
-        assert diagnosed.value(key) == pytest.approx(next(iter(fault.parameters.values())), rel=0.4), key
+        assert diagnosed.value(key) == pytest.approx(
+            next(iter(fault.parameters.values())), rel=0.4
+        ), key
     assert spot.off(diagnosed.predicted) < min(NEAR * spot.perfect, TARGET)
 
 
@@ -118,7 +137,10 @@ def say(capsys: pytest.CaptureFixture[str]) -> Callable[[str], None]:
 def theirs() -> Callable[..., dict[str, Any]]:
     """What FIGAROH reports of the same poses; ``predicted_m`` are its tips at those held out."""
     if not is_installed("figaroh"):
-        pytest.skip("no environment with figaroh, which `python -m tests.benchmarks --only calibration` makes")
+        pytest.skip(
+            "no environment with figaroh, which `python -m tests.benchmarks --only "
+            "calibration` makes"
+        )
     file = load_arm_file(str(ARM))
     options = ["--repeats", "1", "--gravity", *(f"{g:g}" for g in file.gravity_m_s2)]
 
@@ -144,8 +166,14 @@ def test_figaroh_with_eccentric_encoders_and_compliance(
     }
     rms = {who: float(np.sqrt(np.mean(np.square(of_seeds)))) for who, of_seeds in rows.items()}
     lines = [f"{f'held out, µm; seeds {SEEDS} and rms':36} (figaroh {elastic[0]['version']})"]
-    lines += [f"{who:36}" + "".join(f"{x / UM:10.2f}" for x in (*of_seeds, rms[who])) for who, of_seeds in rows.items()]
-    lines.append(f"aacmm_pin: {max(m.seconds for m in mine):.1f} s at most; compliances, truth {COMPLIANCE:g} rad/(N·m):")
+    lines += [
+        f"{who:36}" + "".join(f"{x / UM:10.2f}" for x in (*of_seeds, rms[who]))
+        for who, of_seeds in rows.items()
+    ]
+    lines.append(
+        f"aacmm_pin: {max(m.seconds for m in mine):.1f} s at most; compliances, truth "
+        f"{COMPLIANCE:g} rad/(N·m):"
+    )
     for joint, (value, u) in elastic[0]["compliance_rad_per_nm"].items():
         key = f"joint_compliance:{joint}"
         named = f"{mine[0].value(key):.3g}" if key in mine[0].named else "not named"
@@ -170,7 +198,8 @@ def test_figaroh_with_eccentric_encoders_alone(
         f"no joint yields; held out µm: figaroh {off(spot, elastic) / UM:.1f}, "
         f"aacmm_pin {spot.off(mine.predicted) / UM:.2f}, perfect {spot.perfect / UM:.2f}\n"
         + "\n".join(
-            f"  figaroh, joint {j}: {v:.2g} ± {2 * u:.1g} rad/(N·m), {abs(v) / u:.0f} u" for j, (v, u) in false.items()
+            f"  figaroh, joint {j}: {v:.2g} ± {2 * u:.1g} rad/(N·m), {abs(v) / u:.0f} u"
+            for j, (v, u) in false.items()
         )
     )
     assert false, "the peer reports no stiffness that is not there"

@@ -1,6 +1,8 @@
-"""A measuring arm with a hidden fault, for blind tests of diagnosis: own kinematics, own physics, no line of the package.
+"""A measuring arm with a hidden fault, for blind tests of diagnosis: own kinematics, own physics,
+no line of the package.
 
-:func:`blind.plant.draw` makes a measurement file from a seed, and says afterwards what was hidden in it.
+:func:`blind.plant.draw` makes a measurement file from a seed, and says afterwards what was hidden
+in it.
 """
 
 import sys

@@ -1,4 +1,6 @@
-"""Touches of an acceptance test by a blind plant: two spheres, three single points, five lengths in seven positions."""
+"""Touches of an acceptance test by a blind plant: two spheres, three single points, five lengths in
+seven positions.
+"""
 
 from __future__ import annotations
 
@@ -18,27 +20,39 @@ Labels = dict[str, str]
 
 
 def acceptance_csv(plant: Plant, index: int) -> str:
-    """Acceptance test number ``index``, as the arm's own software writes it: its nominal coordinates, and indications."""
+    """Acceptance test number ``index``, as the arm's own software writes it: its nominal
+    coordinates, and indications.
+    """
     rng, arm = plant.rng("acceptance", index), plant.machine.arm
     where, seat, labels = _artefacts(rng, arm)
     n = len(seat)
     axes = np.broadcast_to([0.0, 0.0, 1.0], where.shape)
     q = plans.seat_postures(rng, arm, plans.Seats(where, axes, np.empty((0, 2), dtype=int)), seat)
     conditions = run(rng, arm, np.full(n, -1), np.arange(n) * SESSIONS // n, 1.0, plant.small_terms)
-    q = plant.machine.touching(q, conditions, where[seat] + CONTACT_NOISE * rng.standard_normal((n, 3)))
+    q = plant.machine.touching(
+        q, conditions, where[seat] + CONTACT_NOISE * rng.standard_normal((n, 3))
+    )
     read = q + ENCODER_NOISE * rng.standard_normal(q.shape)
-    columns = {name: [row.get(name, "") for row in labels] for name in dict.fromkeys(name for row in labels for name in row)}
+    columns = {
+        name: [row.get(name, "") for row in labels]
+        for name in dict.fromkeys(name for row in labels for name in row)
+    }
     return table.csv(
         columns
         | table.angles(read)
         | table.coordinates(arm.tips(read))
-        | {"time_s": table.fixed(conditions.time, 1), "temperature_c": table.fixed(conditions.temperature_reading, 2)}
+        | {
+            "time_s": table.fixed(conditions.time, 1),
+            "temperature_c": table.fixed(conditions.temperature_reading, 2),
+        }
         | table.approaches(conditions, np.ones(conditions.approach.shape[1], dtype=bool))
     )
 
 
 def _artefacts(rng: np.random.Generator, arm: Chain) -> tuple[Array, np.ndarray, list[Labels]]:
-    """Points (p, 3) [m] that the centre of the probe comes to, which of them each touch is at (n,), and its labels."""
+    """Points (p, 3) [m] that the centre of the probe comes to, which of them each touch is at (n,),
+    and its labels.
+    """
     tips = arm.tips(plans.random_postures(rng, arm, 3000))
     out = np.hypot(tips[:, 0], tips[:, 1])
     tips = tips[(out > 0.3) & (out < 0.9) & (np.abs(tips[:, 2]) < 0.45)]
@@ -51,7 +65,11 @@ def _artefacts(rng: np.random.Generator, arm: Chain) -> tuple[Array, np.ndarray,
         seat.extend([len(points) - 1] * len(cells))
         labels.extend(cells)
 
-    of_sphere = {"feature_diameter_mm": str(SPHERE_MM), "probe_diameter_mm": str(PROBE_MM), "u_length_mm": "0.0005"}
+    of_sphere = {
+        "feature_diameter_mm": str(SPHERE_MM),
+        "probe_diameter_mm": str(PROBE_MM),
+        "u_length_mm": "0.0005",
+    }
     for position in "12":
         directions = rng.standard_normal((25, 3))
         directions[:, 2] = np.abs(directions[:, 2])  # a sphere on its stem

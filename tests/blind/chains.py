@@ -1,4 +1,5 @@
-"""Any serial arm as a chain of constant transforms and turning joints: DH tables of both conventions, and URDF.
+"""Any serial arm as a chain of constant transforms and turning joints: DH tables of both
+conventions, and URDF.
 
 Row i is ``before[i] Rz(angle i) after[i]``. Nothing here knows of errors or loads.
 """
@@ -30,8 +31,10 @@ class Chain:
 
     Attributes:
         name: of the arm.
-        pieces: ``before`` and ``after`` (R, 4, 4) of given deviations of the geometry (R, P) from what the file says.
-        half_width: bounds of these deviations as the file states them (R, P) [m or rad]; zero where exact.
+        pieces: ``before`` and ``after`` (R, 4, 4) of given deviations of the geometry (R, P) from
+            what the file says.
+        half_width: bounds of these deviations as the file states them (R, P) [m or rad]; zero where
+            exact.
         typical: deviations of a usual arm (R, P) [m or rad]; zero where there is no such parameter.
         moving: (R,) True where the row has a joint.
         limits: (nq, 2) [rad].
@@ -130,7 +133,13 @@ def of_table(table: Mapping[str, Any]) -> Chain:
         half_width=np.array([_row(row.get("uncertainty", {})) for row in rows]),
         typical=np.tile([2e-4, 2e-4, 5e-4, 5e-4], (len(rows), 1)),
         moving=moving,
-        limits=np.array([row.get("limits_rad", [-np.pi, np.pi]) for row, m in zip(rows, moving, strict=True) if m]),
+        limits=np.array(
+            [
+                row.get("limits_rad", [-np.pi, np.pi])
+                for row, m in zip(rows, moving, strict=True)
+                if m
+            ]
+        ),
         mass=np.array([row.get("mass_kg", 0.0) for row in rows]),
         com=np.einsum("rij,rj->ri", after[:, :3, :3], com) + after[:, :3, 3]
         if standard
@@ -186,16 +195,36 @@ def seven(convention: str, stated: bool) -> Chain:
 def seven_text(convention: str, stated: bool, masses: bool) -> str:
     """The arm file of :func:`seven`."""
     lines = ['schema = "aacmm-pin/arm/1"', 'name = "seven"', f'convention = "{convention}"']
-    lines += ["gravity_m_s2 = [0.0, 0.0, -9.81]", "reference_temperature_c = 20.0", "[stylus]", "axis = [1.0, 0.0, 0.0]"]
+    lines += [
+        "gravity_m_s2 = [0.0, 0.0, -9.81]",
+        "reference_temperature_c = 20.0",
+        "[stylus]",
+        "axis = [1.0, 0.0, 0.0]",
+    ]
     for row in np.array(SEVEN[convention]).tolist():
         a, d, alpha, offset, mass, *com, low, high = row
-        lines += ["[[joints]]", f"a_mm = {a!r}", f"d_mm = {d!r}", f"alpha_rad = {alpha!r}", f"theta_offset_rad = {offset!r}"]
+        lines += [
+            "[[joints]]",
+            f"a_mm = {a!r}",
+            f"d_mm = {d!r}",
+            f"alpha_rad = {alpha!r}",
+            f"theta_offset_rad = {offset!r}",
+        ]
         lines.append(f"limits_rad = [{low!r}, {high!r}]" if low < high else "fixed = true")
         if masses:
             lines += [f"mass_kg = {mass!r}", f"com_mm = {com!r}"]
         if stated:
-            units = zip(("a_mm", "d_mm", "alpha_rad", "theta_offset_rad"), BOUNDS, (1e3, 1e3, 1.0, 1.0), strict=True)
-            lines.append("uncertainty = { " + ", ".join(f"{name} = {u * unit:.6g}" for name, u, unit in units) + " }")
+            units = zip(
+                ("a_mm", "d_mm", "alpha_rad", "theta_offset_rad"),
+                BOUNDS,
+                (1e3, 1e3, 1.0, 1.0),
+                strict=True,
+            )
+            lines.append(
+                "uncertainty = { "
+                + ", ".join(f"{name} = {u * unit:.6g}" for name, u, unit in units)
+                + " }"
+            )
     return "\n".join(lines) + "\n"
 
 
@@ -210,13 +239,19 @@ ROBOTS = {
 
 def robot_file(name: str) -> Path:
     """The URDF file of a robot of example-robot-data."""
-    robots = distribution("example-robot-data").locate_file("cmeel.prefix/share/example-robot-data/robots")
+    robots = distribution("example-robot-data").locate_file(
+        "cmeel.prefix/share/example-robot-data/robots"
+    )
     return Path(str(robots)) / ROBOTS[name][0]
 
 
 def robot(name: str, translation_m: float, rotation_rad: float) -> Chain:
-    """A robot by its URDF, every joint placement within the given bounds (zero: nothing is stated)."""
-    urdf = yourdfpy.URDF.load(str(robot_file(name)), build_scene_graph=False, load_meshes=False).robot
+    """A robot by its URDF, every joint placement within the given bounds (zero: nothing is
+    stated).
+    """
+    urdf = yourdfpy.URDF.load(
+        str(robot_file(name)), build_scene_graph=False, load_meshes=False
+    ).robot
     parents = {joint.child: joint for joint in urdf.joints}
     placements, joints, here = [np.eye(4)], [], ROBOTS[name][1]
     while here in parents:  # from the tip to the base; what is fixed goes to the body before
@@ -236,12 +271,18 @@ def robot(name: str, translation_m: float, rotation_rad: float) -> Chain:
         if link.inertial is not None and owner in bodies:
             mass[bodies[owner]] += link.inertial.mass
             first[bodies[owner]] += link.inertial.mass * (at @ _placed(link.inertial))[:3, 3]
-    aligned = np.stack([_axis_frame(np.array([1.0, 0.0, 0.0]) if j.axis is None else j.axis) for j in joints])
+    aligned = np.stack(
+        [_axis_frame(np.array([1.0, 0.0, 0.0]) if j.axis is None else j.axis) for j in joints]
+    )
 
     def pieces(deviations: Array) -> Pieces:  # `aligned` turns only: its transpose is its inverse
-        placed = [p @ _screw(d) for p, d in zip(placements[:-1], deviations, strict=True)] + [placements[-1]]
+        placed = [p @ _screw(d) for p, d in zip(placements[:-1], deviations, strict=True)] + [
+            placements[-1]
+        ]
         before = [placed[0] @ aligned[0], *aligned[1:]]
-        return np.stack(before), np.stack([a.T @ p for a, p in zip(aligned, placed[1:], strict=True)])
+        return np.stack(before), np.stack(
+            [a.T @ p for a, p in zip(aligned, placed[1:], strict=True)]
+        )
 
     shape = (len(joints), 1)
     return Chain(

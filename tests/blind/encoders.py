@@ -1,7 +1,9 @@
-"""From the indication of an encoder to the angle of its joint, exactly, for each fault an encoder or its joint can have.
+"""From the indication of an encoder to the angle of its joint, exactly, for each fault an encoder
+or its joint can have.
 
-Every function takes the indication (n,) [rad], the parameters of the contract, the conditions and the row from 1, and
-returns the angle (n,) [rad]. Where a fault is defined on the true angle (an eccentric disc), the reading is inverted.
+Every function takes the indication (n,) [rad], the parameters of the contract, the conditions and
+the row from 1, and returns the angle (n,) [rad]. Where a fault is defined on the true angle (an
+eccentric disc), the reading is inverted.
 """
 
 from __future__ import annotations
@@ -18,7 +20,9 @@ Parameters = Mapping[str, Any]
 
 
 def inverted(reading: Callable[[Array], Array], indication: Array) -> Array:
-    """The angle whose ``reading`` is the indication: x <- x + (indication - reading(x)) until it stands."""
+    """The angle whose ``reading`` is the indication: x <- x + (indication - reading(x)) until it
+    stands.
+    """
     angle = indication.copy()
     for _ in range(50):
         step = indication - reading(angle)
@@ -29,10 +33,12 @@ def inverted(reading: Callable[[Array], Array], indication: Array) -> Array:
 
 
 def eccentric_disc(indication: Array, p: Parameters, conditions: Conditions, joint: int) -> Array:
-    """A graduated disc whose centre runs round the axis at a distance ε times the radius of the head's circle.
+    """A graduated disc whose centre runs round the axis at a distance ε times the radius of the
+    head's circle.
 
-    Seen from the centre of the disc, the head stands at atan2(-ε sin u, 1 - ε cos u) from where it seems to stand, u being
-    the angle between eccentricity and head. To first order that is A cos(indication - phase) with A = ε.
+    Seen from the centre of the disc, the head stands at atan2(-ε sin u, 1 - ε cos u) from where it
+    seems to stand, u being the angle between eccentricity and head. To first order that is A
+    cos(indication - phase) with A = ε.
     """
     ratio = p["amplitude_rad"]
 
@@ -44,7 +50,9 @@ def eccentric_disc(indication: Array, p: Parameters, conditions: Conditions, joi
 
 
 def elliptic_disc(indication: Array, p: Parameters, conditions: Conditions, joint: int) -> Array:
-    """Marks of a round scale on an elliptic rim: a mark at w from the long axis appears at atan(κ tan w), κ = 1 + 2 A."""
+    """Marks of a round scale on an elliptic rim: a mark at w from the long axis appears at atan(κ
+    tan w), κ = 1 + 2 A.
+    """
     stretch = 1.0 + 2.0 * p["amplitude_rad"]
     turned = 0.5 * (p["phase_rad"] + 0.5 * np.pi)
 
@@ -57,12 +65,18 @@ def elliptic_disc(indication: Array, p: Parameters, conditions: Conditions, join
 
 def periodic(indication: Array, p: Parameters, conditions: Conditions, joint: int) -> Array:
     """A cos(k indication - phase)."""
-    return np.asarray(indication + p["amplitude_rad"] * np.cos(p["order"] * indication - p["phase_rad"]))
+    return np.asarray(
+        indication + p["amplitude_rad"] * np.cos(p["order"] * indication - p["phase_rad"])
+    )
 
 
 def bumps(indication: Array, p: Parameters, conditions: Conditions, joint: int) -> Array:
-    """Bumps round the turn: Gauss curves in the chord to their centres, so that a turn closes smoothly."""
-    centres, widths, heights = (np.asarray(p[name]) for name in ("centres_rad", "widths_rad", "heights_rad"))
+    """Bumps round the turn: Gauss curves in the chord to their centres, so that a turn closes
+    smoothly.
+    """
+    centres, widths, heights = (
+        np.asarray(p[name]) for name in ("centres_rad", "widths_rad", "heights_rad")
+    )
     chord = 2.0 * np.sin(0.5 * (indication[:, None] - centres))
     return np.asarray(indication + np.exp(-0.5 * (chord / widths) ** 2) @ heights)
 
@@ -84,7 +98,9 @@ def hysteresis(indication: Array, p: Parameters, conditions: Conditions, joint: 
 
 def warm_up(indication: Array, p: Parameters, conditions: Conditions, joint: int) -> Array:
     """drift (1 - exp(-t / time constant)), t from the first record's clock."""
-    return np.asarray(indication - p["drift_rad"] * np.expm1(-conditions.time / p["time_constant_s"]))
+    return np.asarray(
+        indication - p["drift_rad"] * np.expm1(-conditions.time / p["time_constant_s"])
+    )
 
 
 ENCODER: dict[str, Callable[[Array, Parameters, Conditions, int], Array]] = {

@@ -1,8 +1,8 @@
 """Families of files that are hard for a diagnosis, each drawn from a seed: :func:`family_file`.
 
-Files of one family have one thing in common that those of :mod:`blind.regimes` have seldom or never: structure that no
-cause describes, noise that nobody states, postures that are held for several records, many causes, causes that imitate
-others, payloads, or nothing.
+Files of one family have one thing in common that those of :mod:`blind.regimes` have seldom or
+never: structure that no cause describes, noise that nobody states, postures that are held for
+several records, many causes, causes that imitate others, payloads, or nothing.
 """
 
 from __future__ import annotations
@@ -31,7 +31,13 @@ STRUCTURE_SIZES = (0.5, 1.0, 2.0)
 """Of the noise at the tip."""
 COLUMNS = ("humidity_pct", "operator")
 ARMS = ("sino6", "standard-dh", "modified-dh", "ur5")
-PLAIN: Given = {"noise_stated": "all", "outliers": 0.0, "own_u": False, "torque": False, "masses": True}
+PLAIN: Given = {
+    "noise_stated": "all",
+    "outliers": 0.0,
+    "own_u": False,
+    "torque": False,
+    "masses": True,
+}
 
 
 def family_file(family: str, seed: int, **given: Any) -> RegimeFile:
@@ -46,7 +52,9 @@ def regimes(rng: np.random.Generator, seed: int) -> Given:
 
 
 def outside(rng: np.random.Generator, seed: int) -> Given:
-    """One cause beside one structure outside the library; seeds that follow one another go through sizes and kinds."""
+    """One cause beside one structure outside the library; seeds that follow one another go through
+    sizes and kinds.
+    """
     groups = STRUCTURES[seed // len(STRUCTURE_SIZES) % len(STRUCTURES)]
     kind = str(rng.choice(groups))
     of_column = {"column": COLUMNS[0], "humidity": COLUMNS[0], "operator": COLUMNS[1]}
@@ -72,11 +80,17 @@ def outside_alone(rng: np.random.Generator, seed: int) -> Given:
 
 def noise_not_stated(rng: np.random.Generator, seed: int) -> Given:
     """Up to two causes."""
-    return {"noise_stated": "none", "records": _records(rng, 60, 400), "faults": int(rng.integers(3))}
+    return {
+        "noise_stated": "none",
+        "records": _records(rng, 60, 400),
+        "faults": int(rng.integers(3)),
+    }
 
 
 def held_postures(rng: np.random.Generator, seed: int) -> Given:
-    """Postures of several records, each with an error of its own; with and without a cause, noise stated and not."""
+    """Postures of several records, each with an error of its own; with and without a cause, noise
+    stated and not.
+    """
     held, postures = int(rng.integers(3, 6)), int(rng.integers(40, 101))
     return PLAIN | {
         "arm": str(rng.choice(ARMS)),
@@ -109,7 +123,13 @@ def imitated(rng: np.random.Generator, seed: int) -> Given:
     arm = str(rng.choice(["sino6", "standard-dh", "ur5"]))
     chain = draw_regime(seed, arm=arm).chain()
     places = IMITATED[seed % len(IMITATED)](rng, chain)
-    return PLAIN | {"arm": arm, "evidence": "free", "records": _records(rng, 100, 400), "places": places, "size": _size(rng)}
+    return PLAIN | {
+        "arm": arm,
+        "evidence": "free",
+        "records": _records(rng, 100, 400),
+        "places": places,
+        "size": _size(rng),
+    }
 
 
 def _waves(rng: np.random.Generator, arm: Chain) -> Places:
@@ -121,7 +141,11 @@ def _waves(rng: np.random.Generator, arm: Chain) -> Places:
 def _more_waves(rng: np.random.Generator, arm: Chain) -> Places:
     """Three waves of one joint."""
     joint = int(rng.integers(1, 4))
-    return ("encoder_eccentricity", joint), ("encoder_ellipticity", joint), ("joint_periodic_error", joint)
+    return (
+        ("encoder_eccentricity", joint),
+        ("encoder_ellipticity", joint),
+        ("joint_periodic_error", joint),
+    )
 
 
 def _neighbours(rng: np.random.Generator, arm: Chain) -> Places:

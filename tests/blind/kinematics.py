@@ -40,13 +40,19 @@ def rotation(vector: Array) -> Array:
     angle = np.linalg.norm(vector, axis=-1)[..., None, None]
     x, y, z = np.moveaxis(vector, -1, 0)
     zero = np.zeros_like(x)
-    k = np.stack([np.stack([zero, -z, y], -1), np.stack([z, zero, -x], -1), np.stack([-y, x, zero], -1)], -2)
+    k = np.stack(
+        [np.stack([zero, -z, y], -1), np.stack([z, zero, -x], -1), np.stack([-y, x, zero], -1)], -2
+    )
     # sinc(angle / pi) = sin(angle) / angle, also at zero
-    return np.asarray(np.eye(3) + np.sinc(angle / np.pi) * k + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * (k @ k))
+    return np.asarray(
+        np.eye(3) + np.sinc(angle / np.pi) * k + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * (k @ k)
+    )
 
 
 def moved(frames: Array, vector: Array, shift: Array | float = 0.0) -> Array:
-    """Frames (n, 4, 4) turned in place by rotation vectors (n, 3) of the base, and shifted in the base by (n, 3) [m]."""
+    """Frames (n, 4, 4) turned in place by rotation vectors (n, 3) of the base, and shifted in the
+    base by (n, 3) [m].
+    """
     out = frames.copy()
     out[:, :3, :3] = rotation(vector) @ frames[:, :3, :3]
     out[:, :3, 3] += shift

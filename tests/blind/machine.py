@@ -1,4 +1,6 @@
-"""The arm with its faults: from indications and conditions to the coordinates that a perfect reference would give."""
+"""The arm with its faults: from indications and conditions to the coordinates that a perfect
+reference would give.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,8 @@ class Machine:
 
     Attributes:
         small: what every real arm has beside its faults; None for none.
-        targets: of markers on the last body, in its axes (M, 3) [m]; None where the tip itself is measured.
+        targets: of markers on the last body, in its axes (M, 3) [m]; None where the tip itself is
+            measured.
     """
 
     arm: Chain
@@ -41,9 +44,13 @@ class Machine:
             if fault.cause in ENCODER:
                 assert fault.joint is not None
                 i = fault.joint - 1
-                angles[:, i] = ENCODER[fault.cause](angles[:, i], fault.parameters, conditions, fault.joint)
+                angles[:, i] = ENCODER[fault.cause](
+                    angles[:, i], fault.parameters, conditions, fault.joint
+                )
             elif "joints" in fault.parameters:
-                angles[:, fault.parameters["joints"][0] - 1] += self._outside(angles, q, conditions, fault.parameters)
+                angles[:, fault.parameters["joints"][0] - 1] += self._outside(
+                    angles, q, conditions, fault.parameters
+                )
         return angles if self.small is None else self.small.added(angles, conditions)
 
     def _outside(self, angles: Array, q: Array, conditions: Conditions, p: Parameters) -> Array:
@@ -106,13 +113,22 @@ class Machine:
     def rest(self, q: Array, conditions: Conditions) -> Rest:
         """The arm at rest."""
         pieces, growth = self.arm.pieces(self.geometry()), self.growth(conditions)
-        return settle(self.arm, pieces, self.joint_angles(q, conditions), growth, self.elastic(), conditions.payload)
+        return settle(
+            self.arm,
+            pieces,
+            self.joint_angles(q, conditions),
+            growth,
+            self.elastic(),
+            conditions.payload,
+        )
 
     def torque(self, q: Array, conditions: Conditions) -> Array:
         """What the drives hold (n, nq) [N·m]."""
         rest = self.rest(q, conditions)
         load = Load.of(self.arm, rest, conditions.payload)
-        moments = np.stack([load.beyond(i, rest.axes[:, i, :3, 3]) for i in range(self.arm.rows)], axis=1)
+        moments = np.stack(
+            [load.beyond(i, rest.axes[:, i, :3, 3]) for i in range(self.arm.rows)], axis=1
+        )
         return -np.einsum("nri,nri->nr", rest.axes[:, :, :3, 2], moments)[:, self.arm.moving]
 
     def observed(self, q: Array, conditions: Conditions) -> Array:
@@ -126,7 +142,9 @@ class Machine:
             elif fault.cause == "stylus_bending":
                 tip += 1e-3 * p["level_sag_mm"] * self._down_across_stylus(last)
             elif fault.cause == "seat_error":
-                tip -= 1e-3 * np.where(conditions.seat[:, None] == int(p["seat"][1:]) - 1, _vector(p), 0.0)
+                tip -= 1e-3 * np.where(
+                    conditions.seat[:, None] == int(p["seat"][1:]) - 1, _vector(p), 0.0
+                )
             elif fault.cause == "unexplained":
                 tip += outside.shift(p, last[:, :3, 3], conditions)
         if self.targets is not None:
@@ -154,17 +172,25 @@ class Machine:
 
     def sized(self, q: Array, conditions: Conditions) -> tuple[Hidden, ...]:
         """The faults with what each moves the tip by, the largest first."""
-        sized = [replace(fault, size_um=1e6 * self.moves(fault, q, conditions)) for fault in self.faults]
+        sized = [
+            replace(fault, size_um=1e6 * self.moves(fault, q, conditions)) for fault in self.faults
+        ]
         return tuple(sorted(sized, key=lambda fault: -fault.size_um))
 
     def touching(self, q: Array, conditions: Conditions, points: Array) -> Array:
-        """Indications near q (n, nq) at which the reference states ``points`` (n, 3) [m] exactly."""
+        """Indications near q (n, nq) at which the reference states ``points`` (n, 3) [m]
+        exactly.
+        """
         for _ in range(20):
             missing = points - self.observed(q, conditions)
             if np.abs(missing).max() < 1e-12:
                 return q
             j = self.jacobian(q)
-            q = q + np.einsum("nkj,nk->nj", j, np.linalg.solve(j @ j.transpose(0, 2, 1), missing[..., None])[..., 0])
+            q = q + np.einsum(
+                "nkj,nk->nj",
+                j,
+                np.linalg.solve(j @ j.transpose(0, 2, 1), missing[..., None])[..., 0],
+            )
         raise RuntimeError(f"the tip stays {np.abs(missing).max():.1e} m away from its points")
 
 
@@ -187,4 +213,6 @@ ELASTIC = {
     "torsional_windup": ("compliance_rad_per_nm", "twist"),
     "counterbalance": ("level_turn_rad", "spring"),
 }
-"""Parameter and field of Elastic; the compliance of a windup is that of the whole tube, length / GJ."""
+"""Parameter and field of Elastic; the compliance of a windup is that of the whole tube, length /
+GJ.
+"""

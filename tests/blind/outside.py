@@ -1,4 +1,6 @@
-"""Faults that no cause of the contract describes, and the small terms that every real arm has beside its faults."""
+"""Faults that no cause of the contract describes, and the small terms that every real arm has
+beside its faults.
+"""
 
 from __future__ import annotations
 
@@ -22,11 +24,15 @@ DEPENDS_ON = {
 
 
 def joint_product(angles: Array, p: Parameters) -> Array:
-    """(n,) term of joint j that depends on two: A sin(m θj - a) (sin(θk - b) - c); m is one, c zero unless stated."""
+    """(n,) term of joint j that depends on two: A sin(m θj - a) (sin(θk - b) - c); m is one, c zero
+    unless stated.
+    """
     j, k = p["joints"]
     a, b = p["phases_rad"]
     own = np.sin(p.get("order", 1) * angles[:, j - 1] - a)
-    return np.asarray(p["amplitude_rad"] * own * (np.sin(angles[:, k - 1] - b) - p.get("mean", 0.0)))
+    return np.asarray(
+        p["amplitude_rad"] * own * (np.sin(angles[:, k - 1] - b) - p.get("mean", 0.0))
+    )
 
 
 def other_joint(angles: Array, p: Parameters) -> Array:
@@ -36,7 +42,8 @@ def other_joint(angles: Array, p: Parameters) -> Array:
 
 
 def loaded_gear(angles: Array, torque: Array, p: Parameters) -> Array:
-    """(n,) term of a joint: a wave over its angle by the torque (n, R) [N·m] of its load, A (τ - c) sin(m θ - a).
+    """(n,) term of a joint: a wave over its angle by the torque (n, R) [N·m] of its load, A (τ - c)
+    sin(m θ - a).
 
     c is the part of τ that the joint's own angle gives.
     """
@@ -71,7 +78,9 @@ def shift(p: Parameters, tip: Array, conditions: Conditions) -> Array:
         return np.asarray(p["shift_m"])[conditions.posture]
     if p["kind"] == "frame_walk":
         walk = np.asarray(p["walk_m"])
-        return np.stack([np.interp(conditions.time, p["knots_s"], walk[:, axis]) for axis in range(3)], axis=1)
+        return np.stack(
+            [np.interp(conditions.time, p["knots_s"], walk[:, axis]) for axis in range(3)], axis=1
+        )
     if p["kind"] == "tip_field":
         distance = np.linalg.norm(tip - np.asarray(p["centre_m"]), axis=1)
         return np.asarray(np.exp(-0.5 * (distance / p["width_m"]) ** 2)[:, None] * p["shift_m"])
@@ -80,7 +89,9 @@ def shift(p: Parameters, tip: Array, conditions: Conditions) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class SmallTerms:
-    """For each joint a smooth curve of little bumps and a ripple of high order; 1 to 2 µm rms at the tip in all."""
+    """For each joint a smooth curve of little bumps and a ripple of high order; 1 to 2 µm rms at
+    the tip in all.
+    """
 
     smooth: tuple[Parameters, ...]
     ripple_order: Array
@@ -90,13 +101,20 @@ class SmallTerms:
     @staticmethod
     def of(rng: np.random.Generator, arm: Chain) -> SmallTerms:
         total, rows = rng.uniform(1.0e-6, 2.0e-6), arm.rows
-        levers = arm.jacobian(rng.uniform(arm.limits[:, 0], arm.limits[:, 1], (200, len(arm.limits))))
+        levers = arm.jacobian(
+            rng.uniform(arm.limits[:, 0], arm.limits[:, 1], (200, len(arm.limits)))
+        )
         lever = float(np.sqrt((levers**2).sum(axis=(1, 2)).mean()))
         ripple = rng.uniform(3.0e-6, 5.0e-6, rows) / 2.0  # from peak to peak
         share = rng.uniform(0.6, 0.9)
         ripple *= np.sqrt(share) * total / (lever * float(np.sqrt(np.mean(ripple**2 / 2.0))))
         smooth = tuple(_smooth(rng, np.sqrt(1.0 - share) * total / lever) for _ in range(rows))
-        return SmallTerms(smooth, rng.integers(90, 400, rows).astype(float), rng.uniform(0.0, 2.0 * np.pi, rows), ripple)
+        return SmallTerms(
+            smooth,
+            rng.integers(90, 400, rows).astype(float),
+            rng.uniform(0.0, 2.0 * np.pi, rows),
+            ripple,
+        )
 
     def added(self, angles: Array, conditions: Conditions) -> Array:
         """(n, R) angles with the small terms."""
@@ -115,7 +133,11 @@ def _smooth(rng: np.random.Generator, rms: float) -> Parameters:
     }
     turn = np.linspace(0.0, 2.0 * np.pi, 361)[:-1]
     values = (
-        np.exp(-0.5 * (2.0 * np.sin(0.5 * (turn[:, None] - curve["centres_rad"])) / curve["widths_rad"]) ** 2)
+        np.exp(
+            -0.5
+            * (2.0 * np.sin(0.5 * (turn[:, None] - curve["centres_rad"])) / curve["widths_rad"])
+            ** 2
+        )
         @ curve["heights_rad"]
     )
     return curve | {"heights_rad": curve["heights_rad"] * rms / values.std()}

@@ -30,7 +30,9 @@ class Seats:
 
     def lengths(self) -> Array:
         """Of the bars (B,) [m]."""
-        return np.asarray(np.linalg.norm(self.points[self.bars[:, 0]] - self.points[self.bars[:, 1]], axis=1))
+        return np.asarray(
+            np.linalg.norm(self.points[self.bars[:, 0]] - self.points[self.bars[:, 1]], axis=1)
+        )
 
 
 def free_postures(rng: np.random.Generator, arm: Chain, n: int) -> Array:
@@ -45,7 +47,9 @@ def random_postures(rng: np.random.Generator, arm: Chain, n: int) -> Array:
 
 
 def choose_seats(rng: np.random.Generator, arm: Chain) -> Seats:
-    """Seats on and over a table beside the arm: 0.3 to 0.9 m from its axis, within 0.5 m of its height, some way apart."""
+    """Seats on and over a table beside the arm: 0.3 to 0.9 m from its axis, within 0.5 m of its
+    height, some way apart.
+    """
     points: list[Array] = []
     tips = arm.tips(random_postures(rng, arm, 3000))
     out = np.hypot(tips[:, 0], tips[:, 1])
@@ -55,7 +59,11 @@ def choose_seats(rng: np.random.Generator, arm: Chain) -> Seats:
     if len(points) < SEATS:
         raise ValueError(f"{len(points)} seats within reach, expected {SEATS}")
     axes = np.array([0.0, 0.0, 1.0]) + rng.normal(0.0, 0.25, (SEATS, 3))
-    return Seats(np.array(points), axes / np.linalg.norm(axes, axis=1)[:, None], rng.permutation(SEATS).reshape(-1, 2))
+    return Seats(
+        np.array(points),
+        axes / np.linalg.norm(axes, axis=1)[:, None],
+        rng.permutation(SEATS).reshape(-1, 2),
+    )
 
 
 def visits(n: int) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
@@ -65,18 +73,26 @@ def visits(n: int) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
 
 
 def round_trips(session: NDArray[np.int_], seats: int) -> NDArray[np.int_]:
-    """Index of the seat of each record (n,): each session goes round all seats, or as many as it has records for."""
+    """Index of the seat of each record (n,): each session goes round all seats, or as many as it
+    has records for.
+    """
     seat = np.empty(len(session), dtype=int)
     for number in range(session[-1] + 1):
         these = np.flatnonzero(session == number)
-        seat[these] = np.arange(len(these)) * seats // len(these) if len(these) >= seats else these % seats
+        seat[these] = (
+            np.arange(len(these)) * seats // len(these) if len(these) >= seats else these % seats
+        )
     return seat
 
 
-def seat_postures(rng: np.random.Generator, arm: Chain, seats: Seats, seat: NDArray[np.int_]) -> Array:
-    """One posture for each visit of ``seat`` (n,), (n, nq) [rad], with the tip in the seat by the bare table.
+def seat_postures(
+    rng: np.random.Generator, arm: Chain, seats: Seats, seat: NDArray[np.int_]
+) -> Array:
+    """One posture for each visit of ``seat`` (n,), (n, nq) [rad], with the tip in the seat by the
+    bare table.
 
-    Random postures are turned about the first axis towards a seat; those that end near it are brought into it.
+    Random postures are turned about the first axis towards a seat; those that end near it are
+    brought into it.
     """
     q = np.full((len(seat), len(arm.limits)), np.nan)
     for _ in range(40):
@@ -91,8 +107,12 @@ def seat_postures(rng: np.random.Generator, arm: Chain, seats: Seats, seat: NDAr
     raise ValueError("no postures found for a seat")
 
 
-def _near(rng: np.random.Generator, arm: Chain, seats: Seats, wanted: NDArray[np.int_]) -> tuple[Array, NDArray[np.int_]]:
-    """Random postures whose tip comes near a seat after a turn about the first axis, and which seat."""
+def _near(
+    rng: np.random.Generator, arm: Chain, seats: Seats, wanted: NDArray[np.int_]
+) -> tuple[Array, NDArray[np.int_]]:
+    """Random postures whose tip comes near a seat after a turn about the first axis, and which
+    seat.
+    """
     pool = random_postures(rng, arm, 3000 + 10 * len(wanted))
     tips = arm.tips(pool)
     out, target = np.hypot(tips[:, 0], tips[:, 1]), np.hypot(seats.points[:, 0], seats.points[:, 1])
@@ -108,8 +128,12 @@ def _near(rng: np.random.Generator, arm: Chain, seats: Seats, wanted: NDArray[np
     return np.concatenate(postures), np.concatenate(of)
 
 
-def _into(arm: Chain, seats: Seats, q: Array, of: NDArray[np.int_]) -> tuple[Array, NDArray[np.int_]]:
-    """Postures brought into their seats; only those within the limits whose stylus enters the seat from above."""
+def _into(
+    arm: Chain, seats: Seats, q: Array, of: NDArray[np.int_]
+) -> tuple[Array, NDArray[np.int_]]:
+    """Postures brought into their seats; only those within the limits whose stylus enters the seat
+    from above.
+    """
     for _ in range(8):
         j = arm.jacobian(q)
         square = j @ j.transpose(0, 2, 1) + 1e-9 * np.eye(3)

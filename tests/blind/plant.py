@@ -1,4 +1,6 @@
-"""Measurement files with a hidden fault: ``draw(seed, cause=...)`` makes the file and keeps the truth for afterwards."""
+"""Measurement files with a hidden fault: ``draw(seed, cause=...)`` makes the file and keeps the
+truth for afterwards.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,8 @@ class Sample:
     Attributes:
         read: indications as noted (n, nq) [rad].
         reference: coordinates as noted (n, 3) [m]; NaN where unknown.
-        touched: what they would be for a known reference without noise at the indications as noted (n, 3) [m].
+        touched: what they would be for a known reference without noise at the indications as noted
+            (n, 3) [m].
         conditions: of each record.
         outliers: records (from 0) that are outliers.
         plan: name of the plan.
@@ -73,7 +76,9 @@ class Sample:
 
     @property
     def oracle_rms(self) -> float:
-        """Noise floor [m]: rms distance of the references from what one says who knows the plant, without the outliers."""
+        """Noise floor [m]: rms distance of the references from what one says who knows the plant,
+        without the outliers.
+        """
         good = np.setdiff1d(np.arange(len(self.read)), self.outliers)
         return float(np.sqrt(((self.reference - self.touched)[good] ** 2).sum(axis=1).mean()))
 
@@ -94,10 +99,16 @@ class Plant:
         return np.random.default_rng([self.seed, zlib.crc32(stream.encode()), index])
 
     def route(self, index: int, n: int) -> tuple[Array, Conditions]:
-        """Postures and conditions of run number ``index``; its clock lasts as long as that of the first run."""
+        """Postures and conditions of run number ``index``; its clock lasts as long as that of the
+        first run.
+        """
         rng, arm = self.rng("route", index), self.machine.arm
         if self.seats is None:
-            seat, session, q = np.full(n, -1), np.arange(n) * SESSIONS // n, plans.free_postures(rng, arm, n)
+            seat, session, q = (
+                np.full(n, -1),
+                np.arange(n) * SESSIONS // n,
+                plans.free_postures(rng, arm, n),
+            )
         else:
             seat, session = plans.visits(n)
             q = plans.seat_postures(rng, arm, self.seats, seat)
@@ -131,7 +142,9 @@ class Plant:
 
 @dataclass(frozen=True, eq=False)
 class Jumps:
-    """Outliers: a contact that slipped or a reference that is wrong (n, 3) [m], or one wrong angle (n, nq) [rad]."""
+    """Outliers: a contact that slipped or a reference that is wrong (n, 3) [m], or one wrong angle
+    (n, nq) [rad].
+    """
 
     records: NDArray[np.int_]
     contact: Array
@@ -157,8 +170,9 @@ class Jumps:
 
 @dataclass(frozen=True, eq=False)
 class Draw(Sample):
-    """The first run of a plant: its faults, the largest first, and the deviations of the DH values (R, 4) [m, m, rad, rad]
-    from the arm file; ``plant.sample(1, n)`` is another run, of new postures and noise.
+    """The first run of a plant: its faults, the largest first, and the deviations of the DH values
+    (R, 4) [m, m, rad, rad] from the arm file; ``plant.sample(1, n)`` is another run, of new
+    postures and noise.
     """
 
     plant: Plant
@@ -185,19 +199,20 @@ def draw(
 
     Args:
         seed: of everything.
-        cause: what is hidden: a name of the contract, ``unexplained`` or ``unexplained:kind`` (see :mod:`blind.outside`),
-            ``any`` of :data:`blind.workshop.ANY`, or None for a sound arm.
+        cause: what is hidden: a name of the contract, ``unexplained`` or ``unexplained:kind`` (see
+            :mod:`blind.outside`), ``any`` of :data:`blind.workshop.ANY`, or None for a sound arm.
         joint: row from 1; None: drawn, where the cause has a row.
         size: factor on the sizes of :data:`blind.workshop.SIZES`.
         count: how many faults; further ones are ``any`` others.
-        plan: ``free`` (tracker), ``seats`` (ten known ones) or ``unknown-seats`` (five bars of known length).
+        plan: ``free`` (tracker), ``seats`` (ten known ones) or ``unknown-seats`` (five bars of
+            known length).
         records: how many.
         outliers: fraction of the records.
         twin: the same run of the same arm with the fault switched off.
         small_terms: False for an arm without any term beside its fault, and a true thermometer.
         external: references in a frame of their own.
-        shifts: further deviations of DH values from the arm file, in standard uncertainties (half-width / √3), by row and
-            kind, such as ``{(4, "theta_offset"): 9.0}``.
+        shifts: further deviations of DH values from the arm file, in standard uncertainties
+            (half-width / √3), by row and kind, such as ``{(4, "theta_offset"): 9.0}``.
     """
     if plan not in plans.PLANS:
         raise ValueError(f"plan {plan!r}, expected one of {', '.join(plans.PLANS)}")
@@ -210,7 +225,9 @@ def draw(
     plant = Plant(seed, machine, plan, records, seats, frame, small_terms)
     if cause is not None and not twin:
         wanted = workshop.Wanted(cause, joint, size, count)
-        hidden = workshop.hide_all(np.random.default_rng([seed, 5]), machine, *plant.route(0, records), wanted, _others)
+        hidden = workshop.hide_all(
+            np.random.default_rng([seed, 5]), machine, *plant.route(0, records), wanted, _others
+        )
         if len(hidden) < count:
             raise ValueError(f"{cause} is felt nowhere on this arm")
         plant = replace(plant, machine=machine.with_faults(hidden))
@@ -223,7 +240,9 @@ def _others(hidden: set[str]) -> list[str]:
     return [cause for cause in workshop.ANY if cause not in hidden]
 
 
-def _geometry(rng: np.random.Generator, arm: Chain, shifts: Mapping[tuple[int, str], float]) -> Array:
+def _geometry(
+    rng: np.random.Generator, arm: Chain, shifts: Mapping[tuple[int, str], float]
+) -> Array:
     geometry = arm.half_width * rng.uniform(-1.0, 1.0, arm.half_width.shape)
     for (row, kind), multiple in shifts.items():
         column = chains.KINDS.index(kind)

@@ -1,7 +1,9 @@
-"""Measurement files of many arms and kinds of evidence: :func:`regime_file` draws everything from one seed.
+"""Measurement files of many arms and kinds of evidence: :func:`regime_file` draws everything from
+one seed.
 
-Where :func:`blind.plant.draw` has one arm, three plans and three hundred records, this draws the arm, what is stated of it,
-the evidence, its amount and noise, gross errors and what is hidden. Words for the command line come with the file.
+Where :func:`blind.plant.draw` has one arm, three plans and three hundred records, this draws the
+arm, what is stated of it, the evidence, its amount and noise, gross errors and what is hidden.
+Words for the command line come with the file.
 """
 
 from __future__ import annotations
@@ -26,7 +28,9 @@ from blind.truth import Hidden
 ARMS = ("sino6", "standard-dh", "modified-dh", "ur5", "panda")
 """The bundled arm, arms of seven joints in both conventions, and robots by their URDF."""
 EVIDENCE = ("free", "seats", "bars", "markers", "target")
-"""A tracker at the tip, known seats, bars of known length, markers on the last body, one target at an unknown place."""
+"""A tracker at the tip, known seats, bars of known length, markers on the last body, one target at
+an unknown place.
+"""
 ENCODER_U, REFERENCE_U = 8e-6, 12e-6
 BAR_U = 2e-6
 TORQUE_U_NM = (0.05, 0.3, 1.0)
@@ -34,7 +38,8 @@ TORQUE_U_NM = (0.05, 0.3, 1.0)
 PAYLOADS_KG = (0.0, 1.5, 3.0)
 APART_M = 0.12
 LEAST_LEVER_M = 0.03
-"""At a seat every direction is reached with so much motion of the tip for a radian of the joints."""
+"""At a seat every direction is reached with so much motion of the tip for a radian of the joints.
+"""
 SIZES = ((8, 19), (20, 60), (61, 300), (301, 3000))
 """Numbers of records, each class as likely as the next."""
 
@@ -52,14 +57,16 @@ class Regime:
         seats: how many, of evidence ``seats`` and ``bars``.
         external: references in a frame of their own.
         torque: the file has torques, and payloads that nobody states.
-        own_u: the file states the uncertainty of every reference, which differs from record to record.
+        own_u: the file states the uncertainty of every reference, which differs from record to
+            record.
         payload_by_session: a payload for each session, in place of one for each record.
         environment: the file has times, temperatures and directions of approach.
         approaches: the last of these too.
         noted: further columns of the file, of :data:`NOTED`.
         held: records of each posture, in one row or scattered.
         scattered: see ``held``.
-        commanded: the file notes where the arm was sent, the same for each record of a posture, in place of readings.
+        commanded: the file notes where the arm was sent, the same for each record of a posture, in
+            place of readings.
         encoder_u: true noise of an encoder [rad].
         reference_u: true noise of a coordinate of a reference or contact [m].
         noise_stated: ``all``, ``reference`` or ``none``, on the command line.
@@ -68,7 +75,8 @@ class Regime:
         cause: hidden first; ``any``: drawn.
         joint: of that; None: drawn.
         size: factor on the sizes of workshops.
-        value: the size of the first fault itself, in the unit of its parameter, in place of a drawn one; None: drawn.
+        value: the size of the first fault itself, in the unit of its parameter, in place of a drawn
+            one; None: drawn.
         places: causes and rows of all faults, in place of drawn ones.
         structure: kind outside the library, see :mod:`blind.structures`; empty: none.
         structure_size: of that, in rms at the tip over that of the noise.
@@ -172,7 +180,9 @@ class RegimeFile:
 
     @property
     def posture_u(self) -> float:
-        """Standard uncertainty of each coordinate that is common to the records of a held posture [m]; 0: none."""
+        """Standard uncertainty of each coordinate that is common to the records of a held posture
+        [m]; 0: none.
+        """
         structure = self.structure
         if structure is None or structure.parameters["kind"] != "posture":
             return 0.0
@@ -206,7 +216,13 @@ class RegimeFile:
         r, mm = self.regime, 1e3
         data = str(folder / "data.csv")
         if r.arm in chains.ROBOTS:
-            words = ["--urdf", str(chains.robot_file(r.arm)), "--frame", chains.ROBOTS[r.arm][1], data]
+            words = [
+                "--urdf",
+                str(chains.robot_file(r.arm)),
+                "--frame",
+                chains.ROBOTS[r.arm][1],
+                data,
+            ]
             if r.stated:
                 words += ["--translation-half-width-mm", f"{mm * ROBOT_BOUNDS[0]:g}"]
                 words += ["--rotation-half-width-rad", f"{ROBOT_BOUNDS[1]:g}"]
@@ -215,7 +231,11 @@ class RegimeFile:
         if r.noise_stated == "all":
             words += ["--encoder-noise-rad", f"{r.encoder_u:.6g}"]
         if r.noise_stated != "none":
-            words += ["--reference-noise-mm", f"{mm * r.reference_u:.6g}"] if not r.own_u and r.evidence != "bars" else []
+            words += (
+                ["--reference-noise-mm", f"{mm * r.reference_u:.6g}"]
+                if not r.own_u and r.evidence != "bars"
+                else []
+            )
             words += ["--probe-noise-mm", f"{mm * r.reference_u:.6g}"] if r.at_seats else []
             words += ["--length-noise-mm", f"{mm * BAR_U:g}"] if r.evidence == "bars" else []
         words += ["--reference-frame", "external"] if r.external else []
@@ -256,7 +276,9 @@ def draw_regime(seed: int, most_records: int = SIZES[-1][1], **given: object) ->
     if kind == "seats":
         drawn.setdefault("seats", 3 if few else min(int(rng.integers(4, 11)), max(3, records // 2)))
     elif kind == "bars":
-        drawn.setdefault("seats", 4 if few else 2 * min(int(rng.integers(2, 6)), records // 4))  # both ends are touched
+        drawn.setdefault(
+            "seats", 4 if few else 2 * min(int(rng.integers(2, 6)), records // 4)
+        )  # both ends are touched
     drawn["own_u"] = bool(drawn["own_u"]) and kind not in ("seats", "bars")
     drawn["external"] = bool(drawn["external"]) and kind != "bars"
     return Regime(**drawn)
@@ -272,28 +294,41 @@ def regime_file(seed: int, most_records: int = SIZES[-1][1], **given: object) ->
     arm = regime.chain()
     bounds = np.where(arm.half_width.any(), arm.half_width, arm.typical)
     geometry = bounds * rng("geometry").uniform(-1.0, 1.0, bounds.shape)
-    rig = Machine(arm, geometry, (), SmallTerms.of(rng("small"), arm), _targets(rng("targets"), regime))
+    rig = Machine(
+        arm, geometry, (), SmallTerms.of(rng("small"), arm), _targets(rng("targets"), regime)
+    )
     q, conditions, seats = _route(rng("route"), rng("weather"), regime, rig)
     rig = rig.with_faults(_faults(rng("faults"), rig, regime, q, conditions))
     if regime.structure:
-        rms = regime.structure_size * tip_noise(rig, q, regime.encoder_u, np.array([regime.reference_u]))
+        rms = regime.structure_size * tip_noise(
+            rig, q, regime.encoder_u, np.array([regime.reference_u])
+        )
         outside = structures.structure(rng("structure"), rig, regime.structure, q, conditions, rms)
         rig = rig.with_faults([*rig.faults, outside])
     jumps = Jumps.of(rng("outliers"), rig, q, round(regime.outliers * len(q)))
     return _measured(rng("noise"), jumps, regime, rig, q, conditions, seats)
 
 
-def _faults(rng: np.random.Generator, rig: Machine, regime: Regime, q: Array, conditions: Conditions) -> tuple[Hidden, ...]:
+def _faults(
+    rng: np.random.Generator, rig: Machine, regime: Regime, q: Array, conditions: Conditions
+) -> tuple[Hidden, ...]:
     """Of the library."""
     if regime.places:
         clock = (float(conditions.time[0]), float(conditions.time[-1]))
-        return tuple(workshop.hide(rng, rig.arm, cause, row, regime.size, clock) for cause, row in regime.places)
-    wanted = workshop.Wanted(regime.cause, regime.joint, regime.size, regime.faults, regime.value, regime.seats)
+        return tuple(
+            workshop.hide(rng, rig.arm, cause, row, regime.size, clock)
+            for cause, row in regime.places
+        )
+    wanted = workshop.Wanted(
+        regime.cause, regime.joint, regime.size, regime.faults, regime.value, regime.seats
+    )
     return workshop.hide_all(rng, rig, q, conditions, wanted, lambda _: causes_of(regime))
 
 
 def tip_noise(machine: Machine, q: Array, encoder_u: float, reference_u: Array) -> float:
-    """What noise of readings [rad] and of coordinates of references [m] leaves at the tip, rms over q (n, nq) [m]."""
+    """What noise of readings [rad] and of coordinates of references [m] leaves at the tip, rms over
+    q (n, nq) [m].
+    """
     readings = encoder_u**2 * (machine.jacobian(q) ** 2).sum(axis=(1, 2)).mean()
     return float(np.sqrt(readings + 3.0 * (reference_u**2).mean()))
 
@@ -317,12 +352,20 @@ def _route(
     if regime.payload_by_session:
         payload = rng.permutation(PAYLOADS_KG)[session]
     marker = rng.integers(0, 1 if rig.targets is None else len(rig.targets), n)
-    conditions = replace(run(weather, arm, seat, session, 1.0, True), payload=payload, marker=marker, posture=posture)
+    conditions = replace(
+        run(weather, arm, seat, session, 1.0, True), payload=payload, marker=marker, posture=posture
+    )
     return q, conditions, seats
 
 
 def _measured(
-    noise: np.random.Generator, jumps: Jumps, regime: Regime, rig: Machine, q: Array, conditions: Conditions, seats: Array
+    noise: np.random.Generator,
+    jumps: Jumps,
+    regime: Regime,
+    rig: Machine,
+    q: Array,
+    conditions: Conditions,
+    seats: Array,
 ) -> RegimeFile:
     n = len(q)
     u = regime.reference_u * (np.exp(noise.uniform(-0.7, 0.9, n)) if regime.own_u else np.ones(n))
@@ -330,14 +373,18 @@ def _measured(
     q = q - encoder if regime.commanded else q  # the arm misses the posture that is noted
     contact = u[:, None] * noise.standard_normal((n, 3)) + jumps.contact
     if regime.at_seats:
-        places = seats + (regime.reference_u if regime.evidence == "seats" else 0.0) * noise.standard_normal(seats.shape)
+        places = seats + (
+            regime.reference_u if regime.evidence == "seats" else 0.0
+        ) * noise.standard_normal(seats.shape)
         q = rig.touching(q, conditions, seats[conditions.seat] + contact)
         reference = places[conditions.seat]
     else:
         reference = rig.observed(q, conditions) + contact
     torque = None
     if regime.torque:
-        torque = rig.torque(q, conditions) + noise.choice(TORQUE_U_NM) * noise.standard_normal(q.shape)
+        torque = rig.torque(q, conditions) + noise.choice(TORQUE_U_NM) * noise.standard_normal(
+            q.shape
+        )
     read = q + encoder + jumps.angle
     turn, shift = rotation(noise.uniform(-1.5, 1.5, 3)), noise.uniform(-2.0, 2.0, 3)
     if regime.external:
@@ -366,13 +413,17 @@ def _seats(rng: np.random.Generator, arm: Chain, regime: Regime) -> Array:
     reach = np.linalg.norm(tips - tips.mean(axis=0), axis=1)
     found: list[Array] = []
     for point in tips[reach < np.quantile(reach, 0.6)]:
-        if len(found) < regime.seats and all(np.linalg.norm(point - other) > APART_M for other in found):
+        if len(found) < regime.seats and all(
+            np.linalg.norm(point - other) > APART_M for other in found
+        ):
             found.append(point)
     return np.array(found)
 
 
 def _at_seats(rng: np.random.Generator, arm: Chain, places: Array) -> Array:
-    """A posture for each of the places (n, 3), by Newton steps from random postures; within the limits (n, nq) [rad]."""
+    """A posture for each of the places (n, 3), by Newton steps from random postures; within the
+    limits (n, nq) [rad].
+    """
     q = np.full((len(places), len(arm.limits)), np.nan)
     low, high = arm.limits[:, 0] + plans.MARGIN, arm.limits[:, 1] - plans.MARGIN
     for _ in range(1000):
@@ -387,7 +438,9 @@ def _at_seats(rng: np.random.Generator, arm: Chain, places: Array) -> Array:
             tried = tried + np.clip(np.einsum("nkj,nk->nj", j, step[..., 0]), -0.5, 0.5)
         gap = places[missing] - arm.tips(tried)
         good = (np.abs(gap).max(axis=1) < 1e-5) & ((tried > low) & (tried < high)).all(axis=1)
-        good &= np.linalg.svd(arm.jacobian(tried), compute_uv=False)[:, -1] > LEAST_LEVER_M  # gross errors can be reached
+        good &= (
+            np.linalg.svd(arm.jacobian(tried), compute_uv=False)[:, -1] > LEAST_LEVER_M
+        )  # gross errors can be reached
         q[missing[good]] = tried[good]
     raise ValueError(f"no posture found for {missing.size} of {len(places)} records")
 
@@ -396,10 +449,22 @@ def _at_seats(rng: np.random.Generator, arm: Chain, places: Array) -> Array:
 
 
 def causes_of(regime: Regime) -> list[str]:
-    """Causes that can be hidden: those whose columns the file has, and whose loads the arm states."""
-    causes = ["encoder_eccentricity", "encoder_ellipticity", "joint_periodic_error", "joint_error_curve", "encoder_gain"]
+    """Causes that can be hidden: those whose columns the file has, and whose loads the arm
+    states.
+    """
+    causes = [
+        "encoder_eccentricity",
+        "encoder_ellipticity",
+        "joint_periodic_error",
+        "joint_error_curve",
+        "encoder_gain",
+    ]
     if regime.environment:
-        causes += ["encoder_slip", "zero_drift"] + ["joint_hysteresis"] * regime.approaches + ["thermal_expansion"]
+        causes += (
+            ["encoder_slip", "zero_drift"]
+            + ["joint_hysteresis"] * regime.approaches
+            + ["thermal_expansion"]
+        )
     causes += ["joint_compliance", "joint_compliance"] if regime.masses or regime.torque else []
     if regime.masses and not regime.torque:
         causes += ["bearing_tilt", "link_bending", "torsional_windup", "base_compliance"]
@@ -428,7 +493,9 @@ def _text(file: RegimeFile, reference: Array, torque: Array | None, bar_error: A
     if regime.evidence != "bars":
         columns |= table.coordinates(reference)
     if regime.own_u:
-        columns |= {name: table.fixed(file.reference_u, 6, 1e3) for name in ("u_x_mm", "u_y_mm", "u_z_mm")}
+        columns |= {
+            name: table.fixed(file.reference_u, 6, 1e3) for name in ("u_x_mm", "u_y_mm", "u_z_mm")
+        }
     if regime.at_seats:
         columns["seat"] = [f"P{s + 1}" for s in conditions.seat]
     if regime.evidence == "bars":
@@ -444,5 +511,7 @@ def _text(file: RegimeFile, reference: Array, torque: Array | None, bar_error: A
         columns |= table.approaches(conditions, file.machine.arm.moving)
     columns |= {name: NOTED[name](conditions) for name in regime.noted}
     if torque is not None:
-        columns |= {f"torque{k + 1}_nm": table.fixed(column, 4) for k, column in enumerate(torque.T)}
+        columns |= {
+            f"torque{k + 1}_nm": table.fixed(column, 4) for k, column in enumerate(torque.T)
+        }
     return table.csv(columns)

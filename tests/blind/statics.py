@@ -1,9 +1,11 @@
-"""Where an elastic chain comes to rest under its own weight: equilibrium in the deflected pose, iterated until it stands.
+"""Where an elastic chain comes to rest under its own weight: equilibrium in the deflected pose,
+iterated until it stands.
 
-All loads are weights, so the moment of what hangs beyond a point P is ``Σ (r_k - P) × m_k g``, and everything elastic turns
-the way that moment pulls. A tube is a Bernoulli beam: its section at s turns relative to its neighbour by ``M(s) ds / EI``
-across the tube and ``M(s) ds / GJ`` along it; its sections lie where the straight tube has them. The tube of a body runs
-along its axis or across it, whichever is longer. Its weight is spread, see :func:`_share`.
+All loads are weights, so the moment of what hangs beyond a point P is ``Σ (r_k - P) × m_k g``, and
+everything elastic turns the way that moment pulls. A tube is a Bernoulli beam: its section at s
+turns relative to its neighbour by ``M(s) ds / EI`` across the tube and ``M(s) ds / GJ`` along it;
+its sections lie where the straight tube has them. The tube of a body runs along its axis or across
+it, whichever is longer. Its weight is spread, see :func:`_share`.
 """
 
 from __future__ import annotations
@@ -25,8 +27,9 @@ STRUT = 0.05
 
 @dataclass(frozen=True, eq=False)
 class Elastic:
-    """Flexibilities: of each joint about and across its axis [rad/(N·m)], of each tube 1/EI and 1/GJ [rad/(N·m²)], of the
-    base [rad/(N·m)]; and for each joint with a wrong counterbalance the turn when the body is level [rad].
+    """Flexibilities: of each joint about and across its axis [rad/(N·m)], of each tube 1/EI and
+    1/GJ [rad/(N·m²)], of the base [rad/(N·m)]; and for each joint with a wrong counterbalance the
+    turn when the body is level [rad].
     """
 
     joint: Array
@@ -42,13 +45,16 @@ class Elastic:
 
     @property
     def any(self) -> bool:
-        return bool(np.any([self.joint, self.tilt, self.bend, self.twist, self.spring])) or self.base != 0.0
+        return (
+            bool(np.any([self.joint, self.tilt, self.bend, self.twist, self.spring]))
+            or self.base != 0.0
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class Rest:
-    """A chain at rest: frames on the axes (n, R, 4, 4), the last frame (n, 4, 4), and by how much each joint has yielded, as
-    rotation vectors in the base (R, n, 3).
+    """A chain at rest: frames on the axes (n, R, 4, 4), the last frame (n, 4, 4), and by how much
+    each joint has yielded, as rotation vectors in the base (R, n, 3).
     """
 
     axes: Array
@@ -56,9 +62,11 @@ class Rest:
     yielded: Array
 
 
-def settle(arm: Chain, pieces: Pieces, angles: Array, growth: Array, elastic: Elastic, payload: Array) -> Rest:
-    """Equilibrium of ``pieces`` (R, 4, 4) whose shifts have grown by ``growth`` (n, R), for joint ``angles`` (n, R) [rad],
-    with a ``payload`` (n,) [kg] at the tip.
+def settle(
+    arm: Chain, pieces: Pieces, angles: Array, growth: Array, elastic: Elastic, payload: Array
+) -> Rest:
+    """Equilibrium of ``pieces`` (R, 4, 4) whose shifts have grown by ``growth`` (n, R), for joint
+    ``angles`` (n, R) [rad], with a ``payload`` (n,) [kg] at the tip.
     """
     (before, after), (n, rows) = pieces, angles.shape
     base, joint, slope, sag = np.zeros((n, 3)), *np.zeros((3, rows, n, 3))
@@ -89,14 +97,19 @@ def settle(arm: Chain, pieces: Pieces, angles: Array, growth: Array, elastic: El
                 joint[i] += elastic.spring[i] * _strut(arm, i, rest, after[i] @ before[i + 1])
             if elastic.bend[i] or elastic.twist[i]:
                 slope[i], sag[i] = _beam(arm, i, rest, load, spans[i], clamps[i], elastic)
-        if max(np.abs(a - b).max() for a, b in zip(old, (base, joint, slope, sag), strict=True)) < STOP:
+        if (
+            max(np.abs(a - b).max() for a, b in zip(old, (base, joint, slope, sag), strict=True))
+            < STOP
+        ):
             return rest
     raise RuntimeError(f"no equilibrium after {MOST_ROUNDS} rounds: the arm is too soft")
 
 
 @dataclass(frozen=True, eq=False)
 class Load:
-    """Weights: centres of mass in the base (n, R, 3) [m], and a payload (n,) [kg] at the tip (n, 3) [m]."""
+    """Weights: centres of mass in the base (n, R, 3) [m], and a payload (n,) [kg] at the tip (n, 3)
+    [m].
+    """
 
     arm: Chain
     centres: Array
@@ -109,7 +122,9 @@ class Load:
         return Load(arm, centres, payload, rest.last[:, :3, 3])
 
     def first(self, row: int, points: Array) -> Array:
-        """First moment about points (n, k, 3) of the bodies from index ``row`` on, and the payload [kg·m]."""
+        """First moment about points (n, k, 3) of the bodies from index ``row`` on, and the payload
+        [kg·m].
+        """
         mass = self.arm.mass[row:]
         first = np.einsum("r,nri->ni", mass, self.centres[:, row:])[:, None] - mass.sum() * points
         return np.asarray(first + self.payload[:, None, None] * (self.tip[:, None] - points))
@@ -130,9 +145,10 @@ def _grown(transform: Array, growth: Array) -> Array:
 def _strut(arm: Chain, i: int, rest: Rest, following: Array) -> Array:
     """Missing moment of a gas strut (n, 3), one where the body is level.
 
-    A strut of constant force from an anchor h above the axis to a point r along the body pulls with the moment
-    ``F h r (horizontal part of the body) / length``; too little of it lets the body fall. The turn counts positive about
-    ``u × down``, u being the next joint's axis if that stands across this one, else the body's direction.
+    A strut of constant force from an anchor h above the axis to a point r along the body pulls with
+    the moment ``F h r (horizontal part of the body) / length``; too little of it lets the body
+    fall. The turn counts positive about ``u × down``, u being the next joint's axis if that stands
+    across this one, else the body's direction.
     """
     axis, frame, span = rest.axes[:, i, :3, 2], rest.axes[:, i, :3, :3], arm.spans()[i]
     across = abs(following[2, 2]) < 0.1
@@ -146,7 +162,9 @@ def _strut(arm: Chain, i: int, rest: Rest, following: Array) -> Array:
 
 
 def _tubes(arm: Chain) -> tuple[Array, Array]:
-    """The tube in each body along or across its axis, whichever is longer, and where it is clamped (R, 3) [m]."""
+    """The tube in each body along or across its axis, whichever is longer, and where it is clamped
+    (R, 3) [m].
+    """
     spans = arm.spans()
     along = spans * [0.0, 0.0, 1.0]
     lengthwise = (np.linalg.norm(along, axis=1) >= np.linalg.norm(spans - along, axis=1))[:, None]
@@ -154,7 +172,8 @@ def _tubes(arm: Chain) -> tuple[Array, Array]:
 
 
 def _share(arm: Chain, i: int, span: Array, clamp: Array) -> tuple[float, Array | None]:
-    """Share of the body that is its uniform tube, and where a lump at its end sits (3,) [m]; None: it is at the clamp.
+    """Share of the body that is its uniform tube, and where a lump at its end sits (3,) [m]; None:
+    it is at the clamp.
 
     Tube and lump together have the centre of mass of the body.
     """
@@ -165,7 +184,9 @@ def _share(arm: Chain, i: int, span: Array, clamp: Array) -> tuple[float, Array 
 
 
 def _cumulative() -> tuple[Array, Array, Array]:
-    """Gauss-Legendre nodes and weights on [0, 1], and the matrix that integrates from 0 to each node."""
+    """Gauss-Legendre nodes and weights on [0, 1], and the matrix that integrates from 0 to each
+    node.
+    """
     x, w = np.polynomial.legendre.leggauss(NODES)
     x, w = 0.5 * (x + 1.0), 0.5 * w
     powers = np.arange(NODES)
@@ -176,7 +197,9 @@ def _cumulative() -> tuple[Array, Array, Array]:
 X, W, INTEGRAL = _cumulative()
 
 
-def _beam(arm: Chain, i: int, rest: Rest, load: Load, span: Array, clamp: Array, elastic: Elastic) -> tuple[Array, Array]:
+def _beam(
+    arm: Chain, i: int, rest: Rest, load: Load, span: Array, clamp: Array, elastic: Elastic
+) -> tuple[Array, Array]:
     """Slope and sag of the end of a tube (n, 3)."""
     frame, length = rest.axes[:, i], float(np.linalg.norm(span))
     start = frame[:, :3, 3] + frame[:, :3, :3] @ clamp
@@ -194,4 +217,6 @@ def _beam(arm: Chain, i: int, rest: Rest, load: Load, span: Array, clamp: Array,
     curvature = elastic.bend[i] * (moment - axial) + elastic.twist[i] * axial
     turned = length * np.einsum("jk,nki->nji", INTEGRAL, curvature)
     slope = length * np.einsum("k,nki->ni", W, curvature)
-    return slope, np.einsum("k,nki->ni", W, np.cross(turned, np.broadcast_to(tube[:, None], (len(tube), NODES, 3))))
+    return slope, np.einsum(
+        "k,nki->ni", W, np.cross(turned, np.broadcast_to(tube[:, None], (len(tube), NODES, 3)))
+    )

@@ -1,4 +1,6 @@
-"""Structure of a given size that no cause of the contract describes, in the names of what it depends on."""
+"""Structure of a given size that no cause of the contract describes, in the names of what it
+depends on.
+"""
 
 from __future__ import annotations
 
@@ -32,12 +34,21 @@ ANGLE = 2e-4
 """Of a joint's structure before it has its size [rad]."""
 LOAD_NM = 5.0
 WIDTHS = (0.5, 0.8)
-"""Of a field in the room, over the rms distance of the tips from their middle: it has many records in it."""
+"""Of a field in the room, over the rms distance of the tips from their middle: it has many records
+in it.
+"""
 GEAR_ORDERS = (2, 3, 4, 6)
 TRIES = 100
 
 
-def structure(rng: np.random.Generator, machine: Machine, kind: str, q: Array, conditions: Conditions, rms: float) -> Hidden:
+def structure(
+    rng: np.random.Generator,
+    machine: Machine,
+    kind: str,
+    q: Array,
+    conditions: Conditions,
+    rms: float,
+) -> Hidden:
     """Structure of a kind that moves the tip by ``rms`` [m] over the records q (n, nq) [rad].
 
     Raises:
@@ -56,32 +67,47 @@ def structure(rng: np.random.Generator, machine: Machine, kind: str, q: Array, c
 
 def _scaled(drawn: Hidden, factor: float) -> Hidden:
     name = AMPLITUDES[drawn.parameters["kind"]]
-    return replace(drawn, parameters={**drawn.parameters, name: factor * np.asarray(drawn.parameters[name])})
+    return replace(
+        drawn, parameters={**drawn.parameters, name: factor * np.asarray(drawn.parameters[name])}
+    )
 
 
-def _drawn(rng: np.random.Generator, machine: Machine, kind: str, q: Array, conditions: Conditions) -> Hidden:
+def _drawn(
+    rng: np.random.Generator, machine: Machine, kind: str, q: Array, conditions: Conditions
+) -> Hidden:
     if kind in ("joint_product", "other_joint", "loaded_gear", "branch"):
         return _of_joints(rng, machine, kind, q, conditions)
     parameters, depends_on = _of_tip(rng, machine.arm, kind, q, conditions)
     return Hidden("unexplained", None, {"kind": kind, **parameters}, depends_on=depends_on)
 
 
-def _of_joints(rng: np.random.Generator, machine: Machine, kind: str, q: Array, conditions: Conditions) -> Hidden:
+def _of_joints(
+    rng: np.random.Generator, machine: Machine, kind: str, q: Array, conditions: Conditions
+) -> Hidden:
     """Of one joint, or of two; what a joint does is named by the angles that it depends on.
 
-    What a wave is multiplied by has nothing that is constant or depends on the wave's own joint: the library has that.
+    What a wave is multiplied by has nothing that is constant or depends on the wave's own joint:
+    the library has that.
     """
     joints = rng.permutation(np.flatnonzero(machine.arm.moving) + 1)[:2].tolist()
     phases = rng.uniform(0.0, 2.0 * np.pi, 2)
     p: dict[str, Any] = {"kind": kind, "joints": joints}
     if kind == "joint_product":
-        p |= {"amplitude_rad": ANGLE, "phases_rad": phases, "order": int(rng.choice([1, 1, *GEAR_ORDERS]))}
+        p |= {
+            "amplitude_rad": ANGLE,
+            "phases_rad": phases,
+            "order": int(rng.choice([1, 1, *GEAR_ORDERS])),
+        }
         p |= {"mean": float(np.sin(machine.arm.all_angles(q)[:, joints[1] - 1] - phases[1]).mean())}
     elif kind == "other_joint":
         p |= {"amplitude_rad": ANGLE, "phase_rad": phases[0], "order": int(rng.integers(1, 4))}
         joints = joints[1:]
     elif kind == "loaded_gear":
-        p |= {"amplitude_rad_per_nm": ANGLE / LOAD_NM, "phase_rad": phases[0], "order": int(rng.choice(GEAR_ORDERS))}
+        p |= {
+            "amplitude_rad_per_nm": ANGLE / LOAD_NM,
+            "phase_rad": phases[0],
+            "order": int(rng.choice(GEAR_ORDERS)),
+        }
         p |= {"own_nm": _own_torque(machine, joints[0] - 1, q, conditions)}
         joints = joints[:1]
     else:
@@ -91,7 +117,9 @@ def _of_joints(rng: np.random.Generator, machine: Machine, kind: str, q: Array, 
 
 
 def _own_torque(machine: Machine, row: int, q: Array, conditions: Conditions) -> Array:
-    """Coefficients (3,) [N·m] of the torque of a joint over its own angle, by least squares over the records."""
+    """Coefficients (3,) [N·m] of the torque of a joint over its own angle, by least squares over
+    the records.
+    """
     own = first_order(machine.arm.all_angles(q)[:, row])
     return np.asarray(np.linalg.lstsq(own, machine.load(q, conditions)[:, row], rcond=None)[0])
 
@@ -113,4 +141,8 @@ def _of_tip(
     tips = arm.tips(q)
     spread = np.sqrt(((tips - tips.mean(axis=0)) ** 2).sum(axis=1).mean())
     centre = tips[rng.integers(len(tips))]
-    return shift | {"centre_m": centre, "width_m": float(spread * rng.uniform(*WIDTHS))}, ("x", "y", "z")
+    return shift | {"centre_m": centre, "width_m": float(spread * rng.uniform(*WIDTHS))}, (
+        "x",
+        "y",
+        "z",
+    )

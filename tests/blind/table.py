@@ -26,15 +26,23 @@ def angles(q: Array) -> dict[str, list[str]]:
 
 
 def coordinates(places: Array) -> dict[str, list[str]]:
-    return {name: fixed(column, 6, 1e3) for name, column in zip(("x_mm", "y_mm", "z_mm"), places.T, strict=True)}
+    return {
+        name: fixed(column, 6, 1e3)
+        for name, column in zip(("x_mm", "y_mm", "z_mm"), places.T, strict=True)
+    }
 
 
 def approaches(conditions: Conditions, moving: NDArray[np.bool_]) -> dict[str, list[str]]:
-    return {f"approach{k + 1}": fixed(column, 0) for k, column in enumerate(conditions.approach[:, moving].T)}
+    return {
+        f"approach{k + 1}": fixed(column, 0)
+        for k, column in enumerate(conditions.approach[:, moving].T)
+    }
 
 
 def bars(seat: NDArray[np.int_], ends: NDArray[np.int_], length: Array) -> dict[str, list[str]]:
-    """Columns of bars between pairs of seats ``ends`` (B, 2), each seat at one bar, of the stated ``length`` (B,) [m]."""
+    """Columns of bars between pairs of seats ``ends`` (B, 2), each seat at one bar, of the stated
+    ``length`` (B,) [m].
+    """
     bar, end = np.nonzero(ends[None] == seat[:, None, None])[1:]
     return {
         "bar": [f"B{b + 1}" for b in bar],

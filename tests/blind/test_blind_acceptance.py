@@ -1,4 +1,6 @@
-"""A blind plant fails its acceptance test, the command that this names finds the cause, the extended arm passes the next."""
+"""A blind plant fails its acceptance test, the command that this names finds the cause, the
+extended arm passes the next.
+"""
 
 from __future__ import annotations
 
@@ -41,20 +43,29 @@ def verdicts(outcome: Result) -> dict[str, set[str]]:
         (6, "joint_hysteresis", 2),
     ],
 )
-def test_failed_arm_is_diagnosed_and_passes(tmp_path: Path, seed: int, cause: str, joint: int) -> None:
+def test_failed_arm_is_diagnosed_and_passes(
+    tmp_path: Path, seed: int, cause: str, joint: int
+) -> None:
     first, second, sound = (tmp_path / f"{name}.csv" for name in ("first check", "second", "sound"))
     for twin, target, index in ((False, first, 1), (False, second, 2), (True, sound, 1)):
         plant = draw(seed, cause, joint, twin=twin).plant
         machine = replace(plant.machine, values=0.1 * plant.machine.values)  # well calibrated
         target.write_text(acceptance_csv(replace(plant, machine=machine), index), encoding="utf-8")
-    assert verdicts(run("accept", "sino6", sound, *LIMITS, "--json", "-"))["sino6"] == {"conformity"}
+    assert verdicts(run("accept", "sino6", sound, *LIMITS, "--json", "-"))["sino6"] == {
+        "conformity"
+    }
     failed = run("accept", "sino6", first, *LIMITS, "--json", "-")
     assert "non-conformity" in verdicts(failed)["sino6"]
-    command = next(line for line in failed.stderr.splitlines() if "diagnose" in line).removeprefix("note: ")
+    command = next(line for line in failed.stderr.splitlines() if "diagnose" in line).removeprefix(
+        "note: "
+    )
     words = shlex.split(command.removesuffix(" looks for the cause"))
     extended = tmp_path / "extended.toml"
     found = json.loads(run(*words[1:], "--extended-arm", extended, "--json", "-").stdout)
-    assert (found["verdict"], [(f["cause"], f["joint"]) for f in found["findings"]]) == ("explained", [(cause, joint)])
+    assert (found["verdict"], [(f["cause"], f["joint"]) for f in found["findings"]]) == (
+        "explained",
+        [(cause, joint)],
+    )
     new = verdicts(run("accept", "sino6", extended, second, *LIMITS, "--json", "-"))
     assert "non-conformity" in new["sino6"]
     assert new[str(extended)] == {"conformity"}

@@ -1,4 +1,6 @@
-"""The plant of the blind tests: it obeys statics and contract, hides what it says, and shares nothing with the package."""
+"""The plant of the blind tests: it obeys statics and contract, hides what it says, and shares
+nothing with the package.
+"""
 
 from __future__ import annotations
 
@@ -70,7 +72,9 @@ def postures(rng: np.random.Generator, n: int, chain: Chain = ARM) -> Array:
 def settled(chain: Chain, q: Array, **elastic: Array) -> tuple[Array, Array]:
     """The last frame and by how much joints have yielded, of an arm of the stated geometry."""
     n, flexible = len(q), replace(Elastic.rigid(chain.rows), **elastic)
-    rest = settle(chain, chain.pieces(chain.exact), q, np.zeros((n, chain.rows)), flexible, np.zeros(n))
+    rest = settle(
+        chain, chain.pieces(chain.exact), q, np.zeros((n, chain.rows)), flexible, np.zeros(n)
+    )
     return rest.last, np.einsum("rni,nri->nr", rest.yielded, rest.axes[..., :3, 2])
 
 
@@ -80,7 +84,10 @@ def settled(chain: Chain, q: Array, **elastic: Array) -> tuple[Array, Array]:
 def test_a_tube_bends_as_the_textbook_says() -> None:
     """A tube of 0.8 m along z, 1.3 kg, laid level by the mount, and a weight beyond at its end."""
     for com, beyond in ((0.4, 0.0), (0.4, 2.0), (0.8, 0.0), (0.55, 1.0)):
-        rows = [{"d_mm": 800.0, "mass_kg": 1.3, "com_mm": [0.0, 0.0, 1e3 * (com - 0.8)]}, {"mass_kg": beyond}]
+        rows = [
+            {"d_mm": 800.0, "mass_kg": 1.3, "com_mm": [0.0, 0.0, 1e3 * (com - 0.8)]},
+            {"mass_kg": beyond},
+        ]
         mount = {"name": "level", "convention": "standard-dh", "gravity_m_s2": [9.81, 0.0, 0.0]}
         arm, flexibility, length = chains.of_table(mount | {"joints": rows}), 1e-7, 0.8
         last, _ = settled(arm, np.zeros((1, 2)), bend=np.array([flexibility, 0.0]))
@@ -112,13 +119,27 @@ def test_joints_rest_where_the_energy_is_least(rng: np.random.Generator) -> None
 
 
 def test_equilibrium_is_that_of_the_deflected_arm(rng: np.random.Generator) -> None:
-    """Ten times the fault moves the tip by more or less than ten times, by second order: the pose is the deflected one."""
+    """Ten times the fault moves the tip by more or less than ten times, by second order: the pose
+    is the deflected one.
+    """
     q, c, sound = postures(rng, 50), Conditions.still(50, 6), Machine(ARM, ARM.exact)
-    for key in ("joint_compliance:2", "bearing_tilt:3", "link_bending:3", "base_compliance", "counterbalance:2"):
+    for key in (
+        "joint_compliance:2",
+        "bearing_tilt:3",
+        "link_bending:3",
+        "base_compliance",
+        "counterbalance:2",
+    ):
         cause, _, joint = key.partition(":")
-        fault = workshop.hide(np.random.default_rng(1), ARM, cause, int(joint) if joint else None, 1.0, (0.0, 1.0))
-        scaled = [{name: f * value for name, value in fault.parameters.items()} for f in (1e-2, 10.0)]
-        small, large = (sound.shift_by(replace(fault, parameters=parameters), q, c) for parameters in scaled)
+        fault = workshop.hide(
+            np.random.default_rng(1), ARM, cause, int(joint) if joint else None, 1.0, (0.0, 1.0)
+        )
+        scaled = [
+            {name: f * value for name, value in fault.parameters.items()} for f in (1e-2, 10.0)
+        ]
+        small, large = (
+            sound.shift_by(replace(fault, parameters=parameters), q, c) for parameters in scaled
+        )
         left = np.linalg.norm(large - 1e3 * small) / np.linalg.norm(large)
         assert 1e-5 < left < 2e-2, key
 
@@ -129,7 +150,9 @@ def test_discs_err_once_and_twice_a_turn_with_the_phase_of_the_contract() -> Non
     for cause, order in (("encoder_eccentricity", 1), ("encoder_ellipticity", 2)):
         for amplitude in (1e-3, 1e-2):
             fault = Hidden(cause, 1, {"amplitude_rad": amplitude, "phase_rad": 0.7})
-            error = (Machine(ARM, ARM.exact, (fault,)).joint_angles(q, Conditions.still(400, 6)) - q)[:, 0]
+            error = (
+                Machine(ARM, ARM.exact, (fault,)).joint_angles(q, Conditions.still(400, 6)) - q
+            )[:, 0]
             beside = np.abs(error - amplitude * np.cos(order * q[:, 0] - 0.7)).max()
             # First order is not all of an ellipse.
             assert (0.3 * amplitude**2 if order == 2 else 0.0) < beside < 2.0 * amplitude**2
@@ -141,7 +164,9 @@ def test_drives_hold_the_payload(rng: np.random.Generator) -> None:
     q, empty = postures(rng, 10, chain), Conditions.still(10, chain.rows)
     loaded, machine = replace(empty, payload=np.full(10, 2.0)), Machine(chain, chain.exact)
     work = -2.0 * np.einsum("nkj,k->nj", chain.jacobian(q), chain.gravity)
-    np.testing.assert_allclose(machine.torque(q, loaded) - machine.torque(q, empty), work, atol=1e-9)
+    np.testing.assert_allclose(
+        machine.torque(q, loaded) - machine.torque(q, empty), work, atol=1e-9
+    )
 
 
 # --- beside the package
@@ -154,9 +179,13 @@ def both(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[Chain, Arm]:
     if name == "sino6":
         return ARM, Arm.load(name)
     if name in chains.SEVEN:
-        (tmp_path / "arm.toml").write_text(chains.seven_text(name, stated=True, masses=True), encoding="utf-8")
+        (tmp_path / "arm.toml").write_text(
+            chains.seven_text(name, stated=True, masses=True), encoding="utf-8"
+        )
         return chains.seven(name, stated=True), Arm.load(str(tmp_path / "arm.toml"))
-    return chains.robot(name, 0.0, 0.0), Arm.from_urdf(str(chains.robot_file(name)), chains.ROBOTS[name][1])
+    return chains.robot(name, 0.0, 0.0), Arm.from_urdf(
+        str(chains.robot_file(name)), chains.ROBOTS[name][1]
+    )
 
 
 def test_chains_are_those_of_the_package(both: tuple[Chain, Arm], rng: np.random.Generator) -> None:
@@ -170,27 +199,46 @@ def test_chains_are_those_of_the_package(both: tuple[Chain, Arm], rng: np.random
 
 
 SHARED = [
-    *((cause, j, 3e-4) for cause in workshop.PER_JOINT if cause != "joint_error_curve" for j in (2, 4)),
+    *(
+        (cause, j, 3e-4)
+        for cause in workshop.PER_JOINT
+        if cause != "joint_error_curve"
+        for j in (2, 4)
+    ),
     ("base_compliance", None, 1e-6),
     ("thermal_expansion", None, 1e-6),
     ("seat_error", None, 1e-6),
     ("stylus_offset", None, 1e-6),
     ("counterbalance", 2, 0.05),  # a strut with an anchor, not a constant force
-    ("link_bending", 0, 1e-4),  # sections where the straight tube has them; 0 stands for the first tube
+    (
+        "link_bending",
+        0,
+        1e-4,
+    ),  # sections where the straight tube has them; 0 stands for the first tube
     ("torsional_windup", 0, 1e-4),
 ]
-OF_TABLES = [("stylus_bending", None, 1e-6), ("thermal_expansion", 3, 1e-6), *((c, 3, 1e-6) for c in workshop.GEOMETRY)]
+OF_TABLES = [
+    ("stylus_bending", None, 1e-6),
+    ("thermal_expansion", 3, 1e-6),
+    *((c, 3, 1e-6) for c in workshop.GEOMETRY),
+]
 
 
-def test_parameters_mean_what_they_mean_in_the_package(both: tuple[Chain, Arm], rng: np.random.Generator) -> None:
-    """Two derivations of each cause; ``apart`` is what they may differ by, relative to what the cause does."""
+def test_parameters_mean_what_they_mean_in_the_package(
+    both: tuple[Chain, Arm], rng: np.random.Generator
+) -> None:
+    """Two derivations of each cause; ``apart`` is what they may differ by, relative to what the
+    cause does.
+    """
     chain, arm = both
     q, n = postures(rng, 30, chain), 30
     c = run(rng, chain, np.arange(n) % 10, np.arange(n) * 3 // n, 1.0, False)
     for cause, joint, apart in SHARED + (OF_TABLES if arm.dh is not None else []):
         if joint != 0 or chain.tubes():
             row = chain.tubes()[0] if joint == 0 else joint
-            fault = workshop.hide(rng, chain, cause, row, 0.1, (float(c.time[0]), float(c.time[-1])))
+            fault = workshop.hide(
+                rng, chain, cause, row, 0.1, (float(c.time[0]), float(c.time[-1]))
+            )
             here = Machine(chain, chain.exact).shift_by(fault, q, c)
             there = by_package(arm, fault, q, c, c.approach[:, chain.moving])
             assert np.linalg.norm(here - there) <= apart * np.linalg.norm(here), fault.key
@@ -200,20 +248,32 @@ def by_package(arm: Arm, fault: Hidden, q: Array, c: Conditions, approach: Array
     """What the package says that the fault does."""
     cause, parameters = library.CAUSES[fault.cause], dict(fault.parameters)
     structure = {name: parameters.pop(name) for name in fields_of(cause) if name in parameters}
-    structure |= {name: fault.joint for name in ("joint", "link") if name in fields_of(cause) and fault.joint is not None}
+    structure |= {
+        name: fault.joint
+        for name in ("joint", "link")
+        if name in fields_of(cause) and fault.joint is not None
+    }
     seat = np.array([f"P{s + 1}" for s in c.seat], dtype=object)
-    known = PackageConditions(len(q), time=c.time, temperature=c.temperature, approach=approach, seat=seat)
+    known = PackageConditions(
+        len(q), time=c.time, temperature=c.temperature, approach=approach, seat=seat
+    )
     sound = ErrorModel(arm)
     faulty = sound.with_effects(effect_from(cause, structure, parameters))
-    return faulty.predict(q, known, as_referenced=True) - sound.predict(q, known, as_referenced=True)
+    return faulty.predict(q, known, as_referenced=True) - sound.predict(
+        q, known, as_referenced=True
+    )
 
 
 def test_no_line_of_the_package_in_the_plant() -> None:
-    for path in (p for p in Path(blind.__file__).parent.glob("*.py") if not p.name.startswith("test_")):
+    for path in (
+        p for p in Path(blind.__file__).parent.glob("*.py") if not p.name.startswith("test_")
+    ):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             names = [node.module or ""] if isinstance(node, ast.ImportFrom) else []
             names += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
-            assert not any(name.split(".")[0] in ("aacmm_pin", "pinocchio", "plant") for name in names), path.name
+            assert not any(
+                name.split(".")[0] in ("aacmm_pin", "pinocchio", "plant") for name in names
+            ), path.name
 
 
 # --- the files
@@ -233,14 +293,26 @@ def test_files_are_of_the_contract(tmp_path: Path) -> None:
         assert len(set(read.conditions.session)) == 3
     for arm in ARMS:
         for evidence in EVIDENCE:
-            file = regime_file(3, arm=arm, evidence=evidence, records=24, faults=1, torque=arm != "sino6", environment=True)
+            file = regime_file(
+                3,
+                arm=arm,
+                evidence=evidence,
+                records=24,
+                faults=1,
+                torque=arm != "sino6",
+                environment=True,
+            )
             file.write(tmp_path)
             read = Measurements.read(tmp_path / "data.csv", nq=len(file.machine.arm.limits))
             np.testing.assert_allclose(read.q, file.read, atol=1e-9)
             assert read.n == 24
             assert not len(read.extra.columns)
             assert len(read.seats()) == len(file.seats)
-            assert len(read.bars()) == len(file.bars) == (len(file.seats) // 2 if evidence == "bars" else 0)
+            assert (
+                len(read.bars())
+                == len(file.bars)
+                == (len(file.seats) // 2 if evidence == "bars" else 0)
+            )
             assert (read.conditions.torque is not None) == file.regime.torque
 
 
@@ -248,7 +320,11 @@ def test_a_seed_says_everything() -> None:
     made: list[Callable[[int], object]] = [
         lambda seed: draw(seed, "any", records=50).csv_text,
         lambda seed: regime_file(seed, most_records=60).files,
-        *(lambda seed, family=family: family_file(family, seed).files for family in FAMILIES if family != "regimes"),
+        *(
+            lambda seed, family=family: family_file(family, seed).files
+            for family in FAMILIES
+            if family != "regimes"
+        ),
     ]
     for make in made:
         assert make(5) == make(5) != make(6)
@@ -260,10 +336,20 @@ def test_a_seed_says_everything() -> None:
 
 
 def test_what_was_asked_for_is_hidden() -> None:
-    asked = {"arm": "standard-dh", "evidence": "seats", "seats": 3, "records": 15, "cause": "encoder_eccentricity"}
+    asked = {
+        "arm": "standard-dh",
+        "evidence": "seats",
+        "seats": 3,
+        "records": 15,
+        "cause": "encoder_eccentricity",
+    }
     file = regime_file(1, joint=4, value=1.1e-4, faults=1, **asked)
-    assert [(h.key, h.parameters["amplitude_rad"]) for h in file.hidden] == [("encoder_eccentricity:4", 1.1e-4)]
-    assert file.hidden[0].size_um == pytest.approx(1e6 * file.machine.moves(file.hidden[0], file.read, file.conditions))
+    assert [(h.key, h.parameters["amplitude_rad"]) for h in file.hidden] == [
+        ("encoder_eccentricity:4", 1.1e-4)
+    ]
+    assert file.hidden[0].size_um == pytest.approx(
+        1e6 * file.machine.moves(file.hidden[0], file.read, file.conditions)
+    )
     for seed in range(3):
         first, second = draw(seed, "any", count=2, records=60).hidden
         assert first.cause != second.cause
@@ -277,9 +363,20 @@ def test_what_was_asked_for_is_hidden() -> None:
 
 def test_nothing_hidden_is_the_twin() -> None:
     for plan in PLANS:
-        for cause in ("encoder_eccentricity", "link_bending", "encoder_slip", "unexplained:frame_walk"):
-            faulty, twin = (draw(8, cause, plan=plan, records=60, twin=twin) for twin in (False, True))
-            assert draw(8, cause, plan=plan, records=60, size=0.0).csv_text == twin.csv_text != faulty.csv_text
+        for cause in (
+            "encoder_eccentricity",
+            "link_bending",
+            "encoder_slip",
+            "unexplained:frame_walk",
+        ):
+            faulty, twin = (
+                draw(8, cause, plan=plan, records=60, twin=twin) for twin in (False, True)
+            )
+            assert (
+                draw(8, cause, plan=plan, records=60, size=0.0).csv_text
+                == twin.csv_text
+                != faulty.csv_text
+            )
             assert [h.cause for h in faulty.hidden] == [cause.partition(":")[0]]
             assert not twin.hidden
             np.testing.assert_array_equal(faulty.geometry, twin.geometry)
@@ -301,7 +398,10 @@ def test_faults_have_the_size_of_workshops() -> None:
 def test_what_remains_is_the_stated_noise_and_little_more(plan: str) -> None:
     drawn = draw(4, "bearing_tilt", 3, plan=plan, records=300, outliers=0.1)
     machine, bad = drawn.plant.machine, list(drawn.outliers)
-    expected = np.sqrt(3.0 * REFERENCE_NOISE**2 + ENCODER_NOISE**2 * (machine.jacobian(drawn.read) ** 2).sum() / 300)
+    expected = np.sqrt(
+        3.0 * REFERENCE_NOISE**2
+        + ENCODER_NOISE**2 * (machine.jacobian(drawn.read) ** 2).sum() / 300
+    )
     assert drawn.oracle_rms == pytest.approx(expected, rel=0.1)
     without = replace(machine, small=None).observed(drawn.read, drawn.conditions)
     gap = machine.observed(drawn.read, drawn.conditions) - without
@@ -337,7 +437,15 @@ def test_shifts_and_frames_go_into_the_file() -> None:
 
 
 def test_the_oracle_knows_what_nobody_can_tell_apart() -> None:
-    file = regime_file(2, arm="sino6", evidence="free", records=100, external=False, cause="base_compliance", faults=1)
+    file = regime_file(
+        2,
+        arm="sino6",
+        evidence="free",
+        records=100,
+        external=False,
+        cause="base_compliance",
+        faults=1,
+    )
     oracle, (fault,) = Oracle(file), file.hidden
     assert oracle.visible(fault) > 30.0
     assert oracle.cosine(fault, {"cause": "bearing_tilt", "joint": 1}) > 0.95
@@ -356,11 +464,15 @@ def test_structure_has_the_size_that_was_asked_for(kind: str) -> None:
         file = family_file("outside", 7, structure=kind, structure_size=size, records=120)
         assert file.structure is not None
         assert file.structure.size_um == pytest.approx(1e6 * size * file.noise_rms, rel=0.03)
-        assert [h.cause for h in file.hidden] == [h.cause for h in file.machine.faults if h is not file.structure]
+        assert [h.cause for h in file.hidden] == [
+            h.cause for h in file.machine.faults if h is not file.structure
+        ]
 
 
 def test_structure_of_joints_depends_on_what_names_it(rng: np.random.Generator) -> None:
-    """Other joints move, and nothing changes; nor does it without weights, or by the other direction of approach."""
+    """Other joints move, and nothing changes; nor does it without weights, or by the other
+    direction of approach.
+    """
     for kind in ("joint_product", "other_joint", "loaded_gear", "branch"):
         file = family_file("outside", 7, structure=kind, records=120, arm="ur5", evidence="free")
         assert file.structure is not None
@@ -380,7 +492,9 @@ def test_structure_of_joints_depends_on_what_names_it(rng: np.random.Generator) 
         weightless = replace(alone, arm=replace(alone.arm, gravity=np.zeros(3)))
         assert np.allclose(term(q, c, weightless), term(q, c), atol=1e-9) == (kind != "loaded_gear")
         back = term(q, replace(c, approach=-c.approach))
-        np.testing.assert_allclose(back, term(q, c) * (-1.0 if kind == "branch" else 1.0), atol=1e-15)
+        np.testing.assert_allclose(
+            back, term(q, c) * (-1.0 if kind == "branch" else 1.0), atol=1e-15
+        )
 
 
 def test_structure_at_the_tip_is_where_and_when_it_says() -> None:
@@ -394,7 +508,9 @@ def test_structure_at_the_tip_is_where_and_when_it_says() -> None:
 
     field, file = of("tip_field")
     assert file.structure is not None
-    away = np.linalg.norm(file.machine.arm.tips(file.read) - file.structure.parameters["centre_m"], axis=1)
+    away = np.linalg.norm(
+        file.machine.arm.tips(file.read) - file.structure.parameters["centre_m"], axis=1
+    )
     assert (np.diff(field[np.argsort(away)]) < 1e-7).all()
     shifted, file = of("operator")
     assert np.ptp(shifted[file.conditions.operator == 1]) < 1e-12
@@ -402,7 +518,9 @@ def test_structure_at_the_tip_is_where_and_when_it_says() -> None:
     for kind in ("column", "humidity"):
         plain, file = of(kind)
         away_from_48 = file.conditions.humidity - 48.0
-        np.testing.assert_allclose(of(kind, humidity=48.0 + 2.0 * away_from_48)[0], 2.0 * plain, rtol=1e-3)
+        np.testing.assert_allclose(
+            of(kind, humidity=48.0 + 2.0 * away_from_48)[0], 2.0 * plain, rtol=1e-3
+        )
 
 
 def test_held_postures_share_readings_and_one_error() -> None:
@@ -415,7 +533,9 @@ def test_held_postures_share_readings_and_one_error() -> None:
         apart = np.ptp(file.read[order].reshape(-1, held, file.read.shape[1]), axis=1)
         assert apart.max() < (1e-14 if file.regime.commanded else 10.0 * file.encoder_u)
         assert file.structure is not None
-        error = file.machine.shift_by(file.structure, file.read, file.conditions)[order].reshape(-1, held, 3)
+        error = file.machine.shift_by(file.structure, file.read, file.conditions)[order].reshape(
+            -1, held, 3
+        )
         np.testing.assert_allclose(error, error[:, :1].repeat(held, axis=1), atol=1e-12)
         assert error[:, 0].std() == pytest.approx(file.posture_u, rel=0.1)
 
@@ -423,16 +543,27 @@ def test_held_postures_share_readings_and_one_error() -> None:
 def test_one_payload_a_session() -> None:
     file = family_file("payload-sessions", 1)
     pairs = set(zip(file.conditions.session, file.conditions.payload, strict=True))
-    assert len(pairs) == len({session for session, _ in pairs}) == len({payload for _, payload in pairs}) == 3
+    assert (
+        len(pairs)
+        == len({session for session, _ in pairs})
+        == len({payload for _, payload in pairs})
+        == 3
+    )
     assert "joint_compliance" in [h.cause for h in file.hidden]
 
 
 def test_an_error_common_to_a_posture_hides_more_than_noise_does() -> None:
-    """Held postures count once: what the oracle sees of a constant cause of one joint falls as the error grows."""
+    """Held postures count once: what the oracle sees of a constant cause of one joint falls as the
+    error grows.
+    """
     seen = [
         Oracle(file).visible(file.hidden[0])
         for size in (0.01, 2.0)
-        for file in [family_file("held-postures", 1, structure_size=size, held=4, records=200, arm="sino6", size=1.0)]
+        for file in [
+            family_file(
+                "held-postures", 1, structure_size=size, held=4, records=200, arm="sino6", size=1.0
+            )
+        ]
     ]
     assert seen[1] < 0.2 * seen[0]
 

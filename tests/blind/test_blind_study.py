@@ -1,4 +1,6 @@
-"""The counting of the study of blind files, on rows that are made up, and the page with its figures."""
+"""The counting of the study of blind files, on rows that are made up, and the page with its
+figures.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,12 @@ PAGE = ROOT / "notebooks" / "site" / "study.md"
 
 def fault(key: str, *aliases: str) -> Row:
     seen = {"lambda": 100.0, "power": 0.99, "rivals": {}}
-    return {"key": key, "parameters": {}, "size_um": 50.0, "aliases": dict.fromkeys(aliases, 0.97)} | seen
+    return {
+        "key": key,
+        "parameters": {},
+        "size_um": 50.0,
+        "aliases": dict.fromkeys(aliases, 0.97),
+    } | seen
 
 
 def finding(key: str, probability: float = 0.9) -> Row:
@@ -33,10 +40,19 @@ def finding(key: str, probability: float = 0.9) -> Row:
     return {"cause": cause, **place, "probability": probability}
 
 
-def row(said: tuple[Any, ...] = (), hidden: tuple[Row, ...] = (), verdict: str = "", seed: int = 1, **more: Any) -> Row:
+def row(
+    said: tuple[Any, ...] = (),
+    hidden: tuple[Row, ...] = (),
+    verdict: str = "",
+    seed: int = 1,
+    **more: Any,
+) -> Row:
     """Findings by key or as they are; the verdict is ``explained`` where there are any."""
     findings = [finding(f) if isinstance(f, str) else f for f in said]
-    answer = {"verdict": verdict or ("explained" if said else "no-discrepancy"), "findings": findings}
+    answer = {
+        "verdict": verdict or ("explained" if said else "no-discrepancy"),
+        "findings": findings,
+    }
     regime = {"arm": "sino6", "evidence": "free", "records": 50}
     made = {
         "seed": seed,
@@ -67,7 +83,12 @@ def test_what_is_right_of_hidden_causes() -> None:
         (("encoder_gain:3",), (TILT, GAIN), True, False),
     ]:
         found = outcome(row(said, hidden))
-        assert (found["alike"], found["right"], found["wrong"], found["named"]) == (alike, alike, wrong, None)
+        assert (found["alike"], found["right"], found["wrong"], found["named"]) == (
+            alike,
+            alike,
+            wrong,
+            None,
+        )
         for verdict in ("ambiguous", "inconclusive"):
             assert outcome(row(said, hidden, verdict))["wrong"] is None
 
@@ -87,10 +108,21 @@ def test_nothing_hidden_wants_silence() -> None:
 
 
 def test_structure_outside_is_to_be_named_and_no_cause_for_it() -> None:
-    structure = {"kind": "joint_product", "covariates": ["joint 2", "joint 4"], "times_noise": 2.0, "lambda": 90.0}
+    structure = {
+        "kind": "joint_product",
+        "covariates": ["joint 2", "joint 4"],
+        "times_noise": 2.0,
+        "lambda": 90.0,
+    }
     product = {"covariate": "joint 2 × joint 4", "rms_mm": 0.04, "u_mm": 0.01, "probability": 0.9}
     for said, more, named, false, right in [
-        ((), {"unexplained": {"depends_on": ["joint 4", "joint 2", "time"], "branches": None}}, True, 0, True),
+        (
+            (),
+            {"unexplained": {"depends_on": ["joint 4", "joint 2", "time"], "branches": None}},
+            True,
+            0,
+            True,
+        ),
         ((), {"unexplained": {"depends_on": ["joint 4"], "branches": {"joint": 2}}}, True, 0, True),
         ((), {"discrepancy": [product]}, True, 0, True),
         ((), {"discrepancy": [product | {"probability": 0.4}]}, False, 0, True),
@@ -112,11 +144,20 @@ def test_what_the_oracle_sees_is_to_be_stated_surely() -> None:
 
 
 def test_counts() -> None:
-    """Wilson's interval: Brown, Cai, DasGupta 2001, 10 of 10 leaves 0.7225; 90 % said of four names, one of them right."""
+    """Wilson's interval: Brown, Cai, DasGupta 2001, 10 of 10 leaves 0.7225; 90 % said of four
+    names, one of them right.
+    """
     assert rate(pd.Series([True] * 10 + [None] * 3)) == "10/10 (0.72 to 1.00)"
     assert rate(pd.Series(dtype=bool)) == ""
-    rows = [row(("encoder_slip:3",), (GAIN,)), row(("encoder_gain:3",), (GAIN,)), row(("encoder_slip:1",))]
-    rows += [row(("encoder_slip:3",), verdict="inconclusive"), row(regime={"arm": "a", "evidence": "b", "records": 400})]
+    rows = [
+        row(("encoder_slip:3",), (GAIN,)),
+        row(("encoder_gain:3",), (GAIN,)),
+        row(("encoder_slip:1",)),
+    ]
+    rows += [
+        row(("encoder_slip:3",), verdict="inconclusive"),
+        row(regime={"arm": "a", "evidence": "b", "records": 400}),
+    ]
     found = count(rows)[0].set_index("class")
     assert found["files"].to_dict() == {"20 to 60 records": 4, "301 to 3000 records": 1, "all": 5}
     few = found.loc["20 to 60 records"]
@@ -129,12 +170,22 @@ def test_counts() -> None:
     assert len({line.count("|") for line in table(count(rows)[0]).splitlines()}) == 1
 
 
-def test_a_study_is_taken_up_where_it_was_cut_off(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Two runs are in the file already, and so are not made; one is of other code, one was cut off."""
+def test_a_study_is_taken_up_where_it_was_cut_off(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Two runs are in the file already, and so are not made; one is of other code, one was
+    cut off.
+    """
     path, first = tmp_path / "runs.jsonl", command.FIRST
-    rows = [row((said,), (TILT,), seed=first + k) for k, said in enumerate(("bearing_tilt:1", "encoder_gain:5"))]
+    rows = [
+        row((said,), (TILT,), seed=first + k)
+        for k, said in enumerate(("bearing_tilt:1", "encoder_gain:5"))
+    ]
     other = row(seed=first + 2, sources="0")
-    path.write_text("".join(json.dumps(r) + "\n" for r in (*rows, other)) + '{"seed": 100003, "se', encoding="utf-8")
+    path.write_text(
+        "".join(json.dumps(r) + "\n" for r in (*rows, other)) + '{"seed": 100003, "se',
+        encoding="utf-8",
+    )
     assert [*stored(path, sources.digest())] == [("regimes", first), ("regimes", first + 1)]
     assert command.main(["--count", "2", "-o", str(tmp_path)]) == 0
     assert "1/2 (0.09 to 0.91)" in capsys.readouterr().out
@@ -145,7 +196,11 @@ def test_a_study_is_taken_up_where_it_was_cut_off(tmp_path: Path, capsys: pytest
 
 
 def test_each_family_has_its_table() -> None:
-    rows = [row(family=family, seed=seed) for family in ("nothing", "outside-alone") for seed in range(3)]
+    rows = [
+        row(family=family, seed=seed)
+        for family in ("nothing", "outside-alone")
+        for seed in range(3)
+    ]
     found = page.tables(rows)
     assert [text.splitlines()[0] for text in found] == ["## outside-alone", "## nothing"]
     assert all("| all | 3 |" in text for text in found)
@@ -158,7 +213,9 @@ def stated(name: str) -> str:
 
 
 def git(*words: str) -> str:
-    return subprocess.run(["git", *words], cwd=ROOT, capture_output=True, text=True, check=False).stdout.strip()
+    return subprocess.run(
+        ["git", *words], cwd=ROOT, capture_output=True, text=True, check=False
+    ).stdout.strip()
 
 
 def test_the_commit_is_of_this_history() -> None:
@@ -168,9 +225,14 @@ def test_the_commit_is_of_this_history() -> None:
 
 
 def test_the_diagnosis_code_is_the_one_measured() -> None:
-    """Skipped, and said, where it is not: a change of code need not wait for hours of measurement."""
+    """Skipped, and said, where it is not: a change of code need not wait for hours of
+    measurement.
+    """
     modules, package = sources.modules(), ROOT / "aacmm_pin"
-    assert {package / "diagnosis" / "exploration.py", package / "effects" / "compliance.py"} <= modules
+    assert {
+        package / "diagnosis" / "exploration.py",
+        package / "effects" / "compliance.py",
+    } <= modules
     assert not {path for path in modules if "plots" in path.parts or "cli" in path.parts}
     if stated("diagnosis code") != sources.digest():
         pytest.skip(f"the tables of {PAGE.name} are of older diagnosis code: measure again")

@@ -12,10 +12,12 @@ class Hidden:
     """One fault.
 
     Attributes:
-        cause: name of the contract; ``unexplained`` for those that no cause of the contract describes.
+        cause: name of the contract; ``unexplained`` for those that no cause of the contract
+            describes.
         joint: row from 1, None for causes of the whole arm.
         parameters: by the names of the contract.
-        size_um: what it moves the tip (or the reference) by, rms over the records, at the same indications [µm].
+        size_um: what it moves the tip (or the reference) by, rms over the records, at the same
+            indications [µm].
         depends_on: columns on which it depends, for ``unexplained``.
     """
 

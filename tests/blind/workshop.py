@@ -18,11 +18,14 @@ from blind.truth import Hidden
 
 Range = tuple[float, float]
 SMALLEST = 8e-6
-"""What is left to the seed is drawn among the places where the fault moves the tip by so much (rms) at least [m]."""
+"""What is left to the seed is drawn among the places where the fault moves the tip by so much (rms)
+at least [m].
+"""
 
 PER_JOINT = (
-    "encoder_eccentricity", "encoder_ellipticity", "joint_periodic_error", "joint_error_curve", "encoder_gain",
-    "encoder_slip", "joint_hysteresis", "zero_drift", "joint_compliance", "bearing_tilt",
+    "encoder_eccentricity", "encoder_ellipticity", "joint_periodic_error", "joint_error_curve",
+    "encoder_gain", "encoder_slip", "joint_hysteresis", "zero_drift", "joint_compliance",
+    "bearing_tilt",
 )  # fmt: skip
 PER_TUBE = ("link_bending", "torsional_windup")
 WHOLE_ARM = ("base_compliance", "thermal_expansion", "stylus_bending", "stylus_offset")
@@ -30,7 +33,9 @@ SHOULDER = ("counterbalance",)
 GEOMETRY = ("joint_zero_offset", "link_length", "joint_distance", "link_twist")
 CAUSES = (*PER_JOINT, *PER_TUBE, *SHOULDER, *WHOLE_ARM, *GEOMETRY, "seat_error", "unexplained")
 ANY = (*PER_JOINT, "link_bending", "base_compliance", "thermal_expansion")
-"""What ``draw(cause="any")`` chooses from; the others are near-copies of these or of geometry, or want special plans."""
+"""What ``draw(cause="any")`` chooses from; the others are near-copies of these or of geometry, or
+want special plans.
+"""
 
 SIZES: dict[str, dict[str, Range]] = {
     "encoder_eccentricity": {"amplitude_rad": (0.8e-4, 2.5e-4)},
@@ -55,7 +60,14 @@ SIZES: dict[str, dict[str, Range]] = {
 }
 """What is drawn between the two numbers and multiplied by the size."""
 
-EITHER_SIGN = {"encoder_gain", "encoder_slip", "joint_hysteresis", "zero_drift", "counterbalance", *GEOMETRY}
+EITHER_SIGN = {
+    "encoder_gain",
+    "encoder_slip",
+    "joint_hysteresis",
+    "zero_drift",
+    "counterbalance",
+    *GEOMETRY,
+}
 ORDERS = (3, 4, 5, 6, 7, 8, 10, 12, 16, 20, 24, 32)
 
 
@@ -75,7 +87,12 @@ def rows_for(cause: str, arm: Chain) -> list[int | None]:
 
 
 def hide(
-    rng: np.random.Generator, arm: Chain, cause: str, joint: int | None, size: float, clock: tuple[float, float]
+    rng: np.random.Generator,
+    arm: Chain,
+    cause: str,
+    joint: int | None,
+    size: float,
+    clock: tuple[float, float],
 ) -> Hidden:
     """A fault of the cause; ``clock`` is the first and last time of the run [s].
 
@@ -84,7 +101,10 @@ def hide(
     """
     name, _, kind = cause.partition(":")
     if name not in CAUSES or (kind and kind not in DEPENDS_ON):
-        raise ValueError(f"cause {cause!r}, expected one of {', '.join(CAUSES)}, or unexplained:{'|'.join(DEPENDS_ON)}")
+        raise ValueError(
+            f"cause {cause!r}, expected one of {', '.join(CAUSES)}, or "
+            f"unexplained:{'|'.join(DEPENDS_ON)}"
+        )
     if name == "unexplained":
         return _outside(rng, arm, kind or str(rng.choice(list(DEPENDS_ON))), size, clock)
     p: dict[str, Any] = {}
@@ -96,8 +116,9 @@ def hide(
 
 @dataclass(frozen=True)
 class Wanted:
-    """What is to be hidden: the first cause (``any``: drawn) at a row (None: drawn), of a size in workshops' sizes, or with
-    ``value`` as its parameter itself; how many faults in all; the number of seats where a seat error is drawn among them.
+    """What is to be hidden: the first cause (``any``: drawn) at a row (None: drawn), of a size in
+    workshops' sizes, or with ``value`` as its parameter itself; how many faults in all; the number
+    of seats where a seat error is drawn among them.
     """
 
     cause: str
@@ -116,8 +137,9 @@ def hide_all(
     wanted: Wanted,
     others: Callable[[set[str]], Sequence[str]],
 ) -> tuple[Hidden, ...]:
-    """Faults at different rows; what is left to the seed is drawn among the places where a fault of size 1 would be felt,
-    and from the causes that ``others`` gives beside those hidden already. Fewer than wanted where none is felt.
+    """Faults at different rows; what is left to the seed is drawn among the places where a fault of
+    size 1 would be felt, and from the causes that ``others`` gives beside those hidden already.
+    Fewer than wanted where none is felt.
     """
     some = np.unique(np.linspace(0, len(q) - 1, min(len(q), 60)).astype(int))
     felt, where = q[some], conditions.take(some)
@@ -129,30 +151,48 @@ def hide_all(
         first = not hidden
         given = first and wanted.cause != "any"
         cause = wanted.cause if given else str(rng.choice(others({h.cause for h in hidden})))
-        rows = [wanted.joint] if first and wanted.joint is not None else rows_for(cause, machine.arm)
-        rows = [row for row in rows if not any(h.cause == cause or (row is not None and h.joint == row) for h in hidden)]
+        rows = (
+            [wanted.joint] if first and wanted.joint is not None else rows_for(cause, machine.arm)
+        )
+        rows = [
+            row
+            for row in rows
+            if not any(h.cause == cause or (row is not None and h.joint == row) for h in hidden)
+        ]
         stream = int(rng.integers(2**31))
 
         def fault(row: int | None, size: float, cause: str = cause, stream: int = stream) -> Hidden:
             made = hide(np.random.default_rng(stream), machine.arm, cause, row, size, clock)
             if cause == "seat_error" and wanted.seats is not None:
-                return replace(made, parameters={**made.parameters, "seat": f"P{stream % wanted.seats + 1}"})
+                return replace(
+                    made, parameters={**made.parameters, "seat": f"P{stream % wanted.seats + 1}"}
+                )
             return made
 
-        rows = [row for row in rows if len(rows) == 1 or machine.moves(fault(row, 1.0), felt, where) >= SMALLEST]
+        rows = [
+            row
+            for row in rows
+            if len(rows) == 1 or machine.moves(fault(row, 1.0), felt, where) >= SMALLEST
+        ]
         if rows:
             chosen = fault(rows[int(rng.integers(len(rows)))], wanted.size)
             if given and wanted.value is not None:
-                chosen = replace(chosen, parameters={**chosen.parameters, next(iter(SIZES[cause])): wanted.value})
+                chosen = replace(
+                    chosen, parameters={**chosen.parameters, next(iter(SIZES[cause])): wanted.value}
+                )
             hidden.append(chosen)
     return tuple(hidden)
 
 
-def _beside(rng: np.random.Generator, cause: str, size: float, clock: tuple[float, float]) -> dict[str, Any]:
+def _beside(
+    rng: np.random.Generator, cause: str, size: float, clock: tuple[float, float]
+) -> dict[str, Any]:
     """Parameters of a cause that are not in :data:`SIZES`."""
     if cause in ("encoder_eccentricity", "encoder_ellipticity", "joint_periodic_error"):
         phase = {"phase_rad": float(rng.uniform(-np.pi, np.pi))}
-        return phase | ({"order": int(rng.choice(ORDERS))} if cause == "joint_periodic_error" else {})
+        return phase | (
+            {"order": int(rng.choice(ORDERS))} if cause == "joint_periodic_error" else {}
+        )
     if cause == "encoder_slip":
         return {"time_s": float(clock[0] + rng.uniform(0.25, 0.75) * (clock[1] - clock[0]))}
     if cause == "zero_drift":
@@ -161,9 +201,12 @@ def _beside(rng: np.random.Generator, cause: str, size: float, clock: tuple[floa
         count = int(rng.integers(4, 7))
         gaps = rng.uniform(0.5, 1.5, count)
         return {
-            "centres_rad": rng.uniform(0.0, 2.0 * np.pi) + 2.0 * np.pi * np.cumsum(gaps) / gaps.sum(),
+            "centres_rad": rng.uniform(0.0, 2.0 * np.pi)
+            + 2.0 * np.pi * np.cumsum(gaps) / gaps.sum(),
             "widths_rad": rng.uniform(0.12, 0.35, count),
-            "heights_rad": size * rng.uniform(1.2e-4, 2.5e-4, count) * rng.choice([-1.0, 1.0], count),
+            "heights_rad": size
+            * rng.uniform(1.2e-4, 2.5e-4, count)
+            * rng.choice([-1.0, 1.0], count),
         }
     if cause in ("seat_error", "stylus_offset"):
         seat = {"seat": f"P{rng.integers(1, SEATS + 1)}"} if cause == "seat_error" else {}
@@ -177,12 +220,18 @@ def _direction(rng: np.random.Generator) -> np.ndarray:
     return np.asarray(v / np.linalg.norm(v))
 
 
-def _outside(rng: np.random.Generator, arm: Chain, kind: str, size: float, clock: tuple[float, float]) -> Hidden:
+def _outside(
+    rng: np.random.Generator, arm: Chain, kind: str, size: float, clock: tuple[float, float]
+) -> Hidden:
     p: dict[str, Any] = {}
     depends_on = DEPENDS_ON[kind]
     if kind == "joint_product":
         j, k = [(2, 4), (4, 2), (1, 3), (3, 4), (4, 5)][rng.integers(5)]
-        p = {"joints": (j, k), "phases_rad": rng.uniform(0.0, np.pi, 2), "amplitude_rad": size * rng.uniform(1.5e-4, 3.0e-4)}
+        p = {
+            "joints": (j, k),
+            "phases_rad": rng.uniform(0.0, np.pi, 2),
+            "amplitude_rad": size * rng.uniform(1.5e-4, 3.0e-4),
+        }
         depends_on = tuple(name.format(j=j, k=k) for name in depends_on)
     elif kind == "humidity":
         p = {"per_pct": size * rng.choice([-1.0, 1.0]) * rng.uniform(1.2e-5, 2.0e-5)}
@@ -191,10 +240,17 @@ def _outside(rng: np.random.Generator, arm: Chain, kind: str, size: float, clock
     elif kind == "frame_walk":
         walk = np.cumsum(rng.standard_normal((60, 3)), axis=0)
         walk -= walk.mean(axis=0)
-        p = {"knots_s": np.linspace(0.0, clock[1], 60), "walk_m": size * rng.uniform(5e-5, 1e-4) * walk / walk.std()}
+        p = {
+            "knots_s": np.linspace(0.0, clock[1], 60),
+            "walk_m": size * rng.uniform(5e-5, 1e-4) * walk / walk.std(),
+        }
     elif kind == "tip_field":
         azimuth = float(rng.uniform(arm.limits[:, 0], arm.limits[:, 1])[0])
         reach = np.abs(arm.spans()).sum() / 2.0
         centre = reach * 0.6 * np.array([np.cos(azimuth), np.sin(azimuth), rng.uniform(-0.4, 0.4)])
-        p = {"centre_m": centre, "width_m": 0.3, "shift_m": size * _direction(rng) * rng.uniform(2.0e-4, 4.0e-4)}
+        p = {
+            "centre_m": centre,
+            "width_m": 0.3,
+            "shift_m": size * _direction(rng) * rng.uniform(2.0e-4, 4.0e-4),
+        }
     return Hidden("unexplained", None, {"kind": kind, **p}, depends_on=depends_on)

@@ -1,4 +1,6 @@
-"""An arm that is turned bends otherwise: the derivative that a search which creeps adds, against whole arms displaced."""
+"""An arm that is turned bends otherwise: the derivative that a search which creeps adds, against
+whole arms displaced.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,11 @@ from aacmm_pin.measurements.records import Measurements
 
 SOFT = 2e-3
 """A hundred times softer than an arm is, so that what is tested stands out [rad/(N·m)]."""
-DISPLACED: dict[str, Effect] = {"theta_offset2": JointZeroOffset(2), "alpha3": LinkTwist(3), "d5": JointDistance(5)}
+DISPLACED: dict[str, Effect] = {
+    "theta_offset2": JointZeroOffset(2),
+    "alpha3": LinkTwist(3),
+    "d5": JointDistance(5),
+}
 STEP = 1e-4
 
 
@@ -25,7 +31,9 @@ STEP = 1e-4
 def problem(sino6: Arm, rng: np.random.Generator) -> Problem:
     q = rng.uniform(*sino6.limits.T, (20, 6))
     records = Measurements.of(q, sino6.poses(q).position)
-    return problem_of(ErrorModel(sino6), records, ["geometry", JointCompliance(2)], Setup("external"))
+    return problem_of(
+        ErrorModel(sino6), records, ["geometry", JointCompliance(2)], Setup("external")
+    )
 
 
 def test_it_completes_the_derivative(problem: Problem, sino6: Arm) -> None:
@@ -34,12 +42,17 @@ def test_it_completes_the_derivative(problem: Problem, sino6: Arm) -> None:
     x[problem.names.index("joint_compliance:2")] = SOFT
     assert problem.bends(x)
     prediction = problem.predict(x, frame)
-    answer, soft = problem.elastic_jacobian_correction(x, frame, prediction), JointCompliance(2, values=(SOFT,))
+    answer, soft = (
+        problem.elastic_jacobian_correction(x, frame, prediction),
+        JointCompliance(2, values=(SOFT,)),
+    )
     for name, cause in DISPLACED.items():
         k = problem.names.index(name)
         without = prediction.jacobian[:, :, k]
         ahead, behind = (
-            ErrorModel(sino6, (soft, replace(cause, values=(step,)))).predict(problem.measurements.q)
+            ErrorModel(sino6, (soft, replace(cause, values=(step,)))).predict(
+                problem.measurements.q
+            )
             for step in (STEP, -STEP)
         )
         truth = (ahead - behind) / (2 * STEP) @ frame.rotation.T

@@ -1,4 +1,6 @@
-"""Calibration against the paper, an independent least squares, repeats on simulated data, and records that are wrong."""
+"""Calibration against the paper, an independent least squares, repeats on simulated data, and
+records that are wrong.
+"""
 
 from __future__ import annotations
 
@@ -58,7 +60,9 @@ def within(arm: Arm, rng: np.random.Generator, n: int) -> Array:
 
 
 def free_points(arm: Arm, rng: np.random.Generator, n: int = 300) -> tuple[Measurements, Array]:
-    """Records of an arm whose geometry is off by a draw of its stated uncertainty, and that draw."""
+    """Records of an arm whose geometry is off by a draw of its stated uncertainty, and that
+    draw.
+    """
     q = within(arm, rng, n)
     errors = rng.normal(size=len(arm.parameters)) * np.array([p.u for p in arm.parameters])
     tips = arm.perturbed_positions(q, np.tile(errors, (n, 1)))
@@ -66,7 +70,9 @@ def free_points(arm: Arm, rng: np.random.Generator, n: int = 300) -> tuple[Measu
     return Measurements.of(noisy, tips + rng.normal(size=tips.shape) * REFERENCE), errors
 
 
-def quick(arm: Arm | ErrorModel, data: Measurements, *args: object, **options: object) -> Calibration:
+def quick(
+    arm: Arm | ErrorModel, data: Measurements, *args: object, **options: object
+) -> Calibration:
     known = {"encoder_noise": READING, "reference_noise": REFERENCE, "hold_out": False}
     return calibrate(arm, data, *args, **(known | options))  # type: ignore[arg-type]
 
@@ -83,21 +89,34 @@ def normalised(arm: Arm, result: Calibration, errors: Array) -> Array:
 def agreement(arm: Arm, result: Calibration, errors: Array) -> float:
     """Chance of an estimate as far from the truth as this one, by its own covariance."""
     position = {p.name: i for i, p in enumerate(arm.parameters)}
-    off = result.fit.point.x - errors[[position[p.name] for p in result.fit.problem.vector.parameters]]
+    off = (
+        result.fit.point.x
+        - errors[[position[p.name] for p in result.fit.problem.vector.parameters]]
+    )
     return float(chi2.sf(off @ np.linalg.solve(result.covariance, off), off.size))
 
 
 @pytest.mark.parametrize("by_marker", [True, False])
 def test_noise_of_readings_reaches_a_target_beyond_the_tip(sino6: Arm, by_marker: bool) -> None:
-    """χ² of 12 files with noise as stated, the reading's the larger part, and a target 0.3 m beyond the tip."""
+    """χ² of 12 files with noise as stated, the reading's the larger part, and a target 0.3 m beyond
+    the tip.
+    """
     rng, n, noise = np.random.default_rng(5), 40, 5e-4
     marker = Conditions(n, marker=np.full(n, "far", dtype=object))
     model = ErrorModel(sino6, (StylusOffset("far", values=(0.1, -0.05, 0.3)),))
-    setup = {"target": "unknown", "encoder_noise": noise, "reference_noise": 1e-5, "hold_out": False}
+    setup = {
+        "target": "unknown",
+        "encoder_noise": noise,
+        "reference_noise": 1e-5,
+        "hold_out": False,
+    }
     judged = []
     for _ in range(12):
         q = within(sino6, rng, n)
-        points = model.predict(q + rng.normal(size=q.shape) * noise, marker) + rng.normal(size=(n, 3)) * 1e-5
+        points = (
+            model.predict(q + rng.normal(size=q.shape) * noise, marker)
+            + rng.normal(size=(n, 3)) * 1e-5
+        )
         data = Measurements.of(q, points, conditions=marker if by_marker else None)
         judged.append(calibrate(sino6, data, "zero-offsets", **setup).fit.chi2_stated)  # type: ignore[arg-type]
     total, dof = np.sum(judged, axis=0)
@@ -109,7 +128,9 @@ def test_noise_of_readings_reaches_a_target_beyond_the_tip(sino6: Arm, by_marker
 
 @pytest.mark.parametrize("run", [1, 2, 3])
 def test_the_paper_offsets_are_found(run: int) -> None:
-    """Three postures, six offsets; the paper's own residuals of 0.15 mm are its rounding (true offsets of its Table 1)."""
+    """Three postures, six offsets; the paper's own residuals of 0.15 mm are its rounding (true
+    offsets of its Table 1).
+    """
     true = load_arm_file("zero6")
     rows = [row.model_copy(update={"theta_offset_rad": 0.0}) for row in true.joints]
     arm = Arm.from_file(true.model_copy(update={"joints": rows}))
@@ -117,7 +138,14 @@ def test_the_paper_offsets_are_found(run: int) -> None:
     postures = postures[postures["run"] == run]
     q = np.deg2rad(postures[[f"theta{j}_deg" for j in range(1, 7)]].to_numpy(dtype=float))
     points = postures[["x_mm", "y_mm", "z_mm"]].to_numpy(dtype=float) * 1e-3
-    result = calibrate(arm, Measurements.of(q, points), "zero-offsets", reference_noise=3e-7, robust=False, hold_out=False)
+    result = calibrate(
+        arm,
+        Measurements.of(q, points),
+        "zero-offsets",
+        reference_noise=3e-7,
+        robust=False,
+        hold_out=False,
+    )
     found = np.array([row.theta_offset_rad for row in result.model.file().joints[:6]])
     expected = np.array([row.theta_offset_rad for row in true.joints[:6]])
     np.testing.assert_allclose(np.rad2deg(found), np.rad2deg(expected), rtol=0, atol=2e-4)
@@ -145,22 +173,30 @@ def test_an_independent_least_squares_agrees(sino6: Arm, rng: np.random.Generato
         off = dh.chain.positions(data.q, errors[None]) - data.reference
         return np.concatenate([np.einsum("nij,nj->ni", whiten, off).ravel(), z])
 
-    best = least_squares(residual, np.zeros(len(chosen)), x_scale="jac", xtol=1e-14, ftol=1e-14, gtol=1e-14)
+    best = least_squares(
+        residual, np.zeros(len(chosen)), x_scale="jac", xtol=1e-14, ftol=1e-14, gtol=1e-14
+    )
     u = np.sqrt(np.diag(result.covariance))
     np.testing.assert_allclose(result.fit.point.x / u, best.x * width / u, rtol=0, atol=1e-2)
     covariance = np.linalg.inv(best.jac.T @ best.jac) * np.outer(width, width)
-    np.testing.assert_allclose(result.covariance / np.outer(u, u), covariance / np.outer(u, u), rtol=0, atol=1e-2)
+    np.testing.assert_allclose(
+        result.covariance / np.outer(u, u), covariance / np.outer(u, u), rtol=0, atol=1e-2
+    )
 
 
 def test_uncertainties_are_honest(sino6: Arm) -> None:
     """RMS of error over u is one, and 95 % intervals hold 95 % of the true values, over repeats."""
     repeats = 40
     rngs = [np.random.default_rng(seed) for seed in range(repeats)]
-    results = [(quick(sino6, data), errors) for data, errors in (free_points(sino6, rng) for rng in rngs)]
+    results = [
+        (quick(sino6, data), errors) for data, errors in (free_points(sino6, rng) for rng in rngs)
+    ]
     off = np.concatenate([normalised(sino6, result, errors) for result, errors in results])
     independent = off.size / 2  # the parameters of one repeat are correlated
     assert np.sqrt(np.mean(off**2)) == pytest.approx(1.0, abs=4 / np.sqrt(2 * independent))
-    assert np.mean(np.abs(off) < 1.96) == pytest.approx(0.95, abs=4 * np.sqrt(0.05 * 0.95 / independent))
+    assert np.mean(np.abs(off) < 1.96) == pytest.approx(
+        0.95, abs=4 * np.sqrt(0.05 * 0.95 / independent)
+    )
     chances = np.array([result.p_value for result, _ in results], dtype=float)
     assert 0.3 < chances.mean() < 0.7
     assert sum(len(result.excluded) for result, _ in results) <= 4
@@ -178,11 +214,18 @@ def test_more_scatter_than_stated_is_found_and_said(sino6: Arm, rng: np.random.G
 
 
 def test_a_part_that_was_exchanged_is_told(sino6: Arm, rng: np.random.Generator) -> None:
-    """Another stylus, 1 mm longer: by its half-width of 2.9 µm, which would hold its length where it was."""
+    """Another stylus, 1 mm longer: by its half-width of 2.9 µm, which would hold its length where
+    it was.
+    """
     file = load_arm_file("sino6")
-    longer = [*file.joints[:-1], file.joints[-1].model_copy(update={"d_mm": file.joints[-1].d_mm + 1.0})]
+    longer = [
+        *file.joints[:-1],
+        file.joints[-1].model_copy(update={"d_mm": file.joints[-1].d_mm + 1.0}),
+    ]
     true = Arm.from_file(file.model_copy(update={"joints": longer}))
-    data = simulate_measurements(true, "free", 60, rng=rng, encoder_noise=READING, reference_noise=REFERENCE)
+    data = simulate_measurements(
+        true, "free", 60, rng=rng, encoder_noise=READING, reference_noise=REFERENCE
+    )
     result = quick(sino6, data)
     assert result.fit.unmodelled > 1e-4
     (told,) = data_of(result.notes, "stated_values_hold")
@@ -224,16 +267,22 @@ def test_seats_and_bars(sino6: Arm, rng: np.random.Generator, plan: str) -> None
     if data.bar_length is not None:  # stated in the file, it is not assumed
         data = replace(data, bar_length_u=np.where(np.isnan(data.bar_length), np.nan, REFERENCE))
     result = quick(sino6, data, probe_noise=5e-6)
-    assert result.rms == pytest.approx(result.noise, rel=0.1)  # of seats without coordinates, less what their place takes
+    assert result.rms == pytest.approx(
+        result.noise, rel=0.1
+    )  # of seats without coordinates, less what their place takes
     assert agreement(sino6, result, errors) > 1e-3
     assert result.rms < 0.3 * result.rms_before
     assert result.p_value is not None
     assert result.p_value > 1e-4
 
 
-def test_the_error_of_a_bar_is_common_to_all_its_places(sino6: Arm, rng: np.random.Generator) -> None:
+def test_the_error_of_a_bar_is_common_to_all_its_places(
+    sino6: Arm, rng: np.random.Generator
+) -> None:
     """No length of the arm is known better than the one bar that tells its size."""
-    data = simulate_measurements(sino6, "ball-bar", 300, rng=rng, reference_noise=0.0, probe_noise=5e-6, bar_length=0.5)
+    data = simulate_measurements(
+        sino6, "ball-bar", 300, rng=rng, reference_noise=0.0, probe_noise=5e-6, bar_length=0.5
+    )
     data = replace(data, bar_length_u=np.where(np.isnan(data.bar_length), np.nan, 3e-5))
     assert len(data.bars()) > 3
     model = quick(sino6, data, prior=False, probe_noise=5e-6).model
@@ -259,19 +308,39 @@ def test_an_unknown_frame_and_what_it_hides(sino6: Arm, rng: np.random.Generator
 
 
 def parallel_arm() -> Arm:
-    rows = [(0, 127.3, np.pi / 2), (-612, 0, 0), (-572.3, 0, 0), (0, 163.9, np.pi / 2), (0, 115.7, -np.pi / 2), (0, 92.2, 0)]
+    rows = [
+        (0, 127.3, np.pi / 2),
+        (-612, 0, 0),
+        (-572.3, 0, 0),
+        (0, 163.9, np.pi / 2),
+        (0, 115.7, -np.pi / 2),
+        (0, 92.2, 0),
+    ]
     joints = [
-        {"a_mm": float(a), "d_mm": float(d), "alpha_rad": float(t), "theta_offset_rad": 0.0, "limits_rad": [-3.0, 3.0]}
+        {
+            "a_mm": float(a),
+            "d_mm": float(d),
+            "alpha_rad": float(t),
+            "theta_offset_rad": 0.0,
+            "limits_rad": [-3.0, 3.0],
+        }
         for a, d, t in rows
     ]
     return Arm.from_file(
         ArmFile.model_validate(
-            {"schema": "aacmm-pin/arm/1", "name": "parallel", "convention": "standard-dh", "joints": joints}
+            {
+                "schema": "aacmm-pin/arm/1",
+                "name": "parallel",
+                "convention": "standard-dh",
+                "joints": joints,
+            }
         )
     )
 
 
-def test_what_is_known_in_combination_only_has_no_u_by_itself(sino6: Arm, rng: np.random.Generator) -> None:
+def test_what_is_known_in_combination_only_has_no_u_by_itself(
+    sino6: Arm, rng: np.random.Generator
+) -> None:
     result = quick(sino6, free_points(sino6, rng, 40)[0], [BaseCompliance(), BearingTilt(1)])
     assert result.undetermined == ("base_compliance and bearing_tilt:1: only their sum",)
     assert list(result.parameters["known"]) == ["in combination"] * 2
@@ -284,21 +353,32 @@ def test_parallel_axes_are_known_together(rng: np.random.Generator) -> None:
     q = within(arm, rng, 150)
     data = Measurements.of(q, arm.positions(q) + rng.normal(size=(150, 3)) * 1e-5)
     result = calibrate(arm, data, reference_noise=1e-5, hold_out=False)
-    together = [line for line in result.undetermined if "d2" in line or "d3" in line or "d4" in line]
+    together = [
+        line for line in result.undetermined if "d2" in line or "d3" in line or "d4" in line
+    ]
     assert len(together) == 2
     assert all("only their sum" in line for line in together)
     x, unknown = result.fit.point.x, result.fit.unknown
     for direction in unknown.T:
-        moved = result.fit.problem.predict(x + 1e-3 * direction * result.fit.problem.widths, result.fit.point.frame)
+        moved = result.fit.problem.predict(
+            x + 1e-3 * direction * result.fit.problem.widths, result.fit.point.frame
+        )
         np.testing.assert_allclose(moved.tips, result.fit.point.prediction.tips, rtol=0, atol=2e-6)
 
 
 def test_what_seats_that_nobody_measured_do_not_tell(zero6: Arm) -> None:
-    """A turn about the base, and one of an unknown target about the last axis, though noisy tips seem to tell of both."""
+    """A turn about the base, and one of an unknown target about the last axis, though noisy tips
+    seem to tell of both.
+    """
     noise, rng = {"encoder_noise": 1e-4, "probe_noise": 5e-6}, np.random.default_rng(1)
     data = simulate_measurements(zero6, "seats", 90, known=False, rng=rng, **noise)
     for target, turns in (("tip", (1,)), ("unknown", (1, 6))):
-        options = {"target": target, "encoder_noise": 1e-4, "reference_noise": None, "probe_noise": 5e-6}
+        options = {
+            "target": target,
+            "encoder_noise": 1e-4,
+            "reference_noise": None,
+            "probe_noise": 5e-6,
+        }
         fit = quick(zero6, data, "zero-offsets", robust=False, **options).fit
         assert fit.unknown.shape[1] == len(turns)
         for turn in turns:
@@ -310,7 +390,9 @@ def test_what_seats_that_nobody_measured_do_not_tell(zero6: Arm) -> None:
 
 
 def test_good_records_belong_where_they_are_few(sino6: Arm) -> None:
-    """A dozen arms within their half-widths, five records each: with a robust search alone a third of them lost one."""
+    """A dozen arms within their half-widths, five records each: with a robust search alone a third
+    of them lost one.
+    """
     rng = np.random.default_rng(11)
     for _ in range(12):
         data = simulate_measurements(perturbed_model(ErrorModel.of(sino6), rng), "free", 5, rng=rng)
@@ -370,18 +452,24 @@ def test_a_cause_is_recovered(sino6: Arm, rng: np.random.Generator, cause: Effec
     assert np.all(np.array(found.u) < np.linalg.norm(cause.values))
 
 
-def test_the_calibrated_arm_is_saved_and_calibrated_again(sino6: Arm, rng: np.random.Generator, tmp_path: Path) -> None:
+def test_the_calibrated_arm_is_saved_and_calibrated_again(
+    sino6: Arm, rng: np.random.Generator, tmp_path: Path
+) -> None:
     data, _ = free_points(sino6, rng)
     result = quick(sino6, data, ["geometry", EncoderEccentricity(3)])
     result.model.save(tmp_path / "cal.toml")
     loaded = ErrorModel.load(tmp_path / "cal.toml")
     q = within(sino6, rng, 50)
     np.testing.assert_allclose(loaded.predict(q), result.model.predict(q), rtol=0, atol=1e-12)
-    np.testing.assert_allclose(loaded.predict(data.q), result.fit.point.prediction.tips, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(
+        loaded.predict(data.q), result.fit.point.prediction.tips, rtol=0, atol=1e-9
+    )
     by_name = {p.name: i for i, p in enumerate(loaded.parameters)}
     names = [p.name for p in result.fit.problem.vector.parameters]
     where = [by_name[name] for name in names]
-    np.testing.assert_allclose(loaded.covariance()[np.ix_(where, where)], result.covariance, rtol=1e-6, atol=1e-30)
+    np.testing.assert_allclose(
+        loaded.covariance()[np.ix_(where, where)], result.covariance, rtol=1e-6, atol=1e-30
+    )
     again = quick(loaded, data, ["geometry", EncoderEccentricity(3)])
     assert again.rms == pytest.approx(result.rms, rel=0.05)
     assert [e.label for e in ErrorModel.of(result.model.arm).effects] == ["encoder_eccentricity:3"]
@@ -427,9 +515,15 @@ def test_a_search_that_does_not_converge_gives_its_best_point_and_says_so(
     assert len(said) == 1 + len(result.notes)
 
 
-def test_the_geometric_refit_ends_at_one_minimum_from_wherever_it_starts(sino6: Arm, rng: np.random.Generator) -> None:
+def test_the_geometric_refit_ends_at_one_minimum_from_wherever_it_starts(
+    sino6: Arm, rng: np.random.Generator
+) -> None:
     bare = Arm.from_file(
-        sino6.file.model_copy(update={"joints": [r.model_copy(update={"uncertainty": None}) for r in sino6.file.joints]})
+        sino6.file.model_copy(
+            update={
+                "joints": [r.model_copy(update={"uncertainty": None}) for r in sino6.file.joints]
+            }
+        )
     )
     fit = quick(bare, free_points(sino6, rng, 100)[0]).fit
     problem, weights = fit.problem, fit.used.astype(np.float64)
@@ -438,19 +532,27 @@ def test_the_geometric_refit_ends_at_one_minimum_from_wherever_it_starts(sino6: 
     for _ in range(20):
         x = problem.widths * rng.uniform(-1.0, 1.0, problem.widths.size)
         prediction = problem.predict(x, fit.point.frame)
-        start = solver.Point(x, fit.point.frame, fit.observations.start(prediction.tips), prediction)
+        start = solver.Point(
+            x, fit.point.frame, fit.observations.start(prediction.tips), prediction
+        )
         found = solver.solve(problem, fit.noise, start, weights)
         assert found.converged
         costs.append(found.system.cost)
     np.testing.assert_allclose(costs, fit.system.cost, rtol=1e-6)
 
 
-def test_conditions_in_another_unit_are_asked_about(sino6: Arm, rng: np.random.Generator, tmp_path: Path) -> None:
+def test_conditions_in_another_unit_are_asked_about(
+    sino6: Arm, rng: np.random.Generator, tmp_path: Path
+) -> None:
     data = simulate_measurements(sino6, "free", 30, rng=rng)
     assert data.conditions.temperature is not None
     warm = replace(data.conditions, temperature=1.8 * data.conditions.temperature + 32.0)
     less = replace(data.conditions, temperature=data.conditions.temperature - 20.0)
-    for conditions, asked in ((warm, ["temperatures_high"]), (less, ["temperatures_low"]), (data.conditions, [])):
+    for conditions, asked in (
+        (warm, ["temperatures_high"]),
+        (less, ["temperatures_low"]),
+        (data.conditions, []),
+    ):
         notes = quick(sino6, replace(data, conditions=conditions), "geometry").notes
         assert [note.code for note in notes if note.code.startswith("temperatures")] == asked
     limits = 'effort="1" velocity="1"'
@@ -460,22 +562,40 @@ def test_conditions_in_another_unit_are_asked_about(sino6: Arm, rng: np.random.G
     )
     text, parent = '<robot name="slide"><link name="base"/>', "base"
     for name, kind, limit in joints:
-        text += f'<link name="{name}_body"/><joint name="{name}" type="{kind}"><parent link="{parent}"/>'
-        text += f'<child link="{name}_body"/><origin xyz="0.3 0 0.1"/><axis xyz="0 0 1"/><limit {limit}/></joint>'
+        text += (
+            f'<link name="{name}_body"/><joint name="{name}" type="{kind}"><parent '
+            f'link="{parent}"/>'
+        )
+        text += (
+            f'<child link="{name}_body"/><origin xyz="0.3 0 0.1"/><axis xyz="0 0 1"/><limit '
+            f"{limit}/></joint>"
+        )
         parent = f"{name}_body"
     (tmp_path / "slide.urdf").write_text(f"{text}</robot>")
     arm = Arm.from_urdf(tmp_path / "slide.urdf", "hinge_body")
     q = np.column_stack([rng.uniform(0, 1, 20), rng.uniform(-2, 2, 20)])
-    found = quick(arm, Measurements.of(q, arm.positions(q) + 12e-6 * rng.normal(size=(20, 3))), "zero-offsets")
+    found = quick(
+        arm, Measurements.of(q, arm.positions(q) + 12e-6 * rng.normal(size=(20, 3))), "zero-offsets"
+    )
     assert data_of(found.notes, "slide_units") == [{"joint": 1}]
 
 
-@pytest.mark.parametrize(("factor", "word"), [(1.0, ""), (1e-3, "reference_noise_small"), (700.0, "reference_noise_large")])
+@pytest.mark.parametrize(
+    ("factor", "word"),
+    [(1.0, ""), (1e-3, "reference_noise_small"), (700.0, "reference_noise_large")],
+)
 def test_an_uncertainty_of_references_in_another_unit(sino6: Arm, factor: float, word: str) -> None:
     for plan in ("free", "seats"):
         data = simulate_measurements(sino6, plan, 60, rng=np.random.default_rng(3), seats=6)  # type: ignore[arg-type]
-        notes = quick(sino6, replace(data, reference_u=factor * data.reference_u), "geometry", encoder_noise=8e-6).notes
-        assert [note.code for note in notes if note.code.startswith("reference_noise")] == [word] * bool(word), notes
+        notes = quick(
+            sino6,
+            replace(data, reference_u=factor * data.reference_u),
+            "geometry",
+            encoder_noise=8e-6,
+        ).notes
+        assert [note.code for note in notes if note.code.startswith("reference_noise")] == [
+            word
+        ] * bool(word), notes
 
 
 def test_records_that_the_arm_is_calibrated_with_already_are_said_to_count_twice(
@@ -485,9 +605,13 @@ def test_records_that_the_arm_is_calibrated_with_already_are_said_to_count_twice
     calibrated = quick(sino6, first).model
     calibrated.save(tmp_path / "once.toml")
     both = quick(ErrorModel.load(tmp_path / "once.toml"), second).model
-    first.take([3, 1]).to_frame("rad").to_csv(tmp_path / "some.csv", index=False)  # in another unit and order
+    first.take([3, 1]).to_frame("rad").to_csv(
+        tmp_path / "some.csv", index=False
+    )  # in another unit and order
     some = Measurements.read(tmp_path / "some.csv", 6)
-    mixed = Measurements.from_frame(pd.concat([second.take(range(20)).to_frame(), first.take(range(5)).to_frame()]))
+    mixed = Measurements.from_frame(
+        pd.concat([second.take(range(20)).to_frame(), first.take(range(5)).to_frame()])
+    )
     for model, data, prior, counts in (
         (calibrated, first, None, [(40, 40)]),
         (both, first, None, [(40, 40)]),
@@ -498,12 +622,18 @@ def test_records_that_the_arm_is_calibrated_with_already_are_said_to_count_twice
     ):
         told = data_of(quick(model, data, "geometry", prior=prior).notes, "records_used_before")
         assert [(one["again"], one["records"]) for one in told] == counts
-    once, twice = (np.sqrt(np.diag(m.covariance())) for m in (calibrated, quick(calibrated, first).model))
-    assert (twice[once > 0] / once[once > 0]).min() < 0.75  # where the data tell all, the same twice looks like √2 less
+    once, twice = (
+        np.sqrt(np.diag(m.covariance())) for m in (calibrated, quick(calibrated, first).model)
+    )
+    assert (
+        twice[once > 0] / once[once > 0]
+    ).min() < 0.75  # where the data tell all, the same twice looks like √2 less
 
 
 @pytest.mark.parametrize(("plan", "count"), [("seats", 6), ("ball-bar", 3)])
-def test_seats_and_bars_of_an_earlier_calibration_are_said_to_be(sino6: Arm, plan: str, count: int, tmp_path: Path) -> None:
+def test_seats_and_bars_of_an_earlier_calibration_are_said_to_be(
+    sino6: Arm, plan: str, count: int, tmp_path: Path
+) -> None:
     bar: Any = {"bar_length": 0.5} if plan == "ball-bar" else {}
     data = simulate_measurements(sino6, plan, 80, seats=6, rng=np.random.default_rng(2), **bar)  # type: ignore[arg-type]
     first, second = (data.take(slice(start, None, 2)) for start in (0, 1))
@@ -511,13 +641,23 @@ def test_seats_and_bars_of_an_earlier_calibration_are_said_to_be(sino6: Arm, pla
     once = ErrorModel.load(tmp_path / "once.toml")
     for prior, said in ((None, True), (False, False)):
         notes = quick(once, second, "geometry", prior=prior).notes
-        assert [one["standards"] for one in data_of(notes, "standards_used_before")] == [count] * said
+        assert [one["standards"] for one in data_of(notes, "standards_used_before")] == [
+            count
+        ] * said
     moved = replace(second, reference=second.reference + 1e-6)
-    again = quick(once, moved if plan == "seats" else replace(second, bar_length=second.bar_length + 1e-6), "geometry")
-    assert not {"records_used_before", "standards_used_before"} & {note.code for note in again.notes}
+    again = quick(
+        once,
+        moved if plan == "seats" else replace(second, bar_length=second.bar_length + 1e-6),
+        "geometry",
+    )
+    assert not {"records_used_before", "standards_used_before"} & {
+        note.code for note in again.notes
+    }
 
 
-def test_a_seat_with_contradicting_coordinates_is_named(sino6: Arm, rng: np.random.Generator) -> None:
+def test_a_seat_with_contradicting_coordinates_is_named(
+    sino6: Arm, rng: np.random.Generator
+) -> None:
     data = simulate_measurements(sino6, "seats", 60, rng=rng, seats=6)
     label, records = next(iter(data.seats().items()))
     moved = data.reference.copy()
@@ -531,43 +671,72 @@ def test_a_seat_with_contradicting_coordinates_is_named(sino6: Arm, rng: np.rand
     assert not data_of(quick(sino6, noisy, "geometry").notes, "seat_contradicted")
 
 
-def test_a_bar_that_does_not_fit_between_its_ends_is_named(sino6: Arm, rng: np.random.Generator) -> None:
+def test_a_bar_that_does_not_fit_between_its_ends_is_named(
+    sino6: Arm, rng: np.random.Generator
+) -> None:
     data = simulate_measurements(sino6, "seats", 60, rng=rng, seats=6)
     (a, at_a), (b, at_b) = list(data.seats().items())[:2]
     seat = data.conditions.seat
     assert seat is not None
     apart = float(np.linalg.norm(data.reference[at_a[0]] - data.reference[at_b[0]]))
-    bar, end = np.where(np.isin(seat, (a, b)), "long", ""), np.where(seat == a, "A", np.where(seat == b, "B", ""))
+    bar, end = (
+        np.where(np.isin(seat, (a, b)), "long", ""),
+        np.where(seat == a, "A", np.where(seat == b, "B", "")),
+    )
     for error, named in ((0.0, 0), (0.8e-3, 1)):
         length = np.where(bar == "long", apart + error, np.nan)
         result = quick(
-            sino6, replace(data, bar=bar.astype(object), bar_end=end.astype(object), bar_length=length), "geometry"
+            sino6,
+            replace(data, bar=bar.astype(object), bar_end=end.astype(object), bar_length=length),
+            "geometry",
         )
-        assert [told["bar"] for told in data_of(result.notes, "bar_contradicted")] == ["long"] * named
+        assert [told["bar"] for told in data_of(result.notes, "bar_contradicted")] == [
+            "long"
+        ] * named
 
 
 def test_messages(sino6: Arm, zero6: Arm, rng: np.random.Generator) -> None:
     data, _ = free_points(sino6, rng, 40)
     fails("no record says where the tip was", lambda: quick(sino6, Measurements.of(data.q)))
     fails("unknown set of parameters 'all'", lambda: quick(sino6, data, "all"), UnknownNameError)
-    fails("unknown reference frame", lambda: quick(sino6, data, reference_frame="x"), UnknownNameError)
+    fails(
+        "unknown reference frame", lambda: quick(sino6, data, reference_frame="x"), UnknownNameError
+    )
     fails("to be estimated twice", lambda: quick(sino6, data, ["zero-offsets", "zero-offsets"]))
     near = [JointPeriodicError(joint=2, order=order) for order in (7.0, 7.0000001)]
-    fails("joint_periodic_error:2,order=7 is to be estimated twice", lambda: quick(sino6, data, near))
-    fails("time_s", lambda: quick(sino6, data, ["geometry", EncoderSlip(1, 10.0)]), MissingConditionError)
-    fails("5 joints, SINO6 has 6", lambda: quick(sino6, Measurements.of(data.q[:, :5], data.reference)))
-    fails("reference_noise is -1 m, expected 0 to 0.01", lambda: quick(sino6, data, reference_noise=-1.0))
-    fails("length_noise is 0.05 m, expected 0 to 0.01", lambda: quick(sino6, data, length_noise=0.05))
+    fails(
+        "joint_periodic_error:2,order=7 is to be estimated twice", lambda: quick(sino6, data, near)
+    )
+    fails(
+        "time_s",
+        lambda: quick(sino6, data, ["geometry", EncoderSlip(1, 10.0)]),
+        MissingConditionError,
+    )
+    fails(
+        "5 joints, SINO6 has 6",
+        lambda: quick(sino6, Measurements.of(data.q[:, :5], data.reference)),
+    )
+    fails(
+        "reference_noise is -1 m, expected 0 to 0.01",
+        lambda: quick(sino6, data, reference_noise=-1.0),
+    )
+    fails(
+        "length_noise is 0.05 m, expected 0 to 0.01", lambda: quick(sino6, data, length_noise=0.05)
+    )
     two = data.take([0, 1])
     fails("expected 3 or more", lambda: quick(sino6, two, reference_frame="external"))
     angles_of_others = replace(data, q=rng.permutation(data.q))
-    fails("does not fit this arm", lambda: quick(sino6, angles_of_others))  # no mistake explains them
+    fails(
+        "does not fit this arm", lambda: quick(sino6, angles_of_others)
+    )  # no mistake explains them
     later = np.arange(40) >= 20
     sessions = replace(data.conditions, session=np.where(later, "b", "a").astype(object))
     moved = replace(data, reference=data.reference + 0.5 * later[:, None], conditions=sessions)
     fails("each session alone does", lambda: quick(sino6, moved))
     three = within(zero6, rng, 3)
-    untold = calibrate(zero6, Measurements.of(three, zero6.positions(three)), reference_noise=1e-5, hold_out=False)
+    untold = calibrate(
+        zero6, Measurements.of(three, zero6.positions(three)), reference_noise=1e-5, hold_out=False
+    )
     assert len(untold.summary()["undetermined"]) >= 15
     few = within(zero6, rng, 2)
     bare = Measurements.of(few, zero6.positions(few))
@@ -579,7 +748,9 @@ def test_messages(sino6: Arm, zero6: Arm, rng: np.random.Generator) -> None:
 def test_torques_in_another_unit_are_asked_about(sino6: Arm, rng: np.random.Generator) -> None:
     data = simulate_measurements(sino6, "free", 30, rng=rng)
     state = State(sino6, data.q, data.conditions, sino6.chain.tip)
-    moments = [state.moment_at_axis(row) * state.rotation[axis(row)][:, :, 2] for row in range(1, 7)]
+    moments = [
+        state.moment_at_axis(row) * state.rotation[axis(row)][:, :, 2] for row in range(1, 7)
+    ]
     torque = np.sum(moments, axis=2).T
     for factor, asked in ((1.0, 0), (-3.0, 0), (1000.0, 1)):
         given = replace(data, conditions=replace(data.conditions, torque=factor * torque))
@@ -592,25 +763,37 @@ def test_records_outside_a_known_error_curve_are_left_out_and_listed(sino6: Arm)
     model = ErrorModel(sino6).with_effects(curve)
     inside = model.known_at(records.q)[:, 0]
     few, same = (
-        calibrate(model, some, "zero-offsets", hold_out=False, progress=False) for some in (records, records.take(inside))
+        calibrate(model, some, "zero-offsets", hold_out=False, progress=False)
+        for some in (records, records.take(inside))
     )
     assert few.rms == same.rms
     (note,) = set(few.notes) - set(same.notes)
     assert note.code == "outside_known_range"
     assert note.data["cause"].startswith(curve.label)
     assert note.data["rows"] == records.row[~inside].tolist()
-    wide = replace(curve, values=(), lower_rad=-0.1, upper_rad=6.4)  # takes the place of the one that is known
-    assert calibrate(model, records, ["zero-offsets", wide], hold_out=False, progress=False).fit.used.size == 60
+    wide = replace(
+        curve, values=(), lower_rad=-0.1, upper_rad=6.4
+    )  # takes the place of the one that is known
+    assert (
+        calibrate(
+            model, records, ["zero-offsets", wide], hold_out=False, progress=False
+        ).fit.used.size
+        == 60
+    )
     with pytest.raises(AacmmError, match="outside the curve's range"):
         calibrate(model, records.take(~inside), "zero-offsets", hold_out=False, progress=False)
 
 
 def test_calibrated_lengths_hold_at_the_temperature_of_their_records(sino6: Arm) -> None:
-    """A metre that was calibrated at 23 °C is no metre at 20 °C, unless the model says how it grows."""
+    """A metre that was calibrated at 23 °C is no metre at 20 °C, unless the model says how it
+    grows.
+    """
     truth = ErrorModel(sino6, (ThermalExpansion(values=(2.3e-5,)),))
     rng, q = np.random.default_rng(5), random_postures(sino6, 80, np.random.default_rng(4))
     warm, cold = (Conditions(80, temperature=t + rng.uniform(-0.5, 0.5, 80)) for t in (23.0, 18.0))
-    data = Measurements.of(q, truth.predict(q, warm) + rng.normal(0, 5e-6, (80, 3)), conditions=warm)
+    data = Measurements.of(
+        q, truth.predict(q, warm) + rng.normal(0, 5e-6, (80, 3)), conditions=warm
+    )
     alone = calibrate(sino6, data, reference_noise=5e-6)
     found = alone.model.arm
     assert found.reference_temperature == pytest.approx(23.0, abs=0.2)
@@ -623,29 +806,53 @@ def test_calibrated_lengths_hold_at_the_temperature_of_their_records(sino6: Arm)
     off = np.linalg.norm(alone.model.predict(q, cold) - truth.predict(q, cold), axis=1)
     # With the expansion on top, the arm is right at other temperatures too.
     grown = ErrorModel(found, (*alone.model.effects, ThermalExpansion(values=(2.3e-5,))))
-    assert np.linalg.norm(grown.predict(q, cold) - truth.predict(q, cold), axis=1).max() < off.max() / 4
-    both = calibrate(truth, data, ["geometry", ThermalExpansion(values=(2.3e-5,))], reference_noise=5e-6)
+    assert (
+        np.linalg.norm(grown.predict(q, cold) - truth.predict(q, cold), axis=1).max()
+        < off.max() / 4
+    )
+    both = calibrate(
+        truth, data, ["geometry", ThermalExpansion(values=(2.3e-5,))], reference_noise=5e-6
+    )
     assert both.model.arm.reference_temperature == 20.0
 
 
 def test_what_is_uncertain_of_a_time_constant_stays_so(sino6: Arm, tmp_path: Path) -> None:
     """Against normal equations of both values by finite differences; a file keeps the u of both."""
-    rng, drift = np.random.default_rng(3), ZeroDrift(2, 1500.0, values=(2.5e-4,), u=(5e-5,), nonlinear_u=600.0)
+    rng, drift = (
+        np.random.default_rng(3),
+        ZeroDrift(2, 1500.0, values=(2.5e-4,), u=(5e-5,), nonlinear_u=600.0),
+    )
     ErrorModel(sino6, (drift,)).save(tmp_path / "a.toml")
     model = ErrorModel.load(tmp_path / "a.toml")
     assert model.effects == (drift,)
-    q, conditions = random_postures(sino6, 90, rng), Conditions(90, time=np.linspace(0.0, 1800.0, 90))
+    q, conditions = (
+        random_postures(sino6, 90, rng),
+        Conditions(90, time=np.linspace(0.0, 1800.0, 90)),
+    )
 
     def tips(value: float, constant: float) -> Array:
-        return ErrorModel(sino6, (replace(drift, values=(value,), time_constant_s=constant),)).predict(q, conditions).ravel()
+        return (
+            ErrorModel(sino6, (replace(drift, values=(value,), time_constant_s=constant),))
+            .predict(q, conditions)
+            .ravel()
+        )
 
-    data = Measurements.of(q, tips(2.5e-4, 1500.0).reshape(-1, 3) + rng.normal(0, 2e-5, (90, 3)), conditions=conditions)
-    after = calibrate(model, data, [drift], reference_noise=2e-5, encoder_noise=0.0, hold_out=False).model
+    data = Measurements.of(
+        q, tips(2.5e-4, 1500.0).reshape(-1, 3) + rng.normal(0, 2e-5, (90, 3)), conditions=conditions
+    )
+    after = calibrate(
+        model, data, [drift], reference_noise=2e-5, encoder_noise=0.0, hold_out=False
+    ).model
     (found,) = after.effects
-    steps = (tips(2.6e-4, 1500.0) - tips(2.4e-4, 1500.0)) / 2e-5, (tips(2.5e-4, 1501.0) - tips(2.5e-4, 1499.0)) / 2.0
+    steps = (
+        (tips(2.6e-4, 1500.0) - tips(2.4e-4, 1500.0)) / 2e-5,
+        (tips(2.5e-4, 1501.0) - tips(2.5e-4, 1499.0)) / 2.0,
+    )
     j = np.column_stack(steps) / 2e-5
     covariance = np.linalg.inv(j.T @ j + np.diag([5e-5**-2, 600.0**-2]))
-    assert (*found.u, found.nonlinear_u) == pytest.approx(tuple(np.sqrt(np.diag(covariance))), rel=0.03)
+    assert (*found.u, found.nonlinear_u) == pytest.approx(
+        tuple(np.sqrt(np.diag(covariance))), rel=0.03
+    )
     assert found.u[0] > 2.0 / np.sqrt(j[:, 0] @ j[:, 0])  # more than with a known time constant
     # And of tips within the session it tells far more than of both by themselves.
     after.save(tmp_path / "b.toml")
@@ -653,11 +860,17 @@ def test_what_is_uncertain_of_a_time_constant_stays_so(sino6: Arm, tmp_path: Pat
         accuracy_volume(one, q, conditions=conditions, method="ellipsoid", encoder_noise=0.0).u
         for one in (ErrorModel.load(tmp_path / "b.toml"), sino6)
     ]
-    by_normal_equations = np.sqrt(np.einsum("ij,jk,ik->i", j, covariance, j).reshape(-1, 3).sum(axis=1)) * 2e-5
-    np.testing.assert_allclose(np.sqrt(u[0] ** 2 - u[1] ** 2)[9:], by_normal_equations[9:], rtol=0.05)
+    by_normal_equations = (
+        np.sqrt(np.einsum("ij,jk,ik->i", j, covariance, j).reshape(-1, 3).sum(axis=1)) * 2e-5
+    )
+    np.testing.assert_allclose(
+        np.sqrt(u[0] ** 2 - u[1] ** 2)[9:], by_normal_equations[9:], rtol=0.05
+    )
 
 
-def test_values_that_earlier_records_tell_exactly_stay_exact(sino6: Arm, rng: np.random.Generator) -> None:
+def test_values_that_earlier_records_tell_exactly_stay_exact(
+    sino6: Arm, rng: np.random.Generator
+) -> None:
     data, _ = free_points(sino6, rng, 40)
     known = quick(sino6, data).model.arm.covariance
     assert known is not None
@@ -668,7 +881,9 @@ def test_values_that_earlier_records_tell_exactly_stay_exact(sino6: Arm, rng: np
     assert found.model.arm.covariance == exact
 
 
-def test_an_arm_that_drifts_can_be_set_tasks_without_a_clock(sino6: Arm, rng: np.random.Generator) -> None:
+def test_an_arm_that_drifts_can_be_set_tasks_without_a_clock(
+    sino6: Arm, rng: np.random.Generator
+) -> None:
     """Its covariance names a cause that has no part in where the touches of a procedure are."""
     drift = ZeroDrift(2, 1500.0, values=(2e-4,), u=(5e-5,), nonlinear_u=300.0)
     data = simulate_measurements(ErrorModel(sino6, (drift,)), "free", 40, rng=rng)
@@ -676,24 +891,38 @@ def test_an_arm_that_drifts_can_be_set_tasks_without_a_clock(sino6: Arm, rng: np
     assert model.arm.covariance is not None
     assert model.arm.covariance.parameters[-1].endswith("time_constant_s")
     steady = model.restricted(())
-    np.testing.assert_allclose(steady.covariance(), model.covariance()[:-1, :-1], rtol=0, atol=1e-22)
+    np.testing.assert_allclose(
+        steady.covariance(), model.covariance()[:-1, :-1], rtol=0, atol=1e-22
+    )
     pool = Pool.draw(model, None, 2, rng)
-    np.testing.assert_allclose(pool.state_of(data.q, data.conditions).position, steady.predict(data.q), rtol=0, atol=1e-15)
+    np.testing.assert_allclose(
+        pool.state_of(data.q, data.conditions).position, steady.predict(data.q), rtol=0, atol=1e-15
+    )
 
 
 def test_a_bar_of_another_length_is_noted(sino6: Arm) -> None:
     data = simulate_measurements(
         sino6, "ball-bar", 160, bar_length=0.6, rng=np.random.default_rng(3), encoder_noise=8e-6
     ).to_frame()
-    for off, u, said in ((0.0, None, False), (0.3, None, True), (-3.0, None, True), (0.0, 5e-6, False), (0.1, 5e-6, True)):
+    for off, u, said in (
+        (0.0, None, False),
+        (0.3, None, True),
+        (-3.0, None, True),
+        (0.0, 5e-6, False),
+        (0.1, 5e-6, True),
+    ):
         table = data.assign(bar_length_mm=data["bar_length_mm"] + off * (data["bar"] == "B4"))
-        found = calibrate(sino6, Measurements.from_frame(table), length_noise=u, hold_out=False, progress=False)
+        found = calibrate(
+            sino6, Measurements.from_frame(table), length_noise=u, hold_out=False, progress=False
+        )
         assert [told["bar"] for told in data_of(found.notes, "bar_length_off")] == ["B4"] * said
 
 
 @pytest.mark.parametrize("plan", ["ball-bar", "seats"])
 def test_what_nothing_tells_stays_where_it_was(zero6: Arm, plan: Any) -> None:
-    """Readings scatter more across the arm than along it, which a turn of the whole arm would seem to fit better."""
+    """Readings scatter more across the arm than along it, which a turn of the whole arm would seem
+    to fit better.
+    """
     at = {"rng": np.random.default_rng(3), "encoder_noise": 2e-5}
     given: Any = at | ({"bar_length": 0.3} if plan == "ball-bar" else {"known": False})
     data = simulate_measurements(zero6, plan, 200, **given)
@@ -720,9 +949,17 @@ def test_coordinates_of_seats_of_unstated_uncertainty(sino6: Arm) -> None:
         q = within(sino6, rng, 40)
         model = found.model
         sensitivity = model.sensitivity(q)
-        u = np.sqrt(np.diagonal(sensitivity @ model.covariance() @ sensitivity.transpose(0, 2, 1), axis1=1, axis2=2))
+        u = np.sqrt(
+            np.diagonal(
+                sensitivity @ model.covariance() @ sensitivity.transpose(0, 2, 1), axis1=1, axis2=2
+            )
+        )
         z.append((model.predict(q) - true.predict(q)) / u)
     assert np.mean(seats) == pytest.approx(5e-5, rel=0.2)
-    moved = replace(data, reference=data.reference + 1e-3 * np.isin(data.conditions.require("seat", "it"), "S4")[:, None])
+    moved = replace(
+        data,
+        reference=data.reference
+        + 1e-3 * np.isin(data.conditions.require("seat", "it"), "S4")[:, None],
+    )
     assert calibrate(sino6, moved, prior=False, hold_out=False).fit.noise.scatters.seat < 1e-4
     assert 0.7 < np.sqrt(np.mean(np.square(z))) < 1.3  # 2.5 where one scatter stands for both

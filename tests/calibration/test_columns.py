@@ -24,10 +24,14 @@ from aacmm_pin.effects.state import State
 
 
 @pytest.mark.parametrize("n", [1, 8])
-def test_columns_of_all_effects_are_those_of_each(n: int, sino6: Arm, rng: np.random.Generator) -> None:
-    """Tips and derivatives; constant twists, those of a record, an exact arcsine, what bends, and a seat.
+def test_columns_of_all_effects_are_those_of_each(
+    n: int, sino6: Arm, rng: np.random.Generator
+) -> None:
+    """Tips and derivatives; constant twists, those of a record, an exact arcsine, what bends, and a
+    seat.
 
-    In a single record thermal expansion too is a parameter with constant twists, at several places at once.
+    In a single record thermal expansion too is a parameter with constant twists, at several places
+    at once.
     """
     q = np.column_stack([rng.uniform(low, high, n) for low, high in sino6.limits])
     seat = np.array(["A", "", "B", "A"] * 2, dtype=object)[:n]
@@ -40,7 +44,9 @@ def test_columns_of_all_effects_are_those_of_each(n: int, sino6: Arm, rng: np.ra
     x = rng.normal(size=columns.vector.size) * columns.vector.typical
     model = ErrorModel(sino6, tuple(e.at(tuple(x[own])) for e, own in columns.vector))
     state = columns.at(x)
-    np.testing.assert_allclose(state.position, model.predict(q, known, as_referenced=True), rtol=0, atol=1e-14)
+    np.testing.assert_allclose(
+        state.position, model.predict(q, known, as_referenced=True), rtol=0, atol=1e-14
+    )
     wanted = np.concatenate([sensitivity(e, state) for e in effects], axis=2)
     np.testing.assert_allclose(columns.jacobian(state), wanted, rtol=1e-12, atol=1e-14)
     assert columns.bends(x)

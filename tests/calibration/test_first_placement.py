@@ -1,4 +1,6 @@
-"""Base and targets of unknown place are found from any placement, whatever few postures there are."""
+"""Base and targets of unknown place are found from any placement, whatever few postures
+there are.
+"""
 
 from __future__ import annotations
 
@@ -31,21 +33,36 @@ def table(*rows: tuple[float, float, float, float]) -> Arm:
 
 
 def seen(
-    arm: Arm, q: Array, rng: np.random.Generator, *, target: float, posed: bool = True, markers: tuple[str, ...] = ()
+    arm: Arm,
+    q: Array,
+    rng: np.random.Generator,
+    *,
+    target: float,
+    posed: bool = True,
+    markers: tuple[str, ...] = (),
 ) -> Measurements:
     """Records of targets so far from the tip [m], and of their axes, in some frame."""
     n, label = len(q), np.arange(len(q)) % max(1, len(markers))
     origin, axes = arm.positions(q), arm.chain.walk(q)[0][-1]
     offset = rng.normal(size=(label.max() + 1, 3))
     offset *= target / np.linalg.norm(offset, axis=1)[:, None]
-    base, own = Rotation.random(rng=rng).as_matrix(), Rotation.random(label.max() + 1, rng=rng).as_matrix()
-    at = (origin + np.einsum("nij,nj->ni", axes, offset[label])) @ base.T + rng.uniform(-3.0, 3.0, 3)
-    turned = Rotation.from_matrix(base @ axes @ own[label]) * Rotation.from_rotvec(rng.normal(0.0, TURN_NOISE, (n, 3)))
+    base, own = (
+        Rotation.random(rng=rng).as_matrix(),
+        Rotation.random(label.max() + 1, rng=rng).as_matrix(),
+    )
+    at = (origin + np.einsum("nij,nj->ni", axes, offset[label])) @ base.T + rng.uniform(
+        -3.0, 3.0, 3
+    )
+    turned = Rotation.from_matrix(base @ axes @ own[label]) * Rotation.from_rotvec(
+        rng.normal(0.0, TURN_NOISE, (n, 3))
+    )
     return Measurements.of(
         q,
         at + rng.normal(0.0, NOISE, at.shape),
         orientation=turned.as_quat()[:, [3, 0, 1, 2]] if posed else None,
-        conditions=Conditions(n, marker=np.array(markers, dtype=object)[label] if markers else None),
+        conditions=Conditions(
+            n, marker=np.array(markers, dtype=object)[label] if markers else None
+        ),
     )
 
 
@@ -56,14 +73,19 @@ def grid(first: int, second: int) -> Array:
 
 
 def random_arm(joints: int, rng: np.random.Generator) -> Arm:
-    lengths, angles = rng.uniform(-500.0, 500.0, (joints, 2)), rng.uniform(-180.0, 180.0, (joints, 2))
+    lengths, angles = (
+        rng.uniform(-500.0, 500.0, (joints, 2)),
+        rng.uniform(-180.0, 180.0, (joints, 2)),
+    )
     return table(*np.hstack([lengths, angles]).tolist())
 
 
 @pytest.mark.parametrize("posed", [True, False])
 @pytest.mark.parametrize("shape", [(5, 8), (5, 4), (3, 6), (5, 16)])
 def test_a_symmetric_grid_of_a_positioner(shape: tuple[int, int], posed: bool) -> None:
-    """By its nominal tip alone, which the second joint does not move, the base would stand anywhere."""
+    """By its nominal tip alone, which the second joint does not move, the base would stand
+    anywhere.
+    """
     arm = table((0.0, 0.0, -90.0, 0.0), (0.0, -475.0, 0.0, -90.0))
     for seed in range(4):
         data = seen(arm, grid(*shape), np.random.default_rng(seed), target=0.84, posed=posed)
@@ -79,7 +101,9 @@ def test_random_arms_and_markers(joints: int, sino6: Arm, rng: np.random.Generat
         for markers in ((), ("left", "right")):
             for posed in (True, False):
                 data = seen(arm, q, rng, target=0.3, posed=posed, markers=markers)
-                data.reference[::10] += rng.normal(0.0, 0.3, data.reference[::10].shape)  # gross errors
+                data.reference[::10] += rng.normal(
+                    0.0, 0.3, data.reference[::10].shape
+                )  # gross errors
                 found = calibrate(arm, data, **UNKNOWN)
                 assert 1.0e-4 < found.rms < 2.0e-4
                 assert found.fit.excluded.sum() == 5

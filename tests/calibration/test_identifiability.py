@@ -1,4 +1,6 @@
-"""What records leave open: directions that move the tip, targets at other postures, or the base; and those that do not."""
+"""What records leave open: directions that move the tip, targets at other postures, or the base;
+and those that do not.
+"""
 
 from __future__ import annotations
 
@@ -23,25 +25,41 @@ from tests.notes import data_of
 FRAME = Rotation.from_rotvec([0.4, -0.9, 1.1]).as_matrix(), np.array([1.0, 2.0, -0.5])
 
 
-def by_tracker(arm: Arm, rng: np.random.Generator, *, marker: bool) -> tuple[Calibration, ErrorModel]:
-    """A robot with placements that are off, calibrated by a target 70 mm beyond its flange, and as it is."""
+def by_tracker(
+    arm: Arm, rng: np.random.Generator, *, marker: bool
+) -> tuple[Calibration, ErrorModel]:
+    """A robot with placements that are off, calibrated by a target 70 mm beyond its flange, and as
+    it is.
+    """
     off = rng.normal(size=(6, 6)) * [2e-4, 2e-4, 2e-4, 3e-4, 3e-4, 3e-4]
-    true = ErrorModel(arm, tuple(JointPlacement(row, values=tuple(each)) for row, each in enumerate(off, start=1)))
+    true = ErrorModel(
+        arm, tuple(JointPlacement(row, values=tuple(each)) for row, each in enumerate(off, start=1))
+    )
     n, noise = 80, 1e-5
     q, seen = random_postures(arm, n, rng), Conditions(n, marker=np.full(n, "smr", dtype=object))
     at_target = true.with_effects(StylusOffset("smr", values=(0.02, -0.03, 0.06)))
-    points = at_target.predict(q + noise * rng.normal(size=q.shape), seen) + noise * rng.normal(size=(n, 3))
+    points = at_target.predict(q + noise * rng.normal(size=q.shape), seen) + noise * rng.normal(
+        size=(n, 3)
+    )
     data = Measurements.of(q, points, conditions=seen if marker else None)
     target = "tip" if marker else "unknown"
-    return calibrate(arm, data, target=target, encoder_noise=noise, reference_noise=noise, hold_out=False), true
+    return calibrate(
+        arm, data, target=target, encoder_noise=noise, reference_noise=noise, hold_out=False
+    ), true
 
 
 @pytest.mark.parametrize("half_width", [None, 5e-4])
 def test_u_of_the_tip_has_what_a_marker_does_not_determine(
     robot_file: Callable[[str], Path], rng: np.random.Generator, half_width: float | None
 ) -> None:
-    """Beyond the last joint the flange may be anywhere within its stated half-width, or that of an assembled arm."""
-    stated = {} if half_width is None else {"translation_half_width": half_width, "rotation_half_width": 1e-3}
+    """Beyond the last joint the flange may be anywhere within its stated half-width, or that of an
+    assembled arm.
+    """
+    stated = (
+        {}
+        if half_width is None
+        else {"translation_half_width": half_width, "rotation_half_width": 1e-3}
+    )
     arm = Arm.from_urdf(robot_file("ur5_robot.urdf"), "tool0", **stated)
     result, true = by_tracker(arm, rng, marker=True)
     q = random_postures(arm, 100, rng)
@@ -59,7 +77,9 @@ def test_u_of_the_tip_has_what_a_marker_does_not_determine(
 def test_what_describes_the_same_arm_otherwise_moves_nothing(
     robot_file: Callable[[str], Path], rng: np.random.Generator
 ) -> None:
-    """A target that becomes the tip: how its place is shared out between joint and target does not matter there."""
+    """A target that becomes the tip: how its place is shared out between joint and target does not
+    matter there.
+    """
     arm = Arm.from_urdf(robot_file("ur5_robot.urdf"), "tool0")
     undetermined = by_tracker(arm, rng, marker=False)[0].fit.undetermined
     assert undetermined.directions.shape[1] >= 10
@@ -67,13 +87,24 @@ def test_what_describes_the_same_arm_otherwise_moves_nothing(
     assert undetermined.tied_to_frame == ()
 
 
-def test_what_is_known_only_together_with_the_base_is_named(sino6: Arm, rng: np.random.Generator) -> None:
+def test_what_is_known_only_together_with_the_base_is_named(
+    sino6: Arm, rng: np.random.Generator
+) -> None:
     assert sino6.file is not None
     rows = [row.model_copy(update={"uncertainty": None}) for row in sino6.file.joints]
     arm = Arm.from_file(sino6.file.model_copy(update={"joints": rows}))
     q = random_postures(arm, 60, rng)
-    data = Measurements.of(q, arm.positions(q) @ FRAME[0].T + FRAME[1] + 5e-6 * rng.normal(size=(60, 3)))
-    result = calibrate(arm, data, reference_frame="external", encoder_noise=1e-6, reference_noise=5e-6, hold_out=False)
+    data = Measurements.of(
+        q, arm.positions(q) @ FRAME[0].T + FRAME[1] + 5e-6 * rng.normal(size=(60, 3))
+    )
+    result = calibrate(
+        arm,
+        data,
+        reference_frame="external",
+        encoder_noise=1e-6,
+        reference_noise=5e-6,
+        hold_out=False,
+    )
     assert set(result.fit.undetermined.tied_to_frame) == {"d1", "theta_offset1"}
     assert "d1, theta_offset1" in frame_in_words(result)
 
@@ -85,20 +116,29 @@ def test_references_on_one_line_leave_the_base_open(
 ) -> None:
     """The base may turn about the line; its u is there as soon as the references leave the line.
 
-    With stated half-widths it is not quite free, for tips leave the line by as much as the arm is off.
+    With stated half-widths it is not quite free, for tips leave the line by as much as the arm is
+    off.
     """
     points = np.array([0.5, -0.2, 0.1]) + rng.uniform(-0.2, 0.2, (12, 1)) * [0.1, 0.9, 0.3]
     points += rng.normal(scale=0.05, size=points.shape) * scattered
     wanted, q = np.repeat(points, 3, axis=0), random_postures(sino6, 36, rng)
     for _ in range(60):  # Newton's method, from as many random postures
-        step = np.linalg.pinv(sino6.jacobian(q), rcond=0.05) @ (wanted - sino6.positions(q))[:, :, None]
+        step = (
+            np.linalg.pinv(sino6.jacobian(q), rcond=0.05)
+            @ (wanted - sino6.positions(q))[:, :, None]
+        )
         q += 0.5 * step[:, :, 0]
     q = q[np.linalg.norm(sino6.positions(q) - wanted, axis=1) < 1e-9]
     assert len(q) > 20
     references = sino6.positions(q) @ FRAME[0].T + FRAME[1] + 5e-6 * rng.normal(size=(len(q), 3))
     noise = {"encoder_noise": 1e-6, "reference_noise": 5e-6}
     result = calibrate(
-        sino6, Measurements.of(q, references), parameters, reference_frame="external", hold_out=False, **noise
+        sino6,
+        Measurements.of(q, references),
+        parameters,
+        reference_frame="external",
+        hold_out=False,
+        **noise,
     )
     assert result.base_is_open is not scattered
     words = open_in_words(result)

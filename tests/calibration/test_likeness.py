@@ -1,4 +1,6 @@
-"""Files with a wrong unit, exchanged columns or the angles of other records are refused, and the likely mistake is named."""
+"""Files with a wrong unit, exchanged columns or the angles of other records are refused, and the
+likely mistake is named.
+"""
 
 from __future__ import annotations
 
@@ -79,7 +81,11 @@ def bars_in(factor: float) -> Change:
 
 
 def other_frame(d: Measurements) -> Measurements:
-    return replace(d, reference=Rotation.from_rotvec([0.3, -1.0, 0.5]).apply(d.reference) + np.array([0.5, 0.02, 0.9]))
+    return replace(
+        d,
+        reference=Rotation.from_rotvec([0.3, -1.0, 0.5]).apply(d.reference)
+        + np.array([0.5, 0.02, 0.9]),
+    )
 
 
 def first_and_second(d: Measurements) -> Measurements:
@@ -97,7 +103,10 @@ OF_ANGLES: list[tuple[Change, str]] = [
     (swapped(1, 2), "joints 2 and 3 are exchanged"),
     (as_angles(1 / 0.9), "angles are in gon"),
     (in_radians(2), "joint 3 alone are in radians, in the column theta3_deg"),
-    (lambda d: replace(d, q=d.q / [1, 0.9, 1, 1, 1, 1]), "joint 2 alone are in gon, in the column theta2_deg"),
+    (
+        lambda d: replace(d, q=d.q / [1, 0.9, 1, 1, 1, 1]),
+        "joint 2 alone are in gon, in the column theta2_deg",
+    ),
     (in_degrees(3), "joint 4 alone are in degrees, in the column theta4_rad"),
     (first_and_second, "joint 3 is counted the other way, and the zero of joint 2"),
 ]
@@ -115,7 +124,11 @@ OF_COORDINATES: list[tuple[Change, str]] = [
 def arm(request: pytest.FixtureRequest) -> Arm:
     if request.param != "ur5":
         return Arm.load(request.param)
-    (urdf,) = (f for f in importlib.metadata.files("example-robot-data") or [] if f.name == "ur5_robot.urdf")
+    (urdf,) = (
+        f
+        for f in importlib.metadata.files("example-robot-data") or []
+        if f.name == "ur5_robot.urdf"
+    )
     return Arm.from_urdf(str(urdf.locate()), "tool0")
 
 
@@ -123,17 +136,26 @@ def with_gross_errors(d: Measurements, rng: np.random.Generator) -> Measurements
     """One record in ten is far off."""
     bad = (np.arange(d.n) % 10 == 3)[:, None]
     return replace(
-        d, q=d.q + bad * rng.normal(0.0, 0.05, d.q.shape), reference=d.reference + bad * rng.normal(0.0, 0.05, (d.n, 3))
+        d,
+        q=d.q + bad * rng.normal(0.0, 0.05, d.q.shape),
+        reference=d.reference + bad * rng.normal(0.0, 0.05, (d.n, 3)),
     )
 
 
-SETUPS = [("sino6", "base", 1), ("sino6", "external", 3), ("sino6", "seats", 1), ("sino6", "bars", 1)]
+SETUPS = [
+    ("sino6", "base", 1),
+    ("sino6", "external", 3),
+    ("sino6", "seats", 1),
+    ("sino6", "bars", 1),
+]
 SETUPS += [("zero6", "external", 6), ("ur5", "base", 4), ("ur5", "seats", 4)]
 
 
 @pytest.mark.parametrize(("arm", "setup", "every"), SETUPS, indirect=["arm"])
 def test_every_mistake_is_named(arm: Arm, setup: str, every: int, rng: np.random.Generator) -> None:
-    """All of them on one arm with coordinates in its base and without; every third or fourth elsewhere."""
+    """All of them on one arm with coordinates in its base and without; every third or fourth
+    elsewhere.
+    """
     options: dict[str, Any] = {"parameters": "zero-offsets" if setup == "seats" else "geometry"}
     if setup in ("base", "external"):
         data = simulate_measurements(arm, "free", 60, rng=rng)
@@ -142,10 +164,19 @@ def test_every_mistake_is_named(arm: Arm, setup: str, every: int, rng: np.random
     else:
         data = simulate_measurements(arm, "ball-bar", 60, rng=rng, seats=6, bar_length=0.3)
     mistakes = {
-        "base": [*OF_ANGLES, *OF_COORDINATES, (as_angles(60.0), "minutes of arc"), (as_angles(1 / 360), "in turns")],
+        "base": [
+            *OF_ANGLES,
+            *OF_COORDINATES,
+            (as_angles(60.0), "minutes of arc"),
+            (as_angles(1 / 360), "in turns"),
+        ],
         "external": [*OF_ANGLES, (OF_COORDINATES[1][0], "mirror image"), *OF_COORDINATES[2:4]],
         "seats": OF_ANGLES,
-        "bars": [OF_ANGLES[2], OF_ANGLES[4], (bars_in(1e-3), "bars are in metres")],  # bars are slower to fit
+        "bars": [
+            OF_ANGLES[2],
+            OF_ANGLES[4],
+            (bars_in(1e-3), "bars are in metres"),
+        ],  # bars are slower to fit
     }[setup]
     if setup == "external":
         turn = Rotation.from_rotvec([0.3, -1.0, 0.5]).as_matrix()
@@ -162,9 +193,16 @@ def test_every_mistake_is_named(arm: Arm, setup: str, every: int, rng: np.random
         assert f"{found.before * 1e3:.4g}" in str(found)
 
 
-def test_with_stated_noise_an_unknown_target_and_in_a_diagnosis(sino6: Arm, rng: np.random.Generator) -> None:
+def test_with_stated_noise_an_unknown_target_and_in_a_diagnosis(
+    sino6: Arm, rng: np.random.Generator
+) -> None:
     data = counted(3)(with_gross_errors(simulate_measurements(sino6, "free", 60, rng=rng), rng))
-    stated: dict[str, Any] = {"encoder_noise": 8e-6, "reference_noise": 1.2e-5, "probe_noise": 0.0, "hold_out": False}
+    stated: dict[str, Any] = {
+        "encoder_noise": 8e-6,
+        "reference_noise": 1.2e-5,
+        "probe_noise": 0.0,
+        "hold_out": False,
+    }
     for options in (stated, {"target": "unknown", "hold_out": False}):
         for run in (calibrate, diagnose):
             with pytest.raises(MistakenFileError) as caught:
@@ -176,7 +214,9 @@ def test_sound_files_pass(arm: Arm) -> None:
     causes = [
         (),
         (EncoderEccentricity(3, values=(2e-4, 1e-4)),),
-        (JointZeroOffset(2, values=(2e-3,)),) if arm.dh is not None else (EncoderGain(2, values=(4e-4,)),),
+        (JointZeroOffset(2, values=(2e-3,)),)
+        if arm.dh is not None
+        else (EncoderGain(2, values=(4e-4,)),),
     ]
     for seed in range(6):  # each with both plans
         rng = np.random.default_rng(seed)
@@ -206,7 +246,9 @@ class Named:
 
 
 LEFT = {"a": (0.010, 1e-3), "b": (0.5, 0.4)}
-"""Of each mistake: what the arm as it is described is off by without it, over its travel; what a fit leaves then [m]."""
+"""Of each mistake: what the arm as it is described is off by without it, over its travel; what a
+fit leaves then [m].
+"""
 TAKEN_UP = {"before": 0.1, "fitted": 1e-3}
 """A fit that follows the mistake."""
 NAMED: list[tuple[dict[str, tuple[float, float]], dict[str, Any], tuple[str, ...]]] = [
@@ -221,7 +263,8 @@ NAMED: list[tuple[dict[str, tuple[float, float]], dict[str, Any], tuple[str, ...
     (LEFT, {"before": 6e-3, "as_given": 0.0501, "fitted": 1.9e-3}, ("a",)),
     (LEFT, TAKEN_UP, ("a",)),
     (LEFT, {"before": 0.1, "fitted": np.inf}, ("a",)),
-    # The arm as it is described has to be nearer without it, and by far where the fit has taken it up.
+    # The arm as it is described has to be nearer without it, and by far where the fit has taken it
+    # up.
     ({"a": (0.49, 1e-3)}, {}, ("a",)),
     ({"a": (0.51, 1e-3)}, {}, ()),
     ({"a": (0.099, 1e-3)}, TAKEN_UP, ("a",)),
@@ -246,15 +289,29 @@ NAMED: list[tuple[dict[str, tuple[float, float]], dict[str, Any], tuple[str, ...
     # Two at once where the file is thoroughly wrong, of two kinds.
     ({"a": (0.4, 0.4), "b": (0.4, 0.4), "a+b": (0.01, 1e-3)}, {}, ()),
     ({"a": (0.4, 0.4), "b": (0.4, 0.4), "a+b": (0.01, 1e-3)}, {"thorough": True}, ("a, and b",)),
-    ({"a": (0.4, 0.4), "A": (0.4, 0.4), "b": (0.4, 0.4), "a+A": (0.01, 1e-3)}, {"thorough": True}, ()),
+    (
+        {"a": (0.4, 0.4), "A": (0.4, 0.4), "b": (0.4, 0.4), "a+A": (0.01, 1e-3)},
+        {"thorough": True},
+        (),
+    ),
 ]
 
 
 @pytest.mark.parametrize(("off", "told", "named"), NAMED)
 def test_when_a_mistake_is_named(
-    off: dict[str, tuple[float, float]], told: dict[str, Any], named: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+    off: dict[str, tuple[float, float]],
+    told: dict[str, Any],
+    named: tuple[str, ...],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    case = {"n": 50, "before": 0.5, "as_given": 0.5, "fitted": 0.4, "absorbed": None, "thorough": False} | told
+    case = {
+        "n": 50,
+        "before": 0.5,
+        "as_given": 0.5,
+        "fitted": 0.4,
+        "absorbed": None,
+        "thorough": False,
+    } | told
     records = SimpleNamespace(n=case["n"], nq=1, source="data.csv", take=lambda _: None)
     problem: Any = SimpleNamespace(measurements=records, of=lambda _: SimpleNamespace())
 
@@ -265,10 +322,19 @@ def test_when_a_mistake_is_named(
         return SimpleNamespace(problem=without, unmodelled=0.0, system=system)
 
     def misfit(of: object, _: object) -> tuple[float, float]:
-        return (0.0, off.get(of, (1.0, 1.0))[0]) if isinstance(of, str) else (case["before"], case["as_given"])
+        return (
+            (0.0, off.get(of, (1.0, 1.0))[0])
+            if isinstance(of, str)
+            else (case["before"], case["as_given"])
+        )
 
     single = [Named(name, name.lower()) for name in off if "+" not in name]
-    fakes = {"fit": fitted, "_misfit": misfit, "_mistakes": lambda _: single, "_few": lambda _: None}
+    fakes = {
+        "fit": fitted,
+        "_misfit": misfit,
+        "_mistakes": lambda _: single,
+        "_few": lambda _: None,
+    }
     fakes |= {
         "_described": lambda of: of,
         "_touched": lambda _: None,
@@ -279,10 +345,14 @@ def test_when_a_mistake_is_named(
     for name, fake in fakes.items():
         monkeypatch.setattr(input_mistakes, name, fake)
     if not named:
-        input_mistakes._require_no_mistake(problem, case["fitted"], thorough=case["thorough"], options=True)
+        input_mistakes._require_no_mistake(
+            problem, case["fitted"], thorough=case["thorough"], options=True
+        )
         return
     with pytest.raises(MistakenFileError) as caught:
-        input_mistakes._require_no_mistake(problem, case["fitted"], thorough=case["thorough"], options=True)
+        input_mistakes._require_no_mistake(
+            problem, case["fitted"], thorough=case["thorough"], options=True
+        )
     assert (caught.value.mistake, *caught.value.others) == named
     taken_up = case["fitted"] < 2e-3 or case["fitted"] == np.inf
     assert caught.value.before == (case["before"] if taken_up else case["fitted"])
@@ -294,7 +364,8 @@ def test_when_a_mistake_is_named(
 def test_geometry_that_took_up_a_mistake(
     sino6: Arm, rng: np.random.Generator, unit: str, far: float, lever: float, moves: bool
 ) -> None:
-    """A length farther off than 50 mm or an angle than half a radian, to either side; causes may be what they are.
+    """A length farther off than 50 mm or an angle than half a radian, to either side; causes may be
+    what they are.
 
     The zero of a joint that hardly moves the tip may be anything.
     """
@@ -321,10 +392,23 @@ def table(*rows: tuple[float, float, float, float]) -> Arm:
     return by_table("robot", rows, 150.0)
 
 
-ROBOT = table((0, 290, -90, 0), (270, 0, 0, -90), (70, 0, -90, 0), (0, 302, 90, 0), (0, 0, -90, 0), (0, 72, 0, 180))
+ROBOT = table(
+    (0, 290, -90, 0),
+    (270, 0, 0, -90),
+    (70, 0, -90, 0),
+    (0, 302, 90, 0),
+    (0, 0, -90, 0),
+    (0, 72, 0, 180),
+)
 """Its last axis goes through the tip, which the last joint does not move."""
 SEVEN = table(
-    (0, 340, -90, 0), (0, 0, 90, 0), (0, 400, 90, 0), (0, 0, -90, 0), (0, 400, -90, 0), (0, 0, 90, 0), (30, 126, 0, 0)
+    (0, 340, -90, 0),
+    (0, 0, 90, 0),
+    (0, 400, 90, 0),
+    (0, 0, -90, 0),
+    (0, 400, -90, 0),
+    (0, 0, 90, 0),
+    (30, 126, 0, 0),
 )
 FRAME_OPTION, TARGET_OPTION = "--reference-frame external", "--target unknown"
 
@@ -355,11 +439,15 @@ def test_an_option_that_was_left_out_is_named(
     data = simulate_measurements(model, "free", 90, rng=rng, reference_noise=5e-5)
     with pytest.raises(MistakenFileError) as caught:
         calibrate(ROBOT, other_frame(data) if away else data, hold_out=False, progress=False)
-    assert {option for option in (FRAME_OPTION, TARGET_OPTION) if option in caught.value.mistake} == named
+    assert {
+        option for option in (FRAME_OPTION, TARGET_OPTION) if option in caught.value.mistake
+    } == named
     assert "joint" not in caught.value.mistake
     options: dict[str, Any] = {"reference_frame": "external" if away else "base"}
     options["target"] = "unknown" if TARGET_OPTION in named else "tip"
-    found = calibrate(ROBOT, other_frame(data) if away else data, **options, hold_out=False, progress=False)
+    found = calibrate(
+        ROBOT, other_frame(data) if away else data, **options, hold_out=False, progress=False
+    )
     assert found.rms < 2e-4
 
 

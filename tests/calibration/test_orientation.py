@@ -1,4 +1,6 @@
-"""Orientations beside positions: residuals against Pinocchio, stated uncertainty against Monte Carlo, what they add."""
+"""Orientations beside positions: residuals against Pinocchio, stated uncertainty against Monte
+Carlo, what they add.
+"""
 
 from __future__ import annotations
 
@@ -40,13 +42,19 @@ def straight(sino6: Arm) -> Arm:
     """A tip on the last axis: no position tells the zero of joint 6."""
     assert isinstance(sino6.file, ArmFile)
     rows = sino6.file.joints
-    return Arm.from_file(sino6.file.model_copy(update={"joints": [*rows[:-1], rows[-1].model_copy(update={"a_mm": 0.0})]}))
+    return Arm.from_file(
+        sino6.file.model_copy(
+            update={"joints": [*rows[:-1], rows[-1].model_copy(update={"a_mm": 0.0})]}
+        )
+    )
 
 
 def seen_from(records: Measurements, frame: Frame) -> Measurements:
     """The same by a reference in another frame, of a target that is turned in the tip."""
     assert records.orientation is not None
-    turned = Rotation.from_matrix(frame.rotation) * Rotation.from_quat(records.orientation[:, [1, 2, 3, 0]])
+    turned = Rotation.from_matrix(frame.rotation) * Rotation.from_quat(
+        records.orientation[:, [1, 2, 3, 0]]
+    )
     quaternion = (turned * Rotation.from_matrix(frame.targets[0])).as_quat()[:, [3, 0, 1, 2]]
     return replace(records, reference=frame.apply(records.reference), orientation=quaternion)
 
@@ -62,23 +70,32 @@ def test_turns_and_their_derivatives_are_those_of_pinocchio(
     problem = problem_of(ErrorModel(arm), records, "zero-offsets", Setup.of(arm, "external"))
     found = problem.predict(problem.start, FRAME)
     data, number = arm.model.createData(), arm.model.getFrameId(arm.tip)
-    for each, seen, poses, jacobian in zip(q, stated.as_matrix(), found.poses, found.jacobian, strict=True):
+    for each, seen, poses, jacobian in zip(
+        q, stated.as_matrix(), found.poses, found.jacobian, strict=True
+    ):
         columns = pin.computeFrameJacobian(arm.model, data, each, number, pin.LOCAL)[3:]
         pin.framesForwardKinematics(arm.model, data, each)
         target = FRAME.targets[0]
         way = seen.T @ FRAME.rotation @ data.oMf[number].rotation @ target
         np.testing.assert_allclose(poses[3:], seen @ pin.log3(way), atol=1e-12)
-        np.testing.assert_allclose(jacobian[3:, : arm.nq], seen @ pin.Jlog3(way) @ target.T @ columns, atol=1e-9)
+        np.testing.assert_allclose(
+            jacobian[3:, : arm.nq], seen @ pin.Jlog3(way) @ target.T @ columns, atol=1e-9
+        )
     geometry = problem_of(ErrorModel(arm), records, "geometry", Setup.of(arm, "external"))
     exact = geometry.predict(geometry.start, FRAME).jacobian
     p = geometry.start.size
     for k, step in enumerate(1e-6 * np.eye(exact.shape[2])):
-        ends = [geometry.poses(geometry.start + sign * step[:p], FRAME.moved(sign * step[p:])) for sign in (1, -1)]
+        ends = [
+            geometry.poses(geometry.start + sign * step[:p], FRAME.moved(sign * step[p:]))
+            for sign in (1, -1)
+        ]
         np.testing.assert_allclose(exact[:, :, k], (ends[0] - ends[1]) / 2e-6, atol=1e-7)
 
 
 def test_parameters_scatter_as_stated(sino6: Arm, rng: np.random.Generator) -> None:
-    """χ² of the parameters over calibrations with new noise; the readings' part is common to position and turn."""
+    """χ² of the parameters over calibrations with new noise; the readings' part is common to
+    position and turn.
+    """
     total, runs, known = 0.0, 40, replace(FRAME, targets=np.eye(3)[None])
     for _ in range(runs):
         data = simulate_measurements(sino6, "free", 15, rng=rng, orientation_noise=TURN, **NOISE)
@@ -96,8 +113,12 @@ def test_parameters_scatter_as_stated(sino6: Arm, rng: np.random.Generator) -> N
     assert 1e-3 < chi2.sf(total, 5 * runs) < 0.999
 
 
-def test_what_is_not_stated_is_found_and_what_is_wrong_is_left_out(sino6: Arm, rng: np.random.Generator) -> None:
-    """Frame, axes of the target and noise are unknown, a third of the orientations missing, one wrong."""
+def test_what_is_not_stated_is_found_and_what_is_wrong_is_left_out(
+    sino6: Arm, rng: np.random.Generator
+) -> None:
+    """Frame, axes of the target and noise are unknown, a third of the orientations missing, one
+    wrong.
+    """
     data = simulate_measurements(sino6, "free", 90, rng=rng, orientation_noise=TURN, **NOISE)
     data = seen_from(data, FRAME)
     assert data.orientation is not None
@@ -114,7 +135,10 @@ def test_what_is_not_stated_is_found_and_what_is_wrong_is_left_out(sino6: Arm, r
     (by_record, _) = found.held_out
     assert np.isfinite(by_record.turn_after).sum() == 59
     assert np.nanmax(by_record.turn_after) < 4e-4
-    for order, words in ((data.orientation[:, [1, 2, 3, 0]], "scalar"), (data.orientation * [1, -1, -1, -1], "reference")):
+    for order, words in (
+        (data.orientation[:, [1, 2, 3, 0]], "scalar"),
+        (data.orientation * [1, -1, -1, -1], "reference"),
+    ):
         with pytest.raises(AacmmError, match=words):
             calibrate(sino6, replace(data, orientation=order), "geometry", hold_out=False, **how)
 
@@ -128,7 +152,9 @@ def test_turns_tell_the_roll_of_the_wrist(straight: Arm, rng: np.random.Generato
     ):
         found = calibrate(straight, records, "zero-offsets", target=target, hold_out=False, **NOISE)
         assert len(found.undetermined) == untold
-    assert found.parameters["u"].iloc[-1] == pytest.approx(np.hypot(TURN, 2e-5) / np.sqrt(20), rel=0.5)
+    assert found.parameters["u"].iloc[-1] == pytest.approx(
+        np.hypot(TURN, 2e-5) / np.sqrt(20), rel=0.5
+    )
 
 
 def test_turns_show_a_cause_in_the_wrist(straight: Arm, rng: np.random.Generator) -> None:
@@ -139,7 +165,12 @@ def test_turns_show_a_cause_in_the_wrist(straight: Arm, rng: np.random.Generator
     assert told.verdict == "explained"
     assert told.turns is not None
     assert told.turns["recalibrated"] > 2 * told.turns["extended"]
-    assert diagnose(straight, replace(data, orientation=None), rng=rng, hold_out=False, **NOISE).findings == ()
+    assert (
+        diagnose(
+            straight, replace(data, orientation=None), rng=rng, hold_out=False, **NOISE
+        ).findings
+        == ()
+    )
 
 
 def test_turns_that_nothing_explains(straight: Arm, rng: np.random.Generator) -> None:
@@ -147,9 +178,21 @@ def test_turns_that_nothing_explains(straight: Arm, rng: np.random.Generator) ->
     data = simulate_measurements(straight, "free", 80, rng=rng, orientation_noise=TURN, **NOISE)
     assert data.orientation is not None
     knock = Rotation.from_rotvec([[0.0, 0.0, 0.0]] * 40 + [[3e-4, 0.0, 0.0]] * 40)
-    knocked = (Rotation.from_quat(data.orientation[:, [1, 2, 3, 0]]) * knock).as_quat()[:, [3, 0, 1, 2]]
-    for orientation, target, verdict in ((data.orientation, "frame", "no-discrepancy"), (knocked, "tip", "unexplained")):
-        told = diagnose(straight, replace(data, orientation=orientation), target=target, rng=rng, hold_out=False, **NOISE)
+    knocked = (Rotation.from_quat(data.orientation[:, [1, 2, 3, 0]]) * knock).as_quat()[
+        :, [3, 0, 1, 2]
+    ]
+    for orientation, target, verdict in (
+        (data.orientation, "frame", "no-discrepancy"),
+        (knocked, "tip", "unexplained"),
+    ):
+        told = diagnose(
+            straight,
+            replace(data, orientation=orientation),
+            target=target,
+            rng=rng,
+            hold_out=False,
+            **NOISE,
+        )
         assert told.verdict == verdict
         assert np.isfinite(told.residual_groups["times_noise"]).all()
 
@@ -166,7 +209,9 @@ def test_turns_that_nothing_explains(straight: Arm, rng: np.random.Generator) ->
         (dict.fromkeys(("qw", "qx", "qy", "qz")), None, "uncertainty"),
     ],
 )
-def test_orientations_that_are_none(change: dict[str, object], where: int | None, words: str) -> None:
+def test_orientations_that_are_none(
+    change: dict[str, object], where: int | None, words: str
+) -> None:
     row = {
         "theta1_deg": 10.0,
         "x_mm": 1.0,
@@ -182,7 +227,9 @@ def test_orientations_that_are_none(change: dict[str, object], where: int | None
     with pytest.raises(MeasurementFileError, match=words) as caught:
         Measurements.from_frame(pd.DataFrame([changed, changed]))
     assert caught.value.row == where
-    kept = Measurements.from_frame(pd.DataFrame([row, row | dict.fromkeys(("qw", "qx", "qy", "qz", "u_rot_rad"), "")]))
+    kept = Measurements.from_frame(
+        pd.DataFrame([row, row | dict.fromkeys(("qw", "qx", "qy", "qz", "u_rot_rad"), "")])
+    )
     assert kept.oriented.tolist() == [True, False]
     assert kept.read_as == ()
     (asked,) = Measurements.from_frame(pd.DataFrame([row | {"u_rot_rad": 0.01}])).read_as

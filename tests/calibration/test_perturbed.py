@@ -19,12 +19,16 @@ from aacmm_pin.errors import AacmmError
 
 
 def steps(drawn: ErrorModel, model: ErrorModel) -> np.ndarray:
-    return np.array([a.value - b.value for a, b in zip(drawn.parameters, model.parameters, strict=True)])
+    return np.array(
+        [a.value - b.value for a, b in zip(drawn.parameters, model.parameters, strict=True)]
+    )
 
 
 def test_geometry_stays_within_its_half_widths_and_fills_them(sino6: Arm) -> None:
     model = ErrorModel(sino6)
-    drawn = np.array([steps(perturbed_model(model, np.random.default_rng(k)), model) for k in range(60)])
+    drawn = np.array(
+        [steps(perturbed_model(model, np.random.default_rng(k)), model) for k in range(60)]
+    )
     widths = np.array([p.half_width for p in sino6.parameters])
     assert (np.abs(drawn) <= widths * (1 + 1e-9) + 1e-15).all()
     free = widths > 0
@@ -32,7 +36,9 @@ def test_geometry_stays_within_its_half_widths_and_fills_them(sino6: Arm) -> Non
     assert not drawn[:, ~free].any()
 
 
-def test_the_truth_states_no_uncertainty_and_keeps_the_rest(sino6: Arm, rng: np.random.Generator) -> None:
+def test_the_truth_states_no_uncertainty_and_keeps_the_rest(
+    sino6: Arm, rng: np.random.Generator
+) -> None:
     drawn = perturbed_model(ErrorModel(sino6), rng).arm
     assert not any(p.u for p in drawn.parameters)
     assert drawn.file is not None
@@ -41,7 +47,9 @@ def test_the_truth_states_no_uncertainty_and_keeps_the_rest(sino6: Arm, rng: np.
     np.testing.assert_array_equal(drawn.masses, sino6.masses)
     assert drawn.source.startswith("drawn within the uncertainties of: Xu You")
     q = rng.uniform(*sino6.limits.T, (20, 6))
-    np.testing.assert_allclose(drawn.poses(q).position, drawn.positions(q), atol=1e-12)  # Pinocchio moves with the table
+    np.testing.assert_allclose(
+        drawn.poses(q).position, drawn.positions(q), atol=1e-12
+    )  # Pinocchio moves with the table
     assert np.abs(drawn.positions(q) - sino6.positions(q)).max() > 1e-5
 
 
@@ -62,13 +70,17 @@ def test_effects_are_drawn_by_their_own_uncertainty(sino6: Arm) -> None:
 
 
 def test_parameters_known_together_are_drawn_together(sino6: Arm) -> None:
-    known = Covariance(parameters=("d3", "d5"), standard_uncertainty_si=(1e-5, 1e-5), correlation=((), (-0.999,)))
+    known = Covariance(
+        parameters=("d3", "d5"), standard_uncertainty_si=(1e-5, 1e-5), correlation=((), (-0.999,))
+    )
     assert sino6.file is not None
     file: ArmFile = sino6.file.model_copy(update={"covariance": known})
     model = ErrorModel(Arm.from_file(file))
     names = [p.name for p in model.parameters]
     assert perturbed_model(model, np.random.default_rng(0)).arm.covariance is None
-    drawn = np.array([steps(perturbed_model(model, np.random.default_rng(k)), model) for k in range(100)])
+    drawn = np.array(
+        [steps(perturbed_model(model, np.random.default_rng(k)), model) for k in range(100)]
+    )
     d3, d5 = drawn[:, names.index("d3")], drawn[:, names.index("d5")]
     assert np.corrcoef(d3, d5)[0, 1] < -0.99
     assert np.std(d3 + d5) < 0.1 * np.std(d3)
@@ -80,7 +92,10 @@ def test_placements_of_a_urdf_are_drawn_within_their_half_widths(
     """By Pinocchio's own placements: shifts and turns against those of the file, as logarithms."""
     half_widths = np.repeat([1e-4, 3e-4], 3)
     arm = Arm.from_urdf(
-        robot_file("ur5_robot.urdf"), "tool0", translation_half_width=half_widths[0], rotation_half_width=half_widths[-1]
+        robot_file("ur5_robot.urdf"),
+        "tool0",
+        translation_half_width=half_widths[0],
+        rotation_half_width=half_widths[-1],
     )
     moved = []
     for _ in range(40):
@@ -95,6 +110,9 @@ def test_placements_of_a_urdf_are_drawn_within_their_half_widths(
 
 
 def test_arms_that_cannot_be_drawn(sino6: Arm, zero6: Arm, rng: np.random.Generator) -> None:
-    for arm, said in ((zero6, "no parameter has an uncertainty"), (replace(sino6, file=None, covariance=None), "arm file")):
+    for arm, said in (
+        (zero6, "no parameter has an uncertainty"),
+        (replace(sino6, file=None, covariance=None), "arm file"),
+    ):
         with pytest.raises(AacmmError, match=said):
             perturbed_model(ErrorModel(arm), rng)

@@ -1,4 +1,6 @@
-"""Copies of records count once; repeats of a posture are held out together, and alone tell nothing of other postures."""
+"""Copies of records count once; repeats of a posture are held out together, and alone tell nothing
+of other postures.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,9 @@ def several(table: pd.DataFrame, times: int) -> Measurements:
 
 
 @pytest.mark.parametrize("plan", [pytest.param("free", marks=pytest.mark.long), "seats"])
-def test_a_file_appended_to_itself_says_the_same(sino6: Arm, rng: np.random.Generator, plan: Any) -> None:
+def test_a_file_appended_to_itself_says_the_same(
+    sino6: Arm, rng: np.random.Generator, plan: Any
+) -> None:
     model = ErrorModel(sino6).with_effects(EncoderEccentricity(3, values=(2e-4, 1e-4)))
     table = simulate_measurements(model, plan, 60, rng=rng, seats=6).to_frame()
     once, twice = (calibrate(sino6, several(table, k), progress=False) for k in (1, 2))
@@ -37,7 +41,9 @@ def test_a_file_appended_to_itself_says_the_same(sino6: Arm, rng: np.random.Gene
         exports = pd.concat([table, table.round(dict.fromkeys(rounded, 3))], ignore_index=True)
         assert originals(Measurements.from_frame(exports)).tolist() == [*range(60), *range(60)]
     pd.testing.assert_frame_equal(once.parameters, twice.parameters)
-    assert [h.rms_after for h in once.held_out] == pytest.approx([h.rms_after for h in twice.held_out])
+    assert [h.rms_after for h in once.held_out] == pytest.approx(
+        [h.rms_after for h in twice.held_out]
+    )
     assert twice.residuals["row"].tolist() == list(range(2, 62))
     found, again = (diagnose(sino6, several(table, k), progress=False) for k in (1, 5))
     assert found.verdict == again.verdict == "explained"
@@ -50,41 +56,67 @@ def test_a_file_appended_to_itself_says_the_same(sino6: Arm, rng: np.random.Gene
     assert again.held_out is not None
     assert found.held_out.gain == pytest.approx(again.held_out.gain)
     assert [len(told["rows"]) for told in data_of(again.notes, "copies")] == [240]
-    other = calibrate(sino6, Measurements.from_frame(table.assign(x_ref_mm=0.0)), hold_out=False, progress=False)
+    other = calibrate(
+        sino6, Measurements.from_frame(table.assign(x_ref_mm=0.0)), hold_out=False, progress=False
+    )
     assert data_of(other.notes, "columns_unused") == [{"columns": ["x_ref_mm"]}]
 
 
 def test_what_makes_a_copy() -> None:
-    table = pd.DataFrame({"theta1_deg": [10.0, 10.0, 10.0, 10.0], "theta2_deg": 20.0, "x_mm": 1.0, "y_mm": 2.0, "z_mm": 3.0})
-    labels = {"record": ["a", "b", "c", "d"], "time_s": [0.0, 1.0, 2.0, 3.0], "seat": ["A", "A", "B", ""]}
+    table = pd.DataFrame(
+        {
+            "theta1_deg": [10.0, 10.0, 10.0, 10.0],
+            "theta2_deg": 20.0,
+            "x_mm": 1.0,
+            "y_mm": 2.0,
+            "z_mm": 3.0,
+        }
+    )
+    labels = {
+        "record": ["a", "b", "c", "d"],
+        "time_s": [0.0, 1.0, 2.0, 3.0],
+        "seat": ["A", "A", "B", ""],
+    }
     records = Measurements.from_frame(table.assign(**labels))
     assert originals(records).tolist() == [0, 0, 2, 3]
-    other = Measurements.from_frame(table.assign(z_mm=[3.0, 3.0000001, 3.0, 3.0], approach1=[1, 1, -1, 1], approach2=1))
+    other = Measurements.from_frame(
+        table.assign(z_mm=[3.0, 3.0000001, 3.0, 3.0], approach1=[1, 1, -1, 1], approach2=1)
+    )
     assert originals(other).tolist() == [0, 0, 2, 0]
     x = {"x_mm": [1.23456, 1.235, 1.2354, 1.2356], "y_mm": [-2.0005, -2.001, -2.0005, -2.0005]}
     exports = Measurements.from_frame(table.assign(**x))
     assert originals(exports).tolist() == [0, 0, 0, 3]
     assert originals(exports.take([0, 2, 3])).tolist() == [0, 1, 2]  # none of them is rounded
-    assert originals(Measurements.from_frame(table.assign(**x, approach1=[1, -1, 1, 1], approach2=1))).tolist() == [
+    assert originals(
+        Measurements.from_frame(table.assign(**x, approach1=[1, -1, 1, 1], approach2=1))
+    ).tolist() == [
         0,
         1,
         2,
         3,
     ]
-    both = table.iloc[:3].assign(theta1_deg=[10.00004, 10.0, 10.00004], x_mm=[1.23456, 1.235, 1.2356])
+    both = table.iloc[:3].assign(
+        theta1_deg=[10.00004, 10.0, 10.00004], x_mm=[1.23456, 1.235, 1.2356]
+    )
     assert originals(Measurements.from_frame(both)).tolist() == [0, 0, 2]
     warm = table.assign(z_mm=[3.0, 3.0, 3.0, 3.01], temperature_c=[20.04, 20.0, 20.1, 20.0])
     assert originals(Measurements.from_frame(warm)).tolist() == [0, 0, 0, 3]
     for size, there in ((1e-2, 0), (1e-4, 0), (1e-5, 0), (2e-3, 1)):  # the last is no power of ten
-        twice = table.iloc[:2].assign(x_mm=[1.2345678, round(1.2345678 / size) * size], y_mm=2.0, session=["a", "b"])
-        twice = twice.assign(theta1_deg=[10.0, -350.0], u_x_mm=[0.01, 0.012], u_y_mm=0.01, u_z_mm=0.01)
+        twice = table.iloc[:2].assign(
+            x_mm=[1.2345678, round(1.2345678 / size) * size], y_mm=2.0, session=["a", "b"]
+        )
+        twice = twice.assign(
+            theta1_deg=[10.0, -350.0], u_x_mm=[0.01, 0.012], u_y_mm=0.01, u_z_mm=0.01
+        )
         assert originals(Measurements.from_frame(twice)).tolist() == [0, there], size
     kept, notes = counted_once(records.take([0, 2, 1]))
     assert kept.row.tolist() == [2, 4]
     assert data_of(notes, "copies") == [{"rows": [3]}]
 
 
-def test_places_that_several_records_state_to_the_last_digit_are_seats(sino6: Arm, rng: np.random.Generator) -> None:
+def test_places_that_several_records_state_to_the_last_digit_are_seats(
+    sino6: Arm, rng: np.random.Generator
+) -> None:
     """Without the column ``seat``, or where one of its cells is empty, all is as with it."""
     data = simulate_measurements(sino6, "seats", 60, rng=rng, seats=6)
     seat = data.conditions.seat
@@ -122,7 +154,9 @@ def test_repeats_of_a_posture_are_held_out_together(sino6: Arm, rng: np.random.G
 
 
 def test_readings_of_one_contact_count_as_their_mean(sino6: Arm, rng: np.random.Generator) -> None:
-    """Contacts of 20 µm, five readings of each: u is as of one reading of each contact, and right."""
+    """Contacts of 20 µm, five readings of each: u is as of one reading of each contact, and
+    right.
+    """
     noise = {"encoder_noise": 2e-6, "probe_noise": 2e-5, "reference_noise": 1e-6}
     once = simulate_measurements(sino6, "seats", 60, rng=rng, seats=6, **noise)
     table = pd.concat([once.to_frame()] * 5).sort_index(kind="stable").reset_index(drop=True)
@@ -132,10 +166,16 @@ def test_readings_of_one_contact_count_as_their_mean(sino6: Arm, rng: np.random.
     kept, notes = counted_once(again)
     assert kept.q == pytest.approx(again.q.reshape(60, 5, 6).mean(axis=1))
     assert kept.row.tolist() == list(range(2, 302, 5))
-    assert [(told["contacts"], len(told["rows"])) for told in data_of(notes, "contacts_averaged")] == [(60, 300)]
-    wanted, found = (calibrate(sino6, each, hold_out=False, **noise).parameters["u"] for each in (once, again))
+    assert [
+        (told["contacts"], len(told["rows"])) for told in data_of(notes, "contacts_averaged")
+    ] == [(60, 300)]
+    wanted, found = (
+        calibrate(sino6, each, hold_out=False, **noise).parameters["u"] for each in (once, again)
+    )
     np.testing.assert_allclose(found, wanted, rtol=0.01)
-    free = table.drop(columns="seat").assign(x_mm=table["x_mm"] + np.repeat(rng.normal(0.0, 0.01, 60), 5))
+    free = table.drop(columns="seat").assign(
+        x_mm=table["x_mm"] + np.repeat(rng.normal(0.0, 0.01, 60), 5)
+    )
     kept, notes = counted_once(Measurements.from_frame(free))
     assert (kept.n, len(notes)) == (60, 1)  # and no seats
     loaded = free.assign(number=np.arange(300), load=np.arange(300) % 5 // 4)
@@ -143,7 +183,13 @@ def test_readings_of_one_contact_count_as_their_mean(sino6: Arm, rng: np.random.
 
 
 def test_labels_that_share_a_posture_are_one() -> None:
-    assert together(np.array([0, 1, 2, 2, 3]), np.array([0, 1, 1, 2, 3])).tolist() == [0, 1, 1, 1, 2]
+    assert together(np.array([0, 1, 2, 2, 3]), np.array([0, 1, 1, 2, 3])).tolist() == [
+        0,
+        1,
+        1,
+        1,
+        2,
+    ]
 
 
 def test_parts_of_few_records(rng: np.random.Generator) -> None:
@@ -152,7 +198,9 @@ def test_parts_of_few_records(rng: np.random.Generator) -> None:
     for touched, wanted in ((0, "blocks"), (10, "blocks"), (11, "seats")):
         seat = np.where(np.arange(12) < touched, np.arange(12) % 6, -1)
         observations = SimpleNamespace(seat=seat, clusters=np.arange(6))
-        fit: Any = SimpleNamespace(problem=SimpleNamespace(measurements=records), observations=observations)
+        fit: Any = SimpleNamespace(
+            problem=SimpleNamespace(measurements=records), observations=observations
+        )
         kind, parts = parts_of(fit, rng)
         assert kind == wanted
         assert len(np.unique(parts)) <= (2 if kind == "blocks" else 7)
@@ -161,13 +209,19 @@ def test_parts_of_few_records(rng: np.random.Generator) -> None:
 def test_only_used_records_are_left_out() -> None:
     part, used = np.array([0, 0, 1, 1]), np.array([True, False, True, True])
     found = left_out_in_turn(
-        part, used, lambda number, out: [np.full(out.sum(), 10.0 * number + out.sum())], "records", None
+        part,
+        used,
+        lambda number, out: [np.full(out.sum(), 10.0 * number + out.sum())],
+        "records",
+        None,
     )
     np.testing.assert_array_equal(found, [[1.0, np.nan, 12.0, 12.0]])
 
 
 @pytest.mark.parametrize("stated", [{}, {"encoder_noise": 8e-6, "reference_noise": 1.2e-5}])
-def test_one_posture_tells_nothing_of_others(sino6: Arm, rng: np.random.Generator, stated: dict[str, float]) -> None:
+def test_one_posture_tells_nothing_of_others(
+    sino6: Arm, rng: np.random.Generator, stated: dict[str, float]
+) -> None:
     q = sino6.limits.mean(axis=1) + 0.3 + 8e-6 * rng.normal(size=(30, 6))
     there = sino6.positions(q[:1]) + [1e-3, 0.0, 0.0] + 1.2e-5 * rng.normal(size=(30, 3))
     records = Measurements.of(q, there)

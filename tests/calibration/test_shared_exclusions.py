@@ -1,4 +1,6 @@
-"""Excluded records that are no gross errors: half a file, a run of rows, all that moved a joint; and gross errors."""
+"""Excluded records that are no gross errors: half a file, a run of rows, all that moved a joint;
+and gross errors.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,9 @@ RECORDS = 80
 
 
 def with_a_bad_end(arm: Arm, kind: str, bad: int) -> Calibration:
-    """Before the last records the stand is pushed by 8 mm and 3 mrad, or joint 6 is counted the other way from then on."""
+    """Before the last records the stand is pushed by 8 mm and 3 mrad, or joint 6 is counted the
+    other way from then on.
+    """
     data = simulate_measurements(arm, "free", RECORDS, rng=np.random.default_rng(2))
     late = np.arange(RECORDS) >= RECORDS - bad
     q, reference = data.q.copy(), data.reference.copy()
@@ -69,7 +73,9 @@ def test_scattered_records_that_are_too_many_are_in_the_headline(sino6: Arm) -> 
 
 
 def test_what_is_left_hardly_moves_a_joint(sino6: Arm) -> None:
-    """Joint 6 stands nearly still but for the records of which its encoder is wrong, here and there in the file."""
+    """Joint 6 stands nearly still but for the records of which its encoder is wrong, here and there
+    in the file.
+    """
     rng = np.random.default_rng(4)
     q = random_postures(sino6, 100, rng)
     moves = rng.permutation(100) < 14
@@ -87,7 +93,9 @@ def test_what_is_left_hardly_moves_a_joint(sino6: Arm) -> None:
 
 @pytest.mark.parametrize("share", [0.0, 0.01, 0.03])
 def test_gross_errors_are_nothing_else(sino6: Arm, share: float) -> None:
-    """Wrong coordinates, and readings wrong by any angle, in files of 20 to 200 records: no word of anything shared."""
+    """Wrong coordinates, and readings wrong by any angle, in files of 20 to 200 records: no word of
+    anything shared.
+    """
     rng = np.random.default_rng(5)
     for number in (20, 50, 200):
         for _ in range(3):
@@ -95,7 +103,9 @@ def test_gross_errors_are_nothing_else(sino6: Arm, share: float) -> None:
             wrong = np.argsort(rng.random(number))[: round(share * number)]
             q, reference = data.q.copy(), data.reference.copy()
             reference[wrong[::2]] += 5e-3 * rng.standard_normal((len(wrong[::2]), 3))
-            q[wrong[1::2], rng.integers(6, size=len(wrong[1::2]))] += rng.uniform(-3.0, 3.0, len(wrong[1::2]))
+            q[wrong[1::2], rng.integers(6, size=len(wrong[1::2]))] += rng.uniform(
+                -3.0, 3.0, len(wrong[1::2])
+            )
             found = calibrate(sino6, replace(data, q=q, reference=reference), hold_out=False)
             assert not found.exclusions.doubtful
             assert verdict(found).startswith(found.model.arm.name)
@@ -111,7 +121,9 @@ def test_one_of_a_few_records_is_a_mishap(sino6: Arm) -> None:
 
 
 def test_excluded_records_that_are_neighbours(sino6: Arm, rng: np.random.Generator) -> None:
-    """By brute force: of random ones hardly any seem to be neighbours; those of one time, joint or place do."""
+    """By brute force: of random ones hardly any seem to be neighbours; those of one time, joint or
+    place do.
+    """
     data = Measurements.of(random_postures(sino6, 100, rng))
     often = 0
     for count in (3, 5, 15):

@@ -1,4 +1,6 @@
-"""Parts of the solver by themselves: noise of records in a turned frame, what a step promises, weights of gross errors."""
+"""Parts of the solver by themselves: noise of records in a turned frame, what a step promises,
+weights of gross errors.
+"""
 
 from __future__ import annotations
 
@@ -47,14 +49,20 @@ def test_noise_of_readings_in_a_turned_frame(sino6: Arm, rng: np.random.Generato
     by_reading = FRAME.rotation @ sino6.jacobian(problem.measurements.q) * NOISE
     wanted = by_reading @ by_reading.transpose(0, 2, 1) + 9e-12 * np.eye(3)
     np.testing.assert_allclose(found.tips, wanted, rtol=1e-9, atol=1e-19)
-    np.testing.assert_allclose(found.of_residuals, wanted + 4e-12 * np.eye(3), rtol=1e-9, atol=1e-19)
-    np.testing.assert_allclose(found.without_scatter, wanted - 5e-12 * np.eye(3), rtol=1e-9, atol=1e-19)
+    np.testing.assert_allclose(
+        found.of_residuals, wanted + 4e-12 * np.eye(3), rtol=1e-9, atol=1e-19
+    )
+    np.testing.assert_allclose(
+        found.without_scatter, wanted - 5e-12 * np.eye(3), rtol=1e-9, atol=1e-19
+    )
     white = found.whitening @ found.of_residuals @ found.whitening.transpose(0, 2, 1)
     np.testing.assert_allclose(white, np.broadcast_to(np.eye(3), white.shape), atol=1e-9)
 
 
 def test_noise_of_readings_acts_on_the_target(sino6: Arm, rng: np.random.Generator) -> None:
-    """On one beyond the tip, by differences of what the readings predict; on its orientation too."""
+    """On one beyond the tip, by differences of what the readings predict; on its
+    orientation too.
+    """
     n, step = 8, 1e-6
     q = np.column_stack([rng.uniform(low, high, n) for low, high in sino6.limits])
     model = ErrorModel(sino6, (StylusOffset("far", values=(0.05, -0.1, 0.3)),))
@@ -66,7 +74,9 @@ def test_noise_of_readings_acts_on_the_target(sino6: Arm, rng: np.random.Generat
     moved = []
     for j in range(sino6.nq):
         low, high = (model.state(q + sign * step * np.eye(sino6.nq)[j], marker) for sign in (-1, 1))
-        turn = Rotation.from_matrix(high.rotation[-1] @ low.rotation[-1].transpose(0, 2, 1)).as_rotvec()
+        turn = Rotation.from_matrix(
+            high.rotation[-1] @ low.rotation[-1].transpose(0, 2, 1)
+        ).as_rotvec()
         moved.append(np.hstack([high.position - low.position, turn]) / (2 * step))
     found = problem.reading_jacobian(np.array([0.05, -0.1, 0.3]), Frame.identity())
     np.testing.assert_allclose(found, np.stack(moved, axis=2), atol=1e-7)
@@ -80,7 +90,9 @@ def system_of(problem: Problem, off: float = 0.0) -> solver.Solution:
     return solver.solution_at(problem, noise, point, np.ones(problem.measurements.n))
 
 
-def test_what_a_step_promises(sino6: Arm, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_a_step_promises(
+    sino6: Arm, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """What plain least squares of the same rows gains, and what is left of it in a trust region."""
     monkeypatch.setattr(linear_model, "AT_ONCE", 7)  # not all rows at once
     problem = external(sino6, rng, off=1e-4)
@@ -93,7 +105,9 @@ def test_what_a_step_promises(sino6: Arm, rng: np.random.Generator, monkeypatch:
     quarter = solver.solution_at(problem, here.noise, here.point, 0.25 * here.weights).system
     np.testing.assert_allclose(quarter.residual, 0.5 * here.system.residual, rtol=1e-12)
     seen = problem.predict(x, FRAME, here.point.prediction.tips).jacobian
-    np.testing.assert_allclose(seen / scales, here.point.prediction.jacobian / scales, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(
+        seen / scales, here.point.prediction.jacobian / scales, rtol=1e-9, atol=1e-9
+    )
 
     def gained(step: Array) -> float:
         return float(residual @ residual - np.square(residual + rows @ step).sum())
@@ -101,7 +115,10 @@ def test_what_a_step_promises(sino6: Arm, rng: np.random.Generator, monkeypatch:
     best = gained(-np.linalg.lstsq(rows * scales, residual)[0] * scales)
     step = solver._Step.of(here.system, np.zeros(scales.size))
     assert best > 100.0
-    assert [here.system.spectrum.predicted_reduction(0.0), step.predicted_reduction] == pytest.approx([best] * 2, rel=1e-6)
+    assert [
+        here.system.spectrum.predicted_reduction(0.0),
+        step.predicted_reduction,
+    ] == pytest.approx([best] * 2, rel=1e-6)
     full = step.within(np.inf)
     assert full.predicted == pytest.approx(best, rel=1e-6)
     for part in (1.1, 0.5, 0.1, 1e-6):
@@ -111,9 +128,13 @@ def test_what_a_step_promises(sino6: Arm, rng: np.random.Generator, monkeypatch:
 
 
 def test_ends_of_bars_are_where_they_fit_best(sino6: Arm, rng: np.random.Generator) -> None:
-    """From a start that is off, parameters as they are: no step of the ends by themselves is left."""
+    """From a start that is off, parameters as they are: no step of the ends by themselves
+    is left.
+    """
     noise = {"encoder_noise": 8e-6, "probe_noise": 5e-6}
-    data = simulate_measurements(sino6, "ball-bar", 60, rng=rng, known=False, bar_length=0.5, **noise)
+    data = simulate_measurements(
+        sino6, "ball-bar", 60, rng=rng, known=False, bar_length=0.5, **noise
+    )
     setup = Setup.of(sino6, **noise)
     problem = problem_of(ErrorModel(sino6), data, "geometry", setup)
     model = NoiseModel.of(problem, problem.start, Frame.identity(), Scatters())
@@ -125,7 +146,9 @@ def test_ends_of_bars_are_where_they_fit_best(sino6: Arm, rng: np.random.Generat
     assert bars > 0
     assert search.system(start).free == 3 * (60 - seats) + bars
     assert np.abs(search.system(start).seat_step(still)).max() > 1e-3
-    assert np.abs(search.seats_at_best(start, search.system(start))[1].seat_step(still)).max() < 1e-7
+    assert (
+        np.abs(search.seats_at_best(start, search.system(start))[1].seat_step(still)).max() < 1e-7
+    )
 
 
 def test_records_without_weight_count_for_nothing(sino6: Arm, rng: np.random.Generator) -> None:
@@ -138,15 +161,25 @@ def test_records_without_weight_count_for_nothing(sino6: Arm, rng: np.random.Gen
 
 
 @pytest.mark.parametrize("known", [True, False])
-def test_distance_from_where_the_others_put_a_seat(sino6: Arm, rng: np.random.Generator, known: bool) -> None:
-    """Each record's seat anew from all others, and from what is stated of it, by weighted least squares."""
+def test_distance_from_where_the_others_put_a_seat(
+    sino6: Arm, rng: np.random.Generator, known: bool
+) -> None:
+    """Each record's seat anew from all others, and from what is stated of it, by weighted least
+    squares.
+    """
     noise = {"encoder_noise": 8e-6, "reference_noise": 12e-6, "probe_noise": 5e-6}
     data = simulate_measurements(sino6, "seats", 24, rng=rng, seats=3, known=known, **noise)
     setup = Setup.of(sino6, **noise)
     problem = problem_of(ErrorModel(sino6), data, "geometry", setup)
     model = NoiseModel.of(problem, problem.start, Frame.identity(), Scatters())
-    begun, weights, observations = solver.initial_point(problem, model.observations), np.ones(24), model.observations
-    step = solver.solution_at(problem, model, begun, weights).system.seat_step(np.zeros(problem.scales.size))
+    begun, weights, observations = (
+        solver.initial_point(problem, model.observations),
+        np.ones(24),
+        model.observations,
+    )
+    step = solver.solution_at(problem, model, begun, weights).system.seat_step(
+        np.zeros(problem.scales.size)
+    )
     best = solver.solution_at(problem, model, replace(begun, seats=begun.seats + step), weights)
     assert best.system.free == 3 * 24 - (0 if known else 9)
     found = deleted_distances(best)
@@ -160,8 +193,12 @@ def test_distance_from_where_the_others_put_a_seat(sino6: Arm, rng: np.random.Ge
         assert found[k] == pytest.approx(off @ np.linalg.solve(covariance[k] + u, off), rel=1e-4)
 
 
-def test_a_promise_that_nothing_comes_of_ends_the_search(sino6: Arm, rng: np.random.Generator) -> None:
-    """At the minimum with a derivative that is wrong by a little: a small promise is let go, a large one is not."""
+def test_a_promise_that_nothing_comes_of_ends_the_search(
+    sino6: Arm, rng: np.random.Generator
+) -> None:
+    """At the minimum with a derivative that is wrong by a little: a small promise is let go, a
+    large one is not.
+    """
     problem = external(sino6, rng, off=3e-6)
     begun = system_of(problem)
     weights = begun.weights
@@ -201,11 +238,19 @@ def test_coordinates_of_a_seat_that_hardly_differ_are_the_same(sino6: Arm) -> No
         assert observations_of(records, Setup.of(sino6, reference_noise=noise)).labels == labels
 
 
-@pytest.mark.parametrize(("apart", "loose"), [(3e-6, False), (1.9e-5, False), (2.1e-5, True), (3e-3, True)])
-def test_a_seat_of_which_some_records_are_rounded_or_wrong_was_measured_once(sino6: Arm, apart: float, loose: bool) -> None:
-    """Coordinates that records repeat are of one measurement, beside those of a record that are far from them; where each
-    has its own, these are of many."""
-    seats, noise = Conditions(8, seat=np.full(8, "A", dtype=object)), Setup.of(sino6, reference_noise=1e-5)
+@pytest.mark.parametrize(
+    ("apart", "loose"), [(3e-6, False), (1.9e-5, False), (2.1e-5, True), (3e-3, True)]
+)
+def test_a_seat_of_which_some_records_are_rounded_or_wrong_was_measured_once(
+    sino6: Arm, apart: float, loose: bool
+) -> None:
+    """Coordinates that records repeat are of one measurement, beside those of a record that are far
+    from them; where each has its own, these are of many.
+    """
+    seats, noise = (
+        Conditions(8, seat=np.full(8, "A", dtype=object)),
+        Setup.of(sino6, reference_noise=1e-5),
+    )
     points = np.tile([0.5, 0.0, 0.0], (8, 1))
     points[5, 0] += apart
     own = points.copy()
@@ -215,11 +260,15 @@ def test_a_seat_of_which_some_records_are_rounded_or_wrong_was_measured_once(sin
     assert found.seat.tolist() == np.where(loose & (np.arange(8) == 5), -1, 0).tolist()
     assert abs(found.stated[0, 0] - 0.5 - (not loose) * apart / 8) < 1e-12
     assert len(contradictions(records, noise, Scatters())) == loose
-    assert observations_of(replace(records, reference=own), noise).labels == (("A",) if apart == 3e-6 else ())
+    assert observations_of(replace(records, reference=own), noise).labels == (
+        ("A",) if apart == 3e-6 else ()
+    )
 
 
 def test_distances_at_unknown_seats() -> None:
-    """From the mean of the others of a seat, widened; from where others put it; none of a single record."""
+    """From the mean of the others of a seat, widened; from where others put it; none of a single
+    record.
+    """
     seats = Conditions(6, seat=np.array([*"AAA", "B", *"CC"], dtype=object))
     tips = np.array([[0, 0, 0], [3, 0, 0], [0, 3, 0], [1, 1, 1], [3, 4, 0], [0, 0, 2]], dtype=float)
     found = distances(Measurements.of(np.zeros((6, 6)), conditions=seats), tips, {"C": np.zeros(3)})
@@ -229,7 +278,9 @@ def test_distances_at_unknown_seats() -> None:
 def test_observability_by_hand() -> None:
     """Singular values 4 and 1, and a direction that nothing tells."""
     found = Observability.of(np.diag([4.0, 1.0, 0.0]), 4)
-    assert (found.o1, found.o2, found.o3, found.o4, found.o5) == pytest.approx((1.0, 0.25, 1.0, 0.25, 0.8))
+    assert (found.o1, found.o2, found.o3, found.o4, found.o5) == pytest.approx(
+        (1.0, 0.25, 1.0, 0.25, 0.8)
+    )
     assert found.directions == 2
 
 
@@ -240,12 +291,13 @@ def test_chi2_that_the_noise_does_not_explain() -> None:
 
 
 def test_the_scatter_with_which_chi2_meets_its_degrees_of_freedom() -> None:
-    """Ties of seats and bars have a part of them, or, not stated, one of their own; records that do not count have none; too
-    few tell nothing.
+    """Ties of seats and bars have a part of them, or, not stated, one of their own; records that do
+    not count have none; too few tell nothing.
     """
     deviation = np.array([[3.0, 0, 0], [0, 4.0, 0], [0, 0, 12.0], [900.0, 0, 0]]) * 1e-5
     ties: Any = SimpleNamespace(
-        of_seats=lambda seats: np.array([[0.0, seats, 0.0]]), of_bars=lambda seats: (np.array([seats / 2]), None)
+        of_seats=lambda seats: np.array([[0.0, seats, 0.0]]),
+        of_bars=lambda seats: (np.array([seats / 2]), None),
     )
     own = np.broadcast_to(9e-10 * np.eye(3), (4, 3, 3))
     noise = SimpleNamespace(scatters=Scatters(7e-5), observations=ties, without_scatter=own)
@@ -264,11 +316,15 @@ def test_the_scatter_with_which_chi2_meets_its_degrees_of_freedom() -> None:
             point=SimpleNamespace(seats=seats),
         )
         scatter = 7e-5 if wanted is None else 1e-5 * np.sqrt(wanted - 9.0)
-        assert _variance_component(found, np.arange(4) < 3, False, *apart) == pytest.approx(scatter, rel=1e-6)
+        assert _variance_component(found, np.arange(4) < 3, False, *apart) == pytest.approx(
+            scatter, rel=1e-6
+        )
 
 
 def test_weights_of_gross_errors() -> None:
-    """Cauchy's: half at two standard deviations in each of three coordinates, by the scatter of most records."""
+    """Cauchy's: half at two standard deviations in each of three coordinates, by the scatter of
+    most records.
+    """
     for scale in (1.0, 50.0):
         distance = scale * np.array([*[solver.MEDIAN] * 9, 0.0, 12.0, 108.0, np.nan])
         np.testing.assert_allclose(solver._robust_weights(distance)[9:], [1.0, 0.5, 0.1, 1.0])

@@ -16,7 +16,9 @@ NOISE = ["--encoder-noise-rad", "8e-6"]
 
 def run(*words: object, columns: int | None = None) -> tuple[int, str, str]:
     """Exit status, stdout and stderr."""
-    result = CliRunner().invoke(app, [str(word) for word in words], env={"COLUMNS": columns and str(columns)})
+    result = CliRunner().invoke(
+        app, [str(word) for word in words], env={"COLUMNS": columns and str(columns)}
+    )
     if result.exception is not None and not isinstance(result.exception, SystemExit):
         raise result.exception
     return result.exit_code, result.stdout, result.stderr

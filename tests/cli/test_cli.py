@@ -1,4 +1,6 @@
-"""The command line as a user meets it: outputs by the contract, exit statuses, nothing half-written."""
+"""The command line as a user meets it: outputs by the contract, exit statuses, nothing
+half-written.
+"""
 
 from __future__ import annotations
 
@@ -49,11 +51,22 @@ def test_configurations_csv_reaches_the_point(tmp_path: Path) -> None:
     done("configurations", "sino6", *POINT, "--count", "12", "-o", target)
     table = pd.read_csv(target)
     thetas = [f"theta{j}_deg" for j in range(1, 7)]
-    named = ["component", "swivel_deg", *thetas, "within_limits", "broken_limits", "x_mm", "y_mm", "z_mm"]
+    named = [
+        "component",
+        "swivel_deg",
+        *thetas,
+        "within_limits",
+        "broken_limits",
+        "x_mm",
+        "y_mm",
+        "z_mm",
+    ]
     assert list(table.columns)[: len(named)] == named
     position = Arm.load("sino6").poses(table[thetas].to_numpy() * DEG, "frame5").position / MM
     np.testing.assert_allclose(position, table[["x_mm", "y_mm", "z_mm"]], atol=1e-9)
-    np.testing.assert_allclose(position, np.broadcast_to([33.6323, -671.8702, 182.9355], position.shape), atol=1e-9)
+    np.testing.assert_allclose(
+        position, np.broadcast_to([33.6323, -671.8702, 182.9355], position.shape), atol=1e-9
+    )
     assert table["within_limits"].dtype == bool
     assert table.loc[table["within_limits"], "broken_limits"].isna().all()
     out, err = done("configurations", "sino6", *POINT, "--count", "12")
@@ -77,8 +90,13 @@ def test_accuracy_in_numbers(tmp_path: Path) -> None:
     assert table["within_limits"].all()
     assert (table["largest_deviation_mm"] > table["u_mm"]).all()
     for method in ("jointwise", "ellipsoid", "monte-carlo"):
-        other = found("accuracy", "sino6", *POINT, "--method", method, "--count", "6", "--seed", "3")
-        assert (other["method"], other.get("seed")) == (method, 3 if method == "monte-carlo" else None)
+        other = found(
+            "accuracy", "sino6", *POINT, "--method", method, "--count", "6", "--seed", "3"
+        )
+        assert (other["method"], other.get("seed")) == (
+            method,
+            3 if method == "monte-carlo" else None,
+        )
     noisy = found("accuracy", "sino6", *POINT, "--count", "6", "--encoder-noise-rad", "2.4e-5")
     assert "encoder_noise1" in {row["parameter"] for row in noisy["budget"]}
     upright = found("accuracy", "sino6", *POINT, "--tip", "--axis", "0", "0", "-1", "--count", "12")
@@ -92,7 +110,11 @@ def test_accuracy_in_words_names_the_best_posture_and_the_budget(tmp_path: Path)
         assert word in out
     assert picture.read_bytes().startswith(b"\x89PNG")
     lines = BUNDLED.read_text(encoding="utf-8").splitlines()
-    path.write_text("\n".join(line for line in lines if not line.startswith("uncertainty") or "0.02707" not in line))
+    path.write_text(
+        "\n".join(
+            line for line in lines if not line.startswith("uncertainty") or "0.02707" not in line
+        )
+    )
     assert "a3, d3, alpha3, theta_offset3" in done("accuracy", path, *POINT, "--count", "6")[0]
 
 
@@ -102,7 +124,9 @@ def test_map_writes_netcdf_picture_and_json(tmp_path: Path) -> None:
     assert summary["cells"] == [6, 6]
     assert sum(summary["working_sectors"].values()) + summary["unreachable"] == 36
     assert summary["extent_mm"] == {"x": [0, 1220], "z": [-1220, 1220]}
-    assert WorkspaceMap.load(target).working_sectors() == {int(k): n for k, n in summary["working_sectors"].items()}
+    assert WorkspaceMap.load(target).working_sectors() == {
+        int(k): n for k, n in summary["working_sectors"].items()
+    }
     assert picture.stat().st_size > 1000
 
 
@@ -112,13 +136,22 @@ def test_unusable_input_is_one_message_and_status_1() -> None:
         (["accuracy", "none.toml", *POINT], ["none.toml", "no such file"]),
         (["accuracy", "sino6", "--point", "1", "2", "nan"], ["point[2]", "nan", "finite"]),
         (["accuracy", "sino6", "--point", "1300", "0", "0"], ["1300.000 mm", "1210.6", "reaches"]),
-        (["configurations", "sino6", "--point", "0", "0", "100"], ["100.000 mm", "200.4", "reaches"]),
-        (["configurations", "sino6", *POINT, "--tip", "--axis", "0", "0", "0"], ["axis", "direction"]),
+        (
+            ["configurations", "sino6", "--point", "0", "0", "100"],
+            ["100.000 mm", "200.4", "reaches"],
+        ),
+        (
+            ["configurations", "sino6", *POINT, "--tip", "--axis", "0", "0", "0"],
+            ["axis", "direction"],
+        ),
         (["accuracy", "sino6", *POINT, "--method", "guess"], ["guess", "zonotope", "ellipsoid"]),
         (["accuracy", "sino6", *POINT, "--encoder-noise-rad", "-1"], ["--encoder-noise-rad", "-1"]),
         (["accuracy", "zero6", "--point", "300", "200", "300"], ["zero6", "uncertainty"]),
         (["map", "zero6", *SMALL], ["zero6", "uncertainty"]),
-        (["map", "sino6", *SMALL, "--extent-mm", "500", "100", "0", "100"], ["extent", "500", "x from < x to"]),
+        (
+            ["map", "sino6", *SMALL, "--extent-mm", "500", "100", "0", "100"],
+            ["extent", "500", "x from < x to"],
+        ),
         (["map", "sino6", *SMALL, "--method", "monte-carlo"], ["monte-carlo", "ellipsoid"]),
         (["map", "sino6", "--cells", "0", "4"], ["(0, 4)", "at least 1"]),
         (["urdf", "sino6", "-o", "/no/such/folder/a.urdf"], ["/no/such/folder", "does not exist"]),
@@ -130,12 +163,20 @@ def test_a_point_in_metres_is_seen(tmp_path: Path) -> None:
     """0.4 0 0.3 mm is beside the shoulder, where nothing reaches; 0.4 0 0.3 m is in reach."""
     metres = ["--point", "0.4", "0.0", "0.3"]
     for words in ([], ["--tip", "--axis", "0", "0", "-1"]):
-        refused("configurations", "sino6", *metres, *words, said=["0.4000", "metres", "expected mm"])
+        refused(
+            "configurations", "sino6", *metres, *words, said=["0.4000", "metres", "expected mm"]
+        )
     refused("accuracy", "sino6", *POINT, "--to", "0.4", "0", "0.3", said=["metres"])
     assert "metres" not in refused("configurations", "sino6", "--point", "1.9", "0", "0")
-    file, path = load_arm_file("sino6"), tmp_path / "near.toml"  # the wrist comes to the shoulder, beyond the limits
+    file, path = (
+        load_arm_file("sino6"),
+        tmp_path / "near.toml",
+    )  # the wrist comes to the shoulder, beyond the limits
     third, fourth = ({"d_mm": -500.0, "a_mm": 60.0}, {"limits_rad": (-2.2, 0.0)})
-    changed = [row.model_copy(update=change) for row, change in zip(file.joints[2:4], (third, fourth), strict=True)]
+    changed = [
+        row.model_copy(update=change)
+        for row, change in zip(file.joints[2:4], (third, fourth), strict=True)
+    ]
     joints = [*file.joints[:2], *changed, *file.joints[4:]]
     path.write_text(ErrorModel(Arm.from_file(file.model_copy(update={"joints": joints}))).text())
     _, said = done("configurations", path, *metres, "--count", "9")
@@ -144,11 +185,15 @@ def test_a_point_in_metres_is_seen(tmp_path: Path) -> None:
 
 
 def test_the_tip_of_an_arm_with_other_than_six_joints(tmp_path: Path) -> None:
-    """Five conditions: single postures of five joints; seven need the whole pose, with which they go round curves."""
+    """Five conditions: single postures of five joints; seven need the whole pose, with which they
+    go round curves.
+    """
     file, tip = load_arm_file("sino6"), ["--tip", "--axis", "0", "0", "-1"]
     five, seven = tmp_path / "five.toml", tmp_path / "seven.toml"
     for path, joints in ((five, file.joints[1:]), (seven, [*file.joints, file.joints[1]])):
-        path.write_text(ErrorModel(Arm.from_file(file.model_copy(update={"joints": joints}))).text())
+        path.write_text(
+            ErrorModel(Arm.from_file(file.model_copy(update={"joints": joints}))).text()
+        )
     arm, q = Arm.load(five), np.array([[0.5, 1.0, 2.0, 0.8, 1.5]])
     point, axis = arm.positions(q)[0] / MM, arm.poses(q).placement[0, :3, :3] @ arm.stylus_axis
     there = ["--point", *map(str, point), "--tip", "--axis", *map(str, axis)]
@@ -156,31 +201,59 @@ def test_the_tip_of_an_arm_with_other_than_six_joints(tmp_path: Path) -> None:
     found = table[[f"theta{j}_deg" for j in range(1, 6)]].to_numpy()
     assert np.abs(np.sin(np.radians(found) / 2 - q / 2)).max(axis=1).min() < 1e-6
     refused("accuracy", seven, *POINT, *tip, said=["7 joints", "2 joints free", "full pose"])
-    curves, _ = done("configurations", seven, *POINT, "--tip", "--rpy-deg", "180", "0", "0", "--count", "9")
+    curves, _ = done(
+        "configurations", seven, *POINT, "--tip", "--rpy-deg", "180", "0", "0", "--count", "9"
+    )
     assert len(curves.splitlines()) > 9
 
 
 def test_numbers_that_no_option_takes(tmp_path: Path) -> None:
-    """The same numbers are refused by Python, which says them in SI; work that would fill the memory is not begun."""
+    """The same numbers are refused by Python, which says them in SI; work that would fill the
+    memory is not begun.
+    """
     tip, sizes = ["--tip", "--axis", "0", "0", "-1"], ["map", "sino6", "--cells", "3", "3"]
-    bars, plan = ["simulate", "sino6", "--plan", "ball-bar", "--bar-length-mm"], ["plan", "sino6", "--records", "5"]
+    bars, plan = (
+        ["simulate", "sino6", "--plan", "ball-bar", "--bar-length-mm"],
+        ["plan", "sino6", "--records", "5"],
+    )
     for words, said in (
-        (["accuracy", "sino6", *POINT, "--count", "1000000000"], ["count", "1000000000", "400000", "4 GB"]),
+        (
+            ["accuracy", "sino6", *POINT, "--count", "1000000000"],
+            ["count", "1000000000", "400000", "4 GB"],
+        ),
         (["configurations", "sino6", *POINT, "--count", "9" * 40], ["count", "400000"]),
         (["map", "sino6", "--cells", "1000000", "1000000"], ["cells", "1000000000000", "4000000"]),
-        (["demo", "-o", tmp_path / "out", "--cells", "1000000", "1000000"], ["cells", "1000000000000"]),
+        (
+            ["demo", "-o", tmp_path / "out", "--cells", "1000000", "1000000"],
+            ["cells", "1000000000000"],
+        ),
         ([*sizes, "--sectors", "1000000"], ["sectors", "1000000"]),
         ([*sizes, "--processes", "100000"], ["processes", "100000"]),
-        ([*sizes, "--extent-mm", "0", "1.2", "-1.2", "1.2"], ["SINO6", "out of reach", "--extent-mm"]),
+        (
+            [*sizes, "--extent-mm", "0", "1.2", "-1.2", "1.2"],
+            ["SINO6", "out of reach", "--extent-mm"],
+        ),
         ([*sizes, "--extent-mm", "0", "1e200", "0", "1"], ["extent[1]", "100 m"]),
         (["accuracy", "sino6", "--point", "1e155", "0", "0"], ["point[0]", "100 m"]),
         (["configurations", "sino6", *tip, "--point", "0", "0", "-1e155"], ["point[2]", "100 m"]),
-        (["configurations", "sino6", "--tip", "--rpy-deg", "1e300", "0", "0", *POINT], ["--rpy-deg[0]"]),
+        (
+            ["configurations", "sino6", "--tip", "--rpy-deg", "1e300", "0", "0", *POINT],
+            ["--rpy-deg[0]"],
+        ),
         (["show", "sino6", "--theta-deg", "0 1e300 0 0 0 0"], ["q[0, 1]"]),
-        (["accuracy", "sino6", *POINT, "--encoder-noise-rad", "1.65"], ["--encoder-noise-rad", "1.65", "0.005"]),
-        (["simulate", "sino6", "--encoder-noise-rad", "1.65"], ["--encoder-noise-rad", "1.65", "0.005"]),
+        (
+            ["accuracy", "sino6", *POINT, "--encoder-noise-rad", "1.65"],
+            ["--encoder-noise-rad", "1.65", "0.005"],
+        ),
+        (
+            ["simulate", "sino6", "--encoder-noise-rad", "1.65"],
+            ["--encoder-noise-rad", "1.65", "0.005"],
+        ),
         (["simulate", "sino6", "--records", "1000000000"], ["records", "1000000000", "800000"]),
-        (["simulate", "sino6", "--seats", "1000000", "--records", "500000"], ["seats", "1000000", "20000"]),
+        (
+            ["simulate", "sino6", "--seats", "1000000", "--records", "500000"],
+            ["seats", "1000000", "20000"],
+        ),
         ([*bars, "1e300"], ["bar_length", "1e+297", "100 m"]),
         ([*bars, "nan"], ["bar_length", "nan"]),
         (["plan", "sino6", "--records", "1000000"], ["records", "1000000", "10000"]),
@@ -188,14 +261,18 @@ def test_numbers_that_no_option_takes(tmp_path: Path) -> None:
         ([*plan, "--above-mm", "1e300"], ["above", "1e+297"]),
     ):
         refused(*words, said=said)
-    for words in (["accuracy", "sino6", *POINT, "--seed", "-1"], ["simulate", "sino6", "--records", "1e9"]):
+    for words in (
+        ["accuracy", "sino6", *POINT, "--seed", "-1"],
+        ["simulate", "sino6", "--records", "1e9"],
+    ):
         assert run(*words)[0] == 2, words
 
 
 def test_angles_carry_their_unit() -> None:
     words = ["accuracy", "sino6", *POINT, "--count", 12, "--method", "ellipsoid"]
     least = [
-        found(*words, "--encoder-noise-rad", text)["best"]["u_mm"] for text in ("1e-4", "100urad", f"{np.degrees(0.1)}mdeg")
+        found(*words, "--encoder-noise-rad", text)["best"]["u_mm"]
+        for text in ("1e-4", "100urad", f"{np.degrees(0.1)}mdeg")
     ]
     np.testing.assert_allclose(least, least[0], rtol=1e-12)
     assert run(*words, "--encoder-noise-rad", "8foo")[0] == 2
@@ -259,7 +336,10 @@ uncertainty = {{ a_mm = {half}, d_mm = 0.0, alpha_rad = 0.0, theta_offset_rad = 
 def test_a_bad_arm_file_is_named_with_its_key(tmp_path: Path) -> None:
     path, good = tmp_path / "mine.toml", JOINT.format(limits="1.0, 3.0", half=0.1)
     for text, said in (
-        (ARM + JOINT.format(limits="3.0, 1.0", half=0.1), ["joints[1]", "limits_rad", "3.0", "lower"]),
+        (
+            ARM + JOINT.format(limits="3.0, 1.0", half=0.1),
+            ["joints[1]", "limits_rad", "3.0", "lower"],
+        ),
         (ARM + JOINT.format(limits="1.0, 3.0", half=-0.1), ["joints[1].uncertainty.a_mm", "-0.1"]),
         (ARM + JOINT.format(limits="0, 360", half=0.1), ["limits_rad[2]", "360", "degrees"]),
         (ARM + good.replace("1.5", "-90.05"), ["alpha_rad", "-90.05", "degrees"]),
@@ -278,12 +358,16 @@ def test_existing_files_are_kept_unless_forced(tmp_path: Path) -> None:
     assert target.read_text() == "mine"
     done(*words, "--force")
     assert target.read_text().startswith("component")
-    refused("accuracy", "sino6", *POINT, "--count", "6", "--plot", tmp_path / "a.nope", said=["nope"])
+    refused(
+        "accuracy", "sino6", *POINT, "--count", "6", "--plot", tmp_path / "a.nope", said=["nope"]
+    )
     assert list(tmp_path.iterdir()) == [target]
 
 
 def stopped(words: list[str], sent: signal.Signals, ready: object) -> None:
-    """Start a command in a process of its own and send it a signal when it is ``ready``; it leaves no word on stdout."""
+    """Start a command in a process of its own and send it a signal when it is ``ready``; it leaves
+    no word on stdout.
+    """
     command = [sys.executable, "-m", "aacmm_pin.cli", *words]
     pipes = {"stderr": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
     with subprocess.Popen(command, **pipes, start_new_session=True) as process:
@@ -307,10 +391,24 @@ def stopped(words: list[str], sent: signal.Signals, ready: object) -> None:
 
 
 def test_what_is_interrupted_or_terminated_leaves_nothing(tmp_path: Path) -> None:
-    words = ["map", "sino6", "--cells", "200", "200", "--processes", "2", "-o", str(tmp_path / "m.nc")]
-    stopped(words, signal.SIGINT, lambda pid: _cpu_seconds(pid) > 5.0)  # imports take some two of them
+    words = [
+        "map",
+        "sino6",
+        "--cells",
+        "200",
+        "200",
+        "--processes",
+        "2",
+        "-o",
+        str(tmp_path / "m.nc"),
+    ]
+    stopped(
+        words, signal.SIGINT, lambda pid: _cpu_seconds(pid) > 5.0
+    )  # imports take some two of them
     assert list(tmp_path.iterdir()) == []
-    stopped(["demo", "-o", str(tmp_path / "out")], signal.SIGTERM, lambda _: list(tmp_path.iterdir()))
+    stopped(
+        ["demo", "-o", str(tmp_path / "out")], signal.SIGTERM, lambda _: list(tmp_path.iterdir())
+    )
     assert list(tmp_path.iterdir()) == []
 
 
@@ -325,9 +423,14 @@ def _cpu_seconds(session: int) -> float:
 
 
 def test_demo_writes_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of an arm like SINO6 with another name: without the paper, which is about SINO6 alone and takes most of the time."""
+    """Of an arm like SINO6 with another name: without the paper, which is about SINO6 alone and
+    takes most of the time.
+    """
     folder, mine = tmp_path / "out", tmp_path / "mine.toml"
-    mine.write_text(BUNDLED.read_text(encoding="utf-8").replace('name = "SINO6"', 'name = "MINE"'), encoding="utf-8")
+    mine.write_text(
+        BUNDLED.read_text(encoding="utf-8").replace('name = "SINO6"', 'name = "MINE"'),
+        encoding="utf-8",
+    )
     monkeypatch.setattr("aacmm_pin.report.demo.run_demo", partial(run_demo, str(mine)))
     monkeypatch.setattr("aacmm_pin.report.demo.RECORDS", 60)
     assert "MINE" in done("demo", "-o", folder, "--cells", "6", "6")[0]

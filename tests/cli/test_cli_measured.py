@@ -1,4 +1,6 @@
-"""simulate, calibrate and correct as a user meets them: the files, what is said, exit statuses, nothing half-written."""
+"""simulate, calibrate and correct as a user meets them: the files, what is said, exit statuses,
+nothing half-written.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,14 @@ from aacmm_pin._support.units import MM
 from aacmm_pin.accuracy.volume import accuracy_volume
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.cli.common import Results
-from aacmm_pin.effects import EncoderEccentricity, EncoderGain, JointErrorCurve, StylusOffset, ThermalExpansion, ZeroDrift
+from aacmm_pin.effects import (
+    EncoderEccentricity,
+    EncoderGain,
+    JointErrorCurve,
+    StylusOffset,
+    ThermalExpansion,
+    ZeroDrift,
+)
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, ArmFileError
 from aacmm_pin.measurements.records import Measurements
@@ -57,7 +66,7 @@ def extended(folder: Path) -> Path:
     return folder / "extended.toml"
 
 
-# simulate ---------------------------------------------------------------------------------------------------------------
+# simulate ------------------------------------------------------------
 
 
 def test_every_plan_gives_a_file_that_can_be_read(tmp_path: Path) -> None:
@@ -70,11 +79,24 @@ def test_every_plan_gives_a_file_that_can_be_read(tmp_path: Path) -> None:
         (["ball-bar", "--seats", "2"], 0, 2, 1),
         (["single-point"], 0, 1, 0),
     ):
-        out, err = done("simulate", "sino6", "--plan", *words, "--records", "40", "-o", target, "--force")
+        out, err = done(
+            "simulate", "sino6", "--plan", *words, "--records", "40", "-o", target, "--force"
+        )
         assert out == ""
         read = Measurements.read(target, 6)
-        assert (read.n, read.known.sum(), len(read.seats()), len(read.bars())) == (40, known, seats, bars), words
-        for word in ("seed 1", "40 records", "8e-06 rad assumed", "references 0.012 mm", "contacts 0 mm"):
+        assert (read.n, read.known.sum(), len(read.seats()), len(read.bars())) == (
+            40,
+            known,
+            seats,
+            bars,
+        ), words
+        for word in (
+            "seed 1",
+            "40 records",
+            "8e-06 rad assumed",
+            "references 0.012 mm",
+            "contacts 0 mm",
+        ):
             assert word in err
         assert ("bars of 500 mm are assumed" in err) == (words == ["ball-bar", "--seats", "2"])
         if bars:
@@ -103,7 +125,11 @@ def test_stated_noise_is_used_and_said() -> None:
 
 
 def test_the_truth_explains_the_data_and_the_arm_file_does_not(folder: Path, data: Path) -> None:
-    truth, nominal, read = ErrorModel.load(folder / "truth.toml"), ErrorModel.load("sino6"), Measurements.read(data, 6)
+    truth, nominal, read = (
+        ErrorModel.load(folder / "truth.toml"),
+        ErrorModel.load("sino6"),
+        Measurements.read(data, 6),
+    )
     off = [np.linalg.norm(m.predict(read.q) - read.reference, axis=1) for m in (truth, nominal)]
     assert np.sqrt(np.mean(off[0] ** 2)) < 0.03 * MM
     assert np.sqrt(np.mean(off[1] ** 2)) > 2 * np.sqrt(np.mean(off[0] ** 2))
@@ -135,7 +161,16 @@ def test_effects_make_the_data_and_stand_in_the_truth(extended: Path, folder: Pa
 
 
 def test_any_arm_by_its_urdf(robot_file: Callable[[str], Path], tmp_path: Path) -> None:
-    words = ["--urdf", robot_file("panda.urdf"), "--frame", "panda_hand_tcp", "--plan", "free", "--records", "20"]
+    words = [
+        "--urdf",
+        robot_file("panda.urdf"),
+        "--frame",
+        "panda_hand_tcp",
+        "--plan",
+        "free",
+        "--records",
+        "20",
+    ]
     done("simulate", *words, "-o", tmp_path / "d.csv")
     assert Measurements.read(tmp_path / "d.csv").nq == 7
     done("simulate", *words, "--truth", tmp_path / "t.toml", "-o", tmp_path / "e.csv")
@@ -148,18 +183,36 @@ SIMULATE = ["simulate", "sino6", "--records", "30", "--seats", "3"]
 def test_what_cannot_be_simulated_is_one_message(tmp_path: Path) -> None:
     for words, said in (
         (["simulate", "sino7"], ["sino7", "sino6, zero6"]),
-        ([*SIMULATE, "--plan", "grid"], ["unknown plan 'grid'", "free, seats, ball-bar, single-point"]),
+        (
+            [*SIMULATE, "--plan", "grid"],
+            ["unknown plan 'grid'", "free, seats, ball-bar, single-point"],
+        ),
         (["simulate", "sino6", "--records", "5"], ["records is 5"]),
         ([*SIMULATE, "--seats", "0"], ["seats is 0"]),
         ([*SIMULATE, "--plan", "ball-bar"], ["seats is 3", "even"]),
         ([*SIMULATE, "--encoder-noise-rad", "nan"], ["--encoder-noise-rad", "nan"]),
         ([*SIMULATE, "--reference-noise-mm", "-1"], ["--reference-noise-mm is -1"]),
-        ([*SIMULATE, "--effect", "gremlin:joint=3"], ["unknown cause 'gremlin'", "encoder_eccentricity", "stylus_offset"]),
-        ([*SIMULATE, "--effect", "encoder_gain:joint=9,gain=1e-4"], ["encoder_gain:9", "rows 1 to 6"]),
-        ([*SIMULATE, "--effect", "encoder_gain:joint=2", "--effect", "encoder_gain:joint=2"], ["there twice"]),
+        (
+            [*SIMULATE, "--effect", "gremlin:joint=3"],
+            ["unknown cause 'gremlin'", "encoder_eccentricity", "stylus_offset"],
+        ),
+        (
+            [*SIMULATE, "--effect", "encoder_gain:joint=9,gain=1e-4"],
+            ["encoder_gain:9", "rows 1 to 6"],
+        ),
+        (
+            [*SIMULATE, "--effect", "encoder_gain:joint=2", "--effect", "encoder_gain:joint=2"],
+            ["there twice"],
+        ),
         ([*SIMULATE, "--effect", "seat_error:seat=S9,x_mm=1"], ["S9", "S1, S2, S3"]),
-        ([*SIMULATE, "--unknown", "--effect", "seat_error:S1,x_mm=1"], ["seat_error:S1", "coordinates"]),
-        ([*SIMULATE, "--effect", "encoder_slip:2,time_s=1e9,step_rad=1e-4"], ["encoder_slip:2", "time_s has"]),
+        (
+            [*SIMULATE, "--unknown", "--effect", "seat_error:S1,x_mm=1"],
+            ["seat_error:S1", "coordinates"],
+        ),
+        (
+            [*SIMULATE, "--effect", "encoder_slip:2,time_s=1e9,step_rad=1e-4"],
+            ["encoder_slip:2", "time_s has"],
+        ),
         (["simulate", "zero6", "--perturb"], ["zero6", "no parameter has an uncertainty"]),
         (["simulate", "--urdf", "none.urdf", "--frame", "tool0"], ["none.urdf", "no such file"]),
     ):
@@ -167,10 +220,12 @@ def test_what_cannot_be_simulated_is_one_message(tmp_path: Path) -> None:
         assert list(tmp_path.iterdir()) == []
 
 
-# calibrate --------------------------------------------------------------------------------------------------------------
+# calibrate ------------------------------------------------------------
 
 
-def test_a_calibrated_file_tells_where_it_comes_from_and_comes_back(folder: Path, data: Path, tmp_path: Path) -> None:
+def test_a_calibrated_file_tells_where_it_comes_from_and_comes_back(
+    folder: Path, data: Path, tmp_path: Path
+) -> None:
     text = (folder / "cal.toml").read_text(encoding="utf-8")
     head = text[: text.index("\nschema")]
     assert all(line.startswith("#") or not line for line in head.splitlines())
@@ -190,7 +245,9 @@ def test_a_calibrated_file_tells_where_it_comes_from_and_comes_back(folder: Path
         assert b.value == pytest.approx(a.value, abs=1e-9 + a.u)
 
 
-def test_an_estimate_that_no_file_may_state_is_told(sino6: Arm, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_estimate_that_no_file_may_state_is_told(
+    sino6: Arm, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     path = tmp_path / "c.toml"
     with Results(False, path) as results:
         results.arm(ErrorModel(sino6, (EncoderGain(3, values=(9.0,)),)), path, "")
@@ -200,9 +257,17 @@ def test_an_estimate_that_no_file_may_state_is_told(sino6: Arm, tmp_path: Path, 
 
 
 def test_json_is_alone_on_stdout(data: Path) -> None:
-    summary = found("calibrate", "sino6", data, *NOISE, "--parameters", "zero-offsets", "--seed", "3")
-    assert (summary["schema"], summary["data"], summary["seed"]) == ("aacmm-pin/calibration/1", str(data), 3)
-    assert [row["parameter"] for row in summary["parameters"]] == [f"theta_offset{j}" for j in range(1, 7)]
+    summary = found(
+        "calibrate", "sino6", data, *NOISE, "--parameters", "zero-offsets", "--seed", "3"
+    )
+    assert (summary["schema"], summary["data"], summary["seed"]) == (
+        "aacmm-pin/calibration/1",
+        str(data),
+        3,
+    )
+    assert [row["parameter"] for row in summary["parameters"]] == [
+        f"theta_offset{j}" for j in range(1, 7)
+    ]
     assert summary["parameters"][0]["stated"] is None
     assert summary["parameters"][2]["stated"] == pytest.approx(1.8e-4)
     assert {row["kind"] for row in summary["held_out"]} == {"records", "seats"}
@@ -211,7 +276,13 @@ def test_json_is_alone_on_stdout(data: Path) -> None:
 
 
 def test_all_files_at_once(data: Path, tmp_path: Path) -> None:
-    names = {"-o": "c.toml", "--urdf-out": "c.urdf", "--residuals": "r.csv", "--plot": "p.png", "--report": "r.html"}
+    names = {
+        "-o": "c.toml",
+        "--urdf-out": "c.urdf",
+        "--residuals": "r.csv",
+        "--plot": "p.png",
+        "--report": "r.html",
+    }
     files = [word for option, name in names.items() for word in (option, tmp_path / name)]
     done("calibrate", "sino6", data, *QUICK, *files, "--json", tmp_path / "c.json")
     assert {path.name for path in tmp_path.iterdir()} == {*names.values(), "c.json"}
@@ -228,35 +299,63 @@ def test_all_files_at_once(data: Path, tmp_path: Path) -> None:
     done("calibrate", "sino6", data, *QUICK, "-o", tmp_path / "c.toml", "--force")
 
 
-def test_one_file_that_cannot_be_written_leaves_none(data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_file_that_cannot_be_written_leaves_none(
+    data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Files are looked at before the work begins."""
 
     def work(*_: object, **__: object) -> None:
         raise AssertionError("work began")
 
     monkeypatch.setattr("aacmm_pin.cli.calibrate.calibrate", work)
-    words = ["calibrate", "sino6", data, *QUICK, "-o", tmp_path / "c.toml", "--residuals", tmp_path / "r.csv"]
+    words = [
+        "calibrate",
+        "sino6",
+        data,
+        *QUICK,
+        "-o",
+        tmp_path / "c.toml",
+        "--residuals",
+        tmp_path / "r.csv",
+    ]
     refused(*words, "--report", tmp_path / "no" / "r.html", said=["does not exist"])
     refused(*words, "--plot", tmp_path / "c.toml", said=["two results"])
     refused(*words, "--plot", tmp_path / "c.nope", said=[".png"])
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_failure_on_the_way_leaves_none(data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failure_on_the_way_leaves_none(
+    data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def fail(*_: object) -> str:
         assert any(tmp_path.iterdir())  # the others are on their way
         raise AacmmError("no page today")
 
     monkeypatch.setattr("aacmm_pin.report.calibration.calibration_document", fail)
-    files = ["-o", tmp_path / "c.toml", "--residuals", tmp_path / "r.csv", "--report", tmp_path / "r.html", "--json", "-"]
+    files = [
+        "-o",
+        tmp_path / "c.toml",
+        "--residuals",
+        tmp_path / "r.csv",
+        "--report",
+        tmp_path / "r.html",
+        "--json",
+        "-",
+    ]
     refused("calibrate", "sino6", data, *QUICK, *files, said=["no page today"])
     assert list(tmp_path.iterdir()) == []
 
 
 def test_noise_on_the_command_line_is_in_millimetres(folder: Path, tmp_path: Path) -> None:
-    table = Measurements.read(folder / "data.csv").to_frame().drop(columns=["u_x_mm", "u_y_mm", "u_z_mm"])
+    table = (
+        Measurements.read(folder / "data.csv")
+        .to_frame()
+        .drop(columns=["u_x_mm", "u_y_mm", "u_z_mm"])
+    )
     table.to_csv(tmp_path / "d.csv", index=False)
-    stated = found("calibrate", "sino6", tmp_path / "d.csv", *QUICK, "--reference-noise-mm", "0.012")
+    stated = found(
+        "calibrate", "sino6", tmp_path / "d.csv", *QUICK, "--reference-noise-mm", "0.012"
+    )
     file = found("calibrate", "sino6", folder / "data.csv", *QUICK)
     assert stated["noise_stated"]
     assert stated["chi2"]["value"] == pytest.approx(file["chi2"]["value"], rel=1e-6)
@@ -264,15 +363,21 @@ def test_noise_on_the_command_line_is_in_millimetres(folder: Path, tmp_path: Pat
 
 def test_causes_of_error_are_estimated_too(extended: Path, folder: Path, tmp_path: Path) -> None:
     effects = ["--effect", "encoder_eccentricity:joint=3", "--effect", "thermal_expansion"]
-    out, _ = done("calibrate", "sino6", folder / "warm.csv", *QUICK, *effects, "-o", tmp_path / "c.toml")
+    out, _ = done(
+        "calibrate", "sino6", folder / "warm.csv", *QUICK, *effects, "-o", tmp_path / "c.toml"
+    )
     (line,) = (line for line in out.splitlines() if "encoder eccentricity of joint 3 " in line)
     assert re.search(r"amplitude [\d.]+ ± [\d.]+ µrad, phase [\d.]+ ± [\d.]+°", line)
     assert "ppm/K" in out
     eccentricity, expansion = ErrorModel.load(tmp_path / "c.toml").effects
-    assert eccentricity.values == pytest.approx((1e-4 * np.cos(0.5), 1e-4 * np.sin(0.5)), abs=4 * max(eccentricity.u))
+    assert eccentricity.values == pytest.approx(
+        (1e-4 * np.cos(0.5), 1e-4 * np.sin(0.5)), abs=4 * max(eccentricity.u)
+    )
     assert expansion.values[0] == pytest.approx(2e-5, abs=4 * expansion.u[0])
     assert 0 < expansion.u[0] < 1e-5
-    out, _ = done("calibrate", tmp_path / "c.toml", folder / "warm.csv", *QUICK, *effects)  # from where it has them now
+    out, _ = done(
+        "calibrate", tmp_path / "c.toml", folder / "warm.csv", *QUICK, *effects
+    )  # from where it has them now
     assert re.search(r"thermal expansion of the arm +expansion -?\d+(\.\d+)? ± \d", out)
 
 
@@ -288,12 +393,27 @@ def test_records_that_cannot_belong_are_listed(folder: Path, tmp_path: Path) -> 
     assert float(row[3]) > 1.0
 
 
-def test_a_robot_by_its_urdf(robot_file: Callable[[str], Path], tmp_path: Path, rng: np.random.Generator) -> None:
+def test_a_robot_by_its_urdf(
+    robot_file: Callable[[str], Path], tmp_path: Path, rng: np.random.Generator
+) -> None:
     path = robot_file("ur5_robot.urdf")
     arm = Arm.from_urdf(path, "tool0")
-    true = ErrorModel(arm.with_placements(rng.normal(0, 2e-4, (6, 6)), None), (StylusOffset(values=(0.01, 0.02, 0.03)),))
+    true = ErrorModel(
+        arm.with_placements(rng.normal(0, 2e-4, (6, 6)), None),
+        (StylusOffset(values=(0.01, 0.02, 0.03)),),
+    )
     simulate_measurements(true, "free", 80, rng=rng).save(tmp_path / "d.csv")
-    words = ["calibrate", "--urdf", path, "--frame", "tool0", tmp_path / "d.csv", *QUICK, "--target", "unknown"]
+    words = [
+        "calibrate",
+        "--urdf",
+        path,
+        "--frame",
+        "tool0",
+        tmp_path / "d.csv",
+        *QUICK,
+        "--target",
+        "unknown",
+    ]
     out, _ = done(*words, "--urdf-out", tmp_path / "c.urdf")
     assert "Not determined by these data" in out
     assert "only their sum" in out
@@ -304,29 +424,48 @@ def test_a_robot_by_its_urdf(robot_file: Callable[[str], Path], tmp_path: Path, 
     assert np.linalg.norm(arm.positions(q) - true.predict(q), axis=1).min() > 10 * MM
     _, err = done(*words, "-o", tmp_path / "c.toml")
     assert "marker" in out + err  # how the tip stays where it was
-    np.testing.assert_allclose(ErrorModel.load(tmp_path / "c.toml").predict(q), found.positions(q), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(
+        ErrorModel.load(tmp_path / "c.toml").predict(q), found.positions(q), rtol=0, atol=1e-9
+    )
     _, err = done("correct", tmp_path / "c.toml", tmp_path / "d.csv", "-o", tmp_path / "d2.csv")
     assert "37." in err  # mm from the tip to the target
 
 
-def test_a_urdf_holds_the_stylus_offset_and_says_what_it_does_not(extended: Path, tmp_path: Path) -> None:
+def test_a_urdf_holds_the_stylus_offset_and_says_what_it_does_not(
+    extended: Path, tmp_path: Path
+) -> None:
     offset = StylusOffset(values=(1e-3, 2e-3, 3e-3))
     model = ErrorModel.load(extended).with_effects(offset, StylusOffset("M1", values=(1, 0, 0)))
     model.save(tmp_path / "m.toml")
     done("urdf", tmp_path / "m.toml", "-o", tmp_path / "m.urdf")
     q = np.random.default_rng(1).uniform(*model.arm.limits.T, (50, 6))
     shifted, here = Arm.from_urdf(tmp_path / "m.urdf", "tip"), Arm.load(tmp_path / "m.toml")
-    np.testing.assert_allclose(shifted.positions(q), ErrorModel(model.arm, (offset,)).predict(q), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        shifted.positions(q), ErrorModel(model.arm, (offset,)).predict(q), rtol=0, atol=1e-12
+    )
     np.testing.assert_allclose(here.poses(q).position, model.arm.positions(q), rtol=0, atol=1e-12)
     tip = ErrorModel(model.arm, (offset,))
     tip.save(tmp_path / "t.toml")
-    done("simulate", tmp_path / "t.toml", "--plan", "free", "--records", "100", "-o", tmp_path / "t.csv")
+    done(
+        "simulate",
+        tmp_path / "t.toml",
+        "--plan",
+        "free",
+        "--records",
+        "100",
+        "-o",
+        tmp_path / "t.csv",
+    )
     files = ["-o", tmp_path / "u.toml", "--urdf-out", tmp_path / "u.urdf"]
     done("calibrate", tmp_path / "t.toml", tmp_path / "t.csv", *QUICK, *files)
     found = Arm.from_urdf(tmp_path / "u.urdf", "tip").positions(q)
-    np.testing.assert_allclose(found, ErrorModel.load(tmp_path / "u.toml").predict(q), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        found, ErrorModel.load(tmp_path / "u.toml").predict(q), rtol=0, atol=1e-12
+    )
     done("simulate", extended, "--plan", "free", "--records", "100", "-o", tmp_path / "d.csv")
-    _, err = done("calibrate", extended, tmp_path / "d.csv", *QUICK, "--urdf-out", tmp_path / "c.urdf")
+    _, err = done(
+        "calibrate", extended, tmp_path / "d.csv", *QUICK, "--urdf-out", tmp_path / "c.urdf"
+    )
     assert "a URDF has no place for encoder_eccentricity:3, thermal_expansion" in err
 
 
@@ -347,12 +486,29 @@ def test_what_cannot_be_calibrated_is_one_message(data: Path, tmp_path: Path) ->
         (["--effect", "encoder_slip:2,time_s=1e9"], ["encoder_slip:2", "time_s has"]),
         (["--effect", "joint_zero_offset:joint=3"], ["joint_zero_offset:3", "twice"]),
     ):
-        refused("calibrate", "sino6", data, "--no-held-out", *words, "-o", tmp_path / "c.toml", "--json", "-", said=said)
+        refused(
+            "calibrate",
+            "sino6",
+            data,
+            "--no-held-out",
+            *words,
+            "-o",
+            tmp_path / "c.toml",
+            "--json",
+            "-",
+            said=said,
+        )
         assert list(tmp_path.iterdir()) == []
 
 
-def test_an_arm_that_is_said_to_be_exact_has_nothing_to_estimate(data: Path, tmp_path: Path) -> None:
-    lines = (Path(aacmm_pin.__file__).parent / "arm" / "bundled" / "sino6.toml").read_text(encoding="utf-8").splitlines()
+def test_an_arm_that_is_said_to_be_exact_has_nothing_to_estimate(
+    data: Path, tmp_path: Path
+) -> None:
+    lines = (
+        (Path(aacmm_pin.__file__).parent / "arm" / "bundled" / "sino6.toml")
+        .read_text(encoding="utf-8")
+        .splitlines()
+    )
     zero = "uncertainty = { a_mm = 0.0, d_mm = 0.0, alpha_rad = 0.0, theta_offset_rad = 0.0 }"
     text = "\n".join(zero if line.startswith("uncertainty") else line for line in lines)
     (tmp_path / "exact.toml").write_text(text, encoding="utf-8")
@@ -363,27 +519,35 @@ def test_an_arm_that_is_said_to_be_exact_has_nothing_to_estimate(data: Path, tmp
     assert "No parameter was estimated" in (tmp_path / "r.html").read_text(encoding="utf-8")
 
 
-# correct ----------------------------------------------------------------------------------------------------------------
+# correct ------------------------------------------------------------
 
 ROUNDED = {"mm": 5.1e-7, "deg": 5.1e-9, "rad": 5.1e-10}
 """Half of the last decimal of a computed column, by its unit."""
 
 
 def most_decimals(cells: pd.Series) -> int:
-    return int(cells[cells != ""].map(lambda cell: len(cell.partition(".")[2].partition("e")[0])).max())
+    return int(
+        cells[cells != ""].map(lambda cell: len(cell.partition(".")[2].partition("e")[0])).max()
+    )
 
 
-def test_corrected_coordinates_are_those_of_the_model(extended: Path, folder: Path, tmp_path: Path) -> None:
+def test_corrected_coordinates_are_those_of_the_model(
+    extended: Path, folder: Path, tmp_path: Path
+) -> None:
     source = folder / "warm.csv"
     out, err = done("correct", extended, source, *NOISE, "-o", tmp_path / "c.csv")
     assert out == ""
     assert "150 readings corrected by SINO6 with encoder_eccentricity:3, thermal_expansion" in err
-    before, after = (pd.read_csv(path, dtype=str, na_filter=False) for path in (source, tmp_path / "c.csv"))
+    before, after = (
+        pd.read_csv(path, dtype=str, na_filter=False) for path in (source, tmp_path / "c.csv")
+    )
     assert list(after.columns) == [*before.columns, *CORRECTED, "u_mm"]
     pd.testing.assert_frame_equal(after[before.columns], before)
     model, read = ErrorModel.load(extended), Measurements.read(source, 6)
     tips = after[CORRECTED].to_numpy(dtype=float)
-    np.testing.assert_allclose(tips, model.correct(read.q, read.conditions) / MM, rtol=0, atol=ROUNDED["mm"])
+    np.testing.assert_allclose(
+        tips, model.correct(read.q, read.conditions) / MM, rtol=0, atol=ROUNDED["mm"]
+    )
     u = accuracy_volume(model, read.q, conditions=read.conditions, encoder_noise=8e-6).u / MM
     np.testing.assert_allclose(after["u_mm"].to_numpy(dtype=float), u, rtol=0, atol=ROUNDED["mm"])
     assert after[[*CORRECTED, "u_mm"]].apply(most_decimals).max() == 6
@@ -391,7 +555,9 @@ def test_corrected_coordinates_are_those_of_the_model(extended: Path, folder: Pa
     assert np.sqrt(np.mean(off**2)) < 0.03
 
 
-def test_corrected_orientations_are_those_of_pinocchio_at_the_true_angles(sino6: Arm, tmp_path: Path) -> None:
+def test_corrected_orientations_are_those_of_pinocchio_at_the_true_angles(
+    sino6: Arm, tmp_path: Path
+) -> None:
     ErrorModel(sino6, (EncoderEccentricity(5, values=(1e-3, 2e-3)),)).save(tmp_path / "arm.toml")
     q = np.random.default_rng(1).uniform(-1, 1, (6, 6))
     true = q.copy()
@@ -402,14 +568,22 @@ def test_corrected_orientations_are_those_of_pinocchio_at_the_true_angles(sino6:
     for asked, *words in ((table, "--orientation"), (stated,)):
         asked.to_csv(tmp_path / "r.csv", index=False)
         out, _ = done("correct", tmp_path / "arm.toml", tmp_path / "r.csv", *NOISE, *words)
-        turned = Rotation.from_quat(pd.read_csv(io.StringIO(out))[names].to_numpy(), scalar_first=True)
-        np.testing.assert_allclose(turned.as_matrix(), sino6.poses(true).placement[:, :3, :3], atol=5e-9)
+        turned = Rotation.from_quat(
+            pd.read_csv(io.StringIO(out))[names].to_numpy(), scalar_first=True
+        )
+        np.testing.assert_allclose(
+            turned.as_matrix(), sino6.poses(true).placement[:, :3, :3], atol=5e-9
+        )
         assert pd.read_csv(io.StringIO(out), dtype=str)[names].apply(most_decimals).max() == 9
 
 
-def test_a_file_with_references_says_what_correction_is_worth(extended: Path, folder: Path, tmp_path: Path) -> None:
+def test_a_file_with_references_says_what_correction_is_worth(
+    extended: Path, folder: Path, tmp_path: Path
+) -> None:
     source = folder / "warm.csv"
-    _, err = done("correct", extended, source, *NOISE, "--nominal", "sino6", "-o", tmp_path / "c.csv")
+    _, err = done(
+        "correct", extended, source, *NOISE, "--nominal", "sino6", "-o", tmp_path / "c.csv"
+    )
     model, read = ErrorModel.load(extended), Measurements.read(source, 6)
     for tips in (ErrorModel.load("sino6").correct(read.q), model.correct(read.q, read.conditions)):
         off = np.linalg.norm((tips - read.reference)[read.known], axis=1) / MM
@@ -422,7 +596,9 @@ def test_lengths_of_bars_are_compared_too(tmp_path: Path) -> None:
     q = np.array([[0.3, -1.0, 0.4, 0.5, 0.2, 0.1], [1.0, -1.0, 0.4, 0.5, 0.2, 0.1]])
     length = float(np.linalg.norm(np.diff(sino6.predict(q), axis=0))) / MM
     table = pd.DataFrame(np.repeat(q, 2, axis=0), columns=[f"theta{j}_rad" for j in range(1, 7)])
-    table = table.assign(seat=list("PPQQ"), bar="b", bar_end=list("AABB"), bar_length_mm=length - 0.25)
+    table = table.assign(
+        seat=list("PPQQ"), bar="b", bar_end=list("AABB"), bar_length_mm=length - 0.25
+    )
     table.to_csv(tmp_path / "r.csv", index=False)
     _, err = done("correct", "sino6", tmp_path / "r.csv", "-o", tmp_path / "c.csv")
     assert "1 bar length" in err
@@ -439,54 +615,104 @@ def test_touches_of_a_seat_without_coordinates_are_compared(tmp_path: Path) -> N
     assert err.count(f"{half:.4f} mm") == 2
 
 
-def test_references_of_targets_beside_the_tip_are_not_compared_with_it(sino6: Arm, tmp_path: Path) -> None:
-    q = np.array([[0.3, -1.0, 0.4, 0.5, 0.2, 0.1], [1.0, -1.0, 0.4, 0.5, 0.2, 0.1], [0.2, -1.1, 0.6, 0.5, 0.2, 0.1]])
+def test_references_of_targets_beside_the_tip_are_not_compared_with_it(
+    sino6: Arm, tmp_path: Path
+) -> None:
+    q = np.array(
+        [
+            [0.3, -1.0, 0.4, 0.5, 0.2, 0.1],
+            [1.0, -1.0, 0.4, 0.5, 0.2, 0.1],
+            [0.2, -1.1, 0.6, 0.5, 0.2, 0.1],
+        ]
+    )
     tips = sino6.positions(q) / MM + np.array([[0.1, 0, 0], [42.0, 0, 0], [42.0, 0, 0]])
-    table = pd.DataFrame(q, columns=[f"theta{j}_rad" for j in range(1, 7)]).assign(marker=["", "A", "A"])
-    table.assign(**dict(zip(REFERENCE, tips.T, strict=True))).to_csv(tmp_path / "r.csv", index=False)
+    table = pd.DataFrame(q, columns=[f"theta{j}_rad" for j in range(1, 7)]).assign(
+        marker=["", "A", "A"]
+    )
+    table.assign(**dict(zip(REFERENCE, tips.T, strict=True))).to_csv(
+        tmp_path / "r.csv", index=False
+    )
     _, err = done("correct", "sino6", tmp_path / "r.csv", "-o", tmp_path / "c.csv")
     assert "of the targets A are not compared" in err
     assert "1 reference: RMS 0.1000 mm" in err
     assert len(pd.read_csv(tmp_path / "c.csv").dropna(subset="corrected_x_mm")) == 3
 
 
-def test_commands_bring_the_extended_arm_where_the_nominal_has_its_tip(extended: Path, folder: Path, tmp_path: Path) -> None:
+def test_commands_bring_the_extended_arm_where_the_nominal_has_its_tip(
+    extended: Path, folder: Path, tmp_path: Path
+) -> None:
     source = folder / "warm.csv"
     done("correct", extended, source, "--commands", "--nominal", "sino6", "-o", tmp_path / "c.csv")
     table, read = pd.read_csv(tmp_path / "c.csv"), Measurements.read(source, 6)
     commands = np.radians(table[[f"command{j}_deg" for j in range(1, 7)]].to_numpy())
     there = np.isfinite(commands).all(axis=1)
     assert there.mean() > 0.7
-    tips = ErrorModel.load(extended).predict(commands[there], read.conditions.take(np.flatnonzero(there)))
+    tips = ErrorModel.load(extended).predict(
+        commands[there], read.conditions.take(np.flatnonzero(there))
+    )
     np.testing.assert_allclose(tips, Arm.load("sino6").positions(read.q[there]), rtol=0, atol=1e-9)
     text = pd.read_csv(tmp_path / "c.csv", dtype=str, na_filter=False)
     assert text.filter(regex="^command").apply(most_decimals).max() == 8
     assert (np.abs(commands - read.q)[there].max(axis=0) > 1e-6).any()
     away = pd.DataFrame([[0.0] * 6, [0.1] * 6], columns=[f"theta{j}_rad" for j in range(1, 7)])
     away.to_csv(tmp_path / "away.csv", index=False)
-    words = ["correct", "zero6", tmp_path / "away.csv", "--commands", "--nominal", "sino6", "-o", tmp_path / "none.csv"]
+    words = [
+        "correct",
+        "zero6",
+        tmp_path / "away.csv",
+        "--commands",
+        "--nominal",
+        "sino6",
+        "-o",
+        tmp_path / "none.csv",
+    ]
     refused(*words, said=["away.csv", "--nominal"])
     assert not (tmp_path / "none.csv").exists()
 
 
 @pytest.mark.parametrize("unit", ["deg", "rad"])
-def test_a_command_has_the_u_of_the_point_that_it_reaches(unit: str, extended: Path, folder: Path, tmp_path: Path) -> None:
+def test_a_command_has_the_u_of_the_point_that_it_reaches(
+    unit: str, extended: Path, folder: Path, tmp_path: Path
+) -> None:
     table = pd.read_csv(folder / "warm.csv").filter(regex="theta|temperature")
     table.loc[0, "theta1_deg"] = -10.0
     if unit == "rad":
         angles = table.filter(like="theta")
-        table = np.radians(angles).rename(columns=lambda name: name.replace("deg", "rad")).join(table.drop(columns=angles))
+        table = (
+            np.radians(angles)
+            .rename(columns=lambda name: name.replace("deg", "rad"))
+            .join(table.drop(columns=angles))
+        )
     table.to_csv(tmp_path / "r.csv", index=False)
-    done("correct", extended, tmp_path / "r.csv", *NOISE, "--commands", "--nominal", "sino6", "-o", tmp_path / "c.csv")
+    done(
+        "correct",
+        extended,
+        tmp_path / "r.csv",
+        *NOISE,
+        "--commands",
+        "--nominal",
+        "sino6",
+        "-o",
+        tmp_path / "c.csv",
+    )
     after, read = pd.read_csv(tmp_path / "c.csv"), Measurements.read(tmp_path / "r.csv", 6)
-    assert list(after.columns) == [*table.columns, *(f"command{j}_{unit}" for j in range(1, 7)), "u_mm"]
+    assert list(after.columns) == [
+        *table.columns,
+        *(f"command{j}_{unit}" for j in range(1, 7)),
+        "u_mm",
+    ]
     commands = after.filter(like="command").to_numpy() * (np.pi / 180 if unit == "deg" else 1.0)
     there = np.flatnonzero(np.isfinite(commands).all(axis=1))
     assert 0 not in there  # it is outside the limits
     assert len(there) > 100
     assert after["u_mm"].notna().to_numpy().nonzero()[0].tolist() == there.tolist()
     conditions = read.conditions.take(there)
-    u = accuracy_volume(ErrorModel.load(extended), commands[there], conditions=conditions, encoder_noise=8e-6).u / MM
+    u = (
+        accuracy_volume(
+            ErrorModel.load(extended), commands[there], conditions=conditions, encoder_noise=8e-6
+        ).u
+        / MM
+    )
     np.testing.assert_allclose(after["u_mm"][there], u, rtol=0, atol=ROUNDED["mm"] + 1e-9)
 
 
@@ -500,23 +726,37 @@ def test_conditions_that_look_wrong_are_told_where_effects_rest_on_them(tmp_path
         (-1e5, 1.0, ["time_s", "20 °C"]),
     ):
         table.assign(time_s=time, temperature_c=temperature).to_csv(tmp_path / "r.csv", index=False)
-        for arm, words in (("warm.toml", told), ("sino6", ["20 °C"] if told else [])):  # of sino6 no expansion is known
+        for arm, words in (
+            ("warm.toml", told),
+            ("sino6", ["20 °C"] if told else []),
+        ):  # of sino6 no expansion is known
             arm = arm if arm == "sino6" else str(tmp_path / arm)
             _, err = done("correct", arm, tmp_path / "r.csv", "-o", tmp_path / "c.csv", "--force")
             assert [word for word in ("time_s", "Fahrenheit", "20 °C") if word in err] == words, err
 
 
 def test_angles_a_turn_outside_the_limits_are_told(sino6: Arm, tmp_path: Path) -> None:
-    """From -180° to 180° where the arm counts from 0° to 360°: its gain makes another error of them."""
+    """From -180° to 180° where the arm counts from 0° to 360°: its gain makes another error of
+    them.
+    """
     arm, data = tmp_path / "gain.toml", tmp_path / "r.csv"
     ErrorModel(sino6, (EncoderGain(3, values=(1e-4,), u=(1e-6,)),)).save(arm)
     q = np.random.default_rng(1).uniform(*sino6.limits.T, (40, 6))
     beyond = q[:, 2] > np.pi
     q[:, 2] -= 2 * np.pi * beyond
     table = pd.DataFrame(q, columns=[f"theta{j}_rad" for j in range(1, 7)])
-    table.assign(**dict(zip(REFERENCE, sino6.positions(q).T / MM, strict=True))).to_csv(data, index=False)
+    table.assign(**dict(zip(REFERENCE, sino6.positions(q).T / MM, strict=True))).to_csv(
+        data, index=False
+    )
     for words in (["correct"], ["calibrate", "--no-held-out"], ["diagnose", "--no-held-out"]):
-        _, err = done(words[0], arm, data, *NOISE, *words[1:], *(["-o", tmp_path / "c.csv"] if words == ["correct"] else []))
+        _, err = done(
+            words[0],
+            arm,
+            data,
+            *NOISE,
+            *words[1:],
+            *(["-o", tmp_path / "c.csv"] if words == ["correct"] else []),
+        )
         assert err.count(f"{beyond.sum()} of 40 records") == 1
         assert "the limits of joints 3" in err
 
@@ -534,7 +774,9 @@ def test_readings_need_nothing_but_angles(tmp_path: Path) -> None:
 
 
 def test_without_a_stated_uncertainty_u_is_empty(tmp_path: Path) -> None:
-    (tmp_path / "r.csv").write_text("theta1_rad,theta2_rad,theta3_rad,theta4_rad,theta5_rad,theta6_rad\n1,1,1,1,1,1\n")
+    (tmp_path / "r.csv").write_text(
+        "theta1_rad,theta2_rad,theta3_rad,theta4_rad,theta5_rad,theta6_rad\n1,1,1,1,1,1\n"
+    )
     out, err = done("correct", "zero6", tmp_path / "r.csv")
     assert out.endswith(",\n")
     assert "u_mm is left empty" in err
@@ -563,8 +805,12 @@ def test_readings_that_cannot_be_corrected_are_named(extended: Path, tmp_path: P
     assert [p.name for p in tmp_path.iterdir()] == ["r.csv"]
 
 
-def test_a_reading_outside_an_error_curve_is_left_empty_and_listed(sino6: Arm, tmp_path: Path) -> None:
-    curve = JointErrorCurve(3, values=(1e-4, 2e-4, 1e-4, 3e-4, 1e-4), lower_rad=0.1, upper_rad=1.0, coefficients=5)
+def test_a_reading_outside_an_error_curve_is_left_empty_and_listed(
+    sino6: Arm, tmp_path: Path
+) -> None:
+    curve = JointErrorCurve(
+        3, values=(1e-4, 2e-4, 1e-4, 3e-4, 1e-4), lower_rad=0.1, upper_rad=1.0, coefficients=5
+    )
     model = ErrorModel(sino6).with_effects(curve)
     model.save(tmp_path / "arm.toml")
     q = np.tile([0.3, 0.2, 0.5, 0.4, 0.1, 0.2], (5, 1))
@@ -573,26 +819,36 @@ def test_a_reading_outside_an_error_curve_is_left_empty_and_listed(sino6: Arm, t
     assert ErrorModel(sino6).known_at(q).shape == (5, 0)
     columns = [f"theta{j}_rad" for j in range(1, 7)]
     pd.DataFrame(q, columns=columns).to_csv(tmp_path / "r.csv", index=False)
-    _, err = done("correct", tmp_path / "arm.toml", tmp_path / "r.csv", *NOISE, "-o", tmp_path / "c.csv")
+    _, err = done(
+        "correct", tmp_path / "arm.toml", tmp_path / "r.csv", *NOISE, "-o", tmp_path / "c.csv"
+    )
     (listed,) = (line for line in err.splitlines() if "row" in line)
     for word in ("r.csv", "row 4", "joint_error_curve:3", "0.1", "1 rad"):
         assert word in listed
     table = pd.read_csv(tmp_path / "c.csv")
     inside = [0, 1, 3, 4]
     corrected = table[["corrected_x_mm", "corrected_y_mm", "corrected_z_mm"]].to_numpy()
-    np.testing.assert_allclose(corrected[inside], model.correct(q[inside]) / MM, rtol=0, atol=ROUNDED["mm"])
+    np.testing.assert_allclose(
+        corrected[inside], model.correct(q[inside]) / MM, rtol=0, atol=ROUNDED["mm"]
+    )
     assert (table["u_mm"][inside] > 0).all()
     assert table.loc[2, ["corrected_x_mm", "corrected_y_mm", "corrected_z_mm", "u_mm"]].isna().all()
     np.testing.assert_array_equal(table[columns], q)
     pd.DataFrame(q[[2, 2]], columns=columns).to_csv(tmp_path / "none.csv", index=False)
     said = ("none.csv", "row 2", "row 3", "no reading")
-    refused("correct", tmp_path / "arm.toml", tmp_path / "none.csv", "-o", tmp_path / "d.csv", said=said)
+    refused(
+        "correct", tmp_path / "arm.toml", tmp_path / "none.csv", "-o", tmp_path / "d.csv", said=said
+    )
     assert not (tmp_path / "d.csv").exists()
 
 
 def test_an_arm_with_an_error_curve_is_used_where_that_is_known(sino6: Arm, tmp_path: Path) -> None:
-    """Every command that chooses postures itself: all of them within the range, to the digits of a file."""
-    curve = JointErrorCurve(3, values=(1e-4, 2e-4, 1e-4, 3e-4, 1e-4), lower_rad=1.0, upper_rad=4.0, coefficients=5)
+    """Every command that chooses postures itself: all of them within the range, to the digits of a
+    file.
+    """
+    curve = JointErrorCurve(
+        3, values=(1e-4, 2e-4, 1e-4, 3e-4, 1e-4), lower_rad=1.0, upper_rad=4.0, coefficients=5
+    )
     arm = tmp_path / "arm.toml"
     ErrorModel(sino6).with_effects(curve).save(arm)
     at = ("--point", 600, 0, 300)
@@ -617,16 +873,28 @@ def test_an_arm_with_an_error_curve_is_used_where_that_is_known(sino6: Arm, tmp_
             assert angle.max() - angle.min() > 1.0
     nowhere = replace(curve, lower_rad=-2.0, upper_rad=-1.0)
     ErrorModel(sino6).with_effects(nowhere).save(arm, force=True)
-    refused("accuracy", arm, *at, said=["no angle between the limits of joint 3", "joint_error_curve:3"])
+    refused(
+        "accuracy", arm, *at, said=["no angle between the limits of joint 3", "joint_error_curve:3"]
+    )
 
 
 def test_a_nominal_arm_that_cannot_be_is_named(folder: Path, tmp_path: Path) -> None:
     urdf, _ = done("urdf", "sino6")
     (tmp_path / "five.urdf").write_text(urdf.replace('type="revolute"', 'type="fixed"', 1))
     (tmp_path / "other.urdf").write_text(urdf.replace('"tip"', '"end"'))
-    for name, words in (("five.urdf", "has 5 joints, expected 6 as SINO6"), ("other.urdf", "unknown frame 'tip'")):
+    for name, words in (
+        ("five.urdf", "has 5 joints, expected 6 as SINO6"),
+        ("other.urdf", "unknown frame 'tip'"),
+    ):
         path = tmp_path / name
-        refused("correct", "sino6", folder / "data.csv", "--nominal", path, said=[f"--nominal {path}: ", words])
+        refused(
+            "correct",
+            "sino6",
+            folder / "data.csv",
+            "--nominal",
+            path,
+            said=[f"--nominal {path}: ", words],
+        )
 
 
 def test_records_of_another_arm_are_asked_about(folder: Path, tmp_path: Path) -> None:

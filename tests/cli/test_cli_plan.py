@@ -1,4 +1,6 @@
-"""plan as a user meets it: the file to be filled in, what is said, exit statuses, and the way back through diagnose."""
+"""plan as a user meets it: the file to be filled in, what is said, exit statuses, and the way back
+through diagnose.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,16 @@ from aacmm_pin.measurements.records import Measurements
 from tests.pages import Page
 
 PAIR = ["--split", "joint_compliance:2", "encoder_eccentricity:2"]
-QUICK = ["--records", "20", "--postures", "100", "--encoder-noise-rad", "8e-6", "--reference-noise-mm", "0.012"]
+QUICK = [
+    "--records",
+    "20",
+    "--postures",
+    "100",
+    "--encoder-noise-rad",
+    "8e-6",
+    "--reference-noise-mm",
+    "0.012",
+]
 
 
 def filled_in(path: Path, true: ErrorModel, seed: int = 1) -> None:
@@ -27,7 +38,9 @@ def filled_in(path: Path, true: ErrorModel, seed: int = 1) -> None:
     rng = np.random.default_rng(seed)
     table = pd.read_csv(path)
     q = Measurements.read(path).q
-    tips = true.predict(q - 8e-6 * rng.standard_normal(q.shape)) + 1.2e-5 * rng.standard_normal((len(q), 3))
+    tips = true.predict(q - 8e-6 * rng.standard_normal(q.shape)) + 1.2e-5 * rng.standard_normal(
+        (len(q), 3)
+    )
     table[["x_mm", "y_mm", "z_mm"]] = tips / MM
     table.to_csv(path, index=False)
 
@@ -35,14 +48,28 @@ def filled_in(path: Path, true: ErrorModel, seed: int = 1) -> None:
 def test_a_plan_is_filled_in_appended_and_diagnosed(tmp_path: Path, sino6: Arm) -> None:
     old, plan, both = (tmp_path / name for name in ("old.csv", "plan.csv", "both.csv"))
     effect = "joint_compliance:joint=2,compliance_rad_per_nm=1e-5"
-    done("simulate", "sino6", "--plan", "free", "--records", "40", "--effect", effect, *QUICK[4:6], "-o", old)
+    done(
+        "simulate",
+        "sino6",
+        "--plan",
+        "free",
+        "--records",
+        "40",
+        "--effect",
+        effect,
+        *QUICK[4:6],
+        "-o",
+        old,
+    )
     pd.read_csv(old).assign(session="monday").to_csv(old, index=False)
     out, _ = done("plan", "sino6", *PAIR, *QUICK, "--records", "40", "--data", old, "-o", plan)
     assert "no more records are needed" in out
     assert not Measurements.read(plan, 6).known.any()
     filled_in(plan, ErrorModel(sino6, (JointCompliance(2, values=(1e-5,)),)))
     before, new = pd.read_csv(old), pd.read_csv(plan)
-    assert list(new.columns) == list(before.columns)  # the new records can be appended to the old ones
+    assert list(new.columns) == list(
+        before.columns
+    )  # the new records can be appended to the old ones
     assert (new["u_x_mm"] == 0.012).all()
     assert new["session"].isna().all()
     both.write_text(old.read_text() + "".join(plan.read_text().splitlines(keepends=True)[1:]))
@@ -52,7 +79,9 @@ def test_a_plan_is_filled_in_appended_and_diagnosed(tmp_path: Path, sino6: Arm) 
     out, _ = done("plan", "sino6", *PAIR, *QUICK, "--data", both, "-o", plan, "--force")
     assert "no more records are needed" in out
     angles = [f"theta{j}_deg" for j in range(1, 7)]
-    radians = before.assign(**np.radians(before[angles])).rename(columns={a: a.replace("deg", "rad") for a in angles})
+    radians = before.assign(**np.radians(before[angles])).rename(
+        columns={a: a.replace("deg", "rad") for a in angles}
+    )
     radians.to_csv(old, index=False)
     os.mkfifo(tmp_path / "pipe")
     Thread(target=(tmp_path / "pipe").write_bytes, args=[old.read_bytes()]).start()
@@ -89,7 +118,9 @@ def test_json_is_alone_on_stdout_and_the_seed_is_in_it(tmp_path: Path) -> None:
 def test_existing_seats_are_used_again_and_new_ones_are_left_to_be_measured(tmp_path: Path) -> None:
     data, plan = tmp_path / "data.csv", tmp_path / "plan.csv"
     done("simulate", "sino6", "--plan", "seats", "--records", "40", "--seats", "5", "-o", data)
-    content = found("plan", "sino6", *PAIR, *QUICK, "--data", data, "--reference", "seats", "-o", plan)
+    content = found(
+        "plan", "sino6", *PAIR, *QUICK, "--data", data, "--reference", "seats", "-o", plan
+    )
     assert content["existing"] == 40
     assert min(content["power"]["before"]["T"]) < min(content["power"]["after"]["T"])
     old, new = Measurements.read(data, 6), Measurements.read(plan, 6)
@@ -112,15 +143,30 @@ def test_everything_at_once(tmp_path: Path) -> None:
     assert {"temperature_c", "approach1"} <= set(pd.read_csv(tmp_path / "plan.csv").columns)
     page = Page(sheet.read_text(encoding="utf-8"))
     assert page.downloads()["plan.csv"].decode() == (tmp_path / "plan.csv").read_text()
-    assert [head in page.text for head in ("temperature [°C]", "last motion", "articulation")] == [True] * 3
+    assert [head in page.text for head in ("temperature [°C]", "last motion", "articulation")] == [
+        True
+    ] * 3
     assert " -0 " not in page.text
     q = Measurements.read(tmp_path / "plan.csv", 6).q
-    assert f"the lowest tip is {-Arm.load('sino6').positions(q)[:, 2].min() / MM:.0f} mm below the base" in err
+    assert (
+        f"the lowest tip is {-Arm.load('sino6').positions(q)[:, 2].min() / MM:.0f} mm below "
+        "the base" in err
+    )
 
 
 def test_an_arm_by_its_urdf(tmp_path: Path, robot_file: Callable[[str], Path]) -> None:
     plan = tmp_path / "plan.csv"
-    words = ["plan", "--urdf", robot_file("ur5_robot.urdf"), "--frame", "tool0", *PAIR, *QUICK, "-o", plan]
+    words = [
+        "plan",
+        "--urdf",
+        robot_file("ur5_robot.urdf"),
+        "--frame",
+        "tool0",
+        *PAIR,
+        *QUICK,
+        "-o",
+        plan,
+    ]
     assert "joint_compliance:2" in done(*words)[0]
     assert Measurements.read(plan, 6).n == 20
     done(*words, "--force", "--set-up-arm", tmp_path / "arm.toml")
@@ -134,7 +180,10 @@ def test_bad_input_is_one_message_and_no_file(tmp_path: Path) -> None:
         ([*PAIR, "--data", "nowhere.csv"], "nowhere.csv: no such file"),
         ([*PAIR, "--reference-frame", "moon"], "unknown reference frame 'moon'"),
         ([*PAIR, "--postures", "3"], "postures is 3"),
-        ([*PAIR, "--encoder-noise-rad", "8"], "aacmm-pin: --encoder-noise-rad is 8 rad, expected 0 to 0.005"),
+        (
+            [*PAIR, "--encoder-noise-rad", "8"],
+            "aacmm-pin: --encoder-noise-rad is 8 rad, expected 0 to 0.005",
+        ),
     ):
         refused("plan", "sino6", *QUICK, *words, "-o", tmp_path / "plan.csv", said=[said])
     assert list(tmp_path.iterdir()) == []

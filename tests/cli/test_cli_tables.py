@@ -1,4 +1,6 @@
-"""Tables at the shell: nothing cut off at eighty columns, nothing coloured in a pipe, the numbers those of the JSON."""
+"""Tables at the shell: nothing cut off at eighty columns, nothing coloured in a pipe, the numbers
+those of the JSON.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +38,9 @@ def in_one(text: str) -> str:
 def data(tmp_path_factory: pytest.TempPathFactory, sino6: Arm) -> Path:
     path = tmp_path_factory.mktemp("tables") / "data.csv"
     hidden = (EncoderEccentricity(3, values=(1e-4, 0.0)), JointCompliance(2, values=(2e-5,)))
-    simulate_measurements(ErrorModel(sino6, hidden), "free", 100, rng=np.random.default_rng(1)).save(path)
+    simulate_measurements(
+        ErrorModel(sino6, hidden), "free", 100, rng=np.random.default_rng(1)
+    ).save(path)
     return path
 
 
@@ -59,7 +63,10 @@ def test_a_diagnosis_in_readable_units(data: Path, tmp_path: Path) -> None:
     assert [f["cause"] for f in found["findings"]] == ["joint_compliance", "encoder_eccentricity"]
     for finding in found["findings"]:
         assert f"{finding['cause']}:{finding['joint']}" in wide
-        (value, u) = (finding["parameters"][next(iter(finding["parameters"]))][k] * 1e6 for k in ("value", "u"))
+        (value, u) = (
+            finding["parameters"][next(iter(finding["parameters"]))][k] * 1e6
+            for k in ("value", "u")
+        )
         numbers = re.findall(r"(\d+\.?\d*) ± (\d+\.?\d*)", wide)
         assert min(abs(float(a) - value) + abs(float(b) - 2 * u) for a, b in numbers) < 0.2 * u
     assert re.search(r"compliance 20\.\d\d ± 0\.6\d µrad/\(N·m\)", wide)
@@ -89,11 +96,33 @@ def test_a_calibration(data: Path, tmp_path: Path) -> None:
 def test_accuracy_map_and_plan(tmp_path: Path) -> None:
     check(told("accuracy", "sino6", *POINT, "--count", "24"))
     target = tmp_path / "m.nc"
-    text = told("map", "sino6", "--cells", "3", "3", "--sectors", "4", "-o", target, "--json", tmp_path / "m.json")
+    text = told(
+        "map",
+        "sino6",
+        "--cells",
+        "3",
+        "3",
+        "--sectors",
+        "4",
+        "-o",
+        target,
+        "--json",
+        tmp_path / "m.json",
+    )
     check(text)
     assert target.exists()
     assert "SINO6: 3 × 3 cells × 4 sectors" in text
-    quick = ["--records", "4", "--postures", "60", "-o", tmp_path / "p.csv", "--json", tmp_path / "p.json", "--force"]
+    quick = [
+        "--records",
+        "4",
+        "--postures",
+        "60",
+        "-o",
+        tmp_path / "p.csv",
+        "--json",
+        tmp_path / "p.json",
+        "--force",
+    ]
     text = told("plan", "sino6", "--split", "bearing_tilt:1", "base_compliance", *quick)
     check(text)
     for words in ("the two do the same", "turn the mount by 90°", "hang 1 kg on the end"):
@@ -102,14 +131,22 @@ def test_accuracy_map_and_plan(tmp_path: Path) -> None:
     check(text)
     pairs = json.loads((tmp_path / "p.json").read_text(encoding="utf-8"))["pairs"]["untold"]
     first = next(pair for pair in pairs if not pair["why_not"])
-    line = next(line for line in text.splitlines() if line.split()[:2] == [first["cause"], first["other"]])
+    line = next(
+        line for line in text.splitlines() if line.split()[:2] == [first["cause"], first["other"]]
+    )
     assert float(line.split()[2]) == pytest.approx(first["T"], rel=0.01)
 
 
 def test_names_are_in_one_piece_however_narrow_the_terminal_is() -> None:
-    known = {cause.cause + (f":{site.upper()}" if (site := cause.location_field()) else "") for cause in CAUSES.values()}
+    known = {
+        cause.cause + (f":{site.upper()}" if (site := cause.location_field()) else "")
+        for cause in CAUSES.values()
+    }
     known |= {
-        key for cause in CAUSES.values() if (effect := example(cause)) for key in [*effect.notation.parameters(effect)][:1]
+        key
+        for cause in CAUSES.values()
+        if (effect := example(cause))
+        for key in [*effect.notation.parameters(effect)][:1]
     }
     known |= {"temperature_c", "time_s"}
     for columns in (40, 80, 200):

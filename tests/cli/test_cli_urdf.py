@@ -38,7 +38,9 @@ def panda(robot_file: Callable[[str], Path]) -> list[str]:
 
 def test_configurations_of_a_pose(ur5: list[str]) -> None:
     """The orientation is pin.rpy's; places by Pinocchio; of a URDF and of an arm file."""
-    pose = pin.SE3(pin.rpy.rpyToMatrix(*(np.array(RPY) * DEG)), np.array([0.4, 0.1, 0.3])).homogeneous
+    pose = pin.SE3(
+        pin.rpy.rpyToMatrix(*(np.array(RPY) * DEG)), np.array([0.4, 0.1, 0.3])
+    ).homogeneous
     for words, arm, said in (
         (ur5, Arm.from_urdf(ur5[1], "tool0"), "single postures"),
         (["sino6", "--tip"], Arm.load("sino6"), "a full pose"),
@@ -46,24 +48,60 @@ def test_configurations_of_a_pose(ur5: list[str]) -> None:
         out, err = done("configurations", *words, *POSE)
         assert said in err
         table = pd.read_csv(io.StringIO(out))
-        assert list(table) == ["component", "swivel_deg", *THETAS, "within_limits", "broken_limits", *PLACES]
+        assert list(table) == [
+            "component",
+            "swivel_deg",
+            *THETAS,
+            "within_limits",
+            "broken_limits",
+            *PLACES,
+        ]
         assert (table["swivel_deg"].isna() == (arm.dh is None)).all()
         placed = arm.poses(table[THETAS].to_numpy() * DEG).placement
         np.testing.assert_allclose(placed, np.tile(pose, (len(table), 1, 1)), rtol=0, atol=1e-9)
-        np.testing.assert_allclose(table[PLACES], np.tile([400, 100, 300], (len(table), 1)), atol=1e-9)
+        np.testing.assert_allclose(
+            table[PLACES], np.tile([400, 100, 300], (len(table), 1)), atol=1e-9
+        )
 
 
 def test_curves_of_a_point_and_an_axis(ur5: list[str], tmp_path: Path) -> None:
-    words = [*POINT, "--axis", "0", "0.1", "-1", "--tool-axis", "1", "0", "0", "--count", "20", "-o", tmp_path / "c.csv"]
+    words = [
+        *POINT,
+        "--axis",
+        "0",
+        "0.1",
+        "-1",
+        "--tool-axis",
+        "1",
+        "0",
+        "0",
+        "--count",
+        "20",
+        "-o",
+        tmp_path / "c.csv",
+    ]
     done("configurations", *ur5, *words)
     table = pd.read_csv(tmp_path / "c.csv")
     assert (table.groupby("component").size() == 20).all()
     x = Arm.from_urdf(ur5[1], "tool0").poses(table[THETAS].to_numpy() * DEG).placement[:, :3, 0]
-    np.testing.assert_allclose(x, np.tile([0, 0.1, -1] / np.sqrt(1.01), (len(x), 1)), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(
+        x, np.tile([0, 0.1, -1] / np.sqrt(1.01), (len(x), 1)), rtol=0, atol=1e-9
+    )
 
 
-def test_accuracy_of_single_postures_and_of_curves(ur5: list[str], panda: list[str], tmp_path: Path) -> None:
-    summary = found("accuracy", *ur5, *POSE, *HALF_WIDTHS, "-o", tmp_path / "a.csv", "--plot", tmp_path / "a.png")
+def test_accuracy_of_single_postures_and_of_curves(
+    ur5: list[str], panda: list[str], tmp_path: Path
+) -> None:
+    summary = found(
+        "accuracy",
+        *ur5,
+        *POSE,
+        *HALF_WIDTHS,
+        "-o",
+        tmp_path / "a.csv",
+        "--plot",
+        tmp_path / "a.png",
+    )
     assert summary["schema"] == "aacmm-pin/accuracy/1"
     assert (summary["at"], summary["conditions"], summary["notes"]) == ("tool0", 6, [])
     assert summary["flexibility"] == {"zeta": None, "sectors": [], "arc_fraction": None}
@@ -83,7 +121,11 @@ def test_accuracy_of_single_postures_and_of_curves(ur5: list[str], panda: list[s
 
 def test_a_singular_pose_has_a_note(ur5: list[str]) -> None:
     """Straight wrist: the free motion is told on stderr."""
-    pose = Arm.from_urdf(ur5[1], "tool0").poses(np.array([[0.4, -1.1, 1.3, 0.5, 0.0, -0.7]])).placement[0]
+    pose = (
+        Arm.from_urdf(ur5[1], "tool0")
+        .poses(np.array([[0.4, -1.1, 1.3, 0.5, 0.0, -0.7]]))
+        .placement[0]
+    )
     point = [f"{x / MM:.12f}" for x in pose[:3, 3]]
     rpy = [f"{angle / DEG:.15g}" for angle in pin.rpy.matrixToRpy(pose[:3, :3])]
     _, err = done("configurations", *ur5, "--point", *point, "--rpy-deg", *rpy)
@@ -94,22 +136,42 @@ def test_a_singular_pose_has_a_note(ur5: list[str]) -> None:
 def test_what_cannot_be(ur5: list[str], panda: list[str]) -> None:
     far = ["--point", "4000", "0", "0", "--rpy-deg", "0", "0", "0"]
     for words, said in (
-        (["configurations", *ur5, *POINT], "6 joints and a point leave 3 joints free; state a point and an axis"),
+        (
+            ["configurations", *ur5, *POINT],
+            "6 joints and a point leave 3 joints free; state a point and an axis",
+        ),
         (["configurations", *panda, *POINT, "--axis", "0", "0", "1"], "state a full pose"),
         (["configurations", *ur5, *far], "out of reach"),
-        (["accuracy", *ur5, *POSE], "a URDF states no uncertainties; expected --translation-half-width-mm"),
+        (
+            ["accuracy", *ur5, *POSE],
+            "a URDF states no uncertainties; expected --translation-half-width-mm",
+        ),
         (["map", *ur5], "needs a DH table"),
         (["map", *panda[:2], "--frame", "nose"], "panda_joint3 … and 6 more"),
-        (["simulate", *ur5, "--perturb"], "--translation-half-width-mm and --rotation-half-width-rad"),
+        (
+            ["simulate", *ur5, "--perturb"],
+            "--translation-half-width-mm and --rotation-half-width-rad",
+        ),
     ):
         refused(*words, said=[said])
 
 
 @pytest.mark.parametrize(
-    "words", ["simulate", "accuracy --point 1 2 3", "calibrate d.csv", "diagnose d.csv", "show", "accept d.csv", "plan"]
+    "words",
+    [
+        "simulate",
+        "accuracy --point 1 2 3",
+        "calibrate d.csv",
+        "diagnose d.csv",
+        "show",
+        "accept d.csv",
+        "plan",
+    ],
 )
 def test_a_robot_without_a_frame_has_its_frames_listed(panda: list[str], words: str) -> None:
-    status, out, err = run(*words.split(), *panda[:2], *["--for", "calibration"] * (words == "plan"), columns=4000)
+    status, out, err = run(
+        *words.split(), *panda[:2], *["--for", "calibration"] * (words == "plan"), columns=4000
+    )
     assert (status, out) == (2, "")
     count = len(pin.buildModelFromUrdf(panda[1]).frames)
     assert "panda_hand_tcp" in err
@@ -117,28 +179,57 @@ def test_a_robot_without_a_frame_has_its_frames_listed(panda: list[str], words: 
 
 
 @pytest.fixture(params=["ur5_robot.urdf tool0", "panda.urdf panda_hand_tcp"])
-def robot(request: pytest.FixtureRequest, robot_file: Callable[[str], Path], tmp_path: Path) -> tuple[Path, Path, Path]:
-    """An arm file that names a URDF beside it, with moved placements and a cause; records of that arm; and the URDF."""
+def robot(
+    request: pytest.FixtureRequest, robot_file: Callable[[str], Path], tmp_path: Path
+) -> tuple[Path, Path, Path]:
+    """An arm file that names a URDF beside it, with moved placements and a cause; records of that
+    arm; and the URDF.
+    """
     name, frame = request.param.split()
     urdf = Path(shutil.copy(robot_file(name), tmp_path))
     truth, records = tmp_path / "truth.toml", tmp_path / "records.csv"
-    cause = ["--effect", "joint_compliance:2,compliance_rad_per_nm=2e-5", "--encoder-noise-rad", "0"]
-    made = [*HALF_WIDTHS, "--perturb", *cause, "--reference-noise-mm", "0.001", "--plan", "free", "--records", "60"]
+    cause = [
+        "--effect",
+        "joint_compliance:2,compliance_rad_per_nm=2e-5",
+        "--encoder-noise-rad",
+        "0",
+    ]
+    made = [
+        *HALF_WIDTHS,
+        "--perturb",
+        *cause,
+        "--reference-noise-mm",
+        "0.001",
+        "--plan",
+        "free",
+        "--records",
+        "60",
+    ]
     done("simulate", "--urdf", urdf, "--frame", frame, *made, "-o", records, "--truth", truth)
     return truth, records, urdf
 
 
 @pytest.mark.parametrize("robot", ["ur5_robot.urdf tool0"], indirect=True)
-def test_a_command_that_changes_much_is_told(robot: tuple[Path, Path, Path], tmp_path: Path) -> None:
-    """Where axes 4 and 6 are nearly parallel, small errors ask for large turns of both; that is so in rows 2 and 4."""
+def test_a_command_that_changes_much_is_told(
+    robot: tuple[Path, Path, Path], tmp_path: Path
+) -> None:
+    """Where axes 4 and 6 are nearly parallel, small errors ask for large turns of both; that is so
+    in rows 2 and 4.
+    """
     truth, readings = robot[0], tmp_path / "readings.csv"
     names = [f"theta{j}_rad" for j in range(1, 7)]
-    pd.DataFrame([[1, -1, 1, 1, turn, 0] for turn in (0.002, 1, -0.002)], columns=names).to_csv(readings, index=False)
+    pd.DataFrame([[1, -1, 1, 1, turn, 0] for turn in (0.002, 1, -0.002)], columns=names).to_csv(
+        readings, index=False
+    )
     _, err = done("correct", truth, readings, "--commands", "-o", tmp_path / "commands.csv")
-    assert [line.split("row ")[1][0] for line in err.splitlines() if "near a singular posture" in line] == ["2", "4"]
+    assert [
+        line.split("row ")[1][0] for line in err.splitlines() if "near a singular posture" in line
+    ] == ["2", "4"]
 
 
-def test_an_arm_file_of_a_robot_goes_through_every_command(robot: tuple[Path, Path, Path], tmp_path: Path) -> None:
+def test_an_arm_file_of_a_robot_goes_through_every_command(
+    robot: tuple[Path, Path, Path], tmp_path: Path
+) -> None:
     truth, records, urdf = robot
     model, measured = ErrorModel.load(truth), pd.read_csv(records)
     thetas = [name for name in measured if name.startswith("theta")]
@@ -146,8 +237,13 @@ def test_an_arm_file_of_a_robot_goes_through_every_command(robot: tuple[Path, Pa
     corrected, commands = tmp_path / "corrected.csv", tmp_path / "commands.csv"
     _, err = done("correct", truth, records, "-o", corrected)
     assert "60 references" in err
-    places = pd.read_csv(corrected)[["corrected_x_mm", "corrected_y_mm", "corrected_z_mm"]].to_numpy() * MM
-    np.testing.assert_allclose(places, model.predict(q), rtol=0, atol=5.1e-10)  # in mm with six decimals
+    places = (
+        pd.read_csv(corrected)[["corrected_x_mm", "corrected_y_mm", "corrected_z_mm"]].to_numpy()
+        * MM
+    )
+    np.testing.assert_allclose(
+        places, model.predict(q), rtol=0, atol=5.1e-10
+    )  # in mm with six decimals
     np.testing.assert_allclose(places, measured[PLACES] * MM, rtol=0, atol=1e-5)
     done("correct", truth, records, "--commands", "-o", commands)
     sent = pd.read_csv(commands).filter(like="command").to_numpy() * DEG
@@ -156,27 +252,56 @@ def test_an_arm_file_of_a_robot_goes_through_every_command(robot: tuple[Path, Pa
     wanted = Arm.from_urdf(urdf, model.arm.tip).positions(q)
     np.testing.assert_allclose(model.predict(sent[arrived]), wanted[arrived], rtol=0, atol=1e-9)
     listed = pd.read_csv(io.StringIO(done("configurations", truth, *POSE, "--count", "6")[0]))
-    assert found("accuracy", truth, *POSE, "--count", "6", "--encoder-noise-rad", "8e-6", "--method", "ellipsoid")["best"]
+    assert found(
+        "accuracy",
+        truth,
+        *POSE,
+        "--count",
+        "6",
+        "--encoder-noise-rad",
+        "8e-6",
+        "--method",
+        "ellipsoid",
+    )["best"]
     done("show", truth, *POSE, "-o", tmp_path / "scene.html")
-    done("plan", truth, "--split", "joint_compliance:2", "joint_compliance:3", "--records", "4", "--postures", "30")
+    done(
+        "plan",
+        truth,
+        "--split",
+        "joint_compliance:2",
+        "joint_compliance:3",
+        "--records",
+        "4",
+        "--postures",
+        "30",
+    )
     done("simulate", truth, "--records", "4", "--plan", "free")
     assert len(listed) >= 6
     dh, again = tmp_path / "dh.toml", tmp_path / "again.urdf"
     for output, options in ((dh, ["--to-dh"]), (again, [])):
         assert "joint_compliance:2" in done("urdf", truth, *options, "-o", output)[1]
     for arm in (Arm.load(dh), Arm.from_urdf(again, model.arm.tip)):
-        np.testing.assert_allclose(arm.poses(q).placement, model.arm.poses(q).placement, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(
+            arm.poses(q).placement, model.arm.poses(q).placement, rtol=0, atol=1e-12
+        )
     refused("map", truth, said=["needs a DH table"])
-    touches = measured[thetas].assign(test="single-point", feature="P", position=np.arange(60) // 20 + 1)
+    touches = measured[thetas].assign(
+        test="single-point", feature="P", position=np.arange(60) // 20 + 1
+    )
     touches.to_csv(tmp_path / "touches.csv", index=False)
     plain = ["--urdf", urdf, "--frame", model.arm.tip]
     judged = found("accept", truth, *plain, tmp_path / "touches.csv")["figures"]
     for arm, tips in ((truth, places), (urdf, wanted)):
         own = next(figure for figure in judged if figure["coordinates"] == str(arm))
-        spread = np.linalg.norm(tips - tips.reshape(3, 20, 3).mean(axis=1).repeat(20, axis=0), axis=1)
+        spread = np.linalg.norm(
+            tips - tips.reshape(3, 20, 3).mean(axis=1).repeat(20, axis=0), axis=1
+        )
         assert own["value_mm"] == pytest.approx(spread.max() / MM, rel=1e-9, abs=2e-6)
     mpe = ["--mpe", f"{own['figure']}={own['value_mm'] / 2}"]
-    assert f"diagnose --urdf {urdf} --frame" in done("accept", *plain, tmp_path / "touches.csv", *mpe)[1]
+    assert (
+        f"diagnose --urdf {urdf} --frame"
+        in done("accept", *plain, tmp_path / "touches.csv", *mpe)[1]
+    )
     refused("accept", urdf, tmp_path / "touches.csv", said=["is a URDF", "--urdf"])
     refused("urdf", truth, "-o", urdf, "--force", said=["is read by this command"])
     urdf.write_bytes(urdf.read_bytes() + b" ")
@@ -184,9 +309,19 @@ def test_an_arm_file_of_a_robot_goes_through_every_command(robot: tuple[Path, Pa
 
 
 @pytest.mark.parametrize("robot", ["ur5_robot.urdf tool0"], indirect=True)
-def test_a_calibrated_and_an_extended_robot_are_files(robot: tuple[Path, Path, Path], tmp_path: Path) -> None:
+def test_a_calibrated_and_an_extended_robot_are_files(
+    robot: tuple[Path, Path, Path], tmp_path: Path
+) -> None:
     truth, records, urdf = robot
-    stated = [records, *HALF_WIDTHS, "--encoder-noise-rad", "1e-6", "--reference-noise-mm", "0.001", "--no-held-out"]
+    stated = [
+        records,
+        *HALF_WIDTHS,
+        "--encoder-noise-rad",
+        "1e-6",
+        "--reference-noise-mm",
+        "0.001",
+        "--no-held-out",
+    ]
     words = ["--urdf", urdf, "--frame", ErrorModel.load(truth).arm.tip, *stated]
     cal, ext = tmp_path / "cal.toml", tmp_path / "ext.toml"
     done("calibrate", *words, "--effect", "joint_compliance:2", "-o", cal)
@@ -199,7 +334,10 @@ def test_a_calibrated_and_an_extended_robot_are_files(robot: tuple[Path, Path, P
         assert "joint_compliance:2" in [effect.key for effect in model.effects]
         np.testing.assert_allclose(model.predict(q), places, rtol=0, atol=2e-5)
         assert found("accuracy", path, *POSE, "--count", "6")["u_mm"]["max"] < 0.05
-        assert "states no uncertainties" in done("urdf", path, "--to-dh", "-o", tmp_path / f"{path.stem}.dh.toml")[1]
+        assert (
+            "states no uncertainties"
+            in done("urdf", path, "--to-dh", "-o", tmp_path / f"{path.stem}.dh.toml")[1]
+        )
     (tmp_path / "far" / "away").mkdir(parents=True)
     (tmp_path / "link").symlink_to(tmp_path / "far" / "away")
     (tmp_path / "there.toml").symlink_to(tmp_path / "far" / "away" / "there.toml")
@@ -207,14 +345,19 @@ def test_a_calibrated_and_an_extended_robot_are_files(robot: tuple[Path, Path, P
         done("calibrate", *words, "-o", tmp_path / output)
         for name in (output, f"far/away/{Path(output).name}"):
             assert ErrorModel.load(tmp_path / name).arm.urdf_file.urdf.file == str(urdf.resolve())
-    for command, option in (("calibrate", "-o"), ("diagnose", "--extended-arm")):  # before the records are read
+    for command, option in (
+        ("calibrate", "-o"),
+        ("diagnose", "--extended-arm"),
+    ):  # before the records are read
         read, write = os.pipe()
         os.write(write, urdf.read_bytes())
         os.close(write)
         given = ["--urdf", f"/dev/fd/{read}", *words[2:4], tmp_path / "none.csv"]
         refused(command, *given, option, tmp_path / "none.toml", said=["a pipe"])
         os.close(read)
-    refused("calibrate", ext, records, "--urdf-out", urdf, "--force", said=["is read by this command"])
+    refused(
+        "calibrate", ext, records, "--urdf-out", urdf, "--force", said=["is read by this command"]
+    )
 
 
 def test_an_example_robot_is_its_urdf(ur5: list[str]) -> None:

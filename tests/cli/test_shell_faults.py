@@ -1,4 +1,6 @@
-"""What goes wrong around a command: streams that take nothing, names that cannot be, signals, an exhausted machine."""
+"""What goes wrong around a command: streams that take nothing, names that cannot be, signals, an
+exhausted machine.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,9 @@ from aacmm_pin.cli.signals import Stopped
 
 def started(*words: str, **named: Any) -> subprocess.Popen[bytes]:
     command = [sys.executable, "-m", "aacmm_pin.cli", *words]
-    return subprocess.Popen(command, **{"stdout": subprocess.PIPE, "stderr": subprocess.PIPE} | named)
+    return subprocess.Popen(
+        command, **{"stdout": subprocess.PIPE, "stderr": subprocess.PIPE} | named
+    )
 
 
 def ended(process: subprocess.Popen[bytes]) -> tuple[int, str]:
@@ -33,7 +37,9 @@ def ended(process: subprocess.Popen[bytes]) -> tuple[int, str]:
 
 
 def test_every_way_to_fail_is_one_line_and_its_status(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Also the message of an interrupt, whenever it comes, is true: it says nothing of what was done before."""
+    """Also the message of an interrupt, whenever it comes, is true: it says nothing of what was
+    done before.
+    """
     for error, status, said in (
         (OSError(28, "No space left on device"), 1, "No space left"),
         (PermissionError(13, "Permission denied", "a\x1bb"), 1, r"a\x1bb: Permission denied"),
@@ -55,7 +61,9 @@ def test_every_way_to_fail_is_one_line_and_its_status(monkeypatch: pytest.Monkey
         assert (found, out, err.count("\n"), said in err) == (status, "", 1, True), (error, err)
 
 
-def test_a_signal_of_which_compiled_code_made_another_error(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_signal_of_which_compiled_code_made_another_error(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """As pybind11 does with what a handler raises while a module of its own is loaded."""
 
     def loaded(*_: object, number: signal.Signals, **__: object) -> None:
@@ -103,8 +111,13 @@ def test_filters_of_warnings_end_no_command(tmp_path: Path) -> None:
             "-o",
             str(tmp_path / "a.html"),
         ]
-        process = subprocess.run(command, capture_output=True, text=True, env=os.environ | {"PYTHONWARNINGS": variable})
-        assert (process.returncode, process.stderr.splitlines()) == (0, [f"written: {tmp_path / 'a.html'}"])
+        process = subprocess.run(
+            command, capture_output=True, text=True, env=os.environ | {"PYTHONWARNINGS": variable}
+        )
+        assert (process.returncode, process.stderr.splitlines()) == (
+            0,
+            [f"written: {tmp_path / 'a.html'}"],
+        )
 
 
 def test_streams_that_take_nothing() -> None:
@@ -114,24 +127,37 @@ def test_streams_that_take_nothing() -> None:
             (started("--help", stdout=full), "standard output: No space left"),
         ]
     closed = [sys.executable, "-m", "aacmm_pin.cli", "causes"]
-    devices += [(subprocess.Popen(["sh", "-c", 'exec "$@" >&-', "sh", *closed], stderr=subprocess.PIPE), "not writable")]
+    devices += [
+        (
+            subprocess.Popen(["sh", "-c", 'exec "$@" >&-', "sh", *closed], stderr=subprocess.PIPE),
+            "not writable",
+        )
+    ]
     for process, words in devices:
         status, said = ended(process)
         assert (status, words in said) == (1, True), said
 
 
 def test_a_pipe_whose_reader_has_enough_ends_the_command_quietly() -> None:
-    """As ``head`` does: what is told by lines, by tables, by --json -, as a file on stdout, and as help."""
+    """As ``head`` does: what is told by lines, by tables, by --json -, as a file on stdout, and as
+    help.
+    """
     at = ["--point", "400", "0", "300", "--count", "9"]
     told = (["--help"], ["causes"], ["urdf", "sino6"])
-    told += (["accuracy", "sino6", *at, "--json", "-"], ["configurations", "sino6", *at, "-o", "/dev/stdout"])
+    told += (
+        ["accuracy", "sino6", *at, "--json", "-"],
+        ["configurations", "sino6", *at, "-o", "/dev/stdout"],
+    )
     for words in told:
         read, write = os.pipe()
         os.close(read)
         process = started(*words, stdout=write)
         os.close(write)
         said = process.communicate(timeout=60)[1].decode()
-        assert (process.returncode, "aacmm-pin:" in said) == (128 + signal.SIGPIPE, False), (words, said)
+        assert (process.returncode, "aacmm-pin:" in said) == (128 + signal.SIGPIPE, False), (
+            words,
+            said,
+        )
 
 
 def test_a_terminal_without_letters() -> None:
@@ -155,14 +181,21 @@ def test_an_interrupt_while_the_package_is_being_imported() -> None:
 def test_a_machine_without_memory() -> None:
     """Address space for Python, and not for the libraries."""
     limit = 300_000_000
-    process = started("urdf", "sino6", preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (limit, limit)))
+    process = started(
+        "urdf", "sino6", preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+    )
     status, said = ended(process)
     assert (status, "memory" in said) == (1, True), said
 
 
 def test_names_that_cannot_be(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     long, gone = "x" * 300, tmp_path / "gone"
-    for words in (("urdf", long), ("urdf", f"{long}.toml"), ("calibrate", "sino6", long), ("urdf", "sino6", "-o", long)):
+    for words in (
+        ("urdf", long),
+        ("urdf", f"{long}.toml"),
+        ("calibrate", "sino6", long),
+        ("urdf", "sino6", "-o", long),
+    ):
         assert "too long" in refused(*words, said=[long])
     gone.mkdir()
     monkeypatch.chdir(gone)
@@ -172,7 +205,18 @@ def test_names_that_cannot_be(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.chdir(tmp_path)
     strange = os.fsdecode(b"bad\xff\x1b.csv")
     done("simulate", "sino6", "--records", "40", "-o", strange)
-    out, err = done("calibrate", "sino6", strange, "--no-held-out", "--report", "r.html", "--json", "a.json", "-o", "a.toml")
+    out, err = done(
+        "calibrate",
+        "sino6",
+        strange,
+        "--no-held-out",
+        "--report",
+        "r.html",
+        "--json",
+        "a.json",
+        "-o",
+        "a.toml",
+    )
     assert "\x1b" not in out + err
     refused("calibrate", "sino6", f"{strange}.none", said=[r"bad\udcff\x1b.csv.none"])
     assert r"bad\udcff\u001b.csv" in Path("a.json").read_text(encoding="utf-8")
@@ -180,7 +224,9 @@ def test_names_that_cannot_be(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
 
 def test_no_command_replaces_what_it_reads(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "path", [*sys.path])  # a plugin's folder stays in it, and workers would find this file
+    monkeypatch.setattr(
+        sys, "path", [*sys.path]
+    )  # a plugin's folder stays in it, and workers would find this file
     monkeypatch.syspath_prepend(str(tmp_path))
     (tmp_path / "hose.py").write_text("")
     (tmp_path / "imports_more.py").write_text("import more_of_it")
@@ -188,7 +234,17 @@ def test_no_command_replaces_what_it_reads(tmp_path: Path, monkeypatch: pytest.M
     done("simulate", "sino6", "--records", "40", "-o", "data.csv", "--truth", "arm.toml")
     done("urdf", "sino6", "-o", "arm.urdf")
     urdf = ["--urdf", "arm.urdf", "--frame", "tip"]
-    done("calibrate", *urdf, "--translation-half-width-mm", "0.3", "data.csv", *NOISE, "--no-held-out", "-o", "of_urdf.toml")
+    done(
+        "calibrate",
+        *urdf,
+        "--translation-half-width-mm",
+        "0.3",
+        "data.csv",
+        *NOISE,
+        "--no-held-out",
+        "-o",
+        "of_urdf.toml",
+    )
     read = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
     (tmp_path / "link.urdf").symlink_to("arm.urdf")
     for words, inputs in (
@@ -219,12 +275,24 @@ def test_no_command_replaces_what_it_reads(tmp_path: Path, monkeypatch: pytest.M
             refused(*words, name, "--force", said=[name, "is read"])
     for name in ("imports_more", "more_of_it"):
         sys.modules.pop(name)
-    refused("--plugin", "imports_more", "urdf", "sino6", "-o", "more_of_it.py", "--force", said=["more_of_it.py", "is read"])
+    refused(
+        "--plugin",
+        "imports_more",
+        "urdf",
+        "sino6",
+        "-o",
+        "more_of_it.py",
+        "--force",
+        said=["more_of_it.py", "is read"],
+    )
     assert {path: path.read_bytes() for path in read} == read
 
 
 def test_text_that_a_terminal_would_act_on() -> None:
-    for text, shown in (("α µ\u00a0mm\tb\n", "α µ\u00a0mm\tb\n"), ("\x1b[2J\r\x07\x9b", r"\x1b[2J\r\x07\x9b")):
+    for text, shown in (
+        ("α µ\u00a0mm\tb\n", "α µ\u00a0mm\tb\n"),
+        ("\x1b[2J\r\x07\x9b", r"\x1b[2J\r\x07\x9b"),
+    ):
         assert printable(text) == shown
     for text in ("a\u202eb", "\u2028", os.fsdecode(b"\xff"), "\x00"):
         assert printable(text).isprintable(), text

@@ -8,7 +8,17 @@ import sys
 import pytest
 from shell import POINT
 
-HEAVY = ("matplotlib", "jinja2", "xarray", "meshcat", "numba", "IPython", "scipy.stats", "scipy.optimize", "scipy.spatial")
+HEAVY = (
+    "matplotlib",
+    "jinja2",
+    "xarray",
+    "meshcat",
+    "numba",
+    "IPython",
+    "scipy.stats",
+    "scipy.optimize",
+    "scipy.spatial",
+)
 
 HEAVY_BUT_LOOPS = tuple(name for name in HEAVY if name != "numba")
 """Of commands that follow curves of postures, in compiled loops."""
@@ -16,7 +26,10 @@ HEAVY_BUT_LOOPS = tuple(name for name in HEAVY if name != "numba")
 
 def loaded(code: str) -> set[str]:
     """Names of the modules that a new process has loaded after ``code``."""
-    told = f"import atexit, sys\natexit.register(lambda: sys.stderr.write('\\n' + ' '.join(sys.modules)))\n{code}"
+    told = (
+        "import atexit, sys\natexit.register(lambda: sys.stderr.write('\\n' + ' "
+        f"'.join(sys.modules)))\n{code}"
+    )
     done = subprocess.run([sys.executable, "-c", told], capture_output=True, text=True, check=True)
     return set(done.stderr.splitlines()[-1].split())
 

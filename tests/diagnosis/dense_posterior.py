@@ -1,4 +1,6 @@
-"""The posterior over sets of blocks by plain algebra on explicit matrices; it shares no code with the package."""
+"""The posterior over sets of blocks by plain algebra on explicit matrices; it shares no code with
+the package.
+"""
 
 from __future__ import annotations
 
@@ -18,11 +20,15 @@ WIDTHS = np.array([0.2, 0.5, 1.0, 2.0, 10.0])
 AMPLITUDES = (0.0, 0.1, 0.3, 1.0, 3.0)
 """Of the background, equally probable."""
 MISSTATED = 0.05
-"""Probability that a stated noise is not the noise. Its variance then is inverse gamma, of shape and scale one."""
+"""Probability that a stated noise is not the noise. Its variance then is inverse gamma, of shape
+and scale one.
+"""
 NEARLY_FLAT = 1e-9
 """Prior precision of a nuisance of which nothing is known."""
 STEPS = np.arange(-8.0, 14.0, 0.5)
-"""Log of the scale of the noise, over which is integrated, from its most probable value in units of its u."""
+"""Log of the scale of the noise, over which is integrated, from its most probable value in units of
+its u.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,12 +63,15 @@ class Dense:
     def amplitudes(self) -> tuple[float, ...]:
         return AMPLITUDES if self.background.shape[1] else AMPLITUDES[:1]
 
-    # --- what the nuisances cannot imitate: all rows, priors' included, in directions that are orthogonal to theirs
+    # --- what the nuisances cannot imitate: all rows, priors' included, in directions that are
+    # orthogonal to theirs
 
     @cached_property
     def _whole(self) -> Array:
         z = self.nuisances.shape[1]
-        return np.concatenate([self.nuisances, self.prior[:, :-1], np.sqrt(NEARLY_FLAT) * np.eye(z)])
+        return np.concatenate(
+            [self.nuisances, self.prior[:, :-1], np.sqrt(NEARLY_FLAT) * np.eye(z)]
+        )
 
     @cached_property
     def _directions(self) -> Array:
@@ -92,14 +101,20 @@ class Dense:
 
     # --- one set
 
-    def log_posterior(self, blocks: Sequence[int], widths: Sequence[float], amplitude: float) -> float:
+    def log_posterior(
+        self, blocks: Sequence[int], widths: Sequence[float], amplitude: float
+    ) -> float:
         """Up to a constant, by the covariance matrix of the residuals."""
-        covariance = np.eye(len(self._residual)) + amplitude**2 * self._background @ self._background.T
+        covariance = (
+            np.eye(len(self._residual)) + amplitude**2 * self._background @ self._background.T
+        )
         for block, width in zip(blocks, widths, strict=True):
             covariance += width**2 * self._columns[block] @ self._columns[block].T
         chi2 = self._residual @ np.linalg.solve(covariance, self._residual)
         log_likelihood = log_over_scale(np.array([chi2]), self.dof, self.stated)[0]
-        return float(log_likelihood - 0.5 * np.linalg.slogdet(covariance)[1] + self._log_prior(blocks))
+        return float(
+            log_likelihood - 0.5 * np.linalg.slogdet(covariance)[1] + self._log_prior(blocks)
+        )
 
     def _log_prior(self, blocks: Sequence[int]) -> float:
         shares = len(blocks) * np.log(WIDTHS.size) + np.log(len(self.amplitudes))
@@ -108,12 +123,16 @@ class Dense:
     # --- all of them
 
     def sets(self, most: int) -> Iterator[Blocks]:
-        """Sets of at most so many blocks in which a candidate stands once, and nothing beside what contains it."""
+        """Sets of at most so many blocks in which a candidate stands once, and nothing beside what
+        contains it.
+        """
         owners = range(len(self.columns)) if self.owners is None else self.owners
         for size in range(most + 1):
             for blocks in itertools.combinations(range(len(self.columns)), size):
                 own = {owners[k] for k in blocks}
-                if len(own) == size and not any(own & self.contained.get(c, frozenset()) for c in own):
+                if len(own) == size and not any(
+                    own & self.contained.get(c, frozenset()) for c in own
+                ):
                     yield blocks
 
     def summed(self, blocks: Blocks) -> float:
@@ -121,13 +140,19 @@ class Dense:
         widths = np.array(list(itertools.product(WIDTHS, repeat=len(blocks))))
         sizes = np.array([self.columns[k].shape[1] for k in blocks], dtype=int)
         scale = np.repeat(widths, sizes, axis=1)
-        own = np.concatenate([np.zeros((len(self._residual), 0)), *(self._columns[k] for k in blocks)], axis=1)
+        own = np.concatenate(
+            [np.zeros((len(self._residual), 0)), *(self._columns[k] for k in blocks)], axis=1
+        )
         each = []
         for amplitude in self.amplitudes:
-            rest = np.eye(len(self._residual)) + amplitude**2 * self._background @ self._background.T
+            rest = (
+                np.eye(len(self._residual)) + amplitude**2 * self._background @ self._background.T
+            )
             both = np.column_stack([own, self._residual])
             products = both.T @ np.linalg.solve(rest, both)
-            inside = np.eye(scale.shape[1]) + scale[:, :, None] * products[:-1, :-1] * scale[:, None, :]
+            inside = (
+                np.eye(scale.shape[1]) + scale[:, :, None] * products[:-1, :-1] * scale[:, None, :]
+            )
             right = scale * products[:-1, -1]
             gain = np.einsum("kq,kq->k", right, np.linalg.solve(inside, right[:, :, None])[:, :, 0])
             volume = 0.5 * (np.linalg.slogdet(inside)[1] + np.linalg.slogdet(rest)[1])
@@ -135,7 +160,9 @@ class Dense:
         return float(logsumexp(np.concatenate(each)) + self._log_prior(blocks))
 
     def inclusion(self, most: int) -> tuple[Array, float]:
-        """Probability of each block by all sets of at most so many blocks, and that of the largest of these sets."""
+        """Probability of each block by all sets of at most so many blocks, and that of the largest
+        of these sets.
+        """
         values = {blocks: self.summed(blocks) for blocks in self.sets(most)}
         total = logsumexp(list(values.values()))
         found, largest = np.zeros(len(self.columns)), 0.0
@@ -146,7 +173,9 @@ class Dense:
 
 
 def log_over_scale(chi2: Array, dof: float, stated: bool) -> Array:
-    """Log of ``σ^-ν exp(-χ²/2σ²)``, integrated over what the scale σ of the noise may be (k,); up to a constant."""
+    """Log of ``σ^-ν exp(-χ²/2σ²)``, integrated over what the scale σ of the noise may be (k,); up
+    to a constant.
+    """
     most_probable = (chi2 + 2.0) / (dof + 2.0) if stated else chi2 / dof
     step = 1.0 / np.sqrt(2.0 * dof)
     log_scale = 0.5 * np.log(most_probable)[:, None] + step * STEPS
@@ -154,7 +183,11 @@ def log_over_scale(chi2: Array, dof: float, stated: bool) -> Array:
     if stated:
         log_density += _log_inverse_gamma(log_scale)
     integral = logsumexp(log_density, axis=1) + np.log(step * (STEPS[1] - STEPS[0]))
-    return np.logaddexp(np.log(1.0 - MISSTATED) - 0.5 * chi2, np.log(MISSTATED) + integral) if stated else integral
+    return (
+        np.logaddexp(np.log(1.0 - MISSTATED) - 0.5 * chi2, np.log(MISSTATED) + integral)
+        if stated
+        else integral
+    )
 
 
 def _log_inverse_gamma(log_scale: Array) -> Array:
@@ -163,10 +196,12 @@ def _log_inverse_gamma(log_scale: Array) -> Array:
 
 
 def by_quadrature(dense: Dense, blocks: Sequence[int], widths: Sequence[float]) -> float:
-    """Log posterior of a set without background: the sum over a grid of every parameter and of the scale of the noise.
+    """Log posterior of a set without background: the sum over a grid of every parameter and of the
+    scale of the noise.
 
-    Nuisances have a flat prior; prior widths of the others scale with the noise. The grid follows the least squares fit,
-    one standard deviation apart, which is exact to 1e-7 of a normal integrand.
+    Nuisances have a flat prior; prior widths of the others scale with the noise. The grid follows
+    the least squares fit, one standard deviation apart, which is exact to 1e-7 of a normal
+    integrand.
     """
     own = [np.zeros((len(dense.residual), 0)), *(dense.columns[k] for k in blocks)]
     design = np.concatenate([dense.nuisances, *own], axis=1)

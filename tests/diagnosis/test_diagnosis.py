@@ -1,4 +1,6 @@
-"""Hidden effects of a plant that shares no code with the package, found through the command line."""
+"""Hidden effects of a plant that shares no code with the package, found through the command
+line.
+"""
 
 from __future__ import annotations
 
@@ -21,15 +23,22 @@ from aacmm_pin.diagnosis.gram_matrix import Products, products_of
 NOISE = ["--encoder-noise-rad", "8e-6", "--reference-noise-mm", "0.012"]
 again = partial(pytest.param, marks=pytest.mark.long)
 LIMIT = 3.3
-"""Standard uncertainties by which one of the many parameters here may be off: a chance of 1 in 1000."""
+"""Standard uncertainties by which one of the many parameters here may be off: a chance of 1
+in 1000.
+"""
 
 
-def diagnosis(folder: Path, *extra: str, seed: int, cause: str | None, **options: Any) -> tuple[dict[str, Any], Draw]:
+def diagnosis(
+    folder: Path, *extra: str, seed: int, cause: str | None, **options: Any
+) -> tuple[dict[str, Any], Draw]:
     """What the command says of a file of the plant, and what was drawn."""
     hidden = draw(seed, cause, **options)
     data = folder / "data.csv"
     hidden.write(data)
-    more = [*extra, *(["--probe-noise-mm", "0.012"] if options.get("plan", "free") != "free" else [])]
+    more = [
+        *extra,
+        *(["--probe-noise-mm", "0.012"] if options.get("plan", "free") != "free" else []),
+    ]
     result = CliRunner().invoke(app, ["diagnose", "sino6", str(data), *NOISE, *more, "--json", "-"])
     assert result.exit_code == 0, result.output
     content: dict[str, Any] = json.loads(result.stdout)
@@ -41,7 +50,9 @@ def named(found: dict[str, Any]) -> list[tuple[str, int | str | None]]:
 
 
 def off(found: dict[str, Any], hidden: Draw) -> dict[str, float]:
-    """How many u each parameter of the strongest finding is from the truth, for those that the truth states too."""
+    """How many u each parameter of the strongest finding is from the truth, for those that the
+    truth states too.
+    """
     away = {}
     for name, stated in found["findings"][0]["parameters"].items():
         if name in hidden.hidden[0].parameters:
@@ -60,7 +71,9 @@ CAUSES = [  # files of the gate in ``tests/blind`` hide the others
 
 
 @pytest.mark.parametrize(("cause", "plan", "seed"), CAUSES)
-def test_a_hidden_cause_is_named_and_measured(tmp_path: Path, cause: str, plan: str, seed: int) -> None:
+def test_a_hidden_cause_is_named_and_measured(
+    tmp_path: Path, cause: str, plan: str, seed: int
+) -> None:
     found, drawn = diagnosis(tmp_path, seed=seed, cause=cause, plan=plan)
     (hidden,) = drawn.hidden
     assert named(found) == [(hidden.cause, hidden.joint)]
@@ -72,20 +85,32 @@ def test_a_hidden_cause_is_named_and_measured(tmp_path: Path, cause: str, plan: 
 
 
 def test_look_alikes_are_said(tmp_path: Path) -> None:
-    """On a level mount a tilting first bearing and a tilting stand have the same columns: both are listed."""
+    """On a level mount a tilting first bearing and a tilting stand have the same columns: both are
+    listed.
+    """
     found, _ = diagnosis(tmp_path, "--no-held-out", seed=13, cause="base_compliance")
     (finding,) = found["findings"]
-    both = {(finding["cause"], finding["joint"]), *((a["cause"], a["joint"]) for a in finding["aliases"])}
+    both = {
+        (finding["cause"], finding["joint"]),
+        *((a["cause"], a["joint"]) for a in finding["aliases"]),
+    }
     assert {("base_compliance", None), ("bearing_tilt", 1)} <= both
     assert found["verdict"] == "ambiguous"
-    assert any({"base_compliance", "bearing_tilt:1"} <= set(group) for group in found["cannot_tell_apart"])
+    assert any(
+        {"base_compliance", "bearing_tilt:1"} <= set(group) for group in found["cannot_tell_apart"]
+    )
     assert "turn the mount" in found["next_measurements"]
     assert "aacmm-pin plan" in found["next_measurements"]
 
 
 def test_two_causes_are_both_named(tmp_path: Path) -> None:
-    found, drawn = diagnosis(tmp_path, "--no-held-out", seed=30004, cause="any", count=2, plan="seats")
-    told = {*named(found), *((a["cause"], a["joint"]) for f in found["findings"] for a in f["aliases"][:1])}
+    found, drawn = diagnosis(
+        tmp_path, "--no-held-out", seed=30004, cause="any", count=2, plan="seats"
+    )
+    told = {
+        *named(found),
+        *((a["cause"], a["joint"]) for f in found["findings"] for a in f["aliases"][:1]),
+    }
     assert {(h.cause, h.joint) for h in drawn.hidden} <= told
     assert len(found["findings"]) == 2
 
@@ -99,11 +124,15 @@ OUTSIDE = {
 }
 
 
-@pytest.mark.parametrize("kind", ["joint_product", "operator", "tip_field", again("humidity"), again("frame_walk")])
+@pytest.mark.parametrize(
+    "kind", ["joint_product", "operator", "tip_field", again("humidity"), again("frame_walk")]
+)
 def test_what_no_cause_explains_is_said_to_be_that(tmp_path: Path, kind: str) -> None:
     found, drawn = diagnosis(tmp_path, seed=2, cause=f"unexplained:{kind}")
     assert found["verdict"] == "unexplained"
-    wanted = OUTSIDE[kind] or {name.replace("theta", "joint ") for name in drawn.hidden[0].depends_on}
+    wanted = OUTSIDE[kind] or {
+        name.replace("theta", "joint ") for name in drawn.hidden[0].depends_on
+    }
     assert wanted <= set(found["unexplained"]["depends_on"])
     assert found["unexplained"]["smooth_correction_gain"] > 0.2
     assert not [f for f in found["findings"] if f["held_out"]["gain_ci95"][0] > 0.0]
@@ -120,7 +149,9 @@ def test_what_no_cause_explains_is_said_to_be_that(tmp_path: Path, kind: str) ->
         (7, {"cause": "encoder_slip", "twin": True}),
     ],
 )
-def test_nothing_hidden_is_said_to_be_nothing(tmp_path: Path, seed: int, options: dict[str, Any]) -> None:
+def test_nothing_hidden_is_said_to_be_nothing(
+    tmp_path: Path, seed: int, options: dict[str, Any]
+) -> None:
     options = {"cause": None} | options
     extra = ["--reference-frame", "external"] if options.get("external") else []
     found, drawn = diagnosis(tmp_path, *extra, seed=seed, **options)
@@ -131,19 +162,27 @@ def test_nothing_hidden_is_said_to_be_nothing(tmp_path: Path, seed: int, options
 
 def test_geometry_beyond_what_is_stated_is_a_finding(tmp_path: Path) -> None:
     """Held-out records have nothing to say of it: recalibration moves the value as well."""
-    found, _ = diagnosis(tmp_path, seed=60016, cause=None, plan="unknown-seats", shifts={(3, "d"): 9.0})
+    found, _ = diagnosis(
+        tmp_path, seed=60016, cause=None, plan="unknown-seats", shifts={(3, "d"): 9.0}
+    )
     assert named(found) == [("joint_distance", 3)]
     assert found["verdict"] == "explained"
     assert "more records" not in found["next_measurements"]
 
 
-def test_gross_errors_neither_hide_a_cause_nor_stay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A moved seat looks like thirty gross errors; nine real ones are beside it. Two searches hold the rows of one."""
+def test_gross_errors_neither_hide_a_cause_nor_stay(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A moved seat looks like thirty gross errors; nine real ones are beside it. Two searches hold
+    the rows of one.
+    """
     made, sizes = WeakSet[Products](), []
 
     def recorded(*given: Any) -> Products:
         made.add(products := products_of(*given))
-        sizes.append([sum(part.rows.nbytes for part in each.parts) for each in made if "parts" in vars(each)])
+        sizes.append(
+            [sum(part.rows.nbytes for part in each.parts) for each in made if "parts" in vars(each)]
+        )
         return products
 
     monkeypatch.setattr(model_extension, "products_of", recorded)
@@ -154,7 +193,9 @@ def test_gross_errors_neither_hide_a_cause_nor_stay(tmp_path: Path, monkeypatch:
     assert max(map(sum, sizes)) < 1.5 * max(map(max, sizes))
 
 
-def test_columns_of_many_records_are_in_single_precision(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_columns_of_many_records_are_in_single_precision(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("aacmm_pin.diagnosis.gram_matrix.MOST_DOUBLE", 0)
     found, drawn = diagnosis(tmp_path, "--no-held-out", seed=3, cause="encoder_eccentricity")
     assert named(found) == [("encoder_eccentricity", drawn.hidden[0].joint)]
@@ -163,7 +204,17 @@ def test_columns_of_many_records_are_in_single_precision(tmp_path: Path, monkeyp
 
 def test_a_plan_that_nobody_filled_in_is_refused(tmp_path: Path) -> None:
     plan = tmp_path / "plan.csv"
-    words = ["plan", "sino6", "--split", "joint_compliance:2", "encoder_gain:2", "--reference", "seats", "-o", str(plan)]
+    words = [
+        "plan",
+        "sino6",
+        "--split",
+        "joint_compliance:2",
+        "encoder_gain:2",
+        "--reference",
+        "seats",
+        "-o",
+        str(plan),
+    ]
     assert CliRunner().invoke(app, words).exit_code == 0
     done = CliRunner().invoke(app, ["diagnose", "sino6", str(plan), *NOISE])
     assert done.exit_code == 1
@@ -176,13 +227,24 @@ def test_seats_that_are_read_twice_are_one_place(tmp_path: Path) -> None:
     table = pd.read_csv(drawn.write(tmp_path / "data.csv"))
     table.loc[::2, "x_mm"] += 1e-4
     table.to_csv(tmp_path / "data.csv", index=False)
-    words = ["diagnose", "sino6", str(tmp_path / "data.csv"), *NOISE, "--probe-noise-mm", "0.012", "--json", "-"]
+    words = [
+        "diagnose",
+        "sino6",
+        str(tmp_path / "data.csv"),
+        *NOISE,
+        "--probe-noise-mm",
+        "0.012",
+        "--json",
+        "-",
+    ]
     assert json.loads(CliRunner().invoke(app, words).stdout)["verdict"] == "no-discrepancy"
 
 
 def test_the_extended_arm_is_written_and_used(tmp_path: Path) -> None:
     extended = tmp_path / "extended.toml"
-    found, drawn = diagnosis(tmp_path, "--extended-arm", str(extended), seed=3, cause="encoder_eccentricity")
+    found, drawn = diagnosis(
+        tmp_path, "--extended-arm", str(extended), seed=3, cause="encoder_eccentricity"
+    )
     fresh = tmp_path / "fresh.csv"
     sample = drawn.plant.sample(1, 200)
     sample.write(fresh)
@@ -195,5 +257,7 @@ def test_the_extended_arm_is_written_and_used(tmp_path: Path) -> None:
     assert rms < 1.1 * sample.oracle_rms * 1e3
     # The gain that was quoted is the gain on records that were taken afterwards.
     assert rms == pytest.approx(found["held_out"]["rms_mm"]["extended"], rel=0.1)
-    repeated = CliRunner().invoke(app, ["diagnose", str(extended), str(tmp_path / "data.csv"), *NOISE, "--json", "-"])
+    repeated = CliRunner().invoke(
+        app, ["diagnose", str(extended), str(tmp_path / "data.csv"), *NOISE, "--json", "-"]
+    )
     assert json.loads(repeated.stdout)["verdict"] == "no-discrepancy"

@@ -1,4 +1,6 @@
-"""Files that are few, odd or degenerate: no traceback, no false alarm, no number that means nothing."""
+"""Files that are few, odd or degenerate: no traceback, no false alarm, no number that means
+nothing.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,13 @@ from aacmm_pin.arm.random_postures import random_postures
 from aacmm_pin.cli.root_command import app
 from aacmm_pin.diagnosis import diagnose
 from aacmm_pin.diagnosis.covariates import covariates
-from aacmm_pin.effects import EncoderEccentricity, EncoderGain, JointCompliance, JointHysteresis, StylusOffset
+from aacmm_pin.effects import (
+    EncoderEccentricity,
+    EncoderGain,
+    JointCompliance,
+    JointHysteresis,
+    StylusOffset,
+)
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError
@@ -29,7 +37,14 @@ from aacmm_pin.report.next_measurements import next_measurements
 from aacmm_pin.report.plots.partial_residuals import partial_residual
 from tests.notes import data_of
 
-NOISE = ["--encoder-noise-rad", "8e-6", "--reference-noise-mm", "0.012", "--probe-noise-mm", "0.012"]
+NOISE = [
+    "--encoder-noise-rad",
+    "8e-6",
+    "--reference-noise-mm",
+    "0.012",
+    "--probe-noise-mm",
+    "0.012",
+]
 ECCENTRIC = "encoder_eccentricity:joint=3,amplitude_rad=1e-4,phase_rad=0.5"
 
 
@@ -38,7 +53,9 @@ def records(folder: Path, *options: str, effect: str = "") -> pd.DataFrame:
     path = folder / "simulated.csv"
     effects = ["--effect", effect] if effect else []
     noise = ["--probe-noise-mm", "0.012"] if "free" not in options else []
-    done = CliRunner().invoke(app, ["simulate", "sino6", "--plan", *options, *noise, *effects, "-o", str(path), "--force"])
+    done = CliRunner().invoke(
+        app, ["simulate", "sino6", "--plan", *options, *noise, *effects, "-o", str(path), "--force"]
+    )
     assert done.exit_code == 0, done.output
     return pd.read_csv(path)
 
@@ -46,20 +63,26 @@ def records(folder: Path, *options: str, effect: str = "") -> pd.DataFrame:
 def diagnosed(folder: Path, table: pd.DataFrame, *options: str) -> dict[str, Any]:
     path = folder / "data.csv"
     table.to_csv(path, index=False)
-    done = CliRunner().invoke(app, ["diagnose", "sino6", str(path), *NOISE, *options, "--json", "-"])
+    done = CliRunner().invoke(
+        app, ["diagnose", "sino6", str(path), *NOISE, *options, "--json", "-"]
+    )
     assert done.exit_code == 0, done.output
     content: dict[str, Any] = json.loads(done.stdout)
     return content
 
 
 def test_records_that_are_too_few_are_not_taken_for_a_plan(sino6: Arm) -> None:
-    data = simulate_measurements(sino6, "seats", 60, rng=np.random.default_rng(1), seats=6).take(range(3))
+    data = simulate_measurements(sino6, "seats", 60, rng=np.random.default_rng(1), seats=6).take(
+        range(3)
+    )
     with pytest.raises(AacmmError, match="too few"):
         diagnose(sino6, data, hold_out=False)
 
 
 def test_a_cause_is_named_where_parts_have_seats_with_a_single_record(tmp_path: Path) -> None:
-    """Few bars are torn into blocks of joint space, where a seat may have one record that nothing can be compared with."""
+    """Few bars are torn into blocks of joint space, where a seat may have one record that nothing
+    can be compared with.
+    """
     plan = ["ball-bar", "--records", "80", "--seats", "8", "--bar-length-mm", "500"]
     found = diagnosed(tmp_path, records(tmp_path, *plan, effect=ECCENTRIC), "--no-held-out")
     assert [(f["cause"], f["joint"]) for f in found["findings"]] == [("encoder_eccentricity", 3)]
@@ -67,9 +90,13 @@ def test_a_cause_is_named_where_parts_have_seats_with_a_single_record(tmp_path: 
 
 @pytest.mark.parametrize("seats", ["2", "8"])
 def test_seats_of_unknown_place_show_no_structure_of_their_own(tmp_path: Path, seats: str) -> None:
-    """An arm that shrinks to a point meets every seat of unknown place: that is no structure over time or temperature."""
+    """An arm that shrinks to a point meets every seat of unknown place: that is no structure over
+    time or temperature.
+    """
     found = diagnosed(
-        tmp_path, records(tmp_path, "seats", "--records", "60", "--seats", seats, "--unknown"), "--no-held-out"
+        tmp_path,
+        records(tmp_path, "seats", "--records", "60", "--seats", seats, "--unknown"),
+        "--no-held-out",
     )
     assert found["verdict"] == "no-discrepancy"
     assert found["unexplained"]["p_value"] > 1e-3
@@ -85,7 +112,9 @@ def test_few_records_in_an_unknown_frame(tmp_path: Path, count: int) -> None:
 
 
 def test_what_is_not_settled_is_not_said_to_be(tmp_path: Path) -> None:
-    """A warm-up by a clock that began long before: a slip and any function of time look alike, and that stays open."""
+    """A warm-up by a clock that began long before: a slip and any function of time look alike, and
+    that stays open.
+    """
     drift = "zero_drift:joint=1,time_constant_s=1800,drift_rad=1e-4"
     table = records(tmp_path, "free", "--records", "100", effect=drift)
     table["time_s"] += 1.7e9
@@ -110,7 +139,9 @@ def test_unit_of_angles_and_seed_do_not_matter(tmp_path: Path) -> None:
     table = records(tmp_path, "free", "--records", "60", effect=ECCENTRIC)
     angles = [name for name in table if name.startswith("theta")]
     radians = table.rename(columns={name: name.replace("_deg", "_rad") for name in angles})
-    radians[[name.replace("_deg", "_rad") for name in angles]] = np.radians(table[angles].to_numpy())
+    radians[[name.replace("_deg", "_rad") for name in angles]] = np.radians(
+        table[angles].to_numpy()
+    )
     first = diagnosed(tmp_path, table, "--no-held-out")
     for other, options in ((radians, ()), (table, ("--seed", "2"))):
         again = diagnosed(tmp_path, other, "--no-held-out", *options)
@@ -126,17 +157,33 @@ def test_unit_of_angles_and_seed_do_not_matter(tmp_path: Path) -> None:
 def urdf(slide: int, masses: bool) -> str:
     """Four joints in a row, one of which slides."""
     inertia = '<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/>'
-    body = f'<inertial><origin xyz="0.2 0 0"/><mass value="1.5"/>{inertia}</inertial>' if masses else ""
+    body = (
+        f'<inertial><origin xyz="0.2 0 0"/><mass value="1.5"/>{inertia}</inertial>'
+        if masses
+        else ""
+    )
     text = '<robot name="slider"><link name="b0"/>'
     for k, (at, axis) in enumerate(
-        [("0 0 0.2", "0 0 1"), ("0.1 0 0.3", "0 1 0"), ("0.5 0 0", "1 0 0"), ("0.3 0 0", "0 0 1")], 1
+        [("0 0 0.2", "0 0 1"), ("0.1 0 0.3", "0 1 0"), ("0.5 0 0", "1 0 0"), ("0.3 0 0", "0 0 1")],
+        1,
     ):
-        kind, limit = ("prismatic", 'lower="0" upper="0.4"') if k == slide else ("revolute", 'lower="-1.2" upper="1.2"')
-        text += (
-            f'<link name="b{k}">{body}</link><joint name="j{k}" type="{kind}"><parent link="b{k - 1}"/><child link="b{k}"/>'
+        kind, limit = (
+            ("prismatic", 'lower="0" upper="0.4"')
+            if k == slide
+            else ("revolute", 'lower="-1.2" upper="1.2"')
         )
-        text += f'<origin xyz="{at}"/><axis xyz="{axis}"/><limit {limit} effort="1" velocity="1"/></joint>'
-    text += '<link name="tip"/><joint name="end" type="fixed"><parent link="b4"/><child link="tip"/><origin xyz="0.3 0 0"/>'
+        text += (
+            f'<link name="b{k}">{body}</link><joint name="j{k}" type="{kind}"><parent '
+            f'link="b{k - 1}"/><child link="b{k}"/>'
+        )
+        text += (
+            f'<origin xyz="{at}"/><axis xyz="{axis}"/><limit {limit} effort="1" '
+            'velocity="1"/></joint>'
+        )
+    text += (
+        '<link name="tip"/><joint name="end" type="fixed"><parent link="b4"/><child '
+        'link="tip"/><origin xyz="0.3 0 0"/>'
+    )
     return text + "</joint></robot>"
 
 
@@ -149,7 +196,9 @@ def test_an_arm_with_a_joint_that_slides(tmp_path: Path, slide: int, masses: boo
     effect = f"encoder_eccentricity:joint={turning},amplitude_rad=3e-4,phase_rad=0.5"
     plan = ["--plan", "free", "--records", "60", "--effect", effect, "-o", str(data)]
     assert CliRunner().invoke(app, ["simulate", *arm, *plan]).exit_code == 0
-    done = CliRunner().invoke(app, ["diagnose", *arm, str(data), *NOISE, "--no-held-out", "--json", "-"])
+    done = CliRunner().invoke(
+        app, ["diagnose", *arm, str(data), *NOISE, "--no-held-out", "--json", "-"]
+    )
     assert done.exit_code == 0, done.output
     found = json.loads(done.stdout)
     assert found["findings"][0]["joint"] == turning
@@ -160,13 +209,17 @@ def test_a_joint_that_slides_is_read_in_millimetres(tmp_path: Path) -> None:
     path = tmp_path / "slider.urdf"
     path.write_text(urdf(3, True))
     arm, hidden = Arm.from_urdf(path, "tip"), JointHysteresis(3, values=(2e-4,))
-    data = simulate_measurements(ErrorModel(arm, (hidden,)), "free", 60, rng=np.random.default_rng(1))
+    data = simulate_measurements(
+        ErrorModel(arm, (hidden,)), "free", 60, rng=np.random.default_rng(1)
+    )
     found = diagnose(arm, data, encoder_noise=8e-6, hold_out=False, progress=False)
     (finding,) = found.findings
     assert finding.label == hidden.label
     assert "µm" in str(finding)
     groups = found.residual_groups
-    ends = groups[groups["by"] == "joint 3"]["group"].str.extract(r"(\d+) to (\d+) mm").astype(float)
+    ends = (
+        groups[groups["by"] == "joint 3"]["group"].str.extract(r"(\d+) to (\d+) mm").astype(float)
+    )
     assert 300 < ends.max().max() <= 400
     drawn = partial_residual(found, EncoderGain(3, values=(1e-4,)))
     assert "mm" in drawn.x_label
@@ -174,7 +227,10 @@ def test_a_joint_that_slides_is_read_in_millimetres(tmp_path: Path) -> None:
     scale = simulate_measurements(
         ErrorModel(arm, (EncoderGain(3, values=(1e-3,)),)), "free", 60, rng=np.random.default_rng(1)
     )
-    named = [f.label for f in diagnose(arm, scale, encoder_noise=8e-6, hold_out=False, progress=False).findings]
+    named = [
+        f.label
+        for f in diagnose(arm, scale, encoder_noise=8e-6, hold_out=False, progress=False).findings
+    ]
     assert named == ["encoder_gain:3"]
     sliding = [c for c in covariates(arm, data) if "joint 3" in c.depends_on]
     assert all("joint3_mm" in c.values and c.values["joint3_mm"].max() <= 400 for c in sliding)
@@ -184,10 +240,18 @@ def test_a_joint_that_slides_is_read_in_millimetres(tmp_path: Path) -> None:
 def test_what_touches_of_a_seat_share_is_predicted(sino6: Arm) -> None:
     """An arm as it should be, at seats that are less certain than it is."""
     data = simulate_measurements(
-        sino6, "seats", 90, seats=30, rng=np.random.default_rng(3), reference_noise=2e-5, encoder_noise=8e-6
+        sino6,
+        "seats",
+        90,
+        seats=30,
+        rng=np.random.default_rng(3),
+        reference_noise=2e-5,
+        encoder_noise=8e-6,
     )
     exact = replace(sino6, parameters=tuple(replace(p, u=0.0) for p in sino6.parameters))
-    groups = diagnose(exact, data, encoder_noise=8e-6, probe_noise=0.0, hold_out=False, progress=False).residual_groups
+    groups = diagnose(
+        exact, data, encoder_noise=8e-6, probe_noise=0.0, hold_out=False, progress=False
+    ).residual_groups
     of_joint = groups[groups["by"] == "joint 1"]["times_predicted"]
     assert of_joint.mean() == pytest.approx(1.0, abs=0.2)
 
@@ -216,47 +280,80 @@ def test_noise_stated_a_hundred_times_too_large_is_not_answered_with_more_record
 
 
 def test_a_seat_is_not_odd_where_readings_move_far_tips_more(sino6: Arm) -> None:
-    """Noise of the encoders alone, which nobody stated: the seats far out scatter more than those near the base."""
+    """Noise of the encoders alone, which nobody stated: the seats far out scatter more than those
+    near the base.
+    """
     noise = np.radians(5 / 3600)
-    data = simulate_measurements(sino6, "seats", 300, known=False, encoder_noise=noise, rng=np.random.default_rng(1))
+    data = simulate_measurements(
+        sino6, "seats", 300, known=False, encoder_noise=noise, rng=np.random.default_rng(1)
+    )
     found = diagnose(sino6, data, hold_out=False, progress=False)
     assert (found.verdict, found.unexplained.groups) == ("no-discrepancy", ())
 
 
-def test_a_gain_that_is_not_borne_out_asks_for_more_records(sino6: Arm, compliant: Measurements) -> None:
+def test_a_gain_that_is_not_borne_out_asks_for_more_records(
+    sino6: Arm, compliant: Measurements
+) -> None:
     good = diagnose(sino6, compliant.take(np.arange(14)), encoder_noise=8e-6)
     assert good.verdict == "explained"
     found = replace(good, doubts=("no better",))
     assert ("lacks" in verdict_in_words(good), "lacks" in verdict_in_words(found)) == (True, False)
-    assert ("more records" in next_measurements(good), "more records" in next_measurements(found)) == (False, True)
+    assert (
+        "more records" in next_measurements(good),
+        "more records" in next_measurements(found),
+    ) == (False, True)
 
 
 def test_residuals_beside_no_noise_at_all_have_a_verdict_in_words(sino6: Arm) -> None:
     data = simulate_measurements(sino6, "seats", 40, rng=np.random.default_rng(1), seats=8)
     found = diagnose(sino6, data, encoder_noise=0.0, hold_out=False)
     assert (found.verdict, found.noise) == ("unexplained", 0.0)
-    assert re.search(r"the residuals stay at [\d.]+ µm, where the stated noise is none", verdict_in_words(found))
+    assert re.search(
+        r"the residuals stay at [\d.]+ µm, where the stated noise is none", verdict_in_words(found)
+    )
 
 
 def test_an_arm_that_states_all_its_values_to_be_exact(sino6: Arm) -> None:
     """Nothing is refitted then, and only causes can explain what is left."""
-    exact = replace(sino6, parameters=tuple(replace(p, u=0.0, half_width=0.0) for p in sino6.parameters))
+    exact = replace(
+        sino6, parameters=tuple(replace(p, u=0.0, half_width=0.0) for p in sino6.parameters)
+    )
     model = ErrorModel(exact, (JointCompliance(2, values=(2e-5,)),))
     found = diagnose(
-        exact, simulate_measurements(model, "free", 60, rng=np.random.default_rng(3)), encoder_noise=8e-6, hold_out=False
+        exact,
+        simulate_measurements(model, "free", 60, rng=np.random.default_rng(3)),
+        encoder_noise=8e-6,
+        hold_out=False,
     )
-    assert (found.verdict, [f.label for f in found.findings]) == ("explained", ["joint_compliance:2"])
+    assert (found.verdict, [f.label for f in found.findings]) == (
+        "explained",
+        ["joint_compliance:2"],
+    )
 
 
 @pytest.mark.parametrize("u", [(2e-5, 2e-5, 2e-5), ()])
-def test_a_known_target_is_refitted_once(sino6: Arm, rng: np.random.Generator, u: tuple[float, ...]) -> None:
-    """The place of a target that the arm's file has, with or without u; and one that it does not have."""
+def test_a_known_target_is_refitted_once(
+    sino6: Arm, rng: np.random.Generator, u: tuple[float, ...]
+) -> None:
+    """The place of a target that the arm's file has, with or without u; and one that it does not
+    have.
+    """
     known = ErrorModel(sino6, (StylusOffset("B", values=(5e-3, 1e-2, -3e-3), u=u),))
-    truth = known.with_effects(StylusOffset("C", values=(1e-3, 2e-3, 0.0)), EncoderEccentricity(3, values=(1.5e-4, 5e-5)))
-    q, conditions = random_postures(sino6, 80, rng), Conditions(80, marker=np.array(["B", "C"] * 40, dtype=object))
+    truth = known.with_effects(
+        StylusOffset("C", values=(1e-3, 2e-3, 0.0)), EncoderEccentricity(3, values=(1.5e-4, 5e-5))
+    )
+    q, conditions = (
+        random_postures(sino6, 80, rng),
+        Conditions(80, marker=np.array(["B", "C"] * 40, dtype=object)),
+    )
     measured = truth.predict(q, conditions) + rng.normal(0.0, 1e-5, (80, 3))
     data = Measurements.of(q, measured, conditions=conditions)
-    found = diagnose(known, data, encoder_noise=1e-6, reference_noise=1e-5, hold_out=False, progress=False)
-    assert (found.verdict, [finding.label for finding in found.findings]) == ("explained", ["encoder_eccentricity:3"])
+    found = diagnose(
+        known, data, encoder_noise=1e-6, reference_noise=1e-5, hold_out=False, progress=False
+    )
+    assert (found.verdict, [finding.label for finding in found.findings]) == (
+        "explained",
+        ["encoder_eccentricity:3"],
+    )
     (other,) = known.input_warnings(q, conditions)
     assert (other.code, other.data["markers"]) == ("markers_unknown", ["C"])

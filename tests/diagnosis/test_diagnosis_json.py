@@ -1,4 +1,6 @@
-"""``diagnose --json`` against the schema that other programs read: every field, its type, its unit, for every verdict."""
+"""``diagnose --json`` against the schema that other programs read: every field, its type, its unit,
+for every verdict.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,12 @@ Check = Callable[[Any], bool]
 
 
 def number(least: float = -math.inf, most: float = math.inf) -> Check:
-    return lambda v: isinstance(v, int | float) and not isinstance(v, bool) and math.isfinite(v) and least <= v <= most
+    return lambda v: (
+        isinstance(v, int | float)
+        and not isinstance(v, bool)
+        and math.isfinite(v)
+        and least <= v <= most
+    )
 
 
 def count(value: object) -> bool:
@@ -33,7 +40,12 @@ def count(value: object) -> bool:
 
 
 def text(value: object) -> bool:
-    return isinstance(value, str) and bool(value) and "nan" not in value.split() and "None" not in value
+    return (
+        isinstance(value, str)
+        and bool(value)
+        and "nan" not in value.split()
+        and "None" not in value
+    )
 
 
 def place(value: object) -> bool:
@@ -66,7 +78,12 @@ VALUE = fields({"value": number(), "u": none_or(number(0.0))})
 
 
 def interval(value: object) -> bool:
-    return isinstance(value, list) and len(value) == 2 and several(number(most=1.0))(value) and value[0] <= value[1]
+    return (
+        isinstance(value, list)
+        and len(value) == 2
+        and several(number(most=1.0))(value)
+        and value[0] <= value[1]
+    )
 
 
 def parameters(value: object) -> bool:
@@ -85,7 +102,9 @@ ALIAS = fields(
     {"cause": text, "joint": place, "correlation": SHARE, "probability": SHARE},
     {"link": count, "seat": text, "marker": text},
 )
-INNER: dict[str, Check] = {name: number() for name in ("order", "time_s", "time_constant_s", "lower_rad", "upper_rad")}
+INNER: dict[str, Check] = {
+    name: number() for name in ("order", "time_s", "time_constant_s", "lower_rad", "upper_rad")
+}
 INNER |= {"spectrum": several(fields({"order": number(0.0), "amplitude_rad": number(0.0)}))}
 INNER |= {"coefficients": count} | dict.fromkeys(("seat", "marker", "torque"), text)
 FINDING = fields(
@@ -97,7 +116,9 @@ FINDING = fields(
         "retained_fraction": SHARE,
         "parameters": parameters,
         "below_zero": several(text),
-        "inner": lambda v: not v or (set(v) <= set(INNER) and all(VALUE(entry) for entry in v.values())),
+        "inner": lambda v: (
+            not v or (set(v) <= set(INNER) and all(VALUE(entry) for entry in v.values()))
+        ),
         "held_out": none_or(fields({"gain": number(most=1.0), "gain_ci95": interval})),
         "aliases": several(ALIAS),
     },
@@ -112,7 +133,12 @@ SUMMARY = fields(
         "doubts": several(lambda v: v in get_args(Doubt)),
         "converged": lambda v: isinstance(v, bool),
         "converge_note": lambda v: isinstance(v, str),
-        "records": fields({"used": count, "excluded": several(fields({"row": count, "reason": text, "residual_mm": SIZE}))}),
+        "records": fields(
+            {
+                "used": count,
+                "excluded": several(fields({"row": count, "reason": text, "residual_mm": SIZE})),
+            }
+        ),
         "rms_mm": fields(RMS | {"noise": SIZE}),
         "rms_rad": none_or(fields(RMS)),
         "findings": several(FINDING),
@@ -131,25 +157,41 @@ SUMMARY = fields(
         ),
         "alternatives": several(fields({"causes": several(text), "probability": SHARE})),
         "agreement": fields({"total_variation": SHARE, "agree": lambda v: isinstance(v, bool)}),
-        "discrepancy": several(fields({"covariate": text, "rms_mm": SIZE, "u_mm": SIZE, "probability": SHARE})),
+        "discrepancy": several(
+            fields({"covariate": text, "rms_mm": SIZE, "u_mm": SIZE, "probability": SHARE})
+        ),
         "unexplained": fields(
             {
                 "p_value": SHARE,
                 "threshold": SHARE,
                 "depends_on": several(text),
-                "acts_on": lambda v: isinstance(v, dict) and all(text(k) and text(words) for k, words in v.items()),
+                "acts_on": lambda v: (
+                    isinstance(v, dict) and all(text(k) and text(words) for k, words in v.items())
+                ),
                 "smooth_correction_gain": none_or(number(most=1.0)),
-                "groups": several(fields({"name": text, "records": count, "times": SIZE, "p_value": SHARE})),
+                "groups": several(
+                    fields({"name": text, "records": count, "times": SIZE, "p_value": SHARE})
+                ),
                 "scattered_readings": several(
                     fields(
-                        {"joint": count, "rms_mm": SIZE, "log_likelihood_ratio": SIZE, "p_value": SHARE},
+                        {
+                            "joint": count,
+                            "rms_mm": SIZE,
+                            "log_likelihood_ratio": SIZE,
+                            "p_value": SHARE,
+                        },
                         {"scatter_rad": SIZE, "scatter_mm": SIZE},
                     )
                 ),
                 "branches": none_or(
-                    fields({"joint": count, "log_likelihood_ratio": SIZE}, {"half_width_rad": SIZE, "half_width_mm": SIZE})
+                    fields(
+                        {"joint": count, "log_likelihood_ratio": SIZE},
+                        {"half_width_rad": SIZE, "half_width_mm": SIZE},
+                    )
                 ),
-                "shared_by_postures": none_or(fields({"rms_mm": SIZE, "times_a_record": SIZE, "p_value": SHARE})),
+                "shared_by_postures": none_or(
+                    fields({"rms_mm": SIZE, "times_a_record": SIZE, "p_value": SHARE})
+                ),
             }
         ),
         "not_tried": several(fields({"column": text, "causes": several(lambda v: v in CAUSES)})),
@@ -182,7 +224,10 @@ def nothing(folder: Path) -> tuple[pd.DataFrame, list[str]]:
 
 
 def too_few(folder: Path) -> tuple[pd.DataFrame, list[str]]:
-    return simulated(folder, "--plan", "free", "--records", "60", *ECCENTRIC).head(20), ["--reference-frame", "external"]
+    return simulated(folder, "--plan", "free", "--records", "60", *ECCENTRIC).head(20), [
+        "--reference-frame",
+        "external",
+    ]
 
 
 def by_operator(folder: Path) -> tuple[pd.DataFrame, list[str]]:
@@ -192,7 +237,12 @@ def by_operator(folder: Path) -> tuple[pd.DataFrame, list[str]]:
     return table, []
 
 
-CASES = {"explained": explained, "no-discrepancy": nothing, "ambiguous": too_few, "unexplained": by_operator}
+CASES = {
+    "explained": explained,
+    "no-discrepancy": nothing,
+    "ambiguous": too_few,
+    "unexplained": by_operator,
+}
 
 
 @pytest.mark.parametrize("verdict", CASES)
@@ -214,7 +264,9 @@ def test_every_field_of_every_verdict(tmp_path: Path, verdict: str) -> None:
 def labelled(finding: dict[str, Any]) -> str:
     """Cause and place, as in the sets of causes."""
     places = (finding.get(key) for key in ("joint", "link", "seat", "marker"))
-    return ":".join(map(str, [finding["cause"], *[place for place in places if place is not None][:1]]))
+    return ":".join(
+        map(str, [finding["cause"], *[place for place in places if place is not None][:1]])
+    )
 
 
 def agrees(found: dict[str, Any], shown: str) -> None:
@@ -231,11 +283,16 @@ def agrees(found: dict[str, Any], shown: str) -> None:
     assert sum(shares) == pytest.approx(1.0)
     labels = [labelled(finding) for finding in found["findings"]]
     for label, finding in zip(labels, found["findings"], strict=True):
-        inside = sum(each["probability"] for each in found["alternatives"] if label in each["causes"])
+        inside = sum(
+            each["probability"] for each in found["alternatives"] if label in each["causes"]
+        )
         assert finding["probability"] == pytest.approx(inside)
         assert inside >= THRESHOLDS.named
     for finding in found["findings"]:
-        assert all(finding["probability"] + alias["probability"] <= 1.0 + 1e-9 for alias in finding["aliases"])
+        assert all(
+            finding["probability"] + alias["probability"] <= 1.0 + 1e-9
+            for alias in finding["aliases"]
+        )
     rows = {line.split()[0] for line in shown.splitlines() if line.strip()}
     assert {str(record["row"]) for record in found["records"]["excluded"]} <= rows
     for name in depends:
@@ -252,7 +309,10 @@ def agrees(found: dict[str, Any], shown: str) -> None:
 def test_without_held_out_there_is_none(tmp_path: Path) -> None:
     table, _ = nothing(tmp_path)
     table.to_csv(tmp_path / "data.csv", index=False)
-    done = CliRunner().invoke(app, ["diagnose", "sino6", str(tmp_path / "data.csv"), *NOISE, "--no-held-out", "--json", "-"])
+    done = CliRunner().invoke(
+        app,
+        ["diagnose", "sino6", str(tmp_path / "data.csv"), *NOISE, "--no-held-out", "--json", "-"],
+    )
     found = json.loads(done.stdout)
     assert SUMMARY(found)
     assert found["held_out"] is None

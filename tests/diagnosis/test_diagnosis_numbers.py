@@ -1,7 +1,8 @@
-"""What the diagnosis works out lazily from inner products, against dense matrices of all records and plain formulas.
+"""What the diagnosis works out lazily from inner products, against dense matrices of all records
+and plain formulas.
 
-The dense side knows the records, the noise as stated and the columns of the design; covariances, seats, bars, priors and
-everything that follows are built anew with NumPy and SciPy alone.
+The dense side knows the records, the noise as stated and the columns of the design; covariances,
+seats, bars, priors and everything that follows are built anew with NumPy and SciPy alone.
 """
 
 from __future__ import annotations
@@ -76,7 +77,9 @@ class Case:
 
     def block(self, label: str) -> int:
         """The first block of a cause."""
-        return next(k for k, b in enumerate(self.design.blocks) if self.design.names[b.candidate] == label)
+        return next(
+            k for k, b in enumerate(self.design.blocks) if self.design.names[b.candidate] == label
+        )
 
     def choice(self, blocks: Blocks = (), only: Sequence[int] | None = None) -> Choice:
         """These blocks, whatever the records say, among some candidates, without a background."""
@@ -85,7 +88,14 @@ class Case:
             every = Candidates(self.design.of(only), every.log_odds[list(only)], {})
         gram = Gram(products_of(every.design, self.parts))
         space = ModelSpace(every, gram, True, (0.0,))
-        return Choice(self.fit, Posterior(space, {blocks: 1.0}, 0.0, 0.0), self.library, self.others, self.parts, gram)
+        return Choice(
+            self.fit,
+            Posterior(space, {blocks: 1.0}, 0.0, 0.0),
+            self.library,
+            self.others,
+            self.parts,
+            gram,
+        )
 
 
 def case_of(path: Path, seed: int, cause: str | None, plan: str, **options: object) -> Case:
@@ -106,12 +116,19 @@ def case_of(path: Path, seed: int, cause: str | None, plan: str, **options: obje
 
     first = fit(problem([]))
     parts = parts_of(first, np.random.default_rng(1))[1]
-    library, others = candidates(ErrorModel.of(arm), records, first.problem), covariates(arm, records)
-    return Case(records, tuple(library), tuple(others), parts, problem, design_of(first, library, others))
+    library, others = (
+        candidates(ErrorModel.of(arm), records, first.problem),
+        covariates(arm, records),
+    )
+    return Case(
+        records, tuple(library), tuple(others), parts, problem, design_of(first, library, others)
+    )
 
 
 def away(case: Case) -> Case:
-    """The same at a point where no fit has ended: every residual is something, no gradient vanishes."""
+    """The same at a point where no fit has ended: every residual is something, no gradient
+    vanishes.
+    """
     moved = case.design.tips + np.random.default_rng(5).normal(0.0, 4e-5, case.design.tips.shape)
     return replace(case, design=replace(case.design, tips=moved))
 
@@ -136,7 +153,9 @@ def free_case(tmp_path_factory: pytest.TempPathFactory) -> Case:
 
 
 def covariance_of_records(records: Measurements) -> Array:
-    """Readings, references and contacts (n, n, 3, 3): a seat with coordinates has its error in common [m²]."""
+    """Readings, references and contacts (n, n, 3, 3): a seat with coordinates has its error in
+    common [m²].
+    """
     by_reading = chains.read().jacobian(records.q)
     found = np.zeros((records.n, records.n, 3, 3))
     own = ENCODER**2 * by_reading @ by_reading.transpose(0, 2, 1) + 1e-24 * np.eye(3)
@@ -149,7 +168,9 @@ def covariance_of_records(records: Measurements) -> Array:
 
 
 def whitened(case: Case, part: NDArray[np.intp], kept: NDArray[np.bool_]) -> Array:
-    """Rows of the kept records, columns and residual, unknown points taken out; each part has points of its own."""
+    """Rows of the kept records, columns and residual, unknown points taken out; each part has
+    points of its own.
+    """
     design, records = case.design, case.records
     n, width = records.n, design.width
     jacobian = np.concatenate([columns for _, columns in design.column_blocks()], axis=2)
@@ -157,11 +178,15 @@ def whitened(case: Case, part: NDArray[np.intp], kept: NDArray[np.bool_]) -> Arr
     seat = records.conditions.seat
     unknown = seat is not None and not records.known.any()
     points = dict(zip(case.fit.observations.labels, case.fit.point.seats, strict=True))
-    target = np.array([points[s] for s in seat]) if unknown and seat is not None else records.reference
+    target = (
+        np.array([points[s] for s in seat]) if unknown and seat is not None else records.reference
+    )
     found = []
     for number in np.unique(part[kept]):
         mine = np.flatnonzero(kept & (part == number))
-        lower = np.linalg.cholesky(covariance[np.ix_(mine, mine)].transpose(0, 2, 1, 3).reshape(3 * mine.size, -1))
+        lower = np.linalg.cholesky(
+            covariance[np.ix_(mine, mine)].transpose(0, 2, 1, 3).reshape(3 * mine.size, -1)
+        )
         raw = np.concatenate([jacobian[mine], (design.tips - target)[mine][:, :, None]], axis=2)
         rows = np.linalg.solve(lower, raw.reshape(3 * mine.size, -1))
         if unknown and seat is not None:
@@ -176,15 +201,22 @@ def whitened(case: Case, part: NDArray[np.intp], kept: NDArray[np.bool_]) -> Arr
     return np.concatenate(found)
 
 
-def _bars(records: Measurements, labels: list[str], points: dict[str, Array]) -> tuple[Array, Array]:
-    """Lengths of the bars with an end among the seats; an end that nobody touched is free and takes its bar with it."""
+def _bars(
+    records: Measurements, labels: list[str], points: dict[str, Array]
+) -> tuple[Array, Array]:
+    """Lengths of the bars with an end among the seats; an end that nobody touched is free and takes
+    its bar with it.
+    """
     residual, rows = [], []
     for bar in records.bars():
         if bar.seat_a in labels and bar.seat_b in labels:
             way = points[bar.seat_a] - points[bar.seat_b]
             length = np.linalg.norm(way)
             row = np.zeros((len(labels), 3))
-            row[labels.index(bar.seat_a)], row[labels.index(bar.seat_b)] = way / length / LENGTH, -way / length / LENGTH
+            row[labels.index(bar.seat_a)], row[labels.index(bar.seat_b)] = (
+                way / length / LENGTH,
+                -way / length / LENGTH,
+            )
             residual.append((length - bar.length) / LENGTH)
             rows.append(row.ravel())
     return np.array(residual), np.array(rows).reshape(-1, 3 * len(labels))
@@ -202,7 +234,9 @@ def prior_rows(case: Case) -> Array:
 
 def dense(case: Case, part: NDArray[np.intp], left_out: Sequence[int] = ()) -> Array:
     """All rows, prior rows last."""
-    return np.vstack([whitened(case, part, ~np.isin(part, left_out) & case.fit.used), prior_rows(case)])
+    return np.vstack(
+        [whitened(case, part, ~np.isin(part, left_out) & case.fit.used), prior_rows(case)]
+    )
 
 
 def some_blocks(design: Design) -> list[int]:
@@ -216,7 +250,9 @@ def some_blocks(design: Design) -> list[int]:
 
 
 @pytest.mark.parametrize("left_out", [(), (0, 3)])
-def test_inner_products(case: Case, left_out: tuple[int, ...], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_inner_products(
+    case: Case, left_out: tuple[int, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(gram_matrix, "CHUNK", 7)  # several in every part
     design = case.design
     gram = Gram(products_of(design, case.parts), frozenset(left_out))
@@ -224,13 +260,17 @@ def test_inner_products(case: Case, left_out: tuple[int, ...], monkeypatch: pyte
     wanted = rows.T @ rows
     size = np.sqrt(np.diag(wanted)) + 1e-3
     whole = slice(0, wanted.shape[0])
-    np.testing.assert_allclose(gram.strip(whole) / np.outer(size, size), wanted / np.outer(size, size), atol=2e-6)
+    np.testing.assert_allclose(
+        gram.strip(whole) / np.outer(size, size), wanted / np.outer(size, size), atol=2e-6
+    )
     np.testing.assert_allclose(gram.residual, wanted[-1], atol=2e-6 * size.max() * size[-1])
     gram.products.release()  # what is asked for now is worked out again
     for k in some_blocks(design):
         own = design.blocks[k].columns
         scale = np.outer(size[own], size[own])
-        np.testing.assert_allclose(gram.diagonal_block(design.blocks[k]) / scale, wanted[own, own] / scale, atol=2e-6)
+        np.testing.assert_allclose(
+            gram.diagonal_block(design.blocks[k]) / scale, wanted[own, own] / scale, atol=2e-6
+        )
     assert gram.free == len(rows) - design.nuisances
 
 
@@ -266,13 +306,18 @@ def test_retained_fraction_and_canonical_correlation(case: Case) -> None:
     for one, other in itertools.pairwise(some):
         a, b = (design.blocks[k] for k in (one, other))
         spans = [orth(off[:, block.columns], rcond=3e-5) for block in (a, b)]
-        if min(min(np.linalg.svd(off[:, x.columns])[1]) for x in (a, b)) > 1e-3 * np.abs(off[:, a.columns]).max():
+        if (
+            min(min(np.linalg.svd(off[:, x.columns])[1]) for x in (a, b))
+            > 1e-3 * np.abs(off[:, a.columns]).max()
+        ):
             wanted = np.cos(subspace_angles(*spans).min())
             assert findings.canonical(left, one, other) == pytest.approx(wanted, abs=1e-5)
 
 
 def test_prior_of_the_candidates(free_case: Case) -> None:
-    """Nine tenths to the library, each cause by how usual it is, one tenth to the covariates alike."""
+    """Nine tenths to the library, each cause by how usual it is, one tenth to the
+    covariates alike.
+    """
     design, library = free_case.design, free_case.library
     of_blocks = Candidates.of(design, library)
     prior, causes = np.bincount(of_blocks.owners, np.exp(of_blocks.log_odds)), design.causes
@@ -281,32 +326,54 @@ def test_prior_of_the_candidates(free_case: Case) -> None:
     np.testing.assert_allclose(prior[causes:], 0.1 / len(free_case.others), rtol=1e-12)
     first = [variants[0] for variants in library]
     inside = {
-        owner: {k for k, e in enumerate(first) if freer.cause in e.special_case_of and freer.place == e.place}
+        owner: {
+            k
+            for k, e in enumerate(first)
+            if freer.cause in e.special_case_of and freer.place == e.place
+        }
         for owner, freer in enumerate(first)
     }
-    assert of_blocks.contained == {owner: causes for owner, causes in inside.items() if causes} != {}
+    assert (
+        of_blocks.contained == {owner: causes for owner, causes in inside.items() if causes} != {}
+    )
 
 
 def test_what_residuals_may_depend_on(sino6: Arm, rng: np.random.Generator) -> None:
     n, time = 80, np.sort(rng.uniform(0.0, 5e3, 80))
     q, session = rng.uniform(-2.0, 2.0, (n, 6)), np.array(["a"] * 30 + ["b"] * 50, dtype=object)
-    records = Measurements.of(q, sino6.positions(q), conditions=Conditions(n, time=time, session=session))
+    records = Measurements.of(
+        q, sino6.positions(q), conditions=Conditions(n, time=time, session=session)
+    )
     found = {covariate.name: covariate for covariate in covariates(sino6, records)}
     angles = [f"angle {row}" for row in range(1, 7)]
     others = [angle for angle in angles if angle != "angle 3"]
     growing = ["lengths", "tubes", "tube 3", "tube 5", "tube 6"]
     assert [way.carrier for way in found["joint 3"].variants] == ["before 3", *others * 3]
-    assert [way.carrier for way in found["time"].variants] == ["room", "target", *angles, *growing, "room", "room"]
+    assert [way.carrier for way in found["time"].variants] == [
+        "room",
+        "target",
+        *angles,
+        *growing,
+        "room",
+        "room",
+    ]
 
     def same(functions: Array, columns: Sequence[Array]) -> None:
         wanted = np.stack(columns, axis=1)
-        np.testing.assert_allclose(functions, wanted / np.sqrt(np.square(wanted).mean(axis=0)), rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(
+            functions, wanted / np.sqrt(np.square(wanted).mean(axis=0)), rtol=1e-9, atol=1e-12
+        )
 
     inside = [(session == name).astype(float) for name in ("a", "b")]
-    same(found["time"].variants[-1].functions, [s * (time - time @ s / s.sum()) ** k for k in range(3) for s in inside])
+    same(
+        found["time"].variants[-1].functions,
+        [s * (time - time @ s / s.sum()) ** k for k in range(3) for s in inside],
+    )
     waves = [(np.ones(n), np.cos(q[:, joint]), np.sin(q[:, joint])) for joint in (1, 3)]
     ways = found["joint 2 × joint 4"].variants
-    assert [way.carrier for way in ways] == [f"angle {row}" for row in (2, 4, 2, 2, 2, 2, 4, 4, 4, 4)]
+    assert [way.carrier for way in ways] == [
+        f"angle {row}" for row in (2, 4, 2, 2, 2, 2, 4, 4, 4, 4)
+    ]
     for way in ways[:2]:
         same(way.functions, [one * other for one, other in itertools.product(*waves)])
     gear = np.cos(3.0 * q[:, 1]), np.sin(3.0 * q[:, 1])
@@ -316,12 +383,17 @@ def test_what_residuals_may_depend_on(sino6: Arm, rng: np.random.Generator) -> N
 def test_smooth_functions_are_orthogonal_over_the_records(rng: np.random.Generator) -> None:
     values = rng.permutation(40) ** 2.0
     functions = Cosines.over("time", values, 6).of_values(values)
-    np.testing.assert_allclose(functions.T @ functions / 40.0, np.diag([1.0] + [0.5] * 6), atol=1e-12)
+    np.testing.assert_allclose(
+        functions.T @ functions / 40.0, np.diag([1.0] + [0.5] * 6), atol=1e-12
+    )
 
 
 def test_ratio_and_its_directions() -> None:
     block = Block(0, 0, slice(1, 4), (EncoderSlip(3, 0.0),))
-    known = {"information": lambda _: np.diag([3.99, 0.99, 8.99]), "residual": np.array([7.0, 4.0, 2.0, 0.0, 9.0])}
+    known = {
+        "information": lambda _: np.diag([3.99, 0.99, 8.99]),
+        "residual": np.array([7.0, 4.0, 2.0, 0.0, 9.0]),
+    }
     left: Any = SimpleNamespace(design_blocks=[block], variance=2.0, **known)
     assert findings.likelihood_ratio(left, 0) == pytest.approx((4.0, 3.0))
 
@@ -330,7 +402,9 @@ def test_ratio_and_its_directions() -> None:
 
 
 def nothing_there(case: Case, draws: int, seed: int) -> tuple[Array, Array]:
-    """Products of all columns with draws of noise and of true values within what is stated, and dense rows of one draw."""
+    """Products of all columns with draws of noise and of true values within what is stated, and
+    dense rows of one draw.
+    """
     rows = dense(case, case.parts)
     noise = np.random.default_rng(seed).standard_normal((len(rows), draws))
     return rows[:, :-1].T @ noise, np.column_stack([rows[:, :-1], noise[:, 0]])
@@ -338,12 +412,18 @@ def nothing_there(case: Case, draws: int, seed: int) -> tuple[Array, Array]:
 
 def scores(left: Conditional, block: int, products: Array) -> Array:
     gradients = left.of_residuals(products)[left.design_blocks[block].columns]
-    return np.asarray(np.einsum("id,id->d", gradients, np.linalg.pinv(left.information(block), rcond=1e-10) @ gradients))
+    return np.asarray(
+        np.einsum(
+            "id,id->d", gradients, np.linalg.pinv(left.information(block), rcond=1e-10) @ gradients
+        )
+    )
 
 
 @pytest.mark.parametrize("own_draws", [True, False])
 def test_the_score_is_chi2_when_nothing_is_there(case: Case, own_draws: bool) -> None:
-    """By noise drawn here, and by the draws of the package itself; the first draw also by least squares."""
+    """By noise drawn here, and by the draws of the package itself; the first draw also by least
+    squares.
+    """
     design = case.design
     left = alone(Gram(products_of(design, case.parts)))
     products, rows = nothing_there(case, 1000, 7)
@@ -354,7 +434,8 @@ def test_the_score_is_chi2_when_nothing_is_there(case: Case, own_draws: bool) ->
         drawn = scores(left, k, products)
         assert kstest(drawn, chi2(rank).cdf).pvalue > 1e-3
         if not own_draws:
-            # Of a free curve some coefficients are all but unknown: left out by the same bound as in the pseudo-inverse.
+            # Of a free curve some coefficients are all but unknown: left out by the same bound as
+            # in the pseudo-inverse.
             basis = np.linalg.qr(rows[:, : design.nuisances])[0]
             columns = rows[:, design.blocks[k].columns]
             own = columns - basis @ (basis.T @ columns)
@@ -366,12 +447,20 @@ def test_the_score_is_chi2_when_nothing_is_there(case: Case, own_draws: bool) ->
 def few(case: Case) -> list[int]:
     """Blocks of the causes of two joints, so that a hundred draws stay cheap."""
     names, contained = case.design.names, Candidates.of(case.design, case.library).contained
-    owners = [k for k in range(case.design.causes) if names[k].endswith((":2", ":3")) and k not in contained]
+    owners = [
+        k
+        for k in range(case.design.causes)
+        if names[k].endswith((":2", ":3")) and k not in contained
+    ]
     return [k for k, b in enumerate(case.design.blocks) if b.candidate in owners]
 
 
-def test_the_family_wise_p_value_is_no_smaller_than_chance(case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
-    """P(p ≤ α) ≤ α for the best of all candidates in noise, and p is not so large that it never says anything."""
+def test_the_family_wise_p_value_is_no_smaller_than_chance(
+    case: Case, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """P(p ≤ α) ≤ α for the best of all candidates in noise, and p is not so large that it never
+    says anything.
+    """
     monkeypatch.setattr(findings, "DRAWS", 100)
     choice = case.choice(only=few(case))
     some = choice.candidates
@@ -380,7 +469,9 @@ def test_the_family_wise_p_value_is_no_smaller_than_chance(case: Case, monkeypat
     for k in range(products.shape[1]):
         left = alone(choice.held)
         left = replace(left, products=np.full((1, 1), left.likelihood.dof))
-        left.__dict__["residual"] = np.append(left.of_residuals(products[:, k : k + 1])[:, 0], left.chi2)
+        left.__dict__["residual"] = np.append(
+            left.of_residuals(products[:, k : k + 1])[:, 0], left.chi2
+        )
         best = int(np.argmax(logsumexp(left.additions, axis=1) + some.log_odds))
         found.append(findings.family_wise(some, left, best, rng))
     assert kstest(found, "uniform", alternative="greater").pvalue > 1e-3
@@ -391,21 +482,34 @@ def test_the_family_wise_p_value_is_no_smaller_than_chance(case: Case, monkeypat
 
 
 def test_what_one_cause_brings(rng: np.random.Generator) -> None:
-    """A ratio of sums over the parts, each distance over its noise, with Student's interval (Cochran 1977, 6.4)."""
-    part, (with_it, without), u = np.arange(20) % 4, rng.uniform(0.5, 2.0, (2, 20)), rng.uniform(1.0, 3.0, 20)
+    """A ratio of sums over the parts, each distance over its noise, with Student's interval
+    (Cochran 1977, 6.4).
+    """
+    part, (with_it, without), u = (
+        np.arange(20) % 4,
+        rng.uniform(0.5, 2.0, (2, 20)),
+        rng.uniform(1.0, 3.0, 20),
+    )
     fit_ = SimpleNamespace(residual_noise=np.square(u)[:, None, None] * np.eye(3))
     posterior = SimpleNamespace(median=(7,))
     choice: Any = SimpleNamespace(fit=fit_, in_one_part=lambda _: False, posterior=posterior)
 
     def trained(number: int) -> Any:
         own = part == number
-        return SimpleNamespace(rows=np.flatnonzero(own), predicted=lambda blocks: (with_it if 7 in blocks else without)[own])
+        return SimpleNamespace(
+            rows=np.flatnonzero(own),
+            predicted=lambda blocks: (with_it if 7 in blocks else without)[own],
+        )
 
-    left, whole = (np.array([np.square(d / u)[part == k].sum() for k in range(4)]) for d in (with_it, without))
+    left, whole = (
+        np.array([np.square(d / u)[part == k].sum() for k in range(4)]) for d in (with_it, without)
+    )
     share = left.sum() / whole.sum()
     off = t.ppf(0.975, 3) * np.sqrt(4.0 / 3.0 * np.square(left - share * whole).sum()) / whole.sum()
     wanted = [1.0 - np.sqrt(max(s, 0.0)) for s in (share, share + off, share - off)]
-    assert gain.brought(choice, [trained(k) for k in range(4)], 7) == pytest.approx(wanted, rel=1e-9)
+    assert gain.brought(choice, [trained(k) for k in range(4)], 7) == pytest.approx(
+        wanted, rel=1e-9
+    )
 
 
 def test_the_interval_of_the_gain_is_that_of_many_parts(rng: np.random.Generator) -> None:
@@ -425,8 +529,12 @@ def misfit(rows: Array, nuisances: int, measured: int) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize("alike", [True, False])
-def test_chow_s_test_of_every_session(case: Case, alike: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where residuals do not scatter alike, each side's variance and degrees of freedom are those of its own records."""
+def test_chow_s_test_of_every_session(
+    case: Case, alike: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where residuals do not scatter alike, each side's variance and degrees of freedom are those
+    of its own records.
+    """
     monkeypatch.setattr(groups, "THRESHOLDS", replace(THRESHOLDS, odd=2.0))
     labels = case.records.conditions.session
     assert labels is not None
@@ -441,9 +549,15 @@ def test_chow_s_test_of_every_session(case: Case, alike: bool, monkeypatch: pyte
         monkeypatch.setattr(groups, "_scatter", lambda _: scatter)
     names, part = np.unique(labels, return_inverse=True)
     nuisances = case.design.nuisances
-    found = {group.name: group for group in groups.odd_groups(case.choice()) if group.name.startswith("session")}
+    found = {
+        group.name: group
+        for group in groups.odd_groups(case.choice())
+        if group.name.startswith("session")
+    }
     assert len(found) == len(names) >= 3
-    assert [group.p_value for group in found.values()] == sorted(group.p_value for group in found.values())
+    assert [group.p_value for group in found.values()] == sorted(
+        group.p_value for group in found.values()
+    )
     assert found[f"session {labels[0]}"].p_value < 0.5  # the others' bound is 1
     total = dense(case, part)
     whole = misfit(total, nuisances, len(total) - nuisances)
@@ -454,7 +568,10 @@ def test_chow_s_test_of_every_session(case: Case, alike: bool, monkeypatch: pyte
         ratio = max((whole[0] - others[0]) / more, 0.0) / (others[0] / others[1])
         group = found[f"session {name}"]
         assert group.times == pytest.approx(np.sqrt(ratio), rel=1e-4)
-        own, rest = (np.exp(spread[side]).ravel() for side in (used & (labels == name), used & (labels != name)))
+        own, rest = (
+            np.exp(spread[side]).ravel()
+            for side in (used & (labels == name), used & (labels != name))
+        )
         of_own, of_rest = (c.sum() ** 2 / c.size / np.square(c).sum() for c in (own, rest))
         chance = f.sf(ratio * rest.mean() / own.mean(), more * of_own, others[1] * of_rest)
         assert group.p_value == pytest.approx(min(1.0, len(names) * chance), rel=1e-3)
@@ -467,11 +584,17 @@ def test_the_part_of_the_scatter_that_readings_have(share: float) -> None:
     rng, n = np.random.default_rng(3), 600
     used, frame = np.arange(n) % 6 > 0, Rotation.from_rotvec([0.4, -0.9, 1.1]).as_matrix()
     whitening = np.where(np.arange(n) % 2, 1e4, 3e4)[:, None, None] * np.eye(3)
-    levers = rng.normal(size=(n, 3, 2)) * rng.uniform(0.1, 1.0, (n, 1, 1))  # by two readings: in one plane each
+    levers = rng.normal(size=(n, 3, 2)) * rng.uniform(
+        0.1, 1.0, (n, 1, 1)
+    )  # by two readings: in one plane each
     white = whitening @ frame @ levers
     readings = white @ white.transpose(0, 2, 1)
-    wanted = (1 - share) * np.eye(3) + share * readings * 3.0 / np.trace(readings[used], axis1=1, axis2=2).mean()
-    drawn = (np.linalg.cholesky(wanted) @ rng.normal(size=(n, 3, 1))) * np.where(used, 1.0, 100.0)[:, None, None]
+    wanted = (1 - share) * np.eye(3) + share * readings * 3.0 / np.trace(
+        readings[used], axis1=1, axis2=2
+    ).mean()
+    drawn = (np.linalg.cholesky(wanted) @ rng.normal(size=(n, 3, 1))) * np.where(used, 1.0, 100.0)[
+        :, None, None
+    ]
     tips = 1.0 + (np.linalg.inv(whitening) @ (5.0 * drawn))[:, :, 0]
     problem = SimpleNamespace(
         setup=SimpleNamespace(encoder_noise=None),
@@ -492,29 +615,44 @@ def test_the_part_of_the_scatter_that_readings_have(share: float) -> None:
 
 
 def test_what_records_are_divided_by() -> None:
-    """Bars before seats, and only where no coordinates are stated; three groups, each with more than three records that
-    count.
+    """Bars before seats, and only where no coordinates are stated; three groups, each with more
+    than three records that count.
     """
-    labels, other = np.array([*"aaaabbbbcccc"], dtype=object), np.array([*"aaaabbbbcccc"[::-1]], dtype=object)
+    labels, other = (
+        np.array([*"aaaabbbbcccc"], dtype=object),
+        np.array([*"aaaabbbbcccc"[::-1]], dtype=object),
+    )
     used = np.ones(12, dtype=bool)
 
     def divided(known: bool, used: NDArray[np.bool_] = used, **by: Any) -> list[str]:
-        conditions = SimpleNamespace(**{name: by.get(name) for name in ("seat", "session", "marker")})
-        records: Any = SimpleNamespace(known=np.array([known] * 12), bar=by.get("bar"), conditions=conditions)
+        conditions = SimpleNamespace(
+            **{name: by.get(name) for name in ("seat", "session", "marker")}
+        )
+        records: Any = SimpleNamespace(
+            known=np.array([known] * 12), bar=by.get("bar"), conditions=conditions
+        )
         choice: Any = SimpleNamespace(fit=SimpleNamespace(used=used))
         found = list(groups._groupings(records, choice))
         assert all([names[k] for k in part] == list(by[what]) for what, names, part in found)
         return [what for what, *_ in found]
 
-    assert divided(False, bar=labels, seat=other, session=other, marker=labels) == ["bar", "session", "marker"]
+    assert divided(False, bar=labels, seat=other, session=other, marker=labels) == [
+        "bar",
+        "session",
+        "marker",
+    ]
     assert divided(False, seat=other) == ["seat"]
     assert divided(True, bar=labels) == divided(True, seat=other) == []
     assert divided(True, used=np.arange(12) > 0, session=labels) == []
     assert divided(True, session=np.where(labels == "c", "b", labels)) == []
 
 
-def test_chow_s_test_is_uniform_when_nothing_is_there(free_case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The first session's p, over draws of noise; Bonferroni's factor taken back, so only what it did not cut off."""
+def test_chow_s_test_is_uniform_when_nothing_is_there(
+    free_case: Case, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The first session's p, over draws of noise; Bonferroni's factor taken back, so only what it
+    did not cut off.
+    """
     monkeypatch.setattr(groups, "THRESHOLDS", replace(THRESHOLDS, odd=2.0))
     design, some = free_case.design, few(free_case)
     target = free_case.records.reference
@@ -529,7 +667,9 @@ def test_chow_s_test_is_uniform_when_nothing_is_there(free_case: Case, monkeypat
         off = np.einsum("nij,nj->ni", np.linalg.cholesky(own), rng.standard_normal((RECORDS, 3)))
         step = rng.standard_normal(nuisances) - start
         tips = target + off - design.columns(None) @ step
-        drawn = groups.odd_groups(replace(free_case, design=replace(design, tips=tips)).choice(only=some))
+        drawn = groups.odd_groups(
+            replace(free_case, design=replace(design, tips=tips)).choice(only=some)
+        )
         chances.append(next(g.p_value for g in drawn if g.name == f"session {labels[0]}"))
     cut = np.minimum(np.array(chances), 1.0)
     assert np.mean(cut == 1.0) == pytest.approx(1 - 1 / sessions, abs=0.2)
@@ -542,7 +682,9 @@ def test_held_out_prediction_is_that_of_a_refit(tmp_path: Path, cause: str | Non
     case = case_of(tmp_path / "data.csv", 3, cause, "free")
     blocks = () if cause is None else (case.block(f"{cause}:{draw(3, cause).hidden[0].joint}"),)
     causes = [free(case.library[case.design.blocks[k].candidate][0]) for k in blocks]
-    case = replace(case, design=design_of(case.refit(causes), case.library, case.others, len(causes)))
+    case = replace(
+        case, design=design_of(case.refit(causes), case.library, case.others, len(causes))
+    )
     choice = case.choice(blocks)
     for number in choice.held.parts[:3]:
         training = gain.Training(choice, number)
@@ -553,5 +695,7 @@ def test_held_out_prediction_is_that_of_a_refit(tmp_path: Path, cause: str | Non
         ]
         out = choice.fit.used & (case.parts == number)
         refit = case.refit(effects, used=choice.fit.used & ~out)
-        wanted = np.linalg.norm(refit.point.prediction.tips[out] - case.records.reference[out], axis=1)
+        wanted = np.linalg.norm(
+            refit.point.prediction.tips[out] - case.records.reference[out], axis=1
+        )
         np.testing.assert_allclose(training.predicted(blocks), wanted, atol=2e-8)

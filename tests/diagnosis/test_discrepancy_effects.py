@@ -1,4 +1,6 @@
-"""What diagnosis describes without naming it, as effects of an arm file: the same columns, and right at new records."""
+"""What diagnosis describes without naming it, as effects of an arm file: the same columns, and
+right at new records.
+"""
 
 from __future__ import annotations
 
@@ -64,7 +66,9 @@ class Plant:
         """The same with noise, and with a clock."""
         q, tip = self.touched(n)
         conditions = Conditions(n, time=np.sort(self.rng.uniform(0.0, 3600.0, n)))
-        return Measurements.of(q, tip + NOISE * self.rng.standard_normal((n, 3)), conditions=conditions)
+        return Measurements.of(
+            q, tip + NOISE * self.rng.standard_normal((n, 3)), conditions=conditions
+        )
 
 
 @pytest.fixture
@@ -92,7 +96,9 @@ def with_effect(model: ErrorModel, effect: Discrepancy, covariance: Array) -> Er
 
 
 def test_columns_are_those_of_the_design(plant: Plant) -> None:
-    """With orientations and an unknown frame of the references, in which a shift in the room has other axes."""
+    """With orientations and an unknown frame of the references, in which a shift in the room has
+    other axes.
+    """
     records, axes = plant.measured(40), Rotation.from_euler("xyz", (0.4, -1.0, 2.0)).as_matrix()
     turned = Rotation.from_matrix(axes @ plant.arm.poses(records.q).placement[:, :3, :3])
     records = Measurements.of(
@@ -110,16 +116,24 @@ def test_columns_are_those_of_the_design(plant: Plant) -> None:
         values = coefficients_of_effect(way) * estimate
         shifts, turns = np.split(sensitivity(effect, at.state) @ values, 2, axis=1)
         found = np.concatenate([shifts @ at.frame.T, turns @ at.frame.T], axis=1)
-        # Tips and moments are those of the calibrated arm, a millimetre or less from those of the arm as it was.
+        # Tips and moments are those of the calibrated arm, a millimetre or less from those of the
+        # arm as it was.
         differs = name == "place" or "moment" in name or way.carrier == "lengths"
         tolerance = 1e-9 if differs else 1e-14
-        np.testing.assert_allclose(found, stated @ estimate, rtol=0, atol=tolerance, err_msg=f"{name} on {way.carrier}")
+        np.testing.assert_allclose(
+            found, stated @ estimate, rtol=0, atol=tolerance, err_msg=f"{name} on {way.carrier}"
+        )
 
 
 def least_squares(arm: Arm, records: Measurements, way: Carried) -> tuple[Array, Array]:
-    """Coefficients of functions on the angle of a joint, and their covariance, by columns of the arm's Jacobian alone."""
+    """Coefficients of functions on the angle of a joint, and their covariance, by columns of the
+    arm's Jacobian alone.
+    """
     columns = way.functions[:, None] * arm.jacobian(records.q)[:, :, int(way.carrier[-1]) - 1, None]
-    columns, left = columns.reshape(-1, way.functions.shape[1]), (records.reference - arm.positions(records.q)).ravel()
+    columns, left = (
+        columns.reshape(-1, way.functions.shape[1]),
+        (records.reference - arm.positions(records.q)).ravel(),
+    )
     inverse = np.linalg.inv(columns.T @ columns)
     return inverse @ columns.T @ left, NOISE**2 * inverse
 
@@ -129,7 +143,11 @@ def test_new_readings_are_corrected_within_u(plant: Plant, tmp_path: Path) -> No
     squares = []
     for number in range(20):
         records = plant.measured(200)
-        way = next(way for name, way in all_described(plant.arm, records) if (name, way.carrier) == (COUPLING, "angle 4"))
+        way = next(
+            way
+            for name, way in all_described(plant.arm, records)
+            if (name, way.carrier) == (COUPLING, "angle 4")
+        )
         (effect,), conversion = prior([(COUPLING, way)], 1.0), coefficients_of_effect(way)
         estimate, covariance = least_squares(plant.arm, records, way)
         covariance = np.outer(conversion, conversion) * covariance
@@ -139,25 +157,48 @@ def test_new_readings_are_corrected_within_u(plant: Plant, tmp_path: Path) -> No
         model = ErrorModel.load(path)
         q, tip = plant.touched(50)
         count = size_of(way)
-        columns, covariance = model.sensitivity(q)[:, :, -count:], model.covariance()[-count:, -count:]
+        columns, covariance = (
+            model.sensitivity(q)[:, :, -count:],
+            model.covariance()[-count:, -count:],
+        )
         off = np.concatenate(list(model.correct(q) - tip))
         # In all directions that the coefficients can move these tips.
         moved = np.concatenate(list(columns)) @ np.linalg.cholesky(covariance)
         squares.append(np.square(np.linalg.lstsq(moved, off, rcond=None)[0]).sum())
-    assert np.mean(squares) == pytest.approx(count, abs=3.0 * np.sqrt(2.0 * count / 20.0)), "χ², twenty times"
+    assert np.mean(squares) == pytest.approx(count, abs=3.0 * np.sqrt(2.0 * count / 20.0)), (
+        "χ², twenty times"
+    )
     table = pd.DataFrame(q / DEG, columns=[f"theta{j}_deg" for j in range(1, 7)])
-    table.assign(**dict(zip(("x_mm", "y_mm", "z_mm"), tip.T / MM, strict=True))).to_csv(tmp_path / "new.csv", index=False)
-    done = CliRunner().invoke(app, ["correct", str(path), str(tmp_path / "new.csv"), "-o", str(tmp_path / "out.csv")])
+    table.assign(**dict(zip(("x_mm", "y_mm", "z_mm"), tip.T / MM, strict=True))).to_csv(
+        tmp_path / "new.csv", index=False
+    )
+    done = CliRunner().invoke(
+        app, ["correct", str(path), str(tmp_path / "new.csv"), "-o", str(tmp_path / "out.csv")]
+    )
     assert done.exit_code == 0, done.output
-    corrected = pd.read_csv(tmp_path / "out.csv")[["corrected_x_mm", "corrected_y_mm", "corrected_z_mm"]].to_numpy() * MM
-    before, after = (np.sqrt(np.square(each - tip).sum(axis=1).mean()) for each in (plant.arm.positions(q), corrected))
+    corrected = (
+        pd.read_csv(tmp_path / "out.csv")[
+            ["corrected_x_mm", "corrected_y_mm", "corrected_z_mm"]
+        ].to_numpy()
+        * MM
+    )
+    before, after = (
+        np.sqrt(np.square(each - tip).sum(axis=1).mean())
+        for each in (plant.arm.positions(q), corrected)
+    )
     assert after < 0.2 * before
 
 
 def test_estimated_beside_the_geometry(plant: Plant, tmp_path: Path) -> None:
-    """A calibration estimates it as any effect, its covariance with the geometry included, and holds it the next time."""
+    """A calibration estimates it as any effect, its covariance with the geometry included, and
+    holds it the next time.
+    """
     records = plant.measured(200)
-    way = next(way for name, way in all_described(plant.arm, records) if (name, way.carrier) == (COUPLING, "angle 4"))
+    way = next(
+        way
+        for name, way in all_described(plant.arm, records)
+        if (name, way.carrier) == (COUPLING, "angle 4")
+    )
     noise = {"encoder_noise": 1e-9, "reference_noise": NOISE, "hold_out": False}
     found = calibrate(plant.arm, records, ["geometry", *prior([(COUPLING, way)], 2e-4)], **noise)  # type: ignore[arg-type]
     found.model.save(tmp_path / "extended.toml")
@@ -172,9 +213,15 @@ def test_estimated_beside_the_geometry(plant: Plant, tmp_path: Path) -> None:
 
 
 def test_estimates_answer_to_what_is_held(plant: Plant) -> None:
-    """Held where a common fit has them, within its covariance, the tips are as uncertain as by that fit."""
+    """Held where a common fit has them, within its covariance, the tips are as uncertain as by that
+    fit.
+    """
     records = plant.measured(150)
-    way = next(way for name, way in all_described(plant.arm, records) if (name, way.carrier) == (COUPLING, "angle 4"))
+    way = next(
+        way
+        for name, way in all_described(plant.arm, records)
+        if (name, way.carrier) == (COUPLING, "angle 4")
+    )
     assert way.smooth is not None
     directions = tuple((float(x),) for x in plant.rng.normal(0.0, 5e-5, size_of(way)))
     one = Discrepancy(COUPLING, (Part(Carrier(way.carrier), way.smooth, directions),), 1)
@@ -189,11 +236,16 @@ def test_estimates_answer_to_what_is_held(plant: Plant) -> None:
     held = ErrorModel(plant.arm, (found,))
     model, wanted = calibrated_beside(solved(held), found), calibrated_model(common)
     q, conditions = plant.touched(50)[0], Conditions(50, time=np.linspace(0.0, 3600.0, 50))
-    u = [accuracy_volume(each, q, conditions=conditions, method="ellipsoid").u for each in (model, wanted)]
+    u = [
+        accuracy_volume(each, q, conditions=conditions, method="ellipsoid").u
+        for each in (model, wanted)
+    ]
     np.testing.assert_allclose(*u, rtol=1e-3)
     alone = ErrorModel(calibrated_model(solved(held)).arm)
     independent = with_effect(alone, found, np.diag(np.square(found.u)))
-    assert np.mean(accuracy_volume(independent, q, conditions=conditions, method="ellipsoid").u) > 1.01 * np.mean(u[1])
+    assert np.mean(
+        accuracy_volume(independent, q, conditions=conditions, method="ellipsoid").u
+    ) > 1.01 * np.mean(u[1])
 
 
 def test_it_is_no_candidate(plant: Plant) -> None:
@@ -210,20 +262,34 @@ def test_what_cannot_be_predicted_is_lost(plant: Plant) -> None:
     q, tip = plant.touched(60)
     extra = pd.DataFrame({"humidity_pct": plant.rng.uniform(30.0, 50.0, 60)})
     session = np.array(["a", "b"] * 30, dtype=object)
-    conditions = Conditions(60, time=np.arange(60.0), temperature=plant.rng.uniform(19.0, 22.0, 60), session=session)
-    described = all_described(plant.arm, Measurements.of(q, tip, conditions=conditions, extra=extra, operator=session[::-1]))
+    conditions = Conditions(
+        60, time=np.arange(60.0), temperature=plant.rng.uniform(19.0, 22.0, 60), session=session
+    )
+    described = all_described(
+        plant.arm,
+        Measurements.of(q, tip, conditions=conditions, extra=extra, operator=session[::-1]),
+    )
     assert lost(described) == ["time", "session", "operator", "humidity_pct"]
     kept = {(name, way.carrier) for name, way in described if way.smooth is not None}
-    assert {("time", "room"), ("temperature", "lengths"), ("joint 3 × time", "angle 3"), ("place", "room")} < kept
+    assert {
+        ("time", "room"),
+        ("temperature", "lengths"),
+        ("joint 3 × time", "angle 3"),
+        ("place", "room"),
+    } < kept
     covariates = [effect.covariate.partition(" (")[0] for effect in prior(described, 1e-5)]
     assert covariates == [name for name, way in described if way.smooth is not None]
 
 
 def test_labels_of_several(plant: Plant) -> None:
-    described = [each for each in all_described(plant.arm, plant.measured(60)) if each[0] == "time"][:1]
+    described = [
+        each for each in all_described(plant.arm, plant.measured(60)) if each[0] == "time"
+    ][:1]
     (first,) = prior(described, 1e-5)
     second, third = covariate_effects(described * 2, np.ones(36), taken=[first.label])
-    assert [first.label, second.label, third.label] == [f"discrepancy:time{k} on room" for k in ("", " (2)", " (3)")]
+    assert [first.label, second.label, third.label] == [
+        f"discrepancy:time{k} on room" for k in ("", " (2)", " (3)")
+    ]
 
 
 def test_background_as_one_effect(plant: Plant, tmp_path: Path) -> None:
@@ -233,10 +299,13 @@ def test_background_as_one_effect(plant: Plant, tmp_path: Path) -> None:
     every = prior(described, 1.0)
     scales = np.concatenate([way.size.repeat(Carrier(way.carrier).axes) for _, way in described])
     q = plant.touched(300)[0]
-    states = State(plant.arm, q, Conditions(300, time=rng.uniform(0.0, 3600.0, 300)), plant.arm.chain.tip)
+    states = State(
+        plant.arm, q, Conditions(300, time=rng.uniform(0.0, 3600.0, 300)), plant.arm.chain.tip
+    )
     columns = np.concatenate([sensitivity(effect, states) for effect in every], axis=2) / scales
     weights = (
-        np.linalg.qr(rng.standard_normal((columns.shape[2], 120)))[0] / np.square(columns).sum(axis=(0, 1))[:, None] ** 0.5
+        np.linalg.qr(rng.standard_normal((columns.shape[2], 120)))[0]
+        / np.square(columns).sum(axis=(0, 1))[:, None] ** 0.5
     )
     estimate, root = rng.normal(0.0, 1e-4, 120), rng.normal(0.0, 1e-5, (120, 200))
     covariance = root @ root.T
@@ -246,7 +315,10 @@ def test_background_as_one_effect(plant: Plant, tmp_path: Path) -> None:
     (effect,) = ErrorModel.load(tmp_path / "background.toml").effects
     moves, directions = sensitivity(effect, states), columns @ weights
     np.testing.assert_allclose(
-        moves @ effect.values, directions @ estimate, rtol=0, atol=1e-6 * np.abs(directions @ estimate).max()
+        moves @ effect.values,
+        directions @ estimate,
+        rtol=0,
+        atol=1e-6 * np.abs(directions @ estimate).max(),
     )
     u = np.sqrt(np.square(moves * effect.u).sum(axis=(1, 2)))
     wanted = np.sqrt(np.einsum("nip,pq,niq->n", directions, covariance, directions))
@@ -256,7 +328,9 @@ def test_background_as_one_effect(plant: Plant, tmp_path: Path) -> None:
 
 
 def test_a_background_of_one_direction_is_its_size(plant: Plant) -> None:
-    described = [each for each in all_described(plant.arm, plant.measured(60)) if each[0] == COUPLING][:1]
+    described = [
+        each for each in all_described(plant.arm, plant.measured(60)) if each[0] == COUPLING
+    ][:1]
     weights = np.arange(1.0, 1.0 + size_of(described[0][1]))[:, None]
     effect = background_effect(described, weights, np.array([3e-6]), np.array([[4e-12]]))
     assert (effect.values, effect.u) == ((1.0,), (pytest.approx(2.0 / 3.0),))

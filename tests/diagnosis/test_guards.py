@@ -1,4 +1,6 @@
-"""What a diagnosis may say: of records left out, of branches, of seats that moved; by one threshold everywhere."""
+"""What a diagnosis may say: of records left out, of branches, of seats that moved; by one threshold
+everywhere.
+"""
 
 from __future__ import annotations
 
@@ -34,16 +36,26 @@ def simulated(model: ErrorModel, n: int, rng: np.random.Generator) -> Measuremen
 
 @pytest.mark.parametrize("seed", [2, pytest.param(3, marks=pytest.mark.long)])
 def test_a_curve_that_chases_two_branches_does_not_extend_the_arm(sino6: Arm, seed: int) -> None:
-    """A free curve follows one branch and excludes the other; judged by the first alone it would have a gain."""
-    truth, rng = ErrorModel(sino6, (JointHysteresis(2, values=(1e-4,)),)), np.random.default_rng(seed)
+    """A free curve follows one branch and excludes the other; judged by the first alone it would
+    have a gain.
+    """
+    truth, rng = (
+        ErrorModel(sino6, (JointHysteresis(2, values=(1e-4,)),)),
+        np.random.default_rng(seed),
+    )
     records = simulated(truth, 120, rng)
     found = diagnose(sino6, records, progress=False)
     assert found.verdict != "explained"
     assert found.held_out is not None
     assert np.isfinite(found.held_out.extended).sum() == records.n - found.held_out.gross_errors
     new, off = simulate_measurements(truth, "seats", 400, rng=rng), {}
-    for name, model in (("recalibrated", calibrated_model(found.recalibrated)), ("extended", found.model)):
-        off[name] = rms(np.linalg.norm(model.predict(new.q, new.conditions) - new.reference, axis=1))
+    for name, model in (
+        ("recalibrated", calibrated_model(found.recalibrated)),
+        ("extended", found.model),
+    ):
+        off[name] = rms(
+            np.linalg.norm(model.predict(new.q, new.conditions) - new.reference, axis=1)
+        )
     assert off["extended"] < 1.02 * off["recalibrated"]
 
 
@@ -63,7 +75,9 @@ def test_gross_errors_do_not_count(sino6: Arm, eccentric: Measurements, named: D
     wrong = eccentric.reference.copy()
     wrong[rows] += 5e-3
     before = named.held_out
-    after = diagnose(sino6, replace(eccentric, reference=wrong), progress=False, encoder_noise=8e-6).held_out
+    after = diagnose(
+        sino6, replace(eccentric, reference=wrong), progress=False, encoder_noise=8e-6
+    ).held_out
     assert before is not None
     assert after is not None
     assert (before.gross_errors, after.gross_errors) == (0, 3)
@@ -78,7 +92,9 @@ def test_an_extended_arm_that_is_no_better_explains_nothing(
     monkeypatch.setattr("aacmm_pin.diagnosis.cross_validation._interval", lambda *_: (-0.1, 0.2))
     (tmp_path / "data.csv").write_text(eccentric.csv())
     arm = tmp_path / "extended.toml"
-    out, err = shell.done("diagnose", "sino6", tmp_path / "data.csv", *shell.NOISE, "--extended-arm", arm)
+    out, err = shell.done(
+        "diagnose", "sino6", tmp_path / "data.csv", *shell.NOISE, "--extended-arm", arm
+    )
     assert out.startswith("Inconclusive")
     assert "does not help" in out
     assert any(line.startswith("warning:") and "held-out" in line for line in err.splitlines())
@@ -92,7 +108,10 @@ def test_columns_that_the_file_lacks_are_listed_with_what_was_not_tried(sino6: A
     few = replace(records, conditions=replace(records.conditions, approach=None, temperature=None))
     found = diagnose(sino6, few, progress=False, hold_out=False, encoder_noise=8e-6)
     not_tried = {one["column"]: one["causes"] for one in found.summary()["not_tried"]}
-    assert not_tried == {"approach1 …": ["joint_hysteresis"], "temperature_c": ["thermal_expansion"]}
+    assert not_tried == {
+        "approach1 …": ["joint_hysteresis"],
+        "temperature_c": ["thermal_expansion"],
+    }
     assert len(data_of(found.notes, "causes_not_tried")) == 1
 
 
@@ -111,7 +130,9 @@ def test_two_branches_are_recognised_and_ask_for_the_approach(sino6: Arm) -> Non
     assert found.summary()["unexplained"]["branches"]["joint"] == 2
 
 
-@pytest.mark.parametrize(("shape", "sure"), [("normal", False), ("heavy", False), ("branches", True)])
+@pytest.mark.parametrize(
+    ("shape", "sure"), [("normal", False), ("heavy", False), ("branches", True)]
+)
 def test_two_branches_are_no_scatter(shape: str, sure: bool) -> None:
     """In 40 draws each; the half-width is that of the branches."""
     rng, above, widths = np.random.default_rng(1), 0, []
@@ -169,7 +190,19 @@ def test_names_keep_their_letters() -> None:
 def test_what_names_nothing_gains_nothing() -> None:
     """Whatever was chosen without some of the parts."""
     sizes = np.array([1.0, 2.0, 3.0])
-    gain = Gain("records", 3, 3 * sizes, 2 * sizes, sizes, sizes, np.arange(3), 0, 0, (("encoder_gain:1",),) * 3, (0.2, 0.6))
+    gain = Gain(
+        "records",
+        3,
+        3 * sizes,
+        2 * sizes,
+        sizes,
+        sizes,
+        np.arange(3),
+        0,
+        0,
+        (("encoder_gain:1",),) * 3,
+        (0.2, 0.6),
+    )
     assert gain.gain == pytest.approx(0.5)
     nothing = gain.of_nothing()
     assert (nothing.gain, nothing.interval, nothing.beyond_doubt) == (0.0, (0.0, 0.0), False)
@@ -186,5 +219,7 @@ def test_a_seat_that_only_the_recalibrated_arm_excludes_is_in_the_headline(sino6
     jacobian = sino6.jacobian(moved[late])
     moved[late] += (np.linalg.pinv(jacobian) @ np.array([6e-5, 0.0, 0.0])[:, None])[:, :, 0]
     found = diagnose(sino6, replace(records, q=moved), progress=False, hold_out=False, **noise)  # type: ignore[arg-type]
-    assert found.verdict not in ("no-discrepancy", "explained") or any(str(seats[0]) in label for label in found.otherwise)
+    assert found.verdict not in ("no-discrepancy", "explained") or any(
+        str(seats[0]) in label for label in found.otherwise
+    )
     assert f"seat {seats[0]}" in verdict_in_words(found)

@@ -1,4 +1,6 @@
-"""The posterior over sets of blocks against quadrature, dense covariance matrices, all subsets, and permutations."""
+"""The posterior over sets of blocks against quadrature, dense covariance matrices, all subsets, and
+permutations.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +35,9 @@ from tests.diagnosis.dense_posterior import AMPLITUDES, WIDTHS, Dense, by_quadra
 Array = NDArray[np.float64]
 NOTHING: Any = None
 NATS = 1e-6
-"""Agreement of log posteriors that differ by rounding alone: they are of a few hundred, products of up to 1e10."""
+"""Agreement of log posteriors that differ by rounding alone: they are of a few hundred, products of
+up to 1e10.
+"""
 
 
 def space_of(dense: Dense, covariate_blocks: int = 0) -> ModelSpace:
@@ -41,14 +45,30 @@ def space_of(dense: Dense, covariate_blocks: int = 0) -> ModelSpace:
     owners = list(range(len(dense.columns))) if dense.owners is None else list(dense.owners)
     z = dense.nuisances.shape[1]
     ends = z + np.cumsum([0, *(c.shape[1] for c in dense.columns)])
-    blocks = tuple(Block(c, 0, slice(int(ends[k]), int(ends[k + 1])), NOTHING) for k, c in enumerate(owners))
+    blocks = tuple(
+        Block(c, 0, slice(int(ends[k]), int(ends[k + 1])), NOTHING) for k, c in enumerate(owners)
+    )
     names = tuple(str(c) for c in range(max(owners) + 1))
     causes, width = len(names) - covariate_blocks, int(ends[-1])
-    design = Design(NOTHING, names, causes, blocks, z, np.ones(width), NOTHING, np.empty(0, int), dense.prior, NOTHING, 0)
+    design = Design(
+        NOTHING,
+        names,
+        causes,
+        blocks,
+        z,
+        np.ones(width),
+        NOTHING,
+        np.empty(0, int),
+        dense.prior,
+        NOTHING,
+        0,
+    )
     rows = np.column_stack([dense.nuisances, *dense.columns, dense.residual])
     postures = HeldPostures(np.arange(len(rows)), np.ones(len(rows)), 0.0)
     products = Products(design, lambda: [Part(rows, len(rows))], postures)
-    return ModelSpace(Candidates(design, dense.log_odds, dense.contained), Gram(products), dense.stated)
+    return ModelSpace(
+        Candidates(design, dense.log_odds, dense.contained), Gram(products), dense.stated
+    )
 
 
 def made(
@@ -59,12 +79,24 @@ def made(
     contained: Mapping[int, frozenset[int]] | None = None,
     owners: Sequence[int] | None = None,
 ) -> Dense:
-    """Rows with a constant as nuisance, unless others are given, and candidates with a probability of 1, 1/2, 1/3, …"""
+    """Rows with a constant as nuisance, unless others are given, and candidates with a probability
+    of 1, 1/2, 1/3, …
+    """
     n = len(residual)
     nuisances = np.ones((n, 1)) if nuisances is None else nuisances
     log_odds = -np.log(np.arange(len(columns)) + 1.0) - np.log(3.0)
     prior = np.zeros((0, nuisances.shape[1] + 1))
-    return Dense(nuisances, columns, residual, log_odds, stated, np.zeros((n, 0)), prior, owners, contained or {})
+    return Dense(
+        nuisances,
+        columns,
+        residual,
+        log_odds,
+        stated,
+        np.zeros((n, 0)),
+        prior,
+        owners,
+        contained or {},
+    )
 
 
 def widths_of(state: State) -> Array:
@@ -84,7 +116,9 @@ def test_marginal_likelihood_by_quadrature(stated: bool, noise: float) -> None:
     states = [State((), (), 0), State((0,), (1,), 0), State((0,), (4,), 0), State((1,), (3,), 0)]
     found = [space.log_posterior(state) for state in states]
     expected = [by_quadrature(dense, state.blocks, widths_of(state)) for state in states]
-    np.testing.assert_allclose(np.subtract(found, found[0]), np.subtract(expected, expected[0]), atol=NATS)
+    np.testing.assert_allclose(
+        np.subtract(found, found[0]), np.subtract(expected, expected[0]), atol=NATS
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,18 +132,28 @@ class Measured:
 
     @staticmethod
     def of(folder: Path, seed: int, stated: bool, **given: object) -> Measured:
-        file = regime_file(seed, faults=2, outliers=0.0, own_u=False, torque=False, environment=False, **given)
+        file = regime_file(
+            seed, faults=2, outliers=0.0, own_u=False, torque=False, environment=False, **given
+        )
         file.write(folder)
         arm = Arm.load(file.words(folder)[0])
         measurements = Measurements.read(folder / "data.csv", arm.nq)
-        noises = {"encoder_noise": file.encoder_u, "reference_noise": file.regime.reference_u} if stated else {}
+        noises = (
+            {"encoder_noise": file.encoder_u, "reference_noise": file.regime.reference_u}
+            if stated
+            else {}
+        )
         frame = "external" if file.external else "base"
-        setup = Setup.of(arm, reference_frame=frame, probe_noise=noises.get("reference_noise"), **noises)  # type: ignore[arg-type]
+        setup = Setup.of(
+            arm, reference_frame=frame, probe_noise=noises.get("reference_noise"), **noises
+        )  # type: ignore[arg-type]
         problem = problem_of(ErrorModel.of(arm), measurements, ["geometry"], setup)
         library = candidates(ErrorModel.of(arm), measurements, problem)
         return Measured(fit(problem), tuple(library), tuple(covariates(arm, measurements)), stated)
 
-    def again(self, library: Sequence[Variants] | None = None, others: Sequence[Covariate] | None = None) -> ModelSpace:
+    def again(
+        self, library: Sequence[Variants] | None = None, others: Sequence[Covariate] | None = None
+    ) -> ModelSpace:
         """The posterior, with candidates in this order."""
         library = self.library if library is None else library
         design = design_of(self.fit, library, self.others if others is None else others)
@@ -128,8 +172,22 @@ class Measured:
 
 
 FILES: list[dict[str, Any]] = [
-    {"seed": 1, "stated": True, "arm": "sino6", "evidence": "free", "records": 60, "external": True},
-    {"seed": 2, "stated": False, "arm": "standard-dh", "evidence": "seats", "records": 48, "external": False},
+    {
+        "seed": 1,
+        "stated": True,
+        "arm": "sino6",
+        "evidence": "free",
+        "records": 60,
+        "external": True,
+    },
+    {
+        "seed": 2,
+        "stated": False,
+        "arm": "standard-dh",
+        "evidence": "seats",
+        "records": 48,
+        "external": False,
+    },
 ]
 
 
@@ -159,8 +217,16 @@ def random_states(space: ModelSpace, rng: np.random.Generator, count: int) -> li
     found = []
     for number in range(count):
         size = number % 6
-        blocks = tuple(sorted(rng.choice(len(space.candidates.blocks), size, replace=False).tolist()))
-        found.append(State(blocks, tuple(rng.integers(len(WIDTHS), size=size).tolist()), number % len(AMPLITUDES)))
+        blocks = tuple(
+            sorted(rng.choice(len(space.candidates.blocks), size, replace=False).tolist())
+        )
+        found.append(
+            State(
+                blocks,
+                tuple(rng.integers(len(WIDTHS), size=size).tolist()),
+                number % len(AMPLITUDES),
+            )
+        )
     return found
 
 
@@ -169,25 +235,43 @@ def test_real_designs_by_covariance_matrices(measured: Measured, rng: np.random.
     dense = dense_of(space)
     states = random_states(space, rng, 30)
     found = [space.log_posterior(state) for state in states]
-    expected = [dense.log_posterior(state.blocks, widths_of(state), AMPLITUDES[state.amplitude]) for state in states]
-    np.testing.assert_allclose(np.subtract(found, found[0]), np.subtract(expected, expected[0]), atol=NATS)
+    expected = [
+        dense.log_posterior(state.blocks, widths_of(state), AMPLITUDES[state.amplitude])
+        for state in states
+    ]
+    np.testing.assert_allclose(
+        np.subtract(found, found[0]), np.subtract(expected, expected[0]), atol=NATS
+    )
 
 
-def test_additions_are_the_posterior_of_larger_sets(measured: Measured, rng: np.random.Generator) -> None:
+def test_additions_are_the_posterior_of_larger_sets(
+    measured: Measured, rng: np.random.Generator
+) -> None:
     """At each width, of blocks of every size, beside sets of every size."""
     space = measured.space
     sizes = np.array([block.size for block in space.candidates.blocks])
     for state in random_states(space, rng, 6):
         additions = space.conditional(state).additions
         for size in np.unique(sizes):
-            block = int(rng.choice(np.flatnonzero((sizes == size) & ~np.isin(np.arange(sizes.size), state.blocks))))
-            own = [State((*state.blocks, block), (*state.widths, k), state.amplitude) for k in range(len(WIDTHS))]
+            block = int(
+                rng.choice(
+                    np.flatnonzero((sizes == size) & ~np.isin(np.arange(sizes.size), state.blocks))
+                )
+            )
+            own = [
+                State((*state.blocks, block), (*state.widths, k), state.amplitude)
+                for k in range(len(WIDTHS))
+            ]
             found = additions[block] + space._log_prior((*state.blocks, block))
-            np.testing.assert_allclose(found, [space.log_posterior(each) for each in own], atol=NATS)
+            np.testing.assert_allclose(
+                found, [space.log_posterior(each) for each in own], atol=NATS
+            )
 
 
 def test_evidence_where_rounding_left_no_factor(rng: np.random.Generator) -> None:
-    """Of information whose smallest eigenvalue is far below zero: as if it were zero, and the other blocks as they are."""
+    """Of information whose smallest eigenvalue is far below zero: as if it were zero, and the other
+    blocks as they are.
+    """
     columns, gradient = rng.standard_normal((3, LARGE + 2, LARGE)), rng.standard_normal((3, LARGE))
     nothing = np.linalg.qr(rng.standard_normal((LARGE, 1)))[0]
     columns[1] -= columns[1] @ nothing @ nothing.T
@@ -197,8 +281,12 @@ def test_evidence_where_rounding_left_no_factor(rng: np.random.Generator) -> Non
     found = gains(rounded, gradient[:, :, None])
     for k, (s, g) in enumerate(zip(exact, gradient, strict=True)):
         for width, gain, volume in zip(WIDTHS, found[0][k, :, 0], found[1][k], strict=True):
-            assert gain == pytest.approx(0.5 * g @ np.linalg.solve(s + np.eye(LARGE) / width**2, g), rel=1e-9)
-            assert volume == pytest.approx(0.5 * np.linalg.slogdet(np.eye(LARGE) + width**2 * s)[1], rel=1e-9)
+            assert gain == pytest.approx(
+                0.5 * g @ np.linalg.solve(s + np.eye(LARGE) / width**2, g), rel=1e-9
+            )
+            assert volume == pytest.approx(
+                0.5 * np.linalg.slogdet(np.eye(LARGE) + width**2 * s)[1], rel=1e-9
+            )
 
 
 # --- all subsets
@@ -218,7 +306,9 @@ def two_imitate_one(rng: np.random.Generator, stated: bool) -> Dense:
 
 def one_contains_two(rng: np.random.Generator, stated: bool) -> Dense:
     columns = eight(rng)
-    columns[2] = np.hstack([columns[0] + columns[1], columns[0] - columns[1], columns[3] + columns[4]])
+    columns[2] = np.hstack(
+        [columns[0] + columns[1], columns[0] - columns[1], columns[3] + columns[4]]
+    )
     residual = 1.1 * columns[0][:, 0] - 0.9 * columns[1][:, 0] + rng.normal(size=24)
     return made(columns, residual, stated, contained={2: frozenset({0, 1})})
 
@@ -240,9 +330,16 @@ def two_variants(rng: np.random.Generator, stated: bool) -> Dense:
 
 @pytest.mark.parametrize(
     ("problem", "stated"),
-    [(two_imitate_one, True), (one_contains_two, False), (three_imitate_two, True), (two_variants, False)],
+    [
+        (two_imitate_one, True),
+        (one_contains_two, False),
+        (three_imitate_two, True),
+        (two_variants, False),
+    ],
 )
-def test_exploration_finds_the_mass_of_all_subsets(problem: Any, stated: bool, rng: np.random.Generator) -> None:
+def test_exploration_finds_the_mass_of_all_subsets(
+    problem: Any, stated: bool, rng: np.random.Generator
+) -> None:
     dense = problem(rng, stated)
     space = space_of(dense)
     expected, largest = dense.inclusion(most=5)
@@ -261,14 +358,18 @@ def test_order_of_the_blocks_of_a_state(measured: Measured, rng: np.random.Gener
     for state in random_states(space, rng, 12):
         order = rng.permutation(len(state.blocks))
         blocks, widths = (tuple(each[k] for k in order) for each in (state.blocks, state.widths))
-        assert space.log_posterior(State(blocks, widths, state.amplitude)) == space.log_posterior(state)
+        assert space.log_posterior(State(blocks, widths, state.amplitude)) == space.log_posterior(
+            state
+        )
 
 
 def labelled(space: ModelSpace, state: State) -> list[tuple[str, int, int]]:
     """The name of each block's candidate, the number of its variant, and of its width."""
     design = space.candidates.design
     own = [design.blocks[k] for k in state.blocks]
-    return [(design.names[b.candidate], b.variant, w) for b, w in zip(own, state.widths, strict=True)]
+    return [
+        (design.names[b.candidate], b.variant, w) for b, w in zip(own, state.widths, strict=True)
+    ]
 
 
 def state_of(space: ModelSpace, labels: Sequence[tuple[str, int, int]], amplitude: int) -> State:
@@ -288,18 +389,28 @@ def records_in_another_order(measured: Measured, rng: np.random.Generator) -> Mo
 
 
 def causes_in_another_order(measured: Measured, rng: np.random.Generator) -> ModelSpace:
-    return measured.again(library=[measured.library[k] for k in rng.permutation(len(measured.library))])
+    return measured.again(
+        library=[measured.library[k] for k in rng.permutation(len(measured.library))]
+    )
 
 
 def covariates_in_another_order(measured: Measured, rng: np.random.Generator) -> ModelSpace:
-    return measured.again(others=[measured.others[k] for k in rng.permutation(len(measured.others))])
+    return measured.again(
+        others=[measured.others[k] for k in rng.permutation(len(measured.others))]
+    )
 
 
-@pytest.mark.parametrize("other", [records_in_another_order, causes_in_another_order, covariates_in_another_order])
-def test_order_of_records_causes_and_covariates(measured: Measured, other: Any, rng: np.random.Generator) -> None:
+@pytest.mark.parametrize(
+    "other", [records_in_another_order, causes_in_another_order, covariates_in_another_order]
+)
+def test_order_of_records_causes_and_covariates(
+    measured: Measured, other: Any, rng: np.random.Generator
+) -> None:
     space = measured.space
     again = other(measured, rng)
     for state in random_states(space, rng, 12):
         there = state_of(again, labelled(space, state), state.amplitude)
         assert again.log_posterior(there) == pytest.approx(space.log_posterior(state), abs=NATS)
-    assert probabilities(again) == pytest.approx(measured.probabilities, abs=1e-4)  # far sets are approximate
+    assert probabilities(again) == pytest.approx(
+        measured.probabilities, abs=1e-4
+    )  # far sets are approximate

@@ -24,22 +24,29 @@ def choice_of(**known: Any) -> Choice:
 
 
 def test_how_far_from_its_target_a_record_is() -> None:
-    """Over what one of all records may be off with a chance of 1 %, by Bonferroni's bound; none where nothing is said."""
+    """Over what one of all records may be off with a chance of 1 %, by Bonferroni's bound; none
+    where nothing is said.
+    """
     limit = chi2.isf(0.01 / 4, 3)
     off = np.array([[3e-5, 0.0, 0.0], [0.0, 4e-5, 0.0], [0.0, 3e-5, 4e-5], [np.nan] * 3])
     says = np.array([True, True, True, False])
     at: Any = SimpleNamespace(observations=SimpleNamespace(says=says, counts=3 * says))
-    judge: Any = SimpleNamespace(residual_noise=np.array([1.0, 4.0, 1.0, 1.0])[:, None, None] * 1e-10 * np.eye(3))
+    judge: Any = SimpleNamespace(
+        residual_noise=np.array([1.0, 4.0, 1.0, 1.0])[:, None, None] * 1e-10 * np.eye(3)
+    )
     found = model_extension._times_the_limit(at, off, judge)
     np.testing.assert_allclose(found, np.array([3.0, 2.0, 5.0, 0.0]) / np.sqrt(limit), rtol=1e-6)
 
 
 @pytest.mark.parametrize(
-    ("parts", "torn"), [([0, 0, 1, 1, 0, 1], False), ([0, 1, 1, 1, 0, 1], True), ([0, 0, 0, 1, 0, 1], True)]
+    ("parts", "torn"),
+    [([0, 0, 1, 1, 0, 1], False), ([0, 1, 1, 1, 0, 1], True), ([0, 0, 0, 1, 0, 1], True)],
 )
 def test_seats_and_bars_in_several_parts(parts: list[int], torn: bool) -> None:
     """Seats 0 and 1 at the ends of a bar, seat 2 alone; two records at none."""
-    observations = SimpleNamespace(seat=np.array([0, 1, 2, 2, -1, -1]), clusters=np.array([0, 0, 1]))
+    observations = SimpleNamespace(
+        seat=np.array([0, 1, 2, 2, -1, -1]), clusters=np.array([0, 0, 1])
+    )
     at: Any = SimpleNamespace(observations=observations)
     assert model_extension._torn(at, np.array(parts)) == torn
 
@@ -82,15 +89,27 @@ def test_inner_values_by_their_evidence(monkeypatch: pytest.MonkeyPatch) -> None
         wave = JointPeriodicError(3, 4.0)
         tried = wave.nonlinear.refine(wave, Measurements.of(np.zeros((4, 6))))
         peak = far / 0.11**2  # so much better than the whole order
-        refined = inner_values.likeliest(tried, np.array([-peak * (e.order - 4.11) ** 2 for e in tried]))  # type: ignore[attr-defined]
+        refined = inner_values.likeliest(
+            tried, np.array([-peak * (e.order - 4.11) ** 2 for e in tried])
+        )  # type: ignore[attr-defined]
         assert isinstance(refined, JointPeriodicError)
         assert refined.order == pytest.approx(expected, abs=1e-3)
-    records = Measurements.of(np.zeros((4, 6)), conditions=Conditions(4, time=np.array([0.0, 10.0, 30.0, 70.0])))
+    records = Measurements.of(
+        np.zeros((4, 6)), conditions=Conditions(4, time=np.array([0.0, 10.0, 30.0, 70.0]))
+    )
     fit = SimpleNamespace(problem=SimpleNamespace(measurements=records))
-    slip: Any = SimpleNamespace(variant=lambda _: EncoderSlip(3, 20.0), fit=fit, candidates=None, top_causes=())
+    slip: Any = SimpleNamespace(
+        variant=lambda _: EncoderSlip(3, 20.0), fit=fit, candidates=None, top_causes=()
+    )
     monkeypatch.setattr(inner_values, "_acting", lambda *_: [])
-    monkeypatch.setattr(inner_values, "evidences", lambda *given: {0: [np.zeros(len(given[2][0][0]))]})
+    monkeypatch.setattr(
+        inner_values, "evidences", lambda *given: {0: [np.zeros(len(given[2][0][0]))]}
+    )
     times = np.array([0.0, 5.0, 20.0, 50.0])
-    gaps = np.array([0.0, 10.0, 20.0, 40.0])  # around each of them; the first is the first record itself
+    gaps = np.array(
+        [0.0, 10.0, 20.0, 40.0]
+    )  # around each of them; the first is the first record itself
     variance = np.square(times - 20.0).mean() + np.square(gaps).mean() / 12.0
-    assert inner_values.step_of(slip, 0, "time_s") == inner_values.Step(pytest.approx(np.sqrt(variance)), 0.0, 50.0)
+    assert inner_values.step_of(slip, 0, "time_s") == inner_values.Step(
+        pytest.approx(np.sqrt(variance)), 0.0, 50.0
+    )

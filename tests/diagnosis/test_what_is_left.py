@@ -1,4 +1,6 @@
-"""What is said of scatter, of held postures and of the size of structure, beside all that was found."""
+"""What is said of scatter, of held postures and of the size of structure, beside all that was
+found.
+"""
 
 from __future__ import annotations
 
@@ -20,8 +22,12 @@ from aacmm_pin.report.next_measurements import next_measurements
 READING, REFERENCE = 8e-6, 1e-5
 
 
-def diagnosed(arm: Arm, q: Array, true: Array, shift: Array | float, rng: np.random.Generator, stated: bool) -> Diagnosis:
-    """Of records whose joints truly stand at ``true`` (n, nq), the references shifted by ``shift`` (n, 3) [m]."""
+def diagnosed(
+    arm: Arm, q: Array, true: Array, shift: Array | float, rng: np.random.Generator, stated: bool
+) -> Diagnosis:
+    """Of records whose joints truly stand at ``true`` (n, nq), the references shifted by ``shift``
+    (n, 3) [m].
+    """
     read = q + READING * rng.standard_normal(q.shape)
     reference = arm.positions(true) + shift + REFERENCE * rng.standard_normal((len(q), 3))
     noise = {"encoder_noise": READING, "reference_noise": REFERENCE} if stated else {}
@@ -82,6 +88,12 @@ def test_readings_that_scatter_have_a_chance(sino6: Arm) -> None:
 
 
 def test_numbers_without_exponents_and_minus_zeros() -> None:
-    assert [two_digits(value) for value in (0.0123, 1.6, 37.4, 112.0, 1999.0)] == ["0.012", "1.6", "37", "110", "2000"]
+    assert [two_digits(value) for value in (0.0123, 1.6, 37.4, 112.0, 1999.0)] == [
+        "0.012",
+        "1.6",
+        "37",
+        "110",
+        "2000",
+    ]
     said = values_in_words(JointZeroOffset(1), {"offset_rad": (-1e-9, 2e-5)})
     assert "-" not in said

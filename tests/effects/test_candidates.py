@@ -1,4 +1,6 @@
-"""Where a cause could sit, with these records: places and inner values that each cause offers to the search."""
+"""Where a cause could sit, with these records: places and inner values that each cause offers to
+the search.
+"""
 
 from __future__ import annotations
 
@@ -52,7 +54,9 @@ def places(cause: type[Effect], arm: Arm, records: Taken | None) -> list[object]
     return [variants[0].place for variants in cause.candidates(arm, records)]
 
 
-def test_places(sino6: Arm, zero6: Arm, robot_file: Callable[[str], Path], rng: np.random.Generator) -> None:
+def test_places(
+    sino6: Arm, zero6: Arm, robot_file: Callable[[str], Path], rng: np.random.Generator
+) -> None:
     bare = taken(rng)
     every, without = list(range(1, 7)), [1, 2, 3, 5, 6]
     approach = np.zeros((N, 6))
@@ -98,7 +102,9 @@ def test_places(sino6: Arm, zero6: Arm, robot_file: Callable[[str], Path], rng: 
         assert [len(e.bodies) for e in first] == [max(bodies - k, 0) for k in range(6)]
     finger = Arm.from_urdf(robot_file("panda.urdf"), "panda_leftfinger")
     vars(finger)["masses"] = None  # where the property keeps it
-    assert places(JointCompliance, finger, replace(bare, q=np.zeros((N, 8)))) == []  # a joint slides beyond all others
+    assert (
+        places(JointCompliance, finger, replace(bare, q=np.zeros((N, 8)))) == []
+    )  # a joint slides beyond all others
     assert zero6.masses is None
     assert places(JointCompliance, zero6, None) == []
 
@@ -108,10 +114,15 @@ def refined(effect: Effect, records: Taken) -> list[Any]:
 
 
 def test_inner_values(sino6: Arm, rng: np.random.Generator) -> None:
-    """Orders that make a period over the covered range, knots that the records can tell, times between records."""
+    """Orders that make a period over the covered range, knots that the records can tell, times
+    between records.
+    """
     pause = np.arange(N) + np.where(np.arange(N) >= 50, 1000.0, 0.0)
     records = taken(rng, time=pause)
-    orders = {variants[0].joint: [e.order for e in variants] for variants in JointPeriodicError.candidates(sino6, records)}
+    orders = {
+        variants[0].joint: [e.order for e in variants]
+        for variants in JointPeriodicError.candidates(sino6, records)
+    }
     assert min(orders[5]) == 3
     assert min(orders[1]) < 3
     assert set(orders[5]) == {order for order in orders[1] if order >= 3}
@@ -139,10 +150,22 @@ def test_inner_values(sino6: Arm, rng: np.random.Generator) -> None:
 
 
 def test_bodies_that_grow_are_tried_in_either_convention(tmp_path: Path) -> None:
-    """A long d stands before its joint's axis in modified DH, and is of the body behind it all the same."""
-    row = "a_mm = {}\nd_mm = {}\nalpha_rad = 1.5\ntheta_offset_rad = 0.0\nlimits_rad = [-3.0, 3.0]\n"
-    rows = "".join("\n[[joints]]\n" + row.format(a, d) for a, d in ((0, 0), (0, 0), (20, 610), (300, 0), (0, 480), (0, 0)))
+    """A long d stands before its joint's axis in modified DH, and is of the body behind it all the
+    same.
+    """
+    row = (
+        "a_mm = {}\nd_mm = {}\nalpha_rad = 1.5\ntheta_offset_rad = 0.0\nlimits_rad = [-3.0, 3.0]\n"
+    )
+    rows = "".join(
+        "\n[[joints]]\n" + row.format(a, d)
+        for a, d in ((0, 0), (0, 0), (20, 610), (300, 0), (0, 480), (0, 0))
+    )
     for convention, links in (("standard-dh", [None, 3, 4, 5]), ("modified-dh", [None, 3, 5])):
         path = tmp_path / f"{convention}.toml"
-        path.write_text(f'schema = "aacmm-pin/arm/1"\nname = "a"\nconvention = "{convention}"\n{rows}', encoding="utf-8")
-        assert [variants[0].link for variants in ThermalExpansion.candidates(Arm.load(path))] == links
+        path.write_text(
+            f'schema = "aacmm-pin/arm/1"\nname = "a"\nconvention = "{convention}"\n{rows}',
+            encoding="utf-8",
+        )
+        assert [
+            variants[0].link for variants in ThermalExpansion.candidates(Arm.load(path))
+        ] == links

@@ -28,18 +28,28 @@ from aacmm_pin.effects import (
     cause_of,
     example,
 )
-from aacmm_pin.effects.labels import cause_in_words, in_words, name_in_words, several_in_words, values_in_words
+from aacmm_pin.effects.labels import (
+    cause_in_words,
+    in_words,
+    name_in_words,
+    several_in_words,
+    values_in_words,
+)
 from aacmm_pin.effects.text import stated_cause, text_of
 from aacmm_pin.errors import AacmmError, UnknownNameError
 
 KNOWN = EncoderEccentricity(joint=3, values=(1e-4, 2e-5), u=(1e-6, 1e-6))
 TYPED: dict[str, Effect] = {
     "encoder_eccentricity:4,amplitude_rad=1e-4": EncoderEccentricity(4, values=(1e-4, 0.0)),
-    "encoder_eccentricity:joint=4,amplitude_rad=0.1mrad": EncoderEccentricity(4, values=(1e-4, 0.0)),
+    "encoder_eccentricity:joint=4,amplitude_rad=0.1mrad": EncoderEccentricity(
+        4, values=(1e-4, 0.0)
+    ),
     "encoder_eccentricity:joint=3": KNOWN,
     "encoder_eccentricity:4": EncoderEccentricity(4),
     "encoder_eccentricity:3,amplitude_rad=5e-5": EncoderEccentricity(3, values=(5e-5, 0.0)),
-    "joint_periodic_error:6,order=7.5,amplitude_rad=2e-5": JointPeriodicError(6, 7.5, values=(2e-5, 0.0)),
+    "joint_periodic_error:6,order=7.5,amplitude_rad=2e-5": JointPeriodicError(
+        6, 7.5, values=(2e-5, 0.0)
+    ),
     "seat_error:seat=S3,x_mm=0.02": SeatError("S3", values=(2e-5, 0.0, 0.0)),
     "seat_error:3": SeatError("3"),
     "thermal_expansion,expansion_per_k=2e-5": ThermalExpansion(values=(2e-5,)),
@@ -47,8 +57,8 @@ TYPED: dict[str, Effect] = {
     "thermal_expansion:link=3": ThermalExpansion(3),
     "joint_compliance:4": JointCompliance(4, torque="measured"),
     "joint_compliance:joint=4,torque=gravity,bodies=4+5+6": JointCompliance(4, bodies=(4, 5, 6)),
-    "joint_error_curve:joint=2,lower_rad=-4,upper_rad=1,coefficients=5,c2_rad=1e-4": JointErrorCurve(
-        2, -4.0, 1.0, 5, values=(0.0, 1e-4, 0.0, 0.0, 0.0)
+    "joint_error_curve:joint=2,lower_rad=-4,upper_rad=1,coefficients=5,c2_rad=1": JointErrorCurve(
+        2, -4.0, 1.0, 5, values=(0.0, 1.0, 0.0, 0.0, 0.0)
     ),
 }
 REFUSED = {
@@ -70,8 +80,15 @@ def test_texts_are_read(sino6: Arm) -> None:
     model = ErrorModel(sino6, (KNOWN,))
     for text, effect in TYPED.items():
         assert cause_of(text, model, ("torque",)) == effect, text
-    for angle, radians in {"1.65arcsec": 7.99943e-6, "0.5mdeg": 8.72665e-6, "8e-6": 8e-6, "2 µrad": 2e-6}.items():
-        assert cause_of(f"encoder_slip:1,time_s=60,step_rad={angle}", model).values[0] == pytest.approx(radians, rel=1e-5)
+    for angle, radians in {
+        "1.65arcsec": 7.99943e-6,
+        "0.5mdeg": 8.72665e-6,
+        "8e-6": 8e-6,
+        "2 µrad": 2e-6,
+    }.items():
+        assert cause_of(f"encoder_slip:1,time_s=60,step_rad={angle}", model).values[
+            0
+        ] == pytest.approx(radians, rel=1e-5)
     for slip in ("step_rad=1_0e-5", "step_rad=1_0urad"):
         with pytest.raises(AacmmError, match="step_rad"):
             cause_of(f"encoder_slip:1,time_s=60,{slip}", model)
@@ -83,7 +100,9 @@ def test_texts_are_read(sino6: Arm) -> None:
     for effect in (BaseCompliance(values=(4.138e-6,)), KNOWN, JointPeriodicError(6, 7.0)):
         again = cause_of(text_of(effect), ErrorModel(sino6))
         assert again.identity == effect.identity
-        assert again.notation.parameters(again) == pytest.approx(effect.notation.parameters(effect), rel=1e-3)
+        assert again.notation.parameters(again) == pytest.approx(
+            effect.notation.parameters(effect), rel=1e-3
+        )
 
 
 def test_texts_of_no_use_are_refused(sino6: Arm) -> None:
@@ -98,7 +117,9 @@ def test_texts_of_no_use_are_refused(sino6: Arm) -> None:
 
 
 def test_a_stated_value_has_the_sign_that_nature_has(sino6: Arm) -> None:
-    with pytest.raises(AacmmError, match=r"compliance_rad_per_nm is -1e-05, expected a number that is not negative"):
+    with pytest.raises(
+        AacmmError, match=r"compliance_rad_per_nm is -1e-05, expected a number that is not negative"
+    ):
         stated_cause("bearing_tilt:2,compliance_rad_per_nm=-1e-5", ErrorModel(sino6))
     estimated = BearingTilt(2, values=(-1e-7,), u=(1e-6,))
     assert stated_cause("bearing_tilt:2", ErrorModel(sino6, (estimated,))) == estimated
@@ -148,7 +169,9 @@ def test_a_row_that_no_joint_moves_is_a_row(sino6: Arm) -> None:
     }.items():
         assert in_words(effect, arm) == words
     several = several_in_words([JointDistance(row) for row in (7, 2, 4, 3)], arm)
-    assert several == "distance d of tool row 7, distance d of joints 2 and 3 and distance d of row 4"
+    assert (
+        several == "distance d of tool row 7, distance d of joints 2 and 3 and distance d of row 4"
+    )
 
 
 def test_values_have_two_digits_of_their_uncertainty() -> None:
@@ -156,7 +179,13 @@ def test_values_have_two_digits_of_their_uncertainty() -> None:
     for effect, key, value, u, said in (
         (wave, "amplitude_rad", 1.846e-4, 1.8e-6, "amplitude 184.6 ± 3.6 µrad"),
         (wave, "phase_rad", -0.9687, 0.0096, "phase -55.5 ± 1.1°"),
-        (JointCompliance(2), "compliance_rad_per_nm", 1.201e-5, 1.95e-7, "compliance 12.01 ± 0.39 µrad/(N·m)"),
+        (
+            JointCompliance(2),
+            "compliance_rad_per_nm",
+            1.201e-5,
+            1.95e-7,
+            "compliance 12.01 ± 0.39 µrad/(N·m)",
+        ),
         (LinkLength(1), "a_mm", 0.0889, 0.00075, "a 88.9 ± 1.5 µm"),
         (LinkLength(1), "a_mm", 1.2345, 0.0765, "a 1230 ± 150 µm"),
         (LinkLength(1), "a_mm", 2.1e-9, 4e-10, "a 2.10e-06 ± 8.0e-07 µm"),
@@ -165,6 +194,13 @@ def test_values_have_two_digits_of_their_uncertainty() -> None:
         (EncoderGain(1), "gain", 9e-5, 0.0, "gain 90 ppm"),
     ):
         assert values_in_words(effect, {key: (value, u)}) == said
-    target = {"x_mm": (29.7748, 0.01), "y_mm": (0.373, 0.01), "z_mm": (-0.1, 0.1)}  # far from the tip: one unit for all
-    assert values_in_words(StylusOffset(), target) == "x 29.775 ± 0.020 mm, y 0.373 ± 0.020 mm, z -0.10 ± 0.20 mm"
+    target = {
+        "x_mm": (29.7748, 0.01),
+        "y_mm": (0.373, 0.01),
+        "z_mm": (-0.1, 0.1),
+    }  # far from the tip: one unit for all
+    assert (
+        values_in_words(StylusOffset(), target)
+        == "x 29.775 ± 0.020 mm, y 0.373 ± 0.020 mm, z -0.10 ± 0.20 mm"
+    )
     assert "24 values" in values_in_words(curve, {f"c{k}_rad": (0.0, 1e-5) for k in range(1, 25)})

@@ -1,4 +1,6 @@
-"""Discrepancies: smooth functions at any records, what they act on, and how an arm file has them."""
+"""Discrepancies: smooth functions at any records, what they act on, and how an arm file has
+them.
+"""
 
 from __future__ import annotations
 
@@ -40,7 +42,9 @@ def one(carrier: str, *functions: Smooth) -> Discrepancy:
     """Its coefficients are 1, 2, 3 … times 1e-6."""
     part = Part(Carrier(carrier), functions)
     values = 1e-6 * (1.0 + np.arange(part.coefficients))
-    return Discrepancy("something", (part,), part.coefficients, values=tuple(values), u=tuple(0.1 * values))
+    return Discrepancy(
+        "something", (part,), part.coefficients, values=tuple(values), u=tuple(0.1 * values)
+    )
 
 
 GEAR = one("angle 3", Waves("joint 3", order=4), Moment("joint 3", (1.0, -2.0, 0.5)))
@@ -50,7 +54,9 @@ def shared() -> Discrepancy:
     """Two parts with two parameters in common."""
     rng = np.random.default_rng(3)
     parts = [Part(Carrier("room"), (PLACES,)), Part(Carrier("angle 4"), (TIME,))]
-    directions = [tuple(map(tuple, rng.normal(0.0, 1e-4, (part.coefficients, 2)).tolist())) for part in parts]
+    directions = [
+        tuple(map(tuple, rng.normal(0.0, 1e-4, (part.coefficients, 2)).tolist())) for part in parts
+    ]
     filled = tuple(Part(p.carrier, p.functions, d) for p, d in zip(parts, directions, strict=True))
     return Discrepancy("several", filled, 2, values=(1.0, 0.0), u=(0.1, 1.0))
 
@@ -61,7 +67,9 @@ def by_hand(functions: tuple[Smooth, ...], tip: Array, q: Array, time: Array) ->
         below = np.interp(time, [0.0, 100.0, 400.0], [0.05, 0.5, 0.95])
         return np.stack([np.cos(k * np.pi * below) for k in range(3)], axis=1)
     if functions == (PLACES,):
-        return np.stack([np.exp(-(np.sum((tip - c) ** 2, axis=1)) / 0.32) for c in PLACES.centres_si], axis=1)
+        return np.stack(
+            [np.exp(-(np.sum((tip - c) ** 2, axis=1)) / 0.32) for c in PLACES.centres_si], axis=1
+        )
     own = [np.ones(len(q)), np.cos(q[:, 1]), np.sin(q[:, 1])]
     return np.stack([f * g for f in own for g in (np.cos(q[:, 3]), np.sin(q[:, 3]))], axis=1)
 
@@ -75,23 +83,34 @@ def test_moves_the_tip_as_pinocchio_says(
     effect = one(carrier, *functions)
     frames = placements(sino6, q)
     tip, time = frames[:, -1, :3, 3], conditions.require("time", "test")
-    sizes = by_hand(functions, tip, q, time) @ np.reshape(effect.values, (-1, effect.parts[0].carrier.axes))
+    sizes = by_hand(functions, tip, q, time) @ np.reshape(
+        effect.values, (-1, effect.parts[0].carrier.axes)
+    )
     if carrier == "angle 4":
         turned = q.copy()
         turned[:, 3] += sizes[:, 0]
         wanted = sino6.poses(turned).position
     else:
-        axes = {"target": frames[:, -1, :3, :3], "before 4": frames[:, 3, :3, :3]}.get(carrier, np.eye(3))
-        wanted = tip + (tip * sizes if carrier == "lengths" else np.squeeze(axes @ sizes[:, :, None], axis=2))
+        axes = {"target": frames[:, -1, :3, :3], "before 4": frames[:, 3, :3, :3]}.get(
+            carrier, np.eye(3)
+        )
+        wanted = tip + (
+            tip * sizes if carrier == "lengths" else np.squeeze(axes @ sizes[:, :, None], axis=2)
+        )
     model = ErrorModel(sino6, [effect])
     np.testing.assert_allclose(model.predict(q, conditions), wanted, rtol=0, atol=1e-12)
     np.testing.assert_allclose(
-        model.sensitivity(q, conditions)[:, :, -effect.size :] @ effect.values, wanted - tip, rtol=0, atol=1e-7
+        model.sensitivity(q, conditions)[:, :, -effect.size :] @ effect.values,
+        wanted - tip,
+        rtol=0,
+        atol=1e-7,
     )
 
 
 @pytest.mark.parametrize(("carrier", "grow"), [("tubes", LONG), ("tube 5", [4])])
-def test_tubes_grow_as_longer_ones_do(sino6: Arm, rng: np.random.Generator, carrier: str, grow: list[int]) -> None:
+def test_tubes_grow_as_longer_ones_do(
+    sino6: Arm, rng: np.random.Generator, carrier: str, grow: list[int]
+) -> None:
     q, conditions = records(sino6, rng)
     growth = 1e-6
     effect = Discrepancy("something", (Part(Carrier(carrier), ()),), 1, values=(growth,))
@@ -99,20 +118,26 @@ def test_tubes_grow_as_longer_ones_do(sino6: Arm, rng: np.random.Generator, carr
     joints = list(sino6.file.joints)
     for number in grow:
         row, factor = joints[number], 1.0 + growth
-        joints[number] = row.model_copy(update={"a_mm": row.a_mm * factor, "d_mm": row.d_mm * factor})
+        joints[number] = row.model_copy(
+            update={"a_mm": row.a_mm * factor, "d_mm": row.d_mm * factor}
+        )
     longer = Arm.from_file(sino6.file.model_copy(update={"joints": joints}))
     found = ErrorModel(sino6, [effect]).predict(q, conditions)
     np.testing.assert_allclose(found, longer.positions(q), rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("row", [1, 2, 3, 5])
-def test_moment_is_the_torque_that_pinocchio_says(sino6: Arm, rng: np.random.Generator, row: int) -> None:
+def test_moment_is_the_torque_that_pinocchio_says(
+    sino6: Arm, rng: np.random.Generator, row: int
+) -> None:
     q, conditions = records(sino6, rng)
     state = State(sino6, q, conditions, sino6.chain.tip)
     data = sino6.model.createData()
     torques = [pin.computeGeneralizedGravity(sino6.model, data, each)[row - 1] for each in q]
     of = f"joint {row}"
-    np.testing.assert_allclose(Moment(of).values(state)[:, 0], np.negative(torques), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(
+        Moment(of).values(state)[:, 0], np.negative(torques), rtol=0, atol=1e-9
+    )
     own = np.stack([np.ones(N), np.cos(q[:, row - 1]), np.sin(q[:, row - 1])], axis=1)
     rest = Moment.beyond_own_angle(of, state).values(state)
     np.testing.assert_allclose(own.T @ rest, 0.0, atol=1e-9)
@@ -126,20 +151,31 @@ def test_ranks_are_the_same_at_new_records(rng: np.random.Generator) -> None:
     many = rng.normal(size=1000)
     cosines, ranks = Cosines.over("time", many, 5), (np.argsort(np.argsort(many)) + 0.5) / 1000.0
     assert len(cosines.at_si) == MOST_KNOTS
-    assert np.abs(cosines.of_values(many) - np.cos(np.pi * np.arange(6) * ranks[:, None])).max() < 0.1
+    assert (
+        np.abs(cosines.of_values(many) - np.cos(np.pi * np.arange(6) * ranks[:, None])).max() < 0.1
+    )
     ends = cosines.of_values([-9.0, many.min(), many.max(), 9.0])
     np.testing.assert_array_equal(ends[[0, 3]], ends[[1, 2]])
 
 
-@pytest.mark.parametrize("effect", [one("before 3", TIME), one("angle 2", *WAVES), one("lengths"), GEAR, shared()])
-def test_arm_file_brings_it_back(sino6: Arm, rng: np.random.Generator, tmp_path: Path, effect: Discrepancy) -> None:
+@pytest.mark.parametrize(
+    "effect", [one("before 3", TIME), one("angle 2", *WAVES), one("lengths"), GEAR, shared()]
+)
+def test_arm_file_brings_it_back(
+    sino6: Arm, rng: np.random.Generator, tmp_path: Path, effect: Discrepancy
+) -> None:
     q, conditions = records(sino6, rng)
-    model, path = ErrorModel(sino6, ["encoder_gain:3,gain=1e-4", effect]), tmp_path / "extended.toml"
+    model, path = (
+        ErrorModel(sino6, ["encoder_gain:3,gain=1e-4", effect]),
+        tmp_path / "extended.toml",
+    )
     model.save(path)
     again = ErrorModel.load(path)
     assert again.effects[0] == model.effects[0]
     assert [p.name for p in again.parameters] == [p.name for p in model.parameters]
-    np.testing.assert_allclose(again.predict(q, conditions), model.predict(q, conditions), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(
+        again.predict(q, conditions), model.predict(q, conditions), rtol=0, atol=1e-9
+    )
     np.testing.assert_allclose(
         accuracy_volume(again, q, conditions=conditions, method="ellipsoid").u,
         accuracy_volume(model, q, conditions=conditions, method="ellipsoid").u,
@@ -149,7 +185,9 @@ def test_arm_file_brings_it_back(sino6: Arm, rng: np.random.Generator, tmp_path:
     assert (tmp_path / "again.toml").read_bytes() == path.read_bytes()
 
 
-def test_of_an_arm_that_came_as_urdf(robot_file: Callable[[str], Path], rng: np.random.Generator, tmp_path: Path) -> None:
+def test_of_an_arm_that_came_as_urdf(
+    robot_file: Callable[[str], Path], rng: np.random.Generator, tmp_path: Path
+) -> None:
     """The finger of Panda slides, and is off by what the joint before it does."""
     arm = Arm.from_urdf(robot_file("panda.urdf"), "panda_leftfinger")
     effect = one("slide 8", Waves("joint 7"))
@@ -167,7 +205,14 @@ ENTRY = {
             "acts_on": "angle 2",
             "functions": [
                 {"kind": "waves", "of": "joint 2"},
-                {"kind": "cosines", "of": "time", "at_si": [0.0, 60.0], "below": [0.5, 9.5], "records": 10, "count": 1},
+                {
+                    "kind": "cosines",
+                    "of": "time",
+                    "at_si": [0.0, 60.0],
+                    "below": [0.5, 9.5],
+                    "records": 10,
+                    "count": 1,
+                },
             ],
         }
     ],
@@ -180,10 +225,26 @@ MISTAKES: list[tuple[dict[str, object], str, str]] = [
     ({"values_si": []}, "discrepancy[1].values_si", "at least 1"),
     ({"standard_uncertainty_si": [1e-6]}, "discrepancy[1]", "expected 4"),
     ({"colour": "red"}, "discrepancy[1].colour", "known here: depends_on"),
-    ({"parts": [{"acts_on": "angle 9", "functions": []}], "values_si": [1e-5]}, "discrepancy[1]", "no row 9"),
-    ({"parts": [{"acts_on": "elbow", "functions": []}], "values_si": [1e-5]}, "discrepancy[1]", "expected room"),
-    ({"parts": [{"acts_on": "room", "offset": 1}]}, "discrepancy[1].parts[1].offset", "known here: acts_on"),
-    ({"parts": [TURNED, {"acts_on": "room"}], "values_si": [1.0, 0.0]}, "discrepancy[1]", "directions of 3"),
+    (
+        {"parts": [{"acts_on": "angle 9", "functions": []}], "values_si": [1e-5]},
+        "discrepancy[1]",
+        "no row 9",
+    ),
+    (
+        {"parts": [{"acts_on": "elbow", "functions": []}], "values_si": [1e-5]},
+        "discrepancy[1]",
+        "expected room",
+    ),
+    (
+        {"parts": [{"acts_on": "room", "offset": 1}]},
+        "discrepancy[1].parts[1].offset",
+        "known here: acts_on",
+    ),
+    (
+        {"parts": [TURNED, {"acts_on": "room"}], "values_si": [1.0, 0.0]},
+        "discrepancy[1]",
+        "directions of 3",
+    ),
     ({"parts": [TURNED], "values_si": [1.0]}, "discrepancy[1]", "1 numbers each"),
 ]
 OF_FUNCTIONS: list[tuple[dict[str, object], str]] = [
@@ -194,16 +255,44 @@ OF_FUNCTIONS: list[tuple[dict[str, object], str]] = [
     ({"kind": "bumps", "centres_si": [[0.0, 0.0, math.inf]], "width_si": 1.0}, "finite"),
     ({"kind": "bumps", "centres_si": [[0.0, 0.0, 0.0]], "width_si": 0.0}, "width_si above 0"),
     ({"kind": "bumps", "centres_si": [[0.0, 0.0, "0"]], "width_si": 1.0}, "valid number"),
-    ({"kind": "cosines", "of": "time", "at_si": [1, 0], "below": [0, 1], "records": 2, "count": 1}, "ascending"),
-    ({"kind": "cosines", "of": "time", "at_si": [0, 1], "below": [0, 1], "records": 2, "count": 10**9}, "to 100"),
+    (
+        {
+            "kind": "cosines",
+            "of": "time",
+            "at_si": [1, 0],
+            "below": [0, 1],
+            "records": 2,
+            "count": 1,
+        },
+        "ascending",
+    ),
+    (
+        {
+            "kind": "cosines",
+            "of": "time",
+            "at_si": [0, 1],
+            "below": [0, 1],
+            "records": 2,
+            "count": 10**9,
+        },
+        "to 100",
+    ),
 ]
 
 
 def test_each_mistake_in_a_file_is_named(sino6: Arm, tmp_path: Path) -> None:
-    content, path = ErrorModel(sino6).file().model_dump(mode="json", by_alias=True, exclude_none=True), tmp_path / "bad.toml"
-    parts = [({"parts": [{"acts_on": "angle 2", "functions": [odd]}]}, "discrepancy[1]", word) for odd, word in OF_FUNCTIONS]
+    content, path = (
+        ErrorModel(sino6).file().model_dump(mode="json", by_alias=True, exclude_none=True),
+        tmp_path / "bad.toml",
+    )
+    parts = [
+        ({"parts": [{"acts_on": "angle 2", "functions": [odd]}]}, "discrepancy[1]", word)
+        for odd, word in OF_FUNCTIONS
+    ]
     for change, key, word in [*MISTAKES, *parts]:
-        path.write_text(tomli_w.dumps(content | {"discrepancy": [ENTRY | change]}), encoding="utf-8")
+        path.write_text(
+            tomli_w.dumps(content | {"discrepancy": [ENTRY | change]}), encoding="utf-8"
+        )
         with pytest.raises(ArmFileError) as caught:
             ErrorModel.load(path)
         assert (caught.value.key, word in str(caught.value)) == (key, True), str(caught.value)
@@ -211,7 +300,9 @@ def test_each_mistake_in_a_file_is_named(sino6: Arm, tmp_path: Path) -> None:
     assert ErrorModel.load(path).effects[0].needs == ("time",)
 
 
-def test_records_without_its_condition_and_outside_its_range(sino6: Arm, rng: np.random.Generator) -> None:
+def test_records_without_its_condition_and_outside_its_range(
+    sino6: Arm, rng: np.random.Generator
+) -> None:
     q, conditions = records(sino6, rng)
     model = ErrorModel(sino6, [one("room", TIME)])
     with pytest.raises(MissingConditionError):
@@ -224,7 +315,9 @@ def test_records_without_its_condition_and_outside_its_range(sino6: Arm, rng: np
 
 def test_the_arm_alone_is_without_it(sino6: Arm, tmp_path: Path) -> None:
     ErrorModel(sino6, [one("angle 2", *WAVES)]).save(tmp_path / "extended.toml")
-    sources = ErrorSources.of(Arm.load(tmp_path / "extended.toml"), None, None, np.zeros((1, 6)), None)
+    sources = ErrorSources.of(
+        Arm.load(tmp_path / "extended.toml"), None, None, np.zeros((1, 6)), None
+    )
     assert sources.not_included == ("discrepancy:something on angle 2",)
 
 

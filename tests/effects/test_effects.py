@@ -1,4 +1,5 @@
-"""Every cause of error: one contract that all of them keep, then the physics of each against something that shares no code.
+"""Every cause of error: one contract that all of them keep, then the physics of each against
+something that shares no code.
 
 A new cause needs one line in ``EXAMPLES``.
 """
@@ -109,11 +110,20 @@ EXAMPLES: list[Effect] = [
 ROBOTS = {"ur5": ("ur5_robot.urdf", "tool0"), "panda": ("panda.urdf", "panda_hand")}
 DH_ARMS = ("sino6", "sino6-modified", "zero6")
 
-NO_MASSES = ("joint_compliance", "bearing_tilt", "torsional_windup", "link_bending", "base_compliance")
+NO_MASSES = (
+    "joint_compliance",
+    "bearing_tilt",
+    "torsional_windup",
+    "link_bending",
+    "base_compliance",
+)
 NO_TABLE = dict.fromkeys(("link_length", "link_twist", "link_tilt"), "needs a DH table") | {
     "stylus_bending": "needs the axis of the stylus"
 }
-NO_TUBE = {"link_bending": "0.000 mm long, expected a tube", "torsional_windup": "0.000 mm long, expected a tube"}
+NO_TUBE = {
+    "link_bending": "0.000 mm long, expected a tube",
+    "torsional_windup": "0.000 mm long, expected a tube",
+}
 REFUSED: dict[str, dict[str, str]] = {
     "sino6": {},
     "sino6-modified": {},
@@ -136,9 +146,15 @@ def arms(robot_file: Callable[[str], Path]) -> dict[str, Arm]:
     rows = [row.model_copy(update={"com_mm": (0.0, 0.0, 10.0)}) for row in sino6.joints]
     modified = sino6.model_copy(update={"convention": "modified-dh", "joints": rows})
     wall = load_arm_file("sino6").model_copy(update={"gravity_m_s2": (6.0, -5.0, 6.0)})
-    tables = {"sino6": Arm.load("sino6"), "sino6-modified": Arm.from_file(modified), "zero6": Arm.load("zero6")}
+    tables = {
+        "sino6": Arm.load("sino6"),
+        "sino6-modified": Arm.from_file(modified),
+        "zero6": Arm.load("zero6"),
+    }
     tables["sino6-wall"] = Arm.from_file(wall)
-    return tables | {name: Arm.from_urdf(robot_file(file), frame) for name, (file, frame) in ROBOTS.items()}
+    return tables | {
+        name: Arm.from_urdf(robot_file(file), frame) for name, (file, frame) in ROBOTS.items()
+    }
 
 
 def cases(arms: dict[str, Arm], *names: str) -> Iterator[tuple[Arm, Effect]]:
@@ -174,12 +190,21 @@ def typical(effect: Effect) -> Array:
     return np.array([term.typical for term in effect.terms])
 
 
-def positions(arm: Arm, effect: Effect, values: ArrayLike, q: Array, conditions: Conditions, at: str | None = None) -> Array:
+def positions(
+    arm: Arm,
+    effect: Effect,
+    values: ArrayLike,
+    q: Array,
+    conditions: Conditions,
+    at: str | None = None,
+) -> Array:
     model = ErrorModel(arm, (effect.at(tuple(np.asarray(values, dtype=float))),))
     return model.predict(q, conditions, at, as_referenced=True)
 
 
-def columns(arm: Arm, effect: Effect, q: Array, conditions: Conditions, at: str | None = None) -> Array:
+def columns(
+    arm: Arm, effect: Effect, q: Array, conditions: Conditions, at: str | None = None
+) -> Array:
     return ErrorModel(arm, (effect,)).sensitivity(q, conditions, at)[:, :, len(arm.parameters) :]
 
 
@@ -196,8 +221,12 @@ def test_zero_values_displace_nothing(arms: dict[str, Arm], rng: np.random.Gener
         q = postures(arm, rng, 20)
         conditions = known(arm, 20, rng)
         zeros = np.zeros(len(effect.terms))
-        np.testing.assert_array_equal(positions(arm, effect, zeros, q, conditions), ErrorModel(arm).predict(q))
-        assert not any(twist.any() for _, twist in effect.exact(State(arm, q, conditions, arm.chain.tip)))
+        np.testing.assert_array_equal(
+            positions(arm, effect, zeros, q, conditions), ErrorModel(arm).predict(q)
+        )
+        assert not any(
+            twist.any() for _, twist in effect.exact(State(arm, q, conditions, arm.chain.tip))
+        )
 
 
 def test_shapes(arms: dict[str, Arm], rng: np.random.Generator) -> None:
@@ -222,9 +251,13 @@ def test_columns_are_the_derivatives(arms: dict[str, Arm], rng: np.random.Genera
             for k, unit in enumerate(np.eye(len(effect.terms))):
                 size = np.abs(stated[:, :, k]).max()
                 h = min(2e-6 / max(size, 1e-300), 0.03 * effect.terms[k].typical)
-                there, back = (positions(arm, effect, s * h * unit, q, conditions, at) for s in (1, -1))
+                there, back = (
+                    positions(arm, effect, s * h * unit, q, conditions, at) for s in (1, -1)
+                )
                 rounding = 1e-15 / h
-                np.testing.assert_allclose(stated[:, :, k], (there - back) / (2 * h), rtol=0, atol=1e-9 * size + rounding)
+                np.testing.assert_allclose(
+                    stated[:, :, k], (there - back) / (2 * h), rtol=0, atol=1e-9 * size + rounding
+                )
 
 
 def test_exact_form_converges_quadratically(arms: dict[str, Arm], rng: np.random.Generator) -> None:
@@ -236,13 +269,17 @@ def test_exact_form_converges_quadratically(arms: dict[str, Arm], rng: np.random
         values *= 1e-3 / np.abs(stated @ values).max(initial=1e-15)
         beyond = []
         for scale in (1.0, 0.5):
-            exact = positions(arm, effect, scale * values, q, conditions) - ErrorModel(arm).predict(q)
+            exact = positions(arm, effect, scale * values, q, conditions) - ErrorModel(arm).predict(
+                q
+            )
             beyond.append(np.abs(exact - stated @ (scale * values)).max())
         assert beyond[0] < 1e-14 or 3.9 < beyond[0] / beyond[1] < 4.1
 
 
 def test_typical_values_are_in_si(arms: dict[str, Arm], rng: np.random.Generator) -> None:
-    """From a tenth of a micrometre to ten millimetres: millimetres or degrees taken for SI would be outside."""
+    """From a tenth of a micrometre to ten millimetres: millimetres or degrees taken for SI would be
+    outside.
+    """
     for arm, effect in cases(arms, "sino6"):
         q = postures(arm, rng, 100)
         moves = columns(arm, effect, q, known(arm, 100, rng)) @ typical(effect)
@@ -250,7 +287,9 @@ def test_typical_values_are_in_si(arms: dict[str, Arm], rng: np.random.Generator
         assert 1e-7 < largest < 1e-2
 
 
-def test_arm_file_brings_it_back(arms: dict[str, Arm], rng: np.random.Generator, tmp_path: Path) -> None:
+def test_arm_file_brings_it_back(
+    arms: dict[str, Arm], rng: np.random.Generator, tmp_path: Path
+) -> None:
     for arm, example in cases(arms, *DH_ARMS):
         q = postures(arm, rng, 10)
         conditions = known(arm, 10, rng)
@@ -265,46 +304,85 @@ def test_arm_file_brings_it_back(arms: dict[str, Arm], rng: np.random.Generator,
         }
         for at in (None, "frame4"):
             np.testing.assert_allclose(
-                loaded.predict(q, conditions, at), model.predict(q, conditions, at), rtol=0, atol=1e-15
+                loaded.predict(q, conditions, at),
+                model.predict(q, conditions, at),
+                rtol=0,
+                atol=1e-15,
             )
         assert [p.name for p in loaded.parameters] == [p.name for p in model.parameters]
-        np.testing.assert_allclose([p.u for p in loaded.parameters], [p.u for p in model.parameters], rtol=1e-14)
+        np.testing.assert_allclose(
+            [p.u for p in loaded.parameters], [p.u for p in model.parameters], rtol=1e-14
+        )
         assert loaded.file() == ErrorModel.load(tmp_path / "extended.toml").file()
 
 
-NONSENSE: list[Any] = [[], [1.5], [[1]], {}, {"a": 1}, "x", "", True, np.nan, np.inf, -1, 10**18, date(2019, 4, 27)]
+NONSENSE: list[Any] = [
+    [],
+    [1.5],
+    [[1]],
+    {},
+    {"a": 1},
+    "x",
+    "",
+    True,
+    np.nan,
+    np.inf,
+    -1,
+    10**18,
+    date(2019, 4, 27),
+]
 
 
 def test_nonsense_in_the_arm_file_is_named(arms: dict[str, Arm], tmp_path: Path) -> None:
-    """Whatever stands in a field, the file loads to an effect with that value or is refused with file and key."""
+    """Whatever stands in a field, the file loads to an effect with that value or is refused with
+    file and key.
+    """
     for example in EXAMPLES:
-        model = ErrorModel(arms["sino6"], (example.at(tuple(typical(example)), tuple(typical(example))),))
+        model = ErrorModel(
+            arms["sino6"], (example.at(tuple(typical(example)), tuple(typical(example))),)
+        )
         content = model.file().model_dump(mode="json", by_alias=True, exclude_none=True)
         (entry,) = content.pop("effects")
         path = tmp_path / "odd.toml"
         refused = []
         of_all = ["parameters", "uncertainty", "new_field"] if example is EXAMPLES[0] else []
         for key, odd in itertools.product([*fields_of(type(example)), *of_all], NONSENSE):
-            path.write_text(tomli_w.dumps(content | {"effects": [entry | {key: odd}]}), encoding="utf-8")
+            path.write_text(
+                tomli_w.dumps(content | {"effects": [entry | {key: odd}]}), encoding="utf-8"
+            )
             try:
                 (loaded,) = ErrorModel.load(path).effects
             except ArmFileError as error:
                 refused.append(f"{error.path}: {error.key}")
             else:
                 stated = tuple(odd) if isinstance(odd, list) else odd
-                assert getattr(loaded, key, None) == stated or (key, odd) in (("parameters", {}), ("uncertainty", {}))
+                assert getattr(loaded, key, None) == stated or (key, odd) in (
+                    ("parameters", {}),
+                    ("uncertainty", {}),
+                )
         assert all(place.startswith(f"{path}: effects[1]") for place in refused)
         assert len(refused) >= len(of_all) * len(NONSENSE) - 2
 
 
 def test_missing_condition_names_the_column(arms: dict[str, Arm], rng: np.random.Generator) -> None:
     for arm, effect in cases(arms):
-        model, q, nothing = ErrorModel(arm, (effect.at(tuple(typical(effect))),)), postures(arm, rng, 5), Conditions(5)
+        model, q, nothing = (
+            ErrorModel(arm, (effect.at(tuple(typical(effect))),)),
+            postures(arm, rng, 5),
+            Conditions(5),
+        )
         if not effect.needs:
-            assert model.predict(q, as_referenced=True).shape == model.predict(q, nothing).shape == (5, 3)
+            assert (
+                model.predict(q, as_referenced=True).shape
+                == model.predict(q, nothing).shape
+                == (5, 3)
+            )
             continue
         (needed,) = effect.needs
-        for ask in (partial(model.predict, q, nothing, as_referenced=True), partial(model.sensitivity, q)):
+        for ask in (
+            partial(model.predict, q, nothing, as_referenced=True),
+            partial(model.sensitivity, q),
+        ):
             with pytest.raises(MissingConditionError) as caught:
                 ask()
             assert caught.value.column == COLUMNS[needed]
@@ -319,7 +397,9 @@ def test_a_refusal_says_why(arms: dict[str, Arm], rng: np.random.Generator) -> N
             continue
         arm = arms[name]
         q = postures(arm, rng, 2)
-        with pytest.raises(UnsupportedArmError if "tube" not in words else AacmmError, match=words) as caught:
+        with pytest.raises(
+            UnsupportedArmError if "tube" not in words else AacmmError, match=words
+        ) as caught:
             columns(arm, example, q, known(arm, 2, rng))
         assert arm.name in str(caught.value) or example.label in str(caught.value)
         with pytest.raises(AacmmError, match=words):
@@ -335,7 +415,10 @@ def test_a_row_that_is_not_there(arms: dict[str, Arm], rng: np.random.Generator)
         for name in ("sino6", "sino6-modified", "ur5"):
             q = postures(arms[name], rng, 2)
             beyond: Effect = replace(example, **{field: 7})
-            for ask in (columns, lambda *given: positions(*given[:2], typical(given[1]), *given[2:])):
+            for ask in (
+                columns,
+                lambda *given: positions(*given[:2], typical(given[1]), *given[2:]),
+            ):
                 with pytest.raises(AacmmError, match="has no row 7, expected 1 to 6"):
                     ask(arms[name], beyond, q, known(arms[name], 2, rng))
 
@@ -346,26 +429,55 @@ def test_a_row_that_is_no_number_of_one() -> None:
         if row is None and isinstance(example, ThermalExpansion):
             assert replace(example, link=None) == ThermalExpansion()
             continue
-        with pytest.raises(AacmmError, match=rf"{example.cause}: {field} is {row!r}, expected the number of a row, from 1"):
+        with pytest.raises(
+            AacmmError,
+            match=rf"{example.cause}: {field} is {row!r}, expected the number of a row, from 1",
+        ):
             replace(example, **{field: row})
-        assert replace(example, **{field: np.int64(2)}).label == replace(example, **{field: 2}).label
+        assert (
+            replace(example, **{field: np.int64(2)}).label == replace(example, **{field: 2}).label
+        )
 
 
 def test_fields_that_make_no_sense() -> None:
     refused: list[tuple[Callable[[], Effect], str]] = [
-        *((partial(EncoderGain, 2, values=v), "encoder_gain:2: values is .* 1 finite") for v in ((np.nan,), (1.0, 2.0))),
-        *((partial(EncoderGain, 2, u=u), "encoder_gain:2: u is .* 1 finite numbers") for u in ((np.inf,), (1.0, 2.0))),
-        (lambda: EncoderGain(joint=2, u=(-1e-6,)), r"u is \(-1e-06,\), expected numbers that are not negative"),
+        *(
+            (partial(EncoderGain, 2, values=v), "encoder_gain:2: values is .* 1 finite")
+            for v in ((np.nan,), (1.0, 2.0))
+        ),
+        *(
+            (partial(EncoderGain, 2, u=u), "encoder_gain:2: u is .* 1 finite numbers")
+            for u in ((np.inf,), (1.0, 2.0))
+        ),
+        (
+            lambda: EncoderGain(joint=2, u=(-1e-6,)),
+            r"u is \(-1e-06,\), expected numbers that are not negative",
+        ),
         (lambda: JointPeriodicError(joint=2, order=0.0), "order is 0.0"),
         (lambda: JointPeriodicError(joint=2, order=np.nan), "order is nan"),
         (lambda: ZeroDrift(joint=2, time_constant_s=0.0), "time_constant_s is 0.0"),
         (lambda: EncoderSlip(joint=2, time_s=np.nan), "time_s is nan"),
-        (lambda: JointErrorCurve(joint=2, lower_rad=1, upper_rad=1, coefficients=4), "lower_rad < upper_rad"),
-        (lambda: JointErrorCurve(joint=2, lower_rad=0, upper_rad=np.inf, coefficients=4), "lower_rad < upper_rad"),
-        (lambda: JointErrorCurve(joint=2, lower_rad=0, upper_rad=1, coefficients=3), "4 to 1000 coefficients"),
-        (lambda: JointErrorCurve(joint=2, lower_rad=0, upper_rad=1, coefficients=10**18), "4 to 1000 coefficients"),
+        (
+            lambda: JointErrorCurve(joint=2, lower_rad=1, upper_rad=1, coefficients=4),
+            "lower_rad < upper_rad",
+        ),
+        (
+            lambda: JointErrorCurve(joint=2, lower_rad=0, upper_rad=np.inf, coefficients=4),
+            "lower_rad < upper_rad",
+        ),
+        (
+            lambda: JointErrorCurve(joint=2, lower_rad=0, upper_rad=1, coefficients=3),
+            "4 to 1000 coefficients",
+        ),
+        (
+            lambda: JointErrorCurve(joint=2, lower_rad=0, upper_rad=1, coefficients=10**18),
+            "4 to 1000 coefficients",
+        ),
         (lambda: JointCompliance(joint=2, torque="spring"), "expected 'gravity' or 'measured'"),
-        (lambda: JointCompliance(joint=2, torque="measured", bodies=(2, 3)), "measured torque needs no bodies"),
+        (
+            lambda: JointCompliance(joint=2, torque="measured", bodies=(2, 3)),
+            "measured torque needs no bodies",
+        ),
     ]
     for make, words in refused:
         with pytest.raises(AacmmError, match=words):
@@ -376,7 +488,9 @@ def test_bodies_are_those_beyond(sino6: Arm, rng: np.random.Generator) -> None:
     q = postures(sino6, rng, 3)
     assert BearingTilt(joint=4, bodies=[4, 5, 6]) == BearingTilt(joint=4, bodies=(4, 5, 6))
     for bodies in ((3, 4, 5, 6), (4, 5), (5, 4, 6)):
-        with pytest.raises(AacmmError, match=r"bearing_tilt:4: bodies is .*, expected .* beyond row 4, \(4, 5, 6\)"):
+        with pytest.raises(
+            AacmmError, match=r"bearing_tilt:4: bodies is .*, expected .* beyond row 4, \(4, 5, 6\)"
+        ):
             columns(sino6, BearingTilt(joint=4, bodies=bodies), q, Conditions(3))
 
 
@@ -438,7 +552,12 @@ def bodies(sino6: Arm, q: Array) -> Bodies:
     return Bodies(sino6.file, placements(sino6, q))
 
 
-GEOMETRY = {"a": LinkLength, "d": JointDistance, "alpha": LinkTwist, "theta_offset": JointZeroOffset}
+GEOMETRY = {
+    "a": LinkLength,
+    "d": JointDistance,
+    "alpha": LinkTwist,
+    "theta_offset": JointZeroOffset,
+}
 
 
 def test_geometry_is_the_arm_with_other_values(arm_file: ArmFile, rng: np.random.Generator) -> None:
@@ -455,7 +574,10 @@ def test_geometry_is_the_arm_with_other_values(arm_file: ArmFile, rng: np.random
 def test_all_of_the_geometry_at_once(arm_file: ArmFile, rng: np.random.Generator) -> None:
     arm = Arm.from_file(arm_file)
     q, errors = postures(arm, rng, 1), rng.normal(scale=0.05, size=(1, len(arm.parameters)))
-    effects = [GEOMETRY[p.kind](joint=p.joint, values=(e,)) for p, e in zip(arm.parameters, errors[0], strict=True)]
+    effects = [
+        GEOMETRY[p.kind](joint=p.joint, values=(e,))
+        for p, e in zip(arm.parameters, errors[0], strict=True)
+    ]
     close(ErrorModel(arm, tuple(effects)).predict(q), arm.perturbed_positions(q, errors))
 
 
@@ -477,7 +599,9 @@ def test_tilt_is_the_hayati_angle(arm_file: ArmFile, rng: np.random.Generator) -
     close(positions(arm, LinkTilt(joint=row), [beta], q, Conditions(5)), expected[:, :3, 3])
 
 
-def test_placement_is_the_model_with_another_placement(arms: dict[str, Arm], rng: np.random.Generator) -> None:
+def test_placement_is_the_model_with_another_placement(
+    arms: dict[str, Arm], rng: np.random.Generator
+) -> None:
     for name in ROBOTS:
         arm = arms[name]
         q = postures(arm, rng, 4)
@@ -491,7 +615,9 @@ def test_placement_is_the_model_with_another_placement(arms: dict[str, Arm], rng
 
 
 def test_eccentricity_is_that_of_a_disc(sino6: Arm, rng: np.random.Generator) -> None:
-    """Rays: the head at (1, 0), the disc's centre on a circle about the axis, the radial line that the head sees."""
+    """Rays: the head at (1, 0), the disc's centre on a circle about the axis, the radial line that
+    the head sees.
+    """
     gamma, joint = 0.7, 3
     q = postures(sino6, rng, 20)
 
@@ -501,14 +627,18 @@ def test_eccentricity_is_that_of_a_disc(sino6: Arm, rng: np.random.Generator) ->
         return float(angle - np.arctan2(ray[1], ray[0]))
 
     def angle_of(seen: float, eccentricity: float) -> float:
-        return float(brentq(lambda a: indication(a, eccentricity) - seen, seen - 0.5, seen + 0.5, xtol=1e-15))
+        return float(
+            brentq(lambda a: indication(a, eccentricity) - seen, seen - 0.5, seen + 0.5, xtol=1e-15)
+        )
 
     for eccentricity in (1e-4, 0.03, 0.1):
         angles = np.array([angle_of(seen, eccentricity) for seen in q[:, joint - 1]])
         told = {"amplitude_rad": eccentricity, "phase_rad": -gamma - np.pi / 2}
         disc = effect_from(EncoderEccentricity, {"joint": joint}, told)
         assert np.hypot(*disc.values) == pytest.approx(eccentricity, rel=1e-14)
-        close(ErrorModel(sino6, (disc,)).predict(q), turned(sino6, q, joint, angles - q[:, joint - 1]))
+        close(
+            ErrorModel(sino6, (disc,)).predict(q), turned(sino6, q, joint, angles - q[:, joint - 1])
+        )
 
 
 def test_eccentricity_is_less_than_the_disc(sino6: Arm, q: Array) -> None:
@@ -518,26 +648,41 @@ def test_eccentricity_is_less_than_the_disc(sino6: Arm, q: Array) -> None:
 
 def test_periodic_errors_turn_the_joint(sino6: Arm, q: Array) -> None:
     amplitude, phase, step = 3e-3, -2.0, 1e-7
-    for effect, order in ((EncoderEllipticity(joint=4), 2.0), (JointPeriodicError(joint=4, order=16.5), 16.5)):
+    for effect, order in (
+        (EncoderEllipticity(joint=4), 2.0),
+        (JointPeriodicError(joint=4, order=16.5), 16.5),
+    ):
         values = effect.notation.values(effect, {"amplitude_rad": amplitude, "phase_rad": phase})
         expected = turned(sino6, q, 4, amplitude * np.cos(order * q[:, 3] - phase))
         close(positions(sino6, effect, values, q, Conditions(len(q))), expected)
         polar, wave = effect.notation, effect.at(values)
-        assert polar.parameters(wave) == pytest.approx({"amplitude_rad": amplitude, "phase_rad": phase}, rel=1e-12)
-        moved = [[*polar.parameters(effect.at(np.array(values) + step * unit)).values()] for unit in np.eye(2)]
+        assert polar.parameters(wave) == pytest.approx(
+            {"amplitude_rad": amplitude, "phase_rad": phase}, rel=1e-12
+        )
+        moved = [
+            [*polar.parameters(effect.at(np.array(values) + step * unit)).values()]
+            for unit in np.eye(2)
+        ]
         numeric = (np.array(moved).T - np.array([[amplitude], [phase]])) / step
         np.testing.assert_allclose(polar.jacobian(wave), numeric, rtol=1e-3)
 
 
 def test_error_curve_has_linear_precision(sino6: Arm, q: Array) -> None:
-    """Equal coefficients are a constant; coefficients at the means of three neighbouring knots are the angle itself."""
+    """Equal coefficients are a constant; coefficients at the means of three neighbouring knots are
+    the angle itself.
+    """
     curve = JointErrorCurve(joint=3, lower_rad=-0.5, upper_rad=7.0, coefficients=9)
     knots = np.concatenate([[-0.5] * 3, np.linspace(-0.5, 7.0, 7), [7.0] * 3])
     means = np.array([knots[i + 1 : i + 4].mean() for i in range(9)])
     n = len(q)
     close(positions(sino6, curve, np.full(9, 2e-3), q, Conditions(n)), turned(sino6, q, 3, 2e-3))
-    close(positions(sino6, curve, 1e-3 * means, q, Conditions(n)), turned(sino6, q, 3, 1e-3 * q[:, 2]))
-    close(positions(sino6, EncoderGain(joint=3), [1e-3], q, Conditions(n)), turned(sino6, q, 3, 1e-3 * q[:, 2]))
+    close(
+        positions(sino6, curve, 1e-3 * means, q, Conditions(n)), turned(sino6, q, 3, 1e-3 * q[:, 2])
+    )
+    close(
+        positions(sino6, EncoderGain(joint=3), [1e-3], q, Conditions(n)),
+        turned(sino6, q, 3, 1e-3 * q[:, 2]),
+    )
 
 
 def test_error_curve_ends_where_it_is_known(sino6: Arm) -> None:
@@ -545,7 +690,10 @@ def test_error_curve_ends_where_it_is_known(sino6: Arm) -> None:
     q = np.zeros((4, 6))
     q[:, 2] = 0.0, 1.0, 2.0, 2.5
     assert np.isfinite(positions(sino6, curve, np.ones(5), q[:3], Conditions(3))).all()
-    with pytest.raises(AacmmError, match=r"1 of 4 records are outside the curve's range, 0 to 2 rad; the first is at 2.5"):
+    with pytest.raises(
+        AacmmError,
+        match=r"1 of 4 records are outside the curve's range, 0 to 2 rad; the first is at 2.5",
+    ):
         positions(sino6, curve, np.ones(5), q, Conditions(4))
 
 
@@ -556,7 +704,12 @@ def test_what_depends_on_time_and_approach(sino6: Arm, rng: np.random.Generator)
     conditions = Conditions(4, time=time, approach=approach)
     expected = {
         EncoderSlip(joint=3, time_s=600.0): [0.0, 1e-3, 1e-3, 1e-3],
-        ZeroDrift(joint=3, time_constant_s=600.0): [0.0, 1e-3 * (1 - np.exp(-1)), 1e-3 * (1 - np.exp(-601 / 600)), 1e-3],
+        ZeroDrift(joint=3, time_constant_s=600.0): [
+            0.0,
+            1e-3 * (1 - np.exp(-1)),
+            1e-3 * (1 - np.exp(-601 / 600)),
+            1e-3,
+        ],
         JointHysteresis(joint=3): [-1e-3, 0.0, 1e-3, 1e-3],
     }
     for effect, delta in expected.items():
@@ -564,25 +717,48 @@ def test_what_depends_on_time_and_approach(sino6: Arm, rng: np.random.Generator)
     assert EncoderSlip(joint=3, time_s=1.7e9 + 1.25).key == "encoder_slip:3,time_s=1700000001.25"
 
 
-def test_encoder_causes_shift_a_joint_that_slides(robot_file: Callable[[str], Path], rng: np.random.Generator) -> None:
+def test_encoder_causes_shift_a_joint_that_slides(
+    robot_file: Callable[[str], Path], rng: np.random.Generator
+) -> None:
     arm = Arm.from_urdf(robot_file("tiago.urdf"), "arm_tool_link")
     q = postures(arm, rng, 5)
     conditions = known(arm, 5, rng)
     close(positions(arm, JointZeroOffset(joint=1), [0.01], q, conditions), turned(arm, q, 1, 0.01))
-    close(positions(arm, EncoderGain(joint=1), [0.01], q, conditions), turned(arm, q, 1, 0.01 * q[:, 0]))
-    close(positions(arm, EncoderGain(joint=2), [0.01], q, conditions), turned(arm, q, 2, 0.01 * q[:, 1]))
-    with pytest.raises(UnsupportedArmError, match="joint 1 of tiago slides, expected one that turns"):
+    close(
+        positions(arm, EncoderGain(joint=1), [0.01], q, conditions),
+        turned(arm, q, 1, 0.01 * q[:, 0]),
+    )
+    close(
+        positions(arm, EncoderGain(joint=2), [0.01], q, conditions),
+        turned(arm, q, 2, 0.01 * q[:, 1]),
+    )
+    with pytest.raises(
+        UnsupportedArmError, match="joint 1 of tiago slides, expected one that turns"
+    ):
         columns(arm, JointCompliance(joint=1), q, conditions)
-    assert columns(arm, BaseCompliance(bodies=tuple(range(1, 9))), q, conditions).shape == (5, 3, 24)
+    assert columns(arm, BaseCompliance(bodies=tuple(range(1, 9))), q, conditions).shape == (
+        5,
+        3,
+        24,
+    )
     finger = Arm.from_urdf(robot_file("panda.urdf"), "panda_leftfinger")
-    with pytest.raises(UnsupportedArmError, match="joint 8 slides; unknown masses need joints that turn"):
-        columns(finger, JointCompliance(joint=2, bodies=tuple(range(2, 9))), postures(finger, rng, 2), known(finger, 2, rng))
+    with pytest.raises(
+        UnsupportedArmError, match="joint 8 slides; unknown masses need joints that turn"
+    ):
+        columns(
+            finger,
+            JointCompliance(joint=2, bodies=tuple(range(2, 9))),
+            postures(finger, rng, 2),
+            known(finger, 2, rng),
+        )
 
 
 @pytest.mark.parametrize("name", ["sino6", "sino6-modified", "sino6-wall", "ur5", "panda"])
-def test_weights_are_those_of_pinocchio(name: str, arms: dict[str, Arm], rng: np.random.Generator) -> None:
-    """Generalized gravity is the torque that holds the arm, the weight's is minus that; the stand tilts under the centre of
-    mass; a bearing tilts under the moment across its axis.
+def test_weights_are_those_of_pinocchio(
+    name: str, arms: dict[str, Arm], rng: np.random.Generator
+) -> None:
+    """Generalized gravity is the torque that holds the arm, the weight's is minus that; the stand
+    tilts under the centre of mass; a bearing tilts under the moment across its axis.
     """
     arm, data, still = arms[name], arms[name].model.createData(), Conditions(20)
     q = postures(arm, rng, 20)
@@ -595,7 +771,9 @@ def test_weights_are_those_of_pinocchio(name: str, arms: dict[str, Arm], rng: np
     for joint in range(1, arm.nq + 1):
         expected = -holding[:, None, [joint - 1]] * poses.jacobian[:, :3, [joint - 1]]
         close(columns(arm, JointCompliance(joint=joint), q, still), expected)
-        measured = columns(arm, JointCompliance(joint=joint, torque="measured"), q, Conditions(20, torque=holding))
+        measured = columns(
+            arm, JointCompliance(joint=joint, torque="measured"), q, Conditions(20, torque=holding)
+        )
         close(measured, expected)
         if name == "sino6-modified":  # Pinocchio's joint has another origin on the axis there
             continue
@@ -608,7 +786,8 @@ def test_weights_are_those_of_pinocchio(name: str, arms: dict[str, Arm], rng: np
 
 
 def test_link_bends_as_the_beam_equation_says(sino6: Arm, q: Array, bodies: Bodies) -> None:
-    """dφ/dx = κ m(x), dw/dx = φ × u along the tube, m(x) the moment of all that hangs beyond x, without its torsion.
+    """dφ/dx = κ m(x), dw/dx = φ × u along the tube, m(x) the moment of all that hangs beyond x,
+    without its torsion.
 
     Pieces of the tube stand for its even weight to 1/(their number)².
     """
@@ -627,8 +806,9 @@ PIECES = 400
 def bent(bodies: Bodies, k: int, link: int, frames: Array) -> Array:
     """Displacement of the tip of one posture per unit of 1/EI.
 
-    The tube of SINO6 runs along the axis of its row by d, what is left of the body (a) is rigid. Its body is many equal
-    pieces along it and one lump at its end, of which the weights and the first moments are those of the whole body.
+    The tube of SINO6 runs along the axis of its row by d, what is left of the body (a) is rigid.
+    Its body is many equal pieces along it and one lump at its end, of which the weights and the
+    first moments are those of the whole body.
     """
     root_, tip = frames[link - 1, :3, 3], frames[-1, :3, 3]
     z, span = frames[link - 1, :3, 2], frames[link, :3, 3] - root_
@@ -651,7 +831,9 @@ def bent(bodies: Bodies, k: int, link: int, frames: Array) -> Array:
         moment = moment + np.cross((np.maximum(at - x, 0.0))[:, None] * along, pieces).sum(axis=0)
         return np.concatenate([moment - along * (along @ moment), np.cross(state[:3], along)])
 
-    state = solve_ivp(slopes, (0.0, length), np.zeros(6), rtol=1e-9, atol=1e-12, max_step=length / 100).y[:, -1]
+    state = solve_ivp(
+        slopes, (0.0, length), np.zeros(6), rtol=1e-9, atol=1e-12, max_step=length / 100
+    ).y[:, -1]
     return np.asarray(state[3:] + np.cross(state[:3], tip - end_of_tube))
 
 
@@ -662,7 +844,8 @@ def test_windup_turns_the_rest_about_the_tube(sino6: Arm, q: Array, bodies: Bodi
         z = frames[:, link - 1, :3, 2]
         along = z * np.sign(np.einsum("ni,ni->n", z, stop - start))[:, None]
         tube = start + along * np.abs(np.einsum("ni,ni->n", z, stop - start))[:, None]
-        # The body's own weight counts: what of it is tube lies on the line and has no moment about it.
+        # The body's own weight counts: what of it is tube lies on the line and has no moment about
+        # it.
         torque = np.einsum("ni,ni->n", along, bodies.moment(link, start))
         expected = torque[:, None] * np.cross(along, tip - tube)
         close(columns(sino6, TorsionalWindup(link=link), q, Conditions(len(q)))[:, :, 0], expected)
@@ -677,8 +860,12 @@ def test_base_turns_until_it_carries_the_turned_arm(sino6: Arm, q: Array) -> Non
         bodies = Bodies(sino6.file, frames[None])
         weights = bodies.masses[:, None] * bodies.gravity
 
-        def unbalanced(turn: Array, centres: Array = bodies.centres[0], weights: Array = weights) -> Array:
-            return np.asarray(turn - c * np.cross(Rotation.from_rotvec(turn).apply(centres), weights).sum(axis=0))
+        def unbalanced(
+            turn: Array, centres: Array = bodies.centres[0], weights: Array = weights
+        ) -> Array:
+            return np.asarray(
+                turn - c * np.cross(Rotation.from_rotvec(turn).apply(centres), weights).sum(axis=0)
+            )
 
         turn = root(unbalanced, np.zeros(3), tol=1e-14).x
         assert np.linalg.norm(turn) < 0.1
@@ -686,23 +873,36 @@ def test_base_turns_until_it_carries_the_turned_arm(sino6: Arm, q: Array) -> Non
 
 
 @pytest.mark.parametrize("of_links", [False, True], ids=["whole", "links"])
-def test_warmth_is_an_arm_with_longer_lengths(of_links: bool, arm_file: ArmFile, rng: np.random.Generator) -> None:
+def test_warmth_is_an_arm_with_longer_lengths(
+    of_links: bool, arm_file: ArmFile, rng: np.random.Generator
+) -> None:
     """In modified DH a of the next row belongs to the body before it, the first a to the stand."""
     arm = Arm.from_file(arm_file)
     rows = len(arm_file.joints)
     q, alpha = postures(arm, rng, 3), 1e-3
-    warm = rng.uniform(15.0, 30.0, (3, rows)) if of_links else np.repeat(rng.uniform(15.0, 30.0, (3, 1)), rows, axis=1)
-    conditions = Conditions(3, link_temperature=warm) if of_links else Conditions(3, temperature=warm[:, 0])
+    warm = (
+        rng.uniform(15.0, 30.0, (3, rows))
+        if of_links
+        else np.repeat(rng.uniform(15.0, 30.0, (3, 1)), rows, axis=1)
+    )
+    conditions = (
+        Conditions(3, link_temperature=warm) if of_links else Conditions(3, temperature=warm[:, 0])
+    )
     found = positions(arm, ThermalExpansion(), [alpha], q, conditions)
     for k in range(3):
         grown = 1 + alpha * (warm[k] - arm_file.reference_temperature_c)
         stand = 1 + alpha * (warm[k].mean() - arm_file.reference_temperature_c)
-        of_a = grown if arm_file.convention == "standard-dh" else np.concatenate([[stand], grown[:-1]])
+        of_a = (
+            grown if arm_file.convention == "standard-dh" else np.concatenate([[stand], grown[:-1]])
+        )
         longer = [
             row.model_copy(update={"a_mm": row.a_mm * of_a[i], "d_mm": row.d_mm * grown[i]})
             for i, row in enumerate(arm_file.joints)
         ]
-        close(found[k], Arm.from_file(arm_file.model_copy(update={"joints": longer})).positions(q[[k]])[0])
+        close(
+            found[k],
+            Arm.from_file(arm_file.model_copy(update={"joints": longer})).positions(q[[k]])[0],
+        )
 
 
 def test_warmth_of_one_link_and_of_all(sino6: Arm, q: Array, rng: np.random.Generator) -> None:
@@ -729,14 +929,21 @@ def test_stylus_sags_across_itself(arms: dict[str, Arm], rng: np.random.Generato
         frames = arm.poses(q).placement
         stylus, down = frames[:, :3, axis_of_file], arm.gravity / np.linalg.norm(arm.gravity)
         across = down - stylus * (stylus @ down)[:, None]
-        close(positions(arm, StylusBending(), [sag], q, Conditions(20)), frames[:, :3, 3] + sag * across)
+        close(
+            positions(arm, StylusBending(), [sag], q, Conditions(20)),
+            frames[:, :3, 3] + sag * across,
+        )
 
 
 def test_counterbalance_is_a_weight_on_the_upper_tube(sino6: Arm, q: Array) -> None:
-    """The torque at joint 2 of a mass on axis 3, one metre out; the small offset between the two axes is left out."""
+    """The torque at joint 2 of a mass on axis 3, one metre out; the small offset between the two
+    axes is left out.
+    """
     assert sino6.file is not None
     rows = [row.model_copy(update={"mass_kg": None, "com_mm": None}) for row in sino6.file.joints]
-    rows[1] = rows[1].model_copy(update={"a_mm": 0.0, "d_mm": 0.0, "mass_kg": 1 / 9.81, "com_mm": (0.0, 0.0, 1000.0)})
+    rows[1] = rows[1].model_copy(
+        update={"a_mm": 0.0, "d_mm": 0.0, "mass_kg": 1 / 9.81, "com_mm": (0.0, 0.0, 1000.0)}
+    )
     weighted = Arm.from_file(sino6.file.model_copy(update={"joints": rows}))
     data = weighted.model.createData()
     torque = [-pin.computeGeneralizedGravity(weighted.model, data, each)[1] for each in q]
@@ -744,7 +951,9 @@ def test_counterbalance_is_a_weight_on_the_upper_tube(sino6: Arm, q: Array) -> N
     close(columns(sino6, Counterbalance(joint=2), q, Conditions(len(q)))[:, :, 0], expected)
 
 
-def test_counterbalance_before_a_parallel_axis(arms: dict[str, Arm], rng: np.random.Generator) -> None:
+def test_counterbalance_before_a_parallel_axis(
+    arms: dict[str, Arm], rng: np.random.Generator
+) -> None:
     """Joints 2 and 3 of a UR5 are parallel: the body is the way from one axis to the next."""
     arm = arms["ur5"]
     q = postures(arm, rng, 10)
@@ -752,7 +961,11 @@ def test_counterbalance_before_a_parallel_axis(arms: dict[str, Arm], rng: np.ran
     data = arm.model.createData()
     for k, each in enumerate(q):
         pin.forwardKinematics(arm.model, data, each)
-        z[k], start[k], end[k] = data.oMi[2].rotation[:, 1], data.oMi[2].translation, data.oMi[3].translation
+        z[k], start[k], end[k] = (
+            data.oMi[2].rotation[:, 1],
+            data.oMi[2].translation,
+            data.oMi[3].translation,
+        )
     along = end - start
     along /= np.linalg.norm(along, axis=1, keepdims=True)
     turn = np.einsum("ni,ni->n", z, np.cross(along, [0.0, 0.0, -1.0]))
@@ -766,14 +979,22 @@ def test_a_joint_without_a_body_of_its_own_is_no_candidate() -> None:
     file = craig()
     second = file.joints[1]
     own = second.model_copy(update={"a_mm": 0.0, "d_mm": 0.0, "alpha_rad": 0.0})
-    tube = second.model_copy(update={"fixed": True, "limits_rad": None, "encoder_noise_rad": None, "alpha_rad": 0.0})
+    tube = second.model_copy(
+        update={"fixed": True, "limits_rad": None, "encoder_noise_rad": None, "alpha_rad": 0.0}
+    )
     rows = [file.joints[0], own, tube.model_copy(update={"a_mm": 400.0}), *file.joints[2:]]
     split = Arm.from_file(file.model_copy(update={"convention": "standard-dh", "joints": rows}))
-    assert "counterbalance:2" not in {effect.label for variants in all_candidates(split) for effect in variants}
+    assert "counterbalance:2" not in {
+        effect.label for variants in all_candidates(split) for effect in variants
+    }
 
 
-def test_counterbalance_of_a_body_whose_next_axis_runs_along(zero6: Arm, sino6: Arm, rng: np.random.Generator) -> None:
-    """Joint 3 turns about its tube and joint 4 stands across it; behind the last joint there is only the body itself."""
+def test_counterbalance_of_a_body_whose_next_axis_runs_along(
+    zero6: Arm, sino6: Arm, rng: np.random.Generator
+) -> None:
+    """Joint 3 turns about its tube and joint 4 stands across it; behind the last joint there is
+    only the body itself.
+    """
     q = postures(sino6, rng, 10)
     frames = sino6.poses(q, "frame5").placement, sino6.poses(q).placement
     along = frames[1][:, :3, 3] - frames[0][:, :3, 3]
@@ -799,7 +1020,9 @@ def test_reference_frame_is_a_rigid_motion_of_the_settled_arm(sino6: Arm, q: Arr
     """However far the references are turned, the weight pulls as it did."""
     twist = np.array([0.3, -0.2, 0.1, 0.8, -1.1, 0.4])
     x, y, z = twist[3:]
-    motion = expm(np.array([[0, -z, y, twist[0]], [z, 0, -x, twist[1]], [-y, x, 0, twist[2]], [0, 0, 0, 0]]))
+    motion = expm(
+        np.array([[0, -z, y, twist[0]], [z, 0, -x, twist[1]], [-y, x, 0, twist[2]], [0, 0, 0, 0]])
+    )
     sagging = JointCompliance(joint=2, values=(1e-3,)), LinkBending(link=3, values=(1e-3,))
     model = ErrorModel(sino6, (*sagging, ReferenceFrame(values=tuple(twist))))
     there = ErrorModel(sino6, sagging).predict(q)
@@ -812,10 +1035,15 @@ def test_reference_frame_is_a_rigid_motion_of_the_settled_arm(sino6: Arm, q: Arr
 
 
 @pytest.mark.parametrize(
-    "known_masses", [JointCompliance(joint=2), BearingTilt(joint=1), BearingTilt(joint=3), BaseCompliance()]
+    "known_masses",
+    [JointCompliance(joint=2), BearingTilt(joint=1), BearingTilt(joint=3), BaseCompliance()],
 )
-def test_unknown_masses_can_be_those_of_the_file(known_masses: GravityEffect, sino6: Arm, rng: np.random.Generator) -> None:
-    """First moment of a body about its axis, the weights beyond gathered at its end, in standard DH at (a, 0, d)."""
+def test_unknown_masses_can_be_those_of_the_file(
+    known_masses: GravityEffect, sino6: Arm, rng: np.random.Generator
+) -> None:
+    """First moment of a body about its axis, the weights beyond gathered at its end, in standard DH
+    at (a, 0, d).
+    """
     assert sino6.file is not None
     first = known_masses.row or 1
     values, beyond = [], 0.0
@@ -832,7 +1060,10 @@ def test_unknown_masses_can_be_those_of_the_file(known_masses: GravityEffect, si
     found = np.linalg.lstsq(free.reshape(600, -1), stated.reshape(-1), rcond=1e-10)[0]
     close(free @ found, stated)
     c = 1e-3
-    close(positions(sino6, known_masses, [c], q, n), positions(sino6, unknown, c * np.concatenate(values), q, n))
+    close(
+        positions(sino6, known_masses, [c], q, n),
+        positions(sino6, unknown, c * np.concatenate(values), q, n),
+    )
 
 
 def test_unknown_masses_of_a_table_with_rigid_rows_and_of_the_other_convention(
@@ -851,28 +1082,53 @@ def test_unknown_masses_of_a_table_with_rigid_rows_and_of_the_other_convention(
         close(free @ np.linalg.lstsq(free, stated, rcond=1e-10)[0], stated)
 
 
-def test_weight_bends_an_arm_alike_in_both_conventions(sino6: Arm, rng: np.random.Generator) -> None:
-    """The same arm by both tables, its tubes along d: where bearings are and what bends is no matter of the table."""
+def test_weight_bends_an_arm_alike_in_both_conventions(
+    sino6: Arm, rng: np.random.Generator
+) -> None:
+    """The same arm by both tables, its tubes along d: where bearings are and what bends is no
+    matter of the table.
+    """
     assert isinstance(sino6.file, ArmFile)
-    rows = [*sino6.file.joints[:-1], sino6.file.joints[-1].model_copy(update={"a_mm": 0.0, "alpha_rad": 0.0})]
+    rows = [
+        *sino6.file.joints[:-1],
+        sino6.file.joints[-1].model_copy(update={"a_mm": 0.0, "alpha_rad": 0.0}),
+    ]
     standard = Arm.from_file(sino6.file.model_copy(update={"joints": rows}))
     # Where the weights are in the frames of the other table, which stand before a and alpha.
     tilts = Rotation.from_rotvec([[row.alpha_rad, 0.0, 0.0] for row in rows])
-    centres = tilts.apply([row.com_mm for row in rows]) + np.outer([row.a_mm for row in rows], [1.0, 0.0, 0.0])
-    other = [row.model_copy(update={"com_mm": tuple(c)}) for row, c in zip(craig().joints, centres.tolist(), strict=True)]
+    centres = tilts.apply([row.com_mm for row in rows]) + np.outer(
+        [row.a_mm for row in rows], [1.0, 0.0, 0.0]
+    )
+    other = [
+        row.model_copy(update={"com_mm": tuple(c)})
+        for row, c in zip(craig().joints, centres.tolist(), strict=True)
+    ]
     modified = Arm.from_file(craig().model_copy(update={"joints": other}))
     q = rng.uniform(-3.0, 3.0, (50, 6))
     close(standard.positions(q), modified.positions(q))
-    for effect in (BearingTilt(3), BearingTilt(5), JointCompliance(2), LinkBending(3), LinkBending(5), TorsionalWindup(5)):
-        there, here = (ErrorModel(arm, (effect.at((1e-5,)),)).predict(q) for arm in (standard, modified))
+    for effect in (
+        BearingTilt(3),
+        BearingTilt(5),
+        JointCompliance(2),
+        LinkBending(3),
+        LinkBending(5),
+        TorsionalWindup(5),
+    ):
+        there, here = (
+            ErrorModel(arm, (effect.at((1e-5,)),)).predict(q) for arm in (standard, modified)
+        )
         close(here, there)
         assert np.abs(here - modified.positions(q)).max() > 1e-8
-    bodies = [[cause.link for (cause,) in LinkBending.candidates(arm)] for arm in (standard, modified)]
+    bodies = [
+        [cause.link for (cause,) in LinkBending.candidates(arm)] for arm in (standard, modified)
+    ]
     assert bodies[0] == bodies[1] != []
 
 
 def test_settled_arm_carries_itself(sino6: Arm, q: Array) -> None:
-    """Every spring has the moment that the weights have in the arm as all of them together have bent it."""
+    """Every spring has the moment that the weights have in the arm as all of them together have
+    bent it.
+    """
     assert sino6.file is not None
     springs = {"joint": 4e-4, "tilt": 2e-4, "base": 1e-4, "bend": 1e-3, "twist": 1e-3}
     effects = (
@@ -887,13 +1143,21 @@ def test_settled_arm_carries_itself(sino6: Arm, q: Array) -> None:
     frames = np.zeros((len(q), 7, 4, 4))
     frames[:, 0] = np.eye(4)
     for row in range(1, 7):
-        frames[:, row, :3, :3], frames[:, row, :3, 3] = state.rotation[end(row)], state.origin[end(row)]
+        frames[:, row, :3, :3], frames[:, row, :3, 3] = (
+            state.rotation[end(row)],
+            state.origin[end(row)],
+        )
         frames[:, row, 3, 3] = 1.0
-    # A body's weight moves with the body, which a bent tube leaves at its axis: undo what happened at the body's end.
+    # A body's weight moves with the body, which a bent tube leaves at its axis: undo what happened
+    # at the body's end.
     placed = frames.copy()
     for row in range(1, 7):
         rigid = np.zeros((len(q), 4, 4))
-        rigid[:, :3, :3], rigid[:, :3, 3], rigid[:, 3, 3] = state.rotation[axis(row)], state.origin[axis(row)], 1.0
+        rigid[:, :3, :3], rigid[:, :3, 3], rigid[:, 3, 3] = (
+            state.rotation[axis(row)],
+            state.origin[axis(row)],
+            1.0,
+        )
         placed[:, row] = rigid @ sino6.chain.constant[end(row)]
     weights = Bodies(sino6.file, placed)
 
@@ -908,12 +1172,18 @@ def test_settled_arm_carries_itself(sino6: Arm, q: Array) -> None:
     close(state.twists[BASE][:, 3:], springs["base"] * about_foot, 1e-14)
     along = state.rotation[axis(5)][:, :, 2]
     torque = np.einsum("ni,ni->n", along, weights.moment(5, state.origin[axis(5)]))
-    close(state.twists[end(5)][:, 3:], springs["twist"] * torque[:, None] * local(end(5), along), 1e-14)
+    close(
+        state.twists[end(5)][:, 3:],
+        springs["twist"] * torque[:, None] * local(end(5), along),
+        1e-14,
+    )
     for k in range(3):
         beam = placed[k].copy()
         beam[2, :3, :3], beam[2, :3, 3] = state.rotation[axis(3)][k], state.origin[axis(3), k]
         beam[3, :3, 3] = state.origin[end(3), k]
-        sag = bent(weights, k, 3, np.concatenate([beam[:4], beam[3:4]]))  # the tip of this one is the end of the tube
+        sag = bent(
+            weights, k, 3, np.concatenate([beam[:4], beam[3:4]])
+        )  # the tip of this one is the end of the tube
         close(
             state.twists[end(3)][[k], :3],
             springs["bend"] * local(end(3), np.tile(sag, (len(q), 1)))[[k]],
@@ -925,26 +1195,39 @@ def test_settled_arm_carries_itself(sino6: Arm, q: Array) -> None:
 def test_several_causes_add_up_to_second_order(sino6: Arm, rng: np.random.Generator) -> None:
     q = postures(sino6, rng, 20)
     conditions = known(sino6, 20, rng)
-    effects = [e for e in EXAMPLES if e.label not in ("stylus_offset:m1",) and not getattr(e, "bodies", ())]
-    effects = [e for e in effects if getattr(e, "torque", "gravity") == "gravity" and e.label != "thermal_expansion:3"]
+    effects = [
+        e for e in EXAMPLES if e.label not in ("stylus_offset:m1",) and not getattr(e, "bodies", ())
+    ]
+    effects = [
+        e
+        for e in effects
+        if getattr(e, "torque", "gravity") == "gravity" and e.label != "thermal_expansion:3"
+    ]
     values = [typical(e) * rng.uniform(0.3, 1.0, len(e.terms)) for e in effects]
     plain, beyond = sino6.positions(q), []
     for scale in (1.0, 0.5):
         acting = tuple(e.at(tuple(scale * v)) for e, v in zip(effects, values, strict=True))
         together = ErrorModel(sino6, acting).predict(q, conditions, as_referenced=True) - plain
-        alone = [ErrorModel(sino6, (e,)).predict(q, conditions, as_referenced=True) - plain for e in acting]
+        alone = [
+            ErrorModel(sino6, (e,)).predict(q, conditions, as_referenced=True) - plain
+            for e in acting
+        ]
         beyond.append(np.abs(together - np.sum(alone, axis=0)).max())
         assert beyond[-1] < 1e-2 * np.abs(together).max()
     assert 3.8 < beyond[0] / beyond[1] < 4.2
 
 
 def test_a_curve_tells_its_waves() -> None:
-    """Three cosines on a spline come back with order and amplitude; what makes less than one period is not told."""
+    """Three cosines on a spline come back with order and amplitude; what makes less than one period
+    is not told.
+    """
     x = np.linspace(-3.0, 3.1, 4000)
     inner = np.linspace(-3.0, 3.1, 118)
     knots = np.concatenate([np.full(3, -3.0), inner, np.full(3, 3.1)])
     wanted = {17.0: 1e-4, 3.5: 4e-5, 21.0: 2e-5}
-    y = sum(size * np.cos(order * x + order) for order, size in wanted.items()) + 3e-4 * np.cos(0.4 * x)
+    y = sum(size * np.cos(order * x + order) for order, size in wanted.items()) + 3e-4 * np.cos(
+        0.4 * x
+    )
     curve = JointErrorCurve(2, -3.0, 3.1, 120, values=tuple(make_lsq_spline(x, y, knots, 3).c))
     found = {order: size for order, size in strongest_waves(curve) or [] if order > 2.0}
     for (order, size), (true, amplitude) in zip(found.items(), wanted.items(), strict=False):

@@ -1,4 +1,6 @@
-"""Commands are checked by the error model they are meant for, and the arm's own Pinocchio model where it has no effects."""
+"""Commands are checked by the error model they are meant for, and the arm's own Pinocchio model
+where it has no effects.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,9 @@ from aacmm_pin.measurements.records import Measurements
 HALF_WIDTHS = {"translation_half_width": 5e-4, "rotation_half_width": 1e-3}
 
 
-@pytest.mark.parametrize(("name", "frame"), [("ur5_robot.urdf", "tool0"), ("panda.urdf", "panda_hand")])
+@pytest.mark.parametrize(
+    ("name", "frame"), [("ur5_robot.urdf", "tool0"), ("panda.urdf", "panda_hand")]
+)
 def test_the_tip_comes_where_the_nominal_arm_has_it(
     name: str, frame: str, robot_file: Callable[[str], Path], rng: np.random.Generator
 ) -> None:
@@ -41,12 +45,17 @@ def test_the_tip_comes_where_the_nominal_arm_has_it(
         assert 1e-4 < np.abs(commands - q).max() < 0.2
         np.testing.assert_allclose(model.predict(commands), wanted.position, rtol=0, atol=1e-9)
         if not model.effects:
-            np.testing.assert_allclose(moved.poses(commands).placement, wanted.placement, rtol=0, atol=2e-9)
+            np.testing.assert_allclose(
+                moved.poses(commands).placement, wanted.placement, rtol=0, atol=2e-9
+            )
 
 
 def test_a_place_out_of_reach_is_not_reached(sino6: Arm) -> None:
     assert sino6.file is not None
-    rows = [row.model_copy(update={"a_mm": 2 * row.a_mm, "d_mm": 2 * row.d_mm}) for row in sino6.file.joints]
+    rows = [
+        row.model_copy(update={"a_mm": 2 * row.a_mm, "d_mm": 2 * row.d_mm})
+        for row in sino6.file.joints
+    ]
     larger = Arm.from_file(sino6.file.model_copy(update={"joints": rows}))
     q = np.array([[0.3, -1.57, 0.2, 0.0, 0.1, 0.2]])
     _, arrived = joint_commands(sino6, larger, q)
@@ -58,20 +67,32 @@ def test_a_place_out_of_reach_is_not_reached(sino6: Arm) -> None:
 def _five(arm: Arm) -> Arm:
     assert arm.file is not None
     rows = [
-        row.model_copy(update={"fixed": k == 5, "limits_rad": None if k == 5 else row.limits_rad, "encoder_noise_rad": None})
+        row.model_copy(
+            update={
+                "fixed": k == 5,
+                "limits_rad": None if k == 5 else row.limits_rad,
+                "encoder_noise_rad": None,
+            }
+        )
         for k, row in enumerate(arm.file.joints)
     ]
     return Arm.from_file(arm.file.model_copy(update={"joints": rows}))
 
 
-def test_a_tip_that_is_a_target_gets_no_commands(robot_file: Callable[[str], Path], rng: np.random.Generator) -> None:
-    """The same records with the target as a frame give commands within 0.01 mm; with a marker, within the flange's own u."""
+def test_a_tip_that_is_a_target_gets_no_commands(
+    robot_file: Callable[[str], Path], rng: np.random.Generator
+) -> None:
+    """The same records with the target as a frame give commands within 0.01 mm; with a marker,
+    within the flange's own u.
+    """
     text = robot_file("ur5_robot.urdf").read_text(encoding="utf-8")
     place = '<origin xyz="0.02 -0.03 0.06" rpy="0 0 0"/><parent link="tool0"/><child link="smr"/>'
     joint = f'<link name="smr"/><joint name="to_smr" type="fixed">{place}</joint>'
     with_target = robot_file("ur5_robot.urdf").with_name("with_target.urdf")
     with_target.write_text(text.replace("</robot>", f"{joint}</robot>"), encoding="utf-8")
-    flange, target = (Arm.from_urdf(with_target, frame, **HALF_WIDTHS) for frame in ("tool0", "smr"))
+    flange, target = (
+        Arm.from_urdf(with_target, frame, **HALF_WIDTHS) for frame in ("tool0", "smr")
+    )
     off = rng.normal(scale=1e-4, size=(6, 6))
     true, true_flange = (arm.with_placements(off, None) for arm in (target, flange))
     q = random_postures(flange, 60, rng)
@@ -85,7 +106,10 @@ def test_a_tip_that_is_a_target_gets_no_commands(robot_file: Callable[[str], Pat
         joint_commands(unknown, flange, q)
     by_marker = calibrate(flange, Measurements.of(q, points, conditions=marker), **noise).model  # type: ignore[arg-type]
     as_frame = calibrate(target, Measurements.of(q, points), **noise).model  # type: ignore[arg-type]
-    for model, nominal, real, most in ((by_marker, flange, true_flange, 5e-4), (as_frame, target, true, 1e-5)):
+    for model, nominal, real, most in (
+        (by_marker, flange, true_flange, 5e-4),
+        (as_frame, target, true, 1e-5),
+    ):
         commands, arrived = joint_commands(model, nominal, q)
         assert arrived.all()
         reached = np.linalg.norm(real.positions(commands) - nominal.positions(q), axis=1)

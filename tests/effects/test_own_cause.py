@@ -1,4 +1,6 @@
-"""A cause that the package does not have: the class of the README, known to every command and nowhere else."""
+"""A cause that the package does not have: the class of the README, known to every command and
+nowhere else.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,16 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from aacmm_pin import Arm, Diagnosis, ErrorModel, Measurements, calibrate, diagnose, plan_measurements, simulate_measurements
+from aacmm_pin import (
+    Arm,
+    Diagnosis,
+    ErrorModel,
+    Measurements,
+    calibrate,
+    diagnose,
+    plan_measurements,
+    simulate_measurements,
+)
 from aacmm_pin._support.workers import results
 from aacmm_pin.cli.plugins import import_plugin
 from aacmm_pin.cli.root_command import app
@@ -41,7 +52,12 @@ from aacmm_pin.report.plots.partial_residuals import partial_residual
 
 NOISE = 8e-6
 README = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
-HOSE = re.search(r"<!-- file: hose.py -->\n```python\n(.*?)```", README, re.DOTALL)[1]  # type: ignore[index]
+HOSE = re.search(
+    r"<!-- file: hose.py "
+    r"-->\n```python\n(.*?)```",
+    README,
+    re.DOTALL,
+)[1]  # type: ignore[index]
 SIZE = 2e-4
 
 
@@ -55,7 +71,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def hose(folder: Path) -> Iterator[Any]:
-    """The class, as a program has it that imports the file; known as long as this file's tests run."""
+    """The class, as a program has it that imports the file; known as long as this file's
+    tests run.
+    """
     before = dict(CAUSES)
     yield import_plugin(str(folder / "hose.py")).HosePull
     CAUSES.clear()
@@ -75,10 +93,14 @@ def found(hidden: Measurements) -> Diagnosis:
 
 def test_the_readme_shows_it_in_few_lines() -> None:
     assert len(HOSE.splitlines()) <= 30
-    assert HOSE in (Path(__file__).parents[2] / "notebooks" / "site" / "own_cause.md").read_text(encoding="utf-8")
+    assert HOSE in (Path(__file__).parents[2] / "notebooks" / "site" / "own_cause.md").read_text(
+        encoding="utf-8"
+    )
 
 
-def test_it_is_found_written_read_and_drawn(hose: Any, found: Diagnosis, hidden: Measurements, tmp_path: Path) -> None:
+def test_it_is_found_written_read_and_drawn(
+    hose: Any, found: Diagnosis, hidden: Measurements, tmp_path: Path
+) -> None:
     assert [f.label for f in found.findings] == ["hose_pull:2"]
     assert found.verdict == "explained"
     (finding,) = found.findings
@@ -92,7 +114,9 @@ def test_it_is_found_written_read_and_drawn(hose: Any, found: Diagnosis, hidden:
     found.model.save(tmp_path / "extended.toml")
     loaded = ErrorModel.load(tmp_path / "extended.toml")
     assert loaded.effects == found.model.effects
-    np.testing.assert_allclose(loaded.predict(hidden.q), found.model.predict(hidden.q), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        loaded.predict(hidden.q), found.model.predict(hidden.q), rtol=0, atol=1e-12
+    )
     ax = plots.plot_cause(found, finding)
     assert "hose pull of joint 2" in ax.get_title()
     assert ax.get_xlabel() == "load [m]"
@@ -102,19 +126,25 @@ def test_it_is_found_written_read_and_drawn(hose: Any, found: Diagnosis, hidden:
 
 
 def test_it_is_calibrated_planned_and_known(hose: Any, hidden: Measurements, sino6: Arm) -> None:
-    fitted = calibrate(sino6, hidden, ["geometry", hose(2)], encoder_noise=NOISE, hold_out=False).model.effects[-1]
+    fitted = calibrate(
+        sino6, hidden, ["geometry", hose(2)], encoder_noise=NOISE, hold_out=False
+    ).model.effects[-1]
     assert abs(fitted.values[0] - SIZE) < 3.3 * fitted.u[0]
     known = ErrorModel(sino6, (hose(2, values=(SIZE,), u=(1e-5,)),))
     assert diagnose(known, hidden, encoder_noise=NOISE, hold_out=False).verdict == "no-discrepancy"
     assert cause_of("hose_pull:2", known) == known.effects[0]
-    plan = plan_measurements(sino6, ("hose_pull:2", "encoder_gain:2"), 10, postures=60, progress=False)
+    plan = plan_measurements(
+        sino6, ("hose_pull:2", "encoder_gain:2"), 10, postures=60, progress=False
+    )
     assert [effect.label for effect in plan.split] == ["hose_pull:2", "encoder_gain:2"]
     assert plan.after.one > 0
     assert isinstance(example(hose), hose)
 
 
 def test_the_shell_knows_it_by_a_plugin(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where nothing but the file makes it known: each command begins without it, the first in a process of its own."""
+    """Where nothing but the file makes it known: each command begins without it, the first in a
+    process of its own.
+    """
     monkeypatch.chdir(folder)
 
     def run(words: str, *, plugin: str = "--plugin hose.py ") -> str:
@@ -123,18 +153,28 @@ def test_the_shell_knows_it_by_a_plugin(folder: Path, monkeypatch: pytest.Monkey
         assert done.exit_code == (0 if plugin else 1), done.stderr
         return done.stdout if plugin else done.stderr
 
-    words = "--plugin hose.py simulate sino6 --effect hose_pull:3,turn_rad_per_m=3e-3 --plan free --records 120 -o data.csv"
+    words = (
+        "--plugin hose.py simulate sino6 --effect hose_pull:3,turn_rad_per_m=3e-3 --plan free "
+        "--records 120 -o data.csv"
+    )
     subprocess.run([sys.executable, "-m", "aacmm_pin.cli", *words.split()], check=True)
     noise = f"--encoder-noise-rad {NOISE} --no-held-out"
-    out = json.loads(run(f"diagnose sino6 data.csv {noise} -o page.html --extended-arm extended.toml --json -"))
+    out = json.loads(
+        run(f"diagnose sino6 data.csv {noise} -o page.html --extended-arm extended.toml --json -")
+    )
     assert [(f["cause"], f["joint"]) for f in out["findings"]] == [("hose_pull", 3)]
     assert "Hose pull of joint 3" in Path("page.html").read_text(encoding="utf-8")
-    run(f"calibrate sino6 data.csv --effect hose_pull:3 {noise} -o calibrated.toml --report calibration.html")
+    run(
+        f"calibrate sino6 data.csv --effect hose_pull:3 {noise} -o calibrated.toml --report "
+        "calibration.html"
+    )
     assert "hose pull of joint 3" in Path("calibration.html").read_text(encoding="utf-8")
     run("plan sino6 --split hose_pull:3 encoder_gain:3 --records 8 --postures 40 -o plan.csv")
     assert "A hose from the wrist" in run("causes hose_pull")
     run("correct extended.toml data.csv -o corrected.csv")
-    assert "unknown cause 'hose_pull'" in run("correct extended.toml data.csv -o again.csv", plugin="")
+    assert "unknown cause 'hose_pull'" in run(
+        "correct extended.toml data.csv -o again.csv", plugin=""
+    )
 
 
 def test_worker_processes_know_it(folder: Path) -> None:
@@ -148,16 +188,27 @@ def refusal(*words: str) -> str:
     done = CliRunner().invoke(app, list(words))
     assert isinstance(done.exception, SystemExit), done.exception
     *notes, said = done.stderr.splitlines()
-    assert (done.exit_code, done.stdout, {note[:6] for note in notes} - {"note: "}) == (1, "", set()), done.output
+    assert (done.exit_code, done.stdout, {note[:6] for note in notes} - {"note: "}) == (
+        1,
+        "",
+        set(),
+    ), done.output
     return said
 
 
-def test_plugins_that_are_none_and_entry_points(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_plugins_that_are_none_and_entry_points(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(folder)
     Path("folder.py").mkdir()
     Path("numpy.py").write_text("")
     mute = "class Mute(Exception):\n    def __str__(self):\n        raise ValueError\n\nraise Mute"
-    texts = {"leaves.py": "import sys\nsys.exit(0)", "syntax.py": "def f(:", "fails.py": "\n\n1 / 0", "mute.py": mute}
+    texts = {
+        "leaves.py": "import sys\nsys.exit(0)",
+        "syntax.py": "def f(:",
+        "fails.py": "\n\n1 / 0",
+        "mute.py": mute,
+    }
     for name, text in texts.items():
         Path(name).write_text(text)
     for name, said in {
@@ -176,7 +227,9 @@ def test_plugins_that_are_none_and_entry_points(folder: Path, monkeypatch: pytes
     assert done.stdout.startswith("<?xml")
     assert done.stderr == "no result\nnote: --plugin nothing.py registers no cause\n"
     monkeypatch.syspath_prepend(str(folder))
-    monkeypatch.setattr("importlib.metadata.entry_points", lambda group: [EntryPoint("hose", "hose", group)])
+    monkeypatch.setattr(
+        "importlib.metadata.entry_points", lambda group: [EntryPoint("hose", "hose", group)]
+    )
     monkeypatch.delitem(sys.modules, "hose", raising=False)
     done = CliRunner().invoke(app, ["causes"])
     assert "hose_pull:JOINT" in done.stdout, done.stderr
@@ -194,38 +247,93 @@ def test_mistakes_of_a_class_are_told_with_its_name_and_place(
     terms = 'terms: ClassVar[tuple[Term, ...]] = (Term("", "rad/m", 1e-4, "turn_rad_per_m"),)'
     for old, new, words, said in (
         (moment, "moment", tried, ":1: displacements: "),
-        (moment, "np.nan * moment[:, None]", given, ":3: displacements: columns have numbers that are not finite"),
-        (moment, "1e300 * moment[:, None]", tried, ":2: displacements: columns have numbers that are not finite, or beyond"),
+        (
+            moment,
+            "np.nan * moment[:, None]",
+            given,
+            ":3: displacements: columns have numbers that are not finite",
+        ),
+        (
+            moment,
+            "1e300 * moment[:, None]",
+            tried,
+            ":2: displacements: columns have numbers that are not finite, or beyond",
+        ),
         (moment, "moment[1:, None]", given, ":3: displacements: columns have shape (999, 6, 1)"),
         (moment, "np.ones((1, 2))", tried, ":1: displacements: columns have shape (1, 6, 2)"),
-        (last, "return [Displacement(99, np.ones((1, 6, 1)))]", given, ":3: displacements: place is 99"),
+        (
+            last,
+            "return [Displacement(99, np.ones((1, 6, 1)))]",
+            given,
+            ":3: displacements: place is 99",
+        ),
         (last, "return [5]", given, ":3: displacements: AttributeError"),
-        (last, "raise SystemExit(0)", given, ":3: displacements: SystemExit: 0 (wrong.py, line 26)"),
+        (
+            last,
+            "raise SystemExit(0)",
+            given,
+            ":3: displacements: SystemExit: 0 (wrong.py, line 26)",
+        ),
         (last, "raise BaseException(5)", tried, ": BaseException: 5 (wrong.py, line 26)"),
-        (terms, f"{terms}\n    candidates = lambda *_: (_ for _ in ()).throw(SystemExit(0))", tried, ": SystemExit: 0"),
+        (
+            terms,
+            f"{terms}\n    candidates = lambda *_: (_ for _ in ()).throw(SystemExit(0))",
+            tried,
+            ": SystemExit: 0",
+        ),
         (last, "pass", tried, ":1: displacements: TypeError"),
-        (last, "return nothing", tried, ":1: displacements: NameError: name 'nothing' is not defined (wrong.py, line 26)"),
+        (
+            last,
+            "return nothing",
+            tried,
+            ":1: displacements: NameError: name 'nothing' is not defined (wrong.py, line 26)",
+        ),
         ("self, state: State", "self", tried, ":1: displacements: TypeError"),
         ("def displacements", "def displacement", ("causes",), ": HosePull lacks displacements"),
         (terms, "terms: ClassVar[Term] = None", ("causes",), ": terms is None"),
-        (terms, "@property\n    def terms(self):\n        return 1 / 0", ("causes",), ": ZeroDivisionError"),
-        (terms, f"{terms}\n    needs = 'time'", ("causes",), ": needs is 'time', expected a tuple of some of time"),
+        (
+            terms,
+            "@property\n    def terms(self):\n        return 1 / 0",
+            ("causes",),
+            ": ZeroDivisionError",
+        ),
+        (
+            terms,
+            f"{terms}\n    needs = 'time'",
+            ("causes",),
+            ": needs is 'time', expected a tuple of some of time",
+        ),
         (
             terms,
             f"{terms}\n    prior_weight = float('nan')",
             ("causes",),
             ": prior_weight is nan, expected a number above 0",
         ),
-        (terms, f"{terms}\n    nonlinear = 'order'", ("causes",), ": nonlinear is 'order', expected a Nonlinear"),
+        (
+            terms,
+            f"{terms}\n    nonlinear = 'order'",
+            ("causes",),
+            ": nonlinear is 'order', expected a Nonlinear",
+        ),
         (terms, f"{terms}\n    known_range = 'ab'", given, ", or what uses it: UFuncTypeError"),
-        (terms, f"{terms}\n    candidates = lambda *_: None", tried, ": candidates gives None, expected tuples of one"),
+        (
+            terms,
+            f"{terms}\n    candidates = lambda *_: None",
+            tried,
+            ": candidates gives None, expected tuples of one",
+        ),
         (
             terms,
             f"{terms}\n    exact = lambda self, state: [(1, np.full(6, np.nan))]",
             given,
             ":3: exact: twists have shape",
         ),
-        (terms, f"{terms}\n    exact = lambda *_: [(1, np.full((1, 6), np.nan))]", given, ":3: exact: twists have numbers"),
+        (
+            terms,
+            f"{terms}\n    exact = lambda *_: [(1, np.full((1, 6), np.nan))]",
+            given,
+            ":3: exact: twists have numbers",
+        ),
     ):
         assert old in HOSE
         wrong.write_text(HOSE.replace(old, new), encoding="utf-8")
@@ -239,10 +347,20 @@ def test_what_it_prints_is_no_result(hose: Any, folder: Path, returned: str) -> 
     """Also of one that displaces nothing."""
     speaks = folder / "speaks.py"
     speaks.write_text(
-        HOSE.replace("        return [", f"        print('here')\n        return {returned}["), encoding="utf-8"
+        HOSE.replace("        return [", f"        print('here')\n        return {returned}["),
+        encoding="utf-8",
     )
     del CAUSES["hose_pull"]
-    words = ["simulate", "sino6", "--plan", "free", "--records", "3", "--effect", "hose_pull:3,turn_rad_per_m=1e-4"]
+    words = [
+        "simulate",
+        "sino6",
+        "--plan",
+        "free",
+        "--records",
+        "3",
+        "--effect",
+        "hose_pull:3,turn_rad_per_m=1e-4",
+    ]
     done = CliRunner().invoke(app, ["--plugin", str(speaks), *words])
     CAUSES["hose_pull"] = hose
     assert (done.exit_code, len(done.stdout.splitlines())) == (0, 4), done.output
@@ -265,7 +383,13 @@ class Coupled(Effect):
     terms: ClassVar[tuple[Term, ...]] = (Term("", "1", 1e-4, "gain"),)
 
     def displacements(self, state: State) -> list[Displacement]:
-        return [about_axis(state, self.joint, np.sin(state.angle(self.joint - 1) * state.angle(self.joint))[:, None])]
+        return [
+            about_axis(
+                state,
+                self.joint,
+                np.sin(state.angle(self.joint - 1) * state.angle(self.joint))[:, None],
+            )
+        ]
 
 
 def test_a_cause_of_two_angles_is_not_drawn_over_one(sino6: Arm) -> None:
@@ -288,7 +412,9 @@ def test_another_order_of_a_known_cause_is_one_more_variant(sino6: Arm) -> None:
     data = simulate_measurements(model, "free", 200, rng=np.random.default_rng(3))
     without = diagnose(sino6, data, encoder_noise=NOISE, hold_out=False)
     assert "joint_periodic_error:2" not in {f.label for f in without.findings}
-    found = diagnose(sino6, data, encoder_noise=NOISE, extra_causes=[JointPeriodicError(2, 77.0)], hold_out=False)
+    found = diagnose(
+        sino6, data, encoder_noise=NOISE, extra_causes=[JointPeriodicError(2, 77.0)], hold_out=False
+    )
     assert [(f.label, f.effect.order) for f in found.findings] == [("joint_periodic_error:2", 77.0)]  # type: ignore[attr-defined]
 
 
@@ -305,10 +431,17 @@ def test_what_cannot_be_tried_is_refused(hose: Any, sino6: Arm, hidden: Measurem
 def test_names_that_are_of_no_use_are_refused(hose: Any) -> None:
     for name, said in {
         "Link Length!": "small letters",
-        "encoder_gain": r"the cause encoder_gain is there already, aacmm_pin\.effects\.encoder\.EncoderGain",
+        "encoder_gain": r"the cause encoder_gain is there already, "
+        r"aacmm_pin\.effects\.encoder\.EncoderGain",
     }.items():
         with pytest.raises(AacmmError, match=said):
-            register(dataclass(frozen=True)(type("Own", (LinkLength,), {"__module__": __name__, "cause": name})))
+            register(
+                dataclass(frozen=True)(
+                    type("Own", (LinkLength,), {"__module__": __name__, "cause": name})
+                )
+            )
     assert CAUSES["encoder_gain"] is EncoderGain
-    anew = dataclass(frozen=True)(type("HosePull", (hose,), {"__module__": "hose", "cause": "hose_pull"}))
+    anew = dataclass(frozen=True)(
+        type("HosePull", (hose,), {"__module__": "hose", "cause": "hose_pull"})
+    )
     assert register(anew) is CAUSES["hose_pull"] is not hose

@@ -1,6 +1,8 @@
-"""``python -m tests.hostile --cases 10000 --kills 200`` tries files with mistakes and faults, and prints what happened.
+"""``python -m tests.hostile --cases 10000 --kills 200`` tries files with mistakes and faults, and
+prints what happened.
 
-``--page notebooks/site/robustness.md`` writes the counts into that page. Files that did harm are kept in ``--keep``.
+``--page notebooks/site/robustness.md`` writes the counts into that page. Files that did harm are
+kept in ``--keep``.
 """
 
 from __future__ import annotations
@@ -38,7 +40,9 @@ BEGIN, END = "<!-- counts -->\n", "<!-- end of counts -->"
 
 
 def tried(kind: Format, cases: int, seed: int, keep: Path) -> Counter[str]:
-    """Outcomes of that many files of a format; one that did harm is kept, and the last one where the process dies."""
+    """Outcomes of that many files of a format; one that did harm is kept, and the last one where
+    the process dies.
+    """
     counts: Counter[str] = Counter()
     path = keep / f"now-{kind.name}"
 
@@ -48,7 +52,9 @@ def tried(kind: Format, cases: int, seed: int, keep: Path) -> Counter[str]:
     signal.signal(signal.SIGALRM, late)
 
     @seeded(seed)
-    @settings(max_examples=cases, deadline=None, database=None, suppress_health_check=[*HealthCheck])
+    @settings(
+        max_examples=cases, deadline=None, database=None, suppress_health_check=[*HealthCheck]
+    )
     @given(mutated(kind.valid()))
     def used(content: bytes) -> None:
         path.write_bytes(content)
@@ -59,7 +65,11 @@ def tried(kind: Format, cases: int, seed: int, keep: Path) -> Counter[str]:
             outcome = "result"
         except AacmmError as error:
             longest = max(map(len, str(error).splitlines()), default=0)
-            outcome = "refused" if longest < LONGEST_LINE else f"a message of more than {LONGEST_LINE} characters"
+            outcome = (
+                "refused"
+                if longest < LONGEST_LINE
+                else f"a message of more than {LONGEST_LINE} characters"
+            )
         except Exception as error:
             at = traceback.extract_tb(error.__traceback__)[-1]
             outcome = f"{type(error).__name__} in {Path(at.filename).name}, {at.name}"
@@ -82,8 +92,19 @@ def of_format(kind: Format, cases: int, seed: int, keep: Path) -> Counter[str]:
     counts: Counter[str] = Counter()
     for batch, first in enumerate(range(0, cases, BATCH)):
         size = min(BATCH, cases - first)
-        words = ["--only", kind.name, "--cases", str(size), "--seed", str(seed + batch), "--keep", str(keep)]
-        run = subprocess.run([sys.executable, "-m", "tests.hostile", *words], stdout=subprocess.PIPE, check=False)
+        words = [
+            "--only",
+            kind.name,
+            "--cases",
+            str(size),
+            "--seed",
+            str(seed + batch),
+            "--keep",
+            str(keep),
+        ]
+        run = subprocess.run(
+            [sys.executable, "-m", "tests.hostile", *words], stdout=subprocess.PIPE, check=False
+        )
         if run.returncode:
             counts[f"the process ended with {run.returncode}"] += 1
             (keep / f"now-{kind.name}").rename(keep / f"ended-{seed + batch}-{kind.name}")
@@ -95,24 +116,36 @@ def of_format(kind: Format, cases: int, seed: int, keep: Path) -> Counter[str]:
 def of_faults(kills: int, seed: int, folder: Path) -> Iterator[tuple[str, Counter[str]]]:
     """Every fault of every command, and as many signals at random moments."""
     rng = random.Random(seed)
-    places = [faults.Place.of(command, folder / command.text.split()[0]) for command in faults.COMMANDS]
+    places = [
+        faults.Place.of(command, folder / command.text.split()[0]) for command in faults.COMMANDS
+    ]
     rounds = range(max(1, kills // 20))
-    yield "files of at most 1 kB", counted(lambda place: faults.refused(place, faults.small_files), places, rounds)
+    yield (
+        "files of at most 1 kB",
+        counted(lambda place: faults.refused(place, faults.small_files), places, rounds),
+    )
     yield "full file system", counted(faults.full_disk, places, rounds)
     yield "read-only file system", counted(faults.read_only, places, rounds)
     yield "full device", counted(faults.full_devices, places, rounds)
     pools = [place for place in places if "--processes" in place.command.text]
-    yield "worker killed", counted(lambda place: faults.worker_killed(place, rng.uniform(0, 2)), pools, rounds)
+    yield (
+        "worker killed",
+        counted(lambda place: faults.worker_killed(place, rng.uniform(0, 2)), pools, rounds),
+    )
     for number in faults.SIGNALS:
 
         def stop(place: faults.Place, number: int = number) -> str:
-            return faults.stopped(place, number, rng.uniform(STARTED, 1.1 * place.seconds), rng.random() < 0.5)
+            return faults.stopped(
+                place, number, rng.uniform(STARTED, 1.1 * place.seconds), rng.random() < 0.5
+            )
 
         cycles = range(max(1, kills // (len(faults.SIGNALS) * len(places))))
         yield f"{number.name} at a random moment", counted(stop, places, cycles)
 
 
-def counted(fault: Callable[[faults.Place], str], places: list[faults.Place], rounds: range) -> Counter[str]:
+def counted(
+    fault: Callable[[faults.Place], str], places: list[faults.Place], rounds: range
+) -> Counter[str]:
     """Outcomes of a fault in each place, so many times."""
     counts: Counter[str] = Counter()
     for _ in rounds:
@@ -133,7 +166,10 @@ def table(rows: list[tuple[str, Counter[str]]]) -> str:
     for what, counts in rows:
         good = {outcome: count for outcome, count in counts.items() if outcome.startswith(GOOD)}
         bad = {outcome: count for outcome, count in counts.items() if outcome not in good}
-        of_each = [", ".join(f"{count} {outcome}" for outcome, count in sorted(some.items())) or "0" for some in (good, bad)]
+        of_each = [
+            ", ".join(f"{count} {outcome}" for outcome, count in sorted(some.items())) or "0"
+            for some in (good, bad)
+        ]
         lines.append(f"| {what} | {counts.total()} | {' | '.join(of_each)} |")
     return "\n".join(lines) + "\n"
 
@@ -144,11 +180,18 @@ def main() -> int:
     parser.add_argument("--cases", type=int, default=10_000, help="files of each format")
     parser.add_argument("--kills", type=int, default=200, help="signals")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--keep", type=Path, default=Path("out/hostile"), help="folder for the files that did harm")
+    parser.add_argument(
+        "--keep", type=Path, default=Path("out/hostile"), help="folder for the files that did harm"
+    )
     parser.add_argument("--page", type=Path, help="page into which the counts are written")
-    parser.add_argument("--only", choices=[kind.name for kind in FORMATS], help="one format, in this process, as JSON")
+    parser.add_argument(
+        "--only",
+        choices=[kind.name for kind in FORMATS],
+        help="one format, in this process, as JSON",
+    )
     given_ = parser.parse_args()
-    # What a shell has it ignore, as in the background or by nohup, the commands that it starts would ignore too.
+    # What a shell has it ignore, as in the background or by nohup, the commands that it starts
+    # would ignore too.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
     given_.keep.mkdir(parents=True, exist_ok=True)
@@ -157,13 +200,24 @@ def main() -> int:
         kind = next(kind for kind in FORMATS if kind.name == given_.only)
         print(json.dumps(tried(kind, given_.cases, given_.seed, keep)))
         return 0
-    rows = [(f"mistakes in {kind.name}", of_format(kind, given_.cases, given_.seed, keep)) for kind in FORMATS]
+    rows = [
+        (f"mistakes in {kind.name}", of_format(kind, given_.cases, given_.seed, keep))
+        for kind in FORMATS
+    ]
     print(table(rows), file=sys.stderr)  # what follows may take long
     with TemporaryDirectory() as folder:
         rows += of_faults(given_.kills, given_.seed, Path(folder))
-    head = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=True)
-    command = f"python -m tests.hostile --cases {given_.cases} --kills {given_.kills} --seed {given_.seed}"
-    written = f"`{command}`, commit `{head.stdout.strip()}`, {datetime.now(UTC):%Y-%m-%d}.\n\n{table(rows)}"
+    head = subprocess.run(
+        ["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=True
+    )
+    command = (
+        f"python -m tests.hostile --cases {given_.cases} --kills {given_.kills} --seed "
+        f"{given_.seed}"
+    )
+    written = (
+        f"`{command}`, commit `{head.stdout.strip()}`, "
+        f"{datetime.now(UTC):%Y-%m-%d}.\n\n{table(rows)}"
+    )
     print(written)
     if given_.page:
         before, _, rest = given_.page.read_text(encoding="utf-8").partition(BEGIN)

@@ -1,4 +1,5 @@
-"""Real commands that are stopped, or cannot write: afterwards all their files are as before, or all of them are new.
+"""Real commands that are stopped, or cannot write: afterwards all their files are as before, or all
+of them are new.
 
 Of a process that is killed each file is whole.
 
@@ -29,7 +30,8 @@ from aacmm_pin._support.output_files import HIDDEN
 OLD = "what was there before"
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL)
 PATIENCE = 120.0
-"""So long a command may take to end after a signal, or the processes that it started after it [s]."""
+"""So long a command may take to end after a signal, or the processes that it started after it [s].
+"""
 
 
 @dataclass(frozen=True)
@@ -44,7 +46,10 @@ class Command:
         return self.text.split()
 
 
-SIMULATE = Command("simulate sino6 --records 40 --seed 2 -o data.csv --truth truth.toml", ("data.csv", "truth.toml"))
+SIMULATE = Command(
+    "simulate sino6 --records 40 --seed 2 -o data.csv --truth truth.toml",
+    ("data.csv", "truth.toml"),
+)
 GIVEN = Command("simulate sino6 --plan free --records 40 --seed 2 -o given.csv", ("given.csv",))
 CALIBRATE = Command(
     "calibrate sino6 given.csv --no-held-out -o arm.toml --json fit.json --residuals left.csv",
@@ -59,7 +64,9 @@ COMMANDS = (SIMULATE, CALIBRATE, MAP)
 
 @dataclass
 class Place:
-    """A folder with old outputs in it; ``reference`` is what a command writes that nobody disturbs."""
+    """A folder with old outputs in it; ``reference`` is what a command writes that nobody
+    disturbs.
+    """
 
     command: Command
     folder: Path
@@ -89,7 +96,11 @@ class Place:
 
     def outputs(self) -> dict[str, Any]:
         """What stands in the files, but for the time that the work took."""
-        return {name: content(self.folder / name) for name in self.command.outputs if (self.folder / name).exists()}
+        return {
+            name: content(self.folder / name)
+            for name in self.command.outputs
+            if (self.folder / name).exists()
+        }
 
     def judged(self) -> str:
         """``old`` or ``new``, and nothing hidden is left."""
@@ -103,11 +114,15 @@ class Place:
         return "new"
 
     def each_whole(self) -> str:
-        """``whole``: each file is the old one or the new one; what a killed process hid is removed here."""
+        """``whole``: each file is the old one or the new one; what a killed process hid is removed
+        here.
+        """
         for folder in self.folder.glob(f"{HIDDEN}*"):
             shutil.rmtree(folder)
         for name, found in self.outputs().items():
-            assert found in (OLD.encode(), self.reference[name]), f"{self.command.text}: {name} is half-written"
+            assert found in (OLD.encode(), self.reference[name]), (
+                f"{self.command.text}: {name} is half-written"
+            )
         return "whole"
 
 
@@ -125,11 +140,19 @@ def content(path: Path) -> Any:
 Run = subprocess.Popen[bytes]
 
 
-def start(words: list[str], folder: Path, limit: Callable[[], None] | None = None, **options: Any) -> Run:
+def start(
+    words: list[str], folder: Path, limit: Callable[[], None] | None = None, **options: Any
+) -> Run:
     """A command as the shell starts it, in a session of its own."""
     command = [sys.executable, "-m", "aacmm_pin.cli", *words]
-    streams = {"stdin": subprocess.DEVNULL, "stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE} | options
-    return subprocess.Popen(command, cwd=folder, start_new_session=True, preexec_fn=limit, **streams)
+    streams = {
+        "stdin": subprocess.DEVNULL,
+        "stdout": subprocess.DEVNULL,
+        "stderr": subprocess.PIPE,
+    } | options
+    return subprocess.Popen(
+        command, cwd=folder, start_new_session=True, preexec_fn=limit, **streams
+    )
 
 
 def ended(run: Run) -> int:
@@ -162,7 +185,11 @@ def told(run: Run) -> str:
 
 def in_session(leader: int) -> list[int]:
     """Processes of the session that a process leads, those that ended excepted."""
-    return [pid for pid, (state, _, session) in processes().items() if session == leader and state not in "ZX"]
+    return [
+        pid
+        for pid, (state, _, session) in processes().items()
+        if session == leader and state not in "ZX"
+    ]
 
 
 def processes() -> dict[int, tuple[str, int, int]]:
@@ -186,7 +213,9 @@ def works(pid: int) -> bool:
 
 
 def stopped(place: Place, number: int, after: float, everyone: bool) -> str:
-    """A signal after some time, to the command alone or to all that it started, as a terminal sends it."""
+    """A signal after some time, to the command alone or to all that it started, as a terminal sends
+    it.
+    """
     place.fill()
     run = start([*place.command.words(), "--force"], place.folder)
     time.sleep(after)
@@ -225,7 +254,11 @@ def disk(folder: Path, size: str) -> Iterator[Callable[[str], None]]:
     folder.mkdir(exist_ok=True)
 
     def mount(options: str) -> None:
-        done = subprocess.run(["mount", "-t", "tmpfs", "-o", options, "tmpfs", folder], capture_output=True, check=False)
+        done = subprocess.run(
+            ["mount", "-t", "tmpfs", "-o", options, "tmpfs", folder],
+            capture_output=True,
+            check=False,
+        )
         if done.returncode:
             raise PermissionError(done.stderr.decode())
 
@@ -258,7 +291,10 @@ def full_devices(place: Place) -> str:
     first, *others = place.command.outputs
     words = [{first: "/dev/full"}.get(word, word) for word in place.command.words()]
     with open("/dev/full", "wb") as full:
-        for run in (start([*words, "--force"], place.folder), start(["urdf", "sino6"], place.folder, stdout=full)):
+        for run in (
+            start([*words, "--force"], place.folder),
+            start(["urdf", "sino6"], place.folder, stdout=full),
+        ):
             assert ended(run) == 1, told(run)
             assert "No space left" in told(run), told(run)
     assert {name: place.outputs()[name] for name in others} == dict.fromkeys(others, OLD.encode())
@@ -272,7 +308,9 @@ def worker_killed(place: Place, after: float) -> str:
     late = time.monotonic() + PATIENCE
     workers: list[int] = []
     while not workers and run.poll() is None and time.monotonic() < late:
-        workers = [pid for pid, (_, parent, _) in processes().items() if parent == run.pid and works(pid)]
+        workers = [
+            pid for pid, (_, parent, _) in processes().items() if parent == run.pid and works(pid)
+        ]
         time.sleep(0.01)
     time.sleep(after)
     assert workers, f"{place.command.text}: has no workers"

@@ -39,7 +39,19 @@ NUMBERS = [
         "inf",
         "-inf",
     ),
-    *("1_000", "1,5", "0x10", "٣", "--1", "2147483648", "9223372036854775808", "9" * 5000, "0." + "3" * 400, "true", ""),
+    *(
+        "1_000",
+        "1,5",
+        "0x10",
+        "٣",
+        "--1",
+        "2147483648",
+        "9223372036854775808",
+        "9" * 5000,
+        "0." + "3" * 400,
+        "true",
+        "",
+    ),
 ]
 TEXTS = [
     *(c for c in "\0\"'<&{[]}=,;#$\n\r\t\v\x1b\u202e"),
@@ -60,7 +72,17 @@ TEXTS = [
         "true",
         "{}",
     ),
-    *("]]>", "-->", "&a;", "<!ENTITY a 'b'>", "'''", '"""', "[" * 3000, "a." * 3000 + "a=1", "<a>" * 3000),
+    *(
+        "]]>",
+        "-->",
+        "&a;",
+        "<!ENTITY a 'b'>",
+        "'''",
+        '"""',
+        "[" * 3000,
+        "a." * 3000 + "a=1",
+        "<a>" * 3000,
+    ),
 ]
 
 
@@ -83,9 +105,14 @@ def arms() -> list[bytes]:
 @cache
 def extended_arms() -> list[bytes]:
     """A calibrated arm with causes and a covariance."""
-    causes = "encoder_eccentricity:3,amplitude_rad=1e-4 joint_compliance:2 zero_drift:1,time_constant_s=600 stylus_offset"
+    causes = (
+        "encoder_eccentricity:3,amplitude_rad=1e-4 joint_compliance:2 "
+        "zero_drift:1,time_constant_s=600 stylus_offset"
+    )
     model = ErrorModel.load("sino6")
-    calibrated = calibrate(model.arm, records("free"), [cause_of("encoder_eccentricity:3", model)], hold_out=False).model
+    calibrated = calibrate(
+        model.arm, records("free"), [cause_of("encoder_eccentricity:3", model)], hold_out=False
+    ).model
     stated = model.with_effects(*(cause_of(text, model) for text in causes.split()))
     return [toml_of(each) for each in (calibrated, stated)]
 
@@ -97,8 +124,12 @@ def toml_of(model: ErrorModel) -> bytes:
 
 @cache
 def arms_of_a_urdf() -> list[bytes]:
-    """One that names a URDF by its whole path, with corrected placements, a cause and a covariance."""
-    arm = Arm.from_urdf(Path(__file__).parents[2] / "urdf" / "sino6.urdf", "tip", translation_half_width=1e-4)
+    """One that names a URDF by its whole path, with corrected placements, a cause and a
+    covariance.
+    """
+    arm = Arm.from_urdf(
+        Path(__file__).parents[2] / "urdf" / "sino6.urdf", "tip", translation_half_width=1e-4
+    )
     cause = cause_of("joint_compliance:2", ErrorModel(arm))
     found = calibrate(arm, records("free"), [cause], encoder_noise=8e-6, hold_out=False).model
     return [found.text(path="/arm.toml").replace('file = "', 'file = "/', 1).encode()]
@@ -115,7 +146,10 @@ def records(plan: str) -> Measurements:
 @cache
 def csvs() -> list[bytes]:
     """Records of each plan, in degrees and in radians."""
-    tables = [records(plan).to_frame(unit) for plan, unit in (("free", "deg"), ("seats", "rad"), ("ball-bar", "deg"))]
+    tables = [
+        records(plan).to_frame(unit)
+        for plan, unit in (("free", "deg"), ("seats", "rad"), ("ball-bar", "deg"))
+    ]
     return [table.to_csv(index=False).encode() for table in tables]
 
 
@@ -185,7 +219,12 @@ def mutated(draw: st.DrawFn, valid: list[bytes]) -> bytes:
 
 def _number(draw: st.DrawFn, content: bytes) -> bytes:
     plausible = st.floats(-10.0, 10.0).map(repr)
-    some = st.one_of(st.sampled_from(NUMBERS), st.floats().map(repr), plausible, st.integers(-(10**6), 10**6).map(str))
+    some = st.one_of(
+        st.sampled_from(NUMBERS),
+        st.floats().map(repr),
+        plausible,
+        st.integers(-(10**6), 10**6).map(str),
+    )
     return _replaced(draw, content, rb"-?[0-9][0-9.]*(?:e-?[0-9]+)?", draw(some))
 
 
@@ -197,7 +236,9 @@ def _word(draw: st.DrawFn, content: bytes) -> bytes:
 
 def _byte(draw: st.DrawFn, content: bytes) -> bytes:
     place = draw(st.integers(0, len(content)))
-    return content[:place] + draw(st.binary(max_size=3)) + content[place + draw(st.integers(0, 3)) :]
+    return (
+        content[:place] + draw(st.binary(max_size=3)) + content[place + draw(st.integers(0, 3)) :]
+    )
 
 
 def _end(draw: st.DrawFn, content: bytes) -> bytes:

@@ -1,4 +1,6 @@
-"""A command that is stopped or cannot write leaves all as it was: a small part of ``python -m tests.hostile``."""
+"""A command that is stopped or cannot write leaves all as it was: a small part of ``python -m
+tests.hostile``.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""A file with mistakes gives a result or one of our errors, in bounded time: a small part of ``python -m tests.hostile``."""
+"""A file with mistakes gives a result or one of our errors, in bounded time: a small part of
+``python -m tests.hostile``.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,13 @@ def test_valid_files_are_read(kind: Format, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("kind", FORMATS, ids=lambda kind: kind.name)
 def test_a_mistake_gives_a_result_or_a_refusal(kind: Format, tmp_path: Path) -> None:
-    @settings(max_examples=20, deadline=None, database=None, derandomize=True, suppress_health_check=[*HealthCheck])
+    @settings(
+        max_examples=20,
+        deadline=None,
+        database=None,
+        derandomize=True,
+        suppress_health_check=[*HealthCheck],
+    )
     @given(mutated(kind.valid()))
     def used(content: bytes) -> None:
         (tmp_path / kind.name).write_bytes(content)

@@ -1,4 +1,6 @@
-"""What does not matter changes neither verdict nor names nor numbers; maps by one process and two: tests/accuracy."""
+"""What does not matter changes neither verdict nor names nor numbers; maps by one process and two:
+tests/accuracy.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,9 @@ from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.measurements.simulate import simulate_measurements
 
 RELATIVE = 2e-3
-"""Of numbers that a search of many steps ended with; a log posterior itself is compared much closer elsewhere."""
+"""Of numbers that a search of many steps ended with; a log posterior itself is compared much closer
+elsewhere.
+"""
 PROBABILITY = 1e-4
 STATED = {"encoder_noise": 8e-6, "reference_noise": 1.2e-5, "probe_noise": 1e-6}
 

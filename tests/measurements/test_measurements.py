@@ -1,4 +1,6 @@
-"""Measurement files: every column in its unit, what each mistake is answered with, and that nothing is lost on the way."""
+"""Measurement files: every column in its unit, what each mistake is answered with, and that nothing
+is lost on the way.
+"""
 
 from __future__ import annotations
 
@@ -54,7 +56,9 @@ def error_of(folder: Path, content: str | bytes, nq: int | None = None) -> Measu
 
 
 def assert_same(a: Measurements, b: Measurements) -> None:
-    """Equal in everything but the source, the lines, and the type that pandas chose for unknown columns of text."""
+    """Equal in everything but the source, the lines, and the type that pandas chose for unknown
+    columns of text.
+    """
     tolerance = {"rtol": 1e-15, "atol": 1e-15, "equal_nan": True}
     for name in ("q", "reference", "reference_u", "bar_length", "bar_length_u"):
         mine, theirs = getattr(a, name), getattr(b, name)
@@ -66,7 +70,9 @@ def assert_same(a: Measurements, b: Measurements) -> None:
     assert a.conditions.n == b.conditions.n == a.n
     assert a.conditions.present == b.conditions.present
     for name in a.conditions.present:
-        np.testing.assert_array_equal(getattr(a.conditions, name), getattr(b.conditions, name), err_msg=name)
+        np.testing.assert_array_equal(
+            getattr(a.conditions, name), getattr(b.conditions, name), err_msg=name
+        )
     pd.testing.assert_frame_equal(a.extra.astype(str), b.extra.astype(str), check_column_type=False)
 
 
@@ -75,15 +81,29 @@ def assert_same(a: Measurements, b: Measurements) -> None:
 
 def test_every_column_is_read_in_its_unit(full: Measurements) -> None:
     assert (full.n, full.nq, full.source.endswith("data.csv")) == (4, 2, True)
-    np.testing.assert_allclose(full.q, np.array([[10, -20.5], [90, 10], [-90, 45], [180, -45]]) * DEG, rtol=1e-15)
+    np.testing.assert_allclose(
+        full.q, np.array([[10, -20.5], [90, 10], [-90, 45], [180, -45]]) * DEG, rtol=1e-15
+    )
     nan = [np.nan] * 3
-    np.testing.assert_allclose(full.reference, [[0.1, 0.2, -0.3], nan, nan, [1e-3, 2e-3, 3e-3]], rtol=1e-15)
+    np.testing.assert_allclose(
+        full.reference, [[0.1, 0.2, -0.3], nan, nan, [1e-3, 2e-3, 3e-3]], rtol=1e-15
+    )
     np.testing.assert_allclose(full.reference_u, [[1e-5, 2e-5, 3e-5], nan, nan, nan], rtol=1e-15)
     np.testing.assert_array_equal(full.bar_length, [np.nan, 0.5, 0.5, np.nan])
     known = full.conditions
-    assert known.present == ("time", "link_temperature", "approach", "torque", "seat", "marker", "session")
+    assert known.present == (
+        "time",
+        "link_temperature",
+        "approach",
+        "torque",
+        "seat",
+        "marker",
+        "session",
+    )
     np.testing.assert_array_equal(known.time, [0, 1.5, -1, 9])  # running backwards is no mistake
-    np.testing.assert_array_equal(known.link_temperature, [[20, 21, 22]] * 4)  # a DH table may have more rows than joints
+    np.testing.assert_array_equal(
+        known.link_temperature, [[20, 21, 22]] * 4
+    )  # a DH table may have more rows than joints
     np.testing.assert_array_equal(known.approach, [[-1, 0], [1, 1], [0, 0], [0, 0]])
     np.testing.assert_array_equal(known.torque, [[0.5, -1.5]] * 2 + [[0, 0]] * 2)
     lists = {
@@ -100,19 +120,28 @@ def test_every_column_is_read_in_its_unit(full: Measurements) -> None:
         assert getattr(full if hasattr(full, name) else known, name).tolist() == values, name
     unknown = {"humidity": ["45.0", "45.5", "", "wet"], "comment": ["", 'a "b", c', "NaN", ""]}
     assert full.extra.to_dict("list") == unknown
-    assert {seat: rows.tolist() for seat, rows in full.seats().items()} == {"007": [1, 3], "NA": [2]}
+    assert {seat: rows.tolist() for seat, rows in full.seats().items()} == {
+        "007": [1, 3],
+        "NA": [2],
+    }
     assert full.bars() == [Bar("ball", "007", "NA", 0.5, 2e-6)]
 
 
 def test_radians_and_one_temperature(tmp_path: Path) -> None:
-    measurements = Measurements.read(write(tmp_path, "theta2_rad,theta1_rad,temperature_c\n-0.5,31.4,21.5\n"), nq=2)
-    np.testing.assert_array_equal(measurements.q, [[31.4, -0.5]])  # by number, whatever the order of the columns
+    measurements = Measurements.read(
+        write(tmp_path, "theta2_rad,theta1_rad,temperature_c\n-0.5,31.4,21.5\n"), nq=2
+    )
+    np.testing.assert_array_equal(
+        measurements.q, [[31.4, -0.5]]
+    )  # by number, whatever the order of the columns
     np.testing.assert_array_equal(measurements.conditions.temperature, [21.5])
     assert (measurements.known.any(), measurements.seats(), measurements.bars()) == (False, {}, [])
 
 
 def test_spellings_of_text_files(tmp_path: Path) -> None:
-    """A byte order mark, other line ends, blank lines, spaces around numbers, a line break within quotes."""
+    """A byte order mark, other line ends, blank lines, spaces around numbers, a line break within
+    quotes.
+    """
     plain = Measurements.read(write(tmp_path, SMALL))
     other_ends = [SMALL.replace("\n", end) for end in ("\r\n", "\r")]
     spaced, quoted = SMALL.replace(",20,", ", 20 ,"), SMALL.replace(",20,", ',"20",')
@@ -137,7 +166,9 @@ def test_from_frame_takes_numbers_and_missing_values_and_keeps_no_hold_of_the_ta
     measurements = Measurements.from_frame(table)
     table.loc[:, "dew"], table.loc[:, "x_mm"] = 9.0, 9.0
     np.testing.assert_array_equal(measurements.q, [[1], [2], [3]])
-    np.testing.assert_allclose(measurements.reference, [[1e-3, 2e-3, 3e-3], [np.nan] * 3, [1e-3] * 3])
+    np.testing.assert_allclose(
+        measurements.reference, [[1e-3, 2e-3, 3e-3], [np.nan] * 3, [1e-3] * 3]
+    )
     labels = measurements.conditions.take(np.arange(3))
     assert [list(labels.seat), list(labels.session)] == [["7", "", "a b"], ["one", "", "one"]]  # type: ignore[arg-type]
     pd.testing.assert_frame_equal(measurements.extra, pd.DataFrame({"dew": [0.5, np.nan, 1.5]}))
@@ -165,7 +196,11 @@ FILES: list[tuple[str | bytes, int | None, str]] = [
     (SMALL.replace(",21,1,2,3", ",21,1,2"), 3, "4 cells, expected 5"),
     (SMALL + "12\n13,14\n", 4, "and 1 more: row 5"),
     (SMALL.replace("10,20", "10,5,20,5"), 2, "decimal points"),
-    (SMALL.replace(",", ";").replace("10;20", "10,5;20.5"), 2, "decimal point"),  # which of them has the thousands?
+    (
+        SMALL.replace(",", ";").replace("10;20", "10,5;20.5"),
+        2,
+        "decimal point",
+    ),  # which of them has the thousands?
     ("# nothing else\n", None, "comments only"),
 ]
 
@@ -185,14 +220,23 @@ def test_other_ways_to_write_the_same(tmp_path: Path) -> None:
         f"# arm 7, on Tuesday\n#\n{halves}# the end, at 16:00\n": ("comments_ignored",),
         f"sep=;\n{german}": ("comments_ignored", "semicolons", "commas"),
         re.sub(r"[a-z]\w+", r'"\g<0>"', german): ("semicolons", "decimal commas"),
-        f"# arm 7\n{german.replace(';', '; ').upper()}": ("comments_ignored", "semicolons", "commas", "spaces", "lower"),
+        f"# arm 7\n{german.replace(';', '; ').upper()}": (
+            "comments_ignored",
+            "semicolons",
+            "commas",
+            "spaces",
+            "lower",
+        ),
     }
     for content, words in same.items():
         read = Measurements.read(write(tmp_path, content), 2)
         np.testing.assert_array_equal(read.q, known.q)
         np.testing.assert_array_equal(read.reference, known.reference)
         ways = [way for note in read.read_as for way in note.data.get("ways", [note.code])]
-        assert (len(ways), [word for word in words if word not in " ".join(ways)]) == (len(words), [])
+        assert (len(ways), [word for word in words if word not in " ".join(ways)]) == (
+            len(words),
+            [],
+        )
     for labels in ("#1,10\n#2,20\n", "1,10\n#2,20\n"):  # labels, or comments?
         error = error_of(tmp_path, f"record,theta1_deg\n{labels}")
         assert (error.column, "begins with #" in str(error)) == ("record", True)
@@ -208,7 +252,11 @@ def test_a_file_that_is_no_table(tmp_path: Path) -> None:
     with pytest.raises(MeasurementFileError, match="/dev/zero: is larger than 100 MB"):
         Measurements.read("/dev/zero")
     inside = write(tmp_path, SMALL) / "inside.csv"
-    for path, said in ((tmp_path / "none.csv", "no such file"), (tmp_path, "is a folder"), (inside, "cannot be read: ")):
+    for path, said in (
+        (tmp_path / "none.csv", "no such file"),
+        (tmp_path, "is a folder"),
+        (inside, "cannot be read: "),
+    ):
         with pytest.raises(MeasurementFileError, match=said):
             Measurements.read(path)
 
@@ -222,19 +270,39 @@ HEADERS: list[tuple[str, int | None, str, str]] = [
     ("a,b,x_mm", None, "", "'a', 'b', 'x_mm'"),
     ("theta1_deg,theta3_deg", None, "theta1_deg … theta3_deg", "theta2_deg is missing"),
     ("theta0_deg,theta1_deg", None, "theta0_deg … theta1_deg", "numbered 0, 1"),
-    ("theta1_deg,theta2_rad,theta3_deg", None, "", "theta1_deg, theta3_deg in degrees beside theta2_rad in radians"),
-    ("theta1_rad,theta2_rad,theta3_rad", 2, "theta1_rad … theta3_rad", "the arm has 2; expected theta1_rad … theta2_rad"),
+    (
+        "theta1_deg,theta2_rad,theta3_deg",
+        None,
+        "",
+        "theta1_deg, theta3_deg in degrees beside theta2_rad in radians",
+    ),
+    (
+        "theta1_rad,theta2_rad,theta3_rad",
+        2,
+        "theta1_rad … theta3_rad",
+        "the arm has 2; expected theta1_rad … theta2_rad",
+    ),
     ("theta1_deg,x_mm", None, "y_mm, z_mm", "expected all of x_mm, y_mm, z_mm"),
     ("theta1_deg,x_mm,y_mm,z_mm,u_x_mm,u_y_mm", None, "u_z_mm", "missing beside u_x_mm, u_y_mm"),
     ("theta1_deg,u_x_mm,u_y_mm,u_z_mm", None, "u_x_mm", "expected x_mm, y_mm, z_mm"),
     ("theta1_deg,seat,bar,bar_length_mm", None, "bar_end", "missing beside bar, bar_length_mm"),
     ("theta1_deg,bar,bar_end,bar_length_mm", None, "seat", "missing beside bar"),
     ("theta1_deg,temperature_c,temperature1_c", None, "temperature_c", "beside temperature1_c"),
-    ("theta1_deg,temperature1_c,temperature3_c", None, "temperature1_c … temperature3_c", "temperature2_c is missing"),
+    (
+        "theta1_deg,temperature1_c,temperature3_c",
+        None,
+        "temperature1_c … temperature3_c",
+        "temperature2_c is missing",
+    ),
     ("theta1_deg,theta2_deg,temperature1_c", None, "temperature1_c", "2 or more"),
     ("theta1_deg,theta2_deg,approach1", None, "approach1", "each of the 2 joints"),
     ("theta1_deg,theta2_deg,torque1_nm", None, "torque1_nm", "each of the 2 joints"),
-    (",".join(["theta1_deg", *(f"k{k}" for k in range(101))]), None, "", "101 columns of unknown names, such as k0"),
+    (
+        ",".join(["theta1_deg", *(f"k{k}" for k in range(101))]),
+        None,
+        "",
+        "101 columns of unknown names, such as k0",
+    ),
 ]
 SLIPS = {
     "x_mm": ["x mm", "x [mm]", "x-mm", "x_m", "x"],
@@ -254,9 +322,9 @@ SLIPS = {
     "record": ["records"],
 }
 UNRELATED = """
-    humidity theta q1 Δx_mm dx_mm nominal_x_mm x_mm_nominal pressure_hpa comment seat_id seat2 marker1 time date
-    timestamp load_kg wrist_load_nm rpm1 theta1_deg_raw q1_deg torque_limit_nm room_temperature_c bar_pressure encoder1
-    operator_age probe force_n 1 温度
+    humidity theta q1 Δx_mm dx_mm nominal_x_mm x_mm_nominal pressure_hpa comment seat_id seat2
+    marker1 time date timestamp load_kg wrist_load_nm rpm1 theta1_deg_raw q1_deg torque_limit_nm
+    room_temperature_c bar_pressure encoder1 operator_age probe force_n 1 温度
 """
 
 
@@ -265,7 +333,9 @@ def test_a_header_with_a_mistake(tmp_path: Path) -> None:
         cells = ",".join("1" for _ in header.split(","))
         error = error_of(tmp_path, f"{header}\n{cells}\n{cells}\n", nq)
         assert (error.row, error.column, word in str(error)) == (None, column, True), str(error)
-    with pytest.raises(MeasurementFileError, match="column 2 of 2 has no name but 7, which is not text"):
+    with pytest.raises(
+        MeasurementFileError, match="column 2 of 2 has no name but 7, which is not text"
+    ):
         Measurements.from_frame(pd.DataFrame({"theta1_deg": [1.0], 7: [2.0]}))
 
 
@@ -283,9 +353,19 @@ def test_a_slip_in_a_name_is_no_unknown_column(tmp_path: Path) -> None:
     for meant, slips in SLIPS.items():
         for slip in slips:
             error = error_of(tmp_path, f"theta1_deg,{slip}\n1,1\n")
-            assert (error.row, error.column, f"expected {meant}," in str(error)) == (None, slip, True), str(error)
+            assert (error.row, error.column, f"expected {meant}," in str(error)) == (
+                None,
+                slip,
+                True,
+            ), str(error)
     assert "expected seat" in str(error_of(tmp_path, "theta1_deg,seat,Seat\n1,,\n"))
-    beside = ["session,sessions", "temperature_c,temperature_k", "x_mm,y_mm,z_mm,x_m", "time_s,time_ms", "x_mm,y_mm,z_mm,x"]
+    beside = [
+        "session,sessions",
+        "temperature_c,temperature_k",
+        "x_mm,y_mm,z_mm,x_m",
+        "time_s,time_ms",
+        "x_mm,y_mm,z_mm,x",
+    ]
     for header in (*beside, *UNRELATED.split()):  # then it is another thing
         names = f"theta1_deg,{header}".split(",")
         text = ",".join(names) + "\n" + ",".join("1" for _ in names) + "\n"
@@ -311,7 +391,11 @@ CELLS: list[tuple[str, str, str]] = [
     ("seat", "S9", "'S9'"),
     ("bar_end", "", "is '', expected A or B"),
     ("bar_length_mm", "", "of bar 'b'"),
-    ("bar_length_mm", "0.5", "is 0.5 mm, expected 10 to 100000 mm; is it in another unit, such as metres"),
+    (
+        "bar_length_mm",
+        "0.5",
+        "is 0.5 mm, expected 10 to 100000 mm; is it in another unit, such as metres",
+    ),
     ("theta1_deg", "1e300", "is 1e+300 °, expected -3.6e+06 to 3.6e+06"),
     ("temperature_c", "-273.15", "is -273.15 °C, expected -100 to 200"),
     ("x_mm", "1e300", "is 1e+300 mm, expected -100000 to 100000 mm"),
@@ -330,7 +414,12 @@ GOOD = {f"{name}_mm": "0.1" for name in ("x", "y", "z", "u_x", "u_y", "u_z")} | 
     "torque1_nm": "0",
     "torque2_nm": "0",
 }
-AT_BAR = {"seat": ["p", "p", "q", "q"], "bar": ["b"] * 4, "bar_end": ["A", "A", "B", "B"], "bar_length_mm": ["500"] * 4}
+AT_BAR = {
+    "seat": ["p", "p", "q", "q"],
+    "bar": ["b"] * 4,
+    "bar_end": ["A", "A", "B", "B"],
+    "bar_length_mm": ["500"] * 4,
+}
 
 
 def csv_of(columns: dict[str, list[str]]) -> str:
@@ -341,7 +430,9 @@ def csv_of(columns: dict[str, list[str]]) -> str:
 def test_a_cell_with_a_mistake(tmp_path: Path) -> None:
     for column, cell, word in CELLS:
         with_bar = "bar" in word or column.startswith("bar")
-        columns = {name: [good] * 4 for name, good in GOOD.items()} | (AT_BAR if with_bar else {"seat": [""] * 4})
+        columns = {name: [good] * 4 for name, good in GOOD.items()} | (
+            AT_BAR if with_bar else {"seat": [""] * 4}
+        )
         if column == "seat" and cell:
             columns |= {name: [""] * 4 for name in ("x_mm", "y_mm", "z_mm")}
         Measurements.read(write(tmp_path, csv_of(columns)))
@@ -353,12 +444,19 @@ def test_a_cell_with_a_mistake(tmp_path: Path) -> None:
 
 
 def test_numbers_of_a_table_are_looked_at_too() -> None:
-    for cell, words in ((np.nan, "is empty"), (np.inf, "is 'inf', expected a finite number"), ("x", "is 'x'")):
+    for cell, words in (
+        (np.nan, "is empty"),
+        (np.inf, "is 'inf', expected a finite number"),
+        ("x", "is 'x'"),
+    ):
         table = pd.DataFrame({"theta1_deg": [1.0, cell, 3.0]})
         with pytest.raises(MeasurementFileError, match=f"table: row 3, column theta1_deg: {words}"):
             Measurements.from_frame(table)
     for cells in ([True, False], [1j, 2j], pd.to_datetime(["2020-01-01", "2020-01-02"])):
-        with pytest.raises(MeasurementFileError, match=r"row 2, column theta1_deg: is '.*', expected a finite number"):
+        with pytest.raises(
+            MeasurementFileError,
+            match=r"row 2, column theta1_deg: is '.*', expected a finite number",
+        ):
             Measurements.from_frame(pd.DataFrame({"theta1_deg": cells}))
 
 
@@ -368,15 +466,19 @@ def test_the_first_problems_come_in_one_message(tmp_path: Path) -> None:
     assert len(lines) == 5
     assert all(line.startswith(f"{tmp_path / 'data.csv'}: row ") for line in lines)
     assert (
-        "row 3, column theta1_deg: is 'b', expected a finite number with a decimal point (and 2 more: row 4, 6)" in lines[0]
+        "row 3, column theta1_deg: is 'b', expected a finite number with a decimal point (and 2 "
+        "more: row 4, 6)" in lines[0]
     )
     assert "row 2, column theta2_deg: is 'a'" in lines[1]
     assert "row 6, column theta2_deg: is empty" in lines[2]
     assert "row 3, column x_mm: is 'c'" in lines[3]
-    lines = str(error_of(tmp_path, csv_of({f"theta{j}_deg": ["?"] * 6 for j in range(1, 11)}))).splitlines()
+    lines = str(
+        error_of(tmp_path, csv_of({f"theta{j}_deg": ["?"] * 6 for j in range(1, 11)}))
+    ).splitlines()
     assert len(lines) == 10
     assert lines[-1].endswith(
-        "column theta10_deg: is '?', expected a finite number with a decimal point (and 5 more: row 3, 4, 5, 6, 7)"
+        "column theta10_deg: is '?', expected a finite number with a decimal point (and 5 more: "
+        "row 3, 4, 5, 6, 7)"
     )
     names = [f"theta{j}_deg" for j in range(1, 15)]
     lines = str(error_of(tmp_path, csv_of({name: ["?"] * 9 for name in names}))).splitlines()
@@ -399,20 +501,35 @@ def test_degrees_that_look_like_radians(rng: np.random.Generator) -> None:
     assert (caught.value.row, caught.value.column) == (None, "theta1_deg … theta6_deg")
     np.testing.assert_array_equal(Measurements.from_frame(angles("rad", q)).q, q)
     wrist = np.vstack([q, [1.0, 1.0, 1.0, 1.0, 1.0, 40.0]])
-    for degrees, noted in ((q[:2], True), (wrist, True), (rng.uniform(-180, 180, (2, 6)), False), (np.zeros((9, 6)), False)):
+    for degrees, noted in (
+        (q[:2], True),
+        (wrist, True),
+        (rng.uniform(-180, 180, (2, 6)), False),
+        (np.zeros((9, 6)), False),
+    ):
         read_as = Measurements.from_frame(angles("deg", degrees)).read_as
         assert len(data_of(read_as, "angles_like_radians")) == noted
     still = np.full((50, 6), 3.0)
     still[-1, 2] = 6.3  # one angle beyond 2π is enough
-    for degrees in (rng.uniform(-3, 3, size=(4, 6)), still, rng.uniform(-1, 1, size=(50, 6)), np.zeros((9, 6))):
-        np.testing.assert_allclose(Measurements.from_frame(angles("deg", degrees)).q, degrees * DEG, rtol=1e-15)
+    for degrees in (
+        rng.uniform(-3, 3, size=(4, 6)),
+        still,
+        rng.uniform(-1, 1, size=(50, 6)),
+        np.zeros((9, 6)),
+    ):
+        np.testing.assert_allclose(
+            Measurements.from_frame(angles("deg", degrees)).q, degrees * DEG, rtol=1e-15
+        )
 
 
 def test_labels_that_are_nearly_the_same() -> None:
     table = angles("deg", np.full((8, 2), 40.0))
     table = table.assign(seat=2 * ["P1", "#p 01", "P10", "1"], session=2 * ["1", "1.0", "2", "10"])
     told = data_of(Measurements.from_frame(table).read_as, "labels_alike")
-    seats, sessions = {"column": "seat", "labels": "'P1' and '#p 01'"}, {"column": "session", "labels": "'1' and '1.0'"}
+    seats, sessions = (
+        {"column": "seat", "labels": "'P1' and '#p 01'"},
+        {"column": "session", "labels": "'1' and '1.0'"},
+    )
     assert told == [seats, sessions]
     for label in ("S3 ", "S3\u00a0", "s-3", "S3\u200b"):
         table = angles("deg", np.full((4, 2), 40.0)).assign(marker=["S3", label, "S3", ""])
@@ -438,21 +555,49 @@ def test_what_seats_and_bars_may_be(tmp_path: Path) -> None:
     assert list(Measurements.read(write(tmp_path, text)).seats()) == ["one", "two"]
     text = "theta1_deg,seat,bar,bar_end,bar_length_mm\n1,one,b,A,50\n2,two,b,B,50\n"
     assert Measurements.read(write(tmp_path, text)).bars()[0][:4] == ("b", "one", "two", 0.05)
-    columns = AT_BAR | {"bar": ["b", "c", "b", "c"], "seat": ["p", "p", "q", "r"], "bar_end": ["A", "B", "B", "A"]}
+    columns = AT_BAR | {
+        "bar": ["b", "c", "b", "c"],
+        "seat": ["p", "p", "q", "r"],
+        "bar_end": ["A", "B", "B", "A"],
+    }
     measurements = Measurements.read(write(tmp_path, csv_of({"theta1_deg": ["1"] * 4} | columns)))
     assert [bar[:4] for bar in measurements.bars()] == [("b", "p", "q", 0.5), ("c", "r", "p", 0.5)]
-    assert {seat: rows.tolist() for seat, rows in measurements.seats().items()} == {"p": [0, 1], "q": [2], "r": [3]}
+    assert {seat: rows.tolist() for seat, rows in measurements.seats().items()} == {
+        "p": [0, 1],
+        "q": [2],
+        "r": [3],
+    }
 
 
 # columns of AT_BAR, row, column, what the answer must name
 BARS: list[tuple[dict[str, list[str]], int, str, str]] = [
     ({"bar_end": ["A"] * 4, "seat": ["p"] * 4}, 2, "bar_end", "'b' has records of end A only"),
-    ({"bar_length_mm": ["500", "500.0", "500.1", "500"]}, 4, "bar_length_mm", "is 500.1, but row 2 states 500.0"),
-    ({"u_bar_length_mm": ["0.2", "", "0.002", ""]}, 4, "u_bar_length_mm", "is 0.002, but row 2 states 0.2"),
+    (
+        {"bar_length_mm": ["500", "500.0", "500.1", "500"]},
+        4,
+        "bar_length_mm",
+        "is 500.1, but row 2 states 500.0",
+    ),
+    (
+        {"u_bar_length_mm": ["0.2", "", "0.002", ""]},
+        4,
+        "u_bar_length_mm",
+        "is 0.002, but row 2 states 0.2",
+    ),
     ({"seat": ["p", "p", "q", "r"]}, 5, "seat", "is r, but row 4 states q"),
     ({"seat": ["p"] * 4}, 2, "seat", "'p' is at both ends of bar 'b'"),
-    ({"bar": ["b", "b", "b", ""], "bar_length_mm": ["50", "50", "50", ""]}, 5, "bar_end", "is B in a row without bar"),
-    ({"bar": ["b", "b", "b", ""], "bar_end": ["A", "A", "B", ""]}, 5, "bar_length_mm", "is 500.0 in a row without bar"),
+    (
+        {"bar": ["b", "b", "b", ""], "bar_length_mm": ["50", "50", "50", ""]},
+        5,
+        "bar_end",
+        "is B in a row without bar",
+    ),
+    (
+        {"bar": ["b", "b", "b", ""], "bar_end": ["A", "A", "B", ""]},
+        5,
+        "bar_length_mm",
+        "is 500.0 in a row without bar",
+    ),
 ]
 
 
@@ -468,13 +613,20 @@ def test_a_bar_that_contradicts_itself(tmp_path: Path) -> None:
 def test_of_arrays(rng: np.random.Generator) -> None:
     q = rng.normal(size=(3, 6))
     measurements = Measurements.of(q)
-    assert (measurements.n, measurements.nq, measurements.known.any(), measurements.source) == (3, 6, False, "table")
+    assert (measurements.n, measurements.nq, measurements.known.any(), measurements.source) == (
+        3,
+        6,
+        False,
+        "table",
+    )
     assert (measurements.conditions.n, measurements.conditions.present) == (3, ())
     assert measurements.extra.shape == (3, 0)
     q[0, 0] = 9
     assert measurements.q[0, 0] != 9
     nan = [np.nan] * 3
-    known = Measurements.of([[1.0], [2.0]], reference=[nan, [1, 2, 3]], reference_u=np.array([nan, [0.01] * 3]))
+    known = Measurements.of(
+        [[1.0], [2.0]], reference=[nan, [1, 2, 3]], reference_u=np.array([nan, [0.01] * 3])
+    )
     np.testing.assert_array_equal(known.known, [False, True])
     assert Measurements.of(np.empty((0, 6))).n == 0
 
@@ -489,10 +641,16 @@ ARRAYS: list[tuple[dict[str, object], str]] = [
     ({"q": ONE, "reference": [[1.0, np.nan, 3.0]]}, r"reference\[0\] is .*NaN for all"),
     ({"q": ONE, "reference": [[1.0, np.inf, 3.0]]}, r"reference\[0, 1\] is inf"),
     ({"q": ONE, "reference": np.ma.masked_equal([[1.0, 2.0, 3.0]], 2)}, "masked"),
-    ({"q": ONE, "reference": [[1, 2, 3]], "reference_u": [[1e-3, 0, 1e-3]]}, "reference_u .* not above zero"),
+    (
+        {"q": ONE, "reference": [[1, 2, 3]], "reference_u": [[1e-3, 0, 1e-3]]},
+        "reference_u .* not above zero",
+    ),
     ({"q": [[1.0, 1e300]]}, r"q\[0, 1\] is 1e\+300 rad, expected -62831.9 to 62831.9"),
     ({"q": ONE, "reference": [[1, 2, 1e3]]}, r"reference\[0, 2\] is 1000 m, expected -100 to 100"),
-    ({"q": ONE, "reference": [[1, 2, 3]], "reference_u": [[1, 1, 1]]}, r"reference_u\[0, 0\] is 1 m, expected 0 to 0.01"),
+    (
+        {"q": ONE, "reference": [[1, 2, 3]], "reference_u": [[1, 1, 1]]},
+        r"reference_u\[0, 0\] is 1 m, expected 0 to 0.01",
+    ),
     ({"q": ONE, "bar_length": [500.0]}, r"bar_length\[0\] is 500 m, expected"),
     ({"q": ONE, "operator": ["a", "b"]}, r"operator has shape \(2,\), expected \(1,\)"),
     ({"q": ONE, "record": [3]}, r"record\[0\] is 3, expected text"),
@@ -531,7 +689,10 @@ def test_arrays_that_contradict_each_other() -> None:
             {"conditions": Conditions(1, torque=np.zeros((1, 3)))},
             "torque1_nm … torque3_nm: 3 columns, expected one for each",
         ),
-        ({"extra": pd.DataFrame({"Seat": ["a"]})}, "column Seat: is not a known name; expected seat"),
+        (
+            {"extra": pd.DataFrame({"Seat": ["a"]})},
+            "column Seat: is not a known name; expected seat",
+        ),
         ({"extra": pd.DataFrame([[1, 2]], columns=["a", "a"])}, "column a: is there 2 times"),
     ):
         with pytest.raises(MeasurementFileError, match=words):
@@ -540,11 +701,29 @@ def test_arrays_that_contradict_each_other() -> None:
 
 # --- there and back
 
-WORDS = ["", "NA", "007", "nan", " a b ", 'say "x"', "1,5", "größe 温", "two\nlines", "-", "None", "a\rb", "é;ü\t", "'", "#"]
+WORDS = [
+    "",
+    "NA",
+    "007",
+    "nan",
+    " a b ",
+    'say "x"',
+    "1,5",
+    "größe 温",
+    "two\nlines",
+    "-",
+    "None",
+    "a\rb",
+    "é;ü\t",
+    "'",
+    "#",
+]
 
 
 def random_measurements(rng: np.random.Generator) -> Measurements:
-    """Any columns that may stand together, with awkward labels and gaps; seats and bars as a file must have them."""
+    """Any columns that may stand together, with awkward labels and gaps; seats and bars as a file
+    must have them.
+    """
 
     def maybe(values: np.ndarray) -> np.ndarray | None:
         return values if rng.random() < 0.5 else None
@@ -557,7 +736,10 @@ def random_measurements(rng: np.random.Generator) -> Measurements:
     reference_u = rng.uniform(1e-7, 1e-3, size=(n, 3))
     reference[rng.random(n) < rng.random()] = unknown
     reference_u[rng.random(n) < rng.random()] = unknown
-    seat = np.array([WORDS[i // 2 % len(WORDS)] for i in rng.permutation(n // 2 * 2)] + [""] * (n % 2), dtype=object)
+    seat = np.array(
+        [WORDS[i // 2 % len(WORDS)] for i in rng.permutation(n // 2 * 2)] + [""] * (n % 2),
+        dtype=object,
+    )
     with_bar, arm_temperature = rng.random() < 0.3, rng.random() < 0.5
     bar, bar_end, bar_length = np.full((2, n), "", dtype=object), None, np.full(n, np.nan)
     bar, bar_end = bar
@@ -588,7 +770,10 @@ def random_measurements(rng: np.random.Generator) -> Measurements:
         bar_length_u=maybe(bar_length * 1e-5) if with_bar else None,
         operator=maybe(labels()),
         record=maybe(labels()),
-        extra=pd.DataFrame({name: labels() for name in ("humidity", "a, b", "größe") if rng.random() < 0.5}, index=range(n)),
+        extra=pd.DataFrame(
+            {name: labels() for name in ("humidity", "a, b", "größe") if rng.random() < 0.5},
+            index=range(n),
+        ),
     )
 
 
@@ -621,15 +806,23 @@ def test_units_and_order_of_columns(full: Measurements) -> None:
     assert list(full.to_frame().columns) == FULL.splitlines()[0].split(",")
 
 
-def test_a_saved_file_is_what_another_reader_expects(tmp_path: Path, rng: np.random.Generator) -> None:
+def test_a_saved_file_is_what_another_reader_expects(
+    tmp_path: Path, rng: np.random.Generator
+) -> None:
     q, reference = rng.uniform(-np.pi, np.pi, size=(50, 6)), rng.normal(size=(50, 3))
     reference[::7] = np.nan
     dew = pd.DataFrame({"dew_c": rng.normal(size=50)})
     path = tmp_path / "out.csv"
-    Measurements.of(q, reference, conditions=Conditions(50, approach=np.ones((50, 6))), extra=dew).save(path)
+    Measurements.of(
+        q, reference, conditions=Conditions(50, approach=np.ones((50, 6))), extra=dew
+    ).save(path)
     table = pd.read_csv(path)
-    np.testing.assert_allclose(np.deg2rad(table.filter(regex="^theta").to_numpy()), q, rtol=0, atol=1e-14)
-    np.testing.assert_allclose(table[["x_mm", "y_mm", "z_mm"]].to_numpy() / 1000, reference, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(
+        np.deg2rad(table.filter(regex="^theta").to_numpy()), q, rtol=0, atol=1e-14
+    )
+    np.testing.assert_allclose(
+        table[["x_mm", "y_mm", "z_mm"]].to_numpy() / 1000, reference, rtol=0, atol=1e-14
+    )
     np.testing.assert_allclose(table["dew_c"], dew["dew_c"], rtol=1e-14)
     assert table["approach6"].dtype.kind == "i"
     assert np.isnan(table["x_mm"]).sum() == 8
@@ -661,12 +854,24 @@ def test_save_replaces_only_by_force(full: Measurements, tmp_path: Path) -> None
 
 def test_unknown_columns_of_any_kind_are_saved(tmp_path: Path) -> None:
     extra = pd.DataFrame(
-        {"a": ["x", None], "b": [1.5, np.nan], "c": [True, False], "d": pd.to_datetime(["2020-01-01", None])}
+        {
+            "a": ["x", None],
+            "b": [1.5, np.nan],
+            "c": [True, False],
+            "d": pd.to_datetime(["2020-01-01", None]),
+        }
     )
-    path = tmp_path / "out.csv.gz"  # the name promises what nobody asked for: the file is plain text
+    path = (
+        tmp_path / "out.csv.gz"
+    )  # the name promises what nobody asked for: the file is plain text
     Measurements.of([[1.0], [2.0]], extra=extra).save(path)
     again = Measurements.read(path).extra.to_dict("list")
-    assert again == {"a": ["x", ""], "b": ["1.5", ""], "c": ["true", "false"], "d": ["2020-01-01", ""]}
+    assert again == {
+        "a": ["x", ""],
+        "b": ["1.5", ""],
+        "c": ["true", "false"],
+        "d": ["2020-01-01", ""],
+    }
 
 
 # --- part of it, and what people see
@@ -697,7 +902,21 @@ def test_what_people_see(full: Measurements) -> None:
 
 def test_cells_that_a_spreadsheet_would_compute_are_quoted_and_read_back(tmp_path: Path) -> None:
     """Labels, unknown columns and their names; what is a number stays one."""
-    labels = ["=1+1", "+cmd", "-x", "@sum", "\tt", "'=q", "''-q", "'plain", "-", "-1.5", "+2", "1e3", "plain"]
+    labels = [
+        "=1+1",
+        "+cmd",
+        "-x",
+        "@sum",
+        "\tt",
+        "'=q",
+        "''-q",
+        "'plain",
+        "-",
+        "-1.5",
+        "+2",
+        "1e3",
+        "plain",
+    ]
     labels += ["S3;=1+1", "a\t'@b;'c", "; ;-1"]
     extra = pd.DataFrame({"=name": labels, "self": labels, "number": np.arange(16) - 6.5})
     data = Measurements.of(np.arange(32.0).reshape(16, 2) / 10, operator=labels, extra=extra)
@@ -705,8 +924,26 @@ def test_cells_that_a_spreadsheet_would_compute_are_quoted_and_read_back(tmp_pat
     with open(tmp_path / "a.csv", encoding="utf-8", newline="") as file:
         header, *rows = csv.reader(file)
     cells = {cell for row in rows for cell in row} | set(header)
-    assert {"'=1+1", "'+cmd", "'-x", "'@sum", "''=q", "'''-q", "'plain", "'-", "'=name", "-1.5", "+2", "-6.5"} <= cells
-    assert not [part for cell in cells for part in re.split("[;\t]", cell) if re.match(r"[=+@\t-](?![\d.])", part)]
+    assert {
+        "'=1+1",
+        "'+cmd",
+        "'-x",
+        "'@sum",
+        "''=q",
+        "'''-q",
+        "'plain",
+        "'-",
+        "'=name",
+        "-1.5",
+        "+2",
+        "-6.5",
+    } <= cells
+    assert not [
+        part
+        for cell in cells
+        for part in re.split("[;\t]", cell)
+        if re.match(r"[=+@\t-](?![\d.])", part)
+    ]
     read = Measurements.read(tmp_path / "a.csv")
     assert read.operator is not None
     assert list(read.operator) == labels == list(read.extra["=name"]) == list(read.extra["self"])

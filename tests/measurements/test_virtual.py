@@ -1,4 +1,6 @@
-"""Virtual measurements, checked by kinematics written out here, by statistics at fixed seeds, and by reading them back."""
+"""Virtual measurements, checked by kinematics written out here, by statistics at fixed seeds, and
+by reading them back.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,13 @@ from aacmm_pin.effects import (
     ZeroDrift,
 )
 from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.errors import AacmmError, MissingConditionError, ShapeError, UnknownNameError, UnsupportedArmError
+from aacmm_pin.errors import (
+    AacmmError,
+    MissingConditionError,
+    ShapeError,
+    UnknownNameError,
+    UnsupportedArmError,
+)
 from aacmm_pin.measurements import schedule as workshop
 from aacmm_pin.measurements.measuring_points import Pool
 from aacmm_pin.measurements.noise import Noise
@@ -48,8 +56,12 @@ def quiet(**u: float) -> dict[str, float]:
     return {f"{what}_noise": u.get(what, 0.0) for what in ("encoder", "reference", "probe")}
 
 
-def simulated(model: Arm | ErrorModel, records: int = 300, seed: int = 1, **options: Any) -> Measurements:
-    return simulate_measurements(model, options.pop("plan"), records, rng=np.random.default_rng(seed), **options)
+def simulated(
+    model: Arm | ErrorModel, records: int = 300, seed: int = 1, **options: Any
+) -> Measurements:
+    return simulate_measurements(
+        model, options.pop("plan"), records, rng=np.random.default_rng(seed), **options
+    )
 
 
 @pytest.fixture(params=ARMS)
@@ -74,7 +86,9 @@ def tips_of(arm: Arm, q: Array) -> Array:
 
 
 def consistent(whitened: Array) -> bool:
-    """Whether the numbers are standard normal, as far as the sum of their squares tells; wrong once in 10 000."""
+    """Whether the numbers are standard normal, as far as the sum of their squares tells; wrong once
+    in 10 000.
+    """
     return bool(1e-4 < chi2.cdf(np.square(whitened).sum(), whitened.size) < 1 - 1e-4)
 
 
@@ -86,13 +100,27 @@ def directions(q: Array) -> Array:
 
 
 @pytest.mark.parametrize("options", PLANS, ids=lambda o: "-".join(map(str, o.values())))
-def test_tips_are_where_the_plan_says_and_postures_differ(arm: Arm, options: dict[str, Any]) -> None:
-    """At the references, or of each unknown seat at one point; inside the limits, and away from where the arm is stuck."""
+def test_tips_are_where_the_plan_says_and_postures_differ(
+    arm: Arm, options: dict[str, Any]
+) -> None:
+    """At the references, or of each unknown seat at one point; inside the limits, and away from
+    where the arm is stuck.
+    """
     measurements = simulated(arm, **quiet(), **options)
-    q, tips, seats, known = measurements.q, tips_of(arm, measurements.q), measurements.seats(), measurements.known
-    free, stated = options["plan"] == "free", options["plan"] in ("free", "seats") and options.get("known", True)
+    q, tips, seats, known = (
+        measurements.q,
+        tips_of(arm, measurements.q),
+        measurements.seats(),
+        measurements.known,
+    )
+    free, stated = (
+        options["plan"] == "free",
+        options["plan"] in ("free", "seats") and options.get("known", True),
+    )
     assert known.all() if stated else not known.any()
-    np.testing.assert_allclose(tips[known], measurements.reference[known], atol=1e-12 if free else 1e-9, rtol=0)
+    np.testing.assert_allclose(
+        tips[known], measurements.reference[known], atol=1e-12 if free else 1e-9, rtol=0
+    )
     assert all(np.ptp(tips[rows], axis=0).max() < 1e-9 for rows in seats.values())
     assert len(seats) == {"free": 0, "single-point": 1}.get(options["plan"], 10)
     assert np.isnan(measurements.reference_u).all()
@@ -109,7 +137,9 @@ def test_tips_are_where_the_plan_says_and_postures_differ(arm: Arm, options: dic
 
 
 def warped_tips(arm: Arm, measurements: Measurements) -> Array:
-    """Tips of an arm with five errors, written out by hand: only the DH table is shared with the package."""
+    """Tips of an arm with five errors, written out by hand: only the DH table is shared with the
+    package.
+    """
     known, q = measurements.conditions, measurements.q.copy()
     assert known.time is not None
     assert known.temperature is not None
@@ -139,7 +169,9 @@ def warped(sino6: Arm) -> ErrorModel:
 @pytest.mark.parametrize("plan", ["free", "seats"])
 def test_the_errors_are_exact(sino6: Arm, warped: ErrorModel, plan: str) -> None:
     measurements = simulated(warped, plan=plan, **quiet())
-    np.testing.assert_allclose(warped_tips(sino6, measurements), measurements.reference, atol=1e-9, rtol=0)
+    np.testing.assert_allclose(
+        warped_tips(sino6, measurements), measurements.reference, atol=1e-9, rtol=0
+    )
     off = np.linalg.norm(sino6.dh.chain.positions(measurements.q) - measurements.reference, axis=1)  # type: ignore[union-attr]
     assert np.median(off) > 1e-4  # or the test above would pass without errors
 
@@ -147,14 +179,19 @@ def test_the_errors_are_exact(sino6: Arm, warped: ErrorModel, plan: str) -> None
 def test_weight_bends_the_arm(sino6: Arm) -> None:
     """Compliance by Pinocchio's gravity torque, iterated here."""
     measurements = simulated(
-        ErrorModel(sino6).with_effects(JointCompliance(joint=2, values=(2e-5,))), plan="seats", **quiet(), seats=3
+        ErrorModel(sino6).with_effects(JointCompliance(joint=2, values=(2e-5,))),
+        plan="seats",
+        **quiet(),
+        seats=3,
     )
     q, data = measurements.q.copy(), sino6.model.createData()
     for k, row in enumerate(measurements.q):
         for _ in range(5):
             torque = -pin.computeGeneralizedGravity(sino6.model, data, q[k])[1]
             q[k, 1] = row[1] + 2e-5 * torque
-    np.testing.assert_allclose(sino6.dh.chain.positions(q), measurements.reference, atol=1e-9, rtol=0)  # type: ignore[union-attr]
+    np.testing.assert_allclose(
+        sino6.dh.chain.positions(q), measurements.reference, atol=1e-9, rtol=0
+    )  # type: ignore[union-attr]
 
 
 def test_errors_of_references_act_where_these_are_stated(sino6: Arm) -> None:
@@ -162,7 +199,9 @@ def test_errors_of_references_act_where_these_are_stated(sino6: Arm) -> None:
     shift = np.array([1e-4, -2e-4, 3e-4])
     model = ErrorModel(sino6).with_effects(SeatError(seat="S3", values=tuple(shift)))
     measurements = simulated(model, plan="seats", **quiet())
-    off = sino6.dh.chain.positions(measurements.q) - measurements.reference  # true place = stated place + e
+    off = (
+        sino6.dh.chain.positions(measurements.q) - measurements.reference
+    )  # true place = stated place + e
     third = measurements.conditions.seat == "S3"
     np.testing.assert_allclose(off[third], np.broadcast_to(shift, (30, 3)), atol=1e-9)
     np.testing.assert_allclose(off[~third], 0.0, atol=1e-9)
@@ -180,14 +219,18 @@ def test_errors_of_references_act_where_these_are_stated(sino6: Arm) -> None:
 
 
 def test_a_stretched_arm_touches_nothing(tmp_path: Path) -> None:
-    arm = Arm.from_urdf(written(tmp_path, ("revolute", "0 0 1", -3.0, 3.0), ("revolute", "0 0 1", -3.0, 3.0)), "tip")
+    arm = Arm.from_urdf(
+        written(tmp_path, ("revolute", "0 0 1", -3.0, 3.0), ("revolute", "0 0 1", -3.0, 3.0)), "tip"
+    )
     pool = Pool.draw(ErrorModel(arm), None, 2, np.random.default_rng(1))
     points = np.array([[0.4, 0.0, 0.0], [0.6 - 1e-6, 0.0, 0.0]])
     assert [len(q) for q in pool.touched(points, 2)] == [2, 0]
 
 
 def test_postures_go_all_round_the_point(sino6: Arm) -> None:
-    """Whatever posture another solver finds at the point, one like it is there: 300 in three dimensions of freedom."""
+    """Whatever posture another solver finds at the point, one like it is there: 300 in three
+    dimensions of freedom.
+    """
     assert sino6.dh is not None
     q = simulated(sino6, plan="single-point", **quiet()).q
     point, lower, upper = sino6.dh.chain.positions(q)[0], sino6.limits[:, 0], sino6.limits[:, 1]
@@ -213,7 +256,9 @@ def test_seats_are_apart_and_clear_of_the_stand_and_the_table(sino6: Arm) -> Non
     assert apart.max() > 0.7
     assert np.hypot(points[:, 0], points[:, 1]).min() >= 0.1
     assert points[:, 2].min() >= 0.1
-    ends = sino6.positions(simulated(sino6, plan="ball-bar", bar_length=0.2, seats=100, **quiet(), above=0.1).q)
+    ends = sino6.positions(
+        simulated(sino6, plan="ball-bar", bar_length=0.2, seats=100, **quiet(), above=0.1).q
+    )
     assert ends[:, 2].min() >= 0.1 - 1e-9
     assert np.hypot(ends[:, 0], ends[:, 1]).min() >= 0.1 - 1e-9
     free = simulated(sino6, plan="free", **quiet(), above=0.1).reference
@@ -222,9 +267,16 @@ def test_seats_are_apart_and_clear_of_the_stand_and_the_table(sino6: Arm) -> Non
 
 
 def test_joints_may_slide_or_turn_without_end(tmp_path: Path) -> None:
-    arm = Arm.from_urdf(written(tmp_path, ("prismatic", "0 0 1", 0.0, 0.5), *[("revolute", "0 0 1", -1e4, 1e4)] * 3), "tip")
+    arm = Arm.from_urdf(
+        written(
+            tmp_path, ("prismatic", "0 0 1", 0.0, 0.5), *[("revolute", "0 0 1", -1e4, 1e4)] * 3
+        ),
+        "tip",
+    )
     measurements = simulated(arm, plan="seats", records=40, seats=4, **quiet())
-    np.testing.assert_allclose(tips_of(arm, measurements.q), measurements.reference, atol=1e-9, rtol=0)
+    np.testing.assert_allclose(
+        tips_of(arm, measurements.q), measurements.reference, atol=1e-9, rtol=0
+    )
     assert np.abs(measurements.q[:, 1:]).max() <= np.pi
     assert 0.0 < measurements.q[:, 0].min() < measurements.q[:, 0].max() < 0.5
 
@@ -244,7 +296,9 @@ def test_encoder_noise_reaches_the_tip(arm: Arm) -> None:
     measurements = simulated(arm, plan="seats", **quiet(encoder=1e-5))
     off = tips_of(arm, measurements.q) - measurements.reference
     jacobian = 1e-5 * arm.jacobian(measurements.q)
-    whitened = np.linalg.solve(np.linalg.cholesky(jacobian @ jacobian.transpose(0, 2, 1)), off[:, :, None])
+    whitened = np.linalg.solve(
+        np.linalg.cholesky(jacobian @ jacobian.transpose(0, 2, 1)), off[:, :, None]
+    )
     assert consistent(whitened)
 
 
@@ -266,7 +320,9 @@ def test_contacts(sino6: Arm) -> None:
     assert sino6.dh is not None
     for plan in ("seats", "free"):
         measurements = simulated(sino6, plan=plan, **quiet(probe=5e-6))
-        assert consistent((sino6.dh.chain.positions(measurements.q) - measurements.reference) / 5e-6)
+        assert consistent(
+            (sino6.dh.chain.positions(measurements.q) - measurements.reference) / 5e-6
+        )
 
 
 def test_lengths_of_bars_are_as_good_as_references(sino6: Arm) -> None:
@@ -280,7 +336,9 @@ def test_lengths_of_bars_are_as_good_as_references(sino6: Arm) -> None:
 
 def test_noise_that_nobody_stated(sino6: Arm, zero6: Arm) -> None:
     measurements = simulated(sino6, plan="free")
-    assert measurements.source == "simulated, SINO6, plan free, seed 1, encoder noise 8 µrad (assumed)"
+    assert (
+        measurements.source == "simulated, SINO6, plan free, seed 1, encoder noise 8 µrad (assumed)"
+    )
     assert (measurements.reference_u == 1.2e-5).all()
     exact = simulated(sino6, plan="free", **quiet())
     assert consistent((measurements.q - exact.q) / 8e-6)
@@ -298,8 +356,16 @@ def test_noise_of_no_use() -> None:
         (lambda: Noise.of(6, reference=-1e-6), AacmmError, "reference noise is -1e-06 m"),
         (lambda: Noise.of(6, probe=0.05), AacmmError, "probe noise is 0.05 m, expected 0 to 0.01"),
         (lambda: Noise.of(6, probe=float("nan")), AacmmError, "probe noise is nan m"),
-        (lambda: Noise.of(6, encoder=[1e-6] * 5), ShapeError, r"encoder noise has shape \(5,\), expected \(6,\) \[rad\]"),
-        (lambda: Noise(np.array(1e-6)), ShapeError, r"encoder noise has shape \(\), expected \(nq,\)"),
+        (
+            lambda: Noise.of(6, encoder=[1e-6] * 5),
+            ShapeError,
+            r"encoder noise has shape \(5,\), expected \(6,\) \[rad\]",
+        ),
+        (
+            lambda: Noise(np.array(1e-6)),
+            ShapeError,
+            r"encoder noise has shape \(\), expected \(nq,\)",
+        ),
     ]
     for make, error, said in cases:
         with pytest.raises(error, match=said):
@@ -326,7 +392,9 @@ def test_conditions_are_those_of_a_workshop(sino6: Arm) -> None:
     assert set(np.unique(known.approach)) == {-1.0, 1.0}
     assert known.session is not None
     assert list(dict.fromkeys(known.session)) == ["1", "2", "3"]
-    assert all(set(known.seat[known.session == s]) == {f"S{k}" for k in range(1, 11)} for s in "123")  # type: ignore[index]
+    assert all(
+        set(known.seat[known.session == s]) == {f"S{k}" for k in range(1, 11)} for s in "123"
+    )  # type: ignore[index]
     one = simulated(sino6, plan="seats", records=150).conditions
     assert one.session is None
     assert one.seat is not None
@@ -342,13 +410,18 @@ def test_joints_come_from_where_they_were(sino6: Arm) -> None:
 
 def test_temperature_stays_in_its_range(zero6: Arm) -> None:
     for kelvin in (0.0, 1.0, 10.0):
-        many = [simulated(zero6, plan="free", seed=seed, temperature_range=kelvin).conditions for seed in range(20)]
+        many = [
+            simulated(zero6, plan="free", seed=seed, temperature_range=kelvin).conditions
+            for seed in range(20)
+        ]
         off = [np.abs(known.temperature - zero6.reference_temperature).max() for known in many]  # type: ignore[operator]
         assert 0.5 * kelvin <= max(off) <= kelvin
 
 
 @pytest.mark.parametrize("options", PLANS, ids=lambda o: "-".join(map(str, o.values())))
-def test_a_seed_is_a_data_set_that_a_file_holds(sino6: Arm, tmp_path: Path, options: dict[str, Any]) -> None:
+def test_a_seed_is_a_data_set_that_a_file_holds(
+    sino6: Arm, tmp_path: Path, options: dict[str, Any]
+) -> None:
     first, again, other = (simulated(sino6, records=60, seed=seed, **options) for seed in (7, 7, 8))
     assert first.to_frame().equals(again.to_frame())
     assert not first.to_frame().equals(other.to_frame())
@@ -366,7 +439,10 @@ def test_the_seed_is_told_as_far_as_it_can_be(sino6: Arm) -> None:
 
     used = np.random.default_rng(3)
     used.random()
-    spawned, legacy = np.random.default_rng(3).spawn(2)[1], np.random.Generator(np.random.RandomState(3)._bit_generator)
+    spawned, legacy = (
+        np.random.default_rng(3).spawn(2)[1],
+        np.random.Generator(np.random.RandomState(3)._bit_generator),
+    )
     assert source(np.random.default_rng(3)).endswith("seed 3")
     assert all(source(rng).endswith("seed unknown") for rng in (used, spawned, legacy))
 
@@ -388,7 +464,10 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
     ({"plan": "free", "above": float("inf")}, "above is inf m, expected -100 to 100 m"),
     ({"plan": "free", "above": 2.0}, "SINO6: 0 of 6000 random postures .* 2000 mm or more"),
     ({"plan": "free", "temperature_range": -1.0}, "temperature_range is -1 K"),
-    ({"plan": "free", "encoder_noise": [1e-5] * 5}, r"encoder noise has shape \(5,\), expected \(6,\) \[rad\]"),
+    (
+        {"plan": "free", "encoder_noise": [1e-5] * 5},
+        r"encoder noise has shape \(5,\), expected \(6,\) \[rad\]",
+    ),
 ]
 
 
@@ -405,26 +484,46 @@ def test_an_effect_that_has_nothing_to_act_on(sino6: Arm) -> None:
     with pytest.raises(MissingConditionError, match="seat_error:S1 needs the column seat"):
         simulated(model.with_effects(SeatError(seat="S1", values=(1e-4, 0.0, 0.0))), plan="free")
     with pytest.raises(MissingConditionError, match="needs the column marker"):
-        simulated(model.with_effects(StylusOffset(marker="T1", values=(0.1, 0.0, 0.0))), plan="seats")
+        simulated(
+            model.with_effects(StylusOffset(marker="T1", values=(0.1, 0.0, 0.0))), plan="seats"
+        )
 
 
 def test_an_effect_too_large_for_the_limits(sino6: Arm) -> None:
-    model = ErrorModel(sino6).with_effects(*(JointHysteresis(joint=j, values=(0.8,)) for j in range(1, 7)))
-    with pytest.raises(AacmmError, match=r"no posture inside the limits has its tip at the seat: joint_hysteresis:1, "):
+    model = ErrorModel(sino6).with_effects(
+        *(JointHysteresis(joint=j, values=(0.8,)) for j in range(1, 7))
+    )
+    with pytest.raises(
+        AacmmError,
+        match=r"no posture inside the limits has its tip at the seat: joint_hysteresis:1, ",
+    ):
         simulated(model, plan="seats")
 
 
 def test_arms_of_two_joints(tmp_path: Path) -> None:
-    """With two postures at each point, without room for seats, and with a slide whose end nobody states."""
-    arm = Arm.from_urdf(written(tmp_path, ("revolute", "0 0 1", -3.0, 3.0), ("revolute", "0 0 1", -3.0, 3.0)), "tip")
-    with pytest.raises(AacmmError, match=r"0 of 2 seats found that can be touched in 10 .*, of 8 tried; the others in 2"):
+    """With two postures at each point, without room for seats, and with a slide whose end nobody
+    states.
+    """
+    arm = Arm.from_urdf(
+        written(tmp_path, ("revolute", "0 0 1", -3.0, 3.0), ("revolute", "0 0 1", -3.0, 3.0)), "tip"
+    )
+    with pytest.raises(
+        AacmmError,
+        match=r"0 of 2 seats found that can be touched in 10 .*, of 8 tried; the others in 2",
+    ):
         simulated(arm, plan="seats", records=20, seats=2)
     measurements = simulated(arm, plan="seats", records=4, seats=2, **quiet())
-    np.testing.assert_allclose(tips_of(arm, measurements.q), measurements.reference, atol=1e-9, rtol=0)
-    stiff = Arm.from_urdf(written(tmp_path, ("revolute", "0 0 1", -0.1, 0.1), ("revolute", "0 0 1", -0.1, 0.1)), "tip")
+    np.testing.assert_allclose(
+        tips_of(arm, measurements.q), measurements.reference, atol=1e-9, rtol=0
+    )
+    stiff = Arm.from_urdf(
+        written(tmp_path, ("revolute", "0 0 1", -0.1, 0.1), ("revolute", "0 0 1", -0.1, 0.1)), "tip"
+    )
     with pytest.raises(AacmmError, match=r"room for [23] seats 50 mm or more apart, expected 10"):
         simulated(stiff, plan="seats")
-    slide = Arm.from_urdf(written(tmp_path, ("prismatic", "1 0 0", 0.0, 1.0), ("revolute", "0 0 1", -3.0, 3.0)), "tip")
+    slide = Arm.from_urdf(
+        written(tmp_path, ("prismatic", "1 0 0", 0.0, 1.0), ("revolute", "0 0 1", -3.0, 3.0)), "tip"
+    )
     slide.limits[0] = (0.0, np.inf)
     with pytest.raises(UnsupportedArmError, match="joint 1 slides without limits"):
         simulated(slide, plan="free")
@@ -435,12 +534,14 @@ def written(folder: Path, *joints: tuple[str, str, float, float]) -> Path:
     text = '<robot name="made"><link name="l0"/>'
     for k, (kind, axis, lower, upper) in enumerate(joints, start=1):
         text += (
-            f'<link name="l{k}"/><joint name="j{k}" type="{kind}"><parent link="l{k - 1}"/><child link="l{k}"/>'
+            f'<link name="l{k}"/><joint name="j{k}" type="{kind}"><parent link="l{k - 1}"/><child '
+            f'link="l{k}"/>'
             f'<origin xyz="{0.3 if k > 1 else 0} 0 0"/><axis xyz="{axis}"/>'
             f'<limit lower="{lower}" upper="{upper}" effort="1" velocity="1"/></joint>'
         )
     text += (
-        f'<link name="tip"/><joint name="jt" type="fixed"><parent link="l{len(joints)}"/><child link="tip"/>'
+        f'<link name="tip"/><joint name="jt" type="fixed"><parent link="l{len(joints)}"/><child '
+        'link="tip"/>'
         '<origin xyz="0.3 0 0"/></joint></robot>'
     )
     path = folder / "made.urdf"

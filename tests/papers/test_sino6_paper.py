@@ -15,7 +15,8 @@ from aacmm_pin.errors import UnsupportedArmError
 
 MM = 1e-3
 L2, L3, D3, D5 = 60.7309 * MM, 53.10897 * MM, 700.95392 * MM, 500.2211 * MM
-# Written out here once more, so that the truth of these tests does not come from the code under test.
+# Written out here once more, so that the truth of these tests does not come from the code under
+# test.
 TRUTH = table(
     [
         [0.0, 0.0, -np.pi / 2, 0.0],
@@ -31,7 +32,9 @@ ARM = NominalArm(L2, L3, D3, D5)
 def random_configurations(seed, n, theta3=None):
     """θ1 to θ5 within the limits, θ5 = 0."""
     q = np.zeros((n, 5))
-    q[:, :4] = np.random.default_rng(seed).uniform([0, -np.pi, 0, -np.pi], [2 * np.pi, 0, 2 * np.pi, 0], (n, 4))
+    q[:, :4] = np.random.default_rng(seed).uniform(
+        [0, -np.pi, 0, -np.pi], [2 * np.pi, 0, 2 * np.pi, 0], (n, 4)
+    )
     if theta3 is not None:
         q[:, 2] = theta3
     return q
@@ -49,7 +52,9 @@ def angle_error(found, true):
 def test_table_1_is_the_bundled_arm(sino6: Arm):
     printed = printed_table1()
     values = printed[["a_mm", "d_mm", "alpha_rad", "theta_offset_rad"]].to_numpy() * [MM, MM, 1, 1]
-    widths = printed[["a_half_width_mm", "d_half_width_mm", "alpha_half_width_rad", "theta_half_width_rad"]].to_numpy()
+    widths = printed[
+        ["a_half_width_mm", "d_half_width_mm", "alpha_half_width_rad", "theta_half_width_rad"]
+    ].to_numpy()
     np.testing.assert_array_equal(sino6.dh.values(), values)
     stated = np.reshape([p.half_width for p in sino6.parameters], (6, 4))
     np.testing.assert_array_equal(stated, widths * [MM, MM, 1, 1])
@@ -59,25 +64,34 @@ def test_table_1_is_the_bundled_arm(sino6: Arm):
         NominalArm(-L2, L3, D3, -D5)
 
 
-# Equations (2) to (13) --------------------------------------------------------------------------------------------------
+# Equations (2) to
+# (13) ------------------------------------------------------------
 
 
 def test_highest_configuration_is_the_one_that_made_the_point():
     q = random_configurations(1, 20_000, theta3=0.0)
     p = TRUTH.chain.positions(q)
-    elbow_angle = np.arctan2(L3 - L2, D3)  # where |θ4| passes π - this, the mirror image about OP is the answer instead
+    elbow_angle = np.arctan2(
+        L3 - L2, D3
+    )  # where |θ4| passes π - this, the mirror image about OP is the answer instead
     applies = looks_towards(q, p) & (q[:, 3] > -np.pi - elbow_angle)
     assert applies.mean() > 0.8
     assert angle_error(PlanarConfigurations(ARM, p[applies]).highest, q[applies, :4]).max() < 1e-10
-    printed = np.arctan(p[:, 1] / p[:, 0]) + np.where(p[:, 0] >= 0, 0.0, np.pi)  # the case distinction of (2)
-    assert angle_error(PlanarConfigurations(ARM, p).azimuth[:, None], printed[:, None]).max() < 1e-14
+    printed = np.arctan(p[:, 1] / p[:, 0]) + np.where(
+        p[:, 0] >= 0, 0.0, np.pi
+    )  # the case distinction of (2)
+    assert (
+        angle_error(PlanarConfigurations(ARM, p).azimuth[:, None], printed[:, None]).max() < 1e-14
+    )
 
 
 def test_lowest_configuration_is_the_one_that_made_the_point():
     q = random_configurations(2, 20_000, theta3=np.pi)
     p = TRUTH.chain.positions(q)
     first = q[:, 3] < -np.arctan2(L2 + L3, D3)
-    reachable = np.linalg.norm(p, axis=1) < np.hypot(L3 - L2, D3) + D5  # (7) starts from the highest configuration
+    reachable = (
+        np.linalg.norm(p, axis=1) < np.hypot(L3 - L2, D3) + D5
+    )  # (7) starts from the highest configuration
     towards = looks_towards(q, p)
     applies = towards & first & reachable
     assert applies.mean() > 0.6
@@ -90,7 +104,11 @@ def test_lowest_configuration_is_the_one_that_made_the_point():
 def test_highest_means_below_the_line_to_the_point_in_the_dh_frame():
     q = random_configurations(4, 5_000, theta3=0.0)
     p = TRUTH.chain.positions(q)
-    both = looks_towards(q, p) & (q[:, 3] > -3.1) & (np.linalg.norm(p, axis=1) > np.hypot(L2 + L3, D3) - D5)
+    both = (
+        looks_towards(q, p)
+        & (q[:, 3] > -3.1)
+        & (np.linalg.norm(p, axis=1) > np.hypot(L2 + L3, D3) - D5)
+    )
     q, p = q[both], p[both]
     lowest = np.column_stack([PlanarConfigurations(ARM, p).lowest, np.zeros(len(p))])
     np.testing.assert_allclose(TRUTH.chain.positions(lowest), p, atol=1e-12)
@@ -107,13 +125,16 @@ def test_all_configurations_at_a_theta2_contain_the_one_that_made_the_point():
     at = ConfigurationsAtTheta2(ARM, p, q[:, 1])
     error = angle_error(at.all(), q[:, None, None, :4])
     best = np.nanmin(error.reshape(len(q), 4), axis=1)
-    # Inverse cosines near ±1 lose half the digits, whatever the code: such points are counted, not judged to 1e-10.
+    # Inverse cosines near ±1 lose half the digits, whatever the code: such points are counted, not
+    # judged to 1e-10.
     cosine1 = np.cos(q[:, 0] - np.arctan2(p[:, 1], p[:, 0]))
     sound = (np.abs(at.cosine_theta42(L3)) < 1 - 1e-5) & (np.abs(cosine1) < 1 - 1e-5)
     assert sound.mean() > 0.99
     assert best[sound].max() < 1e-10
     assert best.max() < 1e-6
-    needs_second_root = ~(np.nanmin(np.where(np.isnan(error[:, 0]), np.inf, error[:, 0]), axis=1) < 1e-6)
+    needs_second_root = ~(
+        np.nanmin(np.where(np.isnan(error[:, 0]), np.inf, error[:, 0]), axis=1) < 1e-6
+    )
     assert 0.045 < needs_second_root.mean() < 0.055
 
 
@@ -126,13 +147,15 @@ def test_every_configuration_at_a_theta2_reaches_the_point():
     number = np.nonzero(exists)[0]
     q = np.column_stack([found[exists], np.zeros(exists.sum())])
     assert len(q) > 1_000
-    offset = L3 - D5 * np.sin(q[:, 3])  # θ3 follows from a direction: outside the limits it may point the other way
+    offset = L3 - D5 * np.sin(
+        q[:, 3]
+    )  # θ3 follows from a direction: outside the limits it may point the other way
     inside = offset > 0
     np.testing.assert_allclose(TRUTH.chain.positions(q[inside]), p[number[inside]], atol=1e-11)
     np.testing.assert_array_equal(q[:, 1], theta2[number])
 
 
-# Misprints --------------------------------------------------------------------------------------------------------------
+# Misprints ------------------------------------------------------------
 
 
 def test_misprints_have_the_sizes_of_their_geometry():
@@ -149,7 +172,9 @@ def test_misprints_have_the_sizes_of_their_geometry():
     measured = slips.loc[("7", "ken with cos(π/2 + θ4max)"), "median_length_error_mm"]
     assert measured == pytest.approx(np.median(difference) / MM, rel=1e-9)
     harmless = slips.index[slips["affected_share"] == 0.0].tolist()
-    assert harmless == [("7", "exists if den + |d5| >= gen")]  # points of the workspace never violate the missing half
+    assert harmless == [
+        ("7", "exists if den + |d5| >= gen")
+    ]  # points of the workspace never violate the missing half
 
 
 def test_table_2_is_reproduced_within_one_percent_and_exact_geometry_gives_more():
@@ -163,14 +188,19 @@ def test_table_2_is_reproduced_within_one_percent_and_exact_geometry_gives_more(
     assert found.total_variation["exact"] > 0.25
     assert found.mean_flexibility["paper"] == pytest.approx(0.7621, abs=5e-5)
     assert found.mean_flexibility["exact"] == pytest.approx(0.983, abs=5e-4)
-    # Two ways that share no code agree on this histogram, see tests/postures/test_two_enumerations.py.
+    # Two ways that share no code agree on this histogram, see
+    # tests/postures/test_two_enumerations.py.
     assert found.counts["exact_cells"].tolist() == [0, 0, 0, 0, 0, 3, 0, 28, 0, 55, 0, 156, 2062]
     assert found.cells["reproduced_sectors"].min() >= 1  # each generator is itself a configuration
-    near = found.cells[found.cells["behind_axis"]]  # near the axis is the whole circle, though the steps find one sector
+    near = found.cells[
+        found.cells["behind_axis"]
+    ]  # near the axis is the whole circle, though the steps find one sector
     assert len(near) > 300
     assert (near["reproduced_sectors"] == 1).all()
     assert (near["exact_sectors"] == 12).all()
-    assert (found.cells["reproduced_sectors"] == 1).sum() - len(near) == 68  # in front of the axis: not explained
+    assert (found.cells["reproduced_sectors"] == 1).sum() - len(
+        near
+    ) == 68  # in front of the axis: not explained
     ax = Figure().add_subplot()
     assert found.plot(ax) is ax
     assert [bar.get_height() for bar in ax.containers[0]][1:] == printed.tolist()

@@ -1,8 +1,8 @@
-"""The diagnosis of the paper's Table 3, against an independent analysis of the same table and forward kinematics
-written here.
+"""The diagnosis of the paper's Table 3, against an independent analysis of the same table and
+forward kinematics written here.
 
-The independent analysis placed θ3, not the elbow, evenly round the circle, and drew its own arms; its numbers are expected
-within what that and its draws may change.
+The independent analysis placed θ3, not the elbow, evenly round the circle, and drew its own arms;
+its numbers are expected within what that and its draws may change.
 """
 
 from __future__ import annotations
@@ -62,18 +62,30 @@ def dh_tips(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     placement = np.broadcast_to(np.eye(4), (*q.shape[:-1], 4, 4))
     names = ("a_mm", "d_mm", "alpha_rad", "theta_rad")
     for k, row in enumerate(printed_table1().to_dict("records")):
-        a, d, alpha, theta = (row[next(c for c in row if c.startswith(name.split("_")[0]))] for name in names)
+        a, d, alpha, theta = (
+            row[next(c for c in row if c.startswith(name.split("_")[0]))] for name in names
+        )
         t = q[..., k] + theta
         step = np.zeros((*q.shape[:-1], 4, 4))
         ct, st, ca, sa = np.cos(t), np.sin(t), np.cos(alpha), np.sin(alpha)
-        step[..., 0, 0], step[..., 0, 1], step[..., 0, 2], step[..., 0, 3] = ct, -st * ca, st * sa, a * 1e-3 * ct
-        step[..., 1, 0], step[..., 1, 1], step[..., 1, 2], step[..., 1, 3] = st, ct * ca, -ct * sa, a * 1e-3 * st
+        step[..., 0, 0], step[..., 0, 1], step[..., 0, 2], step[..., 0, 3] = (
+            ct,
+            -st * ca,
+            st * sa,
+            a * 1e-3 * ct,
+        )
+        step[..., 1, 0], step[..., 1, 1], step[..., 1, 2], step[..., 1, 3] = (
+            st,
+            ct * ca,
+            -ct * sa,
+            a * 1e-3 * st,
+        )
         step[..., 2, 1], step[..., 2, 2], step[..., 2, 3], step[..., 3, 3] = sa, ca, d * 1e-3, 1.0
         placement = placement @ step
     return placement[..., :3, 3], placement[..., :3, 0]
 
 
-# Postures ---------------------------------------------------------------------------------------------------------------
+# Postures ------------------------------------------------------------
 
 
 def test_the_tips_are_in_the_seats_with_the_stylus_down(seats: TouchedSeats):
@@ -81,14 +93,18 @@ def test_the_tips_are_in_the_seats_with_the_stylus_down(seats: TouchedSeats):
         tips, stylus = dh_tips(q)
         assert len(q) == 50
         np.testing.assert_allclose(tips, np.broadcast_to(point, tips.shape), atol=1e-9)
-        np.testing.assert_allclose(stylus, np.broadcast_to([0.0, 0.0, -1.0], stylus.shape), atol=1e-9)
+        np.testing.assert_allclose(
+            stylus, np.broadcast_to([0.0, 0.0, -1.0], stylus.shape), atol=1e-9
+        )
 
 
 def test_the_wrists_are_at_the_printed_coordinates_by_pinocchio(at_wrist: TouchedSeats):
     position = at_wrist.model.arm.poses(at_wrist.all_q, "frame5").position.reshape(6, 50, 3)
     assert np.linalg.norm(position - printed_points()[:, None], axis=2).max() < 2e-12
     assert ((at_wrist.q[..., [1, 3]] < 0) & (at_wrist.q[..., [1, 3]] > -np.pi)).all()
-    np.testing.assert_allclose(np.diff(np.unwrap(at_wrist.q[..., 2], axis=1), axis=1), 2 * np.pi / 50, atol=0.02)
+    np.testing.assert_allclose(
+        np.diff(np.unwrap(at_wrist.q[..., 2], axis=1), axis=1), 2 * np.pi / 50, atol=0.02
+    )
     with pytest.raises(UnknownNameError, match="stylus down"):
         touched_seats("sideways")  # type: ignore[arg-type]
     with pytest.raises(AacmmError, match="arc is 0"):
@@ -107,23 +123,31 @@ def test_implied_counts_are_whole_but_for_seat_6():
 
 
 def test_the_wrist_reading_gives_the_same_picture(at_wrist: TouchedSeats):
-    """Independent analysis: at the wrist 5″ misses seats 1 to 5 by 1.9 % rms after one size has been fitted."""
+    """Independent analysis: at the wrist 5″ misses seats 1 to 5 by 1.9 % rms after one size has
+    been fitted.
+    """
     other = diagnose_table3(np.random.default_rng(1), at_wrist, draws=500)
     assert 1.0 < other.fit[0] < 3.0
     assert other.noise[1] == pytest.approx(5.0 * ARCSEC, rel=0.05)
     assert other.log_bayes_factor(ODD, NOISE, "six") > 4.0
-    assert other.shown["measured_mm"].between(other.shown["dh_p05_mm"], other.shown["dh_p95_mm"]).all()
+    assert (
+        other.shown["measured_mm"].between(other.shown["dh_p05_mm"], other.shown["dh_p95_mm"]).all()
+    )
 
 
-# Show -------------------------------------------------------------------------------------------------------------------
+# Show ------------------------------------------------------------
 
 
 def test_dh_errors_give_the_level_and_one_number(found: Table3Diagnosis):
-    """Independent: medians .049 .049 .051 .046 .045 .038 mm; correlation 0.97 to 0.98; sd of the logarithm 0.66.
+    """Independent: medians .049 .049 .051 .046 .045 .038 mm; correlation 0.97 to 0.98; sd of the
+    logarithm 0.66.
 
-    Here seat 6 is a little freer in this reading, down to 0.93; with the stylus up and at the wrist 0.96 is the least.
+    Here seat 6 is a little freer in this reading, down to 0.93; with the stylus up and at the wrist
+    0.96 is the least.
     """
-    np.testing.assert_allclose(found.shown["dh_median_mm"], [0.049, 0.049, 0.051, 0.046, 0.045, 0.038], rtol=0.08)
+    np.testing.assert_allclose(
+        found.shown["dh_median_mm"], [0.049, 0.049, 0.051, 0.046, 0.045, 0.038], rtol=0.08
+    )
     log = found.patterns[DH].log_spread
     correlation = np.corrcoef(log.T)[np.triu_indices(6, 1)]
     assert correlation.mean() == pytest.approx(0.97, abs=0.015)
@@ -134,23 +158,31 @@ def test_dh_errors_give_the_level_and_one_number(found: Table3Diagnosis):
 
 
 def test_first_order_agrees_with_brute_force_arms(seats: TouchedSeats, found: Table3Diagnosis):
-    """DH errors by whole forward kinematics of :func:`Arm.perturbed_positions` instead of sensitivities."""
+    """DH errors by whole forward kinematics of :func:`Arm.perturbed_positions` instead of
+    sensitivities.
+    """
     arm, rng = seats.model.arm, np.random.default_rng(11)
     half = np.array([parameter.half_width or 0.0 for parameter in arm.parameters])
     errors = half * rng.uniform(-1.0, 1.0, (300, len(half)))
     exact = np.empty((300, 6))
     for k, q in enumerate(seats.q):
-        moved = np.stack([arm.perturbed_positions(one[None, :], errors).reshape(300, 3) for one in q], axis=1)
+        moved = np.stack(
+            [arm.perturbed_positions(one[None, :], errors).reshape(300, 3) for one in q], axis=1
+        )
         exact[:, k] = np.sqrt(moved.var(axis=1, ddof=1).sum(axis=1))
     moved = np.einsum("snip,dp->dsni", seats.sensitivity(), errors, optimize=True)
     linear = np.sqrt(moved.var(axis=2, ddof=1).sum(axis=2))
     np.testing.assert_allclose(linear, exact, rtol=2e-3)
-    # 300 arms against those of the diagnosis: medians of a distribution with sd 0.66 of the logarithm.
-    ours, theirs = np.median(found.patterns[DH].log_spread, axis=0), np.median(np.log(exact), axis=0)
+    # 300 arms against those of the diagnosis: medians of a distribution with sd 0.66 of the
+    # logarithm.
+    ours, theirs = (
+        np.median(found.patterns[DH].log_spread, axis=0),
+        np.median(np.log(exact), axis=0),
+    )
     np.testing.assert_allclose(ours, theirs, atol=4 * 1.25 * 0.66 / np.sqrt(300))
 
 
-# Name -------------------------------------------------------------------------------------------------------------------
+# Name ------------------------------------------------------------
 
 
 def test_noise_of_every_encoder_by_forward_kinematics(seats: TouchedSeats, found: Table3Diagnosis):
@@ -159,9 +191,13 @@ def test_noise_of_every_encoder_by_forward_kinematics(seats: TouchedSeats, found
     for k, q in enumerate(seats.q):
         tips, _ = dh_tips(q + 5 * ARCSEC * rng.normal(size=(400, *q.shape)))
         simulated = np.sqrt(tips.var(axis=1, ddof=1).sum(axis=1))
-        assert 5 * ARCSEC * np.sqrt(pattern.second[0, k]) == pytest.approx(np.sqrt((simulated**2).mean()), rel=0.015)
+        assert 5 * ARCSEC * np.sqrt(pattern.second[0, k]) == pytest.approx(
+            np.sqrt((simulated**2).mean()), rel=0.015
+        )
         assert np.log(simulated).std() == pytest.approx(pattern.log_sd[0, k], rel=0.2)
-    np.testing.assert_allclose(5 * ARCSEC * np.sqrt(pattern.second[0, :5]) * 1e3, FIVE_ARCSEC_MM, rtol=0.03)
+    np.testing.assert_allclose(
+        5 * ARCSEC * np.sqrt(pattern.second[0, :5]) * 1e3, FIVE_ARCSEC_MM, rtol=0.03
+    )
 
 
 def test_five_arcseconds_describe_five_seats(found: Table3Diagnosis):
@@ -176,7 +212,9 @@ def test_five_arcseconds_describe_five_seats(found: Table3Diagnosis):
 
 
 def test_five_seats_do_not_tell_the_cause(found: Table3Diagnosis):
-    """Independent log-evidences at τ = 0.15: noise +0.3, DH -0.9, eccentricity -1.2, seat + height -0.1, one odd -0.8."""
+    """Independent log-evidences at τ = 0.15: noise +0.3, DH -0.9, eccentricity -1.2, seat + height
+    -0.1, one odd -0.8.
+    """
     assert found.verdict == "ambiguous"
     expected = {DH: -1.2, ECCENTRICITY: -1.5, STAND: -0.4, ODD: -1.1}
     for cause, difference in expected.items():
@@ -186,7 +224,9 @@ def test_five_seats_do_not_tell_the_cause(found: Table3Diagnosis):
 
 
 def test_six_seats_say_that_one_is_odd(found: Table3Diagnosis):
-    """Independent, against noise: τ = 0.15 one odd +6.3, stand +2.3, DH -1.2; τ = 0.30 one odd +0.7, DH -1.5."""
+    """Independent, against noise: τ = 0.15 one odd +6.3, stand +2.3, DH -1.2; τ = 0.30 one odd
+    +0.7, DH -1.5.
+    """
     assert found.log_bayes_factor(ODD, NOISE, "six") == pytest.approx(6.3, abs=1.2)
     assert found.log_bayes_factor(STAND, NOISE, "six") == pytest.approx(2.3, abs=1.5)
     assert found.log_bayes_factor(DH, NOISE, "six") == pytest.approx(-1.2, abs=1.2)
@@ -204,11 +244,14 @@ def test_only_something_local_could_have_made_seat_6(found: Table3Diagnosis):
     assert found.local_noise == pytest.approx(np.sqrt((0.0783**2 - 0.0335**2) / 3) * 1e-3, rel=0.01)
 
 
-# Part and rest ----------------------------------------------------------------------------------------------------------
+# Part and
+# rest ------------------------------------------------------------
 
 
 def test_the_contrast_is_that_of_picking_after_measuring(found: Table3Diagnosis):
-    """Independent: picked after, medians .44 .41 .43 .43 .44; by volume .99 to 1.4; never all six as small as printed."""
+    """Independent: picked after, medians .44 .41 .43 .43 .44; by volume .99 to 1.4; never all six
+    as small as printed.
+    """
     marked, measured = found.marked, np.exp(MEASURED_LOGS)
     low, middle, high = band(marked.after[NOISE])
     np.testing.assert_allclose(middle[:5], [0.44, 0.41, 0.43, 0.43, 0.44], atol=0.02)
@@ -222,13 +265,19 @@ def test_the_contrast_is_that_of_picking_after_measuring(found: Table3Diagnosis)
 
 
 def parts_and_rests(indications: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """RMS distances from the mean of all of the ``count`` nearest records and of the others: (draws,) [m]."""
-    squares = np.sort(np.square(indications - indications.mean(axis=1, keepdims=True)).sum(axis=2), axis=1)
+    """RMS distances from the mean of all of the ``count`` nearest records and of the others:
+    (draws,) [m].
+    """
+    squares = np.sort(
+        np.square(indications - indications.mean(axis=1, keepdims=True)).sum(axis=2), axis=1
+    )
     return np.sqrt(squares[:, :count].mean(axis=1)), np.sqrt(squares[:, count:].mean(axis=1))
 
 
 def test_printed_parts_in_millimetres(seats: TouchedSeats):
-    """Independent: by 5″, part .0144 .0143 .0181 .0207 .0172, rest .0327 .0351 .0418 .0480 .0392 mm."""
+    """Independent: by 5″, part .0144 .0143 .0181 .0207 .0172, rest .0327 .0351 .0418 .0480 .0392
+    mm.
+    """
     rng, medians = np.random.default_rng(13), []
     for q, count in zip(seats.q[:5], [17, 15, 20, 22, 24], strict=True):
         tips, _ = dh_tips(q + 5 * ARCSEC * rng.normal(size=(1000, *q.shape)))
@@ -240,29 +289,40 @@ def test_printed_parts_in_millimetres(seats: TouchedSeats):
 
 
 def test_dh_errors_have_no_near_records(seats: TouchedSeats, found: Table3Diagnosis):
-    """Arms drawn and moved by whole forward kinematics: even the g nearest of fifty spread most of what the rest does."""
+    """Arms drawn and moved by whole forward kinematics: even the g nearest of fifty spread most of
+    what the rest does.
+    """
     arm, logs = seats.model.arm, []
     errors = parameter_errors(seats.model, np.random.default_rng(21), 200)
     for q, count in zip(seats.q[:5], [17, 15, 20, 22, 24], strict=True):
-        moved = np.stack([arm.perturbed_positions(one[None, :], errors).reshape(200, 3) for one in q], axis=1)
+        moved = np.stack(
+            [arm.perturbed_positions(one[None, :], errors).reshape(200, 3) for one in q], axis=1
+        )
         part, rest = parts_and_rests(moved, count)
         logs.append(np.log(part / rest))
     mean = np.mean(logs, axis=0)
     table = found.marked.causes
     assert table.loc[DH, "after_ratio"] == pytest.approx(np.exp(np.median(mean)), abs=0.03)
-    printed = np.log(np.array([0.0128, 0.0138, 0.0187, 0.0248, 0.0183]) / [0.0336, 0.0352, 0.0413, 0.0467, 0.0385]).mean()
+    printed = np.log(
+        np.array([0.0128, 0.0138, 0.0187, 0.0248, 0.0183])
+        / [0.0336, 0.0352, 0.0413, 0.0467, 0.0385]
+    ).mean()
     assert (mean <= printed).mean() < 0.03
     assert table.loc[DH, "after_reached"] < 0.015
     assert table.loc[NOISE, "after_reached"] > 0.5
 
 
 def test_the_bound_stands_on_the_full_circle(at_wrist: TouchedSeats):
-    """By the half of the circle about θ3 = π DH errors alone do reach the printed contrast; the level stays."""
+    """By the half of the circle about θ3 = π DH errors alone do reach the printed contrast; the
+    level stays.
+    """
     half = touched_seats("wrist", arc=0.5, start=0.25)
     theta3 = np.unwrap(half.q[..., 2], axis=1) % (2 * np.pi)
     assert ((theta3 > 0.5 * np.pi - 0.1) & (theta3 < 1.5 * np.pi + 0.1)).all()
     assert marked_part(half, np.random.default_rng(22), 300).causes.loc[DH, "after_reached"] > 0.5
-    levels = [np.sqrt(np.square(part.levers()).sum(axis=(2, 3)).mean()) for part in (half, at_wrist)]
+    levels = [
+        np.sqrt(np.square(part.levers()).sum(axis=(2, 3)).mean()) for part in (half, at_wrist)
+    ]
     assert levels[0] == pytest.approx(levels[1], rel=0.05)
 
 
@@ -275,30 +335,41 @@ def test_part_of_the_variance_scatters(found: Table3Diagnosis):
     assert pick.shares["ratio"].iloc[-1] == pytest.approx(0.43, abs=0.015)
 
 
-# Extend and measure -----------------------------------------------------------------------------------------------------
+# Extend and
+# measure ------------------------------------------------------------
 
 
 def test_the_extended_arm_states_its_noise(found: Table3Diagnosis, tmp_path: Path):
     found.model.save(tmp_path / "arm.toml")
     loaded = ErrorModel.load(tmp_path / "arm.toml")
     np.testing.assert_allclose(loaded.arm.encoder_noise, found.noise_beside_dh[1], rtol=1e-12)
-    assert [p.half_width for p in loaded.parameters] == [p.half_width for p in ErrorModel.load("sino6").parameters]
+    assert [p.half_width for p in loaded.parameters] == [
+        p.half_width for p in ErrorModel.load("sino6").parameters
+    ]
     assert found.noise_beside_dh[1] < found.noise[1]
     assert found.noise_beside_dh[2] < 1.2 * found.noise[2]
 
 
 def test_noise_beside_dh_is_a_posterior(found: Table3Diagnosis):
-    """By hand: the likelihood of every DH arm and every size, of spreads and contrasts, averaged over the arms."""
+    """By hand: the likelihood of every DH arm and every size, of spreads and contrasts, averaged
+    over the arms.
+    """
     dh, noise = found.patterns[DH], found.patterns[NOISE]
     sizes = np.geomspace(8e-7, 8e-5, 81)
     posterior = []
     for size in sizes:
         second = dh.second[:, :5] + size**2 * noise.second[:, :5]
-        fourth = dh.fourth[:, :5] + size**4 * noise.fourth[:, :5] + 10 / 3 * dh.second[:, :5] * size**2 * noise.second[:, :5]
+        fourth = (
+            dh.fourth[:, :5]
+            + size**4 * noise.fourth[:, :5]
+            + 10 / 3 * dh.second[:, :5] * size**2 * noise.second[:, :5]
+        )
         variance = 0.25 * (fourth / second**2 - 1) / 50 + 0.15**2
         off = np.log(MEASURED[:5]) - 0.5 * np.log(second)
         of_spreads = np.exp(-0.5 * (off**2 / variance + np.log(variance)).sum(axis=1))
-        of_contrasts = found.marked.chance(1.0 - dh.second[:, :5].mean(axis=1) / second.mean(axis=1))
+        of_contrasts = found.marked.chance(
+            1.0 - dh.second[:, :5].mean(axis=1) / second.mean(axis=1)
+        )
         posterior.append(np.mean(of_spreads * of_contrasts))
     share = np.cumsum(posterior) / np.sum(posterior)
     expected = np.exp(np.interp([0.025, 0.5, 0.975], share, np.log(sizes)))
@@ -307,25 +378,37 @@ def test_noise_beside_dh_is_a_posterior(found: Table3Diagnosis):
 
 def test_gain_on_a_seat_left_out(found: Table3Diagnosis):
     held = found.held_out
-    off = {name: np.log(held.seats["measured_mm"] / held.seats[f"{name}_mm"]) for name in ("recalibrated", "extended")}
+    off = {
+        name: np.log(held.seats["measured_mm"] / held.seats[f"{name}_mm"])
+        for name in ("recalibrated", "extended")
+    }
     rms = {name: np.sqrt(np.mean(np.square(values))) for name, values in off.items()}
-    assert held.gain["extended"] == pytest.approx(1 - rms["extended"] / rms["recalibrated"], abs=1e-9)
+    assert held.gain["extended"] == pytest.approx(
+        1 - rms["extended"] / rms["recalibrated"], abs=1e-9
+    )
     assert 0.4 < held.gain["extended"] < 0.9
     assert held.gain["noise_alone"] > 0.7
     assert held.rms_percent["extended"] < 7.5  # about the sampling error of one spread
     assert all(low <= held.gain[name] <= high for name, (low, high) in held.interval.items())
-    assert held.seats["measured_mm"].between(held.seats["extended_p025_mm"], held.seats["extended_p975_mm"]).all()
+    assert (
+        held.seats["measured_mm"]
+        .between(held.seats["extended_p025_mm"], held.seats["extended_p975_mm"])
+        .all()
+    )
     # Noise without DH errors, by hand: the mean logarithm of the others carries the size.
     log, pattern = np.log(MEASURED[:5]), found.patterns[NOISE].log_spread[0, :5]
     others = [np.mean(np.delete(log - pattern, k)) + pattern[k] for k in range(5)]
     np.testing.assert_allclose(held.seats["noise_alone_mm"], np.exp(others) * 1e3, rtol=0.02)
 
 
-# What is said -----------------------------------------------------------------------------------------------------------
+# What is
+# said ------------------------------------------------------------
 
 
 def test_what_is_said_holds_the_numbers(found: Table3Diagnosis):
-    text = " ".join(block.text for block in table3_document(found).short() if isinstance(block, Paragraph))
+    text = " ".join(
+        block.text for block in table3_document(found).short() if isinstance(block, Paragraph)
+    )
     assert f"{found.noise[1] / ARCSEC:.1f}″" in text
     assert f"{found.held_out.gain['extended']:.2f}" in text
     assert f"{100 * found.marked.least_random_share:.0f} %" in text
@@ -335,13 +418,21 @@ def test_what_is_said_holds_the_numbers(found: Table3Diagnosis):
 
 
 def test_another_seat_would_be_named_if_it_were_odd(found: Table3Diagnosis):
-    """The same table with the excess at seat 2: the odd seat is found there, not where this one has it."""
+    """The same table with the excess at seat 2: the odd seat is found there, not where this one has
+    it.
+    """
     swapped = MEASURED.copy()
-    swapped[1], swapped[5] = MEASURED[1] * 2.4, 5 * ARCSEC * np.sqrt(found.patterns[NOISE].second[0, 5])
+    swapped[1], swapped[5] = (
+        MEASURED[1] * 2.4,
+        5 * ARCSEC * np.sqrt(found.patterns[NOISE].second[0, 5]),
+    )
     known = evidence(found.patterns[ODD], swapped, 0.15)
     per_seat = known.weights.reshape(-1, 6).sum(axis=0)
     assert per_seat.argmax() == 1
-    assert evidence(found.patterns[ODD], MEASURED, 0.15).weights.reshape(-1, 6).sum(axis=0).argmax() == 5
+    assert (
+        evidence(found.patterns[ODD], MEASURED, 0.15).weights.reshape(-1, 6).sum(axis=0).argmax()
+        == 5
+    )
 
 
 def test_with_noise_alone_nothing_is_special(found: Table3Diagnosis):
@@ -349,7 +440,9 @@ def test_with_noise_alone_nothing_is_special(found: Table3Diagnosis):
     rng, pattern = np.random.default_rng(19), found.patterns[NOISE]
     special = 0
     for _ in range(60):
-        drawn = np.exp(np.log(5 * ARCSEC) + pattern.log_spread[0] + pattern.log_sd[0] * rng.normal(size=6))
+        drawn = np.exp(
+            np.log(5 * ARCSEC) + pattern.log_spread[0] + pattern.log_sd[0] * rng.normal(size=6)
+        )
         both = [evidence(found.patterns[name], drawn, 0.15).log_evidence for name in (ODD, NOISE)]
         special += both[0] - both[1] > np.log(10)
     assert special <= 6
@@ -367,7 +460,9 @@ def test_figures_draw_on_given_axes(found: Table3Diagnosis):
     assert "cut" not in c.get_xlabel()
 
 
-def test_bars_that_are_cut_off_are_explained(found: Table3Diagnosis, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_bars_that_are_cut_off_are_explained(
+    found: Table3Diagnosis, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(plots, "WORST", -5.0)
     ax = plots.plot_bayes_factors(found, Figure().add_subplot())
     assert "cut" in ax.get_xlabel()

@@ -1,4 +1,6 @@
-"""Patterns of spread, their evidence, and parts of records: against hand calculations, quadrature and brute force."""
+"""Patterns of spread, their evidence, and parts of records: against hand calculations, quadrature
+and brute force.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +33,12 @@ def planar(*lengths: float) -> ErrorModel:
     """An arm in the plane with a joint before each of these lengths [m]."""
     row = {"d_mm": 0.0, "alpha_rad": 0.0, "theta_offset_rad": 0.0, "limits_rad": [-7.0, 7.0]}
     joints = [row | {"a_mm": 1e3 * length} for length in lengths]
-    file = {"schema": "aacmm-pin/arm/1", "name": "planar", "convention": "standard-dh", "joints": joints}
+    file = {
+        "schema": "aacmm-pin/arm/1",
+        "name": "planar",
+        "convention": "standard-dh",
+        "joints": joints,
+    }
     return ErrorModel.of(Arm.from_file(ArmFile.model_validate(file)))
 
 
@@ -49,13 +56,15 @@ def at_one_seat(model: ErrorModel, q: np.ndarray | None = None) -> TouchedSeats:
     return TouchedSeats(model, (full_turn() if q is None else q)[None])
 
 
-# Patterns: one joint, known lever ---------------------------------------------------------------------------------------
+# Patterns: one joint, known
+# lever ------------------------------------------------------------
 
 
 def test_noise_of_one_joint_is_noise_times_lever():
     pattern = of_encoder_noise(at_one_seat(planar(0.8)))
     np.testing.assert_allclose(np.sqrt(pattern.second), 0.8, rtol=1e-12)
-    # One normal component: m₄ = 3 m₂², so the logarithm of a spread from n records is uncertain by 1/√(2n).
+    # One normal component: m₄ = 3 m₂², so the logarithm of a spread from n records is uncertain by
+    # 1/√(2n).
     np.testing.assert_allclose(pattern.log_sd, 1 / np.sqrt(2 * N), rtol=1e-12)
     q = np.array([[0.1, 0.0], [0.4, np.pi / 2], [1.0, np.pi]])
     pattern = of_encoder_noise(at_one_seat(planar(0.5, 0.3), q), weights=np.array([[2.0, 1.0]]))
@@ -74,7 +83,9 @@ def test_a_length_on_a_full_turn_spreads_by_itself_and_a_gain_at_rest_not():
 
 
 def test_eccentric_encoders_against_brute_force():
-    """Spreads at two seats of a planar arm whose encoders are eccentric, by forward kinematics written here."""
+    """Spreads at two seats of a planar arm whose encoders are eccentric, by forward kinematics
+    written here.
+    """
     rng = np.random.default_rng(3)
     postures = tuple(rng.uniform(-np.pi, np.pi, (N, 2)) * scale for scale in (1.0, 0.4))
     seats = TouchedSeats(planar(0.5, 0.3), np.stack(postures))
@@ -85,18 +96,25 @@ def test_eccentric_encoders_against_brute_force():
 
     def tips(q: np.ndarray) -> np.ndarray:
         total = q[..., 0] + q[..., 1]
-        x, y = 0.5 * np.cos(q[..., 0]) + 0.3 * np.cos(total), 0.5 * np.sin(q[..., 0]) + 0.3 * np.sin(total)
+        x, y = (
+            0.5 * np.cos(q[..., 0]) + 0.3 * np.cos(total),
+            0.5 * np.sin(q[..., 0]) + 0.3 * np.sin(total),
+        )
         return np.stack([x, y], axis=-1)
 
     spreads = np.empty((draws, 2))
-    cosine, sine = rng.normal(size=(2, draws, 1, 2)) * 1e-4  # of each joint; 1e-4 is the typical eccentricity
+    cosine, sine = (
+        rng.normal(size=(2, draws, 1, 2)) * 1e-4
+    )  # of each joint; 1e-4 is the typical eccentricity
     for k, q in enumerate(postures):
         delta = np.cos(q) * cosine + np.sin(q) * sine
         moved = tips(q + np.arcsin(delta)) - tips(q)
         spreads[:, k] = np.sqrt(moved.var(axis=1, ddof=1).sum(axis=1))
     at = [0.05, 0.25, 0.5, 0.75, 0.95]
     ours = 0.5 * np.log(pattern.second)
-    np.testing.assert_allclose(np.quantile(ours, at, axis=0), np.quantile(np.log(spreads), at, axis=0), atol=0.05)
+    np.testing.assert_allclose(
+        np.quantile(ours, at, axis=0), np.quantile(np.log(spreads), at, axis=0), atol=0.05
+    )
     ratio, other = np.diff(ours, axis=1)[:, 0], np.diff(np.log(spreads), axis=1)[:, 0]
     np.testing.assert_allclose(np.quantile(ratio, at), np.quantile(other, at), atol=0.05)
 
@@ -108,8 +126,11 @@ def test_log_sd_of_a_spread_against_simulated_records(rng: np.random.Generator):
     noise = rng.normal(size=(4000, N, 6)) * 1e-5
     moved = np.einsum("nij,dnj->dni", seats.levers()[0], noise)
     simulated = np.sqrt(moved.var(axis=1, ddof=1).sum(axis=1))
-    assert np.sqrt((simulated**2).mean()) == pytest.approx(1e-5 * np.sqrt(pattern.second[0, 0]), rel=0.02)
-    # Records differ in their levers, and which postures come up is part of the pattern's error and not of this one's.
+    assert np.sqrt((simulated**2).mean()) == pytest.approx(
+        1e-5 * np.sqrt(pattern.second[0, 0]), rel=0.02
+    )
+    # Records differ in their levers, and which postures come up is part of the pattern's error and
+    # not of this one's.
     assert np.log(simulated).std() <= pattern.log_sd[0, 0] < 1.3 * np.log(simulated).std()
 
 
@@ -118,18 +139,24 @@ def test_mixture_against_simulated_records(rng: np.random.Generator):
     one, other = (of_local_noise(seats, np.array([[sd]])) for sd in (1e-5, 2e-5))
     both = mixed(one, other, np.array([0.5, 3.0]))
     for k, ratio in enumerate((0.5, 3.0)):
-        squares = np.square(1e-5 * rng.normal(size=(200_000, 3)) + ratio * 2e-5 * rng.normal(size=(200_000, 3))).sum(axis=1)
+        squares = np.square(
+            1e-5 * rng.normal(size=(200_000, 3)) + ratio * 2e-5 * rng.normal(size=(200_000, 3))
+        ).sum(axis=1)
         assert both.second[k, 0] == pytest.approx(squares.mean(), rel=0.02)
         assert both.fourth[k, 0] == pytest.approx(np.square(squares).mean(), rel=0.03)
 
 
-# Evidence ---------------------------------------------------------------------------------------------------------------
+# Evidence ------------------------------------------------------------
 
 
 @pytest.mark.parametrize("sizes", [(0.1, 10.0), (0.5, 0.9), (2.0, 2.0)])
 def test_evidence_against_quadrature(sizes: tuple[float, float]):
     rng = np.random.default_rng(6)
-    logs, y, tau = np.log(2e-5) + 0.4 * rng.normal(size=(3, 4)), np.log(3e-5) + 0.2 * rng.normal(size=4), 0.2
+    logs, y, tau = (
+        np.log(2e-5) + 0.4 * rng.normal(size=(3, 4)),
+        np.log(3e-5) + 0.2 * rng.normal(size=4),
+        0.2,
+    )
     found = evidence(simple(logs, sizes=sizes), np.exp(y), tau)
     sd = np.hypot(0.1, tau)
     low, high = np.log(sizes)
@@ -140,7 +167,10 @@ def test_evidence_against_quadrature(sizes: tuple[float, float]):
     if low == high:
         each = [at(low, d) for d in range(3)]
     else:
-        each = [quad(at, low, high, args=(d,), epsabs=1e-12, limit=200)[0] / (high - low) for d in range(3)]
+        each = [
+            quad(at, low, high, args=(d,), epsabs=1e-12, limit=200)[0] / (high - low)
+            for d in range(3)
+        ]
     assert found.log_evidence == pytest.approx(np.log(np.mean(each)), abs=1e-6)
     np.testing.assert_allclose(found.weights, np.array(each) / np.sum(each), rtol=1e-5)
 
@@ -173,13 +203,19 @@ def test_parts_are_those_of_single_point_statistics(rng: np.random.Generator):
     order = rng.permutation(30)
     expected = single_point_statistics(positions[0, 0], np.isin(np.arange(30), order[:11]))
     squares = np.square(from_mean(positions)).sum(axis=3)
-    assert log_ratios(squares, order[None], [11])[0, 0] == pytest.approx(np.log(expected.part / expected.rest), rel=1e-12)
+    assert log_ratios(squares, order[None], [11])[0, 0] == pytest.approx(
+        np.log(expected.part / expected.rest), rel=1e-12
+    )
 
 
 def test_smallest_deviations_against_the_chi_square_law(rng: np.random.Generator):
-    """Of many normal records the mean square of the nearest share f is 3 F₅(q)/f, q the f-quantile of χ²₃."""
+    """Of many normal records the mean square of the nearest share f is 3 F₅(q)/f, q the f-quantile
+    of χ²₃.
+    """
     share = 0.4
     inside = 3 * chi2.cdf(chi2.ppf(share, 3), 5)
     expected = 0.5 * np.log(inside / share / ((3 - inside) / (1 - share)))
     squares = np.square(from_mean(rng.normal(size=(20, 1, 5000, 3)))).sum(axis=3)
-    assert log_ratios(squares, counts=[int(share * 5000)]).mean() == pytest.approx(expected, abs=0.01)
+    assert log_ratios(squares, counts=[int(share * 5000)]).mean() == pytest.approx(
+        expected, abs=0.01
+    )

@@ -30,9 +30,15 @@ RUNS = (1, 2, 3)
 TRUE_DEG = np.array([2.4, -2.05, -1.5, 2.2, 1.2, -1.8])
 OFFSETS = [f"theta_offset{joint}_deg" for joint in range(1, 7)]
 ERRORS = [f"error{point}_mm" for point in RUNS]
-# Offsets [mrad] after each iteration of each run, as Table 2 has them up to the digits that are no whole milliradians.
+# Offsets [mrad] after each iteration of each run, as Table 2 has them up to the digits that are no
+# whole milliradians.
 STATES = {
-    1: [[42, -36, -25, 38, 31, -24], [42, -36, -26, 38, 30, -31], [42, -36, -26, 38, 21, -31], [42, -36, -26, 38, 21, -31]],
+    1: [
+        [42, -36, -25, 38, 31, -24],
+        [42, -36, -26, 38, 30, -31],
+        [42, -36, -26, 38, 21, -31],
+        [42, -36, -26, 38, 21, -31],
+    ],
     2: [[44, -34, -25, 43, 20, -22], [42, -36, -26, 38, 21, -31]],
     3: [[41, -37, -25, 40, 20, -25], [42, -36, -26, 38, 21, -31]],
 }
@@ -41,7 +47,10 @@ STATES = {
 def of_printed_points(run: int) -> tuple[np.ndarray, np.ndarray]:
     """Unrounded iteration from the printed coordinates: offsets (6,) [deg] and errors (3,) [mm]."""
     rows = printed_postures().query(f"run == {run}")
-    simulation, offsets = replace(simulated_run(run), references=rows[["x_mm", "y_mm", "z_mm"]].to_numpy() * MM), np.zeros(6)
+    simulation, offsets = (
+        replace(simulated_run(run), references=rows[["x_mm", "y_mm", "z_mm"]].to_numpy() * MM),
+        np.zeros(6),
+    )
     for _ in range(6):
         offsets = offsets + simulation.increment(offsets)
     return offsets / DEG, np.linalg.norm(simulation.misses(offsets), axis=1) / MM
@@ -53,7 +62,9 @@ def table() -> pd.DataFrame:
 
 
 def test_table_1_is_the_bundled_arm_but_for_its_link_lengths(zero6: Arm) -> None:
-    """The printed lengths give none of the 27 coordinates; with zeros all come out, see the comparison below."""
+    """The printed lengths give none of the 27 coordinates; with zeros all come out, see the
+    comparison below.
+    """
     printed, dh = printed_table1(), zero6.require_dh("this test")
     values = printed[["d_mm", "alpha_deg", "theta_offset_deg"]].to_numpy() * [MM, DEG, DEG]
     np.testing.assert_array_equal(dh.values()[:, 1:], values)
@@ -75,8 +86,12 @@ def test_the_method_is_that_of_equations_7_and_8(zero6: Arm) -> None:
     for run in RUNS:
         simulation = simulated_run(run)
         offsets = np.array([42, -36, -25, 38, 31, -24]) * MRAD
-        poses = zero6.poses(simulation.q + offsets - TRUE_DEG * DEG)  # the arm has its true offsets built in
-        np.testing.assert_allclose(simulation.matrix(offsets), poses.jacobian[:, :3].reshape(9, 6), atol=1e-12)
+        poses = zero6.poses(
+            simulation.q + offsets - TRUE_DEG * DEG
+        )  # the arm has its true offsets built in
+        np.testing.assert_allclose(
+            simulation.matrix(offsets), poses.jacobian[:, :3].reshape(9, 6), atol=1e-12
+        )
         misses = zero6.poses(simulation.q).position - poses.position
         np.testing.assert_allclose(simulation.misses(offsets), misses, atol=1e-12)
         g = simulation.matrix(np.zeros(6))
@@ -87,12 +102,18 @@ def test_the_method_is_that_of_equations_7_and_8(zero6: Arm) -> None:
 def test_rounded_to_a_milliradian_it_goes_the_printed_way() -> None:
     for run in RUNS:
         found = iterations(run, rounded=True)
-        np.testing.assert_allclose(found[OFFSETS].to_numpy()[1 : len(STATES[run]) + 1] * DEG / MRAD, STATES[run], atol=1e-9)
+        np.testing.assert_allclose(
+            found[OFFSETS].to_numpy()[1 : len(STATES[run]) + 1] * DEG / MRAD, STATES[run], atol=1e-9
+        )
         assert (found.loc[0, OFFSETS] == 0.0).all()
         rest = np.abs(found[OFFSETS].iloc[-1] - TRUE_DEG).max()  # the paper's 0.02°
         assert rest == pytest.approx(0.0238, abs=5e-5)
-    increment = simulated_run(1).increment(np.array(STATES[1][0]) * MRAD)  # joint 5 without the keying slip: 1.203°
-    np.testing.assert_array_equal(np.round(increment / MRAD), np.subtract(STATES[1][2], STATES[1][0]))
+    increment = simulated_run(1).increment(
+        np.array(STATES[1][0]) * MRAD
+    )  # joint 5 without the keying slip: 1.203°
+    np.testing.assert_array_equal(
+        np.round(increment / MRAD), np.subtract(STATES[1][2], STATES[1][0])
+    )
 
 
 def test_without_rounding_three_iterations_reach_the_true_offsets() -> None:
@@ -107,7 +128,8 @@ def test_without_rounding_three_iterations_reach_the_true_offsets() -> None:
         iterations(4)
 
 
-# Printed against computed -----------------------------------------------------------------------------------------------
+# Printed against
+# computed ------------------------------------------------------------
 
 
 def test_what_is_reproduced_is_counted(table: pd.DataFrame) -> None:
@@ -125,15 +147,21 @@ def test_what_is_reproduced_is_counted(table: pd.DataFrame) -> None:
 
 
 def test_what_is_not_reproduced(table: pd.DataFrame) -> None:
-    """All 30 offsets before the last iterations are; seven of the last are no whole milliradians; four errors differ."""
+    """All 30 offsets before the last iterations are; seven of the last are no whole milliradians;
+    four errors differ.
+    """
     offsets = table[table["kind"] == "offset"]
     last = offsets["iteration"] == offsets.groupby("run")["iteration"].transform("max")
     assert len(offsets[~last]) == 30
     assert (offsets.loc[~last, "verdict"] == "reproduced").all()
     broken = offsets[offsets["verdict"] == "not derivable"]
-    joints = {run: [int(name[12]) for name in rows["quantity"]] for run, rows in broken.groupby("run")}
+    joints = {
+        run: [int(name[12]) for name in rows["quantity"]] for run, rows in broken.groupby("run")
+    }
     assert joints == {1: [3, 4, 6], 2: [4, 6], 3: [4, 6]}
-    found = table[(table["kind"] == "error") & (table["verdict"] != "reproduced")].set_index(["iteration", "quantity"])
+    found = table[(table["kind"] == "error") & (table["verdict"] != "reproduced")].set_index(
+        ["iteration", "quantity"]
+    )
     assert (found["run"] == 1).all()
     assert found["printed"].to_dict() == {
         (3, "error2_mm"): 0.206,
@@ -146,11 +174,20 @@ def test_what_is_not_reproduced(table: pd.DataFrame) -> None:
 
 
 def test_three_printed_points_calibrated_from_afar_have_the_chi2_of_their_rounding() -> None:
-    """40 mm off at first, and nothing left but the printed digits: χ² by hand from the unrounded iteration."""
+    """40 mm off at first, and nothing left but the printed digits: χ² by hand from the unrounded
+    iteration.
+    """
     u = 0.0005 * MM / np.sqrt(3)
     for run in RUNS:
         records = Measurements.from_frame(printed_postures().query(f"run == {run}"))
-        result = calibrate(assembled_arm(), records, "zero-offsets", encoder_noise=0.0, reference_noise=u, hold_out=False)
+        result = calibrate(
+            assembled_arm(),
+            records,
+            "zero-offsets",
+            encoder_noise=0.0,
+            reference_noise=u,
+            hold_out=False,
+        )
         offsets, errors = of_printed_points(run)
         assert result.fit.chi2_stated is not None
         assert result.fit.chi2_stated[0] == pytest.approx(np.sum((errors * MM / u) ** 2), rel=1e-2)
@@ -163,7 +200,14 @@ def test_three_printed_points_calibrated_from_afar_have_the_chi2_of_their_roundi
 def test_the_figure_shows_the_printed_errors() -> None:
     ax = plot_iterations(Figure().add_subplot())
     squares = np.concatenate([line.get_ydata() for line in ax.lines if line.get_marker() == "s"])
-    printed = [printed_postures().groupby("run")["position_error_mm"].max(), printed_table2()[ERRORS].max(axis=1)]
+    printed = [
+        printed_postures().groupby("run")["position_error_mm"].max(),
+        printed_table2()[ERRORS].max(axis=1),
+    ]
     np.testing.assert_array_equal(np.sort(squares), np.sort(np.concatenate(printed)))
-    (label,) = [text.get_text() for text in ax.get_legend().get_texts() if "unrounded" in text.get_text()]
-    assert f"{min(np.min(line.get_ydata()) for line in ax.lines):g} mm" in label  # smaller errors are drawn there
+    (label,) = [
+        text.get_text() for text in ax.get_legend().get_texts() if "unrounded" in text.get_text()
+    ]
+    assert (
+        f"{min(np.min(line.get_ydata()) for line in ax.lines):g} mm" in label
+    )  # smaller errors are drawn there

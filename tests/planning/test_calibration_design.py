@@ -1,4 +1,6 @@
-"""Plans for a calibration, beside every choice that there is, and beside calibrations of many virtual arms."""
+"""Plans for a calibration, beside every choice that there is, and beside calibrations of many
+virtual arms.
+"""
 
 from __future__ import annotations
 
@@ -22,13 +24,19 @@ NOISE: dict[str, Any] = {"encoder_noise": U_READING, "reference_noise": U_REFERE
 
 
 def test_exchanges_find_the_best_of_all_choices(rng: np.random.Generator) -> None:
-    """Of 495 choices of 4 among 12: the best one, or within 1 % of its determinant's root, in 20 small problems."""
+    """Of 495 choices of 4 among 12: the best one, or within 1 % of its determinant's root, in 20
+    small problems.
+    """
     best = []
     for _ in range(20):
         rows, start = rng.normal(size=(12, 3, 6)), 0.1 * np.eye(6)
 
         def worth(chosen: Any, rows: np.ndarray = rows, start: np.ndarray = start) -> float:
-            return float(np.linalg.slogdet(start + np.einsum("nij,nik->jk", rows[[*chosen]], rows[[*chosen]]))[1])
+            return float(
+                np.linalg.slogdet(
+                    start + np.einsum("nij,nik->jk", rows[[*chosen]], rows[[*chosen]])
+                )[1]
+            )
 
         every = [worth(chosen) for chosen in combinations(range(12), 4)]
         found = worth(d_optimal(rows, start, 4))
@@ -55,7 +63,9 @@ def test_o1_and_u_are_those_of_dense_algebra(sino6: Arm) -> None:
 
 
 def test_arms_calibrated_with_the_plan_are_nearer_to_the_truth(sino6: Arm) -> None:
-    """Least squares on drawn arms and noise, 2000 times each: what planned and random records leave."""
+    """Least squares on drawn arms and noise, 2000 times each: what planned and random records
+    leave.
+    """
     plan = plan_calibration(sino6, 12, postures=400, progress=False, **NOISE)
     rng, u = np.random.default_rng(7), np.array([p.u for p in sino6.parameters])
     new = sino6.sensitivity(Room(sino6).postures(500, rng)[0])[:, :, u > 0] * u[u > 0]
@@ -69,7 +79,10 @@ def test_arms_calibrated_with_the_plan_are_nearer_to_the_truth(sino6: Arm) -> No
         off = np.linalg.lstsq(np.vstack([white, np.eye(len(true))]), data, rcond=None)[0] - true
         return np.linalg.slogdet(np.cov(off))[1], np.sqrt(np.square(new @ off).sum(axis=1).mean())
 
-    (volume, rms), random = left(plan.measurements.q), np.array([left(Room(sino6).postures(12, rng)[0]) for _ in range(5)])
+    (volume, rms), random = (
+        left(plan.measurements.q),
+        np.array([left(Room(sino6).postures(12, rng)[0]) for _ in range(5)]),
+    )
     assert volume < random[:, 0].min() - 1.0
     assert rms < 0.95 * np.median(random[:, 1])
     assert rms == pytest.approx(plan.u, rel=0.1)
@@ -78,12 +91,18 @@ def test_arms_calibrated_with_the_plan_are_nearer_to_the_truth(sino6: Arm) -> No
 
 def test_a_seat_that_was_off_has_no_part_in_a_plan_without_seats(sino6: Arm) -> None:
     known = ErrorModel(sino6, (SeatError("S3", values=(1e-4, 0.0, 0.0)),))
-    plans = [plan_calibration(model, 8, postures=60, progress=False, **NOISE) for model in (known, ErrorModel(sino6))]
+    plans = [
+        plan_calibration(model, 8, postures=60, progress=False, **NOISE)
+        for model in (known, ErrorModel(sino6))
+    ]
     assert plans[0].u == plans[1].u
 
 
 def test_a_calibration_knows_its_parameters_as_planned(sino6: Arm) -> None:
-    plan, rng = plan_calibration(sino6, 12, postures=400, progress=False, **NOISE), np.random.default_rng(7)
+    plan, rng = (
+        plan_calibration(sino6, 12, postures=400, progress=False, **NOISE),
+        np.random.default_rng(7),
+    )
     true, volumes = perturbed_model(ErrorModel(sino6), rng), []
     for q in (plan.measurements.q, Room(sino6).postures(12, rng)[0]):
         tips = true.predict(q) + U_REFERENCE * rng.normal(size=(12, 3))
@@ -97,24 +116,35 @@ def test_a_calibration_knows_its_parameters_as_planned(sino6: Arm) -> None:
 def test_seats_frames_and_existing_records(sino6: Arm) -> None:
     q, tips = Room(sino6).postures(10, np.random.default_rng(1))
     existing = Measurements.of(q, tips)
-    for options in ({"reference": "seats"}, {"reference_frame": "external"}, {"existing": existing}, {"prior": False}):
+    for options in (
+        {"reference": "seats"},
+        {"reference_frame": "external"},
+        {"existing": existing},
+        {"prior": False},
+    ):
         plan = plan_calibration(sino6, 12, postures=120, progress=False, **NOISE, **options)  # type: ignore[arg-type]
         assert plan.ratio > 1.0, options
         assert plan.u < np.median(plan.u_random) * 1.02, options
         assert len(plan.records) == 12
         assert plan.existing == (10 if "existing" in options else 0)
         (table,) = (block for block in where_to_go(plan) if isinstance(block, Table))
-        assert table.frame["record"].iloc[-1] == "plan12"  # existing records without labels make a file without them
+        assert (
+            table.frame["record"].iloc[-1] == "plan12"
+        )  # existing records without labels make a file without them
 
 
 @pytest.mark.parametrize("noise", [0.0, 1e-303])
 def test_without_any_noise_there_is_nothing_to_plan_for(sino6: Arm, noise: float) -> None:
     with pytest.raises(AacmmError, match="without any noise"):
-        plan_calibration(sino6, 3, postures=50, encoder_noise=noise, reference_noise=noise, progress=False)
+        plan_calibration(
+            sino6, 3, postures=50, encoder_noise=noise, reference_noise=noise, progress=False
+        )
 
 
 @pytest.mark.parametrize("frame", ["base", "external"])
 def test_an_arm_that_is_exact_leaves_nothing_to_calibrate(sino6: Arm, frame: Any) -> None:
-    exact = replace(sino6, parameters=tuple(replace(p, u=0.0, half_width=0.0) for p in sino6.parameters))
+    exact = replace(
+        sino6, parameters=tuple(replace(p, u=0.0, half_width=0.0) for p in sino6.parameters)
+    )
     with pytest.raises(AacmmError, match="nothing to calibrate"):
         plan_calibration(exact, 3, reference_frame=frame, postures=50, progress=False)

@@ -1,4 +1,6 @@
-"""Plans judged from outside: distances by dense least squares, decisions by an evidence that shares no code with them."""
+"""Plans judged from outside: distances by dense least squares, decisions by an evidence that shares
+no code with them.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,12 @@ from aacmm_pin.effects import (
 )
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.state import State
-from aacmm_pin.errors import AacmmError, MissingConditionError, UnknownNameError, UnsupportedArmError
+from aacmm_pin.errors import (
+    AacmmError,
+    MissingConditionError,
+    UnknownNameError,
+    UnsupportedArmError,
+)
 from aacmm_pin.planning import MeasurementPlan
 from aacmm_pin.planning.candidate_design import Layout, Situation
 from aacmm_pin.planning.detection_power import Size, power_of
@@ -44,8 +51,15 @@ NOISE: dict[str, Any] = {"encoder_noise": U_READING, "reference_noise": U_REFERE
 PAIR = ("joint_compliance:2", "encoder_eccentricity:2")
 
 
-def planned(arm: Arm | ErrorModel, split: Any, records: int = 20, seed: int = 1, **options: Any) -> MeasurementPlan:
-    settings: dict[str, Any] = {"postures": 200, "rng": np.random.default_rng(seed), **NOISE, **options}
+def planned(
+    arm: Arm | ErrorModel, split: Any, records: int = 20, seed: int = 1, **options: Any
+) -> MeasurementPlan:
+    settings: dict[str, Any] = {
+        "postures": 200,
+        "rng": np.random.default_rng(seed),
+        **NOISE,
+        **options,
+    }
     return plan_measurements(arm, split, records, **settings)
 
 
@@ -65,10 +79,16 @@ def columns(arm: Arm, records: Measurements, effect: Effect) -> np.ndarray:
 
 
 def dense(
-    arm: Arm, parts: list[Measurements], causes: tuple[Effect, ...], external: bool, known_seats: bool
+    arm: Arm,
+    parts: list[Measurements],
+    causes: tuple[Effect, ...],
+    external: bool,
+    known_seats: bool,
 ) -> tuple[np.ndarray, list[np.ndarray]]:
     """Whitened nuisances, prior rows below, and whitened columns of each cause, by plain loops."""
-    seats = sorted({s for m in parts if m.conditions.seat is not None for s in m.conditions.seat if s})
+    seats = sorted(
+        {s for m in parts if m.conditions.seat is not None for s in m.conditions.seat if s}
+    )
     above: list[np.ndarray] = []
     of_causes: list[list[np.ndarray]] = [[] for _ in causes]
     for m in parts:
@@ -93,7 +113,9 @@ def dense(
         below.append(np.eye(3 * len(seats), free, free - 3 * len(seats)) / U_REFERENCE)
     z = np.vstack([*above, *below])
     extra = len(z) - 3 * len(above)
-    return z, [np.vstack([np.vstack(rows), np.zeros((extra, rows[0].shape[1]))]) for rows in of_causes]
+    return z, [
+        np.vstack([np.vstack(rows), np.zeros((extra, rows[0].shape[1]))]) for rows in of_causes
+    ]
 
 
 def distance(z: np.ndarray, mine: np.ndarray, its: np.ndarray) -> float:
@@ -113,7 +135,10 @@ def brute(
 ) -> tuple[float, float]:
     parts = [plan.measurements] if existing is None else [existing, plan.measurements]
     z, (a, b) = dense(arm, parts, split, external, known)
-    size = [np.diag([t.typical for t in e.terms]) if not any(e.values) else np.array(e.values)[:, None] for e in split]
+    size = [
+        np.diag([t.typical for t in e.terms]) if not any(e.values) else np.array(e.values)[:, None]
+        for e in split
+    ]
     return distance(z, a @ size[0], b), distance(z, b @ size[1], a)
 
 
@@ -136,17 +161,28 @@ def test_an_amplitude_without_a_phase_is_planned_for_any_phase(sino6: Arm) -> No
     split = (JointCompliance(3, values=(1.7e-5,)), EncoderEccentricity(3, values=(7e-5, 0.0)))
     plan = planned(sino6, split, as_it_stands=True)
     phases = np.arange(8) * np.pi / 4
-    each = [brute(plan, sino6, (split[0], replace(split[1], values=(7e-5 * np.cos(p), 7e-5 * np.sin(p))))) for p in phases]
+    each = [
+        brute(
+            plan, sino6, (split[0], replace(split[1], values=(7e-5 * np.cos(p), 7e-5 * np.sin(p))))
+        )
+        for p in phases
+    ]
     assert (plan.after.one, plan.after.other) == pytest.approx(np.mean(each, axis=0), rel=EXACT)
 
 
 def test_they_are_with_existing_records_in_an_unknown_frame_and_at_seats(sino6: Arm) -> None:
     split = (JointCompliance(2), EncoderEccentricity(2))
-    existing = simulate_measurements(sino6, "free", 15, rng=np.random.default_rng(3), encoder_noise=U_READING)
-    more, nothing = np.vstack([existing.q, existing.q[:2]]), np.full((2, 3), np.nan)  # two records that say nothing
+    existing = simulate_measurements(
+        sino6, "free", 15, rng=np.random.default_rng(3), encoder_noise=U_READING
+    )
+    more, nothing = (
+        np.vstack([existing.q, existing.q[:2]]),
+        np.full((2, 3), np.nan),
+    )  # two records that say nothing
     old = Measurements.of(more, np.vstack([existing.reference, nothing]))
     plan = planned(sino6, split, existing=old, reference_frame="external")
-    # How the frame is turned does not matter to isotropic references, so the brute computation leaves it where it is.
+    # How the frame is turned does not matter to isotropic references, so the brute computation
+    # leaves it where it is.
     expected = brute(plan, sino6, split, existing, external=True)
     assert plan.existing == 17
     assert plan.before is not None
@@ -154,7 +190,9 @@ def test_they_are_with_existing_records_in_an_unknown_frame_and_at_seats(sino6: 
     assert (plan.after.one, plan.after.other) == pytest.approx(expected, rel=1e-7)
     for known in (True, False):
         rng = np.random.default_rng(3)
-        existing = simulate_measurements(sino6, "seats", 12, rng=rng, encoder_noise=U_READING, seats=4, known=known)
+        existing = simulate_measurements(
+            sino6, "seats", 12, rng=rng, encoder_noise=U_READING, seats=4, known=known
+        )
         plan = planned(sino6, split, 12, existing=existing, reference="seats")
         assert set(plan.records["seat"]) <= {"S1", "S2", "S3", "S4"}
         expected = brute(plan, sino6, split, existing, known=known)
@@ -171,11 +209,15 @@ def test_rank_updates_are_the_inverse(rng: np.random.Generator) -> None:
     first = choice.taken[0]
     gains = [np.linalg.slogdet(start + rows.T @ rows)[1] for rows in pool]
     assert first == int(np.argmax(gains))
-    np.testing.assert_allclose(informing(Choosing(pool, start)), gains - np.linalg.slogdet(start)[1], rtol=1e-9)
+    np.testing.assert_allclose(
+        informing(Choosing(pool, start)), gains - np.linalg.slogdet(start)[1], rtol=1e-9
+    )
     choice.drop(choice.taken[2])
     information = start + sum(pool[k].T @ pool[k] for k in choice.taken)
     np.testing.assert_allclose(choice.covariance, np.linalg.inv(information), rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(choice.seen, pool @ np.linalg.inv(information), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(
+        choice.seen, pool @ np.linalg.inv(information), rtol=1e-9, atol=1e-12
+    )
     assert len(set(choice.taken)) == 4
     one, other, sizes = np.arange(3, 5), np.arange(5, 6), (Size(np.eye(2)), Size(np.eye(1)))
     worth = []
@@ -186,7 +228,9 @@ def test_rank_updates_are_the_inverse(rng: np.random.Generator) -> None:
     np.testing.assert_allclose(telling(one, other, sizes)(choice), worth, rtol=1e-9)
 
 
-def test_a_record_of_little_noise_that_is_dropped_leaves_what_the_others_tell(rng: np.random.Generator) -> None:
+def test_a_record_of_little_noise_that_is_dropped_leaves_what_the_others_tell(
+    rng: np.random.Generator,
+) -> None:
     pool = 1e5 * rng.normal(size=(5, 3, 7))
     choice = Choosing(pool, np.eye(7))
     choice.run(3, informing)
@@ -197,10 +241,15 @@ def test_a_record_of_little_noise_that_is_dropped_leaves_what_the_others_tell(rn
 
 
 def test_the_record_that_tells_one_pair_best(rng: np.random.Generator) -> None:
-    """Causes of one column and of two behind two nuisances, beside a third, by inverses of whole matrices."""
+    """Causes of one column and of two behind two nuisances, beside a third, by inverses of whole
+    matrices.
+    """
     layout = Layout(np.arange(7), np.ones(7), 2, (), (slice(0, 1), slice(1, 3), slice(3, 5)))
     known, rows, nothing = np.eye(2, 7), rng.normal(size=(20, 3, 7)), cast("Any", None)
-    situation, choice = Situation(nothing, nothing, layout, known, rows, 0), Choosing(rows, np.eye(7))
+    situation, choice = (
+        Situation(nothing, nothing, layout, known, rows, 0),
+        Choosing(rows, np.eye(7)),
+    )
     for k in (4, 9):
         choice.take(k)
     for pair in itertools.combinations(range(3), 2):
@@ -209,7 +258,9 @@ def test_the_record_that_tells_one_pair_best(rng: np.random.Generator) -> None:
         for k in range(20):
             part = np.vstack([known, *rows[[4, 9, k]]])[:, columns]
             covariance = np.linalg.inv(part.T @ part + 1e-6 * np.diag(np.arange(len(columns)) > 1))
-            both = [np.trace(np.linalg.inv(covariance[a:b, a:b])) for a, b in itertools.pairwise(ends)]
+            both = [
+                np.trace(np.linalg.inv(covariance[a:b, a:b])) for a, b in itertools.pairwise(ends)
+            ]
             worth.append(-np.inf if k in (4, 9) else min(both) + 1e-3 * max(both))
         assert _best_for(pair, situation, choice) == int(np.argmax(worth))
 
@@ -229,14 +280,20 @@ def test_a_plan_tells_more_than_chance(sino6: Arm) -> None:
 
 
 def log_evidence(arm: Arm, q: np.ndarray, off: np.ndarray, cause: Effect) -> float:
-    """Of deviations (n, 3) with the cause's parameters normal about zero, as wide as its values are large."""
+    """Of deviations (n, 3) with the cause's parameters normal about zero, as wide as its values are
+    large.
+    """
     n, jacobian = len(q), arm.jacobian(q)
     covariance = np.zeros((3 * n, 3 * n))
     for i in range(n):
         own = slice(3 * i, 3 * i + 3)
-        covariance[own, own] = U_READING**2 * jacobian[i] @ jacobian[i].T + U_REFERENCE**2 * np.eye(3)
+        covariance[own, own] = U_READING**2 * jacobian[i] @ jacobian[i].T + U_REFERENCE**2 * np.eye(
+            3
+        )
     moved = geometry(arm, q).reshape(3 * n, -1)
-    does = columns(arm, Measurements.of(q), cause).reshape(3 * n, -1) * np.sqrt(np.mean(np.square(cause.values)))
+    does = columns(arm, Measurements.of(q), cause).reshape(3 * n, -1) * np.sqrt(
+        np.mean(np.square(cause.values))
+    )
     root = np.linalg.cholesky(covariance + moved @ moved.T + does @ does.T)
     white = np.linalg.solve(root, off.ravel())
     return float(-0.5 * white @ white - np.log(np.diag(root)).sum())
@@ -249,7 +306,9 @@ def deviations(true: ErrorModel, arm: Arm, q: np.ndarray, rng: np.random.Generat
 
 
 def mimicking(arm: Arm, q: np.ndarray, cause: Effect, other: Effect) -> Effect:
-    """The other cause as large as it must be to look most nearly like the first one in free records at ``q``."""
+    """The other cause as large as it must be to look most nearly like the first one in free records
+    at ``q``.
+    """
     z, (does, could) = dense(arm, [Measurements.of(q)], (cause, other), False, False)
     unknown = np.hstack([z, could])
     scale = np.linalg.norm(unknown, axis=0)
@@ -267,7 +326,9 @@ def test_the_planned_records_decide_where_as_many_random_ones_do_not(sino6: Arm)
         split = (compliance, mimicking(sino6, old, compliance, EncoderEccentricity(3)))
         existing = Measurements.of(old, sino6.positions(old), np.full((20, 3), U_REFERENCE))
         asked = (compliance, "encoder_eccentricity:3")
-        plan = plan_measurements(sino6, asked, 40, existing=existing, as_it_stands=True, postures=400, rng=rng, **NOISE)
+        plan = plan_measurements(
+            sino6, asked, 40, existing=existing, as_it_stands=True, postures=400, rng=rng, **NOISE
+        )
         assert plan.before is not None
         stated.append((plan.before.probability, plan.after.probability))
         new = plan.records.filter(like="theta").to_numpy() * DEG
@@ -275,7 +336,10 @@ def test_the_planned_records_decide_where_as_many_random_ones_do_not(sino6: Arm)
             true = perturbed_model(ErrorModel(sino6), rng).with_effects(cause)
             off = deviations(true, sino6, old, rng)
             for name, more in (("before", old[:0]), ("planned", new), ("random", by_chance)):
-                q, both = np.vstack([old, more]), np.vstack([off, deviations(true, sino6, more, rng)])
+                q, both = (
+                    np.vstack([old, more]),
+                    np.vstack([off, deviations(true, sino6, more, rng)]),
+                )
                 evidence = [log_evidence(sino6, q, both, candidate) for candidate in split]
                 right[name].append(int(np.argmax(evidence)) == number)
     shares = {name: float(np.mean(values)) for name, values in right.items()}
@@ -290,7 +354,12 @@ def test_odds_are_those_of_two_known_directions() -> None:
     from scipy.stats import norm
 
     size = 3.0
-    power = power_of(size * np.eye(2), (slice(0, 1), slice(1, 2)), (Size(np.eye(1)),) * 2, np.random.default_rng(1))
+    power = power_of(
+        size * np.eye(2),
+        (slice(0, 1), slice(1, 2)),
+        (Size(np.eye(1)),) * 2,
+        np.random.default_rng(1),
+    )
     a = size / np.sqrt(2)
     assert (power.one, power.other) == (pytest.approx(9.0), pytest.approx(9.0))
     assert power.probability == pytest.approx(norm.cdf(a) ** 2 + norm.cdf(-a) ** 2, abs=0.01)
@@ -317,7 +386,13 @@ def test_postures_alone_are_asked_for_where_they_do(sino6: Arm) -> None:
     assert not plan.changes_arm
     assert plan.decided
     assert [t.words for t in plan.tried] == ["the arm as it stands"]
-    assert list(plan.records.columns) == [*(f"theta{k}_deg" for k in range(1, 7)), "x_mm", "y_mm", "z_mm", "record"]
+    assert list(plan.records.columns) == [
+        *(f"theta{k}_deg" for k in range(1, 7)),
+        "x_mm",
+        "y_mm",
+        "z_mm",
+        "record",
+    ]
 
 
 def test_what_looks_the_same_on_a_level_mount_needs_another(sino6: Arm) -> None:
@@ -333,7 +408,10 @@ def test_what_looks_the_same_on_a_level_mount_needs_another(sino6: Arm) -> None:
     # Seen from outside: the same columns on this mount, others on that.
     q, _ = Room(sino6).postures(50, np.random.default_rng(1))
     for arm, same in ((sino6, True), (plan.model.arm, False)):
-        one, other = (columns(arm, Measurements.of(q), effect) for effect in (BearingTilt(1), BaseCompliance()))
+        one, other = (
+            columns(arm, Measurements.of(q), effect)
+            for effect in (BearingTilt(1), BaseCompliance())
+        )
         assert (np.abs(one - other).max() < 1e-9 * np.abs(other).max()) == same
     assert abs(plan.model.arm.gravity @ sino6.gravity) < 1e-9
     assert np.linalg.norm(plan.model.arm.gravity) == pytest.approx(9.81)
@@ -341,7 +419,10 @@ def test_what_looks_the_same_on_a_level_mount_needs_another(sino6: Arm) -> None:
     on_wall = Arm.from_file(sino6.file.model_copy(update={"gravity_m_s2": (0.0, -9.81, 0.0)}))
     assert planned(on_wall, split).set_up == ()
     contained = planned(sino6, ("counterbalance:2", "encoder_eccentricity:2"))
-    assert contained.tried[0].why_not == "whatever counterbalance:2 does, encoder_eccentricity:2 can do too"
+    assert (
+        contained.tried[0].why_not
+        == "whatever counterbalance:2 does, encoder_eccentricity:2 can do too"
+    )
     stays = planned(sino6, split, as_it_stands=True)
     assert stays.after.same
     assert not stays.decided
@@ -381,14 +462,20 @@ def test_conditions_that_causes_depend_on_are_varied(sino6: Arm) -> None:
 
 def test_a_load_hangs_where_it_is_said_to(sino6: Arm) -> None:
     causes: tuple[Effect, ...] = (JointCompliance(2), EncoderGain(2))
-    (loaded,) = [s for s in possible_conditions(ErrorModel(sino6), causes, 20.0) if "hang" in str(s)]
+    (loaded,) = [
+        s for s in possible_conditions(ErrorModel(sino6), causes, 20.0) if "hang" in str(s)
+    ]
     assert str(loaded) == "hang 1 kg on the end of link 5"
     q, _ = Room(sino6).postures(10, np.random.default_rng(2))
-    bare, heavy = (State(arm, q, Conditions(10), arm.chain.tip) for arm in (sino6, loaded.model.arm))
+    bare, heavy = (
+        State(arm, q, Conditions(10), arm.chain.tip) for arm in (sino6, loaded.model.arm)
+    )
     wrist = bare.origin[2 * 5 + 1]
     for row in (1, 2, 4):
         extra = np.cross(wrist - bare.origin[2 * row], sino6.gravity)
-        np.testing.assert_allclose(heavy.moment_at_axis(row) - bare.moment_at_axis(row), extra, atol=1e-9)
+        np.testing.assert_allclose(
+            heavy.moment_at_axis(row) - bare.moment_at_axis(row), extra, atol=1e-9
+        )
 
 
 def test_more_records_are_less_effort_than_another_mount(sino6: Arm) -> None:
@@ -401,8 +488,13 @@ def test_more_records_are_less_effort_than_another_mount(sino6: Arm) -> None:
     (alike,) = data_of(few.notes, "planned_as_large_as")
     assert (alike["cause"], alike["other"]) == ("encoder_eccentricity:2", "joint_compliance:2")
     unstated = planned(sino6, ("joint_compliance:2", "encoder_eccentricity:2"), 20, existing=free)
-    assert "20 µrad/(N·m)" in [told["size"] for told in data_of(unstated.notes, "planned_at_typical_magnitude")]
-    assert f"about {few.enough} new records beside the {free.n} existing ones would decide" in plan_advice(few)
+    assert "20 µrad/(N·m)" in [
+        told["size"] for told in data_of(unstated.notes, "planned_at_typical_magnitude")
+    ]
+    assert (
+        f"about {few.enough} new records beside the {free.n} existing ones would decide"
+        in plan_advice(few)
+    )
     assert planned(sino6, split, few.enough, existing=free).after.probability > 0.93
 
 
@@ -415,7 +507,9 @@ def test_an_arm_that_has_the_cause_says_how_large_it_is(sino6: Arm) -> None:
     assert cause_of("joint_compliance:2", extended) == known
     plan = planned(extended, PAIR, postures=20)
     typical = planned(sino6, PAIR, postures=20)
-    assert plan.after.one == pytest.approx(4 * typical.after.one, rel=0.02)  # 4e-5 for the typical 2e-5
+    assert plan.after.one == pytest.approx(
+        4 * typical.after.one, rel=0.02
+    )  # 4e-5 for the typical 2e-5
     assert [e.label for e in plan.model.effects] == ["joint_compliance:2", "encoder_gain:5"]
 
 
@@ -464,9 +558,21 @@ def test_a_plan_for_everything(sino6: Arm, zero6: Arm) -> None:
     assert not plan.asked
     table = plan.pairs.set_index(["cause", "other"])
     assert table.loc[("bearing_tilt:1", "base_compliance"), "why_not"] == "the same"
-    pair = [told for told in data_of(plan.notes, "pair_told_otherwise") if told["one"] == "bearing_tilt:1"]
-    assert [told["set_up"].startswith("turn the mount") for told in pair if told["other"] == "base_compliance"] == [True]
-    (silent,) = (told for told in data_of(plan.notes, "cause_shows_otherwise") if told["cause"] == "joint_compliance:1")
+    pair = [
+        told
+        for told in data_of(plan.notes, "pair_told_otherwise")
+        if told["one"] == "bearing_tilt:1"
+    ]
+    assert [
+        told["set_up"].startswith("turn the mount")
+        for told in pair
+        if told["other"] == "base_compliance"
+    ] == [True]
+    (silent,) = (
+        told
+        for told in data_of(plan.notes, "cause_shows_otherwise")
+        if told["cause"] == "joint_compliance:1"
+    )
     assert silent["set_up"].startswith("turn the mount")
     told = table.loc[("encoder_eccentricity:2", "joint_compliance:2")]
     split = (EncoderEccentricity(2), JointCompliance(2))
@@ -477,13 +583,18 @@ def test_a_plan_for_everything(sino6: Arm, zero6: Arm) -> None:
     assert {effect.label for effect in plan.split} == {worst["cause"], worst["other"]}
     # Thirty random records leave the worst of the hardest pairs worse told.
     model = ErrorModel(sino6)
-    hardest = [(cause_of(row.cause, model), cause_of(row.other, model)) for row in open_.head(8).itertuples()]
+    hardest = [
+        (cause_of(row.cause, model), cause_of(row.other, model))
+        for row in open_.head(8).itertuples()
+    ]
     by_chance = []
     for seed in range(5):
         q, _ = Room(sino6).postures(30, np.random.default_rng(seed))
         rng = np.random.default_rng(seed)
         conditions = Conditions(
-            30, temperature=20.0 + 4 * rng.integers(2, size=30), approach=rng.choice([-1.0, 1.0], (30, 6))
+            30,
+            temperature=20.0 + 4 * rng.integers(2, size=30),
+            approach=rng.choice([-1.0, 1.0], (30, 6)),
         )
         random = replace(plan, measurements=Measurements.of(q, conditions=conditions))
         by_chance.append(min(min(brute(random, sino6, pair)) for pair in hardest))
@@ -506,7 +617,11 @@ def test_what_cannot_be_is_refused(sino6: Arm, zero6: Arm) -> None:
         ("encoder_gain:9", "base_compliance", "SINO6 has rows 1 to 6"),
         ("encoder_gain:0", "base_compliance", "expected the number of a row, from 1"),
         ("encoder_gain:x", "base_compliance", "joint is 'x'"),
-        ("encoder_gain:3,order=4", "base_compliance", "unknown name for encoder_gain 'order'; known: joint, gain"),
+        (
+            "encoder_gain:3,order=4",
+            "base_compliance",
+            "unknown name for encoder_gain 'order'; known: joint, gain",
+        ),
         ("encoder_gain:3,gain=much", "base_compliance", "gain is 'much', expected a number"),
         ("encoder_slip:3", "base_compliance", "time_s"),
         ("base_compliance", "base_compliance", "is there twice"),
@@ -524,11 +639,29 @@ def test_what_cannot_be_is_refused(sino6: Arm, zero6: Arm) -> None:
     q, tips = Room(sino6).postures(5, np.random.default_rng(1))
     cases: list[tuple[type[AacmmError], str, Any, Any, dict[str, Any]]] = [
         (AacmmError, "row 4 of SINO6 is rigid", rigid, ("encoder_gain:4", "base_compliance"), {}),
-        (UnsupportedArmError, "the arm states none", zero6, ("joint_compliance:2", "encoder_gain:2"), {}),
+        (
+            UnsupportedArmError,
+            "the arm states none",
+            zero6,
+            ("joint_compliance:2", "encoder_gain:2"),
+            {},
+        ),
         (AacmmError, "records of a plan is 0", sino6, PAIR, {"records": 0}),
-        (AacmmError, "postures is 5, expected at least as many as records, 20", sino6, PAIR, {"postures": 5}),
+        (
+            AacmmError,
+            "postures is 5, expected at least as many as records, 20",
+            sino6,
+            PAIR,
+            {"postures": 5},
+        ),
         (UnknownNameError, "unknown reference 'ball'", sino6, PAIR, {"reference": "ball"}),
-        (AacmmError, "has angles of 5 joints", sino6, PAIR, {"existing": Measurements.of(q[:, :5], tips)}),
+        (
+            AacmmError,
+            "has angles of 5 joints",
+            sino6,
+            PAIR,
+            {"existing": Measurements.of(q[:, :5], tips)},
+        ),
         (MissingConditionError, "temperature", warm, PAIR, {"existing": Measurements.of(q, tips)}),
     ]
     for error, said, arm, split, options in cases:
@@ -549,8 +682,12 @@ def test_advice(sino6: Arm) -> None:
     assert cause_of(labels.split()[0], ErrorModel(sino6)) == split[0]
     at_seats = simulate_measurements(sino6, "seats", 60, rng=np.random.default_rng(1))
     assert "--reference seats" in advice(sino6, split, at_seats, reference_frame="base", **NOISE)
-    assert "--set-up-arm set_up.toml" in advice(sino6, ("bearing_tilt:1", "base_compliance"), free, **NOISE)
-    assert "shows at that seat only" in advice(sino6, ("seat_error:S1", "encoder_gain:2"), free, **NOISE)
+    assert "--set-up-arm set_up.toml" in advice(
+        sino6, ("bearing_tilt:1", "base_compliance"), free, **NOISE
+    )
+    assert "shows at that seat only" in advice(
+        sino6, ("seat_error:S1", "encoder_gain:2"), free, **NOISE
+    )
 
 
 def test_measured_torques_are_expected_to_hold_the_weight(sino6: Arm) -> None:
@@ -560,23 +697,34 @@ def test_measured_torques_are_expected_to_hold_the_weight(sino6: Arm) -> None:
     assert isinstance(plan.split[0], JointCompliance)
     assert plan.split[0].torque == "measured"
     new = plan.measurements
-    by_torque, by_weight = (columns(sino6, new, JointCompliance(2, torque=t)) for t in ("measured", "gravity"))  # type: ignore[arg-type]
+    by_torque, by_weight = (
+        columns(sino6, new, JointCompliance(2, torque=t)) for t in ("measured", "gravity")
+    )  # type: ignore[arg-type]
     np.testing.assert_allclose(by_torque, by_weight, atol=1e-9)
     assert plan.records.filter(like="torque").isna().all(axis=None)  # to be measured
     assert data_of(plan.notes, "record_torques")
 
 
 def test_more_that_is_unknown_leaves_less_to_tell(sino6: Arm) -> None:
-    fixed: dict[str, Any] = {"as_it_stands": True, "postures": 20}  # every posture is taken: the same records
+    fixed: dict[str, Any] = {
+        "as_it_stands": True,
+        "postures": 20,
+    }  # every posture is taken: the same records
     more = planned(sino6, PAIR, **fixed)
-    unknown: list[dict[str, Any]] = [{"prior": False}, {"target": "unknown"}, {"reference_frame": "external"}]
+    unknown: list[dict[str, Any]] = [
+        {"prior": False},
+        {"target": "unknown"},
+        {"reference_frame": "external"},
+    ]
     for options in unknown:
         less = planned(sino6, PAIR, **fixed, **options)
         assert less.after.one < 0.999 * more.after.one
         assert less.after.other < 0.999 * more.after.other
 
 
-def test_plans_carry_the_columns_of_existing_records_and_say_when_none_are_needed(sino6: Arm) -> None:
+def test_plans_carry_the_columns_of_existing_records_and_say_when_none_are_needed(
+    sino6: Arm,
+) -> None:
     q, tips = Room(sino6).postures(150, np.random.default_rng(1))
     existing = Measurements.of(q, tips, np.full((150, 3), U_REFERENCE), operator=["x"] * 150)
     split = (JointCompliance(2, values=(4e-5,)), EncoderEccentricity(2, values=(4e-4, 0.0)))

@@ -1,4 +1,6 @@
-"""Postures at a pose by Newton's method in Pinocchio alone (log6, frame Jacobian), from starts that the caller draws."""
+"""Postures at a pose by Newton's method in Pinocchio alone (log6, frame Jacobian), from starts that
+the caller draws.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,9 @@ from aacmm_pin.arm.arm import Arm
 
 
 def by_newton(arm: Arm, pose: Array, starts: Array) -> Array:
-    """Those solutions (n, nq) [rad] for ``pose`` (4, 4) that are reached from ``starts`` (m, nq)."""
+    """Those solutions (n, nq) [rad] for ``pose`` (4, 4) that are reached from ``starts``
+    (m, nq).
+    """
     data, frame = arm.model.createData(), arm.model.getFrameId(arm.tip, pin.FrameType.BODY)
     goal, found = pin.SE3(pose[:3, :3], pose[:3, 3]), []
     for start in starts:
@@ -22,7 +26,9 @@ def by_newton(arm: Arm, pose: Array, starts: Array) -> Array:
             if np.linalg.norm(error) < 1e-11:
                 found.append(q)
                 break
-            jacobian = pin.Jlog6(off.inverse()) @ pin.computeFrameJacobian(arm.model, data, q, frame, pin.LOCAL)
+            jacobian = pin.Jlog6(off.inverse()) @ pin.computeFrameJacobian(
+                arm.model, data, q, frame, pin.LOCAL
+            )
             damping = 1e-8 * error @ error
             step = jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + damping * np.eye(6), error)
             q += step * min(1.0, 0.8 / np.linalg.norm(step))
@@ -30,7 +36,9 @@ def by_newton(arm: Arm, pose: Array, starts: Array) -> Array:
 
 
 def gaps(one: Array, other: Array) -> Array:
-    """Differences of angles, modulo full turns, between rows of ``one`` (n, nq) and of ``other`` (m, nq): (n, m, nq)."""
+    """Differences of angles, modulo full turns, between rows of ``one`` (n, nq) and of ``other``
+    (m, nq): (n, m, nq).
+    """
     return np.asarray((one[:, None] - other[None] + np.pi) % (2 * np.pi) - np.pi)
 
 
@@ -40,7 +48,9 @@ def distances(one: Array, other: Array) -> Array:
 
 
 def off_polylines(q: Array, component: Array, vertices: Array) -> Array:
-    """Distance of each ``q`` (n, nq) from the closed polylines through the ``vertices`` of each component, (n,) [rad]."""
+    """Distance of each ``q`` (n, nq) from the closed polylines through the ``vertices`` of each
+    component, (n,) [rad].
+    """
     best = np.full(len(q), np.inf)
     for number in np.unique(component):
         mine = vertices[component == number]

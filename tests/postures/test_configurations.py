@@ -1,7 +1,7 @@
 """Configuration circles against brute force: nothing missed, nothing twice, every one exact.
 
-The kinematics and the Newton iterations of this file are its own: products of 4 × 4 matrices, and minimum-norm steps from
-random angles, that know nothing of closed forms, continuation or limits.
+The kinematics and the Newton iterations of this file are its own: products of 4 × 4 matrices, and
+minimum-norm steps from random angles, that know nothing of closed forms, continuation or limits.
 """
 
 from __future__ import annotations
@@ -26,11 +26,21 @@ from aacmm_pin.arm.file import ArmFile, load_arm_file
 from aacmm_pin.arm.limits import broken_limits, into_limits
 from aacmm_pin.errors import AacmmError, ShapeError, UnsupportedArmError
 from aacmm_pin.postures import three_revolutes
-from aacmm_pin.postures.configurations import ConfigurationCircle, configuration_circle, configuration_circles
+from aacmm_pin.postures.configurations import (
+    ConfigurationCircle,
+    configuration_circle,
+    configuration_circles,
+)
 from aacmm_pin.postures.curve_sampling import Components, Sectors, sector_centres
 from aacmm_pin.postures.elbow_swivel import Swivel
 from aacmm_pin.postures.pose_equations import Curve
-from aacmm_pin.postures.wrist_ik import FEW_PER_TURN, Wrist, reach_of_wrist, wrist_curves, wrist_equations
+from aacmm_pin.postures.wrist_ik import (
+    FEW_PER_TURN,
+    Wrist,
+    reach_of_wrist,
+    wrist_curves,
+    wrist_equations,
+)
 from tests.arm_files import craig, nominal
 from tests.notes import data_of
 
@@ -62,13 +72,18 @@ def arm(request: pytest.FixtureRequest) -> Arm:
 
 
 def frames(dh: DHTable, q: Array, rows: int) -> tuple[Array, list[tuple[Array, Array]]]:
-    """Placement of frame ``rows`` (n, 4, 4), and (direction, point) of every joint axis before it."""
+    """Placement of frame ``rows`` (n, 4, 4), and (direction, point) of every joint axis
+    before it.
+    """
     placement = np.broadcast_to(np.eye(4), (len(q), 4, 4))
     axes, joint = [], 0
     for i in range(rows):
         tilt = np.eye(4)
         tilt[0, 3] = dh.a[i]
-        tilt[1:3, 1:3] = [[np.cos(dh.alpha[i]), -np.sin(dh.alpha[i])], [np.sin(dh.alpha[i]), np.cos(dh.alpha[i])]]
+        tilt[1:3, 1:3] = [
+            [np.cos(dh.alpha[i]), -np.sin(dh.alpha[i])],
+            [np.sin(dh.alpha[i]), np.cos(dh.alpha[i])],
+        ]
         angle = np.full(len(q), dh.theta_offset[i])
         if not dh.standard:
             placement = placement @ tilt
@@ -97,13 +112,17 @@ def at_wrist(dh: DHTable, points: Array, theta5: float = 0.0) -> System:
 
 
 def at_tip(dh: DHTable, point: Array, stylus: Array, axis: Array) -> System:
-    """Place, and the whole direction of the stylus: six equations of rank five, so that the opposite one is no solution."""
+    """Place, and the whole direction of the stylus: six equations of rank five, so that the
+    opposite one is no solution.
+    """
 
     def system(q: Array, which: Index) -> tuple[Array, Array]:
         placement, axes = frames(dh, q, dh.rows)
         place, direction = placement[:, :3, 3], placement[:, :3, :3] @ stylus
         z, o = (np.stack(each, axis=1) for each in zip(*axes, strict=True))  # (n, joints, 3)
-        moved = np.concatenate([np.cross(z, place[:, None] - o), np.cross(z, direction[:, None])], axis=2)
+        moved = np.concatenate(
+            [np.cross(z, place[:, None] - o), np.cross(z, direction[:, None])], axis=2
+        )
         return np.hstack([place - point, direction - axis]), moved.transpose(0, 2, 1)
 
     return system
@@ -121,7 +140,9 @@ def solve(system: System, q: Array, which: Index, iterations: int = 60) -> tuple
         if not going.size:
             break
         step = -least_squares(jacobian, f)
-        q[going] += step * np.minimum(1.0, 0.7 / np.maximum(np.linalg.norm(step, axis=1), 1e-30))[:, None]
+        q[going] += (
+            step * np.minimum(1.0, 0.7 / np.maximum(np.linalg.norm(step, axis=1), 1e-30))[:, None]
+        )
     return q[arrived], which[arrived]
 
 
@@ -129,7 +150,9 @@ def least_squares(matrix: Array, right: Array) -> Array:
     """By the normal equations, damped a trifle: they may have a null space."""
     square = matrix.transpose(0, 2, 1) @ matrix
     damping = 1e-13 * np.trace(square, axis1=1, axis2=2)[:, None, None] * np.eye(square.shape[1])
-    return np.asarray(np.linalg.solve(square + damping, matrix.transpose(0, 2, 1) @ right[:, :, None])[:, :, 0])
+    return np.asarray(
+        np.linalg.solve(square + damping, matrix.transpose(0, 2, 1) @ right[:, :, None])[:, :, 0]
+    )
 
 
 def wrapped(angles: Array) -> Array:
@@ -139,7 +162,9 @@ def wrapped(angles: Array) -> Array:
 def dense(system: System, curves: list[Curve], between: int = 8) -> tuple[Array, Index]:
     """The curves' vertices with ``between - 1`` solutions on each piece."""
     parts = np.arange(between)[None, :, None] / between
-    pieces = [(c.q[:, None] + wrapped(np.roll(c.q, -1, axis=0) - c.q)[:, None] * parts) for c in curves]
+    pieces = [
+        (c.q[:, None] + wrapped(np.roll(c.q, -1, axis=0) - c.q)[:, None] * parts) for c in curves
+    ]
     start = np.concatenate([p.reshape(-1, p.shape[2]) for p in pieces])
     which = np.repeat([c.problem for c in curves], [len(c.q) * between for c in curves])
     q, arrived = solve(system, start, which)
@@ -148,8 +173,8 @@ def dense(system: System, curves: list[Curve], between: int = 8) -> tuple[Array,
 
 
 def missed(system: System, curves: list[Curve], q: Array, which: Index) -> Array:
-    """Which of the solutions ``q`` are on none of the curves of their problem: from the nearest dense solutions, Newton in
-    the hyperplane across the tangent at ``q`` must end at ``q``.
+    """Which of the solutions ``q`` are on none of the curves of their problem: from the nearest
+    dense solutions, Newton in the hyperplane across the tangent at ``q`` must end at ``q``.
     """
     there, of = dense(system, curves)
     far = 100.0 * np.arange(max(of.max(), which.max()) + 1)  # problems do not mix
@@ -166,7 +191,9 @@ def missed(system: System, curves: list[Curve], q: Array, which: Index) -> Array
             bordered = np.concatenate([jacobian, tangent[:, None]], axis=1)
             right = np.concatenate([-f, ((q - x) * tangent).sum(axis=1)[:, None]], axis=1)
             x = x + least_squares(bordered, right)
-        close = (np.linalg.norm(guess - q, axis=1) < 0.05) & (np.linalg.norm(x - guess, axis=1) < 3e-3)
+        close = (np.linalg.norm(guess - q, axis=1) < 0.05) & (
+            np.linalg.norm(x - guess, axis=1) < 3e-3
+        )
         found |= (of[column] == which) & close & (np.linalg.norm(x - q, axis=1) < 1e-6)
     return ~found
 
@@ -175,9 +202,13 @@ def twice(system: System, curves: list[Curve]) -> int:
     """Number of pairs of curves of which one starts on the other."""
     pairs = 0
     for one in curves:
-        starts = [other.q[0] for other in curves if other is not one and other.problem == one.problem]
+        starts = [
+            other.q[0] for other in curves if other is not one and other.problem == one.problem
+        ]
         if starts:
-            pairs += int((~missed(system, [one], np.array(starts), np.full(len(starts), one.problem))).sum())
+            pairs += int(
+                (~missed(system, [one], np.array(starts), np.full(len(starts), one.problem))).sum()
+            )
     return pairs
 
 
@@ -203,13 +234,19 @@ def clouds_of(arm: Arm, rng: np.random.Generator, n: int) -> dict[str, Array]:
     dh = arm.require_dh("")
     shoulder = Swivel(dh, arm.up).shoulder
     near, far = reach_of_wrist(Wrist.of(dh, np.zeros(arm.nq - 4)), shoulder)
-    rho, azimuth, height = 10 ** rng.uniform(-9, np.log10(3e-2), n), rng.uniform(0, 2 * np.pi, n), rng.uniform(near, far, n)
+    rho, azimuth, height = (
+        10 ** rng.uniform(-9, np.log10(3e-2), n),
+        rng.uniform(0, 2 * np.pi, n),
+        rng.uniform(near, far, n),
+    )
     height *= rng.choice([-1.0, 1.0], n)
     little = 10 ** rng.uniform(-7, -3, (4, n, 1))
     return {
         "anywhere": shoulder + directions(rng, n) * rng.uniform(near, far, (n, 1)),
-        "near the base axis": shoulder + np.column_stack([rho * np.cos(azimuth), rho * np.sin(azimuth), height]),
-        "on the base axis": shoulder + np.column_stack([0 * height, 0 * height, np.roll(height, 1)]),
+        "near the base axis": shoulder
+        + np.column_stack([rho * np.cos(azimuth), rho * np.sin(azimuth), height]),
+        "on the base axis": shoulder
+        + np.column_stack([0 * height, 0 * height, np.roll(height, 1)]),
         "almost stretched": shoulder + directions(rng, n) * (far - little[0]),
         "just too far": shoulder + directions(rng, n) * (far + little[1]),
         "almost folded": shoulder + directions(rng, n) * (near + little[2]),
@@ -224,7 +261,9 @@ def clouds(arm: Arm) -> dict[str, Cloud]:
     grid = np.array(list(product(np.linspace(-np.pi, np.pi, 4)[:-1] + 0.2, repeat=4)))
     result = {}
     for kind, points in clouds_of(arm, rng, n).items():
-        starts = np.concatenate([np.vstack([grid, rng.uniform(-np.pi, np.pi, (59, 4))]) for _ in points])
+        starts = np.concatenate(
+            [np.vstack([grid, rng.uniform(-np.pi, np.pi, (59, 4))]) for _ in points]
+        )
         which = np.repeat(np.arange(n), len(grid) + 59)
         q, which = solve(at_wrist(arm.require_dh(""), points), starts, which)
         result[kind] = Cloud(points, q, which)
@@ -232,7 +271,9 @@ def clouds(arm: Arm) -> dict[str, Cloud]:
 
 
 @pytest.mark.parametrize("per_turn", PER_TURN.values(), ids=PER_TURN)
-def test_brute_force_finds_nothing_that_the_circles_miss(arm: Arm, clouds: dict[str, Cloud], per_turn: int) -> None:
+def test_brute_force_finds_nothing_that_the_circles_miss(
+    arm: Arm, clouds: dict[str, Cloud], per_turn: int
+) -> None:
     wrist = Wrist.of(arm.require_dh(""), np.zeros(arm.nq - 4))
     for kind, cloud in clouds.items():
         system = at_wrist(arm.require_dh(""), cloud.points)
@@ -244,7 +285,9 @@ def test_brute_force_finds_nothing_that_the_circles_miss(arm: Arm, clouds: dict[
             assert not lost.any(), (kind, cloud.points[cloud.which[lost]], cloud.q[lost])
             every = np.concatenate([c.q for c in curves])
             of = np.repeat([c.problem for c in curves], [len(c.q) for c in curves])
-            place = arm.poses(np.column_stack([every, np.zeros((len(every), arm.nq - 4))]), "frame5").position
+            place = arm.poses(
+                np.column_stack([every, np.zeros((len(every), arm.nq - 4))]), "frame5"
+            ).position
             np.testing.assert_allclose(place, cloud.points[of], rtol=0, atol=1e-12)
             assert twice(system, [c for c in curves if c.problem < 2]) == 0, kind
     assert sum(len(cloud.q) for cloud in clouds.values()) > 500
@@ -259,41 +302,63 @@ def test_brute_force_finds_nothing_that_the_circles_miss(arm: Arm, clouds: dict[
 def circles(arm: Arm) -> list[ConfigurationCircle]:
     shoulder = Swivel(arm.require_dh(""), arm.up).shoulder
     points = shoulder + np.array(
-        [[0.034, -0.6, 0.19], [-0.25, 0.1, -0.4], [2e-3, 1e-3, 0.5], [0.0, 0.0, -0.6], [0.4, 0.4, 0.5]]
+        [
+            [0.034, -0.6, 0.19],
+            [-0.25, 0.1, -0.4],
+            [2e-3, 1e-3, 0.5],
+            [0.0, 0.0, -0.6],
+            [0.4, 0.4, 0.5],
+        ]
     )
     return [configuration_circle(arm, point, count=120) for point in points]
 
 
-def test_components_are_ordered_closed_and_even(arm: Arm, circles: list[ConfigurationCircle]) -> None:
+def test_components_are_ordered_closed_and_even(
+    arm: Arm, circles: list[ConfigurationCircle]
+) -> None:
     for circle in circles:
         assert len(circle) >= 240
         place = arm.poses(circle.q, "frame5").position
-        np.testing.assert_allclose(place, np.broadcast_to(circle.point, place.shape), rtol=0, atol=1e-12)
+        np.testing.assert_allclose(
+            place, np.broadcast_to(circle.point, place.shape), rtol=0, atol=1e-12
+        )
         np.testing.assert_allclose(circle.q[:, 4:], 0.0, atol=1e-15)
         assert list(np.unique(circle.component)) == list(range(1, len(circle) // 120 + 1))
-        assert twice(at_wrist(arm.require_dh(""), circle.point[None]), circle.components.curves) == 0
+        assert (
+            twice(at_wrist(arm.require_dh(""), circle.point[None]), circle.components.curves) == 0
+        )
         for number in np.unique(circle.component):
             q = circle.q[circle.component == number]
             assert len(q) == 120
-            elbow = frames(arm.require_dh(""), q, 3 if arm.require_dh("").standard else 4)[0][:, :3, 3]
+            elbow = frames(arm.require_dh(""), q, 3 if arm.require_dh("").standard else 4)[0][
+                :, :3, 3
+            ]
             steps = np.linalg.norm(np.roll(elbow, -1, axis=0) - elbow, axis=1)
             turns = np.abs(wrapped(np.roll(q, -1, axis=0) - q)).max(axis=1)
-            assert turns.max() < 0.9  # near the base axis joint 1 turns fast while the elbow hardly moves
+            assert (
+                turns.max() < 0.9
+            )  # near the base axis joint 1 turns fast while the elbow hardly moves
             if steps.sum() > 1e-6:
                 assert steps.max() < 1.05 * steps.mean()
-                assert (steps < 0.95 * steps.mean()).sum() <= 4  # where the path turns back on itself a chord is shorter
+                assert (
+                    steps < 0.95 * steps.mean()
+                ).sum() <= 4  # where the path turns back on itself a chord is shorter
 
 
 def test_theta5_at_rest_changes_the_circle_a_little(sino6: Arm) -> None:
     turned = configuration_circle(sino6, SEAT, rest=[1.2, -0.4], count=30)
-    np.testing.assert_allclose(turned.q[:, 4:], np.tile([1.2, -0.4], (len(turned), 1)), rtol=0, atol=1e-15)
+    np.testing.assert_allclose(
+        turned.q[:, 4:], np.tile([1.2, -0.4], (len(turned), 1)), rtol=0, atol=1e-15
+    )
     np.testing.assert_allclose(sino6.poses(turned.q, "frame5").position - SEAT, 0.0, atol=1e-12)
     system = at_wrist(sino6.require_dh(""), SEAT[None], 1.2)
     starts = np.random.default_rng(4).uniform(-np.pi, np.pi, (150, 4))
     q, which = solve(system, starts, np.zeros(150, dtype=np.intp))
     assert len(q) > 100
     assert not missed(system, turned.components.curves, q, which).any()
-    without = sino6.poses(np.column_stack([turned.q[:, :4], np.zeros((len(turned), 2))]), "frame5").position
+    without = sino6.poses(
+        np.column_stack([turned.q[:, :4], np.zeros((len(turned), 2))]), "frame5"
+    ).position
     assert 1e-6 < np.linalg.norm(without - SEAT, axis=1).max() < 1e-4  # a5 is 0.037 mm
 
 
@@ -310,28 +375,41 @@ def own_swivel(elbow: Array, shoulder: Array, point: Array, up: Array) -> Array:
 
 
 @pytest.mark.parametrize(
-    ("name", "gravity"), [("sino6", (0.0, 0.0, -9.81)), ("zero6", (9.81, 0.0, 0.0)), ("craig", (1.0, -2.0, 3.0))]
+    ("name", "gravity"),
+    [("sino6", (0.0, 0.0, -9.81)), ("zero6", (9.81, 0.0, 0.0)), ("craig", (1.0, -2.0, 3.0))],
 )
-def test_swivel_is_zero_at_the_top_and_right_handed(name: str, gravity: tuple[float, float, float]) -> None:
+def test_swivel_is_zero_at_the_top_and_right_handed(
+    name: str, gravity: tuple[float, float, float]
+) -> None:
     arm = Arm.from_file(ARMS[name]().model_copy(update={"gravity_m_s2": gravity}))
     shoulder = np.array([0.0, 0.0, 0.09985 if name == "zero6" else 0.0])
     up = -np.array(gravity) / np.linalg.norm(gravity)
     point = shoulder + np.array([0.35, -0.3, 0.25])
     circle = configuration_circle(arm, point, count=180)
     elbow = arm.poses(circle.q, "frame4" if name == "craig" else "frame3").position
-    np.testing.assert_allclose(wrapped(circle.swivel - own_swivel(elbow, shoulder, point, up)), 0.0, atol=1e-9)
+    np.testing.assert_allclose(
+        wrapped(circle.swivel - own_swivel(elbow, shoulder, point, up)), 0.0, atol=1e-9
+    )
     for number in np.unique(circle.component):
         mine = circle.component == number
         highest = np.argmax(elbow[mine] @ up)
-        assert abs(circle.swivel[mine][highest]) < np.radians(12)  # the elbow's path is nearly a circle, not quite
-    across = np.cross(point - shoulder, up)  # the right hand turns the top towards (point - shoulder) × up
-    np.testing.assert_array_equal(np.sign((elbow - shoulder) @ across), np.sign(np.sin(circle.swivel)))
+        assert abs(circle.swivel[mine][highest]) < np.radians(
+            12
+        )  # the elbow's path is nearly a circle, not quite
+    across = np.cross(
+        point - shoulder, up
+    )  # the right hand turns the top towards (point - shoulder) × up
+    np.testing.assert_array_equal(
+        np.sign((elbow - shoulder) @ across), np.sign(np.sin(circle.swivel))
+    )
 
 
 def test_above_the_shoulder_x_takes_the_place_of_the_highest(sino6: Arm) -> None:
     circle = configuration_circle(sino6, [0.0, 0.0, 0.6], count=48)
     elbow = sino6.poses(circle.q, "frame3").position
-    np.testing.assert_allclose(wrapped(circle.swivel - np.arctan2(elbow[:, 1], elbow[:, 0])), 0.0, atol=1e-9)
+    np.testing.assert_allclose(
+        wrapped(circle.swivel - np.arctan2(elbow[:, 1], elbow[:, 0])), 0.0, atol=1e-9
+    )
 
 
 @pytest.mark.parametrize("name", ["sino6", "zero6"])
@@ -357,25 +435,39 @@ def test_configurations_at_a_swivel_have_it(name: str) -> None:
 def test_angles_are_turned_into_their_limits_by_whole_turns(rng: np.random.Generator) -> None:
     """Inside and nearest to the middle, or least outside; an angle on its limit is inside."""
     lower = rng.uniform(-8, 5, 60)
-    pairs = [*np.column_stack([lower, lower + rng.uniform(0.01, 20, 60)]), *np.pi * np.array([[-2, 2], [-1, 0], [0, 2]])]
+    pairs = [
+        *np.column_stack([lower, lower + rng.uniform(0.01, 20, 60)]),
+        *np.pi * np.array([[-2, 2], [-1, 0], [0, 2]]),
+    ]
     for low, high in pairs:
         limits = np.array([[low, high]])
         edges = np.array([low, high])[:, None] + [-1e-10, 0, 1e-10]
-        q = np.concatenate([rng.uniform(-30, 30, 50), (edges.ravel() + 2 * np.pi * np.array([[-2], [0], [3]])).ravel()])
+        q = np.concatenate(
+            [
+                rng.uniform(-30, 30, 50),
+                (edges.ravel() + 2 * np.pi * np.array([[-2], [0], [3]])).ravel(),
+            ]
+        )
         into = into_limits(q[:, None], limits)[:, 0]
         np.testing.assert_allclose(wrapped(into - q), 0.0, atol=1e-9)
         every = q[:, None] + 2 * np.pi * np.arange(-12, 13)
         outside, least = (np.maximum(np.maximum(low - x, x - high), 0.0) for x in (into, every))
         np.testing.assert_allclose(outside, least.min(axis=1), atol=3e-9)
-        np.testing.assert_array_equal(broken_limits(into[:, None], limits)[:, 0], least.min(axis=1) > 1e-9)
+        np.testing.assert_array_equal(
+            broken_limits(into[:, None], limits)[:, 0], least.min(axis=1) > 1e-9
+        )
         nearest = np.where(least < 1e-9, np.abs(every - (low + high) / 2), np.inf).min(axis=1)
         there = np.isfinite(nearest)
-        np.testing.assert_allclose(np.abs(into[there] - (low + high) / 2), nearest[there], atol=1e-8)
+        np.testing.assert_allclose(
+            np.abs(into[there] - (low + high) / 2), nearest[there], atol=1e-8
+        )
     assert (np.abs(into_limits(q[:, None], np.array([[-np.inf, np.inf]]))) <= np.pi + 1e-9).all()
 
 
 def test_closed_form_of_three_revolutes(rng: np.random.Generator) -> None:
-    """The angles with which any such chain reached a place are among the candidates; the first two axes may meet."""
+    """The angles with which any such chain reached a place are among the candidates; the first two
+    axes may meet.
+    """
     n = 60
     b = np.tile(np.eye(4), (3, n, 1, 1))
     b[:, :, :3, :3] = exp(rng.normal(size=(3 * n, 6)))[:, :3, :3].reshape(3, n, 3, 3)
@@ -402,13 +494,16 @@ def test_circle_says_which_limits_are_broken(arm: Arm, circles: list[Configurati
 # --- (f) branches
 
 
-def test_branch_signs_are_those_of_the_geometry(arm: Arm, circles: list[ConfigurationCircle]) -> None:
+def test_branch_signs_are_those_of_the_geometry(
+    arm: Arm, circles: list[ConfigurationCircle]
+) -> None:
     dh = arm.require_dh("")
     shoulder = Swivel(dh, arm.up).shoulder
     for circle in circles:
         step = np.array([[0.0, 0.0, 0.0, 1e-6, 0.0, 0.0]])
         grown, shrunk = (
-            np.linalg.norm(frames(dh, circle.q + s * step, 5)[0][:, :3, 3] - shoulder, axis=1) for s in (1.0, -1.0)
+            np.linalg.norm(frames(dh, circle.q + s * step, 5)[0][:, :3, 3] - shoulder, axis=1)
+            for s in (1.0, -1.0)
         )
         clear = np.abs(grown - shrunk) > 1e-9
         np.testing.assert_array_equal(circle.branch[clear, 1], np.sign(grown - shrunk)[clear])
@@ -463,9 +558,14 @@ def with_long_fifth_row(length_mm: float) -> Arm:
 
 
 def test_a_held_joint_that_moves_the_point_is_named(sino6: Arm) -> None:
-    """With a length behind it joint 5 carries frame 5 about: to hold it leaves out what was asked for."""
+    """With a length behind it joint 5 carries frame 5 about: to hold it leaves out what was asked
+    for.
+    """
     arm, point = with_long_fifth_row(210.0), [0.3, 0.2, 0.4]
-    for ask in (lambda: configuration_circle(arm, point), lambda: map_workspace(arm, (2, 2), progress=False)):
+    for ask in (
+        lambda: configuration_circle(arm, point),
+        lambda: map_workspace(arm, (2, 2), progress=False),
+    ):
         with pytest.raises(UnsupportedArmError) as refused:
             ask()
         for words in ("joint 5", "28.65°", "frame5", "210 mm", "--tip --axis", "reaching_postures"):
@@ -482,15 +582,24 @@ def test_a_held_joint_that_moves_the_point_is_named(sino6: Arm) -> None:
 
 
 def test_what_does_not_exist_is_not_shown_as_nan() -> None:
-    """The elbow of this arm stays where it is: no swivel angle changes, so no part of them works."""
+    """The elbow of this arm stays where it is: no swivel angle changes, so no part of them
+    works.
+    """
     file = load_arm_file("sino6")
     values = [(0, 153, H, 0), (195, 0, 0, 0), (0, 0, H, H), (0, 230, H, 0), (210, 0, 0, H)]
-    rows = [dict(zip(("a_mm", "d_mm", "alpha_rad", "theta_offset_rad"), row, strict=True)) for row in values]
+    rows = [
+        dict(zip(("a_mm", "d_mm", "alpha_rad", "theta_offset_rad"), row, strict=True))
+        for row in values
+    ]
     joints = [of.model_copy(update=row) for of, row in zip(file.joints, rows, strict=False)]
-    circle = configuration_circle(Arm.from_file(file.model_copy(update={"joints": joints})), [0.25, 0.05, 0.2], rest=[0.0])
+    circle = configuration_circle(
+        Arm.from_file(file.model_copy(update={"joints": joints})), [0.25, 0.05, 0.2], rest=[0.0]
+    )
     assert np.isnan(circle.flexibility().arc_fraction)
     shown = [circle, circle.flexibility(), circle.flexibility(7)]
-    text = " ".join([*map(str, shown), *(each._repr_html_() for each in shown), csv_text(circle.columns())])
+    text = " ".join(
+        [*map(str, shown), *(each._repr_html_() for each in shown), csv_text(circle.columns())]
+    )
     assert "nan" not in text.lower()
 
 
@@ -522,7 +631,9 @@ def test_arms_that_lack_what_is_needed(robot_file: Callable[[str], Path]) -> Non
         configuration_circle(Arm.from_urdf(robot_file("ur5_robot.urdf"), "ee_link"), SEAT)
     file = load_arm_file("sino6")
     with pytest.raises(UnsupportedArmError, match="stylus"):
-        configuration_circle(Arm.from_file(file.model_copy(update={"stylus": None})), SEAT, tip=True, axis=[0, 0, 1])
+        configuration_circle(
+            Arm.from_file(file.model_copy(update={"stylus": None})), SEAT, tip=True, axis=[0, 0, 1]
+        )
     fixed = {"fixed": True, "limits_rad": None, "encoder_noise_rad": None}
     for row in (2, 5):  # a rigid elbow, a rigid wrist
         rows = [r.model_copy(update=fixed) if n == row else r for n, r in enumerate(file.joints)]
@@ -543,7 +654,8 @@ TIPS = [
     ("sino6", (0.0, -1.32, 0.2), (0.0, -1.0, 0.2)),  # near the end of the reach
     ("zero6", (0.3, -0.3, 0.2), (0.0, 0.0, -1.0)),
     ("nominal", (0.4, 0.1, 0.3), (1.0, 0.0, 0.0)),
-    # so near the end of the reach that the body behind joint 6 has a few degrees to turn about the stylus
+    # so near the end of the reach that the body behind joint 6 has a few degrees to turn about the
+    # stylus
     (
         "craig",
         (-0.8484687406192339, -0.7918470712766146, -0.3539050526389978),
@@ -553,7 +665,9 @@ TIPS = [
 
 
 @pytest.mark.parametrize(("name", "point", "axis"), TIPS)
-def test_tip_circles_are_exact_and_complete(name: str, point: tuple[float, ...], axis: tuple[float, ...]) -> None:
+def test_tip_circles_are_exact_and_complete(
+    name: str, point: tuple[float, ...], axis: tuple[float, ...]
+) -> None:
     arm = Arm.from_file(ARMS[name]())
     dh, place = arm.require_dh(""), np.array(point)
     direction = np.array(axis) / np.linalg.norm(axis)
@@ -577,7 +691,9 @@ def test_tip_circles_are_exact_and_complete(name: str, point: tuple[float, ...],
     )  # also after the turns into the limits
 
 
-@pytest.mark.parametrize("more", [{}, {"tip": True, "axis": [0.0, 0.2, -1.0]}], ids=["wrist", "tip"])
+@pytest.mark.parametrize(
+    "more", [{}, {"tip": True, "axis": [0.0, 0.2, -1.0]}], ids=["wrist", "tip"]
+)
 def test_circles_of_many_points_are_those_of_each(sino6: Arm, more: dict[str, Any]) -> None:
     points = np.array([SEAT, [0.0, 5.0, 0.0], [0.3, -0.4, 0.2]])  # the second is out of reach
     together = configuration_circles(sino6, points, count=20, **more)
@@ -597,13 +713,26 @@ def test_table_has_the_columns_of_the_command(sino6: Arm) -> None:
     circle = configuration_circle(sino6, SEAT, count=36)
     table = circle.to_frame()
     angles = [f"theta{j}_deg" for j in range(1, 7)]
-    expected = ["component", "swivel_deg", *angles, "within_limits", "broken_limits", "x_mm", "y_mm", "z_mm"]
+    expected = [
+        "component",
+        "swivel_deg",
+        *angles,
+        "within_limits",
+        "broken_limits",
+        "x_mm",
+        "y_mm",
+        "z_mm",
+    ]
     assert list(table.columns[: len(expected)]) == expected
     np.testing.assert_allclose(table[angles].to_numpy(), np.degrees(circle.q), rtol=1e-15)
-    np.testing.assert_allclose(table[["x_mm", "y_mm", "z_mm"]].to_numpy(), np.tile(SEAT * 1e3, (len(table), 1)), atol=1e-9)
+    np.testing.assert_allclose(
+        table[["x_mm", "y_mm", "z_mm"]].to_numpy(), np.tile(SEAT * 1e3, (len(table), 1)), atol=1e-9
+    )
     np.testing.assert_allclose(table["swivel_deg"], np.degrees(circle.swivel))
     assert table["within_limits"].dtype == bool
-    for row, text, inside in zip(circle.broken, table["broken_limits"], table["within_limits"], strict=True):
+    for row, text, inside in zip(
+        circle.broken, table["broken_limits"], table["within_limits"], strict=True
+    ):
         assert [int(n) for n in text.split()] == [j + 1 for j in range(6) if row[j]]
         assert inside == (text == "")
     assert table["broken_limits"].ne("").any()
@@ -616,8 +745,12 @@ def test_table_has_the_columns_of_the_command(sino6: Arm) -> None:
 # --- (k) flexibility
 
 
-def brute_flexibility(circle: ConfigurationCircle, sectors: int) -> tuple[list[bool], list[bool], float]:
-    """From dense samples: which sector centres are crossed, crossed inside the limits, and the working range of swivel."""
+def brute_flexibility(
+    circle: ConfigurationCircle, sectors: int
+) -> tuple[list[bool], list[bool], float]:
+    """From dense samples: which sector centres are crossed, crossed inside the limits, and the
+    working range of swivel.
+    """
     crossed, works = [False] * sectors, [False] * sectors
     bins = 1440
     any_bin, good_bin = np.zeros(bins, dtype=bool), np.zeros(bins, dtype=bool)
@@ -638,12 +771,19 @@ def brute_flexibility(circle: ConfigurationCircle, sectors: int) -> tuple[list[b
 
 
 def test_wrist_joints_rest_inside_their_limits(sino6: Arm) -> None:
-    lower, upper = np.array([0.5, 2 * np.pi - 2.0]), np.array([1.0, 2 * np.pi - 1.0])  # θ6 as good as from -2 to -1
+    lower, upper = (
+        np.array([0.5, 2 * np.pi - 2.0]),
+        np.array([1.0, 2 * np.pi - 1.0]),
+    )  # θ6 as good as from -2 to -1
     narrow = replace(sino6, limits=np.vstack([sino6.limits[:4], np.column_stack([lower, upper])]))
     free, held = (configuration_circle(arm, [0.4, 0.0, 0.3]) for arm in (sino6, narrow))
-    np.testing.assert_allclose(np.unique(held.q[:, 4:], axis=0), [[0.5, 2 * np.pi - 1.0]], atol=1e-12)
+    np.testing.assert_allclose(
+        np.unique(held.q[:, 4:], axis=0), [[0.5, 2 * np.pi - 1.0]], atol=1e-12
+    )
     assert held.flexibility().sectors == free.flexibility().sectors
-    assert held.flexibility().arc_fraction == pytest.approx(free.flexibility().arc_fraction, abs=2e-3)
+    assert held.flexibility().arc_fraction == pytest.approx(
+        free.flexibility().arc_fraction, abs=2e-3
+    )
     assert not configuration_circle(narrow, [0.4, 0.0, 0.3], rest=[0.0, 0.0]).within_limits.any()
 
 
@@ -674,12 +814,16 @@ def limited(name: str, joint: int, lower_deg: float, upper_deg: float) -> Arm:
 def test_flexibility_is_that_of_dense_samples(
     limits: tuple[str, int, float, float] | None, point_mm: tuple[float, ...], sino6: Arm
 ) -> None:
-    circle = configuration_circle(limited(*limits) if limits else sino6, np.array(point_mm) * 1e-3, count=6000)
+    circle = configuration_circle(
+        limited(*limits) if limits else sino6, np.array(point_mm) * 1e-3, count=6000
+    )
     for sectors in (1, 7, 12):
         result = circle.flexibility(sectors)
         crossed, works, fraction = brute_flexibility(circle, sectors)
         assert result.sectors == tuple(works)
-        assert result.zeta == pytest.approx(sum(works) / sum(crossed) if any(crossed) else np.nan, nan_ok=True)
+        assert result.zeta == pytest.approx(
+            sum(works) / sum(crossed) if any(crossed) else np.nan, nan_ok=True
+        )
         assert result.arc_fraction == pytest.approx(fraction, abs=0.004)
 
 
@@ -698,14 +842,20 @@ def test_swivel_straight_above_and_below_the_shoulder_in_any_mount(axis: int, si
 def test_a_map_says_what_it_does_not_stand_for(sino6: Arm) -> None:
     assert map_caveats(sino6) == ()
     assert map_caveats(limited("sino6", 1, 0, 180))[0].code == "first_joint_limited"
-    assert data_of(map_caveats(limited("sino6", 5, 17, 180)), "joints_held") == [{"joints": "joint 5 at 17°"}]
+    assert data_of(map_caveats(limited("sino6", 5, 17, 180)), "joints_held") == [
+        {"joints": "joint 5 at 17°"}
+    ]
     wall = load_arm_file("sino6").model_copy(update={"gravity_m_s2": (9.81, 0.0, 0.0)})
     assert map_caveats(Arm.from_file(wall))[0].code == "gravity_off_first_axis"
 
 
 def test_long_and_short_curves_traced_together_are_found_once() -> None:
-    """Two places at once: what is found at the one may not depend on the length of the curves at the other."""
-    dh = Arm.from_file(load_arm_file("sino6").model_copy(update={"convention": "modified-dh"})).require_dh("")
+    """Two places at once: what is found at the one may not depend on the length of the curves at
+    the other.
+    """
+    dh = Arm.from_file(
+        load_arm_file("sino6").model_copy(update={"convention": "modified-dh"})
+    ).require_dh("")
     wrist, rng = Wrist.of(dh, np.zeros(2)), np.random.default_rng(2)
     hard = [
         [-0.5613270715600934, 0.2105439318645954, -1.1109481019553742],

@@ -1,4 +1,6 @@
-"""Arms and points at which postures are not single ones or curves, and searches that end at their limit of work."""
+"""Arms and points at which postures are not single ones or curves, and searches that end at their
+limit of work.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,14 @@ from tests.notes import data_of
 H = np.pi / 2
 # a, d [mm] and alpha [rad] of each row
 ROWS = {
-    "parallel joints 2 and 3": [(0, 0, H), (400, 0, 0), (0, 0, H), (0, 400, -H), (0, 0, H), (0, 100, 0)],
+    "parallel joints 2 and 3": [
+        (0, 0, H),
+        (400, 0, 0),
+        (0, 0, H),
+        (0, 400, -H),
+        (0, 0, H),
+        (0, 100, 0),
+    ],
     "all axes parallel": [(200, 0, 0)] * 6,
     "planar": [(300, 0, np.pi), (250, 0, np.pi), (200, 0, 0), (250, 0, 0), (0, 0, 0), (0, 0, 0)],
     "all lengths zero": [(0, 0, 0)] * 6,
@@ -31,21 +40,39 @@ ROWS = {
 def arm_of(name: str) -> Arm:
     file, rows = load_arm_file("sino6"), []
     for row, (a, d, alpha) in zip(file.joints, ROWS[name], strict=True):
-        change = {"a_mm": a, "d_mm": d, "alpha_rad": alpha, "theta_offset_rad": 0.0, "limits_rad": (-3.1, 3.1)}
+        change = {
+            "a_mm": a,
+            "d_mm": d,
+            "alpha_rad": alpha,
+            "theta_offset_rad": 0.0,
+            "limits_rad": (-3.1, 3.1),
+        }
         rows.append(row.model_copy(update=change))
     return Arm.from_file(file.model_copy(update={"name": name, "joints": rows}))
 
 
 def test_families_are_told() -> None:
-    """Where each arm's wrist is anyhow, and places that it cannot reach though no step brings it nearer."""
+    """Where each arm's wrist is anyhow, and places that it cannot reach though no step brings it
+    nearer.
+    """
     for name in ROWS:
         arm = arm_of(name)
         q = np.array([[0.3, -0.5, 0.7, 0.9, 0.0, 0.0]])
-        point = np.array([0.0, 0.0, 0.3]) if name.startswith("parallel") else arm.positions(q, "frame5")[0]
+        point = (
+            np.array([0.0, 0.0, 0.3])
+            if name.startswith("parallel")
+            else arm.positions(q, "frame5")[0]
+        )
         circle = configuration_circle(arm, point, rest=[0.0, 0.0])
-        assert (len(circle), circle.complete, circle.reason) == (0, False, "; ".join(map(str, circle.notes))), name
+        assert (len(circle), circle.complete, circle.reason) == (
+            0,
+            False,
+            "; ".join(map(str, circle.notes)),
+        ), name
         named = circle.reason[circle.reason.index("(") + 1 : circle.reason.index(")")]
-        reached = arm.positions(np.deg2rad([[float(angle) for angle in named.split(",")]]), "frame5")[0]
+        reached = arm.positions(
+            np.deg2rad([[float(angle) for angle in named.split(",")]]), "frame5"
+        )[0]
         np.testing.assert_allclose(reached, point, atol=1e-3)  # named to a tenth of a degree
         if not name.startswith("parallel"):
             away = configuration_circle(arm, [0.0, 0.0, 0.7], rest=[0.0, 0.0])
@@ -55,7 +82,9 @@ def test_families_are_told() -> None:
 
 
 def test_no_condition_hangs() -> None:
-    """A point and an axis, a full pose: single postures, curves, families or out of reach, and never another."""
+    """A point and an axis, a full pose: single postures, curves, families or out of reach, and
+    never another.
+    """
     for name in ("all axes parallel", "all lengths zero", "sphere"):
         arm = arm_of(name)
         for conditions in ({"rotation": np.eye(3)}, {"axis": [0, 0.6, 0.8]}):
@@ -66,7 +95,9 @@ def test_no_condition_hangs() -> None:
 
 
 def test_map_of_families() -> None:
-    """In its own plane every cell of a planar arm is reached, in families of postures; beside it none is."""
+    """In its own plane every cell of a planar arm is reached, in families of postures; beside it
+    none is.
+    """
     whole = map_workspace(arm_of("planar"), (2, 3), extent=[0.1, 0.5, -0.1, 0.1], progress=False)
     np.testing.assert_array_equal(whole.data["reachable"], [[0, 1, 0]] * 2)
     assert (whole.incomplete, map_summary(whole)["incomplete"], whole.unreachable) == (6, 6, 4)

@@ -1,4 +1,6 @@
-"""Equations of a pose: derivatives by differences, angles by SciPy, none zero half a turn away; what cannot be asked."""
+"""Equations of a pose: derivatives by differences, angles by SciPy, none zero half a turn away;
+what cannot be asked.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,8 @@ H = 1e-6
 ANGLES = [0.0, 1e-13, 1e-7, 9e-4, 1.1e-3, 0.5, 2.0, 3.1, np.pi - 1e-5]
 SLIDING = """\
 <robot name="slide"> <link name="base"/> <link name="tool"/>
-  <joint name="rail" type="prismatic"> <parent link="base"/> <child link="tool"/> <axis xyz="1 0 0"/>
+  <joint name="rail" type="prismatic">
+    <parent link="base"/> <child link="tool"/> <axis xyz="1 0 0"/>
     <limit lower="0" upper="1" effort="1" velocity="1"/> </joint>
 </robot>
 """
@@ -29,12 +32,17 @@ SLIDING = """\
 def by_differences(equations: Equations, q: Array) -> Array:
     """Derivatives (k, joints) at ``q`` (joints,)."""
     zero = np.zeros(1, dtype=np.intp)
-    columns = [equations((q + h)[None], zero)[0] - equations((q - h)[None], zero)[0] for h in H * np.eye(len(q))]
+    columns = [
+        equations((q + h)[None], zero)[0] - equations((q - h)[None], zero)[0]
+        for h in H * np.eye(len(q))
+    ]
     return np.concatenate(columns).T / (2 * H)
 
 
 @pytest.mark.parametrize("angle", ANGLES)
-def test_turns_are_the_logarithm_and_pointing_is_an_angle(sino6: Arm, rng: np.random.Generator, angle: float) -> None:
+def test_turns_are_the_logarithm_and_pointing_is_an_angle(
+    sino6: Arm, rng: np.random.Generator, angle: float
+) -> None:
     zero = np.zeros(1, dtype=np.intp)
     for q in rng.uniform(-np.pi, np.pi, (20, 6)):
         pose = sino6.poses(q[None]).placement[0]
@@ -45,13 +53,21 @@ def test_turns_are_the_logarithm_and_pointing_is_an_angle(sino6: Arm, rng: np.ra
         across /= np.linalg.norm(across)
         goal = Rotation.from_rotvec(angle * across).as_matrix() @ pose[:3, 1]
         off = PoseConditions(sino6.chain, pose[:3, 3], rotation=wanted).equations()
-        pointing = PoseConditions(sino6.chain, pose[:3, 3], np.array([0.0, 1.0, 0.0]), goal).equations()
+        pointing = PoseConditions(
+            sino6.chain, pose[:3, 3], np.array([0.0, 1.0, 0.0]), goal
+        ).equations()
         within = 1e-14 + 1e-9 * angle
-        np.testing.assert_allclose(wanted @ off(q[None], zero)[0][0, 3:], angle * axis, rtol=0, atol=within)
-        assert np.linalg.norm(pointing(q[None], zero)[0][0, 3:]) == pytest.approx(angle, rel=1e-9, abs=1e-14)
+        np.testing.assert_allclose(
+            wanted @ off(q[None], zero)[0][0, 3:], angle * axis, rtol=0, atol=within
+        )
+        assert np.linalg.norm(pointing(q[None], zero)[0][0, 3:]) == pytest.approx(
+            angle, rel=1e-9, abs=1e-14
+        )
         if angle < 3.14:
             for equations in (off, pointing):
-                np.testing.assert_allclose(equations(q[None], zero)[1][0], by_differences(equations, q), rtol=0, atol=2e-7)
+                np.testing.assert_allclose(
+                    equations(q[None], zero)[1][0], by_differences(equations, q), rtol=0, atol=2e-7
+                )
 
 
 def test_half_a_turn_away_is_not_there(sino6: Arm) -> None:
@@ -72,15 +88,23 @@ def test_derivative_by_the_joints(sino6: Arm, rng: np.random.Generator) -> None:
         conditions = PoseConditions(sino6.chain, pose[:3, 3], **given)
         equations, none = conditions.equations(), np.zeros(1, dtype=np.intp)
         for q in rng.uniform(-np.pi, np.pi, (10, 6)):
-            np.testing.assert_allclose(equations(q[None], none)[1][0], by_differences(equations, q), rtol=0, atol=1e-7)
-        assert equations(np.zeros((2, 6)), np.zeros(2, dtype=np.intp))[0].shape == (2, conditions.count)
+            np.testing.assert_allclose(
+                equations(q[None], none)[1][0], by_differences(equations, q), rtol=0, atol=1e-7
+            )
+        assert equations(np.zeros((2, 6)), np.zeros(2, dtype=np.intp))[0].shape == (
+            2,
+            conditions.count,
+        )
 
 
 # --- what is refused
 
 
 def test_unusable_conditions(sino6: Arm, robot_file: Callable[[str], Path], tmp_path: Path) -> None:
-    up, free = {"axis": [0, 0, 1]}, "6 joints and a point leave 3 joints free; state a point and an axis .* or a full pose"
+    up, free = (
+        {"axis": [0, 0, 1]},
+        "6 joints and a point leave 3 joints free; state a point and an axis .* or a full pose",
+    )
     asked: list[tuple[dict[str, Any], type[AacmmError], str]] = [
         ({}, UnsupportedArmError, free),
         ({"axis": [0, 0, 0]}, AacmmError, r"axis is \[0, 0, 0\], expected a direction"),
@@ -102,8 +126,11 @@ def test_unusable_conditions(sino6: Arm, robot_file: Callable[[str], Path], tmp_
         reaching_postures(Arm.from_urdf(tmp_path / "slide.urdf", "tool"), [0, 0, 0])
     five = Arm.from_urdf(robot_file("so101.urdf"), "gripper_frame_link")
     with pytest.raises(
-        UnsupportedArmError, match=r"5 joints cannot meet the 6 conditions of a full pose; state a point and"
+        UnsupportedArmError,
+        match=r"5 joints cannot meet the 6 conditions of a full pose; state a point and",
     ):
         reaching_postures(five, [0.1, 0, 0.1], rotation=np.eye(3))
-    with pytest.raises(UnsupportedArmError, match=r"state a point and an axis \(single postures\)$"):
+    with pytest.raises(
+        UnsupportedArmError, match=r"state a point and an axis \(single postures\)$"
+    ):
         reaching_postures(five, [0.1, 0, 0.1])

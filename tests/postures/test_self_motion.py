@@ -1,4 +1,6 @@
-"""Self-motion curves: Panda against Newton's method and Jacobians by Pinocchio, SINO6 against the configuration circle."""
+"""Self-motion curves: Panda against Newton's method and Jacobians by Pinocchio, SINO6 against the
+configuration circle.
+"""
 
 from __future__ import annotations
 
@@ -33,19 +35,31 @@ def poses(panda: Arm) -> Array:
 
 @pytest.fixture(scope="module")
 def motions(panda: Arm, poses: Array) -> list[ReachingPostures]:
-    return [reaching_postures(panda, pose[:3, 3], rotation=pose[:3, :3], count=720) for pose in poses]
+    return [
+        reaching_postures(panda, pose[:3, 3], rotation=pose[:3, :3], count=720) for pose in poses
+    ]
 
 
-def test_every_posture_holds_the_pose(panda: Arm, poses: Array, motions: list[ReachingPostures]) -> None:
+def test_every_posture_holds_the_pose(
+    panda: Arm, poses: Array, motions: list[ReachingPostures]
+) -> None:
     for pose, motion in zip(poses, motions, strict=True):
         assert not motion.notes
         assert motion.search.unseen < 0.011
-        assert motion.search.unseen == pytest.approx(-np.log(0.05) / motion.search.since_new, rel=2e-3)
-        np.testing.assert_allclose(panda.poses(motion.q).placement, np.tile(pose, (len(motion), 1, 1)), rtol=0, atol=1e-9)
+        assert motion.search.unseen == pytest.approx(
+            -np.log(0.05) / motion.search.since_new, rel=2e-3
+        )
+        np.testing.assert_allclose(
+            panda.poses(motion.q).placement, np.tile(pose, (len(motion), 1, 1)), rtol=0, atol=1e-9
+        )
 
 
-def test_curves_are_closed_even_and_along_the_null_space(panda: Arm, motions: list[ReachingPostures]) -> None:
-    """Neighbours are equally far apart; the chord between the neighbours of a posture is in the Jacobian's null space."""
+def test_curves_are_closed_even_and_along_the_null_space(
+    panda: Arm, motions: list[ReachingPostures]
+) -> None:
+    """Neighbours are equally far apart; the chord between the neighbours of a posture is in the
+    Jacobian's null space.
+    """
     for motion in motions:
         for number in np.unique(motion.component):
             q = motion.q[motion.component == number]
@@ -53,7 +67,9 @@ def test_curves_are_closed_even_and_along_the_null_space(panda: Arm, motions: li
             step = np.linalg.norm(way, axis=1)
             assert motion.summary()["travel_rad"][number - 1] == pytest.approx(step.sum())
             assert step.max() < 1.02 * step.min()
-            np.testing.assert_allclose(motion.travel[motion.component == number], np.cumsum(step) - step, atol=1e-9)
+            np.testing.assert_allclose(
+                motion.travel[motion.component == number], np.cumsum(step) - step, atol=1e-9
+            )
             chord = way + np.roll(way, 1, axis=0)
             chord /= np.linalg.norm(chord, axis=1)[:, None]
             moved = np.einsum("nij,nj->ni", panda.poses(q).jacobian, chord)
@@ -70,14 +86,18 @@ def test_newton_by_pinocchio_finds_nothing_beside_the_curves(
 
 
 def test_limits_are_flags(panda: Arm, motions: list[ReachingPostures]) -> None:
-    """A posture is within limits when every joint is, whole turns apart; the fraction of arc is counted on many postures."""
+    """A posture is within limits when every joint is, whole turns apart; the fraction of arc is
+    counted on many postures.
+    """
     turns = TURN * np.array([-1, 0, 1])
     for motion in motions:
         images = motion.q[:, :, None] + turns
         inside = ((images >= panda.limits[:, :1]) & (images <= panda.limits[:, 1:])).any(axis=2)
         np.testing.assert_array_equal(motion.broken, ~inside)
         weights = [motion.travel[motion.component == n].max() for n in np.unique(motion.component)]
-        shares = [motion.within_limits[motion.component == n].mean() for n in np.unique(motion.component)]
+        shares = [
+            motion.within_limits[motion.component == n].mean() for n in np.unique(motion.component)
+        ]
         assert motion.arc_fraction == pytest.approx(np.average(shares, weights=weights), abs=3e-3)
         assert 0 <= motion.arc_fraction < 1
 
@@ -86,14 +106,19 @@ def partner_of(q: Array, motion: ReachingPostures) -> int:
     """The one component of ``motion`` on which all ``q`` (n, nq) lie."""
     numbers = np.unique(motion.component)
     there = [
-        n for n in numbers if off_polylines(q, motion.component[mine := motion.component == n], motion.q[mine]).max() < 5e-3
+        n
+        for n in numbers
+        if off_polylines(q, motion.component[mine := motion.component == n], motion.q[mine]).max()
+        < 5e-3
     ]
     assert len(there) == 1
     return int(there[0])
 
 
 @pytest.mark.parametrize("as_urdf", [False, True])
-def test_sino6_agrees_with_the_configuration_circle(sino6: Arm, rng: np.random.Generator, as_urdf: bool) -> None:
+def test_sino6_agrees_with_the_configuration_circle(
+    sino6: Arm, rng: np.random.Generator, as_urdf: bool
+) -> None:
     """Seeds from closed forms there, spread starts here; DH there, the exported URDF here."""
     arm = Arm.from_urdf(KEPT / "sino6.urdf", "tip") if as_urdf else sino6
     for q in rng.uniform(-np.pi, np.pi, (1, 1, 6)):
@@ -102,7 +127,9 @@ def test_sino6_agrees_with_the_configuration_circle(sino6: Arm, rng: np.random.G
         circle = configuration_circle(sino6, pose[:3, 3], tip=True, axis=axis, count=24)
         motion = reaching_postures(arm, pose[:3, 3], axis=axis, tool=sino6.stylus_axis, count=720)
         assert motion.component.max() == circle.component.max()
-        partners = {partner_of(circle.q[circle.component == n], motion) for n in np.unique(circle.component)}
+        partners = {
+            partner_of(circle.q[circle.component == n], motion) for n in np.unique(circle.component)
+        }
         assert len(partners) == motion.component.max()
         assert np.isnan(motion.swivel).all() == as_urdf
         if not as_urdf:
@@ -110,7 +137,9 @@ def test_sino6_agrees_with_the_configuration_circle(sino6: Arm, rng: np.random.G
             assert np.median(np.abs(wrapped(motion.swivel[nearest] - circle.swivel))) < 0.02
 
 
-def test_a_last_axis_along_the_tool_turns_by_itself(robot_file: Callable[[str], Path], rng: np.random.Generator) -> None:
+def test_a_last_axis_along_the_tool_turns_by_itself(
+    robot_file: Callable[[str], Path], rng: np.random.Generator
+) -> None:
     """UR5 with the axis of its last joint held: nothing but that joint moves, all the way round."""
     ur5 = Arm.from_urdf(robot_file("ur5_robot.urdf"), "tool0")
     pose = ur5.poses(rng.uniform(-np.pi, np.pi, (1, 6))).placement[0]
@@ -124,18 +153,24 @@ def test_a_last_axis_along_the_tool_turns_by_itself(robot_file: Callable[[str], 
 
 
 def test_a_singular_pose_is_told(panda: Arm) -> None:
-    """All of Panda's turning axes upright, elbow straight: many joints turn one thing. What is not a curve is said."""
+    """All of Panda's turning axes upright, elbow straight: many joints turn one thing. What is not
+    a curve is said.
+    """
     pose = panda.poses(np.zeros((1, 7))).placement[0]
     motion = reaching_postures(panda, pose[:3, 3], rotation=pose[:3, :3], count=30)
     assert motion.notes[0].code == "singular_families_unlisted"
-    np.testing.assert_allclose(panda.poses(motion.q).placement, np.tile(pose, (len(motion), 1, 1)), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(
+        panda.poses(motion.q).placement, np.tile(pose, (len(motion), 1, 1)), rtol=0, atol=1e-9
+    )
 
 
 @pytest.mark.parametrize("tool", [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0)])
 def test_curves_that_cross_are_followed_straight_on(
     robot_file: Callable[[str], Path], rng: np.random.Generator, tool: tuple[float, ...]
 ) -> None:
-    """With the tool upright UR5's last axis is level, at times parallel to axes 2 to 4: there J loses rank, curves cross."""
+    """With the tool upright UR5's last axis is level, at times parallel to axes 2 to 4: there J
+    loses rank, curves cross.
+    """
     ur5 = Arm.from_urdf(robot_file("ur5_robot.urdf"), "tool0")
     motion = reaching_postures(ur5, [0.4, 0.1, 0.3], axis=[0, 0, -1], tool=tool, count=360)
     assert not motion.notes
@@ -144,8 +179,12 @@ def test_curves_that_cross_are_followed_straight_on(
     crossings = np.linalg.svd(ur5.poses(motion.q).jacobian, compute_uv=False)[:, -1] < 1e-2
     assert crossings.any()
     poses = ur5.poses(motion.q).placement
-    np.testing.assert_allclose(poses[:, :3, 3], np.tile([0.4, 0.1, 0.3], (len(poses), 1)), rtol=0, atol=1e-9)
-    np.testing.assert_allclose(poses[:, :3, :3] @ tool, np.tile([0, 0, -1], (len(poses), 1)), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(
+        poses[:, :3, 3], np.tile([0.4, 0.1, 0.3], (len(poses), 1)), rtol=0, atol=1e-9
+    )
+    np.testing.assert_allclose(
+        poses[:, :3, :3] @ tool, np.tile([0, 0, -1], (len(poses), 1)), rtol=0, atol=1e-9
+    )
     turn = rng.uniform(-np.pi, np.pi)  # the whole pose, at random about the tool's axis
     pose = poses[0].copy()
     pose[:3, :3] = pin.exp3(np.array([0.0, 0.0, -turn])) @ pose[:3, :3]

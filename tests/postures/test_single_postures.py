@@ -1,4 +1,6 @@
-"""Single postures of six-joint arms against a closed form of UR5's inverse written here, and against Pinocchio's Newton."""
+"""Single postures of six-joint arms against a closed form of UR5's inverse written here, and
+against Pinocchio's Newton.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,15 @@ from aacmm_pin.arm.arm import Arm
 from aacmm_pin.postures import continuation, newton_search
 from aacmm_pin.postures.continuation import FIRST_STEP
 from aacmm_pin.postures.general_ik import ReachingPostures, reaching_postures
-from aacmm_pin.postures.newton_search import ENOUGH, NOTHING, ROUND, Isolated, SelfMotion, SolutionSet, search
+from aacmm_pin.postures.newton_search import (
+    ENOUGH,
+    NOTHING,
+    ROUND,
+    Isolated,
+    SelfMotion,
+    SolutionSet,
+    search,
+)
 from aacmm_pin.postures.pose_equations import Equations
 from aacmm_pin.postures.solution_curves import MOST_VERTICES
 
@@ -38,15 +48,18 @@ def ur5(file: Path) -> Arm:
 class ByHand:
     """All postures of UR5 at a pose, by geometry.
 
-    Axes 2, 3, 4 are parallel (y of the turned base); 5 and 6 meet in a point W that lies ``side`` off the plane of the
-    upper arm. So W gives θ1; the angle between axis 6 and axis 2 gives θ5; the rest is a planar arm of two links.
+    Axes 2, 3, 4 are parallel (y of the turned base); 5 and 6 meet in a point W that lies ``side``
+    off the plane of the upper arm. So W gives θ1; the angle between axis 6 and axis 2 gives θ5; the
+    rest is a planar arm of two links.
     """
 
     def __init__(self, file: Path) -> None:
         origins = {}
         for joint in ET.parse(file).getroot().iter("joint"):
             if (origin := joint.find("origin")) is not None:
-                origins[joint.get("name")] = np.array([float(v) for v in str(origin.get("xyz")).split()])
+                origins[joint.get("name")] = np.array(
+                    [float(v) for v in str(origin.get("xyz")).split()]
+                )
         parts = ["shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3"]
         pan, lift, elbow, wrist1, wrist2, wrist3 = (origins[f"{part}_joint"] for part in parts)
         self.height, self.side = pan[2], lift[1] + elbow[1] + wrist2[1]
@@ -85,10 +98,14 @@ class ByHand:
             return []
         solutions = []
         for q3 in (np.arccos(cosine), -np.arccos(cosine)):
-            lean = np.arctan2(across, up) - np.arctan2(self.fore * np.sin(q3), self.upper + self.fore * np.cos(q3))
+            lean = np.arctan2(across, up) - np.arctan2(
+                self.fore * np.sin(q3), self.upper + self.fore * np.cos(q3)
+            )
             q2, q4 = lean - np.pi / 2, pitch - (lean - np.pi / 2) - q3
             before = np.column_stack([x4, y, z4]) @ pin.utils.rotate("z", q5)
-            turned = before.T @ pose[:3, :3] @ pin.utils.rotate("x", np.pi / 2)  # a turn about y, by θ6
+            turned = (
+                before.T @ pose[:3, :3] @ pin.utils.rotate("x", np.pi / 2)
+            )  # a turn about y, by θ6
             solutions.append([q1, q2, q3, q4, q5, np.arctan2(turned[0, 2], turned[0, 0])])
         return solutions
 
@@ -113,13 +130,17 @@ def at(arm: Arm, pose: Array, **options: Any) -> ReachingPostures:
 # --- UR5
 
 
-def test_all_postures_at_random_reachable_poses(ur5: Arm, by_hand: ByHand, rng: np.random.Generator) -> None:
+def test_all_postures_at_random_reachable_poses(
+    ur5: Arm, by_hand: ByHand, rng: np.random.Generator
+) -> None:
     counts = set()
     for q in rng.uniform(-np.pi, np.pi, (8, 1, 6)):
         pose = ur5.poses(q).placement[0]
         found = at(ur5, pose)
         assert_same(found.q, by_hand.solutions(pose))
-        np.testing.assert_allclose(ur5.poses(found.q).placement, np.tile(pose, (len(found), 1, 1)), rtol=0, atol=1e-9)
+        np.testing.assert_allclose(
+            ur5.poses(found.q).placement, np.tile(pose, (len(found), 1, 1)), rtol=0, atol=1e-9
+        )
         assert not found.notes
         assert found.search.unseen < 0.011
         counts.add(len(found))
@@ -128,11 +149,18 @@ def test_all_postures_at_random_reachable_poses(ur5: Arm, by_hand: ByHand, rng: 
 
 
 @pytest.mark.parametrize("count", [0, 2, 4, 6])
-def test_poses_with_fewer_postures(ur5: Arm, by_hand: ByHand, rng: np.random.Generator, count: int) -> None:
-    """Poses from nowhere, the hand turned at random, the tip anywhere in a box that is wider than the reach."""
+def test_poses_with_fewer_postures(
+    ur5: Arm, by_hand: ByHand, rng: np.random.Generator, count: int
+) -> None:
+    """Poses from nowhere, the hand turned at random, the tip anywhere in a box that is wider than
+    the reach.
+    """
     left = 2
     while left:
-        pose = pin.SE3(pin.Quaternion(rng.normal(size=4)).normalized().toRotationMatrix(), rng.uniform(-1, 1, 3)).homogeneous
+        pose = pin.SE3(
+            pin.Quaternion(rng.normal(size=4)).normalized().toRotationMatrix(),
+            rng.uniform(-1, 1, 3),
+        ).homogeneous
         if len(expected := by_hand.solutions(pose)) == count:
             found = at(ur5, pose)
             assert_same(found.q, expected)
@@ -140,9 +168,13 @@ def test_poses_with_fewer_postures(ur5: Arm, by_hand: ByHand, rng: np.random.Gen
             left -= 1
 
 
-@pytest.mark.parametrize(("q3", "q5"), [(3e-4, 1.0), (1.3, 2e-4), (-0.01, 0.02), (np.pi - 5e-4, 0.8)])
+@pytest.mark.parametrize(
+    ("q3", "q5"), [(3e-4, 1.0), (1.3, 2e-4), (-0.01, 0.02), (np.pi - 5e-4, 0.8)]
+)
 def test_beside_singular_postures(ur5: Arm, by_hand: ByHand, q3: float, q5: float) -> None:
-    """Beside a stretched or folded elbow two postures are almost one; beside a straight wrist some are nearly free."""
+    """Beside a stretched or folded elbow two postures are almost one; beside a straight wrist some
+    are nearly free.
+    """
     poses = ur5.poses(np.array([[0.4, -1.1, q3, 0.5, q5, -0.7]]))
     assert np.linalg.cond(poses.jacobian[0]) > 200  # it is such a place
     pose = poses.placement[0]
@@ -161,7 +193,9 @@ def test_a_stretched_elbow_gives_one_posture_for_two(ur5: Arm, by_hand: ByHand) 
     assert found.notes[0].code == "nearly_singular"
 
 
-@pytest.mark.parametrize(("bend", "told"), [(0.4, False), (1e-3, False), (1e-5, True), (1e-7, True), (1e-9, True)])
+@pytest.mark.parametrize(
+    ("bend", "told"), [(0.4, False), (1e-3, False), (1e-5, True), (1e-7, True), (1e-9, True)]
+)
 def test_next_to_a_straight_wrist_doubts_are_told(ur5: Arm, bend: float, told: bool) -> None:
     pose = ur5.poses(np.array([[0.3, -1.2, 1.4, -1.6, bend, 0.4]])).placement[0]
     found = reaching_postures(ur5, pose[:3, 3], rotation=pose[:3, :3])
@@ -170,7 +204,9 @@ def test_next_to_a_straight_wrist_doubts_are_told(ur5: Arm, bend: float, told: b
 
 
 def test_a_straight_wrist_is_told_not_sampled(ur5: Arm, by_hand: ByHand) -> None:
-    """With θ5 = 0 axes 2, 3, 4 and 6 are parallel, and the elbow sweeps: that is a family. The other postures are single."""
+    """With θ5 = 0 axes 2, 3, 4 and 6 are parallel, and the elbow sweeps: that is a family. The
+    other postures are single.
+    """
     q = np.array([[0.4, -1.1, 1.3, 0.5, 0.0, -0.7]])
     pose = ur5.poses(q).placement[0]
     found = at(ur5, pose)
@@ -189,7 +225,9 @@ def test_newton_by_pinocchio_finds_nothing_more(sino6: Arm, rng: np.random.Gener
     assert distances(brute, at(sino6, pose).q).min(axis=1).max() < SAME
 
 
-def test_an_arm_with_five_joints(robot_file: Callable[[str], Path], rng: np.random.Generator) -> None:
+def test_an_arm_with_five_joints(
+    robot_file: Callable[[str], Path], rng: np.random.Generator
+) -> None:
     """Point and axis are as many conditions as joints."""
     arm = Arm.from_urdf(robot_file("so101.urdf"), "gripper_frame_link")
     assert arm.nq == 5
@@ -198,8 +236,12 @@ def test_an_arm_with_five_joints(robot_file: Callable[[str], Path], rng: np.rand
         found = reaching_postures(arm, pose[:3, 3], axis=pose[:3, 0], tool=[1, 0, 0])
         assert distances(q, found.q).min() < SAME
         reached = arm.poses(found.q).placement
-        np.testing.assert_allclose(reached[:, :3, 3], np.tile(pose[:3, 3], (len(found), 1)), rtol=0, atol=1e-9)
-        np.testing.assert_allclose(reached[:, :3, 0], np.tile(pose[:3, 0], (len(found), 1)), rtol=0, atol=1e-9)
+        np.testing.assert_allclose(
+            reached[:, :3, 3], np.tile(pose[:3, 3], (len(found), 1)), rtol=0, atol=1e-9
+        )
+        np.testing.assert_allclose(
+            reached[:, :3, 0], np.tile(pose[:3, 0], (len(found), 1)), rtol=0, atol=1e-9
+        )
 
 
 # --- the search, on equations whose solutions are known
@@ -219,7 +261,12 @@ def in_python(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
         return float(np.abs(f).max())
 
     monkeypatch.setattr(continuation, "linearise", linearise)
-    for loop in (continuation.EVALUATE, continuation.POLISH, continuation.TRACE, continuation.ON_CURVE):
+    for loop in (
+        continuation.EVALUATE,
+        continuation.POLISH,
+        continuation.TRACE,
+        continuation.ON_CURVE,
+    ):
         monkeypatch.setitem(vars(loop), "compiled", loop.loop)
     with np.errstate(all="ignore"):
         yield
@@ -248,7 +295,9 @@ def cosine(of: float, times: int = 1) -> Callable[[float], tuple[float, float]]:
 
 @pytest.mark.usefixtures("in_python")
 def test_all_single_solutions_and_how_often(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Two of each angle; some of them nearly coincide; behind the last that was new nothing new came."""
+    """Two of each angle; some of them nearly coincide; behind the last that was new nothing new
+    came.
+    """
     for a, b in ((1.0, 2.0), (1.0, 0.004)):
         system = apart(cosine(np.cos(a)), cosine(np.cos(b)), joints=2)
         finds = Isolated(system, q=np.empty((0, 2)))
@@ -261,13 +310,17 @@ def test_all_single_solutions_and_how_often(monkeypatch: pytest.MonkeyPatch) -> 
         assert found.hits == tuple(np.bincount(which, minlength=4))
         assert not found.ended | found.degenerate | (finds.families > 0)
         if b == 2.0:  # else neighbours are looked for, and found, beside one another
-            assert found.since_new == found.arrived - 1 - max(np.flatnonzero(which == k)[0] for k in range(4))
+            assert found.since_new == found.arrived - 1 - max(
+                np.flatnonzero(which == k)[0] for k in range(4)
+            )
         assert found.starts % ROUND == 0
         assert found.since_new >= ENOUGH
         assert found.unseen == 3.0 / found.since_new
     flattest = newton_search.flattest
     for sense in (1.0, -1.0):  # what one start leads to has its neighbour beside it, to either side
-        monkeypatch.setattr(newton_search, "flattest", lambda *at, s=sense: (flattest(*at)[0], s * flattest(*at)[1]))
+        monkeypatch.setattr(
+            newton_search, "flattest", lambda *at, s=sense: (flattest(*at)[0], s * flattest(*at)[1])
+        )
         b = 0.004
         finds = Isolated(system, q=np.empty((0, 2)))
         assert finds.add(np.array([[1.0, b]])) == 1
@@ -285,7 +338,11 @@ def test_where_a_search_ends(monkeypatch: pytest.MonkeyPatch) -> None:
         (always, 256, 256, True),
     ):
         found = search(Isolated(system, q=np.empty((0, 1))), 1, most)
-        assert (found.starts, found.arrived, found.ended) == (starts, starts * (system is always), ended)
+        assert (found.starts, found.arrived, found.ended) == (
+            starts,
+            starts * (system is always),
+            ended,
+        )
     full = apart(cosine(0.3, 3), cosine(0.3, 3), joints=2)  # 36 solutions: a family in disguise
     finds = Isolated(full, q=np.empty((0, 2)))
     search(finds, 2)
@@ -303,7 +360,9 @@ def test_where_a_search_ends(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("in_python")
 def test_starts_that_stall_beside_a_solution() -> None:
-    """Equations that miss a double solution by 1e-6, and by 1e-4; solutions of order two are single."""
+    """Equations that miss a double solution by 1e-6, and by 1e-4; solutions of order two are
+    single.
+    """
     for missed, there in ((1e-6, True), (1e-4, False)):
         system = apart(cosine(1.0 + missed), cosine(0.5), joints=2)
         found = search(Isolated(system, q=np.empty((0, 2))), 2)
@@ -313,13 +372,18 @@ def test_starts_that_stall_beside_a_solution() -> None:
     assert newton_search._stalled(apart(cosine(1.000001), cosine(0.5), joints=2), beside) == 2
     finds = Isolated(apart(cosine(1.0), cosine(0.5), joints=2), q=np.empty((0, 2)))
     found = search(finds, 2)
-    assert distances(finds.q, np.array([[0.0, np.pi / 3], [0.0, -np.pi / 3]])).min(axis=1).max() < 1e-5
+    assert (
+        distances(finds.q, np.array([[0.0, np.pi / 3], [0.0, -np.pi / 3]])).min(axis=1).max() < 1e-5
+    )
     assert (len(finds.q), finds.families, sum(found.hits)) == (2, 0, found.arrived)
 
-    # One with another where the first step along a family would lead, but none where the next would.
+    # One with another where the first step along a family would lead, but none where the next
+    # would.
     def twice_and_once(q: float) -> tuple[float, float]:
         off = q - 0.021
-        return (1 - np.cos(q)) * np.sin(off), np.sin(q) * np.sin(off) + (1 - np.cos(q)) * np.cos(off)
+        return (1 - np.cos(q)) * np.sin(off), np.sin(q) * np.sin(off) + (1 - np.cos(q)) * np.cos(
+            off
+        )
 
     both = apart(twice_and_once, cosine(0.5), joints=2)
     single = Isolated(both, q=np.empty((0, 2)))
@@ -370,7 +434,9 @@ def test_closed_curves_and_how_often() -> None:
 @pytest.mark.usefixtures("in_python")
 @pytest.mark.parametrize("gap", [1e-2, 1e-3, 1e-4, 1e-5, 1e-6])
 def test_a_trace_stays_on_its_side_of_a_narrow_gap(gap: float) -> None:
-    """``cos a + cos b = gap`` nearly crosses itself where one angle is 0 and the other π; its four sides are one curve."""
+    """``cos a + cos b = gap`` nearly crosses itself where one angle is 0 and the other π; its four
+    sides are one curve.
+    """
 
     def system(q: Array) -> tuple[Array, Array]:
         return np.cos(q).sum(keepdims=True) - gap, -np.sin(q)[None]
@@ -379,6 +445,8 @@ def test_a_trace_stays_on_its_side_of_a_narrow_gap(gap: float) -> None:
     for begin in start:
         curve, _ = solved(system, 1).trace(begin, 0, MOST_VERTICES)
         assert curve.closed
-        assert np.linalg.norm(curve.q[1] - curve.q[0]) == pytest.approx(FIRST_STEP, rel=1e-4)  # no leap as over a crossing
+        assert np.linalg.norm(curve.q[1] - curve.q[0]) == pytest.approx(
+            FIRST_STEP, rel=1e-4
+        )  # no leap as over a crossing
         assert np.abs(curve.q).sum(axis=1).max() < np.pi
         assert set(map(tuple, np.sign(curve.q).astype(int))) >= {(1, 1), (1, -1), (-1, 1), (-1, -1)}

@@ -1,4 +1,6 @@
-"""Serial arms of example-robot-data: each loads, is where Pinocchio has it, and has an accuracy; continuous joints too."""
+"""Serial arms of example-robot-data: each loads, is where Pinocchio has it, and has an accuracy;
+continuous joints too.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,11 @@ ARMS = [
     ("ur5_joint_limited_robot.urdf", "tool0", 6),
     ("ur10_robot.urdf", "tool0", 6),
     ("panda.urdf", "panda_hand_tcp", 7),
-    ("panda.urdf", "panda_leftfinger", 8),  # a finger slides, and is a joint of the arm that carries it
+    (
+        "panda.urdf",
+        "panda_leftfinger",
+        8,
+    ),  # a finger slides, and is a joint of the arm that carries it
     ("panda.urdf", "panda_rightfinger", 8),  # a mimic, alone
     ("kinova.urdf", "j2s6s200_end_effector", 6),
     ("xarm7.urdf", "link_eef", 7),
@@ -34,7 +40,8 @@ CONTINUOUS = """\
 <robot name="endless" xmlns:xacro="http://www.ros.org/wiki/xacro">
   <link name="base"/> <link name="one"/> <link name="two"/> <link name="wheel"/>
   <joint name="first" type="continuous">
-    <parent link="base"/> <child link="one"/> <axis xyz="0 0.6 0.8"/> <origin xyz="0.1 0 1" rpy="0.3 0 0.2"/>
+    <parent link="base"/> <child link="one"/>
+    <axis xyz="0 0.6 0.8"/> <origin xyz="0.1 0 1" rpy="0.3 0 0.2"/>
   </joint>
   <joint name="second" type="continuous">
     <parent link="one"/> <child link="two"/> <axis xyz="1 0 0"/> <origin xyz="0.5 0 0"/> {limit}
@@ -45,7 +52,9 @@ CONTINUOUS = """\
 
 
 def by_pinocchio(path: Path, frame: str, names: list[str], q: Array) -> Array:
-    """Placements (n, 4, 4) by Pinocchio's own model of the file, its continuous joints as cosine and sine."""
+    """Placements (n, 4, 4) by Pinocchio's own model of the file, its continuous joints as cosine
+    and sine.
+    """
     model = pin.buildModelFromUrdf(str(path))
     data, number = model.createData(), model.getFrameId(frame, pin.FrameType.BODY)
     placements = []
@@ -53,7 +62,9 @@ def by_pinocchio(path: Path, frame: str, names: list[str], q: Array) -> Array:
         there = pin.neutral(model)
         for name, angle in zip(names, row, strict=True):
             joint = model.joints[model.getJointId(name)]
-            there[joint.idx_q : joint.idx_q + joint.nq] = angle if joint.nq == 1 else (np.cos(angle), np.sin(angle))
+            there[joint.idx_q : joint.idx_q + joint.nq] = (
+                angle if joint.nq == 1 else (np.cos(angle), np.sin(angle))
+            )
         pin.framesForwardKinematics(model, data, there)
         placements.append(data.oMf[number].homogeneous.copy())
     return np.array(placements)
@@ -63,7 +74,9 @@ def by_pinocchio(path: Path, frame: str, names: list[str], q: Array) -> Array:
 def test_every_arm_loads_and_has_accuracy(
     robot_file: Callable[[str], Path], rng: np.random.Generator, file: str, frame: str, joints: int
 ) -> None:
-    arm = Arm.from_urdf(robot_file(file), frame, translation_half_width=1e-4, rotation_half_width=2e-4)
+    arm = Arm.from_urdf(
+        robot_file(file), frame, translation_half_width=1e-4, rotation_half_width=2e-4
+    )
     assert (arm.nq, arm.tip) == (joints, frame)
     assert np.isfinite(arm.limits).all()
     assert (arm.limits[:, 1] > arm.limits[:, 0]).all()
@@ -81,7 +94,11 @@ def test_every_arm_loads_and_has_accuracy(
 
 def test_continuous_joints_turn_twice_either_way(tmp_path: Path, rng: np.random.Generator) -> None:
     path = tmp_path / "endless.urdf"
-    for limit in ("", '<limit effort="1" velocity="1"/>', '<limit lower="-1" upper="1" effort="1" velocity="1"/>'):
+    for limit in (
+        "",
+        '<limit effort="1" velocity="1"/>',
+        '<limit lower="-1" upper="1" effort="1" velocity="1"/>',
+    ):
         path.write_text(CONTINUOUS.format(limit=limit), encoding="utf-8")
         arm = Arm.from_urdf(path, "two")
         np.testing.assert_allclose(arm.limits, 2 * np.pi * np.array([[-1, 1], [-1, 1]]), rtol=1e-15)
@@ -95,4 +112,7 @@ def test_kinova_keeps_the_limits_of_its_other_joints(robot_file: Callable[[str],
     model = pin.buildModelFromUrdf(str(robot_file("kinova.urdf")))
     for number in (2, 3, 5):
         there = model.joints[number].idx_q
-        assert tuple(arm.limits[number - 1]) == (model.lowerPositionLimit[there], model.upperPositionLimit[there])
+        assert tuple(arm.limits[number - 1]) == (
+            model.lowerPositionLimit[there],
+            model.upperPositionLimit[there],
+        )

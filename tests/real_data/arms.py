@@ -1,4 +1,6 @@
-"""The real arms as their makers describe them, built from published nominal dimensions; nothing measured is in here."""
+"""The real arms as their makers describe them, built from published nominal dimensions; nothing
+measured is in here.
+"""
 
 from __future__ import annotations
 
@@ -21,19 +23,37 @@ PANDA += [(-82.5, 384, -QUARTER), (0, 0, QUARTER), (88, 107, QUARTER)]
 """Craig: a and alpha of the row before."""
 IIWA14: list[Row] = [(0, 360, -QUARTER), (0, 0, QUARTER), (0, 420, QUARTER), (0, 0, -QUARTER)]
 IIWA14 += [(0, 400, -QUARTER), (0, 0, QUARTER), (0, 126, 0)]
-FANUC: list[Row] = [(312, 670, -QUARTER), (1075, 0, pi), (225, 0, -QUARTER), (0, -1280, QUARTER), (0, 0, -QUARTER)]
+FANUC: list[Row] = [
+    (312, 670, -QUARTER),
+    (1075, 0, pi),
+    (225, 0, -QUARTER),
+    (0, -1280, QUARTER),
+    (0, 0, -QUARTER),
+]
 FANUC += [(0, -215, 0)]
 """Joints 3 to 6 turn against the base's axes: the rows before them point z the other way."""
 FANUC_OFFSETS = [0, -QUARTER, 0, 0, 0, 0]
 """The upper arm stands upright at zero; x of its row points along it."""
 
 
-def of_table(name: str, rows: list[Row], convention: str = "standard-dh", offsets: list[float] | None = None) -> Arm:
+def of_table(
+    name: str, rows: list[Row], convention: str = "standard-dh", offsets: list[float] | None = None
+) -> Arm:
     """An arm by its DH table; nobody states how well the numbers are known."""
     names = ("a_mm", "d_mm", "alpha_rad", "theta_offset_rad")
-    values = [(a, d, alpha, offset) for (a, d, alpha), offset in zip(rows, offsets or [0.0] * len(rows), strict=True)]
-    joints = [{**dict(zip(names, map(float, row), strict=True)), "limits_rad": LIMITS} for row in values]
-    content = {"schema": "aacmm-pin/arm/1", "name": name, "convention": convention, "joints": joints}
+    values = [
+        (a, d, alpha, offset)
+        for (a, d, alpha), offset in zip(rows, offsets or [0.0] * len(rows), strict=True)
+    ]
+    joints = [
+        {**dict(zip(names, map(float, row), strict=True)), "limits_rad": LIMITS} for row in values
+    ]
+    content = {
+        "schema": "aacmm-pin/arm/1",
+        "name": name,
+        "convention": convention,
+        "joints": joints,
+    }
     return Arm.from_file(ArmFile.model_validate(content))
 
 

@@ -1,4 +1,6 @@
-"""Measurements of real arms, which are no part of the project: they are read from the folder that a variable names."""
+"""Measurements of real arms, which are no part of the project: they are read from the folder that a
+variable names.
+"""
 
 from __future__ import annotations
 

@@ -1,6 +1,7 @@
 """Geometry fitted by nothing but SciPy: a second opinion that shares no code with the package.
 
-Every residual counts alike, nothing is left out, nothing is known beforehand: no other geometry fits better.
+Every residual counts alike, nothing is left out, nothing is known beforehand: no other geometry
+fits better.
 """
 
 from __future__ import annotations
@@ -29,7 +30,9 @@ def fitted_distances(rows: Array, q: Array, reference: Array, target: Array) -> 
         (n,) [mm].
     """
     nq = len(rows)
-    units = np.concatenate([[1, 1, 1, 1e-3, 1e-3, 1e-3], np.tile([1, 1, 1e-3, 1e-3, 1e-3], nq), [1, 1, 1]])
+    units = np.concatenate(
+        [[1, 1, 1, 1e-3, 1e-3, 1e-3], np.tile([1, 1, 1e-3, 1e-3, 1e-3], nq), [1, 1, 1]]
+    )
     nothing = np.zeros(6 + OF_ROW * nq + 3)
     first = _tips(np.zeros(6), rows, nothing[6:-3].reshape(nq, -1), q, target)
     turn, _ = Rotation.align_vectors(reference - reference.mean(axis=0), first - first.mean(axis=0))
@@ -45,7 +48,10 @@ def fitted_distances(rows: Array, q: Array, reference: Array, target: Array) -> 
 
 
 def _tips(frame: Array, rows: Array, errors: Array, q: Array, target: Array) -> Array:
-    place, turn = np.tile(frame[:3], (len(q), 1)), np.tile(_turned("xyz", frame[3:]), (len(q), 1, 1))
+    place, turn = (
+        np.tile(frame[:3], (len(q), 1)),
+        np.tile(_turned("xyz", frame[3:]), (len(q), 1, 1)),
+    )
     for (a, d, alpha), (da, dd, dalpha, dtheta, tilt), angle in zip(rows, errors, q.T, strict=True):
         place = place + turn[:, :, 2] * (d + dd)
         c, s = np.cos(angle + dtheta)[:, None], np.sin(angle + dtheta)[:, None]

@@ -1,4 +1,6 @@
-"""Diagnosis of real arms, in which nobody hid anything: what it names there, and what that is worth on held-out records."""
+"""Diagnosis of real arms, in which nobody hid anything: what it names there, and what that is worth
+on held-out records.
+"""
 
 from __future__ import annotations
 
@@ -48,20 +50,30 @@ def labels(result: Diagnosis) -> list[str]:
 
 
 def test_ur10_has_free_curves_in_its_first_three_joints(real_data: Path) -> None:
-    """By every third record, which takes a sixth of the time of all; the others show what it is worth."""
+    """By every third record, which takes a sixth of the time of all; the others show what it is
+    worth.
+    """
     folder, arm_of, frame, target = CASES["ur10"]
     arm = arm_of()
     table = Measurements.read(real_data / folder / "measurements.csv", arm.nq).to_frame()
     third = np.arange(len(table)) % 3 == 0
-    some, others = (Measurements.from_frame(table[rows].reset_index(drop=True)) for rows in (third, ~third))
+    some, others = (
+        Measurements.from_frame(table[rows].reset_index(drop=True)) for rows in (third, ~third)
+    )
     result = diagnose(arm, some, reference_frame=frame, target=target, hold_out=False)
     has_free_curves(result)
     known = result.model.known_at(others.q).all(axis=1)
     assert known.mean() > 0.95
     measured = table.loc[~third, ["x_mm", "y_mm", "z_mm"]].to_numpy()[known] * MM
-    geometry = calibrate(arm, some, "geometry", reference_frame=frame, target=target, hold_out=False).model
-    assert 0.40 * MM < rms(off_when_aligned(geometry.predict(others.q[known]), measured)) < 0.52 * MM
-    assert rms(off_when_aligned(result.model.predict(others.q[known]), measured)) < 0.15 * MM  # gross errors included
+    geometry = calibrate(
+        arm, some, "geometry", reference_frame=frame, target=target, hold_out=False
+    ).model
+    assert (
+        0.40 * MM < rms(off_when_aligned(geometry.predict(others.q[known]), measured)) < 0.52 * MM
+    )
+    assert (
+        rms(off_when_aligned(result.model.predict(others.q[known]), measured)) < 0.15 * MM
+    )  # gross errors included
 
 
 @pytest.mark.long
@@ -75,18 +87,32 @@ def test_all_records_of_ur10(diagnosed: Callable[[str], Diagnosis]) -> None:
 
 
 def has_free_curves(result: Diagnosis) -> None:
-    """An eccentricity or one order is not enough: many waves, the strongest of joint 2 near 17 a turn."""
-    assert set(labels(result)[:3]) == {"joint_error_curve:1", "joint_error_curve:2", "joint_error_curve:3"}
-    curves = [finding.effect for finding in result.findings[:3] if isinstance(finding.effect, JointErrorCurve)]
+    """An eccentricity or one order is not enough: many waves, the strongest of joint 2 near 17 a
+    turn.
+    """
+    assert set(labels(result)[:3]) == {
+        "joint_error_curve:1",
+        "joint_error_curve:2",
+        "joint_error_curve:3",
+    }
+    curves = [
+        finding.effect
+        for finding in result.findings[:3]
+        if isinstance(finding.effect, JointErrorCurve)
+    ]
     assert len(curves) == 3
     assert all(len(strongest_waves(curve) or []) >= 3 for curve in curves)
-    assert any(15.0 < order < 19.0 for curve in curves for order, _ in (strongest_waves(curve) or [])[:3])
+    assert any(
+        15.0 < order < 19.0 for curve in curves for order, _ in (strongest_waves(curve) or [])[:3]
+    )
 
 
 def off_when_aligned(positions: Array, measured: Array) -> Array:
     """Distances of points from measured ones, in the frame where they fit best."""
     mine, theirs = positions - positions.mean(axis=0), measured - measured.mean(axis=0)
-    return np.asarray(np.linalg.norm(Rotation.align_vectors(theirs, mine)[0].apply(mine) - theirs, axis=1))
+    return np.asarray(
+        np.linalg.norm(Rotation.align_vectors(theirs, mine)[0].apply(mine) - theirs, axis=1)
+    )
 
 
 def test_the_bad_group_is_named(diagnosed: Callable[[str], Diagnosis]) -> None:
@@ -98,13 +124,19 @@ def test_the_bad_group_is_named(diagnosed: Callable[[str], Diagnosis]) -> None:
 
 
 @pytest.mark.parametrize("name", ["panda", "iiwa14", "bad"])
-def test_what_is_named_survives_on_held_out_records(name: str, diagnosed: Callable[[str], Diagnosis]) -> None:
-    """Records that had no part in it are predicted better with the causes, or the diagnosis states that they are not."""
+def test_what_is_named_survives_on_held_out_records(
+    name: str, diagnosed: Callable[[str], Diagnosis]
+) -> None:
+    """Records that had no part in it are predicted better with the causes, or the diagnosis states
+    that they are not.
+    """
     result = diagnosed(name)
     assert result.held_out is not None
     if any(not np.isclose(finding.retained_fraction, 1.0) for finding in result.findings):
         assert result.held_out.gain > 0.05
         assert result.held_out.interval[0] > 0.0 or "no better" in result.doubts
-    assert result.verdict == "unexplained" or all(finding.probability > 0.2 for finding in result.findings)
+    assert result.verdict == "unexplained" or all(
+        finding.probability > 0.2 for finding in result.findings
+    )
     if name == "panda":
         assert result.unexplained.groups == ()

@@ -1,7 +1,8 @@
 """Calibration by geometry alone of real arms, whose errors nobody put there.
 
-No number here is a requirement: each is what was measured when the test was written, with a small margin either way, so
-that a change shows. They say how well records are predicted that had no part in the fit.
+No number here is a requirement: each is what was measured when the test was written, with a small
+margin either way, so that a change shows. They say how well records are predicted that had no part
+in the fit.
 """
 
 from __future__ import annotations
@@ -46,7 +47,9 @@ class Case:
 
 CASES = {
     "ur10": Case("ur10_laser_tracker", arms.ur10, "external", 1.087, 0.435, 0.470),
-    "fanuc": Case("fanuc_r2000ic", arms.fanuc, "external", 0.778, 0.261, 0.319),  # 24 postures: 0.70 to 0.78 by the draw
+    "fanuc": Case(
+        "fanuc_r2000ic", arms.fanuc, "external", 0.778, 0.261, 0.319
+    ),  # 24 postures: 0.70 to 0.78 by the draw
     "panda": Case("panda_socket", arms.panda, "base", 2.935, 0.216, 0.216),
     "iiwa14": Case("iiwa14_socket", arms.iiwa14, "base", 0.565, 0.215, 0.317),
 }
@@ -54,7 +57,9 @@ CASES = {
 
 @dataclass(frozen=True)
 class Measured:
-    """A case as it was measured, and as anybody would calibrate it, with everything held out in turn."""
+    """A case as it was measured, and as anybody would calibrate it, with everything held out in
+    turn.
+    """
 
     case: Case
     path: Path
@@ -71,14 +76,19 @@ class Measured:
     def usual(self) -> Calibration:
         return self.calibrated()
 
-    def calibrated(self, arm: Arm | None = None, records: Measurements | None = None, **options: Any) -> Calibration:
+    def calibrated(
+        self, arm: Arm | None = None, records: Measurements | None = None, **options: Any
+    ) -> Calibration:
         options = {"target": "unknown", "reference_frame": self.case.frame} | options
         return calibrate(arm or self.case.arm(), records or self.records, **options)
 
 
 @pytest.fixture(scope="session")
 def all_measured(real_data: Path) -> dict[str, Measured]:
-    return {name: Measured(case, real_data / case.folder / "measurements.csv") for name, case in CASES.items()}
+    return {
+        name: Measured(case, real_data / case.folder / "measurements.csv")
+        for name, case in CASES.items()
+    }
 
 
 @pytest.fixture(params=CASES)
@@ -92,7 +102,9 @@ def held_out(calibration: Calibration) -> list[float]:
 
 
 def postures(records: Measurements) -> list[str]:
-    """A label for each record; the same where all angles are the same, commanded or read, within 0.01 rad."""
+    """A label for each record; the same where all angles are the same, commanded or read, within
+    0.01 rad.
+    """
     return [f"posture {k}" for k in fcluster(linkage(records.q, "single"), 0.01, "distance")]
 
 
@@ -120,17 +132,28 @@ def test_the_documented_table_is_what_is_found(page: str, measured: Measured) ->
 
 
 def test_which_records_are_left_out_together_hardly_matters(measured: Measured) -> None:
-    usual, few = held_out(measured.usual), measured.case.arm is arms.fanuc  # 24 postures, which stay together
+    usual, few = (
+        held_out(measured.usual),
+        measured.case.arm is arms.fanuc,
+    )  # 24 postures, which stay together
     other = held_out(measured.calibrated(rng=np.random.default_rng(2)))
     assert other[0] == pytest.approx(usual[0], rel=0.1 if few else MARGIN)
-    assert other[1] == pytest.approx(usual[1], rel=0.3 if few else 0.15)  # ten blocks of joint space are few
+    assert other[1] == pytest.approx(
+        usual[1], rel=0.3 if few else 0.15
+    )  # ten blocks of joint space are few
 
 
 @pytest.mark.parametrize(("name", "expected"), [("ur10", 0.435), ("fanuc", 0.248)])
-def test_whole_postures_left_out(name: str, expected: float, all_measured: dict[str, Measured]) -> None:
-    """The Fanuc stood in 24 postures, 10 times in each with all 3 markers; 293 postures of the UR10 were measured twice."""
+def test_whole_postures_left_out(
+    name: str, expected: float, all_measured: dict[str, Measured]
+) -> None:
+    """The Fanuc stood in 24 postures, 10 times in each with all 3 markers; 293 postures of the UR10
+    were measured twice.
+    """
     measured = all_measured[name]
-    found = measured.calibrated(records=Measurements.from_frame(measured.table.assign(session=postures(measured.records))))
+    found = measured.calibrated(
+        records=Measurements.from_frame(measured.table.assign(session=postures(measured.records)))
+    )
     assert found.held_out[1].kind == "sessions"
     assert found.held_out[1].rms_after / MM == pytest.approx(expected, rel=MARGIN)
 
@@ -139,17 +162,25 @@ def test_whole_postures_left_out(name: str, expected: float, all_measured: dict[
 
 
 def test_no_geometry_fits_the_ur10_better(all_measured: dict[str, Measured]) -> None:
-    """0.4414 mm over all records is the least that any geometry leaves of them; predictions of unseen ones are worse."""
+    """0.4414 mm over all records is the least that any geometry leaves of them; predictions of
+    unseen ones are worse.
+    """
     measured = all_measured["ur10"]
     reference = measured.table[["x_mm", "y_mm", "z_mm"]].to_numpy(dtype=np.float64)
-    plain = fitted_distances(np.array(arms.UR10), measured.records.q, reference, np.array([0.0, 0.0, 109.0]))
+    plain = fitted_distances(
+        np.array(arms.UR10), measured.records.q, reference, np.array([0.0, 0.0, 109.0])
+    )
     least = float(np.sqrt(np.mean(plain**2)))
     assert least == pytest.approx(0.4414, abs=2e-4)
-    assert measured.calibrated(robust=False, hold_out=False).rms / MM == pytest.approx(least, rel=1e-3)
+    assert measured.calibrated(robust=False, hold_out=False).rms / MM == pytest.approx(
+        least, rel=1e-3
+    )
 
 
 def test_the_records_of_the_ur10_that_cannot_belong(all_measured: dict[str, Measured]) -> None:
-    """Four are off by 1.3 to 2 mm; three of them were measured again eight records before or after, and the twin fits."""
+    """Four are off by 1.3 to 2 mm; three of them were measured again eight records before or after,
+    and the twin fits.
+    """
     found, same = all_measured["ur10"].usual, np.array(postures(all_measured["ur10"].records))
     assert list(found.excluded["record"]) == ["532", "854", "855", "1398"]
     distance = found.residuals["after_mm"].to_numpy()
@@ -164,12 +195,18 @@ def test_the_records_of_the_ur10_that_cannot_belong(all_measured: dict[str, Meas
 
 
 def test_all_records_of_the_iiwa(all_measured: dict[str, Measured]) -> None:
-    """Two are excluded otherwise, both of one bar: with them, whole seats are predicted worse than the usual figure says."""
-    assert held_out(all_measured["iiwa14"].calibrated(robust=False)) == pytest.approx([0.236, 0.349], rel=MARGIN)
+    """Two are excluded otherwise, both of one bar: with them, whole seats are predicted worse than
+    the usual figure says.
+    """
+    assert held_out(all_measured["iiwa14"].calibrated(robust=False)) == pytest.approx(
+        [0.236, 0.349], rel=MARGIN
+    )
 
 
 @pytest.mark.parametrize(("name", "farthest_off"), [("panda", 0.09), ("iiwa14", 0.04)])
-def test_a_bar_whose_length_was_kept_back(name: str, farthest_off: float, all_measured: dict[str, Measured]) -> None:
+def test_a_bar_whose_length_was_kept_back(
+    name: str, farthest_off: float, all_measured: dict[str, Measured]
+) -> None:
     """Six and three bars of 50.0 mm, known to 0.1 mm or better."""
     measured, lengths = all_measured[name], []
     for bar in measured.table["bar"].unique():
@@ -178,7 +215,9 @@ def test_a_bar_whose_length_was_kept_back(name: str, farthest_off: float, all_me
         rest.loc[kept_back, ["bar", "bar_end"]] = ""
         rest.loc[kept_back, "bar_length_mm"] = np.nan
         records = Measurements.from_frame(rest)
-        tips = measured.calibrated(records=records, hold_out=False).model.predict(records.q, records.conditions)
+        tips = measured.calibrated(records=records, hold_out=False).model.predict(
+            records.q, records.conditions
+        )
         a, b = (tips[records.conditions.seat == f"{bar}-{end}"].mean(axis=0) for end in (0, 1))
         lengths.append(float(np.linalg.norm(a - b)) / MM)
     assert np.abs(np.array(lengths) - 50.0).max() == pytest.approx(farthest_off, abs=0.03)
@@ -188,19 +227,29 @@ def test_a_bar_whose_length_was_kept_back(name: str, farthest_off: float, all_me
 
 
 @pytest.mark.parametrize(
-    ("name", "robot", "tip"), [("ur10", "ur10_robot.urdf", "tool0"), ("panda", "panda.urdf", "panda_link8")]
+    ("name", "robot", "tip"),
+    [("ur10", "ur10_robot.urdf", "tool0"), ("panda", "panda.urdf", "panda_link8")],
 )
 def test_table_and_urdf_tell_the_same(
-    name: str, robot: str, tip: str, robot_file: Callable[[str], Path], all_measured: dict[str, Measured]
+    name: str,
+    robot: str,
+    tip: str,
+    robot_file: Callable[[str], Path],
+    all_measured: dict[str, Measured],
 ) -> None:
-    usual, found = all_measured[name].usual, all_measured[name].calibrated(Arm.from_urdf(robot_file(robot), tip))
+    usual, found = (
+        all_measured[name].usual,
+        all_measured[name].calibrated(Arm.from_urdf(robot_file(robot), tip)),
+    )
     assert found.rms == pytest.approx(usual.rms, rel=0.01)
     assert held_out(found) == pytest.approx(held_out(usual), rel=0.01)
     assert list(found.fit.excluded) == list(usual.fit.excluded)
 
 
 @pytest.mark.parametrize(
-    "measured", ["ur10", "fanuc", "iiwa14", pytest.param("panda", marks=pytest.mark.long)], indirect=True
+    "measured",
+    ["ur10", "fanuc", "iiwa14", pytest.param("panda", marks=pytest.mark.long)],
+    indirect=True,
 )
 def test_where_the_search_starts(measured: Measured, rng: np.random.Generator) -> None:
     """Every value of the table is off by up to 2 mm or 0.5°."""
@@ -208,8 +257,14 @@ def test_where_the_search_starts(measured: Measured, rng: np.random.Generator) -
     assert file is not None
     half_widths = {"a_mm": 2.0, "d_mm": 2.0, "alpha_rad": 0.5 * DEG, "theta_offset_rad": 0.5 * DEG}
     rows = [
-        row.model_copy(update={k: getattr(row, k) + rng.uniform(-w, w) for k, w in half_widths.items()})
+        row.model_copy(
+            update={k: getattr(row, k) + rng.uniform(-w, w) for k, w in half_widths.items()}
+        )
         for row in file.joints
     ]
-    found = measured.calibrated(Arm.from_file(file.model_copy(update={"joints": rows})), hold_out=False)
-    assert found.rms == pytest.approx(measured.usual.rms, rel=0.02)  # one record more or less is excluded
+    found = measured.calibrated(
+        Arm.from_file(file.model_copy(update={"joints": rows})), hold_out=False
+    )
+    assert found.rms == pytest.approx(
+        measured.usual.rms, rel=0.02
+    )  # one record more or less is excluded

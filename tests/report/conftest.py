@@ -32,12 +32,20 @@ def blind(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Diagnosis]:
     """The diagnosis of a file of the plant."""
 
     @cache
-    def of(cause: str | None, seed: int = 3, plan: str = "free", outliers: float = 0.0) -> Diagnosis:
+    def of(
+        cause: str | None, seed: int = 3, plan: str = "free", outliers: float = 0.0
+    ) -> Diagnosis:
         path = tmp_path_factory.mktemp("blind") / "data.csv"
         draw(seed, cause, plan=plan, records=150, outliers=outliers).write(path)
         probe = 12e-6 if plan != "free" else None
         records = Measurements.read(path)
-        return diagnose(ErrorModel.load("sino6"), records, encoder_noise=READINGS, reference_noise=12e-6, probe_noise=probe)
+        return diagnose(
+            ErrorModel.load("sino6"),
+            records,
+            encoder_noise=READINGS,
+            reference_noise=12e-6,
+            probe_noise=probe,
+        )
 
     return of
 
@@ -56,7 +64,9 @@ def eccentric(blind: Callable[..., Diagnosis]) -> Diagnosis:
 
 @pytest.fixture(scope="session")
 def at_seats() -> Calibration:
-    """SINO6 drawn anew, 120 records at twelve seats, two of them slips; with an effect that is not there."""
+    """SINO6 drawn anew, 120 records at twelve seats, two of them slips; with an effect that is not
+    there.
+    """
     arm = Arm.load("sino6")
     true = perturbed_model(ErrorModel(arm), np.random.default_rng(1))
     data = simulate_measurements(true, "seats", 120, seats=12, rng=np.random.default_rng(1))
@@ -69,7 +79,9 @@ def at_seats() -> Calibration:
 def with_wave() -> Calibration:
     """SINO6 with an eccentric encoder 3 that the calibration does not know of, free records."""
     arm = Arm.load("sino6")
-    data = simulate_measurements(ErrorModel(arm, (WAVE,)), "free", 200, rng=np.random.default_rng(2))
+    data = simulate_measurements(
+        ErrorModel(arm, (WAVE,)), "free", 200, rng=np.random.default_rng(2)
+    )
     return calibrate(arm, data, encoder_noise=READINGS, hold_out=False)
 
 
@@ -78,5 +90,7 @@ def of_robot(robot_file: Callable[[str], Path]) -> Calibration:
     """UR5, whose placements have no stated uncertainty, and many of which cannot be determined."""
     arm = Arm.from_urdf(robot_file("ur5_robot.urdf"), "tool0")
     steps = np.random.default_rng(3).normal(0.0, 2e-4, (6, 6))
-    data = simulate_measurements(arm.with_placements(steps, None), "free", 80, rng=np.random.default_rng(4))
+    data = simulate_measurements(
+        arm.with_placements(steps, None), "free", 80, rng=np.random.default_rng(4)
+    )
     return calibrate(arm, data, encoder_noise=READINGS, hold_out=False)

@@ -1,4 +1,6 @@
-"""A calibration as a document: in agreement with the numbers, and complete for every kind of data."""
+"""A calibration as a document: in agreement with the numbers, and complete for every kind
+of data.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,12 @@ from aacmm_pin.report.calibration import (
     verdict,
 )
 from aacmm_pin.report.numbers import length
-from aacmm_pin.report.parameters import decimals, parameter_table, readable_parameters, stated_half_widths
+from aacmm_pin.report.parameters import (
+    decimals,
+    parameter_table,
+    readable_parameters,
+    stated_half_widths,
+)
 from aacmm_pin.report.scenes.scene import viewer_script
 from tests.pages import Page
 
@@ -38,14 +45,18 @@ READINGS = 8e-6
 
 
 def written(result: Calibration) -> str:
-    return html.page(calibration_document(result, calibration_summary(result, NAME, 1), "2026-01-02"))
+    return html.page(
+        calibration_document(result, calibration_summary(result, NAME, 1), "2026-01-02")
+    )
 
 
 def test_a_page_agrees_with_its_numbers_and_holds_its_files(at_seats: Calibration) -> None:
     text = written(at_seats)
     page = Page(text)
     assert plt.get_fignums() == []
-    assert "http" not in text.replace(viewer_script(), "")  # the viewer of scenes names places in its licences
+    assert "http" not in text.replace(
+        viewer_script(), ""
+    )  # the viewer of scenes names places in its licences
     assert len(text) < 3_000_000
     assert NAME in page.text  # escaped, so that it is text again
     assert verdict(at_seats) in page.text
@@ -60,7 +71,9 @@ def test_a_page_agrees_with_its_numbers_and_holds_its_files(at_seats: Calibratio
     assert json.loads(files["calibration.json"]) == calibration_summary(at_seats, NAME, 1)
     assert len(pd.read_csv(io.BytesIO(files["residuals.csv"]))) == 120
     assert parse_arm_file(files["calibrated.toml"], "inside") == at_seats.model.file()
-    assert files["calibrated.toml"].startswith(b"# Calibrated by aacmm-pin on 2026-01-02 (UTC) from a <b> & c.csv")
+    assert files["calibrated.toml"].startswith(
+        b"# Calibrated by aacmm-pin on 2026-01-02 (UTC) from a <b> & c.csv"
+    )
 
 
 def test_a_robot_without_seats_or_stated_uncertainties(of_robot: Calibration) -> None:
@@ -78,7 +91,9 @@ def test_an_unknown_frame_and_what_was_assumed(sino6: Arm, at_seats: Calibration
     data = simulate_measurements(sino6, "free", 60, rng=np.random.default_rng(4))
     turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     silent = replace(
-        data, reference_u=np.full_like(data.reference_u, np.nan), reference=data.reference @ turn.T + [1.0, 2.0, 3.0]
+        data,
+        reference_u=np.full_like(data.reference_u, np.nan),
+        reference=data.reference @ turn.T + [1.0, 2.0, 3.0],
     )
     result = calibrate(sino6, silent, "zero-offsets", reference_frame="external", hold_out=False)
     page = Page(written(result))
@@ -89,7 +104,9 @@ def test_an_unknown_frame_and_what_was_assumed(sino6: Arm, at_seats: Calibration
     assert fit_in_words(result) in page.text
 
 
-def test_what_is_beyond_its_stated_uncertainty(sino6: Arm, at_seats: Calibration, of_robot: Calibration) -> None:
+def test_what_is_beyond_its_stated_uncertainty(
+    sino6: Arm, at_seats: Calibration, of_robot: Calibration
+) -> None:
     widths = {p.name: p.half_width for p in sino6.parameters}
     expected = [widths[p.name] for p in at_seats.fit.problem.vector.parameters]
     np.testing.assert_allclose(stated_half_widths(at_seats), np.array(expected, dtype=float))
@@ -103,14 +120,18 @@ def test_what_is_beyond_its_stated_uncertainty(sino6: Arm, at_seats: Calibration
     result = calibrate(sino6, data, ["geometry", known], encoder_noise=READINGS, hold_out=False)
     table = parameter_table(result)
     assert list(table.loc[table["beyond"], "parameter"]) == ["d4"]
-    np.testing.assert_allclose(stated_half_widths(result)[-2:], [2e-5, 4e-5])  # twice the u of a cause
+    np.testing.assert_allclose(
+        stated_half_widths(result)[-2:], [2e-5, 4e-5]
+    )  # twice the u of a cause
 
 
 def test_good_arms_are_within_what_is_stated(sino6: Arm) -> None:
     """Ten arms drawn within the half-widths: some seem farther off, by less than U."""
     rng, at_the_end = np.random.default_rng(7), 0
     for _ in range(10):
-        data = simulate_measurements(perturbed_model(sino6, rng), "free", 150, rng=rng, encoder_noise=READINGS)
+        data = simulate_measurements(
+            perturbed_model(sino6, rng), "free", 150, rng=rng, encoder_noise=READINGS
+        )
         table = parameter_table(calibrate(sino6, data, encoder_noise=READINGS, hold_out=False))
         assert not table["beyond"].any()
         at_the_end += int((table["change"].abs() > table["stated"]).sum())
@@ -123,20 +144,26 @@ def test_the_fit_is_judged(at_seats: Calibration, with_wave: Calibration, sino6:
     silent = replace(data, reference_u=np.full_like(data.reference_u, np.nan))
     incomplete = calibrate(sino6, silent, encoder_noise=READINGS, hold_out=False)
     told = [fit_in_words(result) for result in (at_seats, with_wave, loud, incomplete)]
-    for text, words in zip(told, ("explains the", "larger", "too large", "cannot judge"), strict=True):
+    for text, words in zip(
+        told, ("explains the", "larger", "too large", "cannot judge"), strict=True
+    ):
         assert words in text
     assert "nothing was held out" in verdict(with_wave)
     assert verdict(at_seats).startswith("Calibration helps SINO6: ")
     assert f"{length(at_seats.held_out[-1].rms_after)} after" in verdict(at_seats)
     needless = calibrate(
-        sino6, simulate_measurements(sino6, "free", 60, rng=np.random.default_rng(5)), encoder_noise=READINGS
+        sino6,
+        simulate_measurements(sino6, "free", 60, rng=np.random.default_rng(5)),
+        encoder_noise=READINGS,
     )
     assert verdict(needless).startswith("Calibration does not help SINO6: ")
 
 
 def test_causes_with_their_uncertainty(sino6: Arm) -> None:
     effects = (EncoderEccentricity(3, values=(1.6e-4, 1.2e-4)), ThermalExpansion(values=(2e-5,)))
-    data = simulate_measurements(ErrorModel(sino6, effects), "free", 200, rng=np.random.default_rng(6))
+    data = simulate_measurements(
+        ErrorModel(sino6, effects), "free", 200, rng=np.random.default_rng(6)
+    )
     wanted = ["zero-offsets", JointCompliance(2), EncoderEccentricity(3), ThermalExpansion()]
     result = calibrate(sino6, data, wanted, encoder_noise=READINGS, hold_out=False)
     _, wave, expansion = estimated_causes(result)["value ± U (k = 2)"]
@@ -152,7 +179,9 @@ def test_causes_with_their_uncertainty(sino6: Arm) -> None:
     table = readable_parameters(result).set_index("parameter")
     assert table.loc["theta_offset3", "value"].endswith(" rad")
     assert table.loc["thermal_expansion", "value"].endswith(" 1/K")
-    np.testing.assert_allclose(table["u"], result.parameters.set_index("parameter")["u"] * 1e6, rtol=1e-12)
+    np.testing.assert_allclose(
+        table["u"], result.parameters.set_index("parameter")["u"] * 1e6, rtol=1e-12
+    )
 
 
 def test_changes_have_the_digits_of_their_uncertainty(at_seats: Calibration) -> None:

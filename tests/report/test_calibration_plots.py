@@ -1,4 +1,6 @@
-"""Pictures of calibrations: units on every axis, what is drawn and how large, refusals, no pyplot state."""
+"""Pictures of calibrations: units on every axis, what is drawn and how large, refusals, no pyplot
+state.
+"""
 
 from __future__ import annotations
 
@@ -52,7 +54,7 @@ def labels(ax: Any) -> tuple[str, str]:
     return ax.get_xlabel(), ax.get_ylabel()
 
 
-# Residuals --------------------------------------------------------------------------------------------------------------
+# Residuals ------------------------------------------------------------
 
 
 def test_vectors_and_their_scale_are_as_long_as_the_title_says(at_seats: Calibration) -> None:
@@ -61,7 +63,10 @@ def test_vectors_and_their_scale_are_as_long_as_the_title_says(at_seats: Calibra
     tips = at_seats.fit.problem.model.predict(at_seats.fit.problem.measurements.q)[used] / MM
     cases: list[tuple[str, Any]] = [("before", "xy"), ("after", "xz"), ("after", "yz")]
     for when, plane in cases:
-        ax, (a, b) = plot_residual_vectors(at_seats, when, plane), ("xyz".index(axis) for axis in plane)
+        ax, (a, b) = (
+            plot_residual_vectors(at_seats, when, plane),
+            ("xyz".index(axis) for axis in plane),
+        )
         drawn(ax.figure)
         assert labels(ax) == (f"{plane[0]} [mm]", f"{plane[1]} [mm]")
         assert ax.get_aspect() == 1.0
@@ -76,9 +81,13 @@ def test_vectors_and_their_scale_are_as_long_as_the_title_says(at_seats: Calibra
         assert low < ends[:, :, 0].min() < ends[:, :, 0].max() < high
         ((number, unit),) = (t.get_text().split() for t in ax.texts)
         bar = next(line for line in ax.lines if line.get_marker() == "|")
-        assert np.ptp(bar.get_xdata()) == pytest.approx(factor * float(number) * {"mm": 1.0, "µm": 1e-3}[unit])
+        assert np.ptp(bar.get_xdata()) == pytest.approx(
+            factor * float(number) * {"mm": 1.0, "µm": 1e-3}[unit]
+        )
         assert [text.get_text() for text in ax.get_legend().get_texts()] == ["2 excluded"]
-        skeleton = [line for line in ax.lines if len(line.get_xdata()) == at_seats.model.arm.chain.places]
+        skeleton = [
+            line for line in ax.lines if len(line.get_xdata()) == at_seats.model.arm.chain.places
+        ]
         assert len(skeleton) == 6  # three postures, as tubes and as joints
         assert (skeleton[0].get_xdata()[0], skeleton[0].get_ydata()[0]) == (0.0, 0.0)
         assert "drawn" not in ax.get_title()
@@ -87,7 +96,9 @@ def test_vectors_and_their_scale_are_as_long_as_the_title_says(at_seats: Calibra
     assert len({title.rpartition(" ")[2] for title in views}) == 1
 
 
-def test_of_many_vectors_the_title_counts_those_drawn(at_seats: Calibration, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_of_many_vectors_the_title_counts_those_drawn(
+    at_seats: Calibration, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(residual_vectors, "MOST_VECTORS", 50)
     ax = plot_residual_vectors(at_seats)
     (lines,) = (c for c in ax.collections if isinstance(c, LineCollection))
@@ -95,23 +106,31 @@ def test_of_many_vectors_the_title_counts_those_drawn(at_seats: Calibration, mon
     assert "40 of 118 records" in ax.get_title()
 
 
-def test_seats_stand_in_their_order_and_excluded_records_are_marked(at_seats: Calibration, with_wave: Calibration) -> None:
+def test_seats_stand_in_their_order_and_excluded_records_are_marked(
+    at_seats: Calibration, with_wave: Calibration
+) -> None:
     ax = plot_residuals_by_seat(at_seats)
     drawn(ax.figure)
     used = at_seats.fit.used
     assert labels(ax) == ("seat", "distance of tip and target [mm]")
     assert [tick.get_text() for tick in ax.get_xticklabels()] == [f"S{k}" for k in range(1, 13)]
-    dots = [line for line in ax.lines if line.get_marker() == "." and to_hex(line.get_color()) == BLUE]
+    dots = [
+        line for line in ax.lines if line.get_marker() == "." and to_hex(line.get_color()) == BLUE
+    ]
     assert sum(len(line.get_xdata()) for line in dots) == 118
     off = [line for line in ax.lines if line.get_marker() == "^"]
-    assert sum(len(line.get_xdata()) for line in off) == 4  # two records, before and after, off the scale of the others
+    assert (
+        sum(len(line.get_xdata()) for line in off) == 4
+    )  # two records, before and after, off the scale of the others
     assert any("beyond the scale" in text and text.endswith(" 4") for text in legend_texts(ax))
     largest = at_seats.residuals["before_mm"][at_seats.fit.used].max()
     assert largest < ax.get_ylim()[1] < 2 * largest
     with pytest.raises(AacmmError, match="no seat"):
         plot_residuals_by_seat(with_wave)
     none = replace(at_seats, fit=replace(at_seats.fit, excluded=np.zeros_like(used)))
-    assert not any("scale" in text or "excluded" in text for text in legend_texts(plot_residuals_by_seat(none)))
+    assert not any(
+        "scale" in text or "excluded" in text for text in legend_texts(plot_residuals_by_seat(none))
+    )
 
 
 def test_a_wave_of_an_encoder_shows_over_its_joint_alone(with_wave: Calibration) -> None:
@@ -134,8 +153,14 @@ def test_a_turned_reference_frame_makes_no_difference_to_a_joint(with_wave: Cali
     data, along = with_wave.fit.problem.measurements, []
     turn = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
     for records in (data, replace(data, reference=data.reference @ turn.T)):
-        setup: dict[str, Any] = {"reference_frame": "external", "encoder_noise": READINGS, "hold_out": False}
-        ax = plot_residuals_over_joint(calibrate(with_wave.model.arm, records, "zero-offsets", **setup), 3)
+        setup: dict[str, Any] = {
+            "reference_frame": "external",
+            "encoder_noise": READINGS,
+            "hold_out": False,
+        }
+        ax = plot_residuals_over_joint(
+            calibrate(with_wave.model.arm, records, "zero-offsets", **setup), 3
+        )
         along.append(next(line.get_ydata() for line in ax.lines if line.get_marker() == "."))
     np.testing.assert_allclose(along[0], along[1], atol=0.01)
 
@@ -158,7 +183,7 @@ def test_normalised_residuals_follow_chi(at_seats: Calibration) -> None:
     assert area == pytest.approx(1.0)
 
 
-# Parameters -------------------------------------------------------------------------------------------------------------
+# Parameters ------------------------------------------------------------
 
 
 def test_changes_stand_over_what_was_stated(at_seats: Calibration) -> None:
@@ -167,7 +192,9 @@ def test_changes_stand_over_what_was_stated(at_seats: Calibration) -> None:
     table = parameter_table(at_seats)
     assert [tick.get_text() for tick in ax.get_yticklabels()] == list(table["parameter"])
     (points,) = (c for c in ax.collections if isinstance(c, PathCollection))
-    np.testing.assert_allclose(points.get_offsets()[:, 0], table["change"] / table["stated"], rtol=1e-9)
+    np.testing.assert_allclose(
+        points.get_offsets()[:, 0], table["change"] / table["stated"], rtol=1e-9
+    )
     colours = [to_hex(colour) for colour in points.get_edgecolors()]
     assert colours == [VERMILLION if beyond else BLUE for beyond in table["beyond"]]
     assert ax.get_ylim()[0] > ax.get_ylim()[1]  # first on top
@@ -176,8 +203,12 @@ def test_changes_stand_over_what_was_stated(at_seats: Calibration) -> None:
 def test_without_stated_uncertainties_changes_stand_in_small_units(of_robot: Calibration) -> None:
     figure = drawn(plot_parameter_changes(of_robot))
     assert "open: known only in combination" in figure.axes[0].get_title()
-    assert [ax.get_xlabel() for ax in figure.axes] == [f"change [{unit}]; bars: U (k = 2)" for unit in ("µm", "µrad")]
-    for ax, (_, table) in zip(figure.axes, of_robot.parameters.groupby("unit", sort=False), strict=True):
+    assert [ax.get_xlabel() for ax in figure.axes] == [
+        f"change [{unit}]; bars: U (k = 2)" for unit in ("µm", "µrad")
+    ]
+    for ax, (_, table) in zip(
+        figure.axes, of_robot.parameters.groupby("unit", sort=False), strict=True
+    ):
         (points,) = (c for c in ax.collections if isinstance(c, PathCollection))
         factor = {"mm": 1e3, "rad": 1e6}[table["unit"].iloc[0]]
         np.testing.assert_allclose(points.get_offsets()[:, 0], factor * table["change"], rtol=1e-9)
@@ -211,7 +242,9 @@ def test_several_panels_take_the_place_of_axes(at_seats: Calibration) -> None:
     assert right not in own.axes
     panels = own.axes[1:]
     assert len(panels) == 6
-    assert min(ax.get_position().x0 for ax in panels) > left.get_position().x1  # in its place, and nowhere else
+    assert (
+        min(ax.get_position().x0 for ax in panels) > left.get_position().x1
+    )  # in its place, and nowhere else
     assert {ax.get_ylim() for ax in panels} == {panels[0].get_ylim()}  # one scale
     with pytest.raises(AacmmError, match="no place in a grid"):
         plot_residual_views(at_seats, Figure().add_axes((0.1, 0.1, 0.8, 0.8)))

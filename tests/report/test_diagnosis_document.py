@@ -20,7 +20,14 @@ from aacmm_pin.arm.file import parse_arm_file
 from aacmm_pin.cli.root_command import app
 from aacmm_pin.diagnosis import Alias, Diagnosis, Finding, OddGroup, diagnose
 from aacmm_pin.diagnosis.cross_validation import Brought
-from aacmm_pin.effects import Effect, EncoderEccentricity, EncoderGain, JointCompliance, JointZeroOffset, StylusOffset
+from aacmm_pin.effects import (
+    Effect,
+    EncoderEccentricity,
+    EncoderGain,
+    JointCompliance,
+    JointZeroOffset,
+    StylusOffset,
+)
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.effects.labels import in_words, values_in_words
 from aacmm_pin.errors import OutputError
@@ -63,7 +70,9 @@ def test_a_page_agrees_with_its_numbers_and_holds_its_files(eccentric: Diagnosis
     text = written(eccentric)
     page, held = Page(text), eccentric.held_out
     assert plt.get_fignums() == []
-    assert "http" not in text.replace(viewer_script(), "")  # the viewer of scenes names places in its licences
+    assert "http" not in text.replace(
+        viewer_script(), ""
+    )  # the viewer of scenes names places in its licences
     assert len(text) < 5_000_000
     assert NAME in page.text  # escaped, so that it is text again
     assert verdict_in_words(eccentric) in page.text
@@ -72,8 +81,13 @@ def test_a_page_agrees_with_its_numbers_and_holds_its_files(eccentric: Diagnosis
     assert all(size in line_to_remember(eccentric) for size in lengths(eccentric.rms.values()))
     assert held is not None
     low, high = held.interval
-    assert f"{percent(held.gain)} (95 %: {100 * low:.0f} to {100 * high:.0f} %)" in line_to_remember(eccentric)
-    assert values_in_words(eccentric.findings[0].effect, eccentric.findings[0].parameters) in page.text
+    assert (
+        f"{percent(held.gain)} (95 %: {100 * low:.0f} to {100 * high:.0f} %)"
+        in line_to_remember(eccentric)
+    )
+    assert (
+        values_in_words(eccentric.findings[0].effect, eccentric.findings[0].parameters) in page.text
+    )
     assert len(pictures(page)) == 5
     assert "Encoder eccentricity of joint 1, from the records" in pictures(page)
     assert len(eccentric.excluded) == 3
@@ -81,7 +95,9 @@ def test_a_page_agrees_with_its_numbers_and_holds_its_files(eccentric: Diagnosis
         assert f"{row['residual_mm']:.4f}" in page.text
     files = page.downloads()
     assert list(files) == ["diagnosis.json", "residuals.csv", "extended.toml"]
-    assert json.loads(files["diagnosis.json"]) == json.loads(json.dumps(eccentric.summary() | {"source": NAME, "seed": 1}))
+    assert json.loads(files["diagnosis.json"]) == json.loads(
+        json.dumps(eccentric.summary() | {"source": NAME, "seed": 1})
+    )
     assert parse_arm_file(files["extended.toml"], "inside") == eccentric.model.file()
     table = pd.read_csv(io.BytesIO(files["residuals.csv"]))
     assert len(table) == 150
@@ -106,13 +122,17 @@ def test_other_verdicts(sound: Diagnosis, blind: Callable[..., Diagnosis]) -> No
     (finding,) = seat.findings
     assert in_words(finding.effect) in verdict_in_words(seat)
     assert any(in_words(finding.effect)[1:] in alt for alt in pictures(Page(written(seat))))
-    assert {"row", "seat", "session", "operator", "part", "held_out_extended_mm"} <= set(residuals_table(seat).columns)
+    assert {"row", "seat", "session", "operator", "part", "held_out_extended_mm"} <= set(
+        residuals_table(seat).columns
+    )
 
 
 def test_a_robot_without_table_or_stated_uncertainties(robot_file: Callable[[str], Path]) -> None:
     arm = Arm.from_urdf(robot_file("ur5_robot.urdf"), "tool0")
     steps = np.random.default_rng(3).normal(0.0, 2e-4, (6, 6))
-    made = ErrorModel(arm.with_placements(steps, None), (EncoderEccentricity(2, values=(4e-4, 0.0)),))
+    made = ErrorModel(
+        arm.with_placements(steps, None), (EncoderEccentricity(2, values=(4e-4, 0.0)),)
+    )
     data = simulate_measurements(made, "free", 150, rng=np.random.default_rng(4))
     result = diagnose(arm, data, encoder_noise=8e-6, hold_out=False)
     page = Page(written(result))
@@ -125,7 +145,17 @@ def test_the_command_writes_the_page_and_nothing_else_on_stdout(tmp_path: Path) 
     data, out = tmp_path / "data.csv", tmp_path / "report.html"
     draw(11, None, records=80).write(data)
     noise = ["--encoder-noise-rad", "8e-6", "--reference-noise-mm", "0.012"]
-    arguments = ["diagnose", "sino6", str(data), *noise, "--no-held-out", "-o", str(out), "--json", "-"]
+    arguments = [
+        "diagnose",
+        "sino6",
+        str(data),
+        *noise,
+        "--no-held-out",
+        "-o",
+        str(out),
+        "--json",
+        "-",
+    ]
     done = CliRunner().invoke(app, arguments)
     assert done.exit_code == 0, done.output
     page = Page(out.read_text(encoding="utf-8"))
@@ -139,13 +169,20 @@ def finding(effect: Effect, probability: float, *aliases: Alias) -> Finding:
 
 
 def with_sets(result: Diagnosis, **sets: float) -> Diagnosis:
-    """The same with other probabilities of sets of one cause each; ``cause__2`` is one of joint 2."""
+    """The same with other probabilities of sets of one cause each; ``cause__2`` is one of
+    joint 2.
+    """
     posterior = result.choice.posterior
     names, blocks = posterior.space.candidates.design.names, posterior.space.candidates.blocks
     labels = {cause.replace("__", ":"): share for cause, share in sets.items()}
-    first = {label: next(k for k, b in enumerate(blocks) if names[b.candidate] == label) for label in labels}
+    first = {
+        label: next(k for k, b in enumerate(blocks) if names[b.candidate] == label)
+        for label in labels
+    }
     weights = {(first[label],): share for label, share in labels.items()}
-    return replace(result, choice=replace(result.choice, posterior=replace(posterior, weights=weights)))
+    return replace(
+        result, choice=replace(result.choice, posterior=replace(posterior, weights=weights))
+    )
 
 
 def test_doubt_is_told_with_the_rivals(eccentric: Diagnosis, tmp_path: Path) -> None:
@@ -154,10 +191,17 @@ def test_doubt_is_told_with_the_rivals(eccentric: Diagnosis, tmp_path: Path) -> 
     doubtful = finding(JointCompliance(2, values=(2e-5,), u=(1e-6,)), 0.7, *aliases)
     shares = {"joint_compliance__2": 0.7, "encoder_eccentricity__2": 0.29, "encoder_gain__2": 0.01}
     result = with_sets(replace(eccentric, verdict="ambiguous", findings=(doubtful,)), **shares)
-    for words in ("compliance under gravity of joint 2", "0.700", "encoder eccentricity of joint 2", "0.290"):
+    for words in (
+        "compliance under gravity of joint 2",
+        "0.700",
+        "encoder eccentricity of joint 2",
+        "0.290",
+    ):
         assert words in verdict_in_words(result)
     assert "encoder gain" not in verdict_in_words(result)
-    assert look_alikes(result)["label"].tolist()[:1] == ["encoder_eccentricity:2"]  # the other one is out of the question
+    assert look_alikes(result)["label"].tolist()[:1] == [
+        "encoder_eccentricity:2"
+    ]  # the other one is out of the question
     assert sum(map(float, alternatives(with_sets(eccentric, **shares))["probability"])) == 1.0
     beside = replace(result, verdict="unexplained", doubts=("more causes",))
     assert "not named" in verdict_in_words(beside)
@@ -166,7 +210,10 @@ def test_doubt_is_told_with_the_rivals(eccentric: Diagnosis, tmp_path: Path) -> 
     unexplained = replace(eccentric, verdict="unexplained")
     assert ranking(unexplained)["p"].tolist()[0] == "< 1e-16"
     results.save(unexplained, tmp_path / "report.html")
-    assert verdict_in_words(unexplained) in Page((tmp_path / "report.html").read_text(encoding="utf-8")).text
+    assert (
+        verdict_in_words(unexplained)
+        in Page((tmp_path / "report.html").read_text(encoding="utf-8")).text
+    )
     with pytest.raises(OutputError, match="exists already"):
         results.save(result, tmp_path / "report.html")
 
@@ -179,7 +226,12 @@ def test_why_nothing_can_be_concluded(eccentric: Diagnosis) -> None:
     few = replace(result, extended=replace(result.extended, stated=False, dof=0.0))
     told += [verdict_in_words(one) for one in (stuck, few)]
     assert len(set(told)) == 5
-    assert ["encoder eccentricity of joint 1" in text for text in told[:4]] == [False, True, True, False]
+    assert ["encoder eccentricity of joint 1" in text for text in told[:4]] == [
+        False,
+        True,
+        True,
+        False,
+    ]
 
 
 def test_geometry_and_what_is_alike_in_all_records(eccentric: Diagnosis) -> None:
@@ -197,7 +249,12 @@ def test_geometry_and_what_is_alike_in_all_records(eccentric: Diagnosis) -> None
 def test_gain_and_what_is_left(eccentric: Diagnosis) -> None:
     held, left = eccentric.held_out, eccentric.unexplained
     assert held is not None
-    for interval, significant in (((0.4, 0.6), True), ((-0.1, 0.2), False), ((0.001, 0.2), False), ((-0.4, -0.2), True)):
+    for interval, significant in (
+        ((0.4, 0.6), True),
+        ((-0.1, 0.2), False),
+        ((0.001, 0.2), False),
+        ((-0.4, -0.2), True),
+    ):
         words = gain_in_words(replace(eccentric, held_out=replace(held, interval=interval)))
         assert ("not significant" not in words) == significant
     assert f"{held.gain:.4g}" in card(held)

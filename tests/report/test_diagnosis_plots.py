@@ -1,4 +1,6 @@
-"""Pictures of diagnoses: partial residuals give back what is hidden, by formulas of their own; units, sizes, refusals."""
+"""Pictures of diagnoses: partial residuals give back what is hidden, by formulas of their own;
+units, sizes, refusals.
+"""
 
 from __future__ import annotations
 
@@ -55,7 +57,12 @@ from aacmm_pin.report.plots import (
     plot_unexplained,
 )
 from aacmm_pin.report.plots.groups import MODELS, _draw_groups, held_out_parts
-from aacmm_pin.report.plots.partial_residuals import _along, _common_direction, partial_residual, unit_of_load
+from aacmm_pin.report.plots.partial_residuals import (
+    _along,
+    _common_direction,
+    partial_residual,
+    unit_of_load,
+)
 
 ENCODER, REFERENCE = 8e-6, 12e-6
 RECORDS = 240
@@ -63,7 +70,9 @@ RECORDS = 240
 
 def measured(arm: Arm, effect: Effect, rng: np.random.Generator, external: bool) -> Measurements:
     """Records of an arm with one cause, in the base or in a frame of their own."""
-    limits = np.array([[0.1, 6.1], [-3.0, -0.1], [0.1, 6.1], [-3.0, -0.1], [-3.0, 3.0], [-3.0, 3.0]])
+    limits = np.array(
+        [[0.1, 6.1], [-3.0, -0.1], [0.1, 6.1], [-3.0, -0.1], [-3.0, 3.0], [-3.0, 3.0]]
+    )
     q = rng.uniform(*limits.T, (RECORDS, 6))
     seat = np.array([f"S{k % 6}" for k in range(RECORDS)], dtype=object)
     conditions = Conditions(
@@ -74,15 +83,21 @@ def measured(arm: Arm, effect: Effect, rng: np.random.Generator, external: bool)
         seat=seat if isinstance(effect, SeatError) else None,
     )
     model = ErrorModel(arm, (effect,))
-    true = model.predict(q, conditions, as_referenced=True) + REFERENCE * rng.standard_normal((RECORDS, 3))
+    true = model.predict(q, conditions, as_referenced=True) + REFERENCE * rng.standard_normal(
+        (RECORDS, 3)
+    )
     if external:
         turn = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
         true = true @ turn.T + [1.0, 2.0, 3.0]
     return Measurements.of(q + ENCODER * rng.standard_normal(q.shape), true, conditions=conditions)
 
 
-def knowing(base: Diagnosis, arm: Arm, effect: Effect, external: bool = False) -> tuple[Diagnosis, Finding]:
-    """The diagnosis of an arm with one cause, named as it is: what the pictures are drawn from, without the search."""
+def knowing(
+    base: Diagnosis, arm: Arm, effect: Effect, external: bool = False
+) -> tuple[Diagnosis, Finding]:
+    """The diagnosis of an arm with one cause, named as it is: what the pictures are drawn from,
+    without the search.
+    """
     rng = np.random.default_rng(5)
     data = measured(arm, effect, rng, external)
     frame: Any = "external" if external else "base"
@@ -93,7 +108,9 @@ def knowing(base: Diagnosis, arm: Arm, effect: Effect, external: bool = False) -
 
     extended = fitted(["geometry", effect.at((), tuple(3 * t.typical for t in effect.terms))])
     (found,) = (e for e in extended.effects if e.cause == effect.cause)
-    finding = Finding(found, dict.fromkeys(found.notation.parameters(found), (0.0, 0.0)), 1.0, 0.0, 1.0, ())
+    finding = Finding(
+        found, dict.fromkeys(found.notation.parameters(found), (0.0, 0.0)), 1.0, 0.0, 1.0, ()
+    )
     fits = {"before": fitted([]), "recalibrated": fitted(["geometry"]), "extended": extended}
     return replace(base, findings=(finding,), **fits), finding
 
@@ -108,28 +125,50 @@ def wave(amplitude: float, order: float, phase: float) -> tuple[float, float]:
 
 # cause, amount over what it is drawn over (in the units of the axes), axis
 CASES: list[tuple[Effect, Callable[[Array], Array], str]] = [
-    (EncoderEccentricity(3, values=wave(2e-4, 1, 0.4)), lambda x: 200 * np.cos(x * DEG - 0.4), "joint 3 [°]"),
+    (
+        EncoderEccentricity(3, values=wave(2e-4, 1, 0.4)),
+        lambda x: 200 * np.cos(x * DEG - 0.4),
+        "joint 3 [°]",
+    ),
     (
         JointPeriodicError(2, 12.0, values=wave(1.5e-4, 12, -1.0)),
         lambda x: 150 * np.cos(12 * x * DEG + 1.0),
         "joint 2, folded into one period of 30° [°]",
     ),
     (EncoderGain(3, values=(1e-4,)), lambda x: 100 * x * DEG, "joint 3 [°]"),
-    (JointCompliance(2, values=(2e-5,)), lambda x: 20 * x, "moment of the weight about the axis [N·m]"),
-    (BearingTilt(4, values=(2e-5,)), lambda x: 20 * x, "moment of the weight across the axis [N·m]"),
+    (
+        JointCompliance(2, values=(2e-5,)),
+        lambda x: 20 * x,
+        "moment of the weight about the axis [N·m]",
+    ),
+    (
+        BearingTilt(4, values=(2e-5,)),
+        lambda x: 20 * x,
+        "moment of the weight across the axis [N·m]",
+    ),
     (BaseCompliance(values=(2e-5,)), lambda x: 20 * x, "moment of the weight about the base [N·m]"),
     (LinkBending(3, values=(5e-5,)), lambda x: 50 * x, "bending load of the tube [N·m²]"),
-    (TorsionalWindup(3, values=(3e-5,)), lambda x: 30 * x, "moment of the weight about the tube [N·m]"),
+    (
+        TorsionalWindup(3, values=(3e-5,)),
+        lambda x: 30 * x,
+        "moment of the weight about the tube [N·m]",
+    ),
     (Counterbalance(2, values=(-2e-4,)), lambda x: -200 * x, "horizontal part of the body [1]"),
     (StylusBending(values=(1e-4,)), lambda x: 100 * x, "horizontal part of the stylus [1]"),
     (ThermalExpansion(values=(2e-5,)), lambda x: 20 * (x - 20), "temperature [°C]"),
     (JointHysteresis(3, values=(1.5e-4,)), lambda x: 150 * x, "direction of the last motion [1]"),
-    (EncoderSlip(1, 6000.0, values=(-2e-4,)), lambda x: np.where(x < 100, 0.0, -200.0), "time [min]"),
+    (
+        EncoderSlip(1, 6000.0, values=(-2e-4,)),
+        lambda x: np.where(x < 100, 0.0, -200.0),
+        "time [min]",
+    ),
     (ZeroDrift(2, 3000.0, values=(2e-4,)), lambda x: 200 * (1 - np.exp(-x / 50)), "time [min]"),
 ]
 
 
-@pytest.mark.parametrize(("effect", "amount", "axis"), CASES, ids=lambda v: v.label if isinstance(v, Effect) else "")
+@pytest.mark.parametrize(
+    ("effect", "amount", "axis"), CASES, ids=lambda v: v.label if isinstance(v, Effect) else ""
+)
 def test_records_say_what_the_cause_does(
     sound: Diagnosis, sino6: Arm, effect: Effect, amount: Callable[[Array], Array], axis: str
 ) -> None:
@@ -139,7 +178,8 @@ def test_records_say_what_the_cause_does(
     assert len(shown.x) > 0.9 * RECORDS
     pull = (shown.value - amount(shown.x)) / shown.u
     weight = 1 / shown.u**2
-    # what geometry takes up or a prior holds back differs from the truth by a little that is common to all records
+    # what geometry takes up or a prior holds back differs from the truth by a little that is common
+    # to all records
     assert np.sqrt(np.mean(pull**2)) == pytest.approx(1.0, abs=0.25)
     size = np.sqrt(np.average(amount(shown.x) ** 2, weights=weight))
     assert np.sqrt(np.average((shown.fitted - amount(shown.x)) ** 2, weights=weight)) < 0.25 * size
@@ -153,8 +193,12 @@ def test_records_say_what_the_cause_does(
     assert ax.get_ylabel().endswith(("[µrad]", "[µm]", "[µm/m]"))
 
 
-@pytest.mark.parametrize("external", [False, True], ids=["in the base", "in a frame of the references"])
-def test_records_say_it_even_where_the_model_lacks_the_cause(sound: Diagnosis, sino6: Arm, external: bool) -> None:
+@pytest.mark.parametrize(
+    "external", [False, True], ids=["in the base", "in a frame of the references"]
+)
+def test_records_say_it_even_where_the_model_lacks_the_cause(
+    sound: Diagnosis, sino6: Arm, external: bool
+) -> None:
     """What the model lacks is then in the residuals alone; geometry has taken up a little of it."""
     effect, amount, _ = CASES[1]
     result, finding = knowing(sound, sino6, effect, external)
@@ -179,7 +223,13 @@ def test_a_curve_breaks_off_where_no_record_is(sound: Diagnosis, sino6: Arm) -> 
     assert np.isfinite(shown.curve[1][shown.curve[0] < 105]).all()
     finding = replace(result.findings[0], effect=found)
     for fit_, gap in ((replace(fits, used=used), True), (fits, False)):
-        assert any("gap" in text for text in legend_texts(plot_cause(replace(result, extended=fit_), finding))) == gap
+        assert (
+            any(
+                "gap" in text
+                for text in legend_texts(plot_cause(replace(result, extended=fit_), finding))
+            )
+            == gap
+        )
 
 
 def test_values_beyond_the_scale_are_marked_and_counted(
@@ -191,7 +241,10 @@ def test_values_beyond_the_scale_are_marked_and_counted(
     shape = unexplained.unexplained.shapes["humidity_pct"]
     cases = [
         (plot_cause(result, finding), partial_residual(result, finding.effect).value),
-        (plot_unexplained(unexplained, "humidity_pct"), shape["growth_um_per_m_of_record"].to_numpy()),
+        (
+            plot_unexplained(unexplained, "humidity_pct"),
+            shape["growth_um_per_m_of_record"].to_numpy(),
+        ),
     ]
     for ax, values in cases:
         low, high = ax.get_ylim()
@@ -200,7 +253,9 @@ def test_values_beyond_the_scale_are_marked_and_counted(
         marked = [line for line in ax.lines if line.get_marker() in ("^", "v")]
         assert sum(len(line.get_ydata()) for line in marked) == beyond
         assert all(low < y < high for line in marked for y in line.get_ydata())
-        assert any("beyond the scale" in text and text.endswith(f" {beyond}") for text in legend_texts(ax))
+        assert any(
+            "beyond the scale" in text and text.endswith(f" {beyond}") for text in legend_texts(ax)
+        )
 
 
 def test_seats_without_a_stated_place_are_counted(sound: Diagnosis, sino6: Arm) -> None:
@@ -238,27 +293,35 @@ def test_geometry_stands_over_what_was_stated(sound: Diagnosis, sino6: Arm) -> N
     effect = JointZeroOffset(2, values=(3e-4,), u=(1e-5,))
     finding = Finding(effect, {"offset_rad": (3e-4, 1e-5)}, 1.0, 1e-9, 1.0, ())
     ax = plot_geometry(replace(sound, findings=(finding,)))
-    assert [tick.get_text() for tick in ax.get_yticklabels()] == ["zero offset of joint 2\n+300.0 ± 20.0 µrad"]
+    assert [tick.get_text() for tick in ax.get_yticklabels()] == [
+        "zero offset of joint 2\n+300.0 ± 20.0 µrad"
+    ]
     (stated,) = (p.half_width for p in sino6.parameters if p.name == "theta_offset2")
     assert stated is not None
-    ((bar,),) = (lines.get_segments() for lines in ax.collections if isinstance(lines, LineCollection))
+    ((bar,),) = (
+        lines.get_segments() for lines in ax.collections if isinstance(lines, LineCollection)
+    )
     np.testing.assert_allclose(bar[:, 0], np.array([2.8e-4, 3.2e-4]) / stated)
     with pytest.raises(AacmmError, match="no geometric value"):
         plot_geometry(sound)
 
 
-# Overview ---------------------------------------------------------------------------------------------------------------
+# Overview ------------------------------------------------------------
 
 
 def test_sizes_are_those_of_the_diagnosis(sound: Diagnosis) -> None:
     ax = plot_rms(sound)
     widths = [bar.get_width() for bar in ax.patches]
-    assert widths == pytest.approx([sound.rms[name] / UM for name in ("simulation", "recalibrated", "extended")])
+    assert widths == pytest.approx(
+        [sound.rms[name] / UM for name in ("simulation", "recalibrated", "extended")]
+    )
     assert ax.get_xlabel().endswith("[µm]")  # all below 0.1 mm
 
 
 def test_groups_against_their_own_prediction(sound: Diagnosis, sino6: Arm) -> None:
-    """A sound arm is off as its stated uncertainties predict, and after recalibration by its noise."""
+    """A sound arm is off as its stated uncertainties predict, and after recalibration by
+    its noise.
+    """
     table = sound.residual_groups
     assert table["times_predicted"].median() == pytest.approx(0.85, abs=0.45)
     assert table["times_noise"].median() == pytest.approx(1.0, abs=0.1)
@@ -285,7 +348,9 @@ def test_groups_against_their_own_prediction(sound: Diagnosis, sino6: Arm) -> No
 
 def test_of_many_groups_the_worst_are_named(rng: np.random.Generator) -> None:
     names = [f"S{k}" for k in range(50)]
-    table = pd.DataFrame(rng.uniform(size=(50, 3)), columns=[f"{name}_mm" for name in MODELS]).assign(group=names)
+    table = pd.DataFrame(
+        rng.uniform(size=(50, 3)), columns=[f"{name}_mm" for name in MODELS]
+    ).assign(group=names)
     ax = blank_axes(3.0, 2.0)
     _draw_groups(ax, "seat", table, {})
     (simulation, *_) = ax.lines
@@ -312,12 +377,16 @@ def test_parts_left_out(sound: Diagnosis) -> None:
     total = np.sqrt(np.average(table["extended_mm"] ** 2, weights=table["records"]))
     assert total == pytest.approx(np.sqrt(np.nanmean(held.extended**2)) / MM)
     ax = plot_held_out(sound)
-    assert [bar.get_height() for bar in ax.patches] == pytest.approx([*table["recalibrated_mm"], *table["extended_mm"]])
+    assert [bar.get_height() for bar in ax.patches] == pytest.approx(
+        [*table["recalibrated_mm"], *table["extended_mm"]]
+    )
     with pytest.raises(AacmmError, match="nothing was held out"):
         plot_held_out(replace(sound, held_out=None))
 
 
-def test_what_no_cause_explains_is_drawn_over_its_covariate(blind: Callable[..., Diagnosis]) -> None:
+def test_what_no_cause_explains_is_drawn_over_its_covariate(
+    blind: Callable[..., Diagnosis],
+) -> None:
     result = blind("unexplained:operator", seed=2)
     assert "operator" in result.unexplained.depends_on
     ax = plot_unexplained(result, "operator")
@@ -328,7 +397,8 @@ def test_what_no_cause_explains_is_drawn_over_its_covariate(blind: Callable[...,
 
 
 @pytest.mark.parametrize(
-    ("kind", "name", "axis"), [("humidity", "humidity_pct", "growth [µm/m]"), ("joint_product", "", "")]
+    ("kind", "name", "axis"),
+    [("humidity", "humidity_pct", "growth [µm/m]"), ("joint_product", "", "")],
 )
 def test_the_correction_is_drawn_as_what_it_acts_on(
     kind: str, name: str, axis: str, blind: Callable[..., Diagnosis]
@@ -345,18 +415,35 @@ def test_the_correction_is_drawn_as_what_it_acts_on(
 
 
 def test_the_unit_of_what_a_cause_is_proportional_to() -> None:
-    cases = {"rad/(N·m)": "N·m", "rad/(N·m)²": "(N·m)²", "rad/(N·m²)": "N·m²", "rad/m": "m", "rad/m/K": "m·K", "rad": "1"}
-    cases |= {"1": "rad", "1/K": "rad·K", "1/(N·m)": "rad·(N·m)", "rad·s": "rad/(rad·s)", "rad/(m/s)": "m/s"}
+    cases = {
+        "rad/(N·m)": "N·m",
+        "rad/(N·m)²": "(N·m)²",
+        "rad/(N·m²)": "N·m²",
+        "rad/m": "m",
+        "rad/m/K": "m·K",
+        "rad": "1",
+    }
+    cases |= {
+        "1": "rad",
+        "1/K": "rad·K",
+        "1/(N·m)": "rad·(N·m)",
+        "rad·s": "rad/(rad·s)",
+        "rad/(m/s)": "m/s",
+    }
     for unit, expected in cases.items():
         assert unit_of_load(unit, "rad") == expected
     assert unit_of_load("m/N", "m") == "N"
 
 
 def test_a_twist_that_turns_and_shifts_at_once_is_measured_by_its_turn() -> None:
-    """2 mrad/m of load about z, 0.3 m beside: a rotation of 0.7 rad of this direction is 0.7 rad, whatever the shift."""
+    """2 mrad/m of load about z, 0.3 m beside: a rotation of 0.7 rad of this direction is 0.7 rad,
+    whatever the shift.
+    """
     load, step = np.array([[1.0], [-2.0], [5.0]]), np.array([0.0, 0.3, 0.0, 0.0, 0.0, 1.0])
     columns = (load * step * 2e-3)[:, :, None]
     direction = _common_direction(columns)
     assert direction is not None
     np.testing.assert_allclose(direction, step, rtol=0, atol=1e-15)
-    np.testing.assert_allclose(_along(direction, columns, np.array([350.0])), 0.7 * load[:, 0], rtol=1e-14)
+    np.testing.assert_allclose(
+        _along(direction, columns, np.array([350.0])), 0.7 * load[:, 0], rtol=1e-14
+    )

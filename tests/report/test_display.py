@@ -1,4 +1,6 @@
-"""Scenes without a browser: what is sent to meshcat is where Pinocchio has it, in the right size and colour."""
+"""Scenes without a browser: what is sent to meshcat is where Pinocchio has it, in the right size
+and colour.
+"""
 
 from __future__ import annotations
 
@@ -72,13 +74,19 @@ def mesh(scene: Scene, path: str) -> tuple[Array, Array, Array | None]:
 
     attributes = data["attributes"]
     colours = numbers(attributes["color"], "<f4") if "color" in attributes else None
-    return numbers(attributes["position"], "<f4").astype(float), numbers(data["index"], "<u4"), colours
+    return (
+        numbers(attributes["position"], "<f4").astype(float),
+        numbers(data["index"], "<u4"),
+        colours,
+    )
 
 
 def decoded(scene: Scene, path: str) -> Array:
     """Placements of a moving body, out of what the page gets."""
     frames = page_data(scene.html())["frames"]
-    rows = np.frombuffer(base64.b64decode(frames["moving"][path]), dtype="<f4").reshape(frames["count"], 3, 4)
+    rows = np.frombuffer(base64.b64decode(frames["moving"][path]), dtype="<f4").reshape(
+        frames["count"], 3, 4
+    )
     placements = np.tile(np.eye(4), (len(rows), 1, 1))
     placements[:, :3] = rows
     return placements
@@ -107,13 +115,17 @@ def random_q(arm: Arm, rng: np.random.Generator, n: int = 7) -> Array:
 # --- the arm
 
 
-def test_bodies_and_tip_are_where_pinocchio_has_them(arm_file: ArmFile, rng: np.random.Generator) -> None:
+def test_bodies_and_tip_are_where_pinocchio_has_them(
+    arm_file: ArmFile, rng: np.random.Generator
+) -> None:
     arm = Arm.from_file(arm_file)
     dh, q = arm.require_dh("this test"), random_q(arm, rng)
     scene = scenes.arm_scene(ErrorModel(arm), q)
     last = f"arm/body {dh.rows}"
     tip = decoded(scene, last) @ transform(scene, f"{last}/tip")
-    np.testing.assert_allclose(tip[:, :3, 3], frame_placements(arm, q, "tip")[:, :3, 3], atol=SINGLE)
+    np.testing.assert_allclose(
+        tip[:, :3, 3], frame_placements(arm, q, "tip")[:, :3, 3], atol=SINGLE
+    )
     for row in range(1, dh.rows + 1):
         expected = frame_placements(arm, q, f"link{row}")
         if not dh.standard:  # the axis of modified DH has d before it
@@ -122,12 +134,16 @@ def test_bodies_and_tip_are_where_pinocchio_has_them(arm_file: ArmFile, rng: np.
         np.testing.assert_allclose(transform(scene, f"arm/body {row}"), expected[0], atol=1e-12)
 
 
-def test_an_arm_that_came_as_urdf(robot_file: Callable[[str], Path], rng: np.random.Generator) -> None:
+def test_an_arm_that_came_as_urdf(
+    robot_file: Callable[[str], Path], rng: np.random.Generator
+) -> None:
     arm = Arm.from_urdf(robot_file("panda.urdf"), "panda_hand")
     q = random_q(arm, rng)
     scene, data = scenes.arm_scene(arm, q), arm.model.createData()
     tip = decoded(scene, f"arm/body {arm.nq}") @ transform(scene, f"arm/body {arm.nq}/tip")
-    np.testing.assert_allclose(tip[:, :3, 3], frame_placements(arm, q, "panda_hand")[:, :3, 3], atol=SINGLE)
+    np.testing.assert_allclose(
+        tip[:, :3, 3], frame_placements(arm, q, "panda_hand")[:, :3, 3], atol=SINGLE
+    )
     for number, row in enumerate(q):
         pin.forwardKinematics(arm.model, data, row)
         for joint in range(1, arm.nq + 1):
@@ -135,25 +151,39 @@ def test_an_arm_that_came_as_urdf(robot_file: Callable[[str], Path], rng: np.ran
             np.testing.assert_allclose(placement[:3, 3], data.oMi[joint].translation, atol=SINGLE)
             jacobian = pin.computeJointJacobian(arm.model, data, row, joint)[3:, joint - 1]
             axis = data.oMi[joint].rotation @ jacobian
-            np.testing.assert_allclose(placement[:3, 2], axis, atol=1e-6)  # drawn joints lie along z
+            np.testing.assert_allclose(
+                placement[:3, 2], axis, atol=1e-6
+            )  # drawn joints lie along z
 
 
 def test_tubes_lie_along_d_and_then_along_a(sino6: Arm, rng: np.random.Generator) -> None:
-    """From the frame of the row before, along its joint's axis, by d; to the row's own frame, along its x, by a."""
+    """From the frame of the row before, along its joint's axis, by d; to the row's own frame, along
+    its x, by a.
+    """
     q = random_q(sino6, rng, 1)
     scene, dh = scenes.arm_scene(sino6, q), sino6.require_dh("this test")
     expected = []
     for row in range(1, 7):
-        before, after = (frame_placements(sino6, q, name)[0] for name in (f"link{row}", f"frame{row}"))
+        before, after = (
+            frame_placements(sino6, q, name)[0] for name in (f"link{row}", f"frame{row}")
+        )
         corner = before[:3, 3] + dh.d[row - 1] * before[:3, 2]
         np.testing.assert_allclose(corner, after[:3, 3] - dh.a[row - 1] * after[:3, 0], atol=1e-12)
         expected += [(before[:3, 3], corner), (corner, after[:3, 3])]
-    expected = [pair for pair in expected if np.linalg.norm(pair[1] - pair[0]) > 0.008]  # shorter ones are inside a joint
-    drawn = [path for path in commands(scene, "set_object") if re.fullmatch(r"arm/body \d+/tube \d+", path)]
+    expected = [
+        pair for pair in expected if np.linalg.norm(pair[1] - pair[0]) > 0.008
+    ]  # shorter ones are inside a joint
+    drawn = [
+        path
+        for path in commands(scene, "set_object")
+        if re.fullmatch(r"arm/body \d+/tube \d+", path)
+    ]
     assert len(drawn) == len(expected)
     for path, ends in zip(sorted(drawn), expected, strict=True):
         at = transform(scene, path.rsplit("/", 1)[0]) @ transform(scene, path)
-        half = commands(scene, "set_object")[path]["object"]["geometries"][0]["height"] / 2 * at[:3, 1]
+        half = (
+            commands(scene, "set_object")[path]["object"]["geometries"][0]["height"] / 2 * at[:3, 1]
+        )
         np.testing.assert_allclose((at[:3, 3] - half, at[:3, 3] + half), ends, atol=1e-9)
 
 
@@ -174,7 +204,9 @@ def at_the_point() -> Scene:
 def shown_rows(scene: Scene) -> Array:
     """Numbers, in the circle, of the postures on the slider, found by their angles."""
     assert scene.frames is not None
-    angles = np.array([[float(t.removesuffix("°")) for t in row[2:8]] for row in scene.frames.readings])
+    angles = np.array(
+        [[float(t.removesuffix("°")) for t in row[2:8]] for row in scene.frames.readings]
+    )
     distance = np.abs(angles[:, None] - sino6_circle().q[None] / DEG).max(axis=2)
     assert (distance.min(axis=1) < 0.006).all()
     return distance.argmin(axis=1)
@@ -202,11 +234,16 @@ def test_the_slider_holds_the_postures_within_limits() -> None:
 def test_the_line_is_the_path_of_the_elbow() -> None:
     circle, scene = sino6_circle(), at_the_point()
     elbow = frame_placements(circle.arm, circle.q, "frame3")[:, :3, 3]
-    for kind, expected in (("within", elbow[circle.within_limits]), ("outside", elbow[~circle.within_limits])):
+    for kind, expected in (
+        ("within", elbow[circle.within_limits]),
+        ("outside", elbow[~circle.within_limits]),
+    ):
         vertices, _, colours = mesh(scene, f"path/{kind}")
         drawn = vertices.reshape(-1, 6, 3).mean(axis=1)
         assert (colours is None) == (kind == "outside")
-        assert np.linalg.norm(drawn[:, None] - expected[None], axis=2).min(axis=0).max() < 1e-6  # every posture is on it
+        assert (
+            np.linalg.norm(drawn[:, None] - expected[None], axis=2).min(axis=0).max() < 1e-6
+        )  # every posture is on it
         assert np.linalg.norm(drawn[:, None] - elbow[None], axis=2).min(axis=1).max() < 1e-6
 
 
@@ -228,7 +265,9 @@ def test_the_line_has_the_colours_of_the_accuracy() -> None:
     assert "mm³" in bar.label
     assert scene.frames is not None
     place = {int(i): k for k, i in enumerate(np.flatnonzero(circle.within_limits))}
-    for row, colour, texts in zip(shown_rows(scene), scene.frames.colours, scene.frames.readings, strict=True):
+    for row, colour, texts in zip(
+        shown_rows(scene), scene.frames.colours, scene.frames.readings, strict=True
+    ):
         assert colour == to_hex(expected[place[int(row)]])
         assert f"{volume[place[int(row)]]:.4g} mm³" in texts
         assert f"{accuracy.u[place[int(row)]] * 1e6:.1f} µm" in texts
@@ -262,8 +301,12 @@ def test_the_ghosts_are_other_postures() -> None:
 
 
 def test_postures_of_an_arm_without_a_dh_table(robot_file: Callable[[str], Path]) -> None:
-    """Curves of self-motion have the path of the joint that goes about most; single postures have none."""
-    arm = Arm.from_urdf(robot_file("ur5_robot.urdf"), "tool0", translation_half_width=5e-5, rotation_half_width=1e-4)
+    """Curves of self-motion have the path of the joint that goes about most; single postures have
+    none.
+    """
+    arm = Arm.from_urdf(
+        robot_file("ur5_robot.urdf"), "tool0", translation_half_width=5e-5, rotation_half_width=1e-4
+    )
     pose = arm.poses(np.array([[0.3, -1.2, 1.4, -1.6, -1.5, 0.4]])).placement[0]
     found = reaching_postures(arm, pose[:3, 3], axis=pose[:3, 2], count=30)
     scene = scenes.circle_scene(found, circle_accuracy(found))
@@ -274,7 +317,9 @@ def test_postures_of_an_arm_without_a_dh_table(robot_file: Callable[[str], Path]
     widest = int(np.linalg.norm(np.ptp(origins, axis=0), axis=1).argmax())
     runs = [mesh(scene, p)[0] for p in commands(scene, "set_object") if p.startswith("path/")]
     drawn = np.vstack([vertices.reshape(-1, 6, 3).mean(axis=1) for vertices in runs])
-    assert np.linalg.norm(drawn[:, None] - origins[None, :, widest], axis=2).min(axis=1).max() < 1e-6
+    assert (
+        np.linalg.norm(drawn[:, None] - origins[None, :, widest], axis=2).min(axis=1).max() < 1e-6
+    )
     assert any(f"joint {widest + 1}" in note for note in scene.notes)
     single = reaching_postures(arm, pose[:3, 3], rotation=pose[:3, :3])
     scene = scenes.circle_scene(single, circle_accuracy(single))
@@ -307,12 +352,20 @@ def test_the_cells_of_a_map(sino6: Arm) -> None:
         here = of_cells.sel(x_mm=centre[0], z_mm=centre[2], method="nearest")
         assert abs(float(here["x_mm"]) - centre[0]) < 1e-3
         assert abs(float(here["z_mm"]) - centre[2]) < 1e-3
-        np.testing.assert_allclose(colour, colormaps["viridis"]((float(here) - low) / (high - low))[:3], atol=1e-6)
+        np.testing.assert_allclose(
+            colour, colormaps["viridis"]((float(here) - low) / (high - low))[:3], atol=1e-6
+        )
     area = 0.5 * np.linalg.norm(
-        np.cross(vertices[faces[:, 1]] - vertices[faces[:, 0]], vertices[faces[:, 2]] - vertices[faces[:, 0]]), axis=1
+        np.cross(
+            vertices[faces[:, 1]] - vertices[faces[:, 0]],
+            vertices[faces[:, 2]] - vertices[faces[:, 0]],
+        ),
+        axis=1,
     )
     x0, x1, z0, z1 = np.array(found.data.attrs["extent_mm"]) * MM
-    assert area.sum() == pytest.approx(np.isfinite(values).sum() * (x1 - x0) * (z1 - z0) / 30, rel=1e-5)
+    assert area.sum() == pytest.approx(
+        np.isfinite(values).sum() * (x1 - x0) * (z1 - z0) / 30, rel=1e-5
+    )
 
 
 def test_the_arm_reaches_into_the_cells(sino6: Arm) -> None:
@@ -321,11 +374,18 @@ def test_the_arm_reaches_into_the_cells(sino6: Arm) -> None:
     assert scene.frames is not None
     point = decoded(scene, "point")[:, :3, 3]
     labels = scene.frames.labels
-    q = np.array([[float(row[labels.index(f"joint {j}")][:-1]) for j in range(1, 7)] for row in scene.frames.readings])
+    q = np.array(
+        [
+            [float(row[labels.index(f"joint {j}")][:-1]) for j in range(1, 7)]
+            for row in scene.frames.readings
+        ]
+    )
     wrist = frame_placements(sino6, q * DEG, "frame5")[:, :3, 3]
     np.testing.assert_allclose(wrist, point, atol=5e-4)  # the angles are read out to 0.01°
     expected = decoded(scene, "arm/body 6") @ np.append(np.zeros(3), 1.0)
-    np.testing.assert_allclose(expected[:, :3], frame_placements(sino6, q * DEG, "link6")[:, :3, 3], atol=5e-4)
+    np.testing.assert_allclose(
+        expected[:, :3], frame_placements(sino6, q * DEG, "link6")[:, :3, 3], atol=5e-4
+    )
     assert len(q) == np.isfinite(found.data["best_mm3"].values).sum()
 
 
@@ -359,12 +419,16 @@ def test_residuals_of_the_simulation_by_pinocchio(sino6: Arm) -> None:
     tips = frame_placements(sino6, data.q[records], "tip")[:, :3, 3]
     factor = factor_of(scene)
     np.testing.assert_allclose(foot, data.reference[records], atol=1e-6)
-    np.testing.assert_allclose((end - foot) / factor, tips - data.reference[records], atol=1e-6 / factor + 1e-9)
+    np.testing.assert_allclose(
+        (end - foot) / factor, tips - data.reference[records], atol=1e-6 / factor + 1e-9
+    )
     off = np.linalg.norm(tips - data.reference[records], axis=1)
     assert (np.diff(off) <= 1e-12).all()  # the largest first
     shade = (off - off.min()) / (off.max() - off.min())
     np.testing.assert_allclose(colour, colormaps["plasma"](shade)[:, :3], atol=0.01)
-    np.testing.assert_allclose(decoded(scene, "record")[:, :3, 3], data.reference[records], atol=SINGLE)
+    np.testing.assert_allclose(
+        decoded(scene, "record")[:, :3, 3], data.reference[records], atol=SINGLE
+    )
     assert f"{off[0] / MM:.4f} mm" in scene.frames.readings[0]
     foot, end, _ = spikes_of(extended := scenes.residual_scene(diagnosed()))
     size = np.sqrt(np.square((end - foot) / factor_of(extended)).sum(axis=1).mean())
@@ -372,28 +436,38 @@ def test_residuals_of_the_simulation_by_pinocchio(sino6: Arm) -> None:
 
 
 def test_residuals_in_a_frame_of_their_own_are_drawn_in_the_base(sino6: Arm) -> None:
-    """References of a tracker: the scene is that of the base frame, whatever the frame of the references."""
+    """References of a tracker: the scene is that of the base frame, whatever the frame of the
+    references.
+    """
     data = measured()
     turn = Rotation.from_rotvec([0.3, -0.8, 1.9]).as_matrix()
     shift = np.array([1.5, -2.0, 0.7])
     table = data.to_frame()
     table[["x_mm", "y_mm", "z_mm"]] = (data.reference @ turn.T + shift) / MM
     moved = type(data).from_frame(pd.DataFrame(table))
-    result = calibrate(sino6, moved, ["geometry"], reference_frame="external", encoder_noise=8e-6, hold_out=False)
+    result = calibrate(
+        sino6, moved, ["geometry"], reference_frame="external", encoder_noise=8e-6, hold_out=False
+    )
     scene = scenes.residual_scene(result, "after")
     assert scene.frames is not None
     foot, end, _ = spikes_of(scene)
     rows = np.array([int(row[0]) for row in scene.frames.readings])
     records = np.array([int(np.flatnonzero(moved.row == row)[0]) for row in rows])
     frame = result.fit.point.frame
-    np.testing.assert_allclose(foot, (moved.reference[records] - frame.shift) @ frame.rotation, atol=1e-6)
-    np.testing.assert_allclose(foot, data.reference[records], atol=2e-4)  # the frame is known that well
+    np.testing.assert_allclose(
+        foot, (moved.reference[records] - frame.shift) @ frame.rotation, atol=1e-6
+    )
+    np.testing.assert_allclose(
+        foot, data.reference[records], atol=2e-4
+    )  # the frame is known that well
     tips = result.model.correct(moved.q[records])
     np.testing.assert_allclose(foot + (end - foot) / factor_of(scene), tips, atol=1e-6)
 
 
 def test_a_scene_gives_the_numbers_of_the_page(sino6: Arm, monkeypatch: pytest.MonkeyPatch) -> None:
-    """RMS over all used records though few are drawn; of each record what the list of residuals has."""
+    """RMS over all used records though few are drawn; of each record what the list of residuals
+    has.
+    """
     monkeypatch.setattr(residual_vectors, "MOST_VECTORS", 20)
     data = simulate_measurements(sino6, "seats", 60, rng=np.random.default_rng(1))
     result = calibrate(sino6, data, ["geometry"], encoder_noise=8e-6, hold_out=False)
@@ -449,7 +523,11 @@ def test_a_file_and_a_notebook_have_the_same_page(tmp_path: Path) -> None:
 def test_the_same_scene_is_the_same_page_whatever_the_computer_and_the_time(sino6: Arm) -> None:
     first, again = (scenes.arm_scene(sino6, np.zeros((1, 6))) for _ in range(2))
     assert first.html() == again.html()
-    ids = [part["uuid"] for sent in commands(first, "set_object").values() for part in sent["object"]["geometries"]]
+    ids = [
+        part["uuid"]
+        for sent in commands(first, "set_object").values()
+        for part in sent["object"]["geometries"]
+    ]
     assert len(ids) == len(set(ids)) > 5
     assert {UUID(own).node for own in ids}.isdisjoint({getnode()})
 
@@ -477,13 +555,29 @@ def test_what_is_refused(sino6: Arm, zero6: Arm) -> None:
     circle, still = sino6_circle(), np.eye(4)[None]
     other = circle_accuracy(configuration_circle(sino6, POINT, count=30))
     calls: list[tuple[type[AacmmError], str, Callable[[], Any]]] = [
-        (AacmmError, "no configuration", lambda: scenes.circle_scene(configuration_circle(sino6, [0.0, 5.0, 0.0]))),
+        (
+            AacmmError,
+            "no configuration",
+            lambda: scenes.circle_scene(configuration_circle(sino6, [0.0, 5.0, 0.0])),
+        ),
         (ShapeError, "within limits", lambda: scenes.circle_scene(circle, other)),
         (ShapeError, "no row", lambda: scenes.arm_scene(sino6, np.zeros((0, 6)))),
         (AacmmError, "the map is of SINO6", lambda: scenes.map_scene(small_map(), zero6)),
-        (UnknownNameError, "recalibrated, extended", lambda: scenes.residual_scene(diagnosed(), "best")),
-        (ShapeError, "texts of x: 1 frames, expected 2", lambda: Frames({}, {"x": ["1"]}, ["red", "blue"])),
-        (ShapeError, "placements of arm: 1 frames", lambda: Frames({"arm": still}, {}, ["red", "blue"])),
+        (
+            UnknownNameError,
+            "recalibrated, extended",
+            lambda: scenes.residual_scene(diagnosed(), "best"),
+        ),
+        (
+            ShapeError,
+            "texts of x: 1 frames, expected 2",
+            lambda: Frames({}, {"x": ["1"]}, ["red", "blue"]),
+        ),
+        (
+            ShapeError,
+            "placements of arm: 1 frames",
+            lambda: Frames({"arm": still}, {}, ["red", "blue"]),
+        ),
         (ShapeError, "expected a frame from 0 to 0", lambda: Frames({}, {}, ["red"], start=1)),
     ]
     for error, words, call in calls:
@@ -502,8 +596,12 @@ def test_readings_of_joints_that_turn_and_slide(sino6: Arm) -> None:
     assert [row[-1] for row in frames.readings] == ["within", "outside: joint 2"]
     assert frames.readings[1][2] == f"{0.5 / DEG:.2f}°"
     model = pin.Model()
-    model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "rail", *(s * np.ones(1) for s in (1, 1, -1, 1)))
-    model.addFrame(pin.Frame("hand", 1, pin.SE3(np.eye(3), np.array([0.5, 0, 0])), pin.FrameType.OP_FRAME))
+    model.addJoint(
+        0, pin.JointModelPX(), pin.SE3.Identity(), "rail", *(s * np.ones(1) for s in (1, 1, -1, 1))
+    )
+    model.addFrame(
+        pin.Frame("hand", 1, pin.SE3(np.eye(3), np.array([0.5, 0, 0])), pin.FrameType.OP_FRAME)
+    )
     rail = scenes.arm_scene(Arm.from_model(model, "hand"), np.array([[0.25]]))
     assert rail.frames is not None
     assert "250.00 mm" in rail.frames.readings[0]

@@ -1,4 +1,6 @@
-"""Scenes in a real browser: pages from a file and from the server draw, move, read out, fit, and say when they cannot."""
+"""Scenes in a real browser: pages from a file and from the server draw, move, read out, fit, and
+say when they cannot.
+"""
 
 from __future__ import annotations
 
@@ -60,7 +62,9 @@ def circle_scene() -> Scene:
 
 def opened(page: Page, where: Path | str, size: tuple[int, int] = DESK) -> None:
     """Open a scene that holds still."""
-    page.open(f"{where.as_uri() if isinstance(where, Path) else where}#still", size, touch=size != DESK)
+    page.open(
+        f"{where.as_uri() if isinstance(where, Path) else where}#still", size, touch=size != DESK
+    )
     page.wait_for("window.page !== undefined")
 
 
@@ -89,7 +93,15 @@ def test_a_file_draws_without_a_network(page: Page, file: Path) -> None:
     assert page.errors == []
     assert [url for url in page.requests if not url.startswith(("file:", "data:"))] == []
     names = page.evaluate(NAMES)
-    for wanted in ("arm/body 0", "arm/body 6/tip", "arm/body 3/joint", "point", "accuracy", "path/within", "ghosts/5"):
+    for wanted in (
+        "arm/body 0",
+        "arm/body 6/tip",
+        "arm/body 3/joint",
+        "point",
+        "accuracy",
+        "path/within",
+        "ghosts/5",
+    ):
         assert wanted in names
     picture = stage(page.screenshot())
     assert colours(picture) > 500
@@ -106,10 +118,14 @@ def test_the_slider_moves_the_arm_where_the_arm_goes(page: Page, file: Path) -> 
             f"slider.value = {number}; slider.dispatchEvent(new Event('input', {{bubbles: true}}))",
         )
         assert page.evaluate("page.current") == number
-        texts = page.evaluate("[...document.querySelectorAll('#readings dd')].map((cell) => cell.textContent)")
+        texts = page.evaluate(
+            "[...document.querySelectorAll('#readings dd')].map((cell) => cell.textContent)"
+        )
         assert texts == list(frames.readings[number])
         q = np.radians([float(text.removesuffix("°")) for text in texts[2:8]])
-        np.testing.assert_allclose(place(page, "arm/body 6/tip"), arm.poses(q[None]).position[0], atol=5e-4)
+        np.testing.assert_allclose(
+            place(page, "arm/body 6/tip"), arm.poses(q[None]).position[0], atol=5e-4
+        )
         np.testing.assert_allclose(place(page, "accuracy"), POINT, atol=1e-6)
         pictures.append(stage(page.screenshot()))
     changed = (pictures[0] != pictures[1]).any(axis=2).mean()
@@ -149,7 +165,9 @@ def test_the_page_moves_by_itself_unless_that_is_not_wanted(page: Page, file: Pa
 
 
 @pytest.mark.parametrize("size", [DESK, PHONE, STRIP], ids=["desk", "phone", "strip"])
-def test_all_of_the_arm_is_seen_and_nothing_covers_it(page: Page, file: Path, size: tuple[int, int]) -> None:
+def test_all_of_the_arm_is_seen_and_nothing_covers_it(
+    page: Page, file: Path, size: tuple[int, int]
+) -> None:
     opened(page, file, size)
     corners = []
     for number in range(0, 20, 3):
@@ -161,7 +179,8 @@ def test_all_of_the_arm_is_seen_and_nothing_covers_it(page: Page, file: Path, si
     assert np.ptp(seen[:, :2], axis=0).max() > 1.2  # and fills the picture
     pane, panel, controls = (
         page.evaluate(
-            f"(() => {{ const r = {name}.getBoundingClientRect(); return [r.left, r.top, r.right, r.bottom]; }})()"
+            f"(() => {{ const r = {name}.getBoundingClientRect(); return [r.left, r.top, r.right, "
+            "r.bottom]; }})()"
         )
         for name in ("pane", "panel", "controls")
     )
@@ -180,7 +199,9 @@ def test_turning_the_view_by_hand_is_kept(page: Page, file: Path) -> None:
     assert np.linalg.norm(np.subtract(before, after)) > 0.05
     page.resize((1000, 700))
     page.screenshot()
-    np.testing.assert_allclose(page.evaluate("page.viewer.camera.position.toArray()"), after, atol=1e-9)
+    np.testing.assert_allclose(
+        page.evaluate("page.viewer.camera.position.toArray()"), after, atol=1e-9
+    )
 
 
 def test_one_posture_has_no_slider(page: Page, tmp_path: Path) -> None:
@@ -193,13 +214,22 @@ def test_one_posture_has_no_slider(page: Page, tmp_path: Path) -> None:
 
 
 def test_several_scenes_on_a_page(page: Page, tmp_path: Path) -> None:
-    several = [circle_scene(), circle_scene(), scenes.arm_scene(Arm.load("zero6"), np.zeros((1, 6)))]
+    several = [
+        circle_scene(),
+        circle_scene(),
+        scenes.arm_scene(Arm.load("zero6"), np.zeros((1, 6))),
+    ]
     parts = "<p style='height: 3000px'></p>".join(scene.embedded(500) for scene in several)
     report = tmp_path / "report.html"
-    report.write_text(f"<!DOCTYPE html><meta charset=utf-8><body>{parts}{scenes.shared_script()}", encoding="utf-8")
+    report.write_text(
+        f"<!DOCTYPE html><meta charset=utf-8><body>{parts}{scenes.shared_script()}",
+        encoding="utf-8",
+    )
     page.open(report)
     drawn = "[...document.querySelectorAll('iframe')].map((f) => Boolean(f.contentWindow.page))"
-    page.wait_for(f"{drawn}.every(Boolean)")  # what is far down too, for paper and pictures of the whole page
+    page.wait_for(
+        f"{drawn}.every(Boolean)"
+    )  # what is far down too, for paper and pictures of the whole page
     page.evaluate("document.querySelectorAll('iframe')[1].scrollIntoView()")
     inner = "document.querySelectorAll('iframe')[1].contentWindow"
     assert page.evaluate(f"{inner}.page.current") == 0  # several at once do not play by themselves
@@ -214,17 +244,23 @@ def test_without_webgl_the_page_says_so(file: Path) -> None:
         blind.open(file)
         assert blind.evaluate("document.getElementById('no-webgl').checkVisibility()")
         assert "WebGL" in blind.evaluate("document.body.innerText")
-        assert not blind.evaluate("document.getElementById('controls').checkVisibility({visibilityProperty: true})")
+        assert not blind.evaluate(
+            "document.getElementById('controls').checkVisibility({visibilityProperty: true})"
+        )
         assert blind.errors == []
 
 
 def test_a_scene_takes_room_on_paper_where_it_was_drawn(page: Page, tmp_path: Path) -> None:
     report = tmp_path / "report.html"
-    report.write_text(html.page(Document("scene", [SceneView(circle_scene, "to turn")])), encoding="utf-8")
+    report.write_text(
+        html.page(Document("scene", [SceneView(circle_scene, "to turn")])), encoding="utf-8"
+    )
     with Page("--disable-3d-apis") as blind:
         for browser, drawn in ((page, True), (blind, False)):
             browser.open(report)
-            browser.wait_for("!!document.querySelector('iframe').contentDocument.getElementById('no-webgl')")
+            browser.wait_for(
+                "!!document.querySelector('iframe').contentDocument.getElementById('no-webgl')"
+            )
             browser.wait_for(f"!!document.querySelector('.drawn') === {str(drawn).lower()}")
             browser.media("print")
             assert browser.evaluate("document.querySelector('.scene').checkVisibility()") is drawn
@@ -242,7 +278,9 @@ def test_a_live_scene_draws_and_changes(page: Page) -> None:
         page.evaluate("page.show(7)")
         frames = scene.frames
         assert frames is not None
-        np.testing.assert_allclose(place(page, "arm/body 4"), frames.placements["arm/body 4"][7, :3, 3], atol=1e-6)
+        np.testing.assert_allclose(
+            place(page, "arm/body 4"), frames.placements["arm/body 4"][7, :3, 3], atol=1e-6
+        )
         assert colours(stage(page.screenshot())) > 500
         scene["extra/box"].set_object(Box([0.2, 0.2, 0.2]))
         page.wait_for("page.viewer.scene_tree.children.meshcat.children.extra !== undefined")

@@ -1,4 +1,6 @@
-"""The server of a live scene: on loopback only, for its own pages only, gone when it is closed; and the command."""
+"""The server of a live scene: on loopback only, for its own pages only, gone when it is closed; and
+the command.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +33,9 @@ def port_of(url: str) -> int:
 
 
 def listening(pid: int) -> set[str]:
-    """Addresses on which a process listens, from the kernel's own tables: hexadecimal, IPv4 and IPv6."""
+    """Addresses on which a process listens, from the kernel's own tables: hexadecimal, IPv4 and
+    IPv6.
+    """
     inodes = set()
     for entry in Path(f"/proc/{pid}/fd").iterdir():
         if entry.exists() and (match := re.fullmatch(r"socket:\[(\d+)\]", os.readlink(entry))):
@@ -75,7 +79,9 @@ def server(scene: Scene) -> Iterator[Server]:
         yield server
 
 
-def test_it_serves_this_computers_own_names_on_loopback_alone(scene: Scene, capfd: pytest.CaptureFixture[str]) -> None:
+def test_it_serves_this_computers_own_names_on_loopback_alone(
+    scene: Scene, capfd: pytest.CaptureFixture[str]
+) -> None:
     linux = Path("/proc/net/tcp").is_file()
     before = listening(os.getpid()) if linux else set()
     with scene.show(browser=False) as server:
@@ -106,7 +112,13 @@ def test_pages_from_elsewhere_get_no_socket(server: Server) -> None:
 def test_requests_that_no_page_makes_are_refused_unread(server: Server) -> None:
     assert get(server.url, "POST /", Content_Length="90000000")[0] == 400
     assert get(server.url, X="x" * (1 << 20))[0] in (0, 400, 431)
-    for words, status in (("GET /%00", 404), ("GET /\0", 400), ("GET /../x", 404), ("PUT /", 405), ("nonsense", 400)):
+    for words, status in (
+        ("GET /%00", 404),
+        ("GET /\0", 400),
+        ("GET /../x", 404),
+        ("PUT /", 405),
+        ("nonsense", 400),
+    ):
         assert get(server.url, words)[0] == status
     assert get(server.url)[0] == 200
 
@@ -126,7 +138,9 @@ def test_nothing_is_left_when_it_is_closed(scene: Scene, monkeypatch: pytest.Mon
     assert scene.commands == []
 
 
-def test_a_server_that_does_not_start_is_an_error(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_server_that_does_not_start_is_an_error(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def no_port(*_: object) -> None:
         raise OSError(98, "no port is free")
 
@@ -144,8 +158,20 @@ def run(*words: str | Path) -> tuple[int, str, str]:
 
 
 def test_the_command_serves_until_it_is_interrupted() -> None:
-    command = [sys.executable, "-m", "aacmm_pin.cli", "show", "sino6", *POINT, "--no-browser", "--count", "12"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+    command = [
+        sys.executable,
+        "-m",
+        "aacmm_pin.cli",
+        "show",
+        "sino6",
+        *POINT,
+        "--no-browser",
+        "--count",
+        "12",
+    ]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
         assert process.stdout is not None
         url = process.stdout.readline().strip()
         with urlopen(Request(url), timeout=20) as answer:
@@ -196,7 +222,10 @@ def test_one_posture_and_a_urdf(target: Path, robot_file: Callable[[str], Path])
     assert scenes.arm_scene(arm, q).title in target.read_text(encoding="utf-8")
     tip = arm.poses(q).position[0] * 1e3
     assert ", ".join(f"{c:.1f}" for c in tip) in target.read_text(encoding="utf-8")
-    assert run("--urdf", robot_file("panda.urdf"), "--frame", "panda_hand", "-o", target, "--force")[0] == 0
+    assert (
+        run("--urdf", robot_file("panda.urdf"), "--frame", "panda_hand", "-o", target, "--force")[0]
+        == 0
+    )
     assert "outside: joint" not in target.read_text(encoding="utf-8").split("scene-data")[1]
 
 

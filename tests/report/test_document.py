@@ -1,4 +1,6 @@
-"""Documents: the same blocks in the shell, in Jupyter and on a page, escaped, whole, and fetching nothing."""
+"""Documents: the same blocks in the shell, in Jupyter and on a page, escaped, whole, and fetching
+nothing.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,16 @@ from aacmm_pin.report.document import (
     SceneView,
     Table,
 )
-from aacmm_pin.report.numbers import capital, count, in_one_unit, lengths, p_equals, small, small_unit, spread
+from aacmm_pin.report.numbers import (
+    capital,
+    count,
+    in_one_unit,
+    lengths,
+    p_equals,
+    small,
+    small_unit,
+    spread,
+)
 from aacmm_pin.report.scenes import arm_scene
 from aacmm_pin.report.scenes.scene import viewer_script
 from tests.browser import Page as Browser
@@ -76,7 +87,9 @@ def test_a_page_has_every_block_and_fetches_nothing() -> None:
     assert "1 more" in parsed.text
     assert parsed.text.count("LONG") == 2
     ids = {attributes["id"] for attributes in parsed.all("section")}
-    assert {a["href"].removeprefix("#") for a in parsed.all("a") if a["href"].startswith("#")} == ids
+    assert {
+        a["href"].removeprefix("#") for a in parsed.all("a") if a["href"].startswith("#")
+    } == ids
     assert len(ids) == 2
     for needed in (
         '<meta name="viewport" content="width=device-width',
@@ -100,13 +113,17 @@ def test_text_is_never_markup_and_a_fragment_is_short() -> None:
 
 def test_wide_figures_stay_readable_on_a_phone() -> None:
     for size, kind in (((10, 3), "wide"), ((4, 2), ""), ((2, 4), "")):
-        parsed = Page(html.page(Document("T", [Figure(lambda size=size: line(size), "A line", "")])))
+        parsed = Page(
+            html.page(Document("T", [Figure(lambda size=size: line(size), "A line", "")]))
+        )
         assert [attributes.get("class", "") for attributes in parsed.all("figure")] == [kind]
 
 
 def test_scenes_share_one_viewer() -> None:
     scene = arm_scene(Arm.load("sino6"), np.zeros((1, 6)))
-    text = html.page(Document("T", [SceneView(lambda: scene, "First"), SceneView(lambda: scene, "Second")]))
+    text = html.page(
+        Document("T", [SceneView(lambda: scene, "First"), SceneView(lambda: scene, "Second")])
+    )
     assert text.count(viewer_script()) == 1
     assert len(text) < 2 * len(scene.html())
     assert [frame["class"] for frame in Page(text).all("iframe")] == ["aacmm-scene"] * 2
@@ -127,7 +144,12 @@ def test_cells_are_text_with_the_unit_in_the_head() -> None:
             "long": ["x" * 60, None],
         }
     )
-    table = Table(frame, "caption", {"T": ".1f", "share": lambda share: f"{100 * share:.0f} %"}, {"T": "times"})
+    table = Table(
+        frame,
+        "caption",
+        {"T": ".1f", "share": lambda share: f"{100 * share:.0f} %"},
+        {"T": "times"},
+    )
     assert table.cells().to_dict("list") == {
         "u [µm]": ["12.34", "–"],
         "length a [µm]": ["-50.00", "0.00"],
@@ -140,15 +162,26 @@ def test_cells_are_text_with_the_unit_in_the_head() -> None:
         "share": ["25 %", "100 %"],
         "long": ["x" * 60, "–"],
     }
-    heads = [attributes["class"] for attributes in Page(html.page(Document("T", [table]))).all("th")]
+    heads = [
+        attributes["class"] for attributes in Page(html.page(Document("T", [table]))).all("th")
+    ]
     assert heads == [*["number"] * 6, "short", "short", "number", "long"]
-    small, large = in_one_unit(frame[["u_mm"]], pd.DataFrame({"x_mm": [500.0], "point [mm]": [1.0]}))
+    small, large = in_one_unit(
+        frame[["u_mm"]], pd.DataFrame({"x_mm": [500.0], "point [mm]": [1.0]})
+    )
     assert (list(small), list(large)) == (["u [mm]"], ["x [mm]", "point [mm]"])
 
 
 def test_numbers_have_one_style() -> None:
     sizes = [3.12e-4, 99.96e-6, 52.34e-6, 1.5e-6, 0.0, 1.0]
-    assert [lengths([size])[0] for size in sizes] == ["0.312 mm", "0.100 mm", "52.3 µm", "1.50 µm", "0 µm", "1000 mm"]
+    assert [lengths([size])[0] for size in sizes] == [
+        "0.312 mm",
+        "0.100 mm",
+        "52.3 µm",
+        "1.50 µm",
+        "0 µm",
+        "1000 mm",
+    ]
     assert lengths([3.12e-4, 5.234e-5]) == ["0.312 mm", "0.0523 mm"]
     assert [p_equals(p) for p in (0.0312, 3e-7, 0.0)] == ["p = 0.03", "p = 3e-07", "p < 1e-16"]
     units = {"mm": "µm", "rad": "µrad", "rad/(N·m)": "µrad/(N·m)", "1/K": "ppm/K", "1": "ppm"}
@@ -168,9 +201,17 @@ def test_numbers_have_one_style() -> None:
 
 
 def test_text_is_aligned_to_the_left_where_jupyter_would_not() -> None:
-    """Jupyter's style sheet aligns every cell to the right; numbers stay there; pages have their own style."""
-    table = Table(pd.DataFrame({"parameter": ["d3", "a1"], "known": ["measured " * 4, "hardly"], "u_mm": [0.1, 0.22]}))
-    cells = Page(html.fragment(Document("T", [table]))).all("td") + Page(html.fragment(Document("T", [table]))).all("th")
+    """Jupyter's style sheet aligns every cell to the right; numbers stay there; pages have their
+    own style.
+    """
+    table = Table(
+        pd.DataFrame(
+            {"parameter": ["d3", "a1"], "known": ["measured " * 4, "hardly"], "u_mm": [0.1, 0.22]}
+        )
+    )
+    cells = Page(html.fragment(Document("T", [table]))).all("td") + Page(
+        html.fragment(Document("T", [table]))
+    ).all("th")
     assert len(cells) == 9
     for cell in cells:
         assert ("left" in cell.get("style", "")) == (cell["class"] != "number")
@@ -178,19 +219,43 @@ def test_text_is_aligned_to_the_left_where_jupyter_would_not() -> None:
 
 
 def test_a_sentence_that_begins_with_a_name_keeps_it() -> None:
-    for name in ("encoder_eccentricity:2", "theta_offset3", "a2", "x_mm", "data.csv:", "joint_error_curve", "µrad", "θ3"):
+    for name in (
+        "encoder_eccentricity:2",
+        "theta_offset3",
+        "a2",
+        "x_mm",
+        "data.csv:",
+        "joint_error_curve",
+        "µrad",
+        "θ3",
+    ):
         assert capital(f"{name} moved") == f"{name} moved"
         page = html.page(Document("title", [Notes([f"{name} moved"])]))
         assert f"{name} moved." in page
-    for words in ("no figure has left it", "self-motion", "no-discrepancy", "drift, of joint 2", "wave: of joint 2"):
+    for words in (
+        "no figure has left it",
+        "self-motion",
+        "no-discrepancy",
+        "drift, of joint 2",
+        "wave: of joint 2",
+    ):
         assert capital(words) == words[0].upper() + words[1:]
 
 
 def test_no_column_of_a_table_with_long_names_is_cut(page: Browser, tmp_path: Path) -> None:
-    names = [f"seat granite_table_north_east_corner_hole_{k}_of_the_second_fixture" for k in range(3)]
+    names = [
+        f"seat granite_table_north_east_corner_hole_{k}_of_the_second_fixture" for k in range(3)
+    ]
     frame = pd.DataFrame({"where": names, "records": 30})
-    frame = frame.assign(**{f"{name}_mm": 0.1234 for name in ("simulation", "predicted", "extended")}, times=1.5)
-    (tmp_path / "page.html").write_text(html.page(Document("Page", [Table(frame, "Where")])), encoding="utf-8")
+    frame = frame.assign(
+        **{f"{name}_mm": 0.1234 for name in ("simulation", "predicted", "extended")}, times=1.5
+    )
+    (tmp_path / "page.html").write_text(
+        html.page(Document("Page", [Table(frame, "Where")])), encoding="utf-8"
+    )
     page.open(tmp_path / "page.html", (1000, 800))
-    wide, there = (page.evaluate(f"document.querySelector('.scroll').{name}Width") for name in ("scroll", "client"))
+    wide, there = (
+        page.evaluate(f"document.querySelector('.scroll').{name}Width")
+        for name in ("scroll", "client")
+    )
     assert wide == there

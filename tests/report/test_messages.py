@@ -19,11 +19,23 @@ WORDS = 25
 def strings(of_notes: bool) -> Iterator[str]:
     """All strings of the package but the table's; of the codes in ``Note("code", …)`` alone."""
     for module, path in MODULES.items():
-        nodes = [] if module == "report.messages" else [*ast.walk(ast.parse(path.read_text(encoding="utf-8")))]
+        nodes = (
+            []
+            if module == "report.messages"
+            else [*ast.walk(ast.parse(path.read_text(encoding="utf-8")))]
+        )
         if of_notes:
-            calls = [node for node in nodes if isinstance(node, ast.Call) and ast.unparse(node.func) == "Note"]
+            calls = [
+                node
+                for node in nodes
+                if isinstance(node, ast.Call) and ast.unparse(node.func) == "Note"
+            ]
             nodes = [call.args[0] for call in calls]
-        yield from (node.value for node in nodes if isinstance(node, ast.Constant) and isinstance(node.value, str))
+        yield from (
+            node.value
+            for node in nodes
+            if isinstance(node, ast.Constant) and isinstance(node.value, str)
+        )
 
 
 def test_every_code_has_a_sentence_and_every_sentence_a_code() -> None:
@@ -45,10 +57,15 @@ def test_sentences_are_short_and_ask_nothing() -> None:
         (Note("reference_noise_assumed", {"noise": 1.2e-5}), "0.012 mm"),
         (Note("joint_narrowed", {"joint": 2, "used": 0.5, "seen": 1.0}), "28.6°"),
         (Note("branches", {"joint": 2, "half_width": 5.04e-5}), "±50 µrad"),
-        (Note("arm_degenerate").with_place("sphere 2").with_place("touches.csv"), "touches.csv: sphere 2: the arm"),
+        (
+            Note("arm_degenerate").with_place("sphere 2").with_place("touches.csv"),
+            "touches.csv: sphere 2: the arm",
+        ),
     ],
 )
 def test_values_in_a_sentence(note: Note, text: str) -> None:
-    """Rows in runs, counts, lists, lengths in mm, angles in degrees, two digits, and the place in front."""
+    """Rows in runs, counts, lists, lengths in mm, angles in degrees, two digits, and the place in
+    front.
+    """
     assert text in str(note)
     assert repr(note) == repr(str(note))

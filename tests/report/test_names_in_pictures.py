@@ -21,8 +21,12 @@ POINT = np.array([33.6323, -671.8702, 182.9355]) * 1e-3
 
 
 @pytest.mark.parametrize("latex", [False, True])
-def test_names_are_drawn_as_they_are(sino6: Arm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, latex: bool) -> None:
-    """Text between dollars is a formula to matplotlib, and no drawing of this one; powers of ten are, without LaTeX."""
+def test_names_are_drawn_as_they_are(
+    sino6: Arm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, latex: bool
+) -> None:
+    """Text between dollars is a formula to matplotlib, and no drawing of this one; powers of ten
+    are, without LaTeX.
+    """
     monkeypatch.setitem(mpl.rcParams, "text.usetex", latex)
     assert sino6.file is not None
     name = r"$\frac{1$ $x^2$"
@@ -50,11 +54,23 @@ def test_names_are_drawn_as_they_are(sino6: Arm, tmp_path: Path, monkeypatch: py
 def test_long_names_leave_the_axes_their_place(sino6: Arm, tmp_path: Path) -> None:
     """Matplotlib warns otherwise, which is an error here."""
     data = simulate_measurements(sino6, "seats", 40, seats=3, rng=np.random.default_rng(1))
-    seats = np.array([f"{seat}-{'SEAT ' * 18}-{seat}" for seat in data.conditions.seat], dtype=object)
+    seats = np.array(
+        [f"{seat}-{'SEAT ' * 18}-{seat}" for seat in data.conditions.seat], dtype=object
+    )
     data = replace(data, conditions=replace(data.conditions, seat=seats))
     effect = SeatError(seats[0])
-    found = calibrate(sino6, data, ["zero-offsets", effect], rng=np.random.default_rng(1), hold_out=False, progress=False)
-    for drawn, size in ((plots.plot_residuals_by_seat, (8, 3.4)), (plots.plot_correlation, (5, 4.2))):
+    found = calibrate(
+        sino6,
+        data,
+        ["zero-offsets", effect],
+        rng=np.random.default_rng(1),
+        hold_out=False,
+        progress=False,
+    )
+    for drawn, size in (
+        (plots.plot_residuals_by_seat, (8, 3.4)),
+        (plots.plot_correlation, (5, 4.2)),
+    ):
         axes = drawn(found, blank_axes(*size))
         axes.figure.savefig(tmp_path / "a.png")
         names = [label.get_text() for label in axes.get_xticklabels() if "SEAT" in label.get_text()]

@@ -88,7 +88,12 @@ def test_swivel_tells_components_apart(sino6: Arm) -> None:
         np.testing.assert_allclose(everything.get_ydata(), values)
         assert len({line.get_marker() for line in marked}) == len(marked) == len(numbers)
         for number, line in zip(numbers, marked, strict=True):
-            assert np.abs(np.subtract.outer(line.get_ydata(), values[inside == number])).min(axis=1).max() < 1e-9
+            assert (
+                np.abs(np.subtract.outer(line.get_ydata(), values[inside == number]))
+                .min(axis=1)
+                .max()
+                < 1e-9
+            )
             assert len(line.get_ydata()) >= 12
 
 
@@ -101,7 +106,9 @@ def test_what_does_not_fit_a_circle(sino6: Arm, circle: ConfigurationCircle) -> 
     assert curves(ax) == []
     of_all = accuracy_volume(circle.arm, circle.q, at=circle.at)
     for plot in (plot_circle, plot_accuracy_of_postures):
-        with pytest.raises(ShapeError, match=r"accuracy has 144 configurations, expected the 36 .*within_limits"):
+        with pytest.raises(
+            ShapeError, match=r"accuracy has 144 configurations, expected the 36 .*within_limits"
+        ):
             plot(circle, of_all)
     with pytest.raises(AacmmError, match="three-dimensional"):
         plot_circle(circle, ax=Figure().add_subplot())  # type: ignore[arg-type]
@@ -164,7 +171,9 @@ def test_postures_that_are_not_drawn_are_explained(sino6: Arm, circle: Configura
     free = replace(sino6, limits=np.tile([-np.inf, np.inf], (6, 1)))
     every = reaching_postures(free, pose[:3, 3], rotation=pose[:3, :3])
     for one, gap in ((circle, False), (cut, True), (seat, True), (single, True), (every, False)):
-        title = plot_accuracy_of_postures(one, circle_accuracy(one)).get_legend().get_title().get_text()
+        title = (
+            plot_accuracy_of_postures(one, circle_accuracy(one)).get_legend().get_title().get_text()
+        )
         assert ("no posture" in title) == gap
 
 
@@ -181,13 +190,19 @@ def test_maps(sino6: Arm) -> None:
         assert colour_bar_labels(ax) == [label]
         assert "out of reach" in legend_texts(ax)
         image = next(artist for artist in ax.collections if isinstance(artist, QuadMesh))
-        np.testing.assert_allclose(np.ma.filled(image.get_array(), np.nan), scale * map_.data[column].values.T, rtol=1e-14)
-        np.testing.assert_allclose([*ax.get_xlim(), *ax.get_ylim()], [0.0, 1220.0, -1220.0, 1220.0], atol=1e-9)
+        np.testing.assert_allclose(
+            np.ma.filled(image.get_array(), np.nan), scale * map_.data[column].values.T, rtol=1e-14
+        )
+        np.testing.assert_allclose(
+            [*ax.get_xlim(), *ax.get_ylim()], [0.0, 1220.0, -1220.0, 1220.0], atol=1e-9
+        )
     few = map_workspace(sino6, (2, 2), 4, extent=[0.0, 0.02, -0.23, -0.21], progress=False)
     assert "in reach, no working sector" in legend_texts(plot_map(few))
 
 
-def test_circles_have_tubes_to_the_point_and_all_is_in_view(circle: ConfigurationCircle, accuracy: AccuracyVolume) -> None:
+def test_circles_have_tubes_to_the_point_and_all_is_in_view(
+    circle: ConfigurationCircle, accuracy: AccuracyVolume
+) -> None:
     table = load_arm_file("sino6").model_copy(update={"convention": "modified-dh"})
     modified = Arm.from_file(table)
     point = modified.positions(np.array([[0.3, -1.2, 1.0, -1.4, 0.0, 0.0]]), "frame5")[0]
@@ -205,7 +220,9 @@ def test_circles_have_tubes_to_the_point_and_all_is_in_view(circle: Configuratio
             np.testing.assert_allclose(tube[-1], one.point * 1e3, atol=1e-6)
             assert (tube >= limits[:, 0]).all()
             assert (tube <= limits[:, 1]).all()
-        assert np.ptp(np.ptp(limits, axis=1) / ax._box_aspect) == pytest.approx(0.0, abs=1e-6)  # one scale for all axes
+        assert np.ptp(np.ptp(limits, axis=1) / ax._box_aspect) == pytest.approx(
+            0.0, abs=1e-6
+        )  # one scale for all axes
     within = curves(plot_circle(circle, accuracy))[0]
     assert within.get_array().size == 36  # the only component within limits, closed
     assert within.get_array().min() >= accuracy.volume.min() * 1e9

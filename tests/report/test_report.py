@@ -31,7 +31,9 @@ def figures_left_by_demo() -> list[int]:
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory: pytest.TempPathFactory, figures_left_by_demo: list[int]) -> DemoSummary:
     plt.close("all")
-    summary = run_demo(folder=tmp_path_factory.mktemp("demo") / "out", progress=False, cells=(6, 8), sectors=4)
+    summary = run_demo(
+        folder=tmp_path_factory.mktemp("demo") / "out", progress=False, cells=(6, 8), sectors=4
+    )
     figures_left_by_demo += plt.get_fignums()
     return summary
 
@@ -40,7 +42,15 @@ def test_demo_writes_the_whole_tour(demo: DemoSummary, figures_left_by_demo: lis
     written = {path.name for path in demo.folder.iterdir()}
     assert written == set(demo.files)
     pages = {f"{name}.html" for name in ("index", "diagnosis", "postures", "workspace")}
-    data = {"sino6.urdf", "configurations.csv", "accuracy.json", "map.nc", "map.json", "measured.csv", "diagnosis.json"}
+    data = {
+        "sino6.urdf",
+        "configurations.csv",
+        "accuracy.json",
+        "map.nc",
+        "map.json",
+        "measured.csv",
+        "diagnosis.json",
+    }
     assert written == pages | data
     assert figures_left_by_demo == []
 
@@ -51,7 +61,10 @@ def test_demo_pages_fetch_nothing_and_their_links_lead_somewhere(demo: DemoSumma
     assert not re.search(r"https?:", html)
     index = Page(html)
     assert len(index.all("img")) == 5
-    assert all(image["src"].startswith("data:image/png;base64,") and image["alt"] for image in index.all("img"))
+    assert all(
+        image["src"].startswith("data:image/png;base64,") and image["alt"]
+        for image in index.all("img")
+    )
     assert not re.search(r"\bnan\b|\binf\b|None", index.text)
     sections = {section["id"] for section in index.all("section")}
     for target in (link["href"] for link in index.all("a")):
@@ -65,7 +78,9 @@ def test_demo_data_agree(demo: DemoSummary) -> None:
     assert accuracy["point_mm"] == [33.6323, -671.8702, 182.9355]
     frame = pd.read_csv(demo.folder / "configurations.csv")
     assert frame["within_limits"].sum() == accuracy["configurations"]
-    np.testing.assert_allclose(frame[["x_mm", "y_mm", "z_mm"]], np.tile(accuracy["point_mm"], (len(frame), 1)), atol=1e-6)
+    np.testing.assert_allclose(
+        frame[["x_mm", "y_mm", "z_mm"]], np.tile(accuracy["point_mm"], (len(frame), 1)), atol=1e-6
+    )
     map_ = WorkspaceMap.load(demo.folder / "map.nc")
     assert map_.unreachable == demo.map["unreachable"]
     assert demo.map["cells"] == [6, 8]
@@ -84,11 +99,18 @@ def test_demo_pages_in_a_browser(demo: DemoSummary, page: Browser) -> None:
         page.open(demo.folder / f"{name}.html")
         page.wait_for("!!document.querySelector('canvas')")
         assert page.errors == []
-        assert {request.split(":")[0] for request in page.requests} <= {"file", "data", "about", "blob"}
+        assert {request.split(":")[0] for request in page.requests} <= {
+            "file",
+            "data",
+            "about",
+            "blob",
+        }
     for name in ("index", "diagnosis"):  # on a phone
         page.open(demo.folder / f"{name}.html", (390, 800), touch=True)
         assert page.evaluate("document.scrollingElement.scrollWidth") <= 390
-        sizes = "[...document.querySelectorAll('p')].map(p => parseFloat(getComputedStyle(p).fontSize))"
+        sizes = (
+            "[...document.querySelectorAll('p')].map(p => parseFloat(getComputedStyle(p).fontSize))"
+        )
         assert page.evaluate(f"Math.min(...{sizes})") > 13
         assert page.errors == []
 
@@ -103,7 +125,9 @@ def test_demo_finds_what_it_hides(demo: DemoSummary) -> None:
     assert found["verdict"] == "explained"
     assert [(f["cause"], f["joint"]) for f in found["findings"]] == [("encoder_eccentricity", 3)]
     records = Measurements.read(demo.folder / "measured.csv", 6)
-    again = calibrate(Arm.load("sino6"), records, ["geometry", EncoderEccentricity(3)], encoder_noise=8e-6)
+    again = calibrate(
+        Arm.load("sino6"), records, ["geometry", EncoderEccentricity(3)], encoder_noise=8e-6
+    )
     amplitude = found["findings"][0]["parameters"]["amplitude_rad"]
     fitted = next(e for e in again.model.effects if isinstance(e, EncoderEccentricity))
     assert abs(np.hypot(*fitted.values) - amplitude["value"]) < 0.3 * amplitude["u"]

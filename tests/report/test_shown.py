@@ -1,4 +1,6 @@
-"""Cards and pictures as a user meets them: whatever a name of the package gives shows itself, and draws itself."""
+"""Cards and pictures as a user meets them: whatever a name of the package gives shows itself, and
+draws itself.
+"""
 
 from __future__ import annotations
 
@@ -84,22 +86,34 @@ def found(arm: Arm, hidden: Any) -> Diagnosis:
 
 
 @pytest.fixture(scope="module")
-def values(arm: Arm, calibration: Calibration, found: Diagnosis, hidden: Any, robot_file: Any) -> dict[str, Any]:
+def values(
+    arm: Arm, calibration: Calibration, found: Diagnosis, hidden: Any, robot_file: Any
+) -> dict[str, Any]:
     """One of everything that shows itself, of an arm with a nasty name."""
     circle = configuration_circle(arm, POINT, count=24)
     accuracy = circle_accuracy(circle)
     rng = np.random.default_rng(2)
     q = circle.q[circle.within_limits]
     plan = plan_measurements(arm, ("bearing_tilt:1", "base_compliance"), 4, postures=60)
-    figure = AcceptanceFigure(NASTY, DEFINITIONS[0], Evaluated(1e-5, np.nan, 50, 0, "", np.array([[1e-5, np.nan]])), 2e-5)
+    figure = AcceptanceFigure(
+        NASTY, DEFINITIONS[0], Evaluated(1e-5, np.nan, 50, 0, "", np.array([[1e-5, np.nan]])), 2e-5
+    )
     predicted = PredictedFigure(NASTY, DEFINITIONS[0], (figure,) * 3, pd.Series({NASTY: 1e-5}))
     touches = pd.DataFrame(
-        {"test": "single-point", "feature": NASTY, "position": NASTY, "repeat": [1, 2], "articulation": NASTY},
+        {
+            "test": "single-point",
+            "feature": NASTY,
+            "position": NASTY,
+            "repeat": [1, 2],
+            "articulation": NASTY,
+        },
         columns=[*single_names(PROBED_POINT_COLUMNS), "articulation"],
     )
     return {
         "Arm": arm,
-        "Arm of a URDF": Arm.from_urdf(robot_file("ur5_robot.urdf"), "tool0", translation_half_width=5e-5),
+        "Arm of a URDF": Arm.from_urdf(
+            robot_file("ur5_robot.urdf"), "tool0", translation_half_width=5e-5
+        ),
         "DHTable": arm.dh,
         "Parameter": arm.parameters[0],
         "Effect": hidden[0],
@@ -111,7 +125,9 @@ def values(arm: Arm, calibration: Calibration, found: Diagnosis, hidden: Any, ro
         "Flexibility": circle.flexibility(),
         "AccuracyVolume": accuracy,
         "ErrorSources": accuracy.sources,
-        "LengthUncertainty": length_between(circle, configuration_circle(arm, POINT[[1, 0, 2]], count=24), arm),
+        "LengthUncertainty": length_between(
+            circle, configuration_circle(arm, POINT[[1, 0, 2]], count=24), arm
+        ),
         "WorkspaceMap": map_workspace(arm, (3, 3), 4, progress=False),
         "SinglePoint": single_point_statistics(rng.normal(size=(9, 3)) * 1e-5, np.arange(9) < 4),
         "Calibration": calibration,
@@ -136,14 +152,18 @@ def values(arm: Arm, calibration: Calibration, found: Diagnosis, hidden: Any, ro
 
 
 def test_every_class_that_a_user_meets_shows_itself(values: dict[str, Any]) -> None:
-    classes = [c for c in (getattr(aacmm_pin, name) for name in aacmm_pin.__all__) if isinstance(c, type)]
+    classes = [
+        c for c in (getattr(aacmm_pin, name) for name in aacmm_pin.__all__) if isinstance(c, type)
+    ]
     silent = {c.__name__ for c in classes if not issubclass(c, Shown | Exception)}
     assert silent == set()
     shown = {type(value) for value in values.values()}
     for kind in document_of.registry:
         if kind.__module__.startswith("aacmm_pin."):  # other tests register classes of their own
             assert any(issubclass(one, kind) for one in shown), kind
-    assert {c for c in Shown.__subclasses__() if document_of.dispatch(c) is document_of.dispatch(object)} == set()
+    assert {
+        c for c in Shown.__subclasses__() if document_of.dispatch(c) is document_of.dispatch(object)
+    } == set()
 
 
 def test_a_card_is_well_formed_and_escaped(values: dict[str, Any]) -> None:
@@ -155,7 +175,15 @@ def test_a_card_is_well_formed_and_escaped(values: dict[str, Any]) -> None:
         assert "nan" not in re.findall(r"[a-z]+", card.text), name
         assert "style" not in {tag for tag, _ in card.tags}, name
         assert "color" not in html, name
-    for name in ("Arm", "ErrorModel", "Calibration", "Diagnosis", "AccuracyVolume", "OddGroup", "Measurements"):
+    for name in (
+        "Arm",
+        "ErrorModel",
+        "Calibration",
+        "Diagnosis",
+        "AccuracyVolume",
+        "OddGroup",
+        "Measurements",
+    ):
         assert NASTY in Page(values[name]._repr_html_()).text
 
 
@@ -169,17 +197,29 @@ def test_arms_show_their_geometry(values: dict[str, Any], sino6: Arm) -> None:
     for row in file.joints:
         assert row.uncertainty is not None
         low, high = np.rad2deg(row.limits_rad or ())
-        for text in (f"{row.a_mm:.5f} ± {row.uncertainty.a_mm:.5f}", f"{low:.5g} to {high:.5g}", f"{row.mass_kg:g}"):
+        for text in (
+            f"{row.a_mm:.5f} ± {row.uncertainty.a_mm:.5f}",
+            f"{low:.5g} to {high:.5g}",
+            f"{row.mass_kg:g}",
+        ):
             assert text in card
         if row.uncertainty.alpha_rad:
-            assert f"{np.rad2deg(row.alpha_rad):.5f} ± {np.rad2deg(row.uncertainty.alpha_rad):.5f}" in card
+            assert (
+                f"{np.rad2deg(row.alpha_rad):.5f} ± {np.rad2deg(row.uncertainty.alpha_rad):.5f}"
+                in card
+            )
     assert file.source in card
     assert "encoder u" not in card
     noisy = text_of(replace(sino6, encoder_noise=np.full(6, 7.5e-6)))
     assert re.search(r"encoder u \[µrad\].* 7\.5 ", noisy)
     assert "no accuracy" in text_of(Arm.load("zero6"))
     ur5 = values["Arm of a URDF"]
-    for text in (*ur5.model.names[1:], "(0, 1, 0)", "-360 to 360", "0.05, 0.05, 0.05"):  # the shoulder lifts about y
+    for text in (
+        *ur5.model.names[1:],
+        "(0, 1, 0)",
+        "-360 to 360",
+        "0.05, 0.05, 0.05",
+    ):  # the shoulder lifts about y
         assert text in text_of(ur5)
 
 
@@ -200,17 +240,31 @@ def test_numbers_stand_in_units_that_people_read(values: dict[str, Any]) -> None
 def test_text_is_a_line_in_a_console_and_whole_in_a_card(values: dict[str, Any]) -> None:
     """pandas would cut a cell after fifty letters."""
     source = "a" * 70
-    assert text_of(replace(values["MeasurementPlan"].tried[0], words=source, why_not=source)).count(source) == 2
+    assert (
+        text_of(replace(values["MeasurementPlan"].tried[0], words=source, why_not=source)).count(
+            source
+        )
+        == 2
+    )
     assert source in text_of(Conditions(3, session=np.array([source, source, ""], dtype=object)))
     pretty = pytest.importorskip("IPython.lib.pretty").pretty
     for name, value in values.items():
         assert len(pretty(value)) <= 1002, name
-        if name in ("Diagnosis", "Calibration", "AccuracyVolume", "ConfigurationCircle", "MeasurementPlan", "WorkspaceMap"):
+        if name in (
+            "Diagnosis",
+            "Calibration",
+            "AccuracyVolume",
+            "ConfigurationCircle",
+            "MeasurementPlan",
+            "WorkspaceMap",
+        ):
             assert pretty(value) == str(value)
 
 
 def test_every_result_can_be_pickled(values: dict[str, Any], arm: Arm) -> None:
-    """To be sent to another process, or kept: it shows itself as before, and computes as before where it can."""
+    """To be sent to another process, or kept: it shows itself as before, and computes as before
+    where it can.
+    """
     urdf, circle = values["Arm of a URDF"], values["ConfigurationCircle"]
     posture, down = urdf.poses(np.full((1, 6), 0.3)), [0.0, 0.0, -1.0]
     tip = configuration_circle(arm, POINT, tip=True, axis=down, count=6)
@@ -223,10 +277,12 @@ def test_every_result_can_be_pickled(values: dict[str, Any], arm: Arm) -> None:
         copy = pickle.loads(pickle.dumps(value))
         assert str(copy) == str(value) or str(value).startswith(type(value).__name__), type(value)
     assert pickle.loads(pickle.dumps(circle)).flexibility(5) == circle.flexibility(5)
-    assert [each.name for each in pickle.loads(pickle.dumps(DEFINITIONS))] == [each.name for each in DEFINITIONS]
+    assert [each.name for each in pickle.loads(pickle.dumps(DEFINITIONS))] == [
+        each.name for each in DEFINITIONS
+    ]
 
 
-# Pictures ---------------------------------------------------------------------------------------------------------------
+# Pictures ------------------------------------------------------------
 
 
 OF_CALIBRATION = (
@@ -254,7 +310,11 @@ def drawings(values: dict[str, Any]) -> list[tuple[str, Callable[..., Any]]]:
         ("second cause", partial(found.plot, 1)),
         *((draw.__name__, partial(draw, found)) for draw in OF_DIAGNOSIS),
     ]
-    return [*single, ("circle", circle.plot), ("circle, accuracy", lambda ax=None: circle.plot(accuracy, 3, ax))]
+    return [
+        *single,
+        ("circle", circle.plot),
+        ("circle, accuracy", lambda ax=None: circle.plot(accuracy, 3, ax)),
+    ]
 
 
 def test_plot_draws_on_given_axes_and_every_axis_has_a_unit(values: dict[str, Any]) -> None:
@@ -271,12 +331,22 @@ def test_plot_draws_on_given_axes_and_every_axis_has_a_unit(values: dict[str, An
 
 
 def check_units(name: str, ax: Axes) -> None:
-    """Every axis of numbers has a label with a unit; names of things need none; panels share that of the first."""
-    labels = {"x": ax.get_xlabel(), "y": ax.get_ylabel()} | ({"z": ax.get_zlabel()} if hasattr(ax, "get_zlabel") else {})
+    """Every axis of numbers has a label with a unit; names of things need none; panels share that
+    of the first.
+    """
+    labels = {"x": ax.get_xlabel(), "y": ax.get_ylabel()} | (
+        {"z": ax.get_zlabel()} if hasattr(ax, "get_zlabel") else {}
+    )
     for axis, label in labels.items():
-        ticks = [tick.get_text() for tick in getattr(ax, f"get_{axis}ticklabels")() if tick.get_text()]
+        ticks = [
+            tick.get_text() for tick in getattr(ax, f"get_{axis}ticklabels")() if tick.get_text()
+        ]
         numbers = [t for t in ticks if re.fullmatch(r"[−-]?[\d.]+", t)]
-        if len(numbers) < len(ticks) or not ticks or label in ("seat", "point", "block of joint space left out"):
+        if (
+            len(numbers) < len(ticks)
+            or not ticks
+            or label in ("seat", "point", "block of joint space left out")
+        ):
             continue
         assert re.search(r"\[.+\]", label), (name, axis, label, ticks)
 
@@ -289,7 +359,9 @@ def test_plot_without_axes_makes_a_pyplot_figure(values: dict[str, Any]) -> None
     assert len(figure.axes) == 4
 
 
-def test_the_main_picture_of_a_diagnosis_is_its_strongest_cause(found: Diagnosis, values: dict[str, Any]) -> None:
+def test_the_main_picture_of_a_diagnosis_is_its_strongest_cause(
+    found: Diagnosis, values: dict[str, Any]
+) -> None:
     assert "compliance under gravity of joint 2" in found.plot().get_title()
     assert "encoder eccentricity of joint 3" in found.plot(1).get_title()
     nothing = replace(found, findings=())
@@ -300,7 +372,8 @@ def test_the_main_picture_of_a_diagnosis_is_its_strongest_cause(found: Diagnosis
         values["WorkspaceMap"].plot("u")
 
 
-# Names in the place of arms ---------------------------------------------------------------------------------------------
+# Names in the place of
+# arms ------------------------------------------------------------
 
 
 def test_mix_ups_are_answered_with_what_to_do(sino6: Arm, calibration: Calibration) -> None:
@@ -319,7 +392,9 @@ def test_mix_ups_are_answered_with_what_to_do(sino6: Arm, calibration: Calibrati
         for wrong, words in mistakes:
             with pytest.raises(AacmmError, match=words):
                 call(wrong)
-    with pytest.raises(AacmmError, match=r"type ErrorModel, expected an Arm.* of the model: its \.arm"):
+    with pytest.raises(
+        AacmmError, match=r"type ErrorModel, expected an Arm.* of the model: its \.arm"
+    ):
         configuration_circle(ErrorModel(sino6), POINT)  # type: ignore[arg-type]
     for function in (diagnose, calibrate):
         with pytest.raises(AacmmError, match="type int, expected Measurements"):

@@ -1,4 +1,6 @@
-"""JSON of accuracy and maps: keys of the contract, strict JSON, numbers that agree with where they come from."""
+"""JSON of accuracy and maps: keys of the contract, strict JSON, numbers that agree with where they
+come from.
+"""
 
 from __future__ import annotations
 
@@ -44,7 +46,11 @@ def test_accuracy_has_the_keys_of_the_contract(circle: ConfigurationCircle) -> N
     content = through_json(summary(circle))
     contract = "schema arm point_mm method configurations flexibility volume_mm3 best worst budget"
     assert set(contract.split()) <= set(content)
-    assert (content["schema"], content["arm"], content["method"]) == ("aacmm-pin/accuracy/1", "SINO6", "zonotope")
+    assert (content["schema"], content["arm"], content["method"]) == (
+        "aacmm-pin/accuracy/1",
+        "SINO6",
+        "zonotope",
+    )
     assert content["point_mm"] == [33.6323, -671.8702, 182.9355]
     assert set(content["flexibility"]) == {"zeta", "sectors", "arc_fraction"}
     assert len(content["flexibility"]["sectors"]) == 12
@@ -63,10 +69,18 @@ def test_accuracy_numbers_agree_with_their_sources(circle: ConfigurationCircle, 
     q = circle.q[circle.within_limits]
     assert content["configurations"] == len(q) < len(circle)
     volume = accuracy_volume(sino6, q, at="frame5").volume * 1e9
-    assert content["volume_mm3"]["min"] == content["best"]["volume_mm3"] == pytest.approx(volume.min())
-    assert content["volume_mm3"]["max"] == content["worst"]["volume_mm3"] == pytest.approx(volume.max())
+    assert (
+        content["volume_mm3"]["min"] == content["best"]["volume_mm3"] == pytest.approx(volume.min())
+    )
+    assert (
+        content["volume_mm3"]["max"]
+        == content["worst"]["volume_mm3"]
+        == pytest.approx(volume.max())
+    )
     assert content["volume_mm3"]["median"] == pytest.approx(np.median(volume))
-    assert content["volume_mm3"]["comprehensive"] == pytest.approx(comprehensive_accuracy(volume, q[:, 2], POINT))
+    assert content["volume_mm3"]["comprehensive"] == pytest.approx(
+        comprehensive_accuracy(volume, q[:, 2], POINT)
+    )
     again = accuracy_volume(sino6, np.radians([content["worst"]["theta_deg"]]), at="frame5")
     assert again.volume[0] * 1e9 == pytest.approx(content["worst"]["volume_mm3"], rel=1e-6)
     assert again.u[0] * 1e3 == pytest.approx(content["worst"]["u_mm"], rel=1e-6)
@@ -108,9 +122,12 @@ def test_the_commands_read_the_effects_of_the_file(extended: ErrorModel, tmp_pat
 
 
 @pytest.mark.parametrize(
-    ("point", "said"), [(UNREACHABLE, "8660.254 mm from the shoulder"), (OUTSIDE_LIMITS, "within the joint")]
+    ("point", "said"),
+    [(UNREACHABLE, "8660.254 mm from the shoulder"), (OUTSIDE_LIMITS, "within the joint")],
 )
-def test_nothing_to_judge_gives_nulls_and_a_reason(sino6: Arm, point: np.ndarray, said: str) -> None:
+def test_nothing_to_judge_gives_nulls_and_a_reason(
+    sino6: Arm, point: np.ndarray, said: str
+) -> None:
     content = through_json(summary(configuration_circle(sino6, point, count=12)))
     assert content["configurations"] == 0
     assert said in content["reason"]

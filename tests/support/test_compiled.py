@@ -1,4 +1,6 @@
-"""Loops for numba and their NumPy twins: to the last bit, by the size of the task, and with a damaged cache."""
+"""Loops for numba and their NumPy twins: to the last bit, by the size of the task, and with a
+damaged cache.
+"""
 
 from __future__ import annotations
 
@@ -70,11 +72,16 @@ def test_volumes_of_zonotopes(rng: np.random.Generator, monkeypatch: pytest.Monk
         for n in (0, 1, 2, 31, 33, zonotope.CHUNK + 1):
             g = rng.normal(size=(3, count, n)).transpose(2, 0, 1)
             g.flags.writeable = False
-            plain, loop = of_both(monkeypatch, lambda g=g: (zonotope.volume(g), zonotope.volume(np.ascontiguousarray(g))))
+            plain, loop = of_both(
+                monkeypatch,
+                lambda g=g: (zonotope.volume(g), zonotope.volume(np.ascontiguousarray(g))),
+            )
             np.testing.assert_array_equal(plain, loop)
 
 
-def test_a_large_task_is_done_by_the_loop(kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_large_task_is_done_by_the_loop(
+    kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     both = twins(tmp_path)
     small, large = np.zeros(3), np.zeros(LARGE_TASK)
     both(small)
@@ -90,7 +97,9 @@ def test_a_large_task_is_done_by_the_loop(kept: Path, tmp_path: Path, monkeypatc
         both(small)
 
 
-def test_what_is_kept_may_be_damaged_or_have_no_folder(kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_kept_may_be_damaged_or_have_no_folder(
+    kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv(VARIABLE, ALWAYS)
     values = np.zeros(3)
     twins(tmp_path)(values)

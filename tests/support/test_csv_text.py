@@ -1,4 +1,6 @@
-"""CSV is written as pandas writes it, cells of formulas quoted, and without pandas where the columns are arrays."""
+"""CSV is written as pandas writes it, cells of formulas quoted, and without pandas where the
+columns are arrays.
+"""
 
 from __future__ import annotations
 

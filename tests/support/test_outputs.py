@@ -1,4 +1,6 @@
-"""Outputs are whole or absent, together, and replace nothing but regular files, and these only when that was asked for."""
+"""Outputs are whole or absent, together, and replace nothing but regular files, and these only when
+that was asked for.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,10 @@ from aacmm_pin.errors import OutputError
 
 
 def listing(folder: Path) -> dict[str, str]:
-    return {str(p.relative_to(folder)): p.read_text() if p.is_file() else "" for p in sorted(folder.rglob("*"))}
+    return {
+        str(p.relative_to(folder)): p.read_text() if p.is_file() else ""
+        for p in sorted(folder.rglob("*"))
+    }
 
 
 def write(*paths: str | Path, text: str = "new", force: bool = False) -> None:
@@ -22,7 +27,9 @@ def write(*paths: str | Path, text: str = "new", force: bool = False) -> None:
             files.file(path).write_text(text)
 
 
-def test_files_and_a_folder_appear_together_when_all_went_well(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_files_and_a_folder_appear_together_when_all_went_well(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     Path("plain").write_text("")
     Path("folder").mkdir()
@@ -34,7 +41,13 @@ def test_files_and_a_folder_appear_together_when_all_went_well(tmp_path: Path, m
         (files.folder("report") / "index.html").write_text("page")
         assert not Path("out.csv").exists()
         assert not Path("report").exists()
-    expected = {"folder": "", "plain": "", "out.csv": "all of it", "report": "", "report/index.html": "page"}
+    expected = {
+        "folder": "",
+        "plain": "",
+        "out.csv": "all of it",
+        "report": "",
+        "report/index.html": "page",
+    }
     assert listing(tmp_path) == expected
     # others may read them: the private mode of the hidden folder does not stick
     assert Path("out.csv").stat().st_mode == Path("plain").stat().st_mode
@@ -51,7 +64,12 @@ def test_a_failure_inside_leaves_all_as_it_was(tmp_path: Path) -> None:
             (files.folder(tmp_path / "report") / "index.html").write_text("half of")
             raise failure
 
-    for failure in (RuntimeError(), KeyboardInterrupt(), SystemExit(), OSError(28, "No space left on device")):
+    for failure in (
+        RuntimeError(),
+        KeyboardInterrupt(),
+        SystemExit(),
+        OSError(28, "No space left on device"),
+    ):
         with pytest.raises(OutputError if isinstance(failure, OSError) else type(failure)):
             work(failure)
         assert listing(tmp_path) == {"old.csv": "old"}
@@ -74,7 +92,10 @@ def test_what_is_there_is_replaced_only_by_force(tmp_path: Path) -> None:
         with OutputFiles(force) as files:
             (files.folder(report) / "index.html").write_text(text)
         (report / "mine.txt").write_text("keep")
-    assert listing(report) == {"index.html": "new", "mine.txt": "keep"}  # files of the same names, no others
+    assert listing(report) == {
+        "index.html": "new",
+        "mine.txt": "keep",
+    }  # files of the same names, no others
     with pytest.raises(OutputError, match=r"not empty.*--force"), OutputFiles() as files:
         files.folder(report)
     with pytest.raises(OutputError, match="two results"):
@@ -97,7 +118,9 @@ def test_links_are_followed(tmp_path: Path) -> None:
         write(tmp_path / "loop", force=True)
 
 
-def test_pipes_and_devices_are_written_to_and_stay(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_pipes_and_devices_are_written_to_and_stay(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
     read: list[str] = []
@@ -117,7 +140,9 @@ def test_pipes_and_devices_are_written_to_and_stay(tmp_path: Path, capsys: pytes
     assert listing(tmp_path) == {"beside": "new", "pipe": ""}  # the rest was put back
 
 
-def test_if_one_cannot_be_put_in_place_none_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_if_one_cannot_be_put_in_place_none_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "a").write_text("old")
     (tmp_path / "c").write_text("old")
     replace = os.replace
@@ -161,7 +186,10 @@ def test_what_is_read_is_never_replaced(tmp_path: Path) -> None:
         with pytest.raises(OutputError, match="is read"):
             OutputFiles(True, [data, "none"]).check(tmp_path / "new", tmp_path / name)
     for name in ("link", "hard"):
-        with pytest.raises(OutputError, match="is read"), OutputFiles(True, [tmp_path / name]) as files:
+        with (
+            pytest.raises(OutputError, match="is read"),
+            OutputFiles(True, [tmp_path / name]) as files,
+        ):
             files.file(data)
     assert data.read_text() == "old"
 
@@ -169,7 +197,12 @@ def test_what_is_read_is_never_replaced(tmp_path: Path) -> None:
 def test_places_that_cannot_be_written_to(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("old")
     (tmp_path / "folder").mkdir()
-    places = {"none/out": "does not exist", "file/out": "out", "x" * 300: "too long", "/proc/aacmm-out": "/proc"}
+    places = {
+        "none/out": "does not exist",
+        "file/out": "out",
+        "x" * 300: "too long",
+        "/proc/aacmm-out": "/proc",
+    }
     for force in (False, True):
         for name, words in ({"folder": "is a folder"} | places).items():
             with pytest.raises(OutputError, match=words):

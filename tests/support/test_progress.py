@@ -1,4 +1,6 @@
-"""Bars: on a terminal's stderr and nowhere else, in a notebook as widgets; gone before an interrupt is told."""
+"""Bars: on a terminal's stderr and nowhere else, in a notebook as widgets; gone before an interrupt
+is told.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,14 @@ import numpy as np
 import pytest
 from tqdm.auto import tqdm
 
-from aacmm_pin import Arm, calibrate, circle_accuracy, configuration_circle, diagnose, plan_measurements
+from aacmm_pin import (
+    Arm,
+    calibrate,
+    circle_accuracy,
+    configuration_circle,
+    diagnose,
+    plan_measurements,
+)
 from aacmm_pin import simulate_measurements as simulated
 from aacmm_pin._support import progress
 from aacmm_pin._support.progress import bar
@@ -41,7 +50,9 @@ def on_a_terminal(code: str) -> tuple[str, str, int]:
     ours, theirs = pty.openpty()
     fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 100, 0, 0))  # rows, columns
     words = [sys.executable, "-c", textwrap.dedent(code)]
-    child = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=theirs, text=True, start_new_session=True)
+    child = subprocess.Popen(
+        words, stdout=subprocess.PIPE, stderr=theirs, text=True, start_new_session=True
+    )
     os.close(theirs)
     shown = b""
     with suppress(OSError):  # the child has closed its end
@@ -72,7 +83,9 @@ class Recorder(tqdm):  # type: ignore[type-arg]
     def close(self) -> None:
         if not getattr(self, "written", False):
             self.written = True
-            Recorder.seen.append((str(getattr(self, "title", "")), self.disable, getattr(self, "total", 0) or 0))
+            Recorder.seen.append(
+                (str(getattr(self, "title", "")), self.disable, getattr(self, "total", 0) or 0)
+            )
         super().close()
 
     def __init__(self, *args: Any, **named: Any) -> None:
@@ -87,8 +100,15 @@ def bars(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[tuple[str, bool, int]
     return Recorder.seen
 
 
-def test_a_notebook_has_bars_though_its_stderr_is_no_terminal(bars: list[Any], monkeypatch: pytest.MonkeyPatch) -> None:
-    for notebook, asked, disabled in ((True, True, False), (False, True, True), (True, False, True), (False, None, True)):
+def test_a_notebook_has_bars_though_its_stderr_is_no_terminal(
+    bars: list[Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for notebook, asked, disabled in (
+        (True, True, False),
+        (False, True, True),
+        (True, False, True),
+        (False, None, True),
+    ):
         monkeypatch.setattr(progress, "IN_NOTEBOOK", notebook)
         with bar(asked, "x", "y", total=1):
             pass
@@ -103,7 +123,9 @@ def test_long_work_has_bars(bars: list[tuple[str, bool, int]], sino6: Arm) -> No
         lengths.append(len(list(steps)))
         return steps
 
-    diagnose(sino6, data, encoder_noise=8e-6, progress=mine)  # a function of a caller wraps what is left out
+    diagnose(
+        sino6, data, encoder_noise=8e-6, progress=mine
+    )  # a function of a caller wraps what is left out
     assert lengths == [10]
     bars.clear()
     diagnose(sino6, data, encoder_noise=8e-6)
@@ -112,7 +134,10 @@ def test_long_work_has_bars(bars: list[tuple[str, bool, int]], sino6: Arm) -> No
     assert "held-out blocks" in names
     bars.clear()
     calibrate(sino6, data, encoder_noise=8e-6)
-    assert [(name, total) for name, _, total in bars] == [("held-out records", 10), ("held-out blocks", 10)]
+    assert [(name, total) for name, _, total in bars] == [
+        ("held-out records", 10),
+        ("held-out blocks", 10),
+    ]
     bars.clear()
     plan_measurements(sino6, ("joint_compliance:2", "encoder_eccentricity:2"), 3, postures=40)
     assert [(name, total) for name, _, total in bars] == [("plan", 3)]
@@ -131,7 +156,8 @@ def test_a_command_at_a_terminal(tmp_path: Path, sino6: Arm) -> None:
     from aacmm_pin._support import progress
     progress.DELAY = 0.0
     from aacmm_pin.cli.root_command import app
-    sys.argv = ["aacmm-pin", "calibrate", "sino6", {str(tmp_path / "d.csv")!r}, "--encoder-noise-rad", "8e-6", "--json", "-"]
+    sys.argv = ["aacmm-pin", "calibrate", "sino6", {str(tmp_path / "d.csv")!r}]
+    sys.argv += ["--encoder-noise-rad", "8e-6", "--json", "-"]
     app()
     """
     out, err, status = on_a_terminal(code)

@@ -16,11 +16,16 @@ from aacmm_pin.errors import AacmmError
 from tests.process_group import outlived
 
 FOR_EVER = "import time; from aacmm_pin._support import workers\n"
-FOR_EVER += "with workers.results(time.sleep, [60, 60], 2) as r: print('begun', flush=True); list(r)"
+FOR_EVER += (
+    "with workers.results(time.sleep, [60, 60], 2) as r: print('begun', flush=True); list(r)"
+)
 
 
 def test_a_worker_that_is_killed_is_an_error() -> None:
-    with pytest.raises(AacmmError, match="worker process ended"), workers.results(_die, [os.getpid()] * 12, 2) as results:
+    with (
+        pytest.raises(AacmmError, match="worker process ended"),
+        workers.results(_die, [os.getpid()] * 12, 2) as results,
+    ):
         list(results)
     assert multiprocessing.active_children() == []
 
@@ -33,7 +38,9 @@ def _die(unless: int) -> None:
 
 def test_workers_end_with_their_parent() -> None:
     command = [sys.executable, "-c", FOR_EVER]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, start_new_session=True) as parent:
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, start_new_session=True
+    ) as parent:
         assert parent.stdout is not None
         assert parent.stdout.readline() == b"begun\n"
         parent.kill()

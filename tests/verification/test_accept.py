@@ -35,7 +35,9 @@ def rows(points: Array, **cells: Any) -> pd.DataFrame:
 
 
 def sphere(count: int, center: Array, diameter: float, **cells: Any) -> pd.DataFrame:
-    """Touches all over a sphere of 25 mm with a probe of 6 mm, whose centres lie on one of ``diameter`` [mm]."""
+    """Touches all over a sphere of 25 mm with a probe of 6 mm, whose centres lie on one of
+    ``diameter`` [mm].
+    """
     rng = np.random.default_rng(count)
     directions = np.vstack([DIRECTIONS, rng.normal(size=(count, 3))])[:count]
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
@@ -43,7 +45,9 @@ def sphere(count: int, center: Array, diameter: float, **cells: Any) -> pd.DataF
     return rows(center + diameter / 2 * directions, **(known | cells))
 
 
-def lengths(count: int, positions: int, repeats: int, probe: float, error: float, **cells: Any) -> pd.DataFrame:
+def lengths(
+    count: int, positions: int, repeats: int, probe: float, error: float, **cells: Any
+) -> pd.DataFrame:
     """Lengths of 300 mm and more that are all right, but for the last one."""
     tables, rng = [], np.random.default_rng(1)
     for number in range(count):
@@ -53,28 +57,54 @@ def lengths(count: int, positions: int, repeats: int, probe: float, error: float
             direction /= np.linalg.norm(direction)
             for repeat in range(repeats):
                 last = (number, position, repeat) == (count - 1, positions - 1, repeats - 1)
-                labels = {"length_id": f"L{number}", "position": position, "repeat": repeat, "length_mm": length}
+                labels = {
+                    "length_id": f"L{number}",
+                    "position": position,
+                    "repeat": repeat,
+                    "length_mm": length,
+                }
                 ends = np.array([a, a + (length + probe + error * last) * direction])
-                tables.append(rows(ends, feature=["A", "B"], u_length_mm=0.002, probe_diameter_mm=probe, **labels, **cells))
+                tables.append(
+                    rows(
+                        ends,
+                        feature=["A", "B"],
+                        u_length_mm=0.002,
+                        probe_diameter_mm=probe,
+                        **labels,
+                        **cells,
+                    )
+                )
     return pd.concat(tables)
 
 
 def everything() -> pd.DataFrame:
     """All tests in one table."""
     tables = [
-        sphere(25, np.array([500.0 * k, 0, 0]), 31.0 + 0.02 * k, test="sphere", feature="S", position=k) for k in (0, 1)
+        sphere(
+            25, np.array([500.0 * k, 0, 0]), 31.0 + 0.02 * k, test="sphere", feature="S", position=k
+        )
+        for k in (0, 1)
     ]
     corners = np.array([[0, 0, 0], [0.03, 0, 0], [0.01, 0.001, 0], [0.02, 0, 0.001], [0.015, 0, 0]])
     tables += [
-        sphere(5, corner, 31.0, test="location", feature="S", position=0, repeat=k) for k, corner in enumerate(corners)
+        sphere(5, corner, 31.0, test="location", feature="S", position=0, repeat=k)
+        for k, corner in enumerate(corners)
     ]
-    tables += [lengths(5, 7, 3, 0.0, -0.04, test="length-uni"), lengths(5, 7, 3, 6.0, 0.05, test="length-bi")]
-    tables += [sphere(9, np.zeros(3), 31.0 - 0.01 * k, test="effective-diameter", feature="S", repeat=k) for k in range(3)]
+    tables += [
+        lengths(5, 7, 3, 0.0, -0.04, test="length-uni"),
+        lengths(5, 7, 3, 6.0, 0.05, test="length-bi"),
+    ]
+    tables += [
+        sphere(9, np.zeros(3), 31.0 - 0.01 * k, test="effective-diameter", feature="S", repeat=k)
+        for k in range(3)
+    ]
     tables.append(lengths(2, 10, 1, 0.0, 0.06, test="volumetric"))
     for place in range(3):
         offsets = np.zeros((10, 3))
         offsets[0, 2], offsets[1, 2] = 0.01 * place, -0.01 * place
-        tables.append(rows(np.array([100.0 * place, 0, 0]) + offsets, test="single-point", position=place))
+        tables.append(
+            rows(np.array([100.0 * place, 0, 0]) + offsets, test="single-point", position=place)
+        )
     return pd.concat(tables, ignore_index=True).astype({"position": "Int64", "repeat": "Int64"})
 
 
@@ -107,10 +137,16 @@ def test_figures_are_those_of_the_touches(data: Path) -> None:
     assert {f.verdict for f in result.figures} == {None}
     assert {f.source for f in result.figures} == {AS_GIVEN}
     table = pd.read_csv(data)
-    table.assign(u_length_mm=table["u_length_mm"].where(table.index % 2 == 1)).to_csv(data, index=False)  # every other touch
+    table.assign(u_length_mm=table["u_length_mm"].where(table.index % 2 == 1)).to_csv(
+        data, index=False
+    )  # every other touch
     u = {f.definition.name: f.evaluated.u * 1e3 for f in accept(data).figures}
-    assert (u["P_Size.Sph.1x25"], u["E_Bi"], u["Volumetric.2RMS"]) == pytest.approx((0.001, 0.002, 0.004))
-    assert [f.definition.name for f in accept(data, standard="asme-b89.4.22").figures] == [*EXPECTED][5:10]
+    assert (u["P_Size.Sph.1x25"], u["E_Bi"], u["Volumetric.2RMS"]) == pytest.approx(
+        (0.001, 0.002, 0.004)
+    )
+    assert [f.definition.name for f in accept(data, standard="asme-b89.4.22").figures] == [
+        *EXPECTED
+    ][5:10]
 
 
 VERDICTS = {0.0441: "conformity", 0.0439: "neither", 0.0361: "neither", 0.0359: "non-conformity"}
@@ -118,18 +154,28 @@ VERDICTS = {0.0441: "conformity", 0.0439: "neither", 0.0361: "neither", 0.0359: 
 
 @pytest.mark.parametrize(("mpe", "verdict"), VERDICTS.items())
 def test_verdicts_have_a_guard_band(data: Path, mpe: float, verdict: str) -> None:
-    (found,) = (f for f in accept(data, mpe={"E_Uni": mpe * 1e-3}).figures if f.definition.name == "E_Uni")
+    (found,) = (
+        f for f in accept(data, mpe={"E_Uni": mpe * 1e-3}).figures if f.definition.name == "E_Uni"
+    )
     assert found.verdict == verdict  # |-0.04| mm with U = 0.004 mm
 
 
 @pytest.mark.parametrize(
-    ("mpe", "u", "verdict"), [(0.05, 0.03, "neither"), (0.03, 0.03, "non-conformity"), (0.05, None, "conformity")]
+    ("mpe", "u", "verdict"),
+    [(0.05, 0.03, "neither"), (0.03, 0.03, "non-conformity"), (0.05, None, "conformity")],
 )
-def test_every_error_of_which_one_is_the_largest_decides(tmp_path: Path, mpe: float, u: float | None, verdict: str) -> None:
-    """The error of -0.04 mm is known badly in the second case; in the first the exact others are."""
+def test_every_error_of_which_one_is_the_largest_decides(
+    tmp_path: Path, mpe: float, u: float | None, verdict: str
+) -> None:
+    """The error of -0.04 mm is known badly in the second case; in the first the exact
+    others are.
+    """
     table = everything()
     last = (table["length_id"] == "L4") & (table["position"] == 6) & (table["repeat"] == 2)
-    table.loc[(table["test"] == "length-uni") & (last if verdict == "non-conformity" else ~last), "u_length_mm"] = u
+    table.loc[
+        (table["test"] == "length-uni") & (last if verdict == "non-conformity" else ~last),
+        "u_length_mm",
+    ] = u
     if verdict == "non-conformity":  # another error of 0.038 mm stands by its small U
         near = (
             (table["test"] == "length-uni")
@@ -143,17 +189,26 @@ def test_every_error_of_which_one_is_the_largest_decides(tmp_path: Path, mpe: fl
     result = accept(path, mpe={"E_Uni": mpe * 1e-3})
     (found,) = (f for f in result.figures if f.definition.name == "E_Uni")
     assert found.verdict == verdict
-    assert data_of(result.notes, "some_guard_bands_zero" if u is None else "other_error_decides"), result.notes
+    assert data_of(result.notes, "some_guard_bands_zero" if u is None else "other_error_decides"), (
+        result.notes
+    )
 
 
 def test_the_worst_verdict_is_that_of_the_whole(data: Path) -> None:
     for mpe, said in (
         ({}, "no verdict (MPE given for 0 of 11 figures)"),
-        ({"E_Uni": 1.0, "SPAT.Max": 1.0}, "conformity, decided by E_Uni, SPAT.Max (MPE given for 2 of 11 figures)"),
-        ({"E_Uni": 0.0401 * 1e-3, "SPAT.Max": 1.0}, "inconclusive, decided by E_Uni (MPE given for 2 of 11 figures)"),
+        (
+            {"E_Uni": 1.0, "SPAT.Max": 1.0},
+            "conformity, decided by E_Uni, SPAT.Max (MPE given for 2 of 11 figures)",
+        ),
+        (
+            {"E_Uni": 0.0401 * 1e-3, "SPAT.Max": 1.0},
+            "inconclusive, decided by E_Uni (MPE given for 2 of 11 figures)",
+        ),
         (
             {"SinglePoint.Part": 1.0, "SPAT.Max": 1.0},
-            "inconclusive, decided by SinglePoint.Part without a value (MPE given for 2 of 12 figures)",
+            "inconclusive, decided by SinglePoint.Part without a value (MPE given for 2 of 12 "
+            "figures)",
         ),
         (
             {"SinglePoint.Part": 1.0, "SPAT.Max": 1e-6},
@@ -167,10 +222,15 @@ def test_the_worst_verdict_is_that_of_the_whole(data: Path) -> None:
 
 
 @pytest.mark.parametrize("details", [None, CheckDetails(datetime(2026, 1, 1, tzinfo=UTC))])
-def test_a_report_begins_with_where_its_definitions_come_from(data: Path, details: CheckDetails | None) -> None:
+def test_a_report_begins_with_where_its_definitions_come_from(
+    data: Path, details: CheckDetails | None
+) -> None:
     first = acceptance_document(accept(data), details).blocks[0]
     assert isinstance(first, Paragraph)
-    assert all(edition in first.text for edition in ("ISO 10360-12:2016", "ASME B89.4.22-2004", "ISO 14253-1:2013"))
+    assert all(
+        edition in first.text
+        for edition in ("ISO 10360-12:2016", "ASME B89.4.22-2004", "ISO 14253-1:2013")
+    )
 
 
 def test_a_report_names_tests_editions_and_the_rule(data: Path) -> None:
@@ -179,7 +239,11 @@ def test_a_report_names_tests_editions_and_the_rule(data: Path) -> None:
     document = acceptance_document(result)
     shown, what = (block for block in document.blocks if isinstance(block, Table))
     assert list(what.cells()) == ["figure", "standard", "test", "definition"]
-    assert set(what.cells()["standard"]) == {"ISO 10360-12:2016", "ASME B89.4.22-2004", "Xu You et al. 2019"}
+    assert set(what.cells()["standard"]) == {
+        "ISO 10360-12:2016",
+        "ASME B89.4.22-2004",
+        "Xu You et al. 2019",
+    }
     assert shown.cells().set_index("figure")["verdict"]["E_Uni"] == "inconclusive"
     figure = next(f for f in result.summary()["figures"] if f["figure"] == "E_Uni")
     assert (figure["verdict"], figure["standard"]) == ("neither", "ISO 10360-12")
@@ -191,7 +255,9 @@ def test_a_report_names_tests_editions_and_the_rule(data: Path) -> None:
 
 def test_a_sphere_touched_on_a_small_cap_has_no_size(tmp_path: Path) -> None:
     table = sphere(25, np.zeros(3), 31.0, test="sphere", feature="S", position=0)
-    cap = rows(31.0 / 2 * cap_directions(25, np.radians(20))).assign(**(dict(table.iloc[0, 3:]) | {"position": 1}))
+    cap = rows(31.0 / 2 * cap_directions(25, np.radians(20))).assign(
+        **(dict(table.iloc[0, 3:]) | {"position": 1})
+    )
     path = tmp_path / "touches.csv"
     pd.concat([table, cap]).to_csv(path, index=False)
     for figure in accept(path, mpe={"P_Size.Sph.1x25": 1e-3}).figures:
@@ -217,10 +283,18 @@ def cap_directions(count: int, half_angle: float) -> Array:
         ("single-point", slice(8, 10), 2),
     ],
 )
-def test_too_few_touches_give_no_value(tmp_path: Path, test: str, left_out: slice, missing: int) -> None:
+def test_too_few_touches_give_no_value(
+    tmp_path: Path, test: str, left_out: slice, missing: int
+) -> None:
     table = everything()
-    table.drop(table.index[table["test"] == test][left_out]).to_csv(tmp_path / "few.csv", index=False)
-    found = [f for f in accept(tmp_path / "few.csv", mpe={"E_Uni": 1e-3}).figures if f.definition.test == test]
+    table.drop(table.index[table["test"] == test][left_out]).to_csv(
+        tmp_path / "few.csv", index=False
+    )
+    found = [
+        f
+        for f in accept(tmp_path / "few.csv", mpe={"E_Uni": 1e-3}).figures
+        if f.definition.test == test
+    ]
     assert {f.evaluated.missing for f in found} == {missing}
     assert all(np.isnan(f.evaluated.value) and f.verdict is None for f in found)
     begun = {
@@ -242,15 +316,21 @@ def test_an_end_has_one_touch_or_a_sphere(data: Path) -> None:
 
 
 def test_part_that_was_predicted_to_be_accurate(tmp_path: Path) -> None:
-    """The identity of eqs. 16, 18 and 19: (n - 1) σ² = g part² + (n - g) rest², where all places have the same touches."""
+    """The identity of eqs. 16, 18 and 19: (n - 1) σ² = g part² + (n - g) rest², where all places
+    have the same touches.
+    """
     offsets = np.random.default_rng(3).normal(scale=0.01, size=(10, 3))
     part = ["high"] * 4 + [""] * 6
-    table = pd.concat([rows(offsets + 100 * k, test="single-point", position=k, part=part) for k in range(3)])
+    table = pd.concat(
+        [rows(offsets + 100 * k, test="single-point", position=k, part=part) for k in range(3)]
+    )
     table.to_csv(tmp_path / "part.csv", index=False)
     of = {f.definition.name: f.evaluated for f in accept(tmp_path / "part.csv").figures}
     sigma, high, rest = (of[f"SinglePoint.{name}"].value for name in ("Sigma", "Part", "Rest"))
     assert 9 * sigma**2 == pytest.approx(4 * high**2 + 6 * rest**2)
-    assert high == pytest.approx(1e-3 * np.sqrt(np.mean(np.sum((offsets - offsets.mean(axis=0))[:4] ** 2, axis=1))))
+    assert high == pytest.approx(
+        1e-3 * np.sqrt(np.mean(np.sum((offsets - offsets.mean(axis=0))[:4] ** 2, axis=1)))
+    )
     table.assign(part=["high"] * 10 + part * 2).to_csv(tmp_path / "part.csv", index=False)
     found = {f.definition.name: f.evaluated.missing for f in accept(tmp_path / "part.csv").figures}
     assert (found["SinglePoint.Part"], found["SinglePoint.Rest"]) == (0, 1)
@@ -266,7 +346,9 @@ def test_a_volumetric_test_needs_two_lengths(tmp_path: Path) -> None:
 def test_lengths_are_long_enough_for_the_range(data: Path) -> None:
     """The longest is 1100 mm."""
     for measuring_range, there in ((1.666, True), (1.667, False)):
-        found = {f.definition.name: f for f in accept(data, measuring_range=measuring_range).figures}
+        found = {
+            f.definition.name: f for f in accept(data, measuring_range=measuring_range).figures
+        }
         assert np.isfinite(found["E_Uni"].evaluated.value) == there
         assert bool(found["E_Bi"].missing) != there
         others = [figure for name, figure in found.items() if name not in ("E_Uni", "E_Bi")]
@@ -277,7 +359,15 @@ def test_the_test_report_has_lengths_in_full_and_the_range(tmp_path: Path) -> No
     table = everything()
     table.loc[table["length_id"] == "L4", "length_mm"] = 1100.0275
     table.to_csv(tmp_path / "touches.csv", index=False)
-    done(tmp_path / "touches.csv", "--range-mm", "1666.6", "--mpe", "E_Uni=0.001", "-o", tmp_path / "page.html")
+    done(
+        tmp_path / "touches.csv",
+        "--range-mm",
+        "1666.6",
+        "--mpe",
+        "E_Uni=0.001",
+        "-o",
+        tmp_path / "page.html",
+    )
     page = (tmp_path / "page.html").read_text(encoding="utf-8").replace("\u00a0", " ")
     for text in (
         "900, 1100.0275 mm",
@@ -287,12 +377,18 @@ def test_the_test_report_has_lengths_in_full_and_the_range(tmp_path: Path) -> No
         "<strong>✗ non-conformity</strong>",
     ):
         assert text in page
-    (found,) = (f for f in accept(tmp_path / "touches.csv", measuring_range=1.7).figures if f.definition.name == "E_Uni")
+    (found,) = (
+        f
+        for f in accept(tmp_path / "touches.csv", measuring_range=1.7).figures
+        if f.definition.name == "E_Uni"
+    )
     assert "1100.0275 mm" in found.missing
 
 
 def test_touches_are_records_of_a_measurement_file(tmp_path: Path) -> None:
-    """Those of single points and of ends touched once are seats, lengths are bars; coordinates are no reference."""
+    """Those of single points and of ends touched once are seats, lengths are bars; coordinates are
+    no reference.
+    """
     table = everything()
     angles = np.random.default_rng(1).uniform(-20, 20, (len(table), 6))
     table[[f"theta{k}_deg" for k in range(1, 7)]] = angles
@@ -314,7 +410,11 @@ def test_touches_are_records_of_a_measurement_file(tmp_path: Path) -> None:
     }
     lengths = {(bar.bar.split()[0], round(bar.length * 1e3)) for bar in records.bars()}
     longer = {"length-uni": (0, 5), "length-bi": (6, 5), "volumetric": (0, 2)}
-    assert lengths == {(test, 300 + probe + 200 * k) for test, (probe, count) in longer.items() for k in range(count)}
+    assert lengths == {
+        (test, 300 + probe + 200 * k)
+        for test, (probe, count) in longer.items()
+        for k in range(count)
+    }
     assert {bar.u for bar in records.bars()} == {2e-6}
     assert list(records.extra) == []
     own = table.assign(seat="", bar="", bar_end="", bar_length_mm="")
@@ -328,15 +428,21 @@ def test_an_extended_arm_passes_where_the_nominal_one_fails(tmp_path: Path) -> N
     arm = Arm.load("sino6")
     true = ErrorModel(arm, (EncoderEccentricity(joint=3, values=(3e-4, 0.0)),))
     quiet = {"encoder_noise": 1e-7, "reference_noise": 1e-6, "probe_noise": 1e-7}
-    records = simulate_measurements(true, "seats", 60, seats=4, rng=np.random.default_rng(4), **quiet)
+    records = simulate_measurements(
+        true, "seats", 60, seats=4, rng=np.random.default_rng(4), **quiet
+    )
     table = records.to_frame()
     table = table[table["seat"].isin(table["seat"].value_counts().index[:3])]
-    table = table.assign(test="single-point", position=table["seat"]).filter(regex="theta|test|position")
+    table = table.assign(test="single-point", position=table["seat"]).filter(
+        regex="theta|test|position"
+    )
     path, extended = tmp_path / "touches.csv", tmp_path / "extended.toml"
     table.to_csv(path, index=False)
     true.save(extended)
     content = json.loads(done("sino6", extended, path, "--mpe", "SPAT.Max=0.005", "--json", "-"))
-    verdicts = {f["coordinates"]: f["verdict"] for f in content["figures"] if f["figure"] == "SPAT.Max"}
+    verdicts = {
+        f["coordinates"]: f["verdict"] for f in content["figures"] if f["figure"] == "SPAT.Max"
+    }
     assert verdicts == {"sino6": "non-conformity", str(extended): "conformity"}
 
 
@@ -359,7 +465,9 @@ def test_the_test_report_has_every_figure_and_the_touches(data: Path, tmp_path: 
     read, write = os.pipe()
     os.write(write, data.read_bytes())
     os.close(write)
-    piped = done(f"/dev/fd/{read}", "--mpe", limits, "--mpe", "E_Bi=0.06", "-o", tmp_path / "piped.html")
+    piped = done(
+        f"/dev/fd/{read}", "--mpe", limits, "--mpe", "E_Bi=0.06", "-o", tmp_path / "piped.html"
+    )
     assert piped.count("conformity") == out.count("conformity")
 
 
@@ -371,7 +479,10 @@ def test_the_test_report_has_every_figure_and_the_touches(data: Path, tmp_path: 
         ("feature_diameter_mm", "25,0", ["row 3", "column feature_diameter_mm"]),
         ("probe_diameter_mm", "", ["row 3", "column probe_diameter_mm", "sphere"]),
         ("u_length_mm", "-1", ["row 3", "column u_length_mm"]),
-        *((name, "25.1", ["row 3", f"column {name}", "row 2"]) for name in ("feature_diameter_mm", "probe_diameter_mm")),
+        *(
+            (name, "25.1", ["row 3", f"column {name}", "row 2"])
+            for name in ("feature_diameter_mm", "probe_diameter_mm")
+        ),
         ("u_length_mm", "0.1", ["row 3", "column u_length_mm", "row 2"]),
     ],
 )
@@ -386,7 +497,12 @@ def test_errors_name_row_and_column(data: Path, column: str, cell: str, said: li
 
 def test_what_cannot_be_judged(data: Path, tmp_path: Path) -> None:
     (tmp_path / "digits.toml").write_text(f"E_Uni = {5000 * '9'}")
-    assert CliRunner().invoke(app, ["accept", str(data), "--mpe", "E_Uni=1", "--mpe", "E_Uni=2"]).exit_code == 2
+    assert (
+        CliRunner()
+        .invoke(app, ["accept", str(data), "--mpe", "E_Uni=1", "--mpe", "E_Uni=2"])
+        .exit_code
+        == 2
+    )
     for words in (
         ["--mpe", "E_Uno=0.1"],
         ["--mpe", "E_Uni=small"],
@@ -410,7 +526,14 @@ def test_touches_that_fit_no_sphere_take_only_their_figures_values(data: Path, t
     """Touches of a sphere in a plane; a third feature of a length, with three touches."""
     table = everything()
     table.loc[table["test"] == "sphere", "z_mm"] *= test != "sphere"
-    table = pd.concat([table, *[table[table["test"] == "volumetric"][:1].assign(feature="C")] * 3 * (test != "sphere")])
+    table = pd.concat(
+        [
+            table,
+            *[table[table["test"] == "volumetric"][:1].assign(feature="C")]
+            * 3
+            * (test != "sphere"),
+        ]
+    )
     table.to_csv(data, index=False)
     result = accept(data)
     assert {f.definition.test for f in result.figures if np.isnan(f.evaluated.value)} == {test}
@@ -419,8 +542,12 @@ def test_touches_that_fit_no_sphere_take_only_their_figures_values(data: Path, t
     assert (" 2, " if test == "sphere" else f"{len(table) + 1}") in note
 
 
-@pytest.mark.parametrize(("test", "figure"), [("volumetric", "Volumetric.Max"), ("length-uni", "E_Uni")])
-def test_an_end_without_the_other_takes_the_value_of_its_figure(data: Path, test: str, figure: str) -> None:
+@pytest.mark.parametrize(
+    ("test", "figure"), [("volumetric", "Volumetric.Max"), ("length-uni", "E_Uni")]
+)
+def test_an_end_without_the_other_takes_the_value_of_its_figure(
+    data: Path, test: str, figure: str
+) -> None:
     """A mistyped repeat of the one length that does not conform would leave it out."""
     table = everything().astype({"repeat": object})
     more = table[table["test"] == test].iloc[-2:].assign(position=99, repeat=["4", "04"])
@@ -448,7 +575,10 @@ def test_every_figure_says_where_it_is(data: Path) -> None:
     where = {f["figure"]: f["where"] for f in content["figures"]}
     last = {"position": "6", "repeat": "2", "length_id": "L4"}
     assert where["E_Uni"] == last | {"rows": lines[table["test"] == "length-uni"][-2:].tolist()}
-    assert where["SPAT.Max"] == {"position": "2", "rows": [lines[table["test"] == "single-point"][20]]}
+    assert where["SPAT.Max"] == {
+        "position": "2",
+        "rows": [lines[table["test"] == "single-point"][20]],
+    }
     assert where["P_Size.Sph.1x25"]["position"] == "1"
     assert [name for name, place in where.items() if place is None] == ["Volumetric.2RMS"]
     row = table.index[table["test"] == "length-uni"][40]
@@ -466,7 +596,11 @@ def test_a_touch_beside_its_sphere_is_named_and_not_left_out(data: Path) -> None
     table[["x_mm", "y_mm", "z_mm"]] += rng.normal(scale=0.005, size=(len(table), 3))
     table.to_csv(data, index=False)
     assert not [note for note in accept(data).notes if note.code in OFF_SPHERE]
-    for test, said in (("sphere", "row 12: "), ("effective-diameter", "row {}: "), ("location", "rows {} to {}: ")):
+    for test, said in (
+        ("sphere", "row 12: "),
+        ("effective-diameter", "row {}: "),
+        ("location", "rows {} to {}: "),
+    ):
         first = int(table.index[table["test"] == test][0])
         off, at = table.copy(), first + 10 if test != "location" else first + 6
         off.loc[at, ["x_mm", "y_mm", "z_mm"]] += 5.0 / np.sqrt(3)
@@ -484,7 +618,9 @@ def test_a_touch_beside_its_sphere_is_named_and_not_left_out(data: Path) -> None
         (["length_mm"], 25.4, " 25.4 "),
     ],
 )
-def test_lengths_in_another_unit_are_refused(data: Path, columns: list[str], unit: float, said: str) -> None:
+def test_lengths_in_another_unit_are_refused(
+    data: Path, columns: list[str], unit: float, said: str
+) -> None:
     table = everything()
     table[columns] = table[columns].apply(pd.to_numeric) / unit
     table.to_csv(data, index=False)
@@ -496,17 +632,23 @@ def test_single_points_in_another_unit_are_noted(data: Path) -> None:
     table = everything()
     at = table["test"] == "single-point"
     for factor, noted in ((1.0, False), (1e-3, True)):
-        table.assign(**{c: table[c].where(~at, table[c] * factor) for c in ("x_mm", "y_mm", "z_mm")}).to_csv(
-            data, index=False
-        )
-        assert [told["test"] for told in data_of(accept(data).notes, "test_small")] == ["single-point"] * noted
+        table.assign(
+            **{c: table[c].where(~at, table[c] * factor) for c in ("x_mm", "y_mm", "z_mm")}
+        ).to_csv(data, index=False)
+        assert [told["test"] for told in data_of(accept(data).notes, "test_small")] == [
+            "single-point"
+        ] * noted
     inches = {c: table[c].where(~at, table[c] / 25.4) for c in ("x_mm", "y_mm", "z_mm")}
     for assigned, noted in (({}, False), (inches, True)):
         table.assign(**assigned).to_csv(data, index=False)
         assert len(data_of(accept(data, measuring_range=2.0).notes, "test_small_in_range")) == noted
     one = at & (table["position"] == 1)
-    table.assign(**{c: table[c].where(~one, table[c] * 1e-3) for c in ("x_mm", "y_mm", "z_mm")}).to_csv(data, index=False)
-    assert any("position 1" in told["place"] for told in data_of(accept(data).notes, "position_small"))
+    table.assign(
+        **{c: table[c].where(~one, table[c] * 1e-3) for c in ("x_mm", "y_mm", "z_mm")}
+    ).to_csv(data, index=False)
+    assert any(
+        "position 1" in told["place"] for told in data_of(accept(data).notes, "position_small")
+    )
 
 
 def test_touches_that_are_there_twice_are_noted(data: Path) -> None:
@@ -514,7 +656,10 @@ def test_touches_that_are_there_twice_are_noted(data: Path) -> None:
     table = table[table["test"] == "sphere"]
     for twice, noted in ((table.iloc[:0], False), (table.iloc[:5].round(3), True)):
         pd.concat([table, twice]).to_csv(data, index=False)
-        copied = [(told["copies"], told["touches"]) for told in data_of(accept(data).notes, "touches_copied")]
+        copied = [
+            (told["copies"], told["touches"])
+            for told in data_of(accept(data).notes, "touches_copied")
+        ]
         assert copied == [(10, len(table) + 5)] * noted
 
 
@@ -526,7 +671,9 @@ def test_an_mpe_in_another_unit_is_noted(data: Path) -> None:
 
 def test_figures_with_an_mpe_that_are_left_out_are_named(data: Path) -> None:
     notes = accept(data, standard="iso10360-12", mpe={"SPAT.Max": 1e-5}).notes
-    assert data_of(notes, "mpe_of_other_standard") == [{"figures": ["SPAT.Max"], "standard": "iso10360-12"}]
+    assert data_of(notes, "mpe_of_other_standard") == [
+        {"figures": ["SPAT.Max"], "standard": "iso10360-12"}
+    ]
 
 
 @pytest.mark.parametrize(("probe", "said"), [(0.0, "sphere_too_large"), (12.0, "sphere_too_small")])
@@ -542,7 +689,11 @@ def test_a_probe_that_the_spheres_contradict_is_noted(data: Path, probe: float, 
 def test_messages_tell_columns_that_are_not_there_from_empty_ones(data: Path) -> None:
     for command in ("accept", "diagnose"):
         outcome = CliRunner().invoke(app, [command, "sino6", str(data)])
-        assert (outcome.exit_code, "theta1_deg" in outcome.stderr, "feature_diameter_mm" in outcome.stderr) == (
+        assert (
+            outcome.exit_code,
+            "theta1_deg" in outcome.stderr,
+            "feature_diameter_mm" in outcome.stderr,
+        ) == (
             1,
             True,
             True,

@@ -1,4 +1,6 @@
-"""Checks over time: limits by hand, what is appended, damaged files, and the test report on one sheet of paper."""
+"""Checks over time: limits by hand, what is appended, damaged files, and the test report on one
+sheet of paper.
+"""
 
 from __future__ import annotations
 
@@ -28,10 +30,14 @@ START = datetime(2026, 1, 1, tzinfo=UTC)
 
 
 def touches(path: Path, size: float) -> Path:
-    """One point in ten articulations at three distances; the largest distance from the mean is ``size`` [mm]."""
+    """One point in ten articulations at three distances; the largest distance from the mean is
+    ``size`` [mm].
+    """
     offsets = np.zeros((10, 3))
     offsets[:2, 2] = size, -size
-    pd.concat([rows(offsets + 100 * k, test="single-point", position=k) for k in range(3)]).to_csv(path, index=False)
+    pd.concat([rows(offsets + 100 * k, test="single-point", position=k) for k in range(3)]).to_csv(
+        path, index=False
+    )
     return path
 
 
@@ -56,17 +62,25 @@ def test_limits_are_those_of_individuals_charts(tmp_path: Path, latest: float, l
     """Moving ranges 2, 3, 2, 3, 6, 5, 6 µm: their mean 27/7 µm, the mean of the values 20.5 µm."""
     found = history([*SIZES, latest])
     chart = next(chart for chart in found.charts() if chart.figure == "SPAT.Max")
-    assert (chart.centre, *chart.limits) == pytest.approx((20.5e-6, *(20.5e-6 + s * 2.66 * 27e-6 / 7 for s in (-1, 1))))
+    assert (chart.centre, *chart.limits) == pytest.approx(
+        (20.5e-6, *(20.5e-6 + s * 2.66 * 27e-6 / 7 for s in (-1, 1)))
+    )
     assert (chart.left, "SPAT.Max" in str(found)) == (left, left)
     wild = history([0.001, 0.02, 0.002, 0.021, 0.003, 0.022, 0.004, 0.023, 0.05]).charts()[0]
-    assert (np.isnan(wild.limits[0]), wild.limits[1], wild.left) == (True, pytest.approx(61.4e-6), False)
+    assert (np.isnan(wild.limits[0]), wild.limits[1], wild.left) == (
+        True,
+        pytest.approx(61.4e-6),
+        False,
+    )
     few = next(chart for chart in history([*SIZES[1:], 1.0]).charts() if chart.figure == "SPAT.Max")
     assert np.isnan(few.limits).all()
     assert not few.left
 
 
 def test_a_failed_check_does_not_widen_the_limits(tmp_path: Path) -> None:
-    """In one month the arm is 2.5 times worse, by its MPE or not; later ones are judged as if that were not there."""
+    """In one month the arm is 2.5 times worse, by its MPE or not; later ones are judged as if that
+    were not there.
+    """
     usual = history([*SIZES, 0.0201, 0.0231])
     (expected,) = (chart.limits for chart in usual.charts() if chart.figure == "SPAT.Max")
     for mpe in ({}, {"SPAT.Max": 4e-5}):
@@ -76,15 +90,29 @@ def test_a_failed_check_does_not_widen_the_limits(tmp_path: Path) -> None:
             found = found.with_check(result, START + timedelta(days=30 * month))
         (chart,) = (chart for chart in found.charts() if chart.figure == "SPAT.Max")
         assert (chart.limits, chart.counted.tolist()) == (expected, [True] * 9 + [False])
-        assert {row["figure"]: row["checks_counted"] for row in found.summary()} == {"SPAT.Max": 9, "SPAT.2s": 9}
+        assert {row["figure"]: row["checks_counted"] for row in found.summary()} == {
+            "SPAT.Max": 9,
+            "SPAT.2s": 9,
+        }
     two = history(SIZES[:1]).with_check(result, START + timedelta(days=30))
-    failed = two.with_check(accept(touches(tmp_path / "t.csv", 0.05), mpe=mpe), START + timedelta(days=60))
+    failed = two.with_check(
+        accept(touches(tmp_path / "t.csv", 0.05), mpe=mpe), START + timedelta(days=60)
+    )
     last = accept(touches(tmp_path / "t.csv", 0.0202))
-    assert failed.with_check(last, START + timedelta(days=90)).charts()[0].counted.tolist() == [True, True, False]
+    assert failed.with_check(last, START + timedelta(days=90)).charts()[0].counted.tolist() == [
+        True,
+        True,
+        False,
+    ]
 
 
 def test_a_check_of_no_named_arm_says_which_arms_there_are(tmp_path: Path) -> None:
-    words = ["accept", str(touches(tmp_path / "t.csv", 0.02)), "--history", str(tmp_path / "checks.csv")]
+    words = [
+        "accept",
+        str(touches(tmp_path / "t.csv", 0.02)),
+        "--history",
+        str(tmp_path / "checks.csv"),
+    ]
     assert CliRunner().invoke(app, [*words, "--instrument", "no. 12"]).exit_code == 0
     touches(tmp_path / "t.csv", 0.03)
     assert "'no. 12'" in CliRunner().invoke(app, words).stderr
@@ -92,7 +120,16 @@ def test_a_check_of_no_named_arm_says_which_arms_there_are(tmp_path: Path) -> No
 
 def test_a_check_is_appended_once(tmp_path: Path) -> None:
     path, data = tmp_path / "checks.csv", touches(tmp_path / "t.csv", 0.02)
-    words = ["accept", str(data), "--history", str(path), "--instrument", "no. 12", "--mpe", "SPAT.Max=0.03"]
+    words = [
+        "accept",
+        str(data),
+        "--history",
+        str(path),
+        "--instrument",
+        "no. 12",
+        "--mpe",
+        "SPAT.Max=0.03",
+    ]
     for _ in range(2):
         done = CliRunner().invoke(app, [*words, "--time", "2026-01-31T10:00+01:00", "--json", "-"])
         assert done.exit_code == 0, done.output
@@ -101,11 +138,19 @@ def test_a_check_is_appended_once(tmp_path: Path) -> None:
     table = pd.read_csv(path)
     assert set(table["time"]) == {"2026-01-31T09:00:00+00:00"}
     first = table.iloc[0].dropna().to_dict()
-    assert (first["figure"], first["verdict"], first["instrument"]) == ("SPAT.Max", "conformity", "no. 12")
+    assert (first["figure"], first["verdict"], first["instrument"]) == (
+        "SPAT.Max",
+        "conformity",
+        "no. 12",
+    )
     assert {row["checks_before"] for row in json.loads(done.stdout)["history"]} == {0}
     other = [*words[:-4], "--instrument", " NO. 12", *words[-2:], "--time", "2026-02-28", "--force"]
     done = CliRunner().invoke(app, other)
-    assert (done.exit_code, len(pd.read_csv(path)), "2026-01-31 09:00" in done.stderr) == (0, 3, True)
+    assert (done.exit_code, len(pd.read_csv(path)), "2026-01-31 09:00" in done.stderr) == (
+        0,
+        3,
+        True,
+    )
     touches(data, 0.03)
     done = CliRunner().invoke(app, [*words, "--time", "2026-01-31T09:00"])
     assert (done.exit_code, len(pd.read_csv(path))) == (1, 3)
@@ -117,8 +162,12 @@ def test_an_instrument_is_one_however_it_is_written(tmp_path: Path) -> None:
     path = tmp_path / "checks.csv"
     history(SIZES).save(path)
     table = pd.read_csv(path)
-    table.assign(instrument=(["Arm7", "ARM7", "Arm7 "] * len(table))[: len(table)]).to_csv(path, index=False)
-    found = History.read(path).with_check(accept(touches(tmp_path / "t.csv", 0.05)), START + timedelta(days=999), "arm7")
+    table.assign(instrument=(["Arm7", "ARM7", "Arm7 "] * len(table))[: len(table)]).to_csv(
+        path, index=False
+    )
+    found = History.read(path).with_check(
+        accept(touches(tmp_path / "t.csv", 0.05)), START + timedelta(days=999), "arm7"
+    )
     assert {(len(chart.values), chart.left) for chart in found.charts()} == {(len(SIZES) + 1, True)}
 
 
@@ -165,7 +214,11 @@ def test_damaged_histories_are_refused(tmp_path: Path, column: str, cell: str) -
     with pytest.raises(MeasurementFileError) as raised:
         History.read(path)
     assert (raised.value.row, raised.value.column) == (6, column)
-    path.write_text("\n".join([*before.decode().splitlines()[:3], "# serviced", *before.decode().splitlines()[3:4]]))
+    path.write_text(
+        "\n".join(
+            [*before.decode().splitlines()[:3], "# serviced", *before.decode().splitlines()[3:4]]
+        )
+    )
     with pytest.raises(MeasurementFileError, match="row 4"):
         History.read(path)
     path.write_bytes(before[: len(before) // 2])
@@ -176,7 +229,9 @@ def test_damaged_histories_are_refused(tmp_path: Path, column: str, cell: str) -
 def test_times_are_of_one_zone(tmp_path: Path) -> None:
     history(SIZES).save(path := tmp_path / "checks.csv")
     times = pd.read_csv(path)["time"]
-    path.write_text(path.read_text().replace("2026-01-31T00:00:00+00:00", "2026-01-31T02:00:00+02:00"))
+    path.write_text(
+        path.read_text().replace("2026-01-31T00:00:00+00:00", "2026-01-31T02:00:00+02:00")
+    )
     assert History.read(path).checks["time"].tolist() == pd.to_datetime(times, utc=True).tolist()
 
 
@@ -199,7 +254,9 @@ def test_charts_have_dates_and_say_what_their_marks_are(tmp_path: Path) -> None:
     """A check a month, or of one day: then with the time; of the marks those that are there."""
     monthly, daily = history([*SIZES, 0.05]), history([0.02])
     for hour in (2, 4):
-        daily = daily.with_check(accept(touches(tmp_path / "t.csv", 0.02 + hour * 1e-4)), START + timedelta(hours=hour))
+        daily = daily.with_check(
+            accept(touches(tmp_path / "t.csv", 0.02 + hour * 1e-4)), START + timedelta(hours=hour)
+        )
     first, last = START, START + timedelta(days=240)
     for checks, ends, outside in (
         (monthly, (f"{first:%Y-%m-%d}", f"{last:%Y-%m-%d}"), True),
@@ -220,7 +277,9 @@ def test_charts_have_dates_and_say_what_their_marks_are(tmp_path: Path) -> None:
         assert not any(a.overlaps(b) for k, a in enumerate(boxes) for b in boxes[:k])
 
 
-def test_charts_that_are_not_drawn_are_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_charts_that_are_not_drawn_are_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     checks = history(SIZES)
     assert "not drawn" not in plot_history(checks).legends[0].get_title().get_text()
     monkeypatch.setattr("aacmm_pin.report.plots.history.MOST", 1)
@@ -228,18 +287,31 @@ def test_charts_that_are_not_drawn_are_counted(tmp_path: Path, monkeypatch: pyte
 
 
 def test_a_test_report_is_one_sheet(tmp_path: Path, page: Browser) -> None:
-    """With all figures of three sets of coordinates, and charts; on a phone it is as wide as that."""
+    """With all figures of three sets of coordinates, and charts; on a phone it is as wide
+    as that.
+    """
     table = everything()
-    table["part"] = np.where(table["test"] == "single-point", np.where(np.arange(len(table)) % 2, "high", ""), "")
+    table["part"] = np.where(
+        table["test"] == "single-point", np.where(np.arange(len(table)) % 2, "high", ""), ""
+    )
     arm = Arm.load("sino6")
-    angles = np.random.default_rng(1).uniform(0, 20, (len(table), 6)) * (1, -1, 1, -1, 1, 1)  # within the limits
+    angles = np.random.default_rng(1).uniform(0, 20, (len(table), 6)) * (
+        1,
+        -1,
+        1,
+        -1,
+        1,
+        1,
+    )  # within the limits
     table[[f"theta{k}_deg" for k in range(1, 7)]] = angles
     table.assign(temperature_c=20.1).to_csv(tmp_path / "touches.csv", index=False)
     mpe = {"E_Uni": 1e-4, "E_Bi": 1e-4, "SPAT.Max": 1e-4}
     for arms in ({}, {"nominal": arm, "extended": arm}):
         result = accept(tmp_path / "touches.csv", arms, mpe=mpe)
         table.assign(z_mm=table["z_mm"] * 1.0001).to_csv(tmp_path / "before.csv", index=False)
-        checks = history(SIZES).with_check(accept(tmp_path / "before.csv", arms), START + timedelta(days=270))
+        checks = history(SIZES).with_check(
+            accept(tmp_path / "before.csv", arms), START + timedelta(days=270)
+        )
         checks = checks.with_check(result, START + timedelta(days=300))
         assert len(charts_drawn(checks)) == min(12, len(checks.charts()))
         told = CheckDetails(START, "no. 12", {"humidity": "45 %"}, checks)
@@ -248,7 +320,9 @@ def test_a_test_report_is_one_sheet(tmp_path: Path, page: Browser) -> None:
         page.open(target, (390, 800), touch=True)
         assert page.evaluate("document.scrollingElement.scrollWidth") <= 390
         assert page.evaluate("document.querySelectorAll('figure img').length") == 1
-        heads = page.evaluate("[...document.querySelector('table').rows[0].cells].map((cell) => cell.innerText)")
+        heads = page.evaluate(
+            "[...document.querySelector('table').rows[0].cells].map((cell) => cell.innerText)"
+        )
         assert {"value [mm]", "MPE [mm]"} <= set(heads)
         assert (
             ("missing: " in page.evaluate("document.body.textContent"))
@@ -256,10 +330,15 @@ def test_a_test_report_is_one_sheet(tmp_path: Path, page: Browser) -> None:
             == bool(arms)
         )
         assert (heads[:2], heads[-1]) == (["figure", "verdict"], "where")
-        of_verdicts = page.evaluate("document.querySelector('table').rows[0].cells[1].getBoundingClientRect().right")
+        of_verdicts = page.evaluate(
+            "document.querySelector('table').rows[0].cells[1].getBoundingClientRect().right"
+        )
         assert of_verdicts <= 390
         seen = page.evaluate("document.body.textContent")
         assert ("Not drawn: " in seen) == bool(arms)
-        assert all(text in seen for text in ("Operator", "Signature", "coordinates: as in the file", str(result)))
+        assert all(
+            text in seen
+            for text in ("Operator", "Signature", "coordinates: as in the file", str(result))
+        )
         assert page.printed_pages() == 1
         assert page.errors == []

@@ -11,7 +11,14 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from aacmm_pin import Arm, ErrorModel, accept, acceptance_procedure, perturbed_model, predict_acceptance
+from aacmm_pin import (
+    Arm,
+    ErrorModel,
+    accept,
+    acceptance_procedure,
+    perturbed_model,
+    predict_acceptance,
+)
 from aacmm_pin.arm.file import ArmFile
 from aacmm_pin.arm.random_postures import joint_bounds
 from aacmm_pin.cli.root_command import app
@@ -46,14 +53,17 @@ def only(arm: Arm, *uncertain: str) -> Arm:
     """The arm with no uncertainty but 1 µm and 1 µrad of the parameters with these names."""
     width = dict.fromkeys(uncertain, 1e-6)
     parameters = tuple(
-        replace(p, half_width=width.get(p.name, 0.0), u=width.get(p.name, 0.0) / np.sqrt(3)) for p in arm.parameters
+        replace(p, half_width=width.get(p.name, 0.0), u=width.get(p.name, 0.0) / np.sqrt(3))
+        for p in arm.parameters
     )
     return replace(arm, parameters=parameters)
 
 
 def test_every_touch_of_every_figure_is_planned_within_reach(sino6: Arm, planned: Path) -> None:
     procedure = Procedure.read(planned, sino6)
-    np.testing.assert_allclose(sino6.positions(procedure.q), procedure.points, atol=5e-6)  # angles are rounded
+    np.testing.assert_allclose(
+        sino6.positions(procedure.q), procedure.points, atol=5e-6
+    )  # angles are rounded
     bounds = joint_bounds(sino6)
     assert ((procedure.q > bounds[:, 0]) & (procedure.q < bounds[:, 1])).all()
     exact = pd.read_csv(planned, dtype=str)
@@ -65,13 +75,16 @@ def test_every_touch_of_every_figure_is_planned_within_reach(sino6: Arm, planned
     assert all(abs(f.evaluated.value) < 1e-8 for f in figures)  # the file has nanometres
     lengths = procedure.touches[procedure.touches["test"] == "length-uni"]
     assert (
-        lengths["length_mm"].astype(float).max() * 1e-3 >= 2 / 3 * 2 * np.linalg.norm(procedure.points, axis=1).max() * 0.8
+        lengths["length_mm"].astype(float).max() * 1e-3
+        >= 2 / 3 * 2 * np.linalg.norm(procedure.points, axis=1).max() * 0.8
     )
     assert exact.loc[exact["test"] == "single-point", "articulation"].nunique() > 3
 
 
 def test_artefacts_stand_where_a_table_or_a_tripod_holds_them(sino6: Arm) -> None:
-    """Over the base of an arm that stands, along gravity; anywhere if the arm hangs, or reaches hardly so high."""
+    """Over the base of an arm that stands, along gravity; anywhere if the arm hangs, or reaches
+    hardly so high.
+    """
 
     def lowest(arm: Arm) -> float:
         planned = acceptance_procedure(arm, standard="asme-b89.4.22", rng=np.random.default_rng(2))
@@ -79,8 +92,13 @@ def test_artefacts_stand_where_a_table_or_a_tripod_holds_them(sino6: Arm) -> Non
 
     def tall(height_mm: float, gravity: float) -> Arm:
         assert isinstance(sino6.file, ArmFile)
-        joints = [sino6.file.joints[0].model_copy(update={"d_mm": height_mm}), *sino6.file.joints[1:]]
-        return Arm.from_file(sino6.file.model_copy(update={"joints": joints, "gravity_m_s2": (0.0, 0.0, gravity)}))
+        joints = [
+            sino6.file.joints[0].model_copy(update={"d_mm": height_mm}),
+            *sino6.file.joints[1:],
+        ]
+        return Arm.from_file(
+            sino6.file.model_copy(update={"joints": joints, "gravity_m_s2": (0.0, 0.0, gravity)})
+        )
 
     low = replace(sino6, limits=np.vstack([sino6.limits[:1], [-0.9, 0.0], sino6.limits[2:]]))
     standing, beneath = (sino6, tall(300.0, -9.81), tall(0.0, 9.81)), (tall(300.0, 9.81), low)
@@ -88,30 +106,47 @@ def test_artefacts_stand_where_a_table_or_a_tripod_holds_them(sino6: Arm) -> Non
     assert all(lowest(arm) < -0.3 for arm in beneath)
 
 
-def test_single_points_stand_in_the_zones_of_asme_b89_4_22(sino6: Arm, planned: Path, rng: np.random.Generator) -> None:
+def test_single_points_stand_in_the_zones_of_asme_b89_4_22(
+    sino6: Arm, planned: Path, rng: np.random.Generator
+) -> None:
     """Joint 2 of SINO6 is 0.3 mm from the origin of its base."""
     low, high = sino6.limits.T
     reach = np.linalg.norm(sino6.positions(rng.uniform(low, high, (20_000, 6))), axis=1).max()
     touches = pd.read_csv(planned).query("test == 'single-point'").groupby("position", sort=False)
-    parts = touches[["planned_x_mm", "planned_y_mm", "planned_z_mm"]].first().pipe(np.linalg.norm, axis=1) / reach * 1e-3
+    parts = (
+        touches[["planned_x_mm", "planned_y_mm", "planned_z_mm"]]
+        .first()
+        .pipe(np.linalg.norm, axis=1)
+        / reach
+        * 1e-3
+    )
     assert [int(np.searchsorted([0.2, 0.8], part)) for part in parts] == [0, 1, 2]
 
 
 def test_the_lengths_of_asme_b89_4_22_and_what_the_sheet_says(sino6: Arm, planned: Path) -> None:
-    touches = acceptance_procedure(sino6, standard="asme-b89.4.22", lengths=[0.60002, 0.30001]).touches
+    touches = acceptance_procedure(
+        sino6, standard="asme-b89.4.22", lengths=[0.60002, 0.30001]
+    ).touches
     bars = touches[touches["test"] == "volumetric"]
     assert bars.groupby("length_id")["length_mm"].unique().map(list).to_dict() == {
         "short ball bar": pytest.approx([300.01]),
         "long ball bar": pytest.approx([600.02]),
     }
     sizes, steps = _sizes(read := Procedure.read(planned, sino6)), _steps(read)
-    assert sizes.set_index("artefact").loc[["sphere, diameter", "probe, diameter"], "size [mm]"].to_list() == [25, 6]
+    assert sizes.set_index("artefact").loc[
+        ["sphere, diameter", "probe, diameter"], "size [mm]"
+    ].to_list() == [25, 6]
     assert sizes["artefact"].is_unique
     assert len(sizes) == 2 + 5 + 2
     assert steps["lines"].str.split().str[-1].iloc[-1] == str(len(read.touches) + 1)
-    assert (steps["touch"] == "seat").sum() > 25  # one row each, where words tell the ten articulations apart
+    assert (
+        steps["touch"] == "seat"
+    ).sum() > 25  # one row each, where words tell the ten articulations apart
     every = pd.read_csv(planned, dtype=str)
-    assert not {*every.loc[every["test"] == "volumetric", "position"]} & {*every["feature"], *every["length_id"].dropna()}
+    assert not {*every.loc[every["test"] == "volumetric", "position"]} & {
+        *every["feature"],
+        *every["length_id"].dropna(),
+    }
     pairs = every[every["test"] == "length-uni"].drop_duplicates(["length_id", "feature"])
     assert set(pairs["feature"]) == {"A", *pairs["length_id"]}
 
@@ -122,16 +157,24 @@ def test_an_unfilled_procedure_has_no_figures(planned: Path) -> None:
 
 
 def test_what_turns_the_whole_arm_changes_no_figure(sino6: Arm, few: Path) -> None:
-    """The zero of joint 1 and d1 move all coordinates as one body, but for the square of the turn."""
+    """The zero of joint 1 and d1 move all coordinates as one body, but for the square of
+    the turn.
+    """
     rigid = predict_acceptance(
-        str(few), {"rigid": only(sino6, "theta_offset1", "d1")}, encoder_noise=0.0, runs=20, progress=False
+        str(few),
+        {"rigid": only(sino6, "theta_offset1", "d1")},
+        encoder_noise=0.0,
+        runs=20,
+        progress=False,
     )
     assert max(f.magnitudes.max() for f in rigid.figures) < 5e-9  # the file has nanometres
 
 
 def test_noise_of_readings_alone_scatters_as_its_covariance_says(sino6: Arm, few: Path) -> None:
     u, procedure = 2e-5, Procedure.read(few, sino6)
-    found = predict_acceptance(str(few), {"noisy": only(sino6)}, encoder_noise=u, runs=60, progress=False)
+    found = predict_acceptance(
+        str(few), {"noisy": only(sino6)}, encoder_noise=u, runs=60, progress=False
+    )
     sigma = next(f for f in found.figures if f.definition.name == "SinglePoint.Sigma")
     assert sigma.alone.index[0] == "encoder noise"
     rows = procedure.touches["test"] == "single-point"
@@ -142,8 +185,12 @@ def test_noise_of_readings_alone_scatters_as_its_covariance_says(sino6: Arm, few
 
 
 def test_predictions_are_those_of_the_exact_chain(sino6: Arm, few: Path, tmp_path: Path) -> None:
-    """Figures of arms that are drawn and touch exactly, judged from their files, beside the predicted distribution."""
-    found = predict_acceptance(str(few), {"sino6": sino6}, encoder_noise=8e-6, runs=100, progress=False)
+    """Figures of arms that are drawn and touch exactly, judged from their files, beside the
+    predicted distribution.
+    """
+    found = predict_acceptance(
+        str(few), {"sino6": sino6}, encoder_noise=8e-6, runs=100, progress=False
+    )
     procedure, ranks = Procedure.read(few, sino6), []
     for seed in range(6):
         rng = np.random.default_rng(seed)
@@ -151,10 +198,15 @@ def test_predictions_are_those_of_the_exact_chain(sino6: Arm, few: Path, tmp_pat
         noise = Noise.of(6, encoder=8e-6)
         records = simulate_touches(true, procedure.q, procedure.points, rng=rng, noise=noise)
         procedure.filled(records, ErrorModel(sino6)).to_csv(tmp_path / "filled.csv", index=False)
-        values = {f.definition.name: abs(f.evaluated.value) for f in accept(tmp_path / "filled.csv").figures}
+        values = {
+            f.definition.name: abs(f.evaluated.value)
+            for f in accept(tmp_path / "filled.csv").figures
+        }
         ranks.append([np.mean(f.magnitudes < values[f.definition.name]) for f in found.figures])
     mean = np.mean(ranks, axis=0)  # of uniform ranks 0.5 ± 0.118
-    assert (np.abs(mean - 0.5) < 0.3).all(), dict(zip((f.definition.name for f in found.figures), mean, strict=True))
+    assert (np.abs(mean - 0.5) < 0.3).all(), dict(
+        zip((f.definition.name for f in found.figures), mean, strict=True)
+    )
     assert abs(np.mean(ranks) - 0.5) < 0.17
 
 
@@ -165,7 +217,9 @@ def test_the_first_order_step_is_exact_physics(sino6: Arm, few: Path) -> None:
     silent = Noise.of(6, encoder=0.0)
     records = simulate_touches(true, procedure.q, procedure.points, rng=rng, noise=silent)
     off = sino6.positions(records.q) - procedure.points
-    first = sino6.positions(procedure.q) - true.arm.positions(procedure.q)  # what the errors do where the model says p
+    first = sino6.positions(procedure.q) - true.arm.positions(
+        procedure.q
+    )  # what the errors do where the model says p
     assert np.abs(off).max() > 5e-5
     np.testing.assert_allclose(off, first, atol=0.01 * np.abs(off).max())
 
@@ -177,16 +231,25 @@ def test_the_order_of_a_wave_belongs_to_it(sino6: Arm, few: Path) -> None:
 
 
 def test_the_chain_at_the_shell(tmp_path: Path) -> None:
-    """plan, simulate, accept: an arm with a hidden eccentricity fails, the arm that knows it passes."""
-    touches, filled, truth = (tmp_path / name for name in ("touches.csv", "filled.csv", "truth.toml"))
+    """plan, simulate, accept: an arm with a hidden eccentricity fails, the arm that knows it
+    passes.
+    """
+    touches, filled, truth = (
+        tmp_path / name for name in ("touches.csv", "filled.csv", "truth.toml")
+    )
     sheet, page = tmp_path / "sheet.html", tmp_path / "page.html"
     asme = "--standard asme-b89.4.22"
     said = run(f"plan sino6 --for acceptance {asme} -o {touches} --sheet {sheet}")
     assert str(touches) in said
     hidden = "encoder_eccentricity:3,amplitude_rad=3e-4"
-    run(f"simulate sino6 --plan {touches} --effect {hidden} --encoder-noise-rad 1e-6 --truth {truth} -o {filled}")
+    run(
+        f"simulate sino6 --plan {touches} --effect {hidden} --encoder-noise-rad 1e-6 --truth "
+        f"{truth} -o {filled}"
+    )
     content = json.loads(run(f"accept sino6 {truth} {filled} --mpe SPAT.Max=0.05 --json -"))
-    verdicts = {f["coordinates"]: f["verdict"] for f in content["figures"] if f["figure"] == "SPAT.Max"}
+    verdicts = {
+        f["coordinates"]: f["verdict"] for f in content["figures"] if f["figure"] == "SPAT.Max"
+    }
     assert (verdicts["sino6"], verdicts[str(truth)]) == ("non-conformity", "conformity")
     options = f"--predict --runs 20 --mpe SPAT.Max=10 --encoder-noise-rad 8e-6 {asme}"
     content = json.loads(run(f"accept sino6 {touches} {options} --json - -o {page}"))
@@ -202,7 +265,9 @@ def test_the_chain_at_the_shell(tmp_path: Path) -> None:
 
 def test_an_mpe_without_its_figure_is_told_by_an_example(tmp_path: Path) -> None:
     for given in ("0.1", "E_Uni", "E_Uni:0.1"):
-        result = CliRunner().invoke(app, ["accept", "sino6", str(tmp_path / "touches.csv"), "--mpe", given])
+        result = CliRunner().invoke(
+            app, ["accept", "sino6", str(tmp_path / "touches.csv"), "--mpe", given]
+        )
         assert result.exit_code == 2
         assert given in result.stderr
         assert "FIGURE=MM" in result.stderr
@@ -222,11 +287,18 @@ def test_what_cannot_be_planned_or_predicted(sino6: Arm, planned: Path) -> None:
     for sizes in ({"probe_diameter": -1e-3}, {"sphere_diameter": 0.0}, {"lengths": [0.005, 0.2]}):
         with pytest.raises(AacmmError, match="expected"):
             acceptance_procedure(sino6, standard="asme-b89.4.22", **sizes)
-    narrow = replace(sino6, limits=np.array([[0, 1.0], [-1.6, -0.6], [-0.5, 0.5], [0.5, 1.5], [0.3, 1], [-1, 1]]))
-    with pytest.raises(AacmmError, match="no posture inside the limits was found with the tip at 20% to 45%"):
+    narrow = replace(
+        sino6, limits=np.array([[0, 1.0], [-1.6, -0.6], [-0.5, 0.5], [0.5, 1.5], [0.3, 1], [-1, 1]])
+    )
+    with pytest.raises(
+        AacmmError, match="no posture inside the limits was found with the tip at 20% to 45%"
+    ):
         acceptance_procedure(narrow)
     less = str(_without(planned, "planned_x_mm", "planned_theta2_deg"))
-    with pytest.raises(MeasurementFileError, match=r"planned_x_mm, planned_theta2_deg.*plan ARM --for acceptance -o"):
+    with pytest.raises(
+        MeasurementFileError,
+        match=r"planned_x_mm, planned_theta2_deg.*plan ARM --for acceptance -o",
+    ):
         predict_acceptance(less, {"sino6": sino6}, progress=False)
     for words in (
         f"plan sino6 --for calibration --sphere-mm 20 -o {planned}",
@@ -240,7 +312,9 @@ def test_what_cannot_be_planned_or_predicted(sino6: Arm, planned: Path) -> None:
 
 
 def _without(path: Path, *columns: str) -> Path:
-    pd.read_csv(path, dtype=str).drop(columns=[*columns]).to_csv(path.with_name("less.csv"), index=False)
+    pd.read_csv(path, dtype=str).drop(columns=[*columns]).to_csv(
+        path.with_name("less.csv"), index=False
+    )
     return path.with_name("less.csv")
 
 

@@ -13,7 +13,9 @@ from aacmm_pin.verification.spheres import fitted_sphere, minimum_circumscribed_
 
 
 def by_brute_force(points: Array) -> float:
-    """Smallest diameter of those of all pairs, triples and quadruples that have every point inside."""
+    """Smallest diameter of those of all pairs, triples and quadruples that have every point
+    inside.
+    """
     found = [0.0] if np.ptp(points, axis=0).max() == 0 else []
     for count in (2, 3, 4):
         for chosen in combinations(points, count):
@@ -32,7 +34,9 @@ def test_minimum_circumscribed_sphere_is_that_of_brute_force() -> None:
     rng = np.random.default_rng(5)
     for number in range(1000):
         points = rng.normal(size=(rng.integers(2, 8), 3)) * 10.0 ** rng.integers(-5, 0)
-        if number % 5 == 1:  # in a plane, on a line, in a few places, on a grid with many on one sphere
+        if (
+            number % 5 == 1
+        ):  # in a plane, on a line, in a few places, on a grid with many on one sphere
             points[:, 2] = 0
         elif number % 5 == 2:
             points = points[:, :1] * np.array([[1.0, 2.0, -1.0]])
@@ -73,6 +77,8 @@ def test_points_without_a_sphere() -> None:
     for away in (0.0, 3.0):
         with pytest.raises(AacmmError, match="plane"):
             fitted_sphere(flat + away)
-    assert fitted_sphere([[0, 0, 0], [2, 0, 0], [0, 2, 0], [0, 0, 2]]).diameter == pytest.approx(2 * np.sqrt(3))
+    assert fitted_sphere([[0, 0, 0], [2, 0, 0], [0, 2, 0], [0, 0, 2]]).diameter == pytest.approx(
+        2 * np.sqrt(3)
+    )
     with pytest.raises(ShapeError):
         minimum_circumscribed_sphere(np.empty((0, 3)))

@@ -35,17 +35,22 @@ COMPONENT_MARKERS = "os^DvP*h"
 """Shapes of the components that one picture tells apart."""
 NOT_THERE = "no mark: no posture within limits"
 GAP, MISSED = 6.0, 3.0
-"""A gap is seen in the curves where no posture is for so many degrees, and for so many usual steps."""
+"""A gap is seen in the curves where no posture is for so many degrees, and for so many usual steps.
+"""
 MARKERS = 18
 """Number of these markers along a component."""
 
 
 @plain
-def plot_accuracy_of_postures(postures: PosturesAtPoint, accuracy: AccuracyVolume, ax: Axes | None = None) -> Axes:
-    """Accuracy volume (left scale) and standard uncertainty of the position (right scale) of the postures at a point.
+def plot_accuracy_of_postures(
+    postures: PosturesAtPoint, accuracy: AccuracyVolume, ax: Axes | None = None
+) -> Axes:
+    """Accuracy volume (left scale) and standard uncertainty of the position (right scale) of the
+    postures at a point.
 
-    Over the swivel angle where the arm has one, else over the way along each curve of self-motion, or over the numbers of
-    single postures. Where two to eight components have configurations within limits, each has markers of its own shape.
+    Over the swivel angle where the arm has one, else over the way along each curve of self-motion,
+    or over the numbers of single postures. Where two to eight components have configurations within
+    limits, each has markers of its own shape.
 
     Raises:
         ShapeError: ``accuracy`` was worked out for other configurations.
@@ -56,7 +61,11 @@ def plot_accuracy_of_postures(postures: PosturesAtPoint, accuracy: AccuracyVolum
     if isinstance(postures, ConfigurationCircle):
         left_out = _has_gap(postures.swivel[inside] / DEG)
         _draw_over(postures.swivel[inside] / DEG, component, accuracy, ax, left_out)
-        ax.set(xlabel="swivel angle of the elbow, 0 = highest [deg]", xlim=(-180, 180), xticks=range(-180, 181, 60))
+        ax.set(
+            xlabel="swivel angle of the elbow, 0 = highest [deg]",
+            xlim=(-180, 180),
+            xticks=range(-180, 181, 60),
+        )
     elif isinstance(postures, ReachingPostures) and not postures.single:
         _draw_over(postures.travel[inside], component, accuracy, ax, left_out)
         ax.set(xlabel="way of all angles along the curve [rad]")
@@ -65,12 +74,16 @@ def plot_accuracy_of_postures(postures: PosturesAtPoint, accuracy: AccuracyVolum
         _draw_over(component.astype(np.float64), np.ones_like(component), accuracy, ax, left_out)
         last = int(postures.component.max())
         ax.set(xlabel="number of the posture", xlim=(0.5, last + 0.5), xticks=range(1, last + 1))
-    ax.set_title(f"{accuracy.sources.arm.name}: accuracy of the postures, {accuracy.method}", fontsize=10)
+    ax.set_title(
+        f"{accuracy.sources.arm.name}: accuracy of the postures, {accuracy.method}", fontsize=10
+    )
     return ax
 
 
 def _has_gap(swivel: Array) -> bool:
-    """Whether there is a gap between swivel angles (n,) [°] somewhere in the turn, or none of them."""
+    """Whether there is a gap between swivel angles (n,) [°] somewhere in the turn, or none
+    of them.
+    """
     if len(swivel) < 2:
         return True
     usual = float(np.median(np.abs(np.diff(swivel))))
@@ -78,20 +91,37 @@ def _has_gap(swivel: Array) -> bool:
     return bool(np.diff(ordered, append=ordered[0] + 360).max() > max(GAP, MISSED * usual))
 
 
-def _draw_over(place: Array, component: Index, accuracy: AccuracyVolume, ax: Axes, left_out: bool) -> None:
-    """Volume on the left, u on the right, over ``place`` (n,); what is not there is explained if some is ``left_out``."""
+def _draw_over(
+    place: Array, component: Index, accuracy: AccuracyVolume, ax: Axes, left_out: bool
+) -> None:
+    """Volume on the left, u on the right, over ``place`` (n,); what is not there is explained if
+    some is ``left_out``.
+    """
     right, numbers = ax.twinx(), np.unique(component)
     apart = numbers if 1 < len(numbers) <= len(COMPONENT_MARKERS) else numbers[:0]
     size = 1.5 if len(numbers) > 1 else 4.0 if len(place) > 20 else 8.0
-    (of_volume,) = ax.plot(place, accuracy.volume / MM3, "o", ms=size, color=BLUE, label=VOLUME_NAME)
-    (of_u,) = right.plot(place, accuracy.u / UM, "x", ms=size, mew=0.9, color=VERMILLION, label=U_NAME)
-    handles = [] if len(apart) else [of_volume, of_u]  # the scales have the colours of what they are of
+    (of_volume,) = ax.plot(
+        place, accuracy.volume / MM3, "o", ms=size, color=BLUE, label=VOLUME_NAME
+    )
+    (of_u,) = right.plot(
+        place, accuracy.u / UM, "x", ms=size, mew=0.9, color=VERMILLION, label=U_NAME
+    )
+    handles = (
+        [] if len(apart) else [of_volume, of_u]
+    )  # the scales have the colours of what they are of
     for k, number in enumerate(apart):
         mine = np.flatnonzero(component == number)
         mine = mine[np.argsort(place[mine], kind="stable")]
         step = max(1, len(mine) // MARKERS)
-        some = mine[k * step // len(numbers) :: step]  # shifted, so that coincident components do not hide each other
-        style: dict[str, Any] = {"marker": COMPONENT_MARKERS[k], "ms": 6, "ls": "", "label": f"component {number}"}
+        some = mine[
+            k * step // len(numbers) :: step
+        ]  # shifted, so that coincident components do not hide each other
+        style: dict[str, Any] = {
+            "marker": COMPONENT_MARKERS[k],
+            "ms": 6,
+            "ls": "",
+            "label": f"component {number}",
+        }
         handles += ax.plot(place[some], accuracy.volume[some] / MM3, color=BLUE, **style)
         right.plot(place[some], accuracy.u[some] / UM, color=VERMILLION, mfc="none", **style)
     ax.set_ylabel(VOLUME_LABEL, color=BLUE)
@@ -109,41 +139,52 @@ def plot_budget(
     ax: Axes | None = None,
     most: int = 12,
 ) -> Axes:
-    """Uncertainty budget as bars: share of the variance, with the standard uncertainty at the end of each.
+    """Uncertainty budget as bars: share of the variance, with the standard uncertainty at the end
+    of each.
 
     Args:
         accuracy: at one configuration or more.
         by: what the bars stand for.
         ax: axes.
-        most: at most this many bars, those of the largest size (correlated parameters may have negative shares); what is
-            left is one bar "rest".
+        most: at most this many bars, those of the largest size (correlated parameters may have
+            negative shares); what is left is one bar "rest".
 
     Raises:
         AacmmError: ``most`` is below 1, or ``accuracy`` has no configuration.
     """
     if most < 1 or not len(accuracy.q):
-        raise AacmmError(f"most is {most} and accuracy has {len(accuracy.q)} configurations; expected at least 1 of each")
+        raise AacmmError(
+            f"most is {most} and accuracy has {len(accuracy.q)} configurations; expected at least "
+            "1 of each"
+        )
     table = _shortened(accuracy.budget(by), by, most, accuracy.sources)
     ax = axes_of(ax, (7.0, 0.9 + 0.32 * len(table)))
     share = 100 * table["share"]
     colours = [GREY if name.startswith("rest") else BLUE for name in table["name"]]
     bars = ax.barh(table["name"], share, color=colours, height=0.7)
     own = ["" if np.isnan(u) else f",  {length(u * MM)}" for u in table["u_mm"]]
-    ax.bar_label(bars, [f"{s:.1f} %{u}" for s, u in zip(share, own, strict=True)], padding=4, fontsize=8)
+    ax.bar_label(
+        bars, [f"{s:.1f} %{u}" for s, u in zip(share, own, strict=True)], padding=4, fontsize=8
+    )
     ax.invert_yaxis()
     room = 0.28 * (share.max() - min(share.min(), 0.0))  # for the labels
     ax.set_xlim(share.min() - 1.5 * room if share.min() < 0 else 0, share.max() + room)
     ax.set_xlabel("share of the variance of the position [%]; at the bars also u")
-    ax.set_title(f"{accuracy.sources.arm.name} at {accuracy.sources.at}: uncertainty budget by {by}", fontsize=10)
+    ax.set_title(
+        f"{accuracy.sources.arm.name} at {accuracy.sources.at}: uncertainty budget by {by}",
+        fontsize=10,
+    )
     ax.spines[["top", "right"]].set_visible(False)
     return ax
 
 
 def _shortened(budget: pd.DataFrame, by: str, most: int, sources: ErrorSources) -> pd.DataFrame:
-    """Columns name, share, u_mm: the largest ``most`` rows, without those that have no part; the rest as one, without u
-    (nan) where it is not the root of a sum of squares.
+    """Columns name, share, u_mm: the largest ``most`` rows, without those that have no part; the
+    rest as one, without u (nan) where it is not the root of a sum of squares.
     """
-    budget = budget[budget["share"] != 0].sort_values("share", ascending=False, key=abs, ignore_index=True, kind="stable")
+    budget = budget[budget["share"] != 0].sort_values(
+        "share", ascending=False, key=abs, ignore_index=True, kind="stable"
+    )
     names = [_source_name(source, by, sources.arm) for source in budget[by]]
     table = pd.DataFrame({"name": names, "share": budget["share"], "u_mm": budget["u_mm"]})
     if len(table) <= most:
@@ -156,7 +197,9 @@ def _shortened(budget: pd.DataFrame, by: str, most: int, sources: ErrorSources) 
 
 
 def _source_name(source: Any, by: str, arm: Arm) -> str:
-    """What a bar stands for: a parameter, a kind, a joint with its word; <NA> is what moves the whole arm."""
+    """What a bar stands for: a parameter, a kind, a joint with its word; <NA> is what moves the
+    whole arm.
+    """
     if pd.isna(source):
         return "whole arm"
     return f"{row_in_words(source, arm)} {source}" if by == "joint" else str(source)

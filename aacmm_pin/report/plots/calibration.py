@@ -1,4 +1,6 @@
-"""What a calibration found: residuals over joint angles, by seats, against the noise; correlation of the parameters."""
+"""What a calibration found: residuals over joint angles, by seats, against the noise; correlation
+of the parameters.
+"""
 
 from __future__ import annotations
 
@@ -39,11 +41,14 @@ NAMED = 45
 
 
 @plain
-def plot_residuals_over_joint(result: Calibration, joint: int, when: str = "after", ax: Axes | None = None) -> Axes:
-    """Residual along the way that a joint moves the tip, over its angle: what an error of that angle would look like.
+def plot_residuals_over_joint(
+    result: Calibration, joint: int, when: str = "after", ax: Axes | None = None
+) -> Axes:
+    """Residual along the way that a joint moves the tip, over its angle: what an error of that
+    angle would look like.
 
-    Dots are records; the line is their mean in parts of the range, with its standard uncertainty. A joint whose axis goes
-    through the tip has none.
+    Dots are records; the line is their mean in parts of the range, with its standard uncertainty. A
+    joint whose axis goes through the tip has none.
 
     Args:
         result: the calibration.
@@ -88,7 +93,9 @@ def _draw_means(ax: Axes, angle: Array, values: Array) -> None:
 
 
 @plain
-def plot_residuals_over_joints(result: Calibration, when: str = "after", ax: Axes | None = None) -> Figure:
+def plot_residuals_over_joints(
+    result: Calibration, when: str = "after", ax: Axes | None = None
+) -> Figure:
     """:func:`plot_residuals_over_joint` for every joint, side by side on one scale.
 
     Args:
@@ -118,7 +125,8 @@ def plot_residuals_over_joints(result: Calibration, when: str = "after", ax: Axe
 def plot_residuals_by_seat(result: Calibration, ax: Axes | None = None) -> Axes:
     """Distance of tip and target of every record by its seat, before and after.
 
-    Excluded records are crosses, or triangles at the upper edge where they are beyond the scale of the others.
+    Excluded records are crosses, or triangles at the upper edge where they are beyond the scale of
+    the others.
 
     Raises:
         AacmmError: the records name no seat.
@@ -153,10 +161,11 @@ def plot_residuals_by_seat(result: Calibration, ax: Axes | None = None) -> Axes:
 
 @plain
 def plot_normalised_residuals(result: Calibration, ax: Axes | None = None) -> Axes:
-    """Residuals over what the noise allows, against the χ distribution with three degrees of freedom.
+    """Residuals over what the noise allows, against the χ distribution with three degrees of
+    freedom.
 
-    A residual is normalised by the covariance of its record (Mahalanobis): by the stated noise, and by the scatter that was
-    found where that does not suffice.
+    A residual is normalised by the covariance of its record (Mahalanobis): by the stated noise, and
+    by the scatter that was found where that does not suffice.
     """
     distance = np.sqrt(result.fit.system.distance[result.fit.used])
     ax, most = axes_of(ax, (5.4, 3.6)), max(4.5, float(distance.max(initial=0.0)))
@@ -173,8 +182,8 @@ def plot_normalised_residuals(result: Calibration, ax: Axes | None = None) -> Ax
 
 @plain
 def plot_correlation(result: Calibration, ax: Axes | None = None) -> Axes:
-    """Correlation of the parameters; ±1 means that the data tell only their sum or difference, grey that they tell
-    nothing.
+    """Correlation of the parameters; ±1 means that the data tell only their sum or difference, grey
+    that they tell nothing.
     """
     table, count = result.correlation, len(result.correlation)
     untold = np.linalg.norm(result.fit.unknown[:count], axis=1) > NOT_AT_ALL

@@ -1,4 +1,6 @@
-"""The causes that a diagnosis found, drawn over what each depends on, and what stays without a cause."""
+"""The causes that a diagnosis found, drawn over what each depends on, and what stays without a
+cause.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,12 @@ from aacmm_pin.errors import AacmmError
 from aacmm_pin.report.numbers import count
 from aacmm_pin.report.plots.groups import plot_rms
 from aacmm_pin.report.plots.parameter_changes import plot_geometry
-from aacmm_pin.report.plots.partial_residuals import PartialResidual, is_constant, partial_residual, state_of
+from aacmm_pin.report.plots.partial_residuals import (
+    PartialResidual,
+    is_constant,
+    partial_residual,
+    state_of,
+)
 from aacmm_pin.report.plots.style import (
     BLUE,
     GREEN,
@@ -35,7 +42,9 @@ from aacmm_pin.report.plots.style import (
 FEW = 12
 """A covariate with no more values than this is shown value by value."""
 SHOWN = (0.01, 0.99)
-"""Records between these quantiles fit into the picture; the others, which say least, are marked at its edge."""
+"""Records between these quantiles fit into the picture; the others, which say least, are marked at
+its edge.
+"""
 ROOM = 0.8
 """As far beyond the curve, in heights of it, records are shown."""
 LEAST_IN_BIN = 3
@@ -46,8 +55,9 @@ UNITS = {"deg": "°", "c": "°C", "urad": "µrad", "um_per_m": "µm/m", "mm": "m
 
 @plain
 def plot_diagnosis(result: Diagnosis, finding: int = 0, ax: Axes | None = None) -> Axes:
-    """The strongest cause through what the records say of it; where none was found, what the residuals depend on; where
-    they depend on nothing, or the cause moves every record alike, their size by the three models.
+    """The strongest cause through what the records say of it; where none was found, what the
+    residuals depend on; where they depend on nothing, or the cause moves every record alike, their
+    size by the three models.
 
     Args:
         result: the diagnosis.
@@ -61,7 +71,10 @@ def plot_diagnosis(result: Diagnosis, finding: int = 0, ax: Axes | None = None) 
         unexplained = [*result.unexplained.shapes]
         return plot_unexplained(result, unexplained[0], ax) if unexplained else plot_rms(result, ax)
     if not 0 <= finding < len(result.findings):
-        raise AacmmError(f"finding {finding} was asked for, this diagnosis has {len(result.findings)}, counted from 0")
+        raise AacmmError(
+            f"finding {finding} was asked for, this diagnosis has {len(result.findings)}, "
+            "counted from 0"
+        )
     found = result.findings[finding]
     over_something = corrects_seat(found.effect) or result.geometric(found)
     if not over_something and is_constant(found.effect, state_of(result.extended)):
@@ -71,11 +84,12 @@ def plot_diagnosis(result: Diagnosis, finding: int = 0, ax: Axes | None = None) 
 
 @plain
 def plot_cause(result: Diagnosis, finding: Finding, ax: Axes | None = None) -> Axes:
-    """What the records say of a cause, everything else as fitted, over what it depends on; the fitted cause through it.
+    """What the records say of a cause, everything else as fitted, over what it depends on; the
+    fitted cause through it.
 
-    Faint dots are records, :func:`aacmm_pin.report.plots.partial_residuals.partial_residual`; circles are their weighted
-    means in parts of the range, with standard uncertainties. An error of a seat is shown seat by seat, a geometric value
-    beside what was stated of it.
+    Faint dots are records, :func:`aacmm_pin.report.plots.partial_residuals.partial_residual`;
+    circles are their weighted means in parts of the range, with standard uncertainties. An error of
+    a seat is shown seat by seat, a geometric value beside what was stated of it.
 
     Args:
         result: the diagnosis.
@@ -96,25 +110,38 @@ def plot_cause(result: Diagnosis, finding: Finding, ax: Axes | None = None) -> A
     ax.plot(x, shown.value, ".", ms=3, color=GREY, alpha=0.5, label="records", zorder=1)
     gap = " (gap: no record near)" if np.isnan(shown.curve[1]).any() else ""
     ax.plot(*shown.curve, "-", color=BLUE, lw=2.0, label=f"fitted cause{gap}", zorder=2)
-    style: dict[str, Any] = {"fmt": "o", "ms": 4, "color": VERMILLION, "lw": 1.2, "capsize": 2.5, "zorder": 3}
+    style: dict[str, Any] = {
+        "fmt": "o",
+        "ms": 4,
+        "color": VERMILLION,
+        "lw": 1.2,
+        "capsize": 2.5,
+        "zorder": 3,
+    }
     of = "" if few else f" of {LEAST_IN_BIN} or more"
     ax.errorbar(means["x"], means["value"], means["u"], label=f"means{of} ± u", **style)
     draw_beyond(ax, [(x, shown.value, GREY)], _limits(shown, means))
     ax.set(xlabel=shown.x_label, ylabel=shown.y_label)
     legend_below(ax, columns=2)
-    ax.set_title(f"{result.model.arm.name}: {in_words(finding.effect, result.model.arm)}", fontsize=10)
+    ax.set_title(
+        f"{result.model.arm.name}: {in_words(finding.effect, result.model.arm)}", fontsize=10
+    )
     return ax
 
 
 def _means(shown: PartialResidual, few: bool) -> pd.DataFrame:
-    """Weighted means of x and value in parts of the range, or at each x, and the standard uncertainty u of the latter."""
+    """Weighted means of x and value in parts of the range, or at each x, and the standard
+    uncertainty u of the latter.
+    """
     if few:
         parts, least = shown.x, 1
     else:
         bins = int(np.clip(len(shown.x) // 8, 4, shown.bins))
         parts, least = np.asarray(pd.cut(shown.x, bins, labels=False), float), LEAST_IN_BIN
     weight = 1.0 / shown.u**2
-    weighted = pd.DataFrame({"weight": weight, "x": weight * shown.x, "value": weight * shown.value})
+    weighted = pd.DataFrame(
+        {"weight": weight, "x": weight * shown.x, "value": weight * shown.value}
+    )
     groups = weighted.groupby(parts)
     sums = groups.sum()[groups.size() >= least]
     means = sums[["x", "value"]].div(sums["weight"], axis=0)
@@ -122,7 +149,9 @@ def _means(shown: PartialResidual, few: bool) -> pd.DataFrame:
 
 
 def _limits(shown: PartialResidual, means: pd.DataFrame) -> tuple[float, float]:
-    """Room for the curve and the means, and for nearly all records as far as that does not dwarf these."""
+    """Room for the curve and the means, and for nearly all records as far as that does not dwarf
+    these.
+    """
     value, u = means["value"], means["u"]
     inner = np.concatenate([shown.curve[1], value - u, value + u])
     low, high = float(np.nanmin(inner)), float(np.nanmax(inner))
@@ -134,17 +163,23 @@ def _limits(shown: PartialResidual, means: pd.DataFrame) -> tuple[float, float]:
 
 
 def _plot_seat_error(result: Diagnosis, effect: Effect, ax: Axes | None = None) -> Axes:
-    """Where each seat is beside where it is said to be, by the extended arm; the fitted error of one seat as a ring.
+    """Where each seat is beside where it is said to be, by the extended arm; the fitted error of
+    one seat as a ring.
 
-    Dots are weighted means over the records of a seat, with the standard uncertainty that the scatter of these gives; an
-    error of the arm that is common to them is not in it. Seats without a stated place are counted.
+    Dots are weighted means over the records of a seat, with the standard uncertainty that the
+    scatter of these gives; an error of the arm that is common to them is not in it. Seats without a
+    stated place are counted.
     """
     fit, ax = result.extended, axes_of(ax, (6.8, 3.8))
     records, tips = fit.problem.measurements, fit.point.prediction.tips
     weight = UM**2 / np.diagonal(fit.residual_noise[:, :3, :3], axis1=1, axis2=2)
     effects = [*(finding.effect for finding in result.findings), effect]
     found = {each.place: np.array(each.values) for each in effects if corrects_seat(each)}
-    seats = {name: own[fit.used[own]] for name, own in records.seats().items() if records.known[own].all()}
+    seats = {
+        name: own[fit.used[own]]
+        for name, own in records.seats().items()
+        if records.known[own].all()
+    }
     names = sorted((name for name, own in seats.items() if own.size), key=numbers_by_size)
     total = np.array([weight[seats[name]].sum(axis=0) for name in names])
     off = weight * (tips - records.reference) / UM
@@ -154,7 +189,9 @@ def _plot_seat_error(result: Diagnosis, effect: Effect, ax: Axes | None = None) 
     ax.axhline(0.0, color=INK, lw=0.6)
     for k, (axis, colour) in enumerate(AXES.items()):
         x = np.arange(len(names)) + 0.22 * (k - 1)
-        ax.errorbar(x, mean[:, k], total[:, k] ** -0.5, fmt="o", ms=4, capsize=2.5, color=colour, label=axis)
+        ax.errorbar(
+            x, mean[:, k], total[:, k] ** -0.5, fmt="o", ms=4, capsize=2.5, color=colour, label=axis
+        )
         ax.plot(x, error[:, k], "o", ms=9, mfc="none", color=colour)
     ax.plot([], [], "o", ms=9, mfc="none", color=INK, label="fitted error")
     name_places(ax, names)
@@ -169,34 +206,47 @@ def _plot_seat_error(result: Diagnosis, effect: Effect, ax: Axes | None = None) 
 
 @plain
 def plot_unexplained(result: Diagnosis, name: str, ax: Axes | None = None) -> Axes:
-    """What no cause explains, over what it depends on: the smooth correction, and faintly what each record says of it.
+    """What no cause explains, over what it depends on: the smooth correction, and faintly what each
+    record says of it.
 
-    Over one covariate the correction is a line, or a bar for each label; over several its size is a colour.
+    Over one covariate the correction is a line, or a bar for each label; over several its size is a
+    colour.
 
     Raises:
         AacmmError: nothing depends on such a covariate.
     """
     shapes = result.unexplained.shapes
     if name not in shapes:
-        raise AacmmError(f"nothing unexplained depends on {name!r}, expected one of {', '.join(shapes) or '(nothing does)'}")
+        raise AacmmError(
+            f"nothing unexplained depends on {name!r}, expected one of "
+            f"{', '.join(shapes) or '(nothing does)'}"
+        )
     shape, ax = shapes[name], axes_of(ax, (6.8, 3.8))
     columns = [str(column) for column in shape]
-    quantities = [column.removesuffix("_of_record") for column in columns if column.endswith("_of_record")]
+    quantities = [
+        column.removesuffix("_of_record") for column in columns if column.endswith("_of_record")
+    ]
     over = [column for column in columns if column.removesuffix("_of_record") not in quantities]
     label = _head(quantities[0]) if len(quantities) == 1 else "shift of the tip [mm]"
     draw = _plot_over_two if len(over) > 1 else _plot_over_one
     draw(shape, over, quantities, label, ax)
-    ax.set_title(f"{result.model.arm.name}, over {name}: {result.unexplained.acts_on[name]}", fontsize=10)
+    ax.set_title(
+        f"{result.model.arm.name}, over {name}: {result.unexplained.acts_on[name]}", fontsize=10
+    )
     return ax
 
 
-def _plot_over_one(shape: pd.DataFrame, over: list[str], quantities: list[str], label: str, ax: Axes) -> None:
+def _plot_over_one(
+    shape: pd.DataFrame, over: list[str], quantities: list[str], label: str, ax: Axes
+) -> None:
     """Each quantity of the correction over one covariate."""
     numbers = is_numeric_dtype(shape[over[0]])
     codes, names = pd.factorize(shape[over[0]])
     x = (shape[over[0]] if numbers else pd.Series(codes)).to_numpy(dtype=float)
     step, spread = (0.0, 0.0) if numbers else (0.22, aside(len(x), 0.14))
-    style: dict[str, Any] = {"lw": 2} if numbers else {"ls": "", "marker": "_", "ms": 18, "mew": 2.5}
+    style: dict[str, Any] = (
+        {"lw": 2} if numbers else {"ls": "", "marker": "_", "ms": 18, "mew": 2.5}
+    )
     several, series = len(quantities) > 1, []
     ax.axhline(0.0, color=INK, lw=0.6)
     for k, (quantity, colour) in enumerate(zip(quantities, AXES.values(), strict=False)):
@@ -206,7 +256,9 @@ def _plot_over_one(shape: pd.DataFrame, over: list[str], quantities: list[str], 
         ax.plot(at, shape[quantity], color=colour, label=quantity[0] if several else None, **style)
     if not numbers:
         name_places(ax, [str(name) for name in names])
-    low, high = np.quantile(shape[[f"{quantity}_of_record" for quantity in quantities]], [0.005, 0.995])
+    low, high = np.quantile(
+        shape[[f"{quantity}_of_record" for quantity in quantities]], [0.005, 0.995]
+    )
     room, curve = 0.15 * (high - low), shape[quantities].to_numpy()
     draw_beyond(ax, series, (min(low, curve.min()) - room, max(high, curve.max()) + room))
     ax.set(xlabel=_head(over[0]), ylabel=label)
@@ -214,8 +266,12 @@ def _plot_over_one(shape: pd.DataFrame, over: list[str], quantities: list[str], 
         legend_below(ax)
 
 
-def _plot_over_two(shape: pd.DataFrame, over: list[str], quantities: list[str], label: str, ax: Axes) -> None:
-    """The size of the correction as colour over the first and the last covariate; records where it is largest on top."""
+def _plot_over_two(
+    shape: pd.DataFrame, over: list[str], quantities: list[str], label: str, ax: Axes
+) -> None:
+    """The size of the correction as colour over the first and the last covariate; records where it
+    is largest on top.
+    """
     if len(quantities) == 1:
         size = shape[quantities[0]]
         bound = float(np.abs(size).max())
@@ -225,7 +281,9 @@ def _plot_over_two(shape: pd.DataFrame, over: list[str], quantities: list[str], 
         bound = float(size.max())
         low, colours = 0.0, "viridis"
     at = shape.assign(size=size).sort_values("size", key=np.abs)
-    drawn = ax.scatter(at[over[0]], at[over[-1]], c=at["size"], s=14, vmin=low, vmax=bound, cmap=colours)
+    drawn = ax.scatter(
+        at[over[0]], at[over[-1]], c=at["size"], s=14, vmin=low, vmax=bound, cmap=colours
+    )
     ax.figure.colorbar(drawn, ax=ax, label=label)
     ax.set(xlabel=_head(over[0]), ylabel=_head(over[-1]))
 

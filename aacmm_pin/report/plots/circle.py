@@ -18,7 +18,15 @@ from aacmm_pin.errors import AacmmError
 from aacmm_pin.postures.configurations import ConfigurationCircle
 from aacmm_pin.postures.postures_at_point import PosturesAtPoint
 from aacmm_pin.report.arm_wireframe import ArmLines
-from aacmm_pin.report.plots.style import BLUE, GREY, INK, VERMILLION, VOLUME_COLOURS, VOLUME_LABEL, plain
+from aacmm_pin.report.plots.style import (
+    BLUE,
+    GREY,
+    INK,
+    VERMILLION,
+    VOLUME_COLOURS,
+    VOLUME_LABEL,
+    plain,
+)
 
 TUBE_WIDTH = 4.5
 """Width at which tubes of the arm are drawn [points]."""
@@ -26,19 +34,25 @@ TUBE_COLOURS = colormaps["Blues"]
 BASE_LINE = 0.4
 """Half the length at which joint axis 1 is drawn, in lengths of the longest tube."""
 NEXT = 3.0
-"""The ends of a line that nothing calls closed are joined where they are no farther apart than so many usual steps."""
+"""The ends of a line that nothing calls closed are joined where they are no farther apart than so
+many usual steps.
+"""
 
 
 @plain
 def plot_circle(
-    circle: ConfigurationCircle, accuracy: AccuracyVolume | None = None, postures: int = 5, ax: Axes3D | None = None
+    circle: ConfigurationCircle,
+    accuracy: AccuracyVolume | None = None,
+    postures: int = 5,
+    ax: Axes3D | None = None,
 ) -> Axes3D:
     """The path of the elbow round the working point, and the arm in a few of its postures.
 
     Args:
         circle: every configuration at the point.
         accuracy: colours the path; for the configurations within limits.
-        postures: number of postures drawn, evenly among the configurations within limits (or among all, where none is).
+        postures: number of postures drawn, evenly among the configurations within limits (or among
+            all, where none is).
         ax: three-dimensional axes.
 
     Raises:
@@ -48,20 +62,42 @@ def plot_circle(
     if ax is None:
         ax = plt.figure(figsize=(7.2, 6.6), layout="constrained").add_subplot(projection="3d")
     if not isinstance(ax, Axes3D):
-        raise AacmmError(f"ax is {type(ax).__name__}, expected three-dimensional axes: add_subplot(projection='3d')")
+        raise AacmmError(
+            f"ax is {type(ax).__name__}, expected three-dimensional axes: "
+            "add_subplot(projection='3d')"
+        )
     ax.computed_zorder = False
     inside = np.flatnonzero(circle.within_limits) if accuracy is None else paired(circle, accuracy)
     elbow = circle.components.swivel.elbow(circle.q)
     drawn = [_draw_base(ax, circle), elbow, circle.point[None]]
     if len(circle):
-        drawn.append(_draw_postures(ax, circle, evenly(inside if len(inside) else np.arange(len(circle)), postures)))
+        drawn.append(
+            _draw_postures(
+                ax, circle, evenly(inside if len(inside) else np.arange(len(circle)), postures)
+            )
+        )
         _draw_elbow(ax, circle, elbow, inside, None if accuracy is None else accuracy.volume / MM3)
-    star: dict[str, Any] = {"marker": "*", "ms": 16, "mfc": VERMILLION, "mec": "white", "ls": "none", "zorder": 10}
+    star: dict[str, Any] = {
+        "marker": "*",
+        "ms": 16,
+        "mfc": VERMILLION,
+        "mec": "white",
+        "ls": "none",
+        "zorder": 10,
+    }
     ax.plot(*circle.point[:, None] / MM, label="working point", **star)
     _frame(ax, circle, np.concatenate(drawn) / MM)
     x, y, z = circle.point / MM
-    found = f"{circle.within_limits.sum()} of {len(circle)} configurations within limits" if len(circle) else "out of reach"
-    ax.set_title(f"{circle.arm.name}: {circle.at} at ({x:.1f}, {y:.1f}, {z:.1f}) mm\n{found}", fontsize=10, pad=-14)
+    found = (
+        f"{circle.within_limits.sum()} of {len(circle)} configurations within limits"
+        if len(circle)
+        else "out of reach"
+    )
+    ax.set_title(
+        f"{circle.arm.name}: {circle.at} at ({x:.1f}, {y:.1f}, {z:.1f}) mm\n{found}",
+        fontsize=10,
+        pad=-14,
+    )
     ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.05), ncols=3, fontsize=8, frameon=False)
     return ax
 
@@ -73,7 +109,9 @@ def evenly(members: Index, count: int) -> Index:
 
 
 def neighbours(circle: PosturesAtPoint, members: Index, path: Array) -> Index:
-    """Numbers of the configurations at both ends of every piece of the ``path`` (n, 3) through the members: (pieces, 2)."""
+    """Numbers of the configurations at both ends of every piece of the ``path`` (n, 3) through the
+    members: (pieces, 2).
+    """
     pairs = [np.empty((0, 2), dtype=np.intp)]
     for number in np.unique(circle.component[members]):
         along = members[circle.component[members] == number]
@@ -93,7 +131,9 @@ def _closed(circle: PosturesAtPoint, number: int, line: Array) -> bool:
 
 
 def _frame(ax: Axes3D, circle: ConfigurationCircle, points: Array) -> None:
-    """Labels, one scale for all axes, and room for the points [mm]; the camera looks past the point to the shoulder."""
+    """Labels, one scale for all axes, and room for the points [mm]; the camera looks past the point
+    to the shoulder.
+    """
     low, high = points.min(axis=0), points.max(axis=0)
     half = np.maximum((high - low) / 2, 0.3 * (high - low).max()) + 10.0
     for name, middle, h in zip("xyz", (low + high) / 2, half, strict=True):
@@ -115,16 +155,31 @@ def _draw_base(ax: Axes3D, circle: ConfigurationCircle) -> Array:
     along = length * axis
     line = np.array([shoulder - along, shoulder + along])
     ax.plot(*line.T / MM, color=INK, lw=1.0, ls="-.", zorder=3, label="joint axis 1")
-    ax.plot(*shoulder[:, None] / MM, marker="s", ms=7, color=INK, ls="none", zorder=5, label="base (shoulder)")
+    ax.plot(
+        *shoulder[:, None] / MM,
+        marker="s",
+        ms=7,
+        color=INK,
+        ls="none",
+        zorder=5,
+        label="base (shoulder)",
+    )
     return np.asarray(line)
 
 
 def _draw_postures(ax: Axes3D, circle: ConfigurationCircle, chosen: Index) -> Array:
-    """The arm from the base to the working point, from light to dark, so that each posture can be followed; its corners."""
+    """The arm from the base to the working point, from light to dark, so that each posture can be
+    followed; its corners.
+    """
     lines = ArmLines(circle.arm)
     last = circle.arm.dh_row(circle.at) or circle.components.swivel.dh.rows
     joints = lines.placements(circle.q[chosen])[1 : last + 1, :, :3, 3]
-    style: dict[str, Any] = {"lw": TUBE_WIDTH, "zorder": 4, "solid_capstyle": "round", "solid_joinstyle": "round"}
+    style: dict[str, Any] = {
+        "lw": TUBE_WIDTH,
+        "zorder": 4,
+        "solid_capstyle": "round",
+        "solid_joinstyle": "round",
+    }
     shades, drawn = TUBE_COLOURS(np.linspace(0.3, 0.75, len(chosen))), []
     for k, corners in enumerate(lines.corners(circle.q[chosen])):
         at_point = int(np.linalg.norm(corners - circle.point, axis=1).argmin())
@@ -136,16 +191,24 @@ def _draw_postures(ax: Axes3D, circle: ConfigurationCircle, chosen: Index) -> Ar
     return np.concatenate(drawn)
 
 
-def _draw_elbow(ax: Axes3D, circle: ConfigurationCircle, elbow: Array, inside: Index, volume: Array | None) -> None:
-    """The elbow's path: coloured by ``volume`` (n,) [mm³] between configurations within limits, elsewhere grey."""
+def _draw_elbow(
+    ax: Axes3D, circle: ConfigurationCircle, elbow: Array, inside: Index, volume: Array | None
+) -> None:
+    """The elbow's path: coloured by ``volume`` (n,) [mm³] between configurations within limits,
+    elsewhere grey.
+    """
     pairs = neighbours(circle, np.arange(len(circle)), elbow)
     pieces, values = elbow[pairs] / MM, np.full(len(circle), np.nan)
     values[inside] = 0.0 if volume is None else volume
     value = values[pairs].mean(axis=1)
     works = np.isfinite(value)
     if works.any():
-        style: dict[str, Any] = {"colors": BLUE} if volume is None else {"cmap": VOLUME_COLOURS, "array": value[works]}
-        path = Line3DCollection(pieces[works], linewidths=3.5, zorder=6, label="elbow, within limits", **style)
+        style: dict[str, Any] = (
+            {"colors": BLUE} if volume is None else {"cmap": VOLUME_COLOURS, "array": value[works]}
+        )
+        path = Line3DCollection(
+            pieces[works], linewidths=3.5, zorder=6, label="elbow, within limits", **style
+        )
         ax.add_collection3d(path)
         if volume is not None:
             ax.figure.colorbar(path, ax=ax, label=VOLUME_LABEL, shrink=0.6, pad=0.1)

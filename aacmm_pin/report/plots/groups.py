@@ -1,4 +1,6 @@
-"""Sizes of the residuals of a diagnosis by its three models: of all records, by groups, and of groups that were left out."""
+"""Sizes of the residuals of a diagnosis by its three models: of all records, by groups, and of
+groups that were left out.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,9 @@ MODELS = {"simulation": INK, "recalibrated": GREY, "extended": BLUE}
 UNITS = {"time": "s", "temperature": "°C", "joint": "°"}
 """Units of the ranges in which records are grouped."""
 MANY, WORST = 40, 3
-"""Of more groups than so many no names can be read: they stand by size, and so many of them are named."""
+"""Of more groups than so many no names can be read: they stand by size, and so many of them are
+named.
+"""
 
 
 @plain
@@ -42,7 +46,13 @@ def plot_rms(result: Diagnosis, ax: Axes | None = None) -> Axes:
     bars = ax.barh(list(MODELS), sizes, color=list(MODELS.values()), height=0.6)
     box = {"fc": "white", "ec": "none", "pad": 1}
     ax.bar_label(bars, [words[name] for name in MODELS], padding=5, fontsize=9, bbox=box)
-    ax.axvline(result.rms["noise"] / scale, color=VERMILLION, ls="--", lw=1.4, label=f"noise alone, {words['noise']}")
+    ax.axvline(
+        result.rms["noise"] / scale,
+        color=VERMILLION,
+        ls="--",
+        lw=1.4,
+        label=f"noise alone, {words['noise']}",
+    )
     ax.invert_yaxis()
     ax.set_xlim(0, 1.15 * max(result.rms.values()) / scale)
     ax.set_xlabel(f"RMS distance of tip and target [{unit}]")
@@ -53,7 +63,8 @@ def plot_rms(result: Diagnosis, ax: Axes | None = None) -> Axes:
 
 @plain
 def plot_groups(result: Diagnosis, ax: Axes | None = None) -> Figure:
-    """RMS of the residuals in parts of all that is known of the records, by the three models, beside what is predicted.
+    """RMS of the residuals in parts of all that is known of the records, by the three models,
+    beside what is predicted.
 
     Args:
         result: the diagnosis.
@@ -66,7 +77,9 @@ def plot_groups(result: Diagnosis, ax: Axes | None = None) -> Figure:
         AacmmError: there are too few records to compare groups of them.
     """
     table = result.residual_groups
-    kinds = sorted(table["by"].unique(), key=lambda kind: (not kind.startswith("joint"), numbers_by_size(kind)))
+    kinds = sorted(
+        table["by"].unique(), key=lambda kind: (not kind.startswith("joint"), numbers_by_size(kind))
+    )
     if not kinds:
         raise AacmmError("there are too few records to compare groups of them")
     columns = min(3, len(kinds))
@@ -81,27 +94,53 @@ def plot_groups(result: Diagnosis, ax: Axes | None = None) -> Figure:
     for panel in panels[::columns]:
         panel.set_ylabel("RMS [mm]")
     handles, labels = panels[0].get_legend_handles_labels()
-    panels[0].figure.legend(handles, labels, loc="outside lower center", ncols=5, fontsize=8, frameon=False)
+    panels[0].figure.legend(
+        handles, labels, loc="outside lower center", ncols=5, fontsize=8, frameon=False
+    )
     return whole(panels)
 
 
-def _draw_groups(panel: Axes, kind: str, table: pd.DataFrame, expected: dict[str, tuple[str, str]]) -> None:
-    """The groups of one kind side by side, below lines of what is ``expected`` (column: line style, label)."""
+def _draw_groups(
+    panel: Axes, kind: str, table: pd.DataFrame, expected: dict[str, tuple[str, str]]
+) -> None:
+    """The groups of one kind side by side, below lines of what is ``expected`` (column: line style,
+    label).
+    """
     unit, many = UNITS.get(kind.split()[0], ""), len(table) > MANY
     if many:
         table = table.sort_values("simulation_mm", ascending=False)
     else:
-        table = table.sort_values("group", key=lambda groups: groups.map(_start if unit else numbers_by_size))
+        table = table.sort_values(
+            "group", key=lambda groups: groups.map(_start if unit else numbers_by_size)
+        )
     edges = np.arange(len(table) + 1) - 0.5
     for name, (line, label) in expected.items():
-        panel.stairs(table[f"{name}_mm"], edges, baseline=None, color=VERMILLION, lw=1.2, ls=line, label=label)
+        panel.stairs(
+            table[f"{name}_mm"],
+            edges,
+            baseline=None,
+            color=VERMILLION,
+            lw=1.2,
+            ls=line,
+            label=label,
+        )
     for name, colour in MODELS.items():
         label = "as simulated" if name == "simulation" else name
-        panel.plot(np.arange(len(table)), table[f"{name}_mm"], "o-", ms=2 if many else 4, lw=1, color=colour, label=label)
+        panel.plot(
+            np.arange(len(table)),
+            table[f"{name}_mm"],
+            "o-",
+            ms=2 if many else 4,
+            lw=1,
+            color=colour,
+            label=label,
+        )
     names = [group.removesuffix(unit).strip().replace(" to ", "\nto ") for group in table["group"]]
     if many:
         panel.set_xticks([])
-        panel.set_xlabel("\n".join([f"{len(names)}, largest as simulated first:", *names[:WORST]]), fontsize=7)
+        panel.set_xlabel(
+            "\n".join([f"{len(names)}, largest as simulated first:", *names[:WORST]]), fontsize=7
+        )
     else:
         name_places(panel, names, letters=48, size=7)
     panel.set_title(f"{kind} [{unit}]" if unit else kind, fontsize=9)
@@ -120,7 +159,8 @@ def place_in_words(by: str, group: str) -> str:
 
 
 def held_out_parts(result: Diagnosis) -> pd.DataFrame:
-    """The parts left out in turn: part, records, RMS recalibrated and extended [mm], gain, what was chosen without it.
+    """The parts left out in turn: part, records, RMS recalibrated and extended [mm], gain, what was
+    chosen without it.
 
     Raises:
         AacmmError: nothing was held out.
@@ -149,7 +189,9 @@ def held_out_parts(result: Diagnosis) -> pd.DataFrame:
             }
         )
     table = pd.DataFrame(rows)
-    return table.sort_values("part", key=lambda parts: parts.map(numbers_by_size), ignore_index=True)
+    return table.sort_values(
+        "part", key=lambda parts: parts.map(numbers_by_size), ignore_index=True
+    )
 
 
 @plain
@@ -163,11 +205,16 @@ def plot_held_out(result: Diagnosis, ax: Axes | None = None) -> Axes:
     place = np.arange(len(table))
     for shift, name in ((-0.2, "recalibrated"), (0.2, "extended")):
         ax.bar(place + shift, table[f"{name}_mm"], 0.38, color=MODELS[name], label=name)
-    if not result.extended.observations.labels:  # else a part left out has the noise of its points too
+    if (
+        not result.extended.observations.labels
+    ):  # else a part left out has the noise of its points too
         ax.axhline(result.noise / MM, color=VERMILLION, ls="--", lw=1.2, label="noise alone")
     blocks = table["part"].str.startswith("block ").all()
     name_places(ax, [part.removeprefix("block ") for part in table["part"]])
-    ax.set(xlabel=f"{'block of joint space' if blocks else 'seats'} left out", ylabel="RMS distance [mm]")
+    ax.set(
+        xlabel=f"{'block of joint space' if blocks else 'seats'} left out",
+        ylabel="RMS distance [mm]",
+    )
     ax.set_ylim(top=1.25 * float(table[["recalibrated_mm", "extended_mm"]].max().max()))
     ax.legend(fontsize=8, frameon=False, ncols=3, loc="upper left")
     return ax

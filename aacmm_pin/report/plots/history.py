@@ -11,7 +11,16 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from aacmm_pin._support.units import MM
-from aacmm_pin.report.plots.style import BLUE, GREY, INK, VERMILLION, axes_of, panels_of, plain, whole
+from aacmm_pin.report.plots.style import (
+    BLUE,
+    GREY,
+    INK,
+    VERMILLION,
+    axes_of,
+    panels_of,
+    plain,
+    whole,
+)
 from aacmm_pin.verification import ControlChart, History
 from aacmm_pin.verification.probed_points import brief
 
@@ -23,7 +32,12 @@ FINEST = 1e-4
 """What a panel shows at least, from its lower to its upper edge [mm]: one digit of the table."""
 MARKS: dict[str, dict[str, Any]] = {
     "earlier check": {"marker": "o", "ms": 3, "color": INK, "ls": ""},
-    "failed or outside the limits, not counted": {"marker": "x", "ms": 5, "color": VERMILLION, "ls": ""},
+    "failed or outside the limits, not counted": {
+        "marker": "x",
+        "ms": 5,
+        "color": VERMILLION,
+        "ls": "",
+    },
     "latest check": {"marker": "o", "ms": 6, "color": BLUE, "ls": ""},
     "latest check, outside the limits": {"marker": "D", "ms": 6, "color": VERMILLION, "ls": ""},
     "mean": {"lw": 0.7, "color": INK},
@@ -34,7 +48,9 @@ MARKS: dict[str, dict[str, Any]] = {
 
 
 def charts_drawn(history: History) -> list[ControlChart]:
-    """The charts that :func:`plot_history` draws: of two checks at least, first those with an MPE."""
+    """The charts that :func:`plot_history` draws: of two checks at least, first those with
+    an MPE.
+    """
     return _charts(history)[:MOST]
 
 
@@ -46,7 +62,8 @@ def _charts(history: History) -> list[ControlChart]:
 
 @plain
 def plot_history(history: History, ax: Axes | None = None) -> Figure:
-    """The figures of all checks, the latest in colour, with the mean and the limits of the earlier ones and the MPE.
+    """The figures of all checks, the latest in colour, with the mean and the limits of the earlier
+    ones and the MPE.
 
     Checks stand at equal distances, with dates below some of them.
     """
@@ -69,7 +86,12 @@ def plot_history(history: History, ax: Axes | None = None) -> Figure:
     names = [name for name in MARKS if name in drawn]
     handles = [drawn[name] for name in names]
     title = f"{missing} of {missing + len(charts)} figures not drawn" if missing else None
-    style: dict[str, Any] = {"ncols": len(MARKS), "fontsize": 7, "title_fontsize": 7, "frameon": False}
+    style: dict[str, Any] = {
+        "ncols": len(MARKS),
+        "fontsize": 7,
+        "title_fontsize": 7,
+        "frameon": False,
+    }
     figure = whole(panels)
     figure.legend(handles, names, loc="outside lower center", title=title, **style)
     return figure
@@ -80,12 +102,19 @@ def _draw(ax: Axes, chart: ControlChart, several: bool) -> None:
     number = np.arange(len(values))
     latest = "latest check, outside the limits" if chart.left else "latest check"
     ax.plot(number, values, "-", color=GREY, lw=0.8)
-    earlier = {"earlier check": chart.counted, "failed or outside the limits, not counted": ~chart.counted}
+    earlier = {
+        "earlier check": chart.counted,
+        "failed or outside the limits, not counted": ~chart.counted,
+    }
     for name, some in earlier.items():
         if some.any():
             ax.plot(number[:-1][some], values[:-1][some], label=name, **MARKS[name])
     ax.plot(number[-1:], values[-1:], label=latest, **MARKS[latest])
-    levels = [("mean", chart.centre), *(("limits", limit) for limit in chart.limits), ("MPE", chart.mpe)]
+    levels = [
+        ("mean", chart.centre),
+        *(("limits", limit) for limit in chart.limits),
+        ("MPE", chart.mpe),
+    ]
     for name, level in levels:
         if np.isfinite(level):
             ax.axhline(level / MM, label=name, **MARKS[name])
@@ -101,7 +130,9 @@ def _draw(ax: Axes, chart: ControlChart, several: bool) -> None:
 
 
 def _name_dates(ax: Axes, times: Sequence[datetime]) -> None:
-    """Dates below the first check, one in the middle, and the last; with the time where several are of one day."""
+    """Dates below the first check, one in the middle, and the last; with the time where several are
+    of one day.
+    """
     form = "%Y-\n%m-%d"
     if len({time.date() for time in times}) < len(times):
         form += "\n%H:%M"

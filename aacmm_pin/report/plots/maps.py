@@ -20,7 +20,9 @@ FLEXIBILITY_COLOURS = "cividis"
 
 @dataclass(frozen=True)
 class _Quantity:
-    """How a quantity of a map is drawn: its words with their unit, title, what of the data's unit makes one, colours."""
+    """How a quantity of a map is drawn: its words with their unit, title, what of the data's unit
+    makes one, colours.
+    """
 
     label: str
     title: str
@@ -31,20 +33,38 @@ class _Quantity:
 
 _OF_SECTORS = ", {sectors} sectors"
 QUANTITIES = {
-    "comprehensive_mm3": _Quantity("comprehensive accuracy volume [mm³]", "comprehensive accuracy, {method}"),
-    "best_mm3": _Quantity("smallest accuracy volume [mm³]", "accuracy volume of the best posture, {method}"),
-    "worst_mm3": _Quantity("largest accuracy volume [mm³]", "accuracy volume of the worst posture, {method}"),
-    "smallest_u_mm": _Quantity(f"smallest {U_NAME} [µm]", "standard uncertainty in the best posture", MM / UM),
-    "largest_u_mm": _Quantity(f"largest {U_NAME} [µm]", "standard uncertainty in the worst posture", MM / UM),
-    "flexibility": _Quantity("flexibility ζ [1]", "flexibility" + _OF_SECTORS, 1.0, FLEXIBILITY_COLOURS, (0.0, 1.0)),
-    "arc_fraction": _Quantity("flexibility by arc [1]", "flexibility by arc", 1.0, FLEXIBILITY_COLOURS, (0.0, 1.0)),
-    "working_sectors": _Quantity("working sectors [1]", "working sectors" + _OF_SECTORS, 1.0, FLEXIBILITY_COLOURS),
+    "comprehensive_mm3": _Quantity(
+        "comprehensive accuracy volume [mm³]", "comprehensive accuracy, {method}"
+    ),
+    "best_mm3": _Quantity(
+        "smallest accuracy volume [mm³]", "accuracy volume of the best posture, {method}"
+    ),
+    "worst_mm3": _Quantity(
+        "largest accuracy volume [mm³]", "accuracy volume of the worst posture, {method}"
+    ),
+    "smallest_u_mm": _Quantity(
+        f"smallest {U_NAME} [µm]", "standard uncertainty in the best posture", MM / UM
+    ),
+    "largest_u_mm": _Quantity(
+        f"largest {U_NAME} [µm]", "standard uncertainty in the worst posture", MM / UM
+    ),
+    "flexibility": _Quantity(
+        "flexibility ζ [1]", "flexibility" + _OF_SECTORS, 1.0, FLEXIBILITY_COLOURS, (0.0, 1.0)
+    ),
+    "arc_fraction": _Quantity(
+        "flexibility by arc [1]", "flexibility by arc", 1.0, FLEXIBILITY_COLOURS, (0.0, 1.0)
+    ),
+    "working_sectors": _Quantity(
+        "working sectors [1]", "working sectors" + _OF_SECTORS, 1.0, FLEXIBILITY_COLOURS
+    ),
 }
 """What a map can show, by the names of its data."""
 
 
 @plain
-def plot_map(map_: WorkspaceMap, quantity: str = "comprehensive_mm3", ax: Axes | None = None) -> Axes:
+def plot_map(
+    map_: WorkspaceMap, quantity: str = "comprehensive_mm3", ax: Axes | None = None
+) -> Axes:
     """One quantity over the half-plane through joint axis 1; cells out of reach are grey.
 
     Args:
@@ -58,7 +78,11 @@ def plot_map(map_: WorkspaceMap, quantity: str = "comprehensive_mm3", ax: Axes |
     if quantity not in QUANTITIES:
         raise UnknownNameError("quantity", quantity, list(QUANTITIES))
     how, data, ax = QUANTITIES[quantity], map_.data, axes_of(ax, (5.4, 6.6))
-    x, z, reachable = data["x_mm"].values, data["z_mm"].values, data["reachable"].values.astype(bool)
+    x, z, reachable = (
+        data["x_mm"].values,
+        data["z_mm"].values,
+        data["reachable"].values.astype(bool),
+    )
     values = np.where(reachable, how.scale * data[quantity].values, np.nan)
     low, high = how.ends
     image = ax.pcolormesh(x, z, values.T, shading="nearest", cmap=how.colours, vmin=low, vmax=high)
@@ -71,7 +95,13 @@ def plot_map(map_: WorkspaceMap, quantity: str = "comprehensive_mm3", ax: Axes |
     )
     for cells, colour, text in marked:
         if cells.any():
-            ax.pcolormesh(x, z, np.where(cells, 0.0, np.nan).T, shading="nearest", cmap=ListedColormap([colour]))
+            ax.pcolormesh(
+                x,
+                z,
+                np.where(cells, 0.0, np.nan).T,
+                shading="nearest",
+                cmap=ListedColormap([colour]),
+            )
             legend.append(Patch(color=colour, label=text))
     ax.set(xlabel="distance from joint axis 1, x [mm]", ylabel="z of the base [mm]", aspect="equal")
     if legend:

@@ -1,4 +1,6 @@
-"""Changes of parameters with their uncertainties, beside what was stated of them: of a calibration, of a diagnosis."""
+"""Changes of parameters with their uncertainties, beside what was stated of them: of a calibration,
+of a diagnosis.
+"""
 
 from __future__ import annotations
 
@@ -23,10 +25,12 @@ WITHIN = "#e4e9ee"
 
 @plain
 def plot_parameter_changes(result: Calibration, ax: Axes | None = None) -> Figure:
-    """Change of each parameter with its expanded uncertainty U (k = 2), over how far off it was said to be.
+    """Change of each parameter with its expanded uncertainty U (k = 2), over how far off it was
+    said to be.
 
-    Parameters of another colour moved farther than what was stated of them and U together; open ones are known only in
-    combination with others. Where nothing was stated, lengths and angles have a panel each.
+    Parameters of another colour moved farther than what was stated of them and U together; open
+    ones are known only in combination with others. Where nothing was stated, lengths and angles
+    have a panel each.
 
     Args:
         result: the calibration.
@@ -38,7 +42,9 @@ def plot_parameter_changes(result: Calibration, ax: Axes | None = None) -> Figur
         title += f"\n{(~stated).sum()} without a stated uncertainty are not shown"
     if (table["known"] == "in combination").any():
         title += "\nopen: known only in combination with others"
-    parts = [table[stated]] if stated.any() else [part for _, part in table.groupby("unit", sort=False)]
+    parts = (
+        [table[stated]] if stated.any() else [part for _, part in table.groupby("unit", sort=False)]
+    )
     height = 1.2 + 0.24 * max(map(len, parts))
     panels = panels_of(ax, (6.6 if len(parts) == 1 else 4.3, height), len(parts), len(parts))
     for panel, part in zip(panels, parts, strict=True):
@@ -59,7 +65,9 @@ def plot_geometry(result: Diagnosis, ax: Axes | None = None) -> Axes:
         raise AacmmError("no geometric value of this diagnosis is beyond what was stated of it")
     arm, rows = result.before.problem.model.arm, []
     for effect in found:
-        for parameter, value, u in zip(geometric_parameters(arm, effect), effect.values, effect.u, strict=True):
+        for parameter, value, u in zip(
+            geometric_parameters(arm, effect), effect.values, effect.u, strict=True
+        ):
             expanded = COVERAGE_FACTOR * u
             unit, factor = small_unit(parameter.unit, max(abs(value), expanded))
             what = in_words(effect, arm) if len(effect.values) == 1 else parameter.name
@@ -75,7 +83,9 @@ def plot_geometry(result: Diagnosis, ax: Axes | None = None) -> Axes:
 
 
 def _draw_changes(table: pd.DataFrame, ax: Axes) -> None:
-    """Columns parameter, unit, change, U, stated, known, beyond: over what was stated, or in a small unit of the first."""
+    """Columns parameter, unit, change, U, stated, known, beyond: over what was stated, or in a
+    small unit of the first.
+    """
     stated, place = bool(table["stated"].notna().all()), np.arange(len(table))
     largest = np.nanmax(np.abs(table[["change", "U"]].to_numpy()))
     unit, factor = small_unit(table["unit"].iloc[0], largest)

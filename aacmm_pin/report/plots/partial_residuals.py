@@ -1,4 +1,6 @@
-"""What each record says of one cause, once everything else in the extended model is as fitted: partial residuals."""
+"""What each record says of one cause, once everything else in the extended model is as fitted:
+partial residuals.
+"""
 
 from __future__ import annotations
 
@@ -10,9 +12,24 @@ import numpy as np
 from aacmm_pin._support.checks import Array, Mask
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.diagnosis import Diagnosis
-from aacmm_pin.effects import Conditions, Displacement, Effect, State, displaced, point_sensitivity, sensitivity
+from aacmm_pin.effects import (
+    Conditions,
+    Displacement,
+    Effect,
+    State,
+    displaced,
+    point_sensitivity,
+    sensitivity,
+)
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.report.plots.abscissa import abscissa, bins, is_of_angle, load_words, period, unit_of_angle
+from aacmm_pin.report.plots.abscissa import (
+    abscissa,
+    bins,
+    is_of_angle,
+    load_words,
+    period,
+    unit_of_angle,
+)
 
 MICRO = 1e-6
 KINDS = {"µm/m": "expansion", "µrad": "turn", "µm": "shift"}
@@ -20,7 +37,8 @@ KINDS = {"µm/m": "expansion", "µrad": "turn", "µm": "shift"}
 DENSE = 1500
 """Points of a curve over an angle."""
 AWAY = 0.02
-"""A curve over an angle breaks off where the nearest record is farther than this part of the range."""
+"""A curve over an angle breaks off where the nearest record is farther than this part of the range.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,10 +47,11 @@ class PartialResidual:
 
     Attributes:
         x: what the cause depends on, in the unit of ``x_label`` (n,).
-        value, u: amount of the cause by each record, and its standard uncertainty, in the unit of ``y_label`` (n,).
+        value, u: amount of the cause by each record, and its standard uncertainty, in the unit of
+            ``y_label`` (n,).
         fitted: amount by the fitted cause (n,).
-        curve: x and amount of the fitted cause, in the order in which a line joins them; nan where it
-            breaks off (2, m).
+        curve: x and amount of the fitted cause, in the order in which a line joins them; nan where
+            it breaks off (2, m).
         bins: into how many parts of x the records may be gathered.
     """
 
@@ -64,7 +83,9 @@ class _Amount:
 
 
 def is_constant(effect: Effect, state: State) -> bool:
-    """Whether the cause displaces every record alike, as a geometric value does: then it depends on nothing."""
+    """Whether the cause displaces every record alike, as a geometric value does: then it depends on
+    nothing.
+    """
     return all(len(d.columns) == 1 for d in effect.displacements(state))
 
 
@@ -74,15 +95,18 @@ def state_of(fit: Fit, q: Array | None = None, conditions: Conditions | None = N
     effects = (*problem.model.effects, *fit.effects)
     records, arm = problem.measurements, problem.model.arm
     own = conditions if conditions is not None else records.conditions
-    return displaced(arm, effects, records.q if q is None else q, own, arm.place(), as_referenced=False)
+    return displaced(
+        arm, effects, records.q if q is None else q, own, arm.place(), as_referenced=False
+    )
 
 
 def partial_residual(result: Diagnosis, effect: Effect) -> PartialResidual:
     """What each record says of a cause that the extended model has, everything else as fitted.
 
-    With L the displacement of the target per unit of the cause's amount a (a joint's turn, such as), C the noise and e the
-    residual of a record, its own estimate of the amount is ``a - (Lᵀ C⁻¹ e)/(Lᵀ C⁻¹ L)`` with u = ``(Lᵀ C⁻¹ L)^(-1/2)``:
-    generalised least squares of one number (partial residual, Larsen, McCleary 1972, Technometrics 14).
+    With L the displacement of the target per unit of the cause's amount a (a joint's turn, such
+    as), C the noise and e the residual of a record, its own estimate of the amount is ``a - (Lᵀ C⁻¹
+    e)/(Lᵀ C⁻¹ L)`` with u = ``(Lᵀ C⁻¹ L)^(-1/2)``: generalised least squares of one number (partial
+    residual, Larsen, McCleary 1972, Technometrics 14).
 
     Args:
         result: the diagnosis.
@@ -94,7 +118,10 @@ def partial_residual(result: Diagnosis, effect: Effect) -> PartialResidual:
     fit = result.extended
     state = state_of(fit)
     if is_constant(effect, state):
-        raise AacmmError(f"{effect.label} displaces every record alike, expected a cause that depends on something")
+        raise AacmmError(
+            f"{effect.label} displaces every record alike, expected a cause that depends on "
+            "something"
+        )
     found = _amount(effect, state)
     lever = found.lever @ fit.point.frame.rotation.T
     weighted = np.linalg.solve(fit.residual_noise[:, :3, :3], lever[:, :, None])[:, :, 0]
@@ -120,7 +147,9 @@ def partial_residual(result: Diagnosis, effect: Effect) -> PartialResidual:
 
 
 def _amount(effect: Effect, state: State) -> _Amount:
-    """As a strain by temperature, as a turn or a shift about one place, or as the shift of the target by all places."""
+    """As a strain by temperature, as a turn or a shift about one place, or as the shift of the
+    target by all places.
+    """
     places, values = effect.displacements(state), np.array(effect.values)
     temperature = state.conditions.temperature
     if "temperature" in effect.needs and temperature is not None and len(values) == 1:
@@ -129,7 +158,9 @@ def _amount(effect: Effect, state: State) -> _Amount:
         columns = np.broadcast_to(places[0].columns, (state.n, 6, len(values)))
         direction = _common_direction(columns)
         if direction is not None:
-            lever = point_sensitivity(state, Displacement(places[0].place, direction[None, :, None]))[:, :, 0]
+            lever = point_sensitivity(
+                state, Displacement(places[0].place, direction[None, :, None])
+            )[:, :, 0]
             amount = _along(direction, columns, values)
             unit = "µrad" if direction[3:].any() else "µm"
             return _Amount(amount, unit, np.broadcast_to(lever, (state.n, 3)), direction)
@@ -143,9 +174,11 @@ def _amount(effect: Effect, state: State) -> _Amount:
 
 
 def _common_direction(columns: Array) -> Array | None:
-    """Twist (6,) that all columns (n, 6, p) are multiples of, largest component positive; None if there is none.
+    """Twist (6,) that all columns (n, 6, p) are multiples of, largest component positive; None if
+    there is none.
 
-    It turns by one radian, and shifts by what goes with that; where it does not turn, it shifts by one metre.
+    It turns by one radian, and shifts by what goes with that; where it does not turn, it shifts by
+    one metre.
     """
     left, size, _ = np.linalg.svd(columns.transpose(1, 0, 2).reshape(6, -1), full_matrices=False)
     if size[0] == 0.0 or (size[1:] > 1e-9 * size[0]).any():
@@ -172,7 +205,9 @@ def _covariate(effect: Effect, state: State, found: _Amount) -> tuple[Array, str
 
 
 def unit_of_load(unit: str, amount: str) -> str:
-    """Unit of what a parameter of ``unit`` multiplies to give an ``amount`` [rad or m]: ``rad/(N·m)²`` gives ``(N·m)²``."""
+    """Unit of what a parameter of ``unit`` multiplies to give an ``amount`` [rad or m]:
+    ``rad/(N·m)²`` gives ``(N·m)²``.
+    """
     above, *below = re.split(r"/(?![^(]*\))", unit)  # at slashes outside brackets
     if above not in (amount, "1"):
         return f"{amount}/({unit})"
@@ -188,7 +223,9 @@ def _over_angle(effect: Effect, state: State, found: _Amount, there: Mask) -> Ar
     assert found.direction is not None  # a function of one joint's angle turns about its axis
     number, folded = state.joint(effect.row), period(effect)
     angle = state.angle(effect.row)[there]
-    grid = np.linspace(0.0, folded, DENSE) if folded else np.linspace(angle.min(), angle.max(), DENSE)
+    grid = (
+        np.linspace(0.0, folded, DENSE) if folded else np.linspace(angle.min(), angle.max(), DENSE)
+    )
     q = np.zeros((DENSE, state.q.shape[1]))
     q[:, number] = grid
     (shown,) = effect.displacements(State(state.arm, q, Conditions(DENSE), state.target))
@@ -203,5 +240,8 @@ def _over_angle(effect: Effect, state: State, found: _Amount, there: Mask) -> Ar
 
 def _y_label(effect: Effect, found: _Amount) -> str:
     if effect.location_field() == "joint" and found.direction is not None:
-        return f"joint {'angle' if found.unit == 'µrad' else 'position'} minus indication [{found.unit}]"
+        return (
+            f"joint {'angle' if found.unit == 'µrad' else 'position'} minus indication "
+            f"[{found.unit}]"
+        )
     return f"{KINDS[found.unit]} [{found.unit}]"

@@ -1,4 +1,6 @@
-"""Residuals in space, of a calibration or a diagnosis: lines from stated places towards the tip, and the arm."""
+"""Residuals in space, of a calibration or a diagnosis: lines from stated places towards the tip,
+and the arm.
+"""
 
 from __future__ import annotations
 
@@ -42,10 +44,16 @@ MOST_VECTORS = 400
 
 
 def models(result: Calibration | Diagnosis) -> dict[str, Fit]:
-    """The fits of a result by the names of their models, the last of which says what records were used."""
+    """The fits of a result by the names of their models, the last of which says what records were
+    used.
+    """
     if isinstance(result, Calibration):
         return {"before": result.before, "after": result.fit}
-    return {"simulation": result.before, "recalibrated": result.recalibrated, "extended": result.extended}
+    return {
+        "simulation": result.before,
+        "recalibrated": result.recalibrated,
+        "extended": result.extended,
+    }
 
 
 def model_named(result: Calibration | Diagnosis, name: str) -> Fit:
@@ -67,7 +75,9 @@ def rms_of(result: Calibration | Diagnosis) -> dict[str, float]:
 
 
 def two_models(result: Calibration | Diagnosis) -> tuple[str, str]:
-    """The two models worth comparing: without and with the causes; where none was found, or asked for, with geometry."""
+    """The two models worth comparing: without and with the causes; where none was found, or asked
+    for, with geometry.
+    """
     if isinstance(result, Calibration):
         return "before", "after"
     more = result.extended.problem.vector.size > result.recalibrated.problem.vector.size
@@ -82,14 +92,17 @@ def plot_residual_vectors(
     factor: float | None = None,
     ax: Axes | None = None,
 ) -> Axes:
-    """Residuals as lines from each target towards the tip, projected, behind them the arm in a few postures.
+    """Residuals as lines from each target towards the tip, projected, behind them the arm in a few
+    postures.
 
-    Targets of a diagnosis are the stated places, or where none is stated, where the records of the seat together put
-    it. The ends of the lines, where the tips would be, have a dot; excluded records are crosses at their targets.
+    Targets of a diagnosis are the stated places, or where none is stated, where the records of the
+    seat together put it. The ends of the lines, where the tips would be, have a dot; excluded
+    records are crosses at their targets.
 
     Args:
         result: the calibration or the diagnosis.
-        model: ``before`` or ``after`` calibration; ``simulation``, ``recalibrated`` or ``extended``; by default the last.
+        model: ``before`` or ``after`` calibration; ``simulation``, ``recalibrated`` or
+            ``extended``; by default the last.
         plane: axes of the frame of the references that are drawn.
         factor: magnification of the residuals; by default one that suits this model.
         ax: axes.
@@ -107,14 +120,27 @@ def plot_residual_vectors(
     place = fit.point.prediction.tips - deviation
     factor = factor or magnification_of(place[judge.used], deviation[judge.used])
     for posture in postures_of(judge):
-        ax.plot(*posture[:, axes].T / MM, "-", color=GREY, lw=3, alpha=0.45, solid_capstyle="round", zorder=1)
+        ax.plot(
+            *posture[:, axes].T / MM,
+            "-",
+            color=GREY,
+            lw=3,
+            alpha=0.45,
+            solid_capstyle="round",
+            zorder=1,
+        )
         ax.plot(*posture[:, axes].T / MM, "o", color=GREY, ms=4, alpha=0.6, zorder=1)
     used, excluded = some_of(np.flatnonzero(judge.used)), judge.excluded
     of = judge.used.sum()
     some = f"\n{len(used)} of {of} records drawn" if len(used) < of else ""
     ax.plot(*np.unique(place[used][:, axes] / MM, axis=0).T, "o", ms=2.5, color=INK, zorder=2)
     if excluded.any():
-        style: dict[str, Any] = {"ms": 7, "mew": 1.8, "color": VERMILLION, "label": f"{excluded.sum()} excluded"}
+        style: dict[str, Any] = {
+            "ms": 7,
+            "mew": 1.8,
+            "color": VERMILLION,
+            "label": f"{excluded.sum()} excluded",
+        }
         ax.plot(*place[excluded][:, axes].T / MM, "x", **style)
         legend_below(ax)
     _draw_vectors(ax, place[used][:, axes] / MM, deviation[used][:, axes] / MM, factor)
@@ -125,7 +151,8 @@ def plot_residual_vectors(
 
 @plain
 def plot_residual_views(result: Calibration | Diagnosis, ax: Axes | None = None) -> Figure:
-    """Residual vectors by two models, see :func:`two_models`, in plan and from the side, magnified alike.
+    """Residual vectors by two models, see :func:`two_models`, in plan and from the side, magnified
+    alike.
 
     Args:
         result: the calibration or the diagnosis.
@@ -145,16 +172,25 @@ def plot_residual_views(result: Calibration | Diagnosis, ax: Axes | None = None)
 
 
 def _draw_vectors(ax: Axes, start: Array, off: Array, factor: float) -> None:
-    """Lines (n, 2) [mm], magnified, with dots at their ends, and below them a bar of known length."""
+    """Lines (n, 2) [mm], magnified, with dots at their ends, and below them a bar of known
+    length.
+    """
     ends = start + factor * off
-    lines = LineCollection(list(np.stack([start, ends], axis=1)), colors=BLUE, linewidths=0.9, alpha=0.75, zorder=2)
+    lines = LineCollection(
+        list(np.stack([start, ends], axis=1)), colors=BLUE, linewidths=0.9, alpha=0.75, zorder=2
+    )
     ax.add_collection(lines)
     ax.plot(*ends.T, ".", ms=2.3, color=BLUE, zorder=2)
     low, size = start.min(axis=0), float(np.ptp(start, axis=0).max()) or 1.0
     bar = round_down(0.12 * size / factor)
     y = low[1] - 0.11 * size
     ax.plot([low[0], low[0] + factor * bar], [y, y], "|-", color=INK, lw=1.2, ms=7)
-    style: dict[str, Any] = {"textcoords": "offset points", "va": "center", "fontsize": 8, "color": INK}
+    style: dict[str, Any] = {
+        "textcoords": "offset points",
+        "va": "center",
+        "fontsize": 8,
+        "color": INK,
+    }
     ax.annotate(length(bar * MM), (low[0] + factor * bar, y), (5, 0), **style)
     ax.margins(0.08)
 
@@ -166,28 +202,36 @@ def some_of(records: Index) -> Index:
 
 
 def off_stated(fit: Fit) -> Array:
-    """Tip minus stated place, or minus the place that a seat seems to have where none is stated (n, 3) [m]."""
+    """Tip minus stated place, or minus the place that a seat seems to have where none is stated
+    (n, 3) [m].
+    """
     records = fit.problem.measurements
     from_reference = fit.point.prediction.tips - records.reference
     return np.where(records.known[:, None], from_reference, fit.system.deviation)
 
 
 def deviations_of(result: Calibration | Diagnosis, fit: Fit) -> Array:
-    """Residuals as the result lists them (n, 3) [m]; of a diagnosis from the stated places, which may be wrong."""
+    """Residuals as the result lists them (n, 3) [m]; of a diagnosis from the stated places, which
+    may be wrong.
+    """
     if isinstance(result, Calibration):
         return fit.system.deviation
     return off_stated(fit)
 
 
 def magnification_of(place: Array, deviation: Array) -> float:
-    """With which nearly all residuals (n, 3) are shorter than a fixed part of the picture of their places (n, 3) [m]."""
+    """With which nearly all residuals (n, 3) are shorter than a fixed part of the picture of their
+    places (n, 3) [m].
+    """
     size = float(np.ptp(place, axis=0).max()) or 1.0
     usual = float(np.quantile(np.linalg.norm(deviation, axis=1), 0.95)) or 1e-12
     return round_down(LONGEST * size / usual)
 
 
 def postures_of(fit: Fit) -> Array:
-    """The arm from foot to tip in postures whose tips are far apart, in the frame of the references (k, places, 3) [m]."""
+    """The arm from foot to tip in postures whose tips are far apart, in the frame of the references
+    (k, places, 3) [m].
+    """
     tips, frame = fit.point.prediction.tips, fit.point.frame
     records = fit.problem.measurements
     chosen: list[int] = []

@@ -32,9 +32,12 @@ P = ParamSpec("P")
 Drawn = TypeVar("Drawn", Axes, Figure)
 OF_NAMES = (FixedFormatter, FuncFormatter)
 LONGEST_NAME, LONGEST_LINE = 48, 96
-"""Characters of a name at a tick or in a legend, and of a line of a title, lest they leave the axes no place."""
+"""Characters of a name at a tick or in a legend, and of a line of a title, lest they leave the axes
+no place.
+"""
 EDGE = 0.03
-"""How far from the edge of the scale a mark for a value beyond it stands, in heights of the scale."""
+"""How far from the edge of the scale a mark for a value beyond it stands, in heights of the scale.
+"""
 UPRIGHT = 24
 """Characters of a name that stands upright."""
 
@@ -61,7 +64,9 @@ def plain(draw: Callable[P, Drawn]) -> Callable[P, Drawn]:
 
 
 def _write_names(picture: Any, axes: Sequence[Axis]) -> None:
-    """All text of a picture as it stands there, shortened; but numbers at the ``axes`` stay formulas."""
+    """All text of a picture as it stands there, shortened; but numbers at the ``axes`` stay
+    formulas.
+    """
     numbers, in_legends = set[Text](), set[Text]()
     for axis in axes:
         names = axis.get_major_formatter()
@@ -87,9 +92,11 @@ def _tick_labels(axis: Axis) -> Iterator[Text]:
 
 @contextmanager
 def without_latex() -> Iterator[None]:
-    """While matplotlib alone draws text, whatever its settings: LaTeX may not be there, or take names for commands.
+    """While matplotlib alone draws text, whatever its settings: LaTeX may not be there, or take
+    names for commands.
 
-    Only this setting is put back: a backend that the first figure loads, such as Jupyter's, makes settings of its own.
+    Only this setting is put back: a backend that the first figure loads, such as Jupyter's, makes
+    settings of its own.
     """
     latex = plt.rcParams["text.usetex"]
     plt.rcParams["text.usetex"] = False
@@ -123,11 +130,14 @@ def axes_of(ax: Axes | None, size: tuple[float, float]) -> Axes:
     return ax if ax is not None else plt.figure(figsize=size, layout="constrained").add_subplot()
 
 
-def panels_of(ax: Axes | None, each: tuple[float, float], count: int, columns: int, *, share_y: bool = False) -> list[Axes]:
+def panels_of(
+    ax: Axes | None, each: tuple[float, float], count: int, columns: int, *, share_y: bool = False
+) -> list[Axes]:
     """Axes of ``count`` panels, row by row.
 
     Args:
-        ax: axes, whose place is divided among the panels (they are gone then); or None for a new pyplot figure.
+        ax: axes, whose place is divided among the panels (they are gone then); or None for a new
+            pyplot figure.
         each: width and height of a panel of that figure [inches].
         count: number of panels.
         columns: panels side by side.
@@ -141,7 +151,10 @@ def panels_of(ax: Axes | None, each: tuple[float, float], count: int, columns: i
     place = axes_of(ax, (width * columns, height * rows))
     spec = place.get_subplotspec()
     if spec is None:
-        raise AacmmError("ax has no place in a grid that could be divided; expected axes such as plt.subplots() gives")
+        raise AacmmError(
+            "ax has no place in a grid that could be divided; expected axes such as "
+            "plt.subplots() gives"
+        )
     place.remove()
     grid = spec.subgridspec(rows, columns).subplots(sharey=share_y, squeeze=False)
     panels = list(grid.flat)
@@ -157,12 +170,19 @@ def whole(panels: Sequence[Axes]) -> Figure:
 
 def legend_below(ax: Axes, columns: int = 4, **more: Any) -> None:
     """The legend in rows below the axes and their label."""
-    place: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.0), "borderaxespad": 5.0}
+    place: dict[str, Any] = {
+        "loc": "upper center",
+        "bbox_to_anchor": (0.5, 0.0),
+        "borderaxespad": 5.0,
+    }
     ax.legend(fontsize=8, frameon=False, ncols=columns, **place, **more)
 
 
-def draw_beyond(ax: Axes, series: Iterable[tuple[Array, Array, str]], limits: tuple[float, float]) -> None:
-    """Sets the limits of y; triangles at their edge stand for the values beyond, and the legend counts these.
+def draw_beyond(
+    ax: Axes, series: Iterable[tuple[Array, Array, str]], limits: tuple[float, float]
+) -> None:
+    """Sets the limits of y; triangles at their edge stand for the values beyond, and the legend
+    counts these.
 
     Args:
         ax: axes.
@@ -176,12 +196,16 @@ def draw_beyond(ax: Axes, series: Iterable[tuple[Array, Array, str]], limits: tu
             ax.plot(x[off], np.full(off.sum(), at), marker, ms=5, color=colour)
             number += int(off.sum())
     if number:
-        ax.plot([], [], "^", ms=5, color=INK, label=f"beyond the scale, drawn at its edge: {number}")
+        ax.plot(
+            [], [], "^", ms=5, color=INK, label=f"beyond the scale, drawn at its edge: {number}"
+        )
     ax.set_ylim(low, high)
 
 
 def name_places(ax: Axes, names: Sequence[str], letters: int = 80, size: float = 8.0) -> None:
-    """Names below the places 0, 1, 2, …, where so many ``letters`` stand side by side, or a third as many names upright."""
+    """Names below the places 0, 1, 2, …, where so many ``letters`` stand side by side, or a third
+    as many names upright.
+    """
     names = [printable(name) for name in names]
     widths = [2 + max(map(len, name.split("\n"))) for name in names]
     rotation = 0
@@ -194,7 +218,9 @@ def name_places(ax: Axes, names: Sequence[str], letters: int = 80, size: float =
 
 
 def aside(count: int, width: float) -> Array:
-    """Shifts within ``width`` that set records of one place side by side, so that they do not hide each other (count,)."""
+    """Shifts within ``width`` that set records of one place side by side, so that they do not hide
+    each other (count,).
+    """
     part = np.arange(count) * 0.618 % 1.0
     return np.asarray(width * (part - 0.5))
 

@@ -15,7 +15,9 @@ from aacmm_pin.report.arm_wireframe import ArmLines
 from aacmm_pin.report.plots.style import INK, plain
 
 Groups = Mapping[str, tuple[str, Sequence[tuple[str, Array]]]]
-"""By name: a colour, and places, each with a label, or "", and points (k, 3) [m] that are joined by lines."""
+"""By name: a colour, and places, each with a label, or "", and points (k, 3) [m] that are joined by
+lines.
+"""
 MANY = 8
 """Places of one kind that are drawn large; more are drawn small."""
 LARGE: dict[str, Any] = {"ms": 6, "lw": 2, "alpha": 1}

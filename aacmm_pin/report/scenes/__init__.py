@@ -1,4 +1,6 @@
-"""The arm in three dimensions, in the browser, by meshcat: pages that need no server, and scenes shown live."""
+"""The arm in three dimensions, in the browser, by meshcat: pages that need no server, and scenes
+shown live.
+"""
 
 from aacmm_pin.report.scenes.arm_scene import arm_scene
 from aacmm_pin.report.scenes.circle_scene import circle_scene

@@ -13,7 +13,8 @@ from aacmm_pin.report.scenes.stage import Bodies, joint_texts, moving, place_tex
 
 
 def arm_scene(model: GivenModel, q: ArrayLike) -> Scene:
-    """The arm at ``q`` (n, nq) [rad, m]: a picture for one posture, an animation through them for more.
+    """The arm at ``q`` (n, nq) [rad, m]: a picture for one posture, an animation through them for
+    more.
 
     Raises:
         ShapeError: ``q`` is not a finite (n, nq) array, or has no row.
@@ -24,7 +25,13 @@ def arm_scene(model: GivenModel, q: ArrayLike) -> Scene:
         raise ShapeError("q has no row, expected at least one posture")
     bodies, tips = Bodies(arm), arm.positions(q)
     one = f"The tip is at {place_text(tips[0])} in the base frame."
-    scene = stage(arm.name, one if len(q) == 1 else f"{len(q)} postures.", bodies, bodies.corners(q).reshape(-1, 3), tips)
+    scene = stage(
+        arm.name,
+        one if len(q) == 1 else f"{len(q)} postures.",
+        bodies,
+        bodies.corners(q).reshape(-1, 3),
+        tips,
+    )
     texts = {"tip x, y, z": [place_text(tip) for tip in tips], **joint_texts(arm, q)}
     colours = [BLUE if text == "within" else GREY for text in texts["limits"]]
     scene.frames = Frames(moving(bodies, q, scene), texts, colours)

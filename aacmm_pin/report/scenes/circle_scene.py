@@ -47,10 +47,12 @@ PATH_POINTS = 480
 
 
 def circle_scene(circle: PosturesAtPoint, accuracy: AccuracyVolume | None = None) -> Scene:
-    """The arm in every posture within limits that reaches a point, one after the other; where none is, in every posture.
+    """The arm in every posture within limits that reaches a point, one after the other; where none
+    is, in every posture.
 
-    The path of the elbow (or, for an arm without one, of the joint that goes about most) is coloured by accuracy volume
-    where it is within limits and grey outside; at the point stands the 95 % coverage ellipsoid of the posture, magnified.
+    The path of the elbow (or, for an arm without one, of the joint that goes about most) is
+    coloured by accuracy volume where it is within limits and grey outside; at the point stands the
+    95 % coverage ellipsoid of the posture, magnified.
 
     Args:
         circle: a :class:`aacmm_pin.ConfigurationCircle`, or the postures of another arm.
@@ -68,7 +70,9 @@ def circle_scene(circle: PosturesAtPoint, accuracy: AccuracyVolume | None = None
     rows, bodies = np.searchsorted(inside, members), Bodies(circle.arm)
     path, name = _path_of(circle)
     points = np.vstack([bodies.corners(circle.q).reshape(-1, 3), path])
-    scene = stage(f"{circle.arm.name}: {_place(circle)}", _caption(circle), bodies, points, circle.point[None])
+    scene = stage(
+        f"{circle.arm.name}: {_place(circle)}", _caption(circle), bodies, points, circle.point[None]
+    )
     scene.notes.insert(0, _on_slider(len(members), eligible, len(inside)))
     draw_ghosts(scene, bodies.radius, bodies.corners(circle.q[evenly(eligible, GHOSTS)]))
     draw_ball(scene, "point", "working point", 0.75 * bodies.radius, circle.point)
@@ -79,7 +83,9 @@ def circle_scene(circle: PosturesAtPoint, accuracy: AccuracyVolume | None = None
         volume = accuracy.volume / MM3
         scene.bar = ColourBar.of(VOLUME_LABEL, volume, VOLUME_COLOURS)
         colours[inside] = scene.bar.colours(volume)
-        moves["accuracy"] = _draw_ellipsoids(scene, circle.point, accuracy, float(np.ptp(points, axis=0).max()))[rows]
+        moves["accuracy"] = _draw_ellipsoids(
+            scene, circle.point, accuracy, float(np.ptp(points, axis=0).max())
+        )[rows]
         texts["volume"] = [f"{size:.4g} mm³" for size in volume[rows]]
         texts["uncertainty u"] = [f"{u:.1f} µm" for u in accuracy.u[rows] / UM]
     _draw_path(scene, circle, path, name, colours, 0.4 * bodies.radius)
@@ -101,7 +107,9 @@ def _caption(circle: PosturesAtPoint) -> str:
 
 
 def _thinned(component: Index, members: Index, most: int) -> Index:
-    """At most about ``most`` of the ``members``, or three a component, evenly along each component."""
+    """At most about ``most`` of the ``members``, or three a component, evenly along each
+    component.
+    """
     step = -(-len(members) // most)
     of_member, thinned = component[members], []
     for number in np.unique(of_member):
@@ -123,9 +131,13 @@ def _path_of(circle: PosturesAtPoint) -> tuple[Array, str]:
     return origin[axes[widest]], f"joint {widest + 1}"
 
 
-def _draw_path(scene: Scene, circle: PosturesAtPoint, path: Array, name: str, colours: Array, radius: float) -> None:
+def _draw_path(
+    scene: Scene, circle: PosturesAtPoint, path: Array, name: str, colours: Array, radius: float
+) -> None:
     """The pieces of the path (n, 3) [m] within and outside limits; single postures have none."""
-    pairs = neighbours(circle, _thinned(circle.component, np.arange(len(circle.q)), PATH_POINTS), path)
+    pairs = neighbours(
+        circle, _thinned(circle.component, np.arange(len(circle.q)), PATH_POINTS), path
+    )
     works = circle.within_limits[pairs].all(axis=1)
     (start, end), (a, b) = pairs[works].T, pairs[~works].T
     if len(a):
@@ -142,7 +154,9 @@ def _draw_path(scene: Scene, circle: PosturesAtPoint, path: Array, name: str, co
 
 
 def _draw_ellipsoids(scene: Scene, centre: Array, accuracy: AccuracyVolume, size: float) -> Array:
-    """Placements (n, 4, 4) [m] that make a unit sphere the ellipsoid of each configuration in a scene of ``size`` [m]."""
+    """Placements (n, 4, 4) [m] that make a unit sphere the ellipsoid of each configuration in a
+    scene of ``size`` [m].
+    """
     variances, vectors = np.linalg.eigh(accuracy.covariance)
     half = COVERAGE_FACTOR * np.sqrt(np.maximum(variances, 0.0))
     factor = round_down(SEEN * size / max(float(half.max()), 1e-12))
@@ -153,14 +167,19 @@ def _draw_ellipsoids(scene: Scene, centre: Array, accuracy: AccuracyVolume, size
     scene["accuracy"].set_object(Sphere(1.0), ahead(ELLIPSOID, 0.6))
     scene["accuracy"].set_transform(placements[0])
     scene.swatches.insert(0, Swatch(ELLIPSOID, "accuracy of this posture (ellipsoid)", "area"))
-    words = f"the 95 % ellipsoid of the position (k = {COVERAGE_FACTOR:.2f}), magnified {factor:g} times"
+    words = (
+        f"the 95 % ellipsoid of the position (k = {COVERAGE_FACTOR:.2f}), magnified "
+        f"{factor:g} times"
+    )
     scene.notes.insert(0, f"The body at the point is {words}.")
     return placements
 
 
 def _texts(circle: PosturesAtPoint, members: Index) -> dict[str, Sequence[str]]:
     """What is read out of the ``members``, beside their accuracy."""
-    texts: dict[str, Sequence[str]] = {"component": [str(number) for number in circle.component[members]]}
+    texts: dict[str, Sequence[str]] = {
+        "component": [str(number) for number in circle.component[members]]
+    }
     if isinstance(circle, ConfigurationCircle):
         degrees = circle.swivel[members] / DEG
         texts["swivel angle"] = [f"{angle:.1f}°" for angle in degrees]
@@ -170,4 +189,7 @@ def _texts(circle: PosturesAtPoint, members: Index) -> dict[str, Sequence[str]]:
 def _on_slider(frames: int, eligible: Index, within: int) -> str:
     some = "" if frames == len(eligible) else f"{frames} of "
     which = " within limits" if within else ""
-    return f"The slider goes through {some}the {len(eligible)} configurations{which}, component by component."
+    return (
+        f"The slider goes through {some}the {len(eligible)} configurations{which}, component "
+        "by component."
+    )

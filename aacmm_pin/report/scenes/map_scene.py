@@ -35,7 +35,8 @@ SIDE, HEIGHT = -55 * DEG, 14 * DEG
 
 
 def map_scene(workspace_map: WorkspaceMap, model: GivenModel) -> Scene:
-    """The half-plane as cells coloured by comprehensive accuracy, and the arm with its wrist in one after the other.
+    """The half-plane as cells coloured by comprehensive accuracy, and the arm with its wrist in one
+    after the other.
 
     Args:
         workspace_map: the map.
@@ -46,7 +47,9 @@ def map_scene(workspace_map: WorkspaceMap, model: GivenModel) -> Scene:
     """
     arm, data = ErrorModel.arm_of(model), workspace_map.data
     if data.attrs["arm"] != arm.name or data.sizes["joint"] != arm.nq:
-        raise AacmmError(f"the map is of {data.attrs['arm']} with {data.sizes['joint']} joints, the arm is {arm}")
+        raise AacmmError(
+            f"the map is of {data.attrs['arm']} with {data.sizes['joint']} joints, the arm is {arm}"
+        )
     reachable = data["reachable"].values.astype(bool)
     values = np.where(reachable, data["comprehensive_mm3"].values, np.nan)
     q_of_cells = data["best_theta_deg"].values * DEG
@@ -91,14 +94,19 @@ def _caption(map_: WorkspaceMap) -> str:
     data = map_.data
     without = f" Not included: {', '.join(map_.not_included)}." if map_.not_included else ""
     return (
-        f"{data.sizes['x_mm']} × {data.sizes['z_mm']} cells of the half-plane y = 0 of the wrist, {map_.sectors} sectors; "
-        f"cells out of reach are not drawn. The arm is in the posture with the smallest accuracy volume.{without}"
+        f"{data.sizes['x_mm']} × {data.sizes['z_mm']} cells of the half-plane y = 0 of the wrist, "
+        f"{map_.sectors} sectors; "
+        "cells out of reach are not drawn. The arm is in the posture with the smallest accuracy "
+        f"volume.{without}"
     )
 
 
 def _on_slider(frames: int, cells: int) -> str:
     some = "" if frames == cells else f"{frames} of "
-    return f"The slider goes through {some}the {cells} cells that a posture within limits reaches, column by column."
+    return (
+        f"The slider goes through {some}the {cells} cells that a posture within limits "
+        "reaches, column by column."
+    )
 
 
 def _in_turn(works: Marks) -> tuple[Index, Index]:

@@ -1,4 +1,6 @@
-"""Residuals where they are: lines from each target, or stated place, towards the tip, and the arm in its posture."""
+"""Residuals where they are: lines from each target, or stated place, towards the tip, and the arm
+in its posture.
+"""
 
 from __future__ import annotations
 
@@ -42,15 +44,17 @@ PER_SECOND = 4.0
 
 
 def residual_scene(result: Calibration | Diagnosis, model: str | None = None) -> Scene:
-    """Residuals by one of the models of a result, magnified, and the arm in the postures of the records.
+    """Residuals by one of the models of a result, magnified, and the arm in the postures of the
+    records.
 
-    Spikes go towards the tip, from each target of a calibration, or each stated place of a diagnosis; where none is stated,
-    from where the records of the seat put it.
-    The slider goes from the largest residual to the smallest.
+    Spikes go towards the tip, from each target of a calibration, or each stated place of a
+    diagnosis; where none is stated, from where the records of the seat put it. The slider goes from
+    the largest residual to the smallest.
 
     Args:
         result: the calibration or the diagnosis.
-        model: ``before`` or ``after`` calibration; ``simulation``, ``recalibrated`` or ``extended``; by default the last.
+        model: ``before`` or ``after`` calibration; ``simulation``, ``recalibrated`` or
+            ``extended``; by default the last.
 
     Raises:
         UnknownNameError: no such model.
@@ -64,7 +68,9 @@ def residual_scene(result: Calibration | Diagnosis, model: str | None = None) ->
     off = {which: _distances_mm(result, one) for which, one in fits.items()}
     chosen = some_of(np.flatnonzero(judge.used))
     chosen = chosen[np.argsort(-off[name][chosen], kind="stable")]
-    deviation = deviations_of(result, fit)[chosen] @ frame.rotation  # in the base, where the arm is drawn
+    deviation = (
+        deviations_of(result, fit)[chosen] @ frame.rotation
+    )  # in the base, where the arm is drawn
     target = frame.back(fit.point.prediction.tips[chosen]) - deviation
     factor = magnification_of(target, deviation)
     ends = target + factor * deviation
@@ -72,7 +78,9 @@ def residual_scene(result: Calibration | Diagnosis, model: str | None = None) ->
     points = np.vstack([bodies.corners(q).reshape(-1, 3), target, ends])
     size = float(np.ptp(points, axis=0).max())
 
-    scene = stage(f"{arm.name}: residuals, {name}", _caption(result, judge, chosen), bodies, points, target)
+    scene = stage(
+        f"{arm.name}: residuals, {name}", _caption(result, judge, chosen), bodies, points, target
+    )
     draw_ghosts(scene, bodies.radius, map(frame.back, postures_of(judge)))
     size_mm = off[name][chosen]
     scene.bar = ColourBar.of(f"distance of tip and {start} [mm]", size_mm, SIZE_COLOURS)
@@ -81,7 +89,8 @@ def residual_scene(result: Calibration | Diagnosis, model: str | None = None) ->
     scene["residuals"].set_object(spikes, flat(by_vertex=True))
     draw_ball(scene, "record", f"{start} of this record", 1.6 * FOOT * size, target[0])
     scene.notes = [
-        f"Residuals are magnified {factor:g} times: a spike stands with its foot on the {start} and points to the tip.",
+        f"Residuals are magnified {factor:g} times: a spike stands with its foot on the {start} "
+        "and points to the tip.",
         "The slider goes from the largest residual to the smallest.",
         TO_SCALE.replace("Lengths are", "The arm is"),
     ]
@@ -94,7 +103,9 @@ def residual_scene(result: Calibration | Diagnosis, model: str | None = None) ->
     texts |= joint_texts(arm, q)
     del texts["limits"]
     moves = moving(bodies, q, scene) | {"record": placed_at(target)}
-    scene.frames = Frames(moves, texts, [to_hex(colour) for colour in colours], per_second=PER_SECOND)
+    scene.frames = Frames(
+        moves, texts, [to_hex(colour) for colour in colours], per_second=PER_SECOND
+    )
     return scene
 
 
@@ -106,10 +117,13 @@ def _distances_mm(result: Calibration | Diagnosis, fit: Fit) -> Array:
 
 def _caption(result: Calibration | Diagnosis, judge: Fit, chosen: Index) -> str:
     rms = rms_of(result)
-    sizes = ", ".join(f"{which} {size}" for which, size in zip(rms, lengths(rms.values()), strict=True))
+    sizes = ", ".join(
+        f"{which} {size}" for which, size in zip(rms, lengths(rms.values()), strict=True)
+    )
     excluded = int(judge.excluded.sum())
     without = f"; {excluded} excluded" if excluded else ""
     return (
-        f"{len(chosen)} of {int(judge.used.sum())} records are drawn{without}. RMS distance of tip and target of all used "
+        f"{len(chosen)} of {int(judge.used.sum())} records are drawn{without}. RMS distance of "
+        "tip and target of all used "
         f"records: {sizes}."
     )

@@ -1,11 +1,12 @@
-"""A scene, without a server or with one: whatever is sent to meshcat is kept, written as one page, or shown live.
+"""A scene, without a server or with one: whatever is sent to meshcat is kept, written as one page,
+or shown live.
 
-meshcat's viewer is one script of 0.85 MB. A whole page has it inside. A page with several scenes has it once, as text that
-does nothing (:func:`shared_script`); each scene is an inner frame that receives the text when it is scrolled into sight, or
-soon after the page has been read.
+meshcat's viewer is one script of 0.85 MB. A whole page has it inside. A page with several scenes
+has it once, as text that does nothing (:func:`shared_script`); each scene is an inner frame that
+receives the text when it is scrolled into sight, or soon after the page has been read.
 
-A live scene is served by a thread on the loopback address alone. meshcat's own file server listens on every network
-interface, so that anyone on the net could look.
+A live scene is served by a thread on the loopback address alone. meshcat's own file server listens
+on every network interface, so that anyone on the net could look.
 """
 
 from __future__ import annotations
@@ -56,13 +57,20 @@ AN_ID = re.compile(r"[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}")
 """How meshcat writes the id of a geometry, a material or an object."""
 OUTERMOST = 60
 """Directions in which the points that have to be seen are looked for."""
-POSTER = '<p style="position: absolute; inset: 2rem 1rem auto; text-align: center">3D scene: scroll here to see it.</p>'
+POSTER = (
+    '<p style="position: absolute; inset: 2rem 1rem auto; text-align: center">3D scene: '
+    "scroll here to see it.</p>"
+)
 """Seen until the scene is drawn over it."""
 LOOPBACK = "127.0.0.1"
 OWN_NAMES = r"(127\.0\.0\.1|localhost)"
-"""Requests for other names are refused: a foreign page may have its own name resolved to this computer."""
+"""Requests for other names are refused: a foreign page may have its own name resolved to this
+computer.
+"""
 MOST_SENT = 65_536
-"""A browser that only looks has no more than this to say at once [bytes]; requests with more are refused unread."""
+"""A browser that only looks has no more than this to say at once [bytes]; requests with more are
+refused unread.
+"""
 WHOLE = umsgpack.packb(SetProperty("whole", True, ScenePath(("aacmm",))).lower())
 """Tells the page that the scene is there."""
 
@@ -99,7 +107,9 @@ class ColourBar:
 
     @staticmethod
     def of(label: str, values: Array, name: str) -> ColourBar:
-        """The bar over the finite ones of ``values``; of equal ones it shows a little on both sides."""
+        """The bar over the finite ones of ``values``; of equal ones it shows a little on both
+        sides.
+        """
         finite = values[np.isfinite(values)]
         low, high = float(finite.min()), float(finite.max())
         room = 0.0 if high > low else max(abs(low), 1e-12) * 0.01
@@ -150,7 +160,9 @@ class Frames:
         for what, per_frame in (("placements", self.placements), ("texts", self.texts)):
             for name, of in per_frame.items():
                 if len(of) != n:
-                    raise ShapeError(f"{what} of {name}: {len(of)} frames, expected {n} as there are colours")
+                    raise ShapeError(
+                        f"{what} of {name}: {len(of)} frames, expected {n} as there are colours"
+                    )
         if not 0 <= self.start < n:
             raise ShapeError(f"start is {self.start}, expected a frame from 0 to {n - 1}")
 
@@ -170,7 +182,8 @@ class Frames:
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """What has to be seen, and from which side; the page finds the distance that its own shape needs.
+    """What has to be seen, and from which side; the page finds the distance that its own shape
+    needs.
 
     Attributes:
         points: (n, 3) [m], all of them inside the picture.
@@ -195,7 +208,9 @@ class View:
     @property
     def outermost(self) -> Array:
         """Those of the points that are farthest out, which stand for all (m, 3) [m]."""
-        turn = np.arange(OUTERMOST) * np.pi * (3.0 - np.sqrt(5.0))  # evenly over the sphere (Fibonacci)
+        turn = (
+            np.arange(OUTERMOST) * np.pi * (3.0 - np.sqrt(5.0))
+        )  # evenly over the sphere (Fibonacci)
         height = 1.0 - (2 * np.arange(OUTERMOST) + 1) / OUTERMOST
         level = np.sqrt(1.0 - height**2)
         directions = np.column_stack([level * np.cos(turn), level * np.sin(turn), height])
@@ -204,7 +219,9 @@ class View:
 
 
 class _Window:
-    """A window for meshcat's ``Visualizer``: it keeps the last command of each kind for each path, and hands it on."""
+    """A window for meshcat's ``Visualizer``: it keeps the last command of each kind for each path,
+    and hands it on.
+    """
 
     web_url = ""
 
@@ -230,7 +247,9 @@ class _Window:
             listener(packed)
 
     def _numbered(self, part: Any) -> Any:
-        """The same with numbers for meshcat's ids, which hold the time and the network address of the computer."""
+        """The same with numbers for meshcat's ids, which hold the time and the network address of
+        the computer.
+        """
         if isinstance(part, str) and AN_ID.fullmatch(part):
             return self.ids.setdefault(part, str(UUID(int=len(self.ids) + 1)))
         if isinstance(part, dict):
@@ -241,8 +260,8 @@ class _Window:
 class Scene:
     """Things to look at, with a title, a legend, a view and, where something moves, frames.
 
-    ``scene["arm/body 3"]`` is meshcat's ``Visualizer`` at that path: ``set_object``, ``set_transform``, ``set_property``,
-    ``delete``. In Jupyter a scene shows itself.
+    ``scene["arm/body 3"]`` is meshcat's ``Visualizer`` at that path: ``set_object``,
+    ``set_transform``, ``set_property``, ``delete``. In Jupyter a scene shows itself.
 
     Attributes:
         meshcat: meshcat's ``Visualizer`` of the whole scene.
@@ -291,7 +310,8 @@ class Scene:
             temporary.write_text(encodable(self.html()), encoding="utf-8")
 
     def embedded(self, height: int = NOTEBOOK_HEIGHT) -> str:
-        """The scene as a part of another page, which holds :func:`aacmm_pin.report.scenes.shared_script` once.
+        """The scene as a part of another page, which holds
+        :func:`aacmm_pin.report.scenes.shared_script` once.
 
         Args:
             height: of the frame that it is shown in [px].
@@ -302,7 +322,8 @@ class Scene:
         return framed_page(self, NOTEBOOK_HEIGHT)
 
     def show(self, browser: bool = True) -> Server:
-        """Serve the scene on this computer's loopback address; what is sent to it from then on is seen at once.
+        """Serve the scene on this computer's loopback address; what is sent to it from then on is
+        seen at once.
 
         Args:
             browser: open it in the browser.
@@ -323,21 +344,33 @@ class Scene:
 
 
 def whole_page(scene: Scene, live: bool = False) -> str:
-    """One page that needs no network; a ``live`` one gets its commands from the server that sends it."""
+    """One page that needs no network; a ``live`` one gets its commands from the server that sends
+    it.
+    """
     return _rendered(scene, Markup(f"<script>{viewer_script()}</script>"), live=live, plays=True)
 
 
 def embedded_page(scene: Scene, height: int) -> str:
-    """A part of another page that has :func:`shared_script`: an inner frame, and behind it what it will show as JSON."""
+    """A part of another page that has :func:`shared_script`: an inner frame, and behind it what it
+    will show as JSON.
+    """
     inner = _json(_rendered(scene, Markup("<!-- viewer -->"), live=False, plays=False))
     frame = _frame(scene, height, "class=aacmm-scene", "; position: relative")
-    return f'<div style="position: relative">{POSTER}{frame}\n<script type="application/json">{inner}</script></div>'
+    return (
+        f'<div style="position: relative">{POSTER}{frame}\n<script '
+        f'type="application/json">{inner}</script></div>'
+    )
 
 
 def shared_script() -> str:
-    """What a page with embedded scenes needs once, anywhere: the viewer, and what fills the inner frames."""
+    """What a page with embedded scenes needs once, anywhere: the viewer, and what fills the inner
+    frames.
+    """
     filling = _template("embed.js")
-    return f'<script type="text/plain" id="aacmm-viewer">{viewer_script()}</script>\n<script>{filling}</script>'
+    return (
+        '<script type="text/plain" '
+        f'id="aacmm-viewer">{viewer_script()}</script>\n<script>{filling}</script>'
+    )
 
 
 def framed_page(scene: Scene, height: int) -> str:
@@ -361,9 +394,13 @@ def viewer_script() -> str:
     try:
         script = place.read_text(encoding="utf-8")
     except OSError as error:
-        raise AacmmError(f"{place}: meshcat's viewer cannot be read: {error.strerror or error}") from None
+        raise AacmmError(
+            f"{place}: meshcat's viewer cannot be read: {error.strerror or error}"
+        ) from None
     if "</script" in script or "<!--" in script:
-        raise AacmmError(f"{place}: meshcat's viewer cannot stand inside a page: it holds </script or <!--")
+        raise AacmmError(
+            f"{place}: meshcat's viewer cannot stand inside a page: it holds </script or <!--"
+        )
     return script
 
 
@@ -448,7 +485,9 @@ class Server:
             raise AacmmError(f"the server of the scene did not start: {error.strerror}") from None
         self.url = f"http://{LOOPBACK}:{bound.getsockname()[1]}/"
         self._listeners, self._browsers, started = listeners, set[_Browser](), threading.Event()
-        self._thread = threading.Thread(target=lambda: asyncio.run(self._serve(scene, bound, started)), daemon=True)
+        self._thread = threading.Thread(
+            target=lambda: asyncio.run(self._serve(scene, bound, started)), daemon=True
+        )
         self._thread.start()
         started.wait()
         listeners.append(self._send)
@@ -473,9 +512,15 @@ class Server:
 
     async def _serve(self, scene: Scene, bound: socket.socket, started: threading.Event) -> None:
         self._loop, self._stop = asyncio.get_running_loop(), asyncio.Event()
-        application = tornado.web.Application(log_function=lambda handler: None, websocket_max_message_size=MOST_SENT)
-        application.add_handlers(OWN_NAMES, [("/", _Browser, {"scene": scene, "browsers": self._browsers})])
-        server = tornado.httpserver.HTTPServer(application, max_body_size=MOST_SENT, max_buffer_size=16 * MOST_SENT)
+        application = tornado.web.Application(
+            log_function=lambda handler: None, websocket_max_message_size=MOST_SENT
+        )
+        application.add_handlers(
+            OWN_NAMES, [("/", _Browser, {"scene": scene, "browsers": self._browsers})]
+        )
+        server = tornado.httpserver.HTTPServer(
+            application, max_body_size=MOST_SENT, max_buffer_size=16 * MOST_SENT
+        )
         server.add_sockets([bound])
         started.set()
         await self._stop.wait()
@@ -493,7 +538,9 @@ class Server:
 
 
 class _Browser(tornado.websocket.WebSocketHandler):
-    """Its plain request gets the page, its WebSocket (tornado refuses those of other origins) the commands."""
+    """Its plain request gets the page, its WebSocket (tornado refuses those of other origins) the
+    commands.
+    """
 
     def initialize(self, scene: Scene, browsers: set[_Browser]) -> None:
         self._scene, self._browsers = scene, browsers

@@ -1,5 +1,6 @@
-"""What every scene shows: the arm as bodies (tubes along its lines, joints along their axes, a foot, a tip), the shapes
-and materials that things are made of, and around them ground, grid and axes.
+"""What every scene shows: the arm as bodies (tubes along its lines, joints along their axes, a
+foot, a tip), the shapes and materials that things are made of, and around them ground, grid and
+axes.
 """
 
 from __future__ import annotations
@@ -10,7 +11,13 @@ from typing import Any
 
 import numpy as np
 from matplotlib.colors import to_hex
-from meshcat.geometry import Cylinder, MeshBasicMaterial, MeshPhongMaterial, Sphere, TriangularMeshGeometry
+from meshcat.geometry import (
+    Cylinder,
+    MeshBasicMaterial,
+    MeshPhongMaterial,
+    Sphere,
+    TriangularMeshGeometry,
+)
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG, MM
@@ -48,7 +55,9 @@ class Bodies(ArmLines):
         return THICKNESS * self.length
 
     def draw(self, scene: Scene, root: str = "arm") -> None:
-        """Put the bodies into a scene below ``root``; they are moved by a transform of ``root/body i`` each."""
+        """Put the bodies into a scene below ``root``; they are moved by a transform of ``root/body
+        i`` each.
+        """
         moves, last = set(self.arm.chain.moving_axes()), len(self.lines) - 1
         for number, line in enumerate(self.lines):
             path = f"{root}/body {number}"
@@ -84,9 +93,11 @@ class Bodies(ArmLines):
 
     @property
     def foot(self) -> Array:
-        """Two points: where the foot ends and the arm begins, and the middle of the flange below (2, 3) [m].
+        """Two points: where the foot ends and the arm begins, and the middle of the flange below
+        (2, 3) [m].
 
-        The arm stands on the origin of the base where something leads from there to joint 1, else on a short post.
+        The arm stands on the origin of the base where something leads from there to joint 1, else
+        on a short post.
         """
         if self._shows(*self.lines[0][[0, -1]]):
             return np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
@@ -124,7 +135,8 @@ def _put(scene: Scene, path: str, shape: Any, where: Array, colour: str) -> None
 def stage(title: str, caption: str, bodies: Bodies, points: Array, targets: Array) -> Scene:
     """A scene with the arm's bodies, and around ``points`` (n, 3) [m] background, grid and axes.
 
-    It is looked at past the ``targets`` (k, 3) [m] that the arm reaches for, a little from the side, back to the base.
+    It is looked at past the ``targets`` (k, 3) [m] that the arm reaches for, a little from the
+    side, back to the base.
     """
     scene = Scene(title, caption)
     bodies.draw(scene)
@@ -137,7 +149,9 @@ def stage(title: str, caption: str, bodies: Bodies, points: Array, targets: Arra
     scene["/Grid"].set_property("color", [1.1, 1.1, 1.1, 0.45])
     axes = 0.2 * float(np.ptp(points, axis=0).max())
     scene["/Axes"].set_transform(np.diag([*[axes] * 3, 1.0]))
-    thirds = ", ".join(f"{colour} {33 * i}% {33 * (i + 1)}%" for i, colour in enumerate(("red", "lime", "blue")))
+    thirds = ", ".join(
+        f"{colour} {33 * i}% {33 * (i + 1)}%" for i, colour in enumerate(("red", "lime", "blue"))
+    )
     scene.swatches = [
         Swatch(TUBE, "tubes", "line"),
         Swatch(JOINT, "joints, drawn along their axes", "area"),
@@ -154,7 +168,9 @@ def stage(title: str, caption: str, bodies: Bodies, points: Array, targets: Arra
 
 
 def moving(bodies: Bodies, q: Array, scene: Scene) -> dict[str, Array]:
-    """Placements of the bodies that move, by their paths; they are put where the first posture has them."""
+    """Placements of the bodies that move, by their paths; they are put where the first posture has
+    them.
+    """
     placed = {f"arm/body {k}": placements for k, placements in enumerate(bodies.placements(q))}
     for path, placements in placed.items():
         scene[path].set_transform(placements[0])
@@ -184,7 +200,9 @@ def place_text(point: Array) -> str:
 
 
 def joint_texts(arm: Arm, q: Array) -> dict[str, list[str]]:
-    """Values of the joints (n, nq), degrees or millimetres, and whether they are within limits, or which are not."""
+    """Values of the joints (n, nq), degrees or millimetres, and whether they are within limits, or
+    which are not.
+    """
     texts = {}
     for joint, (values, slides) in enumerate(zip(q.T, arm.chain.prismatic, strict=True), start=1):
         one, unit = (MM, " mm") if slides else (DEG, "°")
@@ -220,8 +238,16 @@ def flat(colour: str = "white", opacity: float = 1.0, *, by_vertex: bool = False
 
 
 def ahead(colour: str, opacity: float = 0.999) -> Any:
-    """Material of what has to be seen even where it is inside the arm: drawn last, whatever stands before it."""
-    options = {"transparent": True, "side": 0, "shininess": 40, "depthTest": False, "depthWrite": False}
+    """Material of what has to be seen even where it is inside the arm: drawn last, whatever stands
+    before it.
+    """
+    options = {
+        "transparent": True,
+        "side": 0,
+        "shininess": 40,
+        "depthTest": False,
+        "depthWrite": False,
+    }
     return MeshPhongMaterial(color=colour_number(colour), opacity=opacity, **options)
 
 
@@ -232,22 +258,35 @@ def placed_at(points: Array) -> Array:
     return placements
 
 
-def rod(start: Array, end: Array, radius: float, end_radius: float | None = None) -> tuple[Any, Array]:
-    """A cylinder from ``start`` to ``end`` (3,) [m], or a cone with another radius there, and its placement (4, 4)."""
+def rod(
+    start: Array, end: Array, radius: float, end_radius: float | None = None
+) -> tuple[Any, Array]:
+    """A cylinder from ``start`` to ``end`` (3,) [m], or a cone with another radius there, and its
+    placement (4, 4).
+    """
     along = end - start
     length = float(np.linalg.norm(along))
     top = radius if end_radius is None else end_radius
     shape = Cylinder(length, radiusBottom=radius, radiusTop=top)
     across, beside = _sections(along[None])
     placement = placed_at((start + end)[None] / 2)[0]
-    placement[:3, :3] = np.column_stack([across[0], along / length, -beside[0]])  # three.js draws cylinders along y
+    placement[:3, :3] = np.column_stack(
+        [across[0], along / length, -beside[0]]
+    )  # three.js draws cylinders along y
     return shape, placement
 
 
-def prisms(start: Array, end: Array, radius: float, end_radius: float | None = None, colours: Array | None = None) -> Any:
+def prisms(
+    start: Array,
+    end: Array,
+    radius: float,
+    end_radius: float | None = None,
+    colours: Array | None = None,
+) -> Any:
     """Thin prisms from ``start`` to ``end`` (n, 3) [m], pyramids where ``end_radius`` is zero.
 
-    Six vertices about each start are followed by six about its end; ``colours`` (n, 2, 3) in [0, 1] are those of both.
+    Six vertices about each start are followed by six about its end; ``colours`` (n, 2, 3) in [0, 1]
+    are those of both.
     """
     across, beside = _sections(end - start)
     turn = np.arange(SIDES)[:, None] * (2 * np.pi / SIDES)

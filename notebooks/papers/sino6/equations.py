@@ -1,14 +1,17 @@
-"""The paper's equations (2) to (13), corrected where the print is wrong: configurations of the nominal arm by geometry.
+"""The paper's equations (2) to (13), corrected where the print is wrong: configurations of the
+nominal arm by geometry.
 
-**Height.** The paper draws its vertical axis against the z axis of its own DH table, ``Z = -z_DH``: with the signs of its
-Table 1, θ3 = 0 puts the elbow at the *least* z_DH, where the paper calls it highest. Points enter and joint angles leave in
-the DH base frame; "highest" and "lowest" speak of Z.
+**Height.** The paper draws its vertical axis against the z axis of its own DH table, ``Z = -z_DH``:
+with the signs of its Table 1, θ3 = 0 puts the elbow at the *least* z_DH, where the paper calls it
+highest. Points enter and joint angles leave in the DH base frame; "highest" and "lowest" speak of
+Z.
 
-**Names.** O is the shoulder (origin of frame 1), P the working point (origin of frame 5), E the elbow (origin of frame 3,
-on the axis of joint 4), C the end of the upper tube (E without the offset l3), K where the axis of joint 3 meets the base
-axis. ``-θ2`` and ``-θ4`` are the angles that the paper writes as |θ2| and |θ4|; joint limits are θ2, θ4 in [-π, 0]. All
-lengths are the magnitudes of :class:`NominalArm`. Attributes have the paper's names. Everything works on batches: points
-(n, 3) [m], angles (n,) [rad]; where a triangle does not close, the answer is NaN.
+**Names.** O is the shoulder (origin of frame 1), P the working point (origin of frame 5), E the
+elbow (origin of frame 3, on the axis of joint 4), C the end of the upper tube (E without the offset
+l3), K where the axis of joint 3 meets the base axis. ``-θ2`` and ``-θ4`` are the angles that the
+paper writes as |θ2| and |θ4|; joint limits are θ2, θ4 in [-π, 0]. All lengths are the magnitudes of
+:class:`NominalArm`. Attributes have the paper's names. Everything works on batches: points (n, 3)
+[m], angles (n,) [rad]; where a triangle does not close, the answer is NaN.
 """
 
 from __future__ import annotations
@@ -26,7 +29,9 @@ def arccos_or_nan(cosine: Array) -> Array:
 
 
 def cosine_in_triangle(near: Array | float, far: Array | float, opposite: Array | float) -> Array:
-    """Cosine of the angle between the sides ``near`` and ``far`` [m]; beyond ±1 where the sides do not close."""
+    """Cosine of the angle between the sides ``near`` and ``far`` [m]; beyond ±1 where the sides do
+    not close.
+    """
     return np.asarray((near**2 + far**2 - opposite**2) / (2.0 * near * far), dtype=np.float64)
 
 
@@ -36,15 +41,20 @@ def angle_in_triangle(near: Array | float, far: Array | float, opposite: Array |
 
 
 def tube_end_to_point(arm: NominalArm, theta4: Array) -> Array:
-    """|CP|, ``ken`` of (7), for a given θ4: (n,) [m]. Corrected: the sine of θ4 enters with the other sign."""
-    return np.asarray(np.sqrt(arm.l3**2 + arm.d5**2 - 2.0 * arm.l3 * arm.d5 * np.cos(np.pi / 2 - theta4)))
+    """|CP|, ``ken`` of (7), for a given θ4: (n,) [m]. Corrected: the sine of θ4 enters with the
+    other sign.
+    """
+    return np.asarray(
+        np.sqrt(arm.l3**2 + arm.d5**2 - 2.0 * arm.l3 * arm.d5 * np.cos(np.pi / 2 - theta4))
+    )
 
 
 class WorkingPoints:
     """Points P as the shoulder sees them.
 
     Attributes:
-        azimuth: θ1 of the planar configurations, (2) and (6); the printed case distinction is atan2 modulo 2π [rad].
+        azimuth: θ1 of the planar configurations, (2) and (6); the printed case distinction is atan2
+            modulo 2π [rad].
         z: height Z of the paper's figures [m].
         qk: distance from the base axis, ``Qk`` of (12) [m].
         den: |OP| of (3) [m].
@@ -58,58 +68,83 @@ class WorkingPoints:
 
 
 class PlanarConfigurations(WorkingPoints):
-    """The highest and the lowest configuration, (2) to (9), θ1 to θ4: ``highest``, ``lowest`` (n, 4) [rad].
+    """The highest and the lowest configuration, (2) to (9), θ1 to θ4: ``highest``, ``lowest``
+    (n, 4) [rad].
 
-    For P in front of the base axis as the arm looks. Folded so far that |θ4| exceeds 3π/2 - ∠k, 179.4° on SINO6, the arm
-    is the mirror image about OP of the highest, which (3) and (5) leave out. The lowest leans on the highest: where that is
-    out of reach (|OP| > QD + d5) its θ2 is NaN.
+    For P in front of the base axis as the arm looks. Folded so far that |θ4| exceeds 3π/2 - ∠k,
+    179.4° on SINO6, the arm is the mirror image about OP of the highest, which (3) and (5) leave
+    out. The lowest leans on the highest: where that is out of reach (|OP| > QD + d5) its θ2 is NaN.
 
     Attributes:
-        len, qd, gen: |OC| of (3), |OE| at θ3 = 0 of (3) and at θ3 = π of (7) [m]. With table signs QD would be gen.
-        k, q, theta4_max: angles at E from O to C and to P, and θ4 of the highest, (5). Corrected: 3π/2, printed 2π.
-        theta2_max: θ2 of the highest, (3). Corrected: the1 is an angle of the triangle with the sides l2, QD and
-            √(l3² + d3²); the sum of the three angles counts from the far end of the range, so π is taken off.
-        thek: how far θ2 turns from the highest to the lowest, (7); θ2max - thek, θ2 of the lowest, is missing in the print.
-        theta4_min: θ4 of the lowest, (9), and of its mirror image about OP, which the print leaves out (n, 2). Near the rim
-            of the reach it is inside the limits as well: |θ4| below the angle with tangent (l2 + l3)/d3, 9.2° on SINO6.
-        lowest_exists: whether the triangle of the lowest closes; the print has only one of the two conditions.
+        len, qd, gen: |OC| of (3), |OE| at θ3 = 0 of (3) and at θ3 = π of (7) [m]. With table signs
+            QD would be gen.
+        k, q, theta4_max: angles at E from O to C and to P, and θ4 of the highest, (5). Corrected:
+            3π/2, printed 2π.
+        theta2_max: θ2 of the highest, (3). Corrected: the1 is an angle of the triangle with the
+            sides l2, QD and √(l3² + d3²); the sum of the three angles counts from the far end of
+            the range, so π is taken off.
+        thek: how far θ2 turns from the highest to the lowest, (7); θ2max - thek, θ2 of the lowest,
+            is missing in the print.
+        theta4_min: θ4 of the lowest, (9), and of its mirror image about OP, which the print leaves
+            out (n, 2). Near the rim of the reach it is inside the limits as well: |θ4| below the
+            angle with tangent (l2 + l3)/d3, 9.2° on SINO6.
+        lowest_exists: whether the triangle of the lowest closes; the print has only one of the two
+            conditions.
     """
 
     def __init__(self, arm: NominalArm, point: Array) -> None:
         super().__init__(arm, point)
-        self.len, self.qd, self.gen = (float(np.hypot(x, arm.d3)) for x in (arm.l2, arm.l3 - arm.l2, arm.l3 + arm.l2))
+        self.len, self.qd, self.gen = (
+            float(np.hypot(x, arm.d3)) for x in (arm.l2, arm.l3 - arm.l2, arm.l3 + arm.l2)
+        )
         the1 = angle_in_triangle(arm.l2, self.qd, np.hypot(arm.l3, arm.d3))
         the2 = angle_in_triangle(self.qd, self.den, arm.d5)
         self.theta2_max = the1 + the2 + np.arctan2(self.z, self.qk) - np.pi
-        self.k, self.q = angle_in_triangle(self.qd, arm.l3, self.len), angle_in_triangle(self.qd, arm.d5, self.den)
+        self.k, self.q = (
+            angle_in_triangle(self.qd, arm.l3, self.len),
+            angle_in_triangle(self.qd, arm.d5, self.den),
+        )
         self.theta4_max = -(1.5 * np.pi - self.k - self.q)
         self.thek: Array = self.sweep_parts(tube_end_to_point(arm, self.theta4_max)).sum(axis=1)
-        k, q = angle_in_triangle(self.gen, arm.l3, self.len), angle_in_triangle(self.gen, arm.d5, self.den)
+        k, q = (
+            angle_in_triangle(self.gen, arm.l3, self.len),
+            angle_in_triangle(self.gen, arm.d5, self.den),
+        )
         self.theta4_min = np.column_stack([-(1.5 * np.pi - k - q), np.pi / 2 + k - q])
-        self.lowest_exists = (np.abs(self.gen - arm.d5) <= self.den) & (self.den <= self.gen + arm.d5)
+        self.lowest_exists = (np.abs(self.gen - arm.d5) <= self.den) & (
+            self.den <= self.gen + arm.d5
+        )
         zero, theta2_min = np.zeros_like(self.den), self.theta2_max - self.thek
         self.highest = np.column_stack([self.azimuth, self.theta2_max, zero, self.theta4_max])
-        self.lowest = np.column_stack([self.azimuth, theta2_min, zero + np.pi, self.theta4_min[:, 0]])
+        self.lowest = np.column_stack(
+            [self.azimuth, theta2_min, zero + np.pi, self.theta4_min[:, 0]]
+        )
 
     def sweep_parts(self, ken: Array) -> Array:
-        """``thek1``, ``thek2``, ``thek3`` of (7), whose sum is thek, for |CP| of the highest configuration: (n, 3) [rad].
+        """``thek1``, ``thek2``, ``thek3`` of (7), whose sum is thek, for |CP| of the highest
+        configuration: (n, 3) [rad].
 
         They are angles at O: from C (highest) to P, on to E (lowest), on to C.
         """
-        thek1, thek2 = angle_in_triangle(self.len, self.den, ken), angle_in_triangle(self.gen, self.den, self.arm.d5)
-        return np.column_stack([thek1, thek2, np.full_like(thek1, angle_in_triangle(self.gen, self.len, self.arm.l3))])
+        thek1, thek2 = (
+            angle_in_triangle(self.len, self.den, ken),
+            angle_in_triangle(self.gen, self.den, self.arm.d5),
+        )
+        return np.column_stack(
+            [thek1, thek2, np.full_like(thek1, angle_in_triangle(self.gen, self.len, self.arm.l3))]
+        )
 
 
 class ConfigurationsAtTheta2(WorkingPoints):
     """The configurations between, for a given θ2, (10) to (13).
 
     Attributes:
-        zk: Z of K, (10); NaN for θ2 = 0 and -π, where K is at infinity. K depends on θ2 only, so |KP| does not change with
-            θ1 and θ3; this makes the construction exact [m].
-        dk: from K to C along the axis of joint 3, (10), negative where C has not reached K. The printed quotient of sines
-            equals ``d3 - l2 cot|θ2|`` [m].
-        theta4: both θ4 that (11) allows (n, 2) in [-π, π): the triangle K, E, P has a mirror image about KE, the second
-            column, which the print leaves out.
+        zk: Z of K, (10); NaN for θ2 = 0 and -π, where K is at infinity. K depends on θ2 only, so
+            |KP| does not change with θ1 and θ3; this makes the construction exact [m].
+        dk: from K to C along the axis of joint 3, (10), negative where C has not reached K. The
+            printed quotient of sines equals ``d3 - l2 cot|θ2|`` [m].
+        theta4: both θ4 that (11) allows (n, 2) in [-π, π): the triangle K, E, P has a mirror image
+            about KE, the second column, which the print leaves out.
         uk, vk: radius of C along the arm's own vertical plane, with its sign, and Z of C, (12) [m].
             Corrected: Vk is positive like Z of K.
     """
@@ -127,21 +162,28 @@ class ConfigurationsAtTheta2(WorkingPoints):
         self.uk, self.vk = span * np.cos(np.pi - uck), span * np.sin(np.pi - uck)
 
     def cosine_theta42(self, l3: float) -> Array:
-        """Cosine of the angle at E between K and P, θ42 of (11): (n,). Beyond ±1 no configuration has this θ2.
+        """Cosine of the angle at E between K and P, θ42 of (11): (n,). Beyond ±1 no configuration
+        has this θ2.
 
         Corrected: the hypotenuse ``qdk`` has ``l3``; the print has l2.
         """
-        return cosine_in_triangle(self.arm.d5, np.hypot(self.dk, l3), np.hypot(self.qk, self.z - self.zk))
+        return cosine_in_triangle(
+            self.arm.d5, np.hypot(self.dk, l3), np.hypot(self.qk, self.z - self.zk)
+        )
 
     def rq(self, theta4: Array, vk: Array) -> Array:
-        """Horizontal distance of C and P, ``Rq`` of (12), C at the height ``vk``: (n,) [m]; NaN where there is none."""
+        """Horizontal distance of C and P, ``Rq`` of (12), C at the height ``vk``: (n,) [m]; NaN
+        where there is none.
+        """
         squared = tube_end_to_point(self.arm, theta4) ** 2 - (vk - self.z) ** 2
         return np.sqrt(squared, out=np.full_like(squared, np.nan), where=squared >= 0.0)
 
     def cosine_theta1(self, theta4: Array) -> Array:
-        """Cosine of θ1 counted from the azimuth of P, (12) and (13): (n,). NaN or beyond ±1 where no configuration exists.
+        """Cosine of θ1 counted from the azimuth of P, (12) and (13): (n,). NaN or beyond ±1 where
+        no configuration exists.
 
-        Corrected: ``Uk`` keeps its sign. The guard printed with (13) is not a condition of existence; this cosine is.
+        Corrected: ``Uk`` keeps its sign. The guard printed with (13) is not a condition of
+        existence; this cosine is.
         """
         with np.errstate(divide="ignore", invalid="ignore"):
             return cosine_in_triangle(self.qk, self.uk, self.rq(theta4, self.vk))
@@ -149,22 +191,33 @@ class ConfigurationsAtTheta2(WorkingPoints):
     def theta3(self, theta1: Array) -> Array:
         """θ3 for given θ1: (n,) [rad] in [-π, π].
 
-        The paper finds it "by comparison". Seen from frame 2, P lies off the axis of joint 3 by l3 + d5 sin|θ4|, which is
-        positive inside the limits, in the direction of θ3.
+        The paper finds it "by comparison". Seen from frame 2, P lies off the axis of joint 3 by
+        l3 + d5 sin|θ4|, which is positive inside the limits, in the direction of θ3.
         """
-        ahead, aside = self.qk * np.cos(self.azimuth - theta1), self.qk * np.sin(self.azimuth - theta1)
-        return np.asarray(np.arctan2(aside, ahead * np.cos(self.theta2) + self.z * np.sin(self.theta2) + self.arm.l2))
+        ahead, aside = (
+            self.qk * np.cos(self.azimuth - theta1),
+            self.qk * np.sin(self.azimuth - theta1),
+        )
+        return np.asarray(
+            np.arctan2(
+                aside, ahead * np.cos(self.theta2) + self.z * np.sin(self.theta2) + self.arm.l2
+            )
+        )
 
     def all(self) -> Array:
-        """θ1 to θ4 of all of them: (n, 2, 2, 4) [rad], NaN where there is none. θ4 may be outside its limits.
+        """θ1 to θ4 of all of them: (n, 2, 2, 4) [rad], NaN where there is none. θ4 may be outside
+        its limits.
 
-        The second axis is the root of (11), the third the sign of (13), which counts θ1 from the azimuth of P.
+        The second axis is the root of (11), the third the sign of (13), which counts θ1 from the
+        azimuth of P.
         """
         found = np.empty((len(self.theta2), 2, 2, 4))
         for root, theta4 in enumerate(self.theta4.T):
             turn = arccos_or_nan(self.cosine_theta1(theta4))
             for mirror, sign in enumerate((1.0, -1.0)):
                 theta1 = wrapped(self.azimuth + sign * turn)
-                found[:, root, mirror] = np.column_stack([theta1, self.theta2, self.theta3(theta1), theta4])
+                found[:, root, mirror] = np.column_stack(
+                    [theta1, self.theta2, self.theta3(theta1), theta4]
+                )
         found[~np.isfinite(found).all(axis=-1)] = np.nan
         return found

@@ -1,8 +1,10 @@
-"""Where the printed equations (3) to (13) are wrong, each with the size of the error that it makes alone.
+"""Where the printed equations (3) to (13) are wrong, each with the size of the error that it makes
+alone.
 
-Every size is measured: the printed form and the corrected one run on the same random configurations inside the joint limits,
-all else correct. With the printed sign of ken in (7) or of Vk in (12) the paper's own Table 2 does not come out, so these
-at least are slips of the print and not of the authors' program; l2 in (11), ``|Uk|`` and the guard of (13) hardly touch it.
+Every size is measured: the printed form and the corrected one run on the same random configurations
+inside the joint limits, all else correct. With the printed sign of ken in (7) or of Vk in (12) the
+paper's own Table 2 does not come out, so these at least are slips of the print and not of the
+authors' program; l2 in (11), ``|Uk|`` and the guard of (13) hardly touch it.
 """
 
 from __future__ import annotations
@@ -23,8 +25,17 @@ from papers.sino6.equations import (
 from papers.sino6.tables import NominalArm, sino6_nominal
 
 WRONG = 1e-9
-"""A difference above this counts as wrong [m or rad]; rounding stays far below it for nearly all configurations."""
-COLUMNS = ["equation", "printed", "corrected", "cosine", "median_angle_error_deg", "median_length_error_mm"]
+"""A difference above this counts as wrong [m or rad]; rounding stays far below it for nearly all
+configurations.
+"""
+COLUMNS = [
+    "equation",
+    "printed",
+    "corrected",
+    "cosine",
+    "median_angle_error_deg",
+    "median_length_error_mm",
+]
 SHARES = ["affected_share", "no_answer_share", "false_share"]
 Row = tuple[str, str, str, dict[str, float]]
 """Number of the equation, what is printed, what is right, and the sizes that have a meaning."""
@@ -33,18 +44,25 @@ Row = tuple[str, str, str, dict[str, float]]
 def misprints(rng: np.random.Generator, samples: int = 20_000) -> pd.DataFrame:
     """All misprints in the order of the equations, one row each.
 
-    Columns: equation, printed, corrected; cosine, where the print gives the same value beyond ±1 for every point;
-    median_angle_error_deg and median_length_error_mm, over the configurations that are affected and still have an
-    answer; affected_share of the true configurations, for which the printed answer is wrong or missing; no_answer_share,
-    for which it is not real; false_share, of wrongly accepted cases among those without a configuration, for printed
-    conditions. NaN where a size has no meaning.
+    Columns: equation, printed, corrected; cosine, where the print gives the same value beyond ±1
+    for every point; median_angle_error_deg and median_length_error_mm, over the configurations that
+    are affected and still have an answer; affected_share of the true configurations, for which the
+    printed answer is wrong or missing; no_answer_share, for which it is not real; false_share, of
+    wrongly accepted cases among those without a configuration, for printed conditions. NaN where a
+    size has no meaning.
     """
     arm, upper = sino6_nominal(), np.array([2.0 * np.pi, 0.0, 2.0 * np.pi, 0.0])
     q = rng.uniform(upper - np.array([2.0, 1.0, 2.0, 1.0]) * np.pi, upper, (samples, 4))
     other_theta2 = rng.uniform(-np.pi, 0.0, samples)  # most often no configuration has it
-    rows = [*_of_highest(arm, q), *_of_lowest(arm, q), *_of_theta4(arm, q), *_of_theta1(arm, q, other_theta2)]
+    rows = [
+        *_of_highest(arm, q),
+        *_of_lowest(arm, q),
+        *_of_theta4(arm, q),
+        *_of_theta1(arm, q, other_theta2),
+    ]
     return pd.DataFrame(
-        [dict(zip(COLUMNS[:3], texts, strict=True)) | sizes for *texts, sizes in rows], columns=COLUMNS + SHARES
+        [dict(zip(COLUMNS[:3], texts, strict=True)) | sizes for *texts, sizes in rows],
+        columns=COLUMNS + SHARES,
     )
 
 
@@ -53,12 +71,16 @@ def _points(arm: NominalArm, q: Array) -> Array:
 
 
 def _planar(arm: NominalArm, q: Array, theta3: float) -> tuple[Array, Array, PlanarConfigurations]:
-    """θ2 and θ4 (n,) [rad] of the configurations with this θ3 whose base looks towards P, and what (2) to (9) give."""
+    """θ2 and θ4 (n,) [rad] of the configurations with this θ3 whose base looks towards P, and what
+    (2) to (9) give.
+    """
     q = np.column_stack([q[:, :2], np.full(len(q), theta3), q[:, 3]])
     p = _points(arm, q)
     towards = np.cos(q[:, 0]) * p[:, 0] + np.sin(q[:, 0]) * p[:, 1] > 0.0
     if theta3 == 0.0:
-        towards &= -q[:, 3] < 1.5 * np.pi - PlanarConfigurations(arm, p).k  # not the mirror image of the highest
+        towards &= (
+            -q[:, 3] < 1.5 * np.pi - PlanarConfigurations(arm, p).k
+        )  # not the mirror image of the highest
     return q[towards, 1], q[towards, 3], PlanarConfigurations(arm, p[towards])
 
 
@@ -76,14 +98,21 @@ def _angle(printed: Array, true: Array) -> dict[str, float]:
 def _length(printed: Array | float, true: Array | float) -> dict[str, float]:
     """Sizes of a wrong length [m]."""
     error = np.abs(np.atleast_1d(printed) - true)
-    return {"median_length_error_mm": float(np.median(error)) / MM, "affected_share": float((error > WRONG).mean())}
+    return {
+        "median_length_error_mm": float(np.median(error)) / MM,
+        "affected_share": float((error > WRONG).mean()),
+    }
 
 
 def _of_highest(arm: NominalArm, q: Array) -> list[Row]:
     """Of (3) and (5), and ken of (7)."""
     theta2, theta4, right = _planar(arm, q, 0.0)
     l2, qd, bracket = arm.l2 / MM, right.qd / MM, np.hypot(arm.l3, arm.d5) / MM
-    the1 = {"cosine": (l2**2 + qd**2 - bracket) / (2.0 * l2 * qd), "affected_share": 1.0, "no_answer_share": 1.0}
+    the1 = {
+        "cosine": (l2**2 + qd**2 - bracket) / (2.0 * l2 * qd),
+        "affected_share": 1.0,
+        "no_answer_share": 1.0,
+    }
     theta2_max = _angle(right.theta2_max + np.pi, theta2)
     theta4_max = _angle(-(2.0 * np.pi - right.k - right.q), theta4)
     signed = _angle(-(1.5 * np.pi - right.k - (np.pi - right.q)), theta4)
@@ -105,7 +134,10 @@ def _of_lowest(arm: NominalArm, q: Array) -> list[Row]:
     as_last_line = _angle(lowest.thek[reached], lowest.lowest[reached, 1])
     every = PlanarConfigurations(arm, _points(arm, q))
     exists, accepted = every.lowest_exists, every.den + arm.d5 >= every.gen
-    shares = {"affected_share": float((accepted != exists).mean()), "false_share": float(accepted[~exists].mean())}
+    shares = {
+        "affected_share": float((accepted != exists).mean()),
+        "false_share": float(accepted[~exists].mean()),
+    }
     mirror = _angle(lowest.theta4_min[:, 0], theta4)
     return [
         ("7", "thek as the last line", "θ2min = θ2max - thek", as_last_line),
@@ -134,7 +166,10 @@ def _of_theta4(arm: NominalArm, q: Array) -> list[Row]:
 def _of_theta1(arm: NominalArm, q: Array, other_theta2: Array) -> list[Row]:
     """Of (12) and (13)."""
     p, theta4 = _points(arm, q), q[:, 3]
-    at, other = ConfigurationsAtTheta2(arm, p, q[:, 1]), ConfigurationsAtTheta2(arm, p, other_theta2)
+    at, other = (
+        ConfigurationsAtTheta2(arm, p, q[:, 1]),
+        ConfigurationsAtTheta2(arm, p, other_theta2),
+    )
     true = np.abs(wrapped(q[:, 0] - at.azimuth))
 
     def accepted(at: ConfigurationsAtTheta2, theta4: Array) -> Array:
@@ -149,7 +184,12 @@ def _of_theta1(arm: NominalArm, q: Array, other_theta2: Array) -> list[Row]:
         "false_share": float(accepted(other, other.theta4[:, 0])[missing].mean()),
     }
     return [
-        ("12", "Vk = -len sin(π - uck) with Z upwards", "Vk = len sin(π - uck)", _angle(downwards, true)),
+        (
+            "12",
+            "Vk = -len sin(π - uck) with Z upwards",
+            "Vk = len sin(π - uck)",
+            _angle(downwards, true),
+        ),
         ("12", "Dq = |Uk|", "Dq = Uk with its sign", _angle(unsigned, true)),
         ("13", "exists if Qk + Dq - Rq > 1 mm", "exists if |cos θ1| <= 1 and Rq is real", shares),
     ]

@@ -1,16 +1,19 @@
 """Table 2 of the paper made again, and beside it what exact geometry says about the same cells.
 
-**How the paper's counts come about** (an assumption, as the text does not say it; nothing in it is tuned): the 48 × 48
-regions are a grid in *joint* space, θ1 = θ3 = 0 and θ2, θ4 at -π + i π/49, i = 1 … 48; each cell's working point is where
-this "highest" configuration reaches. Its configuration circle is walked in seven equal steps of θ2 from the highest to the
-lowest configuration: the two ends stand for one sector each, the five steps between for a mirror-image pair each. A step
-counts if θ2 >= -π and a pair exists by (11) and (13), that is both cosines lie within ±1; θ4 of a pair is not checked.
-Where the triangle of the lowest configuration does not close, its angle thek2 is taken as zero, as the real part of a
-complex inverse cosine would be, and the lowest end does not count.
+**How the paper's counts come about** (an assumption, as the text does not say it; nothing in it is
+tuned): the 48 × 48 regions are a grid in *joint* space, θ1 = θ3 = 0 and θ2, θ4 at -π + i π/49, i =
+1 … 48; each cell's working point is where this "highest" configuration reaches. Its configuration
+circle is walked in seven equal steps of θ2 from the highest to the
+lowest configuration: the two ends stand for one sector each, the five steps between for a
+mirror-image pair each. A step counts if θ2 >= -π and a pair exists by (11) and (13), that is both
+cosines lie within ±1; θ4 of a pair is not checked. Where the triangle of the lowest configuration
+does not close, its angle thek2 is taken as zero, as the real part of a complex inverse cosine would
+be, and the lowest end does not count.
 
-**Why these counts are too small.** Near the base axis the elbow's circle encloses the vertical through the shoulder. Then
-the true extreme of θ2 lies on the far side, 180° minus the planar one, with the base turned by about 180°. Steps beyond it
-belong to no configuration, and the real ones with the turned base are not looked at.
+**Why these counts are too small.** Near the base axis the elbow's circle encloses the vertical
+through the shoulder. Then the true extreme of θ2 lies on the far side, 180° minus the planar one,
+with the base turned by about 180°. Steps beyond it belong to no configuration, and the real ones
+with the turned base are not looked at.
 """
 
 from __future__ import annotations
@@ -47,9 +50,11 @@ class Table2(Shown):
     """Table 2 as printed, reproduced, and exact.
 
     Attributes:
-        counts: working_sectors (0 to 12) and the number of cells: paper_cells, reproduced_cells, exact_cells.
-        cells: one row a cell: theta2_deg, theta4_deg, x_mm, z_mm (DH base frame), reproduced_sectors, exact_sectors,
-            behind_axis (the point, as seen from the elbow of the cell's own posture).
+        counts: working_sectors (0 to 12) and the number of cells: paper_cells, reproduced_cells,
+            exact_cells.
+        cells: one row a cell: theta2_deg, theta4_deg, x_mm, z_mm (DH base frame),
+            reproduced_sectors, exact_sectors, behind_axis (the point, as seen from the elbow of the
+            cell's own posture).
     """
 
     counts: pd.DataFrame
@@ -57,16 +62,23 @@ class Table2(Shown):
 
     @property
     def total_variation(self) -> dict[str, float]:
-        """Half the summed differences from the printed shares of cells, ``reproduced`` and ``exact``: 0 alike, 1 apart."""
+        """Half the summed differences from the printed shares of cells, ``reproduced`` and
+        ``exact``: 0 alike, 1 apart.
+        """
         names = ("reproduced", "exact")
-        apart = {name: (self.counts[f"{name}_cells"] - self.counts["paper_cells"]).abs().sum() for name in names}
+        apart = {
+            name: (self.counts[f"{name}_cells"] - self.counts["paper_cells"]).abs().sum()
+            for name in names
+        }
         return {name: float(0.5 * cells / len(self.cells)) for name, cells in apart.items()}
 
     @property
     def mean_flexibility(self) -> dict[str, float]:
         """Mean of ζ over the cells, by the names ``paper``, ``reproduced``, ``exact``."""
         zeta, names = self.counts["working_sectors"] / SECTORS, ("paper", "reproduced", "exact")
-        return {name: float(np.average(zeta, weights=self.counts[f"{name}_cells"])) for name in names}
+        return {
+            name: float(np.average(zeta, weights=self.counts[f"{name}_cells"])) for name in names
+        }
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Cells by their working sectors."""
@@ -91,7 +103,8 @@ def reproduce_table2(grid: int = GRID) -> Table2:
             "z_mm": points[:, 2] / MM,
             "reproduced_sectors": _sectors_by_steps(arm, points, theta2, theta4),
             "exact_sectors": exact_sectors(arm, points),
-            "behind_axis": points[:, 0] < 0.0,  # the elbow is in front of the base axis, P behind it
+            "behind_axis": points[:, 0]
+            < 0.0,  # the elbow is in front of the base axis, P behind it
         }
     )
     paper = printed_table2().set_index("working_sectors")["cells"]
@@ -103,7 +116,9 @@ def reproduce_table2(grid: int = GRID) -> Table2:
 
 
 def generating_grid(arm: NominalArm, grid: int = GRID) -> tuple[Array, Array, Array]:
-    """θ2 and θ4 at the interior nodes of [-π, 0]², (n,) [rad] each, and the points reached with θ1 = θ3 = 0, (n, 3) [m]."""
+    """θ2 and θ4 at the interior nodes of [-π, 0]², (n,) [rad] each, and the points reached with
+    θ1 = θ3 = 0, (n, 3) [m].
+    """
     nodes = np.arange(1, grid + 1) * np.pi / (grid + 1) - np.pi
     theta2, theta4 = (angle.ravel() for angle in np.meshgrid(nodes, nodes, indexing="ij"))
     zero = np.zeros_like(theta2)
@@ -111,13 +126,17 @@ def generating_grid(arm: NominalArm, grid: int = GRID) -> tuple[Array, Array, Ar
     return theta2, theta4, arm.dh.chain.positions(q)
 
 
-def _sectors_by_steps(arm: NominalArm, points: Array, theta2: Array, theta4: Array) -> NDArray[np.int64]:
+def _sectors_by_steps(
+    arm: NominalArm, points: Array, theta2: Array, theta4: Array
+) -> NDArray[np.int64]:
     """Working sectors by the paper's walk over the circle: (n,)."""
     planar = PlanarConfigurations(arm, points)
     sweep = np.nansum(planar.sweep_parts(tube_end_to_point(arm, theta4)), axis=1)
     steps = theta2 - np.linspace(0.0, 1.0, 1 + SECTORS // 2)[:, None] * sweep
     at = [ConfigurationsAtTheta2(arm, points, step) for step in steps]
-    exists = np.abs([each.cosine_theta1(each.theta4[:, 0]) for each in at]) <= 1.0  # on the printed root
+    exists = (
+        np.abs([each.cosine_theta1(each.theta4[:, 0]) for each in at]) <= 1.0
+    )  # on the printed root
     exists[0], exists[-1] = True, planar.lowest_exists
     sectors = np.full(len(steps), 2)
     sectors[[0, -1]] = 1
@@ -125,9 +144,11 @@ def _sectors_by_steps(arm: NominalArm, points: Array, theta2: Array, theta4: Arr
 
 
 def exact_sectors(arm: NominalArm, points: Array) -> NDArray[np.int64]:
-    """How many of twelve swivel angles, 30° apart from the highest elbow on, have a true configuration: (n,).
+    """How many of twelve swivel angles, 30° apart from the highest elbow on, have a true
+    configuration: (n,).
 
-    True means θ2 and θ4 in [-π, 0], θ1 and θ3 free, on the traced curves of :mod:`aacmm_pin.postures`.
+    True means θ2 and θ4 in [-π, 0], θ1 and θ3 free, on the traced curves of
+    :mod:`aacmm_pin.postures`.
     """
     wrist, swivel = Wrist.of(arm.dh), Swivel(arm.dh, np.array([0.0, 0.0, -1.0]))
     curves = wrist_curves(wrist, points, FEW_PER_TURN)

@@ -25,7 +25,9 @@ def printed_table2() -> pd.DataFrame:
 
 
 def printed_table3() -> pd.DataFrame:
-    """The six measured seats: coordinates, spread (eq. 16), spread of the marked part and of the rest (eq. 18) [mm]."""
+    """The six measured seats: coordinates, spread (eq. 16), spread of the marked part and of the
+    rest (eq. 18) [mm].
+    """
     return read_table("sino6_table3")
 
 
@@ -36,12 +38,15 @@ def printed_points() -> Array:
 
 @dataclass(frozen=True)
 class NominalArm:
-    """Magnitudes of the lengths of an offset-orthogonal arm: every twist is ±90°, and four lengths are not zero.
+    """Magnitudes of the lengths of an offset-orthogonal arm: every twist is ±90°, and four lengths
+    are not zero.
 
-    The paper mixes signed table values with magnitudes; the signs (a2 < 0, a3 > 0, d3 < 0, d5 < 0) stand in :attr:`dh` only.
+    The paper mixes signed table values with magnitudes; the signs (a2 < 0, a3 > 0, d3 < 0, d5 < 0)
+    stand in :attr:`dh` only.
 
     Attributes:
-        l2: offset of the axis of joint 3 from the shoulder, where the axes of joints 1 and 2 meet [m].
+        l2: offset of the axis of joint 3 from the shoulder, where the axes of joints 1 and 2 meet
+            [m].
         l3: offset of the elbow (axis of joint 4) from the axis of joint 3 [m].
         d3: length of the upper tube, along the axis of joint 3 [m].
         d5: length of the fore tube, along the axis of joint 5 [m].
@@ -54,11 +59,15 @@ class NominalArm:
 
     def __post_init__(self) -> None:
         if min(astuple(self)) <= 0:
-            raise UnsupportedArmError(f"a length is not positive in {self}; expected magnitudes [m]")
+            raise UnsupportedArmError(
+                f"a length is not positive in {self}; expected magnitudes [m]"
+            )
 
     @property
     def dh(self) -> DHTable:
-        """Standard DH table of joints 1 to 5; the origin of frame 5 is the working point, that of frame 3 the elbow."""
+        """Standard DH table of joints 1 to 5; the origin of frame 5 is the working point, that of
+        frame 3 the elbow.
+        """
         quarter = np.pi / 2
         a, d = (0.0, -self.l2, self.l3, 0.0, 0.0), (0.0, 0.0, -self.d3, 0.0, -self.d5)
         return table(np.column_stack([a, d, quarter * np.array([-1, 1, -1, 1, 1]), np.zeros(5)]))

@@ -1,16 +1,20 @@
-"""The marked ("green") part of the records and the rest: predicted before measuring, or chosen after?
+"""The marked ("green") part of the records and the rest: predicted before measuring, or chosen
+after?
 
-The paper marks, at each seat, the postures whose accuracy volume its eq. (14) puts lowest, and finds them to spread
-less. How many they are follows from the print: the spread of all records and the root mean squares of the marked part and of
-the rest (eqs. 16, 18, 19) share one sum of squares, ``(n - 1) s² = g ψ_marked² + (n - g) ψ_rest²``. Here records are
-simulated by one cause at a time, and g are taken as the part: those with the smallest predicted volume, or those that came
-out nearest the mean. Sizes cancel in the ratio of part and rest.
+The paper marks, at each seat, the postures whose accuracy volume its eq. (14) puts lowest, and
+finds them to spread less. How many they are follows from the print: the spread of all records and
+the root mean squares of the marked part and of the rest (eqs. 16, 18, 19) share one sum of squares,
+``(n - 1) s² = g ψ_marked² + (n - g) ψ_rest²``. Here records are simulated by one cause at a time,
+and g are taken as the part: those with the smallest predicted volume, or those that came out
+nearest the mean. Sizes cancel in the ratio of part and rest.
 
-**However the part was chosen,** no choice of g records of a seat spreads less than the g nearest the mean. Records that a
-systematic cause moves along a closed curve are nearly all as far from their mean, and even the nearest spread nearly as much
-as the rest; records that scatter have near ones. So a printed part that spreads little says that records scatter; as long as
-the postures go round the circle. On an arc of it a systematic cause may have near records too: by the half about θ3 = π DH
-errors alone reach what is printed in most arms. ``touched_seats(arc=…, start=…)`` tries it.
+**However the part was chosen,** no choice of g records of a seat spreads less than the g nearest
+the mean. Records that a systematic cause moves along a closed curve are nearly all as far from
+their mean, and even the nearest spread nearly as much as the rest; records that scatter have near
+ones. So a printed part that spreads little says that records scatter; as long as the postures go
+round the circle. On an arc of it a systematic cause may have near records too: by the half about
+θ3 = π DH errors alone reach what is printed in most arms. ``touched_seats(arc=…, start=…)`` tries
+it.
 """
 
 from __future__ import annotations
@@ -31,7 +35,9 @@ from papers.sino6_table3.simulated_touches import RECORDS, SIXTH, TouchedSeats
 
 PRINTED_STEP = 1e-4
 """Last printed digit of the spreads [mm]."""
-MEASURED_LOGS = np.log((printed_table3()["high_accuracy_part_std_mm"] / printed_table3()["rest_std_mm"]).to_numpy())
+MEASURED_LOGS = np.log(
+    (printed_table3()["high_accuracy_part_std_mm"] / printed_table3()["rest_std_mm"]).to_numpy()
+)
 """Logarithms of the printed ratios of part and rest (6,)."""
 FIVE = list(range(SIXTH))
 """Seats by which a cause is judged; seat 6 is special, and its count is not whole."""
@@ -42,14 +48,19 @@ LEAST = 0.05
 
 
 def implied_counts(records: int = RECORDS) -> pd.DataFrame:
-    """How many records the marked part of each seat must hold, if there are ``records`` in all, one row a seat.
+    """How many records the marked part of each seat must hold, if there are ``records`` in all, one
+    row a seat.
 
-    Columns: point; marked_count, from the printed numbers; marked_count_low and marked_count_high over all values that round
-    to them; whole, whether a whole number lies between.
+    Columns: point; marked_count, from the printed numbers; marked_count_low and marked_count_high
+    over all values that round to them; whole, whether a whole number lies between.
     """
     table = printed_table3()
-    printed = table[["single_point_std_mm", "high_accuracy_part_std_mm", "rest_std_mm"]].to_numpy().T  # (3, 6)
-    rounding = np.array(list(product((-0.5, 0.5), repeat=3))).T[:, :, None] * PRINTED_STEP  # (3, 8, 1)
+    printed = (
+        table[["single_point_std_mm", "high_accuracy_part_std_mm", "rest_std_mm"]].to_numpy().T
+    )  # (3, 6)
+    rounding = (
+        np.array(list(product((-0.5, 0.5), repeat=3))).T[:, :, None] * PRINTED_STEP
+    )  # (3, 8, 1)
     corners = marked_count(printed[:, None] + rounding, records)
     low, high = corners.min(axis=0), corners.max(axis=0)
     counts = pd.DataFrame({"point": table["point"], "marked_count": marked_count(printed, records)})
@@ -72,14 +83,20 @@ def from_mean(positions: Array) -> Array:
 
 
 def log_ratios(squares: Array, order: Index | None = None, counts: Sequence[int] = COUNTS) -> Array:
-    """Logarithms of the RMS distance from the mean of all, of a part over the rest (eqs. 18, 19): (draws, seats).
+    """Logarithms of the RMS distance from the mean of all, of a part over the rest (eqs. 18, 19):
+    (draws, seats).
 
     Args:
         squares: squared distances from the mean in each draw (draws, seats, n) [m²].
-        order: numbers of the records of each seat (seats, n), those of the part first; by default by distance from the mean.
+        order: numbers of the records of each seat (seats, n), those of the part first; by default
+            by distance from the mean.
         counts: number of records in the part of each seat.
     """
-    squares = np.sort(squares, axis=2) if order is None else np.take_along_axis(squares, order[None], axis=2)
+    squares = (
+        np.sort(squares, axis=2)
+        if order is None
+        else np.take_along_axis(squares, order[None], axis=2)
+    )
     of_seats = zip(squares.swapaxes(0, 1), counts, strict=False)
     ratios = [one[:, :count].mean(axis=1) / one[:, count:].mean(axis=1) for one, count in of_seats]
     return np.asarray(0.5 * np.log(ratios).T)
@@ -92,7 +109,8 @@ class MarkedPart:
     Attributes:
         before: by cause, the part being the postures of the smallest predicted volume.
         after: by cause, the part being the records nearest the mean.
-        together: as ``after``, DH errors and encoder noise together, for each of SHARES of noise in the variance.
+        together: as ``after``, DH errors and encoder noise together, for each of SHARES of noise in
+            the variance.
     """
 
     before: dict[str, Array]
@@ -101,18 +119,26 @@ class MarkedPart:
 
     @property
     def causes(self) -> pd.DataFrame:
-        """By cause, for the geometric mean of the ratios over seats 1 to 5: before_ratio, after_ratio, medians of the draws;
-        before_reached, after_reached, share of draws in which it is at most that printed.
+        """By cause, for the geometric mean of the ratios over seats 1 to 5: before_ratio,
+        after_ratio, medians of the draws; before_reached, after_reached, share of draws in which it
+        is at most that printed.
         """
         columns = ["before_ratio", "before_reached", "after_ratio", "after_reached"]
-        rows = {cause: (*_of_mean(self.before[cause]), *_of_mean(after)) for cause, after in self.after.items()}
+        rows = {
+            cause: (*_of_mean(self.before[cause]), *_of_mean(after))
+            for cause, after in self.after.items()
+        }
         return pd.DataFrame.from_dict(rows, orient="index", columns=columns).rename_axis("cause")
 
     @property
     def shares(self) -> pd.DataFrame:
-        """The same after measuring, ratio and reached, by random_share, the share of noise in the variance."""
+        """The same after measuring, ratio and reached, by random_share, the share of noise in the
+        variance.
+        """
         rows = [_of_mean(logs) for logs in self.together]
-        return pd.DataFrame(rows, index=pd.Index(SHARES, name="random_share"), columns=["ratio", "reached"])
+        return pd.DataFrame(
+            rows, index=pd.Index(SHARES, name="random_share"), columns=["ratio", "reached"]
+        )
 
     @property
     def least_random_share(self) -> float:
@@ -120,16 +146,20 @@ class MarkedPart:
         return float(np.interp(LEAST, np.maximum.accumulate(self.shares["reached"]), SHARES))
 
     def chance(self, share: Array, seats: Sequence[int] = tuple(FIVE)) -> Array:
-        """How often the contrast printed for some of the ``seats`` 1 to 5 (from 0) is reached, by random share (n,): (n,).
+        """How often the contrast printed for some of the ``seats`` 1 to 5 (from 0) is reached, by
+        random share (n,): (n,).
 
-        The likelihood of a share when nothing is known of how the part was chosen but that it was not better than strictly.
+        The likelihood of a share when nothing is known of how the part was chosen but that it was
+        not better than strictly.
         """
         reached = [_of_mean(logs, seats)[1] for logs in self.together]
         return np.asarray(np.interp(share, SHARES, np.maximum.accumulate(reached)))
 
 
 def _of_mean(logs: Array, seats: Sequence[int] = tuple(FIVE)) -> tuple[float, float]:
-    """Of the geometric mean of the ratios over ``seats``: median of the draws, share of draws at most that printed."""
+    """Of the geometric mean of the ratios over ``seats``: median of the draws, share of draws at
+    most that printed.
+    """
     keep = list(seats)
     mean = logs[:, keep].mean(axis=1)
     return float(np.exp(np.median(mean))), float((mean <= MEASURED_LOGS[keep].mean()).mean())
@@ -141,7 +171,9 @@ def band(logs: Array) -> Array:
 
 
 def marked_part(seats: TouchedSeats, rng: np.random.Generator, draws: int = 2000) -> MarkedPart:
-    """Simulate records of the six seats and choose parts; before measuring by the accuracy volume of eq. (14)."""
+    """Simulate records of the six seats and choose parts; before measuring by the accuracy volume
+    of eq. (14).
+    """
     volumes = accuracy_volume(seats.model, seats.all_q, at=seats.at, method="jointwise").volume
     order = np.argsort(volumes.reshape(seats.q.shape[:2]), axis=1)
     readings = rng.normal(size=(draws, *seats.q.shape))
@@ -154,13 +186,18 @@ def marked_part(seats: TouchedSeats, rng: np.random.Generator, draws: int = 2000
     off = {name: from_mean(each) for name, each in moved.items()}
     squares = {name: np.square(each).sum(axis=3) for name, each in off.items()}
     # Each by the root mean square of its spreads at seats 1 to 5.
-    of_dh, of_noise = (np.sqrt(squares[name][:, FIVE].mean(axis=(1, 2)))[:, None, None] for name in (DH, NOISE))
+    of_dh, of_noise = (
+        np.sqrt(squares[name][:, FIVE].mean(axis=(1, 2)))[:, None, None] for name in (DH, NOISE)
+    )
     dh, noise = squares[DH] / of_dh**2, squares[NOISE] / of_noise**2
     both = 2.0 * np.einsum("dsni,dsni->dsn", off[DH], off[NOISE]) / (of_dh * of_noise)
     return MarkedPart(
         before={name: log_ratios(each, order) for name, each in squares.items()},
         after={name: log_ratios(each) for name, each in squares.items()},
-        together=[log_ratios((1 - share) * dh + share * noise + np.sqrt(share * (1 - share)) * both) for share in SHARES],
+        together=[
+            log_ratios((1 - share) * dh + share * noise + np.sqrt(share * (1 - share)) * both)
+            for share in SHARES
+        ],
     )
 
 

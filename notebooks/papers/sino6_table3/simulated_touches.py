@@ -1,4 +1,6 @@
-"""The six seats of Table 3 and how they were touched: fifty postures each, evenly round the circle, in three readings."""
+"""The six seats of Table 3 and how they were touched: fifty postures each, evenly round the circle,
+in three readings.
+"""
 
 from __future__ import annotations
 
@@ -17,8 +19,14 @@ from aacmm_pin.postures.configurations import WRIST, ConfigurationCircle, config
 from papers.sino6.tables import printed_points, printed_table3
 
 Reading = Literal["stylus down", "stylus up", "wrist"]
-"""The tip is in the seat with the stylus along -z or +z of the DH base; or the wrist is at the printed coordinates."""
-AXES = {"stylus down": np.array([0.0, 0.0, -1.0]), "stylus up": np.array([0.0, 0.0, 1.0]), "wrist": None}
+"""The tip is in the seat with the stylus along -z or +z of the DH base; or the wrist is at the
+printed coordinates.
+"""
+AXES = {
+    "stylus down": np.array([0.0, 0.0, -1.0]),
+    "stylus up": np.array([0.0, 0.0, 1.0]),
+    "wrist": None,
+}
 DENSE = 2000
 """Postures round a circle, of which those nearest to even θ3 are taken."""
 RECORDS = 50
@@ -51,11 +59,15 @@ class TouchedSeats:
         return self.q.reshape(-1, self.q.shape[2])
 
     def sensitivity(self, effects: Sequence[Effect] | None = None) -> Array:
-        """∂(position)/∂(parameters of ``effects``, by default those of the model): (seats, records, 3, p) [m/unit]."""
+        """∂(position)/∂(parameters of ``effects``, by default those of the model): (seats, records,
+        3, p) [m/unit].
+        """
         if effects is None:
             return self._by_seat(self.model.sensitivity(self.all_q, at=self.at))
         state = self.model.state(self.all_q, at=self.at)
-        return self._by_seat(np.concatenate([sensitivity(effect, state) for effect in effects], axis=2))
+        return self._by_seat(
+            np.concatenate([sensitivity(effect, state) for effect in effects], axis=2)
+        )
 
     def levers(self) -> Array:
         """∂(position)/∂(angle of each joint): (seats, records, 3, nq) [m/rad]."""
@@ -65,17 +77,21 @@ class TouchedSeats:
         return values.reshape(*self.q.shape[:2], *values.shape[1:])
 
 
-def touched_seats(reading: Reading = "stylus down", *, arc: float = 1.0, start: float = 0.0) -> TouchedSeats:
+def touched_seats(
+    reading: Reading = "stylus down", *, arc: float = 1.0, start: float = 0.0
+) -> TouchedSeats:
     """The seats with the bundled SINO6.
 
-    With the tip in the seat the elbow goes evenly round its circle; with the wrist at the printed coordinates θ3 goes evenly
-    round. Of the closed curves of postures that one is taken which has most within limits. The print does not say that
-    the postures went all round; ``arc`` tries it otherwise.
+    With the tip in the seat the elbow goes evenly round its circle; with the wrist at the printed
+    coordinates θ3 goes evenly round. Of the closed curves of postures that one is taken which has
+    most within limits. The print does not say that the postures went all round; ``arc`` tries it
+    otherwise.
 
     Args:
         reading: what is at the printed coordinates.
         arc: part of the circle that the fifty postures cover, above 0 and at most 1.
-        start: where it starts, as a part of the circle; with the wrist at the coordinates 0 is θ3 = 0.
+        start: where it starts, as a part of the circle; with the wrist at the coordinates 0 is
+            θ3 = 0.
 
     Raises:
         UnknownNameError: no such reading.
@@ -87,7 +103,9 @@ def touched_seats(reading: Reading = "stylus down", *, arc: float = 1.0, start: 
         raise AacmmError(f"arc is {arc:g}, expected a part of the circle, above 0 and at most 1")
     model, count, axis = ErrorModel.load("sino6"), round(RECORDS / arc), AXES[reading]
     wrist = axis is None
-    circles = configuration_circles(model.arm, printed_points(), tip=not wrist, axis=axis, count=DENSE if wrist else count)
+    circles = configuration_circles(
+        model.arm, printed_points(), tip=not wrist, axis=axis, count=DENSE if wrist else count
+    )
     q = np.stack([_most_usable(circle) for circle in circles])
     if wrist:
         apart = np.abs(wrapped(q[:, :, None, 2] - np.arange(count) * 2.0 * np.pi / count))

@@ -1,1 +1,3 @@
-"""What the documentation makes of the package when it is built: pictures, tables, reference; and what it checks."""
+"""What the documentation makes of the package when it is built: pictures, tables, reference; and
+what it checks.
+"""

@@ -19,14 +19,21 @@ OPTIONAL = {"link": "whole arm, or one body", "marker": "tip, or one target"}
 
 def causes_table() -> str:
     """Name, place, parameters, size, columns, aliases of every cause, as a Markdown table."""
-    head = "| cause, and where it sits | parameters, and their typical magnitude | needs | aliases |\n|---|---|---|---|\n"
+    head = (
+        "| cause, and where it sits | parameters, and their typical magnitude | needs | "
+        "aliases |\n|---|---|---|---|\n"
+    )
     return head + "\n".join(f"| {' | '.join(_row(cause))} |" for cause in CAUSES.values())
 
 
 def _row(cause: type[Effect]) -> list[str]:
     effect = example(cause)
     assert effect is not None
-    inner = [f"`{name}`" for name in fields_of(cause) if name not in PLACES and name not in ("bodies", "torque")]
+    inner = [
+        f"`{name}`"
+        for name in fields_of(cause)
+        if name not in PLACES and name not in ("bodies", "torque")
+    ]
     keys = [f"`{key}`" for key in effect.notation.parameters(effect)]
     shown = keys if len(keys) <= 6 else [keys[0], "…", keys[-1]]
     which = f"; which one: {', '.join(inner)}" if inner else ""
@@ -55,7 +62,9 @@ def _needs(effect: Effect) -> str:
     try:
         effect.displacements(State(arm, np.zeros((1, arm.nq)), Conditions(1), arm.chain.tip))
     except UnsupportedArmError as error:
-        columns.append("stylus axis in the arm file" if "stylus" in str(error) else "masses in the arm file")
+        columns.append(
+            "stylus axis in the arm file" if "stylus" in str(error) else "masses in the arm file"
+        )
     except MissingConditionError:
         pass
     return ", ".join(columns) or "–"
@@ -63,7 +72,11 @@ def _needs(effect: Effect) -> str:
 
 def _size(effect: Effect) -> str:
     return ", ".join(
-        dict.fromkeys(f"{term.typical / size:.3g} {unit}" for term in effect.terms for unit, size in [term.unit_read])
+        dict.fromkeys(
+            f"{term.typical / size:.3g} {unit}"
+            for term in effect.terms
+            for unit, size in [term.unit_read]
+        )
     )
 
 

@@ -28,10 +28,18 @@ class Links(HTMLParser):
         self.anchors |= {name for key in ("id", "name") if (name := named.get(key))}
         if tag == "a":
             self.links += filter(None, [named.get("href")])
-        elif tag == "link" and named.get("rel") not in ("next", "prev", "index", "search", "genindex"):
+        elif tag == "link" and named.get("rel") not in (
+            "next",
+            "prev",
+            "index",
+            "search",
+            "genindex",
+        ):
             self.loaded += filter(None, [named.get("href")])
         else:
-            self.loaded += filter(None, [named.get(key) for key in ("src", "srcset", "data", "poster")])
+            self.loaded += filter(
+                None, [named.get(key) for key in ("src", "srcset", "data", "poster")]
+            )
 
 
 def _read(path: Path) -> Links:
@@ -59,11 +67,21 @@ def _check(app: Sphinx, error: Exception | None) -> None:
             target = (path.parent / unquote(parts.path)).resolve() if parts.path else path.resolve()
             if not target.exists():
                 LOGGER.warning("%s links to %s, which is not there", path.name, address)
-            elif parts.fragment and target in pages and unquote(parts.fragment) not in pages[target].anchors:
+            elif (
+                parts.fragment
+                and target in pages
+                and unquote(parts.fragment) not in pages[target].anchors
+            ):
                 LOGGER.warning("%s links to %s, which has no such place", path.name, address)
     for sheet in (*folder.rglob("*.css"), *folder.rglob("*.js")):
         text = sheet.read_text(encoding="utf-8")
-        for start in ("url(http", "url('http", 'url("http', "@import url(//", 'importScripts("http'):
+        for start in (
+            "url(http",
+            "url('http",
+            'url("http',
+            "@import url(//",
+            'importScripts("http',
+        ):
             if start in text:
                 LOGGER.warning("%s loads something from the network: %s", sheet.name, start)
 

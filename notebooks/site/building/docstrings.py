@@ -1,4 +1,6 @@
-"""Docstrings with Google's sections, and signatures that say ``Array`` where the package says so."""
+"""Docstrings with Google's sections, and signatures that say ``Array`` where the package
+says so.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,9 @@ CONFIG = Config(napoleon_use_ivar=True, napoleon_use_rtype=False, napoleon_attr_
 ALIASES = {"Array": Array, "Index": Index, "Labels": Labels, "ArrayLike": ArrayLike}
 
 
-def _sections(app: Sphinx, what: str, name: str, thing: object, options: Any, lines: list[str]) -> None:
+def _sections(
+    app: Sphinx, what: str, name: str, thing: object, options: Any, lines: list[str]
+) -> None:
     """Read as a method's: of an attribute ``a length: how long`` would be taken for a type."""
     kind = "method" if what in ("attribute", "data", "property") else what
     lines[:] = GoogleDocstring(list(lines), CONFIG, app, kind, name, thing, options).lines()
@@ -35,9 +39,18 @@ def _spelled_out() -> list[tuple[str, str]]:
 
 
 def _shorter(
-    app: Sphinx, what: str, name: str, thing: object, options: Any, signature: str | None, returned: str | None
+    app: Sphinx,
+    what: str,
+    name: str,
+    thing: object,
+    options: Any,
+    signature: str | None,
+    returned: str | None,
 ) -> tuple[str | None, str | None]:
-    for long, short in (("<factory>", "..."), *_spelled_out()):  # what dataclasses write there is no Python
+    for long, short in (
+        ("<factory>", "..."),
+        *_spelled_out(),
+    ):  # what dataclasses write there is no Python
         signature, returned = (text and text.replace(long, short) for text in (signature, returned))
     return signature, returned
 

@@ -1,4 +1,5 @@
-"""Text that pages take from the package: ``<!-- generated: WHAT -->`` in a page becomes it before the page is read.
+"""Text that pages take from the package: ``<!-- generated: WHAT -->`` in a page becomes it before
+the page is read.
 
 ``![words](picture:NAME)`` is a picture that is drawn into the build.
 """
@@ -38,20 +39,51 @@ def api(module: str) -> str:
     found = importlib.util.find_spec(module)
     if found is None:
         return f"(`{module}` is not part of this version.)"
-    imported = ["imported-members:"] if found.submodule_search_locations else []  # what a package collects is its own
-    options = ["members:", *imported, *([f"exclude-members: {ELSEWHERE[module]}"] if module in ELSEWHERE else [])]
+    imported = (
+        ["imported-members:"] if found.submodule_search_locations else []
+    )  # what a package collects is its own
+    options = [
+        "members:",
+        *imported,
+        *([f"exclude-members: {ELSEWHERE[module]}"] if module in ELSEWHERE else []),
+    ]
     return _restructured(f".. automodule:: {module}", *(f"   :{option}" for option in options))
 
 
 def effects() -> str:
-    """What a cause of one's own uses, the base of all causes with all that it has, each cause with what only it has."""
+    """What a cause of one's own uses, the base of all causes with all that it has, each cause with
+    what only it has.
+    """
     lines = [".. currentmodule:: aacmm_pin.effects", ""]
-    for name in ("register", "about_axis", "twist", "sensitivity", "cause_of", "all_candidates", "example"):
+    for name in (
+        "register",
+        "about_axis",
+        "twist",
+        "sensitivity",
+        "cause_of",
+        "all_candidates",
+        "example",
+    ):
         lines += [f".. autofunction:: {name}", ""]
-    for name in ("Effect", "Nonlinear", "TimeConstant", "Notation", "Term", "Reading", "Displacement", "State", "Records"):
+    for name in (
+        "Effect",
+        "Nonlinear",
+        "TimeConstant",
+        "Notation",
+        "Term",
+        "Reading",
+        "Displacement",
+        "State",
+        "Records",
+    ):
         lines += [f".. autoclass:: {name}", "   :members:", ""]
     for cause in CAUSES.values():
-        lines += [f".. autoclass:: {cause.__name__}", "   :members:", f"   :exclude-members: {INHERITED}", ""]
+        lines += [
+            f".. autoclass:: {cause.__name__}",
+            "   :members:",
+            f"   :exclude-members: {INHERITED}",
+            "",
+        ]
     return _restructured(*lines)
 
 
@@ -60,11 +92,29 @@ def _restructured(*lines: str) -> str:
 
 
 def commands() -> str:
-    """What typer itself writes about the command, without the title; the list of commands with their whole sentences."""
-    words = [sys.executable, "-m", "typer", "aacmm_pin.cli.root_command", "utils", "docs", "--name", "aacmm-pin"]
-    text = subprocess.run(words, capture_output=True, text=True, check=True).stdout.partition("\n")[2]
+    """What typer itself writes about the command, without the title; the list of commands with
+    their whole sentences.
+    """
+    words = [
+        sys.executable,
+        "-m",
+        "typer",
+        "aacmm_pin.cli.root_command",
+        "utils",
+        "docs",
+        "--name",
+        "aacmm-pin",
+    ]
+    text = subprocess.run(words, capture_output=True, text=True, check=True).stdout.partition("\n")[
+        2
+    ]
     sentences = dict(re.findall(r"^## `aacmm-pin (\S+)`\n\n(.+)$", text, re.MULTILINE))
-    return re.sub(r"^\* `(\w+)`: .+$", lambda line: f"* `{line[1]}`: {sentences[line[1]]}", text, flags=re.MULTILINE)
+    return re.sub(
+        r"^\* `(\w+)`: .+$",
+        lambda line: f"* `{line[1]}`: {sentences[line[1]]}",
+        text,
+        flags=re.MULTILINE,
+    )
 
 
 def study_age(digest: str) -> str:
@@ -72,13 +122,23 @@ def study_age(digest: str) -> str:
     now = runpy.run_path(str(SOURCES))["digest"]()
     if now == digest:
         return "*These figures are of the diagnosis code as it is now.*"
-    return f"**The diagnosis code has changed since these figures were measured**: it was `{digest}`, it is now `{now}`."
+    return (
+        "**The diagnosis code has changed since these figures were measured**: it was "
+        f"`{digest}`, it is now `{now}`."
+    )
 
 
 def thresholds() -> str:
-    """Every threshold of the diagnosis, its value and what it decides, from their docstring, as a Markdown table."""
-    found = re.findall(r"^    (\w+): (.+(?:\n {8}.+)*)", inspect.getdoc(Thresholds) or "", re.MULTILINE)
-    rows = [f"| `{name}` | {_in_row(getattr(THRESHOLDS, name))} | {' '.join(words.split())} |" for name, words in found]
+    """Every threshold of the diagnosis, its value and what it decides, from their docstring, as a
+    Markdown table.
+    """
+    found = re.findall(
+        r"^    (\w+): (.+(?:\n {8}.+)*)", inspect.getdoc(Thresholds) or "", re.MULTILINE
+    )
+    rows = [
+        f"| `{name}` | {_in_row(getattr(THRESHOLDS, name))} | {' '.join(words.split())} |"
+        for name, words in found
+    ]
     return "\n".join(["| threshold | value | what it is |", "|---|---|---|", *rows])
 
 

@@ -1,4 +1,6 @@
-"""Cross-references to the package: by any of the names that a thing has, and a warning where nothing has the name."""
+"""Cross-references to the package: by any of the names that a thing has, and a warning where
+nothing has the name.
+"""
 
 from __future__ import annotations
 
@@ -22,14 +24,22 @@ ABBREVIATED = {"np": "numpy", "pd": "pandas", "xr": "xarray"}
 @cache
 def modules() -> tuple[ModuleType, ...]:
     """The package and all that is in it."""
-    found = [m.name for m in pkgutil.walk_packages(aacmm_pin.__path__, "aacmm_pin.") if not m.name.endswith("__main__")]
+    found = [
+        m.name
+        for m in pkgutil.walk_packages(aacmm_pin.__path__, "aacmm_pin.")
+        if not m.name.endswith("__main__")
+    ]
     return (aacmm_pin, *map(importlib.import_module, found))
 
 
 def things(name: str, inside: str | None) -> list[Any]:
     """What ``name`` may mean where the module or class ``inside`` is spoken of."""
     found = [_of(f"{place}.{name}") for place in (inside, None) if place] + [_of(name)]
-    return [thing for thing in (*found, *(_attribute(module, name) for module in modules())) if thing is not None]
+    return [
+        thing
+        for thing in (*found, *(_attribute(module, name) for module in modules()))
+        if thing is not None
+    ]
 
 
 def _of(name: str) -> Any:
@@ -53,7 +63,9 @@ def _attribute(thing: Any, name: str) -> Any:
     return thing
 
 
-def _resolve(app: Sphinx, env: BuildEnvironment, node: pending_xref, shown: nodes.TextElement) -> nodes.Node | None:
+def _resolve(
+    app: Sphinx, env: BuildEnvironment, node: pending_xref, shown: nodes.TextElement
+) -> nodes.Node | None:
     if node.get("refdomain") != "py":
         return None
     where = ".".join(filter(None, [node.get("py:module"), node.get("py:class")]))
@@ -68,7 +80,11 @@ def _resolve(app: Sphinx, env: BuildEnvironment, node: pending_xref, shown: node
 @cache
 def documented(names: tuple[str, ...]) -> dict[int, str]:
     """The name under which a thing is in the documentation."""
-    return {id(thing): name for name in names if (thing := _of(name)) is not None and not isinstance(thing, int | str)}
+    return {
+        id(thing): name
+        for name in names
+        if (thing := _of(name)) is not None and not isinstance(thing, int | str)
+    }
 
 
 def setup(app: Sphinx) -> dict[str, Any]:

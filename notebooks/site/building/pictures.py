@@ -1,4 +1,6 @@
-"""The pictures of the documentation, drawn by the package itself from measurements of a virtual arm."""
+"""The pictures of the documentation, drawn by the package itself from measurements of a virtual
+arm.
+"""
 
 from __future__ import annotations
 
@@ -48,7 +50,9 @@ PICTURES: dict[str, Callable[[], Axes | Figure]] = {
     "circle.png": lambda: plots.plot_circle(*_at_the_point()),
     "swivel.png": lambda: plots.plot_accuracy_of_postures(*_at_the_point()),
     "budget.png": lambda: plots.plot_budget(_at_the_point()[1]),
-    "map.png": lambda: plots.plot_map(map_workspace(Arm.load("sino6"), (24, 24), 12, progress=False)),
+    "map.png": lambda: plots.plot_map(
+        map_workspace(Arm.load("sino6"), (24, 24), 12, progress=False)
+    ),
     "groups.png": lambda: plots.plot_groups(_diagnosed()),
     "cause.png": lambda: plots.plot_cause(_diagnosed(), _diagnosed().findings[1]),
     "held_out.png": lambda: plots.plot_held_out(_diagnosed()),

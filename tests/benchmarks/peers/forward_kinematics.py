@@ -1,8 +1,9 @@
 """Tip positions by pybotics or ikpy, and the CPU time of the loop alone, as one JSON line.
 
-Run by the interpreter of an environment of its own: ``python forward_kinematics.py PROBLEM.npz ARM.urdf PACKAGE``.
-``PROBLEM.npz`` holds ``q`` (n, joints) [rad] and ``rows`` (joints, 4), standard DH: a, d, alpha, theta_offset [m, rad]. Both
-packages take one configuration a call. pybotics knows modified DH: the last a and alpha become its tool.
+Run by the interpreter of an environment of its own: ``python forward_kinematics.py PROBLEM.npz
+ARM.urdf PACKAGE``. ``PROBLEM.npz`` holds ``q`` (n, joints) [rad] and ``rows`` (joints, 4), standard
+DH: a, d, alpha, theta_offset [m, rad]. Both packages take one configuration a call. pybotics knows
+modified DH: the last a and alpha become its tool.
 """
 
 from __future__ import annotations

@@ -3,24 +3,30 @@
 Run by the interpreter of an environment of its own (``pip install figaroh``):
 ``python solve_with_figaroh.py PROBLEM.npz ARM.urdf [--repeats 3] [--elastic] [--gravity X Y Z]``.
 
-``PROBLEM.npz`` holds ``q`` (n, joints) [rad] and ``positions`` (n, 3) [m]; the URDF is the nominal arm. Where it holds
-``held_out`` (m, joints) [rad] too, the tips that the calibrated model predicts there are reported (m, 3) [m].
+``PROBLEM.npz`` holds ``q`` (n, joints) [rad] and ``positions`` (n, 3) [m]; the URDF is the nominal
+arm. Where it holds ``held_out`` (m, joints) [rad] too, the tips that the calibrated model predicts
+there are reported (m, 3) [m].
 
-What is called is the way of the package's documentation: a subclass of ``BaseCalibration`` with a cost function of its own,
-``initialize()``, then ``solve_optimisation()``. Level ``full_params``, tip unknown, positions measured, every other option
-at its default but one: of the methods of ``scipy.optimize.least_squares`` that it hands on, ``trf`` takes fewer evaluations
-here than its default ``lm`` (three quarters of the time, the same minimum); derivatives are differences in both. The cost
-function is the shortest that its documentation allows: measured minus predicted positions, without the loops over samples
-of ``_compute_logmap_residuals``; for positions the sum of squares is the same. ``initialize()`` (which chooses the
-parameters), and the reports that ``solve()`` adds, are outside the clock; ``initialize()`` has its own.
+What is called is the way of the package's documentation: a subclass of ``BaseCalibration`` with a
+cost function of its own, ``initialize()``, then ``solve_optimisation()``. Level ``full_params``,
+tip unknown, positions measured, every other option
+at its default but one: of the methods of ``scipy.optimize.least_squares`` that it hands on, ``trf``
+takes fewer evaluations here than its default ``lm`` (three quarters of the time, the same minimum);
+derivatives are differences in both. The cost function is the shortest that its documentation
+allows: measured minus predicted positions, without the loops over samples of
+``_compute_logmap_residuals``; for positions the sum of squares is the same. ``initialize()`` (which
+chooses the parameters), and the reports that ``solve()`` adds, are outside the clock;
+``initialize()`` has its own.
 
-The base frame is called known: the 27 parameters of a 6R arm then move the base too, through the placement of joint 1.
-Called unknown, the six names of the base would overwrite the first six parameters by position, whatever these are.
+The base frame is called known: the 27 parameters of a 6R arm then move the base too, through the
+placement of joint 1. Called unknown, the six names of the base would overwrite the first six
+parameters by position, whatever these are.
 
-``--elastic`` is its option ``include_non_geometric``: one stiffness parameter ``k_RZ`` a joint beside the geometry. Its
-model turns the joint by ``k_RZ`` times the torque that holds the weight, which pulls the other way, so the compliance is
-``-k_RZ`` [rad/(N·m)]; that is reported, with the standard uncertainty that the Jacobian and the residuals at the minimum
-give. It needs masses in the URDF and the gravity of the mount, which a URDF cannot say: ``--gravity`` [m/s²].
+``--elastic`` is its option ``include_non_geometric``: one stiffness parameter ``k_RZ`` a joint
+beside the geometry. Its model turns the joint by ``k_RZ`` times the torque that holds the weight,
+which pulls the other way, so the compliance is ``-k_RZ`` [rad/(N·m)]; that is reported, with the
+standard uncertainty that the Jacobian and the residuals at the minimum give. It needs masses in the
+URDF and the gravity of the mount, which a URDF cannot say: ``--gravity`` [m/s²].
 """
 
 from __future__ import annotations
@@ -40,7 +46,9 @@ import numpy as np
 
 
 def main() -> None:
-    arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    arguments = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     arguments.add_argument("problem")
     arguments.add_argument("urdf")
     arguments.add_argument("--repeats", type=int, default=3)
@@ -56,7 +64,11 @@ def main() -> None:
 
 
 def solve(
-    q: np.ndarray, positions: np.ndarray, held_out: np.ndarray | None, given: argparse.Namespace, folder: Path
+    q: np.ndarray,
+    positions: np.ndarray,
+    held_out: np.ndarray | None,
+    given: argparse.Namespace,
+    folder: Path,
 ) -> dict[str, object]:
     from figaroh.calibration.base_calibration import BaseCalibration
     from figaroh.calibration.calibration_tools import calc_updated_fkm
@@ -64,7 +76,9 @@ def solve(
 
     class PositionCalibration(BaseCalibration):
         def cost_function(self, var: np.ndarray) -> np.ndarray:
-            predicted = calc_updated_fkm(self.model, self.data, var, self.q_measured, self.calib_config)
+            predicted = calc_updated_fkm(
+                self.model, self.data, var, self.q_measured, self.calib_config
+            )
             return self.PEE_measured - predicted
 
     seconds, initialising = [], []
@@ -96,7 +110,9 @@ def solve(
         "names": calibration.calib_config["param_name"],
     }
     if given.elastic:
-        report["compliance_rad_per_nm"] = compliances(calibration.calib_config["param_name"], result)
+        report["compliance_rad_per_nm"] = compliances(
+            calibration.calib_config["param_name"], result
+        )
     if held_out is not None:
         there = calibration.calib_config | {"NbSample": len(held_out)}
         predicted = calc_updated_fkm(calibration.model, calibration.data, result.x, held_out, there)
@@ -109,15 +125,25 @@ def compliances(names: list[str], result: object) -> dict[str, tuple[float, floa
     variance = np.sum(result.fun**2) / (len(result.fun) - len(result.x))
     u = np.sqrt(np.diag(np.linalg.pinv(result.jac.T @ result.jac)) * variance)
     rows = zip(names, result.x, u, strict=True)
-    return {name.removeprefix("k_RZ_joint"): (-float(k), float(s)) for name, k, s in rows if name.startswith("k_RZ")}
+    return {
+        name.removeprefix("k_RZ_joint"): (-float(k), float(s))
+        for name, k, s in rows
+        if name.startswith("k_RZ")
+    }
 
 
-def write_input(folder: Path, joints: list[str], q: np.ndarray, positions: np.ndarray, elastic: bool) -> Path:
-    """Write the measurements (CSV) and the configuration (YAML, unified format) that FIGAROH reads."""
+def write_input(
+    folder: Path, joints: list[str], q: np.ndarray, positions: np.ndarray, elastic: bool
+) -> Path:
+    """Write the measurements (CSV) and the configuration (YAML, unified format) that
+    FIGAROH reads.
+    """
     import pandas as pd
     import yaml
 
-    table = pd.DataFrame(positions, columns=["x1", "y1", "z1"]).join(pd.DataFrame(q, columns=joints))
+    table = pd.DataFrame(positions, columns=["x1", "y1", "z1"]).join(
+        pd.DataFrame(q, columns=joints)
+    )
     table.to_csv(folder / "data.csv", index=False)
     calibration = {
         "type": "kinematic_calibration",
@@ -128,7 +154,9 @@ def write_input(folder: Path, joints: list[str], q: np.ndarray, positions: np.nd
         "data": {"source_file": str(folder / "data.csv"), "number_of_samples": len(q)},
     }
     config = folder / "config.yaml"
-    config.write_text(yaml.safe_dump({"robot": {"name": "arm"}, "tasks": {"calibration": calibration}}))
+    config.write_text(
+        yaml.safe_dump({"robot": {"name": "arm"}, "tasks": {"calibration": calibration}})
+    )
     return config
 
 

@@ -3,12 +3,14 @@
 Run by the interpreter of an environment of its own (``pip install robotkinecal``):
 ``python solve_with_robotkinecal.py PROBLEM.npz ARM.urdf [--repeats 3]``.
 
-``PROBLEM.npz`` holds ``q`` (n, joints) [rad] and ``positions`` (n, 3) [m]; the URDF is the nominal arm, every joint about z.
+``PROBLEM.npz`` holds ``q`` (n, joints) [rad] and ``positions`` (n, 3) [m]; the URDF is the nominal
+arm, every joint about z.
 
-What is called is the way of the package's README for positions: ``SerialRobotKineCal(robot, ee_name)``, ``set_observations``
-with points, ``solve()`` with its defaults (Gauss-Newton on the screw axes of the product of exponentials, four parameters
-a joint and three of the tip; it ends when the norm of all errors moves by less than 1e-4). The clock (CPU time) runs for
-``solve()`` alone.
+What is called is the way of the package's README for positions: ``SerialRobotKineCal(robot,
+ee_name)``, ``set_observations`` with points, ``solve()`` with its defaults (Gauss-Newton on the
+screw axes of the product of exponentials, four parameters a joint and three of the tip; it ends
+when the norm of all errors moves by less than 1e-4). The clock (CPU time) runs for ``solve()``
+alone.
 """
 
 from __future__ import annotations
@@ -26,14 +28,18 @@ import numpy as np
 
 
 def main() -> None:
-    arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    arguments = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     arguments.add_argument("problem")
     arguments.add_argument("urdf")
     arguments.add_argument("--repeats", type=int, default=3)
     given = arguments.parse_args()
     with np.load(given.problem) as problem:
         q, positions = problem["q"], problem["positions"]
-    with contextlib.redirect_stdout(sys.stderr):  # the package prints its warnings; stdout is for the one line
+    with contextlib.redirect_stdout(
+        sys.stderr
+    ):  # the package prints its warnings; stdout is for the one line
         report = solve(q, positions, given.urdf, given.repeats)
     print(json.dumps(report))
 
@@ -45,10 +51,14 @@ def solve(q: np.ndarray, positions: np.ndarray, urdf: str, repeats: int) -> dict
     seconds = []
     for repeat in range(repeats):
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", DeprecationWarning)  # Robot.URDF() is what its README calls
+            warnings.simplefilter(
+                "ignore", DeprecationWarning
+            )  # Robot.URDF() is what its README calls
             robot = rtb.ERobot.URDF(urdf)
         np.random.seed(repeat)  # noqa: NPY002 - its basis of every axis starts from numpy's global generator
-        calibration = SerialRobotKineCal(robot, "tip")  # a new one each time: solve() moves the axes it holds
+        calibration = SerialRobotKineCal(
+            robot, "tip"
+        )  # a new one each time: solve() moves the axes it holds
         calibration.set_observations(list(q), list(positions))
         before = rms(calibration, q, positions)
         start = time.process_time()

@@ -1,4 +1,6 @@
-"""What was said beside what is true: ``outcome(row)``, one flat row for each run; ``count`` and ``table``, the counts."""
+"""What was said beside what is true: ``outcome(row)``, one flat row for each run; ``count`` and
+``table``, the counts.
+"""
 
 from __future__ import annotations
 
@@ -14,13 +16,17 @@ from blind.regimes import SIZES
 
 Row = dict[str, Any]
 CURVE = "joint_error_curve"
-"""Any function of one angle: whatever an encoder does looks like it, and yet it is no better name for that."""
+"""Any function of one angle: whatever an encoder does looks like it, and yet it is no better name
+for that.
+"""
 NAMED, SURE = 0.5, 0.95
 """Probabilities from which a cause counts as named, and as named surely."""
 SEEN = 0.9
 """Power of the oracle from which a cause counts as one that the records show."""
 STRUCTURE_SEEN = 50.0
-"""λ of structure from which the records show it: smooth functions with 20 parameters have power 0.9 at 1e-4."""
+"""λ of structure from which the records show it: smooth functions with 20 parameters have power 0.9
+at 1e-4.
+"""
 BINS = ((0.5, 0.8), (0.8, 0.95), (0.95, 1.0))
 """Of stated probabilities."""
 PLACE = ("x", "y", "z")
@@ -28,7 +34,9 @@ PLACE = ("x", "y", "z")
 
 def key_of(finding: Row) -> str:
     """``cause``, ``cause:joint`` or ``seat_error:P4``."""
-    at = next((finding[name] for name in ("joint", "link", "seat") if finding.get(name) is not None), None)
+    at = next(
+        (finding[name] for name in ("joint", "link", "seat") if finding.get(name) is not None), None
+    )
     return str(finding["cause"]) if at is None else f"{finding['cause']}:{at}"
 
 
@@ -46,18 +54,24 @@ def covariates_of(said: Row) -> set[str]:
 
 
 def outcome(row: Row) -> Row:
-    """What a run came to; None where a question does not arise. A cause is named from a probability of :data:`NAMED` on.
+    """What a run came to; None where a question does not arise. A cause is named from a probability
+    of :data:`NAMED` on.
 
-    - ``sure``: the verdict is ``explained``; ``wrong``: and a name is neither hidden nor like something hidden;
-    - ``named``: a cause is named where nothing is hidden (an ``inconclusive`` verdict is an abstention);
-    - ``alike``: one of the hidden causes, or one that nobody could tell from it (a free curve is not excused), is named;
+    - ``sure``: the verdict is ``explained``; ``wrong``: and a name is neither hidden nor like
+      something hidden;
+    - ``named``: a cause is named where nothing is hidden (an ``inconclusive`` verdict is an
+      abstention);
+    - ``alike``: one of the hidden causes, or one that nobody could tell from it (a free curve is
+      not excused), is named;
     - ``right``: ``alike``, or nothing named where nothing is hidden;
-    - ``seen``, ``found``: hidden causes that the oracle sees, and those of them that are named surely;
+    - ``seen``, ``found``: hidden causes that the oracle sees, and those of them that are named
+      surely;
     - ``apart``, ``found apart``: of these, those that no other cause of the library could be;
     - ``false``: names that are neither hidden nor like something hidden;
-    - ``structure named``: what is said of the unexplained holds all covariates of a structure outside the library that the
-      records show;
-    - ``stated``, ``hits``: the stated probability of each finding, and whether it is of a hidden cause.
+    - ``structure named``: what is said of the unexplained holds all covariates of a structure
+      outside the library that the records show;
+    - ``stated``, ``hits``: the stated probability of each finding, and whether it is of a hidden
+      cause.
     """
     hidden, said, error = row["truth"]["hidden"], row["said"] or {}, row["error"]
     findings, verdict = said.get("findings", []), said.get("verdict", "error")
@@ -66,7 +80,11 @@ def outcome(row: Row) -> Row:
     excused = true | {key for h in hidden for key in h["aliases"] if not key.startswith(CURVE)}
     alike = bool(excused & names)
     structure = row["truth"]["structure"]
-    silent = not names and verdict in ("no-discrepancy", "inconclusive", *(["unexplained"] if structure else []))
+    silent = not names and verdict in (
+        "no-discrepancy",
+        "inconclusive",
+        *(["unexplained"] if structure else []),
+    )
     seen = [h for h in hidden if h["power"] >= SEEN]
     found = [h for h in seen if stated.get(h["key"], 0.0) >= SURE]
     return {
@@ -108,7 +126,9 @@ def _all_named(structure: Row | None, said: Row) -> bool | None:
 
 
 def rate(values: pd.Series) -> str:
-    """``93/100 (0.86 to 0.97)``: how many of those known are true, with Wilson's 95 % interval of the share."""
+    """``93/100 (0.86 to 0.97)``: how many of those known are true, with Wilson's 95 % interval of
+    the share.
+    """
     known = values.dropna().astype(bool)
     return share(int(known.sum()), len(known))
 
@@ -122,7 +142,9 @@ def share(hits: int, of: int) -> str:
 
 
 def overstated(runs: pd.DataFrame) -> str:
-    """Mean of stated probabilities less the share of true names, and its 95 % interval; names of one file go together."""
+    """Mean of stated probabilities less the share of true names, and its 95 % interval; names of
+    one file go together.
+    """
     gaps = np.array([sum(stated) - sum(hits) for stated, hits in _statements(runs)])
     counts = np.array([len(stated) for stated, _ in _statements(runs)])
     total = int(counts.sum())
@@ -135,9 +157,15 @@ def overstated(runs: pd.DataFrame) -> str:
 
 
 def binned(runs: pd.DataFrame, low: float, high: float) -> str:
-    """``0.87, 5/6 (0.44 to 0.97)``: mean of the stated probabilities in a bin, and how many of these names are true."""
-    both = [(p, hit) for stated, hits in _statements(runs) for p, hit in zip(stated, hits, strict=True)]
-    inside: NDArray[np.float64] = np.array([pair for pair in both if low <= pair[0] < high or pair[0] == high == 1.0])
+    """``0.87, 5/6 (0.44 to 0.97)``: mean of the stated probabilities in a bin, and how many of
+    these names are true.
+    """
+    both = [
+        (p, hit) for stated, hits in _statements(runs) for p, hit in zip(stated, hits, strict=True)
+    ]
+    inside: NDArray[np.float64] = np.array(
+        [pair for pair in both if low <= pair[0] < high or pair[0] == high == 1.0]
+    )
     if not len(inside):
         return ""
     return f"{inside[:, 0].mean():.2f}, {share(int(inside[:, 1].sum()), len(inside))}"
@@ -151,19 +179,29 @@ def count(rows: Sequence[Row]) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Figures of one family by class, and the outcomes."""
     outcomes = pd.DataFrame([outcome(row) for row in rows])
     classes = [*_classes(outcomes), ("all", outcomes)]
-    counted = pd.DataFrame([{"class": label} | _figures(runs) for label, runs in classes if len(runs)])
+    counted = pd.DataFrame(
+        [{"class": label} | _figures(runs) for label, runs in classes if len(runs)]
+    )
     return counted.loc[:, (counted != "").any()], outcomes
 
 
 def _classes(outcomes: pd.DataFrame) -> list[tuple[str, pd.DataFrame]]:
-    """By number of records; beside structure outside the library by its size over that of the noise."""
+    """By number of records; beside structure outside the library by its size over that of the
+    noise.
+    """
     family = outcomes["family"].iloc[0]
     if family == "regimes":
-        return [(f"{low} to {high} records", outcomes[outcomes["records"].between(low, high)]) for low, high in SIZES]
+        return [
+            (f"{low} to {high} records", outcomes[outcomes["records"].between(low, high)])
+            for low, high in SIZES
+        ]
     if family.startswith("outside"):
         return [(f"{size:g} × noise", runs) for size, runs in outcomes.groupby("size")]
     if family == "held-postures":
-        return [(f"{faults} hidden", runs) for faults, runs in outcomes.groupby(outcomes["true"].ne("none").astype(int))]
+        return [
+            (f"{faults} hidden", runs)
+            for faults, runs in outcomes.groupby(outcomes["true"].ne("none").astype(int))
+        ]
     return []
 
 
@@ -178,7 +216,9 @@ def _figures(runs: pd.DataFrame) -> Row:
         "named where nothing is hidden": rate(runs["named"]),
         "hidden cause named": rate(runs["alike"]),
         f"causes seen, stated ≥ {SURE:g}": share(int(runs["found"].sum()), int(runs["seen"].sum())),
-        f"causes told apart, stated ≥ {SURE:g}": share(int(runs["found apart"].sum()), int(runs["apart"].sum())),
+        f"causes told apart, stated ≥ {SURE:g}": share(
+            int(runs["found apart"].sum()), int(runs["apart"].sum())
+        ),
         "files with false names": rate(runs["false"] > 0),
         "structure named": rate(runs["structure named"]),
         "statements": sum(map(len, runs["stated"])),
@@ -190,5 +230,9 @@ def _figures(runs: pd.DataFrame) -> Row:
 
 def table(counted: pd.DataFrame) -> str:
     """The figures as Markdown."""
-    rows = [list(counted.columns), ["---"] * counted.shape[1], *counted.astype(str).to_numpy().tolist()]
+    rows = [
+        list(counted.columns),
+        ["---"] * counted.shape[1],
+        *counted.astype(str).to_numpy().tolist(),
+    ]
     return "\n".join("| " + " | ".join(row) + " |" for row in rows)

@@ -1,4 +1,6 @@
-"""``python -m tests.blind.study.page FOLDER … --table PAGE``: the page of the documentation with a table for each family."""
+"""``python -m tests.blind.study.page FOLDER … --table PAGE``: the page of the documentation with a
+table for each family.
+"""
 
 from __future__ import annotations
 
@@ -29,8 +31,9 @@ FORM = """# Diagnosis, measured
 | command | `{command}` |
 | diagnosis code | `{digest}` |
 
-`python -m tests.blind.study --family NAME` hides faults in files that a plant without a line of this package makes: exact
-physics, small unmodelled terms always on. It asks `aacmm-pin diagnose` for each at the shell, and then looks at the truth.
+`python -m tests.blind.study --family NAME` hides faults in files that a plant without a line of
+this package makes: exact physics, small unmodelled terms always on. It asks `aacmm-pin diagnose`
+for each at the shell, and then looks at the truth.
 `tests/blind/families.py` draws the files.
 
 A cause is named if its probability is at least 0.5. Intervals cover 95 %.
@@ -39,18 +42,19 @@ A cause is named if its probability is at least 0.5. Intervals cover 95 %.
 |---|---|
 | right | a hidden cause, or the same as one, is named; if nothing is hidden, nothing is named |
 | explained | share of the files with a hidden cause that have the verdict `explained` |
-| explained with a wrong cause | of these verdicts, those that name a cause neither hidden nor the same as a hidden one |
+| explained with a wrong cause | of these verdicts, those with a false name |
 | named where nothing is hidden | a cause is named; an `inconclusive` verdict is an abstention |
-| hidden cause named | one of the hidden causes, or the same as one, is named, whatever the verdict |
-| causes seen, stated ≥ 0.95 | of the hidden causes that an oracle with power 0.9 sees, those with that probability |
-| causes told apart, stated ≥ 0.95 | of these, causes of which every other cause of the library leaves λ ≥ 13 |
+| hidden cause named | one of the hidden causes, or the same as one, is named |
+| causes seen, stated ≥ 0.95 | of the hidden causes that an oracle sees with power 0.9 |
+| causes told apart, stated ≥ 0.95 | of these, those of which every other cause leaves λ ≥ 13 |
 | files with false names | a name is not that of a hidden cause, nor the same as one |
-| structure named | all covariates of the structure outside the library are named; of structures with λ ≥ 50 |
-| stated minus true | mean stated probability of the findings less the share of those that are hidden under this very name |
+| structure named | all covariates of the hidden structure are named; of structures with λ ≥ 50 |
+| stated minus true | mean stated probability of findings less the share hidden under this name |
 | 0.5 to 0.8, … | mean of the stated probabilities in this bin, and how many of them are true |
 
-Two causes are the same if the cosine of their effects, beside all that is refitted, is above 0.95. The oracle knows the
-structure outside the library, fits the other hidden causes, and has a false alarm in 1 of 10 000 tests.
+Two causes are the same if the cosine of their effects, beside all that is refitted, is above 0.95.
+The oracle knows the structure outside the library, fits the other hidden causes, and has a false
+alarm in 1 of 10 000 tests.
 
 {tables}
 """
@@ -96,7 +100,9 @@ def tables(rows: Sequence[Row]) -> list[str]:
 
 
 def _git(*words: str) -> str:
-    return subprocess.run(["git", *words], cwd=sources.ROOT, capture_output=True, text=True, check=True).stdout.strip()
+    return subprocess.run(
+        ["git", *words], cwd=sources.ROOT, capture_output=True, text=True, check=True
+    ).stdout.strip()
 
 
 if __name__ == "__main__":

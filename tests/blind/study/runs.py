@@ -1,4 +1,6 @@
-"""One run: a file is drawn, the command line is asked, and what it said becomes a row beside the truth."""
+"""One run: a file is drawn, the command line is asked, and what it said becomes a row beside the
+truth.
+"""
 
 from __future__ import annotations
 
@@ -29,8 +31,9 @@ TRIES, FAR_AWAY = 10, 10_000_000
 
 @dataclass(frozen=True)
 class Task:
-    """The file of a seed in a family, with fields of :class:`~blind.regimes.Regime` that are not drawn; ``limit`` is the
-    CPU time that the command may take [s], ``options`` are more of its options.
+    """The file of a seed in a family, with fields of :class:`~blind.regimes.Regime` that are not
+    drawn; ``limit`` is the CPU time that the command may take [s], ``options`` are more of its
+    options.
     """
 
     seed: int
@@ -43,18 +46,29 @@ class Task:
 def perform(task: Task) -> Row:
     """The row of a task; what goes wrong stands under ``error``."""
     file = _file(task)
-    row: Row = {"seed": task.seed, "family": task.family, "regime": vars(file.regime), "error": None, "said": None}
+    row: Row = {
+        "seed": task.seed,
+        "family": task.family,
+        "regime": vars(file.regime),
+        "error": None,
+        "said": None,
+    }
     with TemporaryDirectory() as name:
         folder = Path(name)
         file.write(folder)
         start = time.process_time()
         try:
             with _limited(task.limit):
-                result = CliRunner().invoke(app, ["diagnose", *file.words(folder), *task.options, "--json", "-"])
+                result = CliRunner().invoke(
+                    app, ["diagnose", *file.words(folder), *task.options, "--json", "-"]
+                )
             if result.exit_code == 0:
                 row["said"] = json.loads(result.stdout)
             else:
-                row["error"] = f"exit status {result.exit_code}: {result.exception!r} {result.output.strip()[-500:]}"
+                row["error"] = (
+                    f"exit status {result.exit_code}: {result.exception!r} "
+                    f"{result.output.strip()[-500:]}"
+                )
         except Exception as error:  # whatever breaks inside is what the study is about
             row["error"] = str(error) or repr(error)
         row["seconds"] = round(time.process_time() - start, 3)
@@ -63,7 +77,9 @@ def perform(task: Task) -> Row:
 
 
 def _file(task: Task) -> RegimeFile:
-    """The file of a seed; of another far away where the arm does not get to the seats that this one draws."""
+    """The file of a seed; of another far away where the arm does not get to the seats that this one
+    draws.
+    """
     for tried in range(TRIES):
         try:
             return family_file(task.family, task.seed + tried * FAR_AWAY, **task.given)
@@ -90,10 +106,11 @@ def _limited(seconds: float) -> Iterator[None]:
 
 
 def _truth(file: RegimeFile, said: Row | None) -> Row:
-    """What was hidden, what the oracle sees of it, and which of the named causes nobody could tell from it.
+    """What was hidden, what the oracle sees of it, and which of the named causes nobody could tell
+    from it.
 
-    ``lambda`` of a cause is beside known values of all others, ``power`` beside values of the other causes that are fitted;
-    ``rivals`` are other causes that the records do not tell from it.
+    ``lambda`` of a cause is beside known values of all others, ``power`` beside values of the other
+    causes that are fitted; ``rivals`` are other causes that the records do not tell from it.
     """
     oracle = Oracle(file) if file.machine.faults else None
     named = {key_of(finding): finding for finding in (said or {}).get("findings", [])}
@@ -102,19 +119,34 @@ def _truth(file: RegimeFile, said: Row | None) -> Row:
         assert oracle is not None
         seat = fault.parameters.get("seat")
         key = fault.key if seat is None else f"{fault.cause}:{seat}"
-        cosines = {name: oracle.cosine(fault, finding) for name, finding in named.items() if name != key}
+        cosines = {
+            name: oracle.cosine(fault, finding) for name, finding in named.items() if name != key
+        }
         row: Row = {"key": key, "parameters": _parameters(file, fault), "size_um": fault.size_um}
-        row |= {"lambda": oracle.visible(fault), "aliases": {name: c for name, c in cosines.items() if c > ALIKE}}
+        row |= {
+            "lambda": oracle.visible(fault),
+            "aliases": {name: c for name, c in cosines.items() if c > ALIKE},
+        }
         others = [other for other in file.hidden if other is not fault]
-        row |= {"lambda_refitted": oracle.visible(fault, others), "power": oracle.power(fault, others)}
+        row |= {
+            "lambda_refitted": oracle.visible(fault, others),
+            "power": oracle.power(fault, others),
+        }
         row["rivals"] = oracle.rivals(fault, others) if row["power"] >= SEEN else {}
         hidden.append(row)
     structure = _structure(file, oracle, named)
-    return {"hidden": hidden, "structure": structure, "noise_mm": 1e3 * file.noise_rms, "outliers": file.outliers}
+    return {
+        "hidden": hidden,
+        "structure": structure,
+        "noise_mm": 1e3 * file.noise_rms,
+        "outliers": file.outliers,
+    }
 
 
 def _structure(file: RegimeFile, oracle: Oracle | None, named: Mapping[str, Row]) -> Row | None:
-    """What no cause describes: its kind, what names it, its size, and how like it the named causes are."""
+    """What no cause describes: its kind, what names it, its size, and how like it the named causes
+    are.
+    """
     if file.structure is None or oracle is None:
         return None
     row: Row = {"kind": file.structure.parameters["kind"], "covariates": file.structure.depends_on}
@@ -124,7 +156,9 @@ def _structure(file: RegimeFile, oracle: Oracle | None, named: Mapping[str, Row]
 
 
 def _parameters(file: RegimeFile, fault: Hidden) -> Row:
-    """Those of a fault; of a DH value with what the sound arm is off from its file, as a calibration finds it."""
+    """Those of a fault; of a DH value with what the sound arm is off from its file, as a
+    calibration finds it.
+    """
     if fault.cause not in GEOMETRY or fault.joint is None:
         return dict(fault.parameters)
     name, column, unit = GEOMETRY[fault.cause]

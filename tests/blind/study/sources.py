@@ -1,4 +1,6 @@
-"""Which code a diagnosis is: its modules, causes, and all that these import, as one short hash. Standard library alone."""
+"""Which code a diagnosis is: its modules, causes, and all that these import, as one short hash.
+Standard library alone.
+"""
 
 from __future__ import annotations
 
@@ -15,11 +17,17 @@ ROOMS = ("diagnosis", "effects")
 
 @cache
 def digest() -> str:
-    """Of every statement of the modules that diagnosis needs; where these stand, what they import, and all text is left
-    out, so that moving code or saying something better does not make a measurement of it old.
+    """Of every statement of the modules that diagnosis needs; where these stand, what they import,
+    and all text is left out, so that moving code or saying something better does not make a
+    measurement of it old.
     """
     found = hashlib.sha256()
-    bare = (_Bare().visit(node) for path in modules() if path.name != "__init__.py" for node in _parsed(path))
+    bare = (
+        _Bare().visit(node)
+        for path in modules()
+        if path.name != "__init__.py"
+        for node in _parsed(path)
+    )
     for statement in sorted(ast.dump(node) for node in bare if not isinstance(node, ast.Pass)):
         found.update(statement.encode())
     return found.hexdigest()[:16]
@@ -64,4 +72,6 @@ def _imported(path: Path) -> Iterator[Path]:
         for name in names:
             if name.startswith("aacmm_pin."):
                 place = ROOT / name.replace(".", "/")
-                yield from (p for p in (place.with_suffix(".py"), place / "__init__.py") if p.is_file())
+                yield from (
+                    p for p in (place.with_suffix(".py"), place / "__init__.py") if p.is_file()
+                )
