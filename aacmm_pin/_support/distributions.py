@@ -1,5 +1,5 @@
-"""χ² and F, by scipy.special: scipy.stats, which has them too, takes as long to import as all the
-rest of the package.
+"""χ², F and beta, by scipy.special: scipy.stats, which has them too, takes as long to import as all
+the rest of the package.
 """
 
 from __future__ import annotations
@@ -24,6 +24,11 @@ def chi2_sf(value: ArrayLike, dof: ArrayLike) -> Array:
 def chi2_isf(probability: ArrayLike, dof: ArrayLike) -> Array:
     """The value that it exceeds with a probability."""
     return np.asarray(chdtri(dof, probability))
+
+
+def beta_sf(share: ArrayLike, first: ArrayLike, second: ArrayLike) -> Array:
+    """Probability that a beta distributed share with these shape parameters is more."""
+    return np.asarray(betainc(second, first, 1.0 - np.asarray(share)))
 
 
 def f_sf(value: ArrayLike, dof: ArrayLike, other: ArrayLike) -> Array:

@@ -47,6 +47,7 @@ class Fit(Solution):
             records too, so that what is uncertain of them makes the other parameters uncertain;
             with the least u of each, by its name, where the derivative at the value that was found
             does not tell all.
+        added_covariance: of all columns, for an error that several records share (p, p) [units].
     """
 
     stated: bool
@@ -55,6 +56,7 @@ class Fit(Solution):
     chi2_stated: Chi2 | None
     dof: float
     found: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    added_covariance: Array | float = 0.0
 
     @staticmethod
     def of(solution: Solution, **judgement: Any) -> Fit:
@@ -171,7 +173,7 @@ class Fit(Solution):
         determines.
         """
         p = self.problem.scales.size
-        return self.with_inner[:p, :p]
+        return np.asarray(self.with_inner[:p, :p] + self.added_covariance)
 
     @property
     def inner_u(self) -> dict[tuple[str, str], float]:

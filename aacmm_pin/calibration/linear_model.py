@@ -152,13 +152,19 @@ class LinearModel:
         """Covariance of the parameters (p, p) [units], zero along the ``unknown`` directions (p, k)
         [scales].
         """
+        steps = self.steps(unknown)
+        return np.asarray(steps @ steps.T)
+
+    def steps(self, unknown: Array) -> Array:
+        """Steps of unit variance that span all but the ``unknown`` directions (p, p - k)
+        [units].
+        """
         known = null_space(unknown.T) if unknown.size else np.eye(self.prior.scales.size)
         spectrum = self.spectrum
         triangle = np.linalg.qr(
             (spectrum.values[:, None] * spectrum.directions.T) @ known, mode="r"
         )
-        steps = known @ np.linalg.inv(triangle) * self.prior.scales[:, None]
-        return np.asarray(steps @ steps.T)
+        return np.asarray(known @ np.linalg.inv(triangle) * self.prior.scales[:, None])
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,6 +13,7 @@ from aacmm_pin.diagnosis.candidates import Variants
 from aacmm_pin.diagnosis.covariates import Carried, Covariate
 from aacmm_pin.diagnosis.design_matrix import Design
 from aacmm_pin.diagnosis.gram_matrix import Gram
+from aacmm_pin.diagnosis.held_postures import RecordNoise
 from aacmm_pin.diagnosis.model_space import Blocks, Candidates
 from aacmm_pin.diagnosis.posterior import Posterior
 from aacmm_pin.diagnosis.reading_scatter import ReadingScatter
@@ -91,11 +92,16 @@ class Choice:
     @cached_property
     def scatter_left(self) -> ReadingScatter:
         """Scatter of readings and tips beside all that was found."""
-        left, postures = self.posterior.left, self.posterior.space.gram.products.noise.postures
+        left, postures = self.posterior.left, self.noise.postures
         share = min(max(left.dof, 1.0) / max(left.base.gram.free, 1), 1.0)
         return ReadingScatter.of(
             self.design.fit, self.design.deviations(self.tips), share, postures
         )
+
+    @property
+    def noise(self) -> RecordNoise:
+        """Of the records, with which the sets were explored."""
+        return self.posterior.space.gram.products.noise
 
     @property
     def top_causes(self) -> Blocks:

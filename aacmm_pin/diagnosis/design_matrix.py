@@ -21,8 +21,8 @@ from aacmm_pin.diagnosis.covariates import Carried, Covariate
 from aacmm_pin.effects import Carrier, Discrepancy, Effect, JointZeroOffset, Part, State
 
 TYPICAL_SHIFT = 2e-5
-"""Usual size of what no cause explains, for each smooth function of it: at the tip, or what is left
-there if more [m] …"""
+"""Usual root mean square of what no cause explains, all smooth functions of it together: at the
+tip, or what is left there if more [m] …"""
 TYPICAL_TURN = 2.0
 """… at a joint [rad] for each metre of that …"""
 TYPICAL_GROWTH = 1.0
@@ -309,4 +309,5 @@ def _typical(source: tuple[Effect, ...] | Carried, left: float) -> Array:
     shift = max(TYPICAL_SHIFT, left)
     sizes = {"rad": TYPICAL_TURN * shift, "1": TYPICAL_GROWTH * shift}
     typical = sizes.get(Carrier(source.carrier).kind.unit, shift)
-    return np.full(source.functions.shape[1] * len(source.quantities), typical)
+    functions = source.functions.shape[1]
+    return np.full(functions * len(source.quantities), typical / np.sqrt(functions))

@@ -25,7 +25,7 @@ def explore(space: ModelSpace, starts: Iterable[Blocks] = ()) -> Posterior:
     top = max(walk.values, key=lambda s: (walk.values[s], s))
     other = Walk(space, [*starts, *_leading(space), *(_grown_without(space, top, k) for k in top)])
     other.run()
-    apart = _total_variation(space, walk.values, other.values)
+    apart = _disagreement(space, walk.values, other.values)
     walk.values.update(other.values)
     walk.best = max(walk.best, other.best)
     if apart > THRESHOLDS.agreement:
@@ -33,7 +33,7 @@ def explore(space: ModelSpace, starts: Iterable[Blocks] = ()) -> Posterior:
         walk.exchanged.clear()
         walk.expansions += THRESHOLDS.expansions
         walk.run()
-        apart = _total_variation(space, before, walk.values)
+        apart = _disagreement(space, before, walk.values)
     return walk.posterior(apart)
 
 
@@ -85,7 +85,7 @@ def _grown_without(space: ModelSpace, blocks: Blocks, block: int) -> Blocks:
         at = further
 
 
-def _total_variation(
+def _disagreement(
     space: ModelSpace, one: Mapping[Blocks, float], other: Mapping[Blocks, float]
 ) -> float:
     first, second = (inclusion(space, weights_of(values)) for values in (one, other))
@@ -109,10 +109,23 @@ class Walk:
         for start in starts:
             self._look_at(start)
 
-    def posterior(self, total_variation: float = 0.0) -> Posterior:
-        """Of the sets visited."""
-        best = self.best - self.space.marginal(()).log_posterior
-        return Posterior(self.space, weights_of(self.values), best, total_variation)
+    def posterior(self, disagreement: float = 0.0) -> Posterior:
+        """Of the sets visited, and of all additions to those that were expanded: each has little
+        mass, but all together may have some per cent.
+        """
+        weights = weights_of(self._additions | self.values, THRESHOLDS.negligible_set)
+        return Posterior(self.space, weights, disagreement)
+
+    @property
+    def _additions(self) -> dict[Blocks, float]:
+        """About the log posterior of each set with one block more than one that was expanded."""
+        found: dict[Blocks, float] = {}
+        for blocks in self.expanded:
+            about = self.space.additions(blocks)
+            for k in np.flatnonzero(about > self.best - THRESHOLDS.negligible_set).tolist():
+                larger = with_block(blocks, k)
+                found[larger] = max(found.get(larger, -np.inf), float(about[k]))
+        return found
 
     def run(self, least: float = THRESHOLDS.expanded, exchanges: bool = True) -> None:
         """Expand the best sets, and exchange members of those that hold the mass before weaker ones

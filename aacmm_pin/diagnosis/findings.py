@@ -15,7 +15,7 @@ from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.cross_validation import Training, brought
 from aacmm_pin.diagnosis.inner_values import Step, step_of
 from aacmm_pin.diagnosis.result import Finding
-from aacmm_pin.diagnosis.significance import aliases_of, family_wise, retained
+from aacmm_pin.diagnosis.significance import aliases_of, family_wise_p_value, retained
 from aacmm_pin.effects import Effect, ErrorModel, slides, values_with_u
 
 
@@ -53,7 +53,7 @@ def _finding(
         effect if is_change(chosen) else _told(choice, effect, inner, steps),
         values_with_u(effect, covariance),
         choice.posterior.probability(block),
-        family_wise(choice.candidates, left, block, rng),
+        family_wise_p_value(choice.candidates, left, block, rng),
         retained(left, block),
         tuple(aliases_of(choice.posterior, choice.library, block)),
         None if geometric_parameters(model.arm, effect) else brought(choice, trained, block),

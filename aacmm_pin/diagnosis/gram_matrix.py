@@ -222,7 +222,7 @@ class Products:
     def _start(self, block: Block, rank: int) -> Array:
         """Random numbers that belong to a covariate block (q, rank)."""
         carrier = block.source.carrier if isinstance(block.source, Carried) else ""
-        words = f"{self.design.names[block.candidate]} {carrier} {block.size}"
+        words = f"{self.design.names[block.candidate]} {carrier} {block.variant} {block.size}"
         return np.random.default_rng(zlib.crc32(words.encode())).standard_normal((block.size, rank))
 
     @cached_property

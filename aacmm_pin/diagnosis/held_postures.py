@@ -42,12 +42,12 @@ class HeldPostures:
         return 0.5 * float(chi2_sf(2.0 * self.log_ratio, 1)) if self.ratio else 1.0
 
     @staticmethod
-    def of(fit: Fit, off: Array, whitening: Array) -> HeldPostures:
-        """By the residuals ``off`` (n, 3) [m], with orientations (n, 6) [m, rad], and what gives
-        each unit variance.
+    def of(fit: Fit, off: Array, whitening: Array, dof: float) -> HeldPostures:
+        """By the residuals ``off`` (n, 3) [m], with orientations (n, 6) [m, rad], what gives each
+        unit variance, and the degrees of freedom that are left.
 
         The ratio is the restricted maximum likelihood estimate (Patterson, Thompson 1971,
-        Biometrika 58) with the parameters of the fit shared between the means of the groups.
+        Biometrika 58) with all fitted parameters shared between the means of the groups.
         """
         counts = fit.used & fit.observations.says
         group = np.full(len(counts), -1, dtype=np.intp)
@@ -58,7 +58,7 @@ class HeldPostures:
         if count.max(initial=1.0) < 2.0:
             return whole
         return HeldPostures(
-            group, count, *whole._estimate(np.einsum("nij,nj->ni", whitening, off), fit.dof)
+            group, count, *whole._estimate(np.einsum("nij,nj->ni", whitening, off), dof)
         )
 
     def _estimate(self, residual: Array, dof: float) -> tuple[float, float]:
@@ -89,12 +89,15 @@ class HeldPostures:
         log_ratio = 0.5 * (deviance(-np.inf) - float(best.fun))
         return (float(np.exp(best.x)), log_ratio) if log_ratio > 0.0 else (0.0, 0.0)
 
-    def _means(self, rows: Array) -> Array:
-        """Mean of the rows (n, k, c) of each group (groups, k, c)."""
+    def sums(self, rows: Array) -> Array:
+        """Sum of the rows (n, k, c) of each group (groups, k, c)."""
         found = np.zeros((len(self.count), *rows.shape[1:]))
         inside = self.group >= 0
         np.add.at(found, self.group[inside], rows[inside])
-        return found / self.count[:, None, None]
+        return found
+
+    def _means(self, rows: Array) -> Array:
+        return self.sums(rows) / self.count[:, None, None]
 
     def whitened(self, rows: Array) -> Array:
         """Rows (n, k, c), whitened record by record, with the shared error whitened too.
@@ -131,6 +134,32 @@ class RecordNoise:
         inverse = np.linalg.inv(self.whitening)
         return np.asarray(inverse @ inverse.transpose(0, 2, 1))
 
+    def added_covariance(self, fit: Fit, variance: float) -> Array:
+        """What the shared error adds to the covariance of a fit's parameters that took records as
+        independent (p, p) [units].
+
+        ``A⁻¹ Jᵀ W (V - W⁻¹) W J A⁻¹`` with the covariance V of the records and the fit's weights W
+        (Liang, Zeger 1986, Biometrika 73), where that is positive.
+
+        Args:
+            fit: the fit.
+            variance: factor on the variances of this noise.
+        """
+        says, width = fit.observations.says, self.whitening.shape[1]
+        steps = fit.system.steps(fit.unknown)
+        if not self.postures.ratio:
+            return np.zeros((len(steps), len(steps)))
+        rows = np.zeros((len(says), width, steps.shape[1]))
+        of_records = fit.system.jacobian[: width * int(says.sum())]
+        rows[says] = (of_records @ steps).reshape(-1, width, steps.shape[1])
+        root = fit.noise.whitening @ np.linalg.inv(self.whitening)
+        in_units = np.sqrt(variance) * root.transpose(0, 2, 1) @ rows
+        shared = self.postures.ratio * self.postures.sums(in_units)
+        more = _squared(in_units) + _squared(shared) - _squared(rows)
+        values, vectors = np.linalg.eigh(more)
+        along = steps @ vectors
+        return np.asarray(along * np.maximum(values, 0.0) @ along.T)
+
     @staticmethod
     def alone(whitening: Array) -> RecordNoise:
         """Of records that share nothing."""
@@ -138,3 +167,9 @@ class RecordNoise:
         return RecordNoise(
             whitening, HeldPostures(np.arange(count, dtype=np.intp), np.ones(count), 0.0)
         )
+
+
+def _squared(rows: Array) -> Array:
+    """Sum of ``Rᵀ R`` over rows (n, k, c): (c, c)."""
+    stacked = rows.reshape(-1, rows.shape[-1])
+    return np.asarray(stacked.T @ stacked)

@@ -18,6 +18,7 @@ from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.design_matrix import design_of
 from aacmm_pin.diagnosis.exploration import without_block
 from aacmm_pin.diagnosis.gram_matrix import Gram, products_of
+from aacmm_pin.diagnosis.held_postures import RecordNoise
 from aacmm_pin.diagnosis.model_space import Candidates, ModelSpace
 from aacmm_pin.effects import Effect
 
@@ -48,7 +49,7 @@ def refined_causes(choice: Choice, before: Sequence[Effect] = ()) -> list[Effect
     are as before.
     """
     records, acting = choice.fit.problem.measurements, _acting(choice, choice.top_causes)
-    there = {variants[0].label for variants in choice.library}
+    there, noise = {variants[0].label for variants in choice.library}, choice.noise
     best = [variants[-1] for variants in acting]
     new = [k for k, block in enumerate(choice.top_causes) if not is_change(choice.variant(block))]
     special = {
@@ -56,12 +57,12 @@ def refined_causes(choice: Choice, before: Sequence[Effect] = ()) -> list[Effect
         for k in new
     }
     series = {k: [best[k].nonlinear.refine(best[k], records)] for k in new}
-    for number, (found,) in evidences(choice.fit, acting, special).items():
+    for number, (found,) in evidences(choice.fit, noise, acting, special).items():
         (cases,) = special[number]
         case = cases[int(np.argmax(found))]
         series[number].append(case.nonlinear.refine(case, records))
     several = {number: each for number, each in series.items() if sum(map(len, each)) > 1}
-    for number, odds in evidences(choice.fit, acting, several).items():
+    for number, odds in evidences(choice.fit, noise, acting, several).items():
         which = int(np.argmax([each.max() for each in odds]))
         best[number] = likeliest(series[number][which], odds[which])
     return [_as_before(effect, before) for effect in best]
@@ -75,7 +76,7 @@ def refined_rivals(choice: Choice) -> list[Effect]:
     values that are tried.
     """
     tried = {number: _rivals(choice, block) for number, block in enumerate(choice.top_causes)}
-    found = evidences(choice.fit, _acting(choice, choice.top_causes), tried)
+    found = evidences(choice.fit, choice.noise, _acting(choice, choice.top_causes), tried)
     pairs = [
         pair for number, each in found.items() for pair in zip(tried[number], each, strict=True)
     ]
@@ -116,13 +117,14 @@ def _acting(choice: Choice, blocks: Sequence[int]) -> list[Variants]:
 
 
 def evidences(
-    at: Fit, acting: Sequence[Variants], tried: Mapping[int, Series]
+    at: Fit, noise: RecordNoise, acting: Sequence[Variants], tried: Mapping[int, Series]
 ) -> dict[int, list[Array]]:
     """Log evidence of effects in the place of one cause, the other causes held, where a fit with
     one of each ended.
 
     Args:
         at: the fit.
+        noise: of the records.
         acting: each cause as it acts; before it, the one that is known to act, of which it is
             another inner value.
         tried: effects to try, by the number of the cause whose place they take.
@@ -139,7 +141,7 @@ def evidences(
         return {}
     library = [(*variants, *every.get(number, ())) for number, variants in enumerate(acting)]
     design = design_of(at, library, [], at.problem.candidates)
-    gram = Gram(products_of(design, np.zeros(len(at.used), dtype=np.intp)))
+    gram = Gram(products_of(design, np.zeros(len(at.used), dtype=np.intp), noise))
     space = ModelSpace(Candidates.of(design, library), gram, noise_is_known(at))
     places = [np.flatnonzero(space.candidates.owners == number) for number in range(len(acting))]
     held = [int(own[len(variants) - 1]) for own, variants in zip(places, acting, strict=True)]
@@ -191,14 +193,14 @@ def _as_before(effect: Effect, before: Sequence[Effect]) -> Effect:
     return effect
 
 
-def with_inner_u(at: Fit, effects: Sequence[Effect]) -> Fit:
+def with_inner_u(at: Fit, noise: RecordNoise, effects: Sequence[Effect]) -> Fit:
     """A refit that counts the inner values of new causes as uncertain; a known one changes its
     values alone.
     """
     records = at.problem.measurements
     new = [k for k, effect in enumerate(effects) if not is_change(effect) and _is_smooth(effect)]
     tried = {k: [effects[k].nonlinear.refine(effects[k].at(()), records)] for k in new}
-    odds, found = evidences(at, [(effect,) for effect in effects], tried), {}
+    odds, found = evidences(at, noise, [(effect,) for effect in effects], tried), {}
     number = {effects[k].label: k for k in new}
     for effect, own in zip(at.effects, at.problem.vector.slices, strict=True):
         k = number.get(effect.label, -1)
@@ -263,7 +265,8 @@ def step_of(choice: Choice, block: int, name: str) -> Step:
     chosen = choice.variant(block).at(())
     tried = chosen.nonlinear.refine(chosen, records)
     others = [k for k in choice.top_causes if candidates.owner(k) != candidates.owner(block)]
-    ((odds,),) = evidences(choice.fit, _acting(choice, [block, *others]), {0: [tried]}).values()
+    acting = _acting(choice, [block, *others])
+    ((odds,),) = evidences(choice.fit, choice.noise, acting, {0: [tried]}).values()
     values = np.array([getattr(effect, name) for effect in tried])
     share = np.exp(odds - logsumexp(odds))
     gaps = np.array([effect.nonlinear.gap(effect, records) for effect in tried])

@@ -197,16 +197,22 @@ class _Before:
 
     Attributes:
         tips: with all that was found.
+        dof: degrees of freedom that it leaves.
         scatter: of readings and tips beside that; None where the stated noise was all there was to
             begin with.
     """
 
     tips: Array
+    dof: float
     scatter: ReadingScatter | None
 
     @staticmethod
     def of(found: Choice) -> _Before:
-        return _Before(found.tips, None if noise_is_known(found.design.fit) else found.scatter_left)
+        return _Before(
+            found.tips,
+            found.posterior.left.dof,
+            None if noise_is_known(found.design.fit) else found.scatter_left,
+        )
 
     def settled(self, found: Choice) -> bool:
         """Whether the scatter is about what a round reckoned with."""
@@ -237,9 +243,12 @@ def _extended(problem_of: ProblemOf, found: Choice, first: Fit, used: Mask | Non
     at = found.fit if same else refitted(problem_of, effects, used=used)
     if gone := _gone(at, effects):
         at = refitted(problem_of, effects, gone, used)
-        effects = [_without(at, effects, k, gone) for k in range(len(effects))]
+        effects = [_without(at, found.noise, effects, k, gone) for k in range(len(effects))]
         at = refitted(problem_of, effects, gone, used)
-    return with_inner_u(at, effects)
+    return replace(
+        with_inner_u(at, found.noise, effects),
+        added_covariance=found.noise.added_covariance(at, found.posterior.left.variance),
+    )
 
 
 def _gone(at: Fit, effects: Sequence[Effect]) -> list[Effect]:
@@ -257,7 +266,9 @@ def _gone(at: Fit, effects: Sequence[Effect]) -> list[Effect]:
     return found
 
 
-def _without(at: Fit, effects: Sequence[Effect], number: int, gone: Sequence[Effect]) -> Effect:
+def _without(
+    at: Fit, noise: RecordNoise, effects: Sequence[Effect], number: int, gone: Sequence[Effect]
+) -> Effect:
     """One of the effects, with the likeliest inner value where it has taken the place of a known
     one.
     """
@@ -265,7 +276,7 @@ def _without(at: Fit, effects: Sequence[Effect], number: int, gone: Sequence[Eff
     if effect.label not in {old.label for old in gone} or effect.nonlinear.is_preferred(effect):
         return effect
     tried = effect.nonlinear.refine(effect, at.problem.measurements)
-    ((odds,),) = evidences(at, [(each,) for each in effects], {number: [tried]}).values()
+    ((odds,),) = evidences(at, noise, [(each,) for each in effects], {number: [tried]}).values()
     return likeliest(tried, odds)
 
 
@@ -304,10 +315,12 @@ def _climbed(
     before found.
     """
     design = design_of(at, library, others, at.problem.candidates)
-    tips = at.point.prediction.poses if before is None else before.tips
-    scatter = None if before is None else before.scatter
+    before = before or _Before(at.point.prediction.poses, at.dof, None)
+    scatter = before.scatter
     whitening = at.noise.whitening if scatter is None else scatter.whitening
-    noise = RecordNoise(whitening, HeldPostures.of(at, design.deviations(tips), whitening))
+    noise = RecordNoise(
+        whitening, HeldPostures.of(at, design.deviations(before.tips), whitening, before.dof)
+    )
     # With all records there is no need to take an observation's unknown points apart.
     gram = Gram(products_of(design, np.zeros_like(parts) if _torn(at, parts) else parts, noise))
     candidates = Candidates.of(design, library)
@@ -342,4 +355,30 @@ def _with_variants(library: Sequence[Variants], effects: list[Effect]) -> tuple[
     there = {variant.identity for variants in library for variant in variants}
     refined = {effect.label: effect.at(()) for effect in effects if effect.identity not in there}
     # Of several candidates of one label, the first has the variants.
-    return tuple((*v, refined.pop(v[0].label)) if v[0].label in refined else v for v in library)
+    return tuple(
+        _with_variant(variants, refined.pop(variants[0].label))
+        if variants[0].label in refined
+        else variants
+        for variants in library
+    )
+
+
+def _with_variant(variants: Variants, refined: Effect) -> Variants:
+    """With a refined variant in the place of the nearest that was tried: if there were more about
+    the likeliest value than elsewhere, their prior would be larger there.
+    """
+    nonlinear = refined.nonlinear
+    if not nonlinear.field:
+        return (*variants, refined)
+    alike = [
+        k
+        for k, variant in enumerate(variants)
+        if type(variant) is type(refined)
+        and not (is_change(variant) or nonlinear.is_preferred(variant))
+        and nonlinear.at(variant, nonlinear.value(refined)).identity == refined.identity
+    ]
+    if not alike:
+        return (*variants, refined)
+    value = nonlinear.value(refined)
+    nearest = min(alike, key=lambda k: abs(nonlinear.value(variants[k]) - value))
+    return (*variants[:nearest], refined, *variants[nearest + 1 :])

@@ -22,20 +22,18 @@ class Posterior:
     Attributes:
         space: the model space that was explored.
         weights: of each set of blocks, the largest first; they add up to one.
-        log_posterior: of the most probable, against the empty set.
-        total_variation: largest difference of an inclusion probability between the two halves of
+        disagreement: largest difference of an inclusion probability between the two halves of
             the starts.
     """
 
     space: ModelSpace
     weights: Mapping[Blocks, float]
-    log_posterior: float
-    total_variation: float
+    disagreement: float
 
     @property
     def agree(self) -> bool:
         """Whether the two halves of the starts found the same."""
-        return self.total_variation <= THRESHOLDS.agreement
+        return self.disagreement <= THRESHOLDS.agreement
 
     @property
     def top(self) -> Blocks:
@@ -181,12 +179,14 @@ def inclusion(space: ModelSpace, weights: Mapping[Blocks, float]) -> Array:
     return np.minimum(found, 1.0)
 
 
-def weights_of(values: Mapping[Blocks, float]) -> dict[Blocks, float]:
+def weights_of(
+    values: Mapping[Blocks, float], reach: float = THRESHOLDS.reach
+) -> dict[Blocks, float]:
     """Weights of sets by their log posteriors, the largest first; sets out of reach are not among
     them.
     """
     best = max(values.values())
-    near = {blocks: value for blocks, value in values.items() if value > best - THRESHOLDS.reach}
+    near = {blocks: value for blocks, value in values.items() if value > best - reach}
     ordered = sorted(near, key=lambda blocks: (-near[blocks], blocks))
     weights = {blocks: float(np.exp(near[blocks] - best)) for blocks in ordered}
     total = sum(weights.values())

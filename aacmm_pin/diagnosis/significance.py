@@ -12,7 +12,7 @@ from scipy.special import logsumexp
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown
-from aacmm_pin._support.distributions import chi2_sf
+from aacmm_pin._support.distributions import beta_sf, chi2_sf
 from aacmm_pin.diagnosis.candidates import Variants
 from aacmm_pin.diagnosis.linear_model import WIDTHS, Conditional, gains
 from aacmm_pin.diagnosis.model_space import Candidates, ModelSpace
@@ -22,6 +22,12 @@ from aacmm_pin.effects import Effect
 
 DRAWS = 400
 """Draws of records with nothing hidden, for the distribution of the largest evidence."""
+MOST_EXPLAINED = 1.0 - 1e-12
+"""Part of χ² that a block explains at most, by rounding."""
+LEAST_WEIGHT = 1e-12
+"""A weight that is divided by is at least this."""
+TILTS = 1.0 - np.geomspace(1e-3, 0.9, 12)
+"""Values of 2θ, over the inverse of the largest weight, at which a Chernoff bound is taken."""
 ALIASES = 5
 """So many aliases are listed at most."""
 
@@ -45,85 +51,136 @@ class Alias(Shown):
     effect: Effect | None = None
 
 
-def likelihood_ratio(left: Conditional, block: int) -> tuple[float, int]:
-    """Of a block: at most χ² when it is not there, and its degrees of freedom."""
-    gradient = left.residual[left.design_blocks[block].columns]
-    (ratio,) = _likelihood_ratios(left, left.information(block)[None], gradient[None])
-    return float(ratio), gradient.size
-
-
-def _likelihood_ratios(left: Conditional, informations: Array, gradients: Array) -> Array:
-    """Of blocks with informations (b, q, q) and gradients (b, q): (b,).
-
-    Their parameters are known to within the largest width. Else columns of which the records tell
-    next to nothing would
-    explain everything: an arm that shrinks to a point meets every unknown seat.
-    """
-    gain, _ = gains(informations, gradients[:, :, None])
-    return np.asarray(2.0 * gain[:, np.argmax(WIDTHS), 0] / left.variance)
-
-
-def chance(left: Conditional, block: int) -> float:
-    """That its likelihood ratio is as large when a block is not there."""
-    ratio, columns = likelihood_ratio(left, block)
-    return float(chi2_sf(ratio, columns))
-
-
-def family_wise(
-    candidates: Candidates, left: Conditional, block: int, rng: np.random.Generator
+def family_wise_p_value(
+    candidates: Candidates, conditional: Conditional, block: int, rng: np.random.Generator
 ) -> float:
-    """Chance that the best posterior odds of all candidates reach those of a block when nothing is
-    there.
+    """Chance that the posterior odds of any candidate reach those of a block when nothing is there.
 
-    Bonferroni's bound over all that is tried, where that is smaller than any number of draws could
-    tell; else by draws of the gradients of residuals that are noise alone.
+    A bound, where that is smaller than any number of draws could tell; else the rank of the odds
+    among those of draws of residuals that are noise alone.
     """
-    bound = len(candidates.blocks) * chance(left, block)
+    gradient = conditional.residual[conditional.design_blocks[block].columns]
+    gain, volume = gains(conditional.information(block)[None], gradient[None, :, None])
+    evidence = _log_evidence(conditional, gain, volume, conditional.chi2)
+    odds = float(evidence[0, 0]) + candidates.log_odds[block]
+    bound = _union_bound(candidates, conditional, odds)
     if bound < 1 / DRAWS:
         return bound
-    additions = logsumexp(left.additions[block]) - np.log(WIDTHS.size)
-    observed = additions - left.log_evidence + candidates.log_odds[block]
-    larger = int(np.sum(_largest_odds(candidates, left, rng) >= observed))
-    drawn = (larger + 1) / (DRAWS + 1)
-    return min(drawn, max(bound, 1 / (DRAWS + 1)), 1.0)
+    larger = int(np.sum(_largest_odds(candidates, conditional, rng) >= odds))
+    return (larger + 1) / (DRAWS + 1)
 
 
-def _largest_odds(candidates: Candidates, left: Conditional, rng: np.random.Generator) -> Array:
+def _knows_noise(conditional: Conditional) -> bool:
+    """Whether the noise is what the records' units say, and not found from the same records."""
+    return conditional.likelihood.stated and conditional.variance == 1.0
+
+
+def _log_evidence(
+    conditional: Conditional, gain: Array, volume: Array, chi2: Array | float
+) -> Array:
+    """Of blocks against nothing, averaged over the widths (b, draws).
+
+    Args:
+        conditional: what else acts.
+        gain: in log likelihood, for noise of unit variance (b, widths, draws).
+        volume: ``½ log det`` (b, widths).
+        chi2: of the residuals without the block (b, 1, draws); of no account where the noise is
+            known.
+    """
+    if not _knows_noise(conditional):
+        share = np.minimum(2.0 * gain / chi2, MOST_EXPLAINED)
+        gain = -0.5 * conditional.likelihood.dof * np.log1p(-share)
+    return np.asarray(logsumexp(gain - volume[:, :, None], axis=1) - np.log(WIDTHS.size))
+
+
+def _tail(conditional: Conditional, squares: Array, columns: int) -> Array:
+    """Chance that columns that do nothing explain so much of χ²: χ² itself, or where the noise is
+    not known the share of it, which is beta distributed.
+    """
+    if _knows_noise(conditional):
+        return chi2_sf(np.maximum(squares, 0.0), columns)
+    others = max(conditional.likelihood.dof - columns, 1.0)
+    return beta_sf(np.clip(squares / conditional.chi2, 0.0, 1.0), 0.5 * columns, 0.5 * others)
+
+
+def _union_bound(candidates: Candidates, conditional: Conditional, odds: float) -> float:
+    """Sum over the candidates of bounds of the chance that each has such odds (Boole's inequality).
+
+    At one of the widths, a block must gain what its prior odds and its volume ask.
+    """
+    products, total = conditional.base.gram.products, 0.0
+    for size, own in products.of_size.items():
+        values = np.maximum(np.linalg.eigvalsh(conditional.informations(size)), 0.0)
+        scaled = WIDTHS[:, None] ** 2 * values[:, None]  # (b, widths, q)
+        volume = 0.5 * np.log1p(scaled).sum(axis=2)
+        gain = odds - candidates.log_odds[own][:, None] + volume
+        total += float(_chernoff(conditional, scaled / (1.0 + scaled), gain).sum())
+    return min(total, 1.0)
+
+
+def _chernoff(conditional: Conditional, weights: Array, gain: Array) -> Array:
+    """Bound of the chance that a sum of squares ``½ Σ w z²`` is a gain (b, widths) at least, for
+    weights (b, widths, q): ``P(X ≥ x) ≤ E exp(θ (X - x))`` for each θ (Chernoff 1952).
+    """
+    dof = conditional.likelihood.dof
+    best = np.ones(gain.shape)
+    if not _knows_noise(conditional):  # a share of χ², which has these squares and others in it
+        least = -np.expm1(-2.0 * gain / dof)
+        weights = weights - least[:, :, None]
+    largest = np.maximum(weights.max(axis=2), LEAST_WEIGHT)
+    for part in TILTS:
+        tilt = part / largest
+        log_mean = -0.5 * np.log1p(-tilt[:, :, None] * weights).sum(axis=2)
+        if _knows_noise(conditional):
+            log_mean -= tilt * gain
+        else:
+            log_mean -= 0.5 * (dof - weights.shape[2]) * np.log1p(tilt * np.maximum(least, 0.0))
+        best = np.minimum(best, np.exp(np.minimum(log_mean, 0.0)))
+    return best
+
+
+def _largest_odds(
+    candidates: Candidates, conditional: Conditional, rng: np.random.Generator
+) -> Array:
     """Largest log posterior odds of all candidates in draws of records with nothing there
     (draws,).
     """
-    products = left.base.gram.products
-    gradient = left.of_residuals(products.drawn(DRAWS, rng) * np.sqrt(left.variance))
+    products = conditional.base.gram.products
+    gradient = conditional.of_residuals(products.drawn(DRAWS, rng))
     best = np.full(DRAWS, -np.inf)
     for size, own in products.of_size.items():
-        gain, volume = gains(left.informations(size), gradient[products.columns[size]])
-        additions = logsumexp(gain / left.variance - volume[:, :, None], axis=1) - np.log(
-            WIDTHS.size
-        )
-        odds = additions + candidates.log_odds[own][:, None]
+        gain, volume = gains(conditional.informations(size), gradient[products.columns[size]])
+        others = rng.chisquare(max(conditional.likelihood.dof - size, 1.0), DRAWS)
+        chi2 = 2.0 * gain.max(axis=1, keepdims=True) + others
+        evidence = _log_evidence(conditional, gain, volume, chi2)
+        odds = evidence + candidates.log_odds[own][:, None]
         best = np.maximum(best, odds.max(axis=0))
     return best
 
 
-def any_structure(candidates: Candidates, left: Conditional) -> float:
-    """Chance of as much structure over any covariate when there is none: Bonferroni's bound."""
-    products, chances = left.base.gram.products, list[float]()
+def p_value_of_structure(candidates: Candidates, conditional: Conditional) -> float:
+    """Chance of as much structure over any covariate when there is none: Bonferroni's bound.
+
+    Parameters are known to within the largest width. Else columns of which the records tell next to
+    nothing would explain everything: an arm that shrinks to a point meets every unknown seat.
+    """
+    products, chances = conditional.base.gram.products, list[float]()
     for size, own in products.of_size.items():
-        ratios = _likelihood_ratios(
-            left, left.informations(size), left.residual[products.columns[size]]
-        )
         covariates = [not candidates.is_cause(k) for k in own.tolist()]
-        chances += chi2_sf(ratios[covariates], size).tolist()
+        gradients = conditional.residual[products.columns[size]]
+        gain, _ = gains(conditional.informations(size), gradients[:, :, None])
+        squares = 2.0 * gain[covariates, np.argmax(WIDTHS), 0]
+        chances += _tail(conditional, squares, size).tolist()
     return min(1.0, len(chances) * min(chances, default=1.0))
 
 
-def retained(left: Conditional, block: int) -> float:
+def retained(conditional: Conditional, block: int) -> float:
     """``‖M G β‖ / ‖G β‖`` at the block's best β, where M takes out what all else can explain."""
-    own = left.design_blocks[block]
-    information = left.information(block)
-    step = np.linalg.lstsq(information, left.residual[own.columns], rcond=1e-10)[0]
+    own = conditional.design_blocks[block]
+    information = conditional.information(block)
+    step = np.linalg.lstsq(information, conditional.residual[own.columns], rcond=1e-10)[0]
     kept = max(float(step @ information @ step), 0.0)
-    size = float(step @ left.base.gram.diagonal_block(own) @ step)
+    size = float(step @ conditional.base.gram.diagonal_block(own) @ step)
     return math.sqrt(kept / size) if size > 0.0 else 0.0
 
 
@@ -131,17 +188,17 @@ def aliases_of(posterior: Posterior, library: tuple[Variants, ...], block: int) 
     """The candidates that may act in the place of a block of the median probability model, most
     probable first.
     """
-    candidates, left = posterior.space.candidates, posterior.without(block)
+    candidates, conditional = posterior.space.candidates, posterior.without(block)
     own, names = candidates.owner(block), candidates.design.names
     instead, values = (
         posterior.instead(own),
-        logsumexp(left.additions, axis=1) + candidates.log_odds,
+        logsumexp(conditional.additions, axis=1) + candidates.log_odds,
     )
     acting = {candidates.owner(k) for k in posterior.median}
     found = []
     for other in _rivals(candidates, values, instead, own):
         owner = candidates.owner(other)
-        correlation = canonical(left, block, other)
+        correlation = canonical(conditional, block, other)
         if owner in acting or correlation < THRESHOLDS.unlike:
             continue
         alike = correlation > THRESHOLDS.same and candidates.is_cause(other)
@@ -167,16 +224,16 @@ def _rivals(candidates: Candidates, values: Array, instead: Array, own: int) -> 
     ]
 
 
-def canonical(left: Conditional, one: int, other: int) -> float:
+def canonical(conditional: Conditional, one: int, other: int) -> float:
     """Largest canonical correlation of two blocks' columns, what is refitted taken out."""
     roots = []
     for block in (one, other):
-        values, vectors = np.linalg.eigh(left.information(block))
+        values, vectors = np.linalg.eigh(conditional.information(block))
         keep = values > 1e-9 * max(float(values.max(initial=0.0)), 1e-300)
         roots.append(vectors[:, keep] / np.sqrt(values[keep]))
     if not (roots[0].size and roots[1].size):
         return 0.0
-    cross = roots[0].T @ left.cross(one, other) @ roots[1]
+    cross = roots[0].T @ conditional.cross(one, other) @ roots[1]
     return float(min(np.linalg.svd(cross, compute_uv=False)[0], 1.0))
 
 

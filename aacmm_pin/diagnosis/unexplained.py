@@ -23,7 +23,7 @@ from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.cross_validation import Gain
 from aacmm_pin.diagnosis.inner_values import noise_is_known
 from aacmm_pin.diagnosis.odd_groups import OddGroup, odd_groups
-from aacmm_pin.diagnosis.significance import any_structure, family_wise
+from aacmm_pin.diagnosis.significance import family_wise_p_value, p_value_of_structure
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 
 BACKGROUND = "background"
@@ -191,11 +191,12 @@ def unexplained_by(
     )
     if mine:
         p_value = min(
-            family_wise(choice.candidates, choice.posterior.without(k), k, rng) for k in mine
+            family_wise_p_value(choice.candidates, choice.posterior.without(k), k, rng)
+            for k in mine
         )
     else:
         p_value = min(
-            any_structure(choice.candidates, choice.posterior.left),
+            p_value_of_structure(choice.candidates, choice.posterior.left),
             *(group.p_value for group in odd),
             1.0,
         )
@@ -229,7 +230,7 @@ def _shared_error(choice: Choice) -> SharedError | None:
     """The error that records of one posture share; None if that is chance, or small beside that of
     a record.
     """
-    noise, fit = choice.posterior.space.gram.products.noise, choice.design.fit
+    noise, fit = choice.noise, choice.design.fit
     postures = noise.postures
     if postures.p_value >= THRESHOLDS.left or postures.ratio < THRESHOLDS.large:
         return None

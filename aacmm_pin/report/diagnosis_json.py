@@ -22,6 +22,7 @@ from aacmm_pin.diagnosis import (
     not_tried,
 )
 from aacmm_pin.diagnosis.posterior import Posterior
+from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.diagnosis.unexplained import Discrepancy
 from aacmm_pin.effects import COLUMNS, Effect, fields_of, strongest_waves
 from aacmm_pin.report.next_measurements import next_measurements
@@ -34,7 +35,6 @@ PLACES = {"joint", "bodies"}
 def diagnosis_to_dict(diagnosis: Diagnosis) -> dict[str, Any]:
     """Schema ``aacmm-pin/diagnosis/1``."""
     parts = diagnosis.unexplained.discrepancy
-    sets = diagnosis.alternatives.items()
     summary: dict[str, Any] = {"schema": SCHEMA, "arm": diagnosis.model.arm.name}
     summary |= {"verdict": diagnosis.verdict, "doubts": list(diagnosis.doubts)}
     summary |= {"converged": diagnosis.converged, "converge_note": diagnosis.converge_note}
@@ -43,7 +43,7 @@ def diagnosis_to_dict(diagnosis: Diagnosis) -> dict[str, Any]:
     summary["rms_rad"] = diagnosis.turns
     summary["findings"] = [finding_to_dict(finding) for finding in diagnosis.findings]
     summary["held_out"] = _held_out(diagnosis.held_out)
-    summary["alternatives"] = [{"causes": list(labels), "probability": p} for labels, p in sets]
+    summary |= _alternatives(diagnosis)
     summary["agreement"] = _agreement(diagnosis.choice.posterior)
     summary["discrepancy"] = [_discrepancy(part) for part in parts]
     summary["unexplained"] = _unexplained(diagnosis.unexplained)
@@ -51,6 +51,16 @@ def diagnosis_to_dict(diagnosis: Diagnosis) -> dict[str, Any]:
     summary["cannot_tell_apart"] = [list(labels) for labels in diagnosis.cannot_tell_apart]
     summary["next_measurements"] = next_measurements(diagnosis)
     return summary | notes_in_json(diagnosis.notes)
+
+
+def _alternatives(diagnosis: Diagnosis) -> dict[str, Any]:
+    """Sets that are worth listing, and all others together."""
+    every = diagnosis.alternatives.items()
+    listed = [(labels, p) for labels, p in every if p >= THRESHOLDS.worth_listing]
+    alternatives = [{"causes": list(labels), "probability": p} for labels, p in listed]
+    rest = max(1.0 - sum(p for _, p in listed), 0.0)
+    others = {"count": len(every) - len(listed), "probability": rest}
+    return {"alternatives": alternatives, "other_alternatives": others}
 
 
 def finding_to_dict(finding: Finding) -> dict[str, Any]:
@@ -75,7 +85,7 @@ def _records(diagnosis: Diagnosis) -> dict[str, Any]:
 
 
 def _agreement(posterior: Posterior) -> dict[str, Any]:
-    return {"total_variation": posterior.total_variation, "agree": posterior.agree}
+    return {"total_variation": posterior.disagreement, "agree": posterior.agree}
 
 
 def _held_out(gain: Gain | None) -> dict[str, Any] | None:

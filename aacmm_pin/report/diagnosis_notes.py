@@ -148,7 +148,7 @@ def _disagreement(result: Diagnosis) -> list[Note]:
     posterior = result.choice.posterior
     if posterior.agree:
         return []
-    return [Note("explorations_disagree", {"difference": posterior.total_variation})]
+    return [Note("explorations_disagree", {"difference": posterior.disagreement})]
 
 
 def _not_tried(choice: Choice) -> list[Note]:

@@ -37,7 +37,7 @@ from aacmm_pin.diagnosis import significance as findings
 from aacmm_pin.diagnosis.candidates import Variants, candidates
 from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.covariates import Covariate, covariates
-from aacmm_pin.diagnosis.design_matrix import Block, Design, design_of
+from aacmm_pin.diagnosis.design_matrix import Design, design_of
 from aacmm_pin.diagnosis.gram_matrix import Gram, products_of
 from aacmm_pin.diagnosis.held_postures import RecordNoise
 from aacmm_pin.diagnosis.linear_model import WIDTHS, Base, Conditional, Likelihood
@@ -45,7 +45,7 @@ from aacmm_pin.diagnosis.model_extension import ProblemOf, free
 from aacmm_pin.diagnosis.model_space import Blocks, Candidates, ModelSpace
 from aacmm_pin.diagnosis.posterior import Posterior
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
-from aacmm_pin.effects import Effect, EncoderSlip
+from aacmm_pin.effects import Effect
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.effects.smooth_functions import Cosines
@@ -90,7 +90,7 @@ class Case:
         space = ModelSpace(every, gram, True, (0.0,))
         return Choice(
             self.fit,
-            Posterior(space, {blocks: 1.0}, 0.0, 0.0),
+            Posterior(space, {blocks: 1.0}, 0.0),
             self.library,
             self.others,
             self.parts,
@@ -388,16 +388,6 @@ def test_smooth_functions_are_orthogonal_over_the_records(rng: np.random.Generat
     )
 
 
-def test_ratio_and_its_directions() -> None:
-    block = Block(0, 0, slice(1, 4), (EncoderSlip(3, 0.0),))
-    known = {
-        "information": lambda _: np.diag([3.99, 0.99, 8.99]),
-        "residual": np.array([7.0, 4.0, 2.0, 0.0, 9.0]),
-    }
-    left: Any = SimpleNamespace(design_blocks=[block], variance=2.0, **known)
-    assert findings.likelihood_ratio(left, 0) == pytest.approx((4.0, 3.0))
-
-
 # --- chances when nothing is there
 
 
@@ -455,27 +445,42 @@ def few(case: Case) -> list[int]:
     return [k for k, b in enumerate(case.design.blocks) if b.candidate in owners]
 
 
+@pytest.mark.parametrize("stated", [True, False])
 def test_the_family_wise_p_value_is_no_smaller_than_chance(
-    case: Case, monkeypatch: pytest.MonkeyPatch
+    case: Case, monkeypatch: pytest.MonkeyPatch, stated: bool
 ) -> None:
-    """P(p ≤ α) ≤ α for the best of all candidates in noise, and p is not so large that it never
-    says anything.
+    """P(p ≤ α) ≤ α for the best of all candidates in noise, known or not, and p is not so large
+    that it never says anything.
     """
     monkeypatch.setattr(findings, "DRAWS", 100)
     choice = case.choice(only=few(case))
-    some = choice.candidates
+    some, gram = choice.candidates, choice.held
     products, _ = nothing_there(replace(case, design=choice.design), 120, 11)
+    dof = ModelSpace(some, gram, stated).likelihood.dof
+    nothing = replace(alone(gram), likelihood=Likelihood(dof, stated))
     rng, found = np.random.default_rng(12), []
-    for k in range(products.shape[1]):
-        left = alone(choice.held)
-        left = replace(left, products=np.full((1, 1), left.likelihood.dof))
-        left.__dict__["residual"] = np.append(
-            left.of_residuals(products[:, k : k + 1])[:, 0], left.chi2
-        )
+    for k, chi2_ in enumerate(rng.chisquare(dof, products.shape[1])):
+        left = replace(nothing, products=np.full((1, 1), dof if stated else chi2_))
+        gradient = left.of_residuals(products[:, k : k + 1])[:, 0]
+        left.__dict__["residual"] = np.append(gradient, left.chi2)
         best = int(np.argmax(logsumexp(left.additions, axis=1) + some.log_odds))
-        found.append(findings.family_wise(some, left, best, rng))
+        found.append(findings.family_wise_p_value(some, left, best, rng))
     assert kstest(found, "uniform", alternative="greater").pvalue > 1e-3
     assert np.quantile(found, 0.2) < 0.4
+
+
+def test_the_bound_of_a_family_wise_p_value_is_one(case: Case) -> None:
+    """Over draws of noise, odds are reached no more often than the bound says."""
+    choice = case.choice(only=few(case))
+    left = alone(choice.held)
+    rng = np.random.default_rng(13)
+    largest = np.concatenate(
+        [findings._largest_odds(choice.candidates, left, rng) for _ in range(10)]
+    )
+    some = choice.candidates
+    for odds in np.quantile(largest, [0.9, 0.97, 0.995]):
+        assert np.mean(largest >= odds) <= findings._union_bound(some, left, float(odds))
+    assert findings._union_bound(some, left, float(odds) + 10.0) < 1e-3
 
 
 # --- groups, and records left out

@@ -99,11 +99,15 @@ def test_inner_values_by_their_evidence(monkeypatch: pytest.MonkeyPatch) -> None
     )
     fit = SimpleNamespace(problem=SimpleNamespace(measurements=records))
     slip: Any = SimpleNamespace(
-        variant=lambda _: EncoderSlip(3, 20.0), fit=fit, candidates=None, top_causes=()
+        variant=lambda _: EncoderSlip(3, 20.0),
+        fit=fit,
+        noise=None,
+        candidates=None,
+        top_causes=(),
     )
     monkeypatch.setattr(inner_values, "_acting", lambda *_: [])
     monkeypatch.setattr(
-        inner_values, "evidences", lambda *given: {0: [np.zeros(len(given[2][0][0]))]}
+        inner_values, "evidences", lambda *given: {0: [np.zeros(len(given[3][0][0]))]}
     )
     times = np.array([0.0, 5.0, 20.0, 50.0])
     gaps = np.array(
