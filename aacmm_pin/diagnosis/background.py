@@ -15,22 +15,22 @@ class Background:
     """Coefficients of the background's directions beside the median probability model.
 
     Attributes:
-        left: what is left beside that model.
+        model: that model.
     """
 
-    left: Conditional
+    model: Conditional
 
     @property
     def estimate(self) -> Array:
         """Posterior mean of the coefficients (r,)."""
-        base = self.left.base
-        return self.left.step[base.nuisances : len(base.factor)]
+        base = self.model.base
+        return self.model.step[base.nuisances : len(base.factor)]
 
     @property
     def covariance(self) -> Array:
         """Posterior covariance of the coefficients (r, r)."""
-        first = self.left.base.nuisances
+        first = self.model.base.nuisances
         inverse = np.linalg.inv(
-            self.left.base.factor[first:, first:]
+            self.model.base.factor[first:, first:]
         )  # the nuisances are eliminated
-        return np.asarray(self.left.variance * inverse.T @ inverse)
+        return np.asarray(self.model.variance * inverse.T @ inverse)

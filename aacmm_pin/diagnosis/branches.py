@@ -69,9 +69,7 @@ def branches_of(choice: Choice) -> Branches | None:
         return None
     whiten = fit.noise.whitening[:, :3, :3]
     off = whiten @ choice.design.deviations(choice.tips)[:, :3, None]
-    off = choice.held.products.noise.postures.whitened(off)[
-        chosen, :, 0
-    ]  # what a posture shares counts once
+    off = choice.noise.postures.whitened(off)[chosen, :, 0]  # what a posture shares counts once
     columns = (whiten @ choice.design.of_angles[:, :3])[chosen]
     chain = fit.problem.model.arm.chain
     found = []

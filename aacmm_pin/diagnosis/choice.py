@@ -30,7 +30,7 @@ class Choice:
         posterior: over sets of blocks, linear at the most probable set.
         library, others: the candidates.
         parts: part of each record for leaving out (n,).
-        held: inner products from which parts can be left out.
+        by_part: inner products from which parts can be left out.
         scatter: of readings beyond the stated noise; None where the records show none.
         otherwise: labels of causes and covariates that would be found if excluded records counted,
             where without these no cause is.
@@ -43,7 +43,7 @@ class Choice:
     library: tuple[Variants, ...]
     others: tuple[Covariate, ...]
     parts: Index
-    held: Gram
+    by_part: Gram
     scatter: ReadingScatter | None = None
     otherwise: tuple[str, ...] = ()
     kept_alone: Mask | None = None
@@ -76,7 +76,7 @@ class Choice:
         """The counted records of each part that can be left out, their numbers first."""
         rows = {
             number: np.flatnonzero(self.counted & (self.parts == number))
-            for number in self.held.parts
+            for number in self.by_part.parts
         }
         return {
             number: (own, self.fit.problem.measurements.take(own)) for number, own in rows.items()
@@ -87,13 +87,13 @@ class Choice:
         """Tips (n, 3), turns behind them (n, 6), with the median probability model and the
         background [m, rad].
         """
-        return self.posterior.left.tips()
+        return self.posterior.median_model.tips()
 
     @cached_property
     def scatter_left(self) -> ReadingScatter:
         """Scatter of readings and tips beside all that was found."""
-        left, postures = self.posterior.left, self.noise.postures
-        share = min(max(left.dof, 1.0) / max(left.base.gram.free, 1), 1.0)
+        model, postures = self.posterior.median_model, self.noise.postures
+        share = min(max(model.dof, 1.0) / max(model.base.gram.free, 1), 1.0)
         return ReadingScatter.of(
             self.design.fit, self.design.deviations(self.tips), share, postures
         )

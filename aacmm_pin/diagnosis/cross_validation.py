@@ -91,8 +91,8 @@ class Training:
         self.choice, self.number = choice, number
         self.rows, self.records = choice.of_part[number]
         whole = choice.posterior.space
-        gram = choice.held.without(number)
-        amplitudes = tuple(dict.fromkeys((0.0, choice.posterior.left.base.amplitude)))
+        gram = choice.by_part.without(number)
+        amplitudes = tuple(dict.fromkeys((0.0, choice.posterior.median_model.base.amplitude)))
         self.space = ModelSpace(whole.candidates, gram, whole.stated, amplitudes)
         self._found: dict[tuple[Blocks, int], Array] = {}
 

@@ -128,7 +128,7 @@ def diagnose(
         fit(asked, used=used) for asked in (problem_of(model, measurements, [], setup), problem([]))
     )
     trained = (
-        [Training(choice, number) for number in choice.held.parts]
+        [Training(choice, number) for number in choice.by_part.parts]
         if enough_postures(measurements)
         else []
     )
@@ -175,7 +175,7 @@ def diagnose(
         otherwise=choice.otherwise,
         contradicted=contradicted,
     )
-    for products in (choice.held.products, choice.posterior.space.gram.products):
+    for products in (choice.by_part.products, choice.posterior.space.gram.products):
         products.release()
     return result
 

@@ -77,22 +77,22 @@ def _prior_u(choice: Choice) -> Array:
     """Prior standard deviation of the coefficients of all covariates that were found (p,) [m, rad,
     m/m].
     """
-    left, design = choice.posterior.left, choice.design
+    model, design = choice.posterior.median_model, choice.design
     widths = [np.empty(0)]
     for k in choice.covariates:
         scales = design.scales[design.blocks[k].columns]
-        widths.append(left.scale[left.places[k]] * scales)
+        widths.append(model.scale[model.places[k]] * scales)
     return np.concatenate(widths)
 
 
 def _background(choice: Choice, taken: Collection[str]) -> Discrepancy:
     """The background at its most probable amplitude."""
-    design, left = choice.design, choice.posterior.left
-    columns, weights = left.base.gram.products.background
+    design, model = choice.design, choice.posterior.median_model
+    columns, weights = model.base.gram.products.background
     blocks = [k for k, block in enumerate(design.blocks) if block.candidate >= design.causes]
     described = described_by(choice, blocks)
     in_si = design.scales[columns][:, None] * weights
-    found = Background(left)
+    found = Background(model)
     return background_effect(described, in_si, found.estimate, found.covariance, taken)
 
 

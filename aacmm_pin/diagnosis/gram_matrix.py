@@ -38,7 +38,7 @@ LEAST_TRACE = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class PartRows:
     """Whitened rows of records that are left out together.
 
     Attributes:
@@ -121,19 +121,21 @@ class Products:
         noise: of the records.
 
     Attributes:
-        free: of each part, see :class:`Part`.
+        free: of each part, see :class:`PartRows`.
         of_size: numbers of the blocks of each size.
         columns: of these blocks, for each size q (blocks, q).
         place: size of a block, by its id, and its number among those of that size.
     """
 
-    def __init__(self, design: Design, read: Callable[[], list[Part]], noise: RecordNoise) -> None:
+    def __init__(
+        self, design: Design, read: Callable[[], list[PartRows]], noise: RecordNoise
+    ) -> None:
         self.design, self._read, self.noise = design, read, noise
         self._combined: dict[int, tuple[Array, Array]] = {}
         self.free = [each.free for each in self.parts]
         prior = np.zeros((len(design.prior), design.width + 1))
         prior[:, : design.nuisances], prior[:, -1] = design.prior[:, :-1], design.prior[:, -1]
-        self.prior = Part(prior, 0)
+        self.prior = PartRows(prior, 0)
         self._strips: dict[tuple[int | None, int, int], Array] = {}
         sizes = np.array([b.size for b in design.blocks], dtype=np.intp)
         starts = np.array([b.columns.start for b in design.blocks], dtype=np.intp)
@@ -147,7 +149,7 @@ class Products:
         self._diagonal_blocks: dict[int | None, dict[int, Array]] = {}
 
     @cached_property
-    def parts(self) -> list[Part]:
+    def parts(self) -> list[PartRows]:
         """The rows."""
         return self._read()
 
@@ -329,7 +331,7 @@ def products_of(design: Design, part: Index, noise: RecordNoise | None = None) -
     return Products(design, partial(_parts_of, design, part, known), known)
 
 
-def _parts_of(design: Design, part: Index, noise: RecordNoise) -> list[Part]:
+def _parts_of(design: Design, part: Index, noise: RecordNoise) -> list[PartRows]:
     """Whitened rows."""
     fit, held, width = design.fit, noise.postures, design.width
     used = fit.used & fit.observations.says
@@ -349,7 +351,7 @@ def _parts_of(design: Design, part: Index, noise: RecordNoise) -> list[Part]:
         for into, block in zip(found, blocks, strict=True):
             into[:, columns] = block.stack(rows)
     free = [max(block.free(observations.counts), 0) for block in blocks]
-    return [Part(rows, count) for rows, count in zip(found, free, strict=True)]
+    return [PartRows(rows, count) for rows, count in zip(found, free, strict=True)]
 
 
 def _row_blocks(observations: Observations, part: Index, of_seat: Index) -> list[RowBlock]:

@@ -98,7 +98,7 @@ def choose(
     if not _torn(found.design.fit, parts):
         return found
     _release(found)
-    return replace(found, held=Gram(products_of(found.design, parts, found.held.products.noise)))
+    return replace(found, by_part=Gram(products_of(found.design, parts, found.noise)))
 
 
 def _release(choice: Choice) -> None:
@@ -210,7 +210,7 @@ class _Before:
     def of(found: Choice) -> _Before:
         return _Before(
             found.tips,
-            found.posterior.left.dof,
+            found.posterior.median_model.dof,
             None if noise_is_known(found.design.fit) else found.scatter_left,
         )
 
@@ -247,7 +247,7 @@ def _extended(problem_of: ProblemOf, found: Choice, first: Fit, used: Mask | Non
         at = refitted(problem_of, effects, gone, used)
     return replace(
         with_inner_u(at, found.noise, effects),
-        added_covariance=found.noise.added_covariance(at, found.posterior.left.variance),
+        added_covariance=found.noise.added_covariance(at, found.posterior.median_model.variance),
     )
 
 

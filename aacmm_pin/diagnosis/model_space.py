@@ -145,7 +145,7 @@ def _contained(library: Sequence[Variants]) -> dict[int, frozenset[int]]:
     return {owner: frozenset(causes) for owner, causes in found.items()}
 
 
-class State(NamedTuple):
+class ModelState(NamedTuple):
     """A set of blocks with the prior width of each, and an amplitude of the background, by their
     numbers.
     """
@@ -154,11 +154,11 @@ class State(NamedTuple):
     widths: tuple[int, ...]
     amplitude: int
 
-    def of(self, kept: Sequence[int]) -> State:
+    def of(self, kept: Sequence[int]) -> ModelState:
         """Some of the blocks, with their widths; all else is as in it."""
         width = dict(zip(self.blocks, self.widths, strict=True))
         widths = tuple(width[k] for k in kept)
-        return State(tuple(kept), widths, self.amplitude)
+        return ModelState(tuple(kept), widths, self.amplitude)
 
 
 class Marginal(NamedTuple):
@@ -167,7 +167,7 @@ class Marginal(NamedTuple):
     """
 
     log_posterior: float
-    best: State
+    best: ModelState
     amplitudes: Array
 
 
@@ -178,7 +178,7 @@ class Peak(NamedTuple):
 
     largest: float
     total: float
-    state: State
+    state: ModelState
 
 
 class ModelSpace:
@@ -219,7 +219,7 @@ class ModelSpace:
         """Marginal likelihood by χ²."""
         return Likelihood(self.gram.free - self.base(0).determined, self.stated)
 
-    def conditional(self, state: State, as_stated: bool = False) -> Conditional:
+    def conditional(self, state: ModelState, as_stated: bool = False) -> Conditional:
         """What is left of every block beside a set."""
         base = self.base(state.amplitude, as_stated)
         key = (state.blocks, state.amplitude, as_stated)
@@ -233,7 +233,7 @@ class ModelSpace:
         """Log prior odds of a set of blocks against none, without its widths."""
         return float(self.candidates.log_odds[list(blocks)].sum())
 
-    def log_posterior(self, state: State) -> float:
+    def log_posterior(self, state: ModelState) -> float:
         """Log posterior of a set with its widths and an amplitude, up to a constant of these
         records.
 
@@ -278,7 +278,7 @@ class ModelSpace:
         total = float(log_sum(found))
         return Marginal(total, top.state, np.exp(found - total))
 
-    def _near(self, blocks: Blocks) -> State:
+    def _near(self, blocks: Blocks) -> ModelState:
         """A state of the set near the best: widths and amplitude of a set with one block less, if
         one is known.
         """
@@ -289,14 +289,14 @@ class ModelSpace:
                 continue
             widths = list(known.best.widths)
             widths.insert(k, self._first_width(rest, block))
-            return State(blocks, tuple(widths), known.best.amplitude)
-        return State(blocks, (FIRST_WIDTH,) * len(blocks), 0)
+            return ModelState(blocks, tuple(widths), known.best.amplitude)
+        return ModelState(blocks, (FIRST_WIDTH,) * len(blocks), 0)
 
     def _first_width(self, beside: Blocks, block: int) -> int:
         known = self._widths.get(beside)
         return FIRST_WIDTH if known is None else int(known[block])
 
-    def _peak(self, state: State) -> Peak:
+    def _peak(self, state: ModelState) -> Peak:
         """The best widths at the state's amplitude, changed one at a time."""
         at, log_prior = self.conditional(state), self._log_prior(state.blocks)
         while True:
@@ -314,7 +314,7 @@ class ModelSpace:
         along_widths = log_sum(values) - largest
         return Peak(own, own + float(along_widths.sum()), state._replace(widths=at.widths))
 
-    def _over_amplitudes(self, state: State) -> Array:
+    def _over_amplitudes(self, state: ModelState) -> Array:
         """Log posterior of the state with each amplitude (amplitudes,).
 
         It has one top: upwards and downwards from the state's amplitude, those beyond a negligible

@@ -76,7 +76,7 @@ def _tested(choice: Choice, grouping: Grouping, scatter: Array) -> Iterator[OddG
     """
     # A group that was set up badly may be what a covariate was found by.
     blocks = () if choice.covariates else choice.posterior.median
-    products = products_of(choice.design.of(blocks), grouping.part, choice.held.products.noise)
+    products = products_of(choice.design.of(blocks), grouping.part, choice.noise)
     gram, used = Gram(products), choice.fit.used
     whole = _without_background(choice, gram, blocks)
     for number, name in enumerate(grouping.names):
@@ -96,9 +96,9 @@ def _tested(choice: Choice, grouping: Grouping, scatter: Array) -> Iterator[OddG
 
 def _without_background(choice: Choice, gram: Gram, blocks: Blocks) -> Conditional:
     """Some of the records beside the nuisances and these blocks, without the background."""
-    left = choice.posterior.left
-    widths = left.widths[: len(blocks)]
-    return Conditional.of(Base(gram, 0.0), tuple(range(len(blocks))), widths, left.likelihood)
+    model = choice.posterior.median_model
+    widths = model.widths[: len(blocks)]
+    return Conditional.of(Base(gram, 0.0), tuple(range(len(blocks))), widths, model.likelihood)
 
 
 def _scatter(choice: Choice) -> Array:
@@ -113,7 +113,7 @@ def _scatter(choice: Choice) -> Array:
     used = fit.used & fit.observations.says
     if fit.problem.setup.encoder_noise is not None or not used.any():
         return alike
-    whitening = choice.held.products.noise.whitening[:, :3, :3]
+    whitening = choice.noise.whitening[:, :3, :3]
     off = choice.design.deviations(choice.tips)[:, :3]
     residual = np.einsum("nij,nj->ni", whitening, off)[used]
     point = fit.point

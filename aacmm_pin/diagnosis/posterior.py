@@ -69,7 +69,7 @@ class Posterior:
         return self.space.conditional(self.space.marginal(blocks).best)
 
     @cached_property
-    def left(self) -> Conditional:
+    def median_model(self) -> Conditional:
         """What is left beside the median probability model."""
         return self.beside(self.median)
 

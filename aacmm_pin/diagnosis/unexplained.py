@@ -31,7 +31,7 @@ BACKGROUND = "background"
 
 
 @dataclass(frozen=True)
-class Discrepancy(Shown):
+class DiscrepancySize(Shown):
     """A part of what no cause explains.
 
     Attributes:
@@ -124,7 +124,7 @@ class Unexplained(Shown):
     p_value: float
     threshold: float
     depends_on: tuple[str, ...]
-    discrepancy: tuple[Discrepancy, ...]
+    discrepancy: tuple[DiscrepancySize, ...]
     choice: Choice
     acts_on: dict[str, str]
     gain: float | None
@@ -196,7 +196,7 @@ def unexplained_by(
         )
     else:
         p_value = min(
-            p_value_of_structure(choice.candidates, choice.posterior.left),
+            p_value_of_structure(choice.candidates, choice.posterior.median_model),
             *(group.p_value for group in odd),
             1.0,
         )
@@ -234,7 +234,7 @@ def _shared_error(choice: Choice) -> SharedError | None:
     postures = noise.postures
     if postures.p_value >= THRESHOLDS.left or postures.ratio < THRESHOLDS.large:
         return None
-    of_record = np.sqrt(choice.posterior.left.variance) * fit.distance_of(noise.covariances)
+    of_record = np.sqrt(choice.posterior.median_model.variance) * fit.distance_of(noise.covariances)
     return SharedError(float(postures.ratio * of_record), postures.ratio, postures.p_value)
 
 
@@ -242,7 +242,7 @@ def _whitened(choice: Choice) -> Array:
     """How far tips are off beside all that was found, in units of the noise; what a posture shares
     counts once (n, 3).
     """
-    noise = choice.held.products.noise
+    noise = choice.noise
     off = noise.whitening @ choice.design.deviations(choice.tips)[:, :, None]
     return noise.postures.whitened(off[:, :3])[:, :, 0]
 
@@ -296,28 +296,28 @@ def excess_of(extended: Fit) -> float:
     return max(extended.dof * (1.0 - dof / chi2), 0.0) if much else 0.0
 
 
-def _discrepancy(choice: Choice, block: int, name: str) -> Discrepancy:
+def _discrepancy(choice: Choice, block: int, name: str) -> DiscrepancySize:
     """The size of a covariate's part, at its posterior mean."""
-    left, columns = choice.posterior.left, choice.design.blocks[block].columns
-    own, absorbed = left.places[block], choice.posterior.space.base(0).whitened[:, columns]
+    model, columns = choice.posterior.median_model, choice.design.blocks[block].columns
+    own, absorbed = model.places[block], choice.posterior.space.base(0).whitened[:, columns]
     sizes = _sizes(
         choice,
         choice.design.columns(block),
         absorbed,
-        left.estimate[own],
-        left.covariance[own, own],
+        model.estimate[own],
+        model.covariance[own, own],
     )
-    return Discrepancy(name, *sizes, choice.posterior.probability(block))
+    return DiscrepancySize(name, *sizes, choice.posterior.probability(block))
 
 
-def _background(choice: Choice) -> list[Discrepancy]:
+def _background(choice: Choice) -> list[DiscrepancySize]:
     """The background at its most probable amplitude; none where it may be zero, is negligible, or
     smaller than its u.
     """
-    left = choice.posterior.left
-    if not left.base.amplitude:
+    model = choice.posterior.median_model
+    if not model.base.amplitude:
         return []
-    background, products = Background(left), left.base.gram.products
+    background, products = Background(model), model.base.gram.products
     columns, weights = products.background
     absorbed = choice.posterior.space.base(0).whitened[:, columns] @ weights
     rms, u = _sizes(
@@ -327,7 +327,7 @@ def _background(choice: Choice) -> list[Discrepancy]:
     there = float(1.0 - choice.posterior.amplitudes[0])
     if there < THRESHOLDS.settled or rms < max(THRESHOLDS.negligible * noise, u):
         return []
-    return [Discrepancy(BACKGROUND, rms, u, there)]
+    return [DiscrepancySize(BACKGROUND, rms, u, there)]
 
 
 def _sizes(

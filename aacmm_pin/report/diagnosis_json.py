@@ -23,7 +23,7 @@ from aacmm_pin.diagnosis import (
 )
 from aacmm_pin.diagnosis.posterior import Posterior
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
-from aacmm_pin.diagnosis.unexplained import Discrepancy
+from aacmm_pin.diagnosis.unexplained import DiscrepancySize
 from aacmm_pin.effects import COLUMNS, Effect, fields_of, strongest_waves
 from aacmm_pin.report.next_measurements import next_measurements
 
@@ -151,7 +151,7 @@ def _place(effect: Effect) -> dict[str, Any]:
     return summary
 
 
-def _discrepancy(part: Discrepancy) -> dict[str, Any]:
+def _discrepancy(part: DiscrepancySize) -> dict[str, Any]:
     summary: dict[str, Any] = {"covariate": part.covariate}
     summary |= {"rms_mm": part.rms / MM, "u_mm": part.u / MM}
     return summary | {"probability": part.probability}

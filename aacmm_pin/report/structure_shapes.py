@@ -21,8 +21,8 @@ def shapes_of(choice: Choice) -> dict[str, pd.DataFrame]:
 def _shape(choice: Choice, block: int) -> pd.DataFrame:
     """The smooth correction over a covariate, record by record, and what the records say of it."""
     design, way = choice.design, choice.way(block)
-    left, columns = choice.posterior.left, design.blocks[block].columns
-    step = left.estimate[left.places[block]]
+    model, columns = choice.posterior.median_model, design.blocks[block].columns
+    step = model.estimate[model.places[block]]
     count = len(way.quantities)
     # Each function has one column for each quantity; the first function is the constant where there
     # is one.

@@ -454,7 +454,7 @@ def test_the_family_wise_p_value_is_no_smaller_than_chance(
     """
     monkeypatch.setattr(findings, "DRAWS", 100)
     choice = case.choice(only=few(case))
-    some, gram = choice.candidates, choice.held
+    some, gram = choice.candidates, choice.by_part
     products, _ = nothing_there(replace(case, design=choice.design), 120, 11)
     dof = ModelSpace(some, gram, stated).likelihood.dof
     nothing = replace(alone(gram), likelihood=Likelihood(dof, stated))
@@ -472,7 +472,7 @@ def test_the_family_wise_p_value_is_no_smaller_than_chance(
 def test_the_bound_of_a_family_wise_p_value_is_one(case: Case) -> None:
     """Over draws of noise, odds are reached no more often than the bound says."""
     choice = case.choice(only=few(case))
-    left = alone(choice.held)
+    left = alone(choice.by_part)
     rng = np.random.default_rng(13)
     largest = np.concatenate(
         [findings._largest_odds(choice.candidates, left, rng) for _ in range(10)]
@@ -612,8 +612,8 @@ def test_the_part_of_the_scatter_that_readings_have(share: float) -> None:
         point=SimpleNamespace(x=None, seats=None, frame=SimpleNamespace(rotation=frame)),
     )
     design = SimpleNamespace(fit=fit_, deviations=lambda tips: tips - 1.0)
-    products = SimpleNamespace(noise=RecordNoise.alone(whitening))
-    choice: Any = SimpleNamespace(design=design, held=SimpleNamespace(products=products), tips=tips)
+    noise = RecordNoise.alone(whitening)
+    choice: Any = SimpleNamespace(design=design, noise=noise, tips=tips)
     np.testing.assert_allclose(groups._scatter(choice), wanted, atol=1e-12)
     problem.setup.encoder_noise = np.full(6, 1e-6)
     np.testing.assert_array_equal(groups._scatter(choice), np.broadcast_to(np.eye(3), (n, 3, 3)))
@@ -691,7 +691,7 @@ def test_held_out_prediction_is_that_of_a_refit(tmp_path: Path, cause: str | Non
         case, design=design_of(case.refit(causes), case.library, case.others, len(causes))
     )
     choice = case.choice(blocks)
-    for number in choice.held.parts[:3]:
+    for number in choice.by_part.parts[:3]:
         training = gain.Training(choice, number)
         widths = WIDTHS[list(training.space.marginal(blocks).best.widths)]
         effects = [

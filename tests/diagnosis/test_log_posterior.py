@@ -24,10 +24,10 @@ from aacmm_pin.diagnosis.candidates import Variants, candidates
 from aacmm_pin.diagnosis.covariates import Covariate, covariates
 from aacmm_pin.diagnosis.design_matrix import Block, Design, design_of
 from aacmm_pin.diagnosis.exploration import explore
-from aacmm_pin.diagnosis.gram_matrix import Gram, Part, Products, products_of
+from aacmm_pin.diagnosis.gram_matrix import Gram, PartRows, Products, products_of
 from aacmm_pin.diagnosis.held_postures import HeldPostures
 from aacmm_pin.diagnosis.linear_model import LARGE, gains
-from aacmm_pin.diagnosis.model_space import Candidates, ModelSpace, State
+from aacmm_pin.diagnosis.model_space import Candidates, ModelSpace, ModelState
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.measurements.records import Measurements
 from tests.diagnosis.dense_posterior import AMPLITUDES, WIDTHS, Dense, by_quadrature
@@ -65,7 +65,7 @@ def space_of(dense: Dense, covariate_blocks: int = 0) -> ModelSpace:
     )
     rows = np.column_stack([dense.nuisances, *dense.columns, dense.residual])
     postures = HeldPostures(np.arange(len(rows)), np.ones(len(rows)), 0.0)
-    products = Products(design, lambda: [Part(rows, len(rows))], postures)
+    products = Products(design, lambda: [PartRows(rows, len(rows))], postures)
     return ModelSpace(
         Candidates(design, dense.log_odds, dense.contained), Gram(products), dense.stated
     )
@@ -99,7 +99,7 @@ def made(
     )
 
 
-def widths_of(state: State) -> Array:
+def widths_of(state: ModelState) -> Array:
     return WIDTHS[list(state.widths)]
 
 
@@ -113,7 +113,12 @@ def test_marginal_likelihood_by_quadrature(stated: bool, noise: float) -> None:
     residual = columns[0][:, 0] + 0.5 * columns[1][:, 1] + noise * rng.normal(size=11)
     dense = made(columns, residual, stated, nuisances)
     space = space_of(dense)
-    states = [State((), (), 0), State((0,), (1,), 0), State((0,), (4,), 0), State((1,), (3,), 0)]
+    states = [
+        ModelState((), (), 0),
+        ModelState((0,), (1,), 0),
+        ModelState((0,), (4,), 0),
+        ModelState((1,), (3,), 0),
+    ]
     found = [space.log_posterior(state) for state in states]
     expected = [by_quadrature(dense, state.blocks, widths_of(state)) for state in states]
     np.testing.assert_allclose(
@@ -212,7 +217,7 @@ def dense_of(space: ModelSpace) -> Dense:
     return Dense(first, own, rows[:, -1], odds, space.stated, background, prior, free=part.free)
 
 
-def random_states(space: ModelSpace, rng: np.random.Generator, count: int) -> list[State]:
+def random_states(space: ModelSpace, rng: np.random.Generator, count: int) -> list[ModelState]:
     """States of up to five blocks of causes and covariates."""
     found = []
     for number in range(count):
@@ -221,7 +226,7 @@ def random_states(space: ModelSpace, rng: np.random.Generator, count: int) -> li
             sorted(rng.choice(len(space.candidates.blocks), size, replace=False).tolist())
         )
         found.append(
-            State(
+            ModelState(
                 blocks,
                 tuple(rng.integers(len(WIDTHS), size=size).tolist()),
                 number % len(AMPLITUDES),
@@ -259,7 +264,7 @@ def test_additions_are_the_posterior_of_larger_sets(
                 )
             )
             own = [
-                State((*state.blocks, block), (*state.widths, k), state.amplitude)
+                ModelState((*state.blocks, block), (*state.widths, k), state.amplitude)
                 for k in range(len(WIDTHS))
             ]
             found = additions[block] + space._log_prior((*state.blocks, block))
@@ -358,12 +363,12 @@ def test_order_of_the_blocks_of_a_state(measured: Measured, rng: np.random.Gener
     for state in random_states(space, rng, 12):
         order = rng.permutation(len(state.blocks))
         blocks, widths = (tuple(each[k] for k in order) for each in (state.blocks, state.widths))
-        assert space.log_posterior(State(blocks, widths, state.amplitude)) == space.log_posterior(
-            state
-        )
+        assert space.log_posterior(
+            ModelState(blocks, widths, state.amplitude)
+        ) == space.log_posterior(state)
 
 
-def labelled(space: ModelSpace, state: State) -> list[tuple[str, int, int]]:
+def labelled(space: ModelSpace, state: ModelState) -> list[tuple[str, int, int]]:
     """The name of each block's candidate, the number of its variant, and of its width."""
     design = space.candidates.design
     own = [design.blocks[k] for k in state.blocks]
@@ -372,11 +377,13 @@ def labelled(space: ModelSpace, state: State) -> list[tuple[str, int, int]]:
     ]
 
 
-def state_of(space: ModelSpace, labels: Sequence[tuple[str, int, int]], amplitude: int) -> State:
+def state_of(
+    space: ModelSpace, labels: Sequence[tuple[str, int, int]], amplitude: int
+) -> ModelState:
     design = space.candidates.design
     number = {(design.names[b.candidate], b.variant): k for k, b in enumerate(design.blocks)}
     pairs = sorted((number[name, variant], width) for name, variant, width in labels)
-    return State(tuple(k for k, _ in pairs), tuple(w for _, w in pairs), amplitude)
+    return ModelState(tuple(k for k, _ in pairs), tuple(w for _, w in pairs), amplitude)
 
 
 def records_in_another_order(measured: Measured, rng: np.random.Generator) -> ModelSpace:
@@ -384,7 +391,7 @@ def records_in_another_order(measured: Measured, rng: np.random.Generator) -> Mo
     products = space.gram.products
     (part,) = products.parts
     rows = part.rows[rng.permutation(len(part.rows))]
-    gram = Gram(Products(products.design, lambda: [Part(rows, part.free)], products.noise))
+    gram = Gram(Products(products.design, lambda: [PartRows(rows, part.free)], products.noise))
     return ModelSpace(space.candidates, gram, space.stated)
 
 
