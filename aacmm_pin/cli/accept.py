@@ -79,7 +79,7 @@ def run(
 
     The definitions come from public descriptions and were never compared with the standards' texts.
     """
-    from aacmm_pin.report import html, plots, terminal  # these load what draws
+    from aacmm_pin.report import plots, terminal  # these load what draws
     from aacmm_pin.report.acceptance import CheckDetails, acceptance_document, history_blocks
     from aacmm_pin.report.document import Document
 
@@ -94,7 +94,7 @@ def run(
         refuse(context, [f.name for f in fields(before)], "goes with --predict")
     if plot is not None and history is None:
         raise typer.BadParameter("--plot draws the checks of --history FILE")
-    with Results(force, output, plot=plot, json_=json_) as results:
+    with Results(force, page=output, plot=plot, json_=json_) as results:
         arms, limits = {name: ErrorModel.load(name) for name in names}, _limits(mpe or [])
         if (by_urdf := robot.of_urdf()) is not None:
             arms[str(robot.urdf)] = by_urdf
@@ -114,7 +114,7 @@ def run(
             results.picture(lambda: plots.plot_history(checks), plot)
         if output is not None:
             details = CheckDetails(when, instrument, _about(about or []), checks)
-            results.text(html.page(acceptance_document(result, details)), output)
+            results.document(acceptance_document(result, details), output)
         results.json(summary, json_)
     terminal.show(told, json_ == "-")
     terminal.show(Document("", [] if checks is None else history_blocks(checks)), json_ == "-")

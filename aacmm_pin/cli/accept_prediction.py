@@ -57,7 +57,7 @@ class BeforeTheTest(EncoderNoise):
         json_: str | None,
     ) -> None:
         """Predict, write what was asked for, and show it."""
-        from aacmm_pin.report import html, terminal  # these load what draws
+        from aacmm_pin.report import terminal  # these load what draws
         from aacmm_pin.report.acceptance_prediction import prediction_document
 
         result = predict_acceptance(
@@ -72,6 +72,6 @@ class BeforeTheTest(EncoderNoise):
         )
         document = prediction_document(result)
         if output is not None:
-            results.text(html.page(document), output)
+            results.document(document, output)
         results.json(result.summary(), json_)
         terminal.show(document, json_ == "-")

@@ -43,10 +43,12 @@ def run(
     """Parameters of an arm from measurements, with their uncertainty and what the data
     cannot tell.
     """
-    from aacmm_pin.report import html, terminal  # these load what draws
+    from aacmm_pin.report import terminal  # these load what draws
     from aacmm_pin.report.calibration import calibration_document, calibration_summary, comment
 
-    with Results(force, output, urdf_out, residuals, report, plot=plot, json_=json_) as results:
+    with Results(
+        force, output, urdf_out, residuals, page=report, plot=plot, json_=json_
+    ) as results:
         model, path = arm.model_and_data()
         if output is not None:
             model.file()  # or refused before the work
@@ -66,7 +68,7 @@ def run(
             results.text(csv_text(result.residuals), residuals)
         results.picture(result.plot, plot)
         if report is not None:
-            results.text(html.page(calibration_document(result, summary, when)), report)
+            results.document(calibration_document(result, summary, when), report)
         results.json(summary, json_)
         told = calibration_document(result)
     terminal.show(told, json_ == "-")

@@ -23,6 +23,7 @@ from aacmm_pin.errors import AacmmError
 
 if TYPE_CHECKING:
     from aacmm_pin.effects import ErrorModel
+    from aacmm_pin.report.document import Document
 
 PLOT_SUFFIXES = (".png", ".svg", ".pdf")
 
@@ -125,6 +126,7 @@ class Results(OutputFiles):
         self,
         force: bool,
         *paths: Path | None,
+        page: Path | None = None,
         plot: Path | None = None,
         json_: str | None = None,
     ) -> None:
@@ -133,6 +135,7 @@ class Results(OutputFiles):
         Args:
             force: replace files that exist.
             paths: files that will be written; None where one was not asked for.
+            page: a document.
             plot: a picture.
             json_: a file for JSON, ``-`` for stdout.
 
@@ -141,8 +144,14 @@ class Results(OutputFiles):
                 twice.
         """
         super().__init__(force, self.plugins)
-        self._outputs = tuple(Path(path) for path in (*paths, plot, json_) if path is not None)
+        self._outputs = tuple(
+            Path(path) for path in (*paths, page, plot, json_) if path is not None
+        )
         self.check(*self._outputs)
+        if page is not None:
+            from aacmm_pin.report.formats import require_format  # the list of commands needs none
+
+            require_format(page)
         if plot is not None and plot.suffix not in PLOT_SUFFIXES:
             raise AacmmError(
                 f"{plot}: expected a name that ends in one of {', '.join(PLOT_SUFFIXES)}"
@@ -183,6 +192,12 @@ class Results(OutputFiles):
             except AacmmError as error:
                 note(f"note: {error}: {path} cannot be read with it")
         self.text(model.text(comment, path), path)
+
+    def document(self, document: Document, path: Path) -> None:
+        """Write a document in the format that the end of the name chooses."""
+        from aacmm_pin.report.formats import content  # the list of commands needs none
+
+        self.file(path).write_bytes(content(document, path))
 
     def json(self, content: dict[str, Any], target: str | None) -> None:
         """Write one JSON object to the file ``target``, or to stdout where that is ``-``; nothing

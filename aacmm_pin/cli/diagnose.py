@@ -45,10 +45,10 @@ def run(
     """What the simulation gets wrong, which cause it has, and how much better the arm is once the
     model knows.
     """
-    from aacmm_pin.report import html, terminal  # these load what draws
+    from aacmm_pin.report import terminal  # these load what draws
     from aacmm_pin.report.diagnosis import diagnosis_document
 
-    with Results(force, output, extended_arm, json_=json_) as results:
+    with Results(force, extended_arm, page=output, json_=json_) as results:
         if with_discrepancy and extended_arm is None:
             raise AacmmError("--with-discrepancy requires --extended-arm")
         model, path = arm.model_and_data()
@@ -90,9 +90,7 @@ def run(
             )
         summary = result.summary() | {"source": path, "seed": seed}
         if output is not None:
-            results.text(
-                html.page(diagnosis_document(result, summary, f"{datetime.now(UTC):%Y-%m-%d}")),
-                output,
-            )
+            when = f"{datetime.now(UTC):%Y-%m-%d}"
+            results.document(diagnosis_document(result, summary, when), output)
         results.json(summary, json_)
     terminal.show(told, json_ == "-")

@@ -24,7 +24,7 @@ from aacmm_pin.report.document import (
     Table,
     document_of,
 )
-from aacmm_pin.report.html import SHORT
+from aacmm_pin.report.formats.html import SHORT
 from aacmm_pin.report.numbers import capital
 from aacmm_pin.report.procedure import ORIGIN
 from aacmm_pin.verification import AcceptanceResult, History

@@ -50,7 +50,7 @@ from aacmm_pin.report.document import (
     Table,
     blank_axes,
 )
-from aacmm_pin.report.html import page
+from aacmm_pin.report.formats.html import page
 from aacmm_pin.report.json_summaries import accuracy_summary, map_summary
 from aacmm_pin.report.numbers import percent
 from aacmm_pin.report.scenes import circle_scene, map_scene

@@ -20,7 +20,7 @@ from aacmm_pin import Arm, accept
 from aacmm_pin.cli.root_command import app
 from aacmm_pin.errors import AacmmError, MeasurementFileError, OutputError
 from aacmm_pin.report.acceptance import CheckDetails, acceptance_document
-from aacmm_pin.report.html import page as page_of
+from aacmm_pin.report.formats.html import page as page_of
 from aacmm_pin.report.plots.history import charts_drawn, plot_history
 from aacmm_pin.verification import AcceptanceResult, History
 from tests.browser import Page as Browser
