@@ -46,9 +46,8 @@ def run(
     from aacmm_pin.report import terminal  # these load what draws
     from aacmm_pin.report.calibration import calibration_document, calibration_summary, comment
 
-    with Results(
-        force, output, urdf_out, residuals, page=report, plot=plot, json_=json_
-    ) as results:
+    outputs = (output, urdf_out, residuals)
+    with Results(force, *outputs, page=report, plot=plot, json_=json_) as results:
         model, path = arm.model_and_data()
         if output is not None:
             model.file()  # or refused before the work

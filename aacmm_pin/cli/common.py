@@ -144,9 +144,8 @@ class Results(OutputFiles):
                 twice.
         """
         super().__init__(force, self.plugins)
-        self._outputs = tuple(
-            Path(path) for path in (*paths, page, plot, json_) if path is not None
-        )
+        outputs = (*paths, page, plot, json_)
+        self._outputs = tuple(Path(path) for path in outputs if path is not None)
         self.check(*self._outputs)
         if page is not None:
             from aacmm_pin.report.formats import require_format  # the list of commands needs none

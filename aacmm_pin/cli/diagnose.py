@@ -64,7 +64,6 @@ def run(
             rng=rng,
             **how.keywords(),
         )
-        told = diagnosis_document(result)
         if extended_arm is not None:
             if result.no_better:
                 note(
@@ -89,8 +88,8 @@ def run(
                 result.model, extended_arm, f"Extended by aacmm-pin diagnose from {path}: {result}"
             )
         summary = result.summary() | {"source": path, "seed": seed}
+        document = diagnosis_document(result, summary, f"{datetime.now(UTC):%Y-%m-%d}")
         if output is not None:
-            when = f"{datetime.now(UTC):%Y-%m-%d}"
-            results.document(diagnosis_document(result, summary, when), output)
+            results.document(document, output)
         results.json(summary, json_)
-    terminal.show(told, json_ == "-")
+    terminal.show(document, json_ == "-")

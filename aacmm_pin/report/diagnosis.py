@@ -45,7 +45,6 @@ from aacmm_pin.effects import (
 )
 from aacmm_pin.report import plots
 from aacmm_pin.report.calibration import KINDS, excluded_records, exclusions_in_words, files
-from aacmm_pin.report.diagnosis_notes import beside_threshold, doubts_in_words, labels_in_words
 from aacmm_pin.report.document import (
     Block,
     Bullets,
@@ -59,6 +58,7 @@ from aacmm_pin.report.document import (
     blank_axes,
     document_of,
 )
+from aacmm_pin.report.doubts import beside_threshold, doubts_in_words, labels_in_words
 from aacmm_pin.report.next_measurements import next_measurements
 from aacmm_pin.report.numbers import (
     capital,
@@ -101,6 +101,7 @@ def diagnosis_document(
             of the measurement file.
         when: date of the page (UTC).
     """
+    planned = next_measurements(result) if summary is None else summary["next_measurements"]
     source = "" if summary is None else f" of {summary['source']}, {when} (UTC)"
     used = count(int(result.extended.used.sum()), "record")
     return Document(
@@ -113,7 +114,7 @@ def diagnosis_document(
             *_held_out(result),
             *_left(result),
             Heading("What to measure next"),
-            Paragraph(f"{next_measurements(result)}.", finding=True, head="Next:"),
+            Paragraph(f"{planned}.", finding=True, head="Next:"),
             Notes(result.notes),
             *([] if summary is None else _files(result, summary, when)),
         ],

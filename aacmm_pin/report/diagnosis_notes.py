@@ -10,12 +10,9 @@ from aacmm_pin._support.notes import Note
 from aacmm_pin.calibration.calibrate import notes_of as notes_of_fit
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.diagnosis import (
-    THRESHOLDS,
     Choice,
     Diagnosis,
-    Doubt,
     Finding,
-    Unexplained,
     estimated,
     not_tried,
     too_good,
@@ -25,13 +22,9 @@ from aacmm_pin.effects import (
     Effect,
     cause_in_words,
     listed,
-    name_in_words,
-    probability,
-    several_in_words,
     values_in_words,
     values_with_u,
 )
-from aacmm_pin.report.numbers import p_equals
 
 RESTARTS = 5
 """A clock that goes back more often than this is of records in another order."""
@@ -70,77 +63,6 @@ def notes_of(result: Diagnosis) -> list[Note]:
         *_too_good(extended),
         *result.assumed,
     ]
-
-
-def doubts_in_words(result: Diagnosis) -> list[str]:
-    """What keeps the verdict from being ``explained`` or ``no-discrepancy``, but for what is said
-    of the causes.
-    """
-    return [str(note) for doubt in result.doubts if (note := _doubt(result, doubt))]
-
-
-def _doubt(result: Diagnosis, doubt: Doubt) -> Note | None:
-    """None where the verdict, or another doubt, says it.
-
-    Raises:
-        LookupError: a doubt has no sentence.
-    """
-    (seen, of), arm = result.visible, result.model.arm
-    match doubt:
-        case "contradicted references":
-            return Note(
-                "contradicted_references", {"places": "; ".join(map(str, result.contradicted))}
-            )
-        case "few causes shown":
-            return Note("few_causes_shown", {"seen": seen, "of": of})
-        case "cause not named":
-            causes, records = (
-                labels_in_words(result, result.otherwise),
-                int(result.extended.excluded.sum()),
-            )
-            return Note("cause_not_named", {"causes": causes, "records": records})
-        case "below zero":
-            negative = [finding.effect for finding in result.findings if finding.below_zero]
-            return Note("causes_below_zero", {"causes": several_in_words(negative, arm)})
-        case "cause not borne out" if "no better" not in result.doubts:
-            unconfirmed = [finding.effect for finding in result.findings if not finding.borne_out]
-            return Note("causes_unconfirmed", {"causes": several_in_words(unconfirmed, arm)})
-        case "structure left" if result.verdict != "unexplained":
-            return Note("structure_left", {"chance": beside_threshold(result.unexplained)})
-        case "starts disagree":
-            return Note("starts_disagree")
-        case "more causes":
-            return Note(
-                "more_causes",
-                {"probability": probability(result.more), "threshold": THRESHOLDS.settled},
-            )
-        case "no better" | "cause not borne out" | "structure left":
-            return None
-    raise LookupError(doubt)
-
-
-def beside_threshold(left: Unexplained) -> str:
-    """The p-value of what is left, and below which something is: ``p = 0.02, threshold 0.001 beside
-    what was named``.
-    """
-    where = (
-        "where nothing was named"
-        if left.threshold == THRESHOLDS.left_alone
-        else "beside what was named"
-    )
-    return f"{p_equals(left.p_value)}, threshold {left.threshold:g} {where}"
-
-
-def labels_in_words(result: Diagnosis, labels: Sequence[str]) -> str:
-    """Causes and covariates that labels of the result name, in a row."""
-    causes = [result.cause(label) for label in labels]
-    pairs, arm = zip(labels, causes, strict=True), result.model.arm
-    return listed(
-        [
-            f"dependence on {label}" if cause is None else name_in_words(cause, arm)
-            for label, cause in pairs
-        ]
-    )
 
 
 def _disagreement(result: Diagnosis) -> list[Note]:

@@ -255,16 +255,6 @@ SENTENCES: Mapping[str, str] = {
         "apart: one of them is wrong"
     ),
     # diagnosis
-    "contradicted_references": "{places}",
-    "few_causes_shown": "these records would show only {seen} of {of:#cause} of typical magnitude",
-    "cause_not_named": "{causes} would be found with {records:#record} more",
-    "causes_below_zero": "nature has no {causes} below zero",
-    "causes_unconfirmed": "held-out records do not confirm {causes}",
-    "structure_left": "structure is left beyond chance ({chance})",
-    "starts_disagree": "two explorations of the sets of causes found different ones",
-    "more_causes": (
-        "something acts that is not named (probability {probability}, threshold {threshold:g})"
-    ),
     "explorations_disagree": (
         "two explorations of the sets of causes disagree: an inclusion probability differs by "
         "{difference:.2f}"
@@ -287,7 +277,7 @@ SENTENCES: Mapping[str, str] = {
         "the arm file"
     ),
     "value_below_zero": (
-        "{cause}: {value} is negative beyond its U (k = 2), but nature has it above zero only. "
+        "{cause}: {value} is negative beyond its U (k = 2), which is physically impossible. "
         "Another cause acts like it, or the sign of a gravity, torque or temperature is wrong"
     ),
     "partly_in_calibration": (
