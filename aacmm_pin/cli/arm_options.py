@@ -238,15 +238,11 @@ class MeasuredHow(ContactNoise):
 
     def keywords(self) -> dict[str, Any]:
         """As ``calibrate``, ``diagnose`` and ``plan_measurements`` take them."""
-        return {
-            "reference_frame": self.reference_frame,
-            "target": self.target,
-            "prior": not self.no_prior,
-            "encoder_noise": self.encoder_noise_rad,
-            "reference_noise": in_metres(self.reference_noise_mm),
-            "probe_noise": in_metres(self.probe_noise_mm),
-            "length_noise": in_metres(self.length_noise_mm),
-        }
+        noises = {"reference": self.reference_noise_mm, "probe": self.probe_noise_mm}
+        noises["length"] = self.length_noise_mm
+        keywords: dict[str, Any] = {f"{of}_noise": in_metres(mm) for of, mm in noises.items()}
+        keywords |= {"encoder_noise": self.encoder_noise_rad, "prior": not self.no_prior}
+        return keywords | {"reference_frame": self.reference_frame, "target": self.target}
 
 
 def in_metres(length_mm: float | None) -> float | None:

@@ -38,22 +38,23 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
     groups: dict[str, Any] = {key: kind for key, kind in types.items() if is_dataclass(kind)}
     options: dict[str, inspect.Parameter] = {}
     for key, parameter in inspect.signature(function).parameters.items():
-        here = {key: (types[key], parameter.default)} if key not in groups else _fields(groups[key])
+        here = {key: (types[key], parameter.default)}
+        if key in groups:
+            here = _fields(groups[key])
         for option, (kind, default) in here.items():
             options[option] = inspect.Parameter(
                 option, parameter.KEYWORD_ONLY, default=default, annotation=kind
             )
 
     def guarded(**typed: Any) -> None:
-        made = {
-            key: kind(**{f: typed.pop(f) for f in _fields(kind)}) for key, kind in groups.items()
-        }
+        made = {}
+        for key, kind in groups.items():
+            own = {name: typed.pop(name) for name in _fields(kind)}
+            made[key] = kind(**own)
         function(**made, **typed)
 
     guarded.__doc__ = function.__doc__
-    guarded.__annotations__ = {
-        option: parameter.annotation for option, parameter in options.items()
-    }
+    guarded.__annotations__ = {name: option.annotation for name, option in options.items()}
     guarded.__signature__ = inspect.Signature([*options.values()])  # type: ignore[attr-defined]
     return guarded
 
@@ -61,10 +62,11 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
 def _fields(group: Any) -> dict[str, tuple[Any, Any]]:
     """Type and default of every option of a group."""
     types = get_type_hints(group, include_extras=True)
-    return {
-        f.name: (types[f.name], inspect.Parameter.empty if f.default is MISSING else f.default)
-        for f in fields(group)
-    }
+    found = {}
+    for field in fields(group):
+        default = inspect.Parameter.empty if field.default is MISSING else field.default
+        found[field.name] = (types[field.name], default)
+    return found
 
 
 def angle_option(help_: str) -> Any:
@@ -173,9 +175,8 @@ class Results(OutputFiles):
 
     def text(self, text: str, path: str | Path | None) -> None:
         """Write ``text`` to a file, or print it where ``path`` is None."""
-        self.file("-" if path is None else path).write_text(
-            encodable(text), encoding="utf-8", newline=""
-        )
+        file = self.file("-" if path is None else path)
+        file.write_text(encodable(text), encoding="utf-8", newline="")
 
     def arm(self, model: ErrorModel, path: Path, comment: str) -> None:
         """Write the arm file of a model.

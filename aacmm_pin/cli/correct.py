@@ -266,7 +266,8 @@ def _known_rows(model: ErrorModel, readings: Measurements, path: str) -> Index:
 
 def _as_filed(name: str, values: Array) -> Array:
     """A column with as many :data:`DECIMALS` as its unit has."""
-    return np.asarray(np.round(values, DECIMALS.get(name.rpartition("_")[2], 9)))
+    unit = name.rpartition("_")[2]
+    return np.asarray(np.round(values, DECIMALS.get(unit, 9)))
 
 
 def _u(model: ErrorModel, q: Array, conditions: Conditions, encoder_noise: float | None) -> Array:

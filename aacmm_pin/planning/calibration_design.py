@@ -82,20 +82,13 @@ class CalibrationPlan(Shown):
 
     def summary(self) -> dict[str, Any]:
         """Schema ``aacmm-pin/calibration-plan/1``."""
-        return {
-            "schema": SCHEMA,
-            "arm": self.model.arm.name,
-            "records": len(self.records),
-            "existing": self.existing,
-            "o1": self.o1,
-            "o1_random": self.o1_random.tolist(),
-            "o1_ratio": self.ratio,
-            "u_mm": self.u / MM,
-            "u_random_mm": (self.u_random / MM).tolist(),
-            "expected_mm": np.round(self.expected / MM, 3).tolist(),
-            "seed": self.seed,
-            **notes_in_json(self.notes),
-        }
+        summary: dict[str, Any] = {"schema": SCHEMA, "arm": self.model.arm.name}
+        summary |= {"records": len(self.records), "existing": self.existing}
+        summary |= {"o1": self.o1, "o1_random": self.o1_random.tolist(), "o1_ratio": self.ratio}
+        summary |= {"u_mm": self.u / MM, "u_random_mm": (self.u_random / MM).tolist()}
+        summary["expected_mm"] = np.round(self.expected / MM, 3).tolist()
+        summary["seed"] = self.seed
+        return summary | notes_in_json(self.notes)
 
 
 def plan_calibration(

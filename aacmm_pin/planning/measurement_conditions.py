@@ -123,9 +123,10 @@ def _loads_and_mounts(arm: Arm, file: ArmFile) -> Iterator[Change]:
 
 def _turned(vector: Array, about: int, angle: float) -> Array:
     one, other = (about + 1) % 3, (about + 2) % 3
+    cos, sin = np.cos(angle), np.sin(angle)
     turned = vector.copy()
-    turned[one] = np.cos(angle) * vector[one] - np.sin(angle) * vector[other]
-    turned[other] = np.sin(angle) * vector[one] + np.cos(angle) * vector[other]
+    turned[one] = cos * vector[one] - sin * vector[other]
+    turned[other] = sin * vector[one] + cos * vector[other]
     return np.round(turned, 6) + 0.0
 
 

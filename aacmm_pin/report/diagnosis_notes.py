@@ -38,31 +38,22 @@ def notes_of(result: Diagnosis) -> list[Note]:
     """The notes."""
     choice, extended, findings = result.choice, result.extended, result.findings
     known = result.before.problem.model.effects
-    return [
-        *notes_of_fit(extended),
-        *_not_tried(choice),
-        *_otherwise(choice),
-        *_disagreement(result),
-        *_below_zero(findings),
-        *_since(findings, result.recalibrated),
-        *_of_masses(findings),
-        *_slopes(findings),
-        *(
-            Note("on_top", {"cause": f.label, "other": f.beside.label})
-            for f in findings
-            if f.beside
-        ),
-        *_changed(findings, known, choice),
-        *(
-            text
-            for effect in known
-            for text in effect.validity_notes(extended.problem.measurements.conditions)
-        ),
-        *_size(extended),
-        *_clock(extended),
-        *_too_good(extended),
-        *result.assumed,
-    ]
+    conditions = extended.problem.measurements.conditions
+    notes = [*notes_of_fit(extended), *_not_tried(choice), *_otherwise(choice)]
+    notes += [*_disagreement(result), *_below_zero(findings)]
+    notes += _since(findings, result.recalibrated)
+    notes += [*_of_masses(findings), *_slopes(findings), *_on_top(findings)]
+    notes += _changed(findings, known, choice)
+    for effect in known:
+        notes += effect.validity_notes(conditions)
+    return [*notes, *_size(extended), *_clock(extended), *_too_good(extended), *result.assumed]
+
+
+def _on_top(findings: Sequence[Finding]) -> Iterator[Note]:
+    """Causes of a joint whose values come on top of the same cause of the whole arm."""
+    for finding in findings:
+        if finding.beside is not None:
+            yield Note("on_top", {"cause": finding.label, "other": finding.beside.label})
 
 
 def _disagreement(result: Diagnosis) -> list[Note]:
@@ -75,11 +66,11 @@ def _disagreement(result: Diagnosis) -> list[Note]:
 
 def _not_tried(choice: Choice) -> list[Note]:
     """Columns that the file lacks, and what could not be tried without them."""
-    lacking = not_tried(choice.library, choice.fit.problem.measurements).items()
-    each = [
-        f"no {COLUMNS[need]}: {listed([cause_in_words(c) for c in causes])} not tried"
-        for need, causes in lacking
-    ]
+    lacking = not_tried(choice.library, choice.fit.problem.measurements)
+    each = []
+    for need, causes in lacking.items():
+        names = listed([cause_in_words(cause) for cause in causes])
+        each.append(f"no {COLUMNS[need]}: {names} not tried")
     return [Note("causes_not_tried", {"columns": "; ".join(each)})] if each else []
 
 
@@ -102,34 +93,28 @@ def _changed(
     """Causes that were known with other values, and those beside which another of their kind was
     found.
     """
-    now = {
-        effect.identity: (effect, values_with_u(effect, covariance))
-        for effect, covariance in estimated(choice)
-    }
-    found, of_known = (
-        {effect.identity for effect in some} for some in ((f.effect for f in findings), known)
-    )
-    for f in findings:
-        same = f.effect.identity in of_known
-        others = (
-            []
-            if same
-            else [old for old in known if old.label == f.label and old.identity not in found]
-        )
-        for old in others or [old for old in known if old.identity == f.effect.identity]:
-            was = _in_words(old, values_with_u(old, np.diag(np.square(old.u))), f.slides)
-            data = {"cause": f.label, "was": was}
-            if f.gone:
+    now = {effect.identity: (effect, values) for effect, values in _estimates(choice)}
+    found = {finding.effect.identity for finding in findings}
+    for finding in findings:
+        identity = finding.effect.identity
+        same = [old for old in known if old.identity == identity]
+        others = [old for old in known if old.label == finding.label and old.identity not in found]
+        for old in same or others:
+            was = _in_words(old, values_with_u(old, np.diag(np.square(old.u))), finding.slides)
+            data = {"cause": finding.label, "was": was}
+            if finding.gone:
                 yield Note("known_cause_gone", data)
             elif same or old.identity not in now:
-                yield Note(
-                    "known_cause_changed",
-                    {**data, "now": _in_words(f.effect, f.parameters, f.slides)},
-                )
+                data["now"] = _in_words(finding.effect, finding.parameters, finding.slides)
+                yield Note("known_cause_changed", data)
             else:
-                yield Note(
-                    "known_cause_beside", {**data, "now": _in_words(*now[old.identity], f.slides)}
-                )
+                data["now"] = _in_words(*now[old.identity], finding.slides)
+                yield Note("known_cause_beside", data)
+
+
+def _estimates(choice: Choice) -> Iterator[tuple[Effect, dict[str, tuple[float, float]]]]:
+    for effect, covariance in estimated(choice):
+        yield effect, values_with_u(effect, covariance)
 
 
 def _in_words(effect: Effect, values: dict[str, tuple[float, float]], slides: bool) -> str:
@@ -145,8 +130,11 @@ def _size(extended: Fit) -> list[Note]:
 
 def _below_zero(findings: Sequence[Finding]) -> list[Note]:
     """Values that nature has above zero only."""
-    each = [(finding.label, key) for finding in findings for key in finding.below_zero]
-    return [Note("value_below_zero", {"cause": label, "value": key}) for label, key in each]
+    notes = []
+    for finding in findings:
+        for key in finding.below_zero:
+            notes.append(Note("value_below_zero", {"cause": finding.label, "value": key}))
+    return notes
 
 
 def _since(findings: Sequence[Finding], recalibrated: Fit) -> list[Note]:

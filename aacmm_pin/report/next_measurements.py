@@ -166,7 +166,8 @@ def _as_held_out(result: Diagnosis) -> str:
 
 def _repeats(result: Diagnosis) -> bool:
     """Whether postures repeat."""
-    return bool(result.choice.held.products.noise.postures.count.max(initial=1.0) > 1.0)
+    counts = result.choice.held.products.noise.postures.count
+    return bool(counts.max(initial=1.0) > 1.0)
 
 
 def _and_repeat(result: Diagnosis) -> str:

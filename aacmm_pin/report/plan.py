@@ -11,10 +11,11 @@ from aacmm_pin.arm.file import bundled_arms
 from aacmm_pin.effects import GivenCause, GivenModel, text_of
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements.records import Measurements
-from aacmm_pin.planning import MeasurementPlan, Reference, plan_measurements
+from aacmm_pin.planning import MeasurementPlan, Reference, Tried, plan_measurements
 from aacmm_pin.report.calibration_plan import where_to_go
 from aacmm_pin.report.document import Bullets, Document, Notes, Paragraph, Table, document_of
 
+RIGHT = "probability of the right decision"
 QUICK = 200
 """Postures that are enough to state whether a plan would help; the plan itself has more."""
 LEAST_CHANGE = 0.005
@@ -26,33 +27,27 @@ MOST_PAIRS = 8
 @document_of.register
 def plan_document(plan: MeasurementPlan) -> Document:
     """The plan; its records stand in :attr:`MeasurementPlan.records`."""
-    tried = [
-        {
-            "set-up": one.words,
-            "T": one.power.least,
-            "probability of the right decision": None if one.why_not else one.power.probability,
-            "why not": one.why_not,
-        }
-        for one in plan.tried
-    ]
+    tried = [*map(_tried, plan.tried)]
     considered = pd.DataFrame(tried if len(tried) > 1 else [])
-    forms = {"T": ".3g", "probability of the right decision": ".2f"}
+    forms = {"T": ".3g", RIGHT: ".2f"}
+    pairs = "Distinguished worst, of the pairs that these postures can distinguish"
     return Document(
         "Plan",
         [
             Paragraph(str(plan), head="Plan:"),
             Bullets(plan.set_up, "Set-up, besides postures:"),
             Table(considered, "Set-ups that were considered", forms),
-            Table(
-                _pairs(plan),
-                "Told apart worst, of what these postures can tell apart",
-                forms,
-                most=MOST_PAIRS,
-            ),
+            Table(_pairs(plan), pairs, forms, most=MOST_PAIRS),
             *where_to_go(plan),
             Notes(plan.notes),
         ],
     )
+
+
+def _tried(tried: Tried) -> dict[str, Any]:
+    chance = None if tried.why_not else tried.power.probability
+    row = {"set-up": tried.words, "T": tried.power.least, RIGHT: chance}
+    return row | {"why not": tried.why_not}
 
 
 def _pairs(plan: MeasurementPlan) -> pd.DataFrame:
@@ -61,8 +56,9 @@ def _pairs(plan: MeasurementPlan) -> pd.DataFrame:
     """
     if plan.pairs is None:
         return pd.DataFrame()
-    heads = {"cause": "cause", "other": "from", "T": "T", "told": "told apart"}
-    return plan.pairs.loc[plan.pairs["why_not"] == "", [*heads]].rename(columns=heads)
+    heads = {"cause": "cause", "other": "from", "T": "T", "told": "distinguished"}
+    open_ = plan.pairs["why_not"] == ""
+    return plan.pairs.loc[open_, [*heads]].rename(columns=heads)
 
 
 def plan_line(plan: MeasurementPlan) -> str:

@@ -101,7 +101,10 @@ def _columns(cells: pd.DataFrame, width: int) -> list[Column]:
 
 
 def _widths(cells: pd.DataFrame) -> list[int]:
-    return [max(map(cell_len, map(str, (head, *texts)))) for head, texts in cells.items()]
+    widths = []
+    for head, texts in cells.items():
+        widths.append(max(cell_len(str(text)) for text in (head, *texts)))
+    return widths
 
 
 def _least(head: str, texts: list[str], kept: str) -> int:
@@ -109,5 +112,6 @@ def _least(head: str, texts: list[str], kept: str) -> int:
     are in one piece.
     """
     in_one = are_numbers(texts) or all(LABEL.fullmatch(text) for text in texts)
-    words = texts if in_one else [word for text in texts for word in re.findall(kept, text)]
-    return max([*map(cell_len, head.split()), *(min(LONGEST, cell_len(word)) for word in words)])
+    words = texts if in_one else re.findall(kept, "\n".join(texts))
+    lengths = [min(LONGEST, cell_len(word)) for word in words]
+    return max([*map(cell_len, head.split()), *lengths])

@@ -139,23 +139,21 @@ def _farthest(group: pd.DataFrame, sphere: FittedSphere) -> tuple[pd.DataFrame |
     """The touch that is not on the sphere of the others by more than chance, and how far it is from
     that [m].
     """
-    points, free = coordinates_of(group), np.sqrt(np.maximum(1 - sphere.leverages, 0.0))
-    k, dof = (
-        int(
-            np.divide(
-                np.abs(sphere.residuals), free, where=free > 0, out=np.zeros(len(free))
-            ).argmax()
-        ),
-        len(group) - 5,
-    )
+    points = coordinates_of(group)
+    free = np.sqrt(np.maximum(1 - sphere.leverages, 0.0))
+    studentised = np.zeros(len(free))
+    np.divide(np.abs(sphere.residuals), free, where=free > 0, out=studentised)
+    k, dof = int(studentised.argmax()), len(group) - 5
     try:
         others = fitted_sphere(np.delete(points, k, axis=0)) if dof > 0 else None
     except AacmmError:  # the others lie in a plane
         others = None
     if others is None:
         return None, 0.0
-    off = abs(float(np.linalg.norm(points[k] - others.center)) - others.diameter / 2)
-    scatter = max(float(np.sqrt(others.residuals @ others.residuals / dof)), 1e-12)
+    radius = float(np.linalg.norm(points[k] - others.center))
+    off = abs(radius - others.diameter / 2)
+    variance = others.residuals @ others.residuals / dof
+    scatter = max(float(np.sqrt(variance)), 1e-12)
     chance = 2 * len(group) * stdtr(dof, -off * free[k] / scatter)
     return (group.iloc[[k]] if off > BESIDE and chance < CHANCE else None), off
 

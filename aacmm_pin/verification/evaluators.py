@@ -355,8 +355,10 @@ def twice_rms_of_lengths(lengths: pd.DataFrame) -> Iterator[Error]:
     """Twice the root mean square error; a common error of the calibrated lengths moves it by as
     much as itself at most.
     """
-    rms = np.sqrt(np.mean(lengths["error"].to_numpy() ** 2))
-    yield Error(2 * rms, 2 * lengths["u"].max(skipna=False))
+    errors = lengths["error"].to_numpy()
+    rms = np.sqrt(np.mean(errors**2))
+    u = lengths["u"].max(skipna=False)
+    yield Error(2 * rms, 2 * u)
 
 
 def missing_places(lengths: pd.DataFrame) -> int:

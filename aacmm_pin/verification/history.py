@@ -339,7 +339,9 @@ def in_utc(text: str) -> datetime:
 
 
 def _utc(time: datetime) -> datetime:
-    return time.replace(tzinfo=UTC) if time.tzinfo is None else time.astimezone(UTC)
+    if time.tzinfo is None:
+        return time.replace(tzinfo=UTC)
+    return time.astimezone(UTC)
 
 
 def _number(may_be_empty: bool) -> Callable[[str], float]:

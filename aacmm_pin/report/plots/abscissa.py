@@ -86,4 +86,5 @@ def is_of_angle(effect: Effect, state: State) -> bool:
 
 def unit_of_angle(state: State, row: int) -> tuple[str, float]:
     """Unit in which people read the indication of ``row``, and one of it in SI."""
-    return ("mm", MM) if state.arm.chain.prismatic[state.joint(row)] else ("°", DEG)
+    slides = state.arm.chain.prismatic[state.joint(row)]
+    return ("mm", MM) if slides else ("°", DEG)

@@ -86,7 +86,8 @@ def is_constant(effect: Effect, state: State) -> bool:
     """Whether the cause displaces every record alike, as a geometric value does: then it depends on
     nothing.
     """
-    return all(len(d.columns) == 1 for d in effect.displacements(state))
+    displacements = effect.displacements(state)
+    return all(len(displacement.columns) == 1 for displacement in displacements)
 
 
 def state_of(fit: Fit, q: Array | None = None, conditions: Conditions | None = None) -> State:
@@ -180,17 +181,21 @@ def _common_direction(columns: Array) -> Array | None:
     It turns by one radian, and shifts by what goes with that; where it does not turn, it shifts by
     one metre.
     """
-    left, size, _ = np.linalg.svd(columns.transpose(1, 0, 2).reshape(6, -1), full_matrices=False)
+    each = columns.transpose(1, 0, 2).reshape(6, -1)
+    left, size, _ = np.linalg.svd(each, full_matrices=False)
     if size[0] == 0.0 or (size[1:] > 1e-9 * size[0]).any():
         return None
-    direction = np.where(np.abs(left[:, 0]) > 1e-9, left[:, 0], 0.0)
+    first = left[:, 0]
+    direction = np.where(np.abs(first) > 1e-9, first, 0.0)
+    largest = direction[np.argmax(np.abs(direction))]
     length = float(np.linalg.norm(direction[3:])) or float(np.linalg.norm(direction))
-    return np.asarray(direction * np.sign(direction[np.argmax(np.abs(direction))]) / length)
+    return np.asarray(direction * np.sign(largest) / length)
 
 
 def _along(direction: Array, columns: Array, values: Array) -> Array:
     """How often the twist is in those of the values (n,)."""
-    return np.asarray(np.einsum("i,nip,p->n", direction / (direction @ direction), columns, values))
+    unit = direction / (direction @ direction)
+    return np.asarray(np.einsum("i,nip,p->n", unit, columns, values))
 
 
 def _covariate(effect: Effect, state: State, found: _Amount) -> tuple[Array, str]:
