@@ -14,13 +14,13 @@ import typer
 
 from aacmm_pin._support.input_files import content_of
 from aacmm_pin._support.units import MM, number
-from aacmm_pin.arm.file import MOST_BYTES, toml_of
+from aacmm_pin.arm import MOST_BYTES, toml_of
 from aacmm_pin.cli.accept_prediction import BeforeTheTest
 from aacmm_pin.cli.arm_options import UrdfArm, in_metres
 from aacmm_pin.cli.common import Force, Json, Plot, Results, command, note, refuse
 from aacmm_pin.effects import ErrorModel
 from aacmm_pin.errors import AacmmError, MeasurementFileError
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements import Measurements
 from aacmm_pin.verification import AcceptanceResult, History, accept
 from aacmm_pin.verification.history import in_utc
 
@@ -79,9 +79,14 @@ def run(
 
     The definitions come from public descriptions and were never compared with the standards' texts.
     """
-    from aacmm_pin.report import plots, terminal  # these load what draws
-    from aacmm_pin.report.acceptance import CheckDetails, acceptance_document, history_blocks
-    from aacmm_pin.report.document import Document
+    from aacmm_pin.report import (  # these load what draws
+        CheckDetails,
+        Document,
+        acceptance_document,
+        history_blocks,
+        plots,
+        terminal,
+    )
 
     *names, path = files
     if before.predict:

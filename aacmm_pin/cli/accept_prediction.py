@@ -57,8 +57,10 @@ class BeforeTheTest(EncoderNoise):
         json_: str | None,
     ) -> None:
         """Predict, write what was asked for, and show it."""
-        from aacmm_pin.report import terminal  # these load what draws
-        from aacmm_pin.report.acceptance_prediction import prediction_document
+        from aacmm_pin.report import (
+            prediction_document,
+            terminal,  # these load what draws
+        )
 
         result = predict_acceptance(
             path,

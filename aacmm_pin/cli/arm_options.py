@@ -10,13 +10,12 @@ import typer
 
 from aacmm_pin._support import plausible
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.example_robots import EXAMPLE_ROBOTS
-from aacmm_pin.arm.file import bundled_arms
+from aacmm_pin.arm import EXAMPLE_ROBOTS, Arm, bundled_arms
 from aacmm_pin.cli.common import angle_option, note
 from aacmm_pin.effects import ErrorModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
-from aacmm_pin.measurements.noise import ENCODER, PROBE, REFERENCE, Noise
+from aacmm_pin.measurements import ENCODER, PROBE, Noise
+from aacmm_pin.measurements.noise import REFERENCE
 
 SHOWN = 20
 """So many frames of a URDF are listed."""

@@ -15,7 +15,7 @@ from aacmm_pin.cli.arm_options import ArmAndData, MeasuredHow
 from aacmm_pin.cli.common import EffectTexts, Force, Json, Plot, Results, Seed, command, note
 from aacmm_pin.cli.urdf import urdf_of
 from aacmm_pin.effects import stated_cause
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements import Measurements
 
 
 @command
@@ -43,8 +43,12 @@ def run(
     """Parameters of an arm from measurements, with their uncertainty and what the data
     cannot tell.
     """
-    from aacmm_pin.report import terminal  # these load what draws
-    from aacmm_pin.report.calibration import calibration_document, calibration_summary, comment
+    from aacmm_pin.report import (
+        calibration_document,
+        calibration_summary,
+        comment,
+        terminal,  # these load what draws
+    )
 
     outputs = (output, urdf_out, residuals)
     with Results(force, *outputs, page=report, plot=plot, json_=json_) as results:

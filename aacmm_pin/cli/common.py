@@ -23,7 +23,7 @@ from aacmm_pin.errors import AacmmError
 
 if TYPE_CHECKING:
     from aacmm_pin.effects import ErrorModel
-    from aacmm_pin.report.document import Document
+    from aacmm_pin.report import Document
 
 PLOT_SUFFIXES = (".png", ".svg", ".pdf")
 
@@ -150,7 +150,7 @@ class Results(OutputFiles):
         self._outputs = tuple(Path(path) for path in outputs if path is not None)
         self.check(*self._outputs)
         if page is not None:
-            from aacmm_pin.report.formats import require_format  # the list of commands needs none
+            from aacmm_pin.report import require_format  # the list of commands needs none
 
             require_format(page)
         if plot is not None and plot.suffix not in PLOT_SUFFIXES:
@@ -195,7 +195,7 @@ class Results(OutputFiles):
 
     def document(self, document: Document, path: Path) -> None:
         """Write a document in the format that the end of the name chooses."""
-        from aacmm_pin.report.formats import content  # the list of commands needs none
+        from aacmm_pin.report import content  # the list of commands needs none
 
         self.file(path).write_bytes(content(document, path))
 
@@ -209,7 +209,7 @@ class Results(OutputFiles):
     def picture(self, drawn: Callable[[], Any], path: Path | None) -> None:
         """Write the matplotlib figure that ``drawn`` gives; nothing where ``path`` is None."""
         if path is not None:
-            from aacmm_pin.report.plots.style import without_latex
+            from aacmm_pin.report import without_latex
 
             with without_latex():
                 drawn().savefig(

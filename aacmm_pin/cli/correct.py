@@ -10,26 +10,25 @@ import typer
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.accuracy.volume import accuracy_volume
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.limits import broken_limits
+from aacmm_pin.accuracy import accuracy_volume
+from aacmm_pin.arm import Arm, broken_limits
 from aacmm_pin.calibration import compare
 from aacmm_pin.cli.arm_options import ArmAndData, EncoderNoise
 from aacmm_pin.cli.common import Force, Output, Results, command, note
 from aacmm_pin.effects import Conditions, ErrorModel, joint_commands, known_range_in_words
 from aacmm_pin.errors import AacmmError, MeasurementFileError, UnknownNameError
-from aacmm_pin.measurements.csv_columns import (
+from aacmm_pin.measurements import (
     BAR,
     BAR_U,
     ORIENTATION,
     ORIENTATION_U,
     REFERENCE,
     REFERENCE_U,
+    Measurements,
+    quaternions,
+    read_table,
 )
-from aacmm_pin.measurements.csv_table import read_table
-from aacmm_pin.measurements.orientation import quaternions
-from aacmm_pin.measurements.records import Measurements
-from aacmm_pin.report.comparison import comparison_notes
+from aacmm_pin.report import comparison_notes
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -15,7 +15,7 @@ from aacmm_pin.cli.common import Force, Json, Results, Seed, command
 from aacmm_pin.diagnosis import diagnose
 from aacmm_pin.effects import listed
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements import Measurements
 
 
 @command
@@ -45,8 +45,10 @@ def run(
     """What the simulation gets wrong, which cause it has, and how much better the arm is once the
     model knows.
     """
-    from aacmm_pin.report import terminal  # these load what draws
-    from aacmm_pin.report.diagnosis import diagnosis_document
+    from aacmm_pin.report import (
+        diagnosis_document,
+        terminal,  # these load what draws
+    )
 
     with Results(force, extended_arm, page=output, json_=json_) as results:
         if with_discrepancy and extended_arm is None:

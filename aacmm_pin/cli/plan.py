@@ -16,13 +16,16 @@ from aacmm_pin.cli.common import Force, Json, Output, Results, Seed, command, no
 from aacmm_pin.cli.plan_acceptance import Artefacts, note_lowest_tip
 from aacmm_pin.effects import ErrorModel
 from aacmm_pin.errors import UnknownNameError
-from aacmm_pin.measurements.records import Measurements
-from aacmm_pin.planning import CalibrationPlan, MeasurementPlan, plan_calibration, plan_measurements
-from aacmm_pin.planning.plan import POSTURES, Reference
-from aacmm_pin.report import terminal
-from aacmm_pin.report.calibration_plan import calibration_plan_document
-from aacmm_pin.report.document import Document
-from aacmm_pin.report.plan import plan_document
+from aacmm_pin.measurements import Measurements
+from aacmm_pin.planning import (
+    CalibrationPlan,
+    MeasurementPlan,
+    Reference,
+    plan_calibration,
+    plan_measurements,
+)
+from aacmm_pin.planning.plan import POSTURES
+from aacmm_pin.report import Document, calibration_plan_document, plan_document, terminal
 
 
 @dataclass(frozen=True)

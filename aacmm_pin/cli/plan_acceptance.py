@@ -16,8 +16,7 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import MM
 from aacmm_pin.cli.arm_options import UncertainArm, in_metres, where_known
 from aacmm_pin.cli.common import Results, note, say
-from aacmm_pin.report import terminal
-from aacmm_pin.report.procedure import procedure_document
+from aacmm_pin.report import procedure_document, terminal
 from aacmm_pin.verification import acceptance_procedure
 from aacmm_pin.verification.procedure import PROBE, SPHERE
 

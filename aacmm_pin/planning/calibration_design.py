@@ -21,8 +21,7 @@ from aacmm_pin.calibration.fit import NO_SCATTER
 from aacmm_pin.calibration.setup import ReferenceFrame, Setup, Target
 from aacmm_pin.effects import ErrorModel, GivenModel
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.measurements.records import GivenRecords, Measurements, as_measurements
-from aacmm_pin.measurements.simulate import seed_of
+from aacmm_pin.measurements import GivenRecords, Measurements, as_measurements, seed_of
 from aacmm_pin.planning.candidate_design import Situation
 from aacmm_pin.planning.measurement_conditions import MeasurementConditions
 from aacmm_pin.planning.measurement_sheet import sheet_of

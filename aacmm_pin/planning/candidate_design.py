@@ -15,7 +15,7 @@ from aacmm_pin.calibration.noise_model import NoiseModel, Scatters, observations
 from aacmm_pin.calibration.parameter_vector import ParameterVector
 from aacmm_pin.calibration.problem import Frame, Problem
 from aacmm_pin.effects import Effect
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements import Measurements
 from aacmm_pin.planning.candidate_records import candidates
 from aacmm_pin.planning.detection_power import Power, Size, power_of
 from aacmm_pin.planning.measurement_conditions import MeasurementConditions

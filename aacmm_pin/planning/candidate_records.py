@@ -11,13 +11,11 @@ import numpy as np
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.random_postures import Room, joint_bounds
+from aacmm_pin.arm import Arm, Room, joint_bounds
 from aacmm_pin.calibration.noise_model import observations_of
 from aacmm_pin.effects import Conditions, Labels, State
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.measurements.measuring_points import Pool, seats_for
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements import Measurements, Pool, seats_for
 from aacmm_pin.planning.measurement_conditions import MeasurementConditions
 from aacmm_pin.planning.task import Task
 

@@ -14,9 +14,7 @@ import numpy as np
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import MM
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.chain import axis, end
-from aacmm_pin.arm.file import ArmFile
+from aacmm_pin.arm import Arm, ArmFile, axis, end
 from aacmm_pin.effects import Effect, ErrorModel, TimeConstant
 
 WARMER = 4.0

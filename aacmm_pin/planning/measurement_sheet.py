@@ -12,8 +12,7 @@ import pandas as pd
 
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.notes import Note
-from aacmm_pin.measurements.csv_columns import REFERENCE, REFERENCE_U
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements import REFERENCE, REFERENCE_U, Measurements
 from aacmm_pin.planning.candidate_design import Situation
 from aacmm_pin.planning.candidate_records import STEP
 from aacmm_pin.planning.result import MeasurementPlan

@@ -16,7 +16,7 @@ from aacmm_pin._support.output_files import whole_file
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import MM
 from aacmm_pin.effects import Effect, ErrorModel
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements import Measurements
 from aacmm_pin.planning.detection_power import Power
 
 SCHEMA = "aacmm-pin/plan/1"

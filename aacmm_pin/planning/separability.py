@@ -13,7 +13,7 @@ import pandas as pd
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.notes import Note
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements import Measurements
 from aacmm_pin.planning.candidate_design import Situation
 from aacmm_pin.planning.detection_power import SAME, SILENT, Size, alone, distance
 from aacmm_pin.planning.measurement_conditions import possible_conditions

@@ -10,12 +10,9 @@ from typing import Any
 import pandas as pd
 
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.accuracy.length import LengthUncertainty
-from aacmm_pin.accuracy.volume import COVERED, AccuracyVolume
-from aacmm_pin.accuracy.workspace import WorkspaceMap
-from aacmm_pin.arm.file import COVERAGE_FACTOR
-from aacmm_pin.postures.curve_sampling import Flexibility, sector_centres
-from aacmm_pin.postures.postures_at_point import PosturesAtPoint
+from aacmm_pin.accuracy import COVERED, AccuracyVolume, LengthUncertainty, WorkspaceMap
+from aacmm_pin.arm import COVERAGE_FACTOR
+from aacmm_pin.postures import Flexibility, PosturesAtPoint, sector_centres
 from aacmm_pin.report.document import Block, Document, Paragraph, Table, document_of
 from aacmm_pin.report.numbers import in_one_unit, percent, spread
 

@@ -8,12 +8,8 @@ import numpy as np
 import pandas as pd
 
 from aacmm_pin._support.units import DEG, MM, UM
-from aacmm_pin.accuracy.tip_sensitivity import ErrorSources
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.dh import KINDS, DHTable
-from aacmm_pin.arm.file import COVERAGE_FACTOR, ArmFile
-from aacmm_pin.arm.parameter import Parameter
-from aacmm_pin.arm.poses import Poses
+from aacmm_pin.accuracy import ErrorSources
+from aacmm_pin.arm import COVERAGE_FACTOR, KINDS, Arm, ArmFile, DHTable, Parameter, Poses
 from aacmm_pin.effects import Effect, ErrorModel, in_words, values_in_words, values_with_u
 from aacmm_pin.report.document import Block, Document, Paragraph, Table, document_of
 from aacmm_pin.report.numbers import count, quantity, small, vector

@@ -15,9 +15,7 @@ from itertools import pairwise
 import numpy as np
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin.arm import chain
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.dh import DHTable
+from aacmm_pin.arm import Arm, DHTable, chain
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin._support.output_files import json_text
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import DEG, MM, UM
-from aacmm_pin.arm.file import COVERAGE_FACTOR
+from aacmm_pin.arm import COVERAGE_FACTOR
 from aacmm_pin.calibration import Calibration
 from aacmm_pin.calibration.cross_validation import rms
 from aacmm_pin.calibration.shared_exclusions import Exclusions

@@ -8,7 +8,7 @@ import pandas as pd
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.planning import CalibrationPlan, MeasurementPlan
-from aacmm_pin.postures.articulation import articulations, places
+from aacmm_pin.postures import articulations, places
 from aacmm_pin.report.document import (
     Block,
     Document,

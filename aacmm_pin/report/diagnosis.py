@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from aacmm_pin._support.units import MM, UM
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm import Arm
 from aacmm_pin.calibration.cross_validation import rms
 from aacmm_pin.calibration.fit import NO_SCATTER
 from aacmm_pin.calibration.result import residuals_by_record

@@ -7,8 +7,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from aacmm_pin._support.notes import Note
+from aacmm_pin.calibration import Fit
 from aacmm_pin.calibration.calibrate import notes_of as notes_of_fit
-from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.diagnosis import (
     Choice,
     Diagnosis,

@@ -13,14 +13,9 @@ import pandas as pd
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.notes import notes_in_json
 from aacmm_pin._support.units import DEG, MM, MM3
+from aacmm_pin.accuracy import AccuracyVolume, ErrorSources, LengthUncertainty, WorkspaceMap, paired
 from aacmm_pin.accuracy.comprehensive_accuracy import comprehensive_accuracy
-from aacmm_pin.accuracy.length import LengthUncertainty
-from aacmm_pin.accuracy.tip_sensitivity import ErrorSources
-from aacmm_pin.accuracy.volume import AccuracyVolume, paired
-from aacmm_pin.accuracy.workspace import WorkspaceMap
-from aacmm_pin.postures.curve_sampling import Flexibility
-from aacmm_pin.postures.general_ik import ReachingPostures
-from aacmm_pin.postures.postures_at_point import PosturesAtPoint
+from aacmm_pin.postures import Flexibility, PosturesAtPoint, ReachingPostures
 
 ACCURACY_SCHEMA = "aacmm-pin/accuracy/1"
 LENGTH_SCHEMA = "aacmm-pin/length/1"

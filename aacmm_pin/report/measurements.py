@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from aacmm_pin._support.units import MM
 from aacmm_pin.effects import COLUMNS, Conditions
-from aacmm_pin.measurements.csv_columns import BAR
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements import BAR, Measurements
 from aacmm_pin.report.document import Document, Paragraph, Table, document_of
 from aacmm_pin.report.numbers import count
 

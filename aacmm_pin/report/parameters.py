@@ -7,7 +7,7 @@ import pandas as pd
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import MM
-from aacmm_pin.arm.file import COVERAGE_FACTOR
+from aacmm_pin.arm import COVERAGE_FACTOR
 from aacmm_pin.calibration import Calibration
 from aacmm_pin.report.numbers import quantity, small_unit
 

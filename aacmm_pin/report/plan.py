@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from aacmm_pin.arm.file import bundled_arms
+from aacmm_pin.arm import bundled_arms
 from aacmm_pin.effects import GivenCause, GivenModel, text_of
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements import Measurements
 from aacmm_pin.planning import MeasurementPlan, Reference, Tried, plan_measurements
 from aacmm_pin.report.calibration_plan import where_to_go
 from aacmm_pin.report.document import Bullets, Document, Notes, Paragraph, Table, document_of

@@ -8,7 +8,7 @@ import pandas as pd
 from matplotlib.figure import Figure as Drawing
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin.postures.articulation import places
+from aacmm_pin.postures import places
 from aacmm_pin.report.document import (
     Block,
     Bullets,

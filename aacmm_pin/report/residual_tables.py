@@ -13,7 +13,7 @@ import pandas as pd
 
 from aacmm_pin._support.checks import Array, Mask
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.calibration.fit import Fit
+from aacmm_pin.calibration import Fit
 from aacmm_pin.effects import Labels
 
 BINS = 4

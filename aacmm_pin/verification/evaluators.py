@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from aacmm_pin._support.checks import Array, Mask
-from aacmm_pin.accuracy.single_point import single_point_statistics
+from aacmm_pin.accuracy import single_point_statistics
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import PREDICTED_ACCURATE
 from aacmm_pin.verification.places import Place, coordinates_of, named, rows_of

@@ -24,8 +24,7 @@ from aacmm_pin._support.file_problems import Problems
 from aacmm_pin._support.notes import Note, notes_in_json
 from aacmm_pin._support.progress import Progress, watched
 from aacmm_pin._support.units import MM
-from aacmm_pin.accuracy.parameter_draws import source_errors
-from aacmm_pin.accuracy.tip_sensitivity import ErrorSources
+from aacmm_pin.accuracy import ErrorSources, source_errors
 from aacmm_pin.effects import ErrorModel, GivenModel, of_geometry
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import ENCODER, read_probed_points, read_table, seed_of

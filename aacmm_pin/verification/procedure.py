@@ -18,8 +18,7 @@ from aacmm_pin._support.display import Shown
 from aacmm_pin._support.file_problems import Problems
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.arm.arm import Arm, GivenArm, as_arm
-from aacmm_pin.arm.random_postures import joint_bounds
+from aacmm_pin.arm import Arm, GivenArm, as_arm, joint_bounds
 from aacmm_pin.effects import ErrorModel, GivenModel
 from aacmm_pin.errors import AacmmError, MeasurementFileError
 from aacmm_pin.measurements import (
@@ -34,8 +33,7 @@ from aacmm_pin.measurements import (
     read_table,
     seed_of,
 )
-from aacmm_pin.postures.articulation import articulations
-from aacmm_pin.postures.sampling import brought_to, spread_out
+from aacmm_pin.postures import articulations, brought_to, spread_out
 from aacmm_pin.verification.characteristics import STANDARDS, definitions
 
 SPHERES = {"near": (0.2, 0.45), "far": (0.7, 0.95)}

@@ -13,10 +13,9 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.units import DEG, MM, MM3
-from aacmm_pin.accuracy.volume import AccuracyVolume, paired
+from aacmm_pin.accuracy import AccuracyVolume, paired
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.postures.configurations import ConfigurationCircle
-from aacmm_pin.postures.postures_at_point import PosturesAtPoint
+from aacmm_pin.postures import ConfigurationCircle, PosturesAtPoint
 from aacmm_pin.report.arm_wireframe import ArmLines
 from aacmm_pin.report.plots.style import (
     BLUE,

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aacmm_pin._support.checks import Array, Mask
-from aacmm_pin.calibration.fit import Fit
+from aacmm_pin.calibration import Fit
 from aacmm_pin.diagnosis import Diagnosis
 from aacmm_pin.effects import (
     Conditions,

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import MM
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm import Arm
 from aacmm_pin.report.arm_wireframe import ArmLines
 from aacmm_pin.report.plots.style import INK, plain
 

@@ -8,7 +8,7 @@ from meshcat.geometry import TriangularMeshGeometry
 
 from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.accuracy.workspace import WorkspaceMap
+from aacmm_pin.accuracy import WorkspaceMap
 from aacmm_pin.effects import ErrorModel, GivenModel
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.report.plots.maps import OUTSIDE_LIMITS, QUANTITIES

@@ -21,9 +21,7 @@ from meshcat.geometry import (
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.arm import chain
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.limits import broken_limits
+from aacmm_pin.arm import Arm, broken_limits, chain
 from aacmm_pin.report.arm_wireframe import ArmLines
 from aacmm_pin.report.plots.style import VERMILLION
 from aacmm_pin.report.scenes.scene import Scene, Swatch, View
