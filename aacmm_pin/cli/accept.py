@@ -21,8 +21,7 @@ from aacmm_pin.cli.common import Force, Json, Plot, Results, command, note, refu
 from aacmm_pin.effects import ErrorModel
 from aacmm_pin.errors import AacmmError, MeasurementFileError
 from aacmm_pin.measurements import Measurements
-from aacmm_pin.verification import AcceptanceResult, History, accept
-from aacmm_pin.verification.history import in_utc
+from aacmm_pin.verification import AcceptanceResult, History, accept, in_utc
 
 
 @command

@@ -12,8 +12,7 @@ import typer
 from aacmm_pin.cli.arm_options import EncoderNoise, in_metres
 from aacmm_pin.cli.common import Results, angle_option
 from aacmm_pin.effects import ErrorModel
-from aacmm_pin.verification import predict_acceptance
-from aacmm_pin.verification.prediction import RUNS
+from aacmm_pin.verification import RUNS, predict_acceptance
 
 
 @dataclass(frozen=True)

@@ -18,13 +18,13 @@ from aacmm_pin.effects import ErrorModel
 from aacmm_pin.errors import UnknownNameError
 from aacmm_pin.measurements import Measurements
 from aacmm_pin.planning import (
+    POSTURES,
     CalibrationPlan,
     MeasurementPlan,
     Reference,
     plan_calibration,
     plan_measurements,
 )
-from aacmm_pin.planning.plan import POSTURES
 from aacmm_pin.report import Document, calibration_plan_document, plan_document, terminal
 
 

@@ -17,8 +17,7 @@ from aacmm_pin._support.units import MM
 from aacmm_pin.cli.arm_options import UncertainArm, in_metres, where_known
 from aacmm_pin.cli.common import Results, note, say
 from aacmm_pin.report import procedure_document, terminal
-from aacmm_pin.verification import acceptance_procedure
-from aacmm_pin.verification.procedure import PROBE, SPHERE
+from aacmm_pin.verification import PROBE, SPHERE, acceptance_procedure
 
 FOR = "With --for acceptance: "
 

@@ -16,9 +16,14 @@ from aacmm_pin._support.notes import Note, notes_in_json
 from aacmm_pin._support.progress import Progress, watched
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import MM, UM
-from aacmm_pin.calibration import Observability, remaining_triangle
-from aacmm_pin.calibration.fit import NO_SCATTER
-from aacmm_pin.calibration.setup import ReferenceFrame, Setup, Target
+from aacmm_pin.calibration import (
+    NO_SCATTER,
+    Observability,
+    ReferenceFrame,
+    Setup,
+    Target,
+    remaining_triangle,
+)
 from aacmm_pin.effects import ErrorModel, GivenModel
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import GivenRecords, Measurements, as_measurements, seed_of

@@ -10,10 +10,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from aacmm_pin._support.checks import Array, Index
-from aacmm_pin.calibration import remaining_triangle, seat_columns
-from aacmm_pin.calibration.noise_model import NoiseModel, Scatters, observations_of
-from aacmm_pin.calibration.parameter_vector import ParameterVector
-from aacmm_pin.calibration.problem import Frame, Problem
+from aacmm_pin.calibration import (
+    Frame,
+    NoiseModel,
+    ParameterVector,
+    Problem,
+    Scatters,
+    observations_of,
+    remaining_triangle,
+    seat_columns,
+)
 from aacmm_pin.effects import Effect
 from aacmm_pin.measurements import Measurements
 from aacmm_pin.planning.candidate_records import candidates

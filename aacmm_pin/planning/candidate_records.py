@@ -12,7 +12,7 @@ import numpy as np
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG
 from aacmm_pin.arm import Arm, Room, joint_bounds
-from aacmm_pin.calibration.noise_model import observations_of
+from aacmm_pin.calibration import observations_of
 from aacmm_pin.effects import Conditions, Labels, State
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import Measurements, Pool, seats_for

@@ -13,7 +13,7 @@ from aacmm_pin._support.notes import Note
 from aacmm_pin._support.progress import Progress, watched
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm import Arm
-from aacmm_pin.calibration.setup import ReferenceFrame, Setup, Target
+from aacmm_pin.calibration import ReferenceFrame, Setup, Target
 from aacmm_pin.effects import Effect, ErrorModel, GivenCause, GivenModel, as_causes
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements import ENCODER, GivenRecords, Measurements, as_measurements, seed_of

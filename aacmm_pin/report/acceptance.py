@@ -29,11 +29,21 @@ from aacmm_pin.report.document import (
 from aacmm_pin.report.formats.html import SHORT
 from aacmm_pin.report.numbers import capital
 from aacmm_pin.report.procedure import ORIGIN
-from aacmm_pin.verification import AcceptanceResult, ControlChart, History
-from aacmm_pin.verification.accept import COVERAGE, LONGEST_PART, SHOWN_AS, shown_verdict
-from aacmm_pin.verification.characteristics import EDITIONS, RULE_OF
-from aacmm_pin.verification.history import LEAST_CHECKS, PER_MOVING_RANGE
-from aacmm_pin.verification.probed_points import AS_GIVEN, brief
+from aacmm_pin.verification import (
+    AS_GIVEN,
+    COVERAGE,
+    EDITIONS,
+    LEAST_CHECKS,
+    LONGEST_PART,
+    PER_MOVING_RANGE,
+    RULE_OF,
+    SHOWN_AS,
+    AcceptanceResult,
+    ControlChart,
+    History,
+    brief,
+    shown_verdict,
+)
 
 RULE = (
     "Conformity: |value| + U ≤ MPE for each error; non-conformity: |value| - U > MPE for one; "

@@ -14,10 +14,7 @@ from aacmm_pin._support.output_files import json_text
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import DEG, MM, UM
 from aacmm_pin.arm import COVERAGE_FACTOR
-from aacmm_pin.calibration import Calibration
-from aacmm_pin.calibration.cross_validation import rms
-from aacmm_pin.calibration.shared_exclusions import Exclusions
-from aacmm_pin.calibration.solver import MISFIT
+from aacmm_pin.calibration import MISFIT, Calibration, Exclusions, rms
 from aacmm_pin.effects import (
     Effect,
     ErrorModel,

@@ -13,10 +13,7 @@ import pandas as pd
 
 from aacmm_pin._support.units import MM, UM
 from aacmm_pin.arm import Arm
-from aacmm_pin.calibration.cross_validation import rms
-from aacmm_pin.calibration.fit import NO_SCATTER
-from aacmm_pin.calibration.result import residuals_by_record
-from aacmm_pin.calibration.shared_exclusions import exclusions_of
+from aacmm_pin.calibration import NO_SCATTER, exclusions_of, residuals_by_record, rms
 from aacmm_pin.diagnosis import (
     THRESHOLDS,
     Alias,

@@ -9,7 +9,7 @@ from typing import Any
 
 from aacmm_pin._support.notes import notes_in_json
 from aacmm_pin._support.units import MM
-from aacmm_pin.calibration.cross_validation import rms
+from aacmm_pin.calibration import rms
 from aacmm_pin.diagnosis import (
     Alias,
     Branches,

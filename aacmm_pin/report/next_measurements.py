@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from aacmm_pin._support.threads import one_blas_thread
-from aacmm_pin.calibration.cross_validation import rms
+from aacmm_pin.calibration import rms
 from aacmm_pin.calibration.shared_exclusions import LABELS
 from aacmm_pin.diagnosis import THRESHOLDS, Alias, Diagnosis, Finding, too_good
 from aacmm_pin.effects import Effect, corrects_seat, listed

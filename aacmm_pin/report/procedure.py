@@ -21,8 +21,7 @@ from aacmm_pin.report.document import (
 )
 from aacmm_pin.report.plots.style import BLUE, GREEN, GREY, VERMILLION
 from aacmm_pin.report.plots.two_views import two_views
-from aacmm_pin.verification import Procedure
-from aacmm_pin.verification.characteristics import ASME, EDITIONS, RULE_OF
+from aacmm_pin.verification import ASME, EDITIONS, RULE_OF, Procedure
 
 KINDS = {
     "sphere": ("sphere", BLUE),

@@ -21,8 +21,7 @@ from aacmm_pin.report.plots.style import (
     plain,
     whole,
 )
-from aacmm_pin.verification import ControlChart, History
-from aacmm_pin.verification.probed_points import brief
+from aacmm_pin.verification import ControlChart, History, brief
 
 NAME = 22
 """Characters of the name of an arm above a panel."""

@@ -11,7 +11,7 @@ from meshcat.geometry import Sphere
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.units import DEG, MM3, UM
 from aacmm_pin.accuracy import AccuracyVolume, paired
-from aacmm_pin.accuracy.volume import COVERAGE_FACTOR
+from aacmm_pin.arm import COVERAGE_FACTOR
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.postures import WRIST, ConfigurationCircle, PosturesAtPoint
 from aacmm_pin.report.numbers import count
