@@ -17,7 +17,7 @@ from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements import ENCODER, PROBE, Noise
 from aacmm_pin.measurements.noise import REFERENCE
 
-SHOWN = 20
+NAMES_LISTED = 20
 """So many frames of a URDF are listed."""
 BUNDLED = ", ".join(bundled_arms())
 ROBOTS = ", ".join(EXAMPLE_ROBOTS)
@@ -62,10 +62,14 @@ class UrdfArm:
         try:
             return ErrorModel(Arm.from_urdf(self.urdf, self.frame or "", **half_widths))
         except UnknownNameError as error:
-            more = f" … and {len(error.known) - SHOWN} more" if len(error.known) > SHOWN else ""
+            more = (
+                f" … and {len(error.known) - NAMES_LISTED} more"
+                if len(error.known) > NAMES_LISTED
+                else ""
+            )
             frames = (
                 f"frames of {self.urdf}, the last first: "
-                f"{', '.join(error.known[: -SHOWN - 1 : -1])}{more}"
+                f"{', '.join(error.known[: -NAMES_LISTED - 1 : -1])}{more}"
             )
             if self.frame is not None:
                 raise AacmmError(f"unknown frame {self.frame!r}; {frames}") from None

@@ -41,7 +41,7 @@ CORRECTED_ORIENTATION = tuple(f"corrected_{name}" for name in ORIENTATION)
 OF_REFERENCES = ("seat", *BAR, BAR_U, *REFERENCE, *REFERENCE_U, *ORIENTATION, ORIENTATION_U)
 """Columns that say where the tip should be have no part in where the readings put it."""
 
-DECIMALS = {"mm": 6, "deg": 8, "rad": 9}
+DECIMALS_OF_UNIT = {"mm": 6, "deg": 8, "rad": 9}
 """Of computed numbers by the unit at the end of their column, 9 of quaternions. Angles rounded so
 move the tip of SINO6 by 1.4 nm at most (20 000 postures); the noise of arms and references is a
 thousand times larger.
@@ -264,9 +264,9 @@ def _known_rows(model: ErrorModel, readings: Measurements, path: str) -> Index:
 
 
 def _as_filed(name: str, values: Array) -> Array:
-    """A column with as many :data:`DECIMALS` as its unit has."""
+    """A column with as many :data:`DECIMALS_OF_UNIT` as its unit has."""
     unit = name.rpartition("_")[2]
-    return np.asarray(np.round(values, DECIMALS.get(unit, 9)))
+    return np.asarray(np.round(values, DECIMALS_OF_UNIT.get(unit, 9)))
 
 
 def _u(model: ErrorModel, q: Array, conditions: Conditions, encoder_noise: float | None) -> Array:

@@ -18,7 +18,7 @@ from aacmm_pin.effects import ErrorModel
 from aacmm_pin.errors import UnknownNameError
 from aacmm_pin.measurements import Measurements
 from aacmm_pin.planning import (
-    POSTURES,
+    POOL_SIZE,
     CalibrationPlan,
     MeasurementPlan,
     Reference,
@@ -59,7 +59,7 @@ class PlannedRecords:
     postures: Annotated[
         int,
         typer.Option(min=1, help="Number of postures to choose from."),
-    ] = POSTURES
+    ] = POOL_SIZE
     json_: Json = None
 
     def existing(self, model: ErrorModel, how: MeasuredHow) -> Measurements | None:

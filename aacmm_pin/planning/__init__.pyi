@@ -1,10 +1,10 @@
 from .calibration_design import CalibrationPlan, plan_calibration
 from .detection_power import Power
-from .plan import POSTURES, Reference, plan_measurements
+from .plan import POOL_SIZE, Reference, plan_measurements
 from .result import MeasurementPlan, Tried
 
 __all__ = [
-    "POSTURES",
+    "POOL_SIZE",
     "CalibrationPlan",
     "MeasurementPlan",
     "Power",

@@ -30,14 +30,14 @@ from aacmm_pin.measurements import GivenRecords, Measurements, as_measurements, 
 from aacmm_pin.planning.candidate_design import Situation
 from aacmm_pin.planning.measurement_conditions import MeasurementConditions
 from aacmm_pin.planning.measurement_sheet import sheet_of
-from aacmm_pin.planning.plan import POSTURES, Reference, check_numbers, complete, places_for
+from aacmm_pin.planning.plan import POOL_SIZE, Reference, check_numbers, complete, places_for
 from aacmm_pin.planning.search import Choosing, informing
 from aacmm_pin.planning.task import Task
 
-SCHEMA = "aacmm-pin/calibration-plan/1"
+CALIBRATION_PLAN_SCHEMA = "aacmm-pin/calibration-plan/1"
 RANDOM = 20
 """Random plans that stand beside."""
-ROUNDS = 10
+EXCHANGE_ROUNDS = 10
 """Exchanges of every record, at most; three or four are enough."""
 
 
@@ -86,7 +86,7 @@ class CalibrationPlan(Shown):
 
     def summary(self) -> dict[str, Any]:
         """Schema ``aacmm-pin/calibration-plan/1``."""
-        summary: dict[str, Any] = {"schema": SCHEMA, "arm": self.model.arm.name}
+        summary: dict[str, Any] = {"schema": CALIBRATION_PLAN_SCHEMA, "arm": self.model.arm.name}
         summary |= {"records": len(self.records), "existing": self.existing}
         summary |= {"o1": self.o1, "o1_random": self.o1_random.tolist(), "o1_ratio": self.ratio}
         summary |= {"u_mm": self.u / MM, "u_random_mm": (self.u_random / MM).tolist()}
@@ -109,7 +109,7 @@ def plan_calibration(
     probe_noise: float | None = None,
     length_noise: float | None = None,
     above: float | None = None,
-    postures: int = POSTURES,
+    postures: int = POOL_SIZE,
     rng: np.random.Generator | None = None,
     progress: Progress = True,
 ) -> CalibrationPlan:
@@ -190,7 +190,7 @@ def d_optimal(
     """
     choice = Choosing(rows, information)
     choice.run(count, informing, steps)
-    for _ in range(ROUNDS):
+    for _ in range(EXCHANGE_ROUNDS):
         before = set(choice.taken)
         choice.exchange(informing)
         if set(choice.taken) == before:

@@ -19,11 +19,11 @@ from aacmm_pin.measurements import Measurements, Pool, seats_for
 from aacmm_pin.planning.measurement_conditions import MeasurementConditions
 from aacmm_pin.planning.task import Task
 
-STEP = 30.0
+TIME_STEP = 30.0
 """From one record to the next [s]."""
-ROUND = 0.1 * DEG
+ANGLE_STEP = 0.1 * DEG
 """Free postures are planned in steps of this, so that people can read them [rad]."""
-SEATS = 8
+NEW_SEATS = 8
 """Seats that are planned where there are none yet."""
 EACH = 40
 """Postures at each seat from which a plan chooses, at most."""
@@ -34,7 +34,7 @@ def free_postures(
 ) -> Measurements:
     """Random postures beside the stand, over the table."""
     q, _ = Room(arm, above).postures(count, rng)
-    steps = np.where(arm.chain.prismatic, 1e-4, ROUND)
+    steps = np.where(arm.chain.prismatic, 1e-4, ANGLE_STEP)
     rounded = np.round(q / steps) * steps
     low, high = joint_bounds(arm).T
     return Measurements.of(np.clip(rounded, low, high))
@@ -96,8 +96,8 @@ def _seats_of(task: Task) -> _Seats:
 
 
 def _new_seats(task: Task, pool: Pool, count: int, rng: np.random.Generator) -> _Seats:
-    each = max(4, min(EACH, count // SEATS))
-    places = seats_for(pool, SEATS, each, rng)
+    each = max(4, min(EACH, count // NEW_SEATS))
+    places = seats_for(pool, NEW_SEATS, each, rng)
     labels = [f"P{k}" for k in range(1, len(places) + 1)]
     points = np.concatenate([place.points for place in places])
     unknown = np.full_like(points, np.nan)
@@ -152,7 +152,7 @@ def _times(
     """Times of planned records (n,) [s]: during a warm-up, or after the existing records."""
     if set_up.warm_up:
         return rng.uniform(0.0, set_up.warm_up, size=n)
-    after = 0.0 if known.time is None else float(known.time.max()) + STEP
+    after = 0.0 if known.time is None else float(known.time.max()) + TIME_STEP
     return np.full(n, after)
 
 

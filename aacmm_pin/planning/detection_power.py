@@ -12,9 +12,9 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown
 from aacmm_pin.effects import Effect
 
-DRAWS = 4000
+EVIDENCE_DRAWS = 4000
 """Draws of records behind a probability."""
-SAME = 1e-4
+SAME_FRACTION = 1e-4
 """Part of what one cause does, squared, below which the other does the same."""
 SILENT = 1e-6
 """A cause whose squared effect, the noise being one, is smaller than this shows nothing."""
@@ -88,7 +88,7 @@ class Power(Shown):
     def open(self) -> tuple[bool, bool]:
         """Whether either does something that the other cannot do."""
         pairs = zip((self.one, self.other), self.alone, self.silent, strict=True)
-        one, other = (not silent and t > SAME * alone for t, alone, silent in pairs)
+        one, other = (not silent and t > SAME_FRACTION * alone for t, alone, silent in pairs)
         return one, other
 
     @property
@@ -128,15 +128,15 @@ def power_of(
     the cases. The evidence
     is that of a normal prior: with g = Rᵀy and prior variance w², ``½ gᵀ (S + I/w²)⁻¹ g - ½ log
     det(I + w² S)``. How large a cause may be is hardly known, so size alone must not decide: w lets
-    each of the two show as much as the true one does, ``w² tr S = ‖R β‖²``. By :data:`DRAWS` draws
-    of y.
+    each of the two show as much as the true one does, ``w² tr S = ‖R β‖²``. By
+    :data:`EVIDENCE_DRAWS` draws of y.
     """
     probability, shows, apart = 0.0, [], []
     for true, (mine, size) in enumerate(zip(blocks, sizes, strict=True)):
         shows.append(alone(r, mine, size.factor))
         apart.append(distance(r, mine, blocks[1 - true], size.factor))
-        effects = r[:, mine] @ size.drawn(DRAWS, rng)
-        y = effects + rng.standard_normal((len(r), DRAWS))
+        effects = r[:, mine] @ size.drawn(EVIDENCE_DRAWS, rng)
+        y = effects + rng.standard_normal((len(r), EVIDENCE_DRAWS))
         evidence = [_evidence(r[:, block], y, shows[true]) for block in blocks]
         better = evidence[true] - evidence[1 - true]
         tie = np.isclose(better, 0.0, atol=1e-6)

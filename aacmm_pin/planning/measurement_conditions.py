@@ -17,11 +17,11 @@ from aacmm_pin._support.units import MM
 from aacmm_pin.arm import Arm, ArmFile, axis, end
 from aacmm_pin.effects import Effect, ErrorModel, TimeConstant
 
-WARMER = 4.0
+ROOM_WARMING = 4.0
 """A room can be warmed by this much [K]."""
 LOAD = 1.0
 """Mass that is hung on an arm [kg]."""
-WARM_UPS = 3.0
+WARM_UP_CONSTANTS = 3.0
 """A warm-up is watched for so many of its time constants."""
 
 
@@ -90,12 +90,12 @@ def _changes(
         which = f"joint{'s' * (len(joints) > 1)} {', '.join(map(str, joints))}"
         yield str(Note("approach_both_sides", {"joints": which})), {"sides": tuple(joints)}
     if any("temperature" in effect.needs for effect in causes):
-        warm = reference_temperature + WARMER
-        data = {"by": WARMER, "cool": reference_temperature, "warm": warm}
-        yield str(Note("warm_room", data)), {"warmer": WARMER}
+        warm = reference_temperature + ROOM_WARMING
+        data = {"by": ROOM_WARMING, "cool": reference_temperature, "warm": warm}
+        yield str(Note("warm_room", data)), {"warmer": ROOM_WARMING}
     constants = [e.nonlinear.value(e) for e in causes if isinstance(e.nonlinear, TimeConstant)]
     if constants:
-        watched = WARM_UPS * max(constants)
+        watched = WARM_UP_CONSTANTS * max(constants)
         yield str(Note("measure_warm_up", {"minutes": watched / 60})), {"warm_up": watched}
 
 

@@ -25,7 +25,7 @@ from aacmm_pin.planning.separability import for_all
 from aacmm_pin.planning.task import Task, require_separable, usual_causes
 
 Reference = Literal["free", "seats"]
-POSTURES = 2000
+POOL_SIZE = 2000
 """Postures from which a plan chooses."""
 
 
@@ -45,7 +45,7 @@ def plan_measurements(
     length_noise: float | None = None,
     above: float | None = None,
     as_it_stands: bool = False,
-    postures: int = POSTURES,
+    postures: int = POOL_SIZE,
     rng: np.random.Generator | None = None,
     progress: Progress = True,
 ) -> MeasurementPlan:

@@ -19,7 +19,7 @@ from aacmm_pin.effects import Effect, ErrorModel
 from aacmm_pin.measurements import Measurements
 from aacmm_pin.planning.detection_power import Power
 
-SCHEMA = "aacmm-pin/plan/1"
+PLAN_SCHEMA = "aacmm-pin/plan/1"
 DECIDED = 0.95
 """Causes are told apart when the chance of the right decision is this large."""
 
@@ -122,7 +122,7 @@ class MeasurementPlan(Shown):
 
     def summary(self) -> dict[str, Any]:
         """Schema ``aacmm-pin/plan/1``."""
-        summary: dict[str, Any] = {"schema": SCHEMA, "arm": self.model.arm.name}
+        summary: dict[str, Any] = {"schema": PLAN_SCHEMA, "arm": self.model.arm.name}
         summary |= {"split": [effect.key for effect in self.split], "asked": self.asked}
         summary |= {"records": len(self.records), "existing": self.existing}
         summary |= {"set_up": list(self.set_up), "changes_arm": self.changes_arm}

@@ -11,7 +11,7 @@ import numpy as np
 from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin.planning.detection_power import Size
 
-HARDLY = 1e-3
+OTHER_DISTANCE_WEIGHT = 1e-3
 """Weight of the better told direction, which only decides among records that do the same for the
 worse.
 """
@@ -95,7 +95,7 @@ def telling(one: Index, other: Index, sizes: tuple[Size, Size]) -> Score:
             before = choice.covariance[np.ix_(columns, columns)]
             after = np.linalg.inv(before - seen.transpose(0, 2, 1) @ inverse @ seen)
             distances.append(np.einsum("nij,jm,im->n", after, size.factor, size.factor))
-        return np.asarray(np.minimum(*distances) + HARDLY * np.maximum(*distances))
+        return np.asarray(np.minimum(*distances) + OTHER_DISTANCE_WEIGHT * np.maximum(*distances))
 
     return score
 

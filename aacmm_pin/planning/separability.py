@@ -15,7 +15,7 @@ from aacmm_pin._support.notes import Note
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import Measurements
 from aacmm_pin.planning.candidate_design import Situation
-from aacmm_pin.planning.detection_power import SAME, SILENT, Size, alone, distance
+from aacmm_pin.planning.detection_power import SAME_FRACTION, SILENT, Size, alone, distance
 from aacmm_pin.planning.measurement_conditions import possible_conditions
 from aacmm_pin.planning.measurement_sheet import plan_of
 from aacmm_pin.planning.result import MeasurementPlan, Tried
@@ -24,7 +24,7 @@ from aacmm_pin.planning.task import Task
 
 HOPELESS = 1.0
 """A pair whose T would be smaller than this with random records gets no record of its own."""
-TOLD = 10.8
+LEAST_T = 10.8
 """T from which two causes of known size are told apart with odds of 0.95: ``Φ(√T/2)``."""
 
 Pair = tuple[int, int]
@@ -59,7 +59,7 @@ def for_all(
         raise AacmmError(
             "fewer than two causes would show at all, so that there is nothing to tell apart"
         )
-    same = {pair for pair, (_, part) in every.items() if part <= SAME}
+    same = {pair for pair, (_, part) in every.items() if part <= SAME_FRACTION}
     needed = HOPELESS * situation.pool.n / records
     open_ = {pair for pair, (t, _) in every.items() if pair not in same and t >= needed}
     chosen = _chosen(situation, records, open_, steps)
@@ -88,7 +88,7 @@ def _table(
     rows = []
     for pair, t in distance_of.items():
         one, other = (labels[k] for k in pair)
-        rows.append((one, other, t, t >= TOLD, why_not[pair]))
+        rows.append((one, other, t, t >= LEAST_T, why_not[pair]))
     table = pd.DataFrame(rows, columns=["cause", "other", "T", "told", "why_not"])
     return table.sort_values("T", ignore_index=True)
 
@@ -161,7 +161,7 @@ def _notes(
         separating = (
             words
             for words, r in others.items()
-            if distances(r, both)[0, 1][1] > SAME and not _silent(r, *both)
+            if distances(r, both)[0, 1][1] > SAME_FRACTION and not _silent(r, *both)
         )
         helps = next(separating, None)
         data = {"one": labels[one], "other": labels[other], "set_up": helps}

@@ -26,13 +26,13 @@ from aacmm_pin.report.document import (
     Table,
     document_of,
 )
-from aacmm_pin.report.formats.html import SHORT
+from aacmm_pin.report.formats.html import SHORT_TEXT
 from aacmm_pin.report.numbers import capital
 from aacmm_pin.report.procedure import ORIGIN
 from aacmm_pin.verification import (
     AS_GIVEN,
-    COVERAGE,
     EDITIONS,
+    GUARD_BAND_FACTOR,
     LEAST_CHECKS,
     LONGEST_PART,
     PER_MOVING_RANGE,
@@ -48,7 +48,7 @@ from aacmm_pin.verification import (
 RULE = (
     "Conformity: |value| + U ≤ MPE for each error; non-conformity: |value| - U > MPE for one; "
     f"{SHOWN_AS['neither']} in "
-    f"between. Guard band: U = {COVERAGE:g}u of the calibrated length or diameter, as in "
+    f"between. Guard band: U = {GUARD_BAND_FACTOR:g}u of the calibrated length or diameter, as in "
     f"{RULE_OF}; the default of "
     "ISO 14253-1:2017 is 1.65u."
 )
@@ -58,7 +58,7 @@ CHART = (
     f"{PER_MOVING_RANGE} mean moving ranges away from it, none below zero, from {LEAST_CHECKS} of "
     "them on."
 )
-STATED = {
+STATED_OF_CHECK = {
     "operator": ("operator", ""),
     "session": ("session", ""),
     "temperature_c": ("temperature", " °C"),
@@ -68,14 +68,14 @@ STATED = {
 }
 """What is written of a column that tells of the check as a whole, and its unit."""
 TITLE, DEFINED = "Test report", "What the figures are"
-HEADS = {
+FIGURE_HEADS = {
     "value_mm": "value [mm]",
     "U_mm": "U [mm]",
     "mpe_mm": "MPE [mm]",
     "had": "touches or lengths",
 }
 """All in mm, however small, as limits are stated and charts are drawn."""
-SHOWN = 6
+NUMBERS_LISTED = 6
 """So many different numbers of a column stand one beside the other; of more, the smallest and the
 largest.
 """
@@ -116,7 +116,7 @@ def acceptance_document(result: AcceptanceResult, details: CheckDetails | None =
     figures = table[_columns(table, len(result.overall) > 1, details is None)]
     forms: dict[str, Format] = {"verdict": _marked}
     blocks: list[Block] = [
-        Table(figures, "Figures and their limits", forms, HEADS, spare="where"),
+        Table(figures, "Figures and their limits", forms, FIGURE_HEADS, spare="where"),
         Paragraph(RULE),
     ]
     if details is None:
@@ -139,7 +139,7 @@ def acceptance_document(result: AcceptanceResult, details: CheckDetails | None =
 
 def _readable(result: AcceptanceResult) -> pd.DataFrame:
     table = result.to_frame()
-    table["coordinates"] = table["coordinates"].map(partial(brief, most=SHORT))
+    table["coordinates"] = table["coordinates"].map(partial(brief, most=SHORT_TEXT))
     table["standard"] = table["standard"].replace(EDITIONS)
     return table
 
@@ -210,7 +210,7 @@ def _not_drawn(charts: Sequence[ControlChart], drawn: Sequence[ControlChart], se
     names = dict[str, list[str]]()
     for chart in charts:
         if len(chart.values) > 1 and (chart.arm, chart.figure) not in there:
-            by = f" by {brief(chart.arm, SHORT)}" if several else ""
+            by = f" by {brief(chart.arm, SHORT_TEXT)}" if several else ""
             names.setdefault(by, []).append(chart.figure)
     if not names:
         return ""
@@ -226,7 +226,7 @@ def _conditions(result: AcceptanceResult, details: CheckDetails) -> str:
     lines = {"coordinates": ", ".join(arms)}
     for column, values in result.stated.items():
         if values:
-            name, unit = STATED[column]
+            name, unit = STATED_OF_CHECK[column]
             lines[name] = _range(values) + unit
     if result.measuring_range is not None:
         part = plain_mm(LONGEST_PART * result.measuring_range)
@@ -241,7 +241,7 @@ def _range(values: Sequence[object]) -> str:
     texts = [
         plain_mm(value * MM) if isinstance(value, float | int) else str(value) for value in values
     ]
-    if len(values) > SHOWN and isinstance(values[0], float | int):
+    if len(values) > NUMBERS_LISTED and isinstance(values[0], float | int):
         return f"{texts[0]} to {texts[-1]}"
-    shown = ", ".join(texts[:SHOWN])
-    return shown + ", …" * (len(values) > SHOWN)
+    shown = ", ".join(texts[:NUMBERS_LISTED])
+    return shown + ", …" * (len(values) > NUMBERS_LISTED)

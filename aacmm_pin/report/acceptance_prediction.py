@@ -23,8 +23,8 @@ from aacmm_pin.report.plots.style import BLUE, GREEN, GREY, VERMILLION, plain
 from aacmm_pin.report.procedure import ORIGIN
 from aacmm_pin.verification import PredictedAcceptance
 
-COLOURS = (BLUE, GREEN, GREY)
-HEADS = {
+ARM_COLOURS = (BLUE, GREEN, GREY)
+PREDICTION_HEADS = {
     "median_mm": "median [mm]",
     "low_mm": "95 % from [mm]",
     "high_mm": "95 % to [mm]",
@@ -39,9 +39,9 @@ STATED_ONLY = (
     "its model does not contain come on top. Conforms: share of the runs in which the figure and U "
     "are within the MPE."
 )
-MARKS = "Median and 95 % interval of every figure; a mark stands at the MPE."
-CAUSES = "Median of the figure by each cause alone"
-TOGETHER = "Parameters that a calibration knows together may do more alone than together."
+INTERVALS_CAPTION = "Median and 95 % interval of every figure; a mark stands at the MPE."
+ALONE_CAPTION = "Median of the figure by each cause alone"
+ALONE_EXPLAINED = "Parameters that a calibration knows together may do more alone than together."
 
 
 @document_of.register
@@ -49,7 +49,7 @@ def prediction_document(result: PredictedAcceptance) -> Document:
     """The figures that a procedure will show."""
     table = result.to_frame()
     several = table["arm"].nunique() > 1
-    shown = ["figure", *HEADS]
+    shown = ["figure", *PREDICTION_HEADS]
     if several:
         shown.insert(0, "arm")
     if (table["missing"] != "").any():
@@ -65,12 +65,14 @@ def prediction_document(result: PredictedAcceptance) -> Document:
         [
             ORIGIN,
             Paragraph(f"{result}.", finding=True, head="Predicted:"),
-            Table(table[shown], "Magnitude of each figure", forms, HEADS),
+            Table(table[shown], "Magnitude of each figure", forms, PREDICTION_HEADS),
             Paragraph(STATED_ONLY, detail=True),
             Figure(
-                lambda: _intervals(result), "Intervals of the figures, with their limits", MARKS
+                lambda: _intervals(result),
+                "Intervals of the figures, with their limits",
+                INTERVALS_CAPTION,
             ),
-            Table(alone, CAUSES, explained=TOGETHER, detail=True),
+            Table(alone, ALONE_CAPTION, explained=ALONE_EXPLAINED, detail=True),
             Notes(result.notes),
             Download("prediction.json", "the figures as JSON", summary),
         ],
@@ -87,7 +89,7 @@ def _intervals(result: PredictedAcceptance) -> Drawing:
         number = arms.index(f.source)
         y = names.index(f.definition.name) + 0.22 * (number - (len(arms) - 1) / 2)
         low, median, high = np.quantile(f.magnitudes, (0.025, 0.5, 0.975)) / MM
-        colour, label = COLOURS[number % 3], f.source if f.definition.name == names[0] else None
+        colour, label = ARM_COLOURS[number % 3], f.source if f.definition.name == names[0] else None
         axes.plot([low, high], [y, y], color=colour, lw=2.5, solid_capstyle="butt", label=label)
         axes.plot(median, y, "o", color=colour, mec="white")
         axes.plot(f.runs[0].mpe / MM, y, "|", color=VERMILLION, ms=16, mew=2.5)

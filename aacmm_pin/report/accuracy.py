@@ -19,7 +19,7 @@ from aacmm_pin.report.numbers import in_one_unit, percent, spread
 SHOWN_SOURCES = 8
 """So many sources of a budget are shown."""
 EXPANDED, SHARE = "U (k = 2)_mm", "share of variance"
-POSTURES = {
+END_POSTURES = {
     "smallest_u": "smallest U",
     "largest_u": "largest U",
     "best": "smallest volume",
@@ -129,7 +129,7 @@ def postures_at_the_ends(summary: dict[str, Any]) -> pd.DataFrame:
     """The postures of an accuracy summary with the smallest and largest volume and U, one
     row each.
     """
-    rows = [{"posture": words} | summary[name] for name, words in POSTURES.items()]
+    rows = [{"posture": words} | summary[name] for name, words in END_POSTURES.items()]
     table = pd.DataFrame(rows).dropna(axis="columns", how="all")
     table["theta_deg"] = table["theta_deg"].map(_degrees)
     table.insert(2, EXPANDED, COVERAGE_FACTOR * table.pop("u_mm"))

@@ -14,9 +14,9 @@ from aacmm_pin.effects import Effect, ErrorModel, in_words, values_in_words, val
 from aacmm_pin.report.document import Block, Document, Paragraph, Table, document_of
 from aacmm_pin.report.numbers import count, quantity, small, vector
 
-HEADS = dict(zip(KINDS, ("a [mm]", "d [mm]", "α [°]", "θ offset [°]"), strict=True))
+DH_HEADS = dict(zip(KINDS, ("a [mm]", "d [mm]", "α [°]", "θ offset [°]"), strict=True))
 """Heads of the columns of a DH table."""
-FEW = 8
+POSTURES_LISTED = 8
 """So many postures, or names, are shown."""
 MOST_SOURCES = 40
 
@@ -73,7 +73,7 @@ def _dh_cells(dh: DHTable, half_widths: Mapping[str, float | None]) -> pd.DataFr
         scale = MM if kind in ("a", "d") else DEG
         halves = [half_widths.get(f"{kind}{row}") for row in table["row"]]
         cells = zip(values / scale, halves, strict=True)
-        table[HEADS[kind]] = [_dh_cell(value, half, scale) for value, half in cells]
+        table[DH_HEADS[kind]] = [_dh_cell(value, half, scale) for value, half in cells]
     return table
 
 
@@ -168,12 +168,12 @@ def poses_document(poses: Poses) -> Document:
         kind = poses.model.joints[j + 1].shortname()
         slides = kind.startswith("JointModelP")  # prismatic; planar ones are refused
         head = f"joint {j + 1} [mm]" if slides else f"θ{j + 1} [°]"
-        table[head] = values[:FEW] / (MM if slides else DEG)
-    some = Poses(poses.model, poses.q[:FEW], poses.frame_id)
+        table[head] = values[:POSTURES_LISTED] / (MM if slides else DEG)
+    some = Poses(poses.model, poses.q[:POSTURES_LISTED], poses.frame_id)
     table |= {f"{axis} [mm]": some.position[:, k] / MM for k, axis in enumerate("xyz")}
     frame = poses.model.frames[poses.frame_id].name
     words = f"{count(len(poses.q), 'configuration')}, frame {frame}, by Pinocchio"
-    more = f"… and {len(poses.q) - FEW} more" if len(poses.q) > FEW else ""
+    more = f"… and {len(poses.q) - POSTURES_LISTED} more" if len(poses.q) > POSTURES_LISTED else ""
     return Document(name, [Paragraph(words, head=name), Table(pd.DataFrame(table)), more])
 
 

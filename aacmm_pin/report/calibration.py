@@ -49,9 +49,9 @@ COLLINEAR = 0.01
 """Points whose distance from a straight line is less than this part of their extent along it are
 called collinear.
 """
-MOST_EXCLUDED = 10
+EXCLUDED_LISTED = 10
 """Excluded records that are listed; the residuals' file has all."""
-KINDS = {
+HELD_OUT_KINDS = {
     "records": "records",
     "seats": "seats",
     "sessions": "sessions",
@@ -134,7 +134,9 @@ def verdict(result: Calibration) -> str:
         return f"{doubts}{name}{rest}: residuals {fitted}; {unknown}."
     gain = 1.0 - held.rms_after / held.rms_before
     helps = "helps" if gain >= WORTH else "does not help"
-    on_held_out = f"residuals of held-out {KINDS[held.kind]} {others[0]} before, {others[1]} after"
+    on_held_out = (
+        f"residuals of held-out {HELD_OUT_KINDS[held.kind]} {others[0]} before, {others[1]} after"
+    )
     return (
         f"{doubts}Calibration{rest} {helps} {name}: {on_held_out} (gain {percent(gain)}); {fitted}."
     )
@@ -330,7 +332,7 @@ def _result(result: Calibration) -> list[Block]:
 def _distances(result: Calibration, noise: str) -> Table:
     rows = [("used in the fit", result.rms_before, result.rms)]
     for held in result.held_out:
-        name = f"held-out {KINDS[held.kind]}, in {held.groups} parts"
+        name = f"held-out {HELD_OUT_KINDS[held.kind]}, in {held.groups} parts"
         rows.append((name, held.rms_before, held.rms_after))
     sizes = pd.DataFrame(rows, columns=["records", "before_mm", "after_mm"])
     sizes["gain"] = 1.0 - sizes["after_mm"] / sizes["before_mm"]
@@ -345,7 +347,7 @@ def _turns(result: Calibration, turns: dict[str, float], noise: str) -> Table:
     for held in result.held_out:
         if held.turned:
             sizes = rms(held.turn_before), rms(held.turn_after)
-            rows.append((f"held-out {KINDS[held.kind]}", *sizes))
+            rows.append((f"held-out {HELD_OUT_KINDS[held.kind]}", *sizes))
     columns = ["before [µrad]", "after [µrad]"]
     table = pd.DataFrame(rows, columns=["records", *columns])
     table[columns] /= UM
@@ -486,7 +488,7 @@ def excluded_records(excluded: pd.DataFrame) -> list[Block]:
             f"Excluded records ({len(excluded)})",
             heads={"row": "row of the file"},
             explained=EXCLUDED,
-            most=MOST_EXCLUDED,
+            most=EXCLUDED_LISTED,
         )
     ]
 

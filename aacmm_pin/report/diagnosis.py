@@ -41,7 +41,12 @@ from aacmm_pin.effects import (
     values_in_words,
 )
 from aacmm_pin.report import plots
-from aacmm_pin.report.calibration import KINDS, excluded_records, exclusions_in_words, files
+from aacmm_pin.report.calibration import (
+    HELD_OUT_KINDS,
+    excluded_records,
+    exclusions_in_words,
+    files,
+)
 from aacmm_pin.report.document import (
     Block,
     Bullets,
@@ -72,7 +77,7 @@ from aacmm_pin.report.plots.groups import held_out_parts, place_in_words
 from aacmm_pin.report.plots.partial_residuals import is_constant, state_of
 from aacmm_pin.report.plots.residual_vectors import models, two_models
 
-WAVES = 6
+WAVES_LISTED = 6
 """So many waves of a free curve are listed."""
 LOOK_ALIKES = 3
 LEAST_SHOWN, ALIKE = 1e-3, 0.9
@@ -104,7 +109,7 @@ RANKED = (
 SETS_LISTED = "Sets of causes that may act, with their probabilities"
 ALL_SETS = "The probabilities of all sets add up to one; those of less than 1 % are added up."
 ALIASES_LISTED = "Aliases: causes with a similar effect in these records"
-ALIASES = (
+ALIASES_EXPLAINED = (
     "r: correlation of the two in these records, geometry refitted. Probability: that the alias "
     "acts and the cause does not."
 )
@@ -333,7 +338,7 @@ def gain_in_words(result: Diagnosis) -> str:
     significant = held.beyond_doubt or high < -THRESHOLDS.least_gain
     notes = [] if significant else [", not significant"]
     interval = f"(95 %: {100 * low:z.0f} to {percent(high)}){''.join(notes)}"
-    arms = f"Gain of the extended over the recalibrated arm on held-out {KINDS[held.kind]}"
+    arms = f"Gain of the extended over the recalibrated arm on held-out {HELD_OUT_KINDS[held.kind]}"
     sentences = [f"{arms}: {percent(held.gain)} {interval}.", _of_extended(held)]
     if result.findings and result.extended.too_many_excluded:
         sentences.append(
@@ -577,7 +582,7 @@ def _causes(result: Diagnosis) -> list[Block]:
     apart = [labels_in_words(result, labels) for labels in result.cannot_tell_apart]
     causes = Table(ranking(result), "Causes in the extended model", explained=RANKED)
     sets = Table(alternatives(result), SETS_LISTED, explained=ALL_SETS)
-    aliases = Table(look_alikes(result), ALIASES_LISTED, {"r": ".2f"}, explained=ALIASES)
+    aliases = Table(look_alikes(result), ALIASES_LISTED, {"r": ".2f"}, explained=ALIASES_EXPLAINED)
     return [
         Heading("The causes"),
         Paragraph(none, detail=True),
@@ -596,7 +601,7 @@ def _waves(result: Diagnosis) -> list[str]:
     for finding in result.findings:
         waves = strongest_waves(finding.effect)
         if waves:
-            sizes = [f"{n:.3g} ({size / UM:.1f} µrad)" for n, size in waves[:WAVES]]
+            sizes = [f"{n:.3g} ({size / UM:.1f} µrad)" for n, size in waves[:WAVES_LISTED]]
             name = capital(in_words(finding.effect, result.model.arm))
             lines.append(f"{name}, waves per turn: {', '.join(sizes)}")
     return lines
@@ -660,8 +665,8 @@ def _held_out(result: Diagnosis) -> list[Block]:
     chosen = [labels_in_words(result, labels) or "nothing" for labels in table.pop("chosen")]
     table = table.rename(columns={"part": "left out"}).assign(**{"chosen without it": chosen})
     sentences = [
-        f"{capital(KINDS[held.kind])} were left out in turn, of the choice of causes as well, and "
-        "predicted by the other records: RMS of each.",
+        f"{capital(HELD_OUT_KINDS[held.kind])} were left out in turn, of the choice of causes as "
+        "well, and predicted by the other records: RMS of each.",
         "Gain = 1 - RMS extended / RMS recalibrated.",
         _counted(held),
     ]

@@ -45,7 +45,7 @@ DPI = 130
 """Resolution of embedded figures; they are shown at most as wide as the text."""
 MARK = "✗"
 """Begins a cell that must not be overlooked; a page has it in bold."""
-NOTHING = "–"
+NO_NUMBER = "–"
 """Stands where there is no number."""
 NUMBER = re.compile(r"[*<> ]*[-+]?\d+(\.\d+)?(e[-+]?\d+)?( \S+)?")
 """A number, perhaps with a mark before and one unit behind."""
@@ -295,7 +295,7 @@ def shown_document(result: Shown) -> Document:
 def cell(value: object, form: Format = "") -> str:
     """A value of a table as text; a dash where there is none."""
     if value is None or value is pd.NA or (isinstance(value, float) and np.isnan(value)):
-        return NOTHING
+        return NO_NUMBER
     if callable(form):
         return form(value)
     if isinstance(value, bool | np.bool_):
@@ -322,4 +322,4 @@ def blank_axes(width: float, height: float) -> Axes:
 
 def are_numbers(texts: Iterable[str]) -> bool:
     """Whether every cell of a column is one number, or nothing."""
-    return all(text in ("", NOTHING) or NUMBER.fullmatch(text) for text in texts)
+    return all(text in ("", NO_NUMBER) or NUMBER.fullmatch(text) for text in texts)

@@ -20,7 +20,7 @@ from aacmm_pin.postures import Flexibility, PosturesAtPoint, ReachingPostures
 ACCURACY_SCHEMA = "aacmm-pin/accuracy/1"
 LENGTH_SCHEMA = "aacmm-pin/length/1"
 MAP_SCHEMA = "aacmm-pin/map/1"
-DIGITS = 9
+JSON_DECIMALS = 9
 """Decimals kept of lengths and angles [mm, deg]: hides what binary fractions do to decimal input,
 and nothing else.
 """
@@ -181,7 +181,7 @@ def _posture(accuracy: AccuracyVolume, swivel: Array, number: int) -> dict[str, 
     """A posture with its accuracy; ``swivel`` of all postures [deg]."""
     own = _number(swivel[number])
     posture: dict[str, Any] = {"theta_deg": _rounded(accuracy.q[number] / DEG)}
-    posture["swivel_deg"] = None if own is None else round(own, DIGITS) + 0.0
+    posture["swivel_deg"] = None if own is None else round(own, JSON_DECIMALS) + 0.0
     posture["volume_mm3"] = float(accuracy.volume[number] / MM3)
     return posture | {"u_mm": float(accuracy.u[number] / MM)}
 
@@ -193,7 +193,7 @@ def _budget(accuracy: AccuracyVolume | LengthUncertainty) -> list[dict[str, Any]
 
 
 def _rounded(values: Array) -> list[float]:
-    return [round(float(value), DIGITS) + 0.0 for value in values]
+    return [round(float(value), JSON_DECIMALS) + 0.0 for value in values]
 
 
 def _number(value: float) -> float | None:

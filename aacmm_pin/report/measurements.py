@@ -14,7 +14,7 @@ from aacmm_pin.measurements import BAR, Measurements
 from aacmm_pin.report.document import Document, Paragraph, Table, document_of
 from aacmm_pin.report.numbers import count
 
-FEW = 8
+VALUES_LISTED = 8
 """So many labels are shown."""
 
 
@@ -58,7 +58,8 @@ def _range(values: NDArray[Any]) -> str:
     """Smallest and largest of numbers; number and names of labels."""
     if values.dtype == object:
         labels = [label for label in dict.fromkeys(values) if label]
-        return f"{len(labels)}: {', '.join(labels[:FEW])}{' …' if len(labels) > FEW else ''}"
+        more = " …" if len(labels) > VALUES_LISTED else ""
+        return f"{len(labels)}: {', '.join(labels[:VALUES_LISTED])}{more}"
     values = values[np.isfinite(values)]
     if not values.size:
         return "none"

@@ -21,7 +21,7 @@ from aacmm_pin._support.units import DEG, MM, UM
 from aacmm_pin.effects import listed
 from aacmm_pin.report.numbers import count
 
-UNITS = {"mm": (MM, " mm"), "µm": (UM, " µm"), "µrad": (UM, " µrad"), "°": (DEG, "°")}
+FORMAT_UNITS = {"mm": (MM, " mm"), "µm": (UM, " µm"), "µrad": (UM, " µrad"), "°": (DEG, "°")}
 """Units of formats: how large they are, and what stands behind the number."""
 
 
@@ -39,8 +39,8 @@ def sentence(note: Note) -> str:
 class _Values(Formatter):
     def format_field(self, value: Any, format_spec: str) -> str:
         form, _, unit = format_spec.rpartition(" ")
-        if unit in UNITS:
-            size, written = UNITS[unit]
+        if unit in FORMAT_UNITS:
+            size, written = FORMAT_UNITS[unit]
             number = two_digits(value / size) if form == "2" else format(value / size, form)
             return f"{number}{written}"
         if format_spec.startswith("#"):

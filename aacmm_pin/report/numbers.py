@@ -16,13 +16,13 @@ IN_MM = 1e-4
 """Lengths from here on stand in mm, smaller ones in µm [m]."""
 LEAST_P = 1e-16
 """No smaller chance is told."""
-DIGITS = {"mm": "z.5f", "rad": "z.7f"}
+VALUE_FORMATS = {"mm": "z.5f", "rad": "z.7f"}
 """Formats of the values of parameters by their unit."""
 WORD = re.compile(r"[a-z]+(?:[-'’][a-z]+)*[,.:;]?(?!\S)")
 """A word of a sentence; names of causes, parameters, columns and files have other characters."""
 UNIT = re.compile(r"_(mm3|mm|deg)$")
 """The unit at the end of the name of a column."""
-UNITS = {"mm3": "mm³", "mm": "mm", "deg": "°"}
+UNIT_SYMBOLS = {"mm3": "mm³", "mm": "mm", "deg": "°"}
 
 
 def length(value: float) -> str:
@@ -75,7 +75,7 @@ def head(name: str) -> str:
     if unit is None:
         return name
     words = name[: unit.start()].replace("_", " ")
-    return f"{words} [{UNITS[unit[1]]}]"
+    return f"{words} [{UNIT_SYMBOLS[unit[1]]}]"
 
 
 def spread(frame: pd.DataFrame, over: str) -> pd.DataFrame:
@@ -121,7 +121,7 @@ def quantity(value: float, unit: str) -> str:
     """The value of a parameter [SI] with all its digits: ``700.95000 mm``, ``0.0100000 rad``."""
     if unit == "m":
         value, unit = value / MM, "mm"
-    form = DIGITS.get(unit, ".6g")
+    form = VALUE_FORMATS.get(unit, ".6g")
     return f"{value:{form}} {unit}".removesuffix(" 1")
 
 

@@ -20,7 +20,7 @@ QUICK = 200
 """Postures that are enough to state whether a plan would help; the plan itself has more."""
 LEAST_CHANGE = 0.005
 """A probability of a right decision that grows by less is not worth new records."""
-MOST_PAIRS = 8
+PAIRS_LISTED = 8
 """Pairs of causes that are listed; the JSON has all."""
 
 
@@ -37,7 +37,7 @@ def plan_document(plan: MeasurementPlan) -> Document:
             Paragraph(str(plan), head="Plan:"),
             Bullets(plan.set_up, "Set-up, besides postures:"),
             Table(considered, "Set-ups that were considered", forms),
-            Table(_pairs(plan), pairs, forms, most=MOST_PAIRS),
+            Table(_pairs(plan), pairs, forms, most=PAIRS_LISTED),
             *where_to_go(plan),
             Notes(plan.notes),
         ],

@@ -23,14 +23,14 @@ from aacmm_pin.report.plots.style import BLUE, GREEN, GREY, VERMILLION
 from aacmm_pin.report.plots.two_views import two_views
 from aacmm_pin.verification import ASME, EDITIONS, RULE_OF, Procedure
 
-KINDS = {
+ARTEFACTS = {
     "sphere": ("sphere", BLUE),
     "single-point": ("seat", GREEN),
     "length": ("length bar", VERMILLION),
     "volumetric": ("ball bar", GREY),
 }
 """What stands in the room for the tests that begin so, and its colour."""
-SAME = {
+ARTEFACT_OF_TEST = {
     "location": "sphere",
     "effective-diameter": "sphere",
     "length-uni": "length",
@@ -102,7 +102,7 @@ def _ends(procedure: Procedure) -> pd.DataFrame:
     names = ["test", "position", "feature"]
     points = pd.DataFrame(procedure.points, columns=[*"xyz"])
     table = procedure.touches[names].reset_index(drop=True).join(points)
-    table["kind"] = table["test"].replace(SAME)
+    table["kind"] = table["test"].replace(ARTEFACT_OF_TEST)
     rows = []
     for (kind, position), touches in table.groupby(["kind", "position"], sort=False):
         features = [touches["feature"].iloc[0]]
@@ -122,7 +122,7 @@ def _stands(procedure: Procedure) -> pd.DataFrame:
     heads = ["away [mm]", "bearing [°]", "height [mm]"]
     where = places(procedure.arm, ends[[*"xyz"]].to_numpy()).set_axis(heads, axis=1)
     table = ends[["kind", "position", "end"]].join(where.map(lambda value: f"{value:z.0f}"))
-    table["kind"] = table["kind"].map({kind: name for kind, (name, _) in KINDS.items()})
+    table["kind"] = table["kind"].map({kind: name for kind, (name, _) in ARTEFACTS.items()})
     again = table.duplicated(["kind", "position"])
     far = table[again].rename(columns={name: f"far {name}" for name in ("end", *heads)})
     near = table[~again].drop(columns="end").merge(far, "left", on=["kind", "position"])
@@ -166,7 +166,7 @@ def procedure_views(procedure: Procedure) -> Drawing:
     """What stands where, from above and from the side."""
     groups: dict[str, tuple[str, list[tuple[str, Array]]]] = {}
     for (kind, position), place in _ends(procedure).groupby(["kind", "position"], sort=False):
-        name, colour = KINDS[str(kind)]
+        name, colour = ARTEFACTS[str(kind)]
         label = "" if kind == "volumetric" else str(position)
         groups.setdefault(name, (colour, []))[1].append((label, place[["x", "y", "z"]].to_numpy()))
     return two_views(procedure.arm, procedure.q[:1], groups)

@@ -22,7 +22,7 @@ GAP = 2
 """Columns of the terminal beside each column of a table."""
 SPARE = 28
 """A column of a table that is spare stands where there is room for so many characters."""
-LONGEST = 40
+LONGEST_WORD = 40
 """Longer words are broken."""
 LABEL = re.compile(r"[a-z_]+:?\w*")
 """A cause and its place, a parameter."""
@@ -113,5 +113,5 @@ def _least(head: str, texts: list[str], kept: str) -> int:
     """
     in_one = are_numbers(texts) or all(LABEL.fullmatch(text) for text in texts)
     words = texts if in_one else re.findall(kept, "\n".join(texts))
-    lengths = [min(LONGEST, cell_len(word)) for word in words]
+    lengths = [min(LONGEST_WORD, cell_len(word)) for word in words]
     return max([*map(cell_len, head.split()), *lengths])

@@ -3,7 +3,7 @@ planned, predicted, judged.
 """
 
 from aacmm_pin.verification.accept import (
-    COVERAGE,
+    GUARD_BAND_FACTOR,
     LONGEST_PART,
     SHOWN_AS,
     AcceptanceResult,
@@ -25,8 +25,8 @@ from aacmm_pin.verification.procedure import PROBE, SPHERE, Procedure, acceptanc
 __all__ = [
     "ASME",
     "AS_GIVEN",
-    "COVERAGE",
     "EDITIONS",
+    "GUARD_BAND_FACTOR",
     "LEAST_CHECKS",
     "LONGEST_PART",
     "PER_MOVING_RANGE",

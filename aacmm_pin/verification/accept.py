@@ -23,12 +23,12 @@ from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements import measurement_file
 from aacmm_pin.verification.characteristics import DEFINITIONS, Definition, definitions
 from aacmm_pin.verification.doubts import check_unit, doubts
-from aacmm_pin.verification.evaluators import LENGTH, Evaluated, without_value
+from aacmm_pin.verification.evaluators import LENGTH_KEY, Evaluated, without_value
 from aacmm_pin.verification.places import Place
 from aacmm_pin.verification.probed_points import read_file
 
 ACCEPTANCE_SCHEMA = "aacmm-pin/acceptance/1"
-COVERAGE = 2.0
+GUARD_BAND_FACTOR = 2.0
 """Coverage factor of the guard band U = 2 u: the rule of ISO 14253-1:1998 and 2013. The default of
 ISO 14253-1:2017, a probability of 95 % at one limit, is a guard band of 1.65 u: with U fewer
 verdicts are conformity or non-conformity.
@@ -46,7 +46,7 @@ IN_RANGE = ("length-uni", "length-bi")
 """The tests whose longest length that is."""
 MOST_LACKING = 3
 """So many of what is missing are named."""
-SINGULAR = {"touches": "touch", "lengths": "length"}
+SINGULAR_NOUN = {"touches": "touch", "lengths": "length"}
 
 Verdict = Literal["conformity", "non-conformity", "neither"]
 VERDICTS = get_args(Verdict)
@@ -102,7 +102,7 @@ class AcceptanceFigure:
         row: dict[str, Any] = {"coordinates": self.source, "figure": definition.name}
         row |= {"standard": definition.standard, "test": definition.test_name}
         row |= {"definition": definition.text, "value_mm": evaluated.value / MM}
-        row |= {"U_mm": COVERAGE * evaluated.u / MM, "mpe_mm": self.mpe / MM}
+        row |= {"U_mm": GUARD_BAND_FACTOR * evaluated.u / MM, "mpe_mm": self.mpe / MM}
         row["verdict"] = self.verdict
         row["where"] = "" if self.where is None else str(self.where)
         return row | {
@@ -124,7 +124,7 @@ class AcceptanceFigure:
     def _sizes(self) -> tuple[Array, Array]:
         """Magnitude and U of each error of which this is the largest (n,) [m]."""
         errors = self.evaluated.errors
-        return np.abs(errors[:, 0]), COVERAGE * np.nan_to_num(errors[:, 1])
+        return np.abs(errors[:, 0]), GUARD_BAND_FACTOR * np.nan_to_num(errors[:, 1])
 
     @property
     def stated(self) -> int:
@@ -162,7 +162,7 @@ class AcceptanceFigure:
         number, counted = self.evaluated.missing, self.definition.counted
         if not number:
             return self.evaluated.why_incomplete
-        return f"{number} {counted if number > 1 else SINGULAR[counted]}"
+        return f"{number} {counted if number > 1 else SINGULAR_NOUN[counted]}"
 
 
 def shown_verdict(verdict: str | None) -> str:
@@ -259,7 +259,7 @@ class AcceptanceResult(Shown):
             names = [figure.definition.name for figure in by]
             overall.append({"coordinates": source, "verdict": verdict, "decided_by": names})
         summary: dict[str, Any] = {"schema": ACCEPTANCE_SCHEMA, "source": self.path}
-        summary |= {"coverage_factor": COVERAGE, "overall": overall}
+        summary |= {"coverage_factor": GUARD_BAND_FACTOR, "overall": overall}
         summary["figures"] = [figure.to_dict() for figure in self.figures]
         summary["measuring_range_mm"] = self.measuring_range and self.measuring_range / MM
         summary["longest_length_mm"] = {test: size / MM for test, size in self.longest.items()}
@@ -351,7 +351,7 @@ def _has_points(of_test: pd.DataFrame, definition: Definition) -> bool:
 def _count(of_test: pd.DataFrame, definition: Definition) -> int:
     """How many there are of what a characteristic counts."""
     if definition.counted == "lengths":
-        return int(of_test.groupby([*LENGTH]).ngroups)
+        return int(of_test.groupby([*LENGTH_KEY]).ngroups)
     return len(of_test)
 
 

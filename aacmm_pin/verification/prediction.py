@@ -32,7 +32,7 @@ from aacmm_pin.verification.accept import AcceptanceFigure, checked_limits
 from aacmm_pin.verification.characteristics import Definition, definitions
 from aacmm_pin.verification.procedure import Procedure
 
-SCHEMA = "aacmm-pin/acceptance-prediction/1"
+PREDICTION_SCHEMA = "aacmm-pin/acceptance-prediction/1"
 RUNS, FEWEST = 200, 20
 """Virtual runs: usual, and the fewest that an interval can be read from."""
 ALONE = 20
@@ -132,7 +132,11 @@ class PredictedAcceptance(Shown):
         for row, figure in zip(rows, self.figures, strict=True):
             alone = {str(cause): float(value) / MM for cause, value in figure.alone.items()}
             figures.append(row | {"alone_mm": alone})
-        summary: dict[str, Any] = {"schema": SCHEMA, "procedure": self.path, "runs": self.count}
+        summary: dict[str, Any] = {
+            "schema": PREDICTION_SCHEMA,
+            "procedure": self.path,
+            "runs": self.count,
+        }
         summary |= {"seed": self.seed, "figures": figures}
         return summary | notes_in_json(self.notes)
 

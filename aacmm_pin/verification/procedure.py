@@ -38,7 +38,7 @@ from aacmm_pin.verification.characteristics import STANDARDS, definitions
 
 SPHERES = {"near": (0.2, 0.45), "far": (0.7, 0.95)}
 """Between which parts of the reach spheres stand, chosen here; the reach counts from joint 2."""
-SEATS = {"near": (0.0, 0.18), "middle": (0.4, 0.6), "far": (0.82, 1.0)}
+SEAT_ZONES = {"near": (0.0, 0.18), "middle": (0.4, 0.6), "far": (0.82, 1.0)}
 """The same of single points: inside the zones of ASME B89.4.22, off their edges."""
 LENGTHS, PLACES, REPEATS = 5, 7, 3
 """Of the tests of lengths."""
@@ -47,19 +47,19 @@ BALL_BARS = {"short": 1, "long": 3}
 """
 SPHERE, PROBE = 25.0, 6.0
 """Diameters that are planned with where none are stated [mm]."""
-STEP = 10.0
+LENGTH_STEP = 10.0
 """Lengths are planned in steps of this [mm]."""
 LEVEL = 0.25
 """Spheres and seats stand at most this part of the reach higher or lower than joint 2."""
-APART = 0.2
+LEAST_SEPARATION = 0.2
 """Part of the reach by which spheres and seats are apart."""
 CANDIDATES, TRIED = 4000, 30
 """Places that are looked at, and directions of a bar that are tried beside the wanted one."""
 RIM = 0.1
 """Touches of a half sphere end this part of the radius above its rim."""
-UPRIGHT = 0.7
+LEAST_UPRIGHT_COSINE = 0.7
 """Cosine of the angle to gravity up to which joint axis 1 of an arm that stands is tilted."""
-ROOM = 0.02
+LIMIT_MARGIN = 0.02
 """Part of a joint's range by which planned postures keep from either limit, so that a hand can move
 round a sphere.
 """
@@ -187,7 +187,7 @@ def acceptance_procedure(
     """
     rng = rng or np.random.default_rng(1)
     seed, model = seed_of(rng), ErrorModel.of(model).restricted_to_known_range()
-    margin = ROOM * np.diff(model.arm.limits, axis=1) * np.array([1.0, -1.0])
+    margin = LIMIT_MARGIN * np.diff(model.arm.limits, axis=1) * np.array([1.0, -1.0])
     inner = replace(model, arm=replace(model.arm, limits=model.arm.limits + margin))
 
     def laid_out(height: float | None) -> Procedure:
@@ -208,7 +208,7 @@ def _stands(arm: Arm) -> bool:
     rotation, origin = arm.chain.walk(np.zeros((1, arm.nq)))
     axes = arm.chain.moving_axes()
     first, second = axes[0], axes[min(1, len(axes) - 1)]
-    upright = abs(float(rotation[first, 0, :, 2] @ arm.up)) > UPRIGHT
+    upright = abs(float(rotation[first, 0, :, 2] @ arm.up)) > LEAST_UPRIGHT_COSINE
     height = float(origin[second, 0] @ arm.up)
     return upright and height > -MM
 
@@ -238,7 +238,7 @@ class _Layout:
         parts = [*range(1, LENGTHS + 1)] if all_lengths else [*BALL_BARS.values()]
         if lengths is None:
             step, longest = (
-                STEP * MM,
+                LENGTH_STEP * MM,
                 2 / 3 * (2 * self.reach if measuring_range is None else measuring_range),
             )
             lengths = [step * np.ceil(longest * k / LENGTHS / step) for k in parts]
@@ -280,14 +280,14 @@ class _Layout:
         height = (tips - self.shoulder) @ self.pool.arm.up
         inside &= np.abs(height) <= LEVEL * self.reach
         for other in self.taken:
-            inside &= np.linalg.norm(tips - other, axis=1) > APART * self.reach
+            inside &= np.linalg.norm(tips - other, axis=1) > LEAST_SEPARATION * self.reach
         tips = tips[inside][:CANDIDATES]
         zone = f"{low:.0%} to {high:.0%} of the reach"
         if not len(tips):
             raise AacmmError(
                 f"{self.pool.arm.name}: no posture inside the limits was found with the tip at "
-                f"{zone}, about as high as joint 2, and {APART:.0%} of the reach from the places "
-                "chosen before"
+                f"{zone}, about as high as joint 2, and {LEAST_SEPARATION:.0%} of the reach from "
+                "the places chosen before"
             )
         order = np.argsort(self.pool.thinness(tips))
         best = tips[order[:TRIED]]
@@ -332,7 +332,7 @@ class _Layout:
 
     def single_points(self) -> None:
         """One point in ten articulations at each of three distances."""
-        for name, zone in SEATS.items():
+        for name, zone in SEAT_ZONES.items():
             point, postures = self.place(*zone, 10)
             for q in postures:
                 self.touch(point, q, test="single-point", feature="seat", position=name)

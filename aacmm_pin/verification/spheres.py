@@ -11,9 +11,9 @@ from scipy.optimize import least_squares
 from aacmm_pin._support.checks import Array, batch
 from aacmm_pin.errors import AacmmError, ShapeError
 
-LEAST = 4
+FEWEST_POINTS = 4
 """Points that a sphere of unknown centre and diameter needs."""
-FLAT = 1e-6
+PLANE_TOLERANCE = 1e-6
 """Points whose smallest extent is below this part of their largest lie in a plane, where no sphere
 can be fitted.
 """
@@ -46,11 +46,13 @@ def fitted_sphere(points: ArrayLike) -> FittedSphere:
         AacmmError: the points lie in one plane.
     """
     p = batch(points, 3, "points", "m")
-    if len(p) < LEAST:
-        raise ShapeError(f"points has {len(p)} rows, expected at least {LEAST} for a sphere")
+    if len(p) < FEWEST_POINTS:
+        raise ShapeError(
+            f"points has {len(p)} rows, expected at least {FEWEST_POINTS} for a sphere"
+        )
     middle = p.mean(axis=0)
     extents = np.linalg.svd(p - middle, compute_uv=False)
-    if extents[2] <= FLAT * extents[0]:
+    if extents[2] <= PLANE_TOLERANCE * extents[0]:
         raise AacmmError(
             f"{len(p)} points lie in one plane, which determines no sphere; expected touches "
             "all over it"

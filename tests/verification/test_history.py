@@ -282,7 +282,7 @@ def test_charts_that_are_not_drawn_are_counted(
 ) -> None:
     checks = history(SIZES)
     assert "not drawn" not in plot_history(checks).legends[0].get_title().get_text()
-    monkeypatch.setattr("aacmm_pin.report.plots.history.MOST", 1)
+    monkeypatch.setattr("aacmm_pin.report.plots.history.MOST_PANELS", 1)
     assert "1 of 2 figures not drawn" in plot_history(checks).legends[0].get_title().get_text()
 
 

@@ -34,7 +34,7 @@ WIDE = 1050
 """A figure of more columns than this has several panels side by side; on a phone it is scrolled,
 not shrunk [pixels].
 """
-SHORT = 22
+SHORT_TEXT = 22
 """Texts up to this many characters stay on one line of a table."""
 ALIGNED = {
     "number": "",
@@ -155,7 +155,7 @@ def _style(texts: Sequence[str]) -> str:
     if are_numbers(texts):
         return "number"
     longest = max(map(len, texts), default=0)
-    return "short" if longest <= SHORT else "long"
+    return "short" if longest <= SHORT_TEXT else "long"
 
 
 def _kept_together(value: object) -> object:

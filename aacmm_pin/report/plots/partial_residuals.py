@@ -32,7 +32,7 @@ from aacmm_pin.report.plots.abscissa import (
 )
 
 MICRO = 1e-6
-KINDS = {"µm/m": "expansion", "µrad": "turn", "µm": "shift"}
+KIND_OF_UNIT = {"µm/m": "expansion", "µrad": "turn", "µm": "shift"}
 """What an amount is, by its unit."""
 DENSE = 1500
 """Points of a curve over an angle."""
@@ -249,4 +249,4 @@ def _y_label(effect: Effect, found: _Amount) -> str:
             f"joint {'angle' if found.unit == 'µrad' else 'position'} minus indication "
             f"[{found.unit}]"
         )
-    return f"{KINDS[found.unit]} [{found.unit}]"
+    return f"{KIND_OF_UNIT[found.unit]} [{found.unit}]"

@@ -40,7 +40,7 @@ THIN = 1e-4
 """Thickness given to an ellipsoid that has none, in its lengths."""
 GHOSTS = 5
 """Postures drawn thin behind the one that is shown."""
-MOST_FRAMES = 360
+MOST_CIRCLE_FRAMES = 360
 """Postures on the slider; of more, every so-manieth."""
 PATH_POINTS = 480
 """Points of the drawn path; of more, every so-manieth."""
@@ -66,7 +66,7 @@ def circle_scene(circle: PosturesAtPoint, accuracy: AccuracyVolume | None = None
         raise AacmmError(f"{circle}; nothing to show")
     inside = np.flatnonzero(circle.within_limits) if accuracy is None else paired(circle, accuracy)
     eligible = inside if len(inside) else np.arange(len(circle.q))
-    members = _thinned(circle.component, eligible, MOST_FRAMES)
+    members = _thinned(circle.component, eligible, MOST_CIRCLE_FRAMES)
     rows, bodies = np.searchsorted(inside, members), Bodies(circle.arm)
     path, name = _path_of(circle)
     points = np.vstack([bodies.corners(circle.q).reshape(-1, 3), path])
