@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike
 from aacmm_pin._support.checks import whole
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.progress import Progress, watched
-from aacmm_pin._support.units import MM
 from aacmm_pin.arm import Arm
 from aacmm_pin.calibration import ReferenceFrame, Setup, Target
 from aacmm_pin.effects import Effect, ErrorModel, GivenCause, GivenModel, as_causes
@@ -126,38 +125,7 @@ def plan_measurements(
             found = for_two(task, (causes[0], causes[1]), where, records, as_it_stands, rng, steps)
     if "torque" in present and split is not None:
         left_out += (Note("record_torques"),)
-    usual = {
-        "--reference": (reference, "free"),
-        "--reference-frame": (reference_frame, "base"),
-        "--target": (target, "tip"),
-    }
-    options = [f"{name} {value}" for name, (value, default) in usual.items() if value != default]
-    options += noise_options(model.arm, encoder_noise, reference_noise, probe_noise)
-    options += [
-        words
-        for words, wanted in (("--no-prior", not prior), ("--as-it-stands", as_it_stands))
-        if wanted
-    ]
-    return replace(
-        found, seed=seed, notes=(*notes, *left_out, *found.notes), options=tuple(options)
-    )
-
-
-def noise_options(
-    arm: Arm, encoder: ArrayLike | None, reference: float | None, probe: float | None
-) -> list[str]:
-    """Options of the command ``aacmm-pin plan`` that state the same noise [rad, m], as far as they
-    can.
-    """
-    lengths = {"--reference-noise-mm": reference, "--probe-noise-mm": probe}
-    options = [f"{name} {value / MM:g}" for name, value in lengths.items() if value is not None]
-    readings = np.empty(0) if encoder is None else np.unique(encoder)
-    of_arm = arm.encoder_noise is not None and np.array_equal(
-        readings, np.unique(arm.encoder_noise)
-    )
-    if readings.size == 1 and not of_arm:
-        options.append(f"--encoder-noise-rad {readings[0]:g}")
-    return options
+    return replace(found, seed=seed, notes=(*notes, *left_out, *found.notes))
 
 
 def places_for(

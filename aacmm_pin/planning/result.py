@@ -64,8 +64,6 @@ class MeasurementPlan(Shown):
         enough: about how many new records of this kind would decide, beside the existing ones,
             where the plan does not; None if no few times as many.
         seed: of all that was drawn, or None where the generator does not say.
-        options: those of the command ``aacmm-pin plan`` that ask for the same, as far as they are
-            not the usual ones.
     """
 
     model: ErrorModel
@@ -83,7 +81,6 @@ class MeasurementPlan(Shown):
     pairs: pd.DataFrame | None = None
     enough: int | None = None
     seed: int | None = None
-    options: tuple[str, ...] = ()
 
     @property
     def asked(self) -> bool:

@@ -37,7 +37,6 @@ from aacmm_pin.verification import (
     LONGEST_PART,
     PER_MOVING_RANGE,
     RULE_OF,
-    SHOWN_AS,
     AcceptanceResult,
     ControlChart,
     History,
@@ -47,7 +46,7 @@ from aacmm_pin.verification import (
 
 RULE = (
     "Conformity: |value| + U ≤ MPE for each error; non-conformity: |value| - U > MPE for one; "
-    f"{SHOWN_AS['neither']} in "
+    f"{shown_verdict('neither')} in "
     f"between. Guard band: U = {GUARD_BAND_FACTOR:g}u of the calibrated length or diameter, as in "
     f"{RULE_OF}; the default of "
     "ISO 14253-1:2017 is 1.65u."

@@ -5,7 +5,6 @@ planned, predicted, judged.
 from aacmm_pin.verification.accept import (
     GUARD_BAND_FACTOR,
     LONGEST_PART,
-    SHOWN_AS,
     AcceptanceResult,
     accept,
     shown_verdict,
@@ -33,7 +32,6 @@ __all__ = [
     "PROBE",
     "RULE_OF",
     "RUNS",
-    "SHOWN_AS",
     "SPHERE",
     "AcceptanceResult",
     "ControlChart",

@@ -8,7 +8,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -49,7 +49,6 @@ MOST_LACKING = 3
 SINGULAR_NOUN = {"touches": "touch", "lengths": "length"}
 
 Verdict = Literal["conformity", "non-conformity", "neither"]
-VERDICTS = get_args(Verdict)
 SHOWN_AS: dict[str, str] = {"neither": "inconclusive"}
 """What a reader sees in the place of a verdict, which files keep."""
 WORST_FIRST: tuple[Verdict, ...] = ("non-conformity", "neither", "conformity")

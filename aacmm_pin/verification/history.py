@@ -28,7 +28,7 @@ from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import MM, number
 from aacmm_pin.errors import AacmmError, MeasurementFileError
 from aacmm_pin.measurements import measurement_file, read_table
-from aacmm_pin.verification.accept import VERDICTS, AcceptanceResult
+from aacmm_pin.verification.accept import WORST_FIRST, AcceptanceResult
 from aacmm_pin.verification.characteristics import DEFINITIONS
 
 HISTORY_COLUMNS = (
@@ -198,7 +198,7 @@ class History(Shown):
             checks[name] = values.astype(np.float64)
         for name, known in (
             ("figure", {d.name for d in DEFINITIONS}),
-            ("verdict", {"", *VERDICTS}),
+            ("verdict", {"", *WORST_FIRST}),
         ):
             problems.at(
                 ~table[name].isin(known).to_numpy(),
