@@ -1,9 +1,11 @@
 from .arm import Arm, GivenArm, as_arm
 from .chain import BASE, OF_A_POSE, Chain, axis, end, exp, screws, skew
+from .corrected_urdf import from_roll_pitch_yaw
 from .dh import KINDS, DHTable, table
 from .example_robots import EXAMPLE_ROBOTS
 from .file import (
     COVERAGE_FACTOR,
+    MOST_BYTES,
     ArmFile,
     Covariance,
     DiscrepancyEntry,
@@ -14,11 +16,15 @@ from .file import (
     bundled_arms,
     calibrated,
     load_arm_file,
+    toml_of,
     validated,
 )
 from .limits import AT_LIMIT, broken_limits, inside_part, into_limits, other_turns
 from .parameter import Parameter, Scope
+from .poses import Poses
 from .random_postures import MARGIN, MOST_DRAWS, Room, joint_bounds
+from .urdf import urdf_text
+from .urdf_to_dh import dh_file
 
 __all__ = [
     "AT_LIMIT",
@@ -27,6 +33,7 @@ __all__ = [
     "EXAMPLE_ROBOTS",
     "KINDS",
     "MARGIN",
+    "MOST_BYTES",
     "MOST_DRAWS",
     "OF_A_POSE",
     "Arm",
@@ -39,6 +46,7 @@ __all__ = [
     "EffectEntry",
     "GivenArm",
     "Parameter",
+    "Poses",
     "Room",
     "Scope",
     "UrdfArmFile",
@@ -48,8 +56,10 @@ __all__ = [
     "broken_limits",
     "bundled_arms",
     "calibrated",
+    "dh_file",
     "end",
     "exp",
+    "from_roll_pitch_yaw",
     "inside_part",
     "into_limits",
     "joint_bounds",
@@ -58,5 +68,7 @@ __all__ = [
     "screws",
     "skew",
     "table",
+    "toml_of",
+    "urdf_text",
     "validated",
 ]

@@ -5,8 +5,8 @@ held-out residuals.
 from aacmm_pin.calibration.calibrate import calibrate
 from aacmm_pin.calibration.calibrated_arm import calibrated_model
 from aacmm_pin.calibration.comparison import Comparison, compare
-from aacmm_pin.calibration.cross_validation import HeldOut
-from aacmm_pin.calibration.fit import Fit
+from aacmm_pin.calibration.cross_validation import HeldOut, rms
+from aacmm_pin.calibration.fit import NO_SCATTER, Fit
 from aacmm_pin.calibration.identifiability import Observability
 from aacmm_pin.calibration.linear_model import (
     RowBlock,
@@ -14,19 +14,44 @@ from aacmm_pin.calibration.linear_model import (
     remaining_triangle,
     seat_columns,
 )
-from aacmm_pin.calibration.result import Calibration
+from aacmm_pin.calibration.noise_model import NoiseModel, Scatters, observations_of
+from aacmm_pin.calibration.parameter_vector import ParameterVector, geometric_parameters
+from aacmm_pin.calibration.parameters import problem_of
+from aacmm_pin.calibration.problem import Frame, Problem, registered
+from aacmm_pin.calibration.result import Calibration, residuals_by_record
+from aacmm_pin.calibration.setup import ReferenceFrame, Setup, Target
+from aacmm_pin.calibration.shared_exclusions import Exclusions, exclusions_of
+from aacmm_pin.calibration.solver import MISFIT
 
 __all__ = [
+    "MISFIT",
+    "NO_SCATTER",
     "Calibration",
     "Comparison",
+    "Exclusions",
     "Fit",
+    "Frame",
     "HeldOut",
+    "NoiseModel",
     "Observability",
+    "ParameterVector",
+    "Problem",
+    "ReferenceFrame",
     "RowBlock",
+    "Scatters",
     "SeatElimination",
+    "Setup",
+    "Target",
     "calibrate",
     "calibrated_model",
     "compare",
+    "exclusions_of",
+    "geometric_parameters",
+    "observations_of",
+    "problem_of",
+    "registered",
     "remaining_triangle",
+    "residuals_by_record",
+    "rms",
     "seat_columns",
 ]

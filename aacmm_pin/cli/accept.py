@@ -14,15 +14,14 @@ import typer
 
 from aacmm_pin._support.input_files import content_of
 from aacmm_pin._support.units import MM, number
-from aacmm_pin.arm.file import MOST_BYTES, toml_of
+from aacmm_pin.arm import MOST_BYTES, toml_of
 from aacmm_pin.cli.accept_prediction import BeforeTheTest
 from aacmm_pin.cli.arm_options import UrdfArm, in_metres
 from aacmm_pin.cli.common import Force, Json, Plot, Results, command, note, refuse
 from aacmm_pin.effects import ErrorModel
 from aacmm_pin.errors import AacmmError, MeasurementFileError
-from aacmm_pin.measurements.records import Measurements
-from aacmm_pin.verification import AcceptanceResult, History, accept
-from aacmm_pin.verification.history import in_utc
+from aacmm_pin.measurements import Measurements
+from aacmm_pin.verification import AcceptanceResult, History, accept, in_utc
 
 
 @command
@@ -79,9 +78,14 @@ def run(
 
     The definitions come from public descriptions and were never compared with the standards' texts.
     """
-    from aacmm_pin.report import html, plots, terminal  # these load what draws
-    from aacmm_pin.report.acceptance import CheckDetails, acceptance_document, history_blocks
-    from aacmm_pin.report.document import Document
+    from aacmm_pin.report import (  # these load what draws
+        CheckDetails,
+        Document,
+        acceptance_document,
+        history_blocks,
+        plots,
+        terminal,
+    )
 
     *names, path = files
     if before.predict:
@@ -94,7 +98,7 @@ def run(
         refuse(context, [f.name for f in fields(before)], "goes with --predict")
     if plot is not None and history is None:
         raise typer.BadParameter("--plot draws the checks of --history FILE")
-    with Results(force, output, plot=plot, json_=json_) as results:
+    with Results(force, page=output, plot=plot, json_=json_) as results:
         arms, limits = {name: ErrorModel.load(name) for name in names}, _limits(mpe or [])
         if (by_urdf := robot.of_urdf()) is not None:
             arms[str(robot.urdf)] = by_urdf
@@ -114,7 +118,7 @@ def run(
             results.picture(lambda: plots.plot_history(checks), plot)
         if output is not None:
             details = CheckDetails(when, instrument, _about(about or []), checks)
-            results.text(html.page(acceptance_document(result, details)), output)
+            results.document(acceptance_document(result, details), output)
         results.json(summary, json_)
     terminal.show(told, json_ == "-")
     terminal.show(Document("", [] if checks is None else history_blocks(checks)), json_ == "-")

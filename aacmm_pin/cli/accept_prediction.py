@@ -12,8 +12,7 @@ import typer
 from aacmm_pin.cli.arm_options import EncoderNoise, in_metres
 from aacmm_pin.cli.common import Results, angle_option
 from aacmm_pin.effects import ErrorModel
-from aacmm_pin.verification import predict_acceptance
-from aacmm_pin.verification.prediction import RUNS
+from aacmm_pin.verification import RUNS, predict_acceptance
 
 
 @dataclass(frozen=True)
@@ -57,8 +56,10 @@ class BeforeTheTest(EncoderNoise):
         json_: str | None,
     ) -> None:
         """Predict, write what was asked for, and show it."""
-        from aacmm_pin.report import html, terminal  # these load what draws
-        from aacmm_pin.report.acceptance_prediction import prediction_document
+        from aacmm_pin.report import (
+            prediction_document,
+            terminal,  # these load what draws
+        )
 
         result = predict_acceptance(
             path,
@@ -72,6 +73,6 @@ class BeforeTheTest(EncoderNoise):
         )
         document = prediction_document(result)
         if output is not None:
-            results.text(html.page(document), output)
+            results.document(document, output)
         results.json(result.summary(), json_)
         terminal.show(document, json_ == "-")

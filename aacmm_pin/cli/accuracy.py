@@ -9,16 +9,21 @@ import numpy as np
 import typer
 
 from aacmm_pin._support.text_escaping import csv_text
-from aacmm_pin.accuracy.volume import METHODS, AccuracyVolume, Method, circle_accuracy
+from aacmm_pin.accuracy import METHODS, AccuracyVolume, Method, circle_accuracy
 from aacmm_pin.cli.arm_options import EncoderNoise, UncertainArm, where_known
 from aacmm_pin.cli.common import Force, Json, Plot, Results, Sectors, Seed, command, note, say
 from aacmm_pin.cli.pose_options import Orientation, Point, Triple
 from aacmm_pin.effects import ErrorModel
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.postures.postures_at_point import PosturesAtPoint
-from aacmm_pin.report import terminal
-from aacmm_pin.report.accuracy import accuracy_document, length_document
-from aacmm_pin.report.json_summaries import accuracy_summary, accuracy_table, length_summary
+from aacmm_pin.postures import PosturesAtPoint
+from aacmm_pin.report import (
+    accuracy_document,
+    accuracy_summary,
+    accuracy_table,
+    length_document,
+    length_summary,
+    terminal,
+)
 
 
 @command
@@ -94,7 +99,7 @@ def _length(
     json_: str | None,
 ) -> None:
     """The same of the distance between two points."""
-    from aacmm_pin.accuracy.length import length_between
+    from aacmm_pin.accuracy import length_between
 
     length = length_between(*ends, model, encoder_noise)
     results.json(length_summary(*ends, length), json_)

@@ -10,15 +10,14 @@ import typer
 
 from aacmm_pin._support import plausible
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.example_robots import EXAMPLE_ROBOTS
-from aacmm_pin.arm.file import bundled_arms
+from aacmm_pin.arm import EXAMPLE_ROBOTS, Arm, bundled_arms
 from aacmm_pin.cli.common import angle_option, note
 from aacmm_pin.effects import ErrorModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
-from aacmm_pin.measurements.noise import ENCODER, PROBE, REFERENCE, Noise
+from aacmm_pin.measurements import ENCODER, PROBE, Noise
+from aacmm_pin.measurements.noise import REFERENCE
 
-SHOWN = 20
+NAMES_LISTED = 20
 """So many frames of a URDF are listed."""
 BUNDLED = ", ".join(bundled_arms())
 ROBOTS = ", ".join(EXAMPLE_ROBOTS)
@@ -63,10 +62,14 @@ class UrdfArm:
         try:
             return ErrorModel(Arm.from_urdf(self.urdf, self.frame or "", **half_widths))
         except UnknownNameError as error:
-            more = f" … and {len(error.known) - SHOWN} more" if len(error.known) > SHOWN else ""
+            more = (
+                f" … and {len(error.known) - NAMES_LISTED} more"
+                if len(error.known) > NAMES_LISTED
+                else ""
+            )
             frames = (
                 f"frames of {self.urdf}, the last first: "
-                f"{', '.join(error.known[: -SHOWN - 1 : -1])}{more}"
+                f"{', '.join(error.known[: -NAMES_LISTED - 1 : -1])}{more}"
             )
             if self.frame is not None:
                 raise AacmmError(f"unknown frame {self.frame!r}; {frames}") from None
@@ -238,15 +241,11 @@ class MeasuredHow(ContactNoise):
 
     def keywords(self) -> dict[str, Any]:
         """As ``calibrate``, ``diagnose`` and ``plan_measurements`` take them."""
-        return {
-            "reference_frame": self.reference_frame,
-            "target": self.target,
-            "prior": not self.no_prior,
-            "encoder_noise": self.encoder_noise_rad,
-            "reference_noise": in_metres(self.reference_noise_mm),
-            "probe_noise": in_metres(self.probe_noise_mm),
-            "length_noise": in_metres(self.length_noise_mm),
-        }
+        noises = {"reference": self.reference_noise_mm, "probe": self.probe_noise_mm}
+        noises["length"] = self.length_noise_mm
+        keywords: dict[str, Any] = {f"{of}_noise": in_metres(mm) for of, mm in noises.items()}
+        keywords |= {"encoder_noise": self.encoder_noise_rad, "prior": not self.no_prior}
+        return keywords | {"reference_frame": self.reference_frame, "target": self.target}
 
 
 def in_metres(length_mm: float | None) -> float | None:

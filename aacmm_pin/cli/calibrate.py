@@ -15,7 +15,7 @@ from aacmm_pin.cli.arm_options import ArmAndData, MeasuredHow
 from aacmm_pin.cli.common import EffectTexts, Force, Json, Plot, Results, Seed, command, note
 from aacmm_pin.cli.urdf import urdf_of
 from aacmm_pin.effects import stated_cause
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements import Measurements
 
 
 @command
@@ -43,10 +43,15 @@ def run(
     """Parameters of an arm from measurements, with their uncertainty and what the data
     cannot tell.
     """
-    from aacmm_pin.report import html, terminal  # these load what draws
-    from aacmm_pin.report.calibration import calibration_document, calibration_summary, comment
+    from aacmm_pin.report import (
+        calibration_document,
+        calibration_summary,
+        comment,
+        terminal,  # these load what draws
+    )
 
-    with Results(force, output, urdf_out, residuals, report, plot=plot, json_=json_) as results:
+    outputs = (output, urdf_out, residuals)
+    with Results(force, *outputs, page=report, plot=plot, json_=json_) as results:
         model, path = arm.model_and_data()
         if output is not None:
             model.file()  # or refused before the work
@@ -66,7 +71,7 @@ def run(
             results.text(csv_text(result.residuals), residuals)
         results.picture(result.plot, plot)
         if report is not None:
-            results.text(html.page(calibration_document(result, summary, when)), report)
+            results.document(calibration_document(result, summary, when), report)
         results.json(summary, json_)
         told = calibration_document(result)
     terminal.show(told, json_ == "-")

@@ -19,8 +19,7 @@ from aacmm_pin.effects import (
     example,
     typical_magnitude_in_words,
 )
-from aacmm_pin.report import terminal
-from aacmm_pin.report.document import Document, Table
+from aacmm_pin.report import Document, Table, terminal
 
 
 @command

@@ -23,6 +23,7 @@ from aacmm_pin.errors import AacmmError
 
 if TYPE_CHECKING:
     from aacmm_pin.effects import ErrorModel
+    from aacmm_pin.report import Document
 
 PLOT_SUFFIXES = (".png", ".svg", ".pdf")
 
@@ -37,22 +38,23 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
     groups: dict[str, Any] = {key: kind for key, kind in types.items() if is_dataclass(kind)}
     options: dict[str, inspect.Parameter] = {}
     for key, parameter in inspect.signature(function).parameters.items():
-        here = {key: (types[key], parameter.default)} if key not in groups else _fields(groups[key])
+        here = {key: (types[key], parameter.default)}
+        if key in groups:
+            here = _fields(groups[key])
         for option, (kind, default) in here.items():
             options[option] = inspect.Parameter(
                 option, parameter.KEYWORD_ONLY, default=default, annotation=kind
             )
 
     def guarded(**typed: Any) -> None:
-        made = {
-            key: kind(**{f: typed.pop(f) for f in _fields(kind)}) for key, kind in groups.items()
-        }
+        made = {}
+        for key, kind in groups.items():
+            own = {name: typed.pop(name) for name in _fields(kind)}
+            made[key] = kind(**own)
         function(**made, **typed)
 
     guarded.__doc__ = function.__doc__
-    guarded.__annotations__ = {
-        option: parameter.annotation for option, parameter in options.items()
-    }
+    guarded.__annotations__ = {name: option.annotation for name, option in options.items()}
     guarded.__signature__ = inspect.Signature([*options.values()])  # type: ignore[attr-defined]
     return guarded
 
@@ -60,10 +62,11 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
 def _fields(group: Any) -> dict[str, tuple[Any, Any]]:
     """Type and default of every option of a group."""
     types = get_type_hints(group, include_extras=True)
-    return {
-        f.name: (types[f.name], inspect.Parameter.empty if f.default is MISSING else f.default)
-        for f in fields(group)
-    }
+    found = {}
+    for field in fields(group):
+        default = inspect.Parameter.empty if field.default is MISSING else field.default
+        found[field.name] = (types[field.name], default)
+    return found
 
 
 def angle_option(help_: str) -> Any:
@@ -125,6 +128,7 @@ class Results(OutputFiles):
         self,
         force: bool,
         *paths: Path | None,
+        page: Path | None = None,
         plot: Path | None = None,
         json_: str | None = None,
     ) -> None:
@@ -133,6 +137,7 @@ class Results(OutputFiles):
         Args:
             force: replace files that exist.
             paths: files that will be written; None where one was not asked for.
+            page: a document.
             plot: a picture.
             json_: a file for JSON, ``-`` for stdout.
 
@@ -141,8 +146,13 @@ class Results(OutputFiles):
                 twice.
         """
         super().__init__(force, self.plugins)
-        self._outputs = tuple(Path(path) for path in (*paths, plot, json_) if path is not None)
+        outputs = (*paths, page, plot, json_)
+        self._outputs = tuple(Path(path) for path in outputs if path is not None)
         self.check(*self._outputs)
+        if page is not None:
+            from aacmm_pin.report import require_format  # the list of commands needs none
+
+            require_format(page)
         if plot is not None and plot.suffix not in PLOT_SUFFIXES:
             raise AacmmError(
                 f"{plot}: expected a name that ends in one of {', '.join(PLOT_SUFFIXES)}"
@@ -165,9 +175,8 @@ class Results(OutputFiles):
 
     def text(self, text: str, path: str | Path | None) -> None:
         """Write ``text`` to a file, or print it where ``path`` is None."""
-        self.file("-" if path is None else path).write_text(
-            encodable(text), encoding="utf-8", newline=""
-        )
+        file = self.file("-" if path is None else path)
+        file.write_text(encodable(text), encoding="utf-8", newline="")
 
     def arm(self, model: ErrorModel, path: Path, comment: str) -> None:
         """Write the arm file of a model.
@@ -184,6 +193,12 @@ class Results(OutputFiles):
                 note(f"note: {error}: {path} cannot be read with it")
         self.text(model.text(comment, path), path)
 
+    def document(self, document: Document, path: Path) -> None:
+        """Write a document in the format that the end of the name chooses."""
+        from aacmm_pin.report import content  # the list of commands needs none
+
+        self.file(path).write_bytes(content(document, path))
+
     def json(self, content: dict[str, Any], target: str | None) -> None:
         """Write one JSON object to the file ``target``, or to stdout where that is ``-``; nothing
         where it is None.
@@ -194,7 +209,7 @@ class Results(OutputFiles):
     def picture(self, drawn: Callable[[], Any], path: Path | None) -> None:
         """Write the matplotlib figure that ``drawn`` gives; nothing where ``path`` is None."""
         if path is not None:
-            from aacmm_pin.report.plots.style import without_latex
+            from aacmm_pin.report import without_latex
 
             with without_latex():
                 drawn().savefig(

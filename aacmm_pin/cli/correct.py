@@ -10,26 +10,25 @@ import typer
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.accuracy.volume import accuracy_volume
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.limits import broken_limits
+from aacmm_pin.accuracy import accuracy_volume
+from aacmm_pin.arm import Arm, broken_limits
 from aacmm_pin.calibration import compare
 from aacmm_pin.cli.arm_options import ArmAndData, EncoderNoise
 from aacmm_pin.cli.common import Force, Output, Results, command, note
 from aacmm_pin.effects import Conditions, ErrorModel, joint_commands, known_range_in_words
 from aacmm_pin.errors import AacmmError, MeasurementFileError, UnknownNameError
-from aacmm_pin.measurements.csv_columns import (
+from aacmm_pin.measurements import (
     BAR,
     BAR_U,
     ORIENTATION,
     ORIENTATION_U,
     REFERENCE,
     REFERENCE_U,
+    Measurements,
+    quaternions,
+    read_table,
 )
-from aacmm_pin.measurements.csv_table import read_table
-from aacmm_pin.measurements.orientation import quaternions
-from aacmm_pin.measurements.records import Measurements
-from aacmm_pin.report.comparison import comparison_notes
+from aacmm_pin.report import comparison_notes
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -42,7 +41,7 @@ CORRECTED_ORIENTATION = tuple(f"corrected_{name}" for name in ORIENTATION)
 OF_REFERENCES = ("seat", *BAR, BAR_U, *REFERENCE, *REFERENCE_U, *ORIENTATION, ORIENTATION_U)
 """Columns that say where the tip should be have no part in where the readings put it."""
 
-DECIMALS = {"mm": 6, "deg": 8, "rad": 9}
+DECIMALS_OF_UNIT = {"mm": 6, "deg": 8, "rad": 9}
 """Of computed numbers by the unit at the end of their column, 9 of quaternions. Angles rounded so
 move the tip of SINO6 by 1.4 nm at most (20 000 postures); the noise of arms and references is a
 thousand times larger.
@@ -265,8 +264,9 @@ def _known_rows(model: ErrorModel, readings: Measurements, path: str) -> Index:
 
 
 def _as_filed(name: str, values: Array) -> Array:
-    """A column with as many :data:`DECIMALS` as its unit has."""
-    return np.asarray(np.round(values, DECIMALS.get(name.rpartition("_")[2], 9)))
+    """A column with as many :data:`DECIMALS_OF_UNIT` as its unit has."""
+    unit = name.rpartition("_")[2]
+    return np.asarray(np.round(values, DECIMALS_OF_UNIT.get(unit, 9)))
 
 
 def _u(model: ErrorModel, q: Array, conditions: Conditions, encoder_noise: float | None) -> Array:

@@ -22,9 +22,9 @@ def run(
     """The whole tour on bundled input: SINO6 at a point and over its workspace, as one HTML
     page.
     """
-    from aacmm_pin.report.demo import (
-        run_demo,
-    )  # here and below: what draws is loaded only where it is drawn
+    from aacmm_pin.report import (
+        run_demo,  # here and below: what draws is loaded only where it is drawn
+    )
 
     summary = run_demo(folder=output, cells=cells, force=force)
     say(str(summary))

@@ -15,7 +15,7 @@ from aacmm_pin.cli.common import Force, Json, Results, Seed, command
 from aacmm_pin.diagnosis import diagnose
 from aacmm_pin.effects import listed
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements import Measurements
 
 
 @command
@@ -45,10 +45,12 @@ def run(
     """What the simulation gets wrong, which cause it has, and how much better the arm is once the
     model knows.
     """
-    from aacmm_pin.report import html, terminal  # these load what draws
-    from aacmm_pin.report.diagnosis import diagnosis_document
+    from aacmm_pin.report import (
+        diagnosis_document,
+        terminal,  # these load what draws
+    )
 
-    with Results(force, output, extended_arm, json_=json_) as results:
+    with Results(force, extended_arm, page=output, json_=json_) as results:
         if with_discrepancy and extended_arm is None:
             raise AacmmError("--with-discrepancy requires --extended-arm")
         model, path = arm.model_and_data()
@@ -64,7 +66,6 @@ def run(
             rng=rng,
             **how.keywords(),
         )
-        told = diagnosis_document(result)
         if extended_arm is not None:
             if result.no_better:
                 note(
@@ -89,10 +90,8 @@ def run(
                 result.model, extended_arm, f"Extended by aacmm-pin diagnose from {path}: {result}"
             )
         summary = result.summary() | {"source": path, "seed": seed}
+        document = diagnosis_document(result, summary, f"{datetime.now(UTC):%Y-%m-%d}")
         if output is not None:
-            results.text(
-                html.page(diagnosis_document(result, summary, f"{datetime.now(UTC):%Y-%m-%d}")),
-                output,
-            )
+            results.document(document, output)
         results.json(summary, json_)
-    terminal.show(told, json_ == "-")
+    terminal.show(document, json_ == "-")

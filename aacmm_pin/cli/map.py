@@ -8,14 +8,11 @@ import numpy as np
 import typer
 
 from aacmm_pin._support.units import MM
-from aacmm_pin.accuracy.volume import Method
-from aacmm_pin.accuracy.workspace import map_caveats, map_workspace
+from aacmm_pin.accuracy import Method, map_caveats, map_workspace
 from aacmm_pin.cli.arm_options import AnyArm, where_known
 from aacmm_pin.cli.common import Force, Json, Output, Plot, Results, Sectors, command, note
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.report import terminal
-from aacmm_pin.report.accuracy import map_document
-from aacmm_pin.report.json_summaries import map_summary
+from aacmm_pin.report import map_document, map_summary, terminal
 
 
 @command

@@ -16,13 +16,16 @@ from aacmm_pin.cli.common import Force, Json, Output, Results, Seed, command, no
 from aacmm_pin.cli.plan_acceptance import Artefacts, note_lowest_tip
 from aacmm_pin.effects import ErrorModel
 from aacmm_pin.errors import UnknownNameError
-from aacmm_pin.measurements.records import Measurements
-from aacmm_pin.planning import CalibrationPlan, MeasurementPlan, plan_calibration, plan_measurements
-from aacmm_pin.planning.plan import POSTURES, Reference
-from aacmm_pin.report import html, terminal
-from aacmm_pin.report.calibration_plan import calibration_plan_document
-from aacmm_pin.report.document import Document
-from aacmm_pin.report.plan import plan_document
+from aacmm_pin.measurements import Measurements
+from aacmm_pin.planning import (
+    POOL_SIZE,
+    CalibrationPlan,
+    MeasurementPlan,
+    Reference,
+    plan_calibration,
+    plan_measurements,
+)
+from aacmm_pin.report import Document, calibration_plan_document, plan_document, terminal
 
 
 @dataclass(frozen=True)
@@ -56,7 +59,7 @@ class PlannedRecords:
     postures: Annotated[
         int,
         typer.Option(min=1, help="Number of postures to choose from."),
-    ] = POSTURES
+    ] = POOL_SIZE
     json_: Json = None
 
     def existing(self, model: ErrorModel, how: MeasuredHow) -> Measurements | None:
@@ -135,7 +138,8 @@ def run(
             "--as-it-stands goes with --split; without it a plan changes neither load nor mount"
         )
     json_ = planned.json_
-    with Results(files.force, files.output, causes.set_up_arm, files.sheet, json_=json_) as results:
+    outputs = (files.output, causes.set_up_arm)
+    with Results(files.force, *outputs, page=files.sheet, json_=json_) as results:
         model = where_known(arm.model())
         existing = planned.existing(model, how)
         options: dict[str, Any] = {
@@ -152,7 +156,7 @@ def run(
             text = plan.csv() if existing is None else _like(existing, plan.records)
             results.text(text, files.output)
         if files.sheet is not None:
-            results.text(html.page(document), files.sheet)
+            results.document(document, files.sheet)
         if causes.set_up_arm is not None and isinstance(plan, MeasurementPlan):
             comment = f"Set up to be measured by a plan: {plan.setup}."
             results.arm(plan.model, causes.set_up_arm, comment)

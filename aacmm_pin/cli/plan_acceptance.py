@@ -16,10 +16,8 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import MM
 from aacmm_pin.cli.arm_options import UncertainArm, in_metres, where_known
 from aacmm_pin.cli.common import Results, note, say
-from aacmm_pin.report import html, terminal
-from aacmm_pin.report.procedure import procedure_document
-from aacmm_pin.verification import acceptance_procedure
-from aacmm_pin.verification.procedure import PROBE, SPHERE
+from aacmm_pin.report import procedure_document, terminal
+from aacmm_pin.verification import PROBE, SPHERE, acceptance_procedure
 
 FOR = "With --for acceptance: "
 
@@ -59,7 +57,7 @@ class Artefacts:
         force: bool,
     ) -> None:
         """Plan the touches, and write the file and the sheet."""
-        with Results(force, output, sheet) as results:
+        with Results(force, output, page=sheet) as results:
             procedure = acceptance_procedure(
                 where_known(arm.model()),
                 standard=self.standard,
@@ -74,7 +72,7 @@ class Artefacts:
             )
             results.text(procedure.csv(), output)
             if sheet is not None:
-                results.text(html.page(procedure_document(procedure)), sheet)
+                results.document(procedure_document(procedure), sheet)
         if output is not None:
             terminal.show(procedure_document(procedure))
             then = shlex.join(["aacmm-pin", "accept", *arm.urdf_words, str(output)])

@@ -12,12 +12,10 @@ import typer
 
 from aacmm_pin._support.checks import Array, vector
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm import Arm
 from aacmm_pin.cli.common import note
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.postures.configurations import TIP_JOINTS, configuration_circle
-from aacmm_pin.postures.general_ik import reaching_postures
-from aacmm_pin.postures.postures_at_point import PosturesAtPoint
+from aacmm_pin.postures import TIP_JOINTS, PosturesAtPoint, configuration_circle, reaching_postures
 
 Triple = tuple[float, float, float]
 Point = Annotated[
@@ -107,7 +105,7 @@ class Orientation:
             return configuration_circle(arm, where, tip=tip, axis=self.axis, count=self.count)
         rotation = None
         if self.rpy_deg is not None:
-            from aacmm_pin.arm.corrected_urdf import from_roll_pitch_yaw
+            from aacmm_pin.arm import from_roll_pitch_yaw
 
             rotation = from_roll_pitch_yaw(
                 vector(np.array(self.rpy_deg) * DEG, 3, "--rpy-deg", "rad")

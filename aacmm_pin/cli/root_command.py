@@ -108,11 +108,10 @@ class Shell(TyperGroup):
 
 def _sentence(name: str) -> str:
     """The first sentence of a command's docstring, read from its file."""
-    tree = ast.parse(Path(__file__).with_name(f"{name}.py").read_text(encoding="utf-8"))
-    (function,) = (
-        node for node in tree.body if isinstance(node, ast.FunctionDef) and node.name == "run"
-    )
-    return (ast.get_docstring(function) or "").partition("\n\n")[0]
+    text = Path(__file__).with_name(f"{name}.py").read_text(encoding="utf-8")
+    functions = [node for node in ast.parse(text).body if isinstance(node, ast.FunctionDef)]
+    (run,) = (function for function in functions if function.name == "run")
+    return (ast.get_docstring(run) or "").partition("\n\n")[0]
 
 
 @contextmanager

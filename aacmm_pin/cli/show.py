@@ -11,15 +11,15 @@ import typer
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.accuracy.volume import circle_accuracy
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin.accuracy import circle_accuracy
+from aacmm_pin.arm import Arm
 from aacmm_pin.cli.arm_options import EncoderNoise, UncertainArm, where_known
 from aacmm_pin.cli.common import Force, Output, Results, command, note, say
 from aacmm_pin.cli.pose_options import Orientation, Triple
 from aacmm_pin.errors import AacmmError
 
 if TYPE_CHECKING:
-    from aacmm_pin.report.scenes import Scene
+    from aacmm_pin.report import Scene
 
 
 @command

@@ -26,9 +26,14 @@ from aacmm_pin.cli.common import (
 )
 from aacmm_pin.effects import Effect, ErrorModel, require_shown, stated_cause
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.measurements.noise import Noise
-from aacmm_pin.measurements.records import Measurements
-from aacmm_pin.measurements.simulate import PLANS, Plan, simulate_measurements, simulate_touches
+from aacmm_pin.measurements import (
+    PLANS,
+    Measurements,
+    Noise,
+    Plan,
+    simulate_measurements,
+    simulate_touches,
+)
 from aacmm_pin.verification import Procedure
 
 OPTION_OF = {

@@ -8,10 +8,8 @@ import numpy as np
 import typer
 
 from aacmm_pin._support.text_escaping import encodable
+from aacmm_pin.arm import ArmFile, arm_text, dh_file, urdf_text
 from aacmm_pin.arm.corrected_urdf import corrected_urdf
-from aacmm_pin.arm.file import ArmFile, arm_text
-from aacmm_pin.arm.urdf import urdf_text
-from aacmm_pin.arm.urdf_to_dh import dh_file
 from aacmm_pin.cli.arm_options import AnyArm
 from aacmm_pin.cli.common import Force, Output, Results, command, note
 from aacmm_pin.effects import ErrorModel, StylusOffset

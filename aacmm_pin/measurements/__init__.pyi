@@ -15,12 +15,13 @@ from .csv_columns import (
 )
 from .csv_table import measurement_file, read_table
 from .csv_values import check_numbers, read_values
-from .measuring_points import Pool, bars_for
-from .noise import ENCODER, Noise
+from .measuring_points import Pool, bars_for, seats_for
+from .noise import ENCODER, PROBE, Noise
+from .orientation import quaternions
 from .probed_points import PREDICTED_ACCURATE, read_probed_points
 from .records import Bar, GivenRecords, Measurements, as_measurements
 from .repeats import fingerprints, fingerprints_of_standards, means_of_contacts, originals
-from .simulate import seed_of, simulate_measurements
+from .simulate import PLANS, Plan, seed_of, simulate_measurements, simulate_touches
 
 __all__ = [
     "BAR",
@@ -30,7 +31,9 @@ __all__ = [
     "ORIENTATION",
     "ORIENTATION_U",
     "PLANNED",
+    "PLANS",
     "PREDICTED_ACCURATE",
+    "PROBE",
     "PROBED_POINT_COLUMNS",
     "REFERENCE",
     "REFERENCE_U",
@@ -39,6 +42,7 @@ __all__ = [
     "GivenRecords",
     "Measurements",
     "Noise",
+    "Plan",
     "Pool",
     "as_measurements",
     "bars_for",
@@ -50,10 +54,13 @@ __all__ = [
     "means_of_contacts",
     "measurement_file",
     "originals",
+    "quaternions",
     "read_probed_points",
     "read_table",
     "read_values",
+    "seats_for",
     "seed_of",
     "simulate_measurements",
+    "simulate_touches",
     "span",
 ]

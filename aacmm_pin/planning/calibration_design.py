@@ -16,24 +16,28 @@ from aacmm_pin._support.notes import Note, notes_in_json
 from aacmm_pin._support.progress import Progress, watched
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import MM, UM
-from aacmm_pin.calibration import Observability, remaining_triangle
-from aacmm_pin.calibration.fit import NO_SCATTER
-from aacmm_pin.calibration.setup import ReferenceFrame, Setup, Target
+from aacmm_pin.calibration import (
+    NO_SCATTER,
+    Observability,
+    ReferenceFrame,
+    Setup,
+    Target,
+    remaining_triangle,
+)
 from aacmm_pin.effects import ErrorModel, GivenModel
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.measurements.records import GivenRecords, Measurements, as_measurements
-from aacmm_pin.measurements.simulate import seed_of
+from aacmm_pin.measurements import GivenRecords, Measurements, as_measurements, seed_of
 from aacmm_pin.planning.candidate_design import Situation
 from aacmm_pin.planning.measurement_conditions import MeasurementConditions
 from aacmm_pin.planning.measurement_sheet import sheet_of
-from aacmm_pin.planning.plan import POSTURES, Reference, check_numbers, complete, places_for
+from aacmm_pin.planning.plan import POOL_SIZE, Reference, check_numbers, complete, places_for
 from aacmm_pin.planning.search import Choosing, informing
 from aacmm_pin.planning.task import Task
 
-SCHEMA = "aacmm-pin/calibration-plan/1"
+CALIBRATION_PLAN_SCHEMA = "aacmm-pin/calibration-plan/1"
 RANDOM = 20
 """Random plans that stand beside."""
-ROUNDS = 10
+EXCHANGE_ROUNDS = 10
 """Exchanges of every record, at most; three or four are enough."""
 
 
@@ -82,20 +86,13 @@ class CalibrationPlan(Shown):
 
     def summary(self) -> dict[str, Any]:
         """Schema ``aacmm-pin/calibration-plan/1``."""
-        return {
-            "schema": SCHEMA,
-            "arm": self.model.arm.name,
-            "records": len(self.records),
-            "existing": self.existing,
-            "o1": self.o1,
-            "o1_random": self.o1_random.tolist(),
-            "o1_ratio": self.ratio,
-            "u_mm": self.u / MM,
-            "u_random_mm": (self.u_random / MM).tolist(),
-            "expected_mm": np.round(self.expected / MM, 3).tolist(),
-            "seed": self.seed,
-            **notes_in_json(self.notes),
-        }
+        summary: dict[str, Any] = {"schema": CALIBRATION_PLAN_SCHEMA, "arm": self.model.arm.name}
+        summary |= {"records": len(self.records), "existing": self.existing}
+        summary |= {"o1": self.o1, "o1_random": self.o1_random.tolist(), "o1_ratio": self.ratio}
+        summary |= {"u_mm": self.u / MM, "u_random_mm": (self.u_random / MM).tolist()}
+        summary["expected_mm"] = np.round(self.expected / MM, 3).tolist()
+        summary["seed"] = self.seed
+        return summary | notes_in_json(self.notes)
 
 
 def plan_calibration(
@@ -112,7 +109,7 @@ def plan_calibration(
     probe_noise: float | None = None,
     length_noise: float | None = None,
     above: float | None = None,
-    postures: int = POSTURES,
+    postures: int = POOL_SIZE,
     rng: np.random.Generator | None = None,
     progress: Progress = True,
 ) -> CalibrationPlan:
@@ -193,7 +190,7 @@ def d_optimal(
     """
     choice = Choosing(rows, information)
     choice.run(count, informing, steps)
-    for _ in range(ROUNDS):
+    for _ in range(EXCHANGE_ROUNDS):
         before = set(choice.taken)
         choice.exchange(informing)
         if set(choice.taken) == before:

@@ -10,12 +10,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from aacmm_pin._support.checks import Array, Index
-from aacmm_pin.calibration import remaining_triangle, seat_columns
-from aacmm_pin.calibration.noise_model import NoiseModel, Scatters, observations_of
-from aacmm_pin.calibration.parameter_vector import ParameterVector
-from aacmm_pin.calibration.problem import Frame, Problem
+from aacmm_pin.calibration import (
+    Frame,
+    NoiseModel,
+    ParameterVector,
+    Problem,
+    Scatters,
+    observations_of,
+    remaining_triangle,
+    seat_columns,
+)
 from aacmm_pin.effects import Effect
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements import Measurements
 from aacmm_pin.planning.candidate_records import candidates
 from aacmm_pin.planning.detection_power import Power, Size, power_of
 from aacmm_pin.planning.measurement_conditions import MeasurementConditions
@@ -51,15 +57,11 @@ class Layout:
         """The columns of a problem whose last effects are the ``causes``."""
         vector = ParameterVector(problem.model.arm, causes)
         stop, total = problem.vector.size, len(problem.scales)
-        refitted = np.r_[: stop - vector.size, stop:total]
-        order = np.r_[refitted, stop - vector.size : stop]
-        return Layout(
-            order,
-            np.r_[problem.scales[refitted], vector.typical],
-            refitted.size,
-            seats,
-            vector.slices,
-        )
+        start = stop - vector.size
+        refitted = np.r_[:start, stop:total]
+        order = np.r_[refitted, start:stop]
+        scales = np.r_[problem.scales[refitted], vector.typical]
+        return Layout(order, scales, refitted.size, seats, vector.slices)
 
     @property
     def nuisances(self) -> int:
@@ -73,13 +75,16 @@ class Layout:
 
     def columns(self, cause: int) -> Index:
         """The columns of one cause."""
-        return np.arange(self.nuisances, self.width)[self.blocks[cause]]
+        of_causes = np.arange(self.nuisances, self.width)
+        return of_causes[self.blocks[cause]]
 
     def seat_columns(self, columns: Array, labels: Sequence[str]) -> Array:
         """Columns by seats of certain ``labels`` (…, s, 3) as those of all seats (…, 3 seats)."""
-        found = np.zeros((*columns.shape[:-2], len(self.seats), 3))
-        found[..., [self.seats.index(label) for label in labels], :] = columns
-        return found.reshape(*columns.shape[:-2], 3 * len(self.seats))
+        shape = columns.shape[:-2]
+        places = [self.seats.index(label) for label in labels]
+        found = np.zeros((*shape, len(self.seats), 3))
+        found[..., places, :] = columns
+        return found.reshape(*shape, 3 * len(self.seats))
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,8 +154,10 @@ class Situation:
         """How well a choice tells two of the causes apart; the same ``draws`` make odds differ by
         what is measured alone.
         """
-        blocks = self.layout.blocks[pair[0]], self.layout.blocks[pair[1]]
-        return power_of(self.triangle(chosen, times), blocks, sizes, np.random.default_rng(draws))
+        one, other = pair
+        blocks = self.layout.blocks[one], self.layout.blocks[other]
+        triangle = self.triangle(chosen, times)
+        return power_of(triangle, blocks, sizes, np.random.default_rng(draws))
 
     def triangle(self, chosen: list[int] | None, times: float = 1.0) -> Array:
         """What a choice (None: the whole pool), taken so many ``times``, tells of the causes when
@@ -171,17 +178,17 @@ def rows_of(
     prediction = problem.predict(problem.start, frame)
     noise = NoiseModel.of(problem, problem.start, frame, Scatters())
     observations = noise.observations
-    labels, whitening = observations.labels, noise.whitening * observations.says[:, None, None]
+    labels = observations.labels
+    whitening = noise.whitening * observations.says[:, None, None]
     jacobian = prediction.jacobian[:, :, layout.order] * layout.scales
     refitted, causes = np.split(whitening @ jacobian, [layout.refitted], axis=2)
-    of_records, of_seats, of_bars = seat_columns(
-        observations, observations.start(prediction.tips), -whitening
-    )
-    rows = np.concatenate([refitted, layout.seat_columns(of_records, labels), causes], axis=2)
+    start = observations.start(prediction.tips)
+    of_records, of_seats, of_bars = seat_columns(observations, start, -whitening)
+    seats = layout.seat_columns(of_records, labels)
+    rows = np.concatenate([refitted, seats, causes], axis=2)
     new = np.array([label not in stated for label in labels], dtype=bool)
-    own_seats, own_bars = (
-        of_seats[observations.known & new],
-        of_bars[new[observations.ends].any(axis=1)],
-    )
+    own_seats = of_seats[observations.known & new]
+    own_bars = of_bars[new[observations.ends].any(axis=1)]
     ties = layout.seat_columns(np.concatenate([*own_seats, own_bars]), labels)
-    return rows, np.pad(ties, ((0, 0), (layout.refitted, causes.shape[2])))
+    around = (layout.refitted, causes.shape[2])
+    return rows, np.pad(ties, ((0, 0), around))

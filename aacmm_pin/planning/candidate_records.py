@@ -4,27 +4,26 @@ a set-up.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.random_postures import Room, joint_bounds
-from aacmm_pin.calibration.noise_model import observations_of
-from aacmm_pin.effects import Conditions, State
+from aacmm_pin.arm import Arm, Room, joint_bounds
+from aacmm_pin.calibration import observations_of
+from aacmm_pin.effects import Conditions, Labels, State
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.measurements.measuring_points import Pool, seats_for
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements import Measurements, Pool, seats_for
 from aacmm_pin.planning.measurement_conditions import MeasurementConditions
 from aacmm_pin.planning.task import Task
 
-STEP = 30.0
+TIME_STEP = 30.0
 """From one record to the next [s]."""
-ROUND = 0.1 * DEG
+ANGLE_STEP = 0.1 * DEG
 """Free postures are planned in steps of this, so that people can read them [rad]."""
-SEATS = 8
+NEW_SEATS = 8
 """Seats that are planned where there are none yet."""
 EACH = 40
 """Postures at each seat from which a plan chooses, at most."""
@@ -35,8 +34,10 @@ def free_postures(
 ) -> Measurements:
     """Random postures beside the stand, over the table."""
     q, _ = Room(arm, above).postures(count, rng)
-    bounds, steps = joint_bounds(arm), np.where(arm.chain.prismatic, 1e-4, ROUND)
-    return Measurements.of(np.clip(np.round(q / steps) * steps, bounds[:, 0], bounds[:, 1]))
+    steps = np.where(arm.chain.prismatic, 1e-4, ANGLE_STEP)
+    rounded = np.round(q / steps) * steps
+    low, high = joint_bounds(arm).T
+    return Measurements.of(np.clip(rounded, low, high))
 
 
 def postures_at_seats(
@@ -49,28 +50,58 @@ def postures_at_seats(
         AacmmError: the seats cannot be touched in different postures.
     """
     pool = Pool.draw(task.model, above, EACH, rng)
-    existing, labels = task.existing, []
-    if existing is not None:
-        observed = observations_of(existing, task.setup)
-        labels = list(observed.labels)
-        tips = task.frame.apply(task.model.predict(existing.q, existing.conditions))
-        points = task.frame.back(observed.start(tips))
-        first = [existing.seats()[label][0] for label in labels]
-        stated, stated_u = existing.reference[first], existing.reference_u[first]
-    if not labels:
-        places = seats_for(pool, SEATS, max(4, min(EACH, count // SEATS)), rng)
-        labels = [f"P{k}" for k in range(1, len(places) + 1)]
-        points = np.concatenate([place.points for place in places])
-        stated, stated_u = task.frame.apply(points), np.full_like(points, np.nan)
-    touched = pool.touched(points, max(4, min(EACH, count // len(labels))))
+    seats = _seats_of(task)
+    if not seats.labels:
+        seats = _new_seats(task, pool, count, rng)
+    touched = pool.touched(seats.points, max(4, min(EACH, count // len(seats.labels))))
     if not any(len(q) for q in touched):
-        arm = task.model.arm.name
+        arm, number = task.model.arm.name, len(seats.labels)
         raise AacmmError(
-            f"{arm}: no posture inside the limits has its tip at one of the {len(labels)} seats"
+            f"{arm}: no posture inside the limits has its tip at one of the {number} seats"
         )
-    seat = np.repeat(np.arange(len(labels)), [len(q) for q in touched])
-    at = Conditions(len(seat), seat=np.array(labels, dtype=object)[seat])
-    return Measurements.of(np.concatenate(touched), stated[seat], stated_u[seat], at)
+    seat = np.repeat(np.arange(len(seats.labels)), [*map(len, touched)])
+    labels = np.array(seats.labels, dtype=object)[seat]
+    at = Conditions(len(seat), seat=labels)
+    return Measurements.of(np.concatenate(touched), seats.stated[seat], seats.stated_u[seat], at)
+
+
+@dataclass(frozen=True, eq=False)
+class _Seats:
+    """Seats by their labels.
+
+    Attributes:
+        points: where they are, in the frame of the base (n, 3) [m].
+        stated, stated_u: their coordinates in the frame of the references, and u (n, 3) [m].
+    """
+
+    labels: list[str]
+    points: Array
+    stated: Array
+    stated_u: Array
+
+
+def _seats_of(task: Task) -> _Seats:
+    """The seats of the existing records."""
+    existing = task.existing
+    if existing is None:
+        nothing = np.empty((0, 3))
+        return _Seats([], nothing, nothing, nothing)
+    observed = observations_of(existing, task.setup)
+    tips = task.frame.apply(task.model.predict(existing.q, existing.conditions))
+    points = task.frame.back(observed.start(tips))
+    rows = existing.seats()
+    first = [rows[label][0] for label in observed.labels]
+    stated, stated_u = existing.reference[first], existing.reference_u[first]
+    return _Seats(list(observed.labels), points, stated, stated_u)
+
+
+def _new_seats(task: Task, pool: Pool, count: int, rng: np.random.Generator) -> _Seats:
+    each = max(4, min(EACH, count // NEW_SEATS))
+    places = seats_for(pool, NEW_SEATS, each, rng)
+    labels = [f"P{k}" for k in range(1, len(places) + 1)]
+    points = np.concatenate([place.points for place in places])
+    unknown = np.full_like(points, np.nan)
+    return _Seats(labels, points, task.frame.apply(points), unknown)
 
 
 def candidates(
@@ -79,35 +110,58 @@ def candidates(
     """The records that could be taken in a set-up, with the coordinates that are expected; free
     conditions are drawn.
     """
-    model, n, known = set_up.model, postures.n, task.conditions
-    needed = {need for effect in (*task.causes, *model.effects) for need in effect.needs}
-    present, links = needed | set(known.present), known.link_temperature
-    warmth = task.temperature + set_up.warmer * rng.integers(2, size=n).astype(np.float64)
-    sides = np.ones((n, model.arm.nq))
-    for joint in set_up.sides:
-        sides[:, joint - 1] = rng.choice([-1.0, 1.0], size=n)
-    after = 0.0 if known.time is None else float(known.time.max()) + STEP
-    time = rng.uniform(0.0, set_up.warm_up, size=n) if set_up.warm_up else np.full(n, after)
-    marker = None if known.marker is None else next((m for m in known.marker if m), "")
-    at_none = np.full(n, "", dtype=object) if "seat" in needed else None
-    conditions = Conditions(
-        n,
-        time=time if "time" in present else None,
-        temperature=warmth
-        if links is None and present & {"temperature", "link_temperature"}
-        else None,
-        link_temperature=None
-        if links is None
-        else np.repeat(warmth[:, None], links.shape[1], axis=1),
-        approach=sides if "approach" in present else None,
-        torque=_torques(model.arm, postures.q) if "torque" in needed else None,
-        seat=at_none if postures.conditions.seat is None else postures.conditions.seat,
-        marker=None if marker is None else np.full(n, marker, dtype=object),
-    )
+    conditions = _conditions(task, set_up, postures, rng)
     if postures.conditions.seat is not None:
         return replace(postures, conditions=conditions)
-    expected = task.frame.apply(model.predict(postures.q, conditions))
+    expected = task.frame.apply(set_up.model.predict(postures.q, conditions))
     return replace(postures, reference=expected, conditions=conditions)
+
+
+def _conditions(
+    task: Task, set_up: MeasurementConditions, postures: Measurements, rng: np.random.Generator
+) -> Conditions:
+    """The conditions that the causes or the existing records need; free ones are drawn."""
+    arm, n, known = set_up.model.arm, postures.n, task.conditions
+    effects = (*task.causes, *set_up.model.effects)
+    needed = {need for effect in effects for need in effect.needs}
+    present, links = needed | set(known.present), known.link_temperature
+    warmth = task.temperature + set_up.warmer * rng.integers(2, size=n).astype(np.float64)
+    sides = np.ones((n, arm.nq))
+    for joint in set_up.sides:
+        sides[:, joint - 1] = rng.choice([-1.0, 1.0], size=n)
+    time = _times(known, set_up, n, rng)
+    chosen: dict[str, Any] = {"seat": postures.conditions.seat, "marker": _marker(known, n)}
+    if "time" in present:
+        chosen["time"] = time
+    if links is not None:
+        chosen["link_temperature"] = np.repeat(warmth[:, None], links.shape[1], axis=1)
+    elif present & {"temperature", "link_temperature"}:
+        chosen["temperature"] = warmth
+    if "approach" in present:
+        chosen["approach"] = sides
+    if "torque" in needed:
+        chosen["torque"] = _torques(arm, postures.q)
+    if chosen["seat"] is None and "seat" in needed:
+        chosen["seat"] = np.full(n, "", dtype=object)
+    return Conditions(n, **chosen)
+
+
+def _times(
+    known: Conditions, set_up: MeasurementConditions, n: int, rng: np.random.Generator
+) -> Array:
+    """Times of planned records (n,) [s]: during a warm-up, or after the existing records."""
+    if set_up.warm_up:
+        return rng.uniform(0.0, set_up.warm_up, size=n)
+    after = 0.0 if known.time is None else float(known.time.max()) + TIME_STEP
+    return np.full(n, after)
+
+
+def _marker(known: Conditions, n: int) -> Labels | None:
+    """The first marker of the existing records, for all planned ones."""
+    if known.marker is None:
+        return None
+    first = next((label for label in known.marker if label), "")
+    return np.full(n, first, dtype=object)
 
 
 def _torques(arm: Arm, q: Array) -> Array:
@@ -115,7 +169,6 @@ def _torques(arm: Arm, q: Array) -> Array:
     about each axis.
     """
     state = State(arm, q, Conditions(len(q)), arm.chain.tip)
-    return -np.stack(
-        [state.along_axis(row, state.moment_at_axis(row)) for row in arm.chain.moving_rows()],
-        axis=1,
-    )
+    rows = arm.chain.moving_rows()
+    moments = [state.along_axis(row, state.moment_at_axis(row)) for row in rows]
+    return -np.stack(moments, axis=1)

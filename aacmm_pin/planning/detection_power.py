@@ -12,9 +12,9 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown
 from aacmm_pin.effects import Effect
 
-DRAWS = 4000
+EVIDENCE_DRAWS = 4000
 """Draws of records behind a probability."""
-SAME = 1e-4
+SAME_FRACTION = 1e-4
 """Part of what one cause does, squared, below which the other does the same."""
 SILENT = 1e-6
 """A cause whose squared effect, the noise being one, is smaller than this shows nothing."""
@@ -38,13 +38,14 @@ class Size:
         """The effect's own values, or their magnitude in any direction; a typical one where all are
         zero.
         """
-        scaled = np.array(effect.values) / np.array([term.typical for term in effect.terms])
+        typical = np.array([term.typical for term in effect.terms])
+        scaled = np.array(effect.values) / typical
+        directions = np.eye(scaled.size)
         if not scaled.any():
-            return Size(np.eye(scaled.size))
+            return Size(directions)
         if effect.notation.phase_is_free(effect):
-            return Size(
-                np.eye(scaled.size) * np.linalg.norm(scaled) / np.sqrt(scaled.size), stated=True
-            )
+            magnitude = np.linalg.norm(scaled) / np.sqrt(scaled.size)
+            return Size(directions * magnitude, stated=True)
         return Size(scaled[:, None], stated=True)
 
     def drawn(self, count: int, rng: np.random.Generator) -> Array:
@@ -52,7 +53,9 @@ class Size:
         sign (q, count).
         """
         z = rng.standard_normal((self.factor.shape[1], count))
-        return np.asarray(self.factor @ (z / np.linalg.norm(z, axis=0) * np.sqrt(len(z))))
+        length = np.linalg.norm(z, axis=0)
+        direction = z / length * np.sqrt(len(z))
+        return np.asarray(self.factor @ direction)
 
 
 @dataclass(frozen=True)
@@ -85,7 +88,7 @@ class Power(Shown):
     def open(self) -> tuple[bool, bool]:
         """Whether either does something that the other cannot do."""
         pairs = zip((self.one, self.other), self.alone, self.silent, strict=True)
-        one, other = (not silent and t > SAME * alone for t, alone, silent in pairs)
+        one, other = (not silent and t > SAME_FRACTION * alone for t, alone, silent in pairs)
         return one, other
 
     @property
@@ -98,18 +101,22 @@ def mimicking(r: Array, mine: slice, its: slice, factor: Array) -> Array:
     """Parameters of the other cause that do most nearly what ``factor`` (q, m) of this one does
     (q', m).
     """
-    return np.asarray(np.linalg.lstsq(r[:, its], r[:, mine] @ factor, rcond=1e-12)[0])
+    effect = r[:, mine] @ factor
+    parameters, *_ = np.linalg.lstsq(r[:, its], effect, rcond=1e-12)
+    return np.asarray(parameters)
 
 
 def alone(r: Array, mine: slice, factor: Array) -> float:
     """``‖R_k F‖²``: what shows of a cause at all."""
-    return float(np.square(r[:, mine] @ factor).sum())
+    effect = r[:, mine] @ factor
+    return float(np.square(effect).sum())
 
 
 def distance(r: Array, mine: slice, its: slice, factor: Array) -> float:
     """``min over β_l of ‖R_k F - R_l β_l‖²``, summed over the columns of F, see :class:`Size`."""
-    left = r[:, mine] @ factor - r[:, its] @ mimicking(r, mine, its, factor)
-    return float(np.square(left).sum())
+    effect = r[:, mine] @ factor
+    mimicked = r[:, its] @ mimicking(r, mine, its, factor)
+    return float(np.square(effect - mimicked).sum())
 
 
 def power_of(
@@ -121,18 +128,20 @@ def power_of(
     the cases. The evidence
     is that of a normal prior: with g = Rᵀy and prior variance w², ``½ gᵀ (S + I/w²)⁻¹ g - ½ log
     det(I + w² S)``. How large a cause may be is hardly known, so size alone must not decide: w lets
-    each of the two show as much as the true one does, ``w² tr S = ‖R β‖²``. By :data:`DRAWS` draws
-    of y.
+    each of the two show as much as the true one does, ``w² tr S = ‖R β‖²``. By
+    :data:`EVIDENCE_DRAWS` draws of y.
     """
     probability, shows, apart = 0.0, [], []
     for true, (mine, size) in enumerate(zip(blocks, sizes, strict=True)):
         shows.append(alone(r, mine, size.factor))
         apart.append(distance(r, mine, blocks[1 - true], size.factor))
-        y = r[:, mine] @ size.drawn(DRAWS, rng) + rng.standard_normal((len(r), DRAWS))
+        effects = r[:, mine] @ size.drawn(EVIDENCE_DRAWS, rng)
+        y = effects + rng.standard_normal((len(r), EVIDENCE_DRAWS))
         evidence = [_evidence(r[:, block], y, shows[true]) for block in blocks]
         better = evidence[true] - evidence[1 - true]
         tie = np.isclose(better, 0.0, atol=1e-6)
-        probability += 0.5 * float(np.where(tie, 0.5, better > 0).mean())
+        right = np.where(tie, 0.5, better > 0)
+        probability += 0.5 * float(right.mean())
     return Power(apart[0], apart[1], (shows[0], shows[1]), probability)
 
 

@@ -14,16 +14,14 @@ import numpy as np
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import MM
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.chain import axis, end
-from aacmm_pin.arm.file import ArmFile
+from aacmm_pin.arm import Arm, ArmFile, axis, end
 from aacmm_pin.effects import Effect, ErrorModel, TimeConstant
 
-WARMER = 4.0
+ROOM_WARMING = 4.0
 """A room can be warmed by this much [K]."""
 LOAD = 1.0
 """Mass that is hung on an arm [kg]."""
-WARM_UPS = 3.0
+WARM_UP_CONSTANTS = 3.0
 """A warm-up is watched for so many of its time constants."""
 
 
@@ -92,12 +90,12 @@ def _changes(
         which = f"joint{'s' * (len(joints) > 1)} {', '.join(map(str, joints))}"
         yield str(Note("approach_both_sides", {"joints": which})), {"sides": tuple(joints)}
     if any("temperature" in effect.needs for effect in causes):
-        warm = reference_temperature + WARMER
-        data = {"by": WARMER, "cool": reference_temperature, "warm": warm}
-        yield str(Note("warm_room", data)), {"warmer": WARMER}
+        warm = reference_temperature + ROOM_WARMING
+        data = {"by": ROOM_WARMING, "cool": reference_temperature, "warm": warm}
+        yield str(Note("warm_room", data)), {"warmer": ROOM_WARMING}
     constants = [e.nonlinear.value(e) for e in causes if isinstance(e.nonlinear, TimeConstant)]
     if constants:
-        watched = WARM_UPS * max(constants)
+        watched = WARM_UP_CONSTANTS * max(constants)
         yield str(Note("measure_warm_up", {"minutes": watched / 60})), {"warm_up": watched}
 
 
@@ -123,9 +121,10 @@ def _loads_and_mounts(arm: Arm, file: ArmFile) -> Iterator[Change]:
 
 def _turned(vector: Array, about: int, angle: float) -> Array:
     one, other = (about + 1) % 3, (about + 2) % 3
+    cos, sin = np.cos(angle), np.sin(angle)
     turned = vector.copy()
-    turned[one] = np.cos(angle) * vector[one] - np.sin(angle) * vector[other]
-    turned[other] = np.sin(angle) * vector[one] + np.cos(angle) * vector[other]
+    turned[one] = cos * vector[one] - sin * vector[other]
+    turned[other] = sin * vector[one] + cos * vector[other]
     return np.round(turned, 6) + 0.0
 
 

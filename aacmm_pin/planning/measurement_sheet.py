@@ -12,14 +12,13 @@ import pandas as pd
 
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.notes import Note
-from aacmm_pin.measurements.csv_columns import REFERENCE, REFERENCE_U
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements import REFERENCE, REFERENCE_U, Measurements
 from aacmm_pin.planning.candidate_design import Situation
-from aacmm_pin.planning.candidate_records import STEP
+from aacmm_pin.planning.candidate_records import TIME_STEP
 from aacmm_pin.planning.result import MeasurementPlan
 from aacmm_pin.planning.task import Task
 
-DECIMALS = 6
+SHEET_DECIMALS = 6
 """Of angles in degrees."""
 
 
@@ -78,7 +77,7 @@ def _sheet(records: Measurements, existing: Measurements | None) -> pd.DataFrame
         conditions=replace(records.conditions, torque=None),
     ).to_frame()
     angles = [name for name in table.columns if name.startswith("theta")]
-    table[angles] = table[angles].round(DECIMALS)
+    table[angles] = table[angles].round(SHEET_DECIMALS)
     if REFERENCE[0] not in table:
         for k, name in enumerate(REFERENCE):
             table.insert(records.nq + k, name, nothing[:, k])
@@ -110,5 +109,5 @@ def _order(records: Measurements) -> Index:
 
 def _spaced(time: Array) -> Array:
     """Ascending times with room for one record each."""
-    steps = STEP * np.arange(len(time))
+    steps = TIME_STEP * np.arange(len(time))
     return np.asarray(np.maximum.accumulate(time - steps) + steps)

@@ -10,7 +10,7 @@ import numpy as np
 
 from aacmm_pin._support.notes import Note
 from aacmm_pin.effects import Effect, typical_magnitude_in_words
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements import Measurements
 from aacmm_pin.planning.candidate_design import Situation
 from aacmm_pin.planning.detection_power import Power, Size, mimicking
 from aacmm_pin.planning.measurement_conditions import possible_conditions

@@ -11,15 +11,12 @@ from numpy.typing import ArrayLike
 from aacmm_pin._support.checks import whole
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.progress import Progress, watched
-from aacmm_pin._support.units import MM
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.calibration.setup import ReferenceFrame, Setup, Target
+from aacmm_pin.arm import Arm
+from aacmm_pin.calibration import ReferenceFrame, Setup, Target
 from aacmm_pin.effects import Effect, ErrorModel, GivenCause, GivenModel, as_causes
 from aacmm_pin.errors import AacmmError, UnknownNameError
-from aacmm_pin.measurements.noise import ENCODER
+from aacmm_pin.measurements import ENCODER, GivenRecords, Measurements, as_measurements, seed_of
 from aacmm_pin.measurements.noise import REFERENCE as REFERENCE_NOISE
-from aacmm_pin.measurements.records import GivenRecords, Measurements, as_measurements
-from aacmm_pin.measurements.simulate import seed_of
 from aacmm_pin.planning.candidate_records import free_postures, postures_at_seats
 from aacmm_pin.planning.pairwise_discrimination import for_two
 from aacmm_pin.planning.result import MeasurementPlan
@@ -27,7 +24,7 @@ from aacmm_pin.planning.separability import for_all
 from aacmm_pin.planning.task import Task, require_separable, usual_causes
 
 Reference = Literal["free", "seats"]
-POSTURES = 2000
+POOL_SIZE = 2000
 """Postures from which a plan chooses."""
 
 
@@ -47,7 +44,7 @@ def plan_measurements(
     length_noise: float | None = None,
     above: float | None = None,
     as_it_stands: bool = False,
-    postures: int = POSTURES,
+    postures: int = POOL_SIZE,
     rng: np.random.Generator | None = None,
     progress: Progress = True,
 ) -> MeasurementPlan:
@@ -128,38 +125,7 @@ def plan_measurements(
             found = for_two(task, (causes[0], causes[1]), where, records, as_it_stands, rng, steps)
     if "torque" in present and split is not None:
         left_out += (Note("record_torques"),)
-    usual = {
-        "--reference": (reference, "free"),
-        "--reference-frame": (reference_frame, "base"),
-        "--target": (target, "tip"),
-    }
-    options = [f"{name} {value}" for name, (value, default) in usual.items() if value != default]
-    options += noise_options(model.arm, encoder_noise, reference_noise, probe_noise)
-    options += [
-        words
-        for words, wanted in (("--no-prior", not prior), ("--as-it-stands", as_it_stands))
-        if wanted
-    ]
-    return replace(
-        found, seed=seed, notes=(*notes, *left_out, *found.notes), options=tuple(options)
-    )
-
-
-def noise_options(
-    arm: Arm, encoder: ArrayLike | None, reference: float | None, probe: float | None
-) -> list[str]:
-    """Options of the command ``aacmm-pin plan`` that state the same noise [rad, m], as far as they
-    can.
-    """
-    lengths = {"--reference-noise-mm": reference, "--probe-noise-mm": probe}
-    options = [f"{name} {value / MM:g}" for name, value in lengths.items() if value is not None]
-    readings = np.empty(0) if encoder is None else np.unique(encoder)
-    of_arm = arm.encoder_noise is not None and np.array_equal(
-        readings, np.unique(arm.encoder_noise)
-    )
-    if readings.size == 1 and not of_arm:
-        options.append(f"--encoder-noise-rad {readings[0]:g}")
-    return options
+    return replace(found, seed=seed, notes=(*notes, *left_out, *found.notes))
 
 
 def places_for(

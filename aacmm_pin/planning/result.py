@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from aacmm_pin._support.checks import Array
@@ -15,10 +16,10 @@ from aacmm_pin._support.output_files import whole_file
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import MM
 from aacmm_pin.effects import Effect, ErrorModel
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements import Measurements
 from aacmm_pin.planning.detection_power import Power
 
-SCHEMA = "aacmm-pin/plan/1"
+PLAN_SCHEMA = "aacmm-pin/plan/1"
 DECIDED = 0.95
 """Causes are told apart when the chance of the right decision is this large."""
 
@@ -63,8 +64,6 @@ class MeasurementPlan(Shown):
         enough: about how many new records of this kind would decide, beside the existing ones,
             where the plan does not; None if no few times as many.
         seed: of all that was drawn, or None where the generator does not say.
-        options: those of the command ``aacmm-pin plan`` that ask for the same, as far as they are
-            not the usual ones.
     """
 
     model: ErrorModel
@@ -82,7 +81,6 @@ class MeasurementPlan(Shown):
     pairs: pd.DataFrame | None = None
     enough: int | None = None
     seed: int | None = None
-    options: tuple[str, ...] = ()
 
     @property
     def asked(self) -> bool:
@@ -97,7 +95,9 @@ class MeasurementPlan(Shown):
     @property
     def needed(self) -> bool:
         """Whether the existing records do not tell the causes apart by themselves."""
-        return self.before is None or self.before.same or self.before.probability < DECIDED
+        if self.before is None or self.before.same:
+            return True
+        return self.before.probability < DECIDED
 
     @property
     def setup(self) -> str:
@@ -119,40 +119,17 @@ class MeasurementPlan(Shown):
 
     def summary(self) -> dict[str, Any]:
         """Schema ``aacmm-pin/plan/1``."""
-        pairs = None
-        if self.pairs is not None:
-            untold = self.pairs[~self.pairs["told"]]
-            rows = [{str(k): v for k, v in row.items()} for row in untold.to_dict("records")]
-            pairs = {
-                "count": len(self.pairs),
-                "told": int(self.pairs["told"].sum()),
-                "untold": rows,
-            }
-        return {
-            "schema": SCHEMA,
-            "arm": self.model.arm.name,
-            "split": [effect.key for effect in self.split],
-            "asked": self.asked,
-            "records": len(self.records),
-            "existing": self.existing,
-            "set_up": list(self.set_up),
-            "changes_arm": self.changes_arm,
-            "power": {
-                "before": _power(self.before),
-                "after": _power(self.after),
-                "decided": self.decided,
-                "enough": self.enough,
-            },
-            "tried": [
-                {"set_up": t.words, "inseparable": bool(t.why_not), "why": t.why_not}
-                | (_power(t.power) or {})
-                for t in self.tried
-            ],
-            "pairs": pairs,
-            "expected_mm": [[round(float(x) / MM, 3) for x in tip] for tip in self.expected],
-            "seed": self.seed,
-            **notes_in_json(self.notes),
-        }
+        summary: dict[str, Any] = {"schema": PLAN_SCHEMA, "arm": self.model.arm.name}
+        summary |= {"split": [effect.key for effect in self.split], "asked": self.asked}
+        summary |= {"records": len(self.records), "existing": self.existing}
+        summary |= {"set_up": list(self.set_up), "changes_arm": self.changes_arm}
+        power = {"before": _power(self.before), "after": _power(self.after)}
+        summary["power"] = power | {"decided": self.decided, "enough": self.enough}
+        summary["tried"] = [_tried(tried) for tried in self.tried]
+        summary["pairs"] = _pairs(self.pairs)
+        summary["expected_mm"] = np.round(self.expected / MM, 3).tolist()
+        summary["seed"] = self.seed
+        return summary | notes_in_json(self.notes)
 
     def __str__(self) -> str:
         return str(report().plan.plan_line(self))
@@ -166,3 +143,17 @@ def _power(power: Power | None) -> dict[str, Any] | None:
         "alone": list(power.alone),
         "probability": power.probability,
     }
+
+
+def _tried(tried: Tried) -> dict[str, Any]:
+    summary = {"set_up": tried.words, "inseparable": bool(tried.why_not), "why": tried.why_not}
+    return summary | (_power(tried.power) or {})
+
+
+def _pairs(pairs: pd.DataFrame | None) -> dict[str, Any] | None:
+    """How many pairs of causes are distinguished, and the rows of the others."""
+    if pairs is None:
+        return None
+    told = int(pairs["told"].sum())
+    untold = pairs[~pairs["told"]].to_dict("records")
+    return {"count": len(pairs), "told": told, "untold": untold}

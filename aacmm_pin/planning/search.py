@@ -11,7 +11,7 @@ import numpy as np
 from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin.planning.detection_power import Size
 
-HARDLY = 1e-3
+OTHER_DISTANCE_WEIGHT = 1e-3
 """Weight of the better told direction, which only decides among records that do the same for the
 worse.
 """
@@ -40,7 +40,8 @@ class Choosing:
     @property
     def scatter(self) -> Array:
         """Covariance of each record as predicted, its noise being one (n, 3, 3)."""
-        return np.asarray(np.eye(3) + self.seen @ self.pool.transpose(0, 2, 1))
+        of_unknowns = self.seen @ self.pool.transpose(0, 2, 1)
+        return np.asarray(np.eye(3) + of_unknowns)
 
     def take(self, record: int) -> None:
         """One more record: ``Σ - Σ Aᵀ (I + A Σ Aᵀ)⁻¹ A Σ`` (Woodbury), and the same for what the
@@ -77,7 +78,8 @@ class Choosing:
             self.take(self._best(score))
 
     def _best(self, score: Score) -> int:
-        return int(np.argmax(np.where(self.free, score(self), -np.inf)))
+        scores = np.where(self.free, score(self), -np.inf)
+        return int(np.argmax(scores))
 
 
 def telling(one: Index, other: Index, sizes: tuple[Size, Size]) -> Score:
@@ -90,14 +92,10 @@ def telling(one: Index, other: Index, sizes: tuple[Size, Size]) -> Score:
         distances = []
         for columns, size in ((one, sizes[0]), (other, sizes[1])):
             seen = choice.seen[:, :, columns]
-            left = (
-                choice.covariance[np.ix_(columns, columns)]
-                - seen.transpose(0, 2, 1) @ inverse @ seen
-            )
-            distances.append(
-                np.einsum("nij,jm,im->n", np.linalg.inv(left), size.factor, size.factor)
-            )
-        return np.asarray(np.minimum(*distances) + HARDLY * np.maximum(*distances))
+            before = choice.covariance[np.ix_(columns, columns)]
+            after = np.linalg.inv(before - seen.transpose(0, 2, 1) @ inverse @ seen)
+            distances.append(np.einsum("nij,jm,im->n", after, size.factor, size.factor))
+        return np.asarray(np.minimum(*distances) + OTHER_DISTANCE_WEIGHT * np.maximum(*distances))
 
     return score
 

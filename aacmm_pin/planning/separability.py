@@ -4,7 +4,7 @@ posture will.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import combinations, permutations
 
 import numpy as np
@@ -13,9 +13,9 @@ import pandas as pd
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.notes import Note
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements import Measurements
 from aacmm_pin.planning.candidate_design import Situation
-from aacmm_pin.planning.detection_power import SAME, SILENT, Size, alone, distance
+from aacmm_pin.planning.detection_power import SAME_FRACTION, SILENT, Size, alone, distance
 from aacmm_pin.planning.measurement_conditions import possible_conditions
 from aacmm_pin.planning.measurement_sheet import plan_of
 from aacmm_pin.planning.result import MeasurementPlan, Tried
@@ -24,7 +24,7 @@ from aacmm_pin.planning.task import Task
 
 HOPELESS = 1.0
 """A pair whose T would be smaller than this with random records gets no record of its own."""
-TOLD = 10.8
+LEAST_T = 10.8
 """T from which two causes of known size are told apart with odds of 0.95: ``Φ(√T/2)``."""
 
 Pair = tuple[int, int]
@@ -47,54 +47,50 @@ def for_all(
     set_up = [option for option in options if not option.changes_arm][-1]  # every condition varied
     situation = Situation.of(task, set_up, postures, rng)
     others = {
-        o.words[-1]: Situation.of(task, o, postures, rng).triangle(None)
-        for o in options
-        if o.changes_arm
+        option.words[-1]: Situation.of(task, option, postures, rng).triangle(None)
+        for option in options
+        if option.changes_arm
     }
     blocks, whole = situation.layout.blocks, situation.triangle(None)
     silent = {k for k, block in enumerate(blocks) if _silent(whole, block)}
-    every = {
-        pair: both for pair, both in distances(whole, blocks).items() if not silent & set(pair)
-    }
+    all_pairs = distances(whole, blocks)
+    every = {pair: both for pair, both in all_pairs.items() if not silent & set(pair)}
     if not every:
         raise AacmmError(
             "fewer than two causes would show at all, so that there is nothing to tell apart"
         )
-    same = {pair for pair, (_, part) in every.items() if part <= SAME}
-    share = records / situation.pool.n
-    open_ = {pair for pair, (t, _) in every.items() if pair not in same and t * share >= HOPELESS}
+    same = {pair for pair, (_, part) in every.items() if part <= SAME_FRACTION}
+    needed = HOPELESS * situation.pool.n / records
+    open_ = {pair for pair, (t, _) in every.items() if pair not in same and t >= needed}
     chosen = _chosen(situation, records, open_, steps)
-    after = {
-        pair: t
-        for pair, (t, _) in distances(situation.triangle(chosen), blocks).items()
-        if pair in every
-    }
+    planned = distances(situation.triangle(chosen), blocks)
+    after = {pair: planned[pair][0] for pair in every}
+    why_not = dict.fromkeys(every, "too small")
+    why_not |= dict.fromkeys(open_, "") | dict.fromkeys(same, "the same")
     labels = [cause.label for cause in task.causes]
-    why_not = {
-        pair: "the same" if pair in same else "" if pair in open_ else "too small" for pair in every
-    }
-    rows = [
-        (labels[one], labels[other], t, t >= TOLD, why_not[one, other])
-        for (one, other), t in after.items()
-    ]
-    pairs = pd.DataFrame(rows, columns=["cause", "other", "T", "told", "why_not"]).sort_values(
-        "T", ignore_index=True
-    )
+    pairs = _table(after, why_not, labels)
     worst = min(open_ or set(every) - same or set(every), key=lambda pair: after[pair])
-    split = (task.causes[worst[0]], task.causes[worst[1]])
-    draws, sizes = int(rng.integers(2**32)), (Size.of(split[0]), Size.of(split[1]))
+    one, other = (task.causes[k] for k in worst)
+    draws, sizes = int(rng.integers(2**32)), (Size.of(one), Size.of(other))
     power = situation.power(chosen, worst, sizes, draws)
     before = situation.power([], worst, sizes, draws) if situation.before else None
     told = Note("pairs_told_apart", {"told": int(pairs["told"].sum()), "pairs": len(pairs)})
     notes = (told, *_notes(silent, same, labels, others, blocks))
-    found = {
-        "split": split,
-        "before": before,
-        "after": power,
-        "tried": (Tried(str(set_up), power),),
-        "pairs": pairs,
-    }
-    return plan_of(task, situation, chosen, notes, **found)
+    found = {"split": (one, other), "before": before, "after": power, "pairs": pairs}
+    tried = (Tried(str(set_up), power),)
+    return plan_of(task, situation, chosen, notes, tried=tried, **found)
+
+
+def _table(
+    distance_of: Mapping[Pair, float], why_not: Mapping[Pair, str], labels: Sequence[str]
+) -> pd.DataFrame:
+    """One row a pair, the worst first."""
+    rows = []
+    for pair, t in distance_of.items():
+        one, other = (labels[k] for k in pair)
+        rows.append((one, other, t, t >= LEAST_T, why_not[pair]))
+    table = pd.DataFrame(rows, columns=["cause", "other", "T", "told", "why_not"])
+    return table.sort_values("T", ignore_index=True)
 
 
 def _chosen(
@@ -123,7 +119,8 @@ def distances(r: Array, blocks: tuple[slice, ...]) -> dict[Pair, tuple[float, fl
     found = {}
     for pair in combinations(range(len(blocks)), 2):
         both = []
-        for mine, its in permutations(blocks[k] for k in pair):
+        for one, other in permutations(pair):
+            mine, its = blocks[one], blocks[other]
             size = np.eye(mine.stop - mine.start)
             t, whole = distance(r, mine, its, size), alone(r, mine, size)
             both.append((t, t / whole if whole > 0 else 0.0))
@@ -164,7 +161,7 @@ def _notes(
         separating = (
             words
             for words, r in others.items()
-            if distances(r, both)[0, 1][1] > SAME and not _silent(r, *both)
+            if distances(r, both)[0, 1][1] > SAME_FRACTION and not _silent(r, *both)
         )
         helps = next(separating, None)
         data = {"one": labels[one], "other": labels[other], "set_up": helps}
@@ -173,4 +170,8 @@ def _notes(
 
 def _silent(r: Array, *blocks: slice) -> bool:
     """Whether one of the blocks does nothing that would show."""
-    return any(alone(r, block, np.eye(block.stop - block.start)) <= SILENT for block in blocks)
+    for block in blocks:
+        typical = np.eye(block.stop - block.start)
+        if alone(r, block, typical) <= SILENT:
+            return True
+    return False

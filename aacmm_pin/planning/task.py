@@ -9,13 +9,11 @@ from functools import cached_property
 
 import numpy as np
 
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.calibration.parameters import problem_of
-from aacmm_pin.calibration.problem import Frame, Problem, registered
-from aacmm_pin.calibration.setup import Setup
+from aacmm_pin.arm import Arm
+from aacmm_pin.calibration import Frame, Problem, Setup, problem_of, registered
 from aacmm_pin.effects import Conditions, Effect, ErrorModel, all_candidates, require_row
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements import Measurements
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,1 +1,8 @@
-"""Results as people see them: sentences, tables, plots, scenes in three dimensions, pages."""
+"""Results as people see them: sentences, tables, plots, scenes in three dimensions, pages.
+
+The commands import from here; the names of ``__init__.pyi`` are loaded when they are first used.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -9,6 +9,7 @@ from functools import partial
 from importlib.metadata import version
 
 import numpy as np
+import pandas as pd
 
 from aacmm_pin._support.output_files import json_text
 from aacmm_pin._support.units import MM, plain_mm
@@ -19,24 +20,34 @@ from aacmm_pin.report.document import (
     Download,
     Figure,
     Folded,
+    Format,
     Notes,
     Paragraph,
     Table,
     document_of,
 )
-from aacmm_pin.report.html import SHORT
+from aacmm_pin.report.formats.html import SHORT_TEXT
 from aacmm_pin.report.numbers import capital
 from aacmm_pin.report.procedure import ORIGIN
-from aacmm_pin.verification import AcceptanceResult, History
-from aacmm_pin.verification.accept import COVERAGE, LONGEST_PART, SHOWN_AS, shown_verdict
-from aacmm_pin.verification.characteristics import EDITIONS, RULE_OF
-from aacmm_pin.verification.history import LEAST_CHECKS, PER_MOVING_RANGE
-from aacmm_pin.verification.probed_points import AS_GIVEN, brief
+from aacmm_pin.verification import (
+    AS_GIVEN,
+    EDITIONS,
+    GUARD_BAND_FACTOR,
+    LEAST_CHECKS,
+    LONGEST_PART,
+    PER_MOVING_RANGE,
+    RULE_OF,
+    AcceptanceResult,
+    ControlChart,
+    History,
+    brief,
+    shown_verdict,
+)
 
 RULE = (
     "Conformity: |value| + U ≤ MPE for each error; non-conformity: |value| - U > MPE for one; "
-    f"{SHOWN_AS['neither']} in "
-    f"between. Guard band: U = {COVERAGE:g}u of the calibrated length or diameter, as in "
+    f"{shown_verdict('neither')} in "
+    f"between. Guard band: U = {GUARD_BAND_FACTOR:g}u of the calibrated length or diameter, as in "
     f"{RULE_OF}; the default of "
     "ISO 14253-1:2017 is 1.65u."
 )
@@ -46,7 +57,7 @@ CHART = (
     f"{PER_MOVING_RANGE} mean moving ranges away from it, none below zero, from {LEAST_CHECKS} of "
     "them on."
 )
-STATED = {
+STATED_OF_CHECK = {
     "operator": ("operator", ""),
     "session": ("session", ""),
     "temperature_c": ("temperature", " °C"),
@@ -55,15 +66,15 @@ STATED = {
     "length_mm": ("lengths", " mm"),
 }
 """What is written of a column that tells of the check as a whole, and its unit."""
-TITLE = "Test report"
-HEADS = {
+TITLE, DEFINED = "Test report", "What the figures are"
+FIGURE_HEADS = {
     "value_mm": "value [mm]",
     "U_mm": "U [mm]",
     "mpe_mm": "MPE [mm]",
     "had": "touches or lengths",
 }
 """All in mm, however small, as limits are stated and charts are drawn."""
-SHOWN = 6
+NUMBERS_LISTED = 6
 """So many different numbers of a column stand one beside the other; of more, the smallest and the
 largest.
 """
@@ -96,62 +107,68 @@ def acceptance_document(result: AcceptanceResult, details: CheckDetails | None =
     """
     if not result.figures:
         return Document(TITLE, ["No touches of a test of this standard."], result.path)
-    table = result.to_frame()
-    several = len({f.source for f in result.figures}) > 1
-    table["coordinates"] = table["coordinates"].map(partial(brief, most=SHORT))
-    table["standard"] = table["standard"].replace(EDITIONS)
-    said = [
-        name
-        for name in ("verdict", "value_mm", "U_mm", "mpe_mm")
-        if table[name].notna().any() or name == "value_mm"
-    ]
-    shown = [
-        "figure",
-        *said,
-        *["coordinates"] * several,
-        *["standard"] * (details is not None and not several),
-        "had",
-    ]
+    table = _readable(result)
     if details is not None:  # one column, as a figure with a place has all that it needs
-        table["where"] = table["where"].where(
-            table["missing"] == "", "missing: " + table["missing"]
-        )
-    shown += [
-        name for name in ("where", "missing")[: 1 if details else 2] if (table[name] != "").any()
-    ]
+        missing = table.pop("missing")
+        table["where"] = table["where"].where(missing == "", "missing: " + missing)
     named = table[["figure", "standard", "test", "definition"]].drop_duplicates()
-    what = Table(named, "What the figures are")
-    history = details.history if details is not None else None
+    figures = table[_columns(table, len(result.overall) > 1, details is None)]
+    forms: dict[str, Format] = {"verdict": _marked}
     blocks: list[Block] = [
-        Paragraph(
-            f"{result}.",
-            finding=True,
-            head=f"{f'{MARK} ' * bool(details and result.failed)}Acceptance:",
-        ),
-        Table(table[shown], "Figures and their limits", {"verdict": _marked}, HEADS, spare="where"),
+        Table(figures, "Figures and their limits", forms, FIGURE_HEADS, spare="where"),
         Paragraph(RULE),
-        *([] if history is None else history_blocks(history)),
-        Notes(result.notes),
     ]
     if details is None:
-        return Document(
-            TITLE, [ORIGIN, *blocks, Table(named, "What the figures are", detail=True)], result.path
-        )
-    files = [
-        Download("acceptance.json", "the figures as JSON", json_text(result.summary()).encode()),
-        Download("touches.csv", "the touches", result.data),
+        verdict = Paragraph(f"{result}.", finding=True, head="Acceptance:")
+        what = Table(named, DEFINED, detail=True)
+        return Document(TITLE, [ORIGIN, verdict, *blocks, Notes(result.notes), what], result.path)
+    if details.history is not None:
+        blocks += history_blocks(details.history)
+    mark = f"{MARK} " if result.failed else ""
+    opening: list[Block] = [
+        Paragraph(ORIGIN),
+        Paragraph(_conditions(result, details), head="Checked:"),
+        Paragraph(f"{result}.", finding=True, head=f"{mark}Acceptance:"),
     ]
-    checked = Paragraph(_conditions(result, details), head="Checked:")
-    return Document(
-        f"{TITLE}{': ' * bool(details.instrument)}{details.instrument}",
+    title = f"{TITLE}: {details.instrument}" if details.instrument else TITLE
+    made = f"{details.time:%Y-%m-%d %H:%M} UTC, {result.path}, aacmm_pin {version('aacmm_pin')}"
+    closing: list[Block] = [Notes(result.notes), _data(result, named)]
+    return Document(title, [*opening, *blocks, *closing], made, sheet=len(table))
+
+
+def _readable(result: AcceptanceResult) -> pd.DataFrame:
+    table = result.to_frame()
+    table["coordinates"] = table["coordinates"].map(partial(brief, most=SHORT_TEXT))
+    table["standard"] = table["standard"].replace(EDITIONS)
+    return table
+
+
+def _columns(table: pd.DataFrame, several: bool, plain: bool) -> list[str]:
+    """Columns that state something: of ``several`` sets of coordinates also which one; a ``plain``
+    document has the standard elsewhere.
+    """
+    columns = ["figure"]
+    for name in ("verdict", "value_mm", "U_mm", "mpe_mm"):
+        if name == "value_mm" or table[name].notna().any():
+            columns.append(name)
+    if several:
+        columns.append("coordinates")
+    elif not plain:
+        columns.append("standard")
+    columns.append("had")
+    texts = [name for name in ("where", "missing") if name in table]
+    return columns + [name for name in texts if (table[name] != "").any()]
+
+
+def _data(result: AcceptanceResult, named: pd.DataFrame) -> Folded:
+    summary = json_text(result.summary()).encode()
+    return Folded(
+        f"{DEFINED}, and the data",
         [
-            ORIGIN,
-            checked,
-            *blocks,
-            Folded("What the figures are, and the data", [what, *files]),
+            Table(named, DEFINED),
+            Download("acceptance.json", "the figures as JSON", summary),
+            Download("touches.csv", "the touches", result.data),
         ],
-        f"{details.time:%Y-%m-%d %H:%M} UTC, {result.path}, aacmm_pin {version('aacmm_pin')}",
-        sheet=len(table),
     )
 
 
@@ -161,36 +178,42 @@ def history_blocks(history: History) -> list[Block]:
 
     charts, drawn = history.charts(), charts_drawn(history)
     several = len({chart.arm for chart in charts}) > 1
-    left = [
-        f"{chart.figure}{f' by {chart.arm}' * several} {chart.values[-1] / MM:.4f} mm, usually "
-        f"{np.nan_to_num(chart.limits[0]) / MM:.4f} to {chart.limits[1] / MM:.4f} mm"
-        for chart in charts
-        if chart.left
-    ]
+    outside = [_departure(chart, several) for chart in charts if chart.left]
     few = [len(chart.usual) for chart in charts if not np.isfinite(chart.limits[1])]
-    text = f"{'; '.join(left)}." if left else "" if few else "no figure has left it."
+    sentences = [f"{'; '.join(outside)}."] if outside else []
     if few:
-        text += (
-            f"{' ' * bool(text)}{len(few)} of {len(charts)} figures have no limits yet, which "
-            f"need {LEAST_CHECKS} earlier "
+        there_are = f"{min(few)} to {max(few)}" if max(few) > min(few) else min(few)
+        sentences.append(
+            f"{len(few)} of {len(charts)} figures have no limits yet, which need {LEAST_CHECKS} "
+            f"earlier checks that count; there are {there_are}."
         )
-        text += (
-            "checks that count; there are "
-            f"{min(few)}{f' to {max(few)}' if max(few) > min(few) else ''}."
-        )
-    said = Paragraph(capital(text), head="Outside the usual range:" if left else "Usual range:")
+    text = " ".join(sentences) or "no figure has left it."
+    head = "Outside the usual range:" if outside else "Usual range:"
+    said = Paragraph(capital(text), head=head)
+    if not drawn:
+        return [said]
+    caption = CHART + _not_drawn(charts, drawn, several)
+    return [said, Figure(lambda: plot_history(history), "Control charts of the figures", caption)]
+
+
+def _departure(chart: ControlChart, several: bool) -> str:
+    """The last value of a chart beside its usual range."""
+    by = f" by {chart.arm}" if several else ""
+    low, high = np.nan_to_num(chart.limits[0]) / MM, chart.limits[1] / MM
+    return f"{chart.figure}{by} {chart.values[-1] / MM:.4f} mm, usually {low:.4f} to {high:.4f} mm"
+
+
+def _not_drawn(charts: Sequence[ControlChart], drawn: Sequence[ControlChart], several: bool) -> str:
+    """Charts with more than one value that the picture has no room for, by arm."""
     there = {(chart.arm, chart.figure) for chart in drawn}
-    left_out = dict[str, list[str]]()
+    names = dict[str, list[str]]()
     for chart in charts:
         if len(chart.values) > 1 and (chart.arm, chart.figure) not in there:
-            left_out.setdefault(f" by {brief(chart.arm, SHORT)}" * several, []).append(chart.figure)
-    more = (
-        f" Not drawn: {'; '.join(', '.join(names) + arm for arm, names in left_out.items())}."
-        if left_out
-        else ""
-    )
-    figure = Figure(lambda: plot_history(history), "Control charts of the figures", CHART + more)
-    return [said, figure] if drawn else [said]
+            by = f" by {brief(chart.arm, SHORT_TEXT)}" if several else ""
+            names.setdefault(by, []).append(chart.figure)
+    if not names:
+        return ""
+    return f" Not drawn: {'; '.join(', '.join(some) + by for by, some in names.items())}."
 
 
 def _marked(verdict: str) -> str:
@@ -198,25 +221,18 @@ def _marked(verdict: str) -> str:
 
 
 def _conditions(result: AcceptanceResult, details: CheckDetails) -> str:
-    stated = {
-        STATED[name][0]: _range(values) + STATED[name][1]
-        for name, values in result.stated.items()
-        if values
-    }
-    arms = [
-        "as in the file" if arm == AS_GIVEN else f"of indications by {arm}"
-        for arm in result.overall
-    ]
+    arms = ["as in the file" if a == AS_GIVEN else f"of indications by {a}" for a in result.overall]
+    lines = {"coordinates": ", ".join(arms)}
+    for column, values in result.stated.items():
+        if values:
+            name, unit = STATED_OF_CHECK[column]
+            lines[name] = _range(values) + unit
     if result.measuring_range is not None:
-        stated["range"] = (
-            f"{plain_mm(result.measuring_range)} mm, 66 % of it "
-            f"{plain_mm(LONGEST_PART * result.measuring_range)} mm"
-        )
-        stated |= {
-            f"longest of {test}": f"{plain_mm(length)} mm"
-            for test, length in result.longest.items()
-        }
-    lines = {"coordinates": ", ".join(arms)} | stated | dict(details.about)
+        part = plain_mm(LONGEST_PART * result.measuring_range)
+        lines["range"] = f"{plain_mm(result.measuring_range)} mm, 66 % of it {part} mm"
+        for test, length in result.longest.items():
+            lines[f"longest of {test}"] = f"{plain_mm(length)} mm"
+    lines |= details.about
     return "; ".join(f"{name}: {text}" for name, text in lines.items()) + "."
 
 
@@ -224,7 +240,7 @@ def _range(values: Sequence[object]) -> str:
     texts = [
         plain_mm(value * MM) if isinstance(value, float | int) else str(value) for value in values
     ]
-    if len(values) > SHOWN and isinstance(values[0], float | int):
+    if len(values) > NUMBERS_LISTED and isinstance(values[0], float | int):
         return f"{texts[0]} to {texts[-1]}"
-    shown = ", ".join(texts[:SHOWN])
-    return shown + ", …" * (len(values) > SHOWN)
+    shown = ", ".join(texts[:NUMBERS_LISTED])
+    return shown + ", …" * (len(values) > NUMBERS_LISTED)

@@ -23,61 +23,60 @@ from aacmm_pin.report.plots.style import BLUE, GREEN, GREY, VERMILLION, plain
 from aacmm_pin.report.procedure import ORIGIN
 from aacmm_pin.verification import PredictedAcceptance
 
-COLOURS = (BLUE, GREEN, GREY)
+ARM_COLOURS = (BLUE, GREEN, GREY)
+PREDICTION_HEADS = {
+    "median_mm": "median [mm]",
+    "low_mm": "95 % from [mm]",
+    "high_mm": "95 % to [mm]",
+    "mpe_mm": "MPE [mm]",
+    "probability_to_pass": "conforms",
+    "dominant": "largest cause",
+    "dominant_alone_mm": "this cause alone [mm]",
+}
+"""Columns of the table, and their heads."""
+STATED_ONLY = (
+    "The prediction covers only the uncertainties that the arm states, to first order; errors that "
+    "its model does not contain come on top. Conforms: share of the runs in which the figure and U "
+    "are within the MPE."
+)
+INTERVALS_CAPTION = "Median and 95 % interval of every figure; a mark stands at the MPE."
+ALONE_CAPTION = "Median of the figure by each cause alone"
+ALONE_EXPLAINED = "Parameters that a calibration knows together may do more alone than together."
 
 
 @document_of.register
 def prediction_document(result: PredictedAcceptance) -> Document:
     """The figures that a procedure will show."""
     table = result.to_frame()
-    heads = {
-        "median_mm": "median [mm]",
-        "low_mm": "95 % from [mm]",
-        "high_mm": "95 % to [mm]",
-        "mpe_mm": "MPE [mm]",
-    }
-    heads |= {
-        "probability_to_pass": "conforms",
-        "dominant": "largest cause",
-        "dominant_alone_mm": "this cause alone [mm]",
-    }
     several = table["arm"].nunique() > 1
-    shown = ["arm"] * several + ["figure", *heads]
-    shown += ["missing"] * bool((table["missing"] != "").any())
+    shown = ["figure", *PREDICTION_HEADS]
+    if several:
+        shown.insert(0, "arm")
+    if (table["missing"] != "").any():
+        shown.append("missing")
+    forms = {"probability_to_pass": ".2f"}
+    alone = result.causes().rename(columns=lambda name: UNIT.sub(" [mm]", name))
+    if not several:
+        alone = alone.drop(columns="arm")
+    seed = "" if result.seed is None else f", seed {result.seed}"
+    summary = json_text(result.summary()).encode()
     return Document(
         "Acceptance test, before it is made",
         [
             ORIGIN,
             Paragraph(f"{result}.", finding=True, head="Predicted:"),
-            Table(table[shown], "Magnitude of each figure", {"probability_to_pass": ".2f"}, heads),
-            Paragraph(
-                "Predicted is what the arm states as uncertain, first order; what its model gets "
-                "wrong unknown to it is "
-                "not in these figures. Conforms: share of the runs in which the figure and U are "
-                "within the MPE.",
-                detail=True,
-            ),
+            Table(table[shown], "Magnitude of each figure", forms, PREDICTION_HEADS),
+            Paragraph(STATED_ONLY, detail=True),
             Figure(
                 lambda: _intervals(result),
                 "Intervals of the figures, with their limits",
-                "Median and 95 % interval of every figure; a mark stands at the MPE.",
+                INTERVALS_CAPTION,
             ),
-            Table(
-                result.causes()
-                .drop(columns=[] if several else "arm")
-                .rename(columns=lambda name: UNIT.sub(" [mm]", name)),
-                "Median of the figure by each cause alone",
-                explained="Parameters that a calibration knows together may do more alone than "
-                "together.",
-                detail=True,
-            ),
+            Table(alone, ALONE_CAPTION, explained=ALONE_EXPLAINED, detail=True),
             Notes(result.notes),
-            Download(
-                "prediction.json", "the figures as JSON", json_text(result.summary()).encode()
-            ),
+            Download("prediction.json", "the figures as JSON", summary),
         ],
-        f"{result.path}; {result.count} runs"
-        + ("" if result.seed is None else f", seed {result.seed}"),
+        f"{result.path}; {result.count} runs{seed}",
     )
 
 
@@ -90,16 +89,9 @@ def _intervals(result: PredictedAcceptance) -> Drawing:
         number = arms.index(f.source)
         y = names.index(f.definition.name) + 0.22 * (number - (len(arms) - 1) / 2)
         low, median, high = np.quantile(f.magnitudes, (0.025, 0.5, 0.975)) / MM
-        label = f.source if f.definition.name == names[0] else None
-        axes.plot(
-            [low, high],
-            [y, y],
-            color=COLOURS[number % 3],
-            lw=2.5,
-            solid_capstyle="butt",
-            label=label,
-        )
-        axes.plot(median, y, "o", color=COLOURS[number % 3], mec="white")
+        colour, label = ARM_COLOURS[number % 3], f.source if f.definition.name == names[0] else None
+        axes.plot([low, high], [y, y], color=colour, lw=2.5, solid_capstyle="butt", label=label)
+        axes.plot(median, y, "o", color=colour, mec="white")
         axes.plot(f.runs[0].mpe / MM, y, "|", color=VERMILLION, ms=16, mew=2.5)
     axes.set_yticks(range(len(names)), names)
     axes.set(xlabel="magnitude [mm]", xlim=(0, None))

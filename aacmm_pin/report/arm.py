@@ -8,19 +8,15 @@ import numpy as np
 import pandas as pd
 
 from aacmm_pin._support.units import DEG, MM, UM
-from aacmm_pin.accuracy.tip_sensitivity import ErrorSources
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.dh import KINDS, DHTable
-from aacmm_pin.arm.file import COVERAGE_FACTOR, ArmFile
-from aacmm_pin.arm.parameter import Parameter
-from aacmm_pin.arm.poses import Poses
+from aacmm_pin.accuracy import ErrorSources
+from aacmm_pin.arm import COVERAGE_FACTOR, KINDS, Arm, ArmFile, DHTable, Parameter, Poses
 from aacmm_pin.effects import Effect, ErrorModel, in_words, values_in_words, values_with_u
-from aacmm_pin.report.document import Document, Paragraph, Table, document_of
+from aacmm_pin.report.document import Block, Document, Paragraph, Table, document_of
 from aacmm_pin.report.numbers import count, quantity, small, vector
 
-HEADS = dict(zip(KINDS, ("a [mm]", "d [mm]", "α [°]", "θ offset [°]"), strict=True))
+DH_HEADS = dict(zip(KINDS, ("a [mm]", "d [mm]", "α [°]", "θ offset [°]"), strict=True))
 """Heads of the columns of a DH table."""
-FEW = 8
+POSTURES_LISTED = 8
 """So many postures, or names, are shown."""
 MOST_SOURCES = 40
 
@@ -29,26 +25,20 @@ MOST_SOURCES = 40
 def arm_document(arm: Arm) -> Document:
     """Geometry with its uncertainty, limits and noise."""
     origin = f"{arm.dh.rows} rows of {arm.dh.convention}" if arm.dh else "from a URDF"
-    words = [
-        f"{count(arm.nq, 'joint')}, {origin}",
-        f"tip at frame {arm.tip}",
-        f"gravity {vector(arm.gravity)} m/s²",
+    words = [f"{count(arm.nq, 'joint')}, {origin}", f"tip at frame {arm.tip}"]
+    words.append(f"gravity {vector(arm.gravity)} m/s²")
+    if arm.stylus_axis is not None:
+        words.append(f"stylus along {vector(arm.stylus_axis)} of the tip's frame")
+    table = _joints(arm) if arm.dh is None else _rows(arm, arm.dh)
+    blocks: list[Block] = [
+        Paragraph(f"{'; '.join(words)}; {arm.reference_temperature:g} °C", head=arm.name),
+        Paragraph(f"Source: {arm.source}" if arm.source else ""),
+        Table(table),
+        Paragraph(_uncertainty_in_words(arm)),
     ]
-    words += (
-        []
-        if arm.stylus_axis is None
-        else [f"stylus along {vector(arm.stylus_axis)} of the tip's frame"]
-    )
-    return Document(
-        arm.name,
-        [
-            Paragraph(f"{'; '.join(words)}; {arm.reference_temperature:g} °C", head=arm.name),
-            f"Source: {arm.source}" if arm.source else "",
-            Table(_rows(arm, arm.dh) if arm.dh is not None else _joints(arm)),
-            _uncertainty_in_words(arm),
-            f"Its calibration left unexplained: {arm.unexplained}." if arm.unexplained else "",
-        ],
-    )
+    if arm.unexplained:
+        blocks.append(Paragraph(f"Its calibration left unexplained: {arm.unexplained}."))
+    return Document(arm.name, blocks)
 
 
 def _uncertainty_in_words(arm: Arm) -> str:
@@ -81,61 +71,55 @@ def _dh_cells(dh: DHTable, half_widths: Mapping[str, float | None]) -> pd.DataFr
     table = pd.DataFrame({"row": range(1, dh.rows + 1)})
     for kind, values in zip(KINDS, dh.values().T, strict=True):
         scale = MM if kind in ("a", "d") else DEG
-        halves = [half_widths.get(f"{kind}{i + 1}") for i in range(dh.rows)]
+        halves = [half_widths.get(f"{kind}{row}") for row in table["row"]]
         cells = zip(values / scale, halves, strict=True)
-        table[HEADS[kind]] = [
-            f"{value:z.5f}" + (f" ± {half / scale:.5f}" if half else "") for value, half in cells
-        ]
+        table[DH_HEADS[kind]] = [_dh_cell(value, half, scale) for value, half in cells]
     return table
+
+
+def _dh_cell(value: float, half_width: float | None, scale: float) -> str:
+    known = f" ± {half_width / scale:.5f}" if half_width else ""
+    return f"{value:z.5f}{known}"
 
 
 def _joints(arm: Arm) -> pd.DataFrame:
     """One row a joint of an arm that came as URDF."""
     half = np.array([p.half_width or 0.0 for p in arm.parameters]).reshape(arm.nq, 6)
-    table = pd.DataFrame(
-        {
-            "joint": range(1, arm.nq + 1),
-            "name": arm.joint_names,
-            "moves": ["along" if sliding else "about" for sliding in arm.chain.prismatic],
-            "axis": [vector(axis) for axis in arm.joint_axes],
-            "limits [°, or mm]": [_limits(arm, j) for j in range(arm.nq)],
-            "placement ± [mm]": [tuple(own) for own in half[:, :3] / MM],
-            "placement ± [µrad]": [tuple(own) for own in half[:, 3:] / UM],
-        }
-    )
-    return (
-        table
-        if arm.encoder_noise is None
-        else table.assign(**{"encoder u [µrad]": arm.encoder_noise / UM})
-    )
+    table = pd.DataFrame({"joint": range(1, arm.nq + 1), "name": arm.joint_names})
+    table["moves"] = np.where(arm.chain.prismatic, "along", "about")
+    table["axis"] = [vector(axis) for axis in arm.joint_axes]
+    table["limits [°, or mm]"] = [_limits(arm, j) for j in range(arm.nq)]
+    table["placement ± [mm]"] = [*map(tuple, half[:, :3] / MM)]
+    table["placement ± [µrad]"] = [*map(tuple, half[:, 3:] / UM)]
+    if arm.encoder_noise is not None:
+        table["encoder u [µrad]"] = arm.encoder_noise / UM
+    return table
 
 
 def _limits(arm: Arm, joint: int) -> str:
-    low, high = arm.limits[joint] / (MM if arm.chain.prismatic[joint] else DEG)
+    unit = MM if arm.chain.prismatic[joint] else DEG
+    low, high = arm.limits[joint] / unit
     return f"{low:z.5g} to {high:z.5g}"
 
 
 @document_of.register
 def dh_document(dh: DHTable) -> Document:
     """The rows of a DH table."""
-    return Document(
-        "DH table", [Table(_dh_cells(dh, {}).assign(joint=dh.moving), f"DH table, {dh.convention}")]
-    )
+    table = _dh_cells(dh, {}).assign(joint=dh.moving)
+    return Document("DH table", [Table(table, f"DH table, {dh.convention}")])
 
 
 def _parameters(parameters: Sequence[Parameter]) -> pd.DataFrame:
     """One row a parameter: value, U, half-width, each with its unit, and to what it belongs."""
-    rows = [
-        {
-            "parameter": p.name,
-            "value": quantity(p.value, p.unit),
-            "U (k = 2)": small(COVERAGE_FACTOR * p.u, p.unit),
-            "half-width": None if p.half_width is None else small(p.half_width, p.unit),
-            "scope": p.scope,
-        }
-        for p in parameters
-    ]
-    return pd.DataFrame(rows)
+    return pd.DataFrame([_parameter(parameter) for parameter in parameters])
+
+
+def _parameter(p: Parameter) -> dict[str, str | None]:
+    row: dict[str, str | None] = {"parameter": p.name, "value": quantity(p.value, p.unit)}
+    row["U (k = 2)"] = small(COVERAGE_FACTOR * p.u, p.unit)
+    row["half-width"] = None if p.half_width is None else small(p.half_width, p.unit)
+    row["scope"] = p.scope
+    return row
 
 
 @document_of.register
@@ -147,28 +131,30 @@ def parameter_document(parameter: Parameter) -> Document:
 @document_of.register
 def effect_document(effect: Effect) -> Document:
     """A cause of error with its parameters."""
-    needs = f"; depends on {', '.join(effect.needs)}" if effect.needs else ""
+    words = _values(effect)
+    if any(effect.u):
+        words += ", ± U (k = 2)"
+    if effect.needs:
+        words += f"; depends on {', '.join(effect.needs)}"
     rows = _parameters(effect.parameters()).drop(columns="half-width")
     rows["typical"] = [small(term.typical, term.unit) for term in effect.terms]
-    words = Paragraph(
-        f"{_values(effect)}{', ± U (k = 2)' if any(effect.u) else ''}{needs}",
-        head=f"{in_words(effect)}:",
-    )
-    return Document(in_words(effect), [words, Table(rows)])
+    name = in_words(effect)
+    return Document(name, [Paragraph(words, head=f"{name}:"), Table(rows)])
 
 
 def _values(effect: Effect) -> str:
     """Described values of a cause ± U; its parameters count as independent."""
-    return values_in_words(effect, values_with_u(effect, np.diag(np.square(effect.u))))
+    covariance = np.diag(np.square(effect.u))
+    return values_in_words(effect, values_with_u(effect, covariance))
 
 
 @document_of.register
 def error_model_document(model: ErrorModel) -> Document:
     """An arm and its causes of error."""
-    rows = [
-        {"cause": in_words(e, model.arm), "label": e.label, "value ± U (k = 2)": _values(e)}
-        for e in model.effects
-    ]
+    rows = []
+    for effect in model.effects:
+        cause = {"cause": in_words(effect, model.arm), "label": effect.label}
+        rows.append({**cause, "value ± U (k = 2)": _values(effect)})
     none = "" if rows else "No causes of error other than geometry."
     causes = Table(pd.DataFrame(rows), f"Causes of error: {len(rows)}")
     return Document(model.arm.name, [*arm_document(model.arm).blocks, causes, none])
@@ -177,36 +163,26 @@ def error_model_document(model: ErrorModel) -> Document:
 @document_of.register
 def poses_document(poses: Poses) -> Document:
     """Angles and tip positions of the first configurations; of all there may be a million."""
-    table = {}
+    name, table = poses.model.name, {}
     for j, values in enumerate(poses.q.T):
-        slides = (
-            poses.model.joints[j + 1].shortname().startswith("JointModelP")
-        )  # prismatic; planar ones are refused
-        table[f"joint {j + 1} [mm]" if slides else f"θ{j + 1} [°]"] = values[:FEW] / (
-            MM if slides else DEG
-        )
-    some = Poses(poses.model, poses.q[:FEW], poses.frame_id)
+        kind = poses.model.joints[j + 1].shortname()
+        slides = kind.startswith("JointModelP")  # prismatic; planar ones are refused
+        head = f"joint {j + 1} [mm]" if slides else f"θ{j + 1} [°]"
+        table[head] = values[:POSTURES_LISTED] / (MM if slides else DEG)
+    some = Poses(poses.model, poses.q[:POSTURES_LISTED], poses.frame_id)
     table |= {f"{axis} [mm]": some.position[:, k] / MM for k, axis in enumerate("xyz")}
-    words = (
-        f"{count(len(poses.q), 'configuration')}, frame "
-        f"{poses.model.frames[poses.frame_id].name}, by Pinocchio"
-    )
-    more = f"… and {len(poses.q) - FEW} more" if len(poses.q) > FEW else ""
-    return Document(
-        poses.model.name,
-        [Paragraph(words, head=poses.model.name), Table(pd.DataFrame(table)), more],
-    )
+    frame = poses.model.frames[poses.frame_id].name
+    words = f"{count(len(poses.q), 'configuration')}, frame {frame}, by Pinocchio"
+    more = f"… and {len(poses.q) - POSTURES_LISTED} more" if len(poses.q) > POSTURES_LISTED else ""
+    return Document(name, [Paragraph(words, head=name), Table(pd.DataFrame(table)), more])
 
 
 @document_of.register
 def sources_document(sources: ErrorSources) -> Document:
     """What errors an accuracy is computed from."""
-    left_out = f"; not included: {', '.join(sources.not_included)}" if sources.not_included else ""
-    words = f"{count(len(sources.parameters), 'source')} of error at {sources.at}{left_out}"
-    return Document(
-        sources.arm.name,
-        [
-            Paragraph(words, head=sources.arm.name),
-            Table(_parameters(sources.parameters), most=MOST_SOURCES),
-        ],
-    )
+    words = f"{count(len(sources.parameters), 'source')} of error at {sources.at}"
+    if sources.not_included:
+        words += f"; not included: {', '.join(sources.not_included)}"
+    name = sources.arm.name
+    table = Table(_parameters(sources.parameters), most=MOST_SOURCES)
+    return Document(name, [Paragraph(words, head=name), table])

@@ -15,9 +15,7 @@ from itertools import pairwise
 import numpy as np
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin.arm import chain
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.dh import DHTable
+from aacmm_pin.arm import Arm, DHTable, chain
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,14 +27,15 @@ class ArmLines:
     @cached_property
     def lines(self) -> list[Array]:
         """Corners of the line of body 0, 1, … in its own axes, (k, 3) [m] each."""
-        return _straight_lines(self.arm) if self.arm.dh is None else _lines_of_table(self.arm.dh)
+        if self.arm.dh is None:
+            return _straight_lines(self.arm)
+        return _lines_of_table(self.arm.dh)
 
     @cached_property
     def length(self) -> float:
         """Of all lines [m]."""
-        return sum(
-            float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum()) for line in self.lines
-        )
+        steps = np.concatenate([np.diff(line, axis=0) for line in self.lines])
+        return float(np.linalg.norm(steps, axis=1).sum())
 
     def placements(self, q: Array) -> Array:
         """Placements of all bodies for checked ``q`` (n, nq): (bodies, n, 4, 4) [m]."""
@@ -49,35 +48,32 @@ class ArmLines:
 
     def corners(self, q: Array) -> Array:
         """All corners of all lines in the base, from the base to the tip: (n, corners, 3) [m]."""
-        placed = zip(self.placements(q), self.lines, strict=True)
-        return np.concatenate(
-            [line @ at[:, :3, :3].transpose(0, 2, 1) + at[:, None, :3, 3] for at, line in placed],
-            axis=1,
-        )
+        placed = []
+        for at, line in zip(self.placements(q), self.lines, strict=True):
+            rotation, origin = at[:, :3, :3], at[:, None, :3, 3]
+            placed.append(line @ rotation.transpose(0, 2, 1) + origin)
+        return np.concatenate(placed, axis=1)
 
 
 def _lines_of_table(dh: DHTable) -> list[Array]:
     """Along d and a of every row."""
-    zero = np.zeros_like(dh.a)
-    along_d, along_a = np.column_stack([zero, zero, dh.d]), np.column_stack([dh.a, zero, zero])
-    start = np.zeros((1, 3))
+    zero, start = np.zeros_like(dh.a), np.zeros((1, 3))
+    along_d = np.column_stack([zero, zero, dh.d])
+    along_a = np.column_stack([dh.a, zero, zero])
     if dh.standard:
-        return [
-            start,
-            *(np.vstack([start, d, d + a]) for d, a in zip(along_d, along_a, strict=True)),
-        ]
-    behind = [*along_a[1:, None], np.empty((0, 3))]
-    return [
-        np.vstack([start, along_a[0]]),
-        *(np.vstack([-d, start, a]) for d, a in zip(along_d, behind, strict=True)),
-    ]
+        rows = zip(along_d, along_a, strict=True)
+        return [start, *(np.vstack([start, d, d + a]) for d, a in rows)]
+    after = [*along_a[1:, None], np.empty((0, 3))]
+    rows = zip(along_d, after, strict=True)
+    return [np.vstack([start, along_a[0]]), *(np.vstack([-d, start, a]) for d, a in rows)]
 
 
 def _straight_lines(arm: Arm) -> list[Array]:
     """From each joint's origin to the next, at rest."""
-    places = [chain.BASE, *(chain.axis(row) for row in range(1, arm.chain.rows + 1)), arm.chain.tip]
+    axes = [chain.axis(row) for row in range(1, arm.chain.rows + 1)]
     rotation, origin = (part[:, 0] for part in arm.chain.walk(np.zeros((1, arm.nq))))
-    return [
-        np.vstack([np.zeros(3), (origin[after] - origin[place]) @ rotation[place]])
-        for place, after in pairwise(places)
-    ]
+    lines = []
+    for place, after in pairwise([chain.BASE, *axes, arm.chain.tip]):
+        step = (origin[after] - origin[place]) @ rotation[place]
+        lines.append(np.vstack([np.zeros(3), step]))
+    return lines

@@ -13,12 +13,17 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin._support.output_files import json_text
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import DEG, MM, UM
-from aacmm_pin.arm.file import COVERAGE_FACTOR
-from aacmm_pin.calibration import Calibration
-from aacmm_pin.calibration.cross_validation import rms
-from aacmm_pin.calibration.shared_exclusions import Exclusions
-from aacmm_pin.calibration.solver import MISFIT
-from aacmm_pin.effects import ErrorModel, in_words, listed, slides, values_in_words, values_with_u
+from aacmm_pin.arm import COVERAGE_FACTOR
+from aacmm_pin.calibration import MISFIT, Calibration, Exclusions, rms
+from aacmm_pin.effects import (
+    Effect,
+    ErrorModel,
+    in_words,
+    listed,
+    slides,
+    values_in_words,
+    values_with_u,
+)
 from aacmm_pin.report import plots
 from aacmm_pin.report.document import (
     Block,
@@ -44,15 +49,49 @@ COLLINEAR = 0.01
 """Points whose distance from a straight line is less than this part of their extent along it are
 called collinear.
 """
-MOST_EXCLUDED = 10
+EXCLUDED_LISTED = 10
 """Excluded records that are listed; the residuals' file has all."""
-KINDS = {
+HELD_OUT_KINDS = {
     "records": "records",
     "seats": "seats",
     "sessions": "sessions",
     "blocks": "blocks of joint space",
 }
 """What is left out in turn."""
+HOW_TO_READ = (
+    "How to read it: values are those after calibration. [covariance] holds the standard "
+    "uncertainties (SI: m, rad)",
+    "of the parameters it names, and their correlations: row i is that of parameter i with those "
+    "before it. It",
+    "overrides [joints.uncertainty], the half-widths from before, which stay for parameters that "
+    "it does not name.",
+)
+"""Stands in front of a calibrated arm file."""
+COMPARED = (
+    "Before: the arm as it was, only the set-up fitted. The target of a record is its reference; "
+    "of a seat, where all its records and its reference together put it. Held-out records were "
+    "predicted by calibrations that did not use them, and are compared with their own reference. "
+    "Single records have neighbours that stay in; rely on whole groups."
+)
+NOTHING_ESTIMATED = (
+    "No parameter was estimated: the arm states all of them to be exact; --no-prior estimates "
+    "them all the same."
+)
+KNOWN = (
+    "Changes and uncertainties are in the unit of the column in. Known: measured by these data, "
+    "as stated (they add nothing to what was known), or in combination with others (next "
+    "section). A parameter known in combination has no value by itself; the arm file holds one "
+    "that fits the others."
+)
+UNDETERMINED = (
+    "Not determined by these data or by stated uncertainties, and left as it was; other postures, "
+    "references or targets may determine it, more records of the same kind do not:"
+)
+EXCLUDED = (
+    "A record is excluded if its residual is larger than its noise allows, by a bound that "
+    "excludes a good record in one file of a hundred. Possible reasons: a slip of the hand, a "
+    "wrong seat, a cause that is not in the model."
+)
 
 
 @document_of.register
@@ -68,49 +107,38 @@ def calibration_document(
         when: date of the page (UTC).
     """
     source = "" if summary is None else f" of {summary['data']}, {when} (UTC)"
-    return Document(
-        f"{result.model.arm.name}: calibration",
-        [
-            *_result(result),
-            *_residuals(result),
-            *_parameters(result),
-            *_undetermined(result),
-            Heading("Excluded records"),
-            *excluded_records(result.excluded),
-            *([] if summary is None else _files(result, summary, when)),
-        ],
-        count(int(result.fit.used.sum()), "record") + source,
-    )
+    blocks = [*_result(result), *_residuals(result), *_parameters(result), *_undetermined(result)]
+    blocks += [Heading("Excluded records"), *excluded_records(result.excluded)]
+    if summary is not None:
+        blocks += _files(result, summary, when)
+    used = count(int(result.fit.used.sum()), "record")
+    return Document(f"{result.model.arm.name}: calibration", blocks, used + source)
 
 
 def verdict(result: Calibration) -> str:
     """Whether the calibration helps, by held-out records where there are some; first, if that is
     so, that it rests on a part of the records, because what was excluded are no gross errors.
     """
-    left = result.exclusions
-    doubts = (
-        f"{exclusions_in_words(left)} aacmm-pin diagnose looks for the cause. "
-        if left.doubtful
-        else ""
-    )
-    rest = f" on the other {count(left.used, 'record')}" if doubts else ""
-    held = result.held_out[-1:]
-    sizes = [
-        result.rms_before,
-        result.rms,
-        *(size for h in held for size in (h.rms_before, h.rms_after)),
-    ]
+    left, name = result.exclusions, result.model.arm.name
+    doubts = rest = ""
+    if left.doubtful:
+        doubts = f"{exclusions_in_words(left)} aacmm-pin diagnose looks for the cause. "
+        rest = f" on the other {count(left.used, 'record')}"
+    sizes = [result.rms_before, result.rms]
+    for held in result.held_out[-1:]:
+        sizes += [held.rms_before, held.rms_after]
     before, after, *others = lengths(sizes)
     fitted = f"of the records used {before} before, {after} after (RMS)"
-    if not held:
+    if not others:
         unknown = "nothing was held out, so this may be optimistic"
-        return f"{doubts}{result.model.arm.name}{rest}: residuals {fitted}; {unknown}."
-    gain = 1.0 - held[0].rms_after / held[0].rms_before
+        return f"{doubts}{name}{rest}: residuals {fitted}; {unknown}."
+    gain = 1.0 - held.rms_after / held.rms_before
     helps = "helps" if gain >= WORTH else "does not help"
+    on_held_out = (
+        f"residuals of held-out {HELD_OUT_KINDS[held.kind]} {others[0]} before, {others[1]} after"
+    )
     return (
-        f"{doubts}Calibration{rest} {helps} {result.model.arm.name}: residuals of held-out "
-        f"{KINDS[held[0].kind]} "
-        f"{others[0]} before, {others[1]} after (gain {percent(gain)}); {fitted}."
+        f"{doubts}Calibration{rest} {helps} {name}: {on_held_out} (gain {percent(gain)}); {fitted}."
     )
 
 
@@ -118,14 +146,13 @@ def exclusions_in_words(left: Exclusions) -> str:
     """Why excluded records are no gross errors."""
     why = ["too many for gross errors"] if left.too_many else []
     if left.shared is not None:
-        many = "all" if left.shared.excluded == left.excluded else str(left.shared.excluded)
+        number = left.shared.excluded
+        many = "all" if number == left.excluded else str(number)
         why.append(f"{many} of them have {left.shared.where}")
     if left.narrowed:
-        joints = listed([str(each.joint) for each in left.narrowed])
-        why.append(
-            f"the others move joint{'s' * (len(left.narrowed) > 1)} {joints} over a small part of "
-            "the range"
-        )
+        joints = [str(each.joint) for each in left.narrowed]
+        which = f"joint{'s' * (len(joints) > 1)} {listed(joints)}"
+        why.append(f"the others move {which} over a small part of the range")
     excluded = f"{left.excluded} of {count(left.excluded + left.used, 'record')} were excluded"
     return f"{excluded}: {', and '.join(why)}."
 
@@ -164,18 +191,17 @@ def frame_in_words(result: Calibration) -> str:
         return ""
     frame, (shift, turn) = result.fit.point.frame, result.base_u
     x, y, z = (vector(axis, ".6f") for axis in frame.rotation.T)
-    angle = np.arccos(np.clip((np.trace(frame.rotation) - 1) / 2, -1, 1)) / DEG
+    cosine = (np.trace(frame.rotation) - 1) / 2
+    angle = np.arccos(np.clip(cosine, -1, 1)) / DEG
     held = ", ".join(result.fit.undetermined.tied_to_frame)
-    expanded = (
-        f"{vector(COVERAGE_FACTOR * shift / MM, '.3g')} mm and "
-        f"{vector(COVERAGE_FACTOR * turn / UM, '.3g')} µrad"
-    )
+    tied = f", with {held} as the arm has them" if held else ""
+    u_shift = vector(COVERAGE_FACTOR * shift / MM, ".3g")
+    u_turn = vector(COVERAGE_FACTOR * turn / UM, ".3g")
     return (
         f"The origin of the base is at {vector(frame.shift / MM, '.4f')} mm in the frame of the "
-        "references. The axes of the "
-        f"base in that frame are x {x}, y {y}, z {z}, rotated by {angle:.4f}°. U (k = 2) of "
-        "origin and rotation along the "
-        f"axes of the references: {expanded}{f', with {held} as the arm has them' if held else ''}."
+        f"references. The axes of the base in that frame are x {x}, y {y}, z {z}, rotated by "
+        f"{angle:.4f}°. U (k = 2) of origin and rotation along the axes of the references: "
+        f"{u_shift} mm and {u_turn} µrad{tied}."
     )
 
 
@@ -184,17 +210,15 @@ def open_in_words(result: Calibration) -> str:
     that.
     """
     combinations = result.fit.undetermined.target_directions.shape[1]
-    if not (combinations or result.base_is_open):
-        return ""
-    words = (
-        "These records do not determine where the base is in the frame of the references."
-        if result.base_is_open
-        else f"These records leave {count(combinations, 'combination')} of parameters open that "
-        "other postures need."
-    )
+    if not result.base_is_open:
+        if not combinations:
+            return ""
+        several = count(combinations, "combination")
+        return f"These records leave {several} of parameters open that other postures need."
+    words = "These records do not determine where the base is in the frame of the references."
     records = result.fit.problem.measurements
     across, along = _extents(records.reference[result.fit.used & records.known])
-    if result.base_is_open and across < COLLINEAR * along:
+    if across < COLLINEAR * along:
         words += (
             f" The references lie on one straight line: RMS {length(across)} from it, "
             f"{length(along)} along it."
@@ -208,7 +232,8 @@ def _extents(points: Array) -> tuple[float, float]:
     """
     if not len(points):
         return 0.0, 0.0
-    sizes = np.linalg.svd(points - points.mean(axis=0), compute_uv=False) / np.sqrt(len(points))
+    centred = points - points.mean(axis=0)
+    sizes = np.linalg.svd(centred, compute_uv=False) / np.sqrt(len(points))
     return float(np.linalg.norm(sizes[1:])), float(sizes[0])
 
 
@@ -216,22 +241,21 @@ def estimated_causes(result: Calibration) -> pd.DataFrame:
     """Estimated causes of error with their values, amplitude and phase of a wave such as, ± U
     (k = 2) where there is one.
     """
-    vector, together = result.fit.problem.vector, result.parameters["known"] == "in combination"
-    rows = [
-        {
-            "cause": in_words(effect, result.model.arm),
-            "value ± U (k = 2)": "known in combination with others only"
-            if together[own].any()
-            else values_in_words(
-                effect,
-                values_with_u(effect, result.covariance[own, own]),
-                slides(effect, result.model.arm),
-            ),
-        }
-        for effect, own in zip(result.fit.effects, vector.slices, strict=True)
-        if vector.of_arm[own.start] is None
-    ]
+    vector = result.fit.problem.vector
+    rows = []
+    for effect, own in zip(result.fit.effects, vector.slices, strict=True):
+        if vector.of_arm[own.start] is None:
+            cause = in_words(effect, result.model.arm)
+            rows.append({"cause": cause, "value ± U (k = 2)": _estimate(result, effect, own)})
     return pd.DataFrame(rows)
+
+
+def _estimate(result: Calibration, effect: Effect, own: slice) -> str:
+    together = result.parameters["known"] == "in combination"
+    if together[own].any():
+        return "known in combination with others only"
+    values = values_with_u(effect, result.covariance[own, own])
+    return values_in_words(effect, values, slides(effect, result.model.arm))
 
 
 def comment(result: Calibration, data: str, when: str) -> str:
@@ -243,20 +267,10 @@ def comment(result: Calibration, data: str, when: str) -> str:
         data: the file that was used, as the user named it.
         when: date (UTC).
     """
-    lines = [
-        f"Calibrated by aacmm-pin on {when} (UTC) from {data}: {result}",
-        fit_in_words(result),
-        *(f"Note: {line}." for line in result.notes),
-        *(f"Not determined by these data: {line}." for line in result.undetermined),
-        "",
-        "How to read it: values are those after calibration. [covariance] holds the standard "
-        "uncertainties (SI: m, rad)",
-        "of the parameters it names, and their correlations: row i is that of parameter i with "
-        "those before it. It",
-        "overrides [joints.uncertainty], the half-widths from before, which stay for parameters "
-        "that it does not name.",
-    ]
-    return "\n".join(lines)
+    lines = [f"Calibrated by aacmm-pin on {when} (UTC) from {data}: {result}", fit_in_words(result)]
+    lines += [f"Note: {line}." for line in result.notes]
+    lines += [f"Not determined by these data: {line}." for line in result.undetermined]
+    return "\n".join([*lines, "", *HOW_TO_READ])
 
 
 def calibration_summary(result: Calibration, data: str, seed: int) -> dict[str, Any]:
@@ -269,22 +283,18 @@ def calibration_summary(result: Calibration, data: str, seed: int) -> dict[str, 
         seed: of the generator that chose the held-out records.
     """
     table, summary = parameter_table(result), result.summary()
-    for row, width, beyond in zip(
-        summary["parameters"], table["stated"], table["beyond"], strict=True
-    ):
-        row |= {"stated": None if np.isnan(width) else float(width), "beyond_stated": bool(beyond)}
-    frame = result.fit.point.frame
-    return summary | {
-        "data": data,
-        "seed": seed,
-        "verdict": verdict(result),
-        "base_in_reference_frame": _placement(result),
-        "left_open": open_in_words(result),
-        "targets": [
-            {"marker": label, "rotation": rotation.tolist()}
-            for label, rotation in zip(result.fit.problem.targets, frame.targets, strict=True)
-        ],
-    }
+    rows = zip(summary["parameters"], table["stated"], table["beyond"], strict=True)
+    for row, width, beyond in rows:
+        row["stated"] = None if np.isnan(width) else float(width)
+        row["beyond_stated"] = bool(beyond)
+    summary |= {"data": data, "seed": seed, "verdict": verdict(result)}
+    summary["base_in_reference_frame"] = _placement(result)
+    summary["left_open"] = open_in_words(result)
+    targets = zip(result.fit.problem.targets, result.fit.point.frame.targets, strict=True)
+    summary["targets"] = [
+        {"marker": label, "rotation": rotation.tolist()} for label, rotation in targets
+    ]
+    return summary
 
 
 def _placement(result: Calibration) -> dict[str, Any] | None:
@@ -292,198 +302,194 @@ def _placement(result: Calibration) -> dict[str, Any] | None:
     if result.base_u is None:
         return None
     frame, (shift, turn) = result.fit.point.frame, result.base_u
-    return {
-        "origin_mm": (frame.shift / MM).tolist(),
-        "rotation": frame.rotation.tolist(),
-        "u_origin_mm": (shift / MM).tolist(),
-        "u_rotation_rad": turn.tolist(),
-        "as_stated": list(result.fit.undetermined.tied_to_frame),
-    }
+    origin = {"origin_mm": (frame.shift / MM).tolist(), "rotation": frame.rotation.tolist()}
+    u = {"u_origin_mm": (shift / MM).tolist(), "u_rotation_rad": turn.tolist()}
+    return {**origin, **u, "as_stated": list(result.fit.undetermined.tied_to_frame)}
 
 
 def _result(result: Calibration) -> list[Block]:
-    rows = [("used in the fit", result.rms_before, result.rms)]
-    rows += [
-        (f"held-out {KINDS[h.kind]}, in {h.groups} parts", h.rms_before, h.rms_after)
-        for h in result.held_out
-    ]
-    sizes = pd.DataFrame(rows, columns=["records", "before_mm", "after_mm"])
-    sizes["gain"] = 1.0 - sizes["after_mm"] / sizes["before_mm"]
-    turned = [("used in the fit", t["simulation"], t["calibrated"])] if (t := result.turns) else []
-    turned += [
-        (f"held-out {KINDS[h.kind]}", rms(h.turn_before), rms(h.turn_after))
-        for h in result.held_out
-        if h.turned
-    ]
-    turns = pd.DataFrame(turned, columns=["records", "before [µrad]", "after [µrad]"])
-    turns.iloc[:, 1:] /= UM
-    silent = int((~result.fit.used & ~result.fit.excluded).sum())
-    noise = (
-        "The stated noise, and the scatter found beside it,"
-        if result.fit.scatters
-        else "The noise alone"
-    )
-    return [
+    noise = "The noise alone"
+    if result.fit.scatters:
+        noise = "The stated noise, and the scatter found beside it,"
+    blocks: list[Block] = [
         Heading("Result"),
         Paragraph(verdict(result), finding=True),
         Paragraph(open_in_words(result), finding=True),
-        fit_in_words(result),
-        frame_in_words(result),
+        Paragraph(fit_in_words(result)),
+        Paragraph(frame_in_words(result)),
         Table(estimated_causes(result), "Causes of error"),
-        Table(
-            sizes.assign(before_mm=sizes["before_mm"] / MM, after_mm=sizes["after_mm"] / MM),
-            "RMS distance of tip and target",
-            {"gain": percent},
-            explained="Before: the arm as it was, only the set-up fitted. The target of a record "
-            "is its reference; of a "
-            "seat, where all its records and its reference together put it. Held-out records were "
-            "predicted by calibrations "
-            "that did not use them, and are compared with their own reference. Single records "
-            "have neighbours that stay in; "
-            f"rely on whole groups. {noise} would give {length(result.noise)}.",
-        ),
-        Table(
-            turns,
-            "RMS turn from the stated orientation",
-            dict.fromkeys(turns.columns[1:], ".1f"),
-            explained=f"{noise} would give {t['noise'] / UM:.1f} µrad." if t else "",
-        ),
-        f"{count(silent, 'record')} not used: no coordinates, and no seat with other records."
-        if silent
-        else "",
-        Notes(result.notes),
+        _distances(result, noise),
     ]
+    if result.turns is not None:
+        blocks.append(_turns(result, result.turns, noise))
+    silent = int((~result.fit.used & ~result.fit.excluded).sum())
+    if silent:
+        why = "no coordinates, and no seat with other records"
+        blocks.append(Paragraph(f"{count(silent, 'record')} not used: {why}."))
+    return [*blocks, Notes(result.notes)]
+
+
+def _distances(result: Calibration, noise: str) -> Table:
+    rows = [("used in the fit", result.rms_before, result.rms)]
+    for held in result.held_out:
+        name = f"held-out {HELD_OUT_KINDS[held.kind]}, in {held.groups} parts"
+        rows.append((name, held.rms_before, held.rms_after))
+    sizes = pd.DataFrame(rows, columns=["records", "before_mm", "after_mm"])
+    sizes["gain"] = 1.0 - sizes["after_mm"] / sizes["before_mm"]
+    sizes[["before_mm", "after_mm"]] /= MM
+    explained = f"{COMPARED} {noise} would give {length(result.noise)}."
+    forms = {"gain": percent}
+    return Table(sizes, "RMS distance of tip and target", forms, explained=explained)
+
+
+def _turns(result: Calibration, turns: dict[str, float], noise: str) -> Table:
+    rows = [("used in the fit", turns["simulation"], turns["calibrated"])]
+    for held in result.held_out:
+        if held.turned:
+            sizes = rms(held.turn_before), rms(held.turn_after)
+            rows.append((f"held-out {HELD_OUT_KINDS[held.kind]}", *sizes))
+    columns = ["before [µrad]", "after [µrad]"]
+    table = pd.DataFrame(rows, columns=["records", *columns])
+    table[columns] /= UM
+    explained = f"{noise} would give {turns['noise'] / UM:.1f} µrad."
+    forms = dict.fromkeys(columns, ".1f")
+    return Table(table, "RMS turn from the stated orientation", forms, explained=explained)
 
 
 def _residuals(result: Calibration) -> list[Block]:
+    blocks: list[Block] = [Heading("Residuals"), *_residuals_in_space(result), _over_joints(result)]
+    if result.fit.problem.measurements.seats():
+        blocks.append(_by_seat(result))
+    return [*blocks, _normalised(result)]
+
+
+def _residuals_in_space(result: Calibration) -> list[Block]:
     from aacmm_pin.report.scenes import residual_scene  # loads meshcat
 
-    seats = Figure(
+    views = Figure(
+        lambda: plots.plot_residual_views(result, blank_axes(8.6, 8.0)),
+        "Residual vectors in space, before and after",
+        "Residuals from each target towards the tip: left before calibration, right after; above "
+        "in plan, below from the side; all magnified alike. Grey: the arm in some postures. "
+        "Neighbours that point the same way show what the model still lacks.",
+    )
+    scene = SceneView(
+        lambda: residual_scene(result),
+        "Residuals after calibration, to turn: drag to look from elsewhere; the slider goes from "
+        "the largest residual to the smallest, with the arm in its posture.",
+    )
+    return [views, scene]
+
+
+def _over_joints(result: Calibration) -> Figure:
+    height = 0.3 - 2.5 * (-result.model.arm.nq // 3)
+    return Figure(
+        lambda: plots.plot_residuals_over_joints(result, ax=blank_axes(10.5, height)),
+        "Residuals over the angle of each joint",
+        "Residuals after calibration, along the direction in which each joint moves the tip, over "
+        f"its angle; the line joins means of {LEAST_IN_BIN} or more with u. A wave in it is an "
+        "error of the encoder or the joint.",
+    )
+
+
+def _by_seat(result: Calibration) -> Figure:
+    return Figure(
         lambda: plots.plot_residuals_by_seat(result, blank_axes(8.0, 3.4)),
         "Residuals by seat",
-        "Residuals by seat. A seat that stands out after calibration may not be where it is "
-        "said to be.",
+        "Residuals by seat. If a seat stands out after calibration, its stated coordinates may be "
+        "wrong.",
     )
-    return [
-        Heading("Residuals"),
-        Figure(
-            lambda: plots.plot_residual_views(result, blank_axes(8.6, 8.0)),
-            "Residual vectors in space, before and after",
-            "Residuals from each target towards the tip: left before calibration, right after; "
-            "above in plan, below from "
-            "the side; all magnified alike. Grey: the arm in some postures. Neighbours that point "
-            "the same way show what "
-            "the model still lacks.",
-        ),
-        SceneView(
-            lambda: residual_scene(result),
-            "Residuals after calibration, to turn: drag to look from elsewhere; the slider goes "
-            "from the largest residual "
-            "to the smallest, with the arm in its posture.",
-        ),
-        Figure(
-            lambda: plots.plot_residuals_over_joints(
-                result, ax=blank_axes(10.5, 0.3 - 2.5 * (-result.model.arm.nq // 3))
-            ),
-            "Residuals over the angle of each joint",
-            "Residuals after calibration, along the direction in which each joint moves the tip, "
-            "over its angle; the line "
-            f"joins means of {LEAST_IN_BIN} or more with u. A wave in it is an error of the "
-            "encoder or the joint.",
-        ),
-        *([seats] if result.fit.problem.measurements.seats() else []),
-        Figure(
-            lambda: plots.plot_normalised_residuals(result, blank_axes(6.4, 3.4)),
-            "Histogram of normalised residuals against the χ distribution",
-            "Residuals over what the noise of each record allows, with the distribution that "
-            "normal noise has.",
-        ),
-    ]
+
+
+def _normalised(result: Calibration) -> Figure:
+    return Figure(
+        lambda: plots.plot_normalised_residuals(result, blank_axes(6.4, 3.4)),
+        "Histogram of normalised residuals against the χ distribution",
+        "Residuals over what the noise of each record allows, with the distribution that normal "
+        "noise has.",
+    )
 
 
 def _parameters(result: Calibration) -> list[Block]:
-    rows, number = readable_parameters(result), len(result.fit.problem.vector.parameters)
-    if not number:
-        none = (
-            "No parameter was estimated: the arm states all of them to be exact; --no-prior "
-            "estimates them all the same."
-        )
-        return [Heading("Parameters"), none]
-    form = decimals(rows)
-    tallest = number if rows["stated"].notna().any() else rows["in"].str[1:].value_counts().max()
-    rows["change"] = [
-        "–" if np.isnan(change) else f"{'* ' * beyond}{change:{form}}"
-        for beyond, change in zip(rows["beyond"], rows["change"], strict=True)
-    ]
+    rows, title = readable_parameters(result), Heading("Parameters")
+    if not len(rows):
+        return [title, Paragraph(NOTHING_ESTIMATED)]
+    blocks: list[Block] = [title, _parameter_table(rows)]
     beyond = ", ".join(rows["parameter"][rows["beyond"]])
-    in_order = rows.sort_values("known", key=lambda known: known == "in combination", kind="stable")
-    return [
-        Heading("Parameters"),
-        Table(
-            in_order[["parameter", "value", "change", "U", "stated", "in", "known"]],
-            "Parameters",
-            dict.fromkeys(("stated", "U"), form),
-            {"stated": "stated ±", "U": "U (k = 2)"},
-            explained="Changes and uncertainties are in the unit of the column in. Known: "
-            "measured by these data, as stated "
-            "(they add nothing to what was known), or in combination with others (next section). "
-            "A parameter known in "
-            "combination has no value by itself; the arm file holds one that fits the others.",
-        ),
-        f"* moved farther than stated ± and U together: {beyond}" if beyond else "",
-        Figure(
-            lambda: plots.plot_parameter_changes(result, blank_axes(8.2, 1.2 + 0.24 * tallest)),
-            "Change of each parameter over its stated uncertainty",
-            "Change of each parameter with its new expanded uncertainty, over its stated "
-            "uncertainty where there is one.",
-        ),
-        Figure(
-            lambda: plots.plot_correlation(
-                result, blank_axes(min(9.0, 3.0 + 0.22 * number), min(8.2, 2.2 + 0.22 * number))
-            ),
-            "Heat map of the correlation of the parameters",
-            "Correlation of the parameters. Two that are strongly correlated are known together "
-            "better than each by itself.",
-        ),
-    ]
+    if beyond:
+        blocks.append(Paragraph(f"* moved farther than stated ± and U together: {beyond}"))
+    of_a_unit = rows["in"].str[1:].value_counts().max()
+    tallest = len(rows) if rows["stated"].notna().any() else of_a_unit
+    return [*blocks, _changes(result, tallest), _correlation(result, len(rows))]
+
+
+def _parameter_table(rows: pd.DataFrame) -> Table:
+    form = decimals(rows)
+    changes = zip(rows["beyond"], rows["change"], strict=True)
+    shown = rows.assign(change=[_change(beyond, change, form) for beyond, change in changes])
+    together = shown["known"] == "in combination"
+    shown = pd.concat([shown[~together], shown[together]])
+    return Table(
+        shown[["parameter", "value", "change", "U", "stated", "in", "known"]],
+        "Parameters",
+        dict.fromkeys(("stated", "U"), form),
+        {"stated": "stated ±", "U": "U (k = 2)"},
+        explained=KNOWN,
+    )
+
+
+def _change(beyond: bool, change: float, form: str) -> str:
+    if np.isnan(change):
+        return "–"
+    return f"{'* ' * beyond}{change:{form}}"
+
+
+def _changes(result: Calibration, tallest: int) -> Figure:
+    return Figure(
+        lambda: plots.plot_parameter_changes(result, blank_axes(8.2, 1.2 + 0.24 * tallest)),
+        "Change of each parameter over its stated uncertainty",
+        "Change of each parameter with its new expanded uncertainty, over its stated uncertainty "
+        "if there is one.",
+    )
+
+
+def _correlation(result: Calibration, number: int) -> Figure:
+    size = 0.22 * number
+    width, height = min(9.0, 3.0 + size), min(8.2, 2.2 + size)
+    return Figure(
+        lambda: plots.plot_correlation(result, blank_axes(width, height)),
+        "Heat map of the correlation of the parameters",
+        "Correlation of the parameters. The sum or difference of two that are strongly correlated "
+        "is known better than each by itself.",
+    )
 
 
 def _undetermined(result: Calibration) -> list[Block]:
     indices = pd.DataFrame([vars(result.observability)]).rename(columns=str.upper)
+    number = result.observability.directions
+    explained = (
+        f"Sun, Hollerbach 2008; of {number} combinations that the data determine. Larger is better."
+    )
+    table = indices.drop(columns="DIRECTIONS")
     return [
         Heading("What these data do not determine"),
-        Bullets(
-            result.undetermined,
-            "Not determined by these data or by stated uncertainties, and left as it was; other "
-            "postures, references or "
-            "targets may determine it, more records of the same kind do not:",
-        ),
-        Table(
-            indices.drop(columns="DIRECTIONS"),
-            "Observability indices",
-            explained=f"Sun, Hollerbach 2008; of {result.observability.directions} combinations "
-            "that the data determine. "
-            "Larger is better.",
-            detail=True,
-        ),
+        Bullets(result.undetermined, UNDETERMINED),
+        Table(table, "Observability indices", explained=explained, detail=True),
     ]
 
 
 def excluded_records(excluded: pd.DataFrame) -> list[Block]:
     """The table of excluded records, or that there are none."""
+    if not len(excluded):
+        return [Paragraph("No record was excluded.", detail=True)]
     return [
-        Paragraph("" if len(excluded) else "No record was excluded.", detail=True),
         Table(
             excluded.astype({"row": str}),
             f"Excluded records ({len(excluded)})",
             heads={"row": "row of the file"},
-            explained="A record is excluded where its residual is larger than its noise allows, "
-            "by a bound that excludes a "
-            "good record in one file of a hundred. Possible reasons: a slip of the hand, a wrong "
-            "seat, a cause that is not "
-            "in the model.",
-            most=MOST_EXCLUDED,
-        ),
+            explained=EXCLUDED,
+            most=EXCLUDED_LISTED,
+        )
     ]
 
 
@@ -510,21 +516,17 @@ def files(
         names: of the JSON and of the arm file.
         note: the lines in front of the arm file.
     """
+    hint = "The numbers behind this page are inside it; on screen each name below saves a file."
+    of_json, of_arm = names
     blocks: list[Block] = [
         Heading("Files"),
-        Paragraph(
-            "The numbers behind this page are inside it; on screen each name below saves a file."
-        ),
-        Download(names[0], "all numbers of this page", json_text(summary).encode()),
+        Paragraph(hint),
+        Download(of_json, "all numbers of this page", json_text(summary).encode()),
         Download("residuals.csv", "every record with its residuals", csv_text(residuals).encode()),
     ]
-    if model.arm.dh is not None or model.arm.urdf_file.urdf.file:
-        beside = "" if model.arm.dh is not None else ", to be kept beside its URDF"
-        blocks.append(
-            Download(
-                names[1],
-                f"the arm as found, with its covariance{beside}",
-                model.text(note).encode(),
-            )
-        )
+    from_table = model.arm.dh is not None
+    if from_table or model.arm.urdf_file.urdf.file:
+        beside = "" if from_table else ", to be kept beside its URDF"
+        words = f"the arm as found, with its covariance{beside}"
+        blocks.append(Download(of_arm, words, model.text(note).encode()))
     return blocks

@@ -19,17 +19,13 @@ from matplotlib.figure import Figure as Drawing
 from aacmm_pin._support.output_files import OutputFiles, json_text
 from aacmm_pin._support.text_escaping import csv_text, encodable
 from aacmm_pin._support.units import MM
-from aacmm_pin.accuracy.volume import AccuracyVolume, circle_accuracy
-from aacmm_pin.accuracy.workspace import WorkspaceMap, map_workspace
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.file import COVERAGE_FACTOR, load_arm_file
-from aacmm_pin.arm.urdf import urdf_text
+from aacmm_pin.accuracy import AccuracyVolume, WorkspaceMap, circle_accuracy, map_workspace
+from aacmm_pin.arm import COVERAGE_FACTOR, Arm, load_arm_file, urdf_text
 from aacmm_pin.calibration.random_arm import perturbed_model
 from aacmm_pin.diagnosis import Diagnosis, diagnose
 from aacmm_pin.effects import Effect, EncoderEccentricity, ErrorModel, in_words, values_in_words
-from aacmm_pin.measurements.records import Measurements
-from aacmm_pin.measurements.simulate import simulate_measurements
-from aacmm_pin.postures.configurations import ConfigurationCircle, configuration_circle
+from aacmm_pin.measurements import Measurements, simulate_measurements
+from aacmm_pin.postures import ConfigurationCircle, configuration_circle
 from aacmm_pin.report import plots
 from aacmm_pin.report.accuracy import postures_at_the_ends, what_k_covers
 from aacmm_pin.report.diagnosis import (
@@ -50,7 +46,7 @@ from aacmm_pin.report.document import (
     Table,
     blank_axes,
 )
-from aacmm_pin.report.html import page
+from aacmm_pin.report.formats.html import page
 from aacmm_pin.report.json_summaries import accuracy_summary, map_summary
 from aacmm_pin.report.numbers import percent
 from aacmm_pin.report.scenes import circle_scene, map_scene

@@ -9,7 +9,7 @@ from typing import Any
 
 from aacmm_pin._support.notes import notes_in_json
 from aacmm_pin._support.units import MM
-from aacmm_pin.calibration.cross_validation import rms
+from aacmm_pin.calibration import rms
 from aacmm_pin.diagnosis import (
     Alias,
     Branches,
@@ -27,15 +27,15 @@ from aacmm_pin.diagnosis.unexplained import DiscrepancySize
 from aacmm_pin.effects import COLUMNS, Effect, fields_of, strongest_waves
 from aacmm_pin.report.next_measurements import next_measurements
 
-SCHEMA = "aacmm-pin/diagnosis/1"
-PLACES = {"joint", "bodies"}
+DIAGNOSIS_SCHEMA = "aacmm-pin/diagnosis/1"
+PLACE_FIELDS = {"joint", "bodies"}
 """Fields of a cause that are no inner fields."""
 
 
 def diagnosis_to_dict(diagnosis: Diagnosis) -> dict[str, Any]:
     """Schema ``aacmm-pin/diagnosis/1``."""
     parts = diagnosis.unexplained.discrepancy
-    summary: dict[str, Any] = {"schema": SCHEMA, "arm": diagnosis.model.arm.name}
+    summary: dict[str, Any] = {"schema": DIAGNOSIS_SCHEMA, "arm": diagnosis.model.arm.name}
     summary |= {"verdict": diagnosis.verdict, "doubts": list(diagnosis.doubts)}
     summary |= {"converged": diagnosis.converged, "converge_note": diagnosis.converge_note}
     summary["records"] = _records(diagnosis)
@@ -108,7 +108,7 @@ def _brought(finding: Finding) -> dict[str, Any] | None:
 
 def _inner_fields(effect: Effect) -> dict[str, Any]:
     """Orders, times and other fields that are set, but for the place."""
-    names = [name for name in fields_of(type(effect)) if name not in PLACES]
+    names = [name for name in fields_of(type(effect)) if name not in PLACE_FIELDS]
     fields = {name: getattr(effect, name) for name in names}
     unset = (None, ())
     return {name: value for name, value in fields.items() if value not in unset}

@@ -7,15 +7,12 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from aacmm_pin._support.notes import Note
+from aacmm_pin.calibration import Fit
 from aacmm_pin.calibration.calibrate import notes_of as notes_of_fit
-from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.diagnosis import (
-    THRESHOLDS,
     Choice,
     Diagnosis,
-    Doubt,
     Finding,
-    Unexplained,
     estimated,
     not_tried,
     too_good,
@@ -25,13 +22,9 @@ from aacmm_pin.effects import (
     Effect,
     cause_in_words,
     listed,
-    name_in_words,
-    probability,
-    several_in_words,
     values_in_words,
     values_with_u,
 )
-from aacmm_pin.report.numbers import p_equals
 
 RESTARTS = 5
 """A clock that goes back more often than this is of records in another order."""
@@ -45,102 +38,22 @@ def notes_of(result: Diagnosis) -> list[Note]:
     """The notes."""
     choice, extended, findings = result.choice, result.extended, result.findings
     known = result.before.problem.model.effects
-    return [
-        *notes_of_fit(extended),
-        *_not_tried(choice),
-        *_otherwise(choice),
-        *_disagreement(result),
-        *_below_zero(findings),
-        *_since(findings, result.recalibrated),
-        *_of_masses(findings),
-        *_slopes(findings),
-        *(
-            Note("on_top", {"cause": f.label, "other": f.beside.label})
-            for f in findings
-            if f.beside
-        ),
-        *_changed(findings, known, choice),
-        *(
-            text
-            for effect in known
-            for text in effect.validity_notes(extended.problem.measurements.conditions)
-        ),
-        *_size(extended),
-        *_clock(extended),
-        *_too_good(extended),
-        *result.assumed,
-    ]
+    conditions = extended.problem.measurements.conditions
+    notes = [*notes_of_fit(extended), *_not_tried(choice), *_otherwise(choice)]
+    notes += [*_disagreement(result), *_below_zero(findings)]
+    notes += _since(findings, result.recalibrated)
+    notes += [*_of_masses(findings), *_slopes(findings), *_on_top(findings)]
+    notes += _changed(findings, known, choice)
+    for effect in known:
+        notes += effect.validity_notes(conditions)
+    return [*notes, *_size(extended), *_clock(extended), *_too_good(extended), *result.assumed]
 
 
-def doubts_in_words(result: Diagnosis) -> list[str]:
-    """What keeps the verdict from being ``explained`` or ``no-discrepancy``, but for what is said
-    of the causes.
-    """
-    return [str(note) for doubt in result.doubts if (note := _doubt(result, doubt))]
-
-
-def _doubt(result: Diagnosis, doubt: Doubt) -> Note | None:
-    """None where the verdict, or another doubt, says it.
-
-    Raises:
-        LookupError: a doubt has no sentence.
-    """
-    (seen, of), arm = result.visible, result.model.arm
-    match doubt:
-        case "contradicted references":
-            return Note(
-                "contradicted_references", {"places": "; ".join(map(str, result.contradicted))}
-            )
-        case "few causes shown":
-            return Note("few_causes_shown", {"seen": seen, "of": of})
-        case "cause not named":
-            causes, records = (
-                labels_in_words(result, result.otherwise),
-                int(result.extended.excluded.sum()),
-            )
-            return Note("cause_not_named", {"causes": causes, "records": records})
-        case "below zero":
-            negative = [finding.effect for finding in result.findings if finding.below_zero]
-            return Note("causes_below_zero", {"causes": several_in_words(negative, arm)})
-        case "cause not borne out" if "no better" not in result.doubts:
-            unconfirmed = [finding.effect for finding in result.findings if not finding.borne_out]
-            return Note("causes_unconfirmed", {"causes": several_in_words(unconfirmed, arm)})
-        case "structure left" if result.verdict != "unexplained":
-            return Note("structure_left", {"chance": beside_threshold(result.unexplained)})
-        case "starts disagree":
-            return Note("starts_disagree")
-        case "more causes":
-            return Note(
-                "more_causes",
-                {"probability": probability(result.more), "threshold": THRESHOLDS.settled},
-            )
-        case "no better" | "cause not borne out" | "structure left":
-            return None
-    raise LookupError(doubt)
-
-
-def beside_threshold(left: Unexplained) -> str:
-    """The p-value of what is left, and below which something is: ``p = 0.02, threshold 0.001 beside
-    what was named``.
-    """
-    where = (
-        "where nothing was named"
-        if left.threshold == THRESHOLDS.left_alone
-        else "beside what was named"
-    )
-    return f"{p_equals(left.p_value)}, threshold {left.threshold:g} {where}"
-
-
-def labels_in_words(result: Diagnosis, labels: Sequence[str]) -> str:
-    """Causes and covariates that labels of the result name, in a row."""
-    causes = [result.cause(label) for label in labels]
-    pairs, arm = zip(labels, causes, strict=True), result.model.arm
-    return listed(
-        [
-            f"dependence on {label}" if cause is None else name_in_words(cause, arm)
-            for label, cause in pairs
-        ]
-    )
+def _on_top(findings: Sequence[Finding]) -> Iterator[Note]:
+    """Causes of a joint whose values come on top of the same cause of the whole arm."""
+    for finding in findings:
+        if finding.beside is not None:
+            yield Note("on_top", {"cause": finding.label, "other": finding.beside.label})
 
 
 def _disagreement(result: Diagnosis) -> list[Note]:
@@ -153,11 +66,11 @@ def _disagreement(result: Diagnosis) -> list[Note]:
 
 def _not_tried(choice: Choice) -> list[Note]:
     """Columns that the file lacks, and what could not be tried without them."""
-    lacking = not_tried(choice.library, choice.fit.problem.measurements).items()
-    each = [
-        f"no {COLUMNS[need]}: {listed([cause_in_words(c) for c in causes])} not tried"
-        for need, causes in lacking
-    ]
+    lacking = not_tried(choice.library, choice.fit.problem.measurements)
+    each = []
+    for need, causes in lacking.items():
+        names = listed([cause_in_words(cause) for cause in causes])
+        each.append(f"no {COLUMNS[need]}: {names} not tried")
     return [Note("causes_not_tried", {"columns": "; ".join(each)})] if each else []
 
 
@@ -180,34 +93,28 @@ def _changed(
     """Causes that were known with other values, and those beside which another of their kind was
     found.
     """
-    now = {
-        effect.identity: (effect, values_with_u(effect, covariance))
-        for effect, covariance in estimated(choice)
-    }
-    found, of_known = (
-        {effect.identity for effect in some} for some in ((f.effect for f in findings), known)
-    )
-    for f in findings:
-        same = f.effect.identity in of_known
-        others = (
-            []
-            if same
-            else [old for old in known if old.label == f.label and old.identity not in found]
-        )
-        for old in others or [old for old in known if old.identity == f.effect.identity]:
-            was = _in_words(old, values_with_u(old, np.diag(np.square(old.u))), f.slides)
-            data = {"cause": f.label, "was": was}
-            if f.gone:
+    now = {effect.identity: (effect, values) for effect, values in _estimates(choice)}
+    found = {finding.effect.identity for finding in findings}
+    for finding in findings:
+        identity = finding.effect.identity
+        same = [old for old in known if old.identity == identity]
+        others = [old for old in known if old.label == finding.label and old.identity not in found]
+        for old in same or others:
+            was = _in_words(old, values_with_u(old, np.diag(np.square(old.u))), finding.slides)
+            data = {"cause": finding.label, "was": was}
+            if finding.gone:
                 yield Note("known_cause_gone", data)
             elif same or old.identity not in now:
-                yield Note(
-                    "known_cause_changed",
-                    {**data, "now": _in_words(f.effect, f.parameters, f.slides)},
-                )
+                data["now"] = _in_words(finding.effect, finding.parameters, finding.slides)
+                yield Note("known_cause_changed", data)
             else:
-                yield Note(
-                    "known_cause_beside", {**data, "now": _in_words(*now[old.identity], f.slides)}
-                )
+                data["now"] = _in_words(*now[old.identity], finding.slides)
+                yield Note("known_cause_beside", data)
+
+
+def _estimates(choice: Choice) -> Iterator[tuple[Effect, dict[str, tuple[float, float]]]]:
+    for effect, covariance in estimated(choice):
+        yield effect, values_with_u(effect, covariance)
 
 
 def _in_words(effect: Effect, values: dict[str, tuple[float, float]], slides: bool) -> str:
@@ -223,8 +130,11 @@ def _size(extended: Fit) -> list[Note]:
 
 def _below_zero(findings: Sequence[Finding]) -> list[Note]:
     """Values that nature has above zero only."""
-    each = [(finding.label, key) for finding in findings for key in finding.below_zero]
-    return [Note("value_below_zero", {"cause": label, "value": key}) for label, key in each]
+    notes = []
+    for finding in findings:
+        for key in finding.below_zero:
+            notes.append(Note("value_below_zero", {"cause": finding.label, "value": key}))
+    return notes
 
 
 def _since(findings: Sequence[Finding], recalibrated: Fit) -> list[Note]:

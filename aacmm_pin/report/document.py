@@ -45,7 +45,7 @@ DPI = 130
 """Resolution of embedded figures; they are shown at most as wide as the text."""
 MARK = "✗"
 """Begins a cell that must not be overlooked; a page has it in bold."""
-NOTHING = "–"
+NO_NUMBER = "–"
 """Stands where there is no number."""
 NUMBER = re.compile(r"[*<> ]*[-+]?\d+(\.\d+)?(e[-+]?\d+)?( \S+)?")
 """A number, perhaps with a mark before and one unit behind."""
@@ -134,13 +134,12 @@ class Table:
         """The rows that are shown, with text in every cell, under the heads that a reader sees."""
         (frame,) = in_one_unit(self.frame.rename(columns=self.heads))
         forms = {self.heads.get(name, name): form for name, form in self.formats.items()}
-        texts = {
-            name: [
-                cell(value, forms.get(name) or _form(name))
-                for value in column.head(self.most or len(column))
-            ]
-            for name, column in ((str(name), frame[name]) for name in frame)
-        }
+        shown = frame.head(self.most or len(frame))
+        texts = {}
+        for name in shown:
+            head = str(name)
+            form = forms.get(head) or _form(head)
+            texts[head] = [cell(value, form) for value in shown[name]]
         return pd.DataFrame(texts, dtype=object)
 
 
@@ -243,17 +242,13 @@ class Document:
         """A plain string among the blocks is a paragraph."""
         self.title, self.subtitle, self.sheet = title, subtitle, sheet
         self.by_hand = by_hand or ("Operator", "Date", "Signature") * bool(sheet)
-        self.blocks = [
-            b
-            for b in (Paragraph(b) if isinstance(b, str) else b for b in blocks)
-            if not _is_empty(b)
-        ]
+        each = [Paragraph(b) if isinstance(b, str) else b for b in blocks]
+        self.blocks = [block for block in each if not _is_empty(block)]
 
     def short(self) -> list[Block]:
         """The blocks that the shell and Jupyter show."""
-        return [
-            b for b in self.blocks if not (isinstance(b, FOR_PAGES) or getattr(b, "detail", False))
-        ]
+        shown = [block for block in self.blocks if not isinstance(block, FOR_PAGES)]
+        return [block for block in shown if not getattr(block, "detail", False)]
 
 
 def _is_empty(block: Block) -> bool:
@@ -300,7 +295,7 @@ def shown_document(result: Shown) -> Document:
 def cell(value: object, form: Format = "") -> str:
     """A value of a table as text; a dash where there is none."""
     if value is None or value is pd.NA or (isinstance(value, float) and np.isnan(value)):
-        return NOTHING
+        return NO_NUMBER
     if callable(form):
         return form(value)
     if isinstance(value, bool | np.bool_):
@@ -312,7 +307,10 @@ def cell(value: object, form: Format = "") -> str:
 
 def _form(head: str) -> str:
     """The format of numbers under this head, by its unit."""
-    return next((form for unit, form in FORMATS.items() if head.endswith(f"[{unit}]")), "")
+    for unit, form in FORMATS.items():
+        if head.endswith(f"[{unit}]"):
+            return form
+    return ""
 
 
 def blank_axes(width: float, height: float) -> Axes:
@@ -324,4 +322,4 @@ def blank_axes(width: float, height: float) -> Axes:
 
 def are_numbers(texts: Iterable[str]) -> bool:
     """Whether every cell of a column is one number, or nothing."""
-    return all(NUMBER.fullmatch(text) or text in ("", NOTHING) for text in texts)
+    return all(text in ("", NO_NUMBER) or NUMBER.fullmatch(text) for text in texts)

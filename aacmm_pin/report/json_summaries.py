@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pandas as pd
@@ -13,17 +13,14 @@ import pandas as pd
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.notes import notes_in_json
 from aacmm_pin._support.units import DEG, MM, MM3
+from aacmm_pin.accuracy import AccuracyVolume, ErrorSources, LengthUncertainty, WorkspaceMap, paired
 from aacmm_pin.accuracy.comprehensive_accuracy import comprehensive_accuracy
-from aacmm_pin.accuracy.length import LengthUncertainty
-from aacmm_pin.accuracy.volume import AccuracyVolume, paired
-from aacmm_pin.accuracy.workspace import WorkspaceMap
-from aacmm_pin.postures.general_ik import ReachingPostures
-from aacmm_pin.postures.postures_at_point import PosturesAtPoint
+from aacmm_pin.postures import Flexibility, PosturesAtPoint, ReachingPostures
 
 ACCURACY_SCHEMA = "aacmm-pin/accuracy/1"
 LENGTH_SCHEMA = "aacmm-pin/length/1"
 MAP_SCHEMA = "aacmm-pin/map/1"
-DIGITS = 9
+JSON_DECIMALS = 9
 """Decimals kept of lengths and angles [mm, deg]: hides what binary fractions do to decimal input,
 and nothing else.
 """
@@ -55,37 +52,37 @@ def accuracy_summary(
     Raises:
         ShapeError: ``accuracy`` was worked out for other configurations.
     """
-    inside = paired(circle, accuracy)
-    flexibility = circle.flexibility(sectors)
-    summary: dict[str, Any] = {
-        "schema": ACCURACY_SCHEMA,
-        "arm": circle.arm.name,
-        "point_mm": _rounded(circle.point / MM),
-        "at": circle.at,
-        "method": accuracy.method,
-        "configurations": len(inside),
-        "flexibility": {
-            "zeta": _number(flexibility.zeta),
-            "sectors": list(flexibility.sectors),
-            "arc_fraction": _number(flexibility.arc_fraction),
-        },
-        "volume_mm3": _volumes(circle, accuracy),
-        "u_mm": _spread(accuracy.u / MM),
-        "largest_deviation_mm": _spread(accuracy.largest_deviation / MM)
-        if accuracy.sources.bounded
-        else None,
-        **_postures(circle, accuracy),
-        "budget": _budget(accuracy) if len(inside) else [],
-        "taken_as_exact": list(accuracy.sources.taken_as_exact),
-        "not_included": list(accuracy.not_included),
-        "unexplained": accuracy.sources.arm.unexplained,
-    }
-    summary |= {"complete": circle.complete} | notes_in_json(circle.notes)
+    inside, sources = paired(circle, accuracy), accuracy.sources
+    summary: dict[str, Any] = {"schema": ACCURACY_SCHEMA, "arm": circle.arm.name}
+    summary |= {"point_mm": _rounded(circle.point / MM), "at": circle.at}
+    summary |= {"method": accuracy.method, "configurations": len(inside)}
+    summary["flexibility"] = _flexibility(circle.flexibility(sectors))
+    summary["volume_mm3"] = _volumes(circle, accuracy)
+    summary["u_mm"] = _spread(accuracy.u / MM)
+    summary["largest_deviation_mm"] = None
+    if sources.bounded:
+        summary["largest_deviation_mm"] = _spread(accuracy.largest_deviation / MM)
+    summary |= _postures(circle, accuracy)
+    summary["budget"] = _budget(accuracy) if len(inside) else []
+    summary |= _left_out(sources) | {"complete": circle.complete} | notes_in_json(circle.notes)
     if isinstance(circle, ReachingPostures):
         summary |= _search(circle)
     if not len(inside):
         summary["reason"] = circle.reason or "no configuration is within the joint limits"
     return summary
+
+
+def _flexibility(flexibility: Flexibility) -> dict[str, Any]:
+    fraction = _number(flexibility.arc_fraction)
+    sectors = list(flexibility.sectors)
+    return {"zeta": _number(flexibility.zeta), "sectors": sectors, "arc_fraction": fraction}
+
+
+def _left_out(sources: ErrorSources) -> dict[str, Any]:
+    """What an accuracy does not contain."""
+    names = {"taken_as_exact": sources.taken_as_exact, "not_included": sources.not_included}
+    lists: dict[str, Any] = {name: list(some) for name, some in names.items()}
+    return lists | {"unexplained": sources.arm.unexplained}
 
 
 def length_summary(
@@ -94,29 +91,20 @@ def length_summary(
     """Schema ``aacmm-pin/length/1``: uncertainty of the distance of two points over the pairs of
     postures within limits.
     """
-    ends = {}
-    for name, number in (("best", length.u.argmin()), ("worst", length.u.argmax())):
-        i, j = length.pair(int(number))
-        angles = {
-            "from_theta_deg": _rounded(length.q_a[i] / DEG),
-            "to_theta_deg": _rounded(length.q_b[j] / DEG),
-        }
-        ends[name] = {**angles, "u_mm": float(length.u[i, j] / MM)}
-    return {
-        "schema": LENGTH_SCHEMA,
-        "arm": a.arm.name,
-        "from_mm": _rounded(a.point / MM),
-        "to_mm": _rounded(b.point / MM),
-        "at": a.at,
-        "length_mm": float(length.length / MM),
-        "pairs": length.u.size,
-        "u_mm": _spread(length.u.ravel() / MM),
-        **ends,
-        "budget": _budget(length),
-        "taken_as_exact": list(length.sources.taken_as_exact),
-        "not_included": list(length.sources.not_included),
-        "unexplained": length.sources.arm.unexplained,
-    }
+    summary: dict[str, Any] = {"schema": LENGTH_SCHEMA, "arm": a.arm.name}
+    summary |= {"from_mm": _rounded(a.point / MM), "to_mm": _rounded(b.point / MM), "at": a.at}
+    summary |= {"length_mm": float(length.length / MM), "pairs": length.u.size}
+    summary["u_mm"] = _spread(length.u.ravel() / MM)
+    summary["best"] = _pair(length, int(length.u.argmin()))
+    summary["worst"] = _pair(length, int(length.u.argmax()))
+    return summary | {"budget": _budget(length)} | _left_out(length.sources)
+
+
+def _pair(length: LengthUncertainty, number: int) -> dict[str, Any]:
+    i, j = length.pair(number)
+    angles = {"from_theta_deg": _rounded(length.q_a[i] / DEG)}
+    angles["to_theta_deg"] = _rounded(length.q_b[j] / DEG)
+    return {**angles, "u_mm": float(length.u[i, j] / MM)}
 
 
 def map_summary(map_: WorkspaceMap) -> dict[str, Any]:
@@ -128,19 +116,18 @@ def map_summary(map_: WorkspaceMap) -> dict[str, Any]:
     """
     data = map_.data
     box = np.asarray(data.attrs["extent_mm"])
-    summary = {
-        "schema": MAP_SCHEMA,
-        "arm": str(data.attrs["arm"]),
-        "cells": [int(data.sizes["x_mm"]), int(data.sizes["z_mm"])],
-        "sectors": map_.sectors,
-        "extent_mm": {"x": _rounded(box[:2]), "z": _rounded(box[2:])},
-        "working_sectors": {str(count): cells for count, cells in map_.working_sectors().items()},
-        "unreachable": map_.unreachable,
-        "seconds": round(map_.seconds, 3),
-    }
+    cells = [int(data.sizes[axis]) for axis in ("x_mm", "z_mm")]
+    summary: dict[str, Any] = {"schema": MAP_SCHEMA, "arm": str(data.attrs["arm"])}
+    summary |= {"cells": cells, "sectors": map_.sectors}
+    summary["extent_mm"] = {"x": _rounded(box[:2]), "z": _rounded(box[2:])}
+    by_sectors = map_.working_sectors()
+    summary["working_sectors"] = {str(count): number for count, number in by_sectors.items()}
+    summary |= {"unreachable": map_.unreachable, "seconds": round(map_.seconds, 3)}
     if map_.incomplete:
         summary["incomplete"] = map_.incomplete
-    return summary | ({"not_included": list(map_.not_included)} if map_.not_included else {})
+    if map_.not_included:
+        summary["not_included"] = list(map_.not_included)
+    return summary
 
 
 def accuracy_table(circle: PosturesAtPoint, accuracy: AccuracyVolume) -> pd.DataFrame:
@@ -156,15 +143,10 @@ def accuracy_table(circle: PosturesAtPoint, accuracy: AccuracyVolume) -> pd.Data
 
 def _search(postures: ReachingPostures) -> dict[str, Any]:
     search = postures.search
-    return {
-        "conditions": postures.conditions.count,
-        "components": int(postures.component.max(initial=0)),
-        "search": {
-            "starts": search.starts,
-            "arrived": search.arrived,
-            "unseen_at_most": search.unseen,
-        },
-    }
+    starts = {"starts": search.starts, "arrived": search.arrived}
+    summary: dict[str, Any] = {"conditions": postures.conditions.count}
+    summary["components"] = int(postures.component.max(initial=0))
+    return summary | {"search": {**starts, "unseen_at_most": search.unseen}}
 
 
 def _volumes(circle: PosturesAtPoint, accuracy: AccuracyVolume) -> dict[str, float | None]:
@@ -177,44 +159,41 @@ def _volumes(circle: PosturesAtPoint, accuracy: AccuracyVolume) -> dict[str, flo
 
 
 def _spread(values: Array) -> dict[str, float | None]:
-    found = (values.min(), np.median(values), values.max()) if len(values) else [math.nan] * 3
-    return dict(zip(("min", "median", "max"), map(_number, found), strict=True))
+    found = [math.nan] * 3
+    if len(values):
+        found = [values.min(), np.median(values), values.max()]
+    least, median, most = map(_number, found)
+    return {"min": least, "median": median, "max": most}
 
 
 def _postures(circle: PosturesAtPoint, accuracy: AccuracyVolume) -> dict[str, dict[str, Any]]:
     """The postures with the smallest and largest volume and u."""
+    volume, u = accuracy.volume, accuracy.u
+    ends = {"best": volume, "worst": -volume, "smallest_u": u, "largest_u": -u}
     if not len(accuracy.q):
         nothing = dict.fromkeys(("theta_deg", "swivel_deg", "volume_mm3", "u_mm"))
-        return {name: dict(nothing) for name in ("best", "worst", "smallest_u", "largest_u")}
-    volume, u = accuracy.volume, accuracy.u
-    numbers = {
-        "best": volume.argmin(),
-        "worst": volume.argmax(),
-        "smallest_u": u.argmin(),
-        "largest_u": u.argmax(),
-    }
+        return {name: dict(nothing) for name in ends}
     swivel = circle.swivel[circle.within_limits] / DEG
-    return {
-        name: {
-            "theta_deg": _rounded(accuracy.q[number] / DEG),
-            "swivel_deg": _rounded(swivel[[number]])[0] if math.isfinite(swivel[number]) else None,
-            "volume_mm3": float(volume[number] / MM3),
-            "u_mm": float(u[number] / MM),
-        }
-        for name, number in numbers.items()
-    }
+    return {name: _posture(accuracy, swivel, int(of.argmin())) for name, of in ends.items()}
+
+
+def _posture(accuracy: AccuracyVolume, swivel: Array, number: int) -> dict[str, Any]:
+    """A posture with its accuracy; ``swivel`` of all postures [deg]."""
+    own = _number(swivel[number])
+    posture: dict[str, Any] = {"theta_deg": _rounded(accuracy.q[number] / DEG)}
+    posture["swivel_deg"] = None if own is None else round(own, JSON_DECIMALS) + 0.0
+    posture["volume_mm3"] = float(accuracy.volume[number] / MM3)
+    return posture | {"u_mm": float(accuracy.u[number] / MM)}
 
 
 def _budget(accuracy: AccuracyVolume | LengthUncertainty) -> list[dict[str, Any]]:
-    table = accuracy.budget("parameter")[["parameter", "joint", "share", "u_mm"]].astype(object)
-    return [
-        {str(k): v for k, v in row.items()}
-        for row in table.where(table.notna(), None).to_dict("records")
-    ]
+    columns = ["parameter", "joint", "share", "u_mm"]
+    table = accuracy.budget("parameter")[columns].astype(object)
+    return cast("list[dict[str, Any]]", table.where(table.notna(), None).to_dict("records"))
 
 
 def _rounded(values: Array) -> list[float]:
-    return [round(float(value), DIGITS) + 0.0 for value in values]
+    return [round(float(value), JSON_DECIMALS) + 0.0 for value in values]
 
 
 def _number(value: float) -> float | None:

@@ -10,12 +10,11 @@ from numpy.typing import NDArray
 
 from aacmm_pin._support.units import MM
 from aacmm_pin.effects import COLUMNS, Conditions
-from aacmm_pin.measurements.csv_columns import BAR
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements import BAR, Measurements
 from aacmm_pin.report.document import Document, Paragraph, Table, document_of
 from aacmm_pin.report.numbers import count
 
-FEW = 8
+VALUES_LISTED = 8
 """So many labels are shown."""
 
 
@@ -23,23 +22,19 @@ FEW = 8
 def measurements_document(records: Measurements) -> Document:
     """What a measurement file holds, column by column."""
     table, seats, bars = records.to_frame(), records.seats(), records.bars()
-    each, mm = (
-        np.array([len(rows) for rows in seats.values()]),
-        np.array([bar.length for bar in bars]) / MM,
-    )
-    shown = {
-        "records": str(records.n),
-        "joints": str(records.nq),
-        "with reference": str(records.known.sum()),
-        "seats": f"{len(seats)}, records of each: {_range(each)}" if seats else "none",
-        "bars": f"{len(bars)}, mm: {_range(mm)}" if bars else "none",
-    }
-    for name in table.columns.drop(["seat", *BAR, *records.extra.columns], errors="ignore"):
+    shown = {"records": str(records.n), "joints": str(records.nq)}
+    shown |= {"with reference": str(records.known.sum()), "seats": "none", "bars": "none"}
+    if seats:
+        each = np.array([len(rows) for rows in seats.values()])
+        shown["seats"] = f"{len(seats)}, records of each: {_range(each)}"
+    if bars:
+        mm = np.array([bar.length for bar in bars]) / MM
+        shown["bars"] = f"{len(bars)}, mm: {_range(mm)}"
+    others = [*records.extra.columns]
+    for name in table.columns.drop(["seat", *BAR, *others], errors="ignore"):
         shown[name] = _range(table[name].to_numpy())
-    if len(records.extra.columns):
-        shown["unknown columns"] = (
-            f"{', '.join(records.extra.columns)} (kept; candidates for 'depends on')"
-        )
+    if others:
+        shown["unknown columns"] = f"{', '.join(others)} (kept; candidates for 'depends on')"
     summary = pd.DataFrame({"what": list(shown), "value": list(shown.values())})
     return Document("Measurements", [str(records), Table(summary)])
 
@@ -63,7 +58,8 @@ def _range(values: NDArray[Any]) -> str:
     """Smallest and largest of numbers; number and names of labels."""
     if values.dtype == object:
         labels = [label for label in dict.fromkeys(values) if label]
-        return f"{len(labels)}: {', '.join(labels[:FEW])}{' …' if len(labels) > FEW else ''}"
+        more = " …" if len(labels) > VALUES_LISTED else ""
+        return f"{len(labels)}: {', '.join(labels[:VALUES_LISTED])}{more}"
     values = values[np.isfinite(values)]
     if not values.size:
         return "none"

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from weakref import WeakKeyDictionary
 
 from aacmm_pin._support.threads import one_blas_thread
-from aacmm_pin.calibration.cross_validation import rms
+from aacmm_pin.calibration import rms
 from aacmm_pin.calibration.shared_exclusions import LABELS
 from aacmm_pin.diagnosis import THRESHOLDS, Alias, Diagnosis, Finding, too_good
 from aacmm_pin.effects import Effect, corrects_seat, listed
-from aacmm_pin.report.diagnosis_notes import doubts_in_words
+from aacmm_pin.report.doubts import doubts_in_words
 from aacmm_pin.report.numbers import lengths
 from aacmm_pin.report.plan import advice
 
@@ -18,10 +17,6 @@ PLACE, SCALE = ("x", "y", "z", "place"), "scale"
 """Names of what :mod:`aacmm_pin.diagnosis.covariates` calls so."""
 ORDER = ("record", "time")
 """The same, of the order in which records were taken."""
-
-
-_advice: WeakKeyDictionary[Diagnosis, str] = WeakKeyDictionary()
-"""What was planned, which a page and its JSON both state."""
 
 
 @one_blas_thread
@@ -32,10 +27,10 @@ def next_measurements(result: Diagnosis) -> str:
     Where two causes are alike it plans how to distinguish them, which takes seconds, and has the
     command for that plan.
     """
-    if result not in _advice:
-        also = result.verdict == "unexplained" and result.cannot_tell_apart
-        _advice[result] = _first(result) + (f"; also: {_to_tell_sets(result)}" if also else "")
-    return _advice[result]
+    first = _first(result)
+    if result.verdict == "unexplained" and result.cannot_tell_apart:
+        return f"{first}; also: {_to_tell_sets(result)}"
+    return first
 
 
 def _first(result: Diagnosis) -> str:
@@ -171,7 +166,8 @@ def _as_held_out(result: Diagnosis) -> str:
 
 def _repeats(result: Diagnosis) -> bool:
     """Whether postures repeat."""
-    return bool(result.choice.noise.postures.count.max(initial=1.0) > 1.0)
+    counts = result.choice.noise.postures.count
+    return bool(counts.max(initial=1.0) > 1.0)
 
 
 def _and_repeat(result: Diagnosis) -> str:

@@ -16,13 +16,13 @@ IN_MM = 1e-4
 """Lengths from here on stand in mm, smaller ones in µm [m]."""
 LEAST_P = 1e-16
 """No smaller chance is told."""
-DIGITS = {"mm": "z.5f", "rad": "z.7f"}
+VALUE_FORMATS = {"mm": "z.5f", "rad": "z.7f"}
 """Formats of the values of parameters by their unit."""
 WORD = re.compile(r"[a-z]+(?:[-'’][a-z]+)*[,.:;]?(?!\S)")
 """A word of a sentence; names of causes, parameters, columns and files have other characters."""
 UNIT = re.compile(r"_(mm3|mm|deg)$")
 """The unit at the end of the name of a column."""
-UNITS = {"mm3": "mm³", "mm": "mm", "deg": "°"}
+UNIT_SYMBOLS = {"mm3": "mm³", "mm": "mm", "deg": "°"}
 
 
 def length(value: float) -> str:
@@ -37,13 +37,15 @@ def lengths(values: Iterable[float]) -> list[str]:
     rounded = [float(f"{value:.3g}") for value in values]
     unit, scale = length_unit(max(map(abs, rounded)))
     most = 4 if unit == "mm" else 3
-    digits = [
-        2 - int(np.floor(np.log10(abs(value / scale)) + 1e-9)) if value else 0 for value in rounded
-    ]
-    return [
-        f"{value / scale:z.{min(most, max(0, n))}f} {unit}"
-        for value, n in zip(rounded, digits, strict=True)
-    ]
+    return [f"{_three_digits(value / scale, most)} {unit}" for value in rounded]
+
+
+def _three_digits(value: float, most: int) -> str:
+    """A number with three digits, and at most so many decimals."""
+    if not value:
+        return "0"
+    before = int(np.floor(np.log10(abs(value)) + 1e-9))
+    return f"{value:z.{min(most, max(0, 2 - before))}f}"
 
 
 def length_unit(largest: float) -> tuple[str, float]:
@@ -70,7 +72,10 @@ def in_one_unit(*frames: pd.DataFrame) -> list[pd.DataFrame]:
 def head(name: str) -> str:
     """The name of a column as people read it: ``shortest_low_mm`` as ``shortest low [mm]``."""
     unit = UNIT.search(name)
-    return name if unit is None else f"{name[: unit.start()].replace('_', ' ')} [{UNITS[unit[1]]}]"
+    if unit is None:
+        return name
+    words = name[: unit.start()].replace("_", " ")
+    return f"{words} [{UNIT_SYMBOLS[unit[1]]}]"
 
 
 def spread(frame: pd.DataFrame, over: str) -> pd.DataFrame:
@@ -97,7 +102,9 @@ def capital(text: str) -> str:
     """The text with a capital letter in front; as it is where its first word is a name, such as
     ``theta_offset3``.
     """
-    return f"{text[:1].upper()}{text[1:]}" if WORD.match(text) else text
+    if not WORD.match(text):
+        return text
+    return f"{text[:1].upper()}{text[1:]}"
 
 
 def p_value(value: float) -> str:
@@ -112,8 +119,10 @@ def p_equals(value: float) -> str:
 
 def quantity(value: float, unit: str) -> str:
     """The value of a parameter [SI] with all its digits: ``700.95000 mm``, ``0.0100000 rad``."""
-    value, unit = (value / MM, "mm") if unit == "m" else (value, unit)
-    return f"{value:{DIGITS.get(unit, '.6g')}} {unit}".removesuffix(" 1")
+    if unit == "m":
+        value, unit = value / MM, "mm"
+    form = VALUE_FORMATS.get(unit, ".6g")
+    return f"{value:{form}} {unit}".removesuffix(" 1")
 
 
 def small(value: float, unit: str) -> str:
@@ -128,14 +137,18 @@ def small_unit(unit: str, largest: float = 0.0) -> tuple[str, float]:
     """The unit of changes, up to ``largest``, of a parameter whose value has ``unit``; how many of
     it make one of that.
     """
-    if unit not in ("m", "mm") and not unit.startswith("rad"):
+    if unit in ("m", "mm"):
+        name, factor = "µm", 1e3 if unit == "mm" else 1e6
+    elif unit.startswith("rad"):
+        name, factor = f"µ{unit}", 1e6
+    else:
         return "ppm" + unit.removeprefix("1"), 1e6
-    name, factor = (
-        ("µm", 1e3 if unit == "mm" else 1e6) if unit in ("m", "mm") else (f"µ{unit}", 1e6)
-    )
-    return (f"m{name[1:]}", factor / 1e3) if abs(largest) * factor >= LARGE else (name, factor)
+    if abs(largest) * factor >= LARGE:
+        return f"m{name[1:]}", factor / 1e3
+    return name, factor
 
 
 def vector(values: Iterable[float], form: str = "z.4g") -> str:
     """``(0, 0, -9.81)``."""
-    return "(" + ", ".join(f"{round(value, 12):{form}}" for value in values) + ")"
+    numbers = [f"{round(value, 12):{form}}" for value in values]
+    return f"({', '.join(numbers)})"

@@ -7,7 +7,7 @@ import pandas as pd
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import MM
-from aacmm_pin.arm.file import COVERAGE_FACTOR
+from aacmm_pin.arm import COVERAGE_FACTOR
 from aacmm_pin.calibration import Calibration
 from aacmm_pin.report.numbers import quantity, small_unit
 
@@ -42,22 +42,15 @@ def readable_parameters(result: Calibration) -> pd.DataFrame:
     """
     table = parameter_table(result)
     largest = table[["change", "stated", "U"]].abs().max(axis=1)
-    small = [small_unit(unit, most) for unit, most in zip(table["unit"], largest, strict=True)]
+    units = [*map(small_unit, table["unit"], largest)]
     together = table["known"] == "in combination"
-    values = [
-        quantity(value, unit) for value, unit in zip(table["after"], table["unit"], strict=True)
-    ]
-    readable = {
-        "parameter": table["parameter"],
-        "value": np.where(together, "–", values),
-        "in": [unit for unit, _ in small],
-    }
+    values = [*map(quantity, table["after"], table["unit"])]
+    readable = table[["parameter"]].assign(value=np.where(together, "–", values))
+    readable["in"] = [unit for unit, _ in units]
+    factors = np.array([factor for _, factor in units])
     shown = table.assign(change=table["change"].where(~together))
-    readable |= {
-        name: shown[name] * [factor for _, factor in small]
-        for name in ("change", "stated", "u", "U")
-    }
-    return pd.DataFrame(readable | {"known": table["known"], "beyond": table["beyond"]})
+    numbers = shown[["change", "stated", "u", "U"]].mul(factors, axis=0)
+    return pd.concat([readable, numbers, table[["known", "beyond"]]], axis=1)
 
 
 def decimals(table: pd.DataFrame) -> str:
@@ -66,4 +59,5 @@ def decimals(table: pd.DataFrame) -> str:
     """
     u = table["u"].to_numpy()
     smaller = float(np.quantile(u[u > 0], 0.25)) if (u > 0).any() else 1.0
-    return f"z.{min(6, max(1, 1 - int(np.floor(np.log10(smaller)))))}f"
+    before = int(np.floor(np.log10(smaller)))
+    return f"z.{min(6, max(1, 1 - before))}f"

@@ -2,57 +2,57 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 
-from aacmm_pin.arm.file import bundled_arms
+from aacmm_pin._support.units import MM
+from aacmm_pin.arm import Arm, bundled_arms
 from aacmm_pin.effects import GivenCause, GivenModel, text_of
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.measurements.records import Measurements
-from aacmm_pin.planning import MeasurementPlan, Reference, plan_measurements
+from aacmm_pin.measurements import Measurements
+from aacmm_pin.planning import MeasurementPlan, Reference, Tried, plan_measurements
 from aacmm_pin.report.calibration_plan import where_to_go
 from aacmm_pin.report.document import Bullets, Document, Notes, Paragraph, Table, document_of
 
+RIGHT = "probability of the right decision"
+USUAL = {"reference": "free", "reference_frame": "base", "target": "tip"}
+"""Keywords of a plan whose option need not be written with these values."""
 QUICK = 200
 """Postures that are enough to state whether a plan would help; the plan itself has more."""
 LEAST_CHANGE = 0.005
 """A probability of a right decision that grows by less is not worth new records."""
-MOST_PAIRS = 8
+PAIRS_LISTED = 8
 """Pairs of causes that are listed; the JSON has all."""
 
 
 @document_of.register
 def plan_document(plan: MeasurementPlan) -> Document:
     """The plan; its records stand in :attr:`MeasurementPlan.records`."""
-    tried = [
-        {
-            "set-up": one.words,
-            "T": one.power.least,
-            "probability of the right decision": None if one.why_not else one.power.probability,
-            "why not": one.why_not,
-        }
-        for one in plan.tried
-    ]
+    tried = [*map(_tried, plan.tried)]
     considered = pd.DataFrame(tried if len(tried) > 1 else [])
-    forms = {"T": ".3g", "probability of the right decision": ".2f"}
+    forms = {"T": ".3g", RIGHT: ".2f"}
+    pairs = "Distinguished worst, of the pairs that these postures can distinguish"
     return Document(
         "Plan",
         [
             Paragraph(str(plan), head="Plan:"),
             Bullets(plan.set_up, "Set-up, besides postures:"),
             Table(considered, "Set-ups that were considered", forms),
-            Table(
-                _pairs(plan),
-                "Told apart worst, of what these postures can tell apart",
-                forms,
-                most=MOST_PAIRS,
-            ),
+            Table(_pairs(plan), pairs, forms, most=PAIRS_LISTED),
             *where_to_go(plan),
             Notes(plan.notes),
         ],
     )
+
+
+def _tried(tried: Tried) -> dict[str, Any]:
+    chance = None if tried.why_not else tried.power.probability
+    row = {"set-up": tried.words, "T": tried.power.least, RIGHT: chance}
+    return row | {"why not": tried.why_not}
 
 
 def _pairs(plan: MeasurementPlan) -> pd.DataFrame:
@@ -61,8 +61,9 @@ def _pairs(plan: MeasurementPlan) -> pd.DataFrame:
     """
     if plan.pairs is None:
         return pd.DataFrame()
-    heads = {"cause": "cause", "other": "from", "T": "T", "told": "told apart"}
-    return plan.pairs.loc[plan.pairs["why_not"] == "", [*heads]].rename(columns=heads)
+    heads = {"cause": "cause", "other": "from", "T": "T", "told": "distinguished"}
+    open_ = plan.pairs["why_not"] == ""
+    return plan.pairs.loc[open_, [*heads]].rename(columns=heads)
 
 
 def plan_line(plan: MeasurementPlan) -> str:
@@ -98,8 +99,13 @@ def _more(plan: MeasurementPlan) -> str:
     return "" if plan.enough is None else f"; about {plan.enough} new records{beside} would decide"
 
 
-def plan_advice(plan: MeasurementPlan) -> str:
-    """What to do to distinguish the two causes of a plan, and the command that plans it."""
+def plan_advice(plan: MeasurementPlan, options: Sequence[str] = ()) -> str:
+    """What to do to distinguish the two causes of a plan, and the command that plans it.
+
+    Args:
+        plan: the plan.
+        options: of the command, besides the causes and the number of records.
+    """
     one, other = plan.split
     if plan.after.same:
         pair = f"{one.label} from {other.label}"
@@ -118,17 +124,17 @@ def plan_advice(plan: MeasurementPlan) -> str:
     where = f", and {plan.setup}" if plan.set_up else ""
     return (
         f"to distinguish {one.label} from {other.label}, measure {len(plan.records)} records where "
-        f"the two differ most{where}: {_command(plan)} "
+        f"the two differ most{where}: {_command(plan, options)} "
         f"(the probability of a right decision goes {odds})"
     )
 
 
-def _command(plan: MeasurementPlan) -> str:
+def _command(plan: MeasurementPlan, asked: Sequence[str]) -> str:
     """The command that makes such a plan."""
     one, other = map(text_of, plan.split)
     name = plan.model.arm.name.lower()
     arm = name if name in bundled_arms() else "ARM.toml"
-    options = [*plan.options, *(["--set-up-arm set_up.toml"] if plan.changes_arm else [])]
+    options = [*asked, "--set-up-arm set_up.toml"] if plan.changes_arm else asked
     count = f"--records {len(plan.records)}"
     words = ["aacmm-pin plan", arm, f"--split {one} {other}", count, *options, "-o plan.csv"]
     return " ".join(words)
@@ -153,9 +159,37 @@ def advice(
     """
     seat = existing.conditions.seat
     reference: Reference = "seats" if seat is not None and np.mean(seat != "") > 0.5 else "free"
-    options: dict[str, Any] = {"reference": reference, "postures": QUICK, "progress": False} | setup
+    asked: dict[str, Any] = {"reference": reference} | setup
     try:
-        return plan_advice(plan_measurements(model, split, existing=existing, **options))
+        plan = plan_measurements(
+            model, split, existing=existing, postures=QUICK, progress=False, **asked
+        )
+        return plan_advice(plan, _options(plan.model.arm, asked))
     except AacmmError as error:
         one, other = (cause if isinstance(cause, str) else cause.key for cause in split)
         return f"no records could be planned that distinguish {one} from {other}: {error}"
+
+
+def _options(arm: Arm, asked: Mapping[str, Any]) -> list[str]:
+    """Options of the command ``aacmm-pin plan`` that ask for the same, as far as they can."""
+    values = {name: asked.get(name, usual) for name, usual in USUAL.items()}
+    unusual = [name for name, usual in USUAL.items() if values[name] != usual]
+    options = [f"--{name.replace('_', '-')} {values[name]}" for name in unusual]
+    for name in ("reference", "probe"):
+        noise = asked.get(f"{name}_noise")
+        if noise is not None:
+            options.append(f"--{name}-noise-mm {noise / MM:g}")
+    options += _encoder_option(arm, asked.get("encoder_noise"))
+    if not asked.get("prior", True):
+        options.append("--no-prior")
+    return options
+
+
+def _encoder_option(arm: Arm, noise: ArrayLike | None) -> list[str]:
+    """The noise of readings [rad], if it is one number and not that of the arm."""
+    readings = np.empty(0) if noise is None else np.unique(noise)
+    stated = arm.encoder_noise
+    known = stated is not None and np.array_equal(readings, np.unique(stated))
+    if readings.size != 1 or known:
+        return []
+    return [f"--encoder-noise-rad {readings[0]:g}"]

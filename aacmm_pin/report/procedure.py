@@ -8,8 +8,9 @@ import pandas as pd
 from matplotlib.figure import Figure as Drawing
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin.postures.articulation import places
+from aacmm_pin.postures import places
 from aacmm_pin.report.document import (
+    Block,
     Bullets,
     Document,
     Download,
@@ -20,17 +21,16 @@ from aacmm_pin.report.document import (
 )
 from aacmm_pin.report.plots.style import BLUE, GREEN, GREY, VERMILLION
 from aacmm_pin.report.plots.two_views import two_views
-from aacmm_pin.verification import Procedure
-from aacmm_pin.verification.characteristics import ASME, EDITIONS, RULE_OF
+from aacmm_pin.verification import ASME, EDITIONS, RULE_OF, Procedure
 
-KINDS = {
+ARTEFACTS = {
     "sphere": ("sphere", BLUE),
     "single-point": ("seat", GREEN),
     "length": ("length bar", VERMILLION),
     "volumetric": ("ball bar", GREY),
 }
 """What stands in the room for the tests that begin so, and its colour."""
-SAME = {
+ARTEFACT_OF_TEST = {
     "location": "sphere",
     "effective-diameter": "sphere",
     "length-uni": "length",
@@ -48,6 +48,10 @@ ZONES = "0 to 20, 20 to 80 and 80 to 100 % of the reach by public descriptions"
 """Where the points of ASME B89.4.22 stand; the standard's text rules. Touches do not say whether
 they did.
 """
+POSITIONS = (
+    "Positions: distance from the stand, bearing, height; of a bar those of A, and of its far end"
+)
+ONE_ROW = "Consecutive touches in one articulation are one row"
 FILL_IN = (
     "Line numbers are those of the CSV file. Make the touches in its order, and tick each row.",
     "Fill in x_mm, y_mm, z_mm (centre of the probe, by the arm's software), or theta1_deg … "
@@ -69,36 +73,23 @@ FILL_IN = (
 def procedure_document(procedure: Procedure) -> Document:
     """The sheet, with the CSV to be filled in inside."""
     tests = set(procedure.touches["test"])
-    zones = f"Seats stand at {ZONES} of {EDITIONS[ASME]}." * ("single-point" in tests)
+    seats = f"Seats stand at {ZONES} of {EDITIONS[ASME]}." if "single-point" in tests else ""
     seed = "" if procedure.seed is None else f", seed {procedure.seed}"
+    views = Figure(
+        lambda: procedure_views(procedure),
+        "Spheres, seats and bars round the arm, from above and from the side",
+        "The arm in one of the postures (black), and where everything stands; the bars one after "
+        "the other.",
+    )
+    things: list[Block] = [Heading("Where things stand"), views]
+    things.append(Table(_sizes(procedure), "What is touched, and with what", detail=True))
+    things.append(Table(_stands(procedure), POSITIONS, explained=seats))
+    touches: list[Block] = [Heading("Touches, in order"), Bullets(FILL_IN)]
+    touches.append(Table(_steps(procedure), ONE_ROW, detail=True))
+    file = Download("touches.csv", "the file to be filled in", procedure.csv().encode())
     return Document(
         f"Acceptance test of {procedure.arm.name}: what to touch",
-        [
-            ORIGIN,
-            f"{procedure}.",
-            Heading("Where things stand"),
-            Figure(
-                lambda: procedure_views(procedure),
-                "Spheres, seats and bars round the arm, from above and from the side",
-                "The arm in one of the postures (black), and where everything stands; the bars "
-                "one after the other.",
-            ),
-            Table(_sizes(procedure), "What is touched, and with what", detail=True),
-            Table(
-                _stands(procedure),
-                "Positions: distance from the stand, bearing, height; of a bar those of A, and of "
-                "its far end",
-                explained=zones,
-            ),
-            Heading("Touches, in order"),
-            Bullets(FILL_IN),
-            Table(
-                _steps(procedure),
-                "Consecutive touches in one articulation are one row",
-                detail=True,
-            ),
-            Download("touches.csv", "the file to be filled in", procedure.csv().encode()),
-        ],
+        [ORIGIN, f"{procedure}.", *things, *touches, file],
         f"{len(procedure.touches)} touches{seed}",
         by_hand=("Date", "Operator", "Instrument, serial number", "Temperature [°C]"),
     )
@@ -108,36 +99,32 @@ def _ends(procedure: Procedure) -> pd.DataFrame:
     """One row for each place of an artefact, and one more for the far end of a bar: kind, position,
     end, x, y, z [m].
     """
-    table = procedure.touches[["test", "position", "feature"]].assign(
-        **dict(zip("xyz", procedure.points.T, strict=True))
-    )
-    table["kind"] = table["test"].replace(SAME)
+    names = ["test", "position", "feature"]
+    points = pd.DataFrame(procedure.points, columns=[*"xyz"])
+    table = procedure.touches[names].reset_index(drop=True).join(points)
+    table["kind"] = table["test"].replace(ARTEFACT_OF_TEST)
     rows = []
     for (kind, position), touches in table.groupby(["kind", "position"], sort=False):
+        features = [touches["feature"].iloc[0]]
         barred = kind in ("length", "volumetric")
-        ends = (
-            [touches["feature"].iloc[0], touches["feature"].iloc[-1]]
-            if barred
-            else [touches["feature"].iloc[0]]
-        )
-        for end in ends:
-            at = touches.loc[touches["feature"] == end, ["x", "y", "z"]].mean()
-            rows.append(
-                {"kind": kind, "position": position, "end": end if barred else ""} | at.to_dict()
-            )
+        if barred:
+            features.append(touches["feature"].iloc[-1])
+        for feature in features:
+            at = touches.loc[touches["feature"] == feature, [*"xyz"]].mean()
+            place = {"kind": kind, "position": position, "end": feature if barred else ""}
+            rows.append(place | at.to_dict())
     return pd.DataFrame(rows)
 
 
 def _stands(procedure: Procedure) -> pd.DataFrame:
     """One row for each place of an artefact, that of its far end behind."""
     ends = _ends(procedure)
-    where = places(procedure.arm, ends[["x", "y", "z"]].to_numpy()).set_axis(
-        ["away [mm]", "bearing [°]", "height [mm]"], axis=1
-    )
+    heads = ["away [mm]", "bearing [°]", "height [mm]"]
+    where = places(procedure.arm, ends[[*"xyz"]].to_numpy()).set_axis(heads, axis=1)
     table = ends[["kind", "position", "end"]].join(where.map(lambda value: f"{value:z.0f}"))
-    table["kind"] = table["kind"].replace({kind: name for kind, (name, _) in KINDS.items()})
+    table["kind"] = table["kind"].map({kind: name for kind, (name, _) in ARTEFACTS.items()})
     again = table.duplicated(["kind", "position"])
-    far = table[again].rename(columns={name: f"far {name}" for name in ("end", *where)})
+    far = table[again].rename(columns={name: f"far {name}" for name in ("end", *heads)})
     near = table[~again].drop(columns="end").merge(far, "left", on=["kind", "position"])
     return near.rename(columns={"kind": "what"}).fillna("")
 
@@ -160,28 +147,26 @@ def _sizes(procedure: Procedure) -> pd.DataFrame:
 
 def _steps(procedure: Procedure) -> pd.DataFrame:
     """Consecutive touches of one feature in one articulation as one row."""
-    touches = (
-        procedure.touches.astype({"repeat": "string"}).fillna({"repeat": ""}).reset_index(drop=True)
-    )
-    repeat = (", repeat " + touches["repeat"]).where(touches["repeat"] != "", "")
-    rows = touches[["feature", "articulation"]].assign(
-        test=touches["test"] + " " + touches["position"] + repeat
-    )
-    steps = rows.groupby((rows != rows.shift()).any(axis=1).cumsum(), sort=False)
+    touches = procedure.touches.reset_index(drop=True)
+    repeat = touches["repeat"].astype("string").fillna("")
+    repeat = (", repeat " + repeat).where(repeat != "", "")
+    test = touches["test"] + " " + touches["position"] + repeat
+    rows = touches[["feature", "articulation"]].assign(test=test)
+    new = (rows != rows.shift()).any(axis=1)
+    steps = rows.groupby(new.cumsum(), sort=False)
     count, first = steps.size(), steps.first()
     last = count.cumsum() + 1  # the head of the file is line 1
     lines = [f"{b}" if n == 1 else f"{b - n + 1} to {b}" for n, b in zip(count, last, strict=True)]
-    touch = (count.astype(str) + " × ").where(count > 1, "") + first["feature"]
-    return pd.DataFrame(
-        {"done": "☐", "lines": lines, "test": first["test"], "touch": touch}
-    ).assign(articulation=first["articulation"])
+    times = (count.astype(str) + " × ").where(count > 1, "")
+    table = pd.DataFrame({"done": "☐", "lines": lines, "test": first["test"]})
+    return table.assign(touch=times + first["feature"], articulation=first["articulation"])
 
 
 def procedure_views(procedure: Procedure) -> Drawing:
     """What stands where, from above and from the side."""
     groups: dict[str, tuple[str, list[tuple[str, Array]]]] = {}
     for (kind, position), place in _ends(procedure).groupby(["kind", "position"], sort=False):
-        name, colour = KINDS[str(kind)]
+        name, colour = ARTEFACTS[str(kind)]
         label = "" if kind == "volumetric" else str(position)
         groups.setdefault(name, (colour, []))[1].append((label, place[["x", "y", "z"]].to_numpy()))
     return two_views(procedure.arm, procedure.q[:1], groups)

@@ -13,10 +13,10 @@ import pandas as pd
 
 from aacmm_pin._support.checks import Array, Mask
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.calibration.fit import Fit
+from aacmm_pin.calibration import Fit
 from aacmm_pin.effects import Labels
 
-BINS = 4
+RANGES_OF_A_NUMBER = 4
 """Ranges into which joints, time and temperature are divided, with as many records in each."""
 
 
@@ -123,7 +123,7 @@ def _numbers(fit: Fit) -> Iterator[tuple[str, Array, Unit]]:
 
 def _ranges(name: str, values: Array, unit: Unit) -> Iterator[tuple[str, str, Mask]]:
     """Ranges of a number with as many records in each."""
-    quantiles = np.linspace(0, 1, BINS + 1)
+    quantiles = np.linspace(0, 1, RANGES_OF_A_NUMBER + 1)
     edges = np.unique(np.quantile(values, quantiles))
     for low, high in itertools.pairwise(edges):
         below = values <= high if high == edges[-1] else values < high

@@ -11,7 +11,6 @@ from __future__ import annotations
 from pathlib import Path
 
 from aacmm_pin._support.output_files import whole_file
-from aacmm_pin._support.text_escaping import encodable
 from aacmm_pin.report import (
     acceptance,
     acceptance_prediction,
@@ -31,7 +30,8 @@ from aacmm_pin.report import (
     structure_shapes,
 )
 from aacmm_pin.report.document import document_of
-from aacmm_pin.report.html import fragment, page
+from aacmm_pin.report.formats import content, require_format
+from aacmm_pin.report.formats.html import fragment
 
 __all__ = [
     "acceptance",
@@ -50,8 +50,8 @@ __all__ = [
     "plots",
     "procedure",
     "residual_tables",
-    "save",
     "structure_shapes",
+    "write",
 ]
 
 
@@ -64,13 +64,15 @@ def html_of(result: object) -> str:
     return fragment(document_of(result))
 
 
-def save(result: object, path: str | Path, force: bool = False) -> None:
-    """Write the HTML page of a result, as ``save(found, "report.html")`` of a diagnosis or a
-    calibration.
+def write(result: object, path: str | Path, force: bool = False) -> None:
+    """Write the document of a result, as ``write(found, "report.html")``; the end of the name
+    chooses its format, see :mod:`aacmm_pin.report.formats`.
 
     Raises:
-        OutputError: the file exists and ``force`` is not given, or it cannot be written.
+        OutputError: the file exists and ``force`` is not given, it cannot be written, or there is
+            no format for its name.
         TypeError: the class of the result has no document.
     """
+    require_format(path)
     with whole_file(path, force) as temporary:
-        temporary.write_text(encodable(page(document_of(result))), encoding="utf-8")
+        temporary.write_bytes(content(document_of(result), path))

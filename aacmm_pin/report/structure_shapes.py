@@ -39,12 +39,10 @@ def _shape(choice: Choice, block: int) -> pd.DataFrame:
 
 def _axes(design: Design, block: int, way: Carried, count: int) -> Array:
     """Shift of the tip for one unit of each quantity (n, 3, quantities)."""
-    strongest = np.argmax(
-        np.abs(way.functions), axis=1
-    )  # a column is a function times the shift; divide by one that is there
+    row = np.arange(len(way.functions))
+    # a column is a function times the shift; divide by one that is there
+    strongest = np.argmax(np.abs(way.functions), axis=1)
     of_tips = design.columns(block)[:, :3]
-    own = (of_tips / design.scales[design.blocks[block].columns]).reshape(
-        len(strongest), 3, -1, count
-    )
-    row = np.arange(len(strongest))
-    return np.asarray(own[row, :, strongest] / way.functions[row, strongest][:, None, None])
+    unscaled = of_tips / design.scales[design.blocks[block].columns]
+    own = unscaled.reshape(len(row), 3, -1, count)[row, :, strongest]
+    return np.asarray(own / way.functions[row, strongest][:, None, None])

@@ -22,7 +22,7 @@ GAP = 2
 """Columns of the terminal beside each column of a table."""
 SPARE = 28
 """A column of a table that is spare stands where there is room for so many characters."""
-LONGEST = 40
+LONGEST_WORD = 40
 """Longer words are broken."""
 LABEL = re.compile(r"[a-z_]+:?\w*")
 """A cause and its place, a parameter."""
@@ -101,7 +101,10 @@ def _columns(cells: pd.DataFrame, width: int) -> list[Column]:
 
 
 def _widths(cells: pd.DataFrame) -> list[int]:
-    return [max(map(cell_len, map(str, (head, *texts)))) for head, texts in cells.items()]
+    widths = []
+    for head, texts in cells.items():
+        widths.append(max(cell_len(str(text)) for text in (head, *texts)))
+    return widths
 
 
 def _least(head: str, texts: list[str], kept: str) -> int:
@@ -109,5 +112,6 @@ def _least(head: str, texts: list[str], kept: str) -> int:
     are in one piece.
     """
     in_one = are_numbers(texts) or all(LABEL.fullmatch(text) for text in texts)
-    words = texts if in_one else [word for text in texts for word in re.findall(kept, text)]
-    return max([*map(cell_len, head.split()), *(min(LONGEST, cell_len(word)) for word in words)])
+    words = texts if in_one else re.findall(kept, "\n".join(texts))
+    lengths = [min(LONGEST_WORD, cell_len(word)) for word in words]
+    return max([*map(cell_len, head.split()), *lengths])

@@ -2,12 +2,37 @@
 planned, predicted, judged.
 """
 
-from aacmm_pin.verification.accept import AcceptanceResult, accept
-from aacmm_pin.verification.history import ControlChart, History
-from aacmm_pin.verification.prediction import PredictedAcceptance, predict_acceptance
-from aacmm_pin.verification.procedure import Procedure, acceptance_procedure
+from aacmm_pin.verification.accept import (
+    GUARD_BAND_FACTOR,
+    LONGEST_PART,
+    AcceptanceResult,
+    accept,
+    shown_verdict,
+)
+from aacmm_pin.verification.characteristics import ASME, EDITIONS, RULE_OF
+from aacmm_pin.verification.history import (
+    LEAST_CHECKS,
+    PER_MOVING_RANGE,
+    ControlChart,
+    History,
+    in_utc,
+)
+from aacmm_pin.verification.prediction import RUNS, PredictedAcceptance, predict_acceptance
+from aacmm_pin.verification.probed_points import AS_GIVEN, brief
+from aacmm_pin.verification.procedure import PROBE, SPHERE, Procedure, acceptance_procedure
 
 __all__ = [
+    "ASME",
+    "AS_GIVEN",
+    "EDITIONS",
+    "GUARD_BAND_FACTOR",
+    "LEAST_CHECKS",
+    "LONGEST_PART",
+    "PER_MOVING_RANGE",
+    "PROBE",
+    "RULE_OF",
+    "RUNS",
+    "SPHERE",
     "AcceptanceResult",
     "ControlChart",
     "History",
@@ -15,5 +40,8 @@ __all__ = [
     "Procedure",
     "accept",
     "acceptance_procedure",
+    "brief",
+    "in_utc",
     "predict_acceptance",
+    "shown_verdict",
 ]

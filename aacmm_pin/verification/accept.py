@@ -8,7 +8,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -23,12 +23,12 @@ from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements import measurement_file
 from aacmm_pin.verification.characteristics import DEFINITIONS, Definition, definitions
 from aacmm_pin.verification.doubts import check_unit, doubts
-from aacmm_pin.verification.evaluators import LENGTH, Evaluated, without_value
+from aacmm_pin.verification.evaluators import LENGTH_KEY, Evaluated, without_value
 from aacmm_pin.verification.places import Place
 from aacmm_pin.verification.probed_points import read_file
 
 ACCEPTANCE_SCHEMA = "aacmm-pin/acceptance/1"
-COVERAGE = 2.0
+GUARD_BAND_FACTOR = 2.0
 """Coverage factor of the guard band U = 2 u: the rule of ISO 14253-1:1998 and 2013. The default of
 ISO 14253-1:2017, a probability of 95 % at one limit, is a guard band of 1.65 u: with U fewer
 verdicts are conformity or non-conformity.
@@ -46,10 +46,9 @@ IN_RANGE = ("length-uni", "length-bi")
 """The tests whose longest length that is."""
 MOST_LACKING = 3
 """So many of what is missing are named."""
-SINGULAR = {"touches": "touch", "lengths": "length"}
+SINGULAR_NOUN = {"touches": "touch", "lengths": "length"}
 
 Verdict = Literal["conformity", "non-conformity", "neither"]
-VERDICTS = get_args(Verdict)
 SHOWN_AS: dict[str, str] = {"neither": "inconclusive"}
 """What a reader sees in the place of a verdict, which files keep."""
 WORST_FIRST: tuple[Verdict, ...] = ("non-conformity", "neither", "conformity")
@@ -79,9 +78,10 @@ class AcceptanceFigure:
         """Which touches make the largest error; None where there is none, or all touches
         make it.
         """
-        return (
-            self.places[int(np.abs(self.evaluated.errors[:, 0]).argmax())] if self.places else None
-        )
+        if not self.places:
+            return None
+        sizes = np.abs(self.evaluated.errors[:, 0])
+        return self.places[int(sizes.argmax())]
 
     @property
     def verdict(self) -> Verdict | None:
@@ -91,11 +91,9 @@ class AcceptanceFigure:
         A largest error conforms where each error does, and does not where one of them does not: the
         largest of them need not be the one that decides, since each has a U of its own.
         """
-        return (
-            None
-            if math.isnan(self.evaluated.value) or math.isnan(self.mpe)
-            else _verdict(*self._sizes, self.mpe)
-        )
+        if math.isnan(self.evaluated.value) or math.isnan(self.mpe):
+            return None
+        return _verdict(*self._sizes, self.mpe)
 
     def row(self) -> dict[str, Any]:
         """The columns of a table of them, lengths in mm; nan where there is no number."""
@@ -103,13 +101,14 @@ class AcceptanceFigure:
         row: dict[str, Any] = {"coordinates": self.source, "figure": definition.name}
         row |= {"standard": definition.standard, "test": definition.test_name}
         row |= {"definition": definition.text, "value_mm": evaluated.value / MM}
-        row |= {
-            "U_mm": COVERAGE * evaluated.u / MM,
-            "mpe_mm": self.mpe / MM,
-            "verdict": self.verdict,
+        row |= {"U_mm": GUARD_BAND_FACTOR * evaluated.u / MM, "mpe_mm": self.mpe / MM}
+        row["verdict"] = self.verdict
+        row["where"] = "" if self.where is None else str(self.where)
+        return row | {
+            "had": evaluated.had,
+            "counted": definition.counted,
+            "missing": self.missing,
         }
-        row |= {"where": "" if self.where is None else str(self.where), "had": evaluated.had}
-        return row | {"counted": definition.counted, "missing": self.missing}
 
     def to_dict(self) -> dict[str, Any]:
         """The same for JSON: None where there is no number, and where the largest error is by
@@ -124,12 +123,13 @@ class AcceptanceFigure:
     def _sizes(self) -> tuple[Array, Array]:
         """Magnitude and U of each error of which this is the largest (n,) [m]."""
         errors = self.evaluated.errors
-        return np.abs(errors[:, 0]), COVERAGE * np.nan_to_num(errors[:, 1])
+        return np.abs(errors[:, 0]), GUARD_BAND_FACTOR * np.nan_to_num(errors[:, 1])
 
     @property
     def stated(self) -> int:
         """Of how many errors of which this is the largest a u is stated."""
-        return int(np.isfinite(self.evaluated.errors[:, 1]).sum())
+        uncertainties = self.evaluated.errors[:, 1]
+        return int(np.isfinite(uncertainties).sum())
 
     @property
     def decided_by(self) -> tuple[float, float, int] | None:
@@ -140,26 +140,28 @@ class AcceptanceFigure:
         largest = int(size.argmax())
         if self.verdict == _verdict(size[[largest]], guard[[largest]], self.mpe):
             return None
-        other = int((size - guard if self.verdict == "non-conformity" else size + guard).argmax())
-        return None if other == largest else (float(size[other]), float(guard[other]), other)
+        sign = -1.0 if self.verdict == "non-conformity" else 1.0
+        other = int((size + sign * guard).argmax())
+        if other == largest:
+            return None
+        return float(size[other]), float(guard[other]), other
 
     @property
     def missing(self) -> str:
         """What is missing, in words; "" where nothing is."""
-        few, counted, lacking = (
-            self.evaluated.missing,
-            self.definition.counted,
-            self.evaluated.lacking,
-        )
-        text = (
-            f"{few} {counted if few > 1 else SINGULAR[counted]}"
-            if few
-            else self.evaluated.why_incomplete
-        )
+        text, lacking = self._lack, self.evaluated.lacking
         if not lacking:
             return text
         more = ["…"] if len(lacking) > MOST_LACKING else []
         return f"{text}: {'; '.join([*lacking[:MOST_LACKING], *more])}"
+
+    @property
+    def _lack(self) -> str:
+        """How many touches or lengths are missing, or why there is no value."""
+        number, counted = self.evaluated.missing, self.definition.counted
+        if not number:
+            return self.evaluated.why_incomplete
+        return f"{number} {counted if number > 1 else SINGULAR_NOUN[counted]}"
 
 
 def shown_verdict(verdict: str | None) -> str:
@@ -171,6 +173,17 @@ def _verdict(size: Array, guard: Array, mpe: float) -> Verdict:
     if (size + guard <= mpe).all():
         return "conformity"
     return "non-conformity" if (size - guard > mpe).any() else "neither"
+
+
+def _worst(
+    figures: Sequence[AcceptanceFigure],
+) -> tuple[Verdict | None, tuple[AcceptanceFigure, ...]]:
+    """The worst verdict, and the figures that have it; one without a value counts as neither."""
+    for verdict in WORST_FIRST:
+        having = tuple(figure for figure in figures if (figure.verdict or "neither") == verdict)
+        if having:
+            return verdict, having
+    return None, ()
 
 
 @dataclass(frozen=True)
@@ -209,20 +222,13 @@ class AcceptanceResult(Shown):
 
         A figure with an MPE and no value counts as neither.
         """
-        found: dict[str, tuple[Verdict | None, tuple[AcceptanceFigure, ...]]] = {}
-        for source in dict.fromkeys(f.source for f in self.figures):
-            by_verdict: dict[Verdict, list[AcceptanceFigure]] = {
-                verdict: [] for verdict in WORST_FIRST
-            }
-            for figure in self._with_mpe(source):
-                by_verdict[figure.verdict or "neither"].append(figure)
-            worst = next((verdict for verdict, figures in by_verdict.items() if figures), None)
-            found[source] = worst, () if worst is None else tuple(by_verdict[worst])
-        return found
+        sources = dict.fromkeys(figure.source for figure in self.figures)
+        return {source: _worst(self._with_mpe(source)) for source in sources}
 
     def _with_mpe(self, source: str) -> list[AcceptanceFigure]:
         """The figures of one set of coordinates that have an MPE."""
-        return [f for f in self.figures if f.source == source and not math.isnan(f.mpe)]
+        own = (figure for figure in self.figures if figure.source == source)
+        return [figure for figure in own if not math.isnan(figure.mpe)]
 
     def __str__(self) -> str:
         texts = {source: self._in_words(source, *found) for source, found in self.overall.items()}
@@ -251,17 +257,12 @@ class AcceptanceResult(Shown):
         for source, (verdict, by) in self.overall.items():
             names = [figure.definition.name for figure in by]
             overall.append({"coordinates": source, "verdict": verdict, "decided_by": names})
-        longest = {test: length / MM for test, length in self.longest.items()}
-        return {
-            "schema": ACCEPTANCE_SCHEMA,
-            "source": self.path,
-            "coverage_factor": COVERAGE,
-            "overall": overall,
-            "figures": [figure.to_dict() for figure in self.figures],
-            "measuring_range_mm": self.measuring_range and self.measuring_range / MM,
-            "longest_length_mm": longest,
-            **notes_in_json(self.notes),
-        }
+        summary: dict[str, Any] = {"schema": ACCEPTANCE_SCHEMA, "source": self.path}
+        summary |= {"coverage_factor": GUARD_BAND_FACTOR, "overall": overall}
+        summary["figures"] = [figure.to_dict() for figure in self.figures]
+        summary["measuring_range_mm"] = self.measuring_range and self.measuring_range / MM
+        summary["longest_length_mm"] = {test: size / MM for test, size in self.longest.items()}
+        return summary | notes_in_json(self.notes)
 
 
 def accept(
@@ -341,23 +342,29 @@ def accept(
 
 def _has_points(of_test: pd.DataFrame, definition: Definition) -> bool:
     """Whether a file has something for a characteristic."""
-    return bool(of_test[definition.column].any()) if definition.column else len(of_test) > 0
+    if not definition.column:
+        return len(of_test) > 0
+    return bool(of_test[definition.column].any())
 
 
 def _count(of_test: pd.DataFrame, definition: Definition) -> int:
     """How many there are of what a characteristic counts."""
-    return of_test.groupby([*LENGTH]).ngroups if definition.counted == "lengths" else len(of_test)
+    if definition.counted == "lengths":
+        return int(of_test.groupby([*LENGTH_KEY]).ngroups)
+    return len(of_test)
 
 
 def _places(of_test: pd.DataFrame, evaluated: Evaluated) -> tuple[Place, ...]:
     """Which points make each of the errors."""
-    return tuple(Place.of(of_test[of_test["row"].isin(rows)]) for rows in evaluated.rows)
+    parts = [of_test[of_test["row"].isin(rows)] for rows in evaluated.rows]
+    return tuple(map(Place.of, parts))
 
 
 def _longest_lengths(points: pd.DataFrame) -> dict[str, float]:
     """The longest calibrated length of each test that asks for one [m]."""
-    of_tests = points[points["test"].isin(IN_RANGE)].groupby("test", sort=False)
-    return {str(test): float(length) for test, length in of_tests["length"].max().items()}
+    asking = points[points["test"].isin(IN_RANGE)]
+    longest = asking.groupby("test", sort=False)["length"].max()
+    return {str(test): float(length) for test, length in longest.items()}
 
 
 def checked_limits(mpe: Mapping[str, float] | None) -> dict[str, float]:
@@ -396,31 +403,29 @@ def _in_range(
 
 
 def _notes(figures: Sequence[AcceptanceFigure], measuring_range: float | None) -> tuple[Note, ...]:
-    judged = [f for f in figures if f.verdict is not None]
-    unstated = dict.fromkeys(
-        f.definition.name for f in judged if math.isnan(f.evaluated.u) and not f.stated
-    )
-    partly = dict.fromkeys(
-        f.definition.name for f in judged if f.stated and f.stated < len(f.evaluated.errors)
-    )
+    judged = [figure for figure in figures if figure.verdict is not None]
+    unstated = [f for f in judged if math.isnan(f.evaluated.u) and not f.stated]
+    partly = [f for f in judged if f.stated and f.stated < len(f.evaluated.errors)]
     notes = []
     if unstated:
-        notes.append(Note("guard_band_zero", {"figures": [*unstated]}))
+        notes.append(Note("guard_band_zero", {"figures": _names(unstated)}))
     if partly:
-        notes.append(Note("some_guard_bands_zero", {"figures": [*partly]}))
+        notes.append(Note("some_guard_bands_zero", {"figures": _names(partly)}))
     far = [f for f in judged if f.mpe > max(FAR_BELOW * abs(f.evaluated.value), MM)]
     for name, mpe in {f.definition.name: f.mpe for f in far}.items():
         notes.append(Note("mpe_large", {"figure": name, "mpe": mpe, "times": FAR_BELOW}))
-    for figure in judged:
-        if (other := figure.decided_by) is not None:
-            error, expanded, place = other
-            data = {"figure": figure.definition.name, "source": figure.source, "error": error}
-            notes.append(
-                Note(
-                    "other_error_decides",
-                    {**data, "expanded": expanded, "where": figure.places[place]},
-                )
-            )
+    notes += [_note_of_other(f, *f.decided_by) for f in judged if f.decided_by is not None]
     if measuring_range is None and any(f.definition.test in IN_RANGE for f in figures):
         notes.append(Note("measuring_range_unknown"))
     return tuple(notes)
+
+
+def _names(figures: Sequence[AcceptanceFigure]) -> list[str]:
+    return [*dict.fromkeys(figure.definition.name for figure in figures)]
+
+
+def _note_of_other(figure: AcceptanceFigure, error: float, expanded: float, place: int) -> Note:
+    """Another error than the largest decides the verdict."""
+    data: dict[str, Any] = {"figure": figure.definition.name, "source": figure.source}
+    data |= {"error": error, "expanded": expanded, "where": figure.places[place]}
+    return Note("other_error_decides", data)

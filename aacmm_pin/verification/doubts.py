@@ -13,11 +13,11 @@ from scipy.special import stdtr
 
 from aacmm_pin._support.notes import Note
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.verification.evaluators import LENGTH, measured_lengths, size_error
+from aacmm_pin.verification.evaluators import LENGTH_KEY, measured_lengths, size_error
 from aacmm_pin.verification.places import Place, coordinates_of
-from aacmm_pin.verification.spheres import LEAST, FittedSphere, fitted_sphere
+from aacmm_pin.verification.spheres import FEWEST_POINTS, FittedSphere, fitted_sphere
 
-ROUNDED = 5e-7
+COPY_TOLERANCE = 5e-7
 """Coordinates that differ by no more are those of a copy that is rounded to a micrometre, or more
 finely [m].
 """
@@ -26,13 +26,13 @@ PART_OF_RANGE = 0.1
 CLOSE = 3e-3
 """Touches of a test that are all closer together than this may be coordinates in another unit [m].
 """
-OTHER_UNIT = 2.0
+IMPLAUSIBLE_LENGTH_FACTOR = 2.0
 """No arm measures a length this many times too long, or too short."""
-ALIKE = 0.02
+UNIT_FACTOR_TOLERANCE = 0.02
 """Lengths that are so by one factor up to this part of it are in another unit."""
 WRONG_SIZE = 1e-3
 """No arm measures a sphere so much too large, or too small [m]."""
-BESIDE = 5e-5
+LEAST_DISTANCE_FROM_SPHERE = 5e-5
 """A touch nearer to its sphere than this is none that is beside it [m]."""
 TIMES_SMALLER = 50.0
 """Touches of a position that scatter so much less than those of the others may be coordinates in
@@ -60,8 +60,8 @@ def check_unit(touches: pd.DataFrame) -> None:
         factors = (1 + lengths["error"] / lengths["length"]).to_numpy()
         if (
             len(factors)
-            and np.ptp(factors) <= ALIKE * factors.min()
-            and not 1 / OTHER_UNIT < factors.mean() < OTHER_UNIT
+            and np.ptp(factors) <= UNIT_FACTOR_TOLERANCE * factors.min()
+            and not 1 / IMPLAUSIBLE_LENGTH_FACTOR < factors.mean() < IMPLAUSIBLE_LENGTH_FACTOR
         ):
             times = f"{factors.mean():.4g} times" + f", or 1/{1 / factors.mean():.4g} of," * bool(
                 factors.mean() < 1
@@ -79,9 +79,9 @@ def doubts(
     where not given.
     """
     at = touches[["x", "y", "z"]]
-    nearest = scipy.spatial.KDTree(at).query(at, 2, p=np.inf, distance_upper_bound=ROUNDED)[0][
-        :, 1
-    ]  # inf where farther
+    nearest = scipy.spatial.KDTree(at).query(at, 2, p=np.inf, distance_upper_bound=COPY_TOLERANCE)[
+        0
+    ][:, 1]  # inf where farther
     if alike := int(np.isfinite(nearest).sum()):
         yield Note("touches_copied", {"copies": alike, "touches": len(at)}).with_place(source)
     for test, of_test in touches.groupby("test", sort=False):
@@ -111,10 +111,12 @@ def _too_small(touches: pd.DataFrame) -> Iterator[Note]:
 
 def _spheres(touches: pd.DataFrame) -> Iterator[tuple[pd.DataFrame, FittedSphere]]:
     """The spheres of a test of which more is known than four touches say."""
-    by = ["feature", "position"] if touches["test"].iloc[0] == "sphere" else [*LENGTH, "feature"]
+    by = (
+        ["feature", "position"] if touches["test"].iloc[0] == "sphere" else [*LENGTH_KEY, "feature"]
+    )
     for _, group in touches.groupby(by, sort=False):
         try:
-            if len(group) > LEAST and group["test"].iloc[0] != "single-point":
+            if len(group) > FEWEST_POINTS and group["test"].iloc[0] != "single-point":
                 yield group, fitted_sphere(coordinates_of(group))
         except AacmmError:  # a note says that its figures have no value
             continue
@@ -130,7 +132,7 @@ def _beside(spheres: list[tuple[pd.DataFrame, FittedSphere]]) -> Iterator[Note]:
         if touch is not None:
             yield Note("touch_off_sphere", {"distance": off}).with_place(str(Place.of(touch)))
         elif len(spheres) > 2 and sphere.form > max(
-            TIMES_ITS_LIKE * float(np.median(np.delete(forms, k))), BESIDE
+            TIMES_ITS_LIKE * float(np.median(np.delete(forms, k))), LEAST_DISTANCE_FROM_SPHERE
         ):
             yield Note("touches_off_sphere", {"form": sphere.form}).with_place(str(Place.of(group)))
 
@@ -139,25 +141,23 @@ def _farthest(group: pd.DataFrame, sphere: FittedSphere) -> tuple[pd.DataFrame |
     """The touch that is not on the sphere of the others by more than chance, and how far it is from
     that [m].
     """
-    points, free = coordinates_of(group), np.sqrt(np.maximum(1 - sphere.leverages, 0.0))
-    k, dof = (
-        int(
-            np.divide(
-                np.abs(sphere.residuals), free, where=free > 0, out=np.zeros(len(free))
-            ).argmax()
-        ),
-        len(group) - 5,
-    )
+    points = coordinates_of(group)
+    free = np.sqrt(np.maximum(1 - sphere.leverages, 0.0))
+    studentised = np.zeros(len(free))
+    np.divide(np.abs(sphere.residuals), free, where=free > 0, out=studentised)
+    k, dof = int(studentised.argmax()), len(group) - 5
     try:
         others = fitted_sphere(np.delete(points, k, axis=0)) if dof > 0 else None
     except AacmmError:  # the others lie in a plane
         others = None
     if others is None:
         return None, 0.0
-    off = abs(float(np.linalg.norm(points[k] - others.center)) - others.diameter / 2)
-    scatter = max(float(np.sqrt(others.residuals @ others.residuals / dof)), 1e-12)
+    radius = float(np.linalg.norm(points[k] - others.center))
+    off = abs(radius - others.diameter / 2)
+    variance = others.residuals @ others.residuals / dof
+    scatter = max(float(np.sqrt(variance)), 1e-12)
     chance = 2 * len(group) * stdtr(dof, -off * free[k] / scatter)
-    return (group.iloc[[k]] if off > BESIDE and chance < CHANCE else None), off
+    return (group.iloc[[k]] if off > LEAST_DISTANCE_FROM_SPHERE and chance < CHANCE else None), off
 
 
 def _wrong_sizes(spheres: list[tuple[pd.DataFrame, FittedSphere]]) -> Iterator[Note]:

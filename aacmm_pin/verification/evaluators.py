@@ -16,18 +16,18 @@ import numpy as np
 import pandas as pd
 
 from aacmm_pin._support.checks import Array, Mask
-from aacmm_pin.accuracy.single_point import single_point_statistics
+from aacmm_pin.accuracy import single_point_statistics
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import PREDICTED_ACCURATE
 from aacmm_pin.verification.places import Place, coordinates_of, named, rows_of
 from aacmm_pin.verification.spheres import (
-    LEAST,
+    FEWEST_POINTS,
     FittedSphere,
     fitted_sphere,
     minimum_circumscribed_sphere,
 )
 
-LENGTH = ("length_id", "position", "repeat")
+LENGTH_KEY = ("length_id", "position", "repeat")
 """What distinguishes one measured length from another."""
 SPHERE = ("feature", "position")
 """What distinguishes one sphere from another."""
@@ -291,7 +291,7 @@ def measured_lengths(points: pd.DataFrame, both_sides: bool) -> pd.DataFrame:
     """The lengths of which both ends were probed: labels, calibrated length, its u, error [m], and
     rows of the points.
     """
-    labels, at = [*LENGTH], ["x", "y", "z"]
+    labels, at = [*LENGTH_KEY], ["x", "y", "z"]
     ends = points.groupby([*labels, "feature"], sort=False)
     sizes = ends.size()
     _check_ends(points, sizes.reset_index(name="points"))
@@ -318,15 +318,17 @@ def _check_ends(points: pd.DataFrame, ends: pd.DataFrame) -> None:
     Raises:
         AacmmError: a length has others.
     """
-    labels = [*LENGTH]
+    labels = [*LENGTH_KEY]
     features = ends.groupby(labels)["feature"].transform("size")
-    bad = ends["points"].between(2, LEAST - 1) | (features > 2)
+    bad = ends["points"].between(2, FEWEST_POINTS - 1) | (features > 2)
     if not bad.any():
         return
     first = ends[bad].iloc[:1][labels]
     of_first = ends.merge(first, on=labels)
     came = ", ".join(f"{n} of {name}" for name, n in of_first[["feature", "points"]].to_numpy())
-    expected = f"expected two features with 1 each, or with {LEAST} and more all over a sphere"
+    expected = (
+        f"expected two features with 1 each, or with {FEWEST_POINTS} and more all over a sphere"
+    )
     raise AacmmError(
         f"{Place.of(points.merge(first, on=labels))}: probed points: {came}; {expected}"
     )
@@ -338,7 +340,7 @@ def _check_pairs(points: pd.DataFrame) -> None:
     Raises:
         AacmmError: there is one.
     """
-    for length in groups_of(points, LENGTH):
+    for length in groups_of(points, LENGTH_KEY):
         if length["feature"].nunique() < 2:
             raise AacmmError(
                 f"{Place.of(length)}: only one end was probed; expected two, with the same labels"
@@ -355,8 +357,10 @@ def twice_rms_of_lengths(lengths: pd.DataFrame) -> Iterator[Error]:
     """Twice the root mean square error; a common error of the calibrated lengths moves it by as
     much as itself at most.
     """
-    rms = np.sqrt(np.mean(lengths["error"].to_numpy() ** 2))
-    yield Error(2 * rms, 2 * lengths["u"].max(skipna=False))
+    errors = lengths["error"].to_numpy()
+    rms = np.sqrt(np.mean(errors**2))
+    u = lengths["u"].max(skipna=False)
+    yield Error(2 * rms, 2 * u)
 
 
 def missing_places(lengths: pd.DataFrame) -> int:
@@ -368,7 +372,7 @@ def missing_places(lengths: pd.DataFrame) -> int:
 
 def lengths_with_one_end(points: pd.DataFrame, lengths: pd.DataFrame) -> Iterator[str]:
     """The names of lengths that were begun."""
-    for length in groups_of(points, LENGTH):
+    for length in groups_of(points, LENGTH_KEY):
         if length["feature"].nunique() < 2:
             yield named(Place.of(length).labels)
 
@@ -377,7 +381,7 @@ def lengths_not_measured(points: pd.DataFrame, lengths: pd.DataFrame) -> Iterato
     """Which of three repeats in seven positions are not among the ``lengths``, as far as labels
     elsewhere tell.
     """
-    measured = {*zip(*(lengths[name] for name in LENGTH), strict=True)}
+    measured = {*zip(*(lengths[name] for name in LENGTH_KEY), strict=True)}
     positions, repeats = points["position"].unique(), points["repeat"].unique()
     places = points[["length_id", "position"]].drop_duplicates().itertuples(index=False, name=None)
     if len(positions) <= POSITIONS:
@@ -386,4 +390,4 @@ def lengths_not_measured(points: pd.DataFrame, lengths: pd.DataFrame) -> Iterato
         absent = [repeat for repeat in repeats if (length, position, repeat) not in measured]
         if len(repeats) - len(absent) < REPEATS:
             for repeat in absent:
-                yield named(dict(zip(LENGTH, (length, position, repeat), strict=True)))
+                yield named(dict(zip(LENGTH_KEY, (length, position, repeat), strict=True)))

@@ -28,10 +28,10 @@ from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import MM, number
 from aacmm_pin.errors import AacmmError, MeasurementFileError
 from aacmm_pin.measurements import measurement_file, read_table
-from aacmm_pin.verification.accept import VERDICTS, AcceptanceResult
+from aacmm_pin.verification.accept import WORST_FIRST, AcceptanceResult
 from aacmm_pin.verification.characteristics import DEFINITIONS
 
-COLUMNS = (
+HISTORY_COLUMNS = (
     "time",
     "instrument",
     "arm",
@@ -50,7 +50,7 @@ PER_MOVING_RANGE = 2.66
 """Half-width of the limits in mean moving ranges: three standard deviations, 3 / 1.128."""
 HALF = {"SinglePoint.Sigma": "SPAT.2s"}
 """A figure that is half of another, and has no chart beside it."""
-SAME = 1e-9
+VALUE_TOLERANCE = 1e-9
 """Values that differ by no more than this are the same [mm]."""
 
 
@@ -151,7 +151,9 @@ class History(Shown):
         from_file: whether a file was read, over which it may be written.
     """
 
-    checks: pd.DataFrame = field(default_factory=lambda: pd.DataFrame(columns=list(COLUMNS)))
+    checks: pd.DataFrame = field(
+        default_factory=lambda: pd.DataFrame(columns=list(HISTORY_COLUMNS))
+    )
     time: datetime | None = None
     instrument: str = ""
     appended: bool = False
@@ -181,12 +183,12 @@ class History(Shown):
                 )
         table, lines, _ = read_table(str(path), content)
         problems = Problems(str(path), lines)
-        if sorted(table.columns) != sorted(COLUMNS):
+        if sorted(table.columns) != sorted(HISTORY_COLUMNS):
             problems.add(
-                "", f"has columns {', '.join(table.columns)}; expected {', '.join(COLUMNS)}"
+                "", f"has columns {', '.join(table.columns)}; expected {', '.join(HISTORY_COLUMNS)}"
             )
             problems.stop()
-        checks = table.loc[:, list(COLUMNS)]
+        checks = table.loc[:, list(HISTORY_COLUMNS)]
         checks["time"] = _read(
             table, "time", in_utc, "a time as 2026-01-31T09:30:00+00:00", problems
         )
@@ -196,7 +198,7 @@ class History(Shown):
             checks[name] = values.astype(np.float64)
         for name, known in (
             ("figure", {d.name for d in DEFINITIONS}),
-            ("verdict", {"", *VERDICTS}),
+            ("verdict", {"", *WORST_FIRST}),
         ):
             problems.at(
                 ~table[name].isin(known).to_numpy(),
@@ -230,11 +232,11 @@ class History(Shown):
         table = result.to_frame().rename(columns={"coordinates": "arm"}).dropna(subset="value_mm")
         table = table.assign(time=time, instrument=instrument, version=version("aacmm_pin"))
         table["verdict"] = table["verdict"].astype(object).where(table["verdict"].notna(), "")
-        table = table.loc[:, list(COLUMNS)]
+        table = table.loc[:, list(HISTORY_COLUMNS)]
         for then, check in self._of(instrument).groupby("time"):
             both = check.reset_index().merge(table, on=["arm", "figure"])
             same = len(both) > 0 and bool(
-                ((both["value_mm_x"] - both["value_mm_y"]).abs() <= SAME).all()
+                ((both["value_mm_x"] - both["value_mm_y"]).abs() <= VALUE_TOLERANCE).all()
             )
             if same and len(both) == len(table):
                 judged = both[(both["verdict_y"] != "") & (both["verdict_x"] == "")]
@@ -339,7 +341,9 @@ def in_utc(text: str) -> datetime:
 
 
 def _utc(time: datetime) -> datetime:
-    return time.replace(tzinfo=UTC) if time.tzinfo is None else time.astimezone(UTC)
+    if time.tzinfo is None:
+        return time.replace(tzinfo=UTC)
+    return time.astimezone(UTC)
 
 
 def _number(may_be_empty: bool) -> Callable[[str], float]:

@@ -26,10 +26,11 @@ class Place:
     @classmethod
     def of(cls, points: pd.DataFrame) -> Place:
         """The place of these points."""
-        labels = {name: points[name].iloc[0] for name in LABELS_OF_PLACES}
-        shared = {
-            name: label for name, label in labels.items() if label and (points[name] == label).all()
-        }
+        shared = {}
+        for name in LABELS_OF_PLACES:
+            label = points[name].iloc[0]
+            if label and (points[name] == label).all():
+                shared[name] = label
         return cls(shared, rows_of(points))
 
     def __str__(self) -> str:
@@ -51,7 +52,8 @@ class Place:
 
 def named(labels: Mapping[str, str]) -> str:
     """Labels with the names of their columns."""
-    return ", ".join(f"{name.removesuffix('_id')} {label}" for name, label in labels.items())
+    each = [f"{name.removesuffix('_id')} {label}" for name, label in labels.items()]
+    return ", ".join(each)
 
 
 def rows_of(points: pd.DataFrame) -> tuple[int, ...]:

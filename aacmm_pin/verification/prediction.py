@@ -24,8 +24,7 @@ from aacmm_pin._support.file_problems import Problems
 from aacmm_pin._support.notes import Note, notes_in_json
 from aacmm_pin._support.progress import Progress, watched
 from aacmm_pin._support.units import MM
-from aacmm_pin.accuracy.parameter_draws import source_errors
-from aacmm_pin.accuracy.tip_sensitivity import ErrorSources
+from aacmm_pin.accuracy import ErrorSources, source_errors
 from aacmm_pin.effects import ErrorModel, GivenModel, of_geometry
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import ENCODER, read_probed_points, read_table, seed_of
@@ -33,7 +32,7 @@ from aacmm_pin.verification.accept import AcceptanceFigure, checked_limits
 from aacmm_pin.verification.characteristics import Definition, definitions
 from aacmm_pin.verification.procedure import Procedure
 
-SCHEMA = "aacmm-pin/acceptance-prediction/1"
+PREDICTION_SCHEMA = "aacmm-pin/acceptance-prediction/1"
 RUNS, FEWEST = 200, 20
 """Virtual runs: usual, and the fewest that an interval can be read from."""
 ALONE = 20
@@ -67,11 +66,21 @@ class PredictedFigure:
     def passes(self) -> float:
         """Share of the runs with the verdict ``conformity``; nan without a limit or a value."""
         verdicts = [figure.verdict for figure in self.runs]
-        return (
-            math.nan
-            if None in verdicts
-            else float(np.mean([verdict == "conformity" for verdict in verdicts]))
-        )
+        if None in verdicts:
+            return math.nan
+        return verdicts.count("conformity") / len(verdicts)
+
+    def row(self) -> dict[str, Any]:
+        """The columns of a table of them, lengths in mm; nan or None where there is no number."""
+        low, median, high = np.quantile(self.magnitudes, (0.025, 0.5, 0.975)) / MM
+        row: dict[str, Any] = {"arm": self.source, "figure": self.definition.name}
+        row |= {"median_mm": median, "low_mm": low, "high_mm": high}
+        row |= {"mpe_mm": self.runs[0].mpe / MM, "probability_to_pass": self.passes}
+        row |= {"dominant": None, "dominant_alone_mm": math.nan}
+        if len(self.alone):
+            row["dominant"] = str(self.alone.index[0])
+            row["dominant_alone_mm"] = self.alone.iloc[0] / MM
+        return row | {"missing": self.runs[0].missing}
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,32 +103,14 @@ class PredictedAcceptance(Shown):
 
     def to_frame(self) -> pd.DataFrame:
         """One row a figure, lengths in mm; NaN where touches are missing, or there is no limit."""
-        rows = []
-        for f in self.figures:
-            low, median, high = np.quantile(f.magnitudes, (0.025, 0.5, 0.975)) / MM
-            rows.append(
-                {
-                    "arm": f.source,
-                    "figure": f.definition.name,
-                    "median_mm": median,
-                    "low_mm": low,
-                    "high_mm": high,
-                    "mpe_mm": f.runs[0].mpe / MM,
-                    "probability_to_pass": f.passes,
-                    "dominant": str(f.alone.index[0]) if len(f.alone) else None,
-                    "dominant_alone_mm": f.alone.iloc[0] / MM if len(f.alone) else math.nan,
-                    "missing": f.runs[0].missing,
-                }
-            )
-        return pd.DataFrame(rows)
+        return pd.DataFrame([figure.row() for figure in self.figures])
 
     def causes(self) -> pd.DataFrame:
         """What each cause does alone to each figure: median of its magnitude [mm]."""
-        rows = [
-            {"arm": f.source, "figure": f.definition.name}
-            | (f.alone / MM).add_suffix("_mm").to_dict()
-            for f in self.figures
-        ]
+        rows = []
+        for figure in self.figures:
+            alone = (figure.alone / MM).add_suffix("_mm").to_dict()
+            rows.append({"arm": figure.source, "figure": figure.definition.name} | alone)
         return pd.DataFrame(rows)
 
     def __str__(self) -> str:
@@ -136,22 +127,18 @@ class PredictedAcceptance(Shown):
     def summary(self) -> dict[str, Any]:
         """Schema ``aacmm-pin/acceptance-prediction/1``."""
         table = self.to_frame().astype(object)
-        figures = table.where(table.notna(), None).to_dict("records")
-        alone = [
-            {str(cause): float(value) / MM for cause, value in f.alone.items()}
-            for f in self.figures
-        ]
-        return {
-            "schema": SCHEMA,
+        rows = table.where(table.notna(), None).to_dict("records")
+        figures = []
+        for row, figure in zip(rows, self.figures, strict=True):
+            alone = {str(cause): float(value) / MM for cause, value in figure.alone.items()}
+            figures.append(row | {"alone_mm": alone})
+        summary: dict[str, Any] = {
+            "schema": PREDICTION_SCHEMA,
             "procedure": self.path,
             "runs": self.count,
-            "seed": self.seed,
-            "figures": [
-                {str(k): v for k, v in row.items()} | {"alone_mm": causes}
-                for row, causes in zip(figures, alone, strict=True)
-            ],
-            **notes_in_json(self.notes),
         }
+        summary |= {"seed": self.seed, "figures": figures}
+        return summary | notes_in_json(self.notes)
 
 
 def predict_acceptance(
@@ -258,13 +245,11 @@ class _Test:
         """The sources of a model at the postures of a procedure."""
         sources = ErrorSources.of(model, None, noise, procedure.q, None)
         names = [effect.cause for effect in of_geometry(model.arm) for _ in effect.terms]
-        names += [effect.label for effect in sources.model.effects for _ in effect.terms] + [
-            READINGS
-        ] * model.arm.nq
+        names += [effect.label for effect in sources.model.effects for _ in effect.terms]
+        names += [READINGS] * model.arm.nq
         causes = tuple(names[column] for column in sources.columns)
-        return _Test(
-            sources, causes, procedure.points, sources.sensitivity(procedure.q), probe_noise, every
-        )
+        sensitivity = sources.sensitivity(procedure.q)
+        return _Test(sources, causes, procedure.points, sensitivity, probe_noise, every)
 
     def figures(
         self,
@@ -280,31 +265,27 @@ class _Test:
         runs: dict[str, list[AcceptanceFigure]] = {d.name: [] for d in wanted}
         alone: dict[str, dict[str, list[float]]] = {d.name: {} for d in wanted}
 
-        def evaluated(points: Array) -> Iterator[tuple[Definition, AcceptanceFigure]]:
-            placed = touches.assign(x=points[:, 0], y=points[:, 1], z=points[:, 2])
+        def evaluated(errors: Array) -> Iterator[tuple[Definition, AcceptanceFigure]]:
+            x, y, z = (self.points + errors).T
+            placed = touches.assign(x=x, y=y, z=z)
             for d in wanted:
                 figure = d.evaluate(placed[of_test[d.test]])
                 yield d, AcceptanceFigure(name, d, figure, limits.get(d.name, math.nan))
 
         for step in steps:
             parts = self._drawn(rng)
-            for d, figure in evaluated(
-                self.points + sum(parts.values(), np.zeros_like(self.points))
-            ):
+            together = sum(parts.values(), np.zeros_like(self.points))
+            for d, figure in evaluated(together):
                 runs[d.name].append(figure)
             for cause, part in parts.items() if step % self.every == 0 else ():
-                for d, figure in evaluated(self.points + part):
+                for d, figure in evaluated(part):
                     alone[d.name].setdefault(cause, []).append(abs(figure.evaluated.value))
-        medians = {
-            d.name: pd.Series({c: np.median(v) for c, v in alone[d.name].items()}, dtype=float)
-            for d in wanted
-        }
-        return [
-            PredictedFigure(
-                name, d, tuple(runs[d.name]), medians[d.name].dropna().sort_values(ascending=False)
-            )
-            for d in wanted
-        ]
+        found = []
+        for d in wanted:
+            medians = {cause: np.median(values) for cause, values in alone[d.name].items()}
+            largest_first = pd.Series(medians, dtype=float).dropna().sort_values(ascending=False)
+            found.append(PredictedFigure(name, d, tuple(runs[d.name]), largest_first))
+        return found
 
     def _drawn(self, rng: np.random.Generator) -> dict[str, Array]:
         """How far each cause puts the coordinates of one run off (n, 3) [m]."""

@@ -30,7 +30,7 @@ from aacmm_pin.measurements import (
     span,
 )
 
-STATED = (
+CHECK_COLUMNS = (
     "operator",
     "session",
     "temperature_c",
@@ -54,7 +54,7 @@ class ProbedPoints(NamedTuple):
             with the fields of :func:`aacmm_pin.measurements.read_probed_points`, and ``x``, ``y``,
             ``z`` of the centre of the probe [m].
         notes: how the file was read.
-        stated: the different values of the columns :data:`STATED`.
+        stated: the different values of the columns :data:`CHECK_COLUMNS`.
     """
 
     sets: dict[str, pd.DataFrame]
@@ -95,7 +95,7 @@ def read_file(path: str, content: bytes, models: Mapping[str, ErrorModel]) -> Pr
         name: points.assign(**dict(zip("xyz", at.T, strict=True)))
         for name, at in coordinates.items()
     }
-    stated = {name: _different(table[name]) for name in STATED if name in table}
+    stated = {name: _different(table[name]) for name in CHECK_COLUMNS if name in table}
     return ProbedPoints(sets, (*read_as, *notes), stated)
 
 

@@ -18,8 +18,7 @@ from aacmm_pin._support.display import Shown
 from aacmm_pin._support.file_problems import Problems
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.arm.arm import Arm, GivenArm, as_arm
-from aacmm_pin.arm.random_postures import joint_bounds
+from aacmm_pin.arm import Arm, GivenArm, as_arm, joint_bounds
 from aacmm_pin.effects import ErrorModel, GivenModel
 from aacmm_pin.errors import AacmmError, MeasurementFileError
 from aacmm_pin.measurements import (
@@ -34,13 +33,12 @@ from aacmm_pin.measurements import (
     read_table,
     seed_of,
 )
-from aacmm_pin.postures.articulation import articulations
-from aacmm_pin.postures.sampling import brought_to, spread_out
+from aacmm_pin.postures import articulations, brought_to, spread_out
 from aacmm_pin.verification.characteristics import STANDARDS, definitions
 
 SPHERES = {"near": (0.2, 0.45), "far": (0.7, 0.95)}
 """Between which parts of the reach spheres stand, chosen here; the reach counts from joint 2."""
-SEATS = {"near": (0.0, 0.18), "middle": (0.4, 0.6), "far": (0.82, 1.0)}
+SEAT_ZONES = {"near": (0.0, 0.18), "middle": (0.4, 0.6), "far": (0.82, 1.0)}
 """The same of single points: inside the zones of ASME B89.4.22, off their edges."""
 LENGTHS, PLACES, REPEATS = 5, 7, 3
 """Of the tests of lengths."""
@@ -49,19 +47,19 @@ BALL_BARS = {"short": 1, "long": 3}
 """
 SPHERE, PROBE = 25.0, 6.0
 """Diameters that are planned with where none are stated [mm]."""
-STEP = 10.0
+LENGTH_STEP = 10.0
 """Lengths are planned in steps of this [mm]."""
 LEVEL = 0.25
 """Spheres and seats stand at most this part of the reach higher or lower than joint 2."""
-APART = 0.2
+LEAST_SEPARATION = 0.2
 """Part of the reach by which spheres and seats are apart."""
 CANDIDATES, TRIED = 4000, 30
 """Places that are looked at, and directions of a bar that are tried beside the wanted one."""
 RIM = 0.1
 """Touches of a half sphere end this part of the radius above its rim."""
-UPRIGHT = 0.7
+LEAST_UPRIGHT_COSINE = 0.7
 """Cosine of the angle to gravity up to which joint axis 1 of an arm that stands is tilted."""
-ROOM = 0.02
+LIMIT_MARGIN = 0.02
 """Part of a joint's range by which planned postures keep from either limit, so that a hand can move
 round a sphere.
 """
@@ -91,9 +89,10 @@ class Procedure(Shown):
         """
         names = [f"theta{k}_deg" for k in range(1, self.arm.nq + 1)]
         empty = pd.DataFrame("", self.touches.index, [*REFERENCE, *names])
-        at = pd.DataFrame(self.points / MM, columns=[PLANNED + name for name in REFERENCE]).round(6)
-        angles = pd.DataFrame(self.q / DEG, columns=[PLANNED + name for name in names]).round(4)
-        return pd.concat([self.touches, empty, at, angles], axis=1)
+        points = pd.DataFrame(self.points / MM, columns=REFERENCE).round(6)
+        angles = pd.DataFrame(self.q / DEG, columns=names).round(4)
+        planned = [points.add_prefix(PLANNED), angles.add_prefix(PLANNED)]
+        return pd.concat([self.touches, empty, *planned], axis=1)
 
     def csv(self) -> str:
         """The text of that file."""
@@ -108,15 +107,12 @@ class Procedure(Shown):
         indicated = records.to_frame().drop(columns=["record"], errors="ignore")
         planned = self.to_frame()
         planned = planned[planned.columns.difference(indicated.columns, sort=False)]
-        return pd.concat(
-            [planned.assign(**dict(zip(REFERENCE, at.T, strict=True))), indicated], axis=1
-        )
+        planned = planned.assign(**dict(zip(REFERENCE, at.T, strict=True)))
+        return pd.concat([planned, indicated], axis=1)
 
     def __str__(self) -> str:
-        tests = ", ".join(
-            f"{count} {test}"
-            for test, count in self.touches["test"].value_counts(sort=False).items()
-        )
+        counts = self.touches["test"].value_counts(sort=False)
+        tests = ", ".join(f"{count} {test}" for test, count in counts.items())
         return f"{self.arm.name}: {len(self.touches)} touches ({tests})"
 
     @staticmethod
@@ -191,7 +187,7 @@ def acceptance_procedure(
     """
     rng = rng or np.random.default_rng(1)
     seed, model = seed_of(rng), ErrorModel.of(model).restricted_to_known_range()
-    margin = ROOM * np.diff(model.arm.limits, axis=1) * np.array([1.0, -1.0])
+    margin = LIMIT_MARGIN * np.diff(model.arm.limits, axis=1) * np.array([1.0, -1.0])
     inner = replace(model, arm=replace(model.arm, limits=model.arm.limits + margin))
 
     def laid_out(height: float | None) -> Procedure:
@@ -211,8 +207,10 @@ def _stands(arm: Arm) -> bool:
     """
     rotation, origin = arm.chain.walk(np.zeros((1, arm.nq)))
     axes = arm.chain.moving_axes()
-    upright = abs(float(rotation[axes[0], 0, :, 2] @ arm.up)) > UPRIGHT
-    return upright and float(origin[axes[min(1, len(axes) - 1)], 0] @ arm.up) > -MM
+    first, second = axes[0], axes[min(1, len(axes) - 1)]
+    upright = abs(float(rotation[first, 0, :, 2] @ arm.up)) > LEAST_UPRIGHT_COSINE
+    height = float(origin[second, 0] @ arm.up)
+    return upright and height > -MM
 
 
 class _Layout:
@@ -240,7 +238,7 @@ class _Layout:
         parts = [*range(1, LENGTHS + 1)] if all_lengths else [*BALL_BARS.values()]
         if lengths is None:
             step, longest = (
-                STEP * MM,
+                LENGTH_STEP * MM,
                 2 / 3 * (2 * self.reach if measuring_range is None else measuring_range),
             )
             lengths = [step * np.ceil(longest * k / LENGTHS / step) for k in parts]
@@ -277,22 +275,23 @@ class _Layout:
         """A point between these parts of the reach, about as high as joint 2, that many postures
         reach, (3,), and some.
         """
+        tips = self.pool.tips
         inside = (self.distance >= low * self.reach) & (self.distance < high * self.reach)
-        inside &= np.abs((self.pool.tips - self.shoulder) @ self.pool.arm.up) <= LEVEL * self.reach
+        height = (tips - self.shoulder) @ self.pool.arm.up
+        inside &= np.abs(height) <= LEVEL * self.reach
         for other in self.taken:
-            inside &= np.linalg.norm(self.pool.tips - other, axis=1) > APART * self.reach
-        tips = self.pool.tips[inside][:CANDIDATES]
+            inside &= np.linalg.norm(tips - other, axis=1) > LEAST_SEPARATION * self.reach
+        tips = tips[inside][:CANDIDATES]
+        zone = f"{low:.0%} to {high:.0%} of the reach"
         if not len(tips):
             raise AacmmError(
                 f"{self.pool.arm.name}: no posture inside the limits was found with the tip at "
-                f"{low:.0%} to {high:.0%} of "
-                f"the reach, about as high as joint 2, and {APART:.0%} of the reach from the "
-                "places chosen before"
+                f"{zone}, about as high as joint 2, and {LEAST_SEPARATION:.0%} of the reach from "
+                "the places chosen before"
             )
-        best = tips[np.argsort(self.pool.thinness(tips))[:TRIED]]
-        (found,) = self.pool.places(
-            best[:, None], 1, each, f"places at {low:.0%} to {high:.0%} of the reach"
-        )
+        order = np.argsort(self.pool.thinness(tips))
+        best = tips[order[:TRIED]]
+        (found,) = self.pool.places(best[:, None], 1, each, f"places at {zone}")
         self.taken.append(found.points[0])
         return found.points[0], found.postures[0]
 
@@ -304,41 +303,36 @@ class _Layout:
             cells = {"feature": "sphere", "position": name, **known}
             if "sphere" in wanted:
                 self._round(center, postures, 25, test="sphere", **cells)
-            for repeat in range(1, 6) if "location" in wanted else ():
-                self._round(
-                    center,
-                    postures[repeat - 1 : repeat],
-                    5,
-                    test="location",
-                    repeat=repeat,
-                    **cells,
-                )
-            for repeat in range(1, 4) if "effective-diameter" in wanted and name == "near" else ():
-                self._round(center, postures, 9, test="effective-diameter", repeat=repeat, **cells)
+            if "location" in wanted:
+                for k in range(5):
+                    numbered = {"test": "location", "repeat": k + 1, **cells}
+                    self._round(center, postures[k : k + 1], 5, **numbered)
+            if "effective-diameter" in wanted and name == "near":
+                for repeat in range(1, 4):
+                    self._round(
+                        center, postures, 9, test="effective-diameter", repeat=repeat, **cells
+                    )
 
     def _round(self, center: Array, postures: Array, count: int, **cells: Any) -> None:
         """``count`` touches over the half of a sphere from which the stylus comes."""
         stylus = self.pool.arm.stylus_axis
-        pole, tool = self.pool.arm.up, None
-        if stylus is not None:
-            tool = self.pool.arm.chain.walk(postures)[0][self.pool.arm.chain.tip] @ stylus
-            pole = (
-                -tool.mean(axis=0) / np.linalg.norm(tool.mean(axis=0))
-                if len(postures) > 1
-                else -tool[0]
-            )
-        normals = _half_sphere(count, pole)
-        best = (
-            np.arange(count) % len(postures) if tool is None else (-tool @ normals.T).argmax(axis=0)
-        )
+        if stylus is None:
+            normals = _half_sphere(count, self.pool.arm.up)
+            best = np.arange(count) % len(postures)
+        else:
+            rotation = self.pool.arm.chain.walk(postures)[0]
+            tool = rotation[self.pool.arm.chain.tip] @ stylus
+            mean = tool.mean(axis=0)
+            pole = -mean / np.linalg.norm(mean) if len(postures) > 1 else -tool[0]
+            normals = _half_sphere(count, pole)
+            best = (-tool @ normals.T).argmax(axis=0)
+        points = center + (self.sphere + self.probe) / 2 * normals
         for k in np.argsort(best, kind="stable"):  # articulation by articulation
-            self.touch(
-                center + (self.sphere + self.probe) / 2 * normals[k], postures[best[k]], **cells
-            )
+            self.touch(points[k], postures[best[k]], **cells)
 
     def single_points(self) -> None:
         """One point in ten articulations at each of three distances."""
-        for name, zone in SEATS.items():
+        for name, zone in SEAT_ZONES.items():
             point, postures = self.place(*zone, 10)
             for q in postures:
                 self.touch(point, q, test="single-point", feature="seat", position=name)
@@ -349,20 +343,26 @@ class _Layout:
             ends = start + np.array([0.0, *lengths])[:, None] * direction
             postures = self.pool.touched(ends, REPEATS)
             for test, aside in (("length-uni", 0.0), ("length-bi", self.probe / 2)):
-                for repeat in range(1, REPEATS + 1) if test in wanted else ():
-                    for number, length in enumerate(lengths, start=1):
-                        cells = {
-                            "test": test,
-                            "position": f"P{place}",
-                            "repeat": repeat,
-                            "length_id": f"L{number}",
-                        }
-                        cells |= {"length_mm": length / MM, "probe_diameter_mm": self.probe / MM}
-                        for feature, end, sign in (("A", 0, -1), (f"L{number}", number, 1)):
-                            q = postures[end][(repeat - 1) % len(postures[end])]
-                            self.touch(
-                                ends[end] + sign * aside * direction, q, feature=feature, **cells
-                            )
+                if test in wanted:
+                    cells = {"test": test, "position": f"P{place}"}
+                    self._bar(lengths, ends, postures, aside * direction, cells)
+
+    def _bar(
+        self,
+        lengths: Sequence[float],
+        ends: Array,
+        postures: Sequence[Array],
+        aside: Array,
+        cells: dict[str, Any],
+    ) -> None:
+        """All lengths of a bar in every repeat; its ends are touched ``aside`` of them."""
+        for repeat in range(REPEATS):
+            for number, length in enumerate(lengths, start=1):
+                row = cells | {"repeat": repeat + 1, "length_id": f"L{number}"}
+                row |= {"length_mm": length / MM, "probe_diameter_mm": self.probe / MM}
+                for feature, end, sign in (("A", 0, -1), (f"L{number}", number, 1)):
+                    q = postures[end][repeat % len(postures[end])]
+                    self.touch(ends[end] + sign * aside, q, feature=feature, **row)
 
     def _bar_places(self, lengths: Array) -> list[tuple[Array, Array]]:
         """Where the bar begins and how it points, in seven places far from one another."""
@@ -404,49 +404,44 @@ class _Layout:
         return found
 
     def _touchable(self, start: Array, direction: Array, lengths: Array) -> bool:
-        return all(
-            len(q)
-            for q in self.pool.touched(start + np.array([0.0, *lengths])[:, None] * direction, 1)
-        )
+        points = start + np.array([0.0, *lengths])[:, None] * direction
+        return all(len(q) for q in self.pool.touched(points, 1))
 
     def ball_bars(self, *lengths: float) -> None:
         """Ball bars of two lengths in ten places each."""
         for name, length in zip(BALL_BARS, lengths, strict=True):
+            sizes = {"length_mm": length / MM, "probe_diameter_mm": self.probe / MM}
             for place, bar in enumerate(bars_for(self.pool, 10, length, 2, self.rng), start=1):
                 cells: dict[str, Any] = {"test": "volumetric", "length_id": f"{name} ball bar"}
-                cells |= {
-                    "position": f"{name} {place}",
-                    "length_mm": length / MM,
-                    "probe_diameter_mm": self.probe / MM,
-                }
+                cells |= {"position": f"{name} {place}", **sizes}
                 for feature, point, q in zip("AB", bar.points, bar.postures, strict=True):
                     self.touch(point, q[0], feature=feature, **cells)
 
     def procedure(self, arm: Arm, seed: int | None) -> Procedure:
         """All of it, with the tip at its point in every posture."""
-        points = np.array(self.points)
-        q, arrived = brought_to(self.pool.state_of, np.array(self.q), points, joint_bounds(arm))
+        points, chosen = np.array(self.points), np.array(self.q)
+        q, arrived = brought_to(self.pool.state_of, chosen, points, joint_bounds(arm))
         if not arrived.all():
+            out = int((~arrived).sum())
             raise AacmmError(
-                f"{arm.name}: {(~arrived).sum()} of {len(q)} touches are beyond the limits of the "
-                "joints; "
+                f"{arm.name}: {out} of {len(q)} touches are beyond the limits of the joints; "
                 "another seed draws other postures"
             )
-        table = pd.DataFrame(self.rows).reindex(
-            columns=[column.names[0] for column in PROBED_POINT_COLUMNS]
-        )
+        columns = [column.names[0] for column in PROBED_POINT_COLUMNS]
+        table = pd.DataFrame(self.rows).reindex(columns=columns)
         table["repeat"] = table["repeat"].astype("Int64")
-        return Procedure(
-            arm, table.assign(articulation=articulations(arm, np.array(self.q))), q, points, seed
-        )
+        table["articulation"] = articulations(arm, chosen)
+        return Procedure(arm, table, q, points, seed)
 
 
 def _half_sphere(count: int, pole: Array) -> Array:
     """``count`` directions spread evenly over the half about ``pole`` (n, 3): a spiral of equal
     areas (Saff, Kuijlaars).
     """
-    along = 1 - np.arange(count) / max(count - 1, 1) * (1 - RIM)
-    turn = np.arange(count) * np.pi * (3 - np.sqrt(5))
+    number = np.arange(count)
+    along = 1 - number / max(count - 1, 1) * (1 - RIM)
+    turn = number * np.pi * (3 - np.sqrt(5))
     level = np.linalg.svd(pole[None])[2][1:]
     around = np.stack([np.cos(turn), np.sin(turn)], axis=1) @ level
-    return np.asarray(along[:, None] * pole + np.sqrt(1 - along**2)[:, None] * around)
+    radius = np.sqrt(1 - along**2)
+    return np.asarray(along[:, None] * pole + radius[:, None] * around)

@@ -11,9 +11,9 @@ from scipy.optimize import least_squares
 from aacmm_pin._support.checks import Array, batch
 from aacmm_pin.errors import AacmmError, ShapeError
 
-LEAST = 4
+FEWEST_POINTS = 4
 """Points that a sphere of unknown centre and diameter needs."""
-FLAT = 1e-6
+PLANE_TOLERANCE = 1e-6
 """Points whose smallest extent is below this part of their largest lie in a plane, where no sphere
 can be fitted.
 """
@@ -46,42 +46,39 @@ def fitted_sphere(points: ArrayLike) -> FittedSphere:
         AacmmError: the points lie in one plane.
     """
     p = batch(points, 3, "points", "m")
-    if len(p) < LEAST:
-        raise ShapeError(f"points has {len(p)} rows, expected at least {LEAST} for a sphere")
+    if len(p) < FEWEST_POINTS:
+        raise ShapeError(
+            f"points has {len(p)} rows, expected at least {FEWEST_POINTS} for a sphere"
+        )
     middle = p.mean(axis=0)
     extents = np.linalg.svd(p - middle, compute_uv=False)
-    if extents[2] <= FLAT * extents[0]:
+    if extents[2] <= PLANE_TOLERANCE * extents[0]:
         raise AacmmError(
             f"{len(p)} points lie in one plane, which determines no sphere; expected touches "
             "all over it"
         )
-    scaled = (p - middle) / extents[0]
+    size = float(extents[0])
+    scaled = (p - middle) / size
+    ones = np.ones(len(p))
+
+    def residuals(sphere: Array) -> Array:
+        return np.asarray(np.linalg.norm(scaled - sphere[:3], axis=1) - sphere[3])
+
+    def jacobian(sphere: Array) -> Array:
+        towards = sphere[:3] - scaled
+        lengths = np.linalg.norm(scaled - sphere[:3], axis=1)
+        return np.column_stack([towards / lengths[:, None], -ones])
 
     # |p|² = 2 c·p + (r² - |c|²) is linear: where the search begins.
-    x, *_ = np.linalg.lstsq(
-        np.column_stack([2 * scaled, np.ones(len(p))]), np.sum(scaled**2, axis=1)
-    )
-    radius = np.sqrt(x[3] + x[:3] @ x[:3])
-    found = least_squares(
-        lambda s: np.linalg.norm(scaled - s[:3], axis=1) - s[3],
-        [*x[:3], radius],
-        jac=lambda s: np.column_stack(
-            [(s[:3] - scaled) / np.linalg.norm(scaled - s[:3], axis=1)[:, None], -np.ones(len(p))]
-        ),
-        method="lm",
-        xtol=1e-15,
-        ftol=1e-15,
-        gtol=1e-15,
-    )
-    size = float(extents[0])
+    x, *_ = np.linalg.lstsq(np.column_stack([2 * scaled, ones]), np.sum(scaled**2, axis=1))
+    start = [*x[:3], np.sqrt(x[3] + x[:3] @ x[:3])]
+    ends = dict.fromkeys(("xtol", "ftol", "gtol"), 1e-15)
+    found = least_squares(residuals, start, jac=jacobian, method="lm", **ends)
     factor = 2 * float(np.linalg.norm(np.linalg.pinv(found.jac)[3]))
     leverages = np.sum(np.linalg.qr(found.jac).Q ** 2, axis=1)
-    center, diameter, residuals = (
-        middle + found.x[:3] * size,
-        2 * float(found.x[3]) * size,
-        found.fun * size,
-    )
-    return FittedSphere(center, diameter, float(np.ptp(residuals)), factor, residuals, leverages)
+    center, diameter = middle + found.x[:3] * size, 2 * float(found.x[3]) * size
+    form = float(np.ptp(found.fun * size))
+    return FittedSphere(center, diameter, form, factor, found.fun * size, leverages)
 
 
 def minimum_circumscribed_sphere(points: ArrayLike) -> tuple[Array, float]:
@@ -115,7 +112,7 @@ def _through(on: list[Array]) -> tuple[Array, float]:
     if not on:
         return np.zeros(3), -1.0
     edges = np.array(on[1:]).reshape(-1, 3) - on[0]
-    offset, *_ = (
-        np.linalg.lstsq(2 * edges, np.sum(edges**2, axis=1)) if len(edges) else (np.zeros(3),)
-    )
+    offset = np.zeros(3)
+    if len(edges):
+        offset, *_ = np.linalg.lstsq(2 * edges, np.sum(edges**2, axis=1))
     return on[0] + offset, float(np.linalg.norm(offset))

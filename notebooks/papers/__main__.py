@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from aacmm_pin.report.html import page
+from aacmm_pin.report.formats.html import page
 from papers.document import papers_document
 from papers.sino6.table2 import reproduce_table2
 from papers.sino6_table3.diagnosis import diagnose_table3

@@ -137,7 +137,7 @@ def test_everything_at_once(tmp_path: Path) -> None:
     sheet = tmp_path / "sheet.html"
     out, err = done("plan", "sino6", *QUICK, "-o", tmp_path / "plan.csv", "--sheet", sheet)
     assert "20 records for all causes" in out
-    assert "Told apart worst" in out
+    assert "Distinguished worst" in out
     (pair,) = (line for line in err.splitlines() if "bearing_tilt:1 from base_compliance" in line)
     assert "turn the mount" in pair
     assert {"temperature_c", "approach1"} <= set(pd.read_csv(tmp_path / "plan.csv").columns)

@@ -34,7 +34,7 @@ from aacmm_pin.accuracy.parameter_draws import parameter_errors
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.report.document import Paragraph
-from aacmm_pin.report.html import page
+from aacmm_pin.report.formats.html import page
 from tests.pages import Page
 
 ARCSEC = np.pi / 180 / 3600

@@ -20,7 +20,6 @@ from aacmm_pin.calibration.random_arm import perturbed_model
 from aacmm_pin.effects import EncoderEccentricity, JointCompliance, ThermalExpansion
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.measurements.simulate import simulate_measurements
-from aacmm_pin.report import html
 from aacmm_pin.report.calibration import (
     calibration_document,
     calibration_summary,
@@ -30,6 +29,7 @@ from aacmm_pin.report.calibration import (
     frame_in_words,
     verdict,
 )
+from aacmm_pin.report.formats import html
 from aacmm_pin.report.numbers import length
 from aacmm_pin.report.parameters import (
     decimals,

@@ -32,7 +32,7 @@ from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.effects.labels import in_words, values_in_words
 from aacmm_pin.errors import OutputError
 from aacmm_pin.measurements.simulate import simulate_measurements
-from aacmm_pin.report import html, results
+from aacmm_pin.report import results
 from aacmm_pin.report.diagnosis import (
     alternatives,
     diagnosis_document,
@@ -45,6 +45,7 @@ from aacmm_pin.report.diagnosis import (
     verdict_in_words,
 )
 from aacmm_pin.report.document import document_of
+from aacmm_pin.report.formats import html
 from aacmm_pin.report.next_measurements import next_measurements
 from aacmm_pin.report.numbers import lengths, percent
 from aacmm_pin.report.scenes.scene import viewer_script
@@ -209,13 +210,13 @@ def test_doubt_is_told_with_the_rivals(eccentric: Diagnosis, tmp_path: Path) -> 
     assert all(label.replace("__", ":") in next_measurements(beside) for label in [*shares][:2])
     unexplained = replace(eccentric, verdict="unexplained")
     assert ranking(unexplained)["p"].tolist()[0] == "< 1e-16"
-    results.save(unexplained, tmp_path / "report.html")
+    results.write(unexplained, tmp_path / "report.html")
     assert (
         verdict_in_words(unexplained)
         in Page((tmp_path / "report.html").read_text(encoding="utf-8")).text
     )
     with pytest.raises(OutputError, match="exists already"):
-        results.save(result, tmp_path / "report.html")
+        results.write(result, tmp_path / "report.html")
 
 
 def test_why_nothing_can_be_concluded(eccentric: Diagnosis) -> None:

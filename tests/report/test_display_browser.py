@@ -15,8 +15,9 @@ from meshcat.geometry import Box
 from aacmm_pin import Arm, circle_accuracy, configuration_circle
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import MM
-from aacmm_pin.report import html, scenes
+from aacmm_pin.report import scenes
 from aacmm_pin.report.document import Document, SceneView
+from aacmm_pin.report.formats import html
 from aacmm_pin.report.scenes import Scene
 from tests.browser import Page
 

@@ -9,10 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pytest
 from matplotlib.figure import Figure as Drawing
 
-from aacmm_pin import Arm
-from aacmm_pin.report import html
+from aacmm_pin import Arm, ErrorModel
+from aacmm_pin.errors import OutputError
+from aacmm_pin.report import formats, results
 from aacmm_pin.report.document import (
     Block,
     Bullets,
@@ -25,6 +27,7 @@ from aacmm_pin.report.document import (
     SceneView,
     Table,
 )
+from aacmm_pin.report.formats import html
 from aacmm_pin.report.numbers import (
     capital,
     count,
@@ -259,3 +262,18 @@ def test_no_column_of_a_table_with_long_names_is_cut(page: Browser, tmp_path: Pa
         for name in ("scroll", "client")
     )
     assert wide == there
+
+
+def test_the_end_of_a_name_chooses_the_format(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    arm = ErrorModel.load("sino6").arm
+    with pytest.raises(OutputError, match="html"):
+        results.write(arm, tmp_path / "arm.titles")
+    code = "def page(document):\n    return document.title\n"
+    (tmp_path / "titles.py").write_text(code, encoding="utf-8")
+    monkeypatch.setattr(formats, "__path__", [*formats.__path__, str(tmp_path)])
+    results.write(arm, tmp_path / "arm.titles")
+    assert "SINO6" in (tmp_path / "arm.titles").read_text(encoding="utf-8")
+    results.write(arm, tmp_path / "arm")
+    assert "</html>" in (tmp_path / "arm").read_text(encoding="utf-8")

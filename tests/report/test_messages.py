@@ -5,10 +5,13 @@ from __future__ import annotations
 import ast
 import re
 from collections.abc import Iterator
+from typing import get_args
 
 import pytest
 
 from aacmm_pin._support.notes import Note
+from aacmm_pin.diagnosis import Doubt
+from aacmm_pin.report.doubts import DOUBTS
 from aacmm_pin.report.messages import SENTENCES
 from tests.test_rooms import MODULES
 
@@ -40,6 +43,10 @@ def strings(of_notes: bool) -> Iterator[str]:
 
 def test_every_code_has_a_sentence_and_every_sentence_a_code() -> None:
     assert {*strings(of_notes=True)} <= {*SENTENCES} <= {*strings(of_notes=False)}
+
+
+def test_every_doubt_has_a_sentence() -> None:
+    assert {*DOUBTS} == {*get_args(Doubt)}
 
 
 def test_sentences_are_short_and_ask_nothing() -> None:

@@ -22,7 +22,7 @@ from aacmm_pin.effects import EncoderEccentricity
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.report.acceptance import CheckDetails, acceptance_document
 from aacmm_pin.report.document import Paragraph, Table
-from aacmm_pin.verification.accept import COVERAGE
+from aacmm_pin.verification.accept import GUARD_BAND_FACTOR
 from aacmm_pin.verification.probed_points import AS_GIVEN
 from tests.notes import data_of
 
@@ -249,7 +249,7 @@ def test_a_report_names_tests_editions_and_the_rule(data: Path) -> None:
     assert (figure["verdict"], figure["standard"]) == ("neither", "ISO 10360-12")
     assert figure["test"] == figure["clause"] == "unidirectional length measurement error"
     (rule,) = (b.text for b in document.blocks if isinstance(b, Paragraph) and "U = " in b.text)
-    assert f"U = {COVERAGE:g}u" in rule
+    assert f"U = {GUARD_BAND_FACTOR:g}u" in rule
     assert {"ISO 14253-1:2013", "ISO 14253-1:2017"} == set(re.findall(r"ISO 14253-1:\d+", rule))
 
 

@@ -20,7 +20,7 @@ from aacmm_pin import Arm, accept
 from aacmm_pin.cli.root_command import app
 from aacmm_pin.errors import AacmmError, MeasurementFileError, OutputError
 from aacmm_pin.report.acceptance import CheckDetails, acceptance_document
-from aacmm_pin.report.html import page as page_of
+from aacmm_pin.report.formats.html import page as page_of
 from aacmm_pin.report.plots.history import charts_drawn, plot_history
 from aacmm_pin.verification import AcceptanceResult, History
 from tests.browser import Page as Browser
@@ -282,7 +282,7 @@ def test_charts_that_are_not_drawn_are_counted(
 ) -> None:
     checks = history(SIZES)
     assert "not drawn" not in plot_history(checks).legends[0].get_title().get_text()
-    monkeypatch.setattr("aacmm_pin.report.plots.history.MOST", 1)
+    monkeypatch.setattr("aacmm_pin.report.plots.history.MOST_PANELS", 1)
     assert "1 of 2 figures not drawn" in plot_history(checks).legends[0].get_title().get_text()
 
 

@@ -10,7 +10,7 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.effects import Effect, State
 
-BINS = {"joint_error_curve": 72}
+BINS_OF_CAUSE = {"joint_error_curve": 72}
 """Into how many parts of what it depends on the records of a cause may be gathered."""
 OTHER_BINS = 18
 ORDER_FIELDS = {"joint_periodic_error": "order"}
@@ -31,7 +31,7 @@ LOADS = {
 
 def bins(effect: Effect) -> int:
     """Into how many parts of what it depends on the records may be gathered."""
-    return BINS.get(effect.cause, OTHER_BINS)
+    return BINS_OF_CAUSE.get(effect.cause, OTHER_BINS)
 
 
 def load_words(effect: Effect) -> str:
@@ -86,4 +86,5 @@ def is_of_angle(effect: Effect, state: State) -> bool:
 
 def unit_of_angle(state: State, row: int) -> tuple[str, float]:
     """Unit in which people read the indication of ``row``, and one of it in SI."""
-    return ("mm", MM) if state.arm.chain.prismatic[state.joint(row)] else ("°", DEG)
+    slides = state.arm.chain.prismatic[state.joint(row)]
+    return ("mm", MM) if slides else ("°", DEG)

@@ -10,14 +10,11 @@ from matplotlib.axes import Axes
 
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.units import DEG, MM, MM3, UM
-from aacmm_pin.accuracy.tip_sensitivity import ErrorSources
-from aacmm_pin.accuracy.volume import AccuracyVolume, paired
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin.accuracy import AccuracyVolume, ErrorSources, paired
+from aacmm_pin.arm import Arm
 from aacmm_pin.effects import row_in_words
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.postures.configurations import ConfigurationCircle
-from aacmm_pin.postures.general_ik import ReachingPostures
-from aacmm_pin.postures.postures_at_point import PosturesAtPoint
+from aacmm_pin.postures import ConfigurationCircle, PosturesAtPoint, ReachingPostures
 from aacmm_pin.report.numbers import length
 from aacmm_pin.report.plots.style import (
     BLUE,

@@ -29,11 +29,11 @@ from aacmm_pin.report.plots.style import (
     whole,
 )
 
-COLOURS = {"before": GREY, "after": BLUE}
-BINS = 18
+STATE_COLOURS = {"before": GREY, "after": BLUE}
+JOINT_BINS = 18
 """Parts of a joint's range over which residuals are averaged."""
 LEAST_IN_BIN = 4
-UNTOLD = "#d9d9d9"
+UNDETERMINED_COLOUR = "#d9d9d9"
 NOT_AT_ALL = 0.99
 """A parameter whose direction is so much an unknown one is not determined at all."""
 NAMED = 45
@@ -72,7 +72,7 @@ def plot_residuals_over_joint(
     unit, one = ("mm", MM) if slides else ("°", DEG)
     angle, ax = q[moved, joint - 1] / one, axes_of(ax, (5.0, 3.2))
     ax.axhline(0.0, color=INK, lw=0.7)
-    ax.plot(angle, along, ".", ms=3, color=COLOURS[when], alpha=0.8)
+    ax.plot(angle, along, ".", ms=3, color=STATE_COLOURS[when], alpha=0.8)
     if len(angle):
         _draw_means(ax, angle, along)
     else:  # its axis goes through the tip
@@ -85,7 +85,7 @@ def plot_residuals_over_joint(
 
 def _draw_means(ax: Axes, angle: Array, values: Array) -> None:
     table = pd.DataFrame({"angle": angle, "value": values})
-    parts = table.groupby(pd.cut(angle, BINS, labels=False))
+    parts = table.groupby(pd.cut(angle, JOINT_BINS, labels=False))
     many = parts.size() >= LEAST_IN_BIN
     angles, means = parts.mean()[many].to_numpy().T
     u = parts["value"].sem()[many].to_numpy()
@@ -142,7 +142,7 @@ def plot_residuals_by_seat(result: Calibration, ax: Axes | None = None) -> Axes:
     place = np.concatenate(places)
     used, excluded = result.fit.used[records], result.fit.excluded[records]
     crossed: list[tuple[Array, Array, str]] = []
-    for aside, (when, colour) in zip((-0.2, 0.2), COLOURS.items(), strict=True):
+    for aside, (when, colour) in zip((-0.2, 0.2), STATE_COLOURS.items(), strict=True):
         x, y = place + aside, table[f"{when}_mm"].to_numpy()[records]
         near = excluded & (y <= top)
         ax.plot(x[used], y[used], ".", ms=4, color=colour, label=f"{when} calibration")
@@ -190,7 +190,7 @@ def plot_correlation(result: Calibration, ax: Axes | None = None) -> Axes:
     ax = axes_of(ax, (2.6 + 0.2 * min(count, NAMED), 2.0 + 0.2 * min(count, NAMED)))
     values = np.ma.masked_array(table.to_numpy(), untold[:, None] | untold)
     image = ax.imshow(values, cmap="RdBu_r", vmin=-1, vmax=1, interpolation="nearest")
-    ax.set_facecolor(UNTOLD)
+    ax.set_facecolor(UNDETERMINED_COLOUR)
     if count <= NAMED:
         ax.set_xticks(range(count), list(table.columns), rotation=90, fontsize=7)
         ax.set_yticks(range(count), list(table.index), fontsize=7)

@@ -39,17 +39,17 @@ from aacmm_pin.report.plots.style import (
     plain,
 )
 
-FEW = 12
+FEWEST_COVARIATE_VALUES = 12
 """A covariate with no more values than this is shown value by value."""
-SHOWN = (0.01, 0.99)
+SHOWN_QUANTILES = (0.01, 0.99)
 """Records between these quantiles fit into the picture; the others, which say least, are marked at
 its edge.
 """
-ROOM = 0.8
+ROOM_BEYOND_CURVE = 0.8
 """As far beyond the curve, in heights of it, records are shown."""
-LEAST_IN_BIN = 3
-AXES = dict(zip("xyz", (BLUE, VERMILLION, GREEN), strict=True))
-UNITS = {"deg": "°", "c": "°C", "urad": "µrad", "um_per_m": "µm/m", "mm": "mm", "s": "s"}
+FEWEST_IN_PART = 3
+AXIS_COLOURS = dict(zip("xyz", (BLUE, VERMILLION, GREEN), strict=True))
+COLUMN_UNITS = {"deg": "°", "c": "°C", "urad": "µrad", "um_per_m": "µm/m", "mm": "mm", "s": "s"}
 """Units by the endings of the names of columns."""
 
 
@@ -102,7 +102,7 @@ def plot_cause(result: Diagnosis, finding: Finding, ax: Axes | None = None) -> A
         return plot_geometry(result, ax)
     shown, ax = partial_residual(result, finding.effect), axes_of(ax, (6.4, 3.8))
     x, values = shown.x, np.unique(shown.x)
-    if few := len(values) <= FEW:
+    if few := len(values) <= FEWEST_COVARIATE_VALUES:
         x = x + aside(len(x), 0.12 * float(np.ptp(values)))
         ax.set_xticks(values)
     means = _means(shown, few)
@@ -118,7 +118,7 @@ def plot_cause(result: Diagnosis, finding: Finding, ax: Axes | None = None) -> A
         "capsize": 2.5,
         "zorder": 3,
     }
-    of = "" if few else f" of {LEAST_IN_BIN} or more"
+    of = "" if few else f" of {FEWEST_IN_PART} or more"
     ax.errorbar(means["x"], means["value"], means["u"], label=f"means{of} ± u", **style)
     draw_beyond(ax, [(x, shown.value, GREY)], _limits(shown, means))
     ax.set(xlabel=shown.x_label, ylabel=shown.y_label)
@@ -137,7 +137,7 @@ def _means(shown: PartialResidual, few: bool) -> pd.DataFrame:
         parts, least = shown.x, 1
     else:
         bins = int(np.clip(len(shown.x) // 8, 4, shown.bins))
-        parts, least = np.asarray(pd.cut(shown.x, bins, labels=False), float), LEAST_IN_BIN
+        parts, least = np.asarray(pd.cut(shown.x, bins, labels=False), float), FEWEST_IN_PART
     weight = 1.0 / shown.u**2
     weighted = pd.DataFrame(
         {"weight": weight, "x": weight * shown.x, "value": weight * shown.value}
@@ -156,8 +156,8 @@ def _limits(shown: PartialResidual, means: pd.DataFrame) -> tuple[float, float]:
     inner = np.concatenate([shown.curve[1], value - u, value + u])
     low, high = float(np.nanmin(inner)), float(np.nanmax(inner))
     height = high - low
-    room = ROOM * height
-    least, most = np.clip(np.quantile(shown.value, SHOWN), low - room, high + room)
+    room = ROOM_BEYOND_CURVE * height
+    least, most = np.clip(np.quantile(shown.value, SHOWN_QUANTILES), low - room, high + room)
     margin = 0.05 * height or 1.0
     return min(low, least) - margin, max(high, most) + margin
 
@@ -187,7 +187,7 @@ def _plot_seat_error(result: Diagnosis, effect: Effect, ax: Axes | None = None) 
     error = np.array([found.get(name, np.full(3, np.nan)) for name in names]) / UM
     mean += np.nan_to_num(error)
     ax.axhline(0.0, color=INK, lw=0.6)
-    for k, (axis, colour) in enumerate(AXES.items()):
+    for k, (axis, colour) in enumerate(AXIS_COLOURS.items()):
         x = np.arange(len(names)) + 0.22 * (k - 1)
         ax.errorbar(
             x, mean[:, k], total[:, k] ** -0.5, fmt="o", ms=4, capsize=2.5, color=colour, label=axis
@@ -249,7 +249,7 @@ def _plot_over_one(
     )
     several, series = len(quantities) > 1, []
     ax.axhline(0.0, color=INK, lw=0.6)
-    for k, (quantity, colour) in enumerate(zip(quantities, AXES.values(), strict=False)):
+    for k, (quantity, colour) in enumerate(zip(quantities, AXIS_COLOURS.values(), strict=False)):
         at = x + step * (k - (len(quantities) - 1) / 2)
         series.append((at + spread, shape[f"{quantity}_of_record"].to_numpy(), colour))
         ax.plot(*series[-1][:2], ".", ms=2.5, color=colour, alpha=0.3)
@@ -290,7 +290,7 @@ def _plot_over_two(
 
 def _head(column: str) -> str:
     """``theta3_deg`` as ``theta3 [°]``; a column without a known unit as it is."""
-    for ending, unit in UNITS.items():
+    for ending, unit in COLUMN_UNITS.items():
         if column.endswith(f"_{ending}"):
             return f"{column.removesuffix(f'_{ending}').replace('_', ' ')} [{unit}]"
     return column

@@ -13,10 +13,9 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.units import DEG, MM, MM3
-from aacmm_pin.accuracy.volume import AccuracyVolume, paired
+from aacmm_pin.accuracy import AccuracyVolume, paired
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.postures.configurations import ConfigurationCircle
-from aacmm_pin.postures.postures_at_point import PosturesAtPoint
+from aacmm_pin.postures import ConfigurationCircle, PosturesAtPoint
 from aacmm_pin.report.arm_wireframe import ArmLines
 from aacmm_pin.report.plots.style import (
     BLUE,
@@ -135,15 +134,18 @@ def _frame(ax: Axes3D, circle: ConfigurationCircle, points: Array) -> None:
     to the shoulder.
     """
     low, high = points.min(axis=0), points.max(axis=0)
-    half = np.maximum((high - low) / 2, 0.3 * (high - low).max()) + 10.0
-    for name, middle, h in zip("xyz", (low + high) / 2, half, strict=True):
-        getattr(ax, f"set_{name}lim")(middle - h, middle + h)
+    middle, extent = (low + high) / 2, high - low
+    half = np.maximum(extent / 2, 0.3 * extent.max()) + 10.0
+    ticks = np.maximum(2, np.round(5 * half / half.max()).astype(int))
+    for k, name in enumerate("xyz"):
+        getattr(ax, f"set_{name}lim")(middle[k] - half[k], middle[k] + half[k])
         getattr(ax, f"set_{name}label")(f"{name} [mm]", labelpad=8)
-        getattr(ax, f"{name}axis").set_major_locator(MaxNLocator(max(2, round(5 * h / half.max()))))
+        getattr(ax, f"{name}axis").set_major_locator(MaxNLocator(ticks[k]))
     ax.set_box_aspect(half, zoom=0.98)
     ax.tick_params(labelsize=8)
     x, y, _ = circle.point - circle.components.swivel.shoulder
-    ax.view_init(elev=18, azim=float(np.arctan2(y, x)) / DEG + 35)
+    azimuth = float(np.arctan2(y, x)) / DEG
+    ax.view_init(elev=18, azim=azimuth + 35)
 
 
 def _draw_base(ax: Axes3D, circle: ConfigurationCircle) -> Array:

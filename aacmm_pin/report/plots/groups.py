@@ -28,7 +28,7 @@ from aacmm_pin.report.plots.style import (
 
 MODELS = {"simulation": INK, "recalibrated": GREY, "extended": BLUE}
 """The three models with their colours."""
-UNITS = {"time": "s", "temperature": "°C", "joint": "°"}
+RANGE_UNITS = {"time": "s", "temperature": "°C", "joint": "°"}
 """Units of the ranges in which records are grouped."""
 MANY, WORST = 40, 3
 """Of more groups than so many no names can be read: they stand by size, and so many of them are
@@ -106,7 +106,7 @@ def _draw_groups(
     """The groups of one kind side by side, below lines of what is ``expected`` (column: line style,
     label).
     """
-    unit, many = UNITS.get(kind.split()[0], ""), len(table) > MANY
+    unit, many = RANGE_UNITS.get(kind.split()[0], ""), len(table) > MANY
     if many:
         table = table.sort_values("simulation_mm", ascending=False)
     else:
@@ -154,7 +154,7 @@ def _start(group: str) -> float:
 
 def place_in_words(by: str, group: str) -> str:
     """``joint 6, 89 to 178°``, ``seat P3``."""
-    between = ", " if by.split()[0] in UNITS else " "
+    between = ", " if by.split()[0] in RANGE_UNITS else " "
     return by + between + group
 
 

@@ -21,12 +21,11 @@ from aacmm_pin.report.plots.style import (
     plain,
     whole,
 )
-from aacmm_pin.verification import ControlChart, History
-from aacmm_pin.verification.probed_points import brief
+from aacmm_pin.verification import ControlChart, History, brief
 
 NAME = 22
 """Characters of the name of an arm above a panel."""
-MOST = 12
+MOST_PANELS = 12
 """Panels in all, in two rows of up to six."""
 FINEST = 1e-4
 """What a panel shows at least, from its lower to its upper edge [mm]: one digit of the table."""
@@ -51,7 +50,7 @@ def charts_drawn(history: History) -> list[ControlChart]:
     """The charts that :func:`plot_history` draws: of two checks at least, first those with
     an MPE.
     """
-    return _charts(history)[:MOST]
+    return _charts(history)[:MOST_PANELS]
 
 
 def _charts(history: History) -> list[ControlChart]:
@@ -67,8 +66,8 @@ def plot_history(history: History, ax: Axes | None = None) -> Figure:
 
     Checks stand at equal distances, with dates below some of them.
     """
-    charts, missing = charts_drawn(history), len(_charts(history)[MOST:])
-    across = 4 if len(charts) <= 8 else MOST // 2
+    charts, missing = charts_drawn(history), len(_charts(history)[MOST_PANELS:])
+    across = 4 if len(charts) <= 8 else MOST_PANELS // 2
     if not charts:
         ax = axes_of(ax, (4.0, 1.0))
         ax.text(0.5, 0.5, "no figure of two checks", ha="center", va="center")

@@ -10,7 +10,7 @@ from matplotlib.colors import ListedColormap
 from matplotlib.patches import Patch
 
 from aacmm_pin._support.units import MM, UM
-from aacmm_pin.accuracy.workspace import WorkspaceMap
+from aacmm_pin.accuracy import WorkspaceMap
 from aacmm_pin.errors import UnknownNameError
 from aacmm_pin.report.plots.style import U_NAME, VOLUME_COLOURS, axes_of, legend_below, plain
 

@@ -9,9 +9,8 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from aacmm_pin.arm.file import COVERAGE_FACTOR
-from aacmm_pin.calibration import Calibration
-from aacmm_pin.calibration.parameter_vector import geometric_parameters
+from aacmm_pin.arm import COVERAGE_FACTOR
+from aacmm_pin.calibration import Calibration, geometric_parameters
 from aacmm_pin.diagnosis import Diagnosis
 from aacmm_pin.effects import in_words
 from aacmm_pin.errors import AacmmError

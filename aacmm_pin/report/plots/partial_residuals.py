@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aacmm_pin._support.checks import Array, Mask
-from aacmm_pin.calibration.fit import Fit
+from aacmm_pin.calibration import Fit
 from aacmm_pin.diagnosis import Diagnosis
 from aacmm_pin.effects import (
     Conditions,
@@ -32,7 +32,7 @@ from aacmm_pin.report.plots.abscissa import (
 )
 
 MICRO = 1e-6
-KINDS = {"µm/m": "expansion", "µrad": "turn", "µm": "shift"}
+KIND_OF_UNIT = {"µm/m": "expansion", "µrad": "turn", "µm": "shift"}
 """What an amount is, by its unit."""
 DENSE = 1500
 """Points of a curve over an angle."""
@@ -86,7 +86,8 @@ def is_constant(effect: Effect, state: State) -> bool:
     """Whether the cause displaces every record alike, as a geometric value does: then it depends on
     nothing.
     """
-    return all(len(d.columns) == 1 for d in effect.displacements(state))
+    displacements = effect.displacements(state)
+    return all(len(displacement.columns) == 1 for displacement in displacements)
 
 
 def state_of(fit: Fit, q: Array | None = None, conditions: Conditions | None = None) -> State:
@@ -180,17 +181,21 @@ def _common_direction(columns: Array) -> Array | None:
     It turns by one radian, and shifts by what goes with that; where it does not turn, it shifts by
     one metre.
     """
-    left, size, _ = np.linalg.svd(columns.transpose(1, 0, 2).reshape(6, -1), full_matrices=False)
+    each = columns.transpose(1, 0, 2).reshape(6, -1)
+    left, size, _ = np.linalg.svd(each, full_matrices=False)
     if size[0] == 0.0 or (size[1:] > 1e-9 * size[0]).any():
         return None
-    direction = np.where(np.abs(left[:, 0]) > 1e-9, left[:, 0], 0.0)
+    first = left[:, 0]
+    direction = np.where(np.abs(first) > 1e-9, first, 0.0)
+    largest = direction[np.argmax(np.abs(direction))]
     length = float(np.linalg.norm(direction[3:])) or float(np.linalg.norm(direction))
-    return np.asarray(direction * np.sign(direction[np.argmax(np.abs(direction))]) / length)
+    return np.asarray(direction * np.sign(largest) / length)
 
 
 def _along(direction: Array, columns: Array, values: Array) -> Array:
     """How often the twist is in those of the values (n,)."""
-    return np.asarray(np.einsum("i,nip,p->n", direction / (direction @ direction), columns, values))
+    unit = direction / (direction @ direction)
+    return np.asarray(np.einsum("i,nip,p->n", unit, columns, values))
 
 
 def _covariate(effect: Effect, state: State, found: _Amount) -> tuple[Array, str]:
@@ -244,4 +249,4 @@ def _y_label(effect: Effect, found: _Amount) -> str:
             f"joint {'angle' if found.unit == 'µrad' else 'position'} minus indication "
             f"[{found.unit}]"
         )
-    return f"{KINDS[found.unit]} [{found.unit}]"
+    return f"{KIND_OF_UNIT[found.unit]} [{found.unit}]"

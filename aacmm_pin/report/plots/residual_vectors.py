@@ -14,8 +14,7 @@ from matplotlib.figure import Figure
 
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.units import MM
-from aacmm_pin.calibration import Calibration
-from aacmm_pin.calibration.fit import Fit
+from aacmm_pin.calibration import Calibration, Fit
 from aacmm_pin.diagnosis import Diagnosis
 from aacmm_pin.errors import UnknownNameError
 from aacmm_pin.report.numbers import length
@@ -35,9 +34,9 @@ from aacmm_pin.report.plots.style import (
 
 Plane = Literal["xy", "xz", "yz"]
 VIEWS: dict[Plane, str] = {"xy": "plan (xy)", "xz": "side (xz)", "yz": "side (yz)"}
-LONGEST = 0.08
+LONGEST_VECTOR = 0.08
 """How long nearly all residuals are drawn, as part of the picture."""
-POSTURES = 3
+POSTURES_DRAWN = 3
 """So many postures of the arm are drawn."""
 MOST_VECTORS = 400
 """Residuals that are drawn; of more, every so-manieth."""
@@ -225,7 +224,7 @@ def magnification_of(place: Array, deviation: Array) -> float:
     """
     size = float(np.ptp(place, axis=0).max()) or 1.0
     usual = float(np.quantile(np.linalg.norm(deviation, axis=1), 0.95)) or 1e-12
-    return round_down(LONGEST * size / usual)
+    return round_down(LONGEST_VECTOR * size / usual)
 
 
 def postures_of(fit: Fit) -> Array:
@@ -236,7 +235,7 @@ def postures_of(fit: Fit) -> Array:
     records = fit.problem.measurements
     chosen: list[int] = []
     near = np.linalg.norm(tips - frame.shift, axis=1)
-    for _ in range(min(POSTURES, int(fit.used.sum()))):
+    for _ in range(min(POSTURES_DRAWN, int(fit.used.sum()))):
         farthest = int(np.argmax(np.where(fit.used, near, -1.0)))
         chosen.append(farthest)
         near = np.minimum(near, np.linalg.norm(tips - tips[farthest], axis=1))

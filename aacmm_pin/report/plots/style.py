@@ -38,7 +38,7 @@ no place.
 EDGE = 0.03
 """How far from the edge of the scale a mark for a value beyond it stands, in heights of the scale.
 """
-UPRIGHT = 24
+LONGEST_UPRIGHT = 24
 """Characters of a name that stands upright."""
 
 
@@ -211,7 +211,7 @@ def name_places(ax: Axes, names: Sequence[str], letters: int = 80, size: float =
     rotation = 0
     if sum(widths) > letters:
         rotation = 90
-        names = [short(name, UPRIGHT) for name in names]
+        names = [short(name, LONGEST_UPRIGHT) for name in names]
     step = -(-3 * len(names) // letters)
     places = range(len(names))
     ax.set_xticks(places[::step], names[::step], fontsize=size, rotation=rotation)

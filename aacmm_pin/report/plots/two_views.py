@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import MM
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm import Arm
 from aacmm_pin.report.arm_wireframe import ArmLines
 from aacmm_pin.report.plots.style import INK, plain
 
@@ -18,10 +18,10 @@ Groups = Mapping[str, tuple[str, Sequence[tuple[str, Array]]]]
 """By name: a colour, and places, each with a label, or "", and points (k, 3) [m] that are joined by
 lines.
 """
-MANY = 8
+MANY_PLACES = 8
 """Places of one kind that are drawn large; more are drawn small."""
-LARGE: dict[str, Any] = {"ms": 6, "lw": 2, "alpha": 1}
-SMALL: dict[str, Any] = {"ms": 4, "lw": 0.8, "alpha": 0.7}
+LARGE_STYLE: dict[str, Any] = {"ms": 6, "lw": 2, "alpha": 1}
+SMALL_STYLE: dict[str, Any] = {"ms": 4, "lw": 0.8, "alpha": 0.7}
 
 
 @plain
@@ -43,7 +43,7 @@ def _draw_view(axes: Axes, lines: Array, groups: Groups, plane: list[int]) -> No
     """The arm and the places, projected on the two axes of the ``plane``."""
     text: dict[str, Any] = {"textcoords": "offset points", "xytext": (5, 4), "fontsize": 8}
     for name, (colour, places) in groups.items():
-        style = SMALL if len(places) > MANY else LARGE
+        style = SMALL_STYLE if len(places) > MANY_PLACES else LARGE_STYLE
         axes.plot([], [], "o-", color=colour, label=name, **style)
         for label, points in places:
             projected = points[:, plane] / MM

@@ -10,10 +10,10 @@ from meshcat.geometry import Sphere
 
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.units import DEG, MM3, UM
-from aacmm_pin.accuracy.volume import COVERAGE_FACTOR, AccuracyVolume, paired
+from aacmm_pin.accuracy import AccuracyVolume, paired
+from aacmm_pin.arm import COVERAGE_FACTOR
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.postures.configurations import WRIST, ConfigurationCircle
-from aacmm_pin.postures.postures_at_point import PosturesAtPoint
+from aacmm_pin.postures import WRIST, ConfigurationCircle, PosturesAtPoint
 from aacmm_pin.report.numbers import count
 from aacmm_pin.report.plots.circle import evenly, neighbours
 from aacmm_pin.report.plots.style import BLUE, GREY, VOLUME_COLOURS, VOLUME_LABEL, round_down
@@ -40,7 +40,7 @@ THIN = 1e-4
 """Thickness given to an ellipsoid that has none, in its lengths."""
 GHOSTS = 5
 """Postures drawn thin behind the one that is shown."""
-MOST_FRAMES = 360
+MOST_CIRCLE_FRAMES = 360
 """Postures on the slider; of more, every so-manieth."""
 PATH_POINTS = 480
 """Points of the drawn path; of more, every so-manieth."""
@@ -66,7 +66,7 @@ def circle_scene(circle: PosturesAtPoint, accuracy: AccuracyVolume | None = None
         raise AacmmError(f"{circle}; nothing to show")
     inside = np.flatnonzero(circle.within_limits) if accuracy is None else paired(circle, accuracy)
     eligible = inside if len(inside) else np.arange(len(circle.q))
-    members = _thinned(circle.component, eligible, MOST_FRAMES)
+    members = _thinned(circle.component, eligible, MOST_CIRCLE_FRAMES)
     rows, bodies = np.searchsorted(inside, members), Bodies(circle.arm)
     path, name = _path_of(circle)
     points = np.vstack([bodies.corners(circle.q).reshape(-1, 3), path])

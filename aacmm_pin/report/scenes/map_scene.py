@@ -8,14 +8,14 @@ from meshcat.geometry import TriangularMeshGeometry
 
 from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.accuracy.workspace import WorkspaceMap
+from aacmm_pin.accuracy import WorkspaceMap
 from aacmm_pin.effects import ErrorModel, GivenModel
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.report.plots.maps import OUTSIDE_LIMITS, QUANTITIES
 from aacmm_pin.report.plots.style import VOLUME_COLOURS
 from aacmm_pin.report.scenes.scene import ColourBar, Frames, Scene, Swatch, View
 from aacmm_pin.report.scenes.stage import (
-    ROOM,
+    ROOM_ROUND_ARM,
     Bodies,
     draw_ball,
     flat,
@@ -26,7 +26,7 @@ from aacmm_pin.report.scenes.stage import (
 )
 
 Marks = Mask
-MOST_FRAMES = 240
+MOST_MAP_FRAMES = 240
 """Cells that the arm reaches for on the slider; of more, every so-manieth."""
 PER_SECOND = 4.0
 """Cells a second: the posture of one has nothing to do with that of the next."""
@@ -64,7 +64,9 @@ def map_scene(workspace_map: WorkspaceMap, model: GivenModel) -> Scene:
     everything = np.vstack([of_cells.reshape(-1, 3), of_arm.reshape(-1, 3)])
     title = f"{arm.name}: comprehensive accuracy"
     scene = stage(title, _caption(workspace_map), bodies, everything, points)
-    scene.view = View(np.vstack([everything, bodies.foot]), SIDE, HEIGHT, ROOM * bodies.radius)
+    scene.view = View(
+        np.vstack([everything, bodies.foot]), SIDE, HEIGHT, ROOM_ROUND_ARM * bodies.radius
+    )
     scene.bar = bar
     scene.notes.insert(0, _on_slider(len(q), int(works.sum())))
     draw_ball(scene, "point", "working point: the wrist in a cell", 0.75 * bodies.radius, points[0])
@@ -114,7 +116,7 @@ def _in_turn(works: Marks) -> tuple[Index, Index]:
     x, z = np.nonzero(works)
     column = np.unique(x, return_inverse=True)[1]
     upward = np.where(column % 2, -z, z)
-    step = -(-len(x) // MOST_FRAMES)
+    step = -(-len(x) // MOST_MAP_FRAMES)
     order = np.lexsort([upward, x])[::step]
     return x[order], z[order]
 

@@ -9,8 +9,7 @@ from matplotlib.colors import to_hex
 
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.units import MM
-from aacmm_pin.calibration import Calibration
-from aacmm_pin.calibration.fit import Fit
+from aacmm_pin.calibration import Calibration, Fit
 from aacmm_pin.diagnosis import Diagnosis
 from aacmm_pin.report.numbers import lengths
 from aacmm_pin.report.plots.residual_vectors import (

@@ -21,9 +21,7 @@ from meshcat.geometry import (
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.arm import chain
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.limits import broken_limits
+from aacmm_pin.arm import Arm, broken_limits, chain
 from aacmm_pin.report.arm_wireframe import ArmLines
 from aacmm_pin.report.plots.style import VERMILLION
 from aacmm_pin.report.scenes.scene import Scene, Swatch, View
@@ -36,13 +34,13 @@ THICKNESS = 0.014
 DRAWN = 0.3
 """Pieces shorter than this many radii are hidden in a joint and not drawn."""
 TO_SCALE = "Lengths are true to scale; tubes and joints are not as thick as drawn."
-ROOM = 3.4
+ROOM_ROUND_ARM = 3.4
 """So many radii of a tube are seen beyond the arm's lines: its joints, its foot."""
 ANGLED = 35 * DEG
 """How far the camera stands beside the direction in which the arm reaches."""
 CELL, CELLS = 0.5, 40
 """Side of a cell of meshcat's grid [m], and how many of them lie along each side of it."""
-SIDES = 6
+TUBE_SIDES = 6
 """Corners of the section of a prism."""
 
 
@@ -163,7 +161,7 @@ def stage(title: str, caption: str, bodies: Bodies, points: Array, targets: Arra
     scene.notes = [TO_SCALE]
     x, y, _ = targets.mean(axis=0)
     seen = np.vstack([points, bodies.foot])
-    scene.view = View(seen, float(np.arctan2(y, x)) + ANGLED, room=ROOM * bodies.radius)
+    scene.view = View(seen, float(np.arctan2(y, x)) + ANGLED, room=ROOM_ROUND_ARM * bodies.radius)
     return scene
 
 
@@ -289,18 +287,18 @@ def prisms(
     are those of both.
     """
     across, beside = _sections(end - start)
-    turn = np.arange(SIDES)[:, None] * (2 * np.pi / SIDES)
+    turn = np.arange(TUBE_SIDES)[:, None] * (2 * np.pi / TUBE_SIDES)
     ring = across[:, None] * np.cos(turn) + beside[:, None] * np.sin(turn)
     far = radius if end_radius is None else end_radius
     near_ring, far_ring = start[:, None] + radius * ring, end[:, None] + far * ring
     vertices = np.stack([near_ring, far_ring], axis=1)  # (n, 2, 6, 3)
-    corner = np.arange(SIDES)
-    after = (corner + 1) % SIDES
-    lower = np.column_stack([corner, after, corner + SIDES])
-    upper = np.column_stack([after, after + SIDES, corner + SIDES])
-    first = 2 * SIDES * np.arange(len(start))
+    corner = np.arange(TUBE_SIDES)
+    after = (corner + 1) % TUBE_SIDES
+    lower = np.column_stack([corner, after, corner + TUBE_SIDES])
+    upper = np.column_stack([after, after + TUBE_SIDES, corner + TUBE_SIDES])
+    first = 2 * TUBE_SIDES * np.arange(len(start))
     faces = np.vstack([lower, upper]) + first[:, None, None]
-    painted = None if colours is None else np.repeat(colours.reshape(-1, 3), SIDES, axis=0)
+    painted = None if colours is None else np.repeat(colours.reshape(-1, 3), TUBE_SIDES, axis=0)
     return TriangularMeshGeometry(vertices.reshape(-1, 3), faces.reshape(-1, 3), painted)
 
 

@@ -21,6 +21,7 @@ from sphinx.application import Sphinx
 
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS, Thresholds
 from aacmm_pin.effects import CAUSES, Effect
+from aacmm_pin.report.doubts import DOUBTS
 from building import pictures
 from building.causes import causes_table
 
@@ -142,6 +143,14 @@ def thresholds() -> str:
     return "\n".join(["| threshold | value | what it is |", "|---|---|---|", *rows])
 
 
+def doubts() -> str:
+    """Every doubt of a diagnosis and what it means, from the docstring of its sentence, as a
+    Markdown table.
+    """
+    rows = [f"| `{name}` | {inspect.getdoc(words)} |" for name, words in DOUBTS.items()]
+    return "\n".join(["| doubt | what it means |", "|---|---|", *rows])
+
+
 def _in_row(value: float | tuple[float, ...]) -> str:
     return ", ".join(f"{each:g}" for each in value) if isinstance(value, tuple) else f"{value:g}"
 
@@ -152,6 +161,7 @@ GENERATED: dict[str, Callable[..., str]] = {
     "commands": commands,
     "causes": causes_table,
     "thresholds": thresholds,
+    "doubts": doubts,
     "study-age": study_age,
 }
 

@@ -34,7 +34,7 @@ WIDE = 1050
 """A figure of more columns than this has several panels side by side; on a phone it is scrolled,
 not shrunk [pixels].
 """
-SHORT = 22
+SHORT_TEXT = 22
 """Texts up to this many characters stay on one line of a table."""
 ALIGNED = {
     "number": "",
@@ -108,9 +108,11 @@ def _viewer() -> Markup:
 
 def _prepared(blocks: Iterable[Block], *, on_page: bool) -> list[dict[str, Any]]:
     """What the template needs of each block."""
-    return [
-        {"kind": type(block).__name__} | vars(block) | _derived(block, on_page) for block in blocks
-    ]
+    prepared = []
+    for block in blocks:
+        kind = {"kind": type(block).__name__}
+        prepared.append(kind | vars(block) | _derived(block, on_page))
+    return prepared
 
 
 def _derived(block: Block, on_page: bool) -> dict[str, Any]:
@@ -141,23 +143,19 @@ def _table(table: Table, on_page: bool) -> dict[str, Any]:
     or ``long`` text.
     """
     cells = table.cells()
-    return {
-        "explained": table.explained if on_page else "",
-        "columns": [(head, _style(list(texts))) for head, texts in cells.items()],
-        "aligned": dict.fromkeys(("number", "short", "long"), "") if on_page else ALIGNED,
-        "rows": cells.to_numpy().tolist(),
-        "more": len(table.frame) - len(cells),
-    }
+    columns = [(head, _style(list(texts))) for head, texts in cells.items()]
+    data = {"columns": columns, "rows": cells.to_numpy().tolist()}
+    data |= {"more": len(table.frame) - len(cells)}
+    if on_page:
+        return data | {"explained": table.explained, "aligned": dict.fromkeys(ALIGNED, "")}
+    return data | {"explained": "", "aligned": ALIGNED}
 
 
 def _style(texts: Sequence[str]) -> str:
-    return (
-        "number"
-        if are_numbers(texts)
-        else "short"
-        if max(map(len, texts), default=0) <= SHORT
-        else "long"
-    )
+    if are_numbers(texts):
+        return "number"
+    longest = max(map(len, texts), default=0)
+    return "short" if longest <= SHORT_TEXT else "long"
 
 
 def _kept_together(value: object) -> object:

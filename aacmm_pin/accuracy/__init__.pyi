@@ -1,0 +1,32 @@
+from .length import LengthUncertainty, length_between
+from .parameter_draws import source_errors
+from .single_point import single_point_statistics
+from .tip_sensitivity import ErrorSources
+from .volume import (
+    COVERED,
+    METHODS,
+    AccuracyVolume,
+    Method,
+    accuracy_volume,
+    circle_accuracy,
+    paired,
+)
+from .workspace import WorkspaceMap, map_caveats, map_workspace
+
+__all__ = [
+    "COVERED",
+    "METHODS",
+    "AccuracyVolume",
+    "ErrorSources",
+    "LengthUncertainty",
+    "Method",
+    "WorkspaceMap",
+    "accuracy_volume",
+    "circle_accuracy",
+    "length_between",
+    "map_caveats",
+    "map_workspace",
+    "paired",
+    "single_point_statistics",
+    "source_errors",
+]

@@ -1,0 +1,44 @@
+from .acceptance import CheckDetails, acceptance_document, history_blocks
+from .acceptance_prediction import prediction_document
+from .accuracy import accuracy_document, length_document, map_document
+from .calibration import calibration_document, calibration_summary, comment
+from .calibration_plan import calibration_plan_document
+from .comparison import comparison_notes
+from .demo import run_demo
+from .diagnosis import diagnosis_document
+from .document import Document, Table
+from .formats import content, require_format
+from .json_summaries import accuracy_summary, accuracy_table, length_summary, map_summary
+from .plan import plan_document
+from .plots.style import without_latex
+from .procedure import procedure_document
+from .scenes import Scene
+
+__all__ = [
+    "CheckDetails",
+    "Document",
+    "Scene",
+    "Table",
+    "acceptance_document",
+    "accuracy_document",
+    "accuracy_summary",
+    "accuracy_table",
+    "calibration_document",
+    "calibration_plan_document",
+    "calibration_summary",
+    "comment",
+    "comparison_notes",
+    "content",
+    "diagnosis_document",
+    "history_blocks",
+    "length_document",
+    "length_summary",
+    "map_document",
+    "map_summary",
+    "plan_document",
+    "prediction_document",
+    "procedure_document",
+    "require_format",
+    "run_demo",
+    "without_latex",
+]

@@ -1,0 +1,113 @@
+"""What keeps a verdict from being ``explained`` or ``no-discrepancy``, in words.
+
+A new rule of :mod:`aacmm_pin.diagnosis.verdict` has one function here, and its entry in
+:data:`DOUBTS`. The first line of its docstring stands in the documentation of the JSON.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+from aacmm_pin.diagnosis import THRESHOLDS, Diagnosis, Unexplained
+from aacmm_pin.effects import listed, name_in_words, probability, several_in_words
+from aacmm_pin.report.numbers import count, p_equals
+
+
+def doubts_in_words(result: Diagnosis) -> list[str]:
+    """What stands against the verdict, without what the verdict itself states of the causes.
+
+    Raises:
+        KeyError: a doubt has no sentence.
+    """
+    each = [DOUBTS[doubt](result) for doubt in result.doubts]
+    return [words for words in each if words]
+
+
+def _contradicted_references(result: Diagnosis) -> str:
+    """Stated places or lengths contradict the records."""
+    return "; ".join(map(str, result.contradicted))
+
+
+def _few_causes_shown(result: Diagnosis) -> str:
+    """Nothing was found, and these records would show half of all causes or fewer."""
+    seen, of = result.visible
+    return f"these records would show only {seen} of {count(of, 'cause')} of typical magnitude"
+
+
+def _cause_not_named(result: Diagnosis) -> str:
+    """A cause was found with the excluded records only."""
+    causes, records = result.otherwise, int(result.extended.excluded.sum())
+    return f"{labels_in_words(result, causes)} would be found with {count(records, 'record')} more"
+
+
+def _below_zero(result: Diagnosis) -> str:
+    """A value is negative beyond its U, which is physically impossible."""
+    negative = [finding.effect for finding in result.findings if finding.below_zero]
+    causes = several_in_words(negative, result.model.arm)
+    return f"the estimate of {causes} is negative, which is physically impossible"
+
+
+def _not_borne_out(result: Diagnosis) -> str:
+    """Held-out records do not confirm a cause."""
+    if "no better" in result.doubts:
+        return ""
+    unconfirmed = [finding.effect for finding in result.findings if not finding.borne_out]
+    return f"held-out records do not confirm {several_in_words(unconfirmed, result.model.arm)}"
+
+
+def _no_better(result: Diagnosis) -> str:
+    """The extended arm does not predict held-out records better."""
+    return ""
+
+
+def _structure_left(result: Diagnosis) -> str:
+    """`unexplained.p_value` is below its threshold."""
+    if result.verdict == "unexplained":
+        return ""
+    return f"structure is left beyond chance ({beside_threshold(result.unexplained)})"
+
+
+def _more_causes(result: Diagnosis) -> str:
+    """Another cause acts with a probability of at least 0.95."""
+    chance = f"probability {probability(result.more)}, threshold {THRESHOLDS.settled:g}"
+    return f"something acts that is not named ({chance})"
+
+
+def _starts_disagree(result: Diagnosis) -> str:
+    """The two halves of the starts found different sets (`agreement`)."""
+    return "two explorations of the sets of causes found different ones"
+
+
+DOUBTS: Mapping[str, Callable[[Diagnosis], str]] = {
+    "contradicted references": _contradicted_references,
+    "few causes shown": _few_causes_shown,
+    "cause not named": _cause_not_named,
+    "below zero": _below_zero,
+    "cause not borne out": _not_borne_out,
+    "no better": _no_better,
+    "structure left": _structure_left,
+    "more causes": _more_causes,
+    "starts disagree": _starts_disagree,
+}
+"""The sentence of each doubt, by its name; empty if the verdict, or another doubt, states it."""
+
+
+def beside_threshold(left: Unexplained) -> str:
+    """The p-value of what is left, and below which something is: ``p = 0.02, threshold 0.001 beside
+    what was named``.
+    """
+    alone = left.threshold == THRESHOLDS.left_alone
+    where = "where nothing was named" if alone else "beside what was named"
+    return f"{p_equals(left.p_value)}, threshold {left.threshold:g} {where}"
+
+
+def labels_in_words(result: Diagnosis, labels: Sequence[str]) -> str:
+    """Causes and covariates that labels of the result name, in a row."""
+    return listed([_label_in_words(result, label) for label in labels])
+
+
+def _label_in_words(result: Diagnosis, label: str) -> str:
+    cause = result.cause(label)
+    if cause is None:
+        return f"dependence on {label}"
+    return name_in_words(cause, result.model.arm)

@@ -1,0 +1,44 @@
+from .accuracy import plot_accuracy_of_postures, plot_budget
+from .calibration import (
+    plot_correlation,
+    plot_normalised_residuals,
+    plot_residuals_by_seat,
+    plot_residuals_over_joint,
+    plot_residuals_over_joints,
+)
+from .causes import plot_cause, plot_diagnosis, plot_unexplained
+from .circle import plot_circle
+from .groups import plot_groups, plot_held_out, plot_rms
+from .history import plot_history
+from .maps import QUANTITIES, plot_map
+from .parameter_changes import plot_geometry, plot_parameter_changes
+from .residual_vectors import plot_residual_vectors, plot_residual_views
+from .style import BLUE, GREY, INK, VERMILLION
+
+__all__ = [
+    "BLUE",
+    "GREY",
+    "INK",
+    "QUANTITIES",
+    "VERMILLION",
+    "plot_accuracy_of_postures",
+    "plot_budget",
+    "plot_cause",
+    "plot_circle",
+    "plot_correlation",
+    "plot_diagnosis",
+    "plot_geometry",
+    "plot_groups",
+    "plot_held_out",
+    "plot_history",
+    "plot_map",
+    "plot_normalised_residuals",
+    "plot_parameter_changes",
+    "plot_residual_vectors",
+    "plot_residual_views",
+    "plot_residuals_by_seat",
+    "plot_residuals_over_joint",
+    "plot_residuals_over_joints",
+    "plot_rms",
+    "plot_unexplained",
+]
