@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm import Arm
 
 EXACT_STEPS = {"a_mm": 1e3, "d_mm": 1e3, "alpha_rad": np.pi / 2, "theta_offset_rad": np.pi / 2}
 

@@ -19,8 +19,7 @@ os.environ["OMP_NUM_THREADS"] = (
 import numpy as np
 import pytest
 
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.file import ArmFile, load_arm_file
+from aacmm_pin.arm import Arm, ArmFile, load_arm_file
 from aacmm_pin.effects import CAUSES
 from tests.browser import Page
 

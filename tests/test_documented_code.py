@@ -193,7 +193,7 @@ def not_said(comment: str, said: str) -> list[str]:
 
 
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
-def test_every_block_runs(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_block_runs(path, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     module = ModuleType("documented")
     monkeypatch.setitem(sys.modules, "documented", module)
@@ -209,7 +209,7 @@ def test_every_block_runs(path: Path, tmp_path: Path, monkeypatch: pytest.Monkey
                 raise
 
 
-def test_what_is_left_out_is_run_by_ci() -> None:
+def test_what_is_left_out_is_run_by_ci():
     script, readme = (
         (ROOT / ".ci" / "run").read_text(encoding="utf-8"),
         blocks(PAGES[0].read_text(encoding="utf-8")),
@@ -221,7 +221,7 @@ def test_what_is_left_out_is_run_by_ci() -> None:
         assert len(lines(command.text)) == 1
 
 
-def test_no_page_is_of_another_kind() -> None:
+def test_no_page_is_of_another_kind():
     """Pages that are no Markdown would not be looked at."""
     assert len(PAGES) > 5
     kinds = {
@@ -267,14 +267,7 @@ cat data.csv  # the file
         ("0.25", "0.25\n```\n\n```python\n1/0", "true", "division by zero"),
     ],
 )
-def test_what_is_wrong_is_seen(
-    claim: str,
-    output: str,
-    command: str,
-    complaint: str | None,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_what_is_wrong_is_seen(claim, output, command, complaint, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     found = blocks(PAGE.format(claim=claim, output=output, command=command))
     page = Page(ModuleType("documented"))

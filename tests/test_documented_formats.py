@@ -20,8 +20,7 @@ import aacmm_pin
 from aacmm_pin import effects
 from aacmm_pin.arm import file as arm_file
 from aacmm_pin.cli.root_command import app
-from aacmm_pin.effects import CAUSES
-from aacmm_pin.effects.smooth_functions import Smooth
+from aacmm_pin.effects import CAUSES, Smooth
 from aacmm_pin.measurements import MEASUREMENT_FILE, PROBED_POINT_COLUMNS, REFERENCE
 from aacmm_pin.measurements.csv_columns import numbered_forms, single_names
 
@@ -107,7 +106,7 @@ def run(command: str) -> str:
     return done.stdout
 
 
-def test_every_schema_has_a_section() -> None:
+def test_every_schema_has_a_section():
     source = "".join(
         path.read_text(encoding="utf-8") for path in Path(aacmm_pin.__file__).parent.rglob("*.py")
     )
@@ -123,7 +122,7 @@ SCHEMAS = (
 
 
 @pytest.mark.parametrize("schema", SCHEMAS.split())
-def test_json_keys_are_those_that_are_written(schema: str, written: dict[str, set[str]]) -> None:
+def test_json_keys_are_those_that_are_written(schema, written):
     name = f"aacmm-pin/{schema}/1"
     explained, came = documented(f"`{name}`"), written[name]
     unexplained = {key for key in came if not known(key, explained)}
@@ -175,7 +174,7 @@ def names_of(functions: type) -> list[str]:
     return [each.name for each in fields(functions)]
 
 
-def test_keys_of_the_arm_file() -> None:
+def test_keys_of_the_arm_file():
     assert set(documented("Arm file (TOML)")) - {"effects[].joint"} == set(
         fields_of(arm_file.ArmFile)
     )
@@ -184,7 +183,7 @@ def test_keys_of_the_arm_file() -> None:
     assert set(documented("Of a URDF")) == set(fields_of(arm_file.UrdfArmFile)) - both
 
 
-def test_columns_of_what_commands_write(tmp_path: Path) -> None:
+def test_columns_of_what_commands_write(tmp_path):
     data, *tables = (
         str(tmp_path / f"{name}.csv")
         for name in ("data", "circle", "accuracy", "residuals", "corrected", "to")
@@ -209,13 +208,13 @@ def test_columns_of_what_commands_write(tmp_path: Path) -> None:
     assert explained == set(came) - (of_records - {"x_mm", "y_mm", "z_mm"})
 
 
-def test_columns_of_the_acceptance_file() -> None:
+def test_columns_of_the_acceptance_file():
     names = {key.removesuffix(" …") for key in documented("Acceptance file (CSV)")}
     planned = {"articulation", "planned_x_mm", "planned_theta1_deg"}
     assert names - planned == {*single_names(PROBED_POINT_COLUMNS), *REFERENCE, "theta1_deg"}
 
 
-def test_columns_of_the_measurement_file() -> None:
+def test_columns_of_the_measurement_file():
     names = {key.removesuffix(" …") for key in documented("Measurement file (CSV)")}
     numbered = {form.replace("#", "1") for form in numbered_forms(MEASUREMENT_FILE)}
     assert names | {"theta1_rad", "temperature1_c"} == {*single_names(MEASUREMENT_FILE), *numbered}

@@ -63,7 +63,7 @@ def module_of(name: str) -> str:
     )
 
 
-def test_rooms_import_in_their_order() -> None:
+def test_rooms_import_in_their_order():
     assert {name.split(".")[0] for name in MODULES} == {*ROOMS, "__init__"}
     found = [
         f"{module} imports {name}"
@@ -76,7 +76,7 @@ def test_rooms_import_in_their_order() -> None:
     assert found == []
 
 
-def test_no_two_modules_import_each_other() -> None:
+def test_no_two_modules_import_each_other():
     inside = {
         module: {module_of(name) for name in imports(path, False) if name.startswith("aacmm_pin.")}
         - {module}
@@ -85,7 +85,7 @@ def test_no_two_modules_import_each_other() -> None:
     assert len([*TopologicalSorter(inside).static_order()]) >= len(MODULES)
 
 
-def test_only_the_arm_speaks_to_pinocchio() -> None:
+def test_only_the_arm_speaks_to_pinocchio():
     found = {
         module
         for module, path in MODULES.items()

@@ -1,7 +1,6 @@
 """The command of the benchmarks writes whole files."""
 
 import json
-from pathlib import Path
 
 import pytest
 
@@ -11,7 +10,7 @@ from tests.benchmarks.__main__ import main
 from tests.benchmarks.operations import OPERATIONS, TARGETS, Row
 
 
-def test_cheapest_operation(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_cheapest_operation(tmp_path, monkeypatch):
     monkeypatch.setenv(VARIABLE, NEVER)
     data, page = tmp_path / "speed.json", tmp_path / "speed.md"
     main(["--json", str(data), "--page", str(page), "--only", "sensitivities", "--quick"])
@@ -27,7 +26,7 @@ def test_cheapest_operation(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     assert all(text.count(f"| {row['what']} | {row['who']} |") == 1 for row in operation["rows"])
 
 
-def test_targets(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_targets(monkeypatch):
     assert {operation for operation, *_ in TARGETS} <= set(OPERATIONS)
     monkeypatch.setattr(
         operations, "TARGETS", {("maps", "a map", "C"): 2.0, ("maps", "large", "us"): 1e9}

@@ -31,7 +31,7 @@ from blind.kinematics import Array
 from blind_spot import ARM, COMPLIANCE, NOISE, BlindSpot
 
 from aacmm_pin._support.units import MM, UM
-from aacmm_pin.arm.file import load_arm_file
+from aacmm_pin.arm import load_arm_file
 from aacmm_pin.arm.urdf import urdf_text
 from tests.benchmarks.environments import ask, is_installed
 
@@ -105,7 +105,7 @@ def off(spot: BlindSpot, report: dict[str, Any]) -> float:
 
 
 @pytest.mark.long
-def test_all_twelve_causes_are_named_and_corrected(tmp_path: Path) -> None:
+def test_all_twelve_causes_are_named_and_corrected(tmp_path):
     spot = BlindSpot.of(1)
     assert min(spot.visibility.values()) > VISIBLE  # no joint of this mount is without gravity
     diagnosed = ours(spot, tmp_path)
@@ -117,7 +117,7 @@ def test_all_twelve_causes_are_named_and_corrected(tmp_path: Path) -> None:
     assert spot.off(diagnosed.predicted) < min(NEAR * spot.perfect, TARGET)
 
 
-def test_no_compliance_is_named_where_there_is_none(tmp_path: Path) -> None:
+def test_no_compliance_is_named_where_there_is_none(tmp_path):
     spot = BlindSpot.of(4, compliance=0.0)
     diagnosed = ours(spot, tmp_path)
     assert sorted(diagnosed.named) == sorted(spot.faults)
@@ -151,9 +151,7 @@ def theirs() -> Callable[..., dict[str, Any]]:
     return of
 
 
-def test_figaroh_with_eccentric_encoders_and_compliance(
-    tmp_path: Path, theirs: Callable[..., dict[str, Any]], say: Callable[[str], None]
-) -> None:
+def test_figaroh_with_eccentric_encoders_and_compliance(tmp_path, theirs, say):
     spots = [BlindSpot.of(seed) for seed in SEEDS]
     rigid, elastic = ([theirs(spot, *options) for spot in spots] for options in ([], ["--elastic"]))
     mine = [ours(spot, tmp_path / f"{seed}") for seed, spot in zip(SEEDS, spots, strict=True)]
@@ -187,9 +185,7 @@ def test_figaroh_with_eccentric_encoders_and_compliance(
     assert rms["figaroh, and stiffness"] > 10 * rms["aacmm_pin"]
 
 
-def test_figaroh_with_eccentric_encoders_alone(
-    tmp_path: Path, theirs: Callable[..., dict[str, Any]], say: Callable[[str], None]
-) -> None:
+def test_figaroh_with_eccentric_encoders_alone(tmp_path, theirs, say):
     spot = BlindSpot.of(4, compliance=0.0)
     elastic = theirs(spot, "--elastic")
     mine = ours(spot, tmp_path / "ours")

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,39 +16,34 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
+from aacmm_pin import accuracy_volume, perturbed_model
 from aacmm_pin._support.checks import Array
-from aacmm_pin.accuracy.volume import accuracy_volume
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.chain import axis
-from aacmm_pin.arm.file import ArmFile, load_arm_file
+from aacmm_pin.arm import Arm, ArmFile, axis, load_arm_file
 from aacmm_pin.arm.random_postures import random_postures
 from aacmm_pin.calibration import Calibration, calibrate, solver
 from aacmm_pin.calibration.calibrate import notes_of
 from aacmm_pin.calibration.calibrated_arm import moved_file
-from aacmm_pin.calibration.random_arm import perturbed_model
 from aacmm_pin.effects import (
     BaseCompliance,
     BearingTilt,
+    Conditions,
     Effect,
     EncoderEccentricity,
     EncoderGain,
     EncoderSlip,
+    ErrorModel,
     JointCompliance,
     JointErrorCurve,
     JointHysteresis,
     JointPeriodicError,
     LinkBending,
+    State,
     StylusOffset,
     ThermalExpansion,
     ZeroDrift,
 )
-from aacmm_pin.effects.conditions import Conditions
-from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError, MissingConditionError, UnknownNameError
-from aacmm_pin.measurements.measuring_points import Pool
-from aacmm_pin.measurements.records import Measurements
-from aacmm_pin.measurements.simulate import simulate_measurements
+from aacmm_pin.measurements import Measurements, Pool, simulate_measurements
 from tests.notes import data_of
 
 READING, REFERENCE = 8e-6, 12e-6
@@ -97,7 +91,7 @@ def agreement(arm: Arm, result: Calibration, errors: Array) -> float:
 
 
 @pytest.mark.parametrize("by_marker", [True, False])
-def test_noise_of_readings_reaches_a_target_beyond_the_tip(sino6: Arm, by_marker: bool) -> None:
+def test_noise_of_readings_reaches_a_target_beyond_the_tip(sino6, by_marker):
     """χ² of 12 files with noise as stated, the reading's the larger part, and a target 0.3 m beyond
     the tip.
     """
@@ -127,7 +121,7 @@ def test_noise_of_readings_reaches_a_target_beyond_the_tip(sino6: Arm, by_marker
 
 
 @pytest.mark.parametrize("run", [1, 2, 3])
-def test_the_paper_offsets_are_found(run: int) -> None:
+def test_the_paper_offsets_are_found(run):
     """Three postures, six offsets; the paper's own residuals of 0.15 mm are its rounding (true
     offsets of its Table 1).
     """
@@ -156,7 +150,7 @@ def test_the_paper_offsets_are_found(run: int) -> None:
 # --- the estimate and its uncertainty
 
 
-def test_an_independent_least_squares_agrees(sino6: Arm, rng: np.random.Generator) -> None:
+def test_an_independent_least_squares_agrees(sino6, rng):
     data, _ = free_points(sino6, rng, 120)
     result = quick(sino6, data, robust=False)
     dh, names = sino6.dh, [p.name for p in sino6.parameters]
@@ -184,7 +178,7 @@ def test_an_independent_least_squares_agrees(sino6: Arm, rng: np.random.Generato
     )
 
 
-def test_uncertainties_are_honest(sino6: Arm) -> None:
+def test_uncertainties_are_honest(sino6):
     """RMS of error over u is one, and 95 % intervals hold 95 % of the true values, over repeats."""
     repeats = 40
     rngs = [np.random.default_rng(seed) for seed in range(repeats)]
@@ -202,7 +196,7 @@ def test_uncertainties_are_honest(sino6: Arm) -> None:
     assert sum(len(result.excluded) for result, _ in results) <= 4
 
 
-def test_more_scatter_than_stated_is_found_and_said(sino6: Arm, rng: np.random.Generator) -> None:
+def test_more_scatter_than_stated_is_found_and_said(sino6, rng):
     data, _ = free_points(sino6, rng)
     worse = Measurements.of(data.q, data.reference + rng.normal(size=data.reference.shape) * 50e-6)
     result = quick(sino6, worse)
@@ -213,7 +207,7 @@ def test_more_scatter_than_stated_is_found_and_said(sino6: Arm, rng: np.random.G
     assert not data_of(result.notes, "stated_values_hold")
 
 
-def test_a_part_that_was_exchanged_is_told(sino6: Arm, rng: np.random.Generator) -> None:
+def test_a_part_that_was_exchanged_is_told(sino6, rng):
     """Another stylus, 1 mm longer: by its half-width of 2.9 µm, which would hold its length where
     it was.
     """
@@ -236,7 +230,7 @@ def test_a_part_that_was_exchanged_is_told(sino6: Arm, rng: np.random.Generator)
     assert free.loc["d6", "change"] == pytest.approx(1.0, rel=0.05)  # [mm]
 
 
-def test_noise_that_nobody_stated_is_estimated(sino6: Arm, rng: np.random.Generator) -> None:
+def test_noise_that_nobody_stated_is_estimated(sino6, rng):
     data, _ = free_points(sino6, rng)
     result = calibrate(sino6, data, hold_out=False)
     assert result.p_value is None
@@ -247,7 +241,7 @@ def test_noise_that_nobody_stated_is_estimated(sino6: Arm, rng: np.random.Genera
 
 
 @pytest.mark.parametrize("plan", ["seats", "unknown seats", "bars"])
-def test_seats_and_bars(sino6: Arm, rng: np.random.Generator, plan: str) -> None:
+def test_seats_and_bars(sino6, rng, plan):
     q = np.zeros((1, 6))
     errors = rng.normal(size=24) * np.array([p.u for p in sino6.parameters])
     steps = {p.name: e for p, e in zip(sino6.parameters, errors, strict=True)}
@@ -276,9 +270,7 @@ def test_seats_and_bars(sino6: Arm, rng: np.random.Generator, plan: str) -> None
     assert result.p_value > 1e-4
 
 
-def test_the_error_of_a_bar_is_common_to_all_its_places(
-    sino6: Arm, rng: np.random.Generator
-) -> None:
+def test_the_error_of_a_bar_is_common_to_all_its_places(sino6, rng):
     """No length of the arm is known better than the one bar that tells its size."""
     data = simulate_measurements(
         sino6, "ball-bar", 300, rng=rng, reference_noise=0.0, probe_noise=5e-6, bar_length=0.5
@@ -292,7 +284,7 @@ def test_the_error_of_a_bar_is_common_to_all_its_places(
     assert 3e-5 < np.sqrt(by @ model.covariance() @ by) < 4.5e-5
 
 
-def test_an_unknown_frame_and_what_it_hides(sino6: Arm, rng: np.random.Generator) -> None:
+def test_an_unknown_frame_and_what_it_hides(sino6, rng):
     data, errors = free_points(sino6, rng)
     turn = Rotation.from_rotvec([0.4, -0.2, 1.1]).as_matrix()
     elsewhere = Measurements.of(data.q, data.reference @ turn.T + [1.0, 2.0, -0.5])
@@ -338,9 +330,7 @@ def parallel_arm() -> Arm:
     )
 
 
-def test_what_is_known_in_combination_only_has_no_u_by_itself(
-    sino6: Arm, rng: np.random.Generator
-) -> None:
+def test_what_is_known_in_combination_only_has_no_u_by_itself(sino6, rng):
     result = quick(sino6, free_points(sino6, rng, 40)[0], [BaseCompliance(), BearingTilt(1)])
     assert result.undetermined == ("base_compliance and bearing_tilt:1: only their sum",)
     assert list(result.parameters["known"]) == ["in combination"] * 2
@@ -348,7 +338,7 @@ def test_what_is_known_in_combination_only_has_no_u_by_itself(
     assert all(effect.u[0] > 100 * effect.terms[0].typical for effect in result.model.effects)
 
 
-def test_parallel_axes_are_known_together(rng: np.random.Generator) -> None:
+def test_parallel_axes_are_known_together(rng):
     arm = parallel_arm()
     q = within(arm, rng, 150)
     data = Measurements.of(q, arm.positions(q) + rng.normal(size=(150, 3)) * 1e-5)
@@ -366,7 +356,7 @@ def test_parallel_axes_are_known_together(rng: np.random.Generator) -> None:
         np.testing.assert_allclose(moved.tips, result.fit.point.prediction.tips, rtol=0, atol=2e-6)
 
 
-def test_what_seats_that_nobody_measured_do_not_tell(zero6: Arm) -> None:
+def test_what_seats_that_nobody_measured_do_not_tell(zero6):
     """A turn about the base, and one of an unknown target about the last axis, though noisy tips
     seem to tell of both.
     """
@@ -389,7 +379,7 @@ def test_what_seats_that_nobody_measured_do_not_tell(zero6: Arm) -> None:
 # --- records that are wrong
 
 
-def test_good_records_belong_where_they_are_few(sino6: Arm) -> None:
+def test_good_records_belong_where_they_are_few(sino6):
     """A dozen arms within their half-widths, five records each: with a robust search alone a third
     of them lost one.
     """
@@ -403,7 +393,7 @@ def test_good_records_belong_where_they_are_few(sino6: Arm) -> None:
 
 
 @pytest.mark.parametrize("size", [1e-3, 1.0])
-def test_a_tenth_of_gross_errors(sino6: Arm, rng: np.random.Generator, size: float) -> None:
+def test_a_tenth_of_gross_errors(sino6, rng, size):
     data, _ = free_points(sino6, rng)
     wrong = rng.choice(300, 30, replace=False)
     reference = data.reference.copy()
@@ -434,7 +424,7 @@ CAUSES: list[Effect] = [
 
 
 @pytest.mark.parametrize("cause", CAUSES, ids=lambda e: e.label)
-def test_a_cause_is_recovered(sino6: Arm, rng: np.random.Generator, cause: Effect) -> None:
+def test_a_cause_is_recovered(sino6, rng, cause):
     n = 300
     q = within(sino6, rng, n)
     conditions = Conditions(
@@ -452,9 +442,7 @@ def test_a_cause_is_recovered(sino6: Arm, rng: np.random.Generator, cause: Effec
     assert np.all(np.array(found.u) < np.linalg.norm(cause.values))
 
 
-def test_the_calibrated_arm_is_saved_and_calibrated_again(
-    sino6: Arm, rng: np.random.Generator, tmp_path: Path
-) -> None:
+def test_the_calibrated_arm_is_saved_and_calibrated_again(sino6, rng, tmp_path):
     data, _ = free_points(sino6, rng)
     result = quick(sino6, data, ["geometry", EncoderEccentricity(3)])
     result.model.save(tmp_path / "cal.toml")
@@ -475,7 +463,7 @@ def test_the_calibrated_arm_is_saved_and_calibrated_again(
     assert [e.label for e in ErrorModel.of(result.model.arm).effects] == ["encoder_eccentricity:3"]
 
 
-def test_held_out_residuals_against_an_explicit_refit(sino6: Arm, rng: np.random.Generator) -> None:
+def test_held_out_residuals_against_an_explicit_refit(sino6, rng):
     data, _ = free_points(sino6, rng, 200)
     result = quick(sino6, data, hold_out=True, rng=np.random.default_rng(5))
     kinds = {h.kind: h for h in result.held_out}
@@ -497,9 +485,7 @@ def fails(match: str, work: Callable[[], object], kind: type[AacmmError] = Aacmm
         work()
 
 
-def test_a_search_that_does_not_converge_gives_its_best_point_and_says_so(
-    sino6: Arm, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_search_that_does_not_converge_gives_its_best_point_and_says_so(sino6, rng, monkeypatch):
     data = free_points(sino6, rng, 100)[0]
     result = quick(sino6, data)
     assert result.fit.converged
@@ -515,9 +501,7 @@ def test_a_search_that_does_not_converge_gives_its_best_point_and_says_so(
     assert len(said) == 1 + len(result.notes)
 
 
-def test_the_geometric_refit_ends_at_one_minimum_from_wherever_it_starts(
-    sino6: Arm, rng: np.random.Generator
-) -> None:
+def test_the_geometric_refit_ends_at_one_minimum_from_wherever_it_starts(sino6, rng):
     bare = Arm.from_file(
         sino6.file.model_copy(
             update={
@@ -541,9 +525,7 @@ def test_the_geometric_refit_ends_at_one_minimum_from_wherever_it_starts(
     np.testing.assert_allclose(costs, fit.system.cost, rtol=1e-6)
 
 
-def test_conditions_in_another_unit_are_asked_about(
-    sino6: Arm, rng: np.random.Generator, tmp_path: Path
-) -> None:
+def test_conditions_in_another_unit_are_asked_about(sino6, rng, tmp_path):
     data = simulate_measurements(sino6, "free", 30, rng=rng)
     assert data.conditions.temperature is not None
     warm = replace(data.conditions, temperature=1.8 * data.conditions.temperature + 32.0)
@@ -584,7 +566,7 @@ def test_conditions_in_another_unit_are_asked_about(
     ("factor", "word"),
     [(1.0, ""), (1e-3, "reference_noise_small"), (700.0, "reference_noise_large")],
 )
-def test_an_uncertainty_of_references_in_another_unit(sino6: Arm, factor: float, word: str) -> None:
+def test_an_uncertainty_of_references_in_another_unit(sino6, factor, word):
     for plan in ("free", "seats"):
         data = simulate_measurements(sino6, plan, 60, rng=np.random.default_rng(3), seats=6)  # type: ignore[arg-type]
         notes = quick(
@@ -599,8 +581,8 @@ def test_an_uncertainty_of_references_in_another_unit(sino6: Arm, factor: float,
 
 
 def test_records_that_the_arm_is_calibrated_with_already_are_said_to_count_twice(
-    sino6: Arm, rng: np.random.Generator, tmp_path: Path
-) -> None:
+    sino6, rng, tmp_path
+):
     first, second = (simulate_measurements(sino6, "free", 40, rng=rng) for _ in range(2))
     calibrated = quick(sino6, first).model
     calibrated.save(tmp_path / "once.toml")
@@ -631,9 +613,7 @@ def test_records_that_the_arm_is_calibrated_with_already_are_said_to_count_twice
 
 
 @pytest.mark.parametrize(("plan", "count"), [("seats", 6), ("ball-bar", 3)])
-def test_seats_and_bars_of_an_earlier_calibration_are_said_to_be(
-    sino6: Arm, plan: str, count: int, tmp_path: Path
-) -> None:
+def test_seats_and_bars_of_an_earlier_calibration_are_said_to_be(sino6, plan, count, tmp_path):
     bar: Any = {"bar_length": 0.5} if plan == "ball-bar" else {}
     data = simulate_measurements(sino6, plan, 80, seats=6, rng=np.random.default_rng(2), **bar)  # type: ignore[arg-type]
     first, second = (data.take(slice(start, None, 2)) for start in (0, 1))
@@ -655,9 +635,7 @@ def test_seats_and_bars_of_an_earlier_calibration_are_said_to_be(
     }
 
 
-def test_a_seat_with_contradicting_coordinates_is_named(
-    sino6: Arm, rng: np.random.Generator
-) -> None:
+def test_a_seat_with_contradicting_coordinates_is_named(sino6, rng):
     data = simulate_measurements(sino6, "seats", 60, rng=rng, seats=6)
     label, records = next(iter(data.seats().items()))
     moved = data.reference.copy()
@@ -671,9 +649,7 @@ def test_a_seat_with_contradicting_coordinates_is_named(
     assert not data_of(quick(sino6, noisy, "geometry").notes, "seat_contradicted")
 
 
-def test_a_bar_that_does_not_fit_between_its_ends_is_named(
-    sino6: Arm, rng: np.random.Generator
-) -> None:
+def test_a_bar_that_does_not_fit_between_its_ends_is_named(sino6, rng):
     data = simulate_measurements(sino6, "seats", 60, rng=rng, seats=6)
     (a, at_a), (b, at_b) = list(data.seats().items())[:2]
     seat = data.conditions.seat
@@ -695,7 +671,7 @@ def test_a_bar_that_does_not_fit_between_its_ends_is_named(
         ] * named
 
 
-def test_messages(sino6: Arm, zero6: Arm, rng: np.random.Generator) -> None:
+def test_messages(sino6, zero6, rng):
     data, _ = free_points(sino6, rng, 40)
     fails("no record says where the tip was", lambda: quick(sino6, Measurements.of(data.q)))
     fails("unknown set of parameters 'all'", lambda: quick(sino6, data, "all"), UnknownNameError)
@@ -745,7 +721,7 @@ def test_messages(sino6: Arm, zero6: Arm, rng: np.random.Generator) -> None:
     fails("nothing of the arm's size", lambda: calibrate(zero6, seats, hold_out=False))
 
 
-def test_torques_in_another_unit_are_asked_about(sino6: Arm, rng: np.random.Generator) -> None:
+def test_torques_in_another_unit_are_asked_about(sino6, rng):
     data = simulate_measurements(sino6, "free", 30, rng=rng)
     state = State(sino6, data.q, data.conditions, sino6.chain.tip)
     moments = [
@@ -757,7 +733,7 @@ def test_torques_in_another_unit_are_asked_about(sino6: Arm, rng: np.random.Gene
         assert len(data_of(quick(sino6, given, "geometry").notes, "torques_large")) == asked
 
 
-def test_records_outside_a_known_error_curve_are_left_out_and_listed(sino6: Arm) -> None:
+def test_records_outside_a_known_error_curve_are_left_out_and_listed(sino6):
     records = simulate_measurements(sino6, "free", 60, rng=np.random.default_rng(4))
     curve = JointErrorCurve(3, values=(1e-4,) * 5, lower_rad=0.5, upper_rad=6.0, coefficients=5)
     model = ErrorModel(sino6).with_effects(curve)
@@ -784,7 +760,7 @@ def test_records_outside_a_known_error_curve_are_left_out_and_listed(sino6: Arm)
         calibrate(model, records.take(~inside), "zero-offsets", hold_out=False, progress=False)
 
 
-def test_calibrated_lengths_hold_at_the_temperature_of_their_records(sino6: Arm) -> None:
+def test_calibrated_lengths_hold_at_the_temperature_of_their_records(sino6):
     """A metre that was calibrated at 23 °C is no metre at 20 °C, unless the model says how it
     grows.
     """
@@ -816,7 +792,7 @@ def test_calibrated_lengths_hold_at_the_temperature_of_their_records(sino6: Arm)
     assert both.model.arm.reference_temperature == 20.0
 
 
-def test_what_is_uncertain_of_a_time_constant_stays_so(sino6: Arm, tmp_path: Path) -> None:
+def test_what_is_uncertain_of_a_time_constant_stays_so(sino6, tmp_path):
     """Against normal equations of both values by finite differences; a file keeps the u of both."""
     rng, drift = (
         np.random.default_rng(3),
@@ -868,9 +844,7 @@ def test_what_is_uncertain_of_a_time_constant_stays_so(sino6: Arm, tmp_path: Pat
     )
 
 
-def test_values_that_earlier_records_tell_exactly_stay_exact(
-    sino6: Arm, rng: np.random.Generator
-) -> None:
+def test_values_that_earlier_records_tell_exactly_stay_exact(sino6, rng):
     data, _ = free_points(sino6, rng, 40)
     known = quick(sino6, data).model.arm.covariance
     assert known is not None
@@ -881,9 +855,7 @@ def test_values_that_earlier_records_tell_exactly_stay_exact(
     assert found.model.arm.covariance == exact
 
 
-def test_an_arm_that_drifts_can_be_set_tasks_without_a_clock(
-    sino6: Arm, rng: np.random.Generator
-) -> None:
+def test_an_arm_that_drifts_can_be_set_tasks_without_a_clock(sino6, rng):
     """Its covariance names a cause that has no part in where the touches of a procedure are."""
     drift = ZeroDrift(2, 1500.0, values=(2e-4,), u=(5e-5,), nonlinear_u=300.0)
     data = simulate_measurements(ErrorModel(sino6, (drift,)), "free", 40, rng=rng)
@@ -900,7 +872,7 @@ def test_an_arm_that_drifts_can_be_set_tasks_without_a_clock(
     )
 
 
-def test_a_bar_of_another_length_is_noted(sino6: Arm) -> None:
+def test_a_bar_of_another_length_is_noted(sino6):
     data = simulate_measurements(
         sino6, "ball-bar", 160, bar_length=0.6, rng=np.random.default_rng(3), encoder_noise=8e-6
     ).to_frame()
@@ -919,7 +891,7 @@ def test_a_bar_of_another_length_is_noted(sino6: Arm) -> None:
 
 
 @pytest.mark.parametrize("plan", ["ball-bar", "seats"])
-def test_what_nothing_tells_stays_where_it_was(zero6: Arm, plan: Any) -> None:
+def test_what_nothing_tells_stays_where_it_was(zero6, plan):
     """Readings scatter more across the arm than along it, which a turn of the whole arm would seem
     to fit better.
     """
@@ -934,7 +906,7 @@ def test_what_nothing_tells_stays_where_it_was(zero6: Arm, plan: Any) -> None:
     assert found.fit.converged
 
 
-def test_coordinates_of_seats_of_unstated_uncertainty(sino6: Arm) -> None:
+def test_coordinates_of_seats_of_unstated_uncertainty(sino6):
     """Seats off by 50 µm, touches by 15: both are found, and u of tips is right."""
     z, seats = [], []
     for seed in range(4):

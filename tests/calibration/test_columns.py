@@ -5,28 +5,25 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration.jacobian import Columns
 from aacmm_pin.effects import (
     BearingTilt,
+    Conditions,
     EncoderEccentricity,
+    ErrorModel,
     JointZeroOffset,
     LinkLength,
     LinkTwist,
     SeatError,
+    State,
     StylusOffset,
     ThermalExpansion,
     sensitivity,
 )
-from aacmm_pin.effects.conditions import Conditions
-from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.effects.state import State
 
 
 @pytest.mark.parametrize("n", [1, 8])
-def test_columns_of_all_effects_are_those_of_each(
-    n: int, sino6: Arm, rng: np.random.Generator
-) -> None:
+def test_columns_of_all_effects_are_those_of_each(n, sino6, rng):
     """Tips and derivatives; constant twists, those of a record, an exact arcsine, what bends, and a
     seat.
 

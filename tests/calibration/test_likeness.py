@@ -14,19 +14,21 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.file import ArmFile
+from aacmm_pin import perturbed_model
+from aacmm_pin.arm import Arm, ArmFile
 from aacmm_pin.calibration import calibrate, input_mistakes
 from aacmm_pin.calibration.parameters import problem_of
-from aacmm_pin.calibration.random_arm import perturbed_model
 from aacmm_pin.calibration.setup import Setup
 from aacmm_pin.diagnosis import diagnose
-from aacmm_pin.effects import EncoderEccentricity, EncoderGain, StylusOffset
-from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.effects.geometry import JointZeroOffset
+from aacmm_pin.effects import (
+    EncoderEccentricity,
+    EncoderGain,
+    ErrorModel,
+    JointZeroOffset,
+    StylusOffset,
+)
 from aacmm_pin.errors import AacmmError, MistakenFileError
-from aacmm_pin.measurements.records import Measurements
-from aacmm_pin.measurements.simulate import simulate_measurements
+from aacmm_pin.measurements import Measurements, simulate_measurements
 from tests.arm_files import by_table
 
 Change = Callable[[Measurements], Measurements]
@@ -152,7 +154,7 @@ SETUPS += [("zero6", "external", 6), ("ur5", "base", 4), ("ur5", "seats", 4)]
 
 
 @pytest.mark.parametrize(("arm", "setup", "every"), SETUPS, indirect=["arm"])
-def test_every_mistake_is_named(arm: Arm, setup: str, every: int, rng: np.random.Generator) -> None:
+def test_every_mistake_is_named(arm, setup, every, rng):
     """All of them on one arm with coordinates in its base and without; every third or fourth
     elsewhere.
     """
@@ -193,9 +195,7 @@ def test_every_mistake_is_named(arm: Arm, setup: str, every: int, rng: np.random
         assert f"{found.before * 1e3:.4g}" in str(found)
 
 
-def test_with_stated_noise_an_unknown_target_and_in_a_diagnosis(
-    sino6: Arm, rng: np.random.Generator
-) -> None:
+def test_with_stated_noise_an_unknown_target_and_in_a_diagnosis(sino6, rng):
     data = counted(3)(with_gross_errors(simulate_measurements(sino6, "free", 60, rng=rng), rng))
     stated: dict[str, Any] = {
         "encoder_noise": 8e-6,
@@ -210,7 +210,7 @@ def test_with_stated_noise_an_unknown_target_and_in_a_diagnosis(
             assert caught.value.mistake.startswith("joint 4 is counted")
 
 
-def test_sound_files_pass(arm: Arm) -> None:
+def test_sound_files_pass(arm):
     causes = [
         (),
         (EncoderEccentricity(3, values=(2e-4, 1e-4)),),
@@ -298,12 +298,7 @@ NAMED: list[tuple[dict[str, tuple[float, float]], dict[str, Any], tuple[str, ...
 
 
 @pytest.mark.parametrize(("off", "told", "named"), NAMED)
-def test_when_a_mistake_is_named(
-    off: dict[str, tuple[float, float]],
-    told: dict[str, Any],
-    named: tuple[str, ...],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_when_a_mistake_is_named(off, told, named, monkeypatch):
     case = {
         "n": 50,
         "before": 0.5,
@@ -361,9 +356,7 @@ def test_when_a_mistake_is_named(
 
 @pytest.mark.parametrize(("unit", "far"), [("m", 0.05), ("rad", 0.5)])
 @pytest.mark.parametrize(("lever", "moves"), [(1.02, True), (1e-3, False)])
-def test_geometry_that_took_up_a_mistake(
-    sino6: Arm, rng: np.random.Generator, unit: str, far: float, lever: float, moves: bool
-) -> None:
+def test_geometry_that_took_up_a_mistake(sino6, rng, unit, far, lever, moves):
     """A length farther off than 50 mm or an angle than half a radian, to either side; causes may be
     what they are.
 
@@ -430,9 +423,7 @@ def assembled(arm: Arm, rng: np.random.Generator) -> Arm:
         ((0.0, 0.0, 0.122), False, {TARGET_OPTION}),
     ],
 )
-def test_an_option_that_was_left_out_is_named(
-    target: tuple[float, float, float], away: bool, named: set[str], seed: int
-) -> None:
+def test_an_option_that_was_left_out_is_named(target, away, named, seed):
     """Not a sign of the last joint, which hardly moves the tip."""
     rng = np.random.default_rng(seed)
     model = ErrorModel(assembled(ROBOT, rng), (StylusOffset(values=target),))
@@ -452,7 +443,7 @@ def test_an_option_that_was_left_out_is_named(
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_a_tip_that_geometry_takes_up_is_no_mistake(seed: int) -> None:
+def test_a_tip_that_geometry_takes_up_is_no_mistake(seed):
     """15 mm beyond the stated one, as of a robot's tool of which the length is known roughly."""
     rng = np.random.default_rng(seed)
     model = ErrorModel(assembled(ROBOT, rng), (StylusOffset(values=(0.003, 0.0, 0.014)),))
@@ -467,7 +458,7 @@ def shown_with(other: int, joint: int, sign: float) -> Change:
 
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("name", ["sino6", "robot", "seven"])
-def test_convention_and_sums_of_angles_are_named(name: str, sino6: Arm, seed: int) -> None:
+def test_convention_and_sums_of_angles_are_named(name, sino6, seed):
     rng = np.random.default_rng(seed)
     arm = {"sino6": sino6, "robot": ROBOT, "seven": SEVEN}[name]
     truth = perturbed_model(arm, rng).arm if name == "sino6" else assembled(arm, rng)

@@ -4,9 +4,7 @@ Carlo, what they add.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -15,18 +13,15 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.file import ArmFile
+from aacmm_pin.arm import Arm, ArmFile
 from aacmm_pin.calibration import calibrate
 from aacmm_pin.calibration.parameters import problem_of
 from aacmm_pin.calibration.problem import Frame
 from aacmm_pin.calibration.setup import Setup
 from aacmm_pin.diagnosis import diagnose
-from aacmm_pin.effects import EncoderEccentricity
-from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.effects import EncoderEccentricity, ErrorModel
 from aacmm_pin.errors import AacmmError, MeasurementFileError
-from aacmm_pin.measurements.records import Measurements
-from aacmm_pin.measurements.simulate import simulate_measurements
+from aacmm_pin.measurements import Measurements, simulate_measurements
 
 NOISE = {"encoder_noise": 2e-5, "reference_noise": 1.2e-5}
 TURN = 3e-5
@@ -60,9 +55,7 @@ def seen_from(records: Measurements, frame: Frame) -> Measurements:
 
 
 @pytest.mark.parametrize("name", ["sino6", "zero6", "ur5_robot.urdf"])
-def test_turns_and_their_derivatives_are_those_of_pinocchio(
-    name: str, robot_file: Callable[[str], Path], rng: np.random.Generator
-) -> None:
+def test_turns_and_their_derivatives_are_those_of_pinocchio(name, robot_file, rng):
     arm = Arm.from_urdf(str(robot_file(name)), "tool0") if name.endswith("urdf") else Arm.load(name)
     q = rng.uniform(-1.0, 1.0, (5, arm.nq))
     stated = Rotation.random(5, rng=rng)
@@ -92,7 +85,7 @@ def test_turns_and_their_derivatives_are_those_of_pinocchio(
         np.testing.assert_allclose(exact[:, :, k], (ends[0] - ends[1]) / 2e-6, atol=1e-7)
 
 
-def test_parameters_scatter_as_stated(sino6: Arm, rng: np.random.Generator) -> None:
+def test_parameters_scatter_as_stated(sino6, rng):
     """χ² of the parameters over calibrations with new noise; the readings' part is common to
     position and turn.
     """
@@ -113,9 +106,7 @@ def test_parameters_scatter_as_stated(sino6: Arm, rng: np.random.Generator) -> N
     assert 1e-3 < chi2.sf(total, 5 * runs) < 0.999
 
 
-def test_what_is_not_stated_is_found_and_what_is_wrong_is_left_out(
-    sino6: Arm, rng: np.random.Generator
-) -> None:
+def test_what_is_not_stated_is_found_and_what_is_wrong_is_left_out(sino6, rng):
     """Frame, axes of the target and noise are unknown, a third of the orientations missing, one
     wrong.
     """
@@ -143,7 +134,7 @@ def test_what_is_not_stated_is_found_and_what_is_wrong_is_left_out(
             calibrate(sino6, replace(data, orientation=order), "geometry", hold_out=False, **how)
 
 
-def test_turns_tell_the_roll_of_the_wrist(straight: Arm, rng: np.random.Generator) -> None:
+def test_turns_tell_the_roll_of_the_wrist(straight, rng):
     data = simulate_measurements(straight, "free", 20, rng=rng, orientation_noise=TURN, **NOISE)
     for records, target, untold in (
         (replace(data, orientation=None), "frame", 1),
@@ -157,7 +148,7 @@ def test_turns_tell_the_roll_of_the_wrist(straight: Arm, rng: np.random.Generato
     )
 
 
-def test_turns_show_a_cause_in_the_wrist(straight: Arm, rng: np.random.Generator) -> None:
+def test_turns_show_a_cause_in_the_wrist(straight, rng):
     hidden = ErrorModel(straight, (EncoderEccentricity(joint=6, values=(2e-4, 1e-4)),))
     data = simulate_measurements(hidden, "free", 80, rng=rng, orientation_noise=TURN, **NOISE)
     told = diagnose(straight, data, rng=rng, hold_out=False, **NOISE)
@@ -173,7 +164,7 @@ def test_turns_show_a_cause_in_the_wrist(straight: Arm, rng: np.random.Generator
     )
 
 
-def test_turns_that_nothing_explains(straight: Arm, rng: np.random.Generator) -> None:
+def test_turns_that_nothing_explains(straight, rng):
     """A target that was knocked halfway; its page shows positions."""
     data = simulate_measurements(straight, "free", 80, rng=rng, orientation_noise=TURN, **NOISE)
     assert data.orientation is not None
@@ -209,9 +200,7 @@ def test_turns_that_nothing_explains(straight: Arm, rng: np.random.Generator) ->
         (dict.fromkeys(("qw", "qx", "qy", "qz")), None, "uncertainty"),
     ],
 )
-def test_orientations_that_are_none(
-    change: dict[str, object], where: int | None, words: str
-) -> None:
+def test_orientations_that_are_none(change, where, words):
     row = {
         "theta1_deg": 10.0,
         "x_mm": 1.0,

@@ -12,13 +12,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration import calibrate
 from aacmm_pin.calibration.calibrate import counted_once, held_postures
 from aacmm_pin.calibration.cross_validation import groups_of, left_out_in_turn, parts_of, together
 from aacmm_pin.diagnosis import diagnose
-from aacmm_pin.effects import EncoderEccentricity
-from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.effects import EncoderEccentricity, ErrorModel
 from aacmm_pin.measurements import Measurements, originals, simulate_measurements
 from aacmm_pin.report.calibration import verdict
 from tests.notes import data_of
@@ -29,9 +27,7 @@ def several(table: pd.DataFrame, times: int) -> Measurements:
 
 
 @pytest.mark.parametrize("plan", [pytest.param("free", marks=pytest.mark.long), "seats"])
-def test_a_file_appended_to_itself_says_the_same(
-    sino6: Arm, rng: np.random.Generator, plan: Any
-) -> None:
+def test_a_file_appended_to_itself_says_the_same(sino6, rng, plan):
     model = ErrorModel(sino6).with_effects(EncoderEccentricity(3, values=(2e-4, 1e-4)))
     table = simulate_measurements(model, plan, 60, rng=rng, seats=6).to_frame()
     once, twice = (calibrate(sino6, several(table, k), progress=False) for k in (1, 2))
@@ -62,7 +58,7 @@ def test_a_file_appended_to_itself_says_the_same(
     assert data_of(other.notes, "columns_unused") == [{"columns": ["x_ref_mm"]}]
 
 
-def test_what_makes_a_copy() -> None:
+def test_what_makes_a_copy():
     table = pd.DataFrame(
         {
             "theta1_deg": [10.0, 10.0, 10.0, 10.0],
@@ -114,9 +110,7 @@ def test_what_makes_a_copy() -> None:
     assert data_of(notes, "copies") == [{"rows": [3]}]
 
 
-def test_places_that_several_records_state_to_the_last_digit_are_seats(
-    sino6: Arm, rng: np.random.Generator
-) -> None:
+def test_places_that_several_records_state_to_the_last_digit_are_seats(sino6, rng):
     """Without the column ``seat``, or where one of its cells is empty, all is as with it."""
     data = simulate_measurements(sino6, "seats", 60, rng=rng, seats=6)
     seat = data.conditions.seat
@@ -130,7 +124,7 @@ def test_places_that_several_records_state_to_the_last_digit_are_seats(
     assert counted_once(data) == (data, [])
 
 
-def test_repeats_of_a_posture_are_held_out_together(sino6: Arm, rng: np.random.Generator) -> None:
+def test_repeats_of_a_posture_are_held_out_together(sino6, rng):
     table = simulate_measurements(sino6, "free", 40, rng=rng).to_frame()
     q, xyz = [f"theta{j}_deg" for j in range(1, 7)], ["x_mm", "y_mm", "z_mm"]
     repeats = []
@@ -153,7 +147,7 @@ def test_repeats_of_a_posture_are_held_out_together(sino6: Arm, rng: np.random.G
         assert len(np.unique(np.column_stack([postures, labels]), axis=0)) == 40
 
 
-def test_readings_of_one_contact_count_as_their_mean(sino6: Arm, rng: np.random.Generator) -> None:
+def test_readings_of_one_contact_count_as_their_mean(sino6, rng):
     """Contacts of 20 µm, five readings of each: u is as of one reading of each contact, and
     right.
     """
@@ -182,7 +176,7 @@ def test_readings_of_one_contact_count_as_their_mean(sino6: Arm, rng: np.random.
     assert counted_once(Measurements.from_frame(loaded))[0].n == 120
 
 
-def test_labels_that_share_a_posture_are_one() -> None:
+def test_labels_that_share_a_posture_are_one():
     assert together(np.array([0, 1, 2, 2, 3]), np.array([0, 1, 1, 2, 3])).tolist() == [
         0,
         1,
@@ -192,7 +186,7 @@ def test_labels_that_share_a_posture_are_one() -> None:
     ]
 
 
-def test_parts_of_few_records(rng: np.random.Generator) -> None:
+def test_parts_of_few_records(rng):
     """Two blocks of twelve records; seats where nearly all records touch one."""
     records = Measurements.of(rng.uniform(-1.0, 1.0, (12, 6)))
     for touched, wanted in ((0, "blocks"), (10, "blocks"), (11, "seats")):
@@ -206,7 +200,7 @@ def test_parts_of_few_records(rng: np.random.Generator) -> None:
         assert len(np.unique(parts)) <= (2 if kind == "blocks" else 7)
 
 
-def test_only_used_records_are_left_out() -> None:
+def test_only_used_records_are_left_out():
     part, used = np.array([0, 0, 1, 1]), np.array([True, False, True, True])
     found = left_out_in_turn(
         part,
@@ -219,9 +213,7 @@ def test_only_used_records_are_left_out() -> None:
 
 
 @pytest.mark.parametrize("stated", [{}, {"encoder_noise": 8e-6, "reference_noise": 1.2e-5}])
-def test_one_posture_tells_nothing_of_others(
-    sino6: Arm, rng: np.random.Generator, stated: dict[str, float]
-) -> None:
+def test_one_posture_tells_nothing_of_others(sino6, rng, stated):
     q = sino6.limits.mean(axis=1) + 0.3 + 8e-6 * rng.normal(size=(30, 6))
     there = sino6.positions(q[:1]) + [1e-3, 0.0, 0.0] + 1.2e-5 * rng.normal(size=(30, 3))
     records = Measurements.of(q, there)

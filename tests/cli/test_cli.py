@@ -20,18 +20,17 @@ import pytest
 from shell import POINT, done, found, refused, run
 
 import aacmm_pin
-from aacmm_pin import Arm
+from aacmm_pin import Arm, WorkspaceMap
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.accuracy.workspace import WorkspaceMap
-from aacmm_pin.arm.file import load_arm_file
-from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.arm import load_arm_file
+from aacmm_pin.effects import ErrorModel
 from aacmm_pin.report.demo import run_demo
 
 SMALL = ["--cells", "6", "6"]
 BUNDLED = Path(aacmm_pin.__file__).parent / "arm" / "bundled" / "sino6.toml"
 
 
-def test_help_lists_the_commands_that_work_and_no_others() -> None:
+def test_help_lists_the_commands_that_work_and_no_others():
     out, _ = done("--help")
     measured = ("simulate", "calibrate", "diagnose", "correct", "plan", "accept")
     for command in ("demo", "urdf", "configurations", "accuracy", "map", "show", *measured):
@@ -39,14 +38,14 @@ def test_help_lists_the_commands_that_work_and_no_others() -> None:
     assert done("--version")[0].startswith("aacmm-pin ")
 
 
-def test_urdf_is_the_kept_one(tmp_path: Path) -> None:
+def test_urdf_is_the_kept_one(tmp_path):
     target, kept = tmp_path / "sino6.urdf", Path(__file__).parents[2] / "urdf" / "sino6.urdf"
     assert done("urdf", "sino6", "-o", target) == ("", f"written: {target}\n")
     assert target.read_bytes() == kept.read_bytes()
     assert done("urdf", "sino6")[0] == kept.read_text(encoding="utf-8")
 
 
-def test_configurations_csv_reaches_the_point(tmp_path: Path) -> None:
+def test_configurations_csv_reaches_the_point(tmp_path):
     target = tmp_path / "c.csv"
     done("configurations", "sino6", *POINT, "--count", "12", "-o", target)
     table = pd.read_csv(target)
@@ -75,7 +74,7 @@ def test_configurations_csv_reaches_the_point(tmp_path: Path) -> None:
     assert "flexibility" in err
 
 
-def test_accuracy_in_numbers(tmp_path: Path) -> None:
+def test_accuracy_in_numbers(tmp_path):
     target = tmp_path / "a.csv"
     summary = found("accuracy", "sino6", *POINT, "-o", target)
     assert summary["schema"] == "aacmm-pin/accuracy/1"
@@ -103,7 +102,7 @@ def test_accuracy_in_numbers(tmp_path: Path) -> None:
     assert upright["at"] == "tip"
 
 
-def test_accuracy_in_words_names_the_best_posture_and_the_budget(tmp_path: Path) -> None:
+def test_accuracy_in_words_names_the_best_posture_and_the_budget(tmp_path):
     picture, path = tmp_path / "a.png", tmp_path / "mine.toml"
     out, _ = done("accuracy", "sino6", *POINT, "--count", "12", "--plot", picture)
     for word in ("smallest volume", "largest U", "theta_offset3", "alpha4", "mm³"):
@@ -118,7 +117,7 @@ def test_accuracy_in_words_names_the_best_posture_and_the_budget(tmp_path: Path)
     assert "a3, d3, alpha3, theta_offset3" in done("accuracy", path, *POINT, "--count", "6")[0]
 
 
-def test_map_writes_netcdf_picture_and_json(tmp_path: Path) -> None:
+def test_map_writes_netcdf_picture_and_json(tmp_path):
     target, picture = tmp_path / "m.nc", tmp_path / "m.png"
     summary = found("map", "sino6", *SMALL, "--sectors", "12", "-o", target, "--plot", picture)
     assert summary["cells"] == [6, 6]
@@ -130,7 +129,7 @@ def test_map_writes_netcdf_picture_and_json(tmp_path: Path) -> None:
     assert picture.stat().st_size > 1000
 
 
-def test_unusable_input_is_one_message_and_status_1() -> None:
+def test_unusable_input_is_one_message_and_status_1():
     for words, said in (
         (["accuracy", "sino7", *POINT], ["sino7", "sino6", "zero6"]),
         (["accuracy", "none.toml", *POINT], ["none.toml", "no such file"]),
@@ -159,7 +158,7 @@ def test_unusable_input_is_one_message_and_status_1() -> None:
         refused(*words, said=said)
 
 
-def test_a_point_in_metres_is_seen(tmp_path: Path) -> None:
+def test_a_point_in_metres_is_seen(tmp_path):
     """0.4 0 0.3 mm is beside the shoulder, where nothing reaches; 0.4 0 0.3 m is in reach."""
     metres = ["--point", "0.4", "0.0", "0.3"]
     for words in ([], ["--tip", "--axis", "0", "0", "-1"]):
@@ -184,7 +183,7 @@ def test_a_point_in_metres_is_seen(tmp_path: Path) -> None:
     assert "note: the same numbers in metres" in said
 
 
-def test_the_tip_of_an_arm_with_other_than_six_joints(tmp_path: Path) -> None:
+def test_the_tip_of_an_arm_with_other_than_six_joints(tmp_path):
     """Five conditions: single postures of five joints; seven need the whole pose, with which they
     go round curves.
     """
@@ -207,7 +206,7 @@ def test_the_tip_of_an_arm_with_other_than_six_joints(tmp_path: Path) -> None:
     assert len(curves.splitlines()) > 9
 
 
-def test_numbers_that_no_option_takes(tmp_path: Path) -> None:
+def test_numbers_that_no_option_takes(tmp_path):
     """The same numbers are refused by Python, which says them in SI; work that would fill the
     memory is not begun.
     """
@@ -268,7 +267,7 @@ def test_numbers_that_no_option_takes(tmp_path: Path) -> None:
         assert run(*words)[0] == 2, words
 
 
-def test_angles_carry_their_unit() -> None:
+def test_angles_carry_their_unit():
     words = ["accuracy", "sino6", *POINT, "--count", 12, "--method", "ellipsoid"]
     least = [
         found(*words, "--encoder-noise-rad", text)["best"]["u_mm"]
@@ -278,7 +277,7 @@ def test_angles_carry_their_unit() -> None:
     assert run(*words, "--encoder-noise-rad", "8foo")[0] == 2
 
 
-def test_wrong_usage_is_status_2() -> None:
+def test_wrong_usage_is_status_2():
     with_axis = ["--axis", "0", "0", "1"]
     for words in (
         ["nope"],
@@ -333,7 +332,7 @@ uncertainty = {{ a_mm = {half}, d_mm = 0.0, alpha_rad = 0.0, theta_offset_rad = 
 """
 
 
-def test_a_bad_arm_file_is_named_with_its_key(tmp_path: Path) -> None:
+def test_a_bad_arm_file_is_named_with_its_key(tmp_path):
     path, good = tmp_path / "mine.toml", JOINT.format(limits="1.0, 3.0", half=0.1)
     for text, said in (
         (
@@ -350,7 +349,7 @@ def test_a_bad_arm_file_is_named_with_its_key(tmp_path: Path) -> None:
         refused("accuracy", path, *POINT, said=["mine.toml", *said])
 
 
-def test_existing_files_are_kept_unless_forced(tmp_path: Path) -> None:
+def test_existing_files_are_kept_unless_forced(tmp_path):
     target = tmp_path / "c.csv"
     target.write_text("mine")
     words = ["configurations", "sino6", *POINT, "--count", "6", "-o", target]
@@ -390,7 +389,7 @@ def stopped(words: list[str], sent: signal.Signals, ready: object) -> None:
     assert "Traceback" not in err
 
 
-def test_what_is_interrupted_or_terminated_leaves_nothing(tmp_path: Path) -> None:
+def test_what_is_interrupted_or_terminated_leaves_nothing(tmp_path):
     words = [
         "map",
         "sino6",
@@ -422,7 +421,7 @@ def _cpu_seconds(session: int) -> float:
     return ticks / os.sysconf("SC_CLK_TCK")
 
 
-def test_demo_writes_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_demo_writes_the_page(tmp_path, monkeypatch):
     """Of an arm like SINO6 with another name: without the paper, which is about SINO6 alone and
     takes most of the time.
     """

@@ -7,7 +7,6 @@ from __future__ import annotations
 import io
 import json
 import re
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,22 +17,21 @@ from scipy.spatial.transform import Rotation
 from shell import NOISE, done, found, refused
 
 import aacmm_pin
+from aacmm_pin import accuracy_volume
 from aacmm_pin._support.units import MM
-from aacmm_pin.accuracy.volume import accuracy_volume
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm import Arm
 from aacmm_pin.cli.common import Results
 from aacmm_pin.effects import (
     EncoderEccentricity,
     EncoderGain,
+    ErrorModel,
     JointErrorCurve,
     StylusOffset,
     ThermalExpansion,
     ZeroDrift,
 )
-from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, ArmFileError
-from aacmm_pin.measurements.records import Measurements
-from aacmm_pin.measurements.simulate import simulate_measurements
+from aacmm_pin.measurements import Measurements, simulate_measurements
 
 QUICK = [*NOISE, "--no-held-out"]
 REFERENCE = ["x_mm", "y_mm", "z_mm"]
@@ -69,7 +67,7 @@ def extended(folder: Path) -> Path:
 # simulate ------------------------------------------------------------
 
 
-def test_every_plan_gives_a_file_that_can_be_read(tmp_path: Path) -> None:
+def test_every_plan_gives_a_file_that_can_be_read(tmp_path):
     target = tmp_path / "d.csv"
     for words, known, seats, bars in (
         (["free"], 40, 0, 0),
@@ -103,7 +101,7 @@ def test_every_plan_gives_a_file_that_can_be_read(tmp_path: Path) -> None:
             assert read.bars()[0].length == pytest.approx(0.4 if bars == 2 else 0.5, abs=1e-4)
 
 
-def test_without_a_file_the_same_goes_to_stdout(tmp_path: Path) -> None:
+def test_without_a_file_the_same_goes_to_stdout(tmp_path):
     words = ["simulate", "sino6", "--records", "30", "--seats", "3", "--seed", "7"]
     done(*words, "-o", tmp_path / "d.csv")
     out, _ = done(*words)
@@ -111,7 +109,7 @@ def test_without_a_file_the_same_goes_to_stdout(tmp_path: Path) -> None:
     assert out != done(*words[:-1], "8")[0]
 
 
-def test_stated_noise_is_used_and_said() -> None:
+def test_stated_noise_is_used_and_said():
     noise = ["--encoder-noise-rad", "0", "--reference-noise-mm", "0", "--probe-noise-mm", "0"]
     words = ["simulate", "sino6", "--records", "30", "--seats", "3"]
     _, err = done(*words, *noise)
@@ -124,7 +122,7 @@ def test_stated_noise_is_used_and_said() -> None:
     assert np.std(off) == pytest.approx(0.5 * MM, rel=0.2)
 
 
-def test_the_truth_explains_the_data_and_the_arm_file_does_not(folder: Path, data: Path) -> None:
+def test_the_truth_explains_the_data_and_the_arm_file_does_not(folder, data):
     truth, nominal, read = (
         ErrorModel.load(folder / "truth.toml"),
         ErrorModel.load("sino6"),
@@ -140,7 +138,7 @@ def test_the_truth_explains_the_data_and_the_arm_file_does_not(folder: Path, dat
         assert abs(true.value - stated.value) <= (widths[true.name] or 0.0) * (1 + 1e-9)
 
 
-def test_perturbing_is_said_and_keeps_the_plan(tmp_path: Path) -> None:
+def test_perturbing_is_said_and_keeps_the_plan(tmp_path):
     words = ["simulate", "sino6", "--records", "30", "--seats", "3", "--seed", "5"]
     _, err = done(*words, "--perturb", "-o", tmp_path / "p.csv")
     assert "true geometry was drawn within the uncertainties of SINO6, seed 5" in err
@@ -150,7 +148,7 @@ def test_perturbing_is_said_and_keeps_the_plan(tmp_path: Path) -> None:
     assert 0 < np.abs(perturbed.reference - nominal.reference).max() < 5e-2
 
 
-def test_effects_make_the_data_and_stand_in_the_truth(extended: Path, folder: Path) -> None:
+def test_effects_make_the_data_and_stand_in_the_truth(extended, folder):
     model, read = ErrorModel.load(extended), Measurements.read(folder / "warm.csv", 6)
     eccentricity, expansion = model.effects
     assert isinstance(eccentricity, EncoderEccentricity)
@@ -160,7 +158,7 @@ def test_effects_make_the_data_and_stand_in_the_truth(extended: Path, folder: Pa
     assert np.sqrt(np.mean(off**2)) < 0.03 * MM
 
 
-def test_any_arm_by_its_urdf(robot_file: Callable[[str], Path], tmp_path: Path) -> None:
+def test_any_arm_by_its_urdf(robot_file, tmp_path):
     words = [
         "--urdf",
         robot_file("panda.urdf"),
@@ -180,7 +178,7 @@ def test_any_arm_by_its_urdf(robot_file: Callable[[str], Path], tmp_path: Path) 
 SIMULATE = ["simulate", "sino6", "--records", "30", "--seats", "3"]
 
 
-def test_what_cannot_be_simulated_is_one_message(tmp_path: Path) -> None:
+def test_what_cannot_be_simulated_is_one_message(tmp_path):
     for words, said in (
         (["simulate", "sino7"], ["sino7", "sino6, zero6"]),
         (
@@ -223,9 +221,7 @@ def test_what_cannot_be_simulated_is_one_message(tmp_path: Path) -> None:
 # calibrate ------------------------------------------------------------
 
 
-def test_a_calibrated_file_tells_where_it_comes_from_and_comes_back(
-    folder: Path, data: Path, tmp_path: Path
-) -> None:
+def test_a_calibrated_file_tells_where_it_comes_from_and_comes_back(folder, data, tmp_path):
     text = (folder / "cal.toml").read_text(encoding="utf-8")
     head = text[: text.index("\nschema")]
     assert all(line.startswith("#") or not line for line in head.splitlines())
@@ -245,9 +241,7 @@ def test_a_calibrated_file_tells_where_it_comes_from_and_comes_back(
         assert b.value == pytest.approx(a.value, abs=1e-9 + a.u)
 
 
-def test_an_estimate_that_no_file_may_state_is_told(
-    sino6: Arm, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_estimate_that_no_file_may_state_is_told(sino6, tmp_path, capsys):
     path = tmp_path / "c.toml"
     with Results(False, path) as results:
         results.arm(ErrorModel(sino6, (EncoderGain(3, values=(9.0,)),)), path, "")
@@ -256,7 +250,7 @@ def test_an_estimate_that_no_file_may_state_is_told(
         ErrorModel.load(path)
 
 
-def test_json_is_alone_on_stdout(data: Path) -> None:
+def test_json_is_alone_on_stdout(data):
     summary = found(
         "calibrate", "sino6", data, *NOISE, "--parameters", "zero-offsets", "--seed", "3"
     )
@@ -275,7 +269,7 @@ def test_json_is_alone_on_stdout(data: Path) -> None:
     assert summary["verdict"]
 
 
-def test_all_files_at_once(data: Path, tmp_path: Path) -> None:
+def test_all_files_at_once(data, tmp_path):
     names = {
         "-o": "c.toml",
         "--urdf-out": "c.urdf",
@@ -299,9 +293,7 @@ def test_all_files_at_once(data: Path, tmp_path: Path) -> None:
     done("calibrate", "sino6", data, *QUICK, "-o", tmp_path / "c.toml", "--force")
 
 
-def test_one_file_that_cannot_be_written_leaves_none(
-    data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_one_file_that_cannot_be_written_leaves_none(data, tmp_path, monkeypatch):
     """Files are looked at before the work begins."""
 
     def work(*_: object, **__: object) -> None:
@@ -324,9 +316,7 @@ def test_one_file_that_cannot_be_written_leaves_none(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_failure_on_the_way_leaves_none(
-    data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_failure_on_the_way_leaves_none(data, tmp_path, monkeypatch):
     def fail(*_: object) -> str:
         assert any(tmp_path.iterdir())  # the others are on their way
         raise AacmmError("no page today")
@@ -346,7 +336,7 @@ def test_a_failure_on_the_way_leaves_none(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_noise_on_the_command_line_is_in_millimetres(folder: Path, tmp_path: Path) -> None:
+def test_noise_on_the_command_line_is_in_millimetres(folder, tmp_path):
     table = (
         Measurements.read(folder / "data.csv")
         .to_frame()
@@ -361,7 +351,7 @@ def test_noise_on_the_command_line_is_in_millimetres(folder: Path, tmp_path: Pat
     assert stated["chi2"]["value"] == pytest.approx(file["chi2"]["value"], rel=1e-6)
 
 
-def test_causes_of_error_are_estimated_too(extended: Path, folder: Path, tmp_path: Path) -> None:
+def test_causes_of_error_are_estimated_too(extended, folder, tmp_path):
     effects = ["--effect", "encoder_eccentricity:joint=3", "--effect", "thermal_expansion"]
     out, _ = done(
         "calibrate", "sino6", folder / "warm.csv", *QUICK, *effects, "-o", tmp_path / "c.toml"
@@ -381,7 +371,7 @@ def test_causes_of_error_are_estimated_too(extended: Path, folder: Path, tmp_pat
     assert re.search(r"thermal expansion of the arm +expansion -?\d+(\.\d+)? ± \d", out)
 
 
-def test_records_that_cannot_belong_are_listed(folder: Path, tmp_path: Path) -> None:
+def test_records_that_cannot_belong_are_listed(folder, tmp_path):
     table = Measurements.read(folder / "data.csv").to_frame()
     table.loc[3, "theta2_deg"] += 0.5
     table.to_csv(tmp_path / "d.csv", index=False)
@@ -393,9 +383,7 @@ def test_records_that_cannot_belong_are_listed(folder: Path, tmp_path: Path) -> 
     assert float(row[3]) > 1.0
 
 
-def test_a_robot_by_its_urdf(
-    robot_file: Callable[[str], Path], tmp_path: Path, rng: np.random.Generator
-) -> None:
+def test_a_robot_by_its_urdf(robot_file, tmp_path, rng):
     path = robot_file("ur5_robot.urdf")
     arm = Arm.from_urdf(path, "tool0")
     true = ErrorModel(
@@ -431,9 +419,7 @@ def test_a_robot_by_its_urdf(
     assert "37." in err  # mm from the tip to the target
 
 
-def test_a_urdf_holds_the_stylus_offset_and_says_what_it_does_not(
-    extended: Path, tmp_path: Path
-) -> None:
+def test_a_urdf_holds_the_stylus_offset_and_says_what_it_does_not(extended, tmp_path):
     offset = StylusOffset(values=(1e-3, 2e-3, 3e-3))
     model = ErrorModel.load(extended).with_effects(offset, StylusOffset("M1", values=(1, 0, 0)))
     model.save(tmp_path / "m.toml")
@@ -469,7 +455,7 @@ def test_a_urdf_holds_the_stylus_offset_and_says_what_it_does_not(
     assert "a URDF has no place for encoder_eccentricity:3, thermal_expansion" in err
 
 
-def test_what_cannot_be_calibrated_is_one_message(data: Path, tmp_path: Path) -> None:
+def test_what_cannot_be_calibrated_is_one_message(data, tmp_path):
     for words, said in (
         (["--parameters", "everything"], ["everything", "zero-offsets, geometry"]),
         (["--target", "nose"], ["nose", "tip, unknown"]),
@@ -501,9 +487,7 @@ def test_what_cannot_be_calibrated_is_one_message(data: Path, tmp_path: Path) ->
         assert list(tmp_path.iterdir()) == []
 
 
-def test_an_arm_that_is_said_to_be_exact_has_nothing_to_estimate(
-    data: Path, tmp_path: Path
-) -> None:
+def test_an_arm_that_is_said_to_be_exact_has_nothing_to_estimate(data, tmp_path):
     lines = (
         (Path(aacmm_pin.__file__).parent / "arm" / "bundled" / "sino6.toml")
         .read_text(encoding="utf-8")
@@ -531,9 +515,7 @@ def most_decimals(cells: pd.Series) -> int:
     )
 
 
-def test_corrected_coordinates_are_those_of_the_model(
-    extended: Path, folder: Path, tmp_path: Path
-) -> None:
+def test_corrected_coordinates_are_those_of_the_model(extended, folder, tmp_path):
     source = folder / "warm.csv"
     out, err = done("correct", extended, source, *NOISE, "-o", tmp_path / "c.csv")
     assert out == ""
@@ -555,9 +537,7 @@ def test_corrected_coordinates_are_those_of_the_model(
     assert np.sqrt(np.mean(off**2)) < 0.03
 
 
-def test_corrected_orientations_are_those_of_pinocchio_at_the_true_angles(
-    sino6: Arm, tmp_path: Path
-) -> None:
+def test_corrected_orientations_are_those_of_pinocchio_at_the_true_angles(sino6, tmp_path):
     ErrorModel(sino6, (EncoderEccentricity(5, values=(1e-3, 2e-3)),)).save(tmp_path / "arm.toml")
     q = np.random.default_rng(1).uniform(-1, 1, (6, 6))
     true = q.copy()
@@ -577,9 +557,7 @@ def test_corrected_orientations_are_those_of_pinocchio_at_the_true_angles(
         assert pd.read_csv(io.StringIO(out), dtype=str)[names].apply(most_decimals).max() == 9
 
 
-def test_a_file_with_references_says_what_correction_is_worth(
-    extended: Path, folder: Path, tmp_path: Path
-) -> None:
+def test_a_file_with_references_says_what_correction_is_worth(extended, folder, tmp_path):
     source = folder / "warm.csv"
     _, err = done(
         "correct", extended, source, *NOISE, "--nominal", "sino6", "-o", tmp_path / "c.csv"
@@ -591,7 +569,7 @@ def test_a_file_with_references_says_what_correction_is_worth(
             assert f"{size:.4f} mm" in err
 
 
-def test_lengths_of_bars_are_compared_too(tmp_path: Path) -> None:
+def test_lengths_of_bars_are_compared_too(tmp_path):
     sino6 = ErrorModel.load("sino6")
     q = np.array([[0.3, -1.0, 0.4, 0.5, 0.2, 0.1], [1.0, -1.0, 0.4, 0.5, 0.2, 0.1]])
     length = float(np.linalg.norm(np.diff(sino6.predict(q), axis=0))) / MM
@@ -605,7 +583,7 @@ def test_lengths_of_bars_are_compared_too(tmp_path: Path) -> None:
     assert err.count("0.2500 mm") == 2  # this arm alone: there is no other to compare with
 
 
-def test_touches_of_a_seat_without_coordinates_are_compared(tmp_path: Path) -> None:
+def test_touches_of_a_seat_without_coordinates_are_compared(tmp_path):
     q = np.array([[0.3, -1.0, 0.4, 0.5, 0.2, 0.1], [0.3 + 1e-4, -1.0, 0.4, 0.5, 0.2, 0.1]])
     table = pd.DataFrame(q, columns=[f"theta{j}_rad" for j in range(1, 7)]).assign(seat="P")
     table.to_csv(tmp_path / "r.csv", index=False)
@@ -615,9 +593,7 @@ def test_touches_of_a_seat_without_coordinates_are_compared(tmp_path: Path) -> N
     assert err.count(f"{half:.4f} mm") == 2
 
 
-def test_references_of_targets_beside_the_tip_are_not_compared_with_it(
-    sino6: Arm, tmp_path: Path
-) -> None:
+def test_references_of_targets_beside_the_tip_are_not_compared_with_it(sino6, tmp_path):
     q = np.array(
         [
             [0.3, -1.0, 0.4, 0.5, 0.2, 0.1],
@@ -638,9 +614,7 @@ def test_references_of_targets_beside_the_tip_are_not_compared_with_it(
     assert len(pd.read_csv(tmp_path / "c.csv").dropna(subset="corrected_x_mm")) == 3
 
 
-def test_commands_bring_the_extended_arm_where_the_nominal_has_its_tip(
-    extended: Path, folder: Path, tmp_path: Path
-) -> None:
+def test_commands_bring_the_extended_arm_where_the_nominal_has_its_tip(extended, folder, tmp_path):
     source = folder / "warm.csv"
     done("correct", extended, source, "--commands", "--nominal", "sino6", "-o", tmp_path / "c.csv")
     table, read = pd.read_csv(tmp_path / "c.csv"), Measurements.read(source, 6)
@@ -671,9 +645,7 @@ def test_commands_bring_the_extended_arm_where_the_nominal_has_its_tip(
 
 
 @pytest.mark.parametrize("unit", ["deg", "rad"])
-def test_a_command_has_the_u_of_the_point_that_it_reaches(
-    unit: str, extended: Path, folder: Path, tmp_path: Path
-) -> None:
+def test_a_command_has_the_u_of_the_point_that_it_reaches(unit, extended, folder, tmp_path):
     table = pd.read_csv(folder / "warm.csv").filter(regex="theta|temperature")
     table.loc[0, "theta1_deg"] = -10.0
     if unit == "rad":
@@ -716,7 +688,7 @@ def test_a_command_has_the_u_of_the_point_that_it_reaches(
     np.testing.assert_allclose(after["u_mm"][there], u, rtol=0, atol=ROUNDED["mm"] + 1e-9)
 
 
-def test_conditions_that_look_wrong_are_told_where_effects_rest_on_them(tmp_path: Path) -> None:
+def test_conditions_that_look_wrong_are_told_where_effects_rest_on_them(tmp_path):
     effects = (ZeroDrift(2, 1200.0, values=(3e-4,)), ThermalExpansion(values=(1e-5,)))
     ErrorModel(Arm.load("sino6"), effects).save(tmp_path / "warm.toml")
     table = pd.DataFrame(np.zeros((3, 6)), columns=[f"theta{j}_rad" for j in range(1, 7)])
@@ -735,7 +707,7 @@ def test_conditions_that_look_wrong_are_told_where_effects_rest_on_them(tmp_path
             assert [word for word in ("time_s", "Fahrenheit", "20 °C") if word in err] == words, err
 
 
-def test_angles_a_turn_outside_the_limits_are_told(sino6: Arm, tmp_path: Path) -> None:
+def test_angles_a_turn_outside_the_limits_are_told(sino6, tmp_path):
     """From -180° to 180° where the arm counts from 0° to 360°: its gain makes another error of
     them.
     """
@@ -761,7 +733,7 @@ def test_angles_a_turn_outside_the_limits_are_told(sino6: Arm, tmp_path: Path) -
         assert "the limits of joints 3" in err
 
 
-def test_readings_need_nothing_but_angles(tmp_path: Path) -> None:
+def test_readings_need_nothing_but_angles(tmp_path):
     text = "\ufefftheta1_deg,theta2_deg,theta3_deg,theta4_deg,theta5_deg,theta6_deg,seat,note\r\n"
     text += '10,-20,30,-40,50,60,S1,"a, b"\r\n\r\n1e1,-20.0,30,-40,50,60,S2,\r\n'
     (tmp_path / "r.csv").write_text(text, encoding="utf-8", newline="")
@@ -773,7 +745,7 @@ def test_readings_need_nothing_but_angles(tmp_path: Path) -> None:
     assert first.split(",")[-4:] == second.split(",")[-4:]
 
 
-def test_without_a_stated_uncertainty_u_is_empty(tmp_path: Path) -> None:
+def test_without_a_stated_uncertainty_u_is_empty(tmp_path):
     (tmp_path / "r.csv").write_text(
         "theta1_rad,theta2_rad,theta3_rad,theta4_rad,theta5_rad,theta6_rad\n1,1,1,1,1,1\n"
     )
@@ -783,7 +755,7 @@ def test_without_a_stated_uncertainty_u_is_empty(tmp_path: Path) -> None:
     assert not done("correct", "zero6", tmp_path / "r.csv", *NOISE)[0].endswith(",\n")
 
 
-def test_readings_that_cannot_be_corrected_are_named(extended: Path, tmp_path: Path) -> None:
+def test_readings_that_cannot_be_corrected_are_named(extended, tmp_path):
     path = tmp_path / "r.csv"
     for text, said in (
         ("", ["is empty"]),
@@ -805,9 +777,7 @@ def test_readings_that_cannot_be_corrected_are_named(extended: Path, tmp_path: P
     assert [p.name for p in tmp_path.iterdir()] == ["r.csv"]
 
 
-def test_a_reading_outside_an_error_curve_is_left_empty_and_listed(
-    sino6: Arm, tmp_path: Path
-) -> None:
+def test_a_reading_outside_an_error_curve_is_left_empty_and_listed(sino6, tmp_path):
     curve = JointErrorCurve(
         3, values=(1e-4, 2e-4, 1e-4, 3e-4, 1e-4), lower_rad=0.1, upper_rad=1.0, coefficients=5
     )
@@ -842,7 +812,7 @@ def test_a_reading_outside_an_error_curve_is_left_empty_and_listed(
     assert not (tmp_path / "d.csv").exists()
 
 
-def test_an_arm_with_an_error_curve_is_used_where_that_is_known(sino6: Arm, tmp_path: Path) -> None:
+def test_an_arm_with_an_error_curve_is_used_where_that_is_known(sino6, tmp_path):
     """Every command that chooses postures itself: all of them within the range, to the digits of a
     file.
     """
@@ -878,7 +848,7 @@ def test_an_arm_with_an_error_curve_is_used_where_that_is_known(sino6: Arm, tmp_
     )
 
 
-def test_a_nominal_arm_that_cannot_be_is_named(folder: Path, tmp_path: Path) -> None:
+def test_a_nominal_arm_that_cannot_be_is_named(folder, tmp_path):
     urdf, _ = done("urdf", "sino6")
     (tmp_path / "five.urdf").write_text(urdf.replace('type="revolute"', 'type="fixed"', 1))
     (tmp_path / "other.urdf").write_text(urdf.replace('"tip"', '"end"'))
@@ -897,7 +867,7 @@ def test_a_nominal_arm_that_cannot_be_is_named(folder: Path, tmp_path: Path) -> 
         )
 
 
-def test_records_of_another_arm_are_asked_about(folder: Path, tmp_path: Path) -> None:
+def test_records_of_another_arm_are_asked_about(folder, tmp_path):
     for arm, asked in (("zero6", True), ("sino6", False)):
         _, err = done("correct", arm, folder / "data.csv", "-o", tmp_path / f"{arm}.csv")
         assert ("references are not compared" in err) == asked

@@ -5,7 +5,6 @@ through diagnose.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 from pathlib import Path
 from threading import Thread
 
@@ -14,10 +13,9 @@ import pandas as pd
 from shell import done, found, refused
 
 from aacmm_pin._support.units import MM
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.effects import JointCompliance
-from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.arm import Arm
+from aacmm_pin.effects import ErrorModel, JointCompliance
+from aacmm_pin.measurements import Measurements
 from tests.pages import Page
 
 PAIR = ["--split", "joint_compliance:2", "encoder_eccentricity:2"]
@@ -45,7 +43,7 @@ def filled_in(path: Path, true: ErrorModel, seed: int = 1) -> None:
     table.to_csv(path, index=False)
 
 
-def test_a_plan_is_filled_in_appended_and_diagnosed(tmp_path: Path, sino6: Arm) -> None:
+def test_a_plan_is_filled_in_appended_and_diagnosed(tmp_path, sino6):
     old, plan, both = (tmp_path / name for name in ("old.csv", "plan.csv", "both.csv"))
     effect = "joint_compliance:joint=2,compliance_rad_per_nm=1e-5"
     done(
@@ -90,7 +88,7 @@ def test_a_plan_is_filled_in_appended_and_diagnosed(tmp_path: Path, sino6: Arm) 
     assert np.abs(Measurements.read(plan, 6).q).max() > 1
 
 
-def test_another_mount_comes_as_an_arm_file(tmp_path: Path, sino6: Arm) -> None:
+def test_another_mount_comes_as_an_arm_file(tmp_path, sino6):
     plan, arm = tmp_path / "plan.csv", tmp_path / "turned.toml"
     words = ["plan", "sino6", "--split", "bearing_tilt:1", "base_compliance", *QUICK, "-o", plan]
     out, err = done(*words)
@@ -104,7 +102,7 @@ def test_another_mount_comes_as_an_arm_file(tmp_path: Path, sino6: Arm) -> None:
     np.testing.assert_array_equal(turned.require_dh("").a, sino6.require_dh("").a)
 
 
-def test_json_is_alone_on_stdout_and_the_seed_is_in_it(tmp_path: Path) -> None:
+def test_json_is_alone_on_stdout_and_the_seed_is_in_it(tmp_path):
     again, words = tmp_path / "plan.csv", ["plan", "sino6", *PAIR, *QUICK[:4], "--seed", "7"]
     content = found(*words)
     assert (content["schema"], content["seed"], content["records"]) == ("aacmm-pin/plan/1", 7, 20)
@@ -115,7 +113,7 @@ def test_json_is_alone_on_stdout_and_the_seed_is_in_it(tmp_path: Path) -> None:
     assert done(*words)[0] == again.read_text()
 
 
-def test_existing_seats_are_used_again_and_new_ones_are_left_to_be_measured(tmp_path: Path) -> None:
+def test_existing_seats_are_used_again_and_new_ones_are_left_to_be_measured(tmp_path):
     data, plan = tmp_path / "data.csv", tmp_path / "plan.csv"
     done("simulate", "sino6", "--plan", "seats", "--records", "40", "--seats", "5", "-o", data)
     content = found(
@@ -133,7 +131,7 @@ def test_existing_seats_are_used_again_and_new_ones_are_left_to_be_measured(tmp_
     assert set(table["seat"]) <= {f"P{k}" for k in range(1, 9)}
 
 
-def test_everything_at_once(tmp_path: Path) -> None:
+def test_everything_at_once(tmp_path):
     sheet = tmp_path / "sheet.html"
     out, err = done("plan", "sino6", *QUICK, "-o", tmp_path / "plan.csv", "--sheet", sheet)
     assert "20 records for all causes" in out
@@ -154,7 +152,7 @@ def test_everything_at_once(tmp_path: Path) -> None:
     )
 
 
-def test_an_arm_by_its_urdf(tmp_path: Path, robot_file: Callable[[str], Path]) -> None:
+def test_an_arm_by_its_urdf(tmp_path, robot_file):
     plan = tmp_path / "plan.csv"
     words = [
         "plan",
@@ -173,7 +171,7 @@ def test_an_arm_by_its_urdf(tmp_path: Path, robot_file: Callable[[str], Path]) -
     assert ErrorModel.load(tmp_path / "arm.toml").arm.nq == 6
 
 
-def test_bad_input_is_one_message_and_no_file(tmp_path: Path) -> None:
+def test_bad_input_is_one_message_and_no_file(tmp_path):
     for words, said in (
         (["--split", "encoder_gain:9", "base_compliance"], "encoder_gain:9: SINO6 has rows 1 to 6"),
         (["--split", "nonsense", "base_compliance"], "aacmm-pin: unknown cause 'nonsense'"),

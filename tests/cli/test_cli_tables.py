@@ -13,10 +13,9 @@ import pandas as pd
 import pytest
 from shell import NOISE, POINT, run
 
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.effects import CAUSES, EncoderEccentricity, JointCompliance, example
-from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.measurements.simulate import simulate_measurements
+from aacmm_pin.arm import Arm
+from aacmm_pin.effects import CAUSES, EncoderEccentricity, ErrorModel, JointCompliance, example
+from aacmm_pin.measurements import simulate_measurements
 from aacmm_pin.report import terminal
 from aacmm_pin.report.document import Document, Table
 from aacmm_pin.report.numbers import length
@@ -54,7 +53,7 @@ def check(text: str, width: int = 80) -> None:
             assert len(line) <= width, line
 
 
-def test_a_diagnosis_in_readable_units(data: Path, tmp_path: Path) -> None:
+def test_a_diagnosis_in_readable_units(data, tmp_path):
     """At 200 columns; JSON in a file beside it."""
     target = tmp_path / "d.json"
     wide = told("diagnose", "sino6", data, *NOISE, "--no-held-out", "--json", target, columns=200)
@@ -76,7 +75,7 @@ def test_a_diagnosis_in_readable_units(data: Path, tmp_path: Path) -> None:
     check(told("diagnose", "sino6", data, *NOISE, "--no-held-out"))
 
 
-def test_a_calibration(data: Path, tmp_path: Path) -> None:
+def test_a_calibration(data, tmp_path):
     """With a JSON file the findings are told all the same."""
     text = told("calibrate", "sino6", data, *NOISE, "--json", tmp_path / "c.json")
     check(text)
@@ -93,7 +92,7 @@ def test_a_calibration(data: Path, tmp_path: Path) -> None:
     assert max(map(len, (line for line in wide.splitlines() if "theta_offset" in line))) > 60
 
 
-def test_accuracy_map_and_plan(tmp_path: Path) -> None:
+def test_accuracy_map_and_plan(tmp_path):
     check(told("accuracy", "sino6", *POINT, "--count", "24"))
     target = tmp_path / "m.nc"
     text = told(
@@ -137,7 +136,7 @@ def test_accuracy_map_and_plan(tmp_path: Path) -> None:
     assert float(line.split()[2]) == pytest.approx(first["T"], rel=0.01)
 
 
-def test_names_are_in_one_piece_however_narrow_the_terminal_is() -> None:
+def test_names_are_in_one_piece_however_narrow_the_terminal_is():
     known = {
         cause.cause + (f":{site.upper()}" if (site := cause.location_field()) else "")
         for cause in CAUSES.values()
@@ -153,9 +152,7 @@ def test_names_are_in_one_piece_however_narrow_the_terminal_is() -> None:
         assert known <= set(told("causes", columns=columns).replace(",", " ").split()), columns
 
 
-def test_markup_is_text_and_long_cells_are_wrapped(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_markup_is_text_and_long_cells_are_wrapped(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "40")
     words = " ".join(f"word{k}" for k in range(30))
     frame = pd.DataFrame({"a [mm]": [1.5, -22.0], "note": ["[red]x[/red] :smile:", words]})

@@ -15,8 +15,8 @@ import pytest
 from shell import done, found, refused, run
 
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.arm import Arm
+from aacmm_pin.effects import ErrorModel
 
 POINT = ["--point", "400", "100", "300"]
 RPY = (170.0, 20.0, -35.0)
@@ -36,7 +36,7 @@ def panda(robot_file: Callable[[str], Path]) -> list[str]:
     return ["--urdf", str(robot_file("panda.urdf")), "--frame", "panda_hand_tcp"]
 
 
-def test_configurations_of_a_pose(ur5: list[str]) -> None:
+def test_configurations_of_a_pose(ur5):
     """The orientation is pin.rpy's; places by Pinocchio; of a URDF and of an arm file."""
     pose = pin.SE3(
         pin.rpy.rpyToMatrix(*(np.array(RPY) * DEG)), np.array([0.4, 0.1, 0.3])
@@ -64,7 +64,7 @@ def test_configurations_of_a_pose(ur5: list[str]) -> None:
         )
 
 
-def test_curves_of_a_point_and_an_axis(ur5: list[str], tmp_path: Path) -> None:
+def test_curves_of_a_point_and_an_axis(ur5, tmp_path):
     words = [
         *POINT,
         "--axis",
@@ -89,9 +89,7 @@ def test_curves_of_a_point_and_an_axis(ur5: list[str], tmp_path: Path) -> None:
     )
 
 
-def test_accuracy_of_single_postures_and_of_curves(
-    ur5: list[str], panda: list[str], tmp_path: Path
-) -> None:
+def test_accuracy_of_single_postures_and_of_curves(ur5, panda, tmp_path):
     summary = found(
         "accuracy",
         *ur5,
@@ -119,7 +117,7 @@ def test_accuracy_of_single_postures_and_of_curves(
     assert "--encoder-noise-rad" in err
 
 
-def test_a_singular_pose_has_a_note(ur5: list[str]) -> None:
+def test_a_singular_pose_has_a_note(ur5):
     """Straight wrist: the free motion is told on stderr."""
     pose = (
         Arm.from_urdf(ur5[1], "tool0")
@@ -133,7 +131,7 @@ def test_a_singular_pose_has_a_note(ur5: list[str]) -> None:
     assert "families" in err
 
 
-def test_what_cannot_be(ur5: list[str], panda: list[str]) -> None:
+def test_what_cannot_be(ur5, panda):
     far = ["--point", "4000", "0", "0", "--rpy-deg", "0", "0", "0"]
     for words, said in (
         (
@@ -168,7 +166,7 @@ def test_what_cannot_be(ur5: list[str], panda: list[str]) -> None:
         "plan",
     ],
 )
-def test_a_robot_without_a_frame_has_its_frames_listed(panda: list[str], words: str) -> None:
+def test_a_robot_without_a_frame_has_its_frames_listed(panda, words):
     status, out, err = run(
         *words.split(), *panda[:2], *["--for", "calibration"] * (words == "plan"), columns=4000
     )
@@ -210,9 +208,7 @@ def robot(
 
 
 @pytest.mark.parametrize("robot", ["ur5_robot.urdf tool0"], indirect=True)
-def test_a_command_that_changes_much_is_told(
-    robot: tuple[Path, Path, Path], tmp_path: Path
-) -> None:
+def test_a_command_that_changes_much_is_told(robot, tmp_path):
     """Where axes 4 and 6 are nearly parallel, small errors ask for large turns of both; that is so
     in rows 2 and 4.
     """
@@ -227,9 +223,7 @@ def test_a_command_that_changes_much_is_told(
     ] == ["2", "4"]
 
 
-def test_an_arm_file_of_a_robot_goes_through_every_command(
-    robot: tuple[Path, Path, Path], tmp_path: Path
-) -> None:
+def test_an_arm_file_of_a_robot_goes_through_every_command(robot, tmp_path):
     truth, records, urdf = robot
     model, measured = ErrorModel.load(truth), pd.read_csv(records)
     thetas = [name for name in measured if name.startswith("theta")]
@@ -309,9 +303,7 @@ def test_an_arm_file_of_a_robot_goes_through_every_command(
 
 
 @pytest.mark.parametrize("robot", ["ur5_robot.urdf tool0"], indirect=True)
-def test_a_calibrated_and_an_extended_robot_are_files(
-    robot: tuple[Path, Path, Path], tmp_path: Path
-) -> None:
+def test_a_calibrated_and_an_extended_robot_are_files(robot, tmp_path):
     truth, records, urdf = robot
     stated = [
         records,
@@ -360,7 +352,7 @@ def test_a_calibrated_and_an_extended_robot_are_files(
     )
 
 
-def test_an_example_robot_is_its_urdf(ur5: list[str]) -> None:
+def test_an_example_robot_is_its_urdf(ur5):
     by_file, _ = done("configurations", *ur5, *POSE)
     by_name, said = done("configurations", "ur5", *POSE)
     assert by_name == by_file

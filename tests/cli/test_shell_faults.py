@@ -15,7 +15,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import pytest
 from shell import NOISE, POINT, done, refused, run
 
 from aacmm_pin._support.text_escaping import printable
@@ -36,7 +35,7 @@ def ended(process: subprocess.Popen[bytes]) -> tuple[int, str]:
     return process.returncode, said.decode()
 
 
-def test_every_way_to_fail_is_one_line_and_its_status(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_way_to_fail_is_one_line_and_its_status(monkeypatch):
     """Also the message of an interrupt, whenever it comes, is true: it says nothing of what was
     done before.
     """
@@ -61,9 +60,7 @@ def test_every_way_to_fail_is_one_line_and_its_status(monkeypatch: pytest.Monkey
         assert (found, out, err.count("\n"), said in err) == (status, "", 1, True), (error, err)
 
 
-def test_a_signal_of_which_compiled_code_made_another_error(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_signal_of_which_compiled_code_made_another_error(monkeypatch):
     """As pybind11 does with what a handler raises while a module of its own is loaded."""
 
     def loaded(*_: object, number: signal.Signals, **__: object) -> None:
@@ -77,14 +74,14 @@ def test_a_signal_of_which_compiled_code_made_another_error(
         assert run("urdf", "sino6")[0] == 128 + number
 
 
-def test_signals_are_as_they_were_when_a_command_has_ended() -> None:
+def test_signals_are_as_they_were_when_a_command_has_ended():
     every = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     before = [signal.getsignal(number) for number in every]
     done("urdf", "sino6")
     assert [signal.getsignal(number) for number in every] == before
 
 
-def test_what_libraries_warn_of_is_a_note(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_libraries_warn_of_is_a_note(monkeypatch):
     def warn(*_: object, **__: object) -> str:
         with warnings.catch_warnings():
             warnings.simplefilter("always")
@@ -97,7 +94,7 @@ def test_what_libraries_warn_of_is_a_note(monkeypatch: pytest.MonkeyPatch) -> No
         assert run("urdf", "sino6") == (0, "", "note: RuntimeWarning\\x1b\n")
 
 
-def test_filters_of_warnings_end_no_command(tmp_path: Path) -> None:
+def test_filters_of_warnings_end_no_command(tmp_path):
     """A library warns while it is loaded to make a page."""
     for options, variable in (([], "error"), (["-W", "error"], "")):
         command = [
@@ -120,7 +117,7 @@ def test_filters_of_warnings_end_no_command(tmp_path: Path) -> None:
         )
 
 
-def test_streams_that_take_nothing() -> None:
+def test_streams_that_take_nothing():
     with open("/dev/full", "wb") as full:
         devices = [
             (started("urdf", "sino6", stdout=full), "No space left"),
@@ -138,7 +135,7 @@ def test_streams_that_take_nothing() -> None:
         assert (status, words in said) == (1, True), said
 
 
-def test_a_pipe_whose_reader_has_enough_ends_the_command_quietly() -> None:
+def test_a_pipe_whose_reader_has_enough_ends_the_command_quietly():
     """As ``head`` does: what is told by lines, by tables, by --json -, as a file on stdout, and as
     help.
     """
@@ -160,14 +157,14 @@ def test_a_pipe_whose_reader_has_enough_ends_the_command_quietly() -> None:
         )
 
 
-def test_a_terminal_without_letters() -> None:
+def test_a_terminal_without_letters():
     process = started("causes", env=os.environ | {"PYTHONIOENCODING": "ascii", "COLUMNS": "120"})
     out, err = process.communicate(timeout=60)
     assert (process.returncode, err) == (0, b"")
     assert rb"100 \xb5rad" in out
 
 
-def test_an_interrupt_while_the_package_is_being_imported() -> None:
+def test_an_interrupt_while_the_package_is_being_imported():
     process = started("urdf", "sino6")
     while Path("/proc/self/exe").resolve() != Path(f"/proc/{process.pid}/exe").resolve():
         time.sleep(0.001)
@@ -178,7 +175,7 @@ def test_an_interrupt_while_the_package_is_being_imported() -> None:
     assert (process.communicate(timeout=60), process.returncode) == ((b"", b""), -signal.SIGINT)
 
 
-def test_a_machine_without_memory() -> None:
+def test_a_machine_without_memory():
     """Address space for Python, and not for the libraries."""
     limit = 300_000_000
     process = started(
@@ -188,7 +185,7 @@ def test_a_machine_without_memory() -> None:
     assert (status, "memory" in said) == (1, True), said
 
 
-def test_names_that_cannot_be(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_names_that_cannot_be(tmp_path, monkeypatch):
     long, gone = "x" * 300, tmp_path / "gone"
     for words in (
         ("urdf", long),
@@ -222,7 +219,7 @@ def test_names_that_cannot_be(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     assert r"bad\udcff\u001b.csv" in Path("a.json").read_text(encoding="utf-8")
 
 
-def test_no_command_replaces_what_it_reads(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_command_replaces_what_it_reads(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(
         sys, "path", [*sys.path]
@@ -288,7 +285,7 @@ def test_no_command_replaces_what_it_reads(tmp_path: Path, monkeypatch: pytest.M
     assert {path: path.read_bytes() for path in read} == read
 
 
-def test_text_that_a_terminal_would_act_on() -> None:
+def test_text_that_a_terminal_would_act_on():
     for text, shown in (
         ("α µ\u00a0mm\tb\n", "α µ\u00a0mm\tb\n"),
         ("\x1b[2J\r\x07\x9b", r"\x1b[2J\r\x07\x9b"),

@@ -50,7 +50,7 @@ def command(*words: str) -> str:
         (command("configurations", "sino6", *POINT), 57, ("pandas", "rich", *HEAVY_BUT_LOOPS)),
     ],
 )
-def test_what_is_loaded(code: str, most: int, without: tuple[str, ...]) -> None:
+def test_what_is_loaded(code, most, without):
     names = loaded(code)
     assert sum(name.split(".")[0] == "aacmm_pin" for name in names) <= most
     assert names.isdisjoint(without), names & {*without}

@@ -71,9 +71,7 @@ CAUSES = [  # files of the gate in ``tests/blind`` hide the others
 
 
 @pytest.mark.parametrize(("cause", "plan", "seed"), CAUSES)
-def test_a_hidden_cause_is_named_and_measured(
-    tmp_path: Path, cause: str, plan: str, seed: int
-) -> None:
+def test_a_hidden_cause_is_named_and_measured(tmp_path, cause, plan, seed):
     found, drawn = diagnosis(tmp_path, seed=seed, cause=cause, plan=plan)
     (hidden,) = drawn.hidden
     assert named(found) == [(hidden.cause, hidden.joint)]
@@ -84,7 +82,7 @@ def test_a_hidden_cause_is_named_and_measured(
     assert held["extended"] <= held["recalibrated"] * 1.005
 
 
-def test_look_alikes_are_said(tmp_path: Path) -> None:
+def test_look_alikes_are_said(tmp_path):
     """On a level mount a tilting first bearing and a tilting stand have the same columns: both are
     listed.
     """
@@ -103,7 +101,7 @@ def test_look_alikes_are_said(tmp_path: Path) -> None:
     assert "aacmm-pin plan" in found["next_measurements"]
 
 
-def test_two_causes_are_both_named(tmp_path: Path) -> None:
+def test_two_causes_are_both_named(tmp_path):
     found, drawn = diagnosis(
         tmp_path, "--no-held-out", seed=30004, cause="any", count=2, plan="seats"
     )
@@ -127,7 +125,7 @@ OUTSIDE = {
 @pytest.mark.parametrize(
     "kind", ["joint_product", "operator", "tip_field", again("humidity"), again("frame_walk")]
 )
-def test_what_no_cause_explains_is_said_to_be_that(tmp_path: Path, kind: str) -> None:
+def test_what_no_cause_explains_is_said_to_be_that(tmp_path, kind):
     found, drawn = diagnosis(tmp_path, seed=2, cause=f"unexplained:{kind}")
     assert found["verdict"] == "unexplained"
     wanted = OUTSIDE[kind] or {
@@ -149,9 +147,7 @@ def test_what_no_cause_explains_is_said_to_be_that(tmp_path: Path, kind: str) ->
         (7, {"cause": "encoder_slip", "twin": True}),
     ],
 )
-def test_nothing_hidden_is_said_to_be_nothing(
-    tmp_path: Path, seed: int, options: dict[str, Any]
-) -> None:
+def test_nothing_hidden_is_said_to_be_nothing(tmp_path, seed, options):
     options = {"cause": None} | options
     extra = ["--reference-frame", "external"] if options.get("external") else []
     found, drawn = diagnosis(tmp_path, *extra, seed=seed, **options)
@@ -160,7 +156,7 @@ def test_nothing_hidden_is_said_to_be_nothing(
     assert {r["row"] - 2 for r in found["records"]["excluded"]} == set(drawn.outliers)
 
 
-def test_geometry_beyond_what_is_stated_is_a_finding(tmp_path: Path) -> None:
+def test_geometry_beyond_what_is_stated_is_a_finding(tmp_path):
     """Held-out records have nothing to say of it: recalibration moves the value as well."""
     found, _ = diagnosis(
         tmp_path, seed=60016, cause=None, plan="unknown-seats", shifts={(3, "d"): 9.0}
@@ -170,9 +166,7 @@ def test_geometry_beyond_what_is_stated_is_a_finding(tmp_path: Path) -> None:
     assert "more records" not in found["next_measurements"]
 
 
-def test_gross_errors_neither_hide_a_cause_nor_stay(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_gross_errors_neither_hide_a_cause_nor_stay(tmp_path, monkeypatch):
     """A moved seat looks like thirty gross errors; nine real ones are beside it. Two searches hold
     the rows of one.
     """
@@ -193,16 +187,14 @@ def test_gross_errors_neither_hide_a_cause_nor_stay(
     assert max(map(sum, sizes)) < 1.5 * max(map(max, sizes))
 
 
-def test_columns_of_many_records_are_in_single_precision(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_columns_of_many_records_are_in_single_precision(tmp_path, monkeypatch):
     monkeypatch.setattr("aacmm_pin.diagnosis.gram_matrix.MOST_DOUBLE", 0)
     found, drawn = diagnosis(tmp_path, "--no-held-out", seed=3, cause="encoder_eccentricity")
     assert named(found) == [("encoder_eccentricity", drawn.hidden[0].joint)]
     assert max(off(found, drawn).values()) < LIMIT
 
 
-def test_a_plan_that_nobody_filled_in_is_refused(tmp_path: Path) -> None:
+def test_a_plan_that_nobody_filled_in_is_refused(tmp_path):
     plan = tmp_path / "plan.csv"
     words = [
         "plan",
@@ -221,7 +213,7 @@ def test_a_plan_that_nobody_filled_in_is_refused(tmp_path: Path) -> None:
     assert "Traceback" not in done.output
 
 
-def test_seats_that_are_read_twice_are_one_place(tmp_path: Path) -> None:
+def test_seats_that_are_read_twice_are_one_place(tmp_path):
     """Coordinates that differ by rounding are no second measurement of a seat."""
     drawn = draw(12, None, plan="seats")
     table = pd.read_csv(drawn.write(tmp_path / "data.csv"))
@@ -240,7 +232,7 @@ def test_seats_that_are_read_twice_are_one_place(tmp_path: Path) -> None:
     assert json.loads(CliRunner().invoke(app, words).stdout)["verdict"] == "no-discrepancy"
 
 
-def test_the_extended_arm_is_written_and_used(tmp_path: Path) -> None:
+def test_the_extended_arm_is_written_and_used(tmp_path):
     extended = tmp_path / "extended.toml"
     found, drawn = diagnosis(
         tmp_path, "--extended-arm", str(extended), seed=3, cause="encoder_eccentricity"

@@ -15,25 +15,24 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin import next_measurements
+from aacmm_pin.arm import Arm
 from aacmm_pin.arm.random_postures import random_postures
 from aacmm_pin.cli.root_command import app
 from aacmm_pin.diagnosis import diagnose
 from aacmm_pin.diagnosis.covariates import covariates
 from aacmm_pin.effects import (
+    Conditions,
     EncoderEccentricity,
     EncoderGain,
+    ErrorModel,
     JointCompliance,
     JointHysteresis,
     StylusOffset,
 )
-from aacmm_pin.effects.conditions import Conditions
-from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.measurements.records import Measurements
-from aacmm_pin.measurements.simulate import simulate_measurements
+from aacmm_pin.measurements import Measurements, simulate_measurements
 from aacmm_pin.report.diagnosis import verdict_in_words
-from aacmm_pin.report.next_measurements import next_measurements
 from aacmm_pin.report.plots.partial_residuals import partial_residual
 from tests.notes import data_of
 
@@ -71,7 +70,7 @@ def diagnosed(folder: Path, table: pd.DataFrame, *options: str) -> dict[str, Any
     return content
 
 
-def test_records_that_are_too_few_are_not_taken_for_a_plan(sino6: Arm) -> None:
+def test_records_that_are_too_few_are_not_taken_for_a_plan(sino6):
     data = simulate_measurements(sino6, "seats", 60, rng=np.random.default_rng(1), seats=6).take(
         range(3)
     )
@@ -79,7 +78,7 @@ def test_records_that_are_too_few_are_not_taken_for_a_plan(sino6: Arm) -> None:
         diagnose(sino6, data, hold_out=False)
 
 
-def test_a_cause_is_named_where_parts_have_seats_with_a_single_record(tmp_path: Path) -> None:
+def test_a_cause_is_named_where_parts_have_seats_with_a_single_record(tmp_path):
     """Few bars are torn into blocks of joint space, where a seat may have one record that nothing
     can be compared with.
     """
@@ -89,7 +88,7 @@ def test_a_cause_is_named_where_parts_have_seats_with_a_single_record(tmp_path: 
 
 
 @pytest.mark.parametrize("seats", ["2", "8"])
-def test_seats_of_unknown_place_show_no_structure_of_their_own(tmp_path: Path, seats: str) -> None:
+def test_seats_of_unknown_place_show_no_structure_of_their_own(tmp_path, seats):
     """An arm that shrinks to a point meets every seat of unknown place: that is no structure over
     time or temperature.
     """
@@ -103,7 +102,7 @@ def test_seats_of_unknown_place_show_no_structure_of_their_own(tmp_path: Path, s
 
 
 @pytest.mark.parametrize("count", [3, 4, 5])
-def test_few_records_in_an_unknown_frame(tmp_path: Path, count: int) -> None:
+def test_few_records_in_an_unknown_frame(tmp_path, count):
     """The frame is all but all that they tell; what else is refitted is known from before alone."""
     table = records(tmp_path, "free", "--records", "20").head(count)
     found = diagnosed(tmp_path, table, "--reference-frame", "external")
@@ -111,7 +110,7 @@ def test_few_records_in_an_unknown_frame(tmp_path: Path, count: int) -> None:
     assert found["rms_mm"]["recalibrated"] < found["rms_mm"]["noise"]
 
 
-def test_what_is_not_settled_is_not_said_to_be(tmp_path: Path) -> None:
+def test_what_is_not_settled_is_not_said_to_be(tmp_path):
     """A warm-up by a clock that began long before: a slip and any function of time look alike, and
     that stays open.
     """
@@ -126,7 +125,7 @@ def test_what_is_not_settled_is_not_said_to_be(tmp_path: Path) -> None:
         assert "time" in found["unexplained"]["depends_on"]
 
 
-def test_a_clock_that_starts_anew_needs_sessions(tmp_path: Path) -> None:
+def test_a_clock_that_starts_anew_needs_sessions(tmp_path):
     table = records(tmp_path, "free", "--records", "40").sort_values("time_s")
     table.loc[table.index[20:], "time_s"] -= table["time_s"].iloc[19]
     for session, noted in ((None, True), (["a"] * 20 + ["b"] * 20, False)):
@@ -135,7 +134,7 @@ def test_a_clock_that_starts_anew_needs_sessions(tmp_path: Path) -> None:
         assert ("clock_restarts" in codes) == noted
 
 
-def test_unit_of_angles_and_seed_do_not_matter(tmp_path: Path) -> None:
+def test_unit_of_angles_and_seed_do_not_matter(tmp_path):
     table = records(tmp_path, "free", "--records", "60", effect=ECCENTRIC)
     angles = [name for name in table if name.startswith("theta")]
     radians = table.rename(columns={name: name.replace("_deg", "_rad") for name in angles})
@@ -188,7 +187,7 @@ def urdf(slide: int, masses: bool) -> str:
 
 
 @pytest.mark.parametrize(("slide", "masses"), [(1, True), (3, False)])
-def test_an_arm_with_a_joint_that_slides(tmp_path: Path, slide: int, masses: bool) -> None:
+def test_an_arm_with_a_joint_that_slides(tmp_path, slide, masses):
     """No cause that turns sits at a slide; one at another joint is named."""
     path, data = tmp_path / "slider.urdf", tmp_path / "data.csv"
     path.write_text(urdf(slide, masses))
@@ -205,7 +204,7 @@ def test_an_arm_with_a_joint_that_slides(tmp_path: Path, slide: int, masses: boo
     assert not any(f["joint"] == slide for f in found["findings"])
 
 
-def test_a_joint_that_slides_is_read_in_millimetres(tmp_path: Path) -> None:
+def test_a_joint_that_slides_is_read_in_millimetres(tmp_path):
     path = tmp_path / "slider.urdf"
     path.write_text(urdf(3, True))
     arm, hidden = Arm.from_urdf(path, "tip"), JointHysteresis(3, values=(2e-4,))
@@ -237,7 +236,7 @@ def test_a_joint_that_slides_is_read_in_millimetres(tmp_path: Path) -> None:
     assert not any(way.carrier == "angle 3" for c in sliding for way in c.variants)
 
 
-def test_what_touches_of_a_seat_share_is_predicted(sino6: Arm) -> None:
+def test_what_touches_of_a_seat_share_is_predicted(sino6):
     """An arm as it should be, at seats that are less certain than it is."""
     data = simulate_measurements(
         sino6,
@@ -265,9 +264,7 @@ def compliant(sino6: Arm) -> Measurements:
     return simulate_measurements(model, "free", 60, rng=np.random.default_rng(3))
 
 
-def test_noise_stated_a_hundred_times_too_large_is_not_answered_with_more_records(
-    sino6: Arm, compliant: Measurements
-) -> None:
+def test_noise_stated_a_hundred_times_too_large_is_not_answered_with_more_records(sino6, compliant):
     early = replace(compliant, conditions=replace(compliant.conditions, time=np.arange(60.0) - 1e9))
     found = diagnose(sino6, early, encoder_noise=8e-4, reference_noise=1e-3, hold_out=False)
     assert data_of(found.notes, "clock_below_zero") == [{}]
@@ -279,7 +276,7 @@ def test_noise_stated_a_hundred_times_too_large_is_not_answered_with_more_record
         diagnose(sino6, compliant, encoder_noise=8.0)
 
 
-def test_a_seat_is_not_odd_where_readings_move_far_tips_more(sino6: Arm) -> None:
+def test_a_seat_is_not_odd_where_readings_move_far_tips_more(sino6):
     """Noise of the encoders alone, which nobody stated: the seats far out scatter more than those
     near the base.
     """
@@ -291,9 +288,7 @@ def test_a_seat_is_not_odd_where_readings_move_far_tips_more(sino6: Arm) -> None
     assert (found.verdict, found.unexplained.groups) == ("no-discrepancy", ())
 
 
-def test_a_gain_that_is_not_borne_out_asks_for_more_records(
-    sino6: Arm, compliant: Measurements
-) -> None:
+def test_a_gain_that_is_not_borne_out_asks_for_more_records(sino6, compliant):
     good = diagnose(sino6, compliant.take(np.arange(14)), encoder_noise=8e-6)
     assert good.verdict == "explained"
     found = replace(good, doubts=("no better",))
@@ -304,7 +299,7 @@ def test_a_gain_that_is_not_borne_out_asks_for_more_records(
     ) == (False, True)
 
 
-def test_residuals_beside_no_noise_at_all_have_a_verdict_in_words(sino6: Arm) -> None:
+def test_residuals_beside_no_noise_at_all_have_a_verdict_in_words(sino6):
     data = simulate_measurements(sino6, "seats", 40, rng=np.random.default_rng(1), seats=8)
     found = diagnose(sino6, data, encoder_noise=0.0, hold_out=False)
     assert (found.verdict, found.noise) == ("unexplained", 0.0)
@@ -313,7 +308,7 @@ def test_residuals_beside_no_noise_at_all_have_a_verdict_in_words(sino6: Arm) ->
     )
 
 
-def test_an_arm_that_states_all_its_values_to_be_exact(sino6: Arm) -> None:
+def test_an_arm_that_states_all_its_values_to_be_exact(sino6):
     """Nothing is refitted then, and only causes can explain what is left."""
     exact = replace(
         sino6, parameters=tuple(replace(p, u=0.0, half_width=0.0) for p in sino6.parameters)
@@ -332,9 +327,7 @@ def test_an_arm_that_states_all_its_values_to_be_exact(sino6: Arm) -> None:
 
 
 @pytest.mark.parametrize("u", [(2e-5, 2e-5, 2e-5), ()])
-def test_a_known_target_is_refitted_once(
-    sino6: Arm, rng: np.random.Generator, u: tuple[float, ...]
-) -> None:
+def test_a_known_target_is_refitted_once(sino6, rng, u):
     """The place of a target that the arm's file has, with or without u; and one that it does not
     have.
     """

@@ -16,8 +16,7 @@ import pytest
 from typer.testing import CliRunner
 
 from aacmm_pin.cli.root_command import app
-from aacmm_pin.diagnosis.result import Doubt
-from aacmm_pin.diagnosis.thresholds import THRESHOLDS
+from aacmm_pin.diagnosis import THRESHOLDS, Doubt
 from aacmm_pin.effects import CAUSES
 
 NOISE = ["--encoder-noise-rad", "8e-6", "--reference-noise-mm", "0.012"]
@@ -247,7 +246,7 @@ CASES = {
 
 
 @pytest.mark.parametrize("verdict", CASES)
-def test_every_field_of_every_verdict(tmp_path: Path, verdict: str) -> None:
+def test_every_field_of_every_verdict(tmp_path, verdict):
     table, options = CASES[verdict](tmp_path)
     path = tmp_path / "data.csv"
     table.to_csv(path, index=False)
@@ -308,7 +307,7 @@ def agrees(found: dict[str, Any], shown: str) -> None:
     assert rms["extended"] <= rms["recalibrated"] + 1e-9
 
 
-def test_without_held_out_there_is_none(tmp_path: Path) -> None:
+def test_without_held_out_there_is_none(tmp_path):
     table, _ = nothing(tmp_path)
     table.to_csv(tmp_path / "data.csv", index=False)
     done = CliRunner().invoke(

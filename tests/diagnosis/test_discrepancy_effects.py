@@ -5,7 +5,6 @@ right at new records.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -13,14 +12,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
+from aacmm_pin import accuracy_volume
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.accuracy.volume import accuracy_volume
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.calibration import calibrate
-from aacmm_pin.calibration.calibrated_arm import calibrated_model
+from aacmm_pin.arm import Arm
+from aacmm_pin.calibration import Fit, calibrate, calibrated_model
 from aacmm_pin.calibration.estimation import fit
-from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.parameters import problem_of
 from aacmm_pin.calibration.setup import Setup
 from aacmm_pin.cli.root_command import app
@@ -36,12 +33,8 @@ from aacmm_pin.diagnosis.discrepancy import (
     lost,
     with_covariance,
 )
-from aacmm_pin.effects import sensitivity
-from aacmm_pin.effects.conditions import Conditions
-from aacmm_pin.effects.discrepancy import Carrier, Discrepancy, Part
-from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.effects.state import State
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.effects import Carrier, Conditions, Discrepancy, ErrorModel, Part, State, sensitivity
+from aacmm_pin.measurements import Measurements
 
 NOISE = 15e-6
 COUPLING = "joint 2 × joint 4"
@@ -95,7 +88,7 @@ def with_effect(model: ErrorModel, effect: Discrepancy, covariance: Array) -> Er
     return ErrorModel(with_covariance(model.arm, names, covariance), (*model.effects, effect))
 
 
-def test_columns_are_those_of_the_design(plant: Plant) -> None:
+def test_columns_are_those_of_the_design(plant):
     """With orientations and an unknown frame of the references, in which a shift in the room has
     other axes.
     """
@@ -138,7 +131,7 @@ def least_squares(arm: Arm, records: Measurements, way: Carried) -> tuple[Array,
     return inverse @ columns.T @ left, NOISE**2 * inverse
 
 
-def test_new_readings_are_corrected_within_u(plant: Plant, tmp_path: Path) -> None:
+def test_new_readings_are_corrected_within_u(plant, tmp_path):
     """Twenty files: what is off at new records is what their covariance says."""
     squares = []
     for number in range(20):
@@ -189,7 +182,7 @@ def test_new_readings_are_corrected_within_u(plant: Plant, tmp_path: Path) -> No
     assert after < 0.2 * before
 
 
-def test_estimated_beside_the_geometry(plant: Plant, tmp_path: Path) -> None:
+def test_estimated_beside_the_geometry(plant, tmp_path):
     """A calibration estimates it as any effect, its covariance with the geometry included, and
     holds it the next time.
     """
@@ -212,7 +205,7 @@ def test_estimated_beside_the_geometry(plant: Plant, tmp_path: Path) -> None:
     assert again.model.effects == model.effects
 
 
-def test_estimates_answer_to_what_is_held(plant: Plant) -> None:
+def test_estimates_answer_to_what_is_held(plant):
     """Held where a common fit has them, within its covariance, the tips are as uncertain as by that
     fit.
     """
@@ -248,7 +241,7 @@ def test_estimates_answer_to_what_is_held(plant: Plant) -> None:
     ) > 1.01 * np.mean(u[1])
 
 
-def test_it_is_no_candidate(plant: Plant) -> None:
+def test_it_is_no_candidate(plant):
     records = plant.measured(60)
     name, way = all_described(plant.arm, records)[0]
     (effect,) = prior([(name, way)], 1e-6)
@@ -258,7 +251,7 @@ def test_it_is_no_candidate(plant: Plant) -> None:
     assert not any(isinstance(each, Discrepancy) for variants in library for each in variants)
 
 
-def test_what_cannot_be_predicted_is_lost(plant: Plant) -> None:
+def test_what_cannot_be_predicted_is_lost(plant):
     q, tip = plant.touched(60)
     extra = pd.DataFrame({"humidity_pct": plant.rng.uniform(30.0, 50.0, 60)})
     session = np.array(["a", "b"] * 30, dtype=object)
@@ -281,7 +274,7 @@ def test_what_cannot_be_predicted_is_lost(plant: Plant) -> None:
     assert covariates == [name for name, way in described if way.smooth is not None]
 
 
-def test_labels_of_several(plant: Plant) -> None:
+def test_labels_of_several(plant):
     described = [
         each for each in all_described(plant.arm, plant.measured(60)) if each[0] == "time"
     ][:1]
@@ -292,7 +285,7 @@ def test_labels_of_several(plant: Plant) -> None:
     ]
 
 
-def test_background_as_one_effect(plant: Plant, tmp_path: Path) -> None:
+def test_background_as_one_effect(plant, tmp_path):
     """The same mean at new records; u with the right mean square, and not far off anywhere."""
     records, rng = plant.measured(150), plant.rng
     described = [each for each in all_described(plant.arm, records) if each[1].smooth is not None]
@@ -327,7 +320,7 @@ def test_background_as_one_effect(plant: Plant, tmp_path: Path) -> None:
     assert (tmp_path / "background.toml").stat().st_size < 600_000
 
 
-def test_a_background_of_one_direction_is_its_size(plant: Plant) -> None:
+def test_a_background_of_one_direction_is_its_size(plant):
     described = [
         each for each in all_described(plant.arm, plant.measured(60)) if each[0] == COUPLING
     ][:1]

@@ -15,9 +15,9 @@ import pytest
 from blind.regimes import regime_file
 from numpy.typing import NDArray
 
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm import Arm
+from aacmm_pin.calibration import Fit
 from aacmm_pin.calibration.estimation import fit
-from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.parameters import problem_of
 from aacmm_pin.calibration.setup import Setup
 from aacmm_pin.diagnosis.candidates import Variants, candidates
@@ -28,8 +28,8 @@ from aacmm_pin.diagnosis.gram_matrix import Gram, Part, Products, products_of
 from aacmm_pin.diagnosis.held_postures import HeldPostures
 from aacmm_pin.diagnosis.linear_model import LARGE, gains
 from aacmm_pin.diagnosis.model_space import Candidates, ModelSpace, State
-from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.effects import ErrorModel
+from aacmm_pin.measurements import Measurements
 from tests.diagnosis.dense_posterior import AMPLITUDES, WIDTHS, Dense, by_quadrature
 
 Array = NDArray[np.float64]
@@ -105,7 +105,7 @@ def widths_of(state: State) -> Array:
 
 @pytest.mark.parametrize("stated", [True, False])
 @pytest.mark.parametrize("noise", [0.4, 1.0, 2.5])
-def test_marginal_likelihood_by_quadrature(stated: bool, noise: float) -> None:
+def test_marginal_likelihood_by_quadrature(stated, noise):
     """Blocks of one and two parameters beside two nuisances, of eleven rows."""
     rng = np.random.default_rng(5)
     nuisances = np.column_stack([np.ones(11), rng.normal(size=11)])
@@ -230,7 +230,7 @@ def random_states(space: ModelSpace, rng: np.random.Generator, count: int) -> li
     return found
 
 
-def test_real_designs_by_covariance_matrices(measured: Measured, rng: np.random.Generator) -> None:
+def test_real_designs_by_covariance_matrices(measured, rng):
     space = measured.space
     dense = dense_of(space)
     states = random_states(space, rng, 30)
@@ -244,9 +244,7 @@ def test_real_designs_by_covariance_matrices(measured: Measured, rng: np.random.
     )
 
 
-def test_additions_are_the_posterior_of_larger_sets(
-    measured: Measured, rng: np.random.Generator
-) -> None:
+def test_additions_are_the_posterior_of_larger_sets(measured, rng):
     """At each width, of blocks of every size, beside sets of every size."""
     space = measured.space
     sizes = np.array([block.size for block in space.candidates.blocks])
@@ -268,7 +266,7 @@ def test_additions_are_the_posterior_of_larger_sets(
             )
 
 
-def test_evidence_where_rounding_left_no_factor(rng: np.random.Generator) -> None:
+def test_evidence_where_rounding_left_no_factor(rng):
     """Of information whose smallest eigenvalue is far below zero: as if it were zero, and the other
     blocks as they are.
     """
@@ -337,9 +335,7 @@ def two_variants(rng: np.random.Generator, stated: bool) -> Dense:
         (two_variants, False),
     ],
 )
-def test_exploration_finds_the_mass_of_all_subsets(
-    problem: Any, stated: bool, rng: np.random.Generator
-) -> None:
+def test_exploration_finds_the_mass_of_all_subsets(problem, stated, rng):
     dense = problem(rng, stated)
     space = space_of(dense)
     expected, largest = dense.inclusion(most=5)
@@ -353,7 +349,7 @@ def test_exploration_finds_the_mass_of_all_subsets(
 # --- order
 
 
-def test_order_of_the_blocks_of_a_state(measured: Measured, rng: np.random.Generator) -> None:
+def test_order_of_the_blocks_of_a_state(measured, rng):
     space = measured.space
     for state in random_states(space, rng, 12):
         order = rng.permutation(len(state.blocks))
@@ -403,9 +399,7 @@ def covariates_in_another_order(measured: Measured, rng: np.random.Generator) ->
 @pytest.mark.parametrize(
     "other", [records_in_another_order, causes_in_another_order, covariates_in_another_order]
 )
-def test_order_of_records_causes_and_covariates(
-    measured: Measured, other: Any, rng: np.random.Generator
-) -> None:
+def test_order_of_records_causes_and_covariates(measured, other, rng):
     space = measured.space
     again = other(measured, rng)
     for state in random_states(space, rng, 12):

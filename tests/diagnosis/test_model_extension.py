@@ -10,11 +10,9 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from aacmm_pin.diagnosis import inner_values, model_extension
-from aacmm_pin.diagnosis.choice import Choice
-from aacmm_pin.effects import EncoderSlip, JointPeriodicError
-from aacmm_pin.effects.conditions import Conditions
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.diagnosis import Choice, inner_values, model_extension
+from aacmm_pin.effects import Conditions, EncoderSlip, JointPeriodicError
+from aacmm_pin.measurements import Measurements
 
 
 def choice_of(**known: Any) -> Choice:
@@ -23,7 +21,7 @@ def choice_of(**known: Any) -> Choice:
     return Choice(**nothing | known)
 
 
-def test_how_far_from_its_target_a_record_is() -> None:
+def test_how_far_from_its_target_a_record_is():
     """Over what one of all records may be off with a chance of 1 %, by Bonferroni's bound; none
     where nothing is said.
     """
@@ -42,7 +40,7 @@ def test_how_far_from_its_target_a_record_is() -> None:
     ("parts", "torn"),
     [([0, 0, 1, 1, 0, 1], False), ([0, 1, 1, 1, 0, 1], True), ([0, 0, 0, 1, 0, 1], True)],
 )
-def test_seats_and_bars_in_several_parts(parts: list[int], torn: bool) -> None:
+def test_seats_and_bars_in_several_parts(parts, torn):
     """Seats 0 and 1 at the ends of a bar, seat 2 alone; two records at none."""
     observations = SimpleNamespace(
         seat=np.array([0, 1, 2, 2, -1, -1]), clusters=np.array([0, 0, 1])
@@ -61,9 +59,7 @@ def test_seats_and_bars_in_several_parts(parts: list[int], torn: bool) -> None:
         ([0, 0, 0, 0], [1, 1, 1, 1], [0, 0, 1, 1], False),
     ],
 )
-def test_a_cause_of_records_that_are_left_out_together(
-    moved: list[int], used: list[int], parts: list[int], inside: bool
-) -> None:
+def test_a_cause_of_records_that_are_left_out_together(moved, used, parts, inside):
     columns = np.zeros((4, 3, 2))
     columns[:, 2, 1] = moved
     design = SimpleNamespace(columns=lambda _: columns)
@@ -72,7 +68,7 @@ def test_a_cause_of_records_that_are_left_out_together(
     assert choice_of(posterior=posterior, fit=fit, parts=np.array(parts)).in_one_part(0) == inside
 
 
-def test_the_top_of_a_parabola() -> None:
+def test_the_top_of_a_parabola():
     """Between the neighbours of the best; no further, and nowhere where there is no top."""
     tried: list[Any] = [JointPeriodicError(3, order) for order in (2.0, 2.5, 3.5)]
     for top in (2.3, 2.9):
@@ -83,7 +79,7 @@ def test_the_top_of_a_parabola() -> None:
     assert inner_values._at_the_top(tried, at_the_end, 0) == tried[0]
 
 
-def test_inner_values_by_their_evidence(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_inner_values_by_their_evidence(monkeypatch):
     """A whole order unless another is far better; u of a step by the gaps between the records."""
     for far, expected in ((1.0, 4.0), (3.0, 4.11)):
         wave = JointPeriodicError(3, 4.0)

@@ -7,55 +7,45 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 import pytest
 
+from aacmm_pin import accuracy_volume, next_measurements, perturbed_model
 from aacmm_pin._support.checks import Array
-from aacmm_pin.accuracy.volume import accuracy_volume
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.chain import axis
-from aacmm_pin.arm.file import ArmFile
+from aacmm_pin.arm import Arm, ArmFile, axis
 from aacmm_pin.arm.random_postures import random_postures
 from aacmm_pin.calibration import calibrate, solver
 from aacmm_pin.calibration.problem import Problem
-from aacmm_pin.calibration.random_arm import perturbed_model
-from aacmm_pin.diagnosis import diagnose
+from aacmm_pin.diagnosis import THRESHOLDS, Alias, Diagnosis, Finding, diagnose
 from aacmm_pin.diagnosis.cross_validation import Brought
-from aacmm_pin.diagnosis.result import Diagnosis, Finding
-from aacmm_pin.diagnosis.significance import Alias
-from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.diagnosis.verdict import doubts_of, verdict_of
 from aacmm_pin.effects import (
     BaseCompliance,
     BearingTilt,
+    Conditions,
     Displacement,
     Effect,
     EncoderEccentricity,
     EncoderGain,
     EncoderSlip,
+    ErrorModel,
     JointCompliance,
     JointPeriodicError,
     LinkBending,
     SeatError,
+    State,
     StylusOffset,
     Term,
     ThermalExpansion,
     ZeroDrift,
+    in_words,
 )
-from aacmm_pin.effects.conditions import Conditions
-from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.effects.gravity import LoadedEffect
-from aacmm_pin.effects.labels import in_words
-from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.measurements.records import Measurements
-from aacmm_pin.measurements.simulate import simulate_measurements
+from aacmm_pin.measurements import Measurements, simulate_measurements
 from aacmm_pin.report.diagnosis import verdict_in_words
 from aacmm_pin.report.diagnosis_json import finding_to_dict
-from aacmm_pin.report.next_measurements import next_measurements
 from tests.cli import shell
 from tests.notes import data_of
 
@@ -63,9 +53,7 @@ NOISE = {"encoder_noise": 8e-6, "reference_noise": 1.2e-5}
 again = partial(pytest.param, marks=pytest.mark.long)
 
 
-def test_calibrating_twice_is_calibrating_with_all_records(
-    sino6: Arm, rng: np.random.Generator
-) -> None:
+def test_calibrating_twice_is_calibrating_with_all_records(sino6, rng):
     data = simulate_measurements(ErrorModel(sino6), "free", 160, rng=rng)
     first, second = data.take(slice(0, 80)), data.take(slice(80, 160))
 
@@ -80,9 +68,7 @@ def test_calibrating_twice_is_calibrating_with_all_records(
     assert (np.abs(values - both) < 0.05 * wanted).all()
 
 
-def test_a_warm_up_is_as_uncertain_as_its_time_constant_makes_it(
-    sino6: Arm, rng: np.random.Generator
-) -> None:
+def test_a_warm_up_is_as_uncertain_as_its_time_constant_makes_it(sino6, rng):
     """Against the normal equations of drift and time constant alone, by differences of the
     model.
     """
@@ -113,7 +99,7 @@ def test_a_warm_up_is_as_uncertain_as_its_time_constant_makes_it(
     assert np.sqrt(fit.covariance[0, 0]) < 0.9 * u[0]
 
 
-def test_a_warm_up_that_is_not_over_is_as_uncertain_as_its_evidence_says(sino6: Arm) -> None:
+def test_a_warm_up_that_is_not_over_is_as_uncertain_as_its_evidence_says(sino6):
     """Records over one time constant, which may be much longer than it seems: no error beyond 3.5
     u, and u is told.
     """
@@ -134,9 +120,7 @@ def test_a_warm_up_that_is_not_over_is_as_uncertain_as_its_evidence_says(sino6: 
     assert np.abs(errors).max() < 3.5
 
 
-def test_a_trial_that_cannot_be_evaluated_is_a_rejected_step(
-    sino6: Arm, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_trial_that_cannot_be_evaluated_is_a_rejected_step(sino6, rng, monkeypatch):
     data = simulate_measurements(
         ErrorModel(sino6, (EncoderGain(3, values=(1e-4,)),)), "free", 60, rng=rng
     )
@@ -179,9 +163,7 @@ class SquareTilt(Effect):
         return [Displacement(place, columns)]
 
 
-def test_what_no_cause_has_lends_its_strength_to_no_name_and_stays_with_the_arm(
-    sino6: Arm, tmp_path: Path
-) -> None:
+def test_what_no_cause_has_lends_its_strength_to_no_name_and_stays_with_the_arm(sino6, tmp_path):
     model = ErrorModel(sino6, (SquareTilt(3, values=(3e-6,)),))
     data = simulate_measurements(model, "free", 150, rng=np.random.default_rng(3))
     found = diagnose(sino6, data, hold_out=False, progress=False, **NOISE)  # type: ignore[arg-type]
@@ -212,9 +194,7 @@ def test_what_no_cause_has_lends_its_strength_to_no_name_and_stays_with_the_arm(
 @pytest.mark.parametrize(
     ("records", "note"), [(60, "prior_ignored"), (15, "partly_in_calibration")]
 )
-def test_part_of_an_unknown_error_is_in_an_earlier_calibration(
-    sino6: Arm, records: int, note: str
-) -> None:
+def test_part_of_an_unknown_error_is_in_an_earlier_calibration(sino6, records, note):
     """By more than the U of its values; whether its records showed that something was left decides
     how that is told.
     """
@@ -248,7 +228,7 @@ def test_part_of_an_unknown_error_is_in_an_earlier_calibration(
         assert len(data_of(again.notes, "prior_left_unexplained")) == 1
 
 
-def test_two_names_that_take_turns_do_not_cancel(tmp_path: Path) -> None:
+def test_two_names_that_take_turns_do_not_cancel(tmp_path):
     """Beside the values of a periodic error the records are for an error curve, and the other way
     round.
     """
@@ -271,7 +251,7 @@ def finding(probability: float, low: float | None = 0.1, effect: Effect | None =
     return Finding(effect or EncoderEccentricity(3), {}, probability, 1e-6, 0.5, (), brought)
 
 
-def test_verdicts(sino6: Arm, rng: np.random.Generator) -> None:
+def test_verdicts(sino6, rng):
     data = simulate_measurements(ErrorModel(sino6), "free", 40, rng=rng)
     fit = calibrate(sino6, data, hold_out=False, **NOISE).fit  # type: ignore[arg-type]
     stuck = replace(fit, message="60 steps were not enough")
@@ -326,7 +306,7 @@ def test_verdicts(sino6: Arm, rng: np.random.Generator) -> None:
         assert verdict_of([finding(0.99)], False, 0.1, doubts, (fit, fit)) == "inconclusive"
 
 
-def test_a_value_that_nature_does_not_have_explains_nothing(sino6: Arm) -> None:
+def test_a_value_that_nature_does_not_have_explains_nothing(sino6):
     model = ErrorModel(sino6, (JointCompliance(2, values=(-3e-5,)),))
     data = simulate_measurements(model, "free", 100, rng=np.random.default_rng(1))
     found = diagnose(sino6, data, hold_out=False, progress=False, **NOISE)  # type: ignore[arg-type]
@@ -351,7 +331,7 @@ def test_a_value_that_nature_does_not_have_explains_nothing(sino6: Arm) -> None:
     assert (found.verdict, beside.values) == ("explained", found.findings[0].effect.values)
 
 
-def test_an_arm_of_which_nothing_tells_the_size_keeps_it(zero6: Arm) -> None:
+def test_an_arm_of_which_nothing_tells_the_size_keeps_it(zero6):
     """Unknown seats, no bar, no stated length: the smallest arm would scatter least."""
     hidden = ErrorModel(zero6, (EncoderEccentricity(3, values=(2e-4, 0.0)),))
     data = simulate_measurements(hidden, "seats", 160, known=False, rng=np.random.default_rng(4))
@@ -365,7 +345,7 @@ def test_an_arm_of_which_nothing_tells_the_size_keeps_it(zero6: Arm) -> None:
     assert np.abs(change[lengths > 0.1]).max() < 1e-3
 
 
-def test_u_of_a_cause_is_what_a_calibration_with_it_says(zero6: Arm) -> None:
+def test_u_of_a_cause_is_what_a_calibration_with_it_says(zero6):
     """Of an arm whose lengths and angles nobody stated, so that some directions are not told."""
     hidden = ErrorModel(zero6, (EncoderEccentricity(3, values=(1e-4, 0.0)),))
     data = simulate_measurements(hidden, "seats", 90, rng=np.random.default_rng(1))
@@ -380,7 +360,7 @@ def test_u_of_a_cause_is_what_a_calibration_with_it_says(zero6: Arm) -> None:
     assert u.min() * 0.9 < finding.parameters["amplitude_rad"][1] < u.max() * 1.1
 
 
-def test_excluded_records_of_one_seat_are_said_to_be_of_it(sino6: Arm) -> None:
+def test_excluded_records_of_one_seat_are_said_to_be_of_it(sino6):
     data = simulate_measurements(
         ErrorModel(sino6), "seats", 120, known=False, rng=np.random.default_rng(2)
     )
@@ -392,7 +372,7 @@ def test_excluded_records_of_one_seat_are_said_to_be_of_it(sino6: Arm) -> None:
     assert names[1] in {told["seat"] for told in data_of(result.notes, "seat_excluded")}
 
 
-def test_a_look_alike_at_a_seat_has_a_seat_and_no_joint() -> None:
+def test_a_look_alike_at_a_seat_has_a_seat_and_no_joint():
     at_seat, of_arm = (
         Alias("seat_error:3", 0.9, 0.1, effect=SeatError("3")),
         Alias("humidity_pct", 0.9, 0.1),
@@ -415,9 +395,7 @@ def known_before(sino6: Arm, *new: Effect, value: float = 2e-5, records: int = 3
 
 
 @pytest.mark.parametrize(("orders", "lost"), [((8,), True), ((5, 7), False)])
-def test_a_known_cause_with_another_inner_value(
-    sino6: Arm, orders: tuple[int, ...], lost: bool
-) -> None:
+def test_a_known_cause_with_another_inner_value(sino6, orders, lost):
     """A periodic error that was of order 7 is of another order now, or there are two."""
     known = JointPeriodicError(joint=3, order=7, values=(1e-4, 0.0), u=(3e-6, 3e-6))
     truth = ErrorModel(
@@ -434,9 +412,7 @@ def test_a_known_cause_with_another_inner_value(
 @pytest.mark.parametrize(
     ("before", "after", "drift"), [(3600.0, 1200.0, 2e-4), (1200.0, 1200.0, 1e-4)]
 )
-def test_a_known_warm_up_that_is_quicker_or_smaller(
-    sino6: Arm, before: float, after: float, drift: float
-) -> None:
+def test_a_known_warm_up_that_is_quicker_or_smaller(sino6, before, after, drift):
     """The new one stands in the place of the known one, which looks much like it, and not beside
     it.
     """
@@ -472,9 +448,7 @@ WAVES = tuple(
         (WAVES, [2e-4], {"amplitude_rad": np.hypot(2e-4, 4e-5)}),
     ],
 )
-def test_known_causes_of_one_kind_and_place(
-    sino6: Arm, known: tuple[Effect, ...], now: list[float], changed: dict[str, float]
-) -> None:
+def test_known_causes_of_one_kind_and_place(sino6, known, now, changed):
     """What is stated of each counts: without that, a refit would hide that they are other than they
     were.
     """
@@ -492,7 +466,7 @@ def test_known_causes_of_one_kind_and_place(
             assert key not in changed or finding.gone or abs(value - changed[key]) < 3.3 * u
 
 
-def test_a_known_slip_that_has_grown_is_no_second_one(sino6: Arm) -> None:
+def test_a_known_slip_that_has_grown_is_no_second_one(sino6):
     known = EncoderSlip(joint=5, time_s=5000.0, values=(2.2e-4,), u=(6.6e-6,))
     truth = ErrorModel(sino6, (replace(known, values=(4.8e-4,), u=()),))
     data = simulate_measurements(truth, "free", 150, rng=np.random.default_rng(1), **NOISE)
@@ -512,8 +486,8 @@ def test_a_known_slip_that_has_grown_is_no_second_one(sino6: Arm) -> None:
     ("constant", "amplitude"), [(1500.0, 2.5e-4), again(5e4, 1.2e-3), (2e4, 4e-3)]
 )
 def test_a_drift_that_records_show_as_a_slope_may_stop_or_go_on(
-    sino6: Arm, constant: float, amplitude: float, tmp_path: Path
-) -> None:
+    sino6, constant, amplitude, tmp_path
+):
     """Records of an hour: what comes later is told where they last for longer than the time
     constant, and open elsewhere.
     """
@@ -550,7 +524,7 @@ def test_a_drift_that_records_show_as_a_slope_may_stop_or_go_on(
         assert bool(model.input_warnings(q[:50], conditions)) != told
 
 
-def test_a_known_slip_beside_a_clock_that_stands(sino6: Arm) -> None:
+def test_a_known_slip_beside_a_clock_that_stands(sino6):
     """All records are of one time, behind the slip."""
     known = ErrorModel(sino6, (EncoderSlip(joint=4, time_s=3000.0, values=(3e-4,), u=(5e-6,)),))
     rng, conditions = np.random.default_rng(5), Conditions(60, time=np.full(60, 5000.0))
@@ -564,8 +538,8 @@ def test_a_known_slip_beside_a_clock_that_stands(sino6: Arm) -> None:
 
 @pytest.mark.parametrize(("seed", "step"), [again(0, 2.5e-4), (2, 4e-5)])
 def test_readings_between_the_records_around_a_slip_have_its_step_in_their_u(
-    sino6: Arm, seed: int, step: float, tmp_path: Path
-) -> None:
+    sino6, seed, step, tmp_path
+):
     """Which of the two they are nobody knows: u is as large as the error there, and no larger
     elsewhere.
     """
@@ -616,9 +590,7 @@ def test_readings_between_the_records_around_a_slip_have_its_step_in_their_u(
     ("new", "left"),
     [(BearingTilt(joint=2, values=(1e-5,)), 2e-5), (BaseCompliance(values=(2e-5,)), 0.0)],
 )
-def test_what_moves_the_tip_alike_is_named_as_one_cause(
-    sino6: Arm, new: Effect, left: float
-) -> None:
+def test_what_moves_the_tip_alike_is_named_as_one_cause(sino6, new, left):
     """A stand that yields as joint 2 did, which no longer does, has the columns of a bearing that
     tilts beside it.
     """
@@ -636,7 +608,7 @@ def test_what_moves_the_tip_alike_is_named_as_one_cause(
         LinkBending(link=3, values=(5e-5,), u=(1e-6,)),
     ],
 )
-def test_a_load_that_the_file_does_not_have(known: LoadedEffect, sino6: Arm) -> None:
+def test_a_load_that_the_file_does_not_have(known, sino6):
     """A mass at the tip of an arm that is known to yield makes nothing softer, and is no error of
     an encoder.
     """
@@ -663,7 +635,7 @@ def test_a_load_that_the_file_does_not_have(known: LoadedEffect, sino6: Arm) -> 
     assert abs(finding.effect.values[0] - load) < 3.3 * finding.effect.u[0] < 0.3 * load
 
 
-def test_a_new_cause_is_not_taken_for_a_change_of_a_known_one(sino6: Arm) -> None:
+def test_a_new_cause_is_not_taken_for_a_change_of_a_known_one(sino6):
     """An eccentricity whose phase makes it like the torque of gravity, in few records."""
     told = set()
     for phase in np.arange(4) * np.pi / 2:
@@ -679,7 +651,7 @@ def test_a_new_cause_is_not_taken_for_a_change_of_a_known_one(sino6: Arm) -> Non
     assert new.label in told
 
 
-def test_a_known_cause_that_has_changed(sino6: Arm) -> None:
+def test_a_known_cause_that_has_changed(sino6):
     for value in (2.6e-5, 0.0):
         found = known_before(sino6, value=value)
         (finding,) = found.findings
@@ -710,7 +682,7 @@ def slipped(arm: Arm, joint: int, before: int, size: float, records: int, seed: 
 
 
 @pytest.mark.parametrize(("last", "size"), [again(4, 1e-3), (4, 5e-3), (8, 1e-3)])
-def test_a_slip_near_the_end_is_no_gross_errors(sino6: Arm, last: int, size: float) -> None:
+def test_a_slip_near_the_end_is_no_gross_errors(sino6, last, size):
     """The few records after it are far off, and all that are."""
     found = slipped(sino6, 2, -last, size, 120, last)
     assert (found.verdict, [finding.label for finding in found.findings]) == (
@@ -720,7 +692,7 @@ def test_a_slip_near_the_end_is_no_gross_errors(sino6: Arm, last: int, size: flo
 
 
 @pytest.mark.parametrize("seed", [0, *map(again, (1, 2, 3))])
-def test_an_early_slip_is_no_drift(sino6: Arm, seed: int) -> None:
+def test_an_early_slip_is_no_drift(sino6, seed):
     """A drift that is soon over looks like it, and is not to be compared with a slip at a time of
     which few were tried.
     """
@@ -736,7 +708,7 @@ def test_an_early_slip_is_no_drift(sino6: Arm, seed: int) -> None:
 @pytest.mark.parametrize(
     "shares", ["last few", again("time"), again("operator"), "joint 2", again("place")]
 )
-def test_records_that_are_excluded_together_are_no_gross_errors(sino6: Arm, shares: str) -> None:
+def test_records_that_are_excluded_together_are_no_gross_errors(sino6, shares):
     """In a tenth of the records the tip is elsewhere on the last body; they are outliers to the
     rest, and yet all alike.
     """
@@ -784,7 +756,7 @@ def with_a_bump(arm: Arm, number: int, size: float, seed: int) -> Measurements:
 
 
 @pytest.mark.parametrize("seed", [4, again(1)])
-def test_a_bump_in_the_room_is_no_gross_errors(sino6: Arm, seed: int) -> None:
+def test_a_bump_in_the_room_is_no_gross_errors(sino6, seed):
     found = diagnose(
         sino6, with_a_bump(sino6, 10, 9e-5, seed), **NOISE, hold_out=False, progress=False
     )
@@ -792,7 +764,7 @@ def test_a_bump_in_the_room_is_no_gross_errors(sino6: Arm, seed: int) -> None:
     assert {"x", "place"} & set(found.unexplained.depends_on)
 
 
-def test_a_target_that_is_unknown_again_is_found_anew(sino6: Arm, rng: np.random.Generator) -> None:
+def test_a_target_that_is_unknown_again_is_found_anew(sino6, rng):
     known = ErrorModel(sino6, (StylusOffset(values=(0.01, 0.02, 0.03), u=(1e-5, 1e-5, 1e-5)),))
     now = ErrorModel(sino6, (StylusOffset(values=(0.03, 0.0, 0.01)),))
     data = simulate_measurements(now, "free", 100, rng=rng, **NOISE)
@@ -802,9 +774,7 @@ def test_a_target_that_is_unknown_again_is_found_anew(sino6: Arm, rng: np.random
     assert offset.values == pytest.approx((0.03, 0.0, 0.01), abs=2e-4)
 
 
-def test_what_is_a_part_of_moved_sessions_is_not_in_the_extended_arm(
-    sino6: Arm, rng: np.random.Generator
-) -> None:
+def test_what_is_a_part_of_moved_sessions_is_not_in_the_extended_arm(sino6, rng):
     """What fits the steps between sessions a little would harm at every other time; a slip of joint
     1 rotates all.
     """
@@ -823,7 +793,7 @@ def test_what_is_a_part_of_moved_sessions_is_not_in_the_extended_arm(
 
 
 @pytest.mark.parametrize(("order", "turns"), [again(14.5, 0.95), (20.5, 0.95), (2.75, 3.0)])
-def test_one_wave_of_any_order_is_no_curve(sino6: Arm, order: float, turns: float) -> None:
+def test_one_wave_of_any_order_is_no_curve(sino6, order, turns):
     """Between the orders that are tried a free curve fits far better than any of them, and than
     none.
     """
@@ -842,9 +812,7 @@ def test_one_wave_of_any_order_is_no_curve(sino6: Arm, order: float, turns: floa
 
 
 @pytest.mark.parametrize(("noise", "payload"), [(1.0, 0.0), (0.02, 2.0)])
-def test_torques_with_noise_and_masses_that_lack_a_payload(
-    sino6: Arm, noise: float, payload: float
-) -> None:
+def test_torques_with_noise_and_masses_that_lack_a_payload(sino6, noise, payload):
     """Whichever of the two tells the moment better is taken, so that no cause beside it has an
     advantage.
     """
@@ -885,7 +853,7 @@ def in_two_parts(
 
 
 @pytest.mark.parametrize(("seed", "part"), [again(1, 0.2), (7, 0.5), again(25, 0.9)])
-def test_a_slip_in_a_long_pause(sino6: Arm, seed: int, part: float) -> None:
+def test_a_slip_in_a_long_pause(sino6, seed, part):
     """It may have been at any time of it."""
     hidden, pause, found = in_two_parts(
         sino6, seed, lambda start, pause: EncoderSlip(3, start + part * pause, values=(2e-4,))
@@ -898,7 +866,7 @@ def test_a_slip_in_a_long_pause(sino6: Arm, seed: int, part: float) -> None:
 
 
 @pytest.mark.parametrize("seed", [6, again(5), again(0)])
-def test_an_encoder_that_was_knocked_midway_is_no_slip(sino6: Arm, seed: int) -> None:
+def test_an_encoder_that_was_knocked_midway_is_no_slip(sino6, seed):
     """Its disc is eccentric since."""
     rng, at, joint = (
         np.random.default_rng(seed),
@@ -918,7 +886,7 @@ def test_an_encoder_that_was_knocked_midway_is_no_slip(sino6: Arm, seed: int) ->
 
 
 @pytest.mark.parametrize("seed", [3, again(6), again(14)])
-def test_a_drift_over_a_long_pause_is_no_slip(sino6: Arm, seed: int) -> None:
+def test_a_drift_over_a_long_pause_is_no_slip(sino6, seed):
     """Its time constant is beyond those that are tried; beside a slip it is judged with the one
     that fits.
     """
@@ -929,7 +897,7 @@ def test_a_drift_over_a_long_pause_is_no_slip(sino6: Arm, seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", [10, 15, 22])
-def test_a_cause_that_excluded_records_show_is_not_denied(sino6: Arm, seed: int) -> None:
+def test_a_cause_that_excluded_records_show_is_not_denied(sino6, seed):
     """One of few records shows the fault most, and so seems to be a gross error."""
     rng = np.random.default_rng(seed)
     hidden = EncoderEccentricity(3, values=tuple(rng.normal(0.0, 8e-5, 2)))

@@ -12,15 +12,12 @@ from pathlib import Path
 import numpy as np
 from hypothesis import strategies as st
 
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.file import arm_text
+from aacmm_pin.arm import Arm, arm_text
 from aacmm_pin.arm.urdf import urdf_text
 from aacmm_pin.calibration import calibrate
-from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.effects.text import cause_of
+from aacmm_pin.effects import ErrorModel, cause_of
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.measurements.records import Measurements
-from aacmm_pin.measurements.simulate import simulate_measurements
+from aacmm_pin.measurements import Measurements, simulate_measurements
 from aacmm_pin.planning import plan_measurements
 
 NUMBERS = [

@@ -4,9 +4,7 @@ state.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,12 +15,11 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
 from aacmm_pin._support.units import MM
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.calibration import Calibration, calibrate
-from aacmm_pin.diagnosis import Diagnosis
-from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.arm import Arm
+from aacmm_pin.calibration import calibrate
+from aacmm_pin.effects import ErrorModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
-from aacmm_pin.measurements.simulate import simulate_measurements
+from aacmm_pin.measurements import simulate_measurements
 from aacmm_pin.report.parameters import parameter_table
 from aacmm_pin.report.plots import (
     BLUE,
@@ -57,7 +54,7 @@ def labels(ax: Any) -> tuple[str, str]:
 # Residuals ------------------------------------------------------------
 
 
-def test_vectors_and_their_scale_are_as_long_as_the_title_says(at_seats: Calibration) -> None:
+def test_vectors_and_their_scale_are_as_long_as_the_title_says(at_seats):
     used = at_seats.fit.used
     table = at_seats.residuals[used]
     tips = at_seats.fit.problem.model.predict(at_seats.fit.problem.measurements.q)[used] / MM
@@ -96,9 +93,7 @@ def test_vectors_and_their_scale_are_as_long_as_the_title_says(at_seats: Calibra
     assert len({title.rpartition(" ")[2] for title in views}) == 1
 
 
-def test_of_many_vectors_the_title_counts_those_drawn(
-    at_seats: Calibration, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_of_many_vectors_the_title_counts_those_drawn(at_seats, monkeypatch):
     monkeypatch.setattr(residual_vectors, "MOST_VECTORS", 50)
     ax = plot_residual_vectors(at_seats)
     (lines,) = (c for c in ax.collections if isinstance(c, LineCollection))
@@ -106,9 +101,7 @@ def test_of_many_vectors_the_title_counts_those_drawn(
     assert "40 of 118 records" in ax.get_title()
 
 
-def test_seats_stand_in_their_order_and_excluded_records_are_marked(
-    at_seats: Calibration, with_wave: Calibration
-) -> None:
+def test_seats_stand_in_their_order_and_excluded_records_are_marked(at_seats, with_wave):
     ax = plot_residuals_by_seat(at_seats)
     drawn(ax.figure)
     used = at_seats.fit.used
@@ -133,7 +126,7 @@ def test_seats_stand_in_their_order_and_excluded_records_are_marked(
     )
 
 
-def test_a_wave_of_an_encoder_shows_over_its_joint_alone(with_wave: Calibration) -> None:
+def test_a_wave_of_an_encoder_shows_over_its_joint_alone(with_wave):
     figure = plot_residuals_over_joints(with_wave)
     drawn(figure)
     panels = figure.axes
@@ -149,7 +142,7 @@ def test_a_wave_of_an_encoder_shows_over_its_joint_alone(with_wave: Calibration)
     assert heights[2] > 3 * np.median(heights)
 
 
-def test_a_turned_reference_frame_makes_no_difference_to_a_joint(with_wave: Calibration) -> None:
+def test_a_turned_reference_frame_makes_no_difference_to_a_joint(with_wave):
     data, along = with_wave.fit.problem.measurements, []
     turn = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
     for records in (data, replace(data, reference=data.reference @ turn.T)):
@@ -165,7 +158,7 @@ def test_a_turned_reference_frame_makes_no_difference_to_a_joint(with_wave: Cali
     np.testing.assert_allclose(along[0], along[1], atol=0.01)
 
 
-def test_a_joint_whose_axis_goes_through_the_tip_says_so(robot_file: Callable[[str], Path]) -> None:
+def test_a_joint_whose_axis_goes_through_the_tip_says_so(robot_file):
     ur5 = Arm.from_urdf(robot_file("ur5_robot.urdf"), "tool0")
     data = simulate_measurements(ErrorModel(ur5), "free", 80, rng=np.random.default_rng(2))
     result = calibrate(ur5, data, "zero-offsets", hold_out=False)
@@ -174,7 +167,7 @@ def test_a_joint_whose_axis_goes_through_the_tip_says_so(robot_file: Callable[[s
         assert texts == (["does not move the tip"] if still else [])
 
 
-def test_normalised_residuals_follow_chi(at_seats: Calibration) -> None:
+def test_normalised_residuals_follow_chi(at_seats):
     ax = plot_normalised_residuals(at_seats)
     drawn(ax.figure)
     assert labels(ax) == ("normalised residual [1]", "density [1]")
@@ -186,7 +179,7 @@ def test_normalised_residuals_follow_chi(at_seats: Calibration) -> None:
 # Parameters ------------------------------------------------------------
 
 
-def test_changes_stand_over_what_was_stated(at_seats: Calibration) -> None:
+def test_changes_stand_over_what_was_stated(at_seats):
     (ax,) = drawn(plot_parameter_changes(at_seats)).axes
     assert ax.get_xlabel() == "change / stated ± [1]; bars: U (k = 2)"
     table = parameter_table(at_seats)
@@ -200,7 +193,7 @@ def test_changes_stand_over_what_was_stated(at_seats: Calibration) -> None:
     assert ax.get_ylim()[0] > ax.get_ylim()[1]  # first on top
 
 
-def test_without_stated_uncertainties_changes_stand_in_small_units(of_robot: Calibration) -> None:
+def test_without_stated_uncertainties_changes_stand_in_small_units(of_robot):
     figure = drawn(plot_parameter_changes(of_robot))
     assert "open: known only in combination" in figure.axes[0].get_title()
     assert [ax.get_xlabel() for ax in figure.axes] == [
@@ -216,7 +209,7 @@ def test_without_stated_uncertainties_changes_stand_in_small_units(of_robot: Cal
         assert open_ == list(table["known"] == "in combination")
 
 
-def test_correlation_hides_what_is_not_told(of_robot: Calibration, at_seats: Calibration) -> None:
+def test_correlation_hides_what_is_not_told(of_robot, at_seats):
     ax = plot_correlation(of_robot)
     drawn(ax.figure)
     (image,) = ax.images
@@ -233,7 +226,7 @@ def test_correlation_hides_what_is_not_told(of_robot: Calibration, at_seats: Cal
     np.testing.assert_allclose(np.diag(whole), 1.0)
 
 
-def test_several_panels_take_the_place_of_axes(at_seats: Calibration) -> None:
+def test_several_panels_take_the_place_of_axes(at_seats):
     plt.close("all")
     own = Figure(layout="constrained")
     left, right = own.subplots(1, 2)
@@ -251,7 +244,7 @@ def test_several_panels_take_the_place_of_axes(at_seats: Calibration) -> None:
     assert plt.get_fignums() == []
 
 
-def test_what_cannot_be_drawn_is_refused(at_seats: Calibration, sound: Diagnosis) -> None:
+def test_what_cannot_be_drawn_is_refused(at_seats, sound):
     plane: Any = "zz"
     for result in (at_seats, sound):
         with pytest.raises(UnknownNameError, match=r"'zz'; known: xy, xz, yz"):

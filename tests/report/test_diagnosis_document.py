@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -15,7 +13,8 @@ from blind import draw
 from matplotlib import pyplot as plt
 from typer.testing import CliRunner
 
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin import next_measurements
+from aacmm_pin.arm import Arm
 from aacmm_pin.arm.file import parse_arm_file
 from aacmm_pin.cli.root_command import app
 from aacmm_pin.diagnosis import Alias, Diagnosis, Finding, OddGroup, diagnose
@@ -24,14 +23,15 @@ from aacmm_pin.effects import (
     Effect,
     EncoderEccentricity,
     EncoderGain,
+    ErrorModel,
     JointCompliance,
     JointZeroOffset,
     StylusOffset,
+    in_words,
+    values_in_words,
 )
-from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.effects.labels import in_words, values_in_words
 from aacmm_pin.errors import OutputError
-from aacmm_pin.measurements.simulate import simulate_measurements
+from aacmm_pin.measurements import simulate_measurements
 from aacmm_pin.report import html, results
 from aacmm_pin.report.diagnosis import (
     alternatives,
@@ -45,7 +45,6 @@ from aacmm_pin.report.diagnosis import (
     verdict_in_words,
 )
 from aacmm_pin.report.document import document_of
-from aacmm_pin.report.next_measurements import next_measurements
 from aacmm_pin.report.numbers import lengths, percent
 from aacmm_pin.report.scenes.scene import viewer_script
 from tests.pages import Page
@@ -66,7 +65,7 @@ def pictures(page: Page) -> list[str]:
     return [image["alt"] for image in page.all("img")]
 
 
-def test_a_page_agrees_with_its_numbers_and_holds_its_files(eccentric: Diagnosis) -> None:
+def test_a_page_agrees_with_its_numbers_and_holds_its_files(eccentric):
     text = written(eccentric)
     page, held = Page(text), eccentric.held_out
     assert plt.get_fignums() == []
@@ -108,7 +107,7 @@ def test_a_page_agrees_with_its_numbers_and_holds_its_files(eccentric: Diagnosis
         np.testing.assert_allclose(np.linalg.norm(parts, axis=1), used[f"{name}_mm"])
 
 
-def test_other_verdicts(sound: Diagnosis, blind: Callable[..., Diagnosis]) -> None:
+def test_other_verdicts(sound, blind):
     page = Page(written(sound))
     assert sound.verdict == "no-discrepancy"
     assert "Residual vectors on a drawing of the arm, simulation and recalibrated" in pictures(page)
@@ -127,7 +126,7 @@ def test_other_verdicts(sound: Diagnosis, blind: Callable[..., Diagnosis]) -> No
     )
 
 
-def test_a_robot_without_table_or_stated_uncertainties(robot_file: Callable[[str], Path]) -> None:
+def test_a_robot_without_table_or_stated_uncertainties(robot_file):
     arm = Arm.from_urdf(robot_file("ur5_robot.urdf"), "tool0")
     steps = np.random.default_rng(3).normal(0.0, 2e-4, (6, 6))
     made = ErrorModel(
@@ -141,7 +140,7 @@ def test_a_robot_without_table_or_stated_uncertainties(robot_file: Callable[[str
     assert gain_in_words(result) in page.text
 
 
-def test_the_command_writes_the_page_and_nothing_else_on_stdout(tmp_path: Path) -> None:
+def test_the_command_writes_the_page_and_nothing_else_on_stdout(tmp_path):
     data, out = tmp_path / "data.csv", tmp_path / "report.html"
     draw(11, None, records=80).write(data)
     noise = ["--encoder-noise-rad", "8e-6", "--reference-noise-mm", "0.012"]
@@ -185,7 +184,7 @@ def with_sets(result: Diagnosis, **sets: float) -> Diagnosis:
     )
 
 
-def test_doubt_is_told_with_the_rivals(eccentric: Diagnosis, tmp_path: Path) -> None:
+def test_doubt_is_told_with_the_rivals(eccentric, tmp_path):
     others = [(EncoderEccentricity(2), 0.98, 0.29), (EncoderGain(2), 0.5, 0.0002)]
     aliases = [Alias(effect.label, r, p, effect=effect) for effect, r, p in others]
     doubtful = finding(JointCompliance(2, values=(2e-5,), u=(1e-6,)), 0.7, *aliases)
@@ -218,7 +217,7 @@ def test_doubt_is_told_with_the_rivals(eccentric: Diagnosis, tmp_path: Path) -> 
         results.save(result, tmp_path / "report.html")
 
 
-def test_why_nothing_can_be_concluded(eccentric: Diagnosis) -> None:
+def test_why_nothing_can_be_concluded(eccentric):
     result, first = replace(eccentric, verdict="inconclusive"), eccentric.findings[0]
     weak = replace(first, brought=Brought(0.1, -0.1, 0.3))
     told = [verdict_in_words(replace(result, findings=found)) for found in ((), (first,), (weak,))]
@@ -234,7 +233,7 @@ def test_why_nothing_can_be_concluded(eccentric: Diagnosis) -> None:
     ]
 
 
-def test_geometry_and_what_is_alike_in_all_records(eccentric: Diagnosis) -> None:
+def test_geometry_and_what_is_alike_in_all_records(eccentric):
     moved = finding(JointZeroOffset(4, values=(2e-4,), u=(1e-5,)), 1.0)
     offset = finding(StylusOffset(values=(1e-4, 0.0, 0.0)), 1.0)
     result = replace(eccentric, findings=(moved, offset))
@@ -246,7 +245,7 @@ def test_geometry_and_what_is_alike_in_all_records(eccentric: Diagnosis) -> None
     assert "no cause was found" in verdict_in_words(replace(eccentric, findings=(moved,)))
 
 
-def test_gain_and_what_is_left(eccentric: Diagnosis) -> None:
+def test_gain_and_what_is_left(eccentric):
     held, left = eccentric.held_out, eccentric.unexplained
     assert held is not None
     for interval, significant in (

@@ -16,7 +16,7 @@ from matplotlib.collections import LineCollection
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG, MM, UM
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm import Arm
 from aacmm_pin.calibration.estimation import fit
 from aacmm_pin.calibration.parameters import problem_of
 from aacmm_pin.calibration.setup import Setup
@@ -24,11 +24,13 @@ from aacmm_pin.diagnosis import Diagnosis, Finding
 from aacmm_pin.effects import (
     BaseCompliance,
     BearingTilt,
+    Conditions,
     Counterbalance,
     Effect,
     EncoderEccentricity,
     EncoderGain,
     EncoderSlip,
+    ErrorModel,
     JointCompliance,
     JointErrorCurve,
     JointHysteresis,
@@ -42,10 +44,8 @@ from aacmm_pin.effects import (
     TorsionalWindup,
     ZeroDrift,
 )
-from aacmm_pin.effects.conditions import Conditions
-from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements import Measurements
 from aacmm_pin.report.document import blank_axes
 from aacmm_pin.report.plots import (
     plot_cause,
@@ -169,9 +169,7 @@ CASES: list[tuple[Effect, Callable[[Array], Array], str]] = [
 @pytest.mark.parametrize(
     ("effect", "amount", "axis"), CASES, ids=lambda v: v.label if isinstance(v, Effect) else ""
 )
-def test_records_say_what_the_cause_does(
-    sound: Diagnosis, sino6: Arm, effect: Effect, amount: Callable[[Array], Array], axis: str
-) -> None:
+def test_records_say_what_the_cause_does(sound, sino6, effect, amount, axis):
     result, finding = knowing(sound, sino6, effect)
     shown = partial_residual(result, finding.effect)
     assert shown.x_label == axis
@@ -196,9 +194,7 @@ def test_records_say_what_the_cause_does(
 @pytest.mark.parametrize(
     "external", [False, True], ids=["in the base", "in a frame of the references"]
 )
-def test_records_say_it_even_where_the_model_lacks_the_cause(
-    sound: Diagnosis, sino6: Arm, external: bool
-) -> None:
+def test_records_say_it_even_where_the_model_lacks_the_cause(sound, sino6, external):
     """What the model lacks is then in the residuals alone; geometry has taken up a little of it."""
     effect, amount, _ = CASES[1]
     result, finding = knowing(sound, sino6, effect, external)
@@ -210,7 +206,7 @@ def test_records_say_it_even_where_the_model_lacks_the_cause(
     assert not lacking.fitted.any()
 
 
-def test_a_curve_breaks_off_where_no_record_is(sound: Diagnosis, sino6: Arm) -> None:
+def test_a_curve_breaks_off_where_no_record_is(sound, sino6):
     curve = JointErrorCurve(3, 0.0, 6.2, 24, values=tuple(1e-4 * np.sin(np.arange(24.0))))
     result, _ = knowing(sound, sino6, curve)
     fits = result.extended
@@ -232,9 +228,7 @@ def test_a_curve_breaks_off_where_no_record_is(sound: Diagnosis, sino6: Arm) -> 
         )
 
 
-def test_values_beyond_the_scale_are_marked_and_counted(
-    sound: Diagnosis, sino6: Arm, blind: Callable[..., Diagnosis]
-) -> None:
+def test_values_beyond_the_scale_are_marked_and_counted(sound, sino6, blind):
     """Of a cause and of what no cause explains: each has a triangle at the edge."""
     result, finding = knowing(sound, sino6, CASES[0][0])
     unexplained = blind("unexplained:humidity", seed=2)
@@ -258,7 +252,7 @@ def test_values_beyond_the_scale_are_marked_and_counted(
         )
 
 
-def test_seats_without_a_stated_place_are_counted(sound: Diagnosis, sino6: Arm) -> None:
+def test_seats_without_a_stated_place_are_counted(sound, sino6):
     result, finding = knowing(sound, sino6, SeatError("S4", values=(5e-5, -8e-5, 2e-4)))
     solution = result.extended
     records = solution.problem.measurements
@@ -272,13 +266,13 @@ def test_seats_without_a_stated_place_are_counted(sound: Diagnosis, sino6: Arm) 
     assert "2 seats" in ax.get_xlabel()
 
 
-def test_a_cause_that_depends_on_nothing_is_refused(sound: Diagnosis, sino6: Arm) -> None:
+def test_a_cause_that_depends_on_nothing_is_refused(sound, sino6):
     result, finding = knowing(sound, sino6, StylusOffset(values=(1e-4, 0.0, 0.0)))
     with pytest.raises(AacmmError, match="displaces every record alike"):
         partial_residual(result, finding.effect)
 
 
-def test_the_error_of_a_seat_stands_out(sound: Diagnosis, sino6: Arm) -> None:
+def test_the_error_of_a_seat_stands_out(sound, sino6):
     effect = SeatError("S4", values=(5e-5, -8e-5, 2e-4))
     result, finding = knowing(sound, sino6, effect)
     ax = plot_cause(result, finding)
@@ -289,7 +283,7 @@ def test_the_error_of_a_seat_stands_out(sound: Diagnosis, sino6: Arm) -> None:
     assert "seat S4" in ax.get_title()
 
 
-def test_geometry_stands_over_what_was_stated(sound: Diagnosis, sino6: Arm) -> None:
+def test_geometry_stands_over_what_was_stated(sound, sino6):
     effect = JointZeroOffset(2, values=(3e-4,), u=(1e-5,))
     finding = Finding(effect, {"offset_rad": (3e-4, 1e-5)}, 1.0, 1e-9, 1.0, ())
     ax = plot_geometry(replace(sound, findings=(finding,)))
@@ -309,7 +303,7 @@ def test_geometry_stands_over_what_was_stated(sound: Diagnosis, sino6: Arm) -> N
 # Overview ------------------------------------------------------------
 
 
-def test_sizes_are_those_of_the_diagnosis(sound: Diagnosis) -> None:
+def test_sizes_are_those_of_the_diagnosis(sound):
     ax = plot_rms(sound)
     widths = [bar.get_width() for bar in ax.patches]
     assert widths == pytest.approx(
@@ -318,7 +312,7 @@ def test_sizes_are_those_of_the_diagnosis(sound: Diagnosis) -> None:
     assert ax.get_xlabel().endswith("[µm]")  # all below 0.1 mm
 
 
-def test_groups_against_their_own_prediction(sound: Diagnosis, sino6: Arm) -> None:
+def test_groups_against_their_own_prediction(sound, sino6):
     """A sound arm is off as its stated uncertainties predict, and after recalibration by
     its noise.
     """
@@ -346,7 +340,7 @@ def test_groups_against_their_own_prediction(sound: Diagnosis, sino6: Arm) -> No
     assert plt.get_fignums() == []
 
 
-def test_of_many_groups_the_worst_are_named(rng: np.random.Generator) -> None:
+def test_of_many_groups_the_worst_are_named(rng):
     names = [f"S{k}" for k in range(50)]
     table = pd.DataFrame(
         rng.uniform(size=(50, 3)), columns=[f"{name}_mm" for name in MODELS]
@@ -360,7 +354,7 @@ def test_of_many_groups_the_worst_are_named(rng: np.random.Generator) -> None:
     assert not ax.get_xticklabels()
 
 
-def test_the_arm_is_shown_before_and_after_what_helped(sound: Diagnosis, sino6: Arm) -> None:
+def test_the_arm_is_shown_before_and_after_what_helped(sound, sino6):
     titles = [ax.get_title().split(",")[0] for ax in plot_residual_views(sound).axes]
     assert titles == ["simulation", "recalibrated"] * 2
     result, _ = knowing(sound, sino6, CASES[0][0])
@@ -369,7 +363,7 @@ def test_the_arm_is_shown_before_and_after_what_helped(sound: Diagnosis, sino6: 
     assert len({ax.get_title().rpartition(" ")[2] for ax in panels}) == 1
 
 
-def test_parts_left_out(sound: Diagnosis) -> None:
+def test_parts_left_out(sound):
     held = sound.held_out
     assert held is not None
     table = held_out_parts(sound)
@@ -384,9 +378,7 @@ def test_parts_left_out(sound: Diagnosis) -> None:
         plot_held_out(replace(sound, held_out=None))
 
 
-def test_what_no_cause_explains_is_drawn_over_its_covariate(
-    blind: Callable[..., Diagnosis],
-) -> None:
+def test_what_no_cause_explains_is_drawn_over_its_covariate(blind):
     result = blind("unexplained:operator", seed=2)
     assert "operator" in result.unexplained.depends_on
     ax = plot_unexplained(result, "operator")
@@ -400,9 +392,7 @@ def test_what_no_cause_explains_is_drawn_over_its_covariate(
     ("kind", "name", "axis"),
     [("humidity", "humidity_pct", "growth [µm/m]"), ("joint_product", "", "")],
 )
-def test_the_correction_is_drawn_as_what_it_acts_on(
-    kind: str, name: str, axis: str, blind: Callable[..., Diagnosis]
-) -> None:
+def test_the_correction_is_drawn_as_what_it_acts_on(kind, name, axis, blind):
     result = blind(f"unexplained:{kind}", seed=2)
     covariate = name or next(iter(result.unexplained.shapes))
     ax, shape = plot_unexplained(result, covariate), result.unexplained.shapes[covariate]
@@ -414,7 +404,7 @@ def test_the_correction_is_drawn_as_what_it_acts_on(
         assert (ax.get_xlabel(), ax.get_ylabel()) == ("theta3 [°]", "theta4 [°]")
 
 
-def test_the_unit_of_what_a_cause_is_proportional_to() -> None:
+def test_the_unit_of_what_a_cause_is_proportional_to():
     cases = {
         "rad/(N·m)": "N·m",
         "rad/(N·m)²": "(N·m)²",
@@ -435,7 +425,7 @@ def test_the_unit_of_what_a_cause_is_proportional_to() -> None:
     assert unit_of_load("m/N", "m") == "N"
 
 
-def test_a_twist_that_turns_and_shifts_at_once_is_measured_by_its_turn() -> None:
+def test_a_twist_that_turns_and_shifts_at_once_is_measured_by_its_turn():
     """2 mrad/m of load about z, 0.3 m beside: a rotation of 0.7 rad of this direction is 0.7 rad,
     whatever the shift.
     """

@@ -10,7 +10,6 @@ import json
 import re
 from collections.abc import Callable
 from functools import cache
-from pathlib import Path
 from typing import Any
 from uuid import UUID, getnode
 
@@ -34,14 +33,13 @@ from aacmm_pin import (
     configuration_circle,
     diagnose,
     map_workspace,
+    reaching_postures,
     simulate_measurements,
 )
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG, MM, MM3
-from aacmm_pin.arm.file import ArmFile
 from aacmm_pin.effects import EncoderEccentricity
 from aacmm_pin.errors import OutputError, ShapeError, UnknownNameError
-from aacmm_pin.postures.general_ik import reaching_postures
 from aacmm_pin.report import scenes
 from aacmm_pin.report.numbers import lengths
 from aacmm_pin.report.plots import residual_vectors
@@ -115,9 +113,7 @@ def random_q(arm: Arm, rng: np.random.Generator, n: int = 7) -> Array:
 # --- the arm
 
 
-def test_bodies_and_tip_are_where_pinocchio_has_them(
-    arm_file: ArmFile, rng: np.random.Generator
-) -> None:
+def test_bodies_and_tip_are_where_pinocchio_has_them(arm_file, rng):
     arm = Arm.from_file(arm_file)
     dh, q = arm.require_dh("this test"), random_q(arm, rng)
     scene = scenes.arm_scene(ErrorModel(arm), q)
@@ -134,9 +130,7 @@ def test_bodies_and_tip_are_where_pinocchio_has_them(
         np.testing.assert_allclose(transform(scene, f"arm/body {row}"), expected[0], atol=1e-12)
 
 
-def test_an_arm_that_came_as_urdf(
-    robot_file: Callable[[str], Path], rng: np.random.Generator
-) -> None:
+def test_an_arm_that_came_as_urdf(robot_file, rng):
     arm = Arm.from_urdf(robot_file("panda.urdf"), "panda_hand")
     q = random_q(arm, rng)
     scene, data = scenes.arm_scene(arm, q), arm.model.createData()
@@ -156,7 +150,7 @@ def test_an_arm_that_came_as_urdf(
             )  # drawn joints lie along z
 
 
-def test_tubes_lie_along_d_and_then_along_a(sino6: Arm, rng: np.random.Generator) -> None:
+def test_tubes_lie_along_d_and_then_along_a(sino6, rng):
     """From the frame of the row before, along its joint's axis, by d; to the row's own frame, along
     its x, by a.
     """
@@ -218,7 +212,7 @@ def factor_of(scene: Scene) -> float:
     return float(said[1])
 
 
-def test_the_slider_holds_the_postures_within_limits() -> None:
+def test_the_slider_holds_the_postures_within_limits():
     circle, scene = sino6_circle(), at_the_point()
     rows = shown_rows(scene)
     assert circle.within_limits[rows].all()
@@ -231,7 +225,7 @@ def test_the_slider_holds_the_postures_within_limits() -> None:
     np.testing.assert_allclose(decoded(scene, "arm/body 6"), expected, atol=SINGLE)
 
 
-def test_the_line_is_the_path_of_the_elbow() -> None:
+def test_the_line_is_the_path_of_the_elbow():
     circle, scene = sino6_circle(), at_the_point()
     elbow = frame_placements(circle.arm, circle.q, "frame3")[:, :3, 3]
     for kind, expected in (
@@ -247,7 +241,7 @@ def test_the_line_is_the_path_of_the_elbow() -> None:
         assert np.linalg.norm(drawn[:, None] - elbow[None], axis=2).min(axis=1).max() < 1e-6
 
 
-def test_the_line_has_the_colours_of_the_accuracy() -> None:
+def test_the_line_has_the_colours_of_the_accuracy():
     circle, scene = sino6_circle(), at_the_point()
     accuracy = circle_accuracy(circle)
     volume = accuracy.volume / MM3
@@ -273,7 +267,7 @@ def test_the_line_has_the_colours_of_the_accuracy() -> None:
         assert f"{accuracy.u[place[int(row)]] * 1e6:.1f} µm" in texts
 
 
-def test_the_ellipsoid_holds_95_percent() -> None:
+def test_the_ellipsoid_holds_95_percent():
     """Its axes are those of S diag(u²) Sᵀ by Pinocchio, times k and the stated magnification."""
     circle, scene = sino6_circle(), at_the_point()
     rows = shown_rows(scene)
@@ -290,7 +284,7 @@ def test_the_ellipsoid_holds_95_percent() -> None:
     np.testing.assert_allclose(axes, np.sqrt(np.linalg.eigvalsh(expected)), rtol=1e-3)
 
 
-def test_the_ghosts_are_other_postures() -> None:
+def test_the_ghosts_are_other_postures():
     circle, scene = sino6_circle(), at_the_point()
     ghosts = [path for path in commands(scene, "set_object") if path.startswith("ghosts/")]
     assert len(ghosts) == 5
@@ -300,7 +294,7 @@ def test_the_ghosts_are_other_postures() -> None:
         assert np.linalg.norm(tips - end, axis=1).min() < 1e-6
 
 
-def test_postures_of_an_arm_without_a_dh_table(robot_file: Callable[[str], Path]) -> None:
+def test_postures_of_an_arm_without_a_dh_table(robot_file):
     """Curves of self-motion have the path of the joint that goes about most; single postures have
     none.
     """
@@ -335,7 +329,7 @@ def small_map() -> Any:
     return map_workspace(Arm.load("sino6"), (5, 6), 6, progress=False)
 
 
-def test_the_cells_of_a_map(sino6: Arm) -> None:
+def test_the_cells_of_a_map(sino6):
     found = small_map()
     scene, of_cells = scenes.map_scene(found, sino6), found.data["comprehensive_mm3"]
     values = np.where(found.data["reachable"].values == 1, of_cells.values, np.nan)
@@ -368,7 +362,7 @@ def test_the_cells_of_a_map(sino6: Arm) -> None:
     )
 
 
-def test_the_arm_reaches_into_the_cells(sino6: Arm) -> None:
+def test_the_arm_reaches_into_the_cells(sino6):
     found = small_map()
     scene = scenes.map_scene(found, sino6)
     assert scene.frames is not None
@@ -409,7 +403,7 @@ def spikes_of(scene: Scene) -> tuple[Array, Array, Array]:
     return ends[:, 0].mean(axis=1), ends[:, 1, 0], colours.reshape(-1, 2, 6, 3)[:, 1, 0]
 
 
-def test_residuals_of_the_simulation_by_pinocchio(sino6: Arm) -> None:
+def test_residuals_of_the_simulation_by_pinocchio(sino6):
     data = measured()
     scene = scenes.residual_scene(diagnosed(), "simulation")
     foot, end, colour = spikes_of(scene)
@@ -435,7 +429,7 @@ def test_residuals_of_the_simulation_by_pinocchio(sino6: Arm) -> None:
     assert size == pytest.approx(diagnosed().rms["extended"], rel=0.01)
 
 
-def test_residuals_in_a_frame_of_their_own_are_drawn_in_the_base(sino6: Arm) -> None:
+def test_residuals_in_a_frame_of_their_own_are_drawn_in_the_base(sino6):
     """References of a tracker: the scene is that of the base frame, whatever the frame of the
     references.
     """
@@ -464,7 +458,7 @@ def test_residuals_in_a_frame_of_their_own_are_drawn_in_the_base(sino6: Arm) -> 
     np.testing.assert_allclose(foot + (end - foot) / factor_of(scene), tips, atol=1e-6)
 
 
-def test_a_scene_gives_the_numbers_of_the_page(sino6: Arm, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_scene_gives_the_numbers_of_the_page(sino6, monkeypatch):
     """RMS over all used records though few are drawn; of each record what the list of residuals
     has.
     """
@@ -485,7 +479,7 @@ def test_a_scene_gives_the_numbers_of_the_page(sino6: Arm, monkeypatch: pytest.M
 # --- scene and page
 
 
-def test_the_last_commands_are_kept() -> None:
+def test_the_last_commands_are_kept():
     scene = Scene("boxes")
     scene["a/b"].set_object(Box([1, 1, 1]))
     scene["a/b"].set_property("visible", False)
@@ -509,7 +503,7 @@ def outside_viewer(html: str) -> str:
     return html.replace(viewer_script(), "")
 
 
-def test_a_file_and_a_notebook_have_the_same_page(tmp_path: Path) -> None:
+def test_a_file_and_a_notebook_have_the_same_page(tmp_path):
     target, scene = tmp_path / "scene.html", Scene('the "arm"')
     scene.save(target)
     assert target.read_text(encoding="utf-8") == scene.html()
@@ -520,7 +514,7 @@ def test_a_file_and_a_notebook_have_the_same_page(tmp_path: Path) -> None:
     assert markup.unescape(inner[1]) == scene.html()
 
 
-def test_the_same_scene_is_the_same_page_whatever_the_computer_and_the_time(sino6: Arm) -> None:
+def test_the_same_scene_is_the_same_page_whatever_the_computer_and_the_time(sino6):
     first, again = (scenes.arm_scene(sino6, np.zeros((1, 6))) for _ in range(2))
     assert first.html() == again.html()
     ids = [
@@ -532,7 +526,7 @@ def test_the_same_scene_is_the_same_page_whatever_the_computer_and_the_time(sino
     assert {UUID(own).node for own in ids}.isdisjoint({getnode()})
 
 
-def test_a_page_stands_alone_and_several_scenes_hold_the_viewer_once() -> None:
+def test_a_page_stands_alone_and_several_scenes_hold_the_viewer_once():
     scene = at_the_point()
     html = scene.html()
     assert len(html.encode()) < 2_000_000
@@ -541,7 +535,7 @@ def test_a_page_stands_alone_and_several_scenes_hold_the_viewer_once() -> None:
     assert page.count(viewer_script()) == 1
 
 
-def test_text_is_text() -> None:
+def test_text_is_text():
     scene = Scene("<b>1 & 2</b>", "</script><script>alert(1)</script>")
     scene.notes = ["<i>"]
     scene.frames = Frames({"arm": np.eye(4)[None]}, {"</script>": ["<!--"]}, ["red"])
@@ -551,7 +545,7 @@ def test_text_is_text() -> None:
     assert page_data(rest)["frames"]["labels"] == ["</script>"]
 
 
-def test_what_is_refused(sino6: Arm, zero6: Arm) -> None:
+def test_what_is_refused(sino6, zero6):
     circle, still = sino6_circle(), np.eye(4)[None]
     other = circle_accuracy(configuration_circle(sino6, POINT, count=30))
     calls: list[tuple[type[AacmmError], str, Callable[[], Any]]] = [
@@ -588,7 +582,7 @@ def test_what_is_refused(sino6: Arm, zero6: Arm) -> None:
     assert "accuracy" not in commands(scene, "set_object")
 
 
-def test_readings_of_joints_that_turn_and_slide(sino6: Arm) -> None:
+def test_readings_of_joints_that_turn_and_slide(sino6):
     q = np.zeros((2, 6))
     q[1, 1] = 0.5  # joint 2 stays below 0
     frames = scenes.arm_scene(sino6, q).frames

@@ -88,7 +88,7 @@ def colours(picture: Array) -> int:
     return len(np.unique(picture.reshape(-1, 3), axis=0))
 
 
-def test_a_file_draws_without_a_network(page: Page, file: Path) -> None:
+def test_a_file_draws_without_a_network(page, file):
     opened(page, file)
     assert page.errors == []
     assert [url for url in page.requests if not url.startswith(("file:", "data:"))] == []
@@ -108,7 +108,7 @@ def test_a_file_draws_without_a_network(page: Page, file: Path) -> None:
     assert np.ptp(picture.astype(int).mean(axis=2)) > 150  # dark joints on a light ground
 
 
-def test_the_slider_moves_the_arm_where_the_arm_goes(page: Page, file: Path) -> None:
+def test_the_slider_moves_the_arm_where_the_arm_goes(page, file):
     opened(page, file)
     frames = circle_scene().frames
     assert frames is not None
@@ -133,7 +133,7 @@ def test_the_slider_moves_the_arm_where_the_arm_goes(page: Page, file: Path) -> 
     assert page.errors == []
 
 
-def test_the_keyboard_and_play(page: Page, file: Path) -> None:
+def test_the_keyboard_and_play(page, file):
     opened(page, file)
     page.evaluate("page.show(5)")
     for key, expected in (
@@ -156,7 +156,7 @@ def test_the_keyboard_and_play(page: Page, file: Path) -> None:
     assert page.evaluate("slider.getAttribute('aria-valuetext')").startswith("component ")
 
 
-def test_the_page_moves_by_itself_unless_that_is_not_wanted(page: Page, file: Path) -> None:
+def test_the_page_moves_by_itself_unless_that_is_not_wanted(page, file):
     page.open(file)
     page.wait_for("page.current > 2")
     opened(page, file)
@@ -165,9 +165,7 @@ def test_the_page_moves_by_itself_unless_that_is_not_wanted(page: Page, file: Pa
 
 
 @pytest.mark.parametrize("size", [DESK, PHONE, STRIP], ids=["desk", "phone", "strip"])
-def test_all_of_the_arm_is_seen_and_nothing_covers_it(
-    page: Page, file: Path, size: tuple[int, int]
-) -> None:
+def test_all_of_the_arm_is_seen_and_nothing_covers_it(page, file, size):
     opened(page, file, size)
     corners = []
     for number in range(0, 20, 3):
@@ -191,7 +189,7 @@ def test_all_of_the_arm_is_seen_and_nothing_covers_it(
     assert (pane[2] - pane[0]) * (pane[3] - pane[1]) > 0.45 * size[0] * size[1]
 
 
-def test_turning_the_view_by_hand_is_kept(page: Page, file: Path) -> None:
+def test_turning_the_view_by_hand_is_kept(page, file):
     opened(page, file)
     before = page.evaluate("page.viewer.camera.position.toArray()")
     page.drag((300, 300), (420, 360))
@@ -204,7 +202,7 @@ def test_turning_the_view_by_hand_is_kept(page: Page, file: Path) -> None:
     )
 
 
-def test_one_posture_has_no_slider(page: Page, tmp_path: Path) -> None:
+def test_one_posture_has_no_slider(page, tmp_path):
     scenes.arm_scene(Arm.load("zero6"), np.zeros((1, 6))).save(tmp_path / "one.html")
     opened(page, tmp_path / "one.html")
     assert page.evaluate("document.getElementById('slider')") is None
@@ -213,7 +211,7 @@ def test_one_posture_has_no_slider(page: Page, tmp_path: Path) -> None:
     assert colours(stage(page.screenshot())) > 300
 
 
-def test_several_scenes_on_a_page(page: Page, tmp_path: Path) -> None:
+def test_several_scenes_on_a_page(page, tmp_path):
     several = [
         circle_scene(),
         circle_scene(),
@@ -239,7 +237,7 @@ def test_several_scenes_on_a_page(page: Page, tmp_path: Path) -> None:
     assert page.errors == []
 
 
-def test_without_webgl_the_page_says_so(file: Path) -> None:
+def test_without_webgl_the_page_says_so(file):
     with Page("--disable-3d-apis") as blind:
         blind.open(file)
         assert blind.evaluate("document.getElementById('no-webgl').checkVisibility()")
@@ -250,7 +248,7 @@ def test_without_webgl_the_page_says_so(file: Path) -> None:
         assert blind.errors == []
 
 
-def test_a_scene_takes_room_on_paper_where_it_was_drawn(page: Page, tmp_path: Path) -> None:
+def test_a_scene_takes_room_on_paper_where_it_was_drawn(page, tmp_path):
     report = tmp_path / "report.html"
     report.write_text(
         html.page(Document("scene", [SceneView(circle_scene, "to turn")])), encoding="utf-8"
@@ -270,7 +268,7 @@ def test_a_scene_takes_room_on_paper_where_it_was_drawn(page: Page, tmp_path: Pa
 # --- the server
 
 
-def test_a_live_scene_draws_and_changes(page: Page) -> None:
+def test_a_live_scene_draws_and_changes(page):
     scene = circle_scene()
     with scene.show(browser=False) as server:
         opened(page, server.url)
@@ -290,7 +288,7 @@ def test_a_live_scene_draws_and_changes(page: Page) -> None:
         assert page.errors == []
 
 
-def test_what_is_put_on_later_is_there_after_a_reload(page: Page) -> None:
+def test_what_is_put_on_later_is_there_after_a_reload(page):
     scene: Any = Scene("empty")
     with scene.show(browser=False) as server:
         scene["box"].set_object(Box([0.2, 0.2, 0.2]))

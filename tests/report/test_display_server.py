@@ -10,7 +10,7 @@ import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from urllib.request import Request, urlopen
 
@@ -79,9 +79,7 @@ def server(scene: Scene) -> Iterator[Server]:
         yield server
 
 
-def test_it_serves_this_computers_own_names_on_loopback_alone(
-    scene: Scene, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_it_serves_this_computers_own_names_on_loopback_alone(scene, capfd):
     linux = Path("/proc/net/tcp").is_file()
     before = listening(os.getpid()) if linux else set()
     with scene.show(browser=False) as server:
@@ -94,7 +92,7 @@ def test_it_serves_this_computers_own_names_on_loopback_alone(
     assert capfd.readouterr() == ("", "")
 
 
-def test_pages_from_elsewhere_get_no_socket(server: Server) -> None:
+def test_pages_from_elsewhere_get_no_socket(server):
     upgrade = {
         "Connection": "Upgrade",
         "Upgrade": "websocket",
@@ -109,7 +107,7 @@ def test_pages_from_elsewhere_get_no_socket(server: Server) -> None:
     assert get(server.url, Origin="http://evil.example", Host="evil.example", **upgrade)[0] == 404
 
 
-def test_requests_that_no_page_makes_are_refused_unread(server: Server) -> None:
+def test_requests_that_no_page_makes_are_refused_unread(server):
     assert get(server.url, "POST /", Content_Length="90000000")[0] == 400
     assert get(server.url, X="x" * (1 << 20))[0] in (0, 400, 431)
     for words, status in (
@@ -123,7 +121,7 @@ def test_requests_that_no_page_makes_are_refused_unread(server: Server) -> None:
     assert get(server.url)[0] == 200
 
 
-def test_nothing_is_left_when_it_is_closed(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nothing_is_left_when_it_is_closed(scene, monkeypatch):
     opened: list[str] = []
     monkeypatch.setattr("webbrowser.open", lambda url, new=0: opened.append(url))
     server = scene.show()
@@ -138,9 +136,7 @@ def test_nothing_is_left_when_it_is_closed(scene: Scene, monkeypatch: pytest.Mon
     assert scene.commands == []
 
 
-def test_a_server_that_does_not_start_is_an_error(
-    scene: Scene, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_server_that_does_not_start_is_an_error(scene, monkeypatch):
     def no_port(*_: object) -> None:
         raise OSError(98, "no port is free")
 
@@ -157,7 +153,7 @@ def run(*words: str | Path) -> tuple[int, str, str]:
     return result.exit_code, result.stdout, result.stderr
 
 
-def test_the_command_serves_until_it_is_interrupted() -> None:
+def test_the_command_serves_until_it_is_interrupted():
     command = [
         sys.executable,
         "-m",
@@ -196,7 +192,7 @@ def target(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     return tmp_path / "scene.html"
 
 
-def test_a_page_without_a_server(target: Path) -> None:
+def test_a_page_without_a_server(target):
     words = ["sino6", *POINT, "--count", "12"]
     assert run(*words, "-o", target)[:2] == (0, "")
     assert "the 95 % ellipsoid" in target.read_text(encoding="utf-8")
@@ -206,7 +202,7 @@ def test_a_page_without_a_server(target: Path) -> None:
     assert "SINO6: tip at" in target.read_text(encoding="utf-8")
 
 
-def test_an_arm_without_uncertainties_is_shown_without_accuracy(target: Path) -> None:
+def test_an_arm_without_uncertainties_is_shown_without_accuracy(target):
     words = ("zero6", "--point", "400", "0", "100", "--count", "12")
     status, _, said = run(*words, "-o", target)
     assert (status, "shown without accuracy" in said) == (0, True)
@@ -214,7 +210,7 @@ def test_an_arm_without_uncertainties_is_shown_without_accuracy(target: Path) ->
     assert run(*words, "--encoder-noise-rad", "1e-5", "-o", target, "--force")[0] == 0
 
 
-def test_one_posture_and_a_urdf(target: Path, robot_file: Callable[[str], Path]) -> None:
+def test_one_posture_and_a_urdf(target, robot_file):
     urdf = robot_file("ur5_robot.urdf")
     theta = "10 -60, 70 -80 -90 5"
     assert run("--urdf", urdf, "--frame", "tool0", "--theta-deg", theta, "-o", target)[0] == 0
@@ -230,7 +226,7 @@ def test_one_posture_and_a_urdf(target: Path, robot_file: Callable[[str], Path])
 
 
 @pytest.mark.usefixtures("target")
-def test_wrong_words() -> None:
+def test_wrong_words():
     for words, status, said in (
         (["sino6", "--point", "0", "5000", "0"], 1, "no configuration"),
         (["sino6", "--theta-deg", "1 2 3"], 1, "--theta-deg has 3 numbers, expected 6"),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
@@ -12,7 +11,7 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
-from aacmm_pin import Arm, calibrate, circle_accuracy, configuration_circle, simulate_measurements
+from aacmm_pin import calibrate, circle_accuracy, configuration_circle, simulate_measurements
 from aacmm_pin.effects import SeatError
 from aacmm_pin.report import plots
 from aacmm_pin.report.document import blank_axes
@@ -21,9 +20,7 @@ POINT = np.array([33.6323, -671.8702, 182.9355]) * 1e-3
 
 
 @pytest.mark.parametrize("latex", [False, True])
-def test_names_are_drawn_as_they_are(
-    sino6: Arm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, latex: bool
-) -> None:
+def test_names_are_drawn_as_they_are(sino6, tmp_path, monkeypatch, latex):
     """Text between dollars is a formula to matplotlib, and no drawing of this one; powers of ten
     are, without LaTeX.
     """
@@ -51,7 +48,7 @@ def test_names_are_drawn_as_they_are(
     assert any(r"$\bad" in label.get_text() for label in drawn[0].get_xticklabels())
 
 
-def test_long_names_leave_the_axes_their_place(sino6: Arm, tmp_path: Path) -> None:
+def test_long_names_leave_the_axes_their_place(sino6, tmp_path):
     """Matplotlib warns otherwise, which is an error here."""
     data = simulate_measurements(sino6, "seats", 40, seats=3, rng=np.random.default_rng(1))
     seats = np.array(

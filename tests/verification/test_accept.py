@@ -130,7 +130,7 @@ def data(tmp_path: Path) -> Path:
     return path
 
 
-def test_figures_are_those_of_the_touches(data: Path) -> None:
+def test_figures_are_those_of_the_touches(data):
     result = accept(data)
     values = {f.definition.name: f.evaluated.value * 1e3 for f in result.figures}
     assert values == pytest.approx(EXPECTED, abs=1e-7)
@@ -153,7 +153,7 @@ VERDICTS = {0.0441: "conformity", 0.0439: "neither", 0.0361: "neither", 0.0359: 
 
 
 @pytest.mark.parametrize(("mpe", "verdict"), VERDICTS.items())
-def test_verdicts_have_a_guard_band(data: Path, mpe: float, verdict: str) -> None:
+def test_verdicts_have_a_guard_band(data, mpe, verdict):
     (found,) = (
         f for f in accept(data, mpe={"E_Uni": mpe * 1e-3}).figures if f.definition.name == "E_Uni"
     )
@@ -164,9 +164,7 @@ def test_verdicts_have_a_guard_band(data: Path, mpe: float, verdict: str) -> Non
     ("mpe", "u", "verdict"),
     [(0.05, 0.03, "neither"), (0.03, 0.03, "non-conformity"), (0.05, None, "conformity")],
 )
-def test_every_error_of_which_one_is_the_largest_decides(
-    tmp_path: Path, mpe: float, u: float | None, verdict: str
-) -> None:
+def test_every_error_of_which_one_is_the_largest_decides(tmp_path, mpe, u, verdict):
     """The error of -0.04 mm is known badly in the second case; in the first the exact
     others are.
     """
@@ -194,7 +192,7 @@ def test_every_error_of_which_one_is_the_largest_decides(
     )
 
 
-def test_the_worst_verdict_is_that_of_the_whole(data: Path) -> None:
+def test_the_worst_verdict_is_that_of_the_whole(data):
     for mpe, said in (
         ({}, "no verdict (MPE given for 0 of 11 figures)"),
         (
@@ -222,9 +220,7 @@ def test_the_worst_verdict_is_that_of_the_whole(data: Path) -> None:
 
 
 @pytest.mark.parametrize("details", [None, CheckDetails(datetime(2026, 1, 1, tzinfo=UTC))])
-def test_a_report_begins_with_where_its_definitions_come_from(
-    data: Path, details: CheckDetails | None
-) -> None:
+def test_a_report_begins_with_where_its_definitions_come_from(data, details):
     first = acceptance_document(accept(data), details).blocks[0]
     assert isinstance(first, Paragraph)
     assert all(
@@ -233,7 +229,7 @@ def test_a_report_begins_with_where_its_definitions_come_from(
     )
 
 
-def test_a_report_names_tests_editions_and_the_rule(data: Path) -> None:
+def test_a_report_names_tests_editions_and_the_rule(data):
     """The undecided verdict is ``neither`` in files and has another name for readers."""
     result = accept(data, mpe={"E_Uni": 0.0401e-3})
     document = acceptance_document(result)
@@ -253,7 +249,7 @@ def test_a_report_names_tests_editions_and_the_rule(data: Path) -> None:
     assert {"ISO 14253-1:2013", "ISO 14253-1:2017"} == set(re.findall(r"ISO 14253-1:\d+", rule))
 
 
-def test_a_sphere_touched_on_a_small_cap_has_no_size(tmp_path: Path) -> None:
+def test_a_sphere_touched_on_a_small_cap_has_no_size(tmp_path):
     table = sphere(25, np.zeros(3), 31.0, test="sphere", feature="S", position=0)
     cap = rows(31.0 / 2 * cap_directions(25, np.radians(20))).assign(
         **(dict(table.iloc[0, 3:]) | {"position": 1})
@@ -283,9 +279,7 @@ def cap_directions(count: int, half_angle: float) -> Array:
         ("single-point", slice(8, 10), 2),
     ],
 )
-def test_too_few_touches_give_no_value(
-    tmp_path: Path, test: str, left_out: slice, missing: int
-) -> None:
+def test_too_few_touches_give_no_value(tmp_path, test, left_out, missing):
     table = everything()
     table.drop(table.index[table["test"] == test][left_out]).to_csv(
         tmp_path / "few.csv", index=False
@@ -305,7 +299,7 @@ def test_too_few_touches_give_no_value(
     assert {f.evaluated.lacking for f in found} == {(begun[test],) if test in begun else ()}
 
 
-def test_an_end_has_one_touch_or_a_sphere(data: Path) -> None:
+def test_an_end_has_one_touch_or_a_sphere(data):
     table = everything()
     row = table.index[table["test"] == "volumetric"][0]
     for touches, refused in ((1, False), (3, True), (4, False)):
@@ -315,7 +309,7 @@ def test_an_end_has_one_touch_or_a_sphere(data: Path) -> None:
         assert bool(data_of(accept(data).notes, "figure_without_value")) == refused
 
 
-def test_part_that_was_predicted_to_be_accurate(tmp_path: Path) -> None:
+def test_part_that_was_predicted_to_be_accurate(tmp_path):
     """The identity of eqs. 16, 18 and 19: (n - 1) σ² = g part² + (n - g) rest², where all places
     have the same touches.
     """
@@ -336,14 +330,14 @@ def test_part_that_was_predicted_to_be_accurate(tmp_path: Path) -> None:
     assert (found["SinglePoint.Part"], found["SinglePoint.Rest"]) == (0, 1)
 
 
-def test_a_volumetric_test_needs_two_lengths(tmp_path: Path) -> None:
+def test_a_volumetric_test_needs_two_lengths(tmp_path):
     lengths(1, 20, 1, 0.0, 0.06, test="volumetric").to_csv(tmp_path / "one.csv", index=False)
     for found in accept(tmp_path / "one.csv").figures:
         assert np.isnan(found.evaluated.value)
         assert (found.evaluated.had, found.evaluated.missing) == (20, 1)
 
 
-def test_lengths_are_long_enough_for_the_range(data: Path) -> None:
+def test_lengths_are_long_enough_for_the_range(data):
     """The longest is 1100 mm."""
     for measuring_range, there in ((1.666, True), (1.667, False)):
         found = {
@@ -355,7 +349,7 @@ def test_lengths_are_long_enough_for_the_range(data: Path) -> None:
         assert all(np.isfinite(figure.evaluated.value) for figure in others)
 
 
-def test_the_test_report_has_lengths_in_full_and_the_range(tmp_path: Path) -> None:
+def test_the_test_report_has_lengths_in_full_and_the_range(tmp_path):
     table = everything()
     table.loc[table["length_id"] == "L4", "length_mm"] = 1100.0275
     table.to_csv(tmp_path / "touches.csv", index=False)
@@ -385,7 +379,7 @@ def test_the_test_report_has_lengths_in_full_and_the_range(tmp_path: Path) -> No
     assert "1100.0275 mm" in found.missing
 
 
-def test_touches_are_records_of_a_measurement_file(tmp_path: Path) -> None:
+def test_touches_are_records_of_a_measurement_file(tmp_path):
     """Those of single points and of ends touched once are seats, lengths are bars; coordinates are
     no reference.
     """
@@ -424,7 +418,7 @@ def test_touches_are_records_of_a_measurement_file(tmp_path: Path) -> None:
         Measurements.from_frame(table, 6)
 
 
-def test_an_extended_arm_passes_where_the_nominal_one_fails(tmp_path: Path) -> None:
+def test_an_extended_arm_passes_where_the_nominal_one_fails(tmp_path):
     arm = Arm.load("sino6")
     true = ErrorModel(arm, (EncoderEccentricity(joint=3, values=(3e-4, 0.0)),))
     quiet = {"encoder_noise": 1e-7, "reference_noise": 1e-6, "probe_noise": 1e-7}
@@ -452,7 +446,7 @@ def done(*words: object) -> str:
     return outcome.stdout
 
 
-def test_the_test_report_has_every_figure_and_the_touches(data: Path, tmp_path: Path) -> None:
+def test_the_test_report_has_every_figure_and_the_touches(data, tmp_path):
     limits, target = tmp_path / "limits.toml", tmp_path / "report.html"
     limits.write_text('"P_Form.Sph.1x25" = 0.02\nE_Uni = 0.03\n', encoding="utf-8")
     out = done(data, "--mpe", limits, "--mpe", "E_Bi=0.06", "-o", target)
@@ -486,7 +480,7 @@ def test_the_test_report_has_every_figure_and_the_touches(data: Path, tmp_path: 
         ("u_length_mm", "0.1", ["row 3", "column u_length_mm", "row 2"]),
     ],
 )
-def test_errors_name_row_and_column(data: Path, column: str, cell: str, said: list[str]) -> None:
+def test_errors_name_row_and_column(data, column, cell, said):
     table = pd.read_csv(data, dtype=str)
     table.loc[1, column] = cell
     table.to_csv(data, index=False)
@@ -495,7 +489,7 @@ def test_errors_name_row_and_column(data: Path, column: str, cell: str, said: li
     assert all(word in str(raised.value) for word in [str(data), *said])
 
 
-def test_what_cannot_be_judged(data: Path, tmp_path: Path) -> None:
+def test_what_cannot_be_judged(data, tmp_path):
     (tmp_path / "digits.toml").write_text(f"E_Uni = {5000 * '9'}")
     assert (
         CliRunner()
@@ -522,7 +516,7 @@ def test_what_cannot_be_judged(data: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("test", ["sphere", "volumetric"])
-def test_touches_that_fit_no_sphere_take_only_their_figures_values(data: Path, test: str) -> None:
+def test_touches_that_fit_no_sphere_take_only_their_figures_values(data, test):
     """Touches of a sphere in a plane; a third feature of a length, with three touches."""
     table = everything()
     table.loc[table["test"] == "sphere", "z_mm"] *= test != "sphere"
@@ -545,9 +539,7 @@ def test_touches_that_fit_no_sphere_take_only_their_figures_values(data: Path, t
 @pytest.mark.parametrize(
     ("test", "figure"), [("volumetric", "Volumetric.Max"), ("length-uni", "E_Uni")]
 )
-def test_an_end_without_the_other_takes_the_value_of_its_figure(
-    data: Path, test: str, figure: str
-) -> None:
+def test_an_end_without_the_other_takes_the_value_of_its_figure(data, test, figure):
     """A mistyped repeat of the one length that does not conform would leave it out."""
     table = everything().astype({"repeat": object})
     more = table[table["test"] == test].iloc[-2:].assign(position=99, repeat=["4", "04"])
@@ -560,14 +552,14 @@ def test_an_end_without_the_other_takes_the_value_of_its_figure(
     assert any(figure in one["place"] and f"row {len(table) + 2}" in one["error"] for one in told)
 
 
-def test_names_that_are_nearly_those_of_columns_are_refused(data: Path) -> None:
+def test_names_that_are_nearly_those_of_columns_are_refused(data):
     for slip in ("u_length_um", "u_lengt_mm"):
         everything().rename(columns={"u_length_mm": slip}).to_csv(data, index=False)
         with pytest.raises(AacmmError, match="expected u_length_mm"):
             accept(data)
 
 
-def test_every_figure_says_where_it_is(data: Path) -> None:
+def test_every_figure_says_where_it_is(data):
     table = everything()
     lines = np.arange(len(table)) + 2
     table.to_csv(data, index=False)
@@ -590,7 +582,7 @@ def test_every_figure_says_where_it_is(data: Path) -> None:
 OFF_SPHERE = ("touch_off_sphere", "touches_off_sphere")
 
 
-def test_a_touch_beside_its_sphere_is_named_and_not_left_out(data: Path) -> None:
+def test_a_touch_beside_its_sphere_is_named_and_not_left_out(data):
     """5 mm off: of 25 and of nine touches the very row, of five the sphere."""
     table, rng = everything(), np.random.default_rng(1)
     table[["x_mm", "y_mm", "z_mm"]] += rng.normal(scale=0.005, size=(len(table), 3))
@@ -618,9 +610,7 @@ def test_a_touch_beside_its_sphere_is_named_and_not_left_out(data: Path) -> None
         (["length_mm"], 25.4, " 25.4 "),
     ],
 )
-def test_lengths_in_another_unit_are_refused(
-    data: Path, columns: list[str], unit: float, said: str
-) -> None:
+def test_lengths_in_another_unit_are_refused(data, columns, unit, said):
     table = everything()
     table[columns] = table[columns].apply(pd.to_numeric) / unit
     table.to_csv(data, index=False)
@@ -628,7 +618,7 @@ def test_lengths_in_another_unit_are_refused(
         accept(data)
 
 
-def test_single_points_in_another_unit_are_noted(data: Path) -> None:
+def test_single_points_in_another_unit_are_noted(data):
     table = everything()
     at = table["test"] == "single-point"
     for factor, noted in ((1.0, False), (1e-3, True)):
@@ -651,7 +641,7 @@ def test_single_points_in_another_unit_are_noted(data: Path) -> None:
     )
 
 
-def test_touches_that_are_there_twice_are_noted(data: Path) -> None:
+def test_touches_that_are_there_twice_are_noted(data):
     table = everything()
     table = table[table["test"] == "sphere"]
     for twice, noted in ((table.iloc[:0], False), (table.iloc[:5].round(3), True)):
@@ -663,13 +653,13 @@ def test_touches_that_are_there_twice_are_noted(data: Path) -> None:
         assert copied == [(10, len(table) + 5)] * noted
 
 
-def test_an_mpe_in_another_unit_is_noted(data: Path) -> None:
+def test_an_mpe_in_another_unit_is_noted(data):
     for mpe, noted in ((6e-5, False), (6e-2, True)):
         told = data_of(accept(data, mpe={"SPAT.Max": mpe}).notes, "mpe_large")
         assert [one["figure"] for one in told] == ["SPAT.Max"] * noted
 
 
-def test_figures_with_an_mpe_that_are_left_out_are_named(data: Path) -> None:
+def test_figures_with_an_mpe_that_are_left_out_are_named(data):
     notes = accept(data, standard="iso10360-12", mpe={"SPAT.Max": 1e-5}).notes
     assert data_of(notes, "mpe_of_other_standard") == [
         {"figures": ["SPAT.Max"], "standard": "iso10360-12"}
@@ -677,7 +667,7 @@ def test_figures_with_an_mpe_that_are_left_out_are_named(data: Path) -> None:
 
 
 @pytest.mark.parametrize(("probe", "said"), [(0.0, "sphere_too_large"), (12.0, "sphere_too_small")])
-def test_a_probe_that_the_spheres_contradict_is_noted(data: Path, probe: float, said: str) -> None:
+def test_a_probe_that_the_spheres_contradict_is_noted(data, probe, said):
     assert not data_of(accept(data).notes, said)
     table = everything()
     table.loc[table["test"] == "sphere", "probe_diameter_mm"] = probe
@@ -686,7 +676,7 @@ def test_a_probe_that_the_spheres_contradict_is_noted(data: Path, probe: float, 
     assert told["difference"] == pytest.approx(6e-3, rel=0.01)
 
 
-def test_messages_tell_columns_that_are_not_there_from_empty_ones(data: Path) -> None:
+def test_messages_tell_columns_that_are_not_there_from_empty_ones(data):
     for command in ("accept", "diagnose"):
         outcome = CliRunner().invoke(app, [command, "sino6", str(data)])
         assert (

@@ -21,9 +21,9 @@ from aacmm_pin.cli.root_command import app
 from aacmm_pin.errors import AacmmError, MeasurementFileError, OutputError
 from aacmm_pin.report.acceptance import CheckDetails, acceptance_document
 from aacmm_pin.report.html import page as page_of
-from aacmm_pin.report.plots.history import charts_drawn, plot_history
+from aacmm_pin.report.plots import plot_history
+from aacmm_pin.report.plots.history import charts_drawn
 from aacmm_pin.verification import AcceptanceResult, History
-from tests.browser import Page as Browser
 from tests.verification.test_accept import everything, rows
 
 START = datetime(2026, 1, 1, tzinfo=UTC)
@@ -58,7 +58,7 @@ SIZES = [0.020, 0.022, 0.019, 0.021, 0.024, 0.018, 0.023, 0.017]
 
 
 @pytest.mark.parametrize(("latest", "left"), [(0.0307, False), (0.0308, True), (0.0102, True)])
-def test_limits_are_those_of_individuals_charts(tmp_path: Path, latest: float, left: bool) -> None:
+def test_limits_are_those_of_individuals_charts(tmp_path, latest, left):
     """Moving ranges 2, 3, 2, 3, 6, 5, 6 µm: their mean 27/7 µm, the mean of the values 20.5 µm."""
     found = history([*SIZES, latest])
     chart = next(chart for chart in found.charts() if chart.figure == "SPAT.Max")
@@ -77,7 +77,7 @@ def test_limits_are_those_of_individuals_charts(tmp_path: Path, latest: float, l
     assert not few.left
 
 
-def test_a_failed_check_does_not_widen_the_limits(tmp_path: Path) -> None:
+def test_a_failed_check_does_not_widen_the_limits(tmp_path):
     """In one month the arm is 2.5 times worse, by its MPE or not; later ones are judged as if that
     were not there.
     """
@@ -106,7 +106,7 @@ def test_a_failed_check_does_not_widen_the_limits(tmp_path: Path) -> None:
     ]
 
 
-def test_a_check_of_no_named_arm_says_which_arms_there_are(tmp_path: Path) -> None:
+def test_a_check_of_no_named_arm_says_which_arms_there_are(tmp_path):
     words = [
         "accept",
         str(touches(tmp_path / "t.csv", 0.02)),
@@ -118,7 +118,7 @@ def test_a_check_of_no_named_arm_says_which_arms_there_are(tmp_path: Path) -> No
     assert "'no. 12'" in CliRunner().invoke(app, words).stderr
 
 
-def test_a_check_is_appended_once(tmp_path: Path) -> None:
+def test_a_check_is_appended_once(tmp_path):
     path, data = tmp_path / "checks.csv", touches(tmp_path / "t.csv", 0.02)
     words = [
         "accept",
@@ -158,7 +158,7 @@ def test_a_check_is_appended_once(tmp_path: Path) -> None:
     assert pd.read_csv(path)["value_mm"].tolist()[::3] == pytest.approx([0.02, 0.03])
 
 
-def test_an_instrument_is_one_however_it_is_written(tmp_path: Path) -> None:
+def test_an_instrument_is_one_however_it_is_written(tmp_path):
     path = tmp_path / "checks.csv"
     history(SIZES).save(path)
     table = pd.read_csv(path)
@@ -171,7 +171,7 @@ def test_an_instrument_is_one_however_it_is_written(tmp_path: Path) -> None:
     assert {(len(chart.values), chart.left) for chart in found.charts()} == {(len(SIZES) + 1, True)}
 
 
-def test_a_verdict_that_comes_later_is_kept(tmp_path: Path) -> None:
+def test_a_verdict_that_comes_later_is_kept(tmp_path):
     path = touches(tmp_path / "t.csv", 0.02)
     first = History().with_check(accept(path), START)
     later = first.with_check(accept(path, mpe={"SPAT.Max": 1e-5}), START + timedelta(days=1))
@@ -183,7 +183,7 @@ def test_a_verdict_that_comes_later_is_kept(tmp_path: Path) -> None:
         first.with_check(accept(path), START, "a\n#b")
 
 
-def test_further_figures_of_a_check_join_it(tmp_path: Path) -> None:
+def test_further_figures_of_a_check_join_it(tmp_path):
     result = accept(touches(tmp_path / "t.csv", 0.02))
     of_part = History().with_check(accept(tmp_path / "t.csv", standard="asme-b89.4.22"), START)
     assert 0 < len(of_part.checks) < len(result.figures)
@@ -202,7 +202,7 @@ def test_further_figures_of_a_check_join_it(tmp_path: Path) -> None:
         ("verdict", "ok"),
     ],
 )
-def test_damaged_histories_are_refused(tmp_path: Path, column: str, cell: str) -> None:
+def test_damaged_histories_are_refused(tmp_path, column, cell):
     path, data = tmp_path / "checks.csv", touches(tmp_path / "t.csv", 0.02)
     history(SIZES).save(path)
     table = pd.read_csv(path, dtype=str, keep_default_na=False)
@@ -226,7 +226,7 @@ def test_damaged_histories_are_refused(tmp_path: Path, column: str, cell: str) -
         History.read(path)
 
 
-def test_times_are_of_one_zone(tmp_path: Path) -> None:
+def test_times_are_of_one_zone(tmp_path):
     history(SIZES).save(path := tmp_path / "checks.csv")
     times = pd.read_csv(path)["time"]
     path.write_text(
@@ -235,13 +235,13 @@ def test_times_are_of_one_zone(tmp_path: Path) -> None:
     assert History.read(path).checks["time"].tolist() == pd.to_datetime(times, utc=True).tolist()
 
 
-def test_a_pipe_is_no_history(tmp_path: Path) -> None:
+def test_a_pipe_is_no_history(tmp_path):
     os.mkfifo(tmp_path / "h")  # reading it would wait for ever, and it cannot be replaced
     with pytest.raises(MeasurementFileError, match="regular file"):
         History.read(tmp_path / "h")
 
 
-def test_only_a_history_that_was_read_replaces_one(tmp_path: Path) -> None:
+def test_only_a_history_that_was_read_replaces_one(tmp_path):
     path = tmp_path / "checks.csv"
     history(SIZES[:2]).save(path)
     History.read(path).save(path)
@@ -250,7 +250,7 @@ def test_only_a_history_that_was_read_replaces_one(tmp_path: Path) -> None:
     assert len(pd.read_csv(path)) == 6
 
 
-def test_charts_have_dates_and_say_what_their_marks_are(tmp_path: Path) -> None:
+def test_charts_have_dates_and_say_what_their_marks_are(tmp_path):
     """A check a month, or of one day: then with the time; of the marks those that are there."""
     monthly, daily = history([*SIZES, 0.05]), history([0.02])
     for hour in (2, 4):
@@ -277,16 +277,14 @@ def test_charts_have_dates_and_say_what_their_marks_are(tmp_path: Path) -> None:
         assert not any(a.overlaps(b) for k, a in enumerate(boxes) for b in boxes[:k])
 
 
-def test_charts_that_are_not_drawn_are_counted(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_charts_that_are_not_drawn_are_counted(tmp_path, monkeypatch):
     checks = history(SIZES)
     assert "not drawn" not in plot_history(checks).legends[0].get_title().get_text()
     monkeypatch.setattr("aacmm_pin.report.plots.history.MOST", 1)
     assert "1 of 2 figures not drawn" in plot_history(checks).legends[0].get_title().get_text()
 
 
-def test_a_test_report_is_one_sheet(tmp_path: Path, page: Browser) -> None:
+def test_a_test_report_is_one_sheet(tmp_path, page):
     """With all figures of three sets of coordinates, and charts; on a phone it is as wide
     as that.
     """

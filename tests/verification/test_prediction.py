@@ -19,12 +19,11 @@ from aacmm_pin import (
     perturbed_model,
     predict_acceptance,
 )
-from aacmm_pin.arm.file import ArmFile
-from aacmm_pin.arm.random_postures import joint_bounds
+from aacmm_pin.arm import ArmFile, joint_bounds
 from aacmm_pin.cli.root_command import app
 from aacmm_pin.effects import JointPeriodicError
 from aacmm_pin.errors import AacmmError, MeasurementFileError
-from aacmm_pin.measurements.noise import Noise
+from aacmm_pin.measurements import Noise
 from aacmm_pin.measurements.simulate import simulate_touches
 from aacmm_pin.report.procedure import _sizes, _steps
 from aacmm_pin.verification import Procedure
@@ -59,7 +58,7 @@ def only(arm: Arm, *uncertain: str) -> Arm:
     return replace(arm, parameters=parameters)
 
 
-def test_every_touch_of_every_figure_is_planned_within_reach(sino6: Arm, planned: Path) -> None:
+def test_every_touch_of_every_figure_is_planned_within_reach(sino6, planned):
     procedure = Procedure.read(planned, sino6)
     np.testing.assert_allclose(
         sino6.positions(procedure.q), procedure.points, atol=5e-6
@@ -81,7 +80,7 @@ def test_every_touch_of_every_figure_is_planned_within_reach(sino6: Arm, planned
     assert exact.loc[exact["test"] == "single-point", "articulation"].nunique() > 3
 
 
-def test_artefacts_stand_where_a_table_or_a_tripod_holds_them(sino6: Arm) -> None:
+def test_artefacts_stand_where_a_table_or_a_tripod_holds_them(sino6):
     """Over the base of an arm that stands, along gravity; anywhere if the arm hangs, or reaches
     hardly so high.
     """
@@ -106,9 +105,7 @@ def test_artefacts_stand_where_a_table_or_a_tripod_holds_them(sino6: Arm) -> Non
     assert all(lowest(arm) < -0.3 for arm in beneath)
 
 
-def test_single_points_stand_in_the_zones_of_asme_b89_4_22(
-    sino6: Arm, planned: Path, rng: np.random.Generator
-) -> None:
+def test_single_points_stand_in_the_zones_of_asme_b89_4_22(sino6, planned, rng):
     """Joint 2 of SINO6 is 0.3 mm from the origin of its base."""
     low, high = sino6.limits.T
     reach = np.linalg.norm(sino6.positions(rng.uniform(low, high, (20_000, 6))), axis=1).max()
@@ -123,7 +120,7 @@ def test_single_points_stand_in_the_zones_of_asme_b89_4_22(
     assert [int(np.searchsorted([0.2, 0.8], part)) for part in parts] == [0, 1, 2]
 
 
-def test_the_lengths_of_asme_b89_4_22_and_what_the_sheet_says(sino6: Arm, planned: Path) -> None:
+def test_the_lengths_of_asme_b89_4_22_and_what_the_sheet_says(sino6, planned):
     touches = acceptance_procedure(
         sino6, standard="asme-b89.4.22", lengths=[0.60002, 0.30001]
     ).touches
@@ -151,12 +148,12 @@ def test_the_lengths_of_asme_b89_4_22_and_what_the_sheet_says(sino6: Arm, planne
     assert set(pairs["feature"]) == {"A", *pairs["length_id"]}
 
 
-def test_an_unfilled_procedure_has_no_figures(planned: Path) -> None:
+def test_an_unfilled_procedure_has_no_figures(planned):
     with pytest.raises(MeasurementFileError, match="no coordinates"):
         accept(planned)
 
 
-def test_what_turns_the_whole_arm_changes_no_figure(sino6: Arm, few: Path) -> None:
+def test_what_turns_the_whole_arm_changes_no_figure(sino6, few):
     """The zero of joint 1 and d1 move all coordinates as one body, but for the square of
     the turn.
     """
@@ -170,7 +167,7 @@ def test_what_turns_the_whole_arm_changes_no_figure(sino6: Arm, few: Path) -> No
     assert max(f.magnitudes.max() for f in rigid.figures) < 5e-9  # the file has nanometres
 
 
-def test_noise_of_readings_alone_scatters_as_its_covariance_says(sino6: Arm, few: Path) -> None:
+def test_noise_of_readings_alone_scatters_as_its_covariance_says(sino6, few):
     u, procedure = 2e-5, Procedure.read(few, sino6)
     found = predict_acceptance(
         str(few), {"noisy": only(sino6)}, encoder_noise=u, runs=60, progress=False
@@ -184,7 +181,7 @@ def test_noise_of_readings_alone_scatters_as_its_covariance_says(sino6: Arm, few
     assert np.sqrt(mean.max()) * 0.95 < np.median(sigma.magnitudes) < np.sqrt(mean.max()) * 1.25
 
 
-def test_predictions_are_those_of_the_exact_chain(sino6: Arm, few: Path, tmp_path: Path) -> None:
+def test_predictions_are_those_of_the_exact_chain(sino6, few, tmp_path):
     """Figures of arms that are drawn and touch exactly, judged from their files, beside the
     predicted distribution.
     """
@@ -210,7 +207,7 @@ def test_predictions_are_those_of_the_exact_chain(sino6: Arm, few: Path, tmp_pat
     assert abs(np.mean(ranks) - 0.5) < 0.17
 
 
-def test_the_first_order_step_is_exact_physics(sino6: Arm, few: Path) -> None:
+def test_the_first_order_step_is_exact_physics(sino6, few):
     """One drawn arm without noise: coordinates by exact postures, and p - S e."""
     procedure, rng = Procedure.read(few, sino6), np.random.default_rng(5)
     true = perturbed_model(ErrorModel(sino6), rng)
@@ -224,13 +221,13 @@ def test_the_first_order_step_is_exact_physics(sino6: Arm, few: Path) -> None:
     np.testing.assert_allclose(off, first, atol=0.01 * np.abs(off).max())
 
 
-def test_the_order_of_a_wave_belongs_to_it(sino6: Arm, few: Path) -> None:
+def test_the_order_of_a_wave_belongs_to_it(sino6, few):
     wave = JointPeriodicError(3, 7.1, values=(1e-4, 0.0), u=(1e-5, 1e-5), nonlinear_u=0.02)
     causes = _Test.of(ErrorModel(sino6, (wave,)), Procedure.read(few, sino6), 8e-6, 0.0, 1).causes
     assert causes[-9:] == (*[wave.label] * 3, *[READINGS] * 6)
 
 
-def test_the_chain_at_the_shell(tmp_path: Path) -> None:
+def test_the_chain_at_the_shell(tmp_path):
     """plan, simulate, accept: an arm with a hidden eccentricity fails, the arm that knows it
     passes.
     """
@@ -263,7 +260,7 @@ def test_the_chain_at_the_shell(tmp_path: Path) -> None:
     assert "µm" not in page.read_text(encoding="utf-8")  # one unit on the page
 
 
-def test_an_mpe_without_its_figure_is_told_by_an_example(tmp_path: Path) -> None:
+def test_an_mpe_without_its_figure_is_told_by_an_example(tmp_path):
     for given in ("0.1", "E_Uni", "E_Uni:0.1"):
         result = CliRunner().invoke(
             app, ["accept", "sino6", str(tmp_path / "touches.csv"), "--mpe", given]
@@ -274,7 +271,7 @@ def test_an_mpe_without_its_figure_is_told_by_an_example(tmp_path: Path) -> None
         assert "E_Uni=0.1" in result.stderr
 
 
-def test_what_cannot_be_planned_or_predicted(sino6: Arm, planned: Path) -> None:
+def test_what_cannot_be_planned_or_predicted(sino6, planned):
     for standard, lengths, said in (
         (None, [0.1, 0.2], "5 different"),
         ("asme-b89.4.22", [0.1, 0.2, 0.3], "2 different ones above 0 for ASME B89.4.22"),
