@@ -24,7 +24,6 @@ def dh_sensitivity(arm: Arm, q: Array, frames: list[str]) -> dict[str, Array]:
     A position is linear in a length and A + B cos x + C sin x in an angle x: half the difference of
     its values a metre, or a quarter of a turn, to either side is the exact derivative.
     """
-    assert arm.file is not None
     rows, columns = arm.file.joints, []
     for i, row in enumerate(rows):
         for key, step in EXACT_STEPS.items():

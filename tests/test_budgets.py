@@ -181,7 +181,7 @@ MEASURES = [
 
 def measured(measure: object) -> dict[str, int]:
     rooms = [room for room in ROOMS if not (measure is sentences and room in SAY_IT)]
-    return {room: sum(map(measure, of_room(room))) for room in rooms}  # type: ignore[call-overload]
+    return {room: sum(map(measure, of_room(room))) for room in rooms}
 
 
 @pytest.mark.parametrize(
@@ -205,5 +205,5 @@ def test_a_constant_has_one_value():
                 if isinstance(each, ast.Name) and each.id.lstrip("_").isupper()
             ]
             for name in names:
-                values[name].add(ast.unparse(node.value))  # type: ignore[attr-defined]
+                values[name].add(ast.unparse(node.value))
     assert sum(len(each) > 1 for each in values.values()) <= CONSTANTS

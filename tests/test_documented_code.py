@@ -73,7 +73,6 @@ def blocks(page: str) -> list[Block]:
     found, mark = [], ""
     for token in MarkdownIt().parse(page):
         if token.type == "fence":
-            assert token.map is not None
             found.append(Block(token.info.partition(" ")[0], token.content, token.map[0] + 2, mark))
         comment = (
             re.fullmatch(r"<!-- (.*) -->\s*", token.content) if token.type == "html_block" else None

@@ -127,8 +127,8 @@ def test_a_name_stands_for_an_arm(call):
 def test_a_path_stands_for_records(records):
     read, arm = Measurements.read(records, 6), Arm.load("sino6")
     causes = (EncoderEccentricity(3), JointCompliance(2))
-    quiet: dict[str, Any] = {"progress": False, **NOISE}
-    calls: list[Callable[[Any], Any]] = [
+    quiet = {"progress": False, **NOISE}
+    calls = [
         lambda data: aacmm_pin.calibrate(arm, data, hold_out=False, **NOISE).rms,
         lambda data: aacmm_pin.diagnose(arm, data, hold_out=False, **quiet).rms["extended"],
         lambda data: (
@@ -184,7 +184,7 @@ def test_a_text_stands_for_a_cause(sino6, records):
         sino6, records, ["geometry", EncoderEccentricity(3)], hold_out=False, **NOISE
     )
     np.testing.assert_array_equal(found.fit.point.x, same.fit.point.x)
-    quiet: dict[str, Any] = {"progress": False, "hold_out": False, **NOISE}
+    quiet = {"progress": False, "hold_out": False, **NOISE}
     by_text, by_cause = (
         aacmm_pin.diagnose(sino6, records, extra_causes=[cause], **quiet).summary()
         for cause in ("joint_periodic_error:2,order=7.5", JointPeriodicError(2, 7.5))
@@ -198,4 +198,4 @@ def test_what_stands_for_nothing_is_refused(sino6, records):
     with pytest.raises(UnknownNameError, match=r"encoder_gian.*geometry.*encoder_gain"):
         aacmm_pin.calibrate(sino6, records, ["encoder_gian:5"])
     with pytest.raises(AacmmError, match="int is among the causes"):
-        ErrorModel(sino6, (5,))  # type: ignore[arg-type]
+        ErrorModel(sino6, (5,))

@@ -112,7 +112,6 @@ def test_the_start_is_the_end_if_the_arm_is_right(sino6, rng):
     """But for the noise; and orientations that contradict each other do not lead it astray."""
     low, high = np.clip(sino6.limits, -np.pi, np.pi).T
     data = seen(sino6, rng.uniform(low, high, (40, 6)), rng, target=0.2)
-    assert data.orientation is not None
     for orientation in (data.orientation, data.orientation[:, [1, 2, 3, 0]]):
         setup = Setup.of(sino6, "external", "unknown")
         records = replace(data, orientation=orientation)

@@ -79,7 +79,6 @@ def test_what_describes_the_same_arm_otherwise_moves_nothing(robot_file, rng):
 
 
 def test_what_is_known_only_together_with_the_base_is_named(sino6, rng):
-    assert sino6.file is not None
     rows = [row.model_copy(update={"uncertainty": None}) for row in sino6.file.joints]
     arm = Arm.from_file(sino6.file.model_copy(update={"joints": rows}))
     q = random_postures(arm, 60, rng)

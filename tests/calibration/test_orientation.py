@@ -13,7 +13,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from aacmm_pin.arm import Arm, ArmFile
+from aacmm_pin.arm import Arm
 from aacmm_pin.calibration import calibrate
 from aacmm_pin.calibration.parameters import problem_of
 from aacmm_pin.calibration.problem import Frame
@@ -35,7 +35,6 @@ FRAME = Frame(
 @pytest.fixture
 def straight(sino6: Arm) -> Arm:
     """A tip on the last axis: no position tells the zero of joint 6."""
-    assert isinstance(sino6.file, ArmFile)
     rows = sino6.file.joints
     return Arm.from_file(
         sino6.file.model_copy(
@@ -46,7 +45,6 @@ def straight(sino6: Arm) -> Arm:
 
 def seen_from(records: Measurements, frame: Frame) -> Measurements:
     """The same by a reference in another frame, of a target that is turned in the tip."""
-    assert records.orientation is not None
     turned = Rotation.from_matrix(frame.rotation) * Rotation.from_quat(
         records.orientation[:, [1, 2, 3, 0]]
     )
@@ -112,7 +110,6 @@ def test_what_is_not_stated_is_found_and_what_is_wrong_is_left_out(sino6, rng):
     """
     data = simulate_measurements(sino6, "free", 90, rng=rng, orientation_noise=TURN, **NOISE)
     data = seen_from(data, FRAME)
-    assert data.orientation is not None
     data.orientation[::3] = np.nan
     data.orientation[7] = data.orientation[8]
     how = {"reference_frame": "external", "encoder_noise": NOISE["encoder_noise"]}
@@ -121,7 +118,6 @@ def test_what_is_not_stated_is_found_and_what_is_wrong_is_left_out(sino6, rng):
     assert found.fit.noise.scatters.turn == pytest.approx(TURN, rel=0.25)
     turned = Rotation.from_matrix(found.fit.point.frame.targets[0] @ FRAME.targets[0].T)
     assert turned.magnitude() < 5e-5
-    assert found.turns is not None
     assert found.turns["calibrated"] == pytest.approx(found.turns["noise"], rel=0.25)
     (by_record, _) = found.held_out
     assert np.isfinite(by_record.turn_after).sum() == 59
@@ -154,7 +150,6 @@ def test_turns_show_a_cause_in_the_wrist(straight, rng):
     told = diagnose(straight, data, rng=rng, hold_out=False, **NOISE)
     assert [finding.label for finding in told.findings] == ["encoder_eccentricity:6"]
     assert told.verdict == "explained"
-    assert told.turns is not None
     assert told.turns["recalibrated"] > 2 * told.turns["extended"]
     assert (
         diagnose(
@@ -167,7 +162,6 @@ def test_turns_show_a_cause_in_the_wrist(straight, rng):
 def test_turns_that_nothing_explains(straight, rng):
     """A target that was knocked halfway; its page shows positions."""
     data = simulate_measurements(straight, "free", 80, rng=rng, orientation_noise=TURN, **NOISE)
-    assert data.orientation is not None
     knock = Rotation.from_rotvec([[0.0, 0.0, 0.0]] * 40 + [[3e-4, 0.0, 0.0]] * 40)
     knocked = (Rotation.from_quat(data.orientation[:, [1, 2, 3, 0]]) * knock).as_quat()[
         :, [3, 0, 1, 2]

@@ -47,7 +47,6 @@ def test_the_headline_says_that_a_run_of_rows_was_left_out(sino6, kind, bad):
     left = found.exclusions
     assert left.doubtful
     assert left.too_many == (out > 0.15 * RECORDS)
-    assert left.shared is not None
     assert (left.shared.name, left.shared.excluded) == ("record", out)
     first, last = (int(found.excluded["row"].iloc[k]) for k in (0, -1))
     summary = calibration_summary(found, "data.csv", 1)
@@ -158,5 +157,4 @@ def test_a_session_says_more_than_its_rows(sino6):
     session = np.where(late, "b", "a").astype(object)
     told = replace(moved, conditions=replace(moved.conditions, session=session))
     shared = calibrate(sino6, told, hold_out=False).exclusions.shared
-    assert shared is not None
     assert (shared.name, shared.excluded) == ("session", 12)

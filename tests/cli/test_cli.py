@@ -372,7 +372,7 @@ def stopped(words: list[str], sent: signal.Signals, ready: object) -> None:
     with subprocess.Popen(command, **pipes, start_new_session=True) as process:
         try:
             end = time.monotonic() + 120
-            while not ready(process.pid):  # type: ignore[operator]
+            while not ready(process.pid):
                 assert process.poll() is None
                 assert time.monotonic() < end
                 time.sleep(0.02)

@@ -193,7 +193,7 @@ def test_estimated_beside_the_geometry(plant, tmp_path):
         if (name, way.carrier) == (COUPLING, "angle 4")
     )
     noise = {"encoder_noise": 1e-9, "reference_noise": NOISE, "hold_out": False}
-    found = calibrate(plant.arm, records, ["geometry", *prior([(COUPLING, way)], 2e-4)], **noise)  # type: ignore[arg-type]
+    found = calibrate(plant.arm, records, ["geometry", *prior([(COUPLING, way)], 2e-4)], **noise)
     found.model.save(tmp_path / "extended.toml")
     model, (q, tip) = ErrorModel.load(tmp_path / "extended.toml"), plant.touched(200)
     moves = model.sensitivity(q)
@@ -201,7 +201,7 @@ def test_estimated_beside_the_geometry(plant, tmp_path):
     off = np.linalg.norm(model.correct(q) - tip, axis=1)
     assert 0.6 < np.sqrt(np.square(off).mean() / np.square(u).mean()) < 1.5
     assert np.square(u).mean() < np.square(0.5 * NOISE)
-    again = calibrate(model, plant.measured(100), "geometry", **noise)  # type: ignore[arg-type]
+    again = calibrate(model, plant.measured(100), "geometry", **noise)
     assert again.model.effects == model.effects
 
 
@@ -215,7 +215,6 @@ def test_estimates_answer_to_what_is_held(plant):
         for name, way in all_described(plant.arm, records)
         if (name, way.carrier) == (COUPLING, "angle 4")
     )
-    assert way.smooth is not None
     directions = tuple((float(x),) for x in plant.rng.normal(0.0, 5e-5, size_of(way)))
     one = Discrepancy(COUPLING, (Part(Carrier(way.carrier), way.smooth, directions),), 1)
     setup = Setup.of(plant.arm, encoder_noise=8e-6, reference_noise=NOISE, probe_noise=NOISE)

@@ -42,7 +42,6 @@ def test_a_curve_that_chases_two_branches_does_not_extend_the_arm(sino6, seed):
     records = simulated(truth, 120, rng)
     found = diagnose(sino6, records, progress=False)
     assert found.verdict != "explained"
-    assert found.held_out is not None
     assert np.isfinite(found.held_out.extended).sum() == records.n - found.held_out.gross_errors
     new, off = simulate_measurements(truth, "seats", 400, rng=rng), {}
     for name, model in (
@@ -74,8 +73,6 @@ def test_gross_errors_do_not_count(sino6, eccentric, named):
     after = diagnose(
         sino6, replace(eccentric, reference=wrong), progress=False, encoder_noise=8e-6
     ).held_out
-    assert before is not None
-    assert after is not None
     assert (before.gross_errors, after.gross_errors) == (0, 3)
     assert np.isnan(after.extended[rows]).all()
     assert after.gain == pytest.approx(before.gain, abs=0.03)
@@ -118,7 +115,6 @@ def test_two_branches_are_recognised_and_ask_for_the_approach(sino6):
     records = replace(stated, conditions=replace(stated.conditions, approach=None))
     found = diagnose(sino6, records, progress=False, hold_out=False, encoder_noise=8e-6)
     branches = found.unexplained.branches
-    assert branches is not None
     assert (found.verdict, branches.joint) == ("unexplained", 2)
     assert branches.half_width == pytest.approx(5e-5, rel=0.3)
     assert "joint 2" in verdict_in_words(found)
@@ -151,7 +147,6 @@ def test_a_seat_whose_place_is_contradicted_is_in_the_headline(sino6):
     good = diagnose(sino6, records, progress=False, hold_out=False, encoder_noise=8e-6)
     assert (good.verdict, good.doubts) == ("no-discrepancy", ())
     reference, seats = records.reference.copy(), records.conditions.seat
-    assert seats is not None
     rows = np.flatnonzero(seats == seats[0])
     reference[rows[len(rows) // 2 :], 0] += 8e-5
     moved = replace(records, reference=reference)
@@ -207,14 +202,14 @@ def test_what_names_nothing_gains_nothing():
 def test_a_seat_that_only_the_recalibrated_arm_excludes_is_in_the_headline(sino6):
     """Moved midway by 60 µm: what is added to the noise for it hides that."""
     noise = {"encoder_noise": 8e-6, "probe_noise": 5e-6, "reference_noise": 5e-6}
-    records = simulate_measurements(sino6, "seats", 200, rng=np.random.default_rng(3), **noise)  # type: ignore[arg-type]
+    records = simulate_measurements(sino6, "seats", 200, rng=np.random.default_rng(3), **noise)
     seats = records.conditions.require("seat", "test")
     own = np.flatnonzero(seats == seats[0])
     moved = records.q.copy()
     late = own[len(own) // 2 :]
     jacobian = sino6.jacobian(moved[late])
     moved[late] += (np.linalg.pinv(jacobian) @ np.array([6e-5, 0.0, 0.0])[:, None])[:, :, 0]
-    found = diagnose(sino6, replace(records, q=moved), progress=False, hold_out=False, **noise)  # type: ignore[arg-type]
+    found = diagnose(sino6, replace(records, q=moved), progress=False, hold_out=False, **noise)
     assert found.verdict not in ("no-discrepancy", "explained") or any(
         str(seats[0]) in label for label in found.otherwise
     )

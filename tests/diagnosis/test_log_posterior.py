@@ -146,7 +146,7 @@ class Measured:
         frame = "external" if file.external else "base"
         setup = Setup.of(
             arm, reference_frame=frame, probe_noise=noises.get("reference_noise"), **noises
-        )  # type: ignore[arg-type]
+        )
         problem = problem_of(ErrorModel.of(arm), measurements, ["geometry"], setup)
         library = candidates(ErrorModel.of(arm), measurements, problem)
         return Measured(fit(problem), tuple(library), tuple(covariates(arm, measurements)), stated)

@@ -28,8 +28,8 @@ def test_how_far_from_its_target_a_record_is():
     limit = chi2.isf(0.01 / 4, 3)
     off = np.array([[3e-5, 0.0, 0.0], [0.0, 4e-5, 0.0], [0.0, 3e-5, 4e-5], [np.nan] * 3])
     says = np.array([True, True, True, False])
-    at: Any = SimpleNamespace(observations=SimpleNamespace(says=says, counts=3 * says))
-    judge: Any = SimpleNamespace(
+    at = SimpleNamespace(observations=SimpleNamespace(says=says, counts=3 * says))
+    judge = SimpleNamespace(
         residual_noise=np.array([1.0, 4.0, 1.0, 1.0])[:, None, None] * 1e-10 * np.eye(3)
     )
     found = model_extension._times_the_limit(at, off, judge)
@@ -45,7 +45,7 @@ def test_seats_and_bars_in_several_parts(parts, torn):
     observations = SimpleNamespace(
         seat=np.array([0, 1, 2, 2, -1, -1]), clusters=np.array([0, 0, 1])
     )
-    at: Any = SimpleNamespace(observations=observations)
+    at = SimpleNamespace(observations=observations)
     assert model_extension._torn(at, np.array(parts)) == torn
 
 
@@ -70,10 +70,10 @@ def test_a_cause_of_records_that_are_left_out_together(moved, used, parts, insid
 
 def test_the_top_of_a_parabola():
     """Between the neighbours of the best; no further, and nowhere where there is no top."""
-    tried: list[Any] = [JointPeriodicError(3, order) for order in (2.0, 2.5, 3.5)]
+    tried = [JointPeriodicError(3, order) for order in (2.0, 2.5, 3.5)]
     for top in (2.3, 2.9):
         evidences = -np.array([(2.0 - top) ** 2, (2.5 - top) ** 2, (3.5 - top) ** 2])
-        assert inner_values._at_the_top(tried, evidences, 1).order == pytest.approx(top)  # type: ignore[attr-defined]
+        assert inner_values._at_the_top(tried, evidences, 1).order == pytest.approx(top)
     flat, at_the_end = np.zeros(3), np.array([0.0, -1.0, -2.0])
     assert inner_values._at_the_top(tried, flat, 1) == tried[1]
     assert inner_values._at_the_top(tried, at_the_end, 0) == tried[0]
@@ -87,14 +87,13 @@ def test_inner_values_by_their_evidence(monkeypatch):
         peak = far / 0.11**2  # so much better than the whole order
         refined = inner_values.likeliest(
             tried, np.array([-peak * (e.order - 4.11) ** 2 for e in tried])
-        )  # type: ignore[attr-defined]
-        assert isinstance(refined, JointPeriodicError)
+        )
         assert refined.order == pytest.approx(expected, abs=1e-3)
     records = Measurements.of(
         np.zeros((4, 6)), conditions=Conditions(4, time=np.array([0.0, 10.0, 30.0, 70.0]))
     )
     fit = SimpleNamespace(problem=SimpleNamespace(measurements=records))
-    slip: Any = SimpleNamespace(
+    slip = SimpleNamespace(
         variant=lambda _: EncoderSlip(3, 20.0),
         fit=fit,
         noise=None,

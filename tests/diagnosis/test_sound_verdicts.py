@@ -7,14 +7,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import pytest
 
 from aacmm_pin import accuracy_volume, next_measurements, perturbed_model
 from aacmm_pin._support.checks import Array
-from aacmm_pin.arm import Arm, ArmFile, axis
+from aacmm_pin.arm import Arm, axis
 from aacmm_pin.arm.random_postures import random_postures
 from aacmm_pin.calibration import calibrate, solver
 from aacmm_pin.calibration.problem import Problem
@@ -58,11 +58,11 @@ def test_calibrating_twice_is_calibrating_with_all_records(sino6, rng):
     first, second = data.take(slice(0, 80)), data.take(slice(80, 160))
 
     def calibrated(model: Arm | ErrorModel, records: Measurements) -> tuple[Array, Array]:
-        result = calibrate(model, records, hold_out=False, robust=False, **NOISE)  # type: ignore[arg-type]
+        result = calibrate(model, records, hold_out=False, robust=False, **NOISE)
         table = result.parameters.set_index("parameter")
         return table["after"].to_numpy(), table["u"].to_numpy()
 
-    once = calibrate(sino6, first, hold_out=False, robust=False, **NOISE).model  # type: ignore[arg-type]
+    once = calibrate(sino6, first, hold_out=False, robust=False, **NOISE).model
     (values, u), (both, wanted) = calibrated(once, second), calibrated(sino6, data)
     np.testing.assert_allclose(u, wanted, rtol=0.01)
     assert (np.abs(values - both) < 0.05 * wanted).all()
@@ -74,10 +74,9 @@ def test_a_warm_up_is_as_uncertain_as_its_time_constant_makes_it(sino6, rng):
     """
     drift = ZeroDrift(2, 1500.0, values=(2e-4,))
     data = simulate_measurements(ErrorModel(sino6, (drift,)), "free", 80, rng=rng)
-    fit = calibrate(sino6, data, [drift.at(())], hold_out=False, robust=False, **NOISE).fit  # type: ignore[arg-type]
+    fit = calibrate(sino6, data, [drift.at(())], hold_out=False, robust=False, **NOISE).fit
     told = replace(fit, found={drift.key: {}})
     own = fit.effects[0]
-    assert isinstance(own, ZeroDrift)
 
     def by(one: ZeroDrift, other: ZeroDrift, step: float) -> Array:
         tips = [
@@ -112,7 +111,7 @@ def test_a_warm_up_that_is_not_over_is_as_uncertain_as_its_evidence_says(sino6):
         )
         tips = ErrorModel(sino6, (drift,)).predict(q, known) + 12e-6 * rng.normal(size=(40, 3))
         data = Measurements.of(q - 8e-6 * rng.normal(size=q.shape), tips, conditions=known)
-        (finding,) = diagnose(sino6, data, hold_out=False, progress=False, **NOISE).findings  # type: ignore[arg-type]
+        (finding,) = diagnose(sino6, data, hold_out=False, progress=False, **NOISE).findings
         assert finding.label == drift.label
         assert finding.inner["time_constant_s"][1] > 0.0
         value, u = finding.parameters["drift_rad"]
@@ -124,14 +123,14 @@ def test_a_trial_that_cannot_be_evaluated_is_a_rejected_step(sino6, rng, monkeyp
     data = simulate_measurements(
         ErrorModel(sino6, (EncoderGain(3, values=(1e-4,)),)), "free", 60, rng=rng
     )
-    fit = calibrate(sino6, data, ["geometry", EncoderGain(3)], hold_out=False, **NOISE).fit  # type: ignore[arg-type]
+    fit = calibrate(sino6, data, ["geometry", EncoderGain(3)], hold_out=False, **NOISE).fit
     predict, refused = Problem.predict, []
 
     def narrow(self: Problem, x: Array, *rest: object) -> object:
         if np.abs(x - fit.point.x).max() > 3e-4 and np.any(x != self.start):
             refused.append(x)
             raise AacmmError("too soft to stand")
-        return predict(self, x, *rest)  # type: ignore[arg-type]
+        return predict(self, x, *rest)
 
     monkeypatch.setattr(Problem, "predict", narrow)
     x = fit.problem.start + np.where(np.arange(fit.problem.start.size) == 0, 2.9e-4, 0.0)
@@ -166,7 +165,7 @@ class SquareTilt(Effect):
 def test_what_no_cause_has_lends_its_strength_to_no_name_and_stays_with_the_arm(sino6, tmp_path):
     model = ErrorModel(sino6, (SquareTilt(3, values=(3e-6,)),))
     data = simulate_measurements(model, "free", 150, rng=np.random.default_rng(3))
-    found = diagnose(sino6, data, hold_out=False, progress=False, **NOISE)  # type: ignore[arg-type]
+    found = diagnose(sino6, data, hold_out=False, progress=False, **NOISE)
     assert found.verdict == "unexplained"
     assert found.findings[0].joint == 3
     assert "structure left" in found.doubts
@@ -233,7 +232,7 @@ def test_two_names_that_take_turns_do_not_cancel(tmp_path):
     round.
     """
     waves = ("eccentricity", 4e-5, 1.0), ("ellipticity", 8e-5, 2.0), ("periodic_error", 3e-5, 0.5)
-    effects: list[str] = []
+    effects = []
     for (kind, size, phase), named in zip(waves, ("encoder_", "encoder_", "joint_"), strict=True):
         order = ",order=3" if kind == "periodic_error" else ""
         effects += ["--effect", f"{named}{kind}:4{order},amplitude_rad={size},phase_rad={phase}"]
@@ -253,12 +252,12 @@ def finding(probability: float, low: float | None = 0.1, effect: Effect | None =
 
 def test_verdicts(sino6, rng):
     data = simulate_measurements(ErrorModel(sino6), "free", 40, rng=rng)
-    fit = calibrate(sino6, data, hold_out=False, **NOISE).fit  # type: ignore[arg-type]
+    fit = calibrate(sino6, data, hold_out=False, **NOISE).fit
     stuck = replace(fit, message="60 steps were not enough")
     noiseless = replace(fit, stated=False, dof=0.0)
     out = np.arange(40)
     seven, six = (replace(fit, used=out >= count, excluded=out < count) for count in (7, 6))
-    cases: list[tuple[Any, ...]] = [
+    cases = [
         ("explained", [finding(0.99)], False, 90, fit),
         ("inconclusive", [finding(0.99)], False, 90, fit, True),
         ("inconclusive", [], False, 90, fit, True),
@@ -296,7 +295,7 @@ def test_verdicts(sino6, rng):
         left, p_more = [*given, *(False, 0.1)[len(given) :]]
         doubts = doubts_of(findings, left, p_more, (seen, 100))
         assert verdict_of(findings, structure, p_more, doubts, (fit, at)) == verdict
-    each: list[dict[str, Any]] = [
+    each = [
         {"contradicted": ["seat A moved"]},
         {"no_better": True},
         {"agree": False},
@@ -309,7 +308,7 @@ def test_verdicts(sino6, rng):
 def test_a_value_that_nature_does_not_have_explains_nothing(sino6):
     model = ErrorModel(sino6, (JointCompliance(2, values=(-3e-5,)),))
     data = simulate_measurements(model, "free", 100, rng=np.random.default_rng(1))
-    found = diagnose(sino6, data, hold_out=False, progress=False, **NOISE)  # type: ignore[arg-type]
+    found = diagnose(sino6, data, hold_out=False, progress=False, **NOISE)
     assert (found.verdict, [f.below_zero for f in found.findings]) == (
         "inconclusive",
         [("compliance_rad_per_nm",)],
@@ -321,13 +320,12 @@ def test_a_value_that_nature_does_not_have_explains_nothing(sino6):
     data = simulate_measurements(
         steel_and_carbon, "free", 100, temperature_range=15.0, rng=np.random.default_rng(1)
     )
-    found = diagnose(sino6, data, hold_out=False, progress=False, **NOISE)  # type: ignore[arg-type]
+    found = diagnose(sino6, data, hold_out=False, progress=False, **NOISE)
     assert {f.label: f.below_zero for f in found.findings} == {
         "thermal_expansion": (),
         "thermal_expansion:5": (),
     }
     beside = found.findings[-1].beside
-    assert beside is not None
     assert (found.verdict, beside.values) == ("explained", found.findings[0].effect.values)
 
 
@@ -349,7 +347,7 @@ def test_u_of_a_cause_is_what_a_calibration_with_it_says(zero6):
     """Of an arm whose lengths and angles nobody stated, so that some directions are not told."""
     hidden = ErrorModel(zero6, (EncoderEccentricity(3, values=(1e-4, 0.0)),))
     data = simulate_measurements(hidden, "seats", 90, rng=np.random.default_rng(1))
-    noise: dict[str, Any] = {"encoder_noise": 8e-6, "reference_noise": 1.2e-5, "probe_noise": 5e-6}
+    noise = {"encoder_noise": 8e-6, "reference_noise": 1.2e-5, "probe_noise": 5e-6}
     found = diagnose(zero6, data, hold_out=False, **noise)
     wanted = calibrate(
         zero6, data, ["geometry", EncoderEccentricity(3)], hold_out=False, **noise
@@ -405,8 +403,8 @@ def test_a_known_cause_with_another_inner_value(sino6, orders, lost):
     found = diagnose(ErrorModel(sino6, (known,)), data, **NOISE, hold_out=False, progress=False)
     (finding,) = found.findings
     assert (found.verdict, finding.label) == ("explained", known.label)
-    assert (finding.effect.order, finding.was) == (orders[0], known if lost else None)  # type: ignore[attr-defined]
-    assert sorted(e.order for e in found.model.effects) == sorted(orders)  # type: ignore[attr-defined]
+    assert (finding.effect.order, finding.was) == (orders[0], known if lost else None)
+    assert sorted(e.order for e in found.model.effects) == sorted(orders)
 
 
 @pytest.mark.parametrize(
@@ -422,7 +420,6 @@ def test_a_known_warm_up_that_is_quicker_or_smaller(sino6, before, after, drift)
     found = diagnose(ErrorModel(sino6, (known,)), data, **NOISE, hold_out=False, progress=False)
     (finding,), (effect,) = found.findings, found.model.effects
     assert (found.verdict, finding.was, finding.gone) == ("explained", known, False)
-    assert isinstance(effect, ZeroDrift)
     assert abs(effect.values[0] - drift) < 3.3 * effect.u[0] < 5e-5
     assert (
         abs(effect.time_constant_s - after)
@@ -472,7 +469,6 @@ def test_a_known_slip_that_has_grown_is_no_second_one(sino6):
     data = simulate_measurements(truth, "free", 150, rng=np.random.default_rng(1), **NOISE)
     found = diagnose(ErrorModel(sino6, (known,)), data, **NOISE, progress=False)
     (finding,) = found.findings
-    assert found.held_out is not None
     assert found.held_out.interval[0] > 0.0
     assert (found.verdict, finding.was, finding.effect.identity) == (
         "explained",
@@ -549,7 +545,7 @@ def test_readings_between_the_records_around_a_slip_have_its_step_in_their_u(
     data = simulate_measurements(truth, "free", 120, rng=rng, **noise)
     found = diagnose(ErrorModel(sino6), data, **noise, hold_out=False, progress=False)
     (finding,) = found.findings
-    low, high = finding.effect.between_s  # type: ignore[attr-defined]
+    low, high = finding.effect.between_s
     assert low < 3000.0 < high
     found.model.save(tmp_path / "extended.toml")
     model, time = (
@@ -580,7 +576,7 @@ def test_readings_between_the_records_around_a_slip_have_its_step_in_their_u(
     assert data_of(model.input_warnings(q, later), "after_slip") == [told]
     unlabelled = replace(conditions, session=np.full(time.size, "", dtype=object))
     np.testing.assert_array_equal(model.correct(q, unlabelled), model.correct(q, conditions))
-    one: dict[str, Any] = {"conditions": conditions.take([150]), "encoder_noise": 0.0, "rng": rng}
+    one = {"conditions": conditions.take([150]), "encoder_noise": 0.0, "rng": rng}
     assert accuracy_volume(model, q[150:151], method="monte-carlo", **one).u == pytest.approx(
         judged.u[150], rel=0.1
     )
@@ -613,10 +609,7 @@ def test_a_load_that_the_file_does_not_have(known, sino6):
     an encoder.
     """
     added, file = 0.4, ErrorModel(sino6).file()
-    assert isinstance(file, ArmFile)
     last = file.joints[-1]
-    assert last.mass_kg is not None
-    assert last.com_mm is not None
     total = last.mass_kg + added  # the frame of the last row is at the tip
     heavy = last.model_copy(
         update={"mass_kg": total, "com_mm": tuple(last.mass_kg / total * c for c in last.com_mm)}
@@ -658,7 +651,6 @@ def test_a_known_cause_that_has_changed(sino6):
         assert (found.verdict, finding.label) == ("explained", "joint_compliance:2")
         ((changed, u),) = finding.parameters.values()
         assert abs(changed - value) < 3.3 * u < 1e-6
-        assert finding.was is not None
         assert (finding.was.values, finding.gone) == ((2e-5,), value == 0.0)
         assert "no longer right for compliance" in verdict_in_words(found)
         (told,) = data_of(
@@ -830,7 +822,6 @@ def test_torques_with_noise_and_masses_that_lack_a_payload(sino6, noise, payload
         hidden.label
     }, str(found)
     (finding,) = [f for f in found.findings if f.label == hidden.label]
-    assert isinstance(finding.effect, JointCompliance)
     assert finding.effect.torque == ("gravity" if noise > payload else "measured")
     assert abs(finding.effect.values[0] - 2e-5) < 3.3 * finding.effect.u[0] < 8e-6
 
@@ -861,7 +852,7 @@ def test_a_slip_in_a_long_pause(sino6, seed, part):
     (finding,) = found.findings
     assert finding.label == hidden.label, str(found)
     found_at, u = finding.inner["time_s"]
-    assert abs(found_at - hidden.time_s) < 1.8 * u  # type: ignore[attr-defined]
+    assert abs(found_at - hidden.time_s) < 1.8 * u
     assert u == pytest.approx(pause / np.sqrt(12.0), rel=0.1)
 
 
@@ -877,7 +868,7 @@ def test_an_encoder_that_was_knocked_midway_is_no_slip(sino6, seed):
     knocked = ErrorModel(
         sino6, (EncoderEccentricity(joint, values=(1.5e-4 * np.cos(seed), 1.5e-4 * np.sin(seed))),)
     )
-    reference = np.where(at.time[:, None] > 1040.0, knocked.predict(q), sino6.positions(q))  # type: ignore[index]
+    reference = np.where(at.time[:, None] > 1040.0, knocked.predict(q), sino6.positions(q))
     reference += 1.2e-5 * rng.standard_normal((60, 3))
     data = Measurements.of(q + 8e-6 * rng.standard_normal(q.shape), reference, conditions=at)
     found = diagnose(sino6, data, **NOISE, hold_out=False, progress=False)

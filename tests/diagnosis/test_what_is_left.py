@@ -40,7 +40,6 @@ def test_records_of_one_posture_share_an_error(sino6, stated):
     q = random_postures(sino6, 60, rng)[order // 3]
     found = diagnosed(sino6, q, q, shared, rng, stated)
     error = found.unexplained.shared_by_postures
-    assert error is not None
     assert error.rms == pytest.approx(np.sqrt(3.0) * 2e-5, rel=0.2)
     assert error.p_value < 1e-6
     assert (found.verdict, found.findings, found.unexplained.readings) == ("unexplained", (), ())

@@ -137,7 +137,7 @@ def records(plan: str) -> Measurements:
     """A few virtual records."""
     bar = 0.5 if plan == "ball-bar" else None
     rng = np.random.default_rng(1)
-    return simulate_measurements(Arm.load("sino6"), plan, 24, rng=rng, seats=4, bar_length=bar)  # type: ignore[arg-type]
+    return simulate_measurements(Arm.load("sino6"), plan, 24, rng=rng, seats=4, bar_length=bar)
 
 
 @cache
@@ -160,7 +160,7 @@ def plans() -> list[bytes]:
 @cache
 def urdfs() -> list[bytes]:
     """The bundled arms, which have their masses too."""
-    return [urdf_text(Arm.load(name).file).encode() for name in ("sino6", "zero6")]  # type: ignore[arg-type]
+    return [urdf_text(Arm.load(name).file).encode() for name in ("sino6", "zero6")]
 
 
 def use_arm(path: Path) -> None:

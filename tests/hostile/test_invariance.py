@@ -29,7 +29,7 @@ STATED = {"encoder_noise": 8e-6, "reference_noise": 1.2e-5, "probe_noise": 1e-6}
 def records(plan: str, seed: int = 5) -> Measurements:
     model = ErrorModel.load("sino6")
     model = model.with_effects(cause_of("encoder_eccentricity:3,amplitude_rad=4e-4", model))
-    return simulate_measurements(model, plan, 60, rng=np.random.default_rng(seed), seats=6)  # type: ignore[arg-type]
+    return simulate_measurements(model, plan, 60, rng=np.random.default_rng(seed), seats=6)
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +42,7 @@ def said() -> Callable[..., dict[str, Any]]:
         key = (id(data), frame)
         if key not in known:
             asked.append(data)
-            result = diagnose(Arm.load("sino6"), data, reference_frame=frame, **STATED)  # type: ignore[arg-type]
+            result = diagnose(Arm.load("sino6"), data, reference_frame=frame, **STATED)
             known[key] = result.summary()
         return known[key]
 
@@ -60,7 +60,6 @@ def permuted(data: Measurements) -> Measurements:
 
 def renamed(data: Measurements) -> Measurements:
     seat = data.conditions.seat
-    assert seat is not None
     other = np.array([f"{label[::-1]} 'ñ' $" for label in seat], dtype=object)
     return replace(data, conditions=replace(data.conditions, seat=other))
 

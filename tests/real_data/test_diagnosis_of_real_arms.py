@@ -80,7 +80,6 @@ def test_ur10_has_free_curves_in_its_first_three_joints(real_data):
 def test_all_records_of_ur10(diagnosed):
     result = diagnosed("ur10")
     has_free_curves(result)
-    assert result.held_out is not None
     assert result.held_out.kind == "blocks"
     assert 0.40 * MM < rms(result.held_out.recalibrated) < 0.52 * MM
     assert rms(result.held_out.extended) < 0.12 * MM
@@ -129,7 +128,6 @@ def test_what_is_named_survives_on_held_out_records(name, diagnosed):
     that they are not.
     """
     result = diagnosed(name)
-    assert result.held_out is not None
     if any(not np.isclose(finding.retained_fraction, 1.0) for finding in result.findings):
         assert result.held_out.gain > 0.05
         assert result.held_out.interval[0] > 0.0 or "no better" in result.doubts

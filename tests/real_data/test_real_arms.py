@@ -123,7 +123,7 @@ def test_the_documented_table_is_what_is_found(page, measured):
     text = (Path(__file__).parents[2] / page).read_text(encoding="utf-8")
     name = measured.usual.model.arm.name
     (row,) = re.findall(rf"^\| {name}[ ,].*$", text.replace("Fanuc ", ""), re.MULTILINE)
-    stated = [float(re.match(r"[\d.]+", cell.strip())[0]) for cell in row.split("|")[2:6]]  # type: ignore[index]
+    stated = [float(re.match(r"[\d.]+", cell.strip())[0]) for cell in row.split("|")[2:6]]
     found = measured.usual
     assert stated[:2] == pytest.approx([found.rms_before / MM, found.rms / MM], abs=0.006)
     assert stated[2:] == pytest.approx(held_out(found), rel=MARGIN)
@@ -244,7 +244,6 @@ def test_table_and_urdf_tell_the_same(name, robot, tip, robot_file, all_measured
 def test_where_the_search_starts(measured, rng):
     """Every value of the table is off by up to 2 mm or 0.5°."""
     file = measured.case.arm().file
-    assert file is not None
     half_widths = {"a_mm": 2.0, "d_mm": 2.0, "alpha_rad": 0.5 * DEG, "theta_offset_rad": 0.5 * DEG}
     rows = [
         row.model_copy(

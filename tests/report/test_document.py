@@ -10,7 +10,6 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure as Drawing
 
-from aacmm_pin import Arm
 from aacmm_pin.report import html
 from aacmm_pin.report.document import (
     Block,
@@ -21,11 +20,9 @@ from aacmm_pin.report.document import (
     Heading,
     Notes,
     Paragraph,
-    SceneView,
     Table,
 )
 from aacmm_pin.report.numbers import (
-    capital,
     count,
     in_one_unit,
     lengths,
@@ -34,8 +31,6 @@ from aacmm_pin.report.numbers import (
     small_unit,
     spread,
 )
-from aacmm_pin.report.scenes import arm_scene
-from aacmm_pin.report.scenes.scene import viewer_script
 from tests.pages import Page
 
 EVIL = '<script>alert("x")</script> & {{ 7 * 7 }} [red]'
@@ -109,24 +104,6 @@ def test_text_is_never_markup_and_a_fragment_is_short():
     assert not {"img", "a", "style", "h1", "h2"} & {tag for tag, _ in card.tags}
 
 
-def test_wide_figures_stay_readable_on_a_phone():
-    for size, kind in (((10, 3), "wide"), ((4, 2), ""), ((2, 4), "")):
-        parsed = Page(
-            html.page(Document("T", [Figure(lambda size=size: line(size), "A line", "")]))
-        )
-        assert [attributes.get("class", "") for attributes in parsed.all("figure")] == [kind]
-
-
-def test_scenes_share_one_viewer():
-    scene = arm_scene(Arm.load("sino6"), np.zeros((1, 6)))
-    text = html.page(
-        Document("T", [SceneView(lambda: scene, "First"), SceneView(lambda: scene, "Second")])
-    )
-    assert text.count(viewer_script()) == 1
-    assert len(text) < 2 * len(scene.html())
-    assert [frame["class"] for frame in Page(text).all("iframe")] == ["aacmm-scene"] * 2
-
-
 def test_cells_are_text_with_the_unit_in_the_head():
     frame = pd.DataFrame(
         {
@@ -196,48 +173,6 @@ def test_numbers_have_one_style():
     assert ends.to_dict("list") == {"over": ["least", "median", "largest"], "v": [1.0, 3.0, 4.0]}
     text = html.page(Document("T", ["u = 0.07 mm, 5 %, 3 mmHg"]))
     assert "u\u00a0=\u00a00.07\u00a0mm, 5\u00a0%, 3 mmHg" in text
-
-
-def test_text_is_aligned_to_the_left_where_jupyter_would_not():
-    """Jupyter's style sheet aligns every cell to the right; numbers stay there; pages have their
-    own style.
-    """
-    table = Table(
-        pd.DataFrame(
-            {"parameter": ["d3", "a1"], "known": ["measured " * 4, "hardly"], "u_mm": [0.1, 0.22]}
-        )
-    )
-    cells = Page(html.fragment(Document("T", [table]))).all("td") + Page(
-        html.fragment(Document("T", [table]))
-    ).all("th")
-    assert len(cells) == 9
-    for cell in cells:
-        assert ("left" in cell.get("style", "")) == (cell["class"] != "number")
-    assert not any("style" in cell for cell in Page(html.page(Document("T", [table]))).all("td"))
-
-
-def test_a_sentence_that_begins_with_a_name_keeps_it():
-    for name in (
-        "encoder_eccentricity:2",
-        "theta_offset3",
-        "a2",
-        "x_mm",
-        "data.csv:",
-        "joint_error_curve",
-        "µrad",
-        "θ3",
-    ):
-        assert capital(f"{name} moved") == f"{name} moved"
-        page = html.page(Document("title", [Notes([f"{name} moved"])]))
-        assert f"{name} moved." in page
-    for words in (
-        "no figure has left it",
-        "self-motion",
-        "no-discrepancy",
-        "drift, of joint 2",
-        "wave: of joint 2",
-    ):
-        assert capital(words) == words[0].upper() + words[1:]
 
 
 def test_no_column_of_a_table_with_long_names_is_cut(page, tmp_path):

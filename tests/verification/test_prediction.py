@@ -19,7 +19,7 @@ from aacmm_pin import (
     perturbed_model,
     predict_acceptance,
 )
-from aacmm_pin.arm import ArmFile, joint_bounds
+from aacmm_pin.arm import joint_bounds
 from aacmm_pin.cli.root_command import app
 from aacmm_pin.effects import JointPeriodicError
 from aacmm_pin.errors import AacmmError, MeasurementFileError
@@ -90,7 +90,6 @@ def test_artefacts_stand_where_a_table_or_a_tripod_holds_them(sino6):
         return float((planned.points @ arm.up).min())
 
     def tall(height_mm: float, gravity: float) -> Arm:
-        assert isinstance(sino6.file, ArmFile)
         joints = [
             sino6.file.joints[0].model_copy(update={"d_mm": height_mm}),
             *sino6.file.joints[1:],

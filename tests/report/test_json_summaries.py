@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from aacmm_pin import (
     ConfigurationCircle,
@@ -20,9 +19,7 @@ from aacmm_pin import (
     map_workspace,
 )
 from aacmm_pin.arm import Arm
-from aacmm_pin.cli.root_command import app
 from aacmm_pin.effects import BaseCompliance, EncoderGain, ErrorModel, ThermalExpansion
-from aacmm_pin.errors import ShapeError
 from aacmm_pin.report.json_summaries import accuracy_summary, map_summary
 
 POINT = np.array([33.6323, -671.8702, 182.9355]) * 1e-3
@@ -110,19 +107,6 @@ def test_an_extended_model(circle, extended):
     assert content["volume_mm3"]["min"] > alone["volume_mm3"]["max"]
 
 
-def test_the_commands_read_the_effects_of_the_file(extended, tmp_path):
-    extended.save(path := str(tmp_path / "extended.toml"))
-    accuracy = ["accuracy", path, "--point", "33.6323", "-671.8702", "182.9355", "--count", "12"]
-    for words in (accuracy, ["map", path, "--cells", "2", "2", "--sectors", "3"]):
-        done = CliRunner().invoke(app, words)
-        assert done.exit_code == 0, done.output
-        assert "not included: thermal_expansion" in done.stdout
-        content = json.loads(CliRunner().invoke(app, [*words, "--json", "-"]).stdout)
-        assert content["not_included"] == ["thermal_expansion"]
-    for text in ("base_compliance", "encoder_gain:5"):
-        assert text in CliRunner().invoke(app, accuracy).stdout
-
-
 @pytest.mark.parametrize(
     ("point", "said"),
     [(UNREACHABLE, "8660.254 mm from the shoulder"), (OUTSIDE_LIMITS, "within the joint")],
@@ -135,15 +119,6 @@ def test_nothing_to_judge_gives_nulls_and_a_reason(sino6, point, said):
     nothing = {"theta_deg": None, "swivel_deg": None, "volume_mm3": None, "u_mm": None}
     assert content["best"] == content["worst"] == content["smallest_u"] == nothing
     assert content["budget"] == []
-
-
-def test_other_configurations_are_refused(circle, sino6):
-    for q, words in (
-        (circle.q, "accuracy has 144 configurations"),
-        (circle.q[circle.within_limits][::-1], "accuracy has 36 "),
-    ):
-        with pytest.raises(ShapeError, match=words):
-            accuracy_summary(circle, accuracy_volume(sino6, q, at=circle.at))
 
 
 def test_map_has_the_keys_of_the_contract(sino6):

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pinocchio as pin
 import pytest
 
 from aacmm_pin import perturbed_model
-from aacmm_pin.arm import Arm, ArmFile, Covariance
+from aacmm_pin.arm import Arm, Covariance
 from aacmm_pin.effects import EncoderEccentricity, ErrorModel, ThermalExpansion
-from aacmm_pin.errors import AacmmError
 
 
 def steps(drawn: ErrorModel, model: ErrorModel) -> np.ndarray:
@@ -35,7 +32,6 @@ def test_geometry_stays_within_its_half_widths_and_fills_them(sino6):
 def test_the_truth_states_no_uncertainty_and_keeps_the_rest(sino6, rng):
     drawn = perturbed_model(ErrorModel(sino6), rng).arm
     assert not any(p.u for p in drawn.parameters)
-    assert drawn.file is not None
     assert drawn.file.covariance is None
     np.testing.assert_array_equal(drawn.limits, sino6.limits)
     np.testing.assert_array_equal(drawn.masses, sino6.masses)
@@ -67,8 +63,7 @@ def test_parameters_known_together_are_drawn_together(sino6):
     known = Covariance(
         parameters=("d3", "d5"), standard_uncertainty_si=(1e-5, 1e-5), correlation=((), (-0.999,))
     )
-    assert sino6.file is not None
-    file: ArmFile = sino6.file.model_copy(update={"covariance": known})
+    file = sino6.file.model_copy(update={"covariance": known})
     model = ErrorModel(Arm.from_file(file))
     names = [p.name for p in model.parameters]
     assert perturbed_model(model, np.random.default_rng(0)).arm.covariance is None
@@ -99,12 +94,3 @@ def test_placements_of_a_urdf_are_drawn_within_their_half_widths(robot_file, rng
     assert size.max() < 1 + 1e-9
     assert (size.max(axis=0) > 0.95).all()
     np.testing.assert_allclose(size.mean(axis=0), 0.5, atol=0.08)
-
-
-def test_arms_that_cannot_be_drawn(sino6, zero6, rng):
-    for arm, said in (
-        (zero6, "no parameter has an uncertainty"),
-        (replace(sino6, file=None, covariance=None), "arm file"),
-    ):
-        with pytest.raises(AacmmError, match=said):
-            perturbed_model(ErrorModel(arm), rng)
