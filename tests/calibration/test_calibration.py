@@ -305,7 +305,7 @@ def test_what_is_known_in_combination_only_has_no_u_by_itself(sino6, rng):
 
 def test_parallel_axes_are_known_together(rng):
     rows = [(0, 127.3, 90, 0), (-612, 0, 0, 0), (-572.3, 0, 0, 0), (0, 163.9, 90, 0)]
-    arm = by_table("parallel", [*rows, (0, 115.7, -90, 0), (0, 92.2, 0, 0)], np.rad2deg(3.0))
+    arm = by_table("parallel", [*rows, (0, 115.7, -90, 0), (0, 92.2, 0, 0)], 170.0)
     q = within(arm, rng, 150)
     data = Measurements.of(q, arm.positions(q) + rng.normal(size=(150, 3)) * 1e-5)
     result = calibrate(arm, data, reference_noise=1e-5, hold_out=False)
