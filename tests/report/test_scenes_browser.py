@@ -133,8 +133,8 @@ def test_all_of_the_arm_is_seen_and_nothing_covers_it(page, file, size):
     assert np.ptp(seen[:, :2], axis=0).max() > 1.2  # and fills the picture
     pane, panel, controls = (
         page.evaluate(
-            f"(() => {{ const r = {name}.getBoundingClientRect(); return [r.left, r.top, r.right, "
-            "r.bottom]; }})()"
+            f"(({{left, top, right, bottom}}) => [left, top, right, bottom])"
+            f"({name}.getBoundingClientRect())"
         )
         for name in ("pane", "panel", "controls")
     )

@@ -21,14 +21,11 @@ from aacmm_pin import (
 )
 from aacmm_pin.arm import joint_bounds
 from aacmm_pin.cli.root_command import app
-from aacmm_pin.effects import JointPeriodicError
 from aacmm_pin.errors import AacmmError, MeasurementFileError
 from aacmm_pin.measurements import Noise
 from aacmm_pin.measurements.simulate import simulate_touches
-from aacmm_pin.report.procedure import _sizes, _steps
 from aacmm_pin.verification import Procedure
 from aacmm_pin.verification.characteristics import DEFINITIONS, definitions
-from aacmm_pin.verification.prediction import READINGS, _Test
 
 
 @pytest.fixture(scope="module")
@@ -42,10 +39,15 @@ def planned(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def few(planned: Path) -> Path:
     """The touches of ASME B89.4.22 alone, which are quicker."""
+    return of_tests(planned, *(d.test for d in definitions("asme-b89.4.22")))
+
+
+def of_tests(planned: Path, *tests: str) -> Path:
+    """A file with the touches of these tests alone."""
     table = pd.read_csv(planned, dtype=str)
-    tests = [d.test for d in definitions("asme-b89.4.22")]
-    table[table["test"].isin(tests)].to_csv(planned.with_name("few.csv"), index=False)
-    return planned.with_name("few.csv")
+    path = planned.with_name(f"{'-'.join(tests)}.csv")
+    table[table["test"].isin(tests)].to_csv(path, index=False)
+    return path
 
 
 def only(arm: Arm, *uncertain: str) -> Arm:
@@ -99,7 +101,7 @@ def test_artefacts_stand_where_a_table_or_a_tripod_holds_them(sino6):
         )
 
     low = replace(sino6, limits=np.vstack([sino6.limits[:1], [-0.9, 0.0], sino6.limits[2:]]))
-    standing, beneath = (sino6, tall(300.0, -9.81), tall(0.0, 9.81)), (tall(300.0, 9.81), low)
+    standing, beneath = (sino6, tall(0.0, 9.81)), (tall(300.0, 9.81), low)
     assert all(lowest(arm) > -0.02 for arm in standing)  # a sphere goes round its centre
     assert all(lowest(arm) < -0.3 for arm in beneath)
 
@@ -119,7 +121,7 @@ def test_single_points_stand_in_the_zones_of_asme_b89_4_22(sino6, planned, rng):
     assert [int(np.searchsorted([0.2, 0.8], part)) for part in parts] == [0, 1, 2]
 
 
-def test_the_lengths_of_asme_b89_4_22_and_what_the_sheet_says(sino6, planned):
+def test_the_lengths_of_asme_b89_4_22(sino6):
     touches = acceptance_procedure(
         sino6, standard="asme-b89.4.22", lengths=[0.60002, 0.30001]
     ).touches
@@ -128,23 +130,6 @@ def test_the_lengths_of_asme_b89_4_22_and_what_the_sheet_says(sino6, planned):
         "short ball bar": pytest.approx([300.01]),
         "long ball bar": pytest.approx([600.02]),
     }
-    sizes, steps = _sizes(read := Procedure.read(planned, sino6)), _steps(read)
-    assert sizes.set_index("artefact").loc[
-        ["sphere, diameter", "probe, diameter"], "size [mm]"
-    ].to_list() == [25, 6]
-    assert sizes["artefact"].is_unique
-    assert len(sizes) == 2 + 5 + 2
-    assert steps["lines"].str.split().str[-1].iloc[-1] == str(len(read.touches) + 1)
-    assert (
-        steps["touch"] == "seat"
-    ).sum() > 25  # one row each, where words tell the ten articulations apart
-    every = pd.read_csv(planned, dtype=str)
-    assert not {*every.loc[every["test"] == "volumetric", "position"]} & {
-        *every["feature"],
-        *every["length_id"].dropna(),
-    }
-    pairs = every[every["test"] == "length-uni"].drop_duplicates(["length_id", "feature"])
-    assert set(pairs["feature"]) == {"A", *pairs["length_id"]}
 
 
 def test_an_unfilled_procedure_has_no_figures(planned):
@@ -166,7 +151,8 @@ def test_what_turns_the_whole_arm_changes_no_figure(sino6, few):
     assert max(f.magnitudes.max() for f in rigid.figures) < 5e-9  # the file has nanometres
 
 
-def test_noise_of_readings_alone_scatters_as_its_covariance_says(sino6, few):
+def test_noise_of_readings_alone_scatters_as_its_covariance_says(sino6, planned):
+    few = of_tests(planned, "single-point")
     u, procedure = 2e-5, Procedure.read(few, sino6)
     found = predict_acceptance(
         str(few), {"noisy": only(sino6)}, encoder_noise=u, runs=60, progress=False
@@ -185,7 +171,7 @@ def test_predictions_are_those_of_the_exact_chain(sino6, few, tmp_path):
     predicted distribution.
     """
     found = predict_acceptance(
-        str(few), {"sino6": sino6}, encoder_noise=8e-6, runs=100, progress=False
+        str(few), {"sino6": sino6}, encoder_noise=8e-6, runs=40, progress=False
     )
     procedure, ranks = Procedure.read(few, sino6), []
     for seed in range(6):
@@ -218,12 +204,6 @@ def test_the_first_order_step_is_exact_physics(sino6, few):
     )  # what the errors do where the model says p
     assert np.abs(off).max() > 5e-5
     np.testing.assert_allclose(off, first, atol=0.01 * np.abs(off).max())
-
-
-def test_the_order_of_a_wave_belongs_to_it(sino6, few):
-    wave = JointPeriodicError(3, 7.1, values=(1e-4, 0.0), u=(1e-5, 1e-5), nonlinear_u=0.02)
-    causes = _Test.of(ErrorModel(sino6, (wave,)), Procedure.read(few, sino6), 8e-6, 0.0, 1).causes
-    assert causes[-9:] == (*[wave.label] * 3, *[READINGS] * 6)
 
 
 def test_the_chain_at_the_shell(tmp_path):
@@ -259,21 +239,9 @@ def test_the_chain_at_the_shell(tmp_path):
     assert "µm" not in page.read_text(encoding="utf-8")  # one unit on the page
 
 
-def test_an_mpe_without_its_figure_is_told_by_an_example(tmp_path):
-    for given in ("0.1", "E_Uni", "E_Uni:0.1"):
-        result = CliRunner().invoke(
-            app, ["accept", "sino6", str(tmp_path / "touches.csv"), "--mpe", given]
-        )
-        assert result.exit_code == 2
-        assert given in result.stderr
-        assert "FIGURE=MM" in result.stderr
-        assert "E_Uni=0.1" in result.stderr
-
-
 def test_what_cannot_be_planned_or_predicted(sino6, planned):
     for standard, lengths, said in (
-        (None, [0.1, 0.2], "5 different"),
-        ("asme-b89.4.22", [0.1, 0.2, 0.3], "2 different ones above 0 for ASME B89.4.22"),
+        ("asme-b89.4.22", [0.1, 0.2, 0.3], "2 different"),
         ("iso10360-12", [0.1, 0.2, 0.3, 0.4, 0.4], "5 different"),
     ):
         with pytest.raises(AacmmError, match=said):
@@ -286,32 +254,13 @@ def test_what_cannot_be_planned_or_predicted(sino6, planned):
     narrow = replace(
         sino6, limits=np.array([[0, 1.0], [-1.6, -0.6], [-0.5, 0.5], [0.5, 1.5], [0.3, 1], [-1, 1]])
     )
-    with pytest.raises(
-        AacmmError, match="no posture inside the limits was found with the tip at 20% to 45%"
-    ):
+    with pytest.raises(AacmmError, match="no posture inside the limits"):
         acceptance_procedure(narrow)
-    less = str(_without(planned, "planned_x_mm", "planned_theta2_deg"))
-    with pytest.raises(
-        MeasurementFileError,
-        match=r"planned_x_mm, planned_theta2_deg.*plan ARM --for acceptance -o",
-    ):
+    less = str(planned.with_name("less.csv"))
+    table = pd.read_csv(planned, dtype=str)
+    table.drop(columns=["planned_x_mm", "planned_theta2_deg"]).to_csv(less, index=False)
+    with pytest.raises(MeasurementFileError, match="planned_x_mm, planned_theta2_deg"):
         predict_acceptance(less, {"sino6": sino6}, progress=False)
-    for words in (
-        f"plan sino6 --for calibration --sphere-mm 20 -o {planned}",
-        f"simulate sino6 --plan {planned} --records 20",
-        f"plan sino6 --for acceptance --postures 100 -o {planned}",
-        f"plan sino6 --for acceptance --encoder-noise-rad 1e-6 -o {planned}",
-        f"accept sino6 {planned} --seed 1",
-        f"accept sino6 {planned} --predict --range-mm 1200",
-    ):
-        assert CliRunner().invoke(app, words.split()).exit_code == 2, words
-
-
-def _without(path: Path, *columns: str) -> Path:
-    pd.read_csv(path, dtype=str).drop(columns=[*columns]).to_csv(
-        path.with_name("less.csv"), index=False
-    )
-    return path.with_name("less.csv")
 
 
 def run(command: str) -> str:
