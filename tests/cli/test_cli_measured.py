@@ -16,7 +16,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 from shell import NOISE, done, found, refused
 
-import aacmm_pin
 from aacmm_pin import accuracy_volume
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm import Arm
@@ -27,11 +26,9 @@ from aacmm_pin.effects import (
     ErrorModel,
     JointErrorCurve,
     StylusOffset,
-    ThermalExpansion,
-    ZeroDrift,
 )
 from aacmm_pin.errors import AacmmError, ArmFileError
-from aacmm_pin.measurements import Measurements, simulate_measurements
+from aacmm_pin.measurements import Measurements
 
 QUICK = [*NOISE, "--no-held-out"]
 REFERENCE = ["x_mm", "y_mm", "z_mm"]
@@ -109,19 +106,6 @@ def test_without_a_file_the_same_goes_to_stdout(tmp_path):
     assert out != done(*words[:-1], "8")[0]
 
 
-def test_stated_noise_is_used_and_said():
-    noise = ["--encoder-noise-rad", "0", "--reference-noise-mm", "0", "--probe-noise-mm", "0"]
-    words = ["simulate", "sino6", "--records", "30", "--seats", "3"]
-    _, err = done(*words, *noise)
-    assert "assumed" not in err
-    assert "noise: readings 0 rad, references 0 mm, contacts 0 mm" in err
-    out, err = done(*words, *noise[:4], "--probe-noise-mm", "0.5")
-    assert "contacts 0.5 mm" in err
-    read = Measurements.from_frame(pd.read_csv(io.StringIO(out)))
-    off = ErrorModel.load("sino6").predict(read.q) - read.reference
-    assert np.std(off) == pytest.approx(0.5 * MM, rel=0.2)
-
-
 def test_the_truth_explains_the_data_and_the_arm_file_does_not(folder, data):
     truth, nominal, read = (
         ErrorModel.load(folder / "truth.toml"),
@@ -138,81 +122,18 @@ def test_the_truth_explains_the_data_and_the_arm_file_does_not(folder, data):
         assert abs(true.value - stated.value) <= (widths[true.name] or 0.0) * (1 + 1e-9)
 
 
-def test_perturbing_is_said_and_keeps_the_plan(tmp_path):
-    words = ["simulate", "sino6", "--records", "30", "--seats", "3", "--seed", "5"]
-    _, err = done(*words, "--perturb", "-o", tmp_path / "p.csv")
-    assert "true geometry was drawn within the uncertainties of SINO6, seed 5" in err
-    done(*words, "-o", tmp_path / "n.csv")
-    perturbed, nominal = (Measurements.read(tmp_path / name) for name in ("p.csv", "n.csv"))
-    assert (perturbed.conditions.seat == nominal.conditions.seat).all()
-    assert 0 < np.abs(perturbed.reference - nominal.reference).max() < 5e-2
-
-
-def test_effects_make_the_data_and_stand_in_the_truth(extended, folder):
-    model, read = ErrorModel.load(extended), Measurements.read(folder / "warm.csv", 6)
-    eccentricity, expansion = model.effects
-    assert isinstance(eccentricity, EncoderEccentricity)
-    assert [*eccentricity.notation.parameters(eccentricity).values()] == pytest.approx([1e-4, 0.5])
-    assert expansion == ThermalExpansion(values=(2e-5,))
-    off = np.linalg.norm(model.predict(read.q, read.conditions) - read.reference, axis=1)
-    assert np.sqrt(np.mean(off**2)) < 0.03 * MM
-
-
-def test_any_arm_by_its_urdf(robot_file, tmp_path):
-    words = [
-        "--urdf",
-        robot_file("panda.urdf"),
-        "--frame",
-        "panda_hand_tcp",
-        "--plan",
-        "free",
-        "--records",
-        "20",
-    ]
-    done("simulate", *words, "-o", tmp_path / "d.csv")
-    assert Measurements.read(tmp_path / "d.csv").nq == 7
-    done("simulate", *words, "--truth", tmp_path / "t.toml", "-o", tmp_path / "e.csv")
-    assert ErrorModel.load(tmp_path / "t.toml").arm.nq == 7
-
-
 SIMULATE = ["simulate", "sino6", "--records", "30", "--seats", "3"]
 
 
 def test_what_cannot_be_simulated_is_one_message(tmp_path):
     for words, said in (
-        (["simulate", "sino7"], ["sino7", "sino6, zero6"]),
-        (
-            [*SIMULATE, "--plan", "grid"],
-            ["unknown plan 'grid'", "free, seats, ball-bar, single-point"],
-        ),
+        ([*SIMULATE, "--plan", "grid"], ["'grid'", "free, seats, ball-bar, single-point"]),
         (["simulate", "sino6", "--records", "5"], ["records is 5"]),
-        ([*SIMULATE, "--seats", "0"], ["seats is 0"]),
         ([*SIMULATE, "--plan", "ball-bar"], ["seats is 3", "even"]),
-        ([*SIMULATE, "--encoder-noise-rad", "nan"], ["--encoder-noise-rad", "nan"]),
         ([*SIMULATE, "--reference-noise-mm", "-1"], ["--reference-noise-mm is -1"]),
-        (
-            [*SIMULATE, "--effect", "gremlin:joint=3"],
-            ["unknown cause 'gremlin'", "encoder_eccentricity", "stylus_offset"],
-        ),
-        (
-            [*SIMULATE, "--effect", "encoder_gain:joint=9,gain=1e-4"],
-            ["encoder_gain:9", "rows 1 to 6"],
-        ),
-        (
-            [*SIMULATE, "--effect", "encoder_gain:joint=2", "--effect", "encoder_gain:joint=2"],
-            ["there twice"],
-        ),
+        ([*SIMULATE, "--effect", "gremlin:joint=3"], ["'gremlin'", "stylus_offset"]),
         ([*SIMULATE, "--effect", "seat_error:seat=S9,x_mm=1"], ["S9", "S1, S2, S3"]),
-        (
-            [*SIMULATE, "--unknown", "--effect", "seat_error:S1,x_mm=1"],
-            ["seat_error:S1", "coordinates"],
-        ),
-        (
-            [*SIMULATE, "--effect", "encoder_slip:2,time_s=1e9,step_rad=1e-4"],
-            ["encoder_slip:2", "time_s has"],
-        ),
-        (["simulate", "zero6", "--perturb"], ["zero6", "no parameter has an uncertainty"]),
-        (["simulate", "--urdf", "none.urdf", "--frame", "tool0"], ["none.urdf", "no such file"]),
+        (["simulate", "zero6", "--perturb"], ["zero6", "uncertainty"]),
     ):
         refused(*words, "-o", tmp_path / "d.csv", "--truth", tmp_path / "t.toml", said=said)
         assert list(tmp_path.iterdir()) == []
@@ -371,54 +292,6 @@ def test_causes_of_error_are_estimated_too(extended, folder, tmp_path):
     assert re.search(r"thermal expansion of the arm +expansion -?\d+(\.\d+)? ± \d", out)
 
 
-def test_records_that_cannot_belong_are_listed(folder, tmp_path):
-    table = Measurements.read(folder / "data.csv").to_frame()
-    table.loc[3, "theta2_deg"] += 0.5
-    table.to_csv(tmp_path / "d.csv", index=False)
-    out, _ = done("calibrate", "sino6", tmp_path / "d.csv", *QUICK)
-    assert "Excluded records (1)" in out
-    (row,) = (line.split() for line in out.splitlines() if line.split()[:1] == ["5"])
-    assert row[1] == table.loc[3, "record"]
-    assert row[2] == table.loc[3, "seat"]
-    assert float(row[3]) > 1.0
-
-
-def test_a_robot_by_its_urdf(robot_file, tmp_path, rng):
-    path = robot_file("ur5_robot.urdf")
-    arm = Arm.from_urdf(path, "tool0")
-    true = ErrorModel(
-        arm.with_placements(rng.normal(0, 2e-4, (6, 6)), None),
-        (StylusOffset(values=(0.01, 0.02, 0.03)),),
-    )
-    simulate_measurements(true, "free", 80, rng=rng).save(tmp_path / "d.csv")
-    words = [
-        "calibrate",
-        "--urdf",
-        path,
-        "--frame",
-        "tool0",
-        tmp_path / "d.csv",
-        *QUICK,
-        "--target",
-        "unknown",
-    ]
-    out, _ = done(*words, "--urdf-out", tmp_path / "c.urdf")
-    assert "Not determined by these data" in out
-    assert "only their sum" in out
-    found = Arm.from_urdf(tmp_path / "c.urdf", "tool0")
-    q = rng.uniform(-np.pi, np.pi, (200, 6))
-    off = np.linalg.norm(found.positions(q) - true.predict(q), axis=1)
-    assert off.max() < 0.05 * MM
-    assert np.linalg.norm(arm.positions(q) - true.predict(q), axis=1).min() > 10 * MM
-    _, err = done(*words, "-o", tmp_path / "c.toml")
-    assert "marker" in out + err  # how the tip stays where it was
-    np.testing.assert_allclose(
-        ErrorModel.load(tmp_path / "c.toml").predict(q), found.positions(q), rtol=0, atol=1e-9
-    )
-    _, err = done("correct", tmp_path / "c.toml", tmp_path / "d.csv", "-o", tmp_path / "d2.csv")
-    assert "37." in err  # mm from the tip to the target
-
-
 def test_a_urdf_holds_the_stylus_offset_and_says_what_it_does_not(extended, tmp_path):
     offset = StylusOffset(values=(1e-3, 2e-3, 3e-3))
     model = ErrorModel.load(extended).with_effects(offset, StylusOffset("M1", values=(1, 0, 0)))
@@ -459,17 +332,10 @@ def test_what_cannot_be_calibrated_is_one_message(data, tmp_path):
     for words, said in (
         (["--parameters", "everything"], ["everything", "zero-offsets, geometry"]),
         (["--target", "nose"], ["nose", "tip, unknown"]),
-        (["--reference-frame", "room"], ["room", "base, external"]),
-        (["--encoder-noise-rad", "-1"], ["--encoder-noise-rad is -1 rad", "expected 0 to 0.005"]),
         (["--encoder-noise-rad", "0.1"], ["--encoder-noise-rad is 0.1 rad", "unit"]),
-        (["--probe-noise-mm", "nan"], ["--probe-noise-mm is nan mm", "expected 0 to 10"]),
-        (["--reference-noise-mm", "11"], ["--reference-noise-mm is 11 mm", "expected 0 to 10"]),
-        (["--length-noise-mm", "-1"], ["--length-noise-mm is -1 mm", "expected 0 to 10"]),
+        (["--probe-noise-mm", "nan"], ["--probe-noise-mm is nan mm"]),
         (["--effect", "encoder_gain:joint=7"], ["encoder_gain:7", "rows 1 to 6"]),
-        (["--effect", "torsion"], ["unknown cause 'torsion'"]),
         (["--effect", "seat_error:NOPE"], ["seat_error:NOPE", "S1, "]),
-        (["--effect", "stylus_offset:NOPE"], ["stylus_offset:NOPE", "marker"]),
-        (["--effect", "encoder_slip:2,time_s=1e9"], ["encoder_slip:2", "time_s has"]),
         (["--effect", "joint_zero_offset:joint=3"], ["joint_zero_offset:3", "twice"]),
     ):
         refused(
@@ -485,22 +351,6 @@ def test_what_cannot_be_calibrated_is_one_message(data, tmp_path):
             said=said,
         )
         assert list(tmp_path.iterdir()) == []
-
-
-def test_an_arm_that_is_said_to_be_exact_has_nothing_to_estimate(data, tmp_path):
-    lines = (
-        (Path(aacmm_pin.__file__).parent / "arm" / "bundled" / "sino6.toml")
-        .read_text(encoding="utf-8")
-        .splitlines()
-    )
-    zero = "uncertainty = { a_mm = 0.0, d_mm = 0.0, alpha_rad = 0.0, theta_offset_rad = 0.0 }"
-    text = "\n".join(zero if line.startswith("uncertainty") else line for line in lines)
-    (tmp_path / "exact.toml").write_text(text, encoding="utf-8")
-    files = ["--plot", tmp_path / "p.png", "--report", tmp_path / "r.html"]
-    pd.read_csv(data).head(60).to_csv(tmp_path / "d.csv", index=False)
-    out, _ = done("calibrate", tmp_path / "exact.toml", tmp_path / "d.csv", *QUICK, *files)
-    assert "No parameter was estimated" in out
-    assert "No parameter was estimated" in (tmp_path / "r.html").read_text(encoding="utf-8")
 
 
 # correct ------------------------------------------------------------
@@ -583,16 +433,6 @@ def test_lengths_of_bars_are_compared_too(tmp_path):
     assert err.count("0.2500 mm") == 2  # this arm alone: there is no other to compare with
 
 
-def test_touches_of_a_seat_without_coordinates_are_compared(tmp_path):
-    q = np.array([[0.3, -1.0, 0.4, 0.5, 0.2, 0.1], [0.3 + 1e-4, -1.0, 0.4, 0.5, 0.2, 0.1]])
-    table = pd.DataFrame(q, columns=[f"theta{j}_rad" for j in range(1, 7)]).assign(seat="P")
-    table.to_csv(tmp_path / "r.csv", index=False)
-    _, err = done("correct", "sino6", tmp_path / "r.csv", "-o", tmp_path / "c.csv")
-    half = float(np.linalg.norm(np.diff(ErrorModel.load("sino6").predict(q), axis=0))) / 2 / MM
-    assert "1 seat without coordinates" in err
-    assert err.count(f"{half:.4f} mm") == 2
-
-
 def test_references_of_targets_beside_the_tip_are_not_compared_with_it(sino6, tmp_path):
     q = np.array(
         [
@@ -644,17 +484,9 @@ def test_commands_bring_the_extended_arm_where_the_nominal_has_its_tip(extended,
     assert not (tmp_path / "none.csv").exists()
 
 
-@pytest.mark.parametrize("unit", ["deg", "rad"])
-def test_a_command_has_the_u_of_the_point_that_it_reaches(unit, extended, folder, tmp_path):
+def test_a_command_has_the_u_of_the_point_that_it_reaches(extended, folder, tmp_path):
     table = pd.read_csv(folder / "warm.csv").filter(regex="theta|temperature")
     table.loc[0, "theta1_deg"] = -10.0
-    if unit == "rad":
-        angles = table.filter(like="theta")
-        table = (
-            np.radians(angles)
-            .rename(columns=lambda name: name.replace("deg", "rad"))
-            .join(table.drop(columns=angles))
-        )
     table.to_csv(tmp_path / "r.csv", index=False)
     done(
         "correct",
@@ -670,10 +502,10 @@ def test_a_command_has_the_u_of_the_point_that_it_reaches(unit, extended, folder
     after, read = pd.read_csv(tmp_path / "c.csv"), Measurements.read(tmp_path / "r.csv", 6)
     assert list(after.columns) == [
         *table.columns,
-        *(f"command{j}_{unit}" for j in range(1, 7)),
+        *(f"command{j}_deg" for j in range(1, 7)),
         "u_mm",
     ]
-    commands = after.filter(like="command").to_numpy() * (np.pi / 180 if unit == "deg" else 1.0)
+    commands = np.radians(after.filter(like="command").to_numpy())
     there = np.flatnonzero(np.isfinite(commands).all(axis=1))
     assert 0 not in there  # it is outside the limits
     assert len(there) > 100
@@ -686,25 +518,6 @@ def test_a_command_has_the_u_of_the_point_that_it_reaches(unit, extended, folder
         / MM
     )
     np.testing.assert_allclose(after["u_mm"][there], u, rtol=0, atol=ROUNDED["mm"] + 1e-9)
-
-
-def test_conditions_that_look_wrong_are_told_where_effects_rest_on_them(tmp_path):
-    effects = (ZeroDrift(2, 1200.0, values=(3e-4,)), ThermalExpansion(values=(1e-5,)))
-    ErrorModel(Arm.load("sino6"), effects).save(tmp_path / "warm.toml")
-    table = pd.DataFrame(np.zeros((3, 6)), columns=[f"theta{j}_rad" for j in range(1, 7)])
-    for time, temperature, told in (
-        (600.0, 21.0, []),
-        (1.7e9, 70.0, ["time_s", "Fahrenheit"]),
-        (-1e5, 1.0, ["time_s", "20 °C"]),
-    ):
-        table.assign(time_s=time, temperature_c=temperature).to_csv(tmp_path / "r.csv", index=False)
-        for arm, words in (
-            ("warm.toml", told),
-            ("sino6", ["20 °C"] if told else []),
-        ):  # of sino6 no expansion is known
-            arm = arm if arm == "sino6" else str(tmp_path / arm)
-            _, err = done("correct", arm, tmp_path / "r.csv", "-o", tmp_path / "c.csv", "--force")
-            assert [word for word in ("time_s", "Fahrenheit", "20 °C") if word in err] == words, err
 
 
 def test_angles_a_turn_outside_the_limits_are_told(sino6, tmp_path):
@@ -720,17 +533,9 @@ def test_angles_a_turn_outside_the_limits_are_told(sino6, tmp_path):
     table.assign(**dict(zip(REFERENCE, sino6.positions(q).T / MM, strict=True))).to_csv(
         data, index=False
     )
-    for words in (["correct"], ["calibrate", "--no-held-out"], ["diagnose", "--no-held-out"]):
-        _, err = done(
-            words[0],
-            arm,
-            data,
-            *NOISE,
-            *words[1:],
-            *(["-o", tmp_path / "c.csv"] if words == ["correct"] else []),
-        )
-        assert err.count(f"{beyond.sum()} of 40 records") == 1
-        assert "the limits of joints 3" in err
+    _, err = done("correct", arm, data, *NOISE, "-o", tmp_path / "c.csv")
+    assert f"{beyond.sum()} of 40 records" in err
+    assert "the limits of joints 3" in err
 
 
 def test_readings_need_nothing_but_angles(tmp_path):
@@ -758,15 +563,11 @@ def test_without_a_stated_uncertainty_u_is_empty(tmp_path):
 def test_readings_that_cannot_be_corrected_are_named(extended, tmp_path):
     path = tmp_path / "r.csv"
     for text, said in (
-        ("", ["is empty"]),
         (HEADER + "\n", ["no records"]),
-        (HEADER + "\n1,2,3,4,5\n", ["row 2", "5 cells", "6"]),
         (HEADER + "\n1,2,3,4,5,x\n", ["row 2", "theta6_deg", "'x'"]),
-        (HEADER + ",u_mm\n1,2,3,4,5,6,7\n", ["u_mm", "there already"]),
-        (HEADER.replace("theta6", "theta5") + "\n1,2,3,4,5,6\n", ["theta5_deg", "2 times"]),
+        (HEADER + ",u_mm\n1,2,3,4,5,6,7\n", ["u_mm"]),
         (HEADER[:-11] + "\n1,2,3,4,5\n", ["5 joints", "6"]),
         (HEADER + "\n1,2,3,4,5,6\n", ["temperature_c", "thermal_expansion"]),
-        (HEADER + '\n1,2,3,4,5,"6\n', ["not CSV"]),
     ):
         path.write_text(text, encoding="utf-8")
         refused("correct", extended, path, "-o", tmp_path / "c.csv", said=["r.csv", *said])
@@ -824,47 +625,21 @@ def test_an_arm_with_an_error_curve_is_used_where_that_is_known(sino6, tmp_path)
     at = ("--point", 600, 0, 300)
     for words, column in (
         (["accuracy", arm, *at], "theta3_deg"),
-        (["simulate", arm, "--records", 20], "theta3_deg"),
         (["simulate", arm, "--plan", "free", "--records", 20], "theta3_deg"),
         (["plan", arm, "--for", "calibration", "--records", 6, "--postures", 100], "theta3_deg"),
-        (["plan", arm, "--records", 6, "--postures", 100], "theta3_deg"),
         (["plan", arm, "--for", "acceptance", "--standard", "asme-b89.4.22"], "planned_theta3_deg"),
-        (["map", arm, "--cells", 3, 3], ""),
-        (["show", arm, *at], ""),
     ):
         output = tmp_path / f"{words[0]}{len(list(tmp_path.iterdir()))}.csv"
         _, err = done(*words, "-o", output)
         assert "joint 3 is used from 57.3 to 229.2° only" in err
-        if column:
-            table = pd.read_csv(output)
-            assert column in table, list(table)
-            angle = table[column] * (np.pi / 180 if column.endswith("deg") else 1.0)
-            assert angle.between(1.0 - 1e-3, 4.0 + 1e-3).all()
-            assert angle.max() - angle.min() > 1.0
+        angle = np.radians(pd.read_csv(output)[column])
+        assert angle.between(1.0 - 1e-3, 4.0 + 1e-3).all()
+        assert angle.max() - angle.min() > 1.0
     nowhere = replace(curve, lower_rad=-2.0, upper_rad=-1.0)
     ErrorModel(sino6).with_effects(nowhere).save(arm, force=True)
     refused(
         "accuracy", arm, *at, said=["no angle between the limits of joint 3", "joint_error_curve:3"]
     )
-
-
-def test_a_nominal_arm_that_cannot_be_is_named(folder, tmp_path):
-    urdf, _ = done("urdf", "sino6")
-    (tmp_path / "five.urdf").write_text(urdf.replace('type="revolute"', 'type="fixed"', 1))
-    (tmp_path / "other.urdf").write_text(urdf.replace('"tip"', '"end"'))
-    for name, words in (
-        ("five.urdf", "has 5 joints, expected 6 as SINO6"),
-        ("other.urdf", "unknown frame 'tip'"),
-    ):
-        path = tmp_path / name
-        refused(
-            "correct",
-            "sino6",
-            folder / "data.csv",
-            "--nominal",
-            path,
-            said=[f"--nominal {path}: ", words],
-        )
 
 
 def test_records_of_another_arm_are_asked_about(folder, tmp_path):
