@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import shlex
 import signal
 import subprocess
 import sys
@@ -17,11 +18,10 @@ import pandas as pd
 import pytest
 from shell import POINT, done, found, refused, run
 
-import aacmm_pin
 from aacmm_pin import Arm, WorkspaceMap
 from aacmm_pin._support.units import DEG, MM
 
-SMALL = ["--cells", "6", "6"]
+SMALL = "--cells 6 6"
 
 
 def test_help_lists_the_commands_that_work_and_no_others():
@@ -34,14 +34,14 @@ def test_help_lists_the_commands_that_work_and_no_others():
 
 def test_urdf_is_the_kept_one(tmp_path):
     target, kept = tmp_path / "sino6.urdf", Path(__file__).parents[2] / "urdf" / "sino6.urdf"
-    assert done("urdf", "sino6", "-o", target) == ("", f"written: {target}\n")
+    assert done(f"urdf sino6 -o {target}") == ("", f"written: {target}\n")
     assert target.read_bytes() == kept.read_bytes()
-    assert done("urdf", "sino6")[0] == kept.read_text(encoding="utf-8")
+    assert done("urdf sino6")[0] == kept.read_text(encoding="utf-8")
 
 
 def test_configurations_csv_reaches_the_point(tmp_path):
     target = tmp_path / "c.csv"
-    done("configurations", "sino6", *POINT, "--count", "12", "-o", target)
+    done(f"configurations sino6 {POINT} --count 12 -o {target}")
     table = pd.read_csv(target)
     thetas = [f"theta{j}_deg" for j in range(1, 7)]
     named = [
@@ -62,7 +62,7 @@ def test_configurations_csv_reaches_the_point(tmp_path):
     )
     assert table["within_limits"].dtype == bool
     assert table.loc[table["within_limits"], "broken_limits"].isna().all()
-    out, err = done("configurations", "sino6", *POINT, "--count", "12")
+    out, err = done(f"configurations sino6 {POINT} --count 12")
     assert len(table) == 48
     assert out == target.read_text(encoding="utf-8")
     assert "flexibility" in err
@@ -70,7 +70,7 @@ def test_configurations_csv_reaches_the_point(tmp_path):
 
 def test_accuracy_in_numbers(tmp_path):
     target = tmp_path / "a.csv"
-    summary = found("accuracy", "sino6", *POINT, "-o", target)
+    summary = found(f"accuracy sino6 {POINT} -o {target}")
     assert summary["schema"] == "aacmm-pin/accuracy/1"
     assert summary["point_mm"] == [33.6323, -671.8702, 182.9355]
     assert summary["configurations"] == 360
@@ -83,22 +83,20 @@ def test_accuracy_in_numbers(tmp_path):
     assert table["within_limits"].all()
     assert (table["largest_deviation_mm"] > table["u_mm"]).all()
     for method in ("jointwise", "ellipsoid", "monte-carlo"):
-        other = found(
-            "accuracy", "sino6", *POINT, "--method", method, "--count", "6", "--seed", "3"
-        )
+        other = found(f"accuracy sino6 {POINT} --method {method} --count 6 --seed 3")
         assert (other["method"], other.get("seed")) == (
             method,
             3 if method == "monte-carlo" else None,
         )
-    noisy = found("accuracy", "sino6", *POINT, "--count", "6", "--encoder-noise-rad", "2.4e-5")
+    noisy = found(f"accuracy sino6 {POINT} --count 6 --encoder-noise-rad 2.4e-5")
     assert "encoder_noise1" in {row["parameter"] for row in noisy["budget"]}
-    upright = found("accuracy", "sino6", *POINT, "--tip", "--axis", "0", "0", "-1", "--count", "12")
+    upright = found(f"accuracy sino6 {POINT} --tip --axis 0 0 -1 --count 12")
     assert upright["at"] == "tip"
 
 
 def test_accuracy_in_words_names_the_best_posture_and_the_budget(tmp_path):
     picture = tmp_path / "a.png"
-    out, _ = done("accuracy", "sino6", *POINT, "--count", "12", "--plot", picture)
+    out, _ = done(f"accuracy sino6 {POINT} --count 12 --plot {picture}")
     for word in ("smallest volume", "largest U", "theta_offset3", "alpha4", "mm³"):
         assert word in out
     assert picture.read_bytes().startswith(b"\x89PNG")
@@ -106,7 +104,7 @@ def test_accuracy_in_words_names_the_best_posture_and_the_budget(tmp_path):
 
 def test_map_writes_netcdf_picture_and_json(tmp_path):
     target, picture = tmp_path / "m.nc", tmp_path / "m.png"
-    summary = found("map", "sino6", *SMALL, "--sectors", "12", "-o", target, "--plot", picture)
+    summary = found(f"map sino6 {SMALL} --sectors 12 -o {target} --plot {picture}")
     assert summary["cells"] == [6, 6]
     assert sum(summary["working_sectors"].values()) + summary["unreachable"] == 36
     assert summary["extent_mm"] == {"x": [0, 1220], "z": [-1220, 1220]}
@@ -118,92 +116,88 @@ def test_map_writes_netcdf_picture_and_json(tmp_path):
 
 def test_unusable_input_is_one_message_and_status_1():
     for words, said in (
-        (["accuracy", "sino7", *POINT], ["sino7", "sino6, zero6"]),
-        (["accuracy", "none.toml", *POINT], ["none.toml"]),
-        (["accuracy", "sino6", "--point", "1", "2", "nan"], ["point[2]", "nan"]),
-        (["accuracy", "sino6", "--point", "1300", "0", "0"], ["1300.000 mm", "1210.6"]),
-        (["accuracy", "sino6", *POINT, "--method", "guess"], ["guess", "zonotope"]),
-        (["map", "zero6", *SMALL], ["zero6", "uncertainty"]),
-        (["urdf", "sino6", "-o", "/no/such/folder/a.urdf"], ["/no/such/folder"]),
+        (f"accuracy sino7 {POINT}", ["sino7", "sino6, zero6"]),
+        (f"accuracy none.toml {POINT}", ["none.toml"]),
+        ("accuracy sino6 --point 1 2 nan", ["point[2]", "nan"]),
+        ("accuracy sino6 --point 1300 0 0", ["1300.000 mm", "1210.6"]),
+        (f"accuracy sino6 {POINT} --method guess", ["guess", "zonotope"]),
+        (f"map zero6 {SMALL}", ["zero6", "uncertainty"]),
+        ("urdf sino6 -o /no/such/folder/a.urdf", ["/no/such/folder"]),
     ):
-        refused(*words, said=said)
+        refused(words, said=said)
 
 
 def test_a_point_in_metres_is_seen():
     """0.4 0 0.3 mm is beside the shoulder, where nothing reaches; 0.4 0 0.3 m is in reach."""
-    for words in ([], ["--tip", "--axis", "0", "0", "-1"]):
-        metres = ["--point", "0.4", "0.0", "0.3", *words]
-        refused("configurations", "sino6", *metres, said=["0.4000", "metres"])
-    refused("accuracy", "sino6", *POINT, "--to", "0.4", "0", "0.3", said=["metres"])
-    assert "metres" not in refused("configurations", "sino6", "--point", "1.9", "0", "0")
+    for words in ("", "--tip --axis 0 0 -1"):
+        refused("configurations sino6 --point 0.4 0.0 0.3", words, said=["0.4000", "metres"])
+    refused(f"accuracy sino6 {POINT} --to 0.4 0 0.3", said=["metres"])
+    assert "metres" not in refused("configurations sino6 --point 1.9 0 0")
 
 
 def test_numbers_that_no_option_takes():
     """Python refuses them too; work that would fill the memory is not begun."""
-    cells, bars = ["map", "sino6", "--cells"], ["simulate", "sino6", "--plan", "ball-bar"]
     for words, said in (
-        (["accuracy", "sino6", *POINT, "--count", "1000000000"], ["400000", "4 GB"]),
-        ([*cells, "1000000", "1000000"], ["1000000000000", "4000000"]),
-        ([*cells, "3", "3", "--sectors", "1000000"], ["sectors"]),
-        ([*cells, "3", "3", "--extent-mm", "0", "1.2", "-1.2", "1.2"], ["--extent-mm"]),
-        (["accuracy", "sino6", "--point", "1e155", "0", "0"], ["point[0]", "100 m"]),
-        (["accuracy", "sino6", *POINT, "--encoder-noise-rad", "1.65"], ["1.65", "0.005"]),
-        ([*bars, "--bar-length-mm", "1e300"], ["bar_length", "100 m"]),
-        (["plan", "sino6", "--records", "1000000"], ["records", "10000"]),
+        (f"accuracy sino6 {POINT} --count 1000000000", ["400000", "4 GB"]),
+        ("map sino6 --cells 1000000 1000000", ["1000000000000", "4000000"]),
+        ("map sino6 --cells 3 3 --sectors 1000000", ["sectors"]),
+        ("map sino6 --cells 3 3 --extent-mm 0 1.2 -1.2 1.2", ["--extent-mm"]),
+        ("accuracy sino6 --point 1e155 0 0", ["point[0]", "100 m"]),
+        (f"accuracy sino6 {POINT} --encoder-noise-rad 1.65", ["1.65", "0.005"]),
+        ("simulate sino6 --plan ball-bar --bar-length-mm 1e300", ["bar_length", "100 m"]),
+        ("plan sino6 --records 1000000", ["records", "10000"]),
     ):
-        refused(*words, said=said)
-    assert run("simulate", "sino6", "--records", "1e9")[0] == 2
+        refused(words, said=said)
+    assert run("simulate sino6 --records 1e9")[0] == 2
 
 
 def test_angles_carry_their_unit():
-    words = ["accuracy", "sino6", *POINT, "--count", 12, "--method", "ellipsoid"]
+    words = f"accuracy sino6 {POINT} --count 12 --method ellipsoid"
     least = [
-        found(*words, "--encoder-noise-rad", text)["best"]["u_mm"]
+        found(words, f"--encoder-noise-rad {text}")["best"]["u_mm"]
         for text in ("1e-4", "100urad", f"{np.degrees(0.1)}mdeg")
     ]
     np.testing.assert_allclose(least, least[0], rtol=1e-12)
-    assert run(*words, "--encoder-noise-rad", "8foo")[0] == 2
+    assert run(words, "--encoder-noise-rad 8foo")[0] == 2
 
 
 def test_wrong_usage_is_status_2():
     for words in (
-        ["nope"],
-        ["accuracy", *POINT],
-        ["accuracy", "sino6", "--point", "a", "b", "c"],
-        ["accuracy", "sino6", *POINT, "--tip"],
-        ["accuracy", "sino6", *POINT, "--axis", "0", "0", "1"],
-        ["accuracy", "sino6", *POINT, "--rotation-half-width-rad", "1e-4"],
-        ["simulate", "sino6", "--unknown", "--plan", "free"],
-        ["simulate", "sino6", "--bar-length-mm", "300"],
-        ["simulate", "sino6", "--seed", "-1"],
-        ["plan", "sino6", "--as-it-stands"],
-        ["calibrate", "sino6"],
-        ["calibrate", "sino6", "data.csv", "--urdf", "a.urdf", "--frame", "tip"],
-        ["correct", "sino6", "readings.csv", "--commands"],
+        "nope",
+        f"accuracy {POINT}",
+        "accuracy sino6 --point a b c",
+        f"accuracy sino6 {POINT} --tip",
+        f"accuracy sino6 {POINT} --axis 0 0 1",
+        f"accuracy sino6 {POINT} --rotation-half-width-rad 1e-4",
+        "simulate sino6 --unknown --plan free",
+        "simulate sino6 --bar-length-mm 300",
+        "simulate sino6 --seed -1",
+        "plan sino6 --as-it-stands",
+        "calibrate sino6",
+        "calibrate sino6 data.csv --urdf a.urdf --frame tip",
+        "correct sino6 readings.csv --commands",
     ):
-        status, out, _ = run(*words)
+        status, out, _ = run(words)
         assert (status, out) == (2, ""), words
 
 
 def test_existing_files_are_kept_unless_forced(tmp_path):
     target = tmp_path / "c.csv"
     target.write_text("mine")
-    words = ["configurations", "sino6", *POINT, "--count", "6", "-o", target]
-    refused(*words, said=["--force"])
+    words = f"configurations sino6 {POINT} --count 6 -o {target}"
+    refused(words, said=["--force"])
     assert target.read_text() == "mine"
-    done(*words, "--force")
+    done(words, "--force")
     assert target.read_text().startswith("component")
-    refused(
-        "accuracy", "sino6", *POINT, "--count", "6", "--plot", tmp_path / "a.nope", said=["nope"]
-    )
+    refused(f"accuracy sino6 {POINT} --count 6 --plot {tmp_path / 'a.nope'}", said=["nope"])
     assert list(tmp_path.iterdir()) == [target]
 
 
-def stopped(words: list[str], sent: signal.Signals, ready: object) -> None:
+def stopped(words: str, sent: signal.Signals, ready: object) -> None:
     """Start a command in a process of its own and send it a signal when it is ``ready``; it leaves
     no word on stdout.
     """
-    command = [sys.executable, "-m", "aacmm_pin.cli", *words]
+    command = [sys.executable, "-m", "aacmm_pin.cli", *shlex.split(words)]
     pipes = {"stderr": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
     with subprocess.Popen(command, **pipes, start_new_session=True) as process:
         try:
@@ -226,24 +220,12 @@ def stopped(words: list[str], sent: signal.Signals, ready: object) -> None:
 
 
 def test_what_is_interrupted_or_terminated_leaves_nothing(tmp_path):
-    words = [
-        "map",
-        "sino6",
-        "--cells",
-        "200",
-        "200",
-        "--processes",
-        "2",
-        "-o",
-        str(tmp_path / "m.nc"),
-    ]
+    words = f"map sino6 --cells 200 200 --processes 2 -o {tmp_path / 'm.nc'}"
     stopped(
         words, signal.SIGINT, lambda pid: _cpu_seconds(pid) > 5.0
     )  # imports take some two of them
     assert list(tmp_path.iterdir()) == []
-    stopped(
-        ["demo", "-o", str(tmp_path / "out")], signal.SIGTERM, lambda _: list(tmp_path.iterdir())
-    )
+    stopped(f"demo -o {tmp_path / 'out'}", signal.SIGTERM, lambda _: list(tmp_path.iterdir()))
     assert list(tmp_path.iterdir()) == []
 
 
@@ -261,5 +243,5 @@ def test_demo_is_asked_for_with_its_options(tmp_path, monkeypatch):
     """What it writes: tests/report/test_demo.py."""
     asked = []
     monkeypatch.setattr("aacmm_pin.report.demo.run_demo", lambda **given: asked.append(given) or 7)
-    assert done("demo", "-o", tmp_path, "--cells", "6", "8", "--force")[0] == "7\n"
+    assert done(f"demo -o {tmp_path} --cells 6 8 --force")[0] == "7\n"
     assert asked == [{"folder": tmp_path, "cells": (6, 8), "force": True}]

@@ -30,7 +30,7 @@ from aacmm_pin.effects import (
 from aacmm_pin.errors import AacmmError, ArmFileError
 from aacmm_pin.measurements import Measurements
 
-QUICK = [*NOISE, "--no-held-out"]
+QUICK = f"{NOISE} --no-held-out"
 REFERENCE = ["x_mm", "y_mm", "z_mm"]
 HEADER = "theta1_deg,theta2_deg,theta3_deg,theta4_deg,theta5_deg,theta6_deg"
 CORRECTED = [f"corrected_{name}" for name in REFERENCE]
@@ -40,9 +40,9 @@ CORRECTED = [f"corrected_{name}" for name in REFERENCE]
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Data and truth of a virtual SINO6 that differs from its file."""
     folder = tmp_path_factory.mktemp("data")
-    words = ["simulate", "sino6", "--plan", "seats", "--records", "150", "--perturb", "--seed", "1"]
-    done(*words, "-o", folder / "data.csv", "--truth", folder / "truth.toml")
-    done("calibrate", "sino6", folder / "data.csv", *QUICK, "-o", folder / "cal.toml")
+    words = "simulate sino6 --plan seats --records 150 --perturb --seed 1"
+    done(words, f"-o {folder / 'data.csv'} --truth {folder / 'truth.toml'}")
+    done(f"calibrate sino6 {folder / 'data.csv'} {QUICK} -o {folder / 'cal.toml'}")
     return folder
 
 
@@ -54,10 +54,10 @@ def data(folder: Path) -> Path:
 @pytest.fixture(scope="module")
 def extended(folder: Path) -> Path:
     """Arm file with an eccentricity and thermal expansion, and readings of that arm in warm.csv."""
-    effects = ["--effect", "encoder_eccentricity:joint=3,amplitude_rad=1e-4,phase_rad=0.5"]
-    effects += ["--effect", "thermal_expansion:expansion_per_k=2e-5"]
-    words = ["simulate", "sino6", "--plan", "free", "--records", "150", *effects]
-    done(*words, "-o", folder / "warm.csv", "--truth", folder / "extended.toml")
+    wave = "encoder_eccentricity:joint=3,amplitude_rad=1e-4,phase_rad=0.5"
+    effects = f"--effect {wave} --effect thermal_expansion:expansion_per_k=2e-5"
+    words = f"simulate sino6 --plan free --records 150 {effects}"
+    done(words, f"-o {folder / 'warm.csv'} --truth {folder / 'extended.toml'}")
     return folder / "extended.toml"
 
 
@@ -67,16 +67,14 @@ def extended(folder: Path) -> Path:
 def test_every_plan_gives_a_file_that_can_be_read(tmp_path):
     target = tmp_path / "d.csv"
     for words, known, seats, bars in (
-        (["free"], 40, 0, 0),
-        (["seats", "--seats", "4"], 40, 4, 0),
-        (["seats", "--seats", "4", "--unknown"], 0, 4, 0),
-        (["ball-bar", "--seats", "4", "--bar-length-mm", "400"], 0, 4, 2),
-        (["ball-bar", "--seats", "2"], 0, 2, 1),
-        (["single-point"], 0, 1, 0),
+        ("free", 40, 0, 0),
+        ("seats --seats 4", 40, 4, 0),
+        ("seats --seats 4 --unknown", 0, 4, 0),
+        ("ball-bar --seats 4 --bar-length-mm 400", 0, 4, 2),
+        ("ball-bar --seats 2", 0, 2, 1),
+        ("single-point", 0, 1, 0),
     ):
-        out, err = done(
-            "simulate", "sino6", "--plan", *words, "--records", "40", "-o", target, "--force"
-        )
+        out, err = done("simulate sino6 --plan", words, f"--records 40 -o {target} --force")
         assert out == ""
         read = Measurements.read(target, 6)
         assert (read.n, read.known.sum(), len(read.seats()), len(read.bars())) == (
@@ -93,17 +91,17 @@ def test_every_plan_gives_a_file_that_can_be_read(tmp_path):
             "contacts 0 mm",
         ):
             assert word in err
-        assert ("bars of 500 mm are assumed" in err) == (words == ["ball-bar", "--seats", "2"])
+        assert ("bars of 500 mm are assumed" in err) == (words == ["ball-bar --seats 2"])
         if bars:
             assert read.bars()[0].length == pytest.approx(0.4 if bars == 2 else 0.5, abs=1e-4)
 
 
 def test_without_a_file_the_same_goes_to_stdout(tmp_path):
-    words = ["simulate", "sino6", "--records", "30", "--seats", "3", "--seed", "7"]
-    done(*words, "-o", tmp_path / "d.csv")
-    out, _ = done(*words)
+    words = "simulate sino6 --records 30 --seats 3 --seed 7"
+    done(words, f"-o {tmp_path / 'd.csv'}")
+    out, _ = done(words)
     assert out == (tmp_path / "d.csv").read_text(encoding="utf-8")
-    assert out != done(*words[:-1], "8")[0]
+    assert out != done(words, "--seed 8")[0]
 
 
 def test_the_truth_explains_the_data_and_the_arm_file_does_not(folder, data):
@@ -122,20 +120,20 @@ def test_the_truth_explains_the_data_and_the_arm_file_does_not(folder, data):
         assert abs(true.value - stated.value) <= (widths[true.name] or 0.0) * (1 + 1e-9)
 
 
-SIMULATE = ["simulate", "sino6", "--records", "30", "--seats", "3"]
+SIMULATE = "simulate sino6 --records 30 --seats 3"
 
 
 def test_what_cannot_be_simulated_is_one_message(tmp_path):
     for words, said in (
-        ([*SIMULATE, "--plan", "grid"], ["'grid'", "free, seats, ball-bar, single-point"]),
-        (["simulate", "sino6", "--records", "5"], ["records is 5"]),
-        ([*SIMULATE, "--plan", "ball-bar"], ["seats is 3", "even"]),
-        ([*SIMULATE, "--reference-noise-mm", "-1"], ["--reference-noise-mm is -1"]),
-        ([*SIMULATE, "--effect", "gremlin:joint=3"], ["'gremlin'", "stylus_offset"]),
-        ([*SIMULATE, "--effect", "seat_error:seat=S9,x_mm=1"], ["S9", "S1, S2, S3"]),
-        (["simulate", "zero6", "--perturb"], ["zero6", "uncertainty"]),
+        (f"{SIMULATE} --plan grid", ["'grid'", "free, seats, ball-bar, single-point"]),
+        ("simulate sino6 --records 5", ["records is 5"]),
+        (f"{SIMULATE} --plan ball-bar", ["seats is 3", "even"]),
+        (f"{SIMULATE} --reference-noise-mm -1", ["--reference-noise-mm is -1"]),
+        (f"{SIMULATE} --effect gremlin:joint=3", ["'gremlin'", "stylus_offset"]),
+        (f"{SIMULATE} --effect seat_error:seat=S9,x_mm=1", ["S9", "S1, S2, S3"]),
+        ("simulate zero6 --perturb", ["zero6", "uncertainty"]),
     ):
-        refused(*words, "-o", tmp_path / "d.csv", "--truth", tmp_path / "t.toml", said=said)
+        refused(words, f"-o {tmp_path / 'd.csv'} --truth {tmp_path / 't.toml'}", said=said)
         assert list(tmp_path.iterdir()) == []
 
 
@@ -155,7 +153,7 @@ def test_a_calibrated_file_tells_where_it_comes_from_and_comes_back(folder, data
         "standard uncertainties",
     ):
         assert word in head
-    out, _ = done("calibrate", folder / "cal.toml", data, *QUICK, "-o", tmp_path / "again.toml")
+    out, _ = done(f"calibrate {folder / 'cal.toml'} {data} {QUICK} -o {tmp_path / 'again.toml'}")
     assert "nothing was held out" in out
     once, twice = (ErrorModel.load(path) for path in (folder / "cal.toml", tmp_path / "again.toml"))
     for a, b in zip(once.parameters, twice.parameters, strict=True):
@@ -172,9 +170,7 @@ def test_an_estimate_that_no_file_may_state_is_told(sino6, tmp_path, capsys):
 
 
 def test_json_is_alone_on_stdout(data):
-    summary = found(
-        "calibrate", "sino6", data, *NOISE, "--parameters", "zero-offsets", "--seed", "3"
-    )
+    summary = found(f"calibrate sino6 {data} {NOISE} --parameters zero-offsets --seed 3")
     assert (summary["schema"], summary["data"], summary["seed"]) == (
         "aacmm-pin/calibration/1",
         str(data),
@@ -199,7 +195,7 @@ def test_all_files_at_once(data, tmp_path):
         "--report": "r.html",
     }
     files = [word for option, name in names.items() for word in (option, tmp_path / name)]
-    done("calibrate", "sino6", data, *QUICK, *files, "--json", tmp_path / "c.json")
+    done(f"calibrate sino6 {data} {QUICK}", files, f"--json {tmp_path / 'c.json'}")
     assert {path.name for path in tmp_path.iterdir()} == {*names.values(), "c.json"}
     assert (tmp_path / "p.png").read_bytes().startswith(b"\x89PNG")
     residuals = pd.read_csv(tmp_path / "r.csv")
@@ -210,8 +206,8 @@ def test_all_files_at_once(data, tmp_path):
     model, arm = ErrorModel.load(tmp_path / "c.toml"), Arm.from_urdf(tmp_path / "c.urdf", "tip")
     q = Measurements.read(data).q
     np.testing.assert_allclose(arm.positions(q), model.predict(q), rtol=0, atol=1e-12)
-    refused("calibrate", "sino6", data, *QUICK, "-o", tmp_path / "c.toml")
-    done("calibrate", "sino6", data, *QUICK, "-o", tmp_path / "c.toml", "--force")
+    refused(f"calibrate sino6 {data} {QUICK} -o {tmp_path / 'c.toml'}")
+    done(f"calibrate sino6 {data} {QUICK} -o {tmp_path / 'c.toml'} --force")
 
 
 def test_one_file_that_cannot_be_written_leaves_none(data, tmp_path, monkeypatch):
@@ -221,19 +217,11 @@ def test_one_file_that_cannot_be_written_leaves_none(data, tmp_path, monkeypatch
         raise AssertionError("work began")
 
     monkeypatch.setattr("aacmm_pin.cli.calibrate.calibrate", work)
-    words = [
-        "calibrate",
-        "sino6",
-        data,
-        *QUICK,
-        "-o",
-        tmp_path / "c.toml",
-        "--residuals",
-        tmp_path / "r.csv",
-    ]
-    refused(*words, "--report", tmp_path / "no" / "r.html", said=["does not exist"])
-    refused(*words, "--plot", tmp_path / "c.toml", said=["two results"])
-    refused(*words, "--plot", tmp_path / "c.nope", said=[".png"])
+    files = f"-o {tmp_path / 'c.toml'} --residuals {tmp_path / 'r.csv'}"
+    words = f"calibrate sino6 {data} {QUICK} {files}"
+    refused(words, f"--report {tmp_path / 'no' / 'r.html'}", said=["does not exist"])
+    refused(words, f"--plot {tmp_path / 'c.toml'}", said=["two results"])
+    refused(words, f"--plot {tmp_path / 'c.nope'}", said=[".png"])
     assert list(tmp_path.iterdir()) == []
 
 
@@ -243,17 +231,8 @@ def test_a_failure_on_the_way_leaves_none(data, tmp_path, monkeypatch):
         raise AacmmError("no page today")
 
     monkeypatch.setattr("aacmm_pin.report.calibration.calibration_document", fail)
-    files = [
-        "-o",
-        tmp_path / "c.toml",
-        "--residuals",
-        tmp_path / "r.csv",
-        "--report",
-        tmp_path / "r.html",
-        "--json",
-        "-",
-    ]
-    refused("calibrate", "sino6", data, *QUICK, *files, said=["no page today"])
+    files = f"-o {tmp_path / 'c.toml'} --report {tmp_path / 'r.html'} --json -"
+    refused(f"calibrate sino6 {data} {QUICK}", files, said=["no page today"])
     assert list(tmp_path.iterdir()) == []
 
 
@@ -264,18 +243,16 @@ def test_noise_on_the_command_line_is_in_millimetres(folder, tmp_path):
         .drop(columns=["u_x_mm", "u_y_mm", "u_z_mm"])
     )
     table.to_csv(tmp_path / "d.csv", index=False)
-    stated = found(
-        "calibrate", "sino6", tmp_path / "d.csv", *QUICK, "--reference-noise-mm", "0.012"
-    )
-    file = found("calibrate", "sino6", folder / "data.csv", *QUICK)
+    stated = found(f"calibrate sino6 {tmp_path / 'd.csv'} {QUICK} --reference-noise-mm 0.012")
+    file = found(f"calibrate sino6 {folder / 'data.csv'} {QUICK}")
     assert stated["noise_stated"]
     assert stated["chi2"]["value"] == pytest.approx(file["chi2"]["value"], rel=1e-6)
 
 
 def test_causes_of_error_are_estimated_too(extended, folder, tmp_path):
-    effects = ["--effect", "encoder_eccentricity:joint=3", "--effect", "thermal_expansion"]
+    effects = "--effect encoder_eccentricity:joint=3 --effect thermal_expansion"
     out, _ = done(
-        "calibrate", "sino6", folder / "warm.csv", *QUICK, *effects, "-o", tmp_path / "c.toml"
+        f"calibrate sino6 {folder / 'warm.csv'} {QUICK}", effects, f"-o {tmp_path / 'c.toml'}"
     )
     (line,) = (line for line in out.splitlines() if "encoder eccentricity of joint 3 " in line)
     assert re.search(r"amplitude [\d.]+ ± [\d.]+ µrad, phase [\d.]+ ± [\d.]+°", line)
@@ -287,7 +264,7 @@ def test_causes_of_error_are_estimated_too(extended, folder, tmp_path):
     assert expansion.values[0] == pytest.approx(2e-5, abs=4 * expansion.u[0])
     assert 0 < expansion.u[0] < 1e-5
     out, _ = done(
-        "calibrate", tmp_path / "c.toml", folder / "warm.csv", *QUICK, *effects
+        f"calibrate {tmp_path / 'c.toml'} {folder / 'warm.csv'} {QUICK}", effects
     )  # from where it has them now
     assert re.search(r"thermal expansion of the arm +expansion -?\d+(\.\d+)? ± \d", out)
 
@@ -296,7 +273,7 @@ def test_a_urdf_holds_the_stylus_offset_and_says_what_it_does_not(extended, tmp_
     offset = StylusOffset(values=(1e-3, 2e-3, 3e-3))
     model = ErrorModel.load(extended).with_effects(offset, StylusOffset("M1", values=(1, 0, 0)))
     model.save(tmp_path / "m.toml")
-    done("urdf", tmp_path / "m.toml", "-o", tmp_path / "m.urdf")
+    done(f"urdf {tmp_path / 'm.toml'} -o {tmp_path / 'm.urdf'}")
     q = np.random.default_rng(1).uniform(*model.arm.limits.T, (50, 6))
     shifted, here = Arm.from_urdf(tmp_path / "m.urdf", "tip"), Arm.load(tmp_path / "m.toml")
     np.testing.assert_allclose(
@@ -306,48 +283,35 @@ def test_a_urdf_holds_the_stylus_offset_and_says_what_it_does_not(extended, tmp_
     tip = ErrorModel(model.arm, (offset,))
     tip.save(tmp_path / "t.toml")
     done(
-        "simulate",
-        tmp_path / "t.toml",
-        "--plan",
-        "free",
-        "--records",
-        "100",
-        "-o",
-        tmp_path / "t.csv",
+        f"simulate {tmp_path / 't.toml'} --plan free --records 100 -o {tmp_path / 't.csv'}",
     )
-    files = ["-o", tmp_path / "u.toml", "--urdf-out", tmp_path / "u.urdf"]
-    done("calibrate", tmp_path / "t.toml", tmp_path / "t.csv", *QUICK, *files)
+    files = f"-o {tmp_path / 'u.toml'} --urdf-out {tmp_path / 'u.urdf'}"
+    done(f"calibrate {tmp_path / 't.toml'} {tmp_path / 't.csv'} {QUICK} {files}")
     found = Arm.from_urdf(tmp_path / "u.urdf", "tip").positions(q)
     np.testing.assert_allclose(
         found, ErrorModel.load(tmp_path / "u.toml").predict(q), rtol=0, atol=1e-12
     )
-    done("simulate", extended, "--plan", "free", "--records", "100", "-o", tmp_path / "d.csv")
+    done(f"simulate {extended} --plan free --records 100 -o {tmp_path / 'd.csv'}")
     _, err = done(
-        "calibrate", extended, tmp_path / "d.csv", *QUICK, "--urdf-out", tmp_path / "c.urdf"
+        f"calibrate {extended} {tmp_path / 'd.csv'} {QUICK} --urdf-out {tmp_path / 'c.urdf'}"
     )
     assert "a URDF has no place for encoder_eccentricity:3, thermal_expansion" in err
 
 
 def test_what_cannot_be_calibrated_is_one_message(data, tmp_path):
     for words, said in (
-        (["--parameters", "everything"], ["everything", "zero-offsets, geometry"]),
-        (["--target", "nose"], ["nose", "tip, unknown"]),
-        (["--encoder-noise-rad", "0.1"], ["--encoder-noise-rad is 0.1 rad", "unit"]),
-        (["--probe-noise-mm", "nan"], ["--probe-noise-mm is nan mm"]),
-        (["--effect", "encoder_gain:joint=7"], ["encoder_gain:7", "rows 1 to 6"]),
-        (["--effect", "seat_error:NOPE"], ["seat_error:NOPE", "S1, "]),
-        (["--effect", "joint_zero_offset:joint=3"], ["joint_zero_offset:3", "twice"]),
+        ("--parameters everything", ["everything", "zero-offsets, geometry"]),
+        ("--target nose", ["nose", "tip, unknown"]),
+        ("--encoder-noise-rad 0.1", ["--encoder-noise-rad is 0.1 rad", "unit"]),
+        ("--probe-noise-mm nan", ["--probe-noise-mm is nan mm"]),
+        ("--effect encoder_gain:joint=7", ["encoder_gain:7", "rows 1 to 6"]),
+        ("--effect seat_error:NOPE", ["seat_error:NOPE", "S1, "]),
+        ("--effect joint_zero_offset:joint=3", ["joint_zero_offset:3", "twice"]),
     ):
         refused(
-            "calibrate",
-            "sino6",
-            data,
-            "--no-held-out",
-            *words,
-            "-o",
-            tmp_path / "c.toml",
-            "--json",
-            "-",
+            f"calibrate sino6 {data} --no-held-out",
+            words,
+            f"-o {tmp_path / 'c.toml'} --json -",
             said=said,
         )
         assert list(tmp_path.iterdir()) == []
@@ -367,7 +331,7 @@ def most_decimals(cells: pd.Series) -> int:
 
 def test_corrected_coordinates_are_those_of_the_model(extended, folder, tmp_path):
     source = folder / "warm.csv"
-    out, err = done("correct", extended, source, *NOISE, "-o", tmp_path / "c.csv")
+    out, err = done(f"correct {extended} {source} {NOISE} -o {tmp_path / 'c.csv'}")
     assert out == ""
     assert "150 readings corrected by SINO6 with encoder_eccentricity:3, thermal_expansion" in err
     before, after = (
@@ -397,7 +361,7 @@ def test_corrected_orientations_are_those_of_pinocchio_at_the_true_angles(sino6,
     stated = table.assign(x_mm=0, y_mm=0, z_mm=0, qw=1, qx=0, qy=0, qz=0)
     for asked, *words in ((table, "--orientation"), (stated,)):
         asked.to_csv(tmp_path / "r.csv", index=False)
-        out, _ = done("correct", tmp_path / "arm.toml", tmp_path / "r.csv", *NOISE, *words)
+        out, _ = done(f"correct {tmp_path / 'arm.toml'} {tmp_path / 'r.csv'} {NOISE}", words)
         turned = Rotation.from_quat(
             pd.read_csv(io.StringIO(out))[names].to_numpy(), scalar_first=True
         )
@@ -409,9 +373,7 @@ def test_corrected_orientations_are_those_of_pinocchio_at_the_true_angles(sino6,
 
 def test_a_file_with_references_says_what_correction_is_worth(extended, folder, tmp_path):
     source = folder / "warm.csv"
-    _, err = done(
-        "correct", extended, source, *NOISE, "--nominal", "sino6", "-o", tmp_path / "c.csv"
-    )
+    _, err = done(f"correct {extended} {source} {NOISE} --nominal sino6 -o {tmp_path / 'c.csv'}")
     model, read = ErrorModel.load(extended), Measurements.read(source, 6)
     for tips in (ErrorModel.load("sino6").correct(read.q), model.correct(read.q, read.conditions)):
         off = np.linalg.norm((tips - read.reference)[read.known], axis=1) / MM
@@ -428,7 +390,7 @@ def test_lengths_of_bars_are_compared_too(tmp_path):
         seat=list("PPQQ"), bar="b", bar_end=list("AABB"), bar_length_mm=length - 0.25
     )
     table.to_csv(tmp_path / "r.csv", index=False)
-    _, err = done("correct", "sino6", tmp_path / "r.csv", "-o", tmp_path / "c.csv")
+    _, err = done(f"correct sino6 {tmp_path / 'r.csv'} -o {tmp_path / 'c.csv'}")
     assert "1 bar length" in err
     assert err.count("0.2500 mm") == 2  # this arm alone: there is no other to compare with
 
@@ -448,7 +410,7 @@ def test_references_of_targets_beside_the_tip_are_not_compared_with_it(sino6, tm
     table.assign(**dict(zip(REFERENCE, tips.T, strict=True))).to_csv(
         tmp_path / "r.csv", index=False
     )
-    _, err = done("correct", "sino6", tmp_path / "r.csv", "-o", tmp_path / "c.csv")
+    _, err = done(f"correct sino6 {tmp_path / 'r.csv'} -o {tmp_path / 'c.csv'}")
     assert "of the targets A are not compared" in err
     assert "1 reference: RMS 0.1000 mm" in err
     assert len(pd.read_csv(tmp_path / "c.csv").dropna(subset="corrected_x_mm")) == 3
@@ -456,7 +418,7 @@ def test_references_of_targets_beside_the_tip_are_not_compared_with_it(sino6, tm
 
 def test_commands_bring_the_extended_arm_where_the_nominal_has_its_tip(extended, folder, tmp_path):
     source = folder / "warm.csv"
-    done("correct", extended, source, "--commands", "--nominal", "sino6", "-o", tmp_path / "c.csv")
+    done(f"correct {extended} {source} --commands --nominal sino6 -o {tmp_path / 'c.csv'}")
     table, read = pd.read_csv(tmp_path / "c.csv"), Measurements.read(source, 6)
     commands = np.radians(table[[f"command{j}_deg" for j in range(1, 7)]].to_numpy())
     there = np.isfinite(commands).all(axis=1)
@@ -471,16 +433,10 @@ def test_commands_bring_the_extended_arm_where_the_nominal_has_its_tip(extended,
     away = pd.DataFrame([[0.0] * 6, [0.1] * 6], columns=[f"theta{j}_rad" for j in range(1, 7)])
     away.to_csv(tmp_path / "away.csv", index=False)
     words = [
-        "correct",
-        "zero6",
-        tmp_path / "away.csv",
-        "--commands",
-        "--nominal",
-        "sino6",
-        "-o",
-        tmp_path / "none.csv",
+        f"correct zero6 {tmp_path / 'away.csv'} --commands --nominal sino6 -o "
+        f"{tmp_path / 'none.csv'}",
     ]
-    refused(*words, said=["away.csv", "--nominal"])
+    refused(words, said=["away.csv", "--nominal"])
     assert not (tmp_path / "none.csv").exists()
 
 
@@ -489,15 +445,8 @@ def test_a_command_has_the_u_of_the_point_that_it_reaches(extended, folder, tmp_
     table.loc[0, "theta1_deg"] = -10.0
     table.to_csv(tmp_path / "r.csv", index=False)
     done(
-        "correct",
-        extended,
-        tmp_path / "r.csv",
-        *NOISE,
-        "--commands",
-        "--nominal",
-        "sino6",
-        "-o",
-        tmp_path / "c.csv",
+        f"correct {extended} {tmp_path / 'r.csv'} {NOISE} --commands --nominal sino6 -o "
+        f"{tmp_path / 'c.csv'}",
     )
     after, read = pd.read_csv(tmp_path / "c.csv"), Measurements.read(tmp_path / "r.csv", 6)
     assert list(after.columns) == [
@@ -533,7 +482,7 @@ def test_angles_a_turn_outside_the_limits_are_told(sino6, tmp_path):
     table.assign(**dict(zip(REFERENCE, sino6.positions(q).T / MM, strict=True))).to_csv(
         data, index=False
     )
-    _, err = done("correct", arm, data, *NOISE, "-o", tmp_path / "c.csv")
+    _, err = done(f"correct {arm} {data} {NOISE} -o {tmp_path / 'c.csv'}")
     assert f"{beyond.sum()} of 40 records" in err
     assert "the limits of joints 3" in err
 
@@ -542,7 +491,7 @@ def test_readings_need_nothing_but_angles(tmp_path):
     text = "\ufefftheta1_deg,theta2_deg,theta3_deg,theta4_deg,theta5_deg,theta6_deg,seat,note\r\n"
     text += '10,-20,30,-40,50,60,S1,"a, b"\r\n\r\n1e1,-20.0,30,-40,50,60,S2,\r\n'
     (tmp_path / "r.csv").write_text(text, encoding="utf-8", newline="")
-    out, err = done("correct", "sino6", tmp_path / "r.csv")
+    out, err = done(f"correct sino6 {tmp_path / 'r.csv'}")
     assert "--encoder-noise-rad adds" in err
     first, second = out.splitlines()[1:]
     assert first.startswith('10,-20,30,-40,50,60,S1,"a, b",')
@@ -554,10 +503,10 @@ def test_without_a_stated_uncertainty_u_is_empty(tmp_path):
     (tmp_path / "r.csv").write_text(
         "theta1_rad,theta2_rad,theta3_rad,theta4_rad,theta5_rad,theta6_rad\n1,1,1,1,1,1\n"
     )
-    out, err = done("correct", "zero6", tmp_path / "r.csv")
+    out, err = done(f"correct zero6 {tmp_path / 'r.csv'}")
     assert out.endswith(",\n")
     assert "u_mm is left empty" in err
-    assert not done("correct", "zero6", tmp_path / "r.csv", *NOISE)[0].endswith(",\n")
+    assert not done(f"correct zero6 {tmp_path / 'r.csv'} {NOISE}")[0].endswith(",\n")
 
 
 def test_readings_that_cannot_be_corrected_are_named(extended, tmp_path):
@@ -570,11 +519,11 @@ def test_readings_that_cannot_be_corrected_are_named(extended, tmp_path):
         (HEADER + "\n1,2,3,4,5,6\n", ["temperature_c", "thermal_expansion"]),
     ):
         path.write_text(text, encoding="utf-8")
-        refused("correct", extended, path, "-o", tmp_path / "c.csv", said=["r.csv", *said])
+        refused(f"correct {extended} {path} -o {tmp_path / 'c.csv'}", said=["r.csv", *said])
     path.write_bytes(b"\xff\xfe\x00")
-    refused("correct", "sino6", path, said=["UTF-8"])
+    refused(f"correct sino6 {path}", said=["UTF-8"])
     for command in ("correct", "calibrate"):
-        refused(command, "sino6", tmp_path / "none.csv", said=["none.csv"])
+        refused(f"{command} sino6 {tmp_path / 'none.csv'}", said=["none.csv"])
     assert [p.name for p in tmp_path.iterdir()] == ["r.csv"]
 
 
@@ -591,7 +540,7 @@ def test_a_reading_outside_an_error_curve_is_left_empty_and_listed(sino6, tmp_pa
     columns = [f"theta{j}_rad" for j in range(1, 7)]
     pd.DataFrame(q, columns=columns).to_csv(tmp_path / "r.csv", index=False)
     _, err = done(
-        "correct", tmp_path / "arm.toml", tmp_path / "r.csv", *NOISE, "-o", tmp_path / "c.csv"
+        f"correct {tmp_path / 'arm.toml'} {tmp_path / 'r.csv'} {NOISE} -o {tmp_path / 'c.csv'}"
     )
     (listed,) = (line for line in err.splitlines() if "row" in line)
     for word in ("r.csv", "row 4", "joint_error_curve:3", "0.1", "1 rad"):
@@ -608,7 +557,8 @@ def test_a_reading_outside_an_error_curve_is_left_empty_and_listed(sino6, tmp_pa
     pd.DataFrame(q[[2, 2]], columns=columns).to_csv(tmp_path / "none.csv", index=False)
     said = ("none.csv", "row 2", "row 3", "no reading")
     refused(
-        "correct", tmp_path / "arm.toml", tmp_path / "none.csv", "-o", tmp_path / "d.csv", said=said
+        f"correct {tmp_path / 'arm.toml'} {tmp_path / 'none.csv'} -o {tmp_path / 'd.csv'}",
+        said=said,
     )
     assert not (tmp_path / "d.csv").exists()
 
@@ -622,15 +572,15 @@ def test_an_arm_with_an_error_curve_is_used_where_that_is_known(sino6, tmp_path)
     )
     arm = tmp_path / "arm.toml"
     ErrorModel(sino6).with_effects(curve).save(arm)
-    at = ("--point", 600, 0, 300)
+    at = "--point 600 0 300"
     for words, column in (
-        (["accuracy", arm, *at], "theta3_deg"),
-        (["simulate", arm, "--plan", "free", "--records", 20], "theta3_deg"),
-        (["plan", arm, "--for", "calibration", "--records", 6, "--postures", 100], "theta3_deg"),
-        (["plan", arm, "--for", "acceptance", "--standard", "asme-b89.4.22"], "planned_theta3_deg"),
+        (f"accuracy {arm} {at}", "theta3_deg"),
+        (f"simulate {arm} --plan free --records 20", "theta3_deg"),
+        (f"plan {arm} --for calibration --records 6 --postures 100", "theta3_deg"),
+        (f"plan {arm} --for acceptance --standard asme-b89.4.22", "planned_theta3_deg"),
     ):
-        output = tmp_path / f"{words[0]}{len(list(tmp_path.iterdir()))}.csv"
-        _, err = done(*words, "-o", output)
+        output = tmp_path / f"{len(list(tmp_path.iterdir()))}.csv"
+        _, err = done(words, f"-o {output}")
         assert "joint 3 is used from 57.3 to 229.2° only" in err
         angle = np.radians(pd.read_csv(output)[column])
         assert angle.between(1.0 - 1e-3, 4.0 + 1e-3).all()
@@ -638,11 +588,12 @@ def test_an_arm_with_an_error_curve_is_used_where_that_is_known(sino6, tmp_path)
     nowhere = replace(curve, lower_rad=-2.0, upper_rad=-1.0)
     ErrorModel(sino6).with_effects(nowhere).save(arm, force=True)
     refused(
-        "accuracy", arm, *at, said=["no angle between the limits of joint 3", "joint_error_curve:3"]
+        f"accuracy {arm} {at}",
+        said=["no angle between the limits of joint 3", "joint_error_curve:3"],
     )
 
 
 def test_records_of_another_arm_are_asked_about(folder, tmp_path):
     for arm, asked in (("zero6", True), ("sino6", False)):
-        _, err = done("correct", arm, folder / "data.csv", "-o", tmp_path / f"{arm}.csv")
+        _, err = done(f"correct {arm} {folder / 'data.csv'} -o {tmp_path / f'{arm}.csv'}")
         assert ("references are not compared" in err) == asked

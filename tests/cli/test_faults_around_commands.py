@@ -15,14 +15,14 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from shell import NOISE, POINT, done, refused, run
+from shell import NOISE, POINT, done, refused, run, split
 
 from aacmm_pin._support.text_escaping import printable
 from aacmm_pin.cli.signals import Stopped
 
 
 def started(*words: str, **named: Any) -> subprocess.Popen[bytes]:
-    command = [sys.executable, "-m", "aacmm_pin.cli", *words]
+    command = [sys.executable, "-m", "aacmm_pin.cli", *split(*words)]
     return subprocess.Popen(
         command, **{"stdout": subprocess.PIPE, "stderr": subprocess.PIPE} | named
     )
@@ -56,7 +56,7 @@ def test_every_way_to_fail_is_one_line_and_its_status(monkeypatch):
 
         with monkeypatch.context() as patched:
             patched.setattr("aacmm_pin.cli.urdf.urdf_text", fail)
-            found, out, err = run("urdf", "sino6")
+            found, out, err = run("urdf sino6")
         assert (found, out, err.count("\n"), said in err) == (status, "", 1, True), (error, err)
 
 
@@ -71,13 +71,13 @@ def test_a_signal_of_which_compiled_code_made_another_error(monkeypatch):
 
     for number in (signal.SIGINT, signal.SIGTERM):
         monkeypatch.setattr("aacmm_pin.cli.urdf.urdf_text", partial(loaded, number=number))
-        assert run("urdf", "sino6")[0] == 128 + number
+        assert run("urdf sino6")[0] == 128 + number
 
 
 def test_signals_are_as_they_were_when_a_command_has_ended():
     every = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     before = [signal.getsignal(number) for number in every]
-    done("urdf", "sino6")
+    done("urdf sino6")
     assert [signal.getsignal(number) for number in every] == before
 
 
@@ -91,7 +91,7 @@ def test_what_libraries_warn_of_is_a_note(monkeypatch):
 
     monkeypatch.setattr("aacmm_pin.cli.urdf.urdf_text", warn)
     with warnings.catch_warnings():
-        assert run("urdf", "sino6") == (0, "", "note: RuntimeWarning\\x1b\n")
+        assert run("urdf sino6") == (0, "", "note: RuntimeWarning\\x1b\n")
 
 
 def test_streams_that_take_nothing():
@@ -100,13 +100,8 @@ def test_streams_that_take_nothing():
             (started("urdf", "sino6", stdout=full), "No space left"),
             (started("--help", stdout=full), "standard output: No space left"),
         ]
-    closed = [sys.executable, "-m", "aacmm_pin.cli", "causes"]
-    devices += [
-        (
-            subprocess.Popen(["sh", "-c", 'exec "$@" >&-', "sh", *closed], stderr=subprocess.PIPE),
-            "not writable",
-        )
-    ]
+    closed = ["sh", "-c", 'exec "$@" >&-', "sh", sys.executable, "-m", "aacmm_pin.cli", "causes"]
+    devices += [(subprocess.Popen(closed, stderr=subprocess.PIPE), "not writable")]
     for process, words in devices:
         status, said = ended(process)
         assert (status, words in said) == (1, True), said
@@ -116,12 +111,11 @@ def test_a_pipe_whose_reader_has_enough_ends_the_command_quietly():
     """As ``head`` does: what is told by lines, by tables, by --json -, as a file on stdout, and as
     help.
     """
-    at = ["--point", "400", "0", "300", "--count", "9"]
-    told = (["causes"], ["configurations", "sino6", *at, "-o", "/dev/stdout"])
-    for words in told:
+    at = "--point 400 0 300 --count 9"
+    for words in ("causes", f"configurations sino6 {at} -o /dev/stdout"):
         read, write = os.pipe()
         os.close(read)
-        process = started(*words, stdout=write)
+        process = started(words, stdout=write)
         os.close(write)
         said = process.communicate(timeout=60)[1].decode()
         assert (process.returncode, "aacmm-pin:" in said) == (128 + signal.SIGPIPE, False), (
@@ -166,29 +160,20 @@ def test_names_that_cannot_be(tmp_path, monkeypatch):
         ("calibrate", "sino6", long),
         ("urdf", "sino6", "-o", long),
     ):
-        assert "too long" in refused(*words, said=[long])
+        assert "too long" in refused(words, said=[long])
     gone.mkdir()
     monkeypatch.chdir(gone)
     gone.rmdir()
-    refused("urdf", "sino6", "-o", "a.urdf", said=["a.urdf", "No such file"])
-    assert done("urdf", "sino6")
+    refused("urdf sino6 -o a.urdf", said=["a.urdf", "No such file"])
+    assert done("urdf sino6")
     monkeypatch.chdir(tmp_path)
     strange = os.fsdecode(b"bad\xff\x1b.csv")
-    done("simulate", "sino6", "--records", "40", "-o", strange)
+    done(f"simulate sino6 --records 40 -o {strange}")
     out, err = done(
-        "calibrate",
-        "sino6",
-        strange,
-        "--no-held-out",
-        "--report",
-        "r.html",
-        "--json",
-        "a.json",
-        "-o",
-        "a.toml",
+        f"calibrate sino6 {strange} --no-held-out --report r.html --json a.json -o a.toml",
     )
     assert "\x1b" not in out + err
-    refused("calibrate", "sino6", f"{strange}.none", said=[r"bad\udcff\x1b.csv.none"])
+    refused(f"calibrate sino6 {strange}.none", said=[r"bad\udcff\x1b.csv.none"])
     assert r"bad\udcff\u001b.csv" in Path("a.json").read_text(encoding="utf-8")
 
 
@@ -201,48 +186,36 @@ def test_no_command_replaces_what_it_reads(tmp_path, monkeypatch):
     (tmp_path / "hose.py").write_text("")
     (tmp_path / "imports_more.py").write_text("import more_of_it")
     (tmp_path / "more_of_it.py").write_text("")
-    done("simulate", "sino6", "--records", "40", "-o", "data.csv", "--truth", "arm.toml")
-    done("urdf", "sino6", "-o", "arm.urdf")
-    urdf = ["--urdf", "arm.urdf", "--frame", "tip"]
+    done("simulate sino6 --records 40 -o data.csv --truth arm.toml")
+    done("urdf sino6 -o arm.urdf")
+    urdf = "--urdf arm.urdf --frame tip"
     done(
         "calibrate",
-        *urdf,
-        "--translation-half-width-mm",
-        "0.3",
-        "data.csv",
-        *NOISE,
-        "--no-held-out",
-        "-o",
-        "of_urdf.toml",
+        urdf,
+        f"--translation-half-width-mm 0.3 data.csv {NOISE} --no-held-out -o of_urdf.toml",
     )
     read = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
     (tmp_path / "link.urdf").symlink_to("arm.urdf")
     for words, inputs in (
-        (["calibrate", "arm.toml", "data.csv", "--report"], ["arm.toml", "data.csv"]),
-        (["correct", "arm.toml", "data.csv", "-o"], ["arm.toml"]),
-        (["simulate", "arm.toml", "--truth"], ["arm.toml"]),
-        (["plan", "arm.toml", "--data", "data.csv", "--set-up-arm"], ["data.csv"]),
-        (["map", "arm.toml", "-o", "map.nc", "--json"], ["arm.toml"]),
-        (["show", "arm.toml", "-o"], ["arm.toml"]),
-        (["accuracy", *urdf, *POINT, "--json"], ["arm.urdf"]),
-        (["diagnose", "of_urdf.toml", "data.csv", "-o"], ["arm.urdf", "link.urdf"]),
-        (["correct", "sino6", "data.csv", "--nominal", "of_urdf.toml", "-o"], ["arm.urdf"]),
-        (["accept", "of_urdf.toml", "data.csv", "-o"], ["arm.urdf"]),
-        (["--plugin", "hose.py", "urdf", "sino6", "-o"], ["hose.py"]),
-        (["--plugin", "imports_more", "urdf", "sino6", "-o"], ["imports_more.py"]),
+        ("calibrate arm.toml data.csv --report", ["arm.toml", "data.csv"]),
+        ("correct arm.toml data.csv -o", ["arm.toml"]),
+        ("simulate arm.toml --truth", ["arm.toml"]),
+        ("plan arm.toml --data data.csv --set-up-arm", ["data.csv"]),
+        ("map arm.toml -o map.nc --json", ["arm.toml"]),
+        ("show arm.toml -o", ["arm.toml"]),
+        (f"accuracy {urdf} {POINT} --json", ["arm.urdf"]),
+        ("diagnose of_urdf.toml data.csv -o", ["arm.urdf", "link.urdf"]),
+        ("correct sino6 data.csv --nominal of_urdf.toml -o", ["arm.urdf"]),
+        ("accept of_urdf.toml data.csv -o", ["arm.urdf"]),
+        ("--plugin hose.py urdf sino6 -o", ["hose.py"]),
+        ("--plugin imports_more urdf sino6 -o", ["imports_more.py"]),
     ):
         for name in inputs:
-            refused(*words, name, "--force", said=[name, "is read"])
+            refused(words, f"{name} --force", said=[name, "is read"])
     for name in ("imports_more", "more_of_it"):
         sys.modules.pop(name)
     refused(
-        "--plugin",
-        "imports_more",
-        "urdf",
-        "sino6",
-        "-o",
-        "more_of_it.py",
-        "--force",
+        "--plugin imports_more urdf sino6 -o more_of_it.py --force",
         said=["more_of_it.py", "is read"],
     )
     assert {path: path.read_bytes() for path in read} == read

@@ -56,7 +56,7 @@ def check(text: str, width: int = 80) -> None:
 def test_a_diagnosis_in_readable_units(data, tmp_path):
     """At 200 columns; JSON in a file beside it."""
     target = tmp_path / "d.json"
-    wide = told("diagnose", "sino6", data, *NOISE, "--no-held-out", "--json", target, columns=200)
+    wide = told(f"diagnose sino6 {data} {NOISE} --no-held-out --json {target}", columns=200)
     found = json.loads(target.read_text(encoding="utf-8"))
     check(wide, 200)
     assert [f["cause"] for f in found["findings"]] == ["joint_compliance", "encoder_eccentricity"]
@@ -72,12 +72,12 @@ def test_a_diagnosis_in_readable_units(data, tmp_path):
     assert "(k = 2)" in wide
     assert "amplitude_rad" not in wide
     assert f"RMS {length(1e-3 * found['rms_mm']['simulation'])} simulated" in wide
-    check(told("diagnose", "sino6", data, *NOISE, "--no-held-out"))
+    check(told(f"diagnose sino6 {data} {NOISE} --no-held-out"))
 
 
 def test_a_calibration(data, tmp_path):
     """With a JSON file the findings are told all the same."""
-    text = told("calibrate", "sino6", data, *NOISE, "--json", tmp_path / "c.json")
+    text = told(f"calibrate sino6 {data} {NOISE} --json {tmp_path / 'c.json'}")
     check(text)
     found = json.loads((tmp_path / "c.json").read_text(encoding="utf-8"))
     assert found["schema"] == "aacmm-pin/calibration/1"
@@ -88,45 +88,27 @@ def test_a_calibration(data, tmp_path):
         assert f"{held['rms_mm']['calibrated']:.4f}" in text
     excluded = [str(row["row"]) for row in found["records"]["excluded"]]
     assert set(excluded[:10]) <= {line.split()[0] for line in text.splitlines() if line.split()}
-    wide = told("calibrate", "sino6", data, *NOISE, "--no-held-out", columns=None)
+    wide = told(f"calibrate sino6 {data} {NOISE} --no-held-out", columns=None)
     assert max(map(len, (line for line in wide.splitlines() if "theta_offset" in line))) > 60
 
 
 def test_accuracy_map_and_plan(tmp_path):
-    check(told("accuracy", "sino6", *POINT, "--count", "24"))
+    check(told(f"accuracy sino6 {POINT} --count 24"))
     target = tmp_path / "m.nc"
     text = told(
-        "map",
-        "sino6",
-        "--cells",
-        "3",
-        "3",
-        "--sectors",
-        "4",
-        "-o",
-        target,
-        "--json",
-        tmp_path / "m.json",
+        f"map sino6 --cells 3 3 --sectors 4 -o {target} --json {tmp_path / 'm.json'}",
     )
     check(text)
     assert target.exists()
     assert "SINO6: 3 × 3 cells × 4 sectors" in text
     quick = [
-        "--records",
-        "4",
-        "--postures",
-        "60",
-        "-o",
-        tmp_path / "p.csv",
-        "--json",
-        tmp_path / "p.json",
-        "--force",
+        f"--records 4 --postures 60 -o {tmp_path / 'p.csv'} --json {tmp_path / 'p.json'} --force",
     ]
-    text = told("plan", "sino6", "--split", "bearing_tilt:1", "base_compliance", *quick)
+    text = told("plan sino6 --split bearing_tilt:1 base_compliance", quick)
     check(text)
     for words in ("the two do the same", "turn the mount by 90°", "hang 1 kg on the end"):
         assert words in in_one(text)
-    text = told("plan", "sino6", *quick)
+    text = told("plan sino6", quick)
     check(text)
     pairs = json.loads((tmp_path / "p.json").read_text(encoding="utf-8"))["pairs"]["untold"]
     first = next(pair for pair in pairs if not pair["why_not"])

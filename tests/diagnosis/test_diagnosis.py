@@ -187,13 +187,6 @@ def test_gross_errors_neither_hide_a_cause_nor_stay(tmp_path, monkeypatch):
     assert max(map(sum, sizes)) < 1.5 * max(map(max, sizes))
 
 
-def test_columns_of_many_records_are_in_single_precision(tmp_path, monkeypatch):
-    monkeypatch.setattr("aacmm_pin.diagnosis.gram_matrix.MOST_DOUBLE", 0)
-    found, drawn = diagnosis(tmp_path, "--no-held-out", seed=3, cause="encoder_eccentricity")
-    assert named(found) == [("encoder_eccentricity", drawn.hidden[0].joint)]
-    assert max(off(found, drawn).values()) < LIMIT
-
-
 def test_a_plan_that_nobody_filled_in_is_refused(tmp_path):
     plan = tmp_path / "plan.csv"
     words = [
@@ -211,25 +204,6 @@ def test_a_plan_that_nobody_filled_in_is_refused(tmp_path):
     done = CliRunner().invoke(app, ["diagnose", "sino6", str(plan), *NOISE])
     assert done.exit_code == 1
     assert "Traceback" not in done.output
-
-
-def test_seats_that_are_read_twice_are_one_place(tmp_path):
-    """Coordinates that differ by rounding are no second measurement of a seat."""
-    drawn = draw(12, None, plan="seats")
-    table = pd.read_csv(drawn.write(tmp_path / "data.csv"))
-    table.loc[::2, "x_mm"] += 1e-4
-    table.to_csv(tmp_path / "data.csv", index=False)
-    words = [
-        "diagnose",
-        "sino6",
-        str(tmp_path / "data.csv"),
-        *NOISE,
-        "--probe-noise-mm",
-        "0.012",
-        "--json",
-        "-",
-    ]
-    assert json.loads(CliRunner().invoke(app, words).stdout)["verdict"] == "no-discrepancy"
 
 
 def test_the_extended_arm_is_written_and_used(tmp_path):

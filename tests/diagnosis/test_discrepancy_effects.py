@@ -21,7 +21,6 @@ from aacmm_pin.calibration.estimation import fit
 from aacmm_pin.calibration.parameters import problem_of
 from aacmm_pin.calibration.setup import Setup
 from aacmm_pin.cli.root_command import app
-from aacmm_pin.diagnosis.candidates import candidates
 from aacmm_pin.diagnosis.covariates import Carried, covariates
 from aacmm_pin.diagnosis.design_matrix import _Calibrated
 from aacmm_pin.diagnosis.discrepancy import (
@@ -240,16 +239,6 @@ def test_estimates_answer_to_what_is_held(plant):
     ) > 1.01 * np.mean(u[1])
 
 
-def test_it_is_no_candidate(plant):
-    records = plant.measured(60)
-    name, way = all_described(plant.arm, records)[0]
-    (effect,) = prior([(name, way)], 1e-6)
-    effect = effect.at(np.full(size_of(way), 1e-6), effect.u)
-    model, setup = ErrorModel(plant.arm, [effect]), Setup.of(plant.arm, reference_noise=NOISE)
-    library = candidates(model, records, problem_of(model, records, "geometry", setup))
-    assert not any(isinstance(each, Discrepancy) for variants in library for each in variants)
-
-
 def test_what_cannot_be_predicted_is_lost(plant):
     q, tip = plant.touched(60)
     extra = pd.DataFrame({"humidity_pct": plant.rng.uniform(30.0, 50.0, 60)})
@@ -271,17 +260,6 @@ def test_what_cannot_be_predicted_is_lost(plant):
     } < kept
     covariates = [effect.covariate.partition(" (")[0] for effect in prior(described, 1e-5)]
     assert covariates == [name for name, way in described if way.smooth is not None]
-
-
-def test_labels_of_several(plant):
-    described = [
-        each for each in all_described(plant.arm, plant.measured(60)) if each[0] == "time"
-    ][:1]
-    (first,) = prior(described, 1e-5)
-    second, third = covariate_effects(described * 2, np.ones(36), taken=[first.label])
-    assert [first.label, second.label, third.label] == [
-        f"discrepancy:time{k} on room" for k in ("", " (2)", " (3)")
-    ]
 
 
 def test_background_as_one_effect(plant, tmp_path):
@@ -317,12 +295,3 @@ def test_background_as_one_effect(plant, tmp_path):
     assert 0.9 < np.sqrt(np.square(u).mean() / np.square(wanted).mean()) < 1.1
     assert 0.5 < (u / wanted).min() < (u / wanted).max() < 1.6
     assert (tmp_path / "background.toml").stat().st_size < 600_000
-
-
-def test_a_background_of_one_direction_is_its_size(plant):
-    described = [
-        each for each in all_described(plant.arm, plant.measured(60)) if each[0] == COUPLING
-    ][:1]
-    weights = np.arange(1.0, 1.0 + size_of(described[0][1]))[:, None]
-    effect = background_effect(described, weights, np.array([3e-6]), np.array([[4e-12]]))
-    assert (effect.values, effect.u) == ((1.0,), (pytest.approx(2.0 / 3.0),))

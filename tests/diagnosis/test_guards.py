@@ -13,13 +13,11 @@ from aacmm_pin import next_measurements
 from aacmm_pin.arm import Arm
 from aacmm_pin.calibration import calibrated_model
 from aacmm_pin.calibration.cross_validation import rms
-from aacmm_pin.diagnosis import Diagnosis, Gain, diagnose
+from aacmm_pin.diagnosis import Diagnosis, diagnose
 from aacmm_pin.diagnosis.branches import LEAST, two_branches
-from aacmm_pin.diagnosis.verdict import doubts_of
 from aacmm_pin.effects import EncoderEccentricity, ErrorModel, JointHysteresis
 from aacmm_pin.measurements import Measurements, simulate_measurements
-from aacmm_pin.report.diagnosis import unexplained_in_words, verdict_in_words
-from aacmm_pin.report.numbers import capital
+from aacmm_pin.report.diagnosis import verdict_in_words
 from tests.cli import shell
 from tests.notes import data_of
 
@@ -85,9 +83,8 @@ def test_an_extended_arm_that_is_no_better_explains_nothing(
     monkeypatch.setattr("aacmm_pin.diagnosis.cross_validation._interval", lambda *_: (-0.1, 0.2))
     (tmp_path / "data.csv").write_text(eccentric.csv())
     arm = tmp_path / "extended.toml"
-    out, err = shell.done(
-        "diagnose", "sino6", tmp_path / "data.csv", *shell.NOISE, "--extended-arm", arm
-    )
+    words = f"diagnose sino6 {tmp_path / 'data.csv'} {shell.NOISE} --extended-arm {arm}"
+    out, err = shell.done(words)
     assert out.startswith("Inconclusive")
     assert "does not help" in out
     assert any(line.startswith("warning:") and "held-out" in line for line in err.splitlines())
@@ -155,48 +152,6 @@ def test_a_seat_whose_place_is_contradicted_is_in_the_headline(sino6):
     assert "contradicted references" in found.doubts
     assert f"seat {seats[0]}" in verdict_in_words(found)
     assert f"seat {seats[0]}" in next_measurements(found)
-
-
-def test_what_is_left_is_said_by_the_threshold_of_the_verdict(named):
-    for p_value in (1.0, 0.5, 0.006, 1e-4):
-        left = replace(named.unexplained, p_value=p_value)
-        words = unexplained_in_words(left)
-        assert words.startswith("No") == (p_value >= left.threshold)
-        assert f"threshold {left.threshold:g}" in words
-        doubts = doubts_of(named.findings, left.left, 0.0, (90, 100))
-        assert ("structure left" in doubts) == left.left
-
-
-def test_names_keep_their_letters():
-    names = (
-        "encoder_gain:2 was known",
-        "time_s starts late",
-        "data.csv holds",
-    )
-    assert [capital(name) for name in names] == list(names)
-    assert capital("encoder noise not given") == "Encoder noise not given"
-    assert capital("error curve of joint 2") == "Error curve of joint 2"
-
-
-def test_what_names_nothing_gains_nothing():
-    """Whatever was chosen without some of the parts."""
-    sizes = np.array([1.0, 2.0, 3.0])
-    gain = Gain(
-        "records",
-        3,
-        3 * sizes,
-        2 * sizes,
-        sizes,
-        sizes,
-        np.arange(3),
-        0,
-        0,
-        (("encoder_gain:1",),) * 3,
-        (0.2, 0.6),
-    )
-    assert gain.gain == pytest.approx(0.5)
-    nothing = gain.of_nothing()
-    assert (nothing.gain, nothing.interval, nothing.beyond_doubt) == (0.0, (0.0, 0.0), False)
 
 
 def test_a_seat_that_only_the_recalibrated_arm_excludes_is_in_the_headline(sino6):

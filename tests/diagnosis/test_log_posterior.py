@@ -26,7 +26,6 @@ from aacmm_pin.diagnosis.design_matrix import Block, Design, design_of
 from aacmm_pin.diagnosis.exploration import explore
 from aacmm_pin.diagnosis.gram_matrix import Gram, Part, Products, products_of
 from aacmm_pin.diagnosis.held_postures import HeldPostures
-from aacmm_pin.diagnosis.linear_model import LARGE, gains
 from aacmm_pin.diagnosis.model_space import Candidates, ModelSpace, State
 from aacmm_pin.effects import ErrorModel
 from aacmm_pin.measurements import Measurements
@@ -244,49 +243,6 @@ def test_real_designs_by_covariance_matrices(measured, rng):
     )
 
 
-def test_additions_are_the_posterior_of_larger_sets(measured, rng):
-    """At each width, of blocks of every size, beside sets of every size."""
-    space = measured.space
-    sizes = np.array([block.size for block in space.candidates.blocks])
-    for state in random_states(space, rng, 6):
-        additions = space.conditional(state).additions
-        for size in np.unique(sizes):
-            block = int(
-                rng.choice(
-                    np.flatnonzero((sizes == size) & ~np.isin(np.arange(sizes.size), state.blocks))
-                )
-            )
-            own = [
-                State((*state.blocks, block), (*state.widths, k), state.amplitude)
-                for k in range(len(WIDTHS))
-            ]
-            found = additions[block] + space._log_prior((*state.blocks, block))
-            np.testing.assert_allclose(
-                found, [space.log_posterior(each) for each in own], atol=NATS
-            )
-
-
-def test_evidence_where_rounding_left_no_factor(rng):
-    """Of information whose smallest eigenvalue is far below zero: as if it were zero, and the other
-    blocks as they are.
-    """
-    columns, gradient = rng.standard_normal((3, LARGE + 2, LARGE)), rng.standard_normal((3, LARGE))
-    nothing = np.linalg.qr(rng.standard_normal((LARGE, 1)))[0]
-    columns[1] -= columns[1] @ nothing @ nothing.T
-    exact = columns.transpose(0, 2, 1) @ columns
-    rounded = exact.copy()
-    rounded[1] -= 2.0 / WIDTHS.max() ** 2 * nothing @ nothing.T
-    found = gains(rounded, gradient[:, :, None])
-    for k, (s, g) in enumerate(zip(exact, gradient, strict=True)):
-        for width, gain, volume in zip(WIDTHS, found[0][k, :, 0], found[1][k], strict=True):
-            assert gain == pytest.approx(
-                0.5 * g @ np.linalg.solve(s + np.eye(LARGE) / width**2, g), rel=1e-9
-            )
-            assert volume == pytest.approx(
-                0.5 * np.linalg.slogdet(np.eye(LARGE) + width**2 * s)[1], rel=1e-9
-            )
-
-
 # --- all subsets
 
 
@@ -357,54 +313,3 @@ def test_order_of_the_blocks_of_a_state(measured, rng):
         assert space.log_posterior(State(blocks, widths, state.amplitude)) == space.log_posterior(
             state
         )
-
-
-def labelled(space: ModelSpace, state: State) -> list[tuple[str, int, int]]:
-    """The name of each block's candidate, the number of its variant, and of its width."""
-    design = space.candidates.design
-    own = [design.blocks[k] for k in state.blocks]
-    return [
-        (design.names[b.candidate], b.variant, w) for b, w in zip(own, state.widths, strict=True)
-    ]
-
-
-def state_of(space: ModelSpace, labels: Sequence[tuple[str, int, int]], amplitude: int) -> State:
-    design = space.candidates.design
-    number = {(design.names[b.candidate], b.variant): k for k, b in enumerate(design.blocks)}
-    pairs = sorted((number[name, variant], width) for name, variant, width in labels)
-    return State(tuple(k for k, _ in pairs), tuple(w for _, w in pairs), amplitude)
-
-
-def records_in_another_order(measured: Measured, rng: np.random.Generator) -> ModelSpace:
-    space = measured.space
-    products = space.gram.products
-    (part,) = products.parts
-    rows = part.rows[rng.permutation(len(part.rows))]
-    gram = Gram(Products(products.design, lambda: [Part(rows, part.free)], products.noise))
-    return ModelSpace(space.candidates, gram, space.stated)
-
-
-def causes_in_another_order(measured: Measured, rng: np.random.Generator) -> ModelSpace:
-    return measured.again(
-        library=[measured.library[k] for k in rng.permutation(len(measured.library))]
-    )
-
-
-def covariates_in_another_order(measured: Measured, rng: np.random.Generator) -> ModelSpace:
-    return measured.again(
-        others=[measured.others[k] for k in rng.permutation(len(measured.others))]
-    )
-
-
-@pytest.mark.parametrize(
-    "other", [records_in_another_order, causes_in_another_order, covariates_in_another_order]
-)
-def test_order_of_records_causes_and_covariates(measured, other, rng):
-    space = measured.space
-    again = other(measured, rng)
-    for state in random_states(space, rng, 12):
-        there = state_of(again, labelled(space, state), state.amplitude)
-        assert again.log_posterior(there) == pytest.approx(space.log_posterior(state), abs=NATS)
-    assert probabilities(again) == pytest.approx(
-        measured.probabilities, abs=1e-4
-    )  # far sets are approximate

@@ -9,11 +9,9 @@ import pytest
 
 from aacmm_pin import next_measurements
 from aacmm_pin._support.checks import Array
-from aacmm_pin._support.display import two_digits
 from aacmm_pin.arm import Arm
 from aacmm_pin.arm.random_postures import random_postures
 from aacmm_pin.diagnosis import Diagnosis, diagnose
-from aacmm_pin.effects import JointZeroOffset, values_in_words
 from aacmm_pin.measurements import Measurements
 from aacmm_pin.report.diagnosis import unexplained_in_words
 
@@ -82,15 +80,3 @@ def test_readings_that_scatter_have_a_chance(sino6):
     assert said["log_likelihood_ratio"] > 10.0
     assert "p < 1e-16" in unexplained_in_words(found.unexplained)
     assert len(found.notes) <= 3
-
-
-def test_numbers_without_exponents_and_minus_zeros():
-    assert [two_digits(value) for value in (0.0123, 1.6, 37.4, 112.0, 1999.0)] == [
-        "0.012",
-        "1.6",
-        "37",
-        "110",
-        "2000",
-    ]
-    said = values_in_words(JointZeroOffset(1), {"offset_rad": (-1e-9, 2e-5)})
-    assert "-" not in said
