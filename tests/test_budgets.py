@@ -171,12 +171,7 @@ def from_inner_modules(path: Path) -> int:
     return sum(len(parts) > 3 and parts[1] not in (room, *FREE) for parts in taken)
 
 
-MEASURES = [
-    (tokens, TOKENS),
-    (dense, DENSE),
-    (sentences, SENTENCES),
-    (from_inner_modules, INNER),
-]
+MEASURES = [(tokens, TOKENS), (dense, DENSE), (sentences, SENTENCES), (from_inner_modules, INNER)]
 
 
 def measured(measure: object) -> dict[str, int]:

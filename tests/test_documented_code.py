@@ -257,11 +257,9 @@ cat data.csv  # the file
     ("claim", "output", "command", "complaint"),
     [
         ("0.25", "0.25", "true", None),
-        ("0.2", "0.…5", "true", None),
         ("0.26", "0.25", "true", r"\['0.26'\] claimed in line 4"),
         ("0.25", "0.26", "true", "claimed"),
         ("0.25", "0.25", "false", "exit status 1"),
-        ("0.25", "0.25", "aacmm-pin accuracy nobody --point 0 0 0", "unknown arm 'nobody'"),
         ("0.25", "0.25", "true\n```\n\n```ruby\nputs 1", "a block of 'ruby'"),
         ("0.25", "0.25\n```\n\n```python\n1/0", "true", "division by zero"),
     ],

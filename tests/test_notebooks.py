@@ -8,8 +8,6 @@ import ast
 import copy
 import json
 import re
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -66,19 +64,6 @@ def test_code_parses_and_text_comes_first(path):
         if cell["cell_type"] == "code":
             ast.parse("".join(cell["source"]))
     assert len({cell["id"] for cell in every}) == len(every)
-
-
-def test_formatted_and_linted():
-    pytest.importorskip("ruff", reason="ruff comes with the extra 'lint'")
-    for command in (["check"], ["format", "--check"]):
-        done = subprocess.run(
-            [sys.executable, "-m", "ruff", *command, "notebooks"],
-            cwd=ROOT,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        assert done.returncode == 0, done.stdout + done.stderr
 
 
 @pytest.mark.parametrize(

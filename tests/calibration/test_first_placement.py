@@ -80,13 +80,13 @@ def random_arm(joints: int, rng: np.random.Generator) -> Arm:
 
 
 @pytest.mark.parametrize("posed", [True, False])
-@pytest.mark.parametrize("shape", [(5, 8), (5, 4), (3, 6), (5, 16)])
+@pytest.mark.parametrize("shape", [(5, 8), (3, 6)])
 def test_a_symmetric_grid_of_a_positioner(shape, posed):
     """By its nominal tip alone, which the second joint does not move, the base would stand
     anywhere.
     """
     arm = table((0.0, 0.0, -90.0, 0.0), (0.0, -475.0, 0.0, -90.0))
-    for seed in range(4):
+    for seed in range(2):
         data = seen(arm, grid(*shape), np.random.default_rng(seed), target=0.84, posed=posed)
         assert 1.0e-4 < calibrate(arm, data, **UNKNOWN).rms < 2.0e-4
 

@@ -35,7 +35,7 @@ def test_columns_of_all_effects_are_those_of_each(n, sino6, rng):
     known = Conditions(n, temperature=rng.uniform(15.0, 30.0, n), seat=seat)
     effects = [
         LinkLength(2), LinkTwist(3), JointZeroOffset(1), StylusOffset(),
-        EncoderEccentricity(4), ThermalExpansion(), BearingTilt(2), SeatError("A"),
+        EncoderEccentricity(4), ThermalExpansion(), BearingTilt(2), SeatError("A")
     ]  # fmt: skip
     columns = Columns.of(State(sino6, q, known, sino6.chain.tip), effects)
     x = rng.normal(size=columns.vector.size) * columns.vector.typical

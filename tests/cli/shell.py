@@ -18,7 +18,7 @@ NOISE = "--encoder-noise-rad 8e-6"
 def split(*words: object) -> Iterator[str]:
     """Text split as a shell does, lists word by word, paths and numbers as they are."""
     for word in words:
-        if isinstance(word, list):
+        if isinstance(word, list | tuple):
             yield from split(*word)
         else:
             yield from shlex.split(word) if isinstance(word, str) else [str(word)]

@@ -91,7 +91,7 @@ def test_every_plan_gives_a_file_that_can_be_read(tmp_path):
             "contacts 0 mm",
         ):
             assert word in err
-        assert ("bars of 500 mm are assumed" in err) == (words == ["ball-bar --seats 2"])
+        assert ("bars of 500 mm are assumed" in err) == (words == "ball-bar --seats 2")
         if bars:
             assert read.bars()[0].length == pytest.approx(0.4 if bars == 2 else 0.5, abs=1e-4)
 
@@ -282,9 +282,7 @@ def test_a_urdf_holds_the_stylus_offset_and_says_what_it_does_not(extended, tmp_
     np.testing.assert_allclose(here.poses(q).position, model.arm.positions(q), rtol=0, atol=1e-12)
     tip = ErrorModel(model.arm, (offset,))
     tip.save(tmp_path / "t.toml")
-    done(
-        f"simulate {tmp_path / 't.toml'} --plan free --records 100 -o {tmp_path / 't.csv'}",
-    )
+    done(f"simulate {tmp_path / 't.toml'} --plan free --records 100 -o {tmp_path / 't.csv'}")
     files = f"-o {tmp_path / 'u.toml'} --urdf-out {tmp_path / 'u.urdf'}"
     done(f"calibrate {tmp_path / 't.toml'} {tmp_path / 't.csv'} {QUICK} {files}")
     found = Arm.from_urdf(tmp_path / "u.urdf", "tip").positions(q)
@@ -434,7 +432,7 @@ def test_commands_bring_the_extended_arm_where_the_nominal_has_its_tip(extended,
     away.to_csv(tmp_path / "away.csv", index=False)
     words = [
         f"correct zero6 {tmp_path / 'away.csv'} --commands --nominal sino6 -o "
-        f"{tmp_path / 'none.csv'}",
+        f"{tmp_path / 'none.csv'}"
     ]
     refused(words, said=["away.csv", "--nominal"])
     assert not (tmp_path / "none.csv").exists()
@@ -446,7 +444,7 @@ def test_a_command_has_the_u_of_the_point_that_it_reaches(extended, folder, tmp_
     table.to_csv(tmp_path / "r.csv", index=False)
     done(
         f"correct {extended} {tmp_path / 'r.csv'} {NOISE} --commands --nominal sino6 -o "
-        f"{tmp_path / 'c.csv'}",
+        f"{tmp_path / 'c.csv'}"
     )
     after, read = pd.read_csv(tmp_path / "c.csv"), Measurements.read(tmp_path / "r.csv", 6)
     assert list(after.columns) == [

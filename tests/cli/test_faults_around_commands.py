@@ -170,7 +170,7 @@ def test_names_that_cannot_be(tmp_path, monkeypatch):
     strange = os.fsdecode(b"bad\xff\x1b.csv")
     done(f"simulate sino6 --records 40 -o {strange}")
     out, err = done(
-        f"calibrate sino6 {strange} --no-held-out --report r.html --json a.json -o a.toml",
+        f"calibrate sino6 {strange} --no-held-out --report r.html --json a.json -o a.toml"
     )
     assert "\x1b" not in out + err
     refused(f"calibrate sino6 {strange}.none", said=[r"bad\udcff\x1b.csv.none"])

@@ -95,14 +95,12 @@ def test_a_calibration(data, tmp_path):
 def test_accuracy_map_and_plan(tmp_path):
     check(told(f"accuracy sino6 {POINT} --count 24"))
     target = tmp_path / "m.nc"
-    text = told(
-        f"map sino6 --cells 3 3 --sectors 4 -o {target} --json {tmp_path / 'm.json'}",
-    )
+    text = told(f"map sino6 --cells 3 3 --sectors 4 -o {target} --json {tmp_path / 'm.json'}")
     check(text)
     assert target.exists()
     assert "SINO6: 3 × 3 cells × 4 sectors" in text
     quick = [
-        f"--records 4 --postures 60 -o {tmp_path / 'p.csv'} --json {tmp_path / 'p.json'} --force",
+        f"--records 4 --postures 60 -o {tmp_path / 'p.csv'} --json {tmp_path / 'p.json'} --force"
     ]
     text = told("plan sino6 --split bearing_tilt:1 base_compliance", quick)
     check(text)

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 import pytest
-from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from aacmm_pin import accuracy_volume
@@ -22,7 +21,6 @@ from aacmm_pin.calibration.parameters import problem_of
 from aacmm_pin.calibration.setup import Setup
 from aacmm_pin.cli.root_command import app
 from aacmm_pin.diagnosis.covariates import Carried, covariates
-from aacmm_pin.diagnosis.design_matrix import _Calibrated
 from aacmm_pin.diagnosis.discrepancy import (
     Described,
     background_effect,
@@ -85,36 +83,6 @@ def with_effect(model: ErrorModel, effect: Discrepancy, covariance: Array) -> Er
     """The model with an effect too, whose parameters are known together."""
     names = [parameter.name for parameter in effect.parameters()]
     return ErrorModel(with_covariance(model.arm, names, covariance), (*model.effects, effect))
-
-
-def test_columns_are_those_of_the_design(plant):
-    """With orientations and an unknown frame of the references, in which a shift in the room has
-    other axes.
-    """
-    records, axes = plant.measured(40), Rotation.from_euler("xyz", (0.4, -1.0, 2.0)).as_matrix()
-    turned = Rotation.from_matrix(axes @ plant.arm.poses(records.q).placement[:, :3, :3])
-    records = Measurements.of(
-        records.q,
-        records.reference @ axes.T,
-        conditions=records.conditions,
-        orientation=np.roll(turned.as_quat(), 1, axis=1),
-    )
-    setup = Setup.of(plant.arm, "external", encoder_noise=8e-6, reference_noise=NOISE)
-    at = _Calibrated(fit(problem_of(ErrorModel.of(plant.arm), records, "zero-offsets", setup)))
-    for name, way in all_described(plant.arm, records):
-        stated = at.carried(way)
-        estimate = np.linspace(1e-5, 2e-5, stated.shape[2])
-        (effect,) = covariate_effects([(name, way)], np.ones(len(estimate)))
-        values = coefficients_of_effect(way) * estimate
-        shifts, turns = np.split(sensitivity(effect, at.state) @ values, 2, axis=1)
-        found = np.concatenate([shifts @ at.frame.T, turns @ at.frame.T], axis=1)
-        # Tips and moments are those of the calibrated arm, a millimetre or less from those of the
-        # arm as it was.
-        differs = name == "place" or "moment" in name or way.carrier == "lengths"
-        tolerance = 1e-9 if differs else 1e-14
-        np.testing.assert_allclose(
-            found, stated @ estimate, rtol=0, atol=tolerance, err_msg=f"{name} on {way.carrier}"
-        )
 
 
 def least_squares(arm: Arm, records: Measurements, way: Carried) -> tuple[Array, Array]:

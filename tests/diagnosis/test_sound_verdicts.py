@@ -224,52 +224,40 @@ def test_verdicts(sino6, rng):
     noiseless = replace(fit, stated=False, dof=0.0)
     out = np.arange(40)
     seven, six = (replace(fit, used=out >= count, excluded=out < count) for count in (7, 6))
+    sure, below_zero = [finding(0.99)], JointCompliance(2, values=(-1e-6,), u=(1e-6,))
+    far_below = replace(below_zero, values=(-3e-6,))
     cases = [
-        ("explained", [finding(0.99)], False, 90, fit),
-        ("inconclusive", [finding(0.99)], False, 90, fit, True),
-        ("inconclusive", [], False, 90, fit, True),
-        ("ambiguous", [finding(0.99)], False, 90, fit, False, 0.6),
-        ("ambiguous", [], False, 90, fit, False, 0.6),
-        ("explained", [finding(0.99)], False, 90, fit, False, 0.4),
-        ("explained", [finding(0.99, None)], False, 90, fit),
-        ("inconclusive", [finding(0.99, -0.01)], False, 90, fit),
-        (
-            "explained",
-            [finding(0.99, effect=JointCompliance(2, values=(-1e-6,), u=(1e-6,)))],
-            False,
-            90,
-            fit,
-        ),
-        (
-            "inconclusive",
-            [finding(0.99, effect=JointCompliance(2, values=(-3e-6,), u=(1e-6,)))],
-            False,
-            90,
-            fit,
-        ),
-        ("ambiguous", [finding(0.7)], False, 90, fit),
-        ("unexplained", [finding(0.99)], True, 90, fit),
-        ("no-discrepancy", [], False, 90, fit),
-        ("inconclusive", [], False, 40, fit),
-        ("inconclusive", [finding(0.99)], False, 90, stuck),
-        ("inconclusive", [], False, 90, noiseless),
-        ("inconclusive", [finding(0.99)], False, 90, seven),
-        ("inconclusive", [], False, 90, seven),
-        ("unexplained", [], True, 90, seven),
-        ("explained", [finding(0.99)], False, 90, six),
+        ("explained", sure, {}),
+        ("inconclusive", sure, {"left": True}),
+        ("inconclusive", [], {"left": True}),
+        ("ambiguous", sure, {"p_more": 0.6}),
+        ("ambiguous", [], {"p_more": 0.6}),
+        ("explained", sure, {"p_more": 0.4}),
+        ("explained", [finding(0.99, None)], {}),
+        ("inconclusive", [finding(0.99, -0.01)], {}),
+        ("explained", [finding(0.99, effect=below_zero)], {}),
+        ("inconclusive", [finding(0.99, effect=far_below)], {}),
+        ("ambiguous", [finding(0.7)], {}),
+        ("unexplained", sure, {"structure": True}),
+        ("no-discrepancy", [], {}),
+        ("inconclusive", [], {"seen": 40}),
+        ("inconclusive", sure, {"at": stuck}),
+        ("inconclusive", [], {"at": noiseless}),
+        ("inconclusive", sure, {"at": seven}),
+        ("unexplained", [], {"structure": True, "at": seven}),
+        ("explained", sure, {"at": six}),
+        ("inconclusive", sure, {"doubt": {"contradicted": ["seat A moved"]}}),
+        ("inconclusive", sure, {"doubt": {"no_better": True}}),
+        ("inconclusive", sure, {"doubt": {"agree": False}}),
     ]
-    for verdict, findings, structure, seen, at, *given in cases:
-        left, p_more = [*given, *(False, 0.1)[len(given) :]]
-        doubts = doubts_of(findings, left, p_more, (seen, 100))
-        assert verdict_of(findings, structure, p_more, doubts, (fit, at)) == verdict
-    each = [
-        {"contradicted": ["seat A moved"]},
-        {"no_better": True},
-        {"agree": False},
-    ]
-    for doubt in each:
-        doubts = doubts_of([finding(0.99)], False, 0.1, (90, 100), **doubt)
-        assert verdict_of([finding(0.99)], False, 0.1, doubts, (fit, fit)) == "inconclusive"
+    usual = {"left": False, "p_more": 0.1, "structure": False, "seen": 90, "at": fit, "doubt": {}}
+    for verdict, findings, changed in cases:
+        case = usual | changed
+        seen = (case["seen"], 100)
+        doubts = doubts_of(findings, case["left"], case["p_more"], seen, **case["doubt"])
+        fits = (fit, case["at"])
+        found = verdict_of(findings, case["structure"], case["p_more"], doubts, fits)
+        assert found == verdict, changed
 
 
 def test_a_value_that_nature_does_not_have_explains_nothing(sino6):

@@ -25,10 +25,11 @@ def test_valid_files_are_read(kind, tmp_path):
         kind.use(tmp_path / kind.name)
 
 
+@pytest.mark.parametrize("files", [8, pytest.param(100, marks=pytest.mark.long)])
 @pytest.mark.parametrize("kind", FORMATS, ids=lambda kind: kind.name)
-def test_a_mistake_gives_a_result_or_a_refusal(kind, tmp_path):
+def test_a_mistake_gives_a_result_or_a_refusal(kind, files, tmp_path):
     @settings(
-        max_examples=20,
+        max_examples=files,
         deadline=None,
         database=None,
         derandomize=True,

@@ -85,7 +85,7 @@ def moved(data: Measurements) -> Measurements:
         pytest.param("free", "base", permuted, marks=pytest.mark.long),
         ("seats", "base", permuted),
         ("seats", "base", renamed),
-        ("free", "external", moved),
+        pytest.param("free", "external", moved, marks=pytest.mark.long),
     ],
 )
 def test_what_does_not_matter(files, said, plan, frame, change):

@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +28,7 @@ from aacmm_pin.calibration.setup import ReferenceFrame
 from aacmm_pin.measurements import Measurements
 
 MARGIN = 0.03
+again = partial(pytest.param, marks=pytest.mark.long)
 
 
 @dataclass(frozen=True)
@@ -131,6 +132,7 @@ def test_the_documented_table_is_what_is_found(page, measured):
     assert f"{excluded} of the {name}" in text or not excluded
 
 
+@pytest.mark.long
 def test_which_records_are_left_out_together_hardly_matters(measured):
     usual, few = (
         held_out(measured.usual),
@@ -143,7 +145,7 @@ def test_which_records_are_left_out_together_hardly_matters(measured):
     )  # ten blocks of joint space are few
 
 
-@pytest.mark.parametrize(("name", "expected"), [("ur10", 0.435), ("fanuc", 0.248)])
+@pytest.mark.parametrize(("name", "expected"), [again("ur10", 0.435), ("fanuc", 0.248)])
 def test_whole_postures_left_out(name, expected, all_measured):
     """The Fanuc stood in 24 postures, 10 times in each with all 3 markers; 293 postures of the UR10
     were measured twice.
@@ -201,7 +203,7 @@ def test_all_records_of_the_iiwa(all_measured):
     )
 
 
-@pytest.mark.parametrize(("name", "farthest_off"), [("panda", 0.09), ("iiwa14", 0.04)])
+@pytest.mark.parametrize(("name", "farthest_off"), [again("panda", 0.09), ("iiwa14", 0.04)])
 def test_a_bar_whose_length_was_kept_back(name, farthest_off, all_measured):
     """Six and three bars of 50.0 mm, known to 0.1 mm or better."""
     measured, lengths = all_measured[name], []
@@ -224,7 +226,7 @@ def test_a_bar_whose_length_was_kept_back(name, farthest_off, all_measured):
 
 @pytest.mark.parametrize(
     ("name", "robot", "tip"),
-    [("ur10", "ur10_robot.urdf", "tool0"), ("panda", "panda.urdf", "panda_link8")],
+    [again("ur10", "ur10_robot.urdf", "tool0"), ("panda", "panda.urdf", "panda_link8")],
 )
 def test_table_and_urdf_tell_the_same(name, robot, tip, robot_file, all_measured):
     usual, found = (
@@ -237,9 +239,7 @@ def test_table_and_urdf_tell_the_same(name, robot, tip, robot_file, all_measured
 
 
 @pytest.mark.parametrize(
-    "measured",
-    ["ur10", "fanuc", "iiwa14", pytest.param("panda", marks=pytest.mark.long)],
-    indirect=True,
+    "measured", ["fanuc", *map(again, ("ur10", "iiwa14", "panda"))], indirect=True
 )
 def test_where_the_search_starts(measured, rng):
     """Every value of the table is off by up to 2 mm or 0.5°."""

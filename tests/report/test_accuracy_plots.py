@@ -23,12 +23,7 @@ from aacmm_pin import (
 )
 from aacmm_pin.arm import Arm, load_arm_file
 from aacmm_pin.errors import AacmmError, ShapeError
-from aacmm_pin.report.plots import (
-    plot_accuracy_of_postures,
-    plot_budget,
-    plot_circle,
-    plot_map,
-)
+from aacmm_pin.report.plots import plot_accuracy_of_postures, plot_budget, plot_circle, plot_map
 
 mpl.use("Agg")
 

@@ -43,16 +43,9 @@ from aacmm_pin.effects import (
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import Measurements
 from aacmm_pin.report.document import blank_axes
-from aacmm_pin.report.plots import (
-    plot_cause,
-    plot_groups,
-    plot_held_out,
-    plot_unexplained,
-)
+from aacmm_pin.report.plots import plot_cause, plot_groups, plot_held_out, plot_unexplained
 from aacmm_pin.report.plots.groups import held_out_parts
-from aacmm_pin.report.plots.partial_residuals import (
-    partial_residual,
-)
+from aacmm_pin.report.plots.partial_residuals import partial_residual
 
 ENCODER, REFERENCE = 8e-6, 12e-6
 RECORDS = 240

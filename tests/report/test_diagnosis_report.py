@@ -14,21 +14,18 @@ from matplotlib import pyplot as plt
 from aacmm_pin import next_measurements
 from aacmm_pin.arm import Arm
 from aacmm_pin.arm.file import parse_arm_file
-from aacmm_pin.diagnosis import Alias, Diagnosis, Finding, OddGroup, diagnose
+from aacmm_pin.diagnosis import Alias, Diagnosis, Finding, diagnose
 from aacmm_pin.effects import (
     Effect,
     EncoderEccentricity,
     EncoderGain,
     ErrorModel,
     JointCompliance,
-    JointZeroOffset,
-    StylusOffset,
     in_words,
     values_in_words,
 )
-from aacmm_pin.errors import OutputError
 from aacmm_pin.measurements import simulate_measurements
-from aacmm_pin.report import html, results
+from aacmm_pin.report import html
 from aacmm_pin.report.diagnosis import (
     alternatives,
     diagnosis_document,
@@ -40,7 +37,6 @@ from aacmm_pin.report.diagnosis import (
     unexplained_in_words,
     verdict_in_words,
 )
-from aacmm_pin.report.document import document_of
 from aacmm_pin.report.numbers import lengths, percent
 from aacmm_pin.report.scenes.scene import viewer_script
 from tests.pages import Page
@@ -51,10 +47,6 @@ NAME = "a <b> & c.csv"
 def written(result: Diagnosis) -> str:
     summary = result.summary() | {"source": NAME, "seed": 1}
     return html.page(diagnosis_document(result, summary, "2026-01-02"))
-
-
-def card(result: object) -> str:
-    return Page(html.fragment(document_of(result))).text
 
 
 def pictures(page: Page) -> list[str]:
@@ -157,66 +149,19 @@ def with_sets(result: Diagnosis, **sets: float) -> Diagnosis:
     )
 
 
-def test_doubt_is_told_with_the_rivals(eccentric, tmp_path):
+def test_doubt_is_told_with_the_rivals(eccentric):
     others = [(EncoderEccentricity(2), 0.98, 0.29), (EncoderGain(2), 0.5, 0.0002)]
     aliases = [Alias(effect.label, r, p, effect=effect) for effect, r, p in others]
     doubtful = finding(JointCompliance(2, values=(2e-5,), u=(1e-6,)), 0.7, *aliases)
     shares = {"joint_compliance__2": 0.7, "encoder_eccentricity__2": 0.29, "encoder_gain__2": 0.01}
     result = with_sets(replace(eccentric, verdict="ambiguous", findings=(doubtful,)), **shares)
-    for words in (
-        "compliance under gravity of joint 2",
-        "0.700",
-        "encoder eccentricity of joint 2",
-        "0.290",
-    ):
-        assert words in verdict_in_words(result)
-    assert "encoder gain" not in verdict_in_words(result)
-    assert look_alikes(result)["label"].tolist()[:1] == [
-        "encoder_eccentricity:2"
-    ]  # the other one is out of the question
+    assert look_alikes(result)["label"].tolist()[:1] == ["encoder_eccentricity:2"]
     assert sum(map(float, alternatives(with_sets(eccentric, **shares))["probability"])) == 1.0
     beside = replace(result, verdict="unexplained", doubts=("more causes",))
-    assert "not named" in verdict_in_words(beside)
-    assert "do not distinguish" in card(beside)
+    for words in ("compliance under gravity of joint 2", "0.700", "0.290"):
+        assert words in verdict_in_words(result)
     assert all(label.replace("__", ":") in next_measurements(beside) for label in [*shares][:2])
-    unexplained = replace(eccentric, verdict="unexplained")
-    assert ranking(unexplained)["p"].tolist()[0] == "< 1e-16"
-    results.save(unexplained, tmp_path / "report.html")
-    assert (
-        verdict_in_words(unexplained)
-        in Page((tmp_path / "report.html").read_text(encoding="utf-8")).text
-    )
-    with pytest.raises(OutputError, match="exists already"):
-        results.save(result, tmp_path / "report.html")
-
-
-def test_geometry_and_what_is_alike_in_all_records(eccentric):
-    moved = finding(JointZeroOffset(4, values=(2e-4,), u=(1e-5,)), 1.0)
-    offset = finding(StylusOffset(values=(1e-4, 0.0, 0.0)), 1.0)
-    result = replace(eccentric, findings=(moved, offset))
-    assert "zero offset of joint 4" in verdict_in_words(result)
-    page = Page(written(result))
-    assert "Geometric values beyond their stated uncertainty" in pictures(page)
-    assert not any("from the records" in alt for alt in pictures(page))
-    assert ranking(result)["at the tip [mm]"].tolist()[1] == "0.1000"
-    assert "no cause was found" in verdict_in_words(replace(eccentric, findings=(moved,)))
-
-
-def test_gain_and_what_is_left(eccentric):
-    held, left = eccentric.held_out, eccentric.unexplained
-    for interval, significant in (
-        ((0.4, 0.6), True),
-        ((-0.1, 0.2), False),
-        ((0.001, 0.2), False),
-        ((-0.4, -0.2), True),
-    ):
-        words = gain_in_words(replace(eccentric, held_out=replace(held, interval=interval)))
-        assert ("not significant" not in words) == significant
-    assert f"{held.gain:.4g}" in card(held)
-    assert "p = 1e-05" in unexplained_in_words(replace(left, p_value=1e-5))
-    group = OddGroup("bar B3", 62, 1.41, 3e-7)
-    for part in ("bar B3", "62", "1.4", "3e-07"):
-        assert part in card(replace(left, groups=(group,), depends_on=("bar B3",)))
-        assert part in card(group)
-    unstated = replace(eccentric, extended=replace(eccentric.extended, stated=False))
-    assert "Not all noise was stated" in Page(written(unstated)).text
+    assert ranking(replace(eccentric, verdict="unexplained"))["p"].tolist()[0] == "< 1e-16"
+    for verdict in ("inconclusive", "unexplained"):
+        other = replace(eccentric, verdict=verdict)
+        assert verdict_in_words(other) in Page(written(other)).text

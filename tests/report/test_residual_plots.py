@@ -77,11 +77,7 @@ def test_a_turned_reference_frame_makes_no_difference_to_a_joint(with_wave):
     data, along = with_wave.fit.problem.measurements, []
     turn = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
     for records in (data, replace(data, reference=data.reference @ turn.T)):
-        setup = {
-            "reference_frame": "external",
-            "encoder_noise": READINGS,
-            "hold_out": False,
-        }
+        setup = {"reference_frame": "external", "encoder_noise": READINGS, "hold_out": False}
         ax = plot_residuals_over_joint(
             calibrate(with_wave.model.arm, records, "zero-offsets", **setup), 3
         )

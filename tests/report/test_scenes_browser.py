@@ -79,7 +79,7 @@ def test_the_slider_moves_the_arm_where_the_arm_goes(page, file):
     arm, pictures = Arm.load("sino6"), []
     for number in (2, 13):
         page.evaluate(
-            f"slider.value = {number}; slider.dispatchEvent(new Event('input', {{bubbles: true}}))",
+            f"slider.value = {number}; slider.dispatchEvent(new Event('input', {{bubbles: true}}))"
         )
         assert page.evaluate("page.current") == number
         texts = page.evaluate(
