@@ -6,7 +6,8 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from aacmm_pin.arm import Arm, ArmFile, load_arm_file
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.file import ArmFile, load_arm_file
 
 
 def nominal() -> ArmFile:

@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin.arm import Arm
+from aacmm_pin.arm.arm import Arm
 
 EXACT_STEPS = {"a_mm": 1e3, "d_mm": 1e3, "alpha_rad": np.pi / 2, "theta_offset_rad": np.pi / 2}
 
@@ -24,6 +24,7 @@ def dh_sensitivity(arm: Arm, q: Array, frames: list[str]) -> dict[str, Array]:
     A position is linear in a length and A + B cos x + C sin x in an angle x: half the difference of
     its values a metre, or a quarter of a turn, to either side is the exact derivative.
     """
+    assert arm.file is not None
     rows, columns = arm.file.joints, []
     for i, row in enumerate(rows):
         for key, step in EXACT_STEPS.items():
