@@ -4,7 +4,6 @@ nothing.
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,12 +11,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from typer.testing import CliRunner
 
 from aacmm_pin import next_measurements
 from aacmm_pin.arm import Arm
 from aacmm_pin.arm.random_postures import random_postures
-from aacmm_pin.cli.root_command import app
 from aacmm_pin.diagnosis import diagnose
 from aacmm_pin.diagnosis.covariates import covariates
 from aacmm_pin.effects import (
@@ -32,40 +29,24 @@ from aacmm_pin.effects import (
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import Measurements, simulate_measurements
 from aacmm_pin.report.plots.partial_residuals import partial_residual
+from tests.cli import shell
 from tests.notes import data_of
 
-NOISE = [
-    "--encoder-noise-rad",
-    "8e-6",
-    "--reference-noise-mm",
-    "0.012",
-    "--probe-noise-mm",
-    "0.012",
-]
-ECCENTRIC = "encoder_eccentricity:joint=3,amplitude_rad=1e-4,phase_rad=0.5"
+NOISE = "--encoder-noise-rad 8e-6 --reference-noise-mm 0.012 --probe-noise-mm 0.012"
 
 
-def records(folder: Path, *options: str, effect: str = "") -> pd.DataFrame:
+def records(folder: Path, words: str) -> pd.DataFrame:
     """Virtual measurements of sino6."""
     path = folder / "simulated.csv"
-    effects = ["--effect", effect] if effect else []
-    noise = ["--probe-noise-mm", "0.012"] if "free" not in options else []
-    done = CliRunner().invoke(
-        app, ["simulate", "sino6", "--plan", *options, *noise, *effects, "-o", str(path), "--force"]
-    )
-    assert done.exit_code == 0, done.output
+    probe = "" if "free" in words else "--probe-noise-mm 0.012"
+    shell.done(f"simulate sino6 --plan {words} {probe} -o {path} --force")
     return pd.read_csv(path)
 
 
-def diagnosed(folder: Path, table: pd.DataFrame, *options: str) -> dict[str, Any]:
+def diagnosed(folder: Path, table: pd.DataFrame, words: str = "--no-held-out") -> dict[str, Any]:
     path = folder / "data.csv"
     table.to_csv(path, index=False)
-    done = CliRunner().invoke(
-        app, ["diagnose", "sino6", str(path), *NOISE, *options, "--json", "-"]
-    )
-    assert done.exit_code == 0, done.output
-    content: dict[str, Any] = json.loads(done.stdout)
-    return content
+    return shell.found(f"diagnose sino6 {path} {NOISE} {words}")
 
 
 def test_records_that_are_too_few_are_not_taken_for_a_plan(sino6):
@@ -80,8 +61,9 @@ def test_a_cause_is_named_where_parts_have_seats_with_a_single_record(tmp_path):
     """Few bars are torn into blocks of joint space, where a seat may have one record that nothing
     can be compared with.
     """
-    plan = ["ball-bar", "--records", "80", "--seats", "8", "--bar-length-mm", "500"]
-    found = diagnosed(tmp_path, records(tmp_path, *plan, effect=ECCENTRIC), "--no-held-out")
+    cause = "encoder_eccentricity:joint=3,amplitude_rad=1e-4,phase_rad=0.5"
+    plan = "ball-bar --records 80 --seats 8 --bar-length-mm 500"
+    found = diagnosed(tmp_path, records(tmp_path, f"{plan} --effect {cause}"))
     assert [(f["cause"], f["joint"]) for f in found["findings"]] == [("encoder_eccentricity", 3)]
 
 
@@ -90,11 +72,8 @@ def test_seats_of_unknown_place_show_no_structure_of_their_own(tmp_path, seats):
     """An arm that shrinks to a point meets every seat of unknown place: that is no structure over
     time or temperature.
     """
-    found = diagnosed(
-        tmp_path,
-        records(tmp_path, "seats", "--records", "60", "--seats", seats, "--unknown"),
-        "--no-held-out",
-    )
+    table = records(tmp_path, f"seats --records 60 --seats {seats} --unknown")
+    found = diagnosed(tmp_path, table)
     assert found["verdict"] == "no-discrepancy"
     assert found["unexplained"]["p_value"] > 1e-3
 
@@ -102,18 +81,18 @@ def test_seats_of_unknown_place_show_no_structure_of_their_own(tmp_path, seats):
 @pytest.mark.parametrize("count", [3, 5])
 def test_few_records_in_an_unknown_frame(tmp_path, count):
     """The frame is all but all that they tell; what else is refitted is known from before alone."""
-    table = records(tmp_path, "free", "--records", "20").head(count)
-    found = diagnosed(tmp_path, table, "--reference-frame", "external")
+    table = records(tmp_path, "free --records 20").head(count)
+    found = diagnosed(tmp_path, table, "--reference-frame external")
     assert found["verdict"] == "inconclusive"
     assert found["rms_mm"]["recalibrated"] < found["rms_mm"]["noise"]
 
 
 def test_a_clock_that_starts_anew_needs_sessions(tmp_path):
-    table = records(tmp_path, "free", "--records", "40").sort_values("time_s")
+    table = records(tmp_path, "free --records 40").sort_values("time_s")
     table.loc[table.index[20:], "time_s"] -= table["time_s"].iloc[19]
     for session, noted in ((None, True), (["a"] * 20 + ["b"] * 20, False)):
         told = table if session is None else table.assign(session=session)
-        codes = diagnosed(tmp_path, told, "--no-held-out")["note_codes"]
+        codes = diagnosed(tmp_path, told)["note_codes"]
         assert ("clock_restarts" in codes) == noted
 
 

@@ -9,28 +9,20 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 import pytest
-from typer.testing import CliRunner
 
-from aacmm_pin import accuracy_volume
 from aacmm_pin._support.checks import Array
-from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm import Arm
-from aacmm_pin.calibration import Fit, calibrate, calibrated_model
-from aacmm_pin.calibration.estimation import fit
-from aacmm_pin.calibration.parameters import problem_of
-from aacmm_pin.calibration.setup import Setup
-from aacmm_pin.cli.root_command import app
+from aacmm_pin.calibration import calibrate
 from aacmm_pin.diagnosis.covariates import Carried, covariates
 from aacmm_pin.diagnosis.discrepancy import (
     Described,
     background_effect,
-    calibrated_beside,
     coefficients_of_effect,
     covariate_effects,
     lost,
     with_covariance,
 )
-from aacmm_pin.effects import Carrier, Conditions, Discrepancy, ErrorModel, Part, State, sensitivity
+from aacmm_pin.effects import Carrier, Conditions, Discrepancy, ErrorModel, State, sensitivity
 from aacmm_pin.measurements import Measurements
 
 NOISE = 15e-6
@@ -70,6 +62,12 @@ def all_described(arm: Arm, records: Measurements) -> list[Described]:
     return [(each.name, way) for each in covariates(arm, records) for way in each.variants]
 
 
+def coupling(arm: Arm, records: Measurements) -> Carried:
+    """The coupling on the angle of joint 4."""
+    described = all_described(arm, records)
+    return next(way for name, way in described if (name, way.carrier) == (COUPLING, "angle 4"))
+
+
 def size_of(way: Carried) -> int:
     return way.functions.shape[1] * Carrier(way.carrier).axes
 
@@ -103,11 +101,7 @@ def test_new_readings_are_corrected_within_u(plant, tmp_path):
     squares = []
     for number in range(20):
         records = plant.measured(200)
-        way = next(
-            way
-            for name, way in all_described(plant.arm, records)
-            if (name, way.carrier) == (COUPLING, "angle 4")
-        )
+        way = coupling(plant.arm, records)
         (effect,), conversion = prior([(COUPLING, way)], 1.0), coefficients_of_effect(way)
         estimate, covariance = least_squares(plant.arm, records, way)
         covariance = np.outer(conversion, conversion) * covariance
@@ -128,25 +122,6 @@ def test_new_readings_are_corrected_within_u(plant, tmp_path):
     assert np.mean(squares) == pytest.approx(count, abs=3.0 * np.sqrt(2.0 * count / 20.0)), (
         "χ², twenty times"
     )
-    table = pd.DataFrame(q / DEG, columns=[f"theta{j}_deg" for j in range(1, 7)])
-    table.assign(**dict(zip(("x_mm", "y_mm", "z_mm"), tip.T / MM, strict=True))).to_csv(
-        tmp_path / "new.csv", index=False
-    )
-    done = CliRunner().invoke(
-        app, ["correct", str(path), str(tmp_path / "new.csv"), "-o", str(tmp_path / "out.csv")]
-    )
-    assert done.exit_code == 0, done.output
-    corrected = (
-        pd.read_csv(tmp_path / "out.csv")[
-            ["corrected_x_mm", "corrected_y_mm", "corrected_z_mm"]
-        ].to_numpy()
-        * MM
-    )
-    before, after = (
-        np.sqrt(np.square(each - tip).sum(axis=1).mean())
-        for each in (plant.arm.positions(q), corrected)
-    )
-    assert after < 0.2 * before
 
 
 def test_estimated_beside_the_geometry(plant, tmp_path):
@@ -154,11 +129,7 @@ def test_estimated_beside_the_geometry(plant, tmp_path):
     holds it the next time.
     """
     records = plant.measured(200)
-    way = next(
-        way
-        for name, way in all_described(plant.arm, records)
-        if (name, way.carrier) == (COUPLING, "angle 4")
-    )
+    way = coupling(plant.arm, records)
     noise = {"encoder_noise": 1e-9, "reference_noise": NOISE, "hold_out": False}
     found = calibrate(plant.arm, records, ["geometry", *prior([(COUPLING, way)], 2e-4)], **noise)
     found.model.save(tmp_path / "extended.toml")
@@ -170,41 +141,6 @@ def test_estimated_beside_the_geometry(plant, tmp_path):
     assert np.square(u).mean() < np.square(0.5 * NOISE)
     again = calibrate(model, plant.measured(100), "geometry", **noise)
     assert again.model.effects == model.effects
-
-
-def test_estimates_answer_to_what_is_held(plant):
-    """Held where a common fit has them, within its covariance, the tips are as uncertain as by that
-    fit.
-    """
-    records = plant.measured(150)
-    way = next(
-        way
-        for name, way in all_described(plant.arm, records)
-        if (name, way.carrier) == (COUPLING, "angle 4")
-    )
-    directions = tuple((float(x),) for x in plant.rng.normal(0.0, 5e-5, size_of(way)))
-    one = Discrepancy(COUPLING, (Part(Carrier(way.carrier), way.smooth, directions),), 1)
-    setup = Setup.of(plant.arm, encoder_noise=8e-6, reference_noise=NOISE, probe_noise=NOISE)
-
-    def solved(model: ErrorModel, *more: Discrepancy) -> Fit:
-        return fit(problem_of(model, records, ["geometry", *more], setup), robust=False)
-
-    common = solved(ErrorModel(plant.arm), one.at((0.0,), (1.0,)))
-    own = common.problem.vector.slices[-1]
-    found = one.at(common.effects[-1].values, np.sqrt(np.diag(common.covariance[own, own])))
-    held = ErrorModel(plant.arm, (found,))
-    model, wanted = calibrated_beside(solved(held), found), calibrated_model(common)
-    q, conditions = plant.touched(50)[0], Conditions(50, time=np.linspace(0.0, 3600.0, 50))
-    u = [
-        accuracy_volume(each, q, conditions=conditions, method="ellipsoid").u
-        for each in (model, wanted)
-    ]
-    np.testing.assert_allclose(*u, rtol=1e-3)
-    alone = ErrorModel(calibrated_model(solved(held)).arm)
-    independent = with_effect(alone, found, np.diag(np.square(found.u)))
-    assert np.mean(
-        accuracy_volume(independent, q, conditions=conditions, method="ellipsoid").u
-    ) > 1.01 * np.mean(u[1])
 
 
 def test_what_cannot_be_predicted_is_lost(plant):
