@@ -4,7 +4,6 @@ written.
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Iterator
 from dataclasses import fields
@@ -14,15 +13,14 @@ from typing import Any, get_args
 import pandas as pd
 import pytest
 from pydantic import BaseModel
-from typer.testing import CliRunner
 
 import aacmm_pin
 from aacmm_pin import effects
 from aacmm_pin.arm import file as arm_file
-from aacmm_pin.cli.root_command import app
 from aacmm_pin.effects import CAUSES, Smooth
 from aacmm_pin.measurements import MEASUREMENT_FILE, PROBED_POINT_COLUMNS, REFERENCE
 from aacmm_pin.measurements.csv_columns import numbered_forms, single_names
+from tests.cli import shell
 
 PAGE = (Path(__file__).parents[1] / "notebooks" / "site" / "formats.md").read_text(encoding="utf-8")
 SECTIONS = dict(re.findall(r"^#+ (.+?)\n(.*?)(?=^#+ |\Z)", PAGE, re.MULTILINE | re.DOTALL))
@@ -60,12 +58,14 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> dict[str, set[str]]:
         str(folder / f"{name}.csv") for name in ("data", "external", "hidden", "poses")
     )
     simulate = "simulate sino6 --encoder-noise-rad 8e-6 --records 60 -o"
-    run(
+    shell.done(
         f"{simulate} {data} --plan free --effect "
         "joint_periodic_error:joint=3,order=7,amplitude_rad=5e-4"
     )
-    run(f"{simulate} {poses} --plan seats --orientation-noise-rad 50urad")
-    run(f"{simulate} {hidden} --plan seats --effect base_compliance:compliance_rad_per_nm=3e-5")
+    shell.done(f"{simulate} {poses} --plan seats --orientation-noise-rad 50urad")
+    shell.done(
+        f"{simulate} {hidden} --plan seats --effect base_compliance:compliance_rad_per_nm=3e-5"
+    )
     table = pd.read_csv(data, dtype=str)
     table.loc[8, "x_mm"] = "999.0"
     table.to_csv(external, index=False)
@@ -74,7 +74,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> dict[str, set[str]]:
         touches, index=False
     )
     procedure = str(folder / "procedure.csv")
-    run(f"plan sino6 --for acceptance --standard asme-b89.4.22 -o {procedure}")
+    shell.done(f"plan sino6 --for acceptance --standard asme-b89.4.22 -o {procedure}")
     noise = "--encoder-noise-rad 8e-6 --reference-noise-mm 0.012"
     found: dict[str, set[str]] = {}
     for command in (
@@ -95,15 +95,9 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> dict[str, set[str]]:
         "plan sino6 --for calibration --records 12 --postures 30",
         f"accept sino6 {procedure} --predict --runs 20 --mpe SPAT.Max=0.1 --encoder-noise-rad 8e-6",
     ):
-        content = json.loads(run(f"{command} --json -"))
+        content = shell.found(command)
         found.setdefault(content["schema"], set()).update(keys(content))
     return found
-
-
-def run(command: str) -> str:
-    done = CliRunner().invoke(app, command.split())
-    assert done.exit_code == 0, done.output
-    return done.stdout
 
 
 def test_every_schema_has_a_section():
@@ -189,14 +183,14 @@ def test_columns_of_what_commands_write(tmp_path):
         for name in ("data", "circle", "accuracy", "residuals", "corrected", "to")
     )
     point = "--point 33.6 -671.9 182.9 --count 6 -o"
-    run(
+    shell.done(
         f"simulate sino6 --plan seats --records 40 --seats 5 --orientation-noise-rad 5e-5 -o {data}"
     )
-    run(f"configurations sino6 {point} {tables[0]}")
-    run(f"accuracy sino6 {point} {tables[1]}")
-    run(f"calibrate sino6 {data} --no-held-out --residuals {tables[2]}")
-    run(f"correct sino6 {data} -o {tables[3]}")
-    run(f"correct sino6 {data} --nominal sino6 --commands -o {tables[4]}")
+    shell.done(f"configurations sino6 {point} {tables[0]}")
+    shell.done(f"accuracy sino6 {point} {tables[1]}")
+    shell.done(f"calibrate sino6 {data} --no-held-out --residuals {tables[2]}")
+    shell.done(f"correct sino6 {data} -o {tables[3]}")
+    shell.done(f"correct sino6 {data} --nominal sino6 --commands -o {tables[4]}")
     came = [
         name
         for path in tables

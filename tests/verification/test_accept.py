@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections import Counter
 from functools import cache
@@ -12,18 +11,17 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from typer.testing import CliRunner
 
 from aacmm_pin import Measurements, accept
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.notes import Note
-from aacmm_pin.cli.root_command import app
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.report.acceptance import acceptance_document
 from aacmm_pin.report.document import Paragraph, Table
 from aacmm_pin.verification import AcceptanceResult
 from aacmm_pin.verification.accept import COVERAGE, AcceptanceFigure
 from aacmm_pin.verification.probed_points import AS_GIVEN
+from tests.cli import shell
 from tests.notes import data_of
 
 DIRECTIONS = np.vstack([np.eye(3), -np.eye(3), [[0.6, 0.8, 0], [0, -0.6, 0.8], [0.8, 0, -0.6]]])
@@ -372,16 +370,11 @@ def test_touches_are_records_of_a_measurement_file(tmp_path):
         Measurements.from_frame(table, 6)
 
 
-def done(*words: object) -> str:
-    outcome = CliRunner().invoke(app, ["accept", *map(str, words)])
-    assert outcome.exit_code == 0, outcome.output
-    return outcome.stdout
-
-
 def test_the_test_report_has_every_figure_and_the_touches(data, tmp_path):
     limits, target = tmp_path / "limits.toml", tmp_path / "report.html"
     limits.write_text('"P_Form.Sph.1x25" = 0.02\nE_Uni = 0.03\n', encoding="utf-8")
-    out = done(data, "--mpe", limits, "--mpe", "E_Bi=0.06", "-o", target)
+    options = f"--mpe {limits} --mpe E_Bi=0.06"
+    out, _ = shell.done(f"accept {data} {options} -o {target}")
     page = target.read_text(encoding="utf-8")
     for name in EXPECTED:
         assert name in out
@@ -391,9 +384,7 @@ def test_the_test_report_has_every_figure_and_the_touches(data, tmp_path):
     read, write = os.pipe()
     os.write(write, data.read_bytes())
     os.close(write)
-    piped = done(
-        f"/dev/fd/{read}", "--mpe", limits, "--mpe", "E_Bi=0.06", "-o", tmp_path / "piped.html"
-    )
+    piped, _ = shell.done(f"accept /dev/fd/{read} {options} -o {tmp_path / 'piped.html'}")
     assert piped.count("conformity") == out.count("conformity")
 
 
@@ -423,21 +414,15 @@ def test_errors_name_row_and_column(data, column, cell, said):
 
 def test_what_cannot_be_judged(data, tmp_path):
     (tmp_path / "digits.toml").write_text(f"E_Uni = {5000 * '9'}")
-    assert (
-        CliRunner()
-        .invoke(app, ["accept", str(data), "--mpe", "E_Uni=1", "--mpe", "E_Uni=2"])
-        .exit_code
-        == 2
-    )
+    assert shell.run(f"accept {data} --mpe E_Uni=1 --mpe E_Uni=2")[0] == 2
     for words in (
-        ["--mpe", "E_Uno=0.1"],
-        ["--mpe", "E_Uni=0_06"],
-        ["--mpe", str(tmp_path / "digits.toml")],
-        ["--standard", "iso"],
-        ["--range-mm", "0"],
+        "--mpe E_Uno=0.1",
+        "--mpe E_Uni=0_06",
+        f"--mpe {tmp_path / 'digits.toml'}",
+        "--standard iso",
+        "--range-mm 0",
     ):
-        outcome = CliRunner().invoke(app, ["accept", str(data), *words])
-        assert (outcome.exit_code, outcome.stdout) == (1, ""), words
+        shell.refused(f"accept {data} {words}")
     table = everything("single-point").drop(columns=["x_mm", "y_mm", "z_mm"])
     table.to_csv(tmp_path / "no.csv", index=False)
     with pytest.raises(AacmmError, match="no coordinates"):
@@ -491,7 +476,7 @@ def test_every_figure_says_where_it_is(data):
     table = everything()
     lines = np.arange(len(table)) + 2
     table.to_csv(data, index=False)
-    content = json.loads(done(data, "--json", "-"))
+    content = shell.found(f"accept {data}")
     where = {f["figure"]: f["where"] for f in content["figures"]}
     last = {"position": "6", "repeat": "2", "length_id": "L4"}
     assert where["E_Uni"] == last | {"rows": lines[table["test"] == "length-uni"][-2:].tolist()}

@@ -14,14 +14,13 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pandas as pd
 import pytest
-from typer.testing import CliRunner
 
 from aacmm_pin import Arm, accept
-from aacmm_pin.cli.root_command import app
 from aacmm_pin.errors import AacmmError, MeasurementFileError, OutputError
 from aacmm_pin.report.acceptance import CheckDetails, acceptance_document
 from aacmm_pin.report.html import page as page_of
 from aacmm_pin.verification import AcceptanceResult, History
+from tests.cli import shell
 from tests.verification.test_accept import everything, rows
 
 START = datetime(2026, 1, 1, tzinfo=UTC)
@@ -106,41 +105,23 @@ def test_a_failed_check_does_not_widen_the_limits(tmp_path):
 
 def test_a_check_is_appended_once(tmp_path):
     path, data = tmp_path / "checks.csv", touches(tmp_path / "t.csv", 0.02)
-    words = [
-        "accept",
-        str(data),
-        "--history",
-        str(path),
-        "--instrument",
-        "no. 12",
-        "--mpe",
-        "SPAT.Max=0.03",
-    ]
+    words = f"accept {data} --history {path} --mpe SPAT.Max=0.03 --instrument"
     for _ in range(2):
-        done = CliRunner().invoke(app, [*words, "--time", "2026-01-31T10:00+01:00", "--json", "-"])
-        assert done.exit_code == 0, done.output
+        out, err = shell.done(f"{words} 'no. 12' --time 2026-01-31T10:00+01:00 --json -")
         assert len(pd.read_csv(path)) == 3
-    assert "nothing appended" in done.stderr
+    assert "nothing appended" in err
     table = pd.read_csv(path)
     assert set(table["time"]) == {"2026-01-31T09:00:00+00:00"}
     first = table.iloc[0].dropna().to_dict()
-    assert (first["figure"], first["verdict"], first["instrument"]) == (
-        "SPAT.Max",
-        "conformity",
-        "no. 12",
-    )
-    assert {row["checks_before"] for row in json.loads(done.stdout)["history"]} == {0}
-    other = [*words[:-4], "--instrument", " NO. 12", *words[-2:], "--time", "2026-02-28", "--force"]
-    done = CliRunner().invoke(app, other)
-    assert (done.exit_code, len(pd.read_csv(path)), "2026-01-31 09:00" in done.stderr) == (
-        0,
-        3,
-        True,
-    )
+    wanted = ("SPAT.Max", "conformity", "no. 12")
+    assert (first["figure"], first["verdict"], first["instrument"]) == wanted
+    assert {row["checks_before"] for row in json.loads(out)["history"]} == {0}
+    _, err = shell.done(f"{words} ' NO. 12' --time 2026-02-28")
+    assert (len(pd.read_csv(path)), "2026-01-31 09:00" in err) == (3, True)
     touches(data, 0.03)
-    done = CliRunner().invoke(app, [*words, "--time", "2026-01-31T09:00"])
-    assert (done.exit_code, len(pd.read_csv(path))) == (1, 3)
-    assert CliRunner().invoke(app, [*words, "--time", "2026-02-28"]).exit_code == 0
+    shell.refused(f"{words} 'no. 12' --time 2026-01-31T09:00")
+    assert len(pd.read_csv(path)) == 3
+    shell.done(f"{words} 'no. 12' --time 2026-02-28")
     assert pd.read_csv(path)["value_mm"].tolist()[::3] == pytest.approx([0.02, 0.03])
 
 
@@ -188,8 +169,8 @@ def test_damaged_histories_are_refused(tmp_path, column, cell):
     table.loc[4, column] = cell
     table.to_csv(path, index=False)
     before = path.read_bytes()
-    done = CliRunner().invoke(app, ["accept", str(data), "--history", str(path)])
-    assert (done.exit_code, path.read_bytes()) == (1, before)
+    shell.refused(f"accept {data} --history {path}")
+    assert path.read_bytes() == before
     with pytest.raises(MeasurementFileError) as raised:
         History.read(path)
     assert (raised.value.row, raised.value.column) == (6, column)

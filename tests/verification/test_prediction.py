@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
-from typer.testing import CliRunner
 
 from aacmm_pin import (
     Arm,
@@ -20,12 +18,12 @@ from aacmm_pin import (
     predict_acceptance,
 )
 from aacmm_pin.arm import joint_bounds
-from aacmm_pin.cli.root_command import app
 from aacmm_pin.errors import AacmmError, MeasurementFileError
 from aacmm_pin.measurements import Noise
 from aacmm_pin.measurements.simulate import simulate_touches
 from aacmm_pin.verification import Procedure
 from aacmm_pin.verification.characteristics import DEFINITIONS, definitions
+from tests.cli import shell
 
 
 @pytest.fixture(scope="module")
@@ -215,20 +213,19 @@ def test_the_chain_at_the_shell(tmp_path):
     )
     sheet, page = tmp_path / "sheet.html", tmp_path / "page.html"
     asme = "--standard asme-b89.4.22"
-    said = run(f"plan sino6 --for acceptance {asme} -o {touches} --sheet {sheet}")
-    assert str(touches) in said
+    shell.done(f"plan sino6 --for acceptance {asme} -o {touches} --sheet {sheet}")
     hidden = "encoder_eccentricity:3,amplitude_rad=3e-4"
-    run(
+    shell.done(
         f"simulate sino6 --plan {touches} --effect {hidden} --encoder-noise-rad 1e-6 --truth "
         f"{truth} -o {filled}"
     )
-    content = json.loads(run(f"accept sino6 {truth} {filled} --mpe SPAT.Max=0.05 --json -"))
+    content = shell.found(f"accept sino6 {truth} {filled} --mpe SPAT.Max=0.05")
     verdicts = {
         f["coordinates"]: f["verdict"] for f in content["figures"] if f["figure"] == "SPAT.Max"
     }
     assert (verdicts["sino6"], verdicts[str(truth)]) == ("non-conformity", "conformity")
     options = f"--predict --runs 20 --mpe SPAT.Max=10 --encoder-noise-rad 8e-6 {asme}"
-    content = json.loads(run(f"accept sino6 {touches} {options} --json - -o {page}"))
+    content = shell.found(f"accept sino6 {touches} {options} -o {page}")
     (worst,) = (f for f in content["figures"] if f["figure"] == "SPAT.Max")
     assert worst["probability_to_pass"] == 1.0
     assert worst["low_mm"] < worst["median_mm"] < worst["high_mm"] < 1.0
@@ -261,9 +258,3 @@ def test_what_cannot_be_planned_or_predicted(sino6, planned):
     table.drop(columns=["planned_x_mm", "planned_theta2_deg"]).to_csv(less, index=False)
     with pytest.raises(MeasurementFileError, match="planned_x_mm, planned_theta2_deg"):
         predict_acceptance(less, {"sino6": sino6}, progress=False)
-
-
-def run(command: str) -> str:
-    done = CliRunner().invoke(app, command.split())
-    assert done.exit_code == 0, done.output
-    return done.stdout
