@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from aacmm_pin import Measurements, accept
+from aacmm_pin import Arm, Measurements, accept
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.notes import Note
 from aacmm_pin.errors import AacmmError
@@ -584,3 +584,12 @@ def test_a_probe_that_the_spheres_contradict_is_noted(data, probe, said):
     table.to_csv(data, index=False)
     (told,) = data_of(accept(data).notes, said)
     assert told["difference"] == pytest.approx(6e-3, rel=0.01)
+
+
+@pytest.mark.parametrize(("columns", "words"), [(0, "theta1_deg"), (6, "theta1_deg … theta6_deg")])
+def test_arms_need_readings(data, columns, words):
+    """Their columns may be there, and empty."""
+    table = everything("single-point")
+    table.assign(**{f"theta{k}_deg": "" for k in range(1, columns + 1)}).to_csv(data, index=False)
+    with pytest.raises(AacmmError, match=words):
+        accept(data, {"sino6": Arm.load("sino6")})
