@@ -10,6 +10,8 @@ from aacmm_pin.arm import Arm
 from aacmm_pin.errors import AacmmError, ArmFileError, MeasurementFileError, UnknownNameError
 from aacmm_pin.measurements import Measurements
 
+pytestmark = pytest.mark.fast
+
 
 @pytest.mark.parametrize(
     "error",

@@ -9,7 +9,11 @@ from collections.abc import Iterator
 from graphlib import TopologicalSorter
 from pathlib import Path
 
+import pytest
+
 import aacmm_pin
+
+pytestmark = pytest.mark.fast
 
 ROOT = Path(aacmm_pin.__file__).parent
 ROOMS = [

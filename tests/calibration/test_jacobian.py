@@ -21,6 +21,8 @@ from aacmm_pin.effects import (
     sensitivity,
 )
 
+pytestmark = pytest.mark.fast
+
 
 @pytest.mark.parametrize("n", [1, 8])
 def test_columns_of_all_effects_are_those_of_each(n, sino6, rng):

@@ -23,6 +23,8 @@ from aacmm_pin.effects import (
 )
 from aacmm_pin.measurements import Measurements
 
+pytestmark = pytest.mark.fast
+
 SOFT = 2e-3
 """A hundred times softer than an arm is, so that what is tested stands out [rad/(N·m)]."""
 DISPLACED: dict[str, Effect] = {

@@ -10,6 +10,8 @@ from aacmm_pin import perturbed_model
 from aacmm_pin.arm import Arm, Covariance
 from aacmm_pin.effects import EncoderEccentricity, ErrorModel, ThermalExpansion
 
+pytestmark = pytest.mark.fast
+
 
 def steps(drawn: ErrorModel, model: ErrorModel) -> np.ndarray:
     return np.array(

@@ -23,6 +23,8 @@ from aacmm_pin.effects import Conditions, ErrorModel, StylusOffset
 from aacmm_pin.measurements import Measurements, simulate_measurements
 from aacmm_pin.measurements.orientation import quaternions
 
+pytestmark = pytest.mark.fast
+
 NOISE = np.array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0]) * 1e-6
 FRAME = Frame(Rotation.from_rotvec([0.4, -0.9, 1.1]).as_matrix(), np.array([1.0, 2.0, -0.5]))
 

@@ -14,6 +14,8 @@ from aacmm_pin.diagnosis import Choice, inner_values, model_extension
 from aacmm_pin.effects import Conditions, EncoderSlip, JointPeriodicError
 from aacmm_pin.measurements import Measurements
 
+pytestmark = pytest.mark.fast
+
 
 def choice_of(**known: Any) -> Choice:
     """A choice of which nothing is known but some fields."""

@@ -25,6 +25,8 @@ from aacmm_pin.arm import Arm, load_arm_file
 from aacmm_pin.errors import AacmmError, ShapeError
 from aacmm_pin.report.plots import plot_accuracy_of_postures, plot_budget, plot_circle, plot_map
 
+pytestmark = pytest.mark.fast
+
 mpl.use("Agg")
 
 POINT = np.array([33.6323, -671.8702, 182.9355]) * 1e-3

@@ -22,6 +22,8 @@ from aacmm_pin.arm import Arm
 from aacmm_pin.effects import BaseCompliance, EncoderGain, ErrorModel, ThermalExpansion
 from aacmm_pin.report.json_summaries import accuracy_summary, map_summary
 
+pytestmark = pytest.mark.fast
+
 POINT = np.array([33.6323, -671.8702, 182.9355]) * 1e-3
 UNREACHABLE = np.array([5.0, 5.0, 5.0])
 OUTSIDE_LIMITS = np.array([0.01, 0.0, -0.22])

@@ -12,6 +12,8 @@ from aacmm_pin._support.notes import Note
 from aacmm_pin.report.messages import SENTENCES
 from tests.test_rooms import MODULES
 
+pytestmark = pytest.mark.fast
+
 WORDS = 25
 """A sentence has no more."""
 

@@ -11,6 +11,8 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin.errors import AacmmError, ShapeError
 from aacmm_pin.verification.spheres import fitted_sphere, minimum_circumscribed_sphere
 
+pytestmark = pytest.mark.fast
+
 
 def by_brute_force(points: Array) -> float:
     """Smallest diameter of those of all pairs, triples and quadruples that have every point
@@ -32,7 +34,7 @@ def by_brute_force(points: Array) -> float:
 
 def test_minimum_circumscribed_sphere_is_that_of_brute_force():
     rng = np.random.default_rng(5)
-    for number in range(1000):
+    for number in range(400):
         points = rng.normal(size=(rng.integers(2, 8), 3)) * 10.0 ** rng.integers(-5, 0)
         if (
             number % 5 == 1
