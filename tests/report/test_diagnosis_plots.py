@@ -9,8 +9,10 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 from matplotlib import pyplot as plt
+from matplotlib.collections import LineCollection
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG, MM
@@ -32,6 +34,7 @@ from aacmm_pin.effects import (
     JointCompliance,
     JointHysteresis,
     JointPeriodicError,
+    JointZeroOffset,
     LinkBending,
     SeatError,
     StylusBending,
@@ -43,9 +46,18 @@ from aacmm_pin.effects import (
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import Measurements
 from aacmm_pin.report.document import blank_axes
-from aacmm_pin.report.plots import plot_cause, plot_groups, plot_held_out, plot_unexplained
-from aacmm_pin.report.plots.groups import held_out_parts
-from aacmm_pin.report.plots.partial_residuals import partial_residual
+from aacmm_pin.report.plots import (
+    plot_cause,
+    plot_geometry,
+    plot_groups,
+    plot_held_out,
+    plot_unexplained,
+)
+from aacmm_pin.report.plots.groups import MODELS, _draw_groups, held_out_parts
+from aacmm_pin.report.plots.partial_residuals import (
+    partial_residual,
+    unit_of_load,
+)
 
 ENCODER, REFERENCE = 8e-6, 12e-6
 RECORDS = 240
@@ -253,3 +265,55 @@ def test_correction_of_a_covariate(blind):
     np.testing.assert_allclose(ax.lines[2].get_ydata(), shape["growth_um_per_m"])
     with pytest.raises(AacmmError, match="moon"):
         plot_unexplained(result, "moon")
+
+
+def test_geometry_stands_over_what_was_stated(sound, sino6):
+    effect = JointZeroOffset(2, values=(3e-4,), u=(1e-5,))
+    finding = Finding(effect, {"offset_rad": (3e-4, 1e-5)}, 1.0, 1e-9, 1.0, ())
+    ax = plot_geometry(replace(sound, findings=(finding,)))
+    assert [tick.get_text() for tick in ax.get_yticklabels()] == [
+        "zero offset of joint 2\n+300.0 ± 20.0 µrad"
+    ]
+    (stated,) = (p.half_width for p in sino6.parameters if p.name == "theta_offset2")
+    assert stated is not None
+    ((bar,),) = (
+        lines.get_segments() for lines in ax.collections if isinstance(lines, LineCollection)
+    )
+    np.testing.assert_allclose(bar[:, 0], np.array([2.8e-4, 3.2e-4]) / stated)
+    with pytest.raises(AacmmError, match="no geometric value"):
+        plot_geometry(sound)
+
+
+def test_of_many_groups_the_worst_are_named(rng):
+    names = [f"S{k}" for k in range(50)]
+    table = pd.DataFrame(
+        rng.uniform(size=(50, 3)), columns=[f"{name}_mm" for name in MODELS]
+    ).assign(group=names)
+    ax = blank_axes(3.0, 2.0)
+    _draw_groups(ax, "seat", table, {})
+    (simulation, *_) = ax.lines
+    assert (np.diff(simulation.get_ydata()) <= 0).all()
+    worst = table.loc[table["simulation_mm"].nlargest(3).index, "group"]
+    assert ax.get_xlabel().split("\n")[1:] == [*worst]
+    assert not ax.get_xticklabels()
+
+
+def test_the_unit_of_what_a_cause_is_proportional_to():
+    cases = {
+        "rad/(N·m)": "N·m",
+        "rad/(N·m)²": "(N·m)²",
+        "rad/(N·m²)": "N·m²",
+        "rad/m": "m",
+        "rad/m/K": "m·K",
+        "rad": "1",
+    }
+    cases |= {
+        "1": "rad",
+        "1/K": "rad·K",
+        "1/(N·m)": "rad·(N·m)",
+        "rad·s": "rad/(rad·s)",
+        "rad/(m/s)": "m/s",
+    }
+    for unit, expected in cases.items():
+        assert unit_of_load(unit, "rad") == expected
+    assert unit_of_load("m/N", "m") == "N"

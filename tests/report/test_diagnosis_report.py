@@ -15,12 +15,15 @@ from aacmm_pin import next_measurements
 from aacmm_pin.arm import Arm
 from aacmm_pin.arm.file import parse_arm_file
 from aacmm_pin.diagnosis import Alias, Diagnosis, Finding, diagnose
+from aacmm_pin.diagnosis.cross_validation import Brought
 from aacmm_pin.effects import (
     Effect,
     EncoderEccentricity,
     EncoderGain,
     ErrorModel,
     JointCompliance,
+    JointZeroOffset,
+    StylusOffset,
     in_words,
     values_in_words,
 )
@@ -165,3 +168,31 @@ def test_doubt_is_told_with_the_rivals(eccentric):
     for verdict in ("inconclusive", "unexplained"):
         other = replace(eccentric, verdict=verdict)
         assert verdict_in_words(other) in Page(written(other)).text
+
+
+def test_why_nothing_can_be_concluded(eccentric):
+    result, first = replace(eccentric, verdict="inconclusive"), eccentric.findings[0]
+    weak = replace(first, brought=Brought(0.1, -0.1, 0.3))
+    told = [verdict_in_words(replace(result, findings=found)) for found in ((), (first,), (weak,))]
+    stuck = replace(result, extended=replace(result.extended, message="stuck"))
+    few = replace(result, extended=replace(result.extended, stated=False, dof=0.0))
+    told += [verdict_in_words(one) for one in (stuck, few)]
+    assert len(set(told)) == 5
+    assert ["encoder eccentricity of joint 1" in text for text in told[:4]] == [
+        False,
+        True,
+        True,
+        False,
+    ]
+
+
+def test_geometry_and_what_is_alike_in_all_records(eccentric):
+    moved = finding(JointZeroOffset(4, values=(2e-4,), u=(1e-5,)), 1.0)
+    offset = finding(StylusOffset(values=(1e-4, 0.0, 0.0)), 1.0)
+    result = replace(eccentric, findings=(moved, offset))
+    assert "zero offset of joint 4" in verdict_in_words(result)
+    page = Page(written(result))
+    assert "Geometric values beyond their stated uncertainty" in pictures(page)
+    assert not any("from the records" in alt for alt in pictures(page))
+    assert ranking(result)["at the tip [mm]"].tolist()[1] == "0.1000"
+    assert "no cause was found" in verdict_in_words(replace(eccentric, findings=(moved,)))
