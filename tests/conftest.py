@@ -19,8 +19,7 @@ os.environ["OMP_NUM_THREADS"] = (
 import numpy as np
 import pytest
 
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.file import ArmFile, load_arm_file
+from aacmm_pin.arm import Arm, ArmFile, load_arm_file
 from aacmm_pin.effects import CAUSES
 from tests.browser import Page
 
@@ -70,21 +69,20 @@ LONGEST = (
     "test_sound_verdicts",
     "test_blind_gate",
     "test_diagnosis_of_real_arms",
-    "test_diagnosis",
     "test_documented_code",
-    "test_accept",
-    "test_configurations",
-    "test_diagnosis_document",
-    "test_likeness",
-    "test_cli",
-    "test_prediction",
+    "test_diagnosis",
+    "test_demo",
+    "test_diagnosis_report",
+    "test_input_mistakes",
     "test_diagnosis_edges",
+    "test_prediction",
+    "test_configurations",
     "test_guards",
-    "test_report",
+    "test_cli",
     "test_real_arms",
     "test_names_paths_texts",
 )
-"""Files that take twenty seconds or more, the longest first."""
+"""Files that take twenty seconds or more on a busy machine, the longest first."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

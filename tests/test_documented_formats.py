@@ -4,7 +4,6 @@ written.
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Iterator
 from dataclasses import fields
@@ -14,16 +13,14 @@ from typing import Any, get_args
 import pandas as pd
 import pytest
 from pydantic import BaseModel
-from typer.testing import CliRunner
 
 import aacmm_pin
 from aacmm_pin import effects
 from aacmm_pin.arm import file as arm_file
-from aacmm_pin.cli.root_command import app
-from aacmm_pin.effects import CAUSES
-from aacmm_pin.effects.smooth_functions import Smooth
+from aacmm_pin.effects import CAUSES, Smooth
 from aacmm_pin.measurements import MEASUREMENT_FILE, PROBED_POINT_COLUMNS, REFERENCE
 from aacmm_pin.measurements.csv_columns import numbered_forms, single_names
+from tests.cli import shell
 
 PAGE = (Path(__file__).parents[1] / "notebooks" / "site" / "formats.md").read_text(encoding="utf-8")
 SECTIONS = dict(re.findall(r"^#+ (.+?)\n(.*?)(?=^#+ |\Z)", PAGE, re.MULTILINE | re.DOTALL))
@@ -61,12 +58,14 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> dict[str, set[str]]:
         str(folder / f"{name}.csv") for name in ("data", "external", "hidden", "poses")
     )
     simulate = "simulate sino6 --encoder-noise-rad 8e-6 --records 60 -o"
-    run(
+    shell.done(
         f"{simulate} {data} --plan free --effect "
         "joint_periodic_error:joint=3,order=7,amplitude_rad=5e-4"
     )
-    run(f"{simulate} {poses} --plan seats --orientation-noise-rad 50urad")
-    run(f"{simulate} {hidden} --plan seats --effect base_compliance:compliance_rad_per_nm=3e-5")
+    shell.done(f"{simulate} {poses} --plan seats --orientation-noise-rad 50urad")
+    shell.done(
+        f"{simulate} {hidden} --plan seats --effect base_compliance:compliance_rad_per_nm=3e-5"
+    )
     table = pd.read_csv(data, dtype=str)
     table.loc[8, "x_mm"] = "999.0"
     table.to_csv(external, index=False)
@@ -75,7 +74,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> dict[str, set[str]]:
         touches, index=False
     )
     procedure = str(folder / "procedure.csv")
-    run(f"plan sino6 --for acceptance --standard asme-b89.4.22 -o {procedure}")
+    shell.done(f"plan sino6 --for acceptance --standard asme-b89.4.22 -o {procedure}")
     noise = "--encoder-noise-rad 8e-6 --reference-noise-mm 0.012"
     found: dict[str, set[str]] = {}
     for command in (
@@ -96,18 +95,12 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> dict[str, set[str]]:
         "plan sino6 --for calibration --records 12 --postures 30",
         f"accept sino6 {procedure} --predict --runs 20 --mpe SPAT.Max=0.1 --encoder-noise-rad 8e-6",
     ):
-        content = json.loads(run(f"{command} --json -"))
+        content = shell.found(command)
         found.setdefault(content["schema"], set()).update(keys(content))
     return found
 
 
-def run(command: str) -> str:
-    done = CliRunner().invoke(app, command.split())
-    assert done.exit_code == 0, done.output
-    return done.stdout
-
-
-def test_every_schema_has_a_section() -> None:
+def test_every_schema_has_a_section():
     source = "".join(
         path.read_text(encoding="utf-8") for path in Path(aacmm_pin.__file__).parent.rglob("*.py")
     )
@@ -123,7 +116,7 @@ SCHEMAS = (
 
 
 @pytest.mark.parametrize("schema", SCHEMAS.split())
-def test_json_keys_are_those_that_are_written(schema: str, written: dict[str, set[str]]) -> None:
+def test_json_keys_are_those_that_are_written(schema, written):
     name = f"aacmm-pin/{schema}/1"
     explained, came = documented(f"`{name}`"), written[name]
     unexplained = {key for key in came if not known(key, explained)}
@@ -175,7 +168,7 @@ def names_of(functions: type) -> list[str]:
     return [each.name for each in fields(functions)]
 
 
-def test_keys_of_the_arm_file() -> None:
+def test_keys_of_the_arm_file():
     assert set(documented("Arm file (TOML)")) - {"effects[].joint"} == set(
         fields_of(arm_file.ArmFile)
     )
@@ -184,20 +177,20 @@ def test_keys_of_the_arm_file() -> None:
     assert set(documented("Of a URDF")) == set(fields_of(arm_file.UrdfArmFile)) - both
 
 
-def test_columns_of_what_commands_write(tmp_path: Path) -> None:
+def test_columns_of_what_commands_write(tmp_path):
     data, *tables = (
         str(tmp_path / f"{name}.csv")
         for name in ("data", "circle", "accuracy", "residuals", "corrected", "to")
     )
     point = "--point 33.6 -671.9 182.9 --count 6 -o"
-    run(
+    shell.done(
         f"simulate sino6 --plan seats --records 40 --seats 5 --orientation-noise-rad 5e-5 -o {data}"
     )
-    run(f"configurations sino6 {point} {tables[0]}")
-    run(f"accuracy sino6 {point} {tables[1]}")
-    run(f"calibrate sino6 {data} --no-held-out --residuals {tables[2]}")
-    run(f"correct sino6 {data} -o {tables[3]}")
-    run(f"correct sino6 {data} --nominal sino6 --commands -o {tables[4]}")
+    shell.done(f"configurations sino6 {point} {tables[0]}")
+    shell.done(f"accuracy sino6 {point} {tables[1]}")
+    shell.done(f"calibrate sino6 {data} --no-held-out --residuals {tables[2]}")
+    shell.done(f"correct sino6 {data} -o {tables[3]}")
+    shell.done(f"correct sino6 {data} --nominal sino6 --commands -o {tables[4]}")
     came = [
         name
         for path in tables
@@ -209,13 +202,13 @@ def test_columns_of_what_commands_write(tmp_path: Path) -> None:
     assert explained == set(came) - (of_records - {"x_mm", "y_mm", "z_mm"})
 
 
-def test_columns_of_the_acceptance_file() -> None:
+def test_columns_of_the_acceptance_file():
     names = {key.removesuffix(" …") for key in documented("Acceptance file (CSV)")}
     planned = {"articulation", "planned_x_mm", "planned_theta1_deg"}
     assert names - planned == {*single_names(PROBED_POINT_COLUMNS), *REFERENCE, "theta1_deg"}
 
 
-def test_columns_of_the_measurement_file() -> None:
+def test_columns_of_the_measurement_file():
     names = {key.removesuffix(" …") for key in documented("Measurement file (CSV)")}
     numbered = {form.replace("#", "1") for form in numbered_forms(MEASUREMENT_FILE)}
     assert names | {"theta1_rad", "temperature1_c"} == {*single_names(MEASUREMENT_FILE), *numbered}

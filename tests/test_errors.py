@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import pickle
-from pathlib import Path
 
 import pytest
 
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm import Arm
 from aacmm_pin.errors import AacmmError, ArmFileError, MeasurementFileError, UnknownNameError
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements import Measurements
+
+pytestmark = pytest.mark.fast
 
 
 @pytest.mark.parametrize(
@@ -21,12 +22,12 @@ from aacmm_pin.measurements.records import Measurements
         UnknownNameError("a", "b", ["c"]),
     ],
 )
-def test_as_it_was_behind_a_process(error: AacmmError) -> None:
+def test_as_it_was_behind_a_process(error):
     found = pickle.loads(pickle.dumps(error))
     assert (type(found), str(found), vars(found)) == (type(error), str(error), vars(error))
 
 
-def test_long_names_and_lines(tmp_path: Path) -> None:
+def test_long_names_and_lines(tmp_path):
     table, arm = tmp_path / "a.csv", tmp_path / "a.toml"
     table.write_text(f"{'a' * 5000}\n1\n")
     with pytest.raises(MeasurementFileError, match="no angles") as told:

@@ -18,13 +18,12 @@ from aacmm_pin.effects import (
     EncoderEccentricity,
     EncoderGain,
     JointCompliance,
-    JointPeriodicError,
     all_candidates,
+    joint_commands,
 )
-from aacmm_pin.effects.joint_commands import joint_commands
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.report import scenes
-from aacmm_pin.verification.procedure import Procedure
+from aacmm_pin.verification import Procedure
 
 POINT = np.array([33.6323, -671.8702, 182.9355]) * 1e-3
 NOISE = {"encoder_noise": 8e-6, "reference_noise": 1.2e-5}
@@ -113,24 +112,20 @@ OF_ARMS: list[Callable[[Any], Any]] = [
 
 
 @pytest.mark.parametrize("call", OF_MODELS)
-def test_a_path_stands_for_an_arm_with_its_causes(
-    call: Callable[[Any], Any], extended: Path
-) -> None:
-    expected = call(ErrorModel.load(extended))
-    for given in (extended, str(extended)):
-        np.testing.assert_array_equal(call(given), expected)
+def test_a_path_stands_for_an_arm_with_its_causes(call, extended):
+    np.testing.assert_array_equal(call(extended), call(ErrorModel.load(extended)))
 
 
 @pytest.mark.parametrize("call", OF_ARMS)
-def test_a_name_stands_for_an_arm(call: Callable[[Any], Any]) -> None:
+def test_a_name_stands_for_an_arm(call):
     np.testing.assert_array_equal(call("sino6"), call(Arm.load("sino6")))
 
 
-def test_a_path_stands_for_records(records: Path) -> None:
+def test_a_path_stands_for_records(records):
     read, arm = Measurements.read(records, 6), Arm.load("sino6")
     causes = (EncoderEccentricity(3), JointCompliance(2))
-    quiet: dict[str, Any] = {"progress": False, **NOISE}
-    calls: list[Callable[[Any], Any]] = [
+    quiet = {"progress": False, **NOISE}
+    calls = [
         lambda data: aacmm_pin.calibrate(arm, data, hold_out=False, **NOISE).rms,
         lambda data: aacmm_pin.diagnose(arm, data, hold_out=False, **quiet).rms["extended"],
         lambda data: (
@@ -147,7 +142,7 @@ def test_a_path_stands_for_records(records: Path) -> None:
     np.testing.assert_array_equal(calls[0](str(records)), calls[0](read))
 
 
-def test_the_file_of_a_procedure_is_filled_in_from_paths(tmp_path: Path, extended: Path) -> None:
+def test_the_file_of_a_procedure_is_filled_in_from_paths(tmp_path, extended):
     procedure = aacmm_pin.acceptance_procedure("sino6", standard="asme-b89.4.22")
     (tmp_path / "plan.csv").write_text(procedure.csv(), encoding="utf-8")
     np.testing.assert_allclose(
@@ -160,18 +155,11 @@ def test_the_file_of_a_procedure_is_filled_in_from_paths(tmp_path: Path, extende
         filled["x_mm"], procedure.filled(taken, ErrorModel.load(extended))["x_mm"], atol=1e-6
     )
     filled.to_csv(tmp_path / "filled.csv", index=False)
-    arms = ("sino6", Arm.load("sino6"))
-    by_name, by_arm = (
-        aacmm_pin.accept(tmp_path / "filled.csv", {"it": of}).summary() for of in arms
-    )
-    assert by_name == by_arm
-    predicted = aacmm_pin.predict_acceptance(
-        tmp_path / "plan.csv", {"it": "sino6"}, runs=20, encoder_noise=8e-6
-    )
-    assert predicted.summary()["figures"]
+    judged = aacmm_pin.accept(tmp_path / "filled.csv", {"it": "sino6"}).summary()
+    assert judged["figures"]
 
 
-def test_a_text_stands_for_a_cause(sino6: Arm, records: Path) -> None:
+def test_a_text_stands_for_a_cause(sino6, records):
     model = ErrorModel(sino6, [ECCENTRIC, EncoderGain(5, values=(1e-5,))])
     assert model.effects == (
         EncoderEccentricity(3, values=(1e-4, 0.0)),
@@ -186,18 +174,12 @@ def test_a_text_stands_for_a_cause(sino6: Arm, records: Path) -> None:
         sino6, records, ["geometry", EncoderEccentricity(3)], hold_out=False, **NOISE
     )
     np.testing.assert_array_equal(found.fit.point.x, same.fit.point.x)
-    quiet: dict[str, Any] = {"progress": False, "hold_out": False, **NOISE}
-    by_text, by_cause = (
-        aacmm_pin.diagnose(sino6, records, extra_causes=[cause], **quiet).summary()
-        for cause in ("joint_periodic_error:2,order=7.5", JointPeriodicError(2, 7.5))
-    )
-    assert by_text == by_cause
 
 
-def test_what_stands_for_nothing_is_refused(sino6: Arm, records: Path) -> None:
+def test_what_stands_for_nothing_is_refused(sino6, records):
     with pytest.raises(UnknownNameError, match="encoder_gian"):
         ErrorModel(sino6, ["encoder_gian:5"])
     with pytest.raises(UnknownNameError, match=r"encoder_gian.*geometry.*encoder_gain"):
         aacmm_pin.calibrate(sino6, records, ["encoder_gian:5"])
     with pytest.raises(AacmmError, match="int is among the causes"):
-        ErrorModel(sino6, (5,))  # type: ignore[arg-type]
+        ErrorModel(sino6, (5,))

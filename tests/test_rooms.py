@@ -9,7 +9,11 @@ from collections.abc import Iterator
 from graphlib import TopologicalSorter
 from pathlib import Path
 
+import pytest
+
 import aacmm_pin
+
+pytestmark = pytest.mark.fast
 
 ROOT = Path(aacmm_pin.__file__).parent
 ROOMS = [
@@ -63,7 +67,7 @@ def module_of(name: str) -> str:
     )
 
 
-def test_rooms_import_in_their_order() -> None:
+def test_rooms_import_in_their_order():
     assert {name.split(".")[0] for name in MODULES} == {*ROOMS, "__init__"}
     found = [
         f"{module} imports {name}"
@@ -76,7 +80,7 @@ def test_rooms_import_in_their_order() -> None:
     assert found == []
 
 
-def test_no_two_modules_import_each_other() -> None:
+def test_no_two_modules_import_each_other():
     inside = {
         module: {module_of(name) for name in imports(path, False) if name.startswith("aacmm_pin.")}
         - {module}
@@ -85,7 +89,7 @@ def test_no_two_modules_import_each_other() -> None:
     assert len([*TopologicalSorter(inside).static_order()]) >= len(MODULES)
 
 
-def test_only_the_arm_speaks_to_pinocchio() -> None:
+def test_only_the_arm_speaks_to_pinocchio():
     found = {
         module
         for module, path in MODULES.items()

@@ -21,15 +21,12 @@ import pinocchio as pin
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin.accuracy import workspace, zonotope
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.file import load_arm_file
+from aacmm_pin.arm import Arm, load_arm_file
 from aacmm_pin.arm.urdf import urdf_text
 from aacmm_pin.calibration import calibrate
 from aacmm_pin.diagnosis import diagnose
-from aacmm_pin.effects import EncoderEccentricity
-from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.measurements.records import Measurements
-from aacmm_pin.measurements.simulate import simulate_measurements
+from aacmm_pin.effects import EncoderEccentricity, ErrorModel
+from aacmm_pin.measurements import Measurements, simulate_measurements
 from tests.benchmarks.environments import (
     MissingError,
     PlainC,

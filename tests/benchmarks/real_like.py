@@ -12,12 +12,9 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.chain import exp
-from aacmm_pin.arm.dh import DHTable
-from aacmm_pin.arm.file import load_arm_file
-from aacmm_pin.effects.conditions import Conditions
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.arm import Arm, DHTable, exp, load_arm_file
+from aacmm_pin.effects import Conditions
+from aacmm_pin.measurements import Measurements
 
 ROBOT = Path(__file__).with_name("tool_robot.toml")
 OPTIONS: dict[str, Any] = {"reference_frame": "external", "target": "unknown"}

@@ -31,10 +31,11 @@ from blind.kinematics import Array
 from blind_spot import ARM, COMPLIANCE, NOISE, BlindSpot
 
 from aacmm_pin._support.units import MM, UM
-from aacmm_pin.arm.file import load_arm_file
+from aacmm_pin.arm import load_arm_file
 from aacmm_pin.arm.urdf import urdf_text
 from tests.benchmarks.environments import ask, is_installed
 
+pytestmark = pytest.mark.long
 VISIBLE = 40.0
 """λ of a fault that nobody may overlook: a test of one parameter at 1e-3 sees it in 999 of 1000
 data sets.
@@ -73,28 +74,23 @@ def ours(spot: BlindSpot, folder: Path) -> Diagnosed:
     measured = pd.DataFrame(spot.positions / MM, columns=["x_mm", "y_mm", "z_mm"])
     pd.DataFrame(spot.q, columns=angles).join(measured).to_csv(folder / "data.csv", index=False)
     pd.DataFrame(spot.held_out, columns=angles).to_csv(folder / "readings.csv", index=False)
-    options = [
-        "--reference-noise-mm",
-        f"{NOISE / MM:g}",
-        "--no-held-out",
-        "--json",
-        "-",
-        "--extended-arm",
-        "extended.toml",
-    ]
+    options = f"--reference-noise-mm {NOISE / MM:g} --no-held-out --json - --extended-arm"
     start = os.times().children_user
-    said = _shell(folder, "diagnose", str(ARM), "data.csv", *options)
+    said = _shell(folder, f"diagnose {ARM} data.csv {options} extended.toml")
     seconds = os.times().children_user - start
-    _shell(folder, "correct", "extended.toml", "readings.csv", "-o", "corrected.csv")
+    _shell(folder, "correct extended.toml readings.csv -o corrected.csv")
     corrected = pd.read_csv(folder / "corrected.csv")[
         ["corrected_x_mm", "corrected_y_mm", "corrected_z_mm"]
     ]
     return Diagnosed(json.loads(said), corrected.to_numpy() * MM, seconds)
 
 
-def _shell(folder: Path, *words: str) -> str:
+def _shell(folder: Path, words: str) -> str:
     done = subprocess.run(
-        [sys.executable, "-m", "aacmm_pin.cli", *words], capture_output=True, text=True, cwd=folder
+        [sys.executable, "-m", "aacmm_pin.cli", *words.split()],
+        capture_output=True,
+        text=True,
+        cwd=folder,
     )
     assert done.returncode == 0, done.stderr
     return done.stdout
@@ -104,8 +100,7 @@ def off(spot: BlindSpot, report: dict[str, Any]) -> float:
     return spot.off(np.array(report["predicted_m"]))
 
 
-@pytest.mark.long
-def test_all_twelve_causes_are_named_and_corrected(tmp_path: Path) -> None:
+def test_all_twelve_causes_are_named_and_corrected(tmp_path):
     spot = BlindSpot.of(1)
     assert min(spot.visibility.values()) > VISIBLE  # no joint of this mount is without gravity
     diagnosed = ours(spot, tmp_path)
@@ -117,7 +112,7 @@ def test_all_twelve_causes_are_named_and_corrected(tmp_path: Path) -> None:
     assert spot.off(diagnosed.predicted) < min(NEAR * spot.perfect, TARGET)
 
 
-def test_no_compliance_is_named_where_there_is_none(tmp_path: Path) -> None:
+def test_no_compliance_is_named_where_there_is_none(tmp_path):
     spot = BlindSpot.of(4, compliance=0.0)
     diagnosed = ours(spot, tmp_path)
     assert sorted(diagnosed.named) == sorted(spot.faults)
@@ -151,9 +146,7 @@ def theirs() -> Callable[..., dict[str, Any]]:
     return of
 
 
-def test_figaroh_with_eccentric_encoders_and_compliance(
-    tmp_path: Path, theirs: Callable[..., dict[str, Any]], say: Callable[[str], None]
-) -> None:
+def test_figaroh_with_eccentric_encoders_and_compliance(tmp_path, theirs, say):
     spots = [BlindSpot.of(seed) for seed in SEEDS]
     rigid, elastic = ([theirs(spot, *options) for spot in spots] for options in ([], ["--elastic"]))
     mine = [ours(spot, tmp_path / f"{seed}") for seed, spot in zip(SEEDS, spots, strict=True)]
@@ -187,9 +180,7 @@ def test_figaroh_with_eccentric_encoders_and_compliance(
     assert rms["figaroh, and stiffness"] > 10 * rms["aacmm_pin"]
 
 
-def test_figaroh_with_eccentric_encoders_alone(
-    tmp_path: Path, theirs: Callable[..., dict[str, Any]], say: Callable[[str], None]
-) -> None:
+def test_figaroh_with_eccentric_encoders_alone(tmp_path, theirs, say):
     spot = BlindSpot.of(4, compliance=0.0)
     elastic = theirs(spot, "--elastic")
     mine = ours(spot, tmp_path / "ours")

@@ -12,14 +12,13 @@ from scipy.spatial.transform import Rotation
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm import Arm
 from aacmm_pin.calibration import calibrate, solver
 from aacmm_pin.calibration.noise_model import observations_of
 from aacmm_pin.calibration.parameters import problem_of
 from aacmm_pin.calibration.setup import Setup
-from aacmm_pin.effects.conditions import Conditions
-from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.effects import Conditions, ErrorModel
+from aacmm_pin.measurements import Measurements
 from tests.arm_files import by_table
 
 NOISE = 1e-4
@@ -81,19 +80,19 @@ def random_arm(joints: int, rng: np.random.Generator) -> Arm:
 
 
 @pytest.mark.parametrize("posed", [True, False])
-@pytest.mark.parametrize("shape", [(5, 8), (5, 4), (3, 6), (5, 16)])
-def test_a_symmetric_grid_of_a_positioner(shape: tuple[int, int], posed: bool) -> None:
+@pytest.mark.parametrize("shape", [(5, 8), (3, 6)])
+def test_a_symmetric_grid_of_a_positioner(shape, posed):
     """By its nominal tip alone, which the second joint does not move, the base would stand
     anywhere.
     """
     arm = table((0.0, 0.0, -90.0, 0.0), (0.0, -475.0, 0.0, -90.0))
-    for seed in range(4):
+    for seed in range(2):
         data = seen(arm, grid(*shape), np.random.default_rng(seed), target=0.84, posed=posed)
         assert 1.0e-4 < calibrate(arm, data, **UNKNOWN).rms < 2.0e-4
 
 
 @pytest.mark.parametrize("joints", [2, 3, 6])
-def test_random_arms_and_markers(joints: int, sino6: Arm, rng: np.random.Generator) -> None:
+def test_random_arms_and_markers(joints, sino6, rng):
     for _ in range(3):
         arm = sino6 if joints == 6 else random_arm(joints, rng)
         low, high = np.clip(arm.limits, -np.pi, np.pi).T
@@ -109,11 +108,10 @@ def test_random_arms_and_markers(joints: int, sino6: Arm, rng: np.random.Generat
                 assert found.fit.excluded.sum() == 5
 
 
-def test_the_start_is_the_end_if_the_arm_is_right(sino6: Arm, rng: np.random.Generator) -> None:
+def test_the_start_is_the_end_if_the_arm_is_right(sino6, rng):
     """But for the noise; and orientations that contradict each other do not lead it astray."""
     low, high = np.clip(sino6.limits, -np.pi, np.pi).T
     data = seen(sino6, rng.uniform(low, high, (40, 6)), rng, target=0.2)
-    assert data.orientation is not None
     for orientation in (data.orientation, data.orientation[:, [1, 2, 3, 0]]):
         setup = Setup.of(sino6, "external", "unknown")
         records = replace(data, orientation=orientation)

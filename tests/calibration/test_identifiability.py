@@ -4,21 +4,16 @@ and those that do not.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from aacmm_pin.accuracy.volume import accuracy_volume
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin import accuracy_volume
+from aacmm_pin.arm import Arm
 from aacmm_pin.arm.random_postures import random_postures
 from aacmm_pin.calibration import Calibration, calibrate
-from aacmm_pin.effects import JointPlacement, StylusOffset
-from aacmm_pin.effects.conditions import Conditions
-from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.effects import Conditions, ErrorModel, JointPlacement, StylusOffset
+from aacmm_pin.measurements import Measurements
 from aacmm_pin.report.calibration import frame_in_words, open_in_words
 from tests.notes import data_of
 
@@ -49,9 +44,7 @@ def by_tracker(
 
 
 @pytest.mark.parametrize("half_width", [None, 5e-4])
-def test_u_of_the_tip_has_what_a_marker_does_not_determine(
-    robot_file: Callable[[str], Path], rng: np.random.Generator, half_width: float | None
-) -> None:
+def test_u_of_the_tip_has_what_a_marker_does_not_determine(robot_file, rng, half_width):
     """Beyond the last joint the flange may be anywhere within its stated half-width, or that of an
     assembled arm.
     """
@@ -74,9 +67,7 @@ def test_u_of_the_tip_has_what_a_marker_does_not_determine(
     assert bool(data_of(result.notes, "tip_undetermined")) is (half_width is None)
 
 
-def test_what_describes_the_same_arm_otherwise_moves_nothing(
-    robot_file: Callable[[str], Path], rng: np.random.Generator
-) -> None:
+def test_what_describes_the_same_arm_otherwise_moves_nothing(robot_file, rng):
     """A target that becomes the tip: how its place is shared out between joint and target does not
     matter there.
     """
@@ -87,10 +78,7 @@ def test_what_describes_the_same_arm_otherwise_moves_nothing(
     assert undetermined.tied_to_frame == ()
 
 
-def test_what_is_known_only_together_with_the_base_is_named(
-    sino6: Arm, rng: np.random.Generator
-) -> None:
-    assert sino6.file is not None
+def test_what_is_known_only_together_with_the_base_is_named(sino6, rng):
     rows = [row.model_copy(update={"uncertainty": None}) for row in sino6.file.joints]
     arm = Arm.from_file(sino6.file.model_copy(update={"joints": rows}))
     q = random_postures(arm, 60, rng)
@@ -111,9 +99,7 @@ def test_what_is_known_only_together_with_the_base_is_named(
 
 @pytest.mark.parametrize("parameters", ["zero-offsets", "geometry"])
 @pytest.mark.parametrize("scattered", [False, True])
-def test_references_on_one_line_leave_the_base_open(
-    sino6: Arm, rng: np.random.Generator, scattered: bool, parameters: str
-) -> None:
+def test_references_on_one_line_leave_the_base_open(sino6, rng, scattered, parameters):
     """The base may turn about the line; its u is there as soon as the references leave the line.
 
     With stated half-widths it is not quite free, for tips leave the line by as much as the arm is

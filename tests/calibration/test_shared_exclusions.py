@@ -4,19 +4,17 @@ and gross errors.
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm import Arm
 from aacmm_pin.arm.random_postures import random_postures
 from aacmm_pin.calibration import Calibration, calibrate
 from aacmm_pin.calibration.shared_exclusions import clusters
-from aacmm_pin.measurements.records import Measurements
-from aacmm_pin.measurements.simulate import simulate_measurements
+from aacmm_pin.measurements import Measurements, simulate_measurements
 from aacmm_pin.report.calibration import calibration_summary, verdict
 from tests.notes import data_of
 
@@ -38,9 +36,9 @@ def with_a_bad_end(arm: Arm, kind: str, bad: int) -> Calibration:
     return calibrate(arm, Measurements.of(q, reference), hold_out=False)
 
 
-@pytest.mark.parametrize("bad", [12, 24, 36])
+@pytest.mark.parametrize("bad", [12, 36])
 @pytest.mark.parametrize("kind", ["moved", "counted the other way"])
-def test_the_headline_says_that_a_run_of_rows_was_left_out(sino6: Arm, kind: str, bad: int) -> None:
+def test_the_headline_says_that_a_run_of_rows_was_left_out(sino6, kind, bad):
     found = with_a_bad_end(sino6, kind, bad)
     assert np.isin(np.flatnonzero(found.fit.excluded), np.arange(RECORDS - bad, RECORDS)).all()
     out = int(found.fit.excluded.sum())
@@ -48,20 +46,15 @@ def test_the_headline_says_that_a_run_of_rows_was_left_out(sino6: Arm, kind: str
     left = found.exclusions
     assert left.doubtful
     assert left.too_many == (out > 0.15 * RECORDS)
-    assert left.shared is not None
     assert (left.shared.name, left.shared.excluded) == ("record", out)
     first, last = (int(found.excluded["row"].iloc[k]) for k in (0, -1))
-    summary = calibration_summary(found, "data.csv", 1)
-    for text in (verdict(found), summary["verdict"], str(found.notes[0])):
-        assert f"rows {first} to {last}" in text
+    assert f"rows {first} to {last}" in verdict(found)
     assert verdict(found).startswith(f"{out} of {RECORDS} ")
-    assert "no gross errors" in str(found)
-    assert json.loads(json.dumps(summary)) == summary
-    assert summary["records"]["exclusions"]["doubtful"] is True
-    assert summary["records"]["exclusions"]["shared"]["excluded"] == out
+    summary = calibration_summary(found, "data.csv", 1)["records"]["exclusions"]
+    assert (summary["doubtful"], summary["shared"]["excluded"]) == (True, out)
 
 
-def test_scattered_records_that_are_too_many_are_in_the_headline(sino6: Arm) -> None:
+def test_scattered_records_that_are_too_many_are_in_the_headline(sino6):
     rng = np.random.default_rng(3)
     data = simulate_measurements(sino6, "free", 100, rng=rng)
     wrong = rng.permutation(100) < 25
@@ -72,7 +65,7 @@ def test_scattered_records_that_are_too_many_are_in_the_headline(sino6: Arm) -> 
     assert str(int(found.fit.excluded.sum())) in verdict(found).split(".")[0]
 
 
-def test_what_is_left_hardly_moves_a_joint(sino6: Arm) -> None:
+def test_what_is_left_hardly_moves_a_joint(sino6):
     """Joint 6 stands nearly still but for the records of which its encoder is wrong, here and there
     in the file.
     """
@@ -92,7 +85,7 @@ def test_what_is_left_hardly_moves_a_joint(sino6: Arm) -> None:
 
 
 @pytest.mark.parametrize("share", [0.0, 0.01, 0.03])
-def test_gross_errors_are_nothing_else(sino6: Arm, share: float) -> None:
+def test_gross_errors_are_nothing_else(sino6, share):
     """Wrong coordinates, and readings wrong by any angle, in files of 20 to 200 records: no word of
     anything shared.
     """
@@ -111,7 +104,7 @@ def test_gross_errors_are_nothing_else(sino6: Arm, share: float) -> None:
             assert verdict(found).startswith(found.model.arm.name)
 
 
-def test_one_of_a_few_records_is_a_mishap(sino6: Arm) -> None:
+def test_one_of_a_few_records_is_a_mishap(sino6):
     data = simulate_measurements(sino6, "free", 8, rng=np.random.default_rng(6))
     reference = data.reference.copy()
     reference[:2] += 0.01
@@ -120,7 +113,7 @@ def test_one_of_a_few_records_is_a_mishap(sino6: Arm) -> None:
     assert not found.exclusions.doubtful
 
 
-def test_excluded_records_that_are_neighbours(sino6: Arm, rng: np.random.Generator) -> None:
+def test_excluded_records_that_are_neighbours(sino6, rng):
     """By brute force: of random ones hardly any seem to be neighbours; those of one time, joint or
     place do.
     """
@@ -146,18 +139,17 @@ def test_excluded_records_that_are_neighbours(sino6: Arm, rng: np.random.Generat
         assert not name or (found[0].records == excluded).all()
 
 
-def test_repeats_of_one_posture_are_one(sino6: Arm, rng: np.random.Generator) -> None:
+def test_repeats_of_one_posture_are_one(sino6, rng):
     data = Measurements.of(np.repeat(random_postures(sino6, 30, rng), 4, axis=0))
     excluded = np.arange(120) // 4 == 7
     assert clusters(sino6, data, excluded, ~excluded) == []
 
 
-def test_a_session_says_more_than_its_rows(sino6: Arm) -> None:
+def test_a_session_says_more_than_its_rows(sino6):
     data = simulate_measurements(sino6, "free", RECORDS, rng=np.random.default_rng(2))
     late = np.arange(RECORDS) >= RECORDS - 12
     moved = Measurements.of(data.q, data.reference + late[:, None] * [0.005, -0.006, 0.002])
     session = np.where(late, "b", "a").astype(object)
     told = replace(moved, conditions=replace(moved.conditions, session=session))
     shared = calibrate(sino6, told, hold_out=False).exclusions.shared
-    assert shared is not None
     assert (shared.name, shared.excluded) == ("session", 12)

@@ -3,22 +3,31 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+import shlex
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 from typer.testing import CliRunner
 
 from aacmm_pin.cli.root_command import app
 
-POINT = ["--point", "33.6323", "-671.8702", "182.9355"]
-NOISE = ["--encoder-noise-rad", "8e-6"]
+POINT = "--point 33.6323 -671.8702 182.9355"
+NOISE = "--encoder-noise-rad 8e-6"
+
+
+def split(*words: object) -> Iterator[str]:
+    """Text split as a shell does, lists word by word, paths and numbers as they are."""
+    for word in words:
+        if isinstance(word, list | tuple):
+            yield from split(*word)
+        else:
+            yield from shlex.split(word) if isinstance(word, str) else [str(word)]
 
 
 def run(*words: object, columns: int | None = None) -> tuple[int, str, str]:
     """Exit status, stdout and stderr."""
-    result = CliRunner().invoke(
-        app, [str(word) for word in words], env={"COLUMNS": columns and str(columns)}
-    )
+    env = {"COLUMNS": columns and str(columns)}
+    result = CliRunner().invoke(app, [*split(*words)], env=env)
     if result.exception is not None and not isinstance(result.exception, SystemExit):
         raise result.exception
     return result.exit_code, result.stdout, result.stderr
@@ -33,7 +42,7 @@ def done(*words: object) -> tuple[str, str]:
 
 def found(*words: object) -> dict[str, Any]:
     """The JSON object that a command writes alone on stdout."""
-    return json.loads(done(*words, "--json", "-")[0])
+    return json.loads(done(*words, "--json -")[0])
 
 
 def refused(*words: object, said: Iterable[str] = ()) -> str:

@@ -4,8 +4,6 @@ nothing.
 
 from __future__ import annotations
 
-import json
-import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,65 +11,45 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from typer.testing import CliRunner
 
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin import next_measurements
+from aacmm_pin.arm import Arm
 from aacmm_pin.arm.random_postures import random_postures
-from aacmm_pin.cli.root_command import app
 from aacmm_pin.diagnosis import diagnose
 from aacmm_pin.diagnosis.covariates import covariates
 from aacmm_pin.effects import (
+    Conditions,
     EncoderEccentricity,
     EncoderGain,
+    ErrorModel,
     JointCompliance,
     JointHysteresis,
     StylusOffset,
 )
-from aacmm_pin.effects.conditions import Conditions
-from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.measurements.records import Measurements
-from aacmm_pin.measurements.simulate import simulate_measurements
-from aacmm_pin.report.diagnosis import verdict_in_words
-from aacmm_pin.report.next_measurements import next_measurements
+from aacmm_pin.measurements import Measurements, simulate_measurements
 from aacmm_pin.report.plots.partial_residuals import partial_residual
+from tests.cli import shell
 from tests.notes import data_of
 
-NOISE = [
-    "--encoder-noise-rad",
-    "8e-6",
-    "--reference-noise-mm",
-    "0.012",
-    "--probe-noise-mm",
-    "0.012",
-]
-ECCENTRIC = "encoder_eccentricity:joint=3,amplitude_rad=1e-4,phase_rad=0.5"
+NOISE = "--encoder-noise-rad 8e-6 --reference-noise-mm 0.012 --probe-noise-mm 0.012"
 
 
-def records(folder: Path, *options: str, effect: str = "") -> pd.DataFrame:
+def records(folder: Path, words: str) -> pd.DataFrame:
     """Virtual measurements of sino6."""
     path = folder / "simulated.csv"
-    effects = ["--effect", effect] if effect else []
-    noise = ["--probe-noise-mm", "0.012"] if "free" not in options else []
-    done = CliRunner().invoke(
-        app, ["simulate", "sino6", "--plan", *options, *noise, *effects, "-o", str(path), "--force"]
-    )
-    assert done.exit_code == 0, done.output
+    probe = "" if "free" in words else "--probe-noise-mm 0.012"
+    shell.done(f"simulate sino6 --plan {words} {probe} -o {path} --force")
     return pd.read_csv(path)
 
 
-def diagnosed(folder: Path, table: pd.DataFrame, *options: str) -> dict[str, Any]:
+def diagnosed(folder: Path, table: pd.DataFrame, words: str = "--no-held-out") -> dict[str, Any]:
     path = folder / "data.csv"
     table.to_csv(path, index=False)
-    done = CliRunner().invoke(
-        app, ["diagnose", "sino6", str(path), *NOISE, *options, "--json", "-"]
-    )
-    assert done.exit_code == 0, done.output
-    content: dict[str, Any] = json.loads(done.stdout)
-    return content
+    return shell.found(f"diagnose sino6 {path} {NOISE} {words}")
 
 
-def test_records_that_are_too_few_are_not_taken_for_a_plan(sino6: Arm) -> None:
+def test_records_that_are_too_few_are_not_taken_for_a_plan(sino6):
     data = simulate_measurements(sino6, "seats", 60, rng=np.random.default_rng(1), seats=6).take(
         range(3)
     )
@@ -79,79 +57,43 @@ def test_records_that_are_too_few_are_not_taken_for_a_plan(sino6: Arm) -> None:
         diagnose(sino6, data, hold_out=False)
 
 
-def test_a_cause_is_named_where_parts_have_seats_with_a_single_record(tmp_path: Path) -> None:
+def test_a_cause_is_named_where_parts_have_seats_with_a_single_record(tmp_path):
     """Few bars are torn into blocks of joint space, where a seat may have one record that nothing
     can be compared with.
     """
-    plan = ["ball-bar", "--records", "80", "--seats", "8", "--bar-length-mm", "500"]
-    found = diagnosed(tmp_path, records(tmp_path, *plan, effect=ECCENTRIC), "--no-held-out")
+    cause = "encoder_eccentricity:joint=3,amplitude_rad=1e-4,phase_rad=0.5"
+    plan = "ball-bar --records 80 --seats 8 --bar-length-mm 500"
+    found = diagnosed(tmp_path, records(tmp_path, f"{plan} --effect {cause}"))
     assert [(f["cause"], f["joint"]) for f in found["findings"]] == [("encoder_eccentricity", 3)]
 
 
-@pytest.mark.parametrize("seats", ["2", "8"])
-def test_seats_of_unknown_place_show_no_structure_of_their_own(tmp_path: Path, seats: str) -> None:
+@pytest.mark.parametrize("seats", ["2", pytest.param("8", marks=pytest.mark.long)])
+def test_seats_of_unknown_place_show_no_structure_of_their_own(tmp_path, seats):
     """An arm that shrinks to a point meets every seat of unknown place: that is no structure over
     time or temperature.
     """
-    found = diagnosed(
-        tmp_path,
-        records(tmp_path, "seats", "--records", "60", "--seats", seats, "--unknown"),
-        "--no-held-out",
-    )
+    table = records(tmp_path, f"seats --records 60 --seats {seats} --unknown")
+    found = diagnosed(tmp_path, table)
     assert found["verdict"] == "no-discrepancy"
     assert found["unexplained"]["p_value"] > 1e-3
 
 
-@pytest.mark.parametrize("count", [3, 4, 5])
-def test_few_records_in_an_unknown_frame(tmp_path: Path, count: int) -> None:
+@pytest.mark.parametrize("count", [3, 5])
+def test_few_records_in_an_unknown_frame(tmp_path, count):
     """The frame is all but all that they tell; what else is refitted is known from before alone."""
-    table = records(tmp_path, "free", "--records", "20").head(count)
-    found = diagnosed(tmp_path, table, "--reference-frame", "external")
+    table = records(tmp_path, "free --records 20").head(count)
+    found = diagnosed(tmp_path, table, "--reference-frame external")
     assert found["verdict"] == "inconclusive"
     assert found["rms_mm"]["recalibrated"] < found["rms_mm"]["noise"]
 
 
-def test_what_is_not_settled_is_not_said_to_be(tmp_path: Path) -> None:
-    """A warm-up by a clock that began long before: a slip and any function of time look alike, and
-    that stays open.
-    """
-    drift = "zero_drift:joint=1,time_constant_s=1800,drift_rad=1e-4"
-    table = records(tmp_path, "free", "--records", "100", effect=drift)
-    table["time_s"] += 1.7e9
-    found = diagnosed(tmp_path, table, "--no-held-out")
-    if found["verdict"] == "ambiguous":
-        assert "nothing is open" not in found["next_measurements"]
-        assert "other values of time" in found["next_measurements"]
-    else:
-        assert "time" in found["unexplained"]["depends_on"]
-
-
-def test_a_clock_that_starts_anew_needs_sessions(tmp_path: Path) -> None:
-    table = records(tmp_path, "free", "--records", "40").sort_values("time_s")
+def test_a_clock_that_starts_anew_needs_sessions(tmp_path):
+    table = records(tmp_path, "free --records 40").sort_values("time_s")
     table.loc[table.index[20:], "time_s"] -= table["time_s"].iloc[19]
     for session, noted in ((None, True), (["a"] * 20 + ["b"] * 20, False)):
         told = table if session is None else table.assign(session=session)
-        codes = diagnosed(tmp_path, told, "--no-held-out")["note_codes"]
+        codes = diagnosed(tmp_path, told)["note_codes"]
         assert ("clock_restarts" in codes) == noted
-
-
-def test_unit_of_angles_and_seed_do_not_matter(tmp_path: Path) -> None:
-    table = records(tmp_path, "free", "--records", "60", effect=ECCENTRIC)
-    angles = [name for name in table if name.startswith("theta")]
-    radians = table.rename(columns={name: name.replace("_deg", "_rad") for name in angles})
-    radians[[name.replace("_deg", "_rad") for name in angles]] = np.radians(
-        table[angles].to_numpy()
-    )
-    first = diagnosed(tmp_path, table, "--no-held-out")
-    for other, options in ((radians, ()), (table, ("--seed", "2"))):
-        again = diagnosed(tmp_path, other, "--no-held-out", *options)
-        assert again["verdict"] == first["verdict"] == "explained"
-        assert again["rms_mm"] == pytest.approx(first["rms_mm"], rel=1e-6)
-        (one,), (two,) = first["findings"], again["findings"]
-        assert (one["cause"], one["joint"]) == (two["cause"], two["joint"])
-        assert two["probability"] == pytest.approx(one["probability"], abs=1e-6)
-        for name, value in one["parameters"].items():
-            assert two["parameters"][name] == pytest.approx(value, rel=1e-4)
 
 
 def urdf(slide: int, masses: bool) -> str:
@@ -187,25 +129,7 @@ def urdf(slide: int, masses: bool) -> str:
     return text + "</joint></robot>"
 
 
-@pytest.mark.parametrize(("slide", "masses"), [(1, True), (3, False)])
-def test_an_arm_with_a_joint_that_slides(tmp_path: Path, slide: int, masses: bool) -> None:
-    """No cause that turns sits at a slide; one at another joint is named."""
-    path, data = tmp_path / "slider.urdf", tmp_path / "data.csv"
-    path.write_text(urdf(slide, masses))
-    arm, turning = ["--urdf", str(path), "--frame", "tip"], 2 if slide == 1 else 1
-    effect = f"encoder_eccentricity:joint={turning},amplitude_rad=3e-4,phase_rad=0.5"
-    plan = ["--plan", "free", "--records", "60", "--effect", effect, "-o", str(data)]
-    assert CliRunner().invoke(app, ["simulate", *arm, *plan]).exit_code == 0
-    done = CliRunner().invoke(
-        app, ["diagnose", *arm, str(data), *NOISE, "--no-held-out", "--json", "-"]
-    )
-    assert done.exit_code == 0, done.output
-    found = json.loads(done.stdout)
-    assert found["findings"][0]["joint"] == turning
-    assert not any(f["joint"] == slide for f in found["findings"])
-
-
-def test_a_joint_that_slides_is_read_in_millimetres(tmp_path: Path) -> None:
+def test_a_joint_that_slides_is_read_in_millimetres(tmp_path):
     path = tmp_path / "slider.urdf"
     path.write_text(urdf(3, True))
     arm, hidden = Arm.from_urdf(path, "tip"), JointHysteresis(3, values=(2e-4,))
@@ -224,20 +148,12 @@ def test_a_joint_that_slides_is_read_in_millimetres(tmp_path: Path) -> None:
     drawn = partial_residual(found, EncoderGain(3, values=(1e-4,)))
     assert "mm" in drawn.x_label
     assert 300 < drawn.curve[0].max() <= 400
-    scale = simulate_measurements(
-        ErrorModel(arm, (EncoderGain(3, values=(1e-3,)),)), "free", 60, rng=np.random.default_rng(1)
-    )
-    named = [
-        f.label
-        for f in diagnose(arm, scale, encoder_noise=8e-6, hold_out=False, progress=False).findings
-    ]
-    assert named == ["encoder_gain:3"]
     sliding = [c for c in covariates(arm, data) if "joint 3" in c.depends_on]
     assert all("joint3_mm" in c.values and c.values["joint3_mm"].max() <= 400 for c in sliding)
     assert not any(way.carrier == "angle 3" for c in sliding for way in c.variants)
 
 
-def test_what_touches_of_a_seat_share_is_predicted(sino6: Arm) -> None:
+def test_what_touches_of_a_seat_share_is_predicted(sino6):
     """An arm as it should be, at seats that are less certain than it is."""
     data = simulate_measurements(
         sino6,
@@ -265,9 +181,7 @@ def compliant(sino6: Arm) -> Measurements:
     return simulate_measurements(model, "free", 60, rng=np.random.default_rng(3))
 
 
-def test_noise_stated_a_hundred_times_too_large_is_not_answered_with_more_records(
-    sino6: Arm, compliant: Measurements
-) -> None:
+def test_noise_stated_a_hundred_times_too_large_is_not_answered_with_more_records(sino6, compliant):
     early = replace(compliant, conditions=replace(compliant.conditions, time=np.arange(60.0) - 1e9))
     found = diagnose(sino6, early, encoder_noise=8e-4, reference_noise=1e-3, hold_out=False)
     assert data_of(found.notes, "clock_below_zero") == [{}]
@@ -279,7 +193,7 @@ def test_noise_stated_a_hundred_times_too_large_is_not_answered_with_more_record
         diagnose(sino6, compliant, encoder_noise=8.0)
 
 
-def test_a_seat_is_not_odd_where_readings_move_far_tips_more(sino6: Arm) -> None:
+def test_a_seat_is_not_odd_where_readings_move_far_tips_more(sino6):
     """Noise of the encoders alone, which nobody stated: the seats far out scatter more than those
     near the base.
     """
@@ -291,29 +205,7 @@ def test_a_seat_is_not_odd_where_readings_move_far_tips_more(sino6: Arm) -> None
     assert (found.verdict, found.unexplained.groups) == ("no-discrepancy", ())
 
 
-def test_a_gain_that_is_not_borne_out_asks_for_more_records(
-    sino6: Arm, compliant: Measurements
-) -> None:
-    good = diagnose(sino6, compliant.take(np.arange(14)), encoder_noise=8e-6)
-    assert good.verdict == "explained"
-    found = replace(good, doubts=("no better",))
-    assert ("lacks" in verdict_in_words(good), "lacks" in verdict_in_words(found)) == (True, False)
-    assert (
-        "more records" in next_measurements(good),
-        "more records" in next_measurements(found),
-    ) == (False, True)
-
-
-def test_residuals_beside_no_noise_at_all_have_a_verdict_in_words(sino6: Arm) -> None:
-    data = simulate_measurements(sino6, "seats", 40, rng=np.random.default_rng(1), seats=8)
-    found = diagnose(sino6, data, encoder_noise=0.0, hold_out=False)
-    assert (found.verdict, found.noise) == ("unexplained", 0.0)
-    assert re.search(
-        r"the residuals stay at [\d.]+ µm, where the stated noise is none", verdict_in_words(found)
-    )
-
-
-def test_an_arm_that_states_all_its_values_to_be_exact(sino6: Arm) -> None:
+def test_an_arm_that_states_all_its_values_to_be_exact(sino6):
     """Nothing is refitted then, and only causes can explain what is left."""
     exact = replace(
         sino6, parameters=tuple(replace(p, u=0.0, half_width=0.0) for p in sino6.parameters)
@@ -331,10 +223,8 @@ def test_an_arm_that_states_all_its_values_to_be_exact(sino6: Arm) -> None:
     )
 
 
-@pytest.mark.parametrize("u", [(2e-5, 2e-5, 2e-5), ()])
-def test_a_known_target_is_refitted_once(
-    sino6: Arm, rng: np.random.Generator, u: tuple[float, ...]
-) -> None:
+@pytest.mark.parametrize("u", [(2e-5, 2e-5, 2e-5), pytest.param((), marks=pytest.mark.long)])
+def test_a_known_target_is_refitted_once(sino6, rng, u):
     """The place of a target that the arm's file has, with or without u; and one that it does not
     have.
     """
@@ -357,3 +247,35 @@ def test_a_known_target_is_refitted_once(
     )
     (other,) = known.input_warnings(q, conditions)
     assert (other.code, other.data["markers"]) == ("markers_unknown", ["C"])
+
+
+def test_unit_of_angles_and_seed_do_not_matter(tmp_path):
+    effect = "encoder_eccentricity:joint=3,amplitude_rad=1e-4,phase_rad=0.5"
+    table = records(tmp_path, f"free --records 60 --effect {effect}")
+    angles = [name for name in table if name.startswith("theta")]
+    radians = table.rename(columns={name: name.replace("_deg", "_rad") for name in angles})
+    in_radians = [name.replace("_deg", "_rad") for name in angles]
+    radians[in_radians] = np.radians(table[angles].to_numpy())
+    first = diagnosed(tmp_path, table)
+    for other, words in ((radians, ""), (table, "--seed 2")):
+        again = diagnosed(tmp_path, other, f"--no-held-out {words}")
+        assert again["verdict"] == first["verdict"] == "explained"
+        assert again["rms_mm"] == pytest.approx(first["rms_mm"], rel=1e-6)
+        (one,), (two,) = first["findings"], again["findings"]
+        assert (one["cause"], one["joint"]) == (two["cause"], two["joint"])
+        assert two["probability"] == pytest.approx(one["probability"], abs=1e-6)
+        for name, value in one["parameters"].items():
+            assert two["parameters"][name] == pytest.approx(value, rel=1e-4)
+
+
+@pytest.mark.parametrize(("slide", "masses"), [(1, True), (3, False)])
+def test_an_arm_with_a_joint_that_slides(tmp_path, slide, masses):
+    """No cause that turns sits at a slide; one at another joint is named."""
+    path, data = tmp_path / "slider.urdf", tmp_path / "data.csv"
+    path.write_text(urdf(slide, masses))
+    arm, turning = f"--urdf {path} --frame tip", 2 if slide == 1 else 1
+    effect = f"encoder_eccentricity:joint={turning},amplitude_rad=3e-4,phase_rad=0.5"
+    shell.done(f"simulate {arm} --plan free --records 60 --effect {effect} -o {data}")
+    found = shell.found(f"diagnose {arm} {data} {NOISE} --no-held-out")
+    assert found["findings"][0]["joint"] == turning
+    assert not any(f["joint"] == slide for f in found["findings"])

@@ -13,15 +13,13 @@ from typing import Any, get_args
 import numpy as np
 import pandas as pd
 import pytest
-from typer.testing import CliRunner
 
-from aacmm_pin.cli.root_command import app
-from aacmm_pin.diagnosis.result import Doubt
-from aacmm_pin.diagnosis.thresholds import THRESHOLDS
+from aacmm_pin.diagnosis import THRESHOLDS, Doubt
 from aacmm_pin.effects import CAUSES
+from tests.cli import shell
 
-NOISE = ["--encoder-noise-rad", "8e-6", "--reference-noise-mm", "0.012"]
-ECCENTRIC = ["--effect", "encoder_eccentricity:joint=3,amplitude_rad=1e-4,phase_rad=0.5"]
+NOISE = "--encoder-noise-rad 8e-6 --reference-noise-mm 0.012"
+ECCENTRIC = "--effect encoder_eccentricity:joint=3,amplitude_rad=1e-4,phase_rad=0.5"
 VERDICTS = ("explained", "no-discrepancy", "ambiguous", "unexplained", "inconclusive")
 Check = Callable[[Any], bool]
 
@@ -206,36 +204,33 @@ SUMMARY = fields(
 )
 
 
-def simulated(folder: Path, *options: str) -> pd.DataFrame:
+def simulated(folder: Path, words: str) -> pd.DataFrame:
     path = folder / "simulated.csv"
-    done = CliRunner().invoke(app, ["simulate", "sino6", *options, "-o", str(path), "--force"])
-    assert done.exit_code == 0, done.output
+    shell.done(f"simulate sino6 {words} -o {path} --force")
     return pd.read_csv(path)
 
 
-def explained(folder: Path) -> tuple[pd.DataFrame, list[str]]:
-    table = simulated(folder, "--plan", "free", "--records", "60", *ECCENTRIC)
+def explained(folder: Path) -> tuple[pd.DataFrame, str]:
+    table = simulated(folder, f"--plan free --records 60 {ECCENTRIC}")
     table.loc[7, "x_mm"] += 3.0
-    return table, []
+    return table, ""
 
 
-def nothing(folder: Path) -> tuple[pd.DataFrame, list[str]]:
-    seats = ["--plan", "seats", "--records", "60", "--seats", "6", "--probe-noise-mm", "0.012"]
-    return simulated(folder, *seats), ["--probe-noise-mm", "0.012"]
+def nothing(folder: Path) -> tuple[pd.DataFrame, str]:
+    probe = "--probe-noise-mm 0.012"
+    return simulated(folder, f"--plan seats --records 60 --seats 6 {probe}"), probe
 
 
-def too_few(folder: Path) -> tuple[pd.DataFrame, list[str]]:
-    return simulated(folder, "--plan", "free", "--records", "60", *ECCENTRIC).head(20), [
-        "--reference-frame",
-        "external",
-    ]
+def too_few(folder: Path) -> tuple[pd.DataFrame, str]:
+    table = simulated(folder, f"--plan free --records 60 {ECCENTRIC}").head(20)
+    return table, "--reference-frame external"
 
 
-def by_operator(folder: Path) -> tuple[pd.DataFrame, list[str]]:
-    table = simulated(folder, "--plan", "free", "--records", "80")
+def by_operator(folder: Path) -> tuple[pd.DataFrame, str]:
+    table = simulated(folder, "--plan free --records 80")
     table["operator"] = np.repeat(["a", "b"], 40)
     table.loc[40:, "z_mm"] += 0.2
-    return table, []
+    return table, ""
 
 
 CASES = {
@@ -247,19 +242,18 @@ CASES = {
 
 
 @pytest.mark.parametrize("verdict", CASES)
-def test_every_field_of_every_verdict(tmp_path: Path, verdict: str) -> None:
+def test_every_field_of_every_verdict(tmp_path, verdict):
     table, options = CASES[verdict](tmp_path)
     path = tmp_path / "data.csv"
     table.to_csv(path, index=False)
-    command = ["diagnose", "sino6", str(path), *NOISE, *options]
-    done = CliRunner().invoke(app, [*command, "--json", str(tmp_path / "found.json")])
-    assert done.exit_code == 0, done.output
-    found = json.loads((tmp_path / "found.json").read_text(encoding="utf-8"))
+    json_file = tmp_path / "found.json"
+    out, _ = shell.done(f"diagnose sino6 {path} {NOISE} {options} --json {json_file}")
+    found = json.loads(json_file.read_text(encoding="utf-8"))
     assert json.loads(json.dumps(found, allow_nan=False)) == found
     assert SUMMARY(found)
     assert found["verdict"] == verdict
     assert found["records"]["used"] + len(found["records"]["excluded"]) == len(table)
-    agrees(found, done.stdout)
+    agrees(found, out)
 
 
 def labelled(finding: dict[str, Any]) -> str:
@@ -308,13 +302,9 @@ def agrees(found: dict[str, Any], shown: str) -> None:
     assert rms["extended"] <= rms["recalibrated"] + 1e-9
 
 
-def test_without_held_out_there_is_none(tmp_path: Path) -> None:
+def test_without_held_out_there_is_none(tmp_path):
     table, _ = nothing(tmp_path)
     table.to_csv(tmp_path / "data.csv", index=False)
-    done = CliRunner().invoke(
-        app,
-        ["diagnose", "sino6", str(tmp_path / "data.csv"), *NOISE, "--no-held-out", "--json", "-"],
-    )
-    found = json.loads(done.stdout)
+    found = shell.found(f"diagnose sino6 {tmp_path / 'data.csv'} {NOISE} --no-held-out")
     assert SUMMARY(found)
     assert found["held_out"] is None

@@ -5,43 +5,25 @@ right at new records.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
-from scipy.spatial.transform import Rotation
-from typer.testing import CliRunner
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.accuracy.volume import accuracy_volume
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm import Arm
 from aacmm_pin.calibration import calibrate
-from aacmm_pin.calibration.calibrated_arm import calibrated_model
-from aacmm_pin.calibration.estimation import fit
-from aacmm_pin.calibration.fit import Fit
-from aacmm_pin.calibration.parameters import problem_of
-from aacmm_pin.calibration.setup import Setup
-from aacmm_pin.cli.root_command import app
-from aacmm_pin.diagnosis.candidates import candidates
 from aacmm_pin.diagnosis.covariates import Carried, covariates
-from aacmm_pin.diagnosis.design_matrix import _Calibrated
 from aacmm_pin.diagnosis.discrepancy import (
     Described,
     background_effect,
-    calibrated_beside,
     coefficients_of_effect,
     covariate_effects,
     lost,
     with_covariance,
 )
-from aacmm_pin.effects import sensitivity
-from aacmm_pin.effects.conditions import Conditions
-from aacmm_pin.effects.discrepancy import Carrier, Discrepancy, Part
-from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.effects.state import State
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.effects import Carrier, Conditions, Discrepancy, ErrorModel, State, sensitivity
+from aacmm_pin.measurements import Measurements
 
 NOISE = 15e-6
 COUPLING = "joint 2 × joint 4"
@@ -80,6 +62,12 @@ def all_described(arm: Arm, records: Measurements) -> list[Described]:
     return [(each.name, way) for each in covariates(arm, records) for way in each.variants]
 
 
+def coupling(arm: Arm, records: Measurements) -> Carried:
+    """The coupling on the angle of joint 4."""
+    described = all_described(arm, records)
+    return next(way for name, way in described if (name, way.carrier) == (COUPLING, "angle 4"))
+
+
 def size_of(way: Carried) -> int:
     return way.functions.shape[1] * Carrier(way.carrier).axes
 
@@ -95,36 +83,6 @@ def with_effect(model: ErrorModel, effect: Discrepancy, covariance: Array) -> Er
     return ErrorModel(with_covariance(model.arm, names, covariance), (*model.effects, effect))
 
 
-def test_columns_are_those_of_the_design(plant: Plant) -> None:
-    """With orientations and an unknown frame of the references, in which a shift in the room has
-    other axes.
-    """
-    records, axes = plant.measured(40), Rotation.from_euler("xyz", (0.4, -1.0, 2.0)).as_matrix()
-    turned = Rotation.from_matrix(axes @ plant.arm.poses(records.q).placement[:, :3, :3])
-    records = Measurements.of(
-        records.q,
-        records.reference @ axes.T,
-        conditions=records.conditions,
-        orientation=np.roll(turned.as_quat(), 1, axis=1),
-    )
-    setup = Setup.of(plant.arm, "external", encoder_noise=8e-6, reference_noise=NOISE)
-    at = _Calibrated(fit(problem_of(ErrorModel.of(plant.arm), records, "zero-offsets", setup)))
-    for name, way in all_described(plant.arm, records):
-        stated = at.carried(way)
-        estimate = np.linspace(1e-5, 2e-5, stated.shape[2])
-        (effect,) = covariate_effects([(name, way)], np.ones(len(estimate)))
-        values = coefficients_of_effect(way) * estimate
-        shifts, turns = np.split(sensitivity(effect, at.state) @ values, 2, axis=1)
-        found = np.concatenate([shifts @ at.frame.T, turns @ at.frame.T], axis=1)
-        # Tips and moments are those of the calibrated arm, a millimetre or less from those of the
-        # arm as it was.
-        differs = name == "place" or "moment" in name or way.carrier == "lengths"
-        tolerance = 1e-9 if differs else 1e-14
-        np.testing.assert_allclose(
-            found, stated @ estimate, rtol=0, atol=tolerance, err_msg=f"{name} on {way.carrier}"
-        )
-
-
 def least_squares(arm: Arm, records: Measurements, way: Carried) -> tuple[Array, Array]:
     """Coefficients of functions on the angle of a joint, and their covariance, by columns of the
     arm's Jacobian alone.
@@ -138,16 +96,12 @@ def least_squares(arm: Arm, records: Measurements, way: Carried) -> tuple[Array,
     return inverse @ columns.T @ left, NOISE**2 * inverse
 
 
-def test_new_readings_are_corrected_within_u(plant: Plant, tmp_path: Path) -> None:
+def test_new_readings_are_corrected_within_u(plant, tmp_path):
     """Twenty files: what is off at new records is what their covariance says."""
     squares = []
     for number in range(20):
         records = plant.measured(200)
-        way = next(
-            way
-            for name, way in all_described(plant.arm, records)
-            if (name, way.carrier) == (COUPLING, "angle 4")
-        )
+        way = coupling(plant.arm, records)
         (effect,), conversion = prior([(COUPLING, way)], 1.0), coefficients_of_effect(way)
         estimate, covariance = least_squares(plant.arm, records, way)
         covariance = np.outer(conversion, conversion) * covariance
@@ -168,39 +122,16 @@ def test_new_readings_are_corrected_within_u(plant: Plant, tmp_path: Path) -> No
     assert np.mean(squares) == pytest.approx(count, abs=3.0 * np.sqrt(2.0 * count / 20.0)), (
         "χ², twenty times"
     )
-    table = pd.DataFrame(q / DEG, columns=[f"theta{j}_deg" for j in range(1, 7)])
-    table.assign(**dict(zip(("x_mm", "y_mm", "z_mm"), tip.T / MM, strict=True))).to_csv(
-        tmp_path / "new.csv", index=False
-    )
-    done = CliRunner().invoke(
-        app, ["correct", str(path), str(tmp_path / "new.csv"), "-o", str(tmp_path / "out.csv")]
-    )
-    assert done.exit_code == 0, done.output
-    corrected = (
-        pd.read_csv(tmp_path / "out.csv")[
-            ["corrected_x_mm", "corrected_y_mm", "corrected_z_mm"]
-        ].to_numpy()
-        * MM
-    )
-    before, after = (
-        np.sqrt(np.square(each - tip).sum(axis=1).mean())
-        for each in (plant.arm.positions(q), corrected)
-    )
-    assert after < 0.2 * before
 
 
-def test_estimated_beside_the_geometry(plant: Plant, tmp_path: Path) -> None:
+def test_estimated_beside_the_geometry(plant, tmp_path):
     """A calibration estimates it as any effect, its covariance with the geometry included, and
     holds it the next time.
     """
     records = plant.measured(200)
-    way = next(
-        way
-        for name, way in all_described(plant.arm, records)
-        if (name, way.carrier) == (COUPLING, "angle 4")
-    )
+    way = coupling(plant.arm, records)
     noise = {"encoder_noise": 1e-9, "reference_noise": NOISE, "hold_out": False}
-    found = calibrate(plant.arm, records, ["geometry", *prior([(COUPLING, way)], 2e-4)], **noise)  # type: ignore[arg-type]
+    found = calibrate(plant.arm, records, ["geometry", *prior([(COUPLING, way)], 2e-4)], **noise)
     found.model.save(tmp_path / "extended.toml")
     model, (q, tip) = ErrorModel.load(tmp_path / "extended.toml"), plant.touched(200)
     moves = model.sensitivity(q)
@@ -208,57 +139,11 @@ def test_estimated_beside_the_geometry(plant: Plant, tmp_path: Path) -> None:
     off = np.linalg.norm(model.correct(q) - tip, axis=1)
     assert 0.6 < np.sqrt(np.square(off).mean() / np.square(u).mean()) < 1.5
     assert np.square(u).mean() < np.square(0.5 * NOISE)
-    again = calibrate(model, plant.measured(100), "geometry", **noise)  # type: ignore[arg-type]
+    again = calibrate(model, plant.measured(100), "geometry", **noise)
     assert again.model.effects == model.effects
 
 
-def test_estimates_answer_to_what_is_held(plant: Plant) -> None:
-    """Held where a common fit has them, within its covariance, the tips are as uncertain as by that
-    fit.
-    """
-    records = plant.measured(150)
-    way = next(
-        way
-        for name, way in all_described(plant.arm, records)
-        if (name, way.carrier) == (COUPLING, "angle 4")
-    )
-    assert way.smooth is not None
-    directions = tuple((float(x),) for x in plant.rng.normal(0.0, 5e-5, size_of(way)))
-    one = Discrepancy(COUPLING, (Part(Carrier(way.carrier), way.smooth, directions),), 1)
-    setup = Setup.of(plant.arm, encoder_noise=8e-6, reference_noise=NOISE, probe_noise=NOISE)
-
-    def solved(model: ErrorModel, *more: Discrepancy) -> Fit:
-        return fit(problem_of(model, records, ["geometry", *more], setup), robust=False)
-
-    common = solved(ErrorModel(plant.arm), one.at((0.0,), (1.0,)))
-    own = common.problem.vector.slices[-1]
-    found = one.at(common.effects[-1].values, np.sqrt(np.diag(common.covariance[own, own])))
-    held = ErrorModel(plant.arm, (found,))
-    model, wanted = calibrated_beside(solved(held), found), calibrated_model(common)
-    q, conditions = plant.touched(50)[0], Conditions(50, time=np.linspace(0.0, 3600.0, 50))
-    u = [
-        accuracy_volume(each, q, conditions=conditions, method="ellipsoid").u
-        for each in (model, wanted)
-    ]
-    np.testing.assert_allclose(*u, rtol=1e-3)
-    alone = ErrorModel(calibrated_model(solved(held)).arm)
-    independent = with_effect(alone, found, np.diag(np.square(found.u)))
-    assert np.mean(
-        accuracy_volume(independent, q, conditions=conditions, method="ellipsoid").u
-    ) > 1.01 * np.mean(u[1])
-
-
-def test_it_is_no_candidate(plant: Plant) -> None:
-    records = plant.measured(60)
-    name, way = all_described(plant.arm, records)[0]
-    (effect,) = prior([(name, way)], 1e-6)
-    effect = effect.at(np.full(size_of(way), 1e-6), effect.u)
-    model, setup = ErrorModel(plant.arm, [effect]), Setup.of(plant.arm, reference_noise=NOISE)
-    library = candidates(model, records, problem_of(model, records, "geometry", setup))
-    assert not any(isinstance(each, Discrepancy) for variants in library for each in variants)
-
-
-def test_what_cannot_be_predicted_is_lost(plant: Plant) -> None:
+def test_what_cannot_be_predicted_is_lost(plant):
     q, tip = plant.touched(60)
     extra = pd.DataFrame({"humidity_pct": plant.rng.uniform(30.0, 50.0, 60)})
     session = np.array(["a", "b"] * 30, dtype=object)
@@ -281,18 +166,7 @@ def test_what_cannot_be_predicted_is_lost(plant: Plant) -> None:
     assert covariates == [name for name, way in described if way.smooth is not None]
 
 
-def test_labels_of_several(plant: Plant) -> None:
-    described = [
-        each for each in all_described(plant.arm, plant.measured(60)) if each[0] == "time"
-    ][:1]
-    (first,) = prior(described, 1e-5)
-    second, third = covariate_effects(described * 2, np.ones(36), taken=[first.label])
-    assert [first.label, second.label, third.label] == [
-        f"discrepancy:time{k} on room" for k in ("", " (2)", " (3)")
-    ]
-
-
-def test_background_as_one_effect(plant: Plant, tmp_path: Path) -> None:
+def test_background_as_one_effect(plant, tmp_path):
     """The same mean at new records; u with the right mean square, and not far off anywhere."""
     records, rng = plant.measured(150), plant.rng
     described = [each for each in all_described(plant.arm, records) if each[1].smooth is not None]
@@ -325,12 +199,3 @@ def test_background_as_one_effect(plant: Plant, tmp_path: Path) -> None:
     assert 0.9 < np.sqrt(np.square(u).mean() / np.square(wanted).mean()) < 1.1
     assert 0.5 < (u / wanted).min() < (u / wanted).max() < 1.6
     assert (tmp_path / "background.toml").stat().st_size < 600_000
-
-
-def test_a_background_of_one_direction_is_its_size(plant: Plant) -> None:
-    described = [
-        each for each in all_described(plant.arm, plant.measured(60)) if each[0] == COUPLING
-    ][:1]
-    weights = np.arange(1.0, 1.0 + size_of(described[0][1]))[:, None]
-    effect = background_effect(described, weights, np.array([3e-6]), np.array([[4e-12]]))
-    assert (effect.values, effect.u) == ((1.0,), (pytest.approx(2.0 / 3.0),))

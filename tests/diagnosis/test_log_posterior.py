@@ -15,9 +15,9 @@ import pytest
 from blind.regimes import regime_file
 from numpy.typing import NDArray
 
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm import Arm
+from aacmm_pin.calibration import Fit
 from aacmm_pin.calibration.estimation import fit
-from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.parameters import problem_of
 from aacmm_pin.calibration.setup import Setup
 from aacmm_pin.diagnosis.candidates import Variants, candidates
@@ -105,7 +105,7 @@ def widths_of(state: ModelState) -> Array:
 
 @pytest.mark.parametrize("stated", [True, False])
 @pytest.mark.parametrize("noise", [0.4, 1.0, 2.5])
-def test_marginal_likelihood_by_quadrature(stated: bool, noise: float) -> None:
+def test_marginal_likelihood_by_quadrature(stated, noise):
     """Blocks of one and two parameters beside two nuisances, of eleven rows."""
     rng = np.random.default_rng(5)
     nuisances = np.column_stack([np.ones(11), rng.normal(size=11)])
@@ -151,7 +151,7 @@ class Measured:
         frame = "external" if file.external else "base"
         setup = Setup.of(
             arm, reference_frame=frame, probe_noise=noises.get("reference_noise"), **noises
-        )  # type: ignore[arg-type]
+        )
         problem = problem_of(ErrorModel.of(arm), measurements, ["geometry"], setup)
         library = candidates(ErrorModel.of(arm), measurements, problem)
         return Measured(fit(problem), tuple(library), tuple(covariates(arm, measurements)), stated)
@@ -235,7 +235,7 @@ def random_states(space: ModelSpace, rng: np.random.Generator, count: int) -> li
     return found
 
 
-def test_real_designs_by_covariance_matrices(measured: Measured, rng: np.random.Generator) -> None:
+def test_real_designs_by_covariance_matrices(measured, rng):
     space = measured.space
     dense = dense_of(space)
     states = random_states(space, rng, 30)
@@ -342,9 +342,7 @@ def two_variants(rng: np.random.Generator, stated: bool) -> Dense:
         (two_variants, False),
     ],
 )
-def test_exploration_finds_the_mass_of_all_subsets(
-    problem: Any, stated: bool, rng: np.random.Generator
-) -> None:
+def test_exploration_finds_the_mass_of_all_subsets(problem, stated, rng):
     dense = problem(rng, stated)
     space = space_of(dense)
     expected, largest = dense.inclusion(most=5)
@@ -358,7 +356,7 @@ def test_exploration_finds_the_mass_of_all_subsets(
 # --- order
 
 
-def test_order_of_the_blocks_of_a_state(measured: Measured, rng: np.random.Generator) -> None:
+def test_order_of_the_blocks_of_a_state(measured, rng):
     space = measured.space
     for state in random_states(space, rng, 12):
         order = rng.permutation(len(state.blocks))

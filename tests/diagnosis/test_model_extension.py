@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from aacmm_pin.diagnosis import inner_values, model_extension
-from aacmm_pin.diagnosis.choice import Choice
-from aacmm_pin.effects import EncoderSlip, JointPeriodicError
-from aacmm_pin.effects.conditions import Conditions
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.diagnosis import Choice, inner_values, model_extension
+from aacmm_pin.effects import Conditions, EncoderSlip, JointPeriodicError
+from aacmm_pin.measurements import Measurements
+
+pytestmark = pytest.mark.fast
 
 
 def choice_of(**known: Any) -> Choice:
@@ -23,15 +23,15 @@ def choice_of(**known: Any) -> Choice:
     return Choice(**nothing | known)
 
 
-def test_how_far_from_its_target_a_record_is() -> None:
+def test_how_far_from_its_target_a_record_is():
     """Over what one of all records may be off with a chance of 1 %, by Bonferroni's bound; none
     where nothing is said.
     """
     limit = chi2.isf(0.01 / 4, 3)
     off = np.array([[3e-5, 0.0, 0.0], [0.0, 4e-5, 0.0], [0.0, 3e-5, 4e-5], [np.nan] * 3])
     says = np.array([True, True, True, False])
-    at: Any = SimpleNamespace(observations=SimpleNamespace(says=says, counts=3 * says))
-    judge: Any = SimpleNamespace(
+    at = SimpleNamespace(observations=SimpleNamespace(says=says, counts=3 * says))
+    judge = SimpleNamespace(
         residual_noise=np.array([1.0, 4.0, 1.0, 1.0])[:, None, None] * 1e-10 * np.eye(3)
     )
     found = model_extension._times_the_limit(at, off, judge)
@@ -42,12 +42,12 @@ def test_how_far_from_its_target_a_record_is() -> None:
     ("parts", "torn"),
     [([0, 0, 1, 1, 0, 1], False), ([0, 1, 1, 1, 0, 1], True), ([0, 0, 0, 1, 0, 1], True)],
 )
-def test_seats_and_bars_in_several_parts(parts: list[int], torn: bool) -> None:
+def test_seats_and_bars_in_several_parts(parts, torn):
     """Seats 0 and 1 at the ends of a bar, seat 2 alone; two records at none."""
     observations = SimpleNamespace(
         seat=np.array([0, 1, 2, 2, -1, -1]), clusters=np.array([0, 0, 1])
     )
-    at: Any = SimpleNamespace(observations=observations)
+    at = SimpleNamespace(observations=observations)
     assert model_extension._torn(at, np.array(parts)) == torn
 
 
@@ -61,9 +61,7 @@ def test_seats_and_bars_in_several_parts(parts: list[int], torn: bool) -> None:
         ([0, 0, 0, 0], [1, 1, 1, 1], [0, 0, 1, 1], False),
     ],
 )
-def test_a_cause_of_records_that_are_left_out_together(
-    moved: list[int], used: list[int], parts: list[int], inside: bool
-) -> None:
+def test_a_cause_of_records_that_are_left_out_together(moved, used, parts, inside):
     columns = np.zeros((4, 3, 2))
     columns[:, 2, 1] = moved
     design = SimpleNamespace(columns=lambda _: columns)
@@ -72,18 +70,18 @@ def test_a_cause_of_records_that_are_left_out_together(
     assert choice_of(posterior=posterior, fit=fit, parts=np.array(parts)).in_one_part(0) == inside
 
 
-def test_the_top_of_a_parabola() -> None:
+def test_the_top_of_a_parabola():
     """Between the neighbours of the best; no further, and nowhere where there is no top."""
-    tried: list[Any] = [JointPeriodicError(3, order) for order in (2.0, 2.5, 3.5)]
+    tried = [JointPeriodicError(3, order) for order in (2.0, 2.5, 3.5)]
     for top in (2.3, 2.9):
         evidences = -np.array([(2.0 - top) ** 2, (2.5 - top) ** 2, (3.5 - top) ** 2])
-        assert inner_values._at_the_top(tried, evidences, 1).order == pytest.approx(top)  # type: ignore[attr-defined]
+        assert inner_values._at_the_top(tried, evidences, 1).order == pytest.approx(top)
     flat, at_the_end = np.zeros(3), np.array([0.0, -1.0, -2.0])
     assert inner_values._at_the_top(tried, flat, 1) == tried[1]
     assert inner_values._at_the_top(tried, at_the_end, 0) == tried[0]
 
 
-def test_inner_values_by_their_evidence(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_inner_values_by_their_evidence(monkeypatch):
     """A whole order unless another is far better; u of a step by the gaps between the records."""
     for far, expected in ((1.0, 4.0), (3.0, 4.11)):
         wave = JointPeriodicError(3, 4.0)
@@ -91,14 +89,13 @@ def test_inner_values_by_their_evidence(monkeypatch: pytest.MonkeyPatch) -> None
         peak = far / 0.11**2  # so much better than the whole order
         refined = inner_values.likeliest(
             tried, np.array([-peak * (e.order - 4.11) ** 2 for e in tried])
-        )  # type: ignore[attr-defined]
-        assert isinstance(refined, JointPeriodicError)
+        )
         assert refined.order == pytest.approx(expected, abs=1e-3)
     records = Measurements.of(
         np.zeros((4, 6)), conditions=Conditions(4, time=np.array([0.0, 10.0, 30.0, 70.0]))
     )
     fit = SimpleNamespace(problem=SimpleNamespace(measurements=records))
-    slip: Any = SimpleNamespace(
+    slip = SimpleNamespace(
         variant=lambda _: EncoderSlip(3, 20.0),
         fit=fit,
         noise=None,

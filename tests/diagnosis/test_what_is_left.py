@@ -7,17 +7,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from aacmm_pin import next_measurements
 from aacmm_pin._support.checks import Array
-from aacmm_pin._support.display import two_digits
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm import Arm
 from aacmm_pin.arm.random_postures import random_postures
-from aacmm_pin.diagnosis import diagnose
-from aacmm_pin.diagnosis.result import Diagnosis
-from aacmm_pin.effects import JointZeroOffset
-from aacmm_pin.effects.labels import values_in_words
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.diagnosis import Diagnosis, diagnose
+from aacmm_pin.measurements import Measurements
 from aacmm_pin.report.diagnosis import unexplained_in_words
-from aacmm_pin.report.next_measurements import next_measurements
 
 READING, REFERENCE = 8e-6, 1e-5
 
@@ -35,14 +31,13 @@ def diagnosed(
 
 
 @pytest.mark.parametrize("stated", [True, False])
-def test_records_of_one_posture_share_an_error(sino6: Arm, stated: bool) -> None:
+def test_records_of_one_posture_share_an_error(sino6, stated):
     rng = np.random.default_rng(1)
     order = rng.permutation(180)
     shared = 2e-5 * rng.standard_normal((60, 3))[order // 3]
     q = random_postures(sino6, 60, rng)[order // 3]
     found = diagnosed(sino6, q, q, shared, rng, stated)
     error = found.unexplained.shared_by_postures
-    assert error is not None
     assert error.rms == pytest.approx(np.sqrt(3.0) * 2e-5, rel=0.2)
     assert error.p_value < 1e-6
     assert (found.verdict, found.findings, found.unexplained.readings) == ("unexplained", (), ())
@@ -51,14 +46,14 @@ def test_records_of_one_posture_share_an_error(sino6: Arm, stated: bool) -> None
     assert said["rms_mm"] == pytest.approx(1e3 * error.rms)
 
 
-def test_records_of_one_posture_that_share_none(sino6: Arm) -> None:
+def test_records_of_one_posture_that_share_none(sino6):
     rng = np.random.default_rng(2)
     q = np.repeat(random_postures(sino6, 50, rng), 3, axis=0)[rng.permutation(150)]
     found = diagnosed(sino6, q, q, 0.0, rng, False)
     assert (found.verdict, found.unexplained.shared_by_postures) == ("no-discrepancy", None)
 
 
-def test_two_joints_that_act_together_are_no_scatter(sino6: Arm) -> None:
+def test_two_joints_that_act_together_are_no_scatter(sino6):
     """The size of what is described is that of tips, beside which the noise is left."""
     rng = np.random.default_rng(3)
     q = random_postures(sino6, 240, rng)
@@ -72,7 +67,7 @@ def test_two_joints_that_act_together_are_no_scatter(sino6: Arm) -> None:
     assert structure.rms == pytest.approx(left, rel=0.1)
 
 
-def test_readings_that_scatter_have_a_chance(sino6: Arm) -> None:
+def test_readings_that_scatter_have_a_chance(sino6):
     rng = np.random.default_rng(4)
     q = random_postures(sino6, 200, rng)
     true = q.copy()
@@ -85,15 +80,3 @@ def test_readings_that_scatter_have_a_chance(sino6: Arm) -> None:
     assert said["log_likelihood_ratio"] > 10.0
     assert "p < 1e-16" in unexplained_in_words(found.unexplained)
     assert len(found.notes) <= 3
-
-
-def test_numbers_without_exponents_and_minus_zeros() -> None:
-    assert [two_digits(value) for value in (0.0123, 1.6, 37.4, 112.0, 1999.0)] == [
-        "0.012",
-        "1.6",
-        "37",
-        "110",
-        "2000",
-    ]
-    said = values_in_words(JointZeroOffset(1), {"offset_rad": (-1e-9, 2e-5)})
-    assert "-" not in said

@@ -173,7 +173,7 @@ def ended(run: Run) -> int:
             with suppress(ProcessLookupError):
                 os.kill(pid, signal.SIGKILL)
         run.wait()
-    run.said = (said or b"").decode(errors="replace")  # type: ignore[attr-defined]
+    run.said = (said or b"").decode(errors="replace")
     assert "Traceback" not in told(run), f"{run.args}: {told(run)[-2000:]}"
     return run.returncode
 

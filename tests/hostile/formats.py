@@ -12,77 +12,25 @@ from pathlib import Path
 import numpy as np
 from hypothesis import strategies as st
 
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.file import arm_text
+from aacmm_pin.arm import Arm, arm_text
 from aacmm_pin.arm.urdf import urdf_text
 from aacmm_pin.calibration import calibrate
-from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.effects.text import cause_of
+from aacmm_pin.effects import ErrorModel, cause_of
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.measurements.records import Measurements
-from aacmm_pin.measurements.simulate import simulate_measurements
+from aacmm_pin.measurements import Measurements, simulate_measurements
 from aacmm_pin.planning import plan_measurements
 
 NUMBERS = [
-    *(
-        "0",
-        "-0",
-        "-1",
-        "1e300",
-        "-1e300",
-        "1e-300",
-        "1e154",
-        "5e-324",
-        "1.7976931348623157e308",
-        "1e9999",
-        "nan",
-        "inf",
-        "-inf",
-    ),
-    *(
-        "1_000",
-        "1,5",
-        "0x10",
-        "٣",
-        "--1",
-        "2147483648",
-        "9223372036854775808",
-        "9" * 5000,
-        "0." + "3" * 400,
-        "true",
-        "",
-    ),
+    *str.split("0 -0 -1 1e300 -1e300 1e-300 1e154 5e-324 1.7976931348623157e308 1e9999"),
+    *str.split("nan inf -inf 1_000 1,5 0x10 ٣ --1 2147483648 9223372036854775808 true"),
+    *("9" * 5000, "0." + "3" * 400, ""),
 ]
 TEXTS = [
-    *(c for c in "\0\"'<&{[]}=,;#$\n\r\t\v\x1b\u202e"),
-    *(
-        "",
-        "\x1b[2J",
-        "$x$",
-        "$\\frac",
-        "=1+1",
-        "../../x",
-        "/dev/zero",
-        "n" * 300,
-        "é\u0301",
-        "S2",
-        "A",
-        "nan",
-        "1e3",
-        "true",
-        "{}",
-    ),
-    *(
-        "]]>",
-        "-->",
-        "&a;",
-        "<!ENTITY a 'b'>",
-        "'''",
-        '"""',
-        "[" * 3000,
-        "a." * 3000 + "a=1",
-        "<a>" * 3000,
-    ),
+    *"\0\"'<&{[]}=,;#$\n\r\t\v\x1b\u202e",
+    *str.split("\x1b[2J $x$ $\\frac =1+1 ../../x /dev/zero é\u0301 S2 A nan 1e3 true {} ]]>"),
+    *str.split("--> &a;"),
+    *("", "<!ENTITY a 'b'>", "'''", '"""'),
+    *("n" * 300, "[" * 3000, "a." * 3000 + "a=1", "<a>" * 3000),
 ]
 
 
@@ -140,7 +88,7 @@ def records(plan: str) -> Measurements:
     """A few virtual records."""
     bar = 0.5 if plan == "ball-bar" else None
     rng = np.random.default_rng(1)
-    return simulate_measurements(Arm.load("sino6"), plan, 24, rng=rng, seats=4, bar_length=bar)  # type: ignore[arg-type]
+    return simulate_measurements(Arm.load("sino6"), plan, 24, rng=rng, seats=4, bar_length=bar)
 
 
 @cache
@@ -163,7 +111,7 @@ def plans() -> list[bytes]:
 @cache
 def urdfs() -> list[bytes]:
     """The bundled arms, which have their masses too."""
-    return [urdf_text(Arm.load(name).file).encode() for name in ("sino6", "zero6")]  # type: ignore[arg-type]
+    return [urdf_text(Arm.load(name).file).encode() for name in ("sino6", "zero6")]
 
 
 def use_arm(path: Path) -> None:

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import signal
 import sys
-from pathlib import Path
 
 import pytest
 
@@ -15,7 +14,7 @@ from tests.hostile.faults import SIMULATE, Place, refused, small_files, stopped
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="processes are looked up in /proc")
 
 
-def test_old_files_or_new_ones_and_no_mixture(tmp_path: Path) -> None:
+def test_old_files_or_new_ones_and_no_mixture(tmp_path):
     place = Place.of(SIMULATE, tmp_path / "place")
     assert refused(place, small_files) == "refused"
     assert stopped(place, signal.SIGTERM, 0.9 * place.seconds, everyone=False) in ("old", "new")

@@ -5,13 +5,12 @@
 from __future__ import annotations
 
 import time
-from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, given, settings
 
 from aacmm_pin.errors import AacmmError
-from tests.hostile.formats import FORMATS, Format, mutated
+from tests.hostile.formats import FORMATS, mutated
 
 LONGEST_LINE = 2000
 """Characters of one line of a message."""
@@ -20,16 +19,17 @@ LONGEST = 5.0
 
 
 @pytest.mark.parametrize("kind", FORMATS, ids=lambda kind: kind.name)
-def test_valid_files_are_read(kind: Format, tmp_path: Path) -> None:
+def test_valid_files_are_read(kind, tmp_path):
     for content in kind.valid():
         (tmp_path / kind.name).write_bytes(content)
         kind.use(tmp_path / kind.name)
 
 
+@pytest.mark.parametrize("files", [8, pytest.param(100, marks=pytest.mark.long)])
 @pytest.mark.parametrize("kind", FORMATS, ids=lambda kind: kind.name)
-def test_a_mistake_gives_a_result_or_a_refusal(kind: Format, tmp_path: Path) -> None:
+def test_a_mistake_gives_a_result_or_a_refusal(kind, files, tmp_path):
     @settings(
-        max_examples=20,
+        max_examples=files,
         deadline=None,
         database=None,
         derandomize=True,

@@ -6,8 +6,7 @@ from __future__ import annotations
 
 from math import pi
 
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.file import ArmFile
+from aacmm_pin.arm import Arm, ArmFile
 
 QUARTER = pi / 2
 LIMITS = [-6.3, 6.3]

@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -22,12 +22,13 @@ from plain_least_squares import fitted_distances
 from scipy.cluster.hierarchy import fcluster, linkage
 
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm import Arm
 from aacmm_pin.calibration import Calibration, calibrate
 from aacmm_pin.calibration.setup import ReferenceFrame
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements import Measurements
 
 MARGIN = 0.03
+again = partial(pytest.param, marks=pytest.mark.long)
 
 
 @dataclass(frozen=True)
@@ -111,7 +112,7 @@ def postures(records: Measurements) -> list[str]:
 # --- how well unseen records are predicted
 
 
-def test_what_geometry_alone_predicts(measured: Measured) -> None:
+def test_what_geometry_alone_predicts(measured):
     case, found = measured.case, measured.usual
     assert found.held_out[0].rms_before / MM == pytest.approx(case.before, rel=MARGIN)
     assert held_out(found) == pytest.approx([case.records, case.groups], rel=MARGIN)
@@ -119,11 +120,11 @@ def test_what_geometry_alone_predicts(measured: Measured) -> None:
 
 
 @pytest.mark.parametrize("page", ["README.md", "notebooks/site/limits.md"])
-def test_the_documented_table_is_what_is_found(page: str, measured: Measured) -> None:
+def test_the_documented_table_is_what_is_found(page, measured):
     text = (Path(__file__).parents[2] / page).read_text(encoding="utf-8")
     name = measured.usual.model.arm.name
     (row,) = re.findall(rf"^\| {name}[ ,].*$", text.replace("Fanuc ", ""), re.MULTILINE)
-    stated = [float(re.match(r"[\d.]+", cell.strip())[0]) for cell in row.split("|")[2:6]]  # type: ignore[index]
+    stated = [float(re.match(r"[\d.]+", cell.strip())[0]) for cell in row.split("|")[2:6]]
     found = measured.usual
     assert stated[:2] == pytest.approx([found.rms_before / MM, found.rms / MM], abs=0.006)
     assert stated[2:] == pytest.approx(held_out(found), rel=MARGIN)
@@ -131,7 +132,8 @@ def test_the_documented_table_is_what_is_found(page: str, measured: Measured) ->
     assert f"{excluded} of the {name}" in text or not excluded
 
 
-def test_which_records_are_left_out_together_hardly_matters(measured: Measured) -> None:
+@pytest.mark.long
+def test_which_records_are_left_out_together_hardly_matters(measured):
     usual, few = (
         held_out(measured.usual),
         measured.case.arm is arms.fanuc,
@@ -143,10 +145,8 @@ def test_which_records_are_left_out_together_hardly_matters(measured: Measured) 
     )  # ten blocks of joint space are few
 
 
-@pytest.mark.parametrize(("name", "expected"), [("ur10", 0.435), ("fanuc", 0.248)])
-def test_whole_postures_left_out(
-    name: str, expected: float, all_measured: dict[str, Measured]
-) -> None:
+@pytest.mark.parametrize(("name", "expected"), [again("ur10", 0.435), ("fanuc", 0.248)])
+def test_whole_postures_left_out(name, expected, all_measured):
     """The Fanuc stood in 24 postures, 10 times in each with all 3 markers; 293 postures of the UR10
     were measured twice.
     """
@@ -161,7 +161,7 @@ def test_whole_postures_left_out(
 # --- the UR10 beside a plain fit
 
 
-def test_no_geometry_fits_the_ur10_better(all_measured: dict[str, Measured]) -> None:
+def test_no_geometry_fits_the_ur10_better(all_measured):
     """0.4414 mm over all records is the least that any geometry leaves of them; predictions of
     unseen ones are worse.
     """
@@ -177,7 +177,7 @@ def test_no_geometry_fits_the_ur10_better(all_measured: dict[str, Measured]) -> 
     )
 
 
-def test_the_records_of_the_ur10_that_cannot_belong(all_measured: dict[str, Measured]) -> None:
+def test_the_records_of_the_ur10_that_cannot_belong(all_measured):
     """Four are off by 1.3 to 2 mm; three of them were measured again eight records before or after,
     and the twin fits.
     """
@@ -194,7 +194,7 @@ def test_the_records_of_the_ur10_that_cannot_belong(all_measured: dict[str, Meas
 # --- seats and bars
 
 
-def test_all_records_of_the_iiwa(all_measured: dict[str, Measured]) -> None:
+def test_all_records_of_the_iiwa(all_measured):
     """Two are excluded otherwise, both of one bar: with them, whole seats are predicted worse than
     the usual figure says.
     """
@@ -203,10 +203,8 @@ def test_all_records_of_the_iiwa(all_measured: dict[str, Measured]) -> None:
     )
 
 
-@pytest.mark.parametrize(("name", "farthest_off"), [("panda", 0.09), ("iiwa14", 0.04)])
-def test_a_bar_whose_length_was_kept_back(
-    name: str, farthest_off: float, all_measured: dict[str, Measured]
-) -> None:
+@pytest.mark.parametrize(("name", "farthest_off"), [again("panda", 0.09), ("iiwa14", 0.04)])
+def test_a_bar_whose_length_was_kept_back(name, farthest_off, all_measured):
     """Six and three bars of 50.0 mm, known to 0.1 mm or better."""
     measured, lengths = all_measured[name], []
     for bar in measured.table["bar"].unique():
@@ -228,15 +226,9 @@ def test_a_bar_whose_length_was_kept_back(
 
 @pytest.mark.parametrize(
     ("name", "robot", "tip"),
-    [("ur10", "ur10_robot.urdf", "tool0"), ("panda", "panda.urdf", "panda_link8")],
+    [again("ur10", "ur10_robot.urdf", "tool0"), ("panda", "panda.urdf", "panda_link8")],
 )
-def test_table_and_urdf_tell_the_same(
-    name: str,
-    robot: str,
-    tip: str,
-    robot_file: Callable[[str], Path],
-    all_measured: dict[str, Measured],
-) -> None:
+def test_table_and_urdf_tell_the_same(name, robot, tip, robot_file, all_measured):
     usual, found = (
         all_measured[name].usual,
         all_measured[name].calibrated(Arm.from_urdf(robot_file(robot), tip)),
@@ -247,14 +239,11 @@ def test_table_and_urdf_tell_the_same(
 
 
 @pytest.mark.parametrize(
-    "measured",
-    ["ur10", "fanuc", "iiwa14", pytest.param("panda", marks=pytest.mark.long)],
-    indirect=True,
+    "measured", ["fanuc", *map(again, ("ur10", "iiwa14", "panda"))], indirect=True
 )
-def test_where_the_search_starts(measured: Measured, rng: np.random.Generator) -> None:
+def test_where_the_search_starts(measured, rng):
     """Every value of the table is off by up to 2 mm or 0.5°."""
     file = measured.case.arm().file
-    assert file is not None
     half_widths = {"a_mm": 2.0, "d_mm": 2.0, "alpha_rad": 0.5 * DEG, "theta_offset_rad": 0.5 * DEG}
     rows = [
         row.model_copy(

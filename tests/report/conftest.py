@@ -12,14 +12,12 @@ import numpy as np
 import pytest
 from blind import draw
 
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin import perturbed_model
+from aacmm_pin.arm import Arm
 from aacmm_pin.calibration import Calibration, calibrate
-from aacmm_pin.calibration.random_arm import perturbed_model
 from aacmm_pin.diagnosis import Diagnosis, diagnose
-from aacmm_pin.effects import EncoderEccentricity
-from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.measurements.records import Measurements
-from aacmm_pin.measurements.simulate import simulate_measurements
+from aacmm_pin.effects import EncoderEccentricity, ErrorModel
+from aacmm_pin.measurements import Measurements, simulate_measurements
 
 mpl.use("Agg")
 

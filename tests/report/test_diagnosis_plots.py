@@ -15,8 +15,8 @@ from matplotlib import pyplot as plt
 from matplotlib.collections import LineCollection
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin._support.units import DEG, MM, UM
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin._support.units import DEG, MM
+from aacmm_pin.arm import Arm
 from aacmm_pin.calibration.estimation import fit
 from aacmm_pin.calibration.parameters import problem_of
 from aacmm_pin.calibration.setup import Setup
@@ -24,13 +24,14 @@ from aacmm_pin.diagnosis import Diagnosis, Finding
 from aacmm_pin.effects import (
     BaseCompliance,
     BearingTilt,
+    Conditions,
     Counterbalance,
     Effect,
     EncoderEccentricity,
     EncoderGain,
     EncoderSlip,
+    ErrorModel,
     JointCompliance,
-    JointErrorCurve,
     JointHysteresis,
     JointPeriodicError,
     JointZeroOffset,
@@ -42,24 +43,18 @@ from aacmm_pin.effects import (
     TorsionalWindup,
     ZeroDrift,
 )
-from aacmm_pin.effects.conditions import Conditions
-from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements import Measurements
 from aacmm_pin.report.document import blank_axes
 from aacmm_pin.report.plots import (
     plot_cause,
     plot_geometry,
     plot_groups,
     plot_held_out,
-    plot_residual_views,
-    plot_rms,
     plot_unexplained,
 )
 from aacmm_pin.report.plots.groups import MODELS, _draw_groups, held_out_parts
 from aacmm_pin.report.plots.partial_residuals import (
-    _along,
-    _common_direction,
     partial_residual,
     unit_of_load,
 )
@@ -115,10 +110,6 @@ def knowing(
     return replace(base, findings=(finding,), **fits), finding
 
 
-def legend_texts(ax: Any) -> list[str]:
-    return [text.get_text() for text in ax.get_legend().get_texts()]
-
-
 def wave(amplitude: float, order: float, phase: float) -> tuple[float, float]:
     return (amplitude * np.cos(phase), amplitude * np.sin(phase))
 
@@ -169,9 +160,7 @@ CASES: list[tuple[Effect, Callable[[Array], Array], str]] = [
 @pytest.mark.parametrize(
     ("effect", "amount", "axis"), CASES, ids=lambda v: v.label if isinstance(v, Effect) else ""
 )
-def test_records_say_what_the_cause_does(
-    sound: Diagnosis, sino6: Arm, effect: Effect, amount: Callable[[Array], Array], axis: str
-) -> None:
+def test_records_say_what_the_cause_does(sound, sino6, effect, amount, axis):
     result, finding = knowing(sound, sino6, effect)
     shown = partial_residual(result, finding.effect)
     assert shown.x_label == axis
@@ -196,9 +185,7 @@ def test_records_say_what_the_cause_does(
 @pytest.mark.parametrize(
     "external", [False, True], ids=["in the base", "in a frame of the references"]
 )
-def test_records_say_it_even_where_the_model_lacks_the_cause(
-    sound: Diagnosis, sino6: Arm, external: bool
-) -> None:
+def test_records_say_it_even_where_the_model_lacks_the_cause(sound, sino6, external):
     """What the model lacks is then in the residuals alone; geometry has taken up a little of it."""
     effect, amount, _ = CASES[1]
     result, finding = knowing(sound, sino6, effect, external)
@@ -210,75 +197,13 @@ def test_records_say_it_even_where_the_model_lacks_the_cause(
     assert not lacking.fitted.any()
 
 
-def test_a_curve_breaks_off_where_no_record_is(sound: Diagnosis, sino6: Arm) -> None:
-    curve = JointErrorCurve(3, 0.0, 6.2, 24, values=tuple(1e-4 * np.sin(np.arange(24.0))))
-    result, _ = knowing(sound, sino6, curve)
-    fits = result.extended
-    angle = fits.problem.measurements.q[:, 2]
-    used = fits.used & ((angle < 2.0) | (angle > 3.5))
-    (found,) = (e for e in fits.effects if isinstance(e, JointErrorCurve))
-    shown = partial_residual(replace(result, extended=replace(fits, used=used)), found)
-    gap = (shown.curve[0] > 125) & (shown.curve[0] < 190)
-    assert np.isnan(shown.curve[1][gap]).all()
-    assert np.isfinite(shown.curve[1][shown.curve[0] < 105]).all()
-    finding = replace(result.findings[0], effect=found)
-    for fit_, gap in ((replace(fits, used=used), True), (fits, False)):
-        assert (
-            any(
-                "gap" in text
-                for text in legend_texts(plot_cause(replace(result, extended=fit_), finding))
-            )
-            == gap
-        )
-
-
-def test_values_beyond_the_scale_are_marked_and_counted(
-    sound: Diagnosis, sino6: Arm, blind: Callable[..., Diagnosis]
-) -> None:
-    """Of a cause and of what no cause explains: each has a triangle at the edge."""
-    result, finding = knowing(sound, sino6, CASES[0][0])
-    unexplained = blind("unexplained:humidity", seed=2)
-    shape = unexplained.unexplained.shapes["humidity_pct"]
-    cases = [
-        (plot_cause(result, finding), partial_residual(result, finding.effect).value),
-        (
-            plot_unexplained(unexplained, "humidity_pct"),
-            shape["growth_um_per_m_of_record"].to_numpy(),
-        ),
-    ]
-    for ax, values in cases:
-        low, high = ax.get_ylim()
-        beyond = ((values < low) | (values > high)).sum()
-        assert beyond > 0
-        marked = [line for line in ax.lines if line.get_marker() in ("^", "v")]
-        assert sum(len(line.get_ydata()) for line in marked) == beyond
-        assert all(low < y < high for line in marked for y in line.get_ydata())
-        assert any(
-            "beyond the scale" in text and text.endswith(f" {beyond}") for text in legend_texts(ax)
-        )
-
-
-def test_seats_without_a_stated_place_are_counted(sound: Diagnosis, sino6: Arm) -> None:
-    result, finding = knowing(sound, sino6, SeatError("S4", values=(5e-5, -8e-5, 2e-4)))
-    solution = result.extended
-    records = solution.problem.measurements
-    unknown = (records.conditions.seat == "S1") | (records.conditions.seat == "S2")
-    assert plot_cause(result, finding).get_xlabel() == "seat"
-    changed = replace(records, reference=np.where(unknown[:, None], np.nan, records.reference))
-    problem = replace(solution.problem, measurements=changed)
-    extended = replace(result.extended, problem=problem)
-    ax = plot_cause(replace(result, extended=extended), finding)
-    assert len(ax.get_xticklabels()) == 4
-    assert "2 seats" in ax.get_xlabel()
-
-
-def test_a_cause_that_depends_on_nothing_is_refused(sound: Diagnosis, sino6: Arm) -> None:
+def test_a_cause_that_depends_on_nothing_is_refused(sound, sino6):
     result, finding = knowing(sound, sino6, StylusOffset(values=(1e-4, 0.0, 0.0)))
     with pytest.raises(AacmmError, match="displaces every record alike"):
         partial_residual(result, finding.effect)
 
 
-def test_the_error_of_a_seat_stands_out(sound: Diagnosis, sino6: Arm) -> None:
+def test_the_error_of_a_seat_stands_out(sound, sino6):
     effect = SeatError("S4", values=(5e-5, -8e-5, 2e-4))
     result, finding = knowing(sound, sino6, effect)
     ax = plot_cause(result, finding)
@@ -289,36 +214,10 @@ def test_the_error_of_a_seat_stands_out(sound: Diagnosis, sino6: Arm) -> None:
     assert "seat S4" in ax.get_title()
 
 
-def test_geometry_stands_over_what_was_stated(sound: Diagnosis, sino6: Arm) -> None:
-    effect = JointZeroOffset(2, values=(3e-4,), u=(1e-5,))
-    finding = Finding(effect, {"offset_rad": (3e-4, 1e-5)}, 1.0, 1e-9, 1.0, ())
-    ax = plot_geometry(replace(sound, findings=(finding,)))
-    assert [tick.get_text() for tick in ax.get_yticklabels()] == [
-        "zero offset of joint 2\n+300.0 ± 20.0 µrad"
-    ]
-    (stated,) = (p.half_width for p in sino6.parameters if p.name == "theta_offset2")
-    assert stated is not None
-    ((bar,),) = (
-        lines.get_segments() for lines in ax.collections if isinstance(lines, LineCollection)
-    )
-    np.testing.assert_allclose(bar[:, 0], np.array([2.8e-4, 3.2e-4]) / stated)
-    with pytest.raises(AacmmError, match="no geometric value"):
-        plot_geometry(sound)
-
-
 # Overview ------------------------------------------------------------
 
 
-def test_sizes_are_those_of_the_diagnosis(sound: Diagnosis) -> None:
-    ax = plot_rms(sound)
-    widths = [bar.get_width() for bar in ax.patches]
-    assert widths == pytest.approx(
-        [sound.rms[name] / UM for name in ("simulation", "recalibrated", "extended")]
-    )
-    assert ax.get_xlabel().endswith("[µm]")  # all below 0.1 mm
-
-
-def test_groups_against_their_own_prediction(sound: Diagnosis, sino6: Arm) -> None:
+def test_groups_against_their_own_prediction(sound, sino6):
     """A sound arm is off as its stated uncertainties predict, and after recalibration by
     its noise.
     """
@@ -346,7 +245,46 @@ def test_groups_against_their_own_prediction(sound: Diagnosis, sino6: Arm) -> No
     assert plt.get_fignums() == []
 
 
-def test_of_many_groups_the_worst_are_named(rng: np.random.Generator) -> None:
+def test_parts_left_out(sound):
+    held = sound.held_out
+    table = held_out_parts(sound)
+    assert len(table) == held.groups
+    total = np.sqrt(np.average(table["extended_mm"] ** 2, weights=table["records"]))
+    assert total == pytest.approx(np.sqrt(np.nanmean(held.extended**2)) / MM)
+    ax = plot_held_out(sound)
+    assert [bar.get_height() for bar in ax.patches] == pytest.approx(
+        [*table["recalibrated_mm"], *table["extended_mm"]]
+    )
+    with pytest.raises(AacmmError, match="nothing was held out"):
+        plot_held_out(replace(sound, held_out=None))
+
+
+def test_correction_of_a_covariate(blind):
+    result = blind("unexplained:humidity", seed=2)
+    ax, shape = plot_unexplained(result, "humidity_pct"), result.unexplained.shapes["humidity_pct"]
+    np.testing.assert_allclose(ax.lines[2].get_ydata(), shape["growth_um_per_m"])
+    with pytest.raises(AacmmError, match="moon"):
+        plot_unexplained(result, "moon")
+
+
+def test_geometry_stands_over_what_was_stated(sound, sino6):
+    effect = JointZeroOffset(2, values=(3e-4,), u=(1e-5,))
+    finding = Finding(effect, {"offset_rad": (3e-4, 1e-5)}, 1.0, 1e-9, 1.0, ())
+    ax = plot_geometry(replace(sound, findings=(finding,)))
+    assert [tick.get_text() for tick in ax.get_yticklabels()] == [
+        "zero offset of joint 2\n+300.0 ± 20.0 µrad"
+    ]
+    (stated,) = (p.half_width for p in sino6.parameters if p.name == "theta_offset2")
+    assert stated is not None
+    ((bar,),) = (
+        lines.get_segments() for lines in ax.collections if isinstance(lines, LineCollection)
+    )
+    np.testing.assert_allclose(bar[:, 0], np.array([2.8e-4, 3.2e-4]) / stated)
+    with pytest.raises(AacmmError, match="no geometric value"):
+        plot_geometry(sound)
+
+
+def test_of_many_groups_the_worst_are_named(rng):
     names = [f"S{k}" for k in range(50)]
     table = pd.DataFrame(
         rng.uniform(size=(50, 3)), columns=[f"{name}_mm" for name in MODELS]
@@ -360,61 +298,7 @@ def test_of_many_groups_the_worst_are_named(rng: np.random.Generator) -> None:
     assert not ax.get_xticklabels()
 
 
-def test_the_arm_is_shown_before_and_after_what_helped(sound: Diagnosis, sino6: Arm) -> None:
-    titles = [ax.get_title().split(",")[0] for ax in plot_residual_views(sound).axes]
-    assert titles == ["simulation", "recalibrated"] * 2
-    result, _ = knowing(sound, sino6, CASES[0][0])
-    panels = plot_residual_views(result).axes
-    assert [ax.get_title().split(",")[0] for ax in panels] == ["recalibrated", "extended"] * 2
-    assert len({ax.get_title().rpartition(" ")[2] for ax in panels}) == 1
-
-
-def test_parts_left_out(sound: Diagnosis) -> None:
-    held = sound.held_out
-    assert held is not None
-    table = held_out_parts(sound)
-    assert len(table) == held.groups
-    total = np.sqrt(np.average(table["extended_mm"] ** 2, weights=table["records"]))
-    assert total == pytest.approx(np.sqrt(np.nanmean(held.extended**2)) / MM)
-    ax = plot_held_out(sound)
-    assert [bar.get_height() for bar in ax.patches] == pytest.approx(
-        [*table["recalibrated_mm"], *table["extended_mm"]]
-    )
-    with pytest.raises(AacmmError, match="nothing was held out"):
-        plot_held_out(replace(sound, held_out=None))
-
-
-def test_what_no_cause_explains_is_drawn_over_its_covariate(
-    blind: Callable[..., Diagnosis],
-) -> None:
-    result = blind("unexplained:operator", seed=2)
-    assert "operator" in result.unexplained.depends_on
-    ax = plot_unexplained(result, "operator")
-    assert sorted(tick.get_text() for tick in ax.get_xticklabels()) == ["A", "B"]
-    assert ax.get_ylabel() == "shift of the tip [mm]"
-    with pytest.raises(AacmmError, match="expected one of"):
-        plot_unexplained(result, "phase of the moon")
-
-
-@pytest.mark.parametrize(
-    ("kind", "name", "axis"),
-    [("humidity", "humidity_pct", "growth [µm/m]"), ("joint_product", "", "")],
-)
-def test_the_correction_is_drawn_as_what_it_acts_on(
-    kind: str, name: str, axis: str, blind: Callable[..., Diagnosis]
-) -> None:
-    result = blind(f"unexplained:{kind}", seed=2)
-    covariate = name or next(iter(result.unexplained.shapes))
-    ax, shape = plot_unexplained(result, covariate), result.unexplained.shapes[covariate]
-    if name:
-        assert ax.get_ylabel() == axis
-        drawn = ax.lines[2].get_ydata()
-        np.testing.assert_allclose(drawn, shape["growth_um_per_m"])
-    else:
-        assert (ax.get_xlabel(), ax.get_ylabel()) == ("theta3 [°]", "theta4 [°]")
-
-
-def test_the_unit_of_what_a_cause_is_proportional_to() -> None:
+def test_the_unit_of_what_a_cause_is_proportional_to():
     cases = {
         "rad/(N·m)": "N·m",
         "rad/(N·m)²": "(N·m)²",
@@ -433,17 +317,3 @@ def test_the_unit_of_what_a_cause_is_proportional_to() -> None:
     for unit, expected in cases.items():
         assert unit_of_load(unit, "rad") == expected
     assert unit_of_load("m/N", "m") == "N"
-
-
-def test_a_twist_that_turns_and_shifts_at_once_is_measured_by_its_turn() -> None:
-    """2 mrad/m of load about z, 0.3 m beside: a rotation of 0.7 rad of this direction is 0.7 rad,
-    whatever the shift.
-    """
-    load, step = np.array([[1.0], [-2.0], [5.0]]), np.array([0.0, 0.3, 0.0, 0.0, 0.0, 1.0])
-    columns = (load * step * 2e-3)[:, :, None]
-    direction = _common_direction(columns)
-    assert direction is not None
-    np.testing.assert_allclose(direction, step, rtol=0, atol=1e-15)
-    np.testing.assert_allclose(
-        _along(direction, columns, np.array([350.0])), 0.7 * load[:, 0], rtol=1e-14
-    )

@@ -5,14 +5,13 @@ nothing.
 from __future__ import annotations
 
 import base64
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 from matplotlib.figure import Figure as Drawing
 
-from aacmm_pin import Arm, ErrorModel
+from aacmm_pin import ErrorModel
 from aacmm_pin.errors import OutputError
 from aacmm_pin.report import formats, results
 from aacmm_pin.report.document import (
@@ -24,12 +23,10 @@ from aacmm_pin.report.document import (
     Heading,
     Notes,
     Paragraph,
-    SceneView,
     Table,
 )
 from aacmm_pin.report.formats import html
 from aacmm_pin.report.numbers import (
-    capital,
     count,
     in_one_unit,
     lengths,
@@ -38,9 +35,6 @@ from aacmm_pin.report.numbers import (
     small_unit,
     spread,
 )
-from aacmm_pin.report.scenes import arm_scene
-from aacmm_pin.report.scenes.scene import viewer_script
-from tests.browser import Page as Browser
 from tests.pages import Page
 
 EVIL = '<script>alert("x")</script> & {{ 7 * 7 }} [red]'
@@ -72,7 +66,7 @@ def every_block(text: str = "words") -> list[Block]:
     ]
 
 
-def test_a_page_has_every_block_and_fetches_nothing() -> None:
+def test_a_page_has_every_block_and_fetches_nothing():
     text = html.page(Document("T", every_block(), "S"))
     parsed = Page(text)
     for forbidden in ("http", "url(", "@import"):
@@ -103,7 +97,7 @@ def test_a_page_has_every_block_and_fetches_nothing() -> None:
         assert needed in text
 
 
-def test_text_is_never_markup_and_a_fragment_is_short() -> None:
+def test_text_is_never_markup_and_a_fragment_is_short():
     blocks = every_block(EVIL)
     page, card = Page(html.page(Document("T", blocks))), Page(html.fragment(Document("T", blocks)))
     assert page.all("script") == card.all("script") == []
@@ -114,25 +108,7 @@ def test_text_is_never_markup_and_a_fragment_is_short() -> None:
     assert not {"img", "a", "style", "h1", "h2"} & {tag for tag, _ in card.tags}
 
 
-def test_wide_figures_stay_readable_on_a_phone() -> None:
-    for size, kind in (((10, 3), "wide"), ((4, 2), ""), ((2, 4), "")):
-        parsed = Page(
-            html.page(Document("T", [Figure(lambda size=size: line(size), "A line", "")]))
-        )
-        assert [attributes.get("class", "") for attributes in parsed.all("figure")] == [kind]
-
-
-def test_scenes_share_one_viewer() -> None:
-    scene = arm_scene(Arm.load("sino6"), np.zeros((1, 6)))
-    text = html.page(
-        Document("T", [SceneView(lambda: scene, "First"), SceneView(lambda: scene, "Second")])
-    )
-    assert text.count(viewer_script()) == 1
-    assert len(text) < 2 * len(scene.html())
-    assert [frame["class"] for frame in Page(text).all("iframe")] == ["aacmm-scene"] * 2
-
-
-def test_cells_are_text_with_the_unit_in_the_head() -> None:
+def test_cells_are_text_with_the_unit_in_the_head():
     frame = pd.DataFrame(
         {
             "u_mm": [0.01234, np.nan],
@@ -175,7 +151,7 @@ def test_cells_are_text_with_the_unit_in_the_head() -> None:
     assert (list(small), list(large)) == (["u [mm]"], ["x [mm]", "point [mm]"])
 
 
-def test_numbers_have_one_style() -> None:
+def test_numbers_have_one_style():
     sizes = [3.12e-4, 99.96e-6, 52.34e-6, 1.5e-6, 0.0, 1.0]
     assert [lengths([size])[0] for size in sizes] == [
         "0.312 mm",
@@ -203,49 +179,7 @@ def test_numbers_have_one_style() -> None:
     assert "u\u00a0=\u00a00.07\u00a0mm, 5\u00a0%, 3 mmHg" in text
 
 
-def test_text_is_aligned_to_the_left_where_jupyter_would_not() -> None:
-    """Jupyter's style sheet aligns every cell to the right; numbers stay there; pages have their
-    own style.
-    """
-    table = Table(
-        pd.DataFrame(
-            {"parameter": ["d3", "a1"], "known": ["measured " * 4, "hardly"], "u_mm": [0.1, 0.22]}
-        )
-    )
-    cells = Page(html.fragment(Document("T", [table]))).all("td") + Page(
-        html.fragment(Document("T", [table]))
-    ).all("th")
-    assert len(cells) == 9
-    for cell in cells:
-        assert ("left" in cell.get("style", "")) == (cell["class"] != "number")
-    assert not any("style" in cell for cell in Page(html.page(Document("T", [table]))).all("td"))
-
-
-def test_a_sentence_that_begins_with_a_name_keeps_it() -> None:
-    for name in (
-        "encoder_eccentricity:2",
-        "theta_offset3",
-        "a2",
-        "x_mm",
-        "data.csv:",
-        "joint_error_curve",
-        "µrad",
-        "θ3",
-    ):
-        assert capital(f"{name} moved") == f"{name} moved"
-        page = html.page(Document("title", [Notes([f"{name} moved"])]))
-        assert f"{name} moved." in page
-    for words in (
-        "no figure has left it",
-        "self-motion",
-        "no-discrepancy",
-        "drift, of joint 2",
-        "wave: of joint 2",
-    ):
-        assert capital(words) == words[0].upper() + words[1:]
-
-
-def test_no_column_of_a_table_with_long_names_is_cut(page: Browser, tmp_path: Path) -> None:
+def test_no_column_of_a_table_with_long_names_is_cut(page, tmp_path):
     names = [
         f"seat granite_table_north_east_corner_hole_{k}_of_the_second_fixture" for k in range(3)
     ]
@@ -264,9 +198,7 @@ def test_no_column_of_a_table_with_long_names_is_cut(page: Browser, tmp_path: Pa
     assert wide == there
 
 
-def test_the_end_of_a_name_chooses_the_format(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_end_of_a_name_chooses_the_format(tmp_path, monkeypatch):
     arm = ErrorModel.load("sino6").arm
     with pytest.raises(OutputError, match="html"):
         results.write(arm, tmp_path / "arm.titles")

@@ -15,6 +15,8 @@ from aacmm_pin.report.doubts import DOUBTS
 from aacmm_pin.report.messages import SENTENCES
 from tests.test_rooms import MODULES
 
+pytestmark = pytest.mark.fast
+
 WORDS = 25
 """A sentence has no more."""
 
@@ -41,15 +43,15 @@ def strings(of_notes: bool) -> Iterator[str]:
         )
 
 
-def test_every_code_has_a_sentence_and_every_sentence_a_code() -> None:
+def test_every_code_has_a_sentence_and_every_sentence_a_code():
     assert {*strings(of_notes=True)} <= {*SENTENCES} <= {*strings(of_notes=False)}
 
 
-def test_every_doubt_has_a_sentence() -> None:
+def test_every_doubt_has_a_sentence():
     assert {*DOUBTS} == {*get_args(Doubt)}
 
 
-def test_sentences_are_short_and_ask_nothing() -> None:
+def test_sentences_are_short_and_ask_nothing():
     texts = [re.sub(r"\{[^}]*\}", "X", text) for text in SENTENCES.values()]
     each = [part for text in texts for part in re.split(r"[.;:] ", text)]
     assert [part for part in each if "?" in part or len(part.split()) > WORDS] == []
@@ -70,7 +72,7 @@ def test_sentences_are_short_and_ask_nothing() -> None:
         ),
     ],
 )
-def test_values_in_a_sentence(note: Note, text: str) -> None:
+def test_values_in_a_sentence(note, text):
     """Rows in runs, counts, lists, lengths in mm, angles in degrees, two digits, and the place in
     front.
     """

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -12,8 +10,7 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
-from aacmm_pin import Arm, calibrate, circle_accuracy, configuration_circle, simulate_measurements
-from aacmm_pin.effects import SeatError
+from aacmm_pin import calibrate, circle_accuracy, configuration_circle, simulate_measurements
 from aacmm_pin.report import plots
 from aacmm_pin.report.document import blank_axes
 
@@ -21,14 +18,11 @@ POINT = np.array([33.6323, -671.8702, 182.9355]) * 1e-3
 
 
 @pytest.mark.parametrize("latex", [False, True])
-def test_names_are_drawn_as_they_are(
-    sino6: Arm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, latex: bool
-) -> None:
+def test_names_are_drawn_as_they_are(sino6, tmp_path, monkeypatch, latex):
     """Text between dollars is a formula to matplotlib, and no drawing of this one; powers of ten
     are, without LaTeX.
     """
     monkeypatch.setitem(mpl.rcParams, "text.usetex", latex)
-    assert sino6.file is not None
     name = r"$\frac{1$ $x^2$"
     arm = replace(sino6, name=name + "\x1b", file=sino6.file.model_copy(update={"name": name}))
     data = simulate_measurements(arm, "seats", 40, seats=2, rng=np.random.default_rng(1))
@@ -37,7 +31,7 @@ def test_names_are_drawn_as_they_are(
     found = calibrate(arm, data, rng=np.random.default_rng(1), hold_out=False, progress=False)
     circle = configuration_circle(arm, POINT, count=12)
     accuracy = circle_accuracy(circle)
-    drawn: list[Any] = [
+    drawn = [
         plots.plot_residuals_by_seat(found, blank_axes(6, 3)),
         plots.plot_residual_views(found, blank_axes(6, 6)),
         plots.plot_circle(circle, accuracy, ax=Figure().add_subplot(projection="3d")),
@@ -49,30 +43,3 @@ def test_names_are_drawn_as_they_are(
         assert "\x1b" not in "".join(text.get_text() for text in figure.findobj(Text))
         assert not any(text.get_usetex() for text in figure.findobj(Text))
     assert any(r"$\bad" in label.get_text() for label in drawn[0].get_xticklabels())
-
-
-def test_long_names_leave_the_axes_their_place(sino6: Arm, tmp_path: Path) -> None:
-    """Matplotlib warns otherwise, which is an error here."""
-    data = simulate_measurements(sino6, "seats", 40, seats=3, rng=np.random.default_rng(1))
-    seats = np.array(
-        [f"{seat}-{'SEAT ' * 18}-{seat}" for seat in data.conditions.seat], dtype=object
-    )
-    data = replace(data, conditions=replace(data.conditions, seat=seats))
-    effect = SeatError(seats[0])
-    found = calibrate(
-        sino6,
-        data,
-        ["zero-offsets", effect],
-        rng=np.random.default_rng(1),
-        hold_out=False,
-        progress=False,
-    )
-    for drawn, size in (
-        (plots.plot_residuals_by_seat, (8, 3.4)),
-        (plots.plot_correlation, (5, 4.2)),
-    ):
-        axes = drawn(found, blank_axes(*size))
-        axes.figure.savefig(tmp_path / "a.png")
-        names = [label.get_text() for label in axes.get_xticklabels() if "SEAT" in label.get_text()]
-        assert len({*names}) == len(names) == 3
-        assert max(map(len, names)) <= 48

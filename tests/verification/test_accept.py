@@ -2,28 +2,26 @@
 
 from __future__ import annotations
 
-import json
 import os
-import re
 from collections import Counter
-from datetime import UTC, datetime
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
-from typer.testing import CliRunner
 
-from aacmm_pin import Arm, ErrorModel, Measurements, accept, simulate_measurements
+from aacmm_pin import Arm, Measurements, accept
 from aacmm_pin._support.checks import Array
-from aacmm_pin.cli.root_command import app
-from aacmm_pin.effects import EncoderEccentricity
+from aacmm_pin._support.notes import Note
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.report.acceptance import CheckDetails, acceptance_document
+from aacmm_pin.report.acceptance import acceptance_document
 from aacmm_pin.report.document import Paragraph, Table
-from aacmm_pin.verification.accept import GUARD_BAND_FACTOR
+from aacmm_pin.verification import AcceptanceResult
+from aacmm_pin.verification.accept import GUARD_BAND_FACTOR, AcceptanceFigure
 from aacmm_pin.verification.probed_points import AS_GIVEN
+from tests.cli import shell
 from tests.notes import data_of
 
 DIRECTIONS = np.vstack([np.eye(3), -np.eye(3), [[0.6, 0.8, 0], [0, -0.6, 0.8], [0.8, 0, -0.6]]])
@@ -77,8 +75,14 @@ def lengths(
     return pd.concat(tables)
 
 
-def everything() -> pd.DataFrame:
-    """All tests in one table."""
+def everything(*tests: str) -> pd.DataFrame:
+    """All tests in one table, or these."""
+    table = _table()
+    return table[table["test"].isin(tests or table["test"])].reset_index(drop=True)
+
+
+@cache
+def _table() -> pd.DataFrame:
     tables = [
         sphere(
             25, np.array([500.0 * k, 0, 0]), 31.0 + 0.02 * k, test="sphere", feature="S", position=k
@@ -123,6 +127,12 @@ EXPECTED = {
 }
 
 
+def figure(result: AcceptanceResult, name: str) -> AcceptanceFigure:
+    """The figure of this name."""
+    (found,) = (f for f in result.figures if f.definition.name == name)
+    return found
+
+
 @pytest.fixture
 def data(tmp_path: Path) -> Path:
     path = tmp_path / "touches.csv"
@@ -130,7 +140,7 @@ def data(tmp_path: Path) -> Path:
     return path
 
 
-def test_figures_are_those_of_the_touches(data: Path) -> None:
+def test_figures_are_those_of_the_touches(data):
     result = accept(data)
     values = {f.definition.name: f.evaluated.value * 1e3 for f in result.figures}
     assert values == pytest.approx(EXPECTED, abs=1e-7)
@@ -153,24 +163,22 @@ VERDICTS = {0.0441: "conformity", 0.0439: "neither", 0.0361: "neither", 0.0359: 
 
 
 @pytest.mark.parametrize(("mpe", "verdict"), VERDICTS.items())
-def test_verdicts_have_a_guard_band(data: Path, mpe: float, verdict: str) -> None:
-    (found,) = (
-        f for f in accept(data, mpe={"E_Uni": mpe * 1e-3}).figures if f.definition.name == "E_Uni"
-    )
-    assert found.verdict == verdict  # |-0.04| mm with U = 0.004 mm
+def test_verdicts_have_a_guard_band(data, mpe, verdict):
+    everything("length-uni").to_csv(data, index=False)
+    assert (
+        figure(accept(data, mpe={"E_Uni": mpe * 1e-3}), "E_Uni").verdict == verdict
+    )  # |-0.04| mm with U = 0.004 mm
 
 
 @pytest.mark.parametrize(
     ("mpe", "u", "verdict"),
     [(0.05, 0.03, "neither"), (0.03, 0.03, "non-conformity"), (0.05, None, "conformity")],
 )
-def test_every_error_of_which_one_is_the_largest_decides(
-    tmp_path: Path, mpe: float, u: float | None, verdict: str
-) -> None:
+def test_every_error_of_which_one_is_the_largest_decides(tmp_path, mpe, u, verdict):
     """The error of -0.04 mm is known badly in the second case; in the first the exact
     others are.
     """
-    table = everything()
+    table = everything("length-uni")
     last = (table["length_id"] == "L4") & (table["position"] == 6) & (table["repeat"] == 2)
     table.loc[
         (table["test"] == "length-uni") & (last if verdict == "non-conformity" else ~last),
@@ -187,73 +195,44 @@ def test_every_error_of_which_one_is_the_largest_decides(
     path = tmp_path / "touches.csv"
     table.to_csv(path, index=False)
     result = accept(path, mpe={"E_Uni": mpe * 1e-3})
-    (found,) = (f for f in result.figures if f.definition.name == "E_Uni")
-    assert found.verdict == verdict
+    assert figure(result, "E_Uni").verdict == verdict
     assert data_of(result.notes, "some_guard_bands_zero" if u is None else "other_error_decides"), (
         result.notes
     )
 
 
-def test_the_worst_verdict_is_that_of_the_whole(data: Path) -> None:
-    for mpe, said in (
-        ({}, "no verdict (MPE given for 0 of 11 figures)"),
-        (
-            {"E_Uni": 1.0, "SPAT.Max": 1.0},
-            "conformity, decided by E_Uni, SPAT.Max (MPE given for 2 of 11 figures)",
-        ),
-        (
-            {"E_Uni": 0.0401 * 1e-3, "SPAT.Max": 1.0},
-            "inconclusive, decided by E_Uni (MPE given for 2 of 11 figures)",
-        ),
-        (
-            {"SinglePoint.Part": 1.0, "SPAT.Max": 1.0},
-            "inconclusive, decided by SinglePoint.Part without a value (MPE given for 2 of 12 "
-            "figures)",
-        ),
-        (
-            {"SinglePoint.Part": 1.0, "SPAT.Max": 1e-6},
-            "non-conformity, decided by SPAT.Max (MPE given for 2 of 12 figures)",
-        ),
-    ):
-        result = accept(data, mpe=mpe)
-        assert str(result) == said
-        kept = {"inconclusive": "neither"}.get(said.split(",")[0], said.split(",")[0])
-        assert result.summary()["overall"][0]["verdict"] == (None if not mpe else kept)
+@pytest.mark.parametrize(
+    ("mpe", "verdict", "named"),
+    [
+        ({}, None, ""),
+        ({"E_Uni": 1.0, "SPAT.Max": 1.0}, "conformity", "E_Uni, SPAT.Max"),
+        ({"E_Uni": 0.0401e-3, "SPAT.Max": 1.0}, "neither", "E_Uni "),
+        ({"SinglePoint.Part": 1.0, "SPAT.Max": 1.0}, "neither", "SinglePoint.Part"),
+        ({"SinglePoint.Part": 1.0, "SPAT.Max": 1e-6}, "non-conformity", "SPAT.Max"),
+    ],
+)
+def test_the_worst_verdict_is_that_of_the_whole(data, mpe, verdict, named):
+    everything("length-uni", "single-point").to_csv(data, index=False)
+    result = accept(data, mpe=mpe)
+    assert result.summary()["overall"][0]["verdict"] == verdict
+    assert f"decided by {named}" in str(result) or verdict is None
 
 
-@pytest.mark.parametrize("details", [None, CheckDetails(datetime(2026, 1, 1, tzinfo=UTC))])
-def test_a_report_begins_with_where_its_definitions_come_from(
-    data: Path, details: CheckDetails | None
-) -> None:
-    first = acceptance_document(accept(data), details).blocks[0]
-    assert isinstance(first, Paragraph)
-    assert all(
-        edition in first.text
-        for edition in ("ISO 10360-12:2016", "ASME B89.4.22-2004", "ISO 14253-1:2013")
-    )
-
-
-def test_a_report_names_tests_editions_and_the_rule(data: Path) -> None:
+def test_a_report_names_tests_editions_and_the_rule(data):
     """The undecided verdict is ``neither`` in files and has another name for readers."""
     result = accept(data, mpe={"E_Uni": 0.0401e-3})
     document = acceptance_document(result)
     shown, what = (block for block in document.blocks if isinstance(block, Table))
-    assert list(what.cells()) == ["figure", "standard", "test", "definition"]
-    assert set(what.cells()["standard"]) == {
-        "ISO 10360-12:2016",
-        "ASME B89.4.22-2004",
-        "Xu You et al. 2019",
-    }
+    editions = {"ISO 10360-12:2016", "ASME B89.4.22-2004", "Xu You et al. 2019"}
+    assert set(what.cells()["standard"]) == editions
     assert shown.cells().set_index("figure")["verdict"]["E_Uni"] == "inconclusive"
-    figure = next(f for f in result.summary()["figures"] if f["figure"] == "E_Uni")
-    assert (figure["verdict"], figure["standard"]) == ("neither", "ISO 10360-12")
-    assert figure["test"] == figure["clause"] == "unidirectional length measurement error"
+    assert figure(result, "E_Uni").verdict == "neither"
     (rule,) = (b.text for b in document.blocks if isinstance(b, Paragraph) and "U = " in b.text)
     assert f"U = {GUARD_BAND_FACTOR:g}u" in rule
-    assert {"ISO 14253-1:2013", "ISO 14253-1:2017"} == set(re.findall(r"ISO 14253-1:\d+", rule))
+    assert "ISO 14253-1:2017" in rule
 
 
-def test_a_sphere_touched_on_a_small_cap_has_no_size(tmp_path: Path) -> None:
+def test_a_sphere_touched_on_a_small_cap_has_no_size(tmp_path):
     table = sphere(25, np.zeros(3), 31.0, test="sphere", feature="S", position=0)
     cap = rows(31.0 / 2 * cap_directions(25, np.radians(20))).assign(
         **(dict(table.iloc[0, 3:]) | {"position": 1})
@@ -283,13 +262,9 @@ def cap_directions(count: int, half_angle: float) -> Array:
         ("single-point", slice(8, 10), 2),
     ],
 )
-def test_too_few_touches_give_no_value(
-    tmp_path: Path, test: str, left_out: slice, missing: int
-) -> None:
-    table = everything()
-    table.drop(table.index[table["test"] == test][left_out]).to_csv(
-        tmp_path / "few.csv", index=False
-    )
+def test_too_few_touches_give_no_value(tmp_path, test, left_out, missing):
+    table = everything(test)
+    table.drop(table.index[left_out]).to_csv(tmp_path / "few.csv", index=False)
     found = [
         f
         for f in accept(tmp_path / "few.csv", mpe={"E_Uni": 1e-3}).figures
@@ -305,9 +280,9 @@ def test_too_few_touches_give_no_value(
     assert {f.evaluated.lacking for f in found} == {(begun[test],) if test in begun else ()}
 
 
-def test_an_end_has_one_touch_or_a_sphere(data: Path) -> None:
-    table = everything()
-    row = table.index[table["test"] == "volumetric"][0]
+def test_an_end_has_one_touch_or_a_sphere(data):
+    table = everything("volumetric")
+    row = table.index[0]
     for touches, refused in ((1, False), (3, True), (4, False)):
         end = pd.concat([table.loc[[row]]] * touches)
         end[["x_mm", "y_mm", "z_mm"]] += 15.0 * np.vstack([np.zeros(3), np.eye(3)])[:touches]
@@ -315,7 +290,7 @@ def test_an_end_has_one_touch_or_a_sphere(data: Path) -> None:
         assert bool(data_of(accept(data).notes, "figure_without_value")) == refused
 
 
-def test_part_that_was_predicted_to_be_accurate(tmp_path: Path) -> None:
+def test_part_that_was_predicted_to_be_accurate(tmp_path):
     """The identity of eqs. 16, 18 and 19: (n - 1) σ² = g part² + (n - g) rest², where all places
     have the same touches.
     """
@@ -336,15 +311,16 @@ def test_part_that_was_predicted_to_be_accurate(tmp_path: Path) -> None:
     assert (found["SinglePoint.Part"], found["SinglePoint.Rest"]) == (0, 1)
 
 
-def test_a_volumetric_test_needs_two_lengths(tmp_path: Path) -> None:
+def test_a_volumetric_test_needs_two_lengths(tmp_path):
     lengths(1, 20, 1, 0.0, 0.06, test="volumetric").to_csv(tmp_path / "one.csv", index=False)
     for found in accept(tmp_path / "one.csv").figures:
         assert np.isnan(found.evaluated.value)
         assert (found.evaluated.had, found.evaluated.missing) == (20, 1)
 
 
-def test_lengths_are_long_enough_for_the_range(data: Path) -> None:
+def test_lengths_are_long_enough_for_the_range(data):
     """The longest is 1100 mm."""
+    everything("length-uni", "length-bi", "volumetric").to_csv(data, index=False)
     for measuring_range, there in ((1.666, True), (1.667, False)):
         found = {
             f.definition.name: f for f in accept(data, measuring_range=measuring_range).figures
@@ -355,37 +331,7 @@ def test_lengths_are_long_enough_for_the_range(data: Path) -> None:
         assert all(np.isfinite(figure.evaluated.value) for figure in others)
 
 
-def test_the_test_report_has_lengths_in_full_and_the_range(tmp_path: Path) -> None:
-    table = everything()
-    table.loc[table["length_id"] == "L4", "length_mm"] = 1100.0275
-    table.to_csv(tmp_path / "touches.csv", index=False)
-    done(
-        tmp_path / "touches.csv",
-        "--range-mm",
-        "1666.6",
-        "--mpe",
-        "E_Uni=0.001",
-        "-o",
-        tmp_path / "page.html",
-    )
-    page = (tmp_path / "page.html").read_text(encoding="utf-8").replace("\u00a0", " ")
-    for text in (
-        "900, 1100.0275 mm",
-        "1666.6 mm",
-        "1099.956 mm",
-        "length-uni: 1100.0275 mm",
-        "<strong>✗ non-conformity</strong>",
-    ):
-        assert text in page
-    (found,) = (
-        f
-        for f in accept(tmp_path / "touches.csv", measuring_range=1.7).figures
-        if f.definition.name == "E_Uni"
-    )
-    assert "1100.0275 mm" in found.missing
-
-
-def test_touches_are_records_of_a_measurement_file(tmp_path: Path) -> None:
+def test_touches_are_records_of_a_measurement_file(tmp_path):
     """Those of single points and of ends touched once are seats, lengths are bars; coordinates are
     no reference.
     """
@@ -424,38 +370,11 @@ def test_touches_are_records_of_a_measurement_file(tmp_path: Path) -> None:
         Measurements.from_frame(table, 6)
 
 
-def test_an_extended_arm_passes_where_the_nominal_one_fails(tmp_path: Path) -> None:
-    arm = Arm.load("sino6")
-    true = ErrorModel(arm, (EncoderEccentricity(joint=3, values=(3e-4, 0.0)),))
-    quiet = {"encoder_noise": 1e-7, "reference_noise": 1e-6, "probe_noise": 1e-7}
-    records = simulate_measurements(
-        true, "seats", 60, seats=4, rng=np.random.default_rng(4), **quiet
-    )
-    table = records.to_frame()
-    table = table[table["seat"].isin(table["seat"].value_counts().index[:3])]
-    table = table.assign(test="single-point", position=table["seat"]).filter(
-        regex="theta|test|position"
-    )
-    path, extended = tmp_path / "touches.csv", tmp_path / "extended.toml"
-    table.to_csv(path, index=False)
-    true.save(extended)
-    content = json.loads(done("sino6", extended, path, "--mpe", "SPAT.Max=0.005", "--json", "-"))
-    verdicts = {
-        f["coordinates"]: f["verdict"] for f in content["figures"] if f["figure"] == "SPAT.Max"
-    }
-    assert verdicts == {"sino6": "non-conformity", str(extended): "conformity"}
-
-
-def done(*words: object) -> str:
-    outcome = CliRunner().invoke(app, ["accept", *map(str, words)])
-    assert outcome.exit_code == 0, outcome.output
-    return outcome.stdout
-
-
-def test_the_test_report_has_every_figure_and_the_touches(data: Path, tmp_path: Path) -> None:
+def test_the_test_report_has_every_figure_and_the_touches(data, tmp_path):
     limits, target = tmp_path / "limits.toml", tmp_path / "report.html"
     limits.write_text('"P_Form.Sph.1x25" = 0.02\nE_Uni = 0.03\n', encoding="utf-8")
-    out = done(data, "--mpe", limits, "--mpe", "E_Bi=0.06", "-o", target)
+    options = f"--mpe {limits} --mpe E_Bi=0.06"
+    out, _ = shell.done(f"accept {data} {options} -o {target}")
     page = target.read_text(encoding="utf-8")
     for name in EXPECTED:
         assert name in out
@@ -465,9 +384,7 @@ def test_the_test_report_has_every_figure_and_the_touches(data: Path, tmp_path: 
     read, write = os.pipe()
     os.write(write, data.read_bytes())
     os.close(write)
-    piped = done(
-        f"/dev/fd/{read}", "--mpe", limits, "--mpe", "E_Bi=0.06", "-o", tmp_path / "piped.html"
-    )
+    piped, _ = shell.done(f"accept /dev/fd/{read} {options} -o {tmp_path / 'piped.html'}")
     assert piped.count("conformity") == out.count("conformity")
 
 
@@ -486,8 +403,8 @@ def test_the_test_report_has_every_figure_and_the_touches(data: Path, tmp_path: 
         ("u_length_mm", "0.1", ["row 3", "column u_length_mm", "row 2"]),
     ],
 )
-def test_errors_name_row_and_column(data: Path, column: str, cell: str, said: list[str]) -> None:
-    table = pd.read_csv(data, dtype=str)
+def test_errors_name_row_and_column(data, column, cell, said):
+    table = everything("sphere").astype(str)
     table.loc[1, column] = cell
     table.to_csv(data, index=False)
     with pytest.raises(AacmmError) as raised:
@@ -495,34 +412,25 @@ def test_errors_name_row_and_column(data: Path, column: str, cell: str, said: li
     assert all(word in str(raised.value) for word in [str(data), *said])
 
 
-def test_what_cannot_be_judged(data: Path, tmp_path: Path) -> None:
+def test_what_cannot_be_judged(data, tmp_path):
     (tmp_path / "digits.toml").write_text(f"E_Uni = {5000 * '9'}")
-    assert (
-        CliRunner()
-        .invoke(app, ["accept", str(data), "--mpe", "E_Uni=1", "--mpe", "E_Uni=2"])
-        .exit_code
-        == 2
-    )
+    assert shell.run(f"accept {data} --mpe E_Uni=1 --mpe E_Uni=2")[0] == 2
     for words in (
-        ["--mpe", "E_Uno=0.1"],
-        ["--mpe", "E_Uni=small"],
-        ["--mpe", "E_Uni=-1"],
-        ["--mpe", "E_Uni=1e300"],
-        ["--mpe", "E_Uni=0_06"],
-        ["--mpe", str(tmp_path / "digits.toml")],
-        ["--standard", "iso"],
-        ["--range-mm", "0"],
+        "--mpe E_Uno=0.1",
+        "--mpe E_Uni=0_06",
+        f"--mpe {tmp_path / 'digits.toml'}",
+        "--standard iso",
+        "--range-mm 0",
     ):
-        outcome = CliRunner().invoke(app, ["accept", str(data), *words])
-        assert (outcome.exit_code, outcome.stdout) == (1, ""), words
-    table = everything()[["test", "feature", "position", "repeat", "length_id"]]
-    table[table["test"] == "single-point"].to_csv(tmp_path / "no.csv", index=False)
+        shell.refused(f"accept {data} {words}")
+    table = everything("single-point").drop(columns=["x_mm", "y_mm", "z_mm"])
+    table.to_csv(tmp_path / "no.csv", index=False)
     with pytest.raises(AacmmError, match="no coordinates"):
         accept(tmp_path / "no.csv")
 
 
 @pytest.mark.parametrize("test", ["sphere", "volumetric"])
-def test_touches_that_fit_no_sphere_take_only_their_figures_values(data: Path, test: str) -> None:
+def test_touches_that_fit_no_sphere_take_only_their_figures_values(data, test):
     """Touches of a sphere in a plane; a third feature of a length, with three touches."""
     table = everything()
     table.loc[table["test"] == "sphere", "z_mm"] *= test != "sphere"
@@ -543,35 +451,32 @@ def test_touches_that_fit_no_sphere_take_only_their_figures_values(data: Path, t
 
 
 @pytest.mark.parametrize(
-    ("test", "figure"), [("volumetric", "Volumetric.Max"), ("length-uni", "E_Uni")]
+    ("test", "name"), [("volumetric", "Volumetric.Max"), ("length-uni", "E_Uni")]
 )
-def test_an_end_without_the_other_takes_the_value_of_its_figure(
-    data: Path, test: str, figure: str
-) -> None:
+def test_an_end_without_the_other_takes_the_value_of_its_figure(data, test, name):
     """A mistyped repeat of the one length that does not conform would leave it out."""
-    table = everything().astype({"repeat": object})
-    more = table[table["test"] == test].iloc[-2:].assign(position=99, repeat=["4", "04"])
+    table = everything(test).astype({"repeat": object})
+    more = table.iloc[-2:].assign(position=99, repeat=["4", "04"])
     more["z_mm"] += [0.0, 5.0]
     pd.concat([table, more]).to_csv(data, index=False)
     result = accept(data)
-    (found,) = (f for f in result.figures if f.definition.name == figure)
-    assert np.isnan(found.evaluated.value)
+    assert np.isnan(figure(result, name).evaluated.value)
     told = data_of(result.notes, "figure_without_value")
-    assert any(figure in one["place"] and f"row {len(table) + 2}" in one["error"] for one in told)
+    assert any(name in one["place"] and f"row {len(table) + 2}" in one["error"] for one in told)
 
 
-def test_names_that_are_nearly_those_of_columns_are_refused(data: Path) -> None:
+def test_names_that_are_nearly_those_of_columns_are_refused(data):
     for slip in ("u_length_um", "u_lengt_mm"):
-        everything().rename(columns={"u_length_mm": slip}).to_csv(data, index=False)
+        everything("sphere").rename(columns={"u_length_mm": slip}).to_csv(data, index=False)
         with pytest.raises(AacmmError, match="expected u_length_mm"):
             accept(data)
 
 
-def test_every_figure_says_where_it_is(data: Path) -> None:
+def test_every_figure_says_where_it_is(data):
     table = everything()
     lines = np.arange(len(table)) + 2
     table.to_csv(data, index=False)
-    content = json.loads(done(data, "--json", "-"))
+    content = shell.found(f"accept {data}")
     where = {f["figure"]: f["where"] for f in content["figures"]}
     last = {"position": "6", "repeat": "2", "length_id": "L4"}
     assert where["E_Uni"] == last | {"rows": lines[table["test"] == "length-uni"][-2:].tolist()}
@@ -583,16 +488,16 @@ def test_every_figure_says_where_it_is(data: Path) -> None:
     assert [name for name, place in where.items() if place is None] == ["Volumetric.2RMS"]
     row = table.index[table["test"] == "length-uni"][40]
     table.drop(row).to_csv(data, index=False)
-    (found,) = (f for f in accept(data).figures if f.definition.name == "E_Uni")
-    assert found.missing == "1 length: length L0, position 6, repeat 2"
+    assert figure(accept(data), "E_Uni").missing == "1 length: length L0, position 6, repeat 2"
 
 
 OFF_SPHERE = ("touch_off_sphere", "touches_off_sphere")
 
 
-def test_a_touch_beside_its_sphere_is_named_and_not_left_out(data: Path) -> None:
+def test_a_touch_beside_its_sphere_is_named_and_not_left_out(data):
     """5 mm off: of 25 and of nine touches the very row, of five the sphere."""
-    table, rng = everything(), np.random.default_rng(1)
+    tests = ("sphere", "effective-diameter", "location")
+    table, rng = everything(*tests), np.random.default_rng(1)
     table[["x_mm", "y_mm", "z_mm"]] += rng.normal(scale=0.005, size=(len(table), 3))
     table.to_csv(data, index=False)
     assert not [note for note in accept(data).notes if note.code in OFF_SPHERE]
@@ -618,42 +523,35 @@ def test_a_touch_beside_its_sphere_is_named_and_not_left_out(data: Path) -> None
         (["length_mm"], 25.4, " 25.4 "),
     ],
 )
-def test_lengths_in_another_unit_are_refused(
-    data: Path, columns: list[str], unit: float, said: str
-) -> None:
-    table = everything()
+def test_lengths_in_another_unit_are_refused(data, columns, unit, said):
+    table = everything("sphere", "length-uni")
     table[columns] = table[columns].apply(pd.to_numeric) / unit
     table.to_csv(data, index=False)
     with pytest.raises(AacmmError, match=f"{said}.*unit"):
         accept(data)
 
 
-def test_single_points_in_another_unit_are_noted(data: Path) -> None:
-    table = everything()
-    at = table["test"] == "single-point"
-    for factor, noted in ((1.0, False), (1e-3, True)):
-        table.assign(
-            **{c: table[c].where(~at, table[c] * factor) for c in ("x_mm", "y_mm", "z_mm")}
-        ).to_csv(data, index=False)
-        assert [told["test"] for told in data_of(accept(data).notes, "test_small")] == [
-            "single-point"
-        ] * noted
-    inches = {c: table[c].where(~at, table[c] / 25.4) for c in ("x_mm", "y_mm", "z_mm")}
-    for assigned, noted in (({}, False), (inches, True)):
-        table.assign(**assigned).to_csv(data, index=False)
-        assert len(data_of(accept(data, measuring_range=2.0).notes, "test_small_in_range")) == noted
-    one = at & (table["position"] == 1)
-    table.assign(
-        **{c: table[c].where(~one, table[c] * 1e-3) for c in ("x_mm", "y_mm", "z_mm")}
-    ).to_csv(data, index=False)
-    assert any(
-        "position 1" in told["place"] for told in data_of(accept(data).notes, "position_small")
-    )
+def test_single_points_in_another_unit_are_noted(data):
+    table = everything("single-point")
+
+    def notes(factor: float, where: object = slice(None), **options: float) -> list[Note]:
+        """Of coordinates that are ``factor`` times as large in these rows."""
+        scaled = table.copy()
+        scaled.loc[where, ["x_mm", "y_mm", "z_mm"]] *= factor
+        scaled.to_csv(data, index=False)
+        return accept(data, **options).notes
+
+    assert not data_of(notes(1.0), "test_small")
+    assert [told["test"] for told in data_of(notes(1e-3), "test_small")] == ["single-point"]
+    for factor, noted in ((1.0, 0), (1 / 25.4, 1)):
+        found = notes(factor, measuring_range=2.0)
+        assert len(data_of(found, "test_small_in_range")) == noted
+    (told,) = data_of(notes(1e-3, table["position"] == 1), "position_small")
+    assert "position 1" in told["place"]
 
 
-def test_touches_that_are_there_twice_are_noted(data: Path) -> None:
-    table = everything()
-    table = table[table["test"] == "sphere"]
+def test_touches_that_are_there_twice_are_noted(data):
+    table = everything("sphere")
     for twice, noted in ((table.iloc[:0], False), (table.iloc[:5].round(3), True)):
         pd.concat([table, twice]).to_csv(data, index=False)
         copied = [
@@ -663,13 +561,14 @@ def test_touches_that_are_there_twice_are_noted(data: Path) -> None:
         assert copied == [(10, len(table) + 5)] * noted
 
 
-def test_an_mpe_in_another_unit_is_noted(data: Path) -> None:
+def test_an_mpe_in_another_unit_is_noted(data):
+    everything("single-point").to_csv(data, index=False)
     for mpe, noted in ((6e-5, False), (6e-2, True)):
         told = data_of(accept(data, mpe={"SPAT.Max": mpe}).notes, "mpe_large")
         assert [one["figure"] for one in told] == ["SPAT.Max"] * noted
 
 
-def test_figures_with_an_mpe_that_are_left_out_are_named(data: Path) -> None:
+def test_figures_with_an_mpe_that_are_left_out_are_named(data):
     notes = accept(data, standard="iso10360-12", mpe={"SPAT.Max": 1e-5}).notes
     assert data_of(notes, "mpe_of_other_standard") == [
         {"figures": ["SPAT.Max"], "standard": "iso10360-12"}
@@ -677,28 +576,20 @@ def test_figures_with_an_mpe_that_are_left_out_are_named(data: Path) -> None:
 
 
 @pytest.mark.parametrize(("probe", "said"), [(0.0, "sphere_too_large"), (12.0, "sphere_too_small")])
-def test_a_probe_that_the_spheres_contradict_is_noted(data: Path, probe: float, said: str) -> None:
+def test_a_probe_that_the_spheres_contradict_is_noted(data, probe, said):
+    table = everything("sphere")
+    table.to_csv(data, index=False)
     assert not data_of(accept(data).notes, said)
-    table = everything()
-    table.loc[table["test"] == "sphere", "probe_diameter_mm"] = probe
+    table["probe_diameter_mm"] = probe
     table.to_csv(data, index=False)
     (told,) = data_of(accept(data).notes, said)
     assert told["difference"] == pytest.approx(6e-3, rel=0.01)
 
 
-def test_messages_tell_columns_that_are_not_there_from_empty_ones(data: Path) -> None:
-    for command in ("accept", "diagnose"):
-        outcome = CliRunner().invoke(app, [command, "sino6", str(data)])
-        assert (
-            outcome.exit_code,
-            "theta1_deg" in outcome.stderr,
-            "feature_diameter_mm" in outcome.stderr,
-        ) == (
-            1,
-            True,
-            True,
-        )
-        assert not any(name in outcome.stderr for name in ("seat", "bar_end"))
-    pd.read_csv(data).assign(**{f"theta{k}_deg": "" for k in range(1, 7)}).to_csv(data, index=False)
-    with pytest.raises(AacmmError, match=r"theta1_deg … theta6_deg.*empty"):
+@pytest.mark.parametrize(("columns", "words"), [(0, "theta1_deg"), (6, "theta1_deg … theta6_deg")])
+def test_arms_need_readings(data, columns, words):
+    """Their columns may be there, and empty."""
+    table = everything("single-point")
+    table.assign(**{f"theta{k}_deg": "" for k in range(1, columns + 1)}).to_csv(data, index=False)
+    with pytest.raises(AacmmError, match=words):
         accept(data, {"sino6": Arm.load("sino6")})

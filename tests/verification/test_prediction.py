@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
-from typer.testing import CliRunner
 
 from aacmm_pin import (
     Arm,
@@ -19,17 +17,13 @@ from aacmm_pin import (
     perturbed_model,
     predict_acceptance,
 )
-from aacmm_pin.arm.file import ArmFile
-from aacmm_pin.arm.random_postures import joint_bounds
-from aacmm_pin.cli.root_command import app
-from aacmm_pin.effects import JointPeriodicError
+from aacmm_pin.arm import joint_bounds
 from aacmm_pin.errors import AacmmError, MeasurementFileError
-from aacmm_pin.measurements.noise import Noise
+from aacmm_pin.measurements import Noise
 from aacmm_pin.measurements.simulate import simulate_touches
-from aacmm_pin.report.procedure import _sizes, _steps
 from aacmm_pin.verification import Procedure
 from aacmm_pin.verification.characteristics import DEFINITIONS, definitions
-from aacmm_pin.verification.prediction import READINGS, _Test
+from tests.cli import shell
 
 
 @pytest.fixture(scope="module")
@@ -43,10 +37,15 @@ def planned(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def few(planned: Path) -> Path:
     """The touches of ASME B89.4.22 alone, which are quicker."""
+    return of_tests(planned, *(d.test for d in definitions("asme-b89.4.22")))
+
+
+def of_tests(planned: Path, *tests: str) -> Path:
+    """A file with the touches of these tests alone."""
     table = pd.read_csv(planned, dtype=str)
-    tests = [d.test for d in definitions("asme-b89.4.22")]
-    table[table["test"].isin(tests)].to_csv(planned.with_name("few.csv"), index=False)
-    return planned.with_name("few.csv")
+    path = planned.with_name(f"{'-'.join(tests)}.csv")
+    table[table["test"].isin(tests)].to_csv(path, index=False)
+    return path
 
 
 def only(arm: Arm, *uncertain: str) -> Arm:
@@ -59,7 +58,7 @@ def only(arm: Arm, *uncertain: str) -> Arm:
     return replace(arm, parameters=parameters)
 
 
-def test_every_touch_of_every_figure_is_planned_within_reach(sino6: Arm, planned: Path) -> None:
+def test_every_touch_of_every_figure_is_planned_within_reach(sino6, planned):
     procedure = Procedure.read(planned, sino6)
     np.testing.assert_allclose(
         sino6.positions(procedure.q), procedure.points, atol=5e-6
@@ -81,7 +80,7 @@ def test_every_touch_of_every_figure_is_planned_within_reach(sino6: Arm, planned
     assert exact.loc[exact["test"] == "single-point", "articulation"].nunique() > 3
 
 
-def test_artefacts_stand_where_a_table_or_a_tripod_holds_them(sino6: Arm) -> None:
+def test_artefacts_stand_where_a_table_or_a_tripod_holds_them(sino6):
     """Over the base of an arm that stands, along gravity; anywhere if the arm hangs, or reaches
     hardly so high.
     """
@@ -91,7 +90,6 @@ def test_artefacts_stand_where_a_table_or_a_tripod_holds_them(sino6: Arm) -> Non
         return float((planned.points @ arm.up).min())
 
     def tall(height_mm: float, gravity: float) -> Arm:
-        assert isinstance(sino6.file, ArmFile)
         joints = [
             sino6.file.joints[0].model_copy(update={"d_mm": height_mm}),
             *sino6.file.joints[1:],
@@ -101,14 +99,12 @@ def test_artefacts_stand_where_a_table_or_a_tripod_holds_them(sino6: Arm) -> Non
         )
 
     low = replace(sino6, limits=np.vstack([sino6.limits[:1], [-0.9, 0.0], sino6.limits[2:]]))
-    standing, beneath = (sino6, tall(300.0, -9.81), tall(0.0, 9.81)), (tall(300.0, 9.81), low)
+    standing, beneath = (sino6, tall(0.0, 9.81)), (tall(300.0, 9.81), low)
     assert all(lowest(arm) > -0.02 for arm in standing)  # a sphere goes round its centre
     assert all(lowest(arm) < -0.3 for arm in beneath)
 
 
-def test_single_points_stand_in_the_zones_of_asme_b89_4_22(
-    sino6: Arm, planned: Path, rng: np.random.Generator
-) -> None:
+def test_single_points_stand_in_the_zones_of_asme_b89_4_22(sino6, planned, rng):
     """Joint 2 of SINO6 is 0.3 mm from the origin of its base."""
     low, high = sino6.limits.T
     reach = np.linalg.norm(sino6.positions(rng.uniform(low, high, (20_000, 6))), axis=1).max()
@@ -123,7 +119,7 @@ def test_single_points_stand_in_the_zones_of_asme_b89_4_22(
     assert [int(np.searchsorted([0.2, 0.8], part)) for part in parts] == [0, 1, 2]
 
 
-def test_the_lengths_of_asme_b89_4_22_and_what_the_sheet_says(sino6: Arm, planned: Path) -> None:
+def test_the_lengths_of_asme_b89_4_22(sino6):
     touches = acceptance_procedure(
         sino6, standard="asme-b89.4.22", lengths=[0.60002, 0.30001]
     ).touches
@@ -132,31 +128,14 @@ def test_the_lengths_of_asme_b89_4_22_and_what_the_sheet_says(sino6: Arm, planne
         "short ball bar": pytest.approx([300.01]),
         "long ball bar": pytest.approx([600.02]),
     }
-    sizes, steps = _sizes(read := Procedure.read(planned, sino6)), _steps(read)
-    assert sizes.set_index("artefact").loc[
-        ["sphere, diameter", "probe, diameter"], "size [mm]"
-    ].to_list() == [25, 6]
-    assert sizes["artefact"].is_unique
-    assert len(sizes) == 2 + 5 + 2
-    assert steps["lines"].str.split().str[-1].iloc[-1] == str(len(read.touches) + 1)
-    assert (
-        steps["touch"] == "seat"
-    ).sum() > 25  # one row each, where words tell the ten articulations apart
-    every = pd.read_csv(planned, dtype=str)
-    assert not {*every.loc[every["test"] == "volumetric", "position"]} & {
-        *every["feature"],
-        *every["length_id"].dropna(),
-    }
-    pairs = every[every["test"] == "length-uni"].drop_duplicates(["length_id", "feature"])
-    assert set(pairs["feature"]) == {"A", *pairs["length_id"]}
 
 
-def test_an_unfilled_procedure_has_no_figures(planned: Path) -> None:
+def test_an_unfilled_procedure_has_no_figures(planned):
     with pytest.raises(MeasurementFileError, match="no coordinates"):
         accept(planned)
 
 
-def test_what_turns_the_whole_arm_changes_no_figure(sino6: Arm, few: Path) -> None:
+def test_what_turns_the_whole_arm_changes_no_figure(sino6, few):
     """The zero of joint 1 and d1 move all coordinates as one body, but for the square of
     the turn.
     """
@@ -170,7 +149,8 @@ def test_what_turns_the_whole_arm_changes_no_figure(sino6: Arm, few: Path) -> No
     assert max(f.magnitudes.max() for f in rigid.figures) < 5e-9  # the file has nanometres
 
 
-def test_noise_of_readings_alone_scatters_as_its_covariance_says(sino6: Arm, few: Path) -> None:
+def test_noise_of_readings_alone_scatters_as_its_covariance_says(sino6, planned):
+    few = of_tests(planned, "single-point")
     u, procedure = 2e-5, Procedure.read(few, sino6)
     found = predict_acceptance(
         str(few), {"noisy": only(sino6)}, encoder_noise=u, runs=60, progress=False
@@ -184,12 +164,12 @@ def test_noise_of_readings_alone_scatters_as_its_covariance_says(sino6: Arm, few
     assert np.sqrt(mean.max()) * 0.95 < np.median(sigma.magnitudes) < np.sqrt(mean.max()) * 1.25
 
 
-def test_predictions_are_those_of_the_exact_chain(sino6: Arm, few: Path, tmp_path: Path) -> None:
+def test_predictions_are_those_of_the_exact_chain(sino6, few, tmp_path):
     """Figures of arms that are drawn and touch exactly, judged from their files, beside the
     predicted distribution.
     """
     found = predict_acceptance(
-        str(few), {"sino6": sino6}, encoder_noise=8e-6, runs=100, progress=False
+        str(few), {"sino6": sino6}, encoder_noise=8e-6, runs=40, progress=False
     )
     procedure, ranks = Procedure.read(few, sino6), []
     for seed in range(6):
@@ -210,7 +190,7 @@ def test_predictions_are_those_of_the_exact_chain(sino6: Arm, few: Path, tmp_pat
     assert abs(np.mean(ranks) - 0.5) < 0.17
 
 
-def test_the_first_order_step_is_exact_physics(sino6: Arm, few: Path) -> None:
+def test_the_first_order_step_is_exact_physics(sino6, few):
     """One drawn arm without noise: coordinates by exact postures, and p - S e."""
     procedure, rng = Procedure.read(few, sino6), np.random.default_rng(5)
     true = perturbed_model(ErrorModel(sino6), rng)
@@ -224,13 +204,7 @@ def test_the_first_order_step_is_exact_physics(sino6: Arm, few: Path) -> None:
     np.testing.assert_allclose(off, first, atol=0.01 * np.abs(off).max())
 
 
-def test_the_order_of_a_wave_belongs_to_it(sino6: Arm, few: Path) -> None:
-    wave = JointPeriodicError(3, 7.1, values=(1e-4, 0.0), u=(1e-5, 1e-5), nonlinear_u=0.02)
-    causes = _Test.of(ErrorModel(sino6, (wave,)), Procedure.read(few, sino6), 8e-6, 0.0, 1).causes
-    assert causes[-9:] == (*[wave.label] * 3, *[READINGS] * 6)
-
-
-def test_the_chain_at_the_shell(tmp_path: Path) -> None:
+def test_the_chain_at_the_shell(tmp_path):
     """plan, simulate, accept: an arm with a hidden eccentricity fails, the arm that knows it
     passes.
     """
@@ -239,20 +213,19 @@ def test_the_chain_at_the_shell(tmp_path: Path) -> None:
     )
     sheet, page = tmp_path / "sheet.html", tmp_path / "page.html"
     asme = "--standard asme-b89.4.22"
-    said = run(f"plan sino6 --for acceptance {asme} -o {touches} --sheet {sheet}")
-    assert str(touches) in said
+    shell.done(f"plan sino6 --for acceptance {asme} -o {touches} --sheet {sheet}")
     hidden = "encoder_eccentricity:3,amplitude_rad=3e-4"
-    run(
+    shell.done(
         f"simulate sino6 --plan {touches} --effect {hidden} --encoder-noise-rad 1e-6 --truth "
         f"{truth} -o {filled}"
     )
-    content = json.loads(run(f"accept sino6 {truth} {filled} --mpe SPAT.Max=0.05 --json -"))
+    content = shell.found(f"accept sino6 {truth} {filled} --mpe SPAT.Max=0.05")
     verdicts = {
         f["coordinates"]: f["verdict"] for f in content["figures"] if f["figure"] == "SPAT.Max"
     }
     assert (verdicts["sino6"], verdicts[str(truth)]) == ("non-conformity", "conformity")
     options = f"--predict --runs 20 --mpe SPAT.Max=10 --encoder-noise-rad 8e-6 {asme}"
-    content = json.loads(run(f"accept sino6 {touches} {options} --json - -o {page}"))
+    content = shell.found(f"accept sino6 {touches} {options} -o {page}")
     (worst,) = (f for f in content["figures"] if f["figure"] == "SPAT.Max")
     assert worst["probability_to_pass"] == 1.0
     assert worst["low_mm"] < worst["median_mm"] < worst["high_mm"] < 1.0
@@ -263,21 +236,9 @@ def test_the_chain_at_the_shell(tmp_path: Path) -> None:
     assert "µm" not in page.read_text(encoding="utf-8")  # one unit on the page
 
 
-def test_an_mpe_without_its_figure_is_told_by_an_example(tmp_path: Path) -> None:
-    for given in ("0.1", "E_Uni", "E_Uni:0.1"):
-        result = CliRunner().invoke(
-            app, ["accept", "sino6", str(tmp_path / "touches.csv"), "--mpe", given]
-        )
-        assert result.exit_code == 2
-        assert given in result.stderr
-        assert "FIGURE=MM" in result.stderr
-        assert "E_Uni=0.1" in result.stderr
-
-
-def test_what_cannot_be_planned_or_predicted(sino6: Arm, planned: Path) -> None:
+def test_what_cannot_be_planned_or_predicted(sino6, planned):
     for standard, lengths, said in (
-        (None, [0.1, 0.2], "5 different"),
-        ("asme-b89.4.22", [0.1, 0.2, 0.3], "2 different ones above 0 for ASME B89.4.22"),
+        ("asme-b89.4.22", [0.1, 0.2, 0.3], "2 different"),
         ("iso10360-12", [0.1, 0.2, 0.3, 0.4, 0.4], "5 different"),
     ):
         with pytest.raises(AacmmError, match=said):
@@ -290,35 +251,10 @@ def test_what_cannot_be_planned_or_predicted(sino6: Arm, planned: Path) -> None:
     narrow = replace(
         sino6, limits=np.array([[0, 1.0], [-1.6, -0.6], [-0.5, 0.5], [0.5, 1.5], [0.3, 1], [-1, 1]])
     )
-    with pytest.raises(
-        AacmmError, match="no posture inside the limits was found with the tip at 20% to 45%"
-    ):
+    with pytest.raises(AacmmError, match="no posture inside the limits"):
         acceptance_procedure(narrow)
-    less = str(_without(planned, "planned_x_mm", "planned_theta2_deg"))
-    with pytest.raises(
-        MeasurementFileError,
-        match=r"planned_x_mm, planned_theta2_deg.*plan ARM --for acceptance -o",
-    ):
+    less = str(planned.with_name("less.csv"))
+    table = pd.read_csv(planned, dtype=str)
+    table.drop(columns=["planned_x_mm", "planned_theta2_deg"]).to_csv(less, index=False)
+    with pytest.raises(MeasurementFileError, match="planned_x_mm, planned_theta2_deg"):
         predict_acceptance(less, {"sino6": sino6}, progress=False)
-    for words in (
-        f"plan sino6 --for calibration --sphere-mm 20 -o {planned}",
-        f"simulate sino6 --plan {planned} --records 20",
-        f"plan sino6 --for acceptance --postures 100 -o {planned}",
-        f"plan sino6 --for acceptance --encoder-noise-rad 1e-6 -o {planned}",
-        f"accept sino6 {planned} --seed 1",
-        f"accept sino6 {planned} --predict --range-mm 1200",
-    ):
-        assert CliRunner().invoke(app, words.split()).exit_code == 2, words
-
-
-def _without(path: Path, *columns: str) -> Path:
-    pd.read_csv(path, dtype=str).drop(columns=[*columns]).to_csv(
-        path.with_name("less.csv"), index=False
-    )
-    return path.with_name("less.csv")
-
-
-def run(command: str) -> str:
-    done = CliRunner().invoke(app, command.split())
-    assert done.exit_code == 0, done.output
-    return done.stdout

@@ -26,7 +26,6 @@ from aacmm_pin import (
     Conditions,
     Diagnosis,
     ErrorModel,
-    accuracy_volume,
     calibrate,
     circle_accuracy,
     configuration_circle,
@@ -41,16 +40,15 @@ from aacmm_pin import (
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.notes import Note
 from aacmm_pin.accuracy.length import length_between
-from aacmm_pin.arm.file import load_arm_file
-from aacmm_pin.arm.parameter import Parameter
+from aacmm_pin.arm import Parameter, load_arm_file
 from aacmm_pin.effects import EncoderEccentricity, JointCompliance, SeatError
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements import PROBED_POINT_COLUMNS
 from aacmm_pin.measurements.csv_columns import single_names
 from aacmm_pin.report import plots
 from aacmm_pin.report.document import document_of
-from aacmm_pin.verification import PredictedAcceptance, Procedure
-from aacmm_pin.verification.accept import AcceptanceFigure, AcceptanceResult
+from aacmm_pin.verification import AcceptanceResult, PredictedAcceptance, Procedure
+from aacmm_pin.verification.accept import AcceptanceFigure
 from aacmm_pin.verification.characteristics import DEFINITIONS
 from aacmm_pin.verification.evaluators import Evaluated
 from aacmm_pin.verification.prediction import PredictedFigure
@@ -151,7 +149,7 @@ def values(
     }
 
 
-def test_every_class_that_a_user_meets_shows_itself(values: dict[str, Any]) -> None:
+def test_every_class_that_a_user_meets_shows_itself(values):
     classes = [
         c for c in (getattr(aacmm_pin, name) for name in aacmm_pin.__all__) if isinstance(c, type)
     ]
@@ -166,7 +164,7 @@ def test_every_class_that_a_user_meets_shows_itself(values: dict[str, Any]) -> N
     } == set()
 
 
-def test_a_card_is_well_formed_and_escaped(values: dict[str, Any]) -> None:
+def test_a_card_is_well_formed_and_escaped(values):
     for name, value in values.items():
         html = value._repr_html_()
         card = Page(html)
@@ -191,11 +189,9 @@ def text_of(value: Any) -> str:
     return Page(value._repr_html_()).text
 
 
-def test_arms_show_their_geometry(values: dict[str, Any], sino6: Arm) -> None:
+def test_arms_show_their_geometry(values, sino6):
     card, file = text_of(sino6), sino6.file
-    assert file is not None
     for row in file.joints:
-        assert row.uncertainty is not None
         low, high = np.rad2deg(row.limits_rad or ())
         for text in (
             f"{row.a_mm:.5f} ± {row.uncertainty.a_mm:.5f}",
@@ -223,7 +219,7 @@ def test_arms_show_their_geometry(values: dict[str, Any], sino6: Arm) -> None:
         assert text in text_of(ur5)
 
 
-def test_numbers_stand_in_units_that_people_read(values: dict[str, Any]) -> None:
+def test_numbers_stand_in_units_that_people_read(values):
     distance = text_of(Parameter.bounded("d3", "d", 3, "m", 0.70095, 3e-5))
     assert "700.95000 mm 34.64 µm 30 µm" in distance
     angle = text_of(Parameter("x", "theta_offset", None, "rad", 0.01, None, 4e-6))
@@ -237,31 +233,7 @@ def test_numbers_stand_in_units_that_people_read(values: dict[str, Any]) -> None
     assert text_of(values["Flexibility"]).count("works") == sum(values["Flexibility"].sectors)
 
 
-def test_text_is_a_line_in_a_console_and_whole_in_a_card(values: dict[str, Any]) -> None:
-    """pandas would cut a cell after fifty letters."""
-    source = "a" * 70
-    assert (
-        text_of(replace(values["MeasurementPlan"].tried[0], words=source, why_not=source)).count(
-            source
-        )
-        == 2
-    )
-    assert source in text_of(Conditions(3, session=np.array([source, source, ""], dtype=object)))
-    pretty = pytest.importorskip("IPython.lib.pretty").pretty
-    for name, value in values.items():
-        assert len(pretty(value)) <= 1002, name
-        if name in (
-            "Diagnosis",
-            "Calibration",
-            "AccuracyVolume",
-            "ConfigurationCircle",
-            "MeasurementPlan",
-            "WorkspaceMap",
-        ):
-            assert pretty(value) == str(value)
-
-
-def test_every_result_can_be_pickled(values: dict[str, Any], arm: Arm) -> None:
+def test_every_result_can_be_pickled(values, arm):
     """To be sent to another process, or kept: it shows itself as before, and computes as before
     where it can.
     """
@@ -317,7 +289,7 @@ def drawings(values: dict[str, Any]) -> list[tuple[str, Callable[..., Any]]]:
     ]
 
 
-def test_plot_draws_on_given_axes_and_every_axis_has_a_unit(values: dict[str, Any]) -> None:
+def test_plot_draws_on_given_axes_and_every_axis_has_a_unit(values):
     for name, draw in drawings(values):
         kind = {"projection": "3d"} if name.startswith("circle") else {}
         ax = Figure(layout="constrained").add_subplot(**kind)
@@ -351,17 +323,7 @@ def check_units(name: str, ax: Axes) -> None:
         assert re.search(r"\[.+\]", label), (name, axis, label, ticks)
 
 
-def test_plot_without_axes_makes_a_pyplot_figure(values: dict[str, Any]) -> None:
-    ax = values["AccuracyVolume"].plot()
-    assert plt.get_fignums() == [ax.figure.number]
-    figure = values["Calibration"].plot()
-    assert len(plt.get_fignums()) == 2
-    assert len(figure.axes) == 4
-
-
-def test_the_main_picture_of_a_diagnosis_is_its_strongest_cause(
-    found: Diagnosis, values: dict[str, Any]
-) -> None:
+def test_the_main_picture_of_a_diagnosis_is_its_strongest_cause(found, values):
     assert "compliance under gravity of joint 2" in found.plot().get_title()
     assert "encoder eccentricity of joint 3" in found.plot(1).get_title()
     nothing = replace(found, findings=())
@@ -376,28 +338,22 @@ def test_the_main_picture_of_a_diagnosis_is_its_strongest_cause(
 # arms ------------------------------------------------------------
 
 
-def test_mix_ups_are_answered_with_what_to_do(sino6: Arm, calibration: Calibration) -> None:
-    data, q, rng = calibration.fit.problem.measurements, np.zeros((1, 6)), np.random.default_rng(1)
-    calls: list[Callable[[Any], Any]] = [
+def test_mix_ups_are_answered_with_what_to_do(sino6, calibration):
+    data = calibration.fit.problem.measurements
+    calls = [
         lambda model: diagnose(model, data),
         lambda model: calibrate(model, data),
-        lambda model: accuracy_volume(model, q),
         lambda model: configuration_circle(model, POINT),
-        lambda model: map_workspace(model, (1, 1)),
-        plan_measurements,
-        lambda model: simulate_measurements(model, "free", 3, rng=rng),
     ]
     mistakes = [("sino", "unknown arm 'sino'"), (3, "type int, expected an Arm")]
     for call in calls:
         for wrong, words in mistakes:
             with pytest.raises(AacmmError, match=words):
                 call(wrong)
-    with pytest.raises(
-        AacmmError, match=r"type ErrorModel, expected an Arm.* of the model: its \.arm"
-    ):
-        configuration_circle(ErrorModel(sino6), POINT)  # type: ignore[arg-type]
+    with pytest.raises(AacmmError, match="type ErrorModel, expected an Arm"):
+        configuration_circle(ErrorModel(sino6), POINT)
     for function in (diagnose, calibrate):
         with pytest.raises(AacmmError, match="type int, expected Measurements"):
-            function(sino6, 3)  # type: ignore[arg-type]
+            function(sino6, 3)
         with pytest.raises(AacmmError, match=r"no_such\.csv"):
             function(sino6, "no_such.csv")

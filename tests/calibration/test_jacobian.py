@@ -5,28 +5,27 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration.jacobian import Columns
 from aacmm_pin.effects import (
     BearingTilt,
+    Conditions,
     EncoderEccentricity,
+    ErrorModel,
     JointZeroOffset,
     LinkLength,
     LinkTwist,
     SeatError,
+    State,
     StylusOffset,
     ThermalExpansion,
     sensitivity,
 )
-from aacmm_pin.effects.conditions import Conditions
-from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.effects.state import State
+
+pytestmark = pytest.mark.fast
 
 
 @pytest.mark.parametrize("n", [1, 8])
-def test_columns_of_all_effects_are_those_of_each(
-    n: int, sino6: Arm, rng: np.random.Generator
-) -> None:
+def test_columns_of_all_effects_are_those_of_each(n, sino6, rng):
     """Tips and derivatives; constant twists, those of a record, an exact arcsine, what bends, and a
     seat.
 
@@ -38,7 +37,7 @@ def test_columns_of_all_effects_are_those_of_each(
     known = Conditions(n, temperature=rng.uniform(15.0, 30.0, n), seat=seat)
     effects = [
         LinkLength(2), LinkTwist(3), JointZeroOffset(1), StylusOffset(),
-        EncoderEccentricity(4), ThermalExpansion(), BearingTilt(2), SeatError("A"),
+        EncoderEccentricity(4), ThermalExpansion(), BearingTilt(2), SeatError("A")
     ]  # fmt: skip
     columns = Columns.of(State(sino6, q, known, sino6.chain.tip), effects)
     x = rng.normal(size=columns.vector.size) * columns.vector.typical

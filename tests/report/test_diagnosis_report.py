@@ -4,35 +4,30 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
-from blind import draw
 from matplotlib import pyplot as plt
-from typer.testing import CliRunner
 
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin import next_measurements
+from aacmm_pin.arm import Arm
 from aacmm_pin.arm.file import parse_arm_file
-from aacmm_pin.cli.root_command import app
-from aacmm_pin.diagnosis import Alias, Diagnosis, Finding, OddGroup, diagnose
+from aacmm_pin.diagnosis import Alias, Diagnosis, Finding, diagnose
 from aacmm_pin.diagnosis.cross_validation import Brought
 from aacmm_pin.effects import (
     Effect,
     EncoderEccentricity,
     EncoderGain,
+    ErrorModel,
     JointCompliance,
     JointZeroOffset,
     StylusOffset,
+    in_words,
+    values_in_words,
 )
-from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.effects.labels import in_words, values_in_words
-from aacmm_pin.errors import OutputError
-from aacmm_pin.measurements.simulate import simulate_measurements
-from aacmm_pin.report import results
+from aacmm_pin.measurements import simulate_measurements
 from aacmm_pin.report.diagnosis import (
     alternatives,
     diagnosis_document,
@@ -44,9 +39,7 @@ from aacmm_pin.report.diagnosis import (
     unexplained_in_words,
     verdict_in_words,
 )
-from aacmm_pin.report.document import document_of
 from aacmm_pin.report.formats import html
-from aacmm_pin.report.next_measurements import next_measurements
 from aacmm_pin.report.numbers import lengths, percent
 from aacmm_pin.report.scenes.scene import viewer_script
 from tests.pages import Page
@@ -59,15 +52,11 @@ def written(result: Diagnosis) -> str:
     return html.page(diagnosis_document(result, summary, "2026-01-02"))
 
 
-def card(result: object) -> str:
-    return Page(html.fragment(document_of(result))).text
-
-
 def pictures(page: Page) -> list[str]:
     return [image["alt"] for image in page.all("img")]
 
 
-def test_a_page_agrees_with_its_numbers_and_holds_its_files(eccentric: Diagnosis) -> None:
+def test_a_page_agrees_with_its_numbers_and_holds_its_files(eccentric):
     text = written(eccentric)
     page, held = Page(text), eccentric.held_out
     assert plt.get_fignums() == []
@@ -80,7 +69,6 @@ def test_a_page_agrees_with_its_numbers_and_holds_its_files(eccentric: Diagnosis
     assert "encoder eccentricity of joint 1" in verdict_in_words(eccentric)
     assert line_to_remember(eccentric) in page.text
     assert all(size in line_to_remember(eccentric) for size in lengths(eccentric.rms.values()))
-    assert held is not None
     low, high = held.interval
     assert (
         f"{percent(held.gain)} (95 %: {100 * low:.0f} to {100 * high:.0f} %)"
@@ -109,7 +97,7 @@ def test_a_page_agrees_with_its_numbers_and_holds_its_files(eccentric: Diagnosis
         np.testing.assert_allclose(np.linalg.norm(parts, axis=1), used[f"{name}_mm"])
 
 
-def test_other_verdicts(sound: Diagnosis, blind: Callable[..., Diagnosis]) -> None:
+def test_other_verdicts(sound, blind):
     page = Page(written(sound))
     assert sound.verdict == "no-discrepancy"
     assert "Residual vectors on a drawing of the arm, simulation and recalibrated" in pictures(page)
@@ -128,7 +116,7 @@ def test_other_verdicts(sound: Diagnosis, blind: Callable[..., Diagnosis]) -> No
     )
 
 
-def test_a_robot_without_table_or_stated_uncertainties(robot_file: Callable[[str], Path]) -> None:
+def test_a_robot_without_table_or_stated_uncertainties(robot_file):
     arm = Arm.from_urdf(robot_file("ur5_robot.urdf"), "tool0")
     steps = np.random.default_rng(3).normal(0.0, 2e-4, (6, 6))
     made = ErrorModel(
@@ -140,28 +128,6 @@ def test_a_robot_without_table_or_stated_uncertainties(robot_file: Callable[[str
     assert list(page.downloads()) == ["diagnosis.json", "residuals.csv", "extended.toml"]
     assert b'file = "ur5_robot.urdf"' in page.downloads()["extended.toml"]
     assert gain_in_words(result) in page.text
-
-
-def test_the_command_writes_the_page_and_nothing_else_on_stdout(tmp_path: Path) -> None:
-    data, out = tmp_path / "data.csv", tmp_path / "report.html"
-    draw(11, None, records=80).write(data)
-    noise = ["--encoder-noise-rad", "8e-6", "--reference-noise-mm", "0.012"]
-    arguments = [
-        "diagnose",
-        "sino6",
-        str(data),
-        *noise,
-        "--no-held-out",
-        "-o",
-        str(out),
-        "--json",
-        "-",
-    ]
-    done = CliRunner().invoke(app, arguments)
-    assert done.exit_code == 0, done.output
-    page = Page(out.read_text(encoding="utf-8"))
-    assert json.loads(page.downloads()["diagnosis.json"]) == json.loads(done.stdout)
-    assert f"80 records of {data}" in page.text
 
 
 def finding(effect: Effect, probability: float, *aliases: Alias) -> Finding:
@@ -186,40 +152,25 @@ def with_sets(result: Diagnosis, **sets: float) -> Diagnosis:
     )
 
 
-def test_doubt_is_told_with_the_rivals(eccentric: Diagnosis, tmp_path: Path) -> None:
+def test_doubt_is_told_with_the_rivals(eccentric):
     others = [(EncoderEccentricity(2), 0.98, 0.29), (EncoderGain(2), 0.5, 0.0002)]
     aliases = [Alias(effect.label, r, p, effect=effect) for effect, r, p in others]
     doubtful = finding(JointCompliance(2, values=(2e-5,), u=(1e-6,)), 0.7, *aliases)
     shares = {"joint_compliance__2": 0.7, "encoder_eccentricity__2": 0.29, "encoder_gain__2": 0.01}
     result = with_sets(replace(eccentric, verdict="ambiguous", findings=(doubtful,)), **shares)
-    for words in (
-        "compliance under gravity of joint 2",
-        "0.700",
-        "encoder eccentricity of joint 2",
-        "0.290",
-    ):
-        assert words in verdict_in_words(result)
-    assert "encoder gain" not in verdict_in_words(result)
-    assert look_alikes(result)["label"].tolist()[:1] == [
-        "encoder_eccentricity:2"
-    ]  # the other one is out of the question
+    assert look_alikes(result)["label"].tolist()[:1] == ["encoder_eccentricity:2"]
     assert sum(map(float, alternatives(with_sets(eccentric, **shares))["probability"])) == 1.0
     beside = replace(result, verdict="unexplained", doubts=("more causes",))
-    assert "not named" in verdict_in_words(beside)
-    assert "do not distinguish" in card(beside)
+    for words in ("compliance under gravity of joint 2", "0.700", "0.290"):
+        assert words in verdict_in_words(result)
     assert all(label.replace("__", ":") in next_measurements(beside) for label in [*shares][:2])
-    unexplained = replace(eccentric, verdict="unexplained")
-    assert ranking(unexplained)["p"].tolist()[0] == "< 1e-16"
-    results.write(unexplained, tmp_path / "report.html")
-    assert (
-        verdict_in_words(unexplained)
-        in Page((tmp_path / "report.html").read_text(encoding="utf-8")).text
-    )
-    with pytest.raises(OutputError, match="exists already"):
-        results.write(result, tmp_path / "report.html")
+    assert ranking(replace(eccentric, verdict="unexplained"))["p"].tolist()[0] == "< 1e-16"
+    for verdict in ("inconclusive", "unexplained"):
+        other = replace(eccentric, verdict=verdict)
+        assert verdict_in_words(other) in Page(written(other)).text
 
 
-def test_why_nothing_can_be_concluded(eccentric: Diagnosis) -> None:
+def test_why_nothing_can_be_concluded(eccentric):
     result, first = replace(eccentric, verdict="inconclusive"), eccentric.findings[0]
     weak = replace(first, brought=Brought(0.1, -0.1, 0.3))
     told = [verdict_in_words(replace(result, findings=found)) for found in ((), (first,), (weak,))]
@@ -235,7 +186,7 @@ def test_why_nothing_can_be_concluded(eccentric: Diagnosis) -> None:
     ]
 
 
-def test_geometry_and_what_is_alike_in_all_records(eccentric: Diagnosis) -> None:
+def test_geometry_and_what_is_alike_in_all_records(eccentric):
     moved = finding(JointZeroOffset(4, values=(2e-4,), u=(1e-5,)), 1.0)
     offset = finding(StylusOffset(values=(1e-4, 0.0, 0.0)), 1.0)
     result = replace(eccentric, findings=(moved, offset))
@@ -245,24 +196,3 @@ def test_geometry_and_what_is_alike_in_all_records(eccentric: Diagnosis) -> None
     assert not any("from the records" in alt for alt in pictures(page))
     assert ranking(result)["at the tip [mm]"].tolist()[1] == "0.1000"
     assert "no cause was found" in verdict_in_words(replace(eccentric, findings=(moved,)))
-
-
-def test_gain_and_what_is_left(eccentric: Diagnosis) -> None:
-    held, left = eccentric.held_out, eccentric.unexplained
-    assert held is not None
-    for interval, significant in (
-        ((0.4, 0.6), True),
-        ((-0.1, 0.2), False),
-        ((0.001, 0.2), False),
-        ((-0.4, -0.2), True),
-    ):
-        words = gain_in_words(replace(eccentric, held_out=replace(held, interval=interval)))
-        assert ("not significant" not in words) == significant
-    assert f"{held.gain:.4g}" in card(held)
-    assert "p = 1e-05" in unexplained_in_words(replace(left, p_value=1e-5))
-    group = OddGroup("bar B3", 62, 1.41, 3e-7)
-    for part in ("bar B3", "62", "1.4", "3e-07"):
-        assert part in card(replace(left, groups=(group,), depends_on=("bar B3",)))
-        assert part in card(group)
-    unstated = replace(eccentric, extended=replace(eccentric.extended, stated=False))
-    assert "Not all noise was stated" in Page(written(unstated)).text

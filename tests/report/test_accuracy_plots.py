@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import matplotlib as mpl
@@ -13,24 +12,24 @@ from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
-from aacmm_pin.accuracy.volume import AccuracyVolume, accuracy_volume, circle_accuracy
-from aacmm_pin.accuracy.workspace import map_workspace
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.file import load_arm_file
-from aacmm_pin.errors import AacmmError, ShapeError
-from aacmm_pin.postures.configurations import ConfigurationCircle, configuration_circle
-from aacmm_pin.postures.general_ik import reaching_postures
-from aacmm_pin.report.plots import (
-    plot_accuracy_of_postures,
-    plot_budget,
-    plot_circle,
-    plot_map,
+from aacmm_pin import (
+    AccuracyVolume,
+    ConfigurationCircle,
+    accuracy_volume,
+    circle_accuracy,
+    configuration_circle,
+    map_workspace,
+    reaching_postures,
 )
+from aacmm_pin.arm import Arm, load_arm_file
+from aacmm_pin.errors import AacmmError, ShapeError
+from aacmm_pin.report.plots import plot_accuracy_of_postures, plot_budget, plot_circle, plot_map
+
+pytestmark = pytest.mark.fast
 
 mpl.use("Agg")
 
 POINT = np.array([33.6323, -671.8702, 182.9355]) * 1e-3
-HALF_IN_LIMITS = np.array([0.30, 0.0, 1.12])
 UNREACHABLE = np.array([5.0, 5.0, 5.0])
 
 
@@ -64,40 +63,7 @@ def legend_texts(ax: Any) -> set[str]:
     return {text.get_text() for text in ax.get_legend().get_texts()}
 
 
-def test_circle_cut_by_limits_has_both_parts(sino6: Arm) -> None:
-    circle = configuration_circle(sino6, HALF_IN_LIMITS, count=36)
-    works = int(circle.within_limits.sum())
-    assert 0 < works < 36
-    inside, outside = curves(plot_circle(circle, judged(circle)))
-    assert len(inside._segments3d) == works - 1
-    assert len(inside._segments3d) + len(outside._segments3d) == len(circle)
-
-
-def test_swivel_tells_components_apart(sino6: Arm) -> None:
-    seat = configuration_circle(sino6, [0.5, 0.3, 0.25], tip=True, axis=[0, 0, -1], count=36)
-    accuracy = judged(seat)
-    inside = seat.component[seat.within_limits]
-    numbers = np.unique(inside)
-    assert len(numbers) > 1
-    ax = plot_accuracy_of_postures(seat, accuracy)
-    drawn(ax.figure)
-    assert legend_texts(ax) == {f"component {number}" for number in numbers}
-    (right,) = (other for other in ax.figure.axes if other is not ax)
-    for axes, values in ((ax, accuracy.volume * 1e9), (right, accuracy.u * 1e6)):
-        everything, *marked = axes.lines
-        np.testing.assert_allclose(everything.get_ydata(), values)
-        assert len({line.get_marker() for line in marked}) == len(marked) == len(numbers)
-        for number, line in zip(numbers, marked, strict=True):
-            assert (
-                np.abs(np.subtract.outer(line.get_ydata(), values[inside == number]))
-                .min(axis=1)
-                .max()
-                < 1e-9
-            )
-            assert len(line.get_ydata()) >= 12
-
-
-def test_what_does_not_fit_a_circle(sino6: Arm, circle: ConfigurationCircle) -> None:
+def test_what_does_not_fit_a_circle(sino6, circle):
     nowhere = configuration_circle(sino6, UNREACHABLE)
     drawn(plot_accuracy_of_postures(nowhere, judged(nowhere)).figure)
     ax = plot_circle(nowhere)
@@ -111,11 +77,11 @@ def test_what_does_not_fit_a_circle(sino6: Arm, circle: ConfigurationCircle) -> 
         ):
             plot(circle, of_all)
     with pytest.raises(AacmmError, match="three-dimensional"):
-        plot_circle(circle, ax=Figure().add_subplot())  # type: ignore[arg-type]
+        plot_circle(circle, ax=Figure().add_subplot())
 
 
-def test_budget(accuracy: AccuracyVolume) -> None:
-    kinds: tuple[Any, ...] = ("parameter", "joint", "kind")
+def test_budget(accuracy):
+    kinds = ("parameter", "joint", "kind")
     for by in kinds:
         ax = plot_budget(accuracy, by)
         drawn(ax.figure)
@@ -130,18 +96,7 @@ def test_budget(accuracy: AccuracyVolume) -> None:
         plot_budget(accuracy, most=0)
 
 
-def test_budget_by_joint_calls_a_rigid_row_a_row(rng: np.random.Generator) -> None:
-    file = load_arm_file("sino6")
-    tool = file.joints[1].model_copy(update={"fixed": True, "limits_rad": None})
-    arm = Arm.from_file(file.model_copy(update={"joints": [*file.joints, tool]}))
-    ax = plot_budget(accuracy_volume(arm, rng.uniform(*arm.limits.T, (20, 6))), "joint")
-    names = {text.get_text() for text in ax.get_yticklabels()}
-    assert {"joint 2", "tool row 7"} <= names
-
-
-def test_accuracy_stands_over_what_the_postures_have(
-    sino6: Arm, rng: np.random.Generator, circle: ConfigurationCircle, accuracy: AccuracyVolume
-) -> None:
+def test_accuracy_stands_over_what_the_postures_have(sino6, rng, circle, accuracy):
     pose = sino6.poses(rng.uniform(*sino6.limits.T, (1, 6))).placement[0]
     single = reaching_postures(sino6, pose[:3, 3], rotation=pose[:3, :3])
     motion = reaching_postures(sino6, pose[:3, 3], axis=pose[:3, 0], count=60)
@@ -161,23 +116,7 @@ def test_accuracy_stands_over_what_the_postures_have(
         np.testing.assert_allclose(right.lines[0].get_ydata(), found.u * 1e6)
 
 
-def test_postures_that_are_not_drawn_are_explained(sino6: Arm, circle: ConfigurationCircle) -> None:
-    """Half of one circle is outside of the limits; the elbow of another does not get everywhere."""
-    cut = configuration_circle(sino6, HALF_IN_LIMITS, count=36)
-    seat = configuration_circle(sino6, POINT, tip=True, axis=[0, 0, -1])
-    pose = sino6.poses(np.array([[0.5, -1.0, 0.5, -1.0, 0.3, 0.2]])).placement[0]
-    single = reaching_postures(sino6, pose[:3, 3], rotation=pose[:3, :3])
-    assert not single.within_limits.all()
-    free = replace(sino6, limits=np.tile([-np.inf, np.inf], (6, 1)))
-    every = reaching_postures(free, pose[:3, 3], rotation=pose[:3, :3])
-    for one, gap in ((circle, False), (cut, True), (seat, True), (single, True), (every, False)):
-        title = (
-            plot_accuracy_of_postures(one, circle_accuracy(one)).get_legend().get_title().get_text()
-        )
-        assert ("no posture" in title) == gap
-
-
-def test_maps(sino6: Arm) -> None:
+def test_maps(sino6):
     map_ = map_workspace(sino6, (12, 24), 4, progress=False)
     for column, label, scale in (
         ("flexibility", "flexibility ζ [1]", 1.0),
@@ -200,9 +139,7 @@ def test_maps(sino6: Arm) -> None:
     assert "in reach, no working sector" in legend_texts(plot_map(few))
 
 
-def test_circles_have_tubes_to_the_point_and_all_is_in_view(
-    circle: ConfigurationCircle, accuracy: AccuracyVolume
-) -> None:
+def test_circles_have_tubes_to_the_point_and_all_is_in_view(circle, accuracy):
     table = load_arm_file("sino6").model_copy(update={"convention": "modified-dh"})
     modified = Arm.from_file(table)
     point = modified.positions(np.array([[0.3, -1.2, 1.0, -1.4, 0.0, 0.0]]), "frame5")[0]

@@ -5,23 +5,24 @@ come from.
 from __future__ import annotations
 
 import json
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from aacmm_pin.accuracy.comprehensive_accuracy import comprehensive_accuracy
-from aacmm_pin.accuracy.volume import accuracy_volume, circle_accuracy
-from aacmm_pin.accuracy.workspace import map_workspace
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.cli.root_command import app
-from aacmm_pin.effects import BaseCompliance, EncoderGain, ThermalExpansion
-from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.errors import ShapeError
-from aacmm_pin.postures.configurations import ConfigurationCircle, configuration_circle
+from aacmm_pin import (
+    ConfigurationCircle,
+    accuracy_volume,
+    circle_accuracy,
+    comprehensive_accuracy,
+    configuration_circle,
+    map_workspace,
+)
+from aacmm_pin.arm import Arm
+from aacmm_pin.effects import BaseCompliance, EncoderGain, ErrorModel, ThermalExpansion
 from aacmm_pin.report.json_summaries import accuracy_summary, map_summary
+
+pytestmark = pytest.mark.fast
 
 POINT = np.array([33.6323, -671.8702, 182.9355]) * 1e-3
 UNREACHABLE = np.array([5.0, 5.0, 5.0])
@@ -42,7 +43,7 @@ def circle(sino6: Arm) -> ConfigurationCircle:
     return configuration_circle(sino6, POINT, count=36)
 
 
-def test_accuracy_has_the_keys_of_the_contract(circle: ConfigurationCircle) -> None:
+def test_accuracy_has_the_keys_of_the_contract(circle):
     content = through_json(summary(circle))
     contract = "schema arm point_mm method configurations flexibility volume_mm3 best worst budget"
     assert set(contract.split()) <= set(content)
@@ -64,7 +65,7 @@ def test_accuracy_has_the_keys_of_the_contract(circle: ConfigurationCircle) -> N
     assert drawn["method"] == "monte-carlo"
 
 
-def test_accuracy_numbers_agree_with_their_sources(circle: ConfigurationCircle, sino6: Arm) -> None:
+def test_accuracy_numbers_agree_with_their_sources(circle, sino6):
     content = summary(circle)
     q = circle.q[circle.within_limits]
     assert content["configurations"] == len(q) < len(circle)
@@ -95,7 +96,7 @@ def extended(sino6: Arm) -> ErrorModel:
     return ErrorModel(sino6, (*effects, ThermalExpansion(values=(2e-5,), u=(4e-6,))))
 
 
-def test_an_extended_model(circle: ConfigurationCircle, extended: ErrorModel) -> None:
+def test_an_extended_model(circle, extended):
     content = through_json(accuracy_summary(circle, circle_accuracy(circle, extended), 12))
     assert content["not_included"] == ["thermal_expansion"]
     assert content["taken_as_exact"] == ["encoder_gain:5"]
@@ -108,26 +109,11 @@ def test_an_extended_model(circle: ConfigurationCircle, extended: ErrorModel) ->
     assert content["volume_mm3"]["min"] > alone["volume_mm3"]["max"]
 
 
-def test_the_commands_read_the_effects_of_the_file(extended: ErrorModel, tmp_path: Path) -> None:
-    extended.save(path := str(tmp_path / "extended.toml"))
-    accuracy = ["accuracy", path, "--point", "33.6323", "-671.8702", "182.9355", "--count", "12"]
-    for words in (accuracy, ["map", path, "--cells", "2", "2", "--sectors", "3"]):
-        done = CliRunner().invoke(app, words)
-        assert done.exit_code == 0, done.output
-        assert "not included: thermal_expansion" in done.stdout
-        content = json.loads(CliRunner().invoke(app, [*words, "--json", "-"]).stdout)
-        assert content["not_included"] == ["thermal_expansion"]
-    for text in ("base_compliance", "encoder_gain:5"):
-        assert text in CliRunner().invoke(app, accuracy).stdout
-
-
 @pytest.mark.parametrize(
     ("point", "said"),
     [(UNREACHABLE, "8660.254 mm from the shoulder"), (OUTSIDE_LIMITS, "within the joint")],
 )
-def test_nothing_to_judge_gives_nulls_and_a_reason(
-    sino6: Arm, point: np.ndarray, said: str
-) -> None:
+def test_nothing_to_judge_gives_nulls_and_a_reason(sino6, point, said):
     content = through_json(summary(configuration_circle(sino6, point, count=12)))
     assert content["configurations"] == 0
     assert said in content["reason"]
@@ -137,16 +123,7 @@ def test_nothing_to_judge_gives_nulls_and_a_reason(
     assert content["budget"] == []
 
 
-def test_other_configurations_are_refused(circle: ConfigurationCircle, sino6: Arm) -> None:
-    for q, words in (
-        (circle.q, "accuracy has 144 configurations"),
-        (circle.q[circle.within_limits][::-1], "accuracy has 36 "),
-    ):
-        with pytest.raises(ShapeError, match=words):
-            accuracy_summary(circle, accuracy_volume(sino6, q, at=circle.at))
-
-
-def test_map_has_the_keys_of_the_contract(sino6: Arm) -> None:
+def test_map_has_the_keys_of_the_contract(sino6):
     map_ = map_workspace(sino6, (4, 6), 3, extent=[0.0, 1.2, -1.2, 1.2], progress=False)
     content = through_json(map_summary(map_))
     keys = "schema arm cells sectors extent_mm working_sectors unreachable seconds"

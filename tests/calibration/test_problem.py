@@ -9,13 +9,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm import Arm
 from aacmm_pin.calibration.parameters import problem_of
 from aacmm_pin.calibration.problem import Frame, Problem
 from aacmm_pin.calibration.setup import Setup
-from aacmm_pin.effects import Effect, JointCompliance, JointDistance, JointZeroOffset, LinkTwist
-from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.effects import (
+    Effect,
+    ErrorModel,
+    JointCompliance,
+    JointDistance,
+    JointZeroOffset,
+    LinkTwist,
+)
+from aacmm_pin.measurements import Measurements
+
+pytestmark = pytest.mark.fast
 
 SOFT = 2e-3
 """A hundred times softer than an arm is, so that what is tested stands out [rad/(N·m)]."""
@@ -36,7 +44,7 @@ def problem(sino6: Arm, rng: np.random.Generator) -> Problem:
     )
 
 
-def test_it_completes_the_derivative(problem: Problem, sino6: Arm) -> None:
+def test_it_completes_the_derivative(problem, sino6):
     assert not problem.bends(problem.start)
     x, frame = problem.start.copy(), Frame(np.eye(3)[[1, 2, 0]], np.array([1.0, -2.0, 3.0]))
     x[problem.names.index("joint_compliance:2")] = SOFT

@@ -13,10 +13,9 @@ import pandas as pd
 import pytest
 from shell import NOISE, POINT, run
 
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.effects import CAUSES, EncoderEccentricity, JointCompliance, example
-from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.measurements.simulate import simulate_measurements
+from aacmm_pin.arm import Arm
+from aacmm_pin.effects import CAUSES, EncoderEccentricity, ErrorModel, JointCompliance, example
+from aacmm_pin.measurements import simulate_measurements
 from aacmm_pin.report import terminal
 from aacmm_pin.report.document import Document, Table
 from aacmm_pin.report.numbers import length
@@ -54,10 +53,10 @@ def check(text: str, width: int = 80) -> None:
             assert len(line) <= width, line
 
 
-def test_a_diagnosis_in_readable_units(data: Path, tmp_path: Path) -> None:
+def test_a_diagnosis_in_readable_units(data, tmp_path):
     """At 200 columns; JSON in a file beside it."""
     target = tmp_path / "d.json"
-    wide = told("diagnose", "sino6", data, *NOISE, "--no-held-out", "--json", target, columns=200)
+    wide = told(f"diagnose sino6 {data} {NOISE} --no-held-out --json {target}", columns=200)
     found = json.loads(target.read_text(encoding="utf-8"))
     check(wide, 200)
     assert [f["cause"] for f in found["findings"]] == ["joint_compliance", "encoder_eccentricity"]
@@ -73,12 +72,12 @@ def test_a_diagnosis_in_readable_units(data: Path, tmp_path: Path) -> None:
     assert "(k = 2)" in wide
     assert "amplitude_rad" not in wide
     assert f"RMS {length(1e-3 * found['rms_mm']['simulation'])} simulated" in wide
-    check(told("diagnose", "sino6", data, *NOISE, "--no-held-out"))
+    check(told(f"diagnose sino6 {data} {NOISE} --no-held-out"))
 
 
-def test_a_calibration(data: Path, tmp_path: Path) -> None:
+def test_a_calibration(data, tmp_path):
     """With a JSON file the findings are told all the same."""
-    text = told("calibrate", "sino6", data, *NOISE, "--json", tmp_path / "c.json")
+    text = told(f"calibrate sino6 {data} {NOISE} --json {tmp_path / 'c.json'}")
     check(text)
     found = json.loads((tmp_path / "c.json").read_text(encoding="utf-8"))
     assert found["schema"] == "aacmm-pin/calibration/1"
@@ -89,45 +88,25 @@ def test_a_calibration(data: Path, tmp_path: Path) -> None:
         assert f"{held['rms_mm']['calibrated']:.4f}" in text
     excluded = [str(row["row"]) for row in found["records"]["excluded"]]
     assert set(excluded[:10]) <= {line.split()[0] for line in text.splitlines() if line.split()}
-    wide = told("calibrate", "sino6", data, *NOISE, "--no-held-out", columns=None)
+    wide = told(f"calibrate sino6 {data} {NOISE} --no-held-out", columns=None)
     assert max(map(len, (line for line in wide.splitlines() if "theta_offset" in line))) > 60
 
 
-def test_accuracy_map_and_plan(tmp_path: Path) -> None:
-    check(told("accuracy", "sino6", *POINT, "--count", "24"))
+def test_accuracy_map_and_plan(tmp_path):
+    check(told(f"accuracy sino6 {POINT} --count 24"))
     target = tmp_path / "m.nc"
-    text = told(
-        "map",
-        "sino6",
-        "--cells",
-        "3",
-        "3",
-        "--sectors",
-        "4",
-        "-o",
-        target,
-        "--json",
-        tmp_path / "m.json",
-    )
+    text = told(f"map sino6 --cells 3 3 --sectors 4 -o {target} --json {tmp_path / 'm.json'}")
     check(text)
     assert target.exists()
     assert "SINO6: 3 × 3 cells × 4 sectors" in text
     quick = [
-        "--records",
-        "4",
-        "--postures",
-        "60",
-        "-o",
-        tmp_path / "p.csv",
-        "--json",
-        tmp_path / "p.json",
-        "--force",
+        f"--records 4 --postures 60 -o {tmp_path / 'p.csv'} --json {tmp_path / 'p.json'} --force"
     ]
-    text = told("plan", "sino6", "--split", "bearing_tilt:1", "base_compliance", *quick)
+    text = told("plan sino6 --split bearing_tilt:1 base_compliance", quick)
     check(text)
     for words in ("the two do the same", "turn the mount by 90°", "hang 1 kg on the end"):
         assert words in in_one(text)
-    text = told("plan", "sino6", *quick)
+    text = told("plan sino6", quick)
     check(text)
     pairs = json.loads((tmp_path / "p.json").read_text(encoding="utf-8"))["pairs"]["untold"]
     first = next(pair for pair in pairs if not pair["why_not"])
@@ -137,7 +116,7 @@ def test_accuracy_map_and_plan(tmp_path: Path) -> None:
     assert float(line.split()[2]) == pytest.approx(first["T"], rel=0.01)
 
 
-def test_names_are_in_one_piece_however_narrow_the_terminal_is() -> None:
+def test_names_are_in_one_piece_however_narrow_the_terminal_is():
     known = {
         cause.cause + (f":{site.upper()}" if (site := cause.location_field()) else "")
         for cause in CAUSES.values()
@@ -153,9 +132,7 @@ def test_names_are_in_one_piece_however_narrow_the_terminal_is() -> None:
         assert known <= set(told("causes", columns=columns).replace(",", " ").split()), columns
 
 
-def test_markup_is_text_and_long_cells_are_wrapped(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_markup_is_text_and_long_cells_are_wrapped(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "40")
     words = " ".join(f"word{k}" for k in range(30))
     frame = pd.DataFrame({"a [mm]": [1.5, -22.0], "note": ["[red]x[/red] :smile:", words]})

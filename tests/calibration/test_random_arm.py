@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
-from pathlib import Path
-
 import numpy as np
 import pinocchio as pin
 import pytest
 
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.file import ArmFile, Covariance
-from aacmm_pin.calibration.random_arm import perturbed_model
-from aacmm_pin.effects import EncoderEccentricity, ThermalExpansion
-from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.errors import AacmmError
+from aacmm_pin import perturbed_model
+from aacmm_pin.arm import Arm, Covariance
+from aacmm_pin.effects import EncoderEccentricity, ErrorModel, ThermalExpansion
+
+pytestmark = pytest.mark.fast
 
 
 def steps(drawn: ErrorModel, model: ErrorModel) -> np.ndarray:
@@ -24,7 +19,7 @@ def steps(drawn: ErrorModel, model: ErrorModel) -> np.ndarray:
     )
 
 
-def test_geometry_stays_within_its_half_widths_and_fills_them(sino6: Arm) -> None:
+def test_geometry_stays_within_its_half_widths_and_fills_them(sino6):
     model = ErrorModel(sino6)
     drawn = np.array(
         [steps(perturbed_model(model, np.random.default_rng(k)), model) for k in range(60)]
@@ -36,12 +31,9 @@ def test_geometry_stays_within_its_half_widths_and_fills_them(sino6: Arm) -> Non
     assert not drawn[:, ~free].any()
 
 
-def test_the_truth_states_no_uncertainty_and_keeps_the_rest(
-    sino6: Arm, rng: np.random.Generator
-) -> None:
+def test_the_truth_states_no_uncertainty_and_keeps_the_rest(sino6, rng):
     drawn = perturbed_model(ErrorModel(sino6), rng).arm
     assert not any(p.u for p in drawn.parameters)
-    assert drawn.file is not None
     assert drawn.file.covariance is None
     np.testing.assert_array_equal(drawn.limits, sino6.limits)
     np.testing.assert_array_equal(drawn.masses, sino6.masses)
@@ -53,7 +45,7 @@ def test_the_truth_states_no_uncertainty_and_keeps_the_rest(
     assert np.abs(drawn.positions(q) - sino6.positions(q)).max() > 1e-5
 
 
-def test_effects_are_drawn_by_their_own_uncertainty(sino6: Arm) -> None:
+def test_effects_are_drawn_by_their_own_uncertainty(sino6):
     effects = (
         EncoderEccentricity(joint=3, values=(1e-4, 0.0), u=(1e-5, 0.0)),
         ThermalExpansion(values=(2e-5,), u=(1e-6,)),
@@ -69,12 +61,11 @@ def test_effects_are_drawn_by_their_own_uncertainty(sino6: Arm) -> None:
     assert not any(e.u[0] for e in drawn[0])
 
 
-def test_parameters_known_together_are_drawn_together(sino6: Arm) -> None:
+def test_parameters_known_together_are_drawn_together(sino6):
     known = Covariance(
         parameters=("d3", "d5"), standard_uncertainty_si=(1e-5, 1e-5), correlation=((), (-0.999,))
     )
-    assert sino6.file is not None
-    file: ArmFile = sino6.file.model_copy(update={"covariance": known})
+    file = sino6.file.model_copy(update={"covariance": known})
     model = ErrorModel(Arm.from_file(file))
     names = [p.name for p in model.parameters]
     assert perturbed_model(model, np.random.default_rng(0)).arm.covariance is None
@@ -86,9 +77,7 @@ def test_parameters_known_together_are_drawn_together(sino6: Arm) -> None:
     assert np.std(d3 + d5) < 0.1 * np.std(d3)
 
 
-def test_placements_of_a_urdf_are_drawn_within_their_half_widths(
-    robot_file: Callable[[str], Path], rng: np.random.Generator
-) -> None:
+def test_placements_of_a_urdf_are_drawn_within_their_half_widths(robot_file, rng):
     """By Pinocchio's own placements: shifts and turns against those of the file, as logarithms."""
     half_widths = np.repeat([1e-4, 3e-4], 3)
     arm = Arm.from_urdf(
@@ -107,12 +96,3 @@ def test_placements_of_a_urdf_are_drawn_within_their_half_widths(
     assert size.max() < 1 + 1e-9
     assert (size.max(axis=0) > 0.95).all()
     np.testing.assert_allclose(size.mean(axis=0), 0.5, atol=0.08)
-
-
-def test_arms_that_cannot_be_drawn(sino6: Arm, zero6: Arm, rng: np.random.Generator) -> None:
-    for arm, said in (
-        (zero6, "no parameter has an uncertainty"),
-        (replace(sino6, file=None, covariance=None), "arm file"),
-    ):
-        with pytest.raises(AacmmError, match=said):
-            perturbed_model(ErrorModel(arm), rng)
