@@ -20,7 +20,7 @@ from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration.fit import FEWEST_TOGETHER, Fit
 from aacmm_pin.effects import LEAST_SPREAD
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements import LABELS, UNKNOWN, Measurements
 
 TOGETHER = 1e-3
 """Chance, over all neighbours of their kind, below which excluded records that are neighbours are
@@ -44,8 +44,6 @@ NARROW = 0.5
 """Used records that move a joint over less than this part of its range in all records are about
 another part of the arm.
 """
-LABELS = ("session", "marker", "seat", "operator", "bar")
-"""Columns of labels."""
 
 
 @dataclass(frozen=True)
@@ -365,30 +363,18 @@ def as_numbers(values: Iterable[object]) -> pd.Series | None:
 
 def _columns(arm: Arm, measurements: Measurements) -> Iterator[tuple[str, pd.Series]]:
     """All that is known of single records, by the name of what it is; a name says the unit."""
-    q, conditions = measurements.q, measurements.conditions
+    q = measurements.q
     for j, row in enumerate(arm.chain.moving_rows()):
-        slides = arm.chain.prismatic[j]
         if np.ptp(q[:, j]) > LEAST_SPREAD:
-            column = f"joint{row}_mm" if slides else f"theta{row}_deg"
-            yield f"joint {row}", pd.Series(q[:, j] / (MM if slides else DEG), name=column)
-        if conditions.torque is not None:
-            yield f"torque {row}", pd.Series(conditions.torque[:, j], name=f"torque{row}_nm")
-    known = {"time_s": conditions.time, "temperature_c": conditions.temperature}
-    yield from (
-        (name.partition("_")[0], pd.Series(v, name=name))
-        for name, v in known.items()
-        if v is not None
-    )
-    labels = {name: getattr(conditions, name, getattr(measurements, name, None)) for name in LABELS}
-    yield from (
-        (name, pd.Series(values, name=name))
-        for name, values in labels.items()
-        if values is not None
-    )
-    for name in measurements.extra:
-        numbers = as_numbers(measurements.extra[name])
-        values = measurements.extra[name].astype(str) if numbers is None else numbers
-        yield str(name), values.reset_index(drop=True).rename(str(name))
+            slides = arm.chain.prismatic[j]
+            name, unit = (f"joint{row}_mm", MM) if slides else (f"theta{row}_deg", DEG)
+            yield f"joint {row}", pd.Series(q[:, j] / unit, name=name)
+    for column in measurements.covariate_columns():
+        values = pd.Series(column.values, name=column.name)
+        if column.entry is UNKNOWN:
+            numbers = as_numbers(values)
+            values = values.astype(str) if numbers is None else numbers
+        yield column.quantity, values
     tip = arm.positions(q) / MM
     yield from ((axis, pd.Series(tip[:, k], name=f"tip_{axis}_mm")) for k, axis in enumerate("xyz"))
     yield "scale", pd.Series(np.linalg.norm(tip, axis=1), name="distance_mm")

@@ -72,7 +72,7 @@ from .labels import (
     values_with_u,
 )
 from .nonlinear import Nonlinear, TimeConstant
-from .smooth_functions import Bumps, Cosines, Moment, Smooth, Waves, product_of
+from .smooth_functions import RECORDED, Bumps, Cosines, Moment, Smooth, Waves, product_of
 from .state import State
 from .text import cause_of, effect_from, entries_of, require_plausible, stated_cause, text_of
 from .time_dependent import EncoderSlip, ZeroDrift
@@ -82,6 +82,7 @@ __all__ = [
     "CAUSES",
     "COLUMNS",
     "LEAST_SPREAD",
+    "RECORDED",
     "UNITS",
     "WARMER",
     "BaseCompliance",

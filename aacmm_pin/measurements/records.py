@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 import pandas as pd
@@ -33,11 +33,13 @@ from aacmm_pin.measurements.csv_columns import (
     THETA,
     AngleUnit,
     Column,
+    Covariate,
+    entry_of,
     named,
 )
 from aacmm_pin.measurements.csv_header import read_header, similar_labels
 from aacmm_pin.measurements.csv_table import read_table
-from aacmm_pin.measurements.csv_values import RecordTable, read_records
+from aacmm_pin.measurements.csv_values import RecordTable, check_numbers, read_records, read_values
 from aacmm_pin.measurements.probed_points import as_records, has_probed_points
 from aacmm_pin.measurements.record_checks import (
     MOST_NORM_ERROR,
@@ -63,6 +65,25 @@ class Bar(NamedTuple):
     u: float
 
 
+class CovariateColumn(NamedTuple):
+    """A column that residuals may depend on.
+
+    Attributes:
+        name: in the file.
+        values: (n,), numbers in the unit of the file or labels; of an unknown column as they came.
+        entry: in the table of columns, which says what it may act on.
+    """
+
+    name: str
+    values: NDArray[Any] | pd.Series
+    entry: Column
+
+    @property
+    def quantity(self) -> str:
+        """What it is, such as ``torque 2``; the name of a column that no attribute has."""
+        return self.entry.quantity(self.name)
+
+
 @dataclass(frozen=True, eq=False)
 class Measurements(Shown):
     """Records of one arm, n of them.
@@ -77,7 +98,8 @@ class Measurements(Shown):
         bar_length: length of the bar (n,) [m], NaN where none.
         operator: label (n,), "" where none.
         record: label (n,), "" where none.
-        extra: columns of unknown meaning as they came, n rows.
+        extra: columns without an attribute of their own, unknown ones and others, as they came,
+            n rows.
         row: line of each record in the file (n,), the header being line 1; in a table, the line it
             would have.
         source: the file as the caller named it, or ``table``.
@@ -194,9 +216,10 @@ class Measurements(Shown):
         measurements = Measurements(
             q=q, conditions=known, extra=extra, row=row, source=source, **checked
         )
-        header = read_header(
-            list(measurements.to_frame().columns), None, Problems(source, measurements.row)
-        )
+        problems = Problems(source, row)
+        header = read_header([*measurements.to_frame()], None, problems)
+        check_numbers(read_values(extra, RECORD_COLUMNS, problems), RECORD_COLUMNS, problems)
+        problems.stop()
         if list(header.extra) != list(extra.columns):
             known_names = [name for name in extra.columns if name not in header.extra]
             raise ShapeError(
@@ -290,7 +313,7 @@ class Measurements(Shown):
         stated = np.isfinite(self.reference_u).any()
         left_out = {"reference": not (stated or self.known.any()), "reference_u": not stated}
         for column in RECORD_COLUMNS:
-            if not left_out.get(column.field):
+            if column.field and not left_out.get(column.field):
                 table |= self._in_file(column)
         return pd.concat([pd.DataFrame(table), self.extra], axis=1)
 
@@ -304,6 +327,23 @@ class Measurements(Shown):
             values = (values / column.si).astype(kind)
         names = named(column.names[0], values.shape[1]) if column.is_numbered else column.names
         return dict(zip(names, np.atleast_2d(values.T), strict=True))
+
+    def covariate_columns(self) -> list[CovariateColumn]:
+        """The columns that residuals or excluded records may depend on: those that may act anywhere
+        first, then those of joints and of groups; last those of :attr:`extra`.
+        """
+        kinds = get_args(Covariate)
+        known = [entry for entry in RECORD_COLUMNS if entry.field]
+        known.sort(key=lambda entry: kinds.index(entry.covariate))
+        found = []
+        for entry in known:
+            found += [CovariateColumn(*column, entry) for column in self._in_file(entry).items()]
+        for name in map(str, self.extra):
+            entry, values = entry_of(name), self.extra[name]
+            if not entry.is_label:
+                values = pd.to_numeric(values, errors="coerce")
+            found.append(CovariateColumn(name, values, entry))
+        return [column for column in found if column.entry.covariate != "none"]
 
     def csv(self) -> str:
         """The text of a CSV file from which :meth:`read` gives the same numbers back.
@@ -331,14 +371,15 @@ class Measurements(Shown):
             temporary.write_text(self.csv(), encoding="utf-8", newline="")
 
     def __str__(self) -> str:
-        unknown = (
-            f", unknown columns {', '.join(self.extra.columns)}" if len(self.extra.columns) else ""
-        )
-        return (
-            f"{self.source}: {self.n} records of {self.nq} joints, {self.known.sum()} with "
-            "reference, "
-            f"{len(self.seats())} seats, {len(self.bars())} bars{unknown}"
-        )
+        counts = [
+            f"{self.n} records of {self.nq} joints",
+            f"{self.known.sum()} with reference",
+            f"{len(self.seats())} seats",
+            f"{len(self.bars())} bars",
+        ]
+        if len(self.extra.columns):
+            counts.append(f"other columns {', '.join(self.extra.columns)}")
+        return f"{self.source}: {', '.join(counts)}"
 
 
 def _records_by_label(labels: Labels | None) -> dict[str, Index]:

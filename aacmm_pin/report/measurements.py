@@ -37,7 +37,7 @@ def measurements_document(records: Measurements) -> Document:
     for name in table.columns.drop(["seat", *BAR, *records.extra.columns], errors="ignore"):
         shown[name] = _range(table[name].to_numpy())
     if len(records.extra.columns):
-        shown["unknown columns"] = (
+        shown["other columns"] = (
             f"{', '.join(records.extra.columns)} (kept; candidates for 'depends on')"
         )
     summary = pd.DataFrame({"what": list(shown), "value": list(shown.values())})
