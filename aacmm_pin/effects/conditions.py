@@ -109,14 +109,15 @@ class Conditions(Shown):
     @cached_property
     def times(self) -> Array:
         """The different times in their order; without any where none is known [s]."""
-        return np.unique(np.zeros(0) if self.time is None else self.time)
+        if self.time is None:
+            return np.zeros(0)
+        return np.unique(self.time)
 
     @property
     def present(self) -> tuple[str, ...]:
         """Names of the conditions that are known."""
-        return tuple(
-            field.name for field in fields(self)[1:] if getattr(self, field.name) is not None
-        )
+        names = [field.name for field in fields(self)[1:]]
+        return tuple(name for name in names if getattr(self, name) is not None)
 
     def odd_temperatures(self, reference: float) -> list[Note]:
         """Temperatures that no workshop has; ``reference`` is that at which the arm's lengths hold

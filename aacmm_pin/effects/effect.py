@@ -289,7 +289,8 @@ class Effect(Shown, ABC):
     @property
     def label(self) -> str:
         """The cause and where it sits, such as ``encoder_gain:5``."""
-        return self.cause if self.place is None else f"{self.cause}:{self.place}"
+        place = "" if self.place is None else f":{self.place}"
+        return f"{self.cause}{place}"
 
     @property
     def key(self) -> str:
@@ -306,7 +307,8 @@ class Effect(Shown, ABC):
     @property
     def identity(self) -> tuple[object, ...]:
         """Which cause it is and where it sits, with all fields, whatever its values are."""
-        return (self.cause, *(getattr(self, name) for name in fields_of(type(self))))
+        names = fields_of(type(self))
+        return (self.cause, *(getattr(self, name) for name in names))
 
     @property
     def details(self) -> list[str]:
@@ -333,7 +335,8 @@ class Effect(Shown, ABC):
 @cache
 def fields_of(kind: type[Effect]) -> tuple[str, ...]:
     """Names of the fields that state which one it is: ``joint``, ``order``, …"""
-    return tuple(field.name for field in fields(kind) if field.name not in NUMBERS)
+    names = [field.name for field in fields(kind)]
+    return tuple(name for name in names if name not in NUMBERS)
 
 
 def values_by_key(effect: Effect, stated: Mapping[str, float], what: str) -> tuple[float, ...]:
@@ -409,7 +412,8 @@ def shifts(typical: float, largest: float | None = None) -> tuple[Term, ...]:
 
 def turns(typical: float) -> tuple[Term, ...]:
     """Three turns about x, y and z."""
-    return tuple(Term(name, "rad", typical, f"{name}_rad") for name in ("rx", "ry", "rz"))
+    names = ("rx", "ry", "rz")
+    return tuple(Term(name, "rad", typical, f"{name}_rad") for name in names)
 
 
 def sensitivity(effect: Effect, state: State) -> Array:

@@ -61,7 +61,8 @@ class _OfAngle(Effect):
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
         """Every joint that turns, by enough to show it."""
-        yield from ((cls(row),) for row, _ in _turning(arm, records))
+        for row, _ in _turning(arm, records):
+            yield (cls(row),)
 
 
 def _moving(arm: Arm, records: Records | None) -> Iterator[tuple[int, Array]]:
@@ -75,7 +76,9 @@ def _moving(arm: Arm, records: Records | None) -> Iterator[tuple[int, Array]]:
 def _turning(arm: Arm, records: Records | None) -> Iterator[tuple[int, Array]]:
     """Those that turn."""
     slides = dict(zip(arm.chain.moving_rows(), arm.chain.prismatic, strict=True))
-    yield from ((row, angle) for row, angle in _moving(arm, records) if not slides[row])
+    for row, angle in _moving(arm, records):
+        if not slides[row]:
+            yield row, angle
 
 
 class _Polar(Notation):
@@ -102,7 +105,8 @@ class _Polar(Notation):
         """∂(A, φ)/∂(A cos φ, A sin φ); of no meaning at A = 0, where there is no phase."""
         amplitude, phase = self.parameters(effect).values()
         c, s = np.cos(phase), np.sin(phase)
-        return np.array([[c, s], [-s, c] / np.maximum(amplitude, 1e-300)])
+        of_phase = [-s, c] / np.maximum(amplitude, 1e-300)
+        return np.array([[c, s], of_phase])
 
     def values(self, effect: Effect, parameters: Mapping[str, float]) -> tuple[float, ...]:
         """From amplitude and phase, or from the linear parts."""
@@ -313,9 +317,8 @@ class JointErrorCurve(Effect):
     @property
     def terms(self) -> tuple[Term, ...]:
         """The coefficients."""
-        return tuple(
-            Term(f"c{i}", "rad", 1e-4, f"c{i}_rad") for i in range(1, self.coefficients + 1)
-        )
+        names = [f"c{i}" for i in range(1, self.coefficients + 1)]
+        return tuple(Term(name, "rad", 1e-4, f"{name}_rad") for name in names)
 
     def displacements(self, state: State) -> list[Displacement]:
         """The B-splines at the indications.
@@ -345,8 +348,9 @@ class JointErrorCurve(Effect):
     @property
     def knots(self) -> Array:
         """Knots of the spline [rad]."""
-        inner = np.linspace(self.lower_rad, self.upper_rad, self.coefficients - 2)
-        return np.concatenate([np.full(3, self.lower_rad), inner, np.full(3, self.upper_rad)])
+        low, high = self.lower_rad, self.upper_rad
+        inner = np.linspace(low, high, self.coefficients - 2)
+        return np.concatenate([3 * [low], inner, 3 * [high]])
 
 
 @dataclass(frozen=True)
@@ -364,11 +368,13 @@ class EncoderGain(_OfAngle):
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
         """Every joint that moves by enough to show it."""
-        yield from ((cls(row),) for row, _ in _moving(arm, records))
+        for row, _ in _moving(arm, records):
+            yield (cls(row),)
 
     def displacements(self, state: State) -> list[Displacement]:
         """The indication itself."""
-        return [about_axis(state, self.joint, state.angle(self.joint)[:, None])]
+        angle = state.angle(self.joint)
+        return [about_axis(state, self.joint, angle[:, None])]
 
 
 @dataclass(frozen=True)

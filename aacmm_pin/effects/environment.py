@@ -45,10 +45,10 @@ class BaseCompliance(GravityEffect):
 
     def displacements(self, state: State) -> list[Displacement]:
         """The moment about the origin of the base."""
-        whole = not self.bodies and self.load_at is None
-        moments = (
-            state.moment(1, np.zeros((state.n, 3)))[:, :, None] if whole else self.moments(state, 1)
-        )
+        if self.bodies or self.load_at is not None:
+            moments = self.moments(state, 1)
+        else:
+            moments = state.moment(1, np.zeros((state.n, 3)))[:, :, None]
         return [Displacement(BASE, twist(angular=moments))]
 
 
@@ -79,7 +79,8 @@ class SeatError(Effect):
     def displacements(self, state: State) -> list[Displacement]:
         """The stated coordinates are those of the tip minus e, in records of this seat."""
         touched = state.conditions.require("seat", self.label) == self.seat
-        return [Displacement(BASE, twist(-np.eye(3) * touched[:, None, None]))]
+        shift = -np.eye(3) * touched[:, None, None]
+        return [Displacement(BASE, twist(shift))]
 
 
 @dataclass(frozen=True)

@@ -76,10 +76,8 @@ class ErrorModel(Shown):
                     raise UnknownNameError("parameter in covariance", name, names)
 
     def __repr__(self) -> str:
-        return (
-            f"ErrorModel({self.arm.name!r}, "
-            f"{', '.join(e.label for e in self.effects) or 'no effects'})"
-        )
+        labels = ", ".join(effect.label for effect in self.effects)
+        return f"ErrorModel({self.arm.name!r}, {labels or 'no effects'})"
 
     @staticmethod
     def of(model: GivenModel) -> ErrorModel:
@@ -203,13 +201,13 @@ class ErrorModel(Shown):
         own parameters.
         """
         known = self.arm.covariance
-        u = (
-            {}
-            if known is None
-            else dict(zip(known.parameters, known.standard_uncertainty_si, strict=True))
-        )
-        of_effects = (p for effect in self.effects for p in effect.parameters())
-        return (*self.arm.parameters, *(replace(p, u=u.get(p.name, p.u)) for p in of_effects))
+        u = {}
+        if known is not None:
+            u = dict(zip(known.parameters, known.standard_uncertainty_si, strict=True))
+        found = [*self.arm.parameters]
+        for effect in self.effects:
+            found += [replace(p, u=u.get(p.name, p.u)) for p in effect.parameters()]
+        return tuple(found)
 
     def covariance(self) -> Array:
         """Covariance of all parameters (p, p) [their units]: independent, but for those that the

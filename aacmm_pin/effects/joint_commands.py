@@ -106,5 +106,7 @@ def _turn(to: Array, of: Array) -> Array:
     (n, 3, 3).
     """
     turn = to @ of.transpose(0, 2, 1)
-    lower, upper = turn[:, [2, 0, 1], [1, 2, 0]], turn[:, [1, 2, 0], [2, 0, 1]]
+    x, y, z = [0, 1, 2]
+    lower = turn[:, [z, x, y], [y, z, x]]
+    upper = turn[:, [y, z, x], [z, x, y]]
     return np.asarray(0.5 * (lower - upper))
