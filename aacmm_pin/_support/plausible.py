@@ -73,12 +73,14 @@ class Range(NamedTuple):
 
     def of_unit(self, unit: str, factor: float) -> Range:
         """The same range in another unit, which is ``factor`` of this one."""
-        return Range(self.least / factor, self.most / factor, unit, self.hint)
+        least, most = self.least / factor, self.most / factor
+        return Range(least, most, unit, self.hint)
 
     @property
     def expected(self) -> str:
         """In words."""
-        return f"expected {self.least:.6g} to {self.most:.6g} {self.unit}; {self.hint}"
+        values = f"{self.least:.6g} to {self.most:.6g} {self.unit}"
+        return f"expected {values}; {self.hint}"
 
     def check(self, values: ArrayLike, name: str, error: type[AacmmError] = AacmmError) -> None:
         """Refuse ``values`` of which one is outside, or NaN.

@@ -47,8 +47,11 @@ def in_radians(text: str) -> float:
     Raises:
         ValueError: it is none.
     """
-    unit = next((u for u in sorted(ANGLES, key=len, reverse=True) if text.strip().endswith(u)), "")
-    return number(text.strip().removesuffix(unit)) * ANGLES.get(unit, 1.0)
+    text = text.strip()
+    for unit in sorted(ANGLES, key=len, reverse=True):
+        if text.endswith(unit):
+            return number(text.removesuffix(unit)) * ANGLES[unit]
+    return number(text)
 
 
 def number(text: str) -> float:

@@ -80,9 +80,9 @@ class Column:
 
     def has(self, name: str) -> bool:
         """Whether ``name`` is one of its columns."""
-        return (
-            number_in(name, self.names[0]) is not None if self.is_numbered else name in self.names
-        )
+        if self.is_numbered:
+            return number_in(name, self.names[0]) is not None
+        return name in self.names
 
     def quantity(self, name: str) -> str:
         """What its column ``name`` states, such as ``torque 2``; the name if in no attribute."""
@@ -180,7 +180,11 @@ def columns_of_file(header: Iterable[object]) -> tuple[Column, ...]:
 
 def single_names(columns: Iterable[Column]) -> tuple[str, ...]:
     """The names without numbers."""
-    return tuple(name for column in columns if not column.is_numbered for name in column.names)
+    found: list[str] = []
+    for column in columns:
+        if not column.is_numbered:
+            found += column.names
+    return tuple(found)
 
 
 def numbered_forms(columns: Iterable[Column]) -> tuple[str, ...]:
@@ -211,7 +215,8 @@ def is_of_reference(name: object) -> bool:
 
 def named(form: str, count: int) -> list[str]:
     """The names of ``form`` with the numbers 1 … ``count``."""
-    return [form.replace("#", str(k)) for k in range(1, count + 1)]
+    numbers = map(str, range(1, count + 1))
+    return [form.replace("#", number) for number in numbers]
 
 
 def number_in(name: str, form: str) -> str | None:
@@ -222,4 +227,6 @@ def number_in(name: str, form: str) -> str | None:
 
 def span(names: Sequence[str]) -> str:
     """First and last of ``names``."""
-    return names[0] if len(names) == 1 else f"{names[0]} … {names[-1]}"
+    if len(names) == 1:
+        return names[0]
+    return f"{names[0]} … {names[-1]}"

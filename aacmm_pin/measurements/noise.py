@@ -61,4 +61,5 @@ class Noise:
             AacmmError: a number is negative, not finite, or larger than any arm's.
         """
         each = np.full(nq, encoder, dtype=np.float64) if np.ndim(encoder) == 0 else encoder
-        return Noise(vector(each, nq, "encoder noise", "rad"), float(reference), float(probe))
+        of_encoders = vector(each, nq, "encoder noise", "rad")
+        return Noise(of_encoders, float(reference), float(probe))

@@ -63,7 +63,10 @@ def looks_like_radians(degrees: Array) -> bool:
     Measurements turn several joints by tens of degrees. An arm that stays within ±1° of zero in all
     joints, or fewer records than 5, get the benefit of the doubt.
     """
-    return len(degrees) >= ENOUGH_RECORDS and bool(1.0 < np.abs(degrees).max() <= 2.0 * np.pi)
+    if len(degrees) < ENOUGH_RECORDS:
+        return False
+    largest = np.abs(degrees).max()
+    return bool(1.0 < largest <= 2.0 * np.pi)
 
 
 def mostly_like_radians(degrees: Array) -> bool:

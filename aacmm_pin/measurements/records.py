@@ -246,23 +246,20 @@ class Measurements(Shown):
     @property
     def oriented(self) -> Mask:
         """(n,) True where an orientation is stated."""
-        return (
-            np.zeros(self.n, dtype=bool)
-            if self.orientation is None
-            else np.isfinite(self.orientation[:, 0])
-        )
+        if self.orientation is None:
+            return np.zeros(self.n, dtype=bool)
+        return np.isfinite(self.orientation[:, 0])
 
     def take(self, rows: Index | slice | Mask | Sequence[int]) -> Measurements:
         """Some of the records; seats and bars may lose what made them useful, which only reading a
         file checks.
         """
         index = np.arange(self.n)[rows]
-        stated = {
-            field.name: getattr(self, field.name) for field in fields(self)
-        }  # not what was worked out from it
-        arrays: dict[str, Any] = {
-            name: value[index] for name, value in stated.items() if isinstance(value, np.ndarray)
-        }
+        arrays: dict[str, Any] = {}
+        for field in fields(self):  # not what was worked out from it
+            stated = getattr(self, field.name)
+            if isinstance(stated, np.ndarray):
+                arrays[field.name] = stated[index]
         extra = self.extra.iloc[index].reset_index(drop=True)
         return replace(self, conditions=self.conditions.take(index), extra=extra, **arrays)
 
@@ -296,9 +293,11 @@ class Measurements(Shown):
         [m].
         """
         means = {label: tips[rows].mean(axis=0) for label, rows in self.seats().items()}
-        bars = self.bars()
-        distances = [np.linalg.norm(means[bar.seat_a] - means[bar.seat_b]) for bar in bars]
-        return np.array(distances) - [bar.length for bar in bars]
+        errors = []
+        for bar in self.bars():
+            way = means[bar.seat_a] - means[bar.seat_b]
+            errors.append(np.linalg.norm(way) - bar.length)
+        return np.array(errors)
 
     def to_frame(self, angle_unit: AngleUnit = "deg") -> pd.DataFrame:
         """The columns of a measurement file, those that are present, unknown ones last.
@@ -371,15 +370,12 @@ class Measurements(Shown):
             temporary.write_text(self.csv(), encoding="utf-8", newline="")
 
     def __str__(self) -> str:
-        counts = [
-            f"{self.n} records of {self.nq} joints",
-            f"{self.known.sum()} with reference",
-            f"{len(self.seats())} seats",
-            f"{len(self.bars())} bars",
-        ]
-        if len(self.extra.columns):
-            counts.append(f"other columns {', '.join(self.extra.columns)}")
-        return f"{self.source}: {', '.join(counts)}"
+        seats, bars = len(self.seats()), len(self.bars())
+        counts = f"{self.n} records of {self.nq} joints, {self.known.sum()} with reference"
+        found = f"{self.source}: {counts}, {seats} seats, {bars} bars"
+        if self.extra.columns.empty:
+            return found
+        return f"{found}, other columns {', '.join(self.extra.columns)}"
 
 
 def _records_by_label(labels: Labels | None) -> dict[str, Index]:
