@@ -92,7 +92,8 @@ class _Estimation:
 
     def noise(self, point: Point, scatters: Scatters) -> NoiseModel:
         """The noise with scatters that stand in for what is not stated."""
-        return NoiseModel.of(self.problem, point.x, point.frame, scatters, self.observations)
+        x, frame = point.x, point.frame
+        return NoiseModel.of(self.problem, x, frame, scatters, self.observations)
 
     def initial_fit(self, point: Point, used: Mask, *, robust: bool) -> Solution:
         """A search with the scatter that the records have so far taken for noise; if robust, until
@@ -179,11 +180,10 @@ class _Estimation:
         off, stated = deviations(noise.observations, point), noise.without_scatter
         turned = used & noise.observations.oriented
         tip = self._scatter_of_median(off[used, :3], stated[used, :3, :3], share)
-        turn = (
-            self._scatter_of_median(off[turned, 3:], stated[turned, 3:, 3:], share)
-            if turned.any()
-            else 0.0
-        )
+        turn = 0.0
+        if turned.any():
+            of_turns = stated[turned, 3:, 3:]
+            turn = self._scatter_of_median(off[turned, 3:], of_turns, share)
         return Scatters(tip, turn, tip)
 
     def _scatter_of_median(self, deviation: Array, stated: Array, share: float) -> float:

@@ -181,8 +181,9 @@ class Fit(Solution):
         field.
         """
         variances = np.diag(self.with_inner)[self.problem.scales.size :]
+        u = np.sqrt(variances).tolist()
         keys = [(effect.key, name) for _, effect, name, _ in self.inner]
-        return dict(zip(keys, np.sqrt(variances).tolist(), strict=True))
+        return dict(zip(keys, u, strict=True))
 
     @cached_property
     def inner(self) -> list[tuple[int, Effect, str, float]]:

@@ -129,7 +129,8 @@ class _Mistake:
     @property
     def of_arm(self) -> bool:
         """Whether it changes nothing of what was touched."""
-        return self.target or any(one is not None for one in (self.turned, self.added, self.arm))
+        changed = (self.turned, self.added, self.arm)
+        return self.target or any(change is not None for change in changed)
 
     @property
     def free(self) -> int:
@@ -139,17 +140,24 @@ class _Mistake:
     def undone(self, problem: Problem) -> Problem:
         """The problem without the mistake."""
         records, setup, (order, signs) = problem.measurements, problem.setup, self.axes
-        q = records.q if self.turned is None else records.q @ self.turned
+        q, length = records.q, records.bar_length
+        if self.turned is not None:
+            q = q @ self.turned
+        if self.added is not None:
+            q = q + self.added
+        scaled = (self.scale * records.reference)[:, order]
         changed = replace(
             records,
-            q=q if self.added is None else q + self.added,
-            reference=(self.scale * records.reference)[:, order] * np.array(signs),
+            q=q,
+            reference=scaled * np.array(signs),
             reference_u=records.reference_u[:, order],
-            bar_length=None if records.bar_length is None else self.bars * records.bar_length,
+            bar_length=None if length is None else self.bars * length,
             orientation=None,  # tips alone show what is wrong with them
         )
-        setup = replace(setup, reference_frame="external") if self.external else setup
-        setup = replace(setup, target="unknown") if self.target else setup
+        if self.external:
+            setup = replace(setup, reference_frame="external")
+        if self.target:
+            setup = replace(setup, target="unknown")
         if self.target or self.arm:
             model = problem.model if self.arm is None else replace(problem.model, arm=self.arm)
             problem = _asked_again(problem, model, setup)
@@ -318,7 +326,7 @@ def _undone(problem: Problem, mistakes: tuple[_Mistake, ...]) -> Problem:
 
 def _travel(problem: Problem) -> float:
     """How far the tips are spread in each coordinate [m]."""
-    tips = problem.model.arm.chain.walk(problem.measurements.q)[1][-1]
+    tips = problem.model.arm.positions(problem.measurements.q)
     return float(np.sqrt(tips.var(axis=0).mean()))
 
 
@@ -328,25 +336,24 @@ def _absorbs(after: Fit) -> bool:
     """
     vector, point = after.problem.vector, after.point
     moved = np.abs(point.x - after.problem.start)
-    tips = moved * np.sqrt(
-        np.square(point.prediction.jacobian[:, :3, : moved.size]).sum(axis=1).mean(axis=0)
-    )
-    geometric = [
-        k
-        for effect, own in vector
-        if isinstance(effect, (JointPlacement, *KIND_OF))
-        for k in np.r_[own]
-    ]
-    far = [moved[k] > MOVED * ASSEMBLED[vector.parameters[k].unit] for k in geometric]
-    return bool((np.array(far, dtype=bool) & (tips[geometric] > MOVED * ASSEMBLED["m"])).any())
+    squares = np.square(point.prediction.jacobian[:, :3, : moved.size])
+    tips = moved * np.sqrt(squares.sum(axis=1).mean(axis=0))
+    for effect, own in vector:
+        if isinstance(effect, (JointPlacement, *KIND_OF)):
+            assembled = np.array([ASSEMBLED[term.unit] for term in effect.terms])
+            far = moved[own] > MOVED * assembled
+            if (far & (tips[own] > MOVED * ASSEMBLED["m"])).any():
+                return True
+    return False
 
 
 def _as_described(after: Fit) -> float:
     """Median distance by the arm as it is described, with frame and seats where the fit has them,
     to first order [m].
     """
-    x, jacobian = after.point.x - after.problem.start, after.point.prediction.jacobian
-    return _median(after.system.deviation - jacobian[:, :3, : x.size] @ x)
+    x = after.point.x - after.problem.start
+    jacobian = after.point.prediction.jacobian[:, :3, : x.size]
+    return _median(after.system.deviation - jacobian @ x)
 
 
 def _median(deviation: Array) -> float:
@@ -452,15 +459,18 @@ def _asked_again(problem: Problem, model: ErrorModel, setup: Setup) -> Problem:
 
 def _of_targets(problem: Problem) -> Problem:
     """The problem with nothing unknown but where targets sit, and the frame."""
-    of_target = [
-        (effect, own) for effect, own in problem.vector if isinstance(effect, StylusOffset)
-    ]
-    mine = np.concatenate([np.arange(0), *(np.r_[own] for _, own in of_target)])
+    mine = np.zeros(problem.widths.size, dtype=bool)
+    effects = []
+    for effect, own in problem.vector:
+        if isinstance(effect, StylusOffset):
+            effects.append(effect)
+            mine[own] = True
+    vector = replace(problem.vector, effects=tuple(effects))
     return replace(
         problem,
         measurements=replace(problem.measurements, orientation=None),
         targets=(),
-        vector=replace(problem.vector, effects=tuple(effect for effect, _ in of_target)),
+        vector=vector,
         widths=problem.widths[mine],
         stated=problem.stated[mine],
         correlation=problem.correlation[np.ix_(mine, mine)],
@@ -565,18 +575,22 @@ def _options(single: list[tuple[_Mistake]]) -> list[tuple[_Mistake, ...]]:
 def _counted(*joints: int, nq: int) -> _Mistake:
     """Joints counted the other way."""
     code = "joint_reversed" if len(joints) == 1 else "joints_reversed"
-    signs = np.where(np.isin(np.arange(nq), joints), -1.0, 1.0)
-    return _Mistake(Note(code, {"joints": [j + 1 for j in joints]}), "sign", turned=np.diag(signs))
+    note = Note(code, {"joints": [j + 1 for j in joints]})
+    signs = np.ones(nq)
+    signs[list(joints)] = -1.0
+    return _Mistake(note, "sign", turned=np.diag(signs))
 
 
 def _several_signs(nq: int) -> list[tuple[_Mistake, ...]]:
-    return [
-        (_counted(*joints, nq=nq),)
-        for count in range(2, nq + 1)
-        for joints in combinations(range(nq), count)
-    ]
+    found: list[tuple[_Mistake, ...]] = []
+    for count in range(2, nq + 1):
+        for joints in combinations(range(nq), count):
+            found.append((_counted(*joints, nq=nq),))
+    return found
 
 
 def _pairs(single: list[tuple[_Mistake]]) -> list[tuple[_Mistake, ...]]:
     """Every two mistakes of different kinds; zeros of two joints are two kinds."""
-    return [(one, other) for (one,), (other,) in combinations(single, 2) if one.kind != other.kind]
+    mistakes = [one for (one,) in single]
+    pairs = combinations(mistakes, 2)
+    return [(one, other) for one, other in pairs if one.kind != other.kind]

@@ -146,7 +146,8 @@ class LinearModel:
         """
         steps, scales = self.independent_steps, self.prior.scales[:, None]
         of_prior = self.prior.rows[:, :-1] @ (steps / scales)
-        return float(steps.shape[1] - np.square(of_prior).sum())
+        by_prior = np.square(of_prior).sum()
+        return float(steps.shape[1] - by_prior)
 
     def covariance(self, unknown: Array) -> Array:
         """Covariance of the parameters (p, p) [units], zero along the ``unknown`` directions (p, k)

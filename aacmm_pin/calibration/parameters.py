@@ -116,12 +116,13 @@ def problem_of(
 
 def unstated(problem: Problem, mine: Mask) -> Problem:
     """The problem as if nothing were stated of some geometric parameters, ``mine`` (p,)."""
-    assembled = np.array(
-        [ASSEMBLED.get(parameter.unit, np.nan) for parameter in problem.vector.parameters]
-    )
-    correlation = np.where(mine[:, None] | mine, np.eye(mine.size), problem.correlation)
+    units = [parameter.unit for parameter in problem.vector.parameters]
+    assembled = np.array([ASSEMBLED.get(unit, np.nan) for unit in units])
+    of_mine = mine[:, None] | mine
+    correlation = np.where(of_mine, np.eye(mine.size), problem.correlation)
     widths = np.where(mine, assembled, problem.widths)
-    return replace(problem, widths=widths, stated=problem.stated & ~mine, correlation=correlation)
+    stated = problem.stated & ~mine
+    return replace(problem, widths=widths, stated=stated, correlation=correlation)
 
 
 def scale_is_unidentifiable(problem: Problem) -> list[str]:
@@ -198,7 +199,8 @@ def _geometry(arm: Arm, setup: Setup) -> list[_Unknown]:
 
 def _held(effect: Effect) -> _Unknown:
     """Its lengths stay; angles of the same placement do not."""
-    widths = np.array([HELD if t.unit == "m" else ASSEMBLED[t.unit] for t in effect.terms])
+    possible = ASSEMBLED | {"m": HELD}
+    widths = np.array([possible[term.unit] for term in effect.terms])
     return effect, widths, np.ones(widths.size, dtype=bool)
 
 
@@ -232,26 +234,21 @@ def _of_effect(effect: Effect) -> _Unknown:
 def _turned_targets(measurements: Measurements) -> tuple[str, ...]:
     """Labels of the targets whose orientation was measured, "" for one without a label."""
     marker, oriented = measurements.conditions.marker, measurements.oriented
-    return tuple(
-        dict.fromkeys(
-            (np.full(measurements.n, "") if marker is None else marker)[oriented].tolist()
-        )
-    )
+    if marker is None:
+        marker = np.full(measurements.n, "", dtype=object)
+    labels = marker[oriented].tolist()
+    return tuple(dict.fromkeys(labels))
 
 
 def is_reestimated(effect: Effect, setup: Setup, measurements: Measurements) -> bool:
     """Whether it is where a target of the records sits, and that is unknown: no u is stated that
     counts.
     """
-    told = (
-        isinstance(effect, StylusOffset)
-        and effect.marker is not None
-        and setup.prior
-        and any(effect.u)
-    )
-    return not told and effect.label in {
-        unknown.label for unknown, _, _ in _of_target(measurements, setup.target)
-    }
+    of_marker = isinstance(effect, StylusOffset) and effect.marker is not None
+    if of_marker and setup.prior and any(effect.u):
+        return False
+    targets = _of_target(measurements, setup.target)
+    return effect.label in {unknown.label for unknown, _, _ in targets}
 
 
 def _of_target(measurements: Measurements, target: Target) -> list[_Unknown]:

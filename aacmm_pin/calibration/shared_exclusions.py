@@ -122,22 +122,22 @@ class Exclusions:
     @property
     def notes(self) -> list[Note]:
         """What they share and which joints they narrowed."""
-        return [each.note for each in (self.shared, *self.narrowed) if each is not None]
+        shared = [] if self.shared is None else [self.shared.note]
+        return shared + [joint.note for joint in self.narrowed]
 
     def summary(self) -> dict[str, Any]:
         """As plain values, for JSON; SI."""
-        return {
-            "doubtful": self.doubtful,
-            "too_many": self.too_many,
-            "shared": None if self.shared is None else asdict(self.shared),
-            "narrowed": [asdict(joint) for joint in self.narrowed],
-        }
+        found: dict[str, Any] = {"doubtful": self.doubtful, "too_many": self.too_many}
+        found["shared"] = None if self.shared is None else asdict(self.shared)
+        found["narrowed"] = [asdict(joint) for joint in self.narrowed]
+        return found
 
 
 def exclusions_of(found: Fit) -> Exclusions:
     """Whether what a fit excluded are gross errors."""
-    counts = int(found.excluded.sum()), int(found.used.sum())
-    return Exclusions(*counts, found.too_many_excluded, shared_by(found), tuple(_narrowed(found)))
+    excluded, used = int(found.excluded.sum()), int(found.used.sum())
+    shared, narrowed = shared_by(found), tuple(_narrowed(found))
+    return Exclusions(excluded, used, found.too_many_excluded, shared, narrowed)
 
 
 def _narrowed(found: Fit) -> Iterator[Narrowed]:
@@ -271,10 +271,13 @@ def _stretch(values: Array, like: Index, excluded: Mask) -> tuple[Index, float]:
     number: Index = np.arange(FEWEST_TOGETHER, k + 1)
     if not number.size:
         return like[:0], 1.0
-    first = np.array([np.argmin(places[m - 1 :] - places[: k - m + 1]) for m in number])
-    low = np.concatenate([places[first], places[k - number], 0 * number])
-    high = np.concatenate([places[first + number - 1], 0 * number + count - 1, places[number - 1]])
-    tried = np.where(np.arange(low.size) < number.size, count * (count + 1.0), 4.0 * count)
+    lengths = [places[m - 1 :] - places[: k - m + 1] for m in number]
+    shortest = np.array([np.argmin(length) for length in lengths])
+    start, end = np.zeros_like(number), np.full_like(number, count - 1)
+    low = np.concatenate([places[shortest], places[k - number], start])
+    high = np.concatenate([places[shortest + number - 1], end, places[number - 1]])
+    inner = np.arange(low.size) < number.size
+    tried = np.where(inner, count * (count + 1.0), 4.0 * count)
     best, chance = _least_likely(high - low + 1, np.tile(number, 3), tried, count, k)
     return order[low[best] : high[best] + 1], chance
 
@@ -336,21 +339,17 @@ def _least_likely(w: Index, m: Index, tried: Array, count: int, k: int) -> tuple
     """Which m of k excluded ones of ``count`` are least likely among w neighbours, and the chance
     of any of ``tried``.
     """
-    chances = (
-        np.log(tried)
-        + _log_binomial(w, m)
-        + _log_binomial(count - m, k - m)
-        - _log_binomial(count, k)
-    )
+    ways = _log_binomial(w, m) + _log_binomial(count - m, k - m)
+    chances = np.log(tried) + ways - _log_binomial(count, k)
     best = int(np.argmin(chances))
     return best, float(np.exp(min(chances[best], 0.0)))
 
 
 def _log_binomial(n: Array | Index | int, k: Array | Index | int) -> Array:
     """``log C(n, k)``."""
-    return np.asarray(
-        gammaln(np.add(n, 1)) - gammaln(np.add(k, 1)) - gammaln(np.subtract(n, k) + 1)
-    )
+    others = np.subtract(n, k)
+    whole, chosen, left = (gammaln(np.add(count, 1)) for count in (n, k, others))
+    return np.asarray(whole - chosen - left)
 
 
 def as_numbers(values: Iterable[object]) -> pd.Series | None:
@@ -381,27 +380,21 @@ def _columns(arm: Arm, measurements: Measurements) -> Iterator[tuple[str, pd.Ser
 
 
 def _of_values(name: str, values: pd.Series, excluded: Mask, used: Mask) -> Shared | None:
+    """The range or the label that excluded records share; None of numbers with gaps."""
     if pd.api.types.is_numeric_dtype(values):
-        return _of_numbers(name, values, excluded, used) if values.notna().all() else None
+        if values.isna().any():
+            return None
+        return _of_numbers(name, values, excluded, used)
     codes, labels = pd.factorize(values.astype(str))
-    there, mine = (
-        np.bincount(codes[some], minlength=len(labels)) for some in (excluded, excluded | used)
-    )
-    count = int(excluded.sum())
+    there = np.bincount(codes[excluded], minlength=len(labels))
+    mine = np.bincount(codes[excluded | used], minlength=len(labels))
+    count, every = int(excluded.sum()), mine.sum()
     # Bonferroni's bound over the labels; one that all records have says nothing.
-    chances = np.minimum(
-        1.0, len(labels) * scipy.special.bdtrc(there - 1.0, count, mine / mine.sum())
-    )
-    chances[(there == 0) | (mine == mine.sum())] = 1.0
+    chances = len(labels) * scipy.special.bdtrc(there - 1.0, count, mine / every)
+    chances[(there == 0) | (mine == every) | (chances > 1.0)] = 1.0
     best = int(np.argmin(chances))
-    return Shared(
-        name,
-        float(chances[best]),
-        f"{values.name} {labels[best]}",
-        int(there[best]),
-        int(mine[best]),
-        count,
-    )
+    chance, where = float(chances[best]), f"{values.name} {labels[best]}"
+    return Shared(name, chance, where, int(there[best]), int(mine[best]), count)
 
 
 def _of_numbers(name: str, values: pd.Series, excluded: Mask, used: Mask) -> Shared | None:
@@ -410,28 +403,29 @@ def _of_numbers(name: str, values: pd.Series, excluded: Mask, used: Mask) -> Sha
     In parts of the range, and not far beyond that of the used ones: wrong readings, and their tips,
     are elsewhere anyway.
     """
-    numbers = values.to_numpy(dtype=np.float64)
+    numbers, counted = values.to_numpy(dtype=np.float64), excluded | used
     low, high = numbers[used].min(), numbers[used].max()
-    near = numbers[(excluded | used) & (np.abs(numbers - (low + high) / 2) <= high - low)]
+    from_middle = np.abs(numbers - (low + high) / 2)
+    near = numbers[counted & (from_middle <= high - low)]
     edges = np.linspace(near.min(), near.max(), PARTS + 1)
     like = (numbers >= edges[0]) & (numbers <= edges[-1])
-    counts = [np.histogram(numbers[some & like], edges)[0] for some in (excluded, used)]
-    if counts[0].sum() < FEWEST or edges[0] == edges[-1]:
+    of_excluded, _ = np.histogram(numbers[excluded & like], edges)
+    of_used, _ = np.histogram(numbers[used & like], edges)
+    n_excluded, n_used = of_excluded.sum(), of_used.sum()
+    if n_excluded < FEWEST or edges[0] == edges[-1]:
         return None
-    ahead = np.cumsum([0.0, *(counts[0] / counts[0].sum() - counts[1] / counts[1].sum())])
-    first, last = sorted((int(ahead.argmin()), int(ahead.argmax())))
-    size = np.sqrt(1.0 / (1.0 / counts[0].sum() + 1.0 / counts[1].sum()))
+    part = of_excluded / n_excluded - of_used / n_used
+    ahead = np.cumsum(np.concatenate([[0.0], part]))
+    least, most = int(ahead.argmin()), int(ahead.argmax())
+    size = np.sqrt(1.0 / (1.0 / n_excluded + 1.0 / n_used))
     chance = _kuiper(float((size + 0.155 + 0.24 / size) * np.ptp(ahead)))
-    inside = (numbers >= edges[first]) & (numbers < edges[last])
-    outside = bool(
-        ahead.argmin() > ahead.argmax()
-    )  # the excluded ones are on both sides of the range
-    words = f"{values.name} {'not ' * outside}from {edges[first]:.4g} to {edges[last]:.4g}"
+    first, last = edges[min(least, most)], edges[max(least, most)]
+    outside = least > most  # the excluded ones are on both sides of the range
+    inside = (numbers >= first) & (numbers < last)
+    where = f"{values.name} {'not ' * outside}from {first:.4g} to {last:.4g}"
     there = like & (inside != outside)
-    mine = int((there & excluded).sum())
-    return Shared(
-        name, chance, words, mine, int((there & (excluded | used)).sum()), int(excluded.sum())
-    )
+    mine, every = int((there & excluded).sum()), int((there & counted).sum())
+    return Shared(name, chance, where, mine, every, int(excluded.sum()))
 
 
 def _kuiper(size: float) -> float:

@@ -88,7 +88,9 @@ class Chi2(NamedTuple):
         """Whether it is no larger than its degrees of freedom allow, or there are none to judge it
         by.
         """
-        return self.dof < LEAST_DOF or float(chi2_sf(*self)) >= MISFIT
+        if self.dof < LEAST_DOF:
+            return True
+        return float(chi2_sf(*self)) >= MISFIT
 
 
 @dataclass(frozen=True, eq=False)
@@ -278,9 +280,8 @@ class _Search:
 
     def system(self, point: Point) -> Linearisation:
         """The linear model at a point."""
-        return linearise(
-            point.prediction, self.problem.prior(point.x), self.noise, point.seats, self.weights
-        )
+        prior = self.problem.prior(point.x)
+        return linearise(point.prediction, prior, self.noise, point.seats, self.weights)
 
     def trial(
         self, point: Point, seats: Array, step: Array, cost: float
@@ -414,7 +415,8 @@ class _Step:
         return Delta(self._in_parameters(directions @ part), float(np.linalg.norm(part)), predicted)
 
     def _in_parameters(self, step: Array) -> Array:
-        return np.asarray(step / self._divisors * self.system.prior.scales)
+        relative = step / self._divisors
+        return np.asarray(relative * self.system.prior.scales)
 
     def _damping(self, radius: float) -> float:
         """What is added to the squared singular values so that the step is as long as ``radius``; 0
