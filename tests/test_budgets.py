@@ -79,7 +79,7 @@ INNER: dict[str, int] = {
     "cli": 86,
 }
 """Names that a room takes from inner modules of other rooms, and not from their faces."""
-CONSTANTS = 80
+CONSTANTS = 44
 """Names of module constants with several values."""
 
 LAYOUT = {

@@ -34,7 +34,7 @@ FEWEST_SEATS = 5
 """Fewer seats than this are no groups for a diagnosis to leave out; blocks of joint space are taken
 instead.
 """
-ROUNDED = 9
+ANGLE_DECIMALS = 9
 """Angles with so many decimals are in the same order, whether they came in degrees or in radians.
 """
 MOSTLY = 0.9
@@ -164,7 +164,7 @@ def _in_order(records: Measurements) -> Index:
     """The records in order of their angles (n,), so that what is drawn depends neither on the
     file's order nor on labels.
     """
-    angles = np.round(records.q, ROUNDED)
+    angles = np.round(records.q, ANGLE_DECIMALS)
     return np.asarray(np.lexsort(angles.T[::-1]))
 
 

@@ -25,11 +25,11 @@ BASINS = 3
 """So many minima, the lowest first, are compared by the sum of their distances, which gross errors
 hardly change.
 """
-APART = 0.05
+ROTATION_TOLERANCE = 0.05
 """Minima at rotations whose matrices differ by less are one."""
-STEPS = 40
+MOST_NEWTON_STEPS = 40
 """Most steps of a search over the rotations; five to twenty do."""
-ROUNDS = 60
+MOST_REWEIGHTINGS = 60
 """Most rounds of weights; they end where the sum of distances falls by less than a part of 1000, as
 in a registration.
 """
@@ -39,7 +39,7 @@ NEARER = 2.0
 """Orientations do not count if positions alone bring tips so many times nearer: they contradict
 each other.
 """
-UNTOLD = 1e-10
+PLACEMENT_RANK_RATIO = 1e-10
 """Offsets of which records say less than this part of what they say of others stay zero."""
 
 
@@ -127,7 +127,7 @@ class _Positions:
         root = np.sqrt(weights)[:, None, None]
         rows = (root * columns).reshape(3 * self.n, -1)
         gram = rows.T @ rows
-        inverse = np.linalg.pinv(gram[:m, :m], UNTOLD, hermitian=True)
+        inverse = np.linalg.pinv(gram[:m, :m], PLACEMENT_RANK_RATIO, hermitian=True)
         eliminated = gram[m:, :m] @ inverse @ gram[:m, m:]
         left = gram[m:, m:] - eliminated
         return left[:9, :9], left[:9, 9]
@@ -137,7 +137,7 @@ class _Positions:
         off = self.references @ rotation.T - self.tips
         root = np.sqrt(weights)[:, None]
         rows = (root[:, :, None] * self.linear).reshape(3 * self.n, -1)
-        solution, *_ = np.linalg.lstsq(rows, (root * off).ravel(), UNTOLD)
+        solution, *_ = np.linalg.lstsq(rows, (root * off).ravel(), PLACEMENT_RANK_RATIO)
         found = np.asarray(solution, dtype=np.float64)
         return found, off - self.linear @ found
 
@@ -204,7 +204,7 @@ def _nearest(positions: _Positions, turns: list[_Turns]) -> _Place:
     rotations, values = _descended(form, _cube())
     distinct: list[Array] = []
     for rotation in rotations[np.argsort(values)]:
-        if all(np.linalg.norm(rotation - other) > APART for other in distinct):
+        if all(np.linalg.norm(rotation - other) > ROTATION_TOLERANCE for other in distinct):
             distinct.append(rotation)
     return min(
         (_weighted(parts, rotation) for rotation in distinct[:BASINS]),
@@ -215,7 +215,7 @@ def _nearest(positions: _Positions, turns: list[_Turns]) -> _Place:
 def _weighted(parts: list[_Positions | _Turns], rotation: Array, *, turning: bool = True) -> _Place:
     """The place near ``rotation``, or at it, weighted anew by the inverse distances (Weiszfeld)."""
     weights, before = [np.ones(part.n) for part in parts], np.inf
-    for _ in range(ROUNDS):
+    for _ in range(MOST_REWEIGHTINGS):
         distances = [
             part.distances(rotation, own) for part, own in zip(parts, weights, strict=True)
         ]
@@ -243,7 +243,7 @@ def _descended(form: _Form, rotations: Array) -> tuple[Array, Array]:
         return np.asarray(form.sum(axis=1))
 
     values, damping = value(rotations.reshape(-1, 9)), np.full(len(rotations), 1e-6)
-    for _ in range(STEPS):
+    for _ in range(MOST_NEWTON_STEPS):
         by_turn = (skew(np.eye(3)) @ rotations[:, None]).reshape(-1, 3, 9)
         pull = rotations.reshape(-1, 9) @ whole - part
         slope = (by_turn @ pull[:, :, None])[:, :, 0]

@@ -17,7 +17,7 @@ from aacmm_pin.calibration.problem import FRAME_WIDTHS, Prediction, Problem
 from aacmm_pin.calibration.solver import Point
 from aacmm_pin.effects import listed
 
-NEGLIGIBLE = 0.02
+NEGLIGIBLE_PART = 0.02
 """Parts of a combination smaller than this, beside the largest, are not mentioned."""
 OTHER_POSTURES = 200
 """Postures at which it is looked what an undetermined direction moves."""
@@ -55,7 +55,7 @@ class Undetermined:
         """
         widths = self.problem.widths
         span, size, _ = np.linalg.svd(self.directions[: widths.size], full_matrices=False)
-        return np.asarray(widths[:, None] * span[:, size > NEGLIGIBLE])
+        return np.asarray(widths[:, None] * span[:, size > NEGLIGIBLE_PART])
 
     @cached_property
     def tip_spread(self) -> Array:
@@ -222,7 +222,7 @@ def _sparse(rows: Array) -> Array:
         rows[k] /= rows[k, j]
         others = np.arange(len(rows)) != k
         rows[others] -= rows[others, j][:, None] * rows[k]
-    small = np.abs(rows) < NEGLIGIBLE * np.abs(rows).max(axis=1, keepdims=True, initial=1e-300)
+    small = np.abs(rows) < NEGLIGIBLE_PART * np.abs(rows).max(axis=1, keepdims=True, initial=1e-300)
     return np.where(small, 0.0, rows)
 
 
@@ -233,6 +233,6 @@ def _words(combination: Array, names: list[str]) -> str:
         return f"{members[0]}: not at all"
     if len(members) == 2:
         ratio = combination[parts[1]] / combination[parts[0]]
-        if abs(abs(ratio) - 1) < NEGLIGIBLE:
+        if abs(abs(ratio) - 1) < NEGLIGIBLE_PART:
             return f"{listed(members)}: only their {'sum' if ratio < 0 else 'difference'}"
     return f"{listed(members)}: only together"

@@ -33,7 +33,7 @@ from aacmm_pin.calibration.parameter_vector import KIND_OF
 from aacmm_pin.calibration.parameters import ASSEMBLED, problem_of
 from aacmm_pin.calibration.problem import Frame, Problem, registered
 from aacmm_pin.calibration.setup import Setup
-from aacmm_pin.calibration.solver import FEWEST, initial_point, solve
+from aacmm_pin.calibration.solver import FEWEST_PLACED, initial_point, solve
 from aacmm_pin.effects import (
     ErrorModel,
     JointPlacement,
@@ -59,7 +59,7 @@ may be anything.
 """
 EXPLAINS = 0.2
 """A mistake is named if without it the median distance falls to less than this part."""
-ALIKE = 1.5
+SIMILAR_RATIO = 1.5
 """Mistakes that leave less than so many times the least are not told apart."""
 TRIED = 3
 """So many of the best are fitted, the best first, until one explains the file."""
@@ -69,13 +69,13 @@ than four.
 """
 TURN = 2 * np.pi
 """An angle beyond this was hardly in radians [rad]."""
-FEW = 10
+FEWEST_FOR_MISTAKES = 10
 """With fewer records some mistake fits anything."""
-ENOUGH = 80
+RECORDS_TO_DISTINGUISH = 80
 """So many records tell one mistake from another."""
 GON = 0.9
 """In degrees."""
-UNITS = {
+LENGTH_UNITS = {
     ("metres", "mm"): 1e3,
     ("inches", "mm"): 25.4,
     ("micrometres", "mm"): 1e-3,
@@ -83,7 +83,7 @@ UNITS = {
 }
 """Units that lengths may have come in and what they were taken as, and the factor that undoes it.
 """
-ANGLES = {
+ANGLE_UNITS = {
     ("degrees", "radians"): DEG,
     ("radians", "degrees"): 1 / DEG,
     ("gon", "degrees"): GON,
@@ -93,7 +93,7 @@ ANGLES = {
     ("turns", "radians"): 360.0 * DEG,
 }
 """The same of angles."""
-AXES = np.arange(3)
+AXIS_NUMBERS = np.arange(3)
 TURNED = 0.05
 """Median turn from the stated orientations after a fit that no arm has [rad]."""
 
@@ -254,7 +254,7 @@ def _require_no_mistake(problem: Problem, fitted: float, *, thorough: bool, opti
         MistakenFileError: the mistake.
     """
     records = problem.measurements
-    if records.n < FEW:
+    if records.n < FEWEST_FOR_MISTAKES:
         return
     few = problem.of(records.take(_few(records)))
 
@@ -288,14 +288,14 @@ def _require_no_mistake(problem: Problem, fitted: float, *, thorough: bool, opti
         misfits = np.array([misfit(several) for several in mistakes])
         limit = (EXPLAINS if taken_up else 1.0) * as_given
         nearest = [k for k in np.argsort(misfits, kind="stable") if misfits[k] <= limit]
-        alike = [k for k in nearest if misfits[k] <= ALIKE * misfits[nearest[0]]]
+        alike = [k for k in nearest if misfits[k] <= SIMILAR_RATIO * misfits[nearest[0]]]
         alike.sort(key=lambda k: (len(mistakes[k]), sum(one.free for one in mistakes[k]), k))
         for together in (alike[:FITTED], *([k] for k in nearest[len(alike) : TRIED])):
             left = {mistakes[k]: _left(_undone(problem, mistakes[k]), as_is) for k in together}
             least = min(left.values(), default=np.inf)
             if least == np.inf:
                 continue
-            named = [several for several, own in left.items() if own <= ALIKE * least]
+            named = [several for several, own in left.items() if own <= SIMILAR_RATIO * least]
             named = [many for many in named if not any(set(few) < set(many) for few in named)]
             words = [", and ".join(str(one.name) for one in several) for several in named]
             raise MistakenFileError(
@@ -395,7 +395,7 @@ def _misfit(arm: _Described, touched: _Touched) -> tuple[float, float]:
     over the tips' travel.
     """
     records, observations, setup = touched
-    if setup.external and records.known.sum() < FEWEST:
+    if setup.external and records.known.sum() < FEWEST_PLACED:
         return np.inf, np.inf
     try:
         tips, points = (
@@ -482,8 +482,8 @@ def _few(records: Measurements) -> Index:
     rows = np.arange(records.n)
     seats = records.seats()
     if not seats:
-        return rows[:: max(1, records.n // ENOUGH)]
-    each = max(3, ENOUGH // len(seats))
+        return rows[:: max(1, records.n // RECORDS_TO_DISTINGUISH)]
+    each = max(3, RECORDS_TO_DISTINGUISH // len(seats))
     return np.unique(
         np.concatenate([members[:: max(1, len(members) // each)] for members in seats.values()])
     )
@@ -516,7 +516,7 @@ def _mistakes(problem: Problem) -> Iterator[_Mistake]:
         code = "joint_shows_sum" if sign < 0 else "joint_shows_difference"
         name = Note(code, {"joint": j + 1, "before": j})
         yield _Mistake(name, "sum", turned=one + sign * np.outer(one[j - 1], one[j]))
-    for (unit, taken), factor in ANGLES.items():
+    for (unit, taken), factor in ANGLE_UNITS.items():
         yield _Mistake(
             Note("angles_unit", {"unit": unit, "taken": taken}), "angles", turned=factor * one
         )
@@ -527,15 +527,15 @@ def _mistakes(problem: Problem) -> Iterator[_Mistake]:
             isinstance(one, StylusOffset) for one in problem.vector.effects
         ):
             yield _Mistake(Note("target_off_tip"), "target", target=True)
-        for (unit, taken), factor in UNITS.items():
+        for (unit, taken), factor in LENGTH_UNITS.items():
             yield _Mistake(
                 Note("coordinates_unit", {"unit": unit, "taken": taken}), "unit", scale=factor
             )
         for k, axis in enumerate("xyz"):
-            scale = np.where(k == AXES, 1e3, 1.0)
+            scale = np.where(k == AXIS_NUMBERS, 1e3, 1.0)
             yield _Mistake(Note("coordinate_in_metres", {"axis": axis}), "unit", scale=scale)
     if records.bars():
-        for (unit, taken), factor in UNITS.items():
+        for (unit, taken), factor in LENGTH_UNITS.items():
             yield _Mistake(Note("bars_unit", {"unit": unit, "taken": taken}), "bars", bars=factor)
 
 

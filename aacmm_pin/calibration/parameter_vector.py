@@ -20,14 +20,14 @@ from aacmm_pin.effects import (
     LinkTwist,
 )
 
-OF_KIND: dict[str, type[Effect]] = {
+EFFECT_OF_KIND: dict[str, type[Effect]] = {
     "a": LinkLength,
     "d": JointDistance,
     "alpha": LinkTwist,
     "theta_offset": JointZeroOffset,
 }
 """The cause behind each value of a DH row."""
-KIND_OF = {cause: kind for kind, cause in OF_KIND.items()}
+KIND_OF = {cause: kind for kind, cause in EFFECT_OF_KIND.items()}
 """The value of a DH row behind each geometric cause."""
 
 

@@ -11,7 +11,11 @@ import numpy as np
 from aacmm_pin._support.checks import Array, Mask
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.chain import end
-from aacmm_pin.calibration.parameter_vector import OF_KIND, ParameterVector, geometric_parameters
+from aacmm_pin.calibration.parameter_vector import (
+    EFFECT_OF_KIND,
+    ParameterVector,
+    geometric_parameters,
+)
 from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.calibration.setup import Setup, Target
 from aacmm_pin.effects import (
@@ -32,7 +36,7 @@ ParameterSet = Literal["zero-offsets", "geometry"]
 ASSEMBLED = {"m": 0.01, "rad": 0.1}
 """How far off a geometric value may be where nobody stated it: as assembled, 10 mm and 6° [m,
 rad]."""
-HELD = 1e-9
+HELD_WIDTH = 1e-9
 """A length that stands for all others is taken to be off by no more than this [m]."""
 REACH_OF_TARGET = 1.0
 """How far beyond the tip an unknown target may be [m]."""
@@ -44,7 +48,7 @@ _Unknown = tuple[Effect, Array, Mask]
 """An effect, the widths of its parameters, and which of those are stated."""
 
 
-PARALLEL = 0.1
+PARALLEL_SINE = 0.1
 """Axes that stand at an angle with a smaller sine count as parallel."""
 
 
@@ -188,7 +192,7 @@ def _geometry(arm: Arm, setup: Setup) -> list[_Unknown]:
         effects: list[Effect] = [JointPlacement(row) for row in range(1, arm.chain.rows + 1)]
     else:
         parameters = [p for p in arm.parameters if not (setup.prior and p.half_width == 0.0)]
-        effects = [OF_KIND[p.kind](joint=p.joint) for p in parameters]  # type: ignore[call-arg]
+        effects = [EFFECT_OF_KIND[p.kind](joint=p.joint) for p in parameters]  # type: ignore[call-arg]
         effects += [LinkTilt(row) for row in _before_parallel_axes(arm)]
     held = "" if setup.held is None else setup.held.label
     return [
@@ -199,7 +203,7 @@ def _geometry(arm: Arm, setup: Setup) -> list[_Unknown]:
 
 def _held(effect: Effect) -> _Unknown:
     """Its lengths stay; angles of the same placement do not."""
-    possible = ASSEMBLED | {"m": HELD}
+    possible = ASSEMBLED | {"m": HELD_WIDTH}
     widths = np.array([possible[term.unit] for term in effect.terms])
     return effect, widths, np.ones(widths.size, dtype=bool)
 
@@ -212,7 +216,7 @@ def _before_parallel_axes(arm: Arm) -> list[int]:
     found = []
     for row in range(1, dh.rows):
         twist = dh.alpha[row - 1] if dh.standard else dh.alpha[row]
-        if dh.moving[row - 1 : row + 1].all() and abs(np.sin(twist)) < PARALLEL:
+        if dh.moving[row - 1 : row + 1].all() and abs(np.sin(twist)) < PARALLEL_SINE:
             found.append(row if dh.standard else row + 1)
     return found
 

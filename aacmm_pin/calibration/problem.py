@@ -26,10 +26,10 @@ OF_WIDTH = 1e-3
 UNTOLD_VARIANCE = 1e-9
 """A combination of correlated parameters with less variance than this, each of unit variance, was
 not told."""
-HELD = 1e4
+HELD_PRECISION = 1e4
 """A parameter that is held may move by this part, inverted, of its width where the records pull it
 by as much as u."""
-AT_ONCE = 50
+COLUMNS_AT_ONCE = 50
 """Columns of the derivative that are turned into the frame of the references at once."""
 NONE = np.empty(0)
 FRAME = ("frame.x", "frame.y", "frame.z", "frame.rx", "frame.ry", "frame.rz")
@@ -194,7 +194,7 @@ class Problem:
         rows = combinations.T / np.sqrt(known)[:, None]
         if not self.held.size:
             return rows
-        return np.concatenate([rows, HELD * self.held])
+        return np.concatenate([rows, HELD_PRECISION * self.held])
 
     def prior(self, x: Array, more: Array = NONE) -> Prior:
         """What is known beforehand of all columns, beside the parameters ``x`` (p,).
@@ -354,8 +354,8 @@ def _turn(rotation: Array, columns: Array) -> None:
     """Turn columns (n, 3 or 6, p) in place, some at once: a copy of all would take as much memory
     as they do.
     """
-    for first in range(0, columns.shape[2], AT_ONCE):
-        some = columns[:, :, first : first + AT_ONCE].transpose(1, 2, 0)
+    for first in range(0, columns.shape[2], COLUMNS_AT_ONCE):
+        some = columns[:, :, first : first + COLUMNS_AT_ONCE].transpose(1, 2, 0)
         for half in range(0, len(some), 3):
             some[half : half + 3] = np.tensordot(rotation, some[half : half + 3], 1)
 

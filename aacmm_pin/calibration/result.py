@@ -26,18 +26,18 @@ from aacmm_pin.calibration.parameters import ASSEMBLED
 from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.calibration.shared_exclusions import Exclusions, exclusions_of
 from aacmm_pin.calibration.solver import LEAST_DOF
-from aacmm_pin.effects import COLUMNS, ErrorModel
+from aacmm_pin.effects import CONDITION_COLUMNS, ErrorModel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-SCHEMA = "aacmm-pin/calibration/1"
+CALIBRATION_SCHEMA = "aacmm-pin/calibration/1"
 MENTIONED = 0.02
 """A parameter of which more than this part of its width is open is known in combination with
 others.
 """
-HARDLY = 0.1
+HARDLY_KNOWN = 0.1
 """A parameter that nobody stated and whose u is more than this part of what it may be off is hardly
 known.
 """
@@ -55,7 +55,7 @@ def residuals_by_record(fits: Mapping[str, Fit]) -> pd.DataFrame:
     records = next(iter(fits.values())).problem.measurements
     table: dict[str, Any] = {"row": records.row}
     for name in ("record", "operator", "seat", "marker", "session"):
-        labels = getattr(records.conditions if name in COLUMNS else records, name)
+        labels = getattr(records.conditions if name in CONDITION_COLUMNS else records, name)
         table |= {} if labels is None else {name: labels}
     for name, each in fits.items():
         deviation = each.system.deviation
@@ -218,7 +218,7 @@ class Calibration(Shown):
                 if of_stated > LESS
                 else "measured"
             )
-        return "hardly" if u > HARDLY * problem.widths[i] else "measured"
+        return "hardly" if u > HARDLY_KNOWN * problem.widths[i] else "measured"
 
     @cached_property
     def correlation(self) -> pd.DataFrame:
@@ -256,7 +256,7 @@ class Calibration(Shown):
     def summary(self) -> dict[str, Any]:
         """Schema ``aacmm-pin/calibration/1``."""
         scatters = self.fit.noise.scatters
-        found: dict[str, Any] = {"schema": SCHEMA, "arm": self.model.arm.name}
+        found: dict[str, Any] = {"schema": CALIBRATION_SCHEMA, "arm": self.model.arm.name}
         found["records"] = self._records()
         rms_mm = {"simulation": self.rms_before, "calibrated": self.rms, "noise": self.noise}
         found["rms_mm"] = {name: value / MM for name, value in rms_mm.items()}

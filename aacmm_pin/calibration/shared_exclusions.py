@@ -20,7 +20,7 @@ from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration.fit import FEWEST_TOGETHER, Fit
 from aacmm_pin.effects import LEAST_SPREAD
-from aacmm_pin.measurements import LABELS, UNKNOWN, Measurements
+from aacmm_pin.measurements import LABELS, UNKNOWN_COLUMN, Measurements
 
 TOGETHER = 1e-3
 """Chance, over all neighbours of their kind, below which excluded records that are neighbours are
@@ -28,7 +28,7 @@ no gross errors.
 """
 NEIGHBOURS = (4, 8, 16, 32)
 """So many records round an excluded one are looked at together."""
-FEWEST = 5
+FEWEST_EXCLUDED = 5
 """Fewer excluded records than this share many things by chance."""
 SURELY = 1e-6
 """Chance, over all that is known of the records, below which what the excluded ones share is no
@@ -36,7 +36,7 @@ chance.
 """
 PARTS = 20
 """Parts of the range of a number that are looked at."""
-WAVES = 20
+KUIPER_TERMS = 20
 """Terms of the series of Kuiper's statistic."""
 MOST_LABELS = 12
 """Numbers with more different values than this are a scale, others are labels."""
@@ -181,7 +181,7 @@ def shared_by(found: Fit) -> Shared | None:
     dense = [cluster.shared for cluster in clusters(arm, records, excluded, used)]
     if dense and dense[0].name == "time":
         return dense[0]
-    columns = _columns(arm, records) if excluded.sum() >= FEWEST else ()
+    columns = _columns(arm, records) if excluded.sum() >= FEWEST_EXCLUDED else ()
     found_by = (_of_values(name, values, excluded, used) for name, values in columns)
     each = [shared for shared in found_by if shared is not None]
     bounds = [replace(shared, p_value=shared.p_value * len(each)) for shared in each]
@@ -370,7 +370,7 @@ def _columns(arm: Arm, measurements: Measurements) -> Iterator[tuple[str, pd.Ser
             yield f"joint {row}", pd.Series(q[:, j] / unit, name=name)
     for column in measurements.covariate_columns():
         values = pd.Series(column.values, name=column.name)
-        if column.entry is UNKNOWN:
+        if column.entry is UNKNOWN_COLUMN:
             numbers = as_numbers(values)
             values = values.astype(str) if numbers is None else numbers
         yield column.quantity, values
@@ -412,7 +412,7 @@ def _of_numbers(name: str, values: pd.Series, excluded: Mask, used: Mask) -> Sha
     of_excluded, _ = np.histogram(numbers[excluded & like], edges)
     of_used, _ = np.histogram(numbers[used & like], edges)
     n_excluded, n_used = of_excluded.sum(), of_used.sum()
-    if n_excluded < FEWEST or edges[0] == edges[-1]:
+    if n_excluded < FEWEST_EXCLUDED or edges[0] == edges[-1]:
         return None
     part = of_excluded / n_excluded - of_used / n_used
     ahead = np.cumsum(np.concatenate([[0.0], part]))
@@ -432,5 +432,5 @@ def _kuiper(size: float) -> float:
     """Chance of a larger statistic (Kuiper 1960; Press et al., Numerical Recipes, 14.3)."""
     if size < 0.4:
         return 1.0
-    squares: Array = np.square(size * np.arange(1, WAVES))
+    squares: Array = np.square(size * np.arange(1, KUIPER_TERMS))
     return float(min(1.0, 2.0 * ((4.0 * squares - 1.0) * np.exp(-2.0 * squares)).sum()))

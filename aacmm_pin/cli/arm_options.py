@@ -16,7 +16,7 @@ from aacmm_pin.arm.file import bundled_arms
 from aacmm_pin.cli.common import angle_option, note
 from aacmm_pin.effects import ErrorModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
-from aacmm_pin.measurements.noise import ENCODER, PROBE, REFERENCE, Noise
+from aacmm_pin.measurements.noise import ENCODER, PROBE, REFERENCE_NOISE, Noise
 
 SHOWN = 20
 """So many frames of a URDF are listed."""
@@ -210,7 +210,7 @@ class ContactNoise(EncoderNoise):
         return Noise.of(
             arm.nq,
             encoder=encoder,
-            reference=REFERENCE if reference is None else reference,
+            reference=REFERENCE_NOISE if reference is None else reference,
             probe=PROBE if probe is None else probe,
         )
 

@@ -1,6 +1,14 @@
 from .causes import CAUSES, all_candidates, cause_named, example, raised, register
 from .compliance import BearingTilt, Counterbalance, JointCompliance, LinkBending, TorsionalWindup
-from .conditions import COLUMNS, UNITS, WARMER, Conditions, Labels, Records, labels_of
+from .conditions import (
+    CONDITION_COLUMNS,
+    CONDITION_UNITS,
+    TEMPERATURE_TOLERANCE,
+    Conditions,
+    Labels,
+    Records,
+    labels_of,
+)
 from .discrepancy import Carrier, Discrepancy, Part, discrepancy_of
 from .effect import (
     Displacement,
@@ -80,11 +88,11 @@ from .tube import tubes
 
 __all__ = [
     "CAUSES",
-    "COLUMNS",
+    "CONDITION_COLUMNS",
+    "CONDITION_UNITS",
     "LEAST_SPREAD",
     "RECORDED",
-    "UNITS",
-    "WARMER",
+    "TEMPERATURE_TOLERANCE",
     "BaseCompliance",
     "BearingTilt",
     "Bumps",

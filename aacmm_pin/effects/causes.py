@@ -19,7 +19,7 @@ import numpy as np
 from aacmm_pin._support.checks import Array, Mask
 from aacmm_pin.arm.arm import Arm, GivenArm, as_arm
 from aacmm_pin.effects import compliance, encoder, environment, geometry, time_dependent
-from aacmm_pin.effects.conditions import COLUMNS, Conditions, Records
+from aacmm_pin.effects.conditions import CONDITION_COLUMNS, Conditions, Records
 from aacmm_pin.effects.effect import Effect, Term, fields_of
 from aacmm_pin.effects.nonlinear import Nonlinear
 from aacmm_pin.effects.state import State
@@ -85,8 +85,8 @@ def _check_attributes(cause: type[Effect]) -> None:
     """Refuse what a class states of itself, if that is no property."""
     fields = ("", *fields_of(cause))
     _check_attribute(cause, "terms", tuple, _are_terms, "a tuple of Terms")
-    some = f"a tuple of some of {', '.join(COLUMNS)}"
-    _check_attribute(cause, "needs", tuple, {*COLUMNS}.issuperset, some)
+    some = f"a tuple of some of {', '.join(CONDITION_COLUMNS)}"
+    _check_attribute(cause, "needs", tuple, {*CONDITION_COLUMNS}.issuperset, some)
     _check_attribute(cause, "prior_weight", (int, float), _is_weight, "a number above 0")
     _check_attribute(
         cause, "nonlinear", Nonlinear, lambda one: one.field in fields, "a Nonlinear of a field"

@@ -31,7 +31,7 @@ from aacmm_pin.errors import AacmmError
 
 CARRIERS = re.compile(r"room|target|lengths|tubes|(before|angle|slide|tube) [1-9]\d{0,2}")
 """What the functions may act on, see :class:`Carrier`."""
-DIGITS = 7
+DIRECTION_DIGITS = 7
 """Significant digits of a direction in a file: 1e-7 of any displacement is far below the noise of
 any arm.
 """
@@ -55,7 +55,7 @@ class Kind(NamedTuple):
     typical: float
 
 
-KINDS = {
+CARRIER_KINDS = {
     "room": Kind("the tip shifts in the room", OF_TIP, "m", 2e-5),
     "target": Kind("the target sits elsewhere on the last body", OF_TIP, "m", 1e-3),
     "before": Kind("the tip shifts along the body before joint {row}", OF_TIP, "m", 2e-5),
@@ -97,7 +97,7 @@ class Carrier:
     @property
     def kind(self) -> Kind:
         """What all carriers of its kind have in common."""
-        return KINDS[self.what]
+        return CARRIER_KINDS[self.what]
 
     @property
     def row(self) -> int:
@@ -184,8 +184,8 @@ class Part:
 
 
 def _rounded(row: tuple[float, ...]) -> tuple[float, ...]:
-    """A row of directions to :data:`DIGITS`."""
-    texts = [f"{number:.{DIGITS}g}" for number in row]
+    """A row of directions to :data:`DIRECTION_DIGITS`."""
+    texts = [f"{number:.{DIRECTION_DIGITS}g}" for number in row]
     return tuple(map(float, texts))
 
 

@@ -29,7 +29,7 @@ from aacmm_pin.effects.state import State
 from aacmm_pin.effects.tube import tubes
 from aacmm_pin.errors import AacmmError, CauseError, UnknownNameError
 
-PLACES = ("joint", "link", "seat", "marker")
+LOCATION_FIELDS = ("joint", "link", "seat", "marker")
 """Fields that state where a cause sits."""
 NUMBERS = ("values", "u", "nonlinear_u")
 """Fields of every cause, which do not state which one it is."""
@@ -270,8 +270,8 @@ class Effect(Shown, ABC):
     @classmethod
     @cache  # asked for thousands of times in a calibration
     def location_field(cls) -> str | None:
-        """The field that states where it sits, one of :data:`PLACES`; None for the whole arm."""
-        return next((name for name in PLACES if name in fields_of(cls)), None)
+        """The field of :data:`LOCATION_FIELDS` that it has; None for the whole arm."""
+        return next((name for name in LOCATION_FIELDS if name in fields_of(cls)), None)
 
     @property
     def place(self) -> int | str | None:

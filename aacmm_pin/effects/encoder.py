@@ -26,13 +26,19 @@ from aacmm_pin.errors import AacmmError, UnknownNameError
 
 SAMPLES = 4096
 """Points of a curve of which its spectrum is taken."""
-MOST_COEFFICIENTS = 1000
+MOST_CURVE_COEFFICIENTS = 1000
 """More of them than any joint has records for."""
 LEAST_SPREAD = 0.02
 """A joint that moves less than this cannot show anything that depends on its angle [rad], or its
 way [m].
 """
-ORDERS = (0.5, 1.5, 2.5, *(k / 2 for k in range(6, 21)), *(float(k) for k in range(11, 33)))
+PERIODIC_ORDERS = (
+    0.5,
+    1.5,
+    2.5,
+    *(k / 2 for k in range(6, 21)),
+    *(float(k) for k in range(11, 33)),
+)
 """Orders of a periodic error that are tried before the order is refined."""
 ORDERS_NEAR = 15
 """Steps in half an order in which an order is refined around the one that was tried."""
@@ -228,7 +234,9 @@ class JointPeriodicError(_Periodic):
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
         """Orders at every joint that make a period over the covered range: less is a gain."""
         for row, angle in _turning(arm, records):
-            orders = [order for order in ORDERS if order * np.ptp(angle) / (2 * np.pi) >= 1.0]
+            orders = [
+                order for order in PERIODIC_ORDERS if order * np.ptp(angle) / (2 * np.pi) >= 1.0
+            ]
             if orders:
                 yield tuple(cls(row, order) for order in orders)
 
@@ -280,9 +288,9 @@ class JointErrorCurve(Effect):
     def __post_init__(self) -> None:
         """Check the range."""
         in_order = -LARGEST_ANGLE <= self.lower_rad < self.upper_rad <= LARGEST_ANGLE
-        if not (in_order and 4 <= self.coefficients <= MOST_COEFFICIENTS):
+        if not (in_order and 4 <= self.coefficients <= MOST_CURVE_COEFFICIENTS):
             raise AacmmError(
-                f"{self.label}: expected lower_rad < upper_rad and 4 to {MOST_COEFFICIENTS} "
+                f"{self.label}: expected lower_rad < upper_rad and 4 to {MOST_CURVE_COEFFICIENTS} "
                 "coefficients, "
                 f"not {self.lower_rad}, {self.upper_rad}, {self.coefficients}"
             )

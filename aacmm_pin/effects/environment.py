@@ -21,7 +21,7 @@ from aacmm_pin.errors import UnsupportedArmError
 
 LEAST_SEATS = 3
 """With fewer seats nothing tells which of them is off."""
-FARTHEST = 10.0
+FARTHEST_TARGET = 10.0
 """A target on the last body is within so much of the tip [m]."""
 ANOTHER_POINT = 5e-4
 """No ball is so far from where its qualification has it: it is another point [m]."""
@@ -119,7 +119,7 @@ class StylusOffset(Effect):
     cause: ClassVar[str] = "stylus_offset"
     refitted: ClassVar[bool] = True
     prior_weight: ClassVar[float] = 0.2
-    terms: ClassVar[tuple[Term, ...]] = shifts(5e-5, FARTHEST)
+    terms: ClassVar[tuple[Term, ...]] = shifts(5e-5, FARTHEST_TARGET)
 
     @property
     def needs(self) -> tuple[str, ...]:

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin._support.units import DEG, LARGE, MM
+from aacmm_pin._support.units import DEG, LARGE_IN_MICRO, MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.chain import axis
 from aacmm_pin.arm.file import COVERAGE_FACTOR
@@ -123,7 +123,7 @@ def values_in_words(
             readings[key] = reading._replace(unit=reading.unit.replace("rad", "m"))
     in_um = [key for key in values if readings[key].unit == "µm"]
     sizes = [abs(values[key][0]) * readings[key].factor for key in in_um]
-    if max(sizes, default=0.0) >= LARGE:
+    if max(sizes, default=0.0) >= LARGE_IN_MICRO:
         for key in in_um:
             readings[key] = readings[key]._replace(unit="mm", factor=readings[key].factor * MM)
     stated = []

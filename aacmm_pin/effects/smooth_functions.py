@@ -204,7 +204,7 @@ _FILED: TypeAdapter[Smooth] = TypeAdapter(Annotated[Smooth, Field(discriminator=
 RECORDED = ("time", "temperature")
 """Conditions that functions may be of."""
 _JOINT = r"joint [1-9]\d{0,2}"
-OF_KIND = {
+QUANTITIES_OF_KIND = {
     "cosines": "|".join([_JOINT, *RECORDED]),
     "waves": _JOINT,
     "moment": _JOINT,
@@ -255,8 +255,10 @@ def as_read(filed: dict[str, Any]) -> Smooth:
         first = error.errors()[0]
         key = ".".join(map(str, first["loc"][1:]))
         raise AacmmError(f"functions: {key + ': ' if key else ''}{first['msg']}") from None
-    if not re.fullmatch(OF_KIND[found.kind], found.of):
-        raise AacmmError(f"functions: {found.kind} of {found.of!r}, expected {OF_KIND[found.kind]}")
+    if not re.fullmatch(QUANTITIES_OF_KIND[found.kind], found.of):
+        raise AacmmError(
+            f"functions: {found.kind} of {found.of!r}, expected {QUANTITIES_OF_KIND[found.kind]}"
+        )
     return found
 
 

@@ -23,7 +23,7 @@ AT_ENDS = 3
 """Fewer records before or behind a slip than this may be gross errors: no slip is tried there."""
 GAPS_NEAR = 60
 """Gaps between records around a time of a slip to which it is refined."""
-PAUSE = 5.0
+PAUSE_RATIO = 5.0
 """A pause is so many times longer than the median time between records."""
 
 
@@ -127,7 +127,7 @@ class _TimeOfSlip(Nonlinear["EncoderSlip"]):
         if times.size < 2:
             return ()
         between, gaps = (times[1:] + times[:-1]) / 2, np.diff(times)
-        pauses = between[gaps > PAUSE * np.median(gaps)][:SLIPS]
+        pauses = between[gaps > PAUSE_RATIO * np.median(gaps)][:SLIPS]
         first = min(AT_ENDS, (len(between) + 1) // 2) - 1
         spread = np.linspace(first, len(between) - 1 - first, SLIPS).astype(int)
         tried: list[float] = np.union1d(between[np.unique(spread)], pauses).tolist()

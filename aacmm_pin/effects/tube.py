@@ -13,7 +13,7 @@ from aacmm_pin.arm.chain import axis, end
 from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError
 
-SHORT = 1e-3
+SHORTEST_TUBE = 1e-3
 """A body shorter than this is no tube [m]."""
 BENDS = 0.15
 """A body longer than this bends enough to be asked about [m]."""
@@ -101,7 +101,7 @@ def length_of(vectors: Array, state: State, row: int, label: str) -> Array:
         AacmmError: too short for a tube.
     """
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
-    if (length < SHORT).any():
+    if (length < SHORTEST_TUBE).any():
         raise AacmmError(
             f"{label}: body {row} of {state.arm.name} is {length.min() / MM:.3f} mm long, "
             "expected a tube"

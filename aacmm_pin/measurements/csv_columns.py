@@ -14,7 +14,7 @@ from aacmm_pin._support import plausible
 from aacmm_pin._support.checks import RANGES
 from aacmm_pin._support.plausible import Range
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.effects import COLUMNS, UNITS
+from aacmm_pin.effects import CONDITION_COLUMNS, CONDITION_UNITS
 
 AngleUnit = Literal["deg", "rad"]
 Covariate = Literal["anywhere", "joints", "groups", "none"]
@@ -94,14 +94,14 @@ class Column:
 
 def _condition(field: str, covariate: Covariate, of_reference: bool = False) -> Column:
     """The column of a condition, see :class:`aacmm_pin.effects.conditions.Conditions`."""
-    unit = UNITS.get(field, "")
+    unit = CONDITION_UNITS.get(field, "")
     limits = RANGES.get(unit)
     return Column(field, (_form(field),), covariate, unit, limits, of_reference=of_reference)
 
 
 def _form(condition: str) -> str:
     """The name of its columns with # for a number."""
-    first, several, _ = COLUMNS[condition].partition(" …")
+    first, several, _ = CONDITION_COLUMNS[condition].partition(" …")
     return first.replace("1", "#") if several else first
 
 
@@ -116,7 +116,7 @@ _TURNS = plausible.MOST_TURNS * 2.0 * math.pi + 1e-9
 _NO_DEGREES = "if these are degrees, rename the columns to theta1_deg …"
 _LENGTH = (plausible.BAR_LENGTH, True)
 _LENGTH_U, _TURN_U = (plausible.LENGTH_NOISE, True, True), (plausible.TURN_NOISE, True, True)
-ANGLES = (
+READING_COLUMNS = (
     Column("q", (THETA["deg"],), "none", "°", plausible.READING),
     Column("q", (THETA["rad"],), "none", "rad", Range(-_TURNS, _TURNS, "rad", _NO_DEGREES)),
 )
@@ -163,13 +163,13 @@ LABELS = tuple(
     column.names[0] for column in RECORD_COLUMNS if column.is_label and column.covariate != "none"
 )
 """Labels that records may be wrong by."""
-UNKNOWN = Column("", ("",), "anywhere")
+UNKNOWN_COLUMN = Column("", ("",), "anywhere")
 """What stands for the entry of a column without one."""
 PLANNED = "planned_"
 """Begins the columns in which a procedure says where the arm was to be: no conditions of a record.
 """
 
-MEASUREMENT_FILE = (*ANGLES, *RECORD_COLUMNS)
+MEASUREMENT_FILE = (*READING_COLUMNS, *RECORD_COLUMNS)
 ACCEPTANCE_FILE = (*MEASUREMENT_FILE, *PROBED_POINT_COLUMNS)
 
 
@@ -198,13 +198,13 @@ def column_of(name: str, columns: Iterable[Column] = MEASUREMENT_FILE) -> Column
 
 
 def entry_of(name: object) -> Column:
-    """The entry of a column of a measurement file, :data:`UNKNOWN` of one without."""
-    return column_of(str(name)) or UNKNOWN
+    """The entry of a column of a measurement file, :data:`UNKNOWN_COLUMN` of one without."""
+    return column_of(str(name)) or UNKNOWN_COLUMN
 
 
 def is_reading(name: object) -> bool:
     """Whether it names a column of angles."""
-    return column_of(str(name), ANGLES) is not None
+    return column_of(str(name), READING_COLUMNS) is not None
 
 
 def is_of_reference(name: object) -> bool:

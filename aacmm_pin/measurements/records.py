@@ -24,7 +24,7 @@ from aacmm_pin._support.file_problems import Problems
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import DEG
-from aacmm_pin.effects import COLUMNS, Conditions, Labels, labels_of
+from aacmm_pin.effects import CONDITION_COLUMNS, Conditions, Labels, labels_of
 from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError
 from aacmm_pin.measurements.csv_columns import (
     APPROACH,
@@ -318,7 +318,9 @@ class Measurements(Shown):
 
     def _in_file(self, column: Column) -> dict[str, NDArray[Any]]:
         """What is stated in the columns of an entry, in their unit; nothing where nothing is."""
-        values = getattr(self.conditions if column.field in COLUMNS else self, column.field)
+        values = getattr(
+            self.conditions if column.field in CONDITION_COLUMNS else self, column.field
+        )
         if values is None:
             return {}
         if not column.is_label:
@@ -432,7 +434,7 @@ def _from_table(table: pd.DataFrame, lines: Index, nq: int | None, source: str) 
     found["orientation"] = _unit_quaternions(found["orientation"])
     if found["orientation"] is None:
         found["orientation_u"] = None
-    conditions = Conditions(len(table), **{name: found.pop(name) for name in COLUMNS})
+    conditions = Conditions(len(table), **{name: found.pop(name) for name in CONDITION_COLUMNS})
     theta = columns.values.block(columns.header.theta)
     q = theta * DEG if columns.header.unit == "deg" else theta
     extra = table[list(columns.header.extra)].reset_index(drop=True)

@@ -12,9 +12,9 @@ from aacmm_pin.errors import AacmmError
 
 MOST_IN_SESSION = 200
 """Records after which a session ends."""
-STEP = (20.0, 40.0)
+RECORD_INTERVAL = (20.0, 40.0)
 """From one record to the next [s]."""
-PAUSE = (180.0, 900.0)
+PAUSE_LENGTH = (180.0, 900.0)
 """A pause [s]."""
 PAUSES = 1 / 40
 """Pauses a record."""
@@ -72,8 +72,8 @@ def workshop_conditions(
 
 def _time(session: Index, rng: np.random.Generator) -> Array:
     n = len(session)
-    steps = rng.uniform(*STEP, size=n)
-    steps += (rng.random(n) < PAUSES) * rng.uniform(*PAUSE, size=n)
+    steps = rng.uniform(*RECORD_INTERVAL, size=n)
+    steps += (rng.random(n) < PAUSES) * rng.uniform(*PAUSE_LENGTH, size=n)
     steps += (np.diff(session, prepend=session[:1]) > 0) * rng.uniform(*BREAK, size=n)
     return np.cumsum(steps)
 

@@ -22,7 +22,7 @@ from aacmm_pin.measurements.measuring_points import (
     seats_for,
     visits,
 )
-from aacmm_pin.measurements.noise import ENCODER, PROBE, REFERENCE, Noise
+from aacmm_pin.measurements.noise import ENCODER, PROBE, REFERENCE_NOISE, Noise
 from aacmm_pin.measurements.orientation import quaternions
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.measurements.schedule import sessions, workshop_conditions
@@ -39,7 +39,7 @@ def simulate_measurements(
     *,
     rng: np.random.Generator,
     encoder_noise: ArrayLike | None = None,
-    reference_noise: float = REFERENCE,
+    reference_noise: float = REFERENCE_NOISE,
     probe_noise: float = PROBE,
     seats: int = 10,
     known: bool = True,

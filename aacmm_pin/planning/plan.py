@@ -16,8 +16,7 @@ from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration.setup import ReferenceFrame, Setup, Target
 from aacmm_pin.effects import Effect, ErrorModel, GivenCause, GivenModel, as_causes
 from aacmm_pin.errors import AacmmError, UnknownNameError
-from aacmm_pin.measurements.noise import ENCODER
-from aacmm_pin.measurements.noise import REFERENCE as REFERENCE_NOISE
+from aacmm_pin.measurements.noise import ENCODER, REFERENCE_NOISE
 from aacmm_pin.measurements.records import GivenRecords, Measurements, as_measurements
 from aacmm_pin.measurements.simulate import seed_of
 from aacmm_pin.planning.candidate_records import free_postures, postures_at_seats

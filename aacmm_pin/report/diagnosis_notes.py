@@ -21,7 +21,7 @@ from aacmm_pin.diagnosis import (
     too_good,
 )
 from aacmm_pin.effects import (
-    COLUMNS,
+    CONDITION_COLUMNS,
     Effect,
     cause_in_words,
     listed,
@@ -155,7 +155,7 @@ def _not_tried(choice: Choice) -> list[Note]:
     """Columns that the file lacks, and what could not be tried without them."""
     lacking = not_tried(choice.library, choice.fit.problem.measurements).items()
     each = [
-        f"no {COLUMNS[need]}: {listed([cause_in_words(c) for c in causes])} not tried"
+        f"no {CONDITION_COLUMNS[need]}: {listed([cause_in_words(c) for c in causes])} not tried"
         for need, causes in lacking
     ]
     return [Note("causes_not_tried", {"columns": "; ".join(each)})] if each else []

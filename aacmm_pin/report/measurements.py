@@ -9,7 +9,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from aacmm_pin._support.units import MM
-from aacmm_pin.effects import COLUMNS, Conditions
+from aacmm_pin.effects import CONDITION_COLUMNS, Conditions
 from aacmm_pin.measurements.csv_columns import BAR
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.report.document import Document, Paragraph, Table, document_of
@@ -50,7 +50,10 @@ def conditions_document(conditions: Conditions) -> Document:
     rows = []
     for name in conditions.present:
         rows.append(
-            {"column": COLUMNS[name], "values": _range(conditions.require(name, "its document"))}
+            {
+                "column": CONDITION_COLUMNS[name],
+                "values": _range(conditions.require(name, "its document")),
+            }
         )
     head = (
         f"{'Conditions' if rows else 'Nothing but the angles is known'} of "

@@ -10,7 +10,7 @@ from collections.abc import Iterable
 import numpy as np
 import pandas as pd
 
-from aacmm_pin._support.units import LARGE, MM, UM
+from aacmm_pin._support.units import LARGE_IN_MICRO, MM, UM
 
 IN_MM = 1e-4
 """Lengths from here on stand in mm, smaller ones in µm [m]."""
@@ -133,7 +133,11 @@ def small_unit(unit: str, largest: float = 0.0) -> tuple[str, float]:
     name, factor = (
         ("µm", 1e3 if unit == "mm" else 1e6) if unit in ("m", "mm") else (f"µ{unit}", 1e6)
     )
-    return (f"m{name[1:]}", factor / 1e3) if abs(largest) * factor >= LARGE else (name, factor)
+    return (
+        (f"m{name[1:]}", factor / 1e3)
+        if abs(largest) * factor >= LARGE_IN_MICRO
+        else (name, factor)
+    )
 
 
 def vector(values: Iterable[float], form: str = "z.4g") -> str:

@@ -94,7 +94,7 @@ def test_what_a_step_promises(
     sino6: Arm, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """What plain least squares of the same rows gains, and what is left of it in a trust region."""
-    monkeypatch.setattr(linear_model, "AT_ONCE", 7)  # not all rows at once
+    monkeypatch.setattr(linear_model, "ROWS_AT_ONCE", 7)  # not all rows at once
     problem = external(sino6, rng, off=1e-4)
     here = system_of(problem, off=0.3)
     x, scales = here.point.x, problem.scales
