@@ -151,9 +151,12 @@ def _check(effect: Effect, method: str, moved: Any, state: State) -> None:
     rows = np.abs(numbers.reshape(len(numbers), -1))
     wrong = np.flatnonzero(~(rows <= LARGEST_COLUMN).all(axis=1))
     if wrong.size:
-        came = f"numbers that are not finite, or beyond {LARGEST_COLUMN:g}"
         where = f"in {wrong.size} of {len(rows)} records, the first at number {wrong[0] + 1}"
-        raise CauseError(effect.label, f"{method}: {what} have {came}, {where}")
+        raise CauseError(
+            effect.label,
+            f"{method}: {what} have numbers that are not finite, or beyond {LARGEST_COLUMN:g}, "
+            f"{where}",
+        )
 
 
 def raised(error: BaseException, file: str) -> str:
@@ -173,11 +176,13 @@ def cause_named(name: str) -> type[Effect]:
         UnknownNameError: no cause of this name is known.
     """
     if name not in CAUSES:
-        hint = (
+        raise UnknownNameError(
+            "cause",
+            name,
+            list(CAUSES),
             "a cause of your own needs --plugin MODULE before the command, in Python the "
-            "import of that module"
+            "import of that module",
         )
-        raise UnknownNameError("cause", name, list(CAUSES), hint)
     return CAUSES[name]
 
 

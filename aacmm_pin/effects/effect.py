@@ -181,8 +181,10 @@ class Effect(Shown, ABC):
             default = getattr(type(self), name, MISSING)
             row = getattr(self, name, default)
             if row is not default and not _is_row(row):
-                expected = f"expected the number of a row, from 1 to {MOST_ROWS} at most"
-                raise AacmmError(f"{self.cause}: {name} is {reprlib.repr(row)}, {expected}")
+                raise AacmmError(
+                    f"{self.cause}: {name} is {reprlib.repr(row)}, expected the number of a row, "
+                    f"from 1 to {MOST_ROWS} at most"
+                )
         count = len(self.terms)
         for name in ("values", "u"):
             numbers = tuple(map(float, getattr(self, name))) or (0.0,) * count

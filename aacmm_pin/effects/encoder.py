@@ -174,8 +174,10 @@ class EncoderEccentricity(_Periodic):
         """
         amplitude = math.hypot(*self.values)
         if amplitude >= 1.0:
-            expected = "expected less than 1, the radius of the disc"
-            raise AacmmError(f"{self.label}: amplitude is {amplitude:g}, {expected}")
+            raise AacmmError(
+                f"{self.label}: amplitude is {amplitude:g}, expected less than 1, the radius of "
+                "the disc"
+            )
         return [(place, np.arcsin(linear)) for place, linear in super().exact(state)]
 
 

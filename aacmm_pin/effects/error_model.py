@@ -319,9 +319,11 @@ class ErrorModel(Shown):
             low, high = np.array(effect.known_range) + 2 * AT_LIMIT * np.array([1.0, -1.0])
             limits[joint] = max(limits[joint, 0], low), min(limits[joint, 1], high)
             if limits[joint, 0] >= limits[joint, 1]:
-                name = f"{self.arm.name}: no angle between the limits of joint {joint + 1}"
                 where = f"{effect.label}{known_range_in_words(effect)}"
-                raise AacmmError(f"{name} is within {where}")
+                raise AacmmError(
+                    f"{self.arm.name}: no angle between the limits of joint {joint + 1} is within "
+                    f"{where}"
+                )
         if np.array_equal(limits, self.arm.limits):
             return self
         return replace(self, arm=replace(self.arm, limits=limits))

@@ -127,8 +127,8 @@ def _number(text: str, name: str, value: str) -> float:
     try:
         return in_radians(value) if is_angle else number(value)
     except ValueError:
-        angle = ", or an angle such as 8urad or 1.65arcsec" if is_angle else ""
-        raise AacmmError(f"{text!r}: {name} is {value!r}, expected a number{angle}") from None
+        example = ", or an angle such as 8urad" if is_angle else ""
+        raise AacmmError(f"{text!r}: {name} is {value!r}, expected a number{example}") from None
 
 
 def _form(kind: type[Effect]) -> str:

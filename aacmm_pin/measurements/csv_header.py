@@ -113,14 +113,19 @@ def checked_names(
     most = plausible.MOST_UNKNOWN
     if len(unknown) > most:
         first = ", ".join(map(shortened, unknown[:3]))
-        came = f"{len(unknown)} columns of unknown names, such as {first}"
-        expected = f"expected at most {most}, so leave out what residuals do not depend on"
-        problems.add("", f"{came}; {expected}")
+        problems.add(
+            "",
+            f"{len(unknown)} columns of unknown names, such as {first}; expected at most {most}, "
+            "so leave out what residuals do not depend on",
+        )
         problems.stop()
     for name in unknown:
         if meant := near_miss(name, texts, columns):
-            other = "if something else is meant, a name that cannot be taken for it"
-            problems.add(name, f"is not a known name; expected {shortened(meant)}, or {other}")
+            problems.add(
+                name,
+                f"is not a known name; expected {shortened(meant)}, or if something else is meant, "
+                "a name that cannot be taken for it",
+            )
     problems.stop()
     return texts
 
@@ -208,8 +213,11 @@ def _check_joints(header: Header, names: Sequence[str], nq: int | None, problems
     """Whether there are angles, of as many joints as the arm has."""
     theta = header.theta
     if not theta:
-        expected = "expected columns theta1_deg … (or theta1_rad …) in the first line"
-        problems.add("", f"no angles: {expected}, which has {listed(map(repr, names))}")
+        problems.add(
+            "",
+            "no angles: expected columns theta1_deg … (or theta1_rad …) in the first line, which "
+            f"has {listed(map(repr, names))}",
+        )
     elif nq is not None and len(theta) != nq:
         expected = span(named(THETA[header.unit], nq))
         problems.add(
@@ -237,8 +245,10 @@ def _check_companions(there: set[str], problems: Problems) -> None:
                 u, f"uncertainty of a reference that is not there; expected {', '.join(of)} too"
             )
     if there.intersection(BAR) and "seat" not in there:
-        expected = "expected the label of the seat that each end of a bar stands for"
-        problems.add("seat", f"missing beside bar; {expected}")
+        problems.add(
+            "seat",
+            "missing beside bar; expected the label of the seat that each end of a bar stands for",
+        )
 
 
 def _check_temperatures(
@@ -251,8 +261,8 @@ def _check_temperatures(
             f"beside {span(of_rows)}; expected one temperature, or one for each DH row",
         )
     if 0 < len(of_rows) < joints:
-        expected = (
-            f"expected one for each DH row, so {joints} or more; temperature_c is that of "
-            "the whole arm"
+        problems.add(
+            span(of_rows),
+            f"{len(of_rows)} columns, expected one for each DH row, so {joints} or more; "
+            "temperature_c is that of the whole arm",
         )
-        problems.add(span(of_rows), f"{len(of_rows)} columns, {expected}")

@@ -511,8 +511,10 @@ def _numbers(column: Column, values: ArrayLike, n: int) -> Array:
         unknown = np.isnan(array)
         partly = np.flatnonzero(unknown.any(axis=1) & ~unknown.all(axis=1))
         if partly.size:
-            expected = "expected numbers, or NaN for all where not known"
-            raise ShapeError(f"{name}[{partly[0]}] is {array[partly[0]]}, {expected}")
+            raise ShapeError(
+                f"{name}[{partly[0]}] is {array[partly[0]]}, expected numbers, or NaN for all "
+                "where not known"
+            )
     return array
 
 

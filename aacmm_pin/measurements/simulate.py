@@ -297,11 +297,12 @@ def _check_numbers(
             f"seats is {points}, expected an even number for plan 'ball-bar': two for each bar"
         )
     if (bar_length is not None) != (plan == "ball-bar"):
-        came = "was not given" if bar_length is None else f"is {bar_length:g} m"
-        expected = (
-            "the length of the bar" if bar_length is None else "none: only plan 'ball-bar' has bars"
+        if bar_length is None:
+            raise AacmmError(f"bar_length was not given, expected a length for plan {plan!r}")
+        raise AacmmError(
+            f"bar_length is {bar_length:g} m for plan {plan!r}, expected none: only plan "
+            "'ball-bar' has bars"
         )
-        raise AacmmError(f"bar_length {came} for plan {plan!r}, expected {expected}")
     if bar_length is not None:
         plausible.BAR_LENGTH.check(bar_length, "bar_length")
         if bar_length < SEATS_APART:

@@ -62,6 +62,15 @@ def _runs(rows: Iterable[int]) -> str:
 
 # fmt: off
 SENTENCES: Mapping[str, str] = {
+    # what a discrepancy acts on
+    "tip_shifts_in_room": "the tip shifts in the room",
+    "target_elsewhere": "the target sits elsewhere on the last body",
+    "tip_shifts_before_joint": "the tip shifts along the body before joint {row}",
+    "joint_angle_off": "the angle of joint {row} is off",
+    "joint_position_off": "the position of joint {row} is off",
+    "lengths_grow": "all lengths grow",
+    "tubes_grow": "the long tubes grow",
+    "tube_grows": "the tube of row {row} grows",
     # records
     "copies": "rows {rows:rows} are copies of other records and count once",
     "contacts_averaged": (
