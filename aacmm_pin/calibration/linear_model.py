@@ -162,10 +162,10 @@ class LinearModel:
         """
         known = null_space(unknown.T) if unknown.size else np.eye(self.prior.scales.size)
         spectrum = self.spectrum
-        triangle = np.linalg.qr(
-            (spectrum.values[:, None] * spectrum.directions.T) @ known, mode="r"
-        )
-        return np.asarray(known @ np.linalg.inv(triangle) * self.prior.scales[:, None])
+        rows = spectrum.values[:, None] * spectrum.directions.T
+        triangle = np.linalg.qr(rows @ known, mode="r")
+        in_widths = known @ np.linalg.inv(triangle)
+        return np.asarray(in_widths * self.prior.scales[:, None])
 
 
 @dataclass(frozen=True, eq=False)

@@ -112,7 +112,8 @@ class Carrier:
     @property
     def in_words(self) -> str:
         """What is off."""
-        return str(Note(self.kind.code, {"row": self.name.partition(" ")[2]}))
+        _, _, row = self.name.partition(" ")
+        return str(Note(self.kind.code, {"row": row}))
 
     @property
     def quantities(self) -> dict[str, float]:
