@@ -22,35 +22,33 @@ from tests.test_rooms import MODULES, ROOMS, imports
 
 TOKENS: dict[str, int] = {
     "errors": 500,
-    "_support": 7300,
+    "_support": 7400,
     "arm": 20000,
-    "effects": 27200,
+    "effects": 27400,
     "postures": 22800,
-    "measurements": 17700,
+    "measurements": 18200,
     "accuracy": 12100,
-    "calibration": 42400,
-    "diagnosis": 40200,
+    "calibration": 42700,
+    "diagnosis": 41200,
     "planning": 12800,
     "verification": 17500,
-    "report": 57100,
+    "report": 57200,
     "cli": 15300,
 }
 """Code without comments and docstrings: unlike lines, they do not fall when a line is packed
 fuller.
 
 ``_support`` has what gathers the problems of a table (500) from the room of measurements, for three
-rooms use it.
+rooms use it. Names between steps cost ``effects`` 200, ``measurements`` 300 and ``calibration``
+200, which have no dense function; ``measurements`` has the covariates of the column table (150),
+which the diagnosis listed.
 """
 DENSE: dict[str, int] = {
     "errors": 1,
-    "_support": 6,
     "arm": 26,
-    "effects": 48,
     "postures": 47,
-    "measurements": 32,
     "accuracy": 17,
-    "calibration": 82,
-    "diagnosis": 72,
+    "diagnosis": 71,
     "planning": 25,
     "verification": 33,
     "report": 97,
@@ -59,11 +57,11 @@ DENSE: dict[str, int] = {
 """Functions of which one statement has more than :data:`MOST_NODES` syntax nodes on average."""
 MOST_NODES = 23.0
 SENTENCES: dict[str, int] = {
-    "_support": 8,
+    "_support": 6,
     "arm": 8,
-    "effects": 18,
-    "measurements": 35,
-    "verification": 8,
+    "effects": 4,
+    "measurements": 1,
+    "verification": 6,
 }
 """English of six words or more that is neither a docstring nor raised: the report says it."""
 INNER: dict[str, int] = {
@@ -71,7 +69,7 @@ INNER: dict[str, int] = {
     "postures": 29,
     "measurements": 14,
     "accuracy": 20,
-    "calibration": 38,
+    "calibration": 37,
     "diagnosis": 58,
     "planning": 49,
     "verification": 10,
