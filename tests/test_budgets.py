@@ -22,48 +22,46 @@ from tests.test_rooms import MODULES, ROOMS, imports
 
 TOKENS: dict[str, int] = {
     "errors": 500,
-    "_support": 7300,
+    "_support": 7400,
     "arm": 20000,
-    "effects": 27200,
+    "effects": 27400,
     "postures": 22800,
-    "measurements": 17700,
+    "measurements": 18200,
     "accuracy": 12100,
-    "calibration": 42400,
-    "diagnosis": 40200,
+    "calibration": 42700,
+    "diagnosis": 41200,
     "planning": 12800,
     "verification": 17500,
-    "report": 57100,
-    "cli": 15200,
+    "report": 57200,
+    "cli": 15300,
 }
 """Code without comments and docstrings: unlike lines, they do not fall when a line is packed
 fuller.
 
 ``_support`` has what gathers the problems of a table (500) from the room of measurements, for three
-rooms use it.
+rooms use it. Names between steps cost ``effects`` 200, ``measurements`` 300 and ``calibration``
+200, which have no dense function; ``measurements`` has the covariates of the column table (150),
+which the diagnosis listed.
 """
 DENSE: dict[str, int] = {
     "errors": 1,
-    "_support": 6,
     "arm": 26,
-    "effects": 48,
     "postures": 47,
-    "measurements": 32,
     "accuracy": 17,
-    "calibration": 82,
-    "diagnosis": 72,
-    "planning": 4,
-    "verification": 7,
-    "report": 22,
-    "cli": 1,
+    "diagnosis": 71,
+    "planning": 25,
+    "verification": 33,
+    "report": 97,
+    "cli": 7,
 }
 """Functions of which one statement has more than :data:`MOST_NODES` syntax nodes on average."""
 MOST_NODES = 23.0
 SENTENCES: dict[str, int] = {
-    "_support": 8,
+    "_support": 6,
     "arm": 8,
-    "effects": 18,
-    "measurements": 35,
-    "verification": 8,
+    "effects": 4,
+    "measurements": 1,
+    "verification": 6,
 }
 """English of six words or more that is neither a docstring nor raised: the report says it."""
 INNER: dict[str, int] = {
@@ -71,14 +69,14 @@ INNER: dict[str, int] = {
     "postures": 29,
     "measurements": 14,
     "accuracy": 20,
-    "calibration": 38,
+    "calibration": 37,
     "diagnosis": 58,
     "planning": 1,
     "report": 10,
     "cli": 3,
 }
 """Names that a room takes from inner modules of other rooms, and not from their faces."""
-CONSTANTS = 43
+CONSTANTS = 44
 """Names of module constants with several values."""
 
 LAYOUT = {
@@ -145,15 +143,19 @@ def density(function: ast.FunctionDef) -> float:
     return len(nodes) / max(sum(isinstance(node, ast.stmt) for node in nodes), 1)
 
 
+def is_error(node: ast.AST) -> bool:
+    """What is raised: here, by whoever asked for the error, or by ``problems.stop()``."""
+    if not isinstance(node, ast.Call):
+        return isinstance(node, ast.Raise)
+    name = ast.unparse(node.func)
+    return name.endswith("Error") or name.startswith("problems.")
+
+
 def sentences(path: Path) -> int:
     tree = tree_of(path)
-    said = {
-        id(node)
-        for raised in ast.walk(tree)
-        if isinstance(raised, ast.Raise)
-        for node in ast.walk(raised)
-    }
-    said |= {id(node.value) for node in docstrings(tree)}
+    said = {id(node.value) for node in docstrings(tree)}
+    for error in filter(is_error, ast.walk(tree)):
+        said |= {id(node) for node in ast.walk(error)}
     texts = (
         node
         for node in ast.walk(tree)

@@ -9,7 +9,8 @@ from aacmm_pin._support.checks import Array
 
 def wrapped(angles: Array) -> Array:
     """The same directions as angles in [-π, π) [rad]."""
-    return np.asarray((angles + np.pi) % (2 * np.pi) - np.pi)
+    within_turn = (angles + np.pi) % (2 * np.pi)
+    return np.asarray(within_turn - np.pi)
 
 
 def spread_angles(count: int, joints: int) -> Array:

@@ -6,11 +6,11 @@ import numpy as np
 
 from aacmm_pin._support.checks import Array
 
-CHUNK = 2048
+ROWS_PER_BATCH = 2048
 """Rows handled at once: what is made of them stays in the processor's cache."""
 
 
-def chunks(n: int, size: int = CHUNK) -> list[slice]:
+def chunks(n: int, size: int = ROWS_PER_BATCH) -> list[slice]:
     """Slices that cover ``range(n)`` in parts of ``size``."""
     parts = []
     for start in range(0, n, size):

@@ -17,7 +17,7 @@ Mask = NDArray[np.bool_]
 RANGES = {
     "m": plausible.COORDINATE,
     "rad": plausible.READING,
-    "s": plausible.TIME,
+    "s": plausible.CLOCK,
     "°C": plausible.TEMPERATURE,
     "N·m": plausible.TORQUE,
 }
@@ -83,8 +83,8 @@ def whole(value: object, least: int, name: str) -> int:
     """Return ``value`` as an int.
 
     Raises:
-        AacmmError: it is no whole number, below ``least``, or more than :data:`plausible.COUNTS`
-            has for this name.
+        AacmmError: it is no whole number, below ``least``, or more than
+            :data:`plausible.LARGEST_COUNTS` has for this name.
     """
     try:
         number = operator.index(value)  # type: ignore[arg-type]
@@ -92,7 +92,7 @@ def whole(value: object, least: int, name: str) -> int:
         raise AacmmError(f"{name} is {value!r}, expected a whole number") from None
     if number < least:
         raise AacmmError(f"{name} is {number}, expected at least {least}")
-    most, each = plausible.COUNTS[name]
+    most, each = plausible.LARGEST_COUNTS[name]
     if number > most:
         size = f"{most * each / 1e9:.2g} GB of memory"
         raise AacmmError(

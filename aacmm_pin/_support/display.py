@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-LETTERS = 1000
+CONSOLE_LETTERS = 1000
 """A line in a console is at most this long; a dataclass would print all its arrays."""
 _load: dict[str, Callable[[], Any]] = {}
 
@@ -51,7 +51,7 @@ class Shown:
 
 def _line(value: Shown, printer: Any, cycle: bool) -> None:
     text = str(value)
-    printer.text(text if len(text) <= LETTERS else f"{text[:LETTERS]} …")
+    printer.text(text if len(text) <= CONSOLE_LETTERS else f"{text[:CONSOLE_LETTERS]} …")
 
 
 def two_digits(value: float) -> str:

@@ -36,7 +36,9 @@ def f_sf(value: ArrayLike, dof: ArrayLike, other: ArrayLike) -> Array:
     ``value``.
     """
     d, o, x = np.asarray(dof), np.asarray(other), np.asarray(value)
-    return np.asarray(betainc(o / 2, d / 2, o / (o + d * x)))
+    part = o / (o + d * x)
+    above = betainc(o / 2, d / 2, part)
+    return np.asarray(above)
 
 
 def f_isf(probability: ArrayLike, dof: ArrayLike, other: ArrayLike) -> Array:

@@ -25,7 +25,8 @@ def outputs_refused(outputs: tuple[Path, ...]) -> Iterator[None]:
 
 def are_same(path: str | Path, other: str | Path) -> bool:
     """Whether both are names of one file that exists."""
-    return os.path.exists(path) and os.path.exists(other) and os.path.samefile(path, other)
+    there = os.path.exists(path) and os.path.exists(other)
+    return there and os.path.samefile(path, other)
 
 
 def is_input(path: str | Path) -> OutputError:

@@ -17,14 +17,14 @@ from pydantic import AfterValidator, Field, FiniteFloat
 from aacmm_pin._support.units import MM
 from aacmm_pin.errors import AacmmError
 
-LONGEST = 100.0
+LONGEST_LENGTH = 100.0
 """Largest length, to either side [m]."""
-FARTHEST = 1e6
+FARTHEST_PLACE = 1e6
 """Largest place along an axis, to either side [m]: axes that are nearly parallel have their common
 normal far away, at 0.1 m over the angle. What the arm reaches is small all the same; at this
 distance rounding moves it by 0.1 nm.
 """
-POSTURES = 32
+REACH_POSTURES = 32
 """So many spread postures show how far from the base a tip comes."""
 SMALLEST_ARM = 1e-6
 """An arm whose lengths add up to less has none [m]."""
@@ -40,7 +40,7 @@ MOST_TYPICAL = 1e3
 """Parameters of causes are at most so many times as large as usual on a measuring arm: an encoder's
 gain within ±10 %.
 """
-LEAST_KNOWN = 1e5
+LARGEST_U_RATIO = 1e5
 """Their standard uncertainty is at most so many times that: a fit may hardly know one."""
 LATEST = 1e12
 """Largest time, to either side [s]; in seconds since 1970 it is the year 33 000."""
@@ -73,12 +73,14 @@ class Range(NamedTuple):
 
     def of_unit(self, unit: str, factor: float) -> Range:
         """The same range in another unit, which is ``factor`` of this one."""
-        return Range(self.least / factor, self.most / factor, unit, self.hint)
+        least, most = self.least / factor, self.most / factor
+        return Range(least, most, unit, self.hint)
 
     @property
     def expected(self) -> str:
         """In words."""
-        return f"expected {self.least:.6g} to {self.most:.6g} {self.unit}; {self.hint}"
+        values = f"{self.least:.6g} to {self.most:.6g} {self.unit}"
+        return f"expected {values}; {self.hint}"
 
     def check(self, values: ArrayLike, name: str, error: type[AacmmError] = AacmmError) -> None:
         """Refuse ``values`` of which one is outside, or NaN.
@@ -96,10 +98,10 @@ class Range(NamedTuple):
 
 
 READING = Range(-LARGEST_ANGLE, LARGEST_ANGLE, "rad", "is it a count of another unit?")
-COORDINATE = Range(-LONGEST, LONGEST, "m")
-BAR_LENGTH = Range(0.01, LONGEST, "m", "is it in another unit, such as metres?")
+COORDINATE = Range(-LONGEST_LENGTH, LONGEST_LENGTH, "m")
+BAR_LENGTH = Range(0.01, LONGEST_LENGTH, "m", "is it in another unit, such as metres?")
 TEMPERATURE = Range(COLDEST, HOTTEST, "°C", "is it in kelvin or Fahrenheit?")
-TIME = Range(-LATEST, LATEST, "s")
+CLOCK = Range(-LATEST, LATEST, "s")
 TORQUE = Range(-1e6, 1e6, "N·m")
 ENCODER_NOISE = Range(0.0, 5e-3, "rad")
 """Standard uncertainty of one reading; no encoder, and no robot's joint, has more [rad; m where a
@@ -118,7 +120,7 @@ TURN_NOISE = Range(0.0, 0.1, "rad")
 USUAL_TURN_NOISE = 5e-3
 """From here on it is asked whether that is in degrees [rad]."""
 
-COUNTS = {
+LARGEST_COUNTS = {
     "cells": (4_000_000, 1e3),
     "count": (400_000, 1e4),
     "draws": (4_000_000, 1e3),
@@ -162,11 +164,11 @@ def out_of_reach(tips: ArrayLike) -> str:
     where none is.
     """
     distance = float(np.linalg.norm(tips, axis=1).max())
-    if distance <= LONGEST:
+    if distance <= LONGEST_LENGTH:
         return ""
     return (
-        f"the tip is up to {distance:.4g} m from the base, expected at most {LONGEST:g} m; is "
-        "it in another unit?"
+        f"the tip is up to {distance:.4g} m from the base, expected at most {LONGEST_LENGTH:g} m; "
+        "is it in another unit?"
     )
 
 
@@ -190,9 +192,9 @@ def mostly_like_degrees(angles: NDArray[np.float64]) -> NDArray[np.bool_]:
     return beyond & (2 * np.count_nonzero(beyond.any(axis=0)) > joints)
 
 
-LengthMm = Annotated[FiniteFloat, Field(ge=-LONGEST / MM, le=LONGEST / MM)]
+LengthMm = Annotated[FiniteFloat, Field(ge=-LONGEST_LENGTH / MM, le=LONGEST_LENGTH / MM)]
 """A length [mm]."""
-PlaceMm = Annotated[FiniteFloat, Field(ge=-FARTHEST / MM, le=FARTHEST / MM)]
+PlaceMm = Annotated[FiniteFloat, Field(ge=-FARTHEST_PLACE / MM, le=FARTHEST_PLACE / MM)]
 """A place along an axis [mm]."""
 Angle = Annotated[FiniteFloat, Field(ge=-LARGEST_ANGLE, le=LARGEST_ANGLE)]
 """[rad]."""

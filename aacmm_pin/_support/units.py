@@ -11,7 +11,7 @@ MM = 1e-3
 """One millimetre in metres."""
 UM = 1e-6
 """One micrometre in metres."""
-LARGE = 1e4
+LARGE_IN_MICRO = 1e4
 """Changes and errors of so many µm or µrad stand in mm or mrad."""
 MM3 = MM**3
 """One cubic millimetre in cubic metres."""
@@ -28,8 +28,8 @@ ANGLES = {
     "deg": DEG,
     "mdeg": 1e-3 * DEG,
     "arcmin": DEG / 60.0,
+    "arcsec": ARCSEC,
 }
-ANGLES |= {"arcsec": ARCSEC}
 """Units that an angle may carry where people type it, in radians."""
 PREFIXES = {
     "k": (1e3, "·10³"),
@@ -47,8 +47,11 @@ def in_radians(text: str) -> float:
     Raises:
         ValueError: it is none.
     """
-    unit = next((u for u in sorted(ANGLES, key=len, reverse=True) if text.strip().endswith(u)), "")
-    return number(text.strip().removesuffix(unit)) * ANGLES.get(unit, 1.0)
+    text = text.strip()
+    for unit in sorted(ANGLES, key=len, reverse=True):
+        if text.endswith(unit):
+            return number(text.removesuffix(unit)) * ANGLES[unit]
+    return number(text)
 
 
 def number(text: str) -> float:

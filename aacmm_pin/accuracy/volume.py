@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal, cast, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from aacmm_pin._support.batches import CHUNK, chunks
+from aacmm_pin._support.batches import ROWS_PER_BATCH, chunks
 from aacmm_pin._support.checks import Array, Index, batch, whole
 from aacmm_pin._support.display import Shown, report
 from aacmm_pin._support.units import DEG, MM
@@ -271,7 +271,7 @@ def accuracy_volume(
         )
     sources = ErrorSources.of(model, at, encoder_noise, q, conditions)
     work: Callable[[Any], tuple[Array, ...]] = partial(_first_order, sources, method)
-    size, pieces = CHUNK, cast("Iterator[tuple[Any, ...]]", _parts(q, conditions))
+    size, pieces = ROWS_PER_BATCH, cast("Iterator[tuple[Any, ...]]", _parts(q, conditions))
     volume, covariance, error = (
         np.empty(len(q)),
         np.empty((len(q), 3, 3)),
@@ -307,7 +307,7 @@ def accuracy_volume(
 
 
 def _parts(
-    q: Array, conditions: Conditions | None, size: int = CHUNK
+    q: Array, conditions: Conditions | None, size: int = ROWS_PER_BATCH
 ) -> Iterator[tuple[Array, Conditions | None]]:
     """Some configurations at a time, with their conditions; those of a single record hold
     for all.

@@ -37,7 +37,7 @@ from aacmm_pin._support.plausible import (
     MOST_JOINTS,
     MOST_ROWS,
     MOST_TURNS,
-    POSTURES,
+    REACH_POSTURES,
     SHIFT_HALF_WIDTH,
     SMALLEST_ARM,
     Acceleration,
@@ -418,7 +418,7 @@ class ArmFile(AnyArmFile):
 
     @model_validator(mode="after")
     def _has_a_size(self) -> ArmFile:
-        postures = np.vstack([np.zeros(self.dh.nq), spread_angles(POSTURES, self.dh.nq)])
+        postures = np.vstack([np.zeros(self.dh.nq), spread_angles(REACH_POSTURES, self.dh.nq)])
         if refused := out_of_reach(self.dh.chain.positions(postures)):
             lengths = {
                 f"joints[{n}].{k}": getattr(r, k)

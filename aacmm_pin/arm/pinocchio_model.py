@@ -14,7 +14,7 @@ import pinocchio as pin
 
 from aacmm_pin._support.angles import spread_angles
 from aacmm_pin._support.checks import Array
-from aacmm_pin._support.plausible import MOST_JOINTS, POSTURES, out_of_reach
+from aacmm_pin._support.plausible import MOST_JOINTS, REACH_POSTURES, out_of_reach
 from aacmm_pin.arm.chain import Chain, end
 from aacmm_pin.errors import AacmmError, UnknownNameError, UnsupportedArmError
 
@@ -110,7 +110,7 @@ def _spread_tips(model: Any, frame: str) -> Array:
     turns = _motions(model)[:, 3:].any(axis=1)
     data, number = model.createData(), frame_number(model, frame)
     tips = []
-    for q in np.vstack([np.zeros(model.nq), spread_angles(POSTURES, model.nq) * turns]):
+    for q in np.vstack([np.zeros(model.nq), spread_angles(REACH_POSTURES, model.nq) * turns]):
         pin.forwardKinematics(model, data, q)
         tips.append(pin.updateFramePlacement(model, data, number).translation.copy())
     return np.array(tips)

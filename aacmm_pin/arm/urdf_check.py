@@ -18,7 +18,12 @@ from typing import Any
 from lxml import etree
 
 from aacmm_pin._support.input_files import content_of
-from aacmm_pin._support.plausible import FARTHEST, LARGEST_ANGLE, LARGEST_DEGREES, like_degrees
+from aacmm_pin._support.plausible import (
+    FARTHEST_PLACE,
+    LARGEST_ANGLE,
+    LARGEST_DEGREES,
+    like_degrees,
+)
 from aacmm_pin.errors import ArmFileError
 
 FULL_TURN = 2 * math.pi
@@ -306,7 +311,7 @@ def _direction(axis: Element) -> tuple[float, ...]:
 def _add_origin(parent: Element, element: Element) -> None:
     origin = _child(element, "origin")
     if origin is not None:
-        shift = _numbers(origin, "xyz", (0.0, 0.0, 0.0), FARTHEST)
+        shift = _numbers(origin, "xyz", (0.0, 0.0, 0.0), FARTHEST_PLACE)
         turn = _numbers(origin, "rpy", (0.0, 0.0, 0.0), 2 * FULL_TURN)
         etree.SubElement(parent, "origin", xyz=_joined(shift), rpy=_joined(turn))
 

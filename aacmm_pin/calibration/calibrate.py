@@ -23,7 +23,7 @@ from aacmm_pin.calibration.cross_validation import held_out as left_out
 from aacmm_pin.calibration.estimation import fit
 from aacmm_pin.calibration.fit import Fit, redundant
 from aacmm_pin.calibration.input_mistakes import FAR, first_fit
-from aacmm_pin.calibration.noise_model import LENGTH, contradictions, reference_u
+from aacmm_pin.calibration.noise_model import BAR_NOISE, contradictions, reference_u
 from aacmm_pin.calibration.parameters import (
     ASSEMBLED,
     ParameterSet,
@@ -36,7 +36,7 @@ from aacmm_pin.calibration.setup import ReferenceFrame, Setup, Target, checked_i
 from aacmm_pin.calibration.shared_exclusions import exclusions_of
 from aacmm_pin.effects import (
     CAUSES,
-    WARMER,
+    TEMPERATURE_TOLERANCE,
     Effect,
     ErrorModel,
     GivenCause,
@@ -57,7 +57,7 @@ from aacmm_pin.measurements import (
     originals,
 )
 
-OTHER_UNIT = 100.0
+UNIT_RATIO = 100.0
 """An uncertainty, or a torque, so many times off may be in another unit: the factor is 1000, but
 there are other parts.
 """
@@ -68,7 +68,7 @@ ODD_BAR = 4.0
 """A bar that is off by so many standard deviations may have another length: chance does that to 1
 of 16 000.
 """
-TOLD = 1e-3
+BAR_REDUNDANCY = 1e-3
 """Of a bar of which all else says less than this share, nobody can say how far it is off."""
 OFTEN = 2
 """More records of a posture, one after the other, than this on the average are readings of one
@@ -269,8 +269,8 @@ def _references_in_other_unit(after: Fit) -> list[Note]:
         np.median(reference_u(after.problem.measurements, after.problem.setup, np.nan)[known])
     )  # nan: not stated
     off = float(np.sqrt(np.mean(np.square(after.system.deviation[known]))))
-    small = u < BEST_REFERENCE and u < off / OTHER_UNIT
-    large = 0.0 < off < u / OTHER_UNIT
+    small = u < BEST_REFERENCE and u < off / UNIT_RATIO
+    large = 0.0 < off < u / UNIT_RATIO
     if not (small or large):
         return []
     if small:
@@ -317,7 +317,7 @@ def _of_bars(after: Fit) -> list[Note]:
         -len(bars), None
     )  # where no two bars have an end in common, each is one of the last rows
     left = 1.0 - np.square(system.jacobian[rows] @ system.independent_steps).sum(axis=1)
-    off = np.abs(system.residual[rows]) / np.sqrt(np.maximum(left, TOLD))
+    off = np.abs(system.residual[rows]) / np.sqrt(np.maximum(left, BAR_REDUNDANCY))
     worst = int(off.argmax())
     if off[worst] < ODD_BAR:
         return []
@@ -404,7 +404,7 @@ def _of_open_tip(after: Fit) -> list[Note]:
 def _of_temperature(after: Fit) -> list[Note]:
     """At which temperature the lengths hold that were calibrated."""
     stated, found = after.problem.model.arm.reference_temperature, temperature_of(after)
-    if abs(found - stated) < WARMER:
+    if abs(found - stated) < TEMPERATURE_TOLERANCE:
         return []
     return [Note("temperature_of_lengths", {"temperature": found, "stated": stated})]
 
@@ -425,7 +425,7 @@ def _of_torques(after: Fit) -> list[Note]:
     except UnsupportedArmError:  # no masses
         return []
     measured, weight = np.nanmax(np.abs(torque), initial=0.0), np.max(np.abs(moments), initial=0.0)
-    if weight == 0.0 or measured < OTHER_UNIT * weight:
+    if weight == 0.0 or measured < UNIT_RATIO * weight:
         return []
     return [Note("torques_large", {"torque": float(measured), "weight": float(weight)})]
 
@@ -530,7 +530,7 @@ def notes_of(after: Fit) -> list[Note]:
     if setup.length_noise is None and not all(
         np.isfinite(bar.u) for bar in problem.measurements.bars()
     ):
-        found.append(Note("bar_noise_assumed", {"u": LENGTH}))
+        found.append(Note("bar_noise_assumed", {"u": BAR_NOISE}))
     if not after.converged:
         found.append(Note("not_converged", {"why": after.message}))
     found += contradicted_places(after)

@@ -17,7 +17,7 @@ from aacmm_pin._support.units import MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.file import ArmFile, Covariance
 from aacmm_pin.calibration.fit import NO_SCATTER, Fit
-from aacmm_pin.calibration.identifiability import NEGLIGIBLE
+from aacmm_pin.calibration.identifiability import NEGLIGIBLE_PART
 from aacmm_pin.effects import Effect, ErrorModel, StylusOffset, entries_of
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import fingerprints, fingerprints_of_standards
@@ -31,7 +31,7 @@ FIELDS = {
 """Where a kind of parameter stands in a row of an arm file, and the file's unit."""
 
 
-UNTOLD = 0.999
+UNDETERMINED_PART = 0.999
 """A parameter that is as good as all of an unknown combination is not told at all."""
 
 
@@ -52,8 +52,8 @@ def calibrated_model(fit: Fit) -> ErrorModel:
     spread, of_tip = fit.undetermined.spread, fit.undetermined.tip_spread
     unknown = np.linalg.norm(spread, axis=1)
     # A parameter that nothing determines has no u that means anything, unless it moves the tip.
-    told = (unknown < UNTOLD * problem.widths) | (
-        np.linalg.norm(of_tip, axis=1) > NEGLIGIBLE * unknown
+    told = (unknown < UNDETERMINED_PART * problem.widths) | (
+        np.linalg.norm(of_tip, axis=1) > NEGLIGIBLE_PART * unknown
     )
     alone = np.hypot(u[: vector.size], unknown)
     effects: list[Effect] = []

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy
@@ -15,6 +16,7 @@ import scipy
 from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.progress import Progress, watched
+from aacmm_pin._support.units import MM
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.noise_model import NoiseModel, observations_of
 from aacmm_pin.calibration.solver import Point, solve
@@ -32,7 +34,7 @@ FEWEST_SEATS = 5
 """Fewer seats than this are no groups for a diagnosis to leave out; blocks of joint space are taken
 instead.
 """
-ROUNDED = 9
+ANGLE_DECIMALS = 9
 """Angles with so many decimals are in the same order, whether they came in degrees or in radians.
 """
 MOSTLY = 0.9
@@ -79,6 +81,17 @@ class HeldOut(Shown):
     def rms_after(self) -> float:
         """Root mean square distance [m]."""
         return rms(self.after)
+
+    def summary(self) -> dict[str, Any]:
+        """As plain values, for JSON."""
+        found: dict[str, Any] = {"kind": self.kind, "groups": self.groups}
+        before, after = self.rms_before / MM, self.rms_after / MM
+        found["rms_mm"] = {"simulation": before, "calibrated": after}
+        found["rms_rad"] = None
+        if self.turned:
+            before, after = rms(self.turn_before), rms(self.turn_after)
+            found["rms_rad"] = {"simulation": before, "calibrated": after}
+        return found
 
 
 # --- which records are left out together
@@ -127,12 +140,13 @@ def _blocks(records: Measurements, most: int, rng: np.random.Generator) -> Index
     posture.
     """
     order = _in_order(records)
-    one = order[np.sort(np.unique(records.postures[order], return_index=True)[1])]
+    _, first = np.unique(records.postures[order], return_index=True)
+    one = order[np.sort(first)]
     turns = np.hstack([np.cos(records.q[one]), np.sin(records.q[one])])
+    count = min(most, len(one))
+    _, number = scipy.cluster.vq.kmeans2(turns, count, minit="++", rng=rng)
     clusters = np.empty(len(one), dtype=np.intp)
-    clusters[records.postures[one]] = scipy.cluster.vq.kmeans2(
-        turns, min(most, len(one)), minit="++", rng=rng
-    )[1]
+    clusters[records.postures[one]] = number
     return np.asarray(clusters[records.postures])
 
 
@@ -150,20 +164,19 @@ def _in_order(records: Measurements) -> Index:
     """The records in order of their angles (n,), so that what is drawn depends neither on the
     file's order nor on labels.
     """
-    return np.asarray(np.lexsort(np.round(records.q, ROUNDED).T[::-1]))
+    angles = np.round(records.q, ANGLE_DECIMALS)
+    return np.asarray(np.lexsort(angles.T[::-1]))
 
 
 def together(labels: Index, postures: Index) -> Index:
     """Labels (n,), 0 and on, with those made one that share a posture."""
-    joined = np.unique(labels, return_inverse=True)[1]
+    _, joined = np.unique(labels, return_inverse=True)
     count = int(joined.max()) + 1
     nodes = count + int(postures.max()) + 1
-    graph = scipy.sparse.coo_array(
-        (np.ones(len(joined)), (joined, count + postures)), shape=(nodes, nodes)
-    )
-    return np.asarray(
-        scipy.sparse.csgraph.connected_components(graph, directed=False)[1][joined], dtype=np.intp
-    )
+    edges = (joined, count + postures)
+    graph = scipy.sparse.coo_array((np.ones(len(joined)), edges), shape=(nodes, nodes))
+    _, number = scipy.sparse.csgraph.connected_components(graph, directed=False)
+    return np.asarray(number[joined], dtype=np.intp)
 
 
 def enough_postures(records: Measurements, used: Mask | slice = slice(None)) -> bool:
@@ -276,6 +289,5 @@ def _predicted_by(
     end = solve(problem, noise, point, np.ones(others.n)).point
     poses = fit.problem.of(left).poses(end.x, end.frame)
     turn = np.where(left.oriented, np.linalg.norm(poses[:, 3:], axis=1), np.nan)
-    return distances(
-        left, poses, dict(zip(noise.observations.labels, end.seats, strict=True))
-    ), turn
+    seats = dict(zip(noise.observations.labels, end.seats, strict=True))
+    return distances(left, poses, seats), turn

@@ -36,11 +36,11 @@ from aacmm_pin.errors import AacmmError
 UNEQUAL = 1.5
 """Records far out scatter more, by their readings; where the noise is not stated, they are believed
 this much farther."""
-MOST_ROUNDS = 12
+MOST_NOISE_ROUNDS = 12
 STAYED = 1e-6
 """What moved by less than this part of its width along a direction that nothing tells has
 stayed."""
-ALIKE = 1e-3
+SCATTER_TOLERANCE = 1e-3
 """Scatters that change by less than this part of them are found."""
 FIRST_SCATTER = 1e-4
 """What nobody stated counts as this until the records show what it is [m]."""
@@ -92,7 +92,8 @@ class _Estimation:
 
     def noise(self, point: Point, scatters: Scatters) -> NoiseModel:
         """The noise with scatters that stand in for what is not stated."""
-        return NoiseModel.of(self.problem, point.x, point.frame, scatters, self.observations)
+        x, frame = point.x, point.frame
+        return NoiseModel.of(self.problem, x, frame, scatters, self.observations)
 
     def initial_fit(self, point: Point, used: Mask, *, robust: bool) -> Solution:
         """A search with the scatter that the records have so far taken for noise; if robust, until
@@ -106,7 +107,7 @@ class _Estimation:
         scatters = Scatters(
             tip, _median_scatter(squares[used & self.observations.oriented, 3:]), tip
         )
-        for _ in range(MOST_ROUNDS):
+        for _ in range(MOST_NOISE_ROUNDS):
             noise = self.noise(point, scatters)
             solution = solve(
                 self.problem, noise, point, used.astype(np.float64), robust=robust, roughly=True
@@ -142,7 +143,7 @@ class _Estimation:
             limit = limit * UNEQUAL**2
         used = says.copy()
         solution = solution_at(self.problem, noise, first.point, first.weights)
-        for tried in range(MOST_ROUNDS):
+        for tried in range(MOST_NOISE_ROUNDS):
             belongs = says & (deleted_distances(solution) <= limit)
             if belongs.sum() < 0.5 * count or (tried and (belongs == used).all()):
                 break
@@ -179,11 +180,10 @@ class _Estimation:
         off, stated = deviations(noise.observations, point), noise.without_scatter
         turned = used & noise.observations.oriented
         tip = self._scatter_of_median(off[used, :3], stated[used, :3, :3], share)
-        turn = (
-            self._scatter_of_median(off[turned, 3:], stated[turned, 3:, 3:], share)
-            if turned.any()
-            else 0.0
-        )
+        turn = 0.0
+        if turned.any():
+            of_turns = stated[turned, 3:, 3:]
+            turn = self._scatter_of_median(off[turned, 3:], of_turns, share)
         return Scatters(tip, turn, tip)
 
     def _scatter_of_median(self, deviation: Array, stated: Array, share: float) -> float:
@@ -223,13 +223,13 @@ class _Estimation:
         """The search with the scatter with which χ² meets its degrees of freedom."""
         weights = used.astype(np.float64)
         solution = solve(self.problem, noise, point, weights)
-        for _ in range(MOST_ROUNDS):
+        for _ in range(MOST_NOISE_ROUNDS):
             before = np.array(noise.scatters)
             scatters = variance_components(solution, used, self.observations.unstated)
             noise = self.noise(solution.point, scatters)
             solution = solve(self.problem, noise, solution.point, weights)
             after = np.array(noise.scatters)
-            if (np.abs(after - before) <= ALIKE * after).all():
+            if (np.abs(after - before) <= SCATTER_TOLERANCE * after).all():
                 break
         return solution
 

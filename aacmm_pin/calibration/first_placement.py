@@ -25,11 +25,11 @@ BASINS = 3
 """So many minima, the lowest first, are compared by the sum of their distances, which gross errors
 hardly change.
 """
-APART = 0.05
+ROTATION_TOLERANCE = 0.05
 """Minima at rotations whose matrices differ by less are one."""
-STEPS = 40
+MOST_NEWTON_STEPS = 40
 """Most steps of a search over the rotations; five to twenty do."""
-ROUNDS = 60
+MOST_REWEIGHTINGS = 60
 """Most rounds of weights; they end where the sum of distances falls by less than a part of 1000, as
 in a registration.
 """
@@ -39,7 +39,7 @@ NEARER = 2.0
 """Orientations do not count if positions alone bring tips so many times nearer: they contradict
 each other.
 """
-UNTOLD = 1e-10
+PLACEMENT_RANK_RATIO = 1e-10
 """Offsets of which records say less than this part of what they say of others stay zero."""
 
 
@@ -116,31 +116,35 @@ class _Positions:
     @property
     def spread(self) -> float:
         """Of the references about their mean, RMS [m]."""
-        return float(np.sqrt(np.square(self.references).sum(axis=1).mean()))
+        squares = np.square(self.references).sum(axis=1)
+        return float(np.sqrt(squares.mean()))
 
     def form(self, weights: Array) -> _Form:
         """Of the squared distances, t and c eliminated."""
         m = self.linear.shape[2]
         by_rotation = np.einsum("ij,nk->nijk", np.eye(3), self.references).reshape(self.n, 3, 9)
         columns = np.concatenate([self.linear, by_rotation, self.tips[:, :, None]], axis=2)
-        rows = (np.sqrt(weights)[:, None, None] * columns).reshape(3 * self.n, -1)
+        root = np.sqrt(weights)[:, None, None]
+        rows = (root * columns).reshape(3 * self.n, -1)
         gram = rows.T @ rows
-        eliminated = (
-            gram[m:, :m] @ np.linalg.pinv(gram[:m, :m], UNTOLD, hermitian=True) @ gram[:m, m:]
-        )
+        inverse = np.linalg.pinv(gram[:m, :m], PLACEMENT_RANK_RATIO, hermitian=True)
+        eliminated = gram[m:, :m] @ inverse @ gram[:m, m:]
         left = gram[m:, m:] - eliminated
         return left[:9, :9], left[:9, 9]
 
     def solved(self, rotation: Array, weights: Array) -> tuple[Array, Array]:
         """What is linear (m + 3,) with W given, and what it leaves (n, 3) [m]."""
-        off, root = self.references @ rotation.T - self.tips, np.sqrt(weights)[:, None]
+        off = self.references @ rotation.T - self.tips
+        root = np.sqrt(weights)[:, None]
         rows = (root[:, :, None] * self.linear).reshape(3 * self.n, -1)
-        found = np.asarray(np.linalg.lstsq(rows, (root * off).ravel(), UNTOLD)[0], dtype=np.float64)
+        solution, *_ = np.linalg.lstsq(rows, (root * off).ravel(), PLACEMENT_RANK_RATIO)
+        found = np.asarray(solution, dtype=np.float64)
         return found, off - self.linear @ found
 
     def distances(self, rotation: Array, weights: Array) -> Array:
         """Of tips and references (n,) [m]."""
-        return np.asarray(np.linalg.norm(self.solved(rotation, weights)[1], axis=1))
+        _, off = self.solved(rotation, weights)
+        return np.asarray(np.linalg.norm(off, axis=1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,21 +179,22 @@ class _Turns:
         """Of the squared distances, the constant axes eliminated; nothing is stated of these, so
         that h is zero.
         """
-        rows = (np.sqrt(weights)[:, None, None] * self._about_means(weights)).reshape(-1, 9)
+        root = np.sqrt(weights)[:, None, None]
+        rows = (root * self._about_means(weights)).reshape(-1, 9)
         return rows.T @ rows, np.zeros(9)
 
     def distances(self, rotation: Array, weights: Array) -> Array:
         """From the constant axes, over the lever (n,) [m]."""
-        return np.asarray(np.linalg.norm(self._about_means(weights) @ rotation.ravel(), axis=1))
+        off = self._about_means(weights) @ rotation.ravel()
+        return np.asarray(np.linalg.norm(off, axis=1))
 
     def _about_means(self, weights: Array) -> Array:
         """The derivatives less their means over each target, which are the constant axes."""
-        total = np.zeros((self.target.max() + 1, 9, 9))
+        weight = np.bincount(self.target, weights)[:, None, None]
+        total = np.zeros((len(weight), 9, 9))
         np.add.at(total, self.target, weights[:, None, None] * self.by_rotation)
-        return np.asarray(
-            self.by_rotation
-            - (total / np.bincount(self.target, weights)[:, None, None])[self.target]
-        )
+        mean = total / weight
+        return np.asarray(self.by_rotation - mean[self.target])
 
 
 def _nearest(positions: _Positions, turns: list[_Turns]) -> _Place:
@@ -199,7 +204,7 @@ def _nearest(positions: _Positions, turns: list[_Turns]) -> _Place:
     rotations, values = _descended(form, _cube())
     distinct: list[Array] = []
     for rotation in rotations[np.argsort(values)]:
-        if all(np.linalg.norm(rotation - other) > APART for other in distinct):
+        if all(np.linalg.norm(rotation - other) > ROTATION_TOLERANCE for other in distinct):
             distinct.append(rotation)
     return min(
         (_weighted(parts, rotation) for rotation in distinct[:BASINS]),
@@ -210,7 +215,7 @@ def _nearest(positions: _Positions, turns: list[_Turns]) -> _Place:
 def _weighted(parts: list[_Positions | _Turns], rotation: Array, *, turning: bool = True) -> _Place:
     """The place near ``rotation``, or at it, weighted anew by the inverse distances (Weiszfeld)."""
     weights, before = [np.ones(part.n) for part in parts], np.inf
-    for _ in range(ROUNDS):
+    for _ in range(MOST_REWEIGHTINGS):
         distances = [
             part.distances(rotation, own) for part, own in zip(parts, weights, strict=True)
         ]
@@ -234,10 +239,11 @@ def _descended(form: _Form, rotations: Array) -> tuple[Array, Array]:
     whole, part = form
 
     def value(w: Array) -> Array:
-        return np.asarray(((w @ whole - 2.0 * part) * w).sum(axis=1))
+        form = (w @ whole - 2.0 * part) * w
+        return np.asarray(form.sum(axis=1))
 
     values, damping = value(rotations.reshape(-1, 9)), np.full(len(rotations), 1e-6)
-    for _ in range(STEPS):
+    for _ in range(MOST_NEWTON_STEPS):
         by_turn = (skew(np.eye(3)) @ rotations[:, None]).reshape(-1, 3, 9)
         pull = rotations.reshape(-1, 9) @ whole - part
         slope = (by_turn @ pull[:, :, None])[:, :, 0]
@@ -266,15 +272,16 @@ def _descended(form: _Form, rotations: Array) -> tuple[Array, Array]:
 
 
 def _sum(forms: list[_Form]) -> _Form:
-    return np.sum([whole for whole, _ in forms], axis=0), np.sum(
-        [part for _, part in forms], axis=0
-    )
+    wholes, parts = zip(*forms, strict=True)
+    return np.sum(wholes, axis=0), np.sum(parts, axis=0)
 
 
 def _cube() -> Array:
     """The rotations of a cube (24, 3, 3)."""
-    axes = [np.eye(3)[list(order)] for order in permutations(range(3))]
-    signed = np.array(
-        [np.diag(signs) @ one for one in axes for signs in product((1.0, -1.0), repeat=3)]
-    )
+    found = []
+    for order in permutations(range(3)):
+        for signs in product((1.0, -1.0), repeat=3):
+            axes = np.eye(3)[list(order)]
+            found.append(np.diag(signs) @ axes)
+    signed = np.array(found)
     return np.asarray(signed[np.linalg.det(signed) > 0.0])

@@ -20,7 +20,7 @@ from aacmm_pin.calibration.problem import OF_WIDTH
 from aacmm_pin.calibration.solver import LEAST_DOF, Chi2, Solution, solution_at
 from aacmm_pin.effects import Effect
 
-MOST_EXCLUDED = 0.15
+MOST_EXCLUDED_PART = 0.15
 """Where more than this part of the records is excluded, they are no gross errors of single
 records."""
 FEWEST_TOGETHER = 3
@@ -101,7 +101,7 @@ class Fit(Solution):
         them.
         """
         excluded = int(self.excluded.sum())
-        return excluded >= FEWEST_TOGETHER and excluded > MOST_EXCLUDED * (
+        return excluded >= FEWEST_TOGETHER and excluded > MOST_EXCLUDED_PART * (
             excluded + int(self.used.sum())
         )
 
@@ -181,8 +181,9 @@ class Fit(Solution):
         field.
         """
         variances = np.diag(self.with_inner)[self.problem.scales.size :]
+        u = np.sqrt(variances).tolist()
         keys = [(effect.key, name) for _, effect, name, _ in self.inner]
-        return dict(zip(keys, np.sqrt(variances).tolist(), strict=True))
+        return dict(zip(keys, u, strict=True))
 
     @cached_property
     def inner(self) -> list[tuple[int, Effect, str, float]]:

@@ -17,7 +17,7 @@ from aacmm_pin.calibration.problem import FRAME_WIDTHS, Prediction, Problem
 from aacmm_pin.calibration.solver import Point
 from aacmm_pin.effects import listed
 
-NEGLIGIBLE = 0.02
+NEGLIGIBLE_PART = 0.02
 """Parts of a combination smaller than this, beside the largest, are not mentioned."""
 OTHER_POSTURES = 200
 """Postures at which it is looked what an undetermined direction moves."""
@@ -55,7 +55,7 @@ class Undetermined:
         """
         widths = self.problem.widths
         span, size, _ = np.linalg.svd(self.directions[: widths.size], full_matrices=False)
-        return np.asarray(widths[:, None] * span[:, size > NEGLIGIBLE])
+        return np.asarray(widths[:, None] * span[:, size > NEGLIGIBLE_PART])
 
     @cached_property
     def tip_spread(self) -> Array:
@@ -102,8 +102,9 @@ class Undetermined:
         """
         p, names = self.problem.widths.size, self.problem.names
         rows = _combinations(self.problem, self.directions)
-        rows = rows[(rows[:, p : p + 6] != 0.0).any(axis=1)]
-        return tuple(names[k] for k in np.flatnonzero(rows[:, :p].any(axis=0)))
+        with_frame = rows[:, p : p + 6].any(axis=1)
+        of_arm = rows[with_frame, :p].any(axis=0)
+        return tuple(names[k] for k in np.flatnonzero(of_arm))
 
     @property
     def words(self) -> tuple[str, ...]:
@@ -174,22 +175,22 @@ class Observability(Shown):
         """From the sensitivity (rows, p), nuisances projected out, columns in units of typical
         errors [m].
         """
-        values = np.linalg.svd(jacobian, compute_uv=False) if jacobian.size else np.empty(0)
-        values = values[values > 1e-9 * values[0]] if values.size else values
+        values = np.linalg.svd(jacobian, compute_uv=False) if jacobian.size else np.zeros(1)
+        values = values[values > 1e-9 * values[0]]
         if not values.size:
             return Observability(0.0, 0.0, 0.0, 0.0, 0.0, 0)
         low, high = float(values[-1]), float(values[0])
         o1 = float(np.exp(np.mean(np.log(values))) / np.sqrt(records))
-        return Observability(
-            o1, low / high, low, low**2 / high, float(1.0 / np.sum(1.0 / values)), values.size
-        )
+        o5 = float(1.0 / np.sum(1.0 / values))
+        return Observability(o1, low / high, low, low**2 / high, o5, values.size)
 
 
 def in_words(problem: Problem, directions: Array) -> tuple[str, ...]:
     """Combinations of parameters that span ``directions``, in units of the scales (p, k), one
     sentence each.
     """
-    return tuple(_words(row, problem.names) for row in _combinations(problem, directions))
+    combinations = _combinations(problem, directions)
+    return tuple(_words(row, problem.names) for row in combinations)
 
 
 def _combinations(problem: Problem, directions: Array) -> Array:
@@ -204,12 +205,11 @@ def _typical(problem: Problem) -> Array:
     """1 mm for lengths, 1 mrad for angles, so that parts of a combination can be compared; others
     by their widths.
     """
-    usual = {"m": 1e-3, "rad": 1e-3}
-    of_parameters = [
-        usual.get(p.unit, float(width))
-        for p, width in zip(problem.vector.parameters, problem.widths, strict=True)
-    ]
-    return np.array(of_parameters + [1e-3] * (len(problem.names) - len(of_parameters)))
+    found = np.full(len(problem.names), 1e-3)
+    for k, parameter in enumerate(problem.vector.parameters):
+        if parameter.unit not in ("m", "rad"):
+            found[k] = problem.widths[k]
+    return found
 
 
 def _sparse(rows: Array) -> Array:
@@ -222,7 +222,7 @@ def _sparse(rows: Array) -> Array:
         rows[k] /= rows[k, j]
         others = np.arange(len(rows)) != k
         rows[others] -= rows[others, j][:, None] * rows[k]
-    small = np.abs(rows) < NEGLIGIBLE * np.abs(rows).max(axis=1, keepdims=True, initial=1e-300)
+    small = np.abs(rows) < NEGLIGIBLE_PART * np.abs(rows).max(axis=1, keepdims=True, initial=1e-300)
     return np.where(small, 0.0, rows)
 
 
@@ -233,6 +233,6 @@ def _words(combination: Array, names: list[str]) -> str:
         return f"{members[0]}: not at all"
     if len(members) == 2:
         ratio = combination[parts[1]] / combination[parts[0]]
-        if abs(abs(ratio) - 1) < NEGLIGIBLE:
+        if abs(abs(ratio) - 1) < NEGLIGIBLE_PART:
             return f"{listed(members)}: only their {'sum' if ratio < 0 else 'difference'}"
     return f"{listed(members)}: only together"

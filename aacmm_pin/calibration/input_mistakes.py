@@ -33,7 +33,7 @@ from aacmm_pin.calibration.parameter_vector import KIND_OF
 from aacmm_pin.calibration.parameters import ASSEMBLED, problem_of
 from aacmm_pin.calibration.problem import Frame, Problem, registered
 from aacmm_pin.calibration.setup import Setup
-from aacmm_pin.calibration.solver import FEWEST, initial_point, solve
+from aacmm_pin.calibration.solver import FEWEST_PLACED, initial_point, solve
 from aacmm_pin.effects import (
     ErrorModel,
     JointPlacement,
@@ -59,7 +59,7 @@ may be anything.
 """
 EXPLAINS = 0.2
 """A mistake is named if without it the median distance falls to less than this part."""
-ALIKE = 1.5
+SIMILAR_RATIO = 1.5
 """Mistakes that leave less than so many times the least are not told apart."""
 TRIED = 3
 """So many of the best are fitted, the best first, until one explains the file."""
@@ -69,13 +69,13 @@ than four.
 """
 TURN = 2 * np.pi
 """An angle beyond this was hardly in radians [rad]."""
-FEW = 10
+FEWEST_FOR_MISTAKES = 10
 """With fewer records some mistake fits anything."""
-ENOUGH = 80
+RECORDS_TO_DISTINGUISH = 80
 """So many records tell one mistake from another."""
 GON = 0.9
 """In degrees."""
-UNITS = {
+LENGTH_UNITS = {
     ("metres", "mm"): 1e3,
     ("inches", "mm"): 25.4,
     ("micrometres", "mm"): 1e-3,
@@ -83,7 +83,7 @@ UNITS = {
 }
 """Units that lengths may have come in and what they were taken as, and the factor that undoes it.
 """
-ANGLES = {
+ANGLE_UNITS = {
     ("degrees", "radians"): DEG,
     ("radians", "degrees"): 1 / DEG,
     ("gon", "degrees"): GON,
@@ -93,7 +93,7 @@ ANGLES = {
     ("turns", "radians"): 360.0 * DEG,
 }
 """The same of angles."""
-AXES = np.arange(3)
+AXIS_NUMBERS = np.arange(3)
 TURNED = 0.05
 """Median turn from the stated orientations after a fit that no arm has [rad]."""
 
@@ -129,7 +129,8 @@ class _Mistake:
     @property
     def of_arm(self) -> bool:
         """Whether it changes nothing of what was touched."""
-        return self.target or any(one is not None for one in (self.turned, self.added, self.arm))
+        changed = (self.turned, self.added, self.arm)
+        return self.target or any(change is not None for change in changed)
 
     @property
     def free(self) -> int:
@@ -139,17 +140,24 @@ class _Mistake:
     def undone(self, problem: Problem) -> Problem:
         """The problem without the mistake."""
         records, setup, (order, signs) = problem.measurements, problem.setup, self.axes
-        q = records.q if self.turned is None else records.q @ self.turned
+        q, length = records.q, records.bar_length
+        if self.turned is not None:
+            q = q @ self.turned
+        if self.added is not None:
+            q = q + self.added
+        scaled = (self.scale * records.reference)[:, order]
         changed = replace(
             records,
-            q=q if self.added is None else q + self.added,
-            reference=(self.scale * records.reference)[:, order] * np.array(signs),
+            q=q,
+            reference=scaled * np.array(signs),
             reference_u=records.reference_u[:, order],
-            bar_length=None if records.bar_length is None else self.bars * records.bar_length,
+            bar_length=None if length is None else self.bars * length,
             orientation=None,  # tips alone show what is wrong with them
         )
-        setup = replace(setup, reference_frame="external") if self.external else setup
-        setup = replace(setup, target="unknown") if self.target else setup
+        if self.external:
+            setup = replace(setup, reference_frame="external")
+        if self.target:
+            setup = replace(setup, target="unknown")
         if self.target or self.arm:
             model = problem.model if self.arm is None else replace(problem.model, arm=self.arm)
             problem = _asked_again(problem, model, setup)
@@ -246,7 +254,7 @@ def _require_no_mistake(problem: Problem, fitted: float, *, thorough: bool, opti
         MistakenFileError: the mistake.
     """
     records = problem.measurements
-    if records.n < FEW:
+    if records.n < FEWEST_FOR_MISTAKES:
         return
     few = problem.of(records.take(_few(records)))
 
@@ -280,14 +288,14 @@ def _require_no_mistake(problem: Problem, fitted: float, *, thorough: bool, opti
         misfits = np.array([misfit(several) for several in mistakes])
         limit = (EXPLAINS if taken_up else 1.0) * as_given
         nearest = [k for k in np.argsort(misfits, kind="stable") if misfits[k] <= limit]
-        alike = [k for k in nearest if misfits[k] <= ALIKE * misfits[nearest[0]]]
+        alike = [k for k in nearest if misfits[k] <= SIMILAR_RATIO * misfits[nearest[0]]]
         alike.sort(key=lambda k: (len(mistakes[k]), sum(one.free for one in mistakes[k]), k))
         for together in (alike[:FITTED], *([k] for k in nearest[len(alike) : TRIED])):
             left = {mistakes[k]: _left(_undone(problem, mistakes[k]), as_is) for k in together}
             least = min(left.values(), default=np.inf)
             if least == np.inf:
                 continue
-            named = [several for several, own in left.items() if own <= ALIKE * least]
+            named = [several for several, own in left.items() if own <= SIMILAR_RATIO * least]
             named = [many for many in named if not any(set(few) < set(many) for few in named)]
             words = [", and ".join(str(one.name) for one in several) for several in named]
             raise MistakenFileError(
@@ -318,7 +326,7 @@ def _undone(problem: Problem, mistakes: tuple[_Mistake, ...]) -> Problem:
 
 def _travel(problem: Problem) -> float:
     """How far the tips are spread in each coordinate [m]."""
-    tips = problem.model.arm.chain.walk(problem.measurements.q)[1][-1]
+    tips = problem.model.arm.positions(problem.measurements.q)
     return float(np.sqrt(tips.var(axis=0).mean()))
 
 
@@ -328,25 +336,24 @@ def _absorbs(after: Fit) -> bool:
     """
     vector, point = after.problem.vector, after.point
     moved = np.abs(point.x - after.problem.start)
-    tips = moved * np.sqrt(
-        np.square(point.prediction.jacobian[:, :3, : moved.size]).sum(axis=1).mean(axis=0)
-    )
-    geometric = [
-        k
-        for effect, own in vector
-        if isinstance(effect, (JointPlacement, *KIND_OF))
-        for k in np.r_[own]
-    ]
-    far = [moved[k] > MOVED * ASSEMBLED[vector.parameters[k].unit] for k in geometric]
-    return bool((np.array(far, dtype=bool) & (tips[geometric] > MOVED * ASSEMBLED["m"])).any())
+    squares = np.square(point.prediction.jacobian[:, :3, : moved.size])
+    tips = moved * np.sqrt(squares.sum(axis=1).mean(axis=0))
+    for effect, own in vector:
+        if isinstance(effect, (JointPlacement, *KIND_OF)):
+            assembled = np.array([ASSEMBLED[term.unit] for term in effect.terms])
+            far = moved[own] > MOVED * assembled
+            if (far & (tips[own] > MOVED * ASSEMBLED["m"])).any():
+                return True
+    return False
 
 
 def _as_described(after: Fit) -> float:
     """Median distance by the arm as it is described, with frame and seats where the fit has them,
     to first order [m].
     """
-    x, jacobian = after.point.x - after.problem.start, after.point.prediction.jacobian
-    return _median(after.system.deviation - jacobian[:, :3, : x.size] @ x)
+    x = after.point.x - after.problem.start
+    jacobian = after.point.prediction.jacobian[:, :3, : x.size]
+    return _median(after.system.deviation - jacobian @ x)
 
 
 def _median(deviation: Array) -> float:
@@ -388,7 +395,7 @@ def _misfit(arm: _Described, touched: _Touched) -> tuple[float, float]:
     over the tips' travel.
     """
     records, observations, setup = touched
-    if setup.external and records.known.sum() < FEWEST:
+    if setup.external and records.known.sum() < FEWEST_PLACED:
         return np.inf, np.inf
     try:
         tips, points = (
@@ -452,15 +459,18 @@ def _asked_again(problem: Problem, model: ErrorModel, setup: Setup) -> Problem:
 
 def _of_targets(problem: Problem) -> Problem:
     """The problem with nothing unknown but where targets sit, and the frame."""
-    of_target = [
-        (effect, own) for effect, own in problem.vector if isinstance(effect, StylusOffset)
-    ]
-    mine = np.concatenate([np.arange(0), *(np.r_[own] for _, own in of_target)])
+    mine = np.zeros(problem.widths.size, dtype=bool)
+    effects = []
+    for effect, own in problem.vector:
+        if isinstance(effect, StylusOffset):
+            effects.append(effect)
+            mine[own] = True
+    vector = replace(problem.vector, effects=tuple(effects))
     return replace(
         problem,
         measurements=replace(problem.measurements, orientation=None),
         targets=(),
-        vector=replace(problem.vector, effects=tuple(effect for effect, _ in of_target)),
+        vector=vector,
         widths=problem.widths[mine],
         stated=problem.stated[mine],
         correlation=problem.correlation[np.ix_(mine, mine)],
@@ -472,8 +482,8 @@ def _few(records: Measurements) -> Index:
     rows = np.arange(records.n)
     seats = records.seats()
     if not seats:
-        return rows[:: max(1, records.n // ENOUGH)]
-    each = max(3, ENOUGH // len(seats))
+        return rows[:: max(1, records.n // RECORDS_TO_DISTINGUISH)]
+    each = max(3, RECORDS_TO_DISTINGUISH // len(seats))
     return np.unique(
         np.concatenate([members[:: max(1, len(members) // each)] for members in seats.values()])
     )
@@ -506,7 +516,7 @@ def _mistakes(problem: Problem) -> Iterator[_Mistake]:
         code = "joint_shows_sum" if sign < 0 else "joint_shows_difference"
         name = Note(code, {"joint": j + 1, "before": j})
         yield _Mistake(name, "sum", turned=one + sign * np.outer(one[j - 1], one[j]))
-    for (unit, taken), factor in ANGLES.items():
+    for (unit, taken), factor in ANGLE_UNITS.items():
         yield _Mistake(
             Note("angles_unit", {"unit": unit, "taken": taken}), "angles", turned=factor * one
         )
@@ -517,15 +527,15 @@ def _mistakes(problem: Problem) -> Iterator[_Mistake]:
             isinstance(one, StylusOffset) for one in problem.vector.effects
         ):
             yield _Mistake(Note("target_off_tip"), "target", target=True)
-        for (unit, taken), factor in UNITS.items():
+        for (unit, taken), factor in LENGTH_UNITS.items():
             yield _Mistake(
                 Note("coordinates_unit", {"unit": unit, "taken": taken}), "unit", scale=factor
             )
         for k, axis in enumerate("xyz"):
-            scale = np.where(k == AXES, 1e3, 1.0)
+            scale = np.where(k == AXIS_NUMBERS, 1e3, 1.0)
             yield _Mistake(Note("coordinate_in_metres", {"axis": axis}), "unit", scale=scale)
     if records.bars():
-        for (unit, taken), factor in UNITS.items():
+        for (unit, taken), factor in LENGTH_UNITS.items():
             yield _Mistake(Note("bars_unit", {"unit": unit, "taken": taken}), "bars", bars=factor)
 
 
@@ -565,18 +575,22 @@ def _options(single: list[tuple[_Mistake]]) -> list[tuple[_Mistake, ...]]:
 def _counted(*joints: int, nq: int) -> _Mistake:
     """Joints counted the other way."""
     code = "joint_reversed" if len(joints) == 1 else "joints_reversed"
-    signs = np.where(np.isin(np.arange(nq), joints), -1.0, 1.0)
-    return _Mistake(Note(code, {"joints": [j + 1 for j in joints]}), "sign", turned=np.diag(signs))
+    note = Note(code, {"joints": [j + 1 for j in joints]})
+    signs = np.ones(nq)
+    signs[list(joints)] = -1.0
+    return _Mistake(note, "sign", turned=np.diag(signs))
 
 
 def _several_signs(nq: int) -> list[tuple[_Mistake, ...]]:
-    return [
-        (_counted(*joints, nq=nq),)
-        for count in range(2, nq + 1)
-        for joints in combinations(range(nq), count)
-    ]
+    found: list[tuple[_Mistake, ...]] = []
+    for count in range(2, nq + 1):
+        for joints in combinations(range(nq), count):
+            found.append((_counted(*joints, nq=nq),))
+    return found
 
 
 def _pairs(single: list[tuple[_Mistake]]) -> list[tuple[_Mistake, ...]]:
     """Every two mistakes of different kinds; zeros of two joints are two kinds."""
-    return [(one, other) for (one,), (other,) in combinations(single, 2) if one.kind != other.kind]
+    mistakes = [one for (one,) in single]
+    pairs = combinations(mistakes, 2)
+    return [(one, other) for one, other in pairs if one.kind != other.kind]

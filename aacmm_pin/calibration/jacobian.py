@@ -73,24 +73,27 @@ class Columns:
         """Work out what stays, from the arm in its records as drawn."""
         vector = ParameterVector(state.arm, tuple(effects))
         varying: list[_Varying] = []
-        constant: list[tuple[int, Array, int, bool]] = []
+        places: list[int] = []
+        twists: list[Array] = []
+        numbers: list[int] = []
+        of_reference: list[bool] = []
         for effect, own in vector:
             straight = type(effect).exact is Effect.exact
             displacements = [] if effect.elastic else effect.displacements(state)
             for d in displacements:
-                if len(displacements) == len(d.columns) == 1 and straight:
-                    numbers = range(own.start, own.stop)
-                    constant += [
-                        (d.place, t, k, effect.of_reference)
-                        for t, k in zip(d.columns[0].T, numbers, strict=True)
-                    ]
-                else:
+                if not (len(displacements) == len(d.columns) == 1 and straight):
                     varying.append(_Varying(d, own, effect.of_reference, straight))
+                    continue
+                width = own.stop - own.start
+                places += width * [d.place]
+                twists.append(d.columns[0].T)
+                numbers += range(own.start, own.stop)
+                of_reference += width * [effect.of_reference]
         same = _Same(
-            np.array([place for place, *_ in constant], dtype=np.intp),
-            np.array([twist for _, twist, *_ in constant]).reshape(-1, 6),
-            np.array([number for *_, number, _ in constant], dtype=np.intp),
-            np.array([of_reference for *_, of_reference in constant], dtype=bool),
+            np.array(places, dtype=np.intp),
+            np.concatenate([np.zeros((0, 6)), *twists]),
+            np.array(numbers, dtype=np.intp),
+            np.array(of_reference, dtype=bool),
         )
         return Columns(state, vector, same, tuple(varying))
 
@@ -100,11 +103,12 @@ class Columns:
 
     @cached_property
     def _curved(self) -> list[tuple[Effect, slice]]:
-        return [
-            (e, own)
-            for e, own in self.vector
-            if not e.elastic and type(e).exact is not Effect.exact
-        ]
+        found = []
+        for effect, own in self.vector:
+            is_linear = effect.elastic or type(effect).exact is Effect.exact
+            if not is_linear:
+                found.append((effect, own))
+        return found
 
     @cached_property
     def _same_twists(self) -> list[tuple[list[int], Array]]:
@@ -128,7 +132,8 @@ class Columns:
 
     def bends(self, x: Array) -> bool:
         """Whether any effect at the values ``x`` (p,) bends under weight."""
-        return any(x[own].any() for _, own in self._elastic)
+        values = [x[own] for _, own in self._elastic]
+        return any(map(np.any, values))
 
     def at(self, x: Array) -> State:
         """The arm with all effects at the values ``x`` (p,), as the references state it."""
@@ -159,11 +164,14 @@ class Columns:
         """``R v + (R ω) × (p - o)`` for all of them together (n, 3, k); the turns ``R ω`` behind it
         where asked for.
         """
-        axes = state.rotation.transpose(0, 3, 2, 1)[self.same.place].reshape(-1, 3, 3 * state.n)
+        place = self.same.place
+        axes = state.rotation.transpose(0, 3, 2, 1)[place].reshape(-1, 3, 3 * state.n)
         moves = (self.same.twist.reshape(-1, 2, 3) @ axes).reshape(-1, 2, 3, state.n)
-        lever = state.position.T - state.origin.transpose(0, 2, 1)[self.same.place]
-        shifts = moves[:, 0] + cross(moves[:, 1], lever)
-        motions = np.concatenate([shifts, moves[:, 1]], axis=1) if state.turns else shifts
+        lever = state.position.T - state.origin.transpose(0, 2, 1)[place]
+        turns = moves[:, 1]
+        motions = moves[:, 0] + cross(turns, lever)
+        if state.turns:
+            motions = np.concatenate([motions, turns], axis=1)
         return np.asarray(motions.transpose(2, 1, 0))
 
     def _twists(self, x: Array, of_reference: bool) -> Twists:

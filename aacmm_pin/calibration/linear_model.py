@@ -20,7 +20,7 @@ from scipy.sparse import csr_array
 from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin.measurements.observations import NOTHING_KNOWN, Observations
 
-LEAST_KNOWN = 0.1
+LEAST_INFORMATION = 0.1
 """A direction about which data and stated uncertainties together say less than this, one over its
 width, is not known."""
 MOVABLE = 1e-9
@@ -29,7 +29,7 @@ no step can be taken."""
 UNEVEN = 1e-6
 """Normal equations do where every singular value, of columns of length one, is certain to be above
 this: errors of the smallest are then a ten-thousandth of it, and the gradient has none."""
-AT_ONCE = 4000
+ROWS_AT_ONCE = 4000
 """Rows that are brought to a triangle at once: copies of all of them would take more memory than
 all the rest."""
 
@@ -97,8 +97,8 @@ class LinearModel:
         fewer rows.
         """
         scales, triangle = np.append(self.prior.scales, 1.0), self.prior.rows
-        for first in range(0, max(len(self.rows), 1), AT_ONCE):
-            some, above = self.rows[first : first + AT_ONCE], len(triangle)
+        for first in range(0, max(len(self.rows), 1), ROWS_AT_ONCE):
+            some, above = self.rows[first : first + ROWS_AT_ONCE], len(triangle)
             rows = np.concatenate([triangle, np.empty_like(some)])
             np.multiply(some, scales, out=rows[above:])
             triangle = np.asarray(np.linalg.qr(rows, mode="r"))
@@ -116,7 +116,7 @@ class LinearModel:
         """
         squares = np.square(self.spectrum.directions)
         assumed = squares.T @ self.prior.assumed
-        return np.asarray(self.spectrum.values**2 - assumed >= LEAST_KNOWN**2)
+        return np.asarray(self.spectrum.values**2 - assumed >= LEAST_INFORMATION**2)
 
     @property
     def predicted_reduction(self) -> float:
@@ -146,7 +146,8 @@ class LinearModel:
         """
         steps, scales = self.independent_steps, self.prior.scales[:, None]
         of_prior = self.prior.rows[:, :-1] @ (steps / scales)
-        return float(steps.shape[1] - np.square(of_prior).sum())
+        by_prior = np.square(of_prior).sum()
+        return float(steps.shape[1] - by_prior)
 
     def covariance(self, unknown: Array) -> Array:
         """Covariance of the parameters (p, p) [units], zero along the ``unknown`` directions (p, k)
@@ -161,10 +162,10 @@ class LinearModel:
         """
         known = null_space(unknown.T) if unknown.size else np.eye(self.prior.scales.size)
         spectrum = self.spectrum
-        triangle = np.linalg.qr(
-            (spectrum.values[:, None] * spectrum.directions.T) @ known, mode="r"
-        )
-        return np.asarray(known @ np.linalg.inv(triangle) * self.prior.scales[:, None])
+        rows = spectrum.values[:, None] * spectrum.directions.T
+        triangle = np.linalg.qr(rows @ known, mode="r")
+        in_widths = known @ np.linalg.inv(triangle)
+        return np.asarray(in_widths * self.prior.scales[:, None])
 
 
 @dataclass(frozen=True, eq=False)

@@ -64,8 +64,11 @@ def linearise(
     observations, p = noise.observations, prediction.jacobian.shape[2]
     says = observations.says
     off = observations.deviations(prediction.poses, points)
-    white = (noise.whitening @ np.where(says[:, None], off, 0.0)[:, :, None])[:, :, 0]
-    of_tip, of_turn = (np.einsum("ni,ni->n", part, part) for part in np.split(white, [3], axis=1))
+    stated = np.where(says[:, None], off, 0.0)
+    white = (noise.whitening @ stated[:, :, None])[:, :, 0]
+    tip, turn = white[:, :3], white[:, 3:]
+    of_tip = np.einsum("ni,ni->n", tip, tip)
+    of_turn = np.einsum("ni,ni->n", turn, turn)
     root = np.sqrt(np.where(says, weights, 0.0))[:, None]
     whitening = noise.whitening * root[:, :, None]
     rows = np.empty((*white.shape, p + 1))
@@ -73,8 +76,9 @@ def linearise(
     rows[:, :, p] = white * root
     elimination = SeatElimination(observations, points, -whitening[:, :, :3])
     along, every = elimination.eliminated(rows, residual=True)
-    bars, seats = np.arange(len(observations.ends)), np.flatnonzero(observations.known)
-    block = RowBlock(np.flatnonzero(says), seats, bars, len(observations.labels))
+    records, seats = np.flatnonzero(says), np.flatnonzero(observations.known)
+    bars = np.arange(len(observations.ends))
+    block = RowBlock(records, seats, bars, len(observations.labels))
     return Linearisation(
         rows=block.stack(every),
         prior=prior,

@@ -16,11 +16,11 @@ from aacmm_pin.calibration.setup import Setup
 from aacmm_pin.measurements.observations import Observations
 from aacmm_pin.measurements.records import Bar, Measurements
 
-LENGTH = 5e-5
+BAR_NOISE = 5e-5
 """Standard uncertainty of a bar's length that is not stated [m]."""
-LEAST = 1e-12
+LEAST_U = 1e-12
 """A standard uncertainty of zero counts as this, so that it can be divided by [m]."""
-SAME = 1e-9
+SAME_PLACE = 1e-9
 """Coordinates that differ by less are the same whatever their uncertainty [m]."""
 MEASURED, ROUNDED = 1 / 3, 2.0
 """Coordinates of a seat that differ by less than so many standard uncertainties are the same: where
@@ -53,9 +53,9 @@ class Scatters(NamedTuple):
         """Of a residual, by tip and turn alone (width, width), ``width`` being 3 or 6 [m²,
         rad²].
         """
-        return np.diag(
-            np.repeat([max(self.tip, LEAST) ** 2, max(self.turn, LEAST) ** 2], 3)[:width]
-        )
+        of_tip, of_turn = max(self.tip, LEAST_U), max(self.turn, LEAST_U)
+        variance = np.repeat([of_tip**2, of_turn**2], 3)
+        return np.diag(variance[:width])
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +93,7 @@ class NoiseModel:
         """
         setup, n = problem.setup, problem.measurements.n
         observations = known or observations_of(problem.measurements, setup)
-        u = np.where(observations.unstated, max(scatters.seat, LEAST), observations.stated_u)
+        u = np.where(observations.unstated, max(scatters.seat, LEAST_U), observations.stated_u)
         observations = replace(observations, stated_u=u)
         each = scatters.covariance(observations.covariance.shape[1])
         tips = np.broadcast_to(each, (n, *each.shape))
@@ -144,38 +144,33 @@ def observations_of(measurements: Measurements, setup: Setup) -> Observations:
     least = np.nan_to_num(np.fmin.reduce(_of_each(np.fmin, u[stating], of, count), axis=1))
     repeated, most = _repeated(of, measurements.reference[stating], count)
     if repeated.any():
-        far = (
-            np.abs(measurements.reference - most[seat]).max(axis=1)
-            > np.maximum(SAME, ROUNDED * least)[seat]
-        )
+        off = np.abs(measurements.reference - most[seat]).max(axis=1)
+        far = off > np.maximum(SAME_PLACE, ROUNDED * least)[seat]
         seat = np.where(stating & repeated[seat] & far, -1, seat)
         stating = known & (seat >= 0)
     of, stated = seat[stating], measurements.reference[stating]
-    total, high, low = (
-        _of_each(combine, stated, of, count) for combine in (np.add, np.fmax, np.fmin)
-    )
-    at = total / np.maximum(np.bincount(of, minlength=count), 1)[:, None]
+    combined = [_of_each(combine, stated, of, count) for combine in (np.add, np.fmax, np.fmin)]
+    total, high, low = combined
+    records = np.maximum(np.bincount(of, minlength=count), 1)
+    at = total / records[:, None]
     at_u = _of_each(np.fmax, u[stating], of, count)
-    mixed = ~repeated & ((high - low).max(axis=1) > np.maximum(SAME, MEASURED * least))
+    extent = (high - low).max(axis=1)
+    mixed = ~repeated & (extent > np.maximum(SAME_PLACE, MEASURED * least))
     # A seat whose records state coordinates of their own is none.
     number = np.where(mixed, -1, np.cumsum(~mixed) - 1)
     seat = np.where(seat >= 0, number[seat] if len(labels) else -1, -1)
     alone = known & (seat < 0)
     # What is not stated is in the covariance of the tips already.
-    own = np.where(
-        alone[:, None], np.hypot(reference_u(measurements, setup, 0.0), contact), contact
-    )
+    of_reference = np.hypot(reference_u(measurements, setup, 0.0), contact)
+    own = np.where(alone[:, None], of_reference, contact)
     if measurements.orientation is not None:
-        turn = (
-            np.zeros(measurements.n)
-            if measurements.orientation_u is None
-            else np.nan_to_num(measurements.orientation_u)
-        )
+        turn = np.zeros(measurements.n)
+        if measurements.orientation_u is not None:
+            turn = np.nan_to_num(measurements.orientation_u)
         own = np.hstack([own, np.repeat(turn[:, None], 3, axis=1)])
     chosen = [label for label, none in zip(labels, mixed, strict=True) if not none]
-    ends, length, length_u = _bars(
-        measurements, setup, {label: k for k, label in enumerate(chosen)}
-    )
+    place = {label: k for k, label in enumerate(chosen)}
+    ends, length, length_u = _bars(measurements, setup, place)
     return Observations(
         reference=np.where(alone[:, None], measurements.reference, np.nan),
         seat=seat.astype(np.intp),
@@ -210,7 +205,7 @@ def contradictions(measurements: Measurements, setup: Setup, scatters: Scatters)
     found = _bars_between(measurements, setup, stating, u)
     for label, records in stating.items():
         at = measurements.reference[records]
-        over_u = np.ptp(at, axis=0) / np.maximum(u[records].max(axis=0), SAME)
+        over_u = np.ptp(at, axis=0) / np.maximum(u[records].max(axis=0), SAME_PLACE)
         if over_u.max() > (ROUNDED if repeated[label] else CONTRADICTING):
             ends = records[[at[:, over_u.argmax()].argmin(), at[:, over_u.argmax()].argmax()]]
             apart = float(np.linalg.norm(np.diff(measurements.reference[ends], axis=0)))
@@ -247,7 +242,7 @@ def reference_u(measurements: Measurements, setup: Setup, scatter: float) -> Arr
     """
     fallback = scatter if setup.reference_noise is None else setup.reference_noise
     u = np.where(np.isfinite(measurements.reference_u), measurements.reference_u, fallback)
-    return np.maximum(u, LEAST)
+    return np.maximum(u, LEAST_U)
 
 
 def _numbered(measurements: Measurements) -> tuple[Index, list[str]]:
@@ -299,18 +294,18 @@ def _bars(
     large enough for each.
     """
     bars = [b for b in measurements.bars() if b.seat_a in number and b.seat_b in number]
-    ends = np.array([(number[b.seat_a], number[b.seat_b]) for b in bars], dtype=np.intp).reshape(
-        -1, 2
-    )
-    stated = np.array([(b.length, max(_length_u(b, setup), LEAST)) for b in bars]).reshape(-1, 2)
-    _, alike, count = np.unique(stated, axis=0, return_inverse=True, return_counts=True)
-    guessed = np.array(
-        [setup.length_noise is None and not np.isfinite(b.u) for b in bars], dtype=bool
-    )
-    return ends, stated[:, 0], stated[:, 1] * np.where(guessed, 1.0, np.sqrt(count[alike.ravel()]))
+    ends = [(number[b.seat_a], number[b.seat_b]) for b in bars]
+    stated = [(b.length, max(_length_u(b, setup), LEAST_U)) for b in bars]
+    table = np.array(stated).reshape(-1, 2)
+    length, u = table.T
+    _, alike, count = np.unique(table, axis=0, return_inverse=True, return_counts=True)
+    common = np.sqrt(count[alike.ravel()])
+    if setup.length_noise is None:
+        common[[not np.isfinite(bar.u) for bar in bars]] = 1.0
+    return np.array(ends, dtype=np.intp).reshape(-1, 2), length, u * common
 
 
 def _length_u(bar: Bar, setup: Setup) -> float:
     """Standard uncertainty of a bar's length [m]."""
-    fallback = LENGTH if setup.length_noise is None else setup.length_noise
+    fallback = BAR_NOISE if setup.length_noise is None else setup.length_noise
     return bar.u if np.isfinite(bar.u) else fallback

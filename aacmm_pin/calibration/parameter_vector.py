@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
 
@@ -21,14 +20,14 @@ from aacmm_pin.effects import (
     LinkTwist,
 )
 
-OF_KIND: dict[str, type[Effect]] = {
+EFFECT_OF_KIND: dict[str, type[Effect]] = {
     "a": LinkLength,
     "d": JointDistance,
     "alpha": LinkTwist,
     "theta_offset": JointZeroOffset,
 }
 """The cause behind each value of a DH row."""
-KIND_OF = {cause: kind for kind, cause in OF_KIND.items()}
+KIND_OF = {cause: kind for kind, cause in EFFECT_OF_KIND.items()}
 """The value of a DH row behind each geometric cause."""
 
 
@@ -58,8 +57,12 @@ class ParameterVector:
     @cached_property
     def slices(self) -> tuple[slice, ...]:
         """The entries of each effect."""
-        ends = np.cumsum([0, *(len(effect.terms) for effect in self.effects)]).tolist()
-        return tuple(slice(a, b) for a, b in pairwise(ends))
+        found, start = [], 0
+        for effect in self.effects:
+            end = start + len(effect.terms)
+            found.append(slice(start, end))
+            start = end
+        return tuple(found)
 
     def __iter__(self) -> Iterator[tuple[Effect, slice]]:
         return zip(self.effects, self.slices, strict=True)
@@ -77,7 +80,10 @@ class ParameterVector:
     @cached_property
     def typical(self) -> Array:
         """Usual magnitude of each entry on a measuring arm (p,) [their units]."""
-        return np.array([term.typical for effect in self.effects for term in effect.terms])
+        found: list[float] = []
+        for effect in self.effects:
+            found += [term.typical for term in effect.terms]
+        return np.array(found)
 
     @cached_property
     def of_arm(self) -> tuple[Parameter | None, ...]:
@@ -94,11 +100,13 @@ class ParameterVector:
         """The entries with name, unit and value; geometric ones by the names that the arm has for
         them.
         """
-        entries = (parameter for effect in self.effects for parameter in effect.parameters())
-        return tuple(
-            p if a is None else replace(p, name=a.name)
-            for p, a in zip(entries, self.of_arm, strict=True)
-        )
+        found: list[Parameter] = []
+        for effect in self.effects:
+            found += effect.parameters()
+        for k, of_arm in enumerate(self.of_arm):
+            if of_arm is not None:
+                found[k] = replace(found[k], name=of_arm.name)
+        return tuple(found)
 
     @property
     def names(self) -> list[str]:
@@ -110,15 +118,18 @@ class ParameterVector:
         """What the arm states of each entry, to which the effect's value adds; zero for causes
         (p,).
         """
-        return np.array([0.0 if p is None else p.value for p in self.of_arm])
+        values = [0.0 if p is None else p.value for p in self.of_arm]
+        return np.array(values)
 
     @cached_property
     def arm_u(self) -> Array:
         """Standard uncertainty that the arm states of each entry that is its own (p,); 0 for
         others.
         """
-        return np.array([0.0 if p is None else p.u for p in self.of_arm])
+        u = [0.0 if p is None else p.u for p in self.of_arm]
+        return np.array(u)
 
     def at(self, x: Array) -> tuple[Effect, ...]:
         """The effects with the values ``x`` (p,)."""
-        return tuple(effect.at(tuple(x[own])) for effect, own in self)
+        found = [effect.at(tuple(x[own])) for effect, own in self]
+        return tuple(found)

@@ -11,7 +11,11 @@ import numpy as np
 from aacmm_pin._support.checks import Array, Mask
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.chain import end
-from aacmm_pin.calibration.parameter_vector import OF_KIND, ParameterVector, geometric_parameters
+from aacmm_pin.calibration.parameter_vector import (
+    EFFECT_OF_KIND,
+    ParameterVector,
+    geometric_parameters,
+)
 from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.calibration.setup import Setup, Target
 from aacmm_pin.effects import (
@@ -32,7 +36,7 @@ ParameterSet = Literal["zero-offsets", "geometry"]
 ASSEMBLED = {"m": 0.01, "rad": 0.1}
 """How far off a geometric value may be where nobody stated it: as assembled, 10 mm and 6° [m,
 rad]."""
-HELD = 1e-9
+HELD_WIDTH = 1e-9
 """A length that stands for all others is taken to be off by no more than this [m]."""
 REACH_OF_TARGET = 1.0
 """How far beyond the tip an unknown target may be [m]."""
@@ -44,7 +48,7 @@ _Unknown = tuple[Effect, Array, Mask]
 """An effect, the widths of its parameters, and which of those are stated."""
 
 
-PARALLEL = 0.1
+PARALLEL_SINE = 0.1
 """Axes that stand at an angle with a smaller sine count as parallel."""
 
 
@@ -116,12 +120,13 @@ def problem_of(
 
 def unstated(problem: Problem, mine: Mask) -> Problem:
     """The problem as if nothing were stated of some geometric parameters, ``mine`` (p,)."""
-    assembled = np.array(
-        [ASSEMBLED.get(parameter.unit, np.nan) for parameter in problem.vector.parameters]
-    )
-    correlation = np.where(mine[:, None] | mine, np.eye(mine.size), problem.correlation)
+    units = [parameter.unit for parameter in problem.vector.parameters]
+    assembled = np.array([ASSEMBLED.get(unit, np.nan) for unit in units])
+    of_mine = mine[:, None] | mine
+    correlation = np.where(of_mine, np.eye(mine.size), problem.correlation)
     widths = np.where(mine, assembled, problem.widths)
-    return replace(problem, widths=widths, stated=problem.stated & ~mine, correlation=correlation)
+    stated = problem.stated & ~mine
+    return replace(problem, widths=widths, stated=stated, correlation=correlation)
 
 
 def scale_is_unidentifiable(problem: Problem) -> list[str]:
@@ -187,7 +192,7 @@ def _geometry(arm: Arm, setup: Setup) -> list[_Unknown]:
         effects: list[Effect] = [JointPlacement(row) for row in range(1, arm.chain.rows + 1)]
     else:
         parameters = [p for p in arm.parameters if not (setup.prior and p.half_width == 0.0)]
-        effects = [OF_KIND[p.kind](joint=p.joint) for p in parameters]  # type: ignore[call-arg]
+        effects = [EFFECT_OF_KIND[p.kind](joint=p.joint) for p in parameters]  # type: ignore[call-arg]
         effects += [LinkTilt(row) for row in _before_parallel_axes(arm)]
     held = "" if setup.held is None else setup.held.label
     return [
@@ -198,7 +203,8 @@ def _geometry(arm: Arm, setup: Setup) -> list[_Unknown]:
 
 def _held(effect: Effect) -> _Unknown:
     """Its lengths stay; angles of the same placement do not."""
-    widths = np.array([HELD if t.unit == "m" else ASSEMBLED[t.unit] for t in effect.terms])
+    possible = ASSEMBLED | {"m": HELD_WIDTH}
+    widths = np.array([possible[term.unit] for term in effect.terms])
     return effect, widths, np.ones(widths.size, dtype=bool)
 
 
@@ -210,7 +216,7 @@ def _before_parallel_axes(arm: Arm) -> list[int]:
     found = []
     for row in range(1, dh.rows):
         twist = dh.alpha[row - 1] if dh.standard else dh.alpha[row]
-        if dh.moving[row - 1 : row + 1].all() and abs(np.sin(twist)) < PARALLEL:
+        if dh.moving[row - 1 : row + 1].all() and abs(np.sin(twist)) < PARALLEL_SINE:
             found.append(row if dh.standard else row + 1)
     return found
 
@@ -232,26 +238,21 @@ def _of_effect(effect: Effect) -> _Unknown:
 def _turned_targets(measurements: Measurements) -> tuple[str, ...]:
     """Labels of the targets whose orientation was measured, "" for one without a label."""
     marker, oriented = measurements.conditions.marker, measurements.oriented
-    return tuple(
-        dict.fromkeys(
-            (np.full(measurements.n, "") if marker is None else marker)[oriented].tolist()
-        )
-    )
+    if marker is None:
+        marker = np.full(measurements.n, "", dtype=object)
+    labels = marker[oriented].tolist()
+    return tuple(dict.fromkeys(labels))
 
 
 def is_reestimated(effect: Effect, setup: Setup, measurements: Measurements) -> bool:
     """Whether it is where a target of the records sits, and that is unknown: no u is stated that
     counts.
     """
-    told = (
-        isinstance(effect, StylusOffset)
-        and effect.marker is not None
-        and setup.prior
-        and any(effect.u)
-    )
-    return not told and effect.label in {
-        unknown.label for unknown, _, _ in _of_target(measurements, setup.target)
-    }
+    of_marker = isinstance(effect, StylusOffset) and effect.marker is not None
+    if of_marker and setup.prior and any(effect.u):
+        return False
+    targets = _of_target(measurements, setup.target)
+    return effect.label in {unknown.label for unknown, _, _ in targets}
 
 
 def _of_target(measurements: Measurements, target: Target) -> list[_Unknown]:

@@ -26,10 +26,10 @@ OF_WIDTH = 1e-3
 UNTOLD_VARIANCE = 1e-9
 """A combination of correlated parameters with less variance than this, each of unit variance, was
 not told."""
-HELD = 1e4
+HELD_PRECISION = 1e4
 """A parameter that is held may move by this part, inverted, of its width where the records pull it
 by as much as u."""
-AT_ONCE = 50
+COLUMNS_AT_ONCE = 50
 """Columns of the derivative that are turned into the frame of the references at once."""
 NONE = np.empty(0)
 FRAME = ("frame.x", "frame.y", "frame.z", "frame.rx", "frame.ry", "frame.rz")
@@ -51,7 +51,8 @@ class Frame:
     @staticmethod
     def identity(targets: int = 0) -> Frame:
         """The two frames are one, and so are those of the tip and of so many targets."""
-        return Frame(np.eye(3), np.zeros(3), np.tile(np.eye(3), (targets, 1, 1)))
+        of_targets = np.tile(np.eye(3), (targets, 1, 1))
+        return Frame(np.eye(3), np.zeros(3), of_targets)
 
     def apply(self, points: Array) -> Array:
         """Points (n, 3) of the base in the frame of the references."""
@@ -71,10 +72,11 @@ class Frame:
         motion = exp(base.reshape(-1, 6))[0] if base.size else np.eye(4)
         targets = self.targets
         if turns.size:
-            targets = targets @ exp(np.pad(turns.reshape(-1, 3), ((0, 0), (3, 0))))[:, :3, :3]
-        return Frame(
-            self.rotation @ motion[:3, :3], self.rotation @ motion[:3, 3] + self.shift, targets
-        )
+            twists = np.pad(turns.reshape(-1, 3), ((0, 0), (3, 0)))
+            targets = targets @ exp(twists)[:, :3, :3]
+        rotation = self.rotation @ motion[:3, :3]
+        shift = self.rotation @ motion[:3, 3] + self.shift
+        return Frame(rotation, shift, targets)
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,19 +161,20 @@ class Problem:
     @property
     def names(self) -> list[str]:
         """Names of all columns, the frame's included."""
-        turns = [
-            f"target.{axis}{label and ':'}{label}"
-            for label in self.targets
-            for axis in ("rx", "ry", "rz")
-        ]
-        return self.vector.names + (list(FRAME) if self.external else []) + turns
+        found = [*self.vector.names]
+        if self.external:
+            found += FRAME
+        for label in self.targets:
+            place = f":{label}" if label else ""
+            found += [f"target.{axis}{place}" for axis in ("rx", "ry", "rz")]
+        return found
 
     @cached_property
     def scales(self) -> Array:
         """Width of every column, the frame's included."""
-        return np.concatenate(
-            [self.widths, FRAME_WIDTHS if self.external else [], np.ones(3 * len(self.targets))]
-        )
+        of_frame = FRAME_WIDTHS if self.external else np.zeros(0)
+        of_targets = np.ones(3 * len(self.targets))
+        return np.concatenate([self.widths, of_frame, of_targets])
 
     @property
     def start(self) -> Array:
@@ -187,10 +190,11 @@ class Problem:
         parameters are.
         """
         variances, combinations = np.linalg.eigh(self.correlation)
-        rows = (
-            combinations.T / np.sqrt(np.where(variances > UNTOLD_VARIANCE, variances, 1.0))[:, None]
-        )
-        return np.concatenate([rows, HELD * self.held]) if self.held.size else rows
+        known = np.where(variances > UNTOLD_VARIANCE, variances, 1.0)
+        rows = combinations.T / np.sqrt(known)[:, None]
+        if not self.held.size:
+            return rows
+        return np.concatenate([rows, HELD_PRECISION * self.held])
 
     def prior(self, x: Array, more: Array = NONE) -> Prior:
         """What is known beforehand of all columns, beside the parameters ``x`` (p,).
@@ -208,22 +212,25 @@ class Problem:
     @cached_property
     def _fixed(self) -> Array:
         """Values of the effects that stay as they are."""
-        return np.array([value for effect in self.model.effects for value in effect.values])
+        found: list[float] = []
+        for effect in self.model.effects:
+            found += effect.values
+        return np.array(found)
 
     @cached_property
     def _of_targets(self) -> Mask:
         """Which values, those of the fixed effects first, say where a target sits."""
-        effects = (*self.model.effects, *self.vector.effects)
-        return np.array(
-            [isinstance(effect, StylusOffset) for effect in effects for _ in effect.values],
-            dtype=bool,
-        )
+        found: list[bool] = []
+        for effect in (*self.model.effects, *self.vector.effects):
+            found += len(effect.values) * [isinstance(effect, StylusOffset)]
+        return np.array(found, dtype=bool)
 
     @cached_property
     def _columns(self) -> Columns:
         records, arm = self.measurements, self.model.arm
         drawn = State(arm, records.q, records.conditions, arm.chain.tip, turns=self.turns)
-        return Columns.of(drawn, (*self.model.effects, *self.vector.effects))
+        effects = (*self.model.effects, *self.vector.effects)
+        return Columns.of(drawn, effects)
 
     def reading_jacobian(self, x: Array, frame: Frame) -> Array:
         """Derivative of each record's target by the readings (n, 3, nq) [m/rad], along the axes of
@@ -273,7 +280,8 @@ class Problem:
 
     def poses(self, x: Array, frame: Frame) -> Array:
         """Poses alone of what :meth:`predict` gives (n, 3 or 6) [m, rad]."""
-        return self._poses(self._columns.at(np.concatenate([self._fixed, x])), frame)
+        values = np.concatenate([self._fixed, x])
+        return self._poses(self._columns.at(values), frame)
 
     def _poses(self, state: State, frame: Frame) -> Array:
         tips = frame.apply(state.position)
@@ -292,12 +300,13 @@ class Problem:
         average.
         """
         state = self._columns.at(np.concatenate([self._fixed, x]))
-        turned = (frame.rotation @ state.rotation[-1]).transpose(0, 2, 1) @ self._stated
-        own = [self.measurements.oriented & (self._target == k) for k in range(len(self.targets))]
-        return replace(
-            frame,
-            targets=np.array([orientation.mean(turned[rows]) for rows in own]).reshape(-1, 3, 3),
-        )
+        tip = frame.rotation @ state.rotation[-1]
+        turned = tip.transpose(0, 2, 1) @ self._stated
+        targets = np.zeros((len(self.targets), 3, 3))
+        for k in range(len(targets)):
+            own = self.measurements.oriented & (self._target == k)
+            targets[k] = orientation.mean(turned[own])
+        return replace(frame, targets=targets)
 
     @cached_property
     def _stated(self) -> Array:
@@ -310,12 +319,12 @@ class Problem:
         """Number of each record's target among those of unknown orientation (n,); 0 for records
         without one.
         """
-        marker, number = (
-            self.measurements.conditions.marker,
-            {label: k for k, label in enumerate(self.targets)},
-        )
-        labels = [""] * self.measurements.n if marker is None else marker
-        return np.array([number.get(label, 0) for label in labels], dtype=np.intp)
+        marker = self.measurements.conditions.marker
+        found: Index = np.zeros(self.measurements.n, dtype=np.intp)
+        if marker is not None:
+            for k, label in enumerate(self.targets):
+                found[marker == label] = k
+        return found
 
     def bends(self, x: Array) -> bool:
         """Whether the arm bends under weight with the parameters ``x`` (p,)."""
@@ -345,8 +354,8 @@ def _turn(rotation: Array, columns: Array) -> None:
     """Turn columns (n, 3 or 6, p) in place, some at once: a copy of all would take as much memory
     as they do.
     """
-    for first in range(0, columns.shape[2], AT_ONCE):
-        some = columns[:, :, first : first + AT_ONCE].transpose(1, 2, 0)
+    for first in range(0, columns.shape[2], COLUMNS_AT_ONCE):
+        some = columns[:, :, first : first + COLUMNS_AT_ONCE].transpose(1, 2, 0)
         for half in range(0, len(some), 3):
             some[half : half + 3] = np.tensordot(rotation, some[half : half + 3], 1)
 

@@ -26,18 +26,18 @@ from aacmm_pin.calibration.parameters import ASSEMBLED
 from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.calibration.shared_exclusions import Exclusions, exclusions_of
 from aacmm_pin.calibration.solver import LEAST_DOF
-from aacmm_pin.effects import COLUMNS, ErrorModel
+from aacmm_pin.effects import CONDITION_COLUMNS, ErrorModel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-SCHEMA = "aacmm-pin/calibration/1"
+CALIBRATION_SCHEMA = "aacmm-pin/calibration/1"
 MENTIONED = 0.02
 """A parameter of which more than this part of its width is open is known in combination with
 others.
 """
-HARDLY = 0.1
+HARDLY_KNOWN = 0.1
 """A parameter that nobody stated and whose u is more than this part of what it may be off is hardly
 known.
 """
@@ -55,7 +55,7 @@ def residuals_by_record(fits: Mapping[str, Fit]) -> pd.DataFrame:
     records = next(iter(fits.values())).problem.measurements
     table: dict[str, Any] = {"row": records.row}
     for name in ("record", "operator", "seat", "marker", "session"):
-        labels = getattr(records.conditions if name in COLUMNS else records, name)
+        labels = getattr(records.conditions if name in CONDITION_COLUMNS else records, name)
         table |= {} if labels is None else {name: labels}
     for name, each in fits.items():
         deviation = each.system.deviation
@@ -185,34 +185,25 @@ class Calibration(Shown):
         itself.
         """
         problem, vector = self.fit.problem, self.fit.problem.vector
+        units = [parameter.unit for parameter in vector.parameters]
         spread = np.linalg.norm(self.fit.undetermined.spread, axis=1)
         # A target may be a metre off, but is known from its place on the last body like any length
         # of the arm.
-        assembled = np.array(
-            [ASSEMBLED.get(parameter.unit, np.inf) for parameter in vector.parameters]
-        )
+        assembled = np.array([ASSEMBLED.get(unit, np.inf) for unit in units])
         open_ = spread > MENTIONED * np.minimum(problem.widths, assembled)
-        u = np.where(open_, np.nan, np.hypot(np.sqrt(np.diag(self.covariance)), spread))
+        whole_u = np.hypot(np.sqrt(np.diag(self.covariance)), spread)
+        u = np.where(open_, np.nan, whole_u)
         before, change = vector.origins + problem.start, self.fit.point.x - problem.start
-        lengths = np.array([parameter.unit == "m" for parameter in vector.parameters], dtype=bool)
-        values = {
-            "before": before,
-            "after": before + change,
-            "change": change,
-            "u": u,
-            "U": COVERAGE_FACTOR * u,
-        }
-        return pd.DataFrame(
-            {
-                "parameter": vector.names,
-                "unit": [
-                    "mm" if parameter.unit == "m" else parameter.unit
-                    for parameter in vector.parameters
-                ],
-                **{name: column / np.where(lengths, MM, 1.0) for name, column in values.items()},
-                "known": [self._known(i, float(each)) for i, each in enumerate(u)],
-            }
-        )
+        table = pd.DataFrame({"parameter": vector.names, "unit": units})
+        table["unit"] = table["unit"].replace("m", "mm")
+        factor = np.where(table["unit"] == "mm", MM, 1.0)
+        table["before"] = before / factor
+        table["after"] = (before + change) / factor
+        table["change"] = change / factor
+        table["u"] = u / factor
+        table["U"] = COVERAGE_FACTOR * u / factor
+        table["known"] = [self._known(i, each) for i, each in enumerate(u.tolist())]
+        return table
 
     def _known(self, i: int, u: float) -> str:
         problem = self.fit.problem
@@ -227,7 +218,7 @@ class Calibration(Shown):
                 if of_stated > LESS
                 else "measured"
             )
-        return "hardly" if u > HARDLY * problem.widths[i] else "measured"
+        return "hardly" if u > HARDLY_KNOWN * problem.widths[i] else "measured"
 
     @cached_property
     def correlation(self) -> pd.DataFrame:
@@ -242,9 +233,8 @@ class Calibration(Shown):
         """One row a record: line in the file, seat, tip minus target before and after [mm], whether
         it was used.
         """
-        return residuals_by_record({"before": self.before, "after": self.fit}).assign(
-            used=self.fit.used
-        )
+        table = residuals_by_record({"before": self.before, "after": self.fit})
+        return table.assign(used=self.fit.used)
 
     @property
     def excluded(self) -> pd.DataFrame:
@@ -265,54 +255,35 @@ class Calibration(Shown):
 
     def summary(self) -> dict[str, Any]:
         """Schema ``aacmm-pin/calibration/1``."""
-        judged = self.fit.chi2_stated
-        return {
-            "schema": SCHEMA,
-            "arm": self.model.arm.name,
-            "records": {
-                "used": int(self.fit.used.sum()),
-                "silent": int((~self.fit.used & ~self.fit.excluded).sum()),
-                "excluded": [
-                    {
-                        "row": int(r["row"]),
-                        "reason": r["reason"],
-                        "residual_mm": float(r["residual_mm"]),
-                    }
-                    for r in self.excluded.to_dict("records")
-                ],
-                "exclusions": self.exclusions.summary(),
-            },
-            "rms_mm": {
-                "simulation": self.rms_before / MM,
-                "calibrated": self.rms / MM,
-                "noise": self.noise / MM,
-            },
-            "chi2": None
-            if judged is None
-            else {"value": judged[0], "dof": judged[1], "p_value": self.p_value},
-            "rms_rad": self.turns,
-            "unmodelled_mm": self.fit.unmodelled / MM,
-            "unmodelled_rad": self.fit.noise.scatters.turn if self.turns else None,
-            "unmodelled_seat_mm": self.fit.noise.scatters.seat / MM or None,
-            "noise_stated": self.fit.stated,
-            "parameters": [
-                {k: _plain(v) for k, v in row.items()} for row in self.parameters.to_dict("records")
-            ],
-            "undetermined": list(self.undetermined),
-            "observability": {k: _plain(v) for k, v in vars(self.observability).items()},
-            "held_out": [
-                {
-                    "kind": h.kind,
-                    "groups": h.groups,
-                    "rms_mm": {"simulation": h.rms_before / MM, "calibrated": h.rms_after / MM},
-                    "rms_rad": {"simulation": rms(h.turn_before), "calibrated": rms(h.turn_after)}
-                    if h.turned
-                    else None,
-                }
-                for h in self.held_out
-            ],
-            **notes_in_json(self.notes),
-        }
+        scatters = self.fit.noise.scatters
+        found: dict[str, Any] = {"schema": CALIBRATION_SCHEMA, "arm": self.model.arm.name}
+        found["records"] = self._records()
+        rms_mm = {"simulation": self.rms_before, "calibrated": self.rms, "noise": self.noise}
+        found["rms_mm"] = {name: value / MM for name, value in rms_mm.items()}
+        found["chi2"] = None
+        if self.fit.chi2_stated is not None:
+            value, dof = self.fit.chi2_stated
+            found["chi2"] = {"value": value, "dof": dof, "p_value": self.p_value}
+        found["rms_rad"] = self.turns
+        found["unmodelled_mm"] = self.fit.unmodelled / MM
+        found["unmodelled_rad"] = scatters.turn if self.turns else None
+        found["unmodelled_seat_mm"] = scatters.seat / MM or None
+        found["noise_stated"] = self.fit.stated
+        found["parameters"] = [_plain_values(row) for row in self.parameters.to_dict("records")]
+        found["undetermined"] = list(self.undetermined)
+        found["observability"] = _plain_values(vars(self.observability))
+        found["held_out"] = [held.summary() for held in self.held_out]
+        return found | notes_in_json(self.notes)
+
+    def _records(self) -> dict[str, Any]:
+        """How many records were used, and which were excluded."""
+        table = self.excluded[["row", "reason", "residual_mm"]]
+        used, excluded = self.fit.used, self.fit.excluded
+        found: dict[str, Any] = {"used": int(used.sum())}
+        found["silent"] = int((~used & ~excluded).sum())
+        found["excluded"] = [_plain_values(row) for row in table.to_dict("records")]
+        found["exclusions"] = self.exclusions.summary()
+        return found
 
     def __str__(self) -> str:
         left = self.exclusions
@@ -337,10 +308,15 @@ class Calibration(Shown):
 
 
 def _rms(fit: Fit, judge: Fit) -> float:
-    return float(np.sqrt(np.square(fit.system.deviation[judge.used]).sum(axis=1).mean()))
+    squares = np.square(fit.system.deviation[judge.used])
+    return float(np.sqrt(squares.sum(axis=1).mean()))
 
 
-def _plain(value: Any) -> Any:
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value.item() if isinstance(value, np.generic) else value
+def _plain_values(given: Mapping[Any, Any]) -> dict[str, Any]:
+    """Values as JSON has them: None for numbers that are not finite."""
+    found = {}
+    for key, value in given.items():
+        plain = value.item() if isinstance(value, np.generic) else value
+        is_number = not isinstance(plain, float) or math.isfinite(plain)
+        found[str(key)] = plain if is_number else None
+    return found

@@ -104,7 +104,9 @@ class Setup:
     @property
     def keywords(self) -> dict[str, Any]:
         """The keywords of :meth:`of` that give this set-up."""
-        return {name: value for name, value in vars(self).items() if name != "held"}
+        found = dict(vars(self))
+        del found["held"]
+        return found
 
     @property
     def external(self) -> bool:
@@ -177,11 +179,7 @@ def checked_input(
 
 
 def _outside_known_range(effect: Effect, measurements: Measurements, outside: Mask) -> Note:
-    cause, rows = (
-        f"{effect.label}{known_range_in_words(effect)}",
-        measurements.row[outside].tolist(),
-    )
-    return Note(
-        "outside_known_range",
-        {"records": len(rows), "of": measurements.n, "cause": cause, "rows": rows},
-    )
+    cause = f"{effect.label}{known_range_in_words(effect)}"
+    rows = measurements.row[outside].tolist()
+    counts = {"records": len(rows), "of": measurements.n}
+    return Note("outside_known_range", {**counts, "cause": cause, "rows": rows})

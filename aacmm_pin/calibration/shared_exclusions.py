@@ -20,7 +20,7 @@ from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration.fit import FEWEST_TOGETHER, Fit
 from aacmm_pin.effects import LEAST_SPREAD
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements import LABELS, UNKNOWN_COLUMN, Measurements
 
 TOGETHER = 1e-3
 """Chance, over all neighbours of their kind, below which excluded records that are neighbours are
@@ -28,7 +28,7 @@ no gross errors.
 """
 NEIGHBOURS = (4, 8, 16, 32)
 """So many records round an excluded one are looked at together."""
-FEWEST = 5
+FEWEST_EXCLUDED = 5
 """Fewer excluded records than this share many things by chance."""
 SURELY = 1e-6
 """Chance, over all that is known of the records, below which what the excluded ones share is no
@@ -36,7 +36,7 @@ chance.
 """
 PARTS = 20
 """Parts of the range of a number that are looked at."""
-WAVES = 20
+KUIPER_TERMS = 20
 """Terms of the series of Kuiper's statistic."""
 MOST_LABELS = 12
 """Numbers with more different values than this are a scale, others are labels."""
@@ -44,8 +44,6 @@ NARROW = 0.5
 """Used records that move a joint over less than this part of its range in all records are about
 another part of the arm.
 """
-LABELS = ("session", "marker", "seat", "operator", "bar")
-"""Columns of labels."""
 
 
 @dataclass(frozen=True)
@@ -124,22 +122,22 @@ class Exclusions:
     @property
     def notes(self) -> list[Note]:
         """What they share and which joints they narrowed."""
-        return [each.note for each in (self.shared, *self.narrowed) if each is not None]
+        shared = [] if self.shared is None else [self.shared.note]
+        return shared + [joint.note for joint in self.narrowed]
 
     def summary(self) -> dict[str, Any]:
         """As plain values, for JSON; SI."""
-        return {
-            "doubtful": self.doubtful,
-            "too_many": self.too_many,
-            "shared": None if self.shared is None else asdict(self.shared),
-            "narrowed": [asdict(joint) for joint in self.narrowed],
-        }
+        found: dict[str, Any] = {"doubtful": self.doubtful, "too_many": self.too_many}
+        found["shared"] = None if self.shared is None else asdict(self.shared)
+        found["narrowed"] = [asdict(joint) for joint in self.narrowed]
+        return found
 
 
 def exclusions_of(found: Fit) -> Exclusions:
     """Whether what a fit excluded are gross errors."""
-    counts = int(found.excluded.sum()), int(found.used.sum())
-    return Exclusions(*counts, found.too_many_excluded, shared_by(found), tuple(_narrowed(found)))
+    excluded, used = int(found.excluded.sum()), int(found.used.sum())
+    shared, narrowed = shared_by(found), tuple(_narrowed(found))
+    return Exclusions(excluded, used, found.too_many_excluded, shared, narrowed)
 
 
 def _narrowed(found: Fit) -> Iterator[Narrowed]:
@@ -183,7 +181,7 @@ def shared_by(found: Fit) -> Shared | None:
     dense = [cluster.shared for cluster in clusters(arm, records, excluded, used)]
     if dense and dense[0].name == "time":
         return dense[0]
-    columns = _columns(arm, records) if excluded.sum() >= FEWEST else ()
+    columns = _columns(arm, records) if excluded.sum() >= FEWEST_EXCLUDED else ()
     found_by = (_of_values(name, values, excluded, used) for name, values in columns)
     each = [shared for shared in found_by if shared is not None]
     bounds = [replace(shared, p_value=shared.p_value * len(each)) for shared in each]
@@ -273,10 +271,13 @@ def _stretch(values: Array, like: Index, excluded: Mask) -> tuple[Index, float]:
     number: Index = np.arange(FEWEST_TOGETHER, k + 1)
     if not number.size:
         return like[:0], 1.0
-    first = np.array([np.argmin(places[m - 1 :] - places[: k - m + 1]) for m in number])
-    low = np.concatenate([places[first], places[k - number], 0 * number])
-    high = np.concatenate([places[first + number - 1], 0 * number + count - 1, places[number - 1]])
-    tried = np.where(np.arange(low.size) < number.size, count * (count + 1.0), 4.0 * count)
+    lengths = [places[m - 1 :] - places[: k - m + 1] for m in number]
+    shortest = np.array([np.argmin(length) for length in lengths])
+    start, end = np.zeros_like(number), np.full_like(number, count - 1)
+    low = np.concatenate([places[shortest], places[k - number], start])
+    high = np.concatenate([places[shortest + number - 1], end, places[number - 1]])
+    inner = np.arange(low.size) < number.size
+    tried = np.where(inner, count * (count + 1.0), 4.0 * count)
     best, chance = _least_likely(high - low + 1, np.tile(number, 3), tried, count, k)
     return order[low[best] : high[best] + 1], chance
 
@@ -338,21 +339,17 @@ def _least_likely(w: Index, m: Index, tried: Array, count: int, k: int) -> tuple
     """Which m of k excluded ones of ``count`` are least likely among w neighbours, and the chance
     of any of ``tried``.
     """
-    chances = (
-        np.log(tried)
-        + _log_binomial(w, m)
-        + _log_binomial(count - m, k - m)
-        - _log_binomial(count, k)
-    )
+    ways = _log_binomial(w, m) + _log_binomial(count - m, k - m)
+    chances = np.log(tried) + ways - _log_binomial(count, k)
     best = int(np.argmin(chances))
     return best, float(np.exp(min(chances[best], 0.0)))
 
 
 def _log_binomial(n: Array | Index | int, k: Array | Index | int) -> Array:
     """``log C(n, k)``."""
-    return np.asarray(
-        gammaln(np.add(n, 1)) - gammaln(np.add(k, 1)) - gammaln(np.subtract(n, k) + 1)
-    )
+    others = np.subtract(n, k)
+    whole, chosen, left = (gammaln(np.add(count, 1)) for count in (n, k, others))
+    return np.asarray(whole - chosen - left)
 
 
 def as_numbers(values: Iterable[object]) -> pd.Series | None:
@@ -365,57 +362,39 @@ def as_numbers(values: Iterable[object]) -> pd.Series | None:
 
 def _columns(arm: Arm, measurements: Measurements) -> Iterator[tuple[str, pd.Series]]:
     """All that is known of single records, by the name of what it is; a name says the unit."""
-    q, conditions = measurements.q, measurements.conditions
+    q = measurements.q
     for j, row in enumerate(arm.chain.moving_rows()):
-        slides = arm.chain.prismatic[j]
         if np.ptp(q[:, j]) > LEAST_SPREAD:
-            column = f"joint{row}_mm" if slides else f"theta{row}_deg"
-            yield f"joint {row}", pd.Series(q[:, j] / (MM if slides else DEG), name=column)
-        if conditions.torque is not None:
-            yield f"torque {row}", pd.Series(conditions.torque[:, j], name=f"torque{row}_nm")
-    known = {"time_s": conditions.time, "temperature_c": conditions.temperature}
-    yield from (
-        (name.partition("_")[0], pd.Series(v, name=name))
-        for name, v in known.items()
-        if v is not None
-    )
-    labels = {name: getattr(conditions, name, getattr(measurements, name, None)) for name in LABELS}
-    yield from (
-        (name, pd.Series(values, name=name))
-        for name, values in labels.items()
-        if values is not None
-    )
-    for name in measurements.extra:
-        numbers = as_numbers(measurements.extra[name])
-        values = measurements.extra[name].astype(str) if numbers is None else numbers
-        yield str(name), values.reset_index(drop=True).rename(str(name))
+            slides = arm.chain.prismatic[j]
+            name, unit = (f"joint{row}_mm", MM) if slides else (f"theta{row}_deg", DEG)
+            yield f"joint {row}", pd.Series(q[:, j] / unit, name=name)
+    for column in measurements.covariate_columns():
+        values = pd.Series(column.values, name=column.name)
+        if column.entry is UNKNOWN_COLUMN:
+            numbers = as_numbers(values)
+            values = values.astype(str) if numbers is None else numbers
+        yield column.quantity, values
     tip = arm.positions(q) / MM
     yield from ((axis, pd.Series(tip[:, k], name=f"tip_{axis}_mm")) for k, axis in enumerate("xyz"))
     yield "scale", pd.Series(np.linalg.norm(tip, axis=1), name="distance_mm")
 
 
 def _of_values(name: str, values: pd.Series, excluded: Mask, used: Mask) -> Shared | None:
+    """The range or the label that excluded records share; None of numbers with gaps."""
     if pd.api.types.is_numeric_dtype(values):
-        return _of_numbers(name, values, excluded, used) if values.notna().all() else None
+        if values.isna().any():
+            return None
+        return _of_numbers(name, values, excluded, used)
     codes, labels = pd.factorize(values.astype(str))
-    there, mine = (
-        np.bincount(codes[some], minlength=len(labels)) for some in (excluded, excluded | used)
-    )
-    count = int(excluded.sum())
+    there = np.bincount(codes[excluded], minlength=len(labels))
+    mine = np.bincount(codes[excluded | used], minlength=len(labels))
+    count, every = int(excluded.sum()), mine.sum()
     # Bonferroni's bound over the labels; one that all records have says nothing.
-    chances = np.minimum(
-        1.0, len(labels) * scipy.special.bdtrc(there - 1.0, count, mine / mine.sum())
-    )
-    chances[(there == 0) | (mine == mine.sum())] = 1.0
+    chances = len(labels) * scipy.special.bdtrc(there - 1.0, count, mine / every)
+    chances[(there == 0) | (mine == every) | (chances > 1.0)] = 1.0
     best = int(np.argmin(chances))
-    return Shared(
-        name,
-        float(chances[best]),
-        f"{values.name} {labels[best]}",
-        int(there[best]),
-        int(mine[best]),
-        count,
-    )
+    chance, where = float(chances[best]), f"{values.name} {labels[best]}"
+    return Shared(name, chance, where, int(there[best]), int(mine[best]), count)
 
 
 def _of_numbers(name: str, values: pd.Series, excluded: Mask, used: Mask) -> Shared | None:
@@ -424,33 +403,34 @@ def _of_numbers(name: str, values: pd.Series, excluded: Mask, used: Mask) -> Sha
     In parts of the range, and not far beyond that of the used ones: wrong readings, and their tips,
     are elsewhere anyway.
     """
-    numbers = values.to_numpy(dtype=np.float64)
+    numbers, counted = values.to_numpy(dtype=np.float64), excluded | used
     low, high = numbers[used].min(), numbers[used].max()
-    near = numbers[(excluded | used) & (np.abs(numbers - (low + high) / 2) <= high - low)]
+    from_middle = np.abs(numbers - (low + high) / 2)
+    near = numbers[counted & (from_middle <= high - low)]
     edges = np.linspace(near.min(), near.max(), PARTS + 1)
     like = (numbers >= edges[0]) & (numbers <= edges[-1])
-    counts = [np.histogram(numbers[some & like], edges)[0] for some in (excluded, used)]
-    if counts[0].sum() < FEWEST or edges[0] == edges[-1]:
+    of_excluded, _ = np.histogram(numbers[excluded & like], edges)
+    of_used, _ = np.histogram(numbers[used & like], edges)
+    n_excluded, n_used = of_excluded.sum(), of_used.sum()
+    if n_excluded < FEWEST_EXCLUDED or edges[0] == edges[-1]:
         return None
-    ahead = np.cumsum([0.0, *(counts[0] / counts[0].sum() - counts[1] / counts[1].sum())])
-    first, last = sorted((int(ahead.argmin()), int(ahead.argmax())))
-    size = np.sqrt(1.0 / (1.0 / counts[0].sum() + 1.0 / counts[1].sum()))
+    part = of_excluded / n_excluded - of_used / n_used
+    ahead = np.cumsum(np.concatenate([[0.0], part]))
+    least, most = int(ahead.argmin()), int(ahead.argmax())
+    size = np.sqrt(1.0 / (1.0 / n_excluded + 1.0 / n_used))
     chance = _kuiper(float((size + 0.155 + 0.24 / size) * np.ptp(ahead)))
-    inside = (numbers >= edges[first]) & (numbers < edges[last])
-    outside = bool(
-        ahead.argmin() > ahead.argmax()
-    )  # the excluded ones are on both sides of the range
-    words = f"{values.name} {'not ' * outside}from {edges[first]:.4g} to {edges[last]:.4g}"
+    first, last = edges[min(least, most)], edges[max(least, most)]
+    outside = least > most  # the excluded ones are on both sides of the range
+    inside = (numbers >= first) & (numbers < last)
+    where = f"{values.name} {'not ' * outside}from {first:.4g} to {last:.4g}"
     there = like & (inside != outside)
-    mine = int((there & excluded).sum())
-    return Shared(
-        name, chance, words, mine, int((there & (excluded | used)).sum()), int(excluded.sum())
-    )
+    mine, every = int((there & excluded).sum()), int((there & counted).sum())
+    return Shared(name, chance, where, mine, every, int(excluded.sum()))
 
 
 def _kuiper(size: float) -> float:
     """Chance of a larger statistic (Kuiper 1960; Press et al., Numerical Recipes, 14.3)."""
     if size < 0.4:
         return 1.0
-    squares: Array = np.square(size * np.arange(1, WAVES))
+    squares: Array = np.square(size * np.arange(1, KUIPER_TERMS))
     return float(min(1.0, 2.0 * ((4.0 * squares - 1.0) * np.exp(-2.0 * squares)).sum()))

@@ -39,7 +39,7 @@ SHRINKS = 0.9
 """A step of the ends of bars is to be smaller than this part of the one before."""
 AT_BEST = 1e-7
 """Ends of bars that move by less than this are where they fit best [m]."""
-FLAT = 1e-2
+FLAT_REDUCTION = 1e-2
 """A promise below this that nothing comes of ends the search too: it is within 0.1 u of its end."""
 CREEPING = 6
 """A step after so many that gains much less than it promises has a poor derivative: how what bends
@@ -49,12 +49,12 @@ SMALLEST_STEP = 1e-12
 """A trust region smaller than this part of the first step has no better point in it."""
 ROUNDING = 1e-12
 """χ² is no more certain than this part of it."""
-SINGULAR = 1e-13
+SINGULAR_RATIO = 1e-13
 """Directions with smaller singular values, beside the largest, are rounding."""
 WILD = 2.0
 """Records this many standard deviations off have half weight in the robust search (Cauchy's weight
 function)."""
-FEWEST = 3
+FEWEST_PLACED = 3
 """Records with coordinates that find a frame or a target."""
 MEDIAN = float(chi2_isf(0.5, 3))
 LEAST_DOF = 0.5
@@ -88,7 +88,9 @@ class Chi2(NamedTuple):
         """Whether it is no larger than its degrees of freedom allow, or there are none to judge it
         by.
         """
-        return self.dof < LEAST_DOF or float(chi2_sf(*self)) >= MISFIT
+        if self.dof < LEAST_DOF:
+            return True
+        return float(chi2_sf(*self)) >= MISFIT
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,7 +166,7 @@ def initial_point(problem: Problem, observations: Observations) -> Point:
         problem.measurements.known,
     )
     prediction, offsets = problem.predict(x, frame), _offsets(problem)
-    tips, enough = prediction.tips, known.sum() >= FEWEST
+    tips, enough = prediction.tips, known.sum() >= FEWEST_PLACED
     if problem.external and not enough:
         raise AacmmError(
             f"{known.sum()} records have reference coordinates, expected 3 or more to find "
@@ -256,7 +258,7 @@ class _Search:
             else:
                 system = self.system(point)
             del trial
-            if predicted < self.tolerance or (predicted < FLAT and reduction < SETTLED):
+            if predicted < self.tolerance or (predicted < FLAT_REDUCTION and reduction < SETTLED):
                 message = ""
                 break
             if self.radius < SMALLEST_STEP * self.first_length:
@@ -278,9 +280,8 @@ class _Search:
 
     def system(self, point: Point) -> Linearisation:
         """The linear model at a point."""
-        return linearise(
-            point.prediction, self.problem.prior(point.x), self.noise, point.seats, self.weights
-        )
+        prior = self.problem.prior(point.x)
+        return linearise(point.prediction, prior, self.noise, point.seats, self.weights)
 
     def trial(
         self, point: Point, seats: Array, step: Array, cost: float
@@ -389,7 +390,7 @@ class _Step:
         where some are unknown.
         """
         spectrum = Spectrum.of(self.system.triangle, self._divisors)
-        return spectrum.above(SINGULAR * spectrum.values.max(initial=0.0))
+        return spectrum.above(SINGULAR_RATIO * spectrum.values.max(initial=0.0))
 
     @property
     def predicted_reduction(self) -> float:
@@ -414,7 +415,8 @@ class _Step:
         return Delta(self._in_parameters(directions @ part), float(np.linalg.norm(part)), predicted)
 
     def _in_parameters(self, step: Array) -> Array:
-        return np.asarray(step / self._divisors * self.system.prior.scales)
+        relative = step / self._divisors
+        return np.asarray(relative * self.system.prior.scales)
 
     def _damping(self, radius: float) -> float:
         """What is added to the squared singular values so that the step is as long as ``radius``; 0

@@ -47,13 +47,11 @@ def studentised_distances(solution: Solution) -> Array:
     system, says = solution.system, solution.observations.says
     spectrum, known, width = system.spectrum, system.known, solution.noise.of_residuals.shape[1]
     count = int(says.sum())
-    steps = (
-        solution.problem.scales[:, None] * spectrum.directions[:, known] / spectrum.values[known]
-    )
-    along = (system.jacobian[: width * count] @ steps).reshape(count, width, steps.shape[1])
+    rows, scales = slice(width * count), solution.problem.scales[:, None]
+    steps = scales * spectrum.directions[:, known] / spectrum.values[known]
+    along = (system.jacobian[rows] @ steps).reshape(count, width, steps.shape[1])
     remaining = np.eye(width) - along @ along.transpose(0, 2, 1)
+    residuals = system.residual[rows].reshape(count, width)
     found = np.full(len(says), np.inf)
-    found[says] = squared_distances(
-        system.residual[: width * count].reshape(count, width), remaining
-    )
+    found[says] = squared_distances(residuals, remaining)
     return found

@@ -66,7 +66,8 @@ def _variance_component(
         deviation, own = deviation[:, :3], own[:, :3, :3]
 
     def excess(variance: float) -> float:
-        return float(squared_distances(deviation, own + variance * varied).sum()) + rest - dof
+        distances = squared_distances(deviation, own + variance * varied)
+        return float(distances.sum()) + rest - dof
 
     return float(np.sqrt(root(excess, deviation[:, -3:])))
 
@@ -82,21 +83,24 @@ def _of_seats(solution: Solution, open_: Mask) -> tuple[float, float]:
     """
     noise, system, known = solution.noise, solution.system, solution.noise.observations.known
     ties, bars = 3 * int(known.sum()), len(noise.observations.ends)
-    rows = system.jacobian[len(system.residual) - ties - bars :][:ties] @ system.independent_steps
+    first = len(system.residual) - ties - bars
+    steps = system.jacobian[first : first + ties] @ system.independent_steps
+    by_parameters = np.square(steps).sum(axis=1).reshape(-1, 3)
     whole, tie, _ = information_of_seats(solution)
-    of_seats = tie[known] * np.diagonal(np.linalg.inv(whole[known]), axis1=1, axis2=2)
-    left = np.where(
-        open_[known], 1.0 - of_seats - np.square(rows).sum(axis=1).reshape(-1, 3), 0.0
-    ).sum(axis=1)
-    off = np.where(open_, solution.point.seats - noise.observations.stated, 0.0)[known]
-    square, told = np.square(off).sum(axis=1), left > LEAST_TOLD
-    each, own = square[told] / left[told], noise.scatters.tip**2
-    limit = f_isf(FALSE_EXCLUSION / max(each.size, 1), 3, max(EFFICIENCY * left.sum(), 1.0))
-    belongs = each <= limit * (3.0 / MEDIAN) * max(
-        float(np.median(each)) if each.size else 0.0, own
-    )
-    variance = (square[told][belongs].sum() + own) / (left[told][belongs].sum() + 1.0)
-    return float(np.sqrt(variance)), float(left.sum())
+    variances = np.diagonal(np.linalg.inv(whole[known]), axis1=1, axis2=2)
+    parts = 1.0 - tie[known] * variances - by_parameters
+    left = np.where(open_[known], parts, 0.0).sum(axis=1)
+    off = np.where(open_, solution.point.seats - noise.observations.stated, 0.0)
+    square = np.square(off[known]).sum(axis=1)
+    dof = float(left.sum())
+    is_shown = left > LEAST_TOLD
+    square, left = square[is_shown], left[is_shown]
+    each, own = square / left, noise.scatters.tip**2
+    limit = f_isf(FALSE_EXCLUSION / max(each.size, 1), 3, max(EFFICIENCY * dof, 1.0))
+    middle = float(np.median(each)) if each.size else 0.0
+    belongs = each <= limit * (3.0 / MEDIAN) * max(middle, own)
+    variance = (square[belongs].sum() + own) / (left[belongs].sum() + 1.0)
+    return float(np.sqrt(variance)), dof
 
 
 def information_of_seats(solution: Solution) -> tuple[Array, Array, Array]:
@@ -116,12 +120,10 @@ def information_of_seats(solution: Solution) -> tuple[Array, Array, Array]:
 def squared_distances(deviation: Array, covariance: Array) -> Array:
     """``dᵀ Σ⁻¹ d`` of each deviation (n, k) by its covariance (n, k, k)."""
     # Stated noise may be nothing at all, of an exact contact with exact readings.
-    covariance = covariance + LEAST_SCATTER**2 * np.eye(deviation.shape[1])
-    return np.asarray(
-        np.einsum(
-            "ni,ni->n", deviation, np.linalg.solve(covariance, deviation[:, :, None])[:, :, 0]
-        )
-    )
+    width = deviation.shape[1]
+    covariance = covariance + LEAST_SCATTER**2 * np.eye(width)
+    weighted = np.linalg.solve(covariance, deviation[:, :, None])[:, :, 0]
+    return np.asarray(np.einsum("ni,ni->n", deviation, weighted))
 
 
 def root(excess: Callable[[float], float], deviation: Array) -> float:

@@ -15,7 +15,7 @@ from aacmm_pin.cli.common import angle_option, note
 from aacmm_pin.effects import ErrorModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements import ENCODER, PROBE, Noise
-from aacmm_pin.measurements.noise import REFERENCE
+from aacmm_pin.measurements.noise import REFERENCE_NOISE
 
 NAMES_LISTED = 20
 """So many frames of a URDF are listed."""
@@ -213,7 +213,7 @@ class ContactNoise(EncoderNoise):
         return Noise.of(
             arm.nq,
             encoder=encoder,
-            reference=REFERENCE if reference is None else reference,
+            reference=REFERENCE_NOISE if reference is None else reference,
             probe=PROBE if probe is None else probe,
         )
 

@@ -12,7 +12,7 @@ import typer
 from aacmm_pin.cli.common import command, say
 from aacmm_pin.effects import (
     CAUSES,
-    COLUMNS,
+    CONDITION_COLUMNS,
     Effect,
     cause_in_words,
     cause_named,
@@ -49,7 +49,7 @@ def _row(cause: type[Effect]) -> dict[str, str]:
         return row | {"parameters": ", ".join(inner), "usual": "", "needs": ""}
     keys = list(effect.notation.parameters(effect))
     shown = keys if len(keys) <= 6 else [keys[0], "…", keys[-1]]
-    needs = ", ".join(COLUMNS[condition] for condition in effect.needs)
+    needs = ", ".join(CONDITION_COLUMNS[condition] for condition in effect.needs)
     return row | {
         "parameters": ", ".join([*inner, *shown]),
         "usual": typical_magnitude_in_words(effect),

@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.calibration.parameter_vector import OF_KIND
+from aacmm_pin.calibration.parameter_vector import EFFECT_OF_KIND
 from aacmm_pin.calibration.parameters import is_reestimated
 from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.calibration.setup import Setup
@@ -147,7 +147,7 @@ def _of_set_up(arm: Arm, measurements: Measurements, problem: Problem) -> Iterat
         if problem.stated[own].all() and vector.of_arm[own.start] is not None:
             yield effect.at(())
     if arm.dh is not None:
-        exact = [OF_KIND[p.kind](joint=p.joint) for p in arm.parameters]  # type: ignore[call-arg]
+        exact = [EFFECT_OF_KIND[p.kind](joint=p.joint) for p in arm.parameters]  # type: ignore[call-arg]
         yield from (effect for effect in exact if effect.label not in estimated)
     if not any(isinstance(effect, StylusOffset) for effect in vector.effects):
         yield StylusOffset()

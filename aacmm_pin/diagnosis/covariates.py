@@ -18,6 +18,7 @@ from aacmm_pin.calibration.shared_exclusions import MOST_LABELS, as_numbers
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.effects import (
     LEAST_SPREAD,
+    RECORDED,
     Bumps,
     Carrier,
     Conditions,
@@ -118,7 +119,7 @@ class Column(NamedTuple):
         return pd.DataFrame({self.name: values / self.unit})
 
 
-TIME, TEMPERATURE = Column("time_s"), Column("temperature_c")
+TIME = Column("time_s")
 
 
 class Joint(NamedTuple):
@@ -183,24 +184,15 @@ def _of_joints(state: State, joints: Sequence[Joint]) -> Iterator[Covariate | No
 def _of_columns(
     measurements: Measurements, state: State, joints: Sequence[Joint]
 ) -> Iterator[Covariate | None]:
-    """Recorded conditions, the operator and unknown columns."""
-    conditions = state.conditions
+    """Recorded columns, by what the table of columns says that they may act on."""
     turning = ["room", "target", *(joint.error for joint in joints)]
     growing = [f"tube {row}" for row in tubes(state.arm)]
-    anywhere = [*turning, "lengths", "tubes", *growing]
-    if conditions.time is not None:
-        yield _of("time", conditions.time, anywhere, state, TIME)
-    if conditions.temperature is not None:
-        yield _of("temperature", conditions.temperature, anywhere, state, TEMPERATURE)
-    if conditions.session is not None:
-        yield _of("session", conditions.session, anywhere)
-    if conditions.torque is not None:
-        for joint in joints:
-            yield _of(f"torque {joint.row}", conditions.torque[:, joint.number], turning)
-    if measurements.operator is not None:
-        yield _of("operator", measurements.operator, turning)
-    for name in measurements.extra:
-        yield _of(str(name), measurements.extra[name], anywhere)
+    carriers = {"anywhere": [*turning, "lengths", "tubes", *growing], "joints": turning}
+    for column in measurements.covariate_columns():
+        acts_on, name = carriers.get(column.entry.covariate), column.quantity
+        if acts_on is not None:
+            at_new_records = state if name in RECORDED else None
+            yield _of(name, column.values, acts_on, at_new_records, Column(column.name))
 
 
 def _of(

@@ -1,6 +1,14 @@
 from .causes import CAUSES, all_candidates, cause_named, example, raised, register
 from .compliance import BearingTilt, Counterbalance, JointCompliance, LinkBending, TorsionalWindup
-from .conditions import COLUMNS, UNITS, WARMER, Conditions, Labels, Records, labels_of
+from .conditions import (
+    CONDITION_COLUMNS,
+    CONDITION_UNITS,
+    TEMPERATURE_TOLERANCE,
+    Conditions,
+    Labels,
+    Records,
+    labels_of,
+)
 from .discrepancy import Carrier, Discrepancy, Part, discrepancy_of
 from .effect import (
     Displacement,
@@ -72,7 +80,7 @@ from .labels import (
     values_with_u,
 )
 from .nonlinear import Nonlinear, TimeConstant
-from .smooth_functions import Bumps, Cosines, Moment, Smooth, Waves, product_of
+from .smooth_functions import RECORDED, Bumps, Cosines, Moment, Smooth, Waves, product_of
 from .state import State
 from .text import cause_of, effect_from, entries_of, require_plausible, stated_cause, text_of
 from .time_dependent import EncoderSlip, ZeroDrift
@@ -80,10 +88,11 @@ from .tube import tubes
 
 __all__ = [
     "CAUSES",
-    "COLUMNS",
+    "CONDITION_COLUMNS",
+    "CONDITION_UNITS",
     "LEAST_SPREAD",
-    "UNITS",
-    "WARMER",
+    "RECORDED",
+    "TEMPERATURE_TOLERANCE",
     "BaseCompliance",
     "BearingTilt",
     "Bumps",

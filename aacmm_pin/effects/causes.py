@@ -19,7 +19,7 @@ import numpy as np
 from aacmm_pin._support.checks import Array, Mask
 from aacmm_pin.arm.arm import Arm, GivenArm, as_arm
 from aacmm_pin.effects import compliance, encoder, environment, geometry, time_dependent
-from aacmm_pin.effects.conditions import COLUMNS, Conditions, Records
+from aacmm_pin.effects.conditions import CONDITION_COLUMNS, Conditions, Records
 from aacmm_pin.effects.effect import Effect, Term, fields_of
 from aacmm_pin.effects.nonlinear import Nonlinear
 from aacmm_pin.effects.state import State
@@ -83,24 +83,37 @@ def register(cause: _Own) -> _Own:
 
 def _check_attributes(cause: type[Effect]) -> None:
     """Refuse what a class states of itself, if that is no property."""
-    fields = fields_of(cause)
-    checks: list[tuple[str, type, Callable[[Any], bool], str]] = [
-        ("terms", tuple, lambda all_: {*map(type, all_)} == {Term}, "a tuple of one Term or more"),
-        (
-            "needs",
-            tuple,
-            lambda all_: {*all_} <= {*COLUMNS},
-            f"a tuple of some of {', '.join(COLUMNS)}",
-        ),
-        ("prior_weight", float, lambda weight: 0.0 < weight < np.inf, "a number above 0"),
-        ("nonlinear", Nonlinear, lambda one: one.field in ("", *fields), "a Nonlinear of a field"),
-    ]
-    for name, kind, check, expected in checks:
-        stated = inspect.getattr_static(cause, name)
-        if isinstance(stated, int):
-            stated = float(stated)
-        if not isinstance(stated, property) and not (isinstance(stated, kind) and check(stated)):
-            raise CauseError(cause.cause, f"{name} is {stated!r}, expected {expected}")
+    fields = ("", *fields_of(cause))
+    _check_attribute(cause, "terms", tuple, _are_terms, "a tuple of Terms")
+    some = f"a tuple of some of {', '.join(CONDITION_COLUMNS)}"
+    _check_attribute(cause, "needs", tuple, {*CONDITION_COLUMNS}.issuperset, some)
+    _check_attribute(cause, "prior_weight", (int, float), _is_weight, "a number above 0")
+    _check_attribute(
+        cause, "nonlinear", Nonlinear, lambda one: one.field in fields, "a Nonlinear of a field"
+    )
+
+
+def _are_terms(terms: tuple[object, ...]) -> bool:
+    return {*map(type, terms)} == {Term}
+
+
+def _is_weight(weight: float) -> bool:
+    return 0.0 < weight < np.inf
+
+
+def _check_attribute(
+    cause: type[Effect],
+    name: str,
+    kind: type | tuple[type, ...],
+    check: Callable[[Any], bool],
+    expected: str,
+) -> None:
+    """Refuse an attribute of another kind, or that does not pass the check."""
+    stated = inspect.getattr_static(cause, name)
+    if isinstance(stated, property):
+        return
+    if not isinstance(stated, kind) or not check(stated):
+        raise CauseError(cause.cause, f"{name} is {stated!r}, expected {expected}")
 
 
 def _checked(method: _Method, name: str) -> _Method:
@@ -138,15 +151,20 @@ def _check(effect: Effect, method: str, moved: Any, state: State) -> None:
     rows = np.abs(numbers.reshape(len(numbers), -1))
     wrong = np.flatnonzero(~(rows <= LARGEST_COLUMN).all(axis=1))
     if wrong.size:
-        came = f"numbers that are not finite, or beyond {LARGEST_COLUMN:g}"
         where = f"in {wrong.size} of {len(rows)} records, the first at number {wrong[0] + 1}"
-        raise CauseError(effect.label, f"{method}: {what} have {came}, {where}")
+        raise CauseError(
+            effect.label,
+            f"{method}: {what} have numbers that are not finite, or beyond {LARGEST_COLUMN:g}, "
+            f"{where}",
+        )
 
 
 def raised(error: BaseException, file: str) -> str:
     """An exception in one line, with the last line of ``file`` on its way, if it came by there."""
-    lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == file]
-    where = f" ({Path(file).name}, line {lines[-1]})" if lines else ""
+    where = ""
+    for frame in traceback.extract_tb(error.__traceback__):
+        if frame.filename == file:
+            where = f" ({Path(file).name}, line {frame.lineno})"
     text = str(traceback.TracebackException.from_exception(error))  # whatever its own __str__ does
     return f"{type(error).__name__}: {' '.join(text.split())}{where}"
 
@@ -158,11 +176,13 @@ def cause_named(name: str) -> type[Effect]:
         UnknownNameError: no cause of this name is known.
     """
     if name not in CAUSES:
-        hint = (
+        raise UnknownNameError(
+            "cause",
+            name,
+            list(CAUSES),
             "a cause of your own needs --plugin MODULE before the command, in Python the "
-            "import of that module"
+            "import of that module",
         )
-        raise UnknownNameError("cause", name, list(CAUSES), hint)
     return CAUSES[name]
 
 
@@ -220,15 +240,17 @@ def example(cause: type[Effect]) -> Effect | None:
     arm, n = Arm.load("sino6"), 360
     low, high = joint_bounds(arm).T
     part = np.linspace(0.0, 1.0, n)
+    seat = np.array(list("ABC") * (n // 3), dtype=object)
     waves = np.arange(1, n + 1)[:, None] * np.arange(1, arm.nq + 1)
     conditions = Conditions(
         n,
         time=3600.0 * part,
         temperature=20.0 + part,
         approach=np.sign(np.sin(waves)),
-        seat=np.array(list("ABC") * (n // 3), dtype=object),
+        seat=seat,
         marker=np.full(n, "1", dtype=object),
     )
     q = low + part[:, None] * (high - low)
     records = SyntheticRecords(q, conditions, np.ones(n, dtype=bool))
-    return next((variants[0] for variants in _candidates(cause, arm, records)), None)
+    found = _candidates(cause, arm, records)
+    return found[0][0] if found else None

@@ -143,7 +143,7 @@ class _OfTube(LoadedEffect):
 
     link: int
 
-    def _yielded(self, tube: Tube) -> tuple[Array, Array]:
+    def _deflection(self, tube: Tube) -> tuple[Array, Array]:
         """Shift and turn of the end of the tube per unit of the parameter, in the base (n, 3)
         [m/unit, rad/unit].
         """
@@ -154,18 +154,13 @@ class _OfTube(LoadedEffect):
         tube, place = Tube.of(state, self.link, self.label), end(self.link)
         if self.load_at is not None:
             moment = self.unit_load(state, self.link, state.origin[place] - tube.rest)
-            tube = replace(
-                tube,
-                weight=np.broadcast_to(state.down, moment.shape),
-                moment=moment,
-                own=0.0 * moment,
-            )
-        shift, turn = self._yielded(tube)
-        local = [
-            state.in_axes_of(place, part)[:, :, None]
-            for part in (shift + np.cross(turn, tube.rest), turn)
-        ]
-        return [Displacement(place, twist(*local))]
+            weight = np.broadcast_to(state.down, moment.shape)
+            tube = replace(tube, weight=weight, moment=moment, own=0.0 * moment)
+        shift, rotation = self._deflection(tube)
+        shift = shift + np.cross(rotation, tube.rest)
+        linear = state.in_axes_of(place, shift)[:, :, None]
+        angular = state.in_axes_of(place, rotation)[:, :, None]
+        return [Displacement(place, twist(linear, angular))]
 
 
 @dataclass(frozen=True)
@@ -187,7 +182,7 @@ class TorsionalWindup(_OfTube):
         "", "rad/(N·m)", 1e-5, "compliance_rad_per_nm", positive=True
     )
 
-    def _yielded(self, tube: Tube) -> tuple[Array, Array]:
+    def _deflection(self, tube: Tube) -> tuple[Array, Array]:
         turn = np.einsum("ni,ni->n", tube.along, tube.moment)[:, None] * tube.along
         return np.zeros_like(turn), turn
 
@@ -211,12 +206,12 @@ class LinkBending(_OfTube):
     )
     of_load: ClassVar[Term] = Term("", "rad/m²", 2e-4, "load_rad_per_m2")
 
-    def _yielded(self, tube: Tube) -> tuple[Array, Array]:
+    def _deflection(self, tube: Tube) -> tuple[Array, Array]:
         u, length = tube.along, tube.length
-        slope = length**2 * np.cross(u, tube.weight / 2 + tube.own / 6) + length * tube.moment
-        sag = length**3 * (tube.weight / 3 + tube.own / 8) + length**2 / 2 * np.cross(
-            tube.moment, u
-        )
+        by_weight = np.cross(u, tube.weight / 2 + tube.own / 6)
+        slope = length**2 * by_weight + length * tube.moment
+        by_moment = np.cross(tube.moment, u)
+        sag = length**3 * (tube.weight / 3 + tube.own / 8) + length**2 / 2 * by_moment
         return tube.across(sag), tube.across(slope)
 
 
@@ -252,9 +247,9 @@ class Counterbalance(Effect):
 
     def displacements(self, state: State) -> list[Displacement]:
         """The horizontal part of the body across the axis."""
-        lever = state.along_axis(
-            state.known_row(self.joint), np.cross(self._carried(state), state.down)
-        )
+        row = state.known_row(self.joint)
+        horizontal = np.cross(self._carried(state), state.down)
+        lever = state.along_axis(row, horizontal)
         return [about_axis(state, self.joint, lever[:, None])]
 
     def _carried(self, state: State) -> Array:

@@ -20,7 +20,7 @@ from aacmm_pin.errors import MissingConditionError, ShapeError
 Labels = NDArray[np.object_]
 """(n,) of str; "" where a record has none."""
 
-COLUMNS = {
+CONDITION_COLUMNS = {
     "time": "time_s",
     "temperature": "temperature_c",
     "link_temperature": "temperature1_c …",
@@ -31,7 +31,7 @@ COLUMNS = {
     "session": "session",
 }
 """The column of a measurement file behind each condition."""
-UNITS = {
+CONDITION_UNITS = {
     "time": "s",
     "temperature": "°C",
     "link_temperature": "°C",
@@ -41,7 +41,7 @@ UNITS = {
 """What the numbers of a condition are."""
 COLD_WORKSHOP, HOT_WORKSHOP = 5.0, 50.0
 """No record is taken where it is always colder, or always warmer; 50 °F are 10 °C [°C]."""
-WARMER = 2.0
+TEMPERATURE_TOLERANCE = 2.0
 """So much warmer or colder, a metre is longer or shorter by 0.02 to 0.05 mm [K]."""
 LONGEST_ON = 30 * 86400.0
 """An arm that has been on for longer has settled, or time counts from elsewhere [s]."""
@@ -83,12 +83,12 @@ class Conditions(Shown):
         for name in self.present:
             values = getattr(self, name)
             given: NDArray[Any]
-            if name not in UNITS:
+            if name not in CONDITION_UNITS:
                 given = labels_of(name, values, self.n)
             elif name in ("time", "temperature"):
-                given = vector(values, self.n, name, UNITS[name])
+                given = vector(values, self.n, name, CONDITION_UNITS[name])
             else:
-                given = batch(values, width_of(values), name, UNITS[name])
+                given = batch(values, width_of(values), name, CONDITION_UNITS[name])
             if len(given) != self.n:
                 raise ShapeError(f"{name} has {len(given)} rows, expected {self.n}: one a record")
             if name == "approach" and not np.isin(given, (-1.0, 0.0, 1.0)).all():
@@ -109,14 +109,15 @@ class Conditions(Shown):
     @cached_property
     def times(self) -> Array:
         """The different times in their order; without any where none is known [s]."""
-        return np.unique(np.zeros(0) if self.time is None else self.time)
+        if self.time is None:
+            return np.zeros(0)
+        return np.unique(self.time)
 
     @property
     def present(self) -> tuple[str, ...]:
         """Names of the conditions that are known."""
-        return tuple(
-            field.name for field in fields(self)[1:] if getattr(self, field.name) is not None
-        )
+        names = [field.name for field in fields(self)[1:]]
+        return tuple(name for name in names if getattr(self, name) is not None)
 
     def odd_temperatures(self, reference: float) -> list[Note]:
         """Temperatures that no workshop has; ``reference`` is that at which the arm's lengths hold
@@ -140,7 +141,11 @@ class Conditions(Shown):
     def other_temperatures(self, reference: float) -> list[Note]:
         """Temperatures at which lengths that hold at ``reference`` [°C] are others."""
         values = self.temperature if self.temperature is not None else self.link_temperature
-        if values is None or not values.size or abs(values - reference).max() < WARMER:
+        if (
+            values is None
+            or not values.size
+            or abs(values - reference).max() < TEMPERATURE_TOLERANCE
+        ):
             return []
         data = {"least": float(values.min()), "most": float(values.max()), "reference": reference}
         return [Note("temperatures_other", data)]
@@ -161,7 +166,7 @@ class Conditions(Shown):
         """
         values = getattr(self, name)
         if values is None:
-            raise MissingConditionError(purpose, COLUMNS[name])
+            raise MissingConditionError(purpose, CONDITION_COLUMNS[name])
         return np.asarray(values)
 
 

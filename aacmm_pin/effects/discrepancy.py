@@ -29,9 +29,10 @@ from aacmm_pin.effects.state import State
 from aacmm_pin.effects.tube import tubes
 from aacmm_pin.errors import AacmmError
 
-CARRIERS = re.compile(r"room|target|lengths|tubes|(before|angle|slide|tube) [1-9]\d{0,2}")
+OF_ROW = r"(before|angle|slide|tube) [1-9]\d{0,2}"
+CARRIERS = re.compile(f"room|target|lengths|tubes|{OF_ROW}")
 """What the functions may act on, see :class:`Carrier`."""
-DIGITS = 7
+DIRECTION_DIGITS = 7
 """Significant digits of a direction in a file: 1e-7 of any displacement is far below the noise of
 any arm.
 """
@@ -43,27 +44,27 @@ class Kind(NamedTuple):
     """A kind of carriers, whose row stands for ``{row}``.
 
     Attributes:
-        words: what is off.
+        code: of the note that says what is off.
         quantities: what it changes: names with unit, and how many SI units one of them is.
         unit: of a coefficient.
         typical: usual magnitude of a coefficient [that unit].
     """
 
-    words: str
+    code: str
     quantities: dict[str, float]
     unit: str
     typical: float
 
 
-KINDS = {
-    "room": Kind("the tip shifts in the room", OF_TIP, "m", 2e-5),
-    "target": Kind("the target sits elsewhere on the last body", OF_TIP, "m", 1e-3),
-    "before": Kind("the tip shifts along the body before joint {row}", OF_TIP, "m", 2e-5),
-    "angle": Kind("the angle of joint {row} is off", {"delta{row}_urad": 1e-6}, "rad", 4e-5),
-    "slide": Kind("the position of joint {row} is off", {"delta{row}_um": 1e-6}, "m", 2e-5),
-    "lengths": Kind("all lengths grow", GROWTH, "1", 2e-5),
-    "tubes": Kind("the long tubes grow", GROWTH, "1", 2e-5),
-    "tube": Kind("the tube of row {row} grows", GROWTH, "1", 2e-5),
+CARRIER_KINDS = {
+    "room": Kind("tip_shifts_in_room", OF_TIP, "m", 2e-5),
+    "target": Kind("target_elsewhere", OF_TIP, "m", 1e-3),
+    "before": Kind("tip_shifts_before_joint", OF_TIP, "m", 2e-5),
+    "angle": Kind("joint_angle_off", {"delta{row}_urad": 1e-6}, "rad", 4e-5),
+    "slide": Kind("joint_position_off", {"delta{row}_um": 1e-6}, "m", 2e-5),
+    "lengths": Kind("lengths_grow", GROWTH, "1", 2e-5),
+    "tubes": Kind("tubes_grow", GROWTH, "1", 2e-5),
+    "tube": Kind("tube_grows", GROWTH, "1", 2e-5),
 }
 """By the name of a carrier without its row."""
 
@@ -83,11 +84,10 @@ class Carrier:
 
     def __post_init__(self) -> None:
         if not CARRIERS.fullmatch(self.name):
-            expected = (
-                "expected room, target, lengths, tubes, or before j, angle j, slide j, "
-                "tube j of row j"
+            raise AacmmError(
+                f"a discrepancy acts on {self.name!r}, expected room, target, lengths, tubes, or "
+                "before j, angle j, slide j, tube j of row j"
             )
-            raise AacmmError(f"a discrepancy acts on {self.name!r}, {expected}")
 
     @property
     def what(self) -> str:
@@ -97,7 +97,7 @@ class Carrier:
     @property
     def kind(self) -> Kind:
         """What all carriers of its kind have in common."""
-        return KINDS[self.what]
+        return CARRIER_KINDS[self.what]
 
     @property
     def row(self) -> int:
@@ -112,7 +112,8 @@ class Carrier:
     @property
     def in_words(self) -> str:
         """What is off."""
-        return self._with_row(self.kind.words)
+        _, _, row = self.name.partition(" ")
+        return str(Note(self.kind.code, {"row": row}))
 
     @property
     def quantities(self) -> dict[str, float]:
@@ -184,8 +185,8 @@ class Part:
 
 
 def _rounded(row: tuple[float, ...]) -> tuple[float, ...]:
-    """A row of directions to :data:`DIGITS`."""
-    texts = [f"{number:.{DIGITS}g}" for number in row]
+    """A row of directions to :data:`DIRECTION_DIGITS`."""
+    texts = [f"{number:.{DIRECTION_DIGITS}g}" for number in row]
     return tuple(map(float, texts))
 
 

@@ -29,7 +29,7 @@ from aacmm_pin.effects.state import State
 from aacmm_pin.effects.tube import tubes
 from aacmm_pin.errors import AacmmError, CauseError, UnknownNameError
 
-PLACES = ("joint", "link", "seat", "marker")
+LOCATION_FIELDS = ("joint", "link", "seat", "marker")
 """Fields that state where a cause sits."""
 NUMBERS = ("values", "u", "nonlinear_u")
 """Fields of every cause, which do not state which one it is."""
@@ -181,8 +181,10 @@ class Effect(Shown, ABC):
             default = getattr(type(self), name, MISSING)
             row = getattr(self, name, default)
             if row is not default and not _is_row(row):
-                expected = f"expected the number of a row, from 1 to {MOST_ROWS} at most"
-                raise AacmmError(f"{self.cause}: {name} is {reprlib.repr(row)}, {expected}")
+                raise AacmmError(
+                    f"{self.cause}: {name} is {reprlib.repr(row)}, expected the number of a row, "
+                    f"from 1 to {MOST_ROWS} at most"
+                )
         count = len(self.terms)
         for name in ("values", "u"):
             numbers = tuple(map(float, getattr(self, name))) or (0.0,) * count
@@ -270,8 +272,8 @@ class Effect(Shown, ABC):
     @classmethod
     @cache  # asked for thousands of times in a calibration
     def location_field(cls) -> str | None:
-        """The field that states where it sits, one of :data:`PLACES`; None for the whole arm."""
-        return next((name for name in PLACES if name in fields_of(cls)), None)
+        """The field of :data:`LOCATION_FIELDS` that it has; None for the whole arm."""
+        return next((name for name in LOCATION_FIELDS if name in fields_of(cls)), None)
 
     @property
     def place(self) -> int | str | None:
@@ -289,7 +291,8 @@ class Effect(Shown, ABC):
     @property
     def label(self) -> str:
         """The cause and where it sits, such as ``encoder_gain:5``."""
-        return self.cause if self.place is None else f"{self.cause}:{self.place}"
+        place = "" if self.place is None else f":{self.place}"
+        return f"{self.cause}{place}"
 
     @property
     def key(self) -> str:
@@ -306,7 +309,8 @@ class Effect(Shown, ABC):
     @property
     def identity(self) -> tuple[object, ...]:
         """Which cause it is and where it sits, with all fields, whatever its values are."""
-        return (self.cause, *(getattr(self, name) for name in fields_of(type(self))))
+        names = fields_of(type(self))
+        return (self.cause, *(getattr(self, name) for name in names))
 
     @property
     def details(self) -> list[str]:
@@ -333,7 +337,8 @@ class Effect(Shown, ABC):
 @cache
 def fields_of(kind: type[Effect]) -> tuple[str, ...]:
     """Names of the fields that state which one it is: ``joint``, ``order``, …"""
-    return tuple(field.name for field in fields(kind) if field.name not in NUMBERS)
+    names = [field.name for field in fields(kind)]
+    return tuple(name for name in names if name not in NUMBERS)
 
 
 def values_by_key(effect: Effect, stated: Mapping[str, float], what: str) -> tuple[float, ...]:
@@ -409,7 +414,8 @@ def shifts(typical: float, largest: float | None = None) -> tuple[Term, ...]:
 
 def turns(typical: float) -> tuple[Term, ...]:
     """Three turns about x, y and z."""
-    return tuple(Term(name, "rad", typical, f"{name}_rad") for name in ("rx", "ry", "rz"))
+    names = ("rx", "ry", "rz")
+    return tuple(Term(name, "rad", typical, f"{name}_rad") for name in names)
 
 
 def sensitivity(effect: Effect, state: State) -> Array:

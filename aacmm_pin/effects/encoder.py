@@ -26,13 +26,19 @@ from aacmm_pin.errors import AacmmError, UnknownNameError
 
 SAMPLES = 4096
 """Points of a curve of which its spectrum is taken."""
-MOST_COEFFICIENTS = 1000
+MOST_CURVE_COEFFICIENTS = 1000
 """More of them than any joint has records for."""
 LEAST_SPREAD = 0.02
 """A joint that moves less than this cannot show anything that depends on its angle [rad], or its
 way [m].
 """
-ORDERS = (0.5, 1.5, 2.5, *(k / 2 for k in range(6, 21)), *(float(k) for k in range(11, 33)))
+PERIODIC_ORDERS = (
+    0.5,
+    1.5,
+    2.5,
+    *(k / 2 for k in range(6, 21)),
+    *(float(k) for k in range(11, 33)),
+)
 """Orders of a periodic error that are tried before the order is refined."""
 ORDERS_NEAR = 15
 """Steps in half an order in which an order is refined around the one that was tried."""
@@ -61,7 +67,8 @@ class _OfAngle(Effect):
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
         """Every joint that turns, by enough to show it."""
-        yield from ((cls(row),) for row, _ in _turning(arm, records))
+        for row, _ in _turning(arm, records):
+            yield (cls(row),)
 
 
 def _moving(arm: Arm, records: Records | None) -> Iterator[tuple[int, Array]]:
@@ -75,7 +82,9 @@ def _moving(arm: Arm, records: Records | None) -> Iterator[tuple[int, Array]]:
 def _turning(arm: Arm, records: Records | None) -> Iterator[tuple[int, Array]]:
     """Those that turn."""
     slides = dict(zip(arm.chain.moving_rows(), arm.chain.prismatic, strict=True))
-    yield from ((row, angle) for row, angle in _moving(arm, records) if not slides[row])
+    for row, angle in _moving(arm, records):
+        if not slides[row]:
+            yield row, angle
 
 
 class _Polar(Notation):
@@ -102,7 +111,8 @@ class _Polar(Notation):
         """∂(A, φ)/∂(A cos φ, A sin φ); of no meaning at A = 0, where there is no phase."""
         amplitude, phase = self.parameters(effect).values()
         c, s = np.cos(phase), np.sin(phase)
-        return np.array([[c, s], [-s, c] / np.maximum(amplitude, 1e-300)])
+        of_phase = [-s, c] / np.maximum(amplitude, 1e-300)
+        return np.array([[c, s], of_phase])
 
     def values(self, effect: Effect, parameters: Mapping[str, float]) -> tuple[float, ...]:
         """From amplitude and phase, or from the linear parts."""
@@ -164,8 +174,10 @@ class EncoderEccentricity(_Periodic):
         """
         amplitude = math.hypot(*self.values)
         if amplitude >= 1.0:
-            expected = "expected less than 1, the radius of the disc"
-            raise AacmmError(f"{self.label}: amplitude is {amplitude:g}, {expected}")
+            raise AacmmError(
+                f"{self.label}: amplitude is {amplitude:g}, expected less than 1, the radius of "
+                "the disc"
+            )
         return [(place, np.arcsin(linear)) for place, linear in super().exact(state)]
 
 
@@ -224,7 +236,9 @@ class JointPeriodicError(_Periodic):
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
         """Orders at every joint that make a period over the covered range: less is a gain."""
         for row, angle in _turning(arm, records):
-            orders = [order for order in ORDERS if order * np.ptp(angle) / (2 * np.pi) >= 1.0]
+            orders = [
+                order for order in PERIODIC_ORDERS if order * np.ptp(angle) / (2 * np.pi) >= 1.0
+            ]
             if orders:
                 yield tuple(cls(row, order) for order in orders)
 
@@ -276,9 +290,9 @@ class JointErrorCurve(Effect):
     def __post_init__(self) -> None:
         """Check the range."""
         in_order = -LARGEST_ANGLE <= self.lower_rad < self.upper_rad <= LARGEST_ANGLE
-        if not (in_order and 4 <= self.coefficients <= MOST_COEFFICIENTS):
+        if not (in_order and 4 <= self.coefficients <= MOST_CURVE_COEFFICIENTS):
             raise AacmmError(
-                f"{self.label}: expected lower_rad < upper_rad and 4 to {MOST_COEFFICIENTS} "
+                f"{self.label}: expected lower_rad < upper_rad and 4 to {MOST_CURVE_COEFFICIENTS} "
                 "coefficients, "
                 f"not {self.lower_rad}, {self.upper_rad}, {self.coefficients}"
             )
@@ -313,9 +327,8 @@ class JointErrorCurve(Effect):
     @property
     def terms(self) -> tuple[Term, ...]:
         """The coefficients."""
-        return tuple(
-            Term(f"c{i}", "rad", 1e-4, f"c{i}_rad") for i in range(1, self.coefficients + 1)
-        )
+        names = [f"c{i}" for i in range(1, self.coefficients + 1)]
+        return tuple(Term(name, "rad", 1e-4, f"{name}_rad") for name in names)
 
     def displacements(self, state: State) -> list[Displacement]:
         """The B-splines at the indications.
@@ -345,8 +358,9 @@ class JointErrorCurve(Effect):
     @property
     def knots(self) -> Array:
         """Knots of the spline [rad]."""
-        inner = np.linspace(self.lower_rad, self.upper_rad, self.coefficients - 2)
-        return np.concatenate([np.full(3, self.lower_rad), inner, np.full(3, self.upper_rad)])
+        low, high = self.lower_rad, self.upper_rad
+        inner = np.linspace(low, high, self.coefficients - 2)
+        return np.concatenate([3 * [low], inner, 3 * [high]])
 
 
 @dataclass(frozen=True)
@@ -364,11 +378,13 @@ class EncoderGain(_OfAngle):
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
         """Every joint that moves by enough to show it."""
-        yield from ((cls(row),) for row, _ in _moving(arm, records))
+        for row, _ in _moving(arm, records):
+            yield (cls(row),)
 
     def displacements(self, state: State) -> list[Displacement]:
         """The indication itself."""
-        return [about_axis(state, self.joint, state.angle(self.joint)[:, None])]
+        angle = state.angle(self.joint)
+        return [about_axis(state, self.joint, angle[:, None])]
 
 
 @dataclass(frozen=True)

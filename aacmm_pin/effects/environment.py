@@ -21,7 +21,7 @@ from aacmm_pin.errors import UnsupportedArmError
 
 LEAST_SEATS = 3
 """With fewer seats nothing tells which of them is off."""
-FARTHEST = 10.0
+FARTHEST_TARGET = 10.0
 """A target on the last body is within so much of the tip [m]."""
 ANOTHER_POINT = 5e-4
 """No ball is so far from where its qualification has it: it is another point [m]."""
@@ -45,10 +45,10 @@ class BaseCompliance(GravityEffect):
 
     def displacements(self, state: State) -> list[Displacement]:
         """The moment about the origin of the base."""
-        whole = not self.bodies and self.load_at is None
-        moments = (
-            state.moment(1, np.zeros((state.n, 3)))[:, :, None] if whole else self.moments(state, 1)
-        )
+        if self.bodies or self.load_at is not None:
+            moments = self.moments(state, 1)
+        else:
+            moments = state.moment(1, np.zeros((state.n, 3)))[:, :, None]
         return [Displacement(BASE, twist(angular=moments))]
 
 
@@ -79,7 +79,8 @@ class SeatError(Effect):
     def displacements(self, state: State) -> list[Displacement]:
         """The stated coordinates are those of the tip minus e, in records of this seat."""
         touched = state.conditions.require("seat", self.label) == self.seat
-        return [Displacement(BASE, twist(-np.eye(3) * touched[:, None, None]))]
+        shift = -np.eye(3) * touched[:, None, None]
+        return [Displacement(BASE, twist(shift))]
 
 
 @dataclass(frozen=True)
@@ -118,7 +119,7 @@ class StylusOffset(Effect):
     cause: ClassVar[str] = "stylus_offset"
     refitted: ClassVar[bool] = True
     prior_weight: ClassVar[float] = 0.2
-    terms: ClassVar[tuple[Term, ...]] = shifts(5e-5, FARTHEST)
+    terms: ClassVar[tuple[Term, ...]] = shifts(5e-5, FARTHEST_TARGET)
 
     @property
     def needs(self) -> tuple[str, ...]:

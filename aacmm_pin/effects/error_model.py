@@ -18,7 +18,7 @@ from aacmm_pin.arm.arm import Arm, GivenArm, as_arm
 from aacmm_pin.arm.file import ArmFile, UrdfArmFile, arm_text, validated
 from aacmm_pin.arm.limits import AT_LIMIT, other_turns
 from aacmm_pin.arm.parameter import Parameter
-from aacmm_pin.effects.conditions import COLUMNS, Conditions
+from aacmm_pin.effects.conditions import CONDITION_COLUMNS, Conditions
 from aacmm_pin.effects.effect import Effect, axis, sensitivity
 from aacmm_pin.effects.extrapolation import extrapolation_terms
 from aacmm_pin.effects.geometry import of_geometry
@@ -27,11 +27,11 @@ from aacmm_pin.effects.nonlinear import TimeConstant
 from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError, ArmFileError, ShapeError, UnknownNameError
 
-MOST_ROUNDS = 20
+MOST_EQUILIBRIUM_STEPS = 20
 """The weight's moments are found again in the bent arm until nothing moves; the arm is stiff, so
 three or four do.
 """
-MOST_LABELS = 20
+LABELS_LISTED = 20
 """So many labels are listed."""
 SAME_TWIST = 1e-15
 """Twists that change by less than this stay as they are [m, rad]."""
@@ -76,10 +76,8 @@ class ErrorModel(Shown):
                     raise UnknownNameError("parameter in covariance", name, names)
 
     def __repr__(self) -> str:
-        return (
-            f"ErrorModel({self.arm.name!r}, "
-            f"{', '.join(e.label for e in self.effects) or 'no effects'})"
-        )
+        labels = ", ".join(effect.label for effect in self.effects)
+        return f"ErrorModel({self.arm.name!r}, {labels or 'no effects'})"
 
     @staticmethod
     def of(model: GivenModel) -> ErrorModel:
@@ -203,13 +201,13 @@ class ErrorModel(Shown):
         own parameters.
         """
         known = self.arm.covariance
-        u = (
-            {}
-            if known is None
-            else dict(zip(known.parameters, known.standard_uncertainty_si, strict=True))
-        )
-        of_effects = (p for effect in self.effects for p in effect.parameters())
-        return (*self.arm.parameters, *(replace(p, u=u.get(p.name, p.u)) for p in of_effects))
+        u = {}
+        if known is not None:
+            u = dict(zip(known.parameters, known.standard_uncertainty_si, strict=True))
+        found = [*self.arm.parameters]
+        for effect in self.effects:
+            found += [replace(p, u=u.get(p.name, p.u)) for p in effect.parameters()]
+        return tuple(found)
 
     def covariance(self) -> Array:
         """Covariance of all parameters (p, p) [their units]: independent, but for those that the
@@ -321,9 +319,11 @@ class ErrorModel(Shown):
             low, high = np.array(effect.known_range) + 2 * AT_LIMIT * np.array([1.0, -1.0])
             limits[joint] = max(limits[joint, 0], low), min(limits[joint, 1], high)
             if limits[joint, 0] >= limits[joint, 1]:
-                name = f"{self.arm.name}: no angle between the limits of joint {joint + 1}"
                 where = f"{effect.label}{known_range_in_words(effect)}"
-                raise AacmmError(f"{name} is within {where}")
+                raise AacmmError(
+                    f"{self.arm.name}: no angle between the limits of joint {joint + 1} is within "
+                    f"{where}"
+                )
         if np.array_equal(limits, self.arm.limits):
             return self
         return replace(self, arm=replace(self.arm, limits=limits))
@@ -403,14 +403,14 @@ def static_equilibrium(elastic: list[Effect], state: State) -> State:
     if not elastic:
         return state
     rigid = state.twists
-    for _ in range(MOST_ROUNDS):
+    for _ in range(MOST_EQUILIBRIUM_STEPS):
         twists = _twists(elastic, state, rigid)
         changes = [np.abs(twist - state.twists.get(place, 0.0)) for place, twist in twists.items()]
         state = replace(state, twists=twists)
         if all((change < SAME_TWIST).all() for change in changes):
             return state
     labels = ", ".join(effect.label for effect in elastic)
-    reached = f"static equilibrium not reached in {MOST_ROUNDS} rounds"
+    reached = f"static equilibrium not reached in {MOST_EQUILIBRIUM_STEPS} rounds"
     raise AacmmError(f"{state.arm.name}: {labels}: {reached}; compliance or masses are too large")
 
 
@@ -435,7 +435,9 @@ def require_shown(effect: Effect, arm: Arm, q: Array, conditions: Conditions, so
     if not effect.needs or any(d.columns.any() for d in effect.displacements(state)):
         return
     present = [need for need in effect.needs if need in conditions.present]
-    stands = [f"{COLUMNS[need]} has {_in_words(getattr(conditions, need))}" for need in present]
+    stands = [
+        f"{CONDITION_COLUMNS[need]} has {_in_words(getattr(conditions, need))}" for need in present
+    ]
     raise AacmmError(f"{effect.key}: no record of {source} shows it: {'; '.join(stands)}")
 
 
@@ -444,8 +446,8 @@ def _in_words(values: NDArray[Any]) -> str:
     if values.dtype != object:
         return f"{values.min():.6g} to {values.max():.6g}"
     labels = [label for label in dict.fromkeys(values) if label]
-    more = f", … ({len(labels)} in all)" if len(labels) > MOST_LABELS else ""
-    return ", ".join(labels[:MOST_LABELS]) + more
+    more = f", … ({len(labels)} in all)" if len(labels) > LABELS_LISTED else ""
+    return ", ".join(labels[:LABELS_LISTED]) + more
 
 
 GivenCause = Effect | str

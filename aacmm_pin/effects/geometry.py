@@ -57,12 +57,10 @@ class JointZeroOffset(_RowValue):
 
     def displacements(self, state: State) -> list[Displacement]:
         """A unit of the joint's own motion; a row without a joint turns."""
-        moves = state.arm.chain.joint[axis(state.known_row(self.joint))] >= 0
-        return (
-            [about_axis(state, self.joint, np.ones((1, 1)))]
-            if moves
-            else super().displacements(state)
-        )
+        place = axis(state.known_row(self.joint))
+        if state.arm.chain.joint[place] < 0:
+            return super().displacements(state)
+        return [about_axis(state, self.joint, np.ones((1, 1)))]
 
 
 @dataclass(frozen=True)
@@ -143,7 +141,8 @@ class JointPlacement(Effect):
 
     def displacements(self, state: State) -> list[Displacement]:
         """Unit twists behind the placement, before the joint."""
-        return [Displacement(end(state.known_row(self.joint) - 1), np.eye(6)[None])]
+        row = state.known_row(self.joint)
+        return [Displacement(end(row - 1), np.eye(6)[None])]
 
 
 def of_geometry(arm: Arm) -> list[Effect]:

@@ -52,7 +52,9 @@ class LoadedEffect(Effect):
     @property
     def key(self) -> str:
         """With where the load hangs."""
-        return super().key if self.load_at is None else f"{self.label},load_at={self.load_at}"
+        if self.load_at is None:
+            return super().key
+        return f"{self.label},load_at={self.load_at}"
 
     @property
     def details(self) -> list[str]:
@@ -61,10 +63,9 @@ class LoadedEffect(Effect):
 
     def load_variants(self, arm: Arm) -> tuple[Self, ...]:
         """With a load at the end of each tube that it carries, and at the tip."""
-        ends = [
-            row for row in dict.fromkeys((*tubes(arm), arm.chain.rows)) if row >= (self.row or 0)
-        ]
-        return tuple(replace(self, load_at=row, values=(), u=()) for row in ends)
+        ends = dict.fromkeys((*tubes(arm), arm.chain.rows))
+        carried = [row for row in ends if row >= (self.row or 0)]
+        return tuple(replace(self, load_at=row, values=(), u=()) for row in carried)
 
     def unit_load(self, state: State, row: int, about: Array) -> Array:
         """Moment of a unit load about points of the base (n, 3) [m], carried by body ``row``.
@@ -114,7 +115,9 @@ class GravityEffect(LoadedEffect):
 
     def load_variants(self, arm: Arm) -> tuple[Self, ...]:
         """None where the masses do not count."""
-        return () if self.bodies or "torque" in self.needs else super().load_variants(arm)
+        if self.bodies or "torque" in self.needs:
+            return ()
+        return super().load_variants(arm)
 
     def moments(self, state: State, row: int) -> Array:
         """Moment about ``axis row`` per unit of each parameter, in the base: (n, 3, p).

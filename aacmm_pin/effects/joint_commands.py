@@ -19,9 +19,9 @@ ARRIVED = 1e-9
 """A tip nearer to where it shall be than this is there [m; rad of its turn]."""
 MOST_STEPS = 100
 """The errors of an arm are small: four steps do, but next to a singular posture."""
-LONGEST_STEP = 0.1
+LONGEST_JOINT_STEP = 0.1
 """No step is longer: next to a singular posture the straight one would lead far away [rad]."""
-SINGULAR = 1e-6
+SINGULAR_MOTION = 1e-6
 """Motions whose singular value is smaller than this part of the largest are not made."""
 
 
@@ -92,10 +92,10 @@ def joint_commands(
         )
         if model.arm.nq < OF_A_POSE:
             jacobian, off = jacobian[:, :3], shift
-        step = (np.linalg.pinv(jacobian, rcond=SINGULAR) @ off[:, :, None])[:, :, 0]
+        step = (np.linalg.pinv(jacobian, rcond=SINGULAR_MOTION) @ off[:, :, None])[:, :, 0]
         length = np.linalg.norm(step, axis=1, keepdims=True)
         further = np.clip(
-            commands + step * (LONGEST_STEP / np.maximum(length, LONGEST_STEP)), *bounds
+            commands + step * (LONGEST_JOINT_STEP / np.maximum(length, LONGEST_JOINT_STEP)), *bounds
         )
         commands[~arrived] = further[~arrived]
     return commands, arrived
@@ -106,5 +106,7 @@ def _turn(to: Array, of: Array) -> Array:
     (n, 3, 3).
     """
     turn = to @ of.transpose(0, 2, 1)
-    lower, upper = turn[:, [2, 0, 1], [1, 2, 0]], turn[:, [1, 2, 0], [2, 0, 1]]
+    x, y, z = [0, 1, 2]
+    lower = turn[:, [z, x, y], [y, z, x]]
+    upper = turn[:, [y, z, x], [z, x, y]]
     return np.asarray(0.5 * (lower - upper))

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin._support.units import DEG, LARGE, MM
+from aacmm_pin._support.units import DEG, LARGE_IN_MICRO, MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.chain import axis
 from aacmm_pin.arm.file import COVERAGE_FACTOR
@@ -119,23 +119,17 @@ def values_in_words(
         return f"free curve of {len(values)} values"
     readings = effect.notation.readings(effect)
     if slides:
-        readings = {
-            key: reading._replace(unit=reading.unit.replace("rad", "m"))
-            for key, reading in readings.items()
-        }
-    in_um = [
-        abs(value) * readings[key].factor
-        for key, (value, _) in values.items()
-        if readings[key].unit == "µm"
-    ]
-    if in_um and max(in_um) >= LARGE:
-        readings = {
-            key: r._replace(unit="mm", factor=r.factor * MM) if r.unit == "µm" else r
-            for key, r in readings.items()
-        }
-    return ", ".join(
-        _value(readings[key], value, COVERAGE_FACTOR * u) for key, (value, u) in values.items()
-    )
+        for key, reading in readings.items():
+            readings[key] = reading._replace(unit=reading.unit.replace("rad", "m"))
+    in_um = [key for key in values if readings[key].unit == "µm"]
+    sizes = [abs(values[key][0]) * readings[key].factor for key in in_um]
+    if max(sizes, default=0.0) >= LARGE_IN_MICRO:
+        for key in in_um:
+            readings[key] = readings[key]._replace(unit="mm", factor=readings[key].factor * MM)
+    stated = []
+    for key, (value, u) in values.items():
+        stated.append(_value(readings[key], value, COVERAGE_FACTOR * u))
+    return ", ".join(stated)
 
 
 def _value(reading: Reading, value: float, expanded: float) -> str:
@@ -163,20 +157,15 @@ def probability(value: float) -> str:
 
 def typical_magnitude_in_words(effect: Effect) -> str:
     """Typical magnitudes of its parameters, each once: ``10 µrad/(N·m)``."""
-    sizes = dict.fromkeys(
-        f"{term.typical / size:.3g} {unit}"
-        for term in effect.terms
-        for unit, size in [term.unit_read]
-    )
-    return ", ".join(sizes)
+    sizes = []
+    for term in effect.terms:
+        unit, size = term.unit_read
+        sizes.append(f"{term.typical / size:.3g} {unit}")
+    return ", ".join(dict.fromkeys(sizes))
 
 
 def listed(items: Sequence[str], last: str = "and") -> str:
     """``a, b and c``."""
-    return (
-        items[0]
-        if len(items) == 1
-        else f"{', '.join(items[:-1])} {last} {items[-1]}"
-        if items
-        else ""
-    )
+    if len(items) < 2:
+        return "".join(items)
+    return f"{', '.join(items[:-1])} {last} {items[-1]}"

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 E = TypeVar("E", bound="Effect")
 
-WARM_UPS = (600.0, 1800.0, 5400.0)
+WARM_UP_TIMES = (600.0, 1800.0, 5400.0)
 """Time constants of a warm-up that are tried [s]."""
 TIME_CONSTANTS = 15
 """Time constants that are tried around one that was found."""
@@ -108,7 +108,7 @@ class TimeConstant(Nonlinear[E]):
     def grid(self, records: Records | None) -> Sequence[float]:
         """Quick and slow, where time goes on."""
         time = np.arange(2) if records is None else records.conditions.time
-        return WARM_UPS if time is not None and np.ptp(time) > 0.0 else ()
+        return WARM_UP_TIMES if time is not None and np.ptp(time) > 0.0 else ()
 
     def refine(self, effect: E, records: Records) -> list[E]:
         """From a third to three times as slow."""

@@ -6,7 +6,6 @@ import json
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import reduce
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
@@ -72,21 +71,21 @@ class Cosines:
     @staticmethod
     def over(of: str, values: ArrayLike, count: int) -> Cosines:
         """The cosines over the ranks of ``values`` (n,)."""
-        at, first, times = np.unique(
-            np.asarray(values, dtype=np.float64), return_inverse=True, return_counts=True
-        )
+        numbers = np.asarray(values, dtype=np.float64)
+        at, times = np.unique(numbers, return_counts=True)
         below = np.cumsum(times) - 0.5 * times
         if at.size > MOST_KNOTS:
-            knots = np.unique(np.searchsorted(below, np.linspace(below[0], below[-1], MOST_KNOTS)))
+            evenly = np.linspace(below[0], below[-1], MOST_KNOTS)
+            knots = np.unique(np.searchsorted(below, evenly))
             at, below = at[knots], below[knots]
-        return Cosines(of, tuple(at.tolist()), tuple(below.tolist()), int(first.size), count)
+        return Cosines(of, tuple(at.tolist()), tuple(below.tolist()), numbers.size, count)
 
     def of_values(self, values: ArrayLike) -> Array:
         """The functions of values (n,): (n, count + 1)."""
-        part = (
-            np.interp(np.asarray(values, dtype=np.float64), self.at_si, self.below) / self.records
-        )
-        return np.asarray(np.cos(np.pi * np.arange(self.count + 1) * part[:, None]))
+        numbers = np.asarray(values, dtype=np.float64)
+        part = np.interp(numbers, self.at_si, self.below) / self.records
+        frequency = np.pi * np.arange(self.count + 1)
+        return np.asarray(np.cos(frequency * part[:, None]))
 
     def values(self, state: State) -> Array:
         """The functions in records (n, count + 1)."""
@@ -195,15 +194,18 @@ class Bumps:
         """The functions in records (n, centres)."""
         tip = state.origin[state.arm.chain.tip]
         distance = np.linalg.norm(tip[:, None] - np.array(self.centres_si), axis=2)
-        return np.asarray(np.exp(-0.5 * np.square(distance / self.width_si)))
+        squares = np.square(distance / self.width_si)
+        return np.asarray(np.exp(-0.5 * squares))
 
 
 Smooth = Cosines | Waves | Moment | Bumps
 _FILED: TypeAdapter[Smooth] = TypeAdapter(Annotated[Smooth, Field(discriminator="kind")])
 
+RECORDED = ("time", "temperature")
+"""Conditions that functions may be of."""
 _JOINT = r"joint [1-9]\d{0,2}"
-OF_KIND = {
-    "cosines": rf"{_JOINT}|time|temperature",
+QUANTITIES_OF_KIND = {
+    "cosines": "|".join([_JOINT, *RECORDED]),
     "waves": _JOINT,
     "moment": _JOINT,
     "bumps": "place",
@@ -215,7 +217,10 @@ def product_of(functions: Sequence[Smooth], state: State) -> Array:
     """Products of one function of each of these (n, m), the last one varying fastest; without any
     the constant 1 (n, 1).
     """
-    return reduce(products, (each.values(state) for each in functions), np.ones((state.n, 1)))
+    found = np.ones((state.n, 1))
+    for each in functions:
+        found = products(found, each.values(state))
+    return found
 
 
 def products(one: Array, other: Array) -> Array:
@@ -228,7 +233,8 @@ def products(one: Array, other: Array) -> Array:
 
 def needs_of(functions: Iterable[Smooth]) -> tuple[str, ...]:
     """Conditions that the functions are of."""
-    return tuple(dict.fromkeys(each.of for each in functions if each.of in ("time", "temperature")))
+    every = [each.of for each in functions]
+    return tuple(name for name in dict.fromkeys(every) if name in RECORDED)
 
 
 def as_filed(functions: Smooth) -> dict[str, Any]:
@@ -249,8 +255,10 @@ def as_read(filed: dict[str, Any]) -> Smooth:
         first = error.errors()[0]
         key = ".".join(map(str, first["loc"][1:]))
         raise AacmmError(f"functions: {key + ': ' if key else ''}{first['msg']}") from None
-    if not re.fullmatch(OF_KIND[found.kind], found.of):
-        raise AacmmError(f"functions: {found.kind} of {found.of!r}, expected {OF_KIND[found.kind]}")
+    if not re.fullmatch(QUANTITIES_OF_KIND[found.kind], found.of):
+        raise AacmmError(
+            f"functions: {found.kind} of {found.of!r}, expected {QUANTITIES_OF_KIND[found.kind]}"
+        )
     return found
 
 

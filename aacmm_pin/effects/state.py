@@ -144,15 +144,18 @@ class State:
         """Part of vectors of the base (n, 3, …) along the axis of ``row`` (n, …): of a moment, what
         turns the joint.
         """
-        return np.asarray(np.einsum("ni,ni...->n...", self.rotation[axis(row)][:, :, 2], vectors))
+        z = self.rotation[axis(row)][:, :, 2]
+        return np.asarray(np.einsum("ni,ni...->n...", z, vectors))
 
     def weight_beyond(self, row: int) -> Array:
         """Weight of all bodies beyond ``row``, in the base (3,) [N]."""
-        return np.asarray(self.masses[row:].sum() * self.arm.gravity)
+        mass = self.masses[row:].sum()
+        return np.asarray(mass * self.arm.gravity)
 
     def moment(self, row: int, about: Array) -> Array:
         """The same about points of the base (n, 3) [m]."""
-        lever = self._first_moments[row - 1] - self.masses[row - 1 :].sum() * about
+        mass = self.masses[row - 1 :].sum()
+        lever = self._first_moments[row - 1] - mass * about
         return np.asarray(np.cross(lever, self.arm.gravity))
 
     def unit_moments(self, row: int) -> Array:
@@ -192,9 +195,8 @@ class State:
     def _first_moments(self) -> Array:
         """Σ m_k c_k over each body and all beyond, (rows + 1, n, 3) [kg·m]."""
         axes = slice(2, 2 * self.arm.chain.rows + 1, 2)
-        centres = self.origin[axes] + np.einsum(
-            "rnij,rj->rni", self.rotation[axes], self.arm.centres_of_mass
-        )
-        moments = np.zeros((len(centres) + 1, self.n, 3))
-        moments[:-1] = np.cumsum((self.masses[:, None, None] * centres)[::-1], axis=0)[::-1]
+        from_axis = np.einsum("rnij,rj->rni", self.rotation[axes], self.arm.centres_of_mass)
+        of_bodies = self.masses[:, None, None] * (self.origin[axes] + from_axis)
+        moments = np.zeros((len(of_bodies) + 1, self.n, 3))
+        moments[:-1] = np.cumsum(of_bodies[::-1], axis=0)[::-1]
         return moments

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, get_type_hints
 import numpy as np
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
-from aacmm_pin._support.plausible import LEAST_KNOWN, MOST_TYPICAL
+from aacmm_pin._support.plausible import LARGEST_U_RATIO, MOST_TYPICAL
 from aacmm_pin._support.units import in_radians, number
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.file import DiscrepancyEntry, EffectEntry
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from aacmm_pin.effects.error_model import ErrorModel
 
 STRICT = ConfigDict(strict=True, allow_inf_nan=False)
-MOST_VALUES = 6
+VALUES_IN_TEXT = 6
 """A text states the values of so many parameters at most."""
 
 AnyEffect = TypeVar("AnyEffect", bound=Effect)
@@ -89,7 +89,7 @@ def stated_cause(text: str, model: ErrorModel) -> Effect:
 
 def text_of(effect: Effect) -> str:
     """The text by which :func:`cause_of` finds a cause again, with its values if they are few."""
-    if not any(effect.values) or len(effect.terms) > MOST_VALUES:
+    if not any(effect.values) or len(effect.terms) > VALUES_IN_TEXT:
         return effect.key
     parameters = effect.notation.parameters(effect).items()
     values = ",".join(f"{name}={value:.4g}" for name, value in parameters)
@@ -127,8 +127,8 @@ def _number(text: str, name: str, value: str) -> float:
     try:
         return in_radians(value) if is_angle else number(value)
     except ValueError:
-        angle = ", or an angle such as 8urad or 1.65arcsec" if is_angle else ""
-        raise AacmmError(f"{text!r}: {name} is {value!r}, expected a number{angle}") from None
+        example = ", or an angle such as 8urad" if is_angle else ""
+        raise AacmmError(f"{text!r}: {name} is {value!r}, expected a number{example}") from None
 
 
 def _form(kind: type[Effect]) -> str:
@@ -183,7 +183,7 @@ def require_plausible(effect: AnyEffect) -> AnyEffect:
     """
     for term, value, u in zip(effect.terms, effect.values, effect.u, strict=True):
         most = MOST_TYPICAL * term.typical if term.largest is None else term.largest
-        for what, size, limit in (("", value, most), ("u of ", u, LEAST_KNOWN * term.typical)):
+        for what, size, limit in (("", value, most), ("u of ", u, LARGEST_U_RATIO * term.typical)):
             if abs(size) > limit:
                 came, expected = f"{size / term.scale:g}", f"{limit / term.scale:g}"
                 place = f"{effect.label}: {what}{term.key}"

@@ -23,7 +23,7 @@ AT_ENDS = 3
 """Fewer records before or behind a slip than this may be gross errors: no slip is tried there."""
 GAPS_NEAR = 60
 """Gaps between records around a time of a slip to which it is refined."""
-PAUSE = 5.0
+PAUSE_RATIO = 5.0
 """A pause is so many times longer than the median time between records."""
 
 
@@ -96,7 +96,8 @@ class ZeroDrift(Effect):
     def displacements(self, state: State) -> list[Displacement]:
         """How far the warm-up has come; nothing before 0."""
         time = np.maximum(state.conditions.require("time", self.label), 0.0)
-        return [about_axis(state, self.joint, -np.expm1(-time / self.time_constant_s)[:, None])]
+        part = -np.expm1(-time / self.time_constant_s)
+        return [about_axis(state, self.joint, part[:, None])]
 
 
 @dataclass(frozen=True)
@@ -107,8 +108,9 @@ class _DriftExtrapolation(ZeroDrift):
 
     def displacements(self, state: State) -> list[Displacement]:
         """The time since then."""
-        later = state.conditions.require("time", self.label) - (self.until_s or 0.0)
-        return [about_axis(state, self.joint, np.maximum(later, 0.0)[:, None])]
+        time = state.conditions.require("time", self.label)
+        later = np.maximum(time - (self.until_s or 0.0), 0.0)
+        return [about_axis(state, self.joint, later[:, None])]
 
 
 @dataclass(frozen=True)
@@ -125,7 +127,7 @@ class _TimeOfSlip(Nonlinear["EncoderSlip"]):
         if times.size < 2:
             return ()
         between, gaps = (times[1:] + times[:-1]) / 2, np.diff(times)
-        pauses = between[gaps > PAUSE * np.median(gaps)][:SLIPS]
+        pauses = between[gaps > PAUSE_RATIO * np.median(gaps)][:SLIPS]
         first = min(AT_ENDS, (len(between) + 1) // 2) - 1
         spread = np.linspace(first, len(between) - 1 - first, SLIPS).astype(int)
         tried: list[float] = np.union1d(between[np.unique(spread)], pauses).tolist()
@@ -134,10 +136,12 @@ class _TimeOfSlip(Nonlinear["EncoderSlip"]):
     def refine(self, effect: EncoderSlip, records: Records) -> list[EncoderSlip]:
         """In every gap between records near it, counted by records: a pause is far in time."""
         times = records.conditions.times
-        between = np.array([*times[:1], *(times[1:] + times[:-1]) / 2])
-        first = max(int(np.searchsorted(between, effect.time_s)) - GAPS_NEAR // 2, 0)
+        between = np.concatenate([times[:1], (times[1:] + times[:-1]) / 2])
+        place = int(np.searchsorted(between, effect.time_s))
+        first = max(place - GAPS_NEAR // 2, 0)
+        near = between[first : first + GAPS_NEAR]
         free = replace(effect, between_s=(), sessions=())
-        return [self.at(free, float(time)) for time in between[first : first + GAPS_NEAR]]
+        return [self.at(free, time) for time in near.tolist()]
 
     def gap(self, effect: EncoderSlip, records: Records) -> float:
         """Width of the gap between two times of records in which it is [s]."""
@@ -246,7 +250,8 @@ class EncoderSlip(Effect):
 
     def displacements(self, state: State) -> list[Displacement]:
         """One from the time on; a half between the two times."""
-        return [about_axis(state, self.joint, self.part(state.conditions)[:, None])]
+        part = self.part(state.conditions)
+        return [about_axis(state, self.joint, part[:, None])]
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from aacmm_pin.arm.chain import axis, end
 from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError
 
-SHORT = 1e-3
+SHORTEST_TUBE = 1e-3
 """A body shorter than this is no tube [m]."""
 BENDS = 0.15
 """A body longer than this bends enough to be asked about [m]."""
@@ -23,7 +23,12 @@ def tubes(arm: Arm) -> list[int]:
     """Rows of the bodies that are long enough to bend."""
     _, origin = arm.chain.walk(np.zeros((1, arm.nq)))
     rows = range(1, arm.chain.rows + 1)
-    return [row for row in rows if np.linalg.norm(origin[end(row)] - origin[arm.foot(row)]) > BENDS]
+    found = []
+    for row in rows:
+        span = origin[end(row)] - origin[arm.foot(row)]
+        if np.linalg.norm(span) > BENDS:
+            found.append(row)
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,40 +64,34 @@ class Tube:
             AacmmError: the body is too short.
             UnsupportedArmError: the arm states no masses.
         """
-        span, z = state.span(row), state.rotation[axis(row)][:, :, 2]
+        place, body = axis(row), row - 1
+        span, z = state.span(row), state.rotation[place][:, :, 2]
         upward = np.einsum("ni,ni->n", span, z)[:, None] * z
         outward = span - upward
         lengthwise = np.linalg.norm(upward) >= np.linalg.norm(outward)
         tube, clamp = (upward, np.zeros_like(upward)) if lengthwise else (outward, upward)
         length = length_of(tube, state, row, label)
         rest = span - clamp - tube
-        from_bearing = state.origin[axis(row)] - state.origin[state.bearing(row)]
-        centre = (
-            from_bearing + state.rotation[axis(row)] @ state.arm.centres_of_mass[row - 1] - clamp
-        )
-        place = np.einsum("ni,ni->n", centre, tube)[:, None] / length**2
-        share = np.clip(2 * np.minimum(place, 1 - place), 0.0, 1.0)
-        body, beyond = state.masses[row - 1] * state.arm.gravity, state.weight_beyond(row)
+        from_bearing = state.origin[place] - state.origin[state.bearing(row)]
+        from_axis = state.rotation[place] @ state.arm.centres_of_mass[body]
+        centre = from_bearing + from_axis - clamp
+        part = np.einsum("ni,ni->n", centre, tube)[:, None] / length**2
+        share = np.clip(2 * np.minimum(part, 1 - part), 0.0, 1.0)
+        own = state.masses[body] * state.arm.gravity
+        beyond = state.weight_beyond(row)
         # The first moment of the lump about the end is the body's less that of the tube, whose
         # middle is half a length back.
-        lump = np.where(place > 0.5, 1.0, 0.0)
+        lump = np.where(part > 0.5, 1.0, 0.0)
         off = lump * (centre - (1 - share / 2) * tube)
-        return Tube(
-            along=tube / length,
-            length=length,
-            rest=rest,
-            weight=beyond + lump * (1 - share) * body,
-            moment=state.moment(row + 1, state.origin[end(row)])
-            + np.cross(rest, beyond)
-            + np.cross(off, body),
-            own=share * body,
-        )
+        moment = state.moment(row + 1, state.origin[end(row)])
+        moment = moment + np.cross(rest, beyond) + np.cross(off, own)
+        weight = beyond + lump * (1 - share) * own
+        return Tube(tube / length, length, rest, weight, moment, share * own)
 
     def across(self, vectors: Array) -> Array:
         """Vectors (n, 3) without their part along the tube."""
-        return np.asarray(
-            vectors - np.einsum("ni,ni->n", vectors, self.along)[:, None] * self.along
-        )
+        along = np.einsum("ni,ni->n", vectors, self.along)
+        return np.asarray(vectors - along[:, None] * self.along)
 
 
 def length_of(vectors: Array, state: State, row: int, label: str) -> Array:
@@ -102,7 +101,7 @@ def length_of(vectors: Array, state: State, row: int, label: str) -> Array:
         AacmmError: too short for a tube.
     """
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
-    if (length < SHORT).any():
+    if (length < SHORTEST_TUBE).any():
         raise AacmmError(
             f"{label}: body {row} of {state.arm.name} is {length.min() / MM:.3f} mm long, "
             "expected a tube"

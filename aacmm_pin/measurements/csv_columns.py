@@ -1,5 +1,5 @@
 """The columns of measurement and acceptance files: an entry says all by which a column is read,
-checked and written.
+checked, written and compared with residuals.
 """
 
 from __future__ import annotations
@@ -14,9 +14,11 @@ from aacmm_pin._support import plausible
 from aacmm_pin._support.checks import RANGES
 from aacmm_pin._support.plausible import Range
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.effects import COLUMNS, UNITS
+from aacmm_pin.effects import CONDITION_COLUMNS, CONDITION_UNITS
 
 AngleUnit = Literal["deg", "rad"]
+Covariate = Literal["anywhere", "joints", "groups", "none"]
+"""What residuals and excluded records are compared with a column for, see :class:`Column`."""
 
 SI_OF_UNIT = {"mm": MM, "°": DEG}
 """Units of files that are not SI."""
@@ -29,9 +31,14 @@ class Column:
     """The columns of a file that hold one quantity, or one label.
 
     Attributes:
-        field: attribute of measurements, conditions or probed points that has the values.
+        field: attribute of measurements, conditions or probed points that has the values; "" if
+            they stay in :attr:`aacmm_pin.Measurements.extra` as they came.
         names: one for each component; # stands for the numbers 1, 2, … of as many columns: of the
             joint, or of the DH row for temperatures.
+        covariate: what residuals are compared with it for: ``anywhere``, it may shift the tip, turn
+            joints and change lengths; ``joints``, all but lengths; ``groups``, records with one
+            label may be excluded together; ``none``, nothing. Excluded records are compared with
+            all but ``none``.
         unit: of the numbers in the file; "" of labels.
         range: what the numbers can be, in SI; None: any.
         may_be_empty: whether a row may state no number; a label may always be missing.
@@ -42,6 +49,7 @@ class Column:
 
     field: str
     names: tuple[str, ...]
+    covariate: Covariate
     unit: str = ""
     range: Range | None = None
     may_be_empty: bool = False
@@ -72,20 +80,28 @@ class Column:
 
     def has(self, name: str) -> bool:
         """Whether ``name`` is one of its columns."""
-        return (
-            number_in(name, self.names[0]) is not None if self.is_numbered else name in self.names
-        )
+        if self.is_numbered:
+            return number_in(name, self.names[0]) is not None
+        return name in self.names
+
+    def quantity(self, name: str) -> str:
+        """What its column ``name`` states, such as ``torque 2``; the name if in no attribute."""
+        if not self.field:
+            return name
+        number = number_in(name, self.names[0]) if self.is_numbered else None
+        return f"{self.field} {number}" if number else self.field
 
 
-def _condition(field: str, of_reference: bool = False) -> Column:
+def _condition(field: str, covariate: Covariate, of_reference: bool = False) -> Column:
     """The column of a condition, see :class:`aacmm_pin.effects.conditions.Conditions`."""
-    unit = UNITS.get(field, "")
-    return Column(field, (_form(field),), unit, RANGES.get(unit), of_reference=of_reference)
+    unit = CONDITION_UNITS.get(field, "")
+    limits = RANGES.get(unit)
+    return Column(field, (_form(field),), covariate, unit, limits, of_reference=of_reference)
 
 
 def _form(condition: str) -> str:
     """The name of its columns with # for a number."""
-    first, several, _ = COLUMNS[condition].partition(" …")
+    first, several, _ = CONDITION_COLUMNS[condition].partition(" …")
     return first.replace("1", "#") if several else first
 
 
@@ -94,76 +110,66 @@ REFERENCE = ("x_mm", "y_mm", "z_mm")
 REFERENCE_U = ("u_x_mm", "u_y_mm", "u_z_mm")
 ORIENTATION, ORIENTATION_U = ("qw", "qx", "qy", "qz"), "u_rot_rad"
 BAR, BAR_U = ("bar", "bar_end", "bar_length_mm"), "u_bar_length_mm"
-APPROACH, TORQUE, LINK_TEMPERATURE = map(_form, ("approach", "torque", "link_temperature"))
+APPROACH, LINK_TEMPERATURE = _form("approach"), _form("link_temperature")
 
 _TURNS = plausible.MOST_TURNS * 2.0 * math.pi + 1e-9
 _NO_DEGREES = "if these are degrees, rename the columns to theta1_deg …"
-_LENGTH_U = (plausible.LENGTH_NOISE, True, True)
-ANGLES = (
-    Column("q", (THETA["deg"],), "°", plausible.READING),
-    Column("q", (THETA["rad"],), "rad", Range(-_TURNS, _TURNS, "rad", _NO_DEGREES)),
+_LENGTH = (plausible.BAR_LENGTH, True)
+_LENGTH_U, _TURN_U = (plausible.LENGTH_NOISE, True, True), (plausible.TURN_NOISE, True, True)
+READING_COLUMNS = (
+    Column("q", (THETA["deg"],), "none", "°", plausible.READING),
+    Column("q", (THETA["rad"],), "none", "rad", Range(-_TURNS, _TURNS, "rad", _NO_DEGREES)),
 )
 RECORD_COLUMNS = (
-    Column(
-        "reference", REFERENCE, "mm", plausible.COORDINATE, may_be_empty=True, of_reference=True
-    ),
-    Column("reference_u", REFERENCE_U, "mm", *_LENGTH_U, of_reference=True),
-    Column("orientation", ORIENTATION, "1", may_be_empty=True, of_reference=True),
-    Column(
-        "orientation_u",
-        (ORIENTATION_U,),
-        "rad",
-        plausible.TURN_NOISE,
-        True,
-        True,
-        of_reference=True,
-    ),
-    _condition("seat", of_reference=True),
-    _condition("marker"),
-    Column("bar", ("bar",), of_reference=True),
-    Column("bar_end", ("bar_end",), of_reference=True),
-    Column(
-        "bar_length",
-        ("bar_length_mm",),
-        "mm",
-        plausible.BAR_LENGTH,
-        may_be_empty=True,
-        of_reference=True,
-    ),
-    Column("bar_length_u", (BAR_U,), "mm", *_LENGTH_U, of_reference=True),
-    _condition("time"),
-    _condition("temperature"),
-    _condition("link_temperature"),
-    _condition("approach"),
-    _condition("torque"),
-    _condition("session"),
-    Column("operator", ("operator",)),
-    Column("record", ("record",)),
+    Column("reference", REFERENCE, "none", "mm", plausible.COORDINATE, True, of_reference=True),
+    Column("reference_u", REFERENCE_U, "none", "mm", *_LENGTH_U, of_reference=True),
+    Column("orientation", ORIENTATION, "none", "1", may_be_empty=True, of_reference=True),
+    Column("orientation_u", (ORIENTATION_U,), "none", "rad", *_TURN_U, of_reference=True),
+    _condition("seat", "groups", of_reference=True),
+    _condition("marker", "groups"),
+    Column("bar", ("bar",), "groups", of_reference=True),
+    Column("bar_end", ("bar_end",), "none", of_reference=True),
+    Column("bar_length", ("bar_length_mm",), "none", "mm", *_LENGTH, of_reference=True),
+    Column("bar_length_u", (BAR_U,), "none", "mm", *_LENGTH_U, of_reference=True),
+    _condition("time", "anywhere"),
+    _condition("temperature", "anywhere"),
+    _condition("link_temperature", "none"),
+    _condition("approach", "none"),
+    _condition("torque", "joints"),
+    _condition("session", "anywhere"),
+    Column("operator", ("operator",), "joints"),
+    Column("record", ("record",), "none"),
 )
 """The columns of a measurement file beside the angles, in the order in which they are written.
 
-A column that has no entry is unknown: it is kept as it came, and residuals are compared with it.
+A column that has no entry is unknown: it is kept as it came, and is a covariate that may act
+anywhere.
 """
+_DIAMETER, _PROBE = Range(1e-3, 1.0, "m"), Range(0.0, 0.1, "m")
 PROBED_POINT_COLUMNS = (
-    Column("feature", ("feature",)),
-    Column("test", ("test",)),
-    Column("position", ("position",)),
-    Column("repeat", ("repeat",)),
-    Column("length_id", ("length_id",)),
-    Column("part", ("part",)),
-    Column(
-        "feature_diameter", ("feature_diameter_mm",), "mm", Range(1e-3, 1.0, "m"), may_be_empty=True
-    ),
-    Column("length", ("length_mm",), "mm", plausible.BAR_LENGTH, may_be_empty=True),
-    Column("u_length", ("u_length_mm",), "mm", plausible.LENGTH_NOISE, may_be_empty=True),
-    Column("probe_diameter", ("probe_diameter_mm",), "mm", Range(0.0, 0.1, "m"), may_be_empty=True),
+    Column("feature", ("feature",), "none"),
+    Column("test", ("test",), "none"),
+    Column("position", ("position",), "none"),
+    Column("repeat", ("repeat",), "none"),
+    Column("length_id", ("length_id",), "none"),
+    Column("part", ("part",), "none"),
+    Column("feature_diameter", ("feature_diameter_mm",), "none", "mm", _DIAMETER, True),
+    Column("length", ("length_mm",), "none", "mm", *_LENGTH),
+    Column("u_length", ("u_length_mm",), "none", "mm", plausible.LENGTH_NOISE, True),
+    Column("probe_diameter", ("probe_diameter_mm",), "none", "mm", _PROBE, True),
 )
 """The columns that an acceptance file has beside them."""
+LABELS = tuple(
+    column.names[0] for column in RECORD_COLUMNS if column.is_label and column.covariate != "none"
+)
+"""Labels that records may be wrong by."""
+UNKNOWN_COLUMN = Column("", ("",), "anywhere")
+"""What stands for the entry of a column without one."""
 PLANNED = "planned_"
 """Begins the columns in which a procedure says where the arm was to be: no conditions of a record.
 """
 
-MEASUREMENT_FILE = (*ANGLES, *RECORD_COLUMNS)
+MEASUREMENT_FILE = (*READING_COLUMNS, *RECORD_COLUMNS)
 ACCEPTANCE_FILE = (*MEASUREMENT_FILE, *PROBED_POINT_COLUMNS)
 
 
@@ -174,7 +180,11 @@ def columns_of_file(header: Iterable[object]) -> tuple[Column, ...]:
 
 def single_names(columns: Iterable[Column]) -> tuple[str, ...]:
     """The names without numbers."""
-    return tuple(name for column in columns if not column.is_numbered for name in column.names)
+    found: list[str] = []
+    for column in columns:
+        if not column.is_numbered:
+            found += column.names
+    return tuple(found)
 
 
 def numbered_forms(columns: Iterable[Column]) -> tuple[str, ...]:
@@ -187,9 +197,14 @@ def column_of(name: str, columns: Iterable[Column] = MEASUREMENT_FILE) -> Column
     return next((column for column in columns if column.has(name)), None)
 
 
+def entry_of(name: object) -> Column:
+    """The entry of a column of a measurement file, :data:`UNKNOWN_COLUMN` of one without."""
+    return column_of(str(name)) or UNKNOWN_COLUMN
+
+
 def is_reading(name: object) -> bool:
     """Whether it names a column of angles."""
-    return column_of(str(name), ANGLES) is not None
+    return column_of(str(name), READING_COLUMNS) is not None
 
 
 def is_of_reference(name: object) -> bool:
@@ -200,7 +215,8 @@ def is_of_reference(name: object) -> bool:
 
 def named(form: str, count: int) -> list[str]:
     """The names of ``form`` with the numbers 1 … ``count``."""
-    return [form.replace("#", str(k)) for k in range(1, count + 1)]
+    numbers = map(str, range(1, count + 1))
+    return [form.replace("#", number) for number in numbers]
 
 
 def number_in(name: str, form: str) -> str | None:
@@ -211,4 +227,6 @@ def number_in(name: str, form: str) -> str | None:
 
 def span(names: Sequence[str]) -> str:
     """First and last of ``names``."""
-    return names[0] if len(names) == 1 else f"{names[0]} … {names[-1]}"
+    if len(names) == 1:
+        return names[0]
+    return f"{names[0]} … {names[-1]}"

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from aacmm_pin._support import plausible
 from aacmm_pin._support.file_problems import Problems, shortened
 from aacmm_pin.measurements.csv_columns import (
-    APPROACH,
     BAR,
     LINK_TEMPERATURE,
     MEASUREMENT_FILE,
@@ -22,10 +21,10 @@ from aacmm_pin.measurements.csv_columns import (
     REFERENCE,
     REFERENCE_U,
     THETA,
-    TORQUE,
     AngleUnit,
     Column,
     column_of,
+    entry_of,
     named,
     number_in,
     numbered_forms,
@@ -46,8 +45,8 @@ MOST_NAMES = 8
 
 @dataclass(frozen=True)
 class Header:
-    """Unit of the angles, the columns of each form with numbers in the order of these, and those of
-    unknown names.
+    """Unit of the angles, the columns of each form with numbers in the order of these, and those
+    that no attribute has.
     """
 
     unit: AngleUnit
@@ -72,14 +71,16 @@ def read_header(names: Sequence[object], nq: int | None, problems: Problems) -> 
         MeasurementFileError: a name is missing, there twice, almost a known one, or one that does
             not stand alone.
     """
-    texts, extra = checked_names(names, MEASUREMENT_FILE, problems)
+    texts = checked_names(names, MEASUREMENT_FILE, problems)
     unit = _angle_unit(texts, problems)
+    extra = tuple(name for name in dict.fromkeys(texts) if not entry_of(name).field)
     forms = numbered_forms(MEASUREMENT_FILE)
     header = Header(unit, {form: _numbered(texts, form, problems) for form in forms}, extra)
     joints = len(header.theta)
     _check_joints(header, texts, nq, problems)
-    for columns in (header.numbered[form] for form in (APPROACH, TORQUE)):
-        if columns and joints and len(columns) != joints:
+    for form, columns in header.numbered.items():
+        each_joint = form != LINK_TEMPERATURE
+        if each_joint and columns and joints and len(columns) != joints:
             problems.add(
                 span(columns),
                 f"{len(columns)} columns, expected one for each of the {joints} joints",
@@ -92,8 +93,8 @@ def read_header(names: Sequence[object], nq: int | None, problems: Problems) -> 
 
 def checked_names(
     names: Sequence[object], columns: Sequence[Column], problems: Problems
-) -> tuple[list[str], tuple[str, ...]]:
-    """The names of a file with these columns, as text, and those that are unknown.
+) -> list[str]:
+    """The names of a file with these columns, as text.
 
     Raises:
         MeasurementFileError: a name is missing, there twice, or almost a known one; or too many are
@@ -108,21 +109,25 @@ def checked_names(
     for name, count in Counter(texts).items():
         if count > 1 and name.strip():
             problems.add(name, f"is there {count} times, expected each name once in the header")
-    extra = tuple(name for name in dict.fromkeys(texts) if column_of(name, columns) is None)
+    unknown = [name for name in dict.fromkeys(texts) if column_of(name, columns) is None]
     most = plausible.MOST_UNKNOWN
-    if len(extra) > most:
-        came = (
-            f"{len(extra)} columns of unknown names, such as {', '.join(map(shortened, extra[:3]))}"
+    if len(unknown) > most:
+        first = ", ".join(map(shortened, unknown[:3]))
+        problems.add(
+            "",
+            f"{len(unknown)} columns of unknown names, such as {first}; expected at most {most}, "
+            "so leave out what residuals do not depend on",
         )
-        expected = f"expected at most {most}, so leave out what residuals do not depend on"
-        problems.add("", f"{came}; {expected}")
         problems.stop()
-    for name in extra:
+    for name in unknown:
         if meant := near_miss(name, texts, columns):
-            other = "if something else is meant, a name that cannot be taken for it"
-            problems.add(name, f"is not a known name; expected {shortened(meant)}, or {other}")
+            problems.add(
+                name,
+                f"is not a known name; expected {shortened(meant)}, or if something else is meant, "
+                "a name that cannot be taken for it",
+            )
     problems.stop()
-    return texts, extra
+    return texts
 
 
 def near_miss(name: str, present: Sequence[str], columns: Sequence[Column]) -> str | None:
@@ -208,8 +213,11 @@ def _check_joints(header: Header, names: Sequence[str], nq: int | None, problems
     """Whether there are angles, of as many joints as the arm has."""
     theta = header.theta
     if not theta:
-        expected = "expected columns theta1_deg … (or theta1_rad …) in the first line"
-        problems.add("", f"no angles: {expected}, which has {listed(map(repr, names))}")
+        problems.add(
+            "",
+            "no angles: expected columns theta1_deg … (or theta1_rad …) in the first line, which "
+            f"has {listed(map(repr, names))}",
+        )
     elif nq is not None and len(theta) != nq:
         expected = span(named(THETA[header.unit], nq))
         problems.add(
@@ -237,8 +245,10 @@ def _check_companions(there: set[str], problems: Problems) -> None:
                 u, f"uncertainty of a reference that is not there; expected {', '.join(of)} too"
             )
     if there.intersection(BAR) and "seat" not in there:
-        expected = "expected the label of the seat that each end of a bar stands for"
-        problems.add("seat", f"missing beside bar; {expected}")
+        problems.add(
+            "seat",
+            "missing beside bar; expected the label of the seat that each end of a bar stands for",
+        )
 
 
 def _check_temperatures(
@@ -251,8 +261,8 @@ def _check_temperatures(
             f"beside {span(of_rows)}; expected one temperature, or one for each DH row",
         )
     if 0 < len(of_rows) < joints:
-        expected = (
-            f"expected one for each DH row, so {joints} or more; temperature_c is that of "
-            "the whole arm"
+        problems.add(
+            span(of_rows),
+            f"{len(of_rows)} columns, expected one for each DH row, so {joints} or more; "
+            "temperature_c is that of the whole arm",
         )
-        problems.add(span(of_rows), f"{len(of_rows)} columns, {expected}")

@@ -148,13 +148,19 @@ def _records(
             records.append(row)
     problems = Problems(path, np.array([row.line for row in records], dtype=np.intp))
     counts = np.array([len(row.cells) for row in records], dtype=np.intp)
-    expected = (
-        f"expected {len(header)} as in the header (decimal points; quotes around text with commas)"
+    problems.at(
+        counts != len(header),
+        "",
+        f"{{}} cells, expected {len(header)} as in the header (decimal points; quotes around text "
+        "with commas)",
+        counts,
     )
-    problems.at(counts != len(header), "", f"{{}} cells, {expected}", counts)
     like_comments = np.array([row.is_comment for row in records], dtype=bool)
-    advice = "delete the row, or name it otherwise"
-    problems.at(like_comments, header[0], f"begins with # as a comment or a label may; {advice}")
+    problems.at(
+        like_comments,
+        header[0],
+        "begins with # as a comment or a label may; delete the row, or name it otherwise",
+    )
     problems.stop()
     return header, problems.lines, [row.cells for row in records]
 
@@ -196,9 +202,13 @@ def _text(path: str, content: bytes) -> str:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = content.count(b"\n", 0, error.start) + 1
-        expected = "expected a CSV file in UTF-8, as every spreadsheet can save it"
-        message = f"not UTF-8 text (byte {error.start}); {expected}"
-        raise MeasurementFileError(path, line, "", message) from None
+        raise MeasurementFileError(
+            path,
+            line,
+            "",
+            f"not UTF-8 text (byte {error.start}); expected a CSV file in UTF-8, as every "
+            "spreadsheet can save it",
+        ) from None
     if "\0" in text:
         line = text.count("\n", 0, text.index("\0")) + 1
         expected = "expected a CSV file in UTF-8"

@@ -124,7 +124,8 @@ class RecordTable:
 
     def fields(self) -> dict[str, NDArray[Any] | None]:
         """What the file states, by the attribute that has it; but for the angles."""
-        return {column.field: self.field(column) for column in RECORD_COLUMNS}
+        entries = [column for column in RECORD_COLUMNS if column.field]
+        return {column.field: self.field(column) for column in entries}
 
 
 def read_records(table: pd.DataFrame, nq: int | None, problems: Problems) -> RecordTable:

@@ -72,8 +72,10 @@ class Pool:
         """
         room = Room(model.arm, above)
         q, tips = room.postures(max(POOL, 10 * GUESSES * each), rng)
-        steady = model.restricted(tuple(effect for effect in model.effects if not effect.needs))
-        return Pool(room, lambda q, _: steady.state(q), q, tips, scipy.spatial.cKDTree(tips))
+        effects = [effect for effect in model.effects if not effect.needs]
+        steady = model.restricted(tuple(effects))
+        tree = scipy.spatial.cKDTree(tips)
+        return Pool(room, lambda q, _: steady.state(q), q, tips, tree)
 
     @property
     def arm(self) -> Arm:
@@ -86,34 +88,37 @@ class Pool:
 
         Infinite from ``most`` on: looking so far takes long.
         """
-        return np.asarray(
-            self.tree.query(points, k=LEAST_GUESSES, distance_upper_bound=most)[0][:, -1]
-        )
+        distances, _ = self.tree.query(points, k=LEAST_GUESSES, distance_upper_bound=most)
+        return np.asarray(distances[:, -1])
 
     def dense(self, rng: np.random.Generator, count: int) -> Array:
         """The better half of ``2 count`` random tips, those that many postures reach: (count, 3)
         [m].
         """
-        points = self.tips[rng.permutation(len(self.tips))[: 2 * count]]
-        return points[np.argsort(self.thinness(points))[: len(points) // 2]]
+        chosen = rng.permutation(len(self.tips))[: 2 * count]
+        points = self.tips[chosen]
+        order = np.argsort(self.thinness(points))
+        return points[order[: len(points) // 2]]
 
     def touched(self, points: Array, each: int) -> list[Array]:
         """Up to ``each`` different postures with the tip at each of the ``points`` (k, 3), from
         guesses near it.
         """
         guesses = max(LEAST_GUESSES, GUESSES * each)
-        near = self.tree.query(points, k=guesses)[1]
+        _, near = self.tree.query(points, k=guesses)
         bounds, target = joint_bounds(self.arm), np.repeat(points, guesses, axis=0)
         q, arrived = brought_to(self.state_of, self.q[near.ravel()], target, bounds)
-        arrived &= ((q > bounds[:, 0]) & (q < bounds[:, 1])).all(axis=1)
-        arrived[arrived] = (
-            agile(self.state_of(q[arrived], np.flatnonzero(arrived))) if arrived.any() else False
-        )
-        here = arrived.reshape(len(points), guesses)
-        return [
-            different_postures(self.arm, q.reshape(*here.shape, -1)[k][here[k]], each)
-            for k in range(len(points))
-        ]
+        low, high = bounds.T
+        arrived &= ((q > low) & (q < high)).all(axis=1)
+        if arrived.any():
+            state = self.state_of(q[arrived], np.flatnonzero(arrived))
+            arrived[arrived] = agile(state)
+        found = []
+        for start in range(0, len(q), guesses):
+            of_point = slice(start, start + guesses)
+            there = q[of_point][arrived[of_point]]
+            found.append(different_postures(self.arm, there, each))
+        return found
 
     def places(self, candidates: Array, wanted: int, each: int, what: str) -> list[Place]:
         """The first ``wanted`` of the ``candidates`` (c, k, 3) all of whose points can be touched
@@ -180,10 +185,10 @@ def bars_for(
         way = pool.tips[rng.integers(len(pool.tips), size=len(a))] - a
         distance = np.linalg.norm(way, axis=1, keepdims=True)
         end = a + length * way / np.maximum(distance, MM)
-        fits = (
-            ~found & (distance[:, 0] > MM) & pool.room.admits(end) & (pool.thinness(end) <= enough)
-        )
-        b[fits], found = end[fits], found | fits
+        fits = ~found & (distance[:, 0] > MM)
+        fits &= pool.room.admits(end) & (pool.thinness(end) <= enough)
+        b[fits] = end[fits]
+        found |= fits
     if found.sum() < wanted:
         extent = np.linalg.norm(pool.tips.max(axis=0) - pool.tips.min(axis=0))
         raise AacmmError(

@@ -14,7 +14,7 @@ from aacmm_pin.errors import ShapeError
 ENCODER = 8e-6
 """Standard uncertainty of one reading where nothing is stated [rad]: a good optical encoder, 1.6″.
 """
-REFERENCE = 1.2e-5
+REFERENCE_NOISE = 1.2e-5
 """Standard uncertainty of a coordinate of a reference where nothing is stated [m]: a laser tracker
 at 2 m.
 """
@@ -35,7 +35,7 @@ class Noise:
     """
 
     encoder: Array
-    reference: float = REFERENCE
+    reference: float = REFERENCE_NOISE
     probe: float = PROBE
 
     def __post_init__(self) -> None:
@@ -52,7 +52,11 @@ class Noise:
 
     @staticmethod
     def of(
-        nq: int, *, encoder: ArrayLike = ENCODER, reference: float = REFERENCE, probe: float = PROBE
+        nq: int,
+        *,
+        encoder: ArrayLike = ENCODER,
+        reference: float = REFERENCE_NOISE,
+        probe: float = PROBE,
     ) -> Noise:
         """Noise of an arm with ``nq`` joints; ``encoder`` is (nq,), or one number for all [rad].
 
@@ -61,4 +65,5 @@ class Noise:
             AacmmError: a number is negative, not finite, or larger than any arm's.
         """
         each = np.full(nq, encoder, dtype=np.float64) if np.ndim(encoder) == 0 else encoder
-        return Noise(vector(each, nq, "encoder noise", "rad"), float(reference), float(probe))
+        of_encoders = vector(each, nq, "encoder noise", "rad")
+        return Noise(of_encoders, float(reference), float(probe))

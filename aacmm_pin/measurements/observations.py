@@ -59,12 +59,14 @@ class Observations:
     @cached_property
     def says(self) -> Mask:
         """(n,) True for records that say something."""
-        return np.asarray((self.seat >= 0) | np.isfinite(self.reference).all(axis=1))
+        known = np.isfinite(self.reference).all(axis=1)
+        return np.asarray((self.seat >= 0) | known)
 
     @property
     def counts(self) -> Index:
         """How many numbers each record states (n,): none, three, or six with its orientation."""
-        return 3 * (self.says * (1 + self.oriented.astype(np.intp)))
+        vectors = 1 + self.oriented.astype(np.intp)
+        return 3 * (self.says * vectors)
 
     @property
     def known(self) -> Mask:
@@ -74,18 +76,18 @@ class Observations:
     @property
     def unstated(self) -> Mask:
         """(s, 3) True for coordinates of seats that are stated without an uncertainty."""
-        return np.asarray(self.known[:, None] & np.isnan(self.stated_u))
+        known = self.known[:, None]
+        return np.asarray(known & np.isnan(self.stated_u))
 
     @cached_property
     def clusters(self) -> Index:
         """Number of the cluster of each seat (s,): seats that bars connect, directly or by way of
         others.
         """
-        shape = (len(self.labels), len(self.labels))
-        graph = coo_array(
-            (np.ones(len(self.ends)), (self.ends[:, 0], self.ends[:, 1])), shape=shape
-        )
-        return np.asarray(connected_components(graph, directed=False)[1], dtype=np.intp)
+        bars, seats = len(self.ends), len(self.labels)
+        graph = coo_array((np.ones(bars), tuple(self.ends.T)), shape=(seats, seats))
+        _, number = connected_components(graph, directed=False)
+        return np.asarray(number, dtype=np.intp)
 
     def start(self, tips: Array) -> Array:
         """First coordinates of the seats (s, 3): the stated ones, else the median of their tips
@@ -127,7 +129,8 @@ class Observations:
         """Residuals of lengths over their u (b,), and derivatives by the first ends (b, 3): minus
         those by the others.
         """
-        way = points[self.ends[:, 0]] - points[self.ends[:, 1]]
+        first, second = self.ends.T
+        way = points[first] - points[second]
         distance = np.linalg.norm(way, axis=1)
         along = way / np.where(distance > 0.0, distance, 1.0)[:, None]
         return (distance - self.length) / self.length_u, along / self.length_u[:, None]
@@ -137,27 +140,27 @@ class Observations:
         its number before and its part (s',).
         """
         touched = self.seat >= 0
-        pairs, number = np.unique(
-            np.stack([part[touched], self.seat[touched]], axis=1), axis=0, return_inverse=True
-        )
+        of_touches = np.stack([part[touched], self.seat[touched]], axis=1)
+        pairs, number = np.unique(of_touches, axis=0, return_inverse=True)
         seat = np.full(len(self.seat), -1)
         seat[touched] = number.ravel()
-        place = {(int(p), int(s)): k for k, (p, s) in enumerate(pairs)}
-        bars = [
-            (place[p, a], place[p, b], k)
-            for p in np.unique(pairs[:, 0]).tolist()
-            for k, (a, b) in enumerate(self.ends.tolist())
-            if (p, a) in place and (p, b) in place
-        ]
-        table, old = np.array(bars, dtype=np.intp).reshape(-1, 3), pairs[:, 1].astype(np.intp)
+        parts, old = pairs.astype(np.intp).T
+        place = {pair: k for k, pair in enumerate(map(tuple, pairs.tolist()))}
+        ends, bars = [], []
+        for p in np.unique(parts).tolist():
+            for bar, (a, b) in enumerate(self.ends.tolist()):
+                if (p, a) in place and (p, b) in place:
+                    ends.append((place[p, a], place[p, b]))
+                    bars.append(bar)
+        kept = np.array(bars, dtype=np.intp)
         divided = replace(
             self,
             seat=seat,
             labels=tuple(self.labels[k] for k in old),
             stated=self.stated[old],
             stated_u=self.stated_u[old],
-            ends=table[:, :2],
-            length=self.length[table[:, 2]],
-            length_u=self.length_u[table[:, 2]],
+            ends=np.array(ends, dtype=np.intp).reshape(-1, 2),
+            length=self.length[kept],
+            length_u=self.length_u[kept],
         )
-        return divided, old, pairs[:, 0].astype(np.intp)
+        return divided, old, parts

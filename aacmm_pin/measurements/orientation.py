@@ -14,16 +14,15 @@ from aacmm_pin.arm.chain import skew
 def matrices(quaternions: Array) -> Array:
     """Orientations (n, 3, 3) of unit quaternions (n, 4), scalar first; no turn where one is NaN."""
     filled = np.where(np.isfinite(quaternions), quaternions, [1.0, 0.0, 0.0, 0.0])
-    return np.asarray(
-        scipy.spatial.transform.Rotation.from_quat(filled[:, [1, 2, 3, 0]]).as_matrix()
-    )
+    scalar_last = np.roll(filled, -1, axis=1)
+    rotations = scipy.spatial.transform.Rotation.from_quat(scalar_last)
+    return np.asarray(rotations.as_matrix())
 
 
 def quaternions(orientations: Array) -> Array:
     """The way back: unit quaternions (n, 4), scalar first, of orientations (n, 3, 3)."""
-    return np.asarray(
-        scipy.spatial.transform.Rotation.from_matrix(orientations).as_quat()[:, [3, 0, 1, 2]]
-    )
+    rotations = scipy.spatial.transform.Rotation.from_matrix(orientations)
+    return np.asarray(np.roll(rotations.as_quat(), 1, axis=1))
 
 
 def turns(orientation: Array, start: Array) -> Array:
@@ -41,7 +40,9 @@ def by_small_turn(turn: Array) -> Array:
     """
     size = np.linalg.norm(turn, axis=1)[:, None, None]
     safe = np.where(size > 1e-3, size, 1.0)
-    square = np.where(size > 1e-3, (1.0 - 0.5 * safe / np.tan(0.5 * safe)) / safe**2, 1.0 / 12.0)
+    half = 0.5 * safe
+    factor = (1.0 - half / np.tan(half)) / safe**2
+    square = np.where(size > 1e-3, factor, 1.0 / 12.0)
     cross = skew(turn)
     return np.asarray(np.eye(3) - 0.5 * cross + square * (cross @ cross))
 

@@ -4,8 +4,11 @@ amount to.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from aacmm_pin._support.file_problems import Problems
 from aacmm_pin._support.notes import Note
@@ -168,6 +171,12 @@ def _is_of_test(name: str) -> bool:
     return of_test or name in (*REFERENCE, *REFERENCE_U) or name.lower().startswith(PLANNED)
 
 
+def _ends_in_turn(features: pd.Series) -> NDArray[Any]:
+    """The end of a bar, A or B, that each feature of a length is."""
+    number, _ = pd.factorize(features)
+    return np.where(number % 2 == 0, "A", "B")
+
+
 def _seats_of(points: pd.DataFrame) -> pd.DataFrame:
     """Seat and bar of each probed point, in the columns of a measurement file, and whether it is a
     single point.
@@ -179,7 +188,7 @@ def _seats_of(points: pd.DataFrame) -> pd.DataFrame:
     is_point = (points["test"] == "single-point") & (probed.groupby(place).transform("sum") > 1)
     bar = points["test"] + " " + points["length_id"] + " in position " + points["position"]
     features = points.groupby(place)["feature"]
-    end = features.transform(lambda feature: np.array(["A", "B"])[pd.factorize(feature)[0] % 2])
+    end = features.transform(_ends_in_turn)
     both_sides = points["test"] == "length-bi"
     length = points["length"] + np.where(both_sides, points["probe_diameter"], 0.0)
     seats = pd.DataFrame(

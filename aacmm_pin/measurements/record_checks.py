@@ -63,7 +63,10 @@ def looks_like_radians(degrees: Array) -> bool:
     Measurements turn several joints by tens of degrees. An arm that stays within ±1° of zero in all
     joints, or fewer records than 5, get the benefit of the doubt.
     """
-    return len(degrees) >= ENOUGH_RECORDS and bool(1.0 < np.abs(degrees).max() <= 2.0 * np.pi)
+    if len(degrees) < ENOUGH_RECORDS:
+        return False
+    largest = np.abs(degrees).max()
+    return bool(1.0 < largest <= 2.0 * np.pi)
 
 
 def mostly_like_radians(degrees: Array) -> bool:
@@ -101,13 +104,19 @@ def _check_references(values: Values, problems: Problems) -> None:
         partly = stated.any(axis=1) & ~stated.all(axis=1)
         for k, name in enumerate(names):
             others = ", ".join(names)
-            message = f"is empty in a row that states others of {others}; expected all or none"
-            problems.at(partly & ~stated[:, k], name, message)
+            problems.at(
+                partly & ~stated[:, k],
+                name,
+                f"is empty in a row that states others of {others}; expected all or none",
+            )
     norm = np.linalg.norm(values.block(ORIENTATION), axis=1)
-    expected = "expected 1: a unit quaternion, scalar first"
-    advice = "(angles in degrees or Euler angles are to be converted)"
-    message = f"has the norm {{:.6g}}, {expected} {advice}"
-    problems.at(np.abs(norm - 1.0) > MOST_NORM_ERROR, span(ORIENTATION), message, norm)
+    problems.at(
+        np.abs(norm - 1.0) > MOST_NORM_ERROR,
+        span(ORIENTATION),
+        "has the norm {:.6g}, expected 1: a unit quaternion, scalar first (angles in degrees or "
+        "Euler angles are to be converted)",
+        norm,
+    )
     placed = np.isfinite(values.block(REFERENCE)).any(axis=1) | (values.label("seat") != "")
     unplaced = np.isfinite(norm) & ~placed
     problems.at(unplaced, span(ORIENTATION), f"in a row without {span(REFERENCE)} and seat")
@@ -120,9 +129,13 @@ def _check_seats(values: Values, problems: Problems) -> None:
     single = np.array([counts[label] == 1 for label in seat], dtype=bool)
     known = np.isfinite(values.block(REFERENCE)).any(axis=1)
     useless = (seat != "") & single & ~known & (values.label("bar") == "")
-    why = "has this record only, without reference coordinates, and so contributes nothing"
-    expected = "expected two records or more with this label, or an empty cell"
-    problems.at(useless, "seat", f"seat {{!r}} {why}; {expected}", seat)
+    problems.at(
+        useless,
+        "seat",
+        "seat {!r} has this record only, without reference coordinates, and so contributes "
+        "nothing; expected two records or more with this label, or an empty cell",
+        seat,
+    )
 
 
 def _check_bars(values: Values, problems: Problems) -> None:
@@ -151,8 +164,18 @@ def _check_bars(values: Values, problems: Problems) -> None:
     first = by_bar["row"].transform("first").to_numpy()
     of_bar &= np.isin(end, BAR_ENDS)
     one_end = by_bar["end"].transform("nunique").to_numpy() == 1
-    message = "bar {!r} has records of end {} only, expected records of A and of B"
-    problems.at(of_bar & one_end & (row == first), "bar_end", message, bar, end)
+    problems.at(
+        of_bar & one_end & (row == first),
+        "bar_end",
+        "bar {!r} has records of end {} only, expected records of A and of B",
+        bar,
+        end,
+    )
     ends_of_seat = table.groupby(["bar", "seat"])["end"].transform("nunique").to_numpy()
-    message = "{!r} is at both ends of bar {!r}, expected two seats"
-    problems.at(of_bar & (ends_of_seat == 2) & (seat != ""), "seat", message, seat, bar)
+    problems.at(
+        of_bar & (ends_of_seat == 2) & (seat != ""),
+        "seat",
+        "{!r} is at both ends of bar {!r}, expected two seats",
+        seat,
+        bar,
+    )

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 import pandas as pd
@@ -24,7 +24,7 @@ from aacmm_pin._support.file_problems import Problems
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import DEG
-from aacmm_pin.effects import COLUMNS, Conditions, Labels, labels_of
+from aacmm_pin.effects import CONDITION_COLUMNS, Conditions, Labels, labels_of
 from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError
 from aacmm_pin.measurements.csv_columns import (
     APPROACH,
@@ -33,11 +33,13 @@ from aacmm_pin.measurements.csv_columns import (
     THETA,
     AngleUnit,
     Column,
+    Covariate,
+    entry_of,
     named,
 )
 from aacmm_pin.measurements.csv_header import read_header, similar_labels
 from aacmm_pin.measurements.csv_table import read_table
-from aacmm_pin.measurements.csv_values import RecordTable, read_records
+from aacmm_pin.measurements.csv_values import RecordTable, check_numbers, read_records, read_values
 from aacmm_pin.measurements.probed_points import as_records, has_probed_points
 from aacmm_pin.measurements.record_checks import (
     MOST_NORM_ERROR,
@@ -63,6 +65,25 @@ class Bar(NamedTuple):
     u: float
 
 
+class CovariateColumn(NamedTuple):
+    """A column that residuals may depend on.
+
+    Attributes:
+        name: in the file.
+        values: (n,), numbers in the unit of the file or labels; of an unknown column as they came.
+        entry: in the table of columns, which says what it may act on.
+    """
+
+    name: str
+    values: NDArray[Any] | pd.Series
+    entry: Column
+
+    @property
+    def quantity(self) -> str:
+        """What it is, such as ``torque 2``; the name of a column that no attribute has."""
+        return self.entry.quantity(self.name)
+
+
 @dataclass(frozen=True, eq=False)
 class Measurements(Shown):
     """Records of one arm, n of them.
@@ -77,7 +98,8 @@ class Measurements(Shown):
         bar_length: length of the bar (n,) [m], NaN where none.
         operator: label (n,), "" where none.
         record: label (n,), "" where none.
-        extra: columns of unknown meaning as they came, n rows.
+        extra: columns without an attribute of their own, unknown ones and others, as they came,
+            n rows.
         row: line of each record in the file (n,), the header being line 1; in a table, the line it
             would have.
         source: the file as the caller named it, or ``table``.
@@ -194,9 +216,10 @@ class Measurements(Shown):
         measurements = Measurements(
             q=q, conditions=known, extra=extra, row=row, source=source, **checked
         )
-        header = read_header(
-            list(measurements.to_frame().columns), None, Problems(source, measurements.row)
-        )
+        problems = Problems(source, row)
+        header = read_header([*measurements.to_frame()], None, problems)
+        check_numbers(read_values(extra, RECORD_COLUMNS, problems), RECORD_COLUMNS, problems)
+        problems.stop()
         if list(header.extra) != list(extra.columns):
             known_names = [name for name in extra.columns if name not in header.extra]
             raise ShapeError(
@@ -223,23 +246,20 @@ class Measurements(Shown):
     @property
     def oriented(self) -> Mask:
         """(n,) True where an orientation is stated."""
-        return (
-            np.zeros(self.n, dtype=bool)
-            if self.orientation is None
-            else np.isfinite(self.orientation[:, 0])
-        )
+        if self.orientation is None:
+            return np.zeros(self.n, dtype=bool)
+        return np.isfinite(self.orientation[:, 0])
 
     def take(self, rows: Index | slice | Mask | Sequence[int]) -> Measurements:
         """Some of the records; seats and bars may lose what made them useful, which only reading a
         file checks.
         """
         index = np.arange(self.n)[rows]
-        stated = {
-            field.name: getattr(self, field.name) for field in fields(self)
-        }  # not what was worked out from it
-        arrays: dict[str, Any] = {
-            name: value[index] for name, value in stated.items() if isinstance(value, np.ndarray)
-        }
+        arrays: dict[str, Any] = {}
+        for field in fields(self):  # not what was worked out from it
+            stated = getattr(self, field.name)
+            if isinstance(stated, np.ndarray):
+                arrays[field.name] = stated[index]
         extra = self.extra.iloc[index].reset_index(drop=True)
         return replace(self, conditions=self.conditions.take(index), extra=extra, **arrays)
 
@@ -273,9 +293,11 @@ class Measurements(Shown):
         [m].
         """
         means = {label: tips[rows].mean(axis=0) for label, rows in self.seats().items()}
-        bars = self.bars()
-        distances = [np.linalg.norm(means[bar.seat_a] - means[bar.seat_b]) for bar in bars]
-        return np.array(distances) - [bar.length for bar in bars]
+        errors = []
+        for bar in self.bars():
+            way = means[bar.seat_a] - means[bar.seat_b]
+            errors.append(np.linalg.norm(way) - bar.length)
+        return np.array(errors)
 
     def to_frame(self, angle_unit: AngleUnit = "deg") -> pd.DataFrame:
         """The columns of a measurement file, those that are present, unknown ones last.
@@ -290,13 +312,15 @@ class Measurements(Shown):
         stated = np.isfinite(self.reference_u).any()
         left_out = {"reference": not (stated or self.known.any()), "reference_u": not stated}
         for column in RECORD_COLUMNS:
-            if not left_out.get(column.field):
+            if column.field and not left_out.get(column.field):
                 table |= self._in_file(column)
         return pd.concat([pd.DataFrame(table), self.extra], axis=1)
 
     def _in_file(self, column: Column) -> dict[str, NDArray[Any]]:
         """What is stated in the columns of an entry, in their unit; nothing where nothing is."""
-        values = getattr(self.conditions if column.field in COLUMNS else self, column.field)
+        values = getattr(
+            self.conditions if column.field in CONDITION_COLUMNS else self, column.field
+        )
         if values is None:
             return {}
         if not column.is_label:
@@ -304,6 +328,23 @@ class Measurements(Shown):
             values = (values / column.si).astype(kind)
         names = named(column.names[0], values.shape[1]) if column.is_numbered else column.names
         return dict(zip(names, np.atleast_2d(values.T), strict=True))
+
+    def covariate_columns(self) -> list[CovariateColumn]:
+        """The columns that residuals or excluded records may depend on: those that may act anywhere
+        first, then those of joints and of groups; last those of :attr:`extra`.
+        """
+        kinds = get_args(Covariate)
+        known = [entry for entry in RECORD_COLUMNS if entry.field]
+        known.sort(key=lambda entry: kinds.index(entry.covariate))
+        found = []
+        for entry in known:
+            found += [CovariateColumn(*column, entry) for column in self._in_file(entry).items()]
+        for name in map(str, self.extra):
+            entry, values = entry_of(name), self.extra[name]
+            if not entry.is_label:
+                values = pd.to_numeric(values, errors="coerce")
+            found.append(CovariateColumn(name, values, entry))
+        return [column for column in found if column.entry.covariate != "none"]
 
     def csv(self) -> str:
         """The text of a CSV file from which :meth:`read` gives the same numbers back.
@@ -331,14 +372,12 @@ class Measurements(Shown):
             temporary.write_text(self.csv(), encoding="utf-8", newline="")
 
     def __str__(self) -> str:
-        unknown = (
-            f", unknown columns {', '.join(self.extra.columns)}" if len(self.extra.columns) else ""
-        )
-        return (
-            f"{self.source}: {self.n} records of {self.nq} joints, {self.known.sum()} with "
-            "reference, "
-            f"{len(self.seats())} seats, {len(self.bars())} bars{unknown}"
-        )
+        seats, bars = len(self.seats()), len(self.bars())
+        counts = f"{self.n} records of {self.nq} joints, {self.known.sum()} with reference"
+        found = f"{self.source}: {counts}, {seats} seats, {bars} bars"
+        if self.extra.columns.empty:
+            return found
+        return f"{found}, other columns {', '.join(self.extra.columns)}"
 
 
 def _records_by_label(labels: Labels | None) -> dict[str, Index]:
@@ -395,7 +434,7 @@ def _from_table(table: pd.DataFrame, lines: Index, nq: int | None, source: str) 
     found["orientation"] = _unit_quaternions(found["orientation"])
     if found["orientation"] is None:
         found["orientation_u"] = None
-    conditions = Conditions(len(table), **{name: found.pop(name) for name in COLUMNS})
+    conditions = Conditions(len(table), **{name: found.pop(name) for name in CONDITION_COLUMNS})
     theta = columns.values.block(columns.header.theta)
     q = theta * DEG if columns.header.unit == "deg" else theta
     extra = table[list(columns.header.extra)].reset_index(drop=True)
@@ -472,8 +511,10 @@ def _numbers(column: Column, values: ArrayLike, n: int) -> Array:
         unknown = np.isnan(array)
         partly = np.flatnonzero(unknown.any(axis=1) & ~unknown.all(axis=1))
         if partly.size:
-            expected = "expected numbers, or NaN for all where not known"
-            raise ShapeError(f"{name}[{partly[0]}] is {array[partly[0]]}, {expected}")
+            raise ShapeError(
+                f"{name}[{partly[0]}] is {array[partly[0]]}, expected numbers, or NaN for all "
+                "where not known"
+            )
     return array
 
 

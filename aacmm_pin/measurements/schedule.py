@@ -12,9 +12,9 @@ from aacmm_pin.errors import AacmmError
 
 MOST_IN_SESSION = 200
 """Records after which a session ends."""
-STEP = (20.0, 40.0)
+RECORD_INTERVAL = (20.0, 40.0)
 """From one record to the next [s]."""
-PAUSE = (180.0, 900.0)
+PAUSE_LENGTH = (180.0, 900.0)
 """A pause [s]."""
 PAUSES = 1 / 40
 """Pauses a record."""
@@ -56,23 +56,24 @@ def workshop_conditions(
             f"temperature_range is {temperature_range:g} K, expected a number that is not negative"
         )
     time = _time(session, rng)
-    several = len(session) > 0 and session[-1] > 0
+    temperature = reference_temperature + temperature_range * _warmth(time, rng)
+    approach, labels = _approach(q, rng), None
+    if session.any():
+        labels = np.array([str(number + 1) for number in session], dtype=object)
     return Conditions(
         n=len(session),
         time=time,
-        temperature=reference_temperature + temperature_range * _warmth(time, rng),
-        approach=_approach(q, rng),
+        temperature=temperature,
+        approach=approach,
         seat=seat,
-        session=np.array([str(number + 1) for number in session], dtype=object)
-        if several
-        else None,
+        session=labels,
     )
 
 
 def _time(session: Index, rng: np.random.Generator) -> Array:
     n = len(session)
-    steps = rng.uniform(*STEP, size=n)
-    steps += (rng.random(n) < PAUSES) * rng.uniform(*PAUSE, size=n)
+    steps = rng.uniform(*RECORD_INTERVAL, size=n)
+    steps += (rng.random(n) < PAUSES) * rng.uniform(*PAUSE_LENGTH, size=n)
     steps += (np.diff(session, prepend=session[:1]) > 0) * rng.uniform(*BREAK, size=n)
     return np.cumsum(steps)
 
@@ -81,15 +82,14 @@ def _warmth(time: Array, rng: np.random.Generator) -> Array:
     """Temperature above the reference, within ±1: (n,)."""
     offset, drift, phase = rng.uniform(-1.0, 1.0, size=3)
     slow = 0.4 * offset + 0.3 * drift * time / time.max(initial=1.0)
-    return np.asarray(
-        slow
-        + 0.2 * np.sin(2 * np.pi * time / DAY + np.pi * phase)
-        + rng.uniform(-0.1, 0.1, size=len(time))
-    )
+    angle = 2 * np.pi * time / DAY + np.pi * phase
+    of_day = 0.2 * np.sin(angle)
+    noise = rng.uniform(-0.1, 0.1, size=len(time))
+    return np.asarray(slow + of_day + noise)
 
 
 def _approach(q: Array, rng: np.random.Generator) -> Array:
-    way = np.sign(np.diff(q, axis=0, prepend=q.mean(axis=0, keepdims=True)))
-    return np.asarray(
-        np.where(rng.random(q.shape) < OVERSHOOT, -way, way) + 0.0
-    )  # + 0.0: no minus zero
+    middle = q.mean(axis=0, keepdims=True)
+    way = np.sign(np.diff(q, axis=0, prepend=middle))
+    came_back = rng.random(q.shape) < OVERSHOOT
+    return np.asarray(np.where(came_back, -way, way) + 0.0)  # + 0.0: no minus zero

@@ -22,7 +22,7 @@ from aacmm_pin.measurements.measuring_points import (
     seats_for,
     visits,
 )
-from aacmm_pin.measurements.noise import ENCODER, PROBE, REFERENCE, Noise
+from aacmm_pin.measurements.noise import ENCODER, PROBE, REFERENCE_NOISE, Noise
 from aacmm_pin.measurements.orientation import quaternions
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.measurements.schedule import sessions, workshop_conditions
@@ -39,7 +39,7 @@ def simulate_measurements(
     *,
     rng: np.random.Generator,
     encoder_noise: ArrayLike | None = None,
-    reference_noise: float = REFERENCE,
+    reference_noise: float = REFERENCE_NOISE,
     probe_noise: float = PROBE,
     seats: int = 10,
     known: bool = True,
@@ -150,7 +150,8 @@ def simulate_touches(
     Raises:
         AacmmError: a point cannot be touched near its posture.
     """
-    return _Workshop(model, noise, 3.0, rng, f"simulated touches, {model.arm.name}").at(points, q)
+    source = f"simulated touches, {model.arm.name}"
+    return _Workshop(model, noise, 3.0, rng, source).at(points, q)
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,11 +211,9 @@ class _Workshop:
     def at(self, points: Array, q: Array) -> Measurements:
         """Records without references at ``points`` (n, 3), near the postures ``q`` (n, nq)."""
         conditions = self._conditions(sessions(len(q)), q, None)
-        return self._recorded(
-            self._exactly(q, points + self._normal(self.noise.probe, points), conditions),
-            conditions,
-            None,
-        )
+        touched = points + self._normal(self.noise.probe, points)
+        exact = self._exactly(q, touched, conditions)
+        return self._recorded(exact, conditions, None)
 
     def _exactly(self, q: Array, target: Array, conditions: Conditions) -> Array:
         """Postures near ``q`` in which the tip, with every error, is at ``target`` (n, 3) [m].
@@ -240,12 +239,13 @@ class _Workshop:
         return q
 
     def _conditions(self, session: Index, q: Array, seat: Labels | None) -> Conditions:
+        reference, spread = self.model.arm.reference_temperature, self.temperature_range
         return workshop_conditions(
             session,
             q,
             rng=self.rng,
-            reference_temperature=self.model.arm.reference_temperature,
-            temperature_range=self.temperature_range,
+            reference_temperature=reference,
+            temperature_range=spread,
             seat=seat,
         )
 
@@ -256,28 +256,21 @@ class _Workshop:
         self, q: Array, conditions: Conditions, reference: Array | None, **more: Any
     ) -> Measurements:
         """The records, with noisy readings; exact references state no uncertainty."""
-        u = self.noise.reference
+        n, u = len(q), self.noise.reference
         readings = q + self.noise.encoder * self.rng.normal(size=q.shape)
-        if self.orientation_noise is not None and reference is not None:
+        reference_u = None
+        if reference is not None and u > 0:
+            reference_u = np.full((n, 3), u)
+        turn_u = self.orientation_noise
+        if turn_u is not None and reference is not None:
             state = self.model.state(q, conditions, as_referenced=True)
-            turned = exp(
-                np.hstack(
-                    [np.zeros_like(reference), self._normal(self.orientation_noise, reference)]
-                )
-            )[:, :3, :3]
-            more["orientation"] = quaternions(turned @ state.rotation[-1])
-            more["orientation_u"] = (
-                np.full(len(q), self.orientation_noise) if self.orientation_noise > 0 else None
-            )
-        return Measurements.of(
-            readings,
-            reference,
-            np.full((len(q), 3), u) if reference is not None and u > 0 else None,
-            conditions,
-            record=np.array([str(k) for k in range(1, len(q) + 1)], dtype=object),
-            source=self.source,
-            **more,
-        )
+            turn = self._normal(turn_u, reference)
+            rotation = exp(np.hstack([np.zeros_like(turn), turn]))[:, :3, :3]
+            more["orientation"] = quaternions(rotation @ state.rotation[-1])
+            more["orientation_u"] = np.full(n, turn_u) if turn_u > 0 else None
+        record = np.array([str(k) for k in range(1, n + 1)], dtype=object)
+        more |= {"record": record, "source": self.source}
+        return Measurements.of(readings, reference, reference_u, conditions, **more)
 
 
 def _seat_labels(count: int) -> list[str]:
@@ -304,11 +297,12 @@ def _check_numbers(
             f"seats is {points}, expected an even number for plan 'ball-bar': two for each bar"
         )
     if (bar_length is not None) != (plan == "ball-bar"):
-        came = "was not given" if bar_length is None else f"is {bar_length:g} m"
-        expected = (
-            "the length of the bar" if bar_length is None else "none: only plan 'ball-bar' has bars"
+        if bar_length is None:
+            raise AacmmError(f"bar_length was not given, expected a length for plan {plan!r}")
+        raise AacmmError(
+            f"bar_length is {bar_length:g} m for plan {plan!r}, expected none: only plan "
+            "'ball-bar' has bars"
         )
-        raise AacmmError(f"bar_length {came} for plan {plan!r}, expected {expected}")
     if bar_length is not None:
         plausible.BAR_LENGTH.check(bar_length, "bar_length")
         if bar_length < SEATS_APART:

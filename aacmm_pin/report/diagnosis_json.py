@@ -24,7 +24,7 @@ from aacmm_pin.diagnosis import (
 from aacmm_pin.diagnosis.posterior import Posterior
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.diagnosis.unexplained import DiscrepancySize
-from aacmm_pin.effects import COLUMNS, Effect, fields_of, strongest_waves
+from aacmm_pin.effects import CONDITION_COLUMNS, Effect, fields_of, strongest_waves
 from aacmm_pin.report.next_measurements import next_measurements
 
 DIAGNOSIS_SCHEMA = "aacmm-pin/diagnosis/1"
@@ -201,4 +201,4 @@ def _not_tried(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     records = diagnosis.extended.problem.measurements
     lacking = not_tried(diagnosis.choice.library, records)
     names = {need: [cause.cause for cause in causes] for need, causes in lacking.items()}
-    return [{"column": COLUMNS[need], "causes": causes} for need, causes in names.items()]
+    return [{"column": CONDITION_COLUMNS[need], "causes": causes} for need, causes in names.items()]

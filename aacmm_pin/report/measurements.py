@@ -9,7 +9,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from aacmm_pin._support.units import MM
-from aacmm_pin.effects import COLUMNS, Conditions
+from aacmm_pin.effects import CONDITION_COLUMNS, Conditions
 from aacmm_pin.measurements import BAR, Measurements
 from aacmm_pin.report.document import Document, Paragraph, Table, document_of
 from aacmm_pin.report.numbers import count
@@ -34,7 +34,7 @@ def measurements_document(records: Measurements) -> Document:
     for name in table.columns.drop(["seat", *BAR, *others], errors="ignore"):
         shown[name] = _range(table[name].to_numpy())
     if others:
-        shown["unknown columns"] = f"{', '.join(others)} (kept; candidates for 'depends on')"
+        shown["other columns"] = f"{', '.join(others)} (kept; candidates for 'depends on')"
     summary = pd.DataFrame({"what": list(shown), "value": list(shown.values())})
     return Document("Measurements", [str(records), Table(summary)])
 
@@ -45,7 +45,10 @@ def conditions_document(conditions: Conditions) -> Document:
     rows = []
     for name in conditions.present:
         rows.append(
-            {"column": COLUMNS[name], "values": _range(conditions.require(name, "its document"))}
+            {
+                "column": CONDITION_COLUMNS[name],
+                "values": _range(conditions.require(name, "its document")),
+            }
         )
     head = (
         f"{'Conditions' if rows else 'Nothing but the angles is known'} of "

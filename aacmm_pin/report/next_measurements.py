@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 from aacmm_pin._support.threads import one_blas_thread
 from aacmm_pin.calibration import rms
-from aacmm_pin.calibration.shared_exclusions import LABELS
 from aacmm_pin.diagnosis import THRESHOLDS, Alias, Diagnosis, Finding, too_good
 from aacmm_pin.effects import Effect, corrects_seat, listed
+from aacmm_pin.measurements import LABELS
 from aacmm_pin.report.doubts import doubts_in_words
 from aacmm_pin.report.numbers import lengths
 from aacmm_pin.report.plan import advice

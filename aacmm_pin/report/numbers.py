@@ -10,7 +10,7 @@ from collections.abc import Iterable
 import numpy as np
 import pandas as pd
 
-from aacmm_pin._support.units import LARGE, MM, UM
+from aacmm_pin._support.units import LARGE_IN_MICRO, MM, UM
 
 IN_MM = 1e-4
 """Lengths from here on stand in mm, smaller ones in µm [m]."""
@@ -143,7 +143,7 @@ def small_unit(unit: str, largest: float = 0.0) -> tuple[str, float]:
         name, factor = f"µ{unit}", 1e6
     else:
         return "ppm" + unit.removeprefix("1"), 1e6
-    if abs(largest) * factor >= LARGE:
+    if abs(largest) * factor >= LARGE_IN_MICRO:
         return f"m{name[1:]}", factor / 1e3
     return name, factor
 

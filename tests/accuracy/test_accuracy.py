@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from aacmm_pin._support.batches import CHUNK
+from aacmm_pin._support.batches import ROWS_PER_BATCH
 from aacmm_pin._support.checks import Array
 from aacmm_pin.accuracy.volume import COVERAGE_FACTOR, COVERED, METHODS, accuracy_volume
 from aacmm_pin.arm.arm import Arm
@@ -372,11 +372,11 @@ def test_parts_of_a_batch_have_their_own_conditions(sino6: Arm) -> None:
     """Warmth that grows along the batch: what each posture has by itself, in covariance, budget and
     largest deviation.
     """
-    q = some(sino6, CHUNK + 100)
+    q = some(sino6, ROWS_PER_BATCH + 100)
     model = ErrorModel(sino6, (ThermalExpansion(values=(1e-5,), u=(5e-6,)),))
     warmth = Conditions(len(q), temperature=np.linspace(20.0, 60.0, len(q)))
     whole = accuracy_volume(model, q, conditions=warmth, method="ellipsoid")
-    last = slice(CHUNK, None)
+    last = slice(ROWS_PER_BATCH, None)
     part = accuracy_volume(model, q[last], conditions=warmth.take(last), method="ellipsoid")
     first = accuracy_volume(model, q[last], conditions=warmth.take(slice(100)), method="ellipsoid")
     np.testing.assert_allclose(whole.covariance[last], part.covariance, rtol=1e-12, atol=1e-25)

@@ -13,7 +13,7 @@ import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 
-from aacmm_pin._support.batches import CHUNK
+from aacmm_pin._support.batches import ROWS_PER_BATCH
 from aacmm_pin._support.checks import Array
 from aacmm_pin.accuracy.parameter_draws import exact_positions, source_errors
 from aacmm_pin.accuracy.tip_sensitivity import ErrorSources
@@ -152,9 +152,11 @@ def test_exact_positions_are_those_of_models_made_anew(
     few = exact_positions(sources, q, WARM, no_lengths)
     np.testing.assert_allclose(few, expected, atol=2e-8)
     many = np.vstack(
-        [np.zeros((CHUNK, errors.shape[1])), no_lengths]
+        [np.zeros((ROWS_PER_BATCH, errors.shape[1])), no_lengths]
     )  # the last ones in a part of their own
-    np.testing.assert_allclose(exact_positions(sources, q, WARM, many)[CHUNK:], few, atol=1e-14)
+    np.testing.assert_allclose(
+        exact_positions(sources, q, WARM, many)[ROWS_PER_BATCH:], few, atol=1e-14
+    )
 
 
 def test_uncertain_effects_enlarge_what_the_arm_alone_says(extended: ErrorModel) -> None:

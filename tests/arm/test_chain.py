@@ -13,7 +13,7 @@ import pinocchio as pin
 import pytest
 from scipy.linalg import expm
 
-from aacmm_pin._support.batches import CHUNK
+from aacmm_pin._support.batches import ROWS_PER_BATCH
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.compiled import ALWAYS, NEVER, VARIABLE
 from aacmm_pin.arm.arm import Arm
@@ -164,7 +164,7 @@ def test_compiled_loop_and_numpy_agree_with_pinocchio(
     arm_file: ArmFile, robots: list[Arm], rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Joints that slide, rows without a joint, and batches that do not fill the loop's lanes."""
-    for arm, n in product((Arm.from_file(arm_file), *robots), (0, 1, 150, CHUNK + 2)):
+    for arm, n in product((Arm.from_file(arm_file), *robots), (0, 1, 150, ROWS_PER_BATCH + 2)):
         q, found = postures(arm, rng, n), []
         for way in (NEVER, ALWAYS):
             monkeypatch.setenv(VARIABLE, way)

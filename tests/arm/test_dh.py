@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from aacmm_pin._support.batches import CHUNK
+from aacmm_pin._support.batches import ROWS_PER_BATCH
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm.arm import Arm
@@ -43,9 +43,16 @@ def test_links_between_joints_make_the_arm(dh: DHTable, rng: np.random.Generator
 
 
 def test_parts_of_a_batch_do_not_change_results(dh: DHTable, rng: np.random.Generator) -> None:
-    n = 2 * CHUNK + 3
+    n = 2 * ROWS_PER_BATCH + 3
     q, errors = random_q(dh, rng, n), rng.normal(0, 1e-3, (n, 4 * dh.rows))
-    some = [0, CHUNK - 1, CHUNK, 2 * CHUNK - 1, 2 * CHUNK, n - 1]
+    some = [
+        0,
+        ROWS_PER_BATCH - 1,
+        ROWS_PER_BATCH,
+        2 * ROWS_PER_BATCH - 1,
+        2 * ROWS_PER_BATCH,
+        n - 1,
+    ]
     alone, together = (
         dh.chain.position_and_sensitivity(q[some]),
         dh.chain.position_and_sensitivity(q),

@@ -63,7 +63,7 @@ from aacmm_pin.effects import (
     strongest_waves,
 )
 from aacmm_pin.effects.causes import all_candidates
-from aacmm_pin.effects.conditions import COLUMNS, Conditions
+from aacmm_pin.effects.conditions import CONDITION_COLUMNS, Conditions
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.effects.gravity import GravityEffect
 from aacmm_pin.effects.state import State
@@ -385,9 +385,9 @@ def test_missing_condition_names_the_column(arms: dict[str, Arm], rng: np.random
         ):
             with pytest.raises(MissingConditionError) as caught:
                 ask()
-            assert caught.value.column == COLUMNS[needed]
+            assert caught.value.column == CONDITION_COLUMNS[needed]
             assert effect.label in str(caught.value)
-            assert COLUMNS[needed] in str(caught.value)
+            assert CONDITION_COLUMNS[needed] in str(caught.value)
         assert needed in known(arm, 5, rng).present
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from aacmm_pin import Arm
 from aacmm_pin.effects import CAUSES, Effect, example, fields_of
-from aacmm_pin.effects.conditions import COLUMNS, Conditions
+from aacmm_pin.effects.conditions import CONDITION_COLUMNS, Conditions
 from aacmm_pin.effects.state import State
 from aacmm_pin.errors import MissingConditionError, UnsupportedArmError
 
@@ -56,7 +56,7 @@ def _place(cause: type[Effect]) -> str:
 
 def _needs(effect: Effect) -> str:
     """Columns of the measurement file; and what an arm file without masses and stylus lacks."""
-    columns = [f"`{COLUMNS[name]}`" for name in effect.needs]
+    columns = [f"`{CONDITION_COLUMNS[name]}`" for name in effect.needs]
     arm = Arm.load("zero6")
     assert arm.masses is None
     try:

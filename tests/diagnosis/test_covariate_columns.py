@@ -1,0 +1,54 @@
+"""What the column table says of diagnosis is what diagnosis does."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.diagnosis.covariates import covariates
+from aacmm_pin.effects import Conditions
+from aacmm_pin.measurements import Measurements
+from aacmm_pin.measurements.csv_columns import RECORD_COLUMNS, named
+
+
+def test_each_known_column_is_a_covariate_or_says_that_it_is_none(
+    sino6: Arm, rng: np.random.Generator
+) -> None:
+    n = 40
+    q, label = rng.uniform(-2.0, 2.0, (n, 6)), np.array(["1", "2"] * (n // 2), dtype=object)
+    of_joints = rng.uniform(-1.0, 1.0, (n, 6))
+    conditions = Conditions(
+        n,
+        time=rng.uniform(0.0, 5e3, n),
+        temperature=rng.uniform(18.0, 22.0, n),
+        approach=np.sign(of_joints),
+        torque=of_joints,
+        seat=label,
+        marker=label,
+        session=label,
+    )
+    stated = Measurements.of(
+        q,
+        sino6.positions(q),
+        np.full((n, 3), 1e-5),
+        conditions,
+        bar=np.full(n, "long", dtype=object),
+        bar_end=np.where(label == "1", "A", "B").astype(object),
+        bar_length=np.full(n, 0.5),
+        bar_length_u=np.full(n, 1e-5),
+        operator=label,
+        record=label,
+        orientation=np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)),
+        orientation_u=np.full(n, 1e-4),
+    )
+    of_rows = replace(conditions, link_temperature=of_joints + 20.0)
+    records = replace(stated, conditions=of_rows)
+    tried = {covariate.name for covariate in covariates(sino6, records)}
+    for entry in RECORD_COLUMNS:
+        names = named(entry.names[0], 6) if entry.is_numbered else entry.names
+        found = [entry.quantity(name) in tried for name in names]
+        assert found == [entry.covariate in ("anywhere", "joints")] * len(names), entry.field
+    compared = [column.entry.field for column in records.covariate_columns()]
+    assert {*compared} == {e.field for e in RECORD_COLUMNS if e.covariate != "none"}
