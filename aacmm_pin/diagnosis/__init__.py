@@ -7,7 +7,7 @@ from aacmm_pin.diagnosis.cross_validation import Gain
 from aacmm_pin.diagnosis.diagnose import diagnose
 from aacmm_pin.diagnosis.findings import estimated
 from aacmm_pin.diagnosis.odd_groups import OddGroup
-from aacmm_pin.diagnosis.result import Diagnosis, Doubt, Finding, too_good
+from aacmm_pin.diagnosis.result import Diagnosis, Finding, too_good
 from aacmm_pin.diagnosis.significance import Alias
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.diagnosis.unexplained import ScatteredReadings, SharedError, Unexplained
@@ -18,7 +18,6 @@ __all__ = [
     "Branches",
     "Choice",
     "Diagnosis",
-    "Doubt",
     "Finding",
     "Gain",
     "OddGroup",

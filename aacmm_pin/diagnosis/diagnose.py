@@ -30,7 +30,7 @@ from aacmm_pin.diagnosis.model_extension import ProblemOf, choose, free
 from aacmm_pin.diagnosis.result import Diagnosis, Finding
 from aacmm_pin.diagnosis.significance import visible
 from aacmm_pin.diagnosis.unexplained import Unexplained, excess_of, unexplained_by
-from aacmm_pin.diagnosis.verdict import doubts_of, verdict_of
+from aacmm_pin.diagnosis.verdict import Evidence, doubts_of, verdict_of
 from aacmm_pin.effects import (
     Discrepancy,
     Effect,
@@ -138,28 +138,28 @@ def diagnose(
         held = held.of_nothing()
     unexplained = unexplained_by(choice, held, bool(findings), rng)
     # Without a finding nothing explains what the recalibrated arm alone excludes.
-    judged = (choice.fit, *([] if findings else [alone]))
-    contradicted = tuple(
-        dict.fromkeys(place for one in judged for place in contradicted_places(one))
+    judged = [choice.fit] if findings else [choice.fit, alone]
+    contradicted = (place for one in judged for place in contradicted_places(one))
+    named = [finding.label for finding in findings]
+    evidence = Evidence(
+        findings=tuple(findings),
+        structure=unexplained.structure or excess_of(choice.fit) > 0.0,
+        structure_left=unexplained.left,
+        more=choice.posterior.beyond(named),
+        visible=visible(choice.posterior),
+        otherwise=tuple(choice.otherwise),
+        no_better=_no_better(model.arm, findings, held, bool(choice.covariates)),
+        contradicted=tuple(dict.fromkeys(contradicted)),
+        agree=choice.posterior.agree,
+        fits=(recalibrated, choice.fit),
     )
-    worse = _no_better(model.arm, findings, held, bool(choice.covariates))
-    doubts = doubts_of(
-        findings,
-        unexplained.left,
-        more := choice.posterior.beyond([finding.label for finding in findings]),
-        shown := visible(choice.posterior),
-        choice.otherwise,
-        worse,
-        contradicted,
-        choice.posterior.agree,
-    )
-    extended = calibrated_model(recalibrated if worse else choice.fit)
-    if with_discrepancy and not worse:
+    doubts = doubts_of(evidence)
+    extended = calibrated_model(recalibrated if evidence.no_better else choice.fit)
+    if with_discrepancy and not evidence.no_better:
         extended = described_model(model, choice, problem, unexplained.has_background)
-    structure = unexplained.structure or excess_of(choice.fit) > 0.0
     noise = choice.fit.distance_of(choice.fit.stated_noise)
     result = Diagnosis(
-        verdict=verdict_of(findings, structure, more, doubts, (recalibrated, choice.fit)),
+        verdict=verdict_of(evidence, doubts),
         findings=tuple(findings),
         model=_as_found(extended, choice.fit.stated, findings, unexplained),
         before=before,
@@ -169,11 +169,11 @@ def diagnose(
         held_out=held,
         unexplained=unexplained,
         noise=noise,
-        visible=shown,
+        visible=evidence.visible,
         assumed=tuple(repeated),
         doubts=doubts,
         otherwise=choice.otherwise,
-        contradicted=contradicted,
+        contradicted=evidence.contradicted,
     )
     for products in (choice.by_part.products, choice.posterior.space.gram.products):
         products.release()

@@ -31,18 +31,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 Verdict = Literal["explained", "no-discrepancy", "ambiguous", "unexplained", "inconclusive"]
-Doubt = Literal[
-    "contradicted references",
-    "few causes shown",
-    "cause not named",
-    "below zero",
-    "cause not borne out",
-    "no better",
-    "structure left",
-    "more causes",
-    "starts disagree",
-]
-"""What keeps a diagnosis from being ``explained`` or ``no-discrepancy``."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,7 +146,7 @@ class Diagnosis(Shown):
     noise: float
     visible: tuple[int, int]
     assumed: tuple[Note, ...]
-    doubts: tuple[Doubt, ...]
+    doubts: tuple[str, ...]
     otherwise: tuple[str, ...]
     contradicted: tuple[Note, ...]
 

@@ -1,68 +1,83 @@
-"""What a diagnosis may conclude from its findings, and from what its records would have shown."""
+"""What a diagnosis may conclude from its findings, and from what its records would have shown.
+
+A new doubt is one entry of :data:`DOUBTS`; its sentence is in the report.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
 
 from aacmm_pin._support.notes import Note
 from aacmm_pin.calibration import Fit
-from aacmm_pin.diagnosis.result import Doubt, Finding, Verdict
+from aacmm_pin.diagnosis.result import Finding, Verdict
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 
 
-def doubts_of(
-    findings: Sequence[Finding],
-    left: bool,
-    p_more: float,
-    visible: tuple[int, int],
-    otherwise: Sequence[str] = (),
-    no_better: bool = False,
-    contradicted: Sequence[Note] = (),
-    agree: bool = True,
-) -> tuple[Doubt, ...]:
-    """What speaks against a diagnosis of which all searches ended and no structure stands out.
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What a verdict is read from.
 
-    Args:
-        findings: what was named.
-        left: structure over some covariate is left beyond chance, though none is more probable than
-            not.
-        p_more: probability that a cause acts that was not named.
+    Attributes:
+        findings: the causes of the median probability model.
+        structure: the discrepancy is more probable than not.
+        structure_left: structure over some covariate is left beyond chance, though none is more
+            probable than not.
+        more: probability that a cause acts that was not named.
         visible: how many causes of typical magnitude these records would have shown, and of how
             many.
         otherwise: what would be found if excluded records counted.
         no_better: causes were added with which held-out records are not predicted better.
         contradicted: stated places that the records contradict.
         agree: the two halves of the starts found the same.
-    """
-    found: dict[Doubt, bool] = {
-        "contradicted references": bool(contradicted),
-        "few causes shown": not findings and visible[0] <= THRESHOLDS.shown * visible[1],
-        "cause not named": not findings and bool(otherwise),
-        "below zero": any(finding.below_zero for finding in findings),
-        "cause not borne out": not all(finding.borne_out for finding in findings),
-        "no better": no_better,
-        "structure left": left,
-        "more causes": p_more >= THRESHOLDS.settled,
-        "starts disagree": not agree,
-    }
-    return tuple(doubt for doubt, there in found.items() if there)
-
-
-def verdict_of(
-    findings: Sequence[Finding],
-    structure: bool,
-    p_more: float,
-    doubts: Sequence[Doubt],
-    fits: Sequence[Fit],
-) -> Verdict:
-    """The verdict.
-
-    Args:
-        findings: the causes of the median probability model.
-        structure: the discrepancy is more probable than not.
-        p_more: probability that a cause acts that was not named.
-        doubts: see :func:`doubts_of`.
         fits: the searches on which all that rests, that of the extended arm last.
+    """
+
+    findings: tuple[Finding, ...]
+    structure: bool
+    structure_left: bool
+    more: float
+    visible: tuple[int, int]
+    otherwise: tuple[str, ...]
+    no_better: bool
+    contradicted: tuple[Note, ...]
+    agree: bool
+    fits: tuple[Fit, ...]
+
+    @property
+    def settled(self) -> bool:
+        """Whether each cause of the extended arm acts without doubt, and probably no other one."""
+        sure = all(finding.probability >= THRESHOLDS.settled for finding in self.findings)
+        return sure and self.more < THRESHOLDS.named
+
+
+def _shows_few_causes(evidence: Evidence) -> bool:
+    seen, of = evidence.visible
+    return not evidence.findings and seen <= THRESHOLDS.shown * of
+
+
+DOUBTS: Mapping[str, Callable[[Evidence], bool]] = {
+    "contradicted references": lambda evidence: bool(evidence.contradicted),
+    "few causes shown": _shows_few_causes,
+    "cause not named": lambda evidence: not evidence.findings and bool(evidence.otherwise),
+    "below zero": lambda evidence: any(finding.below_zero for finding in evidence.findings),
+    "cause not borne out": lambda evidence: not all(each.borne_out for each in evidence.findings),
+    "no better": lambda evidence: evidence.no_better,
+    "structure left": lambda evidence: evidence.structure_left,
+    "more causes": lambda evidence: evidence.more >= THRESHOLDS.settled,
+    "starts disagree": lambda evidence: not evidence.agree,
+}
+"""What keeps a diagnosis, of which all searches ended and no structure stands out, from being
+``explained`` or ``no-discrepancy``."""
+
+
+def doubts_of(evidence: Evidence) -> tuple[str, ...]:
+    """Names of the doubts that stand."""
+    return tuple(name for name, stands in DOUBTS.items() if stands(evidence))
+
+
+def verdict_of(evidence: Evidence, doubts: Collection[str]) -> Verdict:
+    """The verdict.
 
     Returns:
         ``unexplained``: structure is left. ``inconclusive``: a search did not converge, or the
@@ -70,17 +85,14 @@ def verdict_of(
         doubt stands. ``ambiguous``: the mass is on several sets of causes. ``explained``,
         ``no-discrepancy``: else.
     """
-    if not all(fit.converged and fit.tells_noise for fit in fits):
+    if not all(fit.converged and fit.tells_noise for fit in evidence.fits):
         return "inconclusive"
-    if structure:
+    if evidence.structure:
         return "unexplained"
-    if fits[-1].too_many_excluded or "below zero" in doubts:
+    if evidence.fits[-1].too_many_excluded or "below zero" in doubts:
         return "inconclusive"
-    if (
-        any(finding.probability < THRESHOLDS.settled for finding in findings)
-        or p_more >= THRESHOLDS.named
-    ):
+    if not evidence.settled:
         return "ambiguous"
     if doubts:
         return "inconclusive"
-    return "explained" if findings else "no-discrepancy"
+    return "explained" if evidence.findings else "no-discrepancy"

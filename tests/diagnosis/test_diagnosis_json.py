@@ -8,13 +8,14 @@ import json
 import math
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from aacmm_pin.diagnosis import THRESHOLDS, Doubt
+from aacmm_pin.diagnosis import THRESHOLDS
+from aacmm_pin.diagnosis.verdict import DOUBTS
 from aacmm_pin.effects import CAUSES
 from tests.cli import shell
 
@@ -128,7 +129,7 @@ SUMMARY = fields(
         "schema": lambda v: v == "aacmm-pin/diagnosis/1",
         "arm": text,
         "verdict": lambda v: v in VERDICTS,
-        "doubts": several(lambda v: v in get_args(Doubt)),
+        "doubts": several(lambda v: v in DOUBTS),
         "converged": lambda v: isinstance(v, bool),
         "converge_note": lambda v: isinstance(v, str),
         "records": fields(

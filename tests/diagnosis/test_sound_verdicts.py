@@ -20,7 +20,7 @@ from aacmm_pin.calibration import calibrate, solver
 from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.diagnosis import THRESHOLDS, Diagnosis, Finding, diagnose
 from aacmm_pin.diagnosis.cross_validation import Brought
-from aacmm_pin.diagnosis.verdict import doubts_of, verdict_of
+from aacmm_pin.diagnosis.verdict import Evidence, doubts_of, verdict_of
 from aacmm_pin.effects import (
     BaseCompliance,
     BearingTilt,
@@ -228,11 +228,11 @@ def test_verdicts(sino6, rng):
     far_below = replace(below_zero, values=(-3e-6,))
     cases = [
         ("explained", sure, {}),
-        ("inconclusive", sure, {"left": True}),
-        ("inconclusive", [], {"left": True}),
-        ("ambiguous", sure, {"p_more": 0.6}),
-        ("ambiguous", [], {"p_more": 0.6}),
-        ("explained", sure, {"p_more": 0.4}),
+        ("inconclusive", sure, {"structure_left": True}),
+        ("inconclusive", [], {"structure_left": True}),
+        ("ambiguous", sure, {"more": 0.6}),
+        ("ambiguous", [], {"more": 0.6}),
+        ("explained", sure, {"more": 0.4}),
         ("explained", [finding(0.99, None)], {}),
         ("inconclusive", [finding(0.99, -0.01)], {}),
         ("explained", [finding(0.99, effect=below_zero)], {}),
@@ -240,24 +240,31 @@ def test_verdicts(sino6, rng):
         ("ambiguous", [finding(0.7)], {}),
         ("unexplained", sure, {"structure": True}),
         ("no-discrepancy", [], {}),
-        ("inconclusive", [], {"seen": 40}),
-        ("inconclusive", sure, {"at": stuck}),
-        ("inconclusive", [], {"at": noiseless}),
-        ("inconclusive", sure, {"at": seven}),
-        ("unexplained", [], {"structure": True, "at": seven}),
-        ("explained", sure, {"at": six}),
-        ("inconclusive", sure, {"doubt": {"contradicted": ["seat A moved"]}}),
-        ("inconclusive", sure, {"doubt": {"no_better": True}}),
-        ("inconclusive", sure, {"doubt": {"agree": False}}),
+        ("inconclusive", [], {"visible": (40, 100)}),
+        ("inconclusive", sure, {"fits": (fit, stuck)}),
+        ("inconclusive", [], {"fits": (fit, noiseless)}),
+        ("inconclusive", sure, {"fits": (fit, seven)}),
+        ("unexplained", [], {"structure": True, "fits": (fit, seven)}),
+        ("explained", sure, {"fits": (fit, six)}),
+        ("inconclusive", sure, {"contradicted": ("seat A moved",)}),
+        ("inconclusive", sure, {"no_better": True}),
+        ("inconclusive", sure, {"agree": False}),
     ]
-    usual = {"left": False, "p_more": 0.1, "structure": False, "seen": 90, "at": fit, "doubt": {}}
+    usual = Evidence(
+        findings=(),
+        structure=False,
+        structure_left=False,
+        more=0.1,
+        visible=(90, 100),
+        otherwise=(),
+        no_better=False,
+        contradicted=(),
+        agree=True,
+        fits=(fit, fit),
+    )
     for verdict, findings, changed in cases:
-        case = usual | changed
-        seen = (case["seen"], 100)
-        doubts = doubts_of(findings, case["left"], case["p_more"], seen, **case["doubt"])
-        fits = (fit, case["at"])
-        found = verdict_of(findings, case["structure"], case["p_more"], doubts, fits)
-        assert found == verdict, changed
+        evidence = replace(usual, findings=tuple(findings), **changed)
+        assert verdict_of(evidence, doubts_of(evidence)) == verdict, changed
 
 
 def test_a_value_that_nature_does_not_have_explains_nothing(sino6):

@@ -5,12 +5,11 @@ from __future__ import annotations
 import ast
 import re
 from collections.abc import Iterator
-from typing import get_args
 
 import pytest
 
 from aacmm_pin._support.notes import Note
-from aacmm_pin.diagnosis import Doubt
+from aacmm_pin.diagnosis import verdict
 from aacmm_pin.report.doubts import DOUBTS
 from aacmm_pin.report.messages import SENTENCES
 from tests.test_rooms import MODULES
@@ -48,7 +47,7 @@ def test_every_code_has_a_sentence_and_every_sentence_a_code():
 
 
 def test_every_doubt_has_a_sentence():
-    assert {*DOUBTS} == {*get_args(Doubt)}
+    assert {*DOUBTS} == {*verdict.DOUBTS}
 
 
 def test_sentences_are_short_and_ask_nothing():
