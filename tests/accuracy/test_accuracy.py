@@ -16,11 +16,9 @@ from scipy.stats import chi2
 from aacmm_pin._support.batches import CHUNK
 from aacmm_pin._support.checks import Array
 from aacmm_pin.accuracy.volume import COVERAGE_FACTOR, COVERED, METHODS, accuracy_volume
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.file import load_arm_file
-from aacmm_pin.effects import ThermalExpansion
+from aacmm_pin.arm import Arm, load_arm_file
+from aacmm_pin.effects import ErrorModel, ThermalExpansion
 from aacmm_pin.effects.conditions import Conditions
-from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError
 from aacmm_pin.postures.configurations import configuration_circle
 from aacmm_pin.report.accuracy import what_k_covers

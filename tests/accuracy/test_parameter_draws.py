@@ -9,7 +9,7 @@ import pytest
 
 from aacmm_pin.accuracy.parameter_draws import drawn_effects, parameter_errors
 from aacmm_pin.accuracy.volume import accuracy_volume
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm import Arm
 from aacmm_pin.arm.file import Covariance
 from aacmm_pin.effects import (
     EncoderEccentricity,

@@ -18,11 +18,12 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin.accuracy.parameter_draws import exact_positions, source_errors
 from aacmm_pin.accuracy.tip_sensitivity import ErrorSources
 from aacmm_pin.accuracy.volume import AccuracyVolume, accuracy_volume, circle_accuracy
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm import Arm
 from aacmm_pin.arm.file import Covariance, load_arm_file
 from aacmm_pin.effects import (
     BaseCompliance,
     EncoderEccentricity,
+    ErrorModel,
     JointCompliance,
     JointHysteresis,
     LinkBending,
@@ -31,7 +32,6 @@ from aacmm_pin.effects import (
     ThermalExpansion,
 )
 from aacmm_pin.effects.conditions import Conditions
-from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, ShapeError, UnsupportedArmError
 from aacmm_pin.postures.configurations import configuration_circle
 from aacmm_pin.report.plots import plot_budget

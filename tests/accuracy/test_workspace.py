@@ -17,11 +17,15 @@ from aacmm_pin.accuracy import workspace
 from aacmm_pin.accuracy.comprehensive_accuracy import configuration_weights
 from aacmm_pin.accuracy.volume import accuracy_volume
 from aacmm_pin.accuracy.workspace import WorkspaceMap, map_caveats, map_workspace
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.file import load_arm_file
-from aacmm_pin.effects import EncoderEccentricity, LinkBending, SeatError, ThermalExpansion
+from aacmm_pin.arm import Arm, load_arm_file
+from aacmm_pin.effects import (
+    EncoderEccentricity,
+    ErrorModel,
+    LinkBending,
+    SeatError,
+    ThermalExpansion,
+)
 from aacmm_pin.effects.conditions import Conditions
-from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, OutputError, ShapeError, UnsupportedArmError
 from aacmm_pin.postures.configurations import ConfigurationCircle, configuration_circle
 from aacmm_pin.postures.wrist_ik import FEW_PER_TURN, Wrist, wrist_curves

@@ -12,9 +12,11 @@ import pytest
 from lxml import etree
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm import Arm
 from aacmm_pin.arm.corrected_urdf import corrected_urdf
 from aacmm_pin.errors import AacmmError, UnsupportedArmError
+
+pytestmark = pytest.mark.fast
 
 ROBOTS = [
     ("ur5_robot.urdf", "tool0"),

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.example_robots import EXAMPLE_ROBOTS
-from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.arm import EXAMPLE_ROBOTS, Arm
+from aacmm_pin.effects import ErrorModel
+
+pytestmark = pytest.mark.fast
 
 JOINTS = {"panda": 7, "so100": 5, "so101": 5, "tiago": 8, "xarm7": 7}
 

@@ -5,7 +5,6 @@ kept of it.
 from __future__ import annotations
 
 from pathlib import Path
-from xml.etree import ElementTree as ET
 
 import numpy as np
 import pinocchio as pin
@@ -14,10 +13,11 @@ import yourdfpy
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import MM
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.file import ArmFile, bundled_arms, load_arm_file
+from aacmm_pin.arm import Arm, ArmFile, bundled_arms, load_arm_file
 from aacmm_pin.arm.urdf import SHORTEST_DRAWN, urdf_text
-from tests.by_pinocchio import placements
+from tests.oracle import placements
+
+pytestmark = pytest.mark.fast
 
 KEPT = Path(__file__).parents[2] / "urdf"
 
@@ -112,9 +112,3 @@ def test_every_length_is_drawn_from_end_to_end(arm_file: ArmFile, parsed: yourdf
             if np.linalg.norm(piece[1] - piece[0]) > SHORTEST_DRAWN and not found:
                 missing.append(f"row {n}: {piece[0]} to {piece[1]}")
     assert missing == []
-
-
-def test_text_is_xml_whatever_the_names_say() -> None:
-    for source in ('a "<&>', "a -- b", "ends with -", "tab\tand \x01"):
-        arm = load_arm_file("zero6").model_copy(update={"source": source, "name": 'Ä <&> "'})
-        assert ET.fromstring(urdf_text(arm)).get("name") == 'Ä <&> "'

@@ -11,12 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm import Arm
 from aacmm_pin.calibration import calibrate
-from aacmm_pin.effects import EncoderEccentricity, JointCompliance
-from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.errors import AacmmError, ArmFileError
+from aacmm_pin.effects import ErrorModel, JointCompliance
+from aacmm_pin.errors import ArmFileError
 from aacmm_pin.measurements.simulate import simulate_measurements
+
+pytestmark = pytest.mark.fast
 
 HALF_WIDTHS = {"translation_half_width": 3e-4, "rotation_half_width": 7e-4}
 FRAMES = {"ur5_robot.urdf": "tool0", "panda.urdf": "panda_hand_tcp"}
@@ -76,31 +77,6 @@ def test_corrections_are_joined(
             arm.with_placements(second, None).model.jointPlacements[number]
         )
         np.testing.assert_allclose(both.model.jointPlacements[number], expected, rtol=0, atol=1e-14)
-
-
-def test_amplitude_and_phase_come_back(
-    robot_file: Callable[[str], Path], tmp_path: Path, rng: np.random.Generator
-) -> None:
-    """They are two other numbers than those inside, so the last bit may differ: far below an atom
-    at the tip.
-    """
-    model = ErrorModel(
-        Arm.from_urdf(robot_file("ur5_robot.urdf"), "tool0"),
-        (EncoderEccentricity(3, values=(1e-4, 3e-5)),),
-    )
-    model.save(tmp_path / "e.toml")
-    q = rng.uniform(-2.0, 2.0, (50, 6))
-    np.testing.assert_allclose(
-        ErrorModel.load(tmp_path / "e.toml").predict(q), model.predict(q), rtol=0, atol=1e-15
-    )
-
-
-def test_a_model_without_a_file_is_not_saved(
-    robot_file: Callable[[str], Path], tmp_path: Path
-) -> None:
-    arm = Arm.from_urdf(robot_file("ur5_robot.urdf"), "tool0")
-    with pytest.raises(AacmmError, match="no file"):
-        ErrorModel(Arm.from_model(arm.model, "tool0")).save(tmp_path / "a.toml")
 
 
 @pytest.mark.parametrize(

@@ -10,10 +10,12 @@ import pinocchio as pin
 import pytest
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm import Arm
 from aacmm_pin.arm.file import arm_text, parse_arm_file
 from aacmm_pin.arm.urdf_to_dh import dh_file
 from aacmm_pin.errors import UnsupportedArmError
+
+pytestmark = pytest.mark.fast
 
 
 def assert_same(arm: Arm, rng: np.random.Generator) -> None:

@@ -57,8 +57,8 @@ TYPED: dict[str, Effect] = {
     "thermal_expansion:link=3": ThermalExpansion(3),
     "joint_compliance:4": JointCompliance(4, torque="measured"),
     "joint_compliance:joint=4,torque=gravity,bodies=4+5+6": JointCompliance(4, bodies=(4, 5, 6)),
-    "joint_error_curve:joint=2,lower_rad=-4,upper_rad=1,coefficients=5,c2_rad=0.1": JointErrorCurve(
-        2, -4.0, 1.0, 5, values=(0.0, 0.1, 0.0, 0.0, 0.0)
+    "joint_error_curve:joint=2,lower_rad=-4,upper_rad=1,coefficients=5,c2_rad=1e-3": JointErrorCurve(
+        2, -4.0, 1.0, 5, values=(0.0, 1e-3, 0.0, 0.0, 0.0)
     ),
 }
 REFUSED = {

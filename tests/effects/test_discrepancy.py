@@ -16,14 +16,14 @@ import tomli_w
 from aacmm_pin._support.checks import Array
 from aacmm_pin.accuracy.tip_sensitivity import ErrorSources
 from aacmm_pin.accuracy.volume import accuracy_volume
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm import Arm
+from aacmm_pin.effects import ErrorModel
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.discrepancy import Carrier, Discrepancy, Part
-from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.effects.smooth_functions import MOST_KNOTS, Bumps, Cosines, Moment, Smooth, Waves
 from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError, ArmFileError, MissingConditionError
-from tests.by_pinocchio import placements
+from tests.oracle import placements
 
 TIME = Cosines("time", (0.0, 100.0, 400.0), (0.5, 5.0, 9.5), 10, 2)
 PLACES = Bumps(((0.1, 0.2, 0.3), (-0.3, 0.4, 0.5)), 0.4)

@@ -27,9 +27,7 @@ from scipy.spatial.transform import Rotation
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import MM
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.chain import BASE, axis, end
-from aacmm_pin.arm.file import ArmFile, load_arm_file
+from aacmm_pin.arm import BASE, Arm, ArmFile, axis, end, load_arm_file
 from aacmm_pin.effects import (
     CAUSES,
     BaseCompliance,
@@ -40,6 +38,7 @@ from aacmm_pin.effects import (
     EncoderEllipticity,
     EncoderGain,
     EncoderSlip,
+    ErrorModel,
     JointCompliance,
     JointDistance,
     JointErrorCurve,
@@ -64,12 +63,11 @@ from aacmm_pin.effects import (
 )
 from aacmm_pin.effects.causes import all_candidates
 from aacmm_pin.effects.conditions import COLUMNS, Conditions
-from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.effects.gravity import GravityEffect
 from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError, ArmFileError, MissingConditionError, UnsupportedArmError
 from tests.arm_files import craig
-from tests.by_pinocchio import gravity_moments, placements
+from tests.oracle import gravity_moments, placements
 
 ALL_BODIES = (1, 2, 3, 4, 5, 6)
 

@@ -12,11 +12,12 @@ import pytest
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import MM
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm import Arm
 from aacmm_pin.arm.file import ArmFile, arm_text, load_arm_file
 from aacmm_pin.effects import (
     EncoderEccentricity,
     EncoderGain,
+    ErrorModel,
     JointCompliance,
     JointDistance,
     JointPeriodicError,
@@ -31,7 +32,6 @@ from aacmm_pin.effects import (
     effect_from,
 )
 from aacmm_pin.effects.conditions import Conditions
-from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import (
     AacmmError,
     ArmFileError,

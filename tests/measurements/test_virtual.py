@@ -15,11 +15,12 @@ from scipy.optimize import least_squares
 from scipy.stats import chi2
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm import Arm
 from aacmm_pin.arm.random_postures import MARGIN
 from aacmm_pin.effects import (
     EncoderEccentricity,
     EncoderGain,
+    ErrorModel,
     JointCompliance,
     JointHysteresis,
     ReferenceFrame,
@@ -28,7 +29,6 @@ from aacmm_pin.effects import (
     ThermalExpansion,
     ZeroDrift,
 )
-from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import (
     AacmmError,
     MissingConditionError,

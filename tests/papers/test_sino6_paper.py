@@ -8,8 +8,7 @@ from papers.sino6.misprints import misprints
 from papers.sino6.table2 import reproduce_table2
 from papers.sino6.tables import NominalArm, printed_table1, printed_table2, sino6_nominal
 
-from aacmm_pin.arm import end
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm import Arm, end
 from aacmm_pin.arm.dh import table
 from aacmm_pin.errors import UnsupportedArmError
 

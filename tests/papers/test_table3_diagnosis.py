@@ -31,7 +31,7 @@ from papers.sino6_table3.selection_bias import (
 from papers.sino6_table3.simulated_touches import MEASURED, TouchedSeats, touched_seats
 
 from aacmm_pin.accuracy.parameter_draws import parameter_errors
-from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.effects import ErrorModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.report.document import Paragraph
 from aacmm_pin.report.formats.html import page

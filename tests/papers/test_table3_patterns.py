@@ -21,10 +21,8 @@ from scipy.integrate import quad
 from scipy.stats import chi2, norm
 
 from aacmm_pin.accuracy.single_point import single_point_statistics
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.file import ArmFile
-from aacmm_pin.effects import EncoderEccentricity, EncoderGain, LinkLength
-from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.arm import Arm, ArmFile
+from aacmm_pin.effects import EncoderEccentricity, EncoderGain, ErrorModel, LinkLength
 
 N = 40
 

@@ -21,7 +21,7 @@ from papers.zero_offset import (
 )
 
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm import Arm
 from aacmm_pin.calibration import calibrate
 from aacmm_pin.errors import UnknownNameError
 from aacmm_pin.measurements.records import Measurements

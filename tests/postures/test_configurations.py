@@ -19,10 +19,9 @@ from scipy.spatial import cKDTree
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin.accuracy.workspace import map_caveats, map_workspace
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm import Arm, ArmFile, load_arm_file
 from aacmm_pin.arm.chain import exp, screws
 from aacmm_pin.arm.dh import DHTable
-from aacmm_pin.arm.file import ArmFile, load_arm_file
 from aacmm_pin.arm.limits import broken_limits, into_limits
 from aacmm_pin.errors import AacmmError, ShapeError, UnsupportedArmError
 from aacmm_pin.postures import three_revolutes

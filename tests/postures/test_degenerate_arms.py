@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from aacmm_pin.accuracy.workspace import map_workspace
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.file import load_arm_file
+from aacmm_pin.arm import Arm, load_arm_file
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.postures import solution_curves
 from aacmm_pin.postures.configurations import configuration_circle

@@ -13,7 +13,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm import Arm
 from aacmm_pin.errors import AacmmError, ShapeError, UnsupportedArmError
 from aacmm_pin.postures.general_ik import reaching_postures
 from aacmm_pin.postures.pose_equations import Equations, PoseConditions

@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from by_newton import by_newton, gaps, off_polylines
 
 from aacmm_pin import ReachingPostures, configuration_circle
 from aacmm_pin._support.angles import wrapped
 from aacmm_pin._support.checks import Array
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm import Arm
 from aacmm_pin.postures.general_ik import reaching_postures
+from tests.oracle import by_newton, gaps, off_polylines
 
 TURN = 2 * np.pi
 KEPT = Path(__file__).parents[2] / "urdf"

@@ -12,11 +12,10 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pinocchio as pin
 import pytest
-from by_newton import by_newton, distances
 
 from aacmm_pin._support.angles import spread_angles
 from aacmm_pin._support.checks import Array
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm import Arm
 from aacmm_pin.postures import continuation, newton_search
 from aacmm_pin.postures.continuation import FIRST_STEP
 from aacmm_pin.postures.general_ik import ReachingPostures, reaching_postures
@@ -31,6 +30,7 @@ from aacmm_pin.postures.newton_search import (
 )
 from aacmm_pin.postures.pose_equations import Equations
 from aacmm_pin.postures.solution_curves import MOST_VERTICES
+from tests.oracle import by_newton, distances
 
 SAME = 1e-6  # rad
 

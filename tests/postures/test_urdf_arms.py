@@ -13,7 +13,7 @@ import pytest
 
 from aacmm_pin import accuracy_volume
 from aacmm_pin._support.checks import Array
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm import Arm
 from aacmm_pin.arm.random_postures import random_postures
 
 ARMS = [

@@ -16,7 +16,7 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin._support.compiled import ALWAYS, LARGE_TASK, NEVER, VARIABLE, Twins
 from aacmm_pin.accuracy import zonotope
 from aacmm_pin.accuracy.workspace import map_workspace
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm import Arm
 from aacmm_pin.errors import UnknownNameError
 
 LOOP = """
