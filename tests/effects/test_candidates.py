@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from aacmm_pin._support.checks import Array
@@ -29,6 +30,8 @@ from aacmm_pin.effects import (
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.encoder import LEAST_SPREAD, ORDERS_NEAR, PER_COEFFICIENT
 from aacmm_pin.effects.time_dependent import GAPS_NEAR
+
+pytestmark = pytest.mark.fast
 
 N = 200
 

@@ -9,21 +9,21 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-import pinocchio as pin
 import pytest
 import tomli_w
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin.accuracy.tip_sensitivity import ErrorSources
-from aacmm_pin.accuracy.volume import accuracy_volume
 from aacmm_pin.arm import Arm
 from aacmm_pin.effects import ErrorModel
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.discrepancy import Carrier, Discrepancy, Part
 from aacmm_pin.effects.smooth_functions import MOST_KNOTS, Bumps, Cosines, Moment, Smooth, Waves
 from aacmm_pin.effects.state import State
-from aacmm_pin.errors import AacmmError, ArmFileError, MissingConditionError
-from tests.oracle import placements
+from aacmm_pin.errors import ArmFileError, MissingConditionError
+from tests.oracle import close, gravity_torques, placements
+
+pytestmark = pytest.mark.fast
 
 TIME = Cosines("time", (0.0, 100.0, 400.0), (0.5, 5.0, 9.5), 10, 2)
 PLACES = Bumps(((0.1, 0.2, 0.3), (-0.3, 0.4, 0.5)), 0.4)
@@ -132,12 +132,8 @@ def test_moment_is_the_torque_that_pinocchio_says(
 ) -> None:
     q, conditions = records(sino6, rng)
     state = State(sino6, q, conditions, sino6.chain.tip)
-    data = sino6.model.createData()
-    torques = [pin.computeGeneralizedGravity(sino6.model, data, each)[row - 1] for each in q]
     of = f"joint {row}"
-    np.testing.assert_allclose(
-        Moment(of).values(state)[:, 0], np.negative(torques), rtol=0, atol=1e-9
-    )
+    close(Moment(of).values(state)[:, 0], gravity_torques(sino6, q)[:, row - 1], 1e-9)
     own = np.stack([np.ones(N), np.cos(q[:, row - 1]), np.sin(q[:, row - 1])], axis=1)
     rest = Moment.beyond_own_angle(of, state).values(state)
     np.testing.assert_allclose(own.T @ rest, 0.0, atol=1e-9)
@@ -158,9 +154,7 @@ def test_ranks_are_the_same_at_new_records(rng: np.random.Generator) -> None:
     np.testing.assert_array_equal(ends[[0, 3]], ends[[1, 2]])
 
 
-@pytest.mark.parametrize(
-    "effect", [one("before 3", TIME), one("angle 2", *WAVES), one("lengths"), GEAR, shared()]
-)
+@pytest.mark.parametrize("effect", [one("before 3", TIME), GEAR, shared()])
 def test_arm_file_brings_it_back(
     sino6: Arm, rng: np.random.Generator, tmp_path: Path, effect: Discrepancy
 ) -> None:
@@ -175,11 +169,6 @@ def test_arm_file_brings_it_back(
     assert [p.name for p in again.parameters] == [p.name for p in model.parameters]
     np.testing.assert_allclose(
         again.predict(q, conditions), model.predict(q, conditions), rtol=0, atol=1e-9
-    )
-    np.testing.assert_allclose(
-        accuracy_volume(again, q, conditions=conditions, method="ellipsoid").u,
-        accuracy_volume(model, q, conditions=conditions, method="ellipsoid").u,
-        rtol=1e-6,
     )
     again.save(tmp_path / "again.toml")
     assert (tmp_path / "again.toml").read_bytes() == path.read_bytes()
@@ -220,9 +209,7 @@ ENTRY = {
 }
 TURNED = {"acts_on": "angle 2", "functions": [], "directions": [[1e-5, 2e-5]]}
 MISTAKES: list[tuple[dict[str, object], str, str]] = [
-    ({"values_si": [1e-5]}, "discrepancy[1]", "expected 4 coefficients"),
     ({"values_si": [1e-5, 2e-5, 3e-5, 1.0]}, "discrepancy[1]", "expected at most"),
-    ({"values_si": []}, "discrepancy[1].values_si", "at least 1"),
     ({"standard_uncertainty_si": [1e-6]}, "discrepancy[1]", "expected 4"),
     ({"colour": "red"}, "discrepancy[1].colour", "known here: depends_on"),
     (
@@ -236,11 +223,6 @@ MISTAKES: list[tuple[dict[str, object], str, str]] = [
         "expected room",
     ),
     (
-        {"parts": [{"acts_on": "room", "offset": 1}]},
-        "discrepancy[1].parts[1].offset",
-        "known here: acts_on",
-    ),
-    (
         {"parts": [TURNED, {"acts_on": "room"}], "values_si": [1.0, 0.0]},
         "discrepancy[1]",
         "directions of 3",
@@ -249,12 +231,8 @@ MISTAKES: list[tuple[dict[str, object], str, str]] = [
 ]
 OF_FUNCTIONS: list[tuple[dict[str, object], str]] = [
     ({"kind": "splines"}, "expected tags"),
-    ({"kind": "waves", "of": "time"}, "waves of 'time'"),
-    ({"kind": "waves", "of": "joint 2", "harmonic": 3}, "harmonic: Unexpected"),
     ({"kind": "waves", "of": "joint 2", "order": 0}, "order from 1"),
     ({"kind": "bumps", "centres_si": [[0.0, 0.0, math.inf]], "width_si": 1.0}, "finite"),
-    ({"kind": "bumps", "centres_si": [[0.0, 0.0, 0.0]], "width_si": 0.0}, "width_si above 0"),
-    ({"kind": "bumps", "centres_si": [[0.0, 0.0, "0"]], "width_si": 1.0}, "valid number"),
     (
         {
             "kind": "cosines",
@@ -319,8 +297,3 @@ def test_the_arm_alone_is_without_it(sino6: Arm, tmp_path: Path) -> None:
         Arm.load(tmp_path / "extended.toml"), None, None, np.zeros((1, 6)), None
     )
     assert sources.not_included == ("discrepancy:something on angle 2",)
-
-
-def test_parts_need_directions_of_as_many_parameters() -> None:
-    with pytest.raises(AacmmError, match="directions"):
-        Discrepancy("two", (Part(Carrier("angle 2"), ()), Part(Carrier("angle 3"), ())), 1)
