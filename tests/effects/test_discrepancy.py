@@ -21,7 +21,7 @@ from aacmm_pin.effects.discrepancy import Carrier, Discrepancy, Part
 from aacmm_pin.effects.smooth_functions import MOST_KNOTS, Bumps, Cosines, Moment, Smooth, Waves
 from aacmm_pin.effects.state import State
 from aacmm_pin.errors import ArmFileError, MissingConditionError
-from tests.oracle import close, gravity_torques, placements
+from tests.oracle import close, gravity_torques, placements, with_dh_errors
 
 pytestmark = pytest.mark.fast
 
@@ -112,18 +112,11 @@ def test_tubes_grow_as_longer_ones_do(
     sino6: Arm, rng: np.random.Generator, carrier: str, grow: list[int]
 ) -> None:
     q, conditions = records(sino6, rng)
-    growth = 1e-6
-    effect = Discrepancy("something", (Part(Carrier(carrier), ()),), 1, values=(growth,))
-    assert sino6.file is not None
-    joints = list(sino6.file.joints)
-    for number in grow:
-        row, factor = joints[number], 1.0 + growth
-        joints[number] = row.model_copy(
-            update={"a_mm": row.a_mm * factor, "d_mm": row.d_mm * factor}
-        )
-    longer = Arm.from_file(sino6.file.model_copy(update={"joints": joints}))
-    found = ErrorModel(sino6, [effect]).predict(q, conditions)
-    np.testing.assert_allclose(found, longer.positions(q), rtol=0, atol=1e-12)
+    effect = Discrepancy("something", (Part(Carrier(carrier), ()),), 1, values=(1e-6,))
+    errors = np.zeros((6, 4))
+    errors[grow, :2] = 1e-6 * sino6.dh.values()[grow, :2]
+    longer = with_dh_errors(sino6.file, errors)
+    close(ErrorModel(sino6, [effect]).predict(q, conditions), longer.positions(q))
 
 
 @pytest.mark.parametrize("row", [1, 2, 3, 5])

@@ -66,7 +66,7 @@ from aacmm_pin.effects.conditions import COLUMNS, Conditions
 from aacmm_pin.effects.gravity import GravityEffect
 from aacmm_pin.errors import AacmmError, ArmFileError, MissingConditionError, UnsupportedArmError
 from tests.arm_files import craig
-from tests.oracle import close, gravity_moments, placements, postures, twist_matrix
+from tests.oracle import close, gravity_moments, gravity_torques, placements, postures, twist_matrix
 
 ALL_BODIES = (1, 2, 3, 4, 5, 6)
 
@@ -622,7 +622,7 @@ def test_weights_are_those_of_pinocchio(
     arm, data, still = arms[name], arms[name].model.createData(), Conditions(20)
     q = postures(arm, rng, 20)
     poses, moments = arm.poses(q), gravity_moments(arm, q)
-    holding = np.array([pin.computeGeneralizedGravity(arm.model, data, each).copy() for each in q])
+    holding = -gravity_torques(arm, q)
     centre = np.array([pin.centerOfMass(arm.model, data, each).copy() for each in q])
     assert np.abs(holding).max() > 1.0
     of_stand = np.cross(np.cross(centre, data.mass[0] * arm.gravity), poses.position)
@@ -804,9 +804,7 @@ def test_counterbalance_is_a_weight_on_the_upper_tube(sino6: Arm, q: Array) -> N
         update={"a_mm": 0.0, "d_mm": 0.0, "mass_kg": 1 / 9.81, "com_mm": (0.0, 0.0, 1000.0)}
     )
     weighted = Arm.from_file(sino6.file.model_copy(update={"joints": rows}))
-    data = weighted.model.createData()
-    torque = [-pin.computeGeneralizedGravity(weighted.model, data, each)[1] for each in q]
-    expected = np.array(torque)[:, None] * sino6.poses(q).jacobian[:, :3, 1]
+    expected = gravity_torques(weighted, q)[:, [1]] * sino6.poses(q).jacobian[:, :3, 1]
     close(columns(sino6, Counterbalance(joint=2), q, Conditions(len(q)))[:, :, 0], expected)
 
 

@@ -607,60 +607,36 @@ WORDS = [
 
 
 def random_measurements(rng: np.random.Generator) -> Measurements:
-    """Any columns that may stand together, with awkward labels and gaps; seats and bars as a file
-    must have them.
-    """
-
-    def maybe(values: np.ndarray) -> np.ndarray | None:
-        return values if rng.random() < 0.5 else None
+    """Any columns that may stand together, with awkward labels and gaps."""
+    n, nq = int(rng.integers(8, 40)), int(rng.integers(1, 8))
 
     def labels() -> np.ndarray:
         return np.array(rng.choice(WORDS, size=n), dtype=object)
 
-    n, nq, unknown = int(rng.integers(8, 40)), int(rng.integers(1, 8)), np.full(3, np.nan)
-    reference = rng.normal(size=(n, 3)) * 10.0 ** rng.integers(-6, 2)
-    reference_u = rng.uniform(1e-7, 1e-3, size=(n, 3))
-    reference[rng.random(n) < rng.random()] = unknown
-    reference_u[rng.random(n) < rng.random()] = unknown
-    seat = np.array(
-        [WORDS[i // 2 % len(WORDS)] for i in rng.permutation(n // 2 * 2)] + [""] * (n % 2),
-        dtype=object,
-    )
-    with_bar, arm_temperature = rng.random() < 0.3, rng.random() < 0.5
-    bar, bar_end, bar_length = np.full((2, n), "", dtype=object), None, np.full(n, np.nan)
-    bar, bar_end = bar
-    if with_bar:
-        rows = rng.permutation(n)[:4]
-        bar[rows], bar_end[rows], bar_length[rows] = "2", ["A", "A", "B", "B"], rng.uniform(0.01, 2)
-        seat = np.full(n, "", dtype=object)
-        seat[rows] = ["p", "p", "NA", "NA"]
-    temperature = rng.uniform(-50, 150, size=(n, nq + int(rng.integers(3))))
-    return Measurements.of(
-        rng.uniform(-1, 1, size=(n, nq)) * 10.0 ** rng.integers(-6, 2),
-        maybe(reference),
-        maybe(reference_u),
-        Conditions(
-            n,
-            time=maybe(rng.normal(size=n) * 1e5),
-            temperature=maybe(temperature[:, 0]) if arm_temperature else None,
-            link_temperature=None if arm_temperature else maybe(temperature),
-            approach=maybe(rng.integers(-1, 2, size=(n, nq)).astype(float)),
-            torque=maybe(rng.normal(size=(n, nq))),
-            seat=seat if with_bar else maybe(seat),
-            marker=maybe(labels()),
-            session=maybe(labels()),
-        ),
-        bar=bar if with_bar else None,
-        bar_end=bar_end if with_bar else None,
-        bar_length=bar_length if with_bar else None,
-        bar_length_u=maybe(bar_length * 1e-5) if with_bar else None,
-        operator=maybe(labels()),
-        record=maybe(labels()),
-        extra=pd.DataFrame(
-            {name: labels() for name in ("humidity", "a, b", "größe") if rng.random() < 0.5},
-            index=range(n),
-        ),
-    )
+    def some(columns: dict[str, Any]) -> dict[str, Any]:
+        return {name: values for name, values in columns.items() if rng.random() < 0.6}
+
+    seats = [WORDS[i // 2 % len(WORDS)] for i in rng.permutation(n // 2 * 2)] + [""] * (n % 2)
+    conditions = {
+        "time": rng.normal(size=n) * 1e5,
+        "link_temperature": rng.uniform(-50, 150, size=(n, nq + int(rng.integers(3)))),
+        "approach": rng.integers(-1, 2, size=(n, nq)).astype(float),
+        "torque": rng.normal(size=(n, nq)),
+        "seat": np.array(seats, dtype=object),
+        "marker": labels(),
+        "session": labels(),
+    }
+    columns = {
+        "reference": rng.normal(size=(n, 3)) * 10.0 ** rng.integers(-6, 2),
+        "reference_u": rng.uniform(1e-7, 1e-3, size=(n, 3)),
+        "operator": labels(),
+        "record": labels(),
+        "extra": pd.DataFrame({name: labels() for name in ("humidity", "a, b", "größe")}),
+    }
+    for name in ("reference", "reference_u"):
+        columns[name][rng.random(n) < rng.random()] = np.nan
+    q = rng.uniform(-1, 1, size=(n, nq)) * 10.0 ** rng.integers(-6, 2)
+    return Measurements.of(q, conditions=Conditions(n, **some(conditions)), **some(columns))
 
 
 @pytest.mark.parametrize("seed", range(10))
@@ -690,6 +666,7 @@ def test_units_and_order_of_columns(full: Measurements) -> None:
     with pytest.raises(UnknownNameError, match="'gon'; known: deg, rad"):
         full.to_frame("gon")  # type: ignore[arg-type]
     assert list(full.to_frame().columns) == FULL.splitlines()[0].split(",")
+    assert_same(Measurements.from_frame(full.to_frame()), full)
 
 
 def test_a_saved_file_is_what_another_reader_expects(

@@ -21,7 +21,6 @@ from aacmm_pin.effects import (
     EncoderEccentricity,
     EncoderGain,
     ErrorModel,
-    JointCompliance,
     JointHysteresis,
     ReferenceFrame,
     SeatError,
@@ -34,10 +33,8 @@ from aacmm_pin.errors import (
     MissingConditionError,
     ShapeError,
     UnknownNameError,
-    UnsupportedArmError,
 )
 from aacmm_pin.measurements import schedule as workshop
-from aacmm_pin.measurements.measuring_points import Pool
 from aacmm_pin.measurements.noise import Noise
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.measurements.simulate import simulate_measurements
@@ -174,24 +171,6 @@ def test_the_errors_are_exact(sino6: Arm, warped: ErrorModel, plan: str) -> None
     assert np.median(off) > 1e-4  # or the test above would pass without errors
 
 
-def test_weight_bends_the_arm(sino6: Arm) -> None:
-    """Compliance by Pinocchio's gravity torque, iterated here."""
-    measurements = simulated(
-        ErrorModel(sino6).with_effects(JointCompliance(joint=2, values=(2e-5,))),
-        plan="seats",
-        **quiet(),
-        seats=3,
-    )
-    q, data = measurements.q.copy(), sino6.model.createData()
-    for k, row in enumerate(measurements.q):
-        for _ in range(5):
-            torque = -pin.computeGeneralizedGravity(sino6.model, data, q[k])[1]
-            q[k, 1] = row[1] + 2e-5 * torque
-    np.testing.assert_allclose(
-        sino6.dh.chain.positions(q), measurements.reference, atol=1e-9, rtol=0
-    )  # type: ignore[union-attr]
-
-
 def test_errors_of_references_act_where_these_are_stated(sino6: Arm) -> None:
     shift = np.array([1e-4, -2e-4, 3e-4])
     model = ErrorModel(sino6).with_effects(SeatError(seat="S3", values=tuple(shift)))
@@ -213,15 +192,6 @@ def test_errors_of_references_act_where_these_are_stated(sino6: Arm) -> None:
 
 
 # --- the postures
-
-
-def test_a_stretched_arm_touches_nothing(tmp_path: Path) -> None:
-    arm = Arm.from_urdf(
-        written(tmp_path, ("revolute", "0 0 1", -3.0, 3.0), ("revolute", "0 0 1", -3.0, 3.0)), "tip"
-    )
-    pool = Pool.draw(ErrorModel(arm), None, 2, np.random.default_rng(1))
-    points = np.array([[0.4, 0.0, 0.0], [0.6 - 1e-6, 0.0, 0.0]])
-    assert [len(q) for q in pool.touched(points, 2)] == [2, 0]
 
 
 def test_postures_go_all_round_the_point(sino6: Arm) -> None:
@@ -252,11 +222,6 @@ def test_seats_are_apart_and_clear_of_the_stand_and_the_table(sino6: Arm) -> Non
     assert apart.max() > 0.7
     assert np.hypot(points[:, 0], points[:, 1]).min() >= 0.1
     assert points[:, 2].min() >= 0.1
-    ends = sino6.positions(
-        simulated(sino6, plan="ball-bar", bar_length=0.2, seats=100, **quiet(), above=0.1).q
-    )
-    assert ends[:, 2].min() >= 0.1 - 1e-9
-    assert np.hypot(ends[:, 0], ends[:, 1]).min() >= 0.1 - 1e-9
     free = simulated(sino6, plan="free", **quiet(), above=0.1).reference
     assert free[:, 2].min() >= 0.1
     assert np.hypot(free[:, 0], free[:, 1]).min() >= 0.1
@@ -286,16 +251,6 @@ def test_encoder_noise(sino6: Arm) -> None:
     off, some = noisy.q - exact.q, u > 0
     assert consistent(off[:, some] / u[some])
     assert (off[:, ~some] == 0).all()
-
-
-def test_encoder_noise_reaches_the_tip(arm: Arm) -> None:
-    measurements = simulated(arm, plan="seats", **quiet(encoder=1e-5))
-    off = tips_of(arm, measurements.q) - measurements.reference
-    jacobian = 1e-5 * arm.jacobian(measurements.q)
-    whitened = np.linalg.solve(
-        np.linalg.cholesky(jacobian @ jacobian.transpose(0, 2, 1)), off[:, :, None]
-    )
-    assert consistent(whitened)
 
 
 def test_reference_noise(sino6: Arm) -> None:
@@ -403,20 +358,6 @@ def test_a_seed_is_a_data_set_that_a_file_holds(
     assert read.to_frame()["record"].tolist() == [str(k) for k in range(1, 61)]
 
 
-def test_the_seed_is_told_as_far_as_it_can_be(sino6: Arm) -> None:
-    def source(rng: np.random.Generator) -> str:
-        return simulate_measurements(sino6, "free", 10, rng=rng, **quiet()).source
-
-    used = np.random.default_rng(3)
-    used.random()
-    spawned, legacy = (
-        np.random.default_rng(3).spawn(2)[1],
-        np.random.Generator(np.random.RandomState(3)._bit_generator),
-    )
-    assert source(np.random.default_rng(3)).endswith("seed 3")
-    assert all(source(rng).endswith("seed unknown") for rng in (used, spawned, legacy))
-
-
 # --- what cannot be done
 
 
@@ -482,12 +423,6 @@ def test_arms_of_two_joints(tmp_path: Path) -> None:
     )
     with pytest.raises(AacmmError, match=r"room for [23] seats 50 mm or more apart, expected 10"):
         simulated(stiff, plan="seats")
-    slide = Arm.from_urdf(
-        written(tmp_path, ("prismatic", "1 0 0", 0.0, 1.0), ("revolute", "0 0 1", -3.0, 3.0)), "tip"
-    )
-    slide.limits[0] = (0.0, np.inf)
-    with pytest.raises(UnsupportedArmError, match="joint 1 slides without limits"):
-        simulated(slide, plan="free")
 
 
 def written(folder: Path, *joints: tuple[str, str, float, float]) -> Path:
