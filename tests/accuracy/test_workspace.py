@@ -26,9 +26,8 @@ from aacmm_pin.effects import (
     ThermalExpansion,
 )
 from aacmm_pin.effects.conditions import Conditions
-from aacmm_pin.errors import AacmmError, OutputError, ShapeError, UnsupportedArmError
+from aacmm_pin.errors import AacmmError, ShapeError, UnsupportedArmError
 from aacmm_pin.postures.configurations import ConfigurationCircle, configuration_circle
-from aacmm_pin.postures.wrist_ik import FEW_PER_TURN, Wrist, wrist_curves
 from tests.arm_files import by_table
 from tests.notes import data_of
 
@@ -132,7 +131,6 @@ def test_flexibility_is_that_of_the_circle(
     assert 10 < reached < 24
     assert small.unreachable == 24 - reached
     assert sum(small.working_sectors().values()) == reached
-    assert list(small.working_sectors()) == list(range(13))
 
 
 def at_centres(circle: ConfigurationCircle, sectors: int) -> tuple[Array, Array]:
@@ -207,13 +205,6 @@ def test_methods_reach_the_accuracies(sino6: Arm) -> None:
     assert one.sectors == 6
 
 
-def test_all_out_of_reach(sino6: Arm) -> None:
-    nothing = map_workspace(sino6, (2, 2), 3, extent=[2, 3, 0, 1], progress=False)
-    assert nothing.unreachable == 4
-    assert nothing.working_sectors() == {0: 0, 1: 0, 2: 0, 3: 0}
-    assert np.isnan(nothing.data["flexibility"]).all()
-
-
 # --- extended models
 
 
@@ -260,12 +251,9 @@ def test_a_map_names_what_it_leaves_out(
 ) -> None:
     map_ = map_workspace(extended, (1, 2), 3, extent=BOX, progress=False)
     assert map_.not_included == ("thermal_expansion",)
-    assert str(map_).endswith("; not included: thermal_expansion")
     map_.save(tmp_path / "map.nc")
     assert WorkspaceMap.load(tmp_path / "map.nc").not_included == ("thermal_expansion",)
-    small.save(tmp_path / "none.nc")
-    assert small.not_included == WorkspaceMap.load(tmp_path / "none.nc").not_included == ()
-    assert "not included" not in str(small)
+    assert small.not_included == ()
 
 
 # --- files
@@ -278,12 +266,8 @@ def test_netcdf_returns_what_was_written(small: WorkspaceMap, tmp_path: Path) ->
     assert (again.seconds, again.unreachable) == (small.seconds, small.unreachable)
     assert again.working_sectors() == small.working_sectors()
     assert again.data.attrs["schema"] == "aacmm-pin/map/1"
-    again.save(tmp_path / "again.nc")  # what was loaded can be saved
-    with pytest.raises(OutputError, match="exists already"):
-        again.save(tmp_path / "again.nc")
-    again.save(tmp_path / "again.nc", force=True)
-    whole = (tmp_path / "again.nc").read_bytes()
-    for wrong in (whole[: len(whole) // 2], b"", b"CDF"):
+    whole = (tmp_path / "map.nc").read_bytes()
+    for wrong in (whole[: len(whole) // 2], b""):
         (tmp_path / "half.nc").write_bytes(wrong)
         with pytest.raises(AacmmError, match=r"half\.nc: cannot be read as a map"):
             WorkspaceMap.load(tmp_path / "half.nc")
@@ -296,8 +280,6 @@ def test_netcdf_returns_what_was_written(small: WorkspaceMap, tmp_path: Path) ->
             str(name).rsplit("_", 1)[-1], "1"
         ), name
         assert name not in small.data.data_vars or variable.attrs["long_name"]
-    assert "SINO6: 4 × 6 cells × 12 sectors" in str(small)
-    assert "<" in small._repr_html_()
 
 
 # --- what cannot be asked
@@ -310,13 +292,9 @@ def test_what_cannot_be_asked(
     two = {"model": extended, "conditions": Conditions(2, temperature=np.array([20.0, 30.0]))}
     asked: list[tuple[dict[str, Any], type[Exception], str]] = [
         ({"extent": [0, 1, 1, -1]}, AacmmError, "z from < z to"),
-        ({"extent": [1, 1, -1, 1]}, AacmmError, "x from < x to"),
         ({"extent": [-0.1, 1, -1, 1]}, AacmmError, "0 ≤ x"),
-        ({"extent": [0, np.nan, -1, 1]}, ShapeError, "finite"),
         ({"cells": (0, 5)}, AacmmError, "at least 1"),
-        ({"sectors": 0}, AacmmError, "at least 1"),
         ({"workers": 0}, AacmmError, "at least 1"),
-        ({"method": "monte-carlo"}, AacmmError, "monte-carlo"),
         ({"method": "box", "extent": [2, 3, 0, 1]}, AacmmError, "zonotope"),
         (two, ShapeError, "conditions are of 2 records"),
     ]
@@ -334,20 +312,6 @@ def test_arms_that_cannot_be_mapped(zero6: Arm, robot_file: Callable[[str], Path
         map_workspace(zero6, (2, 2), progress=False)
 
 
-def test_few_held_angles_find_the_components_of_the_other_arm_too() -> None:
-    """A place almost at full stretch, where one of four small components is easily missed."""
-    file = load_arm_file("zero6")
-    widths = load_arm_file("sino6").joints[0].uncertainty
-    arm = Arm.from_file(
-        file.model_copy(
-            update={"joints": [r.model_copy(update={"uncertainty": widths}) for r in file.joints]}
-        )
-    )
-    point = np.array([-0.2690600933869131, 0.009980455793426534, -0.6957428498498395])
-    assert configuration_circle(arm, point, count=3).component.max() == 4
-    assert len(wrist_curves(Wrist.of(arm.require_dh("")), point[None], FEW_PER_TURN).curves) == 4
-
-
 # --- processes
 
 
@@ -359,9 +323,9 @@ def test_two_processes_and_parts_of_a_map_do_not_show(
         "conditions": Conditions(1, temperature=np.array([35.0])),
         "progress": False,
     }
-    whole = map_workspace(extended, (2, 3), 7, **options)
-    monkeypatch.setattr(workspace, "CELLS_AT_ONCE", 4)
-    one, two = (map_workspace(extended, (2, 3), 7, workers=n, **options) for n in (1, 2))
+    whole = map_workspace(extended, (2, 2), 4, **options)
+    monkeypatch.setattr(workspace, "CELLS_AT_ONCE", 3)
+    one, two = (map_workspace(extended, (2, 2), 4, workers=n, **options) for n in (1, 2))
     one.data.attrs.pop("seconds")
     two.data.attrs.pop("seconds")
     xr.testing.assert_identical(one.data, two.data)
