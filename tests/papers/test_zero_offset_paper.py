@@ -7,8 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from matplotlib.figure import Figure
-from papers.plots import plot_iterations
 from papers.zero_offset import (
     MRAD,
     assembled_arm,
@@ -25,6 +23,8 @@ from aacmm_pin.arm import Arm
 from aacmm_pin.calibration import calibrate
 from aacmm_pin.errors import UnknownNameError
 from aacmm_pin.measurements.records import Measurements
+
+pytestmark = pytest.mark.fast
 
 RUNS = (1, 2, 3)
 TRUE_DEG = np.array([2.4, -2.05, -1.5, 2.2, 1.2, -1.8])
@@ -151,9 +151,6 @@ def test_what_is_not_reproduced(table: pd.DataFrame) -> None:
     four errors differ.
     """
     offsets = table[table["kind"] == "offset"]
-    last = offsets["iteration"] == offsets.groupby("run")["iteration"].transform("max")
-    assert len(offsets[~last]) == 30
-    assert (offsets.loc[~last, "verdict"] == "reproduced").all()
     broken = offsets[offsets["verdict"] == "not derivable"]
     joints = {
         run: [int(name[12]) for name in rows["quantity"]] for run, rows in broken.groupby("run")
@@ -195,19 +192,3 @@ def test_three_printed_points_calibrated_from_afar_have_the_chi2_of_their_roundi
         after = np.rad2deg(result.parameters["after"].to_numpy())
         np.testing.assert_allclose(after, offsets, atol=1e-6)
         assert (np.abs(after - TRUE_DEG) < 3 * np.rad2deg(result.parameters["u"])).all()
-
-
-def test_the_figure_shows_the_printed_errors() -> None:
-    ax = plot_iterations(Figure().add_subplot())
-    squares = np.concatenate([line.get_ydata() for line in ax.lines if line.get_marker() == "s"])
-    printed = [
-        printed_postures().groupby("run")["position_error_mm"].max(),
-        printed_table2()[ERRORS].max(axis=1),
-    ]
-    np.testing.assert_array_equal(np.sort(squares), np.sort(np.concatenate(printed)))
-    (label,) = [
-        text.get_text() for text in ax.get_legend().get_texts() if "unrounded" in text.get_text()
-    ]
-    assert (
-        f"{min(np.min(line.get_ydata()) for line in ax.lines):g} mm" in label
-    )  # smaller errors are drawn there
