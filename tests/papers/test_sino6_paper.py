@@ -170,8 +170,6 @@ def test_table_2_is_reproduced_within_one_percent_and_exact_geometry_gives_more(
     assert found.total_variation["exact"] > 0.25
     assert found.mean_flexibility["paper"] == pytest.approx(0.7621, abs=5e-5)
     assert found.mean_flexibility["exact"] == pytest.approx(0.983, abs=5e-4)
-    # Two ways that share no code agree on this histogram, see
-    # tests/postures/test_two_enumerations.py.
     assert found.counts["exact_cells"].tolist() == [0, 0, 0, 0, 0, 3, 0, 28, 0, 55, 0, 156, 2062]
     near = found.cells[found.cells["behind_axis"]]  # the steps find one sector of the whole circle
     assert len(near) > 300

@@ -16,12 +16,10 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin.arm import Arm
 from aacmm_pin.arm.random_postures import random_postures
 
+pytestmark = pytest.mark.fast
+
 ARMS = [
     ("ur3_robot.urdf", "tool0", 6),
-    ("ur3_gripper.urdf", "tool0", 6),
-    ("ur5_robot.urdf", "ee_link", 6),
-    ("ur5_joint_limited_robot.urdf", "tool0", 6),
-    ("ur10_robot.urdf", "tool0", 6),
     ("panda.urdf", "panda_hand_tcp", 7),
     (
         "panda.urdf",
@@ -33,7 +31,6 @@ ARMS = [
     ("xarm7.urdf", "link_eef", 7),
     ("z1.urdf", "gripperStator", 6),
     ("so100.urdf", "gripper", 5),
-    ("so101.urdf", "gripper_frame_link", 5),
 ]
 CONTINUOUS = """\
 <?xml version="1.0"?>
@@ -83,13 +80,9 @@ def test_every_arm_loads_and_has_accuracy(
     q = random_postures(arm, 20, rng)
     expected = by_pinocchio(robot_file(file), frame, list(arm.model.names)[1:], q)
     np.testing.assert_allclose(arm.poses(q).placement, expected, rtol=0, atol=1e-12)
-    rotation, origin = arm.chain.walk(q)
-    np.testing.assert_allclose(rotation[-1], expected[:, :3, :3], rtol=0, atol=1e-12)
-    np.testing.assert_allclose(origin[-1], expected[:, :3, 3], rtol=0, atol=1e-12)
     accuracy = accuracy_volume(arm, q)
     assert (accuracy.u > 0).all()
     assert (accuracy.volume > 0).all()
-    assert accuracy.budget("joint")["share"].sum() == pytest.approx(1.0)
 
 
 def test_continuous_joints_turn_twice_either_way(tmp_path: Path, rng: np.random.Generator) -> None:
@@ -105,14 +98,3 @@ def test_continuous_joints_turn_twice_either_way(tmp_path: Path, rng: np.random.
         q = rng.uniform(*arm.limits.T, (20, 2))
         expected = by_pinocchio(path, "two", ["first", "second"], q)
         np.testing.assert_allclose(arm.poses(q).placement, expected, rtol=0, atol=1e-13)
-
-
-def test_kinova_keeps_the_limits_of_its_other_joints(robot_file: Callable[[str], Path]) -> None:
-    arm = Arm.from_urdf(robot_file("kinova.urdf"), "j2s6s200_end_effector")
-    model = pin.buildModelFromUrdf(str(robot_file("kinova.urdf")))
-    for number in (2, 3, 5):
-        there = model.joints[number].idx_q
-        assert tuple(arm.limits[number - 1]) == (
-            model.lowerPositionLimit[there],
-            model.upperPositionLimit[there],
-        )
