@@ -15,9 +15,9 @@ import pytest
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.compiled import ALWAYS, LARGE_TASK, NEVER, VARIABLE, Twins
 from aacmm_pin.accuracy import zonotope
-from aacmm_pin.accuracy.workspace import map_workspace
-from aacmm_pin.arm import Arm
 from aacmm_pin.errors import UnknownNameError
+
+pytestmark = pytest.mark.fast
 
 LOOP = """
 def add_one(values):
@@ -56,15 +56,6 @@ def of_both(monkeypatch: pytest.MonkeyPatch, work: Any) -> list[Array]:
         monkeypatch.setenv(VARIABLE, way)
         found.append(np.concatenate([np.ravel(part) for part in work()]))
     return found
-
-
-def test_a_map_by_loops(sino6: Arm, monkeypatch: pytest.MonkeyPatch) -> None:
-    def work() -> list[Array]:
-        data = map_workspace(sino6, (3, 4), 5, progress=False).data
-        return [data[name].to_numpy() for name in data.data_vars]
-
-    plain, loop = of_both(monkeypatch, work)
-    np.testing.assert_allclose(loop, plain, rtol=1e-12)
 
 
 def test_volumes_of_zonotopes(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,8 +8,11 @@ from typing import Literal
 
 import numpy as np
 import pandas as pd
+import pytest
 
 from aacmm_pin._support.text_escaping import csv_text
+
+pytestmark = pytest.mark.fast
 
 COLUMNS = {
     "whole": [1, 2, 3],

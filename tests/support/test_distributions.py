@@ -8,6 +8,8 @@ from scipy import stats
 
 from aacmm_pin._support.distributions import chi2_cdf, chi2_isf, chi2_sf, f_isf, f_sf
 
+pytestmark = pytest.mark.fast
+
 DOF = np.array([1.0, 2.0, 3.0, 7.5, 120.0, 4500.0])
 P = np.array([0.9, 0.5, 1e-3, 1e-9, 1e-30])[:, None]
 

@@ -13,6 +13,8 @@ import pytest
 from aacmm_pin._support.output_files import OutputFiles, whole_file
 from aacmm_pin.errors import OutputError
 
+pytestmark = pytest.mark.fast
+
 
 def listing(folder: Path) -> dict[str, str]:
     return {

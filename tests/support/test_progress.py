@@ -15,7 +15,6 @@ import termios
 import textwrap
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,15 +23,15 @@ from tqdm.auto import tqdm
 
 from aacmm_pin import (
     Arm,
-    calibrate,
     circle_accuracy,
     configuration_circle,
     diagnose,
-    plan_measurements,
 )
 from aacmm_pin import simulate_measurements as simulated
 from aacmm_pin._support import progress
 from aacmm_pin._support.progress import bar
+
+pytestmark = pytest.mark.fast
 
 WORK = """
 import time
@@ -133,35 +132,7 @@ def test_long_work_has_bars(bars: list[tuple[str, bool, int]], sino6: Arm) -> No
     assert names[0] == "search for causes"
     assert "held-out blocks" in names
     bars.clear()
-    calibrate(sino6, data, encoder_noise=8e-6)
-    assert [(name, total) for name, _, total in bars] == [
-        ("held-out records", 10),
-        ("held-out blocks", 10),
-    ]
-    bars.clear()
-    plan_measurements(sino6, ("joint_compliance:2", "encoder_eccentricity:2"), 3, postures=40)
-    assert [(name, total) for name, _, total in bars] == [("plan", 3)]
-    bars.clear()
     circle = configuration_circle(sino6, [0.03, -0.67, 0.18], count=5)
     circle_accuracy(circle, method="monte-carlo", rng=np.random.default_rng(1), draws=100)
     circle_accuracy(circle)
     assert [(name, total) for name, _, total in bars] == [("Monte Carlo", 5), ("accuracy", 5)]
-
-
-def test_a_command_at_a_terminal(tmp_path: Path, sino6: Arm) -> None:
-    """The bars of a command are on stderr; stdout has the findings alone."""
-    simulated(sino6, "free", 80, rng=np.random.default_rng(1)).save(tmp_path / "d.csv")
-    code = f"""
-    import sys
-    from aacmm_pin._support import progress
-    progress.DELAY = 0.0
-    from aacmm_pin.cli.root_command import app
-    sys.argv = ["aacmm-pin", "calibrate", "sino6", {str(tmp_path / "d.csv")!r}]
-    sys.argv += ["--encoder-noise-rad", "8e-6", "--json", "-"]
-    app()
-    """
-    out, err, status = on_a_terminal(code)
-    assert status == 0
-    assert out.startswith("{\n")
-    assert out.endswith("}\n")
-    assert re.search(r"held-out blocks: +\d+%", err)
