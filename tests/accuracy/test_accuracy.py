@@ -211,22 +211,6 @@ def test_largest_deviation_bounds_the_real_model(sino6: Arm, rng: np.random.Gene
 # --- sources
 
 
-def test_encoder_noise_enters_covariance_and_ellipsoid_only(sino6: Arm) -> None:
-    q = some(sino6, 3)
-    without, with_noise = accuracy_volume(sino6, q), accuracy_volume(sino6, q, encoder_noise=5e-5)
-    np.testing.assert_allclose(with_noise.volume, without.volume, rtol=1e-12)
-    jacobian = sino6.poses(q).jacobian[:, :3]
-    extra = 25e-10 * jacobian @ jacobian.transpose(0, 2, 1)
-    np.testing.assert_allclose(
-        with_noise.covariance, without.covariance + extra, rtol=1e-9, atol=1e-18
-    )
-    ellipsoids = [
-        accuracy_volume(sino6, q, method="ellipsoid", encoder_noise=u).volume for u in (0.0, 5e-5)
-    ]
-    assert (ellipsoids[1] > ellipsoids[0]).all()
-    assert set(with_noise.budget("kind")["kind"]) == {"a", "d", "alpha", "theta_offset", "encoder"}
-
-
 def test_stated_encoder_noise_is_taken_from_the_file(sino6: Arm) -> None:
     file = load_arm_file("sino6")
     noise = 1e-5 * np.arange(1, 7)

@@ -230,26 +230,6 @@ def test_covariance_with_correlations(calibrated: ErrorModel) -> None:
     np.testing.assert_allclose(result.covariance[0], s @ c @ s.T, rtol=1e-10, atol=1e-20)
 
 
-def test_principal_axes_hold_the_covariance_and_leave_others_alone(calibrated: ErrorModel) -> None:
-    q = postures(calibrated.arm, np.random.default_rng(5), 3)
-    sources = accuracy_volume(calibrated, q, conditions=WARM).sources
-    assert sources.axes is not None
-    np.testing.assert_allclose(sources.axes @ sources.axes.T, sources.correlation, atol=1e-12)
-    s = sources.sensitivity(q, WARM)
-    generators = sources.generators(s)
-    inside = np.array([p.name in TOGETHER for p in sources.parameters])
-    np.testing.assert_array_equal(
-        generators[:, :, ~inside], (s * sources.half_widths)[:, :, ~inside]
-    )
-    c = (
-        np.outer(sources.u, sources.u)[np.ix_(inside, inside)]
-        * sources.correlation[np.ix_(inside, inside)]
-    )
-    block = generators[:, :, inside]
-    expected = 4 * s[:, :, inside] @ c @ s[:, :, inside].transpose(0, 2, 1)
-    np.testing.assert_allclose(block @ block.transpose(0, 2, 1), expected, rtol=1e-9, atol=1e-18)
-
-
 def test_no_correlation_is_independence(extended: ErrorModel) -> None:
     """Zeros off the diagonal, against the same arm with these half-widths, 2 u, as bounds and u."""
     q = postures(extended.arm, np.random.default_rng(5), 3)

@@ -175,36 +175,6 @@ def test_accuracies_are_those_of_the_circle(
         assert volume.min() * 0.99 < float(cell["comprehensive_mm3"]) < volume.max() * 1.01
 
 
-def test_best_and_worst_reach_the_cell_with_their_volume(sino6: Arm, small: WorkspaceMap) -> None:
-    reachable = small.data["reachable"].values.astype(bool) & (
-        small.data["working_sectors"].values > 0
-    )
-    x, z = np.meshgrid(small.data["x_mm"], small.data["z_mm"], indexing="ij")
-    points = np.stack([x, 0 * x, z], axis=-1)[reachable]
-    for kind, number in (
-        ("best", "best_mm3"),
-        ("worst", "worst_mm3"),
-        ("smallest_u", "smallest_u_mm"),
-    ):
-        q = np.radians(small.data[f"{kind}_theta_deg"].values[reachable])
-        np.testing.assert_allclose(sino6.poses(q, "frame5").position * 1e3, points, atol=1e-8)
-        assert ((q >= sino6.limits[:, 0] - 1e-8) & (q <= sino6.limits[:, 1] + 1e-8)).all()
-        result = accuracy_volume(sino6, q, at="frame5")
-        expected = result.volume * 1e9 if number.endswith("mm3") else result.u * 1e3
-        np.testing.assert_allclose(small.data[number].values[reachable], expected, rtol=1e-9)
-
-
-def test_methods_reach_the_accuracies(sino6: Arm) -> None:
-    box = [0.3, 0.7, 0.1, 0.4]
-    one = map_workspace(sino6, (1, 1), 6, extent=box, method="jointwise", progress=False)
-    q = np.radians(one.data["best_theta_deg"].values.reshape(1, 6))
-    np.testing.assert_allclose(sino6.poses(q, "frame5").position[0], [0.5, 0, 0.25], atol=1e-12)
-    volume = accuracy_volume(sino6, q, at="frame5", method="jointwise").volume[0] * 1e9
-    assert float(one.data["best_mm3"][0, 0]) == pytest.approx(volume, rel=1e-9)
-    assert one.data.attrs["method"] == "jointwise"
-    assert one.sectors == 6
-
-
 # --- extended models
 
 

@@ -60,19 +60,16 @@ TABLE_1 = np.array(
 
 
 def test_angles_in_degrees_by_the_suffix_of_their_keys() -> None:
+    pairs = {
+        "alpha_rad = 1.5": f"alpha_deg = {math.degrees(1.5)!r}",
+        "theta_offset_rad = 0.1": f"theta_offset_deg = {math.degrees(0.1)!r}",
+        "alpha_rad = 1e-5": f"alpha_deg = {math.degrees(1e-5)!r}",
+        "encoder_noise_rad = 1e-5": f"encoder_noise_deg = {math.degrees(1e-5)!r}",
+        "limits_rad = [-1.0, 2]": f"limits_deg = [{math.degrees(-1)!r}, {math.degrees(2)!r}]",
+    }
     in_degrees = GOOD
-    for key, radians in {
-        "alpha": "1.5",
-        "theta_offset": "0.1",
-        "alpha_": "1e-5",
-        "encoder_noise": "1e-5",
-    }.items():
-        key, degrees = key.rstrip("_"), math.degrees(float(radians))
-        in_degrees = in_degrees.replace(f"{key}_rad = {radians}", f"{key}_deg = {degrees!r}")
-    in_degrees = in_degrees.replace(
-        "limits_rad = [-1.0, 2]", f"limits_deg = [{math.degrees(-1)!r}, {math.degrees(2)!r}]"
-    )
-    assert in_degrees.count("_deg") == 5
+    for radians, degrees in pairs.items():
+        in_degrees = in_degrees.replace(radians, degrees)
     known, read = (parse_arm_file(text.encode(), "arm.toml") for text in (GOOD, in_degrees))
     np.testing.assert_allclose(read.limits, known.limits, rtol=1e-15)
     for one, other in zip(read.dh_parameters(), known.dh_parameters(), strict=True):

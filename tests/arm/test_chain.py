@@ -115,27 +115,6 @@ def test_a_frame_that_is_no_place(sino6: Arm, robots: list[Arm]) -> None:
         sino6.place("frame9")
 
 
-def test_twists_are_the_table_with_other_values(
-    arm_file: ArmFile, rng: np.random.Generator
-) -> None:
-    """(d, θ) at the axis and (a, α) at the end, of any size, in either convention and in rows
-    without a joint.
-    """
-    arm, dh = Arm.from_file(arm_file), arm_file.dh
-    q, errors = postures(arm, rng, 10), rng.uniform(-0.5, 0.5, size=(10, dh.rows, 4))
-    twists = {}
-    for row in range(1, dh.rows + 1):
-        a, d, alpha, theta = errors[:, row - 1].T
-        zero = np.zeros(10)
-        twists[axis(row)] = np.stack([zero, zero, d, zero, zero, theta], axis=1)
-        twists[end(row if dh.standard else row - 1)] = np.stack(
-            [a, zero, zero, alpha, zero, zero], axis=1
-        )
-    close(
-        arm.chain.walk(q, twists)[1][arm.chain.tip], dh.chain.positions(q, errors.reshape(10, -1))
-    )
-
-
 def test_a_twist_acts_behind_its_place_and_on_all_beyond(
     robots: list[Arm], rng: np.random.Generator
 ) -> None:

@@ -282,11 +282,3 @@ def test_records_without_its_condition_and_outside_its_range(
     (line,) = model.effects[0].validity_notes(conditions)
     assert (line.code, line.data["records"]) == ("outside_fitted_range", outside)
     assert ErrorSources.of(model, None, None, q, None).not_included == (model.effects[0].label,)
-
-
-def test_the_arm_alone_is_without_it(sino6: Arm, tmp_path: Path) -> None:
-    ErrorModel(sino6, [one("angle 2", *WAVES)]).save(tmp_path / "extended.toml")
-    sources = ErrorSources.of(
-        Arm.load(tmp_path / "extended.toml"), None, None, np.zeros((1, 6)), None
-    )
-    assert sources.not_included == ("discrepancy:something on angle 2",)

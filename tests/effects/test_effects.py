@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 from scipy.integrate import solve_ivp
 from scipy.interpolate import make_lsq_spline
 from scipy.linalg import expm
-from scipy.optimize import brentq, root
+from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 from aacmm_pin._support.checks import Array
@@ -206,16 +206,6 @@ def columns(
 def test_every_cause_has_an_example() -> None:
     assert {effect.cause for effect in EXAMPLES} == set(CAUSES)
     assert {type(effect) for effect in EXAMPLES} == set(CAUSES.values())
-
-
-def test_columns_have_names_and_shapes(arms: dict[str, Arm], rng: np.random.Generator) -> None:
-    for (arm, effect), n in itertools.product(cases(arms), (0, 1)):
-        q, conditions, p = postures(arm, rng, n), known(arm, n, rng), len(effect.terms)
-        assert columns(arm, effect, q, conditions).shape == (n, 3, p)
-        assert positions(arm, effect, typical(effect), q, conditions).shape == (n, 3)
-        names = [parameter.name for parameter in effect.parameters()]
-        assert len(names) == len(set(names)) == p
-        assert all(name.startswith(effect.label) for name in names)
 
 
 def test_columns_are_the_derivatives(arms: dict[str, Arm], rng: np.random.Generator) -> None:
@@ -710,27 +700,6 @@ def test_windup_turns_the_rest_about_the_tube(sino6: Arm, q: Array, bodies: Bodi
         close(columns(sino6, TorsionalWindup(link=link), q, Conditions(len(q)))[:, :, 0], expected)
 
 
-def test_base_turns_until_it_carries_the_turned_arm(sino6: Arm, q: Array) -> None:
-    """The turn of the stand, found by SciPy: c times the moment of the arm as it is turned."""
-    c = 1e-3
-    assert sino6.file is not None
-    found = positions(sino6, BaseCompliance(), [c], q, Conditions(len(q)))
-    for k, frames in enumerate(placements(sino6, q)):
-        bodies = Bodies(sino6.file, frames[None])
-        weights = bodies.masses[:, None] * bodies.gravity
-
-        def unbalanced(
-            turn: Array, centres: Array = bodies.centres[0], weights: Array = weights
-        ) -> Array:
-            return np.asarray(
-                turn - c * np.cross(Rotation.from_rotvec(turn).apply(centres), weights).sum(axis=0)
-            )
-
-        turn = root(unbalanced, np.zeros(3), tol=1e-14).x
-        assert np.linalg.norm(turn) < 0.1
-        close(found[k], Rotation.from_rotvec(turn).apply(frames[-1, :3, 3]))
-
-
 @pytest.mark.parametrize("of_links", [False, True], ids=["whole", "links"])
 def test_warmth_is_an_arm_with_longer_lengths(
     of_links: bool, arm_file: ArmFile, rng: np.random.Generator
@@ -898,65 +867,6 @@ def test_unknown_masses_can_be_those_of_the_file(
     assert np.abs(stated).max() > 1.0
     exact = positions(sino6, known_masses, [1e-3], q, still)
     close(exact, positions(sino6, unknown, 1e-3 * moments, q, still))
-
-
-def test_unknown_masses_of_a_table_with_rigid_rows_and_of_the_other_convention(
-    arm_file: ArmFile, rng: np.random.Generator
-) -> None:
-    arm = Arm.from_file(arm_file)
-    if arm.masses is None:
-        return
-    q = postures(arm, rng, 200)
-    moving = tuple(place // 2 for place in arm.chain.moving_axes())
-    joint = moving[1]
-    for known_masses in (JointCompliance(joint=joint), BearingTilt(joint=joint)):
-        unknown = replace(known_masses, bodies=moving[1:], values=(), u=())
-        stated = columns(arm, known_masses, q, Conditions(200)).reshape(-1)
-        free = columns(arm, unknown, q, Conditions(200)).reshape(600, -1)
-        close(free @ np.linalg.lstsq(free, stated, rcond=1e-10)[0], stated)
-
-
-def test_weight_bends_an_arm_alike_in_both_conventions(
-    sino6: Arm, rng: np.random.Generator
-) -> None:
-    """The same arm by both tables, its tubes along d: where bearings are and what bends is no
-    matter of the table.
-    """
-    assert isinstance(sino6.file, ArmFile)
-    rows = [
-        *sino6.file.joints[:-1],
-        sino6.file.joints[-1].model_copy(update={"a_mm": 0.0, "alpha_rad": 0.0}),
-    ]
-    standard = Arm.from_file(sino6.file.model_copy(update={"joints": rows}))
-    # Where the weights are in the frames of the other table, which stand before a and alpha.
-    tilts = Rotation.from_rotvec([[row.alpha_rad, 0.0, 0.0] for row in rows])
-    centres = tilts.apply([row.com_mm for row in rows]) + np.outer(
-        [row.a_mm for row in rows], [1.0, 0.0, 0.0]
-    )
-    other = [
-        row.model_copy(update={"com_mm": tuple(c)})
-        for row, c in zip(craig().joints, centres.tolist(), strict=True)
-    ]
-    modified = Arm.from_file(craig().model_copy(update={"joints": other}))
-    q = rng.uniform(-3.0, 3.0, (50, 6))
-    close(standard.positions(q), modified.positions(q))
-    for effect in (
-        BearingTilt(3),
-        BearingTilt(5),
-        JointCompliance(2),
-        LinkBending(3),
-        LinkBending(5),
-        TorsionalWindup(5),
-    ):
-        there, here = (
-            ErrorModel(arm, (effect.at((1e-5,)),)).predict(q) for arm in (standard, modified)
-        )
-        close(here, there)
-        assert np.abs(here - modified.positions(q)).max() > 1e-8
-    bodies = [
-        [cause.link for (cause,) in LinkBending.candidates(arm)] for arm in (standard, modified)
-    ]
-    assert bodies[0] == bodies[1] != []
 
 
 def test_settled_arm_carries_itself(sino6: Arm, q: Array) -> None:

@@ -276,32 +276,6 @@ def test_the_extended_arm_states_its_noise(found: Table3Diagnosis, tmp_path: Pat
     assert found.noise_beside_dh[2] < 1.2 * found.noise[2]
 
 
-def test_noise_beside_dh_is_a_posterior(found: Table3Diagnosis):
-    """By hand: the likelihood of every DH arm and every size, of spreads and contrasts, averaged
-    over the arms.
-    """
-    dh, noise = found.patterns[DH], found.patterns[NOISE]
-    sizes = np.geomspace(8e-7, 8e-5, 81)
-    posterior = []
-    for size in sizes:
-        second = dh.second[:, :5] + size**2 * noise.second[:, :5]
-        fourth = (
-            dh.fourth[:, :5]
-            + size**4 * noise.fourth[:, :5]
-            + 10 / 3 * dh.second[:, :5] * size**2 * noise.second[:, :5]
-        )
-        variance = 0.25 * (fourth / second**2 - 1) / 50 + 0.15**2
-        off = np.log(MEASURED[:5]) - 0.5 * np.log(second)
-        of_spreads = np.exp(-0.5 * (off**2 / variance + np.log(variance)).sum(axis=1))
-        of_contrasts = found.marked.chance(
-            1.0 - dh.second[:, :5].mean(axis=1) / second.mean(axis=1)
-        )
-        posterior.append(np.mean(of_spreads * of_contrasts))
-    share = np.cumsum(posterior) / np.sum(posterior)
-    expected = np.exp(np.interp([0.025, 0.5, 0.975], share, np.log(sizes)))
-    np.testing.assert_allclose(found.noise_beside_dh, expected, rtol=0.12)
-
-
 def test_gain_on_a_seat_left_out(found: Table3Diagnosis):
     held = found.held_out
     logs = {

@@ -9,11 +9,7 @@ import pytest
 from papers.sino6_table3.evidence import evidence
 from papers.sino6_table3.patterns import (
     Pattern,
-    drawn_values,
-    mixed,
-    of_displacements,
     of_encoder_noise,
-    of_local_noise,
 )
 from papers.sino6_table3.selection_bias import from_mean, log_ratios
 from papers.sino6_table3.simulated_touches import TouchedSeats
@@ -22,7 +18,7 @@ from scipy.stats import chi2, norm
 
 from aacmm_pin.accuracy.single_point import single_point_statistics
 from aacmm_pin.arm import Arm, ArmFile
-from aacmm_pin.effects import EncoderEccentricity, ErrorModel
+from aacmm_pin.effects import ErrorModel
 
 pytestmark = pytest.mark.fast
 
@@ -70,55 +66,6 @@ def test_noise_of_one_joint_is_noise_times_lever():
     pattern = of_encoder_noise(at_one_seat(planar(0.5, 0.3), q), weights=np.array([[2.0, 1.0]]))
     first = np.array([0.8, np.hypot(0.5, 0.3), 0.2])  # distance from the base axis
     assert pattern.second[0, 0] == pytest.approx(np.mean(4 * first**2 + 0.3**2), rel=1e-12)
-
-
-def test_eccentric_encoders_against_brute_force():
-    """Spreads at two seats of a planar arm whose encoders are eccentric, by forward kinematics
-    written here.
-    """
-    rng = np.random.default_rng(3)
-    postures = tuple(rng.uniform(-np.pi, np.pi, (N, 2)) * scale for scale in (1.0, 0.4))
-    seats = TouchedSeats(planar(0.5, 0.3), np.stack(postures))
-    effects = [EncoderEccentricity(joint=1), EncoderEccentricity(joint=2)]
-    draws = 10_000
-    values = drawn_values(effects, np.random.default_rng(4), draws)
-    pattern = of_displacements(seats.sensitivity(effects), values)
-
-    def tips(q: np.ndarray) -> np.ndarray:
-        total = q[..., 0] + q[..., 1]
-        x, y = (
-            0.5 * np.cos(q[..., 0]) + 0.3 * np.cos(total),
-            0.5 * np.sin(q[..., 0]) + 0.3 * np.sin(total),
-        )
-        return np.stack([x, y], axis=-1)
-
-    spreads = np.empty((draws, 2))
-    cosine, sine = (
-        rng.normal(size=(2, draws, 1, 2)) * 1e-4
-    )  # of each joint; 1e-4 is the typical eccentricity
-    for k, q in enumerate(postures):
-        delta = np.cos(q) * cosine + np.sin(q) * sine
-        moved = tips(q + np.arcsin(delta)) - tips(q)
-        spreads[:, k] = np.sqrt(moved.var(axis=1, ddof=1).sum(axis=1))
-    at = [0.05, 0.25, 0.5, 0.75, 0.95]
-    ours = 0.5 * np.log(pattern.second)
-    np.testing.assert_allclose(
-        np.quantile(ours, at, axis=0), np.quantile(np.log(spreads), at, axis=0), atol=0.05
-    )
-    ratio, other = np.diff(ours, axis=1)[:, 0], np.diff(np.log(spreads), axis=1)[:, 0]
-    np.testing.assert_allclose(np.quantile(ratio, at), np.quantile(other, at), atol=0.05)
-
-
-def test_mixture_against_simulated_records(rng: np.random.Generator):
-    seats = at_one_seat(planar(0.8))
-    one, other = (of_local_noise(seats, np.array([[sd]])) for sd in (1e-5, 2e-5))
-    both = mixed(one, other, np.array([0.5, 3.0]))
-    for k, ratio in enumerate((0.5, 3.0)):
-        squares = np.square(
-            1e-5 * rng.normal(size=(200_000, 3)) + ratio * 2e-5 * rng.normal(size=(200_000, 3))
-        ).sum(axis=1)
-        assert both.second[k, 0] == pytest.approx(squares.mean(), rel=0.02)
-        assert both.fourth[k, 0] == pytest.approx(np.square(squares).mean(), rel=0.03)
 
 
 # Evidence ------------------------------------------------------------

@@ -38,7 +38,6 @@ from aacmm_pin.errors import (
 from aacmm_pin.planning import MeasurementPlan
 from aacmm_pin.planning.detection_power import Size, power_of
 from aacmm_pin.planning.measurement_conditions import possible_conditions
-from aacmm_pin.planning.search import Choosing, informing, telling
 from aacmm_pin.report.plan import advice, plan_advice
 from tests.notes import data_of
 
@@ -196,32 +195,6 @@ def test_they_are_with_existing_records_in_an_unknown_frame_and_at_seats(sino6: 
 
 
 # --- the search
-
-
-def test_rank_updates_are_the_inverse(rng: np.random.Generator) -> None:
-    pool, start = rng.normal(size=(30, 3, 7)), np.diag(rng.uniform(1, 2, size=7))
-    choice = Choosing(pool, start)
-    choice.run(5, informing)
-    first = choice.taken[0]
-    gains = [np.linalg.slogdet(start + rows.T @ rows)[1] for rows in pool]
-    assert first == int(np.argmax(gains))
-    np.testing.assert_allclose(
-        informing(Choosing(pool, start)), gains - np.linalg.slogdet(start)[1], rtol=1e-9
-    )
-    choice.drop(choice.taken[2])
-    information = start + sum(pool[k].T @ pool[k] for k in choice.taken)
-    np.testing.assert_allclose(choice.covariance, np.linalg.inv(information), rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(
-        choice.seen, pool @ np.linalg.inv(information), rtol=1e-9, atol=1e-12
-    )
-    assert len(set(choice.taken)) == 4
-    one, other, sizes = np.arange(3, 5), np.arange(5, 6), (Size(np.eye(2)), Size(np.eye(1)))
-    worth = []
-    for rows in pool:
-        covariance = np.linalg.inv(information + rows.T @ rows)
-        both = [np.trace(np.linalg.inv(covariance[np.ix_(c, c)])) for c in (one, other)]
-        worth.append(min(both) + 1e-3 * max(both))
-    np.testing.assert_allclose(telling(one, other, sizes)(choice), worth, rtol=1e-9)
 
 
 def test_a_plan_tells_more_than_chance(sino6: Arm) -> None:

@@ -20,17 +20,14 @@ from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin.accuracy.workspace import map_caveats, map_workspace
 from aacmm_pin.arm import Arm, ArmFile, load_arm_file
-from aacmm_pin.arm.chain import exp, screws
 from aacmm_pin.arm.dh import DHTable
 from aacmm_pin.arm.limits import broken_limits, into_limits
 from aacmm_pin.errors import AacmmError, ShapeError, UnsupportedArmError
-from aacmm_pin.postures import three_revolutes
 from aacmm_pin.postures.configurations import (
     ConfigurationCircle,
     configuration_circle,
     configuration_circles,
 )
-from aacmm_pin.postures.curve_sampling import Components, Sectors, sector_centres
 from aacmm_pin.postures.elbow_swivel import Swivel
 from aacmm_pin.postures.pose_equations import Curve
 from aacmm_pin.postures.wrist_ik import (
@@ -38,7 +35,6 @@ from aacmm_pin.postures.wrist_ik import (
     Wrist,
     reach_of_wrist,
     wrist_curves,
-    wrist_equations,
 )
 from tests.arm_files import by_table, craig, nominal
 from tests.notes import data_of
@@ -343,23 +339,6 @@ def test_components_are_ordered_closed_and_even(
                 ).sum() <= 4  # where the path turns back on itself a chord is shorter
 
 
-def test_theta5_at_rest_changes_the_circle_a_little(sino6: Arm) -> None:
-    turned = configuration_circle(sino6, SEAT, rest=[1.2, -0.4], count=30)
-    np.testing.assert_allclose(
-        turned.q[:, 4:], np.tile([1.2, -0.4], (len(turned), 1)), rtol=0, atol=1e-15
-    )
-    np.testing.assert_allclose(sino6.poses(turned.q, "frame5").position - SEAT, 0.0, atol=1e-12)
-    system = at_wrist(sino6.require_dh(""), SEAT[None], 1.2)
-    starts = np.random.default_rng(4).uniform(-np.pi, np.pi, (150, 4))
-    q, which = solve(system, starts, np.zeros(150, dtype=np.intp))
-    assert len(q) > 100
-    assert not missed(system, turned.components.curves, q, which).any()
-    without = sino6.poses(
-        np.column_stack([turned.q[:, :4], np.zeros((len(turned), 2))]), "frame5"
-    ).position
-    assert 1e-6 < np.linalg.norm(without - SEAT, axis=1).max() < 1e-4  # a5 is 0.037 mm
-
-
 # --- (d) swivel
 
 
@@ -402,23 +381,6 @@ def test_swivel_is_zero_at_the_top_and_right_handed(
     )
 
 
-@pytest.mark.parametrize("name", ["sino6", "zero6"])
-def test_configurations_at_a_swivel_have_it(name: str) -> None:
-    """Also where the elbow's path is small and its swivel changes unevenly along the joints."""
-    arm = Arm.load(name)
-    rng, dh = np.random.default_rng(3), arm.require_dh("")
-    swivel, wrist = Swivel(dh, arm.up), Wrist.of(dh, np.zeros(2))
-    points = np.concatenate([p[:10] for p in clouds_of(arm, rng, 10).values()])
-    curves = wrist_curves(wrist, points, 8).curves
-    components = Components(swivel, wrist_equations(wrist, points), points, curves, wrist)
-    found = Sectors.of(components, np.array([[-np.inf, np.inf]] * arm.nq), 12)
-    q, sector, which = found.q, found.sector, found.point
-    assert len(q) > 500
-    np.testing.assert_allclose(arm.poses(q, "frame5").position, points[which], rtol=0, atol=1e-12)
-    gap = wrapped(swivel.angle(q, points[which]) - sector_centres(12)[sector])
-    np.testing.assert_allclose(gap, 0.0, atol=1e-6)
-
-
 # --- (e) limits
 
 
@@ -442,24 +404,6 @@ def test_angles_are_turned_into_their_limits_by_whole_turns(rng: np.random.Gener
             np.abs(into[there] - (low + high) / 2), nearest[there], atol=1e-8
         )
     assert (np.abs(into_limits(q[:, None], np.array([[-np.inf, np.inf]]))) <= np.pi + 1e-9).all()
-
-
-def test_closed_form_of_three_revolutes(rng: np.random.Generator) -> None:
-    """The angles with which any such chain reached a place are among the candidates; the first two
-    axes may meet.
-    """
-    n = 60
-    b = np.tile(np.eye(4), (3, n, 1, 1))
-    b[:, :, :3, :3] = exp(rng.normal(size=(3 * n, 6)))[:, :3, :3].reshape(3, n, 3, 3)
-    b[:, :, :3, 3] = rng.normal(size=(3, n, 3))
-    b[1, ::3, :3, 3] = 0.0
-    c, angles = rng.normal(size=(n, 3)), rng.uniform(-np.pi, np.pi, (n, 3))
-    place = np.concatenate([c, np.ones((n, 1))], axis=1)[:, :, None]
-    for k in (2, 1, 0):
-        place = b[k] @ screws(angles[:, k], 0.0, 2) @ place
-    found, who = three_revolutes.candidates(*b, c, place[:, :3, 0])
-    gap = np.abs(wrapped(found - angles[who])).max(axis=1)
-    assert max(gap[who == k].min() for k in range(n)) < 1e-5
 
 
 def test_circle_says_which_limits_are_broken(arm: Arm, circles: list[ConfigurationCircle]) -> None:

@@ -1,37 +1,18 @@
-"""Serial arms of example-robot-data: each loads, is where Pinocchio has it, and has an accuracy;
-continuous joints too.
-"""
+"""Continuous joints are where Pinocchio has them, by cosine and sine."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
-from aacmm_pin import accuracy_volume
 from aacmm_pin._support.checks import Array
 from aacmm_pin.arm import Arm
-from aacmm_pin.arm.random_postures import random_postures
 
 pytestmark = pytest.mark.fast
 
-ARMS = [
-    ("ur3_robot.urdf", "tool0", 6),
-    ("panda.urdf", "panda_hand_tcp", 7),
-    (
-        "panda.urdf",
-        "panda_leftfinger",
-        8,
-    ),  # a finger slides, and is a joint of the arm that carries it
-    ("panda.urdf", "panda_rightfinger", 8),  # a mimic, alone
-    ("kinova.urdf", "j2s6s200_end_effector", 6),
-    ("xarm7.urdf", "link_eef", 7),
-    ("z1.urdf", "gripperStator", 6),
-    ("so100.urdf", "gripper", 5),
-]
 CONTINUOUS = """\
 <?xml version="1.0"?>
 <robot name="endless" xmlns:xacro="http://www.ros.org/wiki/xacro">
@@ -65,24 +46,6 @@ def by_pinocchio(path: Path, frame: str, names: list[str], q: Array) -> Array:
         pin.framesForwardKinematics(model, data, there)
         placements.append(data.oMf[number].homogeneous.copy())
     return np.array(placements)
-
-
-@pytest.mark.parametrize(("file", "frame", "joints"), ARMS)
-def test_every_arm_loads_and_has_accuracy(
-    robot_file: Callable[[str], Path], rng: np.random.Generator, file: str, frame: str, joints: int
-) -> None:
-    arm = Arm.from_urdf(
-        robot_file(file), frame, translation_half_width=1e-4, rotation_half_width=2e-4
-    )
-    assert (arm.nq, arm.tip) == (joints, frame)
-    assert np.isfinite(arm.limits).all()
-    assert (arm.limits[:, 1] > arm.limits[:, 0]).all()
-    q = random_postures(arm, 20, rng)
-    expected = by_pinocchio(robot_file(file), frame, list(arm.model.names)[1:], q)
-    np.testing.assert_allclose(arm.poses(q).placement, expected, rtol=0, atol=1e-12)
-    accuracy = accuracy_volume(arm, q)
-    assert (accuracy.u > 0).all()
-    assert (accuracy.volume > 0).all()
 
 
 def test_continuous_joints_turn_twice_either_way(tmp_path: Path, rng: np.random.Generator) -> None:
