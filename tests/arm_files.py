@@ -2,11 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
 from aacmm_pin.arm import Arm, ArmFile, load_arm_file
+
+RIGID: dict[str, object] = {"fixed": True, "limits_rad": None, "encoder_noise_rad": None}
+
+
+def changed(
+    file: ArmFile | str, rows: Mapping[int, Mapping[str, object]] | None = None, **fields: object
+) -> Arm:
+    """The arm of a file, or of a bundled one, with other values in rows (from 1; 0: in each that
+    has a joint) and in fields. Not validated.
+    """
+    file, rows = load_arm_file(file) if isinstance(file, str) else file, rows or {}
+    file = file.model_copy(update=fields)
+    joints = [
+        row.model_copy(update={**({} if row.fixed else rows.get(0, {})), **rows.get(number, {})})
+        for number, row in enumerate(file.joints, start=1)
+    ]
+    return Arm.from_file(file.model_copy(update={"joints": joints}))
 
 
 def nominal() -> ArmFile:

@@ -19,9 +19,10 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin.accuracy.length import length_between
 from aacmm_pin.accuracy.parameter_draws import exact_positions, source_errors
 from aacmm_pin.accuracy.tip_sensitivity import ErrorSources
-from aacmm_pin.arm.file import Covariance, load_arm_file
+from aacmm_pin.arm.file import Covariance
 from aacmm_pin.effects import EncoderEccentricity, LinkBending
 from aacmm_pin.errors import ShapeError
+from tests.arm_files import changed
 
 DRAWS = 20_000
 SAME = 0.03
@@ -38,9 +39,7 @@ def together() -> ErrorModel:
     covariance = Covariance(
         parameters=names, standard_uncertainty_si=u, correlation=((), (0.6,), (-0.5, -0.8))
     )
-    return ErrorModel(
-        Arm.from_file(load_arm_file("sino6").model_copy(update={"covariance": covariance})), EFFECTS
-    )
+    return ErrorModel(changed("sino6", covariance=covariance), EFFECTS)
 
 
 def drawn(

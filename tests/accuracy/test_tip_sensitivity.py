@@ -32,6 +32,7 @@ from aacmm_pin.effects import (
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.errors import AacmmError, ShapeError, UnsupportedArmError
 from aacmm_pin.postures.configurations import configuration_circle
+from tests.arm_files import RIGID, changed
 from tests.oracle import close, postures, with_dh_errors, zonotope_volume
 
 WARM = Conditions(1, temperature=np.array([31.0]))
@@ -53,8 +54,7 @@ def with_covariance(names: tuple[str, ...], u: tuple[float, ...], correlation: A
     """The extended model of an arm of which some parameters are known together."""
     lower = tuple(tuple(float(r) for r in row[:i]) for i, row in enumerate(correlation))
     known = Covariance(parameters=names, standard_uncertainty_si=u, correlation=lower)
-    file = load_arm_file("sino6").model_copy(update={"covariance": known})
-    return ErrorModel(Arm.from_file(file), EFFECTS)
+    return ErrorModel(changed("sino6", covariance=known), EFFECTS)
 
 
 def random_correlation(p: int, rng: np.random.Generator) -> Array:
@@ -124,11 +124,7 @@ def test_exact_positions_are_those_of_models_made_anew(
 
 def test_noise_of_readings_behind_a_rigid_row() -> None:
     """By way of an effect of size zero, and by the arm alone."""
-    file = load_arm_file("sino6")
-    first = file.joints[0].model_copy(
-        update={"fixed": True, "limits_rad": None, "encoder_noise_rad": None}
-    )
-    arm = Arm.from_file(file.model_copy(update={"joints": [first, *file.joints[1:]]}))
+    arm = changed("sino6", {1: RIGID})
     model, q, noise = (
         ErrorModel(arm, (EncoderEccentricity(joint=3),)),
         postures(arm, np.random.default_rng(5), 3),
@@ -401,7 +397,7 @@ def test_an_uncertainty_that_cannot_be_squared_is_none() -> None:
     known = Covariance(
         parameters=("d1", "d3"), standard_uncertainty_si=(1e-300, 1e-6), correlation=((), (0.5,))
     )
-    arm = Arm.from_file(load_arm_file("sino6").model_copy(update={"covariance": known}))
+    arm = changed("sino6", covariance=known)
     sources = accuracy_volume(arm, np.zeros((1, 6))).sources
     names = [parameter.name for parameter in sources.parameters]
     assert "d3" in names

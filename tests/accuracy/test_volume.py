@@ -15,12 +15,13 @@ from scipy.stats import chi2
 from aacmm_pin._support.batches import CHUNK
 from aacmm_pin._support.checks import Array
 from aacmm_pin.accuracy.volume import COVERAGE_FACTOR, COVERED, METHODS, accuracy_volume
-from aacmm_pin.arm import Arm, load_arm_file
+from aacmm_pin.arm import Arm
 from aacmm_pin.effects import ErrorModel, ThermalExpansion
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError
 from aacmm_pin.postures.configurations import configuration_circle
 from tests import arm_files
+from tests.arm_files import changed
 from tests.oracle import derivative, zonotope_volume
 
 SEATS_MM = [
@@ -212,13 +213,8 @@ def test_largest_deviation_bounds_the_real_model(sino6: Arm, rng: np.random.Gene
 
 
 def test_stated_encoder_noise_is_taken_from_the_file(sino6: Arm) -> None:
-    file = load_arm_file("sino6")
-    noise = 1e-5 * np.arange(1, 7)
-    rows = [
-        row.model_copy(update={"encoder_noise_rad": u})
-        for row, u in zip(file.joints, noise, strict=True)
-    ]
-    arm, q = Arm.from_file(file.model_copy(update={"joints": rows})), some(sino6, 2)
+    noise, q = 1e-5 * np.arange(1, 7), some(sino6, 2)
+    arm = changed("sino6", {k + 1: {"encoder_noise_rad": u} for k, u in enumerate(noise)})
     for mine, given in ((None, noise), (0.0, None)):
         found, expected = (
             accuracy_volume(arm, q, encoder_noise=mine),

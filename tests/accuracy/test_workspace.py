@@ -17,7 +17,7 @@ from aacmm_pin.accuracy import workspace
 from aacmm_pin.accuracy.comprehensive_accuracy import configuration_weights
 from aacmm_pin.accuracy.volume import accuracy_volume
 from aacmm_pin.accuracy.workspace import WorkspaceMap, map_caveats, map_workspace
-from aacmm_pin.arm import Arm, load_arm_file
+from aacmm_pin.arm import Arm
 from aacmm_pin.effects import (
     EncoderEccentricity,
     ErrorModel,
@@ -28,7 +28,7 @@ from aacmm_pin.effects import (
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.errors import AacmmError, ShapeError, UnsupportedArmError
 from aacmm_pin.postures.configurations import ConfigurationCircle, configuration_circle
-from tests.arm_files import by_table
+from tests.arm_files import by_table, changed
 from tests.notes import data_of
 
 CELLS, SECTORS = (4, 6), 12
@@ -71,9 +71,7 @@ def test_no_place_that_the_wrist_reaches_is_outside_the_default_box(
     """A tall base carries the shoulder up, and all that is reached with it; what is empty of the
     box is its margin.
     """
-    file = load_arm_file("sino6")
-    joints = [file.joints[0].model_copy(update=change), *file.joints[1:]]
-    arm = Arm.from_file(file.model_copy(update={"joints": joints}))
+    arm = changed("sino6", {1: change})
     q = np.random.default_rng(3).uniform(-np.pi, np.pi, (200_000, 6))
     q[:, 4:] = 0.0
     x, y, z = arm.positions(q, "frame5").T * 1e3
@@ -94,14 +92,9 @@ def test_a_stated_box_says_on_which_sides_it_leaves_out_what_is_reached(sino6: A
 
 
 def test_a_first_axis_beside_that_of_the_base_is_told(sino6: Arm) -> None:
-    joints = sino6.file.joints  # type: ignore[union-attr]
-    file = sino6.file.model_copy(update={"convention": "modified-dh"})  # type: ignore[union-attr]
-    aside = file.model_copy(
-        update={"joints": [joints[0].model_copy(update={"a_mm": 200.0}), *joints[1:]]}
-    )
-    assert [
-        bool(data_of(map_caveats(one), "first_axis_off_z")) for one in (Arm.from_file(aside), sino6)
-    ] == [True, False]
+    aside = changed("sino6", {1: {"a_mm": 200.0}}, convention="modified-dh")
+    assert data_of(map_caveats(aside), "first_axis_off_z")
+    assert not data_of(map_caveats(sino6), "first_axis_off_z")
 
 
 def test_flexibility_is_that_of_the_circle(

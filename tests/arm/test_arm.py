@@ -14,6 +14,7 @@ import pytest
 from aacmm_pin._support.checks import Array
 from aacmm_pin.arm import Arm, ArmFile, load_arm_file
 from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError, UnsupportedArmError
+from tests.arm_files import changed
 from tests.oracle import (
     close,
     derivative,
@@ -105,11 +106,8 @@ def test_perturbed_positions_are_those_of_arms_made_anew(
 def test_masses_and_centres_of_the_chain_give_pinocchios_gravity(
     convention: str, rng: np.random.Generator
 ) -> None:
-    file = load_arm_file("sino6")
-    bare = file.joints[-1].model_copy(update={"mass_kg": None, "com_mm": None})
-    wall = {"convention": convention, "gravity_m_s2": (3.0, -9.0, 1.0)}
-    for rows in (file.joints, [*file.joints[:-1], bare]):
-        arm = Arm.from_file(file.model_copy(update=wall | {"joints": rows}))
+    for bare in ({}, {"mass_kg": None, "com_mm": None}):
+        arm = changed("sino6", {6: bare}, convention=convention, gravity_m_s2=(3.0, -9.0, 1.0))
         q = postures(arm, rng, 20)
         rotation, origin = arm.chain.walk(q)
         assert arm.masses is not None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from aacmm_pin import Arm, ErrorModel
+from aacmm_pin.arm import load_arm_file
 from aacmm_pin.effects import (
     CAUSES,
     BaseCompliance,
@@ -34,6 +35,7 @@ from aacmm_pin.effects.labels import (
 )
 from aacmm_pin.effects.text import stated_cause, text_of
 from aacmm_pin.errors import AacmmError, UnknownNameError
+from tests.arm_files import RIGID, changed
 
 pytestmark = pytest.mark.fast
 
@@ -140,11 +142,9 @@ def test_effects_in_words() -> None:
     assert several == "error curve of joints 1, 2 and 4 and encoder eccentricity of joint 3"
 
 
-def test_a_row_that_no_joint_moves_is_a_row(sino6: Arm) -> None:
-    assert sino6.file is not None
-    rows, fixed = list(sino6.file.joints), {"fixed": True, "limits_rad": None}
-    rows[3], tool = (row.model_copy(update=fixed) for row in (rows[3], rows[5]))
-    arm = Arm.from_file(sino6.file.model_copy(update={"joints": [*rows, tool]}))
+def test_a_row_that_no_joint_moves_is_a_row() -> None:
+    rows = load_arm_file("sino6").joints
+    arm = changed("sino6", {4: RIGID, 7: RIGID}, joints=[*rows, rows[5]])
     several = several_in_words([JointDistance(row) for row in (7, 2, 4, 3)], arm)
     assert (
         several == "distance d of tool row 7, distance d of joints 2 and 3 and distance d of row 4"

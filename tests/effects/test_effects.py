@@ -27,7 +27,7 @@ from scipy.spatial.transform import Rotation
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import MM
-from aacmm_pin.arm import BASE, Arm, ArmFile, axis, end, load_arm_file
+from aacmm_pin.arm import BASE, Arm, ArmFile, axis, end
 from aacmm_pin.effects import (
     CAUSES,
     BaseCompliance,
@@ -65,7 +65,7 @@ from aacmm_pin.effects.causes import all_candidates
 from aacmm_pin.effects.conditions import COLUMNS, Conditions
 from aacmm_pin.effects.gravity import GravityEffect
 from aacmm_pin.errors import AacmmError, ArmFileError, MissingConditionError, UnsupportedArmError
-from tests.arm_files import craig
+from tests.arm_files import RIGID, changed, craig
 from tests.oracle import close, gravity_moments, gravity_torques, placements, postures, twist_matrix
 
 ALL_BODIES = (1, 2, 3, 4, 5, 6)
@@ -138,17 +138,14 @@ def refusal(effect: Effect, arm_name: str) -> str | None:
 
 @pytest.fixture(scope="module")
 def arms(robot_file: Callable[[str], Path]) -> dict[str, Arm]:
-    sino6 = load_arm_file("sino6")
     # A lump at the very end of a tube would be on a kink of the share that is spread over it.
-    rows = [row.model_copy(update={"com_mm": (0.0, 0.0, 10.0)}) for row in sino6.joints]
-    modified = sino6.model_copy(update={"convention": "modified-dh", "joints": rows})
-    wall = load_arm_file("sino6").model_copy(update={"gravity_m_s2": (6.0, -5.0, 6.0)})
+    inside = {0: {"com_mm": (0.0, 0.0, 10.0)}}
     tables = {
         "sino6": Arm.load("sino6"),
-        "sino6-modified": Arm.from_file(modified),
+        "sino6-modified": changed("sino6", inside, convention="modified-dh"),
         "zero6": Arm.load("zero6"),
+        "sino6-wall": changed("sino6", gravity_m_s2=(6.0, -5.0, 6.0)),
     }
-    tables["sino6-wall"] = Arm.from_file(wall)
     return tables | {
         name: Arm.from_urdf(robot_file(file), frame) for name, (file, frame) in ROBOTS.items()
     }
@@ -723,14 +720,11 @@ def test_warmth_is_an_arm_with_longer_lengths(
         of_a = (
             grown if arm_file.convention == "standard-dh" else np.concatenate([[stand], grown[:-1]])
         )
-        longer = [
-            row.model_copy(update={"a_mm": row.a_mm * of_a[i], "d_mm": row.d_mm * grown[i]})
-            for i, row in enumerate(arm_file.joints)
-        ]
-        close(
-            found[k],
-            Arm.from_file(arm_file.model_copy(update={"joints": longer})).positions(q[[k]])[0],
-        )
+        longer = {
+            n: {"a_mm": row.a_mm * a, "d_mm": row.d_mm * d}
+            for n, (row, a, d) in enumerate(zip(arm_file.joints, of_a, grown, strict=True), start=1)
+        }
+        close(found[k], changed(arm_file, longer).positions(q[[k]])[0])
 
 
 def test_warmth_of_one_link_and_of_all(sino6: Arm, q: Array, rng: np.random.Generator) -> None:
@@ -767,12 +761,9 @@ def test_counterbalance_is_a_weight_on_the_upper_tube(sino6: Arm, q: Array) -> N
     """The torque at joint 2 of a mass on axis 3, one metre out; the small offset between the two
     axes is left out.
     """
-    assert sino6.file is not None
-    rows = [row.model_copy(update={"mass_kg": None, "com_mm": None}) for row in sino6.file.joints]
-    rows[1] = rows[1].model_copy(
-        update={"a_mm": 0.0, "d_mm": 0.0, "mass_kg": 1 / 9.81, "com_mm": (0.0, 0.0, 1000.0)}
-    )
-    weighted = Arm.from_file(sino6.file.model_copy(update={"joints": rows}))
+    none = {"mass_kg": None, "com_mm": None}
+    weight = {"a_mm": 0.0, "d_mm": 0.0, "mass_kg": 1 / 9.81, "com_mm": (0.0, 0.0, 1000.0)}
+    weighted = changed("sino6", {0: none, 2: weight})
     expected = gravity_torques(weighted, q)[:, [1]] * sino6.poses(q).jacobian[:, :3, 1]
     close(columns(sino6, Counterbalance(joint=2), q, Conditions(len(q)))[:, :, 0], expected)
 
@@ -802,14 +793,11 @@ def test_counterbalance_before_a_parallel_axis(
 
 def test_a_joint_without_a_body_of_its_own_is_no_candidate() -> None:
     """Its tube is a rigid row of its own behind it, before a parallel axis."""
-    file = craig()
-    second = file.joints[1]
-    own = second.model_copy(update={"a_mm": 0.0, "d_mm": 0.0, "alpha_rad": 0.0})
-    tube = second.model_copy(
-        update={"fixed": True, "limits_rad": None, "encoder_noise_rad": None, "alpha_rad": 0.0}
-    )
-    rows = [file.joints[0], own, tube.model_copy(update={"a_mm": 400.0}), *file.joints[2:]]
-    split = Arm.from_file(file.model_copy(update={"convention": "standard-dh", "joints": rows}))
+    first, second, *others = craig().joints
+    rows = [first, second, second, *others]
+    own = {"a_mm": 0.0, "d_mm": 0.0, "alpha_rad": 0.0}
+    tube = RIGID | {"a_mm": 400.0, "alpha_rad": 0.0}
+    split = changed(craig(), {2: own, 3: tube}, convention="standard-dh", joints=rows)
     assert "counterbalance:2" not in {
         effect.label for variants in all_candidates(split) for effect in variants
     }

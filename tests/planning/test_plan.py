@@ -39,6 +39,7 @@ from aacmm_pin.planning import MeasurementPlan
 from aacmm_pin.planning.detection_power import Size, power_of
 from aacmm_pin.planning.measurement_conditions import possible_conditions
 from aacmm_pin.report.plan import advice, plan_advice
+from tests.arm_files import RIGID, changed
 from tests.notes import data_of
 
 U_READING, U_REFERENCE = 8e-6, 1.2e-5
@@ -342,8 +343,7 @@ def test_what_looks_the_same_on_a_level_mount_needs_another(sino6: Arm) -> None:
         assert (np.abs(one - other).max() < 1e-9 * np.abs(other).max()) == same
     assert abs(plan.model.arm.gravity @ sino6.gravity) < 1e-9
     assert np.linalg.norm(plan.model.arm.gravity) == pytest.approx(9.81)
-    assert sino6.file is not None
-    on_wall = Arm.from_file(sino6.file.model_copy(update={"gravity_m_s2": (0.0, -9.81, 0.0)}))
+    on_wall = changed("sino6", gravity_m_s2=(0.0, -9.81, 0.0))
     assert planned(on_wall, split).set_up == ()
     contained = planned(sino6, ("counterbalance:2", "encoder_eccentricity:2"))
     assert (
@@ -507,10 +507,7 @@ def test_what_cannot_be_is_refused(sino6: Arm, zero6: Arm) -> None:
     ):
         with pytest.raises(AacmmError, match=said):
             planned(sino6, (one, other))
-    assert sino6.file is not None
-    rows = list(sino6.file.joints)
-    rows[3] = rows[3].model_copy(update={"fixed": True, "limits_rad": None})
-    rigid = Arm.from_file(sino6.file.model_copy(update={"joints": rows}))
+    rigid = changed("sino6", {4: RIGID})
     warm = ErrorModel(sino6, (ThermalExpansion(values=(2e-5,)),))
     q, tips = Room(sino6).postures(5, np.random.default_rng(1))
     cases: list[tuple[type[AacmmError], str, Any, Any, dict[str, Any]]] = [

@@ -36,7 +36,7 @@ from aacmm_pin.postures.wrist_ik import (
     reach_of_wrist,
     wrist_curves,
 )
-from tests.arm_files import by_table, craig, nominal
+from tests.arm_files import RIGID, by_table, changed, craig, nominal
 from tests.notes import data_of
 
 System = Callable[[Array, Index], tuple[Array, Array]]
@@ -358,7 +358,7 @@ def own_swivel(elbow: Array, shoulder: Array, point: Array, up: Array) -> Array:
 def test_swivel_is_zero_at_the_top_and_right_handed(
     name: str, gravity: tuple[float, float, float]
 ) -> None:
-    arm = Arm.from_file(ARMS[name]().model_copy(update={"gravity_m_s2": gravity}))
+    arm = changed(ARMS[name](), gravity_m_s2=gravity)
     shoulder = np.array([0.0, 0.0, 0.09985 if name == "zero6" else 0.0])
     up = -np.array(gravity) / np.linalg.norm(gravity)
     point = shoulder + np.array([0.35, -0.3, 0.25])
@@ -471,9 +471,9 @@ def test_reach_is_what_brute_force_reaches(arm: Arm) -> None:
 
 def with_long_fifth_row(length_mm: float) -> Arm:
     """SINO6 of five joints, whose last link carries the tip."""
-    file = load_arm_file("sino6")
-    fifth = file.joints[4].model_copy(update={"a_mm": length_mm, "limits_rad": (0.5, 2.0)})
-    return Arm.from_file(file.model_copy(update={"joints": [*file.joints[:4], fifth]}))
+    five = load_arm_file("sino6").joints[:5]
+    five[4] = five[4].model_copy(update={"a_mm": length_mm, "limits_rad": (0.5, 2.0)})
+    return changed("sino6", joints=five)
 
 
 def test_a_held_joint_that_moves_the_point_is_named(sino6: Arm) -> None:
@@ -531,17 +531,13 @@ def test_what_cannot_be_asked(sino6: Arm) -> None:
 def test_arms_that_lack_what_is_needed(robot_file: Callable[[str], Path]) -> None:
     with pytest.raises(UnsupportedArmError, match="DH table"):
         configuration_circle(Arm.from_urdf(robot_file("ur5_robot.urdf"), "ee_link"), SEAT)
-    file = load_arm_file("sino6")
-    bare = Arm.from_file(file.model_copy(update={"stylus": None}))
     with pytest.raises(UnsupportedArmError, match="stylus"):
-        configuration_circle(bare, SEAT, tip=True, axis=[0, 0, 1])
-    four = Arm.from_file(file.model_copy(update={"joints": file.joints[:4]}))
+        configuration_circle(changed("sino6", stylus=None), SEAT, tip=True, axis=[0, 0, 1])
+    four = changed("sino6", joints=load_arm_file("sino6").joints[:4])
     with pytest.raises(UnsupportedArmError, match=r"SINO6: .*has 4 joints in 4 rows"):
         configuration_circle(four, SEAT)
-    fixed = {"fixed": True, "limits_rad": None, "encoder_noise_rad": None}
-    rows = [row.model_copy(update=fixed) if n == 2 else row for n, row in enumerate(file.joints)]
     with pytest.raises(UnsupportedArmError, match=r"SINO6: .*joint"):
-        configuration_circle(Arm.from_file(file.model_copy(update={"joints": rows})), SEAT)
+        configuration_circle(changed("sino6", {3: RIGID}), SEAT)
 
 
 # --- (h) the tip with a given stylus axis
@@ -655,12 +651,7 @@ def test_wrist_joints_rest_inside_their_limits(sino6: Arm) -> None:
 
 def limited(name: str, joint: int, lower_deg: float, upper_deg: float) -> Arm:
     """A bundled arm with other limits of a joint; 0 for all of them."""
-    file, limits = load_arm_file(name), tuple(np.radians([lower_deg, upper_deg]).tolist())
-    rows = [
-        row if row.fixed or joint not in (0, n) else row.model_copy(update={"limits_rad": limits})
-        for n, row in enumerate(file.joints, start=1)
-    ]
-    return Arm.from_file(file.model_copy(update={"joints": rows}))
+    return changed(name, {joint: {"limits_rad": tuple(np.radians([lower_deg, upper_deg]))}})
 
 
 @pytest.mark.parametrize(
@@ -696,7 +687,7 @@ def test_flexibility_is_that_of_dense_samples(
 @pytest.mark.parametrize(("axis", "sign"), [(0, 1.0), (1, -1.0), (2, 1.0), (2, -1.0)])
 def test_swivel_straight_above_and_below_the_shoulder_in_any_mount(axis: int, sign: float) -> None:
     gravity = tuple((9.81 * sign * np.eye(3)[axis]).tolist())
-    arm = Arm.from_file(load_arm_file("sino6").model_copy(update={"gravity_m_s2": gravity}))
+    arm = changed("sino6", gravity_m_s2=gravity)
     for side in (0.5, -0.5):
         circle = configuration_circle(arm, side * np.eye(3)[axis], count=72)
         turned = np.unwrap(circle.swivel[circle.component == 1])
@@ -711,17 +702,15 @@ def test_a_map_says_what_it_does_not_stand_for(sino6: Arm) -> None:
     assert data_of(map_caveats(limited("sino6", 5, 17, 180)), "joints_held") == [
         {"joints": "joint 5 at 17°"}
     ]
-    wall = load_arm_file("sino6").model_copy(update={"gravity_m_s2": (9.81, 0.0, 0.0)})
-    assert map_caveats(Arm.from_file(wall))[0].code == "gravity_off_first_axis"
+    wall = changed("sino6", gravity_m_s2=(9.81, 0.0, 0.0))
+    assert map_caveats(wall)[0].code == "gravity_off_first_axis"
 
 
 def test_long_and_short_curves_traced_together_are_found_once() -> None:
     """Two places at once: what is found at the one may not depend on the length of the curves at
     the other.
     """
-    dh = Arm.from_file(
-        load_arm_file("sino6").model_copy(update={"convention": "modified-dh"})
-    ).require_dh("")
+    dh = changed("sino6", convention="modified-dh").require_dh("")
     wrist, rng = Wrist.of(dh, np.zeros(2)), np.random.default_rng(2)
     hard = [
         [-0.5613270715600934, 0.2105439318645954, -1.1109481019553742],
