@@ -11,8 +11,6 @@ from aacmm_pin.arm import Arm
 from aacmm_pin.arm.dh import table
 from aacmm_pin.errors import UnsupportedArmError
 
-pytestmark = pytest.mark.fast
-
 MM = 1e-3
 L2, L3, D3, D5 = 60.7309 * MM, 53.10897 * MM, 700.95392 * MM, 500.2211 * MM
 # Written out here once more, so that the truth of these tests does not come from the code under

@@ -32,8 +32,6 @@ from aacmm_pin import simulate_measurements as simulated
 from aacmm_pin._support import progress
 from aacmm_pin._support.progress import bar
 
-pytestmark = pytest.mark.fast
-
 WORK = """
 import time
 from aacmm_pin._support import progress

@@ -15,8 +15,6 @@ from aacmm_pin._support import workers
 from aacmm_pin.errors import AacmmError
 from tests.process_group import outlived
 
-pytestmark = pytest.mark.fast
-
 FOR_EVER = "import time; from aacmm_pin._support import workers\n"
 FOR_EVER += (
     "with workers.results(time.sleep, [60, 60], 2) as r: print('begun', flush=True); list(r)"
