@@ -16,6 +16,8 @@ from aacmm_pin.effects import (
 )
 from aacmm_pin.effects.error_model import ErrorModel
 
+pytestmark = pytest.mark.fast
+
 DRAWS = 30_000
 WITHIN = 5 * np.sqrt(2.0 / DRAWS)
 """Five standard uncertainties of a variance from as many normal draws, relative; bounded draws

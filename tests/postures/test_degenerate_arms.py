@@ -17,6 +17,8 @@ from aacmm_pin.report.json_summaries import map_summary
 from tests.arm_files import by_table
 from tests.notes import data_of
 
+pytestmark = pytest.mark.fast
+
 H = 90.0
 # a, d [mm] and alpha [°] of each row
 ROWS = {
