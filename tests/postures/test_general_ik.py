@@ -4,7 +4,7 @@ against Pinocchio's Newton.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
@@ -13,9 +13,21 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from aacmm_pin._support.angles import spread_angles
 from aacmm_pin._support.checks import Array
 from aacmm_pin.arm import Arm
+from aacmm_pin.postures import continuation, newton_search
+from aacmm_pin.postures.continuation import FIRST_STEP
 from aacmm_pin.postures.general_ik import ReachingPostures, reaching_postures
+from aacmm_pin.postures.newton_search import (
+    ENOUGH,
+    ROUND,
+    Isolated,
+    SelfMotion,
+    search,
+)
+from aacmm_pin.postures.pose_equations import Equations
+from aacmm_pin.postures.solution_curves import MOST_VERTICES
 from tests.oracle import by_newton, distances
 
 SAME = 1e-6  # rad
@@ -231,3 +243,149 @@ def test_an_arm_with_five_joints(
 
 
 # --- the search, on equations whose solutions are known
+
+
+System = Callable[[Array], tuple[Array, Array]]
+
+
+SYSTEMS: list[System] = []
+
+
+@pytest.fixture
+def in_python(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """The loops as Python runs them, with the equations of :data:`SYSTEMS` in place of an arm's."""
+
+    def linearise(links: Array, _: bool, q: Array, space: tuple[Array, ...]) -> float:
+        f, jacobian = SYSTEMS[int(links[0, 0, 0])](q)
+        space[0][:, -1], space[0][:, :-1] = f, jacobian
+        return float(np.abs(f).max())
+
+    monkeypatch.setattr(continuation, "linearise", linearise)
+    for loop in (
+        continuation.EVALUATE,
+        continuation.POLISH,
+        continuation.TRACE,
+        continuation.ON_CURVE,
+    ):
+        monkeypatch.setitem(vars(loop), "compiled", loop.loop)
+    with np.errstate(all="ignore"):
+        yield
+
+
+def solved(system: System, count: int) -> Equations:
+    SYSTEMS.append(system)
+    return Equations(np.full((1, 4, 4), len(SYSTEMS) - 1.0), np.zeros((1, 3)), count)
+
+
+def apart(*each: Callable[[float], tuple[float, float]], joints: int) -> Equations:
+    """Equations of one angle each, value and derivative; further angles are free."""
+
+    def system(q: Array) -> tuple[Array, Array]:
+        values, jacobian = np.zeros(len(each)), np.zeros((len(each), joints))
+        for k, equation in enumerate(each):
+            values[k], jacobian[k, k] = equation(q[k])
+        return values, jacobian
+
+    return solved(system, len(each))
+
+
+def cosine(of: float, times: int = 1) -> Callable[[float], tuple[float, float]]:
+    return lambda q: (np.cos(times * q) - of, -times * np.sin(times * q))
+
+
+@pytest.mark.usefixtures("in_python")
+def test_all_single_solutions_and_how_often() -> None:
+    """Two of each angle; some of them nearly coincide; behind the last that was new nothing new
+    came.
+    """
+    for a, b in ((1.0, 2.0), (1.0, 0.004)):
+        system = apart(cosine(np.cos(a)), cosine(np.cos(b)), joints=2)
+        finds = Isolated(system, q=np.empty((0, 2)))
+        found = search(finds, 2)
+        assert_same(finds.q, np.array([[i * a, j * b] for i in (1, -1) for j in (1, -1)]))
+        starts = spread_angles(newton_search.MOST_STARTS, 2)[: found.starts]
+        q, good = system.polish(starts, np.zeros(found.starts, np.intp))
+        which = distances(q[good], finds.q).argmin(axis=1)
+        assert found.arrived == good.sum()
+        assert found.hits == tuple(np.bincount(which, minlength=4))
+        assert not found.ended | found.degenerate | (finds.families > 0)
+        if b == 2.0:  # else neighbours are looked for, and found, beside one another
+            assert found.since_new == found.arrived - 1 - max(
+                np.flatnonzero(which == k)[0] for k in range(4)
+            )
+        assert found.starts % ROUND == 0
+        assert found.since_new >= ENOUGH
+        assert found.unseen == 3.0 / found.since_new
+
+
+@pytest.mark.usefixtures("in_python")
+def test_starts_that_stall_beside_a_solution() -> None:
+    """Equations that miss a double solution by 1e-6, and by 1e-4; solutions of order two are
+    single.
+    """
+    for missed, there in ((1e-6, True), (1e-4, False)):
+        system = apart(cosine(1.0 + missed), cosine(0.5), joints=2)
+        found = search(Isolated(system, q=np.empty((0, 2))), 2)
+        assert (found.arrived, found.stalled > 0) == (0, there)
+    finds = Isolated(apart(cosine(1.0), cosine(0.5), joints=2), q=np.empty((0, 2)))
+    found = search(finds, 2)
+    assert (
+        distances(finds.q, np.array([[0.0, np.pi / 3], [0.0, -np.pi / 3]])).min(axis=1).max() < 1e-5
+    )
+    assert (len(finds.q), finds.families, sum(found.hits)) == (2, 0, found.arrived)
+
+
+@pytest.mark.usefixtures("in_python")
+def test_families_of_solutions_are_no_single_ones() -> None:
+    """An angle that no equation has: everything arrives at a family, of which the first is kept."""
+
+    def nothing(q: float) -> tuple[float, float]:
+        return 0.0 * q, 0.0 * q
+
+    finds = Isolated(apart(cosine(0.5), nothing, joints=2), q=np.empty((0, 2)))
+    found = search(finds, 2)
+    assert (len(finds.q), found.hits, found.degenerate) == (0, (), True)
+    assert finds.families == found.arrived > 0
+    assert finds.family is not None
+    assert abs(finds.family[0]) == pytest.approx(np.pi / 3)
+    for wider in (
+        Isolated(apart(cosine(0.5), cosine(0.2), nothing, joints=3), q=np.empty((0, 3))),
+        SelfMotion(apart(cosine(0.5), nothing, joints=3)),
+    ):
+        found = search(wider, 3)
+        assert (wider.families, found.hits) == (found.arrived, ())
+
+
+@pytest.mark.usefixtures("in_python")
+def test_closed_curves_and_how_often() -> None:
+    """Straight, round a free angle: four of them."""
+    finds = SelfMotion(apart(cosine(0.5), cosine(-0.2), joints=3))
+    found = search(finds, 3)
+    assert len(finds.curves) == len(found.hits) == 4
+    assert sum(found.hits) == found.arrived
+    assert min(found.hits) > found.arrived / 8
+    assert not found.ended | (finds.families > 0)
+    for curve in finds.curves:
+        assert curve.closed
+        assert np.abs(np.ptp(curve.q[:, 2]) - 2 * np.pi) < 0.2
+
+
+@pytest.mark.usefixtures("in_python")
+@pytest.mark.parametrize("gap", [1e-2, 1e-6])
+def test_a_trace_stays_on_its_side_of_a_narrow_gap(gap: float) -> None:
+    """``cos a + cos b = gap`` nearly crosses itself where one angle is 0 and the other π; its four
+    sides are one curve.
+    """
+
+    def system(q: Array) -> tuple[Array, Array]:
+        return np.cos(q).sum(keepdims=True) - gap, -np.sin(q)[None]
+
+    start = np.array([[np.arccos(gap / 2)] * 2, [np.arccos(gap - np.cos(0.3)), 0.3]])
+    for begin in start:
+        curve, _ = solved(system, 1).trace(begin, 0, MOST_VERTICES)
+        assert curve.closed
+        assert np.linalg.norm(curve.q[1] - curve.q[0]) == pytest.approx(
+            FIRST_STEP, rel=1e-4
+        )  # no leap as over a crossing
+        assert np.abs(curve.q).sum(axis=1).max() < np.pi
+        assert set(map(tuple, np.sign(curve.q).astype(int))) >= {(1, 1), (1, -1), (-1, 1), (-1, -1)}
