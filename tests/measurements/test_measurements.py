@@ -257,6 +257,9 @@ def test_a_file_that_is_no_table(tmp_path: Path) -> None:
 
 # header, number of joints of the arm or None, column, what the answer must name
 HEADERS: list[tuple[str, int | None, str, str]] = [
+    ("theta1_deg,temperature_c,temperature1_c", None, "temperature_c", "beside temperature1_c"),
+    ("theta1_deg,theta2_deg,temperature1_c", None, "temperature1_c", "2 or more"),
+    ("theta1_rad,theta2_rad", 1, "theta1_rad … theta2_rad", "the arm has 1; expected theta1_rad"),
     ("theta1_deg,seat,seat", None, "seat", "2 times"),
     ("a,b,x_mm", None, "", "'a', 'b', 'x_mm'"),
     ("theta1_deg,theta3_deg", None, "theta1_deg … theta3_deg", "theta2_deg is missing"),

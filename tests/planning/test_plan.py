@@ -310,6 +310,7 @@ def test_causes_that_do_the_same_or_nothing(rng: np.random.Generator) -> None:
 
 def test_postures_alone_are_asked_for_where_they_do(sino6: Arm) -> None:
     plan = planned(sino6, PAIR)
+    assert plan.summary()["power"]["after"]["T"] == [plan.after.one, plan.after.other]
     assert plan.set_up == ()
     assert not plan.changes_arm
     assert plan.decided
