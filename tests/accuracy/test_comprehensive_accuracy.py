@@ -20,7 +20,7 @@ pytestmark = pytest.mark.fast
 LEVEL = np.array([0.6, -0.8, 0.0])  # on the horizon: theta3k is a right angle
 
 
-def test_weights_by_hand() -> None:
+def test_weights_by_hand():
     """x = 90°, 60°, 0°, 30° from the preferred 90°; Σx = 180°; c = (1 - x/180°)/3."""
     theta3 = np.radians([0.0, -150.0, 90.0, 120.0])
     expected = np.array([1 - 90 / 180, 1 - 60 / 180, 1.0, 1 - 30 / 180]) / 3
@@ -41,7 +41,7 @@ def test_weights_by_hand() -> None:
     assert np.isnan(comprehensive_accuracy(np.empty(0), np.empty(0), LEVEL))
 
 
-def test_the_elevation_sets_the_preferred_angle() -> None:
+def test_the_elevation_sets_the_preferred_angle():
     """z is drawn downward in the paper: a point 45° above the horizon of the base prefers 45°, one
     below 135°.
     """
@@ -50,7 +50,7 @@ def test_the_elevation_sets_the_preferred_angle() -> None:
     np.testing.assert_allclose([preferred_theta3(point) for point in points], expected, atol=1e-15)
 
 
-def test_what_weights_have_in_common(rng: np.random.Generator) -> None:
+def test_what_weights_have_in_common(rng):
     for n in (1, 2, 3, 12, 50):
         theta3, point = rng.uniform(-20, 20, n), rng.normal(size=3)
         weights = configuration_weights(theta3, point)
@@ -71,7 +71,7 @@ def test_what_weights_have_in_common(rng: np.random.Generator) -> None:
 # --- one point
 
 
-def test_parts_add_up_to_the_whole(rng: np.random.Generator) -> None:
+def test_parts_add_up_to_the_whole(rng):
     """(n - 1) σ² = g ψ_g² + (n - g) ψ_r²: both parts are judged by the mean of all records."""
     for n in (2, 5, 50):
         points = rng.normal(size=(n, 3)) * [1e-5, 3e-5, 2e-4] + [0.1, -0.7, 0.2]
@@ -89,7 +89,7 @@ def test_parts_add_up_to_the_whole(rng: np.random.Generator) -> None:
         assert none.rest == pytest.approx(np.sqrt((n - 1) / n) * alone.sigma)
 
 
-def test_a_point_by_hand() -> None:
+def test_a_point_by_hand():
     """Distances 1, 1, 2, 2 from the mean: σ² = 10/3, ψ of the first two 1, of the others 2."""
     points = 1e-5 * np.array([[1.0, 0, 0], [-1, 0, 0], [0, 2, 0], [0, -2, 0]])
     result = single_point_statistics(points, [True, True, False, False])
@@ -99,7 +99,7 @@ def test_a_point_by_hand() -> None:
     assert str(single_point_statistics(points)) == "4 records, spread 0.0183 mm"
 
 
-def test_what_cannot_be_used() -> None:
+def test_what_cannot_be_used():
     three = np.zeros((3, 3))
     for points, part, words in (
         (np.zeros((1, 3)), None, "1 records, expected at least 2"),

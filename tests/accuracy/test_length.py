@@ -58,9 +58,7 @@ def drawn(
 
 
 @pytest.mark.parametrize("kind", ["arm", "together"])
-def test_lengths_are_as_uncertain_as_draws_say(
-    kind: str, sino6: Arm, rng: np.random.Generator
-) -> None:
+def test_lengths_are_as_uncertain_as_draws_say(kind, sino6, rng):
     model = sino6 if kind == "arm" else together()
     qa, qb = rng.uniform(*sino6.limits.T, (2, 2, 6))
     for k, noise in enumerate((5e-5, 0.0) if kind == "arm" else (5e-5,)):
@@ -68,7 +66,7 @@ def test_lengths_are_as_uncertain_as_draws_say(
         assert u[k] == pytest.approx(drawn(model, (qa[[k]], qb[[k]]), noise, rng), rel=SAME)
 
 
-def test_what_turns_both_ends_leaves_their_distance(sino6: Arm, rng: np.random.Generator) -> None:
+def test_what_turns_both_ends_leaves_their_distance(sino6, rng):
     """Two touches that differ in joint 1 alone: only the noise of the readings is left of what acts
     above that joint.
     """
@@ -84,7 +82,7 @@ def test_what_turns_both_ends_leaves_their_distance(sino6: Arm, rng: np.random.G
     assert abs((s[1] - s[0]) @ e) < 1e-12 < abs(s[0] @ e)
 
 
-def test_pairs_of_postures_at_two_points(sino6: Arm) -> None:
+def test_pairs_of_postures_at_two_points(sino6):
     a, b = (configuration_circle(sino6, np.array([0.4, y, 0.3]), count=24) for y in (0.0, 0.3))
     length = length_between(a, b, sino6, 1e-5)
     assert length.length == pytest.approx(0.3, rel=1e-12)
@@ -97,7 +95,7 @@ def test_pairs_of_postures_at_two_points(sino6: Arm) -> None:
     assert length.u.max() < 2 * circle_accuracy(a, encoder_noise=1e-5).u.max()
 
 
-def test_no_length_without_two_points(sino6: Arm) -> None:
+def test_no_length_without_two_points(sino6):
     q = np.full((2, 6), 0.3)
     with pytest.raises(AacmmError, match="apart"):
         length_uncertainty(sino6, q, q)

@@ -25,7 +25,7 @@ scatter less.
 """
 
 
-def test_what_is_known_together_is_drawn_together(sino6: Arm, rng: np.random.Generator) -> None:
+def test_what_is_known_together_is_drawn_together(sino6, rng):
     """d2 and d4 are known nearly as their sum alone, and the eccentricity together with d3."""
     assert sino6.file is not None
     known = Covariance(
@@ -55,7 +55,7 @@ def test_what_is_known_together_is_drawn_together(sino6: Arm, rng: np.random.Gen
 @pytest.mark.parametrize(
     "bounds", [{"theta_offset1": 1e-5}, {"a2": 1e-5, "d4": 2e-5}, {"a2": 1e-23, "alpha1": 1e-20}]
 )
-def test_a_cloud_that_is_flat_has_no_volume(sino6: Arm, bounds: dict[str, float]) -> None:
+def test_a_cloud_that_is_flat_has_no_volume(sino6, bounds):
     known = [
         replace(p, half_width=bounds.get(p.name, 0.0), u=bounds.get(p.name, 0.0) / 3**0.5)
         for p in sino6.parameters

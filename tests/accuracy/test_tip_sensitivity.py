@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -96,7 +95,7 @@ def by_differences(sources: ErrorSources, q: Array) -> Array:
 # --- extended models
 
 
-def test_sensitivity_is_that_of_the_real_model(extended: ErrorModel) -> None:
+def test_sensitivity_is_that_of_the_real_model(extended):
     q = postures(extended.arm, np.random.default_rng(5), 1)
     sources = accuracy_volume(extended, q, conditions=WARM, encoder_noise=1e-5).sources
     names = {p.name for p in sources.parameters}
@@ -105,9 +104,7 @@ def test_sensitivity_is_that_of_the_real_model(extended: ErrorModel) -> None:
     close(sources.sensitivity(q, WARM)[0] * u, expected, 1e-3 * expected.max())
 
 
-def test_exact_positions_are_those_of_models_made_anew(
-    extended: ErrorModel, rng: np.random.Generator
-) -> None:
+def test_exact_positions_are_those_of_models_made_anew(extended, rng):
     """But for the sag and warmth of the errors of lengths, some 5e-4 of these."""
     q = postures(extended.arm, rng, 1)
     sources = accuracy_volume(extended, q, conditions=WARM, encoder_noise=1e-5).sources
@@ -122,7 +119,7 @@ def test_exact_positions_are_those_of_models_made_anew(
     close(exact_positions(sources, q, WARM, many)[CHUNK:], found, 1e-14)
 
 
-def test_noise_of_readings_behind_a_rigid_row() -> None:
+def test_noise_of_readings_behind_a_rigid_row():
     """By way of an effect of size zero, and by the arm alone."""
     arm = changed("sino6", {1: RIGID})
     model, q, noise = (
@@ -134,7 +131,7 @@ def test_noise_of_readings_behind_a_rigid_row() -> None:
     np.testing.assert_allclose(found, alone, rtol=1e-9, atol=1e-20)
 
 
-def test_the_wrist_does_not_feel_the_stylus(sino6: Arm) -> None:
+def test_the_wrist_does_not_feel_the_stylus(sino6):
     model = ErrorModel(sino6, (StylusOffset(values=(0.05, 0.0, 0.02), u=(1e-4,) * 3),))
     q = postures(sino6, np.random.default_rng(5), 3)
     wrist, alone = (accuracy_volume(m, q, at="frame5") for m in (model, sino6))
@@ -146,7 +143,7 @@ def test_the_wrist_does_not_feel_the_stylus(sino6: Arm) -> None:
 # --- conditions
 
 
-def test_causes_without_their_conditions_are_left_out_and_named(extended: ErrorModel) -> None:
+def test_causes_without_their_conditions_are_left_out_and_named(extended):
     q = postures(extended.arm, np.random.default_rng(5), 4)
     cold = accuracy_volume(extended, q)
     assert cold.not_included == ("thermal_expansion",)
@@ -161,7 +158,7 @@ def test_causes_without_their_conditions_are_left_out_and_named(extended: ErrorM
     assert expected.not_included == accuracy_volume(extended, q, conditions=WARM).not_included == ()
 
 
-def test_conditions_of_one_record_hold_for_all(extended: ErrorModel) -> None:
+def test_conditions_of_one_record_hold_for_all(extended):
     q = postures(extended.arm, np.random.default_rng(5), 5)
     each = Conditions(5, temperature=np.array([15.0, 20.0, 25.0, 30.0, 35.0]))
     together = accuracy_volume(extended, q, conditions=each)
@@ -179,16 +176,14 @@ def test_conditions_of_one_record_hold_for_all(extended: ErrorModel) -> None:
         accuracy_volume(extended, q, conditions=each.take([0, 1, 2]))
 
 
-def test_nothing_is_left(zero6: Arm) -> None:
+def test_nothing_is_left(zero6):
     model = ErrorModel(zero6, (JointHysteresis(joint=2, u=(1e-5,)),))
     with pytest.raises(AacmmError, match="without joint_hysteresis:2"):
         accuracy_volume(model, np.zeros((1, 6)))
     assert accuracy_volume(model, np.empty((0, 6))).volume.shape == (0,)
 
 
-def test_an_arm_that_came_without_its_effects_says_so(
-    calibrated: ErrorModel, tmp_path: Path
-) -> None:
+def test_an_arm_that_came_without_its_effects_says_so(calibrated, tmp_path):
     q = np.zeros((1, 6))
     path = tmp_path / "extended.toml"
     ErrorModel(Arm.load("sino6"), (*EFFECTS, SeatError(seat="A"))).save(path)
@@ -199,7 +194,7 @@ def test_an_arm_that_came_without_its_effects_says_so(
         accuracy_volume(calibrated.arm, q)
 
 
-def test_circles_take_an_extended_model(extended: ErrorModel) -> None:
+def test_circles_take_an_extended_model(extended):
     circle = configuration_circle(extended.arm, np.array([0.0336, -0.6719, 0.1829]), count=24)
     q = circle.q[circle.within_limits]
     result = circle_accuracy(circle, extended, conditions=WARM)
@@ -211,7 +206,7 @@ def test_circles_take_an_extended_model(extended: ErrorModel) -> None:
 # --- parameters that are known together
 
 
-def test_covariance_with_correlations(calibrated: ErrorModel) -> None:
+def test_covariance_with_correlations(calibrated):
     q = postures(calibrated.arm, np.random.default_rng(5), 1)
     result = accuracy_volume(calibrated, q, conditions=WARM, encoder_noise=1e-5)
     sources, known = result.sources, calibrated.arm.file.covariance
@@ -226,7 +221,7 @@ def test_covariance_with_correlations(calibrated: ErrorModel) -> None:
     np.testing.assert_allclose(result.covariance[0], s @ c @ s.T, rtol=1e-10, atol=1e-20)
 
 
-def test_no_correlation_is_independence(extended: ErrorModel) -> None:
+def test_no_correlation_is_independence(extended):
     """Zeros off the diagonal, against the same arm with these half-widths, 2 u, as bounds and u."""
     q = postures(extended.arm, np.random.default_rng(5), 3)
     model, u = with_covariance(TOGETHER, U, np.eye(len(U))), dict(zip(TOGETHER, U, strict=True))
@@ -246,9 +241,7 @@ def test_no_correlation_is_independence(extended: ErrorModel) -> None:
         np.testing.assert_allclose(found.covariance, other.covariance, rtol=1e-9, atol=1e-20)
 
 
-def test_monte_carlo_of_effects_and_with_correlations(
-    extended: ErrorModel, calibrated: ErrorModel, rng: np.random.Generator
-) -> None:
+def test_monte_carlo_of_effects_and_with_correlations(extended, calibrated, rng):
     for model, noise in ((extended, 2e-5), (calibrated, None)):
         q = postures(model.arm, np.random.default_rng(5), 1)
         first_order = accuracy_volume(model, q, conditions=WARM, encoder_noise=noise)
@@ -269,7 +262,7 @@ def test_monte_carlo_of_effects_and_with_correlations(
         np.testing.assert_allclose(real.volume, first_order.volume, rtol=0.03)
 
 
-def test_a_left_out_cause_may_be_correlated() -> None:
+def test_a_left_out_cause_may_be_correlated():
     names, correlation = (
         ("d3", "a2", "thermal_expansion"),
         np.array([[1, 0.5, 0.8], [0.5, 1, 0.4], [0.8, 0.4, 1]]),
@@ -282,7 +275,7 @@ def test_a_left_out_cause_may_be_correlated() -> None:
     np.testing.assert_allclose(cold.covariance, accuracy_volume(two, q).covariance, rtol=1e-12)
 
 
-def test_two_that_are_known_only_together_are_one_line(sino6: Arm) -> None:
+def test_two_that_are_known_only_together_are_one_line(sino6):
     q = postures(sino6, np.random.default_rng(5), 1)
     for r in (1.0, -1.0):
         sources = accuracy_volume(
@@ -300,7 +293,7 @@ def test_two_that_are_known_only_together_are_one_line(sino6: Arm) -> None:
 # --- jointwise
 
 
-def test_jointwise_refuses_rows_that_are_known_together(calibrated: ErrorModel) -> None:
+def test_jointwise_refuses_rows_that_are_known_together(calibrated):
     with pytest.raises(
         UnsupportedArmError,
         match=r"d3 and alpha4 are correlated.*'jointwise' needs independent rows",
@@ -308,7 +301,7 @@ def test_jointwise_refuses_rows_that_are_known_together(calibrated: ErrorModel) 
         accuracy_volume(calibrated, np.zeros((1, 6)), conditions=WARM, method="jointwise")
 
 
-def test_jointwise_takes_correlations_inside_a_row_and_causes_of_the_whole_arm() -> None:
+def test_jointwise_takes_correlations_inside_a_row_and_causes_of_the_whole_arm():
     names = ("d3", "theta_offset3", "encoder_eccentricity:3.cos")
     correlation = np.array([[1, 0.3, 0.2], [0.3, 1, 0.7], [0.2, 0.7, 1]])
     model = with_covariance(names, U[:3], correlation)
@@ -325,7 +318,7 @@ def test_jointwise_takes_correlations_inside_a_row_and_causes_of_the_whole_arm()
 # --- budget
 
 
-def test_shares_of_a_budget_sum_to_one(calibrated: ErrorModel, sino6: Arm) -> None:
+def test_shares_of_a_budget_sum_to_one(calibrated, sino6):
     for model in (sino6, calibrated):
         q = postures(sino6, np.random.default_rng(5), 7)
         result = accuracy_volume(model, q, conditions=WARM, encoder_noise=1e-5)
@@ -341,7 +334,7 @@ def test_shares_of_a_budget_sum_to_one(calibrated: ErrorModel, sino6: Arm) -> No
                 assert np.square(table["u_mm"]).sum() == pytest.approx(mean, rel=1e-12)
 
 
-def test_share_is_what_the_variance_owes_to_u(calibrated: ErrorModel) -> None:
+def test_share_is_what_the_variance_owes_to_u(calibrated):
     """Half of ∂ ln(variance) / ∂ ln(u), by differences of the whole covariance."""
     q = postures(calibrated.arm, np.random.default_rng(5), 3)
     result = accuracy_volume(calibrated, q, conditions=WARM)
@@ -374,7 +367,7 @@ def opposed() -> AccuracyVolume:
     return accuracy_volume(model, q, conditions=WARM)
 
 
-def test_a_share_may_be_negative(opposed: AccuracyVolume) -> None:
+def test_a_share_may_be_negative(opposed):
     table = opposed.budget().set_index("parameter")
     assert table.loc["theta_offset3", "share"] < 0
     assert table.loc["theta_offset3", "u_mm"] > 0
@@ -382,7 +375,7 @@ def test_a_share_may_be_negative(opposed: AccuracyVolume) -> None:
     assert opposed.budget("joint").set_index("joint").loc[3, "share"] > 0
 
 
-def test_causes_of_the_whole_arm_have_no_joint(sino6: Arm) -> None:
+def test_causes_of_the_whole_arm_have_no_joint(sino6):
     model = ErrorModel(sino6, (BaseCompliance(values=(1e-5,), u=(5e-6,)),))
     q = postures(sino6, np.random.default_rng(5), 3)
     table = accuracy_volume(model, q).budget()
@@ -393,7 +386,7 @@ def test_causes_of_the_whole_arm_have_no_joint(sino6: Arm) -> None:
     assert by_joint["share"].sum() == pytest.approx(1.0)
 
 
-def test_an_uncertainty_that_cannot_be_squared_is_none() -> None:
+def test_an_uncertainty_that_cannot_be_squared_is_none():
     known = Covariance(
         parameters=("d1", "d3"), standard_uncertainty_si=(1e-300, 1e-6), correlation=((), (0.5,))
     )

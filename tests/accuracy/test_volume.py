@@ -83,7 +83,7 @@ def numeric_sensitivity(arm: Arm, q: Array) -> Array:
 # --- volumes
 
 
-def test_zonotope_and_jointwise_are_sums_of_determinants(arm: Arm) -> None:
+def test_zonotope_and_jointwise_are_sums_of_determinants(arm):
     q = some(arm, 2)
     full, by_joint = (
         accuracy_volume(arm, q, method=method) for method in ("zonotope", "jointwise")
@@ -97,7 +97,7 @@ def test_zonotope_and_jointwise_are_sums_of_determinants(arm: Arm) -> None:
         assert by_joint.volume[k] < 0.2 * full.volume[k]
 
 
-def test_ellipsoid_is_that_of_the_covariance(arm: Arm) -> None:
+def test_ellipsoid_is_that_of_the_covariance(arm):
     result = accuracy_volume(arm, some(arm, 4), method="ellipsoid")
     axes = COVERAGE_FACTOR * np.sqrt(np.linalg.eigvalsh(result.covariance))
     np.testing.assert_allclose(result.volume, 4 / 3 * np.pi * axes.prod(axis=1), rtol=1e-9)
@@ -105,7 +105,7 @@ def test_ellipsoid_is_that_of_the_covariance(arm: Arm) -> None:
     assert chi2.cdf(COVERAGE_FACTOR**2, 3) == pytest.approx(0.95, rel=1e-12)
 
 
-def test_ellipsoid_holds_95_percent_of_normal_errors(zero6: Arm, rng: np.random.Generator) -> None:
+def test_ellipsoid_holds_95_percent_of_normal_errors(zero6, rng):
     """Encoder noise alone, without uncertain parameters: of 40 000 real readings 95 % ± 0.4 % lie
     in the ellipsoid.
     """
@@ -116,7 +116,7 @@ def test_ellipsoid_holds_95_percent_of_normal_errors(zero6: Arm, rng: np.random.
     assert (distance < COVERAGE_FACTOR**2).mean() == pytest.approx(0.95, abs=0.005)
 
 
-def test_u_of_a_position_covers_what_is_said(rng: np.random.Generator) -> None:
+def test_u_of_a_position_covers_what_is_said(rng):
     """And a part in between where the errors are neither along one direction nor isotropic."""
     assert [chi2.cdf(4, 1), chi2.cdf(12, 3)] == pytest.approx(COVERED, abs=5e-4)
     for variances in rng.dirichlet((0.5, 0.5, 0.5), 20):
@@ -125,9 +125,7 @@ def test_u_of_a_position_covers_what_is_said(rng: np.random.Generator) -> None:
 
 
 @pytest.mark.parametrize(("name", "draws", "n"), [("sino6", 3000, 2), ("ur5", 600, 1)])
-def test_monte_carlo_hull_nears_the_zonotope_from_inside(
-    name: str, draws: int, n: int, request: pytest.FixtureRequest, rng: np.random.Generator
-) -> None:
+def test_monte_carlo_hull_nears_the_zonotope_from_inside(name, draws, n, request, rng):
     arm: Arm = request.getfixturevalue(name)
     q = some(arm, n)
     exact = accuracy_volume(arm, q)
@@ -152,9 +150,7 @@ def test_monte_carlo_hull_nears_the_zonotope_from_inside(
 
 
 @pytest.mark.parametrize(("name", "draws"), [("sino6", 30_000), ("ur5", 2_000)])
-def test_covariance_is_that_of_the_real_model(
-    name: str, draws: int, request: pytest.FixtureRequest, rng: np.random.Generator
-) -> None:
+def test_covariance_is_that_of_the_real_model(name, draws, request, rng):
     """Rectangular draws of every parameter and normal ones of the readings, moved through the exact
     model.
     """
@@ -173,7 +169,7 @@ def test_covariance_is_that_of_the_real_model(
     )
 
 
-def test_published_ranges_at_the_six_seats(nominal: Arm, sino6: Arm) -> None:
+def test_published_ranges_at_the_six_seats(nominal, sino6):
     """The largest values agree to the printed digits, the least of the zonotope too. The joint-wise
     volume has a narrow dip near θ3 = ±84°, the ellipsoid a shallow one; the analysis saw θ3 about
     every 30° and its least values lie above these, by 7 to 13 % and 2 %.
@@ -196,7 +192,7 @@ def test_published_ranges_at_the_six_seats(nominal: Arm, sino6: Arm) -> None:
             assert volume.max() == pytest.approx(ellipsoid[1], rel=slack, abs=0.06)
 
 
-def test_largest_deviation_bounds_the_real_model(sino6: Arm, rng: np.random.Generator) -> None:
+def test_largest_deviation_bounds_the_real_model(sino6, rng):
     for q in some(sino6, 2)[:, None]:
         largest = accuracy_volume(sino6, q).largest_deviation[0]
         towards = rng.normal(size=(4000, 3)) @ (sino6.sensitivity(q)[0] * widths(sino6))
@@ -212,7 +208,7 @@ def test_largest_deviation_bounds_the_real_model(sino6: Arm, rng: np.random.Gene
 # --- sources
 
 
-def test_stated_encoder_noise_is_taken_from_the_file(sino6: Arm) -> None:
+def test_stated_encoder_noise_is_taken_from_the_file(sino6):
     noise, q = 1e-5 * np.arange(1, 7), some(sino6, 2)
     arm = changed("sino6", {k + 1: {"encoder_noise_rad": u} for k, u in enumerate(noise)})
     for mine, given in ((None, noise), (0.0, None)):
@@ -226,7 +222,7 @@ def test_stated_encoder_noise_is_taken_from_the_file(sino6: Arm) -> None:
 # --- budget
 
 
-def test_budget_names_each_source_once(sino6: Arm) -> None:
+def test_budget_names_each_source_once(sino6):
     table = accuracy_volume(sino6, some(sino6, 4), encoder_noise=1e-5).budget()
     assert table["parameter"].is_unique
     uncertain = {p.name for p in sino6.parameters if p.half_width}
@@ -241,9 +237,7 @@ def test_budget_names_each_source_once(sino6: Arm) -> None:
 # --- what cannot be asked
 
 
-def test_nothing_uncertain_is_an_error_not_perfection(
-    zero6: Arm, robot_file: Callable[[str], Path]
-) -> None:
+def test_nothing_uncertain_is_an_error_not_perfection(zero6, robot_file):
     bare = Arm.from_urdf(robot_file("ur5_robot.urdf"), "ee_link")
     for arm in (zero6, bare):
         with pytest.raises(AacmmError, match="uncertainty"):
@@ -257,7 +251,7 @@ def test_nothing_uncertain_is_an_error_not_perfection(
             accuracy_volume(arm, np.zeros((1, 6)), encoder_noise=1e-5)
 
 
-def test_what_cannot_be_asked(sino6: Arm) -> None:
+def test_what_cannot_be_asked(sino6):
     few = {"method": "monte-carlo", "rng": np.random.default_rng(1), "draws": 99}
     asked: list[tuple[dict[str, object], type[Exception], str]] = [
         ({"q": np.zeros(6)}, ShapeError, r"q\[None, :\]"),
@@ -279,7 +273,7 @@ def test_what_cannot_be_asked(sino6: Arm) -> None:
 # --- size
 
 
-def test_memory_grows_only_with_the_result(sino6: Arm, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_memory_grows_only_with_the_result(sino6, monkeypatch):
     """Beyond q, volume and covariance, 30 000 configurations need no more than 5 000."""
     monkeypatch.setenv(
         "AACMM_PIN_COMPILED", "never"
@@ -296,7 +290,7 @@ def test_memory_grows_only_with_the_result(sino6: Arm, monkeypatch: pytest.Monke
     assert beyond[1] < 60e6
 
 
-def test_parts_of_a_batch_have_their_own_conditions(sino6: Arm) -> None:
+def test_parts_of_a_batch_have_their_own_conditions(sino6):
     """Warmth that grows along the batch: what each posture has by itself, in covariance, budget and
     largest deviation.
     """

@@ -4,8 +4,6 @@ stopped.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -55,7 +53,7 @@ def circles(sino6: Arm, small: WorkspaceMap) -> dict[tuple[int, int], Configurat
 # --- every cell is the circle of its centre
 
 
-def test_cells_are_centres_of_the_default_extent(small: WorkspaceMap) -> None:
+def test_cells_are_centres_of_the_default_extent(small):
     """The wrist reaches 1210.7 mm: with the margin 1220 in whole steps."""
     np.testing.assert_allclose(small.data["x_mm"], (np.arange(4) + 0.5) * 305, rtol=1e-12)
     np.testing.assert_allclose(
@@ -65,9 +63,7 @@ def test_cells_are_centres_of_the_default_extent(small: WorkspaceMap) -> None:
 
 
 @pytest.mark.parametrize("change", [{}, {"d_mm": 1310.0}, {"d_mm": -400.0}], ids=str)
-def test_no_place_that_the_wrist_reaches_is_outside_the_default_box(
-    change: dict[str, float],
-) -> None:
+def test_no_place_that_the_wrist_reaches_is_outside_the_default_box(change):
     """A tall base carries the shoulder up, and all that is reached with it; what is empty of the
     box is its margin.
     """
@@ -82,7 +78,7 @@ def test_no_place_that_the_wrist_reaches_is_outside_the_default_box(
     assert extent[3] - 25 < z.max() < extent[3]
 
 
-def test_a_stated_box_says_on_which_sides_it_leaves_out_what_is_reached(sino6: Arm) -> None:
+def test_a_stated_box_says_on_which_sides_it_leaves_out_what_is_reached(sino6):
     (note,) = set(map_caveats(sino6, [0.3, 0.7, -1.3, 0.4])) - set(map_caveats(sino6))
     sides = [side.split(" mm")[0] for side in note.data["sides"].split("), ")]
     assert sides == ["x below 300", "x above 700", "z above 400"]
@@ -91,15 +87,13 @@ def test_a_stated_box_says_on_which_sides_it_leaves_out_what_is_reached(sino6: A
     assert "leaves out" in saved
 
 
-def test_a_first_axis_beside_that_of_the_base_is_told(sino6: Arm) -> None:
+def test_a_first_axis_beside_that_of_the_base_is_told(sino6):
     aside = changed("sino6", {1: {"a_mm": 200.0}}, convention="modified-dh")
     assert data_of(map_caveats(aside), "first_axis_off_z")
     assert not data_of(map_caveats(sino6), "first_axis_off_z")
 
 
-def test_flexibility_is_that_of_the_circle(
-    small: WorkspaceMap, circles: dict[tuple[int, int], ConfigurationCircle]
-) -> None:
+def test_flexibility_is_that_of_the_circle(small, circles):
     reached = 0
     for (i, k), circle in circles.items():
         cell = small.data.isel(x_mm=i, z_mm=k)
@@ -146,9 +140,7 @@ def at_centres(circle: ConfigurationCircle, sectors: int) -> tuple[Array, Array]
     return np.concatenate(found), np.concatenate(numbers)
 
 
-def test_accuracies_are_those_of_the_circle(
-    sino6: Arm, small: WorkspaceMap, circles: dict[tuple[int, int], ConfigurationCircle]
-) -> None:
+def test_accuracies_are_those_of_the_circle(sino6, small, circles):
     for (i, k), circle in circles.items():
         if not len(circle):
             continue
@@ -187,7 +179,7 @@ def extended(sino6: Arm) -> ErrorModel:
 BOX = [0.2, 0.9, -0.2, 0.6]
 
 
-def test_a_map_of_an_extended_model(sino6: Arm, extended: ErrorModel) -> None:
+def test_a_map_of_an_extended_model(sino6, extended):
     alone, model, warm = (
         map_workspace(m, (2, 2), 6, extent=BOX, conditions=conditions, progress=False)
         for m, conditions in (
@@ -209,9 +201,7 @@ def test_a_map_of_an_extended_model(sino6: Arm, extended: ErrorModel) -> None:
     )
 
 
-def test_a_map_names_what_it_leaves_out(
-    sino6: Arm, extended: ErrorModel, small: WorkspaceMap, tmp_path: Path
-) -> None:
+def test_a_map_names_what_it_leaves_out(sino6, extended, small, tmp_path):
     map_ = map_workspace(extended, (1, 2), 3, extent=BOX, progress=False)
     assert map_.not_included == ("thermal_expansion",)
     map_.save(tmp_path / "map.nc")
@@ -222,7 +212,7 @@ def test_a_map_names_what_it_leaves_out(
 # --- files
 
 
-def test_netcdf_returns_what_was_written(small: WorkspaceMap, tmp_path: Path) -> None:
+def test_netcdf_returns_what_was_written(small, tmp_path):
     small.save(tmp_path / "map.nc")
     again = WorkspaceMap.load(tmp_path / "map.nc")
     xr.testing.assert_equal(again.data, small.data)
@@ -248,9 +238,7 @@ def test_netcdf_returns_what_was_written(small: WorkspaceMap, tmp_path: Path) ->
 # --- what cannot be asked
 
 
-def test_what_cannot_be_asked(
-    sino6: Arm, extended: ErrorModel, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_cannot_be_asked(sino6, extended, monkeypatch):
     monkeypatch.setattr(workspace, "_work", lambda job: pytest.fail("work began"))
     two = {"model": extended, "conditions": Conditions(2, temperature=np.array([20.0, 30.0]))}
     asked: list[tuple[dict[str, Any], type[Exception], str]] = [
@@ -266,7 +254,7 @@ def test_what_cannot_be_asked(
             map_workspace(**({"model": sino6, "cells": (2, 2), "progress": False} | arguments))
 
 
-def test_arms_that_cannot_be_mapped(zero6: Arm, robot_file: Callable[[str], Path]) -> None:
+def test_arms_that_cannot_be_mapped(zero6, robot_file):
     with pytest.raises(UnsupportedArmError, match="DH table"):
         map_workspace(
             Arm.from_urdf(robot_file("ur5_robot.urdf"), "ee_link"), (2, 2), progress=False
@@ -278,9 +266,7 @@ def test_arms_that_cannot_be_mapped(zero6: Arm, robot_file: Callable[[str], Path
 # --- processes
 
 
-def test_two_processes_and_parts_of_a_map_do_not_show(
-    extended: ErrorModel, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_two_processes_and_parts_of_a_map_do_not_show(extended, monkeypatch):
     options: dict[str, Any] = {
         "extent": BOX,
         "conditions": Conditions(1, temperature=np.array([35.0])),
@@ -295,7 +281,7 @@ def test_two_processes_and_parts_of_a_map_do_not_show(
     xr.testing.assert_allclose(one.data, whole.data, rtol=1e-6)
 
 
-def test_an_elbow_that_stays_in_one_plane_has_no_sectors() -> None:
+def test_an_elbow_that_stays_in_one_plane_has_no_sectors():
     """A robot with a spherical wrist: its swivel is 0 or 180° but for rounding, which is no sector
     passed.
     """

@@ -41,7 +41,7 @@ def _degenerate(rng: np.random.Generator, p: int) -> dict[str, Array]:
     }
 
 
-def test_volume_is_the_sum_of_determinants_and_that_of_the_hull(rng: np.random.Generator) -> None:
+def test_volume_is_the_sum_of_determinants_and_that_of_the_hull(rng):
     for p in (3, 4, 7, 24):
         generators = rng.normal(size=(300, 3, p))  # more than one chunk
         volume = zonotope.volume(generators)
@@ -53,7 +53,7 @@ def test_volume_is_the_sum_of_determinants_and_that_of_the_hull(rng: np.random.G
                 )
 
 
-def test_degenerate_generators(rng: np.random.Generator) -> None:
+def test_degenerate_generators(rng):
     """Volume against determinants, largest deviation against every vector of signs."""
     for p in (3, 5, 10):
         for kind, g in _degenerate(rng, p).items():
@@ -72,7 +72,7 @@ def test_degenerate_generators(rng: np.random.Generator) -> None:
     np.testing.assert_allclose(zonotope.largest_deviation(g), brute, rtol=1e-12)
 
 
-def test_few_generators_and_none(rng: np.random.Generator) -> None:
+def test_few_generators_and_none(rng):
     for p in (0, 1, 2):
         g = rng.normal(size=(4, 3, p))
         np.testing.assert_array_equal(zonotope.volume(g), np.zeros(4))
@@ -82,7 +82,7 @@ def test_few_generators_and_none(rng: np.random.Generator) -> None:
     assert zonotope.volume(empty).shape == zonotope.largest_deviation(empty).shape == (0,)
 
 
-def test_largest_deviation_bounds_the_support(rng: np.random.Generator) -> None:
+def test_largest_deviation_bounds_the_support(rng):
     """h(n) = Σ |n·g_k| along many directions."""
     g, d = rng.normal(size=(300, 3, 12)), rng.normal(size=(4000, 3))
     d /= np.linalg.norm(d, axis=1)[:, None]

@@ -12,7 +12,7 @@ import pinocchio as pin
 import pytest
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin.arm import Arm, ArmFile, load_arm_file
+from aacmm_pin.arm import Arm, load_arm_file
 from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError, UnsupportedArmError
 from tests.arm_files import changed
 from tests.oracle import (
@@ -64,9 +64,7 @@ def robots(robot_file: Callable[[str], Path]) -> list[Arm]:
 # --- sensitivities and errors
 
 
-def test_sensitivity_jacobian_and_positions_are_pinocchios(
-    arm_file: ArmFile, rng: np.random.Generator
-) -> None:
+def test_sensitivity_jacobian_and_positions_are_pinocchios(arm_file, rng):
     arm = Arm.from_file(arm_file)
     q = postures(arm, rng, 10)
     frames = ["tip", *(f"frame{row}" for row in range(1, len(arm_file.joints) + 1))]
@@ -77,9 +75,7 @@ def test_sensitivity_jacobian_and_positions_are_pinocchios(
         close(arm.positions(q, at), poses.position)
 
 
-def test_sensitivity_of_placements_is_the_derivative(
-    robots: list[Arm], rng: np.random.Generator
-) -> None:
+def test_sensitivity_of_placements_is_the_derivative(robots, rng):
     for robot in robots:
         for q in postures(robot, rng, 5)[:, None]:
             numeric = derivative(
@@ -89,9 +85,7 @@ def test_sensitivity_of_placements_is_the_derivative(
             close(robot.sensitivity(q)[0], numeric, 1e-9)
 
 
-def test_perturbed_positions_are_those_of_arms_made_anew(
-    arm_file: ArmFile, rng: np.random.Generator
-) -> None:
+def test_perturbed_positions_are_those_of_arms_made_anew(arm_file, rng):
     arm, n = Arm.from_file(arm_file), 5
     q, errors = postures(arm, rng, n), rng.normal(0, 0.01, (n, len(arm.parameters)))
     others = [with_dh_errors(arm_file, error) for error in errors]
@@ -103,9 +97,7 @@ def test_perturbed_positions_are_those_of_arms_made_anew(
 
 
 @pytest.mark.parametrize("convention", ["standard-dh", "modified-dh"])
-def test_masses_and_centres_of_the_chain_give_pinocchios_gravity(
-    convention: str, rng: np.random.Generator
-) -> None:
+def test_masses_and_centres_of_the_chain_give_pinocchios_gravity(convention, rng):
     for bare in ({}, {"mass_kg": None, "com_mm": None}):
         arm = changed("sino6", {6: bare}, convention=convention, gravity_m_s2=(3.0, -9.0, 1.0))
         q = postures(arm, rng, 20)
@@ -123,7 +115,7 @@ def test_masses_and_centres_of_the_chain_give_pinocchios_gravity(
 # --- what the arm knows of itself
 
 
-def test_bundled_arm_in_si(sino6: Arm, zero6: Arm) -> None:
+def test_bundled_arm_in_si(sino6, zero6):
     assert (sino6.name, sino6.nq, sino6.tip, len(sino6.parameters)) == ("SINO6", 6, "tip", 24)
     close(sino6.stylus_axis, [1, 0, 0])
     close(sino6.up, [0, 0, 1])
@@ -134,7 +126,7 @@ def test_bundled_arm_in_si(sino6: Arm, zero6: Arm) -> None:
     close(Arm.from_file(file.model_copy(update={"stylus": stylus})).stylus_axis, [0.6, 0, 0.8])
 
 
-def test_parameters_of_urdf_arms(robots: list[Arm]) -> None:
+def test_parameters_of_urdf_arms(robots):
     assert [robot.nq for robot in robots] == [6, 7]
     for robot in robots:
         names = [p.name for p in robot.parameters]
@@ -144,14 +136,12 @@ def test_parameters_of_urdf_arms(robots: list[Arm]) -> None:
             robot.require_dh("posture search")
 
 
-def test_a_name_of_a_link_and_a_joint_means_the_link(one_joint: Callable[..., Path]) -> None:
+def test_a_name_of_a_link_and_a_joint_means_the_link(one_joint):
     arm = Arm.from_urdf(one_joint(joint="tool"), "tool")
     close(arm.positions(np.zeros((1, 1))), [[0.5, 0, 1]], 1e-15)
 
 
-def test_poses_gravity_and_model_are_copies(
-    sino6: Arm, one_joint: Callable[..., Path], rng: np.random.Generator
-) -> None:
+def test_poses_gravity_and_model_are_copies(sino6, one_joint, rng):
     q = postures(sino6, rng, 3)
     given = q.copy()
     poses = sino6.poses(given)
@@ -170,7 +160,7 @@ def test_poses_gravity_and_model_are_copies(
 # --- errors
 
 
-def test_unusable_frames_postures_and_errors_are_refused(sino6: Arm, robots: list[Arm]) -> None:
+def test_unusable_frames_postures_and_errors_are_refused(sino6, robots):
     for arm in (sino6, robots[1]):
         degrees = np.eye(arm.nq)[:1] * 90.0
         refused: list[tuple[Array, str]] = [
@@ -195,13 +185,13 @@ def test_unusable_frames_postures_and_errors_are_refused(sino6: Arm, robots: lis
                 arm.perturbed_positions(np.zeros((n, arm.nq)), errors)
 
 
-def test_an_endless_joint_counts_many_turns(sino6: Arm) -> None:
+def test_an_endless_joint_counts_many_turns(sino6):
     q = np.array([[0.5, -1.0, 2.0, -1.5, 1.0, 0.3]])
     turned = q + 20 * np.pi * np.array([0, 0, 1, 0, 0, 1])
     close(sino6.positions(turned), sino6.positions(q))
 
 
-def test_unusable_urdf_is_refused(one_joint: Callable[..., Path]) -> None:
+def test_unusable_urdf_is_refused(one_joint):
     with pytest.raises(UnsupportedArmError, match="one: joint hinge takes more than one number"):
         Arm.from_urdf(one_joint("planar"), "tool")
     model = pin.buildModelFromUrdf(str(one_joint("continuous")))

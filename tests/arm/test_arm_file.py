@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import math
 import tomllib
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -59,7 +58,7 @@ TABLE_1 = np.array(
 )
 
 
-def test_angles_in_degrees_by_the_suffix_of_their_keys() -> None:
+def test_angles_in_degrees_by_the_suffix_of_their_keys():
     pairs = {
         "alpha_rad = 1.5": f"alpha_deg = {math.degrees(1.5)!r}",
         "theta_offset_rad = 0.1": f"theta_offset_deg = {math.degrees(0.1)!r}",
@@ -80,7 +79,7 @@ def test_angles_in_degrees_by_the_suffix_of_their_keys() -> None:
             parse_arm_file(GOOD.replace("alpha_rad = 1.5", bad).encode(), "arm.toml")
 
 
-def test_sino6_is_table_1_of_its_paper() -> None:
+def test_sino6_is_table_1_of_its_paper():
     assert bundled_arms() == ["sino6", "zero6"]
     parameters = load_arm_file("sino6").dh_parameters()
     si = TABLE_1.reshape(6, 4, 2) * np.array([1e-3, 1e-3, 1, 1])[:, None]
@@ -93,7 +92,7 @@ def test_sino6_is_table_1_of_its_paper() -> None:
     np.testing.assert_allclose(load_arm_file("sino6").dh.values(), si[..., 0], rtol=1e-15)
 
 
-def test_every_key_is_read_in_its_unit(tmp_path: Path) -> None:
+def test_every_key_is_read_in_its_unit(tmp_path):
     path = tmp_path / "two.toml"
     path.write_text(GOOD, encoding="utf-8")
     arm = load_arm_file(path)
@@ -163,7 +162,7 @@ MISTAKES = [
 ]
 
 
-def test_each_mistake_is_named(tmp_path: Path) -> None:
+def test_each_mistake_is_named(tmp_path):
     path = tmp_path / "bad.toml"
     for old, new, key, word in MISTAKES:
         assert old in GOOD
@@ -208,7 +207,7 @@ EFFECTS = [
 ]
 
 
-def test_implausible_effects_are_named(tmp_path: Path) -> None:
+def test_implausible_effects_are_named(tmp_path):
     path = tmp_path / "bad.toml"
     for cause, fields, parameters, word in EFFECTS:
         path.write_text(GOOD + EFFECT.format(cause, fields, parameters), encoding="utf-8")
@@ -223,14 +222,14 @@ def test_implausible_effects_are_named(tmp_path: Path) -> None:
     assert ErrorModel.load(path).effects[0].values == (-1e-6,)
 
 
-def test_a_direction_has_any_length(tmp_path: Path) -> None:
+def test_a_direction_has_any_length(tmp_path):
     path = tmp_path / "arm.toml"
     for axis in ("[0, 0, 1e-300]", "[0, 0, 1e300]", "[0, 0, 5e-324]"):
         path.write_text(GOOD.replace("[0, 0.0, 1.0]", axis), encoding="utf-8")
         np.testing.assert_array_equal(Arm.load(path).stylus_axis, [0, 0, 1])
 
 
-def test_what_is_no_arm_file(tmp_path: Path) -> None:
+def test_what_is_no_arm_file(tmp_path):
     with pytest.raises(ArmFileError, match=r"bad.toml: not UTF-8 text \(byte 8\)"):
         parse_arm_file('name = "Ä"'.encode("latin-1"), "bad.toml")
     with pytest.raises(ArmFileError, match=r"none.toml: no such file"):
@@ -255,14 +254,14 @@ def read(text: str) -> ArmFile:
     return parse_arm_file(text.encode("utf-8"), "again.toml")
 
 
-def test_arms_come_back(arm_file: ArmFile) -> None:
+def test_arms_come_back(arm_file):
     text = arm_text(arm_file)
     assert read(text) == arm_file
     assert arm_text(read(text)) == text
     assert text.startswith(f'schema = "aacmm-pin/arm/1"\nname = "{arm_file.name}"\n')
 
 
-def test_every_bit_comes_back(rng: np.random.Generator) -> None:
+def test_every_bit_comes_back(rng):
     arm = load_arm_file("sino6")
     for value in map(float, [5e-324, -0.0, 1e4 - 0.1, np.nextafter(1.0, 2.0), rng.normal()]):
         rows = [
@@ -274,7 +273,7 @@ def test_every_bit_comes_back(rng: np.random.Generator) -> None:
         assert back.joints == rows
 
 
-def test_optional_parts_names_and_comments_come_back() -> None:
+def test_optional_parts_names_and_comments_come_back():
     zero = load_arm_file("zero6")
     bare = zero.model_copy(update={"source": "", "stylus": None})
     named = [

@@ -16,7 +16,7 @@ from scipy.linalg import expm
 from aacmm_pin._support.batches import CHUNK
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.compiled import ALWAYS, NEVER, VARIABLE
-from aacmm_pin.arm import BASE, Arm, ArmFile, axis, end, exp
+from aacmm_pin.arm import BASE, Arm, axis, end, exp
 from aacmm_pin.arm.poses import Poses
 from aacmm_pin.errors import UnknownNameError, UnsupportedArmError
 from tests.oracle import close, postures, twist_matrix
@@ -46,7 +46,7 @@ def frames(arm: Arm, q: Array, twists: dict[int, Array] | None = None) -> Array:
     return found
 
 
-def test_places_of_a_table_are_its_frames(arm_file: ArmFile, rng: np.random.Generator) -> None:
+def test_places_of_a_table_are_its_frames(arm_file, rng):
     arm = Arm.from_file(arm_file)
     q = postures(arm, rng, 50)
     walked = frames(arm, q)
@@ -63,7 +63,7 @@ def test_places_of_a_table_are_its_frames(arm_file: ArmFile, rng: np.random.Gene
         close(walked[arm.place(name)], arm.poses(q, name).placement)
 
 
-def test_axes_of_a_table_are_the_joints(arm_file: ArmFile, rng: np.random.Generator) -> None:
+def test_axes_of_a_table_are_the_joints(arm_file, rng):
     """In standard DH an axis has all of Pinocchio's joint frame; in modified DH it stands at d
     along it.
     """
@@ -80,9 +80,7 @@ def test_axes_of_a_table_are_the_joints(arm_file: ArmFile, rng: np.random.Genera
             close(walked[place, k], step)
 
 
-def test_places_of_a_robot_are_its_joints_and_placements(
-    robots: list[Arm], rng: np.random.Generator
-) -> None:
+def test_places_of_a_robot_are_its_joints_and_placements(robots, rng):
     for robot in robots:
         q, data = postures(robot, rng, 10), robot.model.createData()
         walked = frames(robot, q)
@@ -101,7 +99,7 @@ def test_places_of_a_robot_are_its_joints_and_placements(
                 )
 
 
-def test_a_frame_that_is_no_place(sino6: Arm, robots: list[Arm]) -> None:
+def test_a_frame_that_is_no_place(sino6, robots):
     with pytest.raises(UnsupportedArmError, match="DH table"):
         robots[0].place(robots[0].model.frames[1].name)
     for refused in (
@@ -115,9 +113,7 @@ def test_a_frame_that_is_no_place(sino6: Arm, robots: list[Arm]) -> None:
         sino6.place("frame9")
 
 
-def test_a_twist_acts_behind_its_place_and_on_all_beyond(
-    robots: list[Arm], rng: np.random.Generator
-) -> None:
+def test_a_twist_acts_behind_its_place_and_on_all_beyond(robots, rng):
     """Any twist, each component alone, a screw along z; a twist for all records is that twist in
     each.
     """
@@ -157,22 +153,16 @@ def assert_twins_agree(arm: Arm, rng: np.random.Generator, monkeypatch: pytest.M
         close(found[0][2][:5], poses.placement_sensitivity, 1e-13)
 
 
-def test_compiled_loop_and_numpy_agree_for_tables(
-    arm_file: ArmFile, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_compiled_loop_and_numpy_agree_for_tables(arm_file, rng, monkeypatch):
     assert_twins_agree(Arm.from_file(arm_file), rng, monkeypatch)
 
 
-def test_compiled_loop_and_numpy_agree_for_robots(
-    robots: list[Arm], rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_compiled_loop_and_numpy_agree_for_robots(robots, rng, monkeypatch):
     for robot in robots:
         assert_twins_agree(robot, rng, monkeypatch)
 
 
-def test_frames_beside_the_places_are_pinocchios(
-    sino6: Arm, robots: list[Arm], rng: np.random.Generator
-) -> None:
+def test_frames_beside_the_places_are_pinocchios(sino6, robots, rng):
     for arm in (sino6, *robots):
         q = postures(arm, rng, 3)
         for name in {frame.name for frame in arm.model.frames} - {"world", "universe"}:
@@ -183,9 +173,7 @@ def test_frames_beside_the_places_are_pinocchios(
                 close(arm.sensitivity(q, name), poses.placement_sensitivity, 1e-13)
 
 
-def test_errors_of_placements_are_twists_for_pinocchio_too(
-    robots: list[Arm], rng: np.random.Generator
-) -> None:
+def test_errors_of_placements_are_twists_for_pinocchio_too(robots, rng):
     for robot in robots:
         q, errors = postures(robot, rng, 4), rng.normal(scale=0.1, size=(4, 6 * robot.nq))
         moved = np.empty((4, 3))
@@ -197,7 +185,7 @@ def test_errors_of_placements_are_twists_for_pinocchio_too(
         close(robot.perturbed_positions(q, errors), moved, 1e-13)
 
 
-def test_exp_is_the_matrix_exponential(rng: np.random.Generator) -> None:
+def test_exp_is_the_matrix_exponential(rng):
     angles = np.repeat(
         [0.0, 1e-12, 1e-6, 0.999e-3, 1.001e-3, 0.1, 1.0, np.pi - 1e-9, np.pi, 6.0, 40.0], 20
     )

@@ -48,7 +48,7 @@ def by_pinocchio(path: Path, frame: str, names: list[str], q: Array) -> Array:
     return np.array(placements)
 
 
-def test_continuous_joints_turn_twice_either_way(tmp_path: Path, rng: np.random.Generator) -> None:
+def test_continuous_joints_turn_twice_either_way(tmp_path, rng):
     path = tmp_path / "endless.urdf"
     for limit in (
         "",

@@ -24,14 +24,14 @@ def random_q(dh: DHTable, rng: np.random.Generator, n: int) -> Array:
     return rng.uniform(-np.pi, np.pi, (n, dh.nq))
 
 
-def test_links_between_joints_make_the_arm(dh: DHTable, rng: np.random.Generator) -> None:
+def test_links_between_joints_make_the_arm(dh, rng):
     (q,), (first, *links) = random_q(dh, rng, 1), dh.links()
     for turn, link in zip(screws(q, 0.0, 2), links, strict=True):
         first = first @ turn @ link
     np.testing.assert_allclose(first[:3, 3], dh.chain.positions(q[None])[0], rtol=0, atol=1e-14)
 
 
-def test_parts_of_a_batch_do_not_change_results(dh: DHTable, rng: np.random.Generator) -> None:
+def test_parts_of_a_batch_do_not_change_results(dh, rng):
     n = 2 * CHUNK + 3
     q = random_q(dh, rng, n)
     some = [0, CHUNK - 1, CHUNK, 2 * CHUNK - 1, 2 * CHUNK, n - 1]
@@ -43,7 +43,7 @@ def test_parts_of_a_batch_do_not_change_results(dh: DHTable, rng: np.random.Gene
         np.testing.assert_allclose(many[some], one, rtol=0, atol=1e-15)
 
 
-def test_unusable_table_is_refused() -> None:
+def test_unusable_table_is_refused():
     for rows, moving, said in (
         (np.zeros((2, 3)), None, r"rows has shape \(2, 3\), expected \(n, 4\)"),
         (np.full((2, 4), np.nan), None, r"rows\[0, 0\] is nan"),

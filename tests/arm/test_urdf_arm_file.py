@@ -39,9 +39,7 @@ def calibrated(path: Path, frame: str, rng: np.random.Generator) -> ErrorModel:
 
 
 @pytest.mark.parametrize("name", FRAMES)
-def test_all_comes_back_to_the_last_bit(
-    name: str, robot_file: Callable[[str], Path], tmp_path: Path, rng: np.random.Generator
-) -> None:
+def test_all_comes_back_to_the_last_bit(name, robot_file, tmp_path, rng):
     (tmp_path / "robots").mkdir()
     (tmp_path / "kept").mkdir()
     urdf = Path(shutil.copy(robot_file(name), tmp_path / "robots"))
@@ -64,9 +62,7 @@ def test_all_comes_back_to_the_last_bit(
     assert again.text() == model.text()
 
 
-def test_corrections_are_joined(
-    robot_file: Callable[[str], Path], rng: np.random.Generator
-) -> None:
+def test_corrections_are_joined(robot_file, rng):
     """One after the other as Pinocchio's placements have them, which a file holds as one twist."""
     arm = Arm.from_urdf(robot_file("ur5_robot.urdf"), "tool0")
     first, second = rng.normal(scale=0.1, size=(2, 6, 6))
@@ -105,14 +101,7 @@ def test_corrections_are_joined(
         ('"rx1"', '"rx9"', r"covariance\.parameters: .*'rx9'"),
     ],
 )
-def test_what_is_refused(
-    old: str,
-    new: str,
-    said: str,
-    calibrated_ur5: str,
-    robot_file: Callable[[str], Path],
-    tmp_path: Path,
-) -> None:
+def test_what_is_refused(old, new, said, calibrated_ur5, robot_file, tmp_path):
     shutil.copy(robot_file("ur5_robot.urdf"), tmp_path)
     assert old in calibrated_ur5
     (tmp_path / "cal.toml").write_text(calibrated_ur5.replace(old, new, 1), encoding="utf-8")
@@ -126,9 +115,7 @@ def calibrated_ur5(robot_file: Callable[[str], Path]) -> str:
     return calibrated(robot_file("ur5_robot.urdf"), "tool0", np.random.default_rng(1)).text()
 
 
-def test_another_urdf_is_refused(
-    calibrated_ur5: str, robot_file: Callable[[str], Path], tmp_path: Path
-) -> None:
+def test_another_urdf_is_refused(calibrated_ur5, robot_file, tmp_path):
     (tmp_path / "cal.toml").write_text(calibrated_ur5, encoding="utf-8")
     urdf = tmp_path / "ur5_robot.urdf"
     urdf.write_bytes(robot_file("ur5_robot.urdf").read_bytes().replace(b"0.425", b"0.426"))

@@ -95,7 +95,7 @@ MISTAKES = [
 ]
 
 
-def test_each_mistake_is_named(tmp_path: Path) -> None:
+def test_each_mistake_is_named(tmp_path):
     path = tmp_path / "bad.urdf"
     for old, new, line, words in MISTAKES:
         assert old in GOOD
@@ -108,7 +108,7 @@ def test_each_mistake_is_named(tmp_path: Path) -> None:
         assert words in str(caught.value)
 
 
-def test_what_is_no_xml(tmp_path: Path) -> None:
+def test_what_is_no_xml(tmp_path):
     path = tmp_path / "bad.urdf"
     for content, words in (
         (b"", "XML"),
@@ -137,7 +137,7 @@ def chain_of(joints: int) -> str:
     return f'<robot name="long">{links}{"".join(each)}</robot>'
 
 
-def test_long_chains(tmp_path: Path) -> None:
+def test_long_chains(tmp_path):
     path = tmp_path / "long.urdf"
     path.write_text(chain_of(64), encoding="utf-8")
     arm = Arm.from_urdf(path, "l64")
@@ -154,7 +154,7 @@ def test_long_chains(tmp_path: Path) -> None:
         Arm.from_urdf(path, "l900")
 
 
-def test_lengths_in_another_unit_are_seen_by_what_is_reached(tmp_path: Path) -> None:
+def test_lengths_in_another_unit_are_seen_by_what_is_reached(tmp_path):
     path = tmp_path / "arm.urdf"
     path.write_text(GOOD.replace('xyz="0 0 0.3"', 'xyz="0 0 300"'), encoding="utf-8")
     with pytest.raises(
@@ -164,7 +164,7 @@ def test_lengths_in_another_unit_are_seen_by_what_is_reached(tmp_path: Path) -> 
         Arm.from_urdf(path, "tip")
 
 
-def test_what_is_blank_before_the_declaration_is_passed_over(tmp_path: Path) -> None:
+def test_what_is_blank_before_the_declaration_is_passed_over(tmp_path):
     """As urdfdom does; lines keep their numbers."""
     path, good = tmp_path / "arm.urdf", '<?xml version="1.0"?>' + GOOD[GOOD.index("\n") :]
     expected = read_urdf(_written(path, good))[0]
@@ -181,7 +181,7 @@ def _written(path: Path, text: str) -> Path:
     return path
 
 
-def test_an_axis_has_any_length(tmp_path: Path) -> None:
+def test_an_axis_has_any_length(tmp_path):
     path = tmp_path / "arm.urdf"
     for xyz in ("0 0 1e200", "0 0 5e-324"):
         path.write_text(GOOD.replace('xyz="0 0 1"', f'xyz="{xyz}"'), encoding="utf-8")
@@ -190,7 +190,7 @@ def test_an_axis_has_any_length(tmp_path: Path) -> None:
         np.testing.assert_array_equal(arm.limits, [[-1, 2], [0, 0.5]])
 
 
-def test_nothing_of_a_robot_changes() -> None:
+def test_nothing_of_a_robot_changes():
     """Every robot of example-robot-data as Pinocchio reads it by itself, with its continuous joints
     as turning ones.
     """
@@ -225,7 +225,7 @@ def test_nothing_of_a_robot_changes() -> None:
     assert compared > 50
 
 
-def test_joints_that_mimic_each_other_are_refused_where_both_move_the_frame(tmp_path: Path) -> None:
+def test_joints_that_mimic_each_other_are_refused_where_both_move_the_frame(tmp_path):
     path, axis = tmp_path / "mimic.urdf", '<axis xyz="1 0 0"/>'
     for leader, words in (
         ("shoulder", "joint is 'shoulder'"),

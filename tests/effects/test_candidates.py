@@ -4,9 +4,7 @@ the search.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -57,9 +55,7 @@ def places(cause: type[Effect], arm: Arm, records: Taken | None) -> list[object]
     return [variants[0].place for variants in cause.candidates(arm, records)]
 
 
-def test_places(
-    sino6: Arm, zero6: Arm, robot_file: Callable[[str], Path], rng: np.random.Generator
-) -> None:
+def test_places(sino6, zero6, robot_file, rng):
     bare = taken(rng)
     every, without = list(range(1, 7)), [1, 2, 3, 5, 6]
     approach = np.zeros((N, 6))
@@ -106,7 +102,7 @@ def refined(effect: Effect, records: Taken) -> list[Any]:
     return effect.nonlinear.refine(effect, records)
 
 
-def test_inner_values(sino6: Arm, rng: np.random.Generator) -> None:
+def test_inner_values(sino6, rng):
     """Orders that make a period over the covered range, knots that the records can tell, times
     between records.
     """
@@ -142,7 +138,7 @@ def test_inner_values(sino6: Arm, rng: np.random.Generator) -> None:
     assert [min(slow), max(slow)] == [200.0, 1800.0]
 
 
-def test_bodies_that_grow_are_tried_in_either_convention(tmp_path: Path) -> None:
+def test_bodies_that_grow_are_tried_in_either_convention(tmp_path):
     """A long d stands before its joint's axis in modified DH, and is of the body behind it all the
     same.
     """

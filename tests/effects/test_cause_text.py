@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from aacmm_pin import Arm, ErrorModel
+from aacmm_pin import ErrorModel
 from aacmm_pin.arm import load_arm_file
 from aacmm_pin.effects import (
     CAUSES,
@@ -72,7 +72,7 @@ REFUSED = {
 }
 
 
-def test_texts_are_read(sino6: Arm) -> None:
+def test_texts_are_read(sino6):
     model = ErrorModel(sino6, (KNOWN,))
     for text, effect in TYPED.items():
         assert cause_of(text, model, ("torque",)) == effect, text
@@ -98,7 +98,7 @@ def test_texts_are_read(sino6: Arm) -> None:
         )
 
 
-def test_texts_of_no_use_are_refused(sino6: Arm) -> None:
+def test_texts_of_no_use_are_refused(sino6):
     for text, said in REFUSED.items():
         with pytest.raises(AacmmError, match=said):
             cause_of(text, ErrorModel(sino6))
@@ -107,7 +107,7 @@ def test_texts_of_no_use_are_refused(sino6: Arm) -> None:
     assert caught.value.known == ["joint", "gain"]
 
 
-def test_a_stated_value_has_the_sign_that_nature_has(sino6: Arm) -> None:
+def test_a_stated_value_has_the_sign_that_nature_has(sino6):
     with pytest.raises(
         AacmmError, match=r"compliance_rad_per_nm is -1e-05, expected a number that is not negative"
     ):
@@ -117,7 +117,7 @@ def test_a_stated_value_has_the_sign_that_nature_has(sino6: Arm) -> None:
     assert stated_cause("encoder_gain:2,gain=-1e-5", ErrorModel(sino6)).values == (-1e-5,)
 
 
-def test_every_cause_has_words_places_and_units(sino6: Arm) -> None:
+def test_every_cause_has_words_places_and_units(sino6):
     for cause in CAUSES.values():
         effect = example(cause)
         assert isinstance(effect, cause)
@@ -129,7 +129,7 @@ def test_every_cause_has_words_places_and_units(sino6: Arm) -> None:
     assert len({effect.label for effect in tried}) == len(tried)
 
 
-def test_effects_in_words() -> None:
+def test_effects_in_words():
     for effect, words in {
         ThermalExpansion(): "thermal expansion of the arm",
         SeatError("P9"): "error of the stated place of seat P9",
@@ -142,7 +142,7 @@ def test_effects_in_words() -> None:
     assert several == "error curve of joints 1, 2 and 4 and encoder eccentricity of joint 3"
 
 
-def test_a_row_that_no_joint_moves_is_a_row() -> None:
+def test_a_row_that_no_joint_moves_is_a_row():
     rows = load_arm_file("sino6").joints
     arm = changed("sino6", {4: RIGID, 7: RIGID}, joints=[*rows, rows[5]])
     several = several_in_words([JointDistance(row) for row in (7, 2, 4, 3)], arm)
@@ -151,7 +151,7 @@ def test_a_row_that_no_joint_moves_is_a_row() -> None:
     )
 
 
-def test_values_have_two_digits_of_their_uncertainty() -> None:
+def test_values_have_two_digits_of_their_uncertainty():
     wave, curve = EncoderEccentricity(1), JointErrorCurve(1, 0.0, 1.0, 24)
     for effect, key, value, u, said in (
         (wave, "amplitude_rad", 1.846e-4, 1.8e-6, "amplitude 184.6 ± 3.6 µrad"),

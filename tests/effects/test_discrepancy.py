@@ -5,8 +5,6 @@ them.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -76,9 +74,7 @@ def by_hand(functions: tuple[Smooth, ...], tip: Array, q: Array, time: Array) ->
 
 @pytest.mark.parametrize("carrier", ["room", "target", "lengths", "before 4", "angle 4"])
 @pytest.mark.parametrize("functions", [(TIME,), (PLACES,), WAVES], ids=["time", "place", "waves"])
-def test_moves_the_tip_as_pinocchio_says(
-    sino6: Arm, rng: np.random.Generator, carrier: str, functions: tuple[Smooth, ...]
-) -> None:
+def test_moves_the_tip_as_pinocchio_says(sino6, rng, carrier, functions):
     q, conditions = records(sino6, rng)
     effect = one(carrier, *functions)
     frames = placements(sino6, q)
@@ -108,9 +104,7 @@ def test_moves_the_tip_as_pinocchio_says(
 
 
 @pytest.mark.parametrize(("carrier", "grow"), [("tubes", LONG), ("tube 5", [4])])
-def test_tubes_grow_as_longer_ones_do(
-    sino6: Arm, rng: np.random.Generator, carrier: str, grow: list[int]
-) -> None:
+def test_tubes_grow_as_longer_ones_do(sino6, rng, carrier, grow):
     q, conditions = records(sino6, rng)
     effect = Discrepancy("something", (Part(Carrier(carrier), ()),), 1, values=(1e-6,))
     errors = np.zeros((6, 4))
@@ -120,9 +114,7 @@ def test_tubes_grow_as_longer_ones_do(
 
 
 @pytest.mark.parametrize("row", [1, 2, 3, 5])
-def test_moment_is_the_torque_that_pinocchio_says(
-    sino6: Arm, rng: np.random.Generator, row: int
-) -> None:
+def test_moment_is_the_torque_that_pinocchio_says(sino6, rng, row):
     q, conditions = records(sino6, rng)
     state = State(sino6, q, conditions, sino6.chain.tip)
     of = f"joint {row}"
@@ -132,7 +124,7 @@ def test_moment_is_the_torque_that_pinocchio_says(
     np.testing.assert_allclose(own.T @ rest, 0.0, atol=1e-9)
 
 
-def test_ranks_are_the_same_at_new_records(rng: np.random.Generator) -> None:
+def test_ranks_are_the_same_at_new_records(rng):
     few = rng.permutation(np.repeat([3.0, 1.0, 7.0], [4, 2, 6]))
     below = np.array([1.0, 4.0, 9.0])[np.searchsorted([1.0, 3.0, 7.0], few)] / 12.0
     wanted = np.cos(np.pi * np.arange(4) * below[:, None])
@@ -148,9 +140,7 @@ def test_ranks_are_the_same_at_new_records(rng: np.random.Generator) -> None:
 
 
 @pytest.mark.parametrize("effect", [one("before 3", TIME), GEAR, shared()])
-def test_arm_file_brings_it_back(
-    sino6: Arm, rng: np.random.Generator, tmp_path: Path, effect: Discrepancy
-) -> None:
+def test_arm_file_brings_it_back(sino6, rng, tmp_path, effect):
     q, conditions = records(sino6, rng)
     model, path = (
         ErrorModel(sino6, ["encoder_gain:3,gain=1e-4", effect]),
@@ -167,9 +157,7 @@ def test_arm_file_brings_it_back(
     assert (tmp_path / "again.toml").read_bytes() == path.read_bytes()
 
 
-def test_of_an_arm_that_came_as_urdf(
-    robot_file: Callable[[str], Path], rng: np.random.Generator, tmp_path: Path
-) -> None:
+def test_of_an_arm_that_came_as_urdf(robot_file, rng, tmp_path):
     """The finger of Panda slides, and is off by what the joint before it does."""
     arm = Arm.from_urdf(robot_file("panda.urdf"), "panda_leftfinger")
     effect = one("slide 8", Waves("joint 7"))
@@ -251,7 +239,7 @@ OF_FUNCTIONS: list[tuple[dict[str, object], str]] = [
 ]
 
 
-def test_each_mistake_in_a_file_is_named(sino6: Arm, tmp_path: Path) -> None:
+def test_each_mistake_in_a_file_is_named(sino6, tmp_path):
     content, path = (
         ErrorModel(sino6).file().model_dump(mode="json", by_alias=True, exclude_none=True),
         tmp_path / "bad.toml",
@@ -271,9 +259,7 @@ def test_each_mistake_in_a_file_is_named(sino6: Arm, tmp_path: Path) -> None:
     assert ErrorModel.load(path).effects[0].needs == ("time",)
 
 
-def test_records_without_its_condition_and_outside_its_range(
-    sino6: Arm, rng: np.random.Generator
-) -> None:
+def test_records_without_its_condition_and_outside_its_range(sino6, rng):
     q, conditions = records(sino6, rng)
     model = ErrorModel(sino6, [one("room", TIME)])
     with pytest.raises(MissingConditionError):

@@ -200,12 +200,12 @@ def columns(
 # --- the contract ---
 
 
-def test_every_cause_has_an_example() -> None:
+def test_every_cause_has_an_example():
     assert {effect.cause for effect in EXAMPLES} == set(CAUSES)
     assert {type(effect) for effect in EXAMPLES} == set(CAUSES.values())
 
 
-def test_columns_are_the_derivatives(arms: dict[str, Arm], rng: np.random.Generator) -> None:
+def test_columns_are_the_derivatives(arms, rng):
     """Central differences: 2e-6 m of motion leave some 1e-10 of truncation and of rounding."""
     for arm, effect in cases(arms):
         q = postures(arm, rng, 10)
@@ -224,7 +224,7 @@ def test_columns_are_the_derivatives(arms: dict[str, Arm], rng: np.random.Genera
                 )
 
 
-def test_exact_form_converges_quadratically(arms: dict[str, Arm], rng: np.random.Generator) -> None:
+def test_exact_form_converges_quadratically(arms, rng):
     for arm, effect in cases(arms):
         q = postures(arm, rng, 10)
         conditions = known(arm, 10, rng)
@@ -240,7 +240,7 @@ def test_exact_form_converges_quadratically(arms: dict[str, Arm], rng: np.random
         assert beyond[0] < 1e-14 or 3.9 < beyond[0] / beyond[1] < 4.1
 
 
-def test_typical_values_are_in_si(arms: dict[str, Arm], rng: np.random.Generator) -> None:
+def test_typical_values_are_in_si(arms, rng):
     """From a tenth of a micrometre to ten millimetres: millimetres or degrees taken for SI would be
     outside.
     """
@@ -251,9 +251,7 @@ def test_typical_values_are_in_si(arms: dict[str, Arm], rng: np.random.Generator
         assert 1e-7 < largest < 1e-2
 
 
-def test_arm_file_brings_an_effect_back(
-    arms: dict[str, Arm], rng: np.random.Generator, tmp_path: Path
-) -> None:
+def test_arm_file_brings_an_effect_back(arms, rng, tmp_path):
     for arm, example in cases(arms, "sino6"):
         q, conditions = postures(arm, rng, 10), known(arm, 10, rng)
         values = typical(example) * rng.uniform(-1.0, 1.0, len(example.terms))
@@ -272,7 +270,7 @@ def test_arm_file_brings_an_effect_back(
 NONSENSE: list[Any] = [[1.5], {"a": 1}, "x", True, np.nan, -1, date(2019, 4, 27)]
 
 
-def test_nonsense_in_the_arm_file_is_named(arms: dict[str, Arm], tmp_path: Path) -> None:
+def test_nonsense_in_the_arm_file_is_named(arms, tmp_path):
     """Whatever stands in a field, the file loads to an effect with that value or is refused with
     file and key.
     """
@@ -296,7 +294,7 @@ def test_nonsense_in_the_arm_file_is_named(arms: dict[str, Arm], tmp_path: Path)
     assert all(place.startswith(f"{path}: effects[1]") for place in refused)
 
 
-def test_missing_condition_names_the_column(arms: dict[str, Arm], rng: np.random.Generator) -> None:
+def test_missing_condition_names_the_column(arms, rng):
     for arm, effect in cases(arms):
         model = ErrorModel(arm, (effect.at(tuple(typical(effect))),))
         q, nothing = postures(arm, rng, 5), Conditions(5)
@@ -314,7 +312,7 @@ def test_missing_condition_names_the_column(arms: dict[str, Arm], rng: np.random
             assert COLUMNS[needed] in str(caught.value)
 
 
-def test_what_an_arm_cannot_have_is_refused(arms: dict[str, Arm], rng: np.random.Generator) -> None:
+def test_what_an_arm_cannot_have_is_refused(arms, rng):
     for name, example in itertools.product((*DH_ARMS, *ROBOTS), EXAMPLES):
         words, arm = refusal(example, name), arms[name]
         if words is None:
@@ -327,7 +325,7 @@ def test_what_an_arm_cannot_have_is_refused(arms: dict[str, Arm], rng: np.random
             positions(arm, example, typical(example), q, conditions)
 
 
-def test_rows_that_are_not_there(arms: dict[str, Arm], rng: np.random.Generator) -> None:
+def test_rows_that_are_not_there(arms, rng):
     arm = arms["sino6"]
     q, conditions = postures(arm, rng, 2), known(arm, 2, rng)
     for example in EXAMPLES:
@@ -342,7 +340,7 @@ def test_rows_that_are_not_there(arms: dict[str, Arm], rng: np.random.Generator)
         assert replace(example, **{field: np.int64(2)}) == replace(example, **{field: 2})
 
 
-def test_fields_that_make_no_sense() -> None:
+def test_fields_that_make_no_sense():
     curve = partial(JointErrorCurve, joint=2, lower_rad=0)
     refused: list[tuple[Callable[[], Effect], str]] = [
         (partial(EncoderGain, 2, values=(np.nan,)), "encoder_gain:2: values is .* 1 finite"),
@@ -364,7 +362,7 @@ def test_fields_that_make_no_sense() -> None:
             make()
 
 
-def test_bodies_are_those_beyond(sino6: Arm, rng: np.random.Generator) -> None:
+def test_bodies_are_those_beyond(sino6, rng):
     q = postures(sino6, rng, 3)
     assert BearingTilt(joint=4, bodies=[4, 5, 6]) == BearingTilt(joint=4, bodies=(4, 5, 6))
     for bodies in ((3, 4, 5, 6), (4, 5), (5, 4, 6)):
@@ -374,7 +372,7 @@ def test_bodies_are_those_beyond(sino6: Arm, rng: np.random.Generator) -> None:
             columns(sino6, BearingTilt(joint=4, bodies=bodies), q, Conditions(3))
 
 
-def test_a_rigid_row_has_no_encoder(zero6: Arm, rng: np.random.Generator) -> None:
+def test_a_rigid_row_has_no_encoder(zero6, rng):
     q = postures(zero6, rng, 2)
     for effect in EXAMPLES:
         if hasattr(effect, "joint") and effect.cause.startswith("encoder"):
@@ -384,7 +382,7 @@ def test_a_rigid_row_has_no_encoder(zero6: Arm, rng: np.random.Generator) -> Non
     close(turned, zero6.positions(q), atol=1e-15)  # a stylus turned about itself
 
 
-def test_an_arm_that_cannot_stand(sino6: Arm, rng: np.random.Generator) -> None:
+def test_an_arm_that_cannot_stand(sino6, rng):
     with pytest.raises(AacmmError, match="joint_compliance:2: static equilibrium"):
         positions(sino6, JointCompliance(joint=2), [1.0], postures(sino6, rng, 20), Conditions(20))
 
@@ -436,7 +434,7 @@ GEOMETRY = {
 }
 
 
-def test_geometry_is_the_arm_with_other_values(arm_file: ArmFile, rng: np.random.Generator) -> None:
+def test_geometry_is_the_arm_with_other_values(arm_file, rng):
     arm = Arm.from_file(arm_file)
     q, errors = postures(arm, rng, 1), rng.normal(scale=0.05, size=(1, len(arm.parameters)))
     effects = [
@@ -446,7 +444,7 @@ def test_geometry_is_the_arm_with_other_values(arm_file: ArmFile, rng: np.random
     close(ErrorModel(arm, tuple(effects)).predict(q), arm.perturbed_positions(q, errors))
 
 
-def test_tilt_is_the_hayati_angle(arm_file: ArmFile, rng: np.random.Generator) -> None:
+def test_tilt_is_the_hayati_angle(arm_file, rng):
     """Ry(β) behind Rx(α), with the placements of the table around it."""
     arm, row, beta = Arm.from_file(arm_file), 3, 0.2
     q = postures(arm, rng, 5)
@@ -464,9 +462,7 @@ def test_tilt_is_the_hayati_angle(arm_file: ArmFile, rng: np.random.Generator) -
     close(positions(arm, LinkTilt(joint=row), [beta], q, Conditions(5)), expected[:, :3, 3])
 
 
-def test_placement_is_the_model_with_another_placement(
-    arms: dict[str, Arm], rng: np.random.Generator
-) -> None:
+def test_placement_is_the_model_with_another_placement(arms, rng):
     for name in ROBOTS:
         arm = arms[name]
         q, errors = postures(arm, rng, 1), rng.normal(scale=0.1, size=(arm.nq, 6))
@@ -475,7 +471,7 @@ def test_placement_is_the_model_with_another_placement(
         close(ErrorModel(arm, tuple(effects)).predict(q), expected)
 
 
-def test_eccentricity_is_that_of_a_disc(sino6: Arm, rng: np.random.Generator) -> None:
+def test_eccentricity_is_that_of_a_disc(sino6, rng):
     """Rays: the head at (1, 0), the disc's centre on a circle about the axis, the radial line that
     the head sees.
     """
@@ -502,12 +498,12 @@ def test_eccentricity_is_that_of_a_disc(sino6: Arm, rng: np.random.Generator) ->
         )
 
 
-def test_eccentricity_is_less_than_the_disc(sino6: Arm, q: Array) -> None:
+def test_eccentricity_is_less_than_the_disc(sino6, q):
     with pytest.raises(AacmmError, match=r"amplitude is 1, expected less than 1"):
         positions(sino6, EncoderEccentricity(joint=2), [1.0, 0.0], q, Conditions(len(q)))
 
 
-def test_periodic_errors_turn_the_joint(sino6: Arm, q: Array) -> None:
+def test_periodic_errors_turn_the_joint(sino6, q):
     amplitude, phase, step = 3e-3, -2.0, 1e-7
     for effect, order in (
         (EncoderEllipticity(joint=4), 2.0),
@@ -528,7 +524,7 @@ def test_periodic_errors_turn_the_joint(sino6: Arm, q: Array) -> None:
         np.testing.assert_allclose(polar.jacobian(wave), numeric, rtol=1e-3)
 
 
-def test_error_curve_has_linear_precision(sino6: Arm, q: Array) -> None:
+def test_error_curve_has_linear_precision(sino6, q):
     """Equal coefficients are a constant; coefficients at the means of three neighbouring knots are
     the angle itself.
     """
@@ -546,7 +542,7 @@ def test_error_curve_has_linear_precision(sino6: Arm, q: Array) -> None:
     )
 
 
-def test_error_curve_ends_where_it_is_known(sino6: Arm) -> None:
+def test_error_curve_ends_where_it_is_known(sino6):
     curve = JointErrorCurve(joint=3, lower_rad=0.0, upper_rad=2.0, coefficients=5)
     q = np.zeros((4, 6))
     q[:, 2] = 0.0, 1.0, 2.0, 2.5
@@ -558,7 +554,7 @@ def test_error_curve_ends_where_it_is_known(sino6: Arm) -> None:
         positions(sino6, curve, np.ones(5), q, Conditions(4))
 
 
-def test_what_depends_on_time_and_approach(sino6: Arm, rng: np.random.Generator) -> None:
+def test_what_depends_on_time_and_approach(sino6, rng):
     q = postures(sino6, rng, 4)
     time, approach = np.array([-1e9, 600.0, 601.0, 1e9]), np.zeros((4, 6))
     approach[:, 2] = -1, 0, 1, 1
@@ -578,9 +574,7 @@ def test_what_depends_on_time_and_approach(sino6: Arm, rng: np.random.Generator)
     assert EncoderSlip(joint=3, time_s=1.7e9 + 1.25).key == "encoder_slip:3,time_s=1700000001.25"
 
 
-def test_encoder_causes_shift_a_joint_that_slides(
-    robot_file: Callable[[str], Path], rng: np.random.Generator
-) -> None:
+def test_encoder_causes_shift_a_joint_that_slides(robot_file, rng):
     arm = Arm.from_urdf(robot_file("tiago.urdf"), "arm_tool_link")
     q = postures(arm, rng, 5)
     conditions = known(arm, 5, rng)
@@ -600,9 +594,7 @@ def test_encoder_causes_shift_a_joint_that_slides(
 
 
 @pytest.mark.parametrize("name", ["sino6", "sino6-modified", "sino6-wall", "ur5", "panda"])
-def test_weights_are_those_of_pinocchio(
-    name: str, arms: dict[str, Arm], rng: np.random.Generator
-) -> None:
+def test_weights_are_those_of_pinocchio(name, arms, rng):
     """Generalized gravity is the torque that holds the arm, the weight's is minus that; the stand
     tilts under the centre of mass; a bearing tilts under the moment across its axis.
     """
@@ -631,7 +623,7 @@ def test_weights_are_those_of_pinocchio(
         close(columns(arm, BearingTilt(joint=joint), q, still)[:, :, 0], tilted)
 
 
-def test_link_bends_as_the_beam_equation_says(sino6: Arm, q: Array, bodies: Bodies) -> None:
+def test_link_bends_as_the_beam_equation_says(sino6, q, bodies):
     """dφ/dx = κ m(x), dw/dx = φ × u along the tube, m(x) the moment of all that hangs beyond x,
     without its torsion.
 
@@ -683,7 +675,7 @@ def bent(bodies: Bodies, k: int, link: int, frames: Array) -> Array:
     return np.asarray(state[3:] + np.cross(state[:3], tip - end_of_tube))
 
 
-def test_windup_turns_the_rest_about_the_tube(sino6: Arm, q: Array, bodies: Bodies) -> None:
+def test_windup_turns_the_rest_about_the_tube(sino6, q, bodies):
     frames = placements(sino6, q)
     for link in (3, 5):
         start, stop, tip = (frames[:, i, :3, 3] for i in (link - 1, link, -1))
@@ -698,9 +690,7 @@ def test_windup_turns_the_rest_about_the_tube(sino6: Arm, q: Array, bodies: Bodi
 
 
 @pytest.mark.parametrize("of_links", [False, True], ids=["whole", "links"])
-def test_warmth_is_an_arm_with_longer_lengths(
-    of_links: bool, arm_file: ArmFile, rng: np.random.Generator
-) -> None:
+def test_warmth_is_an_arm_with_longer_lengths(of_links, arm_file, rng):
     """In modified DH a of the next row belongs to the body before it, the first a to the stand."""
     arm = Arm.from_file(arm_file)
     rows = len(arm_file.joints)
@@ -727,13 +717,13 @@ def test_warmth_is_an_arm_with_longer_lengths(
         close(found[k], changed(arm_file, longer).positions(q[[k]])[0])
 
 
-def test_warmth_of_one_link_and_of_all(sino6: Arm, q: Array, rng: np.random.Generator) -> None:
+def test_warmth_of_one_link_and_of_all(sino6, q, rng):
     conditions = known(sino6, len(q), rng)
     parts = [columns(sino6, ThermalExpansion(link=link), q, conditions) for link in range(1, 7)]
     close(np.sum(parts, axis=0), columns(sino6, ThermalExpansion(), q, conditions))
 
 
-def test_stylus_is_a_shift_in_the_last_frame(sino6: Arm, q: Array) -> None:
+def test_stylus_is_a_shift_in_the_last_frame(sino6, q):
     frames, shift = sino6.poses(q).placement, np.array([0.1, -0.02, 0.05])
     expected = (frames @ np.append(shift, 1.0))[:, :3]
     n = len(q)
@@ -743,7 +733,7 @@ def test_stylus_is_a_shift_in_the_last_frame(sino6: Arm, q: Array) -> None:
     close(found, np.where((marker == "m1")[:, None], expected, frames[:, :3, 3]))
 
 
-def test_stylus_sags_across_itself(arms: dict[str, Arm], rng: np.random.Generator) -> None:
+def test_stylus_sags_across_itself(arms, rng):
     sag = 0.01
     for name, axis_of_file in (("sino6", 0), ("sino6-wall", 0), ("zero6", 2)):
         arm = arms[name]
@@ -757,7 +747,7 @@ def test_stylus_sags_across_itself(arms: dict[str, Arm], rng: np.random.Generato
         )
 
 
-def test_counterbalance_is_a_weight_on_the_upper_tube(sino6: Arm, q: Array) -> None:
+def test_counterbalance_is_a_weight_on_the_upper_tube(sino6, q):
     """The torque at joint 2 of a mass on axis 3, one metre out; the small offset between the two
     axes is left out.
     """
@@ -768,9 +758,7 @@ def test_counterbalance_is_a_weight_on_the_upper_tube(sino6: Arm, q: Array) -> N
     close(columns(sino6, Counterbalance(joint=2), q, Conditions(len(q)))[:, :, 0], expected)
 
 
-def test_counterbalance_before_a_parallel_axis(
-    arms: dict[str, Arm], rng: np.random.Generator
-) -> None:
+def test_counterbalance_before_a_parallel_axis(arms, rng):
     """Joints 2 and 3 of a UR5 are parallel: the body is the way from one axis to the next."""
     arm = arms["ur5"]
     q = postures(arm, rng, 10)
@@ -791,7 +779,7 @@ def test_counterbalance_before_a_parallel_axis(
     close(columns(arm, Counterbalance(joint=2), q, Conditions(10))[:, :, 0], expected)
 
 
-def test_a_joint_without_a_body_of_its_own_is_no_candidate() -> None:
+def test_a_joint_without_a_body_of_its_own_is_no_candidate():
     """Its tube is a rigid row of its own behind it, before a parallel axis."""
     first, second, *others = craig().joints
     rows = [first, second, second, *others]
@@ -803,7 +791,7 @@ def test_a_joint_without_a_body_of_its_own_is_no_candidate() -> None:
     }
 
 
-def test_a_seat_that_is_off(sino6: Arm, q: Array) -> None:
+def test_a_seat_that_is_off(sino6, q):
     n, e = len(q), np.array([1e-3, 2e-3, 3e-3])
     seat = np.array(["A", "B", ""] * n, dtype=object)[:n]
     model = ErrorModel(sino6, (SeatError(seat="A", values=tuple(e)),))
@@ -814,7 +802,7 @@ def test_a_seat_that_is_off(sino6: Arm, q: Array) -> None:
     close(model.predict(q), sino6.positions(q))
 
 
-def test_reference_frame_is_a_rigid_motion_of_the_settled_arm(sino6: Arm, q: Array) -> None:
+def test_reference_frame_is_a_rigid_motion_of_the_settled_arm(sino6, q):
     """However far the references are turned, the weight pulls as it did."""
     twist = np.array([0.3, -0.2, 0.1, 0.8, -1.1, 0.4])
     motion = expm(twist_matrix(twist))
@@ -833,9 +821,7 @@ def test_reference_frame_is_a_rigid_motion_of_the_settled_arm(sino6: Arm, q: Arr
     "known_masses",
     [JointCompliance(joint=2), BearingTilt(joint=1), BearingTilt(joint=3), BaseCompliance()],
 )
-def test_unknown_masses_can_be_those_of_the_file(
-    known_masses: GravityEffect, sino6: Arm, rng: np.random.Generator
-) -> None:
+def test_unknown_masses_can_be_those_of_the_file(known_masses, sino6, rng):
     """First moment of a body about its axis, the weights beyond gathered at its end, in standard DH
     at (a, 0, d).
     """
@@ -857,7 +843,7 @@ def test_unknown_masses_can_be_those_of_the_file(
     close(exact, positions(sino6, unknown, 1e-3 * moments, q, still))
 
 
-def test_settled_arm_carries_itself(sino6: Arm, q: Array) -> None:
+def test_settled_arm_carries_itself(sino6, q):
     """Every spring has the moment that the weights have in the arm as all of them together have
     bent it.
     """
@@ -890,7 +876,7 @@ def test_settled_arm_carries_itself(sino6: Arm, q: Array) -> None:
     assert max(np.abs(twist).max() for twist in state.twists.values()) > 5e-3
 
 
-def test_several_causes_add_up_to_second_order(sino6: Arm, rng: np.random.Generator) -> None:
+def test_several_causes_add_up_to_second_order(sino6, rng):
     q = postures(sino6, rng, 20)
     conditions = known(sino6, 20, rng)
     chosen = {effect.cause: effect for effect in reversed(EXAMPLES)}
@@ -911,7 +897,7 @@ def test_several_causes_add_up_to_second_order(sino6: Arm, rng: np.random.Genera
     assert 3.8 < beyond[0] / beyond[1] < 4.2
 
 
-def test_a_curve_tells_its_waves() -> None:
+def test_a_curve_tells_its_waves():
     """Three cosines on a spline come back with order and amplitude; what makes less than one period
     is not told.
     """

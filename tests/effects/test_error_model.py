@@ -4,7 +4,6 @@ all of it.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +12,7 @@ import pytest
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin.arm import Arm
-from aacmm_pin.arm.file import ArmFile, arm_text, load_arm_file
+from aacmm_pin.arm.file import arm_text, load_arm_file
 from aacmm_pin.effects import (
     EncoderEccentricity,
     EncoderGain,
@@ -69,7 +68,7 @@ def effect_text(*lines: str) -> str:
 # --- prediction ---
 
 
-def test_without_effects_it_is_the_arm(arm_file: ArmFile, rng: np.random.Generator) -> None:
+def test_without_effects_it_is_the_arm(arm_file, rng):
     arm = Arm.from_file(arm_file)
     model, q = ErrorModel.of(arm), postures(arm, rng, 20)
     assert ErrorModel.of(model) is model
@@ -82,7 +81,7 @@ def test_without_effects_it_is_the_arm(arm_file: ArmFile, rng: np.random.Generat
         np.testing.assert_array_equal(model.sensitivity(q, at=at), arm.sensitivity(q, at))
 
 
-def test_predict_uses_conditions_of_effects_that_act(sino6: Arm, rng: np.random.Generator) -> None:
+def test_predict_uses_conditions_of_effects_that_act(sino6, rng):
     q = postures(sino6, rng, 4)
     warm = Conditions(4, temperature=np.full(4, 30.0))
     model = ErrorModel(sino6, (ThermalExpansion(values=(1e-4,)),))
@@ -95,7 +94,7 @@ def test_predict_uses_conditions_of_effects_that_act(sino6: Arm, rng: np.random.
         idle.sensitivity(q)
 
 
-def test_what_cannot_be_predicted(sino6: Arm) -> None:
+def test_what_cannot_be_predicted(sino6):
     model, q = ErrorModel(sino6, (EncoderGain(joint=3, values=(1e-4,)),)), np.zeros((2, 6))
     for ask in (model.predict, model.correct, model.sensitivity):
         with pytest.raises(ShapeError, match=r"q\[0, 0\] is inf"):
@@ -114,7 +113,7 @@ def test_what_cannot_be_predicted(sino6: Arm) -> None:
 
 
 @pytest.mark.parametrize("arm_name", ["sino6", "zero6"])
-def test_sensitivity_of_the_displaced_arm(arm_name: str, rng: np.random.Generator) -> None:
+def test_sensitivity_of_the_displaced_arm(arm_name, rng):
     """With a target 0.1 m from the tip, and a joint 0.05 rad off, the geometry has other levers
     than the plain arm.
     """
@@ -132,9 +131,7 @@ def test_sensitivity_of_the_displaced_arm(arm_name: str, rng: np.random.Generato
     assert np.abs(numeric - arm.sensitivity(q)).max() > 0.05
 
 
-def test_sensitivity_of_a_displaced_robot(
-    robot_file: Callable[[str], Path], rng: np.random.Generator
-) -> None:
+def test_sensitivity_of_a_displaced_robot(robot_file, rng):
     arm = Arm.from_urdf(robot_file("ur5_robot.urdf"), "tool0")
     q, target = postures(arm, rng, 5), StylusOffset(values=(0.1, -0.05, 0.02))
 
@@ -147,7 +144,7 @@ def test_sensitivity_of_a_displaced_robot(
     close(columns, derivative(moved, np.zeros(36)), 2e-9)
 
 
-def test_parameters_are_the_columns(sino6: Arm, rng: np.random.Generator) -> None:
+def test_parameters_are_the_columns(sino6, rng):
     effects = (
         LinkBending(link=3),
         EncoderEccentricity(joint=2, values=(1e-4, 2e-4), u=(1e-6, 2e-6)),
@@ -170,7 +167,7 @@ def test_parameters_are_the_columns(sino6: Arm, rng: np.random.Generator) -> Non
 # --- changing a model ---
 
 
-def test_with_effects_is_a_new_model(sino6: Arm) -> None:
+def test_with_effects_is_a_new_model(sino6):
     gain, compliance = EncoderGain(3, values=(1e-4,)), JointCompliance(2, values=(1e-5,))
     first, other = ErrorModel(sino6, (gain, compliance)), EncoderGain(3, values=(3e-4,))
     second = first.with_effects(other, EncoderGain(joint=4))
@@ -185,7 +182,7 @@ def test_with_effects_is_a_new_model(sino6: Arm) -> None:
 # --- covariance ---
 
 
-def test_covariance_of_the_file(tmp_path: Path, sino6: Arm) -> None:
+def test_covariance_of_the_file(tmp_path, sino6):
     model = ErrorModel.load(write(tmp_path, GAIN, COVARIANCE))
     names = [p.name for p in model.parameters]
     where = [names.index(name) for name in ("theta_offset3", "encoder_gain:3", "d2")]
@@ -205,7 +202,7 @@ def test_covariance_of_the_file(tmp_path: Path, sino6: Arm) -> None:
     )
 
 
-def test_covariance_survives_saving(tmp_path: Path) -> None:
+def test_covariance_survives_saving(tmp_path):
     model = ErrorModel.load(write(tmp_path, GAIN, COVARIANCE))
     model.save(tmp_path / "again.toml")
     again = ErrorModel.load(tmp_path / "again.toml")
@@ -241,7 +238,7 @@ BAD_COVARIANCE = [
 ]
 
 
-def test_bad_covariance_is_named(tmp_path: Path) -> None:
+def test_bad_covariance_is_named(tmp_path):
     for old, new, key, words in BAD_COVARIANCE:
         assert COVARIANCE.count(old) == 1
         refused(write(tmp_path, GAIN, COVARIANCE.replace(old, new)), key, words)
@@ -259,7 +256,7 @@ def refused(path: Path, key: str, words: list[str]) -> None:
 # --- the arm file ---
 
 
-def test_file_states_the_effects_as_people_do(tmp_path: Path, sino6: Arm) -> None:
+def test_file_states_the_effects_as_people_do(tmp_path, sino6):
     """Amplitude and phase, millimetres: what the file says is what a reader knows from data
     sheets.
     """
@@ -274,7 +271,7 @@ def test_file_states_the_effects_as_people_do(tmp_path: Path, sino6: Arm) -> Non
     assert third.structure == {"joint": 4, "torque": "gravity", "bodies": (4, 5, 6)}
 
 
-def test_file_written_by_hand(tmp_path: Path) -> None:
+def test_file_written_by_hand(tmp_path):
     text = effect_text(
         'cause = "encoder_eccentricity"',
         "joint = 3",
@@ -291,7 +288,7 @@ def test_file_written_by_hand(tmp_path: Path) -> None:
     assert [e.u for e in model.effects] == [(0.0, 0.0), (0.0, 0.0), (0.0,), (1e-6,)]
 
 
-def test_an_arm_that_is_from_no_file(sino6: Arm) -> None:
+def test_an_arm_that_is_from_no_file(sino6):
     with pytest.raises(AacmmError, match="SINO6: was made from no file"):
         ErrorModel(replace(sino6, file=None)).file()
 
@@ -351,7 +348,7 @@ BAD_EFFECTS = [
 ]
 
 
-def test_bad_effect_is_named(tmp_path: Path) -> None:
+def test_bad_effect_is_named(tmp_path):
     for lines, key, words in BAD_EFFECTS:
         refused(write(tmp_path, effect_text(*lines)), key, words)
     refused(
@@ -362,7 +359,7 @@ def test_bad_effect_is_named(tmp_path: Path) -> None:
     refused(write(tmp_path, GAIN, GAIN), "effects", ["the parameter encoder_gain:3 is there twice"])
 
 
-def test_effects_that_are_no_tables(tmp_path: Path) -> None:
+def test_effects_that_are_no_tables(tmp_path):
     path, whole = tmp_path / "odd.toml", arm_text(load_arm_file("sino6"))
     for text in ("effects = 3\n", 'effects = ["encoder_gain"]\n', "[effects]\ncause = 1\n"):
         path.write_text(

@@ -4,9 +4,6 @@ where it has no effects.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -28,9 +25,7 @@ HALF_WIDTHS = {"translation_half_width": 5e-4, "rotation_half_width": 1e-3}
 @pytest.mark.parametrize(
     ("name", "frame"), [("ur5_robot.urdf", "tool0"), ("panda.urdf", "panda_hand")]
 )
-def test_the_tip_comes_where_the_nominal_arm_has_it(
-    name: str, frame: str, robot_file: Callable[[str], Path], rng: np.random.Generator
-) -> None:
+def test_the_tip_comes_where_the_nominal_arm_has_it(name, frame, robot_file, rng):
     nominal = Arm.from_urdf(robot_file(name), frame)
     moved = nominal.with_placements(rng.normal(scale=1e-3, size=(nominal.nq, 6)), None)
     effects = (JointCompliance(2, values=(2e-5,)), EncoderEccentricity(3, values=(1e-3, 5e-4)))
@@ -51,16 +46,14 @@ def test_the_tip_comes_where_the_nominal_arm_has_it(
             )
 
 
-def test_a_place_out_of_reach_is_not_reached(sino6: Arm) -> None:
+def test_a_place_out_of_reach_is_not_reached(sino6):
     larger = with_dh_errors(sino6.file, sino6.dh.values() * [1, 1, 0, 0])
     q = np.array([[0.3, -1.57, 0.2, 0.0, 0.1, 0.2]])
     _, arrived = joint_commands(sino6, larger, q)
     assert not arrived.any()
 
 
-def test_a_tip_that_is_a_target_gets_no_commands(
-    robot_file: Callable[[str], Path], rng: np.random.Generator
-) -> None:
+def test_a_tip_that_is_a_target_gets_no_commands(robot_file, rng):
     """With a marker its commands are within the flange's own u."""
     text = robot_file("ur5_robot.urdf").read_text(encoding="utf-8")
     place = '<origin xyz="0.02 -0.03 0.06" rpy="0 0 0"/><parent link="tool0"/><child link="smr"/>'

@@ -90,16 +90,14 @@ def found(hidden: Measurements) -> Diagnosis:
     return diagnose(Arm.load("sino6"), hidden, encoder_noise=NOISE)
 
 
-def test_the_readme_shows_it_in_few_lines() -> None:
+def test_the_readme_shows_it_in_few_lines():
     assert len(HOSE.splitlines()) <= 30
     assert HOSE in (Path(__file__).parents[2] / "notebooks" / "site" / "own_cause.md").read_text(
         encoding="utf-8"
     )
 
 
-def test_it_is_found_written_read_and_drawn(
-    hose: Any, found: Diagnosis, hidden: Measurements, tmp_path: Path
-) -> None:
+def test_it_is_found_written_read_and_drawn(hose, found, hidden, tmp_path):
     assert [f.label for f in found.findings] == ["hose_pull:2"]
     assert found.verdict == "explained"
     (finding,) = found.findings
@@ -124,7 +122,7 @@ def test_it_is_found_written_read_and_drawn(
         ErrorModel.load(tmp_path / "extended.toml")
 
 
-def test_it_is_calibrated_planned_and_known(hose: Any, hidden: Measurements, sino6: Arm) -> None:
+def test_it_is_calibrated_planned_and_known(hose, hidden, sino6):
     fitted = calibrate(
         sino6, hidden, ["geometry", hose(2)], encoder_noise=NOISE, hold_out=False
     ).model.effects[-1]
@@ -140,7 +138,7 @@ def test_it_is_calibrated_planned_and_known(hose: Any, hidden: Measurements, sin
     assert isinstance(example(hose), hose)
 
 
-def test_the_shell_knows_it_by_a_plugin(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_shell_knows_it_by_a_plugin(folder, monkeypatch):
     """Where nothing but the file makes it known: each command begins without it, the first in a
     process of its own.
     """
@@ -170,7 +168,7 @@ def test_the_shell_knows_it_by_a_plugin(folder: Path, monkeypatch: pytest.Monkey
     )
 
 
-def test_worker_processes_know_it(folder: Path) -> None:
+def test_worker_processes_know_it(folder):
     hose = import_plugin(str(folder / "hose.py")).HosePull
     with results(repr, [hose(1), hose(2)], 2) as found:
         assert dict(found) == {0: repr(hose(1)), 1: repr(hose(2))}
@@ -189,9 +187,7 @@ def refusal(*words: str) -> str:
     return said
 
 
-def test_plugins_that_are_none_and_entry_points(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_plugins_that_are_none_and_entry_points(folder, monkeypatch):
     monkeypatch.chdir(folder)
     Path("numpy.py").write_text("")
     mute = "class Mute(Exception):\n    def __str__(self):\n        raise ValueError\n\nraise Mute"
@@ -221,9 +217,7 @@ def test_plugins_that_are_none_and_entry_points(
     assert "hose_pull:JOINT" in done.stdout, done.stderr
 
 
-def test_mistakes_of_a_class_are_told_with_its_name_and_place(
-    hose: Any, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_mistakes_of_a_class_are_told_with_its_name_and_place(hose, folder, tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "dont_write_bytecode", True)  # the file changes within a second
     records, wrong = tmp_path / "data.csv", folder / "wrong.py"
     simulate_measurements(Arm.load("sino6"), "free", 30, rng=np.random.default_rng(1)).save(records)
@@ -290,7 +284,7 @@ def test_mistakes_of_a_class_are_told_with_its_name_and_place(
         CAUSES["hose_pull"] = hose
 
 
-def test_what_it_prints_is_no_result(hose: Any, folder: Path) -> None:
+def test_what_it_prints_is_no_result(hose, folder):
     speaks = folder / "speaks.py"
     speaks.write_text(
         HOSE.replace("        return [", "        print('here')\n        return ["),
@@ -313,7 +307,7 @@ def test_what_it_prints_is_no_result(hose: Any, folder: Path) -> None:
     assert "here" in done.stderr.splitlines()
 
 
-def test_sizes_of_terms_are_numbers_above_zero() -> None:
+def test_sizes_of_terms_are_numbers_above_zero():
     term: dict[str, Any] = {"name": "", "unit": "rad", "typical": 1e-4, "key": "turn_rad"}
     for name, number in itertools.product(("typical", "scale"), (0.0, float("inf"), "1e-4")):
         with pytest.raises(AacmmError, match=f"{name} is .*, expected a number above 0"):
@@ -338,13 +332,13 @@ class Coupled(Effect):
         ]
 
 
-def test_candidates_of_a_registered_cause_are_where_it_has_its_angles(sino6: Arm) -> None:
+def test_candidates_of_a_registered_cause_are_where_it_has_its_angles(sino6):
     """Joint 1 has none before it."""
     register(Coupled)
     assert [variants[0].joint for variants in Coupled.candidates(sino6)] == [2, 3, 4, 5, 6]
 
 
-def test_what_cannot_be_tried_is_refused(hose: Any, sino6: Arm, hidden: Measurements) -> None:
+def test_what_cannot_be_tried_is_refused(hose, sino6, hidden):
     for extra, error, said in (
         (hose(9), AacmmError, "SINO6 has rows 1 to 6"),
         (Coupled(4), UnknownNameError, r"aacmm_pin\.effects\.register"),
@@ -354,7 +348,7 @@ def test_what_cannot_be_tried_is_refused(hose: Any, sino6: Arm, hidden: Measurem
             diagnose(sino6, hidden, encoder_noise=NOISE, extra_causes=[extra], hold_out=False)
 
 
-def test_names_that_are_of_no_use_are_refused(hose: Any) -> None:
+def test_names_that_are_of_no_use_are_refused(hose):
     for name, said in {
         "Link Length!": "small letters",
         "encoder_gain": r"the cause encoder_gain is there already, "

@@ -81,7 +81,7 @@ def assert_same(a: Measurements, b: Measurements) -> None:
 # --- what is in a file
 
 
-def test_every_column_is_read_in_its_unit(full: Measurements) -> None:
+def test_every_column_is_read_in_its_unit(full):
     assert (full.n, full.nq, full.source.endswith("data.csv")) == (4, 2, True)
     np.testing.assert_allclose(
         full.q, np.array([[10, -20.5], [90, 10], [-90, 45], [180, -45]]) * DEG, rtol=1e-15
@@ -129,7 +129,7 @@ def test_every_column_is_read_in_its_unit(full: Measurements) -> None:
     assert full.bars() == [Bar("ball", "007", "NA", 0.5, 2e-6)]
 
 
-def test_radians_and_one_temperature(tmp_path: Path) -> None:
+def test_radians_and_one_temperature(tmp_path):
     measurements = Measurements.read(
         write(tmp_path, "theta2_rad,theta1_rad,temperature_c\n-0.5,31.4,21.5\n"), nq=2
     )
@@ -140,7 +140,7 @@ def test_radians_and_one_temperature(tmp_path: Path) -> None:
     assert (measurements.known.any(), measurements.seats(), measurements.bars()) == (False, {}, [])
 
 
-def test_spellings_of_text_files(tmp_path: Path) -> None:
+def test_spellings_of_text_files(tmp_path):
     """A byte order mark, other line ends, blank lines, spaces around numbers, a line break within
     quotes.
     """
@@ -154,7 +154,7 @@ def test_spellings_of_text_files(tmp_path: Path) -> None:
     assert error_of(tmp_path, text.replace("2,x", "two,x")).row == 5
 
 
-def test_from_frame_takes_numbers_and_missing_values_and_keeps_no_hold_of_the_table() -> None:
+def test_from_frame_takes_numbers_and_missing_values_and_keeps_no_hold_of_the_table():
     columns: dict[str, object] = {
         "theta1_rad": pd.array([1, 2, 3], dtype="Int64"),
         "x_mm": [1.0, np.nan, 1.0],
@@ -177,7 +177,7 @@ def test_from_frame_takes_numbers_and_missing_values_and_keeps_no_hold_of_the_ta
     assert (measurements.source, measurements.row.tolist()) == ("table", [2, 3, 4])
 
 
-def test_bounds_belong_to_what_is_believed() -> None:
+def test_bounds_belong_to_what_is_believed():
     table = pd.DataFrame({"theta1_rad": [10 * np.pi, -10 * np.pi], "temperature_c": [-100, 200]})
     np.testing.assert_array_equal(Measurements.from_frame(table).q, table[["theta1_rad"]])
     assert Measurements.from_frame(pd.DataFrame({"theta1_deg": [1.0, -1, 1, -1, 0]})).n == 5
@@ -203,7 +203,7 @@ FILES: list[tuple[str | bytes, int | None, str]] = [
 ]
 
 
-def test_other_ways_to_write_the_same(tmp_path: Path) -> None:
+def test_other_ways_to_write_the_same(tmp_path):
     halves = SMALL.replace("10,20", "10.5,20.25")
     known = Measurements.read(write(tmp_path, halves), 2)
     assert known.read_as == ()
@@ -237,7 +237,7 @@ def test_other_ways_to_write_the_same(tmp_path: Path) -> None:
     assert (told.value.row, told.value.column) == (3, "record")
 
 
-def test_a_file_that_is_no_table(tmp_path: Path) -> None:
+def test_a_file_that_is_no_table(tmp_path):
     for content, row, word in FILES:
         error = error_of(tmp_path, content)
         assert (error.row, word in str(error)) == (row, True), str(error)
@@ -295,7 +295,7 @@ UNRELATED = """
 """
 
 
-def test_a_header_with_a_mistake(tmp_path: Path) -> None:
+def test_a_header_with_a_mistake(tmp_path):
     for header, nq, column, word in HEADERS:
         cells = ",".join("1" for _ in header.split(","))
         error = error_of(tmp_path, f"{header}\n{cells}\n{cells}\n", nq)
@@ -306,7 +306,7 @@ def test_a_header_with_a_mistake(tmp_path: Path) -> None:
         Measurements.from_frame(pd.DataFrame({"theta1_deg": [1.0], 7: [2.0]}))
 
 
-def test_a_slip_in_a_name_is_no_unknown_column(tmp_path: Path) -> None:
+def test_a_slip_in_a_name_is_no_unknown_column(tmp_path):
     for meant, slips in SLIPS.items():
         for slip in slips:
             error = error_of(tmp_path, f"theta1_deg,{slip}\n1,1\n")
@@ -372,7 +372,7 @@ def csv_of(columns: dict[str, list[str]]) -> str:
     return "\n".join(rows) + "\n"
 
 
-def test_a_cell_with_a_mistake(tmp_path: Path) -> None:
+def test_a_cell_with_a_mistake(tmp_path):
     for column, cell, word in CELLS:
         with_bar = "bar" in word or column.startswith("bar")
         columns = {name: [good] * 4 for name, good in GOOD.items()} | (
@@ -388,7 +388,7 @@ def test_a_cell_with_a_mistake(tmp_path: Path) -> None:
         assert len(str(error)) < 500
 
 
-def test_numbers_of_a_table_are_looked_at_too() -> None:
+def test_numbers_of_a_table_are_looked_at_too():
     for cell, words in (
         (np.nan, "is empty"),
         (np.inf, "is 'inf', expected a finite number"),
@@ -405,7 +405,7 @@ def test_numbers_of_a_table_are_looked_at_too() -> None:
             Measurements.from_frame(pd.DataFrame({"theta1_deg": cells}))
 
 
-def test_the_first_problems_come_in_one_message(tmp_path: Path) -> None:
+def test_the_first_problems_come_in_one_message(tmp_path):
     text = "theta1_deg,theta2_deg,x_mm,y_mm,z_mm\n1,a,,,\nb,2,c,,\nd,2,,e,\n1,2,,,\nf,,,,\n"
     lines = str(error_of(tmp_path, text)).splitlines()
     assert len(lines) == 5
@@ -429,7 +429,7 @@ def angles(unit: str, values: np.ndarray) -> pd.DataFrame:
     return pd.DataFrame({f"theta{j + 1}_{unit}": values[:, j] for j in range(values.shape[1])})
 
 
-def test_degrees_that_look_like_radians(rng: np.random.Generator) -> None:
+def test_degrees_that_look_like_radians(rng):
     q = rng.uniform(-np.pi, np.pi, size=(5, 6))
     with pytest.raises(MeasurementFileError) as caught:
         Measurements.from_frame(angles("deg", q))
@@ -451,7 +451,7 @@ def test_degrees_that_look_like_radians(rng: np.random.Generator) -> None:
         np.testing.assert_allclose(found, degrees * DEG, rtol=1e-15)
 
 
-def test_labels_that_are_nearly_the_same() -> None:
+def test_labels_that_are_nearly_the_same():
     table = angles("deg", np.full((8, 2), 40.0))
     table = table.assign(seat=2 * ["P1", "#p 01", "P10", "1"], session=2 * ["1", "1.0", "2", "10"])
     told = data_of(Measurements.from_frame(table).read_as, "labels_alike")
@@ -466,7 +466,7 @@ def test_labels_that_are_nearly_the_same() -> None:
         assert repr(label) in alike["labels"]
 
 
-def test_radians_that_look_like_degrees() -> None:
+def test_radians_that_look_like_degrees():
     q = np.array([[0.1, 0.2], [0.3, -31.5], [1.0, 90.0]])
     with pytest.raises(MeasurementFileError) as caught:
         Measurements.from_frame(angles("rad", q))
@@ -479,7 +479,7 @@ def test_radians_that_look_like_degrees() -> None:
 # --- mistakes: seats and bars
 
 
-def test_what_seats_and_bars_may_be(tmp_path: Path) -> None:
+def test_what_seats_and_bars_may_be(tmp_path):
     text = "theta1_deg,x_mm,y_mm,z_mm,seat\n1,1,2,3,one\n2,,,,two\n3,,,,two\n4,,,,\n"
     assert list(Measurements.read(write(tmp_path, text)).seats()) == ["one", "two"]
     text = "theta1_deg,seat,bar,bar_end,bar_length_mm\n1,one,b,A,50\n2,two,b,B,50\n"
@@ -510,7 +510,7 @@ BARS: list[tuple[dict[str, list[str]], int, str, str]] = [
 ]
 
 
-def test_a_bar_that_contradicts_itself(tmp_path: Path) -> None:
+def test_a_bar_that_contradicts_itself(tmp_path):
     for changes, row, column, word in BARS:
         error = error_of(tmp_path, csv_of({"theta1_deg": ["1"] * 4} | AT_BAR | changes))
         assert (error.row, error.column, word in str(error)) == (row, column, True), str(error)
@@ -519,7 +519,7 @@ def test_a_bar_that_contradicts_itself(tmp_path: Path) -> None:
 # --- from arrays
 
 
-def test_of_arrays(rng: np.random.Generator) -> None:
+def test_of_arrays(rng):
     q = rng.normal(size=(3, 6))
     measurements = Measurements.of(q)
     assert (measurements.n, measurements.nq, measurements.known.any(), measurements.source) == (
@@ -562,7 +562,7 @@ OF_CONDITIONS: list[tuple[dict[str, Any], str]] = [
 ]
 
 
-def test_arrays_with_a_mistake() -> None:
+def test_arrays_with_a_mistake():
     for given, words in OF_CONDITIONS:
         with pytest.raises(ShapeError, match=words):
             Conditions(**{"n": 1} | given)
@@ -571,7 +571,7 @@ def test_arrays_with_a_mistake() -> None:
             Measurements.of(**arguments)  # type: ignore[arg-type]
 
 
-def test_arrays_that_contradict_each_other() -> None:
+def test_arrays_that_contradict_each_other():
     for arguments, words in (
         ({"bar": ["b"]}, "missing beside bar"),
         (
@@ -643,7 +643,7 @@ def random_measurements(rng: np.random.Generator) -> Measurements:
 
 
 @pytest.mark.parametrize("seed", range(10))
-def test_there_and_back(tmp_path: Path, seed: int) -> None:
+def test_there_and_back(tmp_path, seed):
     rng = np.random.default_rng(seed)
     measurements = random_measurements(rng)
     radians = measurements.to_frame("rad")
@@ -665,16 +665,14 @@ def test_there_and_back(tmp_path: Path, seed: int) -> None:
     assert_same(Measurements.from_frame(radians.iloc[rows]), measurements.take(rows))
 
 
-def test_units_and_order_of_columns(full: Measurements) -> None:
+def test_units_and_order_of_columns(full):
     with pytest.raises(UnknownNameError, match="'gon'; known: deg, rad"):
         full.to_frame("gon")  # type: ignore[arg-type]
     assert list(full.to_frame().columns) == FULL.splitlines()[0].split(",")
     assert_same(Measurements.from_frame(full.to_frame()), full)
 
 
-def test_a_saved_file_is_what_another_reader_expects(
-    tmp_path: Path, rng: np.random.Generator
-) -> None:
+def test_a_saved_file_is_what_another_reader_expects(tmp_path, rng):
     q, reference = rng.uniform(-np.pi, np.pi, size=(50, 6)), rng.normal(size=(50, 3))
     reference[::7] = np.nan
     dew = pd.DataFrame({"dew_c": rng.normal(size=50)})
@@ -694,7 +692,7 @@ def test_a_saved_file_is_what_another_reader_expects(
     assert np.isnan(table["x_mm"]).sum() == 8
 
 
-def test_small_angles_are_saved_so_that_they_can_be_read(tmp_path: Path) -> None:
+def test_small_angles_are_saved_so_that_they_can_be_read(tmp_path):
     """Within ±6.28° degrees would be taken for radians: then the file has radians."""
     q = np.full((5, 2), 0.05)
     Measurements.of(q).save(tmp_path / "out.csv")
@@ -705,7 +703,7 @@ def test_small_angles_are_saved_so_that_they_can_be_read(tmp_path: Path) -> None
     np.testing.assert_allclose(Measurements.read(tmp_path / "turns.csv").q, turns, rtol=1e-15)
 
 
-def test_unknown_columns_of_any_kind_are_saved(tmp_path: Path) -> None:
+def test_unknown_columns_of_any_kind_are_saved(tmp_path):
     extra = pd.DataFrame(
         {
             "a": ["x", None],
@@ -730,7 +728,7 @@ def test_unknown_columns_of_any_kind_are_saved(tmp_path: Path) -> None:
 # --- part of it, and what people see
 
 
-def test_take(full: Measurements) -> None:
+def test_take(full):
     part = full.take([3, 1])
     assert (part.n, part.nq, part.row.tolist()) == (2, 2, [5, 3])  # still the lines of the file
     np.testing.assert_array_equal(part.q, full.q[[3, 1]])
@@ -741,7 +739,7 @@ def test_take(full: Measurements) -> None:
     assert full.take([]).n == 0
 
 
-def test_cells_that_a_spreadsheet_would_compute_are_quoted_and_read_back(tmp_path: Path) -> None:
+def test_cells_that_a_spreadsheet_would_compute_are_quoted_and_read_back(tmp_path):
     """Labels, unknown columns and their names; what is a number stays one."""
     labels = ["=1+1", "+cmd", "@sum", "\tt", "'=q", "'plain", "-", "-1.5", "plain", "S3;=1+1"]
     extra = pd.DataFrame({"=name": labels, "self": labels, "number": np.arange(10) - 6.5})

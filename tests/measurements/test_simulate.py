@@ -96,9 +96,7 @@ def directions(q: Array) -> Array:
 
 
 @pytest.mark.parametrize("options", PLANS, ids=lambda o: "-".join(map(str, o.values())))
-def test_tips_are_where_the_plan_says_and_postures_differ(
-    arm: Arm, options: dict[str, Any]
-) -> None:
+def test_tips_are_where_the_plan_says_and_postures_differ(arm, options):
     """At the references, or of each unknown seat at one point; inside the limits, and away from
     where the arm is stuck.
     """
@@ -132,7 +130,7 @@ def test_tips_are_where_the_plan_says_and_postures_differ(
         np.testing.assert_allclose(np.linalg.norm(a[:, None] - b, axis=2), 0.4, atol=1e-9, rtol=0)
 
 
-def test_errors_of_references_act_where_these_are_stated(sino6: Arm) -> None:
+def test_errors_of_references_act_where_these_are_stated(sino6):
     shift = np.array([1e-4, -2e-4, 3e-4])
     model = ErrorModel(sino6).with_effects(SeatError(seat="S3", values=tuple(shift)))
     measurements = simulated(model, plan="seats", **quiet())
@@ -155,7 +153,7 @@ def test_errors_of_references_act_where_these_are_stated(sino6: Arm) -> None:
 # --- the postures
 
 
-def test_postures_go_all_round_the_point(sino6: Arm) -> None:
+def test_postures_go_all_round_the_point(sino6):
     """Whatever posture another solver finds at the point, one like it is there: 300 in three
     dimensions of freedom.
     """
@@ -175,7 +173,7 @@ def test_postures_go_all_round_the_point(sino6: Arm) -> None:
     assert found >= 2
 
 
-def test_seats_are_apart_and_clear_of_the_stand_and_the_table(sino6: Arm) -> None:
+def test_seats_are_apart_and_clear_of_the_stand_and_the_table(sino6):
     measurements = simulated(sino6, plan="seats", **quiet(), seats=20, above=0.1)
     points = np.array([measurements.reference[rows[0]] for rows in measurements.seats().values()])
     apart = np.linalg.norm(points[:, None] - points, axis=2)[~np.eye(20, dtype=bool)]
@@ -188,7 +186,7 @@ def test_seats_are_apart_and_clear_of_the_stand_and_the_table(sino6: Arm) -> Non
     assert np.hypot(free[:, 0], free[:, 1]).min() >= 0.1
 
 
-def test_joints_may_slide_or_turn_without_end(tmp_path: Path) -> None:
+def test_joints_may_slide_or_turn_without_end(tmp_path):
     arm = Arm.from_urdf(
         written(
             tmp_path, ("prismatic", "0 0 1", 0.0, 0.5), *[("revolute", "0 0 1", -1e4, 1e4)] * 3
@@ -206,7 +204,7 @@ def test_joints_may_slide_or_turn_without_end(tmp_path: Path) -> None:
 # --- the noise
 
 
-def test_encoder_noise(sino6: Arm) -> None:
+def test_encoder_noise(sino6):
     u = np.array([5e-6, 1e-5, 0.0, 2e-5, 8e-6, 4e-5])
     exact, noisy = (simulated(sino6, plan="seats", **quiet(encoder=e)) for e in (0.0, u))  # type: ignore[arg-type]
     off, some = noisy.q - exact.q, u > 0
@@ -214,7 +212,7 @@ def test_encoder_noise(sino6: Arm) -> None:
     assert (off[:, ~some] == 0).all()
 
 
-def test_reference_noise(sino6: Arm) -> None:
+def test_reference_noise(sino6):
     options: dict[str, Any] = {"plan": "seats", "seats": 30}
     exact, noisy = (simulated(sino6, **quiet(reference=u), **options) for u in (0.0, 2e-5))
     off = noisy.reference - exact.reference
@@ -228,7 +226,7 @@ def test_reference_noise(sino6: Arm) -> None:
     assert consistent((noisy.reference - exact.reference) / 2e-5)
 
 
-def test_lengths_of_bars_are_as_good_as_references(sino6: Arm) -> None:
+def test_lengths_of_bars_are_as_good_as_references(sino6):
     options: dict[str, Any] = {"plan": "ball-bar", "bar_length": 0.4, "seats": 60}
     measurements = simulated(sino6, **quiet(reference=1e-5), **options)
     lengths = np.array([bar.length for bar in measurements.bars()])
@@ -237,7 +235,7 @@ def test_lengths_of_bars_are_as_good_as_references(sino6: Arm) -> None:
     assert len(np.unique(lengths)) == 30
 
 
-def test_noise_that_nobody_stated(sino6: Arm, zero6: Arm) -> None:
+def test_noise_that_nobody_stated(sino6, zero6):
     measurements = simulated(sino6, plan="free")
     assert (
         measurements.source == "simulated, SINO6, plan free, seed 1, encoder noise 8 µrad (assumed)"
@@ -250,7 +248,7 @@ def test_noise_that_nobody_stated(sino6: Arm, zero6: Arm) -> None:
     assert consistent((stated.q - exact.q) / 3e-6)
 
 
-def test_noise_of_no_use() -> None:
+def test_noise_of_no_use():
     np.testing.assert_array_equal(Noise.of(3, encoder=1e-5).encoder, [1e-5] * 3)
     for noise, error, said in (
         ({"encoder": -1e-6}, AacmmError, r"encoder noise\[0\] is -1e-06 rad"),
@@ -264,7 +262,7 @@ def test_noise_of_no_use() -> None:
 # --- the workshop
 
 
-def test_conditions_are_those_of_a_workshop(sino6: Arm) -> None:
+def test_conditions_are_those_of_a_workshop(sino6):
     known = simulated(sino6, plan="seats", records=600).conditions
     steps = np.diff(known.time)
     assert known.time[0] >= 20.0
@@ -285,14 +283,14 @@ def test_conditions_are_those_of_a_workshop(sino6: Arm) -> None:
     assert (one.seat[1:] != one.seat[:-1]).sum() == 9  # each seat in one visit
 
 
-def test_joints_come_from_where_they_were(sino6: Arm) -> None:
+def test_joints_come_from_where_they_were(sino6):
     measurements = simulated(sino6, plan="free", records=2000, **quiet())
     assert measurements.conditions.approach is not None
     same = np.sign(np.diff(measurements.q, axis=0)) == measurements.conditions.approach[1:]
     assert same.mean() == pytest.approx(1 - workshop.OVERSHOOT, abs=0.02)
 
 
-def test_temperature_stays_in_its_range(zero6: Arm) -> None:
+def test_temperature_stays_in_its_range(zero6):
     for kelvin in (0.0, 1.0, 10.0):
         many = [
             simulated(zero6, plan="free", seed=seed, temperature_range=kelvin).conditions
@@ -303,9 +301,7 @@ def test_temperature_stays_in_its_range(zero6: Arm) -> None:
 
 
 @pytest.mark.parametrize("options", [PLANS[0], PLANS[3]], ids=["free", "ball-bar"])
-def test_a_seed_is_a_data_set_that_a_file_holds(
-    sino6: Arm, tmp_path: Path, options: dict[str, Any]
-) -> None:
+def test_a_seed_is_a_data_set_that_a_file_holds(sino6, tmp_path, options):
     first, again, other = (simulated(sino6, records=60, seed=seed, **options) for seed in (7, 7, 8))
     assert first.to_frame().equals(again.to_frame())
     assert not first.to_frame().equals(other.to_frame())
@@ -332,13 +328,13 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
 ]
 
 
-def test_a_plan_that_cannot_be_carried_out(sino6: Arm) -> None:
+def test_a_plan_that_cannot_be_carried_out(sino6):
     for options, said in REFUSED:
         with pytest.raises(AacmmError, match=said):
             simulated(sino6, **options)
 
 
-def test_an_effect_that_has_nothing_to_act_on(sino6: Arm) -> None:
+def test_an_effect_that_has_nothing_to_act_on(sino6):
     model = ErrorModel(sino6)
     with pytest.raises(UnknownNameError, match="unknown seat of seat_error 'S11'; known: S1, S2"):
         simulated(model.with_effects(SeatError(seat="S11", values=(1e-4, 0.0, 0.0))), plan="seats")
@@ -350,7 +346,7 @@ def test_an_effect_that_has_nothing_to_act_on(sino6: Arm) -> None:
         )
 
 
-def test_an_effect_too_large_for_the_limits(sino6: Arm) -> None:
+def test_an_effect_too_large_for_the_limits(sino6):
     model = ErrorModel(sino6).with_effects(
         *(JointHysteresis(joint=j, values=(0.8,)) for j in range(1, 7))
     )
@@ -361,7 +357,7 @@ def test_an_effect_too_large_for_the_limits(sino6: Arm) -> None:
         simulated(model, plan="seats")
 
 
-def test_arms_of_two_joints(tmp_path: Path) -> None:
+def test_arms_of_two_joints(tmp_path):
     """With two postures at each point, without room for seats, and with a slide whose end nobody
     states.
     """

@@ -7,7 +7,6 @@ from papers.sino6.misprints import misprints
 from papers.sino6.table2 import reproduce_table2
 from papers.sino6.tables import NominalArm, printed_table1, printed_table2, sino6_nominal
 
-from aacmm_pin.arm import Arm
 from aacmm_pin.arm.dh import table
 from aacmm_pin.errors import UnsupportedArmError
 
@@ -47,7 +46,7 @@ def angle_error(found, true):
     return np.abs(np.angle(np.exp(1j * (found - true)))).max(axis=-1)
 
 
-def test_table_1_is_the_bundled_arm(sino6: Arm):
+def test_table_1_is_the_bundled_arm(sino6):
     printed = printed_table1()
     values = printed[["a_mm", "d_mm", "alpha_rad", "theta_offset_rad"]].to_numpy() * [MM, MM, 1, 1]
     widths = printed[

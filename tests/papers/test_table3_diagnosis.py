@@ -8,7 +8,6 @@ its numbers are expected within what that and its draws may change.
 from __future__ import annotations
 
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -76,7 +75,7 @@ def dh_tips(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 # Postures ------------------------------------------------------------
 
 
-def test_the_tips_are_in_the_seats_with_the_stylus_down(seats: TouchedSeats):
+def test_the_tips_are_in_the_seats_with_the_stylus_down(seats):
     for q, point in zip(seats.q, printed_points(), strict=True):
         tips, stylus = dh_tips(q)
         assert len(q) == 50
@@ -86,7 +85,7 @@ def test_the_tips_are_in_the_seats_with_the_stylus_down(seats: TouchedSeats):
         )
 
 
-def test_the_wrists_are_at_the_printed_coordinates_by_pinocchio(at_wrist: TouchedSeats):
+def test_the_wrists_are_at_the_printed_coordinates_by_pinocchio(at_wrist):
     position = at_wrist.model.arm.poses(at_wrist.all_q, "frame5").position.reshape(6, 50, 3)
     assert np.linalg.norm(position - printed_points()[:, None], axis=2).max() < 2e-12
     assert ((at_wrist.q[..., [1, 3]] < 0) & (at_wrist.q[..., [1, 3]] > -np.pi)).all()
@@ -110,7 +109,7 @@ def test_implied_counts_are_whole_but_for_seat_6():
     assert marked_count(spreads, 50) == pytest.approx(19, abs=1e-9)
 
 
-def test_the_wrist_reading_gives_the_same_picture(at_wrist: TouchedSeats):
+def test_the_wrist_reading_gives_the_same_picture(at_wrist):
     """Independent analysis: at the wrist 5″ misses seats 1 to 5 by 1.9 % rms after one size has
     been fitted.
     """
@@ -126,7 +125,7 @@ def test_the_wrist_reading_gives_the_same_picture(at_wrist: TouchedSeats):
 # Show ------------------------------------------------------------
 
 
-def test_dh_errors_give_the_level_and_one_number(found: Table3Diagnosis):
+def test_dh_errors_give_the_level_and_one_number(found):
     """Independent: medians .049 .049 .051 .046 .045 .038 mm; correlation 0.97 to 0.98; sd of the
     logarithm 0.66.
 
@@ -145,7 +144,7 @@ def test_dh_errors_give_the_level_and_one_number(found: Table3Diagnosis):
     assert 0.66 < found.shown["measured_quantile"][5] < 0.9
 
 
-def test_first_order_agrees_with_brute_force_arms(seats: TouchedSeats, found: Table3Diagnosis):
+def test_first_order_agrees_with_brute_force_arms(seats, found):
     """DH errors by whole forward kinematics of :func:`Arm.perturbed_positions` instead of
     sensitivities.
     """
@@ -173,7 +172,7 @@ def test_first_order_agrees_with_brute_force_arms(seats: TouchedSeats, found: Ta
 # Name ------------------------------------------------------------
 
 
-def test_noise_of_every_encoder_by_forward_kinematics(seats: TouchedSeats, found: Table3Diagnosis):
+def test_noise_of_every_encoder_by_forward_kinematics(seats, found):
     """Readings with 5″ of noise through the matrices above, 400 times fifty records."""
     rng, pattern = np.random.default_rng(12), found.patterns[NOISE]
     for k, q in enumerate(seats.q):
@@ -188,7 +187,7 @@ def test_noise_of_every_encoder_by_forward_kinematics(seats: TouchedSeats, found
     )
 
 
-def test_five_arcseconds_describe_five_seats(found: Table3Diagnosis):
+def test_five_arcseconds_describe_five_seats(found):
     low, middle, high = found.noise / ARCSEC
     assert low < 5.0 < high
     assert middle == pytest.approx(5.0, abs=0.2)
@@ -199,7 +198,7 @@ def test_five_arcseconds_describe_five_seats(found: Table3Diagnosis):
     assert np.exp(residual.mean()) * 5.0 == pytest.approx(middle, rel=0.03)
 
 
-def test_five_seats_do_not_tell_the_cause(found: Table3Diagnosis):
+def test_five_seats_do_not_tell_the_cause(found):
     """Independent log-evidences at τ = 0.15: noise +0.3, DH -0.9, eccentricity -1.2, seat + height
     -0.1, one odd -0.8.
     """
@@ -211,7 +210,7 @@ def test_five_seats_do_not_tell_the_cause(found: Table3Diagnosis):
     assert found.evidences["five_probability"].max() < 0.3
 
 
-def test_six_seats_say_that_one_is_odd(found: Table3Diagnosis):
+def test_six_seats_say_that_one_is_odd(found):
     """Independent, against noise: τ = 0.15 one odd +6.3, stand +2.3, DH -1.2; τ = 0.30 one odd
     +0.7, DH -1.5.
     """
@@ -222,7 +221,7 @@ def test_six_seats_say_that_one_is_odd(found: Table3Diagnosis):
     assert found.log_bayes_factor(DH, NOISE, "six", 0.30) == pytest.approx(-1.5, abs=0.8)
 
 
-def test_only_something_local_could_have_made_seat_6(found: Table3Diagnosis):
+def test_only_something_local_could_have_made_seat_6(found):
     """Independent: P(s6/s5 ≥ 2.54) at most 7e-4 for gravity, eccentricity, thermal drift, DH."""
     table = found.seat6.set_index("cause")
     assert table.index[table["possible"]].tolist() == [ODD]
@@ -236,7 +235,7 @@ def test_only_something_local_could_have_made_seat_6(found: Table3Diagnosis):
 # rest ------------------------------------------------------------
 
 
-def test_the_contrast_is_that_of_picking_after_measuring(found: Table3Diagnosis):
+def test_the_contrast_is_that_of_picking_after_measuring(found):
     """Independent: picked after, medians .44 .41 .43 .43 .44; by volume .99 to 1.4; never all six
     as small as printed.
     """
@@ -252,7 +251,7 @@ def test_the_contrast_is_that_of_picking_after_measuring(found: Table3Diagnosis)
     assert (marked.causes["before_reached"] == 0).all()
 
 
-def test_part_of_the_variance_scatters(found: Table3Diagnosis):
+def test_part_of_the_variance_scatters(found):
     pick = found.marked
     assert 0.3 < pick.least_random_share < 0.55
     assert pick.chance(np.array([pick.least_random_share]))[0] == pytest.approx(0.05, abs=0.01)
@@ -265,7 +264,7 @@ def test_part_of_the_variance_scatters(found: Table3Diagnosis):
 # measure ------------------------------------------------------------
 
 
-def test_the_extended_arm_states_its_noise(found: Table3Diagnosis, tmp_path: Path):
+def test_the_extended_arm_states_its_noise(found, tmp_path):
     found.model.save(tmp_path / "arm.toml")
     loaded = ErrorModel.load(tmp_path / "arm.toml")
     np.testing.assert_allclose(loaded.arm.encoder_noise, found.noise_beside_dh[1], rtol=1e-12)
@@ -276,7 +275,7 @@ def test_the_extended_arm_states_its_noise(found: Table3Diagnosis, tmp_path: Pat
     assert found.noise_beside_dh[2] < 1.2 * found.noise[2]
 
 
-def test_gain_on_a_seat_left_out(found: Table3Diagnosis):
+def test_gain_on_a_seat_left_out(found):
     held = found.held_out
     logs = {
         name: np.log(held.seats["measured_mm"] / held.seats[f"{name}_mm"])
@@ -296,7 +295,7 @@ def test_gain_on_a_seat_left_out(found: Table3Diagnosis):
 # said ------------------------------------------------------------
 
 
-def test_another_seat_would_be_named_if_it_were_odd(found: Table3Diagnosis):
+def test_another_seat_would_be_named_if_it_were_odd(found):
     """The same table with the excess at seat 2: the odd seat is found there, not where this one has
     it.
     """
@@ -314,7 +313,7 @@ def test_another_seat_would_be_named_if_it_were_odd(found: Table3Diagnosis):
     )
 
 
-def test_with_noise_alone_nothing_is_special(found: Table3Diagnosis):
+def test_with_noise_alone_nothing_is_special(found):
     """Spreads drawn from the noise law: seat 6 is then no exception, in nine of ten tables."""
     rng, pattern = np.random.default_rng(19), found.patterns[NOISE]
     special = 0
@@ -327,7 +326,7 @@ def test_with_noise_alone_nothing_is_special(found: Table3Diagnosis):
     assert special <= 6
 
 
-def test_the_page_of_both_papers(found: Table3Diagnosis) -> None:
+def test_the_page_of_both_papers(found):
     table2 = reproduce_table2(grid=12)
     parsed = Page(page(papers_document(table2, found, 1)))
     assert len(parsed.all("img")) == 5

@@ -72,7 +72,7 @@ def test_noise_of_one_joint_is_noise_times_lever():
 
 
 @pytest.mark.parametrize("sizes", [(0.1, 10.0), (0.5, 0.9), (2.0, 2.0)])
-def test_evidence_against_quadrature(sizes: tuple[float, float]):
+def test_evidence_against_quadrature(sizes):
     rng = np.random.default_rng(6)
     logs, y, tau = (
         np.log(2e-5) + 0.4 * rng.normal(size=(3, 4)),
@@ -97,7 +97,7 @@ def test_evidence_against_quadrature(sizes: tuple[float, float]):
     np.testing.assert_allclose(found.weights, np.array(each) / np.sum(each), rtol=1e-5)
 
 
-def test_parts_are_those_of_single_point_statistics(rng: np.random.Generator):
+def test_parts_are_those_of_single_point_statistics(rng):
     positions = rng.normal(size=(1, 1, 30, 3))
     order = rng.permutation(30)
     expected = single_point_statistics(positions[0, 0], np.isin(np.arange(30), order[:11]))
@@ -107,7 +107,7 @@ def test_parts_are_those_of_single_point_statistics(rng: np.random.Generator):
     )
 
 
-def test_smallest_deviations_against_the_chi_square_law(rng: np.random.Generator):
+def test_smallest_deviations_against_the_chi_square_law(rng):
     """Of many normal records the mean square of the nearest share f is 3 F₅(q)/f, q the f-quantile
     of χ²₃.
     """

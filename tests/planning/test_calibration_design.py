@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from aacmm_pin import Arm, ErrorModel, Measurements, plan_calibration
+from aacmm_pin import ErrorModel, Measurements, plan_calibration
 from aacmm_pin.arm.random_postures import Room
 from aacmm_pin.effects import SeatError
 from aacmm_pin.errors import AacmmError
@@ -21,7 +21,7 @@ U_READING, U_REFERENCE = 8e-6, 1.2e-5
 NOISE: dict[str, Any] = {"encoder_noise": U_READING, "reference_noise": U_REFERENCE}
 
 
-def test_exchanges_find_the_best_of_all_choices(rng: np.random.Generator) -> None:
+def test_exchanges_find_the_best_of_all_choices(rng):
     """Of 495 choices of 4 among 12: the best one, or within 1 % of its determinant's root, in 20
     small problems.
     """
@@ -43,7 +43,7 @@ def test_exchanges_find_the_best_of_all_choices(rng: np.random.Generator) -> Non
     assert np.mean(best) >= 0.7
 
 
-def test_o1_and_u_are_those_of_dense_algebra(sino6: Arm) -> None:
+def test_o1_and_u_are_those_of_dense_algebra(sino6):
     plan = plan_calibration(sino6, 15, postures=60, progress=False, **NOISE)
     q, u = plan.measurements.q, np.array([p.u for p in sino6.parameters])
     sensitivity, jacobian = sino6.sensitivity(q)[:, :, u > 0] * u[u > 0], sino6.jacobian(q)
@@ -60,7 +60,7 @@ def test_o1_and_u_are_those_of_dense_algebra(sino6: Arm) -> None:
     assert plan.u == pytest.approx(over_pool, rel=0.1)
 
 
-def test_a_seat_that_was_off_has_no_part_in_a_plan_without_seats(sino6: Arm) -> None:
+def test_a_seat_that_was_off_has_no_part_in_a_plan_without_seats(sino6):
     known = ErrorModel(sino6, (SeatError("S3", values=(1e-4, 0.0, 0.0)),))
     plans = [
         plan_calibration(model, 8, postures=60, progress=False, **NOISE)
@@ -69,7 +69,7 @@ def test_a_seat_that_was_off_has_no_part_in_a_plan_without_seats(sino6: Arm) -> 
     assert plans[0].u == plans[1].u
 
 
-def test_seats_frames_and_existing_records(sino6: Arm) -> None:
+def test_seats_frames_and_existing_records(sino6):
     q, tips = Room(sino6).postures(10, np.random.default_rng(1))
     existing = Measurements.of(q, tips)
     for options in (
@@ -86,7 +86,7 @@ def test_seats_frames_and_existing_records(sino6: Arm) -> None:
 
 
 @pytest.mark.parametrize("noise", [0.0, 1e-303])
-def test_without_any_noise_there_is_nothing_to_plan_for(sino6: Arm, noise: float) -> None:
+def test_without_any_noise_there_is_nothing_to_plan_for(sino6, noise):
     with pytest.raises(AacmmError, match="without any noise"):
         plan_calibration(
             sino6, 3, postures=50, encoder_noise=noise, reference_noise=noise, progress=False
@@ -94,7 +94,7 @@ def test_without_any_noise_there_is_nothing_to_plan_for(sino6: Arm, noise: float
 
 
 @pytest.mark.parametrize("frame", ["base", "external"])
-def test_an_arm_that_is_exact_leaves_nothing_to_calibrate(sino6: Arm, frame: Any) -> None:
+def test_an_arm_that_is_exact_leaves_nothing_to_calibrate(sino6, frame):
     exact = replace(
         sino6, parameters=tuple(replace(p, u=0.0, half_width=0.0) for p in sino6.parameters)
     )

@@ -141,7 +141,7 @@ def brute(
 EXACT = 1e-8
 
 
-def test_the_distances_are_those_of_dense_least_squares(sino6: Arm) -> None:
+def test_the_distances_are_those_of_dense_least_squares(sino6):
     for split in (
         (JointCompliance(2), EncoderEccentricity(2)),
         (JointCompliance(3, values=(1.7e-5,)), EncoderEccentricity(3, values=(2e-5, -7e-5))),
@@ -153,7 +153,7 @@ def test_the_distances_are_those_of_dense_least_squares(sino6: Arm) -> None:
         assert plan.after.least == pytest.approx(min(expected), rel=EXACT)
 
 
-def test_an_amplitude_without_a_phase_is_planned_for_any_phase(sino6: Arm) -> None:
+def test_an_amplitude_without_a_phase_is_planned_for_any_phase(sino6):
     split = (JointCompliance(3, values=(1.7e-5,)), EncoderEccentricity(3, values=(7e-5, 0.0)))
     plan = planned(sino6, split, as_it_stands=True)
     phases = np.arange(8) * np.pi / 4
@@ -166,7 +166,7 @@ def test_an_amplitude_without_a_phase_is_planned_for_any_phase(sino6: Arm) -> No
     assert (plan.after.one, plan.after.other) == pytest.approx(np.mean(each, axis=0), rel=EXACT)
 
 
-def test_they_are_with_existing_records_in_an_unknown_frame_and_at_seats(sino6: Arm) -> None:
+def test_they_are_with_existing_records_in_an_unknown_frame_and_at_seats(sino6):
     split = (JointCompliance(2), EncoderEccentricity(2))
     existing = simulate_measurements(
         sino6, "free", 15, rng=np.random.default_rng(3), encoder_noise=U_READING
@@ -198,7 +198,7 @@ def test_they_are_with_existing_records_in_an_unknown_frame_and_at_seats(sino6: 
 # --- the search
 
 
-def test_a_plan_tells_more_than_chance(sino6: Arm) -> None:
+def test_a_plan_tells_more_than_chance(sino6):
     split = (EncoderEccentricity(3), JointCompliance(3))
     plan = planned(sino6, split, 40, postures=1000, as_it_stands=True)
     by_chance = []
@@ -249,7 +249,7 @@ def mimicking(arm: Arm, q: np.ndarray, cause: Effect, other: Effect) -> Effect:
     return other.at(tuple(best[z.shape[1] :]))
 
 
-def test_the_planned_records_decide_where_as_many_random_ones_do_not(sino6: Arm) -> None:
+def test_the_planned_records_decide_where_as_many_random_ones_do_not(sino6):
     compliance = JointCompliance(3, values=(1e-5,))
     right: dict[str, list[bool]] = {"before": [], "planned": [], "random": []}
     stated = []
@@ -282,7 +282,7 @@ def test_the_planned_records_decide_where_as_many_random_ones_do_not(sino6: Arm)
     assert np.mean(stated, axis=0) == pytest.approx([shares["before"], shares["planned"]], abs=0.08)
 
 
-def test_odds_are_those_of_two_known_directions() -> None:
+def test_odds_are_those_of_two_known_directions():
     """``Φ(√T/2)``-like in the limit of two orthogonal causes: the formula for correlation zero."""
     size = 3.0
     power = power_of(
@@ -296,7 +296,7 @@ def test_odds_are_those_of_two_known_directions() -> None:
     assert power.probability == pytest.approx(norm.cdf(a) ** 2 + norm.cdf(-a) ** 2, abs=0.01)
 
 
-def test_causes_that_do_the_same_or_nothing(rng: np.random.Generator) -> None:
+def test_causes_that_do_the_same_or_nothing(rng):
     blocks, sizes = (slice(0, 1), slice(1, 2)), (Size(np.eye(1)),) * 2
     same = power_of(np.ones((3, 2)), blocks, sizes, rng)
     assert (same.probability, same.open, same.silent) == (0.5, (False, False), (False, False))
@@ -308,7 +308,7 @@ def test_causes_that_do_the_same_or_nothing(rng: np.random.Generator) -> None:
 # --- set-ups
 
 
-def test_postures_alone_are_asked_for_where_they_do(sino6: Arm) -> None:
+def test_postures_alone_are_asked_for_where_they_do(sino6):
     plan = planned(sino6, PAIR)
     assert plan.summary()["power"]["after"]["T"] == [plan.after.one, plan.after.other]
     assert plan.set_up == ()
@@ -324,7 +324,7 @@ def test_postures_alone_are_asked_for_where_they_do(sino6: Arm) -> None:
     ]
 
 
-def test_what_looks_the_same_on_a_level_mount_needs_another(sino6: Arm) -> None:
+def test_what_looks_the_same_on_a_level_mount_needs_another(sino6):
     split = ("bearing_tilt:1", "base_compliance")
     plan = planned(sino6, split)
     as_it_stands, loaded, turned = plan.tried
@@ -357,7 +357,7 @@ def test_what_looks_the_same_on_a_level_mount_needs_another(sino6: Arm) -> None:
     assert "do the same in every posture" in plan_advice(stays)
 
 
-def test_conditions_that_causes_depend_on_are_varied(sino6: Arm) -> None:
+def test_conditions_that_causes_depend_on_are_varied(sino6):
     plan = planned(sino6, ("joint_hysteresis:3", "encoder_eccentricity:3"))
     assert len(plan.set_up) == 1
     assert "joint 3" in plan.setup
@@ -375,7 +375,7 @@ def test_conditions_that_causes_depend_on_are_varied(sino6: Arm) -> None:
     assert plan.records["time_s"].max() <= 5400.0 + 30.0 * len(plan.records)
 
 
-def test_a_load_hangs_where_it_is_said_to(sino6: Arm) -> None:
+def test_a_load_hangs_where_it_is_said_to(sino6):
     causes: tuple[Effect, ...] = (JointCompliance(2), EncoderGain(2))
     (loaded,) = [
         s for s in possible_conditions(ErrorModel(sino6), causes, 20.0) if "hang" in str(s)
@@ -393,7 +393,7 @@ def test_a_load_hangs_where_it_is_said_to(sino6: Arm) -> None:
         )
 
 
-def test_more_records_are_less_effort_than_another_mount(sino6: Arm) -> None:
+def test_more_records_are_less_effort_than_another_mount(sino6):
     free = simulate_measurements(sino6, "free", 200, rng=np.random.default_rng(1))
     split = (JointCompliance(2, values=(2e-6,)), EncoderEccentricity(2))
     few = planned(sino6, split, 20, existing=free)
@@ -408,7 +408,7 @@ def test_more_records_are_less_effort_than_another_mount(sino6: Arm) -> None:
 # --- what is given
 
 
-def test_an_arm_that_has_the_cause_says_how_large_it_is(sino6: Arm) -> None:
+def test_an_arm_that_has_the_cause_says_how_large_it_is(sino6):
     known = JointCompliance(2, values=(4e-5,), u=(1e-6,))
     extended = ErrorModel(sino6, (known, EncoderGain(5, values=(1e-4,))))
     assert cause_of("joint_compliance:2", extended) == known
@@ -420,7 +420,7 @@ def test_an_arm_that_has_the_cause_says_how_large_it_is(sino6: Arm) -> None:
     assert [e.label for e in plan.model.effects] == ["joint_compliance:2", "encoder_gain:5"]
 
 
-def test_a_cause_without_a_size_is_as_large_as_it_looks_in_the_records(sino6: Arm) -> None:
+def test_a_cause_without_a_size_is_as_large_as_it_looks_in_the_records(sino6):
     existing = simulate_measurements(sino6, "free", 30, rng=np.random.default_rng(3))
     found = JointCompliance(2, values=(1e-6,))
     plan = planned(sino6, (found, "encoder_eccentricity:2"), existing=existing)
@@ -429,7 +429,7 @@ def test_a_cause_without_a_size_is_as_large_as_it_looks_in_the_records(sino6: Ar
     assert plan.before.alone[1] < 1.01 * plan.before.alone[0]
 
 
-def test_a_stated_size_that_is_the_typical_one_is_stated_all_the_same(sino6: Arm) -> None:
+def test_a_stated_size_that_is_the_typical_one_is_stated_all_the_same(sino6):
     q, _ = Room(sino6).postures(20, np.random.default_rng(5))
     existing = Measurements.of(q, sino6.positions(q), np.full((20, 3), U_REFERENCE))
     typical = JointCompliance(3).terms[0].typical
@@ -442,7 +442,7 @@ def test_a_stated_size_that_is_the_typical_one_is_stated_all_the_same(sino6: Arm
     assert found[0] == pytest.approx(found[1], rel=1e-3)
 
 
-def test_postures_are_inside_the_limits_readable_and_those_of_the_seed(sino6: Arm) -> None:
+def test_postures_are_inside_the_limits_readable_and_those_of_the_seed(sino6):
     plan, same, other = (planned(sino6, PAIR, seed=s) for s in (1, 1, 2))
     q = plan.records.filter(like="theta").to_numpy()
     bounds = joint_bounds(sino6) / DEG
@@ -459,7 +459,7 @@ def test_postures_are_inside_the_limits_readable_and_those_of_the_seed(sino6: Ar
 # --- all causes
 
 
-def test_a_plan_for_everything(sino6: Arm, zero6: Arm) -> None:
+def test_a_plan_for_everything(sino6, zero6):
     plan = planned(sino6, None, 30, postures=400)
     assert plan.pairs is not None
     assert not plan.asked
@@ -498,7 +498,7 @@ def test_a_plan_for_everything(sino6: Arm, zero6: Arm) -> None:
 # --- what cannot be
 
 
-def test_what_cannot_be_is_refused(sino6: Arm, zero6: Arm) -> None:
+def test_what_cannot_be_is_refused(sino6, zero6):
     for one, other, said in (
         ("foo:1", "base_compliance", "unknown cause 'foo'"),
         ("encoder_slip:3", "base_compliance", "time_s"),
@@ -546,7 +546,7 @@ def test_what_cannot_be_is_refused(sino6: Arm, zero6: Arm) -> None:
 # --- the sentence of a diagnosis
 
 
-def test_advice(sino6: Arm) -> None:
+def test_advice(sino6):
     split = (JointCompliance(2, values=(2e-6,)), EncoderEccentricity(2))
     free = simulate_measurements(sino6, "free", 60, rng=np.random.default_rng(1))
     text = advice(sino6, split, free, **NOISE)
@@ -556,7 +556,7 @@ def test_advice(sino6: Arm) -> None:
     assert cause_of(labels.split()[0], ErrorModel(sino6)) == split[0]
 
 
-def test_measured_torques_are_expected_to_hold_the_weight(sino6: Arm) -> None:
+def test_measured_torques_are_expected_to_hold_the_weight(sino6):
     q, tips = Room(sino6).postures(20, np.random.default_rng(1))
     existing = Measurements.of(q, tips, conditions=Conditions(20, torque=np.ones((20, 6))))
     plan = planned(sino6, PAIR, existing=existing)
@@ -571,7 +571,7 @@ def test_measured_torques_are_expected_to_hold_the_weight(sino6: Arm) -> None:
     assert data_of(plan.notes, "record_torques")
 
 
-def test_more_that_is_unknown_leaves_less_to_tell(sino6: Arm) -> None:
+def test_more_that_is_unknown_leaves_less_to_tell(sino6):
     fixed: dict[str, Any] = {
         "as_it_stands": True,
         "postures": 20,
@@ -588,9 +588,7 @@ def test_more_that_is_unknown_leaves_less_to_tell(sino6: Arm) -> None:
         assert less.after.other < 0.999 * more.after.other
 
 
-def test_plans_carry_the_columns_of_existing_records_and_say_when_none_are_needed(
-    sino6: Arm,
-) -> None:
+def test_plans_carry_the_columns_of_existing_records_and_say_when_none_are_needed(sino6):
     q, tips = Room(sino6).postures(150, np.random.default_rng(1))
     existing = Measurements.of(q, tips, np.full((150, 3), U_REFERENCE), operator=["x"] * 150)
     split = (JointCompliance(2, values=(4e-5,)), EncoderEccentricity(2, values=(4e-4, 0.0)))

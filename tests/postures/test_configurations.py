@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import product
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -265,9 +264,7 @@ def clouds(arm: Arm) -> dict[str, Cloud]:
 
 
 @pytest.mark.parametrize("per_turn", PER_TURN.values(), ids=PER_TURN)
-def test_brute_force_finds_nothing_that_the_circles_miss(
-    arm: Arm, clouds: dict[str, Cloud], per_turn: int
-) -> None:
+def test_brute_force_finds_nothing_that_the_circles_miss(arm, clouds, per_turn):
     wrist = Wrist.of(arm.require_dh(""), np.zeros(arm.nq - 4))
     for kind, cloud in clouds.items():
         system = at_wrist(arm.require_dh(""), cloud.points)
@@ -307,9 +304,7 @@ def circles(arm: Arm) -> list[ConfigurationCircle]:
     return [configuration_circle(arm, point, count=120) for point in points]
 
 
-def test_components_are_ordered_closed_and_even(
-    arm: Arm, circles: list[ConfigurationCircle]
-) -> None:
+def test_components_are_ordered_closed_and_even(arm, circles):
     for circle in circles:
         assert len(circle) >= 240
         place = arm.poses(circle.q, "frame5").position
@@ -355,9 +350,7 @@ def own_swivel(elbow: Array, shoulder: Array, point: Array, up: Array) -> Array:
     ("name", "gravity"),
     [("sino6", (0.0, 0.0, -9.81)), ("zero6", (9.81, 0.0, 0.0)), ("craig", (1.0, -2.0, 3.0))],
 )
-def test_swivel_is_zero_at_the_top_and_right_handed(
-    name: str, gravity: tuple[float, float, float]
-) -> None:
+def test_swivel_is_zero_at_the_top_and_right_handed(name, gravity):
     arm = changed(ARMS[name](), gravity_m_s2=gravity)
     shoulder = np.array([0.0, 0.0, 0.09985 if name == "zero6" else 0.0])
     up = -np.array(gravity) / np.linalg.norm(gravity)
@@ -384,7 +377,7 @@ def test_swivel_is_zero_at_the_top_and_right_handed(
 # --- (e) limits
 
 
-def test_angles_are_turned_into_their_limits_by_whole_turns(rng: np.random.Generator) -> None:
+def test_angles_are_turned_into_their_limits_by_whole_turns(rng):
     """Inside and nearest to the middle, or least outside; an angle on its limit is inside."""
     lower = rng.uniform(-8, 5, 60)
     pairs = np.column_stack([lower, lower + rng.uniform(0.01, 20, 60)])
@@ -406,7 +399,7 @@ def test_angles_are_turned_into_their_limits_by_whole_turns(rng: np.random.Gener
     assert (np.abs(into_limits(q[:, None], np.array([[-np.inf, np.inf]]))) <= np.pi + 1e-9).all()
 
 
-def test_circle_says_which_limits_are_broken(arm: Arm, circles: list[ConfigurationCircle]) -> None:
+def test_circle_says_which_limits_are_broken(arm, circles):
     for circle in circles:
         for j, (lower, upper) in enumerate(arm.limits):
             every = circle.q[:, j : j + 1] + 2 * np.pi * np.arange(-3, 4)
@@ -418,9 +411,7 @@ def test_circle_says_which_limits_are_broken(arm: Arm, circles: list[Configurati
 # --- (f) branches
 
 
-def test_branch_signs_are_those_of_the_geometry(
-    arm: Arm, circles: list[ConfigurationCircle]
-) -> None:
+def test_branch_signs_are_those_of_the_geometry(arm, circles):
     dh = arm.require_dh("")
     shoulder = Swivel(dh, arm.up).shoulder
     for circle in circles:
@@ -442,7 +433,7 @@ def test_branch_signs_are_those_of_the_geometry(
 # --- (g) what cannot be reached, and what cannot be asked
 
 
-def test_out_of_reach_is_empty_with_a_reason(sino6: Arm, zero6: Arm) -> None:
+def test_out_of_reach_is_empty_with_a_reason(sino6, zero6):
     for arm, point, words in (
         (sino6, (0.05, 0.1, -0.05), ("122.474", "200.464", "1210.680")),
         (zero6, (0, 0, 1.0), ("900.150", "106.735", "839.921")),
@@ -458,7 +449,7 @@ def test_out_of_reach_is_empty_with_a_reason(sino6: Arm, zero6: Arm) -> None:
     assert "1360.000 mm" in tip.reason
 
 
-def test_reach_is_what_brute_force_reaches(arm: Arm) -> None:
+def test_reach_is_what_brute_force_reaches(arm):
     dh = arm.require_dh("")
     shoulder = Swivel(dh, arm.up).shoulder
     near, far = reach_of_wrist(Wrist.of(dh, np.zeros(arm.nq - 4)), shoulder)
@@ -476,7 +467,7 @@ def with_long_fifth_row(length_mm: float) -> Arm:
     return changed("sino6", joints=five)
 
 
-def test_a_held_joint_that_moves_the_point_is_named(sino6: Arm) -> None:
+def test_a_held_joint_that_moves_the_point_is_named(sino6):
     """With a length behind it joint 5 carries frame 5 about: to hold it leaves out what was asked
     for.
     """
@@ -500,7 +491,7 @@ def test_a_held_joint_that_moves_the_point_is_named(sino6: Arm) -> None:
     assert configuration_circle(sino6, point, count=24).notes == ()
 
 
-def test_flexibility_of_an_elbow_that_stays_is_not_shown_as_nan() -> None:
+def test_flexibility_of_an_elbow_that_stays_is_not_shown_as_nan():
     """No swivel angle changes, so no part of them works."""
     rows = [(0, 153, 90, 0), (195, 0, 0, 0), (0, 0, 90, 90), (0, 230, 90, 0), (210, 0, 0, 90)]
     circle = configuration_circle(by_table("stays", rows, 360.0), [0.25, 0.05, 0.2], rest=[0.0])
@@ -510,7 +501,7 @@ def test_flexibility_of_an_elbow_that_stays_is_not_shown_as_nan() -> None:
     assert "nan" not in " ".join(shown).lower()
 
 
-def test_what_cannot_be_asked(sino6: Arm) -> None:
+def test_what_cannot_be_asked(sino6):
     up = {"point": SEAT, "tip": True, "axis": [0, 0, 1]}
     asked: list[tuple[dict[str, Any], type[Exception], str]] = [
         ({"point": [0.1, np.nan, 0.3]}, ShapeError, r"point\[1\] is nan"),
@@ -528,7 +519,7 @@ def test_what_cannot_be_asked(sino6: Arm) -> None:
         configuration_circle(sino6, SEAT, count=3).flexibility(0)
 
 
-def test_arms_that_lack_what_is_needed(robot_file: Callable[[str], Path]) -> None:
+def test_arms_that_lack_what_is_needed(robot_file):
     with pytest.raises(UnsupportedArmError, match="DH table"):
         configuration_circle(Arm.from_urdf(robot_file("ur5_robot.urdf"), "ee_link"), SEAT)
     with pytest.raises(UnsupportedArmError, match="stylus"):
@@ -560,9 +551,7 @@ TIPS = [
 
 
 @pytest.mark.parametrize(("name", "point", "axis"), TIPS)
-def test_tip_circles_are_exact_and_complete(
-    name: str, point: tuple[float, ...], axis: tuple[float, ...]
-) -> None:
+def test_tip_circles_are_exact_and_complete(name, point, axis):
     arm = Arm.from_file(ARMS[name]())
     dh, place = arm.require_dh(""), np.array(point)
     direction = np.array(axis) / np.linalg.norm(axis)
@@ -589,7 +578,7 @@ def test_tip_circles_are_exact_and_complete(
 @pytest.mark.parametrize(
     "more", [{}, {"tip": True, "axis": [0.0, 0.2, -1.0]}], ids=["wrist", "tip"]
 )
-def test_circles_of_many_points_are_those_of_each(sino6: Arm, more: dict[str, Any]) -> None:
+def test_circles_of_many_points_are_those_of_each(sino6, more):
     points = np.array([SEAT, [0.0, 5.0, 0.0], [0.3, -0.4, 0.2]])  # the second is out of reach
     together = configuration_circles(sino6, points, count=20, **more)
     for circle, point in zip(together, points, strict=True):
@@ -632,7 +621,7 @@ def brute_flexibility(
     return crossed, works, float(good_bin.sum() / any_bin.sum())
 
 
-def test_wrist_joints_rest_inside_their_limits(sino6: Arm) -> None:
+def test_wrist_joints_rest_inside_their_limits(sino6):
     lower, upper = (
         np.array([0.5, 2 * np.pi - 2.0]),
         np.array([1.0, 2 * np.pi - 1.0]),
@@ -668,9 +657,7 @@ def limited(name: str, joint: int, lower_deg: float, upper_deg: float) -> Arm:
         (("sino6", 4, -180, 0), (205, 10, -20)),
     ],
 )
-def test_flexibility_is_that_of_dense_samples(
-    limits: tuple[str, int, float, float] | None, point_mm: tuple[float, ...], sino6: Arm
-) -> None:
+def test_flexibility_is_that_of_dense_samples(limits, point_mm, sino6):
     circle = configuration_circle(
         limited(*limits) if limits else sino6, np.array(point_mm) * 1e-3, count=6000
     )
@@ -685,7 +672,7 @@ def test_flexibility_is_that_of_dense_samples(
 
 
 @pytest.mark.parametrize(("axis", "sign"), [(0, 1.0), (1, -1.0), (2, 1.0), (2, -1.0)])
-def test_swivel_straight_above_and_below_the_shoulder_in_any_mount(axis: int, sign: float) -> None:
+def test_swivel_straight_above_and_below_the_shoulder_in_any_mount(axis, sign):
     gravity = tuple((9.81 * sign * np.eye(3)[axis]).tolist())
     arm = changed("sino6", gravity_m_s2=gravity)
     for side in (0.5, -0.5):
@@ -696,7 +683,7 @@ def test_swivel_straight_above_and_below_the_shoulder_in_any_mount(axis: int, si
         assert (zeta.zeta, zeta.arc_fraction) == (1.0, 1.0)
 
 
-def test_a_map_says_what_it_does_not_stand_for(sino6: Arm) -> None:
+def test_a_map_says_what_it_does_not_stand_for(sino6):
     assert map_caveats(sino6) == ()
     assert map_caveats(limited("sino6", 1, 0, 180))[0].code == "first_joint_limited"
     assert data_of(map_caveats(limited("sino6", 5, 17, 180)), "joints_held") == [
@@ -706,7 +693,7 @@ def test_a_map_says_what_it_does_not_stand_for(sino6: Arm) -> None:
     assert map_caveats(wall)[0].code == "gravity_off_first_axis"
 
 
-def test_long_and_short_curves_traced_together_are_found_once() -> None:
+def test_long_and_short_curves_traced_together_are_found_once():
     """Two places at once: what is found at the one may not depend on the length of the curves at
     the other.
     """

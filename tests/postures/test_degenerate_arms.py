@@ -43,7 +43,7 @@ def arm_of(name: str) -> Arm:
     return by_table(name, [(*row, 0.0) for row in ROWS[name]], 177.0, uncertainty=known)
 
 
-def test_families_are_told() -> None:
+def test_families_are_told():
     """Where each arm's wrist is anyhow, and places that it cannot reach though no step brings it
     nearer.
     """
@@ -73,7 +73,7 @@ def test_families_are_told() -> None:
             assert "families" not in away.reason
 
 
-def test_no_condition_hangs() -> None:
+def test_no_condition_hangs():
     """A point and an axis, a full pose: single postures, curves, families or out of reach, and
     never another.
     """
@@ -86,7 +86,7 @@ def test_no_condition_hangs() -> None:
                 assert np.abs(arm.positions(found.q) - point).max(initial=0.0) < 1e-9
 
 
-def test_map_of_families() -> None:
+def test_map_of_families():
     """In its own plane every cell of a planar arm is reached, in families of postures; beside it
     none is.
     """
@@ -98,13 +98,13 @@ def test_map_of_families() -> None:
         map_workspace(arm_of("wrist at the shoulder"), (2, 2), progress=False)
 
 
-def test_places_where_no_arm_is(sino6: Arm) -> None:
+def test_places_where_no_arm_is(sino6):
     for ask in (configuration_circle, reaching_postures):
         with pytest.raises(AacmmError, match="expected -100 to 100 m"):
             ask(sino6, [1e155, 0, 0])
 
 
-def test_a_search_that_ends_early_says_so(sino6: Arm, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_search_that_ends_early_says_so(sino6, monkeypatch):
     """What it has found until then is returned."""
     point = [0.2, -0.5, 0.2]
     whole = configuration_circle(sino6, point, count=20)

@@ -128,9 +128,7 @@ def at(arm: Arm, pose: Array, **options: Any) -> ReachingPostures:
 # --- UR5
 
 
-def test_all_postures_at_random_reachable_poses(
-    ur5: Arm, by_hand: ByHand, rng: np.random.Generator
-) -> None:
+def test_all_postures_at_random_reachable_poses(ur5, by_hand, rng):
     counts = set()
     for q in rng.uniform(-np.pi, np.pi, (8, 1, 6)):
         pose = ur5.poses(q).placement[0]
@@ -147,9 +145,7 @@ def test_all_postures_at_random_reachable_poses(
 
 
 @pytest.mark.parametrize("count", [0, 2, 4, 6])
-def test_poses_with_fewer_postures(
-    ur5: Arm, by_hand: ByHand, rng: np.random.Generator, count: int
-) -> None:
+def test_poses_with_fewer_postures(ur5, by_hand, rng, count):
     """Poses from nowhere, the hand turned at random, the tip anywhere in a box that is wider than
     the reach.
     """
@@ -169,7 +165,7 @@ def test_poses_with_fewer_postures(
 @pytest.mark.parametrize(
     ("q3", "q5"), [(3e-4, 1.0), (1.3, 2e-4), (-0.01, 0.02), (np.pi - 5e-4, 0.8)]
 )
-def test_beside_singular_postures(ur5: Arm, by_hand: ByHand, q3: float, q5: float) -> None:
+def test_beside_singular_postures(ur5, by_hand, q3, q5):
     """Beside a stretched or folded elbow two postures are almost one; beside a straight wrist some
     are nearly free.
     """
@@ -182,7 +178,7 @@ def test_beside_singular_postures(ur5: Arm, by_hand: ByHand, q3: float, q5: floa
     assert distances(expected, found.q).min(axis=1).max() < 1e-5
 
 
-def test_a_stretched_elbow_gives_one_posture_for_two(ur5: Arm, by_hand: ByHand) -> None:
+def test_a_stretched_elbow_gives_one_posture_for_two(ur5, by_hand):
     q = np.array([[0.4, -1.1, 0.0, 0.5, 0.9, -0.7]])
     found = at(ur5, ur5.poses(q).placement[0])
     assert distances(q, found.q).min() < 1e-5
@@ -194,14 +190,14 @@ def test_a_stretched_elbow_gives_one_posture_for_two(ur5: Arm, by_hand: ByHand) 
 @pytest.mark.parametrize(
     ("bend", "told"), [(0.4, False), (1e-3, False), (1e-5, True), (1e-7, True), (1e-9, True)]
 )
-def test_next_to_a_straight_wrist_doubts_are_told(ur5: Arm, bend: float, told: bool) -> None:
+def test_next_to_a_straight_wrist_doubts_are_told(ur5, bend, told):
     pose = ur5.poses(np.array([[0.3, -1.2, 1.4, -1.6, bend, 0.4]])).placement[0]
     found = reaching_postures(ur5, pose[:3, 3], rotation=pose[:3, :3])
     assert bool({note.code for note in found.notes} & {"nearly_singular", "starts_stalled"}) == told
     assert told or len(found) == 8
 
 
-def test_a_straight_wrist_is_told_not_sampled(ur5: Arm, by_hand: ByHand) -> None:
+def test_a_straight_wrist_is_told_not_sampled(ur5, by_hand):
     """With θ5 = 0 axes 2, 3, 4 and 6 are parallel, and the elbow sweeps: that is a family. The
     other postures are single.
     """
@@ -216,16 +212,14 @@ def test_a_straight_wrist_is_told_not_sampled(ur5: Arm, by_hand: ByHand) -> None
     assert_same(found.q, expected)
 
 
-def test_newton_by_pinocchio_finds_nothing_more(sino6: Arm, rng: np.random.Generator) -> None:
+def test_newton_by_pinocchio_finds_nothing_more(sino6, rng):
     pose = sino6.poses(rng.uniform(-np.pi, np.pi, (1, 6))).placement[0]
     brute = by_newton(sino6, pose, rng.uniform(-np.pi, np.pi, (300, 6)))
     assert len(brute) > 60
     assert distances(brute, at(sino6, pose).q).min(axis=1).max() < SAME
 
 
-def test_an_arm_with_five_joints(
-    robot_file: Callable[[str], Path], rng: np.random.Generator
-) -> None:
+def test_an_arm_with_five_joints(robot_file, rng):
     """Point and axis are as many conditions as joints."""
     arm = Arm.from_urdf(robot_file("so101.urdf"), "gripper_frame_link")
     assert arm.nq == 5
@@ -294,7 +288,7 @@ def cosine(of: float, times: int = 1) -> Callable[[float], tuple[float, float]]:
 
 
 @pytest.mark.usefixtures("in_python")
-def test_all_single_solutions_and_how_often() -> None:
+def test_all_single_solutions_and_how_often():
     """Two of each angle; some of them nearly coincide; behind the last that was new nothing new
     came.
     """
@@ -319,7 +313,7 @@ def test_all_single_solutions_and_how_often() -> None:
 
 
 @pytest.mark.usefixtures("in_python")
-def test_starts_that_stall_beside_a_solution() -> None:
+def test_starts_that_stall_beside_a_solution():
     """Equations that miss a double solution by 1e-6, and by 1e-4; solutions of order two are
     single.
     """
@@ -336,7 +330,7 @@ def test_starts_that_stall_beside_a_solution() -> None:
 
 
 @pytest.mark.usefixtures("in_python")
-def test_families_of_solutions_are_no_single_ones() -> None:
+def test_families_of_solutions_are_no_single_ones():
     """An angle that no equation has: everything arrives at a family, of which the first is kept."""
 
     def nothing(q: float) -> tuple[float, float]:
@@ -357,7 +351,7 @@ def test_families_of_solutions_are_no_single_ones() -> None:
 
 
 @pytest.mark.usefixtures("in_python")
-def test_closed_curves_and_how_often() -> None:
+def test_closed_curves_and_how_often():
     """Straight, round a free angle: four of them."""
     finds = SelfMotion(apart(cosine(0.5), cosine(-0.2), joints=3))
     found = search(finds, 3)
@@ -372,7 +366,7 @@ def test_closed_curves_and_how_often() -> None:
 
 @pytest.mark.usefixtures("in_python")
 @pytest.mark.parametrize("gap", [1e-2, 1e-6])
-def test_a_trace_stays_on_its_side_of_a_narrow_gap(gap: float) -> None:
+def test_a_trace_stays_on_its_side_of_a_narrow_gap(gap):
     """``cos a + cos b = gap`` nearly crosses itself where one angle is 0 and the other π; its four
     sides are one curve.
     """

@@ -4,8 +4,6 @@ what cannot be asked.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -38,9 +36,7 @@ def by_differences(equations: Equations, q: Array) -> Array:
 
 
 @pytest.mark.parametrize("angle", ANGLES)
-def test_turns_are_the_logarithm_and_pointing_is_an_angle(
-    sino6: Arm, rng: np.random.Generator, angle: float
-) -> None:
+def test_turns_are_the_logarithm_and_pointing_is_an_angle(sino6, rng, angle):
     zero = np.zeros(1, dtype=np.intp)
     for q in rng.uniform(-np.pi, np.pi, (20, 6)):
         pose = sino6.poses(q[None]).placement[0]
@@ -68,7 +64,7 @@ def test_turns_are_the_logarithm_and_pointing_is_an_angle(
                 )
 
 
-def test_half_a_turn_away_is_not_there(sino6: Arm) -> None:
+def test_half_a_turn_away_is_not_there(sino6):
     q, zero = np.zeros((1, 6)), np.zeros(1, dtype=np.intp)
     pose = sino6.poses(q).placement[0]
     for given in (
@@ -82,7 +78,7 @@ def test_half_a_turn_away_is_not_there(sino6: Arm) -> None:
 # --- what is refused
 
 
-def test_unusable_conditions(sino6: Arm, robot_file: Callable[[str], Path], tmp_path: Path) -> None:
+def test_unusable_conditions(sino6, robot_file, tmp_path):
     up, free = (
         {"axis": [0, 0, 1]},
         "6 joints and a point leave 3 joints free; state a point and an axis .* or a full pose",

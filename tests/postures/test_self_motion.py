@@ -39,9 +39,7 @@ def motions(panda: Arm, poses: Array) -> list[ReachingPostures]:
     ]
 
 
-def test_every_posture_holds_the_pose(
-    panda: Arm, poses: Array, motions: list[ReachingPostures]
-) -> None:
+def test_every_posture_holds_the_pose(panda, poses, motions):
     for pose, motion in zip(poses, motions, strict=True):
         assert not motion.notes
         assert motion.search.unseen < 0.011
@@ -53,9 +51,7 @@ def test_every_posture_holds_the_pose(
         )
 
 
-def test_curves_are_closed_even_and_along_the_null_space(
-    panda: Arm, motions: list[ReachingPostures]
-) -> None:
+def test_curves_are_closed_even_and_along_the_null_space(panda, motions):
     """Neighbours are equally far apart; the chord between the neighbours of a posture is in the
     Jacobian's null space.
     """
@@ -75,16 +71,14 @@ def test_curves_are_closed_even_and_along_the_null_space(
             assert np.abs(moved).max() < 5 * step.max() ** 2  # of second order in the step
 
 
-def test_newton_by_pinocchio_finds_nothing_beside_the_curves(
-    panda: Arm, poses: Array, motions: list[ReachingPostures], rng: np.random.Generator
-) -> None:
+def test_newton_by_pinocchio_finds_nothing_beside_the_curves(panda, poses, motions, rng):
     for pose, motion in zip(poses, motions, strict=True):
         brute = by_newton(panda, pose, rng.uniform(-np.pi, np.pi, (150, 7)))
         assert len(brute) > 50
         assert off_polylines(brute, motion.component, motion.q).max() < 3e-4
 
 
-def test_limits_are_flags(panda: Arm, motions: list[ReachingPostures]) -> None:
+def test_limits_are_flags(panda, motions):
     """A posture is within limits when every joint is, whole turns apart; the fraction of arc is
     counted on many postures.
     """
@@ -114,7 +108,7 @@ def partner_of(q: Array, motion: ReachingPostures) -> int:
     return int(there[0])
 
 
-def test_sino6_agrees_with_the_configuration_circle(sino6: Arm, rng: np.random.Generator) -> None:
+def test_sino6_agrees_with_the_configuration_circle(sino6, rng):
     """Seeds from closed forms there, spread starts here."""
     pose = sino6.poses(rng.uniform(-np.pi, np.pi, (1, 6))).placement[0]
     axis = pose[:3, :3] @ sino6.stylus_axis
@@ -127,9 +121,7 @@ def test_sino6_agrees_with_the_configuration_circle(sino6: Arm, rng: np.random.G
     assert np.median(np.abs(wrapped(motion.swivel[nearest] - circle.swivel))) < 0.02
 
 
-def test_a_last_axis_along_the_tool_turns_by_itself(
-    robot_file: Callable[[str], Path], rng: np.random.Generator
-) -> None:
+def test_a_last_axis_along_the_tool_turns_by_itself(robot_file, rng):
     """UR5 with the axis of its last joint held: nothing but that joint moves, all the way round."""
     ur5 = Arm.from_urdf(robot_file("ur5_robot.urdf"), "tool0")
     pose = ur5.poses(rng.uniform(-np.pi, np.pi, (1, 6))).placement[0]
@@ -142,9 +134,7 @@ def test_a_last_axis_along_the_tool_turns_by_itself(
         assert np.diff(np.sort(q[:, 5])) == pytest.approx(TURN / 90)
 
 
-def test_curves_that_cross_are_followed_straight_on(
-    robot_file: Callable[[str], Path], rng: np.random.Generator
-) -> None:
+def test_curves_that_cross_are_followed_straight_on(robot_file, rng):
     """With the tool upright UR5's last axis is level, at times parallel to axes 2 to 4: there J
     loses rank, curves cross.
     """

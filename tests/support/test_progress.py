@@ -22,7 +22,6 @@ import pytest
 from tqdm.auto import tqdm
 
 from aacmm_pin import (
-    Arm,
     calibrate,
     circle_accuracy,
     configuration_circle,
@@ -61,7 +60,7 @@ def on_a_terminal(code: str) -> tuple[str, str, int]:
     return out, shown.decode(), child.returncode
 
 
-def test_a_terminal_shows_a_bar_on_stderr_that_is_gone_in_the_end() -> None:
+def test_a_terminal_shows_a_bar_on_stderr_that_is_gone_in_the_end():
     out, err, status = on_a_terminal(WORK)
     assert (out, status) == ("done\n", 0)
     assert re.search(r"counting: +\d+%", err)
@@ -98,9 +97,7 @@ def bars(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[tuple[str, bool, int]
     return Recorder.seen
 
 
-def test_a_notebook_has_bars_though_its_stderr_is_no_terminal(
-    bars: list[Any], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_notebook_has_bars_though_its_stderr_is_no_terminal(bars, monkeypatch):
     for notebook, asked, disabled in (
         (True, True, False),
         (False, True, True),
@@ -113,7 +110,7 @@ def test_a_notebook_has_bars_though_its_stderr_is_no_terminal(
         assert bars.pop()[1] is disabled
 
 
-def test_long_work_has_bars(bars: list[tuple[str, bool, int]], sino6: Arm) -> None:
+def test_long_work_has_bars(bars, sino6):
     data = simulated(sino6, "free", 60, rng=np.random.default_rng(1))
     lengths: list[int] = []
 
