@@ -2,12 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.file import ArmFile, load_arm_file
+from aacmm_pin.arm import Arm, ArmFile, load_arm_file
+
+RIGID: dict[str, object] = {"fixed": True, "limits_rad": None, "encoder_noise_rad": None}
+
+
+def changed(
+    file: ArmFile | str, rows: Mapping[int, Mapping[str, object]] | None = None, **fields: object
+) -> Arm:
+    """The arm of a file, or of a bundled one, with other values in rows (from 1; 0: in each that
+    has a joint) and in fields. Not validated.
+    """
+    file, rows = load_arm_file(file) if isinstance(file, str) else file, rows or {}
+    file = file.model_copy(update=fields)
+    joints = [
+        row.model_copy(update={**({} if row.fixed else rows.get(0, {})), **rows.get(number, {})})
+        for number, row in enumerate(file.joints, start=1)
+    ]
+    return Arm.from_file(file.model_copy(update={"joints": joints}))
 
 
 def nominal() -> ArmFile:
@@ -36,60 +52,6 @@ def craig() -> ArmFile:
         for row, (a, t) in zip(sino6.joints, before, strict=True)
     ]
     return sino6.model_copy(update={"convention": "modified-dh", "joints": rows})
-
-
-def nearly_parallel() -> ArmFile:
-    """An arm of 1 m with joint axes 2, 3 and 4 parallel but for 3 mrad, by its axes: they meet a
-    hundred metres away.
-    """
-    directions = np.array(
-        [
-            [0, 0, 1],
-            [0, 1, 0],
-            [0.003, 1, 0],
-            [-0.003, 1, 0.003],
-            [0, 0.01, 1],
-            [0.02, 1, 0],
-            [1, 0, 0],
-        ]
-    )
-    points = np.array(
-        [
-            [0, 0, 0.16],
-            [0.42, 0, 0.16],
-            [0.81, 0, 0.16],
-            [0.81, 0.13, 0.16],
-            [0.81, 0.13, 0.06],
-            [0.81, 0.23, 0.06],
-        ]
-    )
-    directions /= np.linalg.norm(directions, axis=1)[:, None]
-    x, foot, joints = np.array([1.0, 0.0, 0.0]), np.zeros(3), []
-    for row, z, after, point in zip(
-        load_arm_file("sino6").joints, directions, directions[1:], points, strict=False
-    ):
-        normal = np.cross(z, after)
-        sine = np.linalg.norm(normal)
-        normal /= sine
-        d, a, _ = np.linalg.solve(np.column_stack([z, normal, -after]), point - foot).tolist()
-        angles = {
-            "alpha_rad": np.arctan2(sine, z @ after),
-            "theta_offset_rad": np.arctan2(np.cross(x, normal) @ z, x @ normal),
-        }
-        x, foot = normal, foot + d * z + a * normal
-        change = {
-            "a_mm": a * 1e3,
-            "d_mm": d * 1e3,
-            "limits_rad": (-3.1, 3.1),
-            "mass_kg": None,
-            "com_mm": None,
-        }
-        joints.append(
-            row.model_copy(update=change | {key: float(angle) for key, angle in angles.items()})
-        )
-    return load_arm_file("sino6").model_copy(
-        update={"name": "nearly parallel", "stylus": None, "joints": joints}
-    )
 
 
 def by_table(name: str, rows: Iterable[Sequence[float]], limit: float, **each: object) -> Arm:

@@ -49,9 +49,7 @@ def executor(request: pytest.FixtureRequest) -> Iterator[Counting]:
         yield Counting(client.get_executor(pure=False))
 
 
-def test_results_do_not_depend_on_the_executor(
-    executor: Counting, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_results_do_not_depend_on_the_executor(executor, monkeypatch):
     monkeypatch.setattr(workspace, "CELLS_AT_ONCE", 4)
     arm = Arm.load("sino6")
     model = ErrorModel(arm, (EncoderEccentricity(joint=3, values=(1e-4, 0.0), u=(5e-5, 5e-5)),))
@@ -80,7 +78,7 @@ def process_of(job: int) -> tuple[int, int]:
 @pytest.mark.parametrize(
     ("jobs", "processes", "elsewhere"), [([7], 2, True), ([7], 1, False), ([], 2, True)]
 )
-def test_one_process_is_this_one(jobs: list[int], processes: int, elsewhere: bool) -> None:
+def test_one_process_is_this_one(jobs, processes, elsewhere):
     with results(process_of, jobs, processes) as found:
         done = list(found)
     assert [job for _, (job, _) in done] == jobs

@@ -7,18 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from aacmm_pin.accuracy.parameter_draws import drawn_effects, parameter_errors
+from aacmm_pin.accuracy.parameter_draws import parameter_errors
 from aacmm_pin.accuracy.volume import accuracy_volume
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm import Arm
 from aacmm_pin.arm.file import Covariance
 from aacmm_pin.effects import (
     EncoderEccentricity,
-    JointCompliance,
-    JointHysteresis,
-    ThermalExpansion,
 )
-from aacmm_pin.effects.conditions import Conditions
-from aacmm_pin.effects.error_model import ErrorModel, displaced
+from aacmm_pin.effects.error_model import ErrorModel
+
+pytestmark = pytest.mark.fast
 
 DRAWS = 30_000
 WITHIN = 5 * np.sqrt(2.0 / DRAWS)
@@ -27,7 +25,7 @@ scatter less.
 """
 
 
-def test_what_is_known_together_is_drawn_together(sino6: Arm, rng: np.random.Generator) -> None:
+def test_what_is_known_together_is_drawn_together(sino6, rng):
     """d2 and d4 are known nearly as their sum alone, and the eccentricity together with d3."""
     assert sino6.file is not None
     known = Covariance(
@@ -54,53 +52,10 @@ def test_what_is_known_together_is_drawn_together(sino6: Arm, rng: np.random.Gen
     assert largest["a3"] <= np.sqrt(3.0)  # rectangular
 
 
-def test_draws_of_the_arm_are_those_of_its_table(sino6: Arm, rng: np.random.Generator) -> None:
-    model = ErrorModel(sino6)
-    errors = 30 * parameter_errors(model, rng, 50)
-    q = rng.uniform(sino6.limits[:, 0], sino6.limits[:, 1], (50, 6))
-    drawn = displaced(
-        sino6, drawn_effects(model, errors), q, Conditions(50), sino6.chain.tip, False
-    ).position
-    np.testing.assert_allclose(drawn, sino6.perturbed_positions(q, errors), atol=1e-14)
-
-
-def test_draws_of_effects_are_those_effects(sino6: Arm, rng: np.random.Generator) -> None:
-    """Draw by draw, a model with these very values: one is not linear, one bends, two need
-    conditions.
-    """
-    extended = ErrorModel(sino6).with_effects(
-        EncoderEccentricity(joint=3, values=(2e-4, 1e-4), u=(3e-5, 3e-5)),
-        JointCompliance(joint=2, values=(2e-5,), u=(5e-6,)),
-        ThermalExpansion(values=(2e-5,), u=(3e-6,)),
-        JointHysteresis(joint=5, values=(5e-5,)),
-    )
-    warm = Conditions(20, temperature=np.full(20, 23.0), approach=np.ones((20, 6)))
-    errors = parameter_errors(extended, rng, 20)
-    geometric = len(extended.arm.parameters)
-    errors[:, :geometric] = 0.0
-    errors[:, geometric : geometric + 2] *= (
-        3000.0  # an eccentricity of a tenth of the disc: far from linear
-    )
-    q = rng.uniform(extended.arm.limits[:, 0], extended.arm.limits[:, 1], (20, 6))
-    effects = drawn_effects(extended, errors)
-    drawn = displaced(extended.arm, effects, q, warm, extended.arm.chain.tip, False).position
-    for k in range(20):
-        own, start = [], geometric
-        for effect in extended.effects:
-            values = np.array(effect.values) + errors[k, start : start + len(effect.terms)]
-            own.append(effect.at(values))
-            start += len(effect.terms)
-        one = ErrorModel(extended.arm, tuple(own)).predict(q[k : k + 1], warm.take([k]))[0]
-        np.testing.assert_allclose(drawn[k], one, atol=1e-14)
-    assert [effect.label for effect in effects[geometric:]] == [
-        effect.label for effect in extended.effects
-    ]
-
-
 @pytest.mark.parametrize(
     "bounds", [{"theta_offset1": 1e-5}, {"a2": 1e-5, "d4": 2e-5}, {"a2": 1e-23, "alpha1": 1e-20}]
 )
-def test_a_cloud_that_is_flat_has_no_volume(sino6: Arm, bounds: dict[str, float]) -> None:
+def test_a_cloud_that_is_flat_has_no_volume(sino6, bounds):
     known = [
         replace(p, half_width=bounds.get(p.name, 0.0), u=bounds.get(p.name, 0.0) / 3**0.5)
         for p in sino6.parameters

@@ -4,8 +4,6 @@ stopped.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,15 +15,18 @@ from aacmm_pin.accuracy import workspace
 from aacmm_pin.accuracy.comprehensive_accuracy import configuration_weights
 from aacmm_pin.accuracy.volume import accuracy_volume
 from aacmm_pin.accuracy.workspace import WorkspaceMap, map_caveats, map_workspace
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.file import load_arm_file
-from aacmm_pin.effects import EncoderEccentricity, LinkBending, SeatError, ThermalExpansion
+from aacmm_pin.arm import Arm
+from aacmm_pin.effects import (
+    EncoderEccentricity,
+    ErrorModel,
+    LinkBending,
+    SeatError,
+    ThermalExpansion,
+)
 from aacmm_pin.effects.conditions import Conditions
-from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.errors import AacmmError, OutputError, ShapeError, UnsupportedArmError
+from aacmm_pin.errors import AacmmError, ShapeError, UnsupportedArmError
 from aacmm_pin.postures.configurations import ConfigurationCircle, configuration_circle
-from aacmm_pin.postures.wrist_ik import FEW_PER_TURN, Wrist, wrist_curves
-from tests.arm_files import by_table
+from tests.arm_files import by_table, changed
 from tests.notes import data_of
 
 CELLS, SECTORS = (4, 6), 12
@@ -52,7 +53,7 @@ def circles(sino6: Arm, small: WorkspaceMap) -> dict[tuple[int, int], Configurat
 # --- every cell is the circle of its centre
 
 
-def test_cells_are_centres_of_the_default_extent(small: WorkspaceMap) -> None:
+def test_cells_are_centres_of_the_default_extent(small):
     """The wrist reaches 1210.7 mm: with the margin 1220 in whole steps."""
     np.testing.assert_allclose(small.data["x_mm"], (np.arange(4) + 0.5) * 305, rtol=1e-12)
     np.testing.assert_allclose(
@@ -62,15 +63,11 @@ def test_cells_are_centres_of_the_default_extent(small: WorkspaceMap) -> None:
 
 
 @pytest.mark.parametrize("change", [{}, {"d_mm": 1310.0}, {"d_mm": -400.0}], ids=str)
-def test_no_place_that_the_wrist_reaches_is_outside_the_default_box(
-    change: dict[str, float],
-) -> None:
+def test_no_place_that_the_wrist_reaches_is_outside_the_default_box(change):
     """A tall base carries the shoulder up, and all that is reached with it; what is empty of the
     box is its margin.
     """
-    file = load_arm_file("sino6")
-    joints = [file.joints[0].model_copy(update=change), *file.joints[1:]]
-    arm = Arm.from_file(file.model_copy(update={"joints": joints}))
+    arm = changed("sino6", {1: change})
     q = np.random.default_rng(3).uniform(-np.pi, np.pi, (200_000, 6))
     q[:, 4:] = 0.0
     x, y, z = arm.positions(q, "frame5").T * 1e3
@@ -81,7 +78,7 @@ def test_no_place_that_the_wrist_reaches_is_outside_the_default_box(
     assert extent[3] - 25 < z.max() < extent[3]
 
 
-def test_a_stated_box_says_on_which_sides_it_leaves_out_what_is_reached(sino6: Arm) -> None:
+def test_a_stated_box_says_on_which_sides_it_leaves_out_what_is_reached(sino6):
     (note,) = set(map_caveats(sino6, [0.3, 0.7, -1.3, 0.4])) - set(map_caveats(sino6))
     sides = [side.split(" mm")[0] for side in note.data["sides"].split("), ")]
     assert sides == ["x below 300", "x above 700", "z above 400"]
@@ -90,20 +87,13 @@ def test_a_stated_box_says_on_which_sides_it_leaves_out_what_is_reached(sino6: A
     assert "leaves out" in saved
 
 
-def test_a_first_axis_beside_that_of_the_base_is_told(sino6: Arm) -> None:
-    joints = sino6.file.joints  # type: ignore[union-attr]
-    file = sino6.file.model_copy(update={"convention": "modified-dh"})  # type: ignore[union-attr]
-    aside = file.model_copy(
-        update={"joints": [joints[0].model_copy(update={"a_mm": 200.0}), *joints[1:]]}
-    )
-    assert [
-        bool(data_of(map_caveats(one), "first_axis_off_z")) for one in (Arm.from_file(aside), sino6)
-    ] == [True, False]
+def test_a_first_axis_beside_that_of_the_base_is_told(sino6):
+    aside = changed("sino6", {1: {"a_mm": 200.0}}, convention="modified-dh")
+    assert data_of(map_caveats(aside), "first_axis_off_z")
+    assert not data_of(map_caveats(sino6), "first_axis_off_z")
 
 
-def test_flexibility_is_that_of_the_circle(
-    small: WorkspaceMap, circles: dict[tuple[int, int], ConfigurationCircle]
-) -> None:
+def test_flexibility_is_that_of_the_circle(small, circles):
     reached = 0
     for (i, k), circle in circles.items():
         cell = small.data.isel(x_mm=i, z_mm=k)
@@ -128,7 +118,6 @@ def test_flexibility_is_that_of_the_circle(
     assert 10 < reached < 24
     assert small.unreachable == 24 - reached
     assert sum(small.working_sectors().values()) == reached
-    assert list(small.working_sectors()) == list(range(13))
 
 
 def at_centres(circle: ConfigurationCircle, sectors: int) -> tuple[Array, Array]:
@@ -151,9 +140,7 @@ def at_centres(circle: ConfigurationCircle, sectors: int) -> tuple[Array, Array]
     return np.concatenate(found), np.concatenate(numbers)
 
 
-def test_accuracies_are_those_of_the_circle(
-    sino6: Arm, small: WorkspaceMap, circles: dict[tuple[int, int], ConfigurationCircle]
-) -> None:
+def test_accuracies_are_those_of_the_circle(sino6, small, circles):
     for (i, k), circle in circles.items():
         if not len(circle):
             continue
@@ -171,43 +158,6 @@ def test_accuracies_are_those_of_the_circle(
         weights = configuration_weights(q[pick, 2], circle.point)
         assert float(cell["comprehensive_mm3"]) == pytest.approx(weights @ volume[pick], rel=1e-2)
         assert volume.min() * 0.99 < float(cell["comprehensive_mm3"]) < volume.max() * 1.01
-
-
-def test_best_and_worst_reach_the_cell_with_their_volume(sino6: Arm, small: WorkspaceMap) -> None:
-    reachable = small.data["reachable"].values.astype(bool) & (
-        small.data["working_sectors"].values > 0
-    )
-    x, z = np.meshgrid(small.data["x_mm"], small.data["z_mm"], indexing="ij")
-    points = np.stack([x, 0 * x, z], axis=-1)[reachable]
-    for kind, number in (
-        ("best", "best_mm3"),
-        ("worst", "worst_mm3"),
-        ("smallest_u", "smallest_u_mm"),
-    ):
-        q = np.radians(small.data[f"{kind}_theta_deg"].values[reachable])
-        np.testing.assert_allclose(sino6.poses(q, "frame5").position * 1e3, points, atol=1e-8)
-        assert ((q >= sino6.limits[:, 0] - 1e-8) & (q <= sino6.limits[:, 1] + 1e-8)).all()
-        result = accuracy_volume(sino6, q, at="frame5")
-        expected = result.volume * 1e9 if number.endswith("mm3") else result.u * 1e3
-        np.testing.assert_allclose(small.data[number].values[reachable], expected, rtol=1e-9)
-
-
-def test_methods_reach_the_accuracies(sino6: Arm) -> None:
-    box = [0.3, 0.7, 0.1, 0.4]
-    one = map_workspace(sino6, (1, 1), 6, extent=box, method="jointwise", progress=False)
-    q = np.radians(one.data["best_theta_deg"].values.reshape(1, 6))
-    np.testing.assert_allclose(sino6.poses(q, "frame5").position[0], [0.5, 0, 0.25], atol=1e-12)
-    volume = accuracy_volume(sino6, q, at="frame5", method="jointwise").volume[0] * 1e9
-    assert float(one.data["best_mm3"][0, 0]) == pytest.approx(volume, rel=1e-9)
-    assert one.data.attrs["method"] == "jointwise"
-    assert one.sectors == 6
-
-
-def test_all_out_of_reach(sino6: Arm) -> None:
-    nothing = map_workspace(sino6, (2, 2), 3, extent=[2, 3, 0, 1], progress=False)
-    assert nothing.unreachable == 4
-    assert nothing.working_sectors() == {0: 0, 1: 0, 2: 0, 3: 0}
-    assert np.isnan(nothing.data["flexibility"]).all()
 
 
 # --- extended models
@@ -229,7 +179,7 @@ def extended(sino6: Arm) -> ErrorModel:
 BOX = [0.2, 0.9, -0.2, 0.6]
 
 
-def test_a_map_of_an_extended_model(sino6: Arm, extended: ErrorModel) -> None:
+def test_a_map_of_an_extended_model(sino6, extended):
     alone, model, warm = (
         map_workspace(m, (2, 2), 6, extent=BOX, conditions=conditions, progress=False)
         for m, conditions in (
@@ -251,35 +201,26 @@ def test_a_map_of_an_extended_model(sino6: Arm, extended: ErrorModel) -> None:
     )
 
 
-def test_a_map_names_what_it_leaves_out(
-    sino6: Arm, extended: ErrorModel, small: WorkspaceMap, tmp_path: Path
-) -> None:
+def test_a_map_names_what_it_leaves_out(sino6, extended, small, tmp_path):
     map_ = map_workspace(extended, (1, 2), 3, extent=BOX, progress=False)
     assert map_.not_included == ("thermal_expansion",)
-    assert str(map_).endswith("; not included: thermal_expansion")
     map_.save(tmp_path / "map.nc")
     assert WorkspaceMap.load(tmp_path / "map.nc").not_included == ("thermal_expansion",)
-    small.save(tmp_path / "none.nc")
-    assert small.not_included == WorkspaceMap.load(tmp_path / "none.nc").not_included == ()
-    assert "not included" not in str(small)
+    assert small.not_included == ()
 
 
 # --- files
 
 
-def test_netcdf_returns_what_was_written(small: WorkspaceMap, tmp_path: Path) -> None:
+def test_netcdf_returns_what_was_written(small, tmp_path):
     small.save(tmp_path / "map.nc")
     again = WorkspaceMap.load(tmp_path / "map.nc")
     xr.testing.assert_equal(again.data, small.data)
     assert (again.seconds, again.unreachable) == (small.seconds, small.unreachable)
     assert again.working_sectors() == small.working_sectors()
     assert again.data.attrs["schema"] == "aacmm-pin/map/1"
-    again.save(tmp_path / "again.nc")  # what was loaded can be saved
-    with pytest.raises(OutputError, match="exists already"):
-        again.save(tmp_path / "again.nc")
-    again.save(tmp_path / "again.nc", force=True)
-    whole = (tmp_path / "again.nc").read_bytes()
-    for wrong in (whole[: len(whole) // 2], b"", b"CDF"):
+    whole = (tmp_path / "map.nc").read_bytes()
+    for wrong in (whole[: len(whole) // 2], b""):
         (tmp_path / "half.nc").write_bytes(wrong)
         with pytest.raises(AacmmError, match=r"half\.nc: cannot be read as a map"):
             WorkspaceMap.load(tmp_path / "half.nc")
@@ -292,27 +233,19 @@ def test_netcdf_returns_what_was_written(small: WorkspaceMap, tmp_path: Path) ->
             str(name).rsplit("_", 1)[-1], "1"
         ), name
         assert name not in small.data.data_vars or variable.attrs["long_name"]
-    assert "SINO6: 4 × 6 cells × 12 sectors" in str(small)
-    assert "<" in small._repr_html_()
 
 
 # --- what cannot be asked
 
 
-def test_what_cannot_be_asked(
-    sino6: Arm, extended: ErrorModel, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_cannot_be_asked(sino6, extended, monkeypatch):
     monkeypatch.setattr(workspace, "_work", lambda job: pytest.fail("work began"))
     two = {"model": extended, "conditions": Conditions(2, temperature=np.array([20.0, 30.0]))}
     asked: list[tuple[dict[str, Any], type[Exception], str]] = [
         ({"extent": [0, 1, 1, -1]}, AacmmError, "z from < z to"),
-        ({"extent": [1, 1, -1, 1]}, AacmmError, "x from < x to"),
         ({"extent": [-0.1, 1, -1, 1]}, AacmmError, "0 ≤ x"),
-        ({"extent": [0, np.nan, -1, 1]}, ShapeError, "finite"),
         ({"cells": (0, 5)}, AacmmError, "at least 1"),
-        ({"sectors": 0}, AacmmError, "at least 1"),
         ({"workers": 0}, AacmmError, "at least 1"),
-        ({"method": "monte-carlo"}, AacmmError, "monte-carlo"),
         ({"method": "box", "extent": [2, 3, 0, 1]}, AacmmError, "zonotope"),
         (two, ShapeError, "conditions are of 2 records"),
     ]
@@ -321,7 +254,7 @@ def test_what_cannot_be_asked(
             map_workspace(**({"model": sino6, "cells": (2, 2), "progress": False} | arguments))
 
 
-def test_arms_that_cannot_be_mapped(zero6: Arm, robot_file: Callable[[str], Path]) -> None:
+def test_arms_that_cannot_be_mapped(zero6, robot_file):
     with pytest.raises(UnsupportedArmError, match="DH table"):
         map_workspace(
             Arm.from_urdf(robot_file("ur5_robot.urdf"), "ee_link"), (2, 2), progress=False
@@ -330,41 +263,25 @@ def test_arms_that_cannot_be_mapped(zero6: Arm, robot_file: Callable[[str], Path
         map_workspace(zero6, (2, 2), progress=False)
 
 
-def test_few_held_angles_find_the_components_of_the_other_arm_too() -> None:
-    """A place almost at full stretch, where one of four small components is easily missed."""
-    file = load_arm_file("zero6")
-    widths = load_arm_file("sino6").joints[0].uncertainty
-    arm = Arm.from_file(
-        file.model_copy(
-            update={"joints": [r.model_copy(update={"uncertainty": widths}) for r in file.joints]}
-        )
-    )
-    point = np.array([-0.2690600933869131, 0.009980455793426534, -0.6957428498498395])
-    assert configuration_circle(arm, point, count=3).component.max() == 4
-    assert len(wrist_curves(Wrist.of(arm.require_dh("")), point[None], FEW_PER_TURN).curves) == 4
-
-
 # --- processes
 
 
-def test_two_processes_and_parts_of_a_map_do_not_show(
-    extended: ErrorModel, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_two_processes_and_parts_of_a_map_do_not_show(extended, monkeypatch):
     options: dict[str, Any] = {
         "extent": BOX,
         "conditions": Conditions(1, temperature=np.array([35.0])),
         "progress": False,
     }
-    whole = map_workspace(extended, (2, 3), 7, **options)
-    monkeypatch.setattr(workspace, "CELLS_AT_ONCE", 4)
-    one, two = (map_workspace(extended, (2, 3), 7, workers=n, **options) for n in (1, 2))
+    whole = map_workspace(extended, (2, 2), 4, **options)
+    monkeypatch.setattr(workspace, "CELLS_AT_ONCE", 3)
+    one, two = (map_workspace(extended, (2, 2), 4, workers=n, **options) for n in (1, 2))
     one.data.attrs.pop("seconds")
     two.data.attrs.pop("seconds")
     xr.testing.assert_identical(one.data, two.data)
     xr.testing.assert_allclose(one.data, whole.data, rtol=1e-6)
 
 
-def test_an_elbow_that_stays_in_one_plane_has_no_sectors() -> None:
+def test_an_elbow_that_stays_in_one_plane_has_no_sectors():
     """A robot with a spherical wrist: its swivel is 0 or 180° but for rounding, which is no sector
     passed.
     """

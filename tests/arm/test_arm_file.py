@@ -6,21 +6,16 @@ from __future__ import annotations
 
 import math
 import tomllib
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.example_robots import EXAMPLE_ROBOTS
-from aacmm_pin.arm.file import ArmFile, arm_text, bundled_arms, load_arm_file, parse_arm_file
-from aacmm_pin.arm.urdf import urdf_text
-from aacmm_pin.calibration import calibrate
-from aacmm_pin.effects import JointZeroOffset
-from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.arm import EXAMPLE_ROBOTS, Arm, ArmFile, arm_text, bundled_arms, load_arm_file
+from aacmm_pin.arm.file import parse_arm_file
+from aacmm_pin.effects import ErrorModel
 from aacmm_pin.errors import ArmFileError, UnknownNameError
-from aacmm_pin.measurements.simulate import simulate_measurements
-from tests.arm_files import nearly_parallel
+
+pytestmark = pytest.mark.fast
 
 GOOD = """\
 schema = "aacmm-pin/arm/1"
@@ -63,20 +58,17 @@ TABLE_1 = np.array(
 )
 
 
-def test_angles_in_degrees_by_the_suffix_of_their_keys() -> None:
+def test_angles_in_degrees_by_the_suffix_of_their_keys():
+    pairs = {
+        "alpha_rad = 1.5": f"alpha_deg = {math.degrees(1.5)!r}",
+        "theta_offset_rad = 0.1": f"theta_offset_deg = {math.degrees(0.1)!r}",
+        "alpha_rad = 1e-5": f"alpha_deg = {math.degrees(1e-5)!r}",
+        "encoder_noise_rad = 1e-5": f"encoder_noise_deg = {math.degrees(1e-5)!r}",
+        "limits_rad = [-1.0, 2]": f"limits_deg = [{math.degrees(-1)!r}, {math.degrees(2)!r}]",
+    }
     in_degrees = GOOD
-    for key, radians in {
-        "alpha": "1.5",
-        "theta_offset": "0.1",
-        "alpha_": "1e-5",
-        "encoder_noise": "1e-5",
-    }.items():
-        key, degrees = key.rstrip("_"), math.degrees(float(radians))
-        in_degrees = in_degrees.replace(f"{key}_rad = {radians}", f"{key}_deg = {degrees!r}")
-    in_degrees = in_degrees.replace(
-        "limits_rad = [-1.0, 2]", f"limits_deg = [{math.degrees(-1)!r}, {math.degrees(2)!r}]"
-    )
-    assert in_degrees.count("_deg") == 5
+    for radians, degrees in pairs.items():
+        in_degrees = in_degrees.replace(radians, degrees)
     known, read = (parse_arm_file(text.encode(), "arm.toml") for text in (GOOD, in_degrees))
     np.testing.assert_allclose(read.limits, known.limits, rtol=1e-15)
     for one, other in zip(read.dh_parameters(), known.dh_parameters(), strict=True):
@@ -87,7 +79,7 @@ def test_angles_in_degrees_by_the_suffix_of_their_keys() -> None:
             parse_arm_file(GOOD.replace("alpha_rad = 1.5", bad).encode(), "arm.toml")
 
 
-def test_sino6_is_table_1_of_its_paper() -> None:
+def test_sino6_is_table_1_of_its_paper():
     assert bundled_arms() == ["sino6", "zero6"]
     parameters = load_arm_file("sino6").dh_parameters()
     si = TABLE_1.reshape(6, 4, 2) * np.array([1e-3, 1e-3, 1, 1])[:, None]
@@ -100,13 +92,11 @@ def test_sino6_is_table_1_of_its_paper() -> None:
     np.testing.assert_allclose(load_arm_file("sino6").dh.values(), si[..., 0], rtol=1e-15)
 
 
-def test_every_key_is_read_in_its_unit(tmp_path: Path) -> None:
+def test_every_key_is_read_in_its_unit(tmp_path):
     path = tmp_path / "two.toml"
     path.write_text(GOOD, encoding="utf-8")
     arm = load_arm_file(path)
     assert arm == load_arm_file(str(path))
-    path.write_text(GOOD, encoding="utf-8-sig")  # as some editors save it
-    assert arm == load_arm_file(path)
     np.testing.assert_allclose(arm.dh.values(), [[0.1, 0.02, 1.5, 0.1], [0, 0.05, 0, 0]])
     assert (arm.dh.convention, arm.dh.moving.tolist()) == ("modified-dh", [True, False])
     np.testing.assert_array_equal(arm.limits, [[-1, 2]])
@@ -127,19 +117,13 @@ ROWS = "[[joints]]\na_mm = 0\nd_mm = 0\nalpha_rad = 0\ntheta_offset_rad = 0\nfix
 JOINTS = GOOD[GOOD.index("[[joints]]") :]
 # what is replaced, by what, the key that the answer names, and a word or number of it
 MISTAKES = [
-    ("name =", 'colour = "red"\nname =', "colour", "reference_temperature_c"),
     ("a_mm = 100", "a_mm = 100\nb_mm = 1", "joints[1].b_mm", "limits_rad"),
-    ("{ a_mm = 0.01", "{ z_mm = 1, a_mm = 0.01", "joints[1].uncertainty.z_mm", "theta_offset_rad"),
     ('schema = "aacmm-pin/arm/1"', "", "schema", "missing"),
     ("arm/1", "arm/9", "schema", "'aacmm-pin/arm/1'"),
     ("modified-dh", "dh", "convention", "'standard-dh' or 'modified-dh'"),
     ("d_mm = 20.0", "", "joints[1].d_mm", "missing"),
     ("limits_rad = [-1.0, 2]", "", "joints[1]", "limits_rad is missing"),
     ("d_mm = 20.0", 'd_mm = "20"', "joints[1].d_mm", "'20'"),
-    ("d_mm = 20.0", "d_mm = true", "joints[1].d_mm", "True"),
-    ("d_mm = 20.0", "d_mm = nan", "joints[1].d_mm", "nan"),
-    ("d_mm = 20.0", "d_mm = 1e999", "joints[1].d_mm", "inf"),
-    ("fixed = true", "fixed = 1", "joints[2].fixed", "boolean"),
     ("fixed = true", "fixed = true\nlimits_rad = [0, 1]", "joints[2]", "no limits_rad"),
     (
         GOOD[GOOD.index("limits_rad") : GOOD.index("mass_kg")],
@@ -147,45 +131,18 @@ MISTAKES = [
         "",
         "every row is fixed",
     ),
-    ("[-1.0, 2]", "2", "joints[1].limits_rad", "is 2"),
     ("[-1.0, 2]", "[2.0, -1.0]", "joints[1]", "[2.0, -1.0]"),
-    ("[-1.0, 2]", "[2.0]", "joints[1].limits_rad[2]", "missing"),
-    ("[-1.0, 2]", "[1, 2, 3]", "joints[1].limits_rad", "[1, 2, 3]"),
-    ("a_mm = 0.01", "a_mm = -0.01", "joints[1].uncertainty.a_mm", "-0.01"),
     ("mass_kg = 0.5", "", "joints[1]", "com_mm without mass_kg"),
-    ('"two rows"', '""', "name", "''"),
-    (JOINTS, "", "joints", "missing"),
-    (JOINTS, "joints = []", "joints", "[]"),
-    (JOINTS, "joints = 6", "joints", "is 6"),
     ("axis = [0, 0.0, 1.0]", "axis = [0, 0, 0]", "stylus", "axis is [0, 0, 0]"),
-    ("axis = [0, 0.0, 1.0]", "axis = [0, 1]", "stylus.axis[3]", "missing"),
-    ("[[joints]]", "[[joints", "", "line 5"),
-    ("name =", 'name = "a"\nname =', "", "line 3"),
     ("name =", f"x = {'[' * 9000}\nname =", "", "not TOML"),
     # what no arm has
-    ("a_mm = 100", "a_mm = 1e160", "joints[1].a_mm", "1e+160"),
-    ("d_mm = 20.0", "d_mm = -1e10", "joints[1].d_mm", "-1000000000"),
     ("d_mm = 20.0", "d_mm = -1e6", "", "joints[1].d_mm is -1e+06: the tip is up to 1000 m"),
-    ("a_mm = 100", f"a_mm = {'1' * 4000}", "joints[1].a_mm", "111..."),
     ("a_mm = 100", f"a_mm = {'1' * 5000}", "", "5000 digits"),
     ("a_mm = 0.01", "a_mm = 1e308", "", "joints[1].uncertainty.a_mm is 1e+308"),
     ("d_mm = 0.02", "d_mm = 171", "", "at most 170 mm"),
-    ("alpha_rad = 1e-5", "alpha_rad = 4", "joints[1].uncertainty.alpha_rad", "3.14"),
-    (
-        "encoder_noise_rad = 1e-5",
-        "encoder_noise_rad = 1.65",
-        "joints[1].encoder_noise_rad",
-        "0.005",
-    ),
     ("fixed = true", "limits_rad = [0, 1]", "", "joints[2].encoder_noise_rad is missing"),
-    ("mass_kg = 0.5", "mass_kg = 1e6", "joints[1].mass_kg", "100000"),
-    ("com_mm = [1,", "com_mm = [1e300,", "joints[1].com_mm[1]", "1e+300"),
-    ("name =", "reference_temperature_c = -300\nname =", "reference_temperature_c", "-100"),
-    ("name =", "gravity_m_s2 = [0, 1e200, 0]\nname =", "gravity_m_s2[2]", "1e+200"),
     ('"two rows"', '"two\\u0000rows"', "name", "NUL at place 4"),
     ('"two rows"', f'"{"x" * 100_000}"', "name", "200"),
-    ('"two rows"', '"two\\nrows"', "name", "expected one line"),
-    ("name =", f"{'a.' * 50}a = 1\nname =", "a", "inside one another"),
     ("a_mm = 100", f"a_mm.{'a.' * 50}a = 1", "joints", "inside one another"),
     ("name =", f"{'a.' * 100_000}a = 1\nname =", "", "line 2 has a key of more than 100 parts"),
     (
@@ -205,7 +162,7 @@ MISTAKES = [
 ]
 
 
-def test_each_mistake_is_named(tmp_path: Path) -> None:
+def test_each_mistake_is_named(tmp_path):
     path = tmp_path / "bad.toml"
     for old, new, key, word in MISTAKES:
         assert old in GOOD
@@ -221,55 +178,36 @@ EFFECT = '\n[[effects]]\ncause = "{}"\n{}\nparameters = {{ {} }}\n'
 EFFECTS = [
     ("encoder_gain", "joint = 1", "gain = 1e300", "gain is 1e+300"),
     ("encoder_gain", "joint = 1", "gain = 5.0", "gain is 5, expected at most 0.1"),
-    (
-        "joint_compliance",
-        "joint = 1",
-        "compliance_rad_per_nm = 12.0",
-        "is 12, expected at most 0.02",
-    ),
     ("thermal_expansion", "", "expansion_per_k = 11.5", "is 11.5, expected at most 0.02"),
-    ("seat_error", 'seat = "A"', "x_mm = 250.0", "x_mm is 250, expected at most 20"),
     (
         "encoder_gain",
         "joint = 1\nuncertainty = { gain = 1e300 }",
         "gain = 1e-4",
         "u of gain is 1e+300",
     ),
-    ("encoder_gain", f"joint = {'1' * 4000}", "gain = 1e-4", "joint is 111"),
     (
         "encoder_eccentricity",
         "joint = 1",
         "amplitude_rad = 1e-4, phase_rad = 1e300",
         "phase_rad is 1e+300",
     ),
-    ("encoder_eccentricity", "joint = 1", "amplitude_rad = 1e300", "1e+300"),
-    ("joint_periodic_error", "joint = 1\norder = 1e300", "amplitude_rad = 1e-4", "order is 1e+300"),
     (
         "encoder_slip",
         "joint = 1\ntime_s = 9.0\nbetween_s = [1.0, 8.0]",
         "step_rad = 1e-4",
         "between_s is",
     ),
-    ("encoder_slip", "joint = 1\ntime_s = 1e300", "step_rad = 1e-4", "time_s is 1e+300"),
     (
         "zero_drift",
         "joint = 1\ntime_constant_s = 1e-300",
         "drift_rad = 1e-4",
         "time_constant_s is 1e-300",
     ),
-    (
-        "joint_error_curve",
-        "joint = 1\nlower_rad = 0\nupper_rad = 1e300\ncoefficients = 5",
-        "c1_rad = 1e-4",
-        "1e+300",
-    ),
-    ("thermal_expansion", "", "expansion_per_k = 1e9", "1e+09"),
     ("thermal_expansion", "", "expansion_per_k = -2e-5", "-2e-05"),
-    ("link_bending", "link = 1", "flexibility_rad_per_nm2 = -2e-5", "-2e-05"),
 ]
 
 
-def test_implausible_effects_are_named(tmp_path: Path) -> None:
+def test_implausible_effects_are_named(tmp_path):
     path = tmp_path / "bad.toml"
     for cause, fields, parameters, word in EFFECTS:
         path.write_text(GOOD + EFFECT.format(cause, fields, parameters), encoding="utf-8")
@@ -279,75 +217,28 @@ def test_implausible_effects_are_named(tmp_path: Path) -> None:
             caught.value
         )
     estimate = "uncertainty = { expansion_per_k = 1e-6 }"  # of zero: negative every other time
-    path.write_text(
-        GOOD + EFFECT.format("thermal_expansion", estimate, "expansion_per_k = -1e-6"),
-        encoding="utf-8",
-    )
+    text = EFFECT.format("thermal_expansion", estimate, "expansion_per_k = -1e-6")
+    path.write_text(GOOD + text, encoding="utf-8")
     assert ErrorModel.load(path).effects[0].values == (-1e-6,)
 
 
-def test_a_direction_has_any_length(tmp_path: Path) -> None:
+def test_a_direction_has_any_length(tmp_path):
     path = tmp_path / "arm.toml"
     for axis in ("[0, 0, 1e-300]", "[0, 0, 1e300]", "[0, 0, 5e-324]"):
         path.write_text(GOOD.replace("[0, 0.0, 1.0]", axis), encoding="utf-8")
         np.testing.assert_array_equal(Arm.load(path).stylus_axis, [0, 0, 1])
 
 
-def test_axes_that_are_nearly_parallel_may_meet_far_away(
-    tmp_path: Path, rng: np.random.Generator
-) -> None:
-    """As robots' controllers state themselves: what counts is what the arm reaches, a metre."""
-    path = tmp_path / "near.toml"
-    path.write_text(arm_text(nearly_parallel()), encoding="utf-8")
-    arm, q = Arm.load(path), rng.uniform(-np.pi, np.pi, (300, 6))
-    assert arm.dh is not None
-    assert np.abs(arm.dh.d).max() > 110.0
-    tips = arm.positions(q)
-    assert np.linalg.norm(tips, axis=1).max() < 1.5
-    np.testing.assert_allclose(tips, arm.poses(q).position, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(tips, arm.chain.walk(q)[1][arm.chain.tip], rtol=0, atol=1e-12)
-    urdf = tmp_path / "near.urdf"
-    urdf.write_text(urdf_text(load_arm_file(path)), encoding="utf-8")
-    np.testing.assert_allclose(Arm.from_urdf(urdf, "tip").positions(q), tips, rtol=0, atol=1e-12)
-    true = ErrorModel(
-        arm, tuple(JointZeroOffset(j, values=(3e-4 * (-1) ** j,)) for j in range(2, 6))
-    )
-    data = simulate_measurements(
-        true, "free", 60, rng=rng, encoder_noise=1e-6, reference_noise=1e-6
-    )
-    found = calibrate(
-        arm, data, "zero-offsets", encoder_noise=1e-6, reference_noise=1e-6, hold_out=False
-    )
-    before, after = (
-        np.linalg.norm(m.correct(q) - true.correct(q), axis=1).max()
-        for m in (ErrorModel(arm), found.model)
-    )
-    assert after < 5e-6 < 1e-4 < before
-
-
-def test_every_mistake_is_listed() -> None:
-    bad = GOOD.replace("d_mm = 20.0", "d_mm = nan").replace("fixed = true", "fixed = 1")
-    with pytest.raises(
-        ArmFileError, match=r"joints\[1\].d_mm: is nan(.|\n)*bad.toml: joints\[2\].fixed: is 1"
-    ) as caught:
-        parse_arm_file(bad.encode(), "bad.toml")
-    assert caught.value.key == "joints[1].d_mm"
-
-
-def test_what_is_no_arm_file(tmp_path: Path) -> None:
+def test_what_is_no_arm_file(tmp_path):
     with pytest.raises(ArmFileError, match=r"bad.toml: not UTF-8 text \(byte 8\)"):
         parse_arm_file('name = "Ä"'.encode("latin-1"), "bad.toml")
     with pytest.raises(ArmFileError, match=r"none.toml: no such file"):
         load_arm_file(tmp_path / "none.toml")
     with pytest.raises(ArmFileError, match=r"/dev/zero: is larger than 32 MB"):
         load_arm_file("/dev/zero")
-    for name in ("folder", "folder.toml"):
-        (tmp_path / name).mkdir()
-        with pytest.raises(ArmFileError, match=rf"{name}: .*folder"):
-            load_arm_file(tmp_path / name)
-    with pytest.raises(
-        UnknownNameError, match=r"'sino7'; known: sino6, zero6, .* \(or the path of an arm file"
-    ) as caught:
+    with pytest.raises(ArmFileError, match="folder"):
+        load_arm_file(tmp_path)
+    with pytest.raises(UnknownNameError, match="unknown arm 'sino7'; known: sino6") as caught:
         load_arm_file("sino7")
     assert caught.value.known == [*bundled_arms(), *EXAMPLE_ROBOTS]
     with pytest.raises(ArmFileError, match="too long"):
@@ -363,18 +254,16 @@ def read(text: str) -> ArmFile:
     return parse_arm_file(text.encode("utf-8"), "again.toml")
 
 
-def test_arms_come_back(arm_file: ArmFile) -> None:
+def test_arms_come_back(arm_file):
     text = arm_text(arm_file)
     assert read(text) == arm_file
     assert arm_text(read(text)) == text
     assert text.startswith(f'schema = "aacmm-pin/arm/1"\nname = "{arm_file.name}"\n')
 
 
-def test_every_bit_comes_back(rng: np.random.Generator) -> None:
+def test_every_bit_comes_back(rng):
     arm = load_arm_file("sino6")
-    for value in map(
-        float, [5e-324, -0.0, 0.1 + 0.2, 1e4 - 0.1, np.nextafter(1.0, 2.0), *rng.normal(size=9)]
-    ):
+    for value in map(float, [5e-324, -0.0, 1e4 - 0.1, np.nextafter(1.0, 2.0), rng.normal()]):
         rows = [
             row.model_copy(update={"a_mm": value, "com_mm": (value, -value, 1.0)})
             for row in arm.joints
@@ -384,34 +273,17 @@ def test_every_bit_comes_back(rng: np.random.Generator) -> None:
         assert back.joints == rows
 
 
-def test_optional_parts_names_and_comments_come_back() -> None:
-    arm, zero = load_arm_file("sino6"), load_arm_file("zero6")
-    rows = [row.model_copy(update={"encoder_noise_rad": 1e-5}) for row in arm.joints]
-    full = arm.model_copy(
-        update={"joints": rows, "reference_temperature_c": 21.5, "gravity_m_s2": (0.0, -9.81, 0.0)}
-    )
+def test_optional_parts_names_and_comments_come_back():
+    zero = load_arm_file("zero6")
     bare = zero.model_copy(update={"source": "", "stylus": None})
     named = [
         zero.model_copy(update={"name": text.replace("\n", " "), "source": text})
-        for text in ('Ä "quoted" \\ #', "two\nlines", "tab\t", "\x07", "'''", '"""')
+        for text in ('Ä "quoted" \\ #', "two\nlines\x07", "'''", '"""')
     ]
-    for each in (full, bare, *named):
+    for each in (bare, *named):
         assert read(arm_text(each)) == each
     assert "stylus" not in tomllib.loads(arm_text(bare))
-    for comment in (
-        "one line",
-        "two\nlines",
-        "",
-        "\n\n",
-        'schema = "x"',
-        "a\x00b\x07c\rd",
-        "tab\tand \u2028 Ä",
-    ):
+    for comment in ("two\nlines", "\n\n", 'schema = "x"', "a\x00b\x07c\rd\t\u2028 Ä"):
         text = arm_text(zero, comment)
         assert read(text) == zero
-        before = (
-            text.splitlines()[0]
-            if comment.startswith("schema")
-            else text[: text.index("schema = ")]
-        )
-        assert all(line.startswith("#") for line in before.splitlines() if line)
+        assert text.startswith("#")

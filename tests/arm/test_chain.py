@@ -16,11 +16,12 @@ from scipy.linalg import expm
 from aacmm_pin._support.batches import ROWS_PER_BATCH
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.compiled import ALWAYS, NEVER, VARIABLE
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.chain import BASE, axis, end, exp, skew
-from aacmm_pin.arm.file import ArmFile
+from aacmm_pin.arm import BASE, Arm, axis, end, exp
 from aacmm_pin.arm.poses import Poses
 from aacmm_pin.errors import UnknownNameError, UnsupportedArmError
+from tests.oracle import close, postures, twist_matrix
+
+pytestmark = pytest.mark.fast
 
 ROBOTS = [  # file, frame, number of joints that slide
     ("ur5_robot.urdf", "tool0", 0),
@@ -37,10 +38,6 @@ def robots(robot_file: Callable[[str], Path]) -> list[Arm]:
     return arms
 
 
-def postures(arm: Arm, rng: np.random.Generator, n: int) -> Array:
-    return rng.uniform(-3.0, 3.0, (n, arm.nq))
-
-
 def frames(arm: Arm, q: Array, twists: dict[int, Array] | None = None) -> Array:
     """All places as (places, n, 4, 4)."""
     rotation, origin = arm.chain.walk(q, twists)
@@ -49,28 +46,24 @@ def frames(arm: Arm, q: Array, twists: dict[int, Array] | None = None) -> Array:
     return found
 
 
-def same(found: Array, expected: Array, atol: float = 1e-12) -> None:
-    np.testing.assert_allclose(found, expected, rtol=0, atol=atol)
-
-
-def test_places_of_a_table_are_its_frames(arm_file: ArmFile, rng: np.random.Generator) -> None:
+def test_places_of_a_table_are_its_frames(arm_file, rng):
     arm = Arm.from_file(arm_file)
     q = postures(arm, rng, 50)
     walked = frames(arm, q)
     assert len(walked) == arm.chain.places == 2 * len(arm_file.joints) + 3
     assert arm.chain.rows == len(arm_file.joints)
     assert arm.chain.nq == arm.nq
-    same(walked[BASE], np.broadcast_to(np.eye(4), (50, 4, 4)))
-    same(walked[arm.chain.tip], arm.poses(q).placement)
+    close(walked[BASE], np.broadcast_to(np.eye(4), (50, 4, 4)))
+    close(walked[arm.chain.tip], arm.poses(q).placement)
     for row in range(1, len(arm_file.joints) + 1):
         name = f"frame{row}"
         assert arm.place(name) == (
             end(row) if arm.dh is not None and arm.dh.standard else axis(row)
         )
-        same(walked[arm.place(name)], arm.poses(q, name).placement)
+        close(walked[arm.place(name)], arm.poses(q, name).placement)
 
 
-def test_axes_of_a_table_are_the_joints(arm_file: ArmFile, rng: np.random.Generator) -> None:
+def test_axes_of_a_table_are_the_joints(arm_file, rng):
     """In standard DH an axis has all of Pinocchio's joint frame; in modified DH it stands at d
     along it.
     """
@@ -84,61 +77,43 @@ def test_axes_of_a_table_are_the_joints(arm_file: ArmFile, rng: np.random.Genera
             step = data.oMi[joint].homogeneous
             if arm.dh is not None and not arm.dh.standard:
                 step[:3, 3] += step[:3, 2] * arm.dh.d[place // 2 - 1]
-            same(walked[place, k], step)
+            close(walked[place, k], step)
 
 
-def test_places_of_a_robot_are_its_joints_and_placements(
-    robots: list[Arm], rng: np.random.Generator
-) -> None:
+def test_places_of_a_robot_are_its_joints_and_placements(robots, rng):
     for robot in robots:
         q, data = postures(robot, rng, 10), robot.model.createData()
         walked = frames(robot, q)
-        same(walked[robot.chain.tip], robot.poses(q).placement)
+        close(walked[robot.chain.tip], robot.poses(q).placement)
         for k, each in enumerate(q):
             jacobian = pin.computeJointJacobians(
                 robot.model, data, each
             )  # in the base, of the point that passes its origin
             for joint, column in enumerate(jacobian.T, start=1):
                 placement = data.oMi[joint - 1] * robot.model.jointPlacements[joint]
-                same(walked[end(joint - 1), k], placement.homogeneous)
-                same(walked[axis(joint), k, :3, 3], data.oMi[joint].translation)
-                same(
+                close(walked[end(joint - 1), k], placement.homogeneous)
+                close(walked[axis(joint), k, :3, 3], data.oMi[joint].translation)
+                close(
                     walked[axis(joint), k, :3, 2],
                     column[:3] if robot.chain.prismatic[joint - 1] else column[3:],
                 )
 
 
-def test_a_frame_that_is_no_place(sino6: Arm, robots: list[Arm]) -> None:
+def test_a_frame_that_is_no_place(sino6, robots):
     with pytest.raises(UnsupportedArmError, match="DH table"):
         robots[0].place(robots[0].model.frames[1].name)
-    with pytest.raises(UnsupportedArmError, match="'base_link' is not one of the DH table"):
-        sino6.place("base_link")
+    for refused in (
+        lambda: sino6.place("base_link"),
+        lambda: sino6.sensitivity(np.zeros((1, 6)), "link3"),
+        lambda: sino6.perturbed_positions(np.zeros((1, 6)), np.zeros((2, 24)), "link3"),
+    ):
+        with pytest.raises(UnsupportedArmError, match="is not one of the DH table"):
+            refused()
     with pytest.raises(UnknownNameError, match="frame9"):
         sino6.place("frame9")
 
 
-def test_twists_are_the_table_with_other_values(
-    arm_file: ArmFile, rng: np.random.Generator
-) -> None:
-    """(d, θ) at the axis and (a, α) at the end, of any size, in either convention and in rows
-    without a joint.
-    """
-    arm, dh = Arm.from_file(arm_file), arm_file.dh
-    q, errors = postures(arm, rng, 10), rng.uniform(-0.5, 0.5, size=(10, dh.rows, 4))
-    twists = {}
-    for row in range(1, dh.rows + 1):
-        a, d, alpha, theta = errors[:, row - 1].T
-        zero = np.zeros(10)
-        twists[axis(row)] = np.stack([zero, zero, d, zero, zero, theta], axis=1)
-        twists[end(row if dh.standard else row - 1)] = np.stack(
-            [a, zero, zero, alpha, zero, zero], axis=1
-        )
-    same(arm.chain.walk(q, twists)[1][arm.chain.tip], dh.chain.positions(q, errors.reshape(10, -1)))
-
-
-def test_a_twist_acts_behind_its_place_and_on_all_beyond(
-    robots: list[Arm], rng: np.random.Generator
-) -> None:
+def test_a_twist_acts_behind_its_place_and_on_all_beyond(robots, rng):
     """Any twist, each component alone, a screw along z; a twist for all records is that twist in
     each.
     """
@@ -148,80 +123,69 @@ def test_a_twist_acts_behind_its_place_and_on_all_beyond(
         q = postures(robot, rng, 5)
         plain, twist = frames(robot, q), np.zeros((5, 6))
         twist[:, components] = rng.normal(scale=0.3, size=(5, len(components)))
-        motion = np.stack([expm(generator(each)) for each in twist])
+        motion = np.stack([expm(twist_matrix(each)) for each in twist])
         for place in range(robot.chain.places):
             bent = frames(robot, q, {place: twist})
             np.testing.assert_array_equal(bent[:place], plain[:place])
             carried = plain[place] @ motion @ np.linalg.inv(plain[place])
-            same(bent[place:], carried @ plain[place:])
-            same(
+            close(bent[place:], carried @ plain[place:])
+            close(
                 frames(robot, q, {place: twist[:1]}),
                 frames(robot, q, {place: np.tile(twist[:1], (5, 1))}),
             )
 
 
-def test_compiled_loop_and_numpy_agree_with_pinocchio(
-    arm_file: ArmFile, robots: list[Arm], rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Joints that slide, rows without a joint, and batches that do not fill the loop's lanes."""
-    for arm, n in product((Arm.from_file(arm_file), *robots), (0, 1, 150, ROWS_PER_BATCH + 2)):
+def assert_twins_agree(arm: Arm, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Loop and NumPy, in batches that do not fill the loop's lanes, and Pinocchio."""
+    for n in (0, 1, 150, ROWS_PER_BATCH + 2):
         q, found = postures(arm, rng, n), []
         for way in (NEVER, ALWAYS):
             monkeypatch.setenv(VARIABLE, way)
-            found.append(
-                [
-                    arm.chain.positions(q),
-                    *arm.chain.position_and_sensitivity(q),
-                    *arm.chain.position_and_jacobian(q),
-                ]
-            )
+            sensitivity = arm.chain.position_and_sensitivity(q)
+            jacobian = arm.chain.position_and_jacobian(q)
+            found.append([arm.chain.positions(q), *sensitivity, *jacobian])
         for plain, looped in zip(*found, strict=True):
-            same(looped, plain, 1e-14)
-        poses = arm.poses(q[:5])
-        same(found[0][0][:5], poses.position, 1e-13)
-        same(found[0][4][:5], poses.jacobian[:, :3], 1e-13)
-        if arm.dh is None:
-            same(found[0][2][:5], poses.placement_sensitivity, 1e-13)
+            close(looped, plain, 1e-14)
+    poses = arm.poses(q[:5])
+    close(found[0][0][:5], poses.position, 1e-13)
+    close(found[0][4][:5], poses.jacobian[:, :3], 1e-13)
+    if arm.dh is None:
+        close(found[0][2][:5], poses.placement_sensitivity, 1e-13)
 
 
-def test_frames_beside_the_places_are_pinocchios(
-    arm_file: ArmFile, robots: list[Arm], rng: np.random.Generator
-) -> None:
-    for arm in (Arm.from_file(arm_file), *robots):
+def test_compiled_loop_and_numpy_agree_for_tables(arm_file, rng, monkeypatch):
+    assert_twins_agree(Arm.from_file(arm_file), rng, monkeypatch)
+
+
+def test_compiled_loop_and_numpy_agree_for_robots(robots, rng, monkeypatch):
+    for robot in robots:
+        assert_twins_agree(robot, rng, monkeypatch)
+
+
+def test_frames_beside_the_places_are_pinocchios(sino6, robots, rng):
+    for arm in (sino6, *robots):
         q = postures(arm, rng, 3)
-        for name in {
-            frame.name for frame in arm.model.frames if frame.name not in ("world", "universe")
-        }:
+        for name in {frame.name for frame in arm.model.frames} - {"world", "universe"}:
             poses = arm.poses(q, name)
-            same(arm.positions(q, name), poses.position, 1e-13)
-            same(arm.jacobian(q, name), poses.jacobian[:, :3], 1e-13)
+            close(arm.positions(q, name), poses.position, 1e-13)
+            close(arm.jacobian(q, name), poses.jacobian[:, :3], 1e-13)
             if arm.dh is None:
-                same(arm.sensitivity(q, name), poses.placement_sensitivity, 1e-13)
+                close(arm.sensitivity(q, name), poses.placement_sensitivity, 1e-13)
 
 
-def test_errors_of_placements_are_twists_for_pinocchio_too(
-    robots: list[Arm], rng: np.random.Generator
-) -> None:
+def test_errors_of_placements_are_twists_for_pinocchio_too(robots, rng):
     for robot in robots:
         q, errors = postures(robot, rng, 4), rng.normal(scale=0.1, size=(4, 6 * robot.nq))
+        moved = np.empty((4, 3))
         for k, error in enumerate(errors):
             model = robot.model.copy()
             for joint, twist in enumerate(error.reshape(-1, 6), start=1):
                 model.jointPlacements[joint] = model.jointPlacements[joint] * pin.exp6(twist)
-            moved = Poses(model, q[k : k + 1], model.getFrameId(robot.tip)).position
-            same(robot.perturbed_positions(q[k : k + 1], errors[k : k + 1]), moved, 1e-13)
+            moved[k] = Poses(model, q[k : k + 1], model.getFrameId(robot.tip)).position
+        close(robot.perturbed_positions(q, errors), moved, 1e-13)
 
 
-def test_no_record_and_one_record(robots: list[Arm]) -> None:
-    for robot, n in product(robots, (0, 1)):
-        rotation, origin = robot.chain.walk(
-            np.zeros((n, robot.nq)), {axis(1): np.zeros((n, 6)), end(2): np.zeros((1, 6))}
-        )
-        assert rotation.shape == (robot.chain.places, n, 3, 3)
-        assert origin.shape == (robot.chain.places, n, 3)
-
-
-def test_exp_is_the_matrix_exponential(rng: np.random.Generator) -> None:
+def test_exp_is_the_matrix_exponential(rng):
     angles = np.repeat(
         [0.0, 1e-12, 1e-6, 0.999e-3, 1.001e-3, 0.1, 1.0, np.pi - 1e-9, np.pi, 6.0, 40.0], 20
     )
@@ -229,16 +193,5 @@ def test_exp_is_the_matrix_exponential(rng: np.random.Generator) -> None:
     w = angles[:, None] * directions / np.linalg.norm(directions, axis=1, keepdims=True)
     twists = np.hstack([rng.normal(size=(len(angles), 3)), w])
     motions, rotation = exp(twists), exp(twists)[:, :3, :3]
-    same(motions, np.stack([expm(generator(twist)) for twist in twists]))
-    same(rotation @ rotation.transpose(0, 2, 1), np.broadcast_to(np.eye(3), rotation.shape), 1e-14)
-
-
-def generator(twist: Array) -> Array:
-    x, y, z = twist[3:]
-    v = twist[:3]
-    return np.array([[0, -z, y, v[0]], [z, 0, -x, v[1]], [-y, x, 0, v[2]], [0, 0, 0, 0]])
-
-
-def test_skew_is_the_cross_product(rng: np.random.Generator) -> None:
-    w, v = rng.normal(size=(2, 7, 3))
-    same(np.einsum("nij,nj->ni", skew(w), v), np.cross(w, v), 1e-15)
+    close(motions, np.stack([expm(twist_matrix(twist)) for twist in twists]))
+    close(rotation @ rotation.transpose(0, 2, 1), np.broadcast_to(np.eye(3), rotation.shape), 1e-14)

@@ -4,7 +4,6 @@ changed.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +11,11 @@ import pytest
 from lxml import etree
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm import Arm
 from aacmm_pin.arm.corrected_urdf import corrected_urdf
 from aacmm_pin.errors import AacmmError, UnsupportedArmError
+
+pytestmark = pytest.mark.fast
 
 ROBOTS = [
     ("ur5_robot.urdf", "tool0"),
@@ -65,13 +66,7 @@ def assert_same(found: Arm, expected: Arm, shift: Array, rng: np.random.Generato
 
 
 @pytest.mark.parametrize(("name", "frame"), ROBOTS)
-def test_pinocchio_finds_the_corrected_arm(
-    name: str,
-    frame: str,
-    robot_file: Callable[[str], Path],
-    tmp_path: Path,
-    rng: np.random.Generator,
-) -> None:
+def test_pinocchio_finds_the_corrected_arm(name, frame, robot_file, tmp_path, rng):
     arm = Arm.from_urdf(robot_file(name), frame)
     after = moved(arm, rng)
     assert_same(reread(corrected_urdf(after), tmp_path, frame), after, np.zeros(3), rng)
@@ -79,9 +74,7 @@ def test_pinocchio_finds_the_corrected_arm(
         assert_same(reread(corrected_urdf(after, SHIFT), tmp_path, frame), after, SHIFT, rng)
 
 
-def test_joints_without_an_origin_and_with_odd_tags(
-    small: Arm, tmp_path: Path, rng: np.random.Generator
-) -> None:
+def test_joints_without_an_origin_and_with_odd_tags(small, tmp_path, rng):
     after = moved(small, rng)
     text = corrected_urdf(after, SHIFT)
     assert_same(reread(text, tmp_path, "tip"), after, SHIFT, rng)
@@ -89,9 +82,7 @@ def test_joints_without_an_origin_and_with_odd_tags(
     assert text.count(b"<origin") == 3
 
 
-def test_all_else_stays_as_it_was(
-    robot_file: Callable[[str], Path], rng: np.random.Generator
-) -> None:
+def test_all_else_stays_as_it_was(robot_file, rng):
     path = robot_file("ur5_robot.urdf")
     arm = Arm.from_urdf(path, "tool0")
     assert corrected_urdf(arm) == path.read_bytes()
@@ -103,9 +94,7 @@ def test_all_else_stays_as_it_was(
     assert [each.tag for each in changed] == ["origin"] * 6
 
 
-def test_what_is_refused(
-    small: Arm, robot_file: Callable[[str], Path], tmp_path: Path, rng: np.random.Generator
-) -> None:
+def test_what_is_refused(small, robot_file, tmp_path, rng):
     with pytest.raises(UnsupportedArmError, match=r"wrist_3_link.*no fixed joint"):
         corrected_urdf(Arm.from_urdf(robot_file("ur5_robot.urdf"), "wrist_3_link"), SHIFT)
     with pytest.raises(UnsupportedArmError, match="has a DH table"):

@@ -12,9 +12,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm import Arm
 from aacmm_pin.arm.urdf_check import FULL_TURN, MAX_LINKS, read_urdf
 from aacmm_pin.errors import AacmmError, ArmFileError, UnsupportedArmError
+
+pytestmark = pytest.mark.fast
 
 GOOD = """\
 <?xml version="1.0"?>
@@ -48,31 +50,18 @@ SLIDE = GOOD[GOOD.index('  <joint name="slide"') : GOOD.index("</robot>")]
 # what is replaced, by what, the line that the answer names, and words of it
 MISTAKES = [
     ('<axis xyz="0 0 1"/>', '<axis xyz="0 0 0"/>', 17, "joint 'shoulder': axis: xyz is '0 0 0'"),
-    ('<axis xyz="0 0 1"/>', '<axis xyz="0 nan 1"/>', 17, "'shoulder': axis"),
-    ('<axis xyz="0 0 1"/>', '<axis xyz="0 inf 1"/>', 17, "'shoulder': axis"),
     ('<axis xyz="0 0 1"/>', '<axis xyz="0 1"/>', 17, "3 numbers"),
     ('<axis xyz="0 0 1"/>', '<axis xyz="0 0 1"/><axis xyz="0 0 1"/>', 17, "twice"),
     ('lower="-1" upper="2"', 'lower="2" upper="-1"', 18, "limit: lower is 2 and upper -1"),
-    ('lower="-1" upper="2"', 'lower="-1" upper="1e16"', 18, "upper is '1e16'"),
-    ('lower="-1" upper="2"', 'lower="-1_0" upper="2"', 18, "lower is '-1_0'"),
     ('<limit lower="0" upper="0.5"/>', "", 20, "joint 'slide': limit is missing"),
-    ('xyz="0 0 0.3"', 'xyz="0 0 3e9"', 16, "origin: xyz is '0 0 3e9'"),
     (
         'lower="-1" upper="2"',
         'lower="-90" upper="2"',
         18,
         "limit: lower is -90 rad, more than 5 turns: this looks like degrees",
     ),
-    ('lower="-1" upper="2"', 'lower="-1" upper="180"', 18, "limit: upper is 180 rad"),
-    ('rpy="0 1.5 0"', 'rpy="0 90 0"', 16, "origin: rpy"),
     ('rpy="0 1.5 0"', 'quat_xyzw="0 0 0 1"', 16, "origin: quat_xyzw is not known"),
-    ('xyz="0 0 0.3"', 'XYZ="0 0 0.3"', 16, "origin: XYZ is not known"),
-    ('xyz="0 0 0.1"', 'xyz="0 0 x"', 6, "link 'upper': inertial: origin"),
     ('mass value="0.5"', 'mass value="-0.5"', 7, "link 'upper': inertial: mass: value is -0.5"),
-    ('<mass value="0.5"/>', "", 5, "mass is missing"),
-    ('ixx="1e-3"', 'ixx="1e300"', 8, "inertia: ixx"),
-    ('<parent link="base"/>', "", 13, "joint 'shoulder': parent is missing"),
-    ('<child link="tip"/>', "<child/>", 22, "joint 'slide': child: link is missing"),
     ('<child link="tip"/>', '<child link="tool"/>', 22, "no link 'tool'"),
     (
         '<child link="tip"/>',
@@ -81,7 +70,6 @@ MISTAKES = [
         "'upper' is carried already by joint 'shoulder'",
     ),
     ('<parent link="upper"/>', '<parent link="tip"/>', 20, "joint 'slide': is part of a cycle"),
-    ('<parent link="base"/>', '<parent link="tip"/>', 13, "cycle"),
     (
         '<link name="tip"/>',
         '<link name="tip"/><link name="other"/>',
@@ -89,10 +77,7 @@ MISTAKES = [
         "link 'other': no joint carries it, nor link 'base'",
     ),
     ('<link name="tip"/>', '<link name="base"/>', 12, "taken by line 3"),
-    ('joint name="slide"', 'joint name="shoulder"', 20, "taken by line 13"),
-    ('<link name="base"/>', "<link/>", 3, "name is missing"),
     ('type="prismatic"', 'type="screw"', 20, "'screw', expected one of revolute"),
-    ('type="prismatic"', "", 20, "type is missing"),
     ("robot", "sdf", 2, "robot"),
     ('<link name="base"/>', '<xacro:include filename="x"/>', 3, "xacro"),
     (
@@ -110,7 +95,7 @@ MISTAKES = [
 ]
 
 
-def test_each_mistake_is_named(tmp_path: Path) -> None:
+def test_each_mistake_is_named(tmp_path):
     path = tmp_path / "bad.urdf"
     for old, new, line, words in MISTAKES:
         assert old in GOOD
@@ -123,14 +108,12 @@ def test_each_mistake_is_named(tmp_path: Path) -> None:
         assert words in str(caught.value)
 
 
-def test_what_is_no_xml(tmp_path: Path) -> None:
+def test_what_is_no_xml(tmp_path):
     path = tmp_path / "bad.urdf"
     for content, words in (
         (b"", "XML"),
-        (GOOD.replace('<link name="base"/>', "<a>" * 100_000).encode(), "XML"),
         (GOOD.replace("<robot", '<!DOCTYPE r [<!ENTITY a "aaaa">]>\n<robot').encode(), "entity"),
         (GOOD.encode()[:300], "line 10"),
-        (b"\xff\xfe\x00", "XML"),
         (b'<?xml version="1.0" encoding="no-such"?><robot/>', "encoding"),
         (b" " * 20_000_001, "20 MB"),
         (GOOD.replace('"two"', '"a\0"').encode(), "line 2"),
@@ -138,11 +121,7 @@ def test_what_is_no_xml(tmp_path: Path) -> None:
         path.write_bytes(content)
         with pytest.raises(ArmFileError, match=words):
             read_urdf(path)
-    for there, words in (
-        (tmp_path, "folder"),
-        (tmp_path / "none.urdf", "no such file"),
-        (Path("/dev/zero"), "20 MB"),
-    ):
+    for there, words in ((tmp_path, "folder"), (Path("/dev/zero"), "20 MB")):
         with pytest.raises(ArmFileError, match=words):
             read_urdf(there)
 
@@ -158,7 +137,7 @@ def chain_of(joints: int) -> str:
     return f'<robot name="long">{links}{"".join(each)}</robot>'
 
 
-def test_long_chains(tmp_path: Path) -> None:
+def test_long_chains(tmp_path):
     path = tmp_path / "long.urdf"
     path.write_text(chain_of(64), encoding="utf-8")
     arm = Arm.from_urdf(path, "l64")
@@ -175,7 +154,7 @@ def test_long_chains(tmp_path: Path) -> None:
         Arm.from_urdf(path, "l900")
 
 
-def test_lengths_in_another_unit_are_seen_by_what_is_reached(tmp_path: Path) -> None:
+def test_lengths_in_another_unit_are_seen_by_what_is_reached(tmp_path):
     path = tmp_path / "arm.urdf"
     path.write_text(GOOD.replace('xyz="0 0 0.3"', 'xyz="0 0 300"'), encoding="utf-8")
     with pytest.raises(
@@ -185,7 +164,7 @@ def test_lengths_in_another_unit_are_seen_by_what_is_reached(tmp_path: Path) -> 
         Arm.from_urdf(path, "tip")
 
 
-def test_what_is_blank_before_the_declaration_is_passed_over(tmp_path: Path) -> None:
+def test_what_is_blank_before_the_declaration_is_passed_over(tmp_path):
     """As urdfdom does; lines keep their numbers."""
     path, good = tmp_path / "arm.urdf", '<?xml version="1.0"?>' + GOOD[GOOD.index("\n") :]
     expected = read_urdf(_written(path, good))[0]
@@ -202,24 +181,16 @@ def _written(path: Path, text: str) -> Path:
     return path
 
 
-def test_limits_far_beyond_degrees_stand_for_none(tmp_path: Path) -> None:
+def test_an_axis_has_any_length(tmp_path):
     path = tmp_path / "arm.urdf"
-    path.write_text(
-        GOOD.replace('lower="-1" upper="2"', 'lower="-1e4" upper="1e4"'), encoding="utf-8"
-    )
-    np.testing.assert_array_equal(Arm.from_urdf(path, "tip").limits[0], [-1e4, 1e4])
-
-
-def test_an_axis_has_any_length(tmp_path: Path) -> None:
-    path = tmp_path / "arm.urdf"
-    for xyz in ("0 0 1e-200", "0 0 1e200", "0 0 2", "0 0 5e-324"):
+    for xyz in ("0 0 1e200", "0 0 5e-324"):
         path.write_text(GOOD.replace('xyz="0 0 1"', f'xyz="{xyz}"'), encoding="utf-8")
         arm = Arm.from_urdf(path, "tip")
         np.testing.assert_allclose(arm.joint_axes, [[0, 0, 1], [1, 0, 0]], rtol=0, atol=1e-15)
         np.testing.assert_array_equal(arm.limits, [[-1, 2], [0, 0.5]])
 
 
-def test_nothing_of_a_robot_changes() -> None:
+def test_nothing_of_a_robot_changes():
     """Every robot of example-robot-data as Pinocchio reads it by itself, with its continuous joints
     as turning ones.
     """
@@ -254,7 +225,7 @@ def test_nothing_of_a_robot_changes() -> None:
     assert compared > 50
 
 
-def test_joints_that_mimic_each_other_are_refused_where_both_move_the_frame(tmp_path: Path) -> None:
+def test_joints_that_mimic_each_other_are_refused_where_both_move_the_frame(tmp_path):
     path, axis = tmp_path / "mimic.urdf", '<axis xyz="1 0 0"/>'
     for leader, words in (
         ("shoulder", "joint is 'shoulder'"),
@@ -264,43 +235,3 @@ def test_joints_that_mimic_each_other_are_refused_where_both_move_the_frame(tmp_
         assert Arm.from_urdf(path, "upper").nq == 1
         with pytest.raises(UnsupportedArmError, match=f"line 23: joint 'slide': mimic: {words}"):
             Arm.from_urdf(path, "tip")
-    path.write_text(
-        GOOD.replace('<axis xyz="0 0 1"/>', '<mimic joint="slide" multiplier="2"/>'),
-        encoding="utf-8",
-    )
-    assert Arm.from_urdf(path, "upper").nq == 1
-    with pytest.raises(
-        UnsupportedArmError, match="line 17: joint 'shoulder': mimic: joint is 'slide'"
-    ):
-        Arm.from_urdf(path, "tip")
-
-
-def test_a_fixed_joint_may_have_the_name_of_its_link(tmp_path: Path) -> None:
-    """As in Unitree's B1 with the Z1; a joint beside the chain is locked, and the frame stands for
-    the link.
-    """
-    joint = (
-        '<joint name="{0}" type="{1}"><parent link="{2}"/><child link="{3}"/><origin xyz="{4} '
-        '0 0"/>{5}</joint>'
-    )
-    moves = '<axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="1" velocity="1"/>'
-    joints = (
-        ("a", "revolute", "base", "one", 0.1, moves),
-        ("adapter", "fixed", "one", "adapter", 0.2, ""),
-        ("b", "revolute", "adapter", "two", 0.3, moves),
-        ("finger", "revolute", "two", "nail", 0.1, moves),
-        ("end", "fixed", "two", "tip", 0.4, ""),
-    )
-    links = "".join(
-        f'<link name="{name}"/>' for name in ("base", "one", "adapter", "two", "nail", "tip")
-    )
-    path = tmp_path / "r.urdf"
-    path.write_text(
-        f'<robot name="r">{links}{"".join(joint.format(*each) for each in joints)}</robot>'
-    )
-    arm = Arm.from_urdf(path, "tip")
-    assert arm.joint_names == ("a", "b")
-    np.testing.assert_allclose(arm.positions([[0.0, np.pi / 2]]), [[0.6, 0.4, 0.0]], atol=1e-12)
-    np.testing.assert_allclose(
-        Arm.from_urdf(path, "adapter").positions([[0.0]]), [[0.3, 0.0, 0.0]], atol=1e-12
-    )

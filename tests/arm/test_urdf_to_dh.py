@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from pathlib import Path
-
 import numpy as np
 import pinocchio as pin
 import pytest
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm import Arm
 from aacmm_pin.arm.file import arm_text, parse_arm_file
 from aacmm_pin.arm.urdf_to_dh import dh_file
 from aacmm_pin.errors import UnsupportedArmError
+
+pytestmark = pytest.mark.fast
 
 
 def assert_same(arm: Arm, rng: np.random.Generator) -> None:
@@ -42,9 +41,7 @@ def assert_same(arm: Arm, rng: np.random.Generator) -> None:
         ("panda.urdf", "panda_link5", 5),
     ],
 )
-def test_robots(
-    name: str, frame: str, rows: int, robot_file: Callable[[str], Path], rng: np.random.Generator
-) -> None:
+def test_robots(name, frame, rows, robot_file, rng):
     arm = Arm.from_urdf(robot_file(name), frame)
     assert_same(arm, rng)
     file = dh_file(arm)
@@ -71,7 +68,7 @@ def tilted(rng: np.random.Generator) -> Array:
     )
 
 
-def test_random_chains(rng: np.random.Generator) -> None:
+def test_random_chains(rng):
     """Axes for which a common normal is not unique, far away or of no length are among them."""
     for _ in range(60):
         model, joint, limits = pin.Model(), 0, [np.array([v]) for v in (1.0, 1.0, -2.0, 3.0)]
@@ -86,7 +83,7 @@ def test_random_chains(rng: np.random.Generator) -> None:
         assert_same(Arm.from_model(model, "tip"), rng)
 
 
-def test_joints_that_slide_are_refused(robot_file: Callable[[str], Path]) -> None:
+def test_joints_that_slide_are_refused(robot_file):
     finger = Arm.from_urdf(robot_file("panda.urdf"), "panda_leftfinger")
     with pytest.raises(UnsupportedArmError, match="panda_finger_joint1 slides"):
         dh_file(finger)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from aacmm_pin import Arm, ErrorModel
+from aacmm_pin import ErrorModel
+from aacmm_pin.arm import load_arm_file
 from aacmm_pin.effects import (
     CAUSES,
     BaseCompliance,
@@ -17,13 +18,10 @@ from aacmm_pin.effects import (
     JointDistance,
     JointErrorCurve,
     JointPeriodicError,
-    JointZeroOffset,
-    LinkBending,
     LinkLength,
     SeatError,
     StylusOffset,
     ThermalExpansion,
-    ZeroDrift,
     all_candidates,
     cause_of,
     example,
@@ -37,13 +35,13 @@ from aacmm_pin.effects.labels import (
 )
 from aacmm_pin.effects.text import stated_cause, text_of
 from aacmm_pin.errors import AacmmError, UnknownNameError
+from tests.arm_files import RIGID, changed
+
+pytestmark = pytest.mark.fast
 
 KNOWN = EncoderEccentricity(joint=3, values=(1e-4, 2e-5), u=(1e-6, 1e-6))
 TYPED: dict[str, Effect] = {
     "encoder_eccentricity:4,amplitude_rad=1e-4": EncoderEccentricity(4, values=(1e-4, 0.0)),
-    "encoder_eccentricity:joint=4,amplitude_rad=0.1mrad": EncoderEccentricity(
-        4, values=(1e-4, 0.0)
-    ),
     "encoder_eccentricity:joint=3": KNOWN,
     "encoder_eccentricity:4": EncoderEccentricity(4),
     "encoder_eccentricity:3,amplitude_rad=5e-5": EncoderEccentricity(3, values=(5e-5, 0.0)),
@@ -57,8 +55,8 @@ TYPED: dict[str, Effect] = {
     "thermal_expansion:link=3": ThermalExpansion(3),
     "joint_compliance:4": JointCompliance(4, torque="measured"),
     "joint_compliance:joint=4,torque=gravity,bodies=4+5+6": JointCompliance(4, bodies=(4, 5, 6)),
-    "joint_error_curve:joint=2,lower_rad=-4,upper_rad=1,coefficients=5,c2_rad=0.1": JointErrorCurve(
-        2, -4.0, 1.0, 5, values=(0.0, 0.1, 0.0, 0.0, 0.0)
+    "joint_error_curve:2,lower_rad=-4,upper_rad=1,coefficients=4,c2_rad=1e-3": JointErrorCurve(
+        2, -4.0, 1.0, 4, values=(0.0, 1e-3, 0.0, 0.0)
     ),
 }
 REFUSED = {
@@ -66,9 +64,7 @@ REFUSED = {
     "encoder_gain:2,gian=1": "encoder_gain 'gian'",
     "encoder_gain:gain=1e-4": "missing joint",
     "encoder_gain:two": "joint is 'two'",
-    "encoder_gain:9": "rows 1 to 6",
     "encoder_gain:2,gain=much": "gain is 'much'",
-    "encoder_gain:2,gain=inf": "finite",
     "encoder_gain:2,gain": "'gain' has no value",
     "encoder_gain:2,joint=3": "joint is there twice",
     "encoder_slip:2,step_rad=5lightyears,time_s=1": "an angle such as",
@@ -76,7 +72,7 @@ REFUSED = {
 }
 
 
-def test_texts_are_read(sino6: Arm) -> None:
+def test_texts_are_read(sino6):
     model = ErrorModel(sino6, (KNOWN,))
     for text, effect in TYPED.items():
         assert cause_of(text, model, ("torque",)) == effect, text
@@ -89,9 +85,6 @@ def test_texts_are_read(sino6: Arm) -> None:
         assert cause_of(f"encoder_slip:1,time_s=60,step_rad={angle}", model).values[
             0
         ] == pytest.approx(radians, rel=1e-5)
-    for slip in ("step_rad=1_0e-5", "step_rad=1_0urad"):
-        with pytest.raises(AacmmError, match="step_rad"):
-            cause_of(f"encoder_slip:1,time_s=60,{slip}", model)
     curve = cause_of("joint_error_curve:2", model)
     assert isinstance(curve, JointErrorCurve)
     np_low, np_high = sino6.limits[1]
@@ -105,18 +98,16 @@ def test_texts_are_read(sino6: Arm) -> None:
         )
 
 
-def test_texts_of_no_use_are_refused(sino6: Arm) -> None:
+def test_texts_of_no_use_are_refused(sino6):
     for text, said in REFUSED.items():
         with pytest.raises(AacmmError, match=said):
             cause_of(text, ErrorModel(sino6))
     with pytest.raises(UnknownNameError) as caught:
         cause_of("encoder_gain:2,gian=1", ErrorModel(sino6))
     assert caught.value.known == ["joint", "gain"]
-    with pytest.raises(UnknownNameError, match="--plugin MODULE"):
-        cause_of("gremlin:3", ErrorModel(sino6))
 
 
-def test_a_stated_value_has_the_sign_that_nature_has(sino6: Arm) -> None:
+def test_a_stated_value_has_the_sign_that_nature_has(sino6):
     with pytest.raises(
         AacmmError, match=r"compliance_rad_per_nm is -1e-05, expected a number that is not negative"
     ):
@@ -126,7 +117,7 @@ def test_a_stated_value_has_the_sign_that_nature_has(sino6: Arm) -> None:
     assert stated_cause("encoder_gain:2,gain=-1e-5", ErrorModel(sino6)).values == (-1e-5,)
 
 
-def test_every_cause_has_words_places_and_units(sino6: Arm) -> None:
+def test_every_cause_has_words_places_and_units(sino6):
     for cause in CAUSES.values():
         effect = example(cause)
         assert isinstance(effect, cause)
@@ -138,16 +129,12 @@ def test_every_cause_has_words_places_and_units(sino6: Arm) -> None:
     assert len({effect.label for effect in tried}) == len(tried)
 
 
-def test_words() -> None:
+def test_effects_in_words():
     for effect, words in {
-        EncoderGain(5): "encoder gain of joint 5",
-        LinkBending(3): "bending of tube 3",
-        ThermalExpansion(3): "thermal expansion of link 3",
         ThermalExpansion(): "thermal expansion of the arm",
         SeatError("P9"): "error of the stated place of seat P9",
         JointPeriodicError(5, 31.57): "periodic error of joint 5 (31.57 periods per turn)",
         EncoderSlip(1, 3000.0): "encoder slip of joint 1 (at 50.0 min)",
-        ZeroDrift(1, 1800.0): "drift of the zero of joint 1 (time constant 30 min)",
     }.items():
         assert in_words(effect) == words
     curves = [JointErrorCurve(joint, 0.0, 1.0, 8) for joint in (2, 1, 4)]
@@ -155,26 +142,16 @@ def test_words() -> None:
     assert several == "error curve of joints 1, 2 and 4 and encoder eccentricity of joint 3"
 
 
-def test_a_row_that_no_joint_moves_is_a_row(sino6: Arm) -> None:
-    assert sino6.file is not None
-    rows, fixed = list(sino6.file.joints), {"fixed": True, "limits_rad": None}
-    rows[3], tool = (row.model_copy(update=fixed) for row in (rows[3], rows[5]))
-    arm = Arm.from_file(sino6.file.model_copy(update={"joints": [*rows, tool]}))
-    for effect, words in {
-        JointDistance(2): "distance d of joint 2",
-        JointZeroOffset(4): "zero offset of row 4",
-        LinkLength(7): "length a of tool row 7",
-        LinkBending(3): "bending of tube 3",
-        ThermalExpansion(7): "thermal expansion of link 7",
-    }.items():
-        assert in_words(effect, arm) == words
+def test_a_row_that_no_joint_moves_is_a_row():
+    rows = load_arm_file("sino6").joints
+    arm = changed("sino6", {4: RIGID, 7: RIGID}, joints=[*rows, rows[5]])
     several = several_in_words([JointDistance(row) for row in (7, 2, 4, 3)], arm)
     assert (
         several == "distance d of tool row 7, distance d of joints 2 and 3 and distance d of row 4"
     )
 
 
-def test_values_have_two_digits_of_their_uncertainty() -> None:
+def test_values_have_two_digits_of_their_uncertainty():
     wave, curve = EncoderEccentricity(1), JointErrorCurve(1, 0.0, 1.0, 24)
     for effect, key, value, u, said in (
         (wave, "amplitude_rad", 1.846e-4, 1.8e-6, "amplitude 184.6 ± 3.6 µrad"),
@@ -186,11 +163,8 @@ def test_values_have_two_digits_of_their_uncertainty() -> None:
             1.95e-7,
             "compliance 12.01 ± 0.39 µrad/(N·m)",
         ),
-        (LinkLength(1), "a_mm", 0.0889, 0.00075, "a 88.9 ± 1.5 µm"),
         (LinkLength(1), "a_mm", 1.2345, 0.0765, "a 1230 ± 150 µm"),
         (LinkLength(1), "a_mm", 2.1e-9, 4e-10, "a 2.10e-06 ± 8.0e-07 µm"),
-        (ThermalExpansion(), "expansion_per_k", 1.5e-5, 6e-7, "expansion 15.0 ± 1.2 µm/(m·K)"),
-        (EncoderGain(1), "gain", 9e-5, 2e-6, "gain 90.0 ± 4.0 ppm"),
         (EncoderGain(1), "gain", 9e-5, 0.0, "gain 90 ppm"),
     ):
         assert values_in_words(effect, {key: (value, u)}) == said

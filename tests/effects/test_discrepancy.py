@@ -5,25 +5,23 @@ them.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
-import pinocchio as pin
 import pytest
 import tomli_w
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin.accuracy.tip_sensitivity import ErrorSources
-from aacmm_pin.accuracy.volume import accuracy_volume
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm import Arm
+from aacmm_pin.effects import ErrorModel
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.discrepancy import Carrier, Discrepancy, Part
-from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.effects.smooth_functions import MOST_KNOTS, Bumps, Cosines, Moment, Smooth, Waves
 from aacmm_pin.effects.state import State
-from aacmm_pin.errors import AacmmError, ArmFileError, MissingConditionError
-from tests.by_pinocchio import placements
+from aacmm_pin.errors import ArmFileError, MissingConditionError
+from tests.oracle import close, gravity_torques, placements, with_dh_errors
+
+pytestmark = pytest.mark.fast
 
 TIME = Cosines("time", (0.0, 100.0, 400.0), (0.5, 5.0, 9.5), 10, 2)
 PLACES = Bumps(((0.1, 0.2, 0.3), (-0.3, 0.4, 0.5)), 0.4)
@@ -76,9 +74,7 @@ def by_hand(functions: tuple[Smooth, ...], tip: Array, q: Array, time: Array) ->
 
 @pytest.mark.parametrize("carrier", ["room", "target", "lengths", "before 4", "angle 4"])
 @pytest.mark.parametrize("functions", [(TIME,), (PLACES,), WAVES], ids=["time", "place", "waves"])
-def test_moves_the_tip_as_pinocchio_says(
-    sino6: Arm, rng: np.random.Generator, carrier: str, functions: tuple[Smooth, ...]
-) -> None:
+def test_moves_the_tip_as_pinocchio_says(sino6, rng, carrier, functions):
     q, conditions = records(sino6, rng)
     effect = one(carrier, *functions)
     frames = placements(sino6, q)
@@ -108,42 +104,27 @@ def test_moves_the_tip_as_pinocchio_says(
 
 
 @pytest.mark.parametrize(("carrier", "grow"), [("tubes", LONG), ("tube 5", [4])])
-def test_tubes_grow_as_longer_ones_do(
-    sino6: Arm, rng: np.random.Generator, carrier: str, grow: list[int]
-) -> None:
+def test_tubes_grow_as_longer_ones_do(sino6, rng, carrier, grow):
     q, conditions = records(sino6, rng)
-    growth = 1e-6
-    effect = Discrepancy("something", (Part(Carrier(carrier), ()),), 1, values=(growth,))
-    assert sino6.file is not None
-    joints = list(sino6.file.joints)
-    for number in grow:
-        row, factor = joints[number], 1.0 + growth
-        joints[number] = row.model_copy(
-            update={"a_mm": row.a_mm * factor, "d_mm": row.d_mm * factor}
-        )
-    longer = Arm.from_file(sino6.file.model_copy(update={"joints": joints}))
-    found = ErrorModel(sino6, [effect]).predict(q, conditions)
-    np.testing.assert_allclose(found, longer.positions(q), rtol=0, atol=1e-12)
+    effect = Discrepancy("something", (Part(Carrier(carrier), ()),), 1, values=(1e-6,))
+    errors = np.zeros((6, 4))
+    errors[grow, :2] = 1e-6 * sino6.dh.values()[grow, :2]
+    longer = with_dh_errors(sino6.file, errors)
+    close(ErrorModel(sino6, [effect]).predict(q, conditions), longer.positions(q))
 
 
 @pytest.mark.parametrize("row", [1, 2, 3, 5])
-def test_moment_is_the_torque_that_pinocchio_says(
-    sino6: Arm, rng: np.random.Generator, row: int
-) -> None:
+def test_moment_is_the_torque_that_pinocchio_says(sino6, rng, row):
     q, conditions = records(sino6, rng)
     state = State(sino6, q, conditions, sino6.chain.tip)
-    data = sino6.model.createData()
-    torques = [pin.computeGeneralizedGravity(sino6.model, data, each)[row - 1] for each in q]
     of = f"joint {row}"
-    np.testing.assert_allclose(
-        Moment(of).values(state)[:, 0], np.negative(torques), rtol=0, atol=1e-9
-    )
+    close(Moment(of).values(state)[:, 0], gravity_torques(sino6, q)[:, row - 1], 1e-9)
     own = np.stack([np.ones(N), np.cos(q[:, row - 1]), np.sin(q[:, row - 1])], axis=1)
     rest = Moment.beyond_own_angle(of, state).values(state)
     np.testing.assert_allclose(own.T @ rest, 0.0, atol=1e-9)
 
 
-def test_ranks_are_the_same_at_new_records(rng: np.random.Generator) -> None:
+def test_ranks_are_the_same_at_new_records(rng):
     few = rng.permutation(np.repeat([3.0, 1.0, 7.0], [4, 2, 6]))
     below = np.array([1.0, 4.0, 9.0])[np.searchsorted([1.0, 3.0, 7.0], few)] / 12.0
     wanted = np.cos(np.pi * np.arange(4) * below[:, None])
@@ -158,12 +139,8 @@ def test_ranks_are_the_same_at_new_records(rng: np.random.Generator) -> None:
     np.testing.assert_array_equal(ends[[0, 3]], ends[[1, 2]])
 
 
-@pytest.mark.parametrize(
-    "effect", [one("before 3", TIME), one("angle 2", *WAVES), one("lengths"), GEAR, shared()]
-)
-def test_arm_file_brings_it_back(
-    sino6: Arm, rng: np.random.Generator, tmp_path: Path, effect: Discrepancy
-) -> None:
+@pytest.mark.parametrize("effect", [one("before 3", TIME), GEAR, shared()])
+def test_arm_file_brings_it_back(sino6, rng, tmp_path, effect):
     q, conditions = records(sino6, rng)
     model, path = (
         ErrorModel(sino6, ["encoder_gain:3,gain=1e-4", effect]),
@@ -176,18 +153,11 @@ def test_arm_file_brings_it_back(
     np.testing.assert_allclose(
         again.predict(q, conditions), model.predict(q, conditions), rtol=0, atol=1e-9
     )
-    np.testing.assert_allclose(
-        accuracy_volume(again, q, conditions=conditions, method="ellipsoid").u,
-        accuracy_volume(model, q, conditions=conditions, method="ellipsoid").u,
-        rtol=1e-6,
-    )
     again.save(tmp_path / "again.toml")
     assert (tmp_path / "again.toml").read_bytes() == path.read_bytes()
 
 
-def test_of_an_arm_that_came_as_urdf(
-    robot_file: Callable[[str], Path], rng: np.random.Generator, tmp_path: Path
-) -> None:
+def test_of_an_arm_that_came_as_urdf(robot_file, rng, tmp_path):
     """The finger of Panda slides, and is off by what the joint before it does."""
     arm = Arm.from_urdf(robot_file("panda.urdf"), "panda_leftfinger")
     effect = one("slide 8", Waves("joint 7"))
@@ -220,9 +190,7 @@ ENTRY = {
 }
 TURNED = {"acts_on": "angle 2", "functions": [], "directions": [[1e-5, 2e-5]]}
 MISTAKES: list[tuple[dict[str, object], str, str]] = [
-    ({"values_si": [1e-5]}, "discrepancy[1]", "expected 4 coefficients"),
     ({"values_si": [1e-5, 2e-5, 3e-5, 1.0]}, "discrepancy[1]", "expected at most"),
-    ({"values_si": []}, "discrepancy[1].values_si", "at least 1"),
     ({"standard_uncertainty_si": [1e-6]}, "discrepancy[1]", "expected 4"),
     ({"colour": "red"}, "discrepancy[1].colour", "known here: depends_on"),
     (
@@ -236,11 +204,6 @@ MISTAKES: list[tuple[dict[str, object], str, str]] = [
         "expected room",
     ),
     (
-        {"parts": [{"acts_on": "room", "offset": 1}]},
-        "discrepancy[1].parts[1].offset",
-        "known here: acts_on",
-    ),
-    (
         {"parts": [TURNED, {"acts_on": "room"}], "values_si": [1.0, 0.0]},
         "discrepancy[1]",
         "directions of 3",
@@ -249,12 +212,8 @@ MISTAKES: list[tuple[dict[str, object], str, str]] = [
 ]
 OF_FUNCTIONS: list[tuple[dict[str, object], str]] = [
     ({"kind": "splines"}, "expected tags"),
-    ({"kind": "waves", "of": "time"}, "waves of 'time'"),
-    ({"kind": "waves", "of": "joint 2", "harmonic": 3}, "harmonic: Unexpected"),
     ({"kind": "waves", "of": "joint 2", "order": 0}, "order from 1"),
     ({"kind": "bumps", "centres_si": [[0.0, 0.0, math.inf]], "width_si": 1.0}, "finite"),
-    ({"kind": "bumps", "centres_si": [[0.0, 0.0, 0.0]], "width_si": 0.0}, "width_si above 0"),
-    ({"kind": "bumps", "centres_si": [[0.0, 0.0, "0"]], "width_si": 1.0}, "valid number"),
     (
         {
             "kind": "cosines",
@@ -280,7 +239,7 @@ OF_FUNCTIONS: list[tuple[dict[str, object], str]] = [
 ]
 
 
-def test_each_mistake_in_a_file_is_named(sino6: Arm, tmp_path: Path) -> None:
+def test_each_mistake_in_a_file_is_named(sino6, tmp_path):
     content, path = (
         ErrorModel(sino6).file().model_dump(mode="json", by_alias=True, exclude_none=True),
         tmp_path / "bad.toml",
@@ -300,9 +259,7 @@ def test_each_mistake_in_a_file_is_named(sino6: Arm, tmp_path: Path) -> None:
     assert ErrorModel.load(path).effects[0].needs == ("time",)
 
 
-def test_records_without_its_condition_and_outside_its_range(
-    sino6: Arm, rng: np.random.Generator
-) -> None:
+def test_records_without_its_condition_and_outside_its_range(sino6, rng):
     q, conditions = records(sino6, rng)
     model = ErrorModel(sino6, [one("room", TIME)])
     with pytest.raises(MissingConditionError):
@@ -311,16 +268,3 @@ def test_records_without_its_condition_and_outside_its_range(
     (line,) = model.effects[0].validity_notes(conditions)
     assert (line.code, line.data["records"]) == ("outside_fitted_range", outside)
     assert ErrorSources.of(model, None, None, q, None).not_included == (model.effects[0].label,)
-
-
-def test_the_arm_alone_is_without_it(sino6: Arm, tmp_path: Path) -> None:
-    ErrorModel(sino6, [one("angle 2", *WAVES)]).save(tmp_path / "extended.toml")
-    sources = ErrorSources.of(
-        Arm.load(tmp_path / "extended.toml"), None, None, np.zeros((1, 6)), None
-    )
-    assert sources.not_included == ("discrepancy:something on angle 2",)
-
-
-def test_parts_need_directions_of_as_many_parameters() -> None:
-    with pytest.raises(AacmmError, match="directions"):
-        Discrepancy("two", (Part(Carrier("angle 2"), ()), Part(Carrier("angle 3"), ())), 1)

@@ -4,6 +4,7 @@ nowhere else.
 
 from __future__ import annotations
 
+import itertools
 import json
 import re
 import subprocess
@@ -37,7 +38,6 @@ from aacmm_pin.effects import (
     Effect,
     EncoderGain,
     JointCompliance,
-    JointPeriodicError,
     LinkLength,
     State,
     Term,
@@ -48,7 +48,6 @@ from aacmm_pin.effects import (
 )
 from aacmm_pin.errors import AacmmError, ArmFileError, MissingConditionError, UnknownNameError
 from aacmm_pin.report import plots
-from aacmm_pin.report.plots.partial_residuals import partial_residual
 
 NOISE = 8e-6
 README = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
@@ -91,16 +90,14 @@ def found(hidden: Measurements) -> Diagnosis:
     return diagnose(Arm.load("sino6"), hidden, encoder_noise=NOISE)
 
 
-def test_the_readme_shows_it_in_few_lines() -> None:
+def test_the_readme_shows_it_in_few_lines():
     assert len(HOSE.splitlines()) <= 30
     assert HOSE in (Path(__file__).parents[2] / "notebooks" / "site" / "own_cause.md").read_text(
         encoding="utf-8"
     )
 
 
-def test_it_is_found_written_read_and_drawn(
-    hose: Any, found: Diagnosis, hidden: Measurements, tmp_path: Path
-) -> None:
+def test_it_is_found_written_read_and_drawn(hose, found, hidden, tmp_path):
     assert [f.label for f in found.findings] == ["hose_pull:2"]
     assert found.verdict == "explained"
     (finding,) = found.findings
@@ -125,7 +122,7 @@ def test_it_is_found_written_read_and_drawn(
         ErrorModel.load(tmp_path / "extended.toml")
 
 
-def test_it_is_calibrated_planned_and_known(hose: Any, hidden: Measurements, sino6: Arm) -> None:
+def test_it_is_calibrated_planned_and_known(hose, hidden, sino6):
     fitted = calibrate(
         sino6, hidden, ["geometry", hose(2)], encoder_noise=NOISE, hold_out=False
     ).model.effects[-1]
@@ -141,7 +138,7 @@ def test_it_is_calibrated_planned_and_known(hose: Any, hidden: Measurements, sin
     assert isinstance(example(hose), hose)
 
 
-def test_the_shell_knows_it_by_a_plugin(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_shell_knows_it_by_a_plugin(folder, monkeypatch):
     """Where nothing but the file makes it known: each command begins without it, the first in a
     process of its own.
     """
@@ -164,12 +161,6 @@ def test_the_shell_knows_it_by_a_plugin(folder: Path, monkeypatch: pytest.Monkey
     )
     assert [(f["cause"], f["joint"]) for f in out["findings"]] == [("hose_pull", 3)]
     assert "Hose pull of joint 3" in Path("page.html").read_text(encoding="utf-8")
-    run(
-        f"calibrate sino6 data.csv --effect hose_pull:3 {noise} -o calibrated.toml --report "
-        "calibration.html"
-    )
-    assert "hose pull of joint 3" in Path("calibration.html").read_text(encoding="utf-8")
-    run("plan sino6 --split hose_pull:3 encoder_gain:3 --records 8 --postures 40 -o plan.csv")
     assert "A hose from the wrist" in run("causes hose_pull")
     run("correct extended.toml data.csv -o corrected.csv")
     assert "unknown cause 'hose_pull'" in run(
@@ -177,7 +168,7 @@ def test_the_shell_knows_it_by_a_plugin(folder: Path, monkeypatch: pytest.Monkey
     )
 
 
-def test_worker_processes_know_it(folder: Path) -> None:
+def test_worker_processes_know_it(folder):
     hose = import_plugin(str(folder / "hose.py")).HosePull
     with results(repr, [hose(1), hose(2)], 2) as found:
         assert dict(found) == {0: repr(hose(1)), 1: repr(hose(2))}
@@ -196,28 +187,19 @@ def refusal(*words: str) -> str:
     return said
 
 
-def test_plugins_that_are_none_and_entry_points(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_plugins_that_are_none_and_entry_points(folder, monkeypatch):
     monkeypatch.chdir(folder)
-    Path("folder.py").mkdir()
     Path("numpy.py").write_text("")
     mute = "class Mute(Exception):\n    def __str__(self):\n        raise ValueError\n\nraise Mute"
     texts = {
-        "leaves.py": "import sys\nsys.exit(0)",
-        "syntax.py": "def f(:",
         "fails.py": "\n\n1 / 0",
         "mute.py": mute,
     }
     for name, text in texts.items():
         Path(name).write_text(text)
     for name, said in {
-        "nothere.py": "FileNotFoundError",
         "not_a_module": "ModuleNotFoundError",
-        "folder.py": "IsADirectoryError",
         "numpy.py": "AacmmError: numpy is the name of another module",
-        "leaves.py": "SystemExit: 0 (leaves.py, line 2)",
-        "syntax.py": "SyntaxError: invalid syntax",
         "mute.py": "Mute: <exception str() failed> (mute.py, line 5)",
         "fails.py": "ZeroDivisionError: division by zero (fails.py, line 3)",
     }.items():
@@ -235,9 +217,7 @@ def test_plugins_that_are_none_and_entry_points(
     assert "hose_pull:JOINT" in done.stdout, done.stderr
 
 
-def test_mistakes_of_a_class_are_told_with_its_name_and_place(
-    hose: Any, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_mistakes_of_a_class_are_told_with_its_name_and_place(hose, folder, tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "dont_write_bytecode", True)  # the file changes within a second
     records, wrong = tmp_path / "data.csv", folder / "wrong.py"
     simulate_measurements(Arm.load("sino6"), "free", 30, rng=np.random.default_rng(1)).save(records)
@@ -246,57 +226,32 @@ def test_mistakes_of_a_class_are_told_with_its_name_and_place(
     moment, last = "moment[:, None]", "return [about_axis(state, self.joint, moment[:, None])]"
     terms = 'terms: ClassVar[tuple[Term, ...]] = (Term("", "rad/m", 1e-4, "turn_rad_per_m"),)'
     for old, new, words, said in (
-        (moment, "moment", tried, ":1: displacements: "),
         (
             moment,
             "np.nan * moment[:, None]",
             given,
             ":3: displacements: columns have numbers that are not finite",
         ),
-        (
-            moment,
-            "1e300 * moment[:, None]",
-            tried,
-            ":2: displacements: columns have numbers that are not finite, or beyond",
-        ),
         (moment, "moment[1:, None]", given, ":3: displacements: columns have shape (999, 6, 1)"),
-        (moment, "np.ones((1, 2))", tried, ":1: displacements: columns have shape (1, 6, 2)"),
         (
             last,
             "return [Displacement(99, np.ones((1, 6, 1)))]",
             given,
             ":3: displacements: place is 99",
         ),
-        (last, "return [5]", given, ":3: displacements: AttributeError"),
         (
             last,
             "raise SystemExit(0)",
             given,
             ":3: displacements: SystemExit: 0 (wrong.py, line 26)",
         ),
-        (last, "raise BaseException(5)", tried, ": BaseException: 5 (wrong.py, line 26)"),
-        (
-            terms,
-            f"{terms}\n    candidates = lambda *_: (_ for _ in ()).throw(SystemExit(0))",
-            tried,
-            ": SystemExit: 0",
-        ),
-        (last, "pass", tried, ":1: displacements: TypeError"),
         (
             last,
             "return nothing",
             tried,
             ":1: displacements: NameError: name 'nothing' is not defined (wrong.py, line 26)",
         ),
-        ("self, state: State", "self", tried, ":1: displacements: TypeError"),
         ("def displacements", "def displacement", ("causes",), ": HosePull lacks displacements"),
-        (terms, "terms: ClassVar[Term] = None", ("causes",), ": terms is None"),
-        (
-            terms,
-            "@property\n    def terms(self):\n        return 1 / 0",
-            ("causes",),
-            ": ZeroDivisionError",
-        ),
         (
             terms,
             f"{terms}\n    needs = 'time'",
@@ -311,22 +266,9 @@ def test_mistakes_of_a_class_are_told_with_its_name_and_place(
         ),
         (
             terms,
-            f"{terms}\n    nonlinear = 'order'",
-            ("causes",),
-            ": nonlinear is 'order', expected a Nonlinear",
-        ),
-        (terms, f"{terms}\n    known_range = 'ab'", given, ", or what uses it: UFuncTypeError"),
-        (
-            terms,
             f"{terms}\n    candidates = lambda *_: None",
             tried,
             ": candidates gives None, expected tuples of one",
-        ),
-        (
-            terms,
-            f"{terms}\n    exact = lambda self, state: [(1, np.full(6, np.nan))]",
-            given,
-            ":3: exact: twists have shape",
         ),
         (
             terms,
@@ -342,12 +284,10 @@ def test_mistakes_of_a_class_are_told_with_its_name_and_place(
         CAUSES["hose_pull"] = hose
 
 
-@pytest.mark.parametrize("returned", ["", "[] and "])
-def test_what_it_prints_is_no_result(hose: Any, folder: Path, returned: str) -> None:
-    """Also of one that displaces nothing."""
+def test_what_it_prints_is_no_result(hose, folder):
     speaks = folder / "speaks.py"
     speaks.write_text(
-        HOSE.replace("        return [", f"        print('here')\n        return {returned}["),
+        HOSE.replace("        return [", "        print('here')\n        return ["),
         encoding="utf-8",
     )
     del CAUSES["hose_pull"]
@@ -367,11 +307,11 @@ def test_what_it_prints_is_no_result(hose: Any, folder: Path, returned: str) -> 
     assert "here" in done.stderr.splitlines()
 
 
-@pytest.mark.parametrize("number", [0.0, -1.0, float("nan"), float("inf"), "1e-4"])
-@pytest.mark.parametrize("name", ["typical", "scale"])
-def test_sizes_of_terms_are_numbers_above_zero(name: str, number: Any) -> None:
-    with pytest.raises(AacmmError, match=f"{name} is .*, expected a number above 0"):
-        Term(**{"name": "", "unit": "rad", "typical": 1e-4, "key": "turn_rad", name: number})
+def test_sizes_of_terms_are_numbers_above_zero():
+    term: dict[str, Any] = {"name": "", "unit": "rad", "typical": 1e-4, "key": "turn_rad"}
+    for name, number in itertools.product(("typical", "scale"), (0.0, float("inf"), "1e-4")):
+        with pytest.raises(AacmmError, match=f"{name} is .*, expected a number above 0"):
+            Term(**term | {name: number})
 
 
 @dataclass(frozen=True)
@@ -392,33 +332,13 @@ class Coupled(Effect):
         ]
 
 
-def test_a_cause_of_two_angles_is_not_drawn_over_one(sino6: Arm) -> None:
-    """Joint 1 has none before it, so that it is no candidate there."""
+def test_candidates_of_a_registered_cause_are_where_it_has_its_angles(sino6):
+    """Joint 1 has none before it."""
     register(Coupled)
     assert [variants[0].joint for variants in Coupled.candidates(sino6)] == [2, 3, 4, 5, 6]
-    model = ErrorModel(sino6, (Coupled(4, values=(3e-4,)),))
-    data = simulate_measurements(model, "free", 200, rng=np.random.default_rng(2))
-    found = diagnose(sino6, data, encoder_noise=NOISE, hold_out=False)
-    assert [f.label for f in found.findings] == ["coupled:4"]
-    shown = partial_residual(found, found.findings[0].effect)
-    assert shown.x_label == "load [rad]"
-    angle = data.q[:, 3] * data.q[:, 2]
-    np.testing.assert_allclose(np.sort(shown.x), np.sort(np.sin(angle)), atol=1e-9)
 
 
-def test_another_order_of_a_known_cause_is_one_more_variant(sino6: Arm) -> None:
-    """Order 77 is beyond those that are tried anyway."""
-    model = ErrorModel(sino6, (JointPeriodicError(2, 77.0, values=(1e-4, 0.0)),))
-    data = simulate_measurements(model, "free", 200, rng=np.random.default_rng(3))
-    without = diagnose(sino6, data, encoder_noise=NOISE, hold_out=False)
-    assert "joint_periodic_error:2" not in {f.label for f in without.findings}
-    found = diagnose(
-        sino6, data, encoder_noise=NOISE, extra_causes=[JointPeriodicError(2, 77.0)], hold_out=False
-    )
-    assert [(f.label, f.effect.order) for f in found.findings] == [("joint_periodic_error:2", 77.0)]  # type: ignore[attr-defined]
-
-
-def test_what_cannot_be_tried_is_refused(hose: Any, sino6: Arm, hidden: Measurements) -> None:
+def test_what_cannot_be_tried_is_refused(hose, sino6, hidden):
     for extra, error, said in (
         (hose(9), AacmmError, "SINO6 has rows 1 to 6"),
         (Coupled(4), UnknownNameError, r"aacmm_pin\.effects\.register"),
@@ -428,7 +348,7 @@ def test_what_cannot_be_tried_is_refused(hose: Any, sino6: Arm, hidden: Measurem
             diagnose(sino6, hidden, encoder_noise=NOISE, extra_causes=[extra], hold_out=False)
 
 
-def test_names_that_are_of_no_use_are_refused(hose: Any) -> None:
+def test_names_that_are_of_no_use_are_refused(hose):
     for name, said in {
         "Link Length!": "small letters",
         "encoder_gain": r"the cause encoder_gain is there already, "

@@ -14,9 +14,11 @@ import pandas as pd
 import pytest
 
 from aacmm_pin.effects.conditions import Conditions
-from aacmm_pin.errors import MeasurementFileError, OutputError, ShapeError, UnknownNameError
+from aacmm_pin.errors import MeasurementFileError, ShapeError, UnknownNameError
 from aacmm_pin.measurements.records import Bar, Measurements
 from tests.notes import data_of
+
+pytestmark = pytest.mark.fast
 
 DEG = np.pi / 180
 
@@ -79,7 +81,7 @@ def assert_same(a: Measurements, b: Measurements) -> None:
 # --- what is in a file
 
 
-def test_every_column_is_read_in_its_unit(full: Measurements) -> None:
+def test_every_column_is_read_in_its_unit(full):
     assert (full.n, full.nq, full.source.endswith("data.csv")) == (4, 2, True)
     np.testing.assert_allclose(
         full.q, np.array([[10, -20.5], [90, 10], [-90, 45], [180, -45]]) * DEG, rtol=1e-15
@@ -127,7 +129,7 @@ def test_every_column_is_read_in_its_unit(full: Measurements) -> None:
     assert full.bars() == [Bar("ball", "007", "NA", 0.5, 2e-6)]
 
 
-def test_radians_and_one_temperature(tmp_path: Path) -> None:
+def test_radians_and_one_temperature(tmp_path):
     measurements = Measurements.read(
         write(tmp_path, "theta2_rad,theta1_rad,temperature_c\n-0.5,31.4,21.5\n"), nq=2
     )
@@ -138,7 +140,7 @@ def test_radians_and_one_temperature(tmp_path: Path) -> None:
     assert (measurements.known.any(), measurements.seats(), measurements.bars()) == (False, {}, [])
 
 
-def test_spellings_of_text_files(tmp_path: Path) -> None:
+def test_spellings_of_text_files(tmp_path):
     """A byte order mark, other line ends, blank lines, spaces around numbers, a line break within
     quotes.
     """
@@ -152,7 +154,7 @@ def test_spellings_of_text_files(tmp_path: Path) -> None:
     assert error_of(tmp_path, text.replace("2,x", "two,x")).row == 5
 
 
-def test_from_frame_takes_numbers_and_missing_values_and_keeps_no_hold_of_the_table() -> None:
+def test_from_frame_takes_numbers_and_missing_values_and_keeps_no_hold_of_the_table():
     columns: dict[str, object] = {
         "theta1_rad": pd.array([1, 2, 3], dtype="Int64"),
         "x_mm": [1.0, np.nan, 1.0],
@@ -175,7 +177,7 @@ def test_from_frame_takes_numbers_and_missing_values_and_keeps_no_hold_of_the_ta
     assert (measurements.source, measurements.row.tolist()) == ("table", [2, 3, 4])
 
 
-def test_bounds_belong_to_what_is_believed() -> None:
+def test_bounds_belong_to_what_is_believed():
     table = pd.DataFrame({"theta1_rad": [10 * np.pi, -10 * np.pi], "temperature_c": [-100, 200]})
     np.testing.assert_array_equal(Measurements.from_frame(table).q, table[["theta1_rad"]])
     assert Measurements.from_frame(pd.DataFrame({"theta1_deg": [1.0, -1, 1, -1, 0]})).n == 5
@@ -190,22 +192,18 @@ FILES: list[tuple[str | bytes, int | None, str]] = [
     (b"", None, "is empty"),
     (SMALL.splitlines()[0], None, "no records"),
     (SMALL.replace("z_mm", "z_mm,größe").encode("latin-1"), 1, "not UTF-8 text (byte 39"),
-    (SMALL.encode("utf-16-le"), 1, "UTF-16"),
-    (SMALL.replace("11,", "1\0,"), 3, "NUL"),
     (SMALL.replace("11,", '11,"'), 3, "quotes"),
     (SMALL.replace(",21,1,2,3", ",21,1,2"), 3, "4 cells, expected 5"),
-    (SMALL + "12\n13,14\n", 4, "and 1 more: row 5"),
     (SMALL.replace("10,20", "10,5,20,5"), 2, "decimal points"),
     (
         SMALL.replace(",", ";").replace("10;20", "10,5;20.5"),
         2,
         "decimal point",
     ),  # which of them has the thousands?
-    ("# nothing else\n", None, "comments only"),
 ]
 
 
-def test_other_ways_to_write_the_same(tmp_path: Path) -> None:
+def test_other_ways_to_write_the_same(tmp_path):
     halves = SMALL.replace("10,20", "10.5,20.25")
     known = Measurements.read(write(tmp_path, halves), 2)
     assert known.read_as == ()
@@ -214,12 +212,9 @@ def test_other_ways_to_write_the_same(tmp_path: Path) -> None:
     same = {
         german: ("semicolons", "decimal commas"),
         halves.replace(",", ";"): ("semicolons",),
-        german.replace(";", "\t"): ("tabulators", "decimal commas"),
         halves.replace(",", ", "): ("spaces",),
         upper: ("lower case",),
         f"# arm 7, on Tuesday\n#\n{halves}# the end, at 16:00\n": ("comments_ignored",),
-        f"sep=;\n{german}": ("comments_ignored", "semicolons", "commas"),
-        re.sub(r"[a-z]\w+", r'"\g<0>"', german): ("semicolons", "decimal commas"),
         f"# arm 7\n{german.replace(';', '; ').upper()}": (
             "comments_ignored",
             "semicolons",
@@ -237,15 +232,12 @@ def test_other_ways_to_write_the_same(tmp_path: Path) -> None:
             len(words),
             [],
         )
-    for labels in ("#1,10\n#2,20\n", "1,10\n#2,20\n"):  # labels, or comments?
-        error = error_of(tmp_path, f"record,theta1_deg\n{labels}")
-        assert (error.column, "begins with #" in str(error)) == ("record", True)
     with pytest.raises(MeasurementFileError, match="row 3, column record: begins with #") as told:
         Measurements.read(write(tmp_path, "record,theta1_deg\n1,10\n#2,20\n3,10\n"), 1)
     assert (told.value.row, told.value.column) == (3, "record")
 
 
-def test_a_file_that_is_no_table(tmp_path: Path) -> None:
+def test_a_file_that_is_no_table(tmp_path):
     for content, row, word in FILES:
         error = error_of(tmp_path, content)
         assert (error.row, word in str(error)) == (row, True), str(error)
@@ -265,60 +257,35 @@ def test_a_file_that_is_no_table(tmp_path: Path) -> None:
 
 # header, number of joints of the arm or None, column, what the answer must name
 HEADERS: list[tuple[str, int | None, str, str]] = [
-    ("theta1_deg,,x", None, "", "column 2 of 3"),
+    ("theta1_deg,temperature_c,temperature1_c", None, "temperature_c", "beside temperature1_c"),
+    ("theta1_deg,theta2_deg,temperature1_c", None, "temperature1_c", "2 or more"),
+    ("theta1_rad,theta2_rad", 1, "theta1_rad … theta2_rad", "the arm has 1; expected theta1_rad"),
     ("theta1_deg,seat,seat", None, "seat", "2 times"),
     ("a,b,x_mm", None, "", "'a', 'b', 'x_mm'"),
     ("theta1_deg,theta3_deg", None, "theta1_deg … theta3_deg", "theta2_deg is missing"),
-    ("theta0_deg,theta1_deg", None, "theta0_deg … theta1_deg", "numbered 0, 1"),
     (
         "theta1_deg,theta2_rad,theta3_deg",
         None,
         "",
         "theta1_deg, theta3_deg in degrees beside theta2_rad in radians",
     ),
-    (
-        "theta1_rad,theta2_rad,theta3_rad",
-        2,
-        "theta1_rad … theta3_rad",
-        "the arm has 2; expected theta1_rad … theta2_rad",
-    ),
     ("theta1_deg,x_mm", None, "y_mm, z_mm", "expected all of x_mm, y_mm, z_mm"),
-    ("theta1_deg,x_mm,y_mm,z_mm,u_x_mm,u_y_mm", None, "u_z_mm", "missing beside u_x_mm, u_y_mm"),
     ("theta1_deg,u_x_mm,u_y_mm,u_z_mm", None, "u_x_mm", "expected x_mm, y_mm, z_mm"),
-    ("theta1_deg,seat,bar,bar_length_mm", None, "bar_end", "missing beside bar, bar_length_mm"),
     ("theta1_deg,bar,bar_end,bar_length_mm", None, "seat", "missing beside bar"),
-    ("theta1_deg,temperature_c,temperature1_c", None, "temperature_c", "beside temperature1_c"),
     (
         "theta1_deg,temperature1_c,temperature3_c",
         None,
         "temperature1_c … temperature3_c",
         "temperature2_c is missing",
     ),
-    ("theta1_deg,theta2_deg,temperature1_c", None, "temperature1_c", "2 or more"),
-    ("theta1_deg,theta2_deg,approach1", None, "approach1", "each of the 2 joints"),
     ("theta1_deg,theta2_deg,torque1_nm", None, "torque1_nm", "each of the 2 joints"),
-    (
-        ",".join(["theta1_deg", *(f"k{k}" for k in range(101))]),
-        None,
-        "",
-        "101 columns of unknown names, such as k0",
-    ),
 ]
 SLIPS = {
-    "x_mm": ["x mm", "x [mm]", "x-mm", "x_m", "x"],
-    "y_mm": ["y"],
-    "z_mm": ["z_in", "Z"],
-    "u_x_mm": ["ux_mm", "u_x_um"],
-    "theta2_deg": ["theta 2 (deg)", "theta02_deg", "thetta2_deg", "theta2_mrad"],
-    "theta2_rad": ["theta2_rad "],
+    "x_mm": ["x mm", "x [mm]", "x_m", "x"],
+    "theta2_deg": ["theta 2 (deg)", "theta02_deg", "thetta2_deg"],
     "approach1": ["aproach1", "approach_1"],
-    "torque1_nm": ["torque1_nmm"],
-    "temperature_c": ["temperature_°C", "temperature", "temperature_k"],
-    "temperature3_c": ["temperature3_f"],
-    "time_s": ["time_ms", "Time s"],
-    "bar_end": ["bar end"],
-    "bar_length_mm": ["bar_lenght_mm", "bar_length", "bar_length_m"],
-    "session": ["sesion"],
+    "temperature_c": ["temperature_°C", "temperature"],
+    "bar_length_mm": ["bar_lenght_mm", "bar_length_m"],
     "record": ["records"],
 }
 UNRELATED = """
@@ -328,7 +295,7 @@ UNRELATED = """
 """
 
 
-def test_a_header_with_a_mistake(tmp_path: Path) -> None:
+def test_a_header_with_a_mistake(tmp_path):
     for header, nq, column, word in HEADERS:
         cells = ",".join("1" for _ in header.split(","))
         error = error_of(tmp_path, f"{header}\n{cells}\n{cells}\n", nq)
@@ -339,17 +306,7 @@ def test_a_header_with_a_mistake(tmp_path: Path) -> None:
         Measurements.from_frame(pd.DataFrame({"theta1_deg": [1.0], 7: [2.0]}))
 
 
-def test_a_name_with_thousands_of_digits(tmp_path: Path) -> None:
-    for name, word in (
-        ("theta{}_deg", "theta2_deg is missing"),
-        ("Theta{}_rad", "one unit"),
-        ("theta0{}_deg", "not"),
-    ):
-        said = str(error_of(tmp_path, f"theta1_deg,{name.format('9' * 5000)}\n1,1\n"))
-        assert (word in said, said.count("\n"), len(said) < 500) == (True, 0, True), said
-
-
-def test_a_slip_in_a_name_is_no_unknown_column(tmp_path: Path) -> None:
+def test_a_slip_in_a_name_is_no_unknown_column(tmp_path):
     for meant, slips in SLIPS.items():
         for slip in slips:
             error = error_of(tmp_path, f"theta1_deg,{slip}\n1,1\n")
@@ -377,31 +334,19 @@ def test_a_slip_in_a_name_is_no_unknown_column(tmp_path: Path) -> None:
 # column, cell of row 3, what the answer must name
 CELLS: list[tuple[str, str, str]] = [
     ("theta2_deg", "", "is empty"),
-    ("theta1_deg", "-inf", "'-inf', expected a finite number"),
     ("theta1_deg", "1_000", "'1_000'"),
-    ("theta1_deg", "9" * 5000 + "x", "9x', expected a finite number"),
-    ("bar_end", "C" * 5000, "expected A or B"),
     ("theta2_deg", '"1,5"', "decimal point"),
-    ("x_mm", "NaN", "'NaN'"),
-    ("y_mm", "", "x_mm, y_mm, z_mm"),
     ("u_x_mm", "0", "is 0, expected a standard uncertainty above zero"),
-    ("time_s", "", "is empty"),
     ("temperature_c", "293.15", "is 293.15 °C, expected -100 to 200"),
     ("approach2", "2", "is 2, expected -1, 0 or 1"),
     ("seat", "S9", "'S9'"),
-    ("bar_end", "", "is '', expected A or B"),
     ("bar_length_mm", "", "of bar 'b'"),
     (
         "bar_length_mm",
         "0.5",
         "is 0.5 mm, expected 10 to 100000 mm; is it in another unit, such as metres",
     ),
-    ("theta1_deg", "1e300", "is 1e+300 °, expected -3.6e+06 to 3.6e+06"),
-    ("temperature_c", "-273.15", "is -273.15 °C, expected -100 to 200"),
-    ("x_mm", "1e300", "is 1e+300 mm, expected -100000 to 100000 mm"),
     ("u_z_mm", "12", "is 12 mm, expected 0 to 10 mm"),
-    ("time_s", "1.7e12", "is 1.7e+12 s, expected -1e+12"),
-    ("torque2_nm", "-1e7", "is -1e+07 N·m"),
     ("seat", "", "of bar 'b'"),
 ]
 GOOD = {f"{name}_mm": "0.1" for name in ("x", "y", "z", "u_x", "u_y", "u_z")} | {
@@ -427,7 +372,7 @@ def csv_of(columns: dict[str, list[str]]) -> str:
     return "\n".join(rows) + "\n"
 
 
-def test_a_cell_with_a_mistake(tmp_path: Path) -> None:
+def test_a_cell_with_a_mistake(tmp_path):
     for column, cell, word in CELLS:
         with_bar = "bar" in word or column.startswith("bar")
         columns = {name: [good] * 4 for name, good in GOOD.items()} | (
@@ -443,7 +388,7 @@ def test_a_cell_with_a_mistake(tmp_path: Path) -> None:
         assert len(str(error)) < 500
 
 
-def test_numbers_of_a_table_are_looked_at_too() -> None:
+def test_numbers_of_a_table_are_looked_at_too():
     for cell, words in (
         (np.nan, "is empty"),
         (np.inf, "is 'inf', expected a finite number"),
@@ -452,7 +397,7 @@ def test_numbers_of_a_table_are_looked_at_too() -> None:
         table = pd.DataFrame({"theta1_deg": [1.0, cell, 3.0]})
         with pytest.raises(MeasurementFileError, match=f"table: row 3, column theta1_deg: {words}"):
             Measurements.from_frame(table)
-    for cells in ([True, False], [1j, 2j], pd.to_datetime(["2020-01-01", "2020-01-02"])):
+    for cells in ([True, False], pd.to_datetime(["2020-01-01", "2020-01-02"])):
         with pytest.raises(
             MeasurementFileError,
             match=r"row 2, column theta1_deg: is '.*', expected a finite number",
@@ -460,26 +405,16 @@ def test_numbers_of_a_table_are_looked_at_too() -> None:
             Measurements.from_frame(pd.DataFrame({"theta1_deg": cells}))
 
 
-def test_the_first_problems_come_in_one_message(tmp_path: Path) -> None:
+def test_the_first_problems_come_in_one_message(tmp_path):
     text = "theta1_deg,theta2_deg,x_mm,y_mm,z_mm\n1,a,,,\nb,2,c,,\nd,2,,e,\n1,2,,,\nf,,,,\n"
     lines = str(error_of(tmp_path, text)).splitlines()
     assert len(lines) == 5
     assert all(line.startswith(f"{tmp_path / 'data.csv'}: row ") for line in lines)
-    assert (
-        "row 3, column theta1_deg: is 'b', expected a finite number with a decimal point (and 2 "
-        "more: row 4, 6)" in lines[0]
-    )
+    assert "row 3, column theta1_deg: is 'b'" in lines[0]
+    assert "(and 2 more: row 4, 6)" in lines[0]
     assert "row 2, column theta2_deg: is 'a'" in lines[1]
     assert "row 6, column theta2_deg: is empty" in lines[2]
     assert "row 3, column x_mm: is 'c'" in lines[3]
-    lines = str(
-        error_of(tmp_path, csv_of({f"theta{j}_deg": ["?"] * 6 for j in range(1, 11)}))
-    ).splitlines()
-    assert len(lines) == 10
-    assert lines[-1].endswith(
-        "column theta10_deg: is '?', expected a finite number with a decimal point (and 5 more: "
-        "row 3, 4, 5, 6, 7)"
-    )
     names = [f"theta{j}_deg" for j in range(1, 15)]
     lines = str(error_of(tmp_path, csv_of({name: ["?"] * 9 for name in names}))).splitlines()
     assert len(lines) == 11
@@ -494,7 +429,7 @@ def angles(unit: str, values: np.ndarray) -> pd.DataFrame:
     return pd.DataFrame({f"theta{j + 1}_{unit}": values[:, j] for j in range(values.shape[1])})
 
 
-def test_degrees_that_look_like_radians(rng: np.random.Generator) -> None:
+def test_degrees_that_look_like_radians(rng):
     q = rng.uniform(-np.pi, np.pi, size=(5, 6))
     with pytest.raises(MeasurementFileError) as caught:
         Measurements.from_frame(angles("deg", q))
@@ -511,18 +446,12 @@ def test_degrees_that_look_like_radians(rng: np.random.Generator) -> None:
         assert len(data_of(read_as, "angles_like_radians")) == noted
     still = np.full((50, 6), 3.0)
     still[-1, 2] = 6.3  # one angle beyond 2π is enough
-    for degrees in (
-        rng.uniform(-3, 3, size=(4, 6)),
-        still,
-        rng.uniform(-1, 1, size=(50, 6)),
-        np.zeros((9, 6)),
-    ):
-        np.testing.assert_allclose(
-            Measurements.from_frame(angles("deg", degrees)).q, degrees * DEG, rtol=1e-15
-        )
+    for degrees in (rng.uniform(-3, 3, size=(4, 6)), still, np.zeros((9, 6))):
+        found = Measurements.from_frame(angles("deg", degrees)).q
+        np.testing.assert_allclose(found, degrees * DEG, rtol=1e-15)
 
 
-def test_labels_that_are_nearly_the_same() -> None:
+def test_labels_that_are_nearly_the_same():
     table = angles("deg", np.full((8, 2), 40.0))
     table = table.assign(seat=2 * ["P1", "#p 01", "P10", "1"], session=2 * ["1", "1.0", "2", "10"])
     told = data_of(Measurements.from_frame(table).read_as, "labels_alike")
@@ -537,7 +466,7 @@ def test_labels_that_are_nearly_the_same() -> None:
         assert repr(label) in alike["labels"]
 
 
-def test_radians_that_look_like_degrees() -> None:
+def test_radians_that_look_like_degrees():
     q = np.array([[0.1, 0.2], [0.3, -31.5], [1.0, 90.0]])
     with pytest.raises(MeasurementFileError) as caught:
         Measurements.from_frame(angles("rad", q))
@@ -550,34 +479,20 @@ def test_radians_that_look_like_degrees() -> None:
 # --- mistakes: seats and bars
 
 
-def test_what_seats_and_bars_may_be(tmp_path: Path) -> None:
+def test_what_seats_and_bars_may_be(tmp_path):
     text = "theta1_deg,x_mm,y_mm,z_mm,seat\n1,1,2,3,one\n2,,,,two\n3,,,,two\n4,,,,\n"
     assert list(Measurements.read(write(tmp_path, text)).seats()) == ["one", "two"]
     text = "theta1_deg,seat,bar,bar_end,bar_length_mm\n1,one,b,A,50\n2,two,b,B,50\n"
     assert Measurements.read(write(tmp_path, text)).bars()[0][:4] == ("b", "one", "two", 0.05)
-    columns = AT_BAR | {
-        "bar": ["b", "c", "b", "c"],
-        "seat": ["p", "p", "q", "r"],
-        "bar_end": ["A", "B", "B", "A"],
-    }
-    measurements = Measurements.read(write(tmp_path, csv_of({"theta1_deg": ["1"] * 4} | columns)))
+    columns = AT_BAR | {"bar": ["b", "c", "b", "c"], "seat": ["p", "p", "q", "r"]}
+    columns |= {"theta1_deg": ["1"] * 4, "bar_end": ["A", "B", "B", "A"]}
+    measurements = Measurements.read(write(tmp_path, csv_of(columns)))
     assert [bar[:4] for bar in measurements.bars()] == [("b", "p", "q", 0.5), ("c", "r", "p", 0.5)]
-    assert {seat: rows.tolist() for seat, rows in measurements.seats().items()} == {
-        "p": [0, 1],
-        "q": [2],
-        "r": [3],
-    }
 
 
 # columns of AT_BAR, row, column, what the answer must name
 BARS: list[tuple[dict[str, list[str]], int, str, str]] = [
     ({"bar_end": ["A"] * 4, "seat": ["p"] * 4}, 2, "bar_end", "'b' has records of end A only"),
-    (
-        {"bar_length_mm": ["500", "500.0", "500.1", "500"]},
-        4,
-        "bar_length_mm",
-        "is 500.1, but row 2 states 500.0",
-    ),
     (
         {"u_bar_length_mm": ["0.2", "", "0.002", ""]},
         4,
@@ -592,16 +507,10 @@ BARS: list[tuple[dict[str, list[str]], int, str, str]] = [
         "bar_end",
         "is B in a row without bar",
     ),
-    (
-        {"bar": ["b", "b", "b", ""], "bar_end": ["A", "A", "B", ""]},
-        5,
-        "bar_length_mm",
-        "is 500.0 in a row without bar",
-    ),
 ]
 
 
-def test_a_bar_that_contradicts_itself(tmp_path: Path) -> None:
+def test_a_bar_that_contradicts_itself(tmp_path):
     for changes, row, column, word in BARS:
         error = error_of(tmp_path, csv_of({"theta1_deg": ["1"] * 4} | AT_BAR | changes))
         assert (error.row, error.column, word in str(error)) == (row, column, True), str(error)
@@ -610,7 +519,7 @@ def test_a_bar_that_contradicts_itself(tmp_path: Path) -> None:
 # --- from arrays
 
 
-def test_of_arrays(rng: np.random.Generator) -> None:
+def test_of_arrays(rng):
     q = rng.normal(size=(3, 6))
     measurements = Measurements.of(q)
     assert (measurements.n, measurements.nq, measurements.known.any(), measurements.source) == (
@@ -623,40 +532,23 @@ def test_of_arrays(rng: np.random.Generator) -> None:
     assert measurements.extra.shape == (3, 0)
     q[0, 0] = 9
     assert measurements.q[0, 0] != 9
-    nan = [np.nan] * 3
-    known = Measurements.of(
-        [[1.0], [2.0]], reference=[nan, [1, 2, 3]], reference_u=np.array([nan, [0.01] * 3])
-    )
-    np.testing.assert_array_equal(known.known, [False, True])
     assert Measurements.of(np.empty((0, 6))).n == 0
 
 
 ONE = [[1.0, 2.0]]
 ARRAYS: list[tuple[dict[str, object], str]] = [
     ({"q": [1.0, 2.0]}, r"q has shape \(2,\).*pass q\[None, :\]"),
-    ({"q": [[1.0, 2.0], [1.0]]}, "q is not an array of numbers|q has shape"),
     ({"q": [[1.0, np.nan]]}, r"q\[0, 1\] is nan, expected a finite number"),
     ({"q": ONE, "reference": [[1.0, 2.0]]}, r"reference has shape \(1, 2\), expected \(n, 3\)"),
-    ({"q": ONE, "reference": np.ones((2, 3))}, "reference has 2 rows, expected 1"),
     ({"q": ONE, "reference": [[1.0, np.nan, 3.0]]}, r"reference\[0\] is .*NaN for all"),
-    ({"q": ONE, "reference": [[1.0, np.inf, 3.0]]}, r"reference\[0, 1\] is inf"),
     ({"q": ONE, "reference": np.ma.masked_equal([[1.0, 2.0, 3.0]], 2)}, "masked"),
     (
         {"q": ONE, "reference": [[1, 2, 3]], "reference_u": [[1e-3, 0, 1e-3]]},
         "reference_u .* not above zero",
     ),
-    ({"q": [[1.0, 1e300]]}, r"q\[0, 1\] is 1e\+300 rad, expected -62831.9 to 62831.9"),
     ({"q": ONE, "reference": [[1, 2, 1e3]]}, r"reference\[0, 2\] is 1000 m, expected -100 to 100"),
-    (
-        {"q": ONE, "reference": [[1, 2, 3]], "reference_u": [[1, 1, 1]]},
-        r"reference_u\[0, 0\] is 1 m, expected 0 to 0.01",
-    ),
-    ({"q": ONE, "bar_length": [500.0]}, r"bar_length\[0\] is 500 m, expected"),
-    ({"q": ONE, "operator": ["a", "b"]}, r"operator has shape \(2,\), expected \(1,\)"),
     ({"q": ONE, "record": [3]}, r"record\[0\] is 3, expected text"),
-    ({"q": ONE, "bar_length": [[1.0]]}, r"bar_length has shape \(1, 1\), expected \(1,\)"),
     ({"q": ONE, "conditions": Conditions(2)}, "conditions are of 2 records, expected 1"),
-    ({"q": ONE, "extra": pd.DataFrame({"a": [1, 2]})}, "extra has 2 rows, expected 1"),
     ({"q": ONE, "extra": pd.DataFrame({"seat": ["a"]})}, "extra has columns of known names: seat"),
 ]
 
@@ -667,13 +559,10 @@ OF_CONDITIONS: list[tuple[dict[str, Any], str]] = [
     ({"torque": np.zeros((2, 2))}, "torque has 2 rows, expected 1"),
     ({"approach": np.array([[0.5, 1]])}, "approach holds other numbers"),
     ({"seat": np.array([None])}, r"seat\[0\] is None, expected text"),
-    ({"n": -1}, "conditions are of -1 records"),
-    ({"temperature": [298.15]}, r"temperature\[0\] is 298.15 °C, expected -100 to 200 °C"),
-    ({"temperature": [20.0, 21.0]}, r"temperature has shape \(2,\), expected \(1,\)"),
 ]
 
 
-def test_arrays_with_a_mistake() -> None:
+def test_arrays_with_a_mistake():
     for given, words in OF_CONDITIONS:
         with pytest.raises(ShapeError, match=words):
             Conditions(**{"n": 1} | given)
@@ -682,7 +571,7 @@ def test_arrays_with_a_mistake() -> None:
             Measurements.of(**arguments)  # type: ignore[arg-type]
 
 
-def test_arrays_that_contradict_each_other() -> None:
+def test_arrays_that_contradict_each_other():
     for arguments, words in (
         ({"bar": ["b"]}, "missing beside bar"),
         (
@@ -721,64 +610,40 @@ WORDS = [
 
 
 def random_measurements(rng: np.random.Generator) -> Measurements:
-    """Any columns that may stand together, with awkward labels and gaps; seats and bars as a file
-    must have them.
-    """
-
-    def maybe(values: np.ndarray) -> np.ndarray | None:
-        return values if rng.random() < 0.5 else None
+    """Any columns that may stand together, with awkward labels and gaps."""
+    n, nq = int(rng.integers(8, 40)), int(rng.integers(1, 8))
 
     def labels() -> np.ndarray:
         return np.array(rng.choice(WORDS, size=n), dtype=object)
 
-    n, nq, unknown = int(rng.integers(8, 40)), int(rng.integers(1, 8)), np.full(3, np.nan)
-    reference = rng.normal(size=(n, 3)) * 10.0 ** rng.integers(-6, 2)
-    reference_u = rng.uniform(1e-7, 1e-3, size=(n, 3))
-    reference[rng.random(n) < rng.random()] = unknown
-    reference_u[rng.random(n) < rng.random()] = unknown
-    seat = np.array(
-        [WORDS[i // 2 % len(WORDS)] for i in rng.permutation(n // 2 * 2)] + [""] * (n % 2),
-        dtype=object,
-    )
-    with_bar, arm_temperature = rng.random() < 0.3, rng.random() < 0.5
-    bar, bar_end, bar_length = np.full((2, n), "", dtype=object), None, np.full(n, np.nan)
-    bar, bar_end = bar
-    if with_bar:
-        rows = rng.permutation(n)[:4]
-        bar[rows], bar_end[rows], bar_length[rows] = "2", ["A", "A", "B", "B"], rng.uniform(0.01, 2)
-        seat = np.full(n, "", dtype=object)
-        seat[rows] = ["p", "p", "NA", "NA"]
-    temperature = rng.uniform(-50, 150, size=(n, nq + int(rng.integers(3))))
-    return Measurements.of(
-        rng.uniform(-1, 1, size=(n, nq)) * 10.0 ** rng.integers(-6, 2),
-        maybe(reference),
-        maybe(reference_u),
-        Conditions(
-            n,
-            time=maybe(rng.normal(size=n) * 1e5),
-            temperature=maybe(temperature[:, 0]) if arm_temperature else None,
-            link_temperature=None if arm_temperature else maybe(temperature),
-            approach=maybe(rng.integers(-1, 2, size=(n, nq)).astype(float)),
-            torque=maybe(rng.normal(size=(n, nq))),
-            seat=seat if with_bar else maybe(seat),
-            marker=maybe(labels()),
-            session=maybe(labels()),
-        ),
-        bar=bar if with_bar else None,
-        bar_end=bar_end if with_bar else None,
-        bar_length=bar_length if with_bar else None,
-        bar_length_u=maybe(bar_length * 1e-5) if with_bar else None,
-        operator=maybe(labels()),
-        record=maybe(labels()),
-        extra=pd.DataFrame(
-            {name: labels() for name in ("humidity", "a, b", "größe") if rng.random() < 0.5},
-            index=range(n),
-        ),
-    )
+    def some(columns: dict[str, Any]) -> dict[str, Any]:
+        return {name: values for name, values in columns.items() if rng.random() < 0.6}
+
+    seats = [WORDS[i // 2 % len(WORDS)] for i in rng.permutation(n // 2 * 2)] + [""] * (n % 2)
+    conditions = {
+        "time": rng.normal(size=n) * 1e5,
+        "link_temperature": rng.uniform(-50, 150, size=(n, nq + int(rng.integers(3)))),
+        "approach": rng.integers(-1, 2, size=(n, nq)).astype(float),
+        "torque": rng.normal(size=(n, nq)),
+        "seat": np.array(seats, dtype=object),
+        "marker": labels(),
+        "session": labels(),
+    }
+    columns = {
+        "reference": rng.normal(size=(n, 3)) * 10.0 ** rng.integers(-6, 2),
+        "reference_u": rng.uniform(1e-7, 1e-3, size=(n, 3)),
+        "operator": labels(),
+        "record": labels(),
+        "extra": pd.DataFrame({name: labels() for name in ("humidity", "a, b", "größe")}),
+    }
+    for name in ("reference", "reference_u"):
+        columns[name][rng.random(n) < rng.random()] = np.nan
+    q = rng.uniform(-1, 1, size=(n, nq)) * 10.0 ** rng.integers(-6, 2)
+    return Measurements.of(q, conditions=Conditions(n, **some(conditions)), **some(columns))
 
 
-@pytest.mark.parametrize("seed", range(20))
-def test_there_and_back(tmp_path: Path, seed: int) -> None:
+@pytest.mark.parametrize("seed", range(10))
+def test_there_and_back(tmp_path, seed):
     rng = np.random.default_rng(seed)
     measurements = random_measurements(rng)
     radians = measurements.to_frame("rad")
@@ -800,15 +665,14 @@ def test_there_and_back(tmp_path: Path, seed: int) -> None:
     assert_same(Measurements.from_frame(radians.iloc[rows]), measurements.take(rows))
 
 
-def test_units_and_order_of_columns(full: Measurements) -> None:
+def test_units_and_order_of_columns(full):
     with pytest.raises(UnknownNameError, match="'gon'; known: deg, rad"):
         full.to_frame("gon")  # type: ignore[arg-type]
     assert list(full.to_frame().columns) == FULL.splitlines()[0].split(",")
+    assert_same(Measurements.from_frame(full.to_frame()), full)
 
 
-def test_a_saved_file_is_what_another_reader_expects(
-    tmp_path: Path, rng: np.random.Generator
-) -> None:
+def test_a_saved_file_is_what_another_reader_expects(tmp_path, rng):
     q, reference = rng.uniform(-np.pi, np.pi, size=(50, 6)), rng.normal(size=(50, 3))
     reference[::7] = np.nan
     dew = pd.DataFrame({"dew_c": rng.normal(size=50)})
@@ -828,7 +692,7 @@ def test_a_saved_file_is_what_another_reader_expects(
     assert np.isnan(table["x_mm"]).sum() == 8
 
 
-def test_small_angles_are_saved_so_that_they_can_be_read(tmp_path: Path) -> None:
+def test_small_angles_are_saved_so_that_they_can_be_read(tmp_path):
     """Within ±6.28° degrees would be taken for radians: then the file has radians."""
     q = np.full((5, 2), 0.05)
     Measurements.of(q).save(tmp_path / "out.csv")
@@ -839,20 +703,7 @@ def test_small_angles_are_saved_so_that_they_can_be_read(tmp_path: Path) -> None
     np.testing.assert_allclose(Measurements.read(tmp_path / "turns.csv").q, turns, rtol=1e-15)
 
 
-def test_save_replaces_only_by_force(full: Measurements, tmp_path: Path) -> None:
-    path = tmp_path / "out.csv"
-    path.write_text("mine")
-    with pytest.raises(OutputError, match="exists already"):
-        full.save(path)
-    assert path.read_text() == "mine"
-    full.save(path, force=True)
-    assert_same(Measurements.read(path), full)
-    with pytest.raises(OutputError, match="does not exist"):
-        full.save(tmp_path / "none" / "out.csv")
-    assert sorted(entry.name for entry in tmp_path.iterdir()) == ["data.csv", "out.csv"]
-
-
-def test_unknown_columns_of_any_kind_are_saved(tmp_path: Path) -> None:
+def test_unknown_columns_of_any_kind_are_saved(tmp_path):
     extra = pd.DataFrame(
         {
             "a": ["x", None],
@@ -877,67 +728,28 @@ def test_unknown_columns_of_any_kind_are_saved(tmp_path: Path) -> None:
 # --- part of it, and what people see
 
 
-def test_take(full: Measurements) -> None:
+def test_take(full):
     part = full.take([3, 1])
-    assert (part.n, part.nq, part.source) == (2, 2, full.source)
-    assert part.row.tolist() == [5, 3]  # still the lines of the file
+    assert (part.n, part.nq, part.row.tolist()) == (2, 2, [5, 3])  # still the lines of the file
     np.testing.assert_array_equal(part.q, full.q[[3, 1]])
-    np.testing.assert_array_equal(part.known, [True, False])
-    assert part.conditions.seat is not None
-    assert part.conditions.seat.tolist() == ["007", "007"]
     assert part.extra["humidity"].tolist() == ["wet", "45.5"]
     assert part.bars() == []  # one end is not among them
     assert_same(full.take(full.known), full.take(slice(0, 4, 3)))
     assert_same(full.take(np.arange(4)), full)
     assert full.take([]).n == 0
-    str(full.take([]))
 
 
-def test_what_people_see(full: Measurements) -> None:
-    page = full._repr_html_()
-    for value in ("-300 to 3", "0.01", "2: m1, m2", "humidity, comment"):
-        assert value in page
-    assert "4 records of 2 joints, 2 with reference, 2 seats, 1 bars" in str(full)
-
-
-def test_cells_that_a_spreadsheet_would_compute_are_quoted_and_read_back(tmp_path: Path) -> None:
+def test_cells_that_a_spreadsheet_would_compute_are_quoted_and_read_back(tmp_path):
     """Labels, unknown columns and their names; what is a number stays one."""
-    labels = [
-        "=1+1",
-        "+cmd",
-        "-x",
-        "@sum",
-        "\tt",
-        "'=q",
-        "''-q",
-        "'plain",
-        "-",
-        "-1.5",
-        "+2",
-        "1e3",
-        "plain",
-    ]
-    labels += ["S3;=1+1", "a\t'@b;'c", "; ;-1"]
-    extra = pd.DataFrame({"=name": labels, "self": labels, "number": np.arange(16) - 6.5})
-    data = Measurements.of(np.arange(32.0).reshape(16, 2) / 10, operator=labels, extra=extra)
+    labels = ["=1+1", "+cmd", "@sum", "\tt", "'=q", "'plain", "-", "-1.5", "plain", "S3;=1+1"]
+    extra = pd.DataFrame({"=name": labels, "self": labels, "number": np.arange(10) - 6.5})
+    data = Measurements.of(np.arange(20.0).reshape(10, 2) / 10, operator=labels, extra=extra)
     data.save(tmp_path / "a.csv")
     with open(tmp_path / "a.csv", encoding="utf-8", newline="") as file:
         header, *rows = csv.reader(file)
     cells = {cell for row in rows for cell in row} | set(header)
-    assert {
-        "'=1+1",
-        "'+cmd",
-        "'-x",
-        "'@sum",
-        "''=q",
-        "'''-q",
-        "'plain",
-        "'-",
-        "'=name",
-        "-1.5",
-        "+2",
-        "-6.5",
-    } <= cells
+    expected = {"'=1+1", "'+cmd", "'@sum", "''=q", "'plain", "'-", "'=name", "-1.5", "-6.5"}
+    assert expected <= cells
     assert not [
         part
         for cell in cells

@@ -2,14 +2,11 @@
 
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 from papers.sino6.equations import ConfigurationsAtTheta2, PlanarConfigurations
 from papers.sino6.misprints import misprints
 from papers.sino6.table2 import reproduce_table2
 from papers.sino6.tables import NominalArm, printed_table1, printed_table2, sino6_nominal
 
-from aacmm_pin.arm import end
-from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.dh import table
 from aacmm_pin.errors import UnsupportedArmError
 
@@ -49,7 +46,7 @@ def angle_error(found, true):
     return np.abs(np.angle(np.exp(1j * (found - true)))).max(axis=-1)
 
 
-def test_table_1_is_the_bundled_arm(sino6: Arm):
+def test_table_1_is_the_bundled_arm(sino6):
     printed = printed_table1()
     values = printed[["a_mm", "d_mm", "alpha_rad", "theta_offset_rad"]].to_numpy() * [MM, MM, 1, 1]
     widths = printed[
@@ -99,24 +96,6 @@ def test_lowest_configuration_is_the_one_that_made_the_point():
     assert angle_error(found.lowest[applies], q[applies, :4]).max() < 1e-10
     assert np.abs(found.theta4_min[~first, 1] - q[~first, 3]).max() < 1e-10
     assert np.isnan(found.lowest[towards & ~reachable, 1]).all()
-
-
-def test_highest_means_below_the_line_to_the_point_in_the_dh_frame():
-    q = random_configurations(4, 5_000, theta3=0.0)
-    p = TRUTH.chain.positions(q)
-    both = (
-        looks_towards(q, p)
-        & (q[:, 3] > -3.1)
-        & (np.linalg.norm(p, axis=1) > np.hypot(L2 + L3, D3) - D5)
-    )
-    q, p = q[both], p[both]
-    lowest = np.column_stack([PlanarConfigurations(ARM, p).lowest, np.zeros(len(p))])
-    np.testing.assert_allclose(TRUTH.chain.positions(lowest), p, atol=1e-12)
-    slope = p[:, 2] / np.hypot(p[:, 0], p[:, 1])
-    for configuration, side in ((q, -1.0), (lowest, 1.0)):
-        elbow = TRUTH.chain.walk(configuration)[1][end(3)]
-        ahead = elbow[:, 0] * np.cos(q[:, 0]) + elbow[:, 1] * np.sin(q[:, 0])
-        assert (np.sign(elbow[:, 2] - slope * ahead) == side).all()
 
 
 def test_all_configurations_at_a_theta2_contain_the_one_that_made_the_point():
@@ -188,19 +167,8 @@ def test_table_2_is_reproduced_within_one_percent_and_exact_geometry_gives_more(
     assert found.total_variation["exact"] > 0.25
     assert found.mean_flexibility["paper"] == pytest.approx(0.7621, abs=5e-5)
     assert found.mean_flexibility["exact"] == pytest.approx(0.983, abs=5e-4)
-    # Two ways that share no code agree on this histogram, see
-    # tests/postures/test_two_enumerations.py.
     assert found.counts["exact_cells"].tolist() == [0, 0, 0, 0, 0, 3, 0, 28, 0, 55, 0, 156, 2062]
-    assert found.cells["reproduced_sectors"].min() >= 1  # each generator is itself a configuration
-    near = found.cells[
-        found.cells["behind_axis"]
-    ]  # near the axis is the whole circle, though the steps find one sector
+    near = found.cells[found.cells["behind_axis"]]  # the steps find one sector of the whole circle
     assert len(near) > 300
     assert (near["reproduced_sectors"] == 1).all()
     assert (near["exact_sectors"] == 12).all()
-    assert (found.cells["reproduced_sectors"] == 1).sum() - len(
-        near
-    ) == 68  # in front of the axis: not explained
-    ax = Figure().add_subplot()
-    assert found.plot(ax) is ax
-    assert [bar.get_height() for bar in ax.containers[0]][1:] == printed.tolist()

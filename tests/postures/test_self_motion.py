@@ -10,16 +10,15 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from by_newton import by_newton, gaps, off_polylines
 
 from aacmm_pin import ReachingPostures, configuration_circle
 from aacmm_pin._support.angles import wrapped
 from aacmm_pin._support.checks import Array
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm import Arm
 from aacmm_pin.postures.general_ik import reaching_postures
+from tests.oracle import by_newton, gaps, off_polylines
 
 TURN = 2 * np.pi
-KEPT = Path(__file__).parents[2] / "urdf"
 
 
 @pytest.fixture(scope="module")
@@ -40,9 +39,7 @@ def motions(panda: Arm, poses: Array) -> list[ReachingPostures]:
     ]
 
 
-def test_every_posture_holds_the_pose(
-    panda: Arm, poses: Array, motions: list[ReachingPostures]
-) -> None:
+def test_every_posture_holds_the_pose(panda, poses, motions):
     for pose, motion in zip(poses, motions, strict=True):
         assert not motion.notes
         assert motion.search.unseen < 0.011
@@ -54,9 +51,7 @@ def test_every_posture_holds_the_pose(
         )
 
 
-def test_curves_are_closed_even_and_along_the_null_space(
-    panda: Arm, motions: list[ReachingPostures]
-) -> None:
+def test_curves_are_closed_even_and_along_the_null_space(panda, motions):
     """Neighbours are equally far apart; the chord between the neighbours of a posture is in the
     Jacobian's null space.
     """
@@ -76,16 +71,14 @@ def test_curves_are_closed_even_and_along_the_null_space(
             assert np.abs(moved).max() < 5 * step.max() ** 2  # of second order in the step
 
 
-def test_newton_by_pinocchio_finds_nothing_beside_the_curves(
-    panda: Arm, poses: Array, motions: list[ReachingPostures], rng: np.random.Generator
-) -> None:
+def test_newton_by_pinocchio_finds_nothing_beside_the_curves(panda, poses, motions, rng):
     for pose, motion in zip(poses, motions, strict=True):
         brute = by_newton(panda, pose, rng.uniform(-np.pi, np.pi, (150, 7)))
         assert len(brute) > 50
         assert off_polylines(brute, motion.component, motion.q).max() < 3e-4
 
 
-def test_limits_are_flags(panda: Arm, motions: list[ReachingPostures]) -> None:
+def test_limits_are_flags(panda, motions):
     """A posture is within limits when every joint is, whole turns apart; the fraction of arc is
     counted on many postures.
     """
@@ -115,31 +108,20 @@ def partner_of(q: Array, motion: ReachingPostures) -> int:
     return int(there[0])
 
 
-@pytest.mark.parametrize("as_urdf", [False, True])
-def test_sino6_agrees_with_the_configuration_circle(
-    sino6: Arm, rng: np.random.Generator, as_urdf: bool
-) -> None:
-    """Seeds from closed forms there, spread starts here; DH there, the exported URDF here."""
-    arm = Arm.from_urdf(KEPT / "sino6.urdf", "tip") if as_urdf else sino6
-    for q in rng.uniform(-np.pi, np.pi, (1, 1, 6)):
-        pose = sino6.poses(q).placement[0]
-        axis = pose[:3, :3] @ sino6.stylus_axis
-        circle = configuration_circle(sino6, pose[:3, 3], tip=True, axis=axis, count=24)
-        motion = reaching_postures(arm, pose[:3, 3], axis=axis, tool=sino6.stylus_axis, count=720)
-        assert motion.component.max() == circle.component.max()
-        partners = {
-            partner_of(circle.q[circle.component == n], motion) for n in np.unique(circle.component)
-        }
-        assert len(partners) == motion.component.max()
-        assert np.isnan(motion.swivel).all() == as_urdf
-        if not as_urdf:
-            nearest = np.linalg.norm(gaps(circle.q, motion.q), axis=2).argmin(axis=1)
-            assert np.median(np.abs(wrapped(motion.swivel[nearest] - circle.swivel))) < 0.02
+def test_sino6_agrees_with_the_configuration_circle(sino6, rng):
+    """Seeds from closed forms there, spread starts here."""
+    pose = sino6.poses(rng.uniform(-np.pi, np.pi, (1, 6))).placement[0]
+    axis = pose[:3, :3] @ sino6.stylus_axis
+    circle = configuration_circle(sino6, pose[:3, 3], tip=True, axis=axis, count=24)
+    motion = reaching_postures(sino6, pose[:3, 3], axis=axis, tool=sino6.stylus_axis, count=720)
+    numbers = np.unique(circle.component)
+    partners = {partner_of(circle.q[circle.component == n], motion) for n in numbers}
+    assert len(partners) == motion.component.max() == len(numbers)
+    nearest = np.linalg.norm(gaps(circle.q, motion.q), axis=2).argmin(axis=1)
+    assert np.median(np.abs(wrapped(motion.swivel[nearest] - circle.swivel))) < 0.02
 
 
-def test_a_last_axis_along_the_tool_turns_by_itself(
-    robot_file: Callable[[str], Path], rng: np.random.Generator
-) -> None:
+def test_a_last_axis_along_the_tool_turns_by_itself(robot_file, rng):
     """UR5 with the axis of its last joint held: nothing but that joint moves, all the way round."""
     ur5 = Arm.from_urdf(robot_file("ur5_robot.urdf"), "tool0")
     pose = ur5.poses(rng.uniform(-np.pi, np.pi, (1, 6))).placement[0]
@@ -152,26 +134,11 @@ def test_a_last_axis_along_the_tool_turns_by_itself(
         assert np.diff(np.sort(q[:, 5])) == pytest.approx(TURN / 90)
 
 
-def test_a_singular_pose_is_told(panda: Arm) -> None:
-    """All of Panda's turning axes upright, elbow straight: many joints turn one thing. What is not
-    a curve is said.
-    """
-    pose = panda.poses(np.zeros((1, 7))).placement[0]
-    motion = reaching_postures(panda, pose[:3, 3], rotation=pose[:3, :3], count=30)
-    assert motion.notes[0].code == "singular_families_unlisted"
-    np.testing.assert_allclose(
-        panda.poses(motion.q).placement, np.tile(pose, (len(motion), 1, 1)), rtol=0, atol=1e-9
-    )
-
-
-@pytest.mark.parametrize("tool", [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0)])
-def test_curves_that_cross_are_followed_straight_on(
-    robot_file: Callable[[str], Path], rng: np.random.Generator, tool: tuple[float, ...]
-) -> None:
+def test_curves_that_cross_are_followed_straight_on(robot_file, rng):
     """With the tool upright UR5's last axis is level, at times parallel to axes 2 to 4: there J
     loses rank, curves cross.
     """
-    ur5 = Arm.from_urdf(robot_file("ur5_robot.urdf"), "tool0")
+    ur5, tool = Arm.from_urdf(robot_file("ur5_robot.urdf"), "tool0"), (1.0, 0.0, 0.0)
     motion = reaching_postures(ur5, [0.4, 0.1, 0.3], axis=[0, 0, -1], tool=tool, count=360)
     assert not motion.notes
     assert motion.component.max() == 16

@@ -40,7 +40,7 @@ from aacmm_pin.errors import ShapeError, UnknownNameError
 from aacmm_pin.report import scenes
 from aacmm_pin.report.scenes import Frames, Scene
 from aacmm_pin.report.scenes.scene import viewer_script
-from tests.by_pinocchio import dh_sensitivity
+from tests.oracle import dh_sensitivity
 
 POINT = np.array([33.6323, -671.8702, 182.9355]) * MM
 SINGLE = 2e-7

@@ -15,9 +15,9 @@ import pytest
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.compiled import ALWAYS, LARGE_TASK, NEVER, VARIABLE, Twins
 from aacmm_pin.accuracy import zonotope
-from aacmm_pin.accuracy.workspace import map_workspace
-from aacmm_pin.arm.arm import Arm
 from aacmm_pin.errors import UnknownNameError
+
+pytestmark = pytest.mark.fast
 
 LOOP = """
 def add_one(values):
@@ -58,16 +58,7 @@ def of_both(monkeypatch: pytest.MonkeyPatch, work: Any) -> list[Array]:
     return found
 
 
-def test_a_map_by_loops(sino6: Arm, monkeypatch: pytest.MonkeyPatch) -> None:
-    def work() -> list[Array]:
-        data = map_workspace(sino6, (3, 4), 5, progress=False).data
-        return [data[name].to_numpy() for name in data.data_vars]
-
-    plain, loop = of_both(monkeypatch, work)
-    np.testing.assert_allclose(loop, plain, rtol=1e-12)
-
-
-def test_volumes_of_zonotopes(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_volumes_of_zonotopes(rng, monkeypatch):
     for count in (0, 2, 3, 7, 24):
         for n in (0, 1, 2, 31, 33, zonotope.CHUNK + 1):
             g = rng.normal(size=(3, count, n)).transpose(2, 0, 1)
@@ -79,9 +70,7 @@ def test_volumes_of_zonotopes(rng: np.random.Generator, monkeypatch: pytest.Monk
             np.testing.assert_array_equal(plain, loop)
 
 
-def test_a_large_task_is_done_by_the_loop(
-    kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_large_task_is_done_by_the_loop(kept, tmp_path, monkeypatch):
     both = twins(tmp_path)
     small, large = np.zeros(3), np.zeros(LARGE_TASK)
     both(small)
@@ -97,9 +86,7 @@ def test_a_large_task_is_done_by_the_loop(
         both(small)
 
 
-def test_what_is_kept_may_be_damaged_or_have_no_folder(
-    kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_is_kept_may_be_damaged_or_have_no_folder(kept, tmp_path, monkeypatch):
     monkeypatch.setenv(VARIABLE, ALWAYS)
     values = np.zeros(3)
     twins(tmp_path)(values)

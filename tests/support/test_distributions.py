@@ -8,11 +8,13 @@ from scipy import stats
 
 from aacmm_pin._support.distributions import chi2_cdf, chi2_isf, chi2_sf, f_isf, f_sf
 
+pytestmark = pytest.mark.fast
+
 DOF = np.array([1.0, 2.0, 3.0, 7.5, 120.0, 4500.0])
 P = np.array([0.9, 0.5, 1e-3, 1e-9, 1e-30])[:, None]
 
 
-def test_chi_squared() -> None:
+def test_chi_squared():
     value = stats.chi2.isf(P, DOF)
     np.testing.assert_allclose(chi2_isf(P, DOF), value, rtol=1e-9)
     np.testing.assert_allclose(chi2_sf(value, DOF), P * np.ones(len(DOF)), rtol=1e-9)
@@ -20,7 +22,7 @@ def test_chi_squared() -> None:
     assert chi2_sf(2000.0, 3) == pytest.approx(stats.chi2.sf(2000.0, 3), rel=1e-9)
 
 
-def test_f() -> None:
+def test_f():
     for other in (4.0, 33.3, 2000.0):
         value = stats.f.isf(P[:3], DOF, other)
         np.testing.assert_allclose(f_isf(P[:3], DOF, other), value, rtol=1e-9)

@@ -15,7 +15,6 @@ import termios
 import textwrap
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,12 +22,10 @@ import pytest
 from tqdm.auto import tqdm
 
 from aacmm_pin import (
-    Arm,
     calibrate,
     circle_accuracy,
     configuration_circle,
     diagnose,
-    plan_measurements,
 )
 from aacmm_pin import simulate_measurements as simulated
 from aacmm_pin._support import progress
@@ -63,7 +60,7 @@ def on_a_terminal(code: str) -> tuple[str, str, int]:
     return out, shown.decode(), child.returncode
 
 
-def test_a_terminal_shows_a_bar_on_stderr_that_is_gone_in_the_end() -> None:
+def test_a_terminal_shows_a_bar_on_stderr_that_is_gone_in_the_end():
     out, err, status = on_a_terminal(WORK)
     assert (out, status) == ("done\n", 0)
     assert re.search(r"counting: +\d+%", err)
@@ -100,9 +97,7 @@ def bars(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[tuple[str, bool, int]
     return Recorder.seen
 
 
-def test_a_notebook_has_bars_though_its_stderr_is_no_terminal(
-    bars: list[Any], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_notebook_has_bars_though_its_stderr_is_no_terminal(bars, monkeypatch):
     for notebook, asked, disabled in (
         (True, True, False),
         (False, True, True),
@@ -115,7 +110,7 @@ def test_a_notebook_has_bars_though_its_stderr_is_no_terminal(
         assert bars.pop()[1] is disabled
 
 
-def test_long_work_has_bars(bars: list[tuple[str, bool, int]], sino6: Arm) -> None:
+def test_long_work_has_bars(bars, sino6):
     data = simulated(sino6, "free", 60, rng=np.random.default_rng(1))
     lengths: list[int] = []
 
@@ -123,45 +118,15 @@ def test_long_work_has_bars(bars: list[tuple[str, bool, int]], sino6: Arm) -> No
         lengths.append(len(list(steps)))
         return steps
 
-    diagnose(
-        sino6, data, encoder_noise=8e-6, progress=mine
-    )  # a function of a caller wraps what is left out
-    assert lengths == [10]
+    calibrate(sino6, data, encoder_noise=8e-6, progress=mine)  # a caller's own function
+    assert lengths == [10, 10]
     bars.clear()
     diagnose(sino6, data, encoder_noise=8e-6)
     names = [name for name, *_ in bars]
     assert names[0] == "search for causes"
     assert "held-out blocks" in names
     bars.clear()
-    calibrate(sino6, data, encoder_noise=8e-6)
-    assert [(name, total) for name, _, total in bars] == [
-        ("held-out records", 10),
-        ("held-out blocks", 10),
-    ]
-    bars.clear()
-    plan_measurements(sino6, ("joint_compliance:2", "encoder_eccentricity:2"), 3, postures=40)
-    assert [(name, total) for name, _, total in bars] == [("plan", 3)]
-    bars.clear()
     circle = configuration_circle(sino6, [0.03, -0.67, 0.18], count=5)
     circle_accuracy(circle, method="monte-carlo", rng=np.random.default_rng(1), draws=100)
     circle_accuracy(circle)
     assert [(name, total) for name, _, total in bars] == [("Monte Carlo", 5), ("accuracy", 5)]
-
-
-def test_a_command_at_a_terminal(tmp_path: Path, sino6: Arm) -> None:
-    """The bars of a command are on stderr; stdout has the findings alone."""
-    simulated(sino6, "free", 80, rng=np.random.default_rng(1)).save(tmp_path / "d.csv")
-    code = f"""
-    import sys
-    from aacmm_pin._support import progress
-    progress.DELAY = 0.0
-    from aacmm_pin.cli.root_command import app
-    sys.argv = ["aacmm-pin", "calibrate", "sino6", {str(tmp_path / "d.csv")!r}]
-    sys.argv += ["--encoder-noise-rad", "8e-6", "--json", "-"]
-    app()
-    """
-    out, err, status = on_a_terminal(code)
-    assert status == 0
-    assert out.startswith("{\n")
-    assert out.endswith("}\n")
-    assert re.search(r"held-out blocks: +\d+%", err)

@@ -21,7 +21,7 @@ FOR_EVER += (
 )
 
 
-def test_a_worker_that_is_killed_is_an_error() -> None:
+def test_a_worker_that_is_killed_is_an_error():
     with (
         pytest.raises(AacmmError, match="worker process ended"),
         workers.results(_die, [os.getpid()] * 12, 2) as results,
@@ -36,7 +36,7 @@ def _die(unless: int) -> None:
     time.sleep(0.1)  # so that the others wait when a process is killed
 
 
-def test_workers_end_with_their_parent() -> None:
+def test_workers_end_with_their_parent():
     command = [sys.executable, "-c", FOR_EVER]
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, start_new_session=True

@@ -13,6 +13,8 @@ import pytest
 from aacmm_pin._support.output_files import OutputFiles, whole_file
 from aacmm_pin.errors import OutputError
 
+pytestmark = pytest.mark.fast
+
 
 def listing(folder: Path) -> dict[str, str]:
     return {
@@ -27,9 +29,7 @@ def write(*paths: str | Path, text: str = "new", force: bool = False) -> None:
             files.file(path).write_text(text)
 
 
-def test_files_and_a_folder_appear_together_when_all_went_well(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_files_and_a_folder_appear_together_when_all_went_well(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("plain").write_text("")
     Path("folder").mkdir()
@@ -54,7 +54,7 @@ def test_files_and_a_folder_appear_together_when_all_went_well(
     assert Path("report").stat().st_mode == Path("folder").stat().st_mode
 
 
-def test_a_failure_inside_leaves_all_as_it_was(tmp_path: Path) -> None:
+def test_a_failure_inside_leaves_all_as_it_was(tmp_path):
     (tmp_path / "old.csv").write_text("old")
 
     def work(failure: BaseException) -> None:
@@ -77,7 +77,7 @@ def test_a_failure_inside_leaves_all_as_it_was(tmp_path: Path) -> None:
         pass  # nothing was written
 
 
-def test_what_is_there_is_replaced_only_by_force(tmp_path: Path) -> None:
+def test_what_is_there_is_replaced_only_by_force(tmp_path):
     path, report = tmp_path / "out.csv", tmp_path / "report"
     path.write_text("old")
     path.chmod(0o600)
@@ -104,7 +104,7 @@ def test_what_is_there_is_replaced_only_by_force(tmp_path: Path) -> None:
         OutputFiles(force=True).check(path, path)
 
 
-def test_links_are_followed(tmp_path: Path) -> None:
+def test_links_are_followed(tmp_path):
     (tmp_path / "dangling").symlink_to("target")
     write(tmp_path / "dangling")
     assert (tmp_path / "dangling").is_symlink()
@@ -118,9 +118,7 @@ def test_links_are_followed(tmp_path: Path) -> None:
         write(tmp_path / "loop", force=True)
 
 
-def test_pipes_and_devices_are_written_to_and_stay(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_pipes_and_devices_are_written_to_and_stay(tmp_path, capsys):
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
     read: list[str] = []
@@ -140,9 +138,7 @@ def test_pipes_and_devices_are_written_to_and_stay(
     assert listing(tmp_path) == {"beside": "new", "pipe": ""}  # the rest was put back
 
 
-def test_if_one_cannot_be_put_in_place_none_is(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_if_one_cannot_be_put_in_place_none_is(tmp_path, monkeypatch):
     (tmp_path / "a").write_text("old")
     (tmp_path / "c").write_text("old")
     replace = os.replace
@@ -158,7 +154,7 @@ def test_if_one_cannot_be_put_in_place_none_is(
     assert listing(tmp_path) == {"a": "old", "c": "old"}
 
 
-def test_a_file_that_appears_meanwhile_stays(tmp_path: Path) -> None:
+def test_a_file_that_appears_meanwhile_stays(tmp_path):
     def work() -> None:
         with OutputFiles() as files:
             for name in ("a", "out"):
@@ -170,14 +166,14 @@ def test_a_file_that_appears_meanwhile_stays(tmp_path: Path) -> None:
     assert listing(tmp_path) == {"out": "theirs"}
 
 
-def test_a_file_that_was_read_to_be_extended_is_replaced(tmp_path: Path) -> None:
+def test_a_file_that_was_read_to_be_extended_is_replaced(tmp_path):
     (tmp_path / "checks").write_text("old")
     with OutputFiles(inputs=[tmp_path / "checks"]) as files:
         files.file(tmp_path / "checks", update=True).write_text("longer")
     assert listing(tmp_path) == {"checks": "longer"}
 
 
-def test_what_is_read_is_never_replaced(tmp_path: Path) -> None:
+def test_what_is_read_is_never_replaced(tmp_path):
     data = tmp_path / "data"
     data.write_text("old")
     (tmp_path / "link").symlink_to("data")
@@ -194,7 +190,7 @@ def test_what_is_read_is_never_replaced(tmp_path: Path) -> None:
     assert data.read_text() == "old"
 
 
-def test_places_that_cannot_be_written_to(tmp_path: Path) -> None:
+def test_places_that_cannot_be_written_to(tmp_path):
     (tmp_path / "file").write_text("old")
     (tmp_path / "folder").mkdir()
     places = {

@@ -12,25 +12,23 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pinocchio as pin
 import pytest
-from by_newton import by_newton, distances
 
 from aacmm_pin._support.angles import spread_angles
 from aacmm_pin._support.checks import Array
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm import Arm
 from aacmm_pin.postures import continuation, newton_search
 from aacmm_pin.postures.continuation import FIRST_STEP
 from aacmm_pin.postures.general_ik import ReachingPostures, reaching_postures
 from aacmm_pin.postures.newton_search import (
     ENOUGH,
-    NOTHING,
     ROUND,
     Isolated,
     SelfMotion,
-    SolutionSet,
     search,
 )
 from aacmm_pin.postures.pose_equations import Equations
 from aacmm_pin.postures.solution_curves import MOST_VERTICES
+from tests.oracle import by_newton, distances
 
 SAME = 1e-6  # rad
 
@@ -130,9 +128,7 @@ def at(arm: Arm, pose: Array, **options: Any) -> ReachingPostures:
 # --- UR5
 
 
-def test_all_postures_at_random_reachable_poses(
-    ur5: Arm, by_hand: ByHand, rng: np.random.Generator
-) -> None:
+def test_all_postures_at_random_reachable_poses(ur5, by_hand, rng):
     counts = set()
     for q in rng.uniform(-np.pi, np.pi, (8, 1, 6)):
         pose = ur5.poses(q).placement[0]
@@ -149,9 +145,7 @@ def test_all_postures_at_random_reachable_poses(
 
 
 @pytest.mark.parametrize("count", [0, 2, 4, 6])
-def test_poses_with_fewer_postures(
-    ur5: Arm, by_hand: ByHand, rng: np.random.Generator, count: int
-) -> None:
+def test_poses_with_fewer_postures(ur5, by_hand, rng, count):
     """Poses from nowhere, the hand turned at random, the tip anywhere in a box that is wider than
     the reach.
     """
@@ -171,7 +165,7 @@ def test_poses_with_fewer_postures(
 @pytest.mark.parametrize(
     ("q3", "q5"), [(3e-4, 1.0), (1.3, 2e-4), (-0.01, 0.02), (np.pi - 5e-4, 0.8)]
 )
-def test_beside_singular_postures(ur5: Arm, by_hand: ByHand, q3: float, q5: float) -> None:
+def test_beside_singular_postures(ur5, by_hand, q3, q5):
     """Beside a stretched or folded elbow two postures are almost one; beside a straight wrist some
     are nearly free.
     """
@@ -184,7 +178,7 @@ def test_beside_singular_postures(ur5: Arm, by_hand: ByHand, q3: float, q5: floa
     assert distances(expected, found.q).min(axis=1).max() < 1e-5
 
 
-def test_a_stretched_elbow_gives_one_posture_for_two(ur5: Arm, by_hand: ByHand) -> None:
+def test_a_stretched_elbow_gives_one_posture_for_two(ur5, by_hand):
     q = np.array([[0.4, -1.1, 0.0, 0.5, 0.9, -0.7]])
     found = at(ur5, ur5.poses(q).placement[0])
     assert distances(q, found.q).min() < 1e-5
@@ -196,14 +190,14 @@ def test_a_stretched_elbow_gives_one_posture_for_two(ur5: Arm, by_hand: ByHand) 
 @pytest.mark.parametrize(
     ("bend", "told"), [(0.4, False), (1e-3, False), (1e-5, True), (1e-7, True), (1e-9, True)]
 )
-def test_next_to_a_straight_wrist_doubts_are_told(ur5: Arm, bend: float, told: bool) -> None:
+def test_next_to_a_straight_wrist_doubts_are_told(ur5, bend, told):
     pose = ur5.poses(np.array([[0.3, -1.2, 1.4, -1.6, bend, 0.4]])).placement[0]
     found = reaching_postures(ur5, pose[:3, 3], rotation=pose[:3, :3])
     assert bool({note.code for note in found.notes} & {"nearly_singular", "starts_stalled"}) == told
     assert told or len(found) == 8
 
 
-def test_a_straight_wrist_is_told_not_sampled(ur5: Arm, by_hand: ByHand) -> None:
+def test_a_straight_wrist_is_told_not_sampled(ur5, by_hand):
     """With θ5 = 0 axes 2, 3, 4 and 6 are parallel, and the elbow sweeps: that is a family. The
     other postures are single.
     """
@@ -218,16 +212,14 @@ def test_a_straight_wrist_is_told_not_sampled(ur5: Arm, by_hand: ByHand) -> None
     assert_same(found.q, expected)
 
 
-def test_newton_by_pinocchio_finds_nothing_more(sino6: Arm, rng: np.random.Generator) -> None:
+def test_newton_by_pinocchio_finds_nothing_more(sino6, rng):
     pose = sino6.poses(rng.uniform(-np.pi, np.pi, (1, 6))).placement[0]
     brute = by_newton(sino6, pose, rng.uniform(-np.pi, np.pi, (300, 6)))
     assert len(brute) > 60
     assert distances(brute, at(sino6, pose).q).min(axis=1).max() < SAME
 
 
-def test_an_arm_with_five_joints(
-    robot_file: Callable[[str], Path], rng: np.random.Generator
-) -> None:
+def test_an_arm_with_five_joints(robot_file, rng):
     """Point and axis are as many conditions as joints."""
     arm = Arm.from_urdf(robot_file("so101.urdf"), "gripper_frame_link")
     assert arm.nq == 5
@@ -248,6 +240,8 @@ def test_an_arm_with_five_joints(
 
 
 System = Callable[[Array], tuple[Array, Array]]
+
+
 SYSTEMS: list[System] = []
 
 
@@ -294,7 +288,7 @@ def cosine(of: float, times: int = 1) -> Callable[[float], tuple[float, float]]:
 
 
 @pytest.mark.usefixtures("in_python")
-def test_all_single_solutions_and_how_often(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_all_single_solutions_and_how_often():
     """Two of each angle; some of them nearly coincide; behind the last that was new nothing new
     came.
     """
@@ -316,50 +310,10 @@ def test_all_single_solutions_and_how_often(monkeypatch: pytest.MonkeyPatch) -> 
         assert found.starts % ROUND == 0
         assert found.since_new >= ENOUGH
         assert found.unseen == 3.0 / found.since_new
-    flattest = newton_search.flattest
-    for sense in (1.0, -1.0):  # what one start leads to has its neighbour beside it, to either side
-        monkeypatch.setattr(
-            newton_search, "flattest", lambda *at, s=sense: (flattest(*at)[0], s * flattest(*at)[1])
-        )
-        b = 0.004
-        finds = Isolated(system, q=np.empty((0, 2)))
-        assert finds.add(np.array([[1.0, b]])) == 1
-        assert_same(finds.q, np.array([[1.0, b], [1.0, -b]]))
-        assert finds.hits == [1, 0]
 
 
 @pytest.mark.usefixtures("in_python")
-def test_where_a_search_ends(monkeypatch: pytest.MonkeyPatch) -> None:
-    nothing, always = apart(cosine(1.5), joints=1), apart(cosine(0.0), joints=1)
-    for system, most, starts, ended in (
-        (nothing, newton_search.MOST_STARTS, NOTHING, False),
-        (nothing, 512, 512, True),
-        (always, newton_search.MOST_STARTS, 512, False),
-        (always, 256, 256, True),
-    ):
-        found = search(Isolated(system, q=np.empty((0, 1))), 1, most)
-        assert (found.starts, found.arrived, found.ended) == (
-            starts,
-            starts * (system is always),
-            ended,
-        )
-    full = apart(cosine(0.3, 3), cosine(0.3, 3), joints=2)  # 36 solutions: a family in disguise
-    finds = Isolated(full, q=np.empty((0, 2)))
-    search(finds, 2)
-    assert len(finds.q) == 16
-    assert finds.families > 0
-    assert finds.family is not None
-    # What arrives after the last that was new counts, however many starts it takes.
-    monkeypatch.setattr(newton_search, "ENOUGH", 2000)
-    newest = iter([10, 0, 200, *[0] * 8])
-    scripted = Isolated(always, q=np.empty((0, 1)))
-    monkeypatch.setattr(scripted, "add", lambda q: next(newest))
-    found = search(scripted, 1)
-    assert (found.starts, found.since_new, found.ended) == (11 * ROUND, 9 * ROUND - 200, False)
-
-
-@pytest.mark.usefixtures("in_python")
-def test_starts_that_stall_beside_a_solution() -> None:
+def test_starts_that_stall_beside_a_solution():
     """Equations that miss a double solution by 1e-6, and by 1e-4; solutions of order two are
     single.
     """
@@ -367,9 +321,6 @@ def test_starts_that_stall_beside_a_solution() -> None:
         system = apart(cosine(1.0 + missed), cosine(0.5), joints=2)
         found = search(Isolated(system, q=np.empty((0, 2))), 2)
         assert (found.arrived, found.stalled > 0) == (0, there)
-    # Two at it, one that is not so flat, one that is far.
-    beside = np.column_stack([[1e-6, -2e-6, 3e-3, 0.5], np.full(4, np.pi / 3)])
-    assert newton_search._stalled(apart(cosine(1.000001), cosine(0.5), joints=2), beside) == 2
     finds = Isolated(apart(cosine(1.0), cosine(0.5), joints=2), q=np.empty((0, 2)))
     found = search(finds, 2)
     assert (
@@ -377,21 +328,9 @@ def test_starts_that_stall_beside_a_solution() -> None:
     )
     assert (len(finds.q), finds.families, sum(found.hits)) == (2, 0, found.arrived)
 
-    # One with another where the first step along a family would lead, but none where the next
-    # would.
-    def twice_and_once(q: float) -> tuple[float, float]:
-        off = q - 0.021
-        return (1 - np.cos(q)) * np.sin(off), np.sin(q) * np.sin(off) + (1 - np.cos(q)) * np.cos(
-            off
-        )
-
-    both = apart(twice_and_once, cosine(0.5), joints=2)
-    single = Isolated(both, q=np.empty((0, 2)))
-    assert single._single(np.array([[0.0, np.pi / 3]])).all()
-
 
 @pytest.mark.usefixtures("in_python")
-def test_families_of_solutions_are_no_single_ones() -> None:
+def test_families_of_solutions_are_no_single_ones():
     """An angle that no equation has: everything arrives at a family, of which the first is kept."""
 
     def nothing(q: float) -> tuple[float, float]:
@@ -409,16 +348,10 @@ def test_families_of_solutions_are_no_single_ones() -> None:
     ):
         found = search(wider, 3)
         assert (wider.families, found.hits) == (found.arrived, ())
-    some, counted = np.arange(6.0).reshape(3, 2), SolutionSet(finds.equations)
-    assert counted._count_families(some, np.array([True, True, True])) == 0
-    assert counted.family is None
-    assert counted._count_families(some, np.array([True, False, False])) == 2
-    assert counted._count_families(some, np.array([False, True, True])) == 0
-    assert (counted.families, *np.array(counted.family)) == (3, 2.0, 3.0)
 
 
 @pytest.mark.usefixtures("in_python")
-def test_closed_curves_and_how_often() -> None:
+def test_closed_curves_and_how_often():
     """Straight, round a free angle: four of them."""
     finds = SelfMotion(apart(cosine(0.5), cosine(-0.2), joints=3))
     found = search(finds, 3)
@@ -432,8 +365,8 @@ def test_closed_curves_and_how_often() -> None:
 
 
 @pytest.mark.usefixtures("in_python")
-@pytest.mark.parametrize("gap", [1e-2, 1e-3, 1e-4, 1e-5, 1e-6])
-def test_a_trace_stays_on_its_side_of_a_narrow_gap(gap: float) -> None:
+@pytest.mark.parametrize("gap", [1e-2, 1e-6])
+def test_a_trace_stays_on_its_side_of_a_narrow_gap(gap):
     """``cos a + cos b = gap`` nearly crosses itself where one angle is 0 and the other π; its four
     sides are one curve.
     """

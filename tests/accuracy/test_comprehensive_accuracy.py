@@ -15,10 +15,12 @@ from aacmm_pin.accuracy.comprehensive_accuracy import (
 from aacmm_pin.accuracy.single_point import single_point_statistics
 from aacmm_pin.errors import ShapeError
 
+pytestmark = pytest.mark.fast
+
 LEVEL = np.array([0.6, -0.8, 0.0])  # on the horizon: theta3k is a right angle
 
 
-def test_weights_by_hand() -> None:
+def test_weights_by_hand():
     """x = 90°, 60°, 0°, 30° from the preferred 90°; Σx = 180°; c = (1 - x/180°)/3."""
     theta3 = np.radians([0.0, -150.0, 90.0, 120.0])
     expected = np.array([1 - 90 / 180, 1 - 60 / 180, 1.0, 1 - 30 / 180]) / 3
@@ -39,7 +41,7 @@ def test_weights_by_hand() -> None:
     assert np.isnan(comprehensive_accuracy(np.empty(0), np.empty(0), LEVEL))
 
 
-def test_the_elevation_sets_the_preferred_angle() -> None:
+def test_the_elevation_sets_the_preferred_angle():
     """z is drawn downward in the paper: a point 45° above the horizon of the base prefers 45°, one
     below 135°.
     """
@@ -48,7 +50,7 @@ def test_the_elevation_sets_the_preferred_angle() -> None:
     np.testing.assert_allclose([preferred_theta3(point) for point in points], expected, atol=1e-15)
 
 
-def test_what_weights_have_in_common(rng: np.random.Generator) -> None:
+def test_what_weights_have_in_common(rng):
     for n in (1, 2, 3, 12, 50):
         theta3, point = rng.uniform(-20, 20, n), rng.normal(size=3)
         weights = configuration_weights(theta3, point)
@@ -64,46 +66,30 @@ def test_what_weights_have_in_common(rng: np.random.Generator) -> None:
         assert comprehensive_accuracy(np.full(n, 3e-12), theta3, point) == pytest.approx(
             3e-12, rel=1e-12, abs=0.0
         )
-    theta3, point = rng.uniform(0, np.pi, 9), np.array([0.5, 0.1, 0.2])
-    away = np.abs(theta3 - preferred_theta3(point))
-    np.testing.assert_array_equal(
-        np.argsort(configuration_weights(theta3, point)), np.argsort(-away)
-    )
-    for _ in range(50):  # twelve differ little
-        weights = configuration_weights(
-            np.linspace(-np.pi, np.pi, 12, endpoint=False), rng.normal(size=3)
-        )
-        assert 1.05 < weights.max() / weights.min() < 1.25
 
 
 # --- one point
 
 
-def test_parts_add_up_to_the_whole(rng: np.random.Generator) -> None:
+def test_parts_add_up_to_the_whole(rng):
     """(n - 1) σ² = g ψ_g² + (n - g) ψ_r²: both parts are judged by the mean of all records."""
     for n in (2, 5, 50):
         points = rng.normal(size=(n, 3)) * [1e-5, 3e-5, 2e-4] + [0.1, -0.7, 0.2]
         alone = single_point_statistics(points)
         assert alone.sigma == pytest.approx(np.sqrt(points.var(axis=0, ddof=1).sum()), rel=1e-9)
-        assert (alone.n, alone.part_n) == (n, 0)
-        assert np.isnan([alone.part, alone.rest]).all()
         for g in range(1, n):
-            part = np.zeros(n, dtype=bool)
-            part[rng.choice(n, g, replace=False)] = True
+            part = rng.permutation(n) < g
             result = single_point_statistics(points, part)
-            assert result.part_n == g
-            whole = (n - 1) * result.sigma**2
-            assert g * result.part**2 + (n - g) * result.rest**2 == pytest.approx(
-                whole, rel=1e-12, abs=0.0
-            )
+            parts = g * result.part**2 + (n - g) * result.rest**2
+            assert parts == pytest.approx((n - 1) * result.sigma**2, rel=1e-12, abs=0.0)
             squares = np.linalg.norm(points - points.mean(axis=0), axis=1) ** 2
             assert result.part == pytest.approx(np.sqrt(squares[part].mean()), rel=1e-12)
-        none, every = (single_point_statistics(points, np.full(n, flag)) for flag in (False, True))
-        assert np.isnan([none.part, every.rest]).all()
-        assert none.rest == every.part == pytest.approx(np.sqrt((n - 1) / n) * alone.sigma)
+        none = single_point_statistics(points, np.zeros(n, dtype=bool))
+        assert np.isnan(none.part)
+        assert none.rest == pytest.approx(np.sqrt((n - 1) / n) * alone.sigma)
 
 
-def test_a_point_by_hand() -> None:
+def test_a_point_by_hand():
     """Distances 1, 1, 2, 2 from the mean: σ² = 10/3, ψ of the first two 1, of the others 2."""
     points = 1e-5 * np.array([[1.0, 0, 0], [-1, 0, 0], [0, 2, 0], [0, -2, 0]])
     result = single_point_statistics(points, [True, True, False, False])
@@ -113,12 +99,10 @@ def test_a_point_by_hand() -> None:
     assert str(single_point_statistics(points)) == "4 records, spread 0.0183 mm"
 
 
-def test_what_cannot_be_used() -> None:
+def test_what_cannot_be_used():
     three = np.zeros((3, 3))
     for points, part, words in (
         (np.zeros((1, 3)), None, "1 records, expected at least 2"),
-        (np.zeros(3), None, r"indications\[None, :\]"),
-        (np.zeros((4, 2)), None, r"\(4, 2\)"),
         ([[0, 0, 0], [0, np.nan, 0]], None, r"indications\[1, 1\] is nan"),
         (three, [1, 0, 1], "boolean"),
         (three, [True, False], r"\(2,\)"),

@@ -4,13 +4,12 @@ no code with them.
 
 from __future__ import annotations
 
-import itertools
-import json
 from dataclasses import replace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from aacmm_pin import Arm, ErrorModel, Measurements, plan_measurements, simulate_measurements
 from aacmm_pin._support.units import DEG
@@ -24,7 +23,6 @@ from aacmm_pin.effects import (
     EncoderEccentricity,
     EncoderGain,
     JointCompliance,
-    JointHysteresis,
     JointPeriodicError,
     ThermalExpansion,
     cause_of,
@@ -38,12 +36,10 @@ from aacmm_pin.errors import (
     UnsupportedArmError,
 )
 from aacmm_pin.planning import MeasurementPlan
-from aacmm_pin.planning.candidate_design import Layout, Situation
 from aacmm_pin.planning.detection_power import Size, power_of
 from aacmm_pin.planning.measurement_conditions import possible_conditions
-from aacmm_pin.planning.search import Choosing, informing, telling
-from aacmm_pin.planning.separability import _best_for
 from aacmm_pin.report.plan import advice, plan_advice
+from tests.arm_files import RIGID, changed
 from tests.notes import data_of
 
 U_READING, U_REFERENCE = 8e-6, 1.2e-5
@@ -145,7 +141,7 @@ def brute(
 EXACT = 1e-8
 
 
-def test_the_distances_are_those_of_dense_least_squares(sino6: Arm) -> None:
+def test_the_distances_are_those_of_dense_least_squares(sino6):
     for split in (
         (JointCompliance(2), EncoderEccentricity(2)),
         (JointCompliance(3, values=(1.7e-5,)), EncoderEccentricity(3, values=(2e-5, -7e-5))),
@@ -157,7 +153,7 @@ def test_the_distances_are_those_of_dense_least_squares(sino6: Arm) -> None:
         assert plan.after.least == pytest.approx(min(expected), rel=EXACT)
 
 
-def test_an_amplitude_without_a_phase_is_planned_for_any_phase(sino6: Arm) -> None:
+def test_an_amplitude_without_a_phase_is_planned_for_any_phase(sino6):
     split = (JointCompliance(3, values=(1.7e-5,)), EncoderEccentricity(3, values=(7e-5, 0.0)))
     plan = planned(sino6, split, as_it_stands=True)
     phases = np.arange(8) * np.pi / 4
@@ -170,7 +166,7 @@ def test_an_amplitude_without_a_phase_is_planned_for_any_phase(sino6: Arm) -> No
     assert (plan.after.one, plan.after.other) == pytest.approx(np.mean(each, axis=0), rel=EXACT)
 
 
-def test_they_are_with_existing_records_in_an_unknown_frame_and_at_seats(sino6: Arm) -> None:
+def test_they_are_with_existing_records_in_an_unknown_frame_and_at_seats(sino6):
     split = (JointCompliance(2), EncoderEccentricity(2))
     existing = simulate_measurements(
         sino6, "free", 15, rng=np.random.default_rng(3), encoder_noise=U_READING
@@ -202,70 +198,7 @@ def test_they_are_with_existing_records_in_an_unknown_frame_and_at_seats(sino6: 
 # --- the search
 
 
-def test_rank_updates_are_the_inverse(rng: np.random.Generator) -> None:
-    pool, start = rng.normal(size=(30, 3, 7)), np.diag(rng.uniform(1, 2, size=7))
-    choice = Choosing(pool, start)
-    choice.run(5, informing)
-    first = choice.taken[0]
-    gains = [np.linalg.slogdet(start + rows.T @ rows)[1] for rows in pool]
-    assert first == int(np.argmax(gains))
-    np.testing.assert_allclose(
-        informing(Choosing(pool, start)), gains - np.linalg.slogdet(start)[1], rtol=1e-9
-    )
-    choice.drop(choice.taken[2])
-    information = start + sum(pool[k].T @ pool[k] for k in choice.taken)
-    np.testing.assert_allclose(choice.covariance, np.linalg.inv(information), rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(
-        choice.seen, pool @ np.linalg.inv(information), rtol=1e-9, atol=1e-12
-    )
-    assert len(set(choice.taken)) == 4
-    one, other, sizes = np.arange(3, 5), np.arange(5, 6), (Size(np.eye(2)), Size(np.eye(1)))
-    worth = []
-    for rows in pool:
-        covariance = np.linalg.inv(information + rows.T @ rows)
-        both = [np.trace(np.linalg.inv(covariance[np.ix_(c, c)])) for c in (one, other)]
-        worth.append(min(both) + 1e-3 * max(both))
-    np.testing.assert_allclose(telling(one, other, sizes)(choice), worth, rtol=1e-9)
-
-
-def test_a_record_of_little_noise_that_is_dropped_leaves_what_the_others_tell(
-    rng: np.random.Generator,
-) -> None:
-    pool = 1e5 * rng.normal(size=(5, 3, 7))
-    choice = Choosing(pool, np.eye(7))
-    choice.run(3, informing)
-    choice.drop(choice.taken[0])
-    rows = pool[choice.taken].reshape(6, 7)
-    unseen = np.eye(7) - np.linalg.pinv(rows) @ rows
-    np.testing.assert_allclose(choice.covariance, unseen, atol=1e-4)
-
-
-def test_the_record_that_tells_one_pair_best(rng: np.random.Generator) -> None:
-    """Causes of one column and of two behind two nuisances, beside a third, by inverses of whole
-    matrices.
-    """
-    layout = Layout(np.arange(7), np.ones(7), 2, (), (slice(0, 1), slice(1, 3), slice(3, 5)))
-    known, rows, nothing = np.eye(2, 7), rng.normal(size=(20, 3, 7)), cast("Any", None)
-    situation, choice = (
-        Situation(nothing, nothing, layout, known, rows, 0),
-        Choosing(rows, np.eye(7)),
-    )
-    for k in (4, 9):
-        choice.take(k)
-    for pair in itertools.combinations(range(3), 2):
-        ends = 2 + np.cumsum([0, *(len(layout.columns(k)) for k in pair)])
-        columns, worth = np.r_[:2, layout.columns(pair[0]), layout.columns(pair[1])], []
-        for k in range(20):
-            part = np.vstack([known, *rows[[4, 9, k]]])[:, columns]
-            covariance = np.linalg.inv(part.T @ part + 1e-6 * np.diag(np.arange(len(columns)) > 1))
-            both = [
-                np.trace(np.linalg.inv(covariance[a:b, a:b])) for a, b in itertools.pairwise(ends)
-            ]
-            worth.append(-np.inf if k in (4, 9) else min(both) + 1e-3 * max(both))
-        assert _best_for(pair, situation, choice) == int(np.argmax(worth))
-
-
-def test_a_plan_tells_more_than_chance(sino6: Arm) -> None:
+def test_a_plan_tells_more_than_chance(sino6):
     split = (EncoderEccentricity(3), JointCompliance(3))
     plan = planned(sino6, split, 40, postures=1000, as_it_stands=True)
     by_chance = []
@@ -316,7 +249,7 @@ def mimicking(arm: Arm, q: np.ndarray, cause: Effect, other: Effect) -> Effect:
     return other.at(tuple(best[z.shape[1] :]))
 
 
-def test_the_planned_records_decide_where_as_many_random_ones_do_not(sino6: Arm) -> None:
+def test_the_planned_records_decide_where_as_many_random_ones_do_not(sino6):
     compliance = JointCompliance(3, values=(1e-5,))
     right: dict[str, list[bool]] = {"before": [], "planned": [], "random": []}
     stated = []
@@ -349,10 +282,8 @@ def test_the_planned_records_decide_where_as_many_random_ones_do_not(sino6: Arm)
     assert np.mean(stated, axis=0) == pytest.approx([shares["before"], shares["planned"]], abs=0.08)
 
 
-def test_odds_are_those_of_two_known_directions() -> None:
+def test_odds_are_those_of_two_known_directions():
     """``Φ(√T/2)``-like in the limit of two orthogonal causes: the formula for correlation zero."""
-    from scipy.stats import norm
-
     size = 3.0
     power = power_of(
         size * np.eye(2),
@@ -365,7 +296,7 @@ def test_odds_are_those_of_two_known_directions() -> None:
     assert power.probability == pytest.approx(norm.cdf(a) ** 2 + norm.cdf(-a) ** 2, abs=0.01)
 
 
-def test_causes_that_do_the_same_or_nothing(rng: np.random.Generator) -> None:
+def test_causes_that_do_the_same_or_nothing(rng):
     blocks, sizes = (slice(0, 1), slice(1, 2)), (Size(np.eye(1)),) * 2
     same = power_of(np.ones((3, 2)), blocks, sizes, rng)
     assert (same.probability, same.open, same.silent) == (0.5, (False, False), (False, False))
@@ -377,11 +308,9 @@ def test_causes_that_do_the_same_or_nothing(rng: np.random.Generator) -> None:
 # --- set-ups
 
 
-def test_postures_alone_are_asked_for_where_they_do(sino6: Arm) -> None:
+def test_postures_alone_are_asked_for_where_they_do(sino6):
     plan = planned(sino6, PAIR)
-    summary = json.loads(json.dumps(plan.summary(), allow_nan=False))
-    assert (summary["schema"], summary["split"]) == ("aacmm-pin/plan/1", list(PAIR))
-    assert summary["power"]["after"]["T"] == [plan.after.one, plan.after.other]
+    assert plan.summary()["power"]["after"]["T"] == [plan.after.one, plan.after.other]
     assert plan.set_up == ()
     assert not plan.changes_arm
     assert plan.decided
@@ -395,7 +324,7 @@ def test_postures_alone_are_asked_for_where_they_do(sino6: Arm) -> None:
     ]
 
 
-def test_what_looks_the_same_on_a_level_mount_needs_another(sino6: Arm) -> None:
+def test_what_looks_the_same_on_a_level_mount_needs_another(sino6):
     split = ("bearing_tilt:1", "base_compliance")
     plan = planned(sino6, split)
     as_it_stands, loaded, turned = plan.tried
@@ -415,8 +344,7 @@ def test_what_looks_the_same_on_a_level_mount_needs_another(sino6: Arm) -> None:
         assert (np.abs(one - other).max() < 1e-9 * np.abs(other).max()) == same
     assert abs(plan.model.arm.gravity @ sino6.gravity) < 1e-9
     assert np.linalg.norm(plan.model.arm.gravity) == pytest.approx(9.81)
-    assert sino6.file is not None
-    on_wall = Arm.from_file(sino6.file.model_copy(update={"gravity_m_s2": (0.0, -9.81, 0.0)}))
+    on_wall = changed("sino6", gravity_m_s2=(0.0, -9.81, 0.0))
     assert planned(on_wall, split).set_up == ()
     contained = planned(sino6, ("counterbalance:2", "encoder_eccentricity:2"))
     assert (
@@ -427,12 +355,9 @@ def test_what_looks_the_same_on_a_level_mount_needs_another(sino6: Arm) -> None:
     assert stays.after.same
     assert not stays.decided
     assert "do the same in every posture" in plan_advice(stays)
-    hardly = planned(sino6, (BearingTilt(1, values=(1e-7,)), BaseCompliance(values=(1e-7,))))
-    assert hardly.changes_arm
-    assert hardly.after.probability < 0.55
 
 
-def test_conditions_that_causes_depend_on_are_varied(sino6: Arm) -> None:
+def test_conditions_that_causes_depend_on_are_varied(sino6):
     plan = planned(sino6, ("joint_hysteresis:3", "encoder_eccentricity:3"))
     assert len(plan.set_up) == 1
     assert "joint 3" in plan.setup
@@ -440,12 +365,6 @@ def test_conditions_that_causes_depend_on_are_varied(sino6: Arm) -> None:
     assert set(plan.records["approach2"]) == {1}
     assert not plan.changes_arm
     assert len(plan.tried) == 2
-    q, tips = Room(sino6).postures(20, np.random.default_rng(1))
-    old = Measurements.of(q, tips, source="old.csv")
-    without = planned(sino6, ("joint_hysteresis:3", "encoder_gain:3"), existing=old)
-    assert without.existing == 0
-    (told,) = data_of(without.notes, "records_not_counted")
-    assert told == {"source": "old.csv", "needs": ["approach (joint_hysteresis:3)"]}
     plan = planned(sino6, ("thermal_expansion", "encoder_gain:2"))
     assert set(plan.records["temperature_c"]) == {20.0, 24.0}
     assert plan.records["temperature_c"].is_monotonic_increasing
@@ -454,13 +373,9 @@ def test_conditions_that_causes_depend_on_are_varied(sino6: Arm) -> None:
     assert "over 90 minutes" in plan.setup
     assert (np.diff(plan.records["time_s"]) >= 30.0).all()
     assert plan.records["time_s"].max() <= 5400.0 + 30.0 * len(plan.records)
-    both: tuple[Effect, ...] = (JointHysteresis(3), ThermalExpansion())
-    found = list(possible_conditions(ErrorModel(sino6), both, 20.0))
-    assert [len(s.words) for s in found] == [0, 1, 1, 2]  # in the order of effort
-    assert not any(s.changes_arm for s in found)
 
 
-def test_a_load_hangs_where_it_is_said_to(sino6: Arm) -> None:
+def test_a_load_hangs_where_it_is_said_to(sino6):
     causes: tuple[Effect, ...] = (JointCompliance(2), EncoderGain(2))
     (loaded,) = [
         s for s in possible_conditions(ErrorModel(sino6), causes, 20.0) if "hang" in str(s)
@@ -478,7 +393,7 @@ def test_a_load_hangs_where_it_is_said_to(sino6: Arm) -> None:
         )
 
 
-def test_more_records_are_less_effort_than_another_mount(sino6: Arm) -> None:
+def test_more_records_are_less_effort_than_another_mount(sino6):
     free = simulate_measurements(sino6, "free", 200, rng=np.random.default_rng(1))
     split = (JointCompliance(2, values=(2e-6,)), EncoderEccentricity(2))
     few = planned(sino6, split, 20, existing=free)
@@ -487,21 +402,13 @@ def test_more_records_are_less_effort_than_another_mount(sino6: Arm) -> None:
     assert few.enough is not None
     (alike,) = data_of(few.notes, "planned_as_large_as")
     assert (alike["cause"], alike["other"]) == ("encoder_eccentricity:2", "joint_compliance:2")
-    unstated = planned(sino6, ("joint_compliance:2", "encoder_eccentricity:2"), 20, existing=free)
-    assert "20 µrad/(N·m)" in [
-        told["size"] for told in data_of(unstated.notes, "planned_at_typical_magnitude")
-    ]
-    assert (
-        f"about {few.enough} new records beside the {free.n} existing ones would decide"
-        in plan_advice(few)
-    )
     assert planned(sino6, split, few.enough, existing=free).after.probability > 0.93
 
 
 # --- what is given
 
 
-def test_an_arm_that_has_the_cause_says_how_large_it_is(sino6: Arm) -> None:
+def test_an_arm_that_has_the_cause_says_how_large_it_is(sino6):
     known = JointCompliance(2, values=(4e-5,), u=(1e-6,))
     extended = ErrorModel(sino6, (known, EncoderGain(5, values=(1e-4,))))
     assert cause_of("joint_compliance:2", extended) == known
@@ -513,7 +420,7 @@ def test_an_arm_that_has_the_cause_says_how_large_it_is(sino6: Arm) -> None:
     assert [e.label for e in plan.model.effects] == ["joint_compliance:2", "encoder_gain:5"]
 
 
-def test_a_cause_without_a_size_is_as_large_as_it_looks_in_the_records(sino6: Arm) -> None:
+def test_a_cause_without_a_size_is_as_large_as_it_looks_in_the_records(sino6):
     existing = simulate_measurements(sino6, "free", 30, rng=np.random.default_rng(3))
     found = JointCompliance(2, values=(1e-6,))
     plan = planned(sino6, (found, "encoder_eccentricity:2"), existing=existing)
@@ -522,7 +429,7 @@ def test_a_cause_without_a_size_is_as_large_as_it_looks_in_the_records(sino6: Ar
     assert plan.before.alone[1] < 1.01 * plan.before.alone[0]
 
 
-def test_a_stated_size_that_is_the_typical_one_is_stated_all_the_same(sino6: Arm) -> None:
+def test_a_stated_size_that_is_the_typical_one_is_stated_all_the_same(sino6):
     q, _ = Room(sino6).postures(20, np.random.default_rng(5))
     existing = Measurements.of(q, sino6.positions(q), np.full((20, 3), U_REFERENCE))
     typical = JointCompliance(3).terms[0].typical
@@ -535,7 +442,7 @@ def test_a_stated_size_that_is_the_typical_one_is_stated_all_the_same(sino6: Arm
     assert found[0] == pytest.approx(found[1], rel=1e-3)
 
 
-def test_postures_are_inside_the_limits_readable_and_those_of_the_seed(sino6: Arm) -> None:
+def test_postures_are_inside_the_limits_readable_and_those_of_the_seed(sino6):
     plan, same, other = (planned(sino6, PAIR, seed=s) for s in (1, 1, 2))
     q = plan.records.filter(like="theta").to_numpy()
     bounds = joint_bounds(sino6) / DEG
@@ -552,28 +459,12 @@ def test_postures_are_inside_the_limits_readable_and_those_of_the_seed(sino6: Ar
 # --- all causes
 
 
-def test_a_plan_for_everything(sino6: Arm, zero6: Arm) -> None:
+def test_a_plan_for_everything(sino6, zero6):
     plan = planned(sino6, None, 30, postures=400)
     assert plan.pairs is not None
     assert not plan.asked
     table = plan.pairs.set_index(["cause", "other"])
     assert table.loc[("bearing_tilt:1", "base_compliance"), "why_not"] == "the same"
-    pair = [
-        told
-        for told in data_of(plan.notes, "pair_told_otherwise")
-        if told["one"] == "bearing_tilt:1"
-    ]
-    assert [
-        told["set_up"].startswith("turn the mount")
-        for told in pair
-        if told["other"] == "base_compliance"
-    ] == [True]
-    (silent,) = (
-        told
-        for told in data_of(plan.notes, "cause_shows_otherwise")
-        if told["cause"] == "joint_compliance:1"
-    )
-    assert silent["set_up"].startswith("turn the mount")
     told = table.loc[("encoder_eccentricity:2", "joint_compliance:2")]
     split = (EncoderEccentricity(2), JointCompliance(2))
     assert told["T"] == pytest.approx(min(brute(plan, sino6, split)), rel=EXACT)
@@ -599,9 +490,6 @@ def test_a_plan_for_everything(sino6: Arm, zero6: Arm) -> None:
         random = replace(plan, measurements=Measurements.of(q, conditions=conditions))
         by_chance.append(min(min(brute(random, sino6, pair)) for pair in hardest))
     assert worst["T"] > 1.5 * np.median(by_chance)
-    fewer = planned(sino6, None, 4, postures=400).pairs
-    assert fewer is not None
-    assert (fewer["why_not"] == "too small").sum() > (plan.pairs["why_not"] == "too small").sum()
     without_masses = planned(zero6, None, 20)
     assert without_masses.pairs is not None
     assert not without_masses.pairs["cause"].str.contains("compliance").any()
@@ -610,31 +498,17 @@ def test_a_plan_for_everything(sino6: Arm, zero6: Arm) -> None:
 # --- what cannot be
 
 
-def test_what_cannot_be_is_refused(sino6: Arm, zero6: Arm) -> None:
+def test_what_cannot_be_is_refused(sino6, zero6):
     for one, other, said in (
         ("foo:1", "base_compliance", "unknown cause 'foo'"),
-        ("encoder_gain", "base_compliance", "missing joint"),
-        ("encoder_gain:9", "base_compliance", "SINO6 has rows 1 to 6"),
-        ("encoder_gain:0", "base_compliance", "expected the number of a row, from 1"),
-        ("encoder_gain:x", "base_compliance", "joint is 'x'"),
-        (
-            "encoder_gain:3,order=4",
-            "base_compliance",
-            "unknown name for encoder_gain 'order'; known: joint, gain",
-        ),
-        ("encoder_gain:3,gain=much", "base_compliance", "gain is 'much', expected a number"),
         ("encoder_slip:3", "base_compliance", "time_s"),
         ("base_compliance", "base_compliance", "is there twice"),
         ("link_length:3", "base_compliance", "is refitted in every diagnosis"),
         ("seat_error:S1", "base_compliance", "shows at that seat only"),
-        ("base_compliance:3", "encoder_gain:2", "base_compliance"),
     ):
         with pytest.raises(AacmmError, match=said):
             planned(sino6, (one, other))
-    assert sino6.file is not None
-    rows = list(sino6.file.joints)
-    rows[3] = rows[3].model_copy(update={"fixed": True, "limits_rad": None})
-    rigid = Arm.from_file(sino6.file.model_copy(update={"joints": rows}))
+    rigid = changed("sino6", {4: RIGID})
     warm = ErrorModel(sino6, (ThermalExpansion(values=(2e-5,)),))
     q, tips = Room(sino6).postures(5, np.random.default_rng(1))
     cases: list[tuple[type[AacmmError], str, Any, Any, dict[str, Any]]] = [
@@ -672,7 +546,7 @@ def test_what_cannot_be_is_refused(sino6: Arm, zero6: Arm) -> None:
 # --- the sentence of a diagnosis
 
 
-def test_advice(sino6: Arm) -> None:
+def test_advice(sino6):
     split = (JointCompliance(2, values=(2e-6,)), EncoderEccentricity(2))
     free = simulate_measurements(sino6, "free", 60, rng=np.random.default_rng(1))
     text = advice(sino6, split, free, **NOISE)
@@ -680,17 +554,9 @@ def test_advice(sino6: Arm) -> None:
     noise = "--reference-noise-mm 0.012 --encoder-noise-rad 8e-06"
     assert f"aacmm-pin plan sino6 --split {labels} --records 40 {noise} -o plan.csv" in text
     assert cause_of(labels.split()[0], ErrorModel(sino6)) == split[0]
-    at_seats = simulate_measurements(sino6, "seats", 60, rng=np.random.default_rng(1))
-    assert "--reference seats" in advice(sino6, split, at_seats, reference_frame="base", **NOISE)
-    assert "--set-up-arm set_up.toml" in advice(
-        sino6, ("bearing_tilt:1", "base_compliance"), free, **NOISE
-    )
-    assert "shows at that seat only" in advice(
-        sino6, ("seat_error:S1", "encoder_gain:2"), free, **NOISE
-    )
 
 
-def test_measured_torques_are_expected_to_hold_the_weight(sino6: Arm) -> None:
+def test_measured_torques_are_expected_to_hold_the_weight(sino6):
     q, tips = Room(sino6).postures(20, np.random.default_rng(1))
     existing = Measurements.of(q, tips, conditions=Conditions(20, torque=np.ones((20, 6))))
     plan = planned(sino6, PAIR, existing=existing)
@@ -705,7 +571,7 @@ def test_measured_torques_are_expected_to_hold_the_weight(sino6: Arm) -> None:
     assert data_of(plan.notes, "record_torques")
 
 
-def test_more_that_is_unknown_leaves_less_to_tell(sino6: Arm) -> None:
+def test_more_that_is_unknown_leaves_less_to_tell(sino6):
     fixed: dict[str, Any] = {
         "as_it_stands": True,
         "postures": 20,
@@ -722,9 +588,7 @@ def test_more_that_is_unknown_leaves_less_to_tell(sino6: Arm) -> None:
         assert less.after.other < 0.999 * more.after.other
 
 
-def test_plans_carry_the_columns_of_existing_records_and_say_when_none_are_needed(
-    sino6: Arm,
-) -> None:
+def test_plans_carry_the_columns_of_existing_records_and_say_when_none_are_needed(sino6):
     q, tips = Room(sino6).postures(150, np.random.default_rng(1))
     existing = Measurements.of(q, tips, np.full((150, 3), U_REFERENCE), operator=["x"] * 150)
     split = (JointCompliance(2, values=(4e-5,)), EncoderEccentricity(2, values=(4e-4, 0.0)))

@@ -8,8 +8,11 @@ from typing import Literal
 
 import numpy as np
 import pandas as pd
+import pytest
 
 from aacmm_pin._support.text_escaping import csv_text
+
+pytestmark = pytest.mark.fast
 
 COLUMNS = {
     "whole": [1, 2, 3],
@@ -27,7 +30,7 @@ def _by_pandas(frame: pd.DataFrame, quoting: Literal[0, 2]) -> str:
     return text.replace("True", f"{quote}true{quote}").replace("False", f"{quote}false{quote}")
 
 
-def test_a_table_is_written_as_pandas_writes_it() -> None:
+def test_a_table_is_written_as_pandas_writes_it():
     """But for true and false, which are as they are in JSON."""
     frame = pd.DataFrame(COLUMNS)
     frame["count"] = pd.array([1, None, 3], dtype="Int64")

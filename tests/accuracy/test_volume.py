@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import tracemalloc
 from collections.abc import Callable
-from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -16,17 +15,15 @@ from scipy.stats import chi2
 from aacmm_pin._support.batches import ROWS_PER_BATCH
 from aacmm_pin._support.checks import Array
 from aacmm_pin.accuracy.volume import COVERAGE_FACTOR, COVERED, METHODS, accuracy_volume
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.file import load_arm_file
-from aacmm_pin.effects import ThermalExpansion
+from aacmm_pin.arm import Arm
+from aacmm_pin.effects import ErrorModel, ThermalExpansion
 from aacmm_pin.effects.conditions import Conditions
-from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError
 from aacmm_pin.postures.configurations import configuration_circle
-from aacmm_pin.report.accuracy import what_k_covers
 from tests import arm_files
+from tests.arm_files import changed
+from tests.oracle import derivative, zonotope_volume
 
-H = 1e-6
 SEATS_MM = [
     (33.6323, -671.8702, 182.9355),
     (10.1341, -730.7728, 389.9761),
@@ -77,37 +74,30 @@ def widths(arm: Arm) -> Array:
     return np.array([p.half_width for p in arm.parameters])
 
 
-def numerical_sensitivity(arm: Arm, q: Array) -> Array:
+def numeric_sensitivity(arm: Arm, q: Array) -> Array:
     """By central differences of the exact positions: (3, parameters)."""
-    steps = H * np.eye(len(arm.parameters))
-    return ((arm.perturbed_positions(q, steps) - arm.perturbed_positions(q, -steps)) / (2 * H)).T
+    zero = np.zeros(len(arm.parameters))
+    return derivative(lambda errors: arm.perturbed_positions(q, errors[None])[0], zero)
 
 
 # --- volumes
 
 
-def test_zonotope_and_jointwise_are_sums_of_determinants(arm: Arm) -> None:
+def test_zonotope_and_jointwise_are_sums_of_determinants(arm):
     q = some(arm, 2)
     full, by_joint = (
         accuracy_volume(arm, q, method=method) for method in ("zonotope", "jointwise")
     )
     joints = np.array([p.joint for p in arm.parameters])
     for k in range(2):
-        g = numerical_sensitivity(arm, q[k : k + 1]) * widths(arm)
-
-        def total(columns: Array) -> float:
-            return 8 * sum(
-                abs(np.linalg.det(columns[:, list(c)]))
-                for c in combinations(range(columns.shape[1]), 3)
-            )
-
-        assert full.volume[k] == pytest.approx(total(g), rel=1e-6, abs=0.0)
-        of_joints = sum(total(g[:, joints == j]) for j in np.unique(joints))
+        g = numeric_sensitivity(arm, q[k : k + 1]) * widths(arm)
+        assert full.volume[k] == pytest.approx(zonotope_volume(g), rel=1e-6, abs=0.0)
+        of_joints = sum(zonotope_volume(g[:, joints == j]) for j in np.unique(joints))
         assert by_joint.volume[k] == pytest.approx(of_joints, rel=1e-6, abs=0.0)
         assert by_joint.volume[k] < 0.2 * full.volume[k]
 
 
-def test_ellipsoid_is_that_of_the_covariance(arm: Arm) -> None:
+def test_ellipsoid_is_that_of_the_covariance(arm):
     result = accuracy_volume(arm, some(arm, 4), method="ellipsoid")
     axes = COVERAGE_FACTOR * np.sqrt(np.linalg.eigvalsh(result.covariance))
     np.testing.assert_allclose(result.volume, 4 / 3 * np.pi * axes.prod(axis=1), rtol=1e-9)
@@ -115,7 +105,7 @@ def test_ellipsoid_is_that_of_the_covariance(arm: Arm) -> None:
     assert chi2.cdf(COVERAGE_FACTOR**2, 3) == pytest.approx(0.95, rel=1e-12)
 
 
-def test_ellipsoid_holds_95_percent_of_normal_errors(zero6: Arm, rng: np.random.Generator) -> None:
+def test_ellipsoid_holds_95_percent_of_normal_errors(zero6, rng):
     """Encoder noise alone, without uncertain parameters: of 40 000 real readings 95 % ± 0.4 % lie
     in the ellipsoid.
     """
@@ -126,22 +116,16 @@ def test_ellipsoid_holds_95_percent_of_normal_errors(zero6: Arm, rng: np.random.
     assert (distance < COVERAGE_FACTOR**2).mean() == pytest.approx(0.95, abs=0.005)
 
 
-def test_u_of_a_position_covers_what_is_said(arm: Arm, rng: np.random.Generator) -> None:
+def test_u_of_a_position_covers_what_is_said(rng):
     """And a part in between where the errors are neither along one direction nor isotropic."""
     assert [chi2.cdf(4, 1), chi2.cdf(12, 3)] == pytest.approx(COVERED, abs=5e-4)
-    assert all(f"{100 * part:.1f} %" in what_k_covers() for part in COVERED)
     for variances in rng.dirichlet((0.5, 0.5, 0.5), 20):
         inside = (rng.normal(size=(100_000, 3)) ** 2 @ variances < 4).mean()
         assert COVERED[0] - 3e-3 < inside < COVERED[1] + 1e-3
-    result = accuracy_volume(arm, some(arm, 4))
-    assert f"U (k = 2) = {2e3 * result.u.min():.4f} to {2e3 * result.u.max():.4f} mm" in str(result)
-    assert "±" not in str(result)
 
 
 @pytest.mark.parametrize(("name", "draws", "n"), [("sino6", 3000, 2), ("ur5", 600, 1)])
-def test_monte_carlo_hull_nears_the_zonotope_from_inside(
-    name: str, draws: int, n: int, request: pytest.FixtureRequest, rng: np.random.Generator
-) -> None:
+def test_monte_carlo_hull_nears_the_zonotope_from_inside(name, draws, n, request, rng):
     arm: Arm = request.getfixturevalue(name)
     q = some(arm, n)
     exact = accuracy_volume(arm, q)
@@ -166,9 +150,7 @@ def test_monte_carlo_hull_nears_the_zonotope_from_inside(
 
 
 @pytest.mark.parametrize(("name", "draws"), [("sino6", 30_000), ("ur5", 2_000)])
-def test_covariance_is_that_of_the_real_model(
-    name: str, draws: int, request: pytest.FixtureRequest, rng: np.random.Generator
-) -> None:
+def test_covariance_is_that_of_the_real_model(name, draws, request, rng):
     """Rectangular draws of every parameter and normal ones of the readings, moved through the exact
     model.
     """
@@ -180,14 +162,14 @@ def test_covariance_is_that_of_the_real_model(
     moved = arm.perturbed_positions(q + noise * rng.normal(size=(draws, 6)), errors)
     scale = np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))
     np.testing.assert_allclose(np.cov(moved.T) / scale, covariance / scale, atol=7 / np.sqrt(draws))
-    s = numerical_sensitivity(arm, q) * widths(arm) / np.sqrt(3)
+    s = numeric_sensitivity(arm, q) * widths(arm) / np.sqrt(3)
     jacobian = arm.poses(q).jacobian[0, :3] * noise
     np.testing.assert_allclose(
         (s @ s.T + jacobian @ jacobian.T) / scale, covariance / scale, atol=1e-6
     )
 
 
-def test_published_ranges_at_the_six_seats(nominal: Arm, sino6: Arm) -> None:
+def test_published_ranges_at_the_six_seats(nominal, sino6):
     """The largest values agree to the printed digits, the least of the zonotope too. The joint-wise
     volume has a narrow dip near θ3 = ±84°, the ellipsoid a shallow one; the analysis saw θ3 about
     every 30° and its least values lie above these, by 7 to 13 % and 2 %.
@@ -210,18 +192,7 @@ def test_published_ranges_at_the_six_seats(nominal: Arm, sino6: Arm) -> None:
             assert volume.max() == pytest.approx(ellipsoid[1], rel=slack, abs=0.06)
 
 
-def test_rows_1_4_and_5_of_the_nominal_arm_have_no_volume_of_their_own(nominal: Arm) -> None:
-    q = some(nominal, 5)
-    result = accuracy_volume(nominal, q, at="frame5", method="jointwise")
-    generators = result.sources.generators(result.sources.sensitivity(q))
-    joints = np.array([result.sources.parameters[i].joint for i in result.sources.bounded])
-    for joint in (1, 4, 5):
-        scale = np.linalg.norm(generators[:, :, joints == joint], axis=(1, 2))
-        flat = np.linalg.svd(generators[:, :, joints == joint], compute_uv=False)[:, 2:]
-        assert (flat < 1e-12 * scale[:, None]).all()
-
-
-def test_largest_deviation_bounds_the_real_model(sino6: Arm, rng: np.random.Generator) -> None:
+def test_largest_deviation_bounds_the_real_model(sino6, rng):
     for q in some(sino6, 2)[:, None]:
         largest = accuracy_volume(sino6, q).largest_deviation[0]
         towards = rng.normal(size=(4000, 3)) @ (sino6.sensitivity(q)[0] * widths(sino6))
@@ -237,30 +208,10 @@ def test_largest_deviation_bounds_the_real_model(sino6: Arm, rng: np.random.Gene
 # --- sources
 
 
-def test_encoder_noise_enters_covariance_and_ellipsoid_only(sino6: Arm) -> None:
-    q = some(sino6, 3)
-    without, with_noise = accuracy_volume(sino6, q), accuracy_volume(sino6, q, encoder_noise=5e-5)
-    np.testing.assert_allclose(with_noise.volume, without.volume, rtol=1e-12)
-    jacobian = sino6.poses(q).jacobian[:, :3]
-    extra = 25e-10 * jacobian @ jacobian.transpose(0, 2, 1)
-    np.testing.assert_allclose(
-        with_noise.covariance, without.covariance + extra, rtol=1e-9, atol=1e-18
-    )
-    ellipsoids = [
-        accuracy_volume(sino6, q, method="ellipsoid", encoder_noise=u).volume for u in (0.0, 5e-5)
-    ]
-    assert (ellipsoids[1] > ellipsoids[0]).all()
-    assert set(with_noise.budget("kind")["kind"]) == {"a", "d", "alpha", "theta_offset", "encoder"}
-
-
-def test_stated_encoder_noise_is_taken_from_the_file(sino6: Arm) -> None:
-    file = load_arm_file("sino6")
-    rows = [
-        row.model_copy(update={"encoder_noise_rad": 1e-5 * n})
-        for n, row in enumerate(file.joints, start=1)
-    ]
-    arm, q = Arm.from_file(file.model_copy(update={"joints": rows})), some(sino6, 2)
-    for mine, given in ((None, 1e-5 * np.arange(1, 7)), (0.0, None)):
+def test_stated_encoder_noise_is_taken_from_the_file(sino6):
+    noise, q = 1e-5 * np.arange(1, 7), some(sino6, 2)
+    arm = changed("sino6", {k + 1: {"encoder_noise_rad": u} for k, u in enumerate(noise)})
+    for mine, given in ((None, noise), (0.0, None)):
         found, expected = (
             accuracy_volume(arm, q, encoder_noise=mine),
             accuracy_volume(sino6, q, encoder_noise=given),
@@ -268,23 +219,10 @@ def test_stated_encoder_noise_is_taken_from_the_file(sino6: Arm) -> None:
         np.testing.assert_allclose(found.covariance, expected.covariance, rtol=1e-12)
 
 
-def test_frames_before_the_tip(sino6: Arm) -> None:
-    q = some(sino6, 2)
-    result = accuracy_volume(sino6, q, at="frame5")
-    joints = [p.joint for p in result.sources.parameters]
-    pulled = np.linalg.norm(result.sources.sensitivity(q), axis=1).max(axis=0)
-    assert (pulled[np.array(joints) == 6] == 0.0).all()
-    moved = (
-        sino6.perturbed_positions(q[:1], widths(sino6)[None], "frame5")
-        - sino6.poses(q[:1], "frame5").position
-    )
-    assert np.linalg.norm(moved) < result.largest_deviation[0]
-
-
 # --- budget
 
 
-def test_budget_names_each_source_once(sino6: Arm) -> None:
+def test_budget_names_each_source_once(sino6):
     table = accuracy_volume(sino6, some(sino6, 4), encoder_noise=1e-5).budget()
     assert table["parameter"].is_unique
     uncertain = {p.name for p in sino6.parameters if p.half_width}
@@ -299,9 +237,7 @@ def test_budget_names_each_source_once(sino6: Arm) -> None:
 # --- what cannot be asked
 
 
-def test_nothing_uncertain_is_an_error_not_perfection(
-    zero6: Arm, robot_file: Callable[[str], Path]
-) -> None:
+def test_nothing_uncertain_is_an_error_not_perfection(zero6, robot_file):
     bare = Arm.from_urdf(robot_file("ur5_robot.urdf"), "ee_link")
     for arm in (zero6, bare):
         with pytest.raises(AacmmError, match="uncertainty"):
@@ -315,17 +251,13 @@ def test_nothing_uncertain_is_an_error_not_perfection(
             accuracy_volume(arm, np.zeros((1, 6)), encoder_noise=1e-5)
 
 
-def test_what_cannot_be_asked(sino6: Arm) -> None:
+def test_what_cannot_be_asked(sino6):
     few = {"method": "monte-carlo", "rng": np.random.default_rng(1), "draws": 99}
     asked: list[tuple[dict[str, object], type[Exception], str]] = [
         ({"q": np.zeros(6)}, ShapeError, r"q\[None, :\]"),
-        ({"q": np.zeros((2, 5))}, ShapeError, r"\(2, 5\)"),
-        ({"q": np.full((1, 6), np.nan)}, ShapeError, "finite"),
         ({"at": "elbow"}, UnknownNameError, "frame5"),
-        ({"encoder_noise": -1e-5}, AacmmError, "-1e-05 rad, expected 0 to 0.005"),
         ({"encoder_noise": 1.65}, AacmmError, "1.65 rad, expected 0 to 0.005"),
         ({"encoder_noise": [1e-5] * 5}, ShapeError, "encoder_noise"),
-        ({"encoder_noise": np.nan}, ShapeError, "finite"),
         ({"method": "box"}, UnknownNameError, ", ".join(METHODS)),
         ({"method": "monte-carlo"}, AacmmError, "rng"),
         (few, AacmmError, "at least 100"),
@@ -341,7 +273,7 @@ def test_what_cannot_be_asked(sino6: Arm) -> None:
 # --- size
 
 
-def test_memory_grows_only_with_the_result(sino6: Arm, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_memory_grows_only_with_the_result(sino6, monkeypatch):
     """Beyond q, volume and covariance, 30 000 configurations need no more than 5 000."""
     monkeypatch.setenv(
         "AACMM_PIN_COMPILED", "never"
@@ -358,17 +290,7 @@ def test_memory_grows_only_with_the_result(sino6: Arm, monkeypatch: pytest.Monke
     assert beyond[1] < 60e6
 
 
-def test_parts_of_a_batch_give_what_the_batch_gives(sino6: Arm) -> None:
-    q = some(sino6, 2100)
-    for method in ("zonotope", "jointwise", "ellipsoid"):
-        whole, part = (accuracy_volume(sino6, x, method=method) for x in (q, q[2040:2056]))
-        np.testing.assert_allclose(whole.volume[2040:2056], part.volume, rtol=1e-12)
-        np.testing.assert_allclose(
-            whole.covariance[2040:2056], part.covariance, rtol=1e-12, atol=1e-25
-        )
-
-
-def test_parts_of_a_batch_have_their_own_conditions(sino6: Arm) -> None:
+def test_parts_of_a_batch_have_their_own_conditions(sino6):
     """Warmth that grows along the batch: what each posture has by itself, in covariance, budget and
     largest deviation.
     """
@@ -384,21 +306,4 @@ def test_parts_of_a_batch_have_their_own_conditions(sino6: Arm) -> None:
     assert (part.u > 1.05 * first.u).any()
     assert np.square(whole.budget()["u_mm"]).sum() == pytest.approx(
         1e6 * np.square(whole.u).mean(), rel=1e-12
-    )
-
-
-def test_shows_itself(sino6: Arm) -> None:
-    result = accuracy_volume(sino6, some(sino6, 5))
-    assert "SINO6 at tip, zonotope, 5 configurations" in str(result)
-    assert "<table" in result._repr_html_()
-    table = result.to_frame()
-    angles = [f"theta{j}_deg" for j in range(1, 7)]
-    assert list(table.columns) == [*angles, "volume_mm3", "u_mm", "largest_deviation_mm"]
-    np.testing.assert_allclose(table[angles], np.degrees(result.q), rtol=1e-12)
-    np.testing.assert_allclose(
-        table["largest_deviation_mm"], 1e3 * result.largest_deviation, rtol=1e-12
-    )
-    np.testing.assert_allclose(table["volume_mm3"], result.volume * 1e9, rtol=1e-12)
-    np.testing.assert_allclose(
-        table["u_mm"], 1e3 * np.sqrt(np.einsum("nii->n", result.covariance)), rtol=1e-12
     )

@@ -15,32 +15,28 @@ from scipy.optimize import least_squares
 from scipy.stats import chi2
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm import Arm
 from aacmm_pin.arm.random_postures import MARGIN
 from aacmm_pin.effects import (
-    EncoderEccentricity,
-    EncoderGain,
-    JointCompliance,
+    ErrorModel,
     JointHysteresis,
     ReferenceFrame,
     SeatError,
     StylusOffset,
-    ThermalExpansion,
-    ZeroDrift,
 )
-from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import (
     AacmmError,
     MissingConditionError,
     ShapeError,
     UnknownNameError,
-    UnsupportedArmError,
 )
 from aacmm_pin.measurements import schedule as workshop
-from aacmm_pin.measurements.measuring_points import Pool
 from aacmm_pin.measurements.noise import Noise
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.measurements.simulate import simulate_measurements
+from tests.arm_files import changed
+
+pytestmark = pytest.mark.fast
 
 PLANS: list[dict[str, Any]] = [
     {"plan": "free"},
@@ -100,9 +96,7 @@ def directions(q: Array) -> Array:
 
 
 @pytest.mark.parametrize("options", PLANS, ids=lambda o: "-".join(map(str, o.values())))
-def test_tips_are_where_the_plan_says_and_postures_differ(
-    arm: Arm, options: dict[str, Any]
-) -> None:
+def test_tips_are_where_the_plan_says_and_postures_differ(arm, options):
     """At the references, or of each unknown seat at one point; inside the limits, and away from
     where the arm is stuck.
     """
@@ -136,66 +130,7 @@ def test_tips_are_where_the_plan_says_and_postures_differ(
         np.testing.assert_allclose(np.linalg.norm(a[:, None] - b, axis=2), 0.4, atol=1e-9, rtol=0)
 
 
-def warped_tips(arm: Arm, measurements: Measurements) -> Array:
-    """Tips of an arm with five errors, written out by hand: only the DH table is shared with the
-    package.
-    """
-    known, q = measurements.conditions, measurements.q.copy()
-    assert known.time is not None
-    assert known.temperature is not None
-    assert known.approach is not None
-    assert arm.dh is not None
-    q[:, 2] += np.arcsin(2e-4 * np.cos(measurements.q[:, 2] - 0.7))
-    q[:, 3] += 1e-4 * known.approach[:, 3]
-    q[:, 0] += 3e-4 * (1 - np.exp(-known.time / 3600.0))
-    q[:, 4] += 1e-4 * measurements.q[:, 4]
-    growth = np.zeros((len(q), arm.dh.rows, 4))
-    growth[:, :, 0] = 2.4e-5 * (known.temperature - 20.0)[:, None] * arm.dh.a
-    growth[:, :, 1] = 2.4e-5 * (known.temperature - 20.0)[:, None] * arm.dh.d
-    return arm.dh.chain.positions(q, growth.reshape(len(q), -1))
-
-
-@pytest.fixture(scope="module")
-def warped(sino6: Arm) -> ErrorModel:
-    return ErrorModel(sino6).with_effects(
-        EncoderEccentricity(joint=3, values=(2e-4 * np.cos(0.7), 2e-4 * np.sin(0.7))),
-        JointHysteresis(joint=4, values=(1e-4,)),
-        ZeroDrift(joint=1, time_constant_s=3600.0, values=(3e-4,)),
-        EncoderGain(joint=5, values=(1e-4,)),
-        ThermalExpansion(values=(2.4e-5,)),
-    )
-
-
-@pytest.mark.parametrize("plan", ["free", "seats"])
-def test_the_errors_are_exact(sino6: Arm, warped: ErrorModel, plan: str) -> None:
-    measurements = simulated(warped, plan=plan, **quiet())
-    np.testing.assert_allclose(
-        warped_tips(sino6, measurements), measurements.reference, atol=1e-9, rtol=0
-    )
-    off = np.linalg.norm(sino6.dh.chain.positions(measurements.q) - measurements.reference, axis=1)  # type: ignore[union-attr]
-    assert np.median(off) > 1e-4  # or the test above would pass without errors
-
-
-def test_weight_bends_the_arm(sino6: Arm) -> None:
-    """Compliance by Pinocchio's gravity torque, iterated here."""
-    measurements = simulated(
-        ErrorModel(sino6).with_effects(JointCompliance(joint=2, values=(2e-5,))),
-        plan="seats",
-        **quiet(),
-        seats=3,
-    )
-    q, data = measurements.q.copy(), sino6.model.createData()
-    for k, row in enumerate(measurements.q):
-        for _ in range(5):
-            torque = -pin.computeGeneralizedGravity(sino6.model, data, q[k])[1]
-            q[k, 1] = row[1] + 2e-5 * torque
-    np.testing.assert_allclose(
-        sino6.dh.chain.positions(q), measurements.reference, atol=1e-9, rtol=0
-    )  # type: ignore[union-attr]
-
-
-def test_errors_of_references_act_where_these_are_stated(sino6: Arm) -> None:
-    assert sino6.dh is not None
+def test_errors_of_references_act_where_these_are_stated(sino6):
     shift = np.array([1e-4, -2e-4, 3e-4])
     model = ErrorModel(sino6).with_effects(SeatError(seat="S3", values=tuple(shift)))
     measurements = simulated(model, plan="seats", **quiet())
@@ -218,24 +153,14 @@ def test_errors_of_references_act_where_these_are_stated(sino6: Arm) -> None:
 # --- the postures
 
 
-def test_a_stretched_arm_touches_nothing(tmp_path: Path) -> None:
-    arm = Arm.from_urdf(
-        written(tmp_path, ("revolute", "0 0 1", -3.0, 3.0), ("revolute", "0 0 1", -3.0, 3.0)), "tip"
-    )
-    pool = Pool.draw(ErrorModel(arm), None, 2, np.random.default_rng(1))
-    points = np.array([[0.4, 0.0, 0.0], [0.6 - 1e-6, 0.0, 0.0]])
-    assert [len(q) for q in pool.touched(points, 2)] == [2, 0]
-
-
-def test_postures_go_all_round_the_point(sino6: Arm) -> None:
+def test_postures_go_all_round_the_point(sino6):
     """Whatever posture another solver finds at the point, one like it is there: 300 in three
     dimensions of freedom.
     """
-    assert sino6.dh is not None
     q = simulated(sino6, plan="single-point", **quiet()).q
     point, lower, upper = sino6.dh.chain.positions(q)[0], sino6.limits[:, 0], sino6.limits[:, 1]
     rng, found = np.random.default_rng(5), 0
-    for _ in range(120):
+    for _ in range(40):
         solution = least_squares(
             lambda x: sino6.dh.chain.positions(x[None])[0] - point,
             rng.uniform(lower, upper),
@@ -245,10 +170,10 @@ def test_postures_go_all_round_the_point(sino6: Arm) -> None:
         if solution.cost < 1e-18:
             found += 1
             assert np.linalg.norm(directions(q) - directions(solution.x[None]), axis=1).min() < 1.0
-    assert found >= 5
+    assert found >= 2
 
 
-def test_seats_are_apart_and_clear_of_the_stand_and_the_table(sino6: Arm) -> None:
+def test_seats_are_apart_and_clear_of_the_stand_and_the_table(sino6):
     measurements = simulated(sino6, plan="seats", **quiet(), seats=20, above=0.1)
     points = np.array([measurements.reference[rows[0]] for rows in measurements.seats().values()])
     apart = np.linalg.norm(points[:, None] - points, axis=2)[~np.eye(20, dtype=bool)]
@@ -256,17 +181,12 @@ def test_seats_are_apart_and_clear_of_the_stand_and_the_table(sino6: Arm) -> Non
     assert apart.max() > 0.7
     assert np.hypot(points[:, 0], points[:, 1]).min() >= 0.1
     assert points[:, 2].min() >= 0.1
-    ends = sino6.positions(
-        simulated(sino6, plan="ball-bar", bar_length=0.2, seats=100, **quiet(), above=0.1).q
-    )
-    assert ends[:, 2].min() >= 0.1 - 1e-9
-    assert np.hypot(ends[:, 0], ends[:, 1]).min() >= 0.1 - 1e-9
     free = simulated(sino6, plan="free", **quiet(), above=0.1).reference
     assert free[:, 2].min() >= 0.1
     assert np.hypot(free[:, 0], free[:, 1]).min() >= 0.1
 
 
-def test_joints_may_slide_or_turn_without_end(tmp_path: Path) -> None:
+def test_joints_may_slide_or_turn_without_end(tmp_path):
     arm = Arm.from_urdf(
         written(
             tmp_path, ("prismatic", "0 0 1", 0.0, 0.5), *[("revolute", "0 0 1", -1e4, 1e4)] * 3
@@ -284,7 +204,7 @@ def test_joints_may_slide_or_turn_without_end(tmp_path: Path) -> None:
 # --- the noise
 
 
-def test_encoder_noise(sino6: Arm) -> None:
+def test_encoder_noise(sino6):
     u = np.array([5e-6, 1e-5, 0.0, 2e-5, 8e-6, 4e-5])
     exact, noisy = (simulated(sino6, plan="seats", **quiet(encoder=e)) for e in (0.0, u))  # type: ignore[arg-type]
     off, some = noisy.q - exact.q, u > 0
@@ -292,17 +212,7 @@ def test_encoder_noise(sino6: Arm) -> None:
     assert (off[:, ~some] == 0).all()
 
 
-def test_encoder_noise_reaches_the_tip(arm: Arm) -> None:
-    measurements = simulated(arm, plan="seats", **quiet(encoder=1e-5))
-    off = tips_of(arm, measurements.q) - measurements.reference
-    jacobian = 1e-5 * arm.jacobian(measurements.q)
-    whitened = np.linalg.solve(
-        np.linalg.cholesky(jacobian @ jacobian.transpose(0, 2, 1)), off[:, :, None]
-    )
-    assert consistent(whitened)
-
-
-def test_reference_noise(sino6: Arm) -> None:
+def test_reference_noise(sino6):
     options: dict[str, Any] = {"plan": "seats", "seats": 30}
     exact, noisy = (simulated(sino6, **quiet(reference=u), **options) for u in (0.0, 2e-5))
     off = noisy.reference - exact.reference
@@ -316,16 +226,7 @@ def test_reference_noise(sino6: Arm) -> None:
     assert consistent((noisy.reference - exact.reference) / 2e-5)
 
 
-def test_contacts(sino6: Arm) -> None:
-    assert sino6.dh is not None
-    for plan in ("seats", "free"):
-        measurements = simulated(sino6, plan=plan, **quiet(probe=5e-6))
-        assert consistent(
-            (sino6.dh.chain.positions(measurements.q) - measurements.reference) / 5e-6
-        )
-
-
-def test_lengths_of_bars_are_as_good_as_references(sino6: Arm) -> None:
+def test_lengths_of_bars_are_as_good_as_references(sino6):
     options: dict[str, Any] = {"plan": "ball-bar", "bar_length": 0.4, "seats": 60}
     measurements = simulated(sino6, **quiet(reference=1e-5), **options)
     lengths = np.array([bar.length for bar in measurements.bars()])
@@ -334,7 +235,7 @@ def test_lengths_of_bars_are_as_good_as_references(sino6: Arm) -> None:
     assert len(np.unique(lengths)) == 30
 
 
-def test_noise_that_nobody_stated(sino6: Arm, zero6: Arm) -> None:
+def test_noise_that_nobody_stated(sino6, zero6):
     measurements = simulated(sino6, plan="free")
     assert (
         measurements.source == "simulated, SINO6, plan free, seed 1, encoder noise 8 µrad (assumed)"
@@ -342,44 +243,27 @@ def test_noise_that_nobody_stated(sino6: Arm, zero6: Arm) -> None:
     assert (measurements.reference_u == 1.2e-5).all()
     exact = simulated(sino6, plan="free", **quiet())
     assert consistent((measurements.q - exact.q) / 8e-6)
-    assert sino6.file is not None
-    rows = [row.model_copy(update={"encoder_noise_rad": 3e-6}) for row in sino6.file.joints]
-    stated = simulated(Arm.from_file(sino6.file.model_copy(update={"joints": rows})), plan="free")
+    stated = simulated(changed("sino6", {0: {"encoder_noise_rad": 3e-6}}), plan="free")
     assert "assumed" not in stated.source
     assert consistent((stated.q - exact.q) / 3e-6)
 
 
-def test_noise_of_no_use() -> None:
+def test_noise_of_no_use():
     np.testing.assert_array_equal(Noise.of(3, encoder=1e-5).encoder, [1e-5] * 3)
-    cases: list[tuple[Callable[[], Noise], type[AacmmError], str]] = [
-        (lambda: Noise.of(6, encoder=-1e-6), AacmmError, r"encoder noise\[0\] is -1e-06 rad"),
-        (lambda: Noise.of(6, reference=-1e-6), AacmmError, "reference noise is -1e-06 m"),
-        (lambda: Noise.of(6, probe=0.05), AacmmError, "probe noise is 0.05 m, expected 0 to 0.01"),
-        (lambda: Noise.of(6, probe=float("nan")), AacmmError, "probe noise is nan m"),
-        (
-            lambda: Noise.of(6, encoder=[1e-6] * 5),
-            ShapeError,
-            r"encoder noise has shape \(5,\), expected \(6,\) \[rad\]",
-        ),
-        (
-            lambda: Noise(np.array(1e-6)),
-            ShapeError,
-            r"encoder noise has shape \(\), expected \(nq,\)",
-        ),
-    ]
-    for make, error, said in cases:
+    for noise, error, said in (
+        ({"encoder": -1e-6}, AacmmError, r"encoder noise\[0\] is -1e-06 rad"),
+        ({"probe": 0.05}, AacmmError, "probe noise is 0.05 m, expected 0 to 0.01"),
+        ({"encoder": [1e-6] * 5}, ShapeError, r"encoder noise has shape \(5,\), expected \(6,\)"),
+    ):
         with pytest.raises(error, match=said):
-            make()
+            Noise.of(6, **noise)
 
 
 # --- the workshop
 
 
-def test_conditions_are_those_of_a_workshop(sino6: Arm) -> None:
+def test_conditions_are_those_of_a_workshop(sino6):
     known = simulated(sino6, plan="seats", records=600).conditions
-    assert known.time is not None
-    assert known.temperature is not None
-    assert known.approach is not None
     steps = np.diff(known.time)
     assert known.time[0] >= 20.0
     assert steps.min() >= 20.0
@@ -390,38 +274,34 @@ def test_conditions_are_those_of_a_workshop(sino6: Arm) -> None:
     assert np.abs(known.temperature - 20.0).max() <= 3.0
     assert np.ptp(known.temperature) > 0.5
     assert set(np.unique(known.approach)) == {-1.0, 1.0}
-    assert known.session is not None
     assert list(dict.fromkeys(known.session)) == ["1", "2", "3"]
     assert all(
         set(known.seat[known.session == s]) == {f"S{k}" for k in range(1, 11)} for s in "123"
     )  # type: ignore[index]
     one = simulated(sino6, plan="seats", records=150).conditions
     assert one.session is None
-    assert one.seat is not None
     assert (one.seat[1:] != one.seat[:-1]).sum() == 9  # each seat in one visit
 
 
-def test_joints_come_from_where_they_were(sino6: Arm) -> None:
+def test_joints_come_from_where_they_were(sino6):
     measurements = simulated(sino6, plan="free", records=2000, **quiet())
     assert measurements.conditions.approach is not None
     same = np.sign(np.diff(measurements.q, axis=0)) == measurements.conditions.approach[1:]
     assert same.mean() == pytest.approx(1 - workshop.OVERSHOOT, abs=0.02)
 
 
-def test_temperature_stays_in_its_range(zero6: Arm) -> None:
+def test_temperature_stays_in_its_range(zero6):
     for kelvin in (0.0, 1.0, 10.0):
         many = [
             simulated(zero6, plan="free", seed=seed, temperature_range=kelvin).conditions
-            for seed in range(20)
+            for seed in range(8)
         ]
         off = [np.abs(known.temperature - zero6.reference_temperature).max() for known in many]  # type: ignore[operator]
         assert 0.5 * kelvin <= max(off) <= kelvin
 
 
-@pytest.mark.parametrize("options", PLANS, ids=lambda o: "-".join(map(str, o.values())))
-def test_a_seed_is_a_data_set_that_a_file_holds(
-    sino6: Arm, tmp_path: Path, options: dict[str, Any]
-) -> None:
+@pytest.mark.parametrize("options", [PLANS[0], PLANS[3]], ids=["free", "ball-bar"])
+def test_a_seed_is_a_data_set_that_a_file_holds(sino6, tmp_path, options):
     first, again, other = (simulated(sino6, records=60, seed=seed, **options) for seed in (7, 7, 8))
     assert first.to_frame().equals(again.to_frame())
     assert not first.to_frame().equals(other.to_frame())
@@ -433,51 +313,28 @@ def test_a_seed_is_a_data_set_that_a_file_holds(
     assert read.to_frame()["record"].tolist() == [str(k) for k in range(1, 61)]
 
 
-def test_the_seed_is_told_as_far_as_it_can_be(sino6: Arm) -> None:
-    def source(rng: np.random.Generator) -> str:
-        return simulate_measurements(sino6, "free", 10, rng=rng, **quiet()).source
-
-    used = np.random.default_rng(3)
-    used.random()
-    spawned, legacy = (
-        np.random.default_rng(3).spawn(2)[1],
-        np.random.Generator(np.random.RandomState(3)._bit_generator),
-    )
-    assert source(np.random.default_rng(3)).endswith("seed 3")
-    assert all(source(rng).endswith("seed unknown") for rng in (used, spawned, legacy))
-
-
 # --- what cannot be done
 
 
 REFUSED: list[tuple[dict[str, Any], str]] = [
     ({"plan": "seat"}, "unknown plan 'seat'; known: free, seats, ball-bar, single-point"),
-    ({"plan": "free", "records": 0}, "records is 0, expected at least 1$"),
     ({"plan": "seats", "records": 19, "known": False}, "records is 19, expected at least 20"),
     ({"plan": "single-point", "records": 1}, "records is 1, expected at least 2"),
-    ({"plan": "seats", "seats": 0}, "seats is 0, expected at least 1"),
     ({"plan": "ball-bar", "seats": 5, "bar_length": 0.4}, "seats is 5, expected an even number"),
     ({"plan": "ball-bar"}, "bar_length was not given"),
     ({"plan": "seats", "bar_length": 0.4}, "bar_length is 0.4 m for plan 'seats', expected none"),
-    ({"plan": "ball-bar", "bar_length": float("nan")}, "bar_length is nan m"),
     ({"plan": "ball-bar", "bar_length": 5.0}, "SINO6: 0 of 5 bars of 5000 mm"),
-    ({"plan": "free", "above": float("inf")}, "above is inf m, expected -100 to 100 m"),
     ({"plan": "free", "above": 2.0}, "SINO6: 0 of 6000 random postures .* 2000 mm or more"),
-    ({"plan": "free", "temperature_range": -1.0}, "temperature_range is -1 K"),
-    (
-        {"plan": "free", "encoder_noise": [1e-5] * 5},
-        r"encoder noise has shape \(5,\), expected \(6,\) \[rad\]",
-    ),
 ]
 
 
-def test_a_plan_that_cannot_be_carried_out(sino6: Arm) -> None:
+def test_a_plan_that_cannot_be_carried_out(sino6):
     for options, said in REFUSED:
         with pytest.raises(AacmmError, match=said):
             simulated(sino6, **options)
 
 
-def test_an_effect_that_has_nothing_to_act_on(sino6: Arm) -> None:
+def test_an_effect_that_has_nothing_to_act_on(sino6):
     model = ErrorModel(sino6)
     with pytest.raises(UnknownNameError, match="unknown seat of seat_error 'S11'; known: S1, S2"):
         simulated(model.with_effects(SeatError(seat="S11", values=(1e-4, 0.0, 0.0))), plan="seats")
@@ -489,7 +346,7 @@ def test_an_effect_that_has_nothing_to_act_on(sino6: Arm) -> None:
         )
 
 
-def test_an_effect_too_large_for_the_limits(sino6: Arm) -> None:
+def test_an_effect_too_large_for_the_limits(sino6):
     model = ErrorModel(sino6).with_effects(
         *(JointHysteresis(joint=j, values=(0.8,)) for j in range(1, 7))
     )
@@ -500,7 +357,7 @@ def test_an_effect_too_large_for_the_limits(sino6: Arm) -> None:
         simulated(model, plan="seats")
 
 
-def test_arms_of_two_joints(tmp_path: Path) -> None:
+def test_arms_of_two_joints(tmp_path):
     """With two postures at each point, without room for seats, and with a slide whose end nobody
     states.
     """
@@ -521,12 +378,6 @@ def test_arms_of_two_joints(tmp_path: Path) -> None:
     )
     with pytest.raises(AacmmError, match=r"room for [23] seats 50 mm or more apart, expected 10"):
         simulated(stiff, plan="seats")
-    slide = Arm.from_urdf(
-        written(tmp_path, ("prismatic", "1 0 0", 0.0, 1.0), ("revolute", "0 0 1", -3.0, 3.0)), "tip"
-    )
-    slide.limits[0] = (0.0, np.inf)
-    with pytest.raises(UnsupportedArmError, match="joint 1 slides without limits"):
-        simulated(slide, plan="free")
 
 
 def written(folder: Path, *joints: tuple[str, str, float, float]) -> Path:

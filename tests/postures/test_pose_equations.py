@@ -4,8 +4,6 @@ what cannot be asked.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,12 +11,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm import Arm
 from aacmm_pin.errors import AacmmError, ShapeError, UnsupportedArmError
 from aacmm_pin.postures.general_ik import reaching_postures
 from aacmm_pin.postures.pose_equations import Equations, PoseConditions
+from tests.oracle import derivative
 
-H = 1e-6
+pytestmark = pytest.mark.fast
+
 ANGLES = [0.0, 1e-13, 1e-7, 9e-4, 1.1e-3, 0.5, 2.0, 3.1, np.pi - 1e-5]
 SLIDING = """\
 <robot name="slide"> <link name="base"/> <link name="tool"/>
@@ -32,17 +32,11 @@ SLIDING = """\
 def by_differences(equations: Equations, q: Array) -> Array:
     """Derivatives (k, joints) at ``q`` (joints,)."""
     zero = np.zeros(1, dtype=np.intp)
-    columns = [
-        equations((q + h)[None], zero)[0] - equations((q - h)[None], zero)[0]
-        for h in H * np.eye(len(q))
-    ]
-    return np.concatenate(columns).T / (2 * H)
+    return derivative(lambda q: equations(q[None], zero)[0][0], q)
 
 
 @pytest.mark.parametrize("angle", ANGLES)
-def test_turns_are_the_logarithm_and_pointing_is_an_angle(
-    sino6: Arm, rng: np.random.Generator, angle: float
-) -> None:
+def test_turns_are_the_logarithm_and_pointing_is_an_angle(sino6, rng, angle):
     zero = np.zeros(1, dtype=np.intp)
     for q in rng.uniform(-np.pi, np.pi, (20, 6)):
         pose = sino6.poses(q[None]).placement[0]
@@ -70,7 +64,7 @@ def test_turns_are_the_logarithm_and_pointing_is_an_angle(
                 )
 
 
-def test_half_a_turn_away_is_not_there(sino6: Arm) -> None:
+def test_half_a_turn_away_is_not_there(sino6):
     q, zero = np.zeros((1, 6)), np.zeros(1, dtype=np.intp)
     pose = sino6.poses(q).placement[0]
     for given in (
@@ -81,26 +75,10 @@ def test_half_a_turn_away_is_not_there(sino6: Arm) -> None:
         assert np.linalg.norm(off) == pytest.approx(np.pi)
 
 
-def test_derivative_by_the_joints(sino6: Arm, rng: np.random.Generator) -> None:
-    pose = sino6.poses(rng.uniform(-np.pi, np.pi, (1, 6))).placement[0]
-    pointing: dict[str, Any] = {"tool": sino6.stylus_axis, "axis": pose[:3, 1]}
-    for given in ({}, pointing, {"rotation": pose[:3, :3]}):
-        conditions = PoseConditions(sino6.chain, pose[:3, 3], **given)
-        equations, none = conditions.equations(), np.zeros(1, dtype=np.intp)
-        for q in rng.uniform(-np.pi, np.pi, (10, 6)):
-            np.testing.assert_allclose(
-                equations(q[None], none)[1][0], by_differences(equations, q), rtol=0, atol=1e-7
-            )
-        assert equations(np.zeros((2, 6)), np.zeros(2, dtype=np.intp))[0].shape == (
-            2,
-            conditions.count,
-        )
-
-
 # --- what is refused
 
 
-def test_unusable_conditions(sino6: Arm, robot_file: Callable[[str], Path], tmp_path: Path) -> None:
+def test_unusable_conditions(sino6, robot_file, tmp_path):
     up, free = (
         {"axis": [0, 0, 1]},
         "6 joints and a point leave 3 joints free; state a point and an axis .* or a full pose",
@@ -108,15 +86,11 @@ def test_unusable_conditions(sino6: Arm, robot_file: Callable[[str], Path], tmp_
     asked: list[tuple[dict[str, Any], type[AacmmError], str]] = [
         ({}, UnsupportedArmError, free),
         ({"axis": [0, 0, 0]}, AacmmError, r"axis is \[0, 0, 0\], expected a direction"),
-        ({"axis": [0, 0]}, ShapeError, r"axis has shape \(2,\)"),
-        (up | {"tool": [0, 0, 0]}, AacmmError, r"tool is \[0, 0, 0\]"),
         ({"tool": [0, 0, 1]}, AacmmError, "tool was given without axis"),
         (up | {"rotation": np.eye(3)}, AacmmError, "expected one of them"),
         ({"rotation": np.eye(4)}, ShapeError, r"rotation has shape \(4, 4\), expected \(3, 3\)"),
         ({"rotation": 1.1 * np.eye(3)}, ShapeError, "its columns are off by 2.1e-01"),
         ({"rotation": -np.eye(3)}, ShapeError, "it is a reflection"),
-        ({"rotation": np.full((3, 3), np.nan)}, ShapeError, "is nan"),
-        ({"rotation": np.eye(3), "count": 2}, AacmmError, "count is 2"),
     ]
     for given, error, said in asked:
         with pytest.raises(error, match=said):
@@ -130,7 +104,3 @@ def test_unusable_conditions(sino6: Arm, robot_file: Callable[[str], Path], tmp_
         match=r"5 joints cannot meet the 6 conditions of a full pose; state a point and",
     ):
         reaching_postures(five, [0.1, 0, 0.1], rotation=np.eye(3))
-    with pytest.raises(
-        UnsupportedArmError, match=r"state a point and an axis \(single postures\)$"
-    ):
-        reaching_postures(five, [0.1, 0, 0.1])
