@@ -1,7 +1,7 @@
-"""Loops that numba compiles, and functions in NumPy that have such a loop as a twin.
+"""Loops that numba compiles, and the choice between such a loop and the same in NumPy.
 
 Loading numba and a compiled loop takes about half a second, compiling it for the first time one to
-five more. So a twin is chosen where the task is large enough; it gives the same numbers to the last
+five more. So a loop is chosen where the task is large enough; it gives the same numbers to the last
 bit.
 """
 
@@ -9,20 +9,18 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache, cached_property, partial
 from types import FunctionType
 from typing import Any
 
-import numpy as np
-
 from aacmm_pin.errors import UnknownNameError
 
-LARGE_TASK = 1_000_000
-"""Numbers in the largest array of a task from which on a loop is loaded: NumPy takes 15 ms for
-sensitivities of SINO6.
-"""
 VARIABLE, ALWAYS, NEVER, BY_SIZE = "AACMM_PIN_COMPILED", "always", "never", "auto"
+INLINED = ""
+"""Instead of the signature of a helper that has one caller: numba compiles it as part of that,
+which takes half the time."""
+Helpers = tuple[tuple[Callable[..., Any], str], ...]
 
 
 @dataclass(frozen=True)
@@ -31,16 +29,21 @@ class Loop:
 
     Attributes:
         loop: the function.
-        signature: types of its arguments, in numba's words.
-        helpers: functions of the same module that it calls, each behind those that it calls itself.
+        signature: types of its result and of its arguments, in numba's words.
+        helpers: functions of the same module that it calls, each behind those that it calls itself,
+            with their signatures: without these numba compiles a helper for each constant that it
+            is called with.
+        least: size of the task from which on the loop is chosen.
     """
 
     loop: Callable[..., Any]
     signature: str
-    helpers: tuple[Callable[..., Any], ...] = ()
+    helpers: Helpers = ()
+    least: int = 0
 
-    def wanted(self, worth: bool) -> Callable[..., Any] | None:
-        """The compiled loop where it is ``worth`` loading; the environment variable overrules.
+    def chosen(self, size: int) -> Callable[..., Any] | None:
+        """The compiled loop for a task of at least the size ``least``, None for a smaller one; the
+        environment variable overrules.
 
         Raises:
             UnknownNameError: the variable is none of ``always``, ``never`` and ``auto``.
@@ -50,9 +53,8 @@ class Loop:
             raise UnknownNameError(
                 f"environment variable {VARIABLE}", wanted, [ALWAYS, NEVER, BY_SIZE]
             )
-        if wanted == ALWAYS or (wanted == BY_SIZE and worth):
-            return self.compiled
-        return None
+        is_large = wanted == BY_SIZE and size >= self.least
+        return self.compiled if wanted == ALWAYS or is_large else None
 
     @cached_property
     def compiled(self) -> Callable[..., Any]:
@@ -72,42 +74,20 @@ class Loop:
 
 
 @cache
-def _names(helpers: tuple[Callable[..., Any], ...]) -> dict[str, Any]:
+def _names(helpers: Helpers) -> dict[str, Any]:
     """The names of the helpers' module, with the compiled helpers: once for all loops that call
     them.
     """
     import numba
 
-    names = dict(helpers[0].__globals__)
-    for helper in helpers:
+    names = dict(helpers[0][0].__globals__)
+    compile_ = partial(
+        numba.njit, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True
+    )
+    for helper, signature in helpers:
         function = FunctionType(helper.__code__, names)
-        names[helper.__name__] = numba.njit(nogil=True, error_model="numpy")(function)
+        if signature == INLINED:
+            names[helper.__name__] = compile_(inline="always")(function)
+        else:
+            names[helper.__name__] = compile_(signature, nogil=True)(function)
     return names
-
-
-@dataclass(frozen=True)
-class Twins(Loop):
-    """A loop and the same in NumPy.
-
-    Attributes:
-        plain: in NumPy, with the same arguments.
-        least: numbers in the largest array from which on the loop is chosen.
-    """
-
-    plain: Callable[..., None] = field(kw_only=True)
-    least: int = field(default=LARGE_TASK, kw_only=True)
-
-    def __call__(self, *arguments: Any) -> None:
-        """Call the loop for a large task, the function in NumPy for a small one."""
-        size = max(np.size(argument) for argument in arguments)
-        function = self.wanted(size >= self.least) or self.plain
-        function(*arguments)
-
-
-def twin_of(
-    loop: Callable[..., None], signature: str, least: int = LARGE_TASK
-) -> Callable[[Callable[..., None]], Twins]:
-    """Decorator of a NumPy function: ``loop`` does the same, and is chosen from ``least`` numbers
-    on.
-    """
-    return lambda plain: Twins(loop, signature, plain=plain, least=least)

@@ -11,8 +11,7 @@ import numpy as np
 
 from aacmm_pin._support.batches import chunks
 from aacmm_pin._support.checks import Array, Index
-from aacmm_pin._support.compiled import twin_of
-from aacmm_pin.accuracy import zonotope_loop
+from aacmm_pin.accuracy.zonotope_loop import LOOP
 
 CHUNK = 256
 """Configurations handled at once: the pair normals of 24 generators then fit in the processor's
@@ -20,8 +19,6 @@ cache.
 """
 MOST = 4_000_000
 """Signs of generators in corners that are looked at together: 32 MB, and some copies."""
-LARGE_VOLUME = 200_000
-"""Numbers in the generators from which on the loop is used: NumPy takes 60 ms, the loop 3 ms."""
 FLAT = 1e-13
 """A unit generator that sticks out of a face by less lies in it."""
 
@@ -33,11 +30,11 @@ def volume(generators: Array) -> Array:
     over [-1, 1].
     """
     volumes = np.empty(len(generators))
-    sum_of_determinants(np.require(generators, np.float64, "W"), volumes)
+    sum_up = LOOP.chosen(generators.size) or sum_of_determinants
+    sum_up(np.require(generators, np.float64, "W"), volumes)
     return 8.0 * volumes
 
 
-@twin_of(zonotope_loop.sum_of_determinants, zonotope_loop.SIGNATURE, LARGE_VOLUME)
 def sum_of_determinants(generators: Array, total: Array) -> None:
     """Fill ``Σ_{i<j<k} |det(g_i, g_j, g_k)|`` for generators (n, 3, p) [m]: (n,) [m³]."""
     n, _, count = generators.shape

@@ -183,7 +183,7 @@ class Chain:
         """Position (n, 3), and its derivative by components of twists, place and number (k, 2)."""
         n = len(q)
         position, columns = np.empty((n, 3)), np.zeros((3, len(twists), n))
-        loop = LOOP.wanted(n >= LARGE_BATCH)
+        loop = LOOP.chosen(n)
         for part in chunks(n):
             if loop is None:
                 frames = self._frames(q[part], {})
@@ -419,6 +419,7 @@ LOOP = Loop(
     _differentiate,
     "void(f8[:, :, ::1], i8[::1], b1[::1], i8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], i8, "
     "f8[:, ::1], f8[:, :, ::1])",
+    least=LARGE_BATCH,
 )
 
 

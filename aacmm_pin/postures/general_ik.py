@@ -32,9 +32,9 @@ from aacmm_pin.postures.newton_search import (
     SolutionSet,
     search,
 )
-from aacmm_pin.postures.pose_equations import Curve, PoseConditions
+from aacmm_pin.postures.pose_equations import PoseConditions
 from aacmm_pin.postures.postures_at_point import PosturesAtPoint, in_degrees, lost, not_closed
-from aacmm_pin.postures.solution_curves import NEARLY_SINGULAR, flattest
+from aacmm_pin.postures.solution_curves import NEARLY_SINGULAR, Curve, flattest
 
 CONDITIONS = {3: "a point", 5: "a point and an axis", 6: "a full pose"}
 ELBOW_JOINT = 4

@@ -16,16 +16,15 @@ import numpy as np
 from aacmm_pin._support.angles import spread_angles, wrapped
 from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin._support.notes import Note
-from aacmm_pin.postures.continuation import CLOSE_ENOUGH, SAME_POINT
-from aacmm_pin.postures.pose_equations import Curve, Equations
+from aacmm_pin.postures.continuation import CLOSE_ENOUGH, NO_CURVE, SAME_POINT
+from aacmm_pin.postures.pose_equations import Equations
 from aacmm_pin.postures.solution_curves import (
-    MOST_STEPS,
-    MOST_VERTICES,
     NEARLY_SINGULAR,
     SINGULAR,
+    Curve,
+    CurveSearch,
     degenerate,
     flattest,
-    is_known,
 )
 
 ROUND = 256
@@ -231,45 +230,33 @@ class Isolated(SolutionSet):
 
 @dataclass(eq=False)
 class SelfMotion(SolutionSet):
-    """Gathers closed curves.
+    """Gathers closed curves."""
 
-    Attributes:
-        curves: those found so far.
-        steps: how many it took to follow them.
-    """
+    def __post_init__(self) -> None:
+        self._search = CurveSearch(self.equations, 0)
 
-    curves: list[Curve] = field(default_factory=list)
-    steps: int = 0
+    @property
+    def curves(self) -> list[Curve]:
+        """Those found so far."""
+        return self._search.curves
 
     @property
     def ended(self) -> bool:
         """See :attr:`SolutionSet.ended`."""
-        return self.steps >= MOST_STEPS
+        return self._search.steps <= 0
 
     def add(self, q: Array) -> int:
         """See :meth:`SolutionSet.add`."""
         regular = flattest(self.equations, q, _the_one(q))[0] > SINGULAR
-        newest, left = self._count_families(q, regular), np.flatnonzero(regular)
-        for number, curve in enumerate(self.curves):
-            left = left[~self._count(number, curve, q[left])]
-        while left.size and not self.ended:
-            most = min(MOST_VERTICES, MOST_STEPS - self.steps)
-            curve, steps = self.equations.trace(q[left[0]], 0, most)
-            self.steps += steps
-            if is_known(self.equations, curve, self.curves):
-                left = left[1:]
-                continue
-            newest = max(newest, int(left[0]) + 1)
-            self.curves.append(curve)
-            self.hits.append(0)
-            on = self._count(-1, curve, q[left])
-            left = left[1:][~on[1:]]
+        newest, known = self._count_families(q, regular), len(self.hits)
+        number = np.where(regular, self._search.add(q, regular), NO_CURVE)
+        last = int(number.max(initial=NO_CURVE))
+        if last >= known:
+            newest = max(newest, int(np.argmax(number)) + 1)
+        hits = np.bincount(number[number >= 0], minlength=known)
+        hits[:known] += np.array(self.hits, dtype=np.intp)
+        self.hits = hits.tolist()
         return newest
-
-    def _count(self, number: int, curve: Curve, q: Array) -> Mask:
-        on = self.equations.on_curve(q, curve)
-        self.hits[number] += int(on.sum())
-        return on
 
 
 def search(finds: SolutionSet, joints: int, most_starts: int = MOST_STARTS) -> Search:

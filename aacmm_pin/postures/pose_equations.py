@@ -11,25 +11,11 @@ import numpy as np
 from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin.arm.chain import Chain
 from aacmm_pin.postures import continuation
+from aacmm_pin.postures.continuation import MOST_POLISHES, POINT, POINT_AND_AXIS
 
-POINT, POINT_AND_AXIS, POSE = 3, 5, 6
-"""Numbers of equations."""
+POSE = 6
+"""Number of equations of a whole pose."""
 Z = np.array([0.0, 0.0, 1.0])
-
-
-@dataclass(frozen=True)
-class Curve:
-    """One curve: its vertices in order (the first is not repeated at the end).
-
-    Attributes:
-        q: (m, k + 1) [rad], unwrapped: it follows the curve and may leave [-π, π].
-        closed: True where the last vertex is followed by the first.
-        problem: number of the problem that it belongs to.
-    """
-
-    q: Array
-    closed: bool
-    problem: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,14 +27,11 @@ class Equations:
             wanted orientation to the tip: that is reached where the tip's frame is the base's.
         goals: places of the tip of all problems, in the axes of the wanted orientation (m, 3) [m].
         count: number of equations k: 3 of a point, 5 with the z axis, 6 of a whole pose.
-        sine: whether the z axis is off by the sine of its angle (then it may point right away from
-            where it shall), not by the angle.
     """
 
     links: Array
     goals: Array
     count: int
-    sine: bool = False
 
     @staticmethod
     def of_points(links: Array, points: Array) -> Equations:
@@ -56,15 +39,13 @@ class Equations:
         return Equations(links, np.ascontiguousarray(points), POINT)
 
     @staticmethod
-    def of_axis(
-        links: Array, points: Array, tool: Array, axis: Array, sine: bool = False
-    ) -> Equations:
+    def of_axis(links: Array, points: Array, tool: Array, axis: Array) -> Equations:
         """The unit vector ``tool`` of the tip (3,) shall lie along ``axis`` of the base
         (3,) too.
         """
         turned = _in_axes(links, rotation_between(axis, Z))
         turned[-1, :3, :3] = turned[-1, :3, :3] @ rotation_between(Z, tool)
-        return Equations(turned, points @ rotation_between(axis, Z).T, POINT_AND_AXIS, sine)
+        return Equations(turned, points @ rotation_between(axis, Z).T, POINT_AND_AXIS)
 
     @staticmethod
     def of_pose(links: Array, points: Array, rotation: Array) -> Equations:
@@ -78,9 +59,7 @@ class Equations:
             q: configurations.
             problem: number of the problem of each (n,).
         """
-        equations = np.empty((len(q), self.count, q.shape[1] + 1))
-        loop = continuation.EVALUATE.compiled
-        loop(self.links, self.goals[problem], self.sine, np.ascontiguousarray(q), equations)
+        _, equations, _ = self._newton(q, problem, 0)
         return equations[:, :, -1], equations[:, :, :-1]
 
     def polish(self, q: Array, problem: Index) -> tuple[Array, Mask]:
@@ -89,26 +68,17 @@ class Equations:
         Returns:
             q (n, joints) [rad] and the flags (n,) of those that arrived.
         """
-        moved, loop = np.array(q, order="C"), continuation.POLISH.compiled
-        arrived = loop(self.links, self.goals[problem], self.sine, self.count, moved)
+        moved, _, arrived = self._newton(q, problem, MOST_POLISHES)
         return moved, arrived
 
-    def trace(self, start: Array, problem: int, most: int) -> tuple[Curve, int]:
-        """Follow the curve through ``start`` (k + 1,), a regular solution, once round.
-
-        Returns:
-            the curve, and the number of steps that it took, at most ``most``.
-        """
-        vertices, goal = np.empty((most + 1, len(start))), self.goals[problem][None]
-        loop = continuation.TRACE.compiled
-        count, steps, closed = loop(self.links, goal, self.sine, start, most, vertices)
-        return Curve(vertices[:count].copy(), closed, problem), steps
-
-    def on_curve(self, q: Array, curve: Curve) -> Mask:
-        """Which of the solutions ``q`` (n, k + 1) of the curve's problem lie on it: (n,)."""
-        goal, loop = self.goals[curve.problem][None], continuation.ON_CURVE.compiled
-        on: Mask = loop(self.links, goal, self.sine, np.ascontiguousarray(q), curve.q)
-        return on
+    def _newton(self, q: Array, problem: Index, most: int) -> tuple[Array, Array, Mask]:
+        """Angles after at most so many steps, the equations at the last ones, who arrived."""
+        joints = q.shape[1]
+        moved, arrived = np.array(q, order="C"), np.empty(len(q), dtype=np.bool_)
+        equations, goals = np.empty((len(q), self.count, joints + 1)), self.goals[problem]
+        loop, space = continuation.NEWTON.compiled, continuation.working_space(joints)
+        loop(self.links, goals, most, moved, equations, arrived, space)
+        return moved, equations, arrived
 
 
 @dataclass(frozen=True, eq=False)

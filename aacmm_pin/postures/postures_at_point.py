@@ -18,7 +18,7 @@ from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.postures.curve_sampling import Flexibility
-from aacmm_pin.postures.pose_equations import Curve
+from aacmm_pin.postures.solution_curves import Curve
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from aacmm_pin._support.checks import Array, Index, Mask
-from aacmm_pin.postures.pose_equations import Curve, Equations
+from aacmm_pin.postures import continuation
+from aacmm_pin.postures.continuation import NO_CURVE
+from aacmm_pin.postures.pose_equations import Equations
 
-MOST_VERTICES = 2000
-"""A curve with more is returned unfinished."""
-MOST_STEPS, MOST_ROUNDS = 3000, 50
+MOST_STEPS, MOST_CURVES = 3000, 50
 """Steps and curves of one problem after which a search ends with what it has. Real arms take fewer
 than 800 steps and have up to 16 curves."""
 SINGULAR = 1e-6
@@ -23,8 +23,70 @@ CLEARLY = 10.0
 NEARLY_SINGULAR = 1e-4
 """Instead of ``SINGULAR``: a solution next to a singular one, where rounding decides what is found.
 """
-PICKS, MAJORITY = 7, 4
-"""Vertices of a curve that are looked for on the others, and most of them."""
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One curve: its vertices in order (the first is not repeated at the end).
+
+    Attributes:
+        q: (m, k + 1) [rad], unwrapped: it follows the curve and may leave [-π, π].
+        closed: True where the last vertex is followed by the first.
+        problem: number of the problem that it belongs to.
+    """
+
+    q: Array
+    closed: bool
+    problem: int
+
+
+@dataclass(eq=False)
+class CurveSearch:
+    """The curves of one problem on which seeds were found so far.
+
+    Attributes:
+        equations: of all problems.
+        problem: number of the one.
+        steps: along curves that are left.
+    """
+
+    equations: Equations
+    problem: int
+    steps: int = field(default_factory=lambda: MOST_STEPS)
+
+    def __post_init__(self) -> None:
+        joints = len(self.equations.links) - 1
+        self._count, self._vertices = 0, np.empty((self.steps + MOST_CURVES + 1, joints))
+        self._ends = np.zeros(MOST_CURVES, dtype=np.intp)
+        self._closed = np.zeros(MOST_CURVES, dtype=np.bool_)
+
+    def add(self, seeds: Array, is_regular: Mask) -> Index:
+        """Follow every curve through one of the ``seeds`` (n, k + 1) [rad], solutions, once.
+
+        Args:
+            seeds: solutions.
+            is_regular: which of them may begin a curve (n,).
+
+        Returns:
+            the number of each one's curve (n,), or what :mod:`~.continuation` has instead.
+        """
+        equations, number = self.equations, np.empty(len(seeds), dtype=np.intp)
+        those = equations.links, equations.goals[self.problem], np.ascontiguousarray(seeds)
+        known = self._count, self._vertices, self._ends, self._closed
+        space = continuation.working_space(seeds.shape[1])
+        loop = continuation.CURVES.compiled
+        self._count, self.steps = loop(*those, is_regular, self.steps, *known, number, space)
+        return number
+
+    @property
+    def curves(self) -> list[Curve]:
+        """Those found."""
+        ends = self._ends[: self._count].tolist()
+        begins = [0, *ends][: self._count]
+        return [
+            Curve(self._vertices[begin:end].copy(), bool(closed), self.problem)
+            for begin, end, closed in zip(begins, ends, self._closed, strict=False)
+        ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,49 +133,15 @@ def all_curves(equations: Equations, seeds: Array, problem: Index, is_degenerate
     order = np.argsort(problem, kind="stable")
     numbers, first = np.unique(problem[order], return_index=True)
     for number, mine in zip(numbers.tolist(), np.split(order, first)[1:], strict=True):
-        is_regular = regular[mine]
-        found, complete = curves_through(equations, seeds[mine[is_regular]], number)
-        singular = seeds[mine[~is_regular]]
-        for curve in found:  # a crossing is singular, but on a curve
-            singular = singular[~equations.on_curve(singular, curve)]
+        search = CurveSearch(equations, number)
+        is_alone = search.add(seeds[mine], regular[mine]) == NO_CURVE
+        singular = mine[is_alone & ~regular[mine]]  # a crossing is singular, but on a curve
         if len(singular):
-            families[number] = singular[0]
-        if not complete:
+            families[number] = seeds[singular[0]]
+        if (is_alone & regular[mine]).any():
             unfinished.add(number)
-        curves += found
+        curves += search.curves
     return Curves(curves, families, frozenset(unfinished), is_degenerate)
-
-
-def curves_through(equations: Equations, seeds: Array, problem: int) -> tuple[list[Curve], bool]:
-    """Every curve of one problem that holds one of the regular ``seeds`` (n, k + 1) [rad], once.
-
-    Returns:
-        the curves, and False where the search ended at its limit of work.
-    """
-    curves, steps, rounds = list[Curve](), 0, 0
-    while len(seeds) and steps < MOST_STEPS and rounds < MOST_ROUNDS:
-        most = min(MOST_VERTICES, MOST_STEPS - steps)
-        curve, more = equations.trace(seeds[0], problem, most)
-        steps, rounds = steps + more, rounds + 1
-        seeds = seeds[1:]
-        seeds = seeds[~equations.on_curve(seeds, curve)]
-        if not is_known(equations, curve, curves):
-            curves.append(curve)
-    return curves, not len(seeds)
-
-
-def is_known(equations: Equations, curve: Curve, curves: list[Curve]) -> bool:
-    """Whether a curve is one of ``curves``: from a seed next to a crossing it may not be
-    recognised, but most of some vertices all round it are.
-    """
-    picks = curve.q[np.arange(PICKS) * (len(curve.q) - 1) // (PICKS - 1)]
-    for other in curves:
-        on = equations.on_curve(picks[:MAJORITY], other).sum()
-        if 0 < on < MAJORITY:
-            on += equations.on_curve(picks[MAJORITY:], other).sum()
-        if on >= MAJORITY:
-            return True
-    return False
 
 
 def degenerate(equations: Equations, spread: Array) -> bool:

@@ -40,18 +40,13 @@ def tip_curves(dh: DHTable, points: Array, stylus: Array, axis: Array) -> Curves
     equations = tip_equations(dh, points, stylus, axis)
     seeds, problem = with_spread(*_tip_seeds(dh, points, stylus, axis), len(points), SPREAD)
     seeds, good = equations.polish(seeds, problem)
-    rotation, _ = dh.chain.walk(seeds)
-    towards = rotation[-1] @ stylus @ axis > 0
-    some = good & towards
     flat = len(points) > 0 and degenerate(equations, spread_angles(DIRECTIONS, dh.nq))
-    return all_curves(equations, seeds[some], problem[some], flat)
+    return all_curves(equations, seeds[good], problem[good], flat)
 
 
 def tip_equations(dh: DHTable, points: Array, stylus: Array, axis: Array) -> Equations:
-    """The tip at its point among ``points`` (m, 3) [m], and the stylus along ``axis`` or right
-    against it.
-    """
-    return Equations.of_axis(dh.links(), points, stylus, axis, sine=True)
+    """The tip at its point among ``points`` (m, 3) [m], and the stylus along ``axis``."""
+    return Equations.of_axis(dh.links(), points, stylus, axis)
 
 
 def _tip_seeds(dh: DHTable, points: Array, stylus: Array, axis: Array) -> tuple[Array, Index]:

@@ -115,9 +115,7 @@ def test_exact_positions_are_those_of_models_made_anew(extended, rng):
         each = [rebuilt(extended, dict(zip(names, e, strict=True)), q, WARM) for e in some]
         found = exact_positions(sources, q, WARM, some)
         close(found, np.array(each), within)
-    many = np.vstack(
-        [np.zeros((ROWS_PER_BATCH, len(names))), some]
-    )  # the last ones in a part of their own
+    many = np.vstack([np.zeros((ROWS_PER_BATCH, len(names))), some])
     close(exact_positions(sources, q, WARM, many)[ROWS_PER_BATCH:], found, 1e-14)
 
 

@@ -62,7 +62,7 @@ from aacmm_pin.effects import (
     strongest_waves,
 )
 from aacmm_pin.effects.causes import all_candidates
-from aacmm_pin.effects.conditions import COLUMNS, Conditions
+from aacmm_pin.effects.conditions import CONDITION_COLUMNS, Conditions
 from aacmm_pin.effects.gravity import GravityEffect
 from aacmm_pin.errors import AacmmError, ArmFileError, MissingConditionError, UnsupportedArmError
 from tests.arm_files import RIGID, changed, craig
@@ -308,8 +308,8 @@ def test_missing_condition_names_the_column(arms, rng):
         ):
             with pytest.raises(MissingConditionError, match=effect.label) as caught:
                 ask()
-            assert caught.value.column == COLUMNS[needed]
-            assert COLUMNS[needed] in str(caught.value)
+            assert caught.value.column == CONDITION_COLUMNS[needed]
+            assert CONDITION_COLUMNS[needed] in str(caught.value)
 
 
 def test_what_an_arm_cannot_have_is_refused(arms, rng):

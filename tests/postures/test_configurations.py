@@ -28,7 +28,7 @@ from aacmm_pin.postures.configurations import (
     configuration_circles,
 )
 from aacmm_pin.postures.elbow_swivel import Swivel
-from aacmm_pin.postures.pose_equations import Curve
+from aacmm_pin.postures.solution_curves import Curve
 from aacmm_pin.postures.wrist_ik import (
     FEW_PER_TURN,
     Wrist,

@@ -27,7 +27,7 @@ from aacmm_pin.postures.newton_search import (
     search,
 )
 from aacmm_pin.postures.pose_equations import Equations
-from aacmm_pin.postures.solution_curves import MOST_VERTICES
+from aacmm_pin.postures.solution_curves import CurveSearch
 from tests.oracle import by_newton, distances
 
 SAME = 1e-6  # rad
@@ -249,26 +249,23 @@ SYSTEMS: list[System] = []
 def in_python(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """The loops as Python runs them, with the equations of :data:`SYSTEMS` in place of an arm's."""
 
-    def linearise(links: Array, _: bool, q: Array, space: tuple[Array, ...]) -> float:
-        f, jacobian = SYSTEMS[int(links[0, 0, 0])](q)
-        space[0][:, -1], space[0][:, :-1] = f, jacobian
+    def linearise(links: Array, row: int, count: int, space: Array) -> float:
+        n, first = len(links) - 1, continuation.EQUATIONS
+        f, jacobian = SYSTEMS[int(links[0, 0, 0])](space[row, :n].copy())
+        space[first : first + count, n] = f
+        space[first : first + count, :n] = jacobian
         return float(np.abs(f).max())
 
     monkeypatch.setattr(continuation, "linearise", linearise)
-    for loop in (
-        continuation.EVALUATE,
-        continuation.POLISH,
-        continuation.TRACE,
-        continuation.ON_CURVE,
-    ):
+    for loop in (continuation.NEWTON, continuation.CURVES):
         monkeypatch.setitem(vars(loop), "compiled", loop.loop)
     with np.errstate(all="ignore"):
         yield
 
 
-def solved(system: System, count: int) -> Equations:
+def solved(system: System, count: int, joints: int) -> Equations:
     SYSTEMS.append(system)
-    return Equations(np.full((1, 4, 4), len(SYSTEMS) - 1.0), np.zeros((1, 3)), count)
+    return Equations(np.full((joints + 1, 4, 4), len(SYSTEMS) - 1.0), np.zeros((1, 3)), count)
 
 
 def apart(*each: Callable[[float], tuple[float, float]], joints: int) -> Equations:
@@ -280,7 +277,7 @@ def apart(*each: Callable[[float], tuple[float, float]], joints: int) -> Equatio
             values[k], jacobian[k, k] = equation(q[k])
         return values, jacobian
 
-    return solved(system, len(each))
+    return solved(system, len(each), joints)
 
 
 def cosine(of: float, times: int = 1) -> Callable[[float], tuple[float, float]]:
@@ -376,7 +373,9 @@ def test_a_trace_stays_on_its_side_of_a_narrow_gap(gap):
 
     start = np.array([[np.arccos(gap / 2)] * 2, [np.arccos(gap - np.cos(0.3)), 0.3]])
     for begin in start:
-        curve, _ = solved(system, 1).trace(begin, 0, MOST_VERTICES)
+        found = CurveSearch(solved(system, 1, 2), 0)
+        found.add(begin[None], np.array([True]))
+        (curve,) = found.curves
         assert curve.closed
         assert np.linalg.norm(curve.q[1] - curve.q[0]) == pytest.approx(
             FIRST_STEP, rel=1e-4

@@ -1,4 +1,4 @@
-"""Loops for numba and their NumPy twins: to the last bit, by the size of the task, and with a
+"""Loops for numba and the same in NumPy: to the last bit, by the size of the task, and with a
 damaged cache.
 """
 
@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin._support.compiled import ALWAYS, LARGE_TASK, NEVER, VARIABLE, Twins
+from aacmm_pin._support.compiled import ALWAYS, NEVER, VARIABLE, Loop
 from aacmm_pin.accuracy import zonotope
 from aacmm_pin.errors import UnknownNameError
 
@@ -26,8 +26,7 @@ def add_one(values):
 """
 
 
-def add_one(values: Array) -> None:
-    values += 1.0
+LARGE = 1000
 
 
 @pytest.fixture
@@ -37,8 +36,8 @@ def kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "kept"
 
 
-def twins(folder: Path) -> Twins:
-    """As a new process would have them."""
+def loaded(folder: Path) -> Loop:
+    """As a new process would have it."""
     path = folder / "loop.py"
     if not path.exists():
         path.write_text(LOOP, encoding="utf-8")
@@ -47,7 +46,7 @@ def twins(folder: Path) -> Twins:
     assert spec.loader is not None
     module = module_from_spec(spec)
     spec.loader.exec_module(module)
-    return Twins(module.add_one, "void(f8[::1])", plain=add_one)
+    return Loop(module.add_one, "void(f8[::1])", least=LARGE)
 
 
 def of_both(monkeypatch: pytest.MonkeyPatch, work: Any) -> list[Array]:
@@ -70,29 +69,33 @@ def test_volumes_of_zonotopes(rng, monkeypatch):
             np.testing.assert_array_equal(plain, loop)
 
 
-def test_a_large_task_is_done_by_the_loop(kept, tmp_path, monkeypatch):
-    both = twins(tmp_path)
-    small, large = np.zeros(3), np.zeros(LARGE_TASK)
-    both(small)
+def test_a_large_task_is_done_by_the_loop(
+    kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    loop = loaded(tmp_path)
+    assert loop.chosen(LARGE - 1) is None
     assert not kept.exists()
-    both(large)
+    values, add_one = np.zeros(LARGE), loop.chosen(LARGE)
+    assert add_one is not None
+    add_one(values)
+    np.testing.assert_array_equal(values, 1.0)
     assert [*kept.rglob("*.nbi")]
     monkeypatch.setattr(numba, "njit", None)
     monkeypatch.setenv(VARIABLE, NEVER)
-    twins(tmp_path)(large)
-    np.testing.assert_array_equal((small[0], large[-1]), (1.0, 2.0))
+    assert loaded(tmp_path).chosen(LARGE) is None
     monkeypatch.setenv(VARIABLE, "yes")
     with pytest.raises(UnknownNameError, match=f"{VARIABLE}.*'yes'.*always, never"):
-        both(small)
+        loop.chosen(1)
 
 
-def test_what_is_kept_may_be_damaged_or_have_no_folder(kept, tmp_path, monkeypatch):
-    monkeypatch.setenv(VARIABLE, ALWAYS)
+def test_what_is_kept_may_be_damaged_or_have_no_folder(
+    kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     values = np.zeros(3)
-    twins(tmp_path)(values)
+    loaded(tmp_path).compiled(values)
     for file in kept.rglob("*.nb?"):
         file.write_bytes(file.read_bytes()[:100])  # as a full disk leaves it
-    twins(tmp_path)(values)
+    loaded(tmp_path).compiled(values)
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "loop.py"))
-    twins(tmp_path)(values)
+    loaded(tmp_path).compiled(values)
     np.testing.assert_array_equal(values, 3.0)
