@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 from scipy.integrate import solve_ivp
 from scipy.interpolate import make_lsq_spline
 from scipy.linalg import expm
-from scipy.optimize import brentq
+from scipy.optimize import brentq, root
 from scipy.spatial.transform import Rotation
 
 from aacmm_pin._support.checks import Array
@@ -913,3 +913,63 @@ def test_a_curve_tells_its_waves():
     for (order, size), (true, amplitude) in zip(found.items(), wanted.items(), strict=False):
         assert order == pytest.approx(true, abs=0.15)
         assert size == pytest.approx(amplitude, rel=0.1)
+
+
+def test_weight_bends_an_arm_alike_in_both_conventions(sino6, rng):
+    """The same arm by both tables, its tubes along d: where bearings are and what bends is no
+    matter of the table.
+    """
+    rows = [
+        *sino6.file.joints[:-1],
+        sino6.file.joints[-1].model_copy(update={"a_mm": 0.0, "alpha_rad": 0.0}),
+    ]
+    standard = Arm.from_file(sino6.file.model_copy(update={"joints": rows}))
+    # Where the weights are in the frames of the other table, which stand before a and alpha.
+    tilts = Rotation.from_rotvec([[row.alpha_rad, 0.0, 0.0] for row in rows])
+    centres = tilts.apply([row.com_mm for row in rows]) + np.outer(
+        [row.a_mm for row in rows], [1.0, 0.0, 0.0]
+    )
+    other = [
+        row.model_copy(update={"com_mm": tuple(c)})
+        for row, c in zip(craig().joints, centres.tolist(), strict=True)
+    ]
+    modified = Arm.from_file(craig().model_copy(update={"joints": other}))
+    q = rng.uniform(-3.0, 3.0, (50, 6))
+    close(standard.positions(q), modified.positions(q))
+    for effect in (
+        BearingTilt(3),
+        BearingTilt(5),
+        JointCompliance(2),
+        LinkBending(3),
+        LinkBending(5),
+        TorsionalWindup(5),
+    ):
+        there, here = (
+            ErrorModel(arm, (effect.at((1e-5,)),)).predict(q) for arm in (standard, modified)
+        )
+        close(here, there)
+        assert np.abs(here - modified.positions(q)).max() > 1e-8
+    bodies = [
+        [cause.link for (cause,) in LinkBending.candidates(arm)] for arm in (standard, modified)
+    ]
+    assert bodies[0] == bodies[1] != []
+
+
+def test_base_turns_until_it_carries_the_turned_arm(sino6, q):
+    """The turn of the stand, found by SciPy: c times the moment of the arm as it is turned."""
+    c = 1e-3
+    found = positions(sino6, BaseCompliance(), [c], q, Conditions(len(q)))
+    for k, frames in enumerate(placements(sino6, q)):
+        bodies = Bodies(sino6.file, frames[None])
+        weights = bodies.masses[:, None] * bodies.gravity
+
+        def unbalanced(
+            turn: Array, centres: Array = bodies.centres[0], weights: Array = weights
+        ) -> Array:
+            return np.asarray(
+                turn - c * np.cross(Rotation.from_rotvec(turn).apply(centres), weights).sum(axis=0)
+            )
+
+        turn = root(unbalanced, np.zeros(3), tol=1e-14).x
+        assert np.linalg.norm(turn) < 0.1
+        close(found[k], Rotation.from_rotvec(turn).apply(frames[-1, :3, 3]))

@@ -100,3 +100,30 @@ def test_an_arm_that_is_exact_leaves_nothing_to_calibrate(sino6, frame):
     )
     with pytest.raises(AacmmError, match="nothing to calibrate"):
         plan_calibration(exact, 3, reference_frame=frame, postures=50, progress=False)
+
+
+def test_arms_calibrated_with_the_plan_are_nearer_to_the_truth(sino6):
+    """Least squares on drawn arms and noise, 2000 times each: what planned and random records
+    leave.
+    """
+    plan = plan_calibration(sino6, 12, postures=400, progress=False, **NOISE)
+    rng, u = np.random.default_rng(7), np.array([p.u for p in sino6.parameters])
+    new = sino6.sensitivity(Room(sino6).postures(500, rng)[0])[:, :, u > 0] * u[u > 0]
+
+    def left(q: np.ndarray) -> tuple[float, float]:
+        sensitivity, jacobian = sino6.sensitivity(q)[:, :, u > 0] * u[u > 0], sino6.jacobian(q)
+        noise = U_READING**2 * jacobian @ jacobian.transpose(0, 2, 1) + U_REFERENCE**2 * np.eye(3)
+        white = np.linalg.solve(np.linalg.cholesky(noise), sensitivity).reshape(3 * len(q), -1)
+        true = rng.normal(size=(white.shape[1], 2000))
+        data = np.vstack([white @ true + rng.normal(size=(len(white), 2000)), np.zeros_like(true)])
+        off = np.linalg.lstsq(np.vstack([white, np.eye(len(true))]), data, rcond=None)[0] - true
+        return np.linalg.slogdet(np.cov(off))[1], np.sqrt(np.square(new @ off).sum(axis=1).mean())
+
+    (volume, rms), random = (
+        left(plan.measurements.q),
+        np.array([left(Room(sino6).postures(12, rng)[0]) for _ in range(5)]),
+    )
+    assert volume < random[:, 0].min() - 1.0
+    assert rms < 0.95 * np.median(random[:, 1])
+    assert rms == pytest.approx(plan.u, rel=0.1)
+    assert np.median(random[:, 1]) == pytest.approx(np.median(plan.u_random), rel=0.15)
