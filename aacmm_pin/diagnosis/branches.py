@@ -91,8 +91,10 @@ def _smooth(along: Array, size: Array, angle: Array) -> Array:
     of it (n,).
     """
     waves = np.arange(1, WAVES + 1) * angle[:, None]
-    basis = np.hstack([np.ones((angle.size, 1)), np.cos(waves), np.sin(waves)]) * size[:, None]
-    return np.asarray(basis @ np.linalg.lstsq(basis, along, rcond=1e-9)[0])
+    functions = np.hstack([np.ones((angle.size, 1)), np.cos(waves), np.sin(waves)])
+    basis = functions * size[:, None]
+    coefficients = np.linalg.lstsq(basis, along, rcond=1e-9)[0]
+    return np.asarray(basis @ coefficients)
 
 
 def two_branches(along: Array, size: Array) -> tuple[float, float]:

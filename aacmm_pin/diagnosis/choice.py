@@ -74,13 +74,11 @@ class Choice:
     @cached_property
     def of_part(self) -> dict[int, tuple[Index, Measurements]]:
         """The counted records of each part that can be left out, their numbers first."""
-        rows = {
-            number: np.flatnonzero(self.counted & (self.parts == number))
-            for number in self.by_part.parts
-        }
-        return {
-            number: (own, self.fit.problem.measurements.take(own)) for number, own in rows.items()
-        }
+        records, found = self.fit.problem.measurements, {}
+        for number in self.by_part.parts:
+            rows = np.flatnonzero(self.counted & (self.parts == number))
+            found[number] = rows, records.take(rows)
+        return found
 
     @cached_property
     def tips(self) -> Array:

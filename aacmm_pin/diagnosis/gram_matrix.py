@@ -11,7 +11,7 @@ out of the rows.
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import chain
@@ -35,6 +35,12 @@ RANK = 150
 """Directions of the background of all covariates."""
 LEAST_TRACE = 1e-12
 """A block of columns that are zero counts with this, so that it can be divided by."""
+
+
+def numbers_of(columns: Sequence[slice]) -> Index:
+    """Numbers of some columns (m,)."""
+    each = [np.arange(own.start, own.stop) for own in columns]
+    return np.concatenate([np.empty(0, np.intp), *each])
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,25 +213,25 @@ class Products:
         Review 53), whose start depends on the names of the covariates and on no order.
         """
         blocks = [b for b in self.design.blocks if b.candidate >= self.design.causes]
-        columns = np.concatenate(
-            [np.arange(b.columns.start, b.columns.stop) for b in blocks] or [np.empty(0, np.intp)]
-        )
-        traces = [
-            np.trace(self.diagonal_blocks(None)[q][k])
-            for q, k in (self.place[id(b)] for b in blocks)
-        ]
-        each = np.sqrt(sum(self.free) / (np.maximum(traces, LEAST_TRACE) * len(blocks)))
-        scale = np.repeat(np.minimum(each, max(THRESHOLDS.widths)), [b.size for b in blocks])
-        rank = min(RANK, columns.size, sum(self.free))
-        start = np.concatenate([self._start(b, rank) for b in blocks] or [np.empty((0, rank))])
-        along = sum(part.squared(columns, scale[:, None] * start) for part in self.parts)
-        return columns, scale[:, None] * np.linalg.qr(scale[:, None] * along)[0]
+        columns = numbers_of([block.columns for block in blocks])
+        free = sum(self.free)
+        of_size, places = self.diagonal_blocks(None), [self.place[id(block)] for block in blocks]
+        traces = np.array([np.trace(of_size[size][k]) for size, k in places])
+        each = np.sqrt(free / (np.maximum(traces, LEAST_TRACE) * len(blocks)))
+        largest = max(THRESHOLDS.widths)
+        scale = np.repeat(np.minimum(each, largest), [block.size for block in blocks])[:, None]
+        rank = min(RANK, columns.size, free)
+        start = np.vstack([np.empty((0, rank)), *(self._start(block, rank) for block in blocks)])
+        along = sum(part.squared(columns, scale * start) for part in self.parts)
+        directions = np.linalg.qr(scale * along)[0]
+        return columns, scale * directions
 
     def _start(self, block: Block, rank: int) -> Array:
         """Random numbers that belong to a covariate block (q, rank)."""
         carrier = block.source.carrier if isinstance(block.source, Carried) else ""
         words = f"{self.design.names[block.candidate]} {carrier} {block.variant} {block.size}"
-        return np.random.default_rng(zlib.crc32(words.encode())).standard_normal((block.size, rank))
+        rng = np.random.default_rng(zlib.crc32(words.encode()))
+        return rng.standard_normal((block.size, rank))
 
     @cached_property
     def background_columns(self) -> Array:
