@@ -140,18 +140,18 @@ class Products:
         self._combined: dict[int, tuple[Array, Array]] = {}
         self.free = [each.free for each in self.parts]
         prior = np.zeros((len(design.prior), design.width + 1))
-        prior[:, : design.nuisances], prior[:, -1] = design.prior[:, :-1], design.prior[:, -1]
+        prior[:, : design.nuisances] = design.prior[:, :-1]
+        prior[:, -1] = design.prior[:, -1]
         self.prior = PartRows(prior, 0)
         self._strips: dict[tuple[int | None, int, int], Array] = {}
         sizes = np.array([b.size for b in design.blocks], dtype=np.intp)
         starts = np.array([b.columns.start for b in design.blocks], dtype=np.intp)
         self.of_size = {int(q): np.flatnonzero(sizes == q) for q in np.unique(sizes)}
-        self.columns = {q: starts[own][:, None] + np.arange(q) for q, own in self.of_size.items()}
-        self.place = {
-            id(design.blocks[b]): (q, k)
-            for q, own in self.of_size.items()
-            for k, b in enumerate(own)
-        }
+        self.columns, self.place = dict[int, Index](), dict[int, tuple[int, int]]()
+        for size, own in self.of_size.items():
+            self.columns[size] = starts[own][:, None] + np.arange(size)
+            for number, block in enumerate(own.tolist()):
+                self.place[id(design.blocks[block])] = size, number
         self._diagonal_blocks: dict[int | None, dict[int, Array]] = {}
 
     @cached_property

@@ -76,34 +76,29 @@ def refined_rivals(choice: Choice) -> list[Effect]:
     values that are tried.
     """
     tried = {number: _rivals(choice, block) for number, block in enumerate(choice.top_causes)}
-    found = evidences(choice.fit, choice.noise, _acting(choice, choice.top_causes), tried)
-    pairs = [
-        pair for number, each in found.items() for pair in zip(tried[number], each, strict=True)
-    ]
-    return [likeliest(effects, odds) for effects, odds in pairs]
+    acting, found = _acting(choice, choice.top_causes), list[Effect]()
+    for number, odds in evidences(choice.fit, choice.noise, acting, tried).items():
+        found += map(likeliest, tried[number], odds)
+    return found
 
 
 def _rivals(choice: Choice, block: int) -> list[list[Effect]]:
     """The best others in the place of a block, each with the inner values near its own."""
     candidates, records = choice.candidates, choice.fit.problem.measurements
     values = choice.posterior.space.additions(without_block(choice.posterior.top, block))
-    order = [
-        k
-        for k in np.argsort(-values, kind="stable").tolist()
-        if candidates.is_cause(k) and np.isfinite(values[k])
-    ]
-    best = {candidates.owner(k): k for k in reversed(order)}
-    others = [
-        k
-        for k in order
-        if best[candidates.owner(k)] == k and candidates.owner(k) != candidates.owner(block)
-    ]
-    effects = [choice.variant(k) for k in others[:RIVALS]]
-    free = [effect.at(()) for effect in effects if effect.nonlinear.field and not is_change(effect)]
-    tried = [effect.nonlinear.refine(effect, records) for effect in free]
-    return [
-        each for each in tried if not any(effect.nonlinear.is_preferred(effect) for effect in each)
-    ]
+    best: dict[int, int] = {}
+    for k in np.argsort(-values, kind="stable").tolist():
+        if candidates.is_cause(k) and np.isfinite(values[k]):
+            best.setdefault(candidates.owner(k), k)
+    best.pop(candidates.owner(block), None)
+    effects = [choice.variant(k) for k in [*best.values()][:RIVALS]]
+    found = []
+    for effect in effects:
+        if effect.nonlinear.field and not is_change(effect):
+            tried = effect.nonlinear.refine(effect.at(()), records)
+            if not any(each.nonlinear.is_preferred(each) for each in tried):
+                found.append(tried)
+    return found
 
 
 def _acting(choice: Choice, blocks: Sequence[int]) -> list[Variants]:

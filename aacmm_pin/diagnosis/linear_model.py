@@ -198,10 +198,10 @@ class Base:
         determine.
         """
         inverse, first = divided(self.factor, np.eye(len(self.factor))), self.nuisances
-        of_nuisances = np.square(
-            inverse[:, :first] @ self.gram.products.prior.rows[:, :first].T
-        ).sum()
-        of_others = np.square(inverse[:, first:]).sum(axis=0) @ self.prior[first:]
+        prior = self.gram.products.prior.rows[:, :first]
+        of_nuisances = np.square(inverse[:, :first] @ prior.T).sum()
+        variances = np.square(inverse[:, first:]).sum(axis=0)
+        of_others = variances @ self.prior[first:]
         return float(len(self.factor) - of_nuisances - of_others)
 
 
@@ -310,7 +310,8 @@ class Conditional:
     @cached_property
     def dof(self) -> float:
         """Degrees of freedom that the set leaves, of all that it may use."""
-        used = self.columns.size - float(np.sum(np.diag(self.inverse) / np.square(self.scale)))
+        of_prior = np.diag(self.inverse) / np.square(self.scale)
+        used = self.columns.size - float(of_prior.sum())
         return float(self.base.gram.free - self.base.determined - used)
 
     @property
@@ -327,23 +328,20 @@ class Conditional:
         own = self.places[block]
         precision = np.linalg.inv(self.inverse[own, own])
         information = precision - np.eye(len(precision)) / WIDTHS[width] ** 2
-        gain, volume = gains(information[None], (precision @ self.estimate[own])[None, :, None])
+        gradient = precision @ self.estimate[own]
+        gain, volume = gains(information[None], gradient[None, :, None])
         gain, volume = np.append(gain, 0.0), np.append(volume, 0.0)
-        chi2, log_volume = (
-            self.chi2 + 2.0 * (gain[width] - gain),
-            self.log_volume + volume - volume[width],
-        )
+        chi2 = self.chi2 + 2.0 * (gain[width] - gain)
+        log_volume = self.log_volume + volume - volume[width]
         return np.asarray(self.likelihood.log(chi2) - log_volume)
 
     @cached_property
     def whitened(self) -> Array:
         """``L⁻¹ G`` of all columns and the residual (m, columns + 1)."""
-        rows = [self.base.strip(k) for k in self.blocks]
-        return (
-            divided(self.factor, np.concatenate(rows))
-            if rows
-            else np.zeros((0, self.base.residual.size))
-        )
+        if not self.blocks:
+            return np.zeros((0, self.base.residual.size))
+        rows = np.concatenate([self.base.strip(k) for k in self.blocks])
+        return divided(self.factor, rows)
 
     @cached_property
     def residual(self) -> Array:
@@ -462,9 +460,9 @@ def _by_factors(information: Array, gradient: Array) -> tuple[Array, Array]:
     whole[:, :, q, q] = np.finfo(np.float64).max
     factor = np.linalg.cholesky(whole)
     diagonal = np.diagonal(factor, axis1=2, axis2=3)[:, :, :q]
-    return 0.5 * np.square(factor[:, :, q:, :q]).sum(axis=3).reshape(b, -1, 1), np.log(
-        diagonal * WIDTHS[:, None]
-    ).sum(axis=2)
+    gain = 0.5 * np.square(factor[:, :, q:, :q]).sum(axis=3)
+    volume = np.log(diagonal * WIDTHS[:, None]).sum(axis=2)
+    return gain.reshape(b, -1, 1), volume
 
 
 def log_sum(logs: Array) -> Array:

@@ -109,9 +109,8 @@ def _doubtful(choice: Choice, judge: Fit) -> Mask:
     """Records that do not fit with all that was found, covariates included, by the scatter of
     ``judge`` (n,).
     """
-    return np.asarray(
-        _times_the_limit(choice.design.fit, choice.design.deviations(choice.tips), judge) > 1.0
-    )
+    off = choice.design.deviations(choice.tips)
+    return np.asarray(_times_the_limit(choice.design.fit, off, judge) > 1.0)
 
 
 def _put_back(of: Fit) -> Mask:
@@ -119,11 +118,10 @@ def _put_back(of: Fit) -> Mask:
     (n,).
     """
     far = _times_the_limit(of, of.system.off, of)
-    dense = [
-        cluster.records
-        for cluster in clusters(of.problem.model.arm, of.problem.measurements, of.excluded, of.used)
-    ]
-    return np.asarray(of.used | (of.excluded & np.any([far < NOT_FAR, *dense], axis=0)))
+    arm, records = of.problem.model.arm, of.problem.measurements
+    dense = [each.records for each in clusters(arm, records, of.excluded, of.used)]
+    nearer = np.any([far < NOT_FAR, *dense], axis=0)
+    return np.asarray(of.used | (of.excluded & nearer))
 
 
 def _times_the_limit(at: Fit, off: Array, judge: Fit) -> Array:
@@ -208,11 +206,8 @@ class _Before:
 
     @staticmethod
     def of(found: Choice) -> _Before:
-        return _Before(
-            found.tips,
-            found.posterior.median_model.dof,
-            None if noise_is_known(found.design.fit) else found.scatter_left,
-        )
+        scatter = None if noise_is_known(found.design.fit) else found.scatter_left
+        return _Before(found.tips, found.posterior.median_model.dof, scatter)
 
     def settled(self, found: Choice) -> bool:
         """Whether the scatter is about what a round reckoned with."""
@@ -334,10 +329,9 @@ def _climbed(
 def _torn(at: Fit, parts: Index) -> bool:
     """Whether the records of a seat, or of seats that a bar connects, are in several parts."""
     touched = at.observations.seat >= 0
-    pairs = np.stack(
-        [at.observations.clusters[at.observations.seat[touched]], parts[touched]], axis=1
-    )
-    return len(np.unique(pairs, axis=0)) > len(np.unique(pairs[:, 0]))
+    cluster = at.observations.clusters[at.observations.seat[touched]]
+    pairs = np.stack([cluster, parts[touched]], axis=1)
+    return len(np.unique(pairs, axis=0)) > len(np.unique(cluster))
 
 
 def _block_of(candidates: Candidates, library: tuple[Variants, ...], effect: Effect) -> int:
@@ -354,13 +348,12 @@ def _with_variants(library: Sequence[Variants], effects: list[Effect]) -> tuple[
     """The library with the refined variants among those that are tried."""
     there = {variant.identity for variants in library for variant in variants}
     refined = {effect.label: effect.at(()) for effect in effects if effect.identity not in there}
-    # Of several candidates of one label, the first has the variants.
-    return tuple(
-        _with_variant(variants, refined.pop(variants[0].label))
-        if variants[0].label in refined
-        else variants
-        for variants in library
-    )
+    found = []
+    for variants in library:
+        # Of several candidates of one label, the first has the variants.
+        new = refined.pop(variants[0].label, None)
+        found.append(variants if new is None else _with_variant(variants, new))
+    return tuple(found)
 
 
 def _with_variant(variants: Variants, refined: Effect) -> Variants:

@@ -4,6 +4,7 @@ that do not fit in.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -182,48 +183,47 @@ def unexplained_by(
 ) -> Unexplained:
     """The discrepancy, or else whether anything seems left; ``named``: something was found."""
     mine = {k: choice.covariate(k) for k in choice.covariates}
-    depends = tuple(
-        dict.fromkeys(name for covariate in mine.values() for name in covariate.depends_on)
-    )
-    odd, shared = (
-        tuple(odd_groups(choice)),
-        shared_by(choice.fit) or round_excluded(choice.fit, _whitened(choice)),
-    )
-    if mine:
-        p_value = min(
-            family_wise_p_value(choice.candidates, choice.posterior.without(k), k, rng)
-            for k in mine
-        )
-    else:
-        p_value = min(
-            p_value_of_structure(choice.candidates, choice.posterior.median_model),
-            *(group.p_value for group in odd),
-            1.0,
-        )
-    depends = (*(group.name for group in odd[:1]), *depends)
+    odd = tuple(odd_groups(choice))
+    shared = shared_by(choice.fit) or round_excluded(choice.fit, _whitened(choice))
+    depends = [group.name for group in odd[:1]]
+    for covariate in mine.values():
+        depends += covariate.depends_on
+    chances = _chances(choice, odd, rng)
     if shared is not None:
-        p_value = min(p_value, shared.p_value)
-        if shared.name not in depends and not (shared.name == "place" and "x" in depends):
-            depends = (*depends, shared.name)
+        chances.append(shared.p_value)
+        if not (shared.name == "place" and "x" in depends):
+            depends.append(shared.name)
     background, branches = _background(choice), branches_of(choice)
-    known = (
-        *depends,
-        f"joint {branches.joint}" if branches else "",
-    )  # what these leave of a joint is no scatter
+    # What these leave of a joint is no scatter.
+    known = [*depends, f"joint {branches.joint}"] if branches else depends
+    readings = [one for one in scattered_readings(choice) if f"joint {one.joint}" not in known]
+    described = [_discrepancy(choice, k, covariate.name) for k, covariate in mine.items()]
+    sizes = (*described, *background)
     return Unexplained(
-        p_value,
-        THRESHOLDS.left if named else THRESHOLDS.left_alone,
-        depends,
-        (*(_discrepancy(choice, k, covariate.name) for k, covariate in mine.items()), *background),
-        choice,
-        {covariate.name: choice.way(k).acts_on for k, covariate in mine.items()},
-        held.smooth_gain if held is not None and (mine or background) else None,
-        odd,
-        shared,
-        branches,
-        tuple(one for one in scattered_readings(choice) if f"joint {one.joint}" not in known),
-        _shared_error(choice),
+        p_value=min(chances),
+        threshold=THRESHOLDS.left if named else THRESHOLDS.left_alone,
+        depends_on=tuple(dict.fromkeys(depends)),
+        discrepancy=sizes,
+        choice=choice,
+        acts_on={covariate.name: choice.way(k).acts_on for k, covariate in mine.items()},
+        gain=held.smooth_gain if held is not None and sizes else None,
+        groups=odd,
+        excluded=shared,
+        branches=branches,
+        readings=tuple(readings),
+        shared_by_postures=_shared_error(choice),
     )
+
+
+def _chances(choice: Choice, odd: Sequence[OddGroup], rng: np.random.Generator) -> list[float]:
+    """P-values of the covariates that are named; of all of them and of odd groups where none is."""
+    candidates, posterior = choice.candidates, choice.posterior
+    if not choice.covariates:
+        of_any = p_value_of_structure(candidates, posterior.median_model)
+        return [of_any, *(group.p_value for group in odd), 1.0]
+    return [
+        family_wise_p_value(candidates, posterior.without(k), k, rng) for k in choice.covariates
+    ]
 
 
 def _shared_error(choice: Choice) -> SharedError | None:
@@ -298,16 +298,12 @@ def excess_of(extended: Fit) -> float:
 
 def _discrepancy(choice: Choice, block: int, name: str) -> DiscrepancySize:
     """The size of a covariate's part, at its posterior mean."""
-    model, columns = choice.posterior.median_model, choice.design.blocks[block].columns
-    own, absorbed = model.places[block], choice.posterior.space.base(0).whitened[:, columns]
-    sizes = _sizes(
-        choice,
-        choice.design.columns(block),
-        absorbed,
-        model.estimate[own],
-        model.covariance[own, own],
-    )
-    return DiscrepancySize(name, *sizes, choice.posterior.probability(block))
+    model, design = choice.posterior.median_model, choice.design
+    absorbed = choice.posterior.space.base(0).whitened[:, design.blocks[block].columns]
+    own = model.places[block]
+    estimate, covariance = model.estimate[own], model.covariance[own, own]
+    rms, u = _sizes(choice, design.columns(block), absorbed, estimate, covariance)
+    return DiscrepancySize(name, rms, u, choice.posterior.probability(block))
 
 
 def _background(choice: Choice) -> list[DiscrepancySize]:
@@ -343,18 +339,15 @@ def _sizes(
         estimate, covariance: of the parameters (q,), (q, q).
     """
     design, factor = choice.design, choice.posterior.space.base(0).factor
-    left = columns - design.columns(None) @ scipy.linalg.solve_triangular(
-        factor, absorbed, lower=True, trans=1
-    )
+    refitted = scipy.linalg.solve_triangular(factor, absorbed, lower=True, trans=1)
+    displacement = columns - design.columns(None) @ refitted
     stay = design.deviations(design.tips)
-    moved = [
-        (design.deviations(design.tips + left[:, :, k]) - stay)[choice.fit.used, :3]
-        for k in range(len(estimate))
-    ]
+    moved = []
+    for k in range(len(estimate)):
+        off = design.deviations(design.tips + displacement[:, :, k])
+        moved.append((off - stay)[choice.fit.used, :3])
     rows = np.stack(moved, axis=2)
-    squares = (
-        np.square(rows @ estimate).sum(),
-        np.einsum("nij,jk,nik->", rows, covariance, rows, optimize=True),
-    )
-    rms, u = (float(np.sqrt(max(float(each), 0.0) / len(rows))) for each in squares)
+    square = np.square(rows @ estimate).sum()
+    variance = np.einsum("nij,jk,nik->", rows, covariance, rows, optimize=True)
+    rms, u = np.sqrt(np.maximum([square, variance], 0.0) / len(rows)).tolist()
     return rms, u
