@@ -4,6 +4,7 @@ from .single_point import single_point_statistics
 from .tip_sensitivity import ErrorSources
 from .volume import (
     COVERED,
+    ELLIPSOID_COVERAGE_FACTOR,
     METHODS,
     AccuracyVolume,
     Method,
@@ -15,6 +16,7 @@ from .workspace import WorkspaceMap, map_caveats, map_workspace
 
 __all__ = [
     "COVERED",
+    "ELLIPSOID_COVERAGE_FACTOR",
     "METHODS",
     "AccuracyVolume",
     "ErrorSources",

@@ -20,7 +20,7 @@ from aacmm_pin._support.checks import Array, Index, batch, whole
 from aacmm_pin._support.display import Shown, report
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.accuracy.tip_sensitivity import ErrorSources
-from aacmm_pin.arm.file import COVERAGE_FACTOR as K_OF_ONE_NUMBER
+from aacmm_pin.arm.file import COVERAGE_FACTOR
 from aacmm_pin.effects import Conditions, ErrorModel, GivenModel, loaded
 from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError, UnsupportedArmError
 
@@ -39,7 +39,7 @@ COVERED = (0.954, 0.993)
 """Parts that U = 2 u of a position, u² = u_x² + u_y² + u_z², covers of normal errors: along one
 direction, isotropic.
 """
-COVERAGE_FACTOR = 2.7954834829151074
+ELLIPSOID_COVERAGE_FACTOR = 2.7954834829151074
 """k = 2.80: the ellipsoid that holds 95 % of a normal distribution in three dimensions (JCGM
 102:2011, table 1).
 """
@@ -166,8 +166,8 @@ class AccuracyVolume(Shown):
 
 def expanded(u: Array) -> str:
     """The headline of some uncertainties [m]: from the smallest to the largest, expanded."""
-    low, high = K_OF_ONE_NUMBER * u.min() / MM, K_OF_ONE_NUMBER * u.max() / MM
-    return f"U (k = {K_OF_ONE_NUMBER:g}) = {low:.4f} to {high:.4f} mm"
+    low, high = COVERAGE_FACTOR * u.min() / MM, COVERAGE_FACTOR * u.max() / MM
+    return f"U (k = {COVERAGE_FACTOR:g}) = {low:.4f} to {high:.4f} mm"
 
 
 def paired(circle: PosturesAtPoint, accuracy: AccuracyVolume) -> Index:
@@ -338,7 +338,7 @@ def _volume(method: Method, sources: ErrorSources, sensitivity: Array, covarianc
     """Accuracy volume to first order (n,) [m³]."""
     if method == "ellipsoid":
         determinant = np.maximum(np.linalg.det(covariance), 0.0)
-        return np.asarray(4.0 / 3.0 * np.pi * COVERAGE_FACTOR**3 * np.sqrt(determinant))
+        return np.asarray(4.0 / 3.0 * np.pi * ELLIPSOID_COVERAGE_FACTOR**3 * np.sqrt(determinant))
     from aacmm_pin.accuracy import zonotope
 
     generators = sources.generators(sensitivity)

@@ -326,7 +326,7 @@ def _undone(problem: Problem, mistakes: tuple[_Mistake, ...]) -> Problem:
 
 def _travel(problem: Problem) -> float:
     """How far the tips are spread in each coordinate [m]."""
-    tips = problem.model.arm.positions(problem.measurements.q)
+    tips = problem.model.arm.chain.positions(problem.measurements.q)
     return float(np.sqrt(tips.var(axis=0).mean()))
 
 

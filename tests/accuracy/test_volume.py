@@ -14,7 +14,7 @@ from scipy.stats import chi2
 
 from aacmm_pin._support.batches import ROWS_PER_BATCH
 from aacmm_pin._support.checks import Array
-from aacmm_pin.accuracy.volume import COVERAGE_FACTOR, COVERED, METHODS, accuracy_volume
+from aacmm_pin.accuracy.volume import COVERED, ELLIPSOID_COVERAGE_FACTOR, METHODS, accuracy_volume
 from aacmm_pin.arm import Arm
 from aacmm_pin.effects import ErrorModel, ThermalExpansion
 from aacmm_pin.effects.conditions import Conditions
@@ -99,10 +99,10 @@ def test_zonotope_and_jointwise_are_sums_of_determinants(arm):
 
 def test_ellipsoid_is_that_of_the_covariance(arm):
     result = accuracy_volume(arm, some(arm, 4), method="ellipsoid")
-    axes = COVERAGE_FACTOR * np.sqrt(np.linalg.eigvalsh(result.covariance))
+    axes = ELLIPSOID_COVERAGE_FACTOR * np.sqrt(np.linalg.eigvalsh(result.covariance))
     np.testing.assert_allclose(result.volume, 4 / 3 * np.pi * axes.prod(axis=1), rtol=1e-9)
-    assert pytest.approx(2.80, abs=5e-3) == COVERAGE_FACTOR
-    assert chi2.cdf(COVERAGE_FACTOR**2, 3) == pytest.approx(0.95, rel=1e-12)
+    assert pytest.approx(2.80, abs=5e-3) == ELLIPSOID_COVERAGE_FACTOR
+    assert chi2.cdf(ELLIPSOID_COVERAGE_FACTOR**2, 3) == pytest.approx(0.95, rel=1e-12)
 
 
 def test_ellipsoid_holds_95_percent_of_normal_errors(zero6, rng):
@@ -113,7 +113,7 @@ def test_ellipsoid_holds_95_percent_of_normal_errors(zero6, rng):
     result = accuracy_volume(zero6, q, method="ellipsoid", encoder_noise=2e-5)
     read = zero6.poses(q + 2e-5 * rng.normal(size=(40_000, 6))).position - zero6.poses(q).position
     distance = np.einsum("ni,ij,nj->n", read, np.linalg.inv(result.covariance[0]), read)
-    assert (distance < COVERAGE_FACTOR**2).mean() == pytest.approx(0.95, abs=0.005)
+    assert (distance < ELLIPSOID_COVERAGE_FACTOR**2).mean() == pytest.approx(0.95, abs=0.005)
 
 
 def test_u_of_a_position_covers_what_is_said(rng):

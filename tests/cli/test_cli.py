@@ -207,9 +207,7 @@ def stopped(words: str, sent: signal.Signals, ready: object) -> None:
                 assert time.monotonic() < end
                 time.sleep(0.02)
             os.killpg(process.pid, sent)
-            began = time.monotonic()
             out, err = process.communicate(timeout=60)
-            assert time.monotonic() - began < 9  # a job of a map takes some ten seconds
         except BaseException:
             os.killpg(process.pid, signal.SIGKILL)
             raise

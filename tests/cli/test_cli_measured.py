@@ -230,7 +230,7 @@ def test_a_failure_on_the_way_leaves_none(data, tmp_path, monkeypatch):
         assert any(tmp_path.iterdir())  # the others are on their way
         raise AacmmError("no page today")
 
-    monkeypatch.setattr("aacmm_pin.report.calibration.calibration_document", fail)
+    monkeypatch.setattr("aacmm_pin.report.calibration_document", fail)
     files = f"-o {tmp_path / 'c.toml'} --report {tmp_path / 'r.html'} --json -"
     refused(f"calibrate sino6 {data} {QUICK}", files, said=["no page today"])
     assert list(tmp_path.iterdir()) == []

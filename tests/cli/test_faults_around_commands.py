@@ -197,16 +197,15 @@ def test_no_command_replaces_what_it_reads(tmp_path, monkeypatch):
     read = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
     (tmp_path / "link.urdf").symlink_to("arm.urdf")
     for words, inputs in (
-        ("calibrate arm.toml data.csv --report", ["arm.toml", "data.csv"]),
+        ("calibrate arm.toml data.csv -o", ["arm.toml", "data.csv"]),
         ("correct arm.toml data.csv -o", ["arm.toml"]),
         ("simulate arm.toml --truth", ["arm.toml"]),
         ("plan arm.toml --data data.csv --set-up-arm", ["data.csv"]),
         ("map arm.toml -o map.nc --json", ["arm.toml"]),
-        ("show arm.toml -o", ["arm.toml"]),
         (f"accuracy {urdf} {POINT} --json", ["arm.urdf"]),
-        ("diagnose of_urdf.toml data.csv -o", ["arm.urdf", "link.urdf"]),
+        ("diagnose of_urdf.toml data.csv --extended-arm", ["arm.urdf", "link.urdf"]),
         ("correct sino6 data.csv --nominal of_urdf.toml -o", ["arm.urdf"]),
-        ("accept of_urdf.toml data.csv -o", ["arm.urdf"]),
+        ("accept of_urdf.toml data.csv --json", ["arm.urdf"]),
         ("--plugin hose.py urdf sino6 -o", ["hose.py"]),
         ("--plugin imports_more urdf sino6 -o", ["imports_more.py"]),
     ):

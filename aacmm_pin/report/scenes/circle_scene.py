@@ -10,8 +10,7 @@ from meshcat.geometry import Sphere
 
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.units import DEG, MM3, UM
-from aacmm_pin.accuracy import AccuracyVolume, paired
-from aacmm_pin.arm import COVERAGE_FACTOR
+from aacmm_pin.accuracy import ELLIPSOID_COVERAGE_FACTOR, AccuracyVolume, paired
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.postures import WRIST, ConfigurationCircle, PosturesAtPoint
 from aacmm_pin.report.numbers import count
@@ -158,7 +157,7 @@ def _draw_ellipsoids(scene: Scene, centre: Array, accuracy: AccuracyVolume, size
     scene of ``size`` [m].
     """
     variances, vectors = np.linalg.eigh(accuracy.covariance)
-    half = COVERAGE_FACTOR * np.sqrt(np.maximum(variances, 0.0))
+    half = ELLIPSOID_COVERAGE_FACTOR * np.sqrt(np.maximum(variances, 0.0))
     factor = round_down(SEEN * size / max(float(half.max()), 1e-12))
     vectors[np.linalg.det(vectors) < 0, :, 0] *= -1.0
     drawn = factor * np.maximum(half, THIN * half.max(axis=1, keepdims=True))
@@ -168,7 +167,7 @@ def _draw_ellipsoids(scene: Scene, centre: Array, accuracy: AccuracyVolume, size
     scene["accuracy"].set_transform(placements[0])
     scene.swatches.insert(0, Swatch(ELLIPSOID, "accuracy of this posture (ellipsoid)", "area"))
     words = (
-        f"the 95 % ellipsoid of the position (k = {COVERAGE_FACTOR:.2f}), magnified "
+        f"the 95 % ellipsoid of the position (k = {ELLIPSOID_COVERAGE_FACTOR:.2f}), magnified "
         f"{factor:g} times"
     )
     scene.notes.insert(0, f"The body at the point is {words}.")
