@@ -516,11 +516,9 @@ def files(
         names: of the JSON and of the arm file.
         note: the lines in front of the arm file.
     """
-    hint = "The numbers behind this page are inside it; on screen each name below saves a file."
     of_json, of_arm = names
     blocks: list[Block] = [
-        Heading("Files"),
-        Paragraph(hint),
+        Heading("Files in this page"),
         Download(of_json, "all numbers of this page", json_text(summary).encode()),
         Download("residuals.csv", "every record with its residuals", csv_text(residuals).encode()),
     ]
