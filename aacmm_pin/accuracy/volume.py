@@ -109,9 +109,8 @@ class AccuracyVolume(Shown):
 
         Returns:
             A table, largest first: the parameter (or joint, or kind; <NA> for the joint of a cause
-                of the whole arm),
-            ``u_mm`` (its root mean square contribution) and ``share`` (of the variance; the shares
-            sum to 1).
+            of the whole arm), ``u_mm`` (its root mean square contribution) and ``share`` (of the
+            variance; the shares sum to 1).
         """
         together = np.zeros((len(self.sources.parameters),) * 2)
         for q, conditions in _parts(self.q, self.conditions):
