@@ -173,7 +173,7 @@ class Fit(Solution):
         determines.
         """
         p = self.problem.scales.size
-        return np.asarray(self.with_inner[:p, :p] + self.added_covariance)
+        return self.with_inner[:p, :p]
 
     @property
     def inner_u(self) -> dict[tuple[str, str], float]:
@@ -199,6 +199,12 @@ class Fit(Solution):
     @cached_property
     def with_inner(self) -> Array:
         """Covariance of all columns and, last, of the inner values."""
+        covariance, p = self._of_independent_records.copy(), self.problem.scales.size
+        covariance[:p, :p] += self.added_covariance
+        return covariance
+
+    @property
+    def _of_independent_records(self) -> Array:
         if not self.inner:
             return self.system.covariance(self.unknown)
         point, widths = self.point, np.array([width for *_, width in self.inner])

@@ -231,7 +231,7 @@ def _extended(problem_of: ProblemOf, found: Choice, first: Fit, used: Mask | Non
     """
     effects = [effect.at(()) for effect in found.effects]
     if not effects:
-        return first
+        return _with_shared_error(first, found)
     fitted = {e.identity for e in found.fit.effects[-found.fit.problem.candidates :]}
     same = found.fit.problem.candidates == len(effects) and fitted == {e.identity for e in effects}
     same = same and (used is None or np.array_equal(used, found.fit.used))
@@ -240,10 +240,13 @@ def _extended(problem_of: ProblemOf, found: Choice, first: Fit, used: Mask | Non
         at = refitted(problem_of, effects, gone, used)
         effects = [_without(at, found.noise, effects, k, gone) for k in range(len(effects))]
         at = refitted(problem_of, effects, gone, used)
-    return replace(
-        with_inner_u(at, found.noise, effects),
-        added_covariance=found.noise.added_covariance(at, found.posterior.median_model.variance),
-    )
+    return _with_shared_error(with_inner_u(at, found.noise, effects), found)
+
+
+def _with_shared_error(at: Fit, found: Choice) -> Fit:
+    """The fit with what an error that records of one posture share adds to its covariance."""
+    variance = found.posterior.median_model.variance
+    return replace(at, added_covariance=found.noise.added_covariance(at, variance))
 
 
 def _gone(at: Fit, effects: Sequence[Effect]) -> list[Effect]:
