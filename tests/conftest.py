@@ -50,9 +50,8 @@ def _nothing_of_other_tests() -> Iterator[None]:
 
 
 def _close_figures() -> None:
-    if pyplot := sys.modules.get(
-        "matplotlib.pyplot"
-    ):  # most tests draw nothing, and need not import it
+    # Most tests draw nothing, and need not import it.
+    if pyplot := sys.modules.get("matplotlib.pyplot"):
         pyplot.close("all")
 
 

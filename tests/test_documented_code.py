@@ -142,9 +142,8 @@ def lines(text: str) -> list[str]:
 
 def shell(line: str) -> str:
     if line.startswith("aacmm-pin "):
-        with patch.dict(
-            CAUSES, KNOWN, clear=True
-        ):  # what a page makes known a new process does not know
+        # What a page makes known a new process does not know.
+        with patch.dict(CAUSES, KNOWN, clear=True):
             done = CliRunner().invoke(app, shlex.split(line, comments=True)[1:], env=PLAIN)
         status, said, error = done.exit_code, done.output, done.exception
     else:

@@ -145,9 +145,10 @@ def test_a_path_stands_for_records(records):
 def test_the_file_of_a_procedure_is_filled_in_from_paths(tmp_path, extended):
     procedure = aacmm_pin.acceptance_procedure("sino6", standard="asme-b89.4.22")
     (tmp_path / "plan.csv").write_text(procedure.csv(), encoding="utf-8")
+    # Four decimals.
     np.testing.assert_allclose(
         Procedure.read(tmp_path / "plan.csv", "sino6").q, procedure.q, atol=1e-6
-    )  # four decimals
+    )
     taken = Measurements.of(procedure.q)
     taken.save(tmp_path / "taken.csv")
     filled = procedure.filled(tmp_path / "taken.csv", extended)

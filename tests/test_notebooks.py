@@ -112,10 +112,8 @@ def executed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
         patched.delenv("MPLBACKEND", raising=False)  # a kernel of Jupyter chooses its own
         client = NotebookClient(notebook, timeout=120, kernel_name="python3")
         client.create_kernel_manager()
-        client.km.transport, client.km.ip = (
-            "ipc",
-            str(tmp_path_factory.mktemp("k") / "k"),
-        )  # no port that another takes
+        # No port that another takes.
+        client.km.transport, client.km.ip = ("ipc", str(tmp_path_factory.mktemp("k") / "k"))
         client.execute(cwd=str(ROOT))
     return notebook
 

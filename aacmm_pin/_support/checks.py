@@ -116,9 +116,8 @@ def _floats(values: ArrayLike, name: str) -> Array:
 
 
 def _finite(array: Array, name: str, unit: str) -> None:
-    if (
-        array.size and not np.isfinite([array.min(), array.max()]).all()
-    ):  # NaN is the smallest and the largest
+    # NaN is the smallest and the largest.
+    if array.size and not np.isfinite([array.min(), array.max()]).all():
         bad = np.argwhere(~np.isfinite(array))
         where = ", ".join(str(i) for i in bad[0])
         raise ShapeError(f"{name}[{where}] is {array[tuple(bad[0])]}, expected a finite number")

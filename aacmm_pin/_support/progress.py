@@ -12,9 +12,8 @@ from typing import Any, TypeVar
 from tqdm import TqdmExperimentalWarning
 
 with warnings.catch_warnings():
-    warnings.simplefilter(
-        "ignore", TqdmExperimentalWarning
-    )  # of a notebook; tqdm.auto does the same, but loads asyncio
+    # Of a notebook; tqdm.auto does the same, but loads asyncio.
+    warnings.simplefilter("ignore", TqdmExperimentalWarning)
     from tqdm.autonotebook import tqdm
 
 T = TypeVar("T")

@@ -282,9 +282,8 @@ class ErrorSources(Shown):
             group, names = pd.factorize(table[by], use_na_sentinel=False)
             member = np.eye(len(names))[group]
             table, together = pd.DataFrame({by: names}), member.T @ together @ member
-        table["u_mm"] = (
-            np.sqrt(np.maximum(np.diag(together), 0.0)) / MM
-        )  # below zero by rounding, where both ends cancel
+        # Below zero by rounding, where both ends cancel.
+        table["u_mm"] = np.sqrt(np.maximum(np.diag(together), 0.0)) / MM
         table["share"] = together.sum(axis=1) / together.sum()
         return table.sort_values("share", ascending=False, ignore_index=True)
 

@@ -205,9 +205,8 @@ class Arm(Shown):
             translation_half_width=translation_half_width,
             rotation_half_width=rotation_half_width,
         )
-        file = (
-            os.path.realpath(path) if os.path.isfile(path) else ""
-        )  # a pipe has no name for others to read it by
+        # A pipe has no name for others to read it by.
+        file = os.path.realpath(path) if os.path.isfile(path) else ""
         return replace(arm, file=_with_urdf(arm.urdf_file, file=file, sha256=sha256))
 
     @staticmethod

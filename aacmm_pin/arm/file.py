@@ -89,9 +89,8 @@ MOST_FACTORS = 4
 LARGEST_DEG = 1e6
 """Whole numbers of TOML may be larger than any float; no angle is."""
 
-_FROM_ARRAY = Field(
-    strict=False
-)  # TOML has arrays only; strict validation would refuse them where a tuple is meant
+# TOML has arrays only; strict validation would refuse them where a tuple is meant.
+_FROM_ARRAY = Field(strict=False)
 Pair = Annotated[tuple[FiniteFloat, FiniteFloat], _FROM_ARRAY]
 Vector3 = Annotated[tuple[FiniteFloat, FiniteFloat, FiniteFloat], _FROM_ARRAY]
 

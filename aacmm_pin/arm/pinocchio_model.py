@@ -68,9 +68,8 @@ def serial_part(
     names = [model.names[joint] for joint in chain]
     leaders = [mimics.get(name, (name,))[0] for name in names]
     for name, leader in zip(names, leaders, strict=True):
-        if name in mimics and (
-            leaders.count(leader) > 1 or not model.existJointName(leader)
-        ):  # a fixed one is none there
+        # A fixed one is none there.
+        if name in mimics and (leaders.count(leader) > 1 or not model.existJointName(leader)):
             raise UnsupportedArmError(
                 f"{mimics[name][1]}; each joint that moves frame {frame!r} must be read by itself"
             )

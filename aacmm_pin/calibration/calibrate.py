@@ -265,9 +265,10 @@ def _references_in_other_unit(after: Fit) -> list[Note]:
     known = after.used & after.problem.measurements.known
     if not known.any():
         return []
+    # NaN: not stated.
     u = float(
         np.median(reference_u(after.problem.measurements, after.problem.setup, np.nan)[known])
-    )  # nan: not stated
+    )
     off = float(np.sqrt(np.mean(np.square(after.system.deviation[known]))))
     small = u < BEST_REFERENCE and u < off / UNIT_RATIO
     large = 0.0 < off < u / UNIT_RATIO
@@ -313,9 +314,8 @@ def _of_bars(after: Fit) -> list[Note]:
     ]
     if len(bars) < 2:
         return []
-    rows = slice(
-        -len(bars), None
-    )  # where no two bars have an end in common, each is one of the last rows
+    # Where no two bars have an end in common, each is one of the last rows.
+    rows = slice(-len(bars), None)
     left = 1.0 - np.square(system.jacobian[rows] @ system.independent_steps).sum(axis=1)
     off = np.abs(system.residual[rows]) / np.sqrt(np.maximum(left, BAR_REDUNDANCY))
     worst = int(off.argmax())

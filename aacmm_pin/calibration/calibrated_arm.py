@@ -69,10 +69,8 @@ def calibrated_model(fit: Fit) -> ErrorModel:
         (*problem.known_from, *fingerprints(used), *fingerprints_of_standards(used))
     )
     names += [f"{effect.key}.{name}" for _, effect, name, _ in fit.inner]
-    columns = [
-        *range(vector.size),
-        *range(problem.scales.size, len(fit.with_inner)),
-    ]  # between them those of the frame
+    # Between them those of the frame.
+    columns = [*range(vector.size), *range(problem.scales.size, len(fit.with_inner))]
     matrix = fit.with_inner[np.ix_(columns, columns)]
     matrix[: vector.size, : vector.size] += of_tip @ of_tip.T
     known = joined(arm, names, matrix, " ".join(records))

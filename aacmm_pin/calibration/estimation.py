@@ -193,9 +193,8 @@ class _Estimation:
             covariance = stated + variance * np.eye(3)
             return float(np.median(squared_distances(deviation, covariance))) - share * MEDIAN
 
-        slack = (
-            MEDIAN * 6.0 / np.sqrt(len(stated))
-        )  # the median of a few records scatters by itself
+        # The median of a few records scatters by itself.
+        slack = MEDIAN * 6.0 / np.sqrt(len(stated))
         if self.stated and excess(0.0) < slack:
             return 0.0
         return float(np.sqrt(root(excess, deviation)))

@@ -200,9 +200,8 @@ class NormalEquations:
         if failed:
             return None
         inverse = scipy.linalg.lapack.dtrtri(factor)[0]
-        if (
-            not np.linalg.norm(inverse) * UNEVEN < 1.0
-        ):  # no singular value is smaller than one over this norm
+        # No singular value is smaller than one over this norm.
+        if not np.linalg.norm(inverse) * UNEVEN < 1.0:
             return None
         return NormalEquations(lengths, inverse, inverse.T @ (gradient / lengths))
 
@@ -348,9 +347,8 @@ class SeatElimination:
             square = (
                 self._seat_sums(by.transpose(0, 2, 1) @ by) + by_tie.transpose(0, 2, 1) @ by_tie
             )
-            some = (
-                np.trace(square, axis1=1, axis2=2) > least
-            )  # the others have nothing to be made orthonormal
+            # The others have nothing to be made orthonormal.
+            some = np.trace(square, axis1=1, axis2=2) > least
             square = np.where(some[:, None, None], square, np.eye(3))
             upper = np.linalg.cholesky(square).transpose(0, 2, 1)
             inverse = np.linalg.inv(upper)

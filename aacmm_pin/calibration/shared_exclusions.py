@@ -156,9 +156,8 @@ def _narrowed(found: Fit) -> Iterator[Narrowed]:
         beyond = np.maximum(low - values, values - high)
         if (beyond > 0.0).sum() < FEWEST_TOGETHER:
             continue
-        values = values[
-            beyond <= np.sort(beyond)[-FEWEST_TOGETHER]
-        ]  # a reading or two may be wrong by any angle
+        # A reading or two may be wrong by any angle.
+        values = values[beyond <= np.sort(beyond)[-FEWEST_TOGETHER]]
         seen = max(high, values.max()) - min(low, values.min())
         if high - low < NARROW * seen:
             yield Narrowed(row, float(high - low), float(seen), bool(chain.prismatic[j]))
@@ -186,9 +185,8 @@ def shared_by(found: Fit) -> Shared | None:
     each = [shared for shared in found_by if shared is not None]
     bounds = [replace(shared, p_value=shared.p_value * len(each)) for shared in each]
     sure = [*dense, *(shared for shared in bounds if shared.p_value < SURELY)]
-    labels = [
-        shared for shared in sure if shared.name in LABELS
-    ]  # these say more than the rows of a file that have one
+    # These say more than the rows of a file that have one.
+    labels = [shared for shared in sure if shared.name in LABELS]
     return min(labels or sure, key=lambda shared: shared.p_value, default=None)
 
 

@@ -242,9 +242,8 @@ class _Search:
             point, system = self.seats_at_best(point, system)
             step = _Step.of(system, self.units)
             self.units, predicted = step.units, step.predicted_reduction
-            if predicted < (
-                NO_STEP if self.final else self.tolerance
-            ):  # of a mere start it need not be taken
+            # Of a mere start it need not be taken.
+            if predicted < (NO_STEP if self.final else self.tolerance):
                 message = ""
                 break
             cost, delta = system.cost, step.within(self.radius)
@@ -338,9 +337,8 @@ class _Search:
         for _ in range(MOST_STEPS):
             step = system.seat_step(still)
             size = np.abs(step).max(initial=0.0)
-            if (
-                size < AT_BEST or size > SHRINKS * before
-            ):  # bars that cannot be met at all make it go to and fro
+            # Bars that cannot be met at all make it go to and fro.
+            if size < AT_BEST or size > SHRINKS * before:
                 break
             before = size
             point = replace(point, seats=point.seats + step)

@@ -26,9 +26,8 @@ def _open_what_is_closed() -> None:
 def main() -> None:
     """The command."""
     _open_what_is_closed()
-    os.environ.pop(
-        "PYTHONWARNINGS", None
-    )  # no warning of a library ends a command, or a worker process of it
+    # No warning of a library ends a command, or a worker process of it.
+    os.environ.pop("PYTHONWARNINGS", None)
     sys.warnoptions.clear()
     warnings.resetwarnings()
     if 0 <= (limit := resource.getrlimit(resource.RLIMIT_AS)[0]) < LEAST_MEMORY:
@@ -36,12 +35,10 @@ def main() -> None:
             f"aacmm-pin: not enough memory: {limit / 1e6:.0f} MB of address space, expected "
             f"{LEAST_MEMORY / 1e6:.0f}"
         )
-    if (
-        signal.getsignal(signal.SIGINT) != signal.SIG_IGN
-    ):  # as shells want it for jobs in the background
-        signal.signal(
-            signal.SIGINT, signal.SIG_DFL
-        )  # while compiled code is loaded, no handler of Python's would run
+    # As shells want it for jobs in the background.
+    if signal.getsignal(signal.SIGINT) != signal.SIG_IGN:
+        # While compiled code is loaded, no handler of Python's would run.
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
     from aacmm_pin.cli.root_command import app
 
     app()

@@ -198,9 +198,8 @@ def _warnings_as_notes() -> Iterator[None]:
     """What a library warns of, without its file and line; a test that makes errors of warnings
     still has them.
     """
-    logging.getLogger("matplotlib").setLevel(
-        logging.ERROR
-    )  # that its cache has no place is nobody's concern
+    # That its cache has no place is nobody's concern.
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)
     with warnings.catch_warnings():
         warnings.showwarning = _noted
         yield

@@ -142,9 +142,8 @@ def run(
         touches = None if procedure is None else Procedure.read(procedure, model.arm)
         effects = [stated_cause(text, model) for text in effect or []]
         if perturb:
-            model = perturbed_model(
-                model, rng.spawn(1)[0]
-            )  # a stream of its own: the plan is the same without it
+            # A stream of its own: the plan is the same without it.
+            model = perturbed_model(model, rng.spawn(1)[0])
             note(
                 f"note: the true geometry was drawn within the uncertainties of {model.arm.name}, "
                 f"seed {seed}"

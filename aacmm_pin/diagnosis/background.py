@@ -30,7 +30,6 @@ class Background:
     def covariance(self) -> Array:
         """Posterior covariance of the coefficients (r, r)."""
         first = self.model.base.nuisances
-        inverse = np.linalg.inv(
-            self.model.base.factor[first:, first:]
-        )  # the nuisances are eliminated
+        # The nuisances are eliminated.
+        inverse = np.linalg.inv(self.model.base.factor[first:, first:])
         return np.asarray(self.model.variance * inverse.T @ inverse)

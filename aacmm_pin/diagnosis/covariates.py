@@ -323,9 +323,8 @@ def _place(state: State) -> Covariate:
 
 def _bumps(state: State) -> Bumps:
     """Round centres among the tips, as many as these are apart."""
-    order = np.lexsort(
-        np.round(state.q, DECIMALS).T
-    )  # so that the order of the records does not matter
+    # So that the order of the records does not matter.
+    order = np.lexsort(np.round(state.q, DECIMALS).T)
     tip = state.position[order]
     apart = np.unique(np.round(tip / NARROWEST), axis=0)
     count = int(np.clip(len(apart) // 2, 1, CENTRES))

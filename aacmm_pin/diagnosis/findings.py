@@ -33,9 +33,8 @@ def _finding(
     model: ErrorModel, choice: Choice, trained: list[Training], block: int, rng: np.random.Generator
 ) -> Finding:
     every = {effect.identity: (effect, covariance) for effect, covariance in estimated(choice)}
-    latest = {
-        effect.label: (effect, covariance) for effect, covariance in every.values()
-    }  # the new one comes last
+    # The new one comes last.
+    latest = {effect.label: (effect, covariance) for effect, covariance in every.values()}
     chosen = choice.variant(block)
     effect, covariance = every.get(chosen.identity, latest[chosen.label])
     covariance = covariance + _of_other_sets(choice, block, effect)

@@ -210,9 +210,8 @@ class ThermalExpansion(Effect):
         ):
             return np.asarray(conditions.link_temperature[:, row - 1] - reference)
         if conditions.link_temperature is not None and conditions.temperature is None:
-            return np.asarray(
-                conditions.link_temperature.mean(axis=1) - reference
-            )  # the stand: nobody measured it
+            # The stand: nobody measured it.
+            return np.asarray(conditions.link_temperature.mean(axis=1) - reference)
         return np.asarray(conditions.require("temperature", self.label) - reference)
 
 

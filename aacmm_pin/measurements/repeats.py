@@ -129,9 +129,8 @@ def _nearest_difference(q: Array) -> Array:
     infinite where far.
     """
     turn = 2 * np.pi
-    within = np.mod(
-        np.mod(q, turn), turn
-    )  # of what is below zero by next to nothing the first gives 2π
+    # Of what is below zero by next to nothing the first gives 2π.
+    within = np.mod(np.mod(q, turn), turn)
     tree = scipy.spatial.KDTree(within, boxsize=turn)
     distances, _ = tree.query(within, 2, p=np.inf, distance_upper_bound=2.0 * SAME_POSTURE)
     return np.asarray(distances[:, 1])

@@ -120,9 +120,8 @@ class Situation:
         seats = {*old, *observations_of(pool, task.setup).labels}
         problem = task.problem(set_up.model, pool if existing is None else existing)
         layout = Layout.of(problem, task.causes, tuple(sorted(seats)))
-        known = [
-            np.eye(layout.nuisances, layout.width)
-        ]  # of what is refitted, its prior; seats are within a metre
+        # Of what is refitted, its prior; seats are within a metre.
+        known = [np.eye(layout.nuisances, layout.width)]
         if existing is not None:
             measured, ties = rows_of(problem, layout, task.frame)
             known += [measured.reshape(-1, layout.width), ties]

@@ -72,9 +72,8 @@ def require_separable(effects: tuple[Effect, ...], arm: Arm) -> None:
             same twice.
     """
     for effect in effects:
-        if (
-            effect.refitted and effect.location_field() != "marker"
-        ):  # the tip is refitted only where the target is unknown
+        # The tip is refitted only where the target is unknown.
+        if effect.refitted and effect.location_field() != "marker":
             raise AacmmError(
                 f"{effect.label} is refitted in every diagnosis, expected a cause that stands "
                 "beside geometry"

@@ -207,18 +207,16 @@ def _finer(equations: Equations, curves: list[Curve]) -> list[Array]:
     """
     finer = []
     for curve in curves:
-        turns = (
-            np.round((curve.q[-1] - curve.q[0]) / (2 * np.pi)) * 2 * np.pi
-        )  # made when it is back at its start
+        # Made when it is back at its start.
+        turns = np.round((curve.q[-1] - curve.q[0]) / (2 * np.pi)) * 2 * np.pi
         q = np.vstack([curve.q, curve.q[:1] + turns]) if curve.closed else curve.q
         rows = np.arange((len(q) - 1) * FINER + 1) / FINER
         finer.append(
             np.column_stack([np.interp(rows, np.arange(len(q)), angles) for angles in q.T])
         )
     problem = np.repeat([c.problem for c in curves], [len(q) for q in finer])
-    solutions, _ = equations.polish(
-        np.concatenate(finer), problem
-    )  # what does not arrive is near enough to measure a way
+    # What does not arrive is near enough to measure a way.
+    solutions, _ = equations.polish(np.concatenate(finer), problem)
     return np.split(solutions, np.cumsum([len(q) for q in finer])[:-1])
 
 
@@ -243,9 +241,8 @@ def _swivel_crossings(pieces: _Segments, angles: Array) -> tuple[Index, Index, A
     ]
     ahead, turn = wrapped(angles[which] - pieces.swivel[piece]), pieces.turn[piece]
     passed = np.where(turn >= 0, (ahead >= 0) & (ahead < turn), (ahead <= 0) & (ahead > turn))
-    passed &= (
-        np.abs(turn) > SAME_SWIVEL
-    )  # an elbow that stays in one plane passes no angle, but by rounding
+    # An elbow that stays in one plane passes no angle, but by rounding.
+    passed &= np.abs(turn) > SAME_SWIVEL
     return piece[passed], which[passed], ahead[passed]
 
 
@@ -269,9 +266,8 @@ def _solutions_at_swivel(
         guess = low[left] + part * (high - low)[left]
         q[left], there[left] = components.equations.polish(guess, problem[left])
         gap = wrapped(wanted[left] - components.angle(q[left], problem[left]))
-        before = np.sign(gap) == np.sign(
-            gap_low[left]
-        )  # still on the near side of the wanted swivel
+        # Still on the near side of the wanted swivel.
+        before = np.sign(gap) == np.sign(gap_low[left])
         with np.errstate(divide="ignore", invalid="ignore"):  # an end that is met
             less = 1.0 - gap / np.where(before, gap_low[left], gap_high[left])
         less = np.where(less > 0, less, 0.5)

@@ -46,9 +46,8 @@ def candidates(b0: Array, b1: Array, b2: Array, c: Array, p: Array) -> tuple[Arr
         to.
     """
     w = np.einsum("nji,nj->ni", b0[:, :3, :3], p - b0[:, :3, 3])
-    rows = np.stack(
-        [np.einsum("nji,nj->ni", b1[:, :3, :3], b1[:, :3, 3]), b1[:, 2, :3]], axis=1
-    )  # R1ᵀ t1, R1ᵀ e_z
+    # R1ᵀ t1, R1ᵀ e_z.
+    rows = np.stack([np.einsum("nji,nj->ni", b1[:, :3, :3], b1[:, :3, 3]), b1[:, 2, :3]], axis=1)
     u = _affine_point(b2, c)
     h = _affine_right_side(b1, u, c, b2, w, rows)
     phi3, who = _roots(_quadratic_form(rows[:, :, :2], u, h))
@@ -116,9 +115,8 @@ def _roots(form: Array) -> tuple[Array, Index]:
     form grows or falls as it shall, or to where the parabola turns.
     """
     size = np.abs(form).max(axis=(1, 2), keepdims=True)
-    form = form / np.where(
-        size > 1e-200, size, 1.0
-    )  # of an arm without lengths there is nothing left
+    # Of an arm without lengths there is nothing left.
+    form = form / np.where(size > 1e-200, size, 1.0)
     one, cc, ss = form[:, 0, 0], form[:, 1, 1], form[:, 2, 2]
     terms = np.stack(
         [
@@ -135,13 +133,13 @@ def _roots(form: Array) -> tuple[Array, Index]:
         [np.ones(GRID + 1), np.cos(grid), np.sin(grid), np.cos(2 * grid), np.sin(2 * grid)]
     )
     value = terms.T @ wave
+    # |form|' step/2.
     half = (
         0.5 * step * np.sign(value) * (terms[[2, 1, 4, 3]].T @ (wave[1:] * [[1], [-1], [2], [-2]]))
-    )  # |form|' step/2
+    )
     bend = np.hypot(terms[1], terms[2]) + 4 * np.hypot(terms[3], terms[4])  # at most
-    low = 0.125 * step**2 * bend[:, None] - np.abs(
-        value
-    )  # more than half: comes to zero in half a step
+    # More than half: comes to zero in half a step.
+    low = 0.125 * step**2 * bend[:, None] - np.abs(value)
     passes = (value[:, :-1] < 0) != (value[:, 1:] < 0)
     turns = ~passes & (half < low)[:, :-1], ~passes & (-half < low)[:, 1:]
     which, who, left = np.nonzero(np.stack([passes, *turns]))

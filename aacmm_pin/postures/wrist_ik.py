@@ -110,9 +110,8 @@ class Wrist:
         held = np.zeros(behind) if rest is None else vector(rest, behind, "rest", "rad")
         if rest is None and limits is not None:
             nearest = into_limits(held, limits[POSITIONING:])
-            held = (
-                np.clip(nearest, *limits[POSITIONING:].T) - nearest
-            )  # exactly 0 where that is inside
+            # Exactly 0 where that is inside.
+            held = np.clip(nearest, *limits[POSITIONING:].T) - nearest
         offsets = dh.theta_offset[:WRIST_ROW].copy()
         offsets[-1] += held[0]
         moving = np.array([True] * POSITIONING + [False])
@@ -254,9 +253,8 @@ def with_spread(seeds: Array, problem: Index, problems: int, count: int) -> tupl
 
 def _held_seeds(links: Array, points: Array, per_turn: int) -> tuple[Array, Index]:
     """Candidates with each joint held in turn: (n, 4) [rad] and the number of their point (n,)."""
-    angles = (
-        np.linspace(-np.pi, np.pi, per_turn, endpoint=False) + 0.37
-    )  # off the symmetric angles 0 and ±π
+    # Off the symmetric angles 0 and ±π.
+    angles = np.linspace(-np.pi, np.pi, per_turn, endpoint=False) + 0.37
     seeds, numbers = [], []
     for held in range(POSITIONING):
         (b0, b1, b2), c = _chain_with_held(links, held, angles)

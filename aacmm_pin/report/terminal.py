@@ -71,9 +71,8 @@ def _print_table(table: Table) -> None:
     grid = Grid(*columns, box=SIMPLE, pad_edge=False, collapse_padding=True)
     for row in cells.itertuples(index=False):
         grid.add_row(*row)
-    console.print(
-        grid, crop=False
-    )  # a terminal that is too narrow for the names breaks the lines; nothing is left out
+    # A terminal that is too narrow for the names breaks the lines; nothing is left out.
+    console.print(grid, crop=False)
     if len(cells) < len(table.frame):
         say(f"  … and {len(table.frame) - len(cells)} more")
 

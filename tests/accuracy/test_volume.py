@@ -138,9 +138,8 @@ def test_monte_carlo_hull_nears_the_zonotope_from_inside(name, draws, n, request
     assert (hull.sampling_error > 0).all()
     second_order = 1e-3  # errors of 1e-4 relative turn the generators by as much
     assert (hull.volume < exact.volume * (1 + second_order)).all()
-    missing = (
-        exact.volume - hull.volume
-    )  # the sampling error of a single posture is itself a draw: both together
+    # The sampling error of a single posture is itself a draw: both together.
+    missing = exact.volume - hull.volume
     assert missing.sum() < 4 * hull.sampling_error.sum()
     np.testing.assert_allclose(hull.volume, exact.volume, rtol=0.02 if name == "sino6" else 0.1)
     spread = np.trace(hull.covariance, axis1=1, axis2=2) / np.trace(
@@ -185,9 +184,8 @@ def test_published_ranges_at_the_six_seats(nominal, sino6):
             assert accuracy.volume.min() * 1e13 == pytest.approx(full[0], abs=1.0)
             assert accuracy.volume.max() * 1e13 == pytest.approx(full[1], abs=1.0)
             covariance = accuracy.covariance
-            volume = (
-                4 / 3 * np.pi * np.sqrt(np.linalg.det(3 * covariance)) * 1e13
-            )  # half-widths in place of u
+            # Half-widths in place of u.
+            volume = 4 / 3 * np.pi * np.sqrt(np.linalg.det(3 * covariance)) * 1e13
             assert volume.min() == pytest.approx(ellipsoid[0], rel=0.03)
             assert volume.max() == pytest.approx(ellipsoid[1], rel=slack, abs=0.06)
 
@@ -229,9 +227,8 @@ def test_budget_names_each_source_once(sino6):
     assert set(table["parameter"]) == uncertain | {f"encoder_noise{j}" for j in range(1, 7)}
     row = table.set_index("parameter").loc["d3"]
     assert (row["joint"], row["kind"], row["scope"]) == (3, "d", "arm")
-    assert row["u_mm"] == pytest.approx(
-        0.02707 / np.sqrt(3), rel=1e-9
-    )  # d3 moves the tip one for one
+    # d3 moves the tip one for one.
+    assert row["u_mm"] == pytest.approx(0.02707 / np.sqrt(3), rel=1e-9)
 
 
 # --- what cannot be asked
@@ -275,9 +272,8 @@ def test_what_cannot_be_asked(sino6):
 
 def test_memory_grows_only_with_the_result(sino6, monkeypatch):
     """Beyond q, volume and covariance, 30 000 configurations need no more than 5 000."""
-    monkeypatch.setenv(
-        "AACMM_PIN_COMPILED", "never"
-    )  # a slow machine may load numba between the two, which takes 20 MB
+    # A slow machine may load numba between the two, which takes 20 MB.
+    monkeypatch.setenv("AACMM_PIN_COMPILED", "never")
     beyond = []
     for n in (5_000, 30_000):
         q = some(sino6, n)

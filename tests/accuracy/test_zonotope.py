@@ -65,9 +65,8 @@ def test_degenerate_generators(rng):
             assert zonotope.largest_deviation(g[None])[0] == pytest.approx(
                 brute, rel=1e-12, abs=1e-15
             ), kind
-    g = rng.integers(-1, 2, size=(200, 3, 8)).astype(
-        float
-    )  # many lie exactly in the plane of two others
+    # Many lie exactly in the plane of two others.
+    g = rng.integers(-1, 2, size=(200, 3, 8)).astype(float)
     brute = [np.linalg.norm(vertices(one), axis=1).max() for one in g]
     np.testing.assert_allclose(zonotope.largest_deviation(g), brute, rtol=1e-12)
 

@@ -86,9 +86,8 @@ def test_places_of_a_robot_are_its_joints_and_placements(robots, rng):
         walked = frames(robot, q)
         close(walked[robot.chain.tip], robot.poses(q).placement)
         for k, each in enumerate(q):
-            jacobian = pin.computeJointJacobians(
-                robot.model, data, each
-            )  # in the base, of the point that passes its origin
+            # In the base, of the point that passes its origin.
+            jacobian = pin.computeJointJacobians(robot.model, data, each)
             for joint, column in enumerate(jacobian.T, start=1):
                 placement = data.oMi[joint - 1] * robot.model.jointPlacements[joint]
                 close(walked[end(joint - 1), k], placement.homogeneous)

@@ -148,9 +148,8 @@ def main(words: Sequence[str]) -> None:
             {"name": name, "title": (OPERATIONS[name].__doc__ or name).strip(" .\n")}
             | table.as_dict(name)
         )
-        given.json.write_text(
-            json.dumps(report, indent=1) + "\n", encoding="utf-8"
-        )  # after each: a long run may be stopped
+        # After each: a long run may be stopped.
+        given.json.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
         if given.page:
             given.page.write_text(page(report), encoding="utf-8")
 

@@ -297,9 +297,8 @@ def calibration(table: Table) -> None:
         """
         return calibrate(arm, records, "geometry", reference_frame="external", **plain)
 
-    assert (
-        ours().rms < 2 * COORDINATE_NOISE
-    )  # of coordinates, or of distances, which is √3 times as much
+    # Of coordinates, or of distances, which is √3 times as much.
+    assert ours().rms < 2 * COORDINATE_NOISE
     ways: dict[str, Callable[[], object]] = {OURS: ours}
     for package in ("robotkinecal", "figaroh"):
 
@@ -307,9 +306,8 @@ def calibration(table: Table) -> None:
             report = ask(
                 package, f"solve_with_{package}.py", urdf, "--repeats", "1", q=q, positions=tips
             )
-            assert (
-                report["rms_before_m"] > 10 * COORDINATE_NOISE
-            )  # otherwise there was nothing to calibrate
+            # Otherwise there was nothing to calibrate.
+            assert report["rms_before_m"] > 10 * COORDINATE_NOISE
             assert report["rms_after_m"] < 1.1 * COORDINATE_NOISE
             return Seconds(report["seconds"])
 

@@ -276,9 +276,8 @@ def draw_regime(seed: int, most_records: int = SIZES[-1][1], **given: object) ->
     if kind == "seats":
         drawn.setdefault("seats", 3 if few else min(int(rng.integers(4, 11)), max(3, records // 2)))
     elif kind == "bars":
-        drawn.setdefault(
-            "seats", 4 if few else 2 * min(int(rng.integers(2, 6)), records // 4)
-        )  # both ends are touched
+        # Both ends are touched.
+        drawn.setdefault("seats", 4 if few else 2 * min(int(rng.integers(2, 6)), records // 4))
     drawn["own_u"] = bool(drawn["own_u"]) and kind not in ("seats", "bars")
     drawn["external"] = bool(drawn["external"]) and kind != "bars"
     return Regime(**drawn)
@@ -438,9 +437,8 @@ def _at_seats(rng: np.random.Generator, arm: Chain, places: Array) -> Array:
             tried = tried + np.clip(np.einsum("nkj,nk->nj", j, step[..., 0]), -0.5, 0.5)
         gap = places[missing] - arm.tips(tried)
         good = (np.abs(gap).max(axis=1) < 1e-5) & ((tried > low) & (tried < high)).all(axis=1)
-        good &= (
-            np.linalg.svd(arm.jacobian(tried), compute_uv=False)[:, -1] > LEAST_LEVER_M
-        )  # gross errors can be reached
+        # Gross errors can be reached.
+        good &= np.linalg.svd(arm.jacobian(tried), compute_uv=False)[:, -1] > LEAST_LEVER_M
         q[missing[good]] = tried[good]
     raise ValueError(f"no posture found for {missing.size} of {len(places)} records")
 

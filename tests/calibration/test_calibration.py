@@ -258,9 +258,8 @@ def test_seats_and_bars(sino6, rng, plan):
     if data.bar_length is not None:  # stated in the file, it is not assumed
         data = replace(data, bar_length_u=np.where(np.isnan(data.bar_length), np.nan, REFERENCE))
     result = quick(sino6, data, probe_noise=5e-6)
-    assert result.rms == pytest.approx(
-        result.noise, rel=0.1
-    )  # of seats without coordinates, less what their place takes
+    # Of seats without coordinates, less what their place takes.
+    assert result.rms == pytest.approx(result.noise, rel=0.1)
     assert agreement(sino6, result, errors) > 1e-3
     assert result.rms < 0.3 * result.rms_before
     assert result.p_value > 1e-4
@@ -608,9 +607,8 @@ def test_records_outside_a_known_error_curve_are_left_out_and_listed(sino6):
     assert note.code == "outside_known_range"
     assert note.data["cause"].startswith(curve.label)
     assert note.data["rows"] == records.row[~inside].tolist()
-    wide = replace(
-        curve, values=(), lower_rad=-0.1, upper_rad=6.4
-    )  # takes the place of the one that is known
+    # Takes the place of the one that is known.
+    wide = replace(curve, values=(), lower_rad=-0.1, upper_rad=6.4)
     assert (
         calibrate(
             model, records, ["zero-offsets", wide], hold_out=False, progress=False

@@ -100,9 +100,8 @@ def test_random_arms_and_markers(joints, sino6, rng):
         for markers in ((), ("left", "right")):
             for posed in (True, False):
                 data = seen(arm, q, rng, target=0.3, posed=posed, markers=markers)
-                data.reference[::10] += rng.normal(
-                    0.0, 0.3, data.reference[::10].shape
-                )  # gross errors
+                # Gross errors.
+                data.reference[::10] += rng.normal(0.0, 0.3, data.reference[::10].shape)
                 found = calibrate(arm, data, **UNKNOWN)
                 assert 1.0e-4 < found.rms < 2.0e-4
                 assert found.fit.excluded.sum() == 5

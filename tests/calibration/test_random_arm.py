@@ -39,9 +39,8 @@ def test_the_truth_states_no_uncertainty_and_keeps_the_rest(sino6, rng):
     np.testing.assert_array_equal(drawn.masses, sino6.masses)
     assert drawn.source.startswith("drawn within the uncertainties of: Xu You")
     q = rng.uniform(*sino6.limits.T, (20, 6))
-    np.testing.assert_allclose(
-        drawn.poses(q).position, drawn.positions(q), atol=1e-12
-    )  # Pinocchio moves with the table
+    # Pinocchio moves with the table.
+    np.testing.assert_allclose(drawn.poses(q).position, drawn.positions(q), atol=1e-12)
     assert np.abs(drawn.positions(q) - sino6.positions(q)).max() > 1e-5
 
 

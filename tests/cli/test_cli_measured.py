@@ -263,9 +263,8 @@ def test_causes_of_error_are_estimated_too(extended, folder, tmp_path):
     )
     assert expansion.values[0] == pytest.approx(2e-5, abs=4 * expansion.u[0])
     assert 0 < expansion.u[0] < 1e-5
-    out, _ = done(
-        f"calibrate {tmp_path / 'c.toml'} {folder / 'warm.csv'} {QUICK}", effects
-    )  # from where it has them now
+    # From where it has them now.
+    out, _ = done(f"calibrate {tmp_path / 'c.toml'} {folder / 'warm.csv'} {QUICK}", effects)
     assert re.search(r"thermal expansion of the arm +expansion -?\d+(\.\d+)? ± \d", out)
 
 

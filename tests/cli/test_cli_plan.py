@@ -44,9 +44,8 @@ def test_a_plan_is_filled_in_appended_and_diagnosed(tmp_path, sino6):
     assert not Measurements.read(plan, 6).known.any()
     filled_in(plan, ErrorModel(sino6, (JointCompliance(2, values=(1e-5,)),)))
     before, new = pd.read_csv(old), pd.read_csv(plan)
-    assert list(new.columns) == list(
-        before.columns
-    )  # the new records can be appended to the old ones
+    # The new records can be appended to the old ones.
+    assert list(new.columns) == list(before.columns)
     assert (new["u_x_mm"] == 0.012).all()
     assert new["session"].isna().all()
     both.write_text(old.read_text() + "".join(plan.read_text().splitlines(keepends=True)[1:]))

@@ -165,9 +165,8 @@ def test_an_arm_file_of_a_robot_goes_through_every_command(robot, tmp_path):
         pd.read_csv(corrected)[["corrected_x_mm", "corrected_y_mm", "corrected_z_mm"]].to_numpy()
         * MM
     )
-    np.testing.assert_allclose(
-        places, model.predict(q), rtol=0, atol=5.1e-10
-    )  # in mm with six decimals
+    # In mm with six decimals.
+    np.testing.assert_allclose(places, model.predict(q), rtol=0, atol=5.1e-10)
     np.testing.assert_allclose(places, measured[PLACES] * MM, rtol=0, atol=1e-5)
     done(f"correct {truth} {records} --commands -o {commands}")
     sent = pd.read_csv(commands).filter(like="command").to_numpy() * DEG

@@ -179,9 +179,8 @@ def test_names_that_cannot_be(tmp_path, monkeypatch):
 
 def test_no_command_replaces_what_it_reads(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(
-        sys, "path", [*sys.path]
-    )  # a plugin's folder stays in it, and workers would find this file
+    # A plugin's folder stays in it, and workers would find this file.
+    monkeypatch.setattr(sys, "path", [*sys.path])
     monkeypatch.syspath_prepend(str(tmp_path))
     (tmp_path / "hose.py").write_text("")
     (tmp_path / "imports_more.py").write_text("import more_of_it")

@@ -589,9 +589,8 @@ def test_the_part_of_the_scatter_that_readings_have(share: float) -> None:
     rng, n = np.random.default_rng(3), 600
     used, frame = np.arange(n) % 6 > 0, Rotation.from_rotvec([0.4, -0.9, 1.1]).as_matrix()
     whitening = np.where(np.arange(n) % 2, 1e4, 3e4)[:, None, None] * np.eye(3)
-    levers = rng.normal(size=(n, 3, 2)) * rng.uniform(
-        0.1, 1.0, (n, 1, 1)
-    )  # by two readings: in one plane each
+    # By two readings: in one plane each.
+    levers = rng.normal(size=(n, 3, 2)) * rng.uniform(0.1, 1.0, (n, 1, 1))
     white = whitening @ frame @ levers
     readings = white @ white.transpose(0, 2, 1)
     wanted = (1 - share) * np.eye(3) + share * readings * 3.0 / np.trace(

@@ -416,6 +416,5 @@ def test_order_of_records_causes_and_covariates(
     for state in random_states(space, rng, 12):
         there = state_of(again, labelled(space, state), state.amplitude)
         assert again.log_posterior(there) == pytest.approx(space.log_posterior(state), abs=NATS)
-    assert probabilities(again) == pytest.approx(
-        measured.probabilities, abs=1e-4
-    )  # far sets are approximate
+    # Far sets are approximate.
+    assert probabilities(again) == pytest.approx(measured.probabilities, abs=1e-4)

@@ -107,9 +107,8 @@ def test_inner_values_by_their_evidence(monkeypatch):
         inner_values, "evidences", lambda *given: {0: [np.zeros(len(given[3][0][0]))]}
     )
     times = np.array([0.0, 5.0, 20.0, 50.0])
-    gaps = np.array(
-        [0.0, 10.0, 20.0, 40.0]
-    )  # around each of them; the first is the first record itself
+    # Around each of them; the first is the first record itself.
+    gaps = np.array([0.0, 10.0, 20.0, 40.0])
     variance = np.square(times - 20.0).mean() + np.square(gaps).mean() / 12.0
     assert inner_values.step_of(slip, 0, "time_s") == inner_values.Step(
         pytest.approx(np.sqrt(variance)), 0.0, 50.0

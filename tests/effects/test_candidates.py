@@ -92,9 +92,8 @@ def test_places(sino6, zero6, robot_file, rng):
         assert [len(e.bodies) for e in first] == [max(bodies - k, 0) for k in range(6)]
     finger = Arm.from_urdf(robot_file("panda.urdf"), "panda_leftfinger")
     vars(finger)["masses"] = None  # where the property keeps it
-    assert (
-        places(JointCompliance, finger, replace(bare, q=np.zeros((N, 8)))) == []
-    )  # a joint slides beyond all others
+    # A joint slides beyond all others.
+    assert places(JointCompliance, finger, replace(bare, q=np.zeros((N, 8)))) == []
     assert places(JointCompliance, zero6, None) == []
 
 

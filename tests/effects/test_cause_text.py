@@ -168,11 +168,8 @@ def test_values_have_two_digits_of_their_uncertainty():
         (EncoderGain(1), "gain", 9e-5, 0.0, "gain 90 ppm"),
     ):
         assert values_in_words(effect, {key: (value, u)}) == said
-    target = {
-        "x_mm": (29.7748, 0.01),
-        "y_mm": (0.373, 0.01),
-        "z_mm": (-0.1, 0.1),
-    }  # far from the tip: one unit for all
+    # Far from the tip: one unit for all.
+    target = {"x_mm": (29.7748, 0.01), "y_mm": (0.373, 0.01), "z_mm": (-0.1, 0.1)}
     assert (
         values_in_words(StylusOffset(), target)
         == "x 29.775 ± 0.020 mm, y 0.373 ± 0.020 mm, z -0.10 ± 0.20 mm"

@@ -103,9 +103,8 @@ def test_every_column_is_read_in_its_unit(full):
         "session",
     )
     np.testing.assert_array_equal(known.time, [0, 1.5, -1, 9])  # running backwards is no mistake
-    np.testing.assert_array_equal(
-        known.link_temperature, [[20, 21, 22]] * 4
-    )  # a DH table may have more rows than joints
+    # A DH table may have more rows than joints.
+    np.testing.assert_array_equal(known.link_temperature, [[20, 21, 22]] * 4)
     np.testing.assert_array_equal(known.approach, [[-1, 0], [1, 1], [0, 0], [0, 0]])
     np.testing.assert_array_equal(known.torque, [[0.5, -1.5]] * 2 + [[0, 0]] * 2)
     lists = {
@@ -133,9 +132,8 @@ def test_radians_and_one_temperature(tmp_path):
     measurements = Measurements.read(
         write(tmp_path, "theta2_rad,theta1_rad,temperature_c\n-0.5,31.4,21.5\n"), nq=2
     )
-    np.testing.assert_array_equal(
-        measurements.q, [[31.4, -0.5]]
-    )  # by number, whatever the order of the columns
+    # By number, whatever the order of the columns.
+    np.testing.assert_array_equal(measurements.q, [[31.4, -0.5]])
     np.testing.assert_array_equal(measurements.conditions.temperature, [21.5])
     assert (measurements.known.any(), measurements.seats(), measurements.bars()) == (False, {}, [])
 
@@ -712,9 +710,8 @@ def test_unknown_columns_of_any_kind_are_saved(tmp_path):
             "d": pd.to_datetime(["2020-01-01", None]),
         }
     )
-    path = (
-        tmp_path / "out.csv.gz"
-    )  # the name promises what nobody asked for: the file is plain text
+    # The name promises what nobody asked for: the file is plain text.
+    path = tmp_path / "out.csv.gz"
     Measurements.of([[1.0], [2.0]], extra=extra).save(path)
     again = Measurements.read(path).extra.to_dict("list")
     assert again == {

@@ -134,9 +134,8 @@ def test_errors_of_references_act_where_these_are_stated(sino6):
     shift = np.array([1e-4, -2e-4, 3e-4])
     model = ErrorModel(sino6).with_effects(SeatError(seat="S3", values=tuple(shift)))
     measurements = simulated(model, plan="seats", **quiet())
-    off = (
-        sino6.dh.chain.positions(measurements.q) - measurements.reference
-    )  # true place = stated place + e
+    # True place = stated place + e.
+    off = sino6.dh.chain.positions(measurements.q) - measurements.reference
     third = measurements.conditions.seat == "S3"
     np.testing.assert_allclose(off[third], np.broadcast_to(shift, (30, 3)), atol=1e-9)
     np.testing.assert_allclose(off[~third], 0.0, atol=1e-9)

@@ -68,15 +68,13 @@ def test_table_1_is_the_bundled_arm(sino6):
 def test_highest_configuration_is_the_one_that_made_the_point():
     q = random_configurations(1, 20_000, theta3=0.0)
     p = TRUTH.chain.positions(q)
-    elbow_angle = np.arctan2(
-        L3 - L2, D3
-    )  # where |θ4| passes π - this, the mirror image about OP is the answer instead
+    # Where |θ4| passes π - this, the mirror image about OP is the answer instead.
+    elbow_angle = np.arctan2(L3 - L2, D3)
     applies = looks_towards(q, p) & (q[:, 3] > -np.pi - elbow_angle)
     assert applies.mean() > 0.8
     assert angle_error(PlanarConfigurations(ARM, p[applies]).highest, q[applies, :4]).max() < 1e-10
-    printed = np.arctan(p[:, 1] / p[:, 0]) + np.where(
-        p[:, 0] >= 0, 0.0, np.pi
-    )  # the case distinction of (2)
+    # The case distinction of (2).
+    printed = np.arctan(p[:, 1] / p[:, 0]) + np.where(p[:, 0] >= 0, 0.0, np.pi)
     assert (
         angle_error(PlanarConfigurations(ARM, p).azimuth[:, None], printed[:, None]).max() < 1e-14
     )
@@ -86,9 +84,8 @@ def test_lowest_configuration_is_the_one_that_made_the_point():
     q = random_configurations(2, 20_000, theta3=np.pi)
     p = TRUTH.chain.positions(q)
     first = q[:, 3] < -np.arctan2(L2 + L3, D3)
-    reachable = (
-        np.linalg.norm(p, axis=1) < np.hypot(L3 - L2, D3) + D5
-    )  # (7) starts from the highest configuration
+    # (7) starts from the highest configuration.
+    reachable = np.linalg.norm(p, axis=1) < np.hypot(L3 - L2, D3) + D5
     towards = looks_towards(q, p)
     applies = towards & first & reachable
     assert applies.mean() > 0.6
@@ -126,9 +123,8 @@ def test_every_configuration_at_a_theta2_reaches_the_point():
     number = np.nonzero(exists)[0]
     q = np.column_stack([found[exists], np.zeros(exists.sum())])
     assert len(q) > 1_000
-    offset = L3 - D5 * np.sin(
-        q[:, 3]
-    )  # θ3 follows from a direction: outside the limits it may point the other way
+    # θ3 follows from a direction: outside the limits it may point the other way.
+    offset = L3 - D5 * np.sin(q[:, 3])
     inside = offset > 0
     np.testing.assert_allclose(TRUTH.chain.positions(q[inside]), p[number[inside]], atol=1e-11)
     np.testing.assert_array_equal(q[:, 1], theta2[number])
@@ -151,9 +147,8 @@ def test_misprints_have_the_sizes_of_their_geometry():
     measured = slips.loc[("7", "ken with cos(π/2 + θ4max)"), "median_length_error_mm"]
     assert measured == pytest.approx(np.median(difference) / MM, rel=1e-9)
     harmless = slips.index[slips["affected_share"] == 0.0].tolist()
-    assert harmless == [
-        ("7", "exists if den + |d5| >= gen")
-    ]  # points of the workspace never violate the missing half
+    # Points of the workspace never violate the missing half.
+    assert harmless == [("7", "exists if den + |d5| >= gen")]
 
 
 def test_table_2_is_reproduced_within_one_percent_and_exact_geometry_gives_more():

@@ -85,9 +85,8 @@ def test_the_method_is_that_of_equations_7_and_8(zero6):
     for run in RUNS:
         simulation = simulated_run(run)
         offsets = np.array([42, -36, -25, 38, 31, -24]) * MRAD
-        poses = zero6.poses(
-            simulation.q + offsets - TRUE_DEG * DEG
-        )  # the arm has its true offsets built in
+        # The arm has its true offsets built in.
+        poses = zero6.poses(simulation.q + offsets - TRUE_DEG * DEG)
         np.testing.assert_allclose(
             simulation.matrix(offsets), poses.jacobian[:, :3].reshape(9, 6), atol=1e-12
         )
@@ -107,9 +106,8 @@ def test_rounded_to_a_milliradian_it_goes_the_printed_way():
         assert (found.loc[0, OFFSETS] == 0.0).all()
         rest = np.abs(found[OFFSETS].iloc[-1] - TRUE_DEG).max()  # the paper's 0.02°
         assert rest == pytest.approx(0.0238, abs=5e-5)
-    increment = simulated_run(1).increment(
-        np.array(STATES[1][0]) * MRAD
-    )  # joint 5 without the keying slip: 1.203°
+    # Joint 5 without the keying slip: 1.203°.
+    increment = simulated_run(1).increment(np.array(STATES[1][0]) * MRAD)
     np.testing.assert_array_equal(
         np.round(increment / MRAD), np.subtract(STATES[1][2], STATES[1][0])
     )

@@ -171,10 +171,8 @@ def test_they_are_with_existing_records_in_an_unknown_frame_and_at_seats(sino6):
     existing = simulate_measurements(
         sino6, "free", 15, rng=np.random.default_rng(3), encoder_noise=U_READING
     )
-    more, nothing = (
-        np.vstack([existing.q, existing.q[:2]]),
-        np.full((2, 3), np.nan),
-    )  # two records that say nothing
+    # Two records that say nothing.
+    more, nothing = (np.vstack([existing.q, existing.q[:2]]), np.full((2, 3), np.nan))
     old = Measurements.of(more, np.vstack([existing.reference, nothing]))
     plan = planned(sino6, split, existing=old, reference_frame="external")
     # How the frame is turned does not matter to isotropic references, so the brute computation
@@ -414,9 +412,8 @@ def test_an_arm_that_has_the_cause_says_how_large_it_is(sino6):
     assert cause_of("joint_compliance:2", extended) == known
     plan = planned(extended, PAIR, postures=20)
     typical = planned(sino6, PAIR, postures=20)
-    assert plan.after.one == pytest.approx(
-        4 * typical.after.one, rel=0.02
-    )  # 4e-5 for the typical 2e-5
+    # 4e-5 for the typical 2e-5.
+    assert plan.after.one == pytest.approx(4 * typical.after.one, rel=0.02)
     assert [e.label for e in plan.model.effects] == ["joint_compliance:2", "encoder_gain:5"]
 
 
@@ -572,10 +569,8 @@ def test_measured_torques_are_expected_to_hold_the_weight(sino6):
 
 
 def test_more_that_is_unknown_leaves_less_to_tell(sino6):
-    fixed: dict[str, Any] = {
-        "as_it_stands": True,
-        "postures": 20,
-    }  # every posture is taken: the same records
+    # Every posture is taken: the same records.
+    fixed: dict[str, Any] = {"as_it_stands": True, "postures": 20}
     more = planned(sino6, PAIR, **fixed)
     unknown: list[dict[str, Any]] = [
         {"prior": False},

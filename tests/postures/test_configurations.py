@@ -324,14 +324,12 @@ def test_components_are_ordered_closed_and_even(arm, circles):
             ]
             steps = np.linalg.norm(np.roll(elbow, -1, axis=0) - elbow, axis=1)
             turns = np.abs(wrapped(np.roll(q, -1, axis=0) - q)).max(axis=1)
-            assert (
-                turns.max() < 0.9
-            )  # near the base axis joint 1 turns fast while the elbow hardly moves
+            # Near the base axis joint 1 turns fast while the elbow hardly moves.
+            assert turns.max() < 0.9
             if steps.sum() > 1e-6:
                 assert steps.max() < 1.05 * steps.mean()
-                assert (
-                    steps < 0.95 * steps.mean()
-                ).sum() <= 4  # where the path turns back on itself a chord is shorter
+                # Where the path turns back on itself a chord is shorter.
+                assert (steps < 0.95 * steps.mean()).sum() <= 4
 
 
 # --- (d) swivel
@@ -363,12 +361,10 @@ def test_swivel_is_zero_at_the_top_and_right_handed(name, gravity):
     for number in np.unique(circle.component):
         mine = circle.component == number
         highest = np.argmax(elbow[mine] @ up)
-        assert abs(circle.swivel[mine][highest]) < np.radians(
-            12
-        )  # the elbow's path is nearly a circle, not quite
-    across = np.cross(
-        point - shoulder, up
-    )  # the right hand turns the top towards (point - shoulder) × up
+        # The elbow's path is nearly a circle, not quite.
+        assert abs(circle.swivel[mine][highest]) < np.radians(12)
+    # The right hand turns the top towards (point - shoulder) × up.
+    across = np.cross(point - shoulder, up)
     np.testing.assert_array_equal(
         np.sign((elbow - shoulder) @ across), np.sign(np.sin(circle.swivel))
     )
@@ -570,9 +566,10 @@ def test_tip_circles_are_exact_and_complete(name, point, axis):
     lost = missed(system, circle.components.curves, q, which)
     assert not lost.any(), f"{lost.sum()} of {len(q)}: {q[lost][:2].tolist()}"
     assert twice(system, circle.components.curves) == 0
+    # Also after the turns into the limits.
     np.testing.assert_allclose(
         arm.poses(circle.q[circle.within_limits]).position - place, 0.0, atol=1e-12
-    )  # also after the turns into the limits
+    )
 
 
 @pytest.mark.parametrize(
@@ -622,10 +619,8 @@ def brute_flexibility(
 
 
 def test_wrist_joints_rest_inside_their_limits(sino6):
-    lower, upper = (
-        np.array([0.5, 2 * np.pi - 2.0]),
-        np.array([1.0, 2 * np.pi - 1.0]),
-    )  # θ6 as good as from -2 to -1
+    # θ6 as good as from -2 to -1.
+    lower, upper = (np.array([0.5, 2 * np.pi - 2.0]), np.array([1.0, 2 * np.pi - 1.0]))
     narrow = replace(sino6, limits=np.vstack([sino6.limits[:4], np.column_stack([lower, upper])]))
     free, held = (configuration_circle(arm, [0.4, 0.0, 0.3]) for arm in (sino6, narrow))
     np.testing.assert_allclose(

@@ -101,9 +101,8 @@ class ByHand:
             )
             q2, q4 = lean - np.pi / 2, pitch - (lean - np.pi / 2) - q3
             before = np.column_stack([x4, y, z4]) @ pin.utils.rotate("z", q5)
-            turned = (
-                before.T @ pose[:3, :3] @ pin.utils.rotate("x", np.pi / 2)
-            )  # a turn about y, by θ6
+            # A turn about y, by θ6.
+            turned = before.T @ pose[:3, :3] @ pin.utils.rotate("x", np.pi / 2)
             solutions.append([q1, q2, q3, q4, q5, np.arctan2(turned[0, 2], turned[0, 0])])
         return solutions
 
@@ -377,8 +376,7 @@ def test_a_trace_stays_on_its_side_of_a_narrow_gap(gap):
         found.add(begin[None], np.array([True]))
         (curve,) = found.curves
         assert curve.closed
-        assert np.linalg.norm(curve.q[1] - curve.q[0]) == pytest.approx(
-            FIRST_STEP, rel=1e-4
-        )  # no leap as over a crossing
+        # No leap as over a crossing.
+        assert np.linalg.norm(curve.q[1] - curve.q[0]) == pytest.approx(FIRST_STEP, rel=1e-4)
         assert np.abs(curve.q).sum(axis=1).max() < np.pi
         assert set(map(tuple, np.sign(curve.q).astype(int))) >= {(1, 1), (1, -1), (-1, 1), (-1, -1)}

@@ -71,9 +71,8 @@ def test_ur10_has_free_curves_in_its_first_three_joints(real_data):
     assert (
         0.40 * MM < rms(off_when_aligned(geometry.predict(others.q[known]), measured)) < 0.52 * MM
     )
-    assert (
-        rms(off_when_aligned(result.model.predict(others.q[known]), measured)) < 0.15 * MM
-    )  # gross errors included
+    # Gross errors included.
+    assert rms(off_when_aligned(result.model.predict(others.q[known]), measured)) < 0.15 * MM
 
 
 @pytest.mark.long

@@ -134,15 +134,12 @@ def test_the_documented_table_is_what_is_found(page, measured):
 
 @pytest.mark.long
 def test_which_records_are_left_out_together_hardly_matters(measured):
-    usual, few = (
-        held_out(measured.usual),
-        measured.case.arm is arms.fanuc,
-    )  # 24 postures, which stay together
+    # 24 postures, which stay together.
+    usual, few = (held_out(measured.usual), measured.case.arm is arms.fanuc)
     other = held_out(measured.calibrated(rng=np.random.default_rng(2)))
     assert other[0] == pytest.approx(usual[0], rel=0.1 if few else MARGIN)
-    assert other[1] == pytest.approx(
-        usual[1], rel=0.3 if few else 0.15
-    )  # ten blocks of joint space are few
+    # Ten blocks of joint space are few.
+    assert other[1] == pytest.approx(usual[1], rel=0.3 if few else 0.15)
 
 
 @pytest.mark.parametrize(("name", "expected"), [again("ur10", 0.435), ("fanuc", 0.248)])
@@ -254,6 +251,5 @@ def test_where_the_search_starts(measured, rng):
     found = measured.calibrated(
         Arm.from_file(file.model_copy(update={"joints": rows})), hold_out=False
     )
-    assert found.rms == pytest.approx(
-        measured.usual.rms, rel=0.02
-    )  # one record more or less is excluded
+    # One record more or less is excluded.
+    assert found.rms == pytest.approx(measured.usual.rms, rel=0.02)

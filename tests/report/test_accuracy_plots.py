@@ -157,9 +157,8 @@ def test_circles_have_tubes_to_the_point_and_all_is_in_view(circle, accuracy):
             np.testing.assert_allclose(tube[-1], one.point * 1e3, atol=1e-6)
             assert (tube >= limits[:, 0]).all()
             assert (tube <= limits[:, 1]).all()
-        assert np.ptp(np.ptp(limits, axis=1) / ax._box_aspect) == pytest.approx(
-            0.0, abs=1e-6
-        )  # one scale for all axes
+        # One scale for all axes.
+        assert np.ptp(np.ptp(limits, axis=1) / ax._box_aspect) == pytest.approx(0.0, abs=1e-6)
     within = curves(plot_circle(circle, accuracy))[0]
     assert within.get_array().size == 36  # the only component within limits, closed
     assert within.get_array().min() >= accuracy.volume.min() * 1e9

@@ -48,9 +48,8 @@ def test_a_page_agrees_with_its_numbers_and_holds_its_files(at_seats):
     text = written(at_seats)
     page = Page(text)
     assert plt.get_fignums() == []
-    assert "http" not in text.replace(
-        viewer_script(), ""
-    )  # the viewer of scenes names places in its licences
+    # The viewer of scenes names places in its licences.
+    assert "http" not in text.replace(viewer_script(), "")
     assert len(text) < 3_000_000
     assert NAME in page.text  # escaped, so that it is text again
     assert verdict(at_seats) in page.text
@@ -111,9 +110,8 @@ def test_what_is_beyond_its_stated_uncertainty(sino6, at_seats, of_robot):
     result = calibrate(sino6, data, ["geometry", known], encoder_noise=READINGS, hold_out=False)
     table = parameter_table(result)
     assert list(table.loc[table["beyond"], "parameter"]) == ["d4"]
-    np.testing.assert_allclose(
-        stated_half_widths(result)[-2:], [2e-5, 4e-5]
-    )  # twice the u of a cause
+    # Twice the u of a cause.
+    np.testing.assert_allclose(stated_half_widths(result)[-2:], [2e-5, 4e-5])
 
 
 def test_good_arms_are_within_what_is_stated(sino6):

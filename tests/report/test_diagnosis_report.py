@@ -60,9 +60,8 @@ def test_a_page_agrees_with_its_numbers_and_holds_its_files(eccentric):
     text = written(eccentric)
     page, held = Page(text), eccentric.held_out
     assert plt.get_fignums() == []
-    assert "http" not in text.replace(
-        viewer_script(), ""
-    )  # the viewer of scenes names places in its licences
+    # The viewer of scenes names places in its licences.
+    assert "http" not in text.replace(viewer_script(), "")
     assert len(text) < 5_000_000
     assert NAME in page.text  # escaped, so that it is text again
     assert verdict_in_words(eccentric) in page.text

@@ -142,9 +142,8 @@ def test_several_panels_take_the_place_of_axes(at_seats):
     assert right not in own.axes
     panels = own.axes[1:]
     assert len(panels) == 6
-    assert (
-        min(ax.get_position().x0 for ax in panels) > left.get_position().x1
-    )  # in its place, and nowhere else
+    # In its place, and nowhere else.
+    assert min(ax.get_position().x0 for ax in panels) > left.get_position().x1
     assert {ax.get_ylim() for ax in panels} == {panels[0].get_ylim()}  # one scale
     with pytest.raises(AacmmError, match="no place in a grid"):
         plot_residual_views(at_seats, Figure().add_axes((0.1, 0.1, 0.8, 0.8)))

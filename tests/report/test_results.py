@@ -210,12 +210,8 @@ def test_arms_show_their_geometry(values, sino6):
     assert re.search(r"encoder u \[µrad\].* 7\.5 ", noisy)
     assert "no accuracy" in text_of(Arm.load("zero6"))
     ur5 = values["Arm of a URDF"]
-    for text in (
-        *ur5.model.names[1:],
-        "(0, 1, 0)",
-        "-360 to 360",
-        "0.05, 0.05, 0.05",
-    ):  # the shoulder lifts about y
+    # The shoulder lifts about y.
+    for text in (*ur5.model.names[1:], "(0, 1, 0)", "-360 to 360", "0.05, 0.05, 0.05"):
         assert text in text_of(ur5)
 
 

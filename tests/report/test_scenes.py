@@ -139,9 +139,8 @@ def test_an_arm_that_came_as_urdf(robot_file, rng):
             np.testing.assert_allclose(placement[:3, 3], data.oMi[joint].translation, atol=SINGLE)
             jacobian = pin.computeJointJacobian(arm.model, data, row, joint)[3:, joint - 1]
             axis = data.oMi[joint].rotation @ jacobian
-            np.testing.assert_allclose(
-                placement[:3, 2], axis, atol=1e-6
-            )  # drawn joints lie along z
+            # Drawn joints lie along z.
+            np.testing.assert_allclose(placement[:3, 2], axis, atol=1e-6)
 
 
 # --- the circle
@@ -184,9 +183,8 @@ def test_the_line_is_the_path_of_the_elbow():
         vertices, _, colours = mesh(scene, f"path/{kind}")
         drawn = vertices.reshape(-1, 6, 3).mean(axis=1)
         assert (colours is None) == (kind == "outside")
-        assert (
-            np.linalg.norm(drawn[:, None] - expected[None], axis=2).min(axis=0).max() < 1e-6
-        )  # every posture is on it
+        # Every posture is on it.
+        assert np.linalg.norm(drawn[:, None] - expected[None], axis=2).min(axis=0).max() < 1e-6
         assert np.linalg.norm(drawn[:, None] - elbow[None], axis=2).min(axis=1).max() < 1e-6
 
 
@@ -338,9 +336,8 @@ def test_residuals_in_a_frame_of_their_own_are_drawn_in_the_base(sino6):
     np.testing.assert_allclose(
         foot, (moved.reference[records] - frame.shift) @ frame.rotation, atol=1e-6
     )
-    np.testing.assert_allclose(
-        foot, data.reference[records], atol=2e-4
-    )  # the frame is known that well
+    # The frame is known that well.
+    np.testing.assert_allclose(foot, data.reference[records], atol=2e-4)
     tips = result.model.correct(moved.q[records])
     np.testing.assert_allclose(foot + (end - foot) / factor_of(scene), tips, atol=1e-6)
 

@@ -159,9 +159,8 @@ def test_several_scenes_on_a_page(page, tmp_path):
     )
     page.open(report)
     drawn = "[...document.querySelectorAll('iframe')].map((f) => Boolean(f.contentWindow.page))"
-    page.wait_for(
-        f"{drawn}.every(Boolean)"
-    )  # what is far down too, for paper and pictures of the whole page
+    # What is far down too, for paper and pictures of the whole page.
+    page.wait_for(f"{drawn}.every(Boolean)")
     page.evaluate("document.querySelectorAll('iframe')[1].scrollIntoView()")
     inner = "document.querySelectorAll('iframe')[1].contentWindow"
     assert page.evaluate(f"{inner}.page.current") == 0  # several at once do not play by themselves

@@ -92,10 +92,8 @@ def test_what_is_there_is_replaced_only_by_force(tmp_path):
         with OutputFiles(force) as files:
             (files.folder(report) / "index.html").write_text(text)
         (report / "mine.txt").write_text("keep")
-    assert listing(report) == {
-        "index.html": "new",
-        "mine.txt": "keep",
-    }  # files of the same names, no others
+    # Files of the same names, no others.
+    assert listing(report) == {"index.html": "new", "mine.txt": "keep"}
     with pytest.raises(OutputError, match=r"not empty.*--force"), OutputFiles() as files:
         files.folder(report)
     with pytest.raises(OutputError, match="two results"):

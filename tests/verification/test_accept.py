@@ -147,9 +147,10 @@ def test_figures_are_those_of_the_touches(data):
     assert {f.verdict for f in result.figures} == {None}
     assert {f.source for f in result.figures} == {AS_GIVEN}
     table = pd.read_csv(data)
+    # Every other touch.
     table.assign(u_length_mm=table["u_length_mm"].where(table.index % 2 == 1)).to_csv(
         data, index=False
-    )  # every other touch
+    )
     u = {f.definition.name: f.evaluated.u * 1e3 for f in accept(data).figures}
     assert (u["P_Size.Sph.1x25"], u["E_Bi"], u["Volumetric.2RMS"]) == pytest.approx(
         (0.001, 0.002, 0.004)
@@ -165,9 +166,8 @@ VERDICTS = {0.0441: "conformity", 0.0439: "neither", 0.0361: "neither", 0.0359: 
 @pytest.mark.parametrize(("mpe", "verdict"), VERDICTS.items())
 def test_verdicts_have_a_guard_band(data, mpe, verdict):
     everything("length-uni").to_csv(data, index=False)
-    assert (
-        figure(accept(data, mpe={"E_Uni": mpe * 1e-3}), "E_Uni").verdict == verdict
-    )  # |-0.04| mm with U = 0.004 mm
+    # |-0.04| mm with U = 0.004 mm.
+    assert figure(accept(data, mpe={"E_Uni": mpe * 1e-3}), "E_Uni").verdict == verdict
 
 
 @pytest.mark.parametrize(

@@ -215,14 +215,8 @@ def test_a_test_report_is_one_sheet(tmp_path, page):
         table["test"] == "single-point", np.where(np.arange(len(table)) % 2, "high", ""), ""
     )
     arm = Arm.load("sino6")
-    angles = np.random.default_rng(1).uniform(0, 20, (len(table), 6)) * (
-        1,
-        -1,
-        1,
-        -1,
-        1,
-        1,
-    )  # within the limits
+    # Within the limits.
+    angles = np.random.default_rng(1).uniform(0, 20, (len(table), 6)) * (1, -1, 1, -1, 1, 1)
     table[[f"theta{k}_deg" for k in range(1, 7)]] = angles
     table.assign(temperature_c=20.1).to_csv(tmp_path / "touches.csv", index=False)
     mpe = {"E_Uni": 1e-4, "E_Bi": 1e-4, "SPAT.Max": 1e-4}

@@ -60,9 +60,8 @@ def only(arm: Arm, *uncertain: str) -> Arm:
 
 def test_every_touch_of_every_figure_is_planned_within_reach(sino6, planned):
     procedure = Procedure.read(planned, sino6)
-    np.testing.assert_allclose(
-        sino6.positions(procedure.q), procedure.points, atol=5e-6
-    )  # angles are rounded
+    # Angles are rounded.
+    np.testing.assert_allclose(sino6.positions(procedure.q), procedure.points, atol=5e-6)
     bounds = joint_bounds(sino6)
     assert ((procedure.q > bounds[:, 0]) & (procedure.q < bounds[:, 1])).all()
     exact = pd.read_csv(planned, dtype=str)
@@ -197,9 +196,8 @@ def test_the_first_order_step_is_exact_physics(sino6, few):
     silent = Noise.of(6, encoder=0.0)
     records = simulate_touches(true, procedure.q, procedure.points, rng=rng, noise=silent)
     off = sino6.positions(records.q) - procedure.points
-    first = sino6.positions(procedure.q) - true.arm.positions(
-        procedure.q
-    )  # what the errors do where the model says p
+    # What the errors do where the model says p.
+    first = sino6.positions(procedure.q) - true.arm.positions(procedure.q)
     assert np.abs(off).max() > 5e-5
     np.testing.assert_allclose(off, first, atol=0.01 * np.abs(off).max())
 

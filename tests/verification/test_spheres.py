@@ -36,9 +36,8 @@ def test_minimum_circumscribed_sphere_is_that_of_brute_force():
     rng = np.random.default_rng(5)
     for number in range(400):
         points = rng.normal(size=(rng.integers(2, 8), 3)) * 10.0 ** rng.integers(-5, 0)
-        if (
-            number % 5 == 1
-        ):  # in a plane, on a line, in a few places, on a grid with many on one sphere
+        # In a plane, on a line, in a few places, on a grid with many on one sphere.
+        if number % 5 == 1:
             points[:, 2] = 0
         elif number % 5 == 2:
             points = points[:, :1] * np.array([[1.0, 2.0, -1.0]])

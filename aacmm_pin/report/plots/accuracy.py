@@ -103,16 +103,14 @@ def _draw_over(
     (of_u,) = right.plot(
         place, accuracy.u / UM, "x", ms=size, mew=0.9, color=VERMILLION, label=U_NAME
     )
-    handles = (
-        [] if len(apart) else [of_volume, of_u]
-    )  # the scales have the colours of what they are of
+    # The scales have the colours of what they are of.
+    handles = [] if len(apart) else [of_volume, of_u]
     for k, number in enumerate(apart):
         mine = np.flatnonzero(component == number)
         mine = mine[np.argsort(place[mine], kind="stable")]
         step = max(1, len(mine) // MARKERS)
-        some = mine[
-            k * step // len(numbers) :: step
-        ]  # shifted, so that coincident components do not hide each other
+        # Shifted, so that coincident components do not hide each other.
+        some = mine[k * step // len(numbers) :: step]
         style: dict[str, Any] = {
             "marker": COMPONENT_MARKERS[k],
             "ms": 6,

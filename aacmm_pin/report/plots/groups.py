@@ -205,9 +205,8 @@ def plot_held_out(result: Diagnosis, ax: Axes | None = None) -> Axes:
     place = np.arange(len(table))
     for shift, name in ((-0.2, "recalibrated"), (0.2, "extended")):
         ax.bar(place + shift, table[f"{name}_mm"], 0.38, color=MODELS[name], label=name)
-    if (
-        not result.extended.observations.labels
-    ):  # else a part left out has the noise of its points too
+    # Else a part left out has the noise of its points too.
+    if not result.extended.observations.labels:
         ax.axhline(result.noise / MM, color=VERMILLION, ls="--", lw=1.2, label="noise alone")
     blocks = table["part"].str.startswith("block ").all()
     name_places(ax, [part.removeprefix("block ") for part in table["part"]])

@@ -67,9 +67,8 @@ def residual_scene(result: Calibration | Diagnosis, model: str | None = None) ->
     off = {which: _distances_mm(result, one) for which, one in fits.items()}
     chosen = some_of(np.flatnonzero(judge.used))
     chosen = chosen[np.argsort(-off[name][chosen], kind="stable")]
-    deviation = (
-        deviations_of(result, fit)[chosen] @ frame.rotation
-    )  # in the base, where the arm is drawn
+    # In the base, where the arm is drawn.
+    deviation = deviations_of(result, fit)[chosen] @ frame.rotation
     target = frame.back(fit.point.prediction.tips[chosen]) - deviation
     factor = magnification_of(target, deviation)
     ends = target + factor * deviation

@@ -208,9 +208,8 @@ class View:
     @property
     def outermost(self) -> Array:
         """Those of the points that are farthest out, which stand for all (m, 3) [m]."""
-        turn = (
-            np.arange(OUTERMOST) * np.pi * (3.0 - np.sqrt(5.0))
-        )  # evenly over the sphere (Fibonacci)
+        # Evenly over the sphere (Fibonacci).
+        turn = np.arange(OUTERMOST) * np.pi * (3.0 - np.sqrt(5.0))
         height = 1.0 - (2 * np.arange(OUTERMOST) + 1) / OUTERMOST
         level = np.sqrt(1.0 - height**2)
         directions = np.column_stack([level * np.cos(turn), level * np.sin(turn), height])

@@ -268,9 +268,8 @@ def rod(
     shape = Cylinder(length, radiusBottom=radius, radiusTop=top)
     across, beside = _sections(along[None])
     placement = placed_at((start + end)[None] / 2)[0]
-    placement[:3, :3] = np.column_stack(
-        [across[0], along / length, -beside[0]]
-    )  # three.js draws cylinders along y
+    # three.js draws cylinders along y.
+    placement[:3, :3] = np.column_stack([across[0], along / length, -beside[0]])
     return shape, placement
 
 

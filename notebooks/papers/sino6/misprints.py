@@ -78,9 +78,8 @@ def _planar(arm: NominalArm, q: Array, theta3: float) -> tuple[Array, Array, Pla
     p = _points(arm, q)
     towards = np.cos(q[:, 0]) * p[:, 0] + np.sin(q[:, 0]) * p[:, 1] > 0.0
     if theta3 == 0.0:
-        towards &= (
-            -q[:, 3] < 1.5 * np.pi - PlanarConfigurations(arm, p).k
-        )  # not the mirror image of the highest
+        # Not the mirror image of the highest.
+        towards &= -q[:, 3] < 1.5 * np.pi - PlanarConfigurations(arm, p).k
     return q[towards, 1], q[towards, 3], PlanarConfigurations(arm, p[towards])
 
 

@@ -134,9 +134,8 @@ def _sectors_by_steps(
     sweep = np.nansum(planar.sweep_parts(tube_end_to_point(arm, theta4)), axis=1)
     steps = theta2 - np.linspace(0.0, 1.0, 1 + SECTORS // 2)[:, None] * sweep
     at = [ConfigurationsAtTheta2(arm, points, step) for step in steps]
-    exists = (
-        np.abs([each.cosine_theta1(each.theta4[:, 0]) for each in at]) <= 1.0
-    )  # on the printed root
+    # On the printed root.
+    exists = np.abs([each.cosine_theta1(each.theta4[:, 0]) for each in at]) <= 1.0
     exists[0], exists[-1] = True, planar.lowest_exists
     sectors = np.full(len(steps), 2)
     sectors[[0, -1]] = 1

@@ -200,9 +200,8 @@ def _evidences(found: dict[str, Pattern]) -> pd.DataFrame:
                 evidence(pattern.take(seats), MEASURED[seats], each) for pattern in found.values()
             ]
             table[f"{name}_tau_{each:.2f}"] = [one.log_evidence for one in known]
-        table[f"{name}_probability"] = softmax(
-            table[f"{name}_tau_{DISCREPANCY:.2f}"]
-        )  # equally probable before
+        # Equally probable before.
+        table[f"{name}_probability"] = softmax(table[f"{name}_tau_{DISCREPANCY:.2f}"])
     return table
 
 

@@ -88,9 +88,8 @@ def evidence(
     )
     if low < high:
         _, a, b = _in_left_tail((low - centre) / width, (high - centre) / width)
-        inside = log_ndtr(b) + np.log1p(
-            -np.exp(log_ndtr(a) - log_ndtr(b))
-        )  # of the normal density, between the sizes
+        # Of the normal density, between the sizes.
+        inside = log_ndtr(b) + np.log1p(-np.exp(log_ndtr(a) - log_ndtr(b)))
         log = log + 0.5 * np.log(2 * np.pi) + np.log(width) - np.log(high - low) + inside
     weight = np.ones(len(log)) if prior is None else prior
     whole = logsumexp(log, b=weight)

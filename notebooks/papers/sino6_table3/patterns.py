@@ -110,9 +110,8 @@ def patterns(seats: TouchedSeats, rng: np.random.Generator, draws: int) -> dict[
         sizes=(1.0, 1.0),
     )
     unequal = np.exp(UNEQUAL * rng.normal(size=(200, len(JOINTS))))
-    alike = np.sqrt(
-        noise.second.mean() / 3.0
-    )  # spreads on average as much as encoder noise of size 1
+    # Spreads on average as much as encoder noise of size 1.
+    alike = np.sqrt(noise.second.mean() / 3.0)
     yielding = alike * np.power.outer(HEIGHT / HEIGHT.max(), POWERS).T
     odd = alike * np.eye(len(seats.q))
     causes = systematic().items()

@@ -55,12 +55,12 @@ def implied_counts(records: int = RECORDS) -> pd.DataFrame:
     over all values that round to them; whole, whether a whole number lies between.
     """
     table = printed_table3()
+    # (3, 6).
     printed = (
         table[["single_point_std_mm", "high_accuracy_part_std_mm", "rest_std_mm"]].to_numpy().T
-    )  # (3, 6)
-    rounding = (
-        np.array(list(product((-0.5, 0.5), repeat=3))).T[:, :, None] * PRINTED_STEP
-    )  # (3, 8, 1)
+    )
+    # (3, 8, 1).
+    rounding = np.array(list(product((-0.5, 0.5), repeat=3))).T[:, :, None] * PRINTED_STEP
     corners = marked_count(printed[:, None] + rounding, records)
     low, high = corners.min(axis=0), corners.max(axis=0)
     counts = pd.DataFrame({"point": table["point"], "marked_count": marked_count(printed, records)})

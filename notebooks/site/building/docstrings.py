@@ -47,10 +47,8 @@ def _shorter(
     signature: str | None,
     returned: str | None,
 ) -> tuple[str | None, str | None]:
-    for long, short in (
-        ("<factory>", "..."),
-        *_spelled_out(),
-    ):  # what dataclasses write there is no Python
+    # What dataclasses write there is no Python.
+    for long, short in (("<factory>", "..."), *_spelled_out()):
         signature, returned = (text and text.replace(long, short) for text in (signature, returned))
     return signature, returned
 

@@ -40,9 +40,8 @@ def api(module: str) -> str:
     found = importlib.util.find_spec(module)
     if found is None:
         return f"(`{module}` is not part of this version.)"
-    imported = (
-        ["imported-members:"] if found.submodule_search_locations else []
-    )  # what a package collects is its own
+    # What a package collects is its own.
+    imported = ["imported-members:"] if found.submodule_search_locations else []
     options = [
         "members:",
         *imported,

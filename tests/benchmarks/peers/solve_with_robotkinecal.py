@@ -37,9 +37,8 @@ def main() -> None:
     given = arguments.parse_args()
     with np.load(given.problem) as problem:
         q, positions = problem["q"], problem["positions"]
-    with contextlib.redirect_stdout(
-        sys.stderr
-    ):  # the package prints its warnings; stdout is for the one line
+    # The package prints its warnings; stdout is for the one line.
+    with contextlib.redirect_stdout(sys.stderr):
         report = solve(q, positions, given.urdf, given.repeats)
     print(json.dumps(report))
 
@@ -51,14 +50,12 @@ def solve(q: np.ndarray, positions: np.ndarray, urdf: str, repeats: int) -> dict
     seconds = []
     for repeat in range(repeats):
         with warnings.catch_warnings():
-            warnings.simplefilter(
-                "ignore", DeprecationWarning
-            )  # Robot.URDF() is what its README calls
+            # Robot.URDF() is what its README calls.
+            warnings.simplefilter("ignore", DeprecationWarning)
             robot = rtb.ERobot.URDF(urdf)
         np.random.seed(repeat)  # noqa: NPY002 - its basis of every axis starts from numpy's global generator
-        calibration = SerialRobotKineCal(
-            robot, "tip"
-        )  # a new one each time: solve() moves the axes it holds
+        # A new one each time: solve() moves the axes it holds.
+        calibration = SerialRobotKineCal(robot, "tip")
         calibration.set_observations(list(q), list(positions))
         before = rms(calibration, q, positions)
         start = time.process_time()

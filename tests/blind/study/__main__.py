@@ -60,9 +60,8 @@ def run(tasks: list[Task], path: Path, workers: Workers, made_by: Row) -> list[R
     with path.open("a", encoding="utf-8") as file, results(perform, tasks, workers) as worked:
         for _, row in tqdm(worked, total=len(tasks), unit="run", smoothing=0.05):
             rows.append(row | made_by)
-            file.write(
-                "\n" + json.dumps(rows[-1]) + "\n"
-            )  # an earlier study may have ended inside a line
+            # An earlier study may have ended inside a line.
+            file.write("\n" + json.dumps(rows[-1]) + "\n")
             file.flush()
     return rows
 
