@@ -271,11 +271,9 @@ def accuracy_volume(
     sources = ErrorSources.of(model, at, encoder_noise, q, conditions)
     work: Callable[[Any], tuple[Array, ...]] = partial(_first_order, sources, method)
     size, pieces = ROWS_PER_BATCH, cast("Iterator[tuple[Any, ...]]", _parts(q, conditions))
-    volume, covariance, error = (
-        np.empty(len(q)),
-        np.empty((len(q), 3, 3)),
-        np.empty(len(q) if drawn else 0),
-    )
+    volume = np.empty(len(q))
+    covariance = np.empty((len(q), 3, 3))
+    error = np.empty(len(q) if drawn else 0)
     if drawn:
         from aacmm_pin.accuracy.parameter_draws import FEWEST_DRAWS, exact_volume
 
@@ -284,10 +282,8 @@ def accuracy_volume(
                 "method 'monte-carlo' needs rng, a numpy.random.Generator such as "
                 "numpy.random.default_rng(1)"
             )
-        size, work = (
-            DRAWN_AT_ONCE,
-            partial(exact_volume, sources, whole(draws, FEWEST_DRAWS, "draws")),
-        )
+        size = DRAWN_AT_ONCE
+        work = partial(exact_volume, sources, whole(draws, FEWEST_DRAWS, "draws"))
         pieces = ((*piece, rng.spawn(len(piece[0]))) for piece in _parts(q, conditions, size))
     with (
         bar(

@@ -2,16 +2,15 @@
 are.
 
 A row of standard DH, ``Rz(θ) Tz(d) Tx(a) Rx(α)``, leads from a frame whose z is one axis to a frame
-whose z is the next,
-with x along the common normal of both: four numbers, because where a frame sits along its axis, and
-how it is turned about it, is free (Denavit, Hartenberg 1955). So the rows are found one by one,
-each from the frame that the last one left:
+whose z is the next, with x along the common normal of both: four numbers, because where a frame
+sits along its axis, and how it is turned about it, is free (Denavit, Hartenberg 1955). So the rows
+are found one by one, each from the frame that the last one left:
 
 - from z of the base to the first joint axis: a fixed row, left out where they are one line;
 - from each joint axis to the next: the row of the joint. Parallel axes have a common normal
   everywhere; that through the origin of the frame is taken (d = 0). Axes that are parallel but for
-  a small angle have one that is far away, where
-  rounding is multiplied: between them comes a fixed row, by an axis across both;
+  a small angle have one that is far away, where rounding is multiplied: between them comes a fixed
+  row, by an axis across both;
 - from the last joint axis to z of the tip, and a fixed row ``Rz(θ) Tz(d)`` onto the tip itself,
   where it is needed.
 """

@@ -331,11 +331,9 @@ def _counted_before(after: Fit) -> list[Note]:
     problem = after.problem
     if not problem.from_earlier:
         return []
-    used, name, before = (
-        problem.measurements.take(after.used),
-        problem.model.arm.name,
-        set(problem.known_from),
-    )
+    used = problem.measurements.take(after.used)
+    name = problem.model.arm.name
+    before = set(problem.known_from)
     if again := before.intersection(fingerprints(used)):
         return [Note("records_used_before", {"again": len(again), "records": used.n, "arm": name})]
     if standards := before.intersection(fingerprints_of_standards(used)):
@@ -377,10 +375,8 @@ def _of_target(after: Fit) -> list[Note]:
         for effect in after.effects
         if isinstance(effect, StylusOffset) and effect.marker is None
     ]
-    arm, distances = (
-        after.problem.model.arm.name,
-        [float(np.linalg.norm(offset.values)) for offset in offsets],
-    )
+    arm = after.problem.model.arm.name
+    distances = [float(np.linalg.norm(offset.values)) for offset in offsets]
     return [
         Note("target_becomes_tip", {"distance": distance, "arm": arm}) for distance in distances
     ]
@@ -411,11 +407,9 @@ def _of_temperature(after: Fit) -> list[Note]:
 
 def _of_torques(after: Fit) -> list[Note]:
     """Torques that are far more than the weight of the arm gives, where its masses are known."""
-    problem, arm, torque = (
-        after.problem,
-        after.problem.model.arm,
-        after.problem.measurements.conditions.torque,
-    )
+    problem = after.problem
+    arm = after.problem.model.arm
+    torque = after.problem.measurements.conditions.torque
     if torque is None:
         return []
     state = State(arm, problem.measurements.q, problem.measurements.conditions, arm.chain.tip)
@@ -445,10 +439,8 @@ def _of_noise(after: Fit) -> list[Note]:
 
 def _of_unstated_noise(after: Fit) -> list[Note]:
     """Scatter that was found because some noise is not stated."""
-    of, scatter = (
-        after.problem.setup.unstated(after.problem.measurements),
-        after.noise.scatters.seat,
-    )
+    of = after.problem.setup.unstated(after.problem.measurements)
+    scatter = after.noise.scatters.seat
     if not after.scatters:
         found = [Note("noise_enough", {"of": of})]
     else:

@@ -261,10 +261,8 @@ def _descended(form: _Form, rotations: Array) -> tuple[Array, Array]:
         trial = exp(np.hstack([np.zeros_like(step), step]))[:, :3, :3] @ rotations
         tried = value(trial.reshape(-1, 9))
         lower = tried < values
-        rotations, values = (
-            np.where(lower[:, None, None], trial, rotations),
-            np.where(lower, tried, values),
-        )
+        rotations = np.where(lower[:, None, None], trial, rotations)
+        values = np.where(lower, tried, values)
         damping = np.where(lower, damping / 10.0, damping * 10.0)
         if np.abs(step).max() < STANDS:
             break

@@ -199,11 +199,10 @@ class Fit(Solution):
     @cached_property
     def with_inner(self) -> Array:
         """Covariance of all columns and, last, of the inner values."""
-        covariance, p = self._of_independent_records.copy(), self.problem.scales.size
+        covariance, p = self._of_independent_records(), self.problem.scales.size
         covariance[:p, :p] += self.added_covariance
         return covariance
 
-    @property
     def _of_independent_records(self) -> Array:
         if not self.inner:
             return self.system.covariance(self.unknown)

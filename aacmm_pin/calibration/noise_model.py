@@ -131,10 +131,9 @@ def observations_of(measurements: Measurements, setup: Setup) -> Observations:
 
     A seat whose records state the same coordinates, if they state any, was measured once, and a
     record of it without coordinates was there too; a seat without coordinates is an unknown point.
-    A record whose coordinates are its own stands
-    for itself, even at a seat: where the records of a seat repeat its coordinates, those that are
-    off by more than twice the uncertainty, for less may be rounding; elsewhere all, unless they
-    differ by less than a third of it.
+    A record whose coordinates are its own stands for itself, even at a seat: where the records of a
+    seat repeat its coordinates, those that are off by more than twice the uncertainty, for less may
+    be rounding; elsewhere all, unless they differ by less than a third of it.
     """
     known, contact = measurements.known, setup.probe_noise or 0.0
     seat, labels = _numbered(measurements)
@@ -189,10 +188,8 @@ def contradictions(measurements: Measurements, setup: Setup, scatters: Scatters)
     """Seats whose records state coordinates farther apart than their noise allows, and bars that do
     not fit between the coordinates of their ends.
     """
-    u, known = (
-        reference_u(measurements, setup, max(scatters.tip, scatters.seat)),
-        measurements.known,
-    )
+    u = reference_u(measurements, setup, max(scatters.tip, scatters.seat))
+    known = measurements.known
     seat, labels = _numbered(measurements)
     at_seats = known & (seat >= 0)
     repeats, _ = _repeated(seat[at_seats], measurements.reference[at_seats], len(labels))
@@ -226,10 +223,8 @@ def _bars_between(
         if len(ends) < 2:
             continue
         a, b = (measurements.reference[records].mean(axis=0) for records in ends)
-        apart, allowed = (
-            np.linalg.norm(a - b),
-            [*(u[records].max() for records in ends), _length_u(bar, setup)],
-        )
+        apart = np.linalg.norm(a - b)
+        allowed = [*(u[records].max() for records in ends), _length_u(bar, setup)]
         if abs(apart - bar.length) > CONTRADICTING * np.linalg.norm(allowed):
             data = {"bar": bar.bar, "length": bar.length, "apart": float(apart)}
             found.append(Note("bar_contradicted", data))

@@ -180,9 +180,8 @@ class Calibration(Shown):
         what the data say of it.
 
         ``known`` is ``measured``, ``hardly`` (the data say less than what was stated), ``as
-        stated`` (they add nothing to
-        it) or ``in combination``: it is part of one in :attr:`undetermined`, so that it has no u by
-        itself.
+        stated`` (they add nothing to it) or ``in combination``: it is part of one in
+        :attr:`undetermined`, so that it has no u by itself.
         """
         problem, vector = self.fit.problem, self.fit.problem.vector
         units = [parameter.unit for parameter in vector.parameters]

@@ -171,12 +171,10 @@ def shared_by(found: Fit) -> Shared | None:
     statistic (Kuiper 1960), labels by the binomial chance of so many excluded ones with one of
     them; Bonferroni's bound over all that were looked at.
     """
-    arm, records, excluded, used = (
-        found.problem.model.arm,
-        found.problem.measurements,
-        found.excluded,
-        found.used,
-    )
+    arm = found.problem.model.arm
+    records = found.problem.measurements
+    excluded = found.excluded
+    used = found.used
     dense = [cluster.shared for cluster in clusters(arm, records, excluded, used)]
     if dense and dense[0].name == "time":
         return dense[0]

@@ -160,11 +160,9 @@ def initial_point(problem: Problem, observations: Observations) -> Point:
     Raises:
         AacmmError: an unknown frame, and fewer than three records with coordinates.
     """
-    frame, x, known = (
-        Frame.identity(len(problem.targets)),
-        problem.start,
-        problem.measurements.known,
-    )
+    frame = Frame.identity(len(problem.targets))
+    x = problem.start
+    known = problem.measurements.known
     prediction, offsets = problem.predict(x, frame), _offsets(problem)
     tips, enough = prediction.tips, known.sum() >= FEWEST_PLACED
     if problem.external and not enough:

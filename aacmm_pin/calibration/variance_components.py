@@ -58,10 +58,8 @@ def _variance_component(
     varied = np.eye(3)
     if turns:
         own[:, :3, :3] += scatters.tip**2 * np.eye(3)
-        rest, varied = (
-            -float(squared_distances(deviation[:, :3], own[:, :3, :3]).sum()),
-            np.diag([0.0, 0, 0, 1, 1, 1]),
-        )
+        rest = -float(squared_distances(deviation[:, :3], own[:, :3, :3]).sum())
+        varied = np.diag([0.0, 0, 0, 1, 1, 1])
     else:
         deviation, own = deviation[:, :3], own[:, :3, :3]
 

@@ -64,9 +64,8 @@ class Choice:
         arms exclude.
 
         A record that only the extended arm excludes may be one that its causes are wrong for. One
-        that the recalibrated
-        arm excludes too is a gross error: either arm is equally far off there, and a few such
-        records would be all that a gain in RMS shows.
+        that the recalibrated arm excludes too is a gross error: either arm is equally far off
+        there, and a few such records would be all that a gain in RMS shows.
         """
         used = self.fit.used
         return np.asarray(used if self.kept_alone is None else used | self.kept_alone)

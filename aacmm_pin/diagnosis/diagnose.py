@@ -77,8 +77,7 @@ def diagnose(
         model: the arm, with the effects that are known of it.
         measurements: the records.
         reference_frame, target, prior, encoder_noise, reference_noise, probe_noise, length_noise:
-        see
-            :func:`aacmm_pin.calibration.calibrate`.
+            see :func:`aacmm_pin.calibration.calibrate`.
         hold_out: measure the gain.
         with_discrepancy: the extended arm has what no cause explains too, as far as new records can
             have it.

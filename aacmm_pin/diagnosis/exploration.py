@@ -196,11 +196,9 @@ class Walk:
             self._visit_additions(rest)
         for k in blocks:
             rest = without_block(blocks, k)
-            leading, values, least = (
-                self._visit_additions(rest),
-                self.space.additions(rest),
-                self.values[rest],
-            )
+            leading = self._visit_additions(rest)
+            values = self.space.additions(rest)
+            least = self.values[rest]
             least += THRESHOLDS.imitated * (self.best - least)
             for first in dict.fromkeys([*leading, *self._contained_in(rest, k)]):
                 if candidates.owner(first) != candidates.owner(k) and values[first] > least:

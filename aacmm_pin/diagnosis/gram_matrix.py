@@ -75,10 +75,8 @@ class PartRows:
         Returns:
             With all columns and the residual (r, columns + 1), and with one another (r, r).
         """
-        with_all, with_own = (
-            np.zeros((weights.shape[1], self.rows.shape[1])),
-            np.zeros((weights.shape[1],) * 2),
-        )
+        with_all = np.zeros((weights.shape[1], self.rows.shape[1]))
+        with_own = np.zeros((weights.shape[1],) * 2)
         for rows in self._exact():
             own = rows[:, columns] @ weights
             with_all += own.T @ rows

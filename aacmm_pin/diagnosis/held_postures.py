@@ -145,10 +145,10 @@ class RecordNoise:
             fit: the fit.
             variance: factor on the variances of this noise.
         """
+        if not self.postures.ratio:
+            return np.zeros((fit.problem.scales.size,) * 2)
         says, width = fit.observations.says, self.whitening.shape[1]
         steps = fit.system.steps(fit.unknown)
-        if not self.postures.ratio:
-            return np.zeros((len(steps), len(steps)))
         rows = np.zeros((len(says), width, steps.shape[1]))
         of_records = fit.system.jacobian[: width * int(says.sum())]
         rows[says] = (of_records @ steps).reshape(-1, width, steps.shape[1])

@@ -129,10 +129,8 @@ def _times_the_limit(at: Fit, off: Array, judge: Fit) -> Array:
     ``judge`` (n,).
     """
     says = at.observations.says
-    found, limit = (
-        np.zeros(len(off)),
-        chi2_isf(FALSE_EXCLUSION / len(off), at.observations.counts[says]),
-    )
+    found = np.zeros(len(off))
+    limit = chi2_isf(FALSE_EXCLUSION / len(off), at.observations.counts[says])
     found[says] = np.sqrt(squared_distances(off[says], judge.residual_noise[says]) / limit)
     return found
 

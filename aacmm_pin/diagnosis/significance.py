@@ -190,10 +190,8 @@ def aliases_of(posterior: Posterior, library: tuple[Variants, ...], block: int) 
     """
     candidates, conditional = posterior.space.candidates, posterior.without(block)
     own, names = candidates.owner(block), candidates.design.names
-    instead, values = (
-        posterior.instead(own),
-        logsumexp(conditional.additions, axis=1) + candidates.log_odds,
-    )
+    instead = posterior.instead(own)
+    values = logsumexp(conditional.additions, axis=1) + candidates.log_odds
     acting = {candidates.owner(k) for k in posterior.median}
     found = []
     for other in _rivals(candidates, values, instead, own):

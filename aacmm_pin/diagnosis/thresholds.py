@@ -38,8 +38,7 @@ class Thresholds:
         expansions: sets of which all additions are ranked, at most, from each half of the starts.
         expansions_of_part: the same where a part of the records is left out.
         holds: sets with a larger weight have their members exchanged, for one other and for two.
-            Exchanged before weaker
-            sets are expanded: a set better by 4.3 was found in a real file.
+            Exchanged before weaker sets are expanded: a set better by 4.3 was found in a real file.
         instead: candidates in the place of a member beside which another is tried, besides those
             that it contains.
         imitated: one of two that imitate a member explains at least this part of what the member

@@ -252,11 +252,9 @@ def scattered_readings(choice: Choice) -> tuple[ScatteredReadings, ...]:
     fit = choice.design.fit
     if noise_is_known(fit) or fit.problem.setup.encoder_noise is None:
         return ()
-    scatter, chain, noise = (
-        choice.scatter_left,
-        fit.problem.model.arm.chain,
-        fit.distance_of(fit.stated_noise),
-    )
+    scatter = choice.scatter_left
+    chain = fit.problem.model.arm.chain
+    noise = fit.distance_of(fit.stated_noise)
     found = []
     for j, row in enumerate(chain.moving_rows()):
         at_tips, log_ratio = float(scatter.at_tips[j]), float(scatter.log_ratios[j])

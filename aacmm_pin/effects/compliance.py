@@ -169,10 +169,8 @@ class TorsionalWindup(_OfTube):
     of all beyond.
 
     Unit rad/(N·m); typical 2e-6 to 2e-5 (length over torsional rigidity G J). Source: Saint-Venant
-    torsion. Needs no
-    column, but masses. Confused with: ``joint_compliance`` of a joint whose axis runs along the
-    tube (joints 3 and 5 of
-    SINO6): nearly the same columns.
+    torsion. Needs no column, but masses. Confused with: ``joint_compliance`` of a joint whose axis
+    runs along the tube (joints 3 and 5 of SINO6): nearly the same columns.
     """
 
     cause: ClassVar[str] = "torsional_windup"
@@ -221,13 +219,12 @@ class Counterbalance(Effect):
 
     u is the direction of the next joint's axis where that stands across this one (the upper tube of
     SINO6 behind joint 2), else of the body itself; the lever arm of a weight on it goes with its
-    horizontal part, whatever the rest of the
-    arm does. κ above zero lets u sink: the spring carries too little where u points outwards, and
-    too much where the axis points back to the shoulder, as on SINO6 (d3 < 0). Unit rad, the turn
-    when the body is level; typical 2e-5 to 2e-4. Source: moment of a constant-force counterbalance.
-    Needs no column. Confused with: ``encoder_eccentricity`` of the same joint with the phase that
-    gravity has (the same columns on a level mount), ``joint_compliance`` where the load beyond
-    hardly changes.
+    horizontal part, whatever the rest of the arm does. κ above zero lets u sink: the spring carries
+    too little where u points outwards, and too much where the axis points back to the shoulder, as
+    on SINO6 (d3 < 0). Unit rad, the turn when the body is level; typical 2e-5 to 2e-4. Source:
+    moment of a constant-force counterbalance. Needs no column. Confused with:
+    ``encoder_eccentricity`` of the same joint with the phase that gravity has (the same columns on
+    a level mount), ``joint_compliance`` where the load beyond hardly changes.
     """
 
     joint: int

@@ -273,9 +273,8 @@ class JointErrorCurve(Effect):
     ``lower_rad`` to ``upper_rad``.
 
     ``δ(θ) = Σ c_i B_i(θ)`` with cubic B-splines (de Boor 1978). Unit rad; typical 1e-5 to 3e-4.
-    Needs no column. Confused
-    with: everything else at that joint that depends on its angle alone; gravity where only this
-    joint moves the load.
+    Needs no column. Confused with: everything else at that joint that depends on its angle alone;
+    gravity where only this joint moves the load.
     """
 
     joint: int

@@ -33,8 +33,8 @@ class BaseCompliance(GravityEffect):
     always level.
 
     Unit rad/(N·m); typical 5e-6 to 2e-5 (magnetic base, tripod). Source: rotational stiffness of
-    the mount. Needs no
-    column. Confused with: ``bearing_tilt:1``, ``joint_compliance:2``, an eccentricity of joint 2.
+    the mount. Needs no column. Confused with: ``bearing_tilt:1``, ``joint_compliance:2``, an
+    eccentricity of joint 2.
     """
 
     cause: ClassVar[str] = "base_compliance"
@@ -88,9 +88,8 @@ class ReferenceFrame(Effect):
     """The references stand in a frame that is off from the base by a small shift and turn.
 
     A twist (v, ω) at the base: ``p_reference = exp(v, ω) p_base``. Units m, rad; any size that is
-    left after the two
-    frames have been fitted. Source: rigid registration. Needs no column. Confused with: a zero
-    offset of joint 1 and d of row 1, which move the whole arm alike.
+    left after the two frames have been fitted. Source: rigid registration. Needs no column.
+    Confused with: a zero offset of joint 1 and d of row 1, which move the whole arm alike.
     """
 
     cause: ClassVar[str] = "reference_frame"

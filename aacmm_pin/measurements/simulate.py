@@ -60,12 +60,11 @@ def simulate_measurements(
     - ``single-point``: one seat without reference.
 
     The postures are exact: before noise, the tip of the arm with all its errors is at the point
-    touched, which is the seat
-    plus the draw of this contact (``free``: the tracker's target sits that much off the tip). What
-    is recorded is posture plus encoder noise. Effects ``of_reference`` act where coordinates are
-    stated. Postures avoid what :class:`Room` names, and keep 1e-3 rad from the limits. Conditions:
-    see :func:`aacmm_pin.measurements.schedule.workshop_conditions`; a session ends after 200
-    records at most.
+    touched, which is the seat plus the draw of this contact (``free``: the tracker's target sits
+    that much off the tip). What is recorded is posture plus encoder noise. Effects ``of_reference``
+    act where coordinates are stated. Postures avoid what :class:`Room` names, and keep 1e-3 rad
+    from the limits. Conditions: see :func:`aacmm_pin.measurements.schedule.workshop_conditions`; a
+    session ends after 200 records at most.
 
     Args:
         model: the arm with its errors.

@@ -125,11 +125,10 @@ def power_of(
     """How well records with the triangle ``r`` (``S = RᵀR``) tell two blocks of its columns apart.
 
     The probability is that the evidence of the true cause is the larger one, each true in half of
-    the cases. The evidence
-    is that of a normal prior: with g = Rᵀy and prior variance w², ``½ gᵀ (S + I/w²)⁻¹ g - ½ log
-    det(I + w² S)``. How large a cause may be is hardly known, so size alone must not decide: w lets
-    each of the two show as much as the true one does, ``w² tr S = ‖R β‖²``. By
-    :data:`EVIDENCE_DRAWS` draws of y.
+    the cases. The evidence is that of a normal prior: with g = Rᵀy and prior variance w², ``½ gᵀ
+    (S + I/w²)⁻¹ g - ½ log det(I + w² S)``. How large a cause may be is hardly known, so size alone
+    must not decide: w lets each of the two show as much as the true one does, ``w² tr S = ‖R β‖²``.
+    By :data:`EVIDENCE_DRAWS` draws of y.
     """
     probability, shows, apart = 0.0, [], []
     for true, (mine, size) in enumerate(zip(blocks, sizes, strict=True)):

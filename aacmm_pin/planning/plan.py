@@ -70,9 +70,8 @@ def plan_measurements(
         reference: ``free``: every record with coordinates of its own (laser tracker), which the
             plan leaves open; ``seats``: at the seats of the existing records, or at new ones.
         reference_frame, target, prior, encoder_noise, reference_noise, probe_noise, length_noise:
-        see
-            :func:`aacmm_pin.calibration.calibrate`; unstated noise is taken as usual, which is then
-            said.
+            see :func:`aacmm_pin.calibration.calibrate`; unstated noise is taken as usual, which is
+            then said.
         above: height of a table over the base origin, along gravity, under which no tip goes [m].
         as_it_stands: no load and no other mount.
         postures: how many to choose from; fewer are quicker.

@@ -1,9 +1,8 @@
 """The configuration circle: the configurations with which the arm reaches a working point.
 
 The working point is the wrist (the origin of frame 5) with the joints behind the fourth held, or
-the tip with the stylus
-along a given axis. Source of the notions: Xu You et al. 2019, section 1; its closed forms hold for
-the nominal geometry, the enumeration here for the calibrated one.
+the tip with the stylus along a given axis. Source of the notions: Xu You et al. 2019, section 1;
+its closed forms hold for the nominal geometry, the enumeration here for the calibrated one.
 """
 
 from __future__ import annotations

@@ -677,11 +677,9 @@ def turn_back(space: Array) -> None:
     (1 + cos φ)/(2 φ sin φ) (Murray, Li, Sastry 1994, 2.3; the inverse of the left Jacobian).
     """
     n = space.shape[1] - 2
-    s0, s1, s2 = (
-        space[TIP + 2, 1] - space[TIP + 1, 2],
-        space[TIP, 2] - space[TIP + 2, 0],
-        space[TIP + 1, 0] - space[TIP, 1],
-    )
+    s0 = space[TIP + 2, 1] - space[TIP + 1, 2]
+    s1 = space[TIP, 2] - space[TIP + 2, 0]
+    s2 = space[TIP + 1, 0] - space[TIP, 1]
     sine = 0.5 * math.sqrt(s0**2 + s1**2 + s2**2)
     cosine = 0.5 * (space[TIP, 0] + space[TIP + 1, 1] + space[TIP + 2, 2] - 1.0)
     angle, stretch = math.atan2(sine, cosine), 0.5

@@ -137,10 +137,8 @@ class Components:
         there = there.reshape(-1, cuts)
         known = (there[:, :-1] & there[:, 1:]).ravel()
         start, end = q[:, :-1].reshape(-1, joints)[known], q[:, 1:].reshape(-1, joints)[known]
-        swivel, numbers = (
-            swivel[:, :-1].ravel()[known],
-            np.repeat(pieces.problem[which], LIMIT_PARTS)[known],
-        )
+        swivel = swivel[:, :-1].ravel()[known]
+        numbers = np.repeat(pieces.problem[which], LIMIT_PARTS)[known]
         return _Segments(start, end, swivel, turn[known], numbers)
 
 
@@ -230,10 +228,8 @@ def _swivel_crossings(pieces: _Segments, angles: Array) -> tuple[Index, Index, A
     order = np.argsort(wrapped(angles))
     every = (wrapped(angles)[order] + 2 * np.pi * np.arange(-1, 2)[:, None]).ravel()
     low, high = np.sort([pieces.swivel, pieces.swivel + pieces.turn], axis=0)
-    first, last = (
-        np.searchsorted(every, low - SAME_SWIVEL),
-        np.searchsorted(every, high + SAME_SWIVEL),
-    )
+    first = np.searchsorted(every, low - SAME_SWIVEL)
+    last = np.searchsorted(every, high + SAME_SWIVEL)
     piece = np.repeat(np.arange(len(first)), last - first)
     which = order[
         (np.arange(len(piece)) + np.repeat(last - np.cumsum(last - first), last - first))
@@ -254,8 +250,8 @@ def _solutions_at_swivel(
 
     False position between the nearest solutions on either side; every trial point is moved onto the
     curve. The bracket never opens, so that a swivel that changes unevenly costs steps but not
-    accuracy. An end that stays counts less from step to
-    step: N. Anderson, Å. Björck, "A new high order method of regula falsi type", BIT 13 (1973).
+    accuracy. An end that stays counts less from step to step: N. Anderson, Å. Björck, "A new high
+    order method of regula falsi type", BIT 13 (1973).
     """
     problem, left = pieces.problem[piece], np.arange(len(piece))
     low, high = pieces.start[piece], pieces.end[piece]
@@ -387,10 +383,8 @@ def _covered_bins(problem: Index, start: Array, turn: Array, points: int) -> Ind
     end = np.ceil(low + np.abs(turn) * (bins / (2 * np.pi)) - 0.5).astype(np.intp)
     over = end > bins  # these begin again at bin 0
     problem = np.concatenate([problem, problem[over]])
-    first, end = (
-        np.concatenate([first, np.zeros_like(end[over])]),
-        np.concatenate([np.minimum(end, bins), end[over] - bins]),
-    )
+    first = np.concatenate([first, np.zeros_like(end[over])])
+    end = np.concatenate([np.minimum(end, bins), end[over] - bins])
     order = np.argsort(problem * bins + first, kind="stable")
     place = problem[order] * bins
     before = np.maximum.accumulate(np.concatenate([[0], place + end[order]]))

@@ -161,11 +161,9 @@ def reaching_postures(
         UnsupportedArmError: a joint slides, or the conditions leave another number of joints free
             than 0 or 1.
     """
-    arm, count, most_starts = (
-        as_arm(arm),
-        whole(count, 3, "count"),
-        whole(most_starts, 1, "most_starts"),
-    )
+    arm = as_arm(arm)
+    count = whole(count, 3, "count")
+    most_starts = whole(most_starts, 1, "most_starts")
     conditions = _conditions(arm, vector(point, 3, "point", "m"), axis, tool, rotation)
     equations = conditions.equations()
     curves: tuple[Curve, ...] = ()

@@ -3,8 +3,8 @@ rounds bring nothing new.
 
 Of as many equations as angles the solutions are single (:class:`Isolated`). With one angle more
 they are closed curves, the self-motion of an arm whose pose is held (:class:`SelfMotion`): J. W.
-Burdick, "On the inverse kinematics of redundant
-manipulators: characterization of the self-motion manifolds", ICRA 1989; at most sixteen of them.
+Burdick, "On the inverse kinematics of redundant manipulators: characterization of the self-motion
+manifolds", ICRA 1989; at most sixteen of them.
 """
 
 from __future__ import annotations
@@ -86,8 +86,7 @@ class Search:
         3/``since_new``, at most 1.
 
         The rule of three: n trials without a success bound its probability by -ln 0.05/n. It speaks
-        of basins of Newton's
-        method, not of the arm: what no start leads to stays unseen.
+        of basins of Newton's method, not of the arm: what no start leads to stays unseen.
         """
         return min(1.0, 3.0 / self.since_new) if self.since_new else 1.0
 

@@ -151,10 +151,8 @@ def _roots(form: Array) -> tuple[Array, Index]:
         c, s = np.cos(phi), np.sin(phi)
         c2, s2 = 2 * c**2 - 1, 2 * c * s
         first, second = mine[1] * c + mine[2] * s, mine[3] * c2 + mine[4] * s2
-        f, slope = (
-            mine[0] + first + second,
-            mine[2] * c - mine[1] * s + 2 * (mine[4] * c2 - mine[3] * s2),
-        )
+        f = mine[0] + first + second
+        slope = mine[2] * c - mine[1] * s + 2 * (mine[4] * c2 - mine[3] * s2)
         bend = -first - 4 * second
         square = slope**2 - 2 * f * bend
         with np.errstate(divide="ignore", invalid="ignore"):

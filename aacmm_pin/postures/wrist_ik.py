@@ -2,10 +2,9 @@
 here.
 
 Seeds come from the closed form of :mod:`aacmm_pin.postures.three_revolutes` with each of the joints
-1 to 4 held in turn at
-many angles: no single joint will do, because near the base axis the curves run at almost constant
-θ3, and on it θ1 is free. Newton's method then moves every candidate to the nearest solution, and
-continuation follows each curve once round.
+1 to 4 held in turn at many angles: no single joint will do, because near the base axis the curves
+run at almost constant θ3, and on it θ1 is free. Newton's method then moves every candidate to the
+nearest solution, and continuation follows each curve once round.
 """
 
 from __future__ import annotations

@@ -237,10 +237,8 @@ class _Layout:
         all_lengths = bool({"length-uni", "length-bi"} & wanted)
         parts = [*range(1, LENGTHS + 1)] if all_lengths else [*BALL_BARS.values()]
         if lengths is None:
-            step, longest = (
-                LENGTH_STEP * MM,
-                2 / 3 * (2 * self.reach if measuring_range is None else measuring_range),
-            )
+            step = LENGTH_STEP * MM
+            longest = 2 / 3 * (2 * self.reach if measuring_range is None else measuring_range)
             lengths = [step * np.ceil(longest * k / LENGTHS / step) for k in parts]
         bars = sorted(lengths)
         if (

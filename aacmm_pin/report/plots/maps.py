@@ -78,11 +78,9 @@ def plot_map(
     if quantity not in QUANTITIES:
         raise UnknownNameError("quantity", quantity, list(QUANTITIES))
     how, data, ax = QUANTITIES[quantity], map_.data, axes_of(ax, (5.4, 6.6))
-    x, z, reachable = (
-        data["x_mm"].values,
-        data["z_mm"].values,
-        data["reachable"].values.astype(bool),
-    )
+    x = data["x_mm"].values
+    z = data["z_mm"].values
+    reachable = data["reachable"].values.astype(bool)
     values = np.where(reachable, how.scale * data[quantity].values, np.nan)
     low, high = how.ends
     image = ax.pcolormesh(x, z, values.T, shading="nearest", cmap=how.colours, vmin=low, vmax=high)

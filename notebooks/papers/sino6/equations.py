@@ -106,10 +106,8 @@ class PlanarConfigurations(WorkingPoints):
         )
         self.theta4_max = -(1.5 * np.pi - self.k - self.q)
         self.thek: Array = self.sweep_parts(tube_end_to_point(arm, self.theta4_max)).sum(axis=1)
-        k, q = (
-            angle_in_triangle(self.gen, arm.l3, self.len),
-            angle_in_triangle(self.gen, arm.d5, self.den),
-        )
+        k = angle_in_triangle(self.gen, arm.l3, self.len)
+        q = angle_in_triangle(self.gen, arm.d5, self.den)
         self.theta4_min = np.column_stack([-(1.5 * np.pi - k - q), np.pi / 2 + k - q])
         self.lowest_exists = (np.abs(self.gen - arm.d5) <= self.den) & (
             self.den <= self.gen + arm.d5
@@ -126,10 +124,8 @@ class PlanarConfigurations(WorkingPoints):
 
         They are angles at O: from C (highest) to P, on to E (lowest), on to C.
         """
-        thek1, thek2 = (
-            angle_in_triangle(self.len, self.den, ken),
-            angle_in_triangle(self.gen, self.den, self.arm.d5),
-        )
+        thek1 = angle_in_triangle(self.len, self.den, ken)
+        thek2 = angle_in_triangle(self.gen, self.den, self.arm.d5)
         return np.column_stack(
             [thek1, thek2, np.full_like(thek1, angle_in_triangle(self.gen, self.len, self.arm.l3))]
         )
@@ -194,10 +190,8 @@ class ConfigurationsAtTheta2(WorkingPoints):
         The paper finds it "by comparison". Seen from frame 2, P lies off the axis of joint 3 by
         l3 + d5 sin|θ4|, which is positive inside the limits, in the direction of θ3.
         """
-        ahead, aside = (
-            self.qk * np.cos(self.azimuth - theta1),
-            self.qk * np.sin(self.azimuth - theta1),
-        )
+        ahead = self.qk * np.cos(self.azimuth - theta1)
+        aside = self.qk * np.sin(self.azimuth - theta1)
         return np.asarray(
             np.arctan2(
                 aside, ahead * np.cos(self.theta2) + self.z * np.sin(self.theta2) + self.arm.l2

@@ -165,10 +165,8 @@ def _of_theta4(arm: NominalArm, q: Array) -> list[Row]:
 def _of_theta1(arm: NominalArm, q: Array, other_theta2: Array) -> list[Row]:
     """Of (12) and (13)."""
     p, theta4 = _points(arm, q), q[:, 3]
-    at, other = (
-        ConfigurationsAtTheta2(arm, p, q[:, 1]),
-        ConfigurationsAtTheta2(arm, p, other_theta2),
-    )
+    at = ConfigurationsAtTheta2(arm, p, q[:, 1])
+    other = ConfigurationsAtTheta2(arm, p, other_theta2)
     true = np.abs(wrapped(q[:, 0] - at.azimuth))
 
     def accepted(at: ConfigurationsAtTheta2, theta4: Array) -> Array:

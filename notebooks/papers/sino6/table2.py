@@ -3,12 +3,11 @@
 **How the paper's counts come about** (an assumption, as the text does not say it; nothing in it is
 tuned): the 48 × 48 regions are a grid in *joint* space, θ1 = θ3 = 0 and θ2, θ4 at -π + i π/49, i =
 1 … 48; each cell's working point is where this "highest" configuration reaches. Its configuration
-circle is walked in seven equal steps of θ2 from the highest to the
-lowest configuration: the two ends stand for one sector each, the five steps between for a
-mirror-image pair each. A step counts if θ2 >= -π and a pair exists by (11) and (13), that is both
-cosines lie within ±1; θ4 of a pair is not checked. Where the triangle of the lowest configuration
-does not close, its angle thek2 is taken as zero, as the real part of a complex inverse cosine would
-be, and the lowest end does not count.
+circle is walked in seven equal steps of θ2 from the highest to the lowest configuration: the two
+ends stand for one sector each, the five steps between for a mirror-image pair each. A step counts
+if θ2 >= -π and a pair exists by (11) and (13), that is both cosines lie within ±1; θ4 of a pair is
+not checked. Where the triangle of the lowest configuration does not close, its angle thek2 is taken
+as zero, as the real part of a complex inverse cosine would be, and the lowest end does not count.
 
 **Why these counts are too small.** Near the base axis the elbow's circle encloses the vertical
 through the shoulder. Then the true extreme of θ2 lies on the far side, 180° minus the planar one,

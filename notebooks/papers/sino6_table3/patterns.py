@@ -32,12 +32,10 @@ from aacmm_pin.measurements.noise import ENCODER
 from papers.sino6.tables import printed_points
 from papers.sino6_table3.simulated_touches import TouchedSeats
 
-DH, NOISE, CONTACT, BOTH = (
-    "DH errors",
-    "encoder noise",
-    "contact noise",
-    "DH errors + encoder noise",
-)
+DH = "DH errors"
+NOISE = "encoder noise"
+CONTACT = "contact noise"
+BOTH = "DH errors + encoder noise"
 ODD, STAND = "encoder noise + one odd seat", "encoder noise + stand that yields with height"
 ECCENTRICITY, GRAVITY = "encoder eccentricity", "gravity (bearings, tubes, stand)"
 OF_SEATS = (ODD, STAND, CONTACT)

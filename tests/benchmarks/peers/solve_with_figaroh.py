@@ -9,14 +9,13 @@ there are reported (m, 3) [m].
 
 What is called is the way of the package's documentation: a subclass of ``BaseCalibration`` with a
 cost function of its own, ``initialize()``, then ``solve_optimisation()``. Level ``full_params``,
-tip unknown, positions measured, every other option
-at its default but one: of the methods of ``scipy.optimize.least_squares`` that it hands on, ``trf``
-takes fewer evaluations here than its default ``lm`` (three quarters of the time, the same minimum);
-derivatives are differences in both. The cost function is the shortest that its documentation
-allows: measured minus predicted positions, without the loops over samples of
-``_compute_logmap_residuals``; for positions the sum of squares is the same. ``initialize()`` (which
-chooses the parameters), and the reports that ``solve()`` adds, are outside the clock;
-``initialize()`` has its own.
+tip unknown, positions measured, every other option at its default but one: of the methods of
+``scipy.optimize.least_squares`` that it hands on, ``trf`` takes fewer evaluations here than its
+default ``lm`` (three quarters of the time, the same minimum); derivatives are differences in both.
+The cost function is the shortest that its documentation allows: measured minus predicted positions,
+without the loops over samples of ``_compute_logmap_residuals``; for positions the sum of squares is
+the same. ``initialize()`` (which chooses the parameters), and the reports that ``solve()`` adds,
+are outside the clock; ``initialize()`` has its own.
 
 The base frame is called known: the 27 parameters of a 6R arm then move the base too, through the
 placement of joint 1. Called unknown, the six names of the base would overwrite the first six
