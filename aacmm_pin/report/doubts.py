@@ -1,7 +1,7 @@
 """What keeps a verdict from being ``explained`` or ``no-discrepancy``, in words.
 
 A new rule of :mod:`aacmm_pin.diagnosis.verdict` has one function here, and its entry in
-:data:`DOUBTS`. The first line of its docstring stands in the documentation of the JSON.
+:data:`WORDS_OF_DOUBTS`. The first line of its docstring stands in the documentation of the JSON.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ def doubts_in_words(result: Diagnosis) -> list[str]:
     Raises:
         KeyError: a doubt has no sentence.
     """
-    each = [DOUBTS[doubt](result) for doubt in result.doubts]
+    each = [WORDS_OF_DOUBTS[doubt](result) for doubt in result.doubts]
     return [words for words in each if words]
 
 
@@ -78,7 +78,7 @@ def _starts_disagree(result: Diagnosis) -> str:
     return "two explorations of the sets of causes found different ones"
 
 
-DOUBTS: Mapping[str, Callable[[Diagnosis], str]] = {
+WORDS_OF_DOUBTS: Mapping[str, Callable[[Diagnosis], str]] = {
     "contradicted references": _contradicted_references,
     "few causes shown": _few_causes_shown,
     "cause not named": _cause_not_named,

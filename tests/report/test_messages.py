@@ -10,7 +10,7 @@ import pytest
 
 from aacmm_pin._support.notes import Note
 from aacmm_pin.diagnosis import verdict
-from aacmm_pin.report.doubts import DOUBTS
+from aacmm_pin.report.doubts import WORDS_OF_DOUBTS
 from aacmm_pin.report.messages import SENTENCES
 from tests.test_rooms import MODULES
 
@@ -47,7 +47,7 @@ def test_every_code_has_a_sentence_and_every_sentence_a_code():
 
 
 def test_every_doubt_has_a_sentence():
-    assert {*DOUBTS} == {*verdict.DOUBTS}
+    assert {*WORDS_OF_DOUBTS} == {*verdict.DOUBTS}
 
 
 def test_sentences_are_short_and_ask_nothing():

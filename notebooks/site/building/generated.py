@@ -21,7 +21,7 @@ from sphinx.application import Sphinx
 
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS, Thresholds
 from aacmm_pin.effects import CAUSES, Effect
-from aacmm_pin.report.doubts import DOUBTS
+from aacmm_pin.report.doubts import WORDS_OF_DOUBTS
 from building import pictures
 from building.causes import causes_table
 
@@ -146,7 +146,7 @@ def doubts() -> str:
     """Every doubt of a diagnosis and what it means, from the docstring of its sentence, as a
     Markdown table.
     """
-    rows = [f"| `{name}` | {inspect.getdoc(words)} |" for name, words in DOUBTS.items()]
+    rows = [f"| `{name}` | {inspect.getdoc(words)} |" for name, words in WORDS_OF_DOUBTS.items()]
     return "\n".join(["| doubt | what it means |", "|---|---|", *rows])
 
 
