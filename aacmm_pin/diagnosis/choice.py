@@ -14,6 +14,7 @@ from aacmm_pin.diagnosis.covariates import Carried, Covariate
 from aacmm_pin.diagnosis.design_matrix import Design
 from aacmm_pin.diagnosis.gram_matrix import Gram
 from aacmm_pin.diagnosis.held_postures import RecordNoise
+from aacmm_pin.diagnosis.linear_model import Conditional
 from aacmm_pin.diagnosis.model_space import Blocks, Candidates
 from aacmm_pin.diagnosis.posterior import Posterior
 from aacmm_pin.diagnosis.reading_scatter import ReadingScatter
@@ -89,11 +90,22 @@ class Choice:
     @cached_property
     def scatter_left(self) -> ReadingScatter:
         """Scatter of readings and tips beside all that was found."""
-        model, postures = self.posterior.median_model, self.noise.postures
+        return self.scatter_beside(self.posterior.median_model)
+
+    def scatter_beside(self, model: Conditional) -> ReadingScatter:
+        """Scatter of readings and tips beside a set."""
         share = min(max(model.dof, 1.0) / max(model.base.gram.free, 1), 1.0)
-        return ReadingScatter.of(
-            self.design.fit, self.design.deviations(self.tips), share, postures
-        )
+        off = self.design.deviations(model.tips())
+        return ReadingScatter.of(self.design.fit, off, share, self.noise.postures)
+
+    @property
+    def log_posterior(self) -> float:
+        """Log posterior of the most probable set with the noise, up to a constant of these
+        records.
+        """
+        space, top = self.posterior.space, self.posterior.top
+        of_noise = self.noise.log_density(space.likelihood.dof)
+        return space.marginal(top).log_posterior + of_noise
 
     @property
     def noise(self) -> RecordNoise:

@@ -4,7 +4,7 @@ of its own.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
@@ -12,9 +12,16 @@ import scipy
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.distributions import chi2_sf
 from aacmm_pin.calibration import Fit
+from aacmm_pin.measurements.repeats import posture_numbers
 
 RATIOS = (1e-3, 1e3)
 """Standard deviation of the error of a posture over that of a record, at least and at most."""
+NEAR = 0.02
+"""Postures whose readings differ by no more than this in any joint may share an error: a hand holds
+an arm no better [rad; m where a joint slides]. Where nothing is shared, this costs nothing.
+"""
+ABOUT = 0.1
+"""Log variances of the means that differ by less are about the same."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +58,8 @@ class HeldPostures:
         """
         counts = fit.used & fit.observations.says
         group = np.full(len(counts), -1, dtype=np.intp)
-        pairs = np.stack([fit.problem.measurements.postures, fit.observations.seat], axis=1)[counts]
+        postures = posture_numbers(fit.problem.measurements.q, NEAR)
+        pairs = np.stack([postures, fit.observations.seat], axis=1)[counts]
         group[counts] = np.unique(pairs, axis=0, return_inverse=True)[1].ravel()
         count = np.bincount(group[counts]).astype(np.float64)
         whole = HeldPostures(group, count, 0.0)
@@ -71,23 +79,45 @@ class HeldPostures:
         means = self._means(residual[:, :, None])[:, :, 0]
         inside = self.group >= 0
         within = float(np.square(residual[inside] - means[self.group[inside]]).sum())
-        width = residual.shape[1]
-        of_within = width * float((self.count - 1.0).sum())
-        of_means = max(dof - of_within, 1.0)
         squares = self.count * np.square(means).sum(axis=1)
-        share = of_means / (width * len(self.count))
+        of_means = self.dof_of_means(dof, residual.shape[1])
+        whole = self._dof_within(residual.shape[1]) + of_means
 
         def deviance(log_ratio: float) -> float:
-            scale = 1.0 + self.count * np.exp(2.0 * log_ratio)
-            chi2 = within + float((squares / scale).sum())
-            return float(
-                share * width * np.log(scale).sum()
-                + (of_within + of_means) * np.log(max(chi2, 1e-300))
-            )
+            there = replace(self, ratio=float(np.exp(log_ratio)))
+            chi2 = within + float((squares / there.scale).sum())
+            of_residuals = whole * float(np.log(max(chi2, 1e-300)))
+            return of_residuals - 2.0 * there.log_density(of_means)
 
         best = scipy.optimize.minimize_scalar(deviance, bounds=np.log(RATIOS), method="bounded")
         log_ratio = 0.5 * (deviance(-np.inf) - float(best.fun))
         return (float(np.exp(best.x)), log_ratio) if log_ratio > 0.0 else (0.0, 0.0)
+
+    @property
+    def scale(self) -> Array:
+        """Variance of the mean of each group over that of independent records (groups,)."""
+        return 1.0 + self.count * self.ratio**2
+
+    def _dof_within(self, width: int) -> float:
+        """Degrees of freedom of the differences inside groups, of records of ``width`` numbers."""
+        return width * float((self.count - 1.0).sum())
+
+    def dof_of_means(self, dof: float, width: int) -> float:
+        """Degrees of freedom of the means of the groups, if ``dof`` are left in all."""
+        return max(dof - self._dof_within(width), 1.0)
+
+    def log_density(self, of_means: float) -> float:
+        """What the shared error adds to the log likelihood beside χ², by the degrees of freedom of
+        the means.
+        """
+        return -0.5 * of_means * float(np.log(self.scale).mean())
+
+    def is_about(self, other: HeldPostures) -> bool:
+        """Whether the error of postures is about that of others, or small beside that of a record
+        in both.
+        """
+        one, same = (float(np.log(each.scale).mean()) for each in (self, other))
+        return abs(one - same) < ABOUT
 
     def sums(self, rows: Array) -> Array:
         """Sum of the rows (n, k, c) of each group (groups, k, c)."""
@@ -107,7 +137,7 @@ class HeldPostures:
         """
         if not self.ratio:
             return rows
-        less = 1.0 - 1.0 / np.sqrt(1.0 + self.count * self.ratio**2)
+        less = 1.0 - 1.0 / np.sqrt(self.scale)
         inside = self.group >= 0
         taken = (less[:, None, None] * self._means(rows))[self.group[inside]]
         found = rows.copy()
@@ -133,6 +163,13 @@ class RecordNoise:
         """Of each residual but for what it shares (n, 3, 3) [m²], or (n, 6, 6)."""
         inverse = np.linalg.inv(self.whitening)
         return np.asarray(inverse @ inverse.transpose(0, 2, 1))
+
+    def log_density(self, dof: float) -> float:
+        """What the shared error adds to the log likelihood beside χ², if ``dof`` degrees of freedom
+        are left.
+        """
+        of_means = self.postures.dof_of_means(dof, self.whitening.shape[1])
+        return self.postures.log_density(of_means)
 
     def added_covariance(self, fit: Fit, variance: float) -> Array:
         """What the shared error adds to the covariance of a fit's parameters that took records as

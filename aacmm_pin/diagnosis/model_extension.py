@@ -189,23 +189,26 @@ def _identities(effects: Sequence[Effect]) -> frozenset[Any]:
 
 @dataclass(frozen=True, eq=False)
 class _Before:
-    """What a round leaves for the next one.
+    """What a round leaves for the next one, beside its most probable set.
 
     Attributes:
-        tips: with all that was found.
+        tips: with all of that set.
         dof: degrees of freedom that it leaves.
         scatter: of readings and tips beside that; None where the stated noise was all there was to
             begin with.
+        ratio: of the error that records of one posture share, see :class:`HeldPostures`.
     """
 
     tips: Array
     dof: float
     scatter: ReadingScatter | None
+    ratio: float
 
     @staticmethod
     def of(found: Choice) -> _Before:
-        scatter = None if noise_is_known(found.design.fit) else found.scatter_left
-        return _Before(found.tips, found.posterior.median_model.dof, scatter)
+        model = found.posterior.top_model
+        scatter = None if noise_is_known(found.design.fit) else found.scatter_beside(model)
+        return _Before(model.tips(), model.dof, scatter, found.noise.postures.ratio)
 
     def settled(self, found: Choice) -> bool:
         """Whether the scatter is about what a round reckoned with."""
@@ -307,24 +310,48 @@ def _climbed(
     effects: Sequence[Effect],
     before: _Before | None,
 ) -> Choice:
-    """The posterior where a fit with some causes ended, with the noise that the round
-    before found.
+    """The posterior where a fit with some causes ended, with the noise that the round before found.
+
+    What records of one posture share is either noise or what causes do there. So it is tried with
+    what is shared beside the round before, and with what that round reckoned with, which at first
+    is nothing. The more probable of these two is taken, each with what its most probable set
+    leaves.
     """
     design = design_of(at, library, others, at.problem.candidates)
-    before = before or _Before(at.point.prediction.poses, at.dof, None)
-    scatter = before.scatter
-    whitening = at.noise.whitening if scatter is None else scatter.whitening
-    noise = RecordNoise(
-        whitening, HeldPostures.of(at, design.deviations(before.tips), whitening, before.dof)
-    )
-    # With all records there is no need to take an observation's unknown points apart.
-    gram = Gram(products_of(design, np.zeros_like(parts) if _torn(at, parts) else parts, noise))
     candidates = Candidates.of(design, library)
-    space = ModelSpace(
-        candidates, gram, noise_is_known(at) if scatter is None else scatter.as_stated
-    )
     start = tuple(sorted(_block_of(candidates, library, effect) for effect in effects))
-    return Choice(at, climbed(space, start), library, others, parts, gram, scatter)
+    # With all records there is no need to take an observation's unknown points apart.
+    divided = np.zeros_like(parts) if _torn(at, parts) else parts
+    left = before or _Before(at.point.prediction.poses, at.dof, None, 0.0)
+    scatter = left.scatter
+    whitening = at.noise.whitening if scatter is None else scatter.whitening
+    stated = noise_is_known(at) if scatter is None else scatter.as_stated
+
+    def of_noise(postures: HeldPostures) -> Choice:
+        gram = Gram(products_of(design, divided, RecordNoise(whitening, postures)))
+        posterior = climbed(ModelSpace(candidates, gram, stated), start)
+        return Choice(at, posterior, library, others, parts, gram, scatter)
+
+    def shared(tips: Array, dof: float) -> HeldPostures:
+        return HeldPostures.of(at, design.deviations(tips), whitening, dof)
+
+    def with_what_it_leaves(found: Choice) -> Choice:
+        for _ in range(MOST_ROUNDS):
+            model = found.posterior.top_model
+            postures = shared(model.tips(), model.dof)
+            if postures.is_about(found.noise.postures):
+                break
+            _release(found)
+            found = of_noise(postures)
+        return found
+
+    first = shared(left.tips, left.dof)
+    found = with_what_it_leaves(of_noise(first))
+    as_before = replace(first, ratio=left.ratio, log_ratio=0.0)
+    if not first.is_about(as_before):
+        other = with_what_it_leaves(of_noise(as_before))
+        found = max(found, other, key=lambda one: one.log_posterior)
+    return found
 
 
 def _torn(at: Fit, parts: Index) -> bool:

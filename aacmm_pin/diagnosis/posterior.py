@@ -69,6 +69,11 @@ class Posterior:
         return self.space.conditional(self.space.marginal(blocks).best)
 
     @cached_property
+    def top_model(self) -> Conditional:
+        """What is left beside the most probable set."""
+        return self.beside(self.top)
+
+    @cached_property
     def median_model(self) -> Conditional:
         """What is left beside the median probability model."""
         return self.beside(self.median)

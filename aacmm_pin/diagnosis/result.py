@@ -183,9 +183,12 @@ class Diagnosis(Shown):
         best, *others = self.alternatives.items()
         acting = set(best[0])
         rivals = [labels for labels, share in others if share >= THRESHOLDS.rival]
-        exchanged = [tuple(sorted(acting.symmetric_difference(labels))) for labels in rivals]
-        distinct = dict.fromkeys(exchanged)
-        return [labels for labels in distinct if len(labels) > 1]
+        exchanged = [
+            tuple(sorted(acting.symmetric_difference(labels)))
+            for labels in rivals
+            if acting.difference(labels) and set(labels).difference(acting)
+        ]
+        return [*dict.fromkeys(exchanged)]
 
     @property
     def more(self) -> float:

@@ -53,7 +53,8 @@ class Evidence:
 
 def _shows_few_causes(evidence: Evidence) -> bool:
     seen, of = evidence.visible
-    return not evidence.findings and seen <= THRESHOLDS.shown * of
+    nothing_acts = not evidence.findings and evidence.more < THRESHOLDS.named
+    return nothing_acts and seen <= THRESHOLDS.shown * of
 
 
 DOUBTS: Mapping[str, Callable[[Evidence], bool]] = {

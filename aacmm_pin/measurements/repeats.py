@@ -61,7 +61,7 @@ def originals(records: Measurements) -> Index:
     both: no second measurement does, while a file that was appended to itself, or to another export
     of the same measurement, does. All else may be rounded or named in any way.
     """
-    single = _nearest_difference(records.q) > DEG * ANGLE_STEPS[0]
+    single = _nearest_difference(records.q, 2.0 * SAME_POSTURE) > DEG * ANGLE_STEPS[0]
     if single.all():
         return np.arange(records.n)
     degrees = np.asarray(
@@ -124,26 +124,27 @@ def _joined(group: Index, equal_otherwise: Index, values: Array) -> Index:
     return np.asarray(joined[group], dtype=np.intp)
 
 
-def _nearest_difference(q: Array) -> Array:
+def _nearest_difference(q: Array, most: float) -> Array:
     """Largest difference of each record's readings, but for whole turns, from the nearest's (n,),
-    infinite where far.
+    infinite where that is more than ``most``.
     """
     turn = 2 * np.pi
     # Of what is below zero by next to nothing the first gives 2π.
     within = np.mod(np.mod(q, turn), turn)
     tree = scipy.spatial.KDTree(within, boxsize=turn)
-    distances, _ = tree.query(within, 2, p=np.inf, distance_upper_bound=2.0 * SAME_POSTURE)
+    distances, _ = tree.query(within, 2, p=np.inf, distance_upper_bound=most)
     return np.asarray(distances[:, 1])
 
 
-def posture_numbers(q: Array) -> Index:
+def posture_numbers(q: Array, within: float = SAME_POSTURE) -> Index:
     """Number of the posture of each record (n,), from 0 in the order of their first records; q is
     (n, nq) [rad].
 
-    A record within :data:`SAME_POSTURE` of a posture's first record repeats it.
+    A record repeats a posture if no reading differs by more than ``within`` from those of the
+    posture's first record.
     """
     tree = scipy.spatial.KDTree(q)
-    single = _nearest_difference(q) > SAME_POSTURE
+    single = _nearest_difference(q, 2.0 * within) > within
     found = np.full(len(q), -1, dtype=np.intp)
     number = 0
     for k in range(len(q)):
@@ -151,7 +152,7 @@ def posture_numbers(q: Array) -> Index:
             continue
         near = np.array([k])
         if not single[k]:
-            near = np.asarray(tree.query_ball_point(q[k], SAME_POSTURE, p=np.inf))
+            near = np.asarray(tree.query_ball_point(q[k], within, p=np.inf))
         found[near[found[near] < 0]] = number
         number += 1
     return found

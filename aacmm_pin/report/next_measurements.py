@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
 
 from aacmm_pin._support.threads import one_blas_thread
 from aacmm_pin.calibration import rms
@@ -11,7 +14,7 @@ from aacmm_pin.effects import Effect, corrects_seat, listed
 from aacmm_pin.measurements import LABELS
 from aacmm_pin.report.doubts import doubts_in_words
 from aacmm_pin.report.numbers import lengths
-from aacmm_pin.report.plan import advice
+from aacmm_pin.report.plan import advice, mostly_seats
 
 PLACE, SCALE = ("x", "y", "z", "place"), "scale"
 """Names of what :mod:`aacmm_pin.diagnosis.covariates` calls so."""
@@ -207,12 +210,11 @@ def _to_tell(result: Diagnosis, doubtful: Sequence[Finding]) -> str:
 def _to_tell_sets(result: Diagnosis) -> str:
     """How to tell the two most probable sets of causes from each other."""
     first, second = (set(labels) for labels in [*result.alternatives][:2])
-    one, other = (
-        next(map(result.cause, sorted(own)), None) for own in (first - second, second - first)
-    )
-    if one is None or other is None or one.refitted or other.refitted:
-        return "more records, at other postures: they show which of the causes that are listed act"
-    return _plan_for(result, (one, other))
+    one, other = ([*map(result.cause, sorted(own))] for own in (first - second, second - first))
+    pair = [cause for cause in (*one, *other) if cause is not None and not cause.refitted]
+    if len(one) == len(other) == 1 and len(pair) == 2:
+        return _plan_for(result, (pair[0], pair[1]))
+    return "more records, at other postures: they show which of the causes that are listed act"
 
 
 def _planned(result: Diagnosis, finding: Finding, alike: Alias) -> str:
@@ -222,9 +224,27 @@ def _planned(result: Diagnosis, finding: Finding, alike: Alias) -> str:
 
 def _plan_for(result: Diagnosis, split: tuple[Effect, Effect]) -> str:
     problem = result.extended.problem
-    return advice(
-        result.before.problem.model, split, problem.measurements, **problem.setup.keywords
-    )
+    records = problem.measurements
+    if result.unexplained.shared_by_postures is not None:
+        group = result.choice.noise.postures.group
+        records = records.take(np.unique(group, return_index=True)[1])
+    keywords = problem.setup.keywords | _noise_as_found(result)
+    return advice(result.before.problem.model, split, records, **keywords)
+
+
+def _noise_as_found(result: Diagnosis) -> dict[str, Any]:
+    """The noise of records where it is more than what was stated: of references, or of contacts at
+    seats [m], with the error that records of one posture share.
+    """
+    shared, setup = result.unexplained.shared_by_postures, result.extended.problem.setup
+    of_postures = 0.0 if shared is None else shared.rms / np.sqrt(3.0)
+    more = float(np.hypot(result.extended.unmodelled, of_postures))
+    if not more:
+        return {}
+    at_seats = mostly_seats(result.extended.problem.measurements)
+    name = "probe_noise" if at_seats else "reference_noise"
+    found = {name: float(np.hypot(getattr(setup, name) or 0.0, more))}
+    return found if setup.encoder_noise is not None else found | {"encoder_noise": 0.0}
 
 
 def _off(finding: Finding) -> str:

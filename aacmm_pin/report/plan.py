@@ -113,8 +113,9 @@ def plan_advice(plan: MeasurementPlan, options: Sequence[str] = ()) -> str:
     before = 0.5 if plan.before is None else plan.before.probability
     if plan.before is not None and plan.after.probability - before < LEAST_CHANGE:
         return (
-            f"records such as these distinguish {one.label} from {other.label} with a probability "
-            f"of {before:.2f}, and more would add nothing: if they do not, something else acts"
+            f"more records would not help to distinguish {one.label} from {other.label}: if one of "
+            f"the two acted alone, a decision would be right with a probability of {before:.2f} "
+            "already"
         )
     odds = f"from {before:.2f} to {plan.after.probability:.2f}"
     if not plan.decided:
@@ -157,8 +158,7 @@ def advice(
         existing: the records that leave the two alike.
         setup: how records are taken, by keywords of :func:`plan_measurements`.
     """
-    seat = existing.conditions.seat
-    reference: Reference = "seats" if seat is not None and np.mean(seat != "") > 0.5 else "free"
+    reference: Reference = "seats" if mostly_seats(existing) else "free"
     asked: dict[str, Any] = {"reference": reference} | setup
     try:
         plan = plan_measurements(
@@ -168,6 +168,12 @@ def advice(
     except AacmmError as error:
         one, other = (cause if isinstance(cause, str) else cause.key for cause in split)
         return f"no records could be planned that distinguish {one} from {other}: {error}"
+
+
+def mostly_seats(records: Measurements) -> bool:
+    """Whether most records are of seats."""
+    seat = records.conditions.seat
+    return seat is not None and bool(np.mean(seat != "") > 0.5)
 
 
 def _options(arm: Arm, asked: Mapping[str, Any]) -> list[str]:

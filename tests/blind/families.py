@@ -88,8 +88,8 @@ def noise_not_stated(rng: np.random.Generator, seed: int) -> Given:
 
 
 def held_postures(rng: np.random.Generator, seed: int) -> Given:
-    """Postures of several records, each with an error of its own; with and without a cause, noise
-    stated and not.
+    """Postures of several records, each with an error of its own, held by a machine or by hand;
+    with and without a cause, noise stated and not.
     """
     held, postures = int(rng.integers(3, 6)), int(rng.integers(40, 101))
     return PLAIN | {
@@ -104,6 +104,7 @@ def held_postures(rng: np.random.Generator, seed: int) -> Given:
         "structure": "posture",
         "structure_size": float(np.exp(rng.uniform(np.log(0.5), np.log(2.0)))),
         "commanded": bool(rng.uniform() < 0.5),
+        "wobble": float(rng.choice([0.0, 2e-3, 5e-3])),
     }
 
 

@@ -65,6 +65,7 @@ class Regime:
         noted: further columns of the file, of :data:`NOTED`.
         held: records of each posture, in one row or scattered.
         scattered: see ``held``.
+        wobble: standard deviation of each reading of a held posture about it [rad].
         commanded: the file notes where the arm was sent, the same for each record of a posture, in
             place of readings.
         encoder_u: true noise of an encoder [rad].
@@ -97,6 +98,7 @@ class Regime:
     noted: tuple[str, ...] = ()
     held: int = 1
     scattered: bool = False
+    wobble: float = 0.0
     commanded: bool = False
     encoder_u: float = ENCODER_U
     reference_u: float = REFERENCE_U
@@ -346,7 +348,7 @@ def _route(
     posture = np.arange(n) // regime.held
     if regime.scattered:
         posture = rng.permutation(posture)
-    q = q if regime.at_seats else q[posture]
+    q = q if regime.at_seats else q[posture] + regime.wobble * rng.standard_normal((n, q.shape[1]))
     payload = rng.choice(PAYLOADS_KG, n) if regime.torque else np.zeros(n)
     if regime.payload_by_session:
         payload = rng.permutation(PAYLOADS_KG)[session]

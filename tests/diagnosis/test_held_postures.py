@@ -14,7 +14,7 @@ from aacmm_pin.calibration.parameters import problem_of
 from aacmm_pin.calibration.setup import Setup
 from aacmm_pin.diagnosis import diagnose
 from aacmm_pin.diagnosis.held_postures import HeldPostures, RecordNoise
-from aacmm_pin.effects import ErrorModel, JointCompliance
+from aacmm_pin.effects import EncoderEccentricity, ErrorModel, JointCompliance
 from aacmm_pin.measurements import Measurements
 
 ALONE, SHARED = 1e-5, 2e-5
@@ -64,3 +64,47 @@ def test_an_extended_arm_has_the_u_of_its_causes(sino6):
     independent = replace(fit_, added_covariance=0.0).covariance
     assert in_file == pytest.approx(finding.parameters["compliance_rad_per_nm"][1], rel=0.15)
     assert in_file > 1.5 * np.sqrt(independent[place, place])
+
+
+def _held(
+    model: ErrorModel,
+    count: int,
+    rng: np.random.Generator,
+    shared: float = 0.0,
+    wobble: float = 0.0,
+) -> Measurements:
+    """Records of some postures, four to eight of each, which share an error [m], held to within
+    ``wobble`` [rad].
+    """
+    group = np.repeat(np.arange(count), int(rng.integers(4, 9)))
+    q = random_postures(model.arm, count, rng)[group]
+    q = q + wobble * rng.standard_normal(q.shape)
+    error = ALONE * rng.standard_normal((len(q), 3))
+    error += shared * rng.standard_normal((count, 3))[group]
+    return Measurements.of(q, model.predict(q) + error)
+
+
+@pytest.mark.parametrize("wobble", [0.0, 2e-3, 5e-3])
+def test_a_hand_holds_no_posture_exactly(sino6: Arm, wobble: float) -> None:
+    """What near repeats share is no cause, and its size is found."""
+    records = _held(ErrorModel(sino6), 40, np.random.default_rng(31), 3.0 * ALONE, wobble)
+    found = diagnose(
+        sino6, records, encoder_noise=0.0, reference_noise=ALONE, hold_out=False, progress=False
+    )
+    assert not found.findings
+    assert found.unexplained.shared_by_postures is not None
+    assert found.choice.noise.postures.ratio == pytest.approx(3.0, rel=0.2)
+
+
+@pytest.mark.parametrize("seed", [1, 3, 9, 12])
+def test_causes_that_others_imitate_are_no_shared_error(seed: int) -> None:
+    """Few postures leave it open which of the causes acts, but not that one does."""
+    ur5, rng = Arm.from_urdf("ur5"), np.random.default_rng(seed)
+    causes = JointCompliance(2, values=(4e-6,)), EncoderEccentricity(5, values=(2e-4, 3e-4))
+    records = _held(ErrorModel(ur5, causes), int(rng.integers(12, 20)), rng)
+    found = diagnose(
+        ur5, records, encoder_noise=0.0, reference_noise=ALONE, hold_out=False, progress=False
+    )
+    assert found.unexplained.shared_by_postures is None
+    assert found.choice.noise.postures.ratio < 0.5
+    assert "joint_compliance:2" in [finding.label for finding in found.findings]
