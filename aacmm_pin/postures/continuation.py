@@ -35,9 +35,6 @@ the curvature behind it; of ``IMAGE``, ``GUESS`` and ``BEST`` neither is used.""
 COSINES, MATRIX = 31, 33
 """Rows for cosines and sines of the angles, and the first one for linear equations that are solved:
 n columns and two right sides."""
-SMALL = 4
-"""So many equations, those of the wrist's place and of a tangent, have a solution in closed
-form."""
 STRAIGHT = 1e-12
 """Sine of an angle below which a direction has arrived, or points right away from its goal."""
 SERIES = 1e-3
@@ -434,7 +431,7 @@ def correct(links: Array, row: int, tangent: int, most: int, space: Array) -> tu
         for j in range(n):
             space[MATRIX + n - 1, j] = space[tangent, j]
         space[MATRIX + n - 1, n], space[MATRIX + n - 1, n + 1] = 0.0, 1.0
-        sign = solve_four(space) if n == SMALL else solve(space)
+        sign = solve(space)
         if size <= CORRECTED:
             return True, sign
         length = step_length(space)
@@ -580,31 +577,6 @@ def solve(space: Array) -> float:
     return sign
 
 
-def solve_four(space: Array) -> float:
-    """What :func:`solve` does, of four equations by Laplace's expansion: in a third of the time."""
-    top, last = MATRIX, MATRIX + 2
-    a0, a1, a2, a3 = space[top, 0], space[top, 1], space[top, 2], space[top, 3]
-    b0, b1, b2, b3 = space[top + 1, 0], space[top + 1, 1], space[top + 1, 2], space[top + 1, 3]
-    c0, c1, c2, c3 = space[last, 0], space[last, 1], space[last, 2], space[last, 3]
-    d0, d1, d2, d3 = space[last + 1, 0], space[last + 1, 1], space[last + 1, 2], space[last + 1, 3]
-    v01, v02, v03 = a0 * b1 - b0 * a1, a0 * b2 - b0 * a2, a0 * b3 - b0 * a3
-    v12, v13, v23 = a1 * b2 - b1 * a2, a1 * b3 - b1 * a3, a2 * b3 - b2 * a3
-    u01, u02, u03 = c0 * d1 - d0 * c1, c0 * d2 - d0 * c2, c0 * d3 - d0 * c3
-    u12, u13, u23 = c1 * d2 - d1 * c2, c1 * d3 - d1 * c3, c2 * d3 - d2 * c3
-    determinant = v01 * u23 - v02 * u13 + v03 * u12 + v12 * u03 - v13 * u02 + v23 * u01
-    over = 1.0 / determinant
-    for k in range(SMALL, SMALL + 2):
-        x, y = over * space[top, k], over * space[top + 1, k]
-        z, w = over * space[last, k], over * space[last + 1, k]
-        f0, f1, f2, f3 = x * b0 - y * a0, x * b1 - y * a1, x * b2 - y * a2, x * b3 - y * a3
-        g0, g1, g2, g3 = z * d0 - w * c0, z * d1 - w * c1, z * d2 - w * c2, z * d3 - w * c3
-        space[top, k] = f1 * u23 - f2 * u13 + f3 * u12 + g1 * v23 - g2 * v13 + g3 * v12
-        space[top + 1, k] = f2 * u03 - f0 * u23 - f3 * u02 + g2 * v03 - g0 * v23 - g3 * v02
-        space[last, k] = f0 * u13 - f1 * u03 + f3 * u01 + g0 * v13 - g1 * v03 + g3 * v01
-        space[last + 1, k] = f1 * u02 - f0 * u12 - f2 * u01 + g1 * v02 - g0 * v12 - g2 * v01
-    return math.copysign(1.0, determinant)
-
-
 # --- the equations
 
 
@@ -738,7 +710,6 @@ HELPERS = (
     (point_along_z, f"void({ROWS})"),
     (linearise, f"f8({LINKS}, i8, i8, {ROWS})"),
     (solve, f"f8({ROWS})"),
-    (solve_four, f"f8({ROWS})"),
     (step_length, f"f8({ROWS})"),
     (residual_after, f"f8(i8, {ROWS})"),
     (take_tangent, f"void(i8, {ROWS})"),
