@@ -17,7 +17,7 @@ from aacmm_pin._support.units import MM, number
 from aacmm_pin.arm import MOST_BYTES, toml_of
 from aacmm_pin.cli.accept_prediction import BeforeTheTest
 from aacmm_pin.cli.arm_options import UrdfArm, in_metres
-from aacmm_pin.cli.common import Force, Json, Plot, Results, command, note, refuse
+from aacmm_pin.cli.common import Force, Json, Plot, Results, command, note, page_option, refuse
 from aacmm_pin.effects import ErrorModel
 from aacmm_pin.errors import AacmmError, MeasurementFileError
 from aacmm_pin.measurements import Measurements
@@ -48,7 +48,7 @@ def run(
         float | None, typer.Option(help="Measuring range of the arm, in mm.")
     ] = None,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="HTML page to print: the test report.")
+        Path | None, page_option("Page to print: the test report", "--output", "-o")
     ] = None,
     history: Annotated[
         Path | None, typer.Option(help="CSV of all checks, to which this one is appended.")

@@ -12,7 +12,17 @@ import typer
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin.calibration import calibrate
 from aacmm_pin.cli.arm_options import ArmAndData, MeasuredHow
-from aacmm_pin.cli.common import EffectTexts, Force, Json, Plot, Results, Seed, command, note
+from aacmm_pin.cli.common import (
+    EffectTexts,
+    Force,
+    Json,
+    Plot,
+    Results,
+    Seed,
+    command,
+    note,
+    page_option,
+)
 from aacmm_pin.cli.urdf import urdf_of
 from aacmm_pin.effects import stated_cause
 from aacmm_pin.measurements import Measurements
@@ -36,7 +46,7 @@ def run(
         Path | None, typer.Option(help="CSV file: every record with its residuals.")
     ] = None,
     plot: Plot = None,
-    report: Annotated[Path | None, typer.Option(help="HTML page of all that was found.")] = None,
+    report: Annotated[Path | None, page_option("Page of all that was found")] = None,
     json_: Json = None,
     force: Force = False,
 ) -> None:

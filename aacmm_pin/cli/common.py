@@ -83,6 +83,13 @@ def angle_option(help_: str) -> Any:
     return typer.Option(parser=angle, metavar="ANGLE", help=help_)
 
 
+def page_option(page: str, *names: str) -> Any:
+    """An option for a document, in the format that the end of its name chooses."""
+    from aacmm_pin.report import suffixes  # the list of commands needs none
+
+    return typer.Option(*names, help=f"{page} ({', '.join(suffixes())}).")
+
+
 Json = Annotated[
     str | None, typer.Option("--json", metavar="FILE", help="Write one JSON object; - for stdout.")
 ]

@@ -11,7 +11,7 @@ import typer
 
 from aacmm_pin._support.text_escaping import note
 from aacmm_pin.cli.arm_options import ArmAndData, MeasuredHow
-from aacmm_pin.cli.common import Force, Json, Results, Seed, command
+from aacmm_pin.cli.common import Force, Json, Results, Seed, command, page_option
 from aacmm_pin.diagnosis import diagnose
 from aacmm_pin.effects import listed
 from aacmm_pin.errors import AacmmError
@@ -34,7 +34,7 @@ def run(
     ] = False,
     seed: Seed = 1,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="HTML page of all that was found.")
+        Path | None, page_option("Page of all that was found", "--output", "-o")
     ] = None,
     extended_arm: Annotated[
         Path | None, typer.Option(help="Arm file for the extended model.")

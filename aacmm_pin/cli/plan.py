@@ -12,7 +12,18 @@ import typer
 
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin.cli.arm_options import MeasuredHow, UncertainArm, in_metres, where_known
-from aacmm_pin.cli.common import Force, Json, Output, Results, Seed, command, note, refuse, say
+from aacmm_pin.cli.common import (
+    Force,
+    Json,
+    Output,
+    Results,
+    Seed,
+    command,
+    note,
+    page_option,
+    refuse,
+    say,
+)
 from aacmm_pin.cli.plan_acceptance import Artefacts, note_lowest_tip
 from aacmm_pin.effects import ErrorModel
 from aacmm_pin.errors import UnknownNameError
@@ -35,7 +46,7 @@ class PlanFiles:
     output: Output = None
     sheet: Annotated[
         Path | None,
-        typer.Option(help="HTML page to print, with positions and articulations."),
+        page_option("Page to print, with positions and articulations"),
     ] = None
     force: Force = False
 

@@ -7,7 +7,7 @@ from .comparison import comparison_notes
 from .demo import run_demo
 from .diagnosis import diagnosis_document
 from .document import Document, Table
-from .formats import content, require_format
+from .formats import content, require_format, suffixes
 from .json_summaries import accuracy_summary, accuracy_table, length_summary, map_summary
 from .plan import plan_document
 from .plots.style import without_latex
@@ -40,5 +40,6 @@ __all__ = [
     "procedure_document",
     "require_format",
     "run_demo",
+    "suffixes",
     "without_latex",
 ]

@@ -17,6 +17,11 @@ DEFAULT_FORMAT = "html"
 """Of standard output, and of a file whose name has no ending."""
 
 
+def suffixes() -> list[str]:
+    """How names of files end for which there is a format: ``[".html"]``."""
+    return [f".{module.name}" for module in iter_modules(__path__)]
+
+
 def require_format(path: str | Path) -> str:
     """The format that the end of a name chooses.
 
@@ -24,10 +29,8 @@ def require_format(path: str | Path) -> str:
         OutputError: there is no such format.
     """
     chosen = Path(path).suffix[1:].lower() or DEFAULT_FORMAT
-    formats = [module.name for module in iter_modules(__path__)]
-    if chosen not in formats:
-        endings = " or ".join(f".{name}" for name in formats)
-        raise OutputError(f"{path}: expected a name that ends in {endings}")
+    if f".{chosen}" not in suffixes():
+        raise OutputError(f"{path}: expected a name that ends in {' or '.join(suffixes())}")
     return chosen
 
 
