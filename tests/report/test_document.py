@@ -5,6 +5,8 @@ nothing.
 from __future__ import annotations
 
 import base64
+from types import SimpleNamespace
+from typing import get_args
 
 import numpy as np
 import pandas as pd
@@ -12,6 +14,7 @@ import pytest
 from matplotlib.figure import Figure as Drawing
 
 from aacmm_pin import ErrorModel
+from aacmm_pin._support.notes import Note
 from aacmm_pin.errors import OutputError
 from aacmm_pin.report import formats, results
 from aacmm_pin.report.document import (
@@ -20,9 +23,11 @@ from aacmm_pin.report.document import (
     Document,
     Download,
     Figure,
+    Folded,
     Heading,
     Notes,
     Paragraph,
+    SceneView,
     Table,
 )
 from aacmm_pin.report.formats import html
@@ -196,6 +201,30 @@ def test_no_column_of_a_table_with_long_names_is_cut(page, tmp_path):
         for name in ("scroll", "client")
     )
     assert wide == there
+
+
+@pytest.mark.parametrize("suffix", formats.suffixes())
+def test_every_format_has_the_text_of_every_block(suffix):
+    scene = SimpleNamespace(embedded=lambda height: "")
+    blocks = [
+        Heading("heading"),
+        Paragraph("paragraph", head="opening"),
+        Paragraph("particular", detail=True),
+        Bullets(["item"], "several"),
+        Notes([Note("copies", {"rows": [3, 4]})]),
+        Table(pd.DataFrame({"column": ["cell"]}), "table", explained="reading"),
+        Figure(line, "drawing", "legend"),
+        SceneView(lambda: scene, "view"),
+        Download("data.csv", "measured", b"a,b\n"),
+        Folded("unfold", [Paragraph("within")]),
+    ]
+    assert {type(block) for block in blocks} | {str} == {*get_args(Block)}
+    text = formats.content(Document("title", blocks, "subtitle"), f"page{suffix}").decode()
+    words = "title subtitle heading paragraph opening particular item several column cell table "
+    words += "reading drawing legend view data.csv measured unfold within"
+    missing = [word for word in words.split() if word not in text]
+    assert missing == []
+    assert "3 to 4" in text
 
 
 def test_the_end_of_a_name_chooses_the_format(tmp_path, monkeypatch):
