@@ -5,12 +5,18 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.diagnosis.covariates import covariates
 from aacmm_pin.effects import Conditions
 from aacmm_pin.measurements import Measurements
-from aacmm_pin.measurements.csv_columns import RECORD_COLUMNS, named
+from aacmm_pin.measurements.csv_columns import RECORD_COLUMNS, Column, named
+
+
+def names_of(entry: Column) -> list[str]:
+    """The names of its columns in a file of six joints."""
+    return named(entry.names[0], 6) if entry.is_numbered else [*entry.names]
 
 
 def test_each_known_column_is_a_covariate_or_says_that_it_is_none(
@@ -29,11 +35,18 @@ def test_each_known_column_is_a_covariate_or_says_that_it_is_none(
         marker=label,
         session=label,
     )
+    extra = pd.DataFrame(index=range(n))
+    for entry in RECORD_COLUMNS:
+        if not entry.field:
+            low, high = entry.range_in_file[:2] if entry.range_in_file else (0.0, 1.0)
+            for name in names_of(entry):
+                extra[name] = label if entry.is_label else rng.uniform(low, high, n)
     stated = Measurements.of(
         q,
         sino6.positions(q),
         np.full((n, 3), 1e-5),
         conditions,
+        extra=extra,
         bar=np.full(n, "long", dtype=object),
         bar_end=np.where(label == "1", "A", "B").astype(object),
         bar_length=np.full(n, 0.5),
@@ -47,8 +60,7 @@ def test_each_known_column_is_a_covariate_or_says_that_it_is_none(
     records = replace(stated, conditions=of_rows)
     tried = {covariate.name for covariate in covariates(sino6, records)}
     for entry in RECORD_COLUMNS:
-        names = named(entry.names[0], 6) if entry.is_numbered else entry.names
-        found = [entry.quantity(name) in tried for name in names]
-        assert found == [entry.covariate in ("anywhere", "joints")] * len(names), entry.field
-    compared = [column.entry.field for column in records.covariate_columns()]
-    assert {*compared} == {e.field for e in RECORD_COLUMNS if e.covariate != "none"}
+        found = [entry.quantity(name) in tried for name in names_of(entry)]
+        assert found == [entry.covariate in ("anywhere", "joints")] * len(found), entry.names
+    compared = [column.entry.names for column in records.covariate_columns()]
+    assert {*compared} == {e.names for e in RECORD_COLUMNS if e.covariate != "none"}
