@@ -1,5 +1,9 @@
 """Every threshold of the diagnosis, and the measurement behind it where there is one.
 
+A new threshold is a field of :class:`Thresholds` with its default and its line under
+``Attributes``. That line states what the number decides, and the measurement that it comes from: of
+which files, how many, with which result. The documentation lists all lines.
+
 How many functions a covariate has, and how many draws a chance is from, stand where these are made.
 """
 

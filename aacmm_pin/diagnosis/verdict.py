@@ -1,6 +1,7 @@
 """What a diagnosis may conclude from its findings, and from what its records would have shown.
 
-A new doubt is one entry of :data:`DOUBTS`; its sentence is in the report.
+A new doubt is one entry of :data:`DOUBTS`; its sentence is in the report. Most rules need no new
+attribute of :class:`Evidence`: the last of its fits has the records, residuals and exclusions.
 """
 
 from __future__ import annotations

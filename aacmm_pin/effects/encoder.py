@@ -59,7 +59,10 @@ PER_COEFFICIENT = 2
 
 @dataclass(frozen=True)
 class _OfAngle(Effect):
-    """A function of the angle of one joint; a free curve can be it too."""
+    """Base of errors that are a function of the angle of one joint; a free curve can be each.
+
+    It states the joint, and that every joint may have it that turns by enough to show it.
+    """
 
     joint: int
     special_case_of: ClassVar[tuple[str, ...]] = ("joint_error_curve",)

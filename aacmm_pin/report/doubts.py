@@ -1,7 +1,8 @@
 """What keeps a verdict from being ``explained`` or ``no-discrepancy``, in words.
 
 A new rule of :mod:`aacmm_pin.diagnosis.verdict` has one function here, and its entry in
-:data:`WORDS_OF_DOUBTS`. The first line of its docstring stands in the documentation of the JSON.
+:data:`WORDS_OF_DOUBTS`. The function takes the diagnosis, whose ``extended`` is the last of the
+fits that the rule saw. The first line of its docstring stands in the documentation of the JSON.
 """
 
 from __future__ import annotations
