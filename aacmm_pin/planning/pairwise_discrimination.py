@@ -146,7 +146,7 @@ def _why_not(split: tuple[Effect, Effect], power: Power) -> str:
     """Why no posture tells two causes apart, in words; "" where some do."""
     silent = [effect.label for effect, nothing in zip(split, power.silent, strict=True) if nothing]
     if silent:
-        return f"{' and '.join(silent)} would not show"
+        return f"{' and '.join(silent)} would not be detected"
     if not power.same:
         return ""
     if power.open == (False, False):

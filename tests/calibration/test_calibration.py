@@ -570,7 +570,7 @@ def test_input_that_is_refused(sino6, zero6, rng):
         ("length_noise is 0.05 m", AacmmError, data, "geometry", {"length_noise": 0.05}),
         ("3 or more", AacmmError, two, "geometry", {"reference_frame": "external"}),
         ("does not fit this arm", AacmmError, others, "geometry", {}),
-        ("each session alone does", AacmmError, moved, "geometry", {}),
+        ("each session alone", AacmmError, moved, "geometry", {}),
     ]
     for words, error, records, parameters, options in cases:
         with pytest.raises(error, match=words):

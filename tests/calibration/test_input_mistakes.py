@@ -69,17 +69,17 @@ OF_ANGLES: list[tuple[Change, str]] = [
     (counted(2), "joint 3 is counted"),
     (counted(4), "joint 5 is counted"),
     (counted(1, 2), "joints 2 and 3 are counted"),
-    (turned(1, 90.0), "zero of joint 2 is turned: 90°"),
-    (turned(2, 180.0), "zero of joint 3 is turned: 180°"),
-    (turned(4, -90.0), "zero of joint 5 is turned: -90°"),
+    (turned(1, 90.0), "zero of joint 2 is offset: add 90°"),
+    (turned(2, 180.0), "zero of joint 3 is offset: add 180°"),
+    (turned(4, -90.0), "zero of joint 5 is offset: add -90°"),
     (swapped, "joints 2 and 3 are exchanged"),
     (angles(1 / 0.9), "angles are in gon"),
-    (angles(np.pi / 180, 2), "joint 3 alone are in radians, in the column theta3_deg"),
-    (angles(1 / 0.9, 1), "joint 2 alone are in gon, in the column theta2_deg"),
-    (angles(180 / np.pi, 3), "joint 4 alone are in degrees, in the column theta4_rad"),
+    (angles(np.pi / 180, 2), "joint 3 are in radians, in the column theta3_deg"),
+    (angles(1 / 0.9, 1), "joint 2 are in gon, in the column theta2_deg"),
+    (angles(180 / np.pi, 3), "joint 4 are in degrees, in the column theta4_rad"),
     (
         lambda d: turned(1, 90.0)(counted(2)(d)),
-        "joint 3 is counted the other way, and the zero of joint 2",
+        "joint 3 is counted in the opposite direction, and the zero of joint 2",
     ),
 ]
 OF_COORDINATES: list[tuple[Change, str]] = [
@@ -87,7 +87,7 @@ OF_COORDINATES: list[tuple[Change, str]] = [
     (coordinates(1, 1, -1), "x, y, z should be x, y, -z"),
     (coordinates(1e-3), "coordinates are in metres"),
     (coordinates(1 / 25.4), "coordinates are in inches"),
-    (coordinates(1.0, 1.0, 1e-3), "z alone is in metres, in the column z_mm"),
+    (coordinates(1.0, 1.0, 1e-3), "z is in metres, in the column z_mm"),
     (other_frame, "--reference-frame external"),
 ]
 MISTAKES = {
@@ -279,8 +279,8 @@ def test_convention_and_sums_of_angles_are_named(name, sino6, seed):
     misread = Arm.from_file(arm.file.model_copy(update={"convention": "modified-dh"}))
     mistakes = [
         (misread, lambda d: d, "standard-dh"),
-        (arm, shown_with(1, 2, 1.0), "joint 3 is shown as the sum"),
-        (arm, shown_with(1, 2, -1.0), "joint 3 is shown as the difference"),
+        (arm, shown_with(1, 2, 1.0), "joint 3 is stated as its sum"),
+        (arm, shown_with(1, 2, -1.0), "joint 3 is stated as its difference"),
     ]
     for given, mistake, words in mistakes:
         with pytest.raises(MistakenFileError) as caught:

@@ -61,7 +61,7 @@ def test_another_mount_comes_as_an_arm_file(tmp_path, sino6):
     words = f"plan sino6 --split bearing_tilt:1 base_compliance {QUICK} -o {plan}"
     out, err = done(words)
     assert "turn the mount by 90°" in out
-    assert "the two do the same in every posture" in " ".join(out.split())
+    assert "both have the same effect in every posture" in " ".join(out.split())
     assert "--set-up-arm FILE" in err
     refused(words, said=["--force"])
     done(words, f"--set-up-arm {arm} --force")

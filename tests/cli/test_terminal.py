@@ -104,7 +104,7 @@ def test_accuracy_map_and_plan(tmp_path):
     ]
     text = told("plan sino6 --split bearing_tilt:1 base_compliance", quick)
     check(text)
-    for words in ("the two do the same", "turn the mount by 90°", "hang 1 kg on the end"):
+    for words in ("both have the same", "turn the mount by 90°", "hang 1 kg on the end"):
         assert words in in_one(text)
     text = told("plan sino6", quick)
     check(text)
