@@ -52,10 +52,9 @@ RULE = (
     "ISO 14253-1:2017 is 1.65u."
 )
 CHART = (
-    "Individuals charts: the magnitude of the figure in each check, the mean of the earlier ones "
-    "that count, and limits "
-    f"{PER_MOVING_RANGE} mean moving ranges away from it, none below zero, from {LEAST_CHECKS} of "
-    "them on."
+    "Individuals charts: the magnitude of the test value in each check, the mean of the earlier "
+    f"checks that count, and limits at {PER_MOVING_RANGE} mean moving ranges from the mean, none "
+    f"below zero, if {LEAST_CHECKS} or more checks count."
 )
 STATED_OF_CHECK = {
     "operator": ("operator", ""),

@@ -59,38 +59,40 @@ HELD_OUT_KINDS = {
 }
 """What is left out in turn."""
 HOW_TO_READ = (
-    "How to read it: values are those after calibration. [covariance] holds the standard "
-    "uncertainties (SI: m, rad)",
-    "of the parameters it names, and their correlations: row i is that of parameter i with those "
-    "before it. It",
-    "overrides [joints.uncertainty], the half-widths from before, which stay for parameters that "
-    "it does not name.",
+    "How to read this file: values are those after calibration. [covariance] holds the standard "
+    "uncertainties",
+    "(SI: m, rad) of the parameters that it names, and their correlations: row i is that of "
+    "parameter i with those",
+    "before it. For these parameters it overrides [joints.uncertainty], the half-widths before "
+    "calibration.",
 )
 """Stands in front of a calibrated arm file."""
 COMPARED = (
-    "Before: the arm as it was, only the set-up fitted. The target of a record is its reference; "
-    "of a seat, where all its records and its reference together put it. Held-out records were "
-    "predicted by calibrations that did not use them, and are compared with their own reference. "
-    "Single records have neighbours that stay in; rely on whole groups."
+    "Before: the nominal arm, only the set-up fitted. The target of a record is its reference; "
+    "the target of a seat is estimated from all its records and its reference. Held-out records "
+    "were predicted by calibrations that did not use them, and are compared with their own "
+    "reference. If single records are held out, their neighbours remain in the fit; rely on "
+    "whole groups."
 )
 NOTHING_ESTIMATED = (
-    "No parameter was estimated: the arm states all of them to be exact; --no-prior estimates "
-    "them all the same."
+    "No parameter was estimated, because the arm states all of them to be exact; --no-prior "
+    "estimates them."
 )
 KNOWN = (
-    "Changes and uncertainties are in the unit of the column in. Known: measured by these data, "
-    "as stated (they add nothing to what was known), or in combination with others (next "
-    "section). A parameter known in combination has no value by itself; the arm file holds one "
-    "that fits the others."
+    "Changes and uncertainties are in the unit of the column in. Known: measured by these data; "
+    "as stated, if these data add nothing; or in combination with others (next section). "
+    "A parameter known in combination has no value by itself; the arm file holds one that fits "
+    "the others."
 )
 UNDETERMINED = (
-    "Not determined by these data or by stated uncertainties, and left as it was; other postures, "
-    "references or targets may determine it, more records of the same kind do not:"
+    "Neither these data nor stated uncertainties determine these; they are left as they were. "
+    "Other postures, references or targets may determine them; more records of the same kind "
+    "do not:"
 )
 EXCLUDED = (
-    "A record is excluded if its residual is larger than its noise allows, by a bound that "
-    "excludes a good record in one file of a hundred. Possible reasons: a slip of the hand, a "
-    "wrong seat, a cause that is not in the model."
+    "A record is excluded if its residual exceeds a bound that excludes a good record in one "
+    "file of a hundred. Possible reasons: a slip of the hand, a wrong seat, a cause that is not "
+    "in the model."
 )
 
 
@@ -122,7 +124,7 @@ def verdict(result: Calibration) -> str:
     left, name = result.exclusions, result.model.arm.name
     doubts = rest = ""
     if left.doubtful:
-        doubts = f"{exclusions_in_words(left)} aacmm-pin diagnose looks for the cause. "
+        doubts = f"{exclusions_in_words(left)} Run aacmm-pin diagnose to find the cause. "
         rest = f" on the other {count(left.used, 'record')}"
     sizes = [result.rms_before, result.rms]
     for held in result.held_out[-1:]:
@@ -130,7 +132,7 @@ def verdict(result: Calibration) -> str:
     before, after, *others = lengths(sizes)
     fitted = f"of the records used {before} before, {after} after (RMS)"
     if not others:
-        unknown = "nothing was held out, so this may be optimistic"
+        unknown = "no records were held out, so this may be optimistic"
         return f"{doubts}{name}{rest}: residuals {fitted}; {unknown}."
     gain = 1.0 - held.rms_after / held.rms_before
     helps = "helps" if gain >= WORTH else "does not help"
@@ -162,18 +164,16 @@ def fit_in_words(result: Calibration) -> str:
     judged, p = result.fit.chi2_stated, result.p_value
     if judged is None or p is None:
         if result.fit.stated:
-            return "There are no more numbers than parameters, so the fit cannot be judged."
+            return "There are no more measured values than parameters, so χ² cannot test the fit."
         return (
-            "The noise was not stated in full, so χ² cannot judge the model; beyond what was "
-            "stated the residuals show "
-            f"{length(result.fit.unmodelled)} per coordinate."
+            "Not all noise was stated, so χ² cannot test the model. The residuals exceed the "
+            f"stated noise by {length(result.fit.unmodelled)} per coordinate."
         )
     numbers = f"χ² = {judged[0]:.0f} with {judged[1]:.0f} degrees of freedom, {p_equals(p)}"
     if p < MISFIT:
         return (
-            f"The residuals are larger than the stated noise explains: {numbers}. The model lacks "
-            "a cause of error, or the "
-            "noise is larger than stated; aacmm-pin diagnose looks for the cause."
+            f"The residuals exceed the stated noise: {numbers}. The model lacks a cause of error, "
+            "or the noise is larger than stated; run aacmm-pin diagnose to find the cause."
         )
     if p > 1.0 - MISFIT:
         return (
@@ -194,7 +194,7 @@ def frame_in_words(result: Calibration) -> str:
     cosine = (np.trace(frame.rotation) - 1) / 2
     angle = np.arccos(np.clip(cosine, -1, 1)) / DEG
     held = ", ".join(result.fit.undetermined.tied_to_frame)
-    tied = f", with {held} as the arm has them" if held else ""
+    tied = f", with {held} as in the arm file" if held else ""
     u_shift = vector(COVERAGE_FACTOR * shift / MM, ".3g")
     u_turn = vector(COVERAGE_FACTOR * turn / UM, ".3g")
     return (
@@ -214,8 +214,10 @@ def open_in_words(result: Calibration) -> str:
         if not combinations:
             return ""
         several = count(combinations, "combination")
-        return f"These records leave {several} of parameters open that other postures need."
-    words = "These records do not determine where the base is in the frame of the references."
+        return f"These records do not determine {several} of parameters that other postures need."
+    words = (
+        "These records do not determine the position of the base in the frame of the references."
+    )
     records = result.fit.problem.measurements
     across, along = _extents(records.reference[result.fit.used & records.known])
     if across < COLLINEAR * along:
@@ -253,7 +255,7 @@ def estimated_causes(result: Calibration) -> pd.DataFrame:
 def _estimate(result: Calibration, effect: Effect, own: slice) -> str:
     together = result.parameters["known"] == "in combination"
     if together[own].any():
-        return "known in combination with others only"
+        return "known only in combination with others"
     values = values_with_u(effect, result.covariance[own, own])
     return values_in_words(effect, values, slides(effect, result.model.arm))
 
@@ -310,7 +312,7 @@ def _placement(result: Calibration) -> dict[str, Any] | None:
 def _result(result: Calibration) -> list[Block]:
     noise = "The noise alone"
     if result.fit.scatters:
-        noise = "The stated noise, and the scatter found beside it,"
+        noise = "The stated noise and the estimated scatter"
     blocks: list[Block] = [
         Heading("Result"),
         Paragraph(verdict(result), finding=True),
@@ -353,7 +355,7 @@ def _turns(result: Calibration, turns: dict[str, float], noise: str) -> Table:
     table[columns] /= UM
     explained = f"{noise} would give {turns['noise'] / UM:.1f} µrad."
     forms = dict.fromkeys(columns, ".1f")
-    return Table(table, "RMS turn from the stated orientation", forms, explained=explained)
+    return Table(table, "RMS rotation from the stated orientation", forms, explained=explained)
 
 
 def _residuals(result: Calibration) -> list[Block]:
@@ -369,14 +371,14 @@ def _residuals_in_space(result: Calibration) -> list[Block]:
     views = Figure(
         lambda: plots.plot_residual_views(result, blank_axes(8.6, 8.0)),
         "Residual vectors in space, before and after",
-        "Residuals from each target towards the tip: left before calibration, right after; above "
-        "in plan, below from the side; all magnified alike. Grey: the arm in some postures. "
-        "Neighbours that point the same way show what the model still lacks.",
+        "Residuals from each target towards the tip, left before calibration, right after; above "
+        "in plan, below from the side; one magnification for all. Grey: the arm in some postures. "
+        "Neighbouring vectors in one direction show a cause that the model lacks.",
     )
     scene = SceneView(
         lambda: residual_scene(result),
-        "Residuals after calibration, to turn: drag to look from elsewhere; the slider goes from "
-        "the largest residual to the smallest, with the arm in its posture.",
+        "Residuals after calibration, in three dimensions: drag to rotate the view. The slider "
+        "shows each residual with the arm in its posture, the largest first.",
     )
     return [views, scene]
 
@@ -387,8 +389,8 @@ def _over_joints(result: Calibration) -> Figure:
         lambda: plots.plot_residuals_over_joints(result, ax=blank_axes(10.5, height)),
         "Residuals over the angle of each joint",
         "Residuals after calibration, along the direction in which each joint moves the tip, over "
-        f"its angle; the line joins means of {LEAST_IN_BIN} or more with u. A wave in it is an "
-        "error of the encoder or the joint.",
+        f"its angle. The line joins means of {LEAST_IN_BIN} or more residuals, with u. A wave in "
+        "it shows an error of the encoder or the joint.",
     )
 
 
@@ -396,8 +398,8 @@ def _by_seat(result: Calibration) -> Figure:
     return Figure(
         lambda: plots.plot_residuals_by_seat(result, blank_axes(8.0, 3.4)),
         "Residuals by seat",
-        "Residuals by seat. If a seat stands out after calibration, its stated coordinates may be "
-        "wrong.",
+        "Residuals by seat. If those of one seat are larger after calibration, its stated "
+        "coordinates may be wrong.",
     )
 
 
@@ -405,8 +407,8 @@ def _normalised(result: Calibration) -> Figure:
     return Figure(
         lambda: plots.plot_normalised_residuals(result, blank_axes(6.4, 3.4)),
         "Histogram of normalised residuals against the χ distribution",
-        "Residuals over what the noise of each record allows, with the distribution that normal "
-        "noise has.",
+        "Residuals normalised by the covariance of each record, with the χ distribution of normal "
+        "noise.",
     )
 
 
@@ -417,7 +419,7 @@ def _parameters(result: Calibration) -> list[Block]:
     blocks: list[Block] = [title, _parameter_table(rows)]
     beyond = ", ".join(rows["parameter"][rows["beyond"]])
     if beyond:
-        blocks.append(Paragraph(f"* moved farther than stated ± and U together: {beyond}"))
+        blocks.append(Paragraph(f"* changed by more than stated ± and U together: {beyond}"))
     of_a_unit = rows["in"].str[1:].value_counts().max()
     tallest = len(rows) if rows["stated"].notna().any() else of_a_unit
     return [*blocks, _changes(result, tallest), _correlation(result, len(rows))]
@@ -459,17 +461,15 @@ def _correlation(result: Calibration, number: int) -> Figure:
     return Figure(
         lambda: plots.plot_correlation(result, blank_axes(width, height)),
         "Heat map of the correlation of the parameters",
-        "Correlation of the parameters. The sum or difference of two that are strongly correlated "
-        "is known better than each by itself.",
+        "Correlation of the parameters. If two are strongly correlated, their sum or difference "
+        "has a smaller uncertainty than each by itself.",
     )
 
 
 def _undetermined(result: Calibration) -> list[Block]:
     indices = pd.DataFrame([vars(result.observability)]).rename(columns=str.upper)
     number = result.observability.directions
-    explained = (
-        f"Sun, Hollerbach 2008; of {number} combinations that the data determine. Larger is better."
-    )
+    explained = f"Sun, Hollerbach 2008; of the {number} combinations that the data determine. Larger is better."
     table = indices.drop(columns="DIRECTIONS")
     return [
         Heading("What these data do not determine"),
@@ -524,7 +524,7 @@ def files(
     ]
     from_table = model.arm.dh is not None
     if from_table or model.arm.urdf_file.urdf.file:
-        beside = "" if from_table else ", to be kept beside its URDF"
+        beside = "" if from_table else "; keep it in the folder of its URDF"
         words = f"the arm as found, with its covariance{beside}"
         blocks.append(Download(of_arm, words, model.text(note).encode()))
     return blocks

@@ -26,10 +26,10 @@ from aacmm_pin.report.plots.two_views import two_views
 TOLD_OTHERWISE = r"^(theta|approach)\d|^u_|_mm$"
 """Columns of a plan that its table has in other words, or that are to be filled in."""
 HOW_TO_GO = (
-    "The file has the joints' angles in full; come within a few degrees of them, and enter the "
-    "angles indicated. Left and right are those of a person behind the stand; bearing counts "
-    "counter-clockwise from x. Last motion, if planned: whether each joint turned to larger (+) "
-    "or smaller (-) angles."
+    "The file has the joint angles in full. Move the arm to within a few degrees of them, and "
+    "enter the angles that the encoders indicate. Left and right are as seen by a person behind "
+    "the stand; bearing counts counter-clockwise from x. Last motion, if planned: whether each "
+    "joint moved to larger (+) or smaller (-) angles."
 )
 
 

@@ -81,7 +81,7 @@ WAVES_LISTED = 6
 """So many waves of a free curve are listed."""
 LOOK_ALIKES = 3
 LEAST_SHOWN, ALIKE = 1e-3, 0.9
-"""Look-alikes of a cause that are listed: so many, of at least this probability or correlation."""
+"""Aliases of a cause that are listed: so many, of at least this probability or correlation."""
 SETS, LEAST_SET = 6, 0.01
 """Sets of causes that are listed: so many, of at least this probability."""
 ALTERNATIVES = 3
@@ -89,37 +89,38 @@ ALTERNATIVES = 3
 WORST = 5
 """Groups that the table names; the figure has all."""
 COVARIATES = {"record": "the order of the records", "x": "place", "y": "place", "z": "place"}
-"""What residuals may depend on, in words, where its name is none."""
-PREDICTED = ("predicted", "what the stated uncertainties and the noise predict", "dashed")
-ONLY_NOISE = ("noise", "the noise, as no uncertainty is stated that would predict more", "dotted")
+"""Covariates in words, if their name is not clear by itself."""
+PREDICTED = ("predicted", "the prediction by the stated uncertainties and the noise", "dashed")
+ONLY_NOISE = ("noise", "the noise (no stated uncertainty adds to it)", "dotted")
 """What residuals are compared with: in a head, in words, and its line in the figure."""
-UNSTATED = "Not all noise was stated; the rest is the scatter that the extended arm leaves."
+UNSTATED = "Not all noise was stated. The rest is estimated as the scatter about the extended arm."
 SEAT_ERRORS = (
-    "An error of a seat's stated place hardly shows here, where residuals are taken from the place "
-    "that its records have in common, nor in the gain."
+    "An error of a stated seat position hardly changes these residuals, which are distances from "
+    "the common point of the seat's records; it hardly changes the gain either."
 )
 SEATS_JUDGED = (
-    "A seat is judged by its stated coordinates with all their noise, which makes the gain less."
+    "A seat that was left out is compared with its stated coordinates, whose noise reduces the "
+    "gain."
 )
 RANKED = (
     "Strongest first; geometric values last. At the tip: RMS over all records. Probability: that "
-    "the cause acts. p: chance that the best of all causes looks as good when none is there. "
-    "Retained: part of the effect that a recalibration leaves."
+    "the cause acts. p: probability that, if no cause acts, the best of all causes fits as well. "
+    "Retained: fraction of the effect that a recalibration does not absorb."
 )
 SETS_LISTED = "Sets of causes that may act, with their probabilities"
-ALL_SETS = "The probabilities of all sets add up to one; those of less than 1 % are added up."
+ALL_SETS = "The probabilities of all sets add up to 1. Sets below 1 % are listed together."
 ALIASES_LISTED = "Aliases: causes with a similar effect in these records"
 ALIASES_EXPLAINED = (
-    "r: correlation of the two in these records, geometry refitted. Probability: that the alias "
-    "acts and the cause does not."
+    "r: correlation of the two effects in these records, geometry refitted. Probability: that the "
+    "alias acts and the cause does not."
 )
 DISCREPANCY = (
-    "RMS of what recalibration leaves of it, with its standard uncertainty, and the probability "
-    "that it is there."
+    "RMS of the part that recalibration does not absorb, its standard uncertainty, and the "
+    "probability that the discrepancy exists."
 )
 GROUPS = (
-    "Groups that do not agree with the other records, and how many times as far off they are; "
-    "check their set-up"
+    "Groups that do not agree with the other records, and how many times as large their residuals "
+    "are; check their set-up"
 )
 """Captions of tables, and how to read them."""
 
@@ -182,7 +183,7 @@ def _ambiguous(result: Diagnosis, wrong: str) -> str:
         causes = labels_in_words(result, labels) or "nothing"
         named.append(f"{causes} (probability of this set {probability(share)})")
     if not found:
-        return f"these records do not settle what the simulation lacks: {listed(named, 'or')}"
+        return f"these records do not determine what the simulation lacks: {listed(named, 'or')}"
     return f"{wrong}; instead it may lack {listed(named, 'or')}"
 
 
@@ -203,10 +204,10 @@ def _wrong_in_words(result: Diagnosis) -> str:
     text = _causes_in_words(result, causes)
     if result.no_better:
         them = "it" if len(causes) == 1 else "them"
-        text += f", but adding {them} does not help to predict held-out records"
+        text += f", but adding {them} does not improve the prediction of held-out records"
     if not values:
         return text
-    off = f"stated values are off by unusually much: {_named(values, result.model.arm)}"
+    off = f"stated values have unusually large errors: {_named(values, result.model.arm)}"
     if result.verdict == "unexplained" and not causes:
         return f"the simulation's {off}"
     return f"{text}; its {off}"
@@ -217,7 +218,7 @@ def _causes_in_words(result: Diagnosis, causes: Sequence[Finding]) -> str:
     sound = [f for f in causes if f.borne_out and not (result.no_better or f.below_zero)]
     sure = [f for f in sound if f.probability >= THRESHOLDS.settled]
     doubtful = [f for f in causes if f not in sure]
-    wrong_values = "values that are no longer right for"
+    wrong_values = "outdated values for"
     groups = [
         ("lacks", [f for f in sure if f.was is None]),
         (f"has {wrong_values}", [f for f in sure if f.was]),
@@ -253,12 +254,12 @@ def _inconclusive(result: Diagnosis, wrong: str) -> str:
     if not result.converged:
         return f"the search did not converge ({result.converge_note}), so nothing can be concluded"
     if not extended.tells_noise:
-        return "there are too few records to tell a cause from the noise"
+        return "there are too few records to distinguish a cause from noise"
     if extended.too_many_excluded:
         out, used = int(extended.excluded.sum()), int(extended.used.sum())
         return (
             f"{out} of {out + used} records do not agree with the others, too many for gross "
-            f"errors; of the others: {wrong}"
+            f"errors; by the others: {wrong}"
         )
     doubts = "; ".join(doubts_in_words(result))
     if not result.findings:
@@ -274,7 +275,7 @@ def _not_explained(result: Diagnosis) -> str:
     names = [COVARIATES.get(name, name) for name in unexplained.depends_on]
     depends = listed([*dict.fromkeys(names)])
     if depends:
-        way = f"depend on {depends} in a way that none of the causes tried has"
+        way = f"depend on {depends} in a way that no tried cause explains"
         more = f"{sizes} and {way}" if larger else f"the residuals {way}"
     elif unexplained.has_background:
         size = _background(unexplained)
@@ -289,9 +290,9 @@ def _not_explained(result: Diagnosis) -> str:
 def _sizes_left(result: Diagnosis) -> tuple[str, bool]:
     """How large the residuals stay, and whether that is much more than is known."""
     left = result.rms["extended"]
-    text = f"the residuals stay at {length(left)}, where the stated noise is none"
+    text = f"the RMS residual stays {length(left)}; the stated noise is zero"
     if result.noise > NO_SCATTER:
-        text = f"the residuals stay {left / result.noise:.1f} times the noise"
+        text = f"the RMS residual stays {left / result.noise:.1f} times the noise"
     turned = result.extended.noise.scatters.turn if result.extended.stated else 0.0
     if turned:
         text += f", and the orientations scatter by {turned / UM:.3g} µrad more than stated"
@@ -307,7 +308,7 @@ def _background(left: Unexplained) -> str:
 
 
 def alias_in_words(alias: Alias, arm: Arm) -> str:
-    """A look-alike: a cause and where it sits, or a covariate."""
+    """An alias: a cause and its place, or a covariate."""
     if alias.effect is None:
         return f"dependence on {alias.label}"
     return name_in_words(alias.effect, arm)
@@ -328,7 +329,7 @@ def gain_in_words(result: Diagnosis) -> str:
     """What the extended model is worth on held-out records."""
     held = result.held_out
     if held is None:
-        return "Nothing was held out, so the gain on other records is not known."
+        return "No records were held out, so the gain on other records is unknown."
     if np.array_equal(held.extended, held.recalibrated, equal_nan=True):
         return (
             "The extended and the recalibrated arm are the same, so there is no gain on held-out "
@@ -342,7 +343,7 @@ def gain_in_words(result: Diagnosis) -> str:
     sentences = [f"{arms}: {percent(held.gain)} {interval}.", _of_extended(held)]
     if result.findings and result.extended.too_many_excluded:
         sentences.append(
-            "It need not hold at new postures: the extended arm excludes too many records."
+            "It may not hold at new postures, because the extended arm excludes too many records."
         )
     return " ".join(filter(None, sentences))
 
@@ -351,7 +352,7 @@ def _left_in_words(result: Diagnosis) -> str:
     """What is left of the residuals."""
     extended = result.extended
     if not extended.scatters:
-        return "the arm agrees with the records to within their noise"
+        return "the arm agrees with the records within their noise"
     scatter = f"the residuals scatter by {length(extended.unmodelled)} per coordinate"
     if extended.stated:
         return f"{scatter} beyond the stated noise"
@@ -380,14 +381,14 @@ def _covariates_in_words(left: Unexplained) -> Iterator[str]:
     p = p_equals(left.p_value)
     if left.acts_on:
         on = f"{listed([*left.acts_on])} ({p})"
-        yield f"The residuals depend on {on} in a way that no cause of the library has."
+        yield f"The residuals depend on {on} in a way that no cause of the library explains."
     elif left.has_background:
-        yield f"Structure of {_background(left)} is left that no single column explains."
+        yield f"No single column explains the remaining structure of {_background(left)}."
     elif left.groups:
         yield f"Groups of records do not agree with the others ({p})."
     elif left.excluded is None:
-        any_ = "Structure" if left.left else "No structure"
-        yield f"{any_} over a column is left beyond chance ({beside_threshold(left)})."
+        any_ = "Significant" if left.left else "No significant"
+        yield f"{any_} structure over a column in the residuals ({beside_threshold(left)})."
 
 
 def _saved_in_words(result: Diagnosis) -> str:
@@ -401,11 +402,11 @@ def _saved_in_words(result: Diagnosis) -> str:
         there = any(isinstance(effect, Discrepancy) for effect in result.model.effects)
         has = "has this discrepancy too"
         if not there:
-            has = "does not have this; --with-discrepancy saves it"
+            has = "does not have this discrepancy; --with-discrepancy saves it"
         said.append(f"The extended arm {has}: {saved}.")
     if lost:
         over = f"No arm file can have the discrepancy over {listed(lost)}"
-        said.append(f"{over}, which is not known of new readings.")
+        said.append(f"{over}, which is unknown for new readings.")
     return " ".join(said)
 
 
@@ -422,7 +423,7 @@ def _excluded(left: Unexplained) -> list[str]:
     if shared is None:
         return []
     if shared.excluded == 1:
-        return [f"records round an excluded one have {shared.where}"]
+        return [f"the records around the excluded one have {shared.where}"]
     how_many = "all" if shared.excluded == shared.of else f"{shared.excluded} of"
     return [f"{how_many} {shared.of} excluded records have {shared.where}"]
 
@@ -532,9 +533,9 @@ def rms_figure(result: Diagnosis) -> Figure:
     return Figure(
         lambda: plots.plot_rms(result, blank_axes(6.8, 2.0)),
         "RMS of the residuals by the three models",
-        "Residuals of the records, set-up fitted: by the arm as it was simulated; with its "
-        "geometry recalibrated; and "
-        "extended by the causes found. Dashed: what the noise of readings and references gives.",
+        "RMS residuals of the records, set-up fitted, by three models: the simulated arm; the arm "
+        "with its geometry recalibrated; the arm extended by the causes found. Dashed: expected "
+        "from the noise of readings and references.",
     )
 
 
@@ -549,15 +550,15 @@ def _wrong(result: Diagnosis) -> list[Block]:
     figure = Figure(
         lambda: plots.plot_groups(result, blank_axes(9.3, height)),
         "RMS of the residuals by joint range, time, temperature and seat, by the three models",
-        "RMS of the residuals in groups of two or more records. Black: the simulation, beside the "
-        f"{line} line: {beside}. Grey and blue: recalibrated and extended, to be compared with the "
-        "dotted line, the noise alone. What stays above it is not explained.",
+        "RMS of the residuals in groups of two or more records. Black: the simulation; compare it "
+        f"with the {line} line, {beside}. Grey and blue: recalibrated and extended; compare these "
+        "with the dotted line, the noise alone. The model does not explain what stays above it.",
     )
     worst = _worst(result, predicted)
     if worst.empty:
-        none = f"The simulation is in no group of records more wrong than {beside}."
+        none = f"In no group of records is the RMS of the simulation above {beside}."
         return [title, figure, Paragraph(none)]
-    caption = f"Where the simulation is wrong most, beside {beside} (RMS)"
+    caption = f"Largest RMS residuals of the simulation, compared with {beside}"
     return [title, figure, Table(worst, caption, {f"times {predicted}": ".2f"}, most=WORST)]
 
 
@@ -578,7 +579,7 @@ def _worst(result: Diagnosis, predicted: str) -> pd.DataFrame:
 
 
 def _causes(result: Diagnosis) -> list[Block]:
-    none = "" if result.findings else "No cause is more probable than not, and none was added."
+    none = "" if result.findings else "No cause has a probability above 0.5, and none was added."
     apart = [labels_in_words(result, labels) for labels in result.cannot_tell_apart]
     causes = Table(ranking(result), "Causes in the extended model", explained=RANKED)
     sets = Table(alternatives(result), SETS_LISTED, explained=ALL_SETS)
@@ -622,7 +623,7 @@ def causes_drawn(result: Diagnosis) -> list[Block]:
         figure = Figure(
             lambda: plots.plot_geometry(result, blank_axes(7.4, height)),
             "Geometric values beyond their stated uncertainty",
-            "Geometric values that moved farther than their stated uncertainties allow.",
+            "Geometric values that changed by more than their stated uncertainties allow.",
         )
         blocks.append(figure)
     return blocks
@@ -634,7 +635,7 @@ def _cause_drawn(result: Diagnosis, finding: Finding) -> Figure:
         lambda: plots.plot_cause(result, finding, blank_axes(7.4, 4.0)),
         f"{words}, from the records",
         f"{words}. Dots: records, everything else as fitted. Circles: their means with u. Line: "
-        "the cause as fitted.",
+        "the fitted cause.",
     )
 
 
@@ -645,14 +646,14 @@ def _on_the_arm(result: Diagnosis) -> list[Block]:
     figure = Figure(
         lambda: plots.plot_residual_views(result, blank_axes(8.6, 8.0)),
         f"Residual vectors on a drawing of the arm, {left} and {right}",
-        f"Residuals from each stated place towards the tip: left {left}, right {right}; above in "
-        "plan, below from the side; all magnified alike. Grey: the arm in some of its postures. "
-        "Neighbours that point the same way show what a model lacks.",
+        f"Residuals from each stated place towards the tip, left {left}, right {right}; above in "
+        "plan, below from the side; one magnification for all. Grey: the arm in some of its "
+        "postures. Neighbouring vectors in one direction show a cause that the model lacks.",
     )
     scene = SceneView(
         lambda: residual_scene(result, left),
-        f"The residuals of the {left} arm to turn: drag to look from elsewhere; the slider goes "
-        "from the largest to the smallest, with the arm in its posture.",
+        f"The residuals of the {left} arm in three dimensions: drag to rotate the view. The slider "
+        "shows each residual with the arm in its posture, the largest first.",
     )
     return [Heading("Residuals on the arm"), figure, scene]
 
@@ -665,8 +666,8 @@ def _held_out(result: Diagnosis) -> list[Block]:
     chosen = [labels_in_words(result, labels) or "nothing" for labels in table.pop("chosen")]
     table = table.rename(columns={"part": "left out"}).assign(**{"chosen without it": chosen})
     sentences = [
-        f"{capital(HELD_OUT_KINDS[held.kind])} were left out in turn, of the choice of causes as "
-        "well, and predicted by the other records: RMS of each.",
+        f"{capital(HELD_OUT_KINDS[held.kind])} were left out in turn, also from the choice of "
+        "causes, and predicted by models of the other records: RMS of each.",
         "Gain = 1 - RMS extended / RMS recalibrated.",
         _counted(held),
     ]

@@ -38,7 +38,8 @@ def _few_causes_shown(result: Diagnosis) -> str:
 def _cause_not_named(result: Diagnosis) -> str:
     """A cause was found with the excluded records only."""
     causes, records = result.otherwise, int(result.extended.excluded.sum())
-    return f"{labels_in_words(result, causes)} would be found with {count(records, 'record')} more"
+    excluded = count(records, "excluded record")
+    return f"{labels_in_words(result, causes)} would be found with the {excluded}"
 
 
 def _below_zero(result: Diagnosis) -> str:
@@ -65,18 +66,18 @@ def _structure_left(result: Diagnosis) -> str:
     """`unexplained.p_value` is below its threshold."""
     if result.verdict == "unexplained":
         return ""
-    return f"structure is left beyond chance ({beside_threshold(result.unexplained)})"
+    return f"the residuals have significant structure ({beside_threshold(result.unexplained)})"
 
 
 def _more_causes(result: Diagnosis) -> str:
     """Another cause acts with a probability of at least 0.95."""
     chance = f"probability {probability(result.more)}, threshold {THRESHOLDS.settled:g}"
-    return f"something acts that is not named ({chance})"
+    return f"a further, unidentified cause acts ({chance})"
 
 
 def _starts_disagree(result: Diagnosis) -> str:
     """The two halves of the starts found different sets (`agreement`)."""
-    return "two explorations of the sets of causes found different ones"
+    return "two searches over the sets of causes found different ones"
 
 
 WORDS_OF_DOUBTS: Mapping[str, Callable[[Diagnosis], str]] = {
@@ -94,11 +95,11 @@ WORDS_OF_DOUBTS: Mapping[str, Callable[[Diagnosis], str]] = {
 
 
 def beside_threshold(left: Unexplained) -> str:
-    """The p-value of what is left, and below which something is: ``p = 0.02, threshold 0.001 beside
-    what was named``.
+    """The p-value of what is left, and its threshold: ``p = 0.02, threshold 0.001 beside the named
+    causes``.
     """
     alone = left.threshold == THRESHOLDS.left_alone
-    where = "where nothing was named" if alone else "beside what was named"
+    where = "if no cause is named" if alone else "beside the named causes"
     return f"{p_equals(left.p_value)}, threshold {left.threshold:g} {where}"
 
 

@@ -24,8 +24,8 @@ ORDER = ("record", "time")
 
 @one_blas_thread
 def next_measurements(result: Diagnosis) -> str:
-    """What would settle what a diagnosis leaves open, in a sentence; beside structure also which of
-    two causes acts.
+    """What to measure to settle what a diagnosis leaves open, in a sentence; if structure is left,
+    also which of two causes acts.
 
     Where two causes are alike it plans how to distinguish them, which takes seconds, and has the
     command for that plan.
@@ -46,26 +46,25 @@ def _first(result: Diagnosis) -> str:
     )
     if too_good(result.extended):
         return (
-            "check what was stated of the noise, and its unit: beside noise that large no "
-            "cause can show, in any records"
+            "check the stated noise and its unit: with noise as large as stated, no records can "
+            "show a cause"
         )
     if verdict == "inconclusive" and result.extended.too_many_excluded:
         return (
-            "look what the excluded records have in common, repeat some of them, and state "
-            "time_s and session of all"
+            "find what the excluded records have in common, repeat some of them, and state "
+            "time_s and session of all records"
         )
     if unexplained.branches is not None:
         joint = unexplained.branches.joint
         return (
-            f"take the records anew and state the direction from which joint {joint} came, in "
-            "the columns approach1 …"
+            "repeat the records and state in the columns approach1 … the direction from which "
+            f"joint {joint} came"
         )
     if unexplained.readings and not unexplained.depends_on:
         joint = unexplained.readings[0].joint
         return (
-            f"take some postures with joint {joint} from both sides and under other loads: its "
-            "encoder or gear is not as "
-            "modelled"
+            f"approach some postures with joint {joint} from both sides and under other loads: "
+            "its encoder or gear is not as modelled"
         )
     if (
         verdict == "unexplained"
@@ -75,49 +74,46 @@ def _first(result: Diagnosis) -> str:
         where = unexplained.excluded.where
         return (
             f"find what changed at {where}, such as the stand, the references or an encoder; "
-            "diagnose both parts apart"
+            "diagnose the two parts separately"
         )
     if result.contradicted and verdict != "unexplained":
-        return f"measure the stated places anew: {'; '.join(map(str, result.contradicted))}"
+        return f"measure the stated places again: {'; '.join(map(str, result.contradicted))}"
     if verdict == "inconclusive" and not findings:
         return (
-            f"more records, at other postures: of {of} causes of typical magnitude these would "
-            f"have shown {seen}"
+            f"take more records, at other postures: these would have shown {seen} of {of} causes "
+            "of typical magnitude"
         )
     if verdict == "no-discrepancy":
         return (
-            f"nothing that these records show is open ({seen} of {of} causes of typical magnitude "
-            "would have shown); "
-            "keep them for the next check"
+            f"these records leave nothing open ({seen} of {of} causes of typical magnitude would "
+            "have shown); keep them for the next check"
         )
     if unexplained.groups and unexplained.depends_on[:1] == (unexplained.groups[0].name,):
         return (
-            f"set up {unexplained.groups[0].name} anew and repeat its records; diagnose the "
-            "others without it"
+            f"set up {unexplained.groups[0].name} again and repeat its records; diagnose the "
+            "other records without it"
         )
     if unexplained.shared_by_postures is not None and not unexplained.depends_on:
         return (
-            "take the same postures on another day, with the stand or the references elsewhere: "
-            "that shows whether the "
-            "error that the records of one posture share is of the arm, of the set-up or of the "
-            "references"
+            "repeat the same postures on another day, with the stand or the references elsewhere. "
+            "This shows whether the arm, the set-up or the references cause the error that the "
+            "records of one posture share"
         )
     if verdict == "unexplained" and not unexplained.depends_on and unexplained.has_background:
         return (
-            "more records, at other postures, and note what else changes: what is left depends "
-            "on no single column"
+            "take more records, at other postures, and note what else changes: the structure "
+            "that is left depends on no single column"
         )
     if verdict == "unexplained" and not unexplained.depends_on and _repeats(result):
         return (
             "check columns, units and reference frame, and note what changes from posture to "
-            "posture: repeats show the "
-            "true noise, and the residuals are larger than what was stated"
+            "posture: the repeats show the true noise, and the residuals exceed the stated noise"
         )
     if verdict == "unexplained" and not unexplained.depends_on:
         return (
-            "repeat some postures with everything alike: the scatter of repeats is the true "
-            "noise; if it is as stated, "
-            "check columns, units and reference frame, and note what else changes"
+            "repeat some postures without any change: the scatter of the repeats is the true "
+            "noise. If it is as stated, check columns, units and reference frame, and note what "
+            "else changes"
         )
     if verdict == "unexplained":
         return _otherwise(unexplained.depends_on) + _and_repeat(result)
@@ -134,26 +130,27 @@ def _first(result: Diagnosis) -> str:
         )
     if result.no_better:
         return (
-            "more records, at other postures: the extended model does not yet predict held-out "
-            "records better"
+            "take more records, at other postures: the extended model does not yet predict "
+            "held-out records better"
         )
     if negative := [finding.label for finding in findings if finding.below_zero]:
         return (
-            f"check the signs of what {' and '.join(negative)} rests on: gravity in the arm's "
-            "file, torques, temperatures; "
-            "if they are right, more records at other postures may tell what acts like it"
+            f"check the signs of what {' and '.join(negative)} depends on: gravity in the arm "
+            "file, torques, temperatures. If they are right, more records at other postures may "
+            "show which cause has a similar effect"
         )
     if verdict == "inconclusive":
-        doubts = doubts_in_words(result) or ["these do not confirm what was found yet"]
-        return f"more records, at other postures: {'; '.join(doubts)}"
+        doubts = doubts_in_words(result) or ["these do not yet confirm the causes found"]
+        return f"take more records, at other postures: {'; '.join(doubts)}"
     until = [getattr(finding.effect, "until_s", None) for finding in findings]
     if ends := [end for end in until if end is not None]:
         return (
-            f"records after {max(ends):.4g} s, by the same clock: whether the drift stops or "
-            "goes on is open"
+            f"take records after {max(ends):.4g} s, by the same clock: these show whether the "
+            "drift stops or continues"
         )
     return (
-        f"nothing is open; take new records over all ranges of the joints: {_as_held_out(result)}"
+        "check the extended model on new records over the full ranges of the joints: "
+        f"{_as_held_out(result)}"
     )
 
 
@@ -162,7 +159,7 @@ def _as_held_out(result: Diagnosis) -> str:
     by = "aacmm-pin correct with the extended arm states their RMS distance from the references"
     sizes, held = result.rms, result.held_out
     if held is None:
-        return f"{by}, to be compared with that of these records, {lengths(sizes.values())[2]}"
+        return f"{by}; compare it with that of these records, {lengths(sizes.values())[2]}"
     *_, size = lengths([*sizes.values(), rms(held.extended)])
     return f"{by}, which was {size} on held-out records"
 
@@ -175,7 +172,7 @@ def _repeats(result: Diagnosis) -> bool:
 
 def _and_repeat(result: Diagnosis) -> str:
     """Repeats show the noise, where there are none yet."""
-    return "" if _repeats(result) else ", and repeat some records with all alike"
+    return "" if _repeats(result) else ", and repeat some records without any change"
 
 
 def _to_tell(result: Diagnosis, doubtful: Sequence[Finding]) -> str:
@@ -189,20 +186,19 @@ def _to_tell(result: Diagnosis, doubtful: Sequence[Finding]) -> str:
             continue
         if cause.refitted or other.refitted:  # so that no plan can split it from another
             return (
-                f"measure more records, at other postures, to tell {finding.label} from "
+                f"take more records, at other postures, to distinguish {finding.label} from "
                 f"{alike.label}"
             )
         if other.cause in cause.special_case_of and other.place == cause.place:
             return (
-                f"measure more records with joint {finding.joint} spread evenly over its range: "
-                "they show whether "
-                f"{finding.label} is all that depends on its angle"
+                f"take more records with joint {finding.joint} spread evenly over its range: these "
+                f"show whether anything but {finding.label} depends on its angle"
             )
         return _planned(result, finding, alike)
     first = doubtful[0]
-    on = first.aliases[0].label if first.aliases else "all that was recorded"
+    on = first.aliases[0].label if first.aliases else "the recorded columns"
     return (
-        f"to tell {first.label} from anything else that depends on {on}, "
+        f"to distinguish {first.label} from other causes that depend on {on}, "
         f"{_otherwise((on,))}{_and_repeat(result)}"
     )
 
@@ -214,7 +210,7 @@ def _to_tell_sets(result: Diagnosis) -> str:
     pair = [cause for cause in (*one, *other) if cause is not None and not cause.refitted]
     if len(one) == len(other) == 1 and len(pair) == 2:
         return _plan_for(result, (pair[0], pair[1]))
-    return "more records, at other postures: they show which of the causes that are listed act"
+    return "take more records, at other postures: these show which of the listed causes act"
 
 
 def _planned(result: Diagnosis, finding: Finding, alike: Alias) -> str:
@@ -250,7 +246,7 @@ def _noise_as_found(result: Diagnosis) -> dict[str, Any]:
 def _off(finding: Finding) -> str:
     """Where the records put a seat."""
     values = ", ".join(f"{value:.3f}" for value, _ in finding.parameters.values())
-    return f"{finding.effect.place} is, which these records put at its stated place + ({values}) mm"
+    return f"{finding.effect.place} is: these records put it at its stated place + ({values}) mm"
 
 
 def _otherwise(depends_on: Sequence[str]) -> str:
@@ -263,24 +259,21 @@ def _otherwise(depends_on: Sequence[str]) -> str:
         found.append(f"touch the same places in postures with other angles of {listed(joints)}")
     if places:
         found.append(
-            "measure the same postures with the stand of the arm elsewhere, which tells the room "
-            "from the arm"
+            "measure the same postures with the stand elsewhere, which distinguishes an effect "
+            "of the room from one of the arm"
         )
     if SCALE in depends_on:
         found.append(
-            "measure a length that is known from elsewhere, which tells whether the references or "
-            "the arm are off"
+            "measure a length that another calibration states, which shows whether the "
+            "references or the arm are wrong"
         )
     labels = [name for name in others if name.split()[0] in LABELS]
     if labels:
         found.append(
-            f"take some postures again with another {', another '.join(labels)} and all else "
-            "unchanged"
+            f"repeat some postures with another {', another '.join(labels)} and all else unchanged"
         )
     if numbers := [name for name in others if name not in (*labels, *ORDER)]:
-        found.append(
-            f"take some postures again at another time, when {listed(numbers)} is not the same"
-        )
+        found.append(f"repeat some postures at another time, with a different {listed(numbers)}")
     elif set(others) & set(ORDER):
-        found.append("take some postures again at another time, with all else unchanged")
+        found.append("repeat some postures at another time, with all else unchanged")
     return ", ".join(found)

@@ -35,7 +35,7 @@ def plan_document(plan: MeasurementPlan) -> Document:
     tried = [*map(_tried, plan.tried)]
     considered = pd.DataFrame(tried if len(tried) > 1 else [])
     forms = {"T": ".3g", RIGHT: ".2f"}
-    pairs = "Distinguished worst, of the pairs that these postures can distinguish"
+    pairs = "Pairs of causes that these postures can distinguish, the worst first"
     return Document(
         "Plan",
         [
@@ -56,7 +56,7 @@ def _tried(tried: Tried) -> dict[str, Any]:
 
 
 def _pairs(plan: MeasurementPlan) -> pd.DataFrame:
-    """Pairs of causes that postures can tell apart, worst first; empty where the plan is for one
+    """Pairs of causes that postures can distinguish, worst first; empty if the plan is for one
     pair.
     """
     if plan.pairs is None:
@@ -75,9 +75,9 @@ def plan_line(plan: MeasurementPlan) -> str:
         what = f"for all causes, of which {one} and {other} are hardest to distinguish"
     if plan.before is not None and not plan.needed:
         return (
-            f"no more records are needed {what}: the {plan.existing} existing ones do, with a "
-            f"probability of the right decision of {plan.before.probability:.2f}; "
-            f"these {len(plan.records)} are for a check by new records"
+            f"no more records are needed {what}: the {plan.existing} existing ones are enough, "
+            f"with a probability of the right decision of {plan.before.probability:.2f}; "
+            f"use these {len(plan.records)} to check the result with new records"
         )
     text = f"{len(plan.records)} records {what}, {plan.setup}: {_power(plan)}"
     return text + "".join(f"; {one.words}: {one.why_not}" for one in plan.tried if one.why_not)
@@ -86,15 +86,15 @@ def plan_line(plan: MeasurementPlan) -> str:
 def _power(plan: MeasurementPlan) -> str:
     """What the planned records decide."""
     if plan.after.same:
-        return "nothing that was considered distinguishes them"
-    text = f"T = {plan.after.least:.3g} (expected increase of χ² with the wrong one of the two), "
+        return "no set-up that was considered distinguishes them"
+    text = f"T = {plan.after.least:.3g} (expected increase of χ² with the wrong cause), "
     text += f"probability of the right decision {plan.after.probability:.2f}"
     text += "" if plan.before is None else f", {plan.before.probability:.2f} before"
-    return text + ("" if plan.decided else f"; that is not enough to decide{_more(plan)}")
+    return text + ("" if plan.decided else f"; this is not enough to decide{_more(plan)}")
 
 
 def _more(plan: MeasurementPlan) -> str:
-    """How many records would decide; "" where nobody knows."""
+    """How many records would decide; "" if that is not known."""
     beside = f" beside the {plan.existing} existing ones" if plan.existing else ""
     return "" if plan.enough is None else f"; about {plan.enough} new records{beside} would decide"
 
@@ -109,24 +109,24 @@ def plan_advice(plan: MeasurementPlan, options: Sequence[str] = ()) -> str:
     one, other = plan.split
     if plan.after.same:
         pair = f"{one.label} from {other.label}"
-        return f"nothing that was considered distinguishes {pair}: {plan.tried[-1].why_not}"
+        return f"no set-up that was considered distinguishes {pair}: {plan.tried[-1].why_not}"
     before = 0.5 if plan.before is None else plan.before.probability
     if plan.before is not None and plan.after.probability - before < LEAST_CHANGE:
         return (
-            f"more records would not help to distinguish {one.label} from {other.label}: if one of "
-            f"the two acted alone, a decision would be right with a probability of {before:.2f} "
-            "already"
+            f"more records would not help to distinguish {one.label} from {other.label}. If only "
+            f"one of the two acts, a decision by the existing records is right with probability "
+            f"{before:.2f}"
         )
     odds = f"from {before:.2f} to {plan.after.probability:.2f}"
     if not plan.decided:
         odds += _more(plan) or ", not enough yet"
     if plan.changes_arm:
-        odds += "; diagnose these with set_up.toml, apart from the old ones"
+        odds += "; diagnose the new records with set_up.toml, separately from the old ones"
     where = f", and {plan.setup}" if plan.set_up else ""
     return (
         f"to distinguish {one.label} from {other.label}, measure {len(plan.records)} records where "
         f"the two differ most{where}: {_command(plan, options)} "
-        f"(the probability of a right decision goes {odds})"
+        f"(the probability of the right decision rises {odds})"
     )
 
 
@@ -167,7 +167,7 @@ def advice(
         return plan_advice(plan, _options(plan.model.arm, asked))
     except AacmmError as error:
         one, other = (cause if isinstance(cause, str) else cause.key for cause in split)
-        return f"no records could be planned that distinguish {one} from {other}: {error}"
+        return f"no plan that distinguishes {one} from {other} could be made: {error}"
 
 
 def mostly_seats(records: Measurements) -> bool:

@@ -417,7 +417,7 @@ def test_a_drift_that_records_show_as_a_slope_may_stop_or_go_on(
     told = constant < 3600.0
     assert (drift.until_s is None) == told
     assert told == (not data_of(found.notes, "drift_slope"))
-    assert told == ("nothing is open" in next_measurements(found))
+    assert told == ("check the extended model on new records" in next_measurements(found))
     for later in (2e4, 8e4):
         conditions = Conditions(50, time=np.full(50, later))
         off = np.linalg.norm(
@@ -556,7 +556,7 @@ def test_a_known_cause_that_has_changed(sino6):
         ((changed, u),) = finding.parameters.values()
         assert abs(changed - value) < 3.3 * u < 1e-6
         assert (finding.was.values, finding.gone) == ((2e-5,), value == 0.0)
-        assert "no longer right for compliance" in verdict_in_words(found)
+        assert "outdated values for compliance" in verdict_in_words(found)
         (told,) = data_of(
             found.notes, "known_cause_gone" if finding.gone else "known_cause_changed"
         )
