@@ -469,7 +469,7 @@ def _correlation(result: Calibration, number: int) -> Figure:
 def _undetermined(result: Calibration) -> list[Block]:
     indices = pd.DataFrame([vars(result.observability)]).rename(columns=str.upper)
     number = result.observability.directions
-    explained = f"Sun, Hollerbach 2008; of the {number} combinations that the data determine. Larger is better."
+    explained = f"Sun, Hollerbach 2008; of {number} determined combinations. Larger is better."
     table = indices.drop(columns="DIRECTIONS")
     return [
         Heading("What these data do not determine"),
