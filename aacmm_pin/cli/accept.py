@@ -31,18 +31,18 @@ def run(
         list[str],
         typer.Argument(
             metavar="[ARM]... DATA",
-            help="Arms that make coordinates of indications, and the touches (CSV).",
+            help="Arms that compute coordinates from readings, and the probed points (CSV).",
         ),
     ],
     mpe: Annotated[
         list[str] | None,
         typer.Option(
             metavar="FIGURE=MM",
-            help="Maximum permissible error, or a TOML file of such; several times.",
+            help="Maximum permissible error, or a TOML file of MPEs (repeatable).",
         ),
     ] = None,
     standard: Annotated[
-        str | None, typer.Option(help="Only iso10360-12, or asme-b89.4.22.")
+        str | None, typer.Option(help="Evaluate only this standard: iso10360-12 or asme-b89.4.22.")
     ] = None,
     range_mm: Annotated[
         float | None, typer.Option(help="Measuring range of the arm, in mm.")
@@ -51,21 +51,22 @@ def run(
         Path | None, page_option("Page to print: the test report", "--output", "-o")
     ] = None,
     history: Annotated[
-        Path | None, typer.Option(help="CSV of all checks, to which this one is appended.")
+        Path | None, typer.Option(help="CSV of all checks; this check is appended.")
     ] = None,
     plot: Plot = None,
     time: Annotated[
         str | None,
         typer.Option(
-            metavar="ISO8601", help="Of the check, UTC unless it says otherwise; else of the file."
+            metavar="ISO8601",
+            help="Time of the check, UTC if without an offset. Default: that of the file.",
         ),
     ] = None,
     instrument: Annotated[
-        str, typer.Option(help="Which arm was checked, such as its serial number.")
+        str, typer.Option(help="The checked arm, such as its serial number.")
     ] = "",
     about: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME=TEXT", help="A further line of the test report; several times."),
+        typer.Option(metavar="NAME=TEXT", help="Further line of the test report (repeatable)."),
     ] = None,
     *,
     robot: UrdfArm,
@@ -73,8 +74,7 @@ def run(
     json_: Json = None,
     force: Force = False,
 ) -> None:
-    """Whether the arm meets its specification: figures of ISO 10360-12:2016 and ASME B89.4.22-2004,
-    with verdicts.
+    """Evaluate an acceptance test by descriptions of ISO 10360-12:2016 and ASME B89.4.22-2004.
 
     The definitions come from public descriptions and were never compared with the standards' texts.
     """
@@ -92,12 +92,12 @@ def run(
         refuse(
             context,
             ("range_mm", "history", "plot", "time", "instrument", "about"),
-            "is of a check that was made",
+            "cannot be combined with --predict",
         )
     else:
-        refuse(context, [f.name for f in fields(before)], "goes with --predict")
+        refuse(context, [f.name for f in fields(before)], "requires --predict")
     if plot is not None and history is None:
-        raise typer.BadParameter("--plot draws the checks of --history FILE")
+        raise typer.BadParameter("--plot requires --history FILE, whose checks it draws")
     with Results(force, page=output, plot=plot, json_=json_) as results:
         arms, limits = {name: ErrorModel.load(name) for name in names}, _limits(mpe or [])
         if (by_urdf := robot.of_urdf()) is not None:
@@ -133,16 +133,16 @@ def _of_history(checks: History, path: Path | None) -> Iterator[str]:
     others = ", ".join(repr(name) for name in sorted(checks.checks["instrument"].unique()) if name)
     if others and not checks.instrument:
         yield (
-            f"without --instrument this check is of an arm without a name; {path} has checks of "
-            f"{others} too"
+            f"--instrument not given: this check is listed without an instrument; {path} also has "
+            f"checks of {others}"
         )
     if not checks.appended:
         same = (
-            f"its check of {checks.time} has the very same values, so that it is this one"
+            f"its check of {checks.time} has the same values and counts as this one"
             if checks.charts()
             else ""
         )
-        yield f"nothing appended to {path}: {same or 'no figure has a value'}"
+        yield f"nothing appended to {path}: {same or 'no test value was found'}"
 
 
 def _when(time: str | None, path: str) -> datetime:
@@ -152,13 +152,15 @@ def _when(time: str | None, path: str) -> datetime:
     try:
         return in_utc(time)
     except ValueError:
-        raise typer.BadParameter(f"--time {time!r}, expected a time as 2026-01-31T09:30") from None
+        raise typer.BadParameter(
+            f"--time {time!r}; expected a time such as 2026-01-31T09:30"
+        ) from None
 
 
 def _about(lines: list[str]) -> dict[str, str]:
     found = dict(line.split("=", 1) for line in lines if "=" in line)
     if len(found) < len(lines):
-        raise typer.BadParameter("--about, expected each NAME=TEXT once")
+        raise typer.BadParameter("--about: expected each NAME=TEXT once")
     return found
 
 
@@ -176,15 +178,15 @@ def _next_step(arm: list[str], path: str) -> str:
         seats = Measurements.read(path).seats()
     except MeasurementFileError:
         return (
-            "with indications (theta1_deg …) beside the coordinates, aacmm-pin diagnose could "
-            "look for the cause"
+            "add readings (theta1_deg …) to the coordinates; aacmm-pin diagnose can then look for "
+            "the cause"
         )
     if not seats:
         return (
-            "touches of spheres are not used to find the cause; those of single points and of "
-            "ends touched once are"
+            "probed points on spheres cannot be used to find the cause; single points, and ends of "
+            "lengths that are touched once, can"
         )
-    return f"{shlex.join(['aacmm-pin', 'diagnose', *arm, path])} looks for the cause"
+    return f"to find the cause, run {shlex.join(['aacmm-pin', 'diagnose', *arm, path])}"
 
 
 def _refused(path: str, message: str) -> AacmmError:

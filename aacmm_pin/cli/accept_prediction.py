@@ -43,7 +43,9 @@ class BeforeTheTest(EncoderNoise):
     runs: Annotated[int, typer.Option(min=20, help="With --predict: number of virtual runs.")] = (
         RUNS
     )
-    seed: Annotated[int, typer.Option(min=0, help="With --predict: seed of all that is drawn.")] = 1
+    seed: Annotated[
+        int, typer.Option(min=0, help="With --predict: seed of the random generator.")
+    ] = 1
 
     def show(
         self,

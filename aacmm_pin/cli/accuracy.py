@@ -1,4 +1,4 @@
-"""How accurate the arm is at a point, in which posture, and why."""
+"""Predict the uncertainty at a point in each posture, or of a length, with its budget."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def run(
         Triple | None,
         typer.Option(
             metavar="X Y Z",
-            help="A second point, in mm: accuracy of the length between them, in which postures.",
+            help="Second point, in mm: predict the uncertainty of the length between the two.",
         ),
     ] = None,
     method: Annotated[str, typer.Option(help=f"One of {', '.join(METHODS)}.")] = "zonotope",
@@ -50,7 +50,7 @@ def run(
     plot: Plot = None,
     force: Force = False,
 ) -> None:
-    """How accurate the arm is at a point, in which posture, and why."""
+    """Predict the uncertainty at a point in each posture, or of a length, with its budget."""
     with Results(force, output, plot=plot, json_=json_) as results:
         model, encoder_noise = where_known(arm.model()), noise.encoder_noise_rad
         if (
@@ -66,7 +66,9 @@ def run(
         circle = orientation.postures(model.arm, point)
         if to is not None:
             if output is not None or plot is not None or method != METHODS[0]:
-                raise typer.BadParameter("--to goes with neither --output, --plot nor --method")
+                raise typer.BadParameter(
+                    "--to cannot be combined with --output, --plot or --method"
+                )
             _length(
                 results, (circle, orientation.postures(model.arm, to)), model, encoder_noise, json_
             )
@@ -111,7 +113,7 @@ def _length(
 def _note_noise(model: ErrorModel, encoder_noise: float | None) -> None:
     if encoder_noise is None and model.arm.encoder_noise is None:
         note(
-            "note: encoder noise not given; u is of the parameters alone (--encoder-noise-rad "
+            "note: encoder noise not given; u contains only the parameters (--encoder-noise-rad "
             "adds it)"
         )
 

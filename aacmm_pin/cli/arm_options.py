@@ -29,7 +29,7 @@ class UrdfArm:
 
     urdf: Annotated[
         str | None,
-        typer.Option("--urdf", metavar="FILE", help="Any serial arm by its URDF, in place of ARM."),
+        typer.Option("--urdf", metavar="FILE", help="URDF of a serial arm, instead of ARM."),
     ] = None
     frame: Annotated[
         str | None,
@@ -73,7 +73,7 @@ class UrdfArm:
             )
             if self.frame is not None:
                 raise AacmmError(f"unknown frame {self.frame!r}; {frames}") from None
-            raise typer.BadParameter(f"--urdf goes with --frame NAME; {frames}") from None
+            raise typer.BadParameter(f"--urdf requires --frame NAME; {frames}") from None
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ class AnyArm(UrdfArm):
             AacmmError: the arm cannot be used.
         """
         if (self.arm is None) == (self.urdf is None):
-            raise typer.BadParameter("expected ARM, or --urdf FILE --frame NAME in its place")
+            raise typer.BadParameter("expected ARM, or --urdf FILE --frame NAME instead")
         return self.of_urdf(**half_widths) or ErrorModel.load(str(self.arm))
 
 
@@ -113,13 +113,13 @@ class UncertainArm(AnyArm):
     translation_half_width_mm: Annotated[
         float | None,
         typer.Option(
-            help="With --urdf: bound of the shifts of every joint placement, in mm; 0 states none."
+            help="With --urdf: bound of the translation of every joint placement, in mm; 0: none."
         ),
     ] = None
     rotation_half_width_rad: Annotated[
         float | None,
         angle_option(
-            "With --urdf: bound of the turns of every joint placement, in rad or 20arcsec; 0 "
+            "With --urdf: bound of the rotation of every joint placement, in rad or 20arcsec; 0 "
             "states none."
         ),
     ] = None
@@ -129,7 +129,7 @@ class UncertainArm(AnyArm):
         shift, turn = self.translation_half_width_mm, self.rotation_half_width_rad
         if self.urdf is None and (shift is not None or turn is not None):
             raise typer.BadParameter(
-                "--translation-half-width-mm and --rotation-half-width-rad go with --urdf; an arm "
+                "--translation-half-width-mm and --rotation-half-width-rad require --urdf; an arm "
                 "file has its own"
             )
         return super().model(
@@ -207,7 +207,10 @@ class ContactNoise(EncoderNoise):
         """
         encoder = arm.encoder_noise if self.encoder_noise_rad is None else self.encoder_noise_rad
         if encoder is None:
-            note(f"note: encoder noise not given; {ENCODER:g} rad assumed")
+            note(
+                f"note: encoder noise not given: {ENCODER:g} rad assumed; --encoder-noise-rad "
+                "replaces it"
+            )
             encoder = ENCODER
         reference, probe = in_metres(self.reference_noise_mm), in_metres(self.probe_noise_mm)
         return Noise.of(
@@ -225,14 +228,14 @@ class MeasuredHow(ContactNoise):
     length_noise_mm: Annotated[
         float | None, typer.Option(help="Standard uncertainty of a bar's length, in mm.")
     ] = None
-    reference_frame: Annotated[str, typer.Option(help="base, or external: an unknown frame.")] = (
-        "base"
-    )
+    reference_frame: Annotated[
+        str, typer.Option(help="Frame of the references: base, or external (an unknown frame).")
+    ] = "base"
     target: Annotated[
         str,
         typer.Option(
-            help="tip; unknown: some point on the last body, which is the tip from then on; "
-            "frame: tip with its axes."
+            help="Target: tip; unknown (a point on the last body, which becomes the tip); or frame "
+            "(the tip with its axes)."
         ),
     ] = "tip"
     no_prior: Annotated[

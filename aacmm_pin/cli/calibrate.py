@@ -46,12 +46,12 @@ def run(
         Path | None, typer.Option(help="CSV file: every record with its residuals.")
     ] = None,
     plot: Plot = None,
-    report: Annotated[Path | None, page_option("Page of all that was found")] = None,
+    report: Annotated[Path | None, page_option("Page with all results")] = None,
     json_: Json = None,
     force: Force = False,
 ) -> None:
-    """Parameters of an arm from measurements, with their uncertainty and what the data
-    cannot tell.
+    """Estimate the parameters of an arm from measurements; report their uncertainty, and which
+    parameters the data do not determine.
     """
     from aacmm_pin.report import (
         calibration_document,

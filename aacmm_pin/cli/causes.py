@@ -24,12 +24,10 @@ from aacmm_pin.report import Document, Table, terminal
 
 @command
 def run(
-    name: Annotated[
-        str | None, typer.Argument(metavar="NAME", help="One of them, explained.")
-    ] = None,
+    name: Annotated[str | None, typer.Argument(metavar="NAME", help="Cause to describe.")] = None,
 ) -> None:
-    """Every cause of error that is known: what it is called, its parameters and typical magnitude,
-    the columns it needs.
+    """List the known causes of error with parameters, typical magnitudes and required columns, or
+    describe one.
     """
     chosen = list(CAUSES.values()) if name is None else [cause_named(name)]
     terminal.show(Document("Causes", [Table(pd.DataFrame([_row(cause) for cause in chosen]))]))

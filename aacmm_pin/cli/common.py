@@ -77,7 +77,7 @@ def angle_option(help_: str) -> Any:
             return in_radians(text)
         except ValueError:
             raise typer.BadParameter(
-                f"{text!r}, expected an angle in rad, or with one of {', '.join(ANGLES)}"
+                f"{text!r}; expected an angle in rad, or with one of {', '.join(ANGLES)}"
             ) from None
 
     return typer.Option(parser=angle, metavar="ANGLE", help=help_)
@@ -93,15 +93,14 @@ def page_option(page: str, *names: str) -> Any:
 Json = Annotated[
     str | None, typer.Option("--json", metavar="FILE", help="Write one JSON object; - for stdout.")
 ]
-Seed = Annotated[int, typer.Option(min=0, help="Seed of all that is drawn.")]
+Seed = Annotated[int, typer.Option(min=0, help="Seed of the random generator.")]
 Sectors = Annotated[int, typer.Option(min=1, help="Sectors of the configuration circle.")]
 EffectTexts = Annotated[
     list[str] | None,
     typer.Option(
         "--effect",
         metavar="CAUSE[:PLACE][,NAME=VALUE…]",
-        help="A cause of error, such as encoder_eccentricity:3,amplitude_rad=20urad; may be given "
-        "several times.",
+        help="Cause of error, such as encoder_eccentricity:3,amplitude_rad=20urad (repeatable).",
     ),
 ]
 Output = Annotated[Path | None, typer.Option("--output", "-o", help="File to write.")]

@@ -12,7 +12,7 @@ from aacmm_pin.cli.pose_options import Orientation, Point
 def run(
     point: Point, arm: AnyArm, orientation: Orientation, output: Output = None, force: Force = False
 ) -> None:
-    """Every configuration that reaches a point, as CSV."""
+    """List the configurations that reach a point (CSV)."""
     with Results(force, output) as results:
         circle = orientation.postures(arm.model().arm, point)
         note(str(circle))

@@ -60,43 +60,42 @@ def run(
         str | None,
         typer.Option(
             metavar="ARM",
-            help="The arm as it was believed to be: bundled arm, arm file or, where ARM came as "
-            "one, URDF; default the URDF "
-            "that ARM names, or else, but for --commands, ARM without its effects.",
+            help="Nominal arm to compare with: name, arm file or, if ARM came as one, URDF. "
+            "Default: the URDF that ARM names, else ARM without its causes of error. Required with "
+            "--commands unless ARM names a URDF.",
         ),
     ] = None,
     commands: Annotated[
         bool,
         typer.Option(
             "--commands",
-            help="For robots: the angles are commands; add those by which the tip comes where the "
-            "--nominal arm has it, and "
-            "the u of the tip there.",
+            help="Angles are robot commands: add corrected commands that bring the real tip to the "
+            "position of the nominal tip, and u of the tip there.",
         ),
     ] = False,
     orientation: Annotated[
         bool,
         typer.Option(
             "--orientation",
-            help="Add the orientation of the tip; unasked, where the file states some.",
+            help="Add the orientation of the tip. Default: only if the file states orientations.",
         ),
     ] = False,
     output: Output = None,
     force: Force = False,
 ) -> None:
-    """Tip coordinates of readings by the calibrated arm with its effects, with their uncertainty,
-    as CSV.
+    """Compute tip coordinates and their uncertainty from readings, by a calibrated or extended arm
+    (CSV).
     """
     with Results(force, output) as results:
         model, path = arm.model_and_data()
         before = _nominal(nominal, model)
         if commands and before is None:
             raise typer.BadParameter(
-                "--commands goes with --nominal ARM, the arm as its controller believes it to be"
+                "--commands requires --nominal ARM, the arm by which the controller computes"
             )
         if commands and orientation:
             raise typer.BadParameter(
-                "--orientation goes without --commands, which keep the orientation that is wanted"
+                "--orientation cannot be combined with --commands, which keep the orientation"
             )
         table, _, read_as = read_table(path)
         unit = "rad" if "theta1_rad" in table else "deg"
@@ -105,7 +104,7 @@ def run(
         names = list(of_commands if commands else of_tips)
         for name in table.columns.intersection(names):
             raise MeasurementFileError(
-                path, 1, name, "is there already; expected readings that were not corrected yet"
+                path, 1, name, "exists already; expected readings that are not corrected yet"
             )
         of_readings = ~table.columns.isin(OF_REFERENCES)
         readings = Measurements.from_frame(table.loc[:, of_readings], model.arm.nq, path)
@@ -185,8 +184,8 @@ def _commands(model: ErrorModel, nominal: ErrorModel, known: Measurements, path:
         )
     if np.array_equal(commands, known.q):
         note(
-            f"note: no command changes, for {model.arm.name} has its tip where the nominal "
-            "arm has it"
+            f"note: no command changes: {model.arm.name} and the nominal arm have the same tip "
+            "positions"
         )
     refused = {
         "is next to a singular posture, out of reach, or at the end of an error curve": ~arrived,
@@ -200,8 +199,8 @@ def _commands(model: ErrorModel, nominal: ErrorModel, known: Measurements, path:
         commands[rows] = np.nan
     if len(commands) and np.isnan(commands).all():
         raise AacmmError(
-            f"no command takes {model.arm.name} where the nominal arm has its tip; is --nominal "
-            "the same arm?"
+            f"no command brings {model.arm.name} to the nominal tip position; check that --nominal "
+            "is the same arm"
         )
     return commands
 
@@ -276,11 +275,11 @@ def _u(model: ErrorModel, q: Array, conditions: Conditions, encoder_noise: float
     u, there = np.full(len(q), np.nan), np.flatnonzero(np.isfinite(q).all(axis=1))
     noise = model.arm.encoder_noise if encoder_noise is None else np.array([encoder_noise])
     if not (np.diag(model.covariance()).any() or (noise is not None and noise.any())):
-        note(f"note: {model.arm.name} states no uncertainty, so u_mm is left empty")
+        note(f"note: {model.arm.name} states no uncertainty; u_mm is left empty")
         return u
     if noise is None:
         note(
-            "note: u_mm is of the parameters alone; --encoder-noise-rad adds the noise of the "
+            "note: u_mm contains only the parameters; --encoder-noise-rad adds the noise of the "
             "readings"
         )
     found = accuracy_volume(

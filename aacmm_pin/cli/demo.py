@@ -19,7 +19,7 @@ def run(
     ),
     force: Force = False,
 ) -> None:
-    """The whole tour on bundled input: SINO6 at a point and over its workspace, as one HTML
+    """Run the demonstration on bundled input: SINO6 at a point and over its workspace, as one HTML
     page.
     """
     from aacmm_pin.report import (

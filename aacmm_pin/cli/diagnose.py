@@ -23,18 +23,18 @@ def run(
     arm: ArmAndData,
     how: MeasuredHow,
     no_held_out: Annotated[
-        bool, typer.Option("--no-held-out", help="Do not measure the gain.")
+        bool, typer.Option("--no-held-out", help="Do not measure the gain on held-out records.")
     ] = False,
     with_discrepancy: Annotated[
         bool,
         typer.Option(
             "--with-discrepancy",
-            help="Save in the extended arm what no cause explains too, with its u.",
+            help="Also save in the extended arm the structure that no cause explains, with its u.",
         ),
     ] = False,
     seed: Seed = 1,
     output: Annotated[
-        Path | None, page_option("Page of all that was found", "--output", "-o")
+        Path | None, page_option("Page with all results", "--output", "-o")
     ] = None,
     extended_arm: Annotated[
         Path | None, typer.Option(help="Arm file for the extended model.")
@@ -42,9 +42,7 @@ def run(
     json_: Json = None,
     force: Force = False,
 ) -> None:
-    """What the simulation gets wrong, which cause it has, and how much better the arm is once the
-    model knows.
-    """
+    """Find causes of error that the model lacks, and measure the gain of adding them."""
     from aacmm_pin.report import (
         diagnosis_document,
         terminal,  # these load what draws

@@ -25,7 +25,8 @@ def run(
     extent_mm: Annotated[
         tuple[float, float, float, float] | None,
         typer.Option(
-            metavar="X0 X1 Z0 Z1", help="Part of the half-plane, in mm; default the arm's reach."
+            metavar="X0 X1 Z0 Z1",
+            help="Part of the half-plane, in mm. Default: the reach of the arm.",
         ),
     ] = None,
     method: Annotated[
@@ -37,7 +38,7 @@ def run(
     json_: Json = None,
     force: Force = False,
 ) -> None:
-    """Flexibility and accuracy over the workspace, as netCDF."""
+    """Map flexibility and accuracy over the workspace (netCDF)."""
     with Results(force, output, plot=plot, json_=json_) as results:
         model = where_known(arm.model())
         model.arm.require_dh("a map (its cells are reached by the wrist, with joints 1 to 4)")
@@ -51,7 +52,7 @@ def run(
         for caveat in result.caveats:
             note(f"note: {caveat}")
         if result.unreachable == cells[0] * cells[1]:
-            hint = "use more cells" if extent is None else "is --extent-mm in another unit?"
+            hint = "use more cells" if extent is None else "check that --extent-mm is in mm"
             raise AacmmError(f"{result}; {hint}")
         if output is not None:
             result.save(results.file(output))

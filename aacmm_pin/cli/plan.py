@@ -46,7 +46,7 @@ class PlanFiles:
     output: Output = None
     sheet: Annotated[
         Path | None,
-        page_option("Page to print, with positions and articulations"),
+        page_option("Page to print, with positions and postures"),
     ] = None
     force: Force = False
 
@@ -58,13 +58,13 @@ class PlannedRecords:
     records: Annotated[int, typer.Option(min=1, help="Number of records to plan.")] = 40
     data: Annotated[
         str | None,
-        typer.Option(metavar="FILE", help="Measurement file that is there already."),
+        typer.Option(metavar="FILE", help="File of existing measurements."),
     ] = None
     reference: Annotated[
         str,
         typer.Option(
-            help="free: each record has coordinates of its own; seats: at the seats of --data, or "
-            "at new ones.",
+            help="Reference data: free (each record has its own coordinates) or seats (those of "
+            "--data, or new ones).",
         ),
     ] = "free"
     postures: Annotated[
@@ -78,7 +78,7 @@ class PlannedRecords:
         records = None if self.data is None else Measurements.read(self.data, model.arm.nq)
         if how.length_noise_mm is not None and (records is None or not records.bars()):
             raise typer.BadParameter(
-                "--length-noise-mm goes with --data that has bars; a plan has none of its own"
+                "--length-noise-mm requires --data with bars; a plan has none of its own"
             )
         return records
 
@@ -91,18 +91,18 @@ class CausesToSplit:
         tuple[str, str] | None,
         typer.Option(
             metavar="CAUSE CAUSE",
-            help="Causes to tell apart, such as encoder_eccentricity:3 "
-            "joint_compliance:3,compliance_rad_per_nm=2e-5; "
-            "one without values has its typical magnitude.",
+            help="Causes to distinguish, such as encoder_eccentricity:3 "
+            "joint_compliance:3,compliance_rad_per_nm=2e-5. A cause without values has its typical "
+            "magnitude.",
         ),
     ] = None
     as_it_stands: Annotated[
         bool,
-        typer.Option("--as-it-stands", help="No load and no other mount."),
+        typer.Option("--as-it-stands", help="Propose neither a load nor another mount."),
     ] = False
     set_up_arm: Annotated[
         Path | None,
-        typer.Option(help="File for the arm as the plan wants it set up."),
+        typer.Option(help="Arm file with the set-up that the plan proposes."),
     ] = None
 
 
@@ -122,14 +122,14 @@ def run(
         str,
         typer.Option(
             "--for",
-            help="causes: tell them apart; calibration: most of the geometry; acceptance: "
-            "touches of "
-            "ISO 10360-12:2016 and ASME B89.4.22-2004, for accept.",
+            help="Purpose: causes (distinguish them), calibration (determine the geometry) or "
+            "acceptance (probed points by public descriptions of ISO 10360-12:2016 and "
+            "ASME B89.4.22-2004).",
         ),
     ] = "causes",
     above_mm: Annotated[
         float | None,
-        typer.Option(help="Height of a table over the base, under which no tip goes."),
+        typer.Option(help="Height of a table above the base; the tip stays above it."),
     ] = None,
     seed: Seed = 1,
     *,
@@ -139,14 +139,14 @@ def run(
     causes: CausesToSplit,
     artefacts: Artefacts,
 ) -> None:
-    """What to measure next: postures and set-up, as a file to be filled in."""
+    """Plan measurements: write postures and set-up as a file to fill in."""
     _refuse_unused(context, for_)
     if for_ == "acceptance":
         artefacts.plan(arm, above_mm, seed, files.output, files.sheet, files.force)
         return
     if causes.as_it_stands and causes.split is None:
         raise typer.BadParameter(
-            "--as-it-stands goes with --split; without it a plan changes neither load nor mount"
+            "--as-it-stands requires --split; without it a plan changes neither load nor mount"
         )
     json_ = planned.json_
     outputs = (files.output, causes.set_up_arm)
@@ -204,19 +204,19 @@ def _refuse_unused(context: typer.Context, purpose: str) -> None:
         if group not in used:
             purposes = [name for name, groups in OPTIONS_FOR.items() if group in groups]
             names = [field.name for field in fields(group)]
-            refuse(context, names, f"goes with --for {' or '.join(purposes)}")
+            refuse(context, names, f"requires --for {' or '.join(purposes)}")
 
 
 def _say_what_to_do(plan: MeasurementPlan, file: Path | None, arm_written: bool) -> None:
     """How the file is filled in, and with which arm it is diagnosed."""
     if file is not None:
         only = "" if plan.needed else "for that check, "
-        where = "where the arm only comes near a posture, enter the angles indicated"
+        where = "if the arm is only near a posture, enter the angles that the encoders indicate"
         say(f"{file}: {only}fill in x_mm, y_mm, z_mm; {where}")
     if plan.changes_arm and not arm_written:
         note(
-            "note: this set-up is another arm file, which --set-up-arm FILE writes; diagnose the "
-            "new records with it"
+            "note: this set-up requires another arm file, which --set-up-arm FILE writes; diagnose "
+            "the new records with it"
         )
 
 

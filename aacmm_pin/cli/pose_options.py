@@ -24,7 +24,7 @@ Point = Annotated[
 
 IN_METRES = 20.0
 """Coordinates up to here, in mm, may be those of a point in metres: no arm reaches farther."""
-METRES = "the same numbers in metres are in reach, expected mm"
+METRES = "the same numbers in metres are in reach; expected mm"
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Orientation:
         bool,
         typer.Option(
             "--tip",
-            help="The point is for the tip, not for the wrist; give --axis or --rpy-deg too.",
+            help="The point is that of the tip, not of the wrist; requires --axis or --rpy-deg.",
         ),
     ] = False
     axis: Annotated[
@@ -49,7 +49,7 @@ class Orientation:
         Triple | None,
         typer.Option(
             metavar="X Y Z",
-            help="With --urdf and --axis: which direction of the frame; default its z.",
+            help="With --urdf and --axis: direction of the frame that lies along it. Default: z.",
         ),
     ] = None
     rpy_deg: Annotated[
@@ -59,9 +59,9 @@ class Orientation:
             help="With --tip or --urdf: the whole pose, roll-pitch-yaw as in URDF, in degrees.",
         ),
     ] = None
-    count: Annotated[int, typer.Option(min=3, help="Configurations on each closed component.")] = (
-        360
-    )
+    count: Annotated[
+        int, typer.Option(min=3, help="Number of configurations on each closed component.")
+    ] = 360
 
     @property
     def oriented(self) -> bool:
@@ -77,14 +77,14 @@ class Orientation:
         has_table = arm.dh is not None
         if self.tool_axis is not None and (self.axis is None or has_table):
             raise typer.BadParameter(
-                "--tool-axis goes with --urdf and --axis; an arm file names its stylus"
+                "--tool-axis requires --urdf and --axis; an arm file states its stylus"
             )
         if self.axis is not None and self.rpy_deg is not None:
             raise typer.BadParameter(
-                "--axis and --rpy-deg: expected one of them; a whole pose holds every axis"
+                "--axis cannot be combined with --rpy-deg, which holds every axis"
             )
         if has_table and self.tip != self.oriented:
-            raise typer.BadParameter("--tip goes with --axis, or with --rpy-deg")
+            raise typer.BadParameter("--tip requires --axis or --rpy-deg, and these require --tip")
         found = self._enumerated(arm, np.array(point) * MM)
         near = float(np.linalg.norm(point)) < IN_METRES and not found.within_limits.any()
         told = (

@@ -44,7 +44,7 @@ COMMANDS = (
 """Each is a module beside this one, and its function ``run``."""
 USAGE_ERROR: Any = typer.BadParameter.__base__
 """Of click, which versions of typer have in different places."""
-INTERRUPTED = "interrupted; every file is there whole, or as it was before"
+INTERRUPTED = "interrupted; every file is complete or unchanged"
 
 
 class _Subcommand(TyperCommand):
@@ -208,8 +208,8 @@ def _warnings_as_notes() -> Iterator[None]:
 app = typer.Typer(
     cls=Shell,
     name="aacmm-pin",
-    help="Postures, accuracy and calibration of articulated-arm coordinate measuring machines, on "
-    "Pinocchio.",
+    help="Predict the uncertainty of articulated-arm coordinate measuring machines, calibrate "
+    "them, find causes of error, and evaluate acceptance tests.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -236,11 +236,14 @@ def _root(
         list[str] | None,
         typer.Option(
             metavar="MODULE",
-            help="Module or .py file that registers causes of your own; before the command.",
+            help="Module or .py file that registers your own causes; place it before the command.",
         ),
     ] = None,
     version_: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Say the version.")
+        bool,
+        typer.Option(
+            "--version", callback=_version, is_eager=True, help="Show the version and exit."
+        ),
     ] = False,
 ) -> None:
     """Options of the command itself."""

@@ -38,7 +38,8 @@ def run(
         str | None,
         typer.Option(
             metavar='"θ1 θ2 …"',
-            help="One posture, in degrees (slides in mm); default all 0, or amid the limits.",
+            help="One posture, in degrees (prismatic joints: mm). Default: all 0, or the middle of "
+            "the limits.",
         ),
     ] = None,
     noise: EncoderNoise,
@@ -48,17 +49,17 @@ def run(
     output: Output = None,
     force: Force = False,
 ) -> None:
-    """The arm in three dimensions: at a point in the postures that reach it, or in one posture.
+    """Show the arm in three dimensions: in the postures that reach a point, or in one posture.
 
-    With -o as a page that needs no network. Else it is served on this computer's loopback address
-    until Ctrl-C, which is how it ends, with exit status 0.
+    With -o, write a page that needs no network. Else serve it on this computer's loopback address
+    until you press Ctrl-C (exit status 0).
     """
     from aacmm_pin.report import scenes  # loads meshcat
 
     if point is not None and theta_deg is not None:
-        raise typer.BadParameter("--point and --theta-deg exclude each other")
+        raise typer.BadParameter("--point cannot be combined with --theta-deg")
     if point is None and (orientation.tip or orientation.oriented):
-        raise typer.BadParameter("--tip, --axis and --rpy-deg go with --point")
+        raise typer.BadParameter("--tip, --axis and --rpy-deg require --point")
     with Results(force, output) as results:
         model = where_known(arm.model())
         if point is None:

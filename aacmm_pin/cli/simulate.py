@@ -65,7 +65,7 @@ class Planned:
         int, typer.Option(help="With plans seats, ball-bar: number of seats; two for each bar.")
     ] = 10
     unknown: Annotated[
-        bool, typer.Option("--unknown", help="With plan seats: without their coordinates.")
+        bool, typer.Option("--unknown", help="With plan seats: do not state their coordinates.")
     ] = False
     bar_length_mm: Annotated[
         float | None, typer.Option(help="With plan ball-bar: length of the bars.")
@@ -82,12 +82,12 @@ class Planned:
         """Refuse options that this plan has no use for."""
         for option, plans in OPTION_OF.items():
             if (self.plan in PLANS or self.plan.endswith(".csv")) and self.plan not in plans:
-                refuse(context, [option], f"goes with --plan {' or '.join(plans)}")
+                refuse(context, [option], f"requires --plan {' or '.join(plans)}")
         if self.unknown:
             refuse(
                 context,
                 ["reference_noise_mm", "orientation_noise_rad"],
-                "beside --unknown, which states no reference",
+                "cannot be combined with --unknown, which states no reference",
             )
 
     def measured(self, model: ErrorModel, noise: Noise, rng: np.random.Generator) -> Measurements:
@@ -95,8 +95,8 @@ class Planned:
         length = in_metres(self.bar_length_mm)
         if self.plan == "ball-bar" and length is None:
             note(
-                f"note: bars of {BAR_LENGTH_MM:g} mm are assumed; --bar-length-mm states "
-                "another length"
+                f"note: bar length not given: {BAR_LENGTH_MM:g} mm assumed; --bar-length-mm "
+                "replaces it"
             )
             length = BAR_LENGTH_MM * MM
         return simulate_measurements(
@@ -129,11 +129,11 @@ def run(
     stated: ContactNoise,
     output: Output = None,
     truth: Annotated[
-        Path | None, typer.Option(help="File for the arm that made the data, with its effects.")
+        Path | None, typer.Option(help="Arm file of the simulated arm, with its effects.")
     ] = None,
     force: Force = False,
 ) -> None:
-    """Virtual measurements of an arm with known errors, as CSV."""
+    """Simulate measurements of an arm with known errors (CSV)."""
     planned.refuse_others(context)
     rng = np.random.default_rng(seed)
     procedure = planned.plan if planned.plan.endswith(".csv") else None
@@ -173,7 +173,7 @@ def _require_effects_shown(effects: list[Effect], model: ErrorModel, data: Measu
     for given in effects:
         if not any(given.values):
             raise AacmmError(
-                f"--effect {given.key}: no size is given, expected "
+                f"--effect {given.key}: no value is given; expected "
                 f"{', '.join(given.notation.parameters(given))}"
             )
         require_shown(given, model.arm, data.q, data.conditions, "this plan")

@@ -28,8 +28,8 @@ def run(
     output: Output = None,
     force: Force = False,
 ) -> None:
-    """URDF of an arm, from its DH table or with its corrected placements; or the DH table of a
-    URDF.
+    """Write the URDF of an arm, from its DH table or with its corrected placements; or write the DH
+    table of a URDF.
     """
     with Results(force, output) as results:
         model = arm.model()
@@ -37,7 +37,7 @@ def run(
             if model.effects:
                 note(f"note: left out: {', '.join(effect.label for effect in model.effects)}")
             if np.diag(model.covariance()).any():
-                note("note: the table states no uncertainties; those of the arm are left out")
+                note("note: the table states no uncertainties; those of the arm are omitted")
             results.text(arm_text(dh_file(model.arm)), output)
         else:
             results.file(output or "-").write_bytes(urdf_of(model))
