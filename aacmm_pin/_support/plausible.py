@@ -64,7 +64,7 @@ class Range(NamedTuple):
     least: float
     most: float
     unit: str
-    hint: str = "is it in another unit?"
+    hint: str = "check its unit"
 
     def outside(self, values: ArrayLike) -> NDArray[np.bool_]:
         """Which of ``values`` cannot be; what is not known (NaN) can."""
@@ -97,10 +97,10 @@ class Range(NamedTuple):
             raise error(f"{name}{place} is {array[tuple(wrong[0])]:g} {self.unit}, {self.expected}")
 
 
-READING = Range(-LARGEST_ANGLE, LARGEST_ANGLE, "rad", "is it a count of another unit?")
+READING = Range(-LARGEST_ANGLE, LARGEST_ANGLE, "rad", "check its unit")
 COORDINATE = Range(-LONGEST_LENGTH, LONGEST_LENGTH, "m")
-BAR_LENGTH = Range(0.01, LONGEST_LENGTH, "m", "is it in another unit, such as metres?")
-TEMPERATURE = Range(COLDEST, HOTTEST, "°C", "is it in kelvin or Fahrenheit?")
+BAR_LENGTH = Range(0.01, LONGEST_LENGTH, "m", "check its unit (perhaps metres)")
+TEMPERATURE = Range(COLDEST, HOTTEST, "°C", "check its unit (perhaps kelvin or Fahrenheit)")
 CLOCK = Range(-LATEST, LATEST, "s")
 TORQUE = Range(-1e6, 1e6, "N·m")
 ENCODER_NOISE = Range(0.0, 5e-3, "rad")
@@ -168,7 +168,7 @@ def out_of_reach(tips: ArrayLike) -> str:
         return ""
     return (
         f"the tip is up to {distance:.4g} m from the base, expected at most {LONGEST_LENGTH:g} m; "
-        "is it in another unit?"
+        "check the units"
     )
 
 

@@ -64,9 +64,8 @@ def results(
             yield _submitted(pool, work, jobs, SUBMITTED_PER_PROCESS * count, waiting)
     except BrokenExecutor:
         raise AacmmError(
-            "a worker process ended, as happens when memory runs out (fewer take less), or when a "
-            "script without "
-            "`if __name__ == '__main__':` asks for processes"
+            "a worker process ended: if memory ran out, use fewer processes; in a script, start "
+            "them below `if __name__ == '__main__':`"
         ) from None
     finally:
         if pool is not None:

@@ -147,7 +147,7 @@ def length_between(
     q_a, q_b = a.q[a.within_limits], b.q[b.within_limits]
     for postures, q in ((a, q_a), (b, q_b)):
         if not len(q):
-            raise AacmmError(f"{postures}; no configuration to judge")
+            raise AacmmError(f"{postures}; expected at least one configuration within limits")
     if len(q_a) * len(q_b) > MOST_PAIRS:
         raise AacmmError(
             f"{len(q_a)} × {len(q_b)} pairs of postures, expected at most {MOST_PAIRS}; take a "

@@ -202,7 +202,7 @@ def circle_accuracy(
     """
     q = circle.q[circle.within_limits]
     if not len(q):
-        raise AacmmError(f"{circle}; no configuration to judge")
+        raise AacmmError(f"{circle}; expected at least one configuration within limits")
     return accuracy_volume(circle.arm if model is None else model, q, at=circle.at, **options)
 
 

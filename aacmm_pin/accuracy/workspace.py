@@ -213,7 +213,9 @@ class WorkspaceMap(Shown):
             with xr.open_dataset(io.BytesIO(content), engine="scipy") as data:
                 return WorkspaceMap(data.load(), float(data.attrs["seconds"]))
         except Exception:  # whatever the reader makes of the bytes
-            raise AacmmError(f"{path}: cannot be read as a map that was saved whole") from None
+            raise AacmmError(
+                f"{path}: not a complete map; expected a file that save wrote"
+            ) from None
 
     def plot(self, quantity: str = "comprehensive_mm3", ax: Axes | None = None) -> Axes:
         """One quantity of the map over the half-plane through joint axis 1.
@@ -388,7 +390,7 @@ def _extent(arm: Arm, extent: ArrayLike | None) -> Array:
         size = max(farthest, highest - lowest)
         if size < SMALLEST_ARM:
             raise AacmmError(
-                f"{arm.name}: the wrist does not leave the shoulder, so there is nothing to map"
+                f"{arm.name}: the wrist cannot leave the shoulder, so there is nothing to map"
             )
         step, margin = 10.0 ** (math.floor(math.log10(size)) - 2), MARGIN * size
         right, high = (math.ceil((most + margin) / step) for most in (farthest, highest))

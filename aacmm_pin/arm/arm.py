@@ -253,7 +253,7 @@ class Arm(Shown):
         """
         if not isinstance(self.file, UrdfArmFile):
             raise UnsupportedArmError(
-                f"{self.name}: has a DH table; expected an arm that came as URDF"
+                f"{self.name}: has a DH table; expected an arm that is loaded from a URDF"
             )
         return self.file
 
@@ -344,7 +344,7 @@ class Arm(Shown):
         if self.dh is None:
             first = f" whose first {joints} rows are joints" if joints else ""
             raise UnsupportedArmError(
-                f"{self.name}: {purpose} needs a DH table{first}; this arm came as URDF alone"
+                f"{self.name}: {purpose} needs a DH table{first}; this arm has only a URDF"
             )
         if self.dh.rows < joints or not self.dh.moving[:joints].all():
             raise UnsupportedArmError(

@@ -37,7 +37,7 @@ def corrected_urdf(arm: Arm, tip_shift: Array | None = None) -> bytes:
     urdf = arm.urdf_file.urdf
     if not urdf.file:
         raise UnsupportedArmError(
-            f"{arm.name}: was made from no file that could be corrected; a pipe is none"
+            f"{arm.name}: was made from no file that could be corrected; load it from a file"
         )
     try:
         content = Path(urdf.file).read_bytes()

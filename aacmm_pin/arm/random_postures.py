@@ -39,7 +39,7 @@ def joint_bounds(arm: Arm) -> Array:
     if (endless & slides).any():
         joint = int(np.flatnonzero(endless & slides)[0]) + 1
         raise UnsupportedArmError(
-            f"{arm.name}: joint {joint} slides without limits; drawing postures needs them"
+            f"{arm.name}: joint {joint} is prismatic and has no limits; drawing postures needs them"
         )
     limits[endless] = (-np.pi, np.pi)
     margin = np.minimum(MARGIN, 0.01 * (limits[:, 1] - limits[:, 0]))

@@ -160,7 +160,7 @@ def _numbers(
             element, f"{name} is {text[:80]!r}, expected {count} number{'s' * (count > 1)}"
         )
     if any(not abs(value) <= largest for value in values):
-        hint = "; are the angles in degrees?" if name == "rpy" else ""
+        hint = "; check whether the angles are in degrees" if name == "rpy" else ""
         if element.tag == "limit":
             hint = "; a joint without limits is of type continuous"
         raise _refused(element, f"{name} is {text[:80]!r}, expected numbers to ±{largest:g}{hint}")
@@ -173,7 +173,7 @@ def _child(element: Element, tag: str) -> Element | None:
     if not found:
         return None
     if len(found) > 1:
-        raise _refused(found[1], "is there twice")
+        raise _refused(found[1], "occurs twice")
     known = ATTRIBUTES.get(tag, ())
     for name in found[0].attrib if known else ():
         if name not in known:

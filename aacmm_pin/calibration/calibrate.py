@@ -181,17 +181,15 @@ def calibrate(
     if of_arm := scale_is_unidentifiable(problem):
         raise AacmmError(
             f"{measurements.source} has seats without coordinates and no bar between them, which "
-            "tell nothing of the arm's "
-            f"size: {', '.join(of_arm[:4])} … cannot be found; add a bar of known length or "
-            "coordinates, state the arm's "
-            "uncertainties, or estimate zero-offsets"
+            f"do not determine the arm's size ({', '.join(of_arm[:4])} …); add a bar of known "
+            "length or coordinates, state the arm's uncertainties, or estimate zero-offsets"
         )
     after = first_fit(problem, robust=robust)
     if not after.tells_noise:
         raise AacmmError(
-            f"too few records to find the noise: {3 * int(after.used.sum())} coordinates for "
-            f"{after.problem.scales.size} "
-            "parameters and the seats' own; state the noise, measure more, or estimate less"
+            f"too few records to estimate the noise: {3 * int(after.used.sum())} coordinates for "
+            f"{after.problem.scales.size} parameters and those of the seats; state the noise, take "
+            "more records, or estimate fewer parameters"
         )
     if len(measurements.extra.columns):
         repeated.append(Note("columns_unused", {"columns": [*measurements.extra]}))

@@ -65,7 +65,7 @@ def fit(problem: Problem, *, robust: bool = True, used: Mask | None = None) -> F
     says = estimation.observations.says
     if not says.any():
         raise AacmmError(
-            "no record says where the tip was: no reference coordinates, and no seat touched twice"
+            "no record determines the tip: expected reference coordinates, or a seat touched twice"
         )
     point = initial_point(problem, estimation.observations)
     if used is None and robust:

@@ -69,7 +69,7 @@ def register(cause: _Own) -> _Own:
     there = CAUSES.get(name, cause)
     if (there.__module__, there.__qualname__) != (cause.__module__, cause.__qualname__):
         taken = f"{there.__module__}.{there.__qualname__}"
-        raise AacmmError(f"{own}: the cause {name} is there already, {taken}")
+        raise AacmmError(f"{own}: the cause {name} is registered already, {taken}")
     if cause.__abstractmethods__:
         raise CauseError(name, f"{own} lacks {', '.join(sorted(cause.__abstractmethods__))}")
     _check_attributes(cause)

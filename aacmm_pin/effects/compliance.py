@@ -49,8 +49,7 @@ class JointCompliance(GravityEffect):
             )
         if self.torque == "measured" and (self.bodies or self.load_at is not None):
             raise AacmmError(
-                f"{self.label}: a measured torque needs no bodies and no load, expected one or "
-                "the other"
+                f"{self.label}: a measured torque cannot be combined with bodies or a load"
             )
 
     @classmethod
@@ -98,8 +97,8 @@ class JointCompliance(GravityEffect):
         number = state.joint(self.joint)
         if state.arm.chain.prismatic[number]:
             raise UnsupportedArmError(
-                f"{self.label}: joint {self.joint} of {state.arm.name} slides, expected one "
-                "that turns"
+                f"{self.label}: joint {self.joint} of {state.arm.name} is prismatic, "
+                "expected a revolute joint"
             )
         if self.torque == "measured":
             torques = state.conditions.require("torque", self.label)

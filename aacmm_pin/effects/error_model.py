@@ -64,7 +64,7 @@ class ErrorModel(Shown):
         twice = sorted(name for name, times in Counter(names).items() if times > 1)
         if twice:
             raise AacmmError(
-                f"{self.arm.name}: the parameter {twice[0]} is there twice; merge the two effects "
+                f"{self.arm.name}: the parameter {twice[0]} is given twice; merge the two effects "
                 "into one"
             )
         if self.arm.covariance is not None:
@@ -124,8 +124,8 @@ class ErrorModel(Shown):
         file = self.arm.file
         if file is None or (isinstance(file, UrdfArmFile) and not file.urdf.file):
             raise AacmmError(
-                f"{self.arm.name}: was made from no file that could be named or extended; a "
-                "pipe is none"
+                f"{self.arm.name}: was made from no file that could be named or extended; load "
+                "it from a file"
             )
         from aacmm_pin.effects.text import entries_of  # loads every cause
 

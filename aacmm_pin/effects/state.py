@@ -173,7 +173,8 @@ class State:
         slide = [k for k in rows if k > row and self.arm.chain.prismatic[self.joint(k)]]
         if slide:
             raise UnsupportedArmError(
-                f"{self.arm.name}: joint {slide[0]} slides; unknown masses need joints that turn"
+                f"{self.arm.name}: joint {slide[0]} is prismatic; unknown masses need revolute "
+                "joints"
             )
         columns = [self.rotation[axis(k)] for k in rows]
         return np.cross(np.concatenate(columns, axis=2), self.down[None, :, None], axis=1)

@@ -55,7 +55,7 @@ def cause_of(text: str, model: ErrorModel, present: Collection[str] = ()) -> Eff
     parameters: dict[str, float] = {}
     for name, value in _items(text, rest, kind):
         if name in fields or name in parameters:
-            raise AacmmError(f"{text!r}: {name} is there twice")
+            raise AacmmError(f"{text!r}: {name} is given twice")
         if name in fields_of(kind):
             fields[name] = _field(kind, name, value)
         else:

@@ -121,7 +121,7 @@ def _rows(path: str, text: str, separator: str, spaced: bool) -> Iterator[Row]:
             end = reader.line_num
     except csv.Error as error:
         raise MeasurementFileError(
-            path, end + 1, "", f"not CSV: {error}; look at the quotes"
+            path, end + 1, "", f"not CSV: {error}; check the quotes"
         ) from None
 
 

@@ -143,9 +143,8 @@ class Pool:
         if len(found) < wanted:
             raise AacmmError(
                 f"{self.arm.name}: {len(found)} of {wanted} {what} found that can be touched in "
-                f"{each} different postures "
-                f"inside the limits, of {at} tried; the others in {most} at most. Expected fewer "
-                f"records or {what}"
+                f"{each} different postures inside the limits (of {at} tried; the others in {most} "
+                f"at most); ask for fewer records or {what}"
             )
         return found
 

@@ -289,7 +289,7 @@ def _check_numbers(
         whole(points, 1, "seats")
     least = 1 if stated else 2
     if records < max(1, least * points):
-        each = f": {least} at each of {points} seats" if points else ""
+        each = f": {least} for each of {points} seats" if points else ""
         raise AacmmError(f"records is {records}, expected at least {max(1, least * points)}{each}")
     if plan == "ball-bar" and points % 2:
         raise AacmmError(

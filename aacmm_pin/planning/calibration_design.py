@@ -158,16 +158,15 @@ def plan_calibration(
     ]
     if noise.max() < NO_SCATTER:
         raise AacmmError(
-            "without any noise of readings, contacts and references (none reaches "
-            f"{NO_SCATTER / UM:g} µm or µrad) there is nothing to plan for"
+            f"no noise of readings, contacts or references reaches {NO_SCATTER / UM:g} µm or µrad; "
+            "state a noise to plan with"
         )
     task = Task(model, (), existing, setup)
     where = places_for(task, reference, records, postures, above, rng)
     if not task.problem(model, where).vector.size:
         raise AacmmError(
             f"nothing to calibrate: {model.arm.name} states all its values to be exact; without a "
-            "prior (--no-prior) they "
-            "are looked for all the same"
+            "prior (--no-prior) they are estimated"
         )
     situation = Situation.of(task, MeasurementConditions((), model), where, rng)
     with watched(range(records), progress, "plan", "record") as steps:

@@ -41,7 +41,7 @@ def for_all(
     See :func:`pairwise_discrimination.for_two`.
 
     Raises:
-        AacmmError: fewer than two causes would show at all.
+        AacmmError: fewer than two causes would be detected.
     """
     options = [*possible_conditions(task.model, task.causes, task.temperature)]
     set_up = [option for option in options if not option.changes_arm][-1]  # every condition varied
@@ -57,7 +57,7 @@ def for_all(
     every = {pair: both for pair, both in all_pairs.items() if not silent & set(pair)}
     if not every:
         raise AacmmError(
-            "fewer than two causes would show at all, so that there is nothing to tell apart"
+            "fewer than two causes would be detected, expected at least two to distinguish"
         )
     same = {pair for pair, (_, part) in every.items() if part <= SAME_FRACTION}
     needed = HOPELESS * situation.pool.n / records

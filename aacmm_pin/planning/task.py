@@ -75,8 +75,7 @@ def require_separable(effects: tuple[Effect, ...], arm: Arm) -> None:
         # The tip is refitted only where the target is unknown.
         if effect.refitted and effect.location_field() != "marker":
             raise AacmmError(
-                f"{effect.label} is refitted in every diagnosis, expected a cause that stands "
-                "beside geometry"
+                f"{effect.label} is refitted in every diagnosis, expected a cause that is not"
             )
         require_row(effect, arm)
         if effect.location_field() == "joint" and effect.row not in arm.chain.moving_rows():
@@ -85,7 +84,7 @@ def require_separable(effects: tuple[Effect, ...], arm: Arm) -> None:
                 "with a joint"
             )
     if len(effects) != len({e.identity for e in effects}):
-        raise AacmmError(f"{effects[0].key} is there twice, expected two different causes")
+        raise AacmmError(f"{effects[0].key} is given twice, expected two different causes")
 
 
 def usual_causes(model: ErrorModel) -> tuple[Effect, ...]:

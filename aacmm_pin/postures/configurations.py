@@ -193,7 +193,7 @@ def configuration_circles(
                 f"{dh.nq}; see reaching_postures"
             )
         if rest is not None:
-            raise AacmmError("rest was given, but with tip=True every joint moves")
+            raise AacmmError("rest cannot be combined with tip=True, where every joint moves")
         if arm.stylus_axis is None:
             raise UnsupportedArmError(
                 f"{arm.name}: tip=True needs the axis of the stylus ([stylus] in the arm file)"
@@ -207,7 +207,7 @@ def configuration_circles(
         systems = [tip_equations(dh, point[None, :], stylus, direction) for point in points]
     else:
         if axis is not None:
-            raise AacmmError("axis was given without tip=True; at the wrist the stylus has no say")
+            raise AacmmError("axis requires tip=True; at the wrist it has no effect")
         wrist = Wrist.of_arm(arm, "a configuration circle", rest)
         found = wrist_curves(wrist, points, SEEDS_PER_TURN)
         systems = [wrist_equations(wrist, point[None, :]) for point in points]

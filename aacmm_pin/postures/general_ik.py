@@ -202,17 +202,15 @@ def _conditions(
     slides = np.flatnonzero(arm.chain.prismatic) + 1
     if slides.size:
         raise UnsupportedArmError(
-            f"{arm.name}: joint {', '.join(str(j) for j in slides)} slides; postures are "
-            "enumerated where all joints turn"
+            f"{arm.name}: joint {', '.join(str(j) for j in slides)} is prismatic; "
+            "postures can be enumerated only if all joints are revolute"
         )
     if axis is not None and rotation is not None:
         raise AacmmError(
             "axis and rotation were given; expected one of them: a rotation holds every axis"
         )
     if tool is not None and axis is None:
-        raise AacmmError(
-            "tool was given without axis, the direction in the base along which it shall lie"
-        )
+        raise AacmmError("tool requires axis, the direction in the base along which it lies")
     if axis is not None:
         stylus = arm.stylus_axis if arm.stylus_axis is not None else np.array([0.0, 0.0, 1.0])
         mine = stylus if tool is None else unit_vector(tool, "tool")

@@ -68,7 +68,7 @@ def check_unit(touches: pd.DataFrame) -> None:
             )
             raise AacmmError(
                 f"test {test}: each of {len(factors)} lengths measures {times} its length_mm; "
-                "in which unit are the coordinates, or length_mm? Expected both in mm"
+                "expected coordinates and length_mm in mm"
             )
 
 

@@ -185,7 +185,7 @@ def predict_acceptance(
             f"MPE of {', '.join(left_out)} is given, expected figures of {standard} alone"
         )
     if not arms:
-        raise AacmmError(f"{path}: no arm, expected at least one whose figures are predicted")
+        raise AacmmError(f"{path}: no arm is given, expected at least one to predict")
     whole(runs, FEWEST, "virtual runs")
     seed, draws = seed_of(rng), int(rng.integers(2**32))
     table, lines, notes = read_table(path)

@@ -423,7 +423,7 @@ class _Layout:
             out = int((~arrived).sum())
             raise AacmmError(
                 f"{arm.name}: {out} of {len(q)} touches are beyond the limits of the joints; "
-                "another seed draws other postures"
+                "try another seed"
             )
         columns = [column.names[0] for column in PROBED_POINT_COLUMNS]
         table = pd.DataFrame(self.rows).reindex(columns=columns)

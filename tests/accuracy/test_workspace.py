@@ -222,7 +222,7 @@ def test_netcdf_returns_what_was_written(small, tmp_path):
     whole = (tmp_path / "map.nc").read_bytes()
     for wrong in (whole[: len(whole) // 2], b""):
         (tmp_path / "half.nc").write_bytes(wrong)
-        with pytest.raises(AacmmError, match=r"half\.nc: cannot be read as a map"):
+        with pytest.raises(AacmmError, match=r"half\.nc: not a complete map"):
             WorkspaceMap.load(tmp_path / "half.nc")
     (tmp_path / "map.nc").unlink()  # and nothing holds the file
     assert again.sectors == SECTORS

@@ -85,7 +85,7 @@ def test_random_chains(rng):
 
 def test_joints_that_slide_are_refused(robot_file):
     finger = Arm.from_urdf(robot_file("panda.urdf"), "panda_leftfinger")
-    with pytest.raises(UnsupportedArmError, match="panda_finger_joint1 slides"):
+    with pytest.raises(UnsupportedArmError, match="panda_finger_joint1"):
         dh_file(finger)
     with pytest.raises(UnsupportedArmError, match="has a DH table"):
         dh_file(Arm.load("sino6"))

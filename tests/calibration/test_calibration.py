@@ -559,7 +559,7 @@ def test_input_that_is_refused(sino6, zero6, rng):
     near = [JointPeriodicError(joint=2, order=order) for order in (7.0, 7.0000001)]
     seats = simulate_measurements(zero6, "seats", 60, rng=rng, known=False)
     cases = [
-        ("no record says", AacmmError, Measurements.of(data.q), "geometry", {}),
+        ("no record determines", AacmmError, Measurements.of(data.q), "geometry", {}),
         ("'all'", UnknownNameError, data, "all", {}),
         ("'x'", UnknownNameError, data, "geometry", {"reference_frame": "x"}),
         ("twice", AacmmError, data, ["zero-offsets", "zero-offsets"], {}),

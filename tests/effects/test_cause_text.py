@@ -66,7 +66,7 @@ REFUSED = {
     "encoder_gain:two": "joint is 'two'",
     "encoder_gain:2,gain=much": "gain is 'much'",
     "encoder_gain:2,gain": "'gain' has no value",
-    "encoder_gain:2,joint=3": "joint is there twice",
+    "encoder_gain:2,joint=3": "joint is given twice",
     "encoder_slip:2,step_rad=5lightyears,time_s=1": "an angle such as",
     "base_compliance:3": "'3' has no value",
 }

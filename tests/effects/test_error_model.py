@@ -173,9 +173,9 @@ def test_with_effects_is_a_new_model(sino6):
     second = first.with_effects(other, EncoderGain(joint=4))
     assert first.effects == (gain, compliance)
     assert second.effects == (compliance, other, EncoderGain(joint=4))
-    with pytest.raises(AacmmError, match="SINO6: the parameter encoder_gain:3 is there twice"):
+    with pytest.raises(AacmmError, match="SINO6: the parameter encoder_gain:3 is given twice"):
         ErrorModel(sino6, (gain, other))
-    with pytest.raises(AacmmError, match="joint_compliance:2 is there twice"):
+    with pytest.raises(AacmmError, match="joint_compliance:2 is given twice"):
         first.with_effects(JointCompliance(2, torque="measured"))
 
 
@@ -356,7 +356,7 @@ def test_bad_effect_is_named(tmp_path):
         "effects[3]",
         [":9"],
     )
-    refused(write(tmp_path, GAIN, GAIN), "effects", ["the parameter encoder_gain:3 is there twice"])
+    refused(write(tmp_path, GAIN, GAIN), "effects", ["the parameter encoder_gain:3 is given twice"])
 
 
 def test_effects_that_are_no_tables(tmp_path):

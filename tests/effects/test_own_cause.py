@@ -199,7 +199,7 @@ def test_plugins_that_are_none_and_entry_points(folder, monkeypatch):
         Path(name).write_text(text)
     for name, said in {
         "not_a_module": "ModuleNotFoundError",
-        "numpy.py": "AacmmError: numpy is the name of another module",
+        "numpy.py": "AacmmError: numpy is the name of an installed module",
         "mute.py": "Mute: <exception str() failed> (mute.py, line 5)",
         "fails.py": "ZeroDivisionError: division by zero (fails.py, line 3)",
     }.items():
@@ -351,7 +351,7 @@ def test_what_cannot_be_tried_is_refused(hose, sino6, hidden):
 def test_names_that_are_of_no_use_are_refused(hose):
     for name, said in {
         "Link Length!": "small letters",
-        "encoder_gain": r"the cause encoder_gain is there already, "
+        "encoder_gain": r"the cause encoder_gain is registered already, "
         r"aacmm_pin\.effects\.encoder\.EncoderGain",
     }.items():
         with pytest.raises(AacmmError, match=said):

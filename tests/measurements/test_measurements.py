@@ -342,7 +342,7 @@ CELLS: list[tuple[str, str, str]] = [
     (
         "bar_length_mm",
         "0.5",
-        "is 0.5 mm, expected 10 to 100000 mm; is it in another unit, such as metres",
+        "is 0.5 mm, expected 10 to 100000 mm; check its unit (perhaps metres)",
     ),
     ("u_z_mm", "12", "is 12 mm, expected 0 to 10 mm"),
     ("seat", "", "of bar 'b'"),

@@ -499,7 +499,7 @@ def test_what_cannot_be_is_refused(sino6, zero6):
     for one, other, said in (
         ("foo:1", "base_compliance", "unknown cause 'foo'"),
         ("encoder_slip:3", "base_compliance", "time_s"),
-        ("base_compliance", "base_compliance", "is there twice"),
+        ("base_compliance", "base_compliance", "twice"),
         ("link_length:3", "base_compliance", "is refitted in every diagnosis"),
         ("seat_error:S1", "base_compliance", "shows at that seat only"),
     ):

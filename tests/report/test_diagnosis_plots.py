@@ -255,7 +255,7 @@ def test_parts_left_out(sound):
     assert [bar.get_height() for bar in ax.patches] == pytest.approx(
         [*table["recalibrated_mm"], *table["extended_mm"]]
     )
-    with pytest.raises(AacmmError, match="nothing was held out"):
+    with pytest.raises(AacmmError, match="held out"):
         plot_held_out(replace(sound, held_out=None))
 
 

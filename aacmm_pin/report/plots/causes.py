@@ -72,8 +72,7 @@ def plot_diagnosis(result: Diagnosis, finding: int = 0, ax: Axes | None = None) 
         return plot_unexplained(result, unexplained[0], ax) if unexplained else plot_rms(result, ax)
     if not 0 <= finding < len(result.findings):
         raise AacmmError(
-            f"finding {finding} was asked for, this diagnosis has {len(result.findings)}, "
-            "counted from 0"
+            f"finding is {finding}; this diagnosis has {len(result.findings)}, counted from 0"
         )
     found = result.findings[finding]
     over_something = corrects_seat(found.effect) or result.geometric(found)
@@ -218,7 +217,7 @@ def plot_unexplained(result: Diagnosis, name: str, ax: Axes | None = None) -> Ax
     shapes = result.unexplained.shapes
     if name not in shapes:
         raise AacmmError(
-            f"nothing unexplained depends on {name!r}, expected one of "
+            f"no structure depends on {name!r}, expected one of "
             f"{', '.join(shapes) or '(nothing does)'}"
         )
     shape, ax = shapes[name], axes_of(ax, (6.8, 3.8))

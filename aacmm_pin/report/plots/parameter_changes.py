@@ -61,7 +61,9 @@ def plot_geometry(result: Diagnosis, ax: Axes | None = None) -> Axes:
     """
     found = [f.effect for f in result.findings if result.geometric(f)]
     if not found:
-        raise AacmmError("no geometric value of this diagnosis is beyond what was stated of it")
+        raise AacmmError(
+            "no geometric value of this diagnosis differs significantly from its stated value"
+        )
     arm, rows = result.before.problem.model.arm, []
     for effect in found:
         for parameter, value, u in zip(
