@@ -31,7 +31,7 @@ from aacmm_pin.planning.candidate_design import Situation
 from aacmm_pin.planning.measurement_conditions import MeasurementConditions
 from aacmm_pin.planning.measurement_sheet import sheet_of
 from aacmm_pin.planning.plan import POOL_SIZE, Reference, check_numbers, complete, places_for
-from aacmm_pin.planning.search import Choosing, informing
+from aacmm_pin.planning.search import SequentialDesign, d_optimality
 from aacmm_pin.planning.task import Task
 
 CALIBRATION_PLAN_SCHEMA = "aacmm-pin/calibration-plan/1"
@@ -187,11 +187,11 @@ def d_optimal(
     """``count`` of the candidates ``rows`` (n, 3, p) with a large det of ``information`` (p, p) and
     theirs.
     """
-    choice = Choosing(rows, information)
-    choice.run(count, informing, steps)
+    choice = SequentialDesign(rows, information)
+    choice.run(count, d_optimality, steps)
     for _ in range(EXCHANGE_ROUNDS):
         before = set(choice.taken)
-        choice.exchange(informing)
+        choice.exchange(d_optimality)
         if set(choice.taken) == before:
             break
     return choice.taken

@@ -16,7 +16,7 @@ EVIDENCE_DRAWS = 4000
 """Draws of records behind a probability."""
 SAME_FRACTION = 1e-4
 """Part of what one cause does, squared, below which the other does the same."""
-SILENT = 1e-6
+UNDETECTABLE = 1e-6
 """A cause whose squared effect, the noise being one, is smaller than this shows nothing."""
 
 
@@ -80,15 +80,17 @@ class Power(Shown):
         return min(self.one, self.other)
 
     @property
-    def silent(self) -> tuple[bool, bool]:
+    def undetectable(self) -> tuple[bool, bool]:
         """Which of the two does nothing that would show."""
-        return self.alone[0] <= SILENT, self.alone[1] <= SILENT
+        return self.alone[0] <= UNDETECTABLE, self.alone[1] <= UNDETECTABLE
 
     @property
     def open(self) -> tuple[bool, bool]:
         """Whether either does something that the other cannot do."""
-        pairs = zip((self.one, self.other), self.alone, self.silent, strict=True)
-        one, other = (not silent and t > SAME_FRACTION * alone for t, alone, silent in pairs)
+        pairs = zip((self.one, self.other), self.alone, self.undetectable, strict=True)
+        one, other = (
+            not undetectable and t > SAME_FRACTION * alone for t, alone, undetectable in pairs
+        )
         return one, other
 
     @property
@@ -147,7 +149,7 @@ def power_of(
 def _evidence(r: Array, y: Array, shows: float) -> Array:
     information, gradient = r.T @ r, r.T @ y
     all_of_it = float(np.trace(information))
-    if shows <= SILENT or all_of_it <= SILENT:
+    if shows <= UNDETECTABLE or all_of_it <= UNDETECTABLE:
         return np.zeros(y.shape[1])
     variance = shows / all_of_it
     inside = np.eye(len(information)) + variance * information

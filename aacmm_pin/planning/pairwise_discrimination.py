@@ -16,7 +16,7 @@ from aacmm_pin.planning.detection_power import Power, Size, mimicking
 from aacmm_pin.planning.measurement_conditions import possible_conditions
 from aacmm_pin.planning.measurement_sheet import plan_of
 from aacmm_pin.planning.result import DECIDED, MeasurementPlan, Tried
-from aacmm_pin.planning.search import Choosing, telling
+from aacmm_pin.planning.search import SequentialDesign, t_optimality
 from aacmm_pin.planning.task import Task
 
 THOROUGH = 1000
@@ -93,8 +93,8 @@ def _chosen(
     flat = situation.rows.reshape(-1, situation.layout.width)
     # One record's worth of the average keeps the first steps from being blind; it counts in no
     # power.
-    choice = Choosing(situation.rows, situation.start + flat.T @ flat / len(situation.rows))
-    score = telling(situation.layout.columns(0), situation.layout.columns(1), sizes)
+    choice = SequentialDesign(situation.rows, situation.start + flat.T @ flat / len(situation.rows))
+    score = t_optimality(situation.layout.columns(0), situation.layout.columns(1), sizes)
     choice.run(records, score, steps)
     if situation.pool.n >= THOROUGH:
         choice.exchange(score)
@@ -144,9 +144,11 @@ def _notes(split: tuple[Effect, Effect], before: Power | None) -> Iterator[Note]
 
 def _why_not(split: tuple[Effect, Effect], power: Power) -> str:
     """Why no posture tells two causes apart, in words; "" where some do."""
-    silent = [effect.label for effect, nothing in zip(split, power.silent, strict=True) if nothing]
-    if silent:
-        return f"{' and '.join(silent)} would not be detected"
+    undetectable = [
+        effect.label for effect, nothing in zip(split, power.undetectable, strict=True) if nothing
+    ]
+    if undetectable:
+        return f"{' and '.join(undetectable)} would not be detected"
     if not power.same:
         return ""
     if power.open == (False, False):

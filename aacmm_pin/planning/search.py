@@ -1,5 +1,5 @@
-"""Choosing records one after the other from a pool, each the one that helps most, by rank-three
-updates of an inverse.
+"""A sequential design: records chosen one after the other from a pool, the best first, by updates of
+rank three of an inverse.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ OTHER_DISTANCE_WEIGHT = 1e-3
 worse.
 """
 
-Score = Callable[["Choosing"], Array]
+Score = Callable[["SequentialDesign"], Array]
 """What each record of the pool would be worth if it came next (n,)."""
 
 
-class Choosing:
+class SequentialDesign:
     """The state of a choice: which records of a pool are taken, and the covariance of all unknowns
     that they leave.
 
@@ -82,12 +82,12 @@ class Choosing:
         return int(np.argmax(scores))
 
 
-def telling(one: Index, other: Index, sizes: tuple[Size, Size]) -> Score:
+def t_optimality(one: Index, other: Index, sizes: tuple[Size, Size]) -> Score:
     """The smaller of the two distances of a pair of causes, columns ``one`` and ``other``, after
     one more record.
     """
 
-    def score(choice: Choosing) -> Array:
+    def score(choice: SequentialDesign) -> Array:
         inverse = np.linalg.inv(choice.scatter)
         distances = []
         for columns, size in ((one, sizes[0]), (other, sizes[1])):
@@ -100,7 +100,7 @@ def telling(one: Index, other: Index, sizes: tuple[Size, Size]) -> Score:
     return score
 
 
-def informing(choice: Choosing) -> Array:
+def d_optimality(choice: SequentialDesign) -> Array:
     """What a record tells of all unknowns together: log determinant, Bayesian D-optimality
     (Chaloner, Verdinelli 1995).
     """

@@ -15,11 +15,11 @@ from aacmm_pin._support.notes import Note
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import Measurements
 from aacmm_pin.planning.candidate_design import Situation
-from aacmm_pin.planning.detection_power import SAME_FRACTION, SILENT, Size, alone, distance
+from aacmm_pin.planning.detection_power import SAME_FRACTION, UNDETECTABLE, Size, alone, distance
 from aacmm_pin.planning.measurement_conditions import possible_conditions
 from aacmm_pin.planning.measurement_sheet import plan_of
 from aacmm_pin.planning.result import MeasurementPlan, Tried
-from aacmm_pin.planning.search import Choosing, informing, telling
+from aacmm_pin.planning.search import SequentialDesign, d_optimality, t_optimality
 from aacmm_pin.planning.task import Task
 
 HOPELESS = 1.0
@@ -52,9 +52,9 @@ def for_all(
         if option.changes_arm
     }
     blocks, whole = situation.layout.blocks, situation.triangle(None)
-    silent = {k for k, block in enumerate(blocks) if _silent(whole, block)}
+    undetectable = {k for k, block in enumerate(blocks) if _is_undetectable(whole, block)}
     all_pairs = distances(whole, blocks)
-    every = {pair: both for pair, both in all_pairs.items() if not silent & set(pair)}
+    every = {pair: both for pair, both in all_pairs.items() if not undetectable & set(pair)}
     if not every:
         raise AacmmError(
             "fewer than two causes would be detected, expected at least two to distinguish"
@@ -75,7 +75,7 @@ def for_all(
     power = situation.power(chosen, worst, sizes, draws)
     before = situation.power([], worst, sizes, draws) if situation.before else None
     told = Note("pairs_told_apart", {"told": int(pairs["told"].sum()), "pairs": len(pairs)})
-    notes = (told, *_notes(silent, same, labels, others, blocks))
+    notes = (told, *_notes(undetectable, same, labels, others, blocks))
     found = {"split": (one, other), "before": before, "after": power, "pairs": pairs}
     tried = (Tried(str(set_up), power),)
     return plan_of(task, situation, chosen, notes, tried=tried, **found)
@@ -102,10 +102,12 @@ def _chosen(
     layout = situation.layout
     typical = np.zeros(layout.width)
     typical[layout.nuisances :] = 1.0
-    choice = Choosing(situation.rows, situation.known.T @ situation.known + np.diag(typical))
+    choice = SequentialDesign(
+        situation.rows, situation.known.T @ situation.known + np.diag(typical)
+    )
     for step in steps:
         if step < (records + 1) // 2 or not open_:
-            choice.run(1, informing)
+            choice.run(1, d_optimality)
             continue
         now = distances(situation.triangle(choice.taken), layout.blocks)
         choice.take(_best_for(min(open_, key=lambda pair: now[pair][0]), situation, choice))
@@ -128,22 +130,22 @@ def distances(r: Array, blocks: tuple[slice, ...]) -> dict[Pair, tuple[float, fl
     return found
 
 
-def _best_for(pair: Pair, situation: Situation, choice: Choosing) -> int:
+def _best_for(pair: Pair, situation: Situation, choice: SequentialDesign) -> int:
     """The record that tells one pair best, only these two causes being there."""
     layout, pool = situation.layout, situation.rows
     first, blocks = layout.nuisances, [layout.columns(cause) for cause in pair]
     columns = np.concatenate([np.arange(first), *blocks])
     taken = pool[choice.taken].reshape(-1, layout.width)
     information = situation.start + taken.T @ taken
-    alone = Choosing(pool[:, :, columns], information[np.ix_(columns, columns)])
+    alone = SequentialDesign(pool[:, :, columns], information[np.ix_(columns, columns)])
     one, other = (len(block) for block in blocks)
     sizes = (Size(np.eye(one)), Size(np.eye(other)))
-    worth = telling(first + np.arange(one), first + one + np.arange(other), sizes)(alone)
+    worth = t_optimality(first + np.arange(one), first + one + np.arange(other), sizes)(alone)
     return int(np.argmax(np.where(choice.free, worth, -np.inf)))
 
 
 def _notes(
-    silent: set[int],
+    undetectable: set[int],
     same: set[Pair],
     labels: list[str],
     others: dict[str, Array],
@@ -152,8 +154,10 @@ def _notes(
     """What no posture shows or tells apart, and which of the ``others``, set-ups with their
     triangles, would.
     """
-    for k in sorted(silent):
-        helps = next((words for words, r in others.items() if not _silent(r, blocks[k])), None)
+    for k in sorted(undetectable):
+        helps = next(
+            (words for words, r in others.items() if not _is_undetectable(r, blocks[k])), None
+        )
         data = {"cause": labels[k], "set_up": helps}
         yield Note("cause_never_shows" if helps is None else "cause_shows_otherwise", data)
     for one, other in sorted(same):
@@ -161,17 +165,17 @@ def _notes(
         separating = (
             words
             for words, r in others.items()
-            if distances(r, both)[0, 1][1] > SAME_FRACTION and not _silent(r, *both)
+            if distances(r, both)[0, 1][1] > SAME_FRACTION and not _is_undetectable(r, *both)
         )
         helps = next(separating, None)
         data = {"one": labels[one], "other": labels[other], "set_up": helps}
         yield Note("pair_never_told" if helps is None else "pair_told_otherwise", data)
 
 
-def _silent(r: Array, *blocks: slice) -> bool:
+def _is_undetectable(r: Array, *blocks: slice) -> bool:
     """Whether one of the blocks does nothing that would show."""
     for block in blocks:
         typical = np.eye(block.stop - block.start)
-        if alone(r, block, typical) <= SILENT:
+        if alone(r, block, typical) <= UNDETECTABLE:
             return True
     return False

@@ -297,9 +297,13 @@ def test_odds_are_those_of_two_known_directions():
 def test_causes_that_do_the_same_or_nothing(rng):
     blocks, sizes = (slice(0, 1), slice(1, 2)), (Size(np.eye(1)),) * 2
     same = power_of(np.ones((3, 2)), blocks, sizes, rng)
-    assert (same.probability, same.open, same.silent) == (0.5, (False, False), (False, False))
+    assert (same.probability, same.open, same.undetectable) == (0.5, (False, False), (False, False))
     nothing = power_of(np.diag([1e-4, 3.0]), blocks, sizes, rng)
-    assert (nothing.open, nothing.silent, nothing.same) == ((False, True), (True, False), True)
+    assert (nothing.open, nothing.undetectable, nothing.same) == (
+        (False, True),
+        (True, False),
+        True,
+    )
     np.testing.assert_allclose(np.square(Size(np.eye(2)).drawn(9, rng)).sum(axis=0), 2.0)
 
 
