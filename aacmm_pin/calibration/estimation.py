@@ -62,20 +62,20 @@ def fit(problem: Problem, *, robust: bool = True, used: Mask | None = None) -> F
         AacmmError: no record says anything.
     """
     estimation = _Estimation(problem)
-    says = estimation.observations.says
-    if not says.any():
+    has_target = estimation.observations.has_target
+    if not has_target.any():
         raise AacmmError(
             "no record determines the tip: expected reference coordinates, or a seat touched twice"
         )
     point = initial_point(problem, estimation.observations)
     if used is None and robust:
-        first = estimation.initial_fit(point, says, robust=True)
+        first = estimation.initial_fit(point, has_target, robust=True)
         if redundant(first):
             noise, point, used = estimation.without_outliers(first)
             del first  # its rows are as large as those that come
-            everyone = None if (used == says).all() else estimation.fit_of_all(point)
+            everyone = None if (used == has_target).all() else estimation.fit_of_all(point)
             return everyone or estimation.final_fit(noise, point, used)
-    used = says if used is None else used & says
+    used = has_target if used is None else used & has_target
     first = estimation.initial_fit(point, used, robust=False)
     noise, point = first.noise, first.point
     del first
@@ -124,10 +124,10 @@ class _Estimation:
         """The search without the records that do not belong, judged by the scatter of the better
         half: noise, end, and the others.
         """
-        says, numbers = self.observations.says, self.observations.counts
-        count, dof = int(says.sum()), max(first.chi2.dof, 1.0)
+        has_target, numbers = self.observations.has_target, self.observations.counts
+        count, dof = int(has_target.sum()), max(first.chi2.dof, 1.0)
         scatters = self.scatters_of_median(
-            first.noise, first.point, says, min(1.0, dof / int(numbers.sum()))
+            first.noise, first.point, has_target, min(1.0, dof / int(numbers.sum()))
         )
         noise = self.noise(first.point, scatters)
         # A scatter that the records themselves tell is uncertain, and more records may seem far off
@@ -141,10 +141,10 @@ class _Estimation:
         )
         if not self.stated:
             limit = limit * UNEQUAL**2
-        used = says.copy()
+        used = has_target.copy()
         solution = solution_at(self.problem, noise, first.point, first.weights)
         for tried in range(MOST_NOISE_ROUNDS):
-            belongs = says & (deleted_distances(solution) <= limit)
+            belongs = has_target & (deleted_distances(solution) <= limit)
             if belongs.sum() < 0.5 * count or (tried and (belongs == used).all()):
                 break
             used = belongs
@@ -160,13 +160,15 @@ class _Estimation:
         """
         if not self.stated:
             return None
-        says = self.observations.says
-        found, _ = self.fit_with_stated_noise(point, says)
+        has_target = self.observations.has_target
+        found, _ = self.fit_with_stated_noise(point, has_target)
         if found is None:
             return None
-        limit = chi2_isf(FALSE_EXCLUSION / int(says.sum()), np.maximum(self.observations.counts, 3))
+        limit = chi2_isf(
+            FALSE_EXCLUSION / int(has_target.sum()), np.maximum(self.observations.counts, 3)
+        )
         farthest = np.maximum(deleted_distances(found), studentised_distances(found))
-        return found if (farthest <= limit)[says].all() else None
+        return found if (farthest <= limit)[has_target].all() else None
 
     def scatters_of_median(
         self, noise: NoiseModel, point: Point, used: Mask, share: float = 1.0
@@ -253,7 +255,7 @@ class _Estimation:
         judgement = {
             "stated": self.stated,
             "used": used,
-            "excluded": self.observations.says & ~used,
+            "excluded": self.observations.has_target & ~used,
             "chi2_stated": chi2,
             "dof": solution.chi2.dof,
         }

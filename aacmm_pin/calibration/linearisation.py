@@ -62,27 +62,27 @@ def linearise(
         weights: of the records (n,), 1 for full.
     """
     observations, p = noise.observations, prediction.jacobian.shape[2]
-    says = observations.says
+    has_target = observations.has_target
     off = observations.deviations(prediction.poses, points)
-    stated = np.where(says[:, None], off, 0.0)
+    stated = np.where(has_target[:, None], off, 0.0)
     white = (noise.whitening @ stated[:, :, None])[:, :, 0]
     tip, turn = white[:, :3], white[:, 3:]
     of_tip = np.einsum("ni,ni->n", tip, tip)
     of_turn = np.einsum("ni,ni->n", turn, turn)
-    root = np.sqrt(np.where(says, weights, 0.0))[:, None]
+    root = np.sqrt(np.where(has_target, weights, 0.0))[:, None]
     whitening = noise.whitening * root[:, :, None]
     rows = np.empty((*white.shape, p + 1))
     np.matmul(whitening, prediction.jacobian, out=rows[:, :, :p])
     rows[:, :, p] = white * root
     elimination = SeatElimination(observations, points, -whitening[:, :, :3])
     along, every = elimination.eliminated(rows, residual=True)
-    records, seats = np.flatnonzero(says), np.flatnonzero(observations.known)
+    records, seats = np.flatnonzero(has_target), np.flatnonzero(observations.known)
     bars = np.arange(len(observations.ends))
     block = RowBlock(records, seats, bars, len(observations.labels))
     return Linearisation(
         rows=block.stack(every),
         prior=prior,
-        distance=np.where(says, of_tip, np.nan),
+        distance=np.where(has_target, of_tip, np.nan),
         turn_distance=np.where(observations.counts > 3, of_turn, np.nan),
         off=off,
         free=block.free(observations.counts),

@@ -305,14 +305,16 @@ def round_excluded(found: Fit, off: Array) -> Shared | None:
         off: residuals beside all that was found, of variance one (n, 3). Of an excluded record the
             direction counts alone.
     """
-    out, says = found.excluded, found.observations.says
+    out, has_target = found.excluded, found.observations.has_target
     size = np.where(out, np.sqrt(np.square(off).sum(axis=1) / 3.0), 1.0)
     off = off / size[:, None]
     tips = found.problem.model.arm.positions(found.problem.measurements.q) / MM
-    sizes: Index = np.array([size for size in NEIGHBOURS if 2 * size <= says.sum()], dtype=np.intp)
+    sizes: Index = np.array(
+        [size for size in NEIGHBOURS if 2 * size <= has_target.sum()], dtype=np.intp
+    )
     best: Shared | None = None
     for centre in np.flatnonzero(out) if sizes.size else ():
-        distance = np.where(says, np.linalg.norm(tips - tips[centre], axis=1), np.inf)
+        distance = np.where(has_target, np.linalg.norm(tips - tips[centre], axis=1), np.inf)
         order = np.argsort(distance, kind="stable")
         squares = np.square(np.cumsum(off[order[: sizes[-1]]], axis=0)[sizes - 1]).sum(axis=1)
         chances = chi2_sf(squares / sizes, 3) * sizes.size * int(out.sum())

@@ -29,10 +29,10 @@ def deleted_distances(solution: Solution) -> Array:
         others = np.linalg.inv(whole[seat] - weighted + NOTHING_KNOWN * np.eye(3))
         off[touched] += np.einsum("nij,njk,nk->ni", others, weighted, off[touched])
         covariance[touched] += others
-    says = observations.says
-    turns = np.nan_to_num(solution.system.turn_distance[says])
+    has_target = observations.has_target
+    turns = np.nan_to_num(solution.system.turn_distance[has_target])
     found = np.full(len(off), np.inf)
-    found[says] = squared_distances(off[says], covariance[says]) + turns
+    found[has_target] = squared_distances(off[has_target], covariance[has_target]) + turns
     return found
 
 
@@ -44,14 +44,14 @@ def studentised_distances(solution: Solution) -> Array:
     system with its prior (internally studentised residuals; Cook and Weisberg 1982). Records
     without a target are infinitely far.
     """
-    system, says = solution.system, solution.observations.says
+    system, has_target = solution.system, solution.observations.has_target
     spectrum, known, width = system.spectrum, system.known, solution.noise.of_residuals.shape[1]
-    count = int(says.sum())
+    count = int(has_target.sum())
     rows, scales = slice(width * count), solution.problem.scales[:, None]
     steps = scales * spectrum.directions[:, known] / spectrum.values[known]
     along = (system.jacobian[rows] @ steps).reshape(count, width, steps.shape[1])
     remaining = np.eye(width) - along @ along.transpose(0, 2, 1)
     residuals = system.residual[rows].reshape(count, width)
-    found = np.full(len(says), np.inf)
-    found[says] = squared_distances(residuals, remaining)
+    found = np.full(len(has_target), np.inf)
+    found[has_target] = squared_distances(residuals, remaining)
     return found

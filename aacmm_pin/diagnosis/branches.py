@@ -64,7 +64,7 @@ def branches_of(choice: Choice) -> Branches | None:
     does.
     """
     fit, records = choice.design.fit, choice.fit.problem.measurements
-    chosen = choice.counted & fit.observations.says
+    chosen = choice.counted & fit.observations.has_target
     if records.conditions.approach is not None or chosen.sum() < FEWEST_RECORDS:
         return None
     whiten = fit.noise.whitening[:, :3, :3]

@@ -338,7 +338,7 @@ def products_of(design: Design, part: Index, noise: RecordNoise | None = None) -
 def _parts_of(design: Design, part: Index, noise: RecordNoise) -> list[PartRows]:
     """Whitened rows."""
     fit, held, width = design.fit, noise.postures, design.width
-    used = fit.used & fit.observations.says
+    used = fit.used & fit.observations.has_target
     part = np.where(used, part, -1)
     observations, old, of_seat = fit.observations.divided(part)
     points = fit.point.seats[old]

@@ -56,7 +56,7 @@ class HeldPostures:
         The ratio is the restricted maximum likelihood estimate (Patterson, Thompson 1971,
         Biometrika 58) with all fitted parameters shared between the means of the groups.
         """
-        counts = fit.used & fit.observations.says
+        counts = fit.used & fit.observations.has_target
         group = np.full(len(counts), -1, dtype=np.intp)
         postures = posture_numbers(fit.problem.measurements.q, NEAR)
         pairs = np.stack([postures, fit.observations.seat], axis=1)[counts]
@@ -184,11 +184,11 @@ class RecordNoise:
         """
         if not self.postures.ratio:
             return np.zeros((fit.problem.scales.size,) * 2)
-        says, width = fit.observations.says, self.whitening.shape[1]
+        has_target, width = fit.observations.has_target, self.whitening.shape[1]
         steps = fit.system.steps(fit.unknown)
-        rows = np.zeros((len(says), width, steps.shape[1]))
-        of_records = fit.system.jacobian[: width * int(says.sum())]
-        rows[says] = (of_records @ steps).reshape(-1, width, steps.shape[1])
+        rows = np.zeros((len(has_target), width, steps.shape[1]))
+        of_records = fit.system.jacobian[: width * int(has_target.sum())]
+        rows[has_target] = (of_records @ steps).reshape(-1, width, steps.shape[1])
         root = fit.noise.whitening @ np.linalg.inv(self.whitening)
         in_units = np.sqrt(variance) * root.transpose(0, 2, 1) @ rows
         shared = self.postures.ratio * self.postures.sums(in_units)

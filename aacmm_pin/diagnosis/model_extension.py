@@ -128,10 +128,12 @@ def _times_the_limit(at: Fit, off: Array, judge: Fit) -> Array:
     """Residual of each record (n, 3 or 6), over what a good one may have by the scatter of
     ``judge`` (n,).
     """
-    says = at.observations.says
+    has_target = at.observations.has_target
     found = np.zeros(len(off))
-    limit = chi2_isf(FALSE_EXCLUSION / len(off), at.observations.counts[says])
-    found[says] = np.sqrt(squared_distances(off[says], judge.residual_noise[says]) / limit)
+    limit = chi2_isf(FALSE_EXCLUSION / len(off), at.observations.counts[has_target])
+    found[has_target] = np.sqrt(
+        squared_distances(off[has_target], judge.residual_noise[has_target]) / limit
+    )
     return found
 
 

@@ -110,7 +110,7 @@ def _scatter(choice: Choice) -> Array:
     """
     fit = choice.design.fit
     alike = np.broadcast_to(np.eye(3), (len(choice.tips), 3, 3))
-    used = fit.used & fit.observations.says
+    used = fit.used & fit.observations.has_target
     if fit.problem.setup.encoder_noise is not None or not used.any():
         return alike
     whitening = choice.noise.whitening[:, :3, :3]

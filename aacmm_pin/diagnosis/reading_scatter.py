@@ -62,7 +62,7 @@ class ReadingScatter:
             left: part of the residuals' degrees of freedom that all that was fitted has left.
             postures: records that share an error, which is no scatter of readings.
         """
-        counts = fit.used & fit.observations.says
+        counts = fit.used & fit.observations.has_target
         point, width = fit.point, off.shape[1]
         by_reading = fit.problem.reading_jacobian(point.x, point.frame)
         groups = [np.broadcast_to(np.eye(width)[:, :3], (len(off), width, 3))]

@@ -57,7 +57,7 @@ class Observations:
     oriented: Mask
 
     @cached_property
-    def says(self) -> Mask:
+    def has_target(self) -> Mask:
         """(n,) True for records that say something."""
         known = np.isfinite(self.reference).all(axis=1)
         return np.asarray((self.seat >= 0) | known)
@@ -66,7 +66,7 @@ class Observations:
     def counts(self) -> Index:
         """How many numbers each record states (n,): none, three, or six with its orientation."""
         vectors = 1 + self.oriented.astype(np.intp)
-        return 3 * (self.says * vectors)
+        return 3 * (self.has_target * vectors)
 
     @property
     def known(self) -> Mask:

@@ -178,7 +178,7 @@ def rows_of(
     noise = NoiseModel.of(problem, problem.start, frame, Scatters())
     observations = noise.observations
     labels = observations.labels
-    whitening = noise.whitening * observations.says[:, None, None]
+    whitening = noise.whitening * observations.has_target[:, None, None]
     jacobian = prediction.jacobian[:, :, layout.order] * layout.scales
     refitted, causes = np.split(whitening @ jacobian, [layout.refitted], axis=2)
     start = observations.start(prediction.tips)

@@ -607,7 +607,7 @@ def test_the_part_of_the_scatter_that_readings_have(share: float) -> None:
     fit_ = SimpleNamespace(
         used=used,
         problem=problem,
-        observations=SimpleNamespace(says=np.ones(n, dtype=bool)),
+        observations=SimpleNamespace(has_target=np.ones(n, dtype=bool)),
         point=SimpleNamespace(x=None, seats=None, frame=SimpleNamespace(rotation=frame)),
     )
     design = SimpleNamespace(fit=fit_, deviations=lambda tips: tips - 1.0)

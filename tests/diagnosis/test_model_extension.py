@@ -29,8 +29,8 @@ def test_how_far_from_its_target_a_record_is():
     """
     limit = chi2.isf(0.01 / 4, 3)
     off = np.array([[3e-5, 0.0, 0.0], [0.0, 4e-5, 0.0], [0.0, 3e-5, 4e-5], [np.nan] * 3])
-    says = np.array([True, True, True, False])
-    at = SimpleNamespace(observations=SimpleNamespace(says=says, counts=3 * says))
+    has_target = np.array([True, True, True, False])
+    at = SimpleNamespace(observations=SimpleNamespace(has_target=has_target, counts=3 * has_target))
     judge = SimpleNamespace(
         residual_noise=np.array([1.0, 4.0, 1.0, 1.0])[:, None, None] * 1e-10 * np.eye(3)
     )
