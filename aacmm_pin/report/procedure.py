@@ -72,7 +72,7 @@ FILL_IN = (
 @document_of.register
 def procedure_document(procedure: Procedure) -> Document:
     """The sheet, with the CSV to be filled in inside."""
-    tests = set(procedure.touches["test"])
+    tests = set(procedure.probed_points["test"])
     seats = f"Seats stand at {ZONES} of {EDITIONS[ASME]}." if "single-point" in tests else ""
     seed = "" if procedure.seed is None else f", seed {procedure.seed}"
     views = Figure(
@@ -84,13 +84,13 @@ def procedure_document(procedure: Procedure) -> Document:
     things: list[Block] = [Heading("Where things stand"), views]
     things.append(Table(_sizes(procedure), "What is touched, and with what", detail=True))
     things.append(Table(_stands(procedure), POSITIONS, explained=seats))
-    touches: list[Block] = [Heading("Touches, in order"), Bullets(FILL_IN)]
-    touches.append(Table(_steps(procedure), ONE_ROW, detail=True))
+    probed_points: list[Block] = [Heading("Touches, in order"), Bullets(FILL_IN)]
+    probed_points.append(Table(_steps(procedure), ONE_ROW, detail=True))
     file = Download("touches.csv", "the file to be filled in", procedure.csv().encode())
     return Document(
         f"Acceptance test of {procedure.arm.name}: what to touch",
-        [ORIGIN, f"{procedure}.", *things, *touches, file],
-        f"{len(procedure.touches)} touches{seed}",
+        [ORIGIN, f"{procedure}.", *things, *probed_points, file],
+        f"{len(procedure.probed_points)} touches{seed}",
         by_hand=("Date", "Operator", "Instrument, serial number", "Temperature [°C]"),
     )
 
@@ -101,16 +101,16 @@ def _ends(procedure: Procedure) -> pd.DataFrame:
     """
     names = ["test", "position", "feature"]
     points = pd.DataFrame(procedure.points, columns=[*"xyz"])
-    table = procedure.touches[names].reset_index(drop=True).join(points)
+    table = procedure.probed_points[names].reset_index(drop=True).join(points)
     table["kind"] = table["test"].replace(ARTEFACT_OF_TEST)
     rows = []
-    for (kind, position), touches in table.groupby(["kind", "position"], sort=False):
-        features = [touches["feature"].iloc[0]]
+    for (kind, position), probed_points in table.groupby(["kind", "position"], sort=False):
+        features = [probed_points["feature"].iloc[0]]
         barred = kind in ("length", "volumetric")
         if barred:
-            features.append(touches["feature"].iloc[-1])
+            features.append(probed_points["feature"].iloc[-1])
         for feature in features:
-            at = touches.loc[touches["feature"] == feature, [*"xyz"]].mean()
+            at = probed_points.loc[probed_points["feature"] == feature, [*"xyz"]].mean()
             place = {"kind": kind, "position": position, "end": feature if barred else ""}
             rows.append(place | at.to_dict())
     return pd.DataFrame(rows)
@@ -131,15 +131,15 @@ def _stands(procedure: Procedure) -> pd.DataFrame:
 
 def _sizes(procedure: Procedure) -> pd.DataFrame:
     """The size of every artefact, and room for its number."""
-    touches = procedure.touches
-    bars = touches["length_id"].replace(r"^(L\d+)$", r"length bar, A to \1", regex=True)
+    probed_points = procedure.probed_points
+    bars = probed_points["length_id"].replace(r"^(L\d+)$", r"length bar, A to \1", regex=True)
     names = {
         "feature_diameter_mm": "sphere, diameter",
         "probe_diameter_mm": "probe, diameter",
         "length_mm": bars,
     }
     sizes = [
-        pd.DataFrame({"artefact": name, "size [mm]": pd.to_numeric(touches[column])})
+        pd.DataFrame({"artefact": name, "size [mm]": pd.to_numeric(probed_points[column])})
         for column, name in names.items()
     ]
     return pd.concat(sizes).dropna().drop_duplicates().assign(**{"serial number": 24 * "_"})
@@ -147,11 +147,11 @@ def _sizes(procedure: Procedure) -> pd.DataFrame:
 
 def _steps(procedure: Procedure) -> pd.DataFrame:
     """Consecutive touches of one feature in one articulation as one row."""
-    touches = procedure.touches.reset_index(drop=True)
-    repeat = touches["repeat"].astype("string").fillna("")
+    probed_points = procedure.probed_points.reset_index(drop=True)
+    repeat = probed_points["repeat"].astype("string").fillna("")
     repeat = (", repeat " + repeat).where(repeat != "", "")
-    test = touches["test"] + " " + touches["position"] + repeat
-    rows = touches[["feature", "articulation"]].assign(test=test)
+    test = probed_points["test"] + " " + probed_points["position"] + repeat
+    rows = probed_points[["feature", "articulation"]].assign(test=test)
     new = (rows != rows.shift()).any(axis=1)
     steps = rows.groupby(new.cumsum(), sort=False)
     count, first = steps.size(), steps.first()

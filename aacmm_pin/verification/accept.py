@@ -55,7 +55,7 @@ WORST_FIRST: tuple[Verdict, ...] = ("non-conformity", "neither", "conformity")
 
 
 @dataclass(frozen=True)
-class AcceptanceFigure:
+class CharacteristicValue:
     """One figure of one set of coordinates.
 
     Attributes:
@@ -176,8 +176,8 @@ def _verdict(size: Array, guard: Array, mpe: float) -> Verdict:
 
 
 def _worst(
-    figures: Sequence[AcceptanceFigure],
-) -> tuple[Verdict | None, tuple[AcceptanceFigure, ...]]:
+    figures: Sequence[CharacteristicValue],
+) -> tuple[Verdict | None, tuple[CharacteristicValue, ...]]:
     """The worst verdict, and the figures that have it; one without a value counts as neither."""
     for verdict in WORST_FIRST:
         having = tuple(figure for figure in figures if (figure.verdict or "neither") == verdict)
@@ -203,7 +203,7 @@ class AcceptanceResult(Shown):
     """
 
     path: str
-    figures: tuple[AcceptanceFigure, ...]
+    figures: tuple[CharacteristicValue, ...]
     notes: tuple[Note, ...] = field(default=())
     stated: Mapping[str, tuple[Any, ...]] = field(default_factory=dict)
     measuring_range: float | None = None
@@ -211,12 +211,12 @@ class AcceptanceResult(Shown):
     data: bytes = b""
 
     @property
-    def failed(self) -> tuple[AcceptanceFigure, ...]:
+    def failed(self) -> tuple[CharacteristicValue, ...]:
         """The figures that do not conform."""
         return tuple(figure for figure in self.figures if figure.verdict == "non-conformity")
 
     @property
-    def overall(self) -> dict[str, tuple[Verdict | None, tuple[AcceptanceFigure, ...]]]:
+    def overall(self) -> dict[str, tuple[Verdict | None, tuple[CharacteristicValue, ...]]]:
         """By whose coordinates: the worst verdict of the figures with an MPE, and which have it;
         None without an MPE.
 
@@ -225,7 +225,7 @@ class AcceptanceResult(Shown):
         sources = dict.fromkeys(figure.source for figure in self.figures)
         return {source: _worst(self._with_mpe(source)) for source in sources}
 
-    def _with_mpe(self, source: str) -> list[AcceptanceFigure]:
+    def _with_mpe(self, source: str) -> list[CharacteristicValue]:
         """The figures of one set of coordinates that have an MPE."""
         own = (figure for figure in self.figures if figure.source == source)
         return [figure for figure in own if not math.isnan(figure.mpe)]
@@ -237,7 +237,7 @@ class AcceptanceResult(Shown):
         return "".join(texts.values())
 
     def _in_words(
-        self, source: str, verdict: Verdict | None, by: Sequence[AcceptanceFigure]
+        self, source: str, verdict: Verdict | None, by: Sequence[CharacteristicValue]
     ) -> str:
         """The verdict of one set of coordinates, and which characteristics decide it."""
         of = sum(figure.source == source for figure in self.figures)
@@ -306,7 +306,7 @@ def accept(
         check_unit(of_first)
     except AacmmError as error:
         raise AacmmError(f"{path}: {first}: {error}") from None
-    figures: list[AcceptanceFigure] = []
+    figures: list[CharacteristicValue] = []
     unfit: dict[Note, list[str]] = {}
     for source, of_source in points.sets.items():
         for definition in wanted:
@@ -327,7 +327,9 @@ def accept(
                 unfit.setdefault(why, []).append(definition.name)
             mpe_of = limits.get(definition.name, math.nan)
             figures.append(
-                AcceptanceFigure(source, definition, evaluated, mpe_of, _places(of_test, evaluated))
+                CharacteristicValue(
+                    source, definition, evaluated, mpe_of, _places(of_test, evaluated)
+                )
             )
     notes = [*points.notes, *doubts(first, of_first, measuring_range)]
     notes += [why.with_place(", ".join(names)) for why, names in unfit.items()]
@@ -384,10 +386,13 @@ def checked_limits(mpe: Mapping[str, float] | None) -> dict[str, float]:
 
 
 def _in_range(
-    found: Evaluated, definition: Definition, touches: pd.DataFrame, measuring_range: float | None
+    found: Evaluated,
+    definition: Definition,
+    probed_points: pd.DataFrame,
+    measuring_range: float | None,
 ) -> Evaluated:
     """A length error without its value where the lengths are too short for the range."""
-    longest = touches["length"].max()
+    longest = probed_points["length"].max()
     if definition.test not in IN_RANGE or measuring_range is None or found.missing:
         return found
     if longest > measuring_range:
@@ -402,7 +407,9 @@ def _in_range(
     return without_value(found.had, 0, why=why)
 
 
-def _notes(figures: Sequence[AcceptanceFigure], measuring_range: float | None) -> tuple[Note, ...]:
+def _notes(
+    figures: Sequence[CharacteristicValue], measuring_range: float | None
+) -> tuple[Note, ...]:
     judged = [figure for figure in figures if figure.verdict is not None]
     unstated = [f for f in judged if math.isnan(f.evaluated.u) and not f.stated]
     partly = [f for f in judged if f.stated and f.stated < len(f.evaluated.errors)]
@@ -420,11 +427,11 @@ def _notes(figures: Sequence[AcceptanceFigure], measuring_range: float | None) -
     return tuple(notes)
 
 
-def _names(figures: Sequence[AcceptanceFigure]) -> list[str]:
+def _names(figures: Sequence[CharacteristicValue]) -> list[str]:
     return [*dict.fromkeys(figure.definition.name for figure in figures)]
 
 
-def _note_of_other(figure: AcceptanceFigure, error: float, expanded: float, place: int) -> Note:
+def _note_of_other(figure: CharacteristicValue, error: float, expanded: float, place: int) -> Note:
     """Another error than the largest decides the verdict."""
     data: dict[str, Any] = {"figure": figure.definition.name, "source": figure.source}
     data |= {"error": error, "expanded": expanded, "where": figure.places[place]}

@@ -46,13 +46,13 @@ median of spheres like it.
 """
 
 
-def check_unit(touches: pd.DataFrame) -> None:
+def check_unit(probed_points: pd.DataFrame) -> None:
     """Look whether the lengths of each test are in the unit of the coordinates.
 
     Raises:
         AacmmError: all of them are too long, or too short, by one factor.
     """
-    for test, of_test in touches[touches["length"].notna()].groupby("test", sort=False):
+    for test, of_test in probed_points[probed_points["length"].notna()].groupby("test", sort=False):
         try:
             lengths = measured_lengths(of_test, both_sides=test == "length-bi")
         except AacmmError:  # a note says that these have no value
@@ -73,18 +73,18 @@ def check_unit(touches: pd.DataFrame) -> None:
 
 
 def doubts(
-    source: str, touches: pd.DataFrame, measuring_range: float | None = None
+    source: str, probed_points: pd.DataFrame, measuring_range: float | None = None
 ) -> Iterator[Note]:
     """Notes on the touches of one set of coordinates; ``measuring_range`` of the arm [m], None
     where not given.
     """
-    at = touches[["x", "y", "z"]]
+    at = probed_points[["x", "y", "z"]]
     nearest = scipy.spatial.KDTree(at).query(at, 2, p=np.inf, distance_upper_bound=COPY_TOLERANCE)[
         0
     ][:, 1]  # inf where farther
     if alike := int(np.isfinite(nearest).sum()):
         yield Note("touches_copied", {"copies": alike, "touches": len(at)}).with_place(source)
-    for test, of_test in touches.groupby("test", sort=False):
+    for test, of_test in probed_points.groupby("test", sort=False):
         extent = float(np.ptp(of_test[["x", "y", "z"]].to_numpy(), axis=0).max())
         several = of_test["position"].nunique() > 1
         data = {"test": test, "extent": extent}
@@ -98,9 +98,9 @@ def doubts(
         yield from (note.with_place(source) for note in (*_beside(found), *_wrong_sizes(found)))
 
 
-def _too_small(touches: pd.DataFrame) -> Iterator[Note]:
+def _too_small(probed_points: pd.DataFrame) -> Iterator[Note]:
     """Positions whose touches scatter far less than those of the others."""
-    extents = touches.groupby("position", sort=False)[["x", "y", "z"]].agg(np.ptp).max(axis=1)
+    extents = probed_points.groupby("position", sort=False)[["x", "y", "z"]].agg(np.ptp).max(axis=1)
     for position, extent in extents.items():
         others = float(extents.drop(position).median()) if len(extents) > 1 else 0.0
         if 0.0 < extent * TIMES_SMALLER < others:  # of copies there is a note
@@ -109,12 +109,14 @@ def _too_small(touches: pd.DataFrame) -> Iterator[Note]:
             )
 
 
-def _spheres(touches: pd.DataFrame) -> Iterator[tuple[pd.DataFrame, FittedSphere]]:
+def _spheres(probed_points: pd.DataFrame) -> Iterator[tuple[pd.DataFrame, FittedSphere]]:
     """The spheres of a test of which more is known than four touches say."""
     by = (
-        ["feature", "position"] if touches["test"].iloc[0] == "sphere" else [*LENGTH_KEY, "feature"]
+        ["feature", "position"]
+        if probed_points["test"].iloc[0] == "sphere"
+        else [*LENGTH_KEY, "feature"]
     )
-    for _, group in touches.groupby(by, sort=False):
+    for _, group in probed_points.groupby(by, sort=False):
         try:
             if len(group) > FEWEST_POINTS and group["test"].iloc[0] != "single-point":
                 yield group, fitted_sphere(coordinates_of(group))

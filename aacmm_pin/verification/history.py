@@ -59,7 +59,7 @@ class ControlChart:
     """The values of one figure by one arm, those of earlier checks and that of the latest.
 
     Attributes:
-        arm: whose coordinates, as in :class:`~aacmm_pin.verification.accept.AcceptanceFigure`.
+        arm: whose coordinates, as in :class:`~aacmm_pin.verification.accept.CharacteristicValue`.
         figure: its name.
         times: of the checks (n,), the earliest first.
         values: of the figure without their signs (n,) [m], for the largest error is now above zero

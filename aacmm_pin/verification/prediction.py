@@ -28,7 +28,7 @@ from aacmm_pin.accuracy import ErrorSources, source_errors
 from aacmm_pin.effects import ErrorModel, GivenModel, of_geometry
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import ENCODER, read_probed_points, read_table, seed_of
-from aacmm_pin.verification.accept import AcceptanceFigure, checked_limits
+from aacmm_pin.verification.accept import CharacteristicValue, checked_limits
 from aacmm_pin.verification.characteristics import Definition, definitions
 from aacmm_pin.verification.procedure import Procedure
 
@@ -54,7 +54,7 @@ class PredictedFigure:
 
     source: str
     definition: Definition
-    runs: tuple[AcceptanceFigure, ...]
+    runs: tuple[CharacteristicValue, ...]
     alone: pd.Series
 
     @property
@@ -190,7 +190,7 @@ def predict_acceptance(
     seed, draws = seed_of(rng), int(rng.integers(2**32))
     table, lines, notes = read_table(path)
     problems = Problems(path, lines)
-    touches = read_probed_points(table, problems)
+    probed_points = read_probed_points(table, problems)
     problems.stop()
     found: list[PredictedFigure] = []
     for name, arm in arms.items():
@@ -209,11 +209,12 @@ def predict_acceptance(
         wanted = [
             d
             for d in of_standard
-            if d.name in limits or touches.loc[touches["test"] == d.test, d.column or "test"].any()
+            if d.name in limits
+            or probed_points.loc[probed_points["test"] == d.test, d.column or "test"].any()
         ]
         with watched(range(runs), progress, name, "run") as steps:
             found += test.figures(
-                name, touches, wanted, limits, steps, np.random.default_rng(draws)
+                name, probed_points, wanted, limits, steps, np.random.default_rng(draws)
             )
     return PredictedAcceptance(path, tuple(found), runs, seed, notes)
 
@@ -254,23 +255,23 @@ class _Test:
     def figures(
         self,
         name: str,
-        touches: pd.DataFrame,
+        probed_points: pd.DataFrame,
         wanted: list[Definition],
         limits: Mapping[str, float],
         steps: Any,
         rng: np.random.Generator,
     ) -> list[PredictedFigure]:
         """Every figure in each of the runs that ``steps`` counts."""
-        of_test = {d.test: (touches["test"] == d.test).to_numpy() for d in wanted}
-        runs: dict[str, list[AcceptanceFigure]] = {d.name: [] for d in wanted}
+        of_test = {d.test: (probed_points["test"] == d.test).to_numpy() for d in wanted}
+        runs: dict[str, list[CharacteristicValue]] = {d.name: [] for d in wanted}
         alone: dict[str, dict[str, list[float]]] = {d.name: {} for d in wanted}
 
-        def evaluated(errors: Array) -> Iterator[tuple[Definition, AcceptanceFigure]]:
+        def evaluated(errors: Array) -> Iterator[tuple[Definition, CharacteristicValue]]:
             x, y, z = (self.points + errors).T
-            placed = touches.assign(x=x, y=y, z=z)
+            placed = probed_points.assign(x=x, y=y, z=z)
             for d in wanted:
                 figure = d.evaluate(placed[of_test[d.test]])
-                yield d, AcceptanceFigure(name, d, figure, limits.get(d.name, math.nan))
+                yield d, CharacteristicValue(name, d, figure, limits.get(d.name, math.nan))
 
         for step in steps:
             parts = self._drawn(rng)

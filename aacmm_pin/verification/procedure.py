@@ -71,14 +71,14 @@ class Procedure(Shown):
 
     Attributes:
         arm: the arm.
-        touches: one row a touch, with the columns of the file of touches, lengths in mm.
+        probed_points: one row a touch, with the columns of the file of touches, lengths in mm.
         q: postures (n, nq) [rad].
         points: centres of the probe (n, 3) [m].
         seed: of what was drawn; None where the file says nothing of it.
     """
 
     arm: Arm
-    touches: pd.DataFrame
+    probed_points: pd.DataFrame
     q: Array
     points: Array
     seed: int | None = None
@@ -88,11 +88,11 @@ class Procedure(Shown):
         behind.
         """
         names = [f"theta{k}_deg" for k in range(1, self.arm.nq + 1)]
-        empty = pd.DataFrame("", self.touches.index, [*REFERENCE, *names])
+        empty = pd.DataFrame("", self.probed_points.index, [*REFERENCE, *names])
         points = pd.DataFrame(self.points / MM, columns=REFERENCE).round(6)
         angles = pd.DataFrame(self.q / DEG, columns=names).round(4)
         planned = [points.add_prefix(PLANNED), angles.add_prefix(PLANNED)]
-        return pd.concat([self.touches, empty, *planned], axis=1)
+        return pd.concat([self.probed_points, empty, *planned], axis=1)
 
     def csv(self) -> str:
         """The text of that file."""
@@ -111,9 +111,9 @@ class Procedure(Shown):
         return pd.concat([planned, indicated], axis=1)
 
     def __str__(self) -> str:
-        counts = self.touches["test"].value_counts(sort=False)
+        counts = self.probed_points["test"].value_counts(sort=False)
         tests = ", ".join(f"{count} {test}" for test, count in counts.items())
-        return f"{self.arm.name}: {len(self.touches)} touches ({tests})"
+        return f"{self.arm.name}: {len(self.probed_points)} touches ({tests})"
 
     @staticmethod
     def read(path: str | Path, arm: GivenArm) -> Procedure:

@@ -48,7 +48,7 @@ from aacmm_pin.measurements.csv_columns import single_names
 from aacmm_pin.report import plots
 from aacmm_pin.report.document import document_of
 from aacmm_pin.verification import AcceptanceResult, PredictedAcceptance, Procedure
-from aacmm_pin.verification.accept import AcceptanceFigure
+from aacmm_pin.verification.accept import CharacteristicValue
 from aacmm_pin.verification.characteristics import DEFINITIONS
 from aacmm_pin.verification.evaluators import Evaluated
 from aacmm_pin.verification.prediction import PredictedFigure
@@ -93,7 +93,7 @@ def values(
     rng = np.random.default_rng(2)
     q = circle.q[circle.within_limits]
     plan = plan_measurements(arm, ("bearing_tilt:1", "base_compliance"), 4, postures=60)
-    figure = AcceptanceFigure(
+    figure = CharacteristicValue(
         NASTY, DEFINITIONS[0], Evaluated(1e-5, np.nan, 50, 0, "", np.array([[1e-5, np.nan]])), 2e-5
     )
     predicted = PredictedFigure(NASTY, DEFINITIONS[0], (figure,) * 3, pd.Series({NASTY: 1e-5}))

@@ -19,7 +19,7 @@ from aacmm_pin.errors import AacmmError
 from aacmm_pin.report.acceptance import acceptance_document
 from aacmm_pin.report.document import Paragraph, Table
 from aacmm_pin.verification import AcceptanceResult
-from aacmm_pin.verification.accept import GUARD_BAND_FACTOR, AcceptanceFigure
+from aacmm_pin.verification.accept import GUARD_BAND_FACTOR, CharacteristicValue
 from aacmm_pin.verification.probed_points import AS_GIVEN
 from tests.cli import shell
 from tests.notes import data_of
@@ -127,7 +127,7 @@ EXPECTED = {
 }
 
 
-def figure(result: AcceptanceResult, name: str) -> AcceptanceFigure:
+def figure(result: AcceptanceResult, name: str) -> CharacteristicValue:
     """The figure of this name."""
     (found,) = (f for f in result.figures if f.definition.name == name)
     return found

@@ -71,7 +71,7 @@ def test_every_touch_of_every_figure_is_planned_within_reach(sino6, planned):
     figures = accept(planned.with_name("exact.csv")).figures
     assert {f.definition.name for f in figures} == {d.name for d in DEFINITIONS if not d.column}
     assert all(abs(f.evaluated.value) < 1e-8 for f in figures)  # the file has nanometres
-    lengths = procedure.touches[procedure.touches["test"] == "length-uni"]
+    lengths = procedure.probed_points[procedure.probed_points["test"] == "length-uni"]
     assert (
         lengths["length_mm"].astype(float).max() * 1e-3
         >= 2 / 3 * 2 * np.linalg.norm(procedure.points, axis=1).max() * 0.8
@@ -121,7 +121,7 @@ def test_single_points_stand_in_the_zones_of_asme_b89_4_22(sino6, planned, rng):
 def test_the_lengths_of_asme_b89_4_22(sino6):
     touches = acceptance_procedure(
         sino6, standard="asme-b89.4.22", lengths=[0.60002, 0.30001]
-    ).touches
+    ).probed_points
     bars = touches[touches["test"] == "volumetric"]
     assert bars.groupby("length_id")["length_mm"].unique().map(list).to_dict() == {
         "short ball bar": pytest.approx([300.01]),
@@ -156,7 +156,7 @@ def test_noise_of_readings_alone_scatters_as_its_covariance_says(sino6, planned)
     )
     sigma = next(f for f in found.figures if f.definition.name == "SinglePoint.Sigma")
     assert sigma.alone.index[0] == "encoder noise"
-    rows = procedure.touches["test"] == "single-point"
+    rows = procedure.probed_points["test"] == "single-point"
     variance = u**2 * np.square(sino6.jacobian(procedure.q)).sum(axis=(1, 2))
     mean = variance[rows].reshape(3, 10).mean(axis=1)
     # The worst of three places is at least the place whose variance is largest, on average.
