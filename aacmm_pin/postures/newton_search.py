@@ -38,7 +38,7 @@ BESIDE = 1e-5
 """A start that did not arrive but whose equations are off by less than this stalled next to a
 solution [m, rad].
 """
-NEAR = 0.02
+MERGE_DISTANCE = 0.02
 """Solutions nearer than this are one if the equations hold half-way between them as well [rad]."""
 ASIDE = np.array([0.003, 0.01, 0.03, 0.1, 0.3, 1.0])
 """How far beside a solution its neighbour is looked for, in the direction in which it is most
@@ -182,7 +182,7 @@ class Isolated(SolutionSet):
         for number in np.argsort(distance):
             if distance[number] < SAME_POINT:
                 return int(number)
-            if distance[number] > NEAR:
+            if distance[number] > MERGE_DISTANCE:
                 return None
             between = (q + 0.5 * gap[number])[None, :]
             if np.abs(self.equations(between, _the_one(between))[0]).max() <= CLOSE_ENOUGH:

@@ -21,7 +21,7 @@ MOST_ROUNDS = 30
 """Of the search for a posture at a point."""
 LONGEST_STEP = 0.5
 """Of one round [rad, m]."""
-SINGULAR = 0.01
+MIN_MOBILITY_RATIO = 0.01
 """A posture whose tip moves this many times less easily in one direction than in another is left
 out.
 """
@@ -79,11 +79,11 @@ def _step(jacobian: Array, miss: Array) -> Array:
 
 def agile(state: State) -> Mask:
     """Which tips can move about alike in all directions in which any of them can, see
-    :data:`SINGULAR`: (n,).
+    :data:`MIN_MOBILITY_RATIO`: (n,).
     """
     easiness = np.linalg.svd(tip_jacobian(state), compute_uv=False)
     directions = (easiness > 1e-9 * easiness[:, :1]).any(axis=0)
-    return np.asarray((easiness[:, directions] > SINGULAR * easiness[:, :1]).all(axis=1))
+    return np.asarray((easiness[:, directions] > MIN_MOBILITY_RATIO * easiness[:, :1]).all(axis=1))
 
 
 def posture_features(arm: Arm, q: Array) -> Array:

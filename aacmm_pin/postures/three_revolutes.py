@@ -17,7 +17,7 @@ import numpy as np
 
 from aacmm_pin._support.checks import Array, Index
 
-NEAR = 0.1
+MAX_MISS = 0.1
 """Candidates that miss the place by more solve only one of the two equations [m]."""
 WORSE, ROUNDING = 1e3, 1e-6
 """So do those that miss it by so many times more than the other candidate with their φ3, and by
@@ -64,7 +64,7 @@ def candidates(b0: Array, b1: Array, b2: Array, c: Array, p: Array) -> tuple[Arr
     miss = np.hypot(
         np.hypot(v[:, 0], v[:, 1]) - np.hypot(w[who, 0], w[who, 1]), v[:, 2] - w[who, 2]
     )
-    near = miss < np.minimum(NEAR, ROUNDING + WORSE * np.roll(miss, len(miss) // 2))
+    near = miss < np.minimum(MAX_MISS, ROUNDING + WORSE * np.roll(miss, len(miss) // 2))
     return np.column_stack([phi1, phi2, phi3])[near], who[near]
 
 
