@@ -10,7 +10,7 @@ import typer
 
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin.accuracy import METHODS, AccuracyVolume, Method, circle_accuracy
-from aacmm_pin.cli.arm_options import EncoderNoise, UncertainArm, where_known
+from aacmm_pin.cli.arm_options import EncoderNoise, UncertainArm, restrict_to_known_range
 from aacmm_pin.cli.common import Force, Json, Plot, Results, Sectors, Seed, command, note, say
 from aacmm_pin.cli.pose_options import Orientation, Point, Triple
 from aacmm_pin.effects import ErrorModel
@@ -52,7 +52,7 @@ def run(
 ) -> None:
     """Predict the uncertainty at a point in each posture, or of a length, with its budget."""
     with Results(force, output, plot=plot, json_=json_) as results:
-        model, encoder_noise = where_known(arm.model()), noise.encoder_noise_rad
+        model, encoder_noise = restrict_to_known_range(arm.model()), noise.encoder_noise_rad
         if (
             model.arm.dh is None
             and encoder_noise is None

@@ -256,7 +256,7 @@ def in_metres(length_mm: float | None) -> float | None:
     return None if length_mm is None else length_mm * MM
 
 
-def where_known(model: ErrorModel) -> ErrorModel:
+def restrict_to_known_range(model: ErrorModel) -> ErrorModel:
     """The model whose joints stay where its effects are known; says which do, where that is not
     their whole range.
     """

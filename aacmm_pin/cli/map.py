@@ -9,7 +9,7 @@ import typer
 
 from aacmm_pin._support.units import MM
 from aacmm_pin.accuracy import Method, map_caveats, map_workspace
-from aacmm_pin.cli.arm_options import AnyArm, where_known
+from aacmm_pin.cli.arm_options import AnyArm, restrict_to_known_range
 from aacmm_pin.cli.common import Force, Json, Output, Plot, Results, Sectors, command, note
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.report import map_document, map_summary, terminal
@@ -40,7 +40,7 @@ def run(
 ) -> None:
     """Map flexibility and accuracy over the workspace (netCDF)."""
     with Results(force, output, plot=plot, json_=json_) as results:
-        model = where_known(arm.model())
+        model = restrict_to_known_range(arm.model())
         model.arm.require_dh("a map (its cells are reached by the wrist, with joints 1 to 4)")
         extent = None if extent_mm is None else np.array(extent_mm) * MM
         for caveat in map_caveats(model.arm, extent):

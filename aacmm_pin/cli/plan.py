@@ -11,7 +11,7 @@ import pandas as pd
 import typer
 
 from aacmm_pin._support.text_escaping import csv_text
-from aacmm_pin.cli.arm_options import MeasuredHow, UncertainArm, in_metres, where_known
+from aacmm_pin.cli.arm_options import MeasuredHow, UncertainArm, in_metres, restrict_to_known_range
 from aacmm_pin.cli.common import (
     Force,
     Json,
@@ -151,7 +151,7 @@ def run(
     json_ = planned.json_
     outputs = (files.output, causes.set_up_arm)
     with Results(files.force, *outputs, page=files.sheet, json_=json_) as results:
-        model = where_known(arm.model())
+        model = restrict_to_known_range(arm.model())
         existing = planned.existing(model, how)
         options: dict[str, Any] = {
             "records": planned.records,

@@ -14,7 +14,7 @@ import typer
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import MM
-from aacmm_pin.cli.arm_options import UncertainArm, in_metres, where_known
+from aacmm_pin.cli.arm_options import UncertainArm, in_metres, restrict_to_known_range
 from aacmm_pin.cli.common import Results, note, say
 from aacmm_pin.report import procedure_document, terminal
 from aacmm_pin.verification import PROBE, SPHERE, acceptance_procedure
@@ -59,7 +59,7 @@ class Artefacts:
         """Plan the touches, and write the file and the sheet."""
         with Results(force, output, page=sheet) as results:
             procedure = acceptance_procedure(
-                where_known(arm.model()),
+                restrict_to_known_range(arm.model()),
                 standard=self.standard,
                 measuring_range=in_metres(self.range_mm),
                 lengths=None

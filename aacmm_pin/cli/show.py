@@ -13,7 +13,7 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.accuracy import circle_accuracy
 from aacmm_pin.arm import Arm
-from aacmm_pin.cli.arm_options import EncoderNoise, UncertainArm, where_known
+from aacmm_pin.cli.arm_options import EncoderNoise, UncertainArm, restrict_to_known_range
 from aacmm_pin.cli.common import Force, Output, Results, command, note, say
 from aacmm_pin.cli.pose_options import Orientation, Triple
 from aacmm_pin.errors import AacmmError
@@ -61,7 +61,7 @@ def run(
     if point is None and (orientation.tip or orientation.oriented):
         raise typer.BadParameter("--tip, --axis and --rpy-deg require --point")
     with Results(force, output) as results:
-        model = where_known(arm.model())
+        model = restrict_to_known_range(arm.model())
         if point is None:
             scene = scenes.arm_scene(model, _posture(model.arm, theta_deg)[None])
         else:

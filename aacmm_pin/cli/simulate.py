@@ -12,7 +12,7 @@ import typer
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import MM
 from aacmm_pin.calibration.random_arm import perturbed_model
-from aacmm_pin.cli.arm_options import ContactNoise, UncertainArm, in_metres, where_known
+from aacmm_pin.cli.arm_options import ContactNoise, UncertainArm, in_metres, restrict_to_known_range
 from aacmm_pin.cli.common import (
     EffectTexts,
     Force,
@@ -148,7 +148,7 @@ def run(
                 f"note: the true geometry was drawn within the uncertainties of {model.arm.name}, "
                 f"seed {seed}"
             )
-        model = where_known(model.with_effects(*effects))
+        model = restrict_to_known_range(model.with_effects(*effects))
         noise = stated.simulated(model.arm)
         if touches is None:
             data = planned.measured(model, noise, rng)

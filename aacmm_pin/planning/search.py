@@ -1,5 +1,5 @@
-"""A sequential design: records chosen one after the other from a pool, the best first, by updates of
-rank three of an inverse.
+"""A sequential design: records chosen one by one from a pool, the best first, by updates of rank
+three of an inverse.
 """
 
 from __future__ import annotations

@@ -23,7 +23,7 @@ from aacmm_pin.report.document import (
 from aacmm_pin.report.plots.style import BLUE
 from aacmm_pin.report.plots.two_views import two_views
 
-TOLD_OTHERWISE = r"^(theta|approach)\d|^u_|_mm$"
+COLUMNS_NOT_LISTED = r"^(theta|approach)\d|^u_|_mm$"
 """Columns of a plan that its table has in other words, or that are to be filled in."""
 HOW_TO_GO = (
     "The file has the joint angles in full. Move the arm to within a few degrees of them, and "
@@ -75,7 +75,7 @@ def where_to_go(plan: CalibrationPlan | MeasurementPlan) -> list[Block]:
 
 def _records(plan: CalibrationPlan | MeasurementPlan, where: pd.DataFrame) -> pd.DataFrame:
     arm, q = plan.model.arm, plan.measurements.q
-    planned = plan.records.filter(regex=TOLD_OTHERWISE)
+    planned = plan.records.filter(regex=COLUMNS_NOT_LISTED)
     others = plan.records.drop(columns=[*planned, "record"], errors="ignore").astype(str)
     others = others.rename(columns={"temperature_c": "temperature [°C]"})
     # a file that is appended to may have no column record

@@ -31,8 +31,8 @@ from aacmm_pin.report.accuracy import postures_at_the_ends, what_k_covers
 from aacmm_pin.report.diagnosis import (
     causes_drawn,
     diagnosis_document,
-    line_to_remember,
     rms_figure,
+    summary_line,
     verdict_in_words,
 )
 from aacmm_pin.report.document import (
@@ -243,7 +243,7 @@ def _measured(found: Diagnosis, hidden: Effect) -> list[Block]:
         Heading("After measuring: a hidden effect found"),
         Paragraph(how),
         Paragraph(verdict_in_words(found), finding=True),
-        Paragraph(line_to_remember(found), finding=True),
+        Paragraph(summary_line(found), finding=True),
         Table(table, "What was hidden, and what was found; ± U (k = 2)"),
         rms_figure(found),
         *causes_drawn(found),

@@ -79,8 +79,8 @@ from aacmm_pin.report.plots.residual_vectors import models, two_models
 
 WAVES_LISTED = 6
 """So many waves of a free curve are listed."""
-LOOK_ALIKES = 3
-LEAST_SHOWN, ALIKE = 1e-3, 0.9
+MAX_ALIASES = 3
+LEAST_SHOWN, LEAST_CORRELATION = 1e-3, 0.9
 """Aliases of a cause that are listed: so many, of at least this probability or correlation."""
 SETS, LEAST_SET = 6, 0.01
 """Sets of causes that are listed: so many, of at least this probability."""
@@ -314,7 +314,7 @@ def alias_in_words(alias: Alias, arm: Arm) -> str:
     return name_in_words(alias.effect, arm)
 
 
-def line_to_remember(result: Diagnosis) -> str:
+def summary_line(result: Diagnosis) -> str:
     """Sizes of residuals by the three models, the noise, and the gain on held-out records."""
     simulated, recalibrated, extended, noise = lengths(result.rms.values())
     alone = "noise alone" if result.extended.stated else "scatter"
@@ -471,14 +471,14 @@ def alternatives(result: Diagnosis) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["causes", "probability"])
 
 
-def look_alikes(result: Diagnosis) -> pd.DataFrame:
+def alias_table(result: Diagnosis) -> pd.DataFrame:
     """Aliases of each cause in these records: cause, alias, correlation r, probability of the alias
     alone, label.
     """
     rows = []
     for finding in result.findings:
-        for alias in finding.aliases[:LOOK_ALIKES]:
-            if alias.probability > LEAST_SHOWN or abs(alias.correlation) > ALIKE:
+        for alias in finding.aliases[:MAX_ALIASES]:
+            if alias.probability > LEAST_SHOWN or abs(alias.correlation) > LEAST_CORRELATION:
                 rows.append(_alias_row(finding, alias, result.model.arm))
     return pd.DataFrame(rows)
 
@@ -522,7 +522,7 @@ def _result(result: Diagnosis) -> list[Block]:
     return [
         Heading("Result"),
         Paragraph(verdict, finding=True, head=f"{capital(result.verdict)}."),
-        Paragraph(line_to_remember(result), finding=True),
+        Paragraph(summary_line(result), finding=True),
         rms_figure(result),
         Paragraph(" ".join(hints), detail=True),
     ]
@@ -583,7 +583,7 @@ def _causes(result: Diagnosis) -> list[Block]:
     apart = [labels_in_words(result, labels) for labels in result.cannot_tell_apart]
     causes = Table(ranking(result), "Causes in the extended model", explained=RANKED)
     sets = Table(alternatives(result), SETS_LISTED, explained=ALL_SETS)
-    aliases = Table(look_alikes(result), ALIASES_LISTED, {"r": ".2f"}, explained=ALIASES_EXPLAINED)
+    aliases = Table(alias_table(result), ALIASES_LISTED, {"r": ".2f"}, explained=ALIASES_EXPLAINED)
     return [
         Heading("The causes"),
         Paragraph(none, detail=True),

@@ -19,7 +19,7 @@ from aacmm_pin.report.calibration_plan import where_to_go
 from aacmm_pin.report.document import Bullets, Document, Notes, Paragraph, Table, document_of
 
 RIGHT = "probability of the right decision"
-USUAL = {"reference": "free", "reference_frame": "base", "target": "tip"}
+DEFAULTS = {"reference": "free", "reference_frame": "base", "target": "tip"}
 """Keywords of a plan whose option need not be written with these values."""
 QUICK = 200
 """Postures that are enough to state whether a plan would help; the plan itself has more."""
@@ -178,8 +178,8 @@ def mostly_seats(records: Measurements) -> bool:
 
 def _options(arm: Arm, asked: Mapping[str, Any]) -> list[str]:
     """Options of the command ``aacmm-pin plan`` that ask for the same, as far as they can."""
-    values = {name: asked.get(name, usual) for name, usual in USUAL.items()}
-    unusual = [name for name, usual in USUAL.items() if values[name] != usual]
+    values = {name: asked.get(name, usual) for name, usual in DEFAULTS.items()}
+    unusual = [name for name, usual in DEFAULTS.items() if values[name] != usual]
     options = [f"--{name.replace('_', '-')} {values[name]}" for name in unusual]
     for name in ("reference", "probe"):
         noise = asked.get(f"{name}_noise")

@@ -29,13 +29,13 @@ from aacmm_pin.effects import (
 )
 from aacmm_pin.measurements import simulate_measurements
 from aacmm_pin.report.diagnosis import (
+    alias_table,
     alternatives,
     diagnosis_document,
     gain_in_words,
-    line_to_remember,
-    look_alikes,
     ranking,
     residuals_table,
+    summary_line,
     unexplained_in_words,
     verdict_in_words,
 )
@@ -66,12 +66,11 @@ def test_a_page_agrees_with_its_numbers_and_holds_its_files(eccentric):
     assert NAME in page.text  # escaped, so that it is text again
     assert verdict_in_words(eccentric) in page.text
     assert "encoder eccentricity of joint 1" in verdict_in_words(eccentric)
-    assert line_to_remember(eccentric) in page.text
-    assert all(size in line_to_remember(eccentric) for size in lengths(eccentric.rms.values()))
+    assert summary_line(eccentric) in page.text
+    assert all(size in summary_line(eccentric) for size in lengths(eccentric.rms.values()))
     low, high = held.interval
-    assert (
-        f"{percent(held.gain)} (95 %: {100 * low:.0f} to {100 * high:.0f} %)"
-        in line_to_remember(eccentric)
+    assert f"{percent(held.gain)} (95 %: {100 * low:.0f} to {100 * high:.0f} %)" in summary_line(
+        eccentric
     )
     assert (
         values_in_words(eccentric.findings[0].effect, eccentric.findings[0].parameters) in page.text
@@ -157,7 +156,7 @@ def test_doubt_is_told_with_the_rivals(eccentric):
     doubtful = finding(JointCompliance(2, values=(2e-5,), u=(1e-6,)), 0.7, *aliases)
     shares = {"joint_compliance__2": 0.7, "encoder_eccentricity__2": 0.29, "encoder_gain__2": 0.01}
     result = with_sets(replace(eccentric, verdict="ambiguous", findings=(doubtful,)), **shares)
-    assert look_alikes(result)["label"].tolist()[:1] == ["encoder_eccentricity:2"]
+    assert alias_table(result)["label"].tolist()[:1] == ["encoder_eccentricity:2"]
     assert sum(map(float, alternatives(with_sets(eccentric, **shares))["probability"])) == 1.0
     beside = replace(result, verdict="unexplained", doubts=("more causes",))
     for words in ("compliance under gravity of joint 2", "0.700", "0.290"):
