@@ -33,9 +33,7 @@ def run(
         ),
     ] = False,
     seed: Seed = 1,
-    output: Annotated[
-        Path | None, page_option("Page with all results", "--output", "-o")
-    ] = None,
+    output: Annotated[Path | None, page_option("Page with all results", "--output", "-o")] = None,
     extended_arm: Annotated[
         Path | None, typer.Option(help="Arm file for the extended model.")
     ] = None,
