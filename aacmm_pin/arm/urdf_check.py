@@ -160,7 +160,7 @@ def _numbers(
             element, f"{name} is {text[:80]!r}, expected {count} number{'s' * (count > 1)}"
         )
     if any(not abs(value) <= largest for value in values):
-        hint = "; check whether the angles are in degrees" if name == "rpy" else ""
+        hint = "; perhaps these are degrees" if name == "rpy" else ""
         if element.tag == "limit":
             hint = "; a joint without limits is of type continuous"
         raise _refused(element, f"{name} is {text[:80]!r}, expected numbers to ±{largest:g}{hint}")
