@@ -45,7 +45,6 @@ which the diagnosis listed.
 """
 DENSE: dict[str, int] = {
     "errors": 1,
-    "arm": 26,
     "postures": 48,
     "accuracy": 17,
     "diagnosis": 48,

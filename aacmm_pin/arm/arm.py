@@ -90,7 +90,9 @@ class Arm(Shown):
     nominal: Any = None
 
     def __repr__(self) -> str:
-        table = "no DH table" if self.dh is None else f"{self.dh.rows} {self.dh.convention} rows"
+        table = "no DH table"
+        if self.dh is not None:
+            table = f"{self.dh.rows} {self.dh.convention} rows"
         return f"Arm({self.name!r}, {self.nq} joints, {table}, tip {self.tip!r})"
 
     @property
@@ -98,7 +100,8 @@ class Arm(Shown):
         """Names of the geometric parameters for which no uncertainty was stated; they count as
         exact.
         """
-        return tuple(p.name for p in self.parameters if p.half_width is None and p.u == 0)
+        exact = (p for p in self.parameters if p.half_width is None and p.u == 0)
+        return tuple(parameter.name for parameter in exact)
 
     @property
     def unexplained(self) -> str:
@@ -146,9 +149,6 @@ class Arm(Shown):
 
         model = pin.buildModelFromXML(urdf_text(arm))
         model.gravity.linear = np.array(arm.gravity_m_s2)
-        axis = (
-            None if arm.stylus is None else unit_vector(arm.stylus.axis, "the axis of the stylus")
-        )
         return Arm(
             name=arm.name,
             model=model,
@@ -157,7 +157,7 @@ class Arm(Shown):
             parameters=arm.dh_parameters(),
             dh=arm.dh,
             encoder_noise=arm.encoder_noise,
-            stylus_axis=axis,
+            stylus_axis=_stylus_axis(arm),
             source=arm.source,
             reference_temperature=arm.reference_temperature_c,
             file=arm,
@@ -357,7 +357,9 @@ class Arm(Shown):
     @cached_property
     def chain(self) -> Chain:
         """Its kinematics: the arm as a chain of places."""
-        return chain_of(self.model, self.tip) if self.dh is None else self.dh.chain
+        if self.dh is None:
+            return chain_of(self.model, self.tip)
+        return self.dh.chain
 
     @cached_property
     def masses(self) -> Array | None:
@@ -382,7 +384,9 @@ class Arm(Shown):
         """Place on the axis of ``row`` where its body begins: in modified DH before its d, which
         ``axis row`` is behind.
         """
-        return chain.axis(row) if self.dh is None or self.dh.standard else chain.end(row - 1)
+        if self.dh is None or self.dh.standard:
+            return chain.axis(row)
+        return chain.end(row - 1)
 
     def _over_rows(self, of_joints: Array) -> Array:
         values = np.zeros((self.chain.rows, *of_joints.shape[1:]))
@@ -543,23 +547,29 @@ def _corrected(nominal: Any, file: UrdfArmFile) -> Arm:
     for joint, step in enumerate(file.corrections, start=1):
         model.jointPlacements[joint] = nominal.jointPlacements[joint] * _motion(step)
     model.gravity.linear = np.array(file.gravity_m_s2)
-    widths = file.urdf.translation_half_width_mm * MM, file.urdf.rotation_half_width_rad
+    shift = file.urdf.translation_half_width_mm * MM
+    parameters = _placement_parameters(model, shift, file.urdf.rotation_half_width_rad)
+    limits = np.column_stack([model.lowerPositionLimit, model.upperPositionLimit])
     return Arm(
         name=file.name,
         model=model,
         tip=file.urdf.frame,
-        limits=np.column_stack([model.lowerPositionLimit, model.upperPositionLimit]),
-        parameters=calibrated(_placement_parameters(model, *widths), file.covariance),
+        limits=limits,
+        parameters=calibrated(parameters, file.covariance),
         encoder_noise=file.encoder_noise,
-        stylus_axis=None
-        if file.stylus is None
-        else unit_vector(file.stylus.axis, "the axis of the stylus"),
+        stylus_axis=_stylus_axis(file),
         source=file.source,
         reference_temperature=file.reference_temperature_c,
         file=file,
         covariance=file.covariance,
         nominal=nominal,
     )
+
+
+def _stylus_axis(file: ArmFile | UrdfArmFile) -> Array | None:
+    if file.stylus is None:
+        return None
+    return unit_vector(file.stylus.axis, "the axis of the stylus")
 
 
 def _motion(twist: Array) -> Any:

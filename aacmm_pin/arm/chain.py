@@ -97,9 +97,9 @@ class Chain:
             constant += [before_axis, before_end]
             joint += [int(number), -1]
         of_parameters = np.array(parameters, dtype=np.intp).reshape(-1, 2)
-        return Chain(
-            np.stack([*constant, np.eye(4)]), np.array([*joint, -1]), prismatic, of_parameters
-        )
+        constant.append(np.eye(4))
+        joint.append(-1)
+        return Chain(np.stack(constant), np.array(joint), prismatic, of_parameters)
 
     @property
     def places(self) -> int:
@@ -137,12 +137,11 @@ class Chain:
         tip = np.eye(4)
         if offset is not None:
             tip[:3, 3] = offset
-        return replace(
-            self,
-            constant=np.concatenate([self.constant[: place + 1], tip[None]]),
-            joint=np.append(self.joint[: place + 1], -1),
-            parameters=np.where(self.parameters[:, :1] <= place, self.parameters, NO_PLACE),
-        )
+        constant = np.append(self.constant[: place + 1], tip[None], axis=0)
+        joint = np.append(self.joint[: place + 1], -1)
+        reached = self.parameters[:, :1] <= place
+        parameters = np.where(reached, self.parameters, NO_PLACE)
+        return replace(self, constant=constant, joint=joint, parameters=parameters)
 
     def positions(self, q: Array, errors: Array | None = None) -> Array:
         """Position of the tip for already checked ``q`` (n, nq) [rad, m]: (n, 3) [m].
@@ -225,8 +224,8 @@ class Chain:
         Returns:
             rotation (places, n, 3, 3) and origin (places, n, 3) [m], in the base.
         """
-        frames = self._frames(q, twists or {})
-        return frames[:, :3].transpose(0, 3, 2, 1), frames[:, 3].transpose(0, 2, 1)
+        frames = self._frames(q, twists or {}).transpose(0, 3, 2, 1)
+        return frames[..., :3], frames[..., 3]
 
     def _frames(self, q: Array, twists: Mapping[int, Array]) -> Array:
         """The same as x, y, z and origin, their components, and the records last (places, 4, 3, n).
@@ -283,12 +282,11 @@ class Chain:
 
         Behind a joint only a screw about its own z can change places with the joint's motion.
         """
-        places = np.array(
-            [place for place, twist in twists.items() if len(twist) == 1], dtype=np.intp
-        )
-        if not places.size:
+        steady = [place for place, twist in twists.items() if len(twist) == 1]
+        if not steady:
             return self.constant, twists
-        same = np.concatenate([twists[place] for place in places.tolist()])
+        places = np.array(steady)
+        same = np.concatenate([twists[place] for place in steady])
         before_joint = (self.joint[places] < 0) | ~same[:, [0, 1, 3, 4]].any(axis=1)
         places, constants = places[before_joint], self.constant.copy()
         constants[places] = constants[places] @ exp(same[before_joint])
@@ -438,16 +436,20 @@ def exp(twist: Array) -> Array:
     b = np.where(small, 0.5 - squared / 24.0, (1.0 - np.cos(phi)) / phi**2)
     c = np.where(small, 1.0 / 6.0 - squared / 120.0, (phi - np.sin(phi)) / phi**3)
     matrix = np.zeros((len(twist), 4, 4))
-    matrix[:, :3, :3], matrix[:, :3, 3] = skew(w), v
-    motion = np.eye(4) + a * matrix + b * (matrix @ matrix)
-    motion[:, :3, 3] += c[:, 0] * w * np.einsum("ni,ni->n", w, v)[:, None]
-    return np.asarray(motion)
+    matrix[:, :3, :3] = skew(w)
+    matrix[:, :3, 3] = v
+    motion: Array = np.eye(4) + a * matrix + b * (matrix @ matrix)
+    dot = np.einsum("ni,ni->n", w, v)[:, None]
+    motion[:, :3, 3] += c[:, 0] * w * dot
+    return motion
 
 
 def skew(w: Array) -> Array:
     """Matrices of the cross products ω × for (n, 3): (n, 3, 3)."""
     cross = np.zeros((len(w), 3, 3))
-    cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = -w[:, 2], w[:, 1], -w[:, 0]
+    cross[:, 2, 1] = w[:, 0]
+    cross[:, 0, 2] = w[:, 1]
+    cross[:, 1, 0] = w[:, 2]
     return cross - cross.transpose(0, 2, 1)
 
 

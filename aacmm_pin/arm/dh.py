@@ -66,7 +66,8 @@ class DHTable(Shown):
 
     def values(self) -> Array:
         """All values as (rows, 4): a, d, alpha, theta_offset [m, m, rad, rad]."""
-        return np.stack([self.a, self.d, self.alpha, self.theta_offset], axis=1)
+        columns = self.a, self.d, self.alpha, self.theta_offset
+        return np.stack(columns, axis=1)
 
     @cached_property
     def chain(self) -> Chain:

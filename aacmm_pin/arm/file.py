@@ -205,9 +205,11 @@ class EffectEntry(_Part):
     @property
     def structure(self) -> dict[str, Any]:
         """Everything but the cause, its parameters and their uncertainty."""
-        return {
-            k: tuple(v) if isinstance(v, list) else v for k, v in (self.model_extra or {}).items()
-        }
+        structure = dict(self.model_extra or {})
+        for key, value in structure.items():
+            if isinstance(value, list):
+                structure[key] = tuple(value)
+        return structure
 
 
 _Coefficients = Annotated[
@@ -284,11 +286,11 @@ class Covariance(_Part):
         keep = [i for i, name in enumerate(self.parameters) if name in among]
         if not keep:
             return None
-        matrix = self.matrix_of_correlation()[np.ix_(keep, keep)]
+        matrix = self.matrix_of_correlation()[np.ix_(keep, keep)].tolist()
         return Covariance(
             parameters=tuple(self.parameters[i] for i in keep),
             standard_uncertainty_si=tuple(self.standard_uncertainty_si[i] for i in keep),
-            correlation=tuple(tuple(float(c) for c in row[:i]) for i, row in enumerate(matrix)),
+            correlation=tuple(tuple(row[:i]) for i, row in enumerate(matrix)),
             records=self.records,
         )
 
@@ -382,9 +384,10 @@ class UrdfArmFile(AnyArmFile):
     @property
     def corrections(self) -> Array:
         """Twist of every placement, shifts then turns (nq, 6) [m, rad]."""
-        shifts = np.array([joint.shift_mm for joint in self.joints]).reshape(-1, 3) * MM
-        turns = np.array([joint.turn_rad for joint in self.joints]).reshape(-1, 3)
-        return np.hstack([shifts, turns])
+        twists = np.array([joint.shift_mm + joint.turn_rad for joint in self.joints])
+        twists = twists.reshape(-1, 6)
+        twists[:, :3] *= MM
+        return twists
 
     @property
     def encoder_noise(self) -> Array | None:
@@ -622,19 +625,18 @@ def _check_depth(data: dict[str, Any], path: str) -> None:
 
 def _explained(error: ValidationError, path: str, kind: type[AnyArmFile]) -> ArmFileError:
     """One line for each problem: what came, what was expected, and where."""
-    (key, message), *rest = [_problem(item, kind) for item in error.errors()]
-    return ArmFileError(
-        path, key, message + "".join(f"\n{ArmFileError(path, *problem)}" for problem in rest)
-    )
+    (key, message), *others = [_problem(item, kind) for item in error.errors()]
+    for problem in others:
+        message += f"\n{ArmFileError(path, *problem)}"
+    return ArmFileError(path, key, message)
 
 
 def _problem(item: Any, kind: type[AnyArmFile]) -> tuple[str, str]:
-    key = "".join(
-        f"[{part + 1}]" if isinstance(part, int) else f".{part}" for part in item["loc"]
-    ).removeprefix(".")
+    parts = [f"[{part + 1}]" if isinstance(part, int) else f".{part}" for part in item["loc"]]
+    key = "".join(parts).removeprefix(".")
     match item["type"]:
         case "extra_forbidden":
-            parts: dict[str, type[_Part]] = {
+            kinds: dict[str, type[_Part]] = {
                 "joints": Row if kind is ArmFile else UrdfJoint,
                 "urdf": Urdf,
                 "uncertainty": Uncertainty,
@@ -644,12 +646,9 @@ def _problem(item: Any, kind: type[AnyArmFile]) -> tuple[str, str]:
                 "covariance": Covariance,
             }
             parents = [part for part in item["loc"][:-1] if isinstance(part, str)]
-            fields = (parts[parents[-1]] if parents else kind).model_fields
-            return (
-                key,
-                "unknown key; known here: "
-                f"{', '.join(sorted(f.alias or name for name, f in fields.items()))}",
-            )
+            fields = (kinds[parents[-1]] if parents else kind).model_fields
+            known = sorted(field.alias or name for name, field in fields.items())
+            return key, f"unknown key; known here: {', '.join(known)}"
         case "missing":
             return key, "missing"
         case "value_error":

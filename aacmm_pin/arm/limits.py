@@ -24,22 +24,27 @@ def into_limits(q: Array, limits: Array) -> Array:
         q: (n, nq) [rad].
         limits: (nq, 2) [rad]; a joint without finite limits is put within half a turn of zero.
     """
-    lower, upper = np.where(np.isfinite(limits).all(axis=1), limits.T, [[-np.pi], [np.pi]])
-    turns = np.ceil((lower - AT_LIMIT - q) / (2 * np.pi))
-    first = q + 2 * np.pi * turns  # in [lower, lower + 2π); exact where no turn is needed
+    turn = 2 * np.pi
+    finite = np.isfinite(limits).all(axis=1)
+    lower, upper = np.where(finite, limits.T, [[-np.pi], [np.pi]])
+    # In [lower, lower + 2π); exact where no turn is needed.
+    first = q + turn * np.ceil((lower - AT_LIMIT - q) / turn)
+    previous = first - turn
     outside = first > upper + AT_LIMIT
-    nearer_below = outside & (lower - (first - 2 * np.pi) < first - upper)
-    more = np.floor((upper + AT_LIMIT - first) / (2 * np.pi))
-    to_middle = np.ceil((0.5 * (lower + upper) - first) / (2 * np.pi) - 0.5 - AT_LIMIT)
-    first = first + 2 * np.pi * np.clip(to_middle, 0.0, np.maximum(more, 0.0))
-    return np.asarray(np.where(nearer_below, first - 2 * np.pi, first))
+    nearer_below = outside & (lower - previous < first - upper)
+    more = np.floor((upper + AT_LIMIT - first) / turn)
+    to_middle = np.ceil((0.5 * (lower + upper) - first) / turn - 0.5 - AT_LIMIT)
+    inside = first + turn * np.clip(to_middle, 0.0, np.maximum(more, 0.0))
+    return np.asarray(np.where(nearer_below, previous, inside))
 
 
 def broken_limits(q: Array, limits: Array) -> Mask:
     """Which angles of ``q`` (n, nq) [rad], as they stand, are outside ``limits`` (nq, 2):
     (n, nq).
     """
-    return np.asarray((q < limits[:, 0] - AT_LIMIT) | (q > limits[:, 1] + AT_LIMIT))
+    below = q < limits[:, 0] - AT_LIMIT
+    above = q > limits[:, 1] + AT_LIMIT
+    return below | above
 
 
 def other_turns(q: Array, limits: Array, slides: Mask) -> list[Note]:
@@ -81,6 +86,6 @@ def inside_part(start: Array, end: Array, limits: Array) -> tuple[Array, Array]:
     way = end[:, bounded] - start[:, bounded]
     way = np.where(np.abs(way) < 1e-15, 1e-15, way)
     ends = np.stack([(-half - off) / way, (half - off) / way])
-    return np.clip(ends.min(axis=0).max(axis=1), 0.0, 1.0), np.clip(
-        ends.max(axis=0).min(axis=1), 0.0, 1.0
-    )
+    first = ends.min(axis=0).max(axis=1)
+    last = ends.max(axis=0).min(axis=1)
+    return first.clip(0.0, 1.0), last.clip(0.0, 1.0)

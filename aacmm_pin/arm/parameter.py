@@ -45,6 +45,5 @@ class Parameter(Shown):
 
         Where no half-width is stated (None) the value counts as exact, u = 0.
         """
-        return Parameter(
-            name, kind, joint, unit, value, half_width, (half_width or 0.0) / math.sqrt(3.0)
-        )
+        u = (half_width or 0.0) / math.sqrt(3.0)
+        return Parameter(name, kind, joint, unit, value, half_width, u)

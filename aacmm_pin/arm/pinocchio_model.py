@@ -140,13 +140,14 @@ def chain_of(model: Any, tip: str) -> Chain:
     The parameters are the twists of the placements in their own axes.
     """
     turns = [pin.SE3(onto_z(axis), np.zeros(3)) for axis in joint_axes(model)]
-    frame = model.frames[frame_number(model, tip)].placement.homogeneous
-    placements = [*(model.jointPlacements[j].homogeneous for j in range(1, model.njoints)), frame]
-    backs = [pin.SE3.Identity(), *(turn.inverse() for turn in turns)]
-    ends = [back.homogeneous @ placement for back, placement in zip(backs, placements, strict=True)]
+    axes = [turn.homogeneous for turn in turns]
+    backs = [np.eye(4), *(turn.inverse().homogeneous for turn in turns)]
+    frame = model.frames[frame_number(model, tip)]
+    placements = [*model.jointPlacements.tolist()[1:], frame.placement]
+    pairs = zip(backs, placements, strict=True)
+    ends = [back @ placement.homogeneous for back, placement in pairs]
     slides = np.asarray(~_motions(model)[:, 3:].any(axis=1))
     parameters = [(end(joint), component) for joint in range(len(turns)) for component in range(6)]
-    axes = [turn.homogeneous for turn in turns]
     return Chain.of_pieces(axes, ends, np.arange(len(turns)), slides, parameters)
 
 
@@ -170,6 +171,6 @@ def joint_axes(model: Any) -> Array:
 
 def onto_z(axis: Array) -> Array:
     """A rotation with ``axis`` as its third column."""
-    return np.array(
-        pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), axis).toRotationMatrix()
-    )
+    z = np.array([0.0, 0.0, 1.0])
+    turn = pin.Quaternion.FromTwoVectors(z, axis)
+    return np.array(turn.toRotationMatrix())

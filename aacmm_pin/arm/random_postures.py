@@ -76,11 +76,12 @@ class Room:
         """Which of the ``tips`` (n, 3) [m] are of use: (n,)."""
         rotation, origin = self.arm.chain.walk(np.zeros((1, self.arm.nq)))
         first = self.arm.chain.moving_axes()[0]
-        lever = np.cross(tips - origin[first][0], rotation[first][0, :, 2])
-        clear = np.linalg.norm(lever, axis=1) >= CLEAR
-        return np.asarray(
-            clear if self.above is None else clear & (tips @ self.arm.up >= self.above)
-        )
+        axis = rotation[first, 0, :, 2]
+        lever = np.cross(tips - origin[first, 0], axis)
+        clear: Mask = np.linalg.norm(lever, axis=1) >= CLEAR
+        if self.above is not None:
+            clear &= tips @ self.arm.up >= self.above
+        return clear
 
     def postures(self, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
         """Random postures (count, nq) [rad], uniform in the joints, and their tips (count, 3) [m],

@@ -165,7 +165,8 @@ def _draw(
 
 
 def _origin(element: ET.Element, xyz: Triple, rpy: Triple) -> None:
-    ET.SubElement(element, "origin", xyz=_text(*xyz), rpy=_text(*rpy))
+    origin = ET.SubElement(element, "origin", xyz=_text(*xyz))
+    origin.set("rpy", _text(*rpy))
 
 
 def _text(*values: float) -> str:

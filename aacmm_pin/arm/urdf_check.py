@@ -5,6 +5,9 @@ One pass of lxml, without entities, gives the elements with their lines; what Pi
 written anew from the numbers that were read, without pictures, materials and transmissions. Joints
 that are ``continuous`` become ``revolute`` with limits of ±2π: Pinocchio would give them two
 numbers, cosine and sine, which no encoder shows.
+
+yourdfpy is not used here: it keeps no line numbers, accepts truncated files, four numbers in an
+``xyz``, two links of one name, cycles and unknown attributes, and needs half a second to import.
 """
 
 from __future__ import annotations
@@ -12,6 +15,7 @@ from __future__ import annotations
 import codecs
 import hashlib
 import math
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 from typing import Any
 
@@ -223,7 +227,8 @@ def _check_tree(robot: Element, links: dict[str, Element], joints: dict[str, Ele
     """Refuse links and joints that make no one tree."""
     if not links:
         raise _refused(robot, "has no link")
-    carriers: dict[str, tuple[str, Element]] = {}
+    carriers: dict[str, Element] = {}
+    parents: dict[str, list[str]] = {}
     for joint in joints.values():
         parent, child = _required(joint, "parent"), _required(joint, "child")
         for end in (parent, child):
@@ -231,21 +236,19 @@ def _check_tree(robot: Element, links: dict[str, Element], joints: dict[str, Ele
                 raise _refused(end, f"there is no link {end.get('link')!r}")
         carried = child.get("link")
         if carried in carriers:
-            carrier = _words(carriers[carried][1])
+            carrier = _words(carriers[carried])
             raise _refused(child, f"the link {carried!r} is carried already by {carrier}")
-        carriers[carried] = parent.get("link"), joint
+        carriers[carried] = joint
+        parents[carried] = [parent.get("link")]
     roots = [link for name, link in links.items() if name not in carriers]
     if len(roots) > 1:
         raise _refused(roots[1], f"no joint carries it, nor {_words(roots[0])}; expected one root")
-    grounded = {root.get("name") for root in roots}
-    for name in links:
-        passed: list[str] = []
-        while name not in grounded:
-            if name in passed:
-                raise _refused(carriers[name][1], f"is part of a cycle: {name!r} carries itself")
-            passed.append(name)
-            name = carriers[name][0]
-        grounded.update(passed)
+    try:
+        TopologicalSorter(parents).prepare()
+    except CycleError as error:
+        link = error.args[1][0]
+        message = f"is part of a cycle: {link!r} carries itself"
+        raise _refused(carriers[link], message) from None
 
 
 def _add_link(root: Element, link: Element) -> None:

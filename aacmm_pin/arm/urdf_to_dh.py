@@ -146,8 +146,8 @@ def _onto_axis(frame: Array, z: Array, point: Array) -> Iterator[Row]:
 
 
 def _seen_from(frame: Array, z: Array, point: Array) -> tuple[Array, Array]:
-    rotation, origin = frame[:3, :3], frame[:3, 3]
-    return rotation.T @ z, rotation.T @ (point - origin)
+    rotation = frame[:3, :3].T
+    return rotation @ z, rotation @ (point - frame[:3, 3])
 
 
 def _row(z: Array, point: Array) -> Row:
