@@ -27,6 +27,7 @@ from aacmm_pin import (
 )
 from aacmm_pin.effects import EncoderEccentricity, LinkBending
 from aacmm_pin.report import plots
+from building.drawings import flow_of_files, kinds_of_references, labelled_arm
 
 POINT = np.array([400.0, 0.0, 300.0]) * 1e-3
 NOISE = 8e-6
@@ -47,6 +48,9 @@ def _diagnosed() -> Diagnosis:
 
 
 PICTURES: dict[str, Callable[[], Axes | Figure]] = {
+    "arm.png": labelled_arm,
+    "files.png": flow_of_files,
+    "references.png": kinds_of_references,
     "circle.png": lambda: plots.plot_circle(*_at_the_point()),
     "swivel.png": lambda: plots.plot_accuracy_of_postures(*_at_the_point()),
     "budget.png": lambda: plots.plot_budget(_at_the_point()[1]),
