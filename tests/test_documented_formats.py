@@ -169,9 +169,8 @@ def names_of(functions: type) -> list[str]:
 
 
 def test_keys_of_the_arm_file():
-    assert set(documented("Arm file (TOML)")) - {"effects[].joint"} == set(
-        fields_of(arm_file.ArmFile)
-    )
+    of_causes = {f"effects[].{name}" for name in ("joint", "between_s", "sessions", "until_s")}
+    assert set(documented("Arm file (TOML)")) - of_causes == set(fields_of(arm_file.ArmFile))
     both = set(fields_of(arm_file.ArmFile)) & set(fields_of(arm_file.UrdfArmFile))
     both -= {key for key in both if key.startswith("joints")}
     assert set(documented("Of a URDF")) == set(fields_of(arm_file.UrdfArmFile)) - both

@@ -112,7 +112,8 @@ ALL_SETS = "The probabilities of all sets add up to 1. Sets below 1 % are listed
 ALIASES_LISTED = "Aliases: causes with a similar effect in these records"
 ALIASES_EXPLAINED = (
     "r: correlation of the two effects in these records, geometry refitted. Probability: that the "
-    "alias acts and the cause does not."
+    "alias acts and the cause does not. If both act, the alias much below its typical magnitude, U "
+    "of the cause does not cover its value."
 )
 DISCREPANCY = (
     "RMS of the part that recalibration does not absorb, its standard uncertainty, and the "
@@ -184,7 +185,7 @@ def _ambiguous(result: Diagnosis, wrong: str) -> str:
         named.append(f"{causes} (probability of this set {probability(share)})")
     if not found:
         return f"these records do not determine what the simulation lacks: {listed(named, 'or')}"
-    return f"{wrong}; instead it may lack {listed(named, 'or')}"
+    return f"{wrong}; other sets that may act: {listed(named, 'or')}"
 
 
 def _excluded_in_words(result: Diagnosis) -> str:
@@ -386,9 +387,11 @@ def _covariates_in_words(left: Unexplained) -> Iterator[str]:
         yield f"No single column explains the remaining structure of {_background(left)}."
     elif left.groups:
         yield f"Groups of records do not agree with the others ({p})."
+    elif left.left:
+        chance = beside_threshold(left)
+        yield f"The residuals have significant structure that no named cause explains ({chance})."
     elif left.excluded is None:
-        any_ = "Significant" if left.left else "No significant"
-        yield f"{any_} structure over a column in the residuals ({beside_threshold(left)})."
+        yield f"No significant structure over a column in the residuals ({beside_threshold(left)})."
 
 
 def _saved_in_words(result: Diagnosis) -> str:

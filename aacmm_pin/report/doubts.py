@@ -64,7 +64,7 @@ def _no_better(result: Diagnosis) -> str:
 
 def _structure_left(result: Diagnosis) -> str:
     """`unexplained.p_value` is below its threshold."""
-    if result.verdict == "unexplained":
+    if result.verdict == "unexplained" or "more causes" in result.doubts:
         return ""
     return f"the residuals have significant structure ({beside_threshold(result.unexplained)})"
 

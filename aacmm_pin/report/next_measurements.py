@@ -9,7 +9,7 @@ import numpy as np
 
 from aacmm_pin._support.threads import one_blas_thread
 from aacmm_pin.calibration import rms
-from aacmm_pin.diagnosis import THRESHOLDS, Alias, Diagnosis, Finding, too_good
+from aacmm_pin.diagnosis import THRESHOLDS, Diagnosis, Finding, too_good
 from aacmm_pin.effects import Effect, corrects_seat, listed
 from aacmm_pin.measurements import LABELS
 from aacmm_pin.report.doubts import doubts_in_words
@@ -18,6 +18,7 @@ from aacmm_pin.report.plan import advice, mostly_seats
 
 PLACE, SCALE = ("x", "y", "z", "place"), "scale"
 """Names of what :mod:`aacmm_pin.diagnosis.covariates` calls so."""
+MORE_RECORDS = "take more records, at other postures: these show which of the listed causes act"
 ORDER = ("record", "time")
 """The same, of the order in which records were taken."""
 
@@ -32,7 +33,7 @@ def next_measurements(result: Diagnosis) -> str:
     """
     first = _first(result)
     if result.verdict == "unexplained" and result.cannot_tell_apart:
-        return f"{first}; also: {_to_tell_sets(result)}"
+        return f"{first}; also: {_to_distinguish(result)}"
     return first
 
 
@@ -118,10 +119,8 @@ def _first(result: Diagnosis) -> str:
     if verdict == "unexplained":
         return _otherwise(unexplained.depends_on) + _and_repeat(result)
     doubtful = [finding for finding in findings if finding.probability < THRESHOLDS.settled]
-    if doubtful:
-        return _to_tell(result, doubtful)
-    if verdict == "ambiguous":
-        return _to_tell_sets(result)
+    if doubtful or verdict == "ambiguous":
+        return _to_distinguish(result, doubtful)
     seats = [finding for finding in findings if corrects_seat(finding.effect)]
     if seats:
         return (
@@ -175,47 +174,47 @@ def _and_repeat(result: Diagnosis) -> str:
     return "" if _repeats(result) else ", and repeat some records without any change"
 
 
-def _to_tell(result: Diagnosis, doubtful: Sequence[Finding]) -> str:
-    """How to tell doubtful findings from what looks like them."""
+def _to_distinguish(result: Diagnosis, doubtful: Sequence[Finding] = ()) -> str:
+    """How to distinguish the most probable set of causes from those that cannot be excluded."""
+    if (pair := _open_pair(result)) is not None:
+        return _to_distinguish_pair(result, *pair)
     for finding in doubtful:
-        cause = finding.effect
-        alike, other = next(
-            ((a, a.effect) for a in finding.aliases if a.effect is not None), (None, None)
+        if finding.aliases and finding.aliases[0].effect is None:
+            on = finding.aliases[0].label
+            return (
+                f"to distinguish {finding.label} from other causes that depend on {on}, "
+                f"{_otherwise((on,))}{_and_repeat(result)}"
+            )
+    return MORE_RECORDS
+
+
+def _open_pair(result: Diagnosis) -> tuple[Effect, Effect] | None:
+    """A cause of the most probable set, and the one that another set has in its place; of the most
+    probable set that differs so and cannot be excluded.
+    """
+    (best, _), *others = result.alternatives.items()
+    found = {finding.label: finding.effect for finding in result.findings}
+    for labels, share in others:
+        exchanged = [*set(best).difference(labels), *set(labels).difference(best)]
+        same_size = len(labels) == len(best) and len(exchanged) == 2
+        if share >= THRESHOLDS.rival and same_size:
+            one, other = (found.get(label) or result.cause(label) for label in exchanged)
+            return None if one is None or other is None else (one, other)
+    return None
+
+
+def _to_distinguish_pair(result: Diagnosis, cause: Effect, other: Effect) -> str:
+    if cause.refitted or other.refitted:  # so that no plan can split it from another
+        return (
+            f"take more records, at other postures, to distinguish {cause.label} from {other.label}"
         )
-        if alike is None or other is None:
-            continue
-        if cause.refitted or other.refitted:  # so that no plan can split it from another
+    for one, freer in ((cause, other), (other, cause)):
+        if freer.cause in one.special_case_of and freer.place == one.place:
             return (
-                f"take more records, at other postures, to distinguish {finding.label} from "
-                f"{alike.label}"
+                f"take more records with the joint of {one.label} spread evenly over its range: "
+                "these show whether anything else depends on its angle"
             )
-        if other.cause in cause.special_case_of and other.place == cause.place:
-            return (
-                f"take more records with joint {finding.joint} spread evenly over its range: these "
-                f"show whether anything but {finding.label} depends on its angle"
-            )
-        return _planned(result, finding, alike)
-    first = doubtful[0]
-    on = first.aliases[0].label if first.aliases else "the recorded columns"
-    return (
-        f"to distinguish {first.label} from other causes that depend on {on}, "
-        f"{_otherwise((on,))}{_and_repeat(result)}"
-    )
-
-
-def _to_tell_sets(result: Diagnosis) -> str:
-    """How to tell the two most probable sets of causes from each other."""
-    first, second = (set(labels) for labels in [*result.alternatives][:2])
-    one, other = ([*map(result.cause, sorted(own))] for own in (first - second, second - first))
-    pair = [cause for cause in (*one, *other) if cause is not None and not cause.refitted]
-    if len(one) == len(other) == 1 and len(pair) == 2:
-        return _plan_for(result, (pair[0], pair[1]))
-    return "take more records, at other postures: these show which of the listed causes act"
-
-
-def _planned(result: Diagnosis, finding: Finding, alike: Alias) -> str:
-    """The command that plans how to tell a finding from its alias, as it was found."""
-    return _plan_for(result, (finding.effect, result.choice.variant(alike.block)))
+    return _plan_for(result, (cause, other))
 
 
 def _plan_for(result: Diagnosis, split: tuple[Effect, Effect]) -> str:
@@ -267,6 +266,12 @@ def _otherwise(depends_on: Sequence[str]) -> str:
             "measure a length that another calibration states, which shows whether the "
             "references or the arm are wrong"
         )
+    if moments := [name for name in others if name.startswith("moment ")]:
+        found.append(
+            "touch the same places with another load, or in postures with another "
+            f"{listed(moments)}"
+        )
+        others = [name for name in others if name not in moments]
     labels = [name for name in others if name.split()[0] in LABELS]
     if labels:
         found.append(

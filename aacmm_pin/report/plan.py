@@ -113,9 +113,8 @@ def plan_advice(plan: MeasurementPlan, options: Sequence[str] = ()) -> str:
     before = 0.5 if plan.before is None else plan.before.probability
     if plan.before is not None and plan.after.probability - before < LEAST_CHANGE:
         return (
-            f"more records would not help to distinguish {one.label} from {other.label}. If only "
-            f"one of the two acts, a decision by the existing records is right with probability "
-            f"{before:.2f}"
+            f"take more records, at other postures, to distinguish {one.label} from {other.label}: "
+            "records of the same kind, planned for these two alone, add nothing"
         )
     odds = f"from {before:.2f} to {plan.after.probability:.2f}"
     if not plan.decided:
@@ -126,7 +125,8 @@ def plan_advice(plan: MeasurementPlan, options: Sequence[str] = ()) -> str:
     return (
         f"to distinguish {one.label} from {other.label}, measure {len(plan.records)} records where "
         f"the two differ most{where}: {_command(plan, options)} "
-        f"(the probability of the right decision rises {odds})"
+        f"(by a quick plan for these two causes alone, the probability of the right decision "
+        f"rises {odds})"
     )
 
 
