@@ -45,6 +45,8 @@ from aacmm_pin.effects import CAUSES
 ROOT = Path(__file__).parents[1]
 SITE = ROOT / "notebooks" / "site"
 PAGES = [ROOT / "README.md", *sorted(SITE.rglob("*.md"))]
+LONG = ("acceptance", "python", "tour")
+"""Pages whose commands are those of others, of more postures: CI runs them by themselves."""
 RUN_BY_CI = ("demo-command", "test-command", "docs-command")
 DIRECTIVES = ("{include}", "{toctree}", "{eval-rst}", "{figure}")
 DATA = {
@@ -190,7 +192,11 @@ def not_said(comment: str, said: str) -> list[str]:
     ]
 
 
-@pytest.mark.parametrize("path", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
+@pytest.mark.parametrize(
+    "path",
+    [pytest.param(p, marks=pytest.mark.long) if p.stem in LONG else p for p in PAGES],
+    ids=lambda path: str(path.relative_to(ROOT)),
+)
 def test_every_block_runs(path, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     module = ModuleType("documented")

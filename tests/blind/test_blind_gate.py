@@ -37,27 +37,28 @@ BARE = SEVEN | {"stated": False, "torque": True}
 ROBOT = TRACKER | {"arm": "ur5", "stated": True, "torque": False}
 SINGLES: list[tuple[str, int | None]] = [
     ("encoder_eccentricity", 3),
+    ("joint_hysteresis", 3),
+    ("zero_drift", 1),
+    ("joint_compliance", 2),
+    ("thermal_expansion", None),
+    ("link_length", 3),
     ("encoder_ellipticity", 2),
     ("joint_periodic_error", 1),
     ("joint_error_curve", 2),
     ("encoder_gain", 4),
     ("encoder_slip", 2),
-    ("joint_hysteresis", 3),
-    ("zero_drift", 1),
-    ("joint_compliance", 2),
     ("bearing_tilt", 3),
     ("link_bending", 3),
     ("torsional_windup", 3),
     ("counterbalance", 2),
     ("base_compliance", None),
-    ("thermal_expansion", None),
     ("stylus_bending", None),
     ("stylus_offset", None),
     ("joint_zero_offset", 4),
-    ("link_length", 3),
     ("joint_distance", 5),
     ("link_twist", 2),
 ]
+BARS = SEVEN | {"evidence": "bars", "seats": 6}
 FEW = SEVEN | {
     "evidence": "seats",
     "seats": 3,
@@ -75,15 +76,11 @@ CASES: dict[str, list[Row]] = {
     ],
     "nothing": [
         {**base, "seed": seed, "faults": 0}
-        for seed, base in enumerate(
-            (TRACKER, SEATS, SEVEN, SEVEN | {"evidence": "bars", "seats": 6}, ROBOT, BARE), start=1
-        )
+        for seed, base in ((4, BARS), (5, ROBOT), (1, TRACKER), (2, SEATS), (3, SEVEN), (6, BARE))
     ],
     "pairs": [{**TRACKER, "seed": seed, "records": 100, "faults": 2} for seed in (1, 2)],
     "few": [{**FEW, "seed": seed, "joint": 1 + seed % 7} for seed in (2, 3, 7, 8, 24)],
-    "soft": [
-        {**SOFT, "seed": seed, "records": 300, "value": value} for seed, value in ((3, 8e-5),)
-    ],
+    "soft": [{**SOFT, "seed": 3, "records": 300, "value": 8e-5}],
     "noise_unstated": [
         {**SOFT, "seed": seed, "records": 120, "value": 8e-5, "noise_stated": "none"}
         for seed in (1, 5)
@@ -123,10 +120,7 @@ CASES: dict[str, list[Row]] = {
             "joint": 2,
         }
     ],
-    "gross": [
-        {**TRACKER, "seed": seed, "outliers": 0.1, "cause": "joint_hysteresis", "joint": seed}
-        for seed in (1,)
-    ],
+    "gross": [{**TRACKER, "seed": 1, "outliers": 0.1, "cause": "joint_hysteresis", "joint": 1}],
 }
 RIGHT = {
     "singles": 19,
@@ -141,6 +135,17 @@ RIGHT = {
 RIGHT |= {"no_masses": 1, "curves": 1, "gross": 1}
 """So many at least are named right: a hidden cause among the findings, or nothing where nothing is.
 """
+FIRST = {
+    "singles": 6,
+    "nothing": 2,
+    "pairs": 1,
+    "few": 1,
+    "noise_unstated": 1,
+    "bare": 1,
+    "curves": 1,
+    "gross": 1,
+}
+"""So many of the first files of a group are diagnosed in every run, and all of them are right."""
 LIMIT = 3.3
 """Standard uncertainties by which one of the many parameters here may be off: a chance of 1
 in 1000.
@@ -181,13 +186,12 @@ def task_of(case: Row) -> runs.Task:
     return runs.Task(case["seed"], given, options=("--no-held-out",))
 
 
-@pytest.mark.parametrize("group", CASES)
-def test_nothing_sure_is_wrong_and_enough_is_right(group: str) -> None:
-    rows = [runs.perform(task_of(case)) for case in CASES[group]]
+def check(cases: list[Row], right: int) -> None:
+    rows = [runs.perform(task_of(case)) for case in cases]
     found = [outcome(row) for row in rows]
     assert not (bad := [o for o in found if o["error"] or o["wrong"] or o["named"]]), told(bad)
     wrong = [o for o in found if not o["right"]]
-    assert len(found) - len(wrong) >= RIGHT[group], told(wrong)
+    assert len(found) - len(wrong) >= right, told(wrong)
     away = {
         name: u
         for row in rows
@@ -195,3 +199,14 @@ def test_nothing_sure_is_wrong_and_enough_is_right(group: str) -> None:
         for name, u in off(row).items()
     }
     assert not {name: u for name, u in away.items() if u > LIMIT}, away
+
+
+@pytest.mark.parametrize("group", FIRST)
+def test_nothing_sure_is_wrong_and_the_first_files_are_right(group: str) -> None:
+    check(CASES[group][: FIRST[group]], FIRST[group])
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("group", CASES)
+def test_nothing_sure_is_wrong_and_enough_is_right(group: str) -> None:
+    check(CASES[group], RIGHT[group])

@@ -291,37 +291,26 @@ def test_files_are_of_the_contract(tmp_path: Path) -> None:
         np.testing.assert_allclose(read.q, drawn.read, atol=1e-9)
         np.testing.assert_allclose(read.conditions.temperature, 20.0, atol=4.0)
         assert len(set(read.conditions.session)) == 3
-    for arm in ARMS:
-        for evidence in EVIDENCE:
-            file = regime_file(
-                3,
-                arm=arm,
-                evidence=evidence,
-                records=24,
-                faults=1,
-                torque=arm != "sino6",
-                environment=True,
-            )
-            file.write(tmp_path)
-            read = Measurements.read(tmp_path / "data.csv", nq=len(file.machine.arm.limits))
-            np.testing.assert_allclose(read.q, file.read, atol=1e-9)
-            assert read.n == 24
-            assert not len(read.extra.columns)
-            assert len(read.seats()) == len(file.seats)
-            assert (
-                len(read.bars())
-                == len(file.bars)
-                == (len(file.seats) // 2 if evidence == "bars" else 0)
-            )
-            assert (read.conditions.torque is not None) == file.regime.torque
+    for arm, evidence in zip(ARMS, EVIDENCE, strict=True):
+        given = {"records": 24, "faults": 1, "torque": arm != "sino6", "environment": True}
+        file = regime_file(3, arm=arm, evidence=evidence, **given)
+        file.write(tmp_path)
+        read = Measurements.read(tmp_path / "data.csv", nq=len(file.machine.arm.limits))
+        np.testing.assert_allclose(read.q, file.read, atol=1e-9)
+        assert read.n == 24
+        assert not len(read.extra.columns)
+        assert len(read.seats()) == len(file.seats)
+        bars = len(file.seats) // 2 if evidence == "bars" else 0
+        assert len(read.bars()) == len(file.bars) == bars
+        assert (read.conditions.torque is not None) == file.regime.torque
 
 
 def test_a_seed_says_everything() -> None:
     made: list[Callable[[int], object]] = [
         lambda seed: draw(seed, "any", records=50).csv_text,
-        lambda seed: regime_file(seed, most_records=60).files,
+        lambda seed: regime_file(seed, most_records=40).files,
         *(
-            lambda seed, family=family: family_file(family, seed).files
+            lambda seed, family=family: family_file(family, seed, records=40).files
             for family in FAMILIES
             if family != "regimes"
         ),
@@ -362,34 +351,24 @@ def test_what_was_asked_for_is_hidden() -> None:
 
 
 def test_nothing_hidden_is_the_twin() -> None:
-    for plan in PLANS:
-        for cause in (
-            "encoder_eccentricity",
-            "link_bending",
-            "encoder_slip",
-            "unexplained:frame_walk",
-        ):
-            faulty, twin = (
-                draw(8, cause, plan=plan, records=60, twin=twin) for twin in (False, True)
-            )
-            assert (
-                draw(8, cause, plan=plan, records=60, size=0.0).csv_text
-                == twin.csv_text
-                != faulty.csv_text
-            )
-            assert [h.cause for h in faulty.hidden] == [cause.partition(":")[0]]
-            assert not twin.hidden
-            np.testing.assert_array_equal(faulty.geometry, twin.geometry)
-            np.testing.assert_allclose(faulty.read, twin.read, atol=3e-3)
+    causes = ("encoder_slip", "link_bending", "unexplained:frame_walk")
+    for plan, cause in zip(PLANS, causes, strict=True):
+        faulty, twin = (draw(8, cause, plan=plan, records=60, twin=twin) for twin in (False, True))
+        nothing = draw(8, cause, plan=plan, records=60, size=0.0)
+        assert nothing.csv_text == twin.csv_text != faulty.csv_text
+        assert [h.cause for h in faulty.hidden] == [cause.partition(":")[0]]
+        assert not twin.hidden
+        np.testing.assert_array_equal(faulty.geometry, twin.geometry)
+        np.testing.assert_allclose(faulty.read, twin.read, atol=3e-3)
 
 
-def test_faults_have_the_size_of_workshops() -> None:
+@pytest.mark.parametrize("seed", [2, *(pytest.param(k, marks=pytest.mark.long) for k in (0, 1))])
+def test_faults_have_the_size_of_workshops(seed: int) -> None:
     for cause, (low, high) in FELT.items():
         plan = "seats" if cause == "seat_error" else "free"
-        for seed in range(3):
-            fault = draw(seed, cause, plan=plan, records=60).hidden[0]
-            assert low < fault.size_um < high, (fault.key, fault.size_um)
-        tenth = draw(2, cause, plan=plan, records=60, size=0.1).hidden[0]
+        fault = draw(seed, cause, plan=plan, records=60).hidden[0]
+        assert low < fault.size_um < high, (fault.key, fault.size_um)
+        tenth = draw(seed, cause, plan=plan, records=60, size=0.1).hidden[0]
         assert tenth.size_um == pytest.approx(0.1 * fault.size_um, rel=0.02)
         assert tenth.joint == fault.joint
 

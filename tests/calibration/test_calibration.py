@@ -89,7 +89,7 @@ def agreement(arm: Arm, result: Calibration, errors: Array) -> float:
     return float(chi2.sf(off @ np.linalg.solve(result.covariance, off), off.size))
 
 
-@pytest.mark.parametrize("by_marker", [True, False])
+@pytest.mark.parametrize("by_marker", [True, pytest.param(False, marks=pytest.mark.long)])
 def test_noise_of_readings_reaches_a_target_beyond_the_tip(sino6, by_marker):
     """χ² of 12 files with noise as stated, the reading's the larger part, and a target 0.3 m beyond
     the tip.
@@ -178,7 +178,7 @@ def test_an_independent_least_squares_agrees(sino6, rng):
 
 def test_uncertainties_are_honest(sino6):
     """RMS of error over u is one, and 95 % intervals hold 95 % of the true values, over repeats."""
-    repeats = 40
+    repeats = 20
     rngs = [np.random.default_rng(seed) for seed in range(repeats)]
     results = [
         (quick(sino6, data), errors) for data, errors in (free_points(sino6, rng) for rng in rngs)
@@ -791,7 +791,7 @@ def test_the_geometric_refit_ends_at_one_minimum_from_wherever_it_starts(
     problem, weights = fit.problem, fit.used.astype(np.float64)
     assert not problem.stated.any()
     costs = []
-    for _ in range(20):
+    for _ in range(6):
         x = problem.widths * rng.uniform(-1.0, 1.0, problem.widths.size)
         prediction = problem.predict(x, fit.point.frame)
         start = solver.Point(

@@ -249,7 +249,7 @@ def some_blocks(design: Design) -> list[int]:
     return sorted(set(sizes.values()))
 
 
-@pytest.mark.parametrize("left_out", [(), (0, 3)])
+@pytest.mark.parametrize("left_out", [(0, 3), pytest.param((), marks=pytest.mark.long)])
 def test_inner_products(
     case: Case, left_out: tuple[int, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:

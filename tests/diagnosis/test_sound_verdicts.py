@@ -65,25 +65,21 @@ def test_calibrating_twice_is_calibrating_with_all_records(sino6, rng):
     assert (np.abs(values - both) < 0.05 * wanted).all()
 
 
-def test_a_warm_up_that_is_not_over_is_as_uncertain_as_its_evidence_says(sino6):
+@pytest.mark.parametrize("seed", [5, again(6), again(7)])
+def test_a_warm_up_that_is_not_over_is_as_uncertain_as_its_evidence_says(sino6, seed):
     """Records over one time constant, which may be much longer than it seems: no error beyond 3.5
     u, and u is told.
     """
-    drift, errors = ZeroDrift(1, 1200.0, values=(4e-4,)), []
-    for seed in range(5, 8):
-        rng = np.random.default_rng(seed)
-        q, known = (
-            rng.uniform(*sino6.limits.T, (40, 6)),
-            Conditions(40, time=np.cumsum(rng.uniform(15.0, 45.0, 40))),
-        )
-        tips = ErrorModel(sino6, (drift,)).predict(q, known) + 12e-6 * rng.normal(size=(40, 3))
-        data = Measurements.of(q - 8e-6 * rng.normal(size=q.shape), tips, conditions=known)
-        (finding,) = diagnose(sino6, data, hold_out=False, progress=False, **NOISE).findings
-        assert finding.label == drift.label
-        assert finding.inner["time_constant_s"][1] > 0.0
-        value, u = finding.parameters["drift_rad"]
-        errors.append((value - 4e-4) / u)
-    assert np.abs(errors).max() < 3.5
+    drift, rng = ZeroDrift(1, 1200.0, values=(4e-4,)), np.random.default_rng(seed)
+    q = rng.uniform(*sino6.limits.T, (40, 6))
+    known = Conditions(40, time=np.cumsum(rng.uniform(15.0, 45.0, 40)))
+    tips = ErrorModel(sino6, (drift,)).predict(q, known) + 12e-6 * rng.normal(size=(40, 3))
+    data = Measurements.of(q - 8e-6 * rng.normal(size=q.shape), tips, conditions=known)
+    (finding,) = diagnose(sino6, data, hold_out=False, progress=False, **NOISE).findings
+    assert finding.label == drift.label
+    assert finding.inner["time_constant_s"][1] > 0.0
+    value, u = finding.parameters["drift_rad"]
+    assert abs(value - 4e-4) < 3.5 * u
 
 
 def test_a_trial_that_cannot_be_evaluated_is_a_rejected_step(sino6, rng, monkeypatch):
@@ -131,7 +127,7 @@ class SquareTilt(Effect):
 
 def test_what_no_cause_has_lends_its_strength_to_no_name_and_stays_with_the_arm(sino6, tmp_path):
     model = ErrorModel(sino6, (SquareTilt(3, values=(3e-6,)),))
-    data = simulate_measurements(model, "free", 150, rng=np.random.default_rng(3))
+    data = simulate_measurements(model, "free", 100, rng=np.random.default_rng(3))
     found = diagnose(sino6, data, hold_out=False, progress=False, **NOISE)
     assert found.verdict == "unexplained"
     assert found.findings[0].joint == 3
@@ -269,7 +265,7 @@ def test_verdicts(sino6, rng):
 
 def test_a_value_that_nature_does_not_have_explains_nothing(sino6):
     model = ErrorModel(sino6, (JointCompliance(2, values=(-3e-5,)),))
-    data = simulate_measurements(model, "free", 100, rng=np.random.default_rng(1))
+    data = simulate_measurements(model, "free", 60, rng=np.random.default_rng(1))
     found = diagnose(sino6, data, hold_out=False, progress=False, **NOISE)
     assert (found.verdict, [f.below_zero for f in found.findings]) == (
         "inconclusive",
@@ -281,7 +277,7 @@ def test_a_value_that_nature_does_not_have_explains_nothing(sino6):
 def test_an_arm_of_which_nothing_tells_the_size_keeps_it(zero6):
     """Unknown seats, no bar, no stated length: the smallest arm would scatter least."""
     hidden = ErrorModel(zero6, (EncoderEccentricity(3, values=(2e-4, 0.0)),))
-    data = simulate_measurements(hidden, "seats", 160, known=False, rng=np.random.default_rng(4))
+    data = simulate_measurements(hidden, "seats", 100, known=False, rng=np.random.default_rng(4))
     found = diagnose(zero6, data, encoder_noise=8e-6, probe_noise=5e-6, hold_out=False)
     assert [finding.label for finding in found.findings] == ["encoder_eccentricity:3"]
     assert len(data_of(found.notes, "size_taken")) == 1
@@ -292,7 +288,7 @@ def test_an_arm_of_which_nothing_tells_the_size_keeps_it(zero6):
     assert np.abs(change[lengths > 0.1]).max() < 1e-3
 
 
-def known_before(sino6: Arm, *new: Effect, value: float = 2e-5, records: int = 300) -> Diagnosis:
+def known_before(sino6: Arm, *new: Effect, value: float = 2e-5, records: int = 100) -> Diagnosis:
     """Of records of an arm that is known to have a compliance of joint 2, with another value or
     with causes besides.
     """
@@ -494,7 +490,7 @@ def test_what_moves_the_tip_alike_is_named_as_one_cause(sino6, new, left):
     """A stand that yields as joint 2 did, which no longer does, has the columns of a bearing that
     tilts beside it.
     """
-    found = known_before(sino6, new, value=left, records=100)
+    found = known_before(sino6, new, value=left)
     assert (found.verdict, [finding.label for finding in found.findings]) == (
         "explained",
         ["bearing_tilt:2"],
@@ -535,7 +531,7 @@ def test_a_load_that_the_file_does_not_have(known, sino6):
 def test_a_new_cause_is_not_taken_for_a_change_of_a_known_one(sino6):
     """An eccentricity whose phase makes it like the torque of gravity, in few records."""
     told = set()
-    for phase in np.arange(4) * np.pi / 2:
+    for phase in (0.0, np.pi / 2):
         new = EncoderEccentricity(joint=2, values=(8e-5 * np.cos(phase), 8e-5 * np.sin(phase)))
         found = known_before(sino6, new, records=20)
         sure = {
@@ -674,8 +670,8 @@ def test_what_is_a_part_of_moved_sessions_is_not_in_the_extended_arm(sino6, rng)
     """What fits the steps between sessions a little would harm at every other time; a slip of joint
     1 rotates all.
     """
-    data = simulate_measurements(sino6, "free", 240, rng=rng, **NOISE)
-    number = np.arange(240) // 80
+    data = simulate_measurements(sino6, "free", 120, rng=rng, **NOISE)
+    number = np.arange(120) // 40
     turn, shift = rng.normal(0, 2e-4, (3, 3))[number], rng.normal(0, 1.5e-4, (3, 3))[number]
     moved = data.reference + np.cross(turn, data.reference) + shift
     session = np.array(["a", "b", "c"], dtype=object)[number]

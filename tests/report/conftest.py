@@ -31,7 +31,11 @@ def blind(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Diagnosis]:
 
     @cache
     def of(
-        cause: str | None, seed: int = 3, plan: str = "free", outliers: float = 0.0
+        cause: str | None,
+        seed: int = 3,
+        plan: str = "free",
+        outliers: float = 0.0,
+        hold_out: bool = True,
     ) -> Diagnosis:
         path = tmp_path_factory.mktemp("blind") / "data.csv"
         draw(seed, cause, plan=plan, records=150, outliers=outliers).write(path)
@@ -43,6 +47,7 @@ def blind(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Diagnosis]:
             encoder_noise=READINGS,
             reference_noise=12e-6,
             probe_noise=probe,
+            hold_out=hold_out,
         )
 
     return of

@@ -260,7 +260,7 @@ def test_parts_left_out(sound):
 
 
 def test_correction_of_a_covariate(blind):
-    result = blind("unexplained:humidity", seed=2)
+    result = blind("unexplained:humidity", seed=2, hold_out=False)
     ax, shape = plot_unexplained(result, "humidity_pct"), result.unexplained.shapes["humidity_pct"]
     np.testing.assert_allclose(ax.lines[2].get_ydata(), shape["growth_um_per_m"])
     with pytest.raises(AacmmError, match="moon"):
