@@ -217,12 +217,10 @@ def stopped(words: str, sent: signal.Signals, ready: object) -> None:
     assert "Traceback" not in err
 
 
-def test_what_is_interrupted_or_terminated_leaves_nothing(tmp_path):
+def test_what_is_interrupted_leaves_nothing(tmp_path):
     words = f"map sino6 --cells 200 200 --processes 2 -o {tmp_path / 'm.nc'}"
     # Imports take some two of them.
-    stopped(words, signal.SIGINT, lambda pid: _cpu_seconds(pid) > 5.0)
-    assert list(tmp_path.iterdir()) == []
-    stopped(f"demo -o {tmp_path / 'out'}", signal.SIGTERM, lambda _: list(tmp_path.iterdir()))
+    stopped(words, signal.SIGINT, lambda pid: _cpu_seconds(pid) > 4.0)
     assert list(tmp_path.iterdir()) == []
 
 

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import io
 import json
-import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -118,23 +117,6 @@ def test_the_truth_explains_the_data_and_the_arm_file_does_not(folder, data):
     widths = {p.name: p.half_width for p in nominal.parameters}
     for true, stated in zip(truth.parameters, nominal.parameters, strict=True):
         assert abs(true.value - stated.value) <= (widths[true.name] or 0.0) * (1 + 1e-9)
-
-
-SIMULATE = "simulate sino6 --records 30 --seats 3"
-
-
-def test_what_cannot_be_simulated_is_one_message(tmp_path):
-    for words, said in (
-        (f"{SIMULATE} --plan grid", ["'grid'", "free, seats, ball-bar, single-point"]),
-        ("simulate sino6 --records 5", ["records is 5"]),
-        (f"{SIMULATE} --plan ball-bar", ["seats is 3", "even"]),
-        (f"{SIMULATE} --reference-noise-mm -1", ["--reference-noise-mm is -1"]),
-        (f"{SIMULATE} --effect gremlin:joint=3", ["'gremlin'", "stylus_offset"]),
-        (f"{SIMULATE} --effect seat_error:seat=S9,x_mm=1", ["S9", "S1, S2, S3"]),
-        ("simulate zero6 --perturb", ["zero6", "uncertainty"]),
-    ):
-        refused(words, f"-o {tmp_path / 'd.csv'} --truth {tmp_path / 't.toml'}", said=said)
-        assert list(tmp_path.iterdir()) == []
 
 
 # calibrate ------------------------------------------------------------
@@ -249,25 +231,6 @@ def test_noise_on_the_command_line_is_in_millimetres(folder, tmp_path):
     assert stated["chi2"]["value"] == pytest.approx(file["chi2"]["value"], rel=1e-6)
 
 
-def test_causes_of_error_are_estimated_too(extended, folder, tmp_path):
-    effects = "--effect encoder_eccentricity:joint=3 --effect thermal_expansion"
-    out, _ = done(
-        f"calibrate sino6 {folder / 'warm.csv'} {QUICK}", effects, f"-o {tmp_path / 'c.toml'}"
-    )
-    (line,) = (line for line in out.splitlines() if "encoder eccentricity of joint 3 " in line)
-    assert re.search(r"amplitude [\d.]+ ± [\d.]+ µrad, phase [\d.]+ ± [\d.]+°", line)
-    assert "ppm/K" in out
-    eccentricity, expansion = ErrorModel.load(tmp_path / "c.toml").effects
-    assert eccentricity.values == pytest.approx(
-        (1e-4 * np.cos(0.5), 1e-4 * np.sin(0.5)), abs=4 * max(eccentricity.u)
-    )
-    assert expansion.values[0] == pytest.approx(2e-5, abs=4 * expansion.u[0])
-    assert 0 < expansion.u[0] < 1e-5
-    # From where it has them now.
-    out, _ = done(f"calibrate {tmp_path / 'c.toml'} {folder / 'warm.csv'} {QUICK}", effects)
-    assert re.search(r"thermal expansion of the arm +expansion -?\d+(\.\d+)? ± \d", out)
-
-
 def test_a_urdf_holds_the_stylus_offset_and_says_what_it_does_not(extended, tmp_path):
     offset = StylusOffset(values=(1e-3, 2e-3, 3e-3))
     model = ErrorModel.load(extended).with_effects(offset, StylusOffset("M1", values=(1, 0, 0)))
@@ -293,25 +256,6 @@ def test_a_urdf_holds_the_stylus_offset_and_says_what_it_does_not(extended, tmp_
         f"calibrate {extended} {tmp_path / 'd.csv'} {QUICK} --urdf-out {tmp_path / 'c.urdf'}"
     )
     assert "a URDF has no place for encoder_eccentricity:3, thermal_expansion" in err
-
-
-def test_what_cannot_be_calibrated_is_one_message(data, tmp_path):
-    for words, said in (
-        ("--parameters everything", ["everything", "zero-offsets, geometry"]),
-        ("--target nose", ["nose", "tip, unknown"]),
-        ("--encoder-noise-rad 0.1", ["--encoder-noise-rad is 0.1 rad", "unit"]),
-        ("--probe-noise-mm nan", ["--probe-noise-mm is nan mm"]),
-        ("--effect encoder_gain:joint=7", ["encoder_gain:7", "rows 1 to 6"]),
-        ("--effect seat_error:NOPE", ["seat_error:NOPE", "S1, "]),
-        ("--effect joint_zero_offset:joint=3", ["joint_zero_offset:3", "twice"]),
-    ):
-        refused(
-            f"calibrate sino6 {data} --no-held-out",
-            words,
-            f"-o {tmp_path / 'c.toml'} --json -",
-            said=said,
-        )
-        assert list(tmp_path.iterdir()) == []
 
 
 # correct ------------------------------------------------------------

@@ -126,13 +126,3 @@ def test_an_arm_by_its_urdf(tmp_path, robot_file):
     assert Measurements.read(plan, 6).n == 20
     done(words, f"--force --set-up-arm {tmp_path / 'arm.toml'}")
     assert ErrorModel.load(tmp_path / "arm.toml").arm.nq == 6
-
-
-def test_bad_input_is_one_message_and_no_file(tmp_path):
-    for words, said in (
-        ("--split encoder_gain:9 base_compliance", "encoder_gain:9"),
-        (f"{PAIR} --data nowhere.csv", "nowhere.csv"),
-        (f"{PAIR} --postures 3", "postures is 3"),
-    ):
-        refused(f"plan sino6 {QUICK} {words} -o {tmp_path / 'plan.csv'}", said=[said])
-    assert list(tmp_path.iterdir()) == []

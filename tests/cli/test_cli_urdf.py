@@ -98,19 +98,6 @@ def test_accuracy_of_single_postures_and_of_curves(ur5, panda, tmp_path):
     assert "--encoder-noise-rad" in err
 
 
-def test_what_cannot_be(ur5, panda):
-    far = "--point 4000 0 0 --rpy-deg 0 0 0"
-    for words, said in (
-        (f"configurations {ur5} {POINT}", "6 joints and a point leave 3 joints free"),
-        (f"configurations {panda} {POINT} --axis 0 0 1", "full pose"),
-        (f"configurations {ur5} {far}", "out of reach"),
-        (f"accuracy {ur5} {POSE}", "--translation-half-width-mm"),
-        (f"map {ur5}", "DH table"),
-        (f"simulate {ur5} --perturb", "--rotation-half-width-rad"),
-    ):
-        refused(words, said=[said])
-
-
 @pytest.mark.parametrize("words", ["simulate", "accuracy --point 1 2 3"])
 def test_a_robot_without_a_frame_has_its_frames_listed(panda, words):
     urdf = panda.split()[1]
@@ -121,7 +108,12 @@ def test_a_robot_without_a_frame_has_its_frames_listed(panda, words):
     assert f" … and {count - 20} more" in err
 
 
-@pytest.fixture(params=["ur5_robot.urdf tool0", "panda.urdf panda_hand_tcp"])
+@pytest.fixture(
+    params=[
+        "ur5_robot.urdf tool0",
+        pytest.param("panda.urdf panda_hand_tcp", marks=pytest.mark.long),
+    ]
+)
 def robot(
     request: pytest.FixtureRequest, robot_file: Callable[[str], Path], tmp_path: Path
 ) -> tuple[Path, Path, Path]:

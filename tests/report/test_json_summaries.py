@@ -16,11 +16,10 @@ from aacmm_pin import (
     circle_accuracy,
     comprehensive_accuracy,
     configuration_circle,
-    map_workspace,
 )
 from aacmm_pin.arm import Arm
 from aacmm_pin.effects import BaseCompliance, EncoderGain, ErrorModel, ThermalExpansion
-from aacmm_pin.report.json_summaries import accuracy_summary, map_summary
+from aacmm_pin.report.json_summaries import accuracy_summary
 
 pytestmark = pytest.mark.fast
 
@@ -41,28 +40,6 @@ def through_json(content: dict[str, Any]) -> Any:
 @pytest.fixture(scope="module")
 def circle(sino6: Arm) -> ConfigurationCircle:
     return configuration_circle(sino6, POINT, count=36)
-
-
-def test_accuracy_has_the_keys_of_the_contract(circle):
-    content = through_json(summary(circle))
-    contract = "schema arm point_mm method configurations flexibility volume_mm3 best worst budget"
-    assert set(contract.split()) <= set(content)
-    assert (content["schema"], content["arm"], content["method"]) == (
-        "aacmm-pin/accuracy/1",
-        "SINO6",
-        "zonotope",
-    )
-    assert content["point_mm"] == [33.6323, -671.8702, 182.9355]
-    assert set(content["flexibility"]) == {"zeta", "sectors", "arc_fraction"}
-    assert len(content["flexibility"]["sectors"]) == 12
-    assert set(content["volume_mm3"]) == {"min", "median", "max", "comprehensive"}
-    for which in ("best", "worst", "smallest_u", "largest_u"):
-        assert set(content[which]) == {"theta_deg", "swivel_deg", "volume_mm3", "u_mm"}
-        assert len(content[which]["theta_deg"]) == 6
-    assert {"parameter", "joint", "share"} <= set(content["budget"][0])
-    assert "reason" not in content
-    drawn = summary(circle, method="monte-carlo", rng=np.random.default_rng(1), draws=100)
-    assert drawn["method"] == "monte-carlo"
 
 
 def test_accuracy_numbers_agree_with_their_sources(circle, sino6):
@@ -121,19 +98,3 @@ def test_nothing_to_judge_gives_nulls_and_a_reason(sino6, point, said):
     nothing = {"theta_deg": None, "swivel_deg": None, "volume_mm3": None, "u_mm": None}
     assert content["best"] == content["worst"] == content["smallest_u"] == nothing
     assert content["budget"] == []
-
-
-def test_map_has_the_keys_of_the_contract(sino6):
-    map_ = map_workspace(sino6, (4, 6), 3, extent=[0.0, 1.2, -1.2, 1.2], progress=False)
-    content = through_json(map_summary(map_))
-    keys = "schema arm cells sectors extent_mm working_sectors unreachable seconds"
-    assert set(content) == set(keys.split())
-    assert content["schema"] == "aacmm-pin/map/1"
-    assert content["cells"] == [4, 6]
-    assert content["sectors"] == 3
-    assert content["extent_mm"] == {"x": [0.0, 1200.0], "z": [-1200.0, 1200.0]}
-    assert list(content["working_sectors"]) == ["0", "1", "2", "3"]
-    assert sum(content["working_sectors"].values()) + content["unreachable"] == 24
-    assert content["seconds"] > 0
-    single = map_summary(map_workspace(sino6, (1, 2), 2, progress=False))
-    assert single["extent_mm"] == {"x": [0.0, 1220.0], "z": [-1220.0, 1220.0]}

@@ -204,18 +204,3 @@ def test_one_posture_and_a_urdf(target, robot_file):
         == 0
     )
     assert "outside: joint" not in target.read_text(encoding="utf-8").split("scene-data")[1]
-
-
-@pytest.mark.usefixtures("target")
-@pytest.mark.parametrize(
-    ("words", "status", "named"),
-    [
-        (["sino6", "--theta-deg", "1 2 3"], 1, "--theta-deg"),
-        (["sino6", *POINT, "--theta-deg", "0 0 0 0 0 0"], 2, "--theta-deg"),
-        (["sino6", "--tip"], 2, "--point"),
-        ([], 2, "ARM"),
-    ],
-)
-def test_wrong_words(words, status, named):
-    found, out, error = run(*words)
-    assert (found, out, named in error) == (status, "", True)
