@@ -41,6 +41,7 @@ from typer.testing import CliRunner
 
 from aacmm_pin.cli.root_command import app
 from aacmm_pin.effects import CAUSES
+from tests.again import again
 
 ROOT = Path(__file__).parents[1]
 SITE = ROOT / "notebooks" / "site"
@@ -194,7 +195,7 @@ def not_said(comment: str, said: str) -> list[str]:
 
 @pytest.mark.parametrize(
     "path",
-    [pytest.param(p, marks=pytest.mark.long) if p.stem in LONG else p for p in PAGES],
+    [again(p) if p.stem in LONG else p for p in PAGES],
     ids=lambda path: str(path.relative_to(ROOT)),
 )
 def test_every_block_runs(path, tmp_path, monkeypatch):

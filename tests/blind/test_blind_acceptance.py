@@ -16,6 +16,7 @@ from typer.testing import CliRunner
 from aacmm_pin.cli.root_command import app
 from blind.acceptance import acceptance_csv
 from blind.plant import draw
+from tests.again import again
 
 LIMITS = ("--mpe", "E_Uni=0.06", "--mpe", "SPAT.Max=0.04", "--mpe", "P_Form.Sph.1x25=0.06")
 
@@ -39,8 +40,8 @@ def verdicts(outcome: Result) -> dict[str, set[str]]:
     ("seed", "cause", "joint"),
     [
         (1, "encoder_eccentricity", 3),
-        pytest.param(2, "joint_compliance", 2, marks=pytest.mark.long),
-        pytest.param(6, "joint_hysteresis", 2, marks=pytest.mark.long),
+        again(2, "joint_compliance", 2),
+        again(6, "joint_hysteresis", 2),
     ],
 )
 def test_failed_arm_is_diagnosed_and_passes(

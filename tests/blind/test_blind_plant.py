@@ -31,6 +31,7 @@ from blind.plant import ENCODER_NOISE, REFERENCE_NOISE
 from blind.regimes import ARMS, EVIDENCE, SIZES, RegimeFile, draw_regime, regime_file
 from blind.statics import Elastic, settle
 from blind.structures import AMPLITUDES
+from tests.again import again
 
 ARM = chains.read()
 FELT = {
@@ -362,7 +363,7 @@ def test_nothing_hidden_is_the_twin() -> None:
         np.testing.assert_allclose(faulty.read, twin.read, atol=3e-3)
 
 
-@pytest.mark.parametrize("seed", [2, *(pytest.param(k, marks=pytest.mark.long) for k in (0, 1))])
+@pytest.mark.parametrize("seed", [2, *(again(k) for k in (0, 1))])
 def test_faults_have_the_size_of_workshops(seed: int) -> None:
     for cause, (low, high) in FELT.items():
         plan = "seats" if cause == "seat_error" else "free"

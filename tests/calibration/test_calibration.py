@@ -42,6 +42,7 @@ from aacmm_pin.effects import (
 )
 from aacmm_pin.errors import AacmmError, MissingConditionError, UnknownNameError
 from aacmm_pin.measurements import Measurements, simulate_measurements
+from tests.again import again
 from tests.arm_files import by_table
 from tests.notes import data_of
 
@@ -89,7 +90,7 @@ def agreement(arm: Arm, result: Calibration, errors: Array) -> float:
     return float(chi2.sf(off @ np.linalg.solve(result.covariance, off), off.size))
 
 
-@pytest.mark.parametrize("by_marker", [True, pytest.param(False, marks=pytest.mark.long)])
+@pytest.mark.parametrize("by_marker", [True, again(False)])
 def test_noise_of_readings_reaches_a_target_beyond_the_tip(sino6, by_marker):
     """χ² of 12 files with noise as stated, the reading's the larger part, and a target 0.3 m beyond
     the tip.

@@ -25,6 +25,7 @@ from aacmm_pin.effects import (
 )
 from aacmm_pin.errors import MistakenFileError
 from aacmm_pin.measurements import Measurements, simulate_measurements
+from tests.again import again
 from tests.arm_files import by_table
 
 Change = Callable[[Measurements], Measurements]
@@ -133,8 +134,7 @@ SETUPS = [
     ("ur5", "base", 9),
 ]
 SETUPS += [
-    pytest.param(*case, marks=pytest.mark.long)
-    for case in (("sino6", "seats", 1), ("zero6", "external", 6), ("ur5", "seats", 4))
+    again(*case) for case in (("sino6", "seats", 1), ("zero6", "external", 6), ("ur5", "seats", 4))
 ]
 
 
@@ -216,7 +216,7 @@ SEVEN = table(
     (0, 0, 90, 0),
     (30, 126, 0, 0),
 )
-SEEDS = [0, *(pytest.param(seed, marks=pytest.mark.long) for seed in (1, 2))]
+SEEDS = [0, *(again(seed) for seed in (1, 2))]
 FRAME_OPTION, TARGET_OPTION = "--reference-frame external", "--target unknown"
 
 

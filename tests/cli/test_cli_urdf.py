@@ -16,6 +16,7 @@ from shell import done, found, refused, run
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm import Arm
 from aacmm_pin.effects import ErrorModel
+from tests.again import again
 
 POINT = "--point 400 100 300"
 RPY = (170.0, 20.0, -35.0)
@@ -111,7 +112,7 @@ def test_a_robot_without_a_frame_has_its_frames_listed(panda, words):
 @pytest.fixture(
     params=[
         "ur5_robot.urdf tool0",
-        pytest.param("panda.urdf panda_hand_tcp", marks=pytest.mark.long),
+        again("panda.urdf panda_hand_tcp"),
     ]
 )
 def robot(

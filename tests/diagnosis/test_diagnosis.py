@@ -4,7 +4,6 @@ line.
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +12,10 @@ import pandas as pd
 import pytest
 from blind import Draw, draw
 
+from tests.again import again
 from tests.cli import shell
 
 NOISE = "--encoder-noise-rad 8e-6 --reference-noise-mm 0.012"
-again = partial(pytest.param, marks=pytest.mark.long)
 LIMIT = 3.3
 """Standard uncertainties by which one of the many parameters here may be off: a chance of 1
 in 1000.

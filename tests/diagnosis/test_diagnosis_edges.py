@@ -29,6 +29,7 @@ from aacmm_pin.effects import (
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import Measurements, simulate_measurements
 from aacmm_pin.report.plots.partial_residuals import partial_residual
+from tests.again import again
 from tests.cli import shell
 from tests.notes import data_of
 
@@ -67,7 +68,7 @@ def test_a_cause_is_named_where_parts_have_seats_with_a_single_record(tmp_path):
     assert [(f["cause"], f["joint"]) for f in found["findings"]] == [("encoder_eccentricity", 3)]
 
 
-@pytest.mark.parametrize("seats", ["2", pytest.param("8", marks=pytest.mark.long)])
+@pytest.mark.parametrize("seats", ["2", again("8")])
 def test_seats_of_unknown_place_show_no_structure_of_their_own(tmp_path, seats):
     """An arm that shrinks to a point meets every seat of unknown place: that is no structure over
     time or temperature.
@@ -223,7 +224,7 @@ def test_an_arm_that_states_all_its_values_to_be_exact(sino6):
     )
 
 
-@pytest.mark.parametrize("u", [(2e-5, 2e-5, 2e-5), pytest.param((), marks=pytest.mark.long)])
+@pytest.mark.parametrize("u", [(2e-5, 2e-5, 2e-5), again(())])
 def test_a_known_target_is_refitted_once(sino6, rng, u):
     """The place of a target that the arm's file has, with or without u; and one that it does not
     have.

@@ -50,6 +50,7 @@ from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.effects.smooth_functions import Cosines
 from aacmm_pin.measurements.records import Measurements
+from tests.again import again
 
 Array = NDArray[np.float64]
 ENCODER, REFERENCE, PROBE, LENGTH = 8e-6, 12e-6, 10e-6, 20e-6
@@ -249,7 +250,7 @@ def some_blocks(design: Design) -> list[int]:
     return sorted(set(sizes.values()))
 
 
-@pytest.mark.parametrize("left_out", [(0, 3), pytest.param((), marks=pytest.mark.long)])
+@pytest.mark.parametrize("left_out", [(0, 3), again(())])
 def test_inner_products(
     case: Case, left_out: tuple[int, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -18,6 +18,7 @@ from aacmm_pin.diagnosis.branches import LEAST, two_branches
 from aacmm_pin.effects import EncoderEccentricity, ErrorModel, JointHysteresis
 from aacmm_pin.measurements import Measurements, simulate_measurements
 from aacmm_pin.report.diagnosis import verdict_in_words
+from tests.again import again
 from tests.cli import shell
 from tests.notes import data_of
 
@@ -28,7 +29,7 @@ def simulated(model: ErrorModel, n: int, rng: np.random.Generator) -> Measuremen
     return replace(records, conditions=replace(records.conditions, approach=None))
 
 
-@pytest.mark.parametrize("seed", [2, pytest.param(3, marks=pytest.mark.long)])
+@pytest.mark.parametrize("seed", [2, again(3)])
 def test_a_curve_that_chases_two_branches_does_not_extend_the_arm(sino6, seed):
     """A free curve follows one branch and excludes the other; judged by the first alone it would
     have a gain.

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import ClassVar
 
 import numpy as np
@@ -43,11 +42,11 @@ from aacmm_pin.effects import (
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import Measurements, simulate_measurements
 from aacmm_pin.report.diagnosis import verdict_in_words
+from tests.again import again
 from tests.cli import shell
 from tests.notes import data_of
 
 NOISE = {"encoder_noise": 8e-6, "reference_noise": 1.2e-5}
-again = partial(pytest.param, marks=pytest.mark.long)
 
 
 def test_calibrating_twice_is_calibrating_with_all_records(sino6, rng):

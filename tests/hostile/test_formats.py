@@ -10,6 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 
 from aacmm_pin.errors import AacmmError
+from tests.again import again
 from tests.hostile.formats import FORMATS, mutated
 
 LONGEST_LINE = 2000
@@ -25,7 +26,7 @@ def test_valid_files_are_read(kind, tmp_path):
         kind.use(tmp_path / kind.name)
 
 
-@pytest.mark.parametrize("files", [8, pytest.param(100, marks=pytest.mark.long)])
+@pytest.mark.parametrize("files", [8, again(100)])
 @pytest.mark.parametrize("kind", FORMATS, ids=lambda kind: kind.name)
 def test_a_mistake_gives_a_result_or_a_refusal(kind, files, tmp_path):
     @settings(

@@ -17,6 +17,7 @@ from aacmm_pin.arm import Arm
 from aacmm_pin.diagnosis import diagnose
 from aacmm_pin.effects import ErrorModel, cause_of
 from aacmm_pin.measurements import Measurements, simulate_measurements
+from tests.again import again
 
 RELATIVE = 2e-3
 """Of numbers that a search of many steps ended with; a log posterior itself is compared much closer
@@ -82,10 +83,10 @@ def moved(data: Measurements) -> Measurements:
 @pytest.mark.parametrize(
     ("plan", "frame", "change"),
     [
-        pytest.param("free", "base", permuted, marks=pytest.mark.long),
+        again("free", "base", permuted),
         ("seats", "base", permuted),
         ("seats", "base", renamed),
-        pytest.param("free", "external", moved, marks=pytest.mark.long),
+        again("free", "external", moved),
     ],
 )
 def test_what_does_not_matter(files, said, plan, frame, change):

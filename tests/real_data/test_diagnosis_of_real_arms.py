@@ -23,6 +23,7 @@ from aacmm_pin.calibration.setup import ReferenceFrame, Target
 from aacmm_pin.diagnosis import Diagnosis, diagnose
 from aacmm_pin.effects import JointErrorCurve, strongest_waves
 from aacmm_pin.measurements import Measurements
+from tests.again import again
 
 CASES: dict[str, tuple[str, Callable[[], Arm], ReferenceFrame, Target]] = {
     "ur10": ("ur10_laser_tracker", arms.ur10, "external", "unknown"),
@@ -121,7 +122,7 @@ def test_the_bad_group_is_named(diagnosed):
     assert "bar left" in next_measurements(result)
 
 
-@pytest.mark.parametrize("name", [pytest.param("panda", marks=pytest.mark.long), "iiwa14", "bad"])
+@pytest.mark.parametrize("name", [again("panda"), "iiwa14", "bad"])
 def test_what_is_named_survives_on_held_out_records(name, diagnosed):
     """Records that had no part in it are predicted better with the causes, or the diagnosis states
     that they are not.

@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -26,9 +26,9 @@ from aacmm_pin.arm import Arm
 from aacmm_pin.calibration import Calibration, calibrate
 from aacmm_pin.calibration.setup import ReferenceFrame
 from aacmm_pin.measurements import Measurements
+from tests.again import again
 
 MARGIN = 0.03
-again = partial(pytest.param, marks=pytest.mark.long)
 
 
 @dataclass(frozen=True)
