@@ -72,7 +72,6 @@ def test_a_diagnosis_in_readable_units(data, tmp_path):
     assert "(k = 2)" in wide
     assert "amplitude_rad" not in wide
     assert f"RMS {length(1e-3 * found['rms_mm']['simulation'])} simulated" in wide
-    check(told(f"diagnose sino6 {data} {NOISE} --no-held-out"))
 
 
 def test_a_calibration(data, tmp_path):

@@ -435,6 +435,11 @@ def test_the_score_is_chi2_when_nothing_is_there(case: Case, own_draws: bool) ->
             assert drawn[0] == pytest.approx(np.square(taken).sum(), rel=1e-3, abs=1e-5)
 
 
+SEATS_LONG = pytest.mark.parametrize(
+    "case", ["free", "unknown-seats", again("seats")], indirect=True
+)
+
+
 def few(case: Case) -> list[int]:
     """Blocks of the causes of two joints, so that a hundred draws stay cheap."""
     names, contained = case.design.names, Candidates.of(case.design, case.library).contained
@@ -446,6 +451,7 @@ def few(case: Case) -> list[int]:
     return [k for k, b in enumerate(case.design.blocks) if b.candidate in owners]
 
 
+@SEATS_LONG
 @pytest.mark.parametrize("stated", [True, False])
 def test_the_family_wise_p_value_is_no_smaller_than_chance(
     case: Case, monkeypatch: pytest.MonkeyPatch, stated: bool
@@ -470,6 +476,7 @@ def test_the_family_wise_p_value_is_no_smaller_than_chance(
     assert np.quantile(found, 0.2) < 0.4
 
 
+@SEATS_LONG
 def test_the_bound_of_a_family_wise_p_value_is_one(case: Case) -> None:
     """Over draws of noise, odds are reached no more often than the bound says."""
     choice = case.choice(only=few(case))

@@ -35,6 +35,7 @@ from aacmm_pin.postures.wrist_ik import (
     reach_of_wrist,
     wrist_curves,
 )
+from tests.again import again
 from tests.arm_files import RIGID, by_table, changed, craig, nominal
 from tests.notes import data_of
 
@@ -56,7 +57,7 @@ ARMS: dict[str, Callable[[], ArmFile]] = {
 }
 
 
-@pytest.fixture(scope="session", params=list(ARMS))
+@pytest.fixture(scope="session", params=["sino6", "craig", again("zero6"), again("nominal")])
 def arm(request: pytest.FixtureRequest) -> Arm:
     return Arm.from_file(ARMS[request.param]())
 
@@ -532,10 +533,10 @@ def test_arms_that_lack_what_is_needed(robot_file):
 
 TIPS = [
     ("sino6", (0.3, -0.4, 0.2), (0.0, 0.0, -1.0)),
-    ("sino6", (0.0, 0.0, 0.9), (1.0, 0.0, 0.0)),
-    ("sino6", (0.0, -1.32, 0.2), (0.0, -1.0, 0.2)),  # near the end of the reach
+    again("sino6", (0.0, 0.0, 0.9), (1.0, 0.0, 0.0)),
+    again("sino6", (0.0, -1.32, 0.2), (0.0, -1.0, 0.2)),  # near the end of the reach
     ("zero6", (0.3, -0.3, 0.2), (0.0, 0.0, -1.0)),
-    ("nominal", (0.4, 0.1, 0.3), (1.0, 0.0, 0.0)),
+    again("nominal", (0.4, 0.1, 0.3), (1.0, 0.0, 0.0)),
     # so near the end of the reach that the body behind joint 6 has a few degrees to turn about the
     # stylus
     (
@@ -642,14 +643,14 @@ def limited(name: str, joint: int, lower_deg: float, upper_deg: float) -> Arm:
     ("limits", "point_mm"),
     [
         (None, (33.6, -671.9, 182.9)),
-        (None, (20, 10, 620)),
-        (None, (300, 0, -300)),
+        again(None, (20, 10, 620)),
+        again(None, (300, 0, -300)),
         (None, (0, 1190, 100)),
         (("zero6", 0, -109, 92), (200, 200, 400)),  # so that there is something to lose
         (("sino6", 1, 30, 33), (-250, 300, -640)),  # windows narrower than a step
-        (("sino6", 3, 100, 102), (33.6, -671.9, 182.9)),
-        (("sino6", 1, 0, 355), (60, 20, -700)),
-        (("sino6", 4, -180, 0), (205, 10, -20)),
+        again(("sino6", 3, 100, 102), (33.6, -671.9, 182.9)),
+        again(("sino6", 1, 0, 355), (60, 20, -700)),
+        again(("sino6", 4, -180, 0), (205, 10, -20)),
     ],
 )
 def test_flexibility_is_that_of_dense_samples(limits, point_mm, sino6):
@@ -666,7 +667,7 @@ def test_flexibility_is_that_of_dense_samples(limits, point_mm, sino6):
         assert result.arc_fraction == pytest.approx(fraction, abs=0.004)
 
 
-@pytest.mark.parametrize(("axis", "sign"), [(0, 1.0), (1, -1.0), (2, 1.0), (2, -1.0)])
+@pytest.mark.parametrize(("axis", "sign"), [(0, 1.0), (2, -1.0), again(1, -1.0), again(2, 1.0)])
 def test_swivel_straight_above_and_below_the_shoulder_in_any_mount(axis, sign):
     gravity = tuple((9.81 * sign * np.eye(3)[axis]).tolist())
     arm = changed("sino6", gravity_m_s2=gravity)

@@ -28,6 +28,7 @@ from aacmm_pin.postures.newton_search import (
 )
 from aacmm_pin.postures.pose_equations import Equations
 from aacmm_pin.postures.solution_curves import CurveSearch
+from tests.again import again
 from tests.oracle import by_newton, distances
 
 SAME = 1e-6  # rad
@@ -143,7 +144,7 @@ def test_all_postures_at_random_reachable_poses(ur5, by_hand, rng):
     assert len(counts) > 1
 
 
-@pytest.mark.parametrize("count", [0, 2, 4, 6])
+@pytest.mark.parametrize("count", [0, 4, again(2), again(6)])
 def test_poses_with_fewer_postures(ur5, by_hand, rng, count):
     """Poses from nowhere, the hand turned at random, the tip anywhere in a box that is wider than
     the reach.
@@ -162,7 +163,7 @@ def test_poses_with_fewer_postures(ur5, by_hand, rng, count):
 
 
 @pytest.mark.parametrize(
-    ("q3", "q5"), [(3e-4, 1.0), (1.3, 2e-4), (-0.01, 0.02), (np.pi - 5e-4, 0.8)]
+    ("q3", "q5"), [(3e-4, 1.0), (1.3, 2e-4), again(-0.01, 0.02), again(np.pi - 5e-4, 0.8)]
 )
 def test_beside_singular_postures(ur5, by_hand, q3, q5):
     """Beside a stretched or folded elbow two postures are almost one; beside a straight wrist some
@@ -187,7 +188,8 @@ def test_a_stretched_elbow_gives_one_posture_for_two(ur5, by_hand):
 
 
 @pytest.mark.parametrize(
-    ("bend", "told"), [(0.4, False), (1e-3, False), (1e-5, True), (1e-7, True), (1e-9, True)]
+    ("bend", "told"),
+    [(1e-3, False), (1e-5, True), again(0.4, False), again(1e-7, True), again(1e-9, True)],
 )
 def test_next_to_a_straight_wrist_doubts_are_told(ur5, bend, told):
     pose = ur5.poses(np.array([[0.3, -1.2, 1.4, -1.6, bend, 0.4]])).placement[0]
