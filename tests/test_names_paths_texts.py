@@ -98,7 +98,6 @@ OF_MODELS: list[Callable[[Any], Any]] = [
             model, ("encoder_gain:2", "joint_compliance:2"), 3, postures=20, progress=False
         ).measurements.q
     ),
-    lambda model: aacmm_pin.acceptance_procedure(model, standard="asme-b89.4.22").q,
     lambda model: joint_commands(model, model, np.full((1, 6), 0.3))[0],
     lambda model: ErrorModel.of(model).predict(np.zeros((1, 6))),
     lambda model: len(scenes.arm_scene(model, np.zeros((1, 6))).embedded(100)) > 0,

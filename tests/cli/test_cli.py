@@ -32,13 +32,6 @@ def test_help_lists_the_commands_that_work_and_no_others():
     assert done("--version")[0].startswith("aacmm-pin ")
 
 
-def test_urdf_is_the_kept_one(tmp_path):
-    target, kept = tmp_path / "sino6.urdf", Path(__file__).parents[2] / "urdf" / "sino6.urdf"
-    assert done(f"urdf sino6 -o {target}") == ("", f"written: {target}\n")
-    assert target.read_bytes() == kept.read_bytes()
-    assert done("urdf sino6")[0] == kept.read_text(encoding="utf-8")
-
-
 def test_configurations_csv_reaches_the_point(tmp_path):
     target = tmp_path / "c.csv"
     done(f"configurations sino6 {POINT} --count 12 -o {target}")
@@ -92,14 +85,6 @@ def test_accuracy_in_numbers(tmp_path):
     assert "encoder_noise1" in {row["parameter"] for row in noisy["budget"]}
     upright = found(f"accuracy sino6 {POINT} --tip --axis 0 0 -1 --count 12")
     assert upright["at"] == "tip"
-
-
-def test_accuracy_in_words_names_the_best_posture_and_the_budget(tmp_path):
-    picture = tmp_path / "a.png"
-    out, _ = done(f"accuracy sino6 {POINT} --count 12 --plot {picture}")
-    for word in ("smallest volume", "largest U", "theta_offset3", "alpha4", "mm³"):
-        assert word in out
-    assert picture.read_bytes().startswith(b"\x89PNG")
 
 
 def test_map_writes_netcdf_picture_and_json(tmp_path):

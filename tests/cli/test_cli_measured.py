@@ -103,22 +103,6 @@ def test_without_a_file_the_same_goes_to_stdout(tmp_path):
     assert out != done(words, "--seed 8")[0]
 
 
-def test_the_truth_explains_the_data_and_the_arm_file_does_not(folder, data):
-    truth, nominal, read = (
-        ErrorModel.load(folder / "truth.toml"),
-        ErrorModel.load("sino6"),
-        Measurements.read(data, 6),
-    )
-    off = [np.linalg.norm(m.predict(read.q) - read.reference, axis=1) for m in (truth, nominal)]
-    assert np.sqrt(np.mean(off[0] ** 2)) < 0.03 * MM
-    assert np.sqrt(np.mean(off[1] ** 2)) > 2 * np.sqrt(np.mean(off[0] ** 2))
-    text = (folder / "truth.toml").read_text(encoding="utf-8")
-    assert text.startswith("# The arm behind: simulated, SINO6, plan seats, seed 1; noise:")
-    widths = {p.name: p.half_width for p in nominal.parameters}
-    for true, stated in zip(truth.parameters, nominal.parameters, strict=True):
-        assert abs(true.value - stated.value) <= (widths[true.name] or 0.0) * (1 + 1e-9)
-
-
 # calibrate ------------------------------------------------------------
 
 
@@ -149,23 +133,6 @@ def test_an_estimate_that_no_file_may_state_is_told(sino6, tmp_path, capsys):
     assert "encoder_gain:3" in capsys.readouterr().err
     with pytest.raises(ArmFileError, match="encoder_gain:3"):
         ErrorModel.load(path)
-
-
-def test_json_is_alone_on_stdout(data):
-    summary = found(f"calibrate sino6 {data} {NOISE} --parameters zero-offsets --seed 3")
-    assert (summary["schema"], summary["data"], summary["seed"]) == (
-        "aacmm-pin/calibration/1",
-        str(data),
-        3,
-    )
-    assert [row["parameter"] for row in summary["parameters"]] == [
-        f"theta_offset{j}" for j in range(1, 7)
-    ]
-    assert summary["parameters"][0]["stated"] is None
-    assert summary["parameters"][2]["stated"] == pytest.approx(1.8e-4)
-    assert {row["kind"] for row in summary["held_out"]} == {"records", "seats"}
-    assert summary["base_in_reference_frame"] is None
-    assert summary["verdict"]
 
 
 def test_all_files_at_once(data, tmp_path):

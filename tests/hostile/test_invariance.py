@@ -85,7 +85,7 @@ def moved(data: Measurements) -> Measurements:
     [
         again("free", "base", permuted),
         ("seats", "base", permuted),
-        ("seats", "base", renamed),
+        again("seats", "base", renamed),
         again("free", "external", moved),
     ],
 )

@@ -15,7 +15,6 @@ from aacmm_pin import next_measurements
 from aacmm_pin.arm import Arm
 from aacmm_pin.arm.file import parse_arm_file
 from aacmm_pin.diagnosis import Alias, Diagnosis, Finding, diagnose
-from aacmm_pin.diagnosis.cross_validation import Brought
 from aacmm_pin.effects import (
     Effect,
     EncoderEccentricity,
@@ -166,22 +165,6 @@ def test_doubt_is_told_with_the_rivals(eccentric):
     for verdict in ("inconclusive", "unexplained"):
         other = replace(eccentric, verdict=verdict)
         assert verdict_in_words(other) in Page(written(other)).text
-
-
-def test_why_nothing_can_be_concluded(eccentric):
-    result, first = replace(eccentric, verdict="inconclusive"), eccentric.findings[0]
-    weak = replace(first, brought=Brought(0.1, -0.1, 0.3))
-    told = [verdict_in_words(replace(result, findings=found)) for found in ((), (first,), (weak,))]
-    stuck = replace(result, extended=replace(result.extended, message="stuck"))
-    few = replace(result, extended=replace(result.extended, stated=False, dof=0.0))
-    told += [verdict_in_words(one) for one in (stuck, few)]
-    assert len(set(told)) == 5
-    assert ["encoder eccentricity of joint 1" in text for text in told[:4]] == [
-        False,
-        True,
-        True,
-        False,
-    ]
 
 
 def test_geometry_and_what_is_alike_in_all_records(eccentric):

@@ -16,10 +16,8 @@ from aacmm_pin import Arm, Measurements, accept
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.notes import Note
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.report.acceptance import acceptance_document
-from aacmm_pin.report.document import Paragraph, Table
 from aacmm_pin.verification import AcceptanceResult
-from aacmm_pin.verification.accept import GUARD_BAND_FACTOR, CharacteristicValue
+from aacmm_pin.verification.accept import CharacteristicValue
 from aacmm_pin.verification.probed_points import AS_GIVEN
 from tests.cli import shell
 from tests.notes import data_of
@@ -216,20 +214,6 @@ def test_the_worst_verdict_is_that_of_the_whole(data, mpe, verdict, named):
     result = accept(data, mpe=mpe)
     assert result.summary()["overall"][0]["verdict"] == verdict
     assert f"decided by {named}" in str(result) or verdict is None
-
-
-def test_a_report_names_tests_editions_and_the_rule(data):
-    """The undecided verdict is ``neither`` in files and has another name for readers."""
-    result = accept(data, mpe={"E_Uni": 0.0401e-3})
-    document = acceptance_document(result)
-    shown, what = (block for block in document.blocks if isinstance(block, Table))
-    editions = {"ISO 10360-12:2016", "ASME B89.4.22-2004", "Xu You et al. 2019"}
-    assert set(what.cells()["standard"]) == editions
-    assert shown.cells().set_index("figure")["verdict"]["E_Uni"] == "inconclusive"
-    assert figure(result, "E_Uni").verdict == "neither"
-    (rule,) = (b.text for b in document.blocks if isinstance(b, Paragraph) and "U = " in b.text)
-    assert f"U = {GUARD_BAND_FACTOR:g}u" in rule
-    assert "ISO 14253-1:2017" in rule
 
 
 def test_a_sphere_touched_on_a_small_cap_has_no_size(tmp_path):
