@@ -84,7 +84,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> dict[str, set[str]]:
         "map sino6 --cells 3 3",
         f"calibrate sino6 {data} {noise}",
         f"calibrate sino6 {external} --reference-frame external {noise}",
-        f"calibrate sino6 {poses} --no-held-out",
+        f"calibrate sino6 {poses}",
         f"diagnose sino6 {poses} --no-held-out {noise}",
         f"diagnose sino6 {external} {noise}",
         f"diagnose sino6 {hidden} --no-held-out {noise}",

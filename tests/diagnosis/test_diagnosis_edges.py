@@ -79,7 +79,7 @@ def test_seats_of_unknown_place_show_no_structure_of_their_own(tmp_path, seats):
     assert found["unexplained"]["p_value"] > 1e-3
 
 
-@pytest.mark.parametrize("count", [3, 5])
+@pytest.mark.parametrize("count", [3, again(5)])
 def test_few_records_in_an_unknown_frame(tmp_path, count):
     """The frame is all but all that they tell; what else is refitted is known from before alone."""
     table = records(tmp_path, "free --records 20").head(count)
@@ -269,7 +269,7 @@ def test_unit_of_angles_and_seed_do_not_matter(tmp_path):
             assert two["parameters"][name] == pytest.approx(value, rel=1e-4)
 
 
-@pytest.mark.parametrize(("slide", "masses"), [(1, True), (3, False)])
+@pytest.mark.parametrize(("slide", "masses"), [(1, True), again(3, False)])
 def test_an_arm_with_a_joint_that_slides(tmp_path, slide, masses):
     """No cause that turns sits at a slide; one at another joint is named."""
     path, data = tmp_path / "slider.urdf", tmp_path / "data.csv"

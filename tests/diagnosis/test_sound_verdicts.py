@@ -264,7 +264,7 @@ def test_verdicts(sino6, rng):
 
 def test_a_value_that_nature_does_not_have_explains_nothing(sino6):
     model = ErrorModel(sino6, (JointCompliance(2, values=(-3e-5,)),))
-    data = simulate_measurements(model, "free", 60, rng=np.random.default_rng(1))
+    data = simulate_measurements(model, "free", 100, rng=np.random.default_rng(1))
     found = diagnose(sino6, data, hold_out=False, progress=False, **NOISE)
     assert (found.verdict, [f.below_zero for f in found.findings]) == (
         "inconclusive",
@@ -287,7 +287,7 @@ def test_an_arm_of_which_nothing_tells_the_size_keeps_it(zero6):
     assert np.abs(change[lengths > 0.1]).max() < 1e-3
 
 
-def known_before(sino6: Arm, *new: Effect, value: float = 2e-5, records: int = 100) -> Diagnosis:
+def known_before(sino6: Arm, *new: Effect, value: float = 2e-5, records: int = 300) -> Diagnosis:
     """Of records of an arm that is known to have a compliance of joint 2, with another value or
     with causes besides.
     """
@@ -489,7 +489,7 @@ def test_what_moves_the_tip_alike_is_named_as_one_cause(sino6, new, left):
     """A stand that yields as joint 2 did, which no longer does, has the columns of a bearing that
     tilts beside it.
     """
-    found = known_before(sino6, new, value=left)
+    found = known_before(sino6, new, value=left, records=100)
     assert (found.verdict, [finding.label for finding in found.findings]) == (
         "explained",
         ["bearing_tilt:2"],
@@ -669,8 +669,8 @@ def test_what_is_a_part_of_moved_sessions_is_not_in_the_extended_arm(sino6, rng)
     """What fits the steps between sessions a little would harm at every other time; a slip of joint
     1 rotates all.
     """
-    data = simulate_measurements(sino6, "free", 120, rng=rng, **NOISE)
-    number = np.arange(120) // 40
+    data = simulate_measurements(sino6, "free", 240, rng=rng, **NOISE)
+    number = np.arange(240) // 80
     turn, shift = rng.normal(0, 2e-4, (3, 3))[number], rng.normal(0, 1.5e-4, (3, 3))[number]
     moved = data.reference + np.cross(turn, data.reference) + shift
     session = np.array(["a", "b", "c"], dtype=object)[number]

@@ -115,9 +115,9 @@ def test_what_is_beyond_its_stated_uncertainty(sino6, at_seats, of_robot):
 
 
 def test_good_arms_are_within_what_is_stated(sino6):
-    """Five arms drawn within the half-widths: some seem farther off, by less than U."""
+    """Ten arms drawn within the half-widths: some seem farther off, by less than U."""
     rng, at_the_end = np.random.default_rng(7), 0
-    for _ in range(5):
+    for _ in range(10):
         data = simulate_measurements(
             perturbed_model(sino6, rng), "free", 150, rng=rng, encoder_noise=READINGS
         )
