@@ -17,6 +17,7 @@ from aacmm_pin import Arm, ErrorModel, accuracy_volume, map_workspace
 from aacmm_pin._support.workers import results
 from aacmm_pin.accuracy import volume, workspace
 from aacmm_pin.effects import EncoderEccentricity
+from tests.again import again
 
 
 class Counting(Executor):
@@ -30,7 +31,7 @@ class Counting(Executor):
         return self.executor.submit(work, *args, **named)
 
 
-@pytest.fixture(scope="module", params=["threads", "dask"])
+@pytest.fixture(scope="module", params=["threads", again("dask")])
 def executor(request: pytest.FixtureRequest) -> Iterator[Counting]:
     if request.param == "threads":
         with ThreadPoolExecutor(2) as pool:

@@ -35,7 +35,7 @@ def test_a_file_appended_to_itself_says_the_same(sino6, rng):
         [h.rms_after for h in twice.held_out]
     )
     found, again = (
-        diagnose(sino6, several(table, k), hold_out=False, progress=False) for k in (1, 5)
+        diagnose(sino6, several(table, k), hold_out=False, progress=False) for k in (1, 2)
     )
     ((one,), (other,)) = found.findings, again.findings
     assert one.effect.label == other.effect.label == "encoder_eccentricity:3"

@@ -202,6 +202,7 @@ def stopped(words: str, sent: signal.Signals, ready: object) -> None:
     assert "Traceback" not in err
 
 
+@pytest.mark.long
 def test_what_is_interrupted_leaves_nothing(tmp_path):
     words = f"map sino6 --cells 200 200 --processes 2 -o {tmp_path / 'm.nc'}"
     # Imports take some two of them.

@@ -65,6 +65,7 @@ from aacmm_pin.effects.causes import all_candidates
 from aacmm_pin.effects.conditions import CONDITION_COLUMNS, Conditions
 from aacmm_pin.effects.gravity import GravityEffect
 from aacmm_pin.errors import AacmmError, ArmFileError, MissingConditionError, UnsupportedArmError
+from tests.again import again
 from tests.arm_files import RIGID, changed, craig
 from tests.oracle import close, gravity_moments, gravity_torques, placements, postures, twist_matrix
 
@@ -270,18 +271,21 @@ def test_arm_file_brings_an_effect_back(arms, rng, tmp_path):
 NONSENSE: list[Any] = [[1.5], {"a": 1}, "x", True, np.nan, -1, date(2019, 4, 27)]
 
 
-def test_nonsense_in_the_arm_file_is_named(arms, tmp_path):
+@pytest.mark.parametrize("of_every_cause", [False, again(True)])
+def test_nonsense_in_the_arm_file_is_named(arms, tmp_path, of_every_cause):
     """Whatever stands in a field, the file loads to an effect with that value or is refused with
     file and key.
     """
-    path, refused = tmp_path / "odd.toml", []
+    path, refused, tried = tmp_path / "odd.toml", [], set()
     for example in {effect.cause: effect for effect in EXAMPLES}.values():
         effect = example.at(tuple(typical(example)), tuple(typical(example)))
         file = ErrorModel(arms["sino6"], (effect,)).file()
         content = file.model_dump(mode="json", by_alias=True, exclude_none=True)
         (entry,) = content.pop("effects")
         of_all = ["parameters", "uncertainty", "new_field"] if example is EXAMPLES[0] else []
-        for key, odd in itertools.product([*fields_of(type(example)), *of_all], NONSENSE):
+        own = [name for name in fields_of(type(example)) if of_every_cause or name not in tried]
+        tried.update(own)
+        for key, odd in itertools.product([*own, *of_all], NONSENSE):
             changed = content | {"effects": [entry | {key: odd}]}
             path.write_text(tomli_w.dumps(changed), encoding="utf-8")
             try:

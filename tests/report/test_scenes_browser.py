@@ -145,6 +145,7 @@ def test_all_of_the_arm_is_seen_and_nothing_covers_it(page, file, size):
     assert (pane[2] - pane[0]) * (pane[3] - pane[1]) > 0.45 * size[0] * size[1]
 
 
+@pytest.mark.long
 def test_several_scenes_on_a_page(page, tmp_path):
     several = [
         circle_scene(),
