@@ -311,7 +311,7 @@ def test_a_seed_says_everything() -> None:
         lambda seed: draw(seed, "any", records=50).csv_text,
         lambda seed: regime_file(seed, most_records=40).files,
         *(
-            lambda seed, family=family: family_file(family, seed, records=40).files
+            lambda seed, family=family: family_file(family, seed, records=60).files
             for family in FAMILIES
             if family != "regimes"
         ),
