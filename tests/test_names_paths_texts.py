@@ -141,6 +141,7 @@ def test_a_path_stands_for_records(records):
     np.testing.assert_array_equal(calls[0](str(records)), calls[0](read))
 
 
+@pytest.mark.long
 def test_the_file_of_a_procedure_is_filled_in_from_paths(tmp_path, extended):
     procedure = aacmm_pin.acceptance_procedure("sino6", standard="asme-b89.4.22")
     (tmp_path / "plan.csv").write_text(procedure.csv(), encoding="utf-8")

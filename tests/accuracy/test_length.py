@@ -22,6 +22,7 @@ from aacmm_pin.accuracy.tip_sensitivity import ErrorSources
 from aacmm_pin.arm.file import Covariance
 from aacmm_pin.effects import EncoderEccentricity, LinkBending
 from aacmm_pin.errors import ShapeError
+from tests.again import again
 from tests.arm_files import changed
 
 DRAWS = 20_000
@@ -57,7 +58,7 @@ def drawn(
     return float(np.linalg.norm(tips[1] - tips[0], axis=1).std())
 
 
-@pytest.mark.parametrize("kind", ["arm", "together"])
+@pytest.mark.parametrize("kind", ["arm", again("together")])
 def test_lengths_are_as_uncertain_as_draws_say(kind, sino6, rng):
     model = sino6 if kind == "arm" else together()
     qa, qb = rng.uniform(*sino6.limits.T, (2, 2, 6))

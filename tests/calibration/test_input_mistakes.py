@@ -131,10 +131,12 @@ SETUPS = [
     ("sino6", "external", 6),
     ("sino6", "seats", 6),
     ("sino6", "bars", 1),
-    ("ur5", "base", 9),
 ]
 SETUPS += [
-    again(*case) for case in (("sino6", "seats", 1), ("zero6", "external", 6), ("ur5", "seats", 4))
+    again("sino6", "seats", 1),
+    again("zero6", "external", 6),
+    again("ur5", "base", 9),
+    again("ur5", "seats", 4),
 ]
 
 

@@ -159,9 +159,7 @@ def test_names_that_cannot_be(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     strange = os.fsdecode(b"bad\xff\x1b.csv")
     done(f"simulate sino6 --records 40 -o {strange}")
-    out, err = done(
-        f"calibrate sino6 {strange} --no-held-out --report r.html --json a.json -o a.toml"
-    )
+    out, err = done(f"calibrate sino6 {strange} --no-held-out --json a.json -o a.toml")
     assert "\x1b" not in out + err
     refused(f"calibrate sino6 {strange}.none", said=[r"bad\udcff\x1b.csv.none"])
     assert r"bad\udcff\u001b.csv" in Path("a.json").read_text(encoding="utf-8")

@@ -250,7 +250,8 @@ def test_a_known_target_is_refitted_once(sino6, rng, u):
     assert (other.code, other.data["markers"]) == ("markers_unknown", ["C"])
 
 
-def test_unit_of_angles_and_seed_do_not_matter(tmp_path):
+@pytest.mark.parametrize("what", ["unit", again("seed")])
+def test_unit_of_angles_and_seed_do_not_matter(tmp_path, what):
     effect = "encoder_eccentricity:joint=3,amplitude_rad=1e-4,phase_rad=0.5"
     table = records(tmp_path, f"free --records 60 --effect {effect}")
     angles = [name for name in table if name.startswith("theta")]
@@ -258,15 +259,15 @@ def test_unit_of_angles_and_seed_do_not_matter(tmp_path):
     in_radians = [name.replace("_deg", "_rad") for name in angles]
     radians[in_radians] = np.radians(table[angles].to_numpy())
     first = diagnosed(tmp_path, table)
-    for other, words in ((radians, ""), (table, "--seed 2")):
-        again = diagnosed(tmp_path, other, f"--no-held-out {words}")
-        assert again["verdict"] == first["verdict"] == "explained"
-        assert again["rms_mm"] == pytest.approx(first["rms_mm"], rel=1e-6)
-        (one,), (two,) = first["findings"], again["findings"]
-        assert (one["cause"], one["joint"]) == (two["cause"], two["joint"])
-        assert two["probability"] == pytest.approx(one["probability"], abs=1e-6)
-        for name, value in one["parameters"].items():
-            assert two["parameters"][name] == pytest.approx(value, rel=1e-4)
+    other, words = (radians, "") if what == "unit" else (table, "--seed 2")
+    again = diagnosed(tmp_path, other, f"--no-held-out {words}")
+    assert again["verdict"] == first["verdict"] == "explained"
+    assert again["rms_mm"] == pytest.approx(first["rms_mm"], rel=1e-6)
+    (one,), (two,) = first["findings"], again["findings"]
+    assert (one["cause"], one["joint"]) == (two["cause"], two["joint"])
+    assert two["probability"] == pytest.approx(one["probability"], abs=1e-6)
+    for name, value in one["parameters"].items():
+        assert two["parameters"][name] == pytest.approx(value, rel=1e-4)
 
 
 @pytest.mark.parametrize(("slide", "masses"), [(1, True), again(3, False)])

@@ -368,6 +368,7 @@ def test_known_causes_of_one_kind_and_place(sino6, known, now, changed):
             assert key not in changed or finding.gone or abs(value - changed[key]) < 3.3 * u
 
 
+@pytest.mark.long
 def test_a_known_slip_that_has_grown_is_no_second_one(sino6):
     known = EncoderSlip(joint=5, time_s=5000.0, values=(2.2e-4,), u=(6.6e-6,))
     truth = ErrorModel(sino6, (replace(known, values=(4.8e-4,), u=()),))
@@ -665,6 +666,7 @@ def test_a_target_that_is_unknown_again_is_found_anew(sino6, rng):
     assert offset.values == pytest.approx((0.03, 0.0, 0.01), abs=2e-4)
 
 
+@pytest.mark.long
 def test_what_is_a_part_of_moved_sessions_is_not_in_the_extended_arm(sino6, rng):
     """What fits the steps between sessions a little would harm at every other time; a slip of joint
     1 rotates all.

@@ -234,6 +234,7 @@ def test_the_chain_at_the_shell(tmp_path):
     assert "µm" not in page.read_text(encoding="utf-8")  # one unit on the page
 
 
+@pytest.mark.long
 def test_what_cannot_be_planned_or_predicted(sino6, planned):
     for standard, lengths, said in (
         ("asme-b89.4.22", [0.1, 0.2, 0.3], "2 different"),
