@@ -115,6 +115,7 @@ SCHEMAS = (
 )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("schema", SCHEMAS.split())
 def test_json_keys_are_those_that_are_written(schema, written):
     name = f"aacmm-pin/{schema}/1"

@@ -139,9 +139,8 @@ FIRST = {
     "singles": 6,
     "nothing": 2,
     "pairs": 1,
-    "few": 1,
-    "noise_unstated": 1,
     "bare": 1,
+    "no_masses": 1,
     "curves": 1,
     "gross": 1,
 }

@@ -114,7 +114,13 @@ OUTSIDE = {
 
 @pytest.mark.parametrize(
     "kind",
-    ["joint_product", "operator", again("tip_field"), again("humidity"), again("frame_walk")],
+    [
+        "joint_product",
+        again("operator"),
+        again("tip_field"),
+        again("humidity"),
+        again("frame_walk"),
+    ],
 )
 def test_what_no_cause_explains_is_said_to_be_that(tmp_path, kind):
     found, drawn = diagnosis(tmp_path, seed=2, cause=f"unexplained:{kind}")

@@ -18,7 +18,6 @@ from aacmm_pin.diagnosis.branches import LEAST, two_branches
 from aacmm_pin.effects import EncoderEccentricity, ErrorModel, JointHysteresis
 from aacmm_pin.measurements import Measurements, simulate_measurements
 from aacmm_pin.report.diagnosis import verdict_in_words
-from tests.again import again
 from tests.cli import shell
 from tests.notes import data_of
 
@@ -29,7 +28,8 @@ def simulated(model: ErrorModel, n: int, rng: np.random.Generator) -> Measuremen
     return replace(records, conditions=replace(records.conditions, approach=None))
 
 
-@pytest.mark.parametrize("seed", [2, again(3)])
+@pytest.mark.long
+@pytest.mark.parametrize("seed", [2, 3])
 def test_a_curve_that_chases_two_branches_does_not_extend_the_arm(sino6, seed):
     """A free curve follows one branch and excludes the other; judged by the first alone it would
     have a gain.
@@ -155,6 +155,7 @@ def test_a_seat_whose_place_is_contradicted_is_in_the_headline(sino6):
     assert f"seat {seats[0]}" in next_measurements(found)
 
 
+@pytest.mark.long
 def test_a_seat_that_only_the_recalibrated_arm_excludes_is_in_the_headline(sino6):
     """Moved midway by 60 µm: what is added to the noise for it hides that."""
     noise = {"encoder_noise": 8e-6, "probe_noise": 5e-6, "reference_noise": 5e-6}

@@ -273,6 +273,7 @@ def test_a_value_that_nature_does_not_have_explains_nothing(sino6):
     assert data_of(found.notes, "masses_exact") == [{"causes": ["joint_compliance:2"]}]
 
 
+@pytest.mark.long
 def test_an_arm_of_which_nothing_tells_the_size_keeps_it(zero6):
     """Unknown seats, no bar, no stated length: the smallest arm would scatter least."""
     hidden = ErrorModel(zero6, (EncoderEccentricity(3, values=(2e-4, 0.0)),))
@@ -573,7 +574,8 @@ def slipped(arm: Arm, joint: int, before: int, size: float, records: int, seed: 
     return diagnose(arm, data, **NOISE, hold_out=False, progress=False)
 
 
-@pytest.mark.parametrize(("last", "size"), [again(4, 1e-3), again(4, 5e-3), (8, 1e-3)])
+@pytest.mark.long
+@pytest.mark.parametrize(("last", "size"), [(4, 1e-3), (4, 5e-3), (8, 1e-3)])
 def test_a_slip_near_the_end_is_no_gross_errors(sino6, last, size):
     """The few records after it are far off, and all that are."""
     found = slipped(sino6, 2, -last, size, 120, last)

@@ -131,6 +131,7 @@ def test_it_is_calibrated_planned_and_known(hose, hidden, sino6):
     assert isinstance(example(hose), hose)
 
 
+@pytest.mark.long
 def test_the_shell_knows_it_by_a_plugin(folder, monkeypatch):
     """Where nothing but the file makes it known: each command begins without it, the first in a
     process of its own.

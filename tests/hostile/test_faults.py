@@ -14,6 +14,7 @@ from tests.hostile.faults import SIMULATE, Place, refused, small_files, stopped
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="processes are looked up in /proc")
 
 
+@pytest.mark.long
 def test_old_files_or_new_ones_and_no_mixture(tmp_path):
     place = Place.of(SIMULATE, tmp_path / "place")
     assert refused(place, small_files) == "refused"
