@@ -513,7 +513,7 @@ def test_lengths_in_another_unit_are_refused(data, columns, unit, said):
     table = everything("sphere", "length-uni")
     table[columns] = table[columns].apply(pd.to_numeric) / unit
     table.to_csv(data, index=False)
-    with pytest.raises(AacmmError, match=f"{said}.*unit"):
+    with pytest.raises(AacmmError, match=said):
         accept(data)
 
 
