@@ -25,14 +25,14 @@ TOKENS: dict[str, int] = {
     "_support": 7300,
     "arm": 20000,
     "effects": 27400,
-    "postures": 23800,
+    "postures": 23200,
     "measurements": 18200,
     "accuracy": 12100,
     "calibration": 42800,
-    "diagnosis": 41400,
+    "diagnosis": 41900,
     "planning": 12800,
-    "verification": 17700,
-    "report": 57900,
+    "verification": 17800,
+    "report": 58200,
     "cli": 15200,
 }
 """Code without comments and docstrings: unlike lines, they do not fall when a line is packed
@@ -45,9 +45,9 @@ which the diagnosis listed.
 """
 DENSE: dict[str, int] = {
     "errors": 1,
-    "postures": 48,
+    "postures": 47,
     "accuracy": 17,
-    "diagnosis": 48,
+    "diagnosis": 47,
     "planning": 4,
     "verification": 7,
     "report": 22,
@@ -56,7 +56,7 @@ DENSE: dict[str, int] = {
 """Functions of which one statement has more than :data:`MOST_NODES` syntax nodes on average."""
 MOST_NODES = 23.0
 SENTENCES: dict[str, int] = {
-    "_support": 6,
+    "_support": 4,
     "arm": 8,
     "effects": 4,
     "measurements": 1,
@@ -71,13 +71,13 @@ INNER: dict[str, int] = {
     "measurements": 14,
     "accuracy": 20,
     "calibration": 37,
-    "diagnosis": 58,
+    "diagnosis": 59,
     "planning": 1,
     "report": 9,
     "cli": 3,
 }
 """Names that a room takes from inner modules of other rooms, and not from their faces."""
-CONSTANTS = 16
+CONSTANTS = 15
 """Names of module constants with several values."""
 
 LAYOUT = {

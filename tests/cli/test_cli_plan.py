@@ -101,7 +101,7 @@ def test_everything_at_once(tmp_path):
     sheet = tmp_path / "sheet.html"
     out, err = done(f"plan sino6 {QUICK} -o {tmp_path / 'plan.csv'} --sheet {sheet}")
     assert "20 records for all causes" in out
-    assert "Distinguished worst" in out
+    assert "the worst first" in out
     (pair,) = (line for line in err.splitlines() if "bearing_tilt:1 from base_compliance" in line)
     assert "turn the mount" in pair
     assert {"temperature_c", "approach1"} <= set(pd.read_csv(tmp_path / "plan.csv").columns)

@@ -87,7 +87,7 @@ def test_seats_frames_and_existing_records(sino6):
 
 @pytest.mark.parametrize("noise", [0.0, 1e-303])
 def test_without_any_noise_there_is_nothing_to_plan_for(sino6, noise):
-    with pytest.raises(AacmmError, match="without any noise"):
+    with pytest.raises(AacmmError, match="no noise of readings"):
         plan_calibration(
             sino6, 3, postures=50, encoder_noise=noise, reference_noise=noise, progress=False
         )

@@ -1,4 +1,4 @@
-"""Measure this package beside its peers: ``python -m benchmarks --json FILE --page
+"""Measure this package beside its peers: ``python -m tests.benchmarks --json FILE --page
 notebooks/site/speed.md``.
 
 Each operation and its peers take turns in one run, and medians of CPU time count. Packages of
@@ -24,7 +24,7 @@ from typing import Any
 os.environ["OMP_NUM_THREADS"] = "1"  # before NumPy comes: one thread, as the loop in C has
 
 from aacmm_pin._support.compiled import ALWAYS, VARIABLE
-from benchmarks.operations import OPERATIONS, Table
+from tests.benchmarks.operations import OPERATIONS, Table
 
 PACKAGES = ("numpy", "scipy", "pin", "numba")
 
@@ -116,7 +116,7 @@ def _number(value: float | None, unit: float = 1.0, name: str = "") -> str:
 
 
 def main(words: Sequence[str]) -> None:
-    parser = argparse.ArgumentParser("python -m benchmarks", description=__doc__)
+    parser = argparse.ArgumentParser("python -m tests.benchmarks", description=__doc__)
     parser.add_argument("--json", type=Path, required=True, metavar="FILE")
     parser.add_argument("--page", type=Path, metavar="FILE")
     parser.add_argument(
@@ -133,7 +133,7 @@ def main(words: Sequence[str]) -> None:
         "commit": commit(),
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "machine": machine(),
-        "command": shlex.join(["python", "-m", "benchmarks", *words]),
+        "command": shlex.join(["python", "-m", "tests.benchmarks", *words]),
         "versions": {
             "Python": platform.python_version(),
             **{name: version(name) for name in PACKAGES},

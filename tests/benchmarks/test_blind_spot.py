@@ -6,7 +6,7 @@ where the plant says the truth without noise. Our half is called as a user would
 peer, FIGAROH, knows geometry and joint stiffness but no encoder error; it runs in an environment of
 its own, which
 
-    python -m benchmarks --json speed.json --only calibration --quick
+    python -m tests.benchmarks --json speed.json --only calibration --quick
 
 makes it. Without it our half is tested alone. Both calibrate without any stated uncertainty of the
 geometry, whose errors they have to find as well. ``perfect`` is one who knows the plant and fits
@@ -32,8 +32,8 @@ from blind.kinematics import Array
 from aacmm_pin._support.units import MM, UM
 from aacmm_pin.arm import load_arm_file
 from aacmm_pin.arm.urdf import urdf_text
-from benchmarks.blind_spot import ARM, COMPLIANCE, NOISE, BlindSpot
-from benchmarks.environments import ask, is_installed
+from tests.benchmarks.blind_spot import ARM, COMPLIANCE, NOISE, BlindSpot
+from tests.benchmarks.environments import ask, is_installed
 
 pytestmark = pytest.mark.long
 VISIBLE = 40.0
@@ -133,7 +133,7 @@ def theirs() -> Callable[..., dict[str, Any]]:
     """What FIGAROH reports of the same poses; ``predicted_m`` are its tips at those held out."""
     if not is_installed("figaroh"):
         pytest.skip(
-            "no environment with figaroh, which `python -m benchmarks --only calibration` makes"
+            "no environment with figaroh, which `python -m tests.benchmarks --only calibration` makes"
         )
     file = load_arm_file(str(ARM))
     options = ["--repeats", "1", "--gravity", *(f"{g:g}" for g in file.gravity_m_s2)]

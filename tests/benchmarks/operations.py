@@ -27,7 +27,7 @@ from aacmm_pin.calibration import calibrate
 from aacmm_pin.diagnosis import diagnose
 from aacmm_pin.effects import EncoderEccentricity, ErrorModel
 from aacmm_pin.measurements import Measurements, simulate_measurements
-from benchmarks.environments import (
+from tests.benchmarks.environments import (
     MissingError,
     PlainC,
     Seconds,
@@ -36,7 +36,7 @@ from benchmarks.environments import (
     child,
     install,
 )
-from benchmarks.real_like import OPTIONS, real_like, with_errors
+from tests.benchmarks.real_like import OPTIONS, real_like, with_errors
 
 OURS = "aacmm_pin"
 NOISE = {"encoder_noise": 8e-6, "reference_noise": 1.2e-5}
@@ -126,7 +126,7 @@ class Table:
                 Row(
                     what,
                     OURS,
-                    *by_itself(f"from benchmarks.operations import *\n{before}", code),
+                    *by_itself(f"from tests.benchmarks.operations import *\n{before}", code),
                 )
             )
 

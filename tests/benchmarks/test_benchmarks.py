@@ -5,7 +5,7 @@ import json
 import pytest
 
 from aacmm_pin._support.compiled import NEVER, VARIABLE
-from benchmarks.__main__ import main
+from tests.benchmarks.__main__ import main
 
 
 def test_cheapest_operation(tmp_path, monkeypatch):
