@@ -133,7 +133,7 @@ def theirs() -> Callable[..., dict[str, Any]]:
     """What FIGAROH reports of the same poses; ``predicted_m`` are its tips at those held out."""
     if not is_installed("figaroh"):
         pytest.skip(
-            "no environment with figaroh, which `python -m tests.benchmarks --only calibration` makes"
+            "no environment with figaroh; `python -m tests.benchmarks --only calibration` makes it"
         )
     file = load_arm_file(str(ARM))
     options = ["--repeats", "1", "--gravity", *(f"{g:g}" for g in file.gravity_m_s2)]
