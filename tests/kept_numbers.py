@@ -42,13 +42,13 @@ FEW = [
     f"configurations sino6 {POINT} --count 24 -o circle.csv",
     f"accuracy sino6 {POINT} --count 24 --json accuracy.json",
     "map sino6 --cells 5 5 --sectors 4 -o map.nc --json map.json",
-    f"{FREE} --records 60 --effect encoder_eccentricity:joint=3,amplitude_rad=3e-4 --seed 1 -o "
+    f"{FREE} --records 60 --cause encoder_eccentricity:joint=3,amplitude_rad=3e-4 --seed 1 -o "
     "free.csv",
     f"calibrate sino6 free.csv {NOISE} -o calibrated.toml --json calibrate.json",
-    f"diagnose sino6 free.csv {NOISE} --json diagnose.json --extended-arm extended.toml",
+    f"diagnose sino6 free.csv {NOISE} --json diagnose.json --arm-out extended.toml",
     "correct extended.toml free.csv -o corrected.csv",
-    "plan sino6 --split encoder_gain:3 encoder_eccentricity:3 --records 12 -o plan.csv --json "
-    "plan.json",
+    "plan sino6 --distinguish encoder_gain:3 encoder_eccentricity:3 --records 12 -o plan.csv "
+    "--json plan.json",
 ]
 """A command of each kind; the later ones use what the earlier ones wrote."""
 MORE = [
@@ -58,9 +58,9 @@ MORE = [
         f"accuracy sino6 {POINT} --count 24 --method {m} --json {m}.json"
         for m in ("jointwise", "ellipsoid", "monte-carlo")
     ),
-    f"{SEATS} --effect bearing_tilt:joint=2,compliance_rad_per_nm=2e-6 --seed 2 -o seats.csv",
-    f"{FREE} --records 300 --perturb --effect thermal_expansion:expansion_per_k=2e-5 --seed 3 -o "
-    "warm.csv",
+    f"{SEATS} --cause bearing_tilt:joint=2,compliance_rad_per_nm=2e-6 --seed 2 -o seats.csv",
+    f"{FREE} --records 300 --random-geometry --cause thermal_expansion:expansion_per_k=2e-5 "
+    "--seed 3 -o warm.csv",
     f"{FREE} --records 80 --seed 4 -o nothing.csv",
     f"calibrate sino6 seats.csv {AT_SEATS} --json seats-calibrate.json -o seats.toml",
     f"calibrate sino6 warm.csv {NOISE} --reference-frame external --json external.json --urdf-out "
@@ -69,27 +69,27 @@ MORE = [
     "residuals.csv",
     f"diagnose sino6 seats.csv {AT_SEATS} --json seats-diagnose.json",
     f"diagnose sino6 warm.csv {NOISE} --reference-frame external --json warm-diagnose.json "
-    "--extended-arm warm.toml",
+    "--arm-out warm.toml",
     f"diagnose sino6 nothing.csv {NOISE} --json nothing-diagnose.json",
     "diagnose sino6 free.csv --json unstated.json",
     "correct seats.toml seats.csv -o seats-corrected.csv",
-    f"plan sino6 --data warm.csv {NOISE} --records 10 -o best.csv --json best.json",
+    f"plan sino6 --existing warm.csv {NOISE} --records 10 -o best.csv --json best.json",
     f"plan sino6 --for calibration {NOISE} --records 20 --postures 300 -o geometry.csv --json "
     "geometry.json",
-    "plan sino6 --for acceptance --range-mm 1000 -o procedure.csv",
+    "plan sino6 --for acceptance --measuring-range-mm 1000 -o procedure.csv",
     f"simulate sino6 --plan procedure.csv {TOUCHED} --seed 5 -o touches.csv",
     "accept sino6 touches.csv --mpe SPAT.Max=0.15 --json accept.json",
     "accept sino6 procedure.csv --predict --runs 20 --json predict.json",
-    f"{BARS} --effect joint_compliance:3,compliance_rad_per_nm=2e-5 --seed 6 -o bars.csv",
+    f"{BARS} --cause joint_compliance:3,compliance_rad_per_nm=2e-5 --seed 6 -o bars.csv",
     f"calibrate sino6 bars.csv {AT_BARS} --target unknown --json bars-calibrate.json",
     f"diagnose sino6 bars.csv {AT_BARS} --target unknown --json bars-diagnose.json",
-    f"{FREE} --records 60 --orientation-noise-rad 50urad --effect encoder_gain:2,gain=2e-4 --seed "
+    f"{FREE} --records 60 --orientation-noise-rad 50urad --cause encoder_gain:2,gain=2e-4 --seed "
     "7 -o oriented.csv",
     f"diagnose sino6 oriented.csv {NOISE} --json oriented-diagnose.json",
-    f"{FREE} --records 100 --effect thermal_expansion:expansion_per_k=4e-5 --seed 8 -o warmer.csv",
+    f"{FREE} --records 100 --cause thermal_expansion:expansion_per_k=4e-5 --seed 8 -o warmer.csv",
     f"diagnose warm.toml warmer.csv {NOISE} --reference-frame external --json changed.json",
     "correct warm.toml warmer.csv --commands --nominal sino6 -o commands.csv",
-    f"diagnose sino6 free.csv {NOISE} --with-discrepancy --extended-arm described.toml --json "
+    f"diagnose sino6 free.csv {NOISE} --with-discrepancy --arm-out described.toml --json "
     "described.json",
     f"calibrate --urdf sino6.urdf --frame tip {HALF_WIDTHS} free.csv {NOISE} --json "
     "urdf-calibrate.json",

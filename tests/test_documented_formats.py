@@ -59,12 +59,12 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> dict[str, set[str]]:
     )
     simulate = "simulate sino6 --encoder-noise-rad 8e-6 --records 60 -o"
     shell.done(
-        f"{simulate} {data} --plan free --effect "
+        f"{simulate} {data} --plan free --cause "
         "joint_periodic_error:joint=3,order=7,amplitude_rad=5e-4"
     )
     shell.done(f"{simulate} {poses} --plan seats --orientation-noise-rad 50urad")
     shell.done(
-        f"{simulate} {hidden} --plan seats --effect base_compliance:compliance_rad_per_nm=3e-5"
+        f"{simulate} {hidden} --plan seats --cause base_compliance:compliance_rad_per_nm=3e-5"
     )
     table = pd.read_csv(data, dtype=str)
     table.loc[8, "x_mm"] = "999.0"
@@ -85,11 +85,11 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> dict[str, set[str]]:
         f"calibrate sino6 {data} {noise}",
         f"calibrate sino6 {external} --reference-frame external {noise}",
         f"calibrate sino6 {poses}",
-        f"diagnose sino6 {poses} --no-held-out {noise}",
+        f"diagnose sino6 {poses} --no-cross-validation {noise}",
         f"diagnose sino6 {external} {noise}",
-        f"diagnose sino6 {hidden} --no-held-out {noise}",
-        f"plan sino6 --split encoder_eccentricity:2 joint_compliance:2 --data {data} --records 4 "
-        "--postures 30",
+        f"diagnose sino6 {hidden} --no-cross-validation {noise}",
+        f"plan sino6 --distinguish encoder_eccentricity:2 joint_compliance:2 --existing {data} "
+        "--records 4 --postures 30",
         "plan sino6 --records 4 --postures 30",
         f"accept {touches} --mpe SPAT.Max=0.1",
         "plan sino6 --for calibration --records 12 --postures 30",
@@ -188,7 +188,7 @@ def test_columns_of_what_commands_write(tmp_path):
     )
     shell.done(f"configurations sino6 {point} {tables[0]}")
     shell.done(f"accuracy sino6 {point} {tables[1]}")
-    shell.done(f"calibrate sino6 {data} --no-held-out --residuals {tables[2]}")
+    shell.done(f"calibrate sino6 {data} --no-cross-validation --residuals {tables[2]}")
     shell.done(f"correct sino6 {data} -o {tables[3]}")
     shell.done(f"correct sino6 {data} --nominal sino6 --commands -o {tables[4]}")
     came = [

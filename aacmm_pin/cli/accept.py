@@ -44,11 +44,11 @@ def run(
     standard: Annotated[
         str | None, typer.Option(help="Evaluate only this standard: iso10360-12 or asme-b89.4.22.")
     ] = None,
-    range_mm: Annotated[
+    measuring_range_mm: Annotated[
         float | None, typer.Option(help="Measuring range of the arm, in mm.")
     ] = None,
     output: Annotated[
-        Path | None, page_option("Page to print: the test report", "--output", "-o")
+        Path | None, page_option("Page to print: the test report", "--report", "-o")
     ] = None,
     history: Annotated[
         Path | None, typer.Option(help="CSV of all checks; this check is appended.")
@@ -91,7 +91,7 @@ def run(
     if before.predict:
         refuse(
             context,
-            ("range_mm", "history", "plot", "time", "instrument", "about"),
+            ("measuring_range_mm", "history", "plot", "time", "instrument", "about"),
             "cannot be combined with --predict",
         )
     else:
@@ -107,7 +107,7 @@ def run(
             return
         past = None if history is None else History.read(history)
         result = accept(
-            path, arms, mpe=limits, standard=standard, measuring_range=in_metres(range_mm)
+            path, arms, mpe=limits, standard=standard, measuring_range=in_metres(measuring_range_mm)
         )
         when, summary, told = _when(time, path), result.summary(), acceptance_document(result)
         checks = None if past is None else past.with_check(result, when, instrument)

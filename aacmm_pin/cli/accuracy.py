@@ -44,7 +44,7 @@ def run(
     seed: Seed = 1,
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", help="CSV file: the sampled postures with their accuracy."),
+        typer.Option("--csv", "-o", help="CSV file: the sampled postures with their accuracy."),
     ] = None,
     json_: Json = None,
     plot: Plot = None,
@@ -66,9 +66,7 @@ def run(
         circle = orientation.postures(model.arm, point)
         if to is not None:
             if output is not None or plot is not None or method != METHODS[0]:
-                raise typer.BadParameter(
-                    "--to cannot be combined with --output, --plot or --method"
-                )
+                raise typer.BadParameter("--to cannot be combined with --csv, --plot or --method")
             _length(
                 results, (circle, orientation.postures(model.arm, to)), model, encoder_noise, json_
             )

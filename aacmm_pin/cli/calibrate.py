@@ -34,12 +34,13 @@ def run(
     how: MeasuredHow,
     parameters: Annotated[str, typer.Option(help="One of zero-offsets, geometry.")] = "geometry",
     effect: EffectTexts = None,
-    no_held_out: Annotated[
-        bool, typer.Option("--no-held-out", help="Do not predict records left out of the fit.")
+    no_cross_validation: Annotated[
+        bool,
+        typer.Option("--no-cross-validation", help="Do not predict records left out of the fit."),
     ] = False,
     seed: Seed = 1,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Arm file for the calibrated arm.")
+        Path | None, typer.Option("--arm-out", "-o", help="Arm file for the calibrated arm.")
     ] = None,
     urdf_out: Annotated[Path | None, typer.Option(help="URDF for the calibrated arm.")] = None,
     residuals: Annotated[
@@ -68,7 +69,7 @@ def run(
         effects = [stated_cause(text, model) for text in effect or []]
         stated = how.keywords() | {
             "prior": False if how.no_prior else None,
-            "hold_out": not no_held_out,
+            "hold_out": not no_cross_validation,
         }
         records, rng = Measurements.read(path, model.arm.nq), np.random.default_rng(seed)
         result = calibrate(model, records, [parameters, *effects], rng=rng, **stated)

@@ -98,12 +98,13 @@ Sectors = Annotated[int, typer.Option(min=1, help="Sectors of the configuration 
 EffectTexts = Annotated[
     list[str] | None,
     typer.Option(
-        "--effect",
+        "--cause",
         metavar="CAUSE[:PLACE][,NAME=VALUE…]",
         help="Cause of error, such as encoder_eccentricity:3,amplitude_rad=20urad (repeatable).",
     ),
 ]
 Output = Annotated[Path | None, typer.Option("--output", "-o", help="File to write.")]
+CsvOutput = Annotated[Path | None, typer.Option("--csv", "-o", help="CSV file to write.")]
 Plot = Annotated[
     Path | None, typer.Option("--plot", help="Draw the result into this file (.png, .svg, .pdf).")
 ]

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin.cli.arm_options import AnyArm
-from aacmm_pin.cli.common import Force, Output, Results, command, note
+from aacmm_pin.cli.common import CsvOutput, Force, Results, command, note
 from aacmm_pin.cli.pose_options import Orientation, Point
 
 
 @command
 def run(
-    point: Point, arm: AnyArm, orientation: Orientation, output: Output = None, force: Force = False
+    point: Point,
+    arm: AnyArm,
+    orientation: Orientation,
+    output: CsvOutput = None,
+    force: Force = False,
 ) -> None:
     """List the configurations that reach a point (CSV)."""
     with Results(force, output) as results:

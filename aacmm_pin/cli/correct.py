@@ -14,7 +14,7 @@ from aacmm_pin.accuracy import accuracy_volume
 from aacmm_pin.arm import Arm, broken_limits
 from aacmm_pin.calibration import compare
 from aacmm_pin.cli.arm_options import ArmAndData, EncoderNoise
-from aacmm_pin.cli.common import Force, Output, Results, command, note
+from aacmm_pin.cli.common import CsvOutput, Force, Results, command, note
 from aacmm_pin.effects import Conditions, ErrorModel, joint_commands, known_range_in_words
 from aacmm_pin.errors import AacmmError, MeasurementFileError, UnknownNameError
 from aacmm_pin.measurements import (
@@ -80,7 +80,7 @@ def run(
             help="Add the orientation of the tip. Default: only if the file states orientations.",
         ),
     ] = False,
-    output: Output = None,
+    output: CsvOutput = None,
     force: Force = False,
 ) -> None:
     """Compute tip coordinates and their uncertainty from readings, by a calibrated or extended arm

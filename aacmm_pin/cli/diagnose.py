@@ -22,8 +22,9 @@ from aacmm_pin.measurements import Measurements
 def run(
     arm: ArmAndData,
     how: MeasuredHow,
-    no_held_out: Annotated[
-        bool, typer.Option("--no-held-out", help="Do not measure the gain on held-out records.")
+    no_cross_validation: Annotated[
+        bool,
+        typer.Option("--no-cross-validation", help="Do not measure the gain on held-out records."),
     ] = False,
     with_discrepancy: Annotated[
         bool,
@@ -33,10 +34,8 @@ def run(
         ),
     ] = False,
     seed: Seed = 1,
-    output: Annotated[Path | None, page_option("Page with all results", "--output", "-o")] = None,
-    extended_arm: Annotated[
-        Path | None, typer.Option(help="Arm file for the extended model.")
-    ] = None,
+    output: Annotated[Path | None, page_option("Page with all results", "--report", "-o")] = None,
+    arm_out: Annotated[Path | None, typer.Option(help="Arm file for the extended model.")] = None,
     json_: Json = None,
     force: Force = False,
 ) -> None:
@@ -46,14 +45,14 @@ def run(
         terminal,  # these load what draws
     )
 
-    with Results(force, extended_arm, page=output, json_=json_) as results:
-        if with_discrepancy and extended_arm is None:
-            raise AacmmError("--with-discrepancy requires --extended-arm")
+    with Results(force, arm_out, page=output, json_=json_) as results:
+        if with_discrepancy and arm_out is None:
+            raise AacmmError("--with-discrepancy requires --arm-out")
         model, path = arm.model_and_data()
-        if extended_arm is not None:
+        if arm_out is not None:
             model.file()  # or refused before the work
         records, rng = Measurements.read(path, model.arm.nq), np.random.default_rng(seed)
-        held_out = not no_held_out
+        held_out = not no_cross_validation
         result = diagnose(
             model,
             records,
@@ -62,28 +61,28 @@ def run(
             rng=rng,
             **how.keywords(),
         )
-        if extended_arm is not None:
+        if arm_out is not None:
             if result.no_better:
                 note(
-                    f"warning: {extended_arm}: the extended arm does not predict held-out records "
+                    f"warning: {arm_out}: the extended arm does not predict held-out records "
                     "better than the "
                     "recalibrated arm; the file has the recalibrated arm"
                 )
             if result.findings and result.extended.too_many_excluded:
                 out = int(result.extended.excluded.sum())
                 note(
-                    f"warning: {extended_arm}: {out} records do not fit the extended arm and were "
+                    f"warning: {arm_out}: {out} records do not fit the extended arm and were "
                     "excluded, too many for "
                     "gross errors; at new postures it may be worse than the arm that aacmm-pin "
                     "calibrate writes"
                 )
             if with_discrepancy and result.not_saved:
                 note(
-                    f"warning: {extended_arm}: {listed(result.not_saved)}: not saved, new records "
+                    f"warning: {arm_out}: {listed(result.not_saved)}: not saved, new records "
                     "do not have them"
                 )
             results.arm(
-                result.model, extended_arm, f"Extended by aacmm-pin diagnose from {path}: {result}"
+                result.model, arm_out, f"Extended by aacmm-pin diagnose from {path}: {result}"
             )
         summary = result.summary() | {"source": path, "seed": seed}
         document = diagnosis_document(result, summary, f"{datetime.now(UTC):%Y-%m-%d}")

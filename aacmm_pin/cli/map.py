@@ -32,7 +32,7 @@ def run(
     method: Annotated[
         str, typer.Option(help="One of zonotope, jointwise, ellipsoid.")
     ] = "zonotope",
-    processes: Annotated[int, typer.Option(min=1, help="Worker processes.")] = 1,
+    workers: Annotated[int, typer.Option(min=1, help="Worker processes.")] = 1,
     output: Output = None,
     plot: Plot = None,
     json_: Json = None,
@@ -47,7 +47,7 @@ def run(
             note(f"note: {caveat}")
         method_ = cast(Method, method)
         result = map_workspace(
-            model, cells, sectors, extent=extent, method=method_, workers=processes
+            model, cells, sectors, extent=extent, method=method_, workers=workers
         )
         for caveat in result.caveats:
             note(f"note: {caveat}")

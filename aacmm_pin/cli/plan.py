@@ -13,9 +13,9 @@ import typer
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin.cli.arm_options import MeasuredHow, UncertainArm, in_metres, restrict_to_known_range
 from aacmm_pin.cli.common import (
+    CsvOutput,
     Force,
     Json,
-    Output,
     Results,
     Seed,
     command,
@@ -43,7 +43,7 @@ from aacmm_pin.report import Document, calibration_plan_document, plan_document,
 class PlanFiles:
     """Files of every plan."""
 
-    output: Output = None
+    output: CsvOutput = None
     sheet: Annotated[
         Path | None,
         page_option("Page to print, with positions and postures"),
@@ -56,7 +56,7 @@ class PlannedRecords:
     """Records of the arm, to distinguish causes or for a calibration."""
 
     records: Annotated[int, typer.Option(min=1, help="Number of records to plan.")] = 40
-    data: Annotated[
+    existing: Annotated[
         str | None,
         typer.Option(metavar="FILE", help="File of existing measurements."),
     ] = None
@@ -64,7 +64,7 @@ class PlannedRecords:
         str,
         typer.Option(
             help="Reference data: free (each record has its own coordinates) or seats (those of "
-            "--data, or new ones).",
+            "--existing, or new ones).",
         ),
     ] = "free"
     postures: Annotated[
@@ -73,12 +73,12 @@ class PlannedRecords:
     ] = POOL_SIZE
     json_: Json = None
 
-    def existing(self, model: ErrorModel, how: MeasuredHow) -> Measurements | None:
-        """The records of ``--data``."""
-        records = None if self.data is None else Measurements.read(self.data, model.arm.nq)
+    def existing_records(self, model: ErrorModel, how: MeasuredHow) -> Measurements | None:
+        """The records of ``--existing``."""
+        records = None if self.existing is None else Measurements.read(self.existing, model.arm.nq)
         if how.length_noise_mm is not None and (records is None or not records.bars()):
             raise typer.BadParameter(
-                "--length-noise-mm requires --data with bars; a plan has none of its own"
+                "--length-noise-mm requires --existing with bars; a plan has none of its own"
             )
         return records
 
@@ -87,7 +87,7 @@ class PlannedRecords:
 class CausesToSplit:
     """Which causes the records distinguish, and what may be changed for it."""
 
-    split: Annotated[
+    distinguish: Annotated[
         tuple[str, str] | None,
         typer.Option(
             metavar="CAUSE CAUSE",
@@ -96,11 +96,11 @@ class CausesToSplit:
             "magnitude.",
         ),
     ] = None
-    as_it_stands: Annotated[
+    keep_set_up: Annotated[
         bool,
-        typer.Option("--as-it-stands", help="Propose neither a load nor another mount."),
+        typer.Option("--keep-set-up", help="Propose neither a load nor another mount."),
     ] = False
-    set_up_arm: Annotated[
+    arm_out: Annotated[
         Path | None,
         typer.Option(help="Arm file with the set-up that the plan proposes."),
     ] = None
@@ -127,7 +127,7 @@ def run(
             "ASME B89.4.22-2004).",
         ),
     ] = "causes",
-    above_mm: Annotated[
+    table_height_mm: Annotated[
         float | None,
         typer.Option(help="Height of a table above the base; the tip stays above it."),
     ] = None,
@@ -142,22 +142,22 @@ def run(
     """Plan measurements: write postures and set-up as a file to fill in."""
     _refuse_unused(context, for_)
     if for_ == "acceptance":
-        artefacts.plan(arm, above_mm, seed, files.output, files.sheet, files.force)
+        artefacts.plan(arm, table_height_mm, seed, files.output, files.sheet, files.force)
         return
-    if causes.as_it_stands and causes.split is None:
+    if causes.keep_set_up and causes.distinguish is None:
         raise typer.BadParameter(
-            "--as-it-stands requires --split; without it a plan changes neither load nor mount"
+            "--keep-set-up requires --distinguish; without it a plan changes neither load nor mount"
         )
     json_ = planned.json_
-    outputs = (files.output, causes.set_up_arm)
+    outputs = (files.output, causes.arm_out)
     with Results(files.force, *outputs, page=files.sheet, json_=json_) as results:
         model = restrict_to_known_range(arm.model())
-        existing = planned.existing(model, how)
+        existing = planned.existing_records(model, how)
         options: dict[str, Any] = {
             "records": planned.records,
             "existing": existing,
             "reference": cast(Reference, planned.reference),
-            "above": in_metres(above_mm),
+            "above": in_metres(table_height_mm),
             "postures": planned.postures,
             "rng": np.random.default_rng(seed),
             **how.keywords(),
@@ -168,16 +168,16 @@ def run(
             results.text(text, files.output)
         if files.sheet is not None:
             results.document(document, files.sheet)
-        if causes.set_up_arm is not None and isinstance(plan, MeasurementPlan):
+        if causes.arm_out is not None and isinstance(plan, MeasurementPlan):
             comment = f"Set up to be measured by a plan: {plan.setup}."
-            results.arm(plan.model, causes.set_up_arm, comment)
+            results.arm(plan.model, causes.arm_out, comment)
         results.json(plan.summary(), json_)
     output = None if json_ == "-" else files.output
     terminal.show(document, output is None)
     tips = plan.model.predict(plan.measurements.q, plan.measurements.conditions)
-    note_lowest_tip(tips @ plan.model.arm.up, above_mm)
+    note_lowest_tip(tips @ plan.model.arm.up, table_height_mm)
     if isinstance(plan, MeasurementPlan):
-        _say_what_to_do(plan, output, causes.set_up_arm is not None)
+        _say_what_to_do(plan, output, causes.arm_out is not None)
         if output is not None:
             note(f"note: chosen from {planned.postures} postures, seed {seed}")
 
@@ -191,7 +191,7 @@ def _planned(
     if purpose == "calibration":
         calibration = plan_calibration(model, **options)
         return calibration, calibration_plan_document(calibration)
-    plan = plan_measurements(model, causes.split, as_it_stands=causes.as_it_stands, **options)
+    plan = plan_measurements(model, causes.distinguish, as_it_stands=causes.keep_set_up, **options)
     return plan, plan_document(plan)
 
 
@@ -215,7 +215,7 @@ def _say_what_to_do(plan: MeasurementPlan, file: Path | None, arm_written: bool)
         say(f"{file}: {only}fill in x_mm, y_mm, z_mm; {where}")
     if plan.changes_arm and not arm_written:
         note(
-            "note: this set-up requires another arm file, which --set-up-arm FILE writes; diagnose "
+            "note: this set-up requires another arm file, which --arm-out FILE writes; diagnose "
             "the new records with it"
         )
 

@@ -29,7 +29,7 @@ class Artefacts:
     standard: Annotated[
         str | None, typer.Option(help=f"{FOR}only iso10360-12, or asme-b89.4.22.")
     ] = None
-    range_mm: Annotated[
+    measuring_range_mm: Annotated[
         float | None,
         typer.Option(help=f"{FOR}measuring range, in mm; else twice the reach from joint 2."),
     ] = None
@@ -50,7 +50,7 @@ class Artefacts:
     def plan(
         self,
         arm: UncertainArm,
-        above_mm: float | None,
+        table_height_mm: float | None,
         seed: int,
         output: Path | None,
         sheet: Path | None,
@@ -61,13 +61,13 @@ class Artefacts:
             procedure = acceptance_procedure(
                 restrict_to_known_range(arm.model()),
                 standard=self.standard,
-                measuring_range=in_metres(self.range_mm),
+                measuring_range=in_metres(self.measuring_range_mm),
                 lengths=None
                 if self.length_mm is None
                 else [length * MM for length in self.length_mm],
                 sphere_diameter=(SPHERE if self.sphere_mm is None else self.sphere_mm) * MM,
                 probe_diameter=(PROBE if self.probe_mm is None else self.probe_mm) * MM,
-                above=in_metres(above_mm),
+                above=in_metres(table_height_mm),
                 rng=np.random.default_rng(seed),
             )
             results.text(procedure.csv(), output)
@@ -76,14 +76,14 @@ class Artefacts:
         if output is not None:
             terminal.show(procedure_document(procedure))
             then = shlex.join(["aacmm-pin", "accept", *arm.urdf_words, str(output)])
-            note_lowest_tip(procedure.points @ procedure.arm.up, above_mm)
+            note_lowest_tip(procedure.points @ procedure.arm.up, table_height_mm)
             say(f"{output}: fill in x_mm, y_mm, z_mm, or theta1_deg …; then: {then}")
 
 
-def note_lowest_tip(heights: Array, above_mm: float | None) -> None:
+def note_lowest_tip(heights: Array, table_height_mm: float | None) -> None:
     """How far below the base the lowest tip is [m], where no table was stated."""
-    if above_mm is None and heights.min() < 0:
+    if table_height_mm is None and heights.min() < 0:
         note(
-            f"note: the lowest tip is {-heights.min() / MM:.0f} mm below the base; --above-mm "
-            "sets the height of a table"
+            f"note: the lowest tip is {-heights.min() / MM:.0f} mm below the base; "
+            "--table-height-mm sets the height of a table"
         )

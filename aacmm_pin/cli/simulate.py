@@ -14,9 +14,9 @@ from aacmm_pin._support.units import MM
 from aacmm_pin.calibration.random_arm import perturbed_model
 from aacmm_pin.cli.arm_options import ContactNoise, UncertainArm, in_metres, restrict_to_known_range
 from aacmm_pin.cli.common import (
+    CsvOutput,
     EffectTexts,
     Force,
-    Output,
     Results,
     Seed,
     angle_option,
@@ -38,7 +38,7 @@ from aacmm_pin.verification import Procedure
 
 OPTION_OF = {
     "records": PLANS,
-    "unknown": ("seats",),
+    "no_seat_coordinates": ("seats",),
     "seats": ("seats", "ball-bar"),
     "bar_length_mm": ("ball-bar",),
     "reference_noise_mm": ("free", "seats", "ball-bar"),
@@ -64,8 +64,11 @@ class Planned:
     seats: Annotated[
         int, typer.Option(help="With plans seats, ball-bar: number of seats; two for each bar.")
     ] = 10
-    unknown: Annotated[
-        bool, typer.Option("--unknown", help="With plan seats: do not state their coordinates.")
+    no_seat_coordinates: Annotated[
+        bool,
+        typer.Option(
+            "--no-seat-coordinates", help="With plan seats: do not state their coordinates."
+        ),
     ] = False
     bar_length_mm: Annotated[
         float | None, typer.Option(help="With plan ball-bar: length of the bars.")
@@ -83,11 +86,11 @@ class Planned:
         for option, plans in OPTION_OF.items():
             if (self.plan in PLANS or self.plan.endswith(".csv")) and self.plan not in plans:
                 refuse(context, [option], f"requires --plan {' or '.join(plans)}")
-        if self.unknown:
+        if self.no_seat_coordinates:
             refuse(
                 context,
                 ["reference_noise_mm", "orientation_noise_rad"],
-                "cannot be combined with --unknown, which states no reference",
+                "cannot be combined with --no-seat-coordinates, which states no reference",
             )
 
     def measured(self, model: ErrorModel, noise: Noise, rng: np.random.Generator) -> Measurements:
@@ -108,7 +111,7 @@ class Planned:
             reference_noise=noise.reference,
             probe_noise=noise.probe,
             seats=self.seats,
-            known=not self.unknown,
+            known=not self.no_seat_coordinates,
             bar_length=length,
             orientation_noise=self.orientation_noise_rad,
         )
@@ -120,15 +123,17 @@ def run(
     arm: UncertainArm,
     planned: Planned,
     effect: EffectTexts = None,
-    perturb: Annotated[
+    random_geometry: Annotated[
         bool,
-        typer.Option("--perturb", help="Draw the true geometry within the arm's uncertainties."),
+        typer.Option(
+            "--random-geometry", help="Draw the true geometry within the arm's uncertainties."
+        ),
     ] = False,
     seed: Seed = 1,
     *,
     stated: ContactNoise,
-    output: Output = None,
-    truth: Annotated[
+    output: CsvOutput = None,
+    arm_out: Annotated[
         Path | None, typer.Option(help="Arm file of the simulated arm, with its effects.")
     ] = None,
     force: Force = False,
@@ -137,11 +142,11 @@ def run(
     planned.refuse_others(context)
     rng = np.random.default_rng(seed)
     procedure = planned.plan if planned.plan.endswith(".csv") else None
-    with Results(force, output, truth) as results:
+    with Results(force, output, arm_out) as results:
         model = as_filed = arm.model()
         touches = None if procedure is None else Procedure.read(procedure, model.arm)
         effects = [stated_cause(text, model) for text in effect or []]
-        if perturb:
+        if random_geometry:
             # A stream of its own: the plan is the same without it.
             model = perturbed_model(model, rng.spawn(1)[0])
             note(
@@ -163,8 +168,8 @@ def run(
             f"noise: readings {encoder} rad, references {noise.reference / MM:g} mm, contacts "
             f"{noise.probe / MM:g} mm"
         )
-        if truth is not None:
-            results.arm(model, truth, f"The arm behind: {data.source}; {words}.")
+        if arm_out is not None:
+            results.arm(model, arm_out, f"The arm behind: {data.source}; {words}.")
     note(f"{data}; {words}")
 
 
@@ -173,12 +178,12 @@ def _require_effects_shown(effects: list[Effect], model: ErrorModel, data: Measu
     for given in effects:
         if not any(given.values):
             raise AacmmError(
-                f"--effect {given.key}: no value is given; expected "
+                f"--cause {given.key}: no value is given; expected "
                 f"{', '.join(given.notation.parameters(given))}"
             )
         require_shown(given, model.arm, data.q, data.conditions, "this plan")
         if given.of_reference and not data.known.any():
             raise AacmmError(
-                f"--effect {given.key}: is of stated coordinates, which records of this plan do "
+                f"--cause {given.key}: is of stated coordinates, which records of this plan do "
                 "not have"
             )

@@ -51,7 +51,7 @@ def register(cause: _Own) -> _Own:
     """Make a cause of your own known by its name; a decorator of its class.
 
     From then on ``diagnose`` tries it wherever its ``candidates`` say, plans distinguish it from
-    others, arm files and ``--effect`` may name it, and pages and pictures show it. At the shell
+    others, arm files and ``--cause`` may name it, and pages and pictures show it. At the shell
     ``aacmm-pin --plugin MODULE …`` imports the module that registers it, as does an entry point in
     the group ``aacmm_pin.causes``. It lasts as long as the process: a program that reads an arm
     file with the cause registers it first. A class that is defined anew, as in a notebook, takes

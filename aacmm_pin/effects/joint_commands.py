@@ -63,7 +63,7 @@ def joint_commands(
             f"Commands would bring that target where {nominal.arm.name} has its own tip. "
             "Calibrate with a label in the "
             "column marker; or with the target as a frame of the URDF or a fixed last row of the "
-            "table, and then without target unknown: --effect stylus_offset estimates the offset "
+            "table, and then without target unknown: --cause stylus_offset estimates the offset "
             "of the target from that frame"
         )
     q = batch(q, model.arm.nq, "q", "rad")

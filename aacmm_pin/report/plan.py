@@ -135,9 +135,9 @@ def _command(plan: MeasurementPlan, asked: Sequence[str]) -> str:
     one, other = map(text_of, plan.split)
     name = plan.model.arm.name.lower()
     arm = name if name in bundled_arms() else "ARM.toml"
-    options = [*asked, "--set-up-arm set_up.toml"] if plan.changes_arm else asked
+    options = [*asked, "--arm-out set_up.toml"] if plan.changes_arm else asked
     count = f"--records {len(plan.records)}"
-    words = ["aacmm-pin plan", arm, f"--split {one} {other}", count, *options, "-o plan.csv"]
+    words = ["aacmm-pin plan", arm, f"--distinguish {one} {other}", count, *options, "-o plan.csv"]
     return " ".join(words)
 
 

@@ -62,7 +62,7 @@ def test_failed_arm_is_diagnosed_and_passes(
     )
     words = shlex.split(command.removesuffix(" looks for the cause"))
     extended = tmp_path / "extended.toml"
-    options = ("--no-held-out", "--extended-arm", extended, "--json", "-")
+    options = ("--no-cross-validation", "--arm-out", extended, "--json", "-")
     found = json.loads(run(*words[1:], *options).stdout)
     assert (found["verdict"], [(f["cause"], f["joint"]) for f in found["findings"]]) == (
         "explained",

@@ -182,7 +182,7 @@ def task_of(case: Row) -> runs.Task:
     has it.
     """
     given = {name: value for name, value in case.items() if name != "seed"}
-    return runs.Task(case["seed"], given, options=("--no-held-out",))
+    return runs.Task(case["seed"], given, options=("--no-cross-validation",))
 
 
 def check(cases: list[Row], right: int) -> None:

@@ -153,10 +153,10 @@ def test_wrong_usage_is_status_2():
         f"accuracy sino6 {POINT} --tip",
         f"accuracy sino6 {POINT} --axis 0 0 1",
         f"accuracy sino6 {POINT} --rotation-half-width-rad 1e-4",
-        "simulate sino6 --unknown --plan free",
+        "simulate sino6 --no-seat-coordinates --plan free",
         "simulate sino6 --bar-length-mm 300",
         "simulate sino6 --seed -1",
-        "plan sino6 --as-it-stands",
+        "plan sino6 --keep-set-up",
         "calibrate sino6",
         "calibrate sino6 data.csv --urdf a.urdf --frame tip",
         "correct sino6 readings.csv --commands",
@@ -203,7 +203,7 @@ def stopped(words: str, sent: signal.Signals, ready: object) -> None:
 
 @pytest.mark.long
 def test_what_is_interrupted_leaves_nothing(tmp_path):
-    words = f"map sino6 --cells 200 200 --processes 2 -o {tmp_path / 'm.nc'}"
+    words = f"map sino6 --cells 200 200 --workers 2 -o {tmp_path / 'm.nc'}"
     # Imports take some two of them.
     stopped(words, signal.SIGINT, lambda pid: _cpu_seconds(pid) > 4.0)
     assert list(tmp_path.iterdir()) == []

@@ -29,7 +29,7 @@ from aacmm_pin.effects import (
 from aacmm_pin.errors import AacmmError, ArmFileError
 from aacmm_pin.measurements import Measurements
 
-QUICK = f"{NOISE} --no-held-out"
+QUICK = f"{NOISE} --no-cross-validation"
 REFERENCE = ["x_mm", "y_mm", "z_mm"]
 HEADER = "theta1_deg,theta2_deg,theta3_deg,theta4_deg,theta5_deg,theta6_deg"
 CORRECTED = [f"corrected_{name}" for name in REFERENCE]
@@ -39,8 +39,8 @@ CORRECTED = [f"corrected_{name}" for name in REFERENCE]
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Data and truth of a virtual SINO6 that differs from its file."""
     folder = tmp_path_factory.mktemp("data")
-    words = "simulate sino6 --plan seats --records 150 --perturb --seed 1"
-    done(words, f"-o {folder / 'data.csv'} --truth {folder / 'truth.toml'}")
+    words = "simulate sino6 --plan seats --records 150 --random-geometry --seed 1"
+    done(words, f"-o {folder / 'data.csv'} --arm-out {folder / 'truth.toml'}")
     done(f"calibrate sino6 {folder / 'data.csv'} {QUICK} -o {folder / 'cal.toml'}")
     return folder
 
@@ -54,9 +54,9 @@ def data(folder: Path) -> Path:
 def extended(folder: Path) -> Path:
     """Arm file with an eccentricity and thermal expansion, and readings of that arm in warm.csv."""
     wave = "encoder_eccentricity:joint=3,amplitude_rad=1e-4,phase_rad=0.5"
-    effects = f"--effect {wave} --effect thermal_expansion:expansion_per_k=2e-5"
+    effects = f"--cause {wave} --cause thermal_expansion:expansion_per_k=2e-5"
     words = f"simulate sino6 --plan free --records 150 {effects}"
-    done(words, f"-o {folder / 'warm.csv'} --truth {folder / 'extended.toml'}")
+    done(words, f"-o {folder / 'warm.csv'} --arm-out {folder / 'extended.toml'}")
     return folder / "extended.toml"
 
 
@@ -68,7 +68,7 @@ def test_every_plan_gives_a_file_that_can_be_read(tmp_path):
     for words, known, seats, bars in (
         ("free", 40, 0, 0),
         ("seats --seats 4", 40, 4, 0),
-        ("seats --seats 4 --unknown", 0, 4, 0),
+        ("seats --seats 4 --no-seat-coordinates", 0, 4, 0),
         ("ball-bar --seats 4 --bar-length-mm 400", 0, 4, 2),
         ("ball-bar --seats 2", 0, 2, 1),
         ("single-point", 0, 1, 0),

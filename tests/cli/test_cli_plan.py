@@ -16,7 +16,7 @@ from aacmm_pin.effects import ErrorModel, JointCompliance
 from aacmm_pin.measurements import Measurements
 from tests.pages import Page
 
-PAIR = "--split joint_compliance:2 encoder_eccentricity:2"
+PAIR = "--distinguish joint_compliance:2 encoder_eccentricity:2"
 SMALL = "--records 20 --postures 100"
 STATED = f"{NOISE} --reference-noise-mm 0.012"
 QUICK = f"{SMALL} {STATED}"
@@ -37,9 +37,9 @@ def filled_in(path: Path, true: ErrorModel, seed: int = 1) -> None:
 def test_a_plan_is_filled_in_appended_and_diagnosed(tmp_path, sino6):
     old, plan, both = (tmp_path / name for name in ("old.csv", "plan.csv", "both.csv"))
     effect = "joint_compliance:joint=2,compliance_rad_per_nm=1e-5"
-    done(f"simulate sino6 --plan free --records 40 --effect {effect} {NOISE} -o {old}")
+    done(f"simulate sino6 --plan free --records 40 --cause {effect} {NOISE} -o {old}")
     pd.read_csv(old).assign(session="monday").to_csv(old, index=False)
-    out, _ = done(f"plan sino6 {PAIR} {QUICK} --records 40 --data {old} -o {plan}")
+    out, _ = done(f"plan sino6 {PAIR} {QUICK} --records 40 --existing {old} -o {plan}")
     assert "no more records are needed" in out
     assert not Measurements.read(plan, 6).known.any()
     filled_in(plan, ErrorModel(sino6, (JointCompliance(2, values=(1e-5,)),)))
@@ -50,21 +50,21 @@ def test_a_plan_is_filled_in_appended_and_diagnosed(tmp_path, sino6):
     assert new["session"].isna().all()
     both.write_text(old.read_text() + "".join(plan.read_text().splitlines(keepends=True)[1:]))
     assert Measurements.read(both, 6).known.all()
-    first = found(f"diagnose sino6 {both} {STATED} --no-held-out")["findings"][0]
+    first = found(f"diagnose sino6 {both} {STATED} --no-cross-validation")["findings"][0]
     assert (first["cause"], first["joint"]) == ("joint_compliance", 2)
-    out, _ = done(f"plan sino6 {PAIR} {QUICK} --data {both} -o {plan} --force")
+    out, _ = done(f"plan sino6 {PAIR} {QUICK} --existing {both} -o {plan} --force")
     assert "no more records are needed" in out
 
 
 def test_another_mount_comes_as_an_arm_file(tmp_path, sino6):
     plan, arm = tmp_path / "plan.csv", tmp_path / "turned.toml"
-    words = f"plan sino6 --split bearing_tilt:1 base_compliance {QUICK} -o {plan}"
+    words = f"plan sino6 --distinguish bearing_tilt:1 base_compliance {QUICK} -o {plan}"
     out, err = done(words)
     assert "turn the mount by 90°" in out
     assert "both have the same effect in every posture" in " ".join(out.split())
-    assert "--set-up-arm FILE" in err
+    assert "--arm-out FILE" in err
     refused(words, said=["--force"])
-    done(words, f"--set-up-arm {arm} --force")
+    done(words, f"--arm-out {arm} --force")
     turned = ErrorModel.load(arm).arm
     assert abs(turned.gravity @ sino6.gravity) < 1e-9
     np.testing.assert_array_equal(turned.require_dh("").a, sino6.require_dh("").a)
@@ -84,7 +84,7 @@ def test_json_is_alone_on_stdout_and_the_seed_is_in_it(tmp_path):
 def test_existing_seats_are_used_again_and_new_ones_are_left_to_be_measured(tmp_path):
     data, plan = tmp_path / "data.csv", tmp_path / "plan.csv"
     done(f"simulate sino6 --plan seats --records 40 --seats 5 -o {data}")
-    content = found(f"plan sino6 {PAIR} {QUICK} --data {data} --reference seats -o {plan}")
+    content = found(f"plan sino6 {PAIR} {QUICK} --existing {data} --reference seats -o {plan}")
     assert content["existing"] == 40
     assert min(content["power"]["before"]["T"]) < min(content["power"]["after"]["T"])
     old, new = Measurements.read(data, 6), Measurements.read(plan, 6)
@@ -124,5 +124,5 @@ def test_an_arm_by_its_urdf(tmp_path, robot_file):
     words = f"plan {arm} {PAIR} {QUICK} -o {plan}"
     assert "joint_compliance:2" in done(words)[0]
     assert Measurements.read(plan, 6).n == 20
-    done(words, f"--force --set-up-arm {tmp_path / 'arm.toml'}")
+    done(words, f"--force --arm-out {tmp_path / 'arm.toml'}")
     assert ErrorModel.load(tmp_path / "arm.toml").arm.nq == 6

@@ -124,9 +124,10 @@ def robot(
     name, frame = request.param.split()
     urdf = Path(shutil.copy(robot_file(name), tmp_path))
     truth, records = tmp_path / "truth.toml", tmp_path / "records.csv"
-    cause = "--effect joint_compliance:2,compliance_rad_per_nm=2e-5 --encoder-noise-rad 0"
-    made = f"{HALF_WIDTHS} --perturb {cause} --reference-noise-mm 0.001 --plan free --records 60"
-    done(f"simulate --urdf {urdf} --frame {frame} {made} -o {records} --truth {truth}")
+    cause = "--cause joint_compliance:2,compliance_rad_per_nm=2e-5 --encoder-noise-rad 0"
+    drawn = f"{HALF_WIDTHS} --random-geometry {cause}"
+    made = f"{drawn} --reference-noise-mm 0.001 --plan free --records 60"
+    done(f"simulate --urdf {urdf} --frame {frame} {made} -o {records} --arm-out {truth}")
     return truth, records, urdf
 
 
@@ -172,7 +173,7 @@ def test_an_arm_file_of_a_robot_goes_through_every_command(robot, tmp_path):
     assert found(f"accuracy {truth} {POSE} --count 6 {noise}")["best"]
     done(f"show {truth} {POSE} -o {tmp_path / 'scene.html'}")
     pair = "joint_compliance:2 joint_compliance:3"
-    done(f"plan {truth} --split {pair} --records 4 --postures 30")
+    done(f"plan {truth} --distinguish {pair} --records 4 --postures 30")
     assert len(listed) >= 6
     dh, again = tmp_path / "dh.toml", tmp_path / "again.urdf"
     for output, option in ((dh, "--to-dh"), (again, "")):
@@ -210,10 +211,10 @@ def test_a_calibrated_and_an_extended_robot_are_files(robot, tmp_path):
     truth, records, urdf = robot
     noise = "--encoder-noise-rad 1e-6 --reference-noise-mm 0.001"
     arm = f"--urdf {urdf} --frame {ErrorModel.load(truth).arm.tip}"
-    words = f"{arm} {records} {HALF_WIDTHS} {noise} --no-held-out"
+    words = f"{arm} {records} {HALF_WIDTHS} {noise} --no-cross-validation"
     cal, ext = tmp_path / "cal.toml", tmp_path / "ext.toml"
-    done(f"calibrate {words} --effect joint_compliance:2 -o {cal}")
-    done(f"diagnose {words} --extended-arm {ext}")
+    done(f"calibrate {words} --cause joint_compliance:2 -o {cal}")
+    done(f"diagnose {words} --arm-out {ext}")
     places = pd.read_csv(records)[PLACES] * MM
     q = pd.read_csv(records).filter(like="theta").to_numpy() * DEG
     for path in (cal, ext):

@@ -159,7 +159,7 @@ def test_names_that_cannot_be(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     strange = os.fsdecode(b"bad\xff\x1b.csv")
     done(f"simulate sino6 --records 40 -o {strange}")
-    out, err = done(f"calibrate sino6 {strange} --no-held-out --json a.json -o a.toml")
+    out, err = done(f"calibrate sino6 {strange} --no-cross-validation --json a.json -o a.toml")
     assert "\x1b" not in out + err
     refused(f"calibrate sino6 {strange}.none", said=[r"bad\udcff\x1b.csv.none"])
     assert r"bad\udcff\u001b.csv" in Path("a.json").read_text(encoding="utf-8")
@@ -173,24 +173,24 @@ def test_no_command_replaces_what_it_reads(tmp_path, monkeypatch):
     (tmp_path / "hose.py").write_text("")
     (tmp_path / "imports_more.py").write_text("import more_of_it")
     (tmp_path / "more_of_it.py").write_text("")
-    done("simulate sino6 --records 40 -o data.csv --truth arm.toml")
+    done("simulate sino6 --records 40 -o data.csv --arm-out arm.toml")
     done("urdf sino6 -o arm.urdf")
     urdf = "--urdf arm.urdf --frame tip"
     done(
         "calibrate",
         urdf,
-        f"--translation-half-width-mm 0.3 data.csv {NOISE} --no-held-out -o of_urdf.toml",
+        f"--translation-half-width-mm 0.3 data.csv {NOISE} --no-cross-validation -o of_urdf.toml",
     )
     read = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
     (tmp_path / "link.urdf").symlink_to("arm.urdf")
     for words, inputs in (
         ("calibrate arm.toml data.csv -o", ["arm.toml", "data.csv"]),
         ("correct arm.toml data.csv -o", ["arm.toml"]),
-        ("simulate arm.toml --truth", ["arm.toml"]),
-        ("plan arm.toml --data data.csv --set-up-arm", ["data.csv"]),
+        ("simulate arm.toml --arm-out", ["arm.toml"]),
+        ("plan arm.toml --existing data.csv --arm-out", ["data.csv"]),
         ("map arm.toml -o map.nc --json", ["arm.toml"]),
         (f"accuracy {urdf} {POINT} --json", ["arm.urdf"]),
-        ("diagnose of_urdf.toml data.csv --extended-arm", ["arm.urdf", "link.urdf"]),
+        ("diagnose of_urdf.toml data.csv --arm-out", ["arm.urdf", "link.urdf"]),
         ("correct sino6 data.csv --nominal of_urdf.toml -o", ["arm.urdf"]),
         ("accept of_urdf.toml data.csv --json", ["arm.urdf"]),
         ("--plugin hose.py urdf sino6 -o", ["hose.py"]),

@@ -56,7 +56,7 @@ def check(text: str, width: int = 80) -> None:
 def test_a_diagnosis_in_readable_units(data, tmp_path):
     """At 200 columns; JSON in a file beside it."""
     target = tmp_path / "d.json"
-    wide = told(f"diagnose sino6 {data} {NOISE} --no-held-out --json {target}", columns=200)
+    wide = told(f"diagnose sino6 {data} {NOISE} --no-cross-validation --json {target}", columns=200)
     found = json.loads(target.read_text(encoding="utf-8"))
     check(wide, 200)
     assert [f["cause"] for f in found["findings"]] == ["joint_compliance", "encoder_eccentricity"]
@@ -87,7 +87,7 @@ def test_a_calibration(data, tmp_path):
         assert f"{held['rms_mm']['calibrated']:.4f}" in text
     excluded = [str(row["row"]) for row in found["records"]["excluded"]]
     assert set(excluded[:10]) <= {line.split()[0] for line in text.splitlines() if line.split()}
-    wide = told(f"calibrate sino6 {data} {NOISE} --no-held-out", columns=None)
+    wide = told(f"calibrate sino6 {data} {NOISE} --no-cross-validation", columns=None)
     assert max(map(len, (line for line in wide.splitlines() if "theta_offset" in line))) > 60
 
 
@@ -101,7 +101,7 @@ def test_accuracy_map_and_plan(tmp_path):
     quick = [
         f"--records 4 --postures 60 -o {tmp_path / 'p.csv'} --json {tmp_path / 'p.json'} --force"
     ]
-    text = told("plan sino6 --split bearing_tilt:1 base_compliance", quick)
+    text = told("plan sino6 --distinguish bearing_tilt:1 base_compliance", quick)
     check(text)
     for words in ("both have the same", "turn the mount by 90°", "hang 1 kg on the end"):
         assert words in in_one(text)

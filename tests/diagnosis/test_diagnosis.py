@@ -75,7 +75,7 @@ def test_look_alikes_are_said(tmp_path):
     """On a level mount a tilting first bearing and a tilting stand have the same columns: both are
     listed.
     """
-    found, _ = diagnosis(tmp_path, "--no-held-out", seed=13, cause="base_compliance")
+    found, _ = diagnosis(tmp_path, "--no-cross-validation", seed=13, cause="base_compliance")
     (finding,) = found["findings"]
     both = {
         (finding["cause"], finding["joint"]),
@@ -93,7 +93,7 @@ def test_look_alikes_are_said(tmp_path):
 @pytest.mark.long
 def test_two_causes_are_both_named(tmp_path):
     found, drawn = diagnosis(
-        tmp_path, "--no-held-out", seed=30004, cause="any", count=2, plan="seats"
+        tmp_path, "--no-cross-validation", seed=30004, cause="any", count=2, plan="seats"
     )
     told = {
         *named(found),
@@ -172,13 +172,15 @@ def test_gross_errors_neither_hide_a_cause_nor_stay(tmp_path):
 
 def test_a_plan_that_nobody_filled_in_is_refused(tmp_path):
     plan = tmp_path / "plan.csv"
-    shell.done(f"plan sino6 --split joint_compliance:2 encoder_gain:2 --reference seats -o {plan}")
+    shell.done(
+        f"plan sino6 --distinguish joint_compliance:2 encoder_gain:2 --reference seats -o {plan}"
+    )
     shell.refused(f"diagnose sino6 {plan} {NOISE}")
 
 
 def test_the_extended_arm_is_written_and_used(tmp_path):
     extended = tmp_path / "extended.toml"
-    words = f"--extended-arm {extended}"
+    words = f"--arm-out {extended}"
     found, drawn = diagnosis(tmp_path, words, seed=3, cause="encoder_eccentricity")
     fresh = tmp_path / "fresh.csv"
     sample = drawn.plant.sample(1, 200)

@@ -44,7 +44,9 @@ def records(folder: Path, words: str) -> pd.DataFrame:
     return pd.read_csv(path)
 
 
-def diagnosed(folder: Path, table: pd.DataFrame, words: str = "--no-held-out") -> dict[str, Any]:
+def diagnosed(
+    folder: Path, table: pd.DataFrame, words: str = "--no-cross-validation"
+) -> dict[str, Any]:
     path = folder / "data.csv"
     table.to_csv(path, index=False)
     return shell.found(f"diagnose sino6 {path} {NOISE} {words}")
@@ -64,7 +66,7 @@ def test_a_cause_is_named_where_parts_have_seats_with_a_single_record(tmp_path):
     """
     cause = "encoder_eccentricity:joint=3,amplitude_rad=1e-4,phase_rad=0.5"
     plan = "ball-bar --records 80 --seats 8 --bar-length-mm 500"
-    found = diagnosed(tmp_path, records(tmp_path, f"{plan} --effect {cause}"))
+    found = diagnosed(tmp_path, records(tmp_path, f"{plan} --cause {cause}"))
     assert [(f["cause"], f["joint"]) for f in found["findings"]] == [("encoder_eccentricity", 3)]
 
 
@@ -73,7 +75,7 @@ def test_seats_of_unknown_place_show_no_structure_of_their_own(tmp_path, seats):
     """An arm that shrinks to a point meets every seat of unknown place: that is no structure over
     time or temperature.
     """
-    table = records(tmp_path, f"seats --records 60 --seats {seats} --unknown")
+    table = records(tmp_path, f"seats --records 60 --seats {seats} --no-seat-coordinates")
     found = diagnosed(tmp_path, table)
     assert found["verdict"] == "no-discrepancy"
     assert found["unexplained"]["p_value"] > 1e-3
@@ -253,14 +255,14 @@ def test_a_known_target_is_refitted_once(sino6, rng, u):
 @pytest.mark.parametrize("what", ["unit", again("seed")])
 def test_unit_of_angles_and_seed_do_not_matter(tmp_path, what):
     effect = "encoder_eccentricity:joint=3,amplitude_rad=1e-4,phase_rad=0.5"
-    table = records(tmp_path, f"free --records 60 --effect {effect}")
+    table = records(tmp_path, f"free --records 60 --cause {effect}")
     angles = [name for name in table if name.startswith("theta")]
     radians = table.rename(columns={name: name.replace("_deg", "_rad") for name in angles})
     in_radians = [name.replace("_deg", "_rad") for name in angles]
     radians[in_radians] = np.radians(table[angles].to_numpy())
     first = diagnosed(tmp_path, table)
     other, words = (radians, "") if what == "unit" else (table, "--seed 2")
-    again = diagnosed(tmp_path, other, f"--no-held-out {words}")
+    again = diagnosed(tmp_path, other, f"--no-cross-validation {words}")
     assert again["verdict"] == first["verdict"] == "explained"
     assert again["rms_mm"] == pytest.approx(first["rms_mm"], rel=1e-6)
     (one,), (two,) = first["findings"], again["findings"]
@@ -277,7 +279,7 @@ def test_an_arm_with_a_joint_that_slides(tmp_path, slide, masses):
     path.write_text(urdf(slide, masses))
     arm, turning = f"--urdf {path} --frame tip", 2 if slide == 1 else 1
     effect = f"encoder_eccentricity:joint={turning},amplitude_rad=3e-4,phase_rad=0.5"
-    shell.done(f"simulate {arm} --plan free --records 60 --effect {effect} -o {data}")
-    found = shell.found(f"diagnose {arm} {data} {NOISE} --no-held-out")
+    shell.done(f"simulate {arm} --plan free --records 60 --cause {effect} -o {data}")
+    found = shell.found(f"diagnose {arm} {data} {NOISE} --no-cross-validation")
     assert found["findings"][0]["joint"] == turning
     assert not any(f["joint"] == slide for f in found["findings"])

@@ -20,7 +20,7 @@ from aacmm_pin.effects import CAUSES
 from tests.cli import shell
 
 NOISE = "--encoder-noise-rad 8e-6 --reference-noise-mm 0.012"
-ECCENTRIC = "--effect encoder_eccentricity:joint=3,amplitude_rad=1e-4,phase_rad=0.5"
+ECCENTRIC = "--cause encoder_eccentricity:joint=3,amplitude_rad=1e-4,phase_rad=0.5"
 VERDICTS = ("explained", "no-discrepancy", "ambiguous", "unexplained", "inconclusive")
 Check = Callable[[Any], bool]
 
@@ -306,6 +306,6 @@ def agrees(found: dict[str, Any], shown: str) -> None:
 def test_without_held_out_there_is_none(tmp_path):
     table, _ = nothing(tmp_path)
     table.to_csv(tmp_path / "data.csv", index=False)
-    found = shell.found(f"diagnose sino6 {tmp_path / 'data.csv'} {NOISE} --no-held-out")
+    found = shell.found(f"diagnose sino6 {tmp_path / 'data.csv'} {NOISE} --no-cross-validation")
     assert SUMMARY(found)
     assert found["held_out"] is None

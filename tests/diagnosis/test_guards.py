@@ -84,7 +84,7 @@ def test_an_extended_arm_that_is_no_better_explains_nothing(
     monkeypatch.setattr("aacmm_pin.diagnosis.cross_validation._interval", lambda *_: (-0.1, 0.2))
     (tmp_path / "data.csv").write_text(eccentric.csv())
     arm = tmp_path / "extended.toml"
-    words = f"diagnose sino6 {tmp_path / 'data.csv'} {shell.NOISE} --extended-arm {arm}"
+    words = f"diagnose sino6 {tmp_path / 'data.csv'} {shell.NOISE} --arm-out {arm}"
     out, err = shell.done(words)
     assert out.startswith("Inconclusive")
     assert "does not help" in out

@@ -194,14 +194,14 @@ def test_two_names_that_take_turns_do_not_cancel(tmp_path):
     round.
     """
     effects = (
-        "--effect encoder_eccentricity:4,amplitude_rad=4e-5,phase_rad=1.0 "
-        "--effect encoder_ellipticity:4,amplitude_rad=8e-5,phase_rad=2.0 "
-        "--effect joint_periodic_error:4,order=3,amplitude_rad=3e-5,phase_rad=0.5"
+        "--cause encoder_eccentricity:4,amplitude_rad=4e-5,phase_rad=1.0 "
+        "--cause encoder_ellipticity:4,amplitude_rad=8e-5,phase_rad=2.0 "
+        "--cause joint_periodic_error:4,order=3,amplitude_rad=3e-5,phase_rad=0.5"
     )
     data, noise = tmp_path / "data.csv", "--encoder-noise-rad 8e-6 --reference-noise-mm 0.02"
-    plan = f"--plan free --records 100 --perturb --seed 8 {noise} {effects}"
+    plan = f"--plan free --records 100 --random-geometry --seed 8 {noise} {effects}"
     shell.done(f"simulate sino6 {plan} -o {data}")
-    found = shell.found(f"diagnose sino6 {data} {noise} --no-held-out")
+    found = shell.found(f"diagnose sino6 {data} {noise} --no-cross-validation")
     assert found["verdict"] != "no-discrepancy"
     assert {finding["joint"] for finding in found["findings"]} == {4}
     assert found["rms_mm"]["extended"] < 1.05 * found["rms_mm"]["noise"]

@@ -145,12 +145,12 @@ def test_the_shell_knows_it_by_a_plugin(folder, monkeypatch):
         return done.stdout if plugin else done.stderr
 
     words = (
-        "--plugin hose.py simulate sino6 --effect hose_pull:3,turn_rad_per_m=3e-3 --plan free "
+        "--plugin hose.py simulate sino6 --cause hose_pull:3,turn_rad_per_m=3e-3 --plan free "
         "--records 120 -o data.csv"
     )
     subprocess.run([sys.executable, "-m", "aacmm_pin.cli", *words.split()], check=True)
-    noise = f"--encoder-noise-rad {NOISE} --no-held-out"
-    out = json.loads(run(f"diagnose sino6 data.csv {noise} --extended-arm extended.toml --json -"))
+    noise = f"--encoder-noise-rad {NOISE} --no-cross-validation"
+    out = json.loads(run(f"diagnose sino6 data.csv {noise} --arm-out extended.toml --json -"))
     assert [(f["cause"], f["joint"]) for f in out["findings"]] == [("hose_pull", 3)]
     assert "A hose from the wrist" in run("causes hose_pull")
     run("correct extended.toml data.csv -o corrected.csv")
@@ -213,7 +213,7 @@ def test_mistakes_of_a_class_are_told_with_its_name_and_place(hose, folder, tmp_
     records, wrong = tmp_path / "data.csv", folder / "wrong.py"
     simulate_measurements(Arm.load("sino6"), "free", 30, rng=np.random.default_rng(1)).save(records)
     tried = ("diagnose", "sino6", str(records))
-    given = ("simulate", "sino6", "--records", "20", "--effect", "hose_pull:3,turn_rad_per_m=1e-4")
+    given = ("simulate", "sino6", "--records", "20", "--cause", "hose_pull:3,turn_rad_per_m=1e-4")
     moment, last = "moment[:, None]", "return [about_axis(state, self.joint, moment[:, None])]"
     terms = 'terms: ClassVar[tuple[Term, ...]] = (Term("", "rad/m", 1e-4, "turn_rad_per_m"),)'
     for old, new, words, said in (
@@ -289,7 +289,7 @@ def test_what_it_prints_is_no_result(hose, folder):
         "free",
         "--records",
         "3",
-        "--effect",
+        "--cause",
         "hose_pull:3,turn_rad_per_m=1e-4",
     ]
     done = CliRunner().invoke(app, ["--plugin", str(speaks), *words])

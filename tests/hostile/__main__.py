@@ -127,7 +127,7 @@ def of_faults(kills: int, seed: int, folder: Path) -> Iterator[tuple[str, Counte
     yield "full file system", counted(faults.full_disk, places, rounds)
     yield "read-only file system", counted(faults.read_only, places, rounds)
     yield "full device", counted(faults.full_devices, places, rounds)
-    pools = [place for place in places if "--processes" in place.command.text]
+    pools = [place for place in places if "--workers" in place.command.text]
     yield (
         "worker killed",
         counted(lambda place: faults.worker_killed(place, rng.uniform(0, 2)), pools, rounds),

@@ -47,16 +47,17 @@ class Command:
 
 
 SIMULATE = Command(
-    "simulate sino6 --records 40 --seed 2 -o data.csv --truth truth.toml",
+    "simulate sino6 --records 40 --seed 2 -o data.csv --arm-out truth.toml",
     ("data.csv", "truth.toml"),
 )
 GIVEN = Command("simulate sino6 --plan free --records 40 --seed 2 -o given.csv", ("given.csv",))
 CALIBRATE = Command(
-    "calibrate sino6 given.csv --no-held-out -o arm.toml --json fit.json --residuals left.csv",
+    "calibrate sino6 given.csv --no-cross-validation -o arm.toml --json fit.json "
+    "--residuals left.csv",
     ("arm.toml", "fit.json", "left.csv"),
 )
 MAP = Command(
-    "map sino6 --cells 40 40 --sectors 4 --processes 2 -o map.nc --json map.json --plot map.png",
+    "map sino6 --cells 40 40 --sectors 4 --workers 2 -o map.nc --json map.json --plot map.png",
     ("map.nc", "map.json", "map.png"),
 )
 COMMANDS = (SIMULATE, CALIBRATE, MAP)

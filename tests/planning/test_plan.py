@@ -553,7 +553,7 @@ def test_advice(sino6):
     text = advice(sino6, split, free, **NOISE)
     labels = "joint_compliance:2,compliance_rad_per_nm=2e-06 encoder_eccentricity:2"
     noise = "--reference-noise-mm 0.012 --encoder-noise-rad 8e-06"
-    assert f"aacmm-pin plan sino6 --split {labels} --records 40 {noise} -o plan.csv" in text
+    assert f"aacmm-pin plan sino6 --distinguish {labels} --records 40 {noise} -o plan.csv" in text
     assert cause_of(labels.split()[0], ErrorModel(sino6)) == split[0]
 
 

@@ -406,7 +406,7 @@ def test_what_cannot_be_judged(data, tmp_path):
         "--mpe E_Uni=0_06",
         f"--mpe {tmp_path / 'digits.toml'}",
         "--standard iso",
-        "--range-mm 0",
+        "--measuring-range-mm 0",
     ):
         shell.refused(f"accept {data} {words}")
     table = everything("single-point").drop(columns=["x_mm", "y_mm", "z_mm"])

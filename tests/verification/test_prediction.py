@@ -214,7 +214,7 @@ def test_the_chain_at_the_shell(tmp_path):
     shell.done(f"plan sino6 --for acceptance {asme} -o {touches} --sheet {sheet}")
     hidden = "encoder_eccentricity:3,amplitude_rad=3e-4"
     shell.done(
-        f"simulate sino6 --plan {touches} --effect {hidden} --encoder-noise-rad 1e-6 --truth "
+        f"simulate sino6 --plan {touches} --cause {hidden} --encoder-noise-rad 1e-6 --arm-out "
         f"{truth} -o {filled}"
     )
     content = shell.found(f"accept sino6 {truth} {filled} --mpe SPAT.Max=0.05")
