@@ -16,10 +16,13 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+import typer
 from shell import POINT, done, found, refused, run
 
 from aacmm_pin import Arm, WorkspaceMap
 from aacmm_pin._support.units import DEG, MM
+from aacmm_pin.cli.examples import EXAMPLES
+from aacmm_pin.cli.root_command import COMMANDS, app
 
 SMALL = "--cells 6 6"
 
@@ -225,3 +228,12 @@ def test_demo_is_asked_for_with_its_options(tmp_path, monkeypatch):
     monkeypatch.setattr("aacmm_pin.report.demo.run_demo", lambda **given: asked.append(given) or 7)
     assert done(f"demo -o {tmp_path} --cells 6 8 --force")[0] == "7\n"
     assert asked == [{"folder": tmp_path, "cells": (6, 8), "force": True}]
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_examples_of_the_help_have_options_that_exist(name: str) -> None:
+    group = typer.main.get_command(app)
+    for line in EXAMPLES[name]:
+        program, command, *words = shlex.split(line)
+        assert (program, command) == ("aacmm-pin", name)
+        group.get_command(None, command).make_context(command, words)
