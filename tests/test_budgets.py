@@ -33,7 +33,7 @@ TOKENS: dict[str, int] = {
     "planning": 12800,
     "verification": 17800,
     "report": 58200,
-    "cli": 15200,
+    "cli": 15500,
 }
 """Code without comments and docstrings: unlike lines, they do not fall when a line is packed
 fuller.
@@ -51,7 +51,7 @@ DENSE: dict[str, int] = {
     "planning": 4,
     "verification": 7,
     "report": 22,
-    "cli": 1,
+    "cli": 2,
 }
 """Functions of which one statement has more than :data:`MOST_NODES` syntax nodes on average."""
 MOST_NODES = 23.0

@@ -57,13 +57,11 @@ def test_failed_arm_is_diagnosed_and_passes(
     }
     failed = run("accept", "sino6", first, *LIMITS, "--json", "-")
     assert "non-conformity" in verdicts(failed)["sino6"]
-    command = next(line for line in failed.stderr.splitlines() if "diagnose" in line).removeprefix(
-        "note: "
-    )
-    words = shlex.split(command.removesuffix(" looks for the cause"))
+    advice = next(line for line in failed.stderr.splitlines() if "aacmm-pin diagnose" in line)
+    _, words = advice.split("aacmm-pin ")
     extended = tmp_path / "extended.toml"
     options = ("--no-cross-validation", "--arm-out", extended, "--json", "-")
-    found = json.loads(run(*words[1:], *options).stdout)
+    found = json.loads(run(*shlex.split(words), *options).stdout)
     assert (found["verdict"], [(f["cause"], f["joint"]) for f in found["findings"]]) == (
         "explained",
         [(cause, joint)],

@@ -503,7 +503,7 @@ def test_what_cannot_be_asked(sino6):
     asked: list[tuple[dict[str, Any], type[Exception], str]] = [
         ({"point": [0.1, np.nan, 0.3]}, ShapeError, r"point\[1\] is nan"),
         (up | {"axis": None}, AacmmError, "needs axis"),
-        (up | {"tip": False}, AacmmError, "without tip"),
+        (up | {"tip": False}, AacmmError, "requires tip=True"),
         (up | {"axis": [0, 0, 0]}, AacmmError, "direction"),
         (up | {"rest": [0, 0]}, AacmmError, "rest"),
         ({"point": SEAT, "rest": [0.0]}, ShapeError, r"rest has shape \(1,\), expected \(2,\)"),
