@@ -77,7 +77,7 @@ INNER: dict[str, int] = {
     "cli": 3,
 }
 """Names that a room takes from inner modules of other rooms, and not from their faces."""
-CONSTANTS = 15
+CONSTANTS = 0
 """Names of module constants with several values."""
 
 LAYOUT = {

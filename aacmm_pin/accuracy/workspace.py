@@ -62,7 +62,7 @@ MARGIN = 1e-3
 of it.
 """
 
-MOST_BYTES = 4_000_000_000
+MOST_BYTES_OF_MAP = 4_000_000_000
 """Size of a file: a map of a million cells has a tenth of it."""
 
 
@@ -207,7 +207,7 @@ class WorkspaceMap(Shown):
         import xarray as xr  # loaded where a map is made or read: commands without one start sooner
 
         content = content_of(
-            path, MOST_BYTES, "a map", lambda message: AacmmError(f"{path}: {message}")
+            path, MOST_BYTES_OF_MAP, "a map", lambda message: AacmmError(f"{path}: {message}")
         )
         try:
             with xr.open_dataset(io.BytesIO(content), engine="scipy") as data:

@@ -11,7 +11,7 @@ import numpy as np
 
 from aacmm_pin._support.batches import chunks
 from aacmm_pin._support.checks import Array, Index
-from aacmm_pin.accuracy.zonotope_loop import LOOP
+from aacmm_pin.accuracy.zonotope_loop import VOLUME_LOOP
 
 CHUNK = 256
 """Configurations handled at once: the pair normals of 24 generators then fit in the processor's
@@ -30,7 +30,7 @@ def volume(generators: Array) -> Array:
     over [-1, 1].
     """
     volumes = np.empty(len(generators))
-    sum_up = LOOP.chosen(generators.size) or sum_of_determinants
+    sum_up = VOLUME_LOOP.chosen(generators.size) or sum_of_determinants
     sum_up(np.require(generators, np.float64, "W"), volumes)
     return 8.0 * volumes
 

@@ -9,7 +9,7 @@ from aacmm_pin._support.compiled import Loop
 
 LARGE_VOLUME = 200_000
 """Numbers in the generators from which on the loop is used: NumPy takes 60 ms, the loop 3 ms."""
-LANES = 32
+VOLUME_LANES = 32
 """Configurations side by side in the processor's wide registers; 24 generators of so many stay in
 its nearest cache.
 """
@@ -20,10 +20,14 @@ def sum_of_determinants(generators: Array, total: Array) -> None:
     order.
     """
     n, _, count = generators.shape
-    g, normal, sums = np.empty((count, 3, LANES)), np.empty((3, LANES)), np.empty((count, LANES))
+    g, normal, sums = (
+        np.empty((count, 3, VOLUME_LANES)),
+        np.empty((3, VOLUME_LANES)),
+        np.empty((count, VOLUME_LANES)),
+    )
     u, v, w = normal[0], normal[1], normal[2]
-    for first in range(0, n, LANES):
-        width = min(LANES, n - first)
+    for first in range(0, n, VOLUME_LANES):
+        width = min(VOLUME_LANES, n - first)
         for lane in range(width):
             for k in range(count):
                 for c in range(3):
@@ -49,4 +53,4 @@ def sum_of_determinants(generators: Array, total: Array) -> None:
                 total[first + lane] += sums[k, lane]
 
 
-LOOP = Loop(sum_of_determinants, "void(f8[:, :, :], f8[::1])", least=LARGE_VOLUME)
+VOLUME_LOOP = Loop(sum_of_determinants, "void(f8[:, :, :], f8[::1])", least=LARGE_VOLUME)

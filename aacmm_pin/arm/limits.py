@@ -10,7 +10,7 @@ from aacmm_pin._support.notes import Note
 
 AT_LIMIT = 1e-9
 """An angle this little beyond a limit is on it [rad]."""
-BESIDE = 0.02
+STOP_TOLERANCE = 0.02
 """Stops give way, and zeros are offset, by so much at most [rad]."""
 
 
@@ -54,7 +54,7 @@ def other_turns(q: Array, limits: Array, slides: Mask) -> list[Note]:
     turned = into_limits(q, limits)
     lost = (
         broken_limits(q, limits)
-        & ~broken_limits(turned, limits + BESIDE * np.array([-1.0, 1.0]))
+        & ~broken_limits(turned, limits + STOP_TOLERANCE * np.array([-1.0, 1.0]))
         & ~slides
     )
     lost &= np.abs(turned - q) > np.pi

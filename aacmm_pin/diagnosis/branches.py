@@ -19,7 +19,7 @@ extremes.
 """
 FEWEST_RECORDS = 30
 """Fewer records than this do not show whether a scatter has two peaks."""
-LEAST = 7.0
+LEAST_LOG_RATIO = 7.0
 """Log likelihood by which two branches have to be likelier than one scatter."""
 # Some 870 files without hysteresis: 3 above 5, the one looked at 5.004. Of 12 files with ±50 µrad
 # at one of the joints, 200 touches at ten seats, noise stated: 8 above 10, always at the right
@@ -82,7 +82,7 @@ def branches_of(choice: Choice) -> Branches | None:
         along = np.einsum("ni,ni->n", columns[moved, :, j], off[moved]) / size
         half_width, ratio = two_branches(along - _smooth(along, size, angle), size)
         found.append(Branches(int(row), half_width, bool(chain.prismatic[j]), ratio))
-    sure = [one for one in found if one.log_ratio >= LEAST]
+    sure = [one for one in found if one.log_ratio >= LEAST_LOG_RATIO]
     return max(sure, key=lambda one: one.log_ratio, default=None)
 
 

@@ -29,7 +29,7 @@ from aacmm_pin.measurements.observations import Observations
 MOST_DOUBLE = 10_000_000
 """More numbers than this are held in single precision: 6e-8 of a column is far below the noise of
 any record."""
-CHUNK = 400
+ROWS_OF_A_PRODUCT = 400
 """Rows of which products are taken at once."""
 RANK = 150
 """Directions of the background of all covariates."""
@@ -88,8 +88,8 @@ class PartRows:
         (columns, r).
         """
         found, single = np.zeros(weights.shape), weights.astype(self.rows.dtype)
-        for first in range(0, len(self.rows), CHUNK):
-            rows = self.rows[first : first + CHUNK, columns]
+        for first in range(0, len(self.rows), ROWS_OF_A_PRODUCT):
+            rows = self.rows[first : first + ROWS_OF_A_PRODUCT, columns]
             found += rows.T @ (rows @ single)
         return found
 
@@ -108,8 +108,8 @@ class PartRows:
         """The rows, some at a time, in double precision: products of rounded columns are to be
         exact.
         """
-        for first in range(0, max(len(self.rows), 1), CHUNK):
-            yield self.rows[first : first + CHUNK].astype(np.float64, copy=False)
+        for first in range(0, max(len(self.rows), 1), ROWS_OF_A_PRODUCT):
+            yield self.rows[first : first + ROWS_OF_A_PRODUCT].astype(np.float64, copy=False)
 
 
 class Products:

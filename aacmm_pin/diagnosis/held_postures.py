@@ -20,7 +20,7 @@ NEAR = 0.02
 """Postures whose readings differ by no more than this in any joint may share an error: a hand holds
 an arm no better [rad; m where a joint slides]. Where nothing is shared, this costs nothing.
 """
-ABOUT = 0.1
+SAME_LOG_VARIANCE = 0.1
 """Log variances of the means that differ by less are about the same."""
 
 
@@ -117,7 +117,7 @@ class HeldPostures:
         in both.
         """
         one, same = (float(np.log(each.scale).mean()) for each in (self, other))
-        return abs(one - same) < ABOUT
+        return abs(one - same) < SAME_LOG_VARIANCE
 
     def sums(self, rows: Array) -> Array:
         """Sum of the rows (n, k, c) of each group (groups, k, c)."""

@@ -26,9 +26,9 @@ EXCEPTIONAL = 2.0
 """An inner value that machines are made with is taken unless the log evidence falls by this."""
 RIVALS = 2
 """So many others in the place of a cause are refined too."""
-FINER = 200
+PARTS_OF_STEP = 200
 """Parts of a step between inner values that were tried in which their evidence is summed."""
-ABOUT = 0.01
+SAME_INNER_VALUE = 0.01
 """Inner values that differ by this part of what they may be off before records tell are not
 refitted.
 """
@@ -183,7 +183,10 @@ def _as_before(effect: Effect, before: Sequence[Effect]) -> Effect:
     for old in before:
         nonlinear = old.nonlinear
         width = nonlinear.prior_sd(old) if old.label == effect.label else 0.0
-        if width and abs(nonlinear.value(effect) - nonlinear.value(old)) <= ABOUT * width:
+        if (
+            width
+            and abs(nonlinear.value(effect) - nonlinear.value(old)) <= SAME_INNER_VALUE * width
+        ):
             return old
     return effect
 
@@ -219,7 +222,7 @@ def _least_u(effect: Effect, tried: Sequence[Effect], odds: Array) -> float:
     if len(tried) < 2:
         return 0.0
     grid = np.arange(len(tried))
-    fine = np.linspace(0.0, grid[-1], FINER * int(grid[-1]) + 1)
+    fine = np.linspace(0.0, grid[-1], PARTS_OF_STEP * int(grid[-1]) + 1)
     values = scipy.interpolate.CubicSpline(grid, [each.nonlinear.value(each) for each in tried])(
         fine
     )

@@ -39,7 +39,7 @@ from aacmm_pin.diagnosis.reading_scatter import ReadingScatter
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.effects import Effect
 
-MOST_ROUNDS = 10
+MOST_EXPLORATIONS = 10
 """The scatter that is left shrinks from refit to refit and lets weaker causes be seen; it settles
 long before this.
 """
@@ -57,7 +57,7 @@ FREEDOM = 10.0
 """Within so many typical magnitudes a cause is refitted …"""
 FREEDOM_OF_MANY = 2.0
 """… and where its parameters are many, within so many: some may be determined by few records."""
-MANY = 8
+MANY_PARAMETERS = 8
 """From so many parameters on."""
 
 ProblemOf = Callable[..., Problem]
@@ -154,7 +154,7 @@ def _standing(
     """
     at, effects, before, seen = first, list[Effect](), None, {frozenset[Any]()}
     with bar(progress, "search for causes", "round") as rounds:  # nobody knows how many it takes
-        for _ in range(MOST_ROUNDS):
+        for _ in range(MOST_EXPLORATIONS):
             found = _climbed(at, library, others, parts, effects, before)
             rounds.update()
             best, before = refined_causes(found, effects), _Before.of(found)
@@ -295,7 +295,7 @@ def refitted(
 
 def free(effect: Effect) -> Effect:
     """The effect, free within many typical magnitudes."""
-    width = FREEDOM if len(effect.terms) < MANY else FREEDOM_OF_MANY
+    width = FREEDOM if len(effect.terms) < MANY_PARAMETERS else FREEDOM_OF_MANY
     return effect.at((), tuple(width * t.typical for t in effect.terms))
 
 
@@ -338,7 +338,7 @@ def _climbed(
         return HeldPostures.of(at, design.deviations(tips), whitening, dof)
 
     def with_what_it_leaves(found: Choice) -> Choice:
-        for _ in range(MOST_ROUNDS):
+        for _ in range(MOST_EXPLORATIONS):
             model = found.posterior.top_model
             postures = shared(model.tips(), model.dof)
             if postures.is_about(found.noise.postures):

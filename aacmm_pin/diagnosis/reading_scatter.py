@@ -18,9 +18,9 @@ STEPS = 30
 """Steps of the maximisation, each of which increases the likelihood."""
 FIRST_SHARE = 0.1
 """Part of the scatter of tips that the readings of each joint have at first."""
-LEAST_LEVER = 1e-3
+LEAST_TIP_LEVER = 1e-3
 """A joint counts as moving tips by this at least, for the first value of its scatter [m/rad]."""
-LEAST = 1e-30
+LEAST_VARIANCE = 1e-30
 """A variance is at least this, so that it can be divided by."""
 
 
@@ -76,10 +76,12 @@ class ReadingScatter:
         # Stated noise may be nothing at all, and nothing is stated of some records' rotations.
         stated = fit.noise.without_scatter + LEAST_SCATTER**2 * np.eye(width)
         search = _Components(stated, groups, enlarged, counts)
-        tip = max(fit.noise.scatters.tip, np.sqrt(LEAST))
-        start = np.array([tip**2, max(fit.noise.scatters.turn, np.sqrt(LEAST)) ** 2][:alone])
+        tip = max(fit.noise.scatters.tip, np.sqrt(LEAST_VARIANCE))
+        start = np.array(
+            [tip**2, max(fit.noise.scatters.turn, np.sqrt(LEAST_VARIANCE)) ** 2][:alone]
+        )
         lever = np.square(by_reading[counts, :3]).sum(axis=1).mean(axis=0)
-        first = FIRST_SHARE * tip**2 / np.maximum(lever, LEAST_LEVER**2)
+        first = FIRST_SHARE * tip**2 / np.maximum(lever, LEAST_TIP_LEVER**2)
         own = postures.whitened(enlarged[:, :, None])[:, :, 0]
         apart = _Components(stated, groups, own, counts)
         log_ratios = apart.sure_ratios(np.concatenate([start, first]), alone)
@@ -127,7 +129,7 @@ class _Components:
             pulled = inverse @ self.off[:, :, None]
             pulls = pulled @ pulled.transpose(0, 2, 1)
             squares, expected = of_each @ pulls.ravel(), of_each @ inverse.ravel()
-            found[acting] *= np.sqrt(squares / np.maximum(expected, LEAST))
+            found[acting] *= np.sqrt(squares / np.maximum(expected, LEAST_VARIANCE))
         return found
 
     def sure_ratios(self, start: Array, alone: int) -> Array:

@@ -49,7 +49,7 @@ WHOLE_ORDER_SD = 0.03
 of one that is whole has a rms error of 0.7 u with this, and of 1.9 u where it is 7.08; with 0.5 the
 first is 0.4 u.
 """
-CURVES = (24, 60)
+COEFFICIENTS_TRIED = (24, 60)
 """Numbers of coefficients per turn of a free curve that are tried, before they are doubled where
 that is better.
 """
@@ -307,7 +307,7 @@ class JointErrorCurve(Effect):
             span = np.ptp(angle)
             margin = 1e-6 + 1e-3 * span
             low, high = float(angle.min() - margin), float(angle.max() + margin)
-            asked = (round(per_turn * span / (2 * np.pi)) for per_turn in CURVES)
+            asked = (round(per_turn * span / (2 * np.pi)) for per_turn in COEFFICIENTS_TRIED)
             counts = sorted({int(np.clip(count, 8, 120)) for count in asked})
             most = len(angle) // PER_COEFFICIENT
             curves = tuple(cls(row, low, high, count) for count in counts if count <= most)
@@ -324,7 +324,11 @@ class JointErrorCurve(Effect):
         rows, joint = arm.chain.moving_rows(), stated.get("joint")
         bounds = joint_bounds(arm)[rows.index(joint)] if joint in rows else (-np.pi, np.pi)
         low, high = map(float, bounds)
-        return {"lower_rad": low - 0.01, "upper_rad": high + 0.01, "coefficients": CURVES[0]}
+        return {
+            "lower_rad": low - 0.01,
+            "upper_rad": high + 0.01,
+            "coefficients": COEFFICIENTS_TRIED[0],
+        }
 
     @property
     def terms(self) -> tuple[Term, ...]:

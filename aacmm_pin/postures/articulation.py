@@ -11,11 +11,11 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm.arm import Arm
 
-STRAIGHT = 0.05
+STRAIGHT_ELBOW = 0.05
 """An elbow nearer to the line from shoulder to tip than this part of its length is on neither side
 of it.
 """
-BESIDE = 0.6
+SECOND_WORD_RATIO = 0.6
 """A direction has a second word where that part of it is this many times the first."""
 SIDES = ("up", "right", "down", "left")
 
@@ -77,7 +77,7 @@ def _elbows(arm: Arm, shoulder: Array, joints: Array, tips: Array) -> list[str]:
     above = arm.up - line * (line @ arm.up)[:, None]
     angle = np.arctan2(np.sum(np.cross(above, elbow) * line, axis=1), np.sum(above * elbow, axis=1))
     side = np.round(angle / (np.pi / 2)).astype(int) % 4
-    straight = np.linalg.norm(elbow, axis=1) < STRAIGHT * length[:, 0]
+    straight = np.linalg.norm(elbow, axis=1) < STRAIGHT_ELBOW * length[:, 0]
     return [
         "arm straight" if none else f"elbow {SIDES[k]}"
         for k, none in zip(side, straight, strict=True)
@@ -100,6 +100,8 @@ def _directions(arm: Arm, tips: Array, direction: Array) -> list[str]:
             (("up", "down"), ("out", "in"), ("left", "right"))[k][int(part[k] < 0)] for k in order
         ]
         words.append(
-            named[0] + f" and {named[1]}" * bool(abs(part[order[1]]) > BESIDE * abs(part[order[0]]))
+            named[0]
+            + f" and {named[1]}"
+            * bool(abs(part[order[1]]) > SECOND_WORD_RATIO * abs(part[order[0]]))
         )
     return words

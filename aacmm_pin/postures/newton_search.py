@@ -31,10 +31,10 @@ ROUND = 256
 """Starts of one round."""
 ENOUGH = 300
 """Arrivals in a row that bring nothing new end a search."""
-NOTHING = 1024
+STARTS_WITHOUT_ARRIVAL = 1024
 """Starts of which none arrives end it too."""
 MOST_STARTS = 16384
-BESIDE = 1e-5
+STALLED_BELOW = 1e-5
 """A start that did not arrive but whose equations are off by less than this stalled next to a
 solution [m, rad].
 """
@@ -268,7 +268,7 @@ def search(finds: SolutionSet, joints: int, most_starts: int = MOST_STARTS) -> S
     while (
         starts < most_starts
         and since_new < ENOUGH
-        and (arrived or starts < NOTHING)
+        and (arrived or starts < STARTS_WITHOUT_ARRIVAL)
         and not finds.ended
     ):
         some = spread[starts : starts + ROUND]
@@ -278,7 +278,7 @@ def search(finds: SolutionSet, joints: int, most_starts: int = MOST_STARTS) -> S
         newest = finds.add(q) if len(q) else 0
         since_new = len(q) - newest + (0 if newest else since_new)
         starts, arrived = starts + len(some), arrived + len(q)
-    ended = finds.ended or (since_new < ENOUGH and (arrived > 0 or starts < NOTHING))
+    ended = finds.ended or (since_new < ENOUGH and (arrived > 0 or starts < STARTS_WITHOUT_ARRIVAL))
     flat = degenerate(equations, spread[:ROUND])
     return Search(starts, arrived, stalled, tuple(finds.hits), since_new, ended, flat)
 
@@ -288,7 +288,7 @@ def _stalled(equations: Equations, q: Array) -> int:
     singular.
     """
     off = np.abs(equations(q, _the_one(q))[0]).max(axis=1, initial=0.0)
-    beside = q[off < BESIDE]  # others of these would have arrived with more steps
+    beside = q[off < STALLED_BELOW]  # others of these would have arrived with more steps
     return (
         int((flattest(equations, beside, _the_one(beside))[0] < NEARLY_SINGULAR).sum())
         if len(beside)

@@ -15,7 +15,7 @@ from aacmm_pin.postures.continuation import MOST_POLISHES, POINT, POINT_AND_AXIS
 
 POSE = 6
 """Number of equations of a whole pose."""
-Z = np.array([0.0, 0.0, 1.0])
+Z_AXIS = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,9 +43,9 @@ class Equations:
         """The unit vector ``tool`` of the tip (3,) shall lie along ``axis`` of the base
         (3,) too.
         """
-        turned = _in_axes(links, rotation_between(axis, Z))
-        turned[-1, :3, :3] = turned[-1, :3, :3] @ rotation_between(Z, tool)
-        return Equations(turned, points @ rotation_between(axis, Z).T, POINT_AND_AXIS)
+        turned = _in_axes(links, rotation_between(axis, Z_AXIS))
+        turned[-1, :3, :3] = turned[-1, :3, :3] @ rotation_between(Z_AXIS, tool)
+        return Equations(turned, points @ rotation_between(axis, Z_AXIS).T, POINT_AND_AXIS)
 
     @staticmethod
     def of_pose(links: Array, points: Array, rotation: Array) -> Equations:

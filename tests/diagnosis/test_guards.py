@@ -14,7 +14,7 @@ from aacmm_pin.arm import Arm
 from aacmm_pin.calibration import calibrated_model
 from aacmm_pin.calibration.cross_validation import rms
 from aacmm_pin.diagnosis import Diagnosis, diagnose
-from aacmm_pin.diagnosis.branches import LEAST, two_branches
+from aacmm_pin.diagnosis.branches import LEAST_LOG_RATIO, two_branches
 from aacmm_pin.effects import EncoderEccentricity, ErrorModel, JointHysteresis
 from aacmm_pin.measurements import Measurements, simulate_measurements
 from aacmm_pin.report.diagnosis import verdict_in_words
@@ -134,7 +134,7 @@ def test_two_branches_are_no_scatter(shape, sure):
             "branches": 3.0 * rng.choice([-1.0, 1.0], 200),
         }[shape]
         half_width, ratio = two_branches(rng.normal(size=200) + size * of_joint, size)
-        above += ratio >= LEAST
+        above += ratio >= LEAST_LOG_RATIO
         widths.append(half_width)
     assert above == (40 if sure else 0)
     assert not sure or np.mean(widths) == pytest.approx(3.0, rel=0.05)
