@@ -254,7 +254,7 @@ def some_blocks(design: Design) -> list[int]:
 def test_inner_products(
     case: Case, left_out: tuple[int, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(gram_matrix, "CHUNK", 7)  # several in every part
+    monkeypatch.setattr(gram_matrix, "ROWS_OF_A_PRODUCT", 7)  # several in every part
     design = case.design
     gram = Gram(products_of(design, case.parts), frozenset(left_out))
     rows = dense(case, case.parts, left_out)
