@@ -24,7 +24,10 @@ from aacmm_pin.measurements import Measurements
 from aacmm_pin.verification import AcceptanceResult, History, accept, in_utc
 
 
-@command
+@command(
+    "aacmm-pin accept probed.csv --mpe E_Uni=0.1 -o report.html",
+    "aacmm-pin accept --predict my_arm.toml plan.csv --encoder-noise-rad 8e-6",
+)
 def run(
     context: typer.Context,
     files: Annotated[

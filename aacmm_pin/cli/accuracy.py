@@ -26,7 +26,10 @@ from aacmm_pin.report import (
 )
 
 
-@command
+@command(
+    "aacmm-pin accuracy sino6 --point 400 0 300 --encoder-noise-rad 8e-6",
+    "aacmm-pin accuracy sino6 --point 400 0 300 --to 400 300 300",
+)
 def run(
     point: Point,
     arm: UncertainArm,

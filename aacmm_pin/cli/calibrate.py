@@ -28,7 +28,10 @@ from aacmm_pin.effects import stated_cause
 from aacmm_pin.measurements import Measurements
 
 
-@command
+@command(
+    "aacmm-pin calibrate my_arm.toml data.csv --encoder-noise-rad 8e-6 -o calibrated.toml",
+    "aacmm-pin calibrate --urdf robot.urdf --frame tool0 data.csv --reference-frame external",
+)
 def run(
     arm: ArmAndData,
     how: MeasuredHow,

@@ -22,7 +22,10 @@ from aacmm_pin.effects import (
 from aacmm_pin.report import Document, Table, terminal
 
 
-@command
+@command(
+    "aacmm-pin causes",
+    "aacmm-pin causes encoder_eccentricity",
+)
 def run(
     name: Annotated[str | None, typer.Argument(metavar="NAME", help="Cause to describe.")] = None,
 ) -> None:

@@ -28,12 +28,22 @@ if TYPE_CHECKING:
 PLOT_SUFFIXES = (".png", ".svg", ".pdf")
 
 
-def command(function: Callable[..., None]) -> Callable[..., None]:
-    """What a subcommand does, with the options that typer sees.
+def command(*examples: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """What a subcommand does, with the options that typer sees, and examples under its help.
 
     A parameter whose type is a dataclass stands for the fields of it, which are options that
     several commands share.
     """
+
+    def with_options(function: Callable[..., None]) -> Callable[..., None]:
+        run = _with_options(function)
+        run.examples = examples  # type: ignore[attr-defined]
+        return run
+
+    return with_options
+
+
+def _with_options(function: Callable[..., None]) -> Callable[..., None]:
     types = get_type_hints(function, include_extras=True)
     groups: dict[str, Any] = {key: kind for key, kind in types.items() if is_dataclass(kind)}
     options: dict[str, inspect.Parameter] = {}

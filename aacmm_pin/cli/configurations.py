@@ -8,7 +8,10 @@ from aacmm_pin.cli.common import CsvOutput, Force, Results, command, note
 from aacmm_pin.cli.pose_options import Orientation, Point
 
 
-@command
+@command(
+    "aacmm-pin configurations sino6 --point 400 0 300 -o postures.csv",
+    "aacmm-pin configurations sino6 --point 400 0 300 --tip --axis 0 0 -1",
+)
 def run(
     point: Point,
     arm: AnyArm,

@@ -52,7 +52,10 @@ LARGE_CHANGE = 0.05
 """
 
 
-@command
+@command(
+    "aacmm-pin correct calibrated.toml readings.csv -o corrected.csv",
+    "aacmm-pin correct calibrated.toml path.csv --commands --nominal ur5",
+)
 def run(
     arm: ArmAndData,
     noise: EncoderNoise,

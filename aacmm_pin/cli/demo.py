@@ -10,7 +10,10 @@ import typer
 from aacmm_pin.cli.common import Force, command, say
 
 
-@command
+@command(
+    "aacmm-pin demo -o out/",
+    "aacmm-pin demo -o out/ --force",
+)
 def run(
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder to write.")] = Path("out"),
     cells: Annotated[tuple[int, int], typer.Option(metavar="NX NZ", help="Cells of the map.")] = (

@@ -18,7 +18,10 @@ from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import Measurements
 
 
-@command
+@command(
+    "aacmm-pin diagnose my_arm.toml data.csv --encoder-noise-rad 8e-6 -o report.html",
+    "aacmm-pin diagnose my_arm.toml data.csv --arm-out extended.toml --with-discrepancy",
+)
 def run(
     arm: ArmAndData,
     how: MeasuredHow,

@@ -15,7 +15,10 @@ from aacmm_pin.errors import AacmmError
 from aacmm_pin.report import map_document, map_summary, terminal
 
 
-@command
+@command(
+    "aacmm-pin map sino6 --cells 24 24 --sectors 12 -o map.nc --plot map.png",
+    "aacmm-pin map my_arm.toml --workers 4 -o map.nc",
+)
 def run(
     arm: AnyArm,
     cells: Annotated[

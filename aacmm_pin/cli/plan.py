@@ -114,7 +114,10 @@ OPTIONS_FOR: dict[str, tuple[type, ...]] = {
 """Options that each purpose uses besides those of all."""
 
 
-@command
+@command(
+    "aacmm-pin plan my_arm.toml --for calibration --records 60 -o plan.csv --sheet plan.html",
+    "aacmm-pin plan sino6 --distinguish encoder_gain:3 encoder_eccentricity:3 -o plan.csv",
+)
 def run(
     context: typer.Context,
     arm: UncertainArm,

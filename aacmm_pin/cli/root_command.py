@@ -23,7 +23,6 @@ from typer.core import TyperCommand, TyperGroup
 
 from aacmm_pin._support.text_escaping import note, results_alone_on_stdout, say
 from aacmm_pin.cli.common import Results
-from aacmm_pin.cli.examples import examples_of
 from aacmm_pin.cli.signals import RECEIVED, stopping_signals
 from aacmm_pin.errors import AacmmError
 
@@ -72,7 +71,8 @@ class Shell(TyperGroup):
             add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False
         )
         run = importlib.import_module(f"aacmm_pin.cli.{cmd_name}").run
-        alone.command(cmd_name, cls=_Subcommand, epilog=examples_of(cmd_name))(run)
+        lines = ["\b", "Examples:", *(f"  {line}" for line in run.examples)]
+        alone.command(cmd_name, cls=_Subcommand, epilog="\n".join(lines))(run)
         return typer.main.get_command(alone)
 
     def format_help(self, ctx: Any, formatter: Any) -> None:

@@ -22,7 +22,10 @@ if TYPE_CHECKING:
     from aacmm_pin.report import Scene
 
 
-@command
+@command(
+    "aacmm-pin show sino6 --point 400 0 300 -o scene.html",
+    'aacmm-pin show ur5 --theta-deg "0 -60 90 -90 0 0"',
+)
 def run(
     arm: UncertainArm,
     point: Annotated[

@@ -117,7 +117,11 @@ class Planned:
         )
 
 
-@command
+@command(
+    "aacmm-pin simulate sino6 --plan free --records 200 --random-geometry -o data.csv",
+    "aacmm-pin simulate sino6 --plan seats --cause joint_compliance:2,"
+    "compliance_rad_per_nm=2e-5 -o data.csv",
+)
 def run(
     context: typer.Context,
     arm: UncertainArm,

@@ -15,7 +15,10 @@ from aacmm_pin.cli.common import Force, Output, Results, command, note
 from aacmm_pin.effects import ErrorModel, StylusOffset
 
 
-@command
+@command(
+    "aacmm-pin urdf sino6 -o sino6.urdf",
+    "aacmm-pin urdf --to-dh ur5 -o ur5.toml",
+)
 def run(
     arm: AnyArm,
     to_dh: Annotated[

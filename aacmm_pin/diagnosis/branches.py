@@ -68,8 +68,8 @@ def branches_of(choice: Choice) -> Branches | None:
     if records.conditions.approach is not None or chosen.sum() < FEWEST_RECORDS:
         return None
     whiten = fit.noise.whitening[:, :3, :3]
-    off = whiten @ choice.design.deviations(choice.tips)[:, :3, None]
-    off = choice.noise.postures.whitened(off)[chosen, :, 0]  # what a posture shares counts once
+    off = np.einsum("nij,nj->ni", whiten, choice.design.deviations(choice.tips)[:, :3])
+    off = choice.noise.postures.whitened(off)[chosen]  # what a posture shares counts once
     columns = (whiten @ choice.design.of_angles[:, :3])[chosen]
     chain = fit.problem.model.arm.chain
     found = []

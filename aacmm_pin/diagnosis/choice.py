@@ -103,9 +103,10 @@ class Choice:
         """Log posterior of the most probable set with the noise, up to a constant of these
         records.
         """
-        space, top = self.posterior.space, self.posterior.top
-        of_noise = self.noise.log_density(space.likelihood.dof)
-        return space.marginal(top).log_posterior + of_noise
+        space = self.posterior.space
+        width = self.noise.whitening.shape[1]
+        of_noise = self.noise.postures.log_density(space.likelihood.dof, width)
+        return space.marginal(self.posterior.top).log_posterior + of_noise
 
     @property
     def noise(self) -> RecordNoise:

@@ -38,7 +38,7 @@ class HeldPostures:
 
     group: Index
     count: Array
-    ratio: float
+    ratio: float = 0.0
     log_ratio: float = 0.0
 
     @property
@@ -49,49 +49,52 @@ class HeldPostures:
         return 0.5 * float(chi2_sf(2.0 * self.log_ratio, 1)) if self.ratio else 1.0
 
     @staticmethod
-    def of(fit: Fit, off: Array, whitening: Array, dof: float) -> HeldPostures:
-        """By the residuals ``off`` (n, 3) [m], with orientations (n, 6) [m, rad], what gives each
-        unit variance, and the degrees of freedom that are left.
-
-        The ratio is the restricted maximum likelihood estimate (Patterson, Thompson 1971,
-        Biometrika 58) with all fitted parameters shared between the means of the groups.
-        """
+    def groups_of(fit: Fit) -> HeldPostures:
+        """The groups of the records that count, which share nothing."""
         counts = fit.used & fit.observations.has_target
         group = np.full(len(counts), -1, dtype=np.intp)
         postures = posture_numbers(fit.problem.measurements.q, NEAR)
         pairs = np.stack([postures, fit.observations.seat], axis=1)[counts]
         group[counts] = np.unique(pairs, axis=0, return_inverse=True)[1].ravel()
-        count = np.bincount(group[counts]).astype(np.float64)
-        whole = HeldPostures(group, count, 0.0)
-        if count.max(initial=1.0) < 2.0:
-            return whole
-        return HeldPostures(
-            group, count, *whole._estimate(np.einsum("nij,nj->ni", whitening, off), dof)
-        )
+        return HeldPostures(group, np.bincount(group[counts]).astype(np.float64))
 
-    def _estimate(self, residual: Array, dof: float) -> tuple[float, float]:
-        """The likeliest ratio, and its log likelihood over that of none.
+    @property
+    def repeat(self) -> bool:
+        """Whether any posture has several records."""
+        return bool(self.count.sum() > self.count.size)
+
+    def with_error(self, ratio: float) -> HeldPostures:
+        """The same groups with a shared error of this ratio."""
+        return replace(self, ratio=ratio, log_ratio=0.0)
+
+    def likeliest(self, residual: Array, dof: float) -> HeldPostures:
+        """The same groups, which share nothing here, with the likeliest shared error.
+
+        The ratio is the restricted maximum likelihood estimate (Patterson, Thompson 1971,
+        Biometrika 58) with all fitted parameters shared between the means of the groups.
 
         Args:
-            residual: whitened (n, k).
+            residual: whitened record by record (n, k).
             dof: degrees of freedom that are left.
         """
-        means = self._means(residual[:, :, None])[:, :, 0]
+        width = residual.shape[1]
+        means = self._means(residual)
         inside = self.group >= 0
         within = float(np.square(residual[inside] - means[self.group[inside]]).sum())
         squares = self.count * np.square(means).sum(axis=1)
-        of_means = self.dof_of_means(dof, residual.shape[1])
-        whole = self._dof_within(residual.shape[1]) + of_means
+        whole = max(dof, self._dof_within(width) + 1.0)
 
         def deviance(log_ratio: float) -> float:
-            there = replace(self, ratio=float(np.exp(log_ratio)))
+            there = self.with_error(float(np.exp(log_ratio)))
             chi2 = within + float((squares / there.scale).sum())
             of_residuals = whole * float(np.log(max(chi2, 1e-300)))
-            return of_residuals - 2.0 * there.log_density(of_means)
+            return of_residuals - 2.0 * there.log_density(dof, width)
 
         best = scipy.optimize.minimize_scalar(deviance, bounds=np.log(RATIOS), method="bounded")
         log_ratio = 0.5 * (deviance(-np.inf) - float(best.fun))
-        return (float(np.exp(best.x)), log_ratio) if log_ratio > 0.0 else (0.0, 0.0)
+        if log_ratio <= 0.0:
+            return self
+        return replace(self, ratio=float(np.exp(best.x)), log_ratio=log_ratio)
 
     @property
     def scale(self) -> Array:
@@ -102,35 +105,34 @@ class HeldPostures:
         """Degrees of freedom of the differences inside groups, of records of ``width`` numbers."""
         return width * float((self.count - 1.0).sum())
 
-    def dof_of_means(self, dof: float, width: int) -> float:
-        """Degrees of freedom of the means of the groups, if ``dof`` are left in all."""
-        return max(dof - self._dof_within(width), 1.0)
+    def log_density(self, dof: float, width: int) -> float:
+        """What the shared error adds to the log likelihood beside χ².
 
-    def log_density(self, of_means: float) -> float:
-        """What the shared error adds to the log likelihood beside χ², by the degrees of freedom of
-        the means.
+        Args:
+            dof: degrees of freedom that are left.
+            width: numbers of a record's residual.
         """
+        of_means = max(dof - self._dof_within(width), 1.0)
         return -0.5 * of_means * float(np.log(self.scale).mean())
 
     def is_about(self, other: HeldPostures) -> bool:
-        """Whether the error of postures is about that of others, or small beside that of a record
-        in both.
+        """Whether the error of the same postures is about another one, or small beside that of a
+        record in both.
         """
-        one, same = (float(np.log(each.scale).mean()) for each in (self, other))
-        return abs(one - same) < SAME_LOG_VARIANCE
+        return bool(abs(np.log(self.scale / other.scale).mean()) < SAME_LOG_VARIANCE)
 
     def sums(self, rows: Array) -> Array:
-        """Sum of the rows (n, k, c) of each group (groups, k, c)."""
+        """Sum of the rows (n, …) of each group (groups, …)."""
         found = np.zeros((len(self.count), *rows.shape[1:]))
         inside = self.group >= 0
         np.add.at(found, self.group[inside], rows[inside])
         return found
 
     def _means(self, rows: Array) -> Array:
-        return self.sums(rows) / self.count[:, None, None]
+        return (self.sums(rows).T / self.count).T
 
     def whitened(self, rows: Array) -> Array:
-        """Rows (n, k, c), whitened record by record, with the shared error whitened too.
+        """Rows (n, …), whitened record by record, with the shared error whitened too.
 
         The mean of a group of m has ``1 + m ratio²`` times the variance of independent records; the
         rest is as it was.
@@ -139,7 +141,7 @@ class HeldPostures:
             return rows
         less = 1.0 - 1.0 / np.sqrt(self.scale)
         inside = self.group >= 0
-        taken = (less[:, None, None] * self._means(rows))[self.group[inside]]
+        taken = (less * self._means(rows).T).T[self.group[inside]]
         found = rows.copy()
         found[inside] -= taken
         return found
@@ -164,13 +166,6 @@ class RecordNoise:
         inverse = np.linalg.inv(self.whitening)
         return np.asarray(inverse @ inverse.transpose(0, 2, 1))
 
-    def log_density(self, dof: float) -> float:
-        """What the shared error adds to the log likelihood beside χ², if ``dof`` degrees of freedom
-        are left.
-        """
-        of_means = self.postures.dof_of_means(dof, self.whitening.shape[1])
-        return self.postures.log_density(of_means)
-
     def added_covariance(self, fit: Fit, variance: float) -> Array:
         """What the shared error adds to the covariance of a fit's parameters that took records as
         independent (p, p) [units].
@@ -187,7 +182,7 @@ class RecordNoise:
         has_target, width = fit.observations.has_target, self.whitening.shape[1]
         steps = fit.system.steps(fit.unknown)
         rows = np.zeros((len(has_target), width, steps.shape[1]))
-        of_records = fit.system.jacobian[: width * int(has_target.sum())]
+        of_records = fit.system.jacobian[: width * has_target.sum()]
         rows[has_target] = (of_records @ steps).reshape(-1, width, steps.shape[1])
         root = fit.noise.whitening @ np.linalg.inv(self.whitening)
         in_units = np.sqrt(variance) * root.transpose(0, 2, 1) @ rows
@@ -201,9 +196,7 @@ class RecordNoise:
     def alone(whitening: Array) -> RecordNoise:
         """Of records that share nothing."""
         count = len(whitening)
-        return RecordNoise(
-            whitening, HeldPostures(np.arange(count, dtype=np.intp), np.ones(count), 0.0)
-        )
+        return RecordNoise(whitening, HeldPostures(np.arange(count), np.ones(count)))
 
 
 def _squared(rows: Array) -> Array:

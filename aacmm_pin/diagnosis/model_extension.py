@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -34,7 +35,7 @@ from aacmm_pin.diagnosis.inner_values import (
     refined_rivals,
     with_inner_u,
 )
-from aacmm_pin.diagnosis.model_space import Candidates, ModelSpace
+from aacmm_pin.diagnosis.model_space import Blocks, Candidates, ModelSpace
 from aacmm_pin.diagnosis.reading_scatter import ReadingScatter
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.effects import Effect
@@ -84,11 +85,11 @@ def choose(
     nearer, least = _put_back(first) & _put_back(found.fit), FEWEST_BACK if found.causes else 1
     back = int(np.sum(nearer & ~(first.used & found.fit.used)))
     if back >= max(least, A_FEW * len(nearer)):
-        judge, doubtful = found.fit, _doubtful(found, found.fit)
+        doubtful = _doubtful(found, found.fit)
         _release(found)  # there is room for one of them
         wider = fit(problem_of([]), used=nearer)
         again = _standing(problem_of, wider, tuple(library), tuple(others), parts, progress, nearer)
-        fewer = int(doubtful.sum() - _doubtful(again, judge).sum())
+        fewer = int(doubtful.sum() - _doubtful(again, found.fit).sum())
         if fewer >= FEWEST_BACK:
             found, again = again, found
         elif fewer > 0 and not found.causes:
@@ -235,8 +236,9 @@ def _extended(problem_of: ProblemOf, found: Choice, first: Fit, used: Mask | Non
     effects = [effect.at(()) for effect in found.effects]
     if not effects:
         return _with_shared_error(first, found)
-    fitted = {e.identity for e in found.fit.effects[-found.fit.problem.candidates :]}
-    same = found.fit.problem.candidates == len(effects) and fitted == {e.identity for e in effects}
+    count = found.fit.problem.candidates
+    fitted = _identities(found.fit.effects[-count:])
+    same = count == len(effects) and fitted == _identities(effects)
     same = same and (used is None or np.array_equal(used, found.fit.used))
     at = found.fit if same else refitted(problem_of, effects, used=used)
     if gone := _gone(at, effects):
@@ -257,7 +259,7 @@ def _gone(at: Fit, effects: Sequence[Effect]) -> list[Effect]:
     (k = 2).
     """
     named = {effect.label for effect in effects if effect.nonlinear.field and not is_change(effect)}
-    own = {effect.identity for effect in effects}
+    own = _identities(effects)
     found = []
     for effect, place in zip(at.effects, at.problem.vector.slices, strict=True):
         if effect.label in named and effect.identity not in own:
@@ -322,38 +324,71 @@ def _climbed(
     design = design_of(at, library, others, at.problem.candidates)
     candidates = Candidates.of(design, library)
     start = tuple(sorted(_block_of(candidates, library, effect) for effect in effects))
-    # With all records there is no need to take an observation's unknown points apart.
-    divided = np.zeros_like(parts) if _torn(at, parts) else parts
     left = before or _Before(at.point.prediction.poses, at.dof, None, 0.0)
-    scatter = left.scatter
-    whitening = at.noise.whitening if scatter is None else scatter.whitening
-    stated = noise_is_known(at) if scatter is None else scatter.as_stated
+    climb = _Climb(candidates, start, library, others, parts, left.scatter)
+    if not climb.groups.repeat:
+        return climb.with_noise(climb.groups)
+    beside, as_before = climb.shared(left.tips, left.dof), climb.groups.with_error(left.ratio)
+    starts = [beside] if beside.is_about(as_before) else [beside, as_before]
+    return max(map(climb.settled, starts), key=lambda found: found.log_posterior)
 
-    def of_noise(postures: HeldPostures) -> Choice:
-        gram = Gram(products_of(design, divided, RecordNoise(whitening, postures)))
-        posterior = climbed(ModelSpace(candidates, gram, stated), start)
-        return Choice(at, posterior, library, others, parts, gram, scatter)
 
-    def shared(tips: Array, dof: float) -> HeldPostures:
-        return HeldPostures.of(at, design.deviations(tips), whitening, dof)
+@dataclass(frozen=True, eq=False)
+class _Climb:
+    """What a round has in common for every noise that it is tried with.
 
-    def with_what_it_leaves(found: Choice) -> Choice:
+    Attributes:
+        candidates: of the round's design.
+        start: the set with which it begins.
+        library, others, parts, scatter: see :class:`Choice`.
+    """
+
+    candidates: Candidates
+    start: Blocks
+    library: tuple[Variants, ...]
+    others: tuple[Covariate, ...]
+    parts: Index
+    scatter: ReadingScatter | None
+
+    @cached_property
+    def groups(self) -> HeldPostures:
+        """Records of one posture, which share nothing."""
+        return HeldPostures.groups_of(self.candidates.design.fit)
+
+    @cached_property
+    def whitening(self) -> Array:
+        """What gives each residual unit variance, see :class:`RecordNoise`."""
+        return (self.scatter or self.candidates.design.fit.noise).whitening
+
+    def shared(self, tips: Array, dof: float) -> HeldPostures:
+        """The error that records of one posture share beside some tips, which leave ``dof`` degrees
+        of freedom.
+        """
+        off = self.candidates.design.deviations(tips)
+        return self.groups.likeliest(np.einsum("nij,nj->ni", self.whitening, off), dof)
+
+    def with_noise(self, postures: HeldPostures) -> Choice:
+        """The posterior if records of one posture share this error."""
+        at, scatter = self.candidates.design.fit, self.scatter
+        stated = noise_is_known(at) if scatter is None else scatter.as_stated
+        # With all records there is no need to take an observation's unknown points apart.
+        parts = np.zeros_like(self.parts) if _torn(at, self.parts) else self.parts
+        noise = RecordNoise(self.whitening, postures)
+        gram = Gram(products_of(self.candidates.design, parts, noise))
+        posterior = climbed(ModelSpace(self.candidates, gram, stated), self.start)
+        return Choice(at, posterior, self.library, self.others, self.parts, gram, scatter)
+
+    def settled(self, postures: HeldPostures) -> Choice:
+        """The posterior with the error that its most probable set leaves, from a first one."""
+        found = self.with_noise(postures)
         for _ in range(MOST_EXPLORATIONS):
             model = found.posterior.top_model
-            postures = shared(model.tips(), model.dof)
-            if postures.is_about(found.noise.postures):
+            again = self.shared(model.tips(), model.dof)
+            if again.is_about(found.noise.postures):
                 break
             _release(found)
-            found = of_noise(postures)
+            found = self.with_noise(again)
         return found
-
-    first = shared(left.tips, left.dof)
-    found = with_what_it_leaves(of_noise(first))
-    as_before = replace(first, ratio=left.ratio, log_ratio=0.0)
-    if not first.is_about(as_before):
-        other = with_what_it_leaves(of_noise(as_before))
-        found = max(found, other, key=lambda one: one.log_posterior)
-    return found
 
 
 def _torn(at: Fit, parts: Index) -> bool:

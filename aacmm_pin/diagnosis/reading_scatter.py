@@ -82,7 +82,7 @@ class ReadingScatter:
         )
         lever = np.square(by_reading[counts, :3]).sum(axis=1).mean(axis=0)
         first = FIRST_SHARE * tip**2 / np.maximum(lever, LEAST_TIP_LEVER**2)
-        own = postures.whitened(enlarged[:, :, None])[:, :, 0]
+        own = postures.whitened(enlarged)
         apart = _Components(stated, groups, own, counts)
         log_ratios = apart.sure_ratios(np.concatenate([start, first]), alone)
         whole = search.best(np.concatenate([start, np.where(log_ratios > 0.0, first, 0.0)]))

@@ -182,11 +182,9 @@ class Diagnosis(Shown):
         """
         best, *others = self.alternatives.items()
         acting = set(best[0])
-        rivals = [labels for labels, share in others if share >= THRESHOLDS.rival]
+        rivals = [set(labels) for labels, share in others if share >= THRESHOLDS.rival]
         exchanged = [
-            tuple(sorted(acting.symmetric_difference(labels)))
-            for labels in rivals
-            if acting.difference(labels) and set(labels).difference(acting)
+            tuple(sorted(acting ^ rival)) for rival in rivals if acting - rival and rival - acting
         ]
         return [*dict.fromkeys(exchanged)]
 

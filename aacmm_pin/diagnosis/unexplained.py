@@ -243,8 +243,8 @@ def _whitened(choice: Choice) -> Array:
     counts once (n, 3).
     """
     noise = choice.noise
-    off = noise.whitening @ choice.design.deviations(choice.tips)[:, :, None]
-    return noise.postures.whitened(off[:, :3])[:, :, 0]
+    off = np.einsum("nij,nj->ni", noise.whitening, choice.design.deviations(choice.tips))
+    return noise.postures.whitened(off[:, :3])
 
 
 def scattered_readings(choice: Choice) -> tuple[ScatteredReadings, ...]:

@@ -105,7 +105,11 @@ def _first(result: Diagnosis) -> str:
             "take more records, at other postures, and note what else changes: the structure "
             "that is left depends on no single column"
         )
-    if verdict == "unexplained" and not unexplained.depends_on and _repeats(result):
+    if (
+        verdict == "unexplained"
+        and not unexplained.depends_on
+        and result.choice.noise.postures.repeat
+    ):
         return (
             "check columns, units and reference frame, and note what changes from posture to "
             "posture: the repeats show the true noise, and the residuals exceed the stated noise"
@@ -163,15 +167,13 @@ def _as_held_out(result: Diagnosis) -> str:
     return f"{by}, which was {size} on held-out records"
 
 
-def _repeats(result: Diagnosis) -> bool:
-    """Whether postures repeat."""
-    counts = result.choice.noise.postures.count
-    return bool(counts.max(initial=1.0) > 1.0)
-
-
 def _and_repeat(result: Diagnosis) -> str:
     """Repeats show the noise, where there are none yet."""
-    return "" if _repeats(result) else ", and repeat some records without any change"
+    return (
+        ""
+        if result.choice.noise.postures.repeat
+        else ", and repeat some records without any change"
+    )
 
 
 def _to_distinguish(result: Diagnosis, doubtful: Sequence[Finding] = ()) -> str:
@@ -189,18 +191,16 @@ def _to_distinguish(result: Diagnosis, doubtful: Sequence[Finding] = ()) -> str:
 
 
 def _open_pair(result: Diagnosis) -> tuple[Effect, Effect] | None:
-    """A cause of the most probable set, and the one that another set has in its place; of the most
-    probable set that differs so and cannot be excluded.
+    """A cause of the most probable set, and the one that the most probable other set has in its
+    place which differs so and cannot be excluded.
     """
-    (best, _), *others = result.alternatives.items()
+    best = next(iter(result.alternatives))
     found = {finding.label: finding.effect for finding in result.findings}
-    for labels, share in others:
-        exchanged = [*set(best).difference(labels), *set(labels).difference(best)]
-        same_size = len(labels) == len(best) and len(exchanged) == 2
-        if share >= THRESHOLDS.rival and same_size:
-            one, other = (found.get(label) or result.cause(label) for label in exchanged)
-            return None if one is None or other is None else (one, other)
-    return None
+    pairs = (labels for labels in result.cannot_tell_apart if len(labels) == 2)
+    pair = sorted(next(pairs, ()), key=lambda label: label not in best)
+    causes = [found.get(label) or result.cause(label) for label in pair]
+    one, other = causes or (None, None)
+    return None if one is None or other is None else (one, other)
 
 
 def _to_distinguish_pair(result: Diagnosis, cause: Effect, other: Effect) -> str:

@@ -5,6 +5,7 @@ half-written.
 from __future__ import annotations
 
 import contextlib
+import importlib
 import os
 import shlex
 import signal
@@ -21,7 +22,6 @@ from shell import POINT, done, found, refused, run
 
 from aacmm_pin import Arm, WorkspaceMap
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.cli.examples import EXAMPLES
 from aacmm_pin.cli.root_command import COMMANDS, app
 
 SMALL = "--cells 6 6"
@@ -233,7 +233,7 @@ def test_demo_is_asked_for_with_its_options(tmp_path, monkeypatch):
 @pytest.mark.parametrize("name", COMMANDS)
 def test_examples_of_the_help_have_options_that_exist(name: str) -> None:
     group = typer.main.get_command(app)
-    for line in EXAMPLES[name]:
+    for line in importlib.import_module(f"aacmm_pin.cli.{name}").run.examples:
         program, command, *words = shlex.split(line)
         assert (program, command) == ("aacmm-pin", name)
         group.get_command(None, command).make_context(command, words)

@@ -45,7 +45,7 @@ def command(words: str) -> str:
         ("import aacmm_pin", 3, ("numpy", *HEAVY)),
         ("import aacmm_pin.diagnosis.diagnose", 105, HEAVY),
         (command("--help"), 13, ("numpy", "rich", "pandas", *HEAVY)),
-        (command(f"accuracy sino6 {POINT}"), 73, HEAVY_BUT_LOOPS),
+        (command(f"accuracy sino6 {POINT}"), 72, HEAVY_BUT_LOOPS),
     ],
 )
 def test_what_is_loaded(code, most, without):
