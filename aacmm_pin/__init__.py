@@ -14,7 +14,7 @@ import lazy_loader
 from aacmm_pin._support import display
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 
 def _report() -> ModuleType:

@@ -29,33 +29,33 @@ from typer.testing import CliRunner
 
 from aacmm_pin.cli.root_command import app
 
-NOISE = "--encoder-noise-rad 8e-6 --reference-noise-mm 0.012"
-AT_SEATS = "--encoder-noise-rad 8e-6 --reference-noise-mm 0.01 --probe-noise-mm 0.005"
-FREE, SEATS = "simulate sino6 --plan free", "simulate sino6 --plan seats --records 120"
-BARS = "simulate sino6 --plan ball-bar --seats 4 --records 90 --bar-length-mm 400"
-TOUCHED = "--encoder-noise-rad 8e-6 --probe-noise-mm 0.005"
-AT_BARS = "--encoder-noise-rad 8e-6 --probe-noise-mm 0.005 --length-noise-mm 0.002"
-HALF_WIDTHS = "--translation-half-width-mm 0.5 --rotation-half-width-rad 1e-3"
+NOISE = "--encoder-noise 8e-6 --u-reference-mm 0.012"
+AT_SEATS = "--encoder-noise 8e-6 --u-reference-mm 0.01 --probe-noise-mm 0.005"
+FREE, SEATS = "simulate sino6 --scheme free", "simulate sino6 --scheme seats --records 120"
+BARS = "simulate sino6 --scheme ball-bar --seats 4 --records 90 --bar-length-mm 400"
+TOUCHED = "--encoder-noise 8e-6 --probe-noise-mm 0.005"
+AT_BARS = "--encoder-noise 8e-6 --probe-noise-mm 0.005 --u-bar-mm 0.002"
+HALF_WIDTHS = "--translation-half-width-mm 0.5 --rotation-half-width 1e-3"
 POINT = "--point 33.6323 -671.8702 182.9355"
 FEW = [
     "urdf sino6 -o sino6.urdf",
-    f"configurations sino6 {POINT} --count 24 -o circle.csv",
-    f"accuracy sino6 {POINT} --count 24 --json accuracy.json",
+    f"configurations sino6 {POINT} --samples 24 -o circle.csv",
+    f"accuracy sino6 {POINT} --samples 24 --json accuracy.json",
     "map sino6 --cells 5 5 --sectors 4 -o map.nc --json map.json",
     f"{FREE} --records 60 --cause encoder_eccentricity:joint=3,amplitude_rad=3e-4 --seed 1 -o "
     "free.csv",
     f"calibrate sino6 free.csv {NOISE} -o calibrated.toml --json calibrate.json",
     f"diagnose sino6 free.csv {NOISE} --json diagnose.json --arm-out extended.toml",
     "correct extended.toml free.csv -o corrected.csv",
-    "plan sino6 --distinguish encoder_gain:3 encoder_eccentricity:3 --records 12 -o plan.csv "
-    "--json plan.json",
+    "plan distinguish sino6 --causes encoder_gain:3 encoder_eccentricity:3 --records 12 "
+    "-o plan.csv --json plan.json",
 ]
 """A command of each kind; the later ones use what the earlier ones wrote."""
 MORE = [
     "urdf zero6 -o zero6.urdf",
-    "configurations sino6 --tip --point 500 200 400 --axis 0 0 -1 --count 12 -o axis.csv",
+    "configurations sino6 --tip --point 500 200 400 --axis 0 0 -1 --samples 12 -o axis.csv",
     *(
-        f"accuracy sino6 {POINT} --count 24 --method {m} --json {m}.json"
+        f"accuracy sino6 {POINT} --samples 24 --method {m} --json {m}.json"
         for m in ("jointwise", "ellipsoid", "monte-carlo")
     ),
     f"{SEATS} --cause bearing_tilt:joint=2,compliance_rad_per_nm=2e-6 --seed 2 -o seats.csv",
@@ -73,17 +73,17 @@ MORE = [
     f"diagnose sino6 nothing.csv {NOISE} --json nothing-diagnose.json",
     "diagnose sino6 free.csv --json unstated.json",
     "correct seats.toml seats.csv -o seats-corrected.csv",
-    f"plan sino6 --existing warm.csv {NOISE} --records 10 -o best.csv --json best.json",
-    f"plan sino6 --for calibration {NOISE} --records 20 --postures 300 -o geometry.csv --json "
+    f"plan distinguish sino6 --existing warm.csv {NOISE} --records 10 -o best.csv --json best.json",
+    f"plan calibration sino6 {NOISE} --records 20 --postures 300 -o geometry.csv --json "
     "geometry.json",
-    "plan sino6 --for acceptance --measuring-range-mm 1000 -o procedure.csv",
-    f"simulate sino6 --plan procedure.csv {TOUCHED} --seed 5 -o touches.csv",
+    "plan acceptance sino6 --measuring-range-mm 1000 -o procedure.csv",
+    f"simulate sino6 --procedure procedure.csv {TOUCHED} --seed 5 -o touches.csv",
     "accept sino6 touches.csv --mpe SPAT.Max=0.15 --json accept.json",
-    "accept sino6 procedure.csv --predict --runs 20 --json predict.json",
+    "predict-acceptance sino6 procedure.csv --runs 20 --json predict.json",
     f"{BARS} --cause joint_compliance:3,compliance_rad_per_nm=2e-5 --seed 6 -o bars.csv",
     f"calibrate sino6 bars.csv {AT_BARS} --target unknown --json bars-calibrate.json",
     f"diagnose sino6 bars.csv {AT_BARS} --target unknown --json bars-diagnose.json",
-    f"{FREE} --records 60 --orientation-noise-rad 50urad --cause encoder_gain:2,gain=2e-4 --seed "
+    f"{FREE} --records 60 --orientation-noise 50urad --cause encoder_gain:2,gain=2e-4 --seed "
     "7 -o oriented.csv",
     f"diagnose sino6 oriented.csv {NOISE} --json oriented-diagnose.json",
     f"{FREE} --records 100 --cause thermal_expansion:expansion_per_k=4e-5 --seed 8 -o warmer.csv",

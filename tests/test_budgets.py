@@ -22,7 +22,7 @@ from tests.test_rooms import MODULES, ROOMS, imports
 
 TOKENS: dict[str, int] = {
     "errors": 500,
-    "_support": 7300,
+    "_support": 7400,
     "arm": 20000,
     "effects": 27400,
     "postures": 23200,
@@ -33,7 +33,7 @@ TOKENS: dict[str, int] = {
     "planning": 12800,
     "verification": 17800,
     "report": 58200,
-    "cli": 15500,
+    "cli": 16100,
 }
 """Code without comments and docstrings: unlike lines, they do not fall when a line is packed
 fuller.
@@ -41,7 +41,8 @@ fuller.
 ``_support`` has what gathers the problems of a table (500) from the room of measurements, for three
 rooms use it. Names between steps cost ``effects`` 200, ``measurements`` 300 and ``calibration``
 200, which have no dense function; ``measurements`` has the covariates of the column table (150),
-which the diagnosis listed.
+which the diagnosis listed. ``cli`` has three plans with a help of their own, headings and file
+names in the help, and ``--quiet`` (600).
 """
 DENSE: dict[str, int] = {
     "errors": 1,

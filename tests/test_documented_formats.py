@@ -57,14 +57,14 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> dict[str, set[str]]:
     data, external, hidden, poses = (
         str(folder / f"{name}.csv") for name in ("data", "external", "hidden", "poses")
     )
-    simulate = "simulate sino6 --encoder-noise-rad 8e-6 --records 60 -o"
+    simulate = "simulate sino6 --encoder-noise 8e-6 --records 60 -o"
     shell.done(
-        f"{simulate} {data} --plan free --cause "
+        f"{simulate} {data} --scheme free --cause "
         "joint_periodic_error:joint=3,order=7,amplitude_rad=5e-4"
     )
-    shell.done(f"{simulate} {poses} --plan seats --orientation-noise-rad 50urad")
+    shell.done(f"{simulate} {poses} --scheme seats --orientation-noise 50urad")
     shell.done(
-        f"{simulate} {hidden} --plan seats --cause base_compliance:compliance_rad_per_nm=3e-5"
+        f"{simulate} {hidden} --scheme seats --cause base_compliance:compliance_rad_per_nm=3e-5"
     )
     table = pd.read_csv(data, dtype=str)
     table.loc[8, "x_mm"] = "999.0"
@@ -74,13 +74,13 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> dict[str, set[str]]:
         touches, index=False
     )
     procedure = str(folder / "procedure.csv")
-    shell.done(f"plan sino6 --for acceptance --standard asme-b89.4.22 -o {procedure}")
-    noise = "--encoder-noise-rad 8e-6 --reference-noise-mm 0.012"
+    shell.done(f"plan acceptance sino6 --standard asme-b89.4.22 -o {procedure}")
+    noise = "--encoder-noise 8e-6 --u-reference-mm 0.012"
     found: dict[str, set[str]] = {}
     for command in (
-        "accuracy sino6 --point 400 0 300 --count 12",
-        "accuracy sino6 --point 400 0 300 --count 12 --method ellipsoid",
-        "accuracy sino6 --point 400 0 300 --to 400 300 300 --count 6",
+        "accuracy sino6 --point 400 0 300 --samples 12",
+        "accuracy sino6 --point 400 0 300 --samples 12 --method ellipsoid",
+        "accuracy sino6 --point 400 0 300 --to 400 300 300 --samples 6",
         "map sino6 --cells 3 3",
         f"calibrate sino6 {data} {noise}",
         f"calibrate sino6 {external} --reference-frame external {noise}",
@@ -88,12 +88,12 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> dict[str, set[str]]:
         f"diagnose sino6 {poses} --no-cross-validation {noise}",
         f"diagnose sino6 {external} {noise}",
         f"diagnose sino6 {hidden} --no-cross-validation {noise}",
-        f"plan sino6 --distinguish encoder_eccentricity:2 joint_compliance:2 --existing {data} "
-        "--records 4 --postures 30",
-        "plan sino6 --records 4 --postures 30",
+        f"plan distinguish sino6 --causes encoder_eccentricity:2 joint_compliance:2 "
+        f"--existing {data} --records 4 --postures 30",
+        "plan distinguish sino6 --records 4 --postures 30",
         f"accept {touches} --mpe SPAT.Max=0.1",
-        "plan sino6 --for calibration --records 12 --postures 30",
-        f"accept sino6 {procedure} --predict --runs 20 --mpe SPAT.Max=0.1 --encoder-noise-rad 8e-6",
+        "plan calibration sino6 --records 12 --postures 30",
+        f"predict-acceptance sino6 {procedure} --runs 20 --mpe SPAT.Max=0.1 --encoder-noise 8e-6",
     ):
         content = shell.found(command)
         found.setdefault(content["schema"], set()).update(keys(content))
@@ -182,9 +182,9 @@ def test_columns_of_what_commands_write(tmp_path):
         str(tmp_path / f"{name}.csv")
         for name in ("data", "circle", "accuracy", "residuals", "corrected", "to")
     )
-    point = "--point 33.6 -671.9 182.9 --count 6 -o"
+    point = "--point 33.6 -671.9 182.9 --samples 6 -o"
     shell.done(
-        f"simulate sino6 --plan seats --records 40 --seats 5 --orientation-noise-rad 5e-5 -o {data}"
+        f"simulate sino6 --scheme seats --records 40 --seats 5 --orientation-noise 5e-5 -o {data}"
     )
     shell.done(f"configurations sino6 {point} {tables[0]}")
     shell.done(f"accuracy sino6 {point} {tables[1]}")

@@ -68,9 +68,38 @@ def say(text: str) -> None:
     print(printable(text), file=stdout(), flush=True)
 
 
-def note(text: str) -> None:
-    """Tell what was assumed or went wrong, on stderr."""
-    print(printable(text), file=sys.stderr, flush=True)
+def warn(text: object) -> None:
+    """Tell on stderr what may make the result wrong."""
+    print_error(f"warning: {text}")
+
+
+def note(text: object) -> None:
+    """Tell on stderr what was assumed."""
+    status(f"note: {text}")
+
+
+def status(text: object) -> None:
+    """Tell on stderr what was done."""
+    if not _quiet:
+        print_error(text)
+
+
+def print_error(text: object) -> None:
+    """Print on stderr."""
+    print(printable(str(text)), file=sys.stderr, flush=True)
+
+
+_quiet: list[bool] = []
+
+
+@contextmanager
+def without_notes() -> Iterator[None]:
+    """Neither notes nor status meanwhile."""
+    _quiet.append(True)
+    try:
+        yield
+    finally:
+        _quiet.pop()
 
 
 def csv_quoted(text: str) -> str:

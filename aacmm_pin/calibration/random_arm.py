@@ -35,7 +35,7 @@ def perturbed_model(model: GivenModel, rng: np.random.Generator) -> ErrorModel:
         raise AacmmError(
             f"{model.arm.name}: no parameter has an uncertainty to draw from; state half-widths "
             "in the arm file, or, "
-            "with --urdf, --translation-half-width-mm and --rotation-half-width-rad"
+            "with --urdf, --translation-half-width-mm and --rotation-half-width"
         )
     geometric = len(model.arm.parameters)
     vector = ParameterVector(model.arm, model.effects)

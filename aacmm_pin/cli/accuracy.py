@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, cast
+from typing import Annotated, Any
 
 import numpy as np
 import typer
@@ -11,7 +11,18 @@ import typer
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin.accuracy import METHODS, AccuracyVolume, Method, circle_accuracy
 from aacmm_pin.cli.arm_options import EncoderNoise, UncertainArm, restrict_to_known_range
-from aacmm_pin.cli.common import Force, Json, Plot, Results, Sectors, Seed, command, note, say
+from aacmm_pin.cli.common import (
+    OUTPUT,
+    Force,
+    Json,
+    Plot,
+    Results,
+    Sectors,
+    Seed,
+    command,
+    note,
+    say,
+)
 from aacmm_pin.cli.pose_options import Orientation, Point, Triple
 from aacmm_pin.effects import ErrorModel
 from aacmm_pin.errors import AacmmError
@@ -27,7 +38,7 @@ from aacmm_pin.report import (
 
 
 @command(
-    "aacmm-pin accuracy sino6 --point 400 0 300 --encoder-noise-rad 8e-6",
+    "aacmm-pin accuracy sino6 --point 400 0 300 --encoder-noise 8e-6",
     "aacmm-pin accuracy sino6 --point 400 0 300 --to 400 300 300",
 )
 def run(
@@ -42,20 +53,26 @@ def run(
             help="Second point, in mm: predict the uncertainty of the length between the two.",
         ),
     ] = None,
-    method: Annotated[str, typer.Option(help=f"One of {', '.join(METHODS)}.")] = "zonotope",
+    method: Annotated[Method, typer.Option(help="How deviations are combined.")] = "zonotope",
     sectors: Sectors = 12,
     seed: Seed = 1,
     output: Annotated[
         Path | None,
-        typer.Option("--csv", "-o", help="CSV file: the sampled postures with their accuracy."),
+        typer.Option(
+            "--csv",
+            "-o",
+            metavar="FILE.csv",
+            help="CSV file: the sampled postures with their accuracy.",
+            rich_help_panel=OUTPUT,
+        ),
     ] = None,
     json_: Json = None,
     plot: Plot = None,
     force: Force = False,
 ) -> None:
-    """Predict the uncertainty at a point in each posture, or of a length, with its budget."""
+    """Predict the uncertainty at a point in each posture, or of a length."""
     with Results(force, output, plot=plot, json_=json_) as results:
-        model, encoder_noise = restrict_to_known_range(arm.model()), noise.encoder_noise_rad
+        model, encoder_noise = restrict_to_known_range(arm.model()), noise.encoder_noise
         if (
             model.arm.dh is None
             and encoder_noise is None
@@ -63,8 +80,8 @@ def run(
         ):
             raise AacmmError(
                 "a URDF states no uncertainties; expected --translation-half-width-mm and "
-                "--rotation-half-width-rad (bounds "
-                "of the joint placements), or --encoder-noise-rad with --method ellipsoid"
+                "--rotation-half-width (bounds "
+                "of the joint placements), or --encoder-noise with --method ellipsoid"
             )
         circle = orientation.postures(model.arm, point)
         if to is not None:
@@ -77,7 +94,7 @@ def run(
         result = circle_accuracy(
             circle,
             model,
-            method=cast(Method, method),
+            method=method,
             encoder_noise=encoder_noise,
             rng=np.random.default_rng(seed),
         )
@@ -113,10 +130,7 @@ def _length(
 
 def _note_noise(model: ErrorModel, encoder_noise: float | None) -> None:
     if encoder_noise is None and model.arm.encoder_noise is None:
-        note(
-            "note: encoder noise not given; u contains only the parameters (--encoder-noise-rad "
-            "adds it)"
-        )
+        note("encoder noise not given; u contains only the parameters (--encoder-noise adds it)")
 
 
 def _drawn(circle: PosturesAtPoint, result: AccuracyVolume) -> Any:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import typer
@@ -11,7 +11,7 @@ import typer
 from aacmm_pin._support import plausible
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm import EXAMPLE_ROBOTS, Arm, bundled_arms
-from aacmm_pin.cli.common import angle_option, note
+from aacmm_pin.cli.common import ARM, NOISE, angle_option, note
 from aacmm_pin.effects import ErrorModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements import ENCODER, PROBE, Noise
@@ -29,12 +29,20 @@ class UrdfArm:
 
     urdf: Annotated[
         str | None,
-        typer.Option("--urdf", metavar="FILE", help="URDF of a serial arm, instead of ARM."),
+        typer.Option(
+            "--urdf",
+            metavar="FILE.urdf",
+            help="URDF of a serial arm, instead of ARM.",
+            rich_help_panel=ARM,
+        ),
     ] = None
     frame: Annotated[
         str | None,
         typer.Option(
-            "--frame", metavar="NAME", help="With --urdf: the frame whose origin is the tip."
+            "--frame",
+            metavar="NAME",
+            help="With --urdf: the frame whose origin is the tip.",
+            rich_help_panel=ARM,
         ),
     ] = None
 
@@ -55,10 +63,7 @@ class UrdfArm:
             return None
         if self.frame is None and self.urdf in EXAMPLE_ROBOTS:
             robot = EXAMPLE_ROBOTS[self.urdf]
-            note(
-                f"note: {self.urdf} by its URDF, with the tip at {robot[1]}; --frame NAME "
-                "takes another"
-            )
+            note(f"{self.urdf} by its URDF, with the tip at {robot[1]}; --frame NAME takes another")
         try:
             return ErrorModel(Arm.from_urdf(self.urdf, self.frame or "", **half_widths))
         except UnknownNameError as error:
@@ -113,23 +118,26 @@ class UncertainArm(AnyArm):
     translation_half_width_mm: Annotated[
         float | None,
         typer.Option(
-            help="With --urdf: bound of the translation of every joint placement, in mm; 0: none."
+            metavar="MM",
+            help="With --urdf: bound of the translation of every joint placement; 0 states none.",
+            rich_help_panel=ARM,
         ),
     ] = None
-    rotation_half_width_rad: Annotated[
+    rotation_half_width: Annotated[
         float | None,
         angle_option(
-            "With --urdf: bound of the rotation of every joint placement, in rad or 20arcsec; 0 "
-            "states none."
+            "With --urdf: bound of the rotation of every joint placement, in rad or as 20arcsec; "
+            "0 states none.",
+            ARM,
         ),
     ] = None
 
     def model(self, **half_widths: float) -> ErrorModel:
         """See :meth:`AnyArm.model`; the half-widths are those of the options."""
-        shift, turn = self.translation_half_width_mm, self.rotation_half_width_rad
+        shift, turn = self.translation_half_width_mm, self.rotation_half_width
         if self.urdf is None and (shift is not None or turn is not None):
             raise typer.BadParameter(
-                "--translation-half-width-mm and --rotation-half-width-rad require --urdf; an arm "
+                "--translation-half-width-mm and --rotation-half-width require --urdf; an arm "
                 "file has its own"
             )
         return super().model(
@@ -143,7 +151,7 @@ class ArmAndData(UncertainArm):
 
     data: Annotated[
         str | None,
-        typer.Argument(metavar="DATA", help="Measurement file (CSV).", show_default=False),
+        typer.Argument(metavar="DATA", help="Measurement file (CSV)."),
     ] = None
 
     def model_and_data(self) -> tuple[ErrorModel, str]:
@@ -170,10 +178,11 @@ class EncoderNoise:
         AacmmError: a number is negative, not finite, or larger than any arm's.
     """
 
-    encoder_noise_rad: Annotated[
+    encoder_noise: Annotated[
         float | None,
         angle_option(
-            "Standard uncertainty of one reading of each joint, in rad or as 8urad, 1.65arcsec."
+            "Standard uncertainty of one reading of each joint, in rad or as 8urad, 1.65arcsec.",
+            NOISE,
         ),
     ] = None
 
@@ -190,65 +199,47 @@ class EncoderNoise:
 
 
 @dataclass(frozen=True)
-class ContactNoise(EncoderNoise):
-    """The same of references and contacts too."""
+class MeasuringNoise(EncoderNoise):
+    """The same of contacts too."""
 
-    reference_noise_mm: Annotated[
-        float | None, typer.Option(help="Standard uncertainty of a reference coordinate, in mm.")
-    ] = None
     probe_noise_mm: Annotated[
         float | None,
-        typer.Option(help="Standard uncertainty of a coordinate of one contact, in mm."),
+        typer.Option(
+            metavar="MM",
+            help="Standard uncertainty of a coordinate of one contact.",
+            rich_help_panel=NOISE,
+        ),
+    ] = None
+
+
+@dataclass(frozen=True)
+class ContactNoise(MeasuringNoise):
+    """The same of references too."""
+
+    u_reference_mm: Annotated[
+        float | None,
+        typer.Option(
+            metavar="MM",
+            help="Standard uncertainty of a reference coordinate.",
+            rich_help_panel=NOISE,
+        ),
     ] = None
 
     def simulated(self, arm: Arm) -> Noise:
         """Noise of virtual measurements; what is not given is what the arm states, or usual, which
         is then said.
         """
-        encoder = arm.encoder_noise if self.encoder_noise_rad is None else self.encoder_noise_rad
+        encoder = arm.encoder_noise if self.encoder_noise is None else self.encoder_noise
         if encoder is None:
-            note(
-                f"note: encoder noise not given: {ENCODER:g} rad assumed; --encoder-noise-rad "
-                "replaces it"
-            )
+            note(f"encoder noise not given: {ENCODER:g} rad assumed; --encoder-noise replaces it")
             encoder = ENCODER
-        reference, probe = in_metres(self.reference_noise_mm), in_metres(self.probe_noise_mm)
+        reference, probe = in_metres(self.u_reference_mm), in_metres(self.probe_noise_mm)
         return Noise.of(
             arm.nq,
             encoder=encoder,
             reference=REFERENCE_NOISE if reference is None else reference,
             probe=PROBE if probe is None else probe,
         )
-
-
-@dataclass(frozen=True)
-class MeasuredHow(ContactNoise):
-    """How records were, or will be, measured, and what is known of the arm beforehand."""
-
-    length_noise_mm: Annotated[
-        float | None, typer.Option(help="Standard uncertainty of a bar's length, in mm.")
-    ] = None
-    reference_frame: Annotated[
-        str, typer.Option(help="Frame of the references: base, or external (an unknown frame).")
-    ] = "base"
-    target: Annotated[
-        str,
-        typer.Option(
-            help="Target: tip; unknown (a point on the last body, which becomes the tip); or frame "
-            "(the tip with its axes)."
-        ),
-    ] = "tip"
-    no_prior: Annotated[
-        bool, typer.Option("--no-prior", help="Do not use the arm's stated uncertainties.")
-    ] = False
-
-    def keywords(self) -> dict[str, Any]:
-        """As ``calibrate``, ``diagnose`` and ``plan_measurements`` take them."""
-        noises = {"reference": self.reference_noise_mm, "probe": self.probe_noise_mm}
-        noises["length"] = self.length_noise_mm
-        keywords: dict[str, Any] = {f"{of}_noise": in_metres(mm) for of, mm in noises.items()}
-        keywords |= {"encoder_noise": self.encoder_noise_rad, "prior": not self.no_prior}
-        return keywords | {"reference_frame": self.reference_frame, "target": self.target}
 
 
 def in_metres(length_mm: float | None) -> float | None:
@@ -265,7 +256,7 @@ def restrict_to_known_range(model: ErrorModel) -> ErrorModel:
         low, high = within.arm.limits[j] / (MM if model.arm.chain.prismatic[j] else DEG)
         unit = "mm" if model.arm.chain.prismatic[j] else "°"
         note(
-            f"note: joint {j + 1} is used from {low:.4g} to {high:.4g}{unit} only, where its "
+            f"joint {j + 1} is used from {low:.4g} to {high:.4g}{unit} only, where its "
             "error is known"
         )
     return within

@@ -4,38 +4,43 @@ from __future__ import annotations
 
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 import typer
 
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin.calibration import calibrate
-from aacmm_pin.cli.arm_options import ArmAndData, MeasuredHow
+from aacmm_pin.cli.arm_options import ArmAndData
 from aacmm_pin.cli.common import (
+    OUTPUT,
     EffectTexts,
     Force,
     Json,
     Plot,
     Results,
     Seed,
+    arm_file_option,
     command,
     note,
     page_option,
 )
+from aacmm_pin.cli.measuring_options import MeasuredHow
 from aacmm_pin.cli.urdf import urdf_of
 from aacmm_pin.effects import stated_cause
 from aacmm_pin.measurements import Measurements
 
 
 @command(
-    "aacmm-pin calibrate my_arm.toml data.csv --encoder-noise-rad 8e-6 -o calibrated.toml",
+    "aacmm-pin calibrate my_arm.toml data.csv --encoder-noise 8e-6 -o calibrated.toml",
     "aacmm-pin calibrate --urdf robot.urdf --frame tool0 data.csv --reference-frame external",
 )
 def run(
     arm: ArmAndData,
     how: MeasuredHow,
-    parameters: Annotated[str, typer.Option(help="One of zero-offsets, geometry.")] = "geometry",
+    parameters: Annotated[
+        Literal["zero-offsets", "geometry"], typer.Option(help="What to estimate.")
+    ] = "geometry",
     effect: EffectTexts = None,
     no_cross_validation: Annotated[
         bool,
@@ -43,19 +48,30 @@ def run(
     ] = False,
     seed: Seed = 1,
     output: Annotated[
-        Path | None, typer.Option("--arm-out", "-o", help="Arm file for the calibrated arm.")
+        Path | None, arm_file_option("Arm file for the calibrated arm.", "--arm-out", "-o")
     ] = None,
-    urdf_out: Annotated[Path | None, typer.Option(help="URDF for the calibrated arm.")] = None,
+    urdf_out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.urdf", help="URDF for the calibrated arm.", rich_help_panel=OUTPUT
+        ),
+    ] = None,
     residuals: Annotated[
-        Path | None, typer.Option(help="CSV file: every record with its residuals.")
+        Path | None,
+        typer.Option(
+            metavar="FILE.csv",
+            help="CSV file: every record with its residuals.",
+            rich_help_panel=OUTPUT,
+        ),
     ] = None,
     plot: Plot = None,
     report: Annotated[Path | None, page_option("Page with all results")] = None,
     json_: Json = None,
     force: Force = False,
 ) -> None:
-    """Estimate the parameters of an arm from measurements; report their uncertainty, and which
-    parameters the data do not determine.
+    """Estimate the parameters of an arm from measurements.
+
+    Their uncertainty is reported, and which parameters the data do not determine.
     """
     from aacmm_pin.report import (
         calibration_document,
@@ -92,6 +108,6 @@ def run(
     found = {effect.label for effect in result.fit.effects}
     if held := [effect.label for effect in model.effects if effect.label not in found]:
         note(
-            f"note: held as {model.arm.name} states it: {', '.join(held)}; aacmm-pin diagnose "
+            f"held as {model.arm.name} states it: {', '.join(held)}; aacmm-pin diagnose "
             "estimates known causes anew"
         )

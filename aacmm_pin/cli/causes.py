@@ -29,9 +29,7 @@ from aacmm_pin.report import Document, Table, terminal
 def run(
     name: Annotated[str | None, typer.Argument(metavar="NAME", help="Cause to describe.")] = None,
 ) -> None:
-    """List the known causes of error with parameters, typical magnitudes and required columns, or
-    describe one.
-    """
+    """List the known causes of error, or describe one."""
     chosen = list(CAUSES.values()) if name is None else [cause_named(name)]
     terminal.show(Document("Causes", [Table(pd.DataFrame([_row(cause) for cause in chosen]))]))
     if name is not None:

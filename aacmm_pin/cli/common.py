@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Iterable
+from contextlib import nullcontext
 from dataclasses import MISSING, fields, is_dataclass
 from pathlib import Path
 from types import TracebackType
@@ -15,9 +16,11 @@ import typer
 
 from aacmm_pin._support.input_files import outputs_refused
 from aacmm_pin._support.output_files import OutputFiles, json_text
-from aacmm_pin._support.text_escaping import encodable
+from aacmm_pin._support.text_escaping import encodable, without_notes
 from aacmm_pin._support.text_escaping import note as note
 from aacmm_pin._support.text_escaping import say as say
+from aacmm_pin._support.text_escaping import status as status
+from aacmm_pin._support.text_escaping import warn as warn
 from aacmm_pin._support.units import ANGLES, in_radians
 from aacmm_pin.errors import AacmmError
 
@@ -26,6 +29,8 @@ if TYPE_CHECKING:
     from aacmm_pin.report import Document
 
 PLOT_SUFFIXES = (".png", ".svg", ".pdf")
+ARM, NOISE, OUTPUT = "Arm", "Noise", "Output"
+"""Headings of options in a help text; the others are listed under *Options*."""
 
 
 def command(*examples: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
@@ -56,12 +61,16 @@ def _with_options(function: Callable[..., None]) -> Callable[..., None]:
                 option, parameter.KEYWORD_ONLY, default=default, annotation=kind
             )
 
-    def guarded(**typed: Any) -> None:
+    quiet = inspect.Parameter("quiet", inspect.Parameter.KEYWORD_ONLY, default=False)
+    options["quiet"] = quiet.replace(annotation=Quiet)
+
+    def guarded(quiet: bool, **typed: Any) -> None:
         made = {}
         for key, kind in groups.items():
             own = {name: typed.pop(name) for name in _fields(kind)}
             made[key] = kind(**own)
-        function(**made, **typed)
+        with without_notes() if quiet else nullcontext():
+            function(**made, **typed)
 
     guarded.__doc__ = function.__doc__
     guarded.__annotations__ = {name: option.annotation for name, option in options.items()}
@@ -79,7 +88,7 @@ def _fields(group: Any) -> dict[str, tuple[Any, Any]]:
     return found
 
 
-def angle_option(help_: str) -> Any:
+def angle_option(help_: str, panel: str | None = None) -> Any:
     """An option for an angle: in radians, or with its unit behind it."""
 
     def angle(text: str) -> float:
@@ -90,21 +99,39 @@ def angle_option(help_: str) -> Any:
                 f"{text!r}; expected an angle in rad, or with one of {', '.join(ANGLES)}"
             ) from None
 
-    return typer.Option(parser=angle, metavar="ANGLE", help=help_)
+    return typer.Option(parser=angle, metavar="ANGLE", help=help_, rich_help_panel=panel)
 
 
 def page_option(page: str, *names: str) -> Any:
     """An option for a document, in the format that the end of its name chooses."""
     from aacmm_pin.report import suffixes  # the list of commands needs none
 
-    return typer.Option(*names, help=f"{page} ({', '.join(suffixes())}).")
+    return typer.Option(
+        *names,
+        metavar="FILE.html",
+        help=f"{page} ({', '.join(suffixes())}).",
+        rich_help_panel=OUTPUT,
+    )
+
+
+def arm_file_option(help_: str, *names: str) -> Any:
+    """An option for an arm file to write."""
+    return typer.Option(*names, metavar="FILE.toml", help=help_, rich_help_panel=OUTPUT)
 
 
 Json = Annotated[
-    str | None, typer.Option("--json", metavar="FILE", help="Write one JSON object; - for stdout.")
+    str | None,
+    typer.Option(
+        "--json",
+        metavar="FILE.json",
+        help="Write one JSON object; - for stdout.",
+        rich_help_panel=OUTPUT,
+    ),
 ]
-Seed = Annotated[int, typer.Option(min=0, help="Seed of the random generator.")]
-Sectors = Annotated[int, typer.Option(min=1, help="Sectors of the configuration circle.")]
+Seed = Annotated[int, typer.Option(metavar="N", min=0, help="Seed of the random generator.")]
+Sectors = Annotated[
+    int, typer.Option(metavar="N", min=1, help="Sectors of the configuration circle.")
+]
 EffectTexts = Annotated[
     list[str] | None,
     typer.Option(
@@ -113,12 +140,38 @@ EffectTexts = Annotated[
         help="Cause of error, such as encoder_eccentricity:3,amplitude_rad=20urad (repeatable).",
     ),
 ]
-Output = Annotated[Path | None, typer.Option("--output", "-o", help="File to write.")]
-CsvOutput = Annotated[Path | None, typer.Option("--csv", "-o", help="CSV file to write.")]
-Plot = Annotated[
-    Path | None, typer.Option("--plot", help="Draw the result into this file (.png, .svg, .pdf).")
+Output = Annotated[
+    Path | None,
+    typer.Option("--output", "-o", metavar="FILE", help="File to write.", rich_help_panel=OUTPUT),
 ]
-Force = Annotated[bool, typer.Option("--force", help="Replace files that exist.")]
+CsvOutput = Annotated[
+    Path | None,
+    typer.Option(
+        "--csv",
+        "-o",
+        metavar="FILE.csv",
+        help="CSV file to write. Default: stdout.",
+        rich_help_panel=OUTPUT,
+    ),
+]
+Plot = Annotated[
+    Path | None,
+    typer.Option(
+        "--plot",
+        metavar="FILE.png",
+        help=f"Draw the result ({', '.join(PLOT_SUFFIXES)}).",
+        rich_help_panel=OUTPUT,
+    ),
+]
+Quiet = Annotated[
+    bool,
+    typer.Option(
+        "--quiet", "-q", help="Show results, warnings and errors only.", rich_help_panel=OUTPUT
+    ),
+]
+Force = Annotated[
+    bool, typer.Option("--force", help="Replace files that exist.", rich_help_panel=OUTPUT)
+]
 
 
 def refuse(context: typer.Context, options: Iterable[str], why: str) -> None:
@@ -188,7 +241,7 @@ class Results(OutputFiles):
         """Put the files in their places, and name them."""
         super().__exit__(kind, error, trace)
         if kind is None and self.written:
-            note(f"written: {', '.join(self.written)}")
+            status(f"written: {', '.join(self.written)}")
 
     def text(self, text: str, path: str | Path | None) -> None:
         """Write ``text`` to a file, or print it where ``path`` is None."""
@@ -207,7 +260,7 @@ class Results(OutputFiles):
             try:
                 require_plausible(effect)
             except AacmmError as error:
-                note(f"note: {error}: {path} cannot be read with it")
+                note(f"{error}: {path} cannot be read with it")
         self.text(model.text(comment, path), path)
 
     def document(self, document: Document, path: Path) -> None:

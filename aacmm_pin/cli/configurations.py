@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin.cli.arm_options import AnyArm
-from aacmm_pin.cli.common import CsvOutput, Force, Results, command, note
+from aacmm_pin.cli.common import CsvOutput, Force, Results, command, status
 from aacmm_pin.cli.pose_options import Orientation, Point
 
 
@@ -22,5 +22,5 @@ def run(
     """List the configurations that reach a point (CSV)."""
     with Results(force, output) as results:
         circle = orientation.postures(arm.model().arm, point)
-        note(str(circle))
+        status(circle)
         results.text(csv_text(circle.columns()), output)

@@ -14,7 +14,7 @@ from aacmm_pin.accuracy import accuracy_volume
 from aacmm_pin.arm import Arm, broken_limits
 from aacmm_pin.calibration import compare
 from aacmm_pin.cli.arm_options import ArmAndData, EncoderNoise
-from aacmm_pin.cli.common import CsvOutput, Force, Results, command, note
+from aacmm_pin.cli.common import CsvOutput, Force, Results, command, note, status, warn
 from aacmm_pin.effects import Conditions, ErrorModel, joint_commands, known_range_in_words
 from aacmm_pin.errors import AacmmError, MeasurementFileError, UnknownNameError
 from aacmm_pin.measurements import (
@@ -86,9 +86,7 @@ def run(
     output: CsvOutput = None,
     force: Force = False,
 ) -> None:
-    """Compute tip coordinates and their uncertainty from readings, by a calibrated or extended arm
-    (CSV).
-    """
+    """Compute tip coordinates and their uncertainty from readings (CSV)."""
     with Results(force, output) as results:
         model, path = arm.model_and_data()
         before = _nominal(nominal, model)
@@ -116,18 +114,18 @@ def run(
             *readings.read_as,
             *model.input_warnings(readings.q, readings.conditions),
         ):
-            note(f"note: {line}")
+            note(line)
         rows = _known_rows(model, readings, path)
         known = readings.take(rows)
         found = np.full((readings.n, len(names)), np.nan)
         try:
             if commands and before is not None:
                 sent = _commands(model, before, known, path)
-                u = _u(model, sent, known.conditions, noise.encoder_noise_rad)
+                u = _u(model, sent, known.conditions, noise.encoder_noise)
                 found[rows] = np.column_stack([sent / (DEG if unit == "deg" else 1.0), u / MM])
             else:
                 state = model.state(known.q, known.conditions)
-                u = _u(model, known.q, known.conditions, noise.encoder_noise_rad)
+                u = _u(model, known.q, known.conditions, noise.encoder_noise)
                 of_known = np.column_stack(
                     [state.position / MM, u / MM, quaternions(state.rotation[-1])]
                 )
@@ -141,7 +139,7 @@ def run(
         results.text(csv_text(table.assign(**columns)), output)
     effects = ", ".join(effect.label for effect in model.effects) or "its geometry alone"
     done = np.isfinite(found[:, 0]).sum()
-    note(f"{path}: {done} of {readings.n} readings corrected by {model.arm.name} with {effects}")
+    status(f"{path}: {done} of {readings.n} readings corrected by {model.arm.name} with {effects}")
 
 
 def _nominal(name: str | None, model: ErrorModel) -> ErrorModel | None:
@@ -181,14 +179,13 @@ def _commands(model: ErrorModel, nominal: ErrorModel, known: Measurements, path:
     changes = np.where(model.arm.chain.prismatic, 0.0, np.abs(commands - known.q))
     for k in np.flatnonzero(arrived & (changes.max(axis=1) > LARGE_CHANGE)):
         joint, turn = changes[k].argmax() + 1, changes[k].max() / DEG
-        note(
+        warn(
             f"{path}: row {known.row[k]} is near a singular posture: the command of joint {joint} "
             f"changes by {turn:.1f}°"
         )
     if np.array_equal(commands, known.q):
         note(
-            f"note: no command changes: {model.arm.name} and the nominal arm have the same tip "
-            "positions"
+            f"no command changes: {model.arm.name} and the nominal arm have the same tip positions"
         )
     refused = {
         "is next to a singular posture, out of reach, or at the end of an error curve": ~arrived,
@@ -198,7 +195,7 @@ def _commands(model: ErrorModel, nominal: ErrorModel, known: Measurements, path:
     }
     for reason, rows in refused.items():
         for row in known.row[rows]:
-            note(f"{path}: row {row} {reason}; left empty")
+            warn(f"{path}: row {row} {reason}; left empty")
         commands[rows] = np.nan
     if len(commands) and np.isnan(commands).all():
         raise AacmmError(
@@ -224,14 +221,14 @@ def _note_comparisons(
     try:
         records = Measurements.from_frame(table, model.arm.nq, path).take(rows)
     except MeasurementFileError as error:
-        note(f"note: references, bars and seats are not compared: {str(error).splitlines()[0]}")
+        note(f"references, bars and seats are not compared: {str(error).splitlines()[0]}")
         return
     elsewhere = model.other_targets(records.conditions)
     if elsewhere:
         markers = records.conditions.require("marker", "correct").astype(str)
         of_tip = ~np.isin(markers, elsewhere)
         note(
-            f"note: {len(of_tip) - of_tip.sum()} references, bar ends and seats of the targets "
+            f"{len(of_tip) - of_tip.sum()} references, bar ends and seats of the targets "
             f"{', '.join(elsewhere)} are not compared, for these are not at the tip"
         )
         records, tips = records.take(of_tip), tips[of_tip]
@@ -242,7 +239,7 @@ def _note_comparisons(
         compared.insert(0, model.arm.positions(records.q))
     for comparison in compare(records, compared):
         for line in comparison_notes(comparison, model.arm.name):
-            note(line)
+            status(line)
 
 
 def _known_rows(model: ErrorModel, readings: Measurements, path: str) -> Index:
@@ -256,7 +253,7 @@ def _known_rows(model: ErrorModel, readings: Measurements, path: str) -> Index:
     for k, number in zip(*np.nonzero(~known), strict=True):
         effect = model.effects[number]
         where = f"{effect.label}{known_range_in_words(effect)}"
-        note(f"{path}: row {readings.row[k]} is outside the range of {where}; left empty")
+        warn(f"{path}: row {readings.row[k]} is outside the range of {where}; left empty")
     rows = np.flatnonzero(known.all(axis=1))
     if readings.n and not rows.size:
         raise AacmmError(
@@ -278,13 +275,10 @@ def _u(model: ErrorModel, q: Array, conditions: Conditions, encoder_noise: float
     u, there = np.full(len(q), np.nan), np.flatnonzero(np.isfinite(q).all(axis=1))
     noise = model.arm.encoder_noise if encoder_noise is None else np.array([encoder_noise])
     if not (np.diag(model.covariance()).any() or (noise is not None and noise.any())):
-        note(f"note: {model.arm.name} states no uncertainty; u_mm is left empty")
+        note(f"{model.arm.name} states no uncertainty; u_mm is left empty")
         return u
     if noise is None:
-        note(
-            "note: u_mm contains only the parameters; --encoder-noise-rad adds the noise of the "
-            "readings"
-        )
+        note("u_mm contains only the parameters; --encoder-noise adds the noise of the readings")
     found = accuracy_volume(
         model,
         q[there],
@@ -293,6 +287,6 @@ def _u(model: ErrorModel, q: Array, conditions: Conditions, encoder_noise: float
         encoder_noise=encoder_noise,
     )
     for caveat in found.sources.caveats:
-        note(f"note: {caveat}")
+        note(caveat)
     u[there] = found.u
     return u

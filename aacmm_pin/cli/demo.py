@@ -22,9 +22,7 @@ def run(
     ),
     force: Force = False,
 ) -> None:
-    """Run the demonstration on bundled input: SINO6 at a point and over its workspace, as one HTML
-    page.
-    """
+    """Run the demonstration on bundled input, and write one HTML page."""
     from aacmm_pin.report import (
         run_demo,  # here and below: what draws is loaded only where it is drawn
     )

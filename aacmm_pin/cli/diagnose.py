@@ -9,9 +9,18 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from aacmm_pin._support.text_escaping import note
-from aacmm_pin.cli.arm_options import ArmAndData, MeasuredHow
-from aacmm_pin.cli.common import Force, Json, Results, Seed, command, page_option
+from aacmm_pin.cli.arm_options import ArmAndData
+from aacmm_pin.cli.common import (
+    Force,
+    Json,
+    Results,
+    Seed,
+    arm_file_option,
+    command,
+    page_option,
+    warn,
+)
+from aacmm_pin.cli.measuring_options import MeasuredHow
 from aacmm_pin.diagnosis import diagnose
 from aacmm_pin.effects import listed
 from aacmm_pin.errors import AacmmError
@@ -19,7 +28,7 @@ from aacmm_pin.measurements import Measurements
 
 
 @command(
-    "aacmm-pin diagnose my_arm.toml data.csv --encoder-noise-rad 8e-6 -o report.html",
+    "aacmm-pin diagnose my_arm.toml data.csv --encoder-noise 8e-6 -o report.html",
     "aacmm-pin diagnose my_arm.toml data.csv --arm-out extended.toml --with-discrepancy",
 )
 def run(
@@ -38,11 +47,11 @@ def run(
     ] = False,
     seed: Seed = 1,
     output: Annotated[Path | None, page_option("Page with all results", "--report", "-o")] = None,
-    arm_out: Annotated[Path | None, typer.Option(help="Arm file for the extended model.")] = None,
+    arm_out: Annotated[Path | None, arm_file_option("Arm file for the extended arm.")] = None,
     json_: Json = None,
     force: Force = False,
 ) -> None:
-    """Find causes of error that the model lacks, and measure the gain of adding them."""
+    """Find causes of error that the model lacks, and measure the gain."""
     from aacmm_pin.report import (
         diagnosis_document,
         terminal,  # these load what draws
@@ -66,22 +75,22 @@ def run(
         )
         if arm_out is not None:
             if result.no_better:
-                note(
-                    f"warning: {arm_out}: the extended arm does not predict held-out records "
+                warn(
+                    f"{arm_out}: the extended arm does not predict held-out records "
                     "better than the "
                     "recalibrated arm; the file has the recalibrated arm"
                 )
             if result.findings and result.extended.too_many_excluded:
                 out = int(result.extended.excluded.sum())
-                note(
-                    f"warning: {arm_out}: {out} records do not fit the extended arm and were "
+                warn(
+                    f"{arm_out}: {out} records do not fit the extended arm and were "
                     "excluded, too many for "
                     "gross errors; at new postures it may be worse than the arm that aacmm-pin "
                     "calibrate writes"
                 )
             if with_discrepancy and result.not_saved:
-                note(
-                    f"warning: {arm_out}: {listed(result.not_saved)}: not saved, new records "
+                warn(
+                    f"{arm_out}: {listed(result.not_saved)}: not saved, new records "
                     "do not have them"
                 )
             results.arm(

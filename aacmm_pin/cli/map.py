@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Annotated, cast
+from typing import Annotated, Literal
 
 import numpy as np
 import typer
 
 from aacmm_pin._support.units import MM
-from aacmm_pin.accuracy import Method, map_caveats, map_workspace
+from aacmm_pin.accuracy import map_caveats, map_workspace
 from aacmm_pin.cli.arm_options import AnyArm, restrict_to_known_range
 from aacmm_pin.cli.common import Force, Json, Output, Plot, Results, Sectors, command, note
 from aacmm_pin.errors import AacmmError
@@ -33,9 +33,10 @@ def run(
         ),
     ] = None,
     method: Annotated[
-        str, typer.Option(help="One of zonotope, jointwise, ellipsoid.")
+        Literal["zonotope", "jointwise", "ellipsoid"],
+        typer.Option(help="How deviations are combined."),
     ] = "zonotope",
-    workers: Annotated[int, typer.Option(min=1, help="Worker processes.")] = 1,
+    workers: Annotated[int, typer.Option(metavar="N", min=1, help="Worker processes.")] = 1,
     output: Output = None,
     plot: Plot = None,
     json_: Json = None,
@@ -47,13 +48,10 @@ def run(
         model.arm.require_dh("a map (its cells are reached by the wrist, with joints 1 to 4)")
         extent = None if extent_mm is None else np.array(extent_mm) * MM
         for caveat in map_caveats(model.arm, extent):
-            note(f"note: {caveat}")
-        method_ = cast(Method, method)
-        result = map_workspace(
-            model, cells, sectors, extent=extent, method=method_, workers=workers
-        )
+            note(caveat)
+        result = map_workspace(model, cells, sectors, extent=extent, method=method, workers=workers)
         for caveat in result.caveats:
-            note(f"note: {caveat}")
+            note(caveat)
         if result.unreachable == cells[0] * cells[1]:
             hint = "use more cells" if extent is None else "check that --extent-mm is in mm"
             raise AacmmError(f"{result}; {hint}")

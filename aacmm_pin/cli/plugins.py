@@ -56,7 +56,7 @@ def _load(origin: str, load: Callable[[], Any]) -> None:
         file = os.path.abspath(origin.removeprefix("--plugin "))
         raise AacmmError(f"{origin}: {raised(error, file)}") from None
     if known == CAUSES:
-        note(f"note: {origin} registers no cause")
+        note(f"{origin} registers no cause")
 
 
 def import_plugin(name: str) -> ModuleType:

@@ -59,8 +59,8 @@ class Orientation:
             help="With --tip or --urdf: the whole pose, roll-pitch-yaw as in URDF, in degrees.",
         ),
     ] = None
-    count: Annotated[
-        int, typer.Option(min=3, help="Number of configurations on each closed component.")
+    samples: Annotated[
+        int, typer.Option(metavar="N", min=3, help="Configurations on each closed curve.")
     ] = 360
 
     @property
@@ -95,14 +95,14 @@ class Orientation:
         if found.reason:
             raise AacmmError(f"{found}{told}")
         for line in (*found.notes, *([METRES] * bool(told))):
-            note(f"note: {line}")
+            note(line)
         return found
 
     def _enumerated(self, arm: Arm, where: Array) -> PosturesAtPoint:
         """The postures at a point (3,) [m]; none, with the reason, where nothing reaches it."""
         has_table, tip = arm.dh is not None, self.tip or arm.dh is None
         if has_table and self.rpy_deg is None and (arm.nq == TIP_JOINTS or not tip):
-            return configuration_circle(arm, where, tip=tip, axis=self.axis, count=self.count)
+            return configuration_circle(arm, where, tip=tip, axis=self.axis, count=self.samples)
         rotation = None
         if self.rpy_deg is not None:
             from aacmm_pin.arm import from_roll_pitch_yaw
@@ -111,5 +111,5 @@ class Orientation:
                 vector(np.array(self.rpy_deg) * DEG, 3, "--rpy-deg", "rad")
             )
         return reaching_postures(
-            arm, where, axis=self.axis, tool=self.tool_axis, rotation=rotation, count=self.count
+            arm, where, axis=self.axis, tool=self.tool_axis, rotation=rotation, count=self.samples
         )

@@ -21,8 +21,8 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from aacmm_pin._support.text_escaping import note, results_alone_on_stdout, say
-from aacmm_pin.cli.common import Results
+from aacmm_pin._support.text_escaping import print_error, results_alone_on_stdout, say, warn
+from aacmm_pin.cli.common import ARM, NOISE, OUTPUT, Results
 from aacmm_pin.cli.signals import RECEIVED, stopping_signals
 from aacmm_pin.errors import AacmmError
 
@@ -36,12 +36,18 @@ COMMANDS = (
     "demo",
     "diagnose",
     "map",
-    "plan",
+    "plan acceptance",
+    "plan calibration",
+    "plan distinguish",
+    "predict-acceptance",
     "show",
     "simulate",
     "urdf",
 )
 """Each is a module beside this one, and its function ``run``."""
+COMMAND_GROUPS = {"plan": "Plan measurements: calibration, acceptance, distinguish."}
+"""First words that several commands share, and the line of each in the list."""
+HELP_NAMES = {"help_option_names": ["-h", "--help"]}
 USAGE_ERROR: Any = typer.BadParameter.__base__
 """Of click, which versions of typer have in different places."""
 INTERRUPTED = "interrupted; every file is complete or unchanged"
@@ -55,32 +61,68 @@ class _Subcommand(TyperCommand):
         with stopping_signals(), results_alone_on_stdout():
             return super().invoke(ctx)
 
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """Arguments first, then options by their headings."""
+        sections: dict[str, list[Any]] = {
+            heading: [] for heading in ("Arguments", "Options", ARM, NOISE, OUTPUT)
+        }
+        for parameter in self.get_params(ctx):
+            usual = "Arguments" if parameter.param_type_name == "argument" else "Options"
+            heading = getattr(parameter, "rich_help_panel", None) or usual
+            line = parameter.get_help_record(ctx)
+            if line is not None:
+                sections.setdefault(heading, []).append(line)
+        for heading, lines in sections.items():
+            if lines:
+                with formatter.section(heading):
+                    formatter.write_dl(lines)
 
-class Shell(TyperGroup):
-    """All commands: whatever ends one of them is one message on stderr, and its exit status."""
 
-    def __init__(self, **named: Any) -> None:
+class _Commands(TyperGroup):
+    """Commands whose names begin alike; of them the one that runs is imported."""
+
+    def __init__(self, beginning: str = "", **named: Any) -> None:
         super().__init__(**named)
-        self.commands = {name: TyperCommand(name) for name in COMMANDS}
+        self._beginning = beginning
+        names = [name for name in COMMANDS if name.startswith(beginning)]
+        words = dict.fromkeys(name.removeprefix(beginning).split()[0] for name in names)
+        self.commands = {word: TyperCommand(word) for word in words}
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """The command with its options; its module is imported."""
-        if cmd_name not in COMMANDS:
+        name = self._beginning + cmd_name
+        if name in COMMAND_GROUPS:
+            return _Commands(
+                f"{name} ",
+                name=cmd_name,
+                help=COMMAND_GROUPS[name],
+                no_args_is_help=True,
+                context_settings=HELP_NAMES,
+                rich_markup_mode=None,
+            )
+        if name not in COMMANDS:
             return None
         alone = typer.Typer(
             add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False
         )
-        run = importlib.import_module(f"aacmm_pin.cli.{cmd_name}").run
+        run = importlib.import_module(f"aacmm_pin.cli.{_module(name)}").run
         lines = ["\b", "Examples:", *(f"  {line}" for line in run.examples)]
         alone.command(cmd_name, cls=_Subcommand, epilog="\n".join(lines))(run)
         return typer.main.get_command(alone)
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """The list of commands, of which none is imported."""
-        listed = [TyperCommand(name, short_help=_sentence(name)) for name in COMMANDS]
+        listed = [
+            TyperCommand(word, short_help=_sentence(self._beginning + word))
+            for word in self.commands
+        ]
         TyperGroup(
             commands=listed, params=self.params, help=self.help, rich_markup_mode=None
         ).format_help(ctx, formatter)
+
+
+class Shell(_Commands):
+    """All commands: whatever ends one of them is one message on stderr, and its exit status."""
 
     def main(self, *args: Any, **named: Any) -> Any:
         """Run the command, with the streams as it needs them."""
@@ -106,9 +148,15 @@ class Shell(TyperGroup):
             return super().invoke(ctx)
 
 
+def _module(name: str) -> str:
+    return name.replace(" ", "_").replace("-", "_")
+
+
 def _sentence(name: str) -> str:
-    """The first sentence of a command's docstring, read from its file."""
-    text = Path(__file__).with_name(f"{name}.py").read_text(encoding="utf-8")
+    """What a command does, by the first sentence of its docstring, read from its file."""
+    if name in COMMAND_GROUPS:
+        return COMMAND_GROUPS[name]
+    text = Path(__file__).with_name(f"{_module(name)}.py").read_text(encoding="utf-8")
     functions = [node for node in ast.parse(text).body if isinstance(node, ast.FunctionDef)]
     (run,) = (function for function in functions if function.name == "run")
     return (ast.get_docstring(run) or "").partition("\n\n")[0]
@@ -169,7 +217,7 @@ def _end(status: int, message: str) -> None:
     """Say why, if anybody reads it, and give up what standard output did not take."""
     with suppress(OSError):
         if message:
-            note(f"aacmm-pin: {message}")
+            print_error(f"aacmm-pin: {message}")
     for stream in (sys.stdout, sys.stderr):
         try:
             stream.flush()
@@ -190,7 +238,7 @@ OF_PROGRAMS = (
 
 def _noted(message: Warning | str, category: type[Warning], *_: object, **__: object) -> None:
     if not issubclass(category, OF_PROGRAMS):
-        note(f"note: {message}")
+        warn(str(message))
 
 
 @contextmanager
@@ -211,10 +259,9 @@ app = typer.Typer(
     help="Predict the uncertainty of articulated-arm coordinate measuring machines, calibrate "
     "them, find causes of error, and evaluate acceptance tests.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,  # help without boxes, which take longer to load than all the rest of it
-    context_settings={"help_option_names": ["-h", "--help"]},
+    context_settings=HELP_NAMES,
 )
 
 os.environ["MPLBACKEND"] = (

@@ -14,7 +14,7 @@ from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.accuracy import circle_accuracy
 from aacmm_pin.arm import Arm
 from aacmm_pin.cli.arm_options import EncoderNoise, UncertainArm, restrict_to_known_range
-from aacmm_pin.cli.common import Force, Output, Results, command, note, say
+from aacmm_pin.cli.common import Force, Output, Results, command, note, say, status
 from aacmm_pin.cli.pose_options import Orientation, Triple
 from aacmm_pin.errors import AacmmError
 
@@ -52,7 +52,7 @@ def run(
     output: Output = None,
     force: Force = False,
 ) -> None:
-    """Show the arm in three dimensions: in the postures that reach a point, or in one posture.
+    """Show the arm in 3D: in the postures that reach a point, or in one posture.
 
     With -o, write a page that needs no network. Else serve it on this computer's loopback address
     until you press Ctrl-C (exit status 0).
@@ -69,11 +69,11 @@ def run(
             scene = scenes.arm_scene(model, _posture(model.arm, theta_deg)[None])
         else:
             circle, accuracy = orientation.postures(model.arm, point), None
-            note(str(circle))
+            status(circle)
             try:
-                accuracy = circle_accuracy(circle, model, encoder_noise=noise.encoder_noise_rad)
+                accuracy = circle_accuracy(circle, model, encoder_noise=noise.encoder_noise)
             except AacmmError as error:
-                note(f"note: shown without accuracy: {error}")
+                note(f"shown without accuracy: {error}")
             scene = scenes.circle_scene(circle, accuracy)
         if output is not None:
             results.text(scene.html(), output)
@@ -105,6 +105,6 @@ def _serve(scene: Scene, browser: bool) -> None:
     """Until Ctrl-C."""
     with scene.show(browser=browser) as server, suppress(KeyboardInterrupt):
         say(server.url)
-        note("Ctrl-C ends it")
+        status("Ctrl-C ends it")
         while server.running:
             time.sleep(0.2)

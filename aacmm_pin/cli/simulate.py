@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, cast
+from typing import Annotated
 
 import numpy as np
 import typer
@@ -20,31 +20,31 @@ from aacmm_pin.cli.common import (
     Results,
     Seed,
     angle_option,
+    arm_file_option,
     command,
     note,
     refuse,
+    status,
 )
 from aacmm_pin.effects import Effect, ErrorModel, require_shown, stated_cause
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import (
-    PLANS,
     Measurements,
     Noise,
-    Plan,
+    Scheme,
     simulate_measurements,
     simulate_touches,
 )
 from aacmm_pin.verification import Procedure
 
-OPTION_OF = {
-    "records": PLANS,
+SCHEMES_WITH = {
     "no_seat_coordinates": ("seats",),
     "seats": ("seats", "ball-bar"),
     "bar_length_mm": ("ball-bar",),
-    "reference_noise_mm": ("free", "seats", "ball-bar"),
-    "orientation_noise_rad": ("free", "seats"),
+    "u_reference_mm": ("free", "seats", "ball-bar"),
+    "orientation_noise": ("free", "seats"),
 }
-"""Which plans use an option, by the name of its argument."""
+"""Which schemes use an option, by the name of its argument."""
 BAR_LENGTH_MM = 500.0
 """Length of a ball bar where none is stated."""
 
@@ -53,58 +53,60 @@ BAR_LENGTH_MM = 500.0
 class Planned:
     """What is measured."""
 
-    plan: Annotated[
-        str,
+    scheme: Annotated[Scheme, typer.Option(help="What the records are of.")] = "seats"
+    procedure: Annotated[
+        Path | None,
         typer.Option(
-            help=f"One of {', '.join(PLANS)}; or a procedure (CSV) by plan --for acceptance, "
-            "whose touches are filled in."
+            metavar="FILE.csv", help="Fill in this procedure, which plan acceptance wrote."
         ),
-    ] = "seats"
-    records: Annotated[int, typer.Option(help="Number of records.")] = 300
+    ] = None
+    records: Annotated[int, typer.Option(metavar="N", help="Records to simulate.")] = 300
     seats: Annotated[
-        int, typer.Option(help="With plans seats, ball-bar: number of seats; two for each bar.")
+        int,
+        typer.Option(
+            metavar="N", help="With seats or ball-bar: number of seats; two for each bar."
+        ),
     ] = 10
     no_seat_coordinates: Annotated[
         bool,
-        typer.Option(
-            "--no-seat-coordinates", help="With plan seats: do not state their coordinates."
-        ),
+        typer.Option("--no-seat-coordinates", help="With seats: do not state their coordinates."),
     ] = False
     bar_length_mm: Annotated[
-        float | None, typer.Option(help="With plan ball-bar: length of the bars.")
+        float | None, typer.Option(metavar="MM", help="With ball-bar: length of the bars.")
     ] = None
-    orientation_noise_rad: Annotated[
+    orientation_noise: Annotated[
         float | None,
         angle_option(
-            "With coordinates: orientations of the tip too, with this standard uncertainty, in "
+            "With free or seats: add orientations of the tip, with this standard uncertainty in "
             "rad or as 50urad."
         ),
     ] = None
 
     def refuse_others(self, context: typer.Context) -> None:
-        """Refuse options that this plan has no use for."""
-        for option, plans in OPTION_OF.items():
-            if (self.plan in PLANS or self.plan.endswith(".csv")) and self.plan not in plans:
-                refuse(context, [option], f"requires --plan {' or '.join(plans)}")
+        """Refuse options that this scheme or the procedure does not use."""
+        if self.procedure is not None:
+            refuse(
+                context, ("scheme", "records", *SCHEMES_WITH), "cannot be combined with --procedure"
+            )
+        for option, schemes in SCHEMES_WITH.items():
+            if self.scheme not in schemes:
+                refuse(context, [option], f"requires --scheme {' or '.join(schemes)}")
         if self.no_seat_coordinates:
             refuse(
                 context,
-                ["reference_noise_mm", "orientation_noise_rad"],
+                ["u_reference_mm", "orientation_noise"],
                 "cannot be combined with --no-seat-coordinates, which states no reference",
             )
 
     def measured(self, model: ErrorModel, noise: Noise, rng: np.random.Generator) -> Measurements:
-        """Records of an arm, by a plan that is no procedure."""
+        """Records of an arm by the scheme."""
         length = in_metres(self.bar_length_mm)
-        if self.plan == "ball-bar" and length is None:
-            note(
-                f"note: bar length not given: {BAR_LENGTH_MM:g} mm assumed; --bar-length-mm "
-                "replaces it"
-            )
+        if self.scheme == "ball-bar" and length is None:
+            note(f"bar length not given: {BAR_LENGTH_MM:g} mm assumed; --bar-length-mm replaces it")
             length = BAR_LENGTH_MM * MM
         return simulate_measurements(
             model,
-            cast(Plan, self.plan),
+            self.scheme,
             self.records,
             rng=rng,
             encoder_noise=noise.encoder,
@@ -113,13 +115,13 @@ class Planned:
             seats=self.seats,
             known=not self.no_seat_coordinates,
             bar_length=length,
-            orientation_noise=self.orientation_noise_rad,
+            orientation_noise=self.orientation_noise,
         )
 
 
 @command(
-    "aacmm-pin simulate sino6 --plan free --records 200 --random-geometry -o data.csv",
-    "aacmm-pin simulate sino6 --plan seats --cause joint_compliance:2,"
+    "aacmm-pin simulate sino6 --scheme free --records 200 --random-geometry -o data.csv",
+    "aacmm-pin simulate sino6 --scheme seats --cause joint_compliance:2,"
     "compliance_rad_per_nm=2e-5 -o data.csv",
 )
 def run(
@@ -138,23 +140,23 @@ def run(
     stated: ContactNoise,
     output: CsvOutput = None,
     arm_out: Annotated[
-        Path | None, typer.Option(help="Arm file of the simulated arm, with its effects.")
+        Path | None, arm_file_option("Arm file of the simulated arm, with its causes.")
     ] = None,
     force: Force = False,
 ) -> None:
     """Simulate measurements of an arm with known errors (CSV)."""
     planned.refuse_others(context)
     rng = np.random.default_rng(seed)
-    procedure = planned.plan if planned.plan.endswith(".csv") else None
     with Results(force, output, arm_out) as results:
         model = as_filed = arm.model()
+        procedure = planned.procedure
         touches = None if procedure is None else Procedure.read(procedure, model.arm)
         effects = [stated_cause(text, model) for text in effect or []]
         if random_geometry:
             # A stream of its own: the plan is the same without it.
             model = perturbed_model(model, rng.spawn(1)[0])
             note(
-                f"note: the true geometry was drawn within the uncertainties of {model.arm.name}, "
+                f"the true geometry was drawn within the uncertainties of {model.arm.name}, "
                 f"seed {seed}"
             )
         model = restrict_to_known_range(model.with_effects(*effects))
@@ -174,7 +176,7 @@ def run(
         )
         if arm_out is not None:
             results.arm(model, arm_out, f"The arm behind: {data.source}; {words}.")
-    note(f"{data}; {words}")
+    status(f"{data}; {words}")
 
 
 def _require_effects_shown(effects: list[Effect], model: ErrorModel, data: Measurements) -> None:
@@ -185,9 +187,9 @@ def _require_effects_shown(effects: list[Effect], model: ErrorModel, data: Measu
                 f"--cause {given.key}: no value is given; expected "
                 f"{', '.join(given.notation.parameters(given))}"
             )
-        require_shown(given, model.arm, data.q, data.conditions, "this plan")
+        require_shown(given, model.arm, data.q, data.conditions, "these records")
         if given.of_reference and not data.known.any():
             raise AacmmError(
-                f"--cause {given.key}: is of stated coordinates, which records of this plan do "
+                f"--cause {given.key}: is of stated coordinates, which records of these records do "
                 "not have"
             )

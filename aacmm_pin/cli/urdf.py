@@ -31,16 +31,14 @@ def run(
     output: Output = None,
     force: Force = False,
 ) -> None:
-    """Write the URDF of an arm, from its DH table or with its corrected placements; or write the DH
-    table of a URDF.
-    """
+    """Write the URDF of an arm, or the DH table of a URDF."""
     with Results(force, output) as results:
         model = arm.model()
         if to_dh:
             if model.effects:
-                note(f"note: left out: {', '.join(effect.label for effect in model.effects)}")
+                note(f"left out: {', '.join(effect.label for effect in model.effects)}")
             if np.diag(model.covariance()).any():
-                note("note: the table states no uncertainties; those of the arm are omitted")
+                note("the table states no uncertainties; those of the arm are omitted")
             results.text(arm_text(dh_file(model.arm)), output)
         else:
             results.file(output or "-").write_bytes(urdf_of(model))
@@ -52,7 +50,7 @@ def urdf_of(model: ErrorModel) -> bytes:
         e.label for e in model.effects if not (isinstance(e, StylusOffset) and e.marker is None)
     ]
     if lost:
-        note(f"note: a URDF has no place for {', '.join(lost)}")
+        note(f"a URDF has no place for {', '.join(lost)}")
     file = model.file()
     if isinstance(file, ArmFile):
         return encodable(urdf_text(file, with_stylus_offset=True)).encode()

@@ -23,7 +23,7 @@ from .orientation import quaternions
 from .probed_points import PREDICTED_ACCURATE, read_probed_points
 from .records import Bar, GivenRecords, Measurements, as_measurements
 from .repeats import fingerprints, fingerprints_of_standards, means_of_contacts, originals
-from .simulate import PLANS, Plan, seed_of, simulate_measurements, simulate_touches
+from .simulate import SCHEMES, Scheme, seed_of, simulate_measurements, simulate_touches
 
 __all__ = [
     "BAR",
@@ -34,20 +34,20 @@ __all__ = [
     "ORIENTATION",
     "ORIENTATION_U",
     "PLANNED",
-    "PLANS",
     "PREDICTED_ACCURATE",
     "PROBE",
     "PROBED_POINT_COLUMNS",
     "REFERENCE",
     "REFERENCE_U",
+    "SCHEMES",
     "UNKNOWN_COLUMN",
     "Bar",
     "Column",
     "GivenRecords",
     "Measurements",
     "Noise",
-    "Plan",
     "Pool",
+    "Scheme",
     "as_measurements",
     "bars_for",
     "check_numbers",

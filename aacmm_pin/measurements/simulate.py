@@ -28,13 +28,13 @@ from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.measurements.schedule import sessions, workshop_conditions
 from aacmm_pin.postures.sampling import brought_to
 
-Plan = Literal["free", "seats", "ball-bar", "single-point"]
-PLANS: tuple[Plan, ...] = get_args(Plan)
+Scheme = Literal["free", "seats", "ball-bar", "single-point"]
+SCHEMES: tuple[Scheme, ...] = get_args(Scheme)
 
 
 def simulate_measurements(
     model: GivenModel,
-    plan: Plan,
+    scheme: Scheme,
     records: int,
     *,
     rng: np.random.Generator,
@@ -68,7 +68,7 @@ def simulate_measurements(
 
     Args:
         model: the arm with its errors.
-        plan: one of the four.
+        scheme: one of the four.
         records: number of records.
         rng: for all that is drawn; its seed goes into ``source`` of the result.
         encoder_noise: standard uncertainty of one reading, of each joint (nq,) or one for all [rad;
@@ -78,29 +78,29 @@ def simulate_measurements(
             record for free points.
         probe_noise: of each coordinate of one contact [m], new in every record.
         seats: number of seats; two for each bar.
-        known: for plan ``seats``, whether their coordinates are stated.
-        bar_length: for plan ``ball-bar`` [m].
+        known: for scheme ``seats``, whether their coordinates are stated.
+        bar_length: for scheme ``ball-bar`` [m].
         above: height of a table over the base origin, along gravity, under which no tip goes [m].
         temperature_range: temperatures stay within ± this of the arm's reference temperature [K].
         orientation_noise: where coordinates are stated, state the orientation of the tip too, with
             this standard uncertainty about each axis [rad]; None for positions alone.
 
     Raises:
-        UnknownNameError: no such plan; a ``seat_error`` of a seat that the plan does not have.
+        UnknownNameError: no such scheme; a ``seat_error`` of a seat that the scheme does not have.
         ShapeError: noise of another number of encoders, or not finite.
         MissingConditionError: an effect depends on something that a virtual workshop does not
             record.
-        AacmmError: a number is of no use, or the plan cannot be carried out: says why.
+        AacmmError: a number is of no use, or the scheme cannot be carried out: says why.
     """
-    if plan not in PLANS:
-        raise UnknownNameError("plan", plan, list(PLANS))
+    if scheme not in SCHEMES:
+        raise UnknownNameError("scheme", scheme, list(SCHEMES))
     model = ErrorModel.of(model).restricted_to_known_range()
-    points = {"free": 0, "single-point": 1}.get(plan, seats)
-    stated = plan == "free" or (plan == "seats" and known)
-    _check_numbers(plan, records, points, stated, bar_length)
+    points = {"free": 0, "single-point": 1}.get(scheme, seats)
+    stated = scheme == "free" or (scheme == "seats" and known)
+    _check_numbers(scheme, records, points, stated, bar_length)
     for effect in model.effects:
         if (
-            plan == "seats"
+            scheme == "seats"
             and known
             and corrects_seat(effect)
             and effect.place not in _seat_labels(seats)
@@ -118,13 +118,13 @@ def simulate_measurements(
     )
     seed = seed_of(rng)
     source = (
-        f"simulated, {model.arm.name}, plan {plan}, seed "
+        f"simulated, {model.arm.name}, scheme {scheme}, seed "
         f"{'unknown' if seed is None else seed}{assumed}"
     )
     if orientation_noise is not None:
         plausible.TURN_NOISE.check(orientation_noise, "orientation_noise")
     shop = _Workshop(model, noise, temperature_range, rng, source, orientation_noise)
-    if plan == "free":
+    if scheme == "free":
         return shop.free(Room(model.arm, above).postures(records, rng)[0])
     counts = np.bincount(np.arange(records) % points)
     each = int(counts.max())
@@ -277,7 +277,7 @@ def _seat_labels(count: int) -> list[str]:
 
 
 def _check_numbers(
-    plan: Plan, records: int, points: int, stated: bool, bar_length: float | None
+    scheme: Scheme, records: int, points: int, stated: bool, bar_length: float | None
 ) -> None:
     """Whether there are enough records for so many points, and a bar where one is needed.
 
@@ -285,21 +285,21 @@ def _check_numbers(
         AacmmError: a number is of no use.
     """
     whole(records, 1, "records")
-    if plan != "free":
+    if scheme != "free":
         whole(points, 1, "seats")
     least = 1 if stated else 2
     if records < max(1, least * points):
         each = f": {least} for each of {points} seats" if points else ""
         raise AacmmError(f"records is {records}, expected at least {max(1, least * points)}{each}")
-    if plan == "ball-bar" and points % 2:
+    if scheme == "ball-bar" and points % 2:
         raise AacmmError(
-            f"seats is {points}, expected an even number for plan 'ball-bar': two for each bar"
+            f"seats is {points}, expected an even number for scheme 'ball-bar': two for each bar"
         )
-    if (bar_length is not None) != (plan == "ball-bar"):
+    if (bar_length is not None) != (scheme == "ball-bar"):
         if bar_length is None:
-            raise AacmmError(f"bar_length was not given, expected a length for plan {plan!r}")
+            raise AacmmError(f"bar_length was not given, expected a length for scheme {scheme!r}")
         raise AacmmError(
-            f"bar_length is {bar_length:g} m for plan {plan!r}, expected none: only plan "
+            f"bar_length is {bar_length:g} m for scheme {scheme!r}, expected none: only scheme "
             "'ball-bar' has bars"
         )
     if bar_length is not None:

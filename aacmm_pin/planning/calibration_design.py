@@ -30,7 +30,7 @@ from aacmm_pin.measurements import GivenRecords, Measurements, as_measurements, 
 from aacmm_pin.planning.candidate_design import Situation
 from aacmm_pin.planning.measurement_conditions import MeasurementConditions
 from aacmm_pin.planning.measurement_sheet import sheet_of
-from aacmm_pin.planning.plan import POOL_SIZE, Reference, check_numbers, complete, places_for
+from aacmm_pin.planning.plan import POOL_SIZE, PlannedScheme, check_numbers, complete, places_for
 from aacmm_pin.planning.search import SequentialDesign, d_optimality
 from aacmm_pin.planning.task import Task
 
@@ -100,7 +100,7 @@ def plan_calibration(
     records: int = 40,
     *,
     existing: GivenRecords | None = None,
-    reference: Reference = "free",
+    scheme: PlannedScheme = "free",
     reference_frame: ReferenceFrame = "base",
     target: Target = "tip",
     prior: bool = True,
@@ -125,18 +125,18 @@ def plan_calibration(
         model: the arm; effects that it has stay.
         records: how many to plan.
         existing: what was measured already, which counts too.
-        reference, reference_frame, target, prior: see :func:`plan_measurements`, as all that
+        scheme, reference_frame, target, prior: see :func:`plan_measurements`, as all that
             follow.
 
     Raises:
-        UnknownNameError: an unknown reference or frame.
+        UnknownNameError: an unknown scheme or frame.
         MissingConditionError: an effect of the arm needs what the existing records do not state.
         AacmmError: too few records or postures, an arm that the records are not of or whose values
             are all exact, or records without any noise.
     """
     model, rng = ErrorModel.of(model).restricted_to_known_range(), rng or np.random.default_rng(1)
     existing = None if existing is None else as_measurements(existing, model.arm.nq)
-    check_numbers(model, records, postures, existing, reference)
+    check_numbers(model, records, postures, existing, scheme)
     seed = seed_of(rng)
     setup, notes = complete(
         Setup.of(
@@ -154,7 +154,7 @@ def plan_calibration(
     noise = np.r_[
         setup.encoder_noise,
         setup.probe_noise,
-        setup.reference_noise if reference == "free" else 0.0,
+        setup.reference_noise if scheme == "free" else 0.0,
     ]
     if noise.max() < NO_SCATTER:
         raise AacmmError(
@@ -162,7 +162,7 @@ def plan_calibration(
             "state a noise to plan with"
         )
     task = Task(model, (), existing, setup)
-    where = places_for(task, reference, records, postures, above, rng)
+    where = places_for(task, scheme, records, postures, above, rng)
     if not task.problem(model, where).vector.size:
         raise AacmmError(
             f"nothing to calibrate: {model.arm.name} states all its values to be exact; without a "

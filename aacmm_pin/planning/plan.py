@@ -23,7 +23,7 @@ from aacmm_pin.planning.result import MeasurementPlan
 from aacmm_pin.planning.separability import for_all
 from aacmm_pin.planning.task import Task, require_separable, usual_causes
 
-Reference = Literal["free", "seats"]
+PlannedScheme = Literal["free", "seats"]
 POOL_SIZE = 2000
 """Postures from which a plan chooses."""
 
@@ -34,7 +34,7 @@ def plan_measurements(
     records: int = 40,
     *,
     existing: GivenRecords | None = None,
-    reference: Reference = "free",
+    scheme: PlannedScheme = "free",
     reference_frame: ReferenceFrame = "base",
     target: Target = "tip",
     prior: bool = True,
@@ -67,7 +67,7 @@ def plan_measurements(
         split: two causes, or labels such as ``joint_compliance:2``; None for all.
         records: how many to plan.
         existing: records that will be judged together with the new ones.
-        reference: ``free``: every record with coordinates of its own (laser tracker), which the
+        scheme: ``free``: every record with coordinates of its own (laser tracker), which the
             plan leaves open; ``seats``: at the seats of the existing records, or at new ones.
         reference_frame, target, prior, encoder_noise, reference_noise, probe_noise, length_noise:
             see :func:`aacmm_pin.calibration.calibrate`; unstated noise is taken as usual, which is
@@ -80,7 +80,7 @@ def plan_measurements(
             ``tqdm`` that wraps the records to choose.
 
     Raises:
-        UnknownNameError: an unknown cause, field, reference or frame.
+        UnknownNameError: an unknown cause, field, scheme or frame.
         MissingConditionError: an effect of the arm needs what the existing records do not state.
         UnsupportedArmError: the arm lacks what a cause needs, such as masses.
         AacmmError: causes that no plan can be about, too few records or postures, or an arm that
@@ -88,7 +88,7 @@ def plan_measurements(
     """
     model = ErrorModel.of(model).restricted_to_known_range()
     existing = None if existing is None else as_measurements(existing, model.arm.nq)
-    check_numbers(model, records, postures, existing, reference)
+    check_numbers(model, records, postures, existing, scheme)
     rng = rng or np.random.default_rng(1)
     seed = seed_of(rng)
     present = () if existing is None else existing.conditions.present
@@ -97,9 +97,9 @@ def plan_measurements(
         as_causes(wanted, model, present), existing, split is not None
     )
     require_separable(causes, model.arm)
-    if reference == "free" and (at_seat := next((e for e in causes if "seat" in e.needs), None)):
+    if scheme == "free" and (at_seat := next((e for e in causes if "seat" in e.needs), None)):
         raise AacmmError(
-            f"{at_seat.label} shows at that seat only: plan with reference 'seats' and the "
+            f"{at_seat.label} shows at that seat only: plan with scheme 'seats' and the "
             "records that touch it"
         )
     setup, notes = complete(
@@ -116,7 +116,7 @@ def plan_measurements(
         model.arm,
     )
     task = Task(model, tuple(e.at(()) for e in causes), usable, setup)
-    where = places_for(task, reference, records, postures, above, rng)
+    where = places_for(task, scheme, records, postures, above, rng)
     with watched(range(records), progress, "plan", "record") as steps:
         if split is None:
             found = for_all(task, where, records, rng, steps)
@@ -129,7 +129,7 @@ def plan_measurements(
 
 def places_for(
     task: Task,
-    reference: Reference,
+    scheme: PlannedScheme,
     records: int,
     postures: int,
     above: float | None,
@@ -140,7 +140,7 @@ def places_for(
     Raises:
         AacmmError: there are fewer than ``records``.
     """
-    if reference == "free":
+    if scheme == "free":
         where = free_postures(task.model.arm, postures, above, rng)
     else:
         where = postures_at_seats(task, postures, above, rng)
@@ -156,16 +156,16 @@ def check_numbers(
     records: int,
     postures: int,
     existing: Measurements | None,
-    reference: Reference,
+    scheme: PlannedScheme,
 ) -> None:
     """Refuse what no plan can be made of.
 
     Raises:
-        UnknownNameError: an unknown reference.
+        UnknownNameError: an unknown scheme.
         AacmmError: too few records or postures, or an arm that the records are not of.
     """
-    if reference not in get_args(Reference):
-        raise UnknownNameError("reference", reference, list(get_args(Reference)))
+    if scheme not in get_args(PlannedScheme):
+        raise UnknownNameError("scheme", scheme, list(get_args(PlannedScheme)))
     whole(records, 1, "records of a plan")
     whole(postures, 1, "postures")
     if postures < records:

@@ -14,12 +14,13 @@ from aacmm_pin.arm import Arm, bundled_arms
 from aacmm_pin.effects import GivenCause, GivenModel, text_of
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import Measurements
-from aacmm_pin.planning import MeasurementPlan, Reference, Tried, plan_measurements
+from aacmm_pin.planning import MeasurementPlan, PlannedScheme, Tried, plan_measurements
 from aacmm_pin.report.calibration_plan import where_to_go
 from aacmm_pin.report.document import Bullets, Document, Notes, Paragraph, Table, document_of
 
 RIGHT = "probability of the right decision"
-DEFAULTS = {"reference": "free", "reference_frame": "base", "target": "tip"}
+NOISE_OPTIONS = {"--u-reference-mm": "reference_noise", "--probe-noise-mm": "probe_noise"}
+DEFAULTS = {"scheme": "free", "reference_frame": "base", "target": "tip"}
 """Keywords of a plan whose option need not be written with these values."""
 QUICK = 200
 """Postures that are enough to state whether a plan would help; the plan itself has more."""
@@ -136,9 +137,8 @@ def _command(plan: MeasurementPlan, asked: Sequence[str]) -> str:
     name = plan.model.arm.name.lower()
     arm = name if name in bundled_arms() else "ARM.toml"
     options = [*asked, "--arm-out set_up.toml"] if plan.changes_arm else asked
-    count = f"--records {len(plan.records)}"
-    words = ["aacmm-pin plan", arm, f"--distinguish {one} {other}", count, *options, "-o plan.csv"]
-    return " ".join(words)
+    asks = f"--causes {one} {other} --records {len(plan.records)}"
+    return " ".join(["aacmm-pin plan distinguish", arm, asks, *options, "-o plan.csv"])
 
 
 def advice(
@@ -158,8 +158,8 @@ def advice(
         existing: the records that leave the two alike.
         setup: how records are taken, by keywords of :func:`plan_measurements`.
     """
-    reference: Reference = "seats" if mostly_seats(existing) else "free"
-    asked: dict[str, Any] = {"reference": reference} | setup
+    scheme: PlannedScheme = "seats" if mostly_seats(existing) else "free"
+    asked: dict[str, Any] = {"scheme": scheme} | setup
     try:
         plan = plan_measurements(
             model, split, existing=existing, postures=QUICK, progress=False, **asked
@@ -181,10 +181,10 @@ def _options(arm: Arm, asked: Mapping[str, Any]) -> list[str]:
     values = {name: asked.get(name, usual) for name, usual in DEFAULTS.items()}
     unusual = [name for name, usual in DEFAULTS.items() if values[name] != usual]
     options = [f"--{name.replace('_', '-')} {values[name]}" for name in unusual]
-    for name in ("reference", "probe"):
-        noise = asked.get(f"{name}_noise")
+    for option, name in NOISE_OPTIONS.items():
+        noise = asked.get(name)
         if noise is not None:
-            options.append(f"--{name}-noise-mm {noise / MM:g}")
+            options.append(f"{option} {noise / MM:g}")
     options += _encoder_option(arm, asked.get("encoder_noise"))
     if not asked.get("prior", True):
         options.append("--no-prior")
@@ -198,4 +198,4 @@ def _encoder_option(arm: Arm, noise: ArrayLike | None) -> list[str]:
     known = stated is not None and np.array_equal(readings, np.unique(stated))
     if readings.size != 1 or known:
         return []
-    return [f"--encoder-noise-rad {readings[0]:g}"]
+    return [f"--encoder-noise {readings[0]:g}"]

@@ -42,7 +42,7 @@ def show(document: Document, notes_alone: bool = False) -> None:
         match block:
             case Notes(items=items):
                 for item in items:
-                    note(f"note: {item}")
+                    note(item)
             case _ if notes_alone:
                 pass
             case Paragraph(text=text, head=head):

@@ -9,7 +9,7 @@ from aacmm_pin.verification.accept import (
     accept,
     shown_verdict,
 )
-from aacmm_pin.verification.characteristics import ASME, EDITIONS, RULE_OF
+from aacmm_pin.verification.characteristics import ASME, EDITIONS, RULE_OF, StandardName
 from aacmm_pin.verification.history import (
     LEAST_CHECKS,
     PER_MOVING_RANGE,
@@ -38,6 +38,7 @@ __all__ = [
     "History",
     "PredictedAcceptance",
     "Procedure",
+    "StandardName",
     "accept",
     "acceptance_procedure",
     "brief",

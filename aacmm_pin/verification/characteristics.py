@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal
 
 import pandas as pd
 
@@ -44,8 +45,10 @@ EDITIONS = {ISO: "ISO 10360-12:2016", ASME: "ASME B89.4.22-2004"}
 """The editions that the public descriptions are of."""
 RULE_OF = "ISO 14253-1:2013"
 """The edition that the decision rule is of."""
-STANDARDS = {"iso10360-12": ISO, "asme-b89.4.22": ASME}
-"""What ``standard`` can be, and whose characteristics are then evaluated."""
+StandardName = Literal["iso10360-12", "asme-b89.4.22"]
+"""What ``standard`` can be."""
+STANDARDS: dict[str, str] = {"iso10360-12": ISO, "asme-b89.4.22": ASME}
+"""Whose characteristics are then evaluated."""
 
 
 @dataclass(frozen=True)

@@ -127,7 +127,7 @@ class Procedure(Shown):
         angles = [f"{PLANNED}theta{k}_deg" for k in range(1, arm.nq + 1)]
         expected = [*(PLANNED + name for name in REFERENCE), *angles]
         if missing := [name for name in expected if name not in table]:
-            advice = "aacmm-pin plan ARM --for acceptance -o FILE writes such a file"
+            advice = "aacmm-pin plan acceptance ARM -o FILE writes such a file"
             text = f"missing; {advice}, here for {arm.name}"
             raise MeasurementFileError(str(path), None, ", ".join(missing), text)
         problems = Problems(str(path), lines)

@@ -74,7 +74,7 @@ def ours(spot: BlindSpot, folder: Path) -> Diagnosed:
     measured = pd.DataFrame(spot.positions / MM, columns=["x_mm", "y_mm", "z_mm"])
     pd.DataFrame(spot.q, columns=angles).join(measured).to_csv(folder / "data.csv", index=False)
     pd.DataFrame(spot.held_out, columns=angles).to_csv(folder / "readings.csv", index=False)
-    options = f"--reference-noise-mm {NOISE / MM:g} --no-cross-validation --json - --arm-out"
+    options = f"--u-reference-mm {NOISE / MM:g} --no-cross-validation --json - --arm-out"
     start = os.times().children_user
     said = _shell(folder, f"diagnose {ARM} data.csv {options} extended.toml")
     seconds = os.times().children_user - start

@@ -227,19 +227,19 @@ class RegimeFile:
             ]
             if r.stated:
                 words += ["--translation-half-width-mm", f"{mm * ROBOT_BOUNDS[0]:g}"]
-                words += ["--rotation-half-width-rad", f"{ROBOT_BOUNDS[1]:g}"]
+                words += ["--rotation-half-width", f"{ROBOT_BOUNDS[1]:g}"]
         else:
             words = ["sino6" if r.arm == "sino6" else str(folder / "arm.toml"), data]
         if r.noise_stated == "all":
-            words += ["--encoder-noise-rad", f"{r.encoder_u:.6g}"]
+            words += ["--encoder-noise", f"{r.encoder_u:.6g}"]
         if r.noise_stated != "none":
             words += (
-                ["--reference-noise-mm", f"{mm * r.reference_u:.6g}"]
+                ["--u-reference-mm", f"{mm * r.reference_u:.6g}"]
                 if not r.own_u and r.evidence != "bars"
                 else []
             )
             words += ["--probe-noise-mm", f"{mm * r.reference_u:.6g}"] if r.at_seats else []
-            words += ["--length-noise-mm", f"{mm * BAR_U:g}"] if r.evidence == "bars" else []
+            words += ["--u-bar-mm", f"{mm * BAR_U:g}"] if r.evidence == "bars" else []
         words += ["--reference-frame", "external"] if r.external else []
         return [*words, *(["--target", "unknown"] if r.evidence == "target" else [])]
 

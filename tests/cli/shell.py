@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from aacmm_pin.cli.root_command import app
 
 POINT = "--point 33.6323 -671.8702 182.9355"
-NOISE = "--encoder-noise-rad 8e-6"
+NOISE = "--encoder-noise 8e-6"
 
 
 def split(*words: object) -> Iterator[str]:

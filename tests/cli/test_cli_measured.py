@@ -39,7 +39,7 @@ CORRECTED = [f"corrected_{name}" for name in REFERENCE]
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Data and truth of a virtual SINO6 that differs from its file."""
     folder = tmp_path_factory.mktemp("data")
-    words = "simulate sino6 --plan seats --records 150 --random-geometry --seed 1"
+    words = "simulate sino6 --scheme seats --records 150 --random-geometry --seed 1"
     done(words, f"-o {folder / 'data.csv'} --arm-out {folder / 'truth.toml'}")
     done(f"calibrate sino6 {folder / 'data.csv'} {QUICK} -o {folder / 'cal.toml'}")
     return folder
@@ -55,7 +55,7 @@ def extended(folder: Path) -> Path:
     """Arm file with an eccentricity and thermal expansion, and readings of that arm in warm.csv."""
     wave = "encoder_eccentricity:joint=3,amplitude_rad=1e-4,phase_rad=0.5"
     effects = f"--cause {wave} --cause thermal_expansion:expansion_per_k=2e-5"
-    words = f"simulate sino6 --plan free --records 150 {effects}"
+    words = f"simulate sino6 --scheme free --records 150 {effects}"
     done(words, f"-o {folder / 'warm.csv'} --arm-out {folder / 'extended.toml'}")
     return folder / "extended.toml"
 
@@ -73,7 +73,7 @@ def test_every_plan_gives_a_file_that_can_be_read(tmp_path):
         ("ball-bar --seats 2", 0, 2, 1),
         ("single-point", 0, 1, 0),
     ):
-        out, err = done("simulate sino6 --plan", words, f"--records 40 -o {target} --force")
+        out, err = done("simulate sino6 --scheme", words, f"--records 40 -o {target} --force")
         assert out == ""
         read = Measurements.read(target, 6)
         assert (read.n, read.known.sum(), len(read.seats()), len(read.bars())) == (
@@ -192,7 +192,7 @@ def test_noise_on_the_command_line_is_in_millimetres(folder, tmp_path):
         .drop(columns=["u_x_mm", "u_y_mm", "u_z_mm"])
     )
     table.to_csv(tmp_path / "d.csv", index=False)
-    stated = found(f"calibrate sino6 {tmp_path / 'd.csv'} {QUICK} --reference-noise-mm 0.012")
+    stated = found(f"calibrate sino6 {tmp_path / 'd.csv'} {QUICK} --u-reference-mm 0.012")
     file = found(f"calibrate sino6 {folder / 'data.csv'} {QUICK}")
     assert stated["noise_stated"]
     assert stated["chi2"]["value"] == pytest.approx(file["chi2"]["value"], rel=1e-6)
@@ -211,14 +211,14 @@ def test_a_urdf_holds_the_stylus_offset_and_says_what_it_does_not(extended, tmp_
     np.testing.assert_allclose(here.poses(q).position, model.arm.positions(q), rtol=0, atol=1e-12)
     tip = ErrorModel(model.arm, (offset,))
     tip.save(tmp_path / "t.toml")
-    done(f"simulate {tmp_path / 't.toml'} --plan free --records 100 -o {tmp_path / 't.csv'}")
+    done(f"simulate {tmp_path / 't.toml'} --scheme free --records 100 -o {tmp_path / 't.csv'}")
     files = f"-o {tmp_path / 'u.toml'} --urdf-out {tmp_path / 'u.urdf'}"
     done(f"calibrate {tmp_path / 't.toml'} {tmp_path / 't.csv'} {QUICK} {files}")
     found = Arm.from_urdf(tmp_path / "u.urdf", "tip").positions(q)
     np.testing.assert_allclose(
         found, ErrorModel.load(tmp_path / "u.toml").predict(q), rtol=0, atol=1e-12
     )
-    done(f"simulate {extended} --plan free --records 100 -o {tmp_path / 'd.csv'}")
+    done(f"simulate {extended} --scheme free --records 100 -o {tmp_path / 'd.csv'}")
     _, err = done(
         f"calibrate {extended} {tmp_path / 'd.csv'} {QUICK} --urdf-out {tmp_path / 'c.urdf'}"
     )
@@ -400,7 +400,7 @@ def test_readings_need_nothing_but_angles(tmp_path):
     text += '10,-20,30,-40,50,60,S1,"a, b"\r\n\r\n1e1,-20.0,30,-40,50,60,S2,\r\n'
     (tmp_path / "r.csv").write_text(text, encoding="utf-8", newline="")
     out, err = done(f"correct sino6 {tmp_path / 'r.csv'}")
-    assert "--encoder-noise-rad adds" in err
+    assert "--encoder-noise adds" in err
     first, second = out.splitlines()[1:]
     assert first.startswith('10,-20,30,-40,50,60,S1,"a, b",')
     assert second.startswith("1e1,-20.0,30,-40,50,60,S2,,")
@@ -483,9 +483,9 @@ def test_an_arm_with_an_error_curve_is_used_where_that_is_known(sino6, tmp_path)
     at = "--point 600 0 300"
     for words, column in (
         (f"accuracy {arm} {at}", "theta3_deg"),
-        (f"simulate {arm} --plan free --records 20", "theta3_deg"),
-        (f"plan {arm} --for calibration --records 6 --postures 100", "theta3_deg"),
-        (f"plan {arm} --for acceptance --standard asme-b89.4.22", "planned_theta3_deg"),
+        (f"simulate {arm} --scheme free --records 20", "theta3_deg"),
+        (f"plan calibration {arm} --records 6 --postures 100", "theta3_deg"),
+        (f"plan acceptance {arm} --standard asme-b89.4.22", "planned_theta3_deg"),
     ):
         output = tmp_path / f"{len(list(tmp_path.iterdir()))}.csv"
         _, err = done(words, f"-o {output}")

@@ -16,9 +16,9 @@ from aacmm_pin.effects import ErrorModel, JointCompliance
 from aacmm_pin.measurements import Measurements
 from tests.pages import Page
 
-PAIR = "--distinguish joint_compliance:2 encoder_eccentricity:2"
+PAIR = "--causes joint_compliance:2 encoder_eccentricity:2"
 SMALL = "--records 20 --postures 100"
-STATED = f"{NOISE} --reference-noise-mm 0.012"
+STATED = f"{NOISE} --u-reference-mm 0.012"
 QUICK = f"{SMALL} {STATED}"
 
 
@@ -37,9 +37,9 @@ def filled_in(path: Path, true: ErrorModel, seed: int = 1) -> None:
 def test_a_plan_is_filled_in_appended_and_diagnosed(tmp_path, sino6):
     old, plan, both = (tmp_path / name for name in ("old.csv", "plan.csv", "both.csv"))
     effect = "joint_compliance:joint=2,compliance_rad_per_nm=1e-5"
-    done(f"simulate sino6 --plan free --records 40 --cause {effect} {NOISE} -o {old}")
+    done(f"simulate sino6 --scheme free --records 40 --cause {effect} {NOISE} -o {old}")
     pd.read_csv(old).assign(session="monday").to_csv(old, index=False)
-    out, _ = done(f"plan sino6 {PAIR} {QUICK} --records 40 --existing {old} -o {plan}")
+    out, _ = done(f"plan distinguish sino6 {PAIR} {QUICK} --records 40 --existing {old} -o {plan}")
     assert "no more records are needed" in out
     assert not Measurements.read(plan, 6).known.any()
     filled_in(plan, ErrorModel(sino6, (JointCompliance(2, values=(1e-5,)),)))
@@ -52,13 +52,13 @@ def test_a_plan_is_filled_in_appended_and_diagnosed(tmp_path, sino6):
     assert Measurements.read(both, 6).known.all()
     first = found(f"diagnose sino6 {both} {STATED} --no-cross-validation")["findings"][0]
     assert (first["cause"], first["joint"]) == ("joint_compliance", 2)
-    out, _ = done(f"plan sino6 {PAIR} {QUICK} --existing {both} -o {plan} --force")
+    out, _ = done(f"plan distinguish sino6 {PAIR} {QUICK} --existing {both} -o {plan} --force")
     assert "no more records are needed" in out
 
 
 def test_another_mount_comes_as_an_arm_file(tmp_path, sino6):
     plan, arm = tmp_path / "plan.csv", tmp_path / "turned.toml"
-    words = f"plan sino6 --distinguish bearing_tilt:1 base_compliance {QUICK} -o {plan}"
+    words = f"plan distinguish sino6 --causes bearing_tilt:1 base_compliance {QUICK} -o {plan}"
     out, err = done(words)
     assert "turn the mount by 90°" in out
     assert "both have the same effect in every posture" in " ".join(out.split())
@@ -71,7 +71,7 @@ def test_another_mount_comes_as_an_arm_file(tmp_path, sino6):
 
 
 def test_json_is_alone_on_stdout_and_the_seed_is_in_it(tmp_path):
-    again, words = tmp_path / "plan.csv", f"plan sino6 {PAIR} {SMALL} --seed 7"
+    again, words = tmp_path / "plan.csv", f"plan distinguish sino6 {PAIR} {SMALL} --seed 7"
     content = found(words)
     assert (content["schema"], content["seed"], content["records"]) == ("aacmm-pin/plan/1", 7, 20)
     assert content["power"]["decided"] is True
@@ -83,15 +83,17 @@ def test_json_is_alone_on_stdout_and_the_seed_is_in_it(tmp_path):
 
 def test_existing_seats_are_used_again_and_new_ones_are_left_to_be_measured(tmp_path):
     data, plan = tmp_path / "data.csv", tmp_path / "plan.csv"
-    done(f"simulate sino6 --plan seats --records 40 --seats 5 -o {data}")
-    content = found(f"plan sino6 {PAIR} {QUICK} --existing {data} --reference seats -o {plan}")
+    done(f"simulate sino6 --scheme seats --records 40 --seats 5 -o {data}")
+    content = found(
+        f"plan distinguish sino6 {PAIR} {QUICK} --existing {data}", "--scheme seats -o", plan
+    )
     assert content["existing"] == 40
     assert min(content["power"]["before"]["T"]) < min(content["power"]["after"]["T"])
     old, new = Measurements.read(data, 6), Measurements.read(plan, 6)
     assert set(new.seats()) <= set(old.seats())
     both = pd.concat([pd.read_csv(data), pd.read_csv(plan)], ignore_index=True)
     assert Measurements.from_frame(both, 6).n == 60
-    done(f"plan sino6 {PAIR} {QUICK} --reference seats -o {plan} --force")
+    done(f"plan distinguish sino6 {PAIR} {QUICK} --scheme seats -o {plan} --force")
     table = pd.read_csv(plan)
     assert table["x_mm"].isna().all()
     assert set(table["seat"]) <= {f"P{k}" for k in range(1, 9)}
@@ -99,7 +101,7 @@ def test_existing_seats_are_used_again_and_new_ones_are_left_to_be_measured(tmp_
 
 def test_everything_at_once(tmp_path):
     sheet = tmp_path / "sheet.html"
-    out, err = done(f"plan sino6 {QUICK} -o {tmp_path / 'plan.csv'} --sheet {sheet}")
+    out, err = done(f"plan distinguish sino6 {QUICK} -o {tmp_path / 'plan.csv'} --sheet {sheet}")
     assert "20 records for all causes" in out
     assert "the worst first" in out
     (pair,) = (line for line in err.splitlines() if "bearing_tilt:1 from base_compliance" in line)
@@ -121,7 +123,7 @@ def test_everything_at_once(tmp_path):
 def test_an_arm_by_its_urdf(tmp_path, robot_file):
     plan = tmp_path / "plan.csv"
     arm = f"--urdf {robot_file('ur5_robot.urdf')} --frame tool0"
-    words = f"plan {arm} {PAIR} {QUICK} -o {plan}"
+    words = f"plan distinguish {arm} {PAIR} {QUICK} -o {plan}"
     assert "joint_compliance:2" in done(words)[0]
     assert Measurements.read(plan, 6).n == 20
     done(words, f"--force --arm-out {tmp_path / 'arm.toml'}")

@@ -21,7 +21,7 @@ from tests.again import again
 POINT = "--point 400 100 300"
 RPY = (170.0, 20.0, -35.0)
 POSE = f"{POINT} --rpy-deg 170 20 -35"
-HALF_WIDTHS = "--translation-half-width-mm 0.05 --rotation-half-width-rad 1e-4"
+HALF_WIDTHS = "--translation-half-width-mm 0.05 --rotation-half-width 1e-4"
 THETAS = [f"theta{j}_deg" for j in range(1, 7)]
 PLACES = ["x_mm", "y_mm", "z_mm"]
 
@@ -66,7 +66,7 @@ def test_configurations_of_a_pose(ur5):
 
 def test_curves_of_a_point_and_an_axis(ur5, tmp_path):
     there = f"{POINT} --axis 0 0.1 -1 --tool-axis 1 0 0"
-    done(f"configurations {ur5} {there} --count 20 -o {tmp_path / 'c.csv'}")
+    done(f"configurations {ur5} {there} --samples 20 -o {tmp_path / 'c.csv'}")
     table = pd.read_csv(tmp_path / "c.csv")
     assert (table.groupby("component").size() == 20).all()
     x = (
@@ -92,11 +92,11 @@ def test_accuracy_of_single_postures_and_of_curves(ur5, panda, tmp_path):
     assert len(table) == summary["configurations"] == summary["components"]
     assert table["u_mm"].max() == pytest.approx(summary["u_mm"]["max"])
     assert (tmp_path / "a.png").stat().st_size > 10_000
-    out, err = done(f"accuracy {panda} {POSE} {HALF_WIDTHS} --count 30")
+    out, err = done(f"accuracy {panda} {POSE} {HALF_WIDTHS} --samples 30")
     assert "closed curves" in out
     assert "swivel" not in out
     assert "comprehensive" not in out
-    assert "--encoder-noise-rad" in err
+    assert "--encoder-noise" in err
 
 
 @pytest.mark.parametrize("words", ["simulate", "accuracy --point 1 2 3"])
@@ -124,9 +124,9 @@ def robot(
     name, frame = request.param.split()
     urdf = Path(shutil.copy(robot_file(name), tmp_path))
     truth, records = tmp_path / "truth.toml", tmp_path / "records.csv"
-    cause = "--cause joint_compliance:2,compliance_rad_per_nm=2e-5 --encoder-noise-rad 0"
+    cause = "--cause joint_compliance:2,compliance_rad_per_nm=2e-5 --encoder-noise 0"
     drawn = f"{HALF_WIDTHS} --random-geometry {cause}"
-    made = f"{drawn} --reference-noise-mm 0.001 --plan free --records 60"
+    made = f"{drawn} --u-reference-mm 0.001 --scheme free --records 60"
     done(f"simulate --urdf {urdf} --frame {frame} {made} -o {records} --arm-out {truth}")
     return truth, records, urdf
 
@@ -168,12 +168,12 @@ def test_an_arm_file_of_a_robot_goes_through_every_command(robot, tmp_path):
     assert arrived.mean() > 0.9
     wanted = Arm.from_urdf(urdf, model.arm.tip).positions(q)
     np.testing.assert_allclose(model.predict(sent[arrived]), wanted[arrived], rtol=0, atol=1e-9)
-    listed = pd.read_csv(io.StringIO(done(f"configurations {truth} {POSE} --count 6")[0]))
-    noise = "--encoder-noise-rad 8e-6 --method ellipsoid"
-    assert found(f"accuracy {truth} {POSE} --count 6 {noise}")["best"]
+    listed = pd.read_csv(io.StringIO(done(f"configurations {truth} {POSE} --samples 6")[0]))
+    noise = "--encoder-noise 8e-6 --method ellipsoid"
+    assert found(f"accuracy {truth} {POSE} --samples 6 {noise}")["best"]
     done(f"show {truth} {POSE} -o {tmp_path / 'scene.html'}")
     pair = "joint_compliance:2 joint_compliance:3"
-    done(f"plan {truth} --distinguish {pair} --records 4 --postures 30")
+    done(f"plan distinguish {truth} --causes {pair} --records 4 --postures 30")
     assert len(listed) >= 6
     dh, again = tmp_path / "dh.toml", tmp_path / "again.urdf"
     for output, option in ((dh, "--to-dh"), (again, "")):
@@ -209,7 +209,7 @@ def test_an_arm_file_of_a_robot_goes_through_every_command(robot, tmp_path):
 @pytest.mark.parametrize("robot", ["ur5_robot.urdf tool0"], indirect=True)
 def test_a_calibrated_and_an_extended_robot_are_files(robot, tmp_path):
     truth, records, urdf = robot
-    noise = "--encoder-noise-rad 1e-6 --reference-noise-mm 0.001"
+    noise = "--encoder-noise 1e-6 --u-reference-mm 0.001"
     arm = f"--urdf {urdf} --frame {ErrorModel.load(truth).arm.tip}"
     words = f"{arm} {records} {HALF_WIDTHS} {noise} --no-cross-validation"
     cal, ext = tmp_path / "cal.toml", tmp_path / "ext.toml"
@@ -222,7 +222,7 @@ def test_a_calibrated_and_an_extended_robot_are_files(robot, tmp_path):
         assert model.arm.covariance is not None
         assert "joint_compliance:2" in [effect.key for effect in model.effects]
         np.testing.assert_allclose(model.predict(q), places, rtol=0, atol=2e-5)
-        assert found(f"accuracy {path} {POSE} --count 6")["u_mm"]["max"] < 0.05
+        assert found(f"accuracy {path} {POSE} --samples 6")["u_mm"]["max"] < 0.05
         assert (
             "states no uncertainties"
             in done(f"urdf {path} --to-dh -o {tmp_path / f'{path.stem}.dh.toml'}")[1]

@@ -91,7 +91,7 @@ def test_what_libraries_warn_of_is_a_note(monkeypatch):
 
     monkeypatch.setattr("aacmm_pin.cli.urdf.urdf_text", warn)
     with warnings.catch_warnings():
-        assert run("urdf sino6") == (0, "", "note: RuntimeWarning\\x1b\n")
+        assert run("urdf sino6") == (0, "", "warning: RuntimeWarning\\x1b\n")
 
 
 def test_streams_that_take_nothing():
@@ -187,7 +187,7 @@ def test_no_command_replaces_what_it_reads(tmp_path, monkeypatch):
         ("calibrate arm.toml data.csv -o", ["arm.toml", "data.csv"]),
         ("correct arm.toml data.csv -o", ["arm.toml"]),
         ("simulate arm.toml --arm-out", ["arm.toml"]),
-        ("plan arm.toml --existing data.csv --arm-out", ["data.csv"]),
+        ("plan distinguish arm.toml --existing data.csv --arm-out", ["data.csv"]),
         ("map arm.toml -o map.nc --json", ["arm.toml"]),
         (f"accuracy {urdf} {POINT} --json", ["arm.urdf"]),
         ("diagnose of_urdf.toml data.csv --arm-out", ["arm.urdf", "link.urdf"]),

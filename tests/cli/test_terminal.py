@@ -92,7 +92,7 @@ def test_a_calibration(data, tmp_path):
 
 
 def test_accuracy_map_and_plan(tmp_path):
-    check(told(f"accuracy sino6 {POINT} --count 24"))
+    check(told(f"accuracy sino6 {POINT} --samples 24"))
     target = tmp_path / "m.nc"
     text = told(f"map sino6 --cells 3 3 --sectors 4 -o {target} --json {tmp_path / 'm.json'}")
     check(text)
@@ -101,11 +101,11 @@ def test_accuracy_map_and_plan(tmp_path):
     quick = [
         f"--records 4 --postures 60 -o {tmp_path / 'p.csv'} --json {tmp_path / 'p.json'} --force"
     ]
-    text = told("plan sino6 --distinguish bearing_tilt:1 base_compliance", quick)
+    text = told("plan distinguish sino6 --causes bearing_tilt:1 base_compliance", quick)
     check(text)
     for words in ("both have the same", "turn the mount by 90°", "hang 1 kg on the end"):
         assert words in in_one(text)
-    text = told("plan sino6", quick)
+    text = told("plan distinguish sino6", quick)
     check(text)
     pairs = json.loads((tmp_path / "p.json").read_text(encoding="utf-8"))["pairs"]["untold"]
     first = next(pair for pair in pairs if not pair["why_not"])

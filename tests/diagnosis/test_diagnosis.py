@@ -15,7 +15,7 @@ from blind import Draw, draw
 from tests.again import again
 from tests.cli import shell
 
-NOISE = "--encoder-noise-rad 8e-6 --reference-noise-mm 0.012"
+NOISE = "--encoder-noise 8e-6 --u-reference-mm 0.012"
 LIMIT = 3.3
 """Standard uncertainties by which one of the many parameters here may be off: a chance of 1
 in 1000.
@@ -173,7 +173,8 @@ def test_gross_errors_neither_hide_a_cause_nor_stay(tmp_path):
 def test_a_plan_that_nobody_filled_in_is_refused(tmp_path):
     plan = tmp_path / "plan.csv"
     shell.done(
-        f"plan sino6 --distinguish joint_compliance:2 encoder_gain:2 --reference seats -o {plan}"
+        "plan distinguish sino6 --causes joint_compliance:2 encoder_gain:2 --scheme seats",
+        f"-o {plan}",
     )
     shell.refused(f"diagnose sino6 {plan} {NOISE}")
 

@@ -33,14 +33,14 @@ from tests.again import again
 from tests.cli import shell
 from tests.notes import data_of
 
-NOISE = "--encoder-noise-rad 8e-6 --reference-noise-mm 0.012 --probe-noise-mm 0.012"
+NOISE = "--encoder-noise 8e-6 --u-reference-mm 0.012 --probe-noise-mm 0.012"
 
 
 def records(folder: Path, words: str) -> pd.DataFrame:
     """Virtual measurements of sino6."""
     path = folder / "simulated.csv"
     probe = "" if "free" in words else "--probe-noise-mm 0.012"
-    shell.done(f"simulate sino6 --plan {words} {probe} -o {path} --force")
+    shell.done(f"simulate sino6 --scheme {words} {probe} -o {path} --force")
     return pd.read_csv(path)
 
 
@@ -279,7 +279,7 @@ def test_an_arm_with_a_joint_that_slides(tmp_path, slide, masses):
     path.write_text(urdf(slide, masses))
     arm, turning = f"--urdf {path} --frame tip", 2 if slide == 1 else 1
     effect = f"encoder_eccentricity:joint={turning},amplitude_rad=3e-4,phase_rad=0.5"
-    shell.done(f"simulate {arm} --plan free --records 60 --cause {effect} -o {data}")
+    shell.done(f"simulate {arm} --scheme free --records 60 --cause {effect} -o {data}")
     found = shell.found(f"diagnose {arm} {data} {NOISE} --no-cross-validation")
     assert found["findings"][0]["joint"] == turning
     assert not any(f["joint"] == slide for f in found["findings"])

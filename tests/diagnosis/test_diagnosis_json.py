@@ -19,7 +19,7 @@ from aacmm_pin.diagnosis.verdict import DOUBTS
 from aacmm_pin.effects import CAUSES
 from tests.cli import shell
 
-NOISE = "--encoder-noise-rad 8e-6 --reference-noise-mm 0.012"
+NOISE = "--encoder-noise 8e-6 --u-reference-mm 0.012"
 ECCENTRIC = "--cause encoder_eccentricity:joint=3,amplitude_rad=1e-4,phase_rad=0.5"
 VERDICTS = ("explained", "no-discrepancy", "ambiguous", "unexplained", "inconclusive")
 Check = Callable[[Any], bool]
@@ -212,23 +212,23 @@ def simulated(folder: Path, words: str) -> pd.DataFrame:
 
 
 def explained(folder: Path) -> tuple[pd.DataFrame, str]:
-    table = simulated(folder, f"--plan free --records 60 {ECCENTRIC}")
+    table = simulated(folder, f"--scheme free --records 60 {ECCENTRIC}")
     table.loc[7, "x_mm"] += 3.0
     return table, ""
 
 
 def nothing(folder: Path) -> tuple[pd.DataFrame, str]:
     probe = "--probe-noise-mm 0.012"
-    return simulated(folder, f"--plan seats --records 60 --seats 6 {probe}"), probe
+    return simulated(folder, f"--scheme seats --records 60 --seats 6 {probe}"), probe
 
 
 def too_few(folder: Path) -> tuple[pd.DataFrame, str]:
-    table = simulated(folder, f"--plan free --records 60 {ECCENTRIC}").head(20)
+    table = simulated(folder, f"--scheme free --records 60 {ECCENTRIC}").head(20)
     return table, "--reference-frame external"
 
 
 def by_operator(folder: Path) -> tuple[pd.DataFrame, str]:
-    table = simulated(folder, "--plan free --records 80")
+    table = simulated(folder, "--scheme free --records 80")
     table["operator"] = np.repeat(["a", "b"], 40)
     table.loc[40:, "z_mm"] += 0.2
     return table, ""

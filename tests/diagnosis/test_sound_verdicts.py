@@ -198,8 +198,8 @@ def test_two_names_that_take_turns_do_not_cancel(tmp_path):
         "--cause encoder_ellipticity:4,amplitude_rad=8e-5,phase_rad=2.0 "
         "--cause joint_periodic_error:4,order=3,amplitude_rad=3e-5,phase_rad=0.5"
     )
-    data, noise = tmp_path / "data.csv", "--encoder-noise-rad 8e-6 --reference-noise-mm 0.02"
-    plan = f"--plan free --records 100 --random-geometry --seed 8 {noise} {effects}"
+    data, noise = tmp_path / "data.csv", "--encoder-noise 8e-6 --u-reference-mm 0.02"
+    plan = f"--scheme free --records 100 --random-geometry --seed 8 {noise} {effects}"
     shell.done(f"simulate sino6 {plan} -o {data}")
     found = shell.found(f"diagnose sino6 {data} {noise} --no-cross-validation")
     assert found["verdict"] != "no-discrepancy"

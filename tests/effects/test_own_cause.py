@@ -145,11 +145,11 @@ def test_the_shell_knows_it_by_a_plugin(folder, monkeypatch):
         return done.stdout if plugin else done.stderr
 
     words = (
-        "--plugin hose.py simulate sino6 --cause hose_pull:3,turn_rad_per_m=3e-3 --plan free "
+        "--plugin hose.py simulate sino6 --cause hose_pull:3,turn_rad_per_m=3e-3 --scheme free "
         "--records 120 -o data.csv"
     )
     subprocess.run([sys.executable, "-m", "aacmm_pin.cli", *words.split()], check=True)
-    noise = f"--encoder-noise-rad {NOISE} --no-cross-validation"
+    noise = f"--encoder-noise {NOISE} --no-cross-validation"
     out = json.loads(run(f"diagnose sino6 data.csv {noise} --arm-out extended.toml --json -"))
     assert [(f["cause"], f["joint"]) for f in out["findings"]] == [("hose_pull", 3)]
     assert "A hose from the wrist" in run("causes hose_pull")
@@ -285,7 +285,7 @@ def test_what_it_prints_is_no_result(hose, folder):
     words = [
         "simulate",
         "sino6",
-        "--plan",
+        "--scheme",
         "free",
         "--records",
         "3",

@@ -50,7 +50,7 @@ SIMULATE = Command(
     "simulate sino6 --records 40 --seed 2 -o data.csv --arm-out truth.toml",
     ("data.csv", "truth.toml"),
 )
-GIVEN = Command("simulate sino6 --plan free --records 40 --seed 2 -o given.csv", ("given.csv",))
+GIVEN = Command("simulate sino6 --scheme free --records 40 --seed 2 -o given.csv", ("given.csv",))
 CALIBRATE = Command(
     "calibrate sino6 given.csv --no-cross-validation -o arm.toml --json fit.json "
     "--residuals left.csv",

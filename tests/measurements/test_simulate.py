@@ -39,11 +39,11 @@ from tests.arm_files import changed
 pytestmark = pytest.mark.fast
 
 PLANS: list[dict[str, Any]] = [
-    {"plan": "free"},
-    {"plan": "seats"},
-    {"plan": "seats", "known": False},
-    {"plan": "ball-bar", "bar_length": 0.4},
-    {"plan": "single-point"},
+    {"scheme": "free"},
+    {"scheme": "seats"},
+    {"scheme": "seats", "known": False},
+    {"scheme": "ball-bar", "bar_length": 0.4},
+    {"scheme": "single-point"},
 ]
 ARMS = ["sino6", "zero6", "ur5", "panda"]
 
@@ -56,7 +56,7 @@ def simulated(
     model: Arm | ErrorModel, records: int = 300, seed: int = 1, **options: Any
 ) -> Measurements:
     return simulate_measurements(
-        model, options.pop("plan"), records, rng=np.random.default_rng(seed), **options
+        model, options.pop("scheme"), records, rng=np.random.default_rng(seed), **options
     )
 
 
@@ -108,15 +108,15 @@ def test_tips_are_where_the_plan_says_and_postures_differ(arm, options):
         measurements.known,
     )
     free, stated = (
-        options["plan"] == "free",
-        options["plan"] in ("free", "seats") and options.get("known", True),
+        options["scheme"] == "free",
+        options["scheme"] in ("free", "seats") and options.get("known", True),
     )
     assert known.all() if stated else not known.any()
     np.testing.assert_allclose(
         tips[known], measurements.reference[known], atol=1e-12 if free else 1e-9, rtol=0
     )
     assert all(np.ptp(tips[rows], axis=0).max() < 1e-9 for rows in seats.values())
-    assert len(seats) == {"free": 0, "single-point": 1}.get(options["plan"], 10)
+    assert len(seats) == {"free": 0, "single-point": 1}.get(options["scheme"], 10)
     assert np.isnan(measurements.reference_u).all()
     assert (q > arm.limits[:, 0] + MARGIN).all()
     assert (q < arm.limits[:, 1] - MARGIN).all()
@@ -133,7 +133,7 @@ def test_tips_are_where_the_plan_says_and_postures_differ(arm, options):
 def test_errors_of_references_act_where_these_are_stated(sino6):
     shift = np.array([1e-4, -2e-4, 3e-4])
     model = ErrorModel(sino6).with_effects(SeatError(seat="S3", values=tuple(shift)))
-    measurements = simulated(model, plan="seats", **quiet())
+    measurements = simulated(model, scheme="seats", **quiet())
     # True place = stated place + e.
     off = sino6.dh.chain.positions(measurements.q) - measurements.reference
     third = measurements.conditions.seat == "S3"
@@ -141,11 +141,11 @@ def test_errors_of_references_act_where_these_are_stated(sino6):
     np.testing.assert_allclose(off[~third], 0.0, atol=1e-9)
 
     turned = ErrorModel(sino6).with_effects(ReferenceFrame(values=(0.5, 0.1, -0.2, 0.0, 0.0, 0.3)))
-    measurements = simulated(turned, plan="free", **quiet())
+    measurements = simulated(turned, scheme="free", **quiet())
     motion = pin.exp6(np.array([0.5, 0.1, -0.2, 0.0, 0.0, 0.3]))
     expected = sino6.dh.chain.positions(measurements.q) @ motion.rotation.T + motion.translation
     np.testing.assert_allclose(measurements.reference, expected, atol=1e-12)
-    unknown = simulated(turned, plan="single-point", **quiet())
+    unknown = simulated(turned, scheme="single-point", **quiet())
     assert np.ptp(sino6.dh.chain.positions(unknown.q), axis=0).max() < 1e-9
 
 
@@ -156,7 +156,7 @@ def test_postures_go_all_round_the_point(sino6):
     """Whatever posture another solver finds at the point, one like it is there: 300 in three
     dimensions of freedom.
     """
-    q = simulated(sino6, plan="single-point", **quiet()).q
+    q = simulated(sino6, scheme="single-point", **quiet()).q
     point, lower, upper = sino6.dh.chain.positions(q)[0], sino6.limits[:, 0], sino6.limits[:, 1]
     rng, found = np.random.default_rng(5), 0
     for _ in range(40):
@@ -173,14 +173,14 @@ def test_postures_go_all_round_the_point(sino6):
 
 
 def test_seats_are_apart_and_clear_of_the_stand_and_the_table(sino6):
-    measurements = simulated(sino6, plan="seats", **quiet(), seats=20, above=0.1)
+    measurements = simulated(sino6, scheme="seats", **quiet(), seats=20, above=0.1)
     points = np.array([measurements.reference[rows[0]] for rows in measurements.seats().values()])
     apart = np.linalg.norm(points[:, None] - points, axis=2)[~np.eye(20, dtype=bool)]
     assert apart.min() >= 0.05
     assert apart.max() > 0.7
     assert np.hypot(points[:, 0], points[:, 1]).min() >= 0.1
     assert points[:, 2].min() >= 0.1
-    free = simulated(sino6, plan="free", **quiet(), above=0.1).reference
+    free = simulated(sino6, scheme="free", **quiet(), above=0.1).reference
     assert free[:, 2].min() >= 0.1
     assert np.hypot(free[:, 0], free[:, 1]).min() >= 0.1
 
@@ -192,7 +192,7 @@ def test_joints_may_slide_or_turn_without_end(tmp_path):
         ),
         "tip",
     )
-    measurements = simulated(arm, plan="seats", records=40, seats=4, **quiet())
+    measurements = simulated(arm, scheme="seats", records=40, seats=4, **quiet())
     np.testing.assert_allclose(
         tips_of(arm, measurements.q), measurements.reference, atol=1e-9, rtol=0
     )
@@ -205,14 +205,14 @@ def test_joints_may_slide_or_turn_without_end(tmp_path):
 
 def test_encoder_noise(sino6):
     u = np.array([5e-6, 1e-5, 0.0, 2e-5, 8e-6, 4e-5])
-    exact, noisy = (simulated(sino6, plan="seats", **quiet(encoder=e)) for e in (0.0, u))  # type: ignore[arg-type]
+    exact, noisy = (simulated(sino6, scheme="seats", **quiet(encoder=e)) for e in (0.0, u))  # type: ignore[arg-type]
     off, some = noisy.q - exact.q, u > 0
     assert consistent(off[:, some] / u[some])
     assert (off[:, ~some] == 0).all()
 
 
 def test_reference_noise(sino6):
-    options: dict[str, Any] = {"plan": "seats", "seats": 30}
+    options: dict[str, Any] = {"scheme": "seats", "seats": 30}
     exact, noisy = (simulated(sino6, **quiet(reference=u), **options) for u in (0.0, 2e-5))
     off = noisy.reference - exact.reference
     seats = list(noisy.seats().values())
@@ -221,12 +221,12 @@ def test_reference_noise(sino6):
     np.testing.assert_array_equal(noisy.reference_u, np.full((300, 3), 2e-5))
     np.testing.assert_array_equal(noisy.q, exact.q)
 
-    exact, noisy = (simulated(sino6, plan="free", **quiet(reference=u)) for u in (0.0, 2e-5))
+    exact, noisy = (simulated(sino6, scheme="free", **quiet(reference=u)) for u in (0.0, 2e-5))
     assert consistent((noisy.reference - exact.reference) / 2e-5)
 
 
 def test_lengths_of_bars_are_as_good_as_references(sino6):
-    options: dict[str, Any] = {"plan": "ball-bar", "bar_length": 0.4, "seats": 60}
+    options: dict[str, Any] = {"scheme": "ball-bar", "bar_length": 0.4, "seats": 60}
     measurements = simulated(sino6, **quiet(reference=1e-5), **options)
     lengths = np.array([bar.length for bar in measurements.bars()])
     assert len(lengths) == 30
@@ -235,14 +235,15 @@ def test_lengths_of_bars_are_as_good_as_references(sino6):
 
 
 def test_noise_that_nobody_stated(sino6, zero6):
-    measurements = simulated(sino6, plan="free")
+    measurements = simulated(sino6, scheme="free")
     assert (
-        measurements.source == "simulated, SINO6, plan free, seed 1, encoder noise 8 µrad (assumed)"
+        measurements.source
+        == "simulated, SINO6, scheme free, seed 1, encoder noise 8 µrad (assumed)"
     )
     assert (measurements.reference_u == 1.2e-5).all()
-    exact = simulated(sino6, plan="free", **quiet())
+    exact = simulated(sino6, scheme="free", **quiet())
     assert consistent((measurements.q - exact.q) / 8e-6)
-    stated = simulated(changed("sino6", {0: {"encoder_noise_rad": 3e-6}}), plan="free")
+    stated = simulated(changed("sino6", {0: {"encoder_noise_rad": 3e-6}}), scheme="free")
     assert "assumed" not in stated.source
     assert consistent((stated.q - exact.q) / 3e-6)
 
@@ -262,7 +263,7 @@ def test_noise_of_no_use():
 
 
 def test_conditions_are_those_of_a_workshop(sino6):
-    known = simulated(sino6, plan="seats", records=600).conditions
+    known = simulated(sino6, scheme="seats", records=600).conditions
     steps = np.diff(known.time)
     assert known.time[0] >= 20.0
     assert steps.min() >= 20.0
@@ -277,13 +278,13 @@ def test_conditions_are_those_of_a_workshop(sino6):
     assert all(
         set(known.seat[known.session == s]) == {f"S{k}" for k in range(1, 11)} for s in "123"
     )  # type: ignore[index]
-    one = simulated(sino6, plan="seats", records=150).conditions
+    one = simulated(sino6, scheme="seats", records=150).conditions
     assert one.session is None
     assert (one.seat[1:] != one.seat[:-1]).sum() == 9  # each seat in one visit
 
 
 def test_joints_come_from_where_they_were(sino6):
-    measurements = simulated(sino6, plan="free", records=2000, **quiet())
+    measurements = simulated(sino6, scheme="free", records=2000, **quiet())
     assert measurements.conditions.approach is not None
     same = np.sign(np.diff(measurements.q, axis=0)) == measurements.conditions.approach[1:]
     assert same.mean() == pytest.approx(1 - workshop.OVERSHOOT, abs=0.02)
@@ -292,7 +293,7 @@ def test_joints_come_from_where_they_were(sino6):
 def test_temperature_stays_in_its_range(zero6):
     for kelvin in (0.0, 1.0, 10.0):
         many = [
-            simulated(zero6, plan="free", seed=seed, temperature_range=kelvin).conditions
+            simulated(zero6, scheme="free", seed=seed, temperature_range=kelvin).conditions
             for seed in range(8)
         ]
         off = [np.abs(known.temperature - zero6.reference_temperature).max() for known in many]  # type: ignore[operator]
@@ -316,14 +317,17 @@ def test_a_seed_is_a_data_set_that_a_file_holds(sino6, tmp_path, options):
 
 
 REFUSED: list[tuple[dict[str, Any], str]] = [
-    ({"plan": "seat"}, "unknown plan 'seat'; known: free, seats, ball-bar, single-point"),
-    ({"plan": "seats", "records": 19, "known": False}, "records is 19, expected at least 20"),
-    ({"plan": "single-point", "records": 1}, "records is 1, expected at least 2"),
-    ({"plan": "ball-bar", "seats": 5, "bar_length": 0.4}, "seats is 5, expected an even number"),
-    ({"plan": "ball-bar"}, "bar_length was not given"),
-    ({"plan": "seats", "bar_length": 0.4}, "bar_length is 0.4 m for plan 'seats', expected none"),
-    ({"plan": "ball-bar", "bar_length": 5.0}, "SINO6: 0 of 5 bars of 5000 mm"),
-    ({"plan": "free", "above": 2.0}, "SINO6: 0 of 6000 random postures .* 2000 mm or more"),
+    ({"scheme": "seat"}, "unknown scheme 'seat'; known: free, seats, ball-bar, single-point"),
+    ({"scheme": "seats", "records": 19, "known": False}, "records is 19, expected at least 20"),
+    ({"scheme": "single-point", "records": 1}, "records is 1, expected at least 2"),
+    ({"scheme": "ball-bar", "seats": 5, "bar_length": 0.4}, "seats is 5, expected an even number"),
+    ({"scheme": "ball-bar"}, "bar_length was not given"),
+    (
+        {"scheme": "seats", "bar_length": 0.4},
+        "0.4 m for scheme 'seats', expected none",
+    ),
+    ({"scheme": "ball-bar", "bar_length": 5.0}, "SINO6: 0 of 5 bars of 5000 mm"),
+    ({"scheme": "free", "above": 2.0}, "SINO6: 0 of 6000 random postures .* 2000 mm or more"),
 ]
 
 
@@ -336,12 +340,14 @@ def test_a_plan_that_cannot_be_carried_out(sino6):
 def test_an_effect_that_has_nothing_to_act_on(sino6):
     model = ErrorModel(sino6)
     with pytest.raises(UnknownNameError, match="unknown seat of seat_error 'S11'; known: S1, S2"):
-        simulated(model.with_effects(SeatError(seat="S11", values=(1e-4, 0.0, 0.0))), plan="seats")
+        simulated(
+            model.with_effects(SeatError(seat="S11", values=(1e-4, 0.0, 0.0))), scheme="seats"
+        )
     with pytest.raises(MissingConditionError, match="seat_error:S1 needs the column seat"):
-        simulated(model.with_effects(SeatError(seat="S1", values=(1e-4, 0.0, 0.0))), plan="free")
+        simulated(model.with_effects(SeatError(seat="S1", values=(1e-4, 0.0, 0.0))), scheme="free")
     with pytest.raises(MissingConditionError, match="needs the column marker"):
         simulated(
-            model.with_effects(StylusOffset(marker="T1", values=(0.1, 0.0, 0.0))), plan="seats"
+            model.with_effects(StylusOffset(marker="T1", values=(0.1, 0.0, 0.0))), scheme="seats"
         )
 
 
@@ -353,7 +359,7 @@ def test_an_effect_too_large_for_the_limits(sino6):
         AacmmError,
         match=r"no posture inside the limits has its tip at the seat: joint_hysteresis:1, ",
     ):
-        simulated(model, plan="seats")
+        simulated(model, scheme="seats")
 
 
 def test_arms_of_two_joints(tmp_path):
@@ -367,8 +373,8 @@ def test_arms_of_two_joints(tmp_path):
         AacmmError,
         match=r"0 of 2 seats .*of 8 tried; the others in 2",
     ):
-        simulated(arm, plan="seats", records=20, seats=2)
-    measurements = simulated(arm, plan="seats", records=4, seats=2, **quiet())
+        simulated(arm, scheme="seats", records=20, seats=2)
+    measurements = simulated(arm, scheme="seats", records=4, seats=2, **quiet())
     np.testing.assert_allclose(
         tips_of(arm, measurements.q), measurements.reference, atol=1e-9, rtol=0
     )
@@ -376,7 +382,7 @@ def test_arms_of_two_joints(tmp_path):
         written(tmp_path, ("revolute", "0 0 1", -0.1, 0.1), ("revolute", "0 0 1", -0.1, 0.1)), "tip"
     )
     with pytest.raises(AacmmError, match=r"room for [23] seats 50 mm or more apart, expected 10"):
-        simulated(stiff, plan="seats")
+        simulated(stiff, scheme="seats")
 
 
 def written(folder: Path, *joints: tuple[str, str, float, float]) -> Path:

@@ -73,7 +73,7 @@ def test_seats_frames_and_existing_records(sino6):
     q, tips = Room(sino6).postures(10, np.random.default_rng(1))
     existing = Measurements.of(q, tips)
     for options in (
-        {"reference": "seats"},
+        {"scheme": "seats"},
         {"reference_frame": "external"},
         {"existing": existing},
         {"prior": False},

@@ -187,7 +187,7 @@ def test_they_are_with_existing_records_in_an_unknown_frame_and_at_seats(sino6):
         existing = simulate_measurements(
             sino6, "seats", 12, rng=rng, encoder_noise=U_READING, seats=4, known=known
         )
-        plan = planned(sino6, split, 12, existing=existing, reference="seats")
+        plan = planned(sino6, split, 12, existing=existing, scheme="seats")
         assert set(plan.records["seat"]) <= {"S1", "S2", "S3", "S4"}
         expected = brute(plan, sino6, split, existing, known=known)
         assert (plan.after.one, plan.after.other) == pytest.approx(expected, rel=1e-7)
@@ -529,7 +529,7 @@ def test_what_cannot_be_is_refused(sino6, zero6):
             PAIR,
             {"postures": 5},
         ),
-        (UnknownNameError, "unknown reference 'ball'", sino6, PAIR, {"reference": "ball"}),
+        (UnknownNameError, "unknown scheme 'ball'", sino6, PAIR, {"scheme": "ball"}),
         (
             AacmmError,
             "has angles of 5 joints",
@@ -552,8 +552,11 @@ def test_advice(sino6):
     free = simulate_measurements(sino6, "free", 60, rng=np.random.default_rng(1))
     text = advice(sino6, split, free, **NOISE)
     labels = "joint_compliance:2,compliance_rad_per_nm=2e-06 encoder_eccentricity:2"
-    noise = "--reference-noise-mm 0.012 --encoder-noise-rad 8e-06"
-    assert f"aacmm-pin plan sino6 --distinguish {labels} --records 40 {noise} -o plan.csv" in text
+    noise = "--u-reference-mm 0.012 --encoder-noise 8e-06"
+    assert (
+        f"aacmm-pin plan distinguish sino6 --causes {labels} --records 40 {noise} -o plan.csv"
+        in text
+    )
     assert cause_of(labels.split()[0], ErrorModel(sino6)) == split[0]
 
 

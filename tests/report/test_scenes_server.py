@@ -152,7 +152,7 @@ def test_the_command_serves_until_it_is_interrupted():
         "sino6",
         *POINT,
         "--no-browser",
-        "--count",
+        "--samples",
         "12",
     ]
     with subprocess.Popen(
@@ -182,7 +182,7 @@ def target(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
 
 
 def test_a_page_without_a_server(target):
-    words = ["sino6", *POINT, "--count", "12"]
+    words = ["sino6", *POINT, "--samples", "12"]
     assert run(*words, "-o", target)[:2] == (0, "")
     assert "the 95 % ellipsoid" in target.read_text(encoding="utf-8")
     status, _, said = run(*words, "-o", target)

@@ -211,10 +211,10 @@ def test_the_chain_at_the_shell(tmp_path):
     )
     sheet, page = tmp_path / "sheet.html", tmp_path / "page.html"
     asme = "--standard asme-b89.4.22"
-    shell.done(f"plan sino6 --for acceptance {asme} -o {touches} --sheet {sheet}")
+    shell.done(f"plan acceptance sino6 {asme} -o {touches} --sheet {sheet}")
     hidden = "encoder_eccentricity:3,amplitude_rad=3e-4"
     shell.done(
-        f"simulate sino6 --plan {touches} --cause {hidden} --encoder-noise-rad 1e-6 --arm-out "
+        f"simulate sino6 --procedure {touches} --cause {hidden} --encoder-noise 1e-6 --arm-out "
         f"{truth} -o {filled}"
     )
     content = shell.found(f"accept sino6 {truth} {filled} --mpe SPAT.Max=0.05")
@@ -222,8 +222,8 @@ def test_the_chain_at_the_shell(tmp_path):
         f["coordinates"]: f["verdict"] for f in content["figures"] if f["figure"] == "SPAT.Max"
     }
     assert (verdicts["sino6"], verdicts[str(truth)]) == ("non-conformity", "conformity")
-    options = f"--predict --runs 20 --mpe SPAT.Max=10 --encoder-noise-rad 8e-6 {asme}"
-    content = shell.found(f"accept sino6 {touches} {options} -o {page}")
+    options = f"--runs 20 --mpe SPAT.Max=10 --encoder-noise 8e-6 {asme}"
+    content = shell.found(f"predict-acceptance sino6 {touches} {options} -o {page}")
     (worst,) = (f for f in content["figures"] if f["figure"] == "SPAT.Max")
     assert worst["probability_to_pass"] == 1.0
     assert worst["low_mm"] < worst["median_mm"] < worst["high_mm"] < 1.0

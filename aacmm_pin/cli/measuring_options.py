@@ -1,0 +1,48 @@
+"""Options that the commands with measurements share: how records are taken."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import typer
+
+from aacmm_pin.calibration import ReferenceFrame, Target
+from aacmm_pin.cli.arm_options import ContactNoise, in_metres
+from aacmm_pin.cli.common import NOISE
+
+
+@dataclass(frozen=True)
+class MeasuredHow(ContactNoise):
+    """How records were, or will be, measured, and what is known of the arm beforehand."""
+
+    u_bar_mm: Annotated[
+        float | None,
+        typer.Option(
+            metavar="MM",
+            help="Standard uncertainty of a bar's length.",
+            rich_help_panel=NOISE,
+        ),
+    ] = None
+    reference_frame: Annotated[
+        ReferenceFrame,
+        typer.Option(help="Frame of the references; external is a frame that is estimated."),
+    ] = "base"
+    target: Annotated[
+        Target,
+        typer.Option(
+            help="Point that the references are of. tip: that of the arm. unknown: a point of the "
+            "last body, which becomes the tip. frame: the tip with its axes."
+        ),
+    ] = "tip"
+    no_prior: Annotated[
+        bool, typer.Option("--no-prior", help="Do not use the arm's stated uncertainties.")
+    ] = False
+
+    def keywords(self) -> dict[str, Any]:
+        """As ``calibrate``, ``diagnose`` and ``plan_measurements`` take them."""
+        noises = {"reference": self.u_reference_mm, "probe": self.probe_noise_mm}
+        noises["length"] = self.u_bar_mm
+        keywords: dict[str, Any] = {f"{of}_noise": in_metres(mm) for of, mm in noises.items()}
+        keywords |= {"encoder_noise": self.encoder_noise, "prior": not self.no_prior}
+        return keywords | {"reference_frame": self.reference_frame, "target": self.target}
