@@ -29,11 +29,10 @@ from aacmm_pin.postures import ConfigurationCircle, configuration_circle
 from aacmm_pin.report import plots
 from aacmm_pin.report.accuracy import postures_at_the_ends, what_k_covers
 from aacmm_pin.report.diagnosis import (
+    answers,
     causes_drawn,
     diagnosis_document,
     rms_figure,
-    summary_line,
-    verdict_in_words,
 )
 from aacmm_pin.report.document import (
     Block,
@@ -229,7 +228,7 @@ def _maps(map_: WorkspaceMap, circle: ConfigurationCircle) -> Drawing:
     return figure
 
 
-def _measured(found: Diagnosis, hidden: Effect) -> list[Block]:
+def _measured(found: Diagnosis, hidden: Effect, planned: str) -> list[Block]:
     name, records = found.model.arm.name, found.extended.problem.measurements
     how = (
         f"A virtual {name}, its geometry drawn within the half-widths, got an encoder that is off "
@@ -242,8 +241,7 @@ def _measured(found: Diagnosis, hidden: Effect) -> list[Block]:
     return [
         Heading("After measuring: a hidden effect found"),
         Paragraph(how),
-        Paragraph(verdict_in_words(found), finding=True),
-        Paragraph(summary_line(found), finding=True),
+        *answers(found, planned),
         Table(table, "What was hidden, and what was found; ± U (k = 2)"),
         rms_figure(found),
         *causes_drawn(found),
@@ -309,14 +307,18 @@ def run_demo(
         story = [
             *_at_the_point(circle, accuracy, of_point),
             *_over_the_workspace(map_, circle),
-            *_measured(found, hidden),
+            *_measured(found, hidden, diagnosis["next_measurements"]),
         ]
         texts["index.html"] = page(_index(arm, story, files, when))
         map_.save(out / "map.nc")
         data.save(out / "measured.csv")
         for name, text in texts.items():
             (out / name).write_text(encodable(text), encoding="utf-8")
-    findings = [block.text for block in story if isinstance(block, Paragraph) and block.finding]
+    findings = [
+        f"{block.head} {block.text}".strip()
+        for block in story
+        if isinstance(block, Paragraph) and block.finding
+    ]
     seconds = time.perf_counter() - started
     return DemoSummary(folder, tuple(files), tuple(findings), of_point, of_map, seconds)
 

@@ -139,9 +139,9 @@ def diagnosis_document(
         when: date of the page (UTC).
     """
     planned = next_measurements(result) if summary is None else summary["next_measurements"]
-    blocks = [*_result(result), *_wrong(result), *_causes(result), *_on_the_arm(result)]
-    blocks += [*_held_out(result), *_left(result), Heading("What to measure next")]
-    blocks += [Paragraph(f"{planned}.", finding=True, head="Next:"), Notes(result.notes)]
+    blocks = [*_result(result, planned), *_causes(result), *_other_causes(result)]
+    blocks += [*_held_out(result), *_wrong(result), *_on_the_arm(result), *_left(result)]
+    blocks.append(Notes(result.notes))
     source = ""
     if summary is not None:
         source = f" of {summary['source']}, {when} (UTC)"
@@ -172,6 +172,51 @@ def verdict_in_words(result: Diagnosis) -> str:
             after = "recalibration and extension" if result.findings else "recalibration"
             text = f"{wrong}. After {after}, {_left_in_words(result)}"
     return f"{_excluded_in_words(result)}{result.model.arm.name}: {text}.{doubts}"
+
+
+def certainty_in_words(result: Diagnosis) -> str:
+    """How probable the named causes are, each and together; nothing if none is named."""
+    if not result.findings:
+        return ""
+    least = probability(min(finding.probability for finding in result.findings))
+    exactly = probability(_shares(result).get(_labels(result), 0.0))
+    if len(result.findings) == 1:
+        return f"The cause acts with probability {least}, and acts alone with {exactly}."
+    return (
+        f"The least probable of these causes acts with probability {least}, exactly this set of "
+        f"causes with {exactly}."
+    )
+
+
+def _labels(result: Diagnosis) -> frozenset[str]:
+    return frozenset(finding.label for finding in result.findings)
+
+
+def _shares(result: Diagnosis) -> dict[frozenset[str], float]:
+    """Probability of each set of causes, the most probable first."""
+    return {frozenset(labels): share for labels, share in result.alternatives.items()}
+
+
+def next_set_in_words(result: Diagnosis) -> str:
+    """The most probable other set of causes, by what it has and lacks beside the named set; nothing
+    if the verdict names the other sets.
+    """
+    found, shares = _labels(result), _shares(result)
+    shares.pop(found, None)
+    if result.verdict == "ambiguous" or not shares:
+        return ""
+    likely = max(shares, key=lambda labels: shares[labels])
+    more, fewer = (
+        labels_in_words(result, tuple(sorted(labels)))
+        for labels in (likely - found, found - likely)
+    )
+    if more and fewer:
+        text = f"{more} in place of {fewer}"
+    elif more:
+        text = f"{more} in addition" if found else more
+    else:
+        text = f"all but {fewer}" if likely else "nothing"
+    return f"{capital(text)} (probability {probability(shares[likely])})."
 
 
 def _ambiguous(result: Diagnosis, wrong: str) -> str:
@@ -517,18 +562,26 @@ def residuals_table(result: Diagnosis) -> pd.DataFrame:
 # Sections ------------------------------------------------------------
 
 
-def _result(result: Diagnosis) -> list[Block]:
+def answers(result: Diagnosis, planned: str) -> list[Block]:
+    """What is wrong, how sure that is, what else it could be, what it is worth, and what to do
+    next.
+    """
+    sentences = {
+        f"{capital(result.verdict)}.": verdict_in_words(result),
+        "How sure:": certainty_in_words(result),
+        "What else it could be:": next_set_in_words(result),
+        "What it is worth:": summary_line(result),
+        "Next:": f"{capital(planned)}.",
+    }
+    return [Paragraph(text, True, head) for head, text in sentences.items() if text]
+
+
+def _result(result: Diagnosis, planned: str) -> list[Block]:
     hints = [] if result.extended.stated else [UNSTATED]
     if any(corrects_seat(finding.effect) for finding in result.findings):
         hints.append(SEAT_ERRORS)
-    verdict = verdict_in_words(result)
-    return [
-        Heading("Result"),
-        Paragraph(verdict, finding=True, head=f"{capital(result.verdict)}."),
-        Paragraph(summary_line(result), finding=True),
-        rms_figure(result),
-        Paragraph(" ".join(hints), detail=True),
-    ]
+    hint = Paragraph(" ".join(hints), detail=True)
+    return [Heading("Result"), *answers(result, planned), rms_figure(result), hint]
 
 
 def rms_figure(result: Diagnosis) -> Figure:
@@ -543,7 +596,7 @@ def rms_figure(result: Diagnosis) -> Figure:
 
 
 def _wrong(result: Diagnosis) -> list[Block]:
-    title, table = Heading("Where the simulation is wrong"), result.residual_groups
+    title, table = Heading("Where the errors are"), result.residual_groups
     if table.empty:
         return [title, Paragraph("There are too few records to compare groups.", detail=True)]
     predicted, beside, line = PREDICTED
@@ -583,19 +636,23 @@ def _worst(result: Diagnosis, predicted: str) -> pd.DataFrame:
 
 def _causes(result: Diagnosis) -> list[Block]:
     none = "" if result.findings else "No cause has a probability above 0.5, and none was added."
-    apart = [labels_in_words(result, labels) for labels in result.cannot_tell_apart]
     causes = Table(ranking(result), "Causes in the extended model", explained=RANKED)
-    sets = Table(alternatives(result), SETS_LISTED, explained=ALL_SETS)
-    aliases = Table(alias_table(result), ALIASES_LISTED, {"r": ".2f"}, explained=ALIASES_EXPLAINED)
     return [
-        Heading("The causes"),
+        Heading("What is wrong"),
         Paragraph(none, detail=True),
         causes,
         Bullets(_waves(result)),
         *causes_drawn(result),
-        sets,
+    ]
+
+
+def _other_causes(result: Diagnosis) -> list[Block]:
+    apart = [labels_in_words(result, labels) for labels in result.cannot_tell_apart]
+    return [
+        Heading("What else it could be"),
+        Table(alternatives(result), SETS_LISTED, explained=ALL_SETS),
         Bullets([f"These records do not distinguish {labels}." for labels in apart]),
-        aliases,
+        Table(alias_table(result), ALIASES_LISTED, {"r": ".2f"}, explained=ALIASES_EXPLAINED),
     ]
 
 
@@ -658,11 +715,11 @@ def _on_the_arm(result: Diagnosis) -> list[Block]:
         f"The residuals of the {left} arm in three dimensions: drag to rotate the view. The slider "
         "shows each residual with the arm in its posture, the largest first.",
     )
-    return [Heading("Residuals on the arm"), figure, scene]
+    return [figure, scene]
 
 
 def _held_out(result: Diagnosis) -> list[Block]:
-    held, title = result.held_out, Heading("Held-out validation")
+    held, title = result.held_out, Heading("What it is worth")
     if held is None:
         return [title, Paragraph(gain_in_words(result), detail=True)]
     table = held_out_parts(result)[["part", "records", "gain", "chosen"]]
