@@ -128,8 +128,8 @@ def with_gross_errors(d: Measurements, rng: np.random.Generator) -> Measurements
 
 SETUPS = [
     ("sino6", "base", 1),
-    ("sino6", "external", 6),
-    ("sino6", "seats", 6),
+    ("sino6", "external", 9),
+    ("sino6", "seats", 7),
     ("sino6", "bars", 1),
 ]
 SETUPS += [

@@ -38,7 +38,7 @@ def blind(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Diagnosis]:
         hold_out: bool = True,
     ) -> Diagnosis:
         path = tmp_path_factory.mktemp("blind") / "data.csv"
-        draw(seed, cause, plan=plan, records=150, outliers=outliers).write(path)
+        draw(seed, cause, plan=plan, records=80, outliers=outliers).write(path)
         probe = 12e-6 if plan != "free" else None
         records = Measurements.read(path)
         return diagnose(
@@ -61,8 +61,8 @@ def sound(blind: Callable[..., Diagnosis]) -> Diagnosis:
 
 @pytest.fixture(scope="session")
 def eccentric(blind: Callable[..., Diagnosis]) -> Diagnosis:
-    """An eccentric encoder 1, three records of 150 are outliers."""
-    return blind("encoder_eccentricity", 3, outliers=0.02)
+    """An eccentric encoder 1, three records of 80 are outliers."""
+    return blind("encoder_eccentricity", 3, outliers=0.04)
 
 
 @pytest.fixture(scope="session")

@@ -168,7 +168,7 @@ def test_predictions_are_those_of_the_exact_chain(sino6, few, tmp_path):
     predicted distribution.
     """
     found = predict_acceptance(
-        str(few), {"sino6": sino6}, encoder_noise=8e-6, runs=40, progress=False
+        str(few), {"sino6": sino6}, encoder_noise=8e-6, runs=20, progress=False
     )
     procedure, ranks = Procedure.read(few, sino6), []
     for seed in range(6):
