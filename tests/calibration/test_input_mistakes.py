@@ -157,7 +157,7 @@ def test_every_mistake_is_named(arm, setup, every, rng):
     data = with_gross_errors(data, rng)
     for mistake, name in MISTAKES[setup][::every]:
         with pytest.raises(MistakenFileError) as caught:
-            calibrate(arm, mistake(data), **options, hold_out=False, progress=False)
+            calibrate(arm, mistake(data), **options, hold_out=False)
         found = caught.value
         assert any(name in said for said in (found.mistake, *found.others)), f"{name}: {found}"
         assert 0.05 < found.before < 3.0
@@ -170,7 +170,7 @@ def test_with_stated_noise_an_unknown_target_and_in_a_diagnosis(sino6, rng):
     stated = {"encoder_noise": 8e-6, "reference_noise": 1.2e-5, "probe_noise": 0.0}
     for run, options in ((calibrate, stated), (diagnose, {"target": "unknown"})):
         with pytest.raises(MistakenFileError) as caught:
-            run(sino6, data, **options, hold_out=False, progress=False)
+            run(sino6, data, **options, hold_out=False)
         assert caught.value.mistake.startswith("joint 4 is counted")
 
 
@@ -187,10 +187,10 @@ def test_sound_files_pass(arm):
         model = ErrorModel(arm).with_effects(*causes[seed % 3])
         plan = ("free", "seats")[seed % 2]
         data = with_gross_errors(simulate_measurements(model, plan, 60, rng=rng, seats=6), rng)
-        assert calibrate(arm, data, "geometry", hold_out=False, progress=False).rms < 2e-3
+        assert calibrate(arm, data, "geometry", hold_out=False).rms < 2e-3
     far = simulate_measurements(arm, "free", 60, rng=rng)  # zeros that nobody has calibrated yet
     far = replace(far, q=far.q + np.deg2rad([3.0, -2.0, 2.5, -3.0, 2.0, 1.0]))
-    assert calibrate(arm, far, "zero-offsets", hold_out=False, progress=False).rms < 2e-3
+    assert calibrate(arm, far, "zero-offsets", hold_out=False).rms < 2e-3
 
 
 # --- options, and the arm's numbers
@@ -244,7 +244,7 @@ def test_an_option_that_was_left_out_is_named(target, away, named, seed):
     model = ErrorModel(assembled(ROBOT, rng), (StylusOffset(values=target),))
     data = simulate_measurements(model, "free", 90, rng=rng, reference_noise=5e-5)
     with pytest.raises(MistakenFileError) as caught:
-        calibrate(ROBOT, other_frame(data) if away else data, hold_out=False, progress=False)
+        calibrate(ROBOT, other_frame(data) if away else data, hold_out=False)
     assert {
         option for option in (FRAME_OPTION, TARGET_OPTION) if option in caught.value.mistake
     } == named
@@ -263,7 +263,7 @@ def test_a_tip_that_geometry_takes_up_is_no_mistake(seed):
     rng = np.random.default_rng(seed)
     model = ErrorModel(assembled(ROBOT, rng), (StylusOffset(values=(0.003, 0.0, 0.014)),))
     data = simulate_measurements(model, "free", 90, rng=rng, reference_noise=5e-5)
-    assert calibrate(ROBOT, data, hold_out=False, progress=False).rms < 2e-4
+    assert calibrate(ROBOT, data, hold_out=False).rms < 2e-4
 
 
 def shown_with(other: int, joint: int, sign: float) -> Change:
@@ -286,6 +286,6 @@ def test_convention_and_sums_of_angles_are_named(name, sino6, seed):
     ]
     for given, mistake, words in mistakes:
         with pytest.raises(MistakenFileError) as caught:
-            calibrate(given, mistake(data), hold_out=False, progress=False)
+            calibrate(given, mistake(data), hold_out=False)
         assert words in caught.value.mistake
         assert caught.value.after < 1e-3

@@ -139,7 +139,7 @@ def test_a_joint_that_slides_is_read_in_millimetres(tmp_path):
     data = simulate_measurements(
         ErrorModel(arm, (hidden,)), "free", 60, rng=np.random.default_rng(1)
     )
-    found = diagnose(arm, data, encoder_noise=8e-6, hold_out=False, progress=False)
+    found = diagnose(arm, data, encoder_noise=8e-6, hold_out=False)
     (finding,) = found.findings
     assert finding.label == hidden.label
     assert "µm" in str(finding)
@@ -204,7 +204,7 @@ def test_a_seat_is_not_odd_where_readings_move_far_tips_more(sino6):
     data = simulate_measurements(
         sino6, "seats", 300, known=False, encoder_noise=noise, rng=np.random.default_rng(1)
     )
-    found = diagnose(sino6, data, hold_out=False, progress=False)
+    found = diagnose(sino6, data, hold_out=False)
     assert (found.verdict, found.unexplained.groups) == ("no-discrepancy", ())
 
 

@@ -56,7 +56,7 @@ def test_an_extended_arm_has_the_u_of_its_causes(sino6):
     hidden = ErrorModel(sino6, (JointCompliance(2, values=(3e-5,)),))
     records = Measurements.of(q, hidden.predict(q) + error)
     noise = {"encoder_noise": 0.0, "reference_noise": ALONE}
-    found = diagnose(sino6, records, hold_out=False, progress=False, **noise)
+    found = diagnose(sino6, records, hold_out=False, **noise)
     (finding,) = found.findings
     covariance = found.model.arm.covariance
     (own,) = (k for k, name in enumerate(covariance.parameters) if "compliance" in name)

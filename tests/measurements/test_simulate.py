@@ -35,6 +35,7 @@ from aacmm_pin.measurements.noise import Noise
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.measurements.simulate import simulate_measurements
 from tests.arm_files import changed
+from tests.oracle import close
 
 pytestmark = pytest.mark.fast
 
@@ -112,9 +113,7 @@ def test_tips_are_where_the_plan_says_and_postures_differ(arm, options):
         options["scheme"] in ("free", "seats") and options.get("known", True),
     )
     assert known.all() if stated else not known.any()
-    np.testing.assert_allclose(
-        tips[known], measurements.reference[known], atol=1e-12 if free else 1e-9, rtol=0
-    )
+    close(tips[known], measurements.reference[known], 1e-12 if free else 1e-9)
     assert all(np.ptp(tips[rows], axis=0).max() < 1e-9 for rows in seats.values())
     assert len(seats) == {"free": 0, "single-point": 1}.get(options["scheme"], 10)
     assert np.isnan(measurements.reference_u).all()
@@ -127,7 +126,7 @@ def test_tips_are_where_the_plan_says_and_postures_differ(arm, options):
     for bar in measurements.bars():
         a, b = tips[seats[bar.seat_a]], tips[seats[bar.seat_b]]
         assert (bar.length, bar.seat_a, bar.seat_b) == (0.4, f"{bar.bar}A", f"{bar.bar}B")
-        np.testing.assert_allclose(np.linalg.norm(a[:, None] - b, axis=2), 0.4, atol=1e-9, rtol=0)
+        close(np.linalg.norm(a[:, None] - b, axis=2), 0.4, 1e-9)
 
 
 def test_errors_of_references_act_where_these_are_stated(sino6):
@@ -137,8 +136,8 @@ def test_errors_of_references_act_where_these_are_stated(sino6):
     # True place = stated place + e.
     off = sino6.dh.chain.positions(measurements.q) - measurements.reference
     third = measurements.conditions.seat == "S3"
-    np.testing.assert_allclose(off[third], np.broadcast_to(shift, (30, 3)), atol=1e-9)
-    np.testing.assert_allclose(off[~third], 0.0, atol=1e-9)
+    close(off[third], np.broadcast_to(shift, (30, 3)), 1e-9)
+    close(off[~third], 0.0, 1e-9)
 
     turned = ErrorModel(sino6).with_effects(ReferenceFrame(values=(0.5, 0.1, -0.2, 0.0, 0.0, 0.3)))
     measurements = simulated(turned, scheme="free", **quiet())
@@ -308,8 +307,8 @@ def test_a_seed_is_a_data_set_that_a_file_holds(sino6, tmp_path, options):
     assert "seed 7" in first.source
     first.save(tmp_path / "data.csv")
     read = Measurements.read(tmp_path / "data.csv", 6)
-    np.testing.assert_allclose(read.q, first.q, atol=1e-14)
-    np.testing.assert_allclose(read.reference, first.reference, atol=1e-15)
+    close(read.q, first.q, 1e-14)
+    close(read.reference, first.reference, 1e-15)
     assert read.to_frame()["record"].tolist() == [str(k) for k in range(1, 61)]
 
 

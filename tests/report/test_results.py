@@ -126,7 +126,7 @@ def values(
         "LengthUncertainty": length_between(
             circle, configuration_circle(arm, POINT[[1, 0, 2]], count=24), arm
         ),
-        "WorkspaceMap": map_workspace(arm, (3, 3), 4, progress=False),
+        "WorkspaceMap": map_workspace(arm, (3, 3), 4),
         "SinglePoint": single_point_statistics(rng.normal(size=(9, 3)) * 1e-5, np.arange(9) < 4),
         "Calibration": calibration,
         "HeldOut": calibration.held_out[0],
