@@ -142,7 +142,6 @@ FIRST = {
     "bare": 1,
     "no_masses": 1,
     "curves": 1,
-    "gross": 1,
 }
 """So many of the first files of a group are diagnosed in every run, and all of them are right."""
 LIMIT = 3.3

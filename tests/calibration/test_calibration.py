@@ -45,6 +45,7 @@ from aacmm_pin.measurements import Measurements, simulate_measurements
 from tests.again import again
 from tests.arm_files import by_table
 from tests.notes import data_of
+from tests.oracle import close
 
 READING, REFERENCE = 8e-6, 12e-6
 
@@ -142,7 +143,7 @@ def test_the_paper_offsets_are_found(run):
     )
     found = np.array([row.theta_offset_rad for row in result.model.file().joints[:6]])
     expected = np.array([row.theta_offset_rad for row in true.joints[:6]])
-    np.testing.assert_allclose(np.rad2deg(found), np.rad2deg(expected), rtol=0, atol=2e-4)
+    close(np.rad2deg(found), np.rad2deg(expected), 2e-4)
     assert result.rms < 1e-6
     assert result.rms_before > 0.015
 
@@ -170,11 +171,9 @@ def test_an_independent_least_squares_agrees(sino6, rng):
         residual, np.zeros(len(chosen)), x_scale="jac", xtol=1e-14, ftol=1e-14, gtol=1e-14
     )
     u = np.sqrt(np.diag(result.covariance))
-    np.testing.assert_allclose(result.fit.point.x / u, best.x * width / u, rtol=0, atol=1e-2)
+    close(result.fit.point.x / u, best.x * width / u, 1e-2)
     covariance = np.linalg.inv(best.jac.T @ best.jac) * np.outer(width, width)
-    np.testing.assert_allclose(
-        result.covariance / np.outer(u, u), covariance / np.outer(u, u), rtol=0, atol=1e-2
-    )
+    close(result.covariance / np.outer(u, u), covariance / np.outer(u, u), 1e-2)
 
 
 def test_uncertainties_are_honest(sino6):
@@ -319,7 +318,7 @@ def test_parallel_axes_are_known_together(rng):
         moved = result.fit.problem.predict(
             x + 1e-3 * direction * result.fit.problem.widths, result.fit.point.frame
         )
-        np.testing.assert_allclose(moved.tips, result.fit.point.prediction.tips, rtol=0, atol=2e-6)
+        close(moved.tips, result.fit.point.prediction.tips, 2e-6)
 
 
 # --- records that are wrong
@@ -394,10 +393,8 @@ def test_the_calibrated_arm_is_saved_and_calibrated_again(sino6, rng, tmp_path):
     result.model.save(tmp_path / "cal.toml")
     loaded = ErrorModel.load(tmp_path / "cal.toml")
     q = within(sino6, rng, 50)
-    np.testing.assert_allclose(loaded.predict(q), result.model.predict(q), rtol=0, atol=1e-12)
-    np.testing.assert_allclose(
-        loaded.predict(data.q), result.fit.point.prediction.tips, rtol=0, atol=1e-9
-    )
+    close(loaded.predict(q), result.model.predict(q), 1e-12)
+    close(loaded.predict(data.q), result.fit.point.prediction.tips, 1e-9)
     by_name = {p.name: i for i, p in enumerate(loaded.parameters)}
     names = [p.name for p in result.fit.problem.vector.parameters]
     where = [by_name[name] for name in names]
@@ -556,7 +553,6 @@ def test_input_that_is_refused(sino6, zero6, rng):
     sessions = replace(data.conditions, session=np.where(later, "b", "a").astype(object))
     moved = replace(data, reference=data.reference + 0.5 * later[:, None], conditions=sessions)
     two, five_joints = data.take([0, 1]), Measurements.of(data.q[:, :5], data.reference)
-    others = replace(data, q=rng.permutation(data.q))
     near = [JointPeriodicError(joint=2, order=order) for order in (7.0, 7.0000001)]
     seats = simulate_measurements(zero6, "seats", 60, rng=rng, known=False)
     cases = [
@@ -570,7 +566,6 @@ def test_input_that_is_refused(sino6, zero6, rng):
         ("reference_noise is -1 m", AacmmError, data, "geometry", {"reference_noise": -1.0}),
         ("length_noise is 0.05 m", AacmmError, data, "geometry", {"length_noise": 0.05}),
         ("3 or more", AacmmError, two, "geometry", {"reference_frame": "external"}),
-        ("does not fit this arm", AacmmError, others, "geometry", {}),
         ("each session alone", AacmmError, moved, "geometry", {}),
     ]
     for words, error, records, parameters, options in cases:
@@ -600,7 +595,7 @@ def test_records_outside_a_known_error_curve_are_left_out_and_listed(sino6):
     model = ErrorModel(sino6).with_effects(curve)
     inside = model.known_at(records.q)[:, 0]
     few, same = (
-        calibrate(model, some, "zero-offsets", hold_out=False, progress=False)
+        calibrate(model, some, "zero-offsets", hold_out=False)
         for some in (records, records.take(inside))
     )
     assert few.rms == same.rms
@@ -617,7 +612,7 @@ def test_records_outside_a_known_error_curve_are_left_out_and_listed(sino6):
         == 60
     )
     with pytest.raises(AacmmError, match="outside the curve's range"):
-        calibrate(model, records.take(~inside), "zero-offsets", hold_out=False, progress=False)
+        calibrate(model, records.take(~inside), "zero-offsets", hold_out=False)
 
 
 def test_calibrated_lengths_hold_at_the_temperature_of_their_records(sino6):
@@ -740,7 +735,7 @@ def test_what_nothing_tells_stays_where_it_was(zero6, plan):
     given = at | ({"bar_length": 0.3} if plan == "ball-bar" else {"known": False})
     data = simulate_measurements(zero6, plan, 200, **given)
     asked = "geometry" if plan == "ball-bar" else "zero-offsets"
-    found = calibrate(zero6, data, asked, encoder_noise=2e-5, hold_out=False, progress=False)
+    found = calibrate(zero6, data, asked, encoder_noise=2e-5, hold_out=False)
     assert "theta_offset1: not at all" in found.undetermined
     turned = found.parameters.set_index("parameter").loc["theta_offset1"]
     assert abs(turned["change"]) < 1e-6
