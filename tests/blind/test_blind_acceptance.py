@@ -16,7 +16,6 @@ from typer.testing import CliRunner
 from aacmm_pin.cli.root_command import app
 from blind.acceptance import acceptance_csv
 from blind.plant import draw
-from tests.again import again
 
 LIMITS = ("--mpe", "E_Uni=0.06", "--mpe", "SPAT.Max=0.04", "--mpe", "P_Form.Sph.1x25=0.06")
 
@@ -36,13 +35,10 @@ def verdicts(outcome: Result) -> dict[str, set[str]]:
     return found
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("seed", "cause", "joint"),
-    [
-        (1, "encoder_eccentricity", 3),
-        again(2, "joint_compliance", 2),
-        again(6, "joint_hysteresis", 2),
-    ],
+    [(1, "encoder_eccentricity", 3), (2, "joint_compliance", 2), (6, "joint_hysteresis", 2)],
 )
 def test_failed_arm_is_diagnosed_and_passes(
     tmp_path: Path, seed: int, cause: str, joint: int

@@ -234,7 +234,7 @@ def assembled(arm: Arm, rng: np.random.Generator) -> Arm:
     ("target", "away", "named"),
     [
         ((0.0, 0.0, 0.0), True, {FRAME_OPTION}),
-        ((0.0, -0.03, 0.118), True, {FRAME_OPTION, TARGET_OPTION}),
+        again((0.0, -0.03, 0.118), True, {FRAME_OPTION, TARGET_OPTION}),
         ((0.0, 0.0, 0.122), False, {TARGET_OPTION}),
     ],
 )

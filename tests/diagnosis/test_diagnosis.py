@@ -137,6 +137,7 @@ def test_what_no_cause_explains_is_said_to_be_that(tmp_path, kind):
     ("seed", "options"),
     [
         (15, {"external": True}),
+        again(13, {"outliers": 0.1}),
         again(7, {"cause": "encoder_slip", "twin": True}),
     ],
 )

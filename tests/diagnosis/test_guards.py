@@ -140,8 +140,6 @@ def test_two_branches_are_no_scatter(shape, sure):
 
 def test_a_seat_whose_place_is_contradicted_is_in_the_headline(sino6):
     records = simulated(ErrorModel(sino6), 120, np.random.default_rng(11))
-    good = diagnose(sino6, records, hold_out=False, encoder_noise=8e-6)
-    assert (good.verdict, good.doubts) == ("no-discrepancy", ())
     reference, seats = records.reference.copy(), records.conditions.seat
     rows = np.flatnonzero(seats == seats[0])
     reference[rows[len(rows) // 2 :], 0] += 8e-5

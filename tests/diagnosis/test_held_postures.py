@@ -47,6 +47,7 @@ def test_u_counts_an_error_that_records_share(sino6: Arm, stated: bool) -> None:
     assert np.sqrt(np.square(as_independent).mean()) > 1.5
 
 
+@pytest.mark.long
 def test_an_extended_arm_has_the_u_of_its_causes(sino6):
     """The covariance that its file has is that of the finding, which counts the shared error."""
     rng = np.random.default_rng(22)

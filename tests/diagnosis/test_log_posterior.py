@@ -30,7 +30,6 @@ from aacmm_pin.diagnosis.linear_model import LARGE, gains
 from aacmm_pin.diagnosis.model_space import Candidates, ModelSpace, ModelState
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.measurements.records import Measurements
-from tests.again import again
 from tests.diagnosis.dense_posterior import AMPLITUDES, WIDTHS, Dense, by_quadrature
 from tests.oracle import close
 
@@ -401,9 +400,10 @@ def covariates_in_another_order(measured: Measured, rng: np.random.Generator) ->
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "other",
-    [causes_in_another_order, again(records_in_another_order), again(covariates_in_another_order)],
+    [causes_in_another_order, records_in_another_order, covariates_in_another_order],
 )
 def test_order_of_records_causes_and_covariates(
     measured: Measured, other: Any, rng: np.random.Generator

@@ -314,20 +314,6 @@ BAD_EFFECTS = [
         ["unknown parameter of encoder_gain:3 'a'", "known: gain"],
     ),
     (
-        [
-            'cause = "encoder_ellipticity"',
-            "joint = 3",
-            "parameters = { amplitude_rad = 1e-4, cos_rad = 1e-4 }",
-        ],
-        "effects[1]",
-        ["unknown parameter of encoder_ellipticity:3 'cos_rad'", "amplitude_rad, phase_rad"],
-    ),
-    (
-        [CAUSE, "joint = 3", "uncertainty = { gian = 1e-6 }"],
-        "effects[1]",
-        ["unknown uncertainty of encoder_gain:3 'gian'"],
-    ),
-    (
         [WAVE, "joint = 3", "parameters = { amplitude_rad = 1e-4 }"],
         "effects[1]",
         ["parameters: missing phase_rad"],
@@ -342,7 +328,6 @@ BAD_EFFECTS = [
         "effects[1].parameters.gain",
         ["is '1'", "valid number"],
     ),
-    ([CAUSE, "joint = 7"], "effects[1]", ["encoder_gain:7: SINO6 has rows 1 to 6"]),
 ]
 
 

@@ -248,6 +248,7 @@ def mimicking(arm: Arm, q: np.ndarray, cause: Effect, other: Effect) -> Effect:
     return other.at(tuple(best[z.shape[1] :]))
 
 
+@pytest.mark.long
 def test_the_planned_records_decide_where_as_many_random_ones_do_not(sino6):
     compliance = JointCompliance(3, values=(1e-5,))
     right: dict[str, list[bool]] = {"before": [], "planned": [], "random": []}

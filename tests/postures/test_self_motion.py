@@ -104,6 +104,7 @@ def partner_of(q: Array, motion: ReachingPostures) -> int:
     return int(there[0])
 
 
+@pytest.mark.long
 def test_sino6_agrees_with_the_configuration_circle(sino6, rng):
     """Seeds from closed forms there, spread starts here."""
     pose = sino6.poses(rng.uniform(-np.pi, np.pi, (1, 6))).placement[0]
