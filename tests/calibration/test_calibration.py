@@ -43,7 +43,7 @@ from aacmm_pin.effects import (
 from aacmm_pin.errors import AacmmError, MissingConditionError, UnknownNameError
 from aacmm_pin.measurements import Measurements, simulate_measurements
 from tests.again import again
-from tests.arm_files import by_table
+from tests.arm_files import by_table, changed
 from tests.notes import data_of
 from tests.oracle import close
 
@@ -209,11 +209,7 @@ def test_a_part_that_was_exchanged_is_told(sino6, rng):
     it was.
     """
     file = load_arm_file("sino6")
-    longer = [
-        *file.joints[:-1],
-        file.joints[-1].model_copy(update={"d_mm": file.joints[-1].d_mm + 1.0}),
-    ]
-    true = Arm.from_file(file.model_copy(update={"joints": longer}))
+    true = changed(file, {6: {"d_mm": file.joints[-1].d_mm + 1.0}})
     data = simulate_measurements(
         true, "free", 60, rng=rng, encoder_noise=READING, reference_noise=REFERENCE
     )
@@ -703,7 +699,7 @@ def test_values_that_earlier_records_tell_exactly_stay_exact(sino6, rng):
     data, _ = free_points(sino6, rng, 40)
     known = quick(sino6, data).model.arm.covariance
     exact = known.model_copy(update={"standard_uncertainty_si": (0.0,) * len(known.parameters)})
-    found = quick(Arm.from_file(sino6.file.model_copy(update={"covariance": exact})), data)
+    found = quick(changed("sino6", covariance=exact), data)
     assert found.covariance.size == 0
     assert found.model.arm.covariance == exact
 
@@ -776,13 +772,7 @@ def test_coordinates_of_seats_of_unstated_uncertainty(sino6):
 def test_the_geometric_refit_ends_at_one_minimum_from_wherever_it_starts(
     sino6: Arm, rng: np.random.Generator
 ) -> None:
-    bare = Arm.from_file(
-        sino6.file.model_copy(
-            update={
-                "joints": [r.model_copy(update={"uncertainty": None}) for r in sino6.file.joints]
-            }
-        )
-    )
+    bare = changed("sino6", {0: {"uncertainty": None}})
     fit = quick(bare, free_points(sino6, rng, 100)[0]).fit
     problem, weights = fit.problem, fit.used.astype(np.float64)
     assert not problem.stated.any()

@@ -34,6 +34,12 @@ def test_a_file_appended_to_itself_says_the_same(sino6, rng):
     assert [h.rms_after for h in once.held_out] == pytest.approx(
         [h.rms_after for h in twice.held_out]
     )
+
+
+@pytest.mark.long
+def test_so_does_its_diagnosis(sino6, rng):
+    model = ErrorModel(sino6).with_effects(EncoderEccentricity(3, values=(2e-4, 1e-4)))
+    table = simulate_measurements(model, "seats", 60, rng=rng, seats=6).to_frame()
     found, again = (diagnose(sino6, several(table, k), hold_out=False) for k in (1, 2))
     ((one,), (other,)) = found.findings, again.findings
     assert one.effect.label == other.effect.label == "encoder_eccentricity:3"

@@ -26,7 +26,7 @@ from aacmm_pin.effects import (
 from aacmm_pin.errors import MistakenFileError
 from aacmm_pin.measurements import Measurements, simulate_measurements
 from tests.again import again
-from tests.arm_files import by_table
+from tests.arm_files import by_table, changed
 
 Change = Callable[[Measurements], Measurements]
 
@@ -278,7 +278,7 @@ def test_convention_and_sums_of_angles_are_named(name, sino6, seed):
     arm = {"sino6": sino6, "robot": ROBOT, "seven": SEVEN}[name]
     truth = perturbed_model(arm, rng).arm if name == "sino6" else assembled(arm, rng)
     data = simulate_measurements(truth, "free", 60, rng=rng, reference_noise=5e-5)
-    misread = Arm.from_file(arm.file.model_copy(update={"convention": "modified-dh"}))
+    misread = changed(arm.file, convention="modified-dh")
     mistakes = [
         (misread, lambda d: d, "standard-dh"),
         (arm, shown_with(1, 2, 1.0), "joint 3 is stated as its sum"),

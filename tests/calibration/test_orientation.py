@@ -22,6 +22,7 @@ from aacmm_pin.diagnosis import diagnose
 from aacmm_pin.effects import EncoderEccentricity, ErrorModel
 from aacmm_pin.errors import AacmmError, MeasurementFileError
 from aacmm_pin.measurements import Measurements, simulate_measurements
+from tests.arm_files import changed
 from tests.oracle import close
 
 NOISE = {"encoder_noise": 2e-5, "reference_noise": 1.2e-5}
@@ -34,14 +35,9 @@ FRAME = Frame(
 
 
 @pytest.fixture
-def straight(sino6: Arm) -> Arm:
+def straight() -> Arm:
     """A tip on the last axis: no position tells the zero of joint 6."""
-    rows = sino6.file.joints
-    return Arm.from_file(
-        sino6.file.model_copy(
-            update={"joints": [*rows[:-1], rows[-1].model_copy(update={"a_mm": 0.0})]}
-        )
-    )
+    return changed("sino6", {6: {"a_mm": 0.0}})
 
 
 def seen_from(records: Measurements, frame: Frame) -> Measurements:

@@ -9,6 +9,7 @@ import pytest
 from aacmm_pin import perturbed_model
 from aacmm_pin.arm import Arm, Covariance
 from aacmm_pin.effects import EncoderEccentricity, ErrorModel, ThermalExpansion
+from tests.arm_files import changed
 from tests.oracle import close
 
 pytestmark = pytest.mark.fast
@@ -65,8 +66,7 @@ def test_parameters_known_together_are_drawn_together(sino6):
     known = Covariance(
         parameters=("d3", "d5"), standard_uncertainty_si=(1e-5, 1e-5), correlation=((), (-0.999,))
     )
-    file = sino6.file.model_copy(update={"covariance": known})
-    model = ErrorModel(Arm.from_file(file))
+    model = ErrorModel(changed("sino6", covariance=known))
     names = [p.name for p in model.parameters]
     assert perturbed_model(model, np.random.default_rng(0)).arm.covariance is None
     drawn = np.array(

@@ -110,16 +110,8 @@ OUTSIDE = {
 }
 
 
-@pytest.mark.parametrize(
-    "kind",
-    [
-        "joint_product",
-        again("operator"),
-        again("tip_field"),
-        again("humidity"),
-        again("frame_walk"),
-    ],
-)
+@pytest.mark.long
+@pytest.mark.parametrize("kind", OUTSIDE)
 def test_what_no_cause_explains_is_said_to_be_that(tmp_path, kind):
     found, drawn = diagnosis(tmp_path, seed=2, cause=f"unexplained:{kind}")
     assert found["verdict"] == "unexplained"
@@ -160,6 +152,7 @@ def test_geometry_beyond_what_is_stated_is_a_finding(tmp_path):
     assert "more records" not in found["next_measurements"]
 
 
+@pytest.mark.long
 def test_gross_errors_neither_hide_a_cause_nor_stay(tmp_path):
     """A moved seat looks like thirty gross errors; nine real ones are beside it."""
     found, drawn = diagnosis(

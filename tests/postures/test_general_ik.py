@@ -304,6 +304,7 @@ def test_all_single_solutions_and_how_often():
         assert found.unseen == 3.0 / found.since_new
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("in_python")
 def test_starts_that_stall_beside_a_solution():
     """Equations that miss a double solution by 1e-6, and by 1e-4; solutions of order two are

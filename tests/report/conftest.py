@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from blind import draw
 
-from aacmm_pin import perturbed_model
+from aacmm_pin import ConfigurationCircle, configuration_circle, perturbed_model
 from aacmm_pin.arm import Arm
 from aacmm_pin.calibration import Calibration, calibrate
 from aacmm_pin.diagnosis import Diagnosis, diagnose
@@ -86,6 +86,12 @@ def with_wave() -> Calibration:
         ErrorModel(arm, (WAVE,)), "free", 200, rng=np.random.default_rng(2)
     )
     return calibrate(arm, data, encoder_noise=READINGS, hold_out=False)
+
+
+@pytest.fixture(scope="session")
+def circle(sino6: Arm) -> ConfigurationCircle:
+    """The postures of SINO6 at a seat of its paper."""
+    return configuration_circle(sino6, [0.0336323, -0.6718702, 0.1829355], count=36)
 
 
 @pytest.fixture(scope="module")

@@ -21,22 +21,16 @@ from aacmm_pin import (
     map_workspace,
     reaching_postures,
 )
-from aacmm_pin.arm import Arm, load_arm_file
 from aacmm_pin.errors import AacmmError, ShapeError
 from aacmm_pin.report.plots import plot_accuracy_of_postures, plot_budget, plot_circle, plot_map
+from tests.arm_files import changed
 from tests.oracle import close
 
 pytestmark = pytest.mark.fast
 
 mpl.use("Agg")
 
-POINT = np.array([33.6323, -671.8702, 182.9355]) * 1e-3
 UNREACHABLE = np.array([5.0, 5.0, 5.0])
-
-
-@pytest.fixture(scope="module")
-def circle(sino6: Arm) -> ConfigurationCircle:
-    return configuration_circle(sino6, POINT, count=36)
 
 
 @pytest.fixture(scope="module")
@@ -139,8 +133,7 @@ def test_maps(sino6):
 
 
 def test_circles_have_tubes_to_the_point_and_all_is_in_view(circle, accuracy):
-    table = load_arm_file("sino6").model_copy(update={"convention": "modified-dh"})
-    modified = Arm.from_file(table)
+    modified = changed("sino6", convention="modified-dh")
     point = modified.positions(np.array([[0.3, -1.2, 1.0, -1.4, 0.0, 0.0]]), "frame5")[0]
     for one, of, bars in (
         (circle, accuracy, ["accuracy volume [mm³]"]),

@@ -23,7 +23,6 @@ from aacmm_pin.effects import (
     JointCompliance,
     JointZeroOffset,
     StylusOffset,
-    in_words,
     values_in_words,
 )
 from aacmm_pin.measurements import simulate_measurements
@@ -108,12 +107,8 @@ def test_other_verdicts(sound, blind):
     assert "operator" in verdict_in_words(unknown)
     assert "operator" in unexplained_in_words(unknown.unexplained)
     assert "Structure over operator without a known cause" in pictures(unknown)
-    seat = blind("seat_error", 9, plan="seats", hold_out=False)
-    (finding,) = seat.findings
-    assert in_words(finding.effect) in verdict_in_words(seat)
-    assert any(in_words(finding.effect)[1:] in alt for alt in pictures(seat))
-    assert {"row", "seat", "session", "operator", "part"} <= set(residuals_table(seat).columns)
-    assert "held_out_extended_mm" in residuals_table(sound).columns
+    columns = {"row", "session", "operator", "part", "held_out_extended_mm"}
+    assert columns <= set(residuals_table(sound).columns)
 
 
 def test_a_robot_without_table_or_stated_uncertainties(robot_file):

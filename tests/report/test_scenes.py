@@ -40,7 +40,7 @@ from aacmm_pin.errors import ShapeError, UnknownNameError
 from aacmm_pin.report import scenes
 from aacmm_pin.report.scenes import Frames, Scene
 from aacmm_pin.report.scenes.scene import viewer_script
-from tests.oracle import close, dh_sensitivity
+from tests.oracle import close, dh_sensitivity, postures
 
 POINT = np.array([33.6323, -671.8702, 182.9355]) * MM
 SINGLE = 2e-7
@@ -100,16 +100,12 @@ def frame_placements(arm: Arm, q: Array, name: str) -> Array:
     return np.array(found)
 
 
-def random_q(arm: Arm, rng: np.random.Generator, n: int = 7) -> Array:
-    return rng.uniform(arm.limits[:, 0], arm.limits[:, 1], (n, arm.nq))
-
-
 # --- the arm
 
 
 def test_bodies_and_tip_are_where_pinocchio_has_them(arm_file, rng):
     arm = Arm.from_file(arm_file)
-    dh, q = arm.require_dh("this test"), random_q(arm, rng)
+    dh, q = arm.require_dh("this test"), postures(arm, rng, 7)
     scene = scenes.arm_scene(ErrorModel(arm), q)
     last = f"arm/body {dh.rows}"
     tip = decoded(scene, last) @ transform(scene, f"{last}/tip")
@@ -124,7 +120,7 @@ def test_bodies_and_tip_are_where_pinocchio_has_them(arm_file, rng):
 
 def test_an_arm_that_came_as_urdf(robot_file, rng):
     arm = Arm.from_urdf(robot_file("panda.urdf"), "panda_hand")
-    q = random_q(arm, rng)
+    q = postures(arm, rng, 7)
     scene, data = scenes.arm_scene(arm, q), arm.model.createData()
     tip = decoded(scene, f"arm/body {arm.nq}") @ transform(scene, f"arm/body {arm.nq}/tip")
     close(tip[:, :3, 3], frame_placements(arm, q, "panda_hand")[:, :3, 3], SINGLE)

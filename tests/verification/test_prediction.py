@@ -24,6 +24,7 @@ from aacmm_pin.measurements.simulate import simulate_touches
 from aacmm_pin.verification import Procedure
 from aacmm_pin.verification.characteristics import DEFINITIONS, definitions
 from tests.again import again
+from tests.arm_files import changed
 from tests.cli import shell
 from tests.oracle import close
 
@@ -91,13 +92,7 @@ def test_artefacts_stand_where_a_table_or_a_tripod_holds_them(sino6):
         return float((planned.points @ arm.up).min())
 
     def tall(height_mm: float, gravity: float) -> Arm:
-        joints = [
-            sino6.file.joints[0].model_copy(update={"d_mm": height_mm}),
-            *sino6.file.joints[1:],
-        ]
-        return Arm.from_file(
-            sino6.file.model_copy(update={"joints": joints, "gravity_m_s2": (0.0, 0.0, gravity)})
-        )
+        return changed("sino6", {1: {"d_mm": height_mm}}, gravity_m_s2=(0.0, 0.0, gravity))
 
     low = replace(sino6, limits=np.vstack([sino6.limits[:1], [-0.9, 0.0], sino6.limits[2:]]))
     standing, beneath = (sino6, tall(0.0, 9.81)), (tall(300.0, 9.81), low)
