@@ -164,7 +164,7 @@ def test_an_arm_file_of_a_robot_goes_through_every_command(robot, tmp_path):
     arrived = np.isfinite(sent).all(axis=1)
     assert arrived.mean() > 0.9
     wanted = Arm.from_urdf(urdf, model.arm.tip).positions(q)
-    np.testing.assert_allclose(model.predict(sent[arrived]), wanted[arrived], rtol=0, atol=1e-9)
+    close(model.predict(sent[arrived]), wanted[arrived], 1e-9)
     listed = pd.read_csv(io.StringIO(done(f"configurations {truth} {POSE} --samples 6")[0]))
     noise = "--encoder-noise 8e-6 --method ellipsoid"
     assert found(f"accuracy {truth} {POSE} --samples 6 {noise}")["best"]
@@ -216,7 +216,7 @@ def test_a_calibrated_and_an_extended_robot_are_files(robot, tmp_path):
         model = ErrorModel.load(path)
         assert model.arm.covariance is not None
         assert "joint_compliance:2" in [effect.key for effect in model.effects]
-        np.testing.assert_allclose(model.predict(q), places, rtol=0, atol=2e-5)
+        close(model.predict(q), places, 2e-5)
         assert found(f"accuracy {path} {POSE} --samples 6")["u_mm"]["max"] < 0.05
         assert (
             "states no uncertainties"

@@ -143,7 +143,7 @@ def test_errors_of_references_act_where_these_are_stated(sino6):
     measurements = simulated(turned, scheme="free", **quiet())
     motion = pin.exp6(np.array([0.5, 0.1, -0.2, 0.0, 0.0, 0.3]))
     expected = sino6.dh.chain.positions(measurements.q) @ motion.rotation.T + motion.translation
-    np.testing.assert_allclose(measurements.reference, expected, atol=1e-12)
+    close(measurements.reference, expected, 1e-12)
     unknown = simulated(turned, scheme="single-point", **quiet())
     assert np.ptp(sino6.dh.chain.positions(unknown.q), axis=0).max() < 1e-9
 
@@ -192,9 +192,7 @@ def test_joints_may_slide_or_turn_without_end(tmp_path):
         "tip",
     )
     measurements = simulated(arm, scheme="seats", records=40, seats=4, **quiet())
-    np.testing.assert_allclose(
-        tips_of(arm, measurements.q), measurements.reference, atol=1e-9, rtol=0
-    )
+    close(tips_of(arm, measurements.q), measurements.reference, 1e-9)
     assert np.abs(measurements.q[:, 1:]).max() <= np.pi
     assert 0.0 < measurements.q[:, 0].min() < measurements.q[:, 0].max() < 0.5
 
@@ -374,9 +372,7 @@ def test_arms_of_two_joints(tmp_path):
     ):
         simulated(arm, scheme="seats", records=20, seats=2)
     measurements = simulated(arm, scheme="seats", records=4, seats=2, **quiet())
-    np.testing.assert_allclose(
-        tips_of(arm, measurements.q), measurements.reference, atol=1e-9, rtol=0
-    )
+    close(tips_of(arm, measurements.q), measurements.reference, 1e-9)
     stiff = Arm.from_urdf(
         written(tmp_path, ("revolute", "0 0 1", -0.1, 0.1), ("revolute", "0 0 1", -0.1, 0.1)), "tip"
     )
