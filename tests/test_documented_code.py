@@ -46,8 +46,8 @@ from tests.again import again
 ROOT = Path(__file__).parents[1]
 SITE = ROOT / "notebooks" / "site"
 PAGES = [ROOT / "README.md", *sorted(SITE.rglob("*.md"))]
-LONG = ("acceptance", "python", "tour")
-"""Pages whose commands are those of others, of more postures: CI runs them by themselves."""
+LONG = ("acceptance", "own_cause", "python", "tour")
+"""Pages whose code others and tests/effects/test_own_cause.py run: CI runs them by themselves."""
 RUN_BY_CI = ("demo-command", "test-command", "docs-command")
 DIRECTIVES = ("{include}", "{toctree}", "{eval-rst}", "{figure}")
 DATA = {

@@ -24,6 +24,7 @@ from aacmm_pin.effects import (
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.report import scenes
 from aacmm_pin.verification import Procedure
+from tests.oracle import close
 
 POINT = np.array([33.6323, -671.8702, 182.9355]) * 1e-3
 NOISE = {"encoder_noise": 8e-6, "reference_noise": 1.2e-5}
@@ -67,15 +68,15 @@ def simulated(model: Any) -> Any:
 
 
 def planned(model: Any) -> Any:
-    return aacmm_pin.plan_calibration(model, 10, postures=20, progress=False).measurements.q
+    return aacmm_pin.plan_calibration(model, 10, postures=20).measurements.q
 
 
 def scene_of_map(model: Any) -> Any:
     return (
         len(
-            scenes.map_scene(
-                aacmm_pin.map_workspace(Arm.load("sino6"), (2, 2), progress=False), model
-            ).embedded(100)
+            scenes.map_scene(aacmm_pin.map_workspace(Arm.load("sino6"), (2, 2)), model).embedded(
+                100
+            )
         )
         > 0
     )
@@ -89,9 +90,7 @@ OF_MODELS: list[Callable[[Any], Any]] = [
     planned,
     scene_of_map,
     lambda model: aacmm_pin.length_uncertainty(model, np.zeros((1, 6)), np.full((1, 6), 0.3)),
-    lambda model: (
-        aacmm_pin.map_workspace(model, (2, 2), progress=False).data["comprehensive_mm3"].values
-    ),
+    lambda model: aacmm_pin.map_workspace(model, (2, 2)).data["comprehensive_mm3"].values,
     lambda model: aacmm_pin.perturbed_model(model, np.random.default_rng(1)).arm.dh.values(),
     lambda model: (
         aacmm_pin.plan_measurements(
@@ -123,7 +122,7 @@ def test_a_name_stands_for_an_arm(call):
 def test_a_path_stands_for_records(records):
     read, arm = Measurements.read(records, 6), Arm.load("sino6")
     causes = (EncoderEccentricity(3), JointCompliance(2))
-    quiet = {"progress": False, **NOISE}
+    quiet = {**NOISE}
     calls = [
         lambda data: aacmm_pin.calibrate(arm, data, hold_out=False, **NOISE).rms,
         lambda data: aacmm_pin.diagnose(arm, data, hold_out=False, **quiet).rms["extended"],
@@ -146,15 +145,11 @@ def test_the_file_of_a_procedure_is_filled_in_from_paths(tmp_path, extended):
     procedure = aacmm_pin.acceptance_procedure("sino6", standard="asme-b89.4.22")
     (tmp_path / "plan.csv").write_text(procedure.csv(), encoding="utf-8")
     # Four decimals.
-    np.testing.assert_allclose(
-        Procedure.read(tmp_path / "plan.csv", "sino6").q, procedure.q, atol=1e-6
-    )
+    close(Procedure.read(tmp_path / "plan.csv", "sino6").q, procedure.q, 1e-6)
     taken = Measurements.of(procedure.q)
     taken.save(tmp_path / "taken.csv")
     filled = procedure.filled(tmp_path / "taken.csv", extended)
-    np.testing.assert_allclose(
-        filled["x_mm"], procedure.filled(taken, ErrorModel.load(extended))["x_mm"], atol=1e-6
-    )
+    close(filled["x_mm"], procedure.filled(taken, ErrorModel.load(extended))["x_mm"], 1e-6)
     filled.to_csv(tmp_path / "filled.csv", index=False)
     judged = aacmm_pin.accept(tmp_path / "filled.csv", {"it": "sino6"}).summary()
     assert judged["figures"]

@@ -11,9 +11,7 @@ import re
 from pathlib import Path
 from typing import Any
 
-import nbformat
 import pytest
-from nbclient import NotebookClient
 
 from tests.notebook_pictures import missing, promised
 
@@ -106,6 +104,9 @@ def executed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     """A notebook that draws with the package, with pyplot, and with the package again, as a kernel
     leaves it.
     """
+    import nbformat  # takes seconds, in every worker
+    from nbclient import NotebookClient
+
     cells = [nbformat.v4.new_code_cell(source) for source in (DRAWN, BY_HAND, DRAWN)]
     notebook = nbformat.v4.new_notebook(cells=cells)
     with pytest.MonkeyPatch.context() as patched:

@@ -66,11 +66,17 @@ class Loop:
         loop = self.loop
         if self.helpers:
             loop = FunctionType(self.loop.__code__, _names(self.helpers))
-        compile_ = partial(numba.njit, self.signature, nogil=True, error_model="numpy")
-        try:
-            return compile_(cache=True)(loop)
-        except Exception:  # a full disk, a damaged file, no folder: numba has no class for it
-            return compile_()(loop)
+        return _compiled(loop, partial(numba.njit, self.signature, nogil=True, error_model="numpy"))
+
+
+def _compiled(function: Callable[..., Any], compile_: Callable[..., Any]) -> Callable[..., Any]:
+    """``function`` compiled, kept beside its source where that can be written."""
+    compiled: Callable[..., Any]
+    try:
+        compiled = compile_(cache=True)(function)
+    except Exception:  # a full disk, a damaged file, no folder: numba has no class for it
+        compiled = compile_()(function)
+    return compiled
 
 
 @cache
@@ -89,5 +95,5 @@ def _names(helpers: Helpers) -> dict[str, Any]:
         if signature == INLINED:
             names[helper.__name__] = compile_(inline="always")(function)
         else:
-            names[helper.__name__] = compile_(signature, nogil=True)(function)
+            names[helper.__name__] = _compiled(function, partial(compile_, signature, nogil=True))
     return names

@@ -14,6 +14,7 @@ from aacmm_pin.accuracy.comprehensive_accuracy import (
 )
 from aacmm_pin.accuracy.single_point import single_point_statistics
 from aacmm_pin.errors import ShapeError
+from tests.oracle import close
 
 pytestmark = pytest.mark.fast
 
@@ -30,9 +31,7 @@ def test_weights_by_hand():
         (4 * 3 + 3 * 4 + 1 * 6 + 2 * 5) / 18, rel=1e-14
     )
     np.testing.assert_array_equal(configuration_weights(np.array([2.0]), LEVEL), [1.0])
-    np.testing.assert_allclose(
-        configuration_weights(np.radians([90.0, 0.0]), LEVEL), [1.0, 0.0], atol=1e-15
-    )
+    close(configuration_weights(np.radians([90.0, 0.0]), LEVEL), [1.0, 0.0], 1e-15)
     np.testing.assert_allclose(
         configuration_weights(np.radians([60.0, 0.0]), LEVEL), [0.75, 0.25], rtol=1e-14
     )
@@ -47,7 +46,7 @@ def test_the_elevation_sets_the_preferred_angle():
     """
     points = np.array([LEVEL, [0.3, 0.4, 0.5], [0.3, 0.4, -0.5], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
     expected = np.radians([90, 45, 135, 0, 180])
-    np.testing.assert_allclose([preferred_theta3(point) for point in points], expected, atol=1e-15)
+    close([preferred_theta3(point) for point in points], expected, 1e-15)
 
 
 def test_what_weights_have_in_common(rng):
@@ -57,9 +56,7 @@ def test_what_weights_have_in_common(rng):
         assert weights.sum() == pytest.approx(1.0, abs=1e-14)
         assert (weights >= 0).all()
         turns = 2 * np.pi * rng.integers(-3, 4, n)
-        np.testing.assert_allclose(
-            configuration_weights(-theta3 + turns, point), weights, atol=1e-13
-        )
+        close(configuration_weights(-theta3 + turns, point), weights, 1e-13)
         np.testing.assert_allclose(
             configuration_weights(np.full(n, 0.3), LEVEL), np.full(n, 1 / n), rtol=1e-12
         )

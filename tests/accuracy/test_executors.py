@@ -54,9 +54,7 @@ def test_results_do_not_depend_on_the_executor(executor, monkeypatch):
     monkeypatch.setattr(workspace, "CELLS_AT_ONCE", 4)
     arm = Arm.load("sino6")
     model = ErrorModel(arm, (EncoderEccentricity(joint=3, values=(1e-4, 0.0), u=(5e-5, 5e-5)),))
-    here, there = (
-        map_workspace(model, (3, 3), 4, workers=w, progress=False).data for w in (1, executor)
-    )
+    here, there = (map_workspace(model, (3, 3), 4, workers=w).data for w in (1, executor))
     del here.attrs["seconds"], there.attrs["seconds"]
     xr.testing.assert_identical(here, there)
     assert executor.jobs == 3, "expected several cells in a piece"

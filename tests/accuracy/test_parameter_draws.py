@@ -9,12 +9,13 @@ import pytest
 
 from aacmm_pin.accuracy.parameter_draws import parameter_errors
 from aacmm_pin.accuracy.volume import accuracy_volume
-from aacmm_pin.arm import Arm
 from aacmm_pin.arm.file import Covariance
 from aacmm_pin.effects import (
     EncoderEccentricity,
 )
 from aacmm_pin.effects.error_model import ErrorModel
+from tests.arm_files import changed
+from tests.oracle import close
 
 pytestmark = pytest.mark.fast
 
@@ -33,9 +34,8 @@ def test_what_is_known_together_is_drawn_together(sino6, rng):
         standard_uncertainty_si=(5e-4, 5e-4, 1e-5, 2e-5),
         correlation=((), (-0.999,), (0.0, 0.0), (0.0, 0.0, 0.8)),
     )
-    file = sino6.file.model_copy(update={"covariance": known})
     calibrated = ErrorModel(
-        Arm.from_file(file), (EncoderEccentricity(joint=3, values=(1e-4, 0.0)),)
+        changed("sino6", covariance=known), (EncoderEccentricity(joint=3, values=(1e-4, 0.0)),)
     )
     errors = parameter_errors(calibrated, rng, DRAWS)
     expected, scale = calibrated.covariance(), np.sqrt(np.diag(calibrated.covariance()))
@@ -45,7 +45,7 @@ def test_what_is_known_together_is_drawn_together(sino6, rng):
     correlation = (
         expected / np.where(uncertain, scale, 1.0) / np.where(uncertain, scale, 1.0)[:, None]
     )[np.ix_(uncertain, uncertain)]
-    np.testing.assert_allclose(np.cov(whitened.T), correlation, atol=WITHIN)
+    close(np.cov(whitened.T), correlation, WITHIN)
     names = [p.name for p, k in zip(calibrated.parameters, uncertain, strict=True) if k]
     largest = dict(zip(names, np.abs(whitened).max(axis=0), strict=True))
     assert largest["d2"] > 3.5  # normal

@@ -22,7 +22,7 @@ from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError
 from aacmm_pin.postures.configurations import configuration_circle
 from tests import arm_files
 from tests.arm_files import changed
-from tests.oracle import derivative, zonotope_volume
+from tests.oracle import close, derivative, zonotope_volume
 
 SEATS_MM = [
     (33.6323, -671.8702, 182.9355),
@@ -145,7 +145,7 @@ def test_monte_carlo_hull_nears_the_zonotope_from_inside(name, draws, n, request
     spread = np.trace(hull.covariance, axis1=1, axis2=2) / np.trace(
         exact.covariance, axis1=1, axis2=2
     )
-    np.testing.assert_allclose(spread, 1.0, atol=6 / np.sqrt(draws))
+    close(spread, 1.0, 6 / np.sqrt(draws))
 
 
 @pytest.mark.parametrize(("name", "draws"), [("sino6", 30_000), ("ur5", 2_000)])
@@ -160,12 +160,10 @@ def test_covariance_is_that_of_the_real_model(name, draws, request, rng):
     errors = rng.uniform(-1, 1, (draws, len(arm.parameters))) * widths(arm)
     moved = arm.perturbed_positions(q + noise * rng.normal(size=(draws, 6)), errors)
     scale = np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))
-    np.testing.assert_allclose(np.cov(moved.T) / scale, covariance / scale, atol=7 / np.sqrt(draws))
+    close(np.cov(moved.T) / scale, covariance / scale, 7 / np.sqrt(draws))
     s = numeric_sensitivity(arm, q) * widths(arm) / np.sqrt(3)
     jacobian = arm.poses(q).jacobian[0, :3] * noise
-    np.testing.assert_allclose(
-        (s @ s.T + jacobian @ jacobian.T) / scale, covariance / scale, atol=1e-6
-    )
+    close((s @ s.T + jacobian @ jacobian.T) / scale, covariance / scale, 1e-6)
 
 
 def test_published_ranges_at_the_six_seats(nominal, sino6):

@@ -14,6 +14,7 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin.arm import Arm
 from aacmm_pin.arm.corrected_urdf import corrected_urdf
 from aacmm_pin.errors import AacmmError, UnsupportedArmError
+from tests.oracle import close
 
 pytestmark = pytest.mark.fast
 
@@ -59,10 +60,8 @@ def assert_same(found: Arm, expected: Arm, shift: Array, rng: np.random.Generato
     q = rng.uniform(-1.0, 1.0, (100, found.nq))
     poses = expected.poses(q)
     where = poses.position + poses.placement[:, :3, :3] @ shift
-    np.testing.assert_allclose(found.positions(q), where, rtol=0, atol=1e-9)
-    np.testing.assert_allclose(
-        found.poses(q).placement[:, :3, :3], poses.placement[:, :3, :3], rtol=0, atol=1e-9
-    )
+    close(found.positions(q), where, 1e-9)
+    close(found.poses(q).placement[:, :3, :3], poses.placement[:, :3, :3], 1e-9)
 
 
 @pytest.mark.parametrize(("name", "frame"), ROBOTS)

@@ -11,6 +11,7 @@ from aacmm_pin.arm import ArmFile
 from aacmm_pin.arm.chain import screws
 from aacmm_pin.arm.dh import DHTable, table
 from aacmm_pin.errors import AacmmError, ShapeError
+from tests.oracle import close
 
 pytestmark = pytest.mark.fast
 
@@ -28,7 +29,7 @@ def test_links_between_joints_make_the_arm(dh, rng):
     (q,), (first, *links) = random_q(dh, rng, 1), dh.links()
     for turn, link in zip(screws(q, 0.0, 2), links, strict=True):
         first = first @ turn @ link
-    np.testing.assert_allclose(first[:3, 3], dh.chain.positions(q[None])[0], rtol=0, atol=1e-14)
+    close(first[:3, 3], dh.chain.positions(q[None])[0], 1e-14)
 
 
 def test_parts_of_a_batch_do_not_change_results(dh, rng):
@@ -47,7 +48,7 @@ def test_parts_of_a_batch_do_not_change_results(dh, rng):
         dh.chain.position_and_sensitivity(q),
     )
     for one, many in zip(alone, together, strict=True):
-        np.testing.assert_allclose(many[some], one, rtol=0, atol=1e-15)
+        close(many[some], one, 1e-15)
 
 
 def test_unusable_table_is_refused():

@@ -15,7 +15,7 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm import Arm, ArmFile, bundled_arms, load_arm_file
 from aacmm_pin.arm.urdf import SHORTEST_DRAWN, urdf_text
-from tests.oracle import placements
+from tests.oracle import close, placements
 
 pytestmark = pytest.mark.fast
 
@@ -46,15 +46,13 @@ def test_kept_files_are_the_generated_texts():
 def test_pinocchio_and_yourdfpy_agree_with_the_table(arm_file, parsed, rng):
     arm, q = Arm.from_file(arm_file), configurations(arm_file, rng, 100)
     for at in ("tip", "frame5"):
-        np.testing.assert_allclose(
-            arm.poses(q, at).position, arm.positions(q, at), rtol=0, atol=1e-12
-        )
+        close(arm.poses(q, at).position, arm.positions(q, at), 1e-12)
     assert len(parsed.actuated_joint_names) == arm_file.dh.nq
     by_pinocchio = {at: arm.poses(q, at).placement for at in ("tip", "frame5")}
     for k, each in enumerate(q):
         parsed.update_cfg(each)
         for at, expected in by_pinocchio.items():
-            np.testing.assert_allclose(parsed.get_transform(at), expected[k], rtol=0, atol=1e-12)
+            close(parsed.get_transform(at), expected[k], 1e-12)
 
 
 def test_joints_limits_masses_and_centres_survive(arm_file, parsed):

@@ -16,6 +16,7 @@ from aacmm_pin.calibration import calibrate
 from aacmm_pin.effects import ErrorModel, JointCompliance
 from aacmm_pin.errors import ArmFileError
 from aacmm_pin.measurements.simulate import simulate_measurements
+from tests.oracle import close
 
 pytestmark = pytest.mark.fast
 
@@ -72,7 +73,7 @@ def test_corrections_are_joined(robot_file, rng):
         expected = expected * arm.model.jointPlacements[number].actInv(
             arm.with_placements(second, None).model.jointPlacements[number]
         )
-        np.testing.assert_allclose(both.model.jointPlacements[number], expected, rtol=0, atol=1e-14)
+        close(both.model.jointPlacements[number], expected, 1e-14)
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ from aacmm_pin.arm import Arm
 from aacmm_pin.arm.file import arm_text, parse_arm_file
 from aacmm_pin.arm.urdf_to_dh import dh_file
 from aacmm_pin.errors import UnsupportedArmError
+from tests.oracle import close
 
 pytestmark = pytest.mark.fast
 
@@ -19,11 +20,9 @@ def assert_same(arm: Arm, rng: np.random.Generator) -> None:
     """Poses of base, tip and bodies: what the written table says, by Pinocchio, beside the URDF."""
     again = Arm.from_file(parse_arm_file(arm_text(dh_file(arm)).encode(), "dh.toml"))
     q = rng.uniform(-3.0, 3.0, (200, arm.nq))
-    np.testing.assert_allclose(again.poses(q).placement, arm.poses(q).placement, rtol=0, atol=1e-12)
+    close(again.poses(q).placement, arm.poses(q).placement, 1e-12)
     assert again.dh is not None
-    np.testing.assert_allclose(
-        again.dh.chain.positions(q), arm.poses(q).position, rtol=0, atol=1e-12
-    )
+    close(again.dh.chain.positions(q), arm.poses(q).position, 1e-12)
     np.testing.assert_array_equal(again.limits, arm.limits)
     for configuration in q[:5]:  # the weights' torques know every mass and its centre
         torques = [
@@ -47,12 +46,8 @@ def test_robots(name, frame, rows, robot_file, rng):
     file = dh_file(arm)
     assert len(file.joints) == rows
     if frame == "panda_hand_tcp":  # the table that its maker prints, in another convention
-        np.testing.assert_allclose(
-            [row.d_mm for row in file.joints], [333, 0, 316, 0, 384, 0, 210.4], rtol=0, atol=1e-9
-        )
-        np.testing.assert_allclose(
-            [row.a_mm for row in file.joints], [0, 0, 82.5, -82.5, 0, 88, 0], rtol=0, atol=1e-9
-        )
+        close([row.d_mm for row in file.joints], [333, 0, 316, 0, 384, 0, 210.4], 1e-9)
+        close([row.a_mm for row in file.joints], [0, 0, 82.5, -82.5, 0, 88, 0], 1e-9)
 
 
 def tilted(rng: np.random.Generator) -> Array:

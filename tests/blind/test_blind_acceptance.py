@@ -5,44 +5,32 @@ extended arm passes the next.
 from __future__ import annotations
 
 import json
-import shlex
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
-from click.testing import Result
-from typer.testing import CliRunner
 
-from aacmm_pin.cli.root_command import app
 from blind.acceptance import acceptance_csv
 from blind.plant import draw
-from tests.again import again
+from tests.cli import shell
 
-LIMITS = ("--mpe", "E_Uni=0.06", "--mpe", "SPAT.Max=0.04", "--mpe", "P_Form.Sph.1x25=0.06")
-
-
-def run(*words: object) -> Result:
-    outcome = CliRunner().invoke(app, [*map(str, words)])
-    assert outcome.exit_code == 0, outcome.output
-    return outcome
+LIMITS = "--mpe E_Uni=0.06 --mpe SPAT.Max=0.04 --mpe P_Form.Sph.1x25=0.06"
 
 
-def verdicts(outcome: Result) -> dict[str, set[str]]:
+def verdicts(judged: dict[str, Any]) -> dict[str, set[str]]:
     """The verdicts on each set of coordinates."""
     found: dict[str, set[str]] = {}
-    for figure in json.loads(outcome.stdout)["figures"]:
+    for figure in judged["figures"]:
         if figure["mpe_mm"] is not None:
             found.setdefault(figure["coordinates"], set()).add(figure["verdict"])
     return found
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("seed", "cause", "joint"),
-    [
-        (1, "encoder_eccentricity", 3),
-        again(2, "joint_compliance", 2),
-        again(6, "joint_hysteresis", 2),
-    ],
+    [(1, "encoder_eccentricity", 3), (2, "joint_compliance", 2), (6, "joint_hysteresis", 2)],
 )
 def test_failed_arm_is_diagnosed_and_passes(
     tmp_path: Path, seed: int, cause: str, joint: int
@@ -52,20 +40,17 @@ def test_failed_arm_is_diagnosed_and_passes(
         plant = draw(seed, cause, joint, twin=twin).plant
         machine = replace(plant.machine, values=0.1 * plant.machine.values)  # well calibrated
         target.write_text(acceptance_csv(replace(plant, machine=machine), index), encoding="utf-8")
-    assert verdicts(run("accept", "sino6", sound, *LIMITS, "--json", "-"))["sino6"] == {
-        "conformity"
-    }
-    failed = run("accept", "sino6", first, *LIMITS, "--json", "-")
-    assert "non-conformity" in verdicts(failed)["sino6"]
-    advice = next(line for line in failed.stderr.splitlines() if "aacmm-pin diagnose" in line)
+    assert verdicts(shell.found("accept sino6", sound, LIMITS))["sino6"] == {"conformity"}
+    out, said = shell.done("accept sino6", first, LIMITS, "--json -")
+    assert "non-conformity" in verdicts(json.loads(out))["sino6"]
+    advice = next(line for line in said.splitlines() if "aacmm-pin diagnose" in line)
     _, words = advice.split("aacmm-pin ")
     extended = tmp_path / "extended.toml"
-    options = ("--no-cross-validation", "--arm-out", extended, "--json", "-")
-    found = json.loads(run(*shlex.split(words), *options).stdout)
+    found = shell.found(words, "--no-cross-validation --arm-out", extended)
     assert (found["verdict"], [(f["cause"], f["joint"]) for f in found["findings"]]) == (
         "explained",
         [(cause, joint)],
     )
-    new = verdicts(run("accept", "sino6", extended, second, *LIMITS, "--json", "-"))
+    new = verdicts(shell.found("accept sino6", extended, second, LIMITS))
     assert "non-conformity" in new["sino6"]
     assert new[str(extended)] == {"conformity"}

@@ -32,6 +32,7 @@ from blind.regimes import ARMS, EVIDENCE, SIZES, RegimeFile, draw_regime, regime
 from blind.statics import Elastic, settle
 from blind.structures import AMPLITUDES
 from tests.again import again
+from tests.oracle import close
 
 ARM = chains.read()
 FELT = {
@@ -116,7 +117,7 @@ def test_joints_rest_where_the_energy_is_least(rng: np.random.Generator) -> None
         step = np.zeros(6)
         step[joint] = 1e-5
         torque = (energy(turns + step) - energy(turns - step)) / 2e-5
-        np.testing.assert_allclose(torque, 0.0, atol=2e-8)
+        close(torque, 0.0, 2e-8)
 
 
 def test_equilibrium_is_that_of_the_deflected_arm(rng: np.random.Generator) -> None:
@@ -165,9 +166,7 @@ def test_drives_hold_the_payload(rng: np.random.Generator) -> None:
     q, empty = postures(rng, 10, chain), Conditions.still(10, chain.rows)
     loaded, machine = replace(empty, payload=np.full(10, 2.0)), Machine(chain, chain.exact)
     work = -2.0 * np.einsum("nkj,k->nj", chain.jacobian(q), chain.gravity)
-    np.testing.assert_allclose(
-        machine.torque(q, loaded) - machine.torque(q, empty), work, atol=1e-9
-    )
+    close(machine.torque(q, loaded) - machine.torque(q, empty), work, 1e-9)
 
 
 # --- beside the package
@@ -192,11 +191,11 @@ def both(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[Chain, Arm]:
 def test_chains_are_those_of_the_package(both: tuple[Chain, Arm], rng: np.random.Generator) -> None:
     chain, arm = both
     q = postures(rng, 20, chain)
-    np.testing.assert_allclose(chain.tips(q), arm.positions(q), atol=1e-13)
+    close(chain.tips(q), arm.positions(q), 1e-13)
     step = 1e-6
     for joint, column in enumerate(np.eye(len(chain.limits)) * step):
         numeric = (chain.tips(q + column) - chain.tips(q - column)) / (2 * step)
-        np.testing.assert_allclose(chain.jacobian(q)[:, :, joint], numeric, atol=1e-8)
+        close(chain.jacobian(q)[:, :, joint], numeric, 1e-8)
 
 
 SHARED = [
@@ -289,15 +288,15 @@ def test_files_are_of_the_contract(tmp_path: Path) -> None:
         assert read.known.all() == (plan != "unknown-seats")
         assert len(read.seats()) == (0 if plan == "free" else 10)
         assert len(read.bars()) == (5 if plan == "unknown-seats" else 0)
-        np.testing.assert_allclose(read.q, drawn.read, atol=1e-9)
-        np.testing.assert_allclose(read.conditions.temperature, 20.0, atol=4.0)
+        close(read.q, drawn.read, 1e-9)
+        close(read.conditions.temperature, 20.0, 4.0)
         assert len(set(read.conditions.session)) == 3
     for arm, evidence in zip(ARMS, EVIDENCE, strict=True):
         given = {"records": 24, "faults": 1, "torque": arm != "sino6", "environment": True}
         file = regime_file(3, arm=arm, evidence=evidence, **given)
         file.write(tmp_path)
         read = Measurements.read(tmp_path / "data.csv", nq=len(file.machine.arm.limits))
-        np.testing.assert_allclose(read.q, file.read, atol=1e-9)
+        close(read.q, file.read, 1e-9)
         assert read.n == 24
         assert not len(read.extra.columns)
         assert len(read.seats()) == len(file.seats)
@@ -360,7 +359,7 @@ def test_nothing_hidden_is_the_twin() -> None:
         assert [h.cause for h in faulty.hidden] == [cause.partition(":")[0]]
         assert not twin.hidden
         np.testing.assert_array_equal(faulty.geometry, twin.geometry)
-        np.testing.assert_allclose(faulty.read, twin.read, atol=3e-3)
+        close(faulty.read, twin.read, 3e-3)
 
 
 @pytest.mark.parametrize("seed", [2, *(again(k) for k in (0, 1))])
@@ -468,13 +467,11 @@ def test_structure_of_joints_depends_on_what_names_it(rng: np.random.Generator) 
         elsewhere = postures(rng, len(q), alone.arm)
         elsewhere[:, named] = q[:, named]
         if kind != "loaded_gear":
-            np.testing.assert_allclose(term(elsewhere, c), term(q, c), atol=1e-15)
+            close(term(elsewhere, c), term(q, c), 1e-15)
         weightless = replace(alone, arm=replace(alone.arm, gravity=np.zeros(3)))
         assert np.allclose(term(q, c, weightless), term(q, c), atol=1e-9) == (kind != "loaded_gear")
         back = term(q, replace(c, approach=-c.approach))
-        np.testing.assert_allclose(
-            back, term(q, c) * (-1.0 if kind == "branch" else 1.0), atol=1e-15
-        )
+        close(back, term(q, c) * (-1.0 if kind == "branch" else 1.0), 1e-15)
 
 
 def test_structure_at_the_tip_is_where_and_when_it_says() -> None:
@@ -517,7 +514,7 @@ def test_held_postures_share_readings_and_one_error() -> None:
         error = file.machine.shift_by(file.structure, file.read, file.conditions)[order].reshape(
             -1, held, 3
         )
-        np.testing.assert_allclose(error, error[:, :1].repeat(held, axis=1), atol=1e-12)
+        close(error, error[:, :1].repeat(held, axis=1), 1e-12)
         assert error[:, 0].std() == pytest.approx(file.posture_u, rel=0.1)
 
 

@@ -27,16 +27,20 @@ def several(table: pd.DataFrame, times: int) -> Measurements:
 def test_a_file_appended_to_itself_says_the_same(sino6, rng):
     model = ErrorModel(sino6).with_effects(EncoderEccentricity(3, values=(2e-4, 1e-4)))
     table = simulate_measurements(model, "seats", 60, rng=rng, seats=6).to_frame()
-    once, twice = (calibrate(sino6, several(table, k), progress=False) for k in (1, 2))
+    once, twice = (calibrate(sino6, several(table, k)) for k in (1, 2))
     assert not data_of(once.notes, "copies")
     assert data_of(twice.notes, "copies") == [{"rows": [*range(62, 122)]}]
     pd.testing.assert_frame_equal(once.parameters, twice.parameters)
     assert [h.rms_after for h in once.held_out] == pytest.approx(
         [h.rms_after for h in twice.held_out]
     )
-    found, again = (
-        diagnose(sino6, several(table, k), hold_out=False, progress=False) for k in (1, 2)
-    )
+
+
+@pytest.mark.long
+def test_so_does_its_diagnosis(sino6, rng):
+    model = ErrorModel(sino6).with_effects(EncoderEccentricity(3, values=(2e-4, 1e-4)))
+    table = simulate_measurements(model, "seats", 60, rng=rng, seats=6).to_frame()
+    found, again = (diagnose(sino6, several(table, k), hold_out=False) for k in (1, 2))
     ((one,), (other,)) = found.findings, again.findings
     assert one.effect.label == other.effect.label == "encoder_eccentricity:3"
     assert one.effect.values == pytest.approx(other.effect.values, rel=1e-9)
@@ -81,10 +85,10 @@ def test_places_that_several_records_state_to_the_last_digit_are_seats(sino6, rn
     """Without the column ``seat``, or where one of its cells is empty, all is as with it."""
     data = simulate_measurements(sino6, "seats", 60, rng=rng, seats=6)
     seat = data.conditions.seat
-    wanted = calibrate(sino6, data, hold_out=False, progress=False)
+    wanted = calibrate(sino6, data, hold_out=False)
     for labels in (None, np.where(np.arange(60) % 7, seat, "")):
         file = replace(data, conditions=replace(data.conditions, seat=labels))
-        found = calibrate(sino6, file, hold_out=False, progress=False)
+        found = calibrate(sino6, file, hold_out=False)
         np.testing.assert_allclose(found.parameters["u"], wanted.parameters["u"], rtol=1e-6)
         assert data_of(found.notes, "seats_by_coordinates")
     assert counted_once(data) == (data, [])
@@ -105,7 +109,7 @@ def test_repeats_of_a_posture_are_held_out_together(sino6, rng):
     assert told == [False, True]
     postures = records.postures
     assert postures.tolist() == list(range(40)) * 4
-    result = calibrate(sino6, records, hold_out=False, progress=False)
+    result = calibrate(sino6, records, hold_out=False)
     kind, groups = groups_of(result.fit, np.random.default_rng(1))
     assert kind == "blocks"  # every session has every posture
     for labels in (groups, parts_of(result.fit, np.random.default_rng(1))[1]):
@@ -169,11 +173,11 @@ def test_one_posture_tells_nothing_of_others(sino6, rng):
     q = sino6.limits.mean(axis=1) + 0.3 + 8e-6 * rng.normal(size=(30, 6))
     there = sino6.positions(q[:1]) + [1e-3, 0.0, 0.0] + 1.2e-5 * rng.normal(size=(30, 3))
     records = Measurements.of(q, there)
-    result = calibrate(sino6, records, progress=False, **stated)
+    result = calibrate(sino6, records, **stated)
     assert [told["postures"] for told in data_of(result.notes, "few_postures")] == [1]
     assert result.held_out == ()
     assert "helps" not in verdict(result)
-    found = diagnose(sino6, records, progress=False, **stated)
+    found = diagnose(sino6, records, **stated)
     assert [told["postures"] for told in data_of(found.notes, "few_postures")] == [1]
     assert found.held_out is None
     assert found.findings == ()

@@ -25,7 +25,7 @@ from tests.arm_files import by_table
 NOISE = 1e-4
 """Of each coordinate [m], which leaves RMS distances of √3 times as much."""
 TURN_NOISE = 2e-4
-UNKNOWN = {"reference_frame": "external", "target": "unknown", "hold_out": False, "progress": False}
+UNKNOWN = {"reference_frame": "external", "target": "unknown", "hold_out": False}
 
 
 def table(*rows: tuple[float, float, float, float]) -> Arm:

@@ -15,6 +15,7 @@ from aacmm_pin.calibration import Calibration, calibrate
 from aacmm_pin.effects import Conditions, ErrorModel, JointPlacement, StylusOffset
 from aacmm_pin.measurements import Measurements
 from aacmm_pin.report.calibration import frame_in_words, open_in_words
+from tests.arm_files import changed
 from tests.notes import data_of
 
 FRAME = Rotation.from_rotvec([0.4, -0.9, 1.1]).as_matrix(), np.array([1.0, 2.0, -0.5])
@@ -78,9 +79,8 @@ def test_what_describes_the_same_arm_otherwise_moves_nothing(robot_file, rng):
     assert undetermined.tied_to_frame == ()
 
 
-def test_what_is_known_only_together_with_the_base_is_named(sino6, rng):
-    rows = [row.model_copy(update={"uncertainty": None}) for row in sino6.file.joints]
-    arm = Arm.from_file(sino6.file.model_copy(update={"joints": rows}))
+def test_what_is_known_only_together_with_the_base_is_named(rng):
+    arm = changed("sino6", {0: {"uncertainty": None}})
     q = random_postures(arm, 60, rng)
     data = Measurements.of(
         q, arm.positions(q) @ FRAME[0].T + FRAME[1] + 5e-6 * rng.normal(size=(60, 3))

@@ -22,6 +22,8 @@ from aacmm_pin.diagnosis import diagnose
 from aacmm_pin.effects import EncoderEccentricity, ErrorModel
 from aacmm_pin.errors import AacmmError, MeasurementFileError
 from aacmm_pin.measurements import Measurements, simulate_measurements
+from tests.arm_files import changed
+from tests.oracle import close
 
 NOISE = {"encoder_noise": 2e-5, "reference_noise": 1.2e-5}
 TURN = 3e-5
@@ -33,14 +35,9 @@ FRAME = Frame(
 
 
 @pytest.fixture
-def straight(sino6: Arm) -> Arm:
+def straight() -> Arm:
     """A tip on the last axis: no position tells the zero of joint 6."""
-    rows = sino6.file.joints
-    return Arm.from_file(
-        sino6.file.model_copy(
-            update={"joints": [*rows[:-1], rows[-1].model_copy(update={"a_mm": 0.0})]}
-        )
-    )
+    return changed("sino6", {6: {"a_mm": 0.0}})
 
 
 def seen_from(records: Measurements, frame: Frame) -> Measurements:
@@ -68,10 +65,8 @@ def test_turns_and_their_derivatives_are_those_of_pinocchio(name, robot_file, rn
         pin.framesForwardKinematics(arm.model, data, each)
         target = FRAME.targets[0]
         way = seen.T @ FRAME.rotation @ data.oMf[number].rotation @ target
-        np.testing.assert_allclose(poses[3:], seen @ pin.log3(way), atol=1e-12)
-        np.testing.assert_allclose(
-            jacobian[3:, : arm.nq], seen @ pin.Jlog3(way) @ target.T @ columns, atol=1e-9
-        )
+        close(poses[3:], seen @ pin.log3(way), 1e-12)
+        close(jacobian[3:, : arm.nq], seen @ pin.Jlog3(way) @ target.T @ columns, 1e-9)
     geometry = problem_of(ErrorModel(arm), records, "geometry", Setup.of(arm, "external"))
     exact = geometry.predict(geometry.start, FRAME).jacobian
     p = geometry.start.size
@@ -80,7 +75,7 @@ def test_turns_and_their_derivatives_are_those_of_pinocchio(name, robot_file, rn
             geometry.poses(geometry.start + sign * step[:p], FRAME.moved(sign * step[p:]))
             for sign in (1, -1)
         ]
-        np.testing.assert_allclose(exact[:, :, k], (ends[0] - ends[1]) / 2e-6, atol=1e-7)
+        close(exact[:, :, k], (ends[0] - ends[1]) / 2e-6, 1e-7)
 
 
 def test_parameters_scatter_as_stated(sino6, rng):

@@ -9,6 +9,8 @@ import pytest
 from aacmm_pin import perturbed_model
 from aacmm_pin.arm import Arm, Covariance
 from aacmm_pin.effects import EncoderEccentricity, ErrorModel, ThermalExpansion
+from tests.arm_files import changed
+from tests.oracle import close
 
 pytestmark = pytest.mark.fast
 
@@ -40,7 +42,7 @@ def test_the_truth_states_no_uncertainty_and_keeps_the_rest(sino6, rng):
     assert drawn.source.startswith("drawn within the uncertainties of: Xu You")
     q = rng.uniform(*sino6.limits.T, (20, 6))
     # Pinocchio moves with the table.
-    np.testing.assert_allclose(drawn.poses(q).position, drawn.positions(q), atol=1e-12)
+    close(drawn.poses(q).position, drawn.positions(q), 1e-12)
     assert np.abs(drawn.positions(q) - sino6.positions(q)).max() > 1e-5
 
 
@@ -64,8 +66,7 @@ def test_parameters_known_together_are_drawn_together(sino6):
     known = Covariance(
         parameters=("d3", "d5"), standard_uncertainty_si=(1e-5, 1e-5), correlation=((), (-0.999,))
     )
-    file = sino6.file.model_copy(update={"covariance": known})
-    model = ErrorModel(Arm.from_file(file))
+    model = ErrorModel(changed("sino6", covariance=known))
     names = [p.name for p in model.parameters]
     assert perturbed_model(model, np.random.default_rng(0)).arm.covariance is None
     drawn = np.array(
@@ -94,4 +95,4 @@ def test_placements_of_a_urdf_are_drawn_within_their_half_widths(robot_file, rng
     size = np.abs(np.array(moved)) / half_widths
     assert size.max() < 1 + 1e-9
     assert (size.max(axis=0) > 0.95).all()
-    np.testing.assert_allclose(size.mean(axis=0), 0.5, atol=0.08)
+    close(size.mean(axis=0), 0.5, 0.08)

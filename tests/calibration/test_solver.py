@@ -22,6 +22,7 @@ from aacmm_pin.calibration.studentised_residuals import deleted_distances
 from aacmm_pin.effects import Conditions, ErrorModel, StylusOffset
 from aacmm_pin.measurements import Measurements, simulate_measurements
 from aacmm_pin.measurements.orientation import quaternions
+from tests.oracle import close
 
 pytestmark = pytest.mark.fast
 
@@ -50,7 +51,7 @@ def test_noise_of_readings_in_a_turned_frame(sino6, rng):
         found.without_scatter, wanted - 5e-12 * np.eye(3), rtol=1e-9, atol=1e-19
     )
     white = found.whitening @ found.of_residuals @ found.whitening.transpose(0, 2, 1)
-    np.testing.assert_allclose(white, np.broadcast_to(np.eye(3), white.shape), atol=1e-9)
+    close(white, np.broadcast_to(np.eye(3), white.shape), 1e-9)
 
 
 def test_noise_of_readings_acts_on_the_target(sino6, rng):
@@ -73,7 +74,7 @@ def test_noise_of_readings_acts_on_the_target(sino6, rng):
         ).as_rotvec()
         moved.append(np.hstack([high.position - low.position, turn]) / (2 * step))
     found = problem.reading_jacobian(np.array([0.05, -0.1, 0.3]), Frame.identity())
-    np.testing.assert_allclose(found, np.stack(moved, axis=2), atol=1e-7)
+    close(found, np.stack(moved, axis=2), 1e-7)
 
 
 def system_of(problem: Problem, off: float = 0.0) -> solver.Solution:
@@ -129,7 +130,7 @@ def test_a_frame_is_no_mirror_image(rng):
     for _ in range(8):
         flat = rng.normal(size=(5, 3)) * [1.0, 1.0, 1e-6]
         noisy = FRAME.apply(flat) + 1e-6 * rng.normal(size=(5, 3))
-        np.testing.assert_allclose(registered(flat, noisy).rotation, FRAME.rotation, atol=1e-4)
+        close(registered(flat, noisy).rotation, FRAME.rotation, 1e-4)
 
 
 def test_coordinates_of_a_seat_that_hardly_differ_are_the_same(sino6):

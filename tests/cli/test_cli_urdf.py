@@ -17,6 +17,7 @@ from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm import Arm
 from aacmm_pin.effects import ErrorModel
 from tests.again import again
+from tests.oracle import close
 
 POINT = "--point 400 100 300"
 RPY = (170.0, 20.0, -35.0)
@@ -58,10 +59,8 @@ def test_configurations_of_a_pose(ur5):
         ]
         assert (table["swivel_deg"].isna() == (arm.dh is None)).all()
         placed = arm.poses(table[THETAS].to_numpy() * DEG).placement
-        np.testing.assert_allclose(placed, np.tile(pose, (len(table), 1, 1)), rtol=0, atol=1e-9)
-        np.testing.assert_allclose(
-            table[PLACES], np.tile([400, 100, 300], (len(table), 1)), atol=1e-9
-        )
+        close(placed, np.tile(pose, (len(table), 1, 1)), 1e-9)
+        close(table[PLACES], np.tile([400, 100, 300], (len(table), 1)), 1e-9)
 
 
 def test_curves_of_a_point_and_an_axis(ur5, tmp_path):
@@ -74,9 +73,7 @@ def test_curves_of_a_point_and_an_axis(ur5, tmp_path):
         .poses(table[THETAS].to_numpy() * DEG)
         .placement[:, :3, 0]
     )
-    np.testing.assert_allclose(
-        x, np.tile([0, 0.1, -1] / np.sqrt(1.01), (len(x), 1)), rtol=0, atol=1e-9
-    )
+    close(x, np.tile([0, 0.1, -1] / np.sqrt(1.01), (len(x), 1)), 1e-9)
 
 
 def test_accuracy_of_single_postures_and_of_curves(ur5, panda, tmp_path):
@@ -160,14 +157,14 @@ def test_an_arm_file_of_a_robot_goes_through_every_command(robot, tmp_path):
         * MM
     )
     # In mm with six decimals.
-    np.testing.assert_allclose(places, model.predict(q), rtol=0, atol=5.1e-10)
-    np.testing.assert_allclose(places, measured[PLACES] * MM, rtol=0, atol=1e-5)
+    close(places, model.predict(q), 5.1e-10)
+    close(places, measured[PLACES] * MM, 1e-5)
     done(f"correct {truth} {records} --commands -o {commands}")
     sent = pd.read_csv(commands).filter(like="command").to_numpy() * DEG
     arrived = np.isfinite(sent).all(axis=1)
     assert arrived.mean() > 0.9
     wanted = Arm.from_urdf(urdf, model.arm.tip).positions(q)
-    np.testing.assert_allclose(model.predict(sent[arrived]), wanted[arrived], rtol=0, atol=1e-9)
+    close(model.predict(sent[arrived]), wanted[arrived], 1e-9)
     listed = pd.read_csv(io.StringIO(done(f"configurations {truth} {POSE} --samples 6")[0]))
     noise = "--encoder-noise 8e-6 --method ellipsoid"
     assert found(f"accuracy {truth} {POSE} --samples 6 {noise}")["best"]
@@ -179,9 +176,7 @@ def test_an_arm_file_of_a_robot_goes_through_every_command(robot, tmp_path):
     for output, option in ((dh, "--to-dh"), (again, "")):
         assert "joint_compliance:2" in done(f"urdf {truth} {option} -o {output}")[1]
     for arm in (Arm.load(dh), Arm.from_urdf(again, model.arm.tip)):
-        np.testing.assert_allclose(
-            arm.poses(q).placement, model.arm.poses(q).placement, rtol=0, atol=1e-12
-        )
+        close(arm.poses(q).placement, model.arm.poses(q).placement, 1e-12)
     refused(f"map {truth}", said=["needs a DH table"])
     touches = measured[thetas].assign(
         test="single-point", feature="P", position=np.arange(60) // 20 + 1
@@ -221,7 +216,7 @@ def test_a_calibrated_and_an_extended_robot_are_files(robot, tmp_path):
         model = ErrorModel.load(path)
         assert model.arm.covariance is not None
         assert "joint_compliance:2" in [effect.key for effect in model.effects]
-        np.testing.assert_allclose(model.predict(q), places, rtol=0, atol=2e-5)
+        close(model.predict(q), places, 2e-5)
         assert found(f"accuracy {path} {POSE} --samples 6")["u_mm"]["max"] < 0.05
         assert (
             "states no uncertainties"

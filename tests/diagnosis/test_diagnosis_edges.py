@@ -139,7 +139,7 @@ def test_a_joint_that_slides_is_read_in_millimetres(tmp_path):
     data = simulate_measurements(
         ErrorModel(arm, (hidden,)), "free", 60, rng=np.random.default_rng(1)
     )
-    found = diagnose(arm, data, encoder_noise=8e-6, hold_out=False, progress=False)
+    found = diagnose(arm, data, encoder_noise=8e-6, hold_out=False)
     (finding,) = found.findings
     assert finding.label == hidden.label
     assert "µm" in str(finding)
@@ -204,7 +204,7 @@ def test_a_seat_is_not_odd_where_readings_move_far_tips_more(sino6):
     data = simulate_measurements(
         sino6, "seats", 300, known=False, encoder_noise=noise, rng=np.random.default_rng(1)
     )
-    found = diagnose(sino6, data, hold_out=False, progress=False)
+    found = diagnose(sino6, data, hold_out=False)
     assert (found.verdict, found.unexplained.groups) == ("no-discrepancy", ())
 
 
@@ -252,7 +252,8 @@ def test_a_known_target_is_refitted_once(sino6, rng, u):
     assert (other.code, other.data["markers"]) == ("markers_unknown", ["C"])
 
 
-@pytest.mark.parametrize("what", ["unit", again("seed")])
+@pytest.mark.long
+@pytest.mark.parametrize("what", ["unit", "seed"])
 def test_unit_of_angles_and_seed_do_not_matter(tmp_path, what):
     effect = "encoder_eccentricity:joint=3,amplitude_rad=1e-4,phase_rad=0.5"
     table = records(tmp_path, f"free --records 60 --cause {effect}")
@@ -272,7 +273,8 @@ def test_unit_of_angles_and_seed_do_not_matter(tmp_path, what):
         assert two["parameters"][name] == pytest.approx(value, rel=1e-4)
 
 
-@pytest.mark.parametrize(("slide", "masses"), [(1, True), again(3, False)])
+@pytest.mark.long
+@pytest.mark.parametrize(("slide", "masses"), [(1, True), (3, False)])
 def test_an_arm_with_a_joint_that_slides(tmp_path, slide, masses):
     """No cause that turns sits at a slide; one at another joint is named."""
     path, data = tmp_path / "slider.urdf", tmp_path / "data.csv"

@@ -51,11 +51,12 @@ from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.effects.smooth_functions import Cosines
 from aacmm_pin.measurements.records import Measurements
 from tests.again import again
+from tests.oracle import close
 
 Array = NDArray[np.float64]
 ENCODER, REFERENCE, PROBE, LENGTH = 8e-6, 12e-6, 10e-6, 20e-6
 RECORDS = 60
-PLANS = ("free", "seats", "unknown-seats")
+PLANS = (again("free"), "seats", "unknown-seats")
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,17 +262,13 @@ def test_inner_products(
     wanted = rows.T @ rows
     size = np.sqrt(np.diag(wanted)) + 1e-3
     whole = slice(0, wanted.shape[0])
-    np.testing.assert_allclose(
-        gram.strip(whole) / np.outer(size, size), wanted / np.outer(size, size), atol=2e-6
-    )
-    np.testing.assert_allclose(gram.residual, wanted[-1], atol=2e-6 * size.max() * size[-1])
+    close(gram.strip(whole) / np.outer(size, size), wanted / np.outer(size, size), 2e-6)
+    close(gram.residual, wanted[-1], 2e-6 * size.max() * size[-1])
     gram.products.release()  # what is asked for now is worked out again
     for k in some_blocks(design):
         own = design.blocks[k].columns
         scale = np.outer(size[own], size[own])
-        np.testing.assert_allclose(
-            gram.diagonal_block(design.blocks[k]) / scale, wanted[own, own] / scale, atol=2e-6
-        )
+        close(gram.diagonal_block(design.blocks[k]) / scale, wanted[own, own] / scale, 2e-6)
     assert gram.free == len(rows) - design.nuisances
 
 
@@ -384,9 +381,7 @@ def test_what_residuals_may_depend_on(sino6: Arm, rng: np.random.Generator) -> N
 def test_smooth_functions_are_orthogonal_over_the_records(rng: np.random.Generator) -> None:
     values = rng.permutation(40) ** 2.0
     functions = Cosines.over("time", values, 6).of_values(values)
-    np.testing.assert_allclose(
-        functions.T @ functions / 40.0, np.diag([1.0] + [0.5] * 6), atol=1e-12
-    )
+    close(functions.T @ functions / 40.0, np.diag([1.0] + [0.5] * 6), 1e-12)
 
 
 # --- chances when nothing is there
@@ -621,7 +616,7 @@ def test_the_part_of_the_scatter_that_readings_have(share: float) -> None:
     design = SimpleNamespace(fit=fit_, deviations=lambda tips: tips - 1.0)
     noise = RecordNoise.alone(whitening)
     choice: Any = SimpleNamespace(design=design, noise=noise, tips=tips)
-    np.testing.assert_allclose(groups._scatter(choice), wanted, atol=1e-12)
+    close(groups._scatter(choice), wanted, 1e-12)
     problem.setup.encoder_noise = np.full(6, 1e-6)
     np.testing.assert_array_equal(groups._scatter(choice), np.broadcast_to(np.eye(3), (n, 3, 3)))
 
@@ -710,4 +705,4 @@ def test_held_out_prediction_is_that_of_a_refit(tmp_path: Path, cause: str | Non
         wanted = np.linalg.norm(
             refit.point.prediction.tips[out] - case.records.reference[out], axis=1
         )
-        np.testing.assert_allclose(training.predicted(blocks), wanted, atol=2e-8)
+        close(training.predicted(blocks), wanted, 2e-8)

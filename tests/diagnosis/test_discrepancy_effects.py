@@ -24,6 +24,7 @@ from aacmm_pin.diagnosis.discrepancy import (
 )
 from aacmm_pin.effects import Carrier, Conditions, Discrepancy, ErrorModel, State, sensitivity
 from aacmm_pin.measurements import Measurements
+from tests.oracle import close
 
 NOISE = 15e-6
 COUPLING = "joint 2 × joint 4"
@@ -188,12 +189,7 @@ def test_background_as_one_effect(plant, tmp_path):
     model.save(tmp_path / "background.toml")
     (effect,) = ErrorModel.load(tmp_path / "background.toml").effects
     moves, directions = sensitivity(effect, states), columns @ weights
-    np.testing.assert_allclose(
-        moves @ effect.values,
-        directions @ estimate,
-        rtol=0,
-        atol=1e-6 * np.abs(directions @ estimate).max(),
-    )
+    close(moves @ effect.values, directions @ estimate, 1e-6 * np.abs(directions @ estimate).max())
     u = np.sqrt(np.square(moves * effect.u).sum(axis=(1, 2)))
     wanted = np.sqrt(np.einsum("nip,pq,niq->n", directions, covariance, directions))
     assert 0.9 < np.sqrt(np.square(u).mean() / np.square(wanted).mean()) < 1.1

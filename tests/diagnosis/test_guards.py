@@ -39,7 +39,7 @@ def test_a_curve_that_chases_two_branches_does_not_extend_the_arm(sino6, seed):
         np.random.default_rng(seed),
     )
     records = simulated(truth, 120, rng)
-    found = diagnose(sino6, records, progress=False)
+    found = diagnose(sino6, records)
     assert found.verdict != "explained"
     assert np.isfinite(found.held_out.extended).sum() == records.n - found.held_out.gross_errors
     new, off = simulate_measurements(truth, "seats", 400, rng=rng), {}
@@ -56,22 +56,20 @@ def test_a_curve_that_chases_two_branches_does_not_extend_the_arm(sino6, seed):
 @pytest.fixture(scope="module")
 def eccentric(sino6: Arm) -> Measurements:
     truth = ErrorModel(sino6, (EncoderEccentricity(3, values=(2e-4, 0.0)),))
-    return simulated(truth, 120, np.random.default_rng(1))
+    return simulated(truth, 80, np.random.default_rng(1))
 
 
 @pytest.fixture(scope="module")
 def named(sino6: Arm, eccentric: Measurements) -> Diagnosis:
-    return diagnose(sino6, eccentric, progress=False, encoder_noise=8e-6)
+    return diagnose(sino6, eccentric, encoder_noise=8e-6)
 
 
 def test_gross_errors_do_not_count(sino6, eccentric, named):
-    rows = np.array([10, 50, 90])
+    rows = np.array([10, 40, 70])
     wrong = eccentric.reference.copy()
     wrong[rows] += 5e-3
     before = named.held_out
-    after = diagnose(
-        sino6, replace(eccentric, reference=wrong), progress=False, encoder_noise=8e-6
-    ).held_out
+    after = diagnose(sino6, replace(eccentric, reference=wrong), encoder_noise=8e-6).held_out
     assert (before.gross_errors, after.gross_errors) == (0, 3)
     assert np.isnan(after.extended[rows]).all()
     assert after.gain == pytest.approx(before.gain, abs=0.03)
@@ -94,10 +92,10 @@ def test_an_extended_arm_that_is_no_better_explains_nothing(
 
 def test_columns_that_the_file_lacks_are_listed_with_what_was_not_tried(sino6):
     records = simulate_measurements(ErrorModel(sino6), "seats", 60, rng=np.random.default_rng(1))
-    full = diagnose(sino6, records, progress=False, hold_out=False, encoder_noise=8e-6)
+    full = diagnose(sino6, records, hold_out=False, encoder_noise=8e-6)
     assert full.summary()["not_tried"] == []
     few = replace(records, conditions=replace(records.conditions, approach=None, temperature=None))
-    found = diagnose(sino6, few, progress=False, hold_out=False, encoder_noise=8e-6)
+    found = diagnose(sino6, few, hold_out=False, encoder_noise=8e-6)
     not_tried = {one["column"]: one["causes"] for one in found.summary()["not_tried"]}
     assert not_tried == {
         "approach1 …": ["joint_hysteresis"],
@@ -111,7 +109,7 @@ def test_two_branches_are_recognised_and_ask_for_the_approach(sino6):
     hidden = ErrorModel(sino6, (JointHysteresis(2, values=(5e-5,)),))
     stated = simulate_measurements(hidden, "seats", 200, rng=rng)
     records = replace(stated, conditions=replace(stated.conditions, approach=None))
-    found = diagnose(sino6, records, progress=False, hold_out=False, encoder_noise=8e-6)
+    found = diagnose(sino6, records, hold_out=False, encoder_noise=8e-6)
     branches = found.unexplained.branches
     assert (found.verdict, branches.joint) == ("unexplained", 2)
     assert branches.half_width == pytest.approx(5e-5, rel=0.3)
@@ -142,13 +140,11 @@ def test_two_branches_are_no_scatter(shape, sure):
 
 def test_a_seat_whose_place_is_contradicted_is_in_the_headline(sino6):
     records = simulated(ErrorModel(sino6), 120, np.random.default_rng(11))
-    good = diagnose(sino6, records, progress=False, hold_out=False, encoder_noise=8e-6)
-    assert (good.verdict, good.doubts) == ("no-discrepancy", ())
     reference, seats = records.reference.copy(), records.conditions.seat
     rows = np.flatnonzero(seats == seats[0])
     reference[rows[len(rows) // 2 :], 0] += 8e-5
     moved = replace(records, reference=reference)
-    found = diagnose(sino6, moved, progress=False, hold_out=False, encoder_noise=8e-6)
+    found = diagnose(sino6, moved, hold_out=False, encoder_noise=8e-6)
     assert found.verdict not in ("no-discrepancy", "explained")
     assert "contradicted references" in found.doubts
     assert f"seat {seats[0]}" in verdict_in_words(found)
@@ -166,7 +162,7 @@ def test_a_seat_that_only_the_recalibrated_arm_excludes_is_in_the_headline(sino6
     late = own[len(own) // 2 :]
     jacobian = sino6.jacobian(moved[late])
     moved[late] += (np.linalg.pinv(jacobian) @ np.array([6e-5, 0.0, 0.0])[:, None])[:, :, 0]
-    found = diagnose(sino6, replace(records, q=moved), progress=False, hold_out=False, **noise)
+    found = diagnose(sino6, replace(records, q=moved), hold_out=False, **noise)
     assert found.verdict not in ("no-discrepancy", "explained") or any(
         str(seats[0]) in label for label in found.otherwise
     )

@@ -16,12 +16,13 @@ from aacmm_pin.diagnosis import diagnose
 from aacmm_pin.diagnosis.held_postures import HeldPostures, RecordNoise
 from aacmm_pin.effects import EncoderEccentricity, ErrorModel, JointCompliance
 from aacmm_pin.measurements import Measurements
+from tests.again import again
 
 ALONE, SHARED = 1e-5, 2e-5
 """Noise of each record and of each posture [m]."""
 
 
-@pytest.mark.parametrize("stated", [True, False])
+@pytest.mark.parametrize("stated", [True, again(False)])
 def test_u_counts_an_error_that_records_share(sino6: Arm, stated: bool) -> None:
     """Estimates scatter over files as far as u says: of the geometry and of a cause."""
     rng = np.random.default_rng(21)
@@ -46,6 +47,7 @@ def test_u_counts_an_error_that_records_share(sino6: Arm, stated: bool) -> None:
     assert np.sqrt(np.square(as_independent).mean()) > 1.5
 
 
+@pytest.mark.long
 def test_an_extended_arm_has_the_u_of_its_causes(sino6):
     """The covariance that its file has is that of the finding, which counts the shared error."""
     rng = np.random.default_rng(22)
@@ -55,7 +57,7 @@ def test_an_extended_arm_has_the_u_of_its_causes(sino6):
     hidden = ErrorModel(sino6, (JointCompliance(2, values=(3e-5,)),))
     records = Measurements.of(q, hidden.predict(q) + error)
     noise = {"encoder_noise": 0.0, "reference_noise": ALONE}
-    found = diagnose(sino6, records, hold_out=False, progress=False, **noise)
+    found = diagnose(sino6, records, hold_out=False, **noise)
     (finding,) = found.findings
     covariance = found.model.arm.covariance
     (own,) = (k for k, name in enumerate(covariance.parameters) if "compliance" in name)
@@ -84,7 +86,7 @@ def _held(
     return Measurements.of(q, model.predict(q) + error)
 
 
-@pytest.mark.parametrize("wobble", [0.0, 2e-3, 5e-3])
+@pytest.mark.parametrize("wobble", [2e-3, again(0.0), again(5e-3)])
 def test_a_hand_holds_no_posture_exactly(sino6: Arm, wobble: float) -> None:
     """What near repeats share is no cause, and its size is found."""
     records = _held(ErrorModel(sino6), 40, np.random.default_rng(32), 3.0 * ALONE, wobble)
@@ -96,7 +98,7 @@ def test_a_hand_holds_no_posture_exactly(sino6: Arm, wobble: float) -> None:
     assert found.choice.noise.postures.ratio == pytest.approx(3.0, rel=0.2)
 
 
-@pytest.mark.parametrize("seed", [1, 3, 9, 12])
+@pytest.mark.parametrize("seed", [3, again(1), again(9), again(12)])
 def test_causes_that_others_imitate_are_no_shared_error(seed: int) -> None:
     """Few postures leave it open which of the causes acts, but not that one does."""
     ur5, rng = Arm.from_urdf("ur5"), np.random.default_rng(seed)

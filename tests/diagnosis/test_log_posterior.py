@@ -30,8 +30,8 @@ from aacmm_pin.diagnosis.linear_model import LARGE, gains
 from aacmm_pin.diagnosis.model_space import Candidates, ModelSpace, ModelState
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.measurements.records import Measurements
-from tests.again import again
 from tests.diagnosis.dense_posterior import AMPLITUDES, WIDTHS, Dense, by_quadrature
+from tests.oracle import close
 
 Array = NDArray[np.float64]
 NOTHING: Any = None
@@ -122,9 +122,7 @@ def test_marginal_likelihood_by_quadrature(stated, noise):
     ]
     found = [space.log_posterior(state) for state in states]
     expected = [by_quadrature(dense, state.blocks, widths_of(state)) for state in states]
-    np.testing.assert_allclose(
-        np.subtract(found, found[0]), np.subtract(expected, expected[0]), atol=NATS
-    )
+    close(np.subtract(found, found[0]), np.subtract(expected, expected[0]), NATS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,9 +243,7 @@ def test_real_designs_by_covariance_matrices(measured, rng):
         dense.log_posterior(state.blocks, widths_of(state), AMPLITUDES[state.amplitude])
         for state in states
     ]
-    np.testing.assert_allclose(
-        np.subtract(found, found[0]), np.subtract(expected, expected[0]), atol=NATS
-    )
+    close(np.subtract(found, found[0]), np.subtract(expected, expected[0]), NATS)
 
 
 def test_additions_are_the_posterior_of_larger_sets(
@@ -269,9 +265,7 @@ def test_additions_are_the_posterior_of_larger_sets(
                 for k in range(len(WIDTHS))
             ]
             found = additions[block] + space._log_prior((*state.blocks, block))
-            np.testing.assert_allclose(
-                found, [space.log_posterior(each) for each in own], atol=NATS
-            )
+            close(found, [space.log_posterior(each) for each in own], NATS)
 
 
 def test_evidence_where_rounding_left_no_factor(rng: np.random.Generator) -> None:
@@ -351,7 +345,7 @@ def test_exploration_finds_the_mass_of_all_subsets(problem, stated, rng):
     found = np.zeros(len(dense.columns))
     for blocks, weight in explore(space).weights.items():
         found[list(blocks)] += weight
-    np.testing.assert_allclose(found, expected, atol=0.02)
+    close(found, expected, 0.02)
 
 
 # --- order
@@ -406,9 +400,10 @@ def covariates_in_another_order(measured: Measured, rng: np.random.Generator) ->
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "other",
-    [causes_in_another_order, again(records_in_another_order), again(covariates_in_another_order)],
+    [causes_in_another_order, records_in_another_order, covariates_in_another_order],
 )
 def test_order_of_records_causes_and_covariates(
     measured: Measured, other: Any, rng: np.random.Generator

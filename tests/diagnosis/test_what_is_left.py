@@ -28,7 +28,7 @@ def diagnosed(
     read = q + READING * rng.standard_normal(q.shape)
     reference = arm.positions(true) + shift + REFERENCE * rng.standard_normal((len(q), 3))
     noise = {"encoder_noise": READING, "reference_noise": REFERENCE} if stated else {}
-    return diagnose(arm, Measurements.of(read, reference), hold_out=False, progress=False, **noise)
+    return diagnose(arm, Measurements.of(read, reference), hold_out=False, **noise)
 
 
 @pytest.mark.parametrize("stated", [True, again(False)])

@@ -94,12 +94,9 @@ def test_moves_the_tip_as_pinocchio_says(sino6, rng, carrier, functions):
             tip * sizes if carrier == "lengths" else np.squeeze(axes @ sizes[:, :, None], axis=2)
         )
     model = ErrorModel(sino6, [effect])
-    np.testing.assert_allclose(model.predict(q, conditions), wanted, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(
-        model.sensitivity(q, conditions)[:, :, -effect.size :] @ effect.values,
-        wanted - tip,
-        rtol=0,
-        atol=1e-7,
+    close(model.predict(q, conditions), wanted, 1e-12)
+    close(
+        model.sensitivity(q, conditions)[:, :, -effect.size :] @ effect.values, wanted - tip, 1e-7
     )
 
 
@@ -121,14 +118,14 @@ def test_moment_is_the_torque_that_pinocchio_says(sino6, rng, row):
     close(Moment(of).values(state)[:, 0], gravity_torques(sino6, q)[:, row - 1], 1e-9)
     own = np.stack([np.ones(N), np.cos(q[:, row - 1]), np.sin(q[:, row - 1])], axis=1)
     rest = Moment.beyond_own_angle(of, state).values(state)
-    np.testing.assert_allclose(own.T @ rest, 0.0, atol=1e-9)
+    close(own.T @ rest, 0.0, 1e-9)
 
 
 def test_ranks_are_the_same_at_new_records(rng):
     few = rng.permutation(np.repeat([3.0, 1.0, 7.0], [4, 2, 6]))
     below = np.array([1.0, 4.0, 9.0])[np.searchsorted([1.0, 3.0, 7.0], few)] / 12.0
     wanted = np.cos(np.pi * np.arange(4) * below[:, None])
-    np.testing.assert_allclose(Cosines.over("time", few, 3).of_values(few), wanted, atol=1e-15)
+    close(Cosines.over("time", few, 3).of_values(few), wanted, 1e-15)
     many = rng.normal(size=1000)
     cosines, ranks = Cosines.over("time", many, 5), (np.argsort(np.argsort(many)) + 0.5) / 1000.0
     assert len(cosines.at_si) == MOST_KNOTS
@@ -150,9 +147,7 @@ def test_arm_file_brings_it_back(sino6, rng, tmp_path, effect):
     again = ErrorModel.load(path)
     assert again.effects[0] == model.effects[0]
     assert [p.name for p in again.parameters] == [p.name for p in model.parameters]
-    np.testing.assert_allclose(
-        again.predict(q, conditions), model.predict(q, conditions), rtol=0, atol=1e-9
-    )
+    close(again.predict(q, conditions), model.predict(q, conditions), 1e-9)
     again.save(tmp_path / "again.toml")
     assert (tmp_path / "again.toml").read_bytes() == path.read_bytes()
 
@@ -165,7 +160,7 @@ def test_of_an_arm_that_came_as_urdf(robot_file, rng, tmp_path):
     model, q = ErrorModel.load(tmp_path / "extended.toml"), rng.uniform(-0.1, 0.1, (N, 8))
     moved = q.copy()
     moved[:, 7] += np.stack([np.cos(q[:, 6]), np.sin(q[:, 6])], axis=1) @ effect.values
-    np.testing.assert_allclose(model.predict(q), arm.poses(moved).position, rtol=0, atol=1e-12)
+    close(model.predict(q), arm.poses(moved).position, 1e-12)
 
 
 ENTRY = {

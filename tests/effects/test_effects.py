@@ -220,9 +220,7 @@ def test_columns_are_the_derivatives(arms, rng):
                     positions(arm, effect, s * h * unit, q, conditions, at) for s in (1, -1)
                 )
                 rounding = 1e-15 / h
-                np.testing.assert_allclose(
-                    stated[:, :, k], (there - back) / (2 * h), rtol=0, atol=1e-9 * size + rounding
-                )
+                close(stated[:, :, k], (there - back) / (2 * h), 1e-9 * size + rounding)
 
 
 def test_exact_form_converges_quadratically(arms, rng):

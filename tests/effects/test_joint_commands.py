@@ -15,7 +15,7 @@ from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.joint_commands import joint_commands
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements.records import Measurements
-from tests.oracle import with_dh_errors
+from tests.oracle import close, with_dh_errors
 
 pytestmark = pytest.mark.fast
 
@@ -39,11 +39,9 @@ def test_the_tip_comes_where_the_nominal_arm_has_it(name, frame, robot_file, rng
         commands, arrived = joint_commands(model, nominal, q)
         assert arrived.all()
         assert 1e-4 < np.abs(commands - q).max() < 0.2
-        np.testing.assert_allclose(model.predict(commands), wanted.position, rtol=0, atol=1e-9)
+        close(model.predict(commands), wanted.position, 1e-9)
         if not model.effects:
-            np.testing.assert_allclose(
-                moved.poses(commands).placement, wanted.placement, rtol=0, atol=2e-9
-            )
+            close(moved.poses(commands).placement, wanted.placement, 2e-9)
 
 
 def test_a_place_out_of_reach_is_not_reached(sino6):

@@ -48,6 +48,7 @@ from aacmm_pin.effects import (
 )
 from aacmm_pin.errors import AacmmError, ArmFileError, MissingConditionError, UnknownNameError
 from aacmm_pin.report import plots
+from tests.oracle import close
 
 NOISE = 8e-6
 PAGE = Path(__file__).parents[2] / "notebooks" / "site" / "own_cause.md"
@@ -104,9 +105,7 @@ def test_it_is_found_written_read_and_drawn(hose, found, hidden, tmp_path):
     found.model.save(tmp_path / "extended.toml")
     loaded = ErrorModel.load(tmp_path / "extended.toml")
     assert loaded.effects == found.model.effects
-    np.testing.assert_allclose(
-        loaded.predict(hidden.q), found.model.predict(hidden.q), rtol=0, atol=1e-12
-    )
+    close(loaded.predict(hidden.q), found.model.predict(hidden.q), 1e-12)
     ax = plots.plot_cause(found, finding)
     assert "hose pull of joint 2" in ax.get_title()
     assert ax.get_xlabel() == "load [m]"

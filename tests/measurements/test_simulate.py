@@ -35,6 +35,7 @@ from aacmm_pin.measurements.noise import Noise
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.measurements.simulate import simulate_measurements
 from tests.arm_files import changed
+from tests.oracle import close
 
 pytestmark = pytest.mark.fast
 
@@ -112,9 +113,7 @@ def test_tips_are_where_the_plan_says_and_postures_differ(arm, options):
         options["scheme"] in ("free", "seats") and options.get("known", True),
     )
     assert known.all() if stated else not known.any()
-    np.testing.assert_allclose(
-        tips[known], measurements.reference[known], atol=1e-12 if free else 1e-9, rtol=0
-    )
+    close(tips[known], measurements.reference[known], 1e-12 if free else 1e-9)
     assert all(np.ptp(tips[rows], axis=0).max() < 1e-9 for rows in seats.values())
     assert len(seats) == {"free": 0, "single-point": 1}.get(options["scheme"], 10)
     assert np.isnan(measurements.reference_u).all()
@@ -127,7 +126,7 @@ def test_tips_are_where_the_plan_says_and_postures_differ(arm, options):
     for bar in measurements.bars():
         a, b = tips[seats[bar.seat_a]], tips[seats[bar.seat_b]]
         assert (bar.length, bar.seat_a, bar.seat_b) == (0.4, f"{bar.bar}A", f"{bar.bar}B")
-        np.testing.assert_allclose(np.linalg.norm(a[:, None] - b, axis=2), 0.4, atol=1e-9, rtol=0)
+        close(np.linalg.norm(a[:, None] - b, axis=2), 0.4, 1e-9)
 
 
 def test_errors_of_references_act_where_these_are_stated(sino6):
@@ -137,14 +136,14 @@ def test_errors_of_references_act_where_these_are_stated(sino6):
     # True place = stated place + e.
     off = sino6.dh.chain.positions(measurements.q) - measurements.reference
     third = measurements.conditions.seat == "S3"
-    np.testing.assert_allclose(off[third], np.broadcast_to(shift, (30, 3)), atol=1e-9)
-    np.testing.assert_allclose(off[~third], 0.0, atol=1e-9)
+    close(off[third], np.broadcast_to(shift, (30, 3)), 1e-9)
+    close(off[~third], 0.0, 1e-9)
 
     turned = ErrorModel(sino6).with_effects(ReferenceFrame(values=(0.5, 0.1, -0.2, 0.0, 0.0, 0.3)))
     measurements = simulated(turned, scheme="free", **quiet())
     motion = pin.exp6(np.array([0.5, 0.1, -0.2, 0.0, 0.0, 0.3]))
     expected = sino6.dh.chain.positions(measurements.q) @ motion.rotation.T + motion.translation
-    np.testing.assert_allclose(measurements.reference, expected, atol=1e-12)
+    close(measurements.reference, expected, 1e-12)
     unknown = simulated(turned, scheme="single-point", **quiet())
     assert np.ptp(sino6.dh.chain.positions(unknown.q), axis=0).max() < 1e-9
 
@@ -193,9 +192,7 @@ def test_joints_may_slide_or_turn_without_end(tmp_path):
         "tip",
     )
     measurements = simulated(arm, scheme="seats", records=40, seats=4, **quiet())
-    np.testing.assert_allclose(
-        tips_of(arm, measurements.q), measurements.reference, atol=1e-9, rtol=0
-    )
+    close(tips_of(arm, measurements.q), measurements.reference, 1e-9)
     assert np.abs(measurements.q[:, 1:]).max() <= np.pi
     assert 0.0 < measurements.q[:, 0].min() < measurements.q[:, 0].max() < 0.5
 
@@ -308,8 +305,8 @@ def test_a_seed_is_a_data_set_that_a_file_holds(sino6, tmp_path, options):
     assert "seed 7" in first.source
     first.save(tmp_path / "data.csv")
     read = Measurements.read(tmp_path / "data.csv", 6)
-    np.testing.assert_allclose(read.q, first.q, atol=1e-14)
-    np.testing.assert_allclose(read.reference, first.reference, atol=1e-15)
+    close(read.q, first.q, 1e-14)
+    close(read.reference, first.reference, 1e-15)
     assert read.to_frame()["record"].tolist() == [str(k) for k in range(1, 61)]
 
 
@@ -375,9 +372,7 @@ def test_arms_of_two_joints(tmp_path):
     ):
         simulated(arm, scheme="seats", records=20, seats=2)
     measurements = simulated(arm, scheme="seats", records=4, seats=2, **quiet())
-    np.testing.assert_allclose(
-        tips_of(arm, measurements.q), measurements.reference, atol=1e-9, rtol=0
-    )
+    close(tips_of(arm, measurements.q), measurements.reference, 1e-9)
     stiff = Arm.from_urdf(
         written(tmp_path, ("revolute", "0 0 1", -0.1, 0.1), ("revolute", "0 0 1", -0.1, 0.1)), "tip"
     )

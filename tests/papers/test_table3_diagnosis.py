@@ -30,6 +30,7 @@ from scipy.spatial.transform import Rotation
 from aacmm_pin.effects import ErrorModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.report.formats.html import page
+from tests.oracle import close
 from tests.pages import Page
 
 ARCSEC = np.pi / 180 / 3600
@@ -79,19 +80,15 @@ def test_the_tips_are_in_the_seats_with_the_stylus_down(seats):
     for q, point in zip(seats.q, printed_points(), strict=True):
         tips, stylus = dh_tips(q)
         assert len(q) == 50
-        np.testing.assert_allclose(tips, np.broadcast_to(point, tips.shape), atol=1e-9)
-        np.testing.assert_allclose(
-            stylus, np.broadcast_to([0.0, 0.0, -1.0], stylus.shape), atol=1e-9
-        )
+        close(tips, np.broadcast_to(point, tips.shape), 1e-9)
+        close(stylus, np.broadcast_to([0.0, 0.0, -1.0], stylus.shape), 1e-9)
 
 
 def test_the_wrists_are_at_the_printed_coordinates_by_pinocchio(at_wrist):
     position = at_wrist.model.arm.poses(at_wrist.all_q, "frame5").position.reshape(6, 50, 3)
     assert np.linalg.norm(position - printed_points()[:, None], axis=2).max() < 2e-12
     assert ((at_wrist.q[..., [1, 3]] < 0) & (at_wrist.q[..., [1, 3]] > -np.pi)).all()
-    np.testing.assert_allclose(
-        np.diff(np.unwrap(at_wrist.q[..., 2], axis=1), axis=1), 2 * np.pi / 50, atol=0.02
-    )
+    close(np.diff(np.unwrap(at_wrist.q[..., 2], axis=1), axis=1), 2 * np.pi / 50, 0.02)
     with pytest.raises(UnknownNameError, match="stylus down"):
         touched_seats("sideways")  # type: ignore[arg-type]
     with pytest.raises(AacmmError, match="arc is 0"):
@@ -166,7 +163,7 @@ def test_first_order_agrees_with_brute_force_arms(seats, found):
         np.median(found.patterns[DH].log_spread, axis=0),
         np.median(np.log(exact), axis=0),
     )
-    np.testing.assert_allclose(ours, theirs, atol=4 * 1.25 * 0.66 / np.sqrt(300))
+    close(ours, theirs, 4 * 1.25 * 0.66 / np.sqrt(300))
 
 
 # Name ------------------------------------------------------------
@@ -241,8 +238,8 @@ def test_the_contrast_is_that_of_picking_after_measuring(found):
     """
     marked, measured = found.marked, np.exp(MEASURED_LOGS)
     low, middle, high = band(marked.after[NOISE])
-    np.testing.assert_allclose(middle[:5], [0.44, 0.41, 0.43, 0.43, 0.44], atol=0.02)
-    np.testing.assert_allclose(measured, [0.381, 0.392, 0.453, 0.531, 0.475, 0.565], atol=1e-3)
+    close(middle[:5], [0.44, 0.41, 0.43, 0.43, 0.44], 0.02)
+    close(measured, [0.381, 0.392, 0.453, 0.531, 0.475, 0.565], 1e-3)
     assert COUNTS[:5] == [17, 15, 20, 22, 24]
     assert ((low <= measured) & (measured <= high)).sum() >= 4
     low, middle, _ = band(marked.before[DH])

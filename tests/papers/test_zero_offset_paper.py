@@ -22,6 +22,7 @@ from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.calibration import calibrate
 from aacmm_pin.errors import UnknownNameError
 from aacmm_pin.measurements.records import Measurements
+from tests.oracle import close
 
 pytestmark = pytest.mark.fast
 
@@ -87,22 +88,18 @@ def test_the_method_is_that_of_equations_7_and_8(zero6):
         offsets = np.array([42, -36, -25, 38, 31, -24]) * MRAD
         # The arm has its true offsets built in.
         poses = zero6.poses(simulation.q + offsets - TRUE_DEG * DEG)
-        np.testing.assert_allclose(
-            simulation.matrix(offsets), poses.jacobian[:, :3].reshape(9, 6), atol=1e-12
-        )
+        close(simulation.matrix(offsets), poses.jacobian[:, :3].reshape(9, 6), 1e-12)
         misses = zero6.poses(simulation.q).position - poses.position
-        np.testing.assert_allclose(simulation.misses(offsets), misses, atol=1e-12)
+        close(simulation.misses(offsets), misses, 1e-12)
         g = simulation.matrix(np.zeros(6))
         by_equation_8 = np.linalg.inv(g.T @ g) @ g.T @ simulation.misses(np.zeros(6)).ravel()
-        np.testing.assert_allclose(simulation.increment(np.zeros(6)), by_equation_8, atol=1e-12)
+        close(simulation.increment(np.zeros(6)), by_equation_8, 1e-12)
 
 
 def test_rounded_to_a_milliradian_it_goes_the_printed_way():
     for run in RUNS:
         found = iterations(run, rounded=True)
-        np.testing.assert_allclose(
-            found[OFFSETS].to_numpy()[1 : len(STATES[run]) + 1] * DEG / MRAD, STATES[run], atol=1e-9
-        )
+        close(found[OFFSETS].to_numpy()[1 : len(STATES[run]) + 1] * DEG / MRAD, STATES[run], 1e-9)
         assert (found.loc[0, OFFSETS] == 0.0).all()
         rest = np.abs(found[OFFSETS].iloc[-1] - TRUE_DEG).max()  # the paper's 0.02°
         assert rest == pytest.approx(0.0238, abs=5e-5)
@@ -163,7 +160,7 @@ def test_what_is_not_reproduced(table):
         (4, "error2_mm"): 0.206,
         (4, "error3_mm"): 0.232,
     }
-    np.testing.assert_allclose(found["reproduced"], [0.4064, 0.1484, 0.4064, 0.2436], atol=5e-5)
+    close(found["reproduced"], [0.4064, 0.1484, 0.4064, 0.2436], 5e-5)
     assert found.loc[(3, "error2_mm"), "verdict"] == "not reproduced"
 
 
@@ -187,5 +184,5 @@ def test_three_printed_points_calibrated_from_afar_have_the_chi2_of_their_roundi
         assert result.fit.chi2_stated[0] == pytest.approx(np.sum((errors * MM / u) ** 2), rel=1e-2)
         assert result.fit.unmodelled == 0.0
         after = np.rad2deg(result.parameters["after"].to_numpy())
-        np.testing.assert_allclose(after, offsets, atol=1e-6)
+        close(after, offsets, 1e-6)
         assert (np.abs(after - TRUE_DEG) < 3 * np.rad2deg(result.parameters["u"])).all()

@@ -44,7 +44,7 @@ def test_exchanges_find_the_best_of_all_choices(rng):
 
 
 def test_o1_and_u_are_those_of_dense_algebra(sino6):
-    plan = plan_calibration(sino6, 15, postures=60, progress=False, **NOISE)
+    plan = plan_calibration(sino6, 15, postures=60, **NOISE)
     q, u = plan.measurements.q, np.array([p.u for p in sino6.parameters])
     sensitivity, jacobian = sino6.sensitivity(q)[:, :, u > 0] * u[u > 0], sino6.jacobian(q)
     noise = U_READING**2 * jacobian @ jacobian.transpose(0, 2, 1) + U_REFERENCE**2 * np.eye(3)
@@ -63,8 +63,7 @@ def test_o1_and_u_are_those_of_dense_algebra(sino6):
 def test_a_seat_that_was_off_has_no_part_in_a_plan_without_seats(sino6):
     known = ErrorModel(sino6, (SeatError("S3", values=(1e-4, 0.0, 0.0)),))
     plans = [
-        plan_calibration(model, 8, postures=60, progress=False, **NOISE)
-        for model in (known, ErrorModel(sino6))
+        plan_calibration(model, 8, postures=60, **NOISE) for model in (known, ErrorModel(sino6))
     ]
     assert plans[0].u == plans[1].u
 
@@ -78,7 +77,7 @@ def test_seats_frames_and_existing_records(sino6):
         {"existing": existing},
         {"prior": False},
     ):
-        plan = plan_calibration(sino6, 12, postures=120, progress=False, **NOISE, **options)  # type: ignore[arg-type]
+        plan = plan_calibration(sino6, 12, postures=120, **NOISE, **options)  # type: ignore[arg-type]
         assert plan.ratio > 1.0, options
         assert plan.u < np.median(plan.u_random) * 1.02, options
         assert len(plan.records) == 12
@@ -99,14 +98,14 @@ def test_an_arm_that_is_exact_leaves_nothing_to_calibrate(sino6, frame):
         sino6, parameters=tuple(replace(p, u=0.0, half_width=0.0) for p in sino6.parameters)
     )
     with pytest.raises(AacmmError, match="nothing to calibrate"):
-        plan_calibration(exact, 3, reference_frame=frame, postures=50, progress=False)
+        plan_calibration(exact, 3, reference_frame=frame, postures=50)
 
 
 def test_arms_calibrated_with_the_plan_are_nearer_to_the_truth(sino6):
     """Least squares on drawn arms and noise, 2000 times each: what planned and random records
     leave.
     """
-    plan = plan_calibration(sino6, 12, postures=400, progress=False, **NOISE)
+    plan = plan_calibration(sino6, 12, postures=400, **NOISE)
     rng, u = np.random.default_rng(7), np.array([p.u for p in sino6.parameters])
     new = sino6.sensitivity(Room(sino6).postures(500, rng)[0])[:, :, u > 0] * u[u > 0]
 

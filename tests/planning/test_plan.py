@@ -41,6 +41,7 @@ from aacmm_pin.planning.measurement_conditions import possible_conditions
 from aacmm_pin.report.plan import advice, plan_advice
 from tests.arm_files import RIGID, changed
 from tests.notes import data_of
+from tests.oracle import close
 
 U_READING, U_REFERENCE = 8e-6, 1.2e-5
 NOISE: dict[str, Any] = {"encoder_noise": U_READING, "reference_noise": U_REFERENCE}
@@ -247,6 +248,7 @@ def mimicking(arm: Arm, q: np.ndarray, cause: Effect, other: Effect) -> Effect:
     return other.at(tuple(best[z.shape[1] :]))
 
 
+@pytest.mark.long
 def test_the_planned_records_decide_where_as_many_random_ones_do_not(sino6):
     compliance = JointCompliance(3, values=(1e-5,))
     right: dict[str, list[bool]] = {"before": [], "planned": [], "random": []}
@@ -390,9 +392,7 @@ def test_a_load_hangs_where_it_is_said_to(sino6):
     wrist = bare.origin[2 * 5 + 1]
     for row in (1, 2, 4):
         extra = np.cross(wrist - bare.origin[2 * row], sino6.gravity)
-        np.testing.assert_allclose(
-            heavy.moment_at_axis(row) - bare.moment_at_axis(row), extra, atol=1e-9
-        )
+        close(heavy.moment_at_axis(row) - bare.moment_at_axis(row), extra, 1e-9)
 
 
 def test_more_records_are_less_effort_than_another_mount(sino6):
@@ -451,7 +451,7 @@ def test_postures_are_inside_the_limits_readable_and_those_of_the_seed(sino6):
     inside = np.abs(q * 10 - np.round(q * 10)) < 1e-6
     assert inside.mean() > 0.98  # all but those that a limit cut
     assert Room(sino6).admits(plan.expected).all()
-    np.testing.assert_allclose(plan.expected, sino6.positions(q * DEG), atol=1e-7)
+    close(plan.expected, sino6.positions(q * DEG), 1e-7)
     assert len(np.unique(q, axis=0)) == len(q)
     assert plan.csv() == same.csv() != other.csv()
     assert (plan.seed, other.seed) == (1, 2)
@@ -570,7 +570,7 @@ def test_measured_torques_are_expected_to_hold_the_weight(sino6):
     by_torque, by_weight = (
         columns(sino6, new, JointCompliance(2, torque=t)) for t in ("measured", "gravity")
     )  # type: ignore[arg-type]
-    np.testing.assert_allclose(by_torque, by_weight, atol=1e-9)
+    close(by_torque, by_weight, 1e-9)
     assert plan.records.filter(like="torque").isna().all(axis=None)  # to be measured
     assert data_of(plan.notes, "record_torques")
 

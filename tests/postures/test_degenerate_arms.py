@@ -16,6 +16,7 @@ from aacmm_pin.postures.general_ik import reaching_postures
 from aacmm_pin.report.json_summaries import map_summary
 from tests.arm_files import by_table
 from tests.notes import data_of
+from tests.oracle import close
 
 pytestmark = pytest.mark.fast
 
@@ -65,7 +66,7 @@ def test_families_are_told():
         reached = arm.positions(
             np.deg2rad([[float(angle) for angle in named.split(",")]]), "frame5"
         )[0]
-        np.testing.assert_allclose(reached, point, atol=1e-3)  # named to a tenth of a degree
+        close(reached, point, 1e-3)  # named to a tenth of a degree
         if not name.startswith("parallel"):
             away = configuration_circle(arm, [0.0, 0.0, 0.7], rest=[0.0, 0.0])
             assert (len(away), away.complete) == (0, False), name
@@ -90,12 +91,12 @@ def test_map_of_families():
     """In its own plane every cell of a planar arm is reached, in families of postures; beside it
     none is.
     """
-    whole = map_workspace(arm_of("planar"), (2, 3), extent=[0.1, 0.5, -0.1, 0.1], progress=False)
+    whole = map_workspace(arm_of("planar"), (2, 3), extent=[0.1, 0.5, -0.1, 0.1])
     np.testing.assert_array_equal(whole.data["reachable"], [[0, 1, 0]] * 2)
     assert (whole.incomplete, map_summary(whole)["incomplete"], whole.unreachable) == (6, 6, 4)
     assert "missing in 6 cells" in str(whole)
     with pytest.raises(AacmmError, match="the wrist cannot leave the shoulder"):
-        map_workspace(arm_of("wrist at the shoulder"), (2, 2), progress=False)
+        map_workspace(arm_of("wrist at the shoulder"), (2, 2))
 
 
 def test_places_where_no_arm_is(sino6):
@@ -116,7 +117,7 @@ def test_a_search_that_ends_early_says_so(sino6, monkeypatch):
     assert 0 < part.component.max() < whole.component.max()
     assert not part.complete
     assert data_of(part.notes, "search_ended")
-    np.testing.assert_allclose(sino6.positions(part.q, "frame5"), [point] * len(part), atol=1e-9)
+    close(sino6.positions(part.q, "frame5"), [point] * len(part), 1e-9)
     few = reaching_postures(sino6, point, axis=[0, 0, -1], count=20, most_starts=100)
     assert (few.complete, few.search.ended) == (False, True)
     assert "limit of work" in str(few)

@@ -29,7 +29,7 @@ from aacmm_pin.postures.newton_search import (
 from aacmm_pin.postures.pose_equations import Equations
 from aacmm_pin.postures.solution_curves import CurveSearch
 from tests.again import again
-from tests.oracle import by_newton, distances
+from tests.oracle import by_newton, close, distances
 
 SAME = 1e-6  # rad
 
@@ -134,9 +134,7 @@ def test_all_postures_at_random_reachable_poses(ur5, by_hand, rng):
         pose = ur5.poses(q).placement[0]
         found = at(ur5, pose)
         assert_same(found.q, by_hand.solutions(pose))
-        np.testing.assert_allclose(
-            ur5.poses(found.q).placement, np.tile(pose, (len(found), 1, 1)), rtol=0, atol=1e-9
-        )
+        close(ur5.poses(found.q).placement, np.tile(pose, (len(found), 1, 1)), 1e-9)
         assert not found.notes
         assert found.search.unseen < 0.011
         counts.add(len(found))
@@ -229,12 +227,8 @@ def test_an_arm_with_five_joints(robot_file, rng):
         found = reaching_postures(arm, pose[:3, 3], axis=pose[:3, 0], tool=[1, 0, 0])
         assert distances(q, found.q).min() < SAME
         reached = arm.poses(found.q).placement
-        np.testing.assert_allclose(
-            reached[:, :3, 3], np.tile(pose[:3, 3], (len(found), 1)), rtol=0, atol=1e-9
-        )
-        np.testing.assert_allclose(
-            reached[:, :3, 0], np.tile(pose[:3, 0], (len(found), 1)), rtol=0, atol=1e-9
-        )
+        close(reached[:, :3, 3], np.tile(pose[:3, 3], (len(found), 1)), 1e-9)
+        close(reached[:, :3, 0], np.tile(pose[:3, 0], (len(found), 1)), 1e-9)
 
 
 # --- the search, on equations whose solutions are known
@@ -310,6 +304,7 @@ def test_all_single_solutions_and_how_often():
         assert found.unseen == 3.0 / found.since_new
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("in_python")
 def test_starts_that_stall_beside_a_solution():
     """Equations that miss a double solution by 1e-6, and by 1e-4; solutions of order two are

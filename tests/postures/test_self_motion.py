@@ -16,7 +16,7 @@ from aacmm_pin._support.angles import wrapped
 from aacmm_pin._support.checks import Array
 from aacmm_pin.arm import Arm
 from aacmm_pin.postures.general_ik import reaching_postures
-from tests.oracle import by_newton, gaps, off_polylines
+from tests.oracle import by_newton, close, gaps, off_polylines
 
 TURN = 2 * np.pi
 
@@ -46,9 +46,7 @@ def test_every_posture_holds_the_pose(panda, poses, motions):
         assert motion.search.unseen == pytest.approx(
             -np.log(0.05) / motion.search.since_new, rel=2e-3
         )
-        np.testing.assert_allclose(
-            panda.poses(motion.q).placement, np.tile(pose, (len(motion), 1, 1)), rtol=0, atol=1e-9
-        )
+        close(panda.poses(motion.q).placement, np.tile(pose, (len(motion), 1, 1)), 1e-9)
 
 
 def test_curves_are_closed_even_and_along_the_null_space(panda, motions):
@@ -62,9 +60,7 @@ def test_curves_are_closed_even_and_along_the_null_space(panda, motions):
             step = np.linalg.norm(way, axis=1)
             assert motion.summary()["travel_rad"][number - 1] == pytest.approx(step.sum())
             assert step.max() < 1.02 * step.min()
-            np.testing.assert_allclose(
-                motion.travel[motion.component == number], np.cumsum(step) - step, atol=1e-9
-            )
+            close(motion.travel[motion.component == number], np.cumsum(step) - step, 1e-9)
             chord = way + np.roll(way, 1, axis=0)
             chord /= np.linalg.norm(chord, axis=1)[:, None]
             moved = np.einsum("nij,nj->ni", panda.poses(q).jacobian, chord)
@@ -108,6 +104,7 @@ def partner_of(q: Array, motion: ReachingPostures) -> int:
     return int(there[0])
 
 
+@pytest.mark.long
 def test_sino6_agrees_with_the_configuration_circle(sino6, rng):
     """Seeds from closed forms there, spread starts here."""
     pose = sino6.poses(rng.uniform(-np.pi, np.pi, (1, 6))).placement[0]
@@ -146,12 +143,8 @@ def test_curves_that_cross_are_followed_straight_on(robot_file, rng):
     crossings = np.linalg.svd(ur5.poses(motion.q).jacobian, compute_uv=False)[:, -1] < 1e-2
     assert crossings.any()
     poses = ur5.poses(motion.q).placement
-    np.testing.assert_allclose(
-        poses[:, :3, 3], np.tile([0.4, 0.1, 0.3], (len(poses), 1)), rtol=0, atol=1e-9
-    )
-    np.testing.assert_allclose(
-        poses[:, :3, :3] @ tool, np.tile([0, 0, -1], (len(poses), 1)), rtol=0, atol=1e-9
-    )
+    close(poses[:, :3, 3], np.tile([0.4, 0.1, 0.3], (len(poses), 1)), 1e-9)
+    close(poses[:, :3, :3] @ tool, np.tile([0, 0, -1], (len(poses), 1)), 1e-9)
     turn = rng.uniform(-np.pi, np.pi)  # the whole pose, at random about the tool's axis
     pose = poses[0].copy()
     pose[:3, :3] = pin.exp3(np.array([0.0, 0.0, -turn])) @ pose[:3, :3]

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from blind import draw
 
-from aacmm_pin import perturbed_model
+from aacmm_pin import ConfigurationCircle, configuration_circle, perturbed_model
 from aacmm_pin.arm import Arm
 from aacmm_pin.calibration import Calibration, calibrate
 from aacmm_pin.diagnosis import Diagnosis, diagnose
@@ -38,7 +38,7 @@ def blind(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Diagnosis]:
         hold_out: bool = True,
     ) -> Diagnosis:
         path = tmp_path_factory.mktemp("blind") / "data.csv"
-        draw(seed, cause, plan=plan, records=150, outliers=outliers).write(path)
+        draw(seed, cause, plan=plan, records=80, outliers=outliers).write(path)
         probe = 12e-6 if plan != "free" else None
         records = Measurements.read(path)
         return diagnose(
@@ -61,8 +61,8 @@ def sound(blind: Callable[..., Diagnosis]) -> Diagnosis:
 
 @pytest.fixture(scope="session")
 def eccentric(blind: Callable[..., Diagnosis]) -> Diagnosis:
-    """An eccentric encoder 1, three records of 150 are outliers."""
-    return blind("encoder_eccentricity", 3, outliers=0.02)
+    """An eccentric encoder 1, three records of 80 are outliers."""
+    return blind("encoder_eccentricity", 3, outliers=0.04)
 
 
 @pytest.fixture(scope="session")
@@ -86,6 +86,12 @@ def with_wave() -> Calibration:
         ErrorModel(arm, (WAVE,)), "free", 200, rng=np.random.default_rng(2)
     )
     return calibrate(arm, data, encoder_noise=READINGS, hold_out=False)
+
+
+@pytest.fixture(scope="session")
+def circle(sino6: Arm) -> ConfigurationCircle:
+    """The postures of SINO6 at a seat of its paper."""
+    return configuration_circle(sino6, [0.0336323, -0.6718702, 0.1829355], count=36)
 
 
 @pytest.fixture(scope="module")

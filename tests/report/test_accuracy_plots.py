@@ -21,21 +21,16 @@ from aacmm_pin import (
     map_workspace,
     reaching_postures,
 )
-from aacmm_pin.arm import Arm, load_arm_file
 from aacmm_pin.errors import AacmmError, ShapeError
 from aacmm_pin.report.plots import plot_accuracy_of_postures, plot_budget, plot_circle, plot_map
+from tests.arm_files import changed
+from tests.oracle import close
 
 pytestmark = pytest.mark.fast
 
 mpl.use("Agg")
 
-POINT = np.array([33.6323, -671.8702, 182.9355]) * 1e-3
 UNREACHABLE = np.array([5.0, 5.0, 5.0])
-
-
-@pytest.fixture(scope="module")
-def circle(sino6: Arm) -> ConfigurationCircle:
-    return configuration_circle(sino6, POINT, count=36)
 
 
 @pytest.fixture(scope="module")
@@ -117,7 +112,7 @@ def test_accuracy_stands_over_what_the_postures_have(sino6, rng, circle, accurac
 
 
 def test_maps(sino6):
-    map_ = map_workspace(sino6, (12, 24), 4, progress=False)
+    map_ = map_workspace(sino6, (12, 24), 4)
     for column, label, scale in (
         ("flexibility", "flexibility ζ [1]", 1.0),
         ("comprehensive_mm3", "comprehensive accuracy volume [mm³]", 1.0),
@@ -132,16 +127,13 @@ def test_maps(sino6):
         np.testing.assert_allclose(
             np.ma.filled(image.get_array(), np.nan), scale * map_.data[column].values.T, rtol=1e-14
         )
-        np.testing.assert_allclose(
-            [*ax.get_xlim(), *ax.get_ylim()], [0.0, 1220.0, -1220.0, 1220.0], atol=1e-9
-        )
-    few = map_workspace(sino6, (2, 2), 4, extent=[0.0, 0.02, -0.23, -0.21], progress=False)
+        close([*ax.get_xlim(), *ax.get_ylim()], [0.0, 1220.0, -1220.0, 1220.0], 1e-9)
+    few = map_workspace(sino6, (2, 2), 4, extent=[0.0, 0.02, -0.23, -0.21])
     assert "in reach, no working sector" in legend_texts(plot_map(few))
 
 
 def test_circles_have_tubes_to_the_point_and_all_is_in_view(circle, accuracy):
-    table = load_arm_file("sino6").model_copy(update={"convention": "modified-dh"})
-    modified = Arm.from_file(table)
+    modified = changed("sino6", convention="modified-dh")
     point = modified.positions(np.array([[0.3, -1.2, 1.0, -1.4, 0.0, 0.0]]), "frame5")[0]
     for one, of, bars in (
         (circle, accuracy, ["accuracy volume [mm³]"]),
@@ -154,7 +146,7 @@ def test_circles_have_tubes_to_the_point_and_all_is_in_view(circle, accuracy):
         limits = np.array([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()])
         assert tubes
         for tube in tubes:
-            np.testing.assert_allclose(tube[-1], one.point * 1e3, atol=1e-6)
+            close(tube[-1], one.point * 1e3, 1e-6)
             assert (tube >= limits[:, 0]).all()
             assert (tube <= limits[:, 1]).all()
         # One scale for all axes.

@@ -14,7 +14,6 @@ import pandas as pd
 from matplotlib import pyplot as plt
 
 from aacmm_pin import perturbed_model
-from aacmm_pin.arm import Arm
 from aacmm_pin.arm.file import parse_arm_file
 from aacmm_pin.calibration import Calibration, calibrate
 from aacmm_pin.effects import EncoderEccentricity, ErrorModel, JointCompliance, ThermalExpansion
@@ -32,6 +31,7 @@ from aacmm_pin.report.formats import html
 from aacmm_pin.report.numbers import length
 from aacmm_pin.report.parameters import parameter_table, stated_half_widths
 from aacmm_pin.report.scenes.scene import viewer_script
+from tests.arm_files import changed
 from tests.pages import Page
 
 NAME = "a <b> & c.csv"
@@ -102,9 +102,8 @@ def test_what_is_beyond_its_stated_uncertainty(sino6, at_seats, of_robot):
     expected = [widths[p.name] for p in at_seats.fit.problem.vector.parameters]
     np.testing.assert_allclose(stated_half_widths(at_seats), np.array(expected, dtype=float))
     assert np.isnan(stated_half_widths(of_robot)).all()
-    rows = list(sino6.file.joints)
-    rows[3] = rows[3].model_copy(update={"d_mm": rows[3].d_mm + 0.1})  # stated: within 0.016
-    true = Arm.from_file(sino6.file.model_copy(update={"joints": rows}))
+    longer = sino6.file.joints[3].d_mm + 0.1  # stated: within 0.016
+    true = changed("sino6", {4: {"d_mm": longer}})
     data = simulate_measurements(true, "free", 150, rng=np.random.default_rng(2))
     known = EncoderEccentricity(3, u=(1e-5, 2e-5))
     result = calibrate(sino6, data, ["geometry", known], encoder_noise=READINGS, hold_out=False)

@@ -15,6 +15,7 @@ from aacmm_pin import Arm, Measurements, WorkspaceMap, calibrate
 from aacmm_pin.effects import EncoderEccentricity
 from aacmm_pin.errors import AacmmError, OutputError
 from aacmm_pin.report.demo import DemoSummary, run_demo
+from tests.oracle import close
 from tests.pages import Page
 
 mpl.use("Agg")
@@ -28,9 +29,7 @@ def figures_left_by_demo() -> list[int]:
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory: pytest.TempPathFactory, figures_left_by_demo: list[int]) -> DemoSummary:
     plt.close("all")
-    summary = run_demo(
-        folder=tmp_path_factory.mktemp("demo") / "out", progress=False, cells=(6, 8), sectors=4
-    )
+    summary = run_demo(folder=tmp_path_factory.mktemp("demo") / "out", cells=(6, 8), sectors=4)
     figures_left_by_demo += plt.get_fignums()
     return summary
 
@@ -75,9 +74,7 @@ def test_demo_data_agree(demo):
     assert accuracy["point_mm"] == [33.6323, -671.8702, 182.9355]
     frame = pd.read_csv(demo.folder / "configurations.csv")
     assert frame["within_limits"].sum() == accuracy["configurations"]
-    np.testing.assert_allclose(
-        frame[["x_mm", "y_mm", "z_mm"]], np.tile(accuracy["point_mm"], (len(frame), 1)), atol=1e-6
-    )
+    close(frame[["x_mm", "y_mm", "z_mm"]], np.tile(accuracy["point_mm"], (len(frame), 1)), 1e-6)
     map_ = WorkspaceMap.load(demo.folder / "map.nc")
     assert map_.unreachable == demo.map["unreachable"]
     assert demo.map["cells"] == [6, 8]
@@ -128,7 +125,7 @@ def test_demo_finds_what_it_hides(demo):
 
 def test_demo_refuses(demo, tmp_path):
     with pytest.raises(OutputError, match="not empty"):
-        run_demo(folder=demo.folder, progress=False)
+        run_demo(folder=demo.folder)
     with pytest.raises(AacmmError, match="has an uncertainty"):
-        run_demo("zero6", tmp_path / "out", progress=False)
+        run_demo("zero6", tmp_path / "out")
     assert list(tmp_path.iterdir()) == []

@@ -37,11 +37,6 @@ def through_json(content: dict[str, Any]) -> Any:
     return json.loads(json.dumps(content, allow_nan=False))
 
 
-@pytest.fixture(scope="module")
-def circle(sino6: Arm) -> ConfigurationCircle:
-    return configuration_circle(sino6, POINT, count=36)
-
-
 def test_accuracy_numbers_agree_with_their_sources(circle, sino6):
     content = summary(circle)
     q = circle.q[circle.within_limits]

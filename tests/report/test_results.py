@@ -40,7 +40,7 @@ from aacmm_pin import (
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.notes import Note
 from aacmm_pin.accuracy.length import length_between
-from aacmm_pin.arm import Parameter, load_arm_file
+from aacmm_pin.arm import Parameter
 from aacmm_pin.effects import EncoderEccentricity, JointCompliance, SeatError
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements import PROBED_POINT_COLUMNS
@@ -52,6 +52,7 @@ from aacmm_pin.verification.accept import CharacteristicValue
 from aacmm_pin.verification.characteristics import DEFINITIONS
 from aacmm_pin.verification.evaluators import Evaluated
 from aacmm_pin.verification.prediction import PredictedFigure
+from tests.arm_files import changed
 from tests.pages import Page
 
 mpl.use("Agg")
@@ -63,7 +64,7 @@ NASTY = "<script>alert('1 & 2')</script>"
 
 @pytest.fixture(scope="module")
 def arm() -> Arm:
-    return Arm.from_file(load_arm_file("sino6").model_copy(update={"name": NASTY}))
+    return changed("sino6", name=NASTY)
 
 
 @pytest.fixture(scope="module")
@@ -126,7 +127,7 @@ def values(
         "LengthUncertainty": length_between(
             circle, configuration_circle(arm, POINT[[1, 0, 2]], count=24), arm
         ),
-        "WorkspaceMap": map_workspace(arm, (3, 3), 4, progress=False),
+        "WorkspaceMap": map_workspace(arm, (3, 3), 4),
         "SinglePoint": single_point_statistics(rng.normal(size=(9, 3)) * 1e-5, np.arange(9) < 4),
         "Calibration": calibration,
         "HeldOut": calibration.held_out[0],

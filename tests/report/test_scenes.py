@@ -40,7 +40,7 @@ from aacmm_pin.errors import ShapeError, UnknownNameError
 from aacmm_pin.report import scenes
 from aacmm_pin.report.scenes import Frames, Scene
 from aacmm_pin.report.scenes.scene import viewer_script
-from tests.oracle import dh_sensitivity
+from tests.oracle import close, dh_sensitivity, postures
 
 POINT = np.array([33.6323, -671.8702, 182.9355]) * MM
 SINGLE = 2e-7
@@ -100,47 +100,39 @@ def frame_placements(arm: Arm, q: Array, name: str) -> Array:
     return np.array(found)
 
 
-def random_q(arm: Arm, rng: np.random.Generator, n: int = 7) -> Array:
-    return rng.uniform(arm.limits[:, 0], arm.limits[:, 1], (n, arm.nq))
-
-
 # --- the arm
 
 
 def test_bodies_and_tip_are_where_pinocchio_has_them(arm_file, rng):
     arm = Arm.from_file(arm_file)
-    dh, q = arm.require_dh("this test"), random_q(arm, rng)
+    dh, q = arm.require_dh("this test"), postures(arm, rng, 7)
     scene = scenes.arm_scene(ErrorModel(arm), q)
     last = f"arm/body {dh.rows}"
     tip = decoded(scene, last) @ transform(scene, f"{last}/tip")
-    np.testing.assert_allclose(
-        tip[:, :3, 3], frame_placements(arm, q, "tip")[:, :3, 3], atol=SINGLE
-    )
+    close(tip[:, :3, 3], frame_placements(arm, q, "tip")[:, :3, 3], SINGLE)
     for row in range(1, dh.rows + 1):
         expected = frame_placements(arm, q, f"link{row}")
         if not dh.standard:  # the axis of modified DH has d before it
             expected[:, :3, 3] += dh.d[row - 1] * expected[:, :3, 2]
-        np.testing.assert_allclose(decoded(scene, f"arm/body {row}"), expected, atol=SINGLE)
-        np.testing.assert_allclose(transform(scene, f"arm/body {row}"), expected[0], atol=1e-12)
+        close(decoded(scene, f"arm/body {row}"), expected, SINGLE)
+        close(transform(scene, f"arm/body {row}"), expected[0], 1e-12)
 
 
 def test_an_arm_that_came_as_urdf(robot_file, rng):
     arm = Arm.from_urdf(robot_file("panda.urdf"), "panda_hand")
-    q = random_q(arm, rng)
+    q = postures(arm, rng, 7)
     scene, data = scenes.arm_scene(arm, q), arm.model.createData()
     tip = decoded(scene, f"arm/body {arm.nq}") @ transform(scene, f"arm/body {arm.nq}/tip")
-    np.testing.assert_allclose(
-        tip[:, :3, 3], frame_placements(arm, q, "panda_hand")[:, :3, 3], atol=SINGLE
-    )
+    close(tip[:, :3, 3], frame_placements(arm, q, "panda_hand")[:, :3, 3], SINGLE)
     for number, row in enumerate(q):
         pin.forwardKinematics(arm.model, data, row)
         for joint in range(1, arm.nq + 1):
             placement = decoded(scene, f"arm/body {joint}")[number]
-            np.testing.assert_allclose(placement[:3, 3], data.oMi[joint].translation, atol=SINGLE)
+            close(placement[:3, 3], data.oMi[joint].translation, SINGLE)
             jacobian = pin.computeJointJacobian(arm.model, data, row, joint)[3:, joint - 1]
             axis = data.oMi[joint].rotation @ jacobian
             # Drawn joints lie along z.
-            np.testing.assert_allclose(placement[:3, 2], axis, atol=1e-6)
+            close(placement[:3, 2], axis, 1e-6)
 
 
 # --- the circle
@@ -198,7 +190,7 @@ def test_the_line_has_the_colours_of_the_accuracy():
     vertices, _, colours = mesh(scene, "path/within")
     centre = vertices.reshape(-1, 6, 3).mean(axis=1)
     nearest = np.linalg.norm(centre[:, None] - elbow[None], axis=2).argmin(axis=1)
-    np.testing.assert_allclose(colours[::6], expected[nearest], atol=1e-6)
+    close(colours[::6], expected[nearest], 1e-6)
 
 
 def test_the_ellipsoid_holds_95_percent():
@@ -211,8 +203,8 @@ def test_the_ellipsoid_holds_95_percent():
     placements, factor = decoded(scene, "accuracy"), factor_of(scene)
     size = placements[:, :3, :3] @ placements[:, :3, :3].transpose(0, 2, 1)
     expected = chi2.ppf(0.95, 3) * factor**2 * covariance
-    np.testing.assert_allclose(size, expected, atol=1e-5 * np.abs(expected).max())
-    np.testing.assert_allclose(placements[:, :3, 3], np.tile(POINT, (len(rows), 1)), atol=SINGLE)
+    close(size, expected, 1e-5 * np.abs(expected).max())
+    close(placements[:, :3, 3], np.tile(POINT, (len(rows), 1)), SINGLE)
     assert (np.linalg.det(placements[:, :3, :3]) > 0).all()
     axes = np.sort(np.linalg.norm(placements[:, :3, :3], axis=1), axis=1)
     np.testing.assert_allclose(axes, np.sqrt(np.linalg.eigvalsh(expected)), rtol=1e-3)
@@ -248,7 +240,7 @@ def test_postures_of_an_arm_without_a_dh_table(robot_file):
 
 @cache
 def small_map() -> Any:
-    return map_workspace(Arm.load("sino6"), (5, 6), 6, progress=False)
+    return map_workspace(Arm.load("sino6"), (5, 6), 6)
 
 
 def test_the_cells_of_a_map(sino6):
@@ -266,9 +258,7 @@ def test_the_cells_of_a_map(sino6):
         here = of_cells.sel(x_mm=centre[0], z_mm=centre[2], method="nearest")
         assert abs(float(here["x_mm"]) - centre[0]) < 1e-3
         assert abs(float(here["z_mm"]) - centre[2]) < 1e-3
-        np.testing.assert_allclose(
-            colour, colormaps["viridis"]((float(here) - low) / (high - low))[:3], atol=1e-6
-        )
+        close(colour, colormaps["viridis"]((float(here) - low) / (high - low))[:3], 1e-6)
 
 
 @cache
@@ -298,17 +288,13 @@ def test_residuals_of_the_simulation_by_pinocchio(sino6):
     records = np.array([int(np.flatnonzero(data.row == row)[0]) for row in rows])
     tips = frame_placements(sino6, data.q[records], "tip")[:, :3, 3]
     factor = factor_of(scene)
-    np.testing.assert_allclose(foot, data.reference[records], atol=1e-6)
-    np.testing.assert_allclose(
-        (end - foot) / factor, tips - data.reference[records], atol=1e-6 / factor + 1e-9
-    )
+    close(foot, data.reference[records], 1e-6)
+    close((end - foot) / factor, tips - data.reference[records], 1e-6 / factor + 1e-9)
     off = np.linalg.norm(tips - data.reference[records], axis=1)
     assert (np.diff(off) <= 1e-12).all()  # the largest first
     shade = (off - off.min()) / (off.max() - off.min())
-    np.testing.assert_allclose(colour, colormaps["plasma"](shade)[:, :3], atol=0.01)
-    np.testing.assert_allclose(
-        decoded(scene, "record")[:, :3, 3], data.reference[records], atol=SINGLE
-    )
+    close(colour, colormaps["plasma"](shade)[:, :3], 0.01)
+    close(decoded(scene, "record")[:, :3, 3], data.reference[records], SINGLE)
     assert f"{off[0] / MM:.4f} mm" in scene.frames.readings[0]
     foot, end, _ = spikes_of(extended := scenes.residual_scene(diagnosed()))
     size = np.sqrt(np.square((end - foot) / factor_of(extended)).sum(axis=1).mean())
@@ -333,13 +319,11 @@ def test_residuals_in_a_frame_of_their_own_are_drawn_in_the_base(sino6):
     rows = np.array([int(row[0]) for row in scene.frames.readings])
     records = np.array([int(np.flatnonzero(moved.row == row)[0]) for row in rows])
     frame = result.fit.point.frame
-    np.testing.assert_allclose(
-        foot, (moved.reference[records] - frame.shift) @ frame.rotation, atol=1e-6
-    )
+    close(foot, (moved.reference[records] - frame.shift) @ frame.rotation, 1e-6)
     # The frame is known that well.
-    np.testing.assert_allclose(foot, data.reference[records], atol=2e-4)
+    close(foot, data.reference[records], 2e-4)
     tips = result.model.correct(moved.q[records])
-    np.testing.assert_allclose(foot + (end - foot) / factor_of(scene), tips, atol=1e-6)
+    close(foot + (end - foot) / factor_of(scene), tips, 1e-6)
 
 
 # --- scene and page
@@ -430,4 +414,4 @@ def test_readings_of_joints_that_turn_and_slide(sino6):
     rail = scenes.arm_scene(Arm.from_model(model, "hand"), np.array([[0.25]]))
     assert "250.00 mm" in rail.frames.readings[0]
     tip = transform(rail, "arm/body 1") @ transform(rail, "arm/body 1/tip")
-    np.testing.assert_allclose(tip[:3, 3], [0.75, 0.0, 0.0], atol=SINGLE)
+    close(tip[:3, 3], [0.75, 0.0, 0.0], SINGLE)

@@ -11,18 +11,18 @@ import socket
 import subprocess
 import sys
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from urllib.request import Request, urlopen
 
 import numpy as np
 import pytest
 from meshcat.geometry import Box
-from typer.testing import CliRunner
 
 from aacmm_pin import Arm
-from aacmm_pin.cli.root_command import app
 from aacmm_pin.report import scenes
 from aacmm_pin.report.scenes import Scene, Server
+from tests.cli import shell
 
 POINT = ["--point", "33.6323", "-671.8702", "182.9355"]
 
@@ -138,9 +138,7 @@ def test_nothing_is_left_when_it_is_closed(scene, monkeypatch):
 # --- the command
 
 
-def run(*words: str | Path) -> tuple[int, str, str]:
-    result = CliRunner().invoke(app, ["show", *(str(word) for word in words)])
-    return result.exit_code, result.stdout, result.stderr
+run = partial(shell.run, "show")
 
 
 def test_the_command_serves_until_it_is_interrupted():
@@ -193,7 +191,7 @@ def test_a_page_without_a_server(target):
 
 def test_one_posture_and_a_urdf(target, robot_file):
     urdf = robot_file("ur5_robot.urdf")
-    theta = "10 -60, 70 -80 -90 5"
+    theta = "'10 -60, 70 -80 -90 5'"
     assert run("--urdf", urdf, "--frame", "tool0", "--theta-deg", theta, "-o", target)[0] == 0
     arm, q = Arm.from_urdf(urdf, "tool0"), np.radians([[10, -60, 70, -80, -90, 5]])
     assert scenes.arm_scene(arm, q).title in target.read_text(encoding="utf-8")

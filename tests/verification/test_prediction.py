@@ -23,7 +23,10 @@ from aacmm_pin.measurements import Noise
 from aacmm_pin.measurements.simulate import simulate_touches
 from aacmm_pin.verification import Procedure
 from aacmm_pin.verification.characteristics import DEFINITIONS, definitions
+from tests.again import again
+from tests.arm_files import changed
 from tests.cli import shell
+from tests.oracle import close
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +64,7 @@ def only(arm: Arm, *uncertain: str) -> Arm:
 def test_every_touch_of_every_figure_is_planned_within_reach(sino6, planned):
     procedure = Procedure.read(planned, sino6)
     # Angles are rounded.
-    np.testing.assert_allclose(sino6.positions(procedure.q), procedure.points, atol=5e-6)
+    close(sino6.positions(procedure.q), procedure.points, 5e-6)
     bounds = joint_bounds(sino6)
     assert ((procedure.q > bounds[:, 0]) & (procedure.q < bounds[:, 1])).all()
     exact = pd.read_csv(planned, dtype=str)
@@ -89,13 +92,7 @@ def test_artefacts_stand_where_a_table_or_a_tripod_holds_them(sino6):
         return float((planned.points @ arm.up).min())
 
     def tall(height_mm: float, gravity: float) -> Arm:
-        joints = [
-            sino6.file.joints[0].model_copy(update={"d_mm": height_mm}),
-            *sino6.file.joints[1:],
-        ]
-        return Arm.from_file(
-            sino6.file.model_copy(update={"joints": joints, "gravity_m_s2": (0.0, 0.0, gravity)})
-        )
+        return changed("sino6", {1: {"d_mm": height_mm}}, gravity_m_s2=(0.0, 0.0, gravity))
 
     low = replace(sino6, limits=np.vstack([sino6.limits[:1], [-0.9, 0.0], sino6.limits[2:]]))
     standing, beneath = (sino6, tall(0.0, 9.81)), (tall(300.0, 9.81), low)
@@ -134,16 +131,15 @@ def test_an_unfilled_procedure_has_no_figures(planned):
         accept(planned)
 
 
-def test_what_turns_the_whole_arm_changes_no_figure(sino6, few):
+def test_what_turns_the_whole_arm_changes_no_figure(sino6, planned):
     """The zero of joint 1 and d1 move all coordinates as one body, but for the square of
     the turn.
     """
     rigid = predict_acceptance(
-        str(few),
+        str(of_tests(planned, "single-point")),
         {"rigid": only(sino6, "theta_offset1", "d1")},
         encoder_noise=0.0,
         runs=20,
-        progress=False,
     )
     assert max(f.magnitudes.max() for f in rigid.figures) < 5e-9  # the file has nanometres
 
@@ -163,15 +159,19 @@ def test_noise_of_readings_alone_scatters_as_its_covariance_says(sino6, planned)
     assert np.sqrt(mean.max()) * 0.95 < np.median(sigma.magnitudes) < np.sqrt(mean.max()) * 1.25
 
 
-def test_predictions_are_those_of_the_exact_chain(sino6, few, tmp_path):
+@pytest.mark.parametrize(
+    "tests", [("single-point", "effective-diameter"), again(("volumetric",))], ids=" ".join
+)
+def test_predictions_are_those_of_the_exact_chain(sino6, planned, tests, tmp_path):
     """Figures of arms that are drawn and touch exactly, judged from their files, beside the
     predicted distribution.
     """
+    few = of_tests(planned, *tests)
     found = predict_acceptance(
-        str(few), {"sino6": sino6}, encoder_noise=8e-6, runs=40, progress=False
+        str(few), {"sino6": sino6}, encoder_noise=8e-6, runs=20, progress=False
     )
     procedure, ranks = Procedure.read(few, sino6), []
-    for seed in range(6):
+    for seed in range(12):
         rng = np.random.default_rng(seed)
         true = perturbed_model(ErrorModel(sino6), rng)
         noise = Noise.of(6, encoder=8e-6)
@@ -182,7 +182,7 @@ def test_predictions_are_those_of_the_exact_chain(sino6, few, tmp_path):
             for f in accept(tmp_path / "filled.csv").figures
         }
         ranks.append([np.mean(f.magnitudes < values[f.definition.name]) for f in found.figures])
-    mean = np.mean(ranks, axis=0)  # of uniform ranks 0.5 ± 0.118
+    mean = np.mean(ranks, axis=0)  # of uniform ranks 0.5 ± 0.083
     assert (np.abs(mean - 0.5) < 0.3).all(), dict(
         zip((f.definition.name for f in found.figures), mean, strict=True)
     )
@@ -199,7 +199,7 @@ def test_the_first_order_step_is_exact_physics(sino6, few):
     # What the errors do where the model says p.
     first = sino6.positions(procedure.q) - true.arm.positions(procedure.q)
     assert np.abs(off).max() > 5e-5
-    np.testing.assert_allclose(off, first, atol=0.01 * np.abs(off).max())
+    close(off, first, 0.01 * np.abs(off).max())
 
 
 def test_the_chain_at_the_shell(tmp_path):
@@ -223,7 +223,8 @@ def test_the_chain_at_the_shell(tmp_path):
     }
     assert (verdicts["sino6"], verdicts[str(truth)]) == ("non-conformity", "conformity")
     options = f"--runs 20 --mpe SPAT.Max=10 --encoder-noise 8e-6 {asme}"
-    content = shell.found(f"predict-acceptance sino6 {touches} {options} -o {page}")
+    few = of_tests(touches, "single-point")
+    content = shell.found(f"predict-acceptance sino6 {few} {options} -o {page}")
     (worst,) = (f for f in content["figures"] if f["figure"] == "SPAT.Max")
     assert worst["probability_to_pass"] == 1.0
     assert worst["low_mm"] < worst["median_mm"] < worst["high_mm"] < 1.0
@@ -256,4 +257,4 @@ def test_what_cannot_be_planned_or_predicted(sino6, planned):
     table = pd.read_csv(planned, dtype=str)
     table.drop(columns=["planned_x_mm", "planned_theta2_deg"]).to_csv(less, index=False)
     with pytest.raises(MeasurementFileError, match="planned_x_mm, planned_theta2_deg"):
-        predict_acceptance(less, {"sino6": sino6}, progress=False)
+        predict_acceptance(less, {"sino6": sino6})
