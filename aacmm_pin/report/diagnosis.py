@@ -179,13 +179,13 @@ def certainty_in_words(result: Diagnosis) -> str:
     if not result.findings:
         return ""
     least = probability(min(finding.probability for finding in result.findings))
-    exactly = probability(_shares(result).get(_labels(result), 0.0))
-    if len(result.findings) == 1:
-        return f"The cause acts with probability {least}, and acts alone with {exactly}."
-    return (
-        f"The least probable of these causes acts with probability {least}, exactly this set of "
-        f"causes with {exactly}."
-    )
+    one = len(result.findings) == 1
+    text = f"{'The' if one else 'The least probable'} cause acts with probability {least}"
+    share = _shares(result).get(_labels(result))
+    if share is None:
+        return f"{text}."
+    alone = "it acts alone" if one else "exactly these act"
+    return f"{text}; that {alone} has {probability(share)}."
 
 
 def _labels(result: Diagnosis) -> frozenset[str]:
@@ -566,13 +566,12 @@ def answers(result: Diagnosis, planned: str) -> list[Block]:
     """What is wrong, how sure that is, what else it could be, what it is worth, and what to do
     next.
     """
-    sentences = {
-        f"{capital(result.verdict)}.": verdict_in_words(result),
-        "How sure:": certainty_in_words(result),
-        "What else it could be:": next_set_in_words(result),
-        "What it is worth:": summary_line(result),
-        "Next:": f"{capital(planned)}.",
-    }
+    verdict = f"{capital(result.verdict)}."
+    sentences = {verdict: verdict_in_words(result)}
+    sentences["How sure:"] = certainty_in_words(result)
+    sentences["What else it could be:"] = next_set_in_words(result)
+    sentences["What it is worth:"] = summary_line(result)
+    sentences["Next:"] = f"{capital(planned)}."
     return [Paragraph(text, True, head) for head, text in sentences.items() if text]
 
 
@@ -648,12 +647,10 @@ def _causes(result: Diagnosis) -> list[Block]:
 
 def _other_causes(result: Diagnosis) -> list[Block]:
     apart = [labels_in_words(result, labels) for labels in result.cannot_tell_apart]
-    return [
-        Heading("What else it could be"),
-        Table(alternatives(result), SETS_LISTED, explained=ALL_SETS),
-        Bullets([f"These records do not distinguish {labels}." for labels in apart]),
-        Table(alias_table(result), ALIASES_LISTED, {"r": ".2f"}, explained=ALIASES_EXPLAINED),
-    ]
+    open_ = Bullets([f"These records do not distinguish {labels}." for labels in apart])
+    sets = Table(alternatives(result), SETS_LISTED, explained=ALL_SETS)
+    aliases = Table(alias_table(result), ALIASES_LISTED, {"r": ".2f"}, explained=ALIASES_EXPLAINED)
+    return [Heading("What else it could be"), sets, open_, aliases]
 
 
 def _waves(result: Diagnosis) -> list[str]:

@@ -82,7 +82,6 @@ def test_demo_data_agree(demo):
     index = Page((demo.folder / "index.html").read_text(encoding="utf-8")).text
     lines = str(demo).splitlines()
     assert [line in index for line in lines] == [True] * 8 + [False]  # the end
-    assert all(re.search(r"mm|µm|%|cells|joint", line) for line in lines[:-1])
     assert "index.html" in lines[-1]
     ends = " to ".join(f"{2 * accuracy['u_mm'][end]:.3f}" for end in ("min", "max"))
     assert f"U (k = 2) = {ends} mm" in lines[0]

@@ -405,7 +405,6 @@ def test_what_cannot_be_judged(data, tmp_path):
         "--mpe E_Uno=0.1",
         "--mpe E_Uni=0_06",
         f"--mpe {tmp_path / 'digits.toml'}",
-        "--standard iso",
         "--measuring-range-mm 0",
     ):
         shell.refused(f"accept {data} {words}")
