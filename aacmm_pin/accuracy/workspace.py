@@ -28,7 +28,7 @@ from aacmm_pin._support.progress import bar
 from aacmm_pin._support.units import DEG, MM, MM3
 from aacmm_pin._support.workers import Workers, results
 from aacmm_pin.accuracy.comprehensive_accuracy import configuration_weights
-from aacmm_pin.accuracy.tip_sensitivity import caveats
+from aacmm_pin.accuracy.tip_sensitivity import caveats, omission
 from aacmm_pin.accuracy.volume import METHODS, AccuracyVolume, Method, accuracy_volume
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.limits import AT_LIMIT
@@ -232,7 +232,8 @@ class WorkspaceMap(Shown):
         return cast("Axes", report().plots.plot_map(self, quantity, ax))
 
     def __str__(self) -> str:
-        x, z = self.data.sizes["x_mm"], self.data.sizes["z_mm"]
+        x = self.data.sizes["x_mm"]
+        z = self.data.sizes["z_mm"]
         full = self.working_sectors()[self.sectors]
         where = f"{self.data.attrs['arm']}: {x} × {z} cells × {self.sectors} sectors"
         unknown = f"; configurations missing in {self.incomplete} cells" if self.incomplete else ""
@@ -243,7 +244,7 @@ class WorkspaceMap(Shown):
             f"{where}, {self.unreachable} cells out of reach, {full} cells with the full circle"
             + (f", mean flexibility {mean:.3f}" if np.isfinite(mean) else "")
             + unknown
-            + (f"; not included: {', '.join(self.not_included)}" if self.not_included else "")
+            + omission(self.not_included)
         )
 
 
@@ -330,7 +331,8 @@ class _Job:
 
 def _work(job: _Job) -> dict[str, Array]:
     arm = ErrorModel.arm_of(job.model)
-    wrist, dh = Wrist.of_arm(arm, MAP), arm.require_dh(MAP)
+    wrist = Wrist.of_arm(arm, MAP)
+    dh = arm.require_dh(MAP)
     known = wrist_curves(wrist, job.points, FEW_PER_TURN)
     components = Components(
         Swivel(dh, arm.up), wrist_equations(wrist, job.points), job.points, known.curves, wrist
@@ -354,7 +356,8 @@ def _work(job: _Job) -> dict[str, Array]:
 
 def _accuracies(job: _Job, found: Sectors) -> dict[str, Array]:
     """Best, worst and comprehensive accuracy of each cell from its working configurations."""
-    n, q = len(job.points), found.q
+    n = len(job.points)
+    q = found.q
     result = {
         name: np.full(n, np.nan) for name in ("comprehensive", "best", "worst", "least_u", "most_u")
     }
@@ -364,7 +367,9 @@ def _accuracies(job: _Job, found: Sectors) -> dict[str, Array]:
     if not len(q):
         return result
     accuracy = accuracy_volume(job.model, q, conditions=job.conditions, at=WRIST, method=job.method)
-    cells, volume, u = found.point, accuracy.volume, accuracy.u
+    cells = found.point
+    volume = accuracy.volume
+    u = accuracy.u
     best = _smallest(cells * job.sectors + found.sector, volume)
     of = cells[best]
     weights = configuration_weights(q[best, 2], job.points[of], of)
@@ -392,7 +397,8 @@ def _extent(arm: Arm, extent: ArrayLike | None) -> Array:
             raise AacmmError(
                 f"{arm.name}: the wrist cannot leave the shoulder, so there is nothing to map"
             )
-        step, margin = 10.0 ** (math.floor(math.log10(size)) - 2), MARGIN * size
+        step = 10.0 ** (math.floor(math.log10(size)) - 2)
+        margin = MARGIN * size
         right, high = (math.ceil((most + margin) / step) for most in (farthest, highest))
         return np.array([0.0, right, math.floor((lowest - margin) / step), high]) * step
     box = vector(extent, 4, "extent", "m")
@@ -463,7 +469,9 @@ def map_caveats(arm: Arm, extent: ArrayLike | None = None) -> tuple[Note, ...]:
 
 def _centres(box: Array, cells: tuple[int, int]) -> tuple[Array, Array, Array]:
     """Cell centres along x, y (0 alone) and z [m]."""
-    return _middles(box[0], box[1], cells[0]), np.zeros(1), _middles(box[2], box[3], cells[1])
+    x = _middles(box[0], box[1], cells[0])
+    z = _middles(box[2], box[3], cells[1])
+    return x, np.zeros(1), z
 
 
 def _middles(low: float, high: float, count: int) -> Array:

@@ -47,7 +47,8 @@ class Comparison:
     @property
     def is_worse(self) -> bool:
         """Whether the last arm has larger errors than the first."""
-        first, last = self.rms[0], self.rms[-1]
+        first = self.rms[0]
+        last = self.rms[-1]
         return last > (1 + ROUNDING_GROWTH) * first
 
     @property

@@ -85,11 +85,13 @@ class HeldOut(Shown):
     def summary(self) -> dict[str, Any]:
         """As plain values, for JSON."""
         found: dict[str, Any] = {"kind": self.kind, "groups": self.groups}
-        before, after = self.rms_before / MM, self.rms_after / MM
+        before = self.rms_before / MM
+        after = self.rms_after / MM
         found["rms_mm"] = {"simulation": before, "calibrated": after}
         found["rms_rad"] = None
         if self.turned:
-            before, after = rms(self.turn_before), rms(self.turn_after)
+            before = rms(self.turn_before)
+            after = rms(self.turn_after)
             found["rms_rad"] = {"simulation": before, "calibrated": after}
         return found
 
@@ -123,7 +125,8 @@ def parts_of(fit: Fit, rng: np.random.Generator) -> tuple[str, Index]:
 
     Repeats of a posture are always left out together.
     """
-    records, seat = fit.problem.measurements, fit.observations.seat
+    records = fit.problem.measurements
+    seat = fit.observations.seat
     touched = seat >= 0
     label = np.zeros(records.n, dtype=np.intp)
     label[touched] = fit.observations.clusters[seat[touched]]
@@ -244,7 +247,8 @@ def held_out(
     Excluded records are neither used nor predicted. Where there are fewer than three postures
     nothing is left out: the others would say nothing of them.
     """
-    records, used = after.problem.measurements, after.used
+    records = after.problem.measurements
+    used = after.used
     if not enough_postures(records, used):
         return []
     kind, labels = groups_of(after, rng)
@@ -271,7 +275,8 @@ def _predicted(fits: Sequence[Fit], kept: Mask, out: Mask) -> list[Array]:
     turns.
     """
     records = fits[0].problem.measurements
-    left, others = records.take(out), records.take(kept)
+    left = records.take(out)
+    others = records.take(kept)
     observations = observations_of(others, fits[0].problem.setup)
     distance, turn = zip(
         *(_predicted_by(fit, others, observations, left) for fit in fits), strict=True
@@ -282,7 +287,8 @@ def _predicted(fits: Sequence[Fit], kept: Mask, out: Mask) -> list[Array]:
 def _predicted_by(
     fit: Fit, others: Measurements, observations: Observations, left: Measurements
 ) -> tuple[Array, Array]:
-    problem, start = fit.problem.of(others), fit.point
+    problem = fit.problem.of(others)
+    start = fit.point
     noise = NoiseModel.of(problem, start.x, start.frame, fit.noise.scatters, observations)
     prediction = problem.predict(start.x, start.frame)
     point = Point(start.x, start.frame, noise.observations.start(prediction.tips), prediction)

@@ -37,7 +37,8 @@ def geometric_parameters(arm: Arm, effect: Effect) -> list[Parameter]:
     """
     if isinstance(effect, JointPlacement):
         return [p for p in arm.parameters if p.joint == effect.joint]
-    kind, row = KIND_OF.get(type(effect)), effect.row
+    kind = KIND_OF.get(type(effect))
+    row = effect.row
     return [] if kind is None else [p for p in arm.parameters if p.kind == kind and p.joint == row]
 
 

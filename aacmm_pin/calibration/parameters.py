@@ -237,7 +237,8 @@ def _of_effect(effect: Effect) -> _Unknown:
 
 def _turned_targets(measurements: Measurements) -> tuple[str, ...]:
     """Labels of the targets whose orientation was measured, "" for one without a label."""
-    marker, oriented = measurements.conditions.marker, measurements.oriented
+    marker = measurements.conditions.marker
+    oriented = measurements.oriented
     if marker is None:
         marker = np.full(measurements.n, "", dtype=object)
     labels = marker[oriented].tolist()
@@ -259,7 +260,8 @@ def _of_target(measurements: Measurements, target: Target) -> list[_Unknown]:
     """Where the target sits on the last body: one for each marker, one where nobody says that it is
     the tip.
     """
-    width, unstated = np.full(3, REACH_OF_TARGET), np.zeros(3, dtype=bool)
+    width = np.full(3, REACH_OF_TARGET)
+    unstated = np.zeros(3, dtype=bool)
     markers = measurements.conditions.marker
     if markers is not None and any(markers):
         return [(StylusOffset(str(m)), width, unstated) for m in dict.fromkeys(markers) if m]

@@ -227,7 +227,8 @@ class Problem:
 
     @cached_property
     def _columns(self) -> Columns:
-        records, arm = self.measurements, self.model.arm
+        records = self.measurements
+        arm = self.model.arm
         drawn = State(arm, records.q, records.conditions, arm.chain.tip, turns=self.turns)
         effects = (*self.model.effects, *self.vector.effects)
         return Columns.of(drawn, effects)
@@ -337,7 +338,8 @@ class Problem:
         By central differences, for the parameters that displace all records alike: others turn it
         by too little to matter.
         """
-        correction, fixed = np.zeros_like(prediction.jacobian), self._fixed
+        correction = np.zeros_like(prediction.jacobian)
+        fixed = self._fixed
         for k in self._columns.alike - fixed.size:
             if k >= 0:
                 step = OF_WIDTH * self.widths[k] * np.eye(x.size)[k]
@@ -367,11 +369,13 @@ def registered(tips: Array, references: Array, rounds: int = 60) -> Frame:
     Kabsch's solution (Acta Cryst. A32, 1976), weighted anew by the inverse distances (Weiszfeld).
     With fewer than three records the rotation is the least that does.
     """
-    weights, before = np.ones(len(tips)), np.inf
+    weights = np.ones(len(tips))
+    before = np.inf
     frame = Frame.identity()
     for _ in range(rounds):
         share = weights / weights.sum()
-        middle, target = share @ tips, share @ references
+        middle = share @ tips
+        target = share @ references
         left, _, right = np.linalg.svd((references - target).T @ ((tips - middle) * share[:, None]))
         flip = np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))])
         rotation = left @ flip @ right

@@ -74,7 +74,8 @@ class Choice:
     @cached_property
     def of_part(self) -> dict[int, tuple[Index, Measurements]]:
         """The counted records of each part that can be left out, their numbers first."""
-        records, found = self.fit.problem.measurements, {}
+        records = self.fit.problem.measurements
+        found = {}
         for number in self.by_part.parts:
             rows = np.flatnonzero(self.counted & (self.parts == number))
             found[number] = rows, records.take(rows)

@@ -189,7 +189,8 @@ def _of_columns(
     growing = [f"tube {row}" for row in tubes(state.arm)]
     carriers = {"anywhere": [*turning, "lengths", "tubes", *growing], "joints": turning}
     for column in measurements.covariate_columns():
-        acts_on, name = carriers.get(column.entry.covariate), column.quantity
+        acts_on = carriers.get(column.entry.covariate)
+        name = column.quantity
         if acts_on is not None:
             at_new_records = state if name in RECORDED else None
             yield _of(name, column.values, acts_on, at_new_records, Column(column.name))
@@ -359,7 +360,8 @@ def _groups(measurements: Measurements) -> Iterator[Covariate]:
     column = pd.DataFrame({what: labels})
     for label in large if len(large) >= THRESHOLDS.fewest_groups else []:
         inside = (labels == label).astype(np.float64)[:, None]
-        name, way = f"{what} {label}", Carried(_of_size_one(inside), "target")
+        name = f"{what} {label}"
+        way = Carried(_of_size_one(inside), "target")
         yield Covariate(name, (name,), (way,), column)
 
 

@@ -150,7 +150,8 @@ class Design:
         3 or 6) [m, rad].
         """
         observations = self.fit.observations
-        points, touched = self.fit.point.seats, np.flatnonzero(observations.seat >= 0)
+        points = self.fit.point.seats
+        touched = np.flatnonzero(observations.seat >= 0)
         off = observations.deviations(tips, points)
         if not touched.size:
             return off
@@ -207,7 +208,8 @@ def design_of(
     stays = problem.vector.slices[-taken_out].start if taken_out else width
     own = point.prediction.jacobian
     known = {variants[0].identity: variants[0].u for variants in library if is_change(variants[0])}
-    stated_u, known_u = problem.vector.arm_u, np.zeros(width)
+    stated_u = problem.vector.arm_u
+    known_u = np.zeros(width)
     for effect, place in problem.vector:
         if place.start >= stays and effect.identity in known:
             stated_u[place] = known_u[place] = known[effect.identity]
@@ -219,7 +221,9 @@ def design_of(
         *map(_sources, library),
         *(each.variants for each in others),
     ]
-    blocks, typical, first = [], [], kept.size
+    blocks = []
+    typical = []
+    first = kept.size
     for number, variants in enumerate(candidates):
         for which, source in enumerate(variants):
             typical.append(_typical(source, left))
@@ -259,7 +263,8 @@ def _sources(variants: Variants) -> list[tuple[Effect, ...]]:
     """What each variant changes: itself, and where it has another inner value than a cause that is
     known, that one too.
     """
-    first, both = variants[0], is_change(variants[0]) and variants[0].nonlinear.field
+    first = variants[0]
+    both = is_change(variants[0]) and variants[0].nonlinear.field
     return [(effect, first) if both and effect is not first else (effect,) for effect in variants]
 
 
@@ -268,7 +273,8 @@ class _Calibrated:
 
     def __init__(self, fit: Fit) -> None:
         problem, point = fit.problem, fit.point
-        arm, records = problem.model.arm, problem.measurements
+        arm = problem.model.arm
+        records = problem.measurements
         self.drawn = State(arm, records.q, records.conditions, arm.chain.tip, turns=problem.turns)
         given = ParameterVector(arm, (*problem.model.effects, *fit.effects))
         self.state = Columns.of(self.drawn, given.effects).at(given.values)

@@ -122,7 +122,9 @@ def diagnose(
     choice = choose(
         problem, recalibrated, library, covariates(model.arm, measurements), parts, progress is True
     )
-    used, setup, alone = choice.fit.used, recalibrated.problem.setup, recalibrated
+    used = choice.fit.used
+    setup = recalibrated.problem.setup
+    alone = recalibrated
     before, recalibrated = (
         fit(asked, used=used) for asked in (problem_of(model, measurements, [], setup), problem([]))
     )

@@ -77,7 +77,8 @@ def _prior_u(choice: Choice) -> Array:
     """Prior standard deviation of the coefficients of all covariates that were found (p,) [m, rad,
     m/m].
     """
-    model, design = choice.posterior.median_model, choice.design
+    model = choice.posterior.median_model
+    design = choice.design
     widths = [np.empty(0)]
     for k in choice.covariates:
         scales = design.scales[design.blocks[k].columns]
@@ -87,7 +88,8 @@ def _prior_u(choice: Choice) -> Array:
 
 def _background(choice: Choice, taken: Collection[str]) -> Discrepancy:
     """The background at its most probable amplitude."""
-    design, model = choice.design, choice.posterior.median_model
+    design = choice.design
+    model = choice.posterior.median_model
     columns, weights = model.base.gram.products.background
     blocks = [k for k, block in enumerate(design.blocks) if block.candidate >= design.causes]
     described = described_by(choice, blocks)
@@ -110,7 +112,8 @@ def covariate_effects(
             all axes together, one covariate after the other (p,) [m, rad, m/m].
         taken: labels of effects that the arm has already: another one has a number behind its name.
     """
-    effects, labels = list[Discrepancy](), set(taken)
+    effects = list[Discrepancy]()
+    labels = set(taken)
     for (name, way), own in zip(described, _slices(described), strict=True):
         if way.smooth is None:
             continue
@@ -151,7 +154,8 @@ def background_effect(
         if way.smooth is not None:
             rows = coefficients_of_effect(way)[:, None] * directions[own]
             parts.append(replace(_part(way), directions=tuple(map(tuple, rows.tolist()))))
-    values, u = np.zeros(directions.shape[1]), np.ones(directions.shape[1])
+    values = np.zeros(directions.shape[1])
+    u = np.ones(directions.shape[1])
     values[0], u[0] = 1.0, size_u
     return _new(EVERYTHING, tuple(parts), len(values), taken).at(values, u)
 
@@ -269,7 +273,8 @@ def _part(way: Carried) -> Part:
 
 def _new(name: str, parts: tuple[Part, ...], size: int, taken: Collection[str]) -> Discrepancy:
     """A discrepancy of value zero with a label that is not taken."""
-    found, number = Discrepancy(name, parts, size), 1
+    found = Discrepancy(name, parts, size)
+    number = 1
     while found.label in taken:
         number += 1
         found = replace(found, covariate=f"{name} ({number})")

@@ -191,7 +191,8 @@ class Walk:
         a better set is found.
         """
         self.exchanged.add(blocks)
-        candidates, before = self.space.candidates, self.best
+        candidates = self.space.candidates
+        before = self.best
         for rest in self._without_contained(blocks):
             self._visit_additions(rest)
         for k in blocks:
@@ -219,7 +220,8 @@ class Walk:
 
     def _contained_in(self, rest: Blocks, block: int) -> list[int]:
         """The best block, beside ``rest``, of each candidate that a block's candidate contains."""
-        candidates, values = self.space.candidates, self.space.additions(rest)
+        candidates = self.space.candidates
+        values = self.space.additions(rest)
         inside = candidates.contained.get(candidates.owner(block), frozenset())
         own = [np.flatnonzero(candidates.owners == owner) for owner in sorted(inside)]
         best = [int(some[np.argmax(values[some])]) for some in own if some.size]

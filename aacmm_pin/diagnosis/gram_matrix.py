@@ -87,7 +87,8 @@ class PartRows:
         """``Rᵀ R`` of some columns times ``weights`` (columns, r), to the precision of the rows
         (columns, r).
         """
-        found, single = np.zeros(weights.shape), weights.astype(self.rows.dtype)
+        found = np.zeros(weights.shape)
+        single = weights.astype(self.rows.dtype)
         for first in range(0, len(self.rows), ROWS_OF_A_PRODUCT):
             rows = self.rows[first : first + ROWS_OF_A_PRODUCT, columns]
             found += rows.T @ (rows @ single)
@@ -213,7 +214,8 @@ class Products:
         blocks = [b for b in self.design.blocks if b.candidate >= self.design.causes]
         columns = numbers_of([block.columns for block in blocks])
         free = sum(self.free)
-        of_size, places = self.diagonal_blocks(None), [self.place[id(block)] for block in blocks]
+        of_size = self.diagonal_blocks(None)
+        places = [self.place[id(block)] for block in blocks]
         traces = np.array([np.trace(of_size[size][k]) for size, k in places])
         each = np.sqrt(free / (np.maximum(traces, LEAST_TRACE) * len(blocks)))
         largest = max(THRESHOLDS.widths)
@@ -337,7 +339,9 @@ def products_of(design: Design, part: Index, noise: RecordNoise | None = None) -
 
 def _parts_of(design: Design, part: Index, noise: RecordNoise) -> list[PartRows]:
     """Whitened rows."""
-    fit, held, width = design.fit, noise.postures, design.width
+    fit = design.fit
+    held = noise.postures
+    width = design.width
     used = fit.used & fit.observations.has_target
     part = np.where(used, part, -1)
     observations, old, of_seat = fit.observations.divided(part)
@@ -362,10 +366,12 @@ def _row_blocks(observations: Observations, part: Index, of_seat: Index) -> list
     """The rows of each part, by the part of each record (n,) and of each seat (s,), -1 of those
     that do not count.
     """
-    known, of_bar = observations.known, of_seat[observations.ends[:, 0]]
+    known = observations.known
+    of_bar = of_seat[observations.ends[:, 0]]
     blocks = []
     for k in range(int(part.max(initial=0)) + 1):
         seats = of_seat == k
-        stated, bars = np.flatnonzero(seats & known), np.flatnonzero(of_bar == k)
+        stated = np.flatnonzero(seats & known)
+        bars = np.flatnonzero(of_bar == k)
         blocks.append(RowBlock(np.flatnonzero(part == k), stated, bars, int(seats.sum())))
     return blocks

@@ -179,7 +179,8 @@ class RecordNoise:
         """
         if not self.postures.ratio:
             return np.zeros((fit.problem.scales.size,) * 2)
-        has_target, width = fit.observations.has_target, self.whitening.shape[1]
+        has_target = fit.observations.has_target
+        width = self.whitening.shape[1]
         steps = fit.system.steps(fit.unknown)
         rows = np.zeros((len(has_target), width, steps.shape[1]))
         of_records = fit.system.jacobian[: width * has_target.sum()]

@@ -197,7 +197,8 @@ class Base:
         """How many parameters of nuisances and background the records, apart from priors,
         determine.
         """
-        inverse, first = divided(self.factor, np.eye(len(self.factor))), self.nuisances
+        inverse = divided(self.factor, np.eye(len(self.factor)))
+        first = self.nuisances
         prior = self.gram.products.prior.rows[:, :first]
         of_nuisances = np.square(inverse[:, :first] @ prior.T).sum()
         variances = np.square(inverse[:, first:]).sum(axis=0)
@@ -330,7 +331,8 @@ class Conditional:
         information = precision - np.eye(len(precision)) / WIDTHS[width] ** 2
         gradient = precision @ self.estimate[own]
         gain, volume = gains(information[None], gradient[None, :, None])
-        gain, volume = np.append(gain, 0.0), np.append(volume, 0.0)
+        gain = np.append(gain, 0.0)
+        volume = np.append(volume, 0.0)
         chi2 = self.chi2 + 2.0 * (gain[width] - gain)
         log_volume = self.log_volume + volume - volume[width]
         return np.asarray(self.likelihood.log(chi2) - log_volume)
@@ -354,7 +356,8 @@ class Conditional:
         """The same of other residuals, by their products with all columns (columns, draws) ->
         (columns, draws).
         """
-        base, first = self.base, self.base.nuisances
+        base = self.base
+        first = self.base.nuisances
         background = np.zeros((len(base.factor) - first, products.shape[1]))
         if background.size:
             columns, weights = base.gram.products.background

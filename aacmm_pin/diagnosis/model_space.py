@@ -298,7 +298,8 @@ class ModelSpace:
 
     def _peak(self, state: ModelState) -> Peak:
         """The best widths at the state's amplitude, changed one at a time."""
-        at, log_prior = self.conditional(state), self._log_prior(state.blocks)
+        at = self.conditional(state)
+        log_prior = self._log_prior(state.blocks)
         while True:
             values = at.over_widths[:, :-1]
             largest = values.max(axis=1)
@@ -366,7 +367,8 @@ class ModelSpace:
 
         Widths are the best with it. Amplitudes are the best and the next higher.
         """
-        marginal, found = self.marginal(blocks), []
+        marginal = self.marginal(blocks)
+        found = []
         for at, weight in self._near_best(marginal, lower=False):
             values = at.over_widths
             with_it = log_sum(values[:, :-1]) - np.log(WIDTHS.size)

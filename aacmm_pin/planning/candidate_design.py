@@ -56,7 +56,8 @@ class Layout:
     def of(problem: Problem, causes: tuple[Effect, ...], seats: tuple[str, ...]) -> Layout:
         """The columns of a problem whose last effects are the ``causes``."""
         vector = ParameterVector(problem.model.arm, causes)
-        stop, total = problem.vector.size, len(problem.scales)
+        stop = problem.vector.size
+        total = len(problem.scales)
         start = stop - vector.size
         refitted = np.r_[:start, stop:total]
         order = np.r_[refitted, start:stop]

@@ -147,7 +147,8 @@ def power_of(
 
 
 def _evidence(r: Array, y: Array, shows: float) -> Array:
-    information, gradient = r.T @ r, r.T @ y
+    information = r.T @ r
+    gradient = r.T @ y
     all_of_it = float(np.trace(information))
     if shows <= UNDETECTABLE or all_of_it <= UNDETECTABLE:
         return np.zeros(y.shape[1])

@@ -211,7 +211,8 @@ def _usable(causes: tuple[Effect, ...], existing: Measurements | None, named: bo
             None,
             (Note("records_not_counted", {"source": existing.source, "needs": needs}),),
         )
-    needs, silent = sorted({need for _, need in lacking}), [effect for effect, _ in lacking]
+    needs = sorted({need for _, need in lacking})
+    silent = [effect for effect, _ in lacking]
     left_out = [*dict.fromkeys(effect.label for effect in silent)]
     note = Note("causes_left_out", {"source": existing.source, "needs": needs, "causes": left_out})
     return tuple(effect for effect in causes if effect not in silent), existing, (note,)

@@ -47,7 +47,8 @@ class SequentialDesign:
         """One more record: ``Σ - Σ Aᵀ (I + A Σ Aᵀ)⁻¹ A Σ`` (Woodbury), and the same for what the
         pool sees of it.
         """
-        rows, seen = self.pool[record], self.seen[record].copy()
+        rows = self.pool[record]
+        seen = self.seen[record].copy()
         gain = np.linalg.solve(np.eye(3) + seen @ rows.T, seen)
         self.covariance = self.covariance - seen.T @ gain
         self.seen = self.seen - (self.pool @ seen.T) @ gain

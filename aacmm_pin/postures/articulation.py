@@ -28,7 +28,8 @@ def articulations(arm: Arm, q: Array) -> list[str]:
     arm whose file states its axis; it points ``out`` where it points away from the stand.
     """
     rotation, origin = arm.chain.walk(q)
-    axes, tips = arm.chain.moving_axes(), origin[arm.chain.tip]
+    axes = arm.chain.moving_axes()
+    tips = origin[arm.chain.tip]
     words = (
         _elbows(arm, origin[axes[1]], origin[axes[2:]], tips) if len(axes) > 3 else [""] * len(q)
     )
@@ -47,7 +48,8 @@ def places(arm: Arm, points: Array) -> pd.DataFrame:
     base.
     """
     level = _level(arm)
-    x, y = points @ level, points @ np.cross(arm.up, level)
+    x = points @ level
+    y = points @ np.cross(arm.up, level)
     bearing = np.round(np.arctan2(y, x) / DEG) + 0.0
     return pd.DataFrame(
         {

@@ -111,7 +111,8 @@ class ConfigurationCircle(PosturesAtPoint):
         return drawn
 
     def _row(self, number: int) -> dict[str, Any]:
-        row, mine = super()._row(number), self.branch[self.component == number]
+        row = super()._row(number)
+        mine = self.branch[self.component == number]
         joints = row.pop("joints_outside_limits")
         sides = {"shoulder_side": _sides(mine[:, 0]), "elbow_side": _sides(mine[:, 1])}
         return row | sides | {"joints_outside_limits": joints}
@@ -202,7 +203,9 @@ def configuration_circles(
             raise AacmmError(
                 "tip=True needs axis, the direction of the stylus in the base, such as [0, 0, -1]"
             )
-        wrist, stylus, direction = None, arm.stylus_axis, unit_vector(axis, "axis")
+        wrist = None
+        stylus = arm.stylus_axis
+        direction = unit_vector(axis, "axis")
         found = tip_curves(dh, points, stylus, direction)
         systems = [tip_equations(dh, point[None, :], stylus, direction) for point in points]
     else:
@@ -211,7 +214,8 @@ def configuration_circles(
         wrist = Wrist.of_arm(arm, "a configuration circle", rest)
         found = wrist_curves(wrist, points, SEEDS_PER_TURN)
         systems = [wrist_equations(wrist, point[None, :]) for point in points]
-    swivel, circles = Swivel(dh, arm.up), []
+    swivel = Swivel(dh, arm.up)
+    circles = []
     for number, (point, system) in enumerate(zip(points, systems, strict=True)):
         mine = [replace(curve, problem=0) for curve in found.curves if curve.problem == number]
         components = Components(swivel, system, point[None, :], mine, wrist)
@@ -232,7 +236,8 @@ def _sampled(
     arm: Arm, point: Array, at: str, components: Components, count: int, notes: tuple[Note, ...]
 ) -> ConfigurationCircle:
     """Configurations evenly spaced along the elbow's path."""
-    q, component = np.empty((0, arm.nq)), np.empty(0, dtype=np.intp)
+    q = np.empty((0, arm.nq))
+    component = np.empty(0, dtype=np.intp)
     if components.curves:
         some, component, missing = evenly(
             components.equations,
@@ -250,7 +255,8 @@ def _sampled(
 
 
 def _why_not(components: Components, point: Array) -> str:
-    shoulder, wrist = components.swivel.shoulder, components.wrist
+    shoulder = components.swivel.shoulder
+    wrist = components.wrist
     distance = float(np.linalg.norm(point - shoulder))
     if wrist is None:
         return str(Note("stylus_axis_unreachable", {"distance": distance}))

@@ -29,7 +29,14 @@ TIP, AXES, EQUATIONS, GOAL = 0, 3, 9, 15
 """First rows of the working space for the frame of the tip (3 rows), directions and origins of the
 joint axes (6, a column each), the equations (up to 6; the last column but one is their values), and
 the wanted place of the tip."""
-HERE, STEADY, NEXT, START, SOUGHT, IMAGE, GUESS, BEST = 16, 19, 22, 24, 26, 28, 29, 30
+HERE = 16
+STEADY = 19
+NEXT = 22
+START = 24
+SOUGHT = 26
+IMAGE = 28
+GUESS = 29
+BEST = 30
 """Rows for angles. The tangent of a curve there is in the next row, and of ``HERE`` and ``STEADY``
 the curvature behind it; of ``IMAGE``, ``GUESS`` and ``BEST`` neither is used."""
 COSINES, MATRIX = 31, 33
@@ -41,7 +48,8 @@ SERIES = 1e-3
 """Angle below which a series loses fewer digits than the closed form [rad]."""
 CLOSE_ENOUGH = 1e-12
 """Largest residual of a solution [m, rad]."""
-POLISHED, CORRECTED = 0.02 * CLOSE_ENOUGH, 0.2 * CLOSE_ENOUGH
+POLISHED = 0.02 * CLOSE_ENOUGH
+CORRECTED = 0.2 * CLOSE_ENOUGH
 """Residuals at which polishing a seed, and correcting a step, end: what is left is rounding."""
 MOST_POLISHES, MOST_CORRECTIONS, MOST_MEETINGS = 39, 5, 8
 """Newton steps after which polishing a seed, correcting a step, and meeting a plane give up."""
@@ -115,7 +123,8 @@ def newton(
         arrived: filled (m,): whether the residual is at most ``CLOSE_ENOUGH``.
         space: see :func:`working_space`.
     """
-    count, n = equations.shape[1], q.shape[1]
+    count = equations.shape[1]
+    n = q.shape[1]
     for row in range(len(q)):
         for i in range(3):
             space[GOAL, i] = goals[row, i]
@@ -242,7 +251,8 @@ def on_curve(
     for j in range(solutions.shape[1]):
         space[SOUGHT, j] = solutions[row, j]
     has_tangent = False
-    begin, end = ends[curve - 1] if curve > 0 else 0, ends[curve]
+    begin = ends[curve - 1] if curve > 0 else 0
+    end = ends[curve]
     for vertex in nearest_vertices(begin, end, vertices, space):
         for side in (1, -1):
             other = begin + (vertex - begin + side) % (end - begin)
@@ -258,7 +268,9 @@ def on_curve(
 def nearest_vertices(begin: int, end: int, vertices: Array, space: Array) -> tuple[int, int, int]:
     """Numbers of the three vertices that are nearest to the solution ``SOUGHT``, in order."""
     first, second, third = begin, begin, begin
-    near, far, farther = np.inf, np.inf, np.inf
+    near = np.inf
+    far = np.inf
+    farther = np.inf
     for vertex in range(begin, end):
         square = 0.0
         for j in range(vertices.shape[1]):
@@ -281,7 +293,9 @@ def touches(begin: int, end: int, vertices: Array, space: Array) -> bool:
     The nearest place on the chord goes into ``GUESS``, and the solution in the same turns into
     ``IMAGE``.
     """
-    square, part, n = 1e-200, 0.0, vertices.shape[1]
+    square = 1e-200
+    part = 0.0
+    n = vertices.shape[1]
     for j in range(n):
         chord = wrap(vertices[end, j] - vertices[begin, j])
         off = wrap(space[SOUGHT, j] - vertices[begin, j])
@@ -298,7 +312,8 @@ def meets(links: Array, tangent: int, space: Array) -> bool:
     """Does the curve near ``GUESS``, which moves, cut the plane through ``IMAGE`` and across
     ``tangent`` in ``IMAGE`` itself?
     """
-    n, off = space.shape[1] - 2, 0.0
+    n = space.shape[1] - 2
+    off = 0.0
     for j in range(n):
         off += (space[GUESS, j] - space[IMAGE, j]) * space[tangent, j]
     for j in range(n):
@@ -334,11 +349,17 @@ def trace(
         vertices[begin, j] = space[HERE, j] = space[STEADY, j] = space[START, j]
         space[HERE + 1, j] = space[STEADY + 1, j] = space[START + 1, j]
         space[HERE + 2, j] = space[STEADY + 2, j] = 0.0
-    length, end, leaps, leap = FIRST_STEP, begin + 1, 0, 0
+    length = FIRST_STEP
+    end = begin + 1
+    leaps = 0
+    leap = 0
     for step in range(most):
-        vertex, ahead, widest = HERE, length, OFF_GUESS * length
+        vertex = HERE
+        ahead = length
+        widest = OFF_GUESS * length
         if leap > 0:
-            vertex, ahead = STEADY, 2.0 * distance(HERE, STEADY, space) + LEAPS[leap - 1]
+            vertex = STEADY
+            ahead = 2.0 * distance(HERE, STEADY, space) + LEAPS[leap - 1]
             widest = BULGE * ahead
         on_side = follow(links, vertex, ahead, widest, space)
         if leap == 0 and on_side != sign:
@@ -382,7 +403,9 @@ def follow(links: Array, vertex: int, length: float, widest: float, space: Array
     Returns:
         the sign of the determinant there; 0 where the step fails.
     """
-    n, tangent, curvature = space.shape[1] - 2, vertex + 1, vertex + 2
+    n = space.shape[1] - 2
+    tangent = vertex + 1
+    curvature = vertex + 2
     for j in range(n):
         step = length * space[tangent, j] + 0.5 * length**2 * space[curvature, j]
         space[NEXT, j] = space[GUESS, j] = space[vertex, j] + step
@@ -396,7 +419,9 @@ def follow(links: Array, vertex: int, length: float, widest: float, space: Array
 
 def passes(links: Array, moved: float, space: Array) -> bool:
     """Does the step from ``HERE`` to ``NEXT``, which is ``moved`` long, pass ``START``?"""
-    n, along, aside = space.shape[1] - 2, 0.0, 0.0
+    n = space.shape[1] - 2
+    along = 0.0
+    aside = 0.0
     for j in range(n):
         space[IMAGE, j] = wrap(space[START, j] - space[HERE, j])
         space[GUESS, j] = (space[NEXT, j] - space[HERE, j]) / moved
@@ -457,7 +482,8 @@ def tangent_at(links: Array, row: int, space: Array) -> float:
 
 def take_tangent(row: int, space: Array) -> None:
     """The unit null vector of J, which :func:`correct` left, behind a ``row``."""
-    n, square = space.shape[1] - 2, 0.0
+    n = space.shape[1] - 2
+    square = 0.0
     for j in range(n):
         square += space[MATRIX + j, n + 1] ** 2
     for j in range(n):
@@ -471,7 +497,8 @@ def descend(links: Array, count: int, most: int, space: Array) -> float:
     Returns:
         the largest residual there.
     """
-    n, least = space.shape[1] - 2, np.inf
+    n = space.shape[1] - 2
+    least = np.inf
     for step in range(most + 1):
         size = linearise(links, HERE, count, space)
         if size < least or step == 0:
@@ -498,7 +525,8 @@ def least_norm_step(count: int, space: Array) -> None:
     """The shortest step to where the linear equations hold, damped where J is nearly singular, into
     column n of the matrix: by Cholesky's factor of ``J Jᵀ``.
     """
-    n, damping = space.shape[1] - 2, 0.0
+    n = space.shape[1] - 2
+    damping = 0.0
     for i in range(count):
         for j in range(n):
             damping += DAMPING * space[EQUATIONS + i, j] ** 2
@@ -528,7 +556,8 @@ def least_norm_step(count: int, space: Array) -> None:
 
 def residual_after(count: int, space: Array) -> float:
     """Largest residual that the step in the matrix leaves, to first order."""
-    n, largest = space.shape[1] - 2, 0.0
+    n = space.shape[1] - 2
+    largest = 0.0
     for i in range(count):
         rest = space[EQUATIONS + i, n]
         for j in range(n):
@@ -539,7 +568,8 @@ def residual_after(count: int, space: Array) -> float:
 
 def step_length(space: Array) -> float:
     """Length of the step in column n of the matrix [rad]."""
-    n, square = space.shape[1] - 2, 0.0
+    n = space.shape[1] - 2
+    square = 0.0
     for j in range(n):
         square += space[MATRIX + j, n] ** 2
     return math.sqrt(square)
@@ -582,15 +612,21 @@ def solve(space: Array) -> float:
 
 def linearise(links: Array, row: int, count: int, space: Array) -> float:
     """The equations at the angles in a ``row``; the largest of their values."""
-    n, largest = space.shape[1] - 2, 0.0
+    n = space.shape[1] - 2
+    largest = 0.0
     for j in range(n):
         space[COSINES, j], space[COSINES + 1, j] = math.cos(space[row, j]), math.sin(space[row, j])
     for i in range(3):  # the components of a frame's axes x, y, z and origin o along base axis i
-        x, y, z, o = links[0, i, 0], links[0, i, 1], links[0, i, 2], links[0, i, 3]
+        x = links[0, i, 0]
+        y = links[0, i, 1]
+        z = links[0, i, 2]
+        o = links[0, i, 3]
         o -= space[GOAL, i]
         for j in range(n):
             space[AXES + i, j], space[AXES + 3 + i, j] = z, o
-            cosine, sine, k = space[COSINES, j], space[COSINES + 1, j], j + 1
+            cosine = space[COSINES, j]
+            sine = space[COSINES + 1, j]
+            k = j + 1
             x, y = cosine * x + sine * y, cosine * y - sine * x
             o += x * links[k, 0, 3] + y * links[k, 1, 3] + z * links[k, 2, 3]
             x, y, z = (
@@ -601,7 +637,9 @@ def linearise(links: Array, row: int, count: int, space: Array) -> float:
         space[TIP + i, 0], space[TIP + i, 1], space[TIP + i, 2] = x, y, z
         space[TIP + i, 3] = space[EQUATIONS + i, n] = o
     for j in range(n):
-        z0, z1, z2 = space[AXES, j], space[AXES + 1, j], space[AXES + 2, j]
+        z0 = space[AXES, j]
+        z1 = space[AXES + 1, j]
+        z2 = space[AXES + 2, j]
         l0 = space[TIP, 3] - space[AXES + 3, j]
         l1 = space[TIP + 1, 3] - space[AXES + 4, j]
         l2 = space[TIP + 2, 3] - space[AXES + 5, j]
@@ -625,15 +663,22 @@ def point_along_z(space: Array) -> None:
     arrives four times as often. Half a turn away it jumps, which costs a detour.
     """
     n = space.shape[1] - 2
-    d0, d1, d2 = space[TIP, 2], space[TIP + 1, 2], space[TIP + 2, 2]
+    d0 = space[TIP, 2]
+    d1 = space[TIP + 1, 2]
+    d2 = space[TIP + 2, 2]
     across = math.sqrt(d0**2 + d1**2)
     stretch, slope, fixed = 1.0, 0.0, 0.0
     if across >= STRAIGHT:
         stretch = math.atan2(across, d2) / across
-        slope, fixed = (d2 - stretch) / across**2, 1.0
+        slope = (d2 - stretch) / across**2
+        fixed = 1.0
     for j in range(n):
-        z0, z1, z2 = space[AXES, j], space[AXES + 1, j], space[AXES + 2, j]
-        u, v, w = z1 * d2 - z2 * d1, z2 * d0 - z0 * d2, z0 * d1 - z1 * d0
+        z0 = space[AXES, j]
+        z1 = space[AXES + 1, j]
+        z2 = space[AXES + 2, j]
+        u = z1 * d2 - z2 * d1
+        v = z2 * d0 - z0 * d2
+        w = z0 * d1 - z1 * d0
         longer = slope * (d0 * u + d1 * v) - fixed * w  # how the stretch changes
         space[EQUATIONS + 3, j] = stretch * u + d0 * longer
         space[EQUATIONS + 4, j] = stretch * v + d1 * longer
@@ -654,18 +699,25 @@ def turn_back(space: Array) -> None:
     s2 = space[TIP + 1, 0] - space[TIP, 1]
     sine = 0.5 * math.sqrt(s0**2 + s1**2 + s2**2)
     cosine = 0.5 * (space[TIP, 0] + space[TIP + 1, 1] + space[TIP + 2, 2] - 1.0)
-    angle, stretch = math.atan2(sine, cosine), 0.5
+    angle = math.atan2(sine, cosine)
+    stretch = 0.5
     if sine >= STRAIGHT:
         stretch = 0.5 * angle / sine
-    p0, p1, p2 = stretch * s0, stretch * s1, stretch * s2
+    p0 = stretch * s0
+    p1 = stretch * s1
+    p2 = stretch * s2
     if sine < STRAIGHT and cosine < 0.0:
         p0 = math.pi  # any axis is as wrong as another
     c = 1.0 / 12.0 + angle**2 / 720.0
     if angle >= SERIES:
         c = 1.0 / angle**2 - (1.0 + cosine) / (2.0 * angle * max(sine, STRAIGHT))
     for j in range(n):
-        z0, z1, z2 = space[AXES, j], space[AXES + 1, j], space[AXES + 2, j]
-        u, v, w = p1 * z2 - p2 * z1, p2 * z0 - p0 * z2, p0 * z1 - p1 * z0
+        z0 = space[AXES, j]
+        z1 = space[AXES + 1, j]
+        z2 = space[AXES + 2, j]
+        u = p1 * z2 - p2 * z1
+        v = p2 * z0 - p0 * z2
+        w = p0 * z1 - p1 * z0
         space[EQUATIONS + 3, j] = z0 - 0.5 * u + c * (p1 * w - p2 * v)
         space[EQUATIONS + 4, j] = z1 - 0.5 * v + c * (p2 * u - p0 * w)
         space[EQUATIONS + 5, j] = z2 - 0.5 * w + c * (p0 * v - p1 * u)

@@ -127,16 +127,20 @@ class Components:
         """Those of the ``pieces`` that are marked, each cut into ``LIMIT_PARTS`` with solutions at
         the cuts.
         """
-        start, chord = pieces.start[which], (pieces.end - pieces.start)[which]
-        joints, cuts = start.shape[1], LIMIT_PARTS + 1
+        start = pieces.start[which]
+        chord = (pieces.end - pieces.start)[which]
+        joints = start.shape[1]
+        cuts = LIMIT_PARTS + 1
         problem = np.repeat(pieces.problem[which], cuts)
         guess = start[:, None] + np.linspace(0.0, 1.0, cuts)[:, None] * chord[:, None]
         q, there = self.equations.polish(guess.reshape(-1, joints), problem)
         swivel = self.angle(q, problem).reshape(-1, cuts)
-        q, turn = q.reshape(-1, cuts, joints), wrapped(np.diff(swivel, axis=1)).ravel()
+        q = q.reshape(-1, cuts, joints)
+        turn = wrapped(np.diff(swivel, axis=1)).ravel()
         there = there.reshape(-1, cuts)
         known = (there[:, :-1] & there[:, 1:]).ravel()
-        start, end = q[:, :-1].reshape(-1, joints)[known], q[:, 1:].reshape(-1, joints)[known]
+        start = q[:, :-1].reshape(-1, joints)[known]
+        end = q[:, 1:].reshape(-1, joints)[known]
         swivel = swivel[:, :-1].ravel()[known]
         numbers = np.repeat(pieces.problem[which], LIMIT_PARTS)[known]
         return _Segments(start, end, swivel, turn[known], numbers)
@@ -235,7 +239,8 @@ def _swivel_crossings(pieces: _Segments, angles: Array) -> tuple[Index, Index, A
         (np.arange(len(piece)) + np.repeat(last - np.cumsum(last - first), last - first))
         % len(angles)
     ]
-    ahead, turn = wrapped(angles[which] - pieces.swivel[piece]), pieces.turn[piece]
+    ahead = wrapped(angles[which] - pieces.swivel[piece])
+    turn = pieces.turn[piece]
     passed = np.where(turn >= 0, (ahead >= 0) & (ahead < turn), (ahead <= 0) & (ahead > turn))
     # An elbow that stays in one plane passes no angle, but by rounding.
     passed &= np.abs(turn) > SAME_SWIVEL
@@ -253,10 +258,15 @@ def _solutions_at_swivel(
     accuracy. An end that stays counts less from step to step: N. Anderson, Å. Björck, "A new high
     order method of regula falsi type", BIT 13 (1973).
     """
-    problem, left = pieces.problem[piece], np.arange(len(piece))
-    low, high = pieces.start[piece], pieces.end[piece]
-    gap_low, gap_high = ahead.copy(), ahead - pieces.turn[piece]
-    q, last, there = low.copy(), np.zeros(len(piece)), np.ones(len(piece), dtype=bool)
+    problem = pieces.problem[piece]
+    left = np.arange(len(piece))
+    low = pieces.start[piece]
+    high = pieces.end[piece]
+    gap_low = ahead.copy()
+    gap_high = ahead - pieces.turn[piece]
+    q = low.copy()
+    last = np.zeros(len(piece))
+    there = np.ones(len(piece), dtype=bool)
     for _ in range(MOST_TRIALS):
         part = (gap_low / (gap_low - gap_high))[left, None]
         guess = low[left] + part * (high - low)[left]
@@ -267,7 +277,8 @@ def _solutions_at_swivel(
         with np.errstate(divide="ignore", invalid="ignore"):  # an end that is met
             less = 1.0 - gap / np.where(before, gap_low[left], gap_high[left])
         less = np.where(less > 0, less, 0.5)
-        near, far = left[before], left[~before]
+        near = left[before]
+        far = left[~before]
         gap_high[near] *= np.where(last[near] > 0, less[before], 1.0)
         gap_low[far] *= np.where(last[far] < 0, less[~before], 1.0)
         low[near], gap_low[near] = q[near], gap[before]
@@ -313,15 +324,20 @@ class Sectors:
         if not components.curves:
             none = np.empty(0, dtype=np.intp)
             return Sectors(np.empty((0, components.nq)), none, none, theoretical, working)
-        pieces, centres = components.segments, sector_centres(sectors)
+        pieces = components.segments
+        centres = sector_centres(sectors)
         piece, sector, ahead = _swivel_crossings(pieces, centres)
         theoretical[pieces.problem[piece], sector] = True
         near = ~components.outside(limits)[piece]
-        piece, sector, ahead = piece[near], sector[near], ahead[near]
+        piece = piece[near]
+        sector = sector[near]
+        ahead = ahead[near]
         q, there = _solutions_at_swivel(components, pieces, piece, centres[sector], ahead)
         q = into_limits(components.full(q), limits)
         inside = there & ~broken_limits(q, limits).any(axis=1)
-        q, sector, point = q[inside], sector[inside], pieces.problem[piece[inside]]
+        q = q[inside]
+        sector = sector[inside]
+        point = pieces.problem[piece[inside]]
         working[point, sector] = True
         return Sectors(q, sector, point, theoretical, working)
 

@@ -171,20 +171,24 @@ def reaching_postures(
     if conditions.free == 0:
         finds = Isolated(equations, q=np.empty((0, arm.nq)))
         found = search(finds, arm.nq, most_starts)
-        q, component = finds.q, np.arange(len(finds.q))
+        q = finds.q
+        component = np.arange(len(finds.q))
         notes = [*_families(finds, found), *_next_to_singular(finds, found)]
     else:
         finds = SelfMotion(equations)
         found = search(finds, arm.nq, most_starts)
         curves = tuple(finds.curves)
-        q, component, missing = np.empty((0, arm.nq)), np.arange(0), 0
+        q = np.empty((0, arm.nq))
+        component = np.arange(0)
+        missing = 0
         if curves:
             q, component, missing = evenly(equations, finds.curves, count, lambda q: q)
         notes = _families(finds, found) + not_closed(curves) + lost(missing)
     notes += [Note("arm_degenerate")] * found.degenerate
     reason = "" if len(q) else "; ".join(map(str, notes)) or f"{found}: out of reach"
     q = into_limits(q, arm.limits)
-    swivel, broken = _swivel(arm, q, conditions.point), broken_limits(q, arm.limits)
+    swivel = _swivel(arm, q, conditions.point)
+    broken = broken_limits(q, arm.limits)
     at = (arm, conditions.point, arm.tip)
     complete = not (notes or found.ended)
     those = (*at, q, component + 1, swivel, broken, conditions, curves, found)
@@ -224,7 +228,9 @@ def _conditions(
 
 
 def _what_fits(arm: Arm, conditions: PoseConditions) -> str:
-    joints, free, asked = arm.nq, conditions.free, CONDITIONS[conditions.count]
+    joints = arm.nq
+    free = conditions.free
+    asked = CONDITIONS[conditions.count]
     fitting = [
         f"{words} ({'single postures' if n == joints else 'closed curves'})"
         for n, words in CONDITIONS.items()

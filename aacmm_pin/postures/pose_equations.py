@@ -74,9 +74,12 @@ class Equations:
     def _newton(self, q: Array, problem: Index, most: int) -> tuple[Array, Array, Mask]:
         """Angles after at most so many steps, the equations at the last ones, who arrived."""
         joints = q.shape[1]
-        moved, arrived = np.array(q, order="C"), np.empty(len(q), dtype=np.bool_)
-        equations, goals = np.empty((len(q), self.count, joints + 1)), self.goals[problem]
-        loop, space = continuation.NEWTON.compiled, continuation.working_space(joints)
+        moved = np.array(q, order="C")
+        arrived = np.empty(len(q), dtype=np.bool_)
+        equations = np.empty((len(q), self.count, joints + 1))
+        goals = self.goals[problem]
+        loop = continuation.NEWTON.compiled
+        space = continuation.working_space(joints)
         loop(self.links, goals, most, moved, equations, arrived, space)
         return moved, equations, arrived
 
@@ -115,7 +118,8 @@ class PoseConditions:
 
     def equations(self) -> Equations:
         """The same as equations of one problem."""
-        links, points = _links(self.chain), self.point[None]
+        links = _links(self.chain)
+        points = self.point[None]
         if self.rotation is not None:
             return Equations.of_pose(links, points, self.rotation)
         if self.axis is not None and self.tool is not None:

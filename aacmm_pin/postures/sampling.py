@@ -63,7 +63,9 @@ def brought_to(state_of: StateOf, q: Array, target: Array, bounds: Array) -> tup
             arrived[active[~far]] = True
             if not far.any():
                 break
-            active, miss, jacobian = active[far], miss[far], tip_jacobian(state)[far]
+            active = active[far]
+            miss = miss[far]
+            jacobian = tip_jacobian(state)[far]
             q[active] = np.clip(q[active] + _step(jacobian, miss), bounds[:, 0], bounds[:, 1])
     return q, arrived
 
@@ -92,7 +94,8 @@ def posture_features(arm: Arm, q: Array) -> Array:
 
     A whole turn makes no difference; a small turn of one joint by δ is a distance of δ.
     """
-    bounds, slides = joint_bounds(arm), arm.chain.prismatic
+    bounds = joint_bounds(arm)
+    slides = arm.chain.prismatic
     turns = q[:, ~slides]
     span = bounds[slides, 1] - bounds[slides, 0]
     return np.concatenate(
@@ -109,7 +112,8 @@ def spread_out(features: Array, count: int, apart: float) -> Index:
     """
     if not len(features):
         return np.empty(0, dtype=np.intp)
-    chosen, distance = [0], np.full(len(features), np.inf)
+    chosen = [0]
+    distance = np.full(len(features), np.inf)
     while len(chosen) < count:
         distance = np.minimum(distance, np.linalg.norm(features - features[chosen[-1]], axis=1))
         farthest = int(distance.argmax())

@@ -70,7 +70,8 @@ class CurveSearch:
         Returns:
             the number of each one's curve (n,), or what :mod:`~.continuation` has instead.
         """
-        equations, number = self.equations, np.empty(len(seeds), dtype=np.intp)
+        equations = self.equations
+        number = np.empty(len(seeds), dtype=np.intp)
         those = equations.links, equations.goals[self.problem], np.ascontiguousarray(seeds)
         known = self._count, self._vertices, self._ends, self._closed
         space = continuation.working_space(seeds.shape[1])
@@ -129,7 +130,9 @@ def all_curves(equations: Equations, seeds: Array, problem: Index, is_degenerate
         is_degenerate: what :func:`degenerate` says.
     """
     regular = _regular(equations, seeds, problem)
-    curves, families, unfinished = list[Curve](), dict[int, Array](), set[int]()
+    curves = list[Curve]()
+    families = dict[int, Array]()
+    unfinished = set[int]()
     order = np.argsort(problem, kind="stable")
     numbers, first = np.unique(problem[order], return_index=True)
     for number, mine in zip(numbers.tolist(), np.split(order, first)[1:], strict=True):

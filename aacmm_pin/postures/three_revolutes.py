@@ -54,8 +54,11 @@ def candidates(b0: Array, b1: Array, b2: Array, c: Array, p: Array) -> tuple[Arr
     basis = np.stack([np.ones_like(phi3), np.cos(phi3), np.sin(phi3)], axis=1)
     u3, h3 = (np.einsum("nik,nk->ni", affine[who], basis) for affine in (u, h))
     phi2, twice = _second_angle(rows[who], u3, h3)
-    who, phi3, u3 = who[twice], phi3[twice], u3[twice]
-    cosine, sine = np.cos(phi2), np.sin(phi2)
+    who = who[twice]
+    phi3 = phi3[twice]
+    u3 = u3[twice]
+    cosine = np.cos(phi2)
+    sine = np.sin(phi2)
     v = np.column_stack(
         [cosine * u3[:, 0] - sine * u3[:, 1], sine * u3[:, 0] + cosine * u3[:, 1], u3[:, 2]]
     )
@@ -117,7 +120,9 @@ def _roots(form: Array) -> tuple[Array, Index]:
     size = np.abs(form).max(axis=(1, 2), keepdims=True)
     # Of an arm without lengths there is nothing left.
     form = form / np.where(size > 1e-200, size, 1.0)
-    one, cc, ss = form[:, 0, 0], form[:, 1, 1], form[:, 2, 2]
+    one = form[:, 0, 0]
+    cc = form[:, 1, 1]
+    ss = form[:, 2, 2]
     terms = np.stack(
         [
             one + 0.5 * (cc + ss),
@@ -143,14 +148,19 @@ def _roots(form: Array) -> tuple[Array, Index]:
     passes = (value[:, :-1] < 0) != (value[:, 1:] < 0)
     turns = ~passes & (half < low)[:, :-1], ~passes & (-half < low)[:, 1:]
     which, who, left = np.nonzero(np.stack([passes, *turns]))
-    begin, end, mine = value[who, left], value[who, left + 1], terms[:, who]
+    begin = value[who, left]
+    end = value[who, left + 1]
+    mine = terms[:, who]
     between = begin / np.where(which == 0, begin - end, 1.0)
     phi = grid[left] + step * np.where(which == 0, between, which - 1)
     sense = np.where((begin < 0) == (which < 2), 1.0, -1.0)
     for _ in range(STEPS):
-        c, s = np.cos(phi), np.sin(phi)
-        c2, s2 = 2 * c**2 - 1, 2 * c * s
-        first, second = mine[1] * c + mine[2] * s, mine[3] * c2 + mine[4] * s2
+        c = np.cos(phi)
+        s = np.sin(phi)
+        c2 = 2 * c**2 - 1
+        s2 = 2 * c * s
+        first = mine[1] * c + mine[2] * s
+        second = mine[3] * c2 + mine[4] * s2
         f = mine[0] + first + second
         slope = mine[2] * c - mine[1] * s + 2 * (mine[4] * c2 - mine[3] * s2)
         bend = -first - 4 * second
@@ -175,7 +185,8 @@ def _second_angle(rows: Array, u: Array, h: Array) -> tuple[Array, Index]:
     weight[:, 0] *= 0.999  # the z equation where both are as good
     pick = np.argmax(weight, axis=1)
     each = np.arange(len(u))
-    normal, value = rows[each, pick, :2], h[each, pick]
+    normal = rows[each, pick, :2]
+    value = h[each, pick]
     radius = np.hypot(u[:, 0], u[:, 1])
     cosine = value / np.maximum(np.linalg.norm(normal, axis=1) * radius, 1e-300)
     half = np.arccos(np.clip(cosine, -1.0, 1.0))

@@ -92,7 +92,8 @@ def _wrist_angles(q: Array, behind: Index, body: Array, links: Array) -> tuple[A
     axis = np.einsum("nji,nj->ni", before, body[:, :, 2])
     wanted = links[5][:3, 2]
     gap = axis[:, 2] - wanted[2]
-    size, ahead = np.abs(gap), np.abs(gap)[behind]
+    size = np.abs(gap)
+    ahead = np.abs(gap)[behind]
     least = (size < 0.05) & (size <= ahead)
     least[behind] &= ahead <= size
     pick = np.flatnonzero((gap * gap[behind] <= 0) | least)

@@ -127,7 +127,8 @@ class Wrist:
     @property
     def held(self) -> str:
         """In words, what is held and what it would move."""
-        angle, lever = self.rest[0] / DEG, self.lever / MM
+        angle = self.rest[0] / DEG
+        lever = self.lever / MM
         return (
             f"joint {WRIST_ROW} is held at {angle:.4g}° and moves frame{WRIST_ROW} by "
             f"{lever:.4g} mm"

@@ -149,7 +149,8 @@ class CharacteristicValue:
     @property
     def missing(self) -> str:
         """What is missing, in words; "" where nothing is."""
-        text, lacking = self._lack, self.evaluated.lacking
+        text = self._lack
+        lacking = self.evaluated.lacking
         if not lacking:
             return text
         more = ["…"] if len(lacking) > MOST_LACKING else []
@@ -158,7 +159,8 @@ class CharacteristicValue:
     @property
     def _lack(self) -> str:
         """How many touches or lengths are missing, or why there is no value."""
-        number, counted = self.evaluated.missing, self.definition.counted
+        number = self.evaluated.missing
+        counted = self.definition.counted
         if not number:
             return self.evaluated.why_incomplete
         return f"{number} {counted if number > 1 else SINGULAR_NOUN[counted]}"

@@ -130,7 +130,8 @@ class ControlChart:
 def _limits(values: Array) -> tuple[float, float]:
     if len(values) < LEAST_CHECKS:
         return math.nan, math.nan
-    centre, away = float(values.mean()), PER_MOVING_RANGE * float(np.abs(np.diff(values)).mean())
+    centre = float(values.mean())
+    away = PER_MOVING_RANGE * float(np.abs(np.diff(values)).mean())
     return centre - away if away < centre else math.nan, centre + away
 
 

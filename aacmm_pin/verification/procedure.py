@@ -102,7 +102,8 @@ class Procedure(Shown):
         """That file with the indications and conditions of ``records``, and the coordinates by
         ``software``.
         """
-        records, software = as_measurements(records, self.arm.nq), ErrorModel.of(software)
+        records = as_measurements(records, self.arm.nq)
+        software = ErrorModel.of(software)
         at = software.correct(records.q, records.conditions) / MM
         indicated = records.to_frame().drop(columns=["record"], errors="ignore")
         planned = self.to_frame()
@@ -186,7 +187,8 @@ def acceptance_procedure(
         AacmmError: other than so many lengths above 0, or the arm does not reach such places.
     """
     rng = rng or np.random.default_rng(1)
-    seed, model = seed_of(rng), ErrorModel.of(model).restricted_to_known_range()
+    seed = seed_of(rng)
+    model = ErrorModel.of(model).restricted_to_known_range()
     margin = LIMIT_MARGIN * np.diff(model.arm.limits, axis=1) * np.array([1.0, -1.0])
     inner = replace(model, arm=replace(model.arm, limits=model.arm.limits + margin))
 
@@ -207,7 +209,8 @@ def _stands(arm: Arm) -> bool:
     """
     rotation, origin = arm.chain.walk(np.zeros((1, arm.nq)))
     axes = arm.chain.moving_axes()
-    first, second = axes[0], axes[min(1, len(axes) - 1)]
+    first = axes[0]
+    second = axes[min(1, len(axes) - 1)]
     upright = abs(float(rotation[first, 0, :, 2] @ arm.up)) > LEAST_UPRIGHT_COSINE
     height = float(origin[second, 0] @ arm.up)
     return upright and height > -MM
@@ -417,7 +420,8 @@ class _Layout:
 
     def procedure(self, arm: Arm, seed: int | None) -> Procedure:
         """All of it, with the tip at its point in every posture."""
-        points, chosen = np.array(self.points), np.array(self.q)
+        points = np.array(self.points)
+        chosen = np.array(self.q)
         q, arrived = brought_to(self.pool.state_of, chosen, points, joint_bounds(arm))
         if not arrived.all():
             out = int((~arrived).sum())

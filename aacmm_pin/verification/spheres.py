@@ -76,7 +76,8 @@ def fitted_sphere(points: ArrayLike) -> FittedSphere:
     found = least_squares(residuals, start, jac=jacobian, method="lm", **ends)
     factor = 2 * float(np.linalg.norm(np.linalg.pinv(found.jac)[3]))
     leverages = np.sum(np.linalg.qr(found.jac).Q ** 2, axis=1)
-    center, diameter = middle + found.x[:3] * size, 2 * float(found.x[3]) * size
+    center = middle + found.x[:3] * size
+    diameter = 2 * float(found.x[3]) * size
     form = float(np.ptp(found.fun * size))
     return FittedSphere(center, diameter, form, factor, found.fun * size, leverages)
 
