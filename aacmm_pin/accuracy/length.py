@@ -63,7 +63,8 @@ class LengthUncertainty(Shown):
         """Standard uncertainty of the length by the postures at both ends (n, m) [m]."""
         a, b = (_independent(self.sources, scaled) for scaled in self.scaled)
         shared = _shared(self.sources)
-        each = np.square(a).sum(axis=1)[:, None] + np.square(b).sum(axis=1)
+        of_a = np.square(a).sum(axis=1)
+        each = of_a[:, None] + np.square(b).sum(axis=1)
         common = 2.0 * a[:, shared] @ b[:, shared].T
         return np.asarray(np.sqrt(np.maximum(each - common, 0.0)))
 

@@ -18,6 +18,7 @@ of it.
 SECOND_WORD_RATIO = 0.6
 """A direction has a second word where that part of it is this many times the first."""
 SIDES = ("up", "right", "down", "left")
+OPPOSITES = (("up", "down"), ("out", "in"), ("left", "right"))
 
 
 def articulations(arm: Arm, q: Array) -> list[str]:
@@ -91,19 +92,14 @@ def _directions(arm: Arm, tips: Array, direction: Array) -> list[str]:
     out = tips - arm.up * (tips @ arm.up)[:, None]
     out = out / np.maximum(np.linalg.norm(out, axis=1), 1e-12)[:, None]
     left = np.cross(arm.up, out)
-    parts = np.stack(
-        [direction @ arm.up, np.sum(direction * out, axis=1), np.sum(direction * left, axis=1)],
-        axis=1,
-    )
+    outwards = np.sum(direction * out, axis=1)
+    leftwards = np.sum(direction * left, axis=1)
     words = []
-    for part in parts:
-        order = np.abs(part).argsort()[::-1]
-        named = [
-            (("up", "down"), ("out", "in"), ("left", "right"))[k][int(part[k] < 0)] for k in order
-        ]
-        words.append(
-            named[0]
-            + f" and {named[1]}"
-            * bool(abs(part[order[1]]) > SECOND_WORD_RATIO * abs(part[order[0]]))
-        )
+    for part in np.stack([direction @ arm.up, outwards, leftwards], axis=1):
+        size = np.abs(part)
+        _, second, first = size.argsort()
+        word = OPPOSITES[first][int(part[first] < 0)]
+        if size[second] > SECOND_WORD_RATIO * size[first]:
+            word += f" and {OPPOSITES[second][int(part[second] < 0)]}"
+        words.append(word)
     return words

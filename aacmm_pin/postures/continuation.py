@@ -750,7 +750,8 @@ def dot(a: int, b: int, space: Array) -> float:
 
 def wrap(angle: float) -> float:
     """The same direction between -π and π."""
-    return angle - 2 * math.pi * math.floor(angle * (0.5 / math.pi) + 0.5)
+    turns = math.floor(angle * (0.5 / math.pi) + 0.5)
+    return angle - 2 * math.pi * turns
 
 
 LINKS, ROWS, FLAGS, NUMBERS = "f8[:, :, ::1]", "f8[:, ::1]", "b1[::1]", "i8[::1]"

@@ -168,9 +168,8 @@ class Flexibility(Shown):
 
     def __str__(self) -> str:
         numbers = {f"by {len(self.sectors)} sectors": self.zeta, "of arc": self.arc_fraction}
-        return (
-            ", ".join(f"{x:.3f} {of}" for of, x in numbers.items() if np.isfinite(x)) or "undefined"
-        )
+        finite = [f"{x:.3f} {of}" for of, x in numbers.items() if np.isfinite(x)]
+        return ", ".join(finite) or "undefined"
 
 
 def evenly(
@@ -209,17 +208,19 @@ def _finer(equations: Equations, curves: list[Curve]) -> list[Array]:
     """
     finer = []
     for curve in curves:
-        # Made when it is back at its start.
-        turns = np.round((curve.q[-1] - curve.q[0]) / (2 * np.pi)) * 2 * np.pi
-        q = np.vstack([curve.q, curve.q[:1] + turns]) if curve.closed else curve.q
-        rows = np.arange((len(q) - 1) * FINER + 1) / FINER
-        finer.append(
-            np.column_stack([np.interp(rows, np.arange(len(q)), angles) for angles in q.T])
-        )
-    problem = np.repeat([c.problem for c in curves], [len(q) for q in finer])
+        q = curve.q
+        if curve.closed:
+            # Made when it is back at its start.
+            turns = np.round((q[-1] - q[0]) / (2 * np.pi)) * 2 * np.pi
+            q = np.vstack([q, q[:1] + turns])
+        known = np.arange(len(q))
+        rows = np.arange(known[-1] * FINER + 1) / FINER
+        finer.append(np.column_stack([np.interp(rows, known, angles) for angles in q.T]))
+    lengths = [len(q) for q in finer]
+    problem = np.repeat([c.problem for c in curves], lengths)
     # What does not arrive is near enough to measure a way.
     solutions, _ = equations.polish(np.concatenate(finer), problem)
-    return np.split(solutions, np.cumsum([len(q) for q in finer])[:-1])
+    return np.split(solutions, np.cumsum(lengths)[:-1])
 
 
 def _swivel_crossings(pieces: _Segments, angles: Array) -> tuple[Index, Index, Array]:
@@ -230,15 +231,15 @@ def _swivel_crossings(pieces: _Segments, angles: Array) -> tuple[Index, Index, A
         (n,) [rad].
     """
     order = np.argsort(wrapped(angles))
-    every = (wrapped(angles)[order] + 2 * np.pi * np.arange(-1, 2)[:, None]).ravel()
+    turns = 2 * np.pi * np.arange(-1, 2)
+    every = (wrapped(angles)[order] + turns[:, None]).ravel()
     low, high = np.sort([pieces.swivel, pieces.swivel + pieces.turn], axis=0)
     first = np.searchsorted(every, low - SAME_SWIVEL)
     last = np.searchsorted(every, high + SAME_SWIVEL)
-    piece = np.repeat(np.arange(len(first)), last - first)
-    which = order[
-        (np.arange(len(piece)) + np.repeat(last - np.cumsum(last - first), last - first))
-        % len(angles)
-    ]
+    count = last - first
+    piece = np.repeat(np.arange(len(first)), count)
+    number = np.arange(len(piece)) + np.repeat(last - np.cumsum(count), count)
+    which = order[number % len(angles)]
     ahead = wrapped(angles[which] - pieces.swivel[piece])
     turn = pieces.turn[piece]
     passed = np.where(turn >= 0, (ahead >= 0) & (ahead < turn), (ahead <= 0) & (ahead > turn))
@@ -296,7 +297,8 @@ def sector_centres(sectors: int) -> Array:
     """Swivel angles of the centres of equal sectors (sectors,) [rad]; the first is the highest
     place of the elbow.
     """
-    return np.asarray(np.arange(sectors) * (2 * np.pi / sectors), dtype=np.float64)
+    width = 2 * np.pi / sectors
+    return np.asarray(width * np.arange(sectors))
 
 
 @dataclass(frozen=True, eq=False)
@@ -357,8 +359,9 @@ def flexibility(components: Components, limits: Array, sectors: int) -> Flexibil
         AacmmError: ``sectors`` is below 1, or too large.
     """
     found = Sectors.of(components, limits, whole(sectors, 1, "sectors"))
-    working = tuple(bool(w) for w in found.working[0])
-    return Flexibility(float(found.zeta[0]), working, float(arc_fractions(components, limits)[0]))
+    working = tuple(found.working[0].tolist())
+    (arc_fraction,) = arc_fractions(components, limits)
+    return Flexibility(float(found.zeta[0]), working, float(arc_fraction))
 
 
 def arc_fractions(components: Components, limits: Array) -> Array:
@@ -394,9 +397,11 @@ def _covered_bins(problem: Index, start: Array, turn: Array, points: int) -> Ind
     of all before it.
     """
     bins = ARC_BINS
-    low = np.where(turn >= 0, start, start + turn) % (2 * np.pi) * (bins / (2 * np.pi))
+    a_radian = bins / (2 * np.pi)
+    low = np.where(turn >= 0, start, start + turn) % (2 * np.pi) * a_radian
+    high = low + np.abs(turn) * a_radian
     first = np.ceil(low - 0.5).astype(np.intp)
-    end = np.ceil(low + np.abs(turn) * (bins / (2 * np.pi)) - 0.5).astype(np.intp)
+    end = np.ceil(high - 0.5).astype(np.intp)
     over = end > bins  # these begin again at bin 0
     problem = np.concatenate([problem, problem[over]])
     first = np.concatenate([first, np.zeros_like(end[over])])

@@ -71,7 +71,8 @@ class ReachingPostures(PosturesAtPoint):
         way = np.zeros(len(self))
         for number in np.unique(self.component):
             mine = np.flatnonzero(self.component == number)
-            way[mine[1:]] = np.cumsum(np.linalg.norm(self._steps(number), axis=1))[: len(mine) - 1]
+            lengths = np.linalg.norm(self._steps(number), axis=1)
+            way[mine[1:]] = np.cumsum(lengths[: len(mine) - 1])
         return way
 
     @property
@@ -101,13 +102,14 @@ class ReachingPostures(PosturesAtPoint):
         first too [rad].
         """
         q = self.q[self.component == number]
-        back = q[:1] if not self.single and self.curves[number - 1].closed else q[:0]
-        return wrapped(np.diff(q, axis=0, append=back))
+        is_closed = not self.single and self.curves[number - 1].closed
+        return wrapped(np.diff(q, axis=0, append=q[: int(is_closed)]))
 
     def _row(self, number: int) -> dict[str, Any]:
         arrivals = {"arrivals": self.search.hits[number - 1]}
         if self.single:
-            angles = " ".join(f"{angle:.2f}" for angle in self.q[self.component == number][0] / DEG)
+            (posture,) = self.q[self.component == number]
+            angles = " ".join(f"{angle:.2f}" for angle in posture / DEG)
             return super()._row(number) | {"theta_deg": angles} | arrivals
         travel = float(np.linalg.norm(self._steps(number), axis=1).sum())
         return super()._row(number) | {"travel_rad": travel} | arrivals
@@ -274,14 +276,9 @@ def _next_to_singular(single: Isolated, found: Search) -> list[Note]:
     """That some postures are so flat that rounding decides whether a neighbour is found, and
     whether it is another one.
     """
-    near = (
-        np.flatnonzero(
-            flattest(single.equations, single.q, np.zeros(len(single.q), dtype=np.intp))[0]
-            < NEARLY_SINGULAR
-        )
-        if len(single.q)
-        else np.empty(0)
-    )
+    problem = np.zeros(len(single.q), dtype=np.intp)
+    ratio, _ = flattest(single.equations, single.q, problem)
+    near = np.flatnonzero(ratio < NEARLY_SINGULAR)
     notes = []
     if near.size:
         notes.append(Note("nearly_singular", {"postures": (near + 1).tolist()}))
@@ -296,4 +293,5 @@ def _swivel(arm: Arm, q: Array, point: Array) -> Array:
     """
     if arm.dh is None or arm.dh.rows <= ELBOW_JOINT or not arm.dh.moving[:ELBOW_JOINT].all():
         return np.full(len(q), np.nan)
-    return Swivel(arm.dh, arm.up).angle(q, np.broadcast_to(point, (len(q), 3)))
+    points = np.broadcast_to(point, (len(q), 3))
+    return Swivel(arm.dh, arm.up).angle(q, points)

@@ -289,13 +289,11 @@ def _stalled(equations: Equations, q: Array) -> int:
     """How many of some that did not arrive (n, k) stand beside a solution that is nearly
     singular.
     """
-    off = np.abs(equations(q, _the_one(q))[0]).max(axis=1, initial=0.0)
+    values, _ = equations(q, _the_one(q))
+    off = np.abs(values).max(axis=1, initial=0.0)
     beside = q[off < STALLED_BELOW]  # others of these would have arrived with more steps
-    return (
-        int((flattest(equations, beside, _the_one(beside))[0] < NEARLY_SINGULAR).sum())
-        if len(beside)
-        else 0
-    )
+    ratio, _ = flattest(equations, beside, _the_one(beside))
+    return int((ratio < NEARLY_SINGULAR).sum())
 
 
 def _the_one(q: Array | Index) -> Index:

@@ -43,9 +43,10 @@ class Equations:
         """The unit vector ``tool`` of the tip (3,) shall lie along ``axis`` of the base
         (3,) too.
         """
-        turned = _in_axes(links, rotation_between(axis, Z_AXIS))
+        upright = rotation_between(axis, Z_AXIS)
+        turned = _in_axes(links, upright)
         turned[-1, :3, :3] = turned[-1, :3, :3] @ rotation_between(Z_AXIS, tool)
-        return Equations(turned, points @ rotation_between(axis, Z_AXIS).T, POINT_AND_AXIS)
+        return Equations(turned, points @ upright.T, POINT_AND_AXIS)
 
     @staticmethod
     def of_pose(links: Array, points: Array, rotation: Array) -> Equations:

@@ -33,7 +33,8 @@ radians.
 
 def tip_jacobian(state: State) -> Array:
     """∂tip/∂q (n, 3, nq) [m/rad] of the arm as it stands, its displacements taken as constant."""
-    return state.arm.chain.jacobian(state.rotation, state.origin, state.position)[0]
+    jacobian, _ = state.arm.chain.jacobian(state.rotation, state.origin, state.position)
+    return jacobian
 
 
 def brought_to(state_of: StateOf, q: Array, target: Array, bounds: Array) -> tuple[Array, Mask]:
@@ -74,9 +75,10 @@ def _step(jacobian: Array, miss: Array) -> Array:
     damping = 0.1 * np.einsum("ni,ni->n", miss, miss)[:, None, None] * np.eye(3)
     square = jacobian @ jacobian.transpose(0, 2, 1) + damping
     square += 1e-15 * np.eye(3)  # an arm with fewer joints than directions has no inverse
-    step = (jacobian.transpose(0, 2, 1) @ np.linalg.solve(square, miss[:, :, None]))[:, :, 0]
+    pull = np.linalg.solve(square, miss[:, :, None])
+    step = (jacobian.transpose(0, 2, 1) @ pull)[:, :, 0]
     longest = np.abs(step).max(axis=1, keepdims=True)
-    return np.asarray(step * np.minimum(1.0, LONGEST_STEP / np.maximum(longest, LONGEST_STEP)))
+    return np.asarray(step * (LONGEST_STEP / np.maximum(longest, LONGEST_STEP)))
 
 
 def agile(state: State) -> Mask:
@@ -84,8 +86,10 @@ def agile(state: State) -> Mask:
     :data:`MIN_MOBILITY_RATIO`: (n,).
     """
     easiness = np.linalg.svd(tip_jacobian(state), compute_uv=False)
-    directions = (easiness > 1e-9 * easiness[:, :1]).any(axis=0)
-    return np.asarray((easiness[:, directions] > MIN_MOBILITY_RATIO * easiness[:, :1]).all(axis=1))
+    most = easiness[:, :1]
+    directions = (easiness > 1e-9 * most).any(axis=0)
+    is_easy = easiness[:, directions] > MIN_MOBILITY_RATIO * most
+    return np.asarray(is_easy.all(axis=1))
 
 
 def posture_features(arm: Arm, q: Array) -> Array:

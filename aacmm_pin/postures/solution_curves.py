@@ -84,10 +84,11 @@ class CurveSearch:
         """Those found."""
         ends = self._ends[: self._count].tolist()
         begins = [0, *ends][: self._count]
-        return [
-            Curve(self._vertices[begin:end].copy(), bool(closed), self.problem)
-            for begin, end, closed in zip(begins, ends, self._closed, strict=False)
-        ]
+        found = []
+        for begin, end, closed in zip(begins, ends, self._closed, strict=False):
+            vertices = self._vertices[begin:end].copy()
+            found.append(Curve(vertices, bool(closed), self.problem))
+        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,7 +167,9 @@ def flattest(equations: Equations, q: Array, problem: Index) -> tuple[Array, Arr
         least.
     """
     _, sizes, vectors = np.linalg.svd(equations(q, problem)[1])
-    return sizes[:, -1] / np.where(sizes[:, 0] > 0, sizes[:, 0], 1.0), vectors
+    largest = sizes[:, 0]
+    ratio = sizes[:, -1] / np.where(largest > 0, largest, 1.0)
+    return ratio, vectors
 
 
 def _regular(equations: Equations, q: Array, problem: Index) -> Mask:

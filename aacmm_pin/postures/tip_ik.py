@@ -73,9 +73,11 @@ def _tip_seeds(dh: DHTable, points: Array, stylus: Array, axis: Array) -> tuple[
 
 def _bodies_about(axis: Array, stylus: Array) -> Array:
     """Orientations (n, 3, 3) of the body behind joint 6 that have ``stylus`` along ``axis``."""
-    angles = np.arange(DIRECTIONS)[:, None] * (2 * np.pi / DIRECTIONS)
-    turns = np.concatenate([np.zeros((DIRECTIONS, 3)), angles * axis], axis=1)
-    return np.asarray(exp(turns)[:, :3, :3] @ rotation_between(stylus, axis))
+    angles = np.arange(DIRECTIONS) * (2 * np.pi / DIRECTIONS)
+    turns = np.zeros((DIRECTIONS, 6))
+    turns[:, 3:] = angles[:, None] * axis
+    rotation = exp(turns)[:, :3, :3]
+    return np.asarray(rotation @ rotation_between(stylus, axis))
 
 
 def _wrist_angles(q: Array, behind: Index, body: Array, links: Array) -> tuple[Array, Index]:
