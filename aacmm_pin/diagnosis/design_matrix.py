@@ -95,16 +95,16 @@ class Design:
 
     def of(self, numbers: Sequence[int]) -> Design:
         """The same with some of the blocks alone, in this order."""
-        chosen = [self.blocks[k] for k in numbers]
-        ends = self.nuisances + np.cumsum([0, *(b.size for b in chosen)])
-        blocks = (
-            replace(b, columns=slice(int(a), int(c)))
-            for b, a, c in zip(chosen, ends[:-1], ends[1:], strict=True)
-        )
-        scales = np.concatenate(
-            [self.scales[: self.nuisances], *(self.scales[b.columns] for b in chosen)]
-        )
-        return replace(self, blocks=tuple(blocks), scales=scales)
+        first = self.nuisances
+        scales = [self.scales[:first]]
+        blocks = []
+        for number in numbers:
+            block = self.blocks[number]
+            end = first + block.size
+            blocks.append(replace(block, columns=slice(first, end)))
+            scales.append(self.scales[block.columns])
+            first = end
+        return replace(self, blocks=tuple(blocks), scales=np.concatenate(scales))
 
     def column_blocks(self) -> Iterator[tuple[slice, Array]]:
         """The columns of all in turn, a limited number at once: which, and (n, 3 or 6, q), scaled

@@ -135,7 +135,9 @@ class Products:
     def __init__(
         self, design: Design, read: Callable[[], list[PartRows]], noise: RecordNoise
     ) -> None:
-        self.design, self._read, self.noise = design, read, noise
+        self.design = design
+        self._read = read
+        self.noise = noise
         self._combined: dict[int, tuple[Array, Array]] = {}
         self.free = [each.free for each in self.parts]
         prior = np.zeros((len(design.prior), design.width + 1))
@@ -146,7 +148,8 @@ class Products:
         sizes = np.array([b.size for b in design.blocks], dtype=np.intp)
         starts = np.array([b.columns.start for b in design.blocks], dtype=np.intp)
         self.of_size = {int(q): np.flatnonzero(sizes == q) for q in np.unique(sizes)}
-        self.columns, self.place = dict[int, Index](), dict[int, tuple[int, int]]()
+        self.columns = dict[int, Index]()
+        self.place = dict[int, tuple[int, int]]()
         for size, own in self.of_size.items():
             self.columns[size] = starts[own][:, None] + np.arange(size)
             for number, block in enumerate(own.tolist()):
@@ -250,7 +253,8 @@ class Products:
 
     def drawn(self, draws: int, rng: np.random.Generator) -> Array:
         """Products of all columns with residuals that are noise alone (columns, draws)."""
-        return np.asarray(sum(part.drawn(draws, rng) for part in (self.prior, *self.parts)))
+        parts = (self.prior, *self.parts)
+        return np.asarray(sum(part.drawn(draws, rng) for part in parts))
 
 
 @dataclass(frozen=True, eq=False)
@@ -272,9 +276,8 @@ class Gram:
     @property
     def parts(self) -> list[int]:
         """Numbers of the parts that count and have something to say."""
-        return [
-            k for k, free in enumerate(self.products.free) if k not in self.left_out and free > 0
-        ]
+        every = enumerate(self.products.free)
+        return [k for k, free in every if k not in self.left_out and free > 0]
 
     @property
     def free(self) -> int:
@@ -307,9 +310,8 @@ class Gram:
         """Products of the background with all columns and the residual (r, columns + 1), and inside
         it (r, r).
         """
-        with_all, with_own = zip(
-            *(self.products.combined(part) for part in self.parts), strict=True
-        )
+        of_parts = map(self.products.combined, self.parts)
+        with_all, with_own = zip(*of_parts, strict=True)
         return np.sum(with_all, axis=0), np.sum(with_own, axis=0)
 
     def diagonal_blocks(self, size: int) -> Array:

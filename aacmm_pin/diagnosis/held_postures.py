@@ -46,7 +46,9 @@ class HeldPostures:
         """Chance of such a likelihood ratio if records of one posture share nothing (Self, Liang
         1987, JASA 82).
         """
-        return 0.5 * float(chi2_sf(2.0 * self.log_ratio, 1)) if self.ratio else 1.0
+        if not self.ratio:
+            return 1.0
+        return 0.5 * float(chi2_sf(2.0 * self.log_ratio, 1))
 
     @staticmethod
     def groups_of(fit: Fit) -> HeldPostures:
@@ -119,7 +121,8 @@ class HeldPostures:
         """Whether the error of the same postures is about another one, or small beside that of a
         record in both.
         """
-        return bool(abs(np.log(self.scale / other.scale).mean()) < SAME_LOG_VARIANCE)
+        change = np.log(self.scale / other.scale).mean()
+        return bool(abs(change) < SAME_LOG_VARIANCE)
 
     def sums(self, rows: Array) -> Array:
         """Sum of the rows (n, …) of each group (groups, …)."""

@@ -39,7 +39,8 @@ Series = Sequence[Sequence[Effect]]
 
 def noise_is_known(at: Fit) -> bool:
     """Whether the stated noise is all that the fit found."""
-    return at.stated and max(at.noise.scatters.tip, at.noise.scatters.turn) == 0.0
+    scatters = at.noise.scatters
+    return at.stated and max(scatters.tip, scatters.turn) == 0.0
 
 
 def refined_causes(choice: Choice, before: Sequence[Effect] = ()) -> list[Effect]:
@@ -215,7 +216,8 @@ def with_inner_u(at: Fit, noise: RecordNoise, effects: Sequence[Effect]) -> Fit:
 
 def _is_smooth(effect: Effect) -> bool:
     """Whether it has an inner value in which it is smooth, and that may be any."""
-    return bool(effect.nonlinear.prior_sd(effect)) and not effect.nonlinear.is_preferred(effect)
+    nonlinear = effect.nonlinear
+    return bool(nonlinear.prior_sd(effect)) and not nonlinear.is_preferred(effect)
 
 
 def _least_u(effect: Effect, tried: Sequence[Effect], odds: Array) -> float:

@@ -58,14 +58,11 @@ class Likelihood:
         if not self.stated:
             return np.asarray(-0.5 * self.dof * np.log(chi2))
         a = 0.5 * THRESHOLDS.scale_dof
-        free = (
-            a * np.log(a)
-            - gammaln(a)
-            + gammaln(a + 0.5 * self.dof)
-            - (a + 0.5 * self.dof) * np.log(a + 0.5 * chi2)
-        )
+        b = a + 0.5 * self.dof
+        free = a * np.log(a) - gammaln(a) + gammaln(b) - b * np.log(a + 0.5 * chi2)
         share = THRESHOLDS.noise_misstated
-        return np.asarray(np.logaddexp(np.log1p(-share) - 0.5 * chi2, np.log(share) + free))
+        as_stated = np.log1p(-share) - 0.5 * chi2
+        return np.asarray(np.logaddexp(as_stated, np.log(share) + free))
 
     def variance(self, chi2: float) -> float:
         """Factor on the variance of the noise that a value of χ² makes most probable."""
@@ -152,7 +149,8 @@ class Base:
     @cached_property
     def residual(self) -> Array:
         """Products of the residual with all columns and itself (columns + 1,)."""
-        return np.asarray(self.gram.residual - self.whitened[:, -1] @ self.whitened)
+        explained = self.whitened[:, -1] @ self.whitened
+        return np.asarray(self.gram.residual - explained)
 
     @cached_property
     def _strips(self) -> dict[int, Array]:
@@ -291,12 +289,14 @@ class Conditional:
     @cached_property
     def chi2(self) -> float:
         """What is left of χ²."""
-        return float(self.products[-1, -1] + self.products[:-1, -1] @ self.estimate)
+        change = self.products[:-1, -1] @ self.estimate
+        return float(self.products[-1, -1] + change)
 
     @cached_property
     def log_volume(self) -> float:
         """``½ log det`` of set and background over their priors."""
-        return self.base.log_volume + float(np.log(np.diag(self.factor) * self.scale).sum())
+        over_prior = np.diag(self.factor) * self.scale
+        return self.base.log_volume + float(np.log(over_prior).sum())
 
     @property
     def log_evidence(self) -> float:
@@ -320,9 +320,7 @@ class Conditional:
         """Log marginal likelihood with each width of each block, and last without it (blocks,
         widths + 1).
         """
-        each = [
-            self._over_widths(k, width) for k, width in zip(self.blocks, self.widths, strict=True)
-        ]
+        each = [*map(self._over_widths, self.blocks, self.widths)]
         return np.array(each).reshape(-1, WIDTHS.size + 1)
 
     def _over_widths(self, block: int, width: int) -> Array:
@@ -350,7 +348,8 @@ class Conditional:
         """Products of the residual with all columns and itself, the set integrated over (columns +
         1,).
         """
-        return np.asarray(self.base.residual - self.whitened[:, -1] @ self.whitened)
+        explained = self.whitened[:, -1] @ self.whitened
+        return np.asarray(self.base.residual - explained)
 
     def of_residuals(self, products: Array) -> Array:
         """The same of other residuals, by their products with all columns (columns, draws) ->
@@ -407,7 +406,8 @@ class Conditional:
     @cached_property
     def step(self) -> Array:
         """Posterior mean step of nuisances, background and set, in this order (b + m,)."""
-        right = self.base.whitened[:, -1] + self.base.whitened[:, self.columns] @ self.estimate
+        whitened = self.base.whitened
+        right = whitened[:, -1] + whitened[:, self.columns] @ self.estimate
         of_base = scipy.linalg.solve_triangular(self.base.factor, right, lower=True, trans=1)
         return np.concatenate([-of_base, self.estimate])
 
@@ -458,7 +458,8 @@ def _by_factors(information: Array, gradient: Array) -> tuple[Array, Array]:
     """
     b, q = information.shape[:2]
     whole = np.empty((b, WIDTHS.size, q + 1, q + 1))
-    whole[:, :, :q, :q] = information[:, None] + np.eye(q) / WIDTHS[:, None, None] ** 2
+    prior = np.eye(q) / WIDTHS[:, None, None] ** 2
+    whole[:, :, :q, :q] = information[:, None] + prior
     whole[:, :, q, :q] = gradient[:, None, :, 0]  # of a symmetric matrix the lower triangle is read
     whole[:, :, q, q] = np.finfo(np.float64).max
     factor = np.linalg.cholesky(whole)

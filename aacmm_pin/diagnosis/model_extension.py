@@ -300,7 +300,8 @@ def refitted(
     """All refitted with these causes, without known ones that are gone; without ``used``, gross
     errors are looked for.
     """
-    return fit(problem_of([free(effect) for effect in effects], gone=gone), used=used)
+    problem = problem_of([*map(free, effects)], gone=gone)
+    return fit(problem, used=used)
 
 
 def free(effect: Effect) -> Effect:
@@ -311,7 +312,8 @@ def free(effect: Effect) -> Effect:
 
 def _explored(choice: Choice) -> Choice:
     """The posterior from several starts, the most probable set so far among them."""
-    return replace(choice, posterior=explore(choice.posterior.space, [choice.posterior.top]))
+    posterior = choice.posterior
+    return replace(choice, posterior=explore(posterior.space, [posterior.top]))
 
 
 def _climbed(

@@ -217,7 +217,8 @@ class ModelSpace:
     @cached_property
     def likelihood(self) -> Likelihood:
         """Marginal likelihood by χ²."""
-        return Likelihood(self.gram.free - self.base(0).determined, self.stated)
+        dof = self.gram.free - self.base(0).determined
+        return Likelihood(dof, self.stated)
 
     def conditional(self, state: ModelState, as_stated: bool = False) -> Conditional:
         """What is left of every block beside a set."""

@@ -165,7 +165,8 @@ class Situation:
         """
         records = self.rows if chosen is None else self.rows[chosen]
         rows = np.sqrt(times) * records.reshape(-1, self.layout.width)
-        return remaining_triangle(np.vstack([self.known, rows]), self.layout.nuisances)
+        every = np.vstack([self.known, rows])
+        return remaining_triangle(every, self.layout.nuisances)
 
 
 def rows_of(

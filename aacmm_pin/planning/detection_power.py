@@ -82,7 +82,8 @@ class Power(Shown):
     @property
     def undetectable(self) -> tuple[bool, bool]:
         """Which of the two does nothing that would show."""
-        return self.alone[0] <= UNDETECTABLE, self.alone[1] <= UNDETECTABLE
+        first, second = self.alone
+        return first <= UNDETECTABLE, second <= UNDETECTABLE
 
     @property
     def open(self) -> tuple[bool, bool]:

@@ -73,15 +73,17 @@ class Error(NamedTuple):
 
 def without_value(had: int, missing: int, lacking: Iterable[str] = (), why: str = "") -> Evaluated:
     """No test value, as something is missing."""
-    return Evaluated(np.nan, np.nan, had, missing, why, lacking=tuple(lacking))
+    lacked = tuple(lacking)
+    return Evaluated(np.nan, np.nan, had, missing, why, lacking=lacked)
 
 
 def _largest(errors: Sequence[Error], had: int) -> Evaluated:
     """The error of largest magnitude, with its u."""
     table = np.array([(error.value, error.u) for error in errors])
-    value, u = table[np.abs(table[:, 0]).argmax()]
+    largest = np.abs(table[:, 0]).argmax()
+    value, u = table[largest].tolist()
     rows = tuple(error.rows for error in errors if error.rows)
-    return Evaluated(float(value), float(u), had, 0, "", table, rows)
+    return Evaluated(value, u, had, 0, "", table, rows)
 
 
 def groups_of(points: pd.DataFrame, by: Sequence[str]) -> list[pd.DataFrame]:

@@ -95,7 +95,9 @@ class ControlChart:
     @property
     def centre(self) -> float:
         """Their mean [m]; nan where there are none."""
-        return float(self.usual.mean()) if len(self.usual) else math.nan
+        if not len(self.usual):
+            return math.nan
+        return float(self.usual.mean())
 
     @property
     def limits(self) -> tuple[float, float]:
@@ -136,7 +138,8 @@ def _limits(values: Array) -> tuple[float, float]:
 
 
 def _outside(value: float, limits: tuple[float, float]) -> bool:
-    return bool(value < limits[0] or value > limits[1])
+    lower, upper = limits
+    return bool(value < lower or value > upper)
 
 
 @dataclass(frozen=True, eq=False)

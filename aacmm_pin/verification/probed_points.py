@@ -104,7 +104,8 @@ def _unfilled(table: pd.DataFrame) -> list[str]:
     in.
     """
     to_fill = [str(name) for name in table if name in REFERENCE or is_reading(name)]
-    return [name for name in to_fill if (table[name] == "").all()]
+    is_empty = (table[to_fill] == "").all()
+    return [name for name in to_fill if is_empty[name]]
 
 
 def _given_coordinates(table: pd.DataFrame, problems: Problems) -> Array | None:

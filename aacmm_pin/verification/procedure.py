@@ -148,7 +148,8 @@ class Procedure(Shown):
 
 def _is_filled_in(name: object) -> bool:
     """Whether a column of the file is planned, or filled in at the test."""
-    return str(name).startswith(PLANNED) or name in REFERENCE or is_reading(name)
+    text = str(name)
+    return text.startswith(PLANNED) or text in REFERENCE or is_reading(text)
 
 
 def acceptance_procedure(
@@ -405,7 +406,8 @@ class _Layout:
         return found
 
     def _touchable(self, start: Array, direction: Array, lengths: Array) -> bool:
-        points = start + np.array([0.0, *lengths])[:, None] * direction
+        places = np.array([0.0, *lengths])
+        points = start + places[:, None] * direction
         return all(len(q) for q in self.pool.touched(points, 1))
 
     def ball_bars(self, *lengths: float) -> None:

@@ -62,7 +62,8 @@ def fitted_sphere(points: ArrayLike) -> FittedSphere:
     ones = np.ones(len(p))
 
     def residuals(sphere: Array) -> Array:
-        return np.asarray(np.linalg.norm(scaled - sphere[:3], axis=1) - sphere[3])
+        distance = np.linalg.norm(scaled - sphere[:3], axis=1)
+        return np.asarray(distance - sphere[3])
 
     def jacobian(sphere: Array) -> Array:
         towards = sphere[:3] - scaled
