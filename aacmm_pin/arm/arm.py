@@ -289,7 +289,8 @@ class Arm(Shown):
         """
         if self.file is None:
             return replace(self, encoder_noise=noise)
-        of_joint, rows = iter(noise.tolist()), []
+        of_joint = iter(noise.tolist())
+        rows = []
         for row in self.file.joints:
             moves = not getattr(row, "fixed", False)
             rows.append(

@@ -445,7 +445,8 @@ class ArmFile(AnyArmFile):
     @property
     def dh(self) -> DHTable:
         """The DH table in SI."""
-        rows, moving = [], []
+        rows = []
+        moving = []
         for row in self.joints:
             rows.append([row.a_mm * MM, row.d_mm * MM, row.alpha_rad, row.theta_offset_rad])
             moving.append(not row.fixed)
@@ -478,7 +479,8 @@ class ArmFile(AnyArmFile):
                 unit, scale = ("m", MM) if kind in ("a", "d") else ("rad", 1.0)
                 field = f"{kind}_mm" if unit == "m" else f"{kind}_rad"
                 half = None if row.uncertainty is None else getattr(row.uncertainty, field) * scale
-                name, value = f"{kind}{number}", getattr(row, field) * scale
+                name = f"{kind}{number}"
+                value = getattr(row, field) * scale
                 parameters.append(Parameter.bounded(name, kind, number, unit, value, half))
         return calibrated(parameters, self.covariance)
 

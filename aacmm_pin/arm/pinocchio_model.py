@@ -107,7 +107,8 @@ def _spread_tips(model: Any, frame: str) -> Array:
     slides at zero: (n, 3) [m].
     """
     turns = _motions(model)[:, 3:].any(axis=1)
-    data, number = model.createData(), frame_number(model, frame)
+    data = model.createData()
+    number = frame_number(model, frame)
     tips = []
     for q in np.vstack([np.zeros(model.nq), spread_angles(REACH_POSTURES, model.nq) * turns]):
         pin.forwardKinematics(model, data, q)

@@ -90,7 +90,9 @@ class Room:
         Raises:
             AacmmError: hardly any posture is of use.
         """
-        kept, tips, found = [], [], 0
+        kept = []
+        tips = []
+        found = 0
         for _ in range(MOST_DRAWS):
             q = random_postures(self.arm, count, rng)
             tip = self.arm.positions(q)

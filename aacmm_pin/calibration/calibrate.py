@@ -432,7 +432,8 @@ def _of_torques(after: Fit) -> list[Note]:
 
 def _of_noise(after: Fit) -> list[Note]:
     """Noise that was found instead of stated, or beside what is stated."""
-    setup, found = after.problem.setup, []
+    setup = after.problem.setup
+    found = []
     if setup.encoder_noise is None:
         found.append(Note("encoder_noise_estimated"))
     if not after.stated:
@@ -482,7 +483,8 @@ def _farther_off(after: Fit) -> list[Note]:
 
 def contradicted_places(after: Fit) -> list[Note]:
     """Stated places that the file itself, or all of the excluded records, contradict."""
-    records, found = after.problem.measurements, []
+    records = after.problem.measurements
+    found = []
     seats = records.conditions.seat
     count = int(after.excluded.sum())
     at = set() if seats is None else set(seats[after.excluded])

@@ -77,7 +77,8 @@ def fit(problem: Problem, *, robust: bool = True, used: Mask | None = None) -> F
             return everyone or estimation.final_fit(noise, point, used)
     used = has_target if used is None else used & has_target
     first = estimation.initial_fit(point, used, robust=False)
-    noise, point = first.noise, first.point
+    noise = first.noise
+    point = first.point
     del first
     return estimation.final_fit(noise, point, used)
 
@@ -92,7 +93,8 @@ class _Estimation:
 
     def noise(self, point: Point, scatters: Scatters) -> NoiseModel:
         """The noise with scatters that stand in for what is not stated."""
-        x, frame = point.x, point.frame
+        x = point.x
+        frame = point.frame
         return NoiseModel.of(self.problem, x, frame, scatters, self.observations)
 
     def initial_fit(self, point: Point, used: Mask, *, robust: bool) -> Solution:
@@ -114,7 +116,8 @@ class _Estimation:
             )
             if not robust:
                 break
-            point, before = solution.point, scatters.tip
+            point = solution.point
+            before = scatters.tip
             scatters = self.scatters_of_median(noise, point, used)
             if scatters.tip == 0.0 or scatters.tip > 0.8 * before:
                 break

@@ -140,7 +140,8 @@ class _Mistake:
     def undone(self, problem: Problem) -> Problem:
         """The problem without the mistake."""
         records, setup, (order, signs) = problem.measurements, problem.setup, self.axes
-        q, length = records.q, records.bar_length
+        q = records.q
+        length = records.bar_length
         if self.turned is not None:
             q = q @ self.turned
         if self.added is not None:

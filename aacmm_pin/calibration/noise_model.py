@@ -22,7 +22,8 @@ LEAST_U = 1e-12
 """A standard uncertainty of zero counts as this, so that it can be divided by [m]."""
 SAME_PLACE = 1e-9
 """Coordinates that differ by less are the same whatever their uncertainty [m]."""
-MEASURED, ROUNDED = 1 / 3, 2.0
+MEASURED = 1 / 3
+ROUNDED = 2.0
 """Coordinates of a seat that differ by less than so many standard uncertainties are the same: where
 each may be a record's own; where records repeat them.
 """

@@ -240,7 +240,8 @@ def _with_time(covariate: Covariate, conditions: Conditions) -> Covariate:
     """Sessions and time belong together: time may go on anew in each session, and one session is
     later than the other.
     """
-    session, time = conditions.session, conditions.time
+    session = conditions.session
+    time = conditions.time
     if session is None or time is None or covariate.name not in ("time", "session"):
         return covariate
     if covariate.name == "session":
@@ -350,9 +351,11 @@ def _groups(measurements: Measurements) -> Iterator[Covariate]:
     """One group of records, a bar or else a seat of unknown place, in which the target sat
     elsewhere on the arm.
     """
-    what, labels = "bar", measurements.bar
+    what = "bar"
+    labels = measurements.bar
     if labels is None:
-        what, labels = "seat", measurements.conditions.seat
+        what = "seat"
+        labels = measurements.conditions.seat
     if labels is None or measurements.known.any():
         return
     counts = {label: np.sum(labels == label) for label in dict.fromkeys(labels) if label}

@@ -203,7 +203,8 @@ def design_of(
             arm states of a geometric value among them, or of a cause that it is known to have, is a
             nuisance as well, within its u.
     """
-    problem, point = fit.problem, fit.point
+    problem = fit.problem
+    point = fit.point
     width = problem.vector.size
     stays = problem.vector.slices[-taken_out].start if taken_out else width
     own = point.prediction.jacobian
@@ -272,7 +273,8 @@ class _Calibrated:
     """The calibrated arm in its records."""
 
     def __init__(self, fit: Fit) -> None:
-        problem, point = fit.problem, fit.point
+        problem = fit.problem
+        point = fit.point
         arm = problem.model.arm
         records = problem.measurements
         self.drawn = State(arm, records.q, records.conditions, arm.chain.tip, turns=problem.turns)

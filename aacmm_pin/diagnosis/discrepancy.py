@@ -204,7 +204,8 @@ def _answers(fit: Fit, held: Discrepancy) -> Array:
 
 def _answer(fit: Fit, held: Discrepancy, number: int) -> Array:
     """How they answer to one of the coefficients (p,)."""
-    problem, point = fit.problem, fit.point
+    problem = fit.problem
+    point = fit.point
     values = np.array(held.values)
     values[number] += held.u[number]
     others = [effect for effect in problem.model.effects if effect != held]

@@ -218,7 +218,8 @@ def unexplained_by(
 
 def _chances(choice: Choice, odd: Sequence[OddGroup], rng: np.random.Generator) -> list[float]:
     """P-values of the covariates that are named; of all of them and of odd groups where none is."""
-    candidates, posterior = choice.candidates, choice.posterior
+    candidates = choice.candidates
+    posterior = choice.posterior
     if not choice.covariates:
         of_any = p_value_of_structure(candidates, posterior.median_model)
         return [of_any, *(group.p_value for group in odd), 1.0]

@@ -202,7 +202,8 @@ class ThermalExpansion(Effect):
         return found
 
     def _warmer(self, state: State, row: int) -> Array:
-        conditions, reference = state.conditions, state.arm.reference_temperature
+        conditions = state.conditions
+        reference = state.arm.reference_temperature
         if (
             conditions.link_temperature is not None
             and 1 <= row <= conditions.link_temperature.shape[1]

@@ -77,7 +77,8 @@ class Cosines:
         if at.size > MOST_KNOTS:
             evenly = np.linspace(below[0], below[-1], MOST_KNOTS)
             knots = np.unique(np.searchsorted(below, evenly))
-            at, below = at[knots], below[knots]
+            at = at[knots]
+            below = below[knots]
         return Cosines(of, tuple(at.tolist()), tuple(below.tolist()), numbers.size, count)
 
     def of_values(self, values: ArrayLike) -> Array:

@@ -103,7 +103,8 @@ def _items(text: str, rest: list[str], kind: type[Effect]) -> list[tuple[str, st
     for item in filter(None, ",".join(rest).split(",")):
         name, equals, value = item.partition("=")
         if not equals and not found and location is not None:
-            name, value = location, item
+            name = location
+            value = item
         elif not (equals and name):
             raise AacmmError(f"{text!r}: {item!r} has no value, expected {_form(kind)}")
         found.append((name, value))
@@ -133,7 +134,8 @@ def _number(text: str, name: str, value: str) -> float:
 
 def _form(kind: type[Effect]) -> str:
     """How a cause is typed."""
-    location, field = kind.location_field(), kind.nonlinear.field
+    location = kind.location_field()
+    field = kind.nonlinear.field
     place = f":{location.upper()}" if location else ""
     return f"{kind.cause}{place},{f'{field}=…,' if field else ''}NAME=VALUE"
 
@@ -185,7 +187,8 @@ def require_plausible(effect: AnyEffect) -> AnyEffect:
         most = MOST_TYPICAL * term.typical if term.largest is None else term.largest
         for what, size, limit in (("", value, most), ("u of ", u, LARGEST_U_RATIO * term.typical)):
             if abs(size) > limit:
-                came, expected = f"{size / term.scale:g}", f"{limit / term.scale:g}"
+                came = f"{size / term.scale:g}"
+                expected = f"{limit / term.scale:g}"
                 place = f"{effect.label}: {what}{term.key}"
                 raise AacmmError(f"{place} is {came}, expected at most {expected}")
     return effect

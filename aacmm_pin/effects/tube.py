@@ -64,8 +64,10 @@ class Tube:
             AacmmError: the body is too short.
             UnsupportedArmError: the arm states no masses.
         """
-        place, body = axis(row), row - 1
-        span, z = state.span(row), state.rotation[place][:, :, 2]
+        place = axis(row)
+        body = row - 1
+        span = state.span(row)
+        z = state.rotation[place][:, :, 2]
         upward = np.einsum("ni,ni->n", span, z)[:, None] * z
         outward = span - upward
         lengthwise = np.linalg.norm(upward) >= np.linalg.norm(outward)

@@ -106,7 +106,8 @@ class Pool:
         """
         guesses = max(LEAST_GUESSES, GUESSES * each)
         _, near = self.tree.query(points, k=guesses)
-        bounds, target = joint_bounds(self.arm), np.repeat(points, guesses, axis=0)
+        bounds = joint_bounds(self.arm)
+        target = np.repeat(points, guesses, axis=0)
         q, arrived = brought_to(self.state_of, self.q[near.ravel()], target, bounds)
         low, high = bounds.T
         arrived &= ((q > low) & (q < high)).all(axis=1)
@@ -178,7 +179,8 @@ def bars_for(
         AacmmError: the arm does not reach both ends anywhere, or not in so many postures.
     """
     a = pool.dense(rng, CANDIDATES * wanted)
-    b, found = a.copy(), np.zeros(len(a), dtype=bool)
+    b = a.copy()
+    found = np.zeros(len(a), dtype=bool)
     enough = float(pool.thinness(a).max())
     for _ in range(MOST_DRAWS):
         way = pool.tips[rng.integers(len(pool.tips), size=len(a))] - a
@@ -196,7 +198,8 @@ def bars_for(
             f"postures reach, in {MOST_DRAWS * len(a)} tries; all tips lie in a box with a "
             f"diagonal of {extent / MM:.0f} mm"
         )
-    a, b = a[found], b[found]
+    a = a[found]
+    b = b[found]
     order = spread_out((a + b) / 2, TRIES * wanted, 0.0)
     return pool.places(np.stack([a, b], axis=1)[order], wanted, each, "bars")
 

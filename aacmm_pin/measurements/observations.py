@@ -84,7 +84,8 @@ class Observations:
         """Number of the cluster of each seat (s,): seats that bars connect, directly or by way of
         others.
         """
-        bars, seats = len(self.ends), len(self.labels)
+        bars = len(self.ends)
+        seats = len(self.labels)
         graph = coo_array((np.ones(bars), tuple(self.ends.T)), shape=(seats, seats))
         _, number = connected_components(graph, directed=False)
         return np.asarray(number, dtype=np.intp)
@@ -146,7 +147,8 @@ class Observations:
         seat[touched] = number.ravel()
         parts, old = pairs.astype(np.intp).T
         place = {pair: k for k, pair in enumerate(map(tuple, pairs.tolist()))}
-        ends, bars = [], []
+        ends = []
+        bars = []
         for p in np.unique(parts).tolist():
             for bar, (a, b) in enumerate(self.ends.tolist()):
                 if (p, a) in place and (p, b) in place:

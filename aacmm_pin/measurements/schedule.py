@@ -57,7 +57,8 @@ def workshop_conditions(
         )
     time = _time(session, rng)
     temperature = reference_temperature + temperature_range * _warmth(time, rng)
-    approach, labels = _approach(q, rng), None
+    approach = _approach(q, rng)
+    labels = None
     if session.any():
         labels = np.array([str(number + 1) for number in session], dtype=object)
     return Conditions(

@@ -238,7 +238,8 @@ class _Workshop:
         return q
 
     def _conditions(self, session: Index, q: Array, seat: Labels | None) -> Conditions:
-        reference, spread = self.model.arm.reference_temperature, self.temperature_range
+        reference = self.model.arm.reference_temperature
+        spread = self.temperature_range
         return workshop_conditions(
             session,
             q,
@@ -255,7 +256,8 @@ class _Workshop:
         self, q: Array, conditions: Conditions, reference: Array | None, **more: Any
     ) -> Measurements:
         """The records, with noisy readings; exact references state no uncertainty."""
-        n, u = len(q), self.noise.reference
+        n = len(q)
+        u = self.noise.reference
         readings = q + self.noise.encoder * self.rng.normal(size=q.shape)
         reference_u = None
         if reference is not None and u > 0:

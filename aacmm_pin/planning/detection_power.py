@@ -133,7 +133,9 @@ def power_of(
     must not decide: w lets each of the two show as much as the true one does, ``w² tr S = ‖R β‖²``.
     By :data:`EVIDENCE_DRAWS` draws of y.
     """
-    probability, shows, apart = 0.0, [], []
+    probability = 0.0
+    shows = []
+    apart = []
     for true, (mine, size) in enumerate(zip(blocks, sizes, strict=True)):
         shows.append(alone(r, mine, size.factor))
         apart.append(distance(r, mine, blocks[1 - true], size.factor))

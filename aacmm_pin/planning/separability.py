@@ -136,7 +136,8 @@ def distances(r: Array, blocks: tuple[slice, ...]) -> dict[Pair, tuple[float, fl
 
 def _best_for(pair: Pair, situation: Situation, choice: SequentialDesign) -> int:
     """The record that tells one pair best, only these two causes being there."""
-    layout, pool = situation.layout, situation.rows
+    layout = situation.layout
+    pool = situation.rows
     first = layout.nuisances
     blocks = [layout.columns(cause) for cause in pair]
     columns = np.concatenate([np.arange(first), *blocks])

@@ -25,7 +25,10 @@ from aacmm_pin._support.compiled import INLINED, Loop
 
 POINT, POINT_AND_AXIS = 3, 5
 """Numbers of equations; a whole pose has 6."""
-TIP, AXES, EQUATIONS, GOAL = 0, 3, 9, 15
+TIP = 0
+AXES = 3
+EQUATIONS = 9
+GOAL = 15
 """First rows of the working space for the frame of the tip (3 rows), directions and origins of the
 joint axes (6, a column each), the equations (up to 6; the last column but one is their values), and
 the wanted place of the tip."""
@@ -51,7 +54,9 @@ CLOSE_ENOUGH = 1e-12
 POLISHED = 0.02 * CLOSE_ENOUGH
 CORRECTED = 0.2 * CLOSE_ENOUGH
 """Residuals at which polishing a seed, and correcting a step, end: what is left is rounding."""
-MOST_POLISHES, MOST_CORRECTIONS, MOST_MEETINGS = 39, 5, 8
+MOST_POLISHES = 39
+MOST_CORRECTIONS = 5
+MOST_MEETINGS = 8
 """Newton steps after which polishing a seed, correcting a step, and meeting a plane give up."""
 LONGEST_POLISH = 0.5
 """Of one Newton step from a seed [rad]; longer ones would leave the neighbourhood."""
@@ -71,7 +76,8 @@ SHORTEST_STEP = 1e-5
 of the curve; a gap that narrow is a crossing [rad]."""
 LARGEST_TURN = 0.30
 """Largest angle between the tangents at the two ends of a step [rad]."""
-WANTED_TURN, LEAST_TURN = 0.6 * LARGEST_TURN, 1e-3
+WANTED_TURN = 0.6 * LARGEST_TURN
+LEAST_TURN = 1e-3
 """Angle that the length of the next step aims at, and one below which a piece counts as straight
 [rad]."""
 OFF_GUESS = 0.4
@@ -94,7 +100,8 @@ PICKS, MAJORITY = 7, 4
 SAME_POINT = 1e-6
 """Two solutions nearer to each other than this are one [rad]."""
 
-NO_CURVE, KNOWN_CURVE = -1, -2
+NO_CURVE = -1
+KNOWN_CURVE = -2
 """Instead of the number of a curve: the solution is on none, or on one that was found before but
 does not show it, next to a crossing."""
 
@@ -169,7 +176,8 @@ def curves(
     Returns:
         how many curves there are now, and how many steps are left.
     """
-    n, rounds = seeds.shape[1], 0
+    n = seeds.shape[1]
+    rounds = 0
     for i in range(3):
         space[GOAL, i] = goal[i]
     for seed in range(len(seeds)):
@@ -267,7 +275,9 @@ def on_curve(
 
 def nearest_vertices(begin: int, end: int, vertices: Array, space: Array) -> tuple[int, int, int]:
     """Numbers of the three vertices that are nearest to the solution ``SOUGHT``, in order."""
-    first, second, third = begin, begin, begin
+    first = begin
+    second = begin
+    third = begin
     near = np.inf
     far = np.inf
     farther = np.inf
@@ -282,7 +292,8 @@ def nearest_vertices(begin: int, end: int, vertices: Array, space: Array) -> tup
             second, third = vertex, second
             far, farther = square, far
         elif square < farther:
-            third, farther = vertex, square
+            third = vertex
+            farther = square
     return first, second, third
 
 
@@ -365,7 +376,8 @@ def trace(
         if leap == 0 and on_side != sign:
             length *= SHORTENED
             if length < SHORTEST_STEP:
-                leap, leaps = 1, leaps + 1
+                leap = 1
+                leaps = leaps + 1
             if leaps > MOST_LEAPS:
                 return end, step + 1, False
             continue
@@ -377,7 +389,8 @@ def trace(
         moved = distance(NEXT, HERE, space)
         if end > begin + 1 and passes(links, moved, space):
             return end, step + 1, True
-        turn, sign = LARGEST_TURN, on_side
+        turn = LARGEST_TURN
+        sign = on_side
         if leap == 0:
             turn = math.sqrt(max(0.0, 1.0 - dot(NEXT + 1, HERE + 1, space) ** 2))
         for j in range(n):
@@ -392,7 +405,8 @@ def trace(
         length = min(max(length, SHORTEST_STEP), LONGEST_CURVE_STEP)
         if leap > 0:
             length = STEADY_STEP
-        end, leap = end + 1, 0
+        end = end + 1
+        leap = 0
     return end, most, False
 
 
@@ -582,7 +596,8 @@ def solve(space: Array) -> float:
     Returns:
         the sign of the determinant. Of a singular matrix the solution is not finite.
     """
-    sign, width = 1.0, space.shape[1]
+    sign = 1.0
+    width = space.shape[1]
     size = width - 2
     for k in range(size):
         row = MATRIX + k
@@ -667,7 +682,9 @@ def point_along_z(space: Array) -> None:
     d1 = space[TIP + 1, 2]
     d2 = space[TIP + 2, 2]
     across = math.sqrt(d0**2 + d1**2)
-    stretch, slope, fixed = 1.0, 0.0, 0.0
+    stretch = 1.0
+    slope = 0.0
+    fixed = 0.0
     if across >= STRAIGHT:
         stretch = math.atan2(across, d2) / across
         slope = (d2 - stretch) / across**2
@@ -754,7 +771,10 @@ def wrap(angle: float) -> float:
     return angle - 2 * math.pi * turns
 
 
-LINKS, ROWS, FLAGS, NUMBERS = "f8[:, :, ::1]", "f8[:, ::1]", "b1[::1]", "i8[::1]"
+LINKS = "f8[:, :, ::1]"
+ROWS = "f8[:, ::1]"
+FLAGS = "b1[::1]"
+NUMBERS = "i8[::1]"
 HELPERS = (
     (wrap, "f8(f8)"),
     (dot, f"f8(i8, i8, {ROWS})"),

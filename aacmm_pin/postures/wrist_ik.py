@@ -256,7 +256,8 @@ def _held_seeds(links: Array, points: Array, per_turn: int) -> tuple[Array, Inde
     """Candidates with each joint held in turn: (n, 4) [rad] and the number of their point (n,)."""
     # Off the symmetric angles 0 and ±π.
     angles = np.linspace(-np.pi, np.pi, per_turn, endpoint=False) + 0.37
-    seeds, numbers = [], []
+    seeds = []
+    numbers = []
     for held in range(POSITIONING):
         (b0, b1, b2), c = _chain_with_held(links, held, angles)
         which, angle = np.indices((len(points), per_turn)).reshape(2, -1)

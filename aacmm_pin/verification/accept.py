@@ -97,7 +97,8 @@ class CharacteristicValue:
 
     def row(self) -> dict[str, Any]:
         """The columns of a table of them, lengths in mm; nan where there is no number."""
-        definition, evaluated = self.definition, self.evaluated
+        definition = self.definition
+        evaluated = self.evaluated
         row: dict[str, Any] = {"coordinates": self.source, "figure": definition.name}
         row |= {"standard": definition.standard, "test": definition.test_name}
         row |= {"definition": definition.text, "value_mm": evaluated.value / MM}

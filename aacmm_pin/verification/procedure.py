@@ -40,7 +40,9 @@ SPHERES = {"near": (0.2, 0.45), "far": (0.7, 0.95)}
 """Between which parts of the reach spheres stand, chosen here; the reach counts from joint 2."""
 SEAT_ZONES = {"near": (0.0, 0.18), "middle": (0.4, 0.6), "far": (0.82, 1.0)}
 """The same of single points: inside the zones of ASME B89.4.22, off their edges."""
-LENGTHS, PLACES, REPEATS = 5, 7, 3
+LENGTHS = 5
+PLACES = 7
+REPEATS = 3
 """Of the tests of lengths."""
 BALL_BARS = {"short": 1, "long": 3}
 """The ball bars, and which of the lengths they have where a test of lengths needs all of them too.
