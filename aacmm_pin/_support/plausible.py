@@ -69,7 +69,7 @@ class Range(NamedTuple):
     def outside(self, values: ArrayLike) -> NDArray[np.bool_]:
         """Which of ``values`` cannot be; what is not known (NaN) can."""
         array = np.asarray(values, dtype=np.float64)
-        return np.asarray((array < self.least) | (array > self.most))
+        return (array < self.least) | (array > self.most)
 
     def of_unit(self, unit: str, factor: float) -> Range:
         """The same range in another unit, which is ``factor`` of this one."""

@@ -174,7 +174,7 @@ def _along(sources: ErrorSources, q: Array, direction: Array) -> Array:
     """What one u of each source does along ``direction`` (n, 3) or (1, 3): (n, p) [m]."""
     sensitivity = sources.sensitivity(q)
     along = direction[:, None, :] @ sensitivity
-    return np.asarray(along[:, 0] * sources.u)
+    return along[:, 0] * sources.u
 
 
 def _independent(sources: ErrorSources, scaled: Array) -> Array:

@@ -243,7 +243,7 @@ class ErrorSources(Shown):
         generators = sensitivity[:, :, pick] * self.half_widths
         if self.axes is not None:
             generators = generators @ self.axes[np.ix_(pick, pick)]
-        return np.asarray(generators)
+        return generators
 
     def covariance_of(self, sensitivity: Array) -> Array:
         """Covariance of the position, S Σ Sᵀ (JCGM 102:2011, 6.2), of a known :meth:`sensitivity`:
@@ -252,7 +252,7 @@ class ErrorSources(Shown):
         scaled = sensitivity * self.u
         if self.axes is not None:
             scaled = scaled @ self.axes
-        return np.asarray(scaled @ scaled.transpose(0, 2, 1))
+        return scaled @ scaled.transpose(0, 2, 1)
 
     def shared_variance(self, sensitivity: Array) -> Array:
         """Parts ``S_k Σ_kl S_l`` of the variance, summed over the three coordinates and all

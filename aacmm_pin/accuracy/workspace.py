@@ -160,7 +160,7 @@ class WorkspaceMap(Shown):
     @property
     def _reachable(self) -> Mask:
         """Which cells a configuration reaches, limits apart (x, z)."""
-        return np.asarray(self.data["reachable"].values.astype(bool))
+        return self.data["reachable"].values.astype(bool)
 
     @property
     def unreachable(self) -> int:
@@ -385,7 +385,7 @@ def _accuracies(job: _Job, found: Sectors) -> dict[str, Array]:
 def _smallest(groups: Index, values: Array) -> Index:
     """The place of the smallest value of each group, by their numbers."""
     order = np.lexsort((values, groups))
-    return np.asarray(order[np.unique(groups[order], return_index=True)[1]])
+    return order[np.unique(groups[order], return_index=True)[1]]
 
 
 def _extent(arm: Arm, extent: ArrayLike | None) -> Array:

@@ -167,7 +167,7 @@ def joint_axes(model: Any) -> Array:
     """Axis of each joint in the axes of its own placement (nq, 3)."""
     motions = _motions(model)
     turns = motions[:, 3:].any(axis=1, keepdims=True)
-    return np.asarray(np.where(turns, motions[:, 3:], motions[:, :3]))
+    return np.where(turns, motions[:, 3:], motions[:, :3])
 
 
 def onto_z(axis: Array) -> Array:

@@ -150,7 +150,7 @@ def _blocks(records: Measurements, most: int, rng: np.random.Generator) -> Index
     _, number = scipy.cluster.vq.kmeans2(turns, count, minit="++", rng=rng)
     clusters = np.empty(len(one), dtype=np.intp)
     clusters[records.postures[one]] = number
-    return np.asarray(clusters[records.postures])
+    return clusters[records.postures]
 
 
 def _folds(labels: Index, records: Measurements, rng: np.random.Generator) -> Index:
@@ -168,7 +168,7 @@ def _in_order(records: Measurements) -> Index:
     file's order nor on labels.
     """
     angles = np.round(records.q, ANGLE_DECIMALS)
-    return np.asarray(np.lexsort(angles.T[::-1]))
+    return np.lexsort(angles.T[::-1])
 
 
 def together(labels: Index, postures: Index) -> Index:

@@ -196,7 +196,7 @@ class _Turns:
         total = np.zeros((len(weight), 9, 9))
         np.add.at(total, self.target, weights[:, None, None] * self.by_rotation)
         mean = total / weight
-        return np.asarray(self.by_rotation - mean[self.target])
+        return self.by_rotation - mean[self.target]
 
 
 def _nearest(positions: _Positions, turns: list[_Turns]) -> _Place:

@@ -139,7 +139,7 @@ class LinearModel:
         if self.normal is not None:
             return self.normal.inverse * (scales / self.normal.lengths[:, None])
         values, directions, _ = self.spectrum.above(MOVABLE)
-        return np.asarray(scales * directions / values)
+        return scales * directions / values
 
     @property
     def determined(self) -> float:
@@ -158,7 +158,7 @@ class LinearModel:
         [scales].
         """
         steps = self.steps(unknown)
-        return np.asarray(steps @ steps.T)
+        return steps @ steps.T
 
     def steps(self, unknown: Array) -> Array:
         """Steps of unit variance that span all but the ``unknown`` directions (p, p - k)
@@ -169,7 +169,7 @@ class LinearModel:
         rows = spectrum.values[:, None] * spectrum.directions.T
         triangle = np.linalg.qr(rows @ known, mode="r")
         in_widths = known @ np.linalg.inv(triangle)
-        return np.asarray(in_widths * self.prior.scales[:, None])
+        return in_widths * self.prior.scales[:, None]
 
 
 @dataclass(frozen=True, eq=False)

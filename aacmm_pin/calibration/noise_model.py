@@ -110,7 +110,7 @@ class NoiseModel:
         """Covariance of each residual, by its reading, its target and the scatter (n, 3, 3) [m²],
         or (n, 6, 6).
         """
-        return np.asarray(self.tips + self.observations.covariance)
+        return self.tips + self.observations.covariance
 
     @cached_property
     def whitening(self) -> Array:
@@ -121,7 +121,7 @@ class NoiseModel:
         """
         found = np.linalg.inv(np.linalg.cholesky(self.of_residuals))
         found[~self.observations.oriented, 3:] = 0.0
-        return np.asarray(found)
+        return found
 
     @property
     def without_scatter(self) -> Array:

@@ -56,11 +56,11 @@ class Frame:
 
     def apply(self, points: Array) -> Array:
         """Points (n, 3) of the base in the frame of the references."""
-        return np.asarray(points @ self.rotation.T + self.shift)
+        return points @ self.rotation.T + self.shift
 
     def back(self, points: Array) -> Array:
         """Points (n, 3) of the frame of the references in the base."""
-        return np.asarray((points - self.shift) @ self.rotation)
+        return (points - self.shift) @ self.rotation
 
     def moved(self, step: Array) -> Frame:
         """With the base moved by a twist, v then ω, in its own axes; behind it turns of the targets

@@ -419,7 +419,7 @@ class _Step:
 
     def _in_parameters(self, step: Array) -> Array:
         relative = step / self._divisors
-        return np.asarray(relative * self.system.prior.scales)
+        return relative * self.system.prior.scales
 
     def _damping(self, radius: float) -> float:
         """What is added to the squared singular values so that the step is as long as ``radius``; 0
@@ -457,4 +457,4 @@ def _robust_weights(distance: Array) -> Array:
     counts = np.isfinite(distance)
     scale = np.median(distance[counts]) / MEDIAN if counts.any() else 1.0
     relative = np.where(counts, distance, 0.0) / max(float(scale), 1e-300)
-    return np.asarray(1.0 / (1.0 + relative / (3 * WILD**2)))
+    return 1.0 / (1.0 + relative / (3 * WILD**2))

@@ -96,7 +96,7 @@ def _smooth(along: Array, size: Array, angle: Array) -> Array:
     functions = np.hstack([np.ones((angle.size, 1)), np.cos(waves), np.sin(waves)])
     basis = functions * size[:, None]
     coefficients = np.linalg.lstsq(basis, along, rcond=1e-9)[0]
-    return np.asarray(basis @ coefficients)
+    return basis @ coefficients
 
 
 def two_branches(along: Array, size: Array) -> tuple[float, float]:

@@ -70,7 +70,7 @@ class Choice:
         there, and a few such records would be all that a gain in RMS shows.
         """
         used = self.fit.used
-        return np.asarray(used if self.kept_alone is None else used | self.kept_alone)
+        return used if self.kept_alone is None else used | self.kept_alone
 
     @cached_property
     def of_part(self) -> dict[int, tuple[Index, Measurements]]:

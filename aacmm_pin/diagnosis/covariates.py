@@ -369,7 +369,7 @@ def _groups(measurements: Measurements) -> Iterator[Covariate]:
 
 
 def _of_size_one(functions: Array) -> Array:
-    return np.asarray(functions / _size(functions))
+    return functions / _size(functions)
 
 
 def _size(functions: Array) -> Array:

@@ -289,7 +289,7 @@ class _Calibrated:
         """
         columns = Columns.of(self.drawn, effects).jacobian(self.state)
         if not self.state.turns:
-            return np.asarray(self.frame @ columns)
+            return self.frame @ columns
         return np.concatenate([self.frame @ half for half in np.split(columns, 2, axis=1)], axis=1)
 
     def carried(self, way: Carried) -> Array:

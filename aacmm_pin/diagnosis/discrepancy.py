@@ -216,7 +216,7 @@ def _answer(fit: Fit, held: Discrepancy, number: int) -> Array:
     change = fit.system.jacobian.T @ (moved.residual - fit.system.residual)
     steps = fit.system.independent_steps
     answer = steps @ (steps.T @ change)
-    return np.asarray(-answer[: problem.vector.size] / held.u[number])
+    return -answer[: problem.vector.size] / held.u[number]
 
 
 def with_covariance(arm: Arm, names: list[str], covariance: Array) -> Arm:
@@ -247,7 +247,7 @@ def _rounded(numbers: Array) -> Array:
     size = np.maximum(np.abs(numbers), np.finfo(float).tiny)
     digits = np.floor(np.log10(size)) - 2.0
     unit = 10.0**digits
-    return np.asarray(np.round(numbers / unit) * unit)
+    return np.round(numbers / unit) * unit
 
 
 def _slices(described: Sequence[Described]) -> list[slice]:

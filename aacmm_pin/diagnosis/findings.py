@@ -79,7 +79,7 @@ def _of_other_sets(choice: Choice, block: int, effect: Effect) -> Array:
     design = choice.design
     scales = design.scales[design.blocks[block].columns][: len(effect.terms)]
     more = choice.posterior.uncertainty_of_the_set(block)[: len(effect.terms), : len(effect.terms)]
-    return np.asarray(scales[:, None] * more * scales)
+    return scales[:, None] * more * scales
 
 
 def _told(

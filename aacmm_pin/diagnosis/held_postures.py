@@ -167,7 +167,7 @@ class RecordNoise:
     def covariances(self) -> Array:
         """Of each residual but for what it shares (n, 3, 3) [m²], or (n, 6, 6)."""
         inverse = np.linalg.inv(self.whitening)
-        return np.asarray(inverse @ inverse.transpose(0, 2, 1))
+        return inverse @ inverse.transpose(0, 2, 1)
 
     def added_covariance(self, fit: Fit, variance: float) -> Array:
         """What the shared error adds to the covariance of a fit's parameters that took records as
@@ -206,4 +206,4 @@ class RecordNoise:
 def _squared(rows: Array) -> Array:
     """Sum of ``Rᵀ R`` over rows (n, k, c): (c, c)."""
     stacked = rows.reshape(-1, rows.shape[-1])
-    return np.asarray(stacked.T @ stacked)
+    return stacked.T @ stacked

@@ -150,7 +150,7 @@ class Base:
     def residual(self) -> Array:
         """Products of the residual with all columns and itself (columns + 1,)."""
         explained = self.whitened[:, -1] @ self.whitened
-        return np.asarray(self.gram.residual - explained)
+        return self.gram.residual - explained
 
     @cached_property
     def _strips(self) -> dict[int, Array]:
@@ -176,7 +176,7 @@ class Base:
         products = np.concatenate(
             [*(self.gram.strip(s, own) for s in strips), self.gram.residual[None, own]]
         )
-        return np.asarray(products - whitened.T @ whitened)
+        return products - whitened.T @ whitened
 
     @cached_property
     def _diagonal_blocks(self) -> dict[int, Array]:
@@ -284,7 +284,7 @@ class Conditional:
     @property
     def covariance(self) -> Array:
         """Their posterior covariance (m, m), in units of the design's scales."""
-        return np.asarray(self.variance * self.inverse)
+        return self.variance * self.inverse
 
     @cached_property
     def chi2(self) -> float:
@@ -349,7 +349,7 @@ class Conditional:
         1,).
         """
         explained = self.whitened[:, -1] @ self.whitened
-        return np.asarray(self.base.residual - explained)
+        return self.base.residual - explained
 
     def of_residuals(self, products: Array) -> Array:
         """The same of other residuals, by their products with all columns (columns, draws) ->
@@ -365,15 +365,13 @@ class Conditional:
         left = products - base.whitened[:, :-1].T @ of_base
         if self.blocks:
             left = left - self.whitened[:, :-1].T @ divided(self.factor, left[self.columns])
-        return np.asarray(left)
+        return left
 
     def informations(self, size: int) -> Array:
         """Information of every block of a size, the set integrated over (blocks, q, q)."""
         if not self.blocks:
             return self.base.diagonal_blocks(size)
-        return np.asarray(
-            self.base.diagonal_blocks(size) - squares(self.base.gram, self.whitened, size)
-        )
+        return self.base.diagonal_blocks(size) - squares(self.base.gram, self.whitened, size)
 
     def information(self, block: int) -> Array:
         """The same of one block (q, q)."""
@@ -384,7 +382,7 @@ class Conditional:
         first, second = (self.design_blocks[k].columns for k in (one, other))
         beside_base = self.base.strip(one)[:, second]
         taken = self.whitened[:, first].T @ self.whitened[:, second]
-        return np.asarray(beside_base - taken)
+        return beside_base - taken
 
     @cached_property
     def additions(self) -> Array:
@@ -421,7 +419,7 @@ class Conditional:
         if self.base.amplitude:
             each.append(products.background_columns[rows])
         each += [design.columns(k)[rows] for k in self.blocks]
-        return np.asarray(design.tips[rows] + np.concatenate(each, axis=2) @ self.step)
+        return design.tips[rows] + np.concatenate(each, axis=2) @ self.step
 
 
 def gains(information: Array, gradient: Array) -> tuple[Array, Array]:
@@ -479,7 +477,7 @@ def log_sum(logs: Array) -> Array:
 def squares(gram: Gram, rows: Array, size: int) -> Array:
     """``Rᵀ R`` of the columns of every block of a size (blocks, q, q)."""
     each = rows[:, gram.products.columns[size]].transpose(1, 0, 2)  # (blocks, rows, q)
-    return np.asarray(each.transpose(0, 2, 1) @ each)
+    return each.transpose(0, 2, 1) @ each
 
 
 def divided(factor: Array, right: Array) -> Array:

@@ -112,7 +112,7 @@ def _doubtful(choice: Choice, judge: Fit) -> Mask:
     ``judge`` (n,).
     """
     off = choice.design.deviations(choice.tips)
-    return np.asarray(_times_the_limit(choice.design.fit, off, judge) > 1.0)
+    return _times_the_limit(choice.design.fit, off, judge) > 1.0
 
 
 def _put_back(of: Fit) -> Mask:

@@ -129,7 +129,7 @@ def _shares(variants: Variants, log_prior: float, records: Measurements) -> Arra
     shares = np.log([effect.nonlinear.prior_probability(effect, records) for effect in variants])
     new_beside_change = len(variants) > 1 and is_change(variants[0]) and variants[0].nonlinear.field
     if not new_beside_change:
-        return np.asarray(shares - log_sum(shares))
+        return shares - log_sum(shares)
     new = shares[1:] - log_sum(shares[1:])
     return np.concatenate([[0.0], new + log_prior])
 
@@ -361,7 +361,7 @@ class ModelSpace:
         usual = tuple(width or FIRST_WIDTH for width in best.widths)
         at = self.conditional(best._replace(widths=usual))
         same, weight = near[-1]  # the best amplitude: the other one is lower
-        return np.asarray(at.additions - same.log_evidence + weight)
+        return at.additions - same.log_evidence + weight
 
     def removals(self, blocks: Blocks) -> Array:
         """Log posterior of the set without each of its blocks, about (members,).

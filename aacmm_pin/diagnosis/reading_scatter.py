@@ -116,12 +116,12 @@ class _Components:
     def covariances(self, variances: Array) -> Array:
         """Of each residual (n, k, k)."""
         scatter = np.tensordot(variances, self.squares, 1)
-        return np.asarray(self.stated + scatter)
+        return self.stated + scatter
 
     def _of_those_that_count(self, variances: Array) -> Array:
         """Covariances of the residuals that count (m, k, k)."""
         scatter = np.tensordot(variances, self.of_each, 1)
-        return np.asarray(self.of_stated + scatter)
+        return self.of_stated + scatter
 
     def best(self, variances: Array) -> Array:
         """The likeliest variances; those that are zero stay zero."""

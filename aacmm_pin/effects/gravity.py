@@ -130,7 +130,7 @@ class GravityEffect(LoadedEffect):
         if self.load_at is not None:
             return self.unit_load(state, row, state.origin[state.bearing(row)])[:, :, None]
         if not self.bodies:
-            return np.asarray(state.moment_at_axis(row)[:, :, None])
+            return state.moment_at_axis(row)[:, :, None]
         columns = state.unit_moments(row)
         beyond = tuple(place // 2 for place in state.arm.chain.moving_axes() if place // 2 >= row)
         if self.bodies != beyond:

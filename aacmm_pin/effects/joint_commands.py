@@ -114,4 +114,4 @@ def _turn(to: Array, of: Array) -> Array:
     x, y, z = [0, 1, 2]
     lower = turn[:, [z, x, y], [y, z, x]]
     upper = turn[:, [y, z, x], [z, x, y]]
-    return np.asarray(0.5 * (lower - upper))
+    return 0.5 * (lower - upper)

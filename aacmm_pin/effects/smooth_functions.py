@@ -86,7 +86,7 @@ class Cosines:
         numbers = np.asarray(values, dtype=np.float64)
         part = np.interp(numbers, self.at_si, self.below) / self.records
         frequency = np.pi * np.arange(self.count + 1)
-        return np.asarray(np.cos(frequency * part[:, None]))
+        return np.cos(frequency * part[:, None])
 
     def values(self, state: State) -> Array:
         """The functions in records (n, count + 1)."""

@@ -156,7 +156,7 @@ class State:
         """The same about points of the base (n, 3) [m]."""
         mass = self.masses[row - 1 :].sum()
         lever = self._first_moments[row - 1] - mass * about
-        return np.asarray(np.cross(lever, self.arm.gravity))
+        return np.cross(lever, self.arm.gravity)
 
     def unit_moments(self, row: int) -> Array:
         """The same moment for unknown masses: columns of the unknown first moments of body ``row``

@@ -60,7 +60,7 @@ class Observations:
     def has_target(self) -> Mask:
         """(n,) True for records that say something."""
         known = np.isfinite(self.reference).all(axis=1)
-        return np.asarray((self.seat >= 0) | known)
+        return (self.seat >= 0) | known
 
     @property
     def counts(self) -> Index:
@@ -77,7 +77,7 @@ class Observations:
     def unstated(self) -> Mask:
         """(s, 3) True for coordinates of seats that are stated without an uncertainty."""
         known = self.known[:, None]
-        return np.asarray(known & np.isnan(self.stated_u))
+        return known & np.isnan(self.stated_u)
 
     @cached_property
     def clusters(self) -> Index:

@@ -250,7 +250,7 @@ class _Workshop:
         )
 
     def _normal(self, u: float, like: Array) -> Array:
-        return np.asarray(u * self.rng.normal(size=like.shape))
+        return u * self.rng.normal(size=like.shape)
 
     def _recorded(
         self, q: Array, conditions: Conditions, reference: Array | None, **more: Any

@@ -141,7 +141,7 @@ class Situation:
         """Information of what is known, with next to nothing about each cause (width, width)."""
         causes = np.zeros(self.layout.width)
         causes[self.layout.nuisances :] = LOOSE
-        return np.asarray(self.known.T @ self.known + np.diag(causes))
+        return self.known.T @ self.known + np.diag(causes)
 
     def power(
         self,

@@ -41,7 +41,7 @@ class SequentialDesign:
     def scatter(self) -> Array:
         """Covariance of each record as predicted, its noise being one (n, 3, 3)."""
         of_unknowns = self.seen @ self.pool.transpose(0, 2, 1)
-        return np.asarray(np.eye(3) + of_unknowns)
+        return np.eye(3) + of_unknowns
 
     def take(self, record: int) -> None:
         """One more record: ``Σ - Σ Aᵀ (I + A Σ Aᵀ)⁻¹ A Σ`` (Woodbury), and the same for what the

@@ -121,7 +121,7 @@ class Components:
     def outside(self, limits: Array) -> Mask:
         """Which of the segments are outside the ``limits`` (nq, 2) [rad] all along: (s,)."""
         first, last = self.inside(self.segments, limits + CURVED * OUTWARDS)
-        return np.asarray(last <= first)
+        return last <= first
 
     def divided(self, pieces: _Segments, which: Mask) -> _Segments:
         """Those of the ``pieces`` that are marked, each cut into ``LIMIT_PARTS`` with solutions at
@@ -386,7 +386,7 @@ def arc_fractions(components: Components, limits: Array) -> Array:
     theoretical = _covered_bins(pieces.problem, pieces.swivel, pieces.turn, m)
     working = _covered_bins(problem, swivel, turn, m)
     with np.errstate(invalid="ignore"):
-        return np.asarray(working / theoretical)
+        return working / theoretical
 
 
 def _covered_bins(problem: Index, start: Array, turn: Array, points: int) -> Index:

@@ -77,7 +77,7 @@ def _bodies_about(axis: Array, stylus: Array) -> Array:
     turns = np.zeros((DIRECTIONS, 6))
     turns[:, 3:] = angles[:, None] * axis
     rotation = exp(turns)[:, :3, :3]
-    return np.asarray(rotation @ rotation_between(stylus, axis))
+    return rotation @ rotation_between(stylus, axis)
 
 
 def _wrist_angles(q: Array, behind: Index, body: Array, links: Array) -> tuple[Array, Index]:
