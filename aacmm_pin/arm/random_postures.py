@@ -102,7 +102,7 @@ class Room:
             found += int(use.sum())
             if found >= count:
                 return np.concatenate(kept)[:count], np.concatenate(tips)[:count]
-        over = "" if self.above is None else f", and {self.above / MM:g} mm or more over the base"
+        over = "" if self.above is None else f", and {self.above / MM:g} mm over the base"
         raise AacmmError(
             f"{self.arm.name}: {found} of {MOST_DRAWS * count} random postures have their tip "
             f"{CLEAR / MM:g} mm or more "

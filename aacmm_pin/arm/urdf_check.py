@@ -168,7 +168,7 @@ def _numbers(
     if any(not abs(value) <= largest for value in values):
         hint = "; perhaps these are degrees" if name == "rpy" else ""
         if element.tag == "limit":
-            hint = "; a joint without limits is of type continuous"
+            hint = "; without limits, write type continuous"
         raise _refused(element, f"{name} is {text[:80]!r}, expected numbers to ±{largest:g}{hint}")
     return values
 

@@ -59,7 +59,7 @@ class LoadedEffect(Effect):
     @property
     def details(self) -> list[str]:
         """Where the load hangs."""
-        return [] if self.load_at is None else [f"load at the end of body {self.load_at}"]
+        return [] if self.load_at is None else [f"load at end of body {self.load_at}"]
 
     def load_variants(self, arm: Arm) -> tuple[Self, ...]:
         """With a load at the end of each tube that it carries, and at the tip."""

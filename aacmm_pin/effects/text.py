@@ -128,7 +128,7 @@ def _number(text: str, name: str, value: str) -> float:
     try:
         return in_radians(value) if is_angle else number(value)
     except ValueError:
-        example = ", or an angle such as 8urad" if is_angle else ""
+        example = ", such as 8urad" if is_angle else ""
         raise AacmmError(f"{text!r}: {name} is {value!r}, expected a number{example}") from None
 
 

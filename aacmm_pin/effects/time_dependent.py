@@ -239,8 +239,8 @@ class EncoderSlip(Effect):
         later = self._is_of_later_session(conditions)
         if conditions.n and later.all():
             return np.ones(conditions.n)
-        or_else = " (or, in a later session, a label of its own in the column session)"
-        time = conditions.require("time", self.label + (or_else if self.sessions else ""))
+        or_else = " without column session" if self.sessions else ""
+        time = conditions.require("time", self.label + or_else)
         low, high = self.between_s or (self.time_s, self.time_s)
         is_between = (low < time) & (time < high)
         by_clock = np.where(is_between, 0.5, time >= self.time_s)

@@ -331,11 +331,9 @@ def _check_ends(points: pd.DataFrame, ends: pd.DataFrame) -> None:
     first = ends[bad].iloc[:1][labels]
     of_first = ends.merge(first, on=labels)
     came = ", ".join(f"{n} of {name}" for name, n in of_first[["feature", "points"]].to_numpy())
-    expected = (
-        f"expected two features with 1 each, or with {FEWEST_POINTS} and more all over a sphere"
-    )
     raise AacmmError(
-        f"{Place.of(points.merge(first, on=labels))}: probed points: {came}; {expected}"
+        f"{Place.of(points.merge(first, on=labels))}: probed points: {came}; expected two features "
+        f"with 1 each, or with {FEWEST_POINTS} and more all over a sphere"
     )
 
 

@@ -130,9 +130,13 @@ class Procedure(Shown):
         angles = [f"{PLANNED}theta{k}_deg" for k in range(1, arm.nq + 1)]
         expected = [*(PLANNED + name for name in REFERENCE), *angles]
         if missing := [name for name in expected if name not in table]:
-            advice = "aacmm-pin plan acceptance ARM -o FILE writes such a file"
-            text = f"missing; {advice}, here for {arm.name}"
-            raise MeasurementFileError(str(path), None, ", ".join(missing), text)
+            raise MeasurementFileError(
+                str(path),
+                None,
+                ", ".join(missing),
+                "missing; aacmm-pin plan acceptance ARM -o FILE writes such a file, here for "
+                f"{arm.name}",
+            )
         problems = Problems(str(path), lines)
         planned = table[expected].apply(pd.to_numeric, errors="coerce").astype(np.float64)
         for name in expected:
