@@ -31,7 +31,7 @@ from aacmm_pin.errors import AacmmError, ShapeError
 if TYPE_CHECKING:
     import pandas as pd
 
-    from aacmm_pin.postures.postures_at_point import PosturesAtPoint
+    from aacmm_pin.postures import PosturesAtPoint
 
 SHORTEST = 1e-9
 """Points closer than this have no direction between them [m]."""

@@ -26,9 +26,7 @@ from aacmm_pin._support.checks import Array, Index, vector
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import MM
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.file import COVERAGE_FACTOR
-from aacmm_pin.arm.parameter import Parameter
+from aacmm_pin.arm import COVERAGE_FACTOR, Arm, Parameter
 from aacmm_pin.effects import (
     Conditions,
     Effect,

@@ -30,12 +30,11 @@ from aacmm_pin._support.workers import Workers, results
 from aacmm_pin.accuracy.comprehensive_accuracy import configuration_weights
 from aacmm_pin.accuracy.tip_sensitivity import caveats, omission
 from aacmm_pin.accuracy.volume import METHODS, AccuracyVolume, Method, accuracy_volume
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.limits import AT_LIMIT
+from aacmm_pin.arm import AT_LIMIT, Arm
 from aacmm_pin.effects import Conditions, ErrorModel, GivenModel, loaded
 from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError
-from aacmm_pin.postures.configurations import WRIST
-from aacmm_pin.postures.curve_sampling import Components, Sectors, arc_fractions, sector_centres
+from aacmm_pin.postures import WRIST, sector_centres
+from aacmm_pin.postures.curve_sampling import Components, Sectors, arc_fractions
 from aacmm_pin.postures.elbow_swivel import Swivel
 from aacmm_pin.postures.wrist_ik import (
     FEW_PER_TURN,

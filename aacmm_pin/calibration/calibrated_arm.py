@@ -14,8 +14,7 @@ from scipy.linalg import block_diag
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import MM
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.file import ArmFile, Covariance
+from aacmm_pin.arm import Arm, ArmFile, Covariance
 from aacmm_pin.calibration.fit import NO_SCATTER, Fit
 from aacmm_pin.calibration.identifiability import NEGLIGIBLE_PART
 from aacmm_pin.effects import Effect, ErrorModel, StylusOffset, entries_of

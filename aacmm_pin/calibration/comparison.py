@@ -10,7 +10,7 @@ import numpy as np
 
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.calibration.cross_validation import rms
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements import Measurements
 
 ROUNDING_GROWTH = 1e-3
 """Part by which an RMS may grow where arms are the same but for rounding."""

@@ -20,8 +20,7 @@ from aacmm_pin._support.units import MM
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.noise_model import NoiseModel, observations_of
 from aacmm_pin.calibration.solver import Point, solve
-from aacmm_pin.measurements.observations import Observations
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements import Measurements, Observations
 
 FOLDS = 10
 FEWEST_GROUPS = 3

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from aacmm_pin._support.checks import Array, Index
-from aacmm_pin.arm.chain import exp, skew
+from aacmm_pin.arm import exp, skew
 from aacmm_pin.calibration.problem import Frame, Problem
 from aacmm_pin.measurements import orientation
 

@@ -12,7 +12,7 @@ import numpy as np
 from aacmm_pin._support.angles import spread_angles
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown
-from aacmm_pin.arm.chain import axis, skew
+from aacmm_pin.arm import axis, skew
 from aacmm_pin.calibration.problem import FRAME_WIDTHS, Prediction, Problem
 from aacmm_pin.calibration.solver import Point
 from aacmm_pin.effects import listed

@@ -24,8 +24,7 @@ import pandas as pd
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.file import ArmFile
+from aacmm_pin.arm import Arm, ArmFile
 from aacmm_pin.calibration.estimation import FIRST_SCATTER, fit
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.noise_model import NoiseModel, Scatters, observations_of
@@ -43,8 +42,7 @@ from aacmm_pin.effects import (
     StylusOffset,
 )
 from aacmm_pin.errors import AacmmError, MissingConditionError, MistakenFileError
-from aacmm_pin.measurements.observations import Observations
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements import Measurements, Observations
 
 FAR = 2e-3
 """Scatter, or median distance after a fit, that no arm has; some mistake is looked for [m]."""

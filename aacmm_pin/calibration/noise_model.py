@@ -13,8 +13,7 @@ from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin._support.notes import Note
 from aacmm_pin.calibration.problem import Frame, Problem
 from aacmm_pin.calibration.setup import Setup
-from aacmm_pin.measurements.observations import Observations
-from aacmm_pin.measurements.records import Bar, Measurements
+from aacmm_pin.measurements import Bar, Measurements, Observations
 
 BAR_NOISE = 5e-5
 """Standard uncertainty of a bar's length that is not stated [m]."""

@@ -9,8 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.parameter import Parameter
+from aacmm_pin.arm import Arm, Parameter
 from aacmm_pin.effects import (
     Effect,
     JointDistance,

@@ -9,8 +9,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from aacmm_pin._support.checks import Array, Mask
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.chain import end
+from aacmm_pin.arm import Arm, end
 from aacmm_pin.calibration.parameter_vector import (
     EFFECT_OF_KIND,
     ParameterVector,
@@ -29,7 +28,7 @@ from aacmm_pin.effects import (
     StylusOffset,
 )
 from aacmm_pin.errors import AacmmError, UnknownNameError
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements import Measurements
 
 ParameterSet = Literal["zero-offsets", "geometry"]
 

@@ -9,14 +9,13 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from aacmm_pin._support.checks import Array, Index, Mask
-from aacmm_pin.arm.chain import exp, skew
+from aacmm_pin.arm import exp, skew
 from aacmm_pin.calibration.jacobian import Columns
 from aacmm_pin.calibration.linear_model import Prior
 from aacmm_pin.calibration.parameter_vector import ParameterVector
 from aacmm_pin.calibration.setup import Setup
 from aacmm_pin.effects import ErrorModel, State, StylusOffset
-from aacmm_pin.measurements import orientation
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements import Measurements, orientation
 
 FRAME_WIDTHS = np.array([10.0, 10.0, 10.0, 1.0, 1.0, 1.0])
 """The reference frame has no prior; these only scale its columns, wide enough that it takes up what

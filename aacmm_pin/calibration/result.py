@@ -16,7 +16,7 @@ from aacmm_pin._support.display import Shown, report
 from aacmm_pin._support.distributions import chi2_sf
 from aacmm_pin._support.notes import Note, notes_in_json
 from aacmm_pin._support.units import MM
-from aacmm_pin.arm.file import COVERAGE_FACTOR
+from aacmm_pin.arm import COVERAGE_FACTOR
 from aacmm_pin.calibration.calibrated_arm import calibrated_model
 from aacmm_pin.calibration.cross_validation import HeldOut, rms
 from aacmm_pin.calibration.estimation import fit

@@ -17,7 +17,7 @@ from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin._support.distributions import chi2_sf
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm import Arm
 from aacmm_pin.calibration.fit import FEWEST_TOGETHER, Fit
 from aacmm_pin.effects import LEAST_SPREAD
 from aacmm_pin.measurements import LABELS, UNKNOWN_COLUMN, Measurements

@@ -24,7 +24,7 @@ from aacmm_pin.calibration.noise_model import NoiseModel
 from aacmm_pin.calibration.problem import Frame, Prediction, Problem, registered
 from aacmm_pin.effects import Effect, StylusOffset
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.measurements.observations import Observations
+from aacmm_pin.measurements import Observations
 
 MOST_STEPS = 100
 SETTLED = 1e-6

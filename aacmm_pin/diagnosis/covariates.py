@@ -13,7 +13,7 @@ import scipy
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm import Arm
 from aacmm_pin.calibration.shared_exclusions import MOST_LABELS, as_numbers
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.effects import (
@@ -30,7 +30,7 @@ from aacmm_pin.effects import (
     product_of,
     tubes,
 )
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements import Measurements
 
 SMOOTH = (5, 20)
 """Numbers of cosines over the ranks of a covariate: a slow change; one with many turns, where it

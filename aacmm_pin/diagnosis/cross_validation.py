@@ -15,8 +15,8 @@ import scipy
 from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.progress import Progress
-from aacmm_pin.calibration import Fit
-from aacmm_pin.calibration.cross_validation import distances, left_out_in_turn, rms
+from aacmm_pin.calibration import Fit, rms
+from aacmm_pin.calibration.cross_validation import distances, left_out_in_turn
 from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.exploration import explored_from
 from aacmm_pin.diagnosis.model_space import Blocks, ModelSpace

@@ -12,16 +12,23 @@ from numpy.typing import ArrayLike
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.progress import Progress
 from aacmm_pin._support.threads import one_blas_thread
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.calibration import Fit, calibrated_model
+from aacmm_pin.arm import Arm
+from aacmm_pin.calibration import (
+    Fit,
+    Problem,
+    ReferenceFrame,
+    Setup,
+    Target,
+    calibrated_model,
+    geometric_parameters,
+    problem_of,
+)
 from aacmm_pin.calibration.calibrate import contradicted_places, counted_once
 from aacmm_pin.calibration.cross_validation import enough_postures, parts_of
 from aacmm_pin.calibration.estimation import fit
 from aacmm_pin.calibration.input_mistakes import first_fit
-from aacmm_pin.calibration.parameter_vector import geometric_parameters
-from aacmm_pin.calibration.parameters import is_reestimated, length_held, problem_of
-from aacmm_pin.calibration.problem import Problem
-from aacmm_pin.calibration.setup import ReferenceFrame, Setup, Target, checked_input
+from aacmm_pin.calibration.parameters import is_reestimated, length_held
+from aacmm_pin.calibration.setup import checked_input
 from aacmm_pin.diagnosis.candidates import candidates, known_causes
 from aacmm_pin.diagnosis.covariates import covariates
 from aacmm_pin.diagnosis.cross_validation import Gain, Training, gain_of
@@ -42,7 +49,7 @@ from aacmm_pin.effects import (
     corrects_seat,
 )
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.measurements.records import GivenRecords, Measurements
+from aacmm_pin.measurements import GivenRecords, Measurements
 
 NOTHING = 1e-12
 """Residuals smaller than this were never measured [m]."""

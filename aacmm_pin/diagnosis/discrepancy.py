@@ -11,10 +11,9 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.file import calibrated
-from aacmm_pin.calibration import Fit
-from aacmm_pin.calibration.calibrated_arm import calibrated_model, joined
+from aacmm_pin.arm import Arm, calibrated
+from aacmm_pin.calibration import Fit, calibrated_model
+from aacmm_pin.calibration.calibrated_arm import joined
 from aacmm_pin.calibration.estimation import fit as fit_of
 from aacmm_pin.calibration.linearisation import linearise
 from aacmm_pin.diagnosis.background import Background

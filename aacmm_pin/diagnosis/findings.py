@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin.calibration.parameter_vector import geometric_parameters
+from aacmm_pin.calibration import geometric_parameters
 from aacmm_pin.diagnosis.candidates import is_change
 from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.cross_validation import Training, brought

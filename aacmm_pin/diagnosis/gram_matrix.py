@@ -24,7 +24,7 @@ from aacmm_pin.diagnosis.covariates import Carried
 from aacmm_pin.diagnosis.design_matrix import Block, Design
 from aacmm_pin.diagnosis.held_postures import RecordNoise
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
-from aacmm_pin.measurements.observations import Observations
+from aacmm_pin.measurements import Observations
 
 MOST_DOUBLE = 10_000_000
 """More numbers than this are held in single precision: 6e-8 of a column is far below the noise of

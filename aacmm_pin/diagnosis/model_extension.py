@@ -14,10 +14,9 @@ import numpy as np
 from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin._support.distributions import chi2_isf
 from aacmm_pin._support.progress import bar
-from aacmm_pin.arm.file import COVERAGE_FACTOR
-from aacmm_pin.calibration import Fit
+from aacmm_pin.arm import COVERAGE_FACTOR
+from aacmm_pin.calibration import Fit, Problem
 from aacmm_pin.calibration.estimation import fit
-from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.calibration.shared_exclusions import clusters
 from aacmm_pin.calibration.variance_components import FALSE_EXCLUSION, squared_distances
 from aacmm_pin.diagnosis.candidates import Variants, is_change

@@ -16,7 +16,7 @@ from aacmm_pin.diagnosis.design_matrix import Block, Design
 from aacmm_pin.diagnosis.gram_matrix import Gram
 from aacmm_pin.diagnosis.linear_model import WIDTHS, Base, Conditional, Likelihood, log_sum
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements import Measurements
 
 Blocks = tuple[int, ...]
 """A set of blocks, in the order of their numbers."""

@@ -18,7 +18,7 @@ from aacmm_pin.diagnosis.gram_matrix import Gram, products_of
 from aacmm_pin.diagnosis.linear_model import Base, Conditional
 from aacmm_pin.diagnosis.model_space import Blocks
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements import Measurements
 
 READING_SHARES = (0.0, 0.25, 0.5, 0.75, 0.95)
 """Parts of a scatter that may be of the readings; not all, for these move some tips in one plane

@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from aacmm_pin._support.checks import Array, Mask
-from aacmm_pin.arm.arm import Arm, GivenArm, as_arm
+from aacmm_pin.arm import Arm, GivenArm, as_arm
 from aacmm_pin.effects import compliance, encoder, environment, geometry, time_dependent
 from aacmm_pin.effects.conditions import CONDITION_COLUMNS, Conditions, Records
 from aacmm_pin.effects.effect import Effect, Term, fields_of
@@ -239,7 +239,7 @@ class SyntheticRecords:
 @cache
 def example(cause: type[Effect]) -> Effect | None:
     """One of its kind in SINO6; None where :meth:`Effect.candidates` has none there."""
-    from aacmm_pin.arm.random_postures import joint_bounds
+    from aacmm_pin.arm import joint_bounds
 
     arm = Arm.load("sino6")
     n = 360

@@ -9,8 +9,7 @@ from typing import Any, ClassVar, Literal, Self
 import numpy as np
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.chain import axis, end
+from aacmm_pin.arm import Arm, axis, end
 from aacmm_pin.effects.conditions import Records
 from aacmm_pin.effects.effect import Displacement, Effect, Term, about_axis, is_possible, twist
 from aacmm_pin.effects.gravity import GravityEffect, LoadedEffect

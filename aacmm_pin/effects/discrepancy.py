@@ -12,8 +12,7 @@ import numpy as np
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import MM
-from aacmm_pin.arm.chain import BASE, axis
-from aacmm_pin.arm.file import DiscrepancyEntry, DiscrepancyPart
+from aacmm_pin.arm import BASE, DiscrepancyEntry, DiscrepancyPart, axis
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.effect import Displacement, Effect, Term, about_axis, twist
 from aacmm_pin.effects.environment import growth_of_body

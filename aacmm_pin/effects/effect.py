@@ -20,9 +20,8 @@ from aacmm_pin._support.display import Shown
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.plausible import LATEST, MOST_ROWS
 from aacmm_pin._support.units import MM, prefixed
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.chain import axis as axis
-from aacmm_pin.arm.parameter import Parameter
+from aacmm_pin.arm import Arm, Parameter
+from aacmm_pin.arm import axis as axis
 from aacmm_pin.effects.conditions import Conditions, Records
 from aacmm_pin.effects.nonlinear import Nonlinear
 from aacmm_pin.effects.state import State

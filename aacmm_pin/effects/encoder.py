@@ -17,7 +17,7 @@ import scipy
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.plausible import LARGEST_ANGLE
 from aacmm_pin._support.units import DEG
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm import Arm
 from aacmm_pin.effects.conditions import Records
 from aacmm_pin.effects.effect import Displacement, Effect, Notation, Reading, Term, about_axis
 from aacmm_pin.effects.nonlinear import Nonlinear
@@ -322,7 +322,7 @@ class JointErrorCurve(Effect):
         cls, stated: Mapping[str, Any], arm: Arm, present: tuple[str, ...]
     ) -> dict[str, Any]:
         """Over the range of the joint."""
-        from aacmm_pin.arm.random_postures import joint_bounds
+        from aacmm_pin.arm import joint_bounds
 
         rows = arm.chain.moving_rows()
         joint = stated.get("joint")

@@ -11,8 +11,7 @@ import numpy as np
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import MM
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.chain import BASE, axis, end
+from aacmm_pin.arm import BASE, Arm, axis, end
 from aacmm_pin.effects.conditions import Conditions, Records
 from aacmm_pin.effects.effect import Displacement, Effect, Term, shifts, turns, twist
 from aacmm_pin.effects.gravity import GravityEffect

@@ -10,8 +10,7 @@ from typing import ClassVar, Self
 import numpy as np
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.chain import end
+from aacmm_pin.arm import Arm, end
 from aacmm_pin.effects.effect import Effect, Term
 from aacmm_pin.effects.state import State
 from aacmm_pin.effects.tube import tubes

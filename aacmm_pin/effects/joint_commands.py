@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from aacmm_pin._support.checks import Array, Mask, batch
-from aacmm_pin.arm.chain import OF_A_POSE
+from aacmm_pin.arm import OF_A_POSE
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.error_model import ErrorModel, GivenModel
 from aacmm_pin.errors import AacmmError, ShapeError

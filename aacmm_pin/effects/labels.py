@@ -8,9 +8,7 @@ import numpy as np
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG, LARGE_IN_MICRO, MM
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.chain import axis
-from aacmm_pin.arm.file import COVERAGE_FACTOR
+from aacmm_pin.arm import COVERAGE_FACTOR, Arm, axis
 from aacmm_pin.effects.effect import Effect, Reading
 
 PLACE_WORDS = {"marker": "target", "link_bending": "tube", "torsional_windup": "tube"}

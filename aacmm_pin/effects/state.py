@@ -11,8 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.chain import axis, end
+from aacmm_pin.arm import Arm, axis, end
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.errors import AacmmError, UnsupportedArmError
 

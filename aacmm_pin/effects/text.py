@@ -12,8 +12,7 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from aacmm_pin._support.plausible import LARGEST_U_RATIO, MOST_TYPICAL
 from aacmm_pin._support.units import in_radians, number
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.file import DiscrepancyEntry, EffectEntry
+from aacmm_pin.arm import Arm, DiscrepancyEntry, EffectEntry
 from aacmm_pin.effects.causes import cause_named
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.discrepancy import Discrepancy, discrepancy_of

@@ -18,7 +18,8 @@ from .csv_columns import (
 from .csv_table import measurement_file, read_table
 from .csv_values import check_numbers, read_values
 from .measuring_points import Pool, bars_for, seats_for
-from .noise import ENCODER, PROBE, Noise
+from .noise import ENCODER, PROBE, REFERENCE_NOISE, Noise
+from .observations import Observations
 from .orientation import quaternions
 from .probed_points import PREDICTED_ACCURATE, read_probed_points
 from .records import Bar, GivenRecords, Measurements, as_measurements
@@ -38,6 +39,7 @@ __all__ = [
     "PROBE",
     "PROBED_POINT_COLUMNS",
     "REFERENCE",
+    "REFERENCE_NOISE",
     "REFERENCE_U",
     "SCHEMES",
     "UNKNOWN_COLUMN",
@@ -46,6 +48,7 @@ __all__ = [
     "GivenRecords",
     "Measurements",
     "Noise",
+    "Observations",
     "Pool",
     "Scheme",
     "as_measurements",

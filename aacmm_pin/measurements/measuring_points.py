@@ -11,11 +11,11 @@ import scipy
 
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.units import MM
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.random_postures import MOST_DRAWS, Room, joint_bounds
+from aacmm_pin.arm import MOST_DRAWS, Arm, Room, joint_bounds
 from aacmm_pin.effects import ErrorModel
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.postures.sampling import StateOf, agile, brought_to, different_postures, spread_out
+from aacmm_pin.postures import brought_to, spread_out
+from aacmm_pin.postures.sampling import StateOf, agile, different_postures
 
 SEATS_APART = 0.05
 """Least distance of two seats [m]."""

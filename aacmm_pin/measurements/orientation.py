@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin.arm.chain import skew
+from aacmm_pin.arm import skew
 
 
 def matrices(quaternions: Array) -> Array:

@@ -10,8 +10,7 @@ from numpy.typing import ArrayLike
 
 from aacmm_pin._support import plausible
 from aacmm_pin._support.checks import Array, Index, whole
-from aacmm_pin.arm.chain import exp
-from aacmm_pin.arm.random_postures import MARGIN, Room
+from aacmm_pin.arm import MARGIN, Room, exp
 from aacmm_pin.effects import Conditions, ErrorModel, GivenModel, Labels, corrects_seat
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements.measuring_points import (
@@ -26,7 +25,7 @@ from aacmm_pin.measurements.noise import ENCODER, PROBE, REFERENCE_NOISE, Noise
 from aacmm_pin.measurements.orientation import quaternions
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.measurements.schedule import sessions, workshop_conditions
-from aacmm_pin.postures.sampling import brought_to
+from aacmm_pin.postures import brought_to
 
 Scheme = Literal["free", "seats", "ball-bar", "single-point"]
 SCHEMES: tuple[Scheme, ...] = get_args(Scheme)

@@ -15,8 +15,14 @@ from aacmm_pin.arm import Arm
 from aacmm_pin.calibration import ReferenceFrame, Setup, Target
 from aacmm_pin.effects import Effect, ErrorModel, GivenCause, GivenModel, as_causes
 from aacmm_pin.errors import AacmmError, UnknownNameError
-from aacmm_pin.measurements import ENCODER, GivenRecords, Measurements, as_measurements, seed_of
-from aacmm_pin.measurements.noise import REFERENCE_NOISE
+from aacmm_pin.measurements import (
+    ENCODER,
+    REFERENCE_NOISE,
+    GivenRecords,
+    Measurements,
+    as_measurements,
+    seed_of,
+)
 from aacmm_pin.planning.candidate_records import free_postures, postures_at_seats
 from aacmm_pin.planning.pairwise_discrimination import for_two
 from aacmm_pin.planning.result import MeasurementPlan

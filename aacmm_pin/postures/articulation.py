@@ -9,7 +9,7 @@ import pandas as pd
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm import Arm
 
 STRAIGHT_ELBOW = 0.05
 """An elbow nearer to the line from shoulder to tip than this part of its length is on neither side

@@ -19,9 +19,7 @@ from aacmm_pin._support.checks import Array, batch, unit_vector, vector, whole
 from aacmm_pin._support.display import report
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.plausible import COORDINATE
-from aacmm_pin.arm.arm import Arm, GivenArm, as_arm
-from aacmm_pin.arm.chain import axis
-from aacmm_pin.arm.limits import broken_limits, into_limits
+from aacmm_pin.arm import Arm, GivenArm, as_arm, axis, broken_limits, into_limits
 from aacmm_pin.errors import AacmmError, UnsupportedArmError
 from aacmm_pin.postures.curve_sampling import Components, Flexibility, evenly, flexibility
 from aacmm_pin.postures.elbow_swivel import Swivel

@@ -34,7 +34,7 @@ joint axes (6, a column each), the equations (up to 6; the last column but one i
 the wanted place of the tip."""
 HERE = 16
 STEADY = 19
-NEXT = 22
+AHEAD = 22
 START = 24
 SOUGHT = 26
 IMAGE = 28
@@ -52,7 +52,7 @@ SERIES = 1e-3
 CLOSE_ENOUGH = 1e-12
 """Largest residual of a solution [m, rad]."""
 POLISHED = 0.02 * CLOSE_ENOUGH
-CORRECTED = 0.2 * CLOSE_ENOUGH
+CORRECTED_RESIDUAL = 0.2 * CLOSE_ENOUGH
 """Residuals at which polishing a seed, and correcting a step, end: what is left is rounding."""
 MOST_POLISHES = 39
 MOST_CORRECTIONS = 5
@@ -386,20 +386,20 @@ def trace(
             if leap > len(LEAPS):
                 return end, step + 1, False
             continue
-        moved = distance(NEXT, HERE, space)
+        moved = distance(AHEAD, HERE, space)
         if end > begin + 1 and passes(links, moved, space):
             return end, step + 1, True
         turn = LARGEST_TURN
         sign = on_side
         if leap == 0:
-            turn = math.sqrt(max(0.0, 1.0 - dot(NEXT + 1, HERE + 1, space) ** 2))
+            turn = math.sqrt(max(0.0, 1.0 - dot(AHEAD + 1, HERE + 1, space) ** 2))
         for j in range(n):
-            change = (space[NEXT + 1, j] - space[HERE + 1, j]) / moved
-            vertices[end, j] = space[HERE, j] = space[NEXT, j]
-            space[HERE + 1, j] = space[NEXT + 1, j]
+            change = (space[AHEAD + 1, j] - space[HERE + 1, j]) / moved
+            vertices[end, j] = space[HERE, j] = space[AHEAD, j]
+            space[HERE + 1, j] = space[AHEAD + 1, j]
             space[HERE + 2, j] = space[STEADY + 2, j] if leap > 0 else change
             if moved >= STEADY_STEP:
-                space[STEADY, j], space[STEADY + 1, j] = space[NEXT, j], space[NEXT + 1, j]
+                space[STEADY, j], space[STEADY + 1, j] = space[AHEAD, j], space[AHEAD + 1, j]
                 space[STEADY + 2, j] = change
         length *= min(max(WANTED_TURN / max(turn, LEAST_TURN), LEAST_CHANGE), MOST_CHANGE)
         length = min(max(length, SHORTEST_STEP), LONGEST_CURVE_STEP)
@@ -411,7 +411,7 @@ def trace(
 
 
 def follow(links: Array, vertex: int, length: float, widest: float, space: Array) -> float:
-    """Predict a step of this ``length`` from a ``vertex`` and correct it, into ``NEXT``, by less
+    """Predict a step of this ``length`` from a ``vertex`` and correct it, into ``AHEAD``, by less
     than ``widest``.
 
     Returns:
@@ -422,23 +422,23 @@ def follow(links: Array, vertex: int, length: float, widest: float, space: Array
     curvature = vertex + 2
     for j in range(n):
         step = length * space[tangent, j] + 0.5 * length**2 * space[curvature, j]
-        space[NEXT, j] = space[GUESS, j] = space[vertex, j] + step
-    arrived, sign = correct(links, NEXT, tangent, MOST_CORRECTIONS, space)
-    take_tangent(NEXT, space)
-    near = distance(NEXT, GUESS, space) < widest
-    if arrived and near and dot(NEXT + 1, tangent, space) > math.cos(LARGEST_TURN):
+        space[AHEAD, j] = space[GUESS, j] = space[vertex, j] + step
+    arrived, sign = correct(links, AHEAD, tangent, MOST_CORRECTIONS, space)
+    take_tangent(AHEAD, space)
+    near = distance(AHEAD, GUESS, space) < widest
+    if arrived and near and dot(AHEAD + 1, tangent, space) > math.cos(LARGEST_TURN):
         return sign
     return 0.0
 
 
 def passes(links: Array, moved: float, space: Array) -> bool:
-    """Does the step from ``HERE`` to ``NEXT``, which is ``moved`` long, pass ``START``?"""
+    """Does the step from ``HERE`` to ``AHEAD``, which is ``moved`` long, pass ``START``?"""
     n = space.shape[1] - 2
     along = 0.0
     aside = 0.0
     for j in range(n):
         space[IMAGE, j] = wrap(space[START, j] - space[HERE, j])
-        space[GUESS, j] = (space[NEXT, j] - space[HERE, j]) / moved
+        space[GUESS, j] = (space[AHEAD, j] - space[HERE, j]) / moved
         along += space[IMAGE, j] * space[GUESS, j]
     for j in range(n):
         aside += (space[IMAGE, j] - along * space[GUESS, j]) ** 2
@@ -471,7 +471,7 @@ def correct(links: Array, row: int, tangent: int, most: int, space: Array) -> tu
             space[MATRIX + n - 1, j] = space[tangent, j]
         space[MATRIX + n - 1, n], space[MATRIX + n - 1, n + 1] = 0.0, 1.0
         sign = solve(space)
-        if size <= CORRECTED:
+        if size <= CORRECTED_RESIDUAL:
             return True, sign
         length = step_length(space)
         if step == most or not length < np.inf:  # the derivative is singular
@@ -774,7 +774,7 @@ def wrap(angle: float) -> float:
 LINKS = "f8[:, :, ::1]"
 ROWS = "f8[:, ::1]"
 FLAGS = "b1[::1]"
-NUMBERS = "i8[::1]"
+INTEGERS = "i8[::1]"
 HELPERS = (
     (wrap, "f8(f8)"),
     (dot, f"f8(i8, i8, {ROWS})"),
@@ -793,7 +793,7 @@ HELPERS = (
     (meets, f"b1({LINKS}, i8, {ROWS})"),
     (touches, f"b1(i8, i8, {ROWS}, {ROWS})"),
     (nearest_vertices, f"UniTuple(i8, 3)(i8, i8, {ROWS}, {ROWS})"),
-    (on_curve, f"b1({LINKS}, {ROWS}, i8, i8, {ROWS}, {NUMBERS}, {ROWS})"),
+    (on_curve, f"b1({LINKS}, {ROWS}, i8, i8, {ROWS}, {INTEGERS}, {ROWS})"),
     (passes, INLINED),
     (follow, INLINED),
     (trace, INLINED),
@@ -805,7 +805,7 @@ in which each knows those that it calls itself."""
 NEWTON = Loop(newton, f"void({LINKS}, {ROWS}, i8, {ROWS}, {LINKS}, {FLAGS}, {ROWS})", HELPERS)
 CURVES = Loop(
     curves,
-    f"UniTuple(i8, 2)({LINKS}, f8[::1], {ROWS}, {FLAGS}, i8, i8, {ROWS}, {NUMBERS}, {FLAGS}, "
-    f"{NUMBERS}, {ROWS})",
+    f"UniTuple(i8, 2)({LINKS}, f8[::1], {ROWS}, {FLAGS}, i8, i8, {ROWS}, {INTEGERS}, {FLAGS}, "
+    f"{INTEGERS}, {ROWS})",
     HELPERS,
 )

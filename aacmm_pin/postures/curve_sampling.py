@@ -13,7 +13,7 @@ import numpy as np
 from aacmm_pin._support.angles import wrapped
 from aacmm_pin._support.checks import Array, Index, Mask, whole
 from aacmm_pin._support.display import Shown
-from aacmm_pin.arm.limits import broken_limits, inside_part, into_limits
+from aacmm_pin.arm import broken_limits, inside_part, into_limits
 from aacmm_pin.postures.elbow_swivel import Swivel
 from aacmm_pin.postures.pose_equations import Equations
 from aacmm_pin.postures.solution_curves import Curve, following

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin.arm.dh import DHTable
+from aacmm_pin.arm import DHTable
 
 UPRIGHT = 1e-9
 """Sine below which the line shoulder → point counts as vertical."""

@@ -19,8 +19,7 @@ from aacmm_pin._support.checks import Array, unit_vector, vector, whole
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.plausible import COORDINATE
 from aacmm_pin._support.units import DEG
-from aacmm_pin.arm.arm import Arm, GivenArm, as_arm
-from aacmm_pin.arm.limits import broken_limits, inside_part, into_limits
+from aacmm_pin.arm import Arm, GivenArm, as_arm, broken_limits, inside_part, into_limits
 from aacmm_pin.errors import AacmmError, ShapeError, UnsupportedArmError
 from aacmm_pin.postures.curve_sampling import Flexibility, evenly
 from aacmm_pin.postures.elbow_swivel import Swivel

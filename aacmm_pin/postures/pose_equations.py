@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aacmm_pin._support.checks import Array, Index, Mask
-from aacmm_pin.arm.chain import Chain
+from aacmm_pin.arm import Chain
 from aacmm_pin.postures import continuation
 from aacmm_pin.postures.continuation import MOST_POLISHES, POINT, POINT_AND_AXIS
 

@@ -16,7 +16,7 @@ from aacmm_pin._support.checks import Array, Mask
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm import Arm
 from aacmm_pin.postures.curve_sampling import Flexibility
 from aacmm_pin.postures.solution_curves import Curve
 

@@ -8,8 +8,7 @@ import numpy as np
 
 from aacmm_pin._support.batches import chunks
 from aacmm_pin._support.checks import Array, Index, Mask
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.random_postures import joint_bounds
+from aacmm_pin.arm import Arm, joint_bounds
 from aacmm_pin.effects import State
 
 StateOf = Callable[[Array, Index], State]

@@ -11,8 +11,7 @@ import numpy as np
 
 from aacmm_pin._support.angles import spread_angles
 from aacmm_pin._support.checks import Array, Index
-from aacmm_pin.arm.chain import exp, screws
-from aacmm_pin.arm.dh import DHTable
+from aacmm_pin.arm import DHTable, exp, screws
 from aacmm_pin.postures.pose_equations import Equations, rotation_between
 from aacmm_pin.postures.solution_curves import Curves, all_curves, degenerate, following
 from aacmm_pin.postures.wrist_ik import FEW_PER_TURN, POSITIONING, Wrist, with_spread, wrist_curves

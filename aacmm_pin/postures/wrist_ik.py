@@ -21,10 +21,7 @@ from aacmm_pin._support.angles import spread_angles
 from aacmm_pin._support.checks import Array, Index, vector
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.chain import OF_A_POSE, screws
-from aacmm_pin.arm.dh import DHTable
-from aacmm_pin.arm.limits import into_limits
+from aacmm_pin.arm import OF_A_POSE, Arm, DHTable, into_limits, screws
 from aacmm_pin.errors import UnsupportedArmError
 from aacmm_pin.postures.pose_equations import Equations
 from aacmm_pin.postures.solution_curves import Curves, all_curves, degenerate
