@@ -11,7 +11,7 @@ import math
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -33,16 +33,14 @@ from aacmm_pin.accuracy.volume import METHODS, AccuracyVolume, Method, accuracy_
 from aacmm_pin.arm import AT_LIMIT, Arm
 from aacmm_pin.effects import Conditions, ErrorModel, GivenModel, loaded
 from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError
-from aacmm_pin.postures import WRIST, sector_centres
-from aacmm_pin.postures.curve_sampling import Components, Sectors, arc_fractions
-from aacmm_pin.postures.elbow_swivel import Swivel
-from aacmm_pin.postures.wrist_ik import (
-    FEW_PER_TURN,
+from aacmm_pin.postures import (
+    WRIST,
     WRIST_ROW,
+    Sectors,
     Wrist,
     box_of_wrist,
-    wrist_curves,
-    wrist_equations,
+    reach_of_points,
+    sector_centres,
 )
 
 if TYPE_CHECKING:
@@ -330,27 +328,15 @@ class _Job:
 
 def _work(job: _Job) -> dict[str, Array]:
     arm = ErrorModel.arm_of(job.model)
-    wrist = Wrist.of_arm(arm, MAP)
-    dh = arm.require_dh(MAP)
-    known = wrist_curves(wrist, job.points, FEW_PER_TURN)
-    components = Components(
-        Swivel(dh, arm.up), wrist_equations(wrist, job.points), job.points, known.curves, wrist
-    )
-    found = Sectors.of(components, arm.limits, job.sectors)
-    with_curves = [curve.problem for curve in known.curves]
-    not_closed = [curve.problem for curve in known.curves if not curve.closed]
-    reachable = np.zeros(len(job.points), dtype=bool)
-    reachable[[*with_curves, *known.families]] = True
-    complete = np.full(len(job.points), not known.degenerate)
-    complete[[*not_closed, *known.families, *known.unfinished]] = False
-    of_cells = {
-        "reachable": reachable,
-        "complete": complete,
-        "works": found.working,
-        "flexibility": found.zeta,
-        "arc_fraction": arc_fractions(components, arm.limits),
+    reach = reach_of_points(arm, job.points, job.sectors, MAP)
+    of_cells: dict[str, Any] = {
+        "reachable": reach.reachable,
+        "complete": reach.complete,
+        "works": reach.sectors.working,
+        "flexibility": reach.sectors.zeta,
+        "arc_fraction": reach.arc_fraction,
     }
-    return of_cells | _accuracies(job, found)
+    return of_cells | _accuracies(job, reach.sectors)
 
 
 def _accuracies(job: _Job, found: Sectors) -> dict[str, Array]:

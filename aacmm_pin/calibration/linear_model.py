@@ -18,8 +18,7 @@ from scipy.linalg import null_space, solve_triangular
 from scipy.sparse import csr_array
 
 from aacmm_pin._support.checks import Array, Index, Mask
-from aacmm_pin.measurements import Observations
-from aacmm_pin.measurements.observations import NOTHING_KNOWN
+from aacmm_pin.measurements import NOTHING_KNOWN, Observations
 
 LEAST_INFORMATION = 0.1
 """A direction about which data and stated uncertainties together say less than this, one over its

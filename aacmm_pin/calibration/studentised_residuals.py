@@ -9,7 +9,7 @@ import numpy as np
 from aacmm_pin._support.checks import Array
 from aacmm_pin.calibration.solver import Solution
 from aacmm_pin.calibration.variance_components import information_of_seats, squared_distances
-from aacmm_pin.measurements.observations import NOTHING_KNOWN
+from aacmm_pin.measurements import NOTHING_KNOWN
 
 
 def deleted_distances(solution: Solution) -> Array:

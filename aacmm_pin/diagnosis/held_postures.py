@@ -12,7 +12,7 @@ import scipy
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.distributions import chi2_sf
 from aacmm_pin.calibration import Fit
-from aacmm_pin.measurements.repeats import posture_numbers
+from aacmm_pin.measurements import posture_numbers
 
 RATIOS = (1e-3, 1e3)
 """Standard deviation of the error of a posture over that of a record, at least and at most."""

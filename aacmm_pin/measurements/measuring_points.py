@@ -14,8 +14,7 @@ from aacmm_pin._support.units import MM
 from aacmm_pin.arm import MOST_DRAWS, Arm, Room, joint_bounds
 from aacmm_pin.effects import ErrorModel
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.postures import brought_to, spread_out
-from aacmm_pin.postures.sampling import StateOf, agile, different_postures
+from aacmm_pin.postures import StateOf, agile, brought_to, different_postures, spread_out
 
 SEATS_APART = 0.05
 """Least distance of two seats [m]."""

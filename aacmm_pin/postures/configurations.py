@@ -9,23 +9,31 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aacmm_pin._support.angles import wrapped
-from aacmm_pin._support.checks import Array, batch, unit_vector, vector, whole
+from aacmm_pin._support.checks import Array, Mask, batch, unit_vector, vector, whole
 from aacmm_pin._support.display import report
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.plausible import COORDINATE
 from aacmm_pin.arm import Arm, GivenArm, as_arm, axis, broken_limits, into_limits
 from aacmm_pin.errors import AacmmError, UnsupportedArmError
-from aacmm_pin.postures.curve_sampling import Components, Flexibility, evenly, flexibility
+from aacmm_pin.postures.curve_sampling import (
+    Components,
+    Flexibility,
+    Sectors,
+    arc_fractions,
+    evenly,
+    flexibility,
+)
 from aacmm_pin.postures.elbow_swivel import Swivel
 from aacmm_pin.postures.postures_at_point import PosturesAtPoint, in_degrees, lost, not_closed
 from aacmm_pin.postures.tip_ik import tip_curves, tip_equations
 from aacmm_pin.postures.wrist_ik import (
+    FEW_PER_TURN,
     WRIST_ROW,
     Wrist,
     reach_of_wrist,
@@ -267,3 +275,42 @@ def _why_not(components: Components, point: Array) -> str:
 def _sides(signs: NDArray[np.intp]) -> str:
     """The sign that all configurations share, or both."""
     return " ".join(f"{sign:+d}" for sign in np.unique(signs))
+
+
+class Reach(NamedTuple):
+    """How the wrist reaches many points.
+
+    Attributes:
+        sectors: what the sectors of the swivel angle have at each point.
+        arc_fraction: working over theoretical range of the swivel angle (m,); nan where nothing is
+            theoretical.
+        reachable: whether a configuration reaches the point, limits apart (m,).
+        complete: whether all configurations that reach it are known (m,).
+    """
+
+    sectors: Sectors
+    arc_fraction: Array
+    reachable: Mask
+    complete: Mask
+
+
+def reach_of_points(arm: Arm, points: Array, sectors: int, purpose: str) -> Reach:
+    """What equal ``sectors`` of the swivel angle have at ``points`` (m, 3) [m] of the wrist;
+    ``purpose`` is what errors say that it is for.
+
+    Raises:
+        UnsupportedArmError: no DH table, or one without the joints that this needs.
+    """
+    wrist = Wrist.of_arm(arm, purpose)
+    swivel = Swivel(arm.require_dh(purpose), arm.up)
+    found = wrist_curves(wrist, points, FEW_PER_TURN)
+    equations = wrist_equations(wrist, points)
+    components = Components(swivel, equations, points, found.curves, wrist)
+    with_curves = [curve.problem for curve in found.curves]
+    not_closed = [curve.problem for curve in found.curves if not curve.closed]
+    reachable = np.zeros(len(points), dtype=bool)
+    reachable[[*with_curves, *found.families]] = True
+    complete = np.full(len(points), not found.degenerate)
+    complete[[*not_closed, *found.families, *found.unfinished]] = False
+    of_points = Sectors.of(components, arm.limits, sectors)
+    return Reach(of_points, arc_fractions(components, arm.limits), reachable, complete)
