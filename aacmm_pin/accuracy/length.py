@@ -125,9 +125,9 @@ def length_uncertainty(
     direction, _ = _directions(sources.positions(b) - sources.positions(a))
     first, second = (_independent(sources, _along(sources, q, direction)) for q in (a, b))
     shared = _shared(sources)
-    lasting = second[:, shared] - first[:, shared]
-    new = np.hstack([first[:, ~shared], second[:, ~shared]])
-    return np.asarray(np.linalg.norm(np.hstack([lasting, new]), axis=1))
+    lasting = np.square(second[:, shared] - first[:, shared])
+    new = sum(np.square(end[:, ~shared]).sum(axis=1) for end in (first, second))
+    return np.asarray(np.sqrt(lasting.sum(axis=1) + new))
 
 
 def length_between(
