@@ -10,7 +10,7 @@ from aacmm_pin._support.checks import Array
 def wrapped(angles: Array) -> Array:
     """The same directions as angles in [-π, π) [rad]."""
     within_turn = (angles + np.pi) % (2 * np.pi)
-    return np.asarray(within_turn - np.pi)
+    return within_turn - np.pi
 
 
 def spread_angles(count: int, joints: int) -> Array:
@@ -23,4 +23,4 @@ def spread_angles(count: int, joints: int) -> Array:
     for _ in range(60):
         root = (1.0 + root) ** (1.0 / (joints + 1))
     steps = root ** -np.arange(1.0, joints + 1)
-    return np.asarray((np.arange(1, count + 1)[:, None] * steps % 1.0) * (2 * np.pi) - np.pi)
+    return (np.arange(1, count + 1)[:, None] * steps % 1.0) * (2 * np.pi) - np.pi

@@ -76,7 +76,7 @@ def unit_vector(values: ArrayLike, name: str) -> Array:
     if largest == 0:
         raise AacmmError(f"{name} is [0, 0, 0], expected a direction")
     direction = direction / largest  # the square of a tiny length would be zero
-    return np.asarray(direction / np.linalg.norm(direction))
+    return direction / np.linalg.norm(direction)
 
 
 def whole(value: object, least: int, name: str) -> int:

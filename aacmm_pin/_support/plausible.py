@@ -57,30 +57,31 @@ twentieth of a second.
 
 
 class Range(NamedTuple):
-    """What can be measured, or stated as noise, in ``unit``; ``hint`` says what else a number may
-    be.
+    """What can be measured, or stated as noise, in ``unit``; ``perhaps`` says in which unit another
+    number may be.
     """
 
     least: float
     most: float
     unit: str
-    hint: str = "check its unit"
+    perhaps: str = ""
 
     def outside(self, values: ArrayLike) -> NDArray[np.bool_]:
         """Which of ``values`` cannot be; what is not known (NaN) can."""
         array = np.asarray(values, dtype=np.float64)
-        return np.asarray((array < self.least) | (array > self.most))
+        return (array < self.least) | (array > self.most)
 
     def of_unit(self, unit: str, factor: float) -> Range:
         """The same range in another unit, which is ``factor`` of this one."""
         least, most = self.least / factor, self.most / factor
-        return Range(least, most, unit, self.hint)
+        return Range(least, most, unit, self.perhaps)
 
     @property
     def expected(self) -> str:
         """In words."""
         values = f"{self.least:.6g} to {self.most:.6g} {self.unit}"
-        return f"expected {values}; {self.hint}"
+        perhaps = f" (perhaps {self.perhaps})" if self.perhaps else ""
+        return f"expected {values}; check its unit{perhaps}"
 
     def check(self, values: ArrayLike, name: str, error: type[AacmmError] = AacmmError) -> None:
         """Refuse ``values`` of which one is outside, or NaN.
@@ -97,10 +98,10 @@ class Range(NamedTuple):
             raise error(f"{name}{place} is {array[tuple(wrong[0])]:g} {self.unit}, {self.expected}")
 
 
-READING = Range(-LARGEST_ANGLE, LARGEST_ANGLE, "rad", "check its unit")
+READING = Range(-LARGEST_ANGLE, LARGEST_ANGLE, "rad")
 COORDINATE = Range(-LONGEST_LENGTH, LONGEST_LENGTH, "m")
-BAR_LENGTH = Range(0.01, LONGEST_LENGTH, "m", "check its unit (perhaps metres)")
-TEMPERATURE = Range(COLDEST, HOTTEST, "°C", "check its unit (perhaps kelvin or Fahrenheit)")
+BAR_LENGTH = Range(0.01, LONGEST_LENGTH, "m", "metres")
+TEMPERATURE = Range(COLDEST, HOTTEST, "°C", "kelvin or Fahrenheit")
 CLOCK = Range(-LATEST, LATEST, "s")
 TORQUE = Range(-1e6, 1e6, "N·m")
 ENCODER_NOISE = Range(0.0, 5e-3, "rad")
@@ -167,7 +168,7 @@ def out_of_reach(tips: ArrayLike) -> str:
     if distance <= LONGEST_LENGTH:
         return ""
     return (
-        f"the tip is up to {distance:.4g} m from the base, expected at most {LONGEST_LENGTH:g} m; "
+        f"the tip is up to {distance:.4g} m from the base; expected {LONGEST_LENGTH:g} m at most: "
         "check the units"
     )
 

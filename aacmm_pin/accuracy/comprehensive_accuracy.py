@@ -17,7 +17,8 @@ def preferred_theta3(point: Array) -> Array:
     θ3 = 0 for one of the two planar configurations. ``point`` (3,) or (n, 3) [m] in the DH base.
     """
     x, y, z = point.T
-    return np.asarray(np.arctan2(-z, np.hypot(x, y)) + np.pi / 2)
+    elevation = np.arctan2(-z, np.hypot(x, y))
+    return np.asarray(elevation + np.pi / 2)
 
 
 def configuration_weights(theta3: Array, point: Array, group: Index | None = None) -> Array:

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 from aacmm_pin._support.checks import Array, Mask, batch
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.units import MM
-from aacmm_pin.accuracy.tip_sensitivity import ErrorSources
+from aacmm_pin.accuracy.tip_sensitivity import ErrorSources, omission
 from aacmm_pin.accuracy.volume import expanded
 from aacmm_pin.effects import ErrorModel, GivenModel, loaded
 from aacmm_pin.errors import AacmmError, ShapeError
@@ -31,7 +31,7 @@ from aacmm_pin.errors import AacmmError, ShapeError
 if TYPE_CHECKING:
     import pandas as pd
 
-    from aacmm_pin.postures.postures_at_point import PosturesAtPoint
+    from aacmm_pin.postures import PosturesAtPoint
 
 SHORTEST = 1e-9
 """Points closer than this have no direction between them [m]."""
@@ -63,8 +63,10 @@ class LengthUncertainty(Shown):
         """Standard uncertainty of the length by the postures at both ends (n, m) [m]."""
         a, b = (_independent(self.sources, scaled) for scaled in self.scaled)
         shared = _shared(self.sources)
-        each = np.square(a).sum(axis=1)[:, None] + np.square(b).sum(axis=1)
-        return np.asarray(np.sqrt(np.maximum(each - 2.0 * a[:, shared] @ b[:, shared].T, 0.0)))
+        of_a = np.square(a).sum(axis=1)
+        each = of_a[:, None] + np.square(b).sum(axis=1)
+        common = 2.0 * a[:, shared] @ b[:, shared].T
+        return np.asarray(np.sqrt(np.maximum(each - common, 0.0)))
 
     def pair(self, number: int) -> tuple[int, int]:
         """Numbers of the postures at either end of a pair, as ``u.argmin()`` counts them."""
@@ -79,21 +81,16 @@ class LengthUncertainty(Shown):
         both = np.outer(a.mean(axis=0) * shared, b.mean(axis=0) * shared)
         together = a.T @ a / len(a) + b.T @ b / len(b) - both - both.T
         correlation = self.sources.correlation
-        return self.sources.budget(
-            together * (np.eye(len(together)) if correlation is None else correlation), by
-        )
+        if correlation is None:
+            correlation = np.eye(len(together))
+        return self.sources.budget(together * correlation, by)
 
     def __str__(self) -> str:
-        without = (
-            f"; not included: {', '.join(self.sources.not_included)}"
-            if self.sources.not_included
-            else ""
-        )
-        return (
-            f"{self.sources.arm.name} at {self.sources.at}: length {self.length / MM:.4f} mm, "
-            f"{expanded(self.u)} over "
-            f"{len(self.q_a)} × {len(self.q_b)} pairs of postures{without}"
-        )
+        sources = self.sources
+        length = f"length {self.length / MM:.4f} mm"
+        pairs = f"{len(self.q_a)} × {len(self.q_b)} pairs of postures"
+        found = f"{sources.arm.name} at {sources.at}: {length}, {expanded(self.u)} over {pairs}"
+        return found + omission(sources.not_included)
 
 
 def length_uncertainty(
@@ -120,15 +117,17 @@ def length_uncertainty(
     """
     model = loaded(model)
     arm = ErrorModel.arm_of(model)
-    a, b = batch(qa, arm.nq, "qa", "rad"), batch(qb, arm.nq, "qb", "rad")
+    a = batch(qa, arm.nq, "qa", "rad")
+    b = batch(qb, arm.nq, "qb", "rad")
     if len(a) != len(b):
         raise ShapeError(f"qb has {len(b)} configurations, expected {len(a)} as qa has")
     sources = ErrorSources.of(model, at, encoder_noise, a, None)
     direction, _ = _directions(sources.positions(b) - sources.positions(a))
     first, second = (_independent(sources, _along(sources, q, direction)) for q in (a, b))
     shared = _shared(sources)
-    new = np.square(first[:, ~shared]).sum(axis=1) + np.square(second[:, ~shared]).sum(axis=1)
-    return np.asarray(np.sqrt(np.square(second[:, shared] - first[:, shared]).sum(axis=1) + new))
+    lasting = np.square(second[:, shared] - first[:, shared])
+    new = sum(np.square(end[:, ~shared]).sum(axis=1) for end in (first, second))
+    return np.asarray(np.sqrt(lasting.sum(axis=1) + new))
 
 
 def length_between(
@@ -144,7 +143,8 @@ def length_between(
         AacmmError: the points coincide, or no posture, or too many pairs of them, are within
             limits.
     """
-    q_a, q_b = a.q[a.within_limits], b.q[b.within_limits]
+    q_a = a.q[a.within_limits]
+    q_b = b.q[b.within_limits]
     for postures, q in ((a, q_a), (b, q_b)):
         if not len(q):
             raise AacmmError(f"{postures}; expected at least one configuration within limits")
@@ -172,7 +172,9 @@ def _directions(difference: Array) -> tuple[Array, Array]:
 
 def _along(sources: ErrorSources, q: Array, direction: Array) -> Array:
     """What one u of each source does along ``direction`` (n, 3) or (1, 3): (n, p) [m]."""
-    return np.asarray((direction[:, None, :] @ sources.sensitivity(q))[:, 0, :] * sources.u)
+    sensitivity = sources.sensitivity(q)
+    along = direction[:, None, :] @ sensitivity
+    return along[:, 0] * sources.u
 
 
 def _independent(sources: ErrorSources, scaled: Array) -> Array:

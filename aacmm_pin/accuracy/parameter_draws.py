@@ -40,16 +40,16 @@ def parameter_errors(model: ErrorModel, rng: np.random.Generator, count: int) ->
     6.4.8); other parameters with bounds are rectangular (6.4.2), the rest normal and independent
     (6.4.7).
     """
-    parameters, known = model.parameters, model.arm.covariance
+    parameters = model.parameters
+    known = model.arm.covariance
     together = () if known is None else known.parameters
     bounded = np.array([p.half_width is not None and p.name not in together for p in parameters])
     covariance = model.covariance()
     u = np.sqrt(np.diag(covariance))
     half_width = np.array([p.half_width or 0.0 for p in parameters])
     errors = np.zeros((count, len(parameters)))
-    errors[:, bounded] = (
-        rng.uniform(-1.0, 1.0, size=(count, int(bounded.sum()))) * half_width[bounded]
-    )
+    uniform = rng.uniform(-1.0, 1.0, size=(count, int(bounded.sum())))
+    errors[:, bounded] = uniform * half_width[bounded]
     normal = np.flatnonzero(~bounded & (u > 0))
     correlation = covariance[np.ix_(normal, normal)] / np.outer(u[normal], u[normal])
     variance, direction = np.linalg.eigh(correlation)
@@ -67,11 +67,11 @@ def drawn_effects(model: ErrorModel, errors: Array) -> tuple[Effect, ...]:
     causes = [*of_geometry(model.arm), *model.effects]
     ends = np.cumsum([len(cause.terms) for cause in causes])
     own = zip(causes, np.split(errors, ends[:-1], axis=1), strict=True)
-    return tuple(
-        _drawn(cause, error) if error.any() else cause
-        for cause, error in own
-        if not cause.of_reference
-    )
+    drawn = []
+    for cause, error in own:
+        if not cause.of_reference:
+            drawn.append(_drawn(cause, error) if error.any() else cause)
+    return tuple(drawn)
 
 
 def _drawn(cause: Effect, error: Array) -> Effect:
@@ -112,21 +112,20 @@ class _Drawn(Effect):
         them.
         """
         if type(self.of).exact is Effect.exact:
-            return [
-                (d.place, (d.columns @ self.drawn[:, :, None])[:, :, 0])
-                for d in self.displacements(state)
-            ]
-        each = []
+            drawn = self.drawn[:, :, None]
+            return [(d.place, (d.columns @ drawn)[:, :, 0]) for d in self.displacements(state)]
+        of_records = []
         for k, values in enumerate(self.drawn):
-            twists = {p: t if len(t) == 1 else t[k : k + 1] for p, t in state.twists.items()}
-            own = State(
-                state.arm, state.q[k : k + 1], state.conditions.take([k]), state.target, twists
-            )
-            each.append(self.of.at(values).exact(own))
-        return [
-            (same[0][0], np.concatenate([twist for _, twist in same]))
-            for same in zip(*each, strict=True)
-        ]
+            row = slice(k, k + 1)
+            conditions = state.conditions.take([k])
+            twists = {p: t if len(t) == 1 else t[row] for p, t in state.twists.items()}
+            record = State(state.arm, state.q[row], conditions, state.target, twists)
+            of_records.append(self.of.at(values).exact(record))
+        joined = []
+        for same in zip(*of_records, strict=True):
+            places, each = zip(*same, strict=True)
+            joined.append((places[0], np.concatenate(each)))
+        return joined
 
 
 class _DrawnElastic(_Drawn):
@@ -153,18 +152,19 @@ def exact_volume(
         (n,) [m³].
     """
     q, conditions, generators = piece
-    volume, error, covariance = np.empty(len(q)), np.empty(len(q)), np.empty((len(q), 3, 3))
+    volume = np.empty(len(q))
+    error = np.empty(len(q))
+    covariance = np.empty((len(q), 3, 3))
     bounds = sources.generators(sources.sensitivity(q, conditions))
     for k, rng in enumerate(generators):
+        posture = q[k : k + 1]
         record = None if conditions is None else conditions.take([k])
-        corners = exact_positions(
-            sources, q[k : k + 1], record, _corners(sources, bounds[k], rng, draws)
-        )
+        extreme = _corners(sources, bounds[k], rng, draws)
+        corners = exact_positions(sources, posture, record, extreme)
         volume[k] = _hull_volume(corners)
         error[k] = volume[k] - _hull_volume(corners[: draws // 2])
-        covariance[k] = np.cov(
-            exact_positions(sources, q[k : k + 1], record, source_errors(sources, rng, draws)).T
-        )
+        errors = source_errors(sources, rng, draws)
+        covariance[k] = np.cov(exact_positions(sources, posture, record, errors).T)
     return volume, covariance, error
 
 
@@ -216,20 +216,20 @@ def exact_positions(
     warm remain those of the table, so that an error of a length counts without its own warmth and
     sag, a few parts in ten thousand of it.
     """
-    arm, count = sources.arm, len(sources.model.parameters)
+    arm = sources.arm
+    count = len(sources.model.parameters)
     whole = np.zeros((len(errors), count + arm.nq))
     whole[:, list(sources.columns)] = errors
-    moved, q = whole[:, :count], q + whole[:, count:]
+    moved = whole[:, :count]
+    q = q + whole[:, count:]
     if not sources.effects:
         return arm.perturbed_positions(q, moved[:, : len(arm.parameters)], sources.at)
     conditions = Conditions(1) if conditions is None else conditions
     positions = np.empty((len(errors), 3))
     for part in chunks(len(errors)):
         records = conditions.take(np.zeros(len(q[part]), dtype=np.intp))
-        drawn = tuple(
-            e for e in drawn_effects(sources.model, moved[part]) if e not in sources.left_out
-        )
-        positions[part] = displaced(
-            arm, drawn, q[part], records, arm.place(sources.at), False
-        ).position
+        every = drawn_effects(sources.model, moved[part])
+        effects = tuple(e for e in every if e not in sources.left_out)
+        state = displaced(arm, effects, q[part], records, arm.place(sources.at), False)
+        positions[part] = state.position
     return positions

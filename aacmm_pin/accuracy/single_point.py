@@ -76,4 +76,6 @@ def single_point_statistics(indications: ArrayLike, part: ArrayLike | None = Non
 
 
 def _rms(squares: NDArray[np.float64], flags: Mask) -> float:
-    return float(np.sqrt(squares[flags].mean())) if flags.any() else float("nan")
+    if not flags.any():
+        return np.nan
+    return float(np.sqrt(squares[flags].mean()))

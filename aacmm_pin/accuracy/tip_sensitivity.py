@@ -26,9 +26,7 @@ from aacmm_pin._support.checks import Array, Index, vector
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import MM
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.file import COVERAGE_FACTOR
-from aacmm_pin.arm.parameter import Parameter
+from aacmm_pin.arm import COVERAGE_FACTOR, Arm, Parameter
 from aacmm_pin.effects import (
     Conditions,
     Effect,
@@ -95,12 +93,15 @@ class ErrorSources(Shown):
         model = replace(model, effects=(*model.effects, *questions))
         left_out = _lacking(model, q, conditions)
         not_included = tuple(dict.fromkeys((*not_passed, *(effect.label for effect in left_out))))
-        arm, covariance, stated = model.arm, model.covariance(), _noise(model.arm, encoder_noise)
+        arm = model.arm
+        covariance = model.covariance()
+        stated = _noise(model.arm, encoder_noise)
         silent = {
             p.name for e in model.effects if e.of_reference or e in left_out for p in e.parameters()
         }
         noise = arm.encoder_noise if stated is None else stated
-        every, u = list(arm.parameters), np.sqrt(np.diag(covariance)).tolist()
+        every = list(arm.parameters)
+        u = np.sqrt(np.diag(covariance)).tolist()
         for p, its_u in list(zip(model.parameters, u, strict=True))[len(every) :]:
             every.append(replace(p, u=its_u, half_width=COVERAGE_FACTOR * its_u))
         for j, its_u in enumerate([] if noise is None else noise.tolist(), start=1):
@@ -129,7 +130,8 @@ class ErrorSources(Shown):
     @property
     def effects(self) -> tuple[Effect, ...]:
         """The effects that take part: of the arm, and told by the conditions."""
-        return tuple(e for e in self.model.effects if not e.of_reference and e not in self.left_out)
+        of_arm = [e for e in self.model.effects if not e.of_reference]
+        return tuple(e for e in of_arm if e not in self.left_out)
 
     @property
     def u(self) -> Array:
@@ -139,14 +141,14 @@ class ErrorSources(Shown):
     @property
     def bounded(self) -> tuple[int, ...]:
         """Which of the parameters have stated bounds."""
-        return tuple(i for i, p in enumerate(self.parameters) if p.half_width is not None)
+        stated = [p.half_width is not None for p in self.parameters]
+        return tuple(np.flatnonzero(stated).tolist())
 
     @property
     def half_widths(self) -> Array:
         """Bounds of the bounded parameters (b,) [SI]."""
-        return np.array(
-            [p.half_width for p in self.parameters if p.half_width is not None], dtype=np.float64
-        )
+        every = [p.half_width for p in self.parameters]
+        return np.array([bound for bound in every if bound is not None])
 
     @property
     def taken_as_exact(self) -> tuple[str, ...]:
@@ -156,10 +158,8 @@ class ErrorSources(Shown):
         names = [p.name for p in self.model.parameters]
         variance = dict(zip(names, np.diag(self.model.covariance()), strict=True))
         of_effects = [p.name for effect in self.effects for p in effect.parameters()]
-        return (
-            *self.arm.without_uncertainty,
-            *(name for name in of_effects if variance[name] == 0),
-        )
+        exact = [name for name in of_effects if variance[name] == 0]
+        return (*self.arm.without_uncertainty, *exact)
 
     @property
     def caveats(self) -> tuple[Note, ...]:
@@ -193,9 +193,8 @@ class ErrorSources(Shown):
         """Where frame :attr:`at` is by the arm with the effects that take part: (n, 3) [m]."""
         if not self.effects:
             return self.arm.positions(q, self.at)
-        return displaced(
-            self.arm, self.effects, q, Conditions(len(q)), self.arm.place(self.at), False
-        ).position
+        place = self.arm.place(self.at)
+        return displaced(self.arm, self.effects, q, Conditions(len(q)), place, False).position
 
     def sensitivity(self, q: Array, conditions: Conditions | None = None) -> Array:
         """∂position/∂source for ``q`` (n, nq) under ``conditions`` of n records: (n, 3, p)
@@ -204,15 +203,13 @@ class ErrorSources(Shown):
         Raises:
             MissingConditionError: an effect depends on a condition that is not there.
         """
-        arm, columns = self.arm, np.array(self.columns)
+        arm = self.arm
+        columns = np.array(self.columns)
         if not self.effects:
             own = arm.sensitivity(q, self.at)[:, :, columns[columns < len(arm.parameters)]]
-            noisy = columns[columns >= len(self.model.parameters)] - len(self.model.parameters)
-            return (
-                np.concatenate([own, arm.jacobian(q, self.at)[:, :, noisy]], axis=2)
-                if noisy.size
-                else own
-            )
+            joints = columns - len(self.model.parameters)
+            noise = arm.jacobian(q, self.at)[:, :, joints[joints >= 0]]
+            return np.concatenate([own, noise], axis=2)
         conditions = Conditions(len(q)) if conditions is None else conditions
         state = displaced(arm, self.effects, q, conditions, arm.place(self.at), False)
         # A noisy reading is a noisy zero.
@@ -242,9 +239,9 @@ class ErrorSources(Shown):
                 f"{self.arm.name}: no parameter has stated bounds; only the ellipsoid can be given"
             )
         generators = sensitivity[:, :, pick] * self.half_widths
-        return np.asarray(
-            generators if self.axes is None else generators @ self.axes[np.ix_(pick, pick)]
-        )
+        if self.axes is not None:
+            generators = generators @ self.axes[np.ix_(pick, pick)]
+        return generators
 
     def covariance_of(self, sensitivity: Array) -> Array:
         """Covariance of the position, S Σ Sᵀ (JCGM 102:2011, 6.2), of a known :meth:`sensitivity`:
@@ -253,7 +250,7 @@ class ErrorSources(Shown):
         scaled = sensitivity * self.u
         if self.axes is not None:
             scaled = scaled @ self.axes
-        return np.asarray(scaled @ scaled.transpose(0, 2, 1))
+        return scaled @ scaled.transpose(0, 2, 1)
 
     def shared_variance(self, sensitivity: Array) -> Array:
         """Parts ``S_k Σ_kl S_l`` of the variance, summed over the three coordinates and all
@@ -262,7 +259,8 @@ class ErrorSources(Shown):
         scaled = sensitivity * self.u
         if self.correlation is None:
             return np.diag(np.square(scaled).sum(axis=(0, 1)))
-        return np.asarray((scaled.transpose(0, 2, 1) @ scaled).sum(axis=0) * self.correlation)
+        products = scaled.transpose(0, 2, 1) @ scaled
+        return np.asarray(products.sum(axis=0) * self.correlation)
 
     def budget(self, together: Array, by: str = "parameter") -> pd.DataFrame:
         """The table of :meth:`aacmm_pin.accuracy.volume.AccuracyVolume.budget` from parts of a
@@ -281,7 +279,8 @@ class ErrorSources(Shown):
         if by != "parameter":
             group, names = pd.factorize(table[by], use_na_sentinel=False)
             member = np.eye(len(names))[group]
-            table, together = pd.DataFrame({by: names}), member.T @ together @ member
+            table = pd.DataFrame({by: names})
+            together = member.T @ together @ member
         # Below zero by rounding, where both ends cancel.
         table["u_mm"] = np.sqrt(np.maximum(np.diag(together), 0.0)) / MM
         table["share"] = together.sum(axis=1) / together.sum()
@@ -359,6 +358,11 @@ def _correlation(covariance: Array, columns: Index) -> Array | None:
     correlation[np.ix_(inside, inside)] = block / np.outer(u, u)
     np.fill_diagonal(correlation, 1.0)
     return correlation
+
+
+def omission(labels: Sequence[str]) -> str:
+    """How a headline ends whose uncertainties leave out causes of error with these ``labels``."""
+    return f"; not included: {', '.join(labels)}" if labels else ""
 
 
 def caveats(arm: Arm, exact: Sequence[str]) -> tuple[Note, ...]:

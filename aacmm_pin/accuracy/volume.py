@@ -19,8 +19,8 @@ from aacmm_pin._support.batches import ROWS_PER_BATCH, chunks
 from aacmm_pin._support.checks import Array, Index, batch, whole
 from aacmm_pin._support.display import Shown, report
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.accuracy.tip_sensitivity import ErrorSources
-from aacmm_pin.arm.file import COVERAGE_FACTOR
+from aacmm_pin.accuracy.tip_sensitivity import ErrorSources, omission
+from aacmm_pin.arm import COVERAGE_FACTOR
 from aacmm_pin.effects import Conditions, ErrorModel, GivenModel, loaded
 from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError, UnsupportedArmError
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from aacmm_pin._support.workers import Workers
-    from aacmm_pin.postures.postures_at_point import PosturesAtPoint
+    from aacmm_pin.postures import PosturesAtPoint
 
 Method = Literal["zonotope", "jointwise", "ellipsoid", "monte-carlo"]
 METHODS: tuple[Method, ...] = get_args(Method)
@@ -78,7 +78,8 @@ class AccuracyVolume(Shown):
         """Standard uncertainty of the position, the root of the summed variances of its three
         coordinates: (n,) [m].
         """
-        return np.asarray(np.sqrt(np.trace(self.covariance, axis1=1, axis2=2)))
+        variance = np.trace(self.covariance, axis1=1, axis2=2)
+        return np.asarray(np.sqrt(variance))
 
     @property
     def not_included(self) -> tuple[str, ...]:
@@ -154,19 +155,17 @@ class AccuracyVolume(Shown):
             f"{self.sources.arm.name} at {self.sources.at}, {self.method}, {len(self.q)} "
             "configurations"
         )
-        without = f"; not included: {', '.join(self.not_included)}" if self.not_included else ""
+        without = omission(self.not_included)
         if not len(self.q):
             return what + without
-        return (
-            f"{what}: {expanded(self.u)}, volume {volume.min():.3g} to {volume.max():.3g} "
-            f"mm³{without}"
-        )
+        sizes = f"volume {volume.min():.3g} to {volume.max():.3g} mm³"
+        return f"{what}: {expanded(self.u)}, {sizes}{without}"
 
 
 def expanded(u: Array) -> str:
     """The headline of some uncertainties [m]: from the smallest to the largest, expanded."""
-    low, high = COVERAGE_FACTOR * u.min() / MM, COVERAGE_FACTOR * u.max() / MM
-    return f"U (k = {COVERAGE_FACTOR:g}) = {low:.4f} to {high:.4f} mm"
+    mm = COVERAGE_FACTOR * u / MM
+    return f"U (k = {COVERAGE_FACTOR:g}) = {mm.min():.4f} to {mm.max():.4f} mm"
 
 
 def paired(circle: PosturesAtPoint, accuracy: AccuracyVolume) -> Index:
@@ -262,7 +261,8 @@ def accuracy_volume(
     from aacmm_pin._support.workers import results
 
     model = loaded(model)
-    arm, drawn = ErrorModel.arm_of(model), method == "monte-carlo"
+    arm = ErrorModel.arm_of(model)
+    drawn = method == "monte-carlo"
     q = batch(q, arm.nq, "q", "rad")
     if conditions is not None and conditions.n not in (1, len(q)):
         raise ShapeError(
@@ -270,7 +270,8 @@ def accuracy_volume(
         )
     sources = ErrorSources.of(model, at, encoder_noise, q, conditions)
     work: Callable[[Any], tuple[Array, ...]] = partial(_first_order, sources, method)
-    size, pieces = ROWS_PER_BATCH, cast("Iterator[tuple[Any, ...]]", _parts(q, conditions))
+    size = ROWS_PER_BATCH
+    pieces = cast("Iterator[tuple[Any, ...]]", _parts(q, conditions))
     volume = np.empty(len(q))
     covariance = np.empty((len(q), 3, 3))
     error = np.empty(len(q) if drawn else 0)
@@ -311,13 +312,9 @@ def _parts(
         some = q[part]
         if conditions is None:
             yield some, None
-        else:
-            yield (
-                some,
-                conditions.take(
-                    part if conditions.n == len(q) else np.zeros(len(some), dtype=np.intp)
-                ),
-            )
+            continue
+        rows = part if conditions.n == len(q) else np.zeros(len(some), dtype=np.intp)
+        yield some, conditions.take(rows)
 
 
 def _first_order(
@@ -333,7 +330,8 @@ def _volume(method: Method, sources: ErrorSources, sensitivity: Array, covarianc
     """Accuracy volume to first order (n,) [m³]."""
     if method == "ellipsoid":
         determinant = np.maximum(np.linalg.det(covariance), 0.0)
-        return np.asarray(4.0 / 3.0 * np.pi * ELLIPSOID_COVERAGE_FACTOR**3 * np.sqrt(determinant))
+        of_sphere = 4.0 / 3.0 * np.pi * ELLIPSOID_COVERAGE_FACTOR**3
+        return np.asarray(of_sphere * np.sqrt(determinant))
     from aacmm_pin.accuracy import zonotope
 
     generators = sources.generators(sensitivity)

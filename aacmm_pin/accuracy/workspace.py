@@ -11,7 +11,7 @@ import math
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,22 +28,19 @@ from aacmm_pin._support.progress import bar
 from aacmm_pin._support.units import DEG, MM, MM3
 from aacmm_pin._support.workers import Workers, results
 from aacmm_pin.accuracy.comprehensive_accuracy import configuration_weights
-from aacmm_pin.accuracy.tip_sensitivity import caveats
+from aacmm_pin.accuracy.tip_sensitivity import caveats, omission
 from aacmm_pin.accuracy.volume import METHODS, AccuracyVolume, Method, accuracy_volume
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.limits import AT_LIMIT
+from aacmm_pin.arm import AT_LIMIT, Arm
 from aacmm_pin.effects import Conditions, ErrorModel, GivenModel, loaded
 from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError
-from aacmm_pin.postures.configurations import WRIST
-from aacmm_pin.postures.curve_sampling import Components, Sectors, arc_fractions, sector_centres
-from aacmm_pin.postures.elbow_swivel import Swivel
-from aacmm_pin.postures.wrist_ik import (
-    FEW_PER_TURN,
+from aacmm_pin.postures import (
+    WRIST,
     WRIST_ROW,
+    Sectors,
     Wrist,
     box_of_wrist,
-    wrist_curves,
-    wrist_equations,
+    reach_of_points,
+    sector_centres,
 )
 
 if TYPE_CHECKING:
@@ -160,7 +157,7 @@ class WorkspaceMap(Shown):
     @property
     def _reachable(self) -> Mask:
         """Which cells a configuration reaches, limits apart (x, z)."""
-        return np.asarray(self.data["reachable"].values.astype(bool))
+        return self.data["reachable"].values.astype(bool)
 
     @property
     def unreachable(self) -> int:
@@ -232,7 +229,8 @@ class WorkspaceMap(Shown):
         return cast("Axes", report().plots.plot_map(self, quantity, ax))
 
     def __str__(self) -> str:
-        x, z = self.data.sizes["x_mm"], self.data.sizes["z_mm"]
+        x = self.data.sizes["x_mm"]
+        z = self.data.sizes["z_mm"]
         full = self.working_sectors()[self.sectors]
         where = f"{self.data.attrs['arm']}: {x} × {z} cells × {self.sectors} sectors"
         unknown = f"; configurations missing in {self.incomplete} cells" if self.incomplete else ""
@@ -243,7 +241,7 @@ class WorkspaceMap(Shown):
             f"{where}, {self.unreachable} cells out of reach, {full} cells with the full circle"
             + (f", mean flexibility {mean:.3f}" if np.isfinite(mean) else "")
             + unknown
-            + (f"; not included: {', '.join(self.not_included)}" if self.not_included else "")
+            + omission(self.not_included)
         )
 
 
@@ -330,31 +328,21 @@ class _Job:
 
 def _work(job: _Job) -> dict[str, Array]:
     arm = ErrorModel.arm_of(job.model)
-    wrist, dh = Wrist.of_arm(arm, MAP), arm.require_dh(MAP)
-    known = wrist_curves(wrist, job.points, FEW_PER_TURN)
-    components = Components(
-        Swivel(dh, arm.up), wrist_equations(wrist, job.points), job.points, known.curves, wrist
-    )
-    found = Sectors.of(components, arm.limits, job.sectors)
-    with_curves = [curve.problem for curve in known.curves]
-    not_closed = [curve.problem for curve in known.curves if not curve.closed]
-    reachable = np.zeros(len(job.points), dtype=bool)
-    reachable[[*with_curves, *known.families]] = True
-    complete = np.full(len(job.points), not known.degenerate)
-    complete[[*not_closed, *known.families, *known.unfinished]] = False
-    of_cells = {
-        "reachable": reachable,
-        "complete": complete,
-        "works": found.working,
-        "flexibility": found.zeta,
-        "arc_fraction": arc_fractions(components, arm.limits),
+    reach = reach_of_points(arm, job.points, job.sectors, MAP)
+    of_cells: dict[str, Any] = {
+        "reachable": reach.reachable,
+        "complete": reach.complete,
+        "works": reach.sectors.working,
+        "flexibility": reach.sectors.zeta,
+        "arc_fraction": reach.arc_fraction,
     }
-    return of_cells | _accuracies(job, found)
+    return of_cells | _accuracies(job, reach.sectors)
 
 
 def _accuracies(job: _Job, found: Sectors) -> dict[str, Array]:
     """Best, worst and comprehensive accuracy of each cell from its working configurations."""
-    n, q = len(job.points), found.q
+    n = len(job.points)
+    q = found.q
     result = {
         name: np.full(n, np.nan) for name in ("comprehensive", "best", "worst", "least_u", "most_u")
     }
@@ -364,7 +352,9 @@ def _accuracies(job: _Job, found: Sectors) -> dict[str, Array]:
     if not len(q):
         return result
     accuracy = accuracy_volume(job.model, q, conditions=job.conditions, at=WRIST, method=job.method)
-    cells, volume, u = found.point, accuracy.volume, accuracy.u
+    cells = found.point
+    volume = accuracy.volume
+    u = accuracy.u
     best = _smallest(cells * job.sectors + found.sector, volume)
     of = cells[best]
     weights = configuration_weights(q[best, 2], job.points[of], of)
@@ -380,7 +370,7 @@ def _accuracies(job: _Job, found: Sectors) -> dict[str, Array]:
 def _smallest(groups: Index, values: Array) -> Index:
     """The place of the smallest value of each group, by their numbers."""
     order = np.lexsort((values, groups))
-    return np.asarray(order[np.unique(groups[order], return_index=True)[1]])
+    return order[np.unique(groups[order], return_index=True)[1]]
 
 
 def _extent(arm: Arm, extent: ArrayLike | None) -> Array:
@@ -392,7 +382,8 @@ def _extent(arm: Arm, extent: ArrayLike | None) -> Array:
             raise AacmmError(
                 f"{arm.name}: the wrist cannot leave the shoulder, so there is nothing to map"
             )
-        step, margin = 10.0 ** (math.floor(math.log10(size)) - 2), MARGIN * size
+        step = 10.0 ** (math.floor(math.log10(size)) - 2)
+        margin = MARGIN * size
         right, high = (math.ceil((most + margin) / step) for most in (farthest, highest))
         return np.array([0.0, right, math.floor((lowest - margin) / step), high]) * step
     box = vector(extent, 4, "extent", "m")
@@ -463,7 +454,9 @@ def map_caveats(arm: Arm, extent: ArrayLike | None = None) -> tuple[Note, ...]:
 
 def _centres(box: Array, cells: tuple[int, int]) -> tuple[Array, Array, Array]:
     """Cell centres along x, y (0 alone) and z [m]."""
-    return _middles(box[0], box[1], cells[0]), np.zeros(1), _middles(box[2], box[3], cells[1])
+    x = _middles(box[0], box[1], cells[0])
+    z = _middles(box[2], box[3], cells[1])
+    return x, np.zeros(1), z
 
 
 def _middles(low: float, high: float, count: int) -> Array:

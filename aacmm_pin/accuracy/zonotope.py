@@ -44,7 +44,8 @@ def sum_of_determinants(generators: Array, total: Array) -> None:
         width = len(total[part])
         g = np.zeros((3, count, max(width, 2)))  # NumPy sums a single column in another order
         g[:, :, :width] = generators[part].transpose(1, 2, 0)
-        a, b = g[:, first], g[:, second]
+        a = g[:, first]
+        b = g[:, second]
         normal = np.stack(
             [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
         )
@@ -101,7 +102,8 @@ def _corners(generators: Array, first: Index, second: Index) -> Iterator[Array]:
 
 def _clear_sign(values: Array) -> Array:
     """Sign, with 0 for what is zero but for rounding."""
-    return np.where(np.abs(values) > FLAT, np.sign(values), 0.0)
+    clear = np.abs(values) > FLAT
+    return np.where(clear, np.sign(values), 0.0)
 
 
 def _pairs(count: int) -> tuple[Index, Index]:

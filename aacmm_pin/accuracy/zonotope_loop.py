@@ -20,12 +20,12 @@ def sum_of_determinants(generators: Array, total: Array) -> None:
     order.
     """
     n, _, count = generators.shape
-    g, normal, sums = (
-        np.empty((count, 3, VOLUME_LANES)),
-        np.empty((3, VOLUME_LANES)),
-        np.empty((count, VOLUME_LANES)),
-    )
-    u, v, w = normal[0], normal[1], normal[2]
+    g = np.empty((count, 3, VOLUME_LANES))
+    normal = np.empty((3, VOLUME_LANES))
+    sums = np.empty((count, VOLUME_LANES))
+    u = normal[0]
+    v = normal[1]
+    w = normal[2]
     for first in range(0, n, VOLUME_LANES):
         width = min(VOLUME_LANES, n - first)
         for lane in range(width):
@@ -34,15 +34,22 @@ def sum_of_determinants(generators: Array, total: Array) -> None:
                     g[k, c, lane] = generators[first + lane, c, k]
         sums[:] = 0.0
         for j in range(1, count):
-            bx, by, bz = g[j, 0], g[j, 1], g[j, 2]
+            bx = g[j, 0]
+            by = g[j, 1]
+            bz = g[j, 2]
             for i in range(j):
-                ax, ay, az = g[i, 0], g[i, 1], g[i, 2]
+                ax = g[i, 0]
+                ay = g[i, 1]
+                az = g[i, 2]
                 for lane in range(width):
                     u[lane] = ay[lane] * bz[lane] - az[lane] * by[lane]
                     v[lane] = az[lane] * bx[lane] - ax[lane] * bz[lane]
                     w[lane] = ax[lane] * by[lane] - ay[lane] * bx[lane]
                 for k in range(j + 1, count):
-                    x, y, z, its_sum = g[k, 0], g[k, 1], g[k, 2], sums[k]
+                    x = g[k, 0]
+                    y = g[k, 1]
+                    z = g[k, 2]
+                    its_sum = sums[k]
                     for lane in range(width):
                         its_sum[lane] += abs(
                             u[lane] * x[lane] + v[lane] * y[lane] + w[lane] * z[lane]

@@ -289,7 +289,8 @@ class Arm(Shown):
         """
         if self.file is None:
             return replace(self, encoder_noise=noise)
-        of_joint, rows = iter(noise.tolist()), []
+        of_joint = iter(noise.tolist())
+        rows = []
         for row in self.file.joints:
             moves = not getattr(row, "fixed", False)
             rows.append(
@@ -486,7 +487,7 @@ class Arm(Shown):
         turned = onto_z(self.joint_axes[joint]).T @ point
         if self.dh is not None and not self.dh.standard:
             turned[2] -= self.dh.d[self.dh.moving][joint]
-        return np.asarray(turned)
+        return turned
 
     def _known_row(self, at: str | None) -> int:
         row = self.dh_row(at)

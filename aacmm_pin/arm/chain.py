@@ -92,7 +92,8 @@ class Chain:
             joints: number of the joint of each axis, -1 where it is rigid.
             prismatic, parameters: see :class:`Chain`.
         """
-        constant, joint = [np.eye(4), ends[0]], [-1, -1]
+        constant = [np.eye(4), ends[0]]
+        joint = [-1, -1]
         for before_axis, before_end, number in zip(axes, ends[1:], joints, strict=True):
             constant += [before_axis, before_end]
             joint += [int(number), -1]
@@ -181,7 +182,8 @@ class Chain:
     def _differentiated(self, q: Array, twists: Index) -> tuple[Array, Array]:
         """Position (n, 3), and its derivative by components of twists, place and number (k, 2)."""
         n = len(q)
-        position, columns = np.empty((n, 3)), np.zeros((3, len(twists), n))
+        position = np.empty((n, 3))
+        columns = np.zeros((3, len(twists), n))
         loop = LOOP.chosen(n)
         for part in chunks(n):
             if loop is None:
@@ -238,7 +240,8 @@ class Chain:
         before[:3] = np.eye(3)[:, :, None]
         constants, varying = self._with_constant(twists)
         values, varying = self._with_joints(q.T, varying)
-        cosine, sine = np.cos(values), np.sin(values)
+        cosine = np.cos(values)
+        sine = np.sin(values)
         for place, joint in enumerate(self.joint.tolist()):
             here = frames[place]
             np.matmul(constants[place].T, before.reshape(4, -1), out=here.reshape(4, -1))
@@ -288,7 +291,8 @@ class Chain:
         places = np.array(steady)
         same = np.concatenate([twists[place] for place in steady])
         before_joint = (self.joint[places] < 0) | ~same[:, [0, 1, 3, 4]].any(axis=1)
-        places, constants = places[before_joint], self.constant.copy()
+        places = places[before_joint]
+        constants = self.constant.copy()
         constants[places] = constants[places] @ exp(same[before_joint])
         return constants, {place: twist for place, twist in twists.items() if place not in places}
 
@@ -315,7 +319,8 @@ def _screw_axis(twists: Array) -> int | None:
 
 def _turn(frames: Array, about: int, cosine: Array, sine: Array) -> None:
     """Turn frames (x, y, z …; components; n) in place about their own axis ``about``."""
-    u, v = frames[(about + 1) % 3], frames[(about + 2) % 3]
+    u = frames[(about + 1) % 3]
+    v = frames[(about + 2) % 3]
     turned = cosine * u
     turned += sine * v
     v *= cosine
@@ -330,7 +335,8 @@ def _displace(frames: Array, twists: Array) -> None:
         motions = np.broadcast_to(exp(twists), (frames.shape[2], 4, 4))
         frames[:] = np.einsum("nij,icn->jcn", motions, frames)
         return
-    shift, turn = twists[:, about], twists[:, 3 + about]
+    shift = twists[:, about]
+    turn = twists[:, 3 + about]
     frames[3] += shift * frames[about]
     if turn.any():
         _turn(frames, about, np.cos(turn), np.sin(turn))
@@ -354,22 +360,27 @@ def _differentiate(
     ``cosine``, ``sine`` and ``value`` are those of the joints (nq, n of the part); the results go
     into ``position`` (all, 3) and ``columns`` (3, k, all).
     """
-    places, n = len(constant), cosine.shape[1]
+    places = len(constant)
+    n = cosine.shape[1]
     frames = np.empty((places + 1, 4, 3, LANES))
     frames[0] = 0.0
-    lever, turned = np.empty((3, LANES)), np.empty(LANES)
+    lever = np.empty((3, LANES))
+    turned = np.empty(LANES)
     for k in range(3):
         frames[0, k, k] = 1.0
     for first in range(0, n, LANES):
         width = min(LANES, n - first)
         for place in range(places):
-            before, here, number = frames[place], frames[place + 1], joint[place]
+            before = frames[place]
+            here = frames[place + 1]
+            number = joint[place]
             for k in range(4):
                 for i in range(3):
                     sum_ = here[k, i]
                     sum_[:] = 0.0
                     for m in range(4):
-                        factor, term = constant[place, m, k], before[m, i]
+                        factor = constant[place, m, k]
+                        term = before[m, i]
                         if factor != 0.0:
                             for lane in range(width):
                                 sum_[lane] += factor * term[lane]
@@ -378,24 +389,29 @@ def _differentiate(
                     for lane in range(width):
                         here[3, i, lane] += value[number, first + lane] * here[2, i, lane]
             elif number >= 0:
-                c, s = cosine[number, first : first + width], sine[number, first : first + width]
+                c = cosine[number, first : first + width]
+                s = sine[number, first : first + width]
                 for i in range(3):
-                    u, v = here[0, i], here[1, i]
+                    u = here[0, i]
+                    v = here[1, i]
                     for lane in range(width):
                         turned[lane] = c[lane] * u[lane] + s[lane] * v[lane]
                     for lane in range(width):
                         v[lane] = c[lane] * v[lane] - s[lane] * u[lane]
                     for lane in range(width):
                         u[lane] = turned[lane]
-        tip, begin = frames[places, 3], start + first
+        tip = frames[places, 3]
+        begin = start + first
         for i in range(3):
             for lane in range(width):
                 position[begin + lane, i] = tip[i, lane]
         for k in range(len(twists)):
-            place, component = twists[k, 0], twists[k, 1]
+            place = twists[k, 0]
+            component = twists[k, 1]
             if place < 0:
                 continue
-            along, origin = frames[place + 1, component % 3], frames[place + 1, 3]
+            along = frames[place + 1, component % 3]
+            origin = frames[place + 1, 3]
             if component < 3:
                 for i in range(3):
                     column = columns[i, k, begin : begin + width]
@@ -406,8 +422,12 @@ def _differentiate(
                 for lane in range(width):
                     lever[i, lane] = tip[i, lane] - origin[i, lane]
             for i in range(3):
-                j, m = (i + 1) % 3, (i + 2) % 3
-                u, v, w, x = along[j], along[m], lever[j], lever[m]
+                j = (i + 1) % 3
+                m = (i + 2) % 3
+                u = along[j]
+                v = along[m]
+                w = lever[j]
+                x = lever[m]
                 column = columns[i, k, begin : begin + width]
                 for lane in range(width):
                     column[lane] = u[lane] * x[lane] - v[lane] * w[lane]
@@ -428,7 +448,8 @@ def exp(twist: Array) -> Array:
     B = (1 - cos φ)/φ², C = (φ - sin φ)/φ³, φ = |ω| (Murray, Li, Sastry 1994, eqs. 2.14, 2.36, with
     [ω]² = ω ωᵀ - φ² I).
     """
-    v, w = twist[:, :3], twist[:, 3:]
+    v = twist[:, :3]
+    w = twist[:, 3:]
     squared = np.einsum("ni,ni->n", w, w)[:, None, None]
     small = squared < SMALL_ANGLE_SQUARED
     phi = np.sqrt(np.where(small, 1.0, squared))

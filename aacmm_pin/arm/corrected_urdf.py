@@ -64,7 +64,8 @@ def _corrections(arm: Arm) -> dict[str, Any]:
     """Motion of each joint's placement, in its own axes, by the name of the joint."""
     motions = {}
     for number, name in enumerate(arm.joint_names, start=1):
-        before, after = arm.nominal.jointPlacements[number], arm.model.jointPlacements[number]
+        before = arm.nominal.jointPlacements[number]
+        after = arm.model.jointPlacements[number]
         if before != after:
             motions[name] = before.actInv(after)
     return motions

@@ -78,7 +78,9 @@ class DHTable(Shown):
         turns = screws(self.theta_offset, 0.0, 2)
         slides = screws(0.0, self.d, 2)
         tilts = screws(self.alpha, self.a, 0)
-        axes, ends, parameters = [], [np.eye(4)], []
+        axes = []
+        ends = [np.eye(4)]
+        parameters = []
         for row in range(self.rows):
             if self.standard:
                 axes.append(turns[row])
@@ -87,7 +89,8 @@ class DHTable(Shown):
                 ends[-1] = ends[-1] @ tilts[row]
                 axes.append(turns[row] @ slides[row])
                 ends.append(np.eye(4))
-            joint, link = axis(row + 1), end(row + 1 if self.standard else row)
+            joint = axis(row + 1)
+            link = end(row + 1 if self.standard else row)
             parameters += [(link, V_X), (joint, V_Z), (link, OMEGA_X), (joint, OMEGA_Z)]
         numbers = np.where(self.moving, np.cumsum(self.moving) - 1, -1)
         turning = np.zeros(self.nq, dtype=bool)

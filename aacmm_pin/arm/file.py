@@ -266,11 +266,10 @@ class Covariance(_Part):
                 f"expected {n}"
             )
         if [len(row) for row in self.correlation] != list(range(n)):
-            shape = (
-                "the part below the diagonal, such as [[], [0.5], [0.1, -0.2]]: the first row "
-                "has none"
+            raise ValueError(
+                f"correlation: expected {n} rows of 0, 1, … {n - 1} numbers, the part below the "
+                "diagonal, such as [[], [0.5], [0.1, -0.2]]: the first row has none"
             )
-            raise ValueError(f"correlation: expected {n} rows of 0, 1, … {n - 1} numbers, {shape}")
         matrix = self.matrix_of_correlation()
         if np.abs(matrix).max() > 1 + 1e-9 or np.linalg.eigvalsh(matrix).min() < -1e-6:
             raise ValueError(
@@ -438,14 +437,17 @@ class ArmFile(AnyArmFile):
         for number, row in enumerate(self.joints, start=1):
             for key in ("a_mm", "d_mm"):
                 if row.uncertainty is not None and (half := getattr(row.uncertainty, key)) > size:
-                    expected = f"expected at most {size:g} mm, all lengths of the arm together"
-                    raise ValueError(f"joints[{number}].uncertainty.{key} is {half:g}, {expected}")
+                    raise ValueError(
+                        f"joints[{number}].uncertainty.{key} is {half:g}, expected at most "
+                        f"{size:g} mm, all lengths of the arm together"
+                    )
         return self
 
     @property
     def dh(self) -> DHTable:
         """The DH table in SI."""
-        rows, moving = [], []
+        rows = []
+        moving = []
         for row in self.joints:
             rows.append([row.a_mm * MM, row.d_mm * MM, row.alpha_rad, row.theta_offset_rad])
             moving.append(not row.fixed)
@@ -478,7 +480,8 @@ class ArmFile(AnyArmFile):
                 unit, scale = ("m", MM) if kind in ("a", "d") else ("rad", 1.0)
                 field = f"{kind}_mm" if unit == "m" else f"{kind}_rad"
                 half = None if row.uncertainty is None else getattr(row.uncertainty, field) * scale
-                name, value = f"{kind}{number}", getattr(row, field) * scale
+                name = f"{kind}{number}"
+                value = getattr(row, field) * scale
                 parameters.append(Parameter.bounded(name, kind, number, unit, value, half))
         return calibrated(parameters, self.covariance)
 
@@ -582,8 +585,11 @@ def parse_arm_file(content: bytes, path: str) -> ArmFile | UrdfArmFile:
     """
 
     def refused(message: str) -> ArmFileError:
-        is_urdf = f"is a URDF: --urdf {path} --frame NAME, or Arm.from_urdf"
-        return ArmFileError(path, "", is_urdf if path.lower().endswith(".urdf") else message)
+        if path.lower().endswith(".urdf"):
+            return ArmFileError(
+                path, "", f"is a URDF: --urdf {path} --frame NAME, or Arm.from_urdf"
+            )
+        return ArmFileError(path, "", message)
 
     data = toml_of(content, refused)
     _check_depth(data, path)
@@ -654,11 +660,11 @@ def _problem(item: Any, kind: type[AnyArmFile]) -> tuple[str, str]:
         case "value_error":
             return key, str(item["ctx"]["error"])
         case "tuple_type":
-            return key, f"is {reprlib.repr(item['input'])}, expected an array, such as [] or [0.5]"
+            expected = "an array, such as [] or [0.5]"
         case _:
-            expected = re.sub("^(Input|List|String) should (be|have) ", "", item["msg"])
+            expected = re.sub(r"^\w+ should (be|have) ", "", item["msg"])
             expected = re.sub("[0-9]{16,}", lambda digits: f"{float(digits[0]):g}", expected)
-            return key, f"is {reprlib.repr(item['input'])}, expected {expected}"
+    return key, f"is {reprlib.repr(item['input'])}, expected {expected}"
 
 
 def arm_text(arm: ArmFile | UrdfArmFile, comment: str = "", path: str | Path | None = None) -> str:

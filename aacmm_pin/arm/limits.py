@@ -81,7 +81,8 @@ def inside_part(start: Array, end: Array, limits: Array) -> tuple[Array, Array]:
     bounded = half < np.pi - AT_LIMIT
     if not bounded.any():
         return np.zeros(len(start)), np.ones(len(start))
-    half, centre = half[bounded] + AT_LIMIT, limits[bounded].mean(axis=1)
+    half = half[bounded] + AT_LIMIT
+    centre = limits[bounded].mean(axis=1)
     off = wrapped(start[:, bounded] - centre)
     way = end[:, bounded] - start[:, bounded]
     way = np.where(np.abs(way) < 1e-15, 1e-15, way)

@@ -107,7 +107,8 @@ def _spread_tips(model: Any, frame: str) -> Array:
     slides at zero: (n, 3) [m].
     """
     turns = _motions(model)[:, 3:].any(axis=1)
-    data, number = model.createData(), frame_number(model, frame)
+    data = model.createData()
+    number = frame_number(model, frame)
     tips = []
     for q in np.vstack([np.zeros(model.nq), spread_angles(REACH_POSTURES, model.nq) * turns]):
         pin.forwardKinematics(model, data, q)
@@ -166,7 +167,7 @@ def joint_axes(model: Any) -> Array:
     """Axis of each joint in the axes of its own placement (nq, 3)."""
     motions = _motions(model)
     turns = motions[:, 3:].any(axis=1, keepdims=True)
-    return np.asarray(np.where(turns, motions[:, 3:], motions[:, :3]))
+    return np.where(turns, motions[:, 3:], motions[:, :3])
 
 
 def onto_z(axis: Array) -> Array:

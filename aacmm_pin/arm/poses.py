@@ -31,7 +31,8 @@ class Poses(Shown):
     @cached_property
     def placement(self) -> Array:
         """Placement of the frame in the base, (n, 4, 4) [m]."""
-        model, data = self.model, self.model.createData()
+        model = self.model
+        data = self.model.createData()
         placements = np.empty((len(self.q), 4, 4))
         for k, q in enumerate(self.q):
             pin.forwardKinematics(model, data, q)
@@ -48,7 +49,8 @@ class Poses(Shown):
         """Twist of the frame per joint speed, linear first, ``LOCAL_WORLD_ALIGNED``: (n, 6, nq)
         [m/rad, rad/rad].
         """
-        model, data = self.model, self.model.createData()
+        model = self.model
+        data = self.model.createData()
         jacobians = np.empty((len(self.q), 6, self.q.shape[1]))
         for k, q in enumerate(self.q):
             jacobians[k] = pin.computeFrameJacobian(
@@ -61,7 +63,8 @@ class Poses(Shown):
         """∂position/∂(shift, turn of every joint placement in its own axes): (n, 3, 6 nq) [m/m,
         m/rad].
         """
-        model, data = self.model, self.model.createData()
+        model = self.model
+        data = self.model.createData()
         columns = np.empty((len(self.q), 3, 6 * (model.njoints - 1)))
         for k, q in enumerate(self.q):
             pin.forwardKinematics(model, data, q)

@@ -90,7 +90,9 @@ class Room:
         Raises:
             AacmmError: hardly any posture is of use.
         """
-        kept, tips, found = [], [], 0
+        kept = []
+        tips = []
+        found = 0
         for _ in range(MOST_DRAWS):
             q = random_postures(self.arm, count, rng)
             tip = self.arm.positions(q)
@@ -100,7 +102,7 @@ class Room:
             found += int(use.sum())
             if found >= count:
                 return np.concatenate(kept)[:count], np.concatenate(tips)[:count]
-        over = "" if self.above is None else f", and {self.above / MM:g} mm or more over the base"
+        over = "" if self.above is None else f", and {self.above / MM:g} mm over the base"
         raise AacmmError(
             f"{self.arm.name}: {found} of {MOST_DRAWS * count} random postures have their tip "
             f"{CLEAR / MM:g} mm or more "

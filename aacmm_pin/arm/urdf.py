@@ -85,7 +85,9 @@ def _add_row(
     robot: ET.Element, parent: ET.Element, number: int, row: Row, standard: bool, last: bool
 ) -> ET.Element:
     """Append the links and joints of one row behind the link ``parent``; return its frame link."""
-    a, d, tilt = row.a_mm * MM, row.d_mm * MM, (row.alpha_rad, 0.0, 0.0)
+    a = row.a_mm * MM
+    d = row.d_mm * MM
+    tilt = (row.alpha_rad, 0.0, 0.0)
     if not standard:
         parent = _fixed_link(robot, parent, f"twist{number}", (a, 0.0, 0.0), tilt)
         if abs(a) > SHORTEST_DRAWN:

@@ -65,7 +65,8 @@ def read_urdf(path: str | Path) -> tuple[str, str, dict[str, tuple[str, str]]]:
     robot = parsed_urdf(content, str(path))
     if robot.tag != "robot":
         raise _refused(robot, "expected robot, the root of a URDF")
-    links, joints = robot.findall("link"), robot.findall("joint")
+    links = robot.findall("link")
+    joints = robot.findall("joint")
     if len(links) > MAX_LINKS:
         raise _refused(
             links[MAX_LINKS], f"is one of {len(links)} links, expected at most {MAX_LINKS}"
@@ -154,7 +155,8 @@ def _numbers(
     """The numbers of an attribute, as many as ``default`` has, or one that must be there."""
     if default is not None and element.get(name) is None:
         return default
-    text, count = _text(element, name), len(default or (0.0,))
+    text = _text(element, name)
+    count = len(default or (0.0,))
     try:
         values = tuple(float(part) for part in text.split() if "_" not in part)
     except ValueError:
@@ -166,7 +168,7 @@ def _numbers(
     if any(not abs(value) <= largest for value in values):
         hint = "; perhaps these are degrees" if name == "rpy" else ""
         if element.tag == "limit":
-            hint = "; a joint without limits is of type continuous"
+            hint = "; without limits, write type continuous"
         raise _refused(element, f"{name} is {text[:80]!r}, expected numbers to ±{largest:g}{hint}")
     return values
 
@@ -199,7 +201,8 @@ def _mimics(joints: dict[str, Element]) -> dict[str, tuple[str, str]]:
     """See :func:`read_urdf`."""
     found: dict[str, tuple[str, str]] = {}
     for name, joint in joints.items():
-        mimic, passed = _child(joint, "mimic"), {name}
+        mimic = _child(joint, "mimic")
+        passed = {name}
         said = "" if mimic is None else str(_refused(mimic, f"joint is {_text(mimic, 'joint')!r}"))
         while mimic is not None:
             leader = _text(mimic, "joint")
@@ -230,7 +233,8 @@ def _check_tree(robot: Element, links: dict[str, Element], joints: dict[str, Ele
     carriers: dict[str, Element] = {}
     parents: dict[str, list[str]] = {}
     for joint in joints.values():
-        parent, child = _required(joint, "parent"), _required(joint, "child")
+        parent = _required(joint, "parent")
+        child = _required(joint, "child")
         for end in (parent, child):
             if _text(end, "link") not in links:
                 raise _refused(end, f"there is no link {end.get('link')!r}")
@@ -258,7 +262,8 @@ def _add_link(root: Element, link: Element) -> None:
         return
     body = etree.SubElement(new, "inertial")
     _add_origin(body, inertial)
-    mass, inertia = _required(inertial, "mass"), _child(inertial, "inertia")
+    mass = _required(inertial, "mass")
+    inertia = _child(inertial, "inertia")
     (kilograms,) = _numbers(mass, "value", None, MAX_INERTIA)
     if kilograms < 0:
         raise _refused(mass, f"value is {kilograms:g}, expected a mass that is not negative")

@@ -59,7 +59,8 @@ def dh_file(arm: Arm) -> ArmFile:
         UnsupportedArmError: a joint slides, or the arm has a DH table.
         ArmFileError: what the URDF states cannot stand in an arm file, such as equal limits.
     """
-    file, chain = arm.urdf_file, arm.chain
+    file = arm.urdf_file
+    chain = arm.chain
     if chain.prismatic.any():
         slides = ", ".join(
             name for name, slide in zip(arm.joint_names, chain.prismatic, strict=True) if slide
@@ -69,7 +70,8 @@ def dh_file(arm: Arm) -> ArmFile:
         )
     rotation, origin = (part[:, 0] for part in chain.walk(np.zeros((1, arm.nq))))
     rows: list[tuple[Row, int | None]] = []  # with the number of the joint, from 0
-    frame, frames = np.eye(4), []
+    frame = np.eye(4)
+    frames = []
     for joint, place in enumerate([*chain.moving_axes(), chain.tip], start=-1):
         for number, exact in enumerate(_onto_axis(frame, rotation[place][:, 2], origin[place])):
             row = Row(*(value if abs(value) > SAME else 0.0 for value in exact))
@@ -78,7 +80,8 @@ def dh_file(arm: Arm) -> ArmFile:
                 rows.append((row, moving))
                 frame = frame @ _motion(row)
                 frames.append(frame)
-    turn, shift = frame[:3, :3].T @ rotation[-1], frame[:3, :3].T @ (origin[-1] - frame[:3, 3])
+    turn = frame[:3, :3].T @ rotation[-1]
+    shift = frame[:3, :3].T @ (origin[-1] - frame[:3, 3])
     rest, (last, joint_of_last) = (
         Row(0.0, float(shift[2]), 0.0, math.atan2(turn[1, 0], turn[0, 0])),
         rows[-1],
@@ -163,7 +166,8 @@ def _row(z: Array, point: Array) -> Row:
     theta = math.atan2(z[0], -z[1])
     alpha = math.atan2(sine, z[2])
     if abs(theta) > math.pi / 2:
-        theta, alpha = theta - math.copysign(math.pi, theta), -alpha
+        theta = theta - math.copysign(math.pi, theta)
+        alpha = -alpha
     x = np.array([math.cos(theta), math.sin(theta), 0.0])
     y = np.array([-x[1], x[0], 0.0])
     # point = d e_z + a x + s z, with z = -sin α y + cos α e_z

@@ -16,7 +16,7 @@ from aacmm_pin._support.notes import Note
 from aacmm_pin._support.progress import Progress
 from aacmm_pin._support.threads import one_blas_thread
 from aacmm_pin._support.units import MM
-from aacmm_pin.arm.limits import other_turns
+from aacmm_pin.arm import other_turns
 from aacmm_pin.calibration.calibrated_arm import temperature_of
 from aacmm_pin.calibration.cross_validation import enough_postures
 from aacmm_pin.calibration.cross_validation import held_out as left_out
@@ -211,7 +211,8 @@ def _chosen(
         UnknownNameError: it is the name of neither; see :func:`as_causes`.
     """
     items = [parameters] if isinstance(parameters, Effect | str) else list(parameters)
-    sets, present = get_args(ParameterSet), measurements.conditions.present
+    sets = get_args(ParameterSet)
+    present = measurements.conditions.present
     for item in items:
         if isinstance(item, str) and item not in sets and re.split("[:,]", item)[0] not in CAUSES:
             raise UnknownNameError("set of parameters", item, [*sets, *CAUSES])
@@ -281,10 +282,12 @@ def _seated(measurements: Measurements) -> tuple[Measurements, Index]:
     """The same, with a seat for the records without one that repeat the coordinates of others; and
     which these are.
     """
-    n, labels = measurements.n, measurements.conditions.seat
+    n = measurements.n
+    labels = measurements.conditions.seat
     seat = np.full(n, "", dtype=object) if labels is None else labels.copy()
     table = pd.DataFrame(measurements.reference).assign(seat=seat)[measurements.known]
-    again, found = table[table.duplicated([0, 1, 2], keep=False)], []
+    again = table[table.duplicated([0, 1, 2], keep=False)]
+    found = []
     for _, of_place in again.groupby([0, 1, 2], sort=False):
         alone = of_place.index[of_place["seat"] == ""].to_numpy()
         # Of two without a seat, one may have the coordinates of the other by mistake.
@@ -304,7 +307,8 @@ def _of_bars(after: Fit) -> list[Note]:
     """A bar that is longer or shorter than all else says: by its deletion residual (Belsley, Kuh,
     Welsch 1980, eq. 2.27).
     """
-    system, touched = after.system, after.observations.labels
+    system = after.system
+    touched = after.observations.labels
     bars = [
         bar
         for bar in after.problem.measurements.bars()
@@ -353,8 +357,10 @@ def _of_conditions(after: Fit) -> list[Note]:
     """Angles counted otherwise, temperatures that look like Fahrenheit, and joints whose column of
     angles holds a length.
     """
-    arm, records = after.problem.model.arm, after.problem.measurements
-    conditions, turns = records.conditions, other_turns(records.q, arm.limits, arm.chain.prismatic)
+    arm = after.problem.model.arm
+    records = after.problem.measurements
+    conditions = records.conditions
+    turns = other_turns(records.q, arm.limits, arm.chain.prismatic)
     found = [*turns, *conditions.odd_temperatures(arm.reference_temperature), *_of_torques(after)]
     for j in np.flatnonzero(arm.chain.prismatic) + 1:
         joint = {"joint": int(j)}
@@ -397,7 +403,8 @@ def _of_open_tip(after: Fit) -> list[Note]:
 
 def _of_temperature(after: Fit) -> list[Note]:
     """At which temperature the lengths hold that were calibrated."""
-    stated, found = after.problem.model.arm.reference_temperature, temperature_of(after)
+    stated = after.problem.model.arm.reference_temperature
+    found = temperature_of(after)
     if abs(found - stated) < TEMPERATURE_TOLERANCE:
         return []
     return [Note("temperature_of_lengths", {"temperature": found, "stated": stated})]
@@ -416,7 +423,8 @@ def _of_torques(after: Fit) -> list[Note]:
         moments = [state.along_axis(row, state.moment_at_axis(row)) for row in rows]
     except UnsupportedArmError:  # no masses
         return []
-    measured, weight = np.nanmax(np.abs(torque), initial=0.0), np.max(np.abs(moments), initial=0.0)
+    measured = np.nanmax(np.abs(torque), initial=0.0)
+    weight = np.max(np.abs(moments), initial=0.0)
     if weight == 0.0 or measured < UNIT_RATIO * weight:
         return []
     return [Note("torques_large", {"torque": float(measured), "weight": float(weight)})]
@@ -424,7 +432,8 @@ def _of_torques(after: Fit) -> list[Note]:
 
 def _of_noise(after: Fit) -> list[Note]:
     """Noise that was found instead of stated, or beside what is stated."""
-    setup, found = after.problem.setup, []
+    setup = after.problem.setup
+    found = []
     if setup.encoder_noise is None:
         found.append(Note("encoder_noise_estimated"))
     if not after.stated:
@@ -474,8 +483,10 @@ def _farther_off(after: Fit) -> list[Note]:
 
 def contradicted_places(after: Fit) -> list[Note]:
     """Stated places that the file itself, or all of the excluded records, contradict."""
-    records, found = after.problem.measurements, []
-    seats, count = records.conditions.seat, int(after.excluded.sum())
+    records = after.problem.measurements
+    found = []
+    seats = records.conditions.seat
+    count = int(after.excluded.sum())
     at = set() if seats is None else set(seats[after.excluded])
     if len(at) == 1 and count >= SEVERAL and "" not in at:
         found.append(Note("seat_excluded", {"records": count, "seat": at.pop()}))
@@ -484,7 +495,8 @@ def contradicted_places(after: Fit) -> list[Note]:
 
 def notes_of(after: Fit) -> list[Note]:
     """What was assumed, or found instead of stated."""
-    problem, setup = after.problem, after.problem.setup
+    problem = after.problem
+    setup = after.problem.setup
     found = [
         *exclusions_of(after).notes,
         *_counted_before(after),

@@ -14,8 +14,7 @@ from scipy.linalg import block_diag
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import MM
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.file import ArmFile, Covariance
+from aacmm_pin.arm import Arm, ArmFile, Covariance
 from aacmm_pin.calibration.fit import NO_SCATTER, Fit
 from aacmm_pin.calibration.identifiability import NEGLIGIBLE_PART
 from aacmm_pin.effects import Effect, ErrorModel, StylusOffset, entries_of
@@ -46,10 +45,14 @@ def calibrated_model(fit: Fit) -> ErrorModel:
     parameter was looked for is its u. Scatter beyond the stated noise goes along as what is left
     unexplained.
     """
-    problem, vector = fit.problem, fit.problem.vector
-    arm, u, x = problem.model.arm, np.sqrt(np.diag(fit.covariance)), fit.point.x
+    problem = fit.problem
+    vector = fit.problem.vector
+    arm = problem.model.arm
+    u = np.sqrt(np.diag(fit.covariance))
+    x = fit.point.x
     steps = {p.name: float(step) for p, step in zip(vector.of_arm, x, strict=True) if p is not None}
-    spread, of_tip = fit.undetermined.spread, fit.undetermined.tip_spread
+    spread = fit.undetermined.spread
+    of_tip = fit.undetermined.tip_spread
     unknown = np.linalg.norm(spread, axis=1)
     # A parameter that nothing determines has no u that means anything, unless it moves the tip.
     told = (unknown < UNDETERMINED_PART * problem.widths) | (
@@ -104,7 +107,8 @@ def temperature_of(fit: Fit) -> float:
     """At which the calibrated lengths hold [°C]: the mean of the records, where nothing in the
     model says how they grow.
     """
-    problem, arm = fit.problem, fit.problem.model.arm
+    problem = fit.problem
+    arm = fit.problem.model.arm
     conditions = problem.measurements.conditions.take(fit.used)
     stated = (
         conditions.temperature
@@ -132,7 +136,8 @@ def joined(arm: Arm, names: list[str], matrix: Array, records: str) -> Covarianc
         records: fingerprints of the records that all is known from.
     """
     keep = [i for i, name in enumerate(names) if name and matrix[i, i] > 0]
-    chosen, matrix = [names[i] for i in keep], matrix[np.ix_(keep, keep)]
+    chosen = [names[i] for i in keep]
+    matrix = matrix[np.ix_(keep, keep)]
     u = np.sqrt(np.diag(matrix))
     correlation = np.clip(matrix / np.outer(u, u), -1.0, 1.0)
     if arm.covariance is not None:

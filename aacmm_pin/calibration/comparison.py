@@ -10,7 +10,7 @@ import numpy as np
 
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.calibration.cross_validation import rms
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements import Measurements
 
 ROUNDING_GROWTH = 1e-3
 """Part by which an RMS may grow where arms are the same but for rounding."""
@@ -47,7 +47,8 @@ class Comparison:
     @property
     def is_worse(self) -> bool:
         """Whether the last arm has larger errors than the first."""
-        first, last = self.rms[0], self.rms[-1]
+        first = self.rms[0]
+        last = self.rms[-1]
         return last > (1 + ROUNDING_GROWTH) * first
 
     @property

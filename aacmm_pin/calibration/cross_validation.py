@@ -20,8 +20,7 @@ from aacmm_pin._support.units import MM
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.noise_model import NoiseModel, observations_of
 from aacmm_pin.calibration.solver import Point, solve
-from aacmm_pin.measurements.observations import Observations
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements import Measurements, Observations
 
 FOLDS = 10
 FEWEST_GROUPS = 3
@@ -85,11 +84,13 @@ class HeldOut(Shown):
     def summary(self) -> dict[str, Any]:
         """As plain values, for JSON."""
         found: dict[str, Any] = {"kind": self.kind, "groups": self.groups}
-        before, after = self.rms_before / MM, self.rms_after / MM
+        before = self.rms_before / MM
+        after = self.rms_after / MM
         found["rms_mm"] = {"simulation": before, "calibrated": after}
         found["rms_rad"] = None
         if self.turned:
-            before, after = rms(self.turn_before), rms(self.turn_after)
+            before = rms(self.turn_before)
+            after = rms(self.turn_after)
             found["rms_rad"] = {"simulation": before, "calibrated": after}
         return found
 
@@ -123,7 +124,8 @@ def parts_of(fit: Fit, rng: np.random.Generator) -> tuple[str, Index]:
 
     Repeats of a posture are always left out together.
     """
-    records, seat = fit.problem.measurements, fit.observations.seat
+    records = fit.problem.measurements
+    seat = fit.observations.seat
     touched = seat >= 0
     label = np.zeros(records.n, dtype=np.intp)
     label[touched] = fit.observations.clusters[seat[touched]]
@@ -147,7 +149,7 @@ def _blocks(records: Measurements, most: int, rng: np.random.Generator) -> Index
     _, number = scipy.cluster.vq.kmeans2(turns, count, minit="++", rng=rng)
     clusters = np.empty(len(one), dtype=np.intp)
     clusters[records.postures[one]] = number
-    return np.asarray(clusters[records.postures])
+    return clusters[records.postures]
 
 
 def _folds(labels: Index, records: Measurements, rng: np.random.Generator) -> Index:
@@ -165,7 +167,7 @@ def _in_order(records: Measurements) -> Index:
     file's order nor on labels.
     """
     angles = np.round(records.q, ANGLE_DECIMALS)
-    return np.asarray(np.lexsort(angles.T[::-1]))
+    return np.lexsort(angles.T[::-1])
 
 
 def together(labels: Index, postures: Index) -> Index:
@@ -244,7 +246,8 @@ def held_out(
     Excluded records are neither used nor predicted. Where there are fewer than three postures
     nothing is left out: the others would say nothing of them.
     """
-    records, used = after.problem.measurements, after.used
+    records = after.problem.measurements
+    used = after.used
     if not enough_postures(records, used):
         return []
     kind, labels = groups_of(after, rng)
@@ -271,7 +274,8 @@ def _predicted(fits: Sequence[Fit], kept: Mask, out: Mask) -> list[Array]:
     turns.
     """
     records = fits[0].problem.measurements
-    left, others = records.take(out), records.take(kept)
+    left = records.take(out)
+    others = records.take(kept)
     observations = observations_of(others, fits[0].problem.setup)
     distance, turn = zip(
         *(_predicted_by(fit, others, observations, left) for fit in fits), strict=True
@@ -282,7 +286,8 @@ def _predicted(fits: Sequence[Fit], kept: Mask, out: Mask) -> list[Array]:
 def _predicted_by(
     fit: Fit, others: Measurements, observations: Observations, left: Measurements
 ) -> tuple[Array, Array]:
-    problem, start = fit.problem.of(others), fit.point
+    problem = fit.problem.of(others)
+    start = fit.point
     noise = NoiseModel.of(problem, start.x, start.frame, fit.noise.scatters, observations)
     prediction = problem.predict(start.x, start.frame)
     point = Point(start.x, start.frame, noise.observations.start(prediction.tips), prediction)

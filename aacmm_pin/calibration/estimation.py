@@ -77,7 +77,8 @@ def fit(problem: Problem, *, robust: bool = True, used: Mask | None = None) -> F
             return everyone or estimation.final_fit(noise, point, used)
     used = has_target if used is None else used & has_target
     first = estimation.initial_fit(point, used, robust=False)
-    noise, point = first.noise, first.point
+    noise = first.noise
+    point = first.point
     del first
     return estimation.final_fit(noise, point, used)
 
@@ -92,7 +93,8 @@ class _Estimation:
 
     def noise(self, point: Point, scatters: Scatters) -> NoiseModel:
         """The noise with scatters that stand in for what is not stated."""
-        x, frame = point.x, point.frame
+        x = point.x
+        frame = point.frame
         return NoiseModel.of(self.problem, x, frame, scatters, self.observations)
 
     def initial_fit(self, point: Point, used: Mask, *, robust: bool) -> Solution:
@@ -114,7 +116,8 @@ class _Estimation:
             )
             if not robust:
                 break
-            point, before = solution.point, scatters.tip
+            point = solution.point
+            before = scatters.tip
             scatters = self.scatters_of_median(noise, point, used)
             if scatters.tip == 0.0 or scatters.tip > 0.8 * before:
                 break
@@ -124,15 +127,18 @@ class _Estimation:
         """The search without the records that do not belong, judged by the scatter of the better
         half: noise, end, and the others.
         """
-        has_target, numbers = self.observations.has_target, self.observations.counts
-        count, dof = int(has_target.sum()), max(first.chi2.dof, 1.0)
+        has_target = self.observations.has_target
+        numbers = self.observations.counts
+        count = int(has_target.sum())
+        dof = max(first.chi2.dof, 1.0)
         scatters = self.scatters_of_median(
             first.noise, first.point, has_target, min(1.0, dof / int(numbers.sum()))
         )
         noise = self.noise(first.point, scatters)
         # A scatter that the records themselves tell is uncertain, and more records may seem far off
         # beside it.
-        chance, numbers = FALSE_EXCLUSION / count, np.maximum(numbers, 3)
+        chance = FALSE_EXCLUSION / count
+        numbers = np.maximum(numbers, 3)
         told = scatters.tip > 0
         limit = (
             numbers * f_isf(chance, numbers, EFFICIENCY * dof)
@@ -179,7 +185,8 @@ class _Estimation:
         Seats have that of tips. They are beyond the stated noise. What was fitted to the records
         has taken some away: ``share`` is what it left.
         """
-        off, stated = deviations(noise.observations, point), noise.without_scatter
+        off = deviations(noise.observations, point)
+        stated = noise.without_scatter
         turned = used & noise.observations.oriented
         tip = self._scatter_of_median(off[used, :3], stated[used, :3, :3], share)
         turn = 0.0
@@ -238,7 +245,8 @@ class _Estimation:
         """The fit with the stated noise alone, if that may be right: by χ² after one more step,
         which spares the search.
         """
-        noise, weights = self.noise(point, Scatters()), used.astype(np.float64)
+        noise = self.noise(point, Scatters())
+        weights = used.astype(np.float64)
         here = solution_at(self.problem, noise, point, weights)
         chi2 = Chi2(here.chi2.value - here.system.predicted_reduction, here.chi2.dof)
         if not chi2.acceptable:
@@ -268,7 +276,8 @@ class _Estimation:
             replace(self.problem, held=unknown), solution.noise, solution.point, solution.weights
         )
         back = solution_at(self.problem, solution.noise, held.point, solution.weights)
-        steps, message = solution.steps + held.steps, solution.message or held.message
+        steps = solution.steps + held.steps
+        message = solution.message or held.message
         return Fit.of(replace(back, steps=steps, message=message), **judgement)
 
 

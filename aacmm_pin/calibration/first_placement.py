@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from aacmm_pin._support.checks import Array, Index
-from aacmm_pin.arm.chain import exp, skew
+from aacmm_pin.arm import exp, skew
 from aacmm_pin.calibration.problem import Frame, Problem
 from aacmm_pin.measurements import orientation
 
@@ -68,7 +68,8 @@ def placed(problem: Problem, tips: Array, by_offset: Array) -> tuple[Frame, Arra
         tips: by the arm as it is described, in its base (n, 3) [m].
         by_offset: derivative of the tips by the offsets (n, 3, m).
     """
-    records, known = problem.measurements, problem.measurements.known
+    records = problem.measurements
+    known = problem.measurements.known
     positions = _Positions.of(
         tips[known], records.reference[known], by_offset[known], problem.external
     )
@@ -158,7 +159,8 @@ class _Turns:
 
     @staticmethod
     def of(problem: Problem, lever: float) -> _Turns:
-        records, oriented = problem.measurements, problem.measurements.oriented
+        records = problem.measurements
+        oriented = problem.measurements.oriented
         assert records.orientation is not None  # the caller looks at orientations
         axes = problem.model.arm.chain.walk(records.q[oriented])[0][-1]
         stated = orientation.matrices(records.orientation[oriented])
@@ -194,7 +196,7 @@ class _Turns:
         total = np.zeros((len(weight), 9, 9))
         np.add.at(total, self.target, weights[:, None, None] * self.by_rotation)
         mean = total / weight
-        return np.asarray(self.by_rotation - mean[self.target])
+        return self.by_rotation - mean[self.target]
 
 
 def _nearest(positions: _Positions, turns: list[_Turns]) -> _Place:
@@ -214,7 +216,8 @@ def _nearest(positions: _Positions, turns: list[_Turns]) -> _Place:
 
 def _weighted(parts: list[_Positions | _Turns], rotation: Array, *, turning: bool = True) -> _Place:
     """The place near ``rotation``, or at it, weighted anew by the inverse distances (Weiszfeld)."""
-    weights, before = [np.ones(part.n) for part in parts], np.inf
+    weights = [np.ones(part.n) for part in parts]
+    before = np.inf
     for _ in range(MOST_REWEIGHTINGS):
         distances = [
             part.distances(rotation, own) for part, own in zip(parts, weights, strict=True)
@@ -242,7 +245,8 @@ def _descended(form: _Form, rotations: Array) -> tuple[Array, Array]:
         form = (w @ whole - 2.0 * part) * w
         return np.asarray(form.sum(axis=1))
 
-    values, damping = value(rotations.reshape(-1, 9)), np.full(len(rotations), 1e-6)
+    values = value(rotations.reshape(-1, 9))
+    damping = np.full(len(rotations), 1e-6)
     for _ in range(MOST_NEWTON_STEPS):
         by_turn = (skew(np.eye(3)) @ rotations[:, None]).reshape(-1, 3, 9)
         pull = rotations.reshape(-1, 9) @ whole - part

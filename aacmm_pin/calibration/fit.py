@@ -136,7 +136,8 @@ class Fit(Solution):
         part of their scatter.
         """
         variance = np.trace(covariance[self.used, :3, :3], axis1=1, axis2=2)
-        seat, known = self.observations.seat[self.used], np.append(self.observations.known, True)
+        seat = self.observations.seat[self.used]
+        known = np.append(self.observations.known, True)
         touches = np.bincount(seat + 1, minlength=known.size)[seat + 1]
         remaining = np.where(known[seat], 1.0, 1.0 - 1.0 / touches)
         mean = (variance * remaining).mean()
@@ -190,7 +191,8 @@ class Fit(Solution):
         """Inner values: number and effect, field, how far off it may be."""
         inner = []
         for k, effect in enumerate(self.effects):
-            nonlinear, is_found = effect.nonlinear, effect.key in self.found
+            nonlinear = effect.nonlinear
+            is_found = effect.key in self.found
             width = nonlinear.prior_sd(effect) if is_found else effect.nonlinear_u
             if width:
                 inner.append((k, effect, nonlinear.field, width))
@@ -199,14 +201,16 @@ class Fit(Solution):
     @cached_property
     def with_inner(self) -> Array:
         """Covariance of all columns and, last, of the inner values."""
-        covariance, p = self._of_independent_records(), self.problem.scales.size
+        covariance = self._of_independent_records()
+        p = self.problem.scales.size
         covariance[:p, :p] += self.added_covariance
         return covariance
 
     def _of_independent_records(self) -> Array:
         if not self.inner:
             return self.system.covariance(self.unknown)
-        point, widths = self.point, np.array([width for *_, width in self.inner])
+        point = self.point
+        widths = np.array([width for *_, width in self.inner])
         by_inner = np.stack([self._by_inner(*one) for one in self.inner], axis=2)
         jacobian = np.concatenate([point.prediction.jacobian, by_inner], axis=2)
         prediction = replace(point.prediction, jacobian=jacobian)

@@ -12,7 +12,7 @@ import numpy as np
 from aacmm_pin._support.angles import spread_angles
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown
-from aacmm_pin.arm.chain import axis, skew
+from aacmm_pin.arm import axis, skew
 from aacmm_pin.calibration.problem import FRAME_WIDTHS, Prediction, Problem
 from aacmm_pin.calibration.solver import Point
 from aacmm_pin.effects import listed
@@ -100,7 +100,8 @@ class Undetermined:
         """Parameters of the arm that the records know only together with where the base is, and
         that stay as they were.
         """
-        p, names = self.problem.widths.size, self.problem.names
+        p = self.problem.widths.size
+        names = self.problem.names
         rows = _combinations(self.problem, self.directions)
         with_frame = rows[:, p : p + 6].any(axis=1)
         of_arm = rows[with_frame, :p].any(axis=0)
@@ -117,7 +118,8 @@ class Undetermined:
         """Targets, or tips, at other postures under the conditions of the records, in the frame of
         the references.
         """
-        records, arm = self.problem.measurements, self.problem.model.arm
+        records = self.problem.measurements
+        arm = self.problem.model.arm
         bounded = np.isfinite(arm.limits).all(axis=1)
         low = np.where(bounded, arm.limits[:, 0], records.q.min(axis=0))
         high = np.where(bounded, arm.limits[:, 1], records.q.max(axis=0))
@@ -179,7 +181,8 @@ class Observability(Shown):
         values = values[values > 1e-9 * values[0]]
         if not values.size:
             return Observability(0.0, 0.0, 0.0, 0.0, 0.0, 0)
-        low, high = float(values[-1]), float(values[0])
+        low = float(values[-1])
+        high = float(values[0])
         o1 = float(np.exp(np.mean(np.log(values))) / np.sqrt(records))
         o5 = float(1.0 / np.sum(1.0 / values))
         return Observability(o1, low / high, low, low**2 / high, o5, values.size)

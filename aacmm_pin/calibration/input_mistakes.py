@@ -24,8 +24,7 @@ import pandas as pd
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.file import ArmFile
+from aacmm_pin.arm import Arm, ArmFile
 from aacmm_pin.calibration.estimation import FIRST_SCATTER, fit
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.noise_model import NoiseModel, Scatters, observations_of
@@ -43,8 +42,7 @@ from aacmm_pin.effects import (
     StylusOffset,
 )
 from aacmm_pin.errors import AacmmError, MissingConditionError, MistakenFileError
-from aacmm_pin.measurements.observations import Observations
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements import Measurements, Observations
 
 FAR = 2e-3
 """Scatter, or median distance after a fit, that no arm has; some mistake is looked for [m]."""
@@ -140,7 +138,8 @@ class _Mistake:
     def undone(self, problem: Problem) -> Problem:
         """The problem without the mistake."""
         records, setup, (order, signs) = problem.measurements, problem.setup, self.axes
-        q, length = records.q, records.bar_length
+        q = records.q
+        length = records.bar_length
         if self.turned is not None:
             q = q @ self.turned
         if self.added is not None:
@@ -180,7 +179,8 @@ def first_fit(problem: Problem, *, robust: bool = True) -> Fit:
         _require_no_mistake(problem, np.inf, thorough=True, options=True)
         raise
     travel = _travel(problem) if after.unmodelled > FAR else np.inf
-    unlike, fitted = after.unmodelled > UNLIKE * travel, _median(after.system.deviation)
+    unlike = after.unmodelled > UNLIKE * travel
+    fitted = _median(after.system.deviation)
     if unlike or problem.measurements.bars() or max(fitted, _as_described(after)) >= FAR:
         _require_no_mistake(
             problem, fitted, thorough=unlike, options=fitted >= FAR or _absorbs(after)
@@ -200,7 +200,8 @@ def first_fit(problem: Problem, *, robust: bool = True) -> Fit:
 
 def _sessions_fit_alone(problem: Problem) -> bool:
     """Whether there are several sessions, and the records of each fit the arm in some frame."""
-    records, own_frame = problem.measurements, _Mistake(None, "", external=True)
+    records = problem.measurements
+    own_frame = _Mistake(None, "", external=True)
     if records.conditions.session is None:
         return False
     of_session = pd.Series(np.arange(records.n)).groupby(records.conditions.session).indices
@@ -221,7 +222,9 @@ def _require_orientations(after: Fit) -> None:
     Raises:
         AacmmError: they are none.
     """
-    problem, point, rows = after.problem, after.point, after.used & after.observations.oriented
+    problem = after.problem
+    point = after.point
+    rows = after.used & after.observations.oriented
     stated = problem.measurements.orientation
     if stated is None or not rows.any() or (off := np.median(after.turns[rows])) < TURNED:
         return
@@ -233,7 +236,8 @@ def _require_orientations(after: Fit) -> None:
         changed = replace(problem, measurements=replace(problem.measurements, orientation=other))
         poses = changed.poses(point.x, changed.with_targets(point.x, point.frame))
         why = mistake if np.median(np.linalg.norm(poses[rows, 3:], axis=1)) < TURNED else why
-    source, reason = problem.measurements.source, Note(why)
+    source = problem.measurements.source
+    reason = Note(why)
     raise AacmmError(
         f"{source}: orientations do not fit this arm, they are off by {off / DEG:.3g}° (median): "
         f"{reason}"
@@ -334,7 +338,8 @@ def _absorbs(after: Fit) -> bool:
     """Whether the fit moved a geometric value, and the tips by it, farther than any arm's
     is off.
     """
-    vector, point = after.problem.vector, after.point
+    vector = after.problem.vector
+    point = after.point
     moved = np.abs(point.x - after.problem.start)
     squares = np.square(point.prediction.jacobian[:, :3, : moved.size])
     tips = moved * np.sqrt(squares.sum(axis=1).mean(axis=0))
@@ -405,7 +410,8 @@ def _misfit(arm: _Described, touched: _Touched) -> tuple[float, float]:
         )
     except AacmmError:
         return np.inf, np.inf
-    off, seats = observations.deviations(tips, points), records.seats()
+    off = observations.deviations(tips, points)
+    seats = records.seats()
     for bar in records.bars():
         # Seats lie where their records put them: what a bar is off by is half each end's.
         a, b = (seats[label] for label in (bar.seat_a, bar.seat_b))
@@ -494,7 +500,8 @@ def _few(records: Measurements) -> Index:
 
 def _mistakes(problem: Problem) -> Iterator[_Mistake]:
     """Every single mistake."""
-    records, one = problem.measurements, np.eye(problem.measurements.nq)
+    records = problem.measurements
+    one = np.eye(problem.measurements.nq)
     for j, largest in enumerate(np.abs(records.q).max(axis=0)):
         yield _counted(j, nq=records.nq)
         units = [(GON, "gon", "deg")]

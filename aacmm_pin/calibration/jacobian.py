@@ -172,7 +172,7 @@ class Columns:
         motions = moves[:, 0] + cross(turns, lever)
         if state.turns:
             motions = np.concatenate([motions, turns], axis=1)
-        return np.asarray(motions.transpose(2, 1, 0))
+        return motions.transpose(2, 1, 0)
 
     def _twists(self, x: Array, of_reference: bool) -> Twists:
         places, per_unit = self._same_twists[of_reference]

@@ -18,7 +18,7 @@ from scipy.linalg import null_space, solve_triangular
 from scipy.sparse import csr_array
 
 from aacmm_pin._support.checks import Array, Index, Mask
-from aacmm_pin.measurements.observations import NOTHING_KNOWN, Observations
+from aacmm_pin.measurements import NOTHING_KNOWN, Observations
 
 LEAST_INFORMATION = 0.1
 """A direction about which data and stated uncertainties together say less than this, one over its
@@ -83,7 +83,8 @@ class LinearModel:
         """Normal equations in units of the scales, prior included; None where some directions are
         hardly known.
         """
-        scales, prior = self.prior.scales, self.prior.rows
+        scales = self.prior.scales
+        prior = self.prior.rows
         information = self.jacobian.T @ self.jacobian
         information *= scales
         information *= scales[:, None]
@@ -96,9 +97,11 @@ class LinearModel:
         """R of the scaled rows, prior included, with the residual last (p + 1, p + 1), or with
         fewer rows.
         """
-        scales, triangle = np.append(self.prior.scales, 1.0), self.prior.rows
+        scales = np.append(self.prior.scales, 1.0)
+        triangle = self.prior.rows
         for first in range(0, max(len(self.rows), 1), ROWS_AT_ONCE):
-            some, above = self.rows[first : first + ROWS_AT_ONCE], len(triangle)
+            some = self.rows[first : first + ROWS_AT_ONCE]
+            above = len(triangle)
             rows = np.concatenate([triangle, np.empty_like(some)])
             np.multiply(some, scales, out=rows[above:])
             triangle = np.asarray(np.linalg.qr(rows, mode="r"))
@@ -136,7 +139,7 @@ class LinearModel:
         if self.normal is not None:
             return self.normal.inverse * (scales / self.normal.lengths[:, None])
         values, directions, _ = self.spectrum.above(MOVABLE)
-        return np.asarray(scales * directions / values)
+        return scales * directions / values
 
     @property
     def determined(self) -> float:
@@ -144,7 +147,8 @@ class LinearModel:
 
         The trace of the rows' information times the inverse of all information.
         """
-        steps, scales = self.independent_steps, self.prior.scales[:, None]
+        steps = self.independent_steps
+        scales = self.prior.scales[:, None]
         of_prior = self.prior.rows[:, :-1] @ (steps / scales)
         by_prior = np.square(of_prior).sum()
         return float(steps.shape[1] - by_prior)
@@ -154,7 +158,7 @@ class LinearModel:
         [scales].
         """
         steps = self.steps(unknown)
-        return np.asarray(steps @ steps.T)
+        return steps @ steps.T
 
     def steps(self, unknown: Array) -> Array:
         """Steps of unit variance that span all but the ``unknown`` directions (p, p - k)
@@ -165,7 +169,7 @@ class LinearModel:
         rows = spectrum.values[:, None] * spectrum.directions.T
         triangle = np.linalg.qr(rows @ known, mode="r")
         in_widths = known @ np.linalg.inv(triangle)
-        return np.asarray(in_widths * self.prior.scales[:, None])
+        return in_widths * self.prior.scales[:, None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -326,7 +330,8 @@ class SeatElimination:
         self._touched = np.flatnonzero(observations.seat >= 0)
         self._numbers = observations.seat[self._touched]
         shape = (len(observations.labels), self._touched.size)
-        ones, columns = np.ones(self._touched.size), np.arange(self._touched.size)
+        ones = np.ones(self._touched.size)
+        columns = np.arange(self._touched.size)
         self._sum = csr_array((ones, (self._numbers, columns)), shape=shape)
         self._orthonormal(by_seat[self._touched])
         self._bar_residual, along = observations.of_bars(points)
@@ -339,7 +344,8 @@ class SeatElimination:
 
         Cholesky QR twice: orthonormal to rounding, however uneven a seat's directions are known.
         """
-        known, count = self.observations.known[:, None], len(self.observations.labels)
+        known = self.observations.known[:, None]
+        count = len(self.observations.labels)
         weight = np.where(known, 1.0 / np.where(known, self.observations.stated_u, 1.0), 0.0)
         by_tie = weight[:, :, None] * np.eye(3)
         self._root = np.broadcast_to(np.eye(3), (count, 3, 3))
@@ -442,8 +448,11 @@ def seat_columns(
     Returns:
         (n, k, s, 3), (s, 3, s, 3), zero where nothing is stated, and (b, s, 3) [1/m].
     """
-    count, known, ends = len(observations.labels), observations.known, observations.ends
-    touched, bars = np.flatnonzero(observations.seat >= 0), np.arange(len(ends))
+    count = len(observations.labels)
+    known = observations.known
+    ends = observations.ends
+    touched = np.flatnonzero(observations.seat >= 0)
+    bars = np.arange(len(ends))
     of_records = np.zeros((*by_seat.shape[:2], count, 3))
     of_records[touched, :, observations.seat[touched]] = by_seat[touched]
     of_seats = np.zeros((count, 3, count, 3))

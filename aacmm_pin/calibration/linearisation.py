@@ -61,12 +61,14 @@ def linearise(
         points: where the seats are (s, 3) [m].
         weights: of the records (n,), 1 for full.
     """
-    observations, p = noise.observations, prediction.jacobian.shape[2]
+    observations = noise.observations
+    p = prediction.jacobian.shape[2]
     has_target = observations.has_target
     off = observations.deviations(prediction.poses, points)
     stated = np.where(has_target[:, None], off, 0.0)
     white = (noise.whitening @ stated[:, :, None])[:, :, 0]
-    tip, turn = white[:, :3], white[:, 3:]
+    tip = white[:, :3]
+    turn = white[:, 3:]
     of_tip = np.einsum("ni,ni->n", tip, tip)
     of_turn = np.einsum("ni,ni->n", turn, turn)
     root = np.sqrt(np.where(has_target, weights, 0.0))[:, None]
@@ -76,7 +78,8 @@ def linearise(
     rows[:, :, p] = white * root
     elimination = SeatElimination(observations, points, -whitening[:, :, :3])
     along, every = elimination.eliminated(rows, residual=True)
-    records, seats = np.flatnonzero(has_target), np.flatnonzero(observations.known)
+    records = np.flatnonzero(has_target)
+    seats = np.flatnonzero(observations.known)
     bars = np.arange(len(observations.ends))
     block = RowBlock(records, seats, bars, len(observations.labels))
     return Linearisation(

@@ -13,8 +13,7 @@ from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin._support.notes import Note
 from aacmm_pin.calibration.problem import Frame, Problem
 from aacmm_pin.calibration.setup import Setup
-from aacmm_pin.measurements.observations import Observations
-from aacmm_pin.measurements.records import Bar, Measurements
+from aacmm_pin.measurements import Bar, Measurements, Observations
 
 BAR_NOISE = 5e-5
 """Standard uncertainty of a bar's length that is not stated [m]."""
@@ -22,7 +21,8 @@ LEAST_U = 1e-12
 """A standard uncertainty of zero counts as this, so that it can be divided by [m]."""
 SAME_PLACE = 1e-9
 """Coordinates that differ by less are the same whatever their uncertainty [m]."""
-MEASURED, ROUNDED = 1 / 3, 2.0
+MEASURED = 1 / 3
+ROUNDED = 2.0
 """Coordinates of a seat that differ by less than so many standard uncertainties are the same: where
 each may be a record's own; where records repeat them.
 """
@@ -53,7 +53,8 @@ class Scatters(NamedTuple):
         """Of a residual, by tip and turn alone (width, width), ``width`` being 3 or 6 [m²,
         rad²].
         """
-        of_tip, of_turn = max(self.tip, LEAST_U), max(self.turn, LEAST_U)
+        of_tip = max(self.tip, LEAST_U)
+        of_turn = max(self.turn, LEAST_U)
         variance = np.repeat([of_tip**2, of_turn**2], 3)
         return np.diag(variance[:width])
 
@@ -91,7 +92,8 @@ class NoiseModel:
             scatters: beyond the stated noise.
             known: the observations, where they are worked out already.
         """
-        setup, n = problem.setup, problem.measurements.n
+        setup = problem.setup
+        n = problem.measurements.n
         observations = known or observations_of(problem.measurements, setup)
         u = np.where(observations.unstated, max(scatters.seat, LEAST_U), observations.stated_u)
         observations = replace(observations, stated_u=u)
@@ -107,7 +109,7 @@ class NoiseModel:
         """Covariance of each residual, by its reading, its target and the scatter (n, 3, 3) [m²],
         or (n, 6, 6).
         """
-        return np.asarray(self.tips + self.observations.covariance)
+        return self.tips + self.observations.covariance
 
     @cached_property
     def whitening(self) -> Array:
@@ -118,7 +120,7 @@ class NoiseModel:
         """
         found = np.linalg.inv(np.linalg.cholesky(self.of_residuals))
         found[~self.observations.oriented, 3:] = 0.0
-        return np.asarray(found)
+        return found
 
     @property
     def without_scatter(self) -> Array:
@@ -135,11 +137,13 @@ def observations_of(measurements: Measurements, setup: Setup) -> Observations:
     seat repeat its coordinates, those that are off by more than twice the uncertainty, for less may
     be rounding; elsewhere all, unless they differ by less than a third of it.
     """
-    known, contact = measurements.known, setup.probe_noise or 0.0
+    known = measurements.known
+    contact = setup.probe_noise or 0.0
     seat, labels = _numbered(measurements)
     u = reference_u(measurements, setup, np.nan)
     stating = known & (seat >= 0)
-    of, count = seat[stating], len(labels)
+    of = seat[stating]
+    count = len(labels)
     least = np.nan_to_num(np.fmin.reduce(_of_each(np.fmin, u[stating], of, count), axis=1))
     repeated, most = _repeated(of, measurements.reference[stating], count)
     if repeated.any():
@@ -147,7 +151,8 @@ def observations_of(measurements: Measurements, setup: Setup) -> Observations:
         far = off > np.maximum(SAME_PLACE, ROUNDED * least)[seat]
         seat = np.where(stating & repeated[seat] & far, -1, seat)
         stating = known & (seat >= 0)
-    of, stated = seat[stating], measurements.reference[stating]
+    of = seat[stating]
+    stated = measurements.reference[stating]
     combined = [_of_each(combine, stated, of, count) for combine in (np.add, np.fmax, np.fmin)]
     total, high, low = combined
     records = np.maximum(np.bincount(of, minlength=count), 1)
@@ -272,7 +277,8 @@ def _repeated(seat: Index, stated: Array, count: int) -> tuple[Mask, Array]:
     of = different[:, 0].astype(np.intp)
     distinct = np.bincount(of, minlength=count)
     repeated = (distinct > 0) & (np.bincount(of, times, minlength=count) >= REPEATED * distinct)
-    order, most = np.lexsort((-times, of)), np.full((count, 3), np.nan)
+    order = np.lexsort((-times, of))
+    most = np.full((count, 3), np.nan)
     found, first = np.unique(of[order], return_index=True)
     most[found] = different[order[first], 1:]
     return repeated, most

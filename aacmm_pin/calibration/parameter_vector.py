@@ -9,8 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.parameter import Parameter
+from aacmm_pin.arm import Arm, Parameter
 from aacmm_pin.effects import (
     Effect,
     JointDistance,
@@ -37,7 +36,8 @@ def geometric_parameters(arm: Arm, effect: Effect) -> list[Parameter]:
     """
     if isinstance(effect, JointPlacement):
         return [p for p in arm.parameters if p.joint == effect.joint]
-    kind, row = KIND_OF.get(type(effect)), effect.row
+    kind = KIND_OF.get(type(effect))
+    row = effect.row
     return [] if kind is None else [p for p in arm.parameters if p.kind == kind and p.joint == row]
 
 

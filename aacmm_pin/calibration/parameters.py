@@ -9,8 +9,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from aacmm_pin._support.checks import Array, Mask
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.chain import end
+from aacmm_pin.arm import Arm, end
 from aacmm_pin.calibration.parameter_vector import (
     EFFECT_OF_KIND,
     ParameterVector,
@@ -29,7 +28,7 @@ from aacmm_pin.effects import (
     StylusOffset,
 )
 from aacmm_pin.errors import AacmmError, UnknownNameError
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements import Measurements
 
 ParameterSet = Literal["zero-offsets", "geometry"]
 
@@ -237,7 +236,8 @@ def _of_effect(effect: Effect) -> _Unknown:
 
 def _turned_targets(measurements: Measurements) -> tuple[str, ...]:
     """Labels of the targets whose orientation was measured, "" for one without a label."""
-    marker, oriented = measurements.conditions.marker, measurements.oriented
+    marker = measurements.conditions.marker
+    oriented = measurements.oriented
     if marker is None:
         marker = np.full(measurements.n, "", dtype=object)
     labels = marker[oriented].tolist()
@@ -259,7 +259,8 @@ def _of_target(measurements: Measurements, target: Target) -> list[_Unknown]:
     """Where the target sits on the last body: one for each marker, one where nobody says that it is
     the tip.
     """
-    width, unstated = np.full(3, REACH_OF_TARGET), np.zeros(3, dtype=bool)
+    width = np.full(3, REACH_OF_TARGET)
+    unstated = np.zeros(3, dtype=bool)
     markers = measurements.conditions.marker
     if markers is not None and any(markers):
         return [(StylusOffset(str(m)), width, unstated) for m in dict.fromkeys(markers) if m]

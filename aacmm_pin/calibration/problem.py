@@ -9,14 +9,13 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from aacmm_pin._support.checks import Array, Index, Mask
-from aacmm_pin.arm.chain import exp, skew
+from aacmm_pin.arm import exp, skew
 from aacmm_pin.calibration.jacobian import Columns
 from aacmm_pin.calibration.linear_model import Prior
 from aacmm_pin.calibration.parameter_vector import ParameterVector
 from aacmm_pin.calibration.setup import Setup
 from aacmm_pin.effects import ErrorModel, State, StylusOffset
-from aacmm_pin.measurements import orientation
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements import Measurements, orientation
 
 FRAME_WIDTHS = np.array([10.0, 10.0, 10.0, 1.0, 1.0, 1.0])
 """The reference frame has no prior; these only scale its columns, wide enough that it takes up what
@@ -56,11 +55,11 @@ class Frame:
 
     def apply(self, points: Array) -> Array:
         """Points (n, 3) of the base in the frame of the references."""
-        return np.asarray(points @ self.rotation.T + self.shift)
+        return points @ self.rotation.T + self.shift
 
     def back(self, points: Array) -> Array:
         """Points (n, 3) of the frame of the references in the base."""
-        return np.asarray((points - self.shift) @ self.rotation)
+        return (points - self.shift) @ self.rotation
 
     def moved(self, step: Array) -> Frame:
         """With the base moved by a twist, v then ω, in its own axes; behind it turns of the targets
@@ -227,7 +226,8 @@ class Problem:
 
     @cached_property
     def _columns(self) -> Columns:
-        records, arm = self.measurements, self.model.arm
+        records = self.measurements
+        arm = self.model.arm
         drawn = State(arm, records.q, records.conditions, arm.chain.tip, turns=self.turns)
         effects = (*self.model.effects, *self.vector.effects)
         return Columns.of(drawn, effects)
@@ -337,7 +337,8 @@ class Problem:
         By central differences, for the parameters that displace all records alike: others turn it
         by too little to matter.
         """
-        correction, fixed = np.zeros_like(prediction.jacobian), self._fixed
+        correction = np.zeros_like(prediction.jacobian)
+        fixed = self._fixed
         for k in self._columns.alike - fixed.size:
             if k >= 0:
                 step = OF_WIDTH * self.widths[k] * np.eye(x.size)[k]
@@ -367,11 +368,13 @@ def registered(tips: Array, references: Array, rounds: int = 60) -> Frame:
     Kabsch's solution (Acta Cryst. A32, 1976), weighted anew by the inverse distances (Weiszfeld).
     With fewer than three records the rotation is the least that does.
     """
-    weights, before = np.ones(len(tips)), np.inf
+    weights = np.ones(len(tips))
+    before = np.inf
     frame = Frame.identity()
     for _ in range(rounds):
         share = weights / weights.sum()
-        middle, target = share @ tips, share @ references
+        middle = share @ tips
+        target = share @ references
         left, _, right = np.linalg.svd((references - target).T @ ((tips - middle) * share[:, None]))
         flip = np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))])
         rotation = left @ flip @ right

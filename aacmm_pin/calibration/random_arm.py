@@ -8,7 +8,7 @@ import numpy as np
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin.accuracy.parameter_draws import parameter_errors
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm import Arm
 from aacmm_pin.calibration.calibrated_arm import moved_file
 from aacmm_pin.calibration.parameter_vector import ParameterVector
 from aacmm_pin.effects import ErrorModel, GivenModel

@@ -16,7 +16,7 @@ from aacmm_pin._support.display import Shown, report
 from aacmm_pin._support.distributions import chi2_sf
 from aacmm_pin._support.notes import Note, notes_in_json
 from aacmm_pin._support.units import MM
-from aacmm_pin.arm.file import COVERAGE_FACTOR
+from aacmm_pin.arm import COVERAGE_FACTOR
 from aacmm_pin.calibration.calibrated_arm import calibrated_model
 from aacmm_pin.calibration.cross_validation import HeldOut, rms
 from aacmm_pin.calibration.estimation import fit
@@ -183,7 +183,8 @@ class Calibration(Shown):
         stated`` (they add nothing to it) or ``in combination``: it is part of one in
         :attr:`undetermined`, so that it has no u by itself.
         """
-        problem, vector = self.fit.problem, self.fit.problem.vector
+        problem = self.fit.problem
+        vector = self.fit.problem.vector
         units = [parameter.unit for parameter in vector.parameters]
         spread = np.linalg.norm(self.fit.undetermined.spread, axis=1)
         # A target may be a metre off, but is known from its place on the last body like any length
@@ -192,7 +193,8 @@ class Calibration(Shown):
         open_ = spread > MENTIONED * np.minimum(problem.widths, assembled)
         whole_u = np.hypot(np.sqrt(np.diag(self.covariance)), spread)
         u = np.where(open_, np.nan, whole_u)
-        before, change = vector.origins + problem.start, self.fit.point.x - problem.start
+        before = vector.origins + problem.start
+        change = self.fit.point.x - problem.start
         table = pd.DataFrame({"parameter": vector.names, "unit": units})
         table["unit"] = table["unit"].replace("m", "mm")
         factor = np.where(table["unit"] == "mm", MM, 1.0)
@@ -277,7 +279,8 @@ class Calibration(Shown):
     def _records(self) -> dict[str, Any]:
         """How many records were used, and which were excluded."""
         table = self.excluded[["row", "reason", "residual_mm"]]
-        used, excluded = self.fit.used, self.fit.excluded
+        used = self.fit.used
+        excluded = self.fit.excluded
         found: dict[str, Any] = {"used": int(used.sum())}
         found["silent"] = int((~used & ~excluded).sum())
         found["excluded"] = [_plain_values(row) for row in table.to_dict("records")]

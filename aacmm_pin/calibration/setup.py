@@ -14,10 +14,10 @@ from numpy.typing import ArrayLike
 from aacmm_pin._support import plausible
 from aacmm_pin._support.checks import Array, Mask, vector
 from aacmm_pin._support.notes import Note
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm import Arm
 from aacmm_pin.effects import Effect, ErrorModel, GivenModel, known_range_in_words
 from aacmm_pin.errors import AacmmError, UnknownNameError
-from aacmm_pin.measurements.records import Measurements, as_measurements
+from aacmm_pin.measurements import Measurements, as_measurements
 
 ReferenceFrame = Literal["base", "external"]
 Target = Literal["tip", "unknown", "frame"]

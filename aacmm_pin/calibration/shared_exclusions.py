@@ -17,7 +17,7 @@ from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin._support.distributions import chi2_sf
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm import Arm
 from aacmm_pin.calibration.fit import FEWEST_TOGETHER, Fit
 from aacmm_pin.effects import LEAST_SPREAD
 from aacmm_pin.measurements import LABELS, UNKNOWN_COLUMN, Measurements
@@ -135,8 +135,10 @@ class Exclusions:
 
 def exclusions_of(found: Fit) -> Exclusions:
     """Whether what a fit excluded are gross errors."""
-    excluded, used = int(found.excluded.sum()), int(found.used.sum())
-    shared, narrowed = shared_by(found), tuple(_narrowed(found))
+    excluded = int(found.excluded.sum())
+    used = int(found.used.sum())
+    shared = shared_by(found)
+    narrowed = tuple(_narrowed(found))
     return Exclusions(excluded, used, found.too_many_excluded, shared, narrowed)
 
 
@@ -149,9 +151,11 @@ def _narrowed(found: Fit) -> Iterator[Narrowed]:
     """
     if not (found.excluded.any() and found.used.any()):
         return
-    chain, q = found.problem.model.arm.chain, found.problem.measurements.q
+    chain = found.problem.model.arm.chain
+    q = found.problem.measurements.q
     for j, row in enumerate(chain.moving_rows()):
-        low, high = q[found.used, j].min(), q[found.used, j].max()
+        low = q[found.used, j].min()
+        high = q[found.used, j].max()
         values = q[found.excluded, j]
         beyond = np.maximum(low - values, values - high)
         if (beyond > 0.0).sum() < FEWEST_TOGETHER:
@@ -238,7 +242,8 @@ def _scales(arm: Arm, records: Measurements) -> Iterator[tuple[str, Array, int]]
     """Where neighbours are looked for: name, values (n, 1 or 3) in the unit of words, and of how
     many kinds it is one.
     """
-    time, chain = records.conditions.time, arm.chain
+    time = records.conditions.time
+    chain = arm.chain
     order = records.row if time is None else time
     yield "record" if time is None else "time", np.asarray(order, dtype=np.float64)[:, None], 1
     kinds = records.q.shape[1] + 1
@@ -249,7 +254,8 @@ def _scales(arm: Arm, records: Measurements) -> Iterator[tuple[str, Array, int]]
 
 def _extent(name: str, values: Array) -> str:
     """Where values (m, 1 or 3) are, in words."""
-    low, high = values.min(axis=0), values.max(axis=0)
+    low = values.min(axis=0)
+    high = values.max(axis=0)
     if name == "place":
         middle = ", ".join(f"{each:.0f}" for each in (low + high) / 2)
         return f"their tip within {np.linalg.norm(high - low) / 2:.0f} mm of ({middle}) mm"
@@ -262,14 +268,16 @@ def _stretch(values: Array, like: Index, excluded: Mask) -> tuple[Index, float]:
     and their chance.
     """
     order = like[np.argsort(values[like, 0], kind="stable")]
-    places, count = np.flatnonzero(excluded[order]), order.size
+    places = np.flatnonzero(excluded[order])
+    count = order.size
     k = places.size
     number: Index = np.arange(FEWEST_TOGETHER, k + 1)
     if not number.size:
         return like[:0], 1.0
     lengths = [places[m - 1 :] - places[: k - m + 1] for m in number]
     shortest = np.array([np.argmin(length) for length in lengths])
-    start, end = np.zeros_like(number), np.full_like(number, count - 1)
+    start = np.zeros_like(number)
+    end = np.full_like(number, count - 1)
     low = np.concatenate([places[shortest], places[k - number], start])
     high = np.concatenate([places[shortest + number - 1], end, places[number - 1]])
     inner = np.arange(low.size) < number.size
@@ -280,7 +288,8 @@ def _stretch(values: Array, like: Index, excluded: Mask) -> tuple[Index, float]:
 
 def _ball(places: Array, like: Index, excluded: Mask) -> tuple[Index, float]:
     """The same of those round an excluded one, by ``places`` (n, 3)."""
-    k, count = int(excluded[like].sum()), like.size
+    k = int(excluded[like].sum())
+    count = like.size
     number: Index = np.arange(FEWEST_TOGETHER, k + 1)
     found: tuple[Index, float] = like[:0], 1.0
     for centre in like[excluded[like]] if number.size else ():
@@ -305,7 +314,8 @@ def round_excluded(found: Fit, off: Array) -> Shared | None:
         off: residuals beside all that was found, of variance one (n, 3). Of an excluded record the
             direction counts alone.
     """
-    out, has_target = found.excluded, found.observations.has_target
+    out = found.excluded
+    has_target = found.observations.has_target
     size = np.where(out, np.sqrt(np.square(off).sum(axis=1) / 3.0), 1.0)
     off = off / size[:, None]
     tips = found.problem.model.arm.positions(found.problem.measurements.q) / MM
@@ -386,12 +396,14 @@ def _of_values(name: str, values: pd.Series, excluded: Mask, used: Mask) -> Shar
     codes, labels = pd.factorize(values.astype(str))
     there = np.bincount(codes[excluded], minlength=len(labels))
     mine = np.bincount(codes[excluded | used], minlength=len(labels))
-    count, every = int(excluded.sum()), mine.sum()
+    count = int(excluded.sum())
+    every = mine.sum()
     # Bonferroni's bound over the labels; one that all records have says nothing.
     chances = len(labels) * scipy.special.bdtrc(there - 1.0, count, mine / every)
     chances[(there == 0) | (mine == every) | (chances > 1.0)] = 1.0
     best = int(np.argmin(chances))
-    chance, where = float(chances[best]), f"{values.name} {labels[best]}"
+    chance = float(chances[best])
+    where = f"{values.name} {labels[best]}"
     return Shared(name, chance, where, int(there[best]), int(mine[best]), count)
 
 
@@ -401,28 +413,34 @@ def _of_numbers(name: str, values: pd.Series, excluded: Mask, used: Mask) -> Sha
     In parts of the range, and not far beyond that of the used ones: wrong readings, and their tips,
     are elsewhere anyway.
     """
-    numbers, counted = values.to_numpy(dtype=np.float64), excluded | used
-    low, high = numbers[used].min(), numbers[used].max()
+    numbers = values.to_numpy(dtype=np.float64)
+    counted = excluded | used
+    low = numbers[used].min()
+    high = numbers[used].max()
     from_middle = np.abs(numbers - (low + high) / 2)
     near = numbers[counted & (from_middle <= high - low)]
     edges = np.linspace(near.min(), near.max(), PARTS + 1)
     like = (numbers >= edges[0]) & (numbers <= edges[-1])
     of_excluded, _ = np.histogram(numbers[excluded & like], edges)
     of_used, _ = np.histogram(numbers[used & like], edges)
-    n_excluded, n_used = of_excluded.sum(), of_used.sum()
+    n_excluded = of_excluded.sum()
+    n_used = of_used.sum()
     if n_excluded < FEWEST_EXCLUDED or edges[0] == edges[-1]:
         return None
     part = of_excluded / n_excluded - of_used / n_used
     ahead = np.cumsum(np.concatenate([[0.0], part]))
-    least, most = int(ahead.argmin()), int(ahead.argmax())
+    least = int(ahead.argmin())
+    most = int(ahead.argmax())
     size = np.sqrt(1.0 / (1.0 / n_excluded + 1.0 / n_used))
     chance = _kuiper(float((size + 0.155 + 0.24 / size) * np.ptp(ahead)))
-    first, last = edges[min(least, most)], edges[max(least, most)]
+    first = edges[min(least, most)]
+    last = edges[max(least, most)]
     outside = least > most  # the excluded ones are on both sides of the range
     inside = (numbers >= first) & (numbers < last)
     where = f"{values.name} {'not ' * outside}from {first:.4g} to {last:.4g}"
     there = like & (inside != outside)
-    mine, every = int((there & excluded).sum()), int((there & counted).sum())
+    mine = int((there & excluded).sum())
+    every = int((there & counted).sum())
     return Shared(name, chance, where, mine, every, int(excluded.sum()))
 
 

@@ -24,7 +24,7 @@ from aacmm_pin.calibration.noise_model import NoiseModel
 from aacmm_pin.calibration.problem import Frame, Prediction, Problem, registered
 from aacmm_pin.effects import Effect, StylusOffset
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.measurements.observations import Observations
+from aacmm_pin.measurements import Observations
 
 MOST_STEPS = 100
 SETTLED = 1e-6
@@ -163,8 +163,10 @@ def initial_point(problem: Problem, observations: Observations) -> Point:
     frame = Frame.identity(len(problem.targets))
     x = problem.start
     known = problem.measurements.known
-    prediction, offsets = problem.predict(x, frame), _offsets(problem)
-    tips, enough = prediction.tips, known.sum() >= FEWEST_PLACED
+    prediction = problem.predict(x, frame)
+    offsets = _offsets(problem)
+    tips = prediction.tips
+    enough = known.sum() >= FEWEST_PLACED
     if problem.external and not enough:
         raise AacmmError(
             f"{known.sum()} records have reference coordinates, expected 3 or more to find "
@@ -172,7 +174,8 @@ def initial_point(problem: Problem, observations: Observations) -> Point:
         )
     if offsets.size and enough:
         found, moved = placed(problem, tips, prediction.jacobian[:, :3, offsets])
-        frame, x = replace(found, targets=frame.targets), x.copy()
+        frame = replace(found, targets=frame.targets)
+        x = x.copy()
         x[offsets] += moved
     elif problem.external:
         found = registered(tips[known], problem.measurements.reference[known])
@@ -231,7 +234,8 @@ class _Search:
 
     def run(self, point: Point) -> Solution:
         """Step after step until one of the ends is reached."""
-        system, message = self.system(point), f"{MOST_STEPS} steps were not enough"
+        system = self.system(point)
+        message = f"{MOST_STEPS} steps were not enough"
         for count in range(1, MOST_STEPS + 1):
             if self.robust:
                 self.weights = _robust_weights(np.fmax(system.distance, system.turn_distance))
@@ -244,7 +248,8 @@ class _Search:
             if predicted < (NO_STEP if self.final else self.tolerance):
                 message = ""
                 break
-            cost, delta = system.cost, step.within(self.radius)
+            cost = system.cost
+            delta = step.within(self.radius)
             seats = point.seats + system.seat_step(delta.parameters)
             del step, system  # the rows of one system are most of what a search holds
             trial, reduction = self.trial(point, seats, delta.parameters, cost)
@@ -289,7 +294,8 @@ class _Search:
         weight.
         """
         x, of_frame = np.split(step, [point.x.size])
-        x, frame = point.x + x, point.frame.moved(of_frame)
+        x = point.x + x
+        frame = point.frame.moved(of_frame)
         try:
             prediction = self.problem.predict(x, frame)
         except AacmmError:  # it could be evaluated where the search began
@@ -331,7 +337,8 @@ class _Search:
         """
         if not len(self.noise.observations.ends):
             return point, system
-        before, still = np.inf, np.zeros(self.problem.scales.size)
+        before = np.inf
+        still = np.zeros(self.problem.scales.size)
         for _ in range(MOST_STEPS):
             step = system.seat_step(still)
             size = np.abs(step).max(initial=0.0)
@@ -412,7 +419,7 @@ class _Step:
 
     def _in_parameters(self, step: Array) -> Array:
         relative = step / self._divisors
-        return np.asarray(relative * self.system.prior.scales)
+        return relative * self.system.prior.scales
 
     def _damping(self, radius: float) -> float:
         """What is added to the squared singular values so that the step is as long as ``radius``; 0
@@ -450,4 +457,4 @@ def _robust_weights(distance: Array) -> Array:
     counts = np.isfinite(distance)
     scale = np.median(distance[counts]) / MEDIAN if counts.any() else 1.0
     relative = np.where(counts, distance, 0.0) / max(float(scale), 1e-300)
-    return np.asarray(1.0 / (1.0 + relative / (3 * WILD**2)))
+    return 1.0 / (1.0 + relative / (3 * WILD**2))

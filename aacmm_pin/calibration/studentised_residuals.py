@@ -9,7 +9,7 @@ import numpy as np
 from aacmm_pin._support.checks import Array
 from aacmm_pin.calibration.solver import Solution
 from aacmm_pin.calibration.variance_components import information_of_seats, squared_distances
-from aacmm_pin.measurements.observations import NOTHING_KNOWN
+from aacmm_pin.measurements import NOTHING_KNOWN
 
 
 def deleted_distances(solution: Solution) -> Array:
@@ -20,7 +20,8 @@ def deleted_distances(solution: Solution) -> Array:
     has been left out, its target is only as sure as the others of its seat make it; bars count for
     nothing here. Records without a target are infinitely far.
     """
-    observations, covariance = solution.observations, solution.noise.of_residuals[:, :3, :3].copy()
+    observations = solution.observations
+    covariance = solution.noise.of_residuals[:, :3, :3].copy()
     off = solution.system.deviation.copy()
     touched = np.flatnonzero(observations.seat >= 0)
     if touched.size:
@@ -44,10 +45,14 @@ def studentised_distances(solution: Solution) -> Array:
     system with its prior (internally studentised residuals; Cook and Weisberg 1982). Records
     without a target are infinitely far.
     """
-    system, has_target = solution.system, solution.observations.has_target
-    spectrum, known, width = system.spectrum, system.known, solution.noise.of_residuals.shape[1]
+    system = solution.system
+    has_target = solution.observations.has_target
+    spectrum = system.spectrum
+    known = system.known
+    width = solution.noise.of_residuals.shape[1]
     count = int(has_target.sum())
-    rows, scales = slice(width * count), solution.problem.scales[:, None]
+    rows = slice(width * count)
+    scales = solution.problem.scales[:, None]
     steps = scales * spectrum.directions[:, known] / spectrum.values[known]
     along = (system.jacobian[rows] @ steps).reshape(count, width, steps.shape[1])
     remaining = np.eye(width) - along @ along.transpose(0, 2, 1)

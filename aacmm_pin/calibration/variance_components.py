@@ -44,12 +44,15 @@ def _variance_component(
     That of tips, beside the coordinates of seats (s, 3) that are ``open_`` and have degrees of
     freedom of their own; or of turns [rad], which are looked at beside what the tips say already.
     """
-    noise, own, of_turns = solution.noise, solution.noise.without_scatter[used], solution.turn_dof
+    noise = solution.noise
+    own = solution.noise.without_scatter[used]
+    of_turns = solution.turn_dof
     scatters = noise.scatters
     dof = of_turns if turns else solution.chi2.dof - of_turns - dof_of_seats
     if dof < LEAST_DOF:
         return scatters.turn if turns else scatters.tip
-    deviation, seats = solution.system.off[used], solution.point.seats
+    deviation = solution.system.off[used]
+    seats = solution.point.seats
     ties = (
         np.where(open_, 0.0, noise.observations.of_seats(seats)),
         noise.observations.of_bars(seats)[0],
@@ -61,7 +64,8 @@ def _variance_component(
         rest = -float(squared_distances(deviation[:, :3], own[:, :3, :3]).sum())
         varied = np.diag([0.0, 0, 0, 1, 1, 1])
     else:
-        deviation, own = deviation[:, :3], own[:, :3, :3]
+        deviation = deviation[:, :3]
+        own = own[:, :3, :3]
 
     def excess(variance: float) -> float:
         distances = squared_distances(deviation, own + variance * varied)
@@ -79,8 +83,11 @@ def _of_seats(solution: Solution, open_: Mask) -> tuple[float, float]:
     number more the scatter of the tips counts. Seats that are outliers beside the better half, such
     as one that was moved, have no part in it.
     """
-    noise, system, known = solution.noise, solution.system, solution.noise.observations.known
-    ties, bars = 3 * int(known.sum()), len(noise.observations.ends)
+    noise = solution.noise
+    system = solution.system
+    known = solution.noise.observations.known
+    ties = 3 * int(known.sum())
+    bars = len(noise.observations.ends)
     first = len(system.residual) - ties - bars
     steps = system.jacobian[first : first + ties] @ system.independent_steps
     by_parameters = np.square(steps).sum(axis=1).reshape(-1, 3)
@@ -92,8 +99,10 @@ def _of_seats(solution: Solution, open_: Mask) -> tuple[float, float]:
     square = np.square(off[known]).sum(axis=1)
     dof = float(left.sum())
     is_shown = left > LEAST_TOLD
-    square, left = square[is_shown], left[is_shown]
-    each, own = square / left, noise.scatters.tip**2
+    square = square[is_shown]
+    left = left[is_shown]
+    each = square / left
+    own = noise.scatters.tip**2
     limit = f_isf(FALSE_EXCLUSION / max(each.size, 1), 3, max(EFFICIENCY * dof, 1.0))
     middle = float(np.median(each)) if each.size else 0.0
     belongs = each <= limit * (3.0 / MEDIAN) * max(middle, own)
@@ -128,7 +137,8 @@ def root(excess: Callable[[float], float], deviation: Array) -> float:
     """Variance at which ``excess``, which falls with it, vanishes; the largest that can be where it
     does not.
     """
-    low, high = LEAST_SCATTER**2, 10 * (float(np.square(deviation).sum()) + LEAST_SCATTER**2)
+    low = LEAST_SCATTER**2
+    high = 10 * (float(np.square(deviation).sum()) + LEAST_SCATTER**2)
     if excess(low) <= 0:
         return low
     return (

@@ -32,4 +32,4 @@ class Background:
         first = self.model.base.nuisances
         # The nuisances are eliminated.
         inverse = np.linalg.inv(self.model.base.factor[first:, first:])
-        return np.asarray(self.model.variance * inverse.T @ inverse)
+        return self.model.variance * inverse.T @ inverse

@@ -63,7 +63,8 @@ def branches_of(choice: Choice) -> Branches | None:
     """The joint over which the counted records most clearly fall into two branches; None where none
     does.
     """
-    fit, records = choice.design.fit, choice.fit.problem.measurements
+    fit = choice.design.fit
+    records = choice.fit.problem.measurements
     chosen = choice.counted & fit.observations.has_target
     if records.conditions.approach is not None or chosen.sum() < FEWEST_RECORDS:
         return None
@@ -78,7 +79,8 @@ def branches_of(choice: Choice) -> Branches | None:
         moved = size >= LEAST_LEVER
         if moved.sum() < FEWEST_RECORDS:
             continue
-        size, angle = size[moved], records.q[chosen, j][moved]
+        size = size[moved]
+        angle = records.q[chosen, j][moved]
         along = np.einsum("ni,ni->n", columns[moved, :, j], off[moved]) / size
         half_width, ratio = two_branches(along - _smooth(along, size, angle), size)
         found.append(Branches(int(row), half_width, bool(chain.prismatic[j]), ratio))
@@ -94,7 +96,7 @@ def _smooth(along: Array, size: Array, angle: Array) -> Array:
     functions = np.hstack([np.ones((angle.size, 1)), np.cos(waves), np.sin(waves)])
     basis = functions * size[:, None]
     coefficients = np.linalg.lstsq(basis, along, rcond=1e-9)[0]
-    return np.asarray(basis @ coefficients)
+    return basis @ coefficients
 
 
 def two_branches(along: Array, size: Array) -> tuple[float, float]:
@@ -107,9 +109,12 @@ def two_branches(along: Array, size: Array) -> tuple[float, float]:
         along: residuals (n,).
         size: what one unit of the joint does to each (n,).
     """
-    rms, lever = np.sqrt(np.square(along).mean()), np.sqrt(np.square(size).mean())
+    rms = np.sqrt(np.square(along).mean())
+    lever = np.sqrt(np.square(size).mean())
     halves = HALVES * rms / lever
-    apart, twos, ones = halves[:, None] * size, [], []
+    apart = halves[:, None] * size
+    twos = []
+    ones = []
     for s in SCATTERS * rms:
         near, far = (-0.5 * np.square((along - off) / s) for off in (apart, -apart))
         wider = s**2 + np.square(apart)

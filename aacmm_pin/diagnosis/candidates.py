@@ -6,11 +6,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm import Arm
+from aacmm_pin.calibration import Problem, Setup
 from aacmm_pin.calibration.parameter_vector import EFFECT_OF_KIND
 from aacmm_pin.calibration.parameters import is_reestimated
-from aacmm_pin.calibration.problem import Problem
-from aacmm_pin.calibration.setup import Setup
 from aacmm_pin.effects import (
     CAUSES,
     Discrepancy,
@@ -23,7 +22,7 @@ from aacmm_pin.effects import (
     require_row,
 )
 from aacmm_pin.errors import UnknownNameError
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements import Measurements
 
 Variants = tuple[Effect, ...]
 """A candidate: one cause at one place with each value of its inner parameter (order, time, …), all

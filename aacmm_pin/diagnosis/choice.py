@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import filterfalse
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from aacmm_pin.diagnosis.model_space import Blocks, Candidates
 from aacmm_pin.diagnosis.posterior import Posterior
 from aacmm_pin.diagnosis.reading_scatter import ReadingScatter
 from aacmm_pin.effects import Effect
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements import Measurements
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,12 +70,13 @@ class Choice:
         there, and a few such records would be all that a gain in RMS shows.
         """
         used = self.fit.used
-        return np.asarray(used if self.kept_alone is None else used | self.kept_alone)
+        return used if self.kept_alone is None else used | self.kept_alone
 
     @cached_property
     def of_part(self) -> dict[int, tuple[Index, Measurements]]:
         """The counted records of each part that can be left out, their numbers first."""
-        records, found = self.fit.problem.measurements, {}
+        records = self.fit.problem.measurements
+        found = {}
         for number in self.by_part.parts:
             rows = np.flatnonzero(self.counted & (self.parts == number))
             found[number] = rows, records.take(rows)
@@ -116,21 +118,24 @@ class Choice:
     @property
     def top_causes(self) -> Blocks:
         """Blocks of the most probable set that are causes of the library."""
-        return tuple(k for k in self.posterior.top if self.candidates.is_cause(k))
+        return tuple(filter(self.candidates.is_cause, self.posterior.top))
 
     @property
     def causes(self) -> Blocks:
         """Blocks of the median probability model that are causes of the library, the strongest
         first.
         """
-        own = [k for k in self.posterior.median if self.candidates.is_cause(k)]
-        return tuple(sorted(own, key=lambda k: -self.posterior.strength(k)))
+        return tuple(filter(self.candidates.is_cause, self._by_strength))
 
     @property
     def covariates(self) -> Blocks:
         """Its blocks that are covariates, the strongest first."""
-        own = [k for k in self.posterior.median if not self.candidates.is_cause(k)]
-        return tuple(sorted(own, key=lambda k: -self.posterior.strength(k)))
+        return tuple(filterfalse(self.candidates.is_cause, self._by_strength))
+
+    @property
+    def _by_strength(self) -> list[int]:
+        """Blocks of the median probability model, the strongest first."""
+        return sorted(self.posterior.median, key=self.posterior.strength, reverse=True)
 
     @property
     def effects(self) -> list[Effect]:
@@ -147,20 +152,21 @@ class Choice:
         """Whether a block moves only records that are left out together, so that the others say
         nothing of it.
         """
+        used = self.fit.used
         moved = self.design.columns(block).any(axis=(1, 2))
-        inside, every = (
-            np.unique(self.parts[records]).size
-            for records in (moved & self.fit.used, self.fit.used)
-        )
-        return bool(inside == 1 < every)
+        inside = np.unique(self.parts[moved & used])
+        every = np.unique(self.parts[used])
+        return inside.size == 1 < every.size
 
     def covariate(self, block: int) -> Covariate:
         """The covariate of a block."""
-        return self.others[self.candidates.owner(block) - self.design.causes]
+        number = self.candidates.owner(block) - self.design.causes
+        return self.others[number]
 
     def way(self, block: int) -> Carried:
         """How it acts."""
-        return self.covariate(block).variants[self.design.blocks[block].variant]
+        variant = self.design.blocks[block].variant
+        return self.covariate(block).variants[variant]
 
     def variant(self, block: int) -> Effect:
         """The effect of a block."""

@@ -13,7 +13,7 @@ import scipy
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm import Arm
 from aacmm_pin.calibration.shared_exclusions import MOST_LABELS, as_numbers
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.effects import (
@@ -30,7 +30,7 @@ from aacmm_pin.effects import (
     product_of,
     tubes,
 )
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements import Measurements
 
 SMOOTH = (5, 20)
 """Numbers of cosines over the ranks of a covariate: a slow change; one with many turns, where it
@@ -189,7 +189,8 @@ def _of_columns(
     growing = [f"tube {row}" for row in tubes(state.arm)]
     carriers = {"anywhere": [*turning, "lengths", "tubes", *growing], "joints": turning}
     for column in measurements.covariate_columns():
-        acts_on, name = carriers.get(column.entry.covariate), column.quantity
+        acts_on = carriers.get(column.entry.covariate)
+        name = column.quantity
         if acts_on is not None:
             at_new_records = state if name in RECORDED else None
             yield _of(name, column.values, acts_on, at_new_records, Column(column.name))
@@ -239,7 +240,8 @@ def _with_time(covariate: Covariate, conditions: Conditions) -> Covariate:
     """Sessions and time belong together: time may go on anew in each session, and one session is
     later than the other.
     """
-    session, time = conditions.session, conditions.time
+    session = conditions.session
+    time = conditions.time
     if session is None or time is None or covariate.name not in ("time", "session"):
         return covariate
     if covariate.name == "session":
@@ -349,9 +351,11 @@ def _groups(measurements: Measurements) -> Iterator[Covariate]:
     """One group of records, a bar or else a seat of unknown place, in which the target sat
     elsewhere on the arm.
     """
-    what, labels = "bar", measurements.bar
+    what = "bar"
+    labels = measurements.bar
     if labels is None:
-        what, labels = "seat", measurements.conditions.seat
+        what = "seat"
+        labels = measurements.conditions.seat
     if labels is None or measurements.known.any():
         return
     counts = {label: np.sum(labels == label) for label in dict.fromkeys(labels) if label}
@@ -359,12 +363,13 @@ def _groups(measurements: Measurements) -> Iterator[Covariate]:
     column = pd.DataFrame({what: labels})
     for label in large if len(large) >= THRESHOLDS.fewest_groups else []:
         inside = (labels == label).astype(np.float64)[:, None]
-        name, way = f"{what} {label}", Carried(_of_size_one(inside), "target")
+        name = f"{what} {label}"
+        way = Carried(_of_size_one(inside), "target")
         yield Covariate(name, (name,), (way,), column)
 
 
 def _of_size_one(functions: Array) -> Array:
-    return np.asarray(functions / _size(functions))
+    return functions / _size(functions)
 
 
 def _size(functions: Array) -> Array:

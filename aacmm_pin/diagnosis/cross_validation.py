@@ -15,8 +15,8 @@ import scipy
 from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.progress import Progress
-from aacmm_pin.calibration import Fit
-from aacmm_pin.calibration.cross_validation import distances, left_out_in_turn, rms
+from aacmm_pin.calibration import Fit, rms
+from aacmm_pin.calibration.cross_validation import distances, left_out_in_turn
 from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.exploration import explored_from
 from aacmm_pin.diagnosis.model_space import Blocks, ModelSpace
@@ -134,7 +134,8 @@ class Training:
         discrepancy too [m].
         """
         poses = before.point.prediction.poses[self.rows]
-        recalibrated, extended = self.predicted(()), self.predicted(self.causes)
+        recalibrated = self.predicted(())
+        extended = self.predicted(self.causes)
         smooth = self.predicted(self.chosen, background=True)
         return [self._distances(poses), recalibrated, extended, smooth]
 
@@ -246,7 +247,8 @@ def brought(choice: Choice, trained: list[Training], block: int) -> Brought | No
 
 def _ratio(upper: Array, lower: Array) -> tuple[float, float]:
     """Ratio of the sums of two quantities of every part (parts,), and its standard uncertainty."""
-    count, total = len(lower), lower.sum()
+    count = len(lower)
+    total = lower.sum()
     share = float(upper.sum() / total)
     scatter = np.sum((upper - share * lower) ** 2)
     u = np.sqrt(count / (count - 1) * scatter) / total

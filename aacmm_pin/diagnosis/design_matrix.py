@@ -12,9 +12,8 @@ from itertools import groupby
 import numpy as np
 
 from aacmm_pin._support.checks import Array, Index
-from aacmm_pin.calibration import Fit
+from aacmm_pin.calibration import Fit, ParameterVector
 from aacmm_pin.calibration.jacobian import Columns
-from aacmm_pin.calibration.parameter_vector import ParameterVector
 from aacmm_pin.calibration.variance_components import information_of_seats
 from aacmm_pin.diagnosis.candidates import Variants, is_change
 from aacmm_pin.diagnosis.covariates import Carried, Covariate
@@ -95,16 +94,16 @@ class Design:
 
     def of(self, numbers: Sequence[int]) -> Design:
         """The same with some of the blocks alone, in this order."""
-        chosen = [self.blocks[k] for k in numbers]
-        ends = self.nuisances + np.cumsum([0, *(b.size for b in chosen)])
-        blocks = (
-            replace(b, columns=slice(int(a), int(c)))
-            for b, a, c in zip(chosen, ends[:-1], ends[1:], strict=True)
-        )
-        scales = np.concatenate(
-            [self.scales[: self.nuisances], *(self.scales[b.columns] for b in chosen)]
-        )
-        return replace(self, blocks=tuple(blocks), scales=scales)
+        first = self.nuisances
+        scales = [self.scales[:first]]
+        blocks = []
+        for number in numbers:
+            block = self.blocks[number]
+            end = first + block.size
+            blocks.append(replace(block, columns=slice(first, end)))
+            scales.append(self.scales[block.columns])
+            first = end
+        return replace(self, blocks=tuple(blocks), scales=np.concatenate(scales))
 
     def column_blocks(self) -> Iterator[tuple[slice, Array]]:
         """The columns of all in turn, a limited number at once: which, and (n, 3 or 6, q), scaled
@@ -150,7 +149,8 @@ class Design:
         3 or 6) [m, rad].
         """
         observations = self.fit.observations
-        points, touched = self.fit.point.seats, np.flatnonzero(observations.seat >= 0)
+        points = self.fit.point.seats
+        touched = np.flatnonzero(observations.seat >= 0)
         off = observations.deviations(tips, points)
         if not touched.size:
             return off
@@ -202,12 +202,14 @@ def design_of(
             arm states of a geometric value among them, or of a cause that it is known to have, is a
             nuisance as well, within its u.
     """
-    problem, point = fit.problem, fit.point
+    problem = fit.problem
+    point = fit.point
     width = problem.vector.size
     stays = problem.vector.slices[-taken_out].start if taken_out else width
     own = point.prediction.jacobian
     known = {variants[0].identity: variants[0].u for variants in library if is_change(variants[0])}
-    stated_u, known_u = problem.vector.arm_u, np.zeros(width)
+    stated_u = problem.vector.arm_u
+    known_u = np.zeros(width)
     for effect, place in problem.vector:
         if place.start >= stays and effect.identity in known:
             stated_u[place] = known_u[place] = known[effect.identity]
@@ -219,7 +221,9 @@ def design_of(
         *map(_sources, library),
         *(each.variants for each in others),
     ]
-    blocks, typical, first = [], [], kept.size
+    blocks = []
+    typical = []
+    first = kept.size
     for number, variants in enumerate(candidates):
         for which, source in enumerate(variants):
             typical.append(_typical(source, left))
@@ -259,7 +263,8 @@ def _sources(variants: Variants) -> list[tuple[Effect, ...]]:
     """What each variant changes: itself, and where it has another inner value than a cause that is
     known, that one too.
     """
-    first, both = variants[0], is_change(variants[0]) and variants[0].nonlinear.field
+    first = variants[0]
+    both = is_change(variants[0]) and variants[0].nonlinear.field
     return [(effect, first) if both and effect is not first else (effect,) for effect in variants]
 
 
@@ -267,8 +272,10 @@ class _Calibrated:
     """The calibrated arm in its records."""
 
     def __init__(self, fit: Fit) -> None:
-        problem, point = fit.problem, fit.point
-        arm, records = problem.model.arm, problem.measurements
+        problem = fit.problem
+        point = fit.point
+        arm = problem.model.arm
+        records = problem.measurements
         self.drawn = State(arm, records.q, records.conditions, arm.chain.tip, turns=problem.turns)
         given = ParameterVector(arm, (*problem.model.effects, *fit.effects))
         self.state = Columns.of(self.drawn, given.effects).at(given.values)
@@ -281,7 +288,7 @@ class _Calibrated:
         """
         columns = Columns.of(self.drawn, effects).jacobian(self.state)
         if not self.state.turns:
-            return np.asarray(self.frame @ columns)
+            return self.frame @ columns
         return np.concatenate([self.frame @ half for half in np.split(columns, 2, axis=1)], axis=1)
 
     def carried(self, way: Carried) -> Array:

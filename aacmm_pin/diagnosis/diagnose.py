@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,16 +12,23 @@ from numpy.typing import ArrayLike
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.progress import Progress
 from aacmm_pin._support.threads import one_blas_thread
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.calibration import Fit, calibrated_model
+from aacmm_pin.arm import Arm
+from aacmm_pin.calibration import (
+    Fit,
+    Problem,
+    ReferenceFrame,
+    Setup,
+    Target,
+    calibrated_model,
+    geometric_parameters,
+    problem_of,
+)
 from aacmm_pin.calibration.calibrate import contradicted_places, counted_once
 from aacmm_pin.calibration.cross_validation import enough_postures, parts_of
 from aacmm_pin.calibration.estimation import fit
 from aacmm_pin.calibration.input_mistakes import first_fit
-from aacmm_pin.calibration.parameter_vector import geometric_parameters
-from aacmm_pin.calibration.parameters import is_reestimated, length_held, problem_of
-from aacmm_pin.calibration.problem import Problem
-from aacmm_pin.calibration.setup import ReferenceFrame, Setup, Target, checked_input
+from aacmm_pin.calibration.parameters import is_reestimated, length_held
+from aacmm_pin.calibration.setup import checked_input
 from aacmm_pin.diagnosis.candidates import candidates, known_causes
 from aacmm_pin.diagnosis.covariates import covariates
 from aacmm_pin.diagnosis.cross_validation import Gain, Training, gain_of
@@ -41,7 +49,7 @@ from aacmm_pin.effects import (
     corrects_seat,
 )
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.measurements.records import GivenRecords, Measurements
+from aacmm_pin.measurements import GivenRecords, Measurements
 
 NOTHING = 1e-12
 """Residuals smaller than this were never measured [m]."""
@@ -119,18 +127,15 @@ def diagnose(
     _require_residuals(measurements, recalibrated)
     kind, parts = parts_of(recalibrated, rng)
     library = candidates(model, measurements, recalibrated.problem, extra)
-    choice = choose(
-        problem, recalibrated, library, covariates(model.arm, measurements), parts, progress is True
-    )
-    used, setup, alone = choice.fit.used, recalibrated.problem.setup, recalibrated
-    before, recalibrated = (
-        fit(asked, used=used) for asked in (problem_of(model, measurements, [], setup), problem([]))
-    )
-    trained = (
-        [Training(choice, number) for number in choice.by_part.parts]
-        if enough_postures(measurements)
-        else []
-    )
+    others = covariates(model.arm, measurements)
+    choice = choose(problem, recalibrated, library, others, parts, progress is True)
+    used = choice.fit.used
+    alone = recalibrated
+    as_stated = problem_of(model, measurements, [], alone.problem.setup)
+    before = fit(as_stated, used=used)
+    recalibrated = fit(problem([]), used=used)
+    left_out = choice.by_part.parts if enough_postures(measurements) else []
+    trained = [Training(choice, number) for number in left_out]
     findings = findings_of(model, choice, trained, rng)
     held = gain_of(choice, trained, before, kind, rng, progress) if hold_out and trained else None
     if held is not None and not findings:
@@ -219,35 +224,33 @@ def _with_causes(model: ErrorModel, measurements: Measurements, setup: Setup) ->
         for e in free_ones
         if e.identity not in known and not is_reestimated(e, setup, measurements)
     ]
-    unstated = [effect.at(effect.values, free(effect).u) for effect in others]
-    held = length_held(
-        problem_of(model, measurements, ["geometry", *unstated, *known.values()], setup)
-    )
-    setup = replace(setup, held=held)
+    unstated = [_freed(effect) for effect in others]
 
     def problem(
-        causes: Sequence[Effect], held_causes: Sequence[Effect] = (), gone: Sequence[Effect] = ()
+        setup: Setup,
+        causes: Sequence[Effect],
+        held_causes: Sequence[Effect] = (),
+        gone: Sequence[Effect] = (),
     ) -> Problem:
-        freed = [
-            replace(c, values=known[c.identity].values) if c.identity in known else c
-            for c in causes
-        ]
+        freed = [replace(c, values=known.get(c.identity, c).values) for c in causes]
+        new = [cause for cause in causes if cause.identity not in known]
+        places = {cause.label for cause in new if cause.nonlinear.field}
         keys = {cause.key for cause in (*causes, *gone)}
-        places = {
-            cause.label for cause in causes if cause.nonlinear.field and cause.identity not in known
-        }
         rest = [effect for effect in known.values() if effect.key not in keys]
-        beside = [
-            effect.at(effect.values, free(effect).u) for effect in rest if effect.label in places
-        ]
+        beside = [_freed(effect) for effect in rest if effect.label in places]
         within = [effect for effect in rest if effect.label not in places]
         whole = replace(model, effects=(*model.effects, *held_causes))
-        asked = problem_of(
-            whole, measurements, ["geometry", *unstated, *within, *beside, *freed], setup
-        )
+        estimated: list[str | Effect] = ["geometry", *unstated, *within, *beside, *freed]
+        asked = problem_of(whole, measurements, estimated, setup)
         return replace(asked, candidates=len(beside) + len(freed))
 
-    return problem
+    held = length_held(problem(setup, []))
+    return partial(problem, replace(setup, held=held))
+
+
+def _freed(effect: Effect) -> Effect:
+    """The effect at its values, free within many typical magnitudes."""
+    return effect.at(effect.values, free(effect).u)
 
 
 def _as_found(
@@ -259,9 +262,13 @@ def _as_found(
     Where the noise was not stated, and no structure was found, the scatter is the noise.
     """
     found = {finding.effect.identity: finding.effect for finding in findings}
-    each = ((e, found.get(e.identity, e)) for e in model.effects)
-    scatter = [model.arm.unexplained] if stated and model.arm.unexplained else []
-    arm = model.arm.with_unexplained("; ".join([*map(str, left.notes), *scatter]))
-    return ErrorModel(
-        arm, tuple(replace(f, values=e.values, u=e.u, nonlinear_u=e.nonlinear_u) for e, f in each)
-    )
+    effects = []
+    for effect in model.effects:
+        fields = found.get(effect.identity, effect)
+        as_found = replace(fields, values=effect.values, u=effect.u, nonlinear_u=effect.nonlinear_u)
+        effects.append(as_found)
+    unexplained = [str(note) for note in left.notes]
+    if stated and model.arm.unexplained:
+        unexplained.append(model.arm.unexplained)
+    arm = model.arm.with_unexplained("; ".join(unexplained))
+    return ErrorModel(arm, tuple(effects))

@@ -11,10 +11,9 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.file import calibrated
-from aacmm_pin.calibration import Fit
-from aacmm_pin.calibration.calibrated_arm import calibrated_model, joined
+from aacmm_pin.arm import Arm, calibrated
+from aacmm_pin.calibration import Fit, calibrated_model
+from aacmm_pin.calibration.calibrated_arm import joined
 from aacmm_pin.calibration.estimation import fit as fit_of
 from aacmm_pin.calibration.linearisation import linearise
 from aacmm_pin.diagnosis.background import Background
@@ -77,7 +76,8 @@ def _prior_u(choice: Choice) -> Array:
     """Prior standard deviation of the coefficients of all covariates that were found (p,) [m, rad,
     m/m].
     """
-    model, design = choice.posterior.median_model, choice.design
+    model = choice.posterior.median_model
+    design = choice.design
     widths = [np.empty(0)]
     for k in choice.covariates:
         scales = design.scales[design.blocks[k].columns]
@@ -87,7 +87,8 @@ def _prior_u(choice: Choice) -> Array:
 
 def _background(choice: Choice, taken: Collection[str]) -> Discrepancy:
     """The background at its most probable amplitude."""
-    design, model = choice.design, choice.posterior.median_model
+    design = choice.design
+    model = choice.posterior.median_model
     columns, weights = model.base.gram.products.background
     blocks = [k for k, block in enumerate(design.blocks) if block.candidate >= design.causes]
     described = described_by(choice, blocks)
@@ -110,7 +111,8 @@ def covariate_effects(
             all axes together, one covariate after the other (p,) [m, rad, m/m].
         taken: labels of effects that the arm has already: another one has a number behind its name.
     """
-    effects, labels = list[Discrepancy](), set(taken)
+    effects = list[Discrepancy]()
+    labels = set(taken)
     for (name, way), own in zip(described, _slices(described), strict=True):
         if way.smooth is None:
             continue
@@ -151,7 +153,8 @@ def background_effect(
         if way.smooth is not None:
             rows = coefficients_of_effect(way)[:, None] * directions[own]
             parts.append(replace(_part(way), directions=tuple(map(tuple, rows.tolist()))))
-    values, u = np.zeros(directions.shape[1]), np.ones(directions.shape[1])
+    values = np.zeros(directions.shape[1])
+    u = np.ones(directions.shape[1])
     values[0], u[0] = 1.0, size_u
     return _new(EVERYTHING, tuple(parts), len(values), taken).at(values, u)
 
@@ -200,7 +203,8 @@ def _answers(fit: Fit, held: Discrepancy) -> Array:
 
 def _answer(fit: Fit, held: Discrepancy, number: int) -> Array:
     """How they answer to one of the coefficients (p,)."""
-    problem, point = fit.problem, fit.point
+    problem = fit.problem
+    point = fit.point
     values = np.array(held.values)
     values[number] += held.u[number]
     others = [effect for effect in problem.model.effects if effect != held]
@@ -211,7 +215,7 @@ def _answer(fit: Fit, held: Discrepancy, number: int) -> Array:
     change = fit.system.jacobian.T @ (moved.residual - fit.system.residual)
     steps = fit.system.independent_steps
     answer = steps @ (steps.T @ change)
-    return np.asarray(-answer[: problem.vector.size] / held.u[number])
+    return -answer[: problem.vector.size] / held.u[number]
 
 
 def with_covariance(arm: Arm, names: list[str], covariance: Array) -> Arm:
@@ -242,7 +246,7 @@ def _rounded(numbers: Array) -> Array:
     size = np.maximum(np.abs(numbers), np.finfo(float).tiny)
     digits = np.floor(np.log10(size)) - 2.0
     unit = 10.0**digits
-    return np.asarray(np.round(numbers / unit) * unit)
+    return np.round(numbers / unit) * unit
 
 
 def _slices(described: Sequence[Described]) -> list[slice]:
@@ -269,7 +273,8 @@ def _part(way: Carried) -> Part:
 
 def _new(name: str, parts: tuple[Part, ...], size: int, taken: Collection[str]) -> Discrepancy:
     """A discrepancy of value zero with a label that is not taken."""
-    found, number = Discrepancy(name, parts, size), 1
+    found = Discrepancy(name, parts, size)
+    number = 1
     while found.label in taken:
         number += 1
         found = replace(found, covariate=f"{name} ({number})")

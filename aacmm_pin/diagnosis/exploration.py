@@ -89,7 +89,8 @@ def _disagreement(
     space: ModelSpace, one: Mapping[Blocks, float], other: Mapping[Blocks, float]
 ) -> float:
     first, second = (inclusion(space, weights_of(values)) for values in (one, other))
-    return float(np.abs(first - second).max(initial=0.0))
+    difference = np.abs(first - second)
+    return float(difference.max(initial=0.0))
 
 
 class Walk:
@@ -191,7 +192,8 @@ class Walk:
         a better set is found.
         """
         self.exchanged.add(blocks)
-        candidates, before = self.space.candidates, self.best
+        candidates = self.space.candidates
+        before = self.best
         for rest in self._without_contained(blocks):
             self._visit_additions(rest)
         for k in blocks:
@@ -211,15 +213,17 @@ class Walk:
         several.
         """
         candidates = self.space.candidates
-        each = [
-            tuple(k for k in blocks if candidates.owner(k) not in inside)
-            for inside in candidates.contained.values()
-        ]
-        return [rest for rest in dict.fromkeys(each) if len(rest) < len(blocks) - 1]
+        found = list[Blocks]()
+        for inside in candidates.contained.values():
+            rest = tuple(k for k in blocks if candidates.owner(k) not in inside)
+            if len(rest) < len(blocks) - 1 and rest not in found:
+                found.append(rest)
+        return found
 
     def _contained_in(self, rest: Blocks, block: int) -> list[int]:
         """The best block, beside ``rest``, of each candidate that a block's candidate contains."""
-        candidates, values = self.space.candidates, self.space.additions(rest)
+        candidates = self.space.candidates
+        values = self.space.additions(rest)
         inside = candidates.contained.get(candidates.owner(block), frozenset())
         own = [np.flatnonzero(candidates.owners == owner) for owner in sorted(inside)]
         best = [int(some[np.argmax(values[some])]) for some in own if some.size]

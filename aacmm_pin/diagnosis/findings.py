@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin.calibration.parameter_vector import geometric_parameters
+from aacmm_pin.calibration import geometric_parameters
 from aacmm_pin.diagnosis.candidates import is_change
 from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.cross_validation import Training, brought
@@ -25,20 +25,25 @@ def findings_of(
     """The causes, strongest first, with the values that the last refit gave them; geometric values
     last.
     """
+
+    def is_geometric(finding: Finding) -> bool:
+        return bool(geometric_parameters(model.arm, finding.effect))
+
     found = [_finding(model, choice, trained, block, rng) for block in choice.causes]
-    return sorted(found, key=lambda finding: bool(geometric_parameters(model.arm, finding.effect)))
+    return sorted(found, key=is_geometric)
 
 
 def _finding(
     model: ErrorModel, choice: Choice, trained: list[Training], block: int, rng: np.random.Generator
 ) -> Finding:
-    every = {effect.identity: (effect, covariance) for effect, covariance in estimated(choice)}
+    every = {each[0].identity: each for each in estimated(choice)}
     # The new one comes last.
-    latest = {effect.label: (effect, covariance) for effect, covariance in every.values()}
+    latest = {each[0].label: each for each in every.values()}
     chosen = choice.variant(block)
     effect, covariance = every.get(chosen.identity, latest[chosen.label])
     covariance = covariance + _of_other_sets(choice, block, effect)
-    effect = effect.at(effect.values, tuple(np.sqrt(np.diag(covariance))))
+    u = np.sqrt(np.diag(covariance))
+    effect = effect.at(effect.values, tuple(u))
     field = effect.nonlinear.field
     is_step = field and not effect.nonlinear.prior_sd(effect)
     steps = {field: step_of(choice, block, field)} if is_step else {}
@@ -48,6 +53,10 @@ def _finding(
         old for old in known if old.identity == effect.identity or old.identity not in every
     ]
     left = choice.posterior.without(block)
+    is_geometric = geometric_parameters(model.arm, effect)
+    beside = None
+    if effect.place is not None and effect.cause in latest:
+        beside, _ = latest[effect.cause]
     return Finding(
         effect if is_change(chosen) else _told(choice, effect, inner, steps),
         values_with_u(effect, covariance),
@@ -55,10 +64,10 @@ def _finding(
         family_wise_p_value(choice.candidates, left, block, rng),
         retained(left, block),
         tuple(aliases_of(choice.posterior, choice.library, block)),
-        None if geometric_parameters(model.arm, effect) else brought(choice, trained, block),
+        None if is_geometric else brought(choice, trained, block),
         inner,
         slides(effect, choice.fit.problem.model.arm),
-        None if effect.place is None else latest.get(effect.cause, (None,))[0],
+        beside,
         next(iter(replaced), None),
     )
 
@@ -70,7 +79,7 @@ def _of_other_sets(choice: Choice, block: int, effect: Effect) -> Array:
     design = choice.design
     scales = design.scales[design.blocks[block].columns][: len(effect.terms)]
     more = choice.posterior.uncertainty_of_the_set(block)[: len(effect.terms), : len(effect.terms)]
-    return np.asarray(scales[:, None] * more * scales)
+    return scales[:, None] * more * scales
 
 
 def _told(
@@ -95,9 +104,11 @@ def _inner_values(
     choice: Choice, effect: Effect, steps: Mapping[str, Step]
 ) -> dict[str, tuple[float, float]]:
     """What was found of order, time constant or time, with u."""
-    told = {name: u for (key, name), u in choice.fit.inner_u.items() if key == effect.key}
-    told |= {name: step.u for name, step in steps.items()}
-    return {name: (float(getattr(effect, name)), u) for name, u in told.items()}
+    every = choice.fit.inner_u.items()
+    found = {name: u for (key, name), u in every if key == effect.key}
+    found |= {name: step.u for name, step in steps.items()}
+    values = {name: float(getattr(effect, name)) for name in found}
+    return {name: (values[name], u) for name, u in found.items()}
 
 
 def estimated(choice: Choice) -> Iterator[tuple[Effect, Array]]:

@@ -24,7 +24,7 @@ from aacmm_pin.diagnosis.covariates import Carried
 from aacmm_pin.diagnosis.design_matrix import Block, Design
 from aacmm_pin.diagnosis.held_postures import RecordNoise
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
-from aacmm_pin.measurements.observations import Observations
+from aacmm_pin.measurements import Observations
 
 MOST_DOUBLE = 10_000_000
 """More numbers than this are held in single precision: 6e-8 of a column is far below the noise of
@@ -87,7 +87,8 @@ class PartRows:
         """``Rᵀ R`` of some columns times ``weights`` (columns, r), to the precision of the rows
         (columns, r).
         """
-        found, single = np.zeros(weights.shape), weights.astype(self.rows.dtype)
+        found = np.zeros(weights.shape)
+        single = weights.astype(self.rows.dtype)
         for first in range(0, len(self.rows), ROWS_OF_A_PRODUCT):
             rows = self.rows[first : first + ROWS_OF_A_PRODUCT, columns]
             found += rows.T @ (rows @ single)
@@ -134,7 +135,9 @@ class Products:
     def __init__(
         self, design: Design, read: Callable[[], list[PartRows]], noise: RecordNoise
     ) -> None:
-        self.design, self._read, self.noise = design, read, noise
+        self.design = design
+        self._read = read
+        self.noise = noise
         self._combined: dict[int, tuple[Array, Array]] = {}
         self.free = [each.free for each in self.parts]
         prior = np.zeros((len(design.prior), design.width + 1))
@@ -145,7 +148,8 @@ class Products:
         sizes = np.array([b.size for b in design.blocks], dtype=np.intp)
         starts = np.array([b.columns.start for b in design.blocks], dtype=np.intp)
         self.of_size = {int(q): np.flatnonzero(sizes == q) for q in np.unique(sizes)}
-        self.columns, self.place = dict[int, Index](), dict[int, tuple[int, int]]()
+        self.columns = dict[int, Index]()
+        self.place = dict[int, tuple[int, int]]()
         for size, own in self.of_size.items():
             self.columns[size] = starts[own][:, None] + np.arange(size)
             for number, block in enumerate(own.tolist()):
@@ -213,7 +217,8 @@ class Products:
         blocks = [b for b in self.design.blocks if b.candidate >= self.design.causes]
         columns = numbers_of([block.columns for block in blocks])
         free = sum(self.free)
-        of_size, places = self.diagonal_blocks(None), [self.place[id(block)] for block in blocks]
+        of_size = self.diagonal_blocks(None)
+        places = [self.place[id(block)] for block in blocks]
         traces = np.array([np.trace(of_size[size][k]) for size, k in places])
         each = np.sqrt(free / (np.maximum(traces, LEAST_TRACE) * len(blocks)))
         largest = max(THRESHOLDS.widths)
@@ -248,7 +253,8 @@ class Products:
 
     def drawn(self, draws: int, rng: np.random.Generator) -> Array:
         """Products of all columns with residuals that are noise alone (columns, draws)."""
-        return np.asarray(sum(part.drawn(draws, rng) for part in (self.prior, *self.parts)))
+        parts = (self.prior, *self.parts)
+        return np.asarray(sum(part.drawn(draws, rng) for part in parts))
 
 
 @dataclass(frozen=True, eq=False)
@@ -270,9 +276,8 @@ class Gram:
     @property
     def parts(self) -> list[int]:
         """Numbers of the parts that count and have something to say."""
-        return [
-            k for k, free in enumerate(self.products.free) if k not in self.left_out and free > 0
-        ]
+        every = enumerate(self.products.free)
+        return [k for k, free in every if k not in self.left_out and free > 0]
 
     @property
     def free(self) -> int:
@@ -305,9 +310,8 @@ class Gram:
         """Products of the background with all columns and the residual (r, columns + 1), and inside
         it (r, r).
         """
-        with_all, with_own = zip(
-            *(self.products.combined(part) for part in self.parts), strict=True
-        )
+        of_parts = map(self.products.combined, self.parts)
+        with_all, with_own = zip(*of_parts, strict=True)
         return np.sum(with_all, axis=0), np.sum(with_own, axis=0)
 
     def diagonal_blocks(self, size: int) -> Array:
@@ -337,7 +341,9 @@ def products_of(design: Design, part: Index, noise: RecordNoise | None = None) -
 
 def _parts_of(design: Design, part: Index, noise: RecordNoise) -> list[PartRows]:
     """Whitened rows."""
-    fit, held, width = design.fit, noise.postures, design.width
+    fit = design.fit
+    held = noise.postures
+    width = design.width
     used = fit.used & fit.observations.has_target
     part = np.where(used, part, -1)
     observations, old, of_seat = fit.observations.divided(part)
@@ -362,10 +368,12 @@ def _row_blocks(observations: Observations, part: Index, of_seat: Index) -> list
     """The rows of each part, by the part of each record (n,) and of each seat (s,), -1 of those
     that do not count.
     """
-    known, of_bar = observations.known, of_seat[observations.ends[:, 0]]
+    known = observations.known
+    of_bar = of_seat[observations.ends[:, 0]]
     blocks = []
     for k in range(int(part.max(initial=0)) + 1):
         seats = of_seat == k
-        stated, bars = np.flatnonzero(seats & known), np.flatnonzero(of_bar == k)
+        stated = np.flatnonzero(seats & known)
+        bars = np.flatnonzero(of_bar == k)
         blocks.append(RowBlock(np.flatnonzero(part == k), stated, bars, int(seats.sum())))
     return blocks

@@ -12,7 +12,7 @@ import scipy
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.distributions import chi2_sf
 from aacmm_pin.calibration import Fit
-from aacmm_pin.measurements.repeats import posture_numbers
+from aacmm_pin.measurements import posture_numbers
 
 RATIOS = (1e-3, 1e3)
 """Standard deviation of the error of a posture over that of a record, at least and at most."""
@@ -46,7 +46,9 @@ class HeldPostures:
         """Chance of such a likelihood ratio if records of one posture share nothing (Self, Liang
         1987, JASA 82).
         """
-        return 0.5 * float(chi2_sf(2.0 * self.log_ratio, 1)) if self.ratio else 1.0
+        if not self.ratio:
+            return 1.0
+        return 0.5 * float(chi2_sf(2.0 * self.log_ratio, 1))
 
     @staticmethod
     def groups_of(fit: Fit) -> HeldPostures:
@@ -119,7 +121,8 @@ class HeldPostures:
         """Whether the error of the same postures is about another one, or small beside that of a
         record in both.
         """
-        return bool(abs(np.log(self.scale / other.scale).mean()) < SAME_LOG_VARIANCE)
+        change = np.log(self.scale / other.scale).mean()
+        return bool(abs(change) < SAME_LOG_VARIANCE)
 
     def sums(self, rows: Array) -> Array:
         """Sum of the rows (n, …) of each group (groups, …)."""
@@ -164,7 +167,7 @@ class RecordNoise:
     def covariances(self) -> Array:
         """Of each residual but for what it shares (n, 3, 3) [m²], or (n, 6, 6)."""
         inverse = np.linalg.inv(self.whitening)
-        return np.asarray(inverse @ inverse.transpose(0, 2, 1))
+        return inverse @ inverse.transpose(0, 2, 1)
 
     def added_covariance(self, fit: Fit, variance: float) -> Array:
         """What the shared error adds to the covariance of a fit's parameters that took records as
@@ -179,7 +182,8 @@ class RecordNoise:
         """
         if not self.postures.ratio:
             return np.zeros((fit.problem.scales.size,) * 2)
-        has_target, width = fit.observations.has_target, self.whitening.shape[1]
+        has_target = fit.observations.has_target
+        width = self.whitening.shape[1]
         steps = fit.system.steps(fit.unknown)
         rows = np.zeros((len(has_target), width, steps.shape[1]))
         of_records = fit.system.jacobian[: width * has_target.sum()]
@@ -202,4 +206,4 @@ class RecordNoise:
 def _squared(rows: Array) -> Array:
     """Sum of ``Rᵀ R`` over rows (n, k, c): (c, c)."""
     stacked = rows.reshape(-1, rows.shape[-1])
-    return np.asarray(stacked.T @ stacked)
+    return stacked.T @ stacked

@@ -39,7 +39,8 @@ Series = Sequence[Sequence[Effect]]
 
 def noise_is_known(at: Fit) -> bool:
     """Whether the stated noise is all that the fit found."""
-    return at.stated and max(at.noise.scatters.tip, at.noise.scatters.turn) == 0.0
+    scatters = at.noise.scatters
+    return at.stated and max(scatters.tip, scatters.turn) == 0.0
 
 
 def refined_causes(choice: Choice, before: Sequence[Effect] = ()) -> list[Effect]:
@@ -48,8 +49,10 @@ def refined_causes(choice: Choice, before: Sequence[Effect] = ()) -> list[Effect
     Each may become a special case of what it was. Those whose values are about the same as before
     are as before.
     """
-    records, acting = choice.fit.problem.measurements, _acting(choice, choice.top_causes)
-    there, noise = {variants[0].label for variants in choice.library}, choice.noise
+    records = choice.fit.problem.measurements
+    acting = _acting(choice, choice.top_causes)
+    there = {variants[0].label for variants in choice.library}
+    noise = choice.noise
     best = [variants[-1] for variants in acting]
     new = [k for k, block in enumerate(choice.top_causes) if not is_change(choice.variant(block))]
     special = {
@@ -76,7 +79,8 @@ def refined_rivals(choice: Choice) -> list[Effect]:
     values that are tried.
     """
     tried = {number: _rivals(choice, block) for number, block in enumerate(choice.top_causes)}
-    acting, found = _acting(choice, choice.top_causes), list[Effect]()
+    acting = _acting(choice, choice.top_causes)
+    found = list[Effect]()
     for number, odds in evidences(choice.fit, choice.noise, acting, tried).items():
         found += map(likeliest, tried[number], odds)
     return found
@@ -84,7 +88,8 @@ def refined_rivals(choice: Choice) -> list[Effect]:
 
 def _rivals(choice: Choice, block: int) -> list[list[Effect]]:
     """The best others in the place of a block, each with the inner values near its own."""
-    candidates, records = choice.candidates, choice.fit.problem.measurements
+    candidates = choice.candidates
+    records = choice.fit.problem.measurements
     values = choice.posterior.space.additions(without_block(choice.posterior.top, block))
     best: dict[int, int] = {}
     for k in np.argsort(-values, kind="stable").tolist():
@@ -105,7 +110,8 @@ def _acting(choice: Choice, blocks: Sequence[int]) -> list[Variants]:
     """The causes of some blocks as :func:`evidences` asks for them."""
     found: list[Variants] = []
     for block in blocks:
-        effect, first = choice.variant(block), choice.library[choice.candidates.owner(block)][0]
+        effect = choice.variant(block)
+        first = choice.library[choice.candidates.owner(block)][0]
         known = (first,) if is_change(first) and effect is not first else ()
         found.append((*known, effect.at(())))
     return found
@@ -198,7 +204,8 @@ def with_inner_u(at: Fit, noise: RecordNoise, effects: Sequence[Effect]) -> Fit:
     records = at.problem.measurements
     new = [k for k, effect in enumerate(effects) if not is_change(effect) and _is_smooth(effect)]
     tried = {k: [effects[k].nonlinear.refine(effects[k].at(()), records)] for k in new}
-    odds, found = evidences(at, noise, [(effect,) for effect in effects], tried), {}
+    odds = evidences(at, noise, [(effect,) for effect in effects], tried)
+    found = {}
     number = {effects[k].label: k for k in new}
     for effect, own in zip(at.effects, at.problem.vector.slices, strict=True):
         k = number.get(effect.label, -1)
@@ -209,7 +216,8 @@ def with_inner_u(at: Fit, noise: RecordNoise, effects: Sequence[Effect]) -> Fit:
 
 def _is_smooth(effect: Effect) -> bool:
     """Whether it has an inner value in which it is smooth, and that may be any."""
-    return bool(effect.nonlinear.prior_sd(effect)) and not effect.nonlinear.is_preferred(effect)
+    nonlinear = effect.nonlinear
+    return bool(nonlinear.prior_sd(effect)) and not nonlinear.is_preferred(effect)
 
 
 def _least_u(effect: Effect, tried: Sequence[Effect], odds: Array) -> float:
@@ -259,7 +267,8 @@ class Step:
 
 def step_of(choice: Choice, block: int, name: str) -> Step:
     """What the records determine of the inner value ``name`` of a block."""
-    candidates, records = choice.candidates, choice.fit.problem.measurements
+    candidates = choice.candidates
+    records = choice.fit.problem.measurements
     chosen = choice.variant(block).at(())
     tried = chosen.nonlinear.refine(chosen, records)
     others = [k for k in choice.top_causes if candidates.owner(k) != candidates.owner(block)]

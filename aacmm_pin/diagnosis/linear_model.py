@@ -58,14 +58,11 @@ class Likelihood:
         if not self.stated:
             return np.asarray(-0.5 * self.dof * np.log(chi2))
         a = 0.5 * THRESHOLDS.scale_dof
-        free = (
-            a * np.log(a)
-            - gammaln(a)
-            + gammaln(a + 0.5 * self.dof)
-            - (a + 0.5 * self.dof) * np.log(a + 0.5 * chi2)
-        )
+        b = a + 0.5 * self.dof
+        free = a * np.log(a) - gammaln(a) + gammaln(b) - b * np.log(a + 0.5 * chi2)
         share = THRESHOLDS.noise_misstated
-        return np.asarray(np.logaddexp(np.log1p(-share) - 0.5 * chi2, np.log(share) + free))
+        as_stated = np.log1p(-share) - 0.5 * chi2
+        return np.asarray(np.logaddexp(as_stated, np.log(share) + free))
 
     def variance(self, chi2: float) -> float:
         """Factor on the variance of the noise that a value of χ² makes most probable."""
@@ -152,7 +149,8 @@ class Base:
     @cached_property
     def residual(self) -> Array:
         """Products of the residual with all columns and itself (columns + 1,)."""
-        return np.asarray(self.gram.residual - self.whitened[:, -1] @ self.whitened)
+        explained = self.whitened[:, -1] @ self.whitened
+        return self.gram.residual - explained
 
     @cached_property
     def _strips(self) -> dict[int, Array]:
@@ -178,7 +176,7 @@ class Base:
         products = np.concatenate(
             [*(self.gram.strip(s, own) for s in strips), self.gram.residual[None, own]]
         )
-        return np.asarray(products - whitened.T @ whitened)
+        return products - whitened.T @ whitened
 
     @cached_property
     def _diagonal_blocks(self) -> dict[int, Array]:
@@ -197,7 +195,8 @@ class Base:
         """How many parameters of nuisances and background the records, apart from priors,
         determine.
         """
-        inverse, first = divided(self.factor, np.eye(len(self.factor))), self.nuisances
+        inverse = divided(self.factor, np.eye(len(self.factor)))
+        first = self.nuisances
         prior = self.gram.products.prior.rows[:, :first]
         of_nuisances = np.square(inverse[:, :first] @ prior.T).sum()
         variances = np.square(inverse[:, first:]).sum(axis=0)
@@ -285,17 +284,19 @@ class Conditional:
     @property
     def covariance(self) -> Array:
         """Their posterior covariance (m, m), in units of the design's scales."""
-        return np.asarray(self.variance * self.inverse)
+        return self.variance * self.inverse
 
     @cached_property
     def chi2(self) -> float:
         """What is left of χ²."""
-        return float(self.products[-1, -1] + self.products[:-1, -1] @ self.estimate)
+        change = self.products[:-1, -1] @ self.estimate
+        return float(self.products[-1, -1] + change)
 
     @cached_property
     def log_volume(self) -> float:
         """``½ log det`` of set and background over their priors."""
-        return self.base.log_volume + float(np.log(np.diag(self.factor) * self.scale).sum())
+        over_prior = np.diag(self.factor) * self.scale
+        return self.base.log_volume + float(np.log(over_prior).sum())
 
     @property
     def log_evidence(self) -> float:
@@ -319,9 +320,7 @@ class Conditional:
         """Log marginal likelihood with each width of each block, and last without it (blocks,
         widths + 1).
         """
-        each = [
-            self._over_widths(k, width) for k, width in zip(self.blocks, self.widths, strict=True)
-        ]
+        each = [*map(self._over_widths, self.blocks, self.widths)]
         return np.array(each).reshape(-1, WIDTHS.size + 1)
 
     def _over_widths(self, block: int, width: int) -> Array:
@@ -330,7 +329,8 @@ class Conditional:
         information = precision - np.eye(len(precision)) / WIDTHS[width] ** 2
         gradient = precision @ self.estimate[own]
         gain, volume = gains(information[None], gradient[None, :, None])
-        gain, volume = np.append(gain, 0.0), np.append(volume, 0.0)
+        gain = np.append(gain, 0.0)
+        volume = np.append(volume, 0.0)
         chi2 = self.chi2 + 2.0 * (gain[width] - gain)
         log_volume = self.log_volume + volume - volume[width]
         return np.asarray(self.likelihood.log(chi2) - log_volume)
@@ -348,13 +348,15 @@ class Conditional:
         """Products of the residual with all columns and itself, the set integrated over (columns +
         1,).
         """
-        return np.asarray(self.base.residual - self.whitened[:, -1] @ self.whitened)
+        explained = self.whitened[:, -1] @ self.whitened
+        return self.base.residual - explained
 
     def of_residuals(self, products: Array) -> Array:
         """The same of other residuals, by their products with all columns (columns, draws) ->
         (columns, draws).
         """
-        base, first = self.base, self.base.nuisances
+        base = self.base
+        first = self.base.nuisances
         background = np.zeros((len(base.factor) - first, products.shape[1]))
         if background.size:
             columns, weights = base.gram.products.background
@@ -363,15 +365,13 @@ class Conditional:
         left = products - base.whitened[:, :-1].T @ of_base
         if self.blocks:
             left = left - self.whitened[:, :-1].T @ divided(self.factor, left[self.columns])
-        return np.asarray(left)
+        return left
 
     def informations(self, size: int) -> Array:
         """Information of every block of a size, the set integrated over (blocks, q, q)."""
         if not self.blocks:
             return self.base.diagonal_blocks(size)
-        return np.asarray(
-            self.base.diagonal_blocks(size) - squares(self.base.gram, self.whitened, size)
-        )
+        return self.base.diagonal_blocks(size) - squares(self.base.gram, self.whitened, size)
 
     def information(self, block: int) -> Array:
         """The same of one block (q, q)."""
@@ -382,7 +382,7 @@ class Conditional:
         first, second = (self.design_blocks[k].columns for k in (one, other))
         beside_base = self.base.strip(one)[:, second]
         taken = self.whitened[:, first].T @ self.whitened[:, second]
-        return np.asarray(beside_base - taken)
+        return beside_base - taken
 
     @cached_property
     def additions(self) -> Array:
@@ -404,7 +404,8 @@ class Conditional:
     @cached_property
     def step(self) -> Array:
         """Posterior mean step of nuisances, background and set, in this order (b + m,)."""
-        right = self.base.whitened[:, -1] + self.base.whitened[:, self.columns] @ self.estimate
+        whitened = self.base.whitened
+        right = whitened[:, -1] + whitened[:, self.columns] @ self.estimate
         of_base = scipy.linalg.solve_triangular(self.base.factor, right, lower=True, trans=1)
         return np.concatenate([-of_base, self.estimate])
 
@@ -418,7 +419,7 @@ class Conditional:
         if self.base.amplitude:
             each.append(products.background_columns[rows])
         each += [design.columns(k)[rows] for k in self.blocks]
-        return np.asarray(design.tips[rows] + np.concatenate(each, axis=2) @ self.step)
+        return design.tips[rows] + np.concatenate(each, axis=2) @ self.step
 
 
 def gains(information: Array, gradient: Array) -> tuple[Array, Array]:
@@ -455,7 +456,8 @@ def _by_factors(information: Array, gradient: Array) -> tuple[Array, Array]:
     """
     b, q = information.shape[:2]
     whole = np.empty((b, WIDTHS.size, q + 1, q + 1))
-    whole[:, :, :q, :q] = information[:, None] + np.eye(q) / WIDTHS[:, None, None] ** 2
+    prior = np.eye(q) / WIDTHS[:, None, None] ** 2
+    whole[:, :, :q, :q] = information[:, None] + prior
     whole[:, :, q, :q] = gradient[:, None, :, 0]  # of a symmetric matrix the lower triangle is read
     whole[:, :, q, q] = np.finfo(np.float64).max
     factor = np.linalg.cholesky(whole)
@@ -475,7 +477,7 @@ def log_sum(logs: Array) -> Array:
 def squares(gram: Gram, rows: Array, size: int) -> Array:
     """``Rᵀ R`` of the columns of every block of a size (blocks, q, q)."""
     each = rows[:, gram.products.columns[size]].transpose(1, 0, 2)  # (blocks, rows, q)
-    return np.asarray(each.transpose(0, 2, 1) @ each)
+    return each.transpose(0, 2, 1) @ each
 
 
 def divided(factor: Array, right: Array) -> Array:

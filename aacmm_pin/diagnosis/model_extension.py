@@ -14,10 +14,9 @@ import numpy as np
 from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin._support.distributions import chi2_isf
 from aacmm_pin._support.progress import bar
-from aacmm_pin.arm.file import COVERAGE_FACTOR
-from aacmm_pin.calibration import Fit
+from aacmm_pin.arm import COVERAGE_FACTOR
+from aacmm_pin.calibration import Fit, Problem
 from aacmm_pin.calibration.estimation import fit
-from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.calibration.shared_exclusions import clusters
 from aacmm_pin.calibration.variance_components import FALSE_EXCLUSION, squared_distances
 from aacmm_pin.diagnosis.candidates import Variants, is_change
@@ -82,7 +81,8 @@ def choose(
     sense of them, of one or two only where there is nothing else, and then not as found.
     """
     found = _standing(problem_of, first, tuple(library), tuple(others), parts, progress)
-    nearer, least = _put_back(first) & _put_back(found.fit), FEWEST_BACK if found.causes else 1
+    nearer = _put_back(first) & _put_back(found.fit)
+    least = FEWEST_BACK if found.causes else 1
     back = int(np.sum(nearer & ~(first.used & found.fit.used)))
     if back >= max(least, A_FEW * len(nearer)):
         doubtful = _doubtful(found, found.fit)
@@ -111,7 +111,7 @@ def _doubtful(choice: Choice, judge: Fit) -> Mask:
     ``judge`` (n,).
     """
     off = choice.design.deviations(choice.tips)
-    return np.asarray(_times_the_limit(choice.design.fit, off, judge) > 1.0)
+    return _times_the_limit(choice.design.fit, off, judge) > 1.0
 
 
 def _put_back(of: Fit) -> Mask:
@@ -119,7 +119,8 @@ def _put_back(of: Fit) -> Mask:
     (n,).
     """
     far = _times_the_limit(of, of.system.off, of)
-    arm, records = of.problem.model.arm, of.problem.measurements
+    arm = of.problem.model.arm
+    records = of.problem.measurements
     dense = [each.records for each in clusters(arm, records, of.excluded, of.used)]
     nearer = np.any([far < NOT_FAR, *dense], axis=0)
     return np.asarray(of.used | (of.excluded & nearer))
@@ -153,14 +154,19 @@ def _standing(
     Each refit looks for gross errors anew, or is of the records ``used``; the last one then of
     those that fit with all that was found, where covariates are a part of it.
     """
-    at, effects, before, seen = first, list[Effect](), None, {frozenset[Any]()}
+    at = first
+    effects = list[Effect]()
+    before = None
+    seen = {frozenset[Any]()}
     with bar(progress, "search for causes", "round") as rounds:  # nobody knows how many it takes
         for _ in range(MOST_EXPLORATIONS):
             found = _climbed(at, library, others, parts, effects, before)
             rounds.update()
-            best, before = refined_causes(found, effects), _Before.of(found)
+            best = refined_causes(found, effects)
+            before = _Before.of(found)
             if _identities(best) in seen and before.settled(found):
-                standing, found = found.top_causes, _explored(found)
+                standing = found.top_causes
+                found = _explored(found)
                 if found.top_causes == standing:
                     break
                 best = refined_causes(found, effects)
@@ -182,7 +188,8 @@ def _standing(
         used = used & ~_doubtful(found, found.design.fit)
         first = fit(problem_of([]), used=used)
     elif used is not None:  # gross errors are looked for with all causes
-        used, found = None, replace(found, fit=first)
+        used = None
+        found = replace(found, fit=first)
     return replace(found, fit=_extended(problem_of, found, first, used))
 
 
@@ -292,7 +299,8 @@ def refitted(
     """All refitted with these causes, without known ones that are gone; without ``used``, gross
     errors are looked for.
     """
-    return fit(problem_of([free(effect) for effect in effects], gone=gone), used=used)
+    problem = problem_of([*map(free, effects)], gone=gone)
+    return fit(problem, used=used)
 
 
 def free(effect: Effect) -> Effect:
@@ -303,7 +311,8 @@ def free(effect: Effect) -> Effect:
 
 def _explored(choice: Choice) -> Choice:
     """The posterior from several starts, the most probable set so far among them."""
-    return replace(choice, posterior=explore(choice.posterior.space, [choice.posterior.top]))
+    posterior = choice.posterior
+    return replace(choice, posterior=explore(posterior.space, [posterior.top]))
 
 
 def _climbed(
@@ -328,7 +337,8 @@ def _climbed(
     climb = _Climb(candidates, start, library, others, parts, left.scatter)
     if not climb.groups.repeat:
         return climb.with_noise(climb.groups)
-    beside, as_before = climb.shared(left.tips, left.dof), climb.groups.with_error(left.ratio)
+    beside = climb.shared(left.tips, left.dof)
+    as_before = climb.groups.with_error(left.ratio)
     starts = [beside] if beside.is_about(as_before) else [beside, as_before]
     return max(map(climb.settled, starts), key=lambda found: found.log_posterior)
 
@@ -369,7 +379,8 @@ class _Climb:
 
     def with_noise(self, postures: HeldPostures) -> Choice:
         """The posterior if records of one posture share this error."""
-        at, scatter = self.candidates.design.fit, self.scatter
+        at = self.candidates.design.fit
+        scatter = self.scatter
         stated = noise_is_known(at) if scatter is None else scatter.as_stated
         # With all records there is no need to take an observation's unknown points apart.
         parts = np.zeros_like(self.parts) if _torn(at, self.parts) else self.parts

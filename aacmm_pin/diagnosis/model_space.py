@@ -16,7 +16,7 @@ from aacmm_pin.diagnosis.design_matrix import Block, Design
 from aacmm_pin.diagnosis.gram_matrix import Gram
 from aacmm_pin.diagnosis.linear_model import WIDTHS, Base, Conditional, Likelihood, log_sum
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements import Measurements
 
 Blocks = tuple[int, ...]
 """A set of blocks, in the order of their numbers."""
@@ -129,7 +129,7 @@ def _shares(variants: Variants, log_prior: float, records: Measurements) -> Arra
     shares = np.log([effect.nonlinear.prior_probability(effect, records) for effect in variants])
     new_beside_change = len(variants) > 1 and is_change(variants[0]) and variants[0].nonlinear.field
     if not new_beside_change:
-        return np.asarray(shares - log_sum(shares))
+        return shares - log_sum(shares)
     new = shares[1:] - log_sum(shares[1:])
     return np.concatenate([[0.0], new + log_prior])
 
@@ -217,7 +217,8 @@ class ModelSpace:
     @cached_property
     def likelihood(self) -> Likelihood:
         """Marginal likelihood by χ²."""
-        return Likelihood(self.gram.free - self.base(0).determined, self.stated)
+        dof = self.gram.free - self.base(0).determined
+        return Likelihood(dof, self.stated)
 
     def conditional(self, state: ModelState, as_stated: bool = False) -> Conditional:
         """What is left of every block beside a set."""
@@ -298,7 +299,8 @@ class ModelSpace:
 
     def _peak(self, state: ModelState) -> Peak:
         """The best widths at the state's amplitude, changed one at a time."""
-        at, log_prior = self.conditional(state), self._log_prior(state.blocks)
+        at = self.conditional(state)
+        log_prior = self._log_prior(state.blocks)
         while True:
             values = at.over_widths[:, :-1]
             largest = values.max(axis=1)
@@ -359,14 +361,15 @@ class ModelSpace:
         usual = tuple(width or FIRST_WIDTH for width in best.widths)
         at = self.conditional(best._replace(widths=usual))
         same, weight = near[-1]  # the best amplitude: the other one is lower
-        return np.asarray(at.additions - same.log_evidence + weight)
+        return at.additions - same.log_evidence + weight
 
     def removals(self, blocks: Blocks) -> Array:
         """Log posterior of the set without each of its blocks, about (members,).
 
         Widths are the best with it. Amplitudes are the best and the next higher.
         """
-        marginal, found = self.marginal(blocks), []
+        marginal = self.marginal(blocks)
+        found = []
         for at, weight in self._near_best(marginal, lower=False):
             values = at.over_widths
             with_it = log_sum(values[:, :-1]) - np.log(WIDTHS.size)

@@ -18,7 +18,7 @@ from aacmm_pin.diagnosis.gram_matrix import Gram, products_of
 from aacmm_pin.diagnosis.linear_model import Base, Conditional
 from aacmm_pin.diagnosis.model_space import Blocks
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements import Measurements
 
 READING_SHARES = (0.0, 0.25, 0.5, 0.75, 0.95)
 """Parts of a scatter that may be of the readings; not all, for these move some tips in one plane
@@ -77,7 +77,8 @@ def _tested(choice: Choice, grouping: Grouping, scatter: Array) -> Iterator[OddG
     # A group that was set up badly may be what a covariate was found by.
     blocks = () if choice.covariates else choice.posterior.median
     products = products_of(choice.design.of(blocks), grouping.part, choice.noise)
-    gram, used = Gram(products), choice.fit.used
+    gram = Gram(products)
+    used = choice.fit.used
     whole = _without_background(choice, gram, blocks)
     for number, name in enumerate(grouping.names):
         mine = grouping.part == number
@@ -86,7 +87,8 @@ def _tested(choice: Choice, grouping: Grouping, scatter: Array) -> Iterator[OddG
         if more < 1.0 or others.dof < 1.0 or others.chi2 <= 0.0:
             continue
         ratio = max((whole.chi2 - others.chi2) / more, 0.0) / (others.chi2 / others.dof)
-        own, rest = _spread(scatter[used & mine]), _spread(scatter[used & ~mine])
+        own = _spread(scatter[used & mine])
+        rest = _spread(scatter[used & ~mine])
         f_ratio = ratio * rest.variance / own.variance
         chance = float(f_sf(f_ratio, more * own.certainty, others.dof * rest.certainty))
         p_value = min(1.0, len(grouping.names) * chance)

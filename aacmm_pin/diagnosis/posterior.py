@@ -116,16 +116,16 @@ class Posterior:
 
     def instead(self, owner: int) -> Array:
         """Probability that each candidate is in the set and ``owner`` is not (candidates,)."""
-        owned = [
-            k for k, block in enumerate(self.space.candidates.blocks) if block.candidate == owner
-        ]
-        without = {s: w for s, w in self.weights.items() if not set(owned) & set(s)}
+        every = enumerate(self.space.candidates.blocks)
+        owned = {k for k, block in every if block.candidate == owner}
+        without = {s: w for s, w in self.weights.items() if owned.isdisjoint(s)}
         return inclusion(self.space, without)
 
     @cached_property
     def _likely(self) -> dict[Blocks, float]:
         """Sets worth listing, with their weights."""
-        return {s: w for s, w in self.weights.items() if w >= THRESHOLDS.worth_listing}
+        least = THRESHOLDS.worth_listing
+        return {s: w for s, w in self.weights.items() if w >= least}
 
     @cached_property
     def amplitudes(self) -> Array:

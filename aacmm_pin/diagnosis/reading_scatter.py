@@ -63,7 +63,8 @@ class ReadingScatter:
             postures: records that share an error, which is no scatter of readings.
         """
         counts = fit.used & fit.observations.has_target
-        point, width = fit.point, off.shape[1]
+        point = fit.point
+        width = off.shape[1]
         by_reading = fit.problem.reading_jacobian(point.x, point.frame)
         groups = [np.broadcast_to(np.eye(width)[:, :3], (len(off), width, 3))]
         if width > 3:
@@ -86,7 +87,8 @@ class ReadingScatter:
         apart = _Components(stated, groups, own, counts)
         log_ratios = apart.sure_ratios(np.concatenate([start, first]), alone)
         whole = search.best(np.concatenate([start, np.where(log_ratios > 0.0, first, 0.0)]))
-        readings, covariances = np.sqrt(whole[alone:]), search.covariances(whole)
+        readings = np.sqrt(whole[alone:])
+        covariances = search.covariances(whole)
         size, known = (
             np.sqrt(np.trace(each[counts, :3, :3], axis1=1, axis2=2).mean())
             for each in (covariances, stated)
@@ -113,11 +115,13 @@ class _Components:
 
     def covariances(self, variances: Array) -> Array:
         """Of each residual (n, k, k)."""
-        return np.asarray(self.stated + np.tensordot(variances, self.squares, 1))
+        scatter = np.tensordot(variances, self.squares, 1)
+        return self.stated + scatter
 
     def _of_those_that_count(self, variances: Array) -> Array:
         """Covariances of the residuals that count (m, k, k)."""
-        return np.asarray(self.of_stated + np.tensordot(variances, self.of_each, 1))
+        scatter = np.tensordot(variances, self.of_each, 1)
+        return self.of_stated + scatter
 
     def best(self, variances: Array) -> Array:
         """The likeliest variances; those that are zero stay zero."""
@@ -128,7 +132,8 @@ class _Components:
             inverse = np.linalg.inv(self._of_those_that_count(found))
             pulled = inverse @ self.off[:, :, None]
             pulls = pulled @ pulled.transpose(0, 2, 1)
-            squares, expected = of_each @ pulls.ravel(), of_each @ inverse.ravel()
+            squares = of_each @ pulls.ravel()
+            expected = of_each @ inverse.ravel()
             found[acting] *= np.sqrt(squares / np.maximum(expected, LEAST_VARIANCE))
         return found
 
@@ -138,7 +143,8 @@ class _Components:
 
         The least sure one is taken out until all are sure.
         """
-        found, chosen = np.zeros(start.size), np.arange(start.size) >= alone
+        found = np.zeros(start.size)
+        chosen = np.arange(start.size) >= alone
         none = self.log_likelihood(self.best(np.where(chosen, 0.0, start)))
         if self.log_likelihood(self.best(start)) - none < THRESHOLDS.readings:
             return found[alone:]
@@ -157,6 +163,7 @@ class _Components:
 
     def log_likelihood(self, variances: Array) -> float:
         """Log likelihood, up to a constant."""
-        whole, off = self._of_those_that_count(variances), self.off[:, :, None]
+        whole = self._of_those_that_count(variances)
+        off = self.off[:, :, None]
         squares = np.sum(off * np.linalg.solve(whole, off))
         return float(-0.5 * (np.linalg.slogdet(whole)[1].sum() + squares))

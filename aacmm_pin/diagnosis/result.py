@@ -15,10 +15,8 @@ from aacmm_pin._support.display import Shown, report
 from aacmm_pin._support.distributions import chi2_cdf
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import MM
-from aacmm_pin.arm.file import COVERAGE_FACTOR
-from aacmm_pin.calibration import Fit
-from aacmm_pin.calibration.cross_validation import rms
-from aacmm_pin.calibration.parameter_vector import geometric_parameters
+from aacmm_pin.arm import COVERAGE_FACTOR
+from aacmm_pin.calibration import Fit, geometric_parameters, rms
 from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.cross_validation import Brought, Gain
 from aacmm_pin.diagnosis.discrepancy import described_by, lost

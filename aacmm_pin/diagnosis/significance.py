@@ -108,7 +108,8 @@ def _union_bound(candidates: Candidates, conditional: Conditional, odds: float) 
 
     At one of the widths, a block must gain what its prior odds and its volume ask.
     """
-    products, total = conditional.base.gram.products, 0.0
+    products = conditional.base.gram.products
+    total = 0.0
     for size, own in products.of_size.items():
         values = np.maximum(np.linalg.eigvalsh(conditional.informations(size)), 0.0)
         scaled = WIDTHS[:, None] ** 2 * values[:, None]  # (b, widths, q)
@@ -164,7 +165,8 @@ def p_value_of_structure(candidates: Candidates, conditional: Conditional) -> fl
     Parameters are known to within the largest width. Else columns of which the records tell next to
     nothing would explain everything: an arm that shrinks to a point meets every unknown seat.
     """
-    products, chances = conditional.base.gram.products, list[float]()
+    products = conditional.base.gram.products
+    chances = list[float]()
     for size, own in products.of_size.items():
         covariates = [not candidates.is_cause(k) for k in own.tolist()]
         gradients = conditional.residual[products.columns[size]]
@@ -188,8 +190,10 @@ def aliases_of(posterior: Posterior, library: tuple[Variants, ...], block: int) 
     """The candidates that may act in the place of a block of the median probability model, most
     probable first.
     """
-    candidates, conditional = posterior.space.candidates, posterior.without(block)
-    own, names = candidates.owner(block), candidates.design.names
+    candidates = posterior.space.candidates
+    conditional = posterior.without(block)
+    own = candidates.owner(block)
+    names = candidates.design.names
     instead = posterior.instead(own)
     values = logsumexp(conditional.additions, axis=1) + candidates.log_odds
     acting = {candidates.owner(k) for k in posterior.median}
@@ -243,7 +247,8 @@ def visible(posterior: Posterior) -> tuple[int, int]:
     that of the threshold; more where the noise comes from the same records and few degrees of
     freedom, so that Student's evidence is as large.
     """
-    shows, dof = THRESHOLDS.shows, posterior.space.likelihood.dof
+    shows = THRESHOLDS.shows
+    dof = posterior.space.likelihood.dof
     if not posterior.space.stated:
         shows = dof * np.expm1(shows / max(dof, 1.0))
     found = _noncentralities(posterior.space)
@@ -254,7 +259,8 @@ def _noncentralities(space: ModelSpace) -> Array:
     """Largest of one parameter's, over the variants of each cause at typical magnitude, geometry
     refitted (causes,).
     """
-    candidates, base = space.candidates, space.base(0)
+    candidates = space.candidates
+    base = space.base(0)
     of_blocks = np.empty(len(candidates.blocks))
     for size, own in space.gram.products.of_size.items():
         each = np.diagonal(base.diagonal_blocks(size), axis1=1, axis2=2)

@@ -193,7 +193,8 @@ def unexplained_by(
         chances.append(shared.p_value)
         if not (shared.name == "place" and "x" in depends):
             depends.append(shared.name)
-    background, branches = _background(choice), branches_of(choice)
+    background = _background(choice)
+    branches = branches_of(choice)
     # What these leave of a joint is no scatter.
     known = [*depends, f"joint {branches.joint}"] if branches else depends
     readings = [one for one in scattered_readings(choice) if f"joint {one.joint}" not in known]
@@ -217,7 +218,8 @@ def unexplained_by(
 
 def _chances(choice: Choice, odd: Sequence[OddGroup], rng: np.random.Generator) -> list[float]:
     """P-values of the covariates that are named; of all of them and of odd groups where none is."""
-    candidates, posterior = choice.candidates, choice.posterior
+    candidates = choice.candidates
+    posterior = choice.posterior
     if not choice.covariates:
         of_any = p_value_of_structure(candidates, posterior.median_model)
         return [of_any, *(group.p_value for group in odd), 1.0]
@@ -230,7 +232,8 @@ def _shared_error(choice: Choice) -> SharedError | None:
     """The error that records of one posture share; None if that is chance, or small beside that of
     a record.
     """
-    noise, fit = choice.noise, choice.design.fit
+    noise = choice.noise
+    fit = choice.design.fit
     postures = noise.postures
     if postures.p_value >= THRESHOLDS.left or postures.ratio < THRESHOLDS.large:
         return None
@@ -257,10 +260,12 @@ def scattered_readings(choice: Choice) -> tuple[ScatteredReadings, ...]:
     noise = fit.distance_of(fit.stated_noise)
     found = []
     for j, row in enumerate(chain.moving_rows()):
-        at_tips, log_ratio = float(scatter.at_tips[j]), float(scatter.log_ratios[j])
+        at_tips = float(scatter.at_tips[j])
+        log_ratio = float(scatter.log_ratios[j])
         if at_tips > THRESHOLDS.large * noise:
             chance = min(1.0, 0.5 * scatter.readings.size * float(chi2_sf(2.0 * log_ratio, 1)))
-            size, slides = float(scatter.readings[j]), bool(chain.prismatic[j])
+            size = float(scatter.readings[j])
+            slides = bool(chain.prismatic[j])
             found.append(ScatteredReadings(int(row), size, slides, at_tips, log_ratio, chance))
     return tuple(sorted(found, key=lambda one: -one.at_tips))
 
@@ -277,7 +282,8 @@ def excess_of(extended: Fit) -> float:
         or max(extended.unmodelled, extended.noise.scatters.turn) == 0.0
     ):
         return 0.0
-    off, explained = extended.system.off, np.diagonal(extended.stated_noise, axis1=1, axis2=2)
+    off = extended.system.off
+    explained = np.diagonal(extended.stated_noise, axis1=1, axis2=2)
     if extended.problem.setup.encoder_noise is None:
         point = extended.point
         by_reading = extended.problem.reading_jacobian(point.x, point.frame)
@@ -296,10 +302,12 @@ def excess_of(extended: Fit) -> float:
 
 def _discrepancy(choice: Choice, block: int, name: str) -> DiscrepancySize:
     """The size of a covariate's part, at its posterior mean."""
-    model, design = choice.posterior.median_model, choice.design
+    model = choice.posterior.median_model
+    design = choice.design
     absorbed = choice.posterior.space.base(0).whitened[:, design.blocks[block].columns]
     own = model.places[block]
-    estimate, covariance = model.estimate[own], model.covariance[own, own]
+    estimate = model.estimate[own]
+    covariance = model.covariance[own, own]
     rms, u = _sizes(choice, design.columns(block), absorbed, estimate, covariance)
     return DiscrepancySize(name, rms, u, choice.posterior.probability(block))
 
@@ -311,7 +319,8 @@ def _background(choice: Choice) -> list[DiscrepancySize]:
     model = choice.posterior.median_model
     if not model.base.amplitude:
         return []
-    background, products = Background(model), model.base.gram.products
+    background = Background(model)
+    products = model.base.gram.products
     columns, weights = products.background
     absorbed = choice.posterior.space.base(0).whitened[:, columns] @ weights
     rms, u = _sizes(
@@ -336,7 +345,8 @@ def _sizes(
         absorbed: their products with the nuisances, divided by the factor of these (nuisances, q).
         estimate, covariance: of the parameters (q,), (q, q).
     """
-    design, factor = choice.design, choice.posterior.space.base(0).factor
+    design = choice.design
+    factor = choice.posterior.space.base(0).factor
     refitted = scipy.linalg.solve_triangular(factor, absorbed, lower=True, trans=1)
     displacement = columns - design.columns(None) @ refitted
     stay = design.deviations(design.tips)

@@ -75,7 +75,8 @@ DOUBTS: Mapping[str, Callable[[Evidence], bool]] = {
 
 def doubts_of(evidence: Evidence) -> tuple[str, ...]:
     """Names of the doubts that stand."""
-    return tuple(name for name, stands in DOUBTS.items() if stands(evidence))
+    standing = [name for name, stands in DOUBTS.items() if stands(evidence)]
+    return tuple(standing)
 
 
 def verdict_of(evidence: Evidence, doubts: Collection[str]) -> Verdict:

@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from aacmm_pin._support.checks import Array, Mask
-from aacmm_pin.arm.arm import Arm, GivenArm, as_arm
+from aacmm_pin.arm import Arm, GivenArm, as_arm
 from aacmm_pin.effects import compliance, encoder, environment, geometry, time_dependent
 from aacmm_pin.effects.conditions import CONDITION_COLUMNS, Conditions, Records
 from aacmm_pin.effects.effect import Effect, Term, fields_of
@@ -63,7 +63,8 @@ def register(cause: _Own) -> _Own:
     """
     if not (isinstance(cause, type) and issubclass(cause, Effect)):
         raise AacmmError(f"{cause!r} is no cause, expected a class derived from Effect")
-    own, name = cause.__name__, getattr(cause, "cause", None)
+    own = cause.__name__
+    name = getattr(cause, "cause", None)
     if not (isinstance(name, str) and re.fullmatch("[a-z][a-z0-9_]*", name)):
         raise AacmmError(f"{own}: cause is {name!r}, expected small letters, digits and _")
     there = CAUSES.get(name, cause)
@@ -138,11 +139,14 @@ def _checked(method: _Method, name: str) -> _Method:
 def _check(effect: Effect, method: str, moved: Any, state: State) -> None:
     """Refuse a displacement, or a twist of a place, of another shape or without finite numbers."""
     if method == "displacements":
-        place, given, what = moved.place, moved.columns, "columns"
+        place = moved.place
+        given = moved.columns
+        what = "columns"
         width: tuple[int, ...] = (6, len(effect.terms))
     else:
         (place, given), what, width = moved, "twists", (6,)
-    numbers, last = np.asarray(given), state.arm.chain.tip
+    numbers = np.asarray(given)
+    last = state.arm.chain.tip
     if numbers.shape not in ((state.n, *width), (1, *width)):
         came = f"{method}: {what} have shape {numbers.shape}"
         raise CauseError(effect.label, f"{came}, expected {(state.n, *width)} or {(1, *width)}")
@@ -235,9 +239,10 @@ class SyntheticRecords:
 @cache
 def example(cause: type[Effect]) -> Effect | None:
     """One of its kind in SINO6; None where :meth:`Effect.candidates` has none there."""
-    from aacmm_pin.arm.random_postures import joint_bounds
+    from aacmm_pin.arm import joint_bounds
 
-    arm, n = Arm.load("sino6"), 360
+    arm = Arm.load("sino6")
+    n = 360
     low, high = joint_bounds(arm).T
     part = np.linspace(0.0, 1.0, n)
     seat = np.array(list("ABC") * (n // 3), dtype=object)

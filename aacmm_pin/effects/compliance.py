@@ -9,8 +9,7 @@ from typing import Any, ClassVar, Literal, Self
 import numpy as np
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.chain import axis, end
+from aacmm_pin.arm import Arm, axis, end
 from aacmm_pin.effects.conditions import Records
 from aacmm_pin.effects.effect import Displacement, Effect, Term, about_axis, is_possible, twist
 from aacmm_pin.effects.gravity import GravityEffect, LoadedEffect
@@ -150,7 +149,8 @@ class _OfTube(LoadedEffect):
 
     def displacements(self, state: State) -> list[Displacement]:
         """Of the end of the body, which is rigid behind the tube."""
-        tube, place = Tube.of(state, self.link, self.label), end(self.link)
+        tube = Tube.of(state, self.link, self.label)
+        place = end(self.link)
         if self.load_at is not None:
             moment = self.unit_load(state, self.link, state.origin[place] - tube.rest)
             weight = np.broadcast_to(state.down, moment.shape)
@@ -204,7 +204,8 @@ class LinkBending(_OfTube):
     of_load: ClassVar[Term] = Term("", "rad/m²", 2e-4, "load_rad_per_m2")
 
     def _deflection(self, tube: Tube) -> tuple[Array, Array]:
-        u, length = tube.along, tube.length
+        u = tube.along
+        length = tube.length
         by_weight = np.cross(u, tube.weight / 2 + tube.own / 6)
         slope = length**2 * by_weight + length * tube.moment
         by_moment = np.cross(tube.moment, u)

@@ -12,8 +12,7 @@ import numpy as np
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import MM
-from aacmm_pin.arm.chain import BASE, axis
-from aacmm_pin.arm.file import DiscrepancyEntry, DiscrepancyPart
+from aacmm_pin.arm import BASE, DiscrepancyEntry, DiscrepancyPart, axis
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.effect import Displacement, Effect, Term, about_axis, twist
 from aacmm_pin.effects.environment import growth_of_body
@@ -288,7 +287,8 @@ class Discrepancy(Effect):
             if not (isinstance(each, Cosines) and each.of in self.needs):
                 continue
             values = conditions.require(each.of, self.label)
-            low, high = each.at_si[0], each.at_si[-1]
+            low = each.at_si[0]
+            high = each.at_si[-1]
             outside = int(np.sum((values < low) | (values > high)))
             fitted = {
                 "cause": self.label,
@@ -310,7 +310,8 @@ def discrepancy_of(entry: DiscrepancyEntry) -> Discrepancy:
         AacmmError: its functions, carriers or directions are none.
     """
     parts = tuple(_part(part) for part in entry.parts)
-    values, u = entry.values_si, entry.standard_uncertainty_si
+    values = entry.values_si
+    u = entry.standard_uncertainty_si
     return Discrepancy(entry.depends_on, parts, len(values), values=values, u=u)
 
 

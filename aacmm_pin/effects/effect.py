@@ -20,9 +20,8 @@ from aacmm_pin._support.display import Shown
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.plausible import LATEST, MOST_ROWS
 from aacmm_pin._support.units import MM, prefixed
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.chain import axis as axis
-from aacmm_pin.arm.parameter import Parameter
+from aacmm_pin.arm import Arm, Parameter
+from aacmm_pin.arm import axis as axis
 from aacmm_pin.effects.conditions import Conditions, Records
 from aacmm_pin.effects.nonlinear import Nonlinear
 from aacmm_pin.effects.state import State
@@ -195,7 +194,8 @@ class Effect(Shown, ABC):
             object.__setattr__(self, name, numbers)
         if min(self.u, default=0.0) < 0.0:
             raise AacmmError(f"{self.label}: u is {self.u}, expected numbers that are not negative")
-        field, above = self.nonlinear.field, self.nonlinear.above
+        field = self.nonlinear.field
+        above = self.nonlinear.above
         if field and not above < getattr(self, field) <= LATEST:
             expected = f"a number above {above:g} and not above {LATEST:g}"
             raise AacmmError(
@@ -247,7 +247,8 @@ class Effect(Shown, ABC):
             arm: the arm.
             records: as far as they show the cause; None for whatever could be recorded.
         """
-        location, nonlinear = cls.location_field(), cls.nonlinear
+        location = cls.location_field()
+        nonlinear = cls.nonlinear
         required = {f.name for f in fields(cls) if f.default is MISSING}
         if not required <= {location, nonlinear.field}:
             return
@@ -436,7 +437,8 @@ def point_sensitivity(state: State, displacement: Displacement) -> Array:
 
     With ``state.turns`` the turn ``R ω`` behind it: (n, 6, p), as ``LOCAL_WORLD_ALIGNED`` has it.
     """
-    rotation, columns = state.rotation[displacement.place], displacement.columns
+    rotation = state.rotation[displacement.place]
+    columns = displacement.columns
     lever = state.position - state.origin[displacement.place]
     motion = None
     moving = [columns[:, k].any() for k in range(6)]

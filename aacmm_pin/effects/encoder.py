@@ -17,7 +17,7 @@ import scipy
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.plausible import LARGEST_ANGLE
 from aacmm_pin._support.units import DEG
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm import Arm
 from aacmm_pin.effects.conditions import Records
 from aacmm_pin.effects.effect import Displacement, Effect, Notation, Reading, Term, about_axis
 from aacmm_pin.effects.nonlinear import Nonlinear
@@ -103,7 +103,8 @@ class _Polar(Notation):
 
     def readings(self, effect: Effect) -> dict[str, Reading]:
         """Amplitude and phase."""
-        amplitude, phase = Reading("amplitude", "µrad", 1e6), Reading("phase", "°", 1.0 / DEG)
+        amplitude = Reading("amplitude", "µrad", 1e6)
+        phase = Reading("phase", "°", 1.0 / DEG)
         return {"amplitude_rad": amplitude, "phase_rad": phase}
 
     def phase_is_free(self, effect: Effect) -> bool:
@@ -113,7 +114,8 @@ class _Polar(Notation):
     def jacobian(self, effect: Effect) -> Array:
         """∂(A, φ)/∂(A cos φ, A sin φ); of no meaning at A = 0, where there is no phase."""
         amplitude, phase = self.parameters(effect).values()
-        c, s = np.cos(phase), np.sin(phase)
+        c = np.cos(phase)
+        s = np.sin(phase)
         of_phase = [-s, c] / np.maximum(amplitude, 1e-300)
         return np.array([[c, s], of_phase])
 
@@ -306,7 +308,8 @@ class JointErrorCurve(Effect):
         for row, angle in _turning(arm, records) if records is not None else ():
             span = np.ptp(angle)
             margin = 1e-6 + 1e-3 * span
-            low, high = float(angle.min() - margin), float(angle.max() + margin)
+            low = float(angle.min() - margin)
+            high = float(angle.max() + margin)
             asked = (round(per_turn * span / (2 * np.pi)) for per_turn in COEFFICIENTS_TRIED)
             counts = sorted({int(np.clip(count, 8, 120)) for count in asked})
             most = len(angle) // PER_COEFFICIENT
@@ -319,9 +322,10 @@ class JointErrorCurve(Effect):
         cls, stated: Mapping[str, Any], arm: Arm, present: tuple[str, ...]
     ) -> dict[str, Any]:
         """Over the range of the joint."""
-        from aacmm_pin.arm.random_postures import joint_bounds
+        from aacmm_pin.arm import joint_bounds
 
-        rows, joint = arm.chain.moving_rows(), stated.get("joint")
+        rows = arm.chain.moving_rows()
+        joint = stated.get("joint")
         bounds = joint_bounds(arm)[rows.index(joint)] if joint in rows else (-np.pi, np.pi)
         low, high = map(float, bounds)
         return {
@@ -364,7 +368,8 @@ class JointErrorCurve(Effect):
     @property
     def knots(self) -> Array:
         """Knots of the spline [rad]."""
-        low, high = self.lower_rad, self.upper_rad
+        low = self.lower_rad
+        high = self.upper_rad
         inner = np.linspace(low, high, self.coefficients - 2)
         return np.concatenate([3 * [low], inner, 3 * [high]])
 

@@ -11,8 +11,7 @@ import numpy as np
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import MM
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.chain import BASE, axis, end
+from aacmm_pin.arm import BASE, Arm, axis, end
 from aacmm_pin.effects.conditions import Conditions, Records
 from aacmm_pin.effects.effect import Displacement, Effect, Term, shifts, turns, twist
 from aacmm_pin.effects.gravity import GravityEffect
@@ -202,7 +201,8 @@ class ThermalExpansion(Effect):
         return found
 
     def _warmer(self, state: State, row: int) -> Array:
-        conditions, reference = state.conditions, state.arm.reference_temperature
+        conditions = state.conditions
+        reference = state.arm.reference_temperature
         if (
             conditions.link_temperature is not None
             and 1 <= row <= conditions.link_temperature.shape[1]

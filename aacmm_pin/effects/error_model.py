@@ -14,10 +14,18 @@ from numpy.typing import ArrayLike, NDArray
 from aacmm_pin._support.checks import Array, Mask, batch
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.notes import Note
-from aacmm_pin.arm.arm import Arm, GivenArm, as_arm
-from aacmm_pin.arm.file import ArmFile, UrdfArmFile, arm_text, validated
-from aacmm_pin.arm.limits import AT_LIMIT, other_turns
-from aacmm_pin.arm.parameter import Parameter
+from aacmm_pin.arm import (
+    AT_LIMIT,
+    Arm,
+    ArmFile,
+    GivenArm,
+    Parameter,
+    UrdfArmFile,
+    arm_text,
+    as_arm,
+    other_turns,
+    validated,
+)
 from aacmm_pin.effects.conditions import CONDITION_COLUMNS, Conditions
 from aacmm_pin.effects.effect import Effect, axis, sensitivity
 from aacmm_pin.effects.extrapolation import extrapolation_terms

@@ -58,12 +58,14 @@ class NonlinearSensitivity(Effect):
     def terms(self) -> tuple[Term, ...]:
         """The field."""
         nonlinear = self.of.nonlinear
-        name, typical = nonlinear.field, nonlinear.value(self.of)
+        name = nonlinear.field
+        typical = nonlinear.value(self.of)
         return (Term(name, nonlinear.unit, typical, name),)
 
     def displacements(self, state: State) -> list[Displacement]:
         """The derivative by the field, at the values of the cause."""
-        nonlinear, values = self.of.nonlinear, np.array(self.of.values)
+        nonlinear = self.of.nonlinear
+        values = np.array(self.of.values)
         value = nonlinear.value(self.of)
         step = OF_VALUE * value
         more = nonlinear.at(self.of, value + step).displacements(state)

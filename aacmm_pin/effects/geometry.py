@@ -8,8 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from aacmm_pin._support.units import MM
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.chain import axis, end
+from aacmm_pin.arm import Arm, axis, end
 from aacmm_pin.effects.effect import Displacement, Effect, Term, about_axis, shifts, turns
 from aacmm_pin.effects.state import State
 

@@ -10,8 +10,7 @@ from typing import ClassVar, Self
 import numpy as np
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.chain import end
+from aacmm_pin.arm import Arm, end
 from aacmm_pin.effects.effect import Effect, Term
 from aacmm_pin.effects.state import State
 from aacmm_pin.effects.tube import tubes
@@ -59,7 +58,7 @@ class LoadedEffect(Effect):
     @property
     def details(self) -> list[str]:
         """Where the load hangs."""
-        return [] if self.load_at is None else [f"load at the end of body {self.load_at}"]
+        return [] if self.load_at is None else [f"load at end of body {self.load_at}"]
 
     def load_variants(self, arm: Arm) -> tuple[Self, ...]:
         """With a load at the end of each tube that it carries, and at the tip."""
@@ -130,7 +129,7 @@ class GravityEffect(LoadedEffect):
         if self.load_at is not None:
             return self.unit_load(state, row, state.origin[state.bearing(row)])[:, :, None]
         if not self.bodies:
-            return np.asarray(state.moment_at_axis(row)[:, :, None])
+            return state.moment_at_axis(row)[:, :, None]
         columns = state.unit_moments(row)
         beyond = tuple(place // 2 for place in state.arm.chain.moving_axes() if place // 2 >= row)
         if self.bodies != beyond:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from aacmm_pin._support.checks import Array, Mask, batch
-from aacmm_pin.arm.chain import OF_A_POSE
+from aacmm_pin.arm import OF_A_POSE
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.error_model import ErrorModel, GivenModel
 from aacmm_pin.errors import AacmmError, ShapeError
@@ -50,7 +50,8 @@ def joint_commands(
         AacmmError: the tip of ``model`` is a target, and that of ``nominal`` is not: they are two
             points.
     """
-    model, nominal = ErrorModel.of(model), ErrorModel.of(nominal)
+    model = ErrorModel.of(model)
+    nominal = ErrorModel.of(nominal)
     if nominal.arm.nq != model.arm.nq:
         raise ShapeError(
             f"{nominal.arm.name} has {nominal.arm.nq} joints, expected {model.arm.nq} as "
@@ -68,8 +69,10 @@ def joint_commands(
         )
     q = batch(q, model.arm.nq, "q", "rad")
     wanted = nominal.state(q, conditions)
-    position, axes = wanted.position, wanted.rotation[-1]
-    commands, arrived = q.copy(), np.zeros(len(q), dtype=bool)
+    position = wanted.position
+    axes = wanted.rotation[-1]
+    commands = q.copy()
+    arrived = np.zeros(len(q), dtype=bool)
     endless = np.tile([-np.inf, np.inf], (model.arm.nq, 1))
     bounds = (
         replace(model, arm=replace(model.arm, limits=endless))
@@ -78,7 +81,8 @@ def joint_commands(
     )
     for _ in range(MOST_STEPS):
         state = model.state(commands, conditions)
-        shift, turn = position - state.position, _turn(axes, state.rotation[-1])
+        shift = position - state.position
+        turn = _turn(axes, state.rotation[-1])
         if model.arm.nq < OF_A_POSE:
             turn = np.zeros_like(turn)
         off = np.concatenate([shift, turn], axis=1)
@@ -91,7 +95,8 @@ def joint_commands(
             model.arm.chain.jacobian(state.rotation, state.origin, state.position), axis=1
         )
         if model.arm.nq < OF_A_POSE:
-            jacobian, off = jacobian[:, :3], shift
+            jacobian = jacobian[:, :3]
+            off = shift
         step = (np.linalg.pinv(jacobian, rcond=SINGULAR_MOTION) @ off[:, :, None])[:, :, 0]
         length = np.linalg.norm(step, axis=1, keepdims=True)
         further = np.clip(
@@ -109,4 +114,4 @@ def _turn(to: Array, of: Array) -> Array:
     x, y, z = [0, 1, 2]
     lower = turn[:, [z, x, y], [y, z, x]]
     upper = turn[:, [y, z, x], [z, x, y]]
-    return np.asarray(0.5 * (lower - upper))
+    return 0.5 * (lower - upper)

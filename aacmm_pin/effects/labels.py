@@ -8,9 +8,7 @@ import numpy as np
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG, LARGE_IN_MICRO, MM
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.chain import axis
-from aacmm_pin.arm.file import COVERAGE_FACTOR
+from aacmm_pin.arm import COVERAGE_FACTOR, Arm, axis
 from aacmm_pin.effects.effect import Effect, Reading
 
 PLACE_WORDS = {"marker": "target", "link_bending": "tube", "torsional_windup": "tube"}
@@ -94,7 +92,8 @@ def values_with_u(effect: Effect, covariance: Array) -> dict[str, tuple[float, f
     """Described values of an effect with u, by their keys, from the covariance of its parameters
     (p, p).
     """
-    jacobian, values = effect.notation.jacobian(effect), effect.notation.parameters(effect)
+    jacobian = effect.notation.jacobian(effect)
+    values = effect.notation.parameters(effect)
     variance = np.einsum("ij,jk,ik->i", jacobian, covariance, jacobian)
     u = np.sqrt(np.maximum(variance, 0.0)).tolist()
     return dict(zip(values, zip(values.values(), u, strict=True), strict=True))
@@ -134,7 +133,8 @@ def values_in_words(
 
 def _value(reading: Reading, value: float, expanded: float) -> str:
     """Two digits of U, and the value to the same decimals."""
-    value, expanded = value * reading.factor, expanded * reading.factor
+    value = value * reading.factor
+    expanded = expanded * reading.factor
     if not np.isfinite(expanded) or expanded <= 0:
         text = f"{value:.4g}"
     else:

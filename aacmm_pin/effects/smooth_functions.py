@@ -77,7 +77,8 @@ class Cosines:
         if at.size > MOST_KNOTS:
             evenly = np.linspace(below[0], below[-1], MOST_KNOTS)
             knots = np.unique(np.searchsorted(below, evenly))
-            at, below = at[knots], below[knots]
+            at = at[knots]
+            below = below[knots]
         return Cosines(of, tuple(at.tolist()), tuple(below.tolist()), numbers.size, count)
 
     def of_values(self, values: ArrayLike) -> Array:
@@ -85,7 +86,7 @@ class Cosines:
         numbers = np.asarray(values, dtype=np.float64)
         part = np.interp(numbers, self.at_si, self.below) / self.records
         frequency = np.pi * np.arange(self.count + 1)
-        return np.asarray(np.cos(frequency * part[:, None]))
+        return np.cos(frequency * part[:, None])
 
     def values(self, state: State) -> Array:
         """The functions in records (n, count + 1)."""

@@ -11,8 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.chain import axis, end
+from aacmm_pin.arm import Arm, axis, end
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.errors import AacmmError, UnsupportedArmError
 
@@ -156,7 +155,7 @@ class State:
         """The same about points of the base (n, 3) [m]."""
         mass = self.masses[row - 1 :].sum()
         lever = self._first_moments[row - 1] - mass * about
-        return np.asarray(np.cross(lever, self.arm.gravity))
+        return np.cross(lever, self.arm.gravity)
 
     def unit_moments(self, row: int) -> Array:
         """The same moment for unknown masses: columns of the unknown first moments of body ``row``

@@ -12,8 +12,7 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from aacmm_pin._support.plausible import LARGEST_U_RATIO, MOST_TYPICAL
 from aacmm_pin._support.units import in_radians, number
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.file import DiscrepancyEntry, EffectEntry
+from aacmm_pin.arm import Arm, DiscrepancyEntry, EffectEntry
 from aacmm_pin.effects.causes import cause_named
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.discrepancy import Discrepancy, discrepancy_of
@@ -103,7 +102,8 @@ def _items(text: str, rest: list[str], kind: type[Effect]) -> list[tuple[str, st
     for item in filter(None, ",".join(rest).split(",")):
         name, equals, value = item.partition("=")
         if not equals and not found and location is not None:
-            name, value = location, item
+            name = location
+            value = item
         elif not (equals and name):
             raise AacmmError(f"{text!r}: {item!r} has no value, expected {_form(kind)}")
         found.append((name, value))
@@ -127,13 +127,14 @@ def _number(text: str, name: str, value: str) -> float:
     try:
         return in_radians(value) if is_angle else number(value)
     except ValueError:
-        example = ", or an angle such as 8urad" if is_angle else ""
+        example = ", such as 8urad" if is_angle else ""
         raise AacmmError(f"{text!r}: {name} is {value!r}, expected a number{example}") from None
 
 
 def _form(kind: type[Effect]) -> str:
     """How a cause is typed."""
-    location, field = kind.location_field(), kind.nonlinear.field
+    location = kind.location_field()
+    field = kind.nonlinear.field
     place = f":{location.upper()}" if location else ""
     return f"{kind.cause}{place},{f'{field}=…,' if field else ''}NAME=VALUE"
 
@@ -185,7 +186,8 @@ def require_plausible(effect: AnyEffect) -> AnyEffect:
         most = MOST_TYPICAL * term.typical if term.largest is None else term.largest
         for what, size, limit in (("", value, most), ("u of ", u, LARGEST_U_RATIO * term.typical)):
             if abs(size) > limit:
-                came, expected = f"{size / term.scale:g}", f"{limit / term.scale:g}"
+                came = f"{size / term.scale:g}"
+                expected = f"{limit / term.scale:g}"
                 place = f"{effect.label}: {what}{term.key}"
                 raise AacmmError(f"{place} is {came}, expected at most {expected}")
     return effect

@@ -48,7 +48,8 @@ class _TimeOfDrift(TimeConstant["ZeroDrift"]):
         """How fast it goes on after what was seen of it."""
         if effect.until_s is None or not any(effect.values):
             return ()
-        tau, until = effect.time_constant_s, effect.until_s
+        tau = effect.time_constant_s
+        until = effect.until_s
         rate = float(abs(effect.values[0] / tau * np.exp(-until / tau)))
         return (_DriftExtrapolation(effect.joint, tau, until, u=(rate,)),)
 
@@ -82,7 +83,8 @@ class ZeroDrift(Effect):
 
     def validity_notes(self, conditions: Conditions) -> list[Note]:
         """That readings are later than what was seen of it."""
-        time, until = conditions.require("time", self.label), self.until_s
+        time = conditions.require("time", self.label)
+        until = self.until_s
         if until is None or not (time > until).any():
             return []
         later = int((time > until).sum())
@@ -126,7 +128,8 @@ class _TimeOfSlip(Nonlinear["EncoderSlip"]):
         times = np.zeros(0) if records is None else records.conditions.times
         if times.size < 2:
             return ()
-        between, gaps = (times[1:] + times[:-1]) / 2, np.diff(times)
+        between = (times[1:] + times[:-1]) / 2
+        gaps = np.diff(times)
         pauses = between[gaps > PAUSE_RATIO * np.median(gaps)][:SLIPS]
         first = min(AT_ENDS, (len(between) + 1) // 2) - 1
         spread = np.linspace(first, len(between) - 1 - first, SLIPS).astype(int)
@@ -161,9 +164,11 @@ class _TimeOfSlip(Nonlinear["EncoderSlip"]):
         self, effect: EncoderSlip, low: float, high: float, records: Records
     ) -> EncoderSlip:
         """From the last record before the interval to the first behind it."""
-        times, labels = records.conditions.times, records.conditions.session
+        times = records.conditions.times
+        labels = records.conditions.session
         # Other causes may have moved the likeliest gap since.
-        low, high = min(low, effect.time_s), max(high, effect.time_s)
+        low = min(low, effect.time_s)
+        high = max(high, effect.time_s)
         before = float(times[times < low].max(initial=-LATEST))
         behind = float(times[times > high].min(initial=LATEST))
         sessions = ("",) if labels is None else tuple(sorted({*labels.tolist()}))
@@ -234,8 +239,8 @@ class EncoderSlip(Effect):
         later = self._is_of_later_session(conditions)
         if conditions.n and later.all():
             return np.ones(conditions.n)
-        or_else = " (or, in a later session, a label of its own in the column session)"
-        time = conditions.require("time", self.label + (or_else if self.sessions else ""))
+        or_else = " without column session" if self.sessions else ""
+        time = conditions.require("time", self.label + or_else)
         low, high = self.between_s or (self.time_s, self.time_s)
         is_between = (low < time) & (time < high)
         by_clock = np.where(is_between, 0.5, time >= self.time_s)

@@ -8,8 +8,7 @@ import numpy as np
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import MM
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.chain import axis, end
+from aacmm_pin.arm import Arm, axis, end
 from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError
 
@@ -64,8 +63,10 @@ class Tube:
             AacmmError: the body is too short.
             UnsupportedArmError: the arm states no masses.
         """
-        place, body = axis(row), row - 1
-        span, z = state.span(row), state.rotation[place][:, :, 2]
+        place = axis(row)
+        body = row - 1
+        span = state.span(row)
+        z = state.rotation[place][:, :, 2]
         upward = np.einsum("ni,ni->n", span, z)[:, None] * z
         outward = span - upward
         lengthwise = np.linalg.norm(upward) >= np.linalg.norm(outward)

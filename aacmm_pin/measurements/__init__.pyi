@@ -18,11 +18,18 @@ from .csv_columns import (
 from .csv_table import measurement_file, read_table
 from .csv_values import check_numbers, read_values
 from .measuring_points import Pool, bars_for, seats_for
-from .noise import ENCODER, PROBE, Noise
+from .noise import ENCODER, PROBE, REFERENCE_NOISE, Noise
+from .observations import NOTHING_KNOWN, Observations
 from .orientation import quaternions
 from .probed_points import PREDICTED_ACCURATE, read_probed_points
 from .records import Bar, GivenRecords, Measurements, as_measurements
-from .repeats import fingerprints, fingerprints_of_standards, means_of_contacts, originals
+from .repeats import (
+    fingerprints,
+    fingerprints_of_standards,
+    means_of_contacts,
+    originals,
+    posture_numbers,
+)
 from .simulate import SCHEMES, Scheme, seed_of, simulate_measurements, simulate_touches
 
 __all__ = [
@@ -31,6 +38,7 @@ __all__ = [
     "ENCODER",
     "LABELS",
     "MEASUREMENT_FILE",
+    "NOTHING_KNOWN",
     "ORIENTATION",
     "ORIENTATION_U",
     "PLANNED",
@@ -38,6 +46,7 @@ __all__ = [
     "PROBE",
     "PROBED_POINT_COLUMNS",
     "REFERENCE",
+    "REFERENCE_NOISE",
     "REFERENCE_U",
     "SCHEMES",
     "UNKNOWN_COLUMN",
@@ -46,6 +55,7 @@ __all__ = [
     "GivenRecords",
     "Measurements",
     "Noise",
+    "Observations",
     "Pool",
     "Scheme",
     "as_measurements",
@@ -58,6 +68,7 @@ __all__ = [
     "means_of_contacts",
     "measurement_file",
     "originals",
+    "posture_numbers",
     "quaternions",
     "read_probed_points",
     "read_table",

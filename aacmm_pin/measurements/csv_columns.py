@@ -108,14 +108,18 @@ def _form(condition: str) -> str:
 THETA: dict[AngleUnit, str] = {"deg": "theta#_deg", "rad": "theta#_rad"}
 REFERENCE = ("x_mm", "y_mm", "z_mm")
 REFERENCE_U = ("u_x_mm", "u_y_mm", "u_z_mm")
-ORIENTATION, ORIENTATION_U = ("qw", "qx", "qy", "qz"), "u_rot_rad"
-BAR, BAR_U = ("bar", "bar_end", "bar_length_mm"), "u_bar_length_mm"
-APPROACH, LINK_TEMPERATURE = _form("approach"), _form("link_temperature")
+ORIENTATION = ("qw", "qx", "qy", "qz")
+ORIENTATION_U = "u_rot_rad"
+BAR = ("bar", "bar_end", "bar_length_mm")
+BAR_U = "u_bar_length_mm"
+APPROACH = _form("approach")
+LINK_TEMPERATURE = _form("link_temperature")
 
 _TURNS = plausible.MOST_TURNS * 2.0 * math.pi + 1e-9
-_NO_DEGREES = "if these are degrees, rename the columns to theta1_deg …"
+_NO_DEGREES = "degrees, in columns theta1_deg …"
 _LENGTH = (plausible.BAR_LENGTH, True)
-_LENGTH_U, _TURN_U = (plausible.LENGTH_NOISE, True, True), (plausible.TURN_NOISE, True, True)
+_LENGTH_U = (plausible.LENGTH_NOISE, True, True)
+_TURN_U = (plausible.TURN_NOISE, True, True)
 READING_COLUMNS = (
     Column("q", (THETA["deg"],), "none", "°", plausible.READING),
     Column("q", (THETA["rad"],), "none", "rad", Range(-_TURNS, _TURNS, "rad", _NO_DEGREES)),
@@ -145,7 +149,8 @@ RECORD_COLUMNS = (
 A column that has no entry is unknown: it is kept as it came, and is a covariate that may act
 anywhere.
 """
-_DIAMETER, _PROBE = Range(1e-3, 1.0, "m"), Range(0.0, 0.1, "m")
+_DIAMETER = Range(1e-3, 1.0, "m")
+_PROBE = Range(0.0, 0.1, "m")
 PROBED_POINT_COLUMNS = (
     Column("feature", ("feature",), "none"),
     Column("test", ("test",), "none"),

@@ -11,11 +11,10 @@ import scipy
 
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.units import MM
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.random_postures import MOST_DRAWS, Room, joint_bounds
+from aacmm_pin.arm import MOST_DRAWS, Arm, Room, joint_bounds
 from aacmm_pin.effects import ErrorModel
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.postures.sampling import StateOf, agile, brought_to, different_postures, spread_out
+from aacmm_pin.postures import StateOf, agile, brought_to, different_postures, spread_out
 
 SEATS_APART = 0.05
 """Least distance of two seats [m]."""
@@ -106,7 +105,8 @@ class Pool:
         """
         guesses = max(LEAST_GUESSES, GUESSES * each)
         _, near = self.tree.query(points, k=guesses)
-        bounds, target = joint_bounds(self.arm), np.repeat(points, guesses, axis=0)
+        bounds = joint_bounds(self.arm)
+        target = np.repeat(points, guesses, axis=0)
         q, arrived = brought_to(self.state_of, self.q[near.ravel()], target, bounds)
         low, high = bounds.T
         arrived &= ((q > low) & (q < high)).all(axis=1)
@@ -178,7 +178,8 @@ def bars_for(
         AacmmError: the arm does not reach both ends anywhere, or not in so many postures.
     """
     a = pool.dense(rng, CANDIDATES * wanted)
-    b, found = a.copy(), np.zeros(len(a), dtype=bool)
+    b = a.copy()
+    found = np.zeros(len(a), dtype=bool)
     enough = float(pool.thinness(a).max())
     for _ in range(MOST_DRAWS):
         way = pool.tips[rng.integers(len(pool.tips), size=len(a))] - a
@@ -196,7 +197,8 @@ def bars_for(
             f"postures reach, in {MOST_DRAWS * len(a)} tries; all tips lie in a box with a "
             f"diagonal of {extent / MM:.0f} mm"
         )
-    a, b = a[found], b[found]
+    a = a[found]
+    b = b[found]
     order = spread_out((a + b) / 2, TRIES * wanted, 0.0)
     return pool.places(np.stack([a, b], axis=1)[order], wanted, each, "bars")
 

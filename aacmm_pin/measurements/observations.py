@@ -60,7 +60,7 @@ class Observations:
     def has_target(self) -> Mask:
         """(n,) True for records that say something."""
         known = np.isfinite(self.reference).all(axis=1)
-        return np.asarray((self.seat >= 0) | known)
+        return (self.seat >= 0) | known
 
     @property
     def counts(self) -> Index:
@@ -77,14 +77,15 @@ class Observations:
     def unstated(self) -> Mask:
         """(s, 3) True for coordinates of seats that are stated without an uncertainty."""
         known = self.known[:, None]
-        return np.asarray(known & np.isnan(self.stated_u))
+        return known & np.isnan(self.stated_u)
 
     @cached_property
     def clusters(self) -> Index:
         """Number of the cluster of each seat (s,): seats that bars connect, directly or by way of
         others.
         """
-        bars, seats = len(self.ends), len(self.labels)
+        bars = len(self.ends)
+        seats = len(self.labels)
         graph = coo_array((np.ones(bars), tuple(self.ends.T)), shape=(seats, seats))
         _, number = connected_components(graph, directed=False)
         return np.asarray(number, dtype=np.intp)
@@ -146,7 +147,8 @@ class Observations:
         seat[touched] = number.ravel()
         parts, old = pairs.astype(np.intp).T
         place = {pair: k for k, pair in enumerate(map(tuple, pairs.tolist()))}
-        ends, bars = [], []
+        ends = []
+        bars = []
         for p in np.unique(parts).tolist():
             for bar, (a, b) in enumerate(self.ends.tolist()):
                 if (p, a) in place and (p, b) in place:

@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin.arm.chain import skew
+from aacmm_pin.arm import skew
 
 
 def matrices(quaternions: Array) -> Array:
@@ -22,7 +22,7 @@ def matrices(quaternions: Array) -> Array:
 def quaternions(orientations: Array) -> Array:
     """The way back: unit quaternions (n, 4), scalar first, of orientations (n, 3, 3)."""
     rotations = scipy.spatial.transform.Rotation.from_matrix(orientations)
-    return np.asarray(np.roll(rotations.as_quat(), 1, axis=1))
+    return np.roll(rotations.as_quat(), 1, axis=1)
 
 
 def turns(orientation: Array, start: Array) -> Array:
@@ -44,7 +44,7 @@ def by_small_turn(turn: Array) -> Array:
     factor = (1.0 - half / np.tan(half)) / safe**2
     square = np.where(size > 1e-3, factor, 1.0 / 12.0)
     cross = skew(turn)
-    return np.asarray(np.eye(3) - 0.5 * cross + square * (cross @ cross))
+    return np.eye(3) - 0.5 * cross + square * (cross @ cross)
 
 
 def mean(orientations: Array) -> Array:

@@ -94,7 +94,8 @@ def _field(name: str) -> str:
 
 def _check_tests(points: pd.DataFrame, problems: Problems) -> None:
     """Known tests, each with the cells that it needs."""
-    tests, parts = points["test"].to_numpy(), points["part"].to_numpy()
+    tests = points["test"].to_numpy()
+    parts = points["part"].to_numpy()
     expected = f"expected {PREDICTED_ACCURATE} or an empty cell"
     problems.at(~np.isin(parts, [PREDICTED_ACCURATE, ""]), "part", f"is {{!r}}, {expected}", parts)
     expected = f"expected one of {', '.join(NEEDED)}"
@@ -154,7 +155,8 @@ def as_records(table: pd.DataFrame, problems: Problems) -> tuple[pd.DataFrame, t
     seats = _seats_of(points)
     for name in seats.columns.intersection(["seat", *BAR, BAR_U], sort=False):
         records[name] = seats[name].to_numpy()
-    is_bar, is_point = seats["bar"] != "", seats["is_point"]
+    is_bar = seats["bar"] != ""
+    is_point = seats["is_point"]
     counts = {
         "points": points["position"][is_point].nunique(),
         "lengths": seats["bar"][is_bar].nunique(),

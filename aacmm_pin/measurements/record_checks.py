@@ -85,7 +85,8 @@ def _check_angles(table: RecordTable, problems: Problems) -> None:
     q = table.values.block(theta)
     if table.header.unit == "rad" or not looks_like_radians(q):
         return
-    largest, in_radians = np.abs(q).max(), span(named(THETA["rad"], len(theta)))
+    largest = np.abs(q).max()
+    in_radians = span(named(THETA["rad"], len(theta)))
     problems.add(
         span(theta),
         f"all angles of all {len(q)} records lie within ±{largest:.4g}°, so these look like "
@@ -144,7 +145,8 @@ def _check_bars(values: Values, problems: Problems) -> None:
     """
     bar, end, seat = (values.label(name) for name in ("bar", "bar_end", "seat"))
     length, u = values.block(["bar_length_mm", BAR_U]).T
-    of_bar, row = bar != "", np.arange(values.n)
+    of_bar = bar != ""
+    row = np.arange(values.n)
     cells = {"bar_end": (end, end != ""), "bar_length_mm": (length, np.isfinite(length))}
     for name, (stated, is_stated) in cells.items():
         problems.at(

@@ -284,7 +284,8 @@ class Measurements(Shown):
         for bar, rows in _records_by_label(self.bar).items():
             at_a, at_b = (rows[self.bar_end[rows] == end] for end in ("A", "B"))
             if len(at_a) and len(at_b):
-                length, u = float(self.bar_length[rows[0]]), float(np.fmax.reduce(stated_u[rows]))
+                length = float(self.bar_length[rows[0]])
+                u = float(np.fmax.reduce(stated_u[rows]))
                 found.append(Bar(bar, seat[at_a[0]], seat[at_b[0]], length, u))
         return found
 
@@ -340,7 +341,8 @@ class Measurements(Shown):
         for entry in known:
             found += [CovariateColumn(*column, entry) for column in self._in_file(entry).items()]
         for name in map(str, self.extra):
-            entry, values = entry_of(name), self.extra[name]
+            entry = entry_of(name)
+            values = self.extra[name]
             if not entry.is_label:
                 values = pd.to_numeric(values, errors="coerce")
             found.append(CovariateColumn(name, values, entry))
@@ -372,7 +374,8 @@ class Measurements(Shown):
             temporary.write_text(self.csv(), encoding="utf-8", newline="")
 
     def __str__(self) -> str:
-        seats, bars = len(self.seats()), len(self.bars())
+        seats = len(self.seats())
+        bars = len(self.bars())
         counts = f"{self.n} records of {self.nq} joints, {self.known.sum()} with reference"
         found = f"{self.source}: {counts}, {seats} seats, {bars} bars"
         if self.extra.columns.empty:
@@ -499,7 +502,8 @@ def _numbers(column: Column, values: ArrayLike, n: int) -> Array:
     Raises:
         ShapeError: they are not.
     """
-    name, width = column.field, len(column.names)
+    name = column.field
+    width = len(column.names)
     unit = column.range.unit if column.range is not None else column.unit
     if width == 1:
         array = _with_gaps(values, lambda filled: vector(filled, n, name, unit))

@@ -57,7 +57,8 @@ def workshop_conditions(
         )
     time = _time(session, rng)
     temperature = reference_temperature + temperature_range * _warmth(time, rng)
-    approach, labels = _approach(q, rng), None
+    approach = _approach(q, rng)
+    labels = None
     if session.any():
         labels = np.array([str(number + 1) for number in session], dtype=object)
     return Conditions(
@@ -92,4 +93,4 @@ def _approach(q: Array, rng: np.random.Generator) -> Array:
     middle = q.mean(axis=0, keepdims=True)
     way = np.sign(np.diff(q, axis=0, prepend=middle))
     came_back = rng.random(q.shape) < OVERSHOOT
-    return np.asarray(np.where(came_back, -way, way) + 0.0)  # + 0.0: no minus zero
+    return np.where(came_back, -way, way) + 0.0

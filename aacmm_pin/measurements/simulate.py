@@ -10,8 +10,7 @@ from numpy.typing import ArrayLike
 
 from aacmm_pin._support import plausible
 from aacmm_pin._support.checks import Array, Index, whole
-from aacmm_pin.arm.chain import exp
-from aacmm_pin.arm.random_postures import MARGIN, Room
+from aacmm_pin.arm import MARGIN, Room, exp
 from aacmm_pin.effects import Conditions, ErrorModel, GivenModel, Labels, corrects_seat
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements.measuring_points import (
@@ -26,7 +25,7 @@ from aacmm_pin.measurements.noise import ENCODER, PROBE, REFERENCE_NOISE, Noise
 from aacmm_pin.measurements.orientation import quaternions
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.measurements.schedule import sessions, workshop_conditions
-from aacmm_pin.postures.sampling import brought_to
+from aacmm_pin.postures import brought_to
 
 Scheme = Literal["free", "seats", "ball-bar", "single-point"]
 SCHEMES: tuple[Scheme, ...] = get_args(Scheme)
@@ -238,7 +237,8 @@ class _Workshop:
         return q
 
     def _conditions(self, session: Index, q: Array, seat: Labels | None) -> Conditions:
-        reference, spread = self.model.arm.reference_temperature, self.temperature_range
+        reference = self.model.arm.reference_temperature
+        spread = self.temperature_range
         return workshop_conditions(
             session,
             q,
@@ -249,13 +249,14 @@ class _Workshop:
         )
 
     def _normal(self, u: float, like: Array) -> Array:
-        return np.asarray(u * self.rng.normal(size=like.shape))
+        return u * self.rng.normal(size=like.shape)
 
     def _recorded(
         self, q: Array, conditions: Conditions, reference: Array | None, **more: Any
     ) -> Measurements:
         """The records, with noisy readings; exact references state no uncertainty."""
-        n, u = len(q), self.noise.reference
+        n = len(q)
+        u = self.noise.reference
         readings = q + self.noise.encoder * self.rng.normal(size=q.shape)
         reference_u = None
         if reference is not None and u > 0:

@@ -134,7 +134,8 @@ def plan_calibration(
         AacmmError: too few records or postures, an arm that the records are not of or whose values
             are all exact, or records without any noise.
     """
-    model, rng = ErrorModel.of(model).restricted_to_known_range(), rng or np.random.default_rng(1)
+    model = ErrorModel.of(model).restricted_to_known_range()
+    rng = rng or np.random.default_rng(1)
     existing = None if existing is None else as_measurements(existing, model.arm.nq)
     check_numbers(model, records, postures, existing, scheme)
     seed = seed_of(rng)
@@ -218,7 +219,8 @@ class _Judged:
     @staticmethod
     def of(task: Task, situation: Situation) -> _Judged:
         problem = task.problem(task.model, situation.pool)
-        own, layout = problem.vector.size, situation.layout
+        own = problem.vector.size
+        layout = situation.layout
         jacobian = problem.predict(problem.start, task.frame).jacobian[:, :, :own]
         order = np.r_[own : layout.width, :own]
         return _Judged(situation, order, layout.width - own, jacobian * layout.scales[:own])
@@ -227,7 +229,8 @@ class _Judged:
         """O1 of existing and chosen records, and the root mean square u of the tip after them
         [m].
         """
-        situation, width = self.situation, self.situation.layout.width
+        situation = self.situation
+        width = self.situation.layout.width
         prior, measured = np.split(situation.known[:, self.order], [situation.layout.nuisances])
         chosen_rows = situation.rows[chosen].reshape(-1, width)[:, self.order]
         data = np.vstack([measured, chosen_rows])

@@ -56,7 +56,8 @@ class Layout:
     def of(problem: Problem, causes: tuple[Effect, ...], seats: tuple[str, ...]) -> Layout:
         """The columns of a problem whose last effects are the ``causes``."""
         vector = ParameterVector(problem.model.arm, causes)
-        stop, total = problem.vector.size, len(problem.scales)
+        stop = problem.vector.size
+        total = len(problem.scales)
         start = stop - vector.size
         refitted = np.r_[:start, stop:total]
         order = np.r_[refitted, start:stop]
@@ -140,7 +141,7 @@ class Situation:
         """Information of what is known, with next to nothing about each cause (width, width)."""
         causes = np.zeros(self.layout.width)
         causes[self.layout.nuisances :] = LOOSE
-        return np.asarray(self.known.T @ self.known + np.diag(causes))
+        return self.known.T @ self.known + np.diag(causes)
 
     def power(
         self,
@@ -164,7 +165,8 @@ class Situation:
         """
         records = self.rows if chosen is None else self.rows[chosen]
         rows = np.sqrt(times) * records.reshape(-1, self.layout.width)
-        return remaining_triangle(np.vstack([self.known, rows]), self.layout.nuisances)
+        every = np.vstack([self.known, rows])
+        return remaining_triangle(every, self.layout.nuisances)
 
 
 def rows_of(

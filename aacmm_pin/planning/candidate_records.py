@@ -55,7 +55,8 @@ def postures_at_seats(
         seats = _new_seats(task, pool, count, rng)
     touched = pool.touched(seats.points, max(4, min(EACH, count // len(seats.labels))))
     if not any(len(q) for q in touched):
-        arm, number = task.model.arm.name, len(seats.labels)
+        arm = task.model.arm.name
+        number = len(seats.labels)
         raise AacmmError(
             f"{arm}: no posture inside the limits has its tip at one of the {number} seats"
         )
@@ -91,7 +92,8 @@ def _seats_of(task: Task) -> _Seats:
     points = task.frame.back(observed.start(tips))
     rows = existing.seats()
     first = [rows[label][0] for label in observed.labels]
-    stated, stated_u = existing.reference[first], existing.reference_u[first]
+    stated = existing.reference[first]
+    stated_u = existing.reference_u[first]
     return _Seats(list(observed.labels), points, stated, stated_u)
 
 
@@ -121,10 +123,13 @@ def _conditions(
     task: Task, set_up: MeasurementConditions, postures: Measurements, rng: np.random.Generator
 ) -> Conditions:
     """The conditions that the causes or the existing records need; free ones are drawn."""
-    arm, n, known = set_up.model.arm, postures.n, task.conditions
+    arm = set_up.model.arm
+    n = postures.n
+    known = task.conditions
     effects = (*task.causes, *set_up.model.effects)
     needed = {need for effect in effects for need in effect.needs}
-    present, links = needed | set(known.present), known.link_temperature
+    present = needed | set(known.present)
+    links = known.link_temperature
     warmth = task.temperature + set_up.warmer * rng.integers(2, size=n).astype(np.float64)
     sides = np.ones((n, arm.nq))
     for joint in set_up.sides:

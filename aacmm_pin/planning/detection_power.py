@@ -82,7 +82,8 @@ class Power(Shown):
     @property
     def undetectable(self) -> tuple[bool, bool]:
         """Which of the two does nothing that would show."""
-        return self.alone[0] <= UNDETECTABLE, self.alone[1] <= UNDETECTABLE
+        first, second = self.alone
+        return first <= UNDETECTABLE, second <= UNDETECTABLE
 
     @property
     def open(self) -> tuple[bool, bool]:
@@ -132,7 +133,9 @@ def power_of(
     must not decide: w lets each of the two show as much as the true one does, ``w² tr S = ‖R β‖²``.
     By :data:`EVIDENCE_DRAWS` draws of y.
     """
-    probability, shows, apart = 0.0, [], []
+    probability = 0.0
+    shows = []
+    apart = []
     for true, (mine, size) in enumerate(zip(blocks, sizes, strict=True)):
         shows.append(alone(r, mine, size.factor))
         apart.append(distance(r, mine, blocks[1 - true], size.factor))
@@ -147,7 +150,8 @@ def power_of(
 
 
 def _evidence(r: Array, y: Array, shows: float) -> Array:
-    information, gradient = r.T @ r, r.T @ y
+    information = r.T @ r
+    gradient = r.T @ y
     all_of_it = float(np.trace(information))
     if shows <= UNDETECTABLE or all_of_it <= UNDETECTABLE:
         return np.zeros(y.shape[1])

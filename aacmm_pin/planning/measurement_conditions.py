@@ -120,8 +120,10 @@ def _loads_and_mounts(arm: Arm, file: ArmFile) -> Iterator[Change]:
 
 
 def _turned(vector: Array, about: int, angle: float) -> Array:
-    one, other = (about + 1) % 3, (about + 2) % 3
-    cos, sin = np.cos(angle), np.sin(angle)
+    one = (about + 1) % 3
+    other = (about + 2) % 3
+    cos = np.cos(angle)
+    sin = np.sin(angle)
     turned = vector.copy()
     turned[one] = cos * vector[one] - sin * vector[other]
     turned[other] = sin * vector[one] + cos * vector[other]

@@ -31,15 +31,17 @@ def plan_of(
     set_up = situation.set_up
     records, sheet = sheet_of(task, situation, chosen)
     apart = set_up.changes_arm and task.existing is not None
-    without = (Note("old_records_excluded"),) if apart else ()
+    if apart:
+        notes = (*notes, Note("old_records_excluded"))
+    predicted = set_up.model.predict(records.q, records.conditions)
     return MeasurementPlan(
         model=set_up.model,
         records=sheet,
-        expected=task.frame.apply(set_up.model.predict(records.q, records.conditions)),
+        expected=task.frame.apply(predicted),
         set_up=set_up.words,
         changes_arm=set_up.changes_arm,
         existing=situation.before,
-        notes=(*notes, *without),
+        notes=notes,
         measurements=records,
         **found,
     )

@@ -119,8 +119,10 @@ def _matched(situation: Situation, sizes: tuple[Size, Size]) -> tuple[Size, Size
     """
     if sizes[0].stated == sizes[1].stated:
         return sizes
-    known, r = int(sizes[1].stated), situation.triangle([])
-    mine, its = situation.layout.blocks[known], situation.layout.blocks[1 - known]
+    known = int(sizes[1].stated)
+    r = situation.triangle([])
+    mine = situation.layout.blocks[known]
+    its = situation.layout.blocks[1 - known]
     alike = mimicking(r, mine, its, sizes[known].factor)
     if not alike.any():
         return sizes

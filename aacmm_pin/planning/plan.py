@@ -15,8 +15,14 @@ from aacmm_pin.arm import Arm
 from aacmm_pin.calibration import ReferenceFrame, Setup, Target
 from aacmm_pin.effects import Effect, ErrorModel, GivenCause, GivenModel, as_causes
 from aacmm_pin.errors import AacmmError, UnknownNameError
-from aacmm_pin.measurements import ENCODER, GivenRecords, Measurements, as_measurements, seed_of
-from aacmm_pin.measurements.noise import REFERENCE_NOISE
+from aacmm_pin.measurements import (
+    ENCODER,
+    REFERENCE_NOISE,
+    GivenRecords,
+    Measurements,
+    as_measurements,
+    seed_of,
+)
 from aacmm_pin.planning.candidate_records import free_postures, postures_at_seats
 from aacmm_pin.planning.pairwise_discrimination import for_two
 from aacmm_pin.planning.result import MeasurementPlan
@@ -211,7 +217,8 @@ def _usable(causes: tuple[Effect, ...], existing: Measurements | None, named: bo
             None,
             (Note("records_not_counted", {"source": existing.source, "needs": needs}),),
         )
-    needs, silent = sorted({need for _, need in lacking}), [effect for effect, _ in lacking]
+    needs = sorted({need for _, need in lacking})
+    silent = [effect for effect, _ in lacking]
     left_out = [*dict.fromkeys(effect.label for effect in silent)]
     note = Note("causes_left_out", {"source": existing.source, "needs": needs, "causes": left_out})
     return tuple(effect for effect in causes if effect not in silent), existing, (note,)

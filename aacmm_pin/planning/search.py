@@ -41,13 +41,14 @@ class SequentialDesign:
     def scatter(self) -> Array:
         """Covariance of each record as predicted, its noise being one (n, 3, 3)."""
         of_unknowns = self.seen @ self.pool.transpose(0, 2, 1)
-        return np.asarray(np.eye(3) + of_unknowns)
+        return np.eye(3) + of_unknowns
 
     def take(self, record: int) -> None:
         """One more record: ``Σ - Σ Aᵀ (I + A Σ Aᵀ)⁻¹ A Σ`` (Woodbury), and the same for what the
         pool sees of it.
         """
-        rows, seen = self.pool[record], self.seen[record].copy()
+        rows = self.pool[record]
+        seen = self.seen[record].copy()
         gain = np.linalg.solve(np.eye(3) + seen @ rows.T, seen)
         self.covariance = self.covariance - seen.T @ gain
         self.seen = self.seen - (self.pool @ seen.T) @ gain

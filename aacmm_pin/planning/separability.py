@@ -51,7 +51,8 @@ def for_all(
         for option in options
         if option.changes_arm
     }
-    blocks, whole = situation.layout.blocks, situation.triangle(None)
+    blocks = situation.layout.blocks
+    whole = situation.triangle(None)
     undetectable = {k for k, block in enumerate(blocks) if _is_undetectable(whole, block)}
     all_pairs = distances(whole, blocks)
     every = {pair: both for pair, both in all_pairs.items() if not undetectable & set(pair)}
@@ -71,7 +72,8 @@ def for_all(
     pairs = _table(after, why_not, labels)
     worst = min(open_ or set(every) - same or set(every), key=lambda pair: after[pair])
     one, other = (task.causes[k] for k in worst)
-    draws, sizes = int(rng.integers(2**32)), (Size.of(one), Size.of(other))
+    draws = int(rng.integers(2**32))
+    sizes = (Size.of(one), Size.of(other))
     power = situation.power(chosen, worst, sizes, draws)
     before = situation.power([], worst, sizes, draws) if situation.before else None
     told = Note("pairs_told_apart", {"told": int(pairs["told"].sum()), "pairs": len(pairs)})
@@ -122,9 +124,11 @@ def distances(r: Array, blocks: tuple[slice, ...]) -> dict[Pair, tuple[float, fl
     for pair in combinations(range(len(blocks)), 2):
         both = []
         for one, other in permutations(pair):
-            mine, its = blocks[one], blocks[other]
+            mine = blocks[one]
+            its = blocks[other]
             size = np.eye(mine.stop - mine.start)
-            t, whole = distance(r, mine, its, size), alone(r, mine, size)
+            t = distance(r, mine, its, size)
+            whole = alone(r, mine, size)
             both.append((t, t / whole if whole > 0 else 0.0))
         found[pair] = (min(t for t, _ in both), min(part for _, part in both))
     return found
@@ -132,8 +136,10 @@ def distances(r: Array, blocks: tuple[slice, ...]) -> dict[Pair, tuple[float, fl
 
 def _best_for(pair: Pair, situation: Situation, choice: SequentialDesign) -> int:
     """The record that tells one pair best, only these two causes being there."""
-    layout, pool = situation.layout, situation.rows
-    first, blocks = layout.nuisances, [layout.columns(cause) for cause in pair]
+    layout = situation.layout
+    pool = situation.rows
+    first = layout.nuisances
+    blocks = [layout.columns(cause) for cause in pair]
     columns = np.concatenate([np.arange(first), *blocks])
     taken = pool[choice.taken].reshape(-1, layout.width)
     information = situation.start + taken.T @ taken

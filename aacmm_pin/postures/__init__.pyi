@@ -1,21 +1,36 @@
 from .articulation import articulations, places
-from .configurations import TIP_JOINTS, WRIST, ConfigurationCircle, configuration_circle
-from .curve_sampling import Flexibility, sector_centres
+from .configurations import (
+    TIP_JOINTS,
+    WRIST,
+    ConfigurationCircle,
+    configuration_circle,
+    reach_of_points,
+)
+from .curve_sampling import Flexibility, Sectors, sector_centres
 from .general_ik import ReachingPostures, reaching_postures
 from .postures_at_point import PosturesAtPoint
-from .sampling import brought_to, spread_out
+from .sampling import StateOf, agile, brought_to, different_postures, spread_out
+from .wrist_ik import WRIST_ROW, Wrist, box_of_wrist
 
 __all__ = [
     "TIP_JOINTS",
     "WRIST",
+    "WRIST_ROW",
     "ConfigurationCircle",
     "Flexibility",
     "PosturesAtPoint",
     "ReachingPostures",
+    "Sectors",
+    "StateOf",
+    "Wrist",
+    "agile",
     "articulations",
+    "box_of_wrist",
     "brought_to",
     "configuration_circle",
+    "different_postures",
     "places",
+    "reach_of_points",
     "reaching_postures",
     "sector_centres",
     "spread_out",

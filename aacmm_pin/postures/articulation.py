@@ -9,7 +9,7 @@ import pandas as pd
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm import Arm
 
 STRAIGHT_ELBOW = 0.05
 """An elbow nearer to the line from shoulder to tip than this part of its length is on neither side
@@ -18,6 +18,7 @@ of it.
 SECOND_WORD_RATIO = 0.6
 """A direction has a second word where that part of it is this many times the first."""
 SIDES = ("up", "right", "down", "left")
+OPPOSITES = (("up", "down"), ("out", "in"), ("left", "right"))
 
 
 def articulations(arm: Arm, q: Array) -> list[str]:
@@ -28,7 +29,8 @@ def articulations(arm: Arm, q: Array) -> list[str]:
     arm whose file states its axis; it points ``out`` where it points away from the stand.
     """
     rotation, origin = arm.chain.walk(q)
-    axes, tips = arm.chain.moving_axes(), origin[arm.chain.tip]
+    axes = arm.chain.moving_axes()
+    tips = origin[arm.chain.tip]
     words = (
         _elbows(arm, origin[axes[1]], origin[axes[2:]], tips) if len(axes) > 3 else [""] * len(q)
     )
@@ -47,7 +49,8 @@ def places(arm: Arm, points: Array) -> pd.DataFrame:
     base.
     """
     level = _level(arm)
-    x, y = points @ level, points @ np.cross(arm.up, level)
+    x = points @ level
+    y = points @ np.cross(arm.up, level)
     bearing = np.round(np.arctan2(y, x) / DEG) + 0.0
     return pd.DataFrame(
         {
@@ -89,19 +92,14 @@ def _directions(arm: Arm, tips: Array, direction: Array) -> list[str]:
     out = tips - arm.up * (tips @ arm.up)[:, None]
     out = out / np.maximum(np.linalg.norm(out, axis=1), 1e-12)[:, None]
     left = np.cross(arm.up, out)
-    parts = np.stack(
-        [direction @ arm.up, np.sum(direction * out, axis=1), np.sum(direction * left, axis=1)],
-        axis=1,
-    )
+    outwards = np.sum(direction * out, axis=1)
+    leftwards = np.sum(direction * left, axis=1)
     words = []
-    for part in parts:
-        order = np.abs(part).argsort()[::-1]
-        named = [
-            (("up", "down"), ("out", "in"), ("left", "right"))[k][int(part[k] < 0)] for k in order
-        ]
-        words.append(
-            named[0]
-            + f" and {named[1]}"
-            * bool(abs(part[order[1]]) > SECOND_WORD_RATIO * abs(part[order[0]]))
-        )
+    for part in np.stack([direction @ arm.up, outwards, leftwards], axis=1):
+        size = np.abs(part)
+        _, second, first = size.argsort()
+        word = OPPOSITES[first][int(part[first] < 0)]
+        if size[second] > SECOND_WORD_RATIO * size[first]:
+            word += f" and {OPPOSITES[second][int(part[second] < 0)]}"
+        words.append(word)
     return words

@@ -9,25 +9,31 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aacmm_pin._support.angles import wrapped
-from aacmm_pin._support.checks import Array, batch, unit_vector, vector, whole
+from aacmm_pin._support.checks import Array, Mask, batch, unit_vector, vector, whole
 from aacmm_pin._support.display import report
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.plausible import COORDINATE
-from aacmm_pin.arm.arm import Arm, GivenArm, as_arm
-from aacmm_pin.arm.chain import axis
-from aacmm_pin.arm.limits import broken_limits, into_limits
+from aacmm_pin.arm import Arm, GivenArm, as_arm, axis, broken_limits, into_limits
 from aacmm_pin.errors import AacmmError, UnsupportedArmError
-from aacmm_pin.postures.curve_sampling import Components, Flexibility, evenly, flexibility
+from aacmm_pin.postures.curve_sampling import (
+    Components,
+    Flexibility,
+    Sectors,
+    arc_fractions,
+    evenly,
+    flexibility,
+)
 from aacmm_pin.postures.elbow_swivel import Swivel
 from aacmm_pin.postures.postures_at_point import PosturesAtPoint, in_degrees, lost, not_closed
 from aacmm_pin.postures.tip_ik import tip_curves, tip_equations
 from aacmm_pin.postures.wrist_ik import (
+    FEW_PER_TURN,
     WRIST_ROW,
     Wrist,
     reach_of_wrist,
@@ -111,7 +117,8 @@ class ConfigurationCircle(PosturesAtPoint):
         return drawn
 
     def _row(self, number: int) -> dict[str, Any]:
-        row, mine = super()._row(number), self.branch[self.component == number]
+        row = super()._row(number)
+        mine = self.branch[self.component == number]
         joints = row.pop("joints_outside_limits")
         sides = {"shoulder_side": _sides(mine[:, 0]), "elbow_side": _sides(mine[:, 1])}
         return row | sides | {"joints_outside_limits": joints}
@@ -202,7 +209,9 @@ def configuration_circles(
             raise AacmmError(
                 "tip=True needs axis, the direction of the stylus in the base, such as [0, 0, -1]"
             )
-        wrist, stylus, direction = None, arm.stylus_axis, unit_vector(axis, "axis")
+        wrist = None
+        stylus = arm.stylus_axis
+        direction = unit_vector(axis, "axis")
         found = tip_curves(dh, points, stylus, direction)
         systems = [tip_equations(dh, point[None, :], stylus, direction) for point in points]
     else:
@@ -211,7 +220,8 @@ def configuration_circles(
         wrist = Wrist.of_arm(arm, "a configuration circle", rest)
         found = wrist_curves(wrist, points, SEEDS_PER_TURN)
         systems = [wrist_equations(wrist, point[None, :]) for point in points]
-    swivel, circles = Swivel(dh, arm.up), []
+    swivel = Swivel(dh, arm.up)
+    circles = []
     for number, (point, system) in enumerate(zip(points, systems, strict=True)):
         mine = [replace(curve, problem=0) for curve in found.curves if curve.problem == number]
         components = Components(swivel, system, point[None, :], mine, wrist)
@@ -232,7 +242,8 @@ def _sampled(
     arm: Arm, point: Array, at: str, components: Components, count: int, notes: tuple[Note, ...]
 ) -> ConfigurationCircle:
     """Configurations evenly spaced along the elbow's path."""
-    q, component = np.empty((0, arm.nq)), np.empty(0, dtype=np.intp)
+    q = np.empty((0, arm.nq))
+    component = np.empty(0, dtype=np.intp)
     if components.curves:
         some, component, missing = evenly(
             components.equations,
@@ -250,7 +261,8 @@ def _sampled(
 
 
 def _why_not(components: Components, point: Array) -> str:
-    shoulder, wrist = components.swivel.shoulder, components.wrist
+    shoulder = components.swivel.shoulder
+    wrist = components.wrist
     distance = float(np.linalg.norm(point - shoulder))
     if wrist is None:
         return str(Note("stylus_axis_unreachable", {"distance": distance}))
@@ -263,3 +275,42 @@ def _why_not(components: Components, point: Array) -> str:
 def _sides(signs: NDArray[np.intp]) -> str:
     """The sign that all configurations share, or both."""
     return " ".join(f"{sign:+d}" for sign in np.unique(signs))
+
+
+class Reach(NamedTuple):
+    """How the wrist reaches many points.
+
+    Attributes:
+        sectors: what the sectors of the swivel angle have at each point.
+        arc_fraction: working over theoretical range of the swivel angle (m,); nan where nothing is
+            theoretical.
+        reachable: whether a configuration reaches the point, limits apart (m,).
+        complete: whether all configurations that reach it are known (m,).
+    """
+
+    sectors: Sectors
+    arc_fraction: Array
+    reachable: Mask
+    complete: Mask
+
+
+def reach_of_points(arm: Arm, points: Array, sectors: int, purpose: str) -> Reach:
+    """What equal ``sectors`` of the swivel angle have at ``points`` (m, 3) [m] of the wrist;
+    ``purpose`` is what errors say that it is for.
+
+    Raises:
+        UnsupportedArmError: no DH table, or one without the joints that this needs.
+    """
+    wrist = Wrist.of_arm(arm, purpose)
+    swivel = Swivel(arm.require_dh(purpose), arm.up)
+    found = wrist_curves(wrist, points, FEW_PER_TURN)
+    equations = wrist_equations(wrist, points)
+    components = Components(swivel, equations, points, found.curves, wrist)
+    with_curves = [curve.problem for curve in found.curves]
+    not_closed = [curve.problem for curve in found.curves if not curve.closed]
+    reachable = np.zeros(len(points), dtype=bool)
+    reachable[[*with_curves, *found.families]] = True
+    complete = np.full(len(points), not found.degenerate)
+    complete[[*not_closed, *found.families, *found.unfinished]] = False
+    of_points = Sectors.of(components, arm.limits, sectors)
+    return Reach(of_points, arc_fractions(components, arm.limits), reachable, complete)

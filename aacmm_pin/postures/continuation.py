@@ -25,11 +25,21 @@ from aacmm_pin._support.compiled import INLINED, Loop
 
 POINT, POINT_AND_AXIS = 3, 5
 """Numbers of equations; a whole pose has 6."""
-TIP, AXES, EQUATIONS, GOAL = 0, 3, 9, 15
+TIP = 0
+AXES = 3
+EQUATIONS = 9
+GOAL = 15
 """First rows of the working space for the frame of the tip (3 rows), directions and origins of the
 joint axes (6, a column each), the equations (up to 6; the last column but one is their values), and
 the wanted place of the tip."""
-HERE, STEADY, NEXT, START, SOUGHT, IMAGE, GUESS, BEST = 16, 19, 22, 24, 26, 28, 29, 30
+HERE = 16
+STEADY = 19
+AHEAD = 22
+START = 24
+SOUGHT = 26
+IMAGE = 28
+GUESS = 29
+BEST = 30
 """Rows for angles. The tangent of a curve there is in the next row, and of ``HERE`` and ``STEADY``
 the curvature behind it; of ``IMAGE``, ``GUESS`` and ``BEST`` neither is used."""
 COSINES, MATRIX = 31, 33
@@ -41,9 +51,12 @@ SERIES = 1e-3
 """Angle below which a series loses fewer digits than the closed form [rad]."""
 CLOSE_ENOUGH = 1e-12
 """Largest residual of a solution [m, rad]."""
-POLISHED, CORRECTED = 0.02 * CLOSE_ENOUGH, 0.2 * CLOSE_ENOUGH
+POLISHED = 0.02 * CLOSE_ENOUGH
+CORRECTED_RESIDUAL = 0.2 * CLOSE_ENOUGH
 """Residuals at which polishing a seed, and correcting a step, end: what is left is rounding."""
-MOST_POLISHES, MOST_CORRECTIONS, MOST_MEETINGS = 39, 5, 8
+MOST_POLISHES = 39
+MOST_CORRECTIONS = 5
+MOST_MEETINGS = 8
 """Newton steps after which polishing a seed, correcting a step, and meeting a plane give up."""
 LONGEST_POLISH = 0.5
 """Of one Newton step from a seed [rad]; longer ones would leave the neighbourhood."""
@@ -63,7 +76,8 @@ SHORTEST_STEP = 1e-5
 of the curve; a gap that narrow is a crossing [rad]."""
 LARGEST_TURN = 0.30
 """Largest angle between the tangents at the two ends of a step [rad]."""
-WANTED_TURN, LEAST_TURN = 0.6 * LARGEST_TURN, 1e-3
+WANTED_TURN = 0.6 * LARGEST_TURN
+LEAST_TURN = 1e-3
 """Angle that the length of the next step aims at, and one below which a piece counts as straight
 [rad]."""
 OFF_GUESS = 0.4
@@ -86,7 +100,8 @@ PICKS, MAJORITY = 7, 4
 SAME_POINT = 1e-6
 """Two solutions nearer to each other than this are one [rad]."""
 
-NO_CURVE, KNOWN_CURVE = -1, -2
+NO_CURVE = -1
+KNOWN_CURVE = -2
 """Instead of the number of a curve: the solution is on none, or on one that was found before but
 does not show it, next to a crossing."""
 
@@ -115,7 +130,8 @@ def newton(
         arrived: filled (m,): whether the residual is at most ``CLOSE_ENOUGH``.
         space: see :func:`working_space`.
     """
-    count, n = equations.shape[1], q.shape[1]
+    count = equations.shape[1]
+    n = q.shape[1]
     for row in range(len(q)):
         for i in range(3):
             space[GOAL, i] = goals[row, i]
@@ -160,7 +176,8 @@ def curves(
     Returns:
         how many curves there are now, and how many steps are left.
     """
-    n, rounds = seeds.shape[1], 0
+    n = seeds.shape[1]
+    rounds = 0
     for i in range(3):
         space[GOAL, i] = goal[i]
     for seed in range(len(seeds)):
@@ -242,7 +259,8 @@ def on_curve(
     for j in range(solutions.shape[1]):
         space[SOUGHT, j] = solutions[row, j]
     has_tangent = False
-    begin, end = ends[curve - 1] if curve > 0 else 0, ends[curve]
+    begin = ends[curve - 1] if curve > 0 else 0
+    end = ends[curve]
     for vertex in nearest_vertices(begin, end, vertices, space):
         for side in (1, -1):
             other = begin + (vertex - begin + side) % (end - begin)
@@ -257,8 +275,12 @@ def on_curve(
 
 def nearest_vertices(begin: int, end: int, vertices: Array, space: Array) -> tuple[int, int, int]:
     """Numbers of the three vertices that are nearest to the solution ``SOUGHT``, in order."""
-    first, second, third = begin, begin, begin
-    near, far, farther = np.inf, np.inf, np.inf
+    first = begin
+    second = begin
+    third = begin
+    near = np.inf
+    far = np.inf
+    farther = np.inf
     for vertex in range(begin, end):
         square = 0.0
         for j in range(vertices.shape[1]):
@@ -270,7 +292,8 @@ def nearest_vertices(begin: int, end: int, vertices: Array, space: Array) -> tup
             second, third = vertex, second
             far, farther = square, far
         elif square < farther:
-            third, farther = vertex, square
+            third = vertex
+            farther = square
     return first, second, third
 
 
@@ -281,7 +304,9 @@ def touches(begin: int, end: int, vertices: Array, space: Array) -> bool:
     The nearest place on the chord goes into ``GUESS``, and the solution in the same turns into
     ``IMAGE``.
     """
-    square, part, n = 1e-200, 0.0, vertices.shape[1]
+    square = 1e-200
+    part = 0.0
+    n = vertices.shape[1]
     for j in range(n):
         chord = wrap(vertices[end, j] - vertices[begin, j])
         off = wrap(space[SOUGHT, j] - vertices[begin, j])
@@ -298,7 +323,8 @@ def meets(links: Array, tangent: int, space: Array) -> bool:
     """Does the curve near ``GUESS``, which moves, cut the plane through ``IMAGE`` and across
     ``tangent`` in ``IMAGE`` itself?
     """
-    n, off = space.shape[1] - 2, 0.0
+    n = space.shape[1] - 2
+    off = 0.0
     for j in range(n):
         off += (space[GUESS, j] - space[IMAGE, j]) * space[tangent, j]
     for j in range(n):
@@ -334,17 +360,24 @@ def trace(
         vertices[begin, j] = space[HERE, j] = space[STEADY, j] = space[START, j]
         space[HERE + 1, j] = space[STEADY + 1, j] = space[START + 1, j]
         space[HERE + 2, j] = space[STEADY + 2, j] = 0.0
-    length, end, leaps, leap = FIRST_STEP, begin + 1, 0, 0
+    length = FIRST_STEP
+    end = begin + 1
+    leaps = 0
+    leap = 0
     for step in range(most):
-        vertex, ahead, widest = HERE, length, OFF_GUESS * length
+        vertex = HERE
+        ahead = length
+        widest = OFF_GUESS * length
         if leap > 0:
-            vertex, ahead = STEADY, 2.0 * distance(HERE, STEADY, space) + LEAPS[leap - 1]
+            vertex = STEADY
+            ahead = 2.0 * distance(HERE, STEADY, space) + LEAPS[leap - 1]
             widest = BULGE * ahead
         on_side = follow(links, vertex, ahead, widest, space)
         if leap == 0 and on_side != sign:
             length *= SHORTENED
             if length < SHORTEST_STEP:
-                leap, leaps = 1, leaps + 1
+                leap = 1
+                leaps = leaps + 1
             if leaps > MOST_LEAPS:
                 return end, step + 1, False
             continue
@@ -353,53 +386,59 @@ def trace(
             if leap > len(LEAPS):
                 return end, step + 1, False
             continue
-        moved = distance(NEXT, HERE, space)
+        moved = distance(AHEAD, HERE, space)
         if end > begin + 1 and passes(links, moved, space):
             return end, step + 1, True
-        turn, sign = LARGEST_TURN, on_side
+        turn = LARGEST_TURN
+        sign = on_side
         if leap == 0:
-            turn = math.sqrt(max(0.0, 1.0 - dot(NEXT + 1, HERE + 1, space) ** 2))
+            turn = math.sqrt(max(0.0, 1.0 - dot(AHEAD + 1, HERE + 1, space) ** 2))
         for j in range(n):
-            change = (space[NEXT + 1, j] - space[HERE + 1, j]) / moved
-            vertices[end, j] = space[HERE, j] = space[NEXT, j]
-            space[HERE + 1, j] = space[NEXT + 1, j]
+            change = (space[AHEAD + 1, j] - space[HERE + 1, j]) / moved
+            vertices[end, j] = space[HERE, j] = space[AHEAD, j]
+            space[HERE + 1, j] = space[AHEAD + 1, j]
             space[HERE + 2, j] = space[STEADY + 2, j] if leap > 0 else change
             if moved >= STEADY_STEP:
-                space[STEADY, j], space[STEADY + 1, j] = space[NEXT, j], space[NEXT + 1, j]
+                space[STEADY, j], space[STEADY + 1, j] = space[AHEAD, j], space[AHEAD + 1, j]
                 space[STEADY + 2, j] = change
         length *= min(max(WANTED_TURN / max(turn, LEAST_TURN), LEAST_CHANGE), MOST_CHANGE)
         length = min(max(length, SHORTEST_STEP), LONGEST_CURVE_STEP)
         if leap > 0:
             length = STEADY_STEP
-        end, leap = end + 1, 0
+        end = end + 1
+        leap = 0
     return end, most, False
 
 
 def follow(links: Array, vertex: int, length: float, widest: float, space: Array) -> float:
-    """Predict a step of this ``length`` from a ``vertex`` and correct it, into ``NEXT``, by less
+    """Predict a step of this ``length`` from a ``vertex`` and correct it, into ``AHEAD``, by less
     than ``widest``.
 
     Returns:
         the sign of the determinant there; 0 where the step fails.
     """
-    n, tangent, curvature = space.shape[1] - 2, vertex + 1, vertex + 2
+    n = space.shape[1] - 2
+    tangent = vertex + 1
+    curvature = vertex + 2
     for j in range(n):
         step = length * space[tangent, j] + 0.5 * length**2 * space[curvature, j]
-        space[NEXT, j] = space[GUESS, j] = space[vertex, j] + step
-    arrived, sign = correct(links, NEXT, tangent, MOST_CORRECTIONS, space)
-    take_tangent(NEXT, space)
-    near = distance(NEXT, GUESS, space) < widest
-    if arrived and near and dot(NEXT + 1, tangent, space) > math.cos(LARGEST_TURN):
+        space[AHEAD, j] = space[GUESS, j] = space[vertex, j] + step
+    arrived, sign = correct(links, AHEAD, tangent, MOST_CORRECTIONS, space)
+    take_tangent(AHEAD, space)
+    near = distance(AHEAD, GUESS, space) < widest
+    if arrived and near and dot(AHEAD + 1, tangent, space) > math.cos(LARGEST_TURN):
         return sign
     return 0.0
 
 
 def passes(links: Array, moved: float, space: Array) -> bool:
-    """Does the step from ``HERE`` to ``NEXT``, which is ``moved`` long, pass ``START``?"""
-    n, along, aside = space.shape[1] - 2, 0.0, 0.0
+    """Does the step from ``HERE`` to ``AHEAD``, which is ``moved`` long, pass ``START``?"""
+    n = space.shape[1] - 2
+    along = 0.0
+    aside = 0.0
     for j in range(n):
         space[IMAGE, j] = wrap(space[START, j] - space[HERE, j])
-        space[GUESS, j] = (space[NEXT, j] - space[HERE, j]) / moved
+        space[GUESS, j] = (space[AHEAD, j] - space[HERE, j]) / moved
         along += space[IMAGE, j] * space[GUESS, j]
     for j in range(n):
         aside += (space[IMAGE, j] - along * space[GUESS, j]) ** 2
@@ -432,7 +471,7 @@ def correct(links: Array, row: int, tangent: int, most: int, space: Array) -> tu
             space[MATRIX + n - 1, j] = space[tangent, j]
         space[MATRIX + n - 1, n], space[MATRIX + n - 1, n + 1] = 0.0, 1.0
         sign = solve(space)
-        if size <= CORRECTED:
+        if size <= CORRECTED_RESIDUAL:
             return True, sign
         length = step_length(space)
         if step == most or not length < np.inf:  # the derivative is singular
@@ -457,7 +496,8 @@ def tangent_at(links: Array, row: int, space: Array) -> float:
 
 def take_tangent(row: int, space: Array) -> None:
     """The unit null vector of J, which :func:`correct` left, behind a ``row``."""
-    n, square = space.shape[1] - 2, 0.0
+    n = space.shape[1] - 2
+    square = 0.0
     for j in range(n):
         square += space[MATRIX + j, n + 1] ** 2
     for j in range(n):
@@ -471,7 +511,8 @@ def descend(links: Array, count: int, most: int, space: Array) -> float:
     Returns:
         the largest residual there.
     """
-    n, least = space.shape[1] - 2, np.inf
+    n = space.shape[1] - 2
+    least = np.inf
     for step in range(most + 1):
         size = linearise(links, HERE, count, space)
         if size < least or step == 0:
@@ -498,7 +539,8 @@ def least_norm_step(count: int, space: Array) -> None:
     """The shortest step to where the linear equations hold, damped where J is nearly singular, into
     column n of the matrix: by Cholesky's factor of ``J Jᵀ``.
     """
-    n, damping = space.shape[1] - 2, 0.0
+    n = space.shape[1] - 2
+    damping = 0.0
     for i in range(count):
         for j in range(n):
             damping += DAMPING * space[EQUATIONS + i, j] ** 2
@@ -528,7 +570,8 @@ def least_norm_step(count: int, space: Array) -> None:
 
 def residual_after(count: int, space: Array) -> float:
     """Largest residual that the step in the matrix leaves, to first order."""
-    n, largest = space.shape[1] - 2, 0.0
+    n = space.shape[1] - 2
+    largest = 0.0
     for i in range(count):
         rest = space[EQUATIONS + i, n]
         for j in range(n):
@@ -539,7 +582,8 @@ def residual_after(count: int, space: Array) -> float:
 
 def step_length(space: Array) -> float:
     """Length of the step in column n of the matrix [rad]."""
-    n, square = space.shape[1] - 2, 0.0
+    n = space.shape[1] - 2
+    square = 0.0
     for j in range(n):
         square += space[MATRIX + j, n] ** 2
     return math.sqrt(square)
@@ -552,7 +596,8 @@ def solve(space: Array) -> float:
     Returns:
         the sign of the determinant. Of a singular matrix the solution is not finite.
     """
-    sign, width = 1.0, space.shape[1]
+    sign = 1.0
+    width = space.shape[1]
     size = width - 2
     for k in range(size):
         row = MATRIX + k
@@ -582,15 +627,21 @@ def solve(space: Array) -> float:
 
 def linearise(links: Array, row: int, count: int, space: Array) -> float:
     """The equations at the angles in a ``row``; the largest of their values."""
-    n, largest = space.shape[1] - 2, 0.0
+    n = space.shape[1] - 2
+    largest = 0.0
     for j in range(n):
         space[COSINES, j], space[COSINES + 1, j] = math.cos(space[row, j]), math.sin(space[row, j])
     for i in range(3):  # the components of a frame's axes x, y, z and origin o along base axis i
-        x, y, z, o = links[0, i, 0], links[0, i, 1], links[0, i, 2], links[0, i, 3]
+        x = links[0, i, 0]
+        y = links[0, i, 1]
+        z = links[0, i, 2]
+        o = links[0, i, 3]
         o -= space[GOAL, i]
         for j in range(n):
             space[AXES + i, j], space[AXES + 3 + i, j] = z, o
-            cosine, sine, k = space[COSINES, j], space[COSINES + 1, j], j + 1
+            cosine = space[COSINES, j]
+            sine = space[COSINES + 1, j]
+            k = j + 1
             x, y = cosine * x + sine * y, cosine * y - sine * x
             o += x * links[k, 0, 3] + y * links[k, 1, 3] + z * links[k, 2, 3]
             x, y, z = (
@@ -601,7 +652,9 @@ def linearise(links: Array, row: int, count: int, space: Array) -> float:
         space[TIP + i, 0], space[TIP + i, 1], space[TIP + i, 2] = x, y, z
         space[TIP + i, 3] = space[EQUATIONS + i, n] = o
     for j in range(n):
-        z0, z1, z2 = space[AXES, j], space[AXES + 1, j], space[AXES + 2, j]
+        z0 = space[AXES, j]
+        z1 = space[AXES + 1, j]
+        z2 = space[AXES + 2, j]
         l0 = space[TIP, 3] - space[AXES + 3, j]
         l1 = space[TIP + 1, 3] - space[AXES + 4, j]
         l2 = space[TIP + 2, 3] - space[AXES + 5, j]
@@ -625,15 +678,24 @@ def point_along_z(space: Array) -> None:
     arrives four times as often. Half a turn away it jumps, which costs a detour.
     """
     n = space.shape[1] - 2
-    d0, d1, d2 = space[TIP, 2], space[TIP + 1, 2], space[TIP + 2, 2]
+    d0 = space[TIP, 2]
+    d1 = space[TIP + 1, 2]
+    d2 = space[TIP + 2, 2]
     across = math.sqrt(d0**2 + d1**2)
-    stretch, slope, fixed = 1.0, 0.0, 0.0
+    stretch = 1.0
+    slope = 0.0
+    fixed = 0.0
     if across >= STRAIGHT:
         stretch = math.atan2(across, d2) / across
-        slope, fixed = (d2 - stretch) / across**2, 1.0
+        slope = (d2 - stretch) / across**2
+        fixed = 1.0
     for j in range(n):
-        z0, z1, z2 = space[AXES, j], space[AXES + 1, j], space[AXES + 2, j]
-        u, v, w = z1 * d2 - z2 * d1, z2 * d0 - z0 * d2, z0 * d1 - z1 * d0
+        z0 = space[AXES, j]
+        z1 = space[AXES + 1, j]
+        z2 = space[AXES + 2, j]
+        u = z1 * d2 - z2 * d1
+        v = z2 * d0 - z0 * d2
+        w = z0 * d1 - z1 * d0
         longer = slope * (d0 * u + d1 * v) - fixed * w  # how the stretch changes
         space[EQUATIONS + 3, j] = stretch * u + d0 * longer
         space[EQUATIONS + 4, j] = stretch * v + d1 * longer
@@ -654,18 +716,25 @@ def turn_back(space: Array) -> None:
     s2 = space[TIP + 1, 0] - space[TIP, 1]
     sine = 0.5 * math.sqrt(s0**2 + s1**2 + s2**2)
     cosine = 0.5 * (space[TIP, 0] + space[TIP + 1, 1] + space[TIP + 2, 2] - 1.0)
-    angle, stretch = math.atan2(sine, cosine), 0.5
+    angle = math.atan2(sine, cosine)
+    stretch = 0.5
     if sine >= STRAIGHT:
         stretch = 0.5 * angle / sine
-    p0, p1, p2 = stretch * s0, stretch * s1, stretch * s2
+    p0 = stretch * s0
+    p1 = stretch * s1
+    p2 = stretch * s2
     if sine < STRAIGHT and cosine < 0.0:
         p0 = math.pi  # any axis is as wrong as another
     c = 1.0 / 12.0 + angle**2 / 720.0
     if angle >= SERIES:
         c = 1.0 / angle**2 - (1.0 + cosine) / (2.0 * angle * max(sine, STRAIGHT))
     for j in range(n):
-        z0, z1, z2 = space[AXES, j], space[AXES + 1, j], space[AXES + 2, j]
-        u, v, w = p1 * z2 - p2 * z1, p2 * z0 - p0 * z2, p0 * z1 - p1 * z0
+        z0 = space[AXES, j]
+        z1 = space[AXES + 1, j]
+        z2 = space[AXES + 2, j]
+        u = p1 * z2 - p2 * z1
+        v = p2 * z0 - p0 * z2
+        w = p0 * z1 - p1 * z0
         space[EQUATIONS + 3, j] = z0 - 0.5 * u + c * (p1 * w - p2 * v)
         space[EQUATIONS + 4, j] = z1 - 0.5 * v + c * (p2 * u - p0 * w)
         space[EQUATIONS + 5, j] = z2 - 0.5 * w + c * (p0 * v - p1 * u)
@@ -698,10 +767,14 @@ def dot(a: int, b: int, space: Array) -> float:
 
 def wrap(angle: float) -> float:
     """The same direction between -π and π."""
-    return angle - 2 * math.pi * math.floor(angle * (0.5 / math.pi) + 0.5)
+    turns = math.floor(angle * (0.5 / math.pi) + 0.5)
+    return angle - 2 * math.pi * turns
 
 
-LINKS, ROWS, FLAGS, NUMBERS = "f8[:, :, ::1]", "f8[:, ::1]", "b1[::1]", "i8[::1]"
+LINKS = "f8[:, :, ::1]"
+ROWS = "f8[:, ::1]"
+FLAGS = "b1[::1]"
+INTEGERS = "i8[::1]"
 HELPERS = (
     (wrap, "f8(f8)"),
     (dot, f"f8(i8, i8, {ROWS})"),
@@ -720,7 +793,7 @@ HELPERS = (
     (meets, f"b1({LINKS}, i8, {ROWS})"),
     (touches, f"b1(i8, i8, {ROWS}, {ROWS})"),
     (nearest_vertices, f"UniTuple(i8, 3)(i8, i8, {ROWS}, {ROWS})"),
-    (on_curve, f"b1({LINKS}, {ROWS}, i8, i8, {ROWS}, {NUMBERS}, {ROWS})"),
+    (on_curve, f"b1({LINKS}, {ROWS}, i8, i8, {ROWS}, {INTEGERS}, {ROWS})"),
     (passes, INLINED),
     (follow, INLINED),
     (trace, INLINED),
@@ -732,7 +805,7 @@ in which each knows those that it calls itself."""
 NEWTON = Loop(newton, f"void({LINKS}, {ROWS}, i8, {ROWS}, {LINKS}, {FLAGS}, {ROWS})", HELPERS)
 CURVES = Loop(
     curves,
-    f"UniTuple(i8, 2)({LINKS}, f8[::1], {ROWS}, {FLAGS}, i8, i8, {ROWS}, {NUMBERS}, {FLAGS}, "
-    f"{NUMBERS}, {ROWS})",
+    f"UniTuple(i8, 2)({LINKS}, f8[::1], {ROWS}, {FLAGS}, i8, i8, {ROWS}, {INTEGERS}, {FLAGS}, "
+    f"{INTEGERS}, {ROWS})",
     HELPERS,
 )

@@ -13,7 +13,7 @@ import numpy as np
 from aacmm_pin._support.angles import wrapped
 from aacmm_pin._support.checks import Array, Index, Mask, whole
 from aacmm_pin._support.display import Shown
-from aacmm_pin.arm.limits import broken_limits, inside_part, into_limits
+from aacmm_pin.arm import broken_limits, inside_part, into_limits
 from aacmm_pin.postures.elbow_swivel import Swivel
 from aacmm_pin.postures.pose_equations import Equations
 from aacmm_pin.postures.solution_curves import Curve, following
@@ -121,22 +121,26 @@ class Components:
     def outside(self, limits: Array) -> Mask:
         """Which of the segments are outside the ``limits`` (nq, 2) [rad] all along: (s,)."""
         first, last = self.inside(self.segments, limits + CURVED * OUTWARDS)
-        return np.asarray(last <= first)
+        return last <= first
 
     def divided(self, pieces: _Segments, which: Mask) -> _Segments:
         """Those of the ``pieces`` that are marked, each cut into ``LIMIT_PARTS`` with solutions at
         the cuts.
         """
-        start, chord = pieces.start[which], (pieces.end - pieces.start)[which]
-        joints, cuts = start.shape[1], LIMIT_PARTS + 1
+        start = pieces.start[which]
+        chord = (pieces.end - pieces.start)[which]
+        joints = start.shape[1]
+        cuts = LIMIT_PARTS + 1
         problem = np.repeat(pieces.problem[which], cuts)
         guess = start[:, None] + np.linspace(0.0, 1.0, cuts)[:, None] * chord[:, None]
         q, there = self.equations.polish(guess.reshape(-1, joints), problem)
         swivel = self.angle(q, problem).reshape(-1, cuts)
-        q, turn = q.reshape(-1, cuts, joints), wrapped(np.diff(swivel, axis=1)).ravel()
+        q = q.reshape(-1, cuts, joints)
+        turn = wrapped(np.diff(swivel, axis=1)).ravel()
         there = there.reshape(-1, cuts)
         known = (there[:, :-1] & there[:, 1:]).ravel()
-        start, end = q[:, :-1].reshape(-1, joints)[known], q[:, 1:].reshape(-1, joints)[known]
+        start = q[:, :-1].reshape(-1, joints)[known]
+        end = q[:, 1:].reshape(-1, joints)[known]
         swivel = swivel[:, :-1].ravel()[known]
         numbers = np.repeat(pieces.problem[which], LIMIT_PARTS)[known]
         return _Segments(start, end, swivel, turn[known], numbers)
@@ -164,9 +168,8 @@ class Flexibility(Shown):
 
     def __str__(self) -> str:
         numbers = {f"by {len(self.sectors)} sectors": self.zeta, "of arc": self.arc_fraction}
-        return (
-            ", ".join(f"{x:.3f} {of}" for of, x in numbers.items() if np.isfinite(x)) or "undefined"
-        )
+        finite = [f"{x:.3f} {of}" for of, x in numbers.items() if np.isfinite(x)]
+        return ", ".join(finite) or "undefined"
 
 
 def evenly(
@@ -205,17 +208,19 @@ def _finer(equations: Equations, curves: list[Curve]) -> list[Array]:
     """
     finer = []
     for curve in curves:
-        # Made when it is back at its start.
-        turns = np.round((curve.q[-1] - curve.q[0]) / (2 * np.pi)) * 2 * np.pi
-        q = np.vstack([curve.q, curve.q[:1] + turns]) if curve.closed else curve.q
-        rows = np.arange((len(q) - 1) * FINER + 1) / FINER
-        finer.append(
-            np.column_stack([np.interp(rows, np.arange(len(q)), angles) for angles in q.T])
-        )
-    problem = np.repeat([c.problem for c in curves], [len(q) for q in finer])
+        q = curve.q
+        if curve.closed:
+            # Made when it is back at its start.
+            turns = np.round((q[-1] - q[0]) / (2 * np.pi)) * 2 * np.pi
+            q = np.vstack([q, q[:1] + turns])
+        known = np.arange(len(q))
+        rows = np.arange(known[-1] * FINER + 1) / FINER
+        finer.append(np.column_stack([np.interp(rows, known, angles) for angles in q.T]))
+    lengths = [len(q) for q in finer]
+    problem = np.repeat([c.problem for c in curves], lengths)
     # What does not arrive is near enough to measure a way.
     solutions, _ = equations.polish(np.concatenate(finer), problem)
-    return np.split(solutions, np.cumsum([len(q) for q in finer])[:-1])
+    return np.split(solutions, np.cumsum(lengths)[:-1])
 
 
 def _swivel_crossings(pieces: _Segments, angles: Array) -> tuple[Index, Index, Array]:
@@ -226,16 +231,17 @@ def _swivel_crossings(pieces: _Segments, angles: Array) -> tuple[Index, Index, A
         (n,) [rad].
     """
     order = np.argsort(wrapped(angles))
-    every = (wrapped(angles)[order] + 2 * np.pi * np.arange(-1, 2)[:, None]).ravel()
+    turns = 2 * np.pi * np.arange(-1, 2)
+    every = (wrapped(angles)[order] + turns[:, None]).ravel()
     low, high = np.sort([pieces.swivel, pieces.swivel + pieces.turn], axis=0)
     first = np.searchsorted(every, low - SAME_SWIVEL)
     last = np.searchsorted(every, high + SAME_SWIVEL)
-    piece = np.repeat(np.arange(len(first)), last - first)
-    which = order[
-        (np.arange(len(piece)) + np.repeat(last - np.cumsum(last - first), last - first))
-        % len(angles)
-    ]
-    ahead, turn = wrapped(angles[which] - pieces.swivel[piece]), pieces.turn[piece]
+    count = last - first
+    piece = np.repeat(np.arange(len(first)), count)
+    number = np.arange(len(piece)) + np.repeat(last - np.cumsum(count), count)
+    which = order[number % len(angles)]
+    ahead = wrapped(angles[which] - pieces.swivel[piece])
+    turn = pieces.turn[piece]
     passed = np.where(turn >= 0, (ahead >= 0) & (ahead < turn), (ahead <= 0) & (ahead > turn))
     # An elbow that stays in one plane passes no angle, but by rounding.
     passed &= np.abs(turn) > SAME_SWIVEL
@@ -253,10 +259,15 @@ def _solutions_at_swivel(
     accuracy. An end that stays counts less from step to step: N. Anderson, Å. Björck, "A new high
     order method of regula falsi type", BIT 13 (1973).
     """
-    problem, left = pieces.problem[piece], np.arange(len(piece))
-    low, high = pieces.start[piece], pieces.end[piece]
-    gap_low, gap_high = ahead.copy(), ahead - pieces.turn[piece]
-    q, last, there = low.copy(), np.zeros(len(piece)), np.ones(len(piece), dtype=bool)
+    problem = pieces.problem[piece]
+    left = np.arange(len(piece))
+    low = pieces.start[piece]
+    high = pieces.end[piece]
+    gap_low = ahead.copy()
+    gap_high = ahead - pieces.turn[piece]
+    q = low.copy()
+    last = np.zeros(len(piece))
+    there = np.ones(len(piece), dtype=bool)
     for _ in range(MOST_TRIALS):
         part = (gap_low / (gap_low - gap_high))[left, None]
         guess = low[left] + part * (high - low)[left]
@@ -267,7 +278,8 @@ def _solutions_at_swivel(
         with np.errstate(divide="ignore", invalid="ignore"):  # an end that is met
             less = 1.0 - gap / np.where(before, gap_low[left], gap_high[left])
         less = np.where(less > 0, less, 0.5)
-        near, far = left[before], left[~before]
+        near = left[before]
+        far = left[~before]
         gap_high[near] *= np.where(last[near] > 0, less[before], 1.0)
         gap_low[far] *= np.where(last[far] < 0, less[~before], 1.0)
         low[near], gap_low[near] = q[near], gap[before]
@@ -285,7 +297,8 @@ def sector_centres(sectors: int) -> Array:
     """Swivel angles of the centres of equal sectors (sectors,) [rad]; the first is the highest
     place of the elbow.
     """
-    return np.asarray(np.arange(sectors) * (2 * np.pi / sectors), dtype=np.float64)
+    width = 2 * np.pi / sectors
+    return np.asarray(width * np.arange(sectors))
 
 
 @dataclass(frozen=True, eq=False)
@@ -313,15 +326,20 @@ class Sectors:
         if not components.curves:
             none = np.empty(0, dtype=np.intp)
             return Sectors(np.empty((0, components.nq)), none, none, theoretical, working)
-        pieces, centres = components.segments, sector_centres(sectors)
+        pieces = components.segments
+        centres = sector_centres(sectors)
         piece, sector, ahead = _swivel_crossings(pieces, centres)
         theoretical[pieces.problem[piece], sector] = True
         near = ~components.outside(limits)[piece]
-        piece, sector, ahead = piece[near], sector[near], ahead[near]
+        piece = piece[near]
+        sector = sector[near]
+        ahead = ahead[near]
         q, there = _solutions_at_swivel(components, pieces, piece, centres[sector], ahead)
         q = into_limits(components.full(q), limits)
         inside = there & ~broken_limits(q, limits).any(axis=1)
-        q, sector, point = q[inside], sector[inside], pieces.problem[piece[inside]]
+        q = q[inside]
+        sector = sector[inside]
+        point = pieces.problem[piece[inside]]
         working[point, sector] = True
         return Sectors(q, sector, point, theoretical, working)
 
@@ -341,8 +359,9 @@ def flexibility(components: Components, limits: Array, sectors: int) -> Flexibil
         AacmmError: ``sectors`` is below 1, or too large.
     """
     found = Sectors.of(components, limits, whole(sectors, 1, "sectors"))
-    working = tuple(bool(w) for w in found.working[0])
-    return Flexibility(float(found.zeta[0]), working, float(arc_fractions(components, limits)[0]))
+    working = tuple(found.working[0].tolist())
+    (arc_fraction,) = arc_fractions(components, limits)
+    return Flexibility(float(found.zeta[0]), working, float(arc_fraction))
 
 
 def arc_fractions(components: Components, limits: Array) -> Array:
@@ -367,7 +386,7 @@ def arc_fractions(components: Components, limits: Array) -> Array:
     theoretical = _covered_bins(pieces.problem, pieces.swivel, pieces.turn, m)
     working = _covered_bins(problem, swivel, turn, m)
     with np.errstate(invalid="ignore"):
-        return np.asarray(working / theoretical)
+        return working / theoretical
 
 
 def _covered_bins(problem: Index, start: Array, turn: Array, points: int) -> Index:
@@ -378,9 +397,11 @@ def _covered_bins(problem: Index, start: Array, turn: Array, points: int) -> Ind
     of all before it.
     """
     bins = ARC_BINS
-    low = np.where(turn >= 0, start, start + turn) % (2 * np.pi) * (bins / (2 * np.pi))
+    a_radian = bins / (2 * np.pi)
+    low = np.where(turn >= 0, start, start + turn) % (2 * np.pi) * a_radian
+    high = low + np.abs(turn) * a_radian
     first = np.ceil(low - 0.5).astype(np.intp)
-    end = np.ceil(low + np.abs(turn) * (bins / (2 * np.pi)) - 0.5).astype(np.intp)
+    end = np.ceil(high - 0.5).astype(np.intp)
     over = end > bins  # these begin again at bin 0
     problem = np.concatenate([problem, problem[over]])
     first = np.concatenate([first, np.zeros_like(end[over])])

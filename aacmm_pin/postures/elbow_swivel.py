@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin.arm.dh import DHTable
+from aacmm_pin.arm import DHTable
 
 UPRIGHT = 1e-9
 """Sine below which the line shoulder → point counts as vertical."""
@@ -36,10 +36,10 @@ class Swivel:
         """The point of joint axis 1 next to joint axis 2, (3,) [m]; it does not move."""
         rotation, origin = self.dh.chain.walk(np.zeros((1, self.dh.nq)))
         frame = self.dh.place(1)
-        along = rotation[frame, 0, :, 0]
-        return np.asarray(
-            origin[frame, 0] - self.dh.a[0] * along if self.dh.standard else origin[frame, 0]
-        )
+        place = origin[frame, 0]
+        if self.dh.standard:
+            place = place - self.dh.a[0] * rotation[frame, 0, :, 0]
+        return np.asarray(place)
 
     @property
     def elbow_row(self) -> int:
@@ -48,7 +48,8 @@ class Swivel:
 
     def elbow(self, q: Array) -> Array:
         """Position of the elbow for ``q`` (n, nq): (n, 3) [m]."""
-        return self.dh.chain.cut(self.dh.place(self.elbow_row)).positions(q)
+        frame = self.dh.place(self.elbow_row)
+        return self.dh.chain.cut(frame).positions(q)
 
     def angle(self, q: Array, points: Array) -> Array:
         """Swivel angles of ``q`` (n, nq) with their working points (n, 3): (n,) [rad] in
@@ -61,7 +62,8 @@ class Swivel:
         same length.
         """
         axis = points - self.shoulder
-        axis = axis / np.maximum(np.linalg.norm(axis, axis=1), 1e-300)[:, None]
+        length = np.linalg.norm(axis, axis=1, keepdims=True)
+        axis = axis / np.maximum(length, 1e-300)
         reference = self.up - axis * (axis @ self.up)[:, None]
         upright = np.linalg.norm(reference, axis=1) < UPRIGHT
         level = np.eye(3)[np.argmin(np.abs(self.up))]

@@ -19,8 +19,7 @@ from aacmm_pin._support.checks import Array, unit_vector, vector, whole
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.plausible import COORDINATE
 from aacmm_pin._support.units import DEG
-from aacmm_pin.arm.arm import Arm, GivenArm, as_arm
-from aacmm_pin.arm.limits import broken_limits, inside_part, into_limits
+from aacmm_pin.arm import Arm, GivenArm, as_arm, broken_limits, inside_part, into_limits
 from aacmm_pin.errors import AacmmError, ShapeError, UnsupportedArmError
 from aacmm_pin.postures.curve_sampling import Flexibility, evenly
 from aacmm_pin.postures.elbow_swivel import Swivel
@@ -71,7 +70,8 @@ class ReachingPostures(PosturesAtPoint):
         way = np.zeros(len(self))
         for number in np.unique(self.component):
             mine = np.flatnonzero(self.component == number)
-            way[mine[1:]] = np.cumsum(np.linalg.norm(self._steps(number), axis=1))[: len(mine) - 1]
+            lengths = np.linalg.norm(self._steps(number), axis=1)
+            way[mine[1:]] = np.cumsum(lengths[: len(mine) - 1])
         return way
 
     @property
@@ -101,13 +101,14 @@ class ReachingPostures(PosturesAtPoint):
         first too [rad].
         """
         q = self.q[self.component == number]
-        back = q[:1] if not self.single and self.curves[number - 1].closed else q[:0]
-        return wrapped(np.diff(q, axis=0, append=back))
+        is_closed = not self.single and self.curves[number - 1].closed
+        return wrapped(np.diff(q, axis=0, append=q[: int(is_closed)]))
 
     def _row(self, number: int) -> dict[str, Any]:
         arrivals = {"arrivals": self.search.hits[number - 1]}
         if self.single:
-            angles = " ".join(f"{angle:.2f}" for angle in self.q[self.component == number][0] / DEG)
+            (posture,) = self.q[self.component == number]
+            angles = " ".join(f"{angle:.2f}" for angle in posture / DEG)
             return super()._row(number) | {"theta_deg": angles} | arrivals
         travel = float(np.linalg.norm(self._steps(number), axis=1).sum())
         return super()._row(number) | {"travel_rad": travel} | arrivals
@@ -171,20 +172,24 @@ def reaching_postures(
     if conditions.free == 0:
         finds = Isolated(equations, q=np.empty((0, arm.nq)))
         found = search(finds, arm.nq, most_starts)
-        q, component = finds.q, np.arange(len(finds.q))
+        q = finds.q
+        component = np.arange(len(finds.q))
         notes = [*_families(finds, found), *_next_to_singular(finds, found)]
     else:
         finds = SelfMotion(equations)
         found = search(finds, arm.nq, most_starts)
         curves = tuple(finds.curves)
-        q, component, missing = np.empty((0, arm.nq)), np.arange(0), 0
+        q = np.empty((0, arm.nq))
+        component = np.arange(0)
+        missing = 0
         if curves:
             q, component, missing = evenly(equations, finds.curves, count, lambda q: q)
         notes = _families(finds, found) + not_closed(curves) + lost(missing)
     notes += [Note("arm_degenerate")] * found.degenerate
     reason = "" if len(q) else "; ".join(map(str, notes)) or f"{found}: out of reach"
     q = into_limits(q, arm.limits)
-    swivel, broken = _swivel(arm, q, conditions.point), broken_limits(q, arm.limits)
+    swivel = _swivel(arm, q, conditions.point)
+    broken = broken_limits(q, arm.limits)
     at = (arm, conditions.point, arm.tip)
     complete = not (notes or found.ended)
     those = (*at, q, component + 1, swivel, broken, conditions, curves, found)
@@ -224,7 +229,9 @@ def _conditions(
 
 
 def _what_fits(arm: Arm, conditions: PoseConditions) -> str:
-    joints, free, asked = arm.nq, conditions.free, CONDITIONS[conditions.count]
+    joints = arm.nq
+    free = conditions.free
+    asked = CONDITIONS[conditions.count]
     fitting = [
         f"{words} ({'single postures' if n == joints else 'closed curves'})"
         for n, words in CONDITIONS.items()
@@ -268,14 +275,9 @@ def _next_to_singular(single: Isolated, found: Search) -> list[Note]:
     """That some postures are so flat that rounding decides whether a neighbour is found, and
     whether it is another one.
     """
-    near = (
-        np.flatnonzero(
-            flattest(single.equations, single.q, np.zeros(len(single.q), dtype=np.intp))[0]
-            < NEARLY_SINGULAR
-        )
-        if len(single.q)
-        else np.empty(0)
-    )
+    problem = np.zeros(len(single.q), dtype=np.intp)
+    ratio, _ = flattest(single.equations, single.q, problem)
+    near = np.flatnonzero(ratio < NEARLY_SINGULAR)
     notes = []
     if near.size:
         notes.append(Note("nearly_singular", {"postures": (near + 1).tolist()}))
@@ -290,4 +292,5 @@ def _swivel(arm: Arm, q: Array, point: Array) -> Array:
     """
     if arm.dh is None or arm.dh.rows <= ELBOW_JOINT or not arm.dh.moving[:ELBOW_JOINT].all():
         return np.full(len(q), np.nan)
-    return Swivel(arm.dh, arm.up).angle(q, np.broadcast_to(point, (len(q), 3)))
+    points = np.broadcast_to(point, (len(q), 3))
+    return Swivel(arm.dh, arm.up).angle(q, points)

@@ -247,7 +247,8 @@ class SelfMotion(SolutionSet):
     def add(self, q: Array) -> int:
         """See :meth:`SolutionSet.add`."""
         regular = flattest(self.equations, q, _the_one(q))[0] > SINGULAR
-        newest, known = self._count_families(q, regular), len(self.hits)
+        newest = self._count_families(q, regular)
+        known = len(self.hits)
         number = np.where(regular, self._search.add(q, regular), NO_CURVE)
         last = int(number.max(initial=NO_CURVE))
         if last >= known:
@@ -277,7 +278,8 @@ def search(finds: SolutionSet, joints: int, most_starts: int = MOST_STARTS) -> S
         q = q[good]
         newest = finds.add(q) if len(q) else 0
         since_new = len(q) - newest + (0 if newest else since_new)
-        starts, arrived = starts + len(some), arrived + len(q)
+        starts = starts + len(some)
+        arrived = arrived + len(q)
     ended = finds.ended or (since_new < ENOUGH and (arrived > 0 or starts < STARTS_WITHOUT_ARRIVAL))
     flat = degenerate(equations, spread[:ROUND])
     return Search(starts, arrived, stalled, tuple(finds.hits), since_new, ended, flat)
@@ -287,13 +289,11 @@ def _stalled(equations: Equations, q: Array) -> int:
     """How many of some that did not arrive (n, k) stand beside a solution that is nearly
     singular.
     """
-    off = np.abs(equations(q, _the_one(q))[0]).max(axis=1, initial=0.0)
+    values, _ = equations(q, _the_one(q))
+    off = np.abs(values).max(axis=1, initial=0.0)
     beside = q[off < STALLED_BELOW]  # others of these would have arrived with more steps
-    return (
-        int((flattest(equations, beside, _the_one(beside))[0] < NEARLY_SINGULAR).sum())
-        if len(beside)
-        else 0
-    )
+    ratio, _ = flattest(equations, beside, _the_one(beside))
+    return int((ratio < NEARLY_SINGULAR).sum())
 
 
 def _the_one(q: Array | Index) -> Index:

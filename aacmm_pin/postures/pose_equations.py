@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aacmm_pin._support.checks import Array, Index, Mask
-from aacmm_pin.arm.chain import Chain
+from aacmm_pin.arm import Chain
 from aacmm_pin.postures import continuation
 from aacmm_pin.postures.continuation import MOST_POLISHES, POINT, POINT_AND_AXIS
 
@@ -43,9 +43,10 @@ class Equations:
         """The unit vector ``tool`` of the tip (3,) shall lie along ``axis`` of the base
         (3,) too.
         """
-        turned = _in_axes(links, rotation_between(axis, Z_AXIS))
+        upright = rotation_between(axis, Z_AXIS)
+        turned = _in_axes(links, upright)
         turned[-1, :3, :3] = turned[-1, :3, :3] @ rotation_between(Z_AXIS, tool)
-        return Equations(turned, points @ rotation_between(axis, Z_AXIS).T, POINT_AND_AXIS)
+        return Equations(turned, points @ upright.T, POINT_AND_AXIS)
 
     @staticmethod
     def of_pose(links: Array, points: Array, rotation: Array) -> Equations:
@@ -74,9 +75,12 @@ class Equations:
     def _newton(self, q: Array, problem: Index, most: int) -> tuple[Array, Array, Mask]:
         """Angles after at most so many steps, the equations at the last ones, who arrived."""
         joints = q.shape[1]
-        moved, arrived = np.array(q, order="C"), np.empty(len(q), dtype=np.bool_)
-        equations, goals = np.empty((len(q), self.count, joints + 1)), self.goals[problem]
-        loop, space = continuation.NEWTON.compiled, continuation.working_space(joints)
+        moved = np.array(q, order="C")
+        arrived = np.empty(len(q), dtype=np.bool_)
+        equations = np.empty((len(q), self.count, joints + 1))
+        goals = self.goals[problem]
+        loop = continuation.NEWTON.compiled
+        space = continuation.working_space(joints)
         loop(self.links, goals, most, moved, equations, arrived, space)
         return moved, equations, arrived
 
@@ -115,7 +119,8 @@ class PoseConditions:
 
     def equations(self) -> Equations:
         """The same as equations of one problem."""
-        links, points = _links(self.chain), self.point[None]
+        links = _links(self.chain)
+        points = self.point[None]
         if self.rotation is not None:
             return Equations.of_pose(links, points, self.rotation)
         if self.axis is not None and self.tool is not None:

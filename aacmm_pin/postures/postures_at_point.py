@@ -16,7 +16,7 @@ from aacmm_pin._support.checks import Array, Mask
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm import Arm
 from aacmm_pin.postures.curve_sampling import Flexibility
 from aacmm_pin.postures.solution_curves import Curve
 
@@ -76,7 +76,7 @@ class PosturesAtPoint(Shown):
 
     def columns(self) -> dict[str, Any]:
         """The columns of ``aacmm-pin configurations``, each (n,); x, y, z by Pinocchio."""
-        broken = [" ".join(str(j + 1) for j in np.flatnonzero(row)) for row in self.broken]
+        broken = [_joints(row) for row in self.broken]
         table: dict[str, Any] = {"component": self.component, "swivel_deg": self.swivel / DEG}
         table |= {f"theta{j + 1}_deg": self.q[:, j] / DEG for j in range(self.arm.nq)}
         table |= {"within_limits": self.within_limits, "broken_limits": broken}
@@ -94,18 +94,20 @@ class PosturesAtPoint(Shown):
 
     def _row(self, number: int) -> dict[str, Any]:
         mine = self.component == number
-        return {
-            "component": int(number),
-            "configurations": int(mine.sum()),
-            "within_limits": int(self.within_limits[mine].sum()),
-            "joints_outside_limits": " ".join(
-                str(j + 1) for j in np.flatnonzero(self.broken[mine].any(axis=0))
-            ),
-        }
+        inside = self.within_limits[mine]
+        outside = self.broken[mine].any(axis=0)
+        row: dict[str, Any] = {"component": int(number), "configurations": int(mine.sum())}
+        return row | {"within_limits": int(inside.sum()), "joints_outside_limits": _joints(outside)}
 
     def _where(self) -> str:
-        x, y, z = self.point / MM
-        return f"{self.arm.name}, {self.at} at ({x:z.4f}, {y:z.4f}, {z:z.4f}) mm"
+        place = ", ".join(f"{x:z.4f}" for x in self.point / MM)
+        return f"{self.arm.name}, {self.at} at ({place}) mm"
+
+
+def _joints(flags: Mask) -> str:
+    """Numbers of the joints, from 1, that are marked (nq,)."""
+    numbers = np.flatnonzero(flags) + 1
+    return " ".join(map(str, numbers))
 
 
 def not_closed(curves: Iterable[Curve]) -> list[Note]:
@@ -121,4 +123,5 @@ def lost(number: int) -> list[Note]:
 
 def in_degrees(q: Array) -> str:
     """Angles (k,) [rad] for people."""
-    return f"({', '.join(f'{angle:.1f}' for angle in wrapped(q) / DEG)})°"
+    angles = ", ".join(f"{angle:.1f}" for angle in wrapped(q) / DEG)
+    return f"({angles})°"

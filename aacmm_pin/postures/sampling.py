@@ -8,8 +8,7 @@ import numpy as np
 
 from aacmm_pin._support.batches import chunks
 from aacmm_pin._support.checks import Array, Index, Mask
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.random_postures import joint_bounds
+from aacmm_pin.arm import Arm, joint_bounds
 from aacmm_pin.effects import State
 
 StateOf = Callable[[Array, Index], State]
@@ -33,7 +32,8 @@ radians.
 
 def tip_jacobian(state: State) -> Array:
     """∂tip/∂q (n, 3, nq) [m/rad] of the arm as it stands, its displacements taken as constant."""
-    return state.arm.chain.jacobian(state.rotation, state.origin, state.position)[0]
+    jacobian, _ = state.arm.chain.jacobian(state.rotation, state.origin, state.position)
+    return jacobian
 
 
 def brought_to(state_of: StateOf, q: Array, target: Array, bounds: Array) -> tuple[Array, Mask]:
@@ -63,7 +63,9 @@ def brought_to(state_of: StateOf, q: Array, target: Array, bounds: Array) -> tup
             arrived[active[~far]] = True
             if not far.any():
                 break
-            active, miss, jacobian = active[far], miss[far], tip_jacobian(state)[far]
+            active = active[far]
+            miss = miss[far]
+            jacobian = tip_jacobian(state)[far]
             q[active] = np.clip(q[active] + _step(jacobian, miss), bounds[:, 0], bounds[:, 1])
     return q, arrived
 
@@ -72,9 +74,10 @@ def _step(jacobian: Array, miss: Array) -> Array:
     damping = 0.1 * np.einsum("ni,ni->n", miss, miss)[:, None, None] * np.eye(3)
     square = jacobian @ jacobian.transpose(0, 2, 1) + damping
     square += 1e-15 * np.eye(3)  # an arm with fewer joints than directions has no inverse
-    step = (jacobian.transpose(0, 2, 1) @ np.linalg.solve(square, miss[:, :, None]))[:, :, 0]
+    pull = np.linalg.solve(square, miss[:, :, None])
+    step = (jacobian.transpose(0, 2, 1) @ pull)[:, :, 0]
     longest = np.abs(step).max(axis=1, keepdims=True)
-    return np.asarray(step * np.minimum(1.0, LONGEST_STEP / np.maximum(longest, LONGEST_STEP)))
+    return np.asarray(step * (LONGEST_STEP / np.maximum(longest, LONGEST_STEP)))
 
 
 def agile(state: State) -> Mask:
@@ -82,8 +85,10 @@ def agile(state: State) -> Mask:
     :data:`MIN_MOBILITY_RATIO`: (n,).
     """
     easiness = np.linalg.svd(tip_jacobian(state), compute_uv=False)
-    directions = (easiness > 1e-9 * easiness[:, :1]).any(axis=0)
-    return np.asarray((easiness[:, directions] > MIN_MOBILITY_RATIO * easiness[:, :1]).all(axis=1))
+    most = easiness[:, :1]
+    directions = (easiness > 1e-9 * most).any(axis=0)
+    is_easy = easiness[:, directions] > MIN_MOBILITY_RATIO * most
+    return np.asarray(is_easy.all(axis=1))
 
 
 def posture_features(arm: Arm, q: Array) -> Array:
@@ -92,7 +97,8 @@ def posture_features(arm: Arm, q: Array) -> Array:
 
     A whole turn makes no difference; a small turn of one joint by δ is a distance of δ.
     """
-    bounds, slides = joint_bounds(arm), arm.chain.prismatic
+    bounds = joint_bounds(arm)
+    slides = arm.chain.prismatic
     turns = q[:, ~slides]
     span = bounds[slides, 1] - bounds[slides, 0]
     return np.concatenate(
@@ -109,7 +115,8 @@ def spread_out(features: Array, count: int, apart: float) -> Index:
     """
     if not len(features):
         return np.empty(0, dtype=np.intp)
-    chosen, distance = [0], np.full(len(features), np.inf)
+    chosen = [0]
+    distance = np.full(len(features), np.inf)
     while len(chosen) < count:
         distance = np.minimum(distance, np.linalg.norm(features - features[chosen[-1]], axis=1))
         farthest = int(distance.argmax())

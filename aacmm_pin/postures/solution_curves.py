@@ -70,7 +70,8 @@ class CurveSearch:
         Returns:
             the number of each one's curve (n,), or what :mod:`~.continuation` has instead.
         """
-        equations, number = self.equations, np.empty(len(seeds), dtype=np.intp)
+        equations = self.equations
+        number = np.empty(len(seeds), dtype=np.intp)
         those = equations.links, equations.goals[self.problem], np.ascontiguousarray(seeds)
         known = self._count, self._vertices, self._ends, self._closed
         space = continuation.working_space(seeds.shape[1])
@@ -83,10 +84,11 @@ class CurveSearch:
         """Those found."""
         ends = self._ends[: self._count].tolist()
         begins = [0, *ends][: self._count]
-        return [
-            Curve(self._vertices[begin:end].copy(), bool(closed), self.problem)
-            for begin, end, closed in zip(begins, ends, self._closed, strict=False)
-        ]
+        found = []
+        for begin, end, closed in zip(begins, ends, self._closed, strict=False):
+            vertices = self._vertices[begin:end].copy()
+            found.append(Curve(vertices, bool(closed), self.problem))
+        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +131,9 @@ def all_curves(equations: Equations, seeds: Array, problem: Index, is_degenerate
         is_degenerate: what :func:`degenerate` says.
     """
     regular = _regular(equations, seeds, problem)
-    curves, families, unfinished = list[Curve](), dict[int, Array](), set[int]()
+    curves = list[Curve]()
+    families = dict[int, Array]()
+    unfinished = set[int]()
     order = np.argsort(problem, kind="stable")
     numbers, first = np.unique(problem[order], return_index=True)
     for number, mine in zip(numbers.tolist(), np.split(order, first)[1:], strict=True):
@@ -163,7 +167,9 @@ def flattest(equations: Equations, q: Array, problem: Index) -> tuple[Array, Arr
         least.
     """
     _, sizes, vectors = np.linalg.svd(equations(q, problem)[1])
-    return sizes[:, -1] / np.where(sizes[:, 0] > 0, sizes[:, 0], 1.0), vectors
+    largest = sizes[:, 0]
+    ratio = sizes[:, -1] / np.where(largest > 0, largest, 1.0)
+    return ratio, vectors
 
 
 def _regular(equations: Equations, q: Array, problem: Index) -> Mask:

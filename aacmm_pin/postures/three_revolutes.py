@@ -47,33 +47,38 @@ def candidates(b0: Array, b1: Array, b2: Array, c: Array, p: Array) -> tuple[Arr
     """
     w = np.einsum("nji,nj->ni", b0[:, :3, :3], p - b0[:, :3, 3])
     # R1ᵀ t1, R1ᵀ e_z.
-    rows = np.stack([np.einsum("nji,nj->ni", b1[:, :3, :3], b1[:, :3, 3]), b1[:, 2, :3]], axis=1)
+    first = np.einsum("nji,nj->ni", b1[:, :3, :3], b1[:, :3, 3])
+    rows = np.stack([first, b1[:, 2, :3]], axis=1)
     u = _affine_point(b2, c)
     h = _affine_right_side(b1, u, c, b2, w, rows)
     phi3, who = _roots(_quadratic_form(rows[:, :, :2], u, h))
     basis = np.stack([np.ones_like(phi3), np.cos(phi3), np.sin(phi3)], axis=1)
     u3, h3 = (np.einsum("nik,nk->ni", affine[who], basis) for affine in (u, h))
     phi2, twice = _second_angle(rows[who], u3, h3)
-    who, phi3, u3 = who[twice], phi3[twice], u3[twice]
-    cosine, sine = np.cos(phi2), np.sin(phi2)
-    v = np.column_stack(
-        [cosine * u3[:, 0] - sine * u3[:, 1], sine * u3[:, 0] + cosine * u3[:, 1], u3[:, 2]]
-    )
-    v = np.einsum("nij,nj->ni", b1[who, :3, :3], v) + b1[who, :3, 3]
-    phi1 = np.arctan2(w[who, 1], w[who, 0]) - np.arctan2(v[:, 1], v[:, 0])
-    miss = np.hypot(
-        np.hypot(v[:, 0], v[:, 1]) - np.hypot(w[who, 0], w[who, 1]), v[:, 2] - w[who, 2]
-    )
-    near = miss < np.minimum(MAX_MISS, ROUNDING + WORSE * np.roll(miss, len(miss) // 2))
+    who = who[twice]
+    phi3 = phi3[twice]
+    u3 = u3[twice]
+    cosine = np.cos(phi2)
+    sine = np.sin(phi2)
+    x, y, z = u3.T
+    v = np.column_stack([cosine * x - sine * y, sine * x + cosine * y, z])
+    x, y, z = (np.einsum("nij,nj->ni", b1[who, :3, :3], v) + b1[who, :3, 3]).T
+    wanted_x, wanted_y, wanted_z = w[who].T
+    phi1 = np.arctan2(wanted_y, wanted_x) - np.arctan2(y, x)
+    radial = np.hypot(x, y) - np.hypot(wanted_x, wanted_y)
+    miss = np.hypot(radial, z - wanted_z)
+    of_twin = np.roll(miss, len(miss) // 2)
+    near = miss < np.minimum(MAX_MISS, ROUNDING + WORSE * of_twin)
     return np.column_stack([phi1, phi2, phi3])[near], who[near]
 
 
 def _affine_point(b2: Array, c: Array) -> Array:
     """B2 Rz(φ) c as an affine function of (1, cos φ, sin φ): (n, 3, 3), coefficients last."""
-    rotation = b2[:, :3, :3]
-    constant = b2[:, :3, 3] + rotation[:, :, 2] * c[:, 2:3]
-    cosine = rotation[:, :, 0] * c[:, 0:1] + rotation[:, :, 1] * c[:, 1:2]
-    sine = rotation[:, :, 1] * c[:, 0:1] - rotation[:, :, 0] * c[:, 1:2]
+    x_axis, y_axis, z_axis, shift = b2[:, :3].transpose(2, 0, 1)
+    x, y, z = c.T[:, :, None]
+    constant = shift + z_axis * z
+    cosine = x_axis * x + y_axis * y
+    sine = y_axis * x - x_axis * y
     return np.stack([constant, cosine, sine], axis=2)
 
 
@@ -82,28 +87,30 @@ def _affine_right_side(b1: Array, u: Array, c: Array, b2: Array, w: Array, rows:
     c|² - |c|² - |t2|² is.
     """
     shift = b2[:, :3, 3]
-    square = 2 * np.einsum("ni,nik->nk", shift, u)
-    square[:, 0] += np.square(c).sum(axis=1) - np.square(shift).sum(axis=1)
+    along = np.einsum("ni,nik->nk", shift, u)
+    square = 2 * along
+    square[:, 0] += _square(c) - _square(shift)
     first = -0.5 * square - rows[:, 0, 2:3] * u[:, 2]
-    first[:, 0] += 0.5 * (np.square(w).sum(axis=1) - np.square(b1[:, :3, 3]).sum(axis=1))
+    first[:, 0] += 0.5 * (_square(w) - _square(b1[:, :3, 3]))
     second = -rows[:, 1, 2:3] * u[:, 2]
     second[:, 0] += w[:, 2] - b1[:, 2, 3]
     return np.stack([first, second], axis=1)
 
 
+def _square(vectors: Array) -> Array:
+    """Squares of the lengths of vectors (n, 3): (n,)."""
+    return np.asarray(np.square(vectors).sum(axis=1))
+
+
 def _quadratic_form(plane: Array, u: Array, h: Array) -> Array:
     """|adj(N) h|² - det(N)² (u_x² + u_y²) as symmetric forms (n, 3, 3) in (1, cos φ3, sin φ3)."""
-    adjugate = np.stack(
-        [
-            np.stack([plane[:, 1, 1], -plane[:, 0, 1]], axis=1),
-            np.stack([-plane[:, 1, 0], plane[:, 0, 0]], axis=1),
-        ],
-        axis=1,
-    )
-    determinant = plane[:, 0, 0] * plane[:, 1, 1] - plane[:, 0, 1] * plane[:, 1, 0]
+    (a, b), (c, d) = plane.transpose(1, 2, 0)
+    adjugate = np.stack([d, -b, -c, a], axis=1).reshape(-1, 2, 2)
+    determinant = a * d - b * c
     left = adjugate @ h
     right = determinant[:, None, None] * u[:, :2]
-    return np.asarray(left.transpose(0, 2, 1) @ left - right.transpose(0, 2, 1) @ right)
+    square = left.transpose(0, 2, 1) @ left
+    return np.asarray(square - right.transpose(0, 2, 1) @ right)
 
 
 def _roots(form: Array) -> tuple[Array, Index]:
@@ -117,40 +124,39 @@ def _roots(form: Array) -> tuple[Array, Index]:
     size = np.abs(form).max(axis=(1, 2), keepdims=True)
     # Of an arm without lengths there is nothing left.
     form = form / np.where(size > 1e-200, size, 1.0)
-    one, cc, ss = form[:, 0, 0], form[:, 1, 1], form[:, 2, 2]
-    terms = np.stack(
-        [
-            one + 0.5 * (cc + ss),
-            2 * form[:, 0, 1],
-            2 * form[:, 0, 2],
-            0.5 * (cc - ss),
-            form[:, 1, 2],
-        ]
-    )
+    (one, c, s), (_, cc, cs), (_, _, ss) = form.transpose(1, 2, 0)
+    constant = one + 0.5 * (cc + ss)
+    terms = np.stack([constant, 2 * c, 2 * s, 0.5 * (cc - ss), cs])
     step = 2 * np.pi / GRID
     grid = step * np.arange(GRID + 1) - np.pi
     wave = np.stack(
         [np.ones(GRID + 1), np.cos(grid), np.sin(grid), np.cos(2 * grid), np.sin(2 * grid)]
     )
     value = terms.T @ wave
+    slope = terms[[2, 1, 4, 3]].T @ (wave[1:] * [[1], [-1], [2], [-2]])
     # |form|' step/2.
-    half = (
-        0.5 * step * np.sign(value) * (terms[[2, 1, 4, 3]].T @ (wave[1:] * [[1], [-1], [2], [-2]]))
-    )
+    half = 0.5 * step * np.sign(value) * slope
     bend = np.hypot(terms[1], terms[2]) + 4 * np.hypot(terms[3], terms[4])  # at most
     # More than half: comes to zero in half a step.
     low = 0.125 * step**2 * bend[:, None] - np.abs(value)
     passes = (value[:, :-1] < 0) != (value[:, 1:] < 0)
-    turns = ~passes & (half < low)[:, :-1], ~passes & (-half < low)[:, 1:]
-    which, who, left = np.nonzero(np.stack([passes, *turns]))
-    begin, end, mine = value[who, left], value[who, left + 1], terms[:, who]
+    turns_behind = ~passes & (half < low)[:, :-1]
+    turns_before = ~passes & (-half < low)[:, 1:]
+    which, who, left = np.nonzero(np.stack([passes, turns_behind, turns_before]))
+    begin = value[who, left]
+    end = value[who, left + 1]
+    mine = terms[:, who]
     between = begin / np.where(which == 0, begin - end, 1.0)
-    phi = grid[left] + step * np.where(which == 0, between, which - 1)
+    ahead = np.where(which == 0, between, which - 1)
+    phi = grid[left] + step * ahead
     sense = np.where((begin < 0) == (which < 2), 1.0, -1.0)
     for _ in range(STEPS):
-        c, s = np.cos(phi), np.sin(phi)
-        c2, s2 = 2 * c**2 - 1, 2 * c * s
-        first, second = mine[1] * c + mine[2] * s, mine[3] * c2 + mine[4] * s2
+        c = np.cos(phi)
+        s = np.sin(phi)
+        c2 = 2 * c**2 - 1
+        s2 = 2 * c * s
+        first = mine[1] * c + mine[2] * s
+        second = mine[3] * c2 + mine[4] * s2
         f = mine[0] + first + second
         slope = mine[2] * c - mine[1] * s + 2 * (mine[4] * c2 - mine[3] * s2)
         bend = -first - 4 * second
@@ -159,9 +165,8 @@ def _roots(form: Array) -> tuple[Array, Index]:
             change = -2 * f / (slope + sense * np.sqrt(np.maximum(square, 0.0)))
             change = np.where(square < 0, -slope / bend, change)
         phi = phi + np.clip(np.nan_to_num(change), -step, step)
-    good = (square > -((NEARLY * bend) ** 2)) & (
-        np.abs(phi - grid[left] - 0.5 * step) < 0.5 * step + 1e-6
-    )
+    off = np.abs(phi - grid[left] - 0.5 * step)
+    good = (square > -((NEARLY * bend) ** 2)) & (off < 0.5 * step + 1e-6)
     return phi[good], who[good]
 
 
@@ -169,15 +174,16 @@ def _second_angle(rows: Array, u: Array, h: Array) -> tuple[Array, Index]:
     """Angles φ2 from the better one of the two linear equations: line and circle meet in two
     points.
     """
-    weight = np.linalg.norm(rows[:, :, :2], axis=2) / np.maximum(
-        np.linalg.norm(rows, axis=2), 1e-300
-    )
+    size = np.linalg.norm(rows, axis=2)
+    weight = np.linalg.norm(rows[:, :, :2], axis=2) / np.maximum(size, 1e-300)
     weight[:, 0] *= 0.999  # the z equation where both are as good
     pick = np.argmax(weight, axis=1)
     each = np.arange(len(u))
-    normal, value = rows[each, pick, :2], h[each, pick]
-    radius = np.hypot(u[:, 0], u[:, 1])
-    cosine = value / np.maximum(np.linalg.norm(normal, axis=1) * radius, 1e-300)
+    normal = rows[each, pick, :2]
+    value = h[each, pick]
+    x, y, _ = u.T
+    size = np.linalg.norm(normal, axis=1) * np.hypot(x, y)
+    cosine = value / np.maximum(size, 1e-300)
     half = np.arccos(np.clip(cosine, -1.0, 1.0))
-    middle = np.arctan2(normal[:, 1], normal[:, 0]) - np.arctan2(u[:, 1], u[:, 0])
+    middle = np.arctan2(normal[:, 1], normal[:, 0]) - np.arctan2(y, x)
     return np.concatenate([middle + half, middle - half]), np.concatenate([each, each])

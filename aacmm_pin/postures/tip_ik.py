@@ -11,8 +11,7 @@ import numpy as np
 
 from aacmm_pin._support.angles import spread_angles
 from aacmm_pin._support.checks import Array, Index
-from aacmm_pin.arm.chain import exp, screws
-from aacmm_pin.arm.dh import DHTable
+from aacmm_pin.arm import DHTable, exp, screws
 from aacmm_pin.postures.pose_equations import Equations, rotation_between
 from aacmm_pin.postures.solution_curves import Curves, all_curves, degenerate, following
 from aacmm_pin.postures.wrist_ik import FEW_PER_TURN, POSITIONING, Wrist, with_spread, wrist_curves
@@ -73,9 +72,11 @@ def _tip_seeds(dh: DHTable, points: Array, stylus: Array, axis: Array) -> tuple[
 
 def _bodies_about(axis: Array, stylus: Array) -> Array:
     """Orientations (n, 3, 3) of the body behind joint 6 that have ``stylus`` along ``axis``."""
-    angles = np.arange(DIRECTIONS)[:, None] * (2 * np.pi / DIRECTIONS)
-    turns = np.concatenate([np.zeros((DIRECTIONS, 3)), angles * axis], axis=1)
-    return np.asarray(exp(turns)[:, :3, :3] @ rotation_between(stylus, axis))
+    angles = np.arange(DIRECTIONS) * (2 * np.pi / DIRECTIONS)
+    turns = np.zeros((DIRECTIONS, 6))
+    turns[:, 3:] = angles[:, None] * axis
+    rotation = exp(turns)[:, :3, :3]
+    return rotation @ rotation_between(stylus, axis)
 
 
 def _wrist_angles(q: Array, behind: Index, body: Array, links: Array) -> tuple[Array, Index]:
@@ -92,7 +93,8 @@ def _wrist_angles(q: Array, behind: Index, body: Array, links: Array) -> tuple[A
     axis = np.einsum("nji,nj->ni", before, body[:, :, 2])
     wanted = links[5][:3, 2]
     gap = axis[:, 2] - wanted[2]
-    size, ahead = np.abs(gap), np.abs(gap)[behind]
+    size = np.abs(gap)
+    ahead = np.abs(gap)[behind]
     least = (size < 0.05) & (size <= ahead)
     least[behind] &= ahead <= size
     pick = np.flatnonzero((gap * gap[behind] <= 0) | least)

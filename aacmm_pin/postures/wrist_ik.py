@@ -21,10 +21,7 @@ from aacmm_pin._support.angles import spread_angles
 from aacmm_pin._support.checks import Array, Index, vector
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.chain import OF_A_POSE, screws
-from aacmm_pin.arm.dh import DHTable
-from aacmm_pin.arm.limits import into_limits
+from aacmm_pin.arm import OF_A_POSE, Arm, DHTable, into_limits, screws
 from aacmm_pin.errors import UnsupportedArmError
 from aacmm_pin.postures.pose_equations import Equations
 from aacmm_pin.postures.solution_curves import Curves, all_curves, degenerate
@@ -122,12 +119,15 @@ class Wrist:
     @property
     def lever(self) -> float:
         """Distance of the wrist from the axis of joint 5, which is held [m]."""
-        return abs(float(self.table.a[-1])) if self.table.standard else 0.0
+        if not self.table.standard:
+            return 0.0
+        return abs(float(self.table.a[-1]))
 
     @property
     def held(self) -> str:
         """In words, what is held and what it would move."""
-        angle, lever = self.rest[0] / DEG, self.lever / MM
+        angle = self.rest[0] / DEG
+        lever = self.lever / MM
         return (
             f"joint {WRIST_ROW} is held at {angle:.4g}° and moves frame{WRIST_ROW} by "
             f"{lever:.4g} mm"
@@ -136,11 +136,14 @@ class Wrist:
     @property
     def notes(self) -> list[Note]:
         """What it leaves out that joint 5 is held."""
-        return [Note("wrist_joint_held", {"held": self.held})] if self.lever > SEEN_LEVER else []
+        if self.lever <= SEEN_LEVER:
+            return []
+        return [Note("wrist_joint_held", {"held": self.held})]
 
     def full(self, q: Array) -> Array:
         """All joints from the first four: (n, nq) [rad]."""
-        return np.column_stack([q, np.broadcast_to(self.rest, (len(q), len(self.rest)))])
+        rest = np.tile(self.rest, (len(q), 1))
+        return np.hstack([q, rest])
 
 
 def reach_of_wrist(wrist: Wrist, shoulder: Array) -> tuple[float, float]:
@@ -168,11 +171,12 @@ def box_of_wrist(wrist: Wrist) -> Array:
         return np.sum(level * level, axis=-1), 2.0 * level
 
     def height(place: Array) -> tuple[Array, Array]:
-        return place[..., 2], np.broadcast_to(np.array([0.0, 0.0, 1.0]), place.shape)
+        gradient = np.zeros_like(place)
+        gradient[..., 2] = 1.0
+        return place[..., 2], gradient
 
-    return np.array(
-        [*np.sqrt(np.maximum(_extremes(wrist, square), 0.0)), *_extremes(wrist, height)]
-    )
+    squares = np.maximum(_extremes(wrist, square), 0.0)
+    return np.array([*np.sqrt(squares), *_extremes(wrist, height)])
 
 
 def _extremes(
@@ -184,9 +188,8 @@ def _extremes(
     A coarse grid of the joints 1 to 4, then a local search from the best places on it.
     """
     angles = np.linspace(-np.pi, np.pi, GRID, endpoint=False)
-    grid = np.stack(np.meshgrid(*[angles] * POSITIONING, indexing="ij"), axis=-1).reshape(
-        -1, POSITIONING
-    )
+    axes = np.meshgrid(*[angles] * POSITIONING, indexing="ij")
+    grid = np.stack(axes, axis=-1).reshape(-1, POSITIONING)
     values = of_place(wrist.table.chain.positions(grid))[0]
 
     def signed(q: Array, sign: float) -> tuple[float, Array]:
@@ -226,14 +229,11 @@ def wrist_curves(wrist: Wrist, points: Array, per_turn: int) -> Curves:
     """
     equations = wrist_equations(wrist, points)
     links = wrist.table.links()
-    within = (
-        np.linalg.norm(points - links[0, :3, 3], axis=1)
-        <= np.linalg.norm(links[1:, :3, 3], axis=1).sum()
-    )
-    near = np.flatnonzero(within)
-    seeds, number = with_spread(
-        *_held_seeds(links, points[near], per_turn), len(near), 4 * per_turn
-    )
+    distance = np.linalg.norm(points - links[0, :3, 3], axis=1)
+    longest = np.linalg.norm(links[1:, :3, 3], axis=1).sum()
+    near = np.flatnonzero(distance <= longest)
+    held = _held_seeds(links, points[near], per_turn)
+    seeds, number = with_spread(*held, len(near), 4 * per_turn)
     problem = near[number]
     seeds, good = equations.polish(seeds, problem)
     flat = len(points) > 0 and degenerate(equations, spread_angles(4 * per_turn, POSITIONING))
@@ -245,22 +245,19 @@ def with_spread(seeds: Array, problem: Index, problems: int, count: int) -> tupl
     more for each problem.
     """
     spread = np.tile(spread_angles(count, seeds.shape[1]), (problems, 1))
-    return np.concatenate([seeds, spread]), np.concatenate(
-        [problem, np.repeat(np.arange(problems), count)]
-    )
+    number = np.repeat(np.arange(problems), count)
+    return np.concatenate([seeds, spread]), np.concatenate([problem, number])
 
 
 def _held_seeds(links: Array, points: Array, per_turn: int) -> tuple[Array, Index]:
     """Candidates with each joint held in turn: (n, 4) [rad] and the number of their point (n,)."""
     # Off the symmetric angles 0 and ±π.
     angles = np.linspace(-np.pi, np.pi, per_turn, endpoint=False) + 0.37
-    seeds, numbers = [], []
+    seeds = []
+    numbers = []
     for held in range(POSITIONING):
         (b0, b1, b2), c = _chain_with_held(links, held, angles)
-        which, angle = (
-            grid.ravel()
-            for grid in np.meshgrid(np.arange(len(points)), np.arange(per_turn), indexing="ij")
-        )
+        which, angle = np.indices((len(points), per_turn)).reshape(2, -1)
         found, who = candidates(b0[angle], b1[angle], b2[angle], c[angle], points[which])
         free = [joint for joint in range(POSITIONING) if joint != held]
         q = np.empty((len(found), POSITIONING))

@@ -97,7 +97,8 @@ class CharacteristicValue:
 
     def row(self) -> dict[str, Any]:
         """The columns of a table of them, lengths in mm; nan where there is no number."""
-        definition, evaluated = self.definition, self.evaluated
+        definition = self.definition
+        evaluated = self.evaluated
         row: dict[str, Any] = {"coordinates": self.source, "figure": definition.name}
         row |= {"standard": definition.standard, "test": definition.test_name}
         row |= {"definition": definition.text, "value_mm": evaluated.value / MM}
@@ -149,7 +150,8 @@ class CharacteristicValue:
     @property
     def missing(self) -> str:
         """What is missing, in words; "" where nothing is."""
-        text, lacking = self._lack, self.evaluated.lacking
+        text = self._lack
+        lacking = self.evaluated.lacking
         if not lacking:
             return text
         more = ["…"] if len(lacking) > MOST_LACKING else []
@@ -158,7 +160,8 @@ class CharacteristicValue:
     @property
     def _lack(self) -> str:
         """How many touches or lengths are missing, or why there is no value."""
-        number, counted = self.evaluated.missing, self.definition.counted
+        number = self.evaluated.missing
+        counted = self.definition.counted
         if not number:
             return self.evaluated.why_incomplete
         return f"{number} {counted if number > 1 else SINGULAR_NOUN[counted]}"

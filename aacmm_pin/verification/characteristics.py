@@ -40,7 +40,9 @@ from aacmm_pin.verification.evaluators import (
     twice_standard_deviation,
 )
 
-ISO, ASME, PAPER = "ISO 10360-12", "ASME B89.4.22", "Xu You et al. 2019"
+ISO = "ISO 10360-12"
+ASME = "ASME B89.4.22"
+PAPER = "Xu You et al. 2019"
 EDITIONS = {ISO: "ISO 10360-12:2016", ASME: "ASME B89.4.22-2004"}
 """The editions that the public descriptions are of."""
 RULE_OF = "ISO 14253-1:2013"

@@ -147,7 +147,8 @@ def _farthest(group: pd.DataFrame, sphere: FittedSphere) -> tuple[pd.DataFrame |
     free = np.sqrt(np.maximum(1 - sphere.leverages, 0.0))
     studentised = np.zeros(len(free))
     np.divide(np.abs(sphere.residuals), free, where=free > 0, out=studentised)
-    k, dof = int(studentised.argmax()), len(group) - 5
+    k = int(studentised.argmax())
+    dof = len(group) - 5
     try:
         others = fitted_sphere(np.delete(points, k, axis=0)) if dof > 0 else None
     except AacmmError:  # the others lie in a plane
@@ -166,7 +167,8 @@ def _wrong_sizes(spheres: list[tuple[pd.DataFrame, FittedSphere]]) -> Iterator[N
     """Spheres whose size no arm gets so wrong, or is off by about the probe."""
     wrong = []
     for group, sphere in spheres:
-        error, probe = size_error(group, sphere), group["probe_diameter"].iloc[0]
+        error = size_error(group, sphere)
+        probe = group["probe_diameter"].iloc[0]
         if abs(error) > WRONG_SIZE or 0.9 * probe < abs(error) < 1.1 * probe:
             wrong.append((group, error))
     if wrong:

@@ -73,15 +73,17 @@ class Error(NamedTuple):
 
 def without_value(had: int, missing: int, lacking: Iterable[str] = (), why: str = "") -> Evaluated:
     """No test value, as something is missing."""
-    return Evaluated(np.nan, np.nan, had, missing, why, lacking=tuple(lacking))
+    lacked = tuple(lacking)
+    return Evaluated(np.nan, np.nan, had, missing, why, lacking=lacked)
 
 
 def _largest(errors: Sequence[Error], had: int) -> Evaluated:
     """The error of largest magnitude, with its u."""
     table = np.array([(error.value, error.u) for error in errors])
-    value, u = table[np.abs(table[:, 0]).argmax()]
+    largest = np.abs(table[:, 0]).argmax()
+    value, u = table[largest].tolist()
     rows = tuple(error.rows for error in errors if error.rows)
-    return Evaluated(float(value), float(u), had, 0, "", table, rows)
+    return Evaluated(value, u, had, 0, "", table, rows)
 
 
 def groups_of(points: pd.DataFrame, by: Sequence[str]) -> list[pd.DataFrame]:
@@ -170,7 +172,8 @@ def size_error(points: pd.DataFrame, sphere: FittedSphere) -> float:
 
 def size_of_sphere(points: pd.DataFrame) -> Iterator[Error]:
     """Diameter of the least-squares sphere minus the calibrated one."""
-    sphere, u = _sphere(points), points["u_length"].iloc[0]
+    sphere = _sphere(points)
+    u = points["u_length"].iloc[0]
     value = np.nan if sphere.diameter_factor > MOST_DIAMETER_FACTOR else size_error(points, sphere)
     yield Error(value, u, rows_of(points))
 
@@ -291,7 +294,8 @@ def measured_lengths(points: pd.DataFrame, both_sides: bool) -> pd.DataFrame:
     """The lengths of which both ends were probed: labels, calibrated length, its u, error [m], and
     rows of the points.
     """
-    labels, at = [*LENGTH_KEY], ["x", "y", "z"]
+    labels = [*LENGTH_KEY]
+    at = ["x", "y", "z"]
     ends = points.groupby([*labels, "feature"], sort=False)
     sizes = ends.size()
     _check_ends(points, sizes.reset_index(name="points"))
@@ -306,7 +310,8 @@ def measured_lengths(points: pd.DataFrame, both_sides: bool) -> pd.DataFrame:
     apart = (of_lengths.last() - of_lengths.first())[both].to_numpy()
     probe = stated["probe_diameter"] if both_sides else 0.0
     errors = np.linalg.norm(apart, axis=1) - stated["length"] - probe
-    lines, of_length = points["row"].to_numpy(), points.groupby(labels, sort=False).indices
+    lines = points["row"].to_numpy()
+    of_length = points.groupby(labels, sort=False).indices
     rows = [tuple(lines[of_length[length]].tolist()) for length in stated.index]
     lengths = stated.rename(columns={"u_length": "u"})
     return lengths.assign(error=errors, rows=pd.Series(rows, stated.index)).reset_index()
@@ -326,11 +331,9 @@ def _check_ends(points: pd.DataFrame, ends: pd.DataFrame) -> None:
     first = ends[bad].iloc[:1][labels]
     of_first = ends.merge(first, on=labels)
     came = ", ".join(f"{n} of {name}" for name, n in of_first[["feature", "points"]].to_numpy())
-    expected = (
-        f"expected two features with 1 each, or with {FEWEST_POINTS} and more all over a sphere"
-    )
     raise AacmmError(
-        f"{Place.of(points.merge(first, on=labels))}: probed points: {came}; {expected}"
+        f"{Place.of(points.merge(first, on=labels))}: probed points: {came}; expected two features "
+        f"with 1 each, or with {FEWEST_POINTS} and more all over a sphere"
     )
 
 
@@ -382,7 +385,8 @@ def lengths_not_measured(points: pd.DataFrame, lengths: pd.DataFrame) -> Iterato
     elsewhere tell.
     """
     measured = {*zip(*(lengths[name] for name in LENGTH_KEY), strict=True)}
-    positions, repeats = points["position"].unique(), points["repeat"].unique()
+    positions = points["position"].unique()
+    repeats = points["repeat"].unique()
     places = points[["length_id", "position"]].drop_duplicates().itertuples(index=False, name=None)
     if len(positions) <= POSITIONS:
         places = product(points["length_id"].unique(), positions)

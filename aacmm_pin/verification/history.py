@@ -95,7 +95,9 @@ class ControlChart:
     @property
     def centre(self) -> float:
         """Their mean [m]; nan where there are none."""
-        return float(self.usual.mean()) if len(self.usual) else math.nan
+        if not len(self.usual):
+            return math.nan
+        return float(self.usual.mean())
 
     @property
     def limits(self) -> tuple[float, float]:
@@ -130,12 +132,14 @@ class ControlChart:
 def _limits(values: Array) -> tuple[float, float]:
     if len(values) < LEAST_CHECKS:
         return math.nan, math.nan
-    centre, away = float(values.mean()), PER_MOVING_RANGE * float(np.abs(np.diff(values)).mean())
+    centre = float(values.mean())
+    away = PER_MOVING_RANGE * float(np.abs(np.diff(values)).mean())
     return centre - away if away < centre else math.nan, centre + away
 
 
 def _outside(value: float, limits: tuple[float, float]) -> bool:
-    return bool(value < limits[0] or value > limits[1])
+    lower, upper = limits
+    return bool(value < lower or value > upper)
 
 
 @dataclass(frozen=True, eq=False)

@@ -41,7 +41,8 @@ class Place:
         """The lines in the file: one by one, or of many that follow one another the first and the
         last.
         """
-        first, last = min(self.rows), max(self.rows)
+        first = min(self.rows)
+        last = max(self.rows)
         if len(self.rows) == 1:
             return f"row {first}"
         if len(self.rows) > 2 and last - first + 1 == len(self.rows):

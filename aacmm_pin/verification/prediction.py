@@ -178,7 +178,9 @@ def predict_acceptance(
         UnknownNameError: a figure or a standard that is not known.
         AacmmError: no arm, fewer runs than 20, or nothing of an arm is uncertain.
     """
-    path, limits, of_standard = str(path), checked_limits(mpe), definitions(standard)
+    path = str(path)
+    limits = checked_limits(mpe)
+    of_standard = definitions(standard)
     rng = rng or np.random.default_rng(1)
     if left_out := [name for name in limits if name not in {d.name for d in of_standard}]:
         raise AacmmError(
@@ -187,7 +189,8 @@ def predict_acceptance(
     if not arms:
         raise AacmmError(f"{path}: no arm is given, expected at least one to predict")
     whole(runs, FEWEST, "virtual runs")
-    seed, draws = seed_of(rng), int(rng.integers(2**32))
+    seed = seed_of(rng)
+    draws = int(rng.integers(2**32))
     table, lines, notes = read_table(path)
     problems = Problems(path, lines)
     probed_points = read_probed_points(table, problems)

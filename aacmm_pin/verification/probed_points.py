@@ -88,9 +88,13 @@ def read_file(path: str, content: bytes, models: Mapping[str, ErrorModel]) -> Pr
     of_arms, notes = _by_arms(table, path, models, unfilled)
     coordinates = ({} if given is None else {AS_GIVEN: given}) | of_arms
     if not coordinates:
-        expected = "expected x_mm, y_mm, z_mm, or indications theta1_deg … and an arm"
-        came = f"the columns that are filled in are {_listed(table)}"
-        raise MeasurementFileError(path, None, "", f"no coordinates: {expected}; {came}")
+        raise MeasurementFileError(
+            path,
+            None,
+            "",
+            "no coordinates: expected x_mm, y_mm, z_mm, or indications theta1_deg … and an arm; "
+            f"the columns that are filled in are {_listed(table)}",
+        )
     sets = {
         name: points.assign(**dict(zip("xyz", at.T, strict=True)))
         for name, at in coordinates.items()
@@ -104,7 +108,8 @@ def _unfilled(table: pd.DataFrame) -> list[str]:
     in.
     """
     to_fill = [str(name) for name in table if name in REFERENCE or is_reading(name)]
-    return [name for name in to_fill if (table[name] == "").all()]
+    is_empty = (table[to_fill] == "").all()
+    return [name for name in to_fill if is_empty[name]]
 
 
 def _given_coordinates(table: pd.DataFrame, problems: Problems) -> Array | None:
@@ -142,13 +147,17 @@ def _by_arms(
     """
     if models and not any(map(is_reading, table)):
         theta = [name for name in unfilled if is_reading(name)]
-        why = (
-            "no indications: expected columns theta1_deg … beside the arms that were named; "
-            f"there are {_listed(table)}"
-        )
         if theta:
-            why = f"{span(theta)}: empty in every row, expected indications"
-        raise MeasurementFileError(path, None, "", why)
+            raise MeasurementFileError(
+                path, None, span(theta), "empty in every row, expected indications"
+            )
+        raise MeasurementFileError(
+            path,
+            None,
+            "",
+            "no indications: expected columns theta1_deg … beside the arms that were named; "
+            f"there are {_listed(table)}",
+        )
     of_arm = [name for name in table if name not in OF_TEST and not is_of_reference(name)]
     tips: dict[str, Array] = {}
     notes: dict[Note, list[str]] = {}

@@ -40,7 +40,9 @@ SPHERES = {"near": (0.2, 0.45), "far": (0.7, 0.95)}
 """Between which parts of the reach spheres stand, chosen here; the reach counts from joint 2."""
 SEAT_ZONES = {"near": (0.0, 0.18), "middle": (0.4, 0.6), "far": (0.82, 1.0)}
 """The same of single points: inside the zones of ASME B89.4.22, off their edges."""
-LENGTHS, PLACES, REPEATS = 5, 7, 3
+LENGTHS = 5
+PLACES = 7
+REPEATS = 3
 """Of the tests of lengths."""
 BALL_BARS = {"short": 1, "long": 3}
 """The ball bars, and which of the lengths they have where a test of lengths needs all of them too.
@@ -102,7 +104,8 @@ class Procedure(Shown):
         """That file with the indications and conditions of ``records``, and the coordinates by
         ``software``.
         """
-        records, software = as_measurements(records, self.arm.nq), ErrorModel.of(software)
+        records = as_measurements(records, self.arm.nq)
+        software = ErrorModel.of(software)
         at = software.correct(records.q, records.conditions) / MM
         indicated = records.to_frame().drop(columns=["record"], errors="ignore")
         planned = self.to_frame()
@@ -127,9 +130,13 @@ class Procedure(Shown):
         angles = [f"{PLANNED}theta{k}_deg" for k in range(1, arm.nq + 1)]
         expected = [*(PLANNED + name for name in REFERENCE), *angles]
         if missing := [name for name in expected if name not in table]:
-            advice = "aacmm-pin plan acceptance ARM -o FILE writes such a file"
-            text = f"missing; {advice}, here for {arm.name}"
-            raise MeasurementFileError(str(path), None, ", ".join(missing), text)
+            raise MeasurementFileError(
+                str(path),
+                None,
+                ", ".join(missing),
+                "missing; aacmm-pin plan acceptance ARM -o FILE writes such a file, here for "
+                f"{arm.name}",
+            )
         problems = Problems(str(path), lines)
         planned = table[expected].apply(pd.to_numeric, errors="coerce").astype(np.float64)
         for name in expected:
@@ -147,7 +154,8 @@ class Procedure(Shown):
 
 def _is_filled_in(name: object) -> bool:
     """Whether a column of the file is planned, or filled in at the test."""
-    return str(name).startswith(PLANNED) or name in REFERENCE or is_reading(name)
+    text = str(name)
+    return text.startswith(PLANNED) or text in REFERENCE or is_reading(text)
 
 
 def acceptance_procedure(
@@ -186,7 +194,8 @@ def acceptance_procedure(
         AacmmError: other than so many lengths above 0, or the arm does not reach such places.
     """
     rng = rng or np.random.default_rng(1)
-    seed, model = seed_of(rng), ErrorModel.of(model).restricted_to_known_range()
+    seed = seed_of(rng)
+    model = ErrorModel.of(model).restricted_to_known_range()
     margin = LIMIT_MARGIN * np.diff(model.arm.limits, axis=1) * np.array([1.0, -1.0])
     inner = replace(model, arm=replace(model.arm, limits=model.arm.limits + margin))
 
@@ -207,7 +216,8 @@ def _stands(arm: Arm) -> bool:
     """
     rotation, origin = arm.chain.walk(np.zeros((1, arm.nq)))
     axes = arm.chain.moving_axes()
-    first, second = axes[0], axes[min(1, len(axes) - 1)]
+    first = axes[0]
+    second = axes[min(1, len(axes) - 1)]
     upright = abs(float(rotation[first, 0, :, 2] @ arm.up)) > LEAST_UPRIGHT_COSINE
     height = float(origin[second, 0] @ arm.up)
     return upright and height > -MM
@@ -402,7 +412,8 @@ class _Layout:
         return found
 
     def _touchable(self, start: Array, direction: Array, lengths: Array) -> bool:
-        points = start + np.array([0.0, *lengths])[:, None] * direction
+        places = np.array([0.0, *lengths])
+        points = start + places[:, None] * direction
         return all(len(q) for q in self.pool.touched(points, 1))
 
     def ball_bars(self, *lengths: float) -> None:
@@ -417,7 +428,8 @@ class _Layout:
 
     def procedure(self, arm: Arm, seed: int | None) -> Procedure:
         """All of it, with the tip at its point in every posture."""
-        points, chosen = np.array(self.points), np.array(self.q)
+        points = np.array(self.points)
+        chosen = np.array(self.q)
         q, arrived = brought_to(self.pool.state_of, chosen, points, joint_bounds(arm))
         if not arrived.all():
             out = int((~arrived).sum())

@@ -62,7 +62,8 @@ def fitted_sphere(points: ArrayLike) -> FittedSphere:
     ones = np.ones(len(p))
 
     def residuals(sphere: Array) -> Array:
-        return np.asarray(np.linalg.norm(scaled - sphere[:3], axis=1) - sphere[3])
+        distance = np.linalg.norm(scaled - sphere[:3], axis=1)
+        return np.asarray(distance - sphere[3])
 
     def jacobian(sphere: Array) -> Array:
         towards = sphere[:3] - scaled
@@ -76,7 +77,8 @@ def fitted_sphere(points: ArrayLike) -> FittedSphere:
     found = least_squares(residuals, start, jac=jacobian, method="lm", **ends)
     factor = 2 * float(np.linalg.norm(np.linalg.pinv(found.jac)[3]))
     leverages = np.sum(np.linalg.qr(found.jac).Q ** 2, axis=1)
-    center, diameter = middle + found.x[:3] * size, 2 * float(found.x[3]) * size
+    center = middle + found.x[:3] * size
+    diameter = 2 * float(found.x[3]) * size
     form = float(np.ptp(found.fun * size))
     return FittedSphere(center, diameter, form, factor, found.fun * size, leverages)
 

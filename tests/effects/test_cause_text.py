@@ -67,7 +67,7 @@ REFUSED = {
     "encoder_gain:2,gain=much": "gain is 'much'",
     "encoder_gain:2,gain": "'gain' has no value",
     "encoder_gain:2,joint=3": "joint is given twice",
-    "encoder_slip:2,step_rad=5lightyears,time_s=1": "an angle such as",
+    "encoder_slip:2,step_rad=5lightyears,time_s=1": "a number, such as 8urad",
     "base_compliance:3": "'3' has no value",
 }
 
