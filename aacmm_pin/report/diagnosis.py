@@ -321,8 +321,9 @@ def _not_explained(result: Diagnosis) -> str:
     names = [COVARIATES.get(name, name) for name in unexplained.depends_on]
     depends = listed([*dict.fromkeys(names)])
     if depends:
-        way = f"depend on {depends} in a way that no tried cause explains"
-        more = f"{sizes} and {way}" if larger else f"the residuals {way}"
+        more = f"the residuals depend on {depends} in a way that no tried cause explains"
+        if larger:
+            more = f"{sizes}; {more}"
     elif unexplained.has_background:
         size = _background(unexplained)
         more = f"the residuals have structure of {size} that no single column explains"
