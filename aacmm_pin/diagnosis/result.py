@@ -279,11 +279,8 @@ class Diagnosis(Shown):
 
 
 def too_good(extended: Fit) -> bool:
-    """Whether the residuals are far smaller than the stated noise."""
-    if extended.chi2_stated is None:
-        return False
-    chance = chi2_cdf(*extended.chi2_stated)
-    return bool(chance <= THRESHOLDS.too_good)
+    """Whether the residuals are far smaller than the noise, though no scatter was added to it."""
+    return bool(chi2_cdf(*extended.chi2) <= THRESHOLDS.too_good)
 
 
 def _rms_residual(fit: Fit, used: Mask) -> float:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from aacmm_pin._support.notes import Note
 from aacmm_pin.calibration import Fit
-from aacmm_pin.diagnosis.result import Finding, Verdict
+from aacmm_pin.diagnosis.result import Finding, Verdict, too_good
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 
 
@@ -60,6 +60,7 @@ def _shows_few_causes(evidence: Evidence) -> bool:
 
 DOUBTS: Mapping[str, Callable[[Evidence], bool]] = {
     "contradicted references": lambda evidence: bool(evidence.contradicted),
+    "residuals too small": lambda evidence: too_good(evidence.fits[-1]),
     "few causes shown": _shows_few_causes,
     "cause not named": lambda evidence: not evidence.findings and bool(evidence.otherwise),
     "below zero": lambda evidence: any(finding.below_zero for finding in evidence.findings),

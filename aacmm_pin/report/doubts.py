@@ -29,6 +29,14 @@ def _contradicted_references(result: Diagnosis) -> str:
     return "; ".join(map(str, result.contradicted))
 
 
+def _residuals_too_small(result: Diagnosis) -> str:
+    """The residuals are far smaller than the noise: it is stated too large, or these are planned
+    angles that nobody read.
+    """
+    value, dof = result.extended.chi2
+    return f"the residuals are far smaller than the noise (χ² {value:.2g} of {dof:.0f})"
+
+
 def _few_causes_shown(result: Diagnosis) -> str:
     """Nothing was found, and these records would show half of all causes or fewer."""
     seen, of = result.visible
@@ -82,6 +90,7 @@ def _starts_disagree(result: Diagnosis) -> str:
 
 WORDS_OF_DOUBTS: Mapping[str, Callable[[Diagnosis], str]] = {
     "contradicted references": _contradicted_references,
+    "residuals too small": _residuals_too_small,
     "few causes shown": _few_causes_shown,
     "cause not named": _cause_not_named,
     "below zero": _below_zero,

@@ -47,8 +47,8 @@ def _first(result: Diagnosis) -> str:
     )
     if too_good(result.extended):
         return (
-            "check the stated noise and its unit: with noise as large as stated, no records can "
-            "show a cause"
+            "check the stated noise and its unit, and that the angles were read and not planned: "
+            "beside such noise, no records can show a cause"
         )
     if verdict == "inconclusive" and result.extended.too_many_excluded:
         return (

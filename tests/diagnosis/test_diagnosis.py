@@ -167,6 +167,10 @@ def test_a_plan_that_nobody_filled_in_is_refused(tmp_path):
     words = "--causes joint_compliance:2 encoder_gain:2 --records 10 --postures 20"
     shell.done(f"plan distinguish sino6 {words} -o {plan}")
     shell.refused(f"diagnose sino6 {plan} {NOISE}")
+    words = "--causes joint_compliance:2 encoder_gain:2 --records 30 --postures 100"
+    shell.done(f"plan distinguish sino6 {words} --scheme seats -o {plan} --force")
+    found = shell.found(f"diagnose sino6 {plan} --encoder-noise 8e-6 --no-cross-validation")
+    assert found["doubts"] == ["residuals too small"]
 
 
 def test_the_extended_arm_is_written_and_used(tmp_path):
