@@ -22,8 +22,21 @@ from aacmm_pin.measurements import MEASUREMENT_FILE, PROBED_POINT_COLUMNS, REFER
 from aacmm_pin.measurements.csv_columns import numbered_forms, single_names
 from tests.cli import shell
 
-PAGE = (Path(__file__).parents[1] / "notebooks" / "site" / "formats.md").read_text(encoding="utf-8")
-SECTIONS = dict(re.findall(r"^#+ (.+?)\n(.*?)(?=^#+ |\Z)", PAGE, re.MULTILINE | re.DOTALL))
+SITE = Path(__file__).parents[1] / "notebooks" / "site"
+SECTIONS = {
+    page: dict(
+        re.findall(
+            r"^#+ (.+?)\n(.*?)(?=^#+ |\Z)",
+            (SITE / f"{page}.md").read_text(encoding="utf-8"),
+            re.MULTILINE | re.DOTALL,
+        )
+    )
+    for page in ("arm_file", "measurement_file", "outputs")
+}
+KEYS_OF_AN_ARM = tuple(
+    f"Keys of {part}"
+    for part in ("the arm", "a joint", "a cause", "the covariance", "a discrepancy")
+)
 NAMED = ("inner", "parameters", "acts_on", "working_sectors", "alone_mm")
 """Objects whose keys are names or numbers that vary."""
 LISTS = ("joints", "effects", "discrepancy", "parts")
@@ -31,9 +44,10 @@ LISTS = ("joints", "effects", "discrepancy", "parts")
 NOT_OF_A_COMMAND = ("aacmm-pin/arm/1",)
 
 
-def documented(section: str) -> dict[str, str]:
-    """Keys in the first column of a section's table, and what is said of each."""
-    rows = re.findall(r"^\| (`.+?) \| (.+) \|$", SECTIONS[section], re.MULTILINE)
+def documented(page: str, *sections: str) -> dict[str, str]:
+    """Keys in the first columns of the tables of sections, and what is said of each."""
+    text = "".join(SECTIONS[page][section] for section in sections)
+    rows = re.findall(r"^\| (`.+?) \| (.+) \|$", text, re.MULTILINE)
     return {key: words for keys, words in rows for key in re.findall("`(.+?)`", keys)}
 
 
@@ -105,8 +119,8 @@ def test_every_schema_has_a_section():
         path.read_text(encoding="utf-8") for path in Path(aacmm_pin.__file__).parent.rglob("*.py")
     )
     schemas = set(re.findall(r'"(aacmm-pin/[\w-]+/\d+)"', source)) - set(NOT_OF_A_COMMAND)
-    assert {f"`{schema}`" for schema in schemas} <= set(SECTIONS), (
-        "explain its keys in notebooks/site/formats.md"
+    assert {f"`{schema}`" for schema in schemas} <= set(SECTIONS["outputs"]), (
+        "explain its keys in notebooks/site/outputs.md"
     )
 
 
@@ -119,7 +133,7 @@ SCHEMAS = (
 @pytest.mark.parametrize("schema", SCHEMAS.split())
 def test_json_keys_are_those_that_are_written(schema, written):
     name = f"aacmm-pin/{schema}/1"
-    explained, came = documented(f"`{name}`"), written[name]
+    explained, came = documented("outputs", f"`{name}`"), written[name]
     unexplained = {key for key in came if not known(key, explained)}
     fields = {
         f"findings[].{field}" for cause in CAUSES.values() for field in effects.fields_of(cause)
@@ -171,10 +185,14 @@ def names_of(functions: type) -> list[str]:
 
 def test_keys_of_the_arm_file():
     of_causes = {f"effects[].{name}" for name in ("joint", "between_s", "sessions", "until_s")}
-    assert set(documented("Arm file (TOML)")) - of_causes == set(fields_of(arm_file.ArmFile))
+    assert set(documented("arm_file", *KEYS_OF_AN_ARM)) - of_causes == set(
+        fields_of(arm_file.ArmFile)
+    )
     both = set(fields_of(arm_file.ArmFile)) & set(fields_of(arm_file.UrdfArmFile))
     both -= {key for key in both if key.startswith("joints")}
-    assert set(documented("Of a URDF")) == set(fields_of(arm_file.UrdfArmFile)) - both
+    assert (
+        set(documented("arm_file", "Keys of a URDF")) == set(fields_of(arm_file.UrdfArmFile)) - both
+    )
 
 
 def test_columns_of_what_commands_write(tmp_path):
@@ -198,17 +216,19 @@ def test_columns_of_what_commands_write(tmp_path):
         if not re.fullmatch(r"(theta|command)[2-6]_deg", name)
     ]
     of_records = {*single_names(MEASUREMENT_FILE), *(f"approach{j}" for j in range(1, 7))}
-    explained = {key.removesuffix(" …") for key in documented("CSV that commands write")}
+    sections = (f"CSV: {what}" for what in ("postures", "residuals", "corrected readings"))
+    explained = {key.removesuffix(" …") for key in documented("outputs", *sections)}
     assert explained == set(came) - (of_records - {"x_mm", "y_mm", "z_mm"})
 
 
 def test_columns_of_the_acceptance_file():
-    names = {key.removesuffix(" …") for key in documented("Acceptance file (CSV)")}
+    names = {key.removesuffix(" …") for key in documented("measurement_file", "Acceptance columns")}
     planned = {"articulation", "planned_x_mm", "planned_theta1_deg"}
     assert names - planned == {*single_names(PROBED_POINT_COLUMNS), *REFERENCE, "theta1_deg"}
 
 
 def test_columns_of_the_measurement_file():
-    names = {key.removesuffix(" …") for key in documented("Measurement file (CSV)")}
+    tables = ("Columns that most files have", "Optional columns")
+    names = {key.removesuffix(" …") for key in documented("measurement_file", *tables)}
     numbered = {form.replace("#", "1") for form in numbered_forms(MEASUREMENT_FILE)}
     assert names | {"theta1_rad", "temperature1_c"} == {*single_names(MEASUREMENT_FILE), *numbered}

@@ -282,7 +282,7 @@ def accept(
     The definitions are public descriptions' and were never compared with the standards' texts.
 
     Args:
-        path: CSV of touches, see the file formats in the documentation; coordinates are of the
+        path: CSV of touches, see acceptance columns in the documentation; coordinates are of the
             probe's centre.
         arms: arms that make coordinates of the file's indications, by what the result calls each.
         mpe: maximum permissible errors by the name of the figure [m].

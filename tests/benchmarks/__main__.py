@@ -27,6 +27,13 @@ from aacmm_pin._support.compiled import ALWAYS, VARIABLE
 from tests.benchmarks.operations import OPERATIONS, Table
 
 PACKAGES = ("numpy", "scipy", "pin", "numba")
+ABOUT = """\
+This page compares the package with other packages and with plain loops in C. Times are medians
+of CPU time on one thread. The ways took turns in one run.
+
+`ours over this` is the time of the first row of the task divided by that of the row: below 1 this
+package is faster. Its loops are compiled before the clock starts. Commands start as at the shell.
+"""
 
 
 def machine() -> str:
@@ -68,28 +75,33 @@ def page(report: dict[str, Any]) -> str:
         *(f"| {key} | {report[key]} |" for key in ("commit", "date", "machine")),
         f"| versions | {versions} |",
         "",
-        "Median CPU time of ways that took turns in one run, on one thread. `ours over this` is "
-        "the time of the first row",
-        "of the task divided by that of the row: below 1 this package is faster. Its loops are "
-        "compiled before the clock",
-        "starts, but for commands, which start as they do at the shell.",
+        *ABOUT.splitlines(),
     ]
     for operation in report["operations"]:
         lines += ["", f"## {operation['title']}", ""]
         if operation["rows"]:
-            lines += [
-                "| task | by | CPU time | ours over this | peak memory | aimed at |",
-                "|---|---|---|---|---|---|",
-            ]
-        lines += [
-            f"| {row['what']} | {row['who']} | {_seconds(row['cpu_s'])} | "
-            f"{_number(row['ours_over_this'])} "
-            f"| {_number(row['peak_bytes'], 1e6, ' MB')} | {_target(row)} |"
-            for row in operation["rows"]
-        ]
+            lines += _table([_cells(row) for row in operation["rows"]])
         if operation["skipped"]:
             lines += ["", f"Skipped: {'; '.join(operation['skipped'])}."]
     return "\n".join(lines) + "\n"
+
+
+def _cells(row: dict[str, Any]) -> dict[str, str]:
+    return {
+        "task": row["what"],
+        "by": row["who"],
+        "CPU time": _seconds(row["cpu_s"]),
+        "ours over this": _number(row["ours_over_this"]),
+        "peak memory": _number(row["peak_bytes"], 1e6, " MB"),
+        "aimed at": _target(row),
+    }
+
+
+def _table(rows: list[dict[str, str]]) -> list[str]:
+    """Rows as Markdown, without columns that have no value."""
+    names = [name for name in rows[0] if any(row[name] for row in rows)]
+    cells = [names, ["---"] * len(names), *([row[name] for name in names] for row in rows)]
+    return [f"| {' | '.join(each)} |" for each in cells]
 
 
 def _target(row: dict[str, Any]) -> str:

@@ -108,9 +108,9 @@ def commands() -> str:
     text = subprocess.run(words, capture_output=True, text=True, check=True).stdout.partition("\n")[
         2
     ]
-    sentences = dict(re.findall(r"^## `aacmm-pin (\S+)`\n\n(.+)$", text, re.MULTILINE))
+    sentences = dict(re.findall(r"^##+ `aacmm-pin (?:\S+ )?(\S+)`\n\n(.+)$", text, re.MULTILINE))
     return re.sub(
-        r"^\* `(\w+)`: .+$",
+        r"^\* `(\w[\w-]*)`: .+$",
         lambda line: f"* `{line[1]}`: {sentences[line[1]]}",
         text,
         flags=re.MULTILINE,
