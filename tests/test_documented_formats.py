@@ -96,6 +96,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> dict[str, set[str]]:
         "accuracy sino6 --point 400 0 300 --samples 12 --method ellipsoid",
         "accuracy sino6 --point 400 0 300 --to 400 300 300 --samples 6",
         "map sino6 --cells 3 3",
+        f"check sino6 {external}",
         f"calibrate sino6 {data} {noise}",
         f"calibrate sino6 {external} --reference-frame external {noise}",
         f"calibrate sino6 {poses}",
@@ -125,7 +126,8 @@ def test_every_schema_has_a_section():
 
 
 SCHEMAS = (
-    "accuracy map calibration diagnosis plan calibration-plan acceptance acceptance-prediction"
+    "accuracy map check calibration diagnosis plan calibration-plan acceptance "
+    "acceptance-prediction"
 )
 
 

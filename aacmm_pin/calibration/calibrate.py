@@ -353,6 +353,11 @@ def _left_before(after: Fit) -> list[Note]:
     return [Note("prior_left_unexplained", {"arm": arm.name, "unexplained": arm.unexplained})]
 
 
+def notes_of_records(after: Fit) -> list[Note]:
+    """What looks unusual in the records themselves."""
+    return [*_references_in_other_unit(after), *_of_conditions(after)]
+
+
 def _of_conditions(after: Fit) -> list[Note]:
     """Angles counted otherwise, temperatures that look like Fahrenheit, and joints whose column of
     angles holds a length.
@@ -505,8 +510,7 @@ def notes_of(after: Fit) -> list[Note]:
     ]
     found += [
         *_of_bars(after),
-        *_references_in_other_unit(after),
-        *_of_conditions(after),
+        *notes_of_records(after),
         *_of_target(after),
         *_of_open_tip(after),
         *_of_temperature(after),

@@ -11,6 +11,18 @@ from aacmm_pin.calibration import ReferenceFrame, Target
 from aacmm_pin.cli.arm_options import ContactNoise, in_metres
 from aacmm_pin.cli.common import NOISE
 
+FrameOfReferences = Annotated[
+    ReferenceFrame,
+    typer.Option(help="Frame of the references; external is a frame that is estimated."),
+]
+TargetOfReferences = Annotated[
+    Target,
+    typer.Option(
+        help="Point that the references are of. tip: that of the arm. unknown: a point of the "
+        "last body, which becomes the tip. frame: the tip with its axes."
+    ),
+]
+
 
 @dataclass(frozen=True)
 class MeasuredHow(ContactNoise):
@@ -24,17 +36,8 @@ class MeasuredHow(ContactNoise):
             rich_help_panel=NOISE,
         ),
     ] = None
-    reference_frame: Annotated[
-        ReferenceFrame,
-        typer.Option(help="Frame of the references; external is a frame that is estimated."),
-    ] = "base"
-    target: Annotated[
-        Target,
-        typer.Option(
-            help="Point that the references are of. tip: that of the arm. unknown: a point of the "
-            "last body, which becomes the tip. frame: the tip with its axes."
-        ),
-    ] = "tip"
+    reference_frame: FrameOfReferences = "base"
+    target: TargetOfReferences = "tip"
     no_prior: Annotated[
         bool, typer.Option("--no-prior", help="Do not use the arm's stated uncertainties.")
     ] = False

@@ -31,6 +31,7 @@ COMMANDS = (
     "accuracy",
     "calibrate",
     "causes",
+    "check",
     "configurations",
     "correct",
     "demo",

@@ -2,6 +2,7 @@
 
 from aacmm_pin.diagnosis.branches import Branches
 from aacmm_pin.diagnosis.candidates import not_tried
+from aacmm_pin.diagnosis.check import Check, check_measurements
 from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.cross_validation import Gain
 from aacmm_pin.diagnosis.diagnose import diagnose
@@ -16,6 +17,7 @@ __all__ = [
     "THRESHOLDS",
     "Alias",
     "Branches",
+    "Check",
     "Choice",
     "Diagnosis",
     "Finding",
@@ -24,6 +26,7 @@ __all__ = [
     "ScatteredReadings",
     "SharedError",
     "Unexplained",
+    "check_measurements",
     "diagnose",
     "estimated",
     "not_tried",

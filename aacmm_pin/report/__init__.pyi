@@ -3,6 +3,7 @@ from .acceptance_prediction import prediction_document
 from .accuracy import accuracy_document, length_document, map_document
 from .calibration import calibration_document, calibration_summary, comment
 from .calibration_plan import calibration_plan_document
+from .check import check_document, check_summary
 from .comparison import comparison_notes
 from .demo import run_demo
 from .diagnosis import diagnosis_document
@@ -26,6 +27,8 @@ __all__ = [
     "calibration_document",
     "calibration_plan_document",
     "calibration_summary",
+    "check_document",
+    "check_summary",
     "comment",
     "comparison_notes",
     "content",

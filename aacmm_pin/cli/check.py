@@ -1,0 +1,28 @@
+"""What was read of an arm and its measurements, and what they lack."""
+
+from __future__ import annotations
+
+from aacmm_pin.cli.arm_options import ArmAndData
+from aacmm_pin.cli.common import Force, Json, Results, command
+from aacmm_pin.cli.measuring_options import FrameOfReferences, TargetOfReferences
+from aacmm_pin.diagnosis import check_measurements
+from aacmm_pin.report import check_document, check_summary, terminal
+
+
+@command(
+    "aacmm-pin check my_arm.toml data.csv",
+    "aacmm-pin check ur5 poses.csv --reference-frame external --target unknown",
+)
+def run(
+    arm: ArmAndData,
+    reference_frame: FrameOfReferences = "base",
+    target: TargetOfReferences = "tip",
+    json_: Json = None,
+    force: Force = False,
+) -> None:
+    """Check that a measurement file fits an arm, and list what it lacks."""
+    with Results(force, json_=json_) as results:
+        model, path = arm.model_and_data()
+        found = check_measurements(model, path, reference_frame=reference_frame, target=target)
+        results.json(check_summary(found), json_)
+    terminal.show(check_document(found), json_ == "-")

@@ -1,0 +1,75 @@
+"""Whether a file of measurements fits an arm at all, and what it lacks, before anything is
+estimated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from aacmm_pin._support.checks import Mask
+from aacmm_pin._support.notes import Note
+from aacmm_pin.calibration import ReferenceFrame, Setup, Target, exclusions_of, problem_of, rms
+from aacmm_pin.calibration.calibrate import counted_once, notes_of_records
+from aacmm_pin.calibration.input_mistakes import first_fit
+from aacmm_pin.calibration.setup import checked_input
+from aacmm_pin.diagnosis.candidates import not_tried
+from aacmm_pin.effects import Effect, ErrorModel, GivenModel, all_candidates
+from aacmm_pin.measurements import GivenRecords, Measurements
+
+
+@dataclass(frozen=True, eq=False)
+class Check:
+    """What is known of an arm and its records before a calibration.
+
+    Attributes:
+        model: the arm.
+        measurements: the records, without copies of others.
+        used: (n,) False for records that are too far off to belong.
+        rms: RMS distance of tip and target, set-up fitted and geometry as stated [m]; nan if no
+            record has a target.
+        missing: condition that the records do not state, and the causes that cannot be tried
+            without it.
+        notes: what was assumed, and what looks unusual.
+    """
+
+    model: ErrorModel
+    measurements: Measurements
+    used: Mask
+    rms: float
+    missing: Mapping[str, tuple[type[Effect], ...]]
+    notes: tuple[Note, ...]
+
+
+def check_measurements(
+    model: GivenModel,
+    measurements: GivenRecords,
+    *,
+    reference_frame: ReferenceFrame = "base",
+    target: Target = "tip",
+) -> Check:
+    """Read an arm and its records, fit the set-up alone, and say what the records lack.
+
+    The set-up is what no file states: the place of an external frame, of an unknown target and of
+    seats without coordinates. No parameter of the arm is estimated.
+
+    Args:
+        model: the arm, or its name or file.
+        measurements: the records, a table of them, or their file.
+        reference_frame, target: see :func:`aacmm_pin.calibration.calibrate`.
+
+    Raises:
+        MistakenFileError: one mistake in the file, or two, explain the records.
+        AacmmError: the records do not fit the arm, or a file cannot be used.
+    """
+    model, records = checked_input(model, measurements)
+    records, notes = counted_once(records)
+    setup = Setup.of(model.arm, reference_frame, target, True)
+    found = first_fit(problem_of(model, records, [], setup))
+    deviation = found.system.deviation[found.used]
+    distance = rms(np.linalg.norm(deviation, axis=1))
+    missing = not_tried(list(all_candidates(model.arm, records)), records)
+    notes = [*exclusions_of(found).notes, *notes_of_records(found), *notes]
+    return Check(model, records, found.used, distance, missing, tuple(notes))

@@ -1,0 +1,53 @@
+"""What was read of an arm and its measurements, and what they lack, as a document and for JSON."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pandas as pd
+
+from aacmm_pin._support.notes import notes_in_json
+from aacmm_pin._support.units import MM
+from aacmm_pin.diagnosis import Check
+from aacmm_pin.effects import CONDITION_COLUMNS, cause_in_words, listed
+from aacmm_pin.report.document import Document, Notes, Paragraph, Table, document_of
+from aacmm_pin.report.measurements import measurements_document
+from aacmm_pin.report.numbers import count, length
+
+CHECK_SCHEMA = "aacmm-pin/check/1"
+MISSING = "Columns that the file lacks, and the causes that cannot be tried without them"
+
+
+@document_of.register
+def check_document(check: Check) -> Document:
+    """The check as a document."""
+    name, used = check.model.arm.name, int(check.used.sum())
+    fits = f"{used} of {count(check.measurements.n, 'record')} fit {name}"
+    distance = f"the RMS distance of tip and target is {length(check.rms)}"
+    finding = Paragraph(f"{fits}: {distance}, geometry as stated and set-up fitted.", finding=True)
+    columns = measurements_document(check.measurements).blocks[1:]
+    blocks = [finding, *columns, Table(_missing(check), MISSING), Notes(check.notes)]
+    return Document(f"{name} and {check.measurements.source}", blocks)
+
+
+def _missing(check: Check) -> pd.DataFrame:
+    rows = []
+    for need, causes in check.missing.items():
+        names = listed([cause_in_words(cause) for cause in causes])
+        rows.append({"column": CONDITION_COLUMNS[need], "causes": names})
+    return pd.DataFrame(rows)
+
+
+def check_summary(check: Check) -> dict[str, Any]:
+    """Schema ``aacmm-pin/check/1``."""
+    records = check.measurements
+    summary: dict[str, Any] = {"schema": CHECK_SCHEMA, "arm": check.model.arm.name}
+    summary |= {"source": records.source, "records": records.n, "used": int(check.used.sum())}
+    summary |= {"with_reference": int(records.known.sum()), "seats": len(records.seats())}
+    summary |= {"bars": len(records.bars()), "rms_mm": check.rms / MM}
+    summary["columns"] = [str(name) for name in records.to_frame().columns]
+    lacking = [
+        {"column": CONDITION_COLUMNS[need], "causes": [cause.cause for cause in causes]}
+        for need, causes in check.missing.items()
+    ]
+    return summary | {"not_tried": lacking} | notes_in_json(check.notes)

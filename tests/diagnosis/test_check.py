@@ -1,0 +1,62 @@
+"""What is said of an arm and its records before a calibration."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from aacmm_pin.arm import Arm
+from aacmm_pin.diagnosis import Check, check_measurements
+from aacmm_pin.effects import Conditions
+from aacmm_pin.errors import AacmmError
+from aacmm_pin.measurements import Measurements, simulate_measurements
+from tests.cli import shell
+
+
+@pytest.fixture(scope="module")
+def records(sino6: Arm) -> Measurements:
+    return simulate_measurements(sino6, "free", 60, rng=np.random.default_rng(5))
+
+
+def missing(check: Check) -> dict[str, list[str]]:
+    return {need: [cause.cause for cause in causes] for need, causes in check.missing.items()}
+
+
+def test_distance_is_that_of_the_stated_geometry(sino6, records):
+    check = check_measurements(sino6, records)
+    off = np.linalg.norm(sino6.positions(records.q) - records.reference, axis=1)
+    assert check.rms == pytest.approx(np.sqrt(np.mean(off[check.used] ** 2)))
+    assert check.used.sum() > 0.9 * records.n
+    assert missing(check) == {"seat": ["seat_error"]}
+
+
+def test_causes_that_need_a_column_are_missing_without_it(sino6, records):
+    bare = replace(records, conditions=Conditions(records.n))
+    lacking = missing(check_measurements(sino6, bare))
+    assert lacking["temperature"] == ["thermal_expansion"]
+    assert "joint_hysteresis" in lacking["approach"]
+    assert "zero_drift" in lacking["time"]
+
+
+def test_an_external_frame_is_fitted(sino6, records):
+    moved = replace(records, reference=records.reference[:, [1, 2, 0]] + 0.5)
+    found = check_measurements(sino6, moved, reference_frame="external")
+    assert found.rms < 5e-5
+    with pytest.raises(AacmmError, match="frame"):
+        check_measurements(sino6, moved)
+
+
+def test_what_it_says_at_the_shell(tmp_path, records):
+    table = records.to_frame().drop(columns="temperature_c")
+    table.loc[4, "x_mm"] += 40.0
+    table.to_csv(tmp_path / "data.csv", index=False)
+    content = shell.found(f"check sino6 {tmp_path / 'data.csv'}")
+    assert content["records"] == 60
+    assert content["rms_mm"] < 0.05
+    assert {"column": "temperature_c", "causes": ["thermal_expansion"]} in content["not_tried"]
+    assert "temperature_c" in shell.done(f"check sino6 {tmp_path / 'data.csv'}")[0]
+    table["theta3_deg"] *= -1.0
+    table.to_csv(tmp_path / "wrong.csv", index=False)
+    shell.refused(f"check sino6 {tmp_path / 'wrong.csv'}", said=["joint 3"])
