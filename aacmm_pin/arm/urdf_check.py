@@ -241,12 +241,15 @@ def _check_tree(robot: Element, links: dict[str, Element], joints: dict[str, Ele
         carried = child.get("link")
         if carried in carriers:
             carrier = _words(carriers[carried])
-            raise _refused(child, f"the link {carried!r} is carried already by {carrier}")
+            raise _refused(child, f"the link {carried!r} is already the child of {carrier}")
         carriers[carried] = joint
         parents[carried] = [parent.get("link")]
     roots = [link for name, link in links.items() if name not in carriers]
     if len(roots) > 1:
-        raise _refused(roots[1], f"no joint carries it, nor {_words(roots[0])}; expected one root")
+        raise _refused(
+            roots[1],
+            f"this link and {_words(roots[0])} are both the child of no joint; expected one root",
+        )
     try:
         TopologicalSorter(parents).prepare()
     except CycleError as error:

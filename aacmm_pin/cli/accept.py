@@ -23,7 +23,10 @@ from aacmm_pin.verification import AcceptanceResult, History, accept, in_utc
     "aacmm-pin accept nominal.toml calibrated.toml probed.csv --mpe limits.toml",
 )
 def run(
-    files: Annotated[list[str], files_argument("the probed points (CSV)")],
+    files: Annotated[
+        list[str],
+        files_argument("Arms that compute coordinates from readings, and the probed points (CSV)."),
+    ],
     mpe: Mpe = None,
     standard: Standard = None,
     measuring_range_mm: Annotated[

@@ -28,11 +28,9 @@ Mpe = Annotated[
 ]
 
 
-def files_argument(data: str) -> Any:
-    """The arguments ``[ARM]... DATA``; ``data`` says what the last one is."""
-    return typer.Argument(
-        metavar="[ARM]... DATA", help=f"Arms that compute coordinates from readings, and {data}."
-    )
+def files_argument(help_: str) -> Any:
+    """The arguments ``[ARM]... DATA``."""
+    return typer.Argument(metavar="[ARM]... DATA", help=help_)
 
 
 def arms_of(names: list[str], robot: UrdfArm) -> dict[str, ErrorModel]:

@@ -119,15 +119,16 @@ class UncertainArm(AnyArm):
         float | None,
         typer.Option(
             metavar="MM",
-            help="With --urdf: bound of the translation of every joint placement; 0 states none.",
+            help="With --urdf: half-width of each translation of every joint placement; 0: not "
+            "stated.",
             rich_help_panel=ARM,
         ),
     ] = None
     rotation_half_width: Annotated[
         float | None,
         angle_option(
-            "With --urdf: bound of the rotation of every joint placement, in rad or as 20arcsec; "
-            "0 states none.",
+            "With --urdf: half-width of each rotation of every joint placement, in rad or as "
+            "20arcsec; 0: not stated.",
             ARM,
         ),
     ] = None

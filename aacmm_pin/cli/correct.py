@@ -28,7 +28,7 @@ from aacmm_pin.measurements import (
     quaternions,
     read_table,
 )
-from aacmm_pin.report import comparison_notes
+from aacmm_pin.report import comparison_in_words, comparison_warning
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -232,14 +232,19 @@ def _note_comparisons(
             f"{', '.join(elsewhere)} are not compared, for these are not at the tip"
         )
         records, tips = records.take(of_tip), tips[of_tip]
-    compared = [tips]
+    compared, first = [tips], "by the nominal arm"
     if before is not None:
         compared.insert(0, before.correct(records.q, records.conditions))
     elif model.effects:  # geometry alone: the file may know the effects together with it
+        first = "without its causes of error"
         compared.insert(0, model.arm.positions(records.q))
     for comparison in compare(records, compared):
-        for line in comparison_notes(comparison, model.arm.name):
-            status(line)
+        text = comparison_in_words(comparison, first)
+        if text:
+            status(text)
+        warning = comparison_warning(comparison, model.arm.name)
+        if warning:
+            warn(warning)
 
 
 def _known_rows(model: ErrorModel, readings: Measurements, path: str) -> Index:

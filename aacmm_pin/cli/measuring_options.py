@@ -18,8 +18,8 @@ FrameOfReferences = Annotated[
 TargetOfReferences = Annotated[
     Target,
     typer.Option(
-        help="Point that the references are of. tip: that of the arm. unknown: a point of the "
-        "last body, which becomes the tip. frame: the tip with its axes."
+        help="Measured point. tip: the tip of the arm. unknown: another point of the last body, "
+        "which becomes the tip. frame: the tip; orientations are along its axes."
     ),
 ]
 

@@ -18,8 +18,8 @@ from aacmm_pin.verification import PROBE, SPHERE, acceptance_procedure
 
 
 @command(
-    "aacmm-pin plan acceptance my_arm.toml -o touches.csv --sheet touches.html",
-    "aacmm-pin plan acceptance --urdf ur5 --length-mm 300 --length-mm 600 -o touches.csv",
+    "aacmm-pin plan acceptance my_arm.toml -o procedure.csv --sheet sheet.html",
+    "aacmm-pin plan acceptance --urdf ur5 --length-mm 300 --length-mm 600 -o procedure.csv",
 )
 def run(
     arm: UncertainArm,

@@ -15,11 +15,14 @@ from aacmm_pin.verification import RUNS, predict_acceptance
 
 
 @command(
-    "aacmm-pin predict-acceptance my_arm.toml touches.csv --mpe E_Uni=0.1",
-    "aacmm-pin predict-acceptance sino6 touches.csv --encoder-noise 8urad -o prediction.html",
+    "aacmm-pin predict-acceptance my_arm.toml procedure.csv --mpe E_Uni=0.1",
+    "aacmm-pin predict-acceptance sino6 procedure.csv --encoder-noise 8urad -o prediction.html",
 )
 def run(
-    files: Annotated[list[str], files_argument("a procedure by plan acceptance (CSV)")],
+    files: Annotated[
+        list[str],
+        files_argument("Arms to predict, and a procedure that plan acceptance wrote (CSV)."),
+    ],
     mpe: Mpe = None,
     standard: Standard = None,
     runs: Annotated[int, typer.Option(metavar="N", min=20, help="Virtual runs.")] = RUNS,

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aacmm_pin._support.checks import Mask
+from aacmm_pin._support.display import Shown
 from aacmm_pin._support.notes import Note
 from aacmm_pin.calibration import ReferenceFrame, Setup, Target, exclusions_of, problem_of, rms
 from aacmm_pin.calibration.calibrate import counted_once, notes_of_records
@@ -21,7 +22,7 @@ from aacmm_pin.measurements import GivenRecords, Measurements
 
 
 @dataclass(frozen=True, eq=False)
-class Check:
+class Check(Shown):
     """What is known of an arm and its records before a calibration.
 
     Attributes:
@@ -41,6 +42,11 @@ class Check:
     rms: float
     missing: Mapping[str, tuple[type[Effect], ...]]
     notes: tuple[Note, ...]
+
+    def __str__(self) -> str:
+        records, name = self.measurements, self.model.arm.name
+        fits = f"{self.used.sum()} of {records.n} records"
+        return f"{fits} of {records.source} fit {name}"
 
 
 def check_measurements(

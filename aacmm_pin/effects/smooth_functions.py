@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import reprlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal
@@ -255,7 +256,9 @@ def as_read(filed: dict[str, Any]) -> Smooth:
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(map(str, first["loc"][1:]))
-        raise AacmmError(f"functions: {key + ': ' if key else ''}{first['msg']}") from None
+        came = f"{key + ': ' if key else ''}{reprlib.repr(first['input'])}"
+        expected = first["msg"].removeprefix("Input should be ")
+        raise AacmmError(f"functions: {came}; expected {expected}") from None
     if not re.fullmatch(QUANTITIES_OF_KIND[found.kind], found.of):
         raise AacmmError(
             f"functions: {found.kind} of {found.of!r}, expected {QUANTITIES_OF_KIND[found.kind]}"

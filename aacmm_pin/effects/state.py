@@ -83,7 +83,7 @@ class State:
         """
         number = int(self.arm.chain.joint[axis(self.known_row(row))])
         if number < 0:
-            raise AacmmError(f"row {row} of {self.arm.name} is rigid, expected one with a joint")
+            raise AacmmError(f"row {row} of {self.arm.name} is rigid; expected a row with a joint")
         return number
 
     def known_row(self, row: int) -> int:

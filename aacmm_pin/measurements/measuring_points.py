@@ -142,9 +142,9 @@ class Pool:
                     most = max(most, fewest)
         if len(found) < wanted:
             raise AacmmError(
-                f"{self.arm.name}: {len(found)} of {wanted} {what} found that can be touched in "
-                f"{each} different postures inside the limits (of {at} tried; the others in {most} "
-                f"at most); ask for fewer records or {what}"
+                f"{self.arm.name}: only {len(found)} of {wanted} {what} can be reached in {each} "
+                f"postures within the limits ({at} tried; the others in at most {most} postures); "
+                f"reduce the number of records or {what}"
             )
         return found
 

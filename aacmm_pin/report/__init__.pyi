@@ -4,7 +4,7 @@ from .accuracy import accuracy_document, length_document, map_document
 from .calibration import calibration_document, calibration_summary, comment
 from .calibration_plan import calibration_plan_document
 from .check import check_document, check_summary
-from .comparison import comparison_notes
+from .comparison import comparison_in_words, comparison_warning
 from .demo import run_demo
 from .diagnosis import diagnosis_document
 from .document import Document, Table
@@ -30,7 +30,8 @@ __all__ = [
     "check_document",
     "check_summary",
     "comment",
-    "comparison_notes",
+    "comparison_in_words",
+    "comparison_warning",
     "content",
     "diagnosis_document",
     "history_blocks",

@@ -79,7 +79,8 @@ NOTHING_ESTIMATED = (
     "estimates them."
 )
 KNOWN = (
-    "Changes and uncertainties are in the unit of the column in. Known: measured by these data; "
+    "Changes and uncertainties are in the unit of the column in. U holds only if the model has all "
+    "causes of error. Known: measured by these data; "
     "as stated, if these data add nothing; or in combination with others (next section). "
     "A parameter known in combination has no value by itself; the arm file holds one that fits "
     "the others."
@@ -419,7 +420,9 @@ def _parameters(result: Calibration) -> list[Block]:
     blocks: list[Block] = [title, _parameter_table(rows)]
     beyond = ", ".join(rows["parameter"][rows["beyond"]])
     if beyond:
-        blocks.append(Paragraph(f"* changed by more than stated ± and U together: {beyond}"))
+        changed = f"* changed by more than stated ± and U together: {beyond}"
+        advice = "A cause that the model lacks may do that; run aacmm-pin diagnose."
+        blocks.append(Paragraph(f"{changed}. {advice}"))
     of_a_unit = rows["in"].str[1:].value_counts().max()
     tallest = len(rows) if rows["stated"].notna().any() else of_a_unit
     return [*blocks, _changes(result, tallest), _correlation(result, len(rows))]

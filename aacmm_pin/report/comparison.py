@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 
 from aacmm_pin._support.units import MM
 from aacmm_pin.calibration import Comparison
 from aacmm_pin.report.numbers import count
 
 
-def comparison_notes(found: Comparison, arm: str) -> Iterator[str]:
-    """The errors before and after in a line, with warnings; ``arm`` is the name of the last."""
+def comparison_in_words(found: Comparison, first: str) -> str:
+    """The errors by each arm in a line; ``first`` says which arm the first of two is. Nothing if
+    the references are of another frame.
+    """
     if found.is_of_other_frame:
-        yield (
-            f"warning: references are not compared: the tip is {found.rms[-1] / MM:.0f} mm "
-            f"from them (RMS). They are in another frame than the base of {arm}, of another "
-            "point, or the angles are in another unit or of another arm"
-        )
-        return
+        return ""
     what = {
         "reference": f"distance from {count(found.count, 'reference')}",
         "bar length": f"error of {count(found.count, 'bar length')}",
@@ -27,15 +23,23 @@ def comparison_notes(found: Comparison, arm: str) -> Iterator[str]:
     }[found.kind]
     if not math.isnan(found.u):
         what = f"{what}, themselves with u = {found.u / MM:.4f} mm"
-    yield f"{what}: RMS {_sizes(found.rms)}; largest {_sizes(found.largest)}"
-    if found.is_worse:
-        yield (
-            "warning: this arm and its effects make it worse; aacmm-pin diagnose says what "
-            "has changed"
+    names = [first, "by this arm"][-len(found.rms) :]
+    return f"{what}: RMS {_sizes(found.rms, names)}; largest {_sizes(found.largest, names)}"
+
+
+def comparison_warning(found: Comparison, arm: str) -> str:
+    """What may be wrong, of which ``arm`` is the name of the last; nothing if all seems well."""
+    if found.is_of_other_frame:
+        return (
+            f"references are not compared: the tip is {found.rms[-1] / MM:.0f} mm from them (RMS). "
+            f"They are in another frame than the base of {arm}, of another point, or the angles "
+            "are in another unit or of another arm; aacmm-pin check names common mistakes"
         )
+    if found.is_worse:
+        return "this arm and its effects make it worse; aacmm-pin diagnose says what has changed"
+    return ""
 
 
-def _sizes(sizes: list[float]) -> str:
-    names = ["before", "after"] if len(sizes) > 1 else ["by this arm"]
+def _sizes(sizes: list[float], names: list[str]) -> str:
     pairs = zip(sizes, names, strict=True)
     return ", ".join(f"{size / MM:.4f} mm {name}" for size, name in pairs)

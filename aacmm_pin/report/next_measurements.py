@@ -128,8 +128,8 @@ def _first(result: Diagnosis) -> str:
     seats = [finding for finding in findings if corrects_seat(finding.effect)]
     if seats:
         return (
-            f"measure again where {'; '.join(map(_off, seats))}; then check the extended model "
-            "on new records"
+            f"measure again {'; '.join(map(_off, seats))}; then check the extended arm on new "
+            "records"
         )
     if result.no_better:
         return (
@@ -211,8 +211,8 @@ def _to_distinguish_pair(result: Diagnosis, cause: Effect, other: Effect) -> str
     for one, freer in ((cause, other), (other, cause)):
         if freer.cause in one.special_case_of and freer.place == one.place:
             return (
-                f"take more records with the joint of {one.label} spread evenly over its range: "
-                "these show whether anything else depends on its angle"
+                f"take more records, with the angles of the joint of {one.label} evenly over its "
+                "range: they show whether the error depends on the angle in another way"
             )
     return _plan_for(result, (cause, other))
 
@@ -245,7 +245,8 @@ def _noise_as_found(result: Diagnosis) -> dict[str, Any]:
 def _off(finding: Finding) -> str:
     """Where the records put a seat."""
     values = ", ".join(f"{value:.3f}" for value, _ in finding.parameters.values())
-    return f"{finding.effect.place} is: these records put it at its stated place + ({values}) mm"
+    place = f"the position of {finding.effect.place}"
+    return f"{place}: these records displace it from the stated coordinates by ({values}) mm"
 
 
 def _otherwise(depends_on: Sequence[str]) -> str:

@@ -108,7 +108,9 @@ def capital(text: str) -> str:
 
 
 def p_value(value: float) -> str:
-    """One digit: ``0.03``, ``< 1e-16``."""
+    """One digit: ``0.03``, ``0.998``, ``< 1e-16``."""
+    if value > 0.9:
+        return f"{1.0 - float(f'{1.0 - value:.1g}'):g}"
     return f"{value:.1g}" if value > LEAST_P else f"< {LEAST_P:g}"
 
 

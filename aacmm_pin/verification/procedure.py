@@ -134,8 +134,8 @@ class Procedure(Shown):
                 str(path),
                 None,
                 ", ".join(missing),
-                "missing; aacmm-pin plan acceptance ARM -o FILE writes such a file, here for "
-                f"{arm.name}",
+                f"missing; expected a procedure for {arm.name}; write it with aacmm-pin plan "
+                "acceptance ARM -o FILE",
             )
         problems = Problems(str(path), lines)
         planned = table[expected].apply(pd.to_numeric, errors="coerce").astype(np.float64)

@@ -119,8 +119,8 @@ NO_TABLE = dict.fromkeys(("link_length", "link_twist", "link_tilt"), "needs a DH
     "stylus_bending": "needs the axis of the stylus"
 }
 NO_TUBE = {
-    "link_bending": "0.000 mm long, expected a tube",
-    "torsional_windup": "0.000 mm long, expected a tube",
+    "link_bending": "expected a tube",
+    "torsional_windup": "expected a tube",
 }
 REFUSED: dict[str, dict[str, str]] = {
     "sino6": {},

@@ -368,7 +368,7 @@ def test_arms_of_two_joints(tmp_path):
     )
     with pytest.raises(
         AacmmError,
-        match=r"0 of 2 seats .*of 8 tried; the others in 2",
+        match=r"0 of 2 seats .*8 tried; the others in at most 2",
     ):
         simulated(arm, scheme="seats", records=20, seats=2)
     measurements = simulated(arm, scheme="seats", records=4, seats=2, **quiet())

@@ -129,6 +129,7 @@ def values(
         ),
         "WorkspaceMap": map_workspace(arm, (3, 3), 4),
         "SinglePoint": single_point_statistics(rng.normal(size=(9, 3)) * 1e-5, np.arange(9) < 4),
+        "Check": aacmm_pin.diagnosis.check_measurements(arm, calibration.fit.problem.measurements),
         "Calibration": calibration,
         "HeldOut": calibration.held_out[0],
         "Observability": calibration.observability,
