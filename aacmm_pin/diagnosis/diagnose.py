@@ -31,7 +31,7 @@ from aacmm_pin.calibration.parameters import is_reestimated, length_held
 from aacmm_pin.calibration.setup import checked_input
 from aacmm_pin.diagnosis.candidates import candidates, known_causes
 from aacmm_pin.diagnosis.covariates import covariates
-from aacmm_pin.diagnosis.cross_validation import Gain, Training, gain_of
+from aacmm_pin.diagnosis.cross_validation import Fold, Gain, gain_of
 from aacmm_pin.diagnosis.discrepancy import described_model
 from aacmm_pin.diagnosis.findings import findings_of
 from aacmm_pin.diagnosis.model_extension import ProblemOf, choose, free
@@ -135,11 +135,11 @@ def diagnose(
     before = fit(as_stated, used=used)
     recalibrated = fit(problem([]), used=used)
     left_out = choice.by_part.parts if enough_postures(measurements) else []
-    trained = [Training(choice, number) for number in left_out]
-    findings = findings_of(model, choice, trained, rng)
-    held = gain_of(choice, trained, before, kind, rng, progress) if hold_out and trained else None
+    folds = [Fold(choice, number) for number in left_out]
+    findings = findings_of(model, choice, folds, rng)
+    held = gain_of(choice, folds, before, kind, rng, progress) if hold_out and folds else None
     if held is not None and not findings:
-        held = held.of_nothing()
+        held = held.without_causes()
     unexplained = unexplained_by(choice, held, bool(findings), rng)
     # Without a finding nothing explains what the recalibrated arm alone excludes.
     judged = [choice.fit] if findings else [choice.fit, alone]

@@ -207,7 +207,7 @@ def unexplained_by(
         discrepancy=sizes,
         choice=choice,
         acts_on={covariate.name: choice.way(k).acts_on for k, covariate in mine.items()},
-        gain=held.smooth_gain if held is not None and sizes else None,
+        gain=held.discrepancy_gain if held is not None and sizes else None,
         groups=odd,
         excluded=shared,
         branches=branches,
