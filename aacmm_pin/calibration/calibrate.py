@@ -16,7 +16,7 @@ from aacmm_pin._support.notes import Note
 from aacmm_pin._support.progress import Progress
 from aacmm_pin._support.threads import one_blas_thread
 from aacmm_pin._support.units import MM
-from aacmm_pin.arm import other_turns
+from aacmm_pin.arm import whole_turn_notes
 from aacmm_pin.calibration.calibrated_arm import temperature_of
 from aacmm_pin.calibration.cross_validation import enough_postures
 from aacmm_pin.calibration.cross_validation import held_out as left_out
@@ -365,7 +365,7 @@ def _of_conditions(after: Fit) -> list[Note]:
     arm = after.problem.model.arm
     records = after.problem.measurements
     conditions = records.conditions
-    turns = other_turns(records.q, arm.limits, arm.chain.prismatic)
+    turns = whole_turn_notes(records.q, arm.limits, arm.chain.prismatic)
     found = [*turns, *conditions.odd_temperatures(arm.reference_temperature), *_of_torques(after)]
     for j in np.flatnonzero(arm.chain.prismatic) + 1:
         joint = {"joint": int(j)}

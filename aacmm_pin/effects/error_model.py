@@ -23,8 +23,8 @@ from aacmm_pin.arm import (
     UrdfArmFile,
     arm_text,
     as_arm,
-    other_turns,
     validated,
+    whole_turn_notes,
 )
 from aacmm_pin.effects.conditions import CONDITION_COLUMNS, Conditions
 from aacmm_pin.effects.effect import Effect, axis, sensitivity
@@ -271,7 +271,7 @@ class ErrorModel(Shown):
         Raises:
             MissingConditionError: an effect depends on a condition that is not there.
         """
-        found = [*other_turns(q, self.arm.limits, self.arm.chain.prismatic)]
+        found = [*whole_turn_notes(q, self.arm.limits, self.arm.chain.prismatic)]
         if any(isinstance(effect.nonlinear, TimeConstant) for effect in self.effects):
             found += conditions.odd_clock
         reference = self.arm.reference_temperature

@@ -19,7 +19,7 @@ from aacmm_pin._support.checks import Array, unit_vector, vector, whole
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.plausible import COORDINATE
 from aacmm_pin._support.units import DEG
-from aacmm_pin.arm import Arm, GivenArm, as_arm, broken_limits, inside_part, into_limits
+from aacmm_pin.arm import Arm, GivenArm, as_arm, inside_part, into_limits, outside_limits
 from aacmm_pin.errors import AacmmError, ShapeError, UnsupportedArmError
 from aacmm_pin.postures.curve_sampling import Flexibility, evenly
 from aacmm_pin.postures.elbow_swivel import Swivel
@@ -189,7 +189,7 @@ def reaching_postures(
     reason = "" if len(q) else "; ".join(map(str, notes)) or f"{found}: out of reach"
     q = into_limits(q, arm.limits)
     swivel = _swivel(arm, q, conditions.point)
-    broken = broken_limits(q, arm.limits)
+    broken = outside_limits(q, arm.limits)
     at = (arm, conditions.point, arm.tip)
     complete = not (notes or found.ended)
     those = (*at, q, component + 1, swivel, broken, conditions, curves, found)
