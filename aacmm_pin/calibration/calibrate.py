@@ -473,7 +473,7 @@ def _farther_off(after: Fit) -> list[Note]:
     """
     problem = after.problem
     mine = problem.stated & np.array(
-        [parameter is not None for parameter in problem.vector.of_arm], dtype=bool
+        [parameter is not None for parameter in problem.vector.arm_parameters], dtype=bool
     )
     if not mine.any():
         return []
@@ -527,7 +527,7 @@ def notes_of(after: Fit) -> list[Note]:
         names = f"{len(free)} parameters" if len(free) > MOST_NAMED else ", ".join(free)
         assumed = {"parameters": names, "length": ASSEMBLED["m"], "angle": ASSEMBLED["rad"]}
         found.append(Note("uncertainty_assumed", assumed))
-    estimated = {p.name for p in problem.vector.of_arm if p is not None}
+    estimated = {p.name for p in problem.vector.arm_parameters if p is not None}
     held = sum(p.u > 0 and p.name not in estimated for p in problem.model.arm.parameters)
     if held and estimated:
         found.append(Note("geometry_held", {"held": held}))

@@ -50,7 +50,11 @@ def calibrated_model(fit: Fit) -> ErrorModel:
     arm = problem.model.arm
     u = np.sqrt(np.diag(fit.covariance))
     x = fit.point.x
-    steps = {p.name: float(step) for p, step in zip(vector.of_arm, x, strict=True) if p is not None}
+    steps = {
+        p.name: float(step)
+        for p, step in zip(vector.arm_parameters, x, strict=True)
+        if p is not None
+    }
     spread = fit.undetermined.spread
     of_tip = fit.undetermined.tip_spread
     unknown = np.linalg.norm(spread, axis=1)
@@ -63,7 +67,7 @@ def calibrated_model(fit: Fit) -> ErrorModel:
     for effect, own in vector:
         if isinstance(effect, StylusOffset) and effect.marker is not None:
             told[own] = False
-        elif vector.of_arm[own.start] is None:
+        elif vector.arm_parameters[own.start] is None:
             nonlinear_u = fit.inner_u.get((effect.key, effect.nonlinear.field), 0.0)
             effects.append(replace(effect.at(x[own], alone[own]), nonlinear_u=nonlinear_u))
     names = [name if tells else "" for name, tells in zip(vector.names, told, strict=True)]
@@ -119,7 +123,7 @@ def temperature_of(fit: Fit) -> float:
     if (
         stated is None
         or grows
-        or not any(p is not None and p.unit == "m" for p in problem.vector.of_arm)
+        or not any(p is not None and p.unit == "m" for p in problem.vector.arm_parameters)
     ):
         return arm.reference_temperature
     return round(float(stated.mean()), 2)

@@ -28,7 +28,7 @@ from aacmm_pin.arm import Arm, ArmFile
 from aacmm_pin.calibration.estimation import FIRST_SCATTER, fit
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.noise_model import NoiseModel, Scatters, observations_of
-from aacmm_pin.calibration.parameter_vector import KIND_OF
+from aacmm_pin.calibration.parameter_vector import DH_KIND_OF_EFFECT
 from aacmm_pin.calibration.parameters import ASSEMBLED, problem_of
 from aacmm_pin.calibration.problem import Frame, Problem, registered
 from aacmm_pin.calibration.setup import Setup
@@ -344,7 +344,7 @@ def _absorbs(after: Fit) -> bool:
     squares = np.square(point.prediction.jacobian[:, :3, : moved.size])
     tips = moved * np.sqrt(squares.sum(axis=1).mean(axis=0))
     for effect, own in vector:
-        if isinstance(effect, (JointPlacement, *KIND_OF)):
+        if isinstance(effect, (JointPlacement, *DH_KIND_OF_EFFECT)):
             assembled = np.array([ASSEMBLED[term.unit] for term in effect.terms])
             far = moved[own] > MOVED * assembled
             if (far & (tips[own] > MOVED * ASSEMBLED["m"])).any():
@@ -455,7 +455,7 @@ def _asked_again(problem: Problem, model: ErrorModel, setup: Setup) -> Problem:
     named = [
         effect
         for effect in effects
-        if not isinstance(effect, (StylusOffset, JointPlacement, LinkTilt, *KIND_OF))
+        if not isinstance(effect, (StylusOffset, JointPlacement, LinkTilt, *DH_KIND_OF_EFFECT))
     ]
     whole = any(isinstance(effect, (JointPlacement, LinkLength)) for effect in effects)
     zeros = any(isinstance(effect, JointZeroOffset) for effect in effects)

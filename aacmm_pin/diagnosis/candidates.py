@@ -143,7 +143,7 @@ def _of_set_up(arm: Arm, measurements: Measurements, problem: Problem) -> Iterat
     vector = problem.vector
     estimated = {effect.label for effect in vector.effects}
     for effect, own in vector:
-        if problem.stated[own].all() and vector.of_arm[own.start] is not None:
+        if problem.stated[own].all() and vector.arm_parameters[own.start] is not None:
             yield effect.at(())
     if arm.dh is not None:
         exact = [EFFECT_OF_KIND[p.kind](joint=p.joint) for p in arm.parameters]  # type: ignore[call-arg]

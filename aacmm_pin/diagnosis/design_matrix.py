@@ -208,7 +208,7 @@ def design_of(
     stays = problem.vector.slices[-taken_out].start if taken_out else width
     own = point.prediction.jacobian
     known = {variants[0].identity: variants[0].u for variants in library if is_change(variants[0])}
-    stated_u = problem.vector.arm_u
+    stated_u = problem.vector.stated_u
     known_u = np.zeros(width)
     for effect, place in problem.vector:
         if place.start >= stays and effect.identity in known:
