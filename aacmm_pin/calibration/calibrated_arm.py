@@ -68,17 +68,17 @@ def calibrated_model(fit: Fit) -> ErrorModel:
         if isinstance(effect, StylusOffset) and effect.marker is not None:
             told[own] = False
         elif vector.arm_parameters[own.start] is None:
-            nonlinear_u = fit.inner_u.get((effect.key, effect.nonlinear.field), 0.0)
+            nonlinear_u = fit.nonlinear_u_of.get((effect.key, effect.nonlinear.field), 0.0)
             effects.append(replace(effect.at(x[own], alone[own]), nonlinear_u=nonlinear_u))
     names = [name if tells else "" for name, tells in zip(vector.names, told, strict=True)]
     used = problem.measurements.take(fit.used)
     records = dict.fromkeys(
         (*problem.known_from, *fingerprints(used), *fingerprints_of_standards(used))
     )
-    names += [f"{effect.key}.{name}" for _, effect, name, _ in fit.inner]
+    names += [f"{effect.key}.{name}" for _, effect, name, _ in fit.nonlinear_parameters]
     # Between them those of the frame.
-    columns = [*range(vector.size), *range(problem.scales.size, len(fit.with_inner))]
-    matrix = fit.with_inner[np.ix_(columns, columns)]
+    columns = [*range(vector.size), *range(problem.scales.size, len(fit.full_covariance))]
+    matrix = fit.full_covariance[np.ix_(columns, columns)]
     matrix[: vector.size, : vector.size] += of_tip @ of_tip.T
     known = joined(arm, names, matrix, " ".join(records))
     every = (*problem.model.effects, *effects)

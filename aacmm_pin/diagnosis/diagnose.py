@@ -89,10 +89,10 @@ def diagnose(
         hold_out: measure the gain.
         with_discrepancy: the extended arm has what no cause explains too, as far as new records can
             have it.
-        extra_causes: causes to try besides, at places or with inner values (orders, times, other
-            fields) that are not tried anyway; causes of your own are, once they are registered
-            (:func:`aacmm_pin.effects.register`). They compete with the others, by the ``typical``
-            size of their terms; their values do not count.
+        extra_causes: causes to try besides, at places or with nonlinear parameters (orders, times,
+            other fields) that are not tried anyway; causes of your own are, once they are
+            registered (:func:`aacmm_pin.effects.register`). They compete with the others, by
+            the ``typical`` size of their terms; their values do not count.
         rng: for the draws behind p-values and intervals, and the groups left out; default seed 1.
         progress: show bars in a notebook, or on stderr at a terminal; or a function such as
             ``tqdm`` that wraps the groups left out.

@@ -13,7 +13,7 @@ from aacmm_pin.calibration import geometric_parameters
 from aacmm_pin.diagnosis.candidates import is_change
 from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.cross_validation import Fold, cause_gain
-from aacmm_pin.diagnosis.inner_values import Step, step_of
+from aacmm_pin.diagnosis.nonlinear_parameters import Step, step_of
 from aacmm_pin.diagnosis.result import Finding
 from aacmm_pin.diagnosis.significance import aliases_of, family_wise_p_value, retained
 from aacmm_pin.effects import Effect, ErrorModel, slides, values_with_u
@@ -111,7 +111,9 @@ def _nonlinear_values(
     """Values of nonlinear parameters (order, time constant, time of a step) that the records
     determine, with u.
     """
-    u_of_name = {name: u for (key, name), u in choice.fit.inner_u.items() if key == effect.key}
+    u_of_name = {
+        name: u for (key, name), u in choice.fit.nonlinear_u_of.items() if key == effect.key
+    }
     u_of_name |= {name: step.u for name, step in steps.items()}
     values = {name: float(getattr(effect, name)) for name in u_of_name}
     return {name: (values[name], u) for name, u in u_of_name.items()}

@@ -123,8 +123,8 @@ def _log_prior_of_candidates(library: Sequence[Variants], count: int) -> Array:
 def _shares(variants: Variants, log_prior: float, records: Measurements) -> Array:
     """Log share of each variant in the prior odds of its candidate (variants,).
 
-    Another inner value than that of a known cause is a change of this one and a new cause, each
-    with these odds.
+    A variant with another nonlinear parameter than the known cause is a change of this cause and a
+    new cause, each with these odds.
     """
     shares = np.log([effect.nonlinear.prior_probability(effect, records) for effect in variants])
     new_beside_change = len(variants) > 1 and is_change(variants[0]) and variants[0].nonlinear.field
