@@ -75,7 +75,7 @@ class Fit(Solution):
         """How far each record's orientation is from the stated one (n,) [rad]; NaN where none is
         stated.
         """
-        turns = np.linalg.norm(self.system.off[:, 3:], axis=1)
+        turns = np.linalg.norm(self.system.deviations[:, 3:], axis=1)
         return np.where(self.observations.oriented, turns, np.nan)
 
     @property

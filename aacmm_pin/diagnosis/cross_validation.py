@@ -18,7 +18,7 @@ from aacmm_pin._support.progress import Progress
 from aacmm_pin.calibration import Fit, rms
 from aacmm_pin.calibration.cross_validation import distances, left_out_in_turn
 from aacmm_pin.diagnosis.choice import Choice
-from aacmm_pin.diagnosis.exploration import explored_from
+from aacmm_pin.diagnosis.exploration import explore_from
 from aacmm_pin.diagnosis.model_space import Blocks, ModelSpace
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 
@@ -104,7 +104,7 @@ class Fold:
         median probability model of all records.
         """
         starts = [(), self.choice.posterior.median]
-        return explored_from(self.space, starts).median
+        return explore_from(self.space, starts).median
 
     @property
     def causes(self) -> Blocks:

@@ -23,7 +23,7 @@ from aacmm_pin.diagnosis.candidates import Variants, is_change
 from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.covariates import Covariate
 from aacmm_pin.diagnosis.design_matrix import design_of
-from aacmm_pin.diagnosis.exploration import climbed, explore
+from aacmm_pin.diagnosis.exploration import climb, explore
 from aacmm_pin.diagnosis.gram_matrix import Gram, products_of
 from aacmm_pin.diagnosis.held_postures import HeldPostures, RecordNoise
 from aacmm_pin.diagnosis.model_space import Blocks, Candidates, ModelSpace
@@ -118,7 +118,7 @@ def _put_back(of: Fit) -> Mask:
     """The records that count, and those that were excluded but not by far, or that are neighbours
     (n,).
     """
-    far = _times_the_limit(of, of.system.off, of)
+    far = _times_the_limit(of, of.system.deviations, of)
     arm = of.problem.model.arm
     records = of.problem.measurements
     dense = [each.records for each in clusters(arm, records, of.excluded, of.used)]
@@ -387,7 +387,7 @@ class _Climb:
         parts = np.zeros_like(self.parts) if _torn(at, self.parts) else self.parts
         noise = RecordNoise(self.whitening, postures)
         gram = Gram(products_of(self.candidates.design, parts, noise))
-        posterior = climbed(ModelSpace(self.candidates, gram, stated), self.start)
+        posterior = climb(ModelSpace(self.candidates, gram, stated), self.start)
         return Choice(at, posterior, self.library, self.others, self.parts, gram, scatter)
 
     def settled(self, postures: HeldPostures) -> Choice:

@@ -191,11 +191,10 @@ def _as_before(effect: Effect, before: Sequence[Effect]) -> Effect:
     for old in before:
         nonlinear = old.nonlinear
         width = nonlinear.prior_sd(old) if old.label == effect.label else 0.0
-        if not width:
-            continue
-        difference = abs(nonlinear.value(effect) - nonlinear.value(old))
-        if difference <= SAME_VALUE * width:
-            return old
+        if width:
+            difference = abs(nonlinear.value(effect) - nonlinear.value(old))
+            if difference <= SAME_VALUE * width:
+                return old
     return effect
 
 

@@ -31,7 +31,12 @@ from aacmm_pin.postures.curve_sampling import (
     flexibility,
 )
 from aacmm_pin.postures.elbow_swivel import Swivel
-from aacmm_pin.postures.postures_at_point import PosturesAtPoint, in_degrees, lost, not_closed
+from aacmm_pin.postures.postures_at_point import (
+    PosturesAtPoint,
+    in_degrees,
+    missing_notes,
+    open_curve_notes,
+)
 from aacmm_pin.postures.tip_ik import tip_curves, tip_equations
 from aacmm_pin.postures.wrist_ik import (
     FEW_PER_TURN,
@@ -230,7 +235,7 @@ def configuration_circles(
     for number, (point, system) in enumerate(zip(points, systems, strict=True)):
         curves = [replace(curve, problem=0) for curve in found.curves if curve.problem == number]
         components = Components(swivel, system, point[None, :], curves, wrist)
-        notes = not_closed(curves) + [Note("arm_degenerate")] * found.degenerate
+        notes = open_curve_notes(curves) + [Note("arm_degenerate")] * found.degenerate
         notes += wrist.notes if wrist is not None and rest is None else []
         if number in found.families:
             posture = in_degrees(components.full(found.families[number][None, :])[0])
@@ -257,7 +262,7 @@ def _sampled(
             lambda q: components.swivel.elbow(components.full(q)),
         )
         q = into_limits(components.full(moving_q), arm.limits)
-        notes += tuple(lost(missing))
+        notes += tuple(missing_notes(missing))
     swivel = components.swivel.angle(q, np.broadcast_to(point, (len(q), 3)))
     reason = ""
     if not len(q):

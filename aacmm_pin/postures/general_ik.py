@@ -32,7 +32,12 @@ from aacmm_pin.postures.newton_search import (
     search,
 )
 from aacmm_pin.postures.pose_equations import PoseConditions
-from aacmm_pin.postures.postures_at_point import PosturesAtPoint, in_degrees, lost, not_closed
+from aacmm_pin.postures.postures_at_point import (
+    PosturesAtPoint,
+    in_degrees,
+    missing_notes,
+    open_curve_notes,
+)
 from aacmm_pin.postures.solution_curves import NEARLY_SINGULAR, Curve, flattest
 
 CONDITIONS = {3: "a point", 5: "a point and an axis", 6: "a full pose"}
@@ -184,7 +189,7 @@ def reaching_postures(
         missing = 0
         if curves:
             q, component, missing = evenly(equations, finds.curves, count, lambda q: q)
-        notes = _families(finds, found) + not_closed(curves) + lost(missing)
+        notes = _families(finds, found) + open_curve_notes(curves) + missing_notes(missing)
     notes += [Note("arm_degenerate")] * found.degenerate
     reason = "" if len(q) else "; ".join(map(str, notes)) or f"{found}: out of reach"
     q = into_limits(q, arm.limits)
