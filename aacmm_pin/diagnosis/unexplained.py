@@ -242,8 +242,8 @@ def _shared_error(choice: Choice) -> SharedError | None:
 
 
 def _whitened_deviations(choice: Choice) -> Array:
-    """Deviations of the tips beyond all that was found (n, 3), in units of the noise; the error that
-    records of one posture share counts once.
+    """Deviations of the tips beyond all that was found (n, 3), in units of the noise; the error
+    that records of one posture share counts once.
     """
     noise = choice.noise
     deviations = np.einsum("nij,nj->ni", noise.whitening, choice.design.deviations(choice.tips))
