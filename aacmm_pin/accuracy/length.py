@@ -64,11 +64,9 @@ class LengthUncertainty(Shown):
         a, b = (_on_principal_axes(self.sources, end) for end in self.contributions)
         shared = _shared(self.sources)
         variance_a = np.square(a).sum(axis=1)
-        variance_b = np.square(b).sum(axis=1)
-        separate = variance_a[:, None] + variance_b
+        separate = variance_a[:, None] + np.square(b).sum(axis=1)
         shared_covariance = 2.0 * a[:, shared] @ b[:, shared].T
-        variance = np.maximum(separate - shared_covariance, 0.0)
-        return np.asarray(np.sqrt(variance))
+        return np.asarray(np.sqrt(np.maximum(separate - shared_covariance, 0.0)))
 
     def pair(self, number: int) -> tuple[int, int]:
         """Numbers of the postures at either end of a pair, as ``u.argmin()`` counts them."""
@@ -93,8 +91,8 @@ class LengthUncertainty(Shown):
         sources = self.sources
         length = f"length {self.length / MM:.4f} mm"
         pairs = f"{len(self.q_a)} × {len(self.q_b)} pairs of postures"
-        found = f"{sources.arm.name} at {sources.at}: {length}, {expanded(self.u)} over {pairs}"
-        return found + omission(sources.not_included)
+        at = f"{sources.arm.name} at {sources.at}"
+        return f"{at}: {length}, {expanded(self.u)} over {pairs}{omission(sources.not_included)}"
 
 
 def length_uncertainty(
@@ -131,9 +129,8 @@ def length_uncertainty(
     second = _on_principal_axes(sources, _contributions(sources, b, direction))
     shared = _shared(sources)
     shared_squares = np.square(second[:, shared] - first[:, shared])
-    of_record = np.square(first[:, ~shared]) + np.square(second[:, ~shared])
-    record_variance = of_record.sum(axis=1)
-    return np.asarray(np.sqrt(shared_squares.sum(axis=1) + record_variance))
+    record_squares = np.square(first[:, ~shared]) + np.square(second[:, ~shared])
+    return np.asarray(np.sqrt(shared_squares.sum(axis=1) + record_squares.sum(axis=1)))
 
 
 def length_uncertainty_between(

@@ -111,12 +111,11 @@ def _nonlinear_values(
     """Values of nonlinear parameters (order, time constant, time of a step) that the records
     determine, with u.
     """
-    u_of_name = {
-        name: u for (key, name), u in choice.fit.nonlinear_u_of.items() if key == effect.key
-    }
-    u_of_name |= {name: step.u for name, step in steps.items()}
-    values = {name: float(getattr(effect, name)) for name in u_of_name}
-    return {name: (values[name], u) for name, u in u_of_name.items()}
+    u_of_name = {name: step.u for name, step in steps.items()}
+    for (key, name), u in choice.fit.nonlinear_u_of.items():
+        if key == effect.key:
+            u_of_name.setdefault(name, u)
+    return {name: (float(getattr(effect, name)), u) for name, u in u_of_name.items()}
 
 
 def estimated(choice: Choice) -> Iterator[tuple[Effect, Array]]:
