@@ -165,9 +165,8 @@ def covariates(arm: Arm, measurements: Measurements) -> list[Covariate]:
     single = [*_of_joints(state, moving), *_of_columns(measurements, state, joints)]
     known = filter(None, single)
     found = [_with_time(covariate, state.conditions) for covariate in known]
-    of_tip = [_place(state), _scale(state)]
     of_joints = [*_products(state, moving), *_of_loads(state, moving)]
-    return [*found, *of_joints, *of_tip, *_groups(measurements)]
+    return [*found, *of_joints, _place(state), _scale(state), *_groups(measurements)]
 
 
 def _of_joints(state: State, joints: Sequence[Joint]) -> Iterator[Covariate | None]:

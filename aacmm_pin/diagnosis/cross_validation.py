@@ -109,8 +109,7 @@ class Fold:
     @property
     def causes(self) -> Blocks:
         """The causes among what was chosen."""
-        is_cause = self.space.candidates.is_cause
-        return tuple(filter(is_cause, self.chosen))
+        return tuple(filter(self.space.candidates.is_cause, self.chosen))
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -212,8 +211,8 @@ def _interval(
     draws = rng.integers(0, len(table), (RESAMPLES, len(table)))
     recalibrated_sum, extended_sum = table[draws].sum(axis=1).T
     gains = 1.0 - np.sqrt(extended_sum / recalibrated_sum)
-    low, high = np.quantile(gains, [0.025, 0.975])
-    return float(low), float(high)
+    low, high = np.quantile(gains, [0.025, 0.975]).tolist()
+    return low, high
 
 
 class Brought(NamedTuple):
@@ -245,8 +244,8 @@ def cause_gain(choice: Choice, folds: list[Fold], block: int) -> Brought | None:
     share, u = _ratio(*squares.T)
     half_width = u * float(scipy.special.stdtrit(len(squares) - 1, 0.975))
     shares = np.array([share, share + half_width, share - half_width])
-    gain, low, high = (1.0 - np.sqrt(np.maximum(shares, 0.0))).tolist()
-    return Brought(gain, low, high)
+    gains = 1.0 - np.sqrt(np.maximum(shares, 0.0))
+    return Brought(*gains.tolist())
 
 
 def _ratio(numerator: Array, denominator: Array) -> tuple[float, float]:

@@ -48,12 +48,12 @@ def _finding(
     is_step = bool(parameter) and not effect.nonlinear.prior_sd(effect)
     steps = {parameter: step_of(choice, block, parameter)} if is_step else {}
     nonlinear_values = _nonlinear_values(choice, effect, steps)
-    with_label = [old for old in model.effects if old.label == effect.label]
-    replaced = [
+    replaced = (
         old
-        for old in with_label
-        if old.identity == effect.identity or old.identity not in by_identity
-    ]
+        for old in model.effects
+        if old.label == effect.label
+        and (old.identity == effect.identity or old.identity not in by_identity)
+    )
     without_block = choice.posterior.without(block)
     is_geometric = bool(geometric_parameters(model.arm, effect))
     whole_arm = None
@@ -73,7 +73,7 @@ def _finding(
         inner=nonlinear_values,
         slides=slides(effect, choice.fit.problem.model.arm),
         beside=whole_arm,
-        was=next(iter(replaced), None),
+        was=next(replaced, None),
     )
 
 

@@ -245,8 +245,9 @@ def _interval(values: Array, odds: Array) -> tuple[float, float]:
     log odds.
     """
     share = np.cumsum(np.exp(odds - logsumexp(odds)))
-    low, high = values[np.searchsorted(share, (0.025, 0.975)).clip(max=values.size - 1)]
-    return float(low), float(high)
+    places = np.searchsorted(share, (0.025, 0.975)).clip(max=values.size - 1)
+    low, high = values[places].tolist()
+    return low, high
 
 
 @dataclass(frozen=True)

@@ -193,13 +193,14 @@ def unexplained_by(
         chances.append(shared.p_value)
         if not (shared.name == "place" and "x" in depends):
             depends.append(shared.name)
-    background = _background(choice)
     branches = branches_of(choice)
     # What a covariate or branches leave of a joint is no scatter.
     known = [*depends, f"joint {branches.joint}"] if branches else depends
-    readings = [each for each in scattered_readings(choice) if f"joint {each.joint}" not in known]
+    readings = tuple(
+        each for each in scattered_readings(choice) if f"joint {each.joint}" not in known
+    )
     described = [_discrepancy(choice, k, covariate.name) for k, covariate in covariates.items()]
-    sizes = (*described, *background)
+    sizes = (*described, *_background(choice))
     return Unexplained(
         p_value=min(chances),
         threshold=THRESHOLDS.left if named else THRESHOLDS.left_alone,
@@ -211,20 +212,20 @@ def unexplained_by(
         groups=odd,
         excluded=shared,
         branches=branches,
-        readings=tuple(readings),
+        readings=readings,
         shared_by_postures=_shared_error(choice),
     )
 
 
 def _chances(choice: Choice, odd: Sequence[OddGroup], rng: np.random.Generator) -> list[float]:
     """P-values of the chosen covariates; if none is chosen, of all covariates and of odd groups."""
-    candidates = choice.candidates
     posterior = choice.posterior
     if not choice.covariates:
-        of_any = p_value_of_structure(candidates, posterior.median_model)
+        of_any = p_value_of_structure(choice.candidates, posterior.median_model)
         return [of_any, *(group.p_value for group in odd), 1.0]
     return [
-        family_wise_p_value(candidates, posterior.without(k), k, rng) for k in choice.covariates
+        family_wise_p_value(choice.candidates, posterior.without(k), k, rng)
+        for k in choice.covariates
     ]
 
 

@@ -22,7 +22,6 @@ from aacmm_pin.report.document import (
     Download,
     Figure,
     Folded,
-    Format,
     Notes,
     Paragraph,
     Table,
@@ -113,9 +112,10 @@ def acceptance_document(result: AcceptanceResult, details: CheckDetails | None =
         table["where"] = table["where"].where(missing == "", "missing: " + missing)
     definitions = table[["figure", "standard", "test", "definition"]].drop_duplicates()
     figures = table[_columns(table, len(result.overall) > 1, details is None)]
-    forms: dict[str, Format] = {"verdict": _marked}
     blocks: list[Block] = [
-        Table(figures, "Figures and their limits", forms, FIGURE_HEADS, spare="where"),
+        Table(
+            figures, "Figures and their limits", {"verdict": _marked}, FIGURE_HEADS, spare="where"
+        ),
         Paragraph(RULE_TEXT),
     ]
     if details is None:
