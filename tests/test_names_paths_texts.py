@@ -13,7 +13,7 @@ import pytest
 
 import aacmm_pin
 from aacmm_pin import Arm, ErrorModel, Measurements
-from aacmm_pin.accuracy.length import length_between
+from aacmm_pin.accuracy.length import length_uncertainty_between
 from aacmm_pin.effects import (
     EncoderEccentricity,
     EncoderGain,
@@ -60,7 +60,7 @@ def of_circle(model: Any) -> Any:
 
 def between(model: Any) -> Any:
     ends = aacmm_pin.configuration_circles("sino6", [POINT, POINT + 0.1], count=6)
-    return length_between(*ends, model).u
+    return length_uncertainty_between(*ends, model).u
 
 
 def simulated(model: Any) -> Any:

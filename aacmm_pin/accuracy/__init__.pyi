@@ -1,4 +1,4 @@
-from .length import LengthUncertainty, length_between
+from .length import LengthUncertainty, length_uncertainty_between
 from .parameter_draws import source_errors
 from .single_point import single_point_statistics
 from .tip_sensitivity import ErrorSources
@@ -25,7 +25,7 @@ __all__ = [
     "WorkspaceMap",
     "accuracy_volume",
     "circle_accuracy",
-    "length_between",
+    "length_uncertainty_between",
     "map_caveats",
     "map_workspace",
     "paired",

@@ -7,8 +7,8 @@ of both ends, the covariance Σ of the parameters and u_j of a reading of joint 
     100:2008, 5.2.2)
 
 A parameter of the arm has the same error at both ends, and only the difference of what it does
-there counts: an error of the first zero turns both and leaves their distance. What is new in each
-record, as noise of the encoders, adds.
+there counts: a zero offset of joint 1 turns both ends about its axis and leaves their distance.
+What is new in each record, as noise of the encoders, adds.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class LengthUncertainty(Shown):
         sources: what may be off.
         q_a, q_b: postures at either end, (n, nq) and (m, nq) [rad].
         length: the distance [m].
-        scaled: what one standard uncertainty of each source does along the length at either end,
+        contributions: of one standard uncertainty of each source to the length at either end,
             (n, p) and (m, p) [m].
     """
 
@@ -56,17 +56,17 @@ class LengthUncertainty(Shown):
     q_a: Array
     q_b: Array
     length: float
-    scaled: tuple[Array, Array]
+    contributions: tuple[Array, Array]
 
     @cached_property
     def u(self) -> Array:
         """Standard uncertainty of the length by the postures at both ends (n, m) [m]."""
-        a, b = (_independent(self.sources, scaled) for scaled in self.scaled)
+        a, b = (_on_principal_axes(self.sources, end) for end in self.contributions)
         shared = _shared(self.sources)
-        of_a = np.square(a).sum(axis=1)
-        each = of_a[:, None] + np.square(b).sum(axis=1)
-        common = 2.0 * a[:, shared] @ b[:, shared].T
-        return np.asarray(np.sqrt(np.maximum(each - common, 0.0)))
+        variance_a = np.square(a).sum(axis=1)
+        separate = variance_a[:, None] + np.square(b).sum(axis=1)
+        shared_covariance = 2.0 * a[:, shared] @ b[:, shared].T
+        return np.asarray(np.sqrt(np.maximum(separate - shared_covariance, 0.0)))
 
     def pair(self, number: int) -> tuple[int, int]:
         """Numbers of the postures at either end of a pair, as ``u.argmin()`` counts them."""
@@ -77,20 +77,22 @@ class LengthUncertainty(Shown):
         """Each source's part in the mean variance of the length over all pairs; see
         :meth:`AccuracyVolume.budget`.
         """
-        (a, b), shared = self.scaled, _shared(self.sources)
-        both = np.outer(a.mean(axis=0) * shared, b.mean(axis=0) * shared)
-        together = a.T @ a / len(a) + b.T @ b / len(b) - both - both.T
+        a, b = self.contributions
+        shared = _shared(self.sources)
+        cross_products = np.outer(a.mean(axis=0) * shared, b.mean(axis=0) * shared)
+        mean_products = a.T @ a / len(a) + b.T @ b / len(b)
+        mean_products -= cross_products + cross_products.T
         correlation = self.sources.correlation
         if correlation is None:
-            correlation = np.eye(len(together))
-        return self.sources.budget(together * correlation, by)
+            correlation = np.eye(len(mean_products))
+        return self.sources.budget(mean_products * correlation, by)
 
     def __str__(self) -> str:
         sources = self.sources
         length = f"length {self.length / MM:.4f} mm"
         pairs = f"{len(self.q_a)} × {len(self.q_b)} pairs of postures"
-        found = f"{sources.arm.name} at {sources.at}: {length}, {expanded(self.u)} over {pairs}"
-        return found + omission(sources.not_included)
+        at = f"{sources.arm.name} at {sources.at}"
+        return f"{at}: {length}, {expanded(self.u)} over {pairs}{omission(sources.not_included)}"
 
 
 def length_uncertainty(
@@ -107,7 +109,7 @@ def length_uncertainty(
     Args:
         model: the arm, or the arm with its effects; those that depend on conditions are left out.
         qa, qb: configurations at either end (n, nq) [rad].
-        at: frame whose origin touches; default the tip.
+        at: frame whose origin touches the points; default the tip.
         encoder_noise: standard uncertainty of one reading, (nq,) or one number [rad]; default what
             the arm states.
 
@@ -123,14 +125,15 @@ def length_uncertainty(
         raise ShapeError(f"qb has {len(b)} configurations, expected {len(a)} as qa has")
     sources = ErrorSources.of(model, at, encoder_noise, a, None)
     direction, _ = _directions(sources.positions(b) - sources.positions(a))
-    first, second = (_independent(sources, _along(sources, q, direction)) for q in (a, b))
+    first = _on_principal_axes(sources, _contributions(sources, a, direction))
+    second = _on_principal_axes(sources, _contributions(sources, b, direction))
     shared = _shared(sources)
-    lasting = np.square(second[:, shared] - first[:, shared])
-    new = sum(np.square(end[:, ~shared]).sum(axis=1) for end in (first, second))
-    return np.asarray(np.sqrt(lasting.sum(axis=1) + new))
+    shared_squares = np.square(second[:, shared] - first[:, shared])
+    record_squares = np.square(first[:, ~shared]) + np.square(second[:, ~shared])
+    return np.asarray(np.sqrt(shared_squares.sum(axis=1) + record_squares.sum(axis=1)))
 
 
-def length_between(
+def length_uncertainty_between(
     a: PosturesAtPoint,
     b: PosturesAtPoint,
     model: GivenModel,
@@ -155,8 +158,11 @@ def length_between(
         )
     sources = ErrorSources.of(loaded(model), a.at, encoder_noise, q_a, None)
     direction, length = _directions((b.point - a.point)[None])
-    scaled = _along(sources, q_a, direction), _along(sources, q_b, direction)
-    return LengthUncertainty(sources, q_a, q_b, float(length[0]), scaled)
+    contributions = (
+        _contributions(sources, q_a, direction),
+        _contributions(sources, q_b, direction),
+    )
+    return LengthUncertainty(sources, q_a, q_b, float(length[0]), contributions)
 
 
 def _directions(difference: Array) -> tuple[Array, Array]:
@@ -170,20 +176,24 @@ def _directions(difference: Array) -> tuple[Array, Array]:
     return difference / length[:, None], length
 
 
-def _along(sources: ErrorSources, q: Array, direction: Array) -> Array:
-    """What one u of each source does along ``direction`` (n, 3) or (1, 3): (n, p) [m]."""
+def _contributions(sources: ErrorSources, q: Array, direction: Array) -> Array:
+    """What one standard uncertainty of each source does along ``direction``, (n, 3) or (1, 3):
+    (n, p) [m].
+    """
     sensitivity = sources.sensitivity(q)
     along = direction[:, None, :] @ sensitivity
     return along[:, 0] * sources.u
 
 
-def _independent(sources: ErrorSources, scaled: Array) -> Array:
-    """The same of the principal axes of sources that are correlated."""
-    return scaled if sources.axes is None else scaled @ sources.axes
+def _on_principal_axes(sources: ErrorSources, contributions: Array) -> Array:
+    """Contributions of the principal axes, which are independent, in place of correlated sources
+    (n, p) [m].
+    """
+    return contributions if sources.axes is None else contributions @ sources.axes
 
 
 def _shared(sources: ErrorSources) -> Mask:
-    """True for each source that is the same at both ends (p,); those of a record are correlated
-    with no other.
+    """True for each source whose error is the same at both ends (p,); sources that change from
+    record to record are correlated with no other.
     """
     return np.array([p.scope != "record" for p in sources.parameters])

@@ -34,7 +34,7 @@ from aacmm_pin.effects import (
     JointZeroOffset,
     State,
     displaced,
-    extrapolation_terms,
+    extra_uncertainty_effects,
     of_geometry,
     sensitivity,
 )
@@ -87,10 +87,10 @@ class ErrorSources(Shown):
                 without the effects.
         """
         model, not_passed = _with_effects(model)
-        questions = (
-            question for effect in model.effects for question in extrapolation_terms(effect)
+        extra_effects = (
+            extra for effect in model.effects for extra in extra_uncertainty_effects(effect)
         )
-        model = replace(model, effects=(*model.effects, *questions))
+        model = replace(model, effects=(*model.effects, *extra_effects))
         left_out = _lacking(model, q, conditions)
         not_included = tuple(dict.fromkeys((*not_passed, *(effect.label for effect in left_out))))
         arm = model.arm

@@ -19,7 +19,7 @@ from .file import (
     toml_of,
     validated,
 )
-from .limits import AT_LIMIT, broken_limits, inside_part, into_limits, other_turns
+from .limits import AT_LIMIT, inside_part, into_limits, outside_limits, whole_turn_notes
 from .parameter import Parameter, Scope
 from .poses import Poses
 from .random_postures import MARGIN, MOST_DRAWS, Room, joint_bounds
@@ -53,7 +53,6 @@ __all__ = [
     "arm_text",
     "as_arm",
     "axis",
-    "broken_limits",
     "bundled_arms",
     "calibrated",
     "dh_file",
@@ -64,11 +63,12 @@ __all__ = [
     "into_limits",
     "joint_bounds",
     "load_arm_file",
-    "other_turns",
+    "outside_limits",
     "screws",
     "skew",
     "table",
     "toml_of",
     "urdf_text",
     "validated",
+    "whole_turn_notes",
 ]

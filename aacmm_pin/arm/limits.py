@@ -9,13 +9,15 @@ from aacmm_pin._support.checks import Array, Mask
 from aacmm_pin._support.notes import Note
 
 AT_LIMIT = 1e-9
-"""An angle this little beyond a limit is on it [rad]."""
+"""Angles beyond a limit by no more than this count as inside [rad]."""
 STOP_TOLERANCE = 0.02
-"""Stops give way, and zeros are offset, by so much at most [rad]."""
+"""How far beyond its limits an angle may read, for stops yield and zeros are offset [rad]."""
+STANDSTILL = 1e-15
+"""A joint that moves less is taken to move by this, so that nothing is divided by 0 [rad]."""
 
 
 def into_limits(q: Array, limits: Array) -> Array:
-    """The same configurations, each angle turned by whole turns to where it is inside its limits or
+    """Configurations with each angle turned by whole turns to where it is inside its limits or
     least outside.
 
     Of several places inside, which limits wider than a turn have, the one nearest to their middle.
@@ -28,17 +30,17 @@ def into_limits(q: Array, limits: Array) -> Array:
     finite = np.isfinite(limits).all(axis=1)
     lower, upper = np.where(finite, limits.T, [[-np.pi], [np.pi]])
     # In [lower, lower + 2π); exact where no turn is needed.
-    first = q + turn * np.ceil((lower - AT_LIMIT - q) / turn)
-    previous = first - turn
-    outside = first > upper + AT_LIMIT
-    nearer_below = outside & (lower - previous < first - upper)
-    more = np.floor((upper + AT_LIMIT - first) / turn)
-    to_middle = np.ceil((0.5 * (lower + upper) - first) / turn - 0.5 - AT_LIMIT)
-    inside = first + turn * np.clip(to_middle, 0.0, np.maximum(more, 0.0))
+    lowest = q + turn * np.ceil((lower - AT_LIMIT - q) / turn)
+    previous = lowest - turn
+    outside = lowest > upper + AT_LIMIT
+    nearer_below = outside & (lower - previous < lowest - upper)
+    turns_to_spare = np.floor((upper + AT_LIMIT - lowest) / turn)
+    to_middle = np.ceil((0.5 * (lower + upper) - lowest) / turn - 0.5 - AT_LIMIT)
+    inside = lowest + turn * np.clip(to_middle, 0.0, np.maximum(turns_to_spare, 0.0))
     return np.asarray(np.where(nearer_below, previous, inside))
 
 
-def broken_limits(q: Array, limits: Array) -> Mask:
+def outside_limits(q: Array, limits: Array) -> Mask:
     """Which angles of ``q`` (n, nq) [rad], as they stand, are outside ``limits`` (nq, 2):
     (n, nq).
     """
@@ -47,21 +49,18 @@ def broken_limits(q: Array, limits: Array) -> Mask:
     return below | above
 
 
-def other_turns(q: Array, limits: Array, slides: Mask) -> list[Note]:
-    """That turning joints have angles ``q`` (n, nq) [rad] that are whole turns outside their limits
-    (nq, 2).
+def whole_turn_notes(q: Array, limits: Array, slides: Mask) -> list[Note]:
+    """A note where angles ``q`` (n, nq) [rad] of revolute joints are outside their limits (nq, 2)
+    by whole turns; none otherwise.
     """
-    turned = into_limits(q, limits)
-    lost = (
-        broken_limits(q, limits)
-        & ~broken_limits(turned, limits + STOP_TOLERANCE * np.array([-1.0, 1.0]))
-        & ~slides
-    )
-    lost &= np.abs(turned - q) > np.pi
-    joints = np.flatnonzero(lost.any(axis=0)) + 1
+    nearest_turn = into_limits(q, limits)
+    tolerant_limits = limits + STOP_TOLERANCE * np.array([-1.0, 1.0])
+    by_whole_turns = outside_limits(q, limits) & (np.abs(nearest_turn - q) > np.pi)
+    by_whole_turns &= ~outside_limits(nearest_turn, tolerant_limits) & ~slides
+    joints = np.flatnonzero(by_whole_turns.any(axis=0)) + 1
     if not joints.size:
         return []
-    records = int(lost.any(axis=1).sum())
+    records = int(by_whole_turns.any(axis=1).sum())
     return [
         Note("angles_outside_limits", {"records": records, "of": len(q), "joints": joints.tolist()})
     ]
@@ -77,16 +76,17 @@ def inside_part(start: Array, end: Array, limits: Array) -> tuple[Array, Array]:
     Returns:
         first, last: (n,) in [0, 1]; nothing is inside where last <= first.
     """
-    half = 0.5 * (limits[:, 1] - limits[:, 0])
-    bounded = half < np.pi - AT_LIMIT
+    half_range = 0.5 * (limits[:, 1] - limits[:, 0])
+    bounded = half_range < np.pi - AT_LIMIT
     if not bounded.any():
         return np.zeros(len(start)), np.ones(len(start))
-    half = half[bounded] + AT_LIMIT
+    half_width = half_range[bounded] + AT_LIMIT
     centre = limits[bounded].mean(axis=1)
-    off = wrapped(start[:, bounded] - centre)
-    way = end[:, bounded] - start[:, bounded]
-    way = np.where(np.abs(way) < 1e-15, 1e-15, way)
-    ends = np.stack([(-half - off) / way, (half - off) / way])
+    start_offset = wrapped(start[:, bounded] - centre)
+    step = end[:, bounded] - start[:, bounded]
+    step = np.where(np.abs(step) < STANDSTILL, STANDSTILL, step)
+    limit_offsets = np.stack([-half_width, half_width])
+    ends = (limit_offsets[:, None] - start_offset) / step
     first = ends.min(axis=0).max(axis=1)
     last = ends.max(axis=0).min(axis=1)
     return first.clip(0.0, 1.0), last.clip(0.0, 1.0)

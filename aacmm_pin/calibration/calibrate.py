@@ -16,7 +16,7 @@ from aacmm_pin._support.notes import Note
 from aacmm_pin._support.progress import Progress
 from aacmm_pin._support.threads import one_blas_thread
 from aacmm_pin._support.units import MM
-from aacmm_pin.arm import other_turns
+from aacmm_pin.arm import whole_turn_notes
 from aacmm_pin.calibration.calibrated_arm import temperature_of
 from aacmm_pin.calibration.cross_validation import enough_postures
 from aacmm_pin.calibration.cross_validation import held_out as left_out
@@ -365,7 +365,7 @@ def _of_conditions(after: Fit) -> list[Note]:
     arm = after.problem.model.arm
     records = after.problem.measurements
     conditions = records.conditions
-    turns = other_turns(records.q, arm.limits, arm.chain.prismatic)
+    turns = whole_turn_notes(records.q, arm.limits, arm.chain.prismatic)
     found = [*turns, *conditions.odd_temperatures(arm.reference_temperature), *_of_torques(after)]
     for j in np.flatnonzero(arm.chain.prismatic) + 1:
         joint = {"joint": int(j)}
@@ -473,7 +473,7 @@ def _farther_off(after: Fit) -> list[Note]:
     """
     problem = after.problem
     mine = problem.stated & np.array(
-        [parameter is not None for parameter in problem.vector.of_arm], dtype=bool
+        [parameter is not None for parameter in problem.vector.arm_parameters], dtype=bool
     )
     if not mine.any():
         return []
@@ -527,7 +527,7 @@ def notes_of(after: Fit) -> list[Note]:
         names = f"{len(free)} parameters" if len(free) > MOST_NAMED else ", ".join(free)
         assumed = {"parameters": names, "length": ASSEMBLED["m"], "angle": ASSEMBLED["rad"]}
         found.append(Note("uncertainty_assumed", assumed))
-    estimated = {p.name for p in problem.vector.of_arm if p is not None}
+    estimated = {p.name for p in problem.vector.arm_parameters if p is not None}
     held = sum(p.u > 0 and p.name not in estimated for p in problem.model.arm.parameters)
     if held and estimated:
         found.append(Note("geometry_held", {"held": held}))

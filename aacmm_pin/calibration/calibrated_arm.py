@@ -50,7 +50,11 @@ def calibrated_model(fit: Fit) -> ErrorModel:
     arm = problem.model.arm
     u = np.sqrt(np.diag(fit.covariance))
     x = fit.point.x
-    steps = {p.name: float(step) for p, step in zip(vector.of_arm, x, strict=True) if p is not None}
+    steps = {
+        p.name: float(step)
+        for p, step in zip(vector.arm_parameters, x, strict=True)
+        if p is not None
+    }
     spread = fit.undetermined.spread
     of_tip = fit.undetermined.tip_spread
     unknown = np.linalg.norm(spread, axis=1)
@@ -63,18 +67,18 @@ def calibrated_model(fit: Fit) -> ErrorModel:
     for effect, own in vector:
         if isinstance(effect, StylusOffset) and effect.marker is not None:
             told[own] = False
-        elif vector.of_arm[own.start] is None:
-            nonlinear_u = fit.inner_u.get((effect.key, effect.nonlinear.field), 0.0)
+        elif vector.arm_parameters[own.start] is None:
+            nonlinear_u = fit.nonlinear_u_of.get((effect.key, effect.nonlinear.field), 0.0)
             effects.append(replace(effect.at(x[own], alone[own]), nonlinear_u=nonlinear_u))
     names = [name if tells else "" for name, tells in zip(vector.names, told, strict=True)]
     used = problem.measurements.take(fit.used)
     records = dict.fromkeys(
         (*problem.known_from, *fingerprints(used), *fingerprints_of_standards(used))
     )
-    names += [f"{effect.key}.{name}" for _, effect, name, _ in fit.inner]
+    names += [f"{effect.key}.{name}" for _, effect, name, _ in fit.nonlinear_parameters]
     # Between them those of the frame.
-    columns = [*range(vector.size), *range(problem.scales.size, len(fit.with_inner))]
-    matrix = fit.with_inner[np.ix_(columns, columns)]
+    columns = [*range(vector.size), *range(problem.scales.size, len(fit.full_covariance))]
+    matrix = fit.full_covariance[np.ix_(columns, columns)]
     matrix[: vector.size, : vector.size] += of_tip @ of_tip.T
     known = joined(arm, names, matrix, " ".join(records))
     every = (*problem.model.effects, *effects)
@@ -119,7 +123,7 @@ def temperature_of(fit: Fit) -> float:
     if (
         stated is None
         or grows
-        or not any(p is not None and p.unit == "m" for p in problem.vector.of_arm)
+        or not any(p is not None and p.unit == "m" for p in problem.vector.arm_parameters)
     ):
         return arm.reference_temperature
     return round(float(stated.mean()), 2)

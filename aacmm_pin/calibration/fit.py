@@ -43,10 +43,9 @@ class Fit(Solution):
         excluded: (n,) True for outliers: records that fit too badly to be believed.
         chi2_stated: χ² against the stated noise alone; None where it was not complete.
         dof: degrees of freedom of the final fit.
-        found: effects, by their keys, whose inner values (order, time constant) come from these
-            records too, so that what is uncertain of them makes the other parameters uncertain;
-            with the least u of each, by its name, where the derivative at the value that was found
-            does not tell all.
+        found: effects, by their keys, whose nonlinear parameters (order, time constant) come from
+            these records too, so that their uncertainty adds to that of the other parameters; with
+            the least u of each, by its name, where the derivative at its value gives too little.
         added_covariance: of all columns, for an error that several records share (p, p) [units].
     """
 
@@ -76,7 +75,7 @@ class Fit(Solution):
         """How far each record's orientation is from the stated one (n,) [rad]; NaN where none is
         stated.
         """
-        turns = np.linalg.norm(self.system.off[:, 3:], axis=1)
+        turns = np.linalg.norm(self.system.deviations[:, 3:], axis=1)
         return np.where(self.observations.oriented, turns, np.nan)
 
     @property
@@ -174,59 +173,62 @@ class Fit(Solution):
         determines.
         """
         p = self.problem.scales.size
-        return self.with_inner[:p, :p]
+        return self.full_covariance[:p, :p]
 
     @property
-    def inner_u(self) -> dict[tuple[str, str], float]:
-        """Standard uncertainty of each inner value, by the effect's key and the name of the
+    def nonlinear_u_of(self) -> dict[tuple[str, str], float]:
+        """Standard uncertainty of each nonlinear parameter, by the effect's key and the name of the
         field.
         """
-        variances = np.diag(self.with_inner)[self.problem.scales.size :]
+        variances = np.diag(self.full_covariance)[self.problem.scales.size :]
         u = np.sqrt(variances).tolist()
-        keys = [(effect.key, name) for _, effect, name, _ in self.inner]
+        keys = [(effect.key, name) for _, effect, name, _ in self.nonlinear_parameters]
         return dict(zip(keys, u, strict=True))
 
     @cached_property
-    def inner(self) -> list[tuple[int, Effect, str, float]]:
-        """Inner values: number and effect, field, how far off it may be."""
-        inner = []
+    def nonlinear_parameters(self) -> list[tuple[int, Effect, str, float]]:
+        """Of each uncertain nonlinear parameter: number of the effect, effect, name of the field,
+        prior standard deviation.
+        """
+        found = []
         for k, effect in enumerate(self.effects):
             nonlinear = effect.nonlinear
             is_found = effect.key in self.found
             width = nonlinear.prior_sd(effect) if is_found else effect.nonlinear_u
             if width:
-                inner.append((k, effect, nonlinear.field, width))
-        return inner
+                found.append((k, effect, nonlinear.field, width))
+        return found
 
     @cached_property
-    def with_inner(self) -> Array:
-        """Covariance of all columns and, last, of the inner values."""
+    def full_covariance(self) -> Array:
+        """Covariance of all columns and, last, of the nonlinear parameters."""
         covariance = self._of_independent_records()
         p = self.problem.scales.size
         covariance[:p, :p] += self.added_covariance
         return covariance
 
     def _of_independent_records(self) -> Array:
-        if not self.inner:
+        parameters = self.nonlinear_parameters
+        if not parameters:
             return self.system.covariance(self.unknown)
         point = self.point
-        widths = np.array([width for *_, width in self.inner])
-        by_inner = np.stack([self._by_inner(*one) for one in self.inner], axis=2)
-        jacobian = np.concatenate([point.prediction.jacobian, by_inner], axis=2)
+        widths = np.array([width for *_, width in parameters])
+        by_nonlinear = np.stack([self._by_nonlinear(*each) for each in parameters], axis=2)
+        jacobian = np.concatenate([point.prediction.jacobian, by_nonlinear], axis=2)
         prediction = replace(point.prediction, jacobian=jacobian)
         prior = self.problem.prior(point.x, widths)
         system = linearise(prediction, prior, self.noise, point.seats, self.weights)
         covariance = system.covariance(np.pad(self.unknown, ((0, widths.size), (0, 0))))
-        for own, (_, effect, name, _) in enumerate(self.inner, start=self.problem.scales.size):
-            variance = covariance[own, own]
+        for column, (_, effect, name, _) in enumerate(parameters, self.problem.scales.size):
+            variance = covariance[column, column]
             least = self.found.get(effect.key, {}).get(name, 0.0) ** 2
-            if 0.0 < variance < least:  # and all that goes along with it
-                along = covariance[own] / variance
+            if 0.0 < variance < least:  # what is correlated with it grows too
+                along = covariance[column] / variance
                 covariance = covariance + (least - variance) * np.outer(along, along)
         return covariance
 
-    def _by_inner(self, number: int, effect: Effect, name: str, width: float) -> Array:
-        """∂(pose)/∂(inner value) (n, 3 or 6) [m/unit] by central differences."""
+    def _by_nonlinear(self, number: int, effect: Effect, name: str, width: float) -> Array:
+        """∂(pose)/∂(nonlinear parameter) (n, 3 or 6) [m/unit] by central differences."""
         poses = []
         for step in (OF_WIDTH * width, -OF_WIDTH * width):
             effects = list(self.problem.vector.effects)

@@ -1,7 +1,7 @@
-"""Whether records have anything to do with the arm, and the mistake of a first file behind those
-that have not.
+"""Whether records fit the arm at all; if not, which mistake in the file (sign, zero, column, unit,
+frame) explains them.
 
-A joint counted the other way, a zero a quarter turn off, exchanged columns, another unit or frame
+A joint angle of reversed sign, a zero a quarter turn off, exchanged columns, another unit or frame
 are no causes of error: no parameter may take them up. Where the first fit leaves more than an arm
 has, or the arm as it is described is as far off, every such mistake is undone in turn. The arm as
 it is described judges which of them brings tips and targets together best (median distance over
@@ -28,7 +28,7 @@ from aacmm_pin.arm import Arm, ArmFile
 from aacmm_pin.calibration.estimation import FIRST_SCATTER, fit
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.noise_model import NoiseModel, Scatters, observations_of
-from aacmm_pin.calibration.parameter_vector import KIND_OF
+from aacmm_pin.calibration.parameter_vector import DH_KIND_OF_EFFECT
 from aacmm_pin.calibration.parameters import ASSEMBLED, problem_of
 from aacmm_pin.calibration.problem import Frame, Problem, registered
 from aacmm_pin.calibration.setup import Setup
@@ -72,7 +72,7 @@ FEWEST_FOR_MISTAKES = 10
 RECORDS_TO_DISTINGUISH = 80
 """So many records tell one mistake from another."""
 GON = 0.9
-"""In degrees."""
+"""One gon [°]."""
 LENGTH_UNITS = {
     ("metres", "mm"): 1e3,
     ("inches", "mm"): 25.4,
@@ -90,74 +90,77 @@ ANGLE_UNITS = {
     ("turns", "degrees"): 360.0,
     ("turns", "radians"): 360.0 * DEG,
 }
-"""The same of angles."""
+"""Units that angles may have come in and what they were taken as, and the factor that undoes it."""
 AXIS_NUMBERS = np.arange(3)
-TURNED = 0.05
-"""Median turn from the stated orientations after a fit that no arm has [rad]."""
+ORIENTATION_FAR = 0.05
+"""Median angle between fitted and stated orientations that no arm has [rad]."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Mistake:
-    """A mistake, which of angles, axes, lengths it is made in, and what has to be done to the
-    records to undo it.
+    """A mistake in a file, and what undoes it.
 
     Attributes:
-        turned: the angles are these combinations of those in the file (nq, nq).
-        added: to the angles (nq,) [rad].
+        name: what the mistake is; None where it is never reported.
+        kind: of two mistakes of one kind only one is tried at a time.
+        angle_matrix: the angles are these combinations of the angles in the file (nq, nq).
+        angle_offset: added to the angles (nq,) [rad].
         axes: which coordinate of the file is x, y, z, and its sign.
-        scale: of the coordinates, or of each of the three columns; their uncertainties stay, which
-            may be right.
-        bars: factor of the bars' lengths.
-        external: the coordinates are in another frame than the base's.
-        target: they are of another point of the last body than the tip.
-        arm: the arm is this one.
+        scale: factor of the coordinates, or of each of the three columns; their uncertainties
+            stay, which may be right.
+        bar_factor: factor of the bars' lengths.
+        external_frame: the coordinates are in another frame than the base's.
+        target_off_tip: the coordinates are of another point of the last body than the tip.
+        arm: the arm that the records are of; None for the arm as it is described.
     """
 
     name: Note | None
     kind: str
-    turned: Array | None = None
-    added: Array | None = None
+    angle_matrix: Array | None = None
+    angle_offset: Array | None = None
     axes: tuple[tuple[int, ...], tuple[int, ...]] = ((0, 1, 2), (1, 1, 1))
     scale: float | Array = 1.0
-    bars: float = 1.0
-    external: bool = False
-    target: bool = False
+    bar_factor: float = 1.0
+    external_frame: bool = False
+    target_off_tip: bool = False
     arm: Arm | None = None
 
     @property
-    def of_arm(self) -> bool:
-        """Whether it changes nothing of what was touched."""
-        changed = (self.turned, self.added, self.arm)
-        return self.target or any(change is not None for change in changed)
+    def changes_tips(self) -> bool:
+        """Whether undoing it changes the computed tips, not the coordinates or lengths touched."""
+        changes = (self.angle_matrix, self.angle_offset, self.arm)
+        return self.target_off_tip or any(change is not None for change in changes)
 
     @property
     def free(self) -> int:
         """How many numbers it leaves open, which may take up other mistakes."""
-        return 6 * self.external + 3 * self.target
+        return 6 * self.external_frame + 3 * self.target_off_tip
 
     def undone(self, problem: Problem) -> Problem:
         """The problem without the mistake."""
-        records, setup, (order, signs) = problem.measurements, problem.setup, self.axes
+        records = problem.measurements
+        setup = problem.setup
+        order, signs = self.axes
         q = records.q
         length = records.bar_length
-        if self.turned is not None:
-            q = q @ self.turned
-        if self.added is not None:
-            q = q + self.added
+        if self.angle_matrix is not None:
+            q = q @ self.angle_matrix
+        if self.angle_offset is not None:
+            q = q + self.angle_offset
         scaled = (self.scale * records.reference)[:, order]
         changed = replace(
             records,
             q=q,
             reference=scaled * np.array(signs),
             reference_u=records.reference_u[:, order],
-            bar_length=None if length is None else self.bars * length,
+            bar_length=None if length is None else self.bar_factor * length,
             orientation=None,  # tips alone show what is wrong with them
         )
-        if self.external:
+        if self.external_frame:
             setup = replace(setup, reference_frame="external")
-        if self.target:
+        if self.target_off_tip:
             setup = replace(setup, target="unknown")
-        if self.target or self.arm:
+        if self.target_off_tip or self.arm:
             model = problem.model if self.arm is None else replace(problem.model, arm=self.arm)
             problem = _asked_again(problem, model, setup)
         return replace(problem, measurements=changed, setup=setup, targets=())
@@ -201,7 +204,7 @@ def first_fit(problem: Problem, *, robust: bool = True) -> Fit:
 def _sessions_fit_alone(problem: Problem) -> bool:
     """Whether there are several sessions, and the records of each fit the arm in some frame."""
     records = problem.measurements
-    own_frame = _Mistake(None, "", external=True)
+    own_frame = _Mistake(None, "", external_frame=True)
     if records.conditions.session is None:
         return False
     of_session = pd.Series(np.arange(records.n)).groupby(records.conditions.session).indices
@@ -216,17 +219,20 @@ def _sessions_fit_alone(problem: Problem) -> bool:
 
 
 def _require_orientations(after: Fit) -> None:
-    """Refuse orientations that are not of a body which moves with the last one, and say what
-    explains them.
+    """Refuse orientations that are not of a body that moves with the last body of the arm, and
+    state what explains them.
 
     Raises:
-        AacmmError: they are none.
+        AacmmError: the orientations do not fit the arm.
     """
     problem = after.problem
     point = after.point
     rows = after.used & after.observations.oriented
     stated = problem.measurements.orientation
-    if stated is None or not rows.any() or (off := np.median(after.turns[rows])) < TURNED:
+    if stated is None or not rows.any():
+        return
+    median_angle = np.median(after.turns[rows])
+    if median_angle < ORIENTATION_FAR:
         return
     why = "orientation_unlike"
     for mistake, other in (
@@ -235,12 +241,14 @@ def _require_orientations(after: Fit) -> None:
     ):
         changed = replace(problem, measurements=replace(problem.measurements, orientation=other))
         poses = changed.poses(point.x, changed.with_targets(point.x, point.frame))
-        why = mistake if np.median(np.linalg.norm(poses[rows, 3:], axis=1)) < TURNED else why
+        angles = np.linalg.norm(poses[rows, 3:], axis=1)
+        if np.median(angles) < ORIENTATION_FAR:
+            why = mistake
     source = problem.measurements.source
     reason = Note(why)
     raise AacmmError(
-        f"{source}: orientations do not fit this arm, they are off by {off / DEG:.3g}° (median): "
-        f"{reason}"
+        f"{source}: orientations do not fit this arm, they are off by {median_angle / DEG:.3g}° "
+        f"(median): {reason}"
     )
 
 
@@ -260,28 +268,31 @@ def _require_no_mistake(problem: Problem, fitted: float, *, thorough: bool, opti
     records = problem.measurements
     if records.n < FEWEST_FOR_MISTAKES:
         return
-    few = problem.of(records.take(_few(records)))
+    thinned = problem.of(records.take(_thinned(records)))
 
     @cache
-    def described(*of_arm: _Mistake) -> _Described:
-        return _described(_undone(few, of_arm))
+    def cached_tips(*mistakes: _Mistake) -> _Described:
+        return _tips_as_described(_undone(thinned, mistakes))
 
     @cache
-    def touched(*others: _Mistake) -> _Touched:
-        return _touched(_undone(few, others))
+    def cached_touches(*mistakes: _Mistake) -> _Touches:
+        return _touches_of(_undone(thinned, mistakes))
 
     def misfit(several: tuple[_Mistake, ...]) -> float:
-        of_arm = tuple(one for one in several if one.of_arm)
-        others = (one for one in several if not one.of_arm)
-        # Two are looked at but once.
-        arm = described(*of_arm) if len(of_arm) < 2 else described.__wrapped__(*of_arm)
-        return _misfit(arm, touched(*others))[1]
+        of_tips = tuple(mistake for mistake in several if mistake.changes_tips)
+        of_touches = (mistake for mistake in several if not mistake.changes_tips)
+        # Two together are computed only once, and would fill the cache.
+        tips_of = cached_tips if len(of_tips) < 2 else cached_tips.__wrapped__
+        return _misfit(tips_of(*of_tips), cached_touches(*of_touches))[1]
 
-    before, as_given = _misfit(described(), touched())
-    if before == np.inf or (min(before / FAR, as_given / UNLIKE) < 1.0 and fitted < FAR):
+    described_distance, described_misfit = _misfit(cached_tips(), cached_touches())
+    if described_distance == np.inf:
+        return
+    described_fits = described_distance < FAR or described_misfit < UNLIKE
+    if described_fits and fitted < FAR:
         return
     taken_up = fitted < FAR or fitted == np.inf
-    as_is = before if taken_up else fitted
+    as_is = described_distance if taken_up else fitted
     single = [(mistake,) for mistake in _mistakes(problem) if options or not mistake.free]
     tiers = [
         single,
@@ -290,36 +301,46 @@ def _require_no_mistake(problem: Problem, fitted: float, *, thorough: bool, opti
     ]
     for mistakes in tiers:
         misfits = np.array([misfit(several) for several in mistakes])
-        limit = (EXPLAINS if taken_up else 1.0) * as_given
+        limit = (EXPLAINS if taken_up else 1.0) * described_misfit
         nearest = [k for k in np.argsort(misfits, kind="stable") if misfits[k] <= limit]
         alike = [k for k in nearest if misfits[k] <= SIMILAR_RATIO * misfits[nearest[0]]]
         alike.sort(key=lambda k: (len(mistakes[k]), sum(one.free for one in mistakes[k]), k))
         for together in (alike[:FITTED], *([k] for k in nearest[len(alike) : TRIED])):
-            left = {mistakes[k]: _left(_undone(problem, mistakes[k]), as_is) for k in together}
-            least = min(left.values(), default=np.inf)
+            distances = {
+                mistakes[k]: _distance_without(_undone(problem, mistakes[k]), as_is)
+                for k in together
+            }
+            least = min(distances.values(), default=np.inf)
             if least == np.inf:
                 continue
-            named = [several for several, own in left.items() if own <= SIMILAR_RATIO * least]
-            named = [many for many in named if not any(set(few) < set(many) for few in named)]
+            named = [
+                several
+                for several, distance in distances.items()
+                if distance <= SIMILAR_RATIO * least
+            ]
+            named = [
+                larger
+                for larger in named
+                if not any(set(smaller) < set(larger) for smaller in named)
+            ]
             words = [", and ".join(str(one.name) for one in several) for several in named]
             raise MistakenFileError(
-                records.source, words[0], as_is, left[named[0]], tuple(words[1:])
+                records.source, words[0], as_is, distances[named[0]], tuple(words[1:])
             )
 
 
-def _left(without: Problem, as_is: float) -> float:
-    """Median distance after a fit without a mistake [m]; infinite unless that is by far less, and
-    no more than noise.
+def _distance_without(without: Problem, as_is: float) -> float:
+    """Median distance after a fit ``without`` a mistake [m]; infinite unless it is far below
+    ``as_is`` [m], and no more than noise.
     """
     try:
         after = fit(without)
     except AacmmError:
         return np.inf
-    left = _median(after.system.deviation)
-    explained = after.unmodelled < FAR and left < min(
-        EXPLAINS * as_is, UNLIKE * _travel(after.problem)
-    )
-    return left if explained and not _absorbs(after) else np.inf
+    distance = _median(after.system.deviation)
+    limit = min(EXPLAINS * as_is, UNLIKE * _travel(after.problem))
+    explained = after.unmodelled < FAR and distance < limit
+    return distance if explained and not _absorbs(after) else np.inf
 
 
 def _undone(problem: Problem, mistakes: tuple[_Mistake, ...]) -> Problem:
@@ -335,19 +356,19 @@ def _travel(problem: Problem) -> float:
 
 
 def _absorbs(after: Fit) -> bool:
-    """Whether the fit moved a geometric value, and the tips by it, farther than any arm's
-    is off.
+    """Whether the fit moved a geometric value, and thereby the tips, farther than the geometry of
+    any arm is off.
     """
     vector = after.problem.vector
     point = after.point
     moved = np.abs(point.x - after.problem.start)
     squares = np.square(point.prediction.jacobian[:, :3, : moved.size])
     tips = moved * np.sqrt(squares.sum(axis=1).mean(axis=0))
-    for effect, own in vector:
-        if isinstance(effect, (JointPlacement, *KIND_OF)):
+    for effect, entries in vector:
+        if isinstance(effect, (JointPlacement, *DH_KIND_OF_EFFECT)):
             assembled = np.array([ASSEMBLED[term.unit] for term in effect.terms])
-            far = moved[own] > MOVED * assembled
-            if (far & (tips[own] > MOVED * ASSEMBLED["m"])).any():
+            far = moved[entries] > MOVED * assembled
+            if (far & (tips[entries] > MOVED * ASSEMBLED["m"])).any():
                 return True
     return False
 
@@ -377,67 +398,70 @@ class _Described(NamedTuple):
     tips: Array
 
 
-class _Touched(NamedTuple):
-    """What was touched: records, with what they say, and whether their frame is unknown."""
+class _Touches(NamedTuple):
+    """What was touched: records, their observations, and the set-up with the frame of their
+    coordinates.
+    """
 
     records: Measurements
     observations: Observations
     setup: Setup
 
 
-def _described(problem: Problem) -> _Described:
+def _tips_as_described(problem: Problem) -> _Described:
     bare = _of_targets(problem)
     return _Described(bare, bare.poses(bare.start, Frame.identity()))
 
 
-def _touched(problem: Problem) -> _Touched:
+def _touches_of(problem: Problem) -> _Touches:
     records = replace(problem.measurements, orientation=None)
-    return _Touched(records, observations_of(records, problem.setup), problem.setup)
+    return _Touches(records, observations_of(records, problem.setup), problem.setup)
 
 
-def _misfit(arm: _Described, touched: _Touched) -> tuple[float, float]:
-    """Median distance by the arm as it is described, frame, seats and target fitted [m]; the same
-    over the tips' travel.
+def _misfit(arm: _Described, touches: _Touches) -> tuple[float, float]:
+    """Median distance by the arm as it is described, frame, seats and target fitted [m]; this
+    distance over the tips' travel.
     """
-    records, observations, setup = touched
+    records, observations, setup = touches
     if setup.external and records.known.sum() < FEWEST_PLACED:
         return np.inf, np.inf
     try:
         tips, points = (
-            _fitted_tips(arm, touched)
+            _fitted_tips(arm, touches)
             if arm.problem.vector.effects
-            else _registered_tips(arm.tips, touched)
+            else _registered_tips(arm.tips, touches)
         )
     except AacmmError:
         return np.inf, np.inf
-    off = observations.deviations(tips, points)
+    deviations = observations.deviations(tips, points)
     seats = records.seats()
     for bar in records.bars():
         # Seats lie where their records put them: what a bar is off by is half each end's.
         a, b = (seats[label] for label in (bar.seat_a, bar.seat_b))
-        apart = np.linalg.norm(np.median(tips[a], axis=0) - np.median(tips[b], axis=0))
-        both = np.concatenate([a, b])
-        off[both] += 0.5 * (apart - bar.length) / np.sqrt(3.0) * np.where(off[both] < 0, -1.0, 1.0)
-    median = _median(off)
+        distance = np.linalg.norm(np.median(tips[a], axis=0) - np.median(tips[b], axis=0))
+        ends = np.concatenate([a, b])
+        outwards = np.where(deviations[ends] < 0, -1.0, 1.0)
+        deviations[ends] += 0.5 * (distance - bar.length) / np.sqrt(3.0) * outwards
+    median = _median(deviations)
     travel = float(np.median(np.linalg.norm(tips - np.median(tips, axis=0), axis=1)))
     return median, median / max(travel, 1e-9)
 
 
-def _registered_tips(tips: Array, touched: _Touched) -> tuple[Array, Array]:
+def _registered_tips(tips: Array, touches: _Touches) -> tuple[Array, Array]:
     """Tips (n, 3) and seats (s, 3) in the frame of the references [m]."""
-    records, observations, setup = touched
+    records, observations, setup = touches
     if setup.external:
         tips = registered(tips[records.known], records.reference[records.known]).apply(tips)
     return tips, observations.start(tips)
 
 
-def _fitted_tips(arm: _Described, touched: _Touched) -> tuple[Array, Array]:
-    """The same with the targets that are unknown.
+def _fitted_tips(arm: _Described, touches: _Touches) -> tuple[Array, Array]:
+    """Tips (n, 3) and seats (s, 3) in the frame of the references, unknown targets fitted [m].
 
     Raises:
-        AacmmError: see :func:`begin`.
+        AacmmError: see :func:`initial_point`.
     """
-    records, observations, setup = touched
+    records, observations, setup = touches
     changed = replace(records, q=arm.problem.measurements.q)
     problem = replace(arm.problem, measurements=changed, setup=setup)
     point = initial_point(problem, observations)
@@ -450,12 +474,12 @@ def _fitted_tips(arm: _Described, touched: _Touched) -> tuple[Array, Array]:
 
 
 def _asked_again(problem: Problem, model: ErrorModel, setup: Setup) -> Problem:
-    """The same unknowns of another model, or with another set-up."""
+    """The problem with its unknowns, of another model or with another set-up."""
     effects = problem.vector.effects
     named = [
         effect
         for effect in effects
-        if not isinstance(effect, (StylusOffset, JointPlacement, LinkTilt, *KIND_OF))
+        if not isinstance(effect, (StylusOffset, JointPlacement, LinkTilt, *DH_KIND_OF_EFFECT))
     ]
     whole = any(isinstance(effect, (JointPlacement, LinkLength)) for effect in effects)
     zeros = any(isinstance(effect, JointZeroOffset) for effect in effects)
@@ -465,33 +489,33 @@ def _asked_again(problem: Problem, model: ErrorModel, setup: Setup) -> Problem:
 
 def _of_targets(problem: Problem) -> Problem:
     """The problem with nothing unknown but where targets sit, and the frame."""
-    mine = np.zeros(problem.widths.size, dtype=bool)
+    kept = np.zeros(problem.widths.size, dtype=bool)
     effects = []
-    for effect, own in problem.vector:
+    for effect, entries in problem.vector:
         if isinstance(effect, StylusOffset):
             effects.append(effect)
-            mine[own] = True
+            kept[entries] = True
     vector = replace(problem.vector, effects=tuple(effects))
     return replace(
         problem,
         measurements=replace(problem.measurements, orientation=None),
         targets=(),
         vector=vector,
-        widths=problem.widths[mine],
-        stated=problem.stated[mine],
-        correlation=problem.correlation[np.ix_(mine, mine)],
+        widths=problem.widths[kept],
+        stated=problem.stated[kept],
+        correlation=problem.correlation[np.ix_(kept, kept)],
     )
 
 
-def _few(records: Measurements) -> Index:
+def _thinned(records: Measurements) -> Index:
     """Enough of the records, some of every seat."""
     rows = np.arange(records.n)
     seats = records.seats()
     if not seats:
         return rows[:: max(1, records.n // RECORDS_TO_DISTINGUISH)]
-    each = max(3, RECORDS_TO_DISTINGUISH // len(seats))
+    per_seat = max(3, RECORDS_TO_DISTINGUISH // len(seats))
     return np.unique(
-        np.concatenate([members[:: max(1, len(members) // each)] for members in seats.values()])
+        np.concatenate([members[:: max(1, len(members) // per_seat)] for members in seats.values()])
     )
 
 
@@ -501,39 +525,39 @@ def _few(records: Measurements) -> Index:
 def _mistakes(problem: Problem) -> Iterator[_Mistake]:
     """Every single mistake."""
     records = problem.measurements
-    one = np.eye(problem.measurements.nq)
+    identity = np.eye(problem.measurements.nq)
     for j, largest in enumerate(np.abs(records.q).max(axis=0)):
-        yield _counted(j, nq=records.nq)
+        yield _reversed(j, nq=records.nq)
         units = [(GON, "gon", "deg")]
         if largest > TURN or largest <= TURN * DEG:
             units.append((DEG, "degrees", "rad") if largest > TURN else (1 / DEG, "radians", "deg"))
         for factor, unit, column in units:
             name = Note("joint_angles_unit", {"joint": j + 1, "unit": unit, "column": column})
-            yield _Mistake(name, f"unit {j}", turned=np.diag(np.where(one[j] > 0, factor, 1.0)))
+            factors = np.where(identity[j] > 0, factor, 1.0)
+            yield _Mistake(name, f"unit {j}", angle_matrix=np.diag(factors))
     for j, degrees in product(range(records.nq), (90, -90, 180)):
         name = Note("zero_turned", {"joint": j + 1, "degrees": degrees})
-        yield _Mistake(name, f"zero {j}", added=degrees * DEG * one[j])
+        yield _Mistake(name, f"zero {j}", angle_offset=degrees * DEG * identity[j])
     for j, k in combinations(range(records.nq), 2):
         order = np.arange(records.nq)
         order[[j, k]] = k, j
-        yield _Mistake(
-            Note("joints_exchanged", {"joints": (j + 1, k + 1)}), "columns", turned=one[order]
-        )
+        name = Note("joints_exchanged", {"joints": (j + 1, k + 1)})
+        yield _Mistake(name, "columns", angle_matrix=identity[order])
     for j, sign in product(range(1, records.nq), (1.0, -1.0)):
         code = "joint_shows_sum" if sign < 0 else "joint_shows_difference"
         name = Note(code, {"joint": j + 1, "before": j})
-        yield _Mistake(name, "sum", turned=one + sign * np.outer(one[j - 1], one[j]))
+        previous_added = sign * np.outer(identity[j - 1], identity[j])
+        yield _Mistake(name, "sum", angle_matrix=identity + previous_added)
     for (unit, taken), factor in ANGLE_UNITS.items():
-        yield _Mistake(
-            Note("angles_unit", {"unit": unit, "taken": taken}), "angles", turned=factor * one
-        )
+        name = Note("angles_unit", {"unit": unit, "taken": taken})
+        yield _Mistake(name, "angles", angle_matrix=factor * identity)
     yield from _of_convention(problem.model.arm)
     if records.known.any():
         yield from _of_frame(problem.external)
         if problem.setup.target != "unknown" and not any(
-            isinstance(one, StylusOffset) for one in problem.vector.effects
+            isinstance(effect, StylusOffset) for effect in problem.vector.effects
         ):
-            yield _Mistake(Note("target_off_tip"), "target", target=True)
+            yield _Mistake(Note("target_off_tip"), "target", target_off_tip=True)
         for (unit, taken), factor in LENGTH_UNITS.items():
             yield _Mistake(
                 Note("coordinates_unit", {"unit": unit, "taken": taken}), "unit", scale=factor
@@ -543,7 +567,8 @@ def _mistakes(problem: Problem) -> Iterator[_Mistake]:
             yield _Mistake(Note("coordinate_in_metres", {"axis": axis}), "unit", scale=scale)
     if records.bars():
         for (unit, taken), factor in LENGTH_UNITS.items():
-            yield _Mistake(Note("bars_unit", {"unit": unit, "taken": taken}), "bars", bars=factor)
+            name = Note("bars_unit", {"unit": unit, "taken": taken})
+            yield _Mistake(name, "bars", bar_factor=factor)
 
 
 def _of_frame(external: bool) -> Iterator[_Mistake]:
@@ -557,7 +582,7 @@ def _of_frame(external: bool) -> Iterator[_Mistake]:
                 f"{'-' * (s < 0)}{'xyz'[k]}" for k, s in zip(order, signs, strict=True)
             )
             yield _Mistake(Note("other_axes", {"axes": came}), "axes", axes=(order, signs))
-    yield _Mistake(Note("other_frame"), "axes", external=True)
+    yield _Mistake(Note("other_frame"), "axes", external_frame=True)
 
 
 def _of_convention(arm: Arm) -> Iterator[_Mistake]:
@@ -579,20 +604,21 @@ def _options(single: list[tuple[_Mistake]]) -> list[tuple[_Mistake, ...]]:
     return [options] if len(options) > 1 else []
 
 
-def _counted(*joints: int, nq: int) -> _Mistake:
-    """Joints counted the other way."""
+def _reversed(*joints: int, nq: int) -> _Mistake:
+    """Joint angles of reversed sign, of ``joints`` (from 0)."""
     code = "joint_reversed" if len(joints) == 1 else "joints_reversed"
     note = Note(code, {"joints": [j + 1 for j in joints]})
     signs = np.ones(nq)
     signs[list(joints)] = -1.0
-    return _Mistake(note, "sign", turned=np.diag(signs))
+    return _Mistake(note, "sign", angle_matrix=np.diag(signs))
 
 
 def _several_signs(nq: int) -> list[tuple[_Mistake, ...]]:
+    """Reversed signs of every two joints or more."""
     found: list[tuple[_Mistake, ...]] = []
     for count in range(2, nq + 1):
         for joints in combinations(range(nq), count):
-            found.append((_counted(*joints, nq=nq),))
+            found.append((_reversed(*joints, nq=nq),))
     return found
 
 

@@ -1,5 +1,5 @@
-"""The linear model of the records at a point: what they predict there, whitened, the seats
-eliminated.
+"""The linear model of the records at a point: predictions and derivatives there, whitened, with the
+seats eliminated.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ class Linearisation(LinearModel):
     Attributes:
         distance: squared Mahalanobis distance of each tip from its target, (n,); NaN where it has
             none.
-        turn_distance: the same of its turn, the tip's deviation being known (n,); NaN where no
-            orientation is stated.
-        off: tip minus target (n, 3) [m], NaN where it has none; behind it the turn from the stated
-            orientation, zero where there is none (n, 6) [rad].
+        turn_distance: squared Mahalanobis distance of each rotation from the stated orientation,
+            given the deviation of the tip (n,); NaN where no orientation is stated.
+        deviations: tip minus target (n, 3) [m], NaN where it has none; with orientations (n, 6),
+            the last three the rotation from the stated one [rad], zero where none is stated.
         free: number of rows less the number of coordinates of seats that the rows determine.
         elimination: of the seats.
-        along_seats: what it took out of the rows (s, 3, p + 1).
+        along_seats: what the elimination took out of the rows (s, 3, p + 1).
     """
 
     distance: Array
     turn_distance: Array
-    off: Array
+    deviations: Array
     free: int
     elimination: SeatElimination
     along_seats: Array
@@ -40,10 +40,10 @@ class Linearisation(LinearModel):
     @property
     def deviation(self) -> Array:
         """Tip minus target (n, 3) [m]; NaN where it has none."""
-        return self.off[:, :3]
+        return self.deviations[:, :3]
 
     def seat_step(self, step: Array) -> Array:
-        """Best step of the seats (s, 3) [m] beside one of the parameters (p,) [units]."""
+        """Best step of the seats (s, 3) [m] for a ``step`` of the parameters (p,) [units]."""
         by_parameters, residual = np.split(self.along_seats, [-1], axis=2)
         along = residual + (by_parameters @ step)[:, :, None]
         return self.elimination.step(along)
@@ -64,31 +64,31 @@ def linearise(
     observations = noise.observations
     p = prediction.jacobian.shape[2]
     has_target = observations.has_target
-    off = observations.deviations(prediction.poses, points)
-    stated = np.where(has_target[:, None], off, 0.0)
-    white = (noise.whitening @ stated[:, :, None])[:, :, 0]
-    tip = white[:, :3]
-    turn = white[:, 3:]
-    of_tip = np.einsum("ni,ni->n", tip, tip)
-    of_turn = np.einsum("ni,ni->n", turn, turn)
-    root = np.sqrt(np.where(has_target, weights, 0.0))[:, None]
-    whitening = noise.whitening * root[:, :, None]
-    rows = np.empty((*white.shape, p + 1))
+    deviations = observations.deviations(prediction.poses, points)
+    stated = np.where(has_target[:, None], deviations, 0.0)
+    whitened = (noise.whitening @ stated[:, :, None])[:, :, 0]
+    tip = whitened[:, :3]
+    turn = whitened[:, 3:]
+    tip_distance = np.einsum("ni,ni->n", tip, tip)
+    turn_distance = np.einsum("ni,ni->n", turn, turn)
+    root_weights = np.sqrt(np.where(has_target, weights, 0.0))[:, None]
+    whitening = noise.whitening * root_weights[:, :, None]
+    rows = np.empty((*whitened.shape, p + 1))
     np.matmul(whitening, prediction.jacobian, out=rows[:, :, :p])
-    rows[:, :, p] = white * root
+    rows[:, :, p] = whitened * root_weights
     elimination = SeatElimination(observations, points, -whitening[:, :, :3])
-    along, every = elimination.eliminated(rows, residual=True)
+    along_seats, all_rows = elimination.eliminated(rows, residual=True)
     records = np.flatnonzero(has_target)
     seats = np.flatnonzero(observations.known)
     bars = np.arange(len(observations.ends))
     block = RowBlock(records, seats, bars, len(observations.labels))
     return Linearisation(
-        rows=block.stack(every),
+        rows=block.stack(all_rows),
         prior=prior,
-        distance=np.where(has_target, of_tip, np.nan),
-        turn_distance=np.where(observations.counts > 3, of_turn, np.nan),
-        off=off,
+        distance=np.where(has_target, tip_distance, np.nan),
+        turn_distance=np.where(observations.counts > 3, turn_distance, np.nan),
+        deviations=deviations,
         free=block.free(observations.counts),
         elimination=elimination,
-        along_seats=along,
+        along_seats=along_seats,
     )

@@ -25,9 +25,9 @@ EFFECT_OF_KIND: dict[str, type[Effect]] = {
     "alpha": LinkTwist,
     "theta_offset": JointZeroOffset,
 }
-"""The cause behind each value of a DH row."""
-KIND_OF = {cause: kind for kind, cause in EFFECT_OF_KIND.items()}
-"""The value of a DH row behind each geometric cause."""
+"""Effect that changes each kind of DH value."""
+DH_KIND_OF_EFFECT = {cause: kind for kind, cause in EFFECT_OF_KIND.items()}
+"""Kind of DH value that each geometric effect changes."""
 
 
 def geometric_parameters(arm: Arm, effect: Effect) -> list[Parameter]:
@@ -36,9 +36,10 @@ def geometric_parameters(arm: Arm, effect: Effect) -> list[Parameter]:
     """
     if isinstance(effect, JointPlacement):
         return [p for p in arm.parameters if p.joint == effect.joint]
-    kind = KIND_OF.get(type(effect))
-    row = effect.row
-    return [] if kind is None else [p for p in arm.parameters if p.kind == kind and p.joint == row]
+    kind = DH_KIND_OF_EFFECT.get(type(effect))
+    if kind is None:
+        return []
+    return [p for p in arm.parameters if p.kind == kind and p.joint == effect.row]
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +58,8 @@ class ParameterVector:
     @cached_property
     def slices(self) -> tuple[slice, ...]:
         """The entries of each effect."""
-        found, start = [], 0
+        found = []
+        start = 0
         for effect in self.effects:
             end = start + len(effect.terms)
             found.append(slice(start, end))
@@ -79,20 +81,21 @@ class ParameterVector:
 
     @cached_property
     def typical(self) -> Array:
-        """Usual magnitude of each entry on a measuring arm (p,) [their units]."""
+        """Typical magnitude of each entry on a measuring arm (p,) [their units]."""
         found: list[float] = []
         for effect in self.effects:
             found += [term.typical for term in effect.terms]
         return np.array(found)
 
     @cached_property
-    def of_arm(self) -> tuple[Parameter | None, ...]:
-        """The arm's own parameter that each entry changes (p entries); None where it is of a
-        cause.
+    def arm_parameters(self) -> tuple[Parameter | None, ...]:
+        """The arm's own parameter that each entry changes (p entries); None for effects
+        that are not geometric.
         """
         found: list[Parameter | None] = []
-        for effect, own in self:
-            found += geometric_parameters(self.arm, effect) or [None] * (own.stop - own.start)
+        for effect in self.effects:
+            own_parameters = geometric_parameters(self.arm, effect)
+            found += own_parameters or [None] * len(effect.terms)
         return tuple(found)
 
     @cached_property
@@ -103,9 +106,9 @@ class ParameterVector:
         found: list[Parameter] = []
         for effect in self.effects:
             found += effect.parameters()
-        for k, of_arm in enumerate(self.of_arm):
-            if of_arm is not None:
-                found[k] = replace(found[k], name=of_arm.name)
+        for k, arm_parameter in enumerate(self.arm_parameters):
+            if arm_parameter is not None:
+                found[k] = replace(found[k], name=arm_parameter.name)
         return tuple(found)
 
     @property
@@ -114,19 +117,19 @@ class ParameterVector:
         return [parameter.name for parameter in self.parameters]
 
     @property
-    def origins(self) -> Array:
-        """What the arm states of each entry, to which the effect's value adds; zero for causes
-        (p,).
+    def stated_values(self) -> Array:
+        """Value that the arm states for each entry, to which the effect's value adds (p,); 0 for
+        effects that are not geometric.
         """
-        values = [0.0 if p is None else p.value for p in self.of_arm]
+        values = [0.0 if p is None else p.value for p in self.arm_parameters]
         return np.array(values)
 
     @cached_property
-    def arm_u(self) -> Array:
-        """Standard uncertainty that the arm states of each entry that is its own (p,); 0 for
-        others.
+    def stated_u(self) -> Array:
+        """Standard uncertainty that the arm states for each entry (p,); 0 for effects that are not
+        geometric.
         """
-        u = [0.0 if p is None else p.u for p in self.of_arm]
+        u = [0.0 if p is None else p.u for p in self.arm_parameters]
         return np.array(u)
 
     def at(self, x: Array) -> tuple[Effect, ...]:

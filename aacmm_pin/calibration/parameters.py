@@ -154,7 +154,7 @@ def length_held(problem: Problem) -> Effect | None:
                 np.linalg.norm(vector.arm.chain.constant[end(effect.joint - 1), :3, 3])
             )
         elif isinstance(effect, LinkLength | JointDistance):
-            sizes[effect] = float(np.abs(vector.origins[own]).sum())
+            sizes[effect] = float(np.abs(vector.stated_values[own]).sum())
     return max(sizes, key=lambda effect: sizes[effect]).at(())
 
 

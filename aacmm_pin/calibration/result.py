@@ -193,7 +193,7 @@ class Calibration(Shown):
         open_ = spread > MENTIONED * np.minimum(problem.widths, assembled)
         whole_u = np.hypot(np.sqrt(np.diag(self.covariance)), spread)
         u = np.where(open_, np.nan, whole_u)
-        before = vector.origins + problem.start
+        before = vector.stated_values + problem.start
         change = self.fit.point.x - problem.start
         table = pd.DataFrame({"parameter": vector.names, "unit": units})
         table["unit"] = table["unit"].replace("m", "mm")

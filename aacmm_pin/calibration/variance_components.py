@@ -1,5 +1,5 @@
-"""Scatter of tips, of turns and of seats beyond the stated noise: variance components by which χ²
-meets its freedom.
+"""Scatter of tips, of rotations and of seats beyond the stated noise: variance components with
+which χ² equals its degrees of freedom.
 """
 
 from __future__ import annotations
@@ -15,19 +15,18 @@ from aacmm_pin.calibration.noise_model import Scatters
 from aacmm_pin.calibration.solver import LEAST_DOF, MEDIAN, Solution
 
 FALSE_EXCLUSION = 0.01
-"""Chance that any good record is excluded, over the whole file."""
+"""Probability that any good record of the file is excluded."""
 EFFICIENCY = 0.53
-"""A scatter taken from the median of χ² with three degrees is as certain as from this part of all
-the records' numbers."""
-LEAST_TOLD = 1e-3
-"""A seat of whose coordinates refitting leaves less than this tells nothing of their scatter."""
+"""Efficiency of the median of χ² with three degrees of freedom as an estimate of a variance."""
+LEAST_DOF_OF_SEAT = 1e-3
+"""A seat with fewer degrees of freedom shows nothing of the scatter of its coordinates."""
 LEAST_SCATTER = 1e-10
-"""Data from a computer may fit without any residual; the scatter then counts as this [m]."""
+"""Least scatter, for computed data may fit without any residual [m]."""
 
 
 def variance_components(solution: Solution, used: Mask, open_: Mask) -> Scatters:
-    """Scatters beyond the stated noise with which χ² of tips, of turns and of the coordinates of
-    seats (s, 3) that are ``open_``, for nobody stated their uncertainty, meet their degrees of
+    """Scatters beyond the stated noise with which χ² of tips, of rotations and of the coordinates
+    of seats (s, 3) that are ``open_``, without a stated uncertainty, equal their degrees of
     freedom.
     """
     seat, dof = _of_seats(solution, open_) if open_.any() else (0.0, 0.0)
@@ -38,50 +37,50 @@ def variance_components(solution: Solution, used: Mask, open_: Mask) -> Scatters
 def _variance_component(
     solution: Solution, used: Mask, turns: bool, open_: Mask, dof_of_seats: float
 ) -> float:
-    """Scatter beyond the stated noise with which χ² meets its degrees of freedom; as it was where
-    there are none [m].
+    """Scatter of tips [m] beyond the stated noise with which χ² equals its degrees of freedom, or
+    of rotations [rad] if ``turns``; the scatter of ``solution`` if no degrees of freedom are left.
 
-    That of tips, beside the coordinates of seats (s, 3) that are ``open_`` and have degrees of
-    freedom of their own; or of turns [rad], which are looked at beside what the tips say already.
+    The coordinates of seats (s, 3) that are ``open_`` have degrees of freedom of their own,
+    ``dof_of_seats``. Rotations count given the deviations of their tips.
     """
     noise = solution.noise
-    own = solution.noise.without_scatter[used]
-    of_turns = solution.turn_dof
+    stated_noise = solution.noise.without_scatter[used]
+    turn_dof = solution.turn_dof
     scatters = noise.scatters
-    dof = of_turns if turns else solution.chi2.dof - of_turns - dof_of_seats
+    dof = turn_dof if turns else solution.chi2.dof - turn_dof - dof_of_seats
     if dof < LEAST_DOF:
         return scatters.turn if turns else scatters.tip
-    deviation = solution.system.off[used]
+    deviation = solution.system.deviations[used]
     seats = solution.point.seats
     ties = (
         np.where(open_, 0.0, noise.observations.of_seats(seats)),
         noise.observations.of_bars(seats)[0],
     )
-    rest = sum(float(np.square(tie).sum()) for tie in ties)
-    varied = np.eye(3)
+    other_chi2 = sum(float(np.square(tie).sum()) for tie in ties)
+    scatter_shape = np.eye(3)
     if turns:
-        own[:, :3, :3] += scatters.tip**2 * np.eye(3)
-        rest = -float(squared_distances(deviation[:, :3], own[:, :3, :3]).sum())
-        varied = np.diag([0.0, 0, 0, 1, 1, 1])
+        stated_noise[:, :3, :3] += scatters.tip**2 * np.eye(3)
+        other_chi2 = -float(squared_distances(deviation[:, :3], stated_noise[:, :3, :3]).sum())
+        scatter_shape = np.diag([0.0, 0, 0, 1, 1, 1])
     else:
         deviation = deviation[:, :3]
-        own = own[:, :3, :3]
+        stated_noise = stated_noise[:, :3, :3]
 
     def excess(variance: float) -> float:
-        distances = squared_distances(deviation, own + variance * varied)
-        return float(distances.sum()) + rest - dof
+        distances = squared_distances(deviation, stated_noise + variance * scatter_shape)
+        return float(distances.sum()) + other_chi2 - dof
 
     return float(np.sqrt(root(excess, deviation[:, -3:])))
 
 
 def _of_seats(solution: Solution, open_: Mask) -> tuple[float, float]:
-    """Scatter of the coordinates of seats (s, 3) that are ``open_`` [m], and degrees of freedom of
-    all of them.
+    """Scatter of the coordinates of seats (s, 3) that are ``open_`` [m], and their degrees of
+    freedom.
 
-    Their residuals over what refitting leaves of them, the almost unbiased estimate of a variance
-    component (Horn, Horn and Duncan 1975, J. Am. Stat. Assoc. 70). Few seats tell it poorly: as one
-    number more the scatter of the tips counts. Seats that are outliers beside the better half, such
-    as one that was moved, have no part in it.
+    The squares of their residuals over their degrees of freedom, the almost unbiased estimate of a
+    variance component (Horn, Horn and Duncan 1975, J. Am. Stat. Assoc. 70). Few seats determine it
+    poorly: the scatter of the tips counts as one more degree of freedom. Seats that are outliers
+    against the better half, such as a seat that was moved, do not count.
     """
     noise = solution.noise
     system = solution.system
@@ -91,42 +90,42 @@ def _of_seats(solution: Solution, open_: Mask) -> tuple[float, float]:
     first = len(system.residual) - ties - bars
     steps = system.jacobian[first : first + ties] @ system.independent_steps
     by_parameters = np.square(steps).sum(axis=1).reshape(-1, 3)
-    whole, tie, _ = information_of_seats(solution)
-    variances = np.diagonal(np.linalg.inv(whole[known]), axis1=1, axis2=2)
+    information, tie, _ = information_of_seats(solution)
+    variances = np.diagonal(np.linalg.inv(information[known]), axis1=1, axis2=2)
     parts = 1.0 - tie[known] * variances - by_parameters
-    left = np.where(open_[known], parts, 0.0).sum(axis=1)
-    off = np.where(open_, solution.point.seats - noise.observations.stated, 0.0)
-    square = np.square(off[known]).sum(axis=1)
-    dof = float(left.sum())
-    is_shown = left > LEAST_TOLD
-    square = square[is_shown]
-    left = left[is_shown]
-    each = square / left
-    own = noise.scatters.tip**2
-    limit = f_isf(FALSE_EXCLUSION / max(each.size, 1), 3, max(EFFICIENCY * dof, 1.0))
-    middle = float(np.median(each)) if each.size else 0.0
-    belongs = each <= limit * (3.0 / MEDIAN) * max(middle, own)
-    variance = (square[belongs].sum() + own) / (left[belongs].sum() + 1.0)
+    dof_of_seat = np.where(open_[known], parts, 0.0).sum(axis=1)
+    residuals = np.where(open_, solution.point.seats - noise.observations.stated, 0.0)
+    squares = np.square(residuals[known]).sum(axis=1)
+    dof = float(dof_of_seat.sum())
+    is_shown = dof_of_seat > LEAST_DOF_OF_SEAT
+    squares = squares[is_shown]
+    dof_of_seat = dof_of_seat[is_shown]
+    ratios = squares / dof_of_seat
+    tip_variance = noise.scatters.tip**2
+    limit = f_isf(FALSE_EXCLUSION / max(ratios.size, 1), 3, max(EFFICIENCY * dof, 1.0))
+    median_ratio = float(np.median(ratios)) if ratios.size else 0.0
+    belongs = ratios <= limit * (3.0 / MEDIAN) * max(median_ratio, tip_variance)
+    variance = (squares[belongs].sum() + tip_variance) / (dof_of_seat[belongs].sum() + 1.0)
     return float(np.sqrt(variance)), dof
 
 
 def information_of_seats(solution: Solution) -> tuple[Array, Array, Array]:
-    """Of where each seat is (s, 3, 3) [1/m²], without bars; its coordinates' part of it, the
-    diagonal (s, 3); that of each record that touches one (records, 3, 3).
+    """Information on the place of each seat (s, 3, 3) [1/m²], without bars; the part of its stated
+    coordinates, the diagonal (s, 3); the part of each record at a seat (records, 3, 3).
     """
     observations = solution.noise.observations
     touched = np.flatnonzero(observations.seat >= 0)
     of_records = np.linalg.inv(solution.noise.of_residuals[touched, :3, :3])
     of_records = solution.weights[touched, None, None] * of_records
     tie = np.where(observations.known[:, None], observations.stated_u, np.inf) ** -2.0
-    whole = tie[:, :, None] * np.eye(3)
-    np.add.at(whole, observations.seat[touched], of_records)
-    return whole, tie, np.asarray(of_records)
+    information = tie[:, :, None] * np.eye(3)
+    np.add.at(information, observations.seat[touched], of_records)
+    return information, tie, np.asarray(of_records)
 
 
 def squared_distances(deviation: Array, covariance: Array) -> Array:
     """``dᵀ Σ⁻¹ d`` of each deviation (n, k) by its covariance (n, k, k)."""
-    # Stated noise may be nothing at all, of an exact contact with exact readings.
+    # Stated noise may be zero, of an exact contact with exact readings.
     width = deviation.shape[1]
     covariance = covariance + LEAST_SCATTER**2 * np.eye(width)
     weighted = np.linalg.solve(covariance, deviation[:, :, None])[:, :, 0]
@@ -134,15 +133,13 @@ def squared_distances(deviation: Array, covariance: Array) -> Array:
 
 
 def root(excess: Callable[[float], float], deviation: Array) -> float:
-    """Variance at which ``excess``, which falls with it, vanishes; the largest that can be where it
-    does not.
+    """Variance at which ``excess``, which falls with it, is zero; the largest possible variance if
+    it is nowhere zero.
     """
     low = LEAST_SCATTER**2
     high = 10 * (float(np.square(deviation).sum()) + LEAST_SCATTER**2)
     if excess(low) <= 0:
         return low
-    return (
-        high
-        if excess(high) > 0
-        else float(scipy.optimize.brentq(excess, low, high, xtol=1e-24, rtol=1e-10))
-    )
+    if excess(high) > 0:
+        return high
+    return float(scipy.optimize.brentq(excess, low, high, xtol=1e-24, rtol=1e-10))

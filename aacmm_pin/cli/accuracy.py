@@ -119,9 +119,9 @@ def _length(
     json_: str | None,
 ) -> None:
     """The same of the distance between two points."""
-    from aacmm_pin.accuracy import length_between
+    from aacmm_pin.accuracy import length_uncertainty_between
 
-    length = length_between(*ends, model, encoder_noise)
+    length = length_uncertainty_between(*ends, model, encoder_noise)
     results.json(length_summary(*ends, length), json_)
     if json_ != "-":
         terminal.show(length_document(length))

@@ -11,7 +11,7 @@ from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.accuracy import accuracy_volume
-from aacmm_pin.arm import Arm, broken_limits
+from aacmm_pin.arm import Arm, outside_limits
 from aacmm_pin.calibration import compare
 from aacmm_pin.cli.arm_options import ArmAndData, EncoderNoise
 from aacmm_pin.cli.common import CsvOutput, Force, Results, command, note, status, warn
@@ -189,7 +189,7 @@ def _commands(model: ErrorModel, nominal: ErrorModel, known: Measurements, path:
         )
     refused = {
         "is next to a singular posture, out of reach, or at the end of an error curve": ~arrived,
-        "has a command outside the joint limits": broken_limits(commands, model.arm.limits).any(
+        "has a command outside the joint limits": outside_limits(commands, model.arm.limits).any(
             axis=1
         ),
     }

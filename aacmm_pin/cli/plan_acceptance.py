@@ -1,4 +1,4 @@
-"""The probed points of an acceptance test, as a file to be filled in and a sheet."""
+"""Plan of an acceptance test: the points to probe, as a CSV to fill in and a sheet to print."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from aacmm_pin.cli.arm_options import UncertainArm, in_metres, restrict_to_known
 from aacmm_pin.cli.common import Results, Seed, command, say
 from aacmm_pin.cli.plan_options import PlanFiles, TableHeight, note_lowest_tip
 from aacmm_pin.report import procedure_document, terminal
-from aacmm_pin.verification import PROBE, SPHERE, acceptance_procedure
+from aacmm_pin.verification import PROBE_DIAMETER_MM, SPHERE_DIAMETER_MM, acceptance_procedure
 
 
 @command(
@@ -34,14 +34,16 @@ def run(
         list[float] | None,
         typer.Option(
             metavar="MM",
-            help="Calibrated length (repeatable; ISO expects five, ASME two). Default: parts of "
-            "2/3 of the range.",
+            help="Calibrated length (repeatable; ISO expects five, ASME two). Default: lengths "
+            "evenly spaced up to 2/3 of the measuring range.",
         ),
     ] = None,
     sphere_mm: Annotated[
-        float, typer.Option(metavar="MM", help="Diameter of the sphere.")
-    ] = SPHERE,
-    probe_mm: Annotated[float, typer.Option(metavar="MM", help="Diameter of the probe.")] = PROBE,
+        float, typer.Option(metavar="MM", help="Diameter of the test sphere.")
+    ] = SPHERE_DIAMETER_MM,
+    probe_mm: Annotated[
+        float, typer.Option(metavar="MM", help="Diameter of the stylus tip.")
+    ] = PROBE_DIAMETER_MM,
     table_height_mm: TableHeight = None,
     seed: Seed = 1,
     *,
@@ -51,12 +53,13 @@ def run(
 
     The definitions come from public descriptions of ISO 10360-12:2016 and ASME B89.4.22-2004.
     """
+    lengths = [length * MM for length in length_mm] if length_mm else None
     with Results(files.force, files.output, page=files.sheet) as results:
         procedure = acceptance_procedure(
             restrict_to_known_range(arm.model()),
             standard=standard,
             measuring_range=in_metres(measuring_range_mm),
-            lengths=length_mm and [length * MM for length in length_mm],
+            lengths=lengths,
             sphere_diameter=sphere_mm * MM,
             probe_diameter=probe_mm * MM,
             above=in_metres(table_height_mm),
@@ -67,6 +70,6 @@ def run(
             results.document(procedure_document(procedure), files.sheet)
     if files.output is not None:
         terminal.show(procedure_document(procedure))
-        then = shlex.join(["aacmm-pin", "accept", *arm.urdf_words, str(files.output)])
+        accept_command = shlex.join(["aacmm-pin", "accept", *arm.urdf_words, str(files.output)])
         note_lowest_tip(procedure.points @ procedure.arm.up, table_height_mm)
-        say(f"{files.output}: fill in x_mm, y_mm, z_mm, or theta1_deg …; then: {then}")
+        say(f"{files.output}: fill in x_mm, y_mm, z_mm, or theta1_deg …; then: {accept_command}")

@@ -41,8 +41,8 @@ def run(
         str | None,
         typer.Option(
             metavar='"θ1 θ2 …"',
-            help="One posture, in degrees (prismatic joints: mm). Default: all 0, or the middle of "
-            "the limits.",
+            help="One posture, in degrees (prismatic joints: mm). Default: all 0 if the limits of "
+            "every joint allow it, else every joint at the middle of its limits.",
         ),
     ] = None,
     noise: EncoderNoise,
@@ -68,13 +68,14 @@ def run(
         if point is None:
             scene = scenes.arm_scene(model, _posture(model.arm, theta_deg)[None])
         else:
-            circle, accuracy = orientation.postures(model.arm, point), None
-            status(circle)
+            found = orientation.postures(model.arm, point)
+            accuracy = None
+            status(found)
             try:
-                accuracy = circle_accuracy(circle, model, encoder_noise=noise.encoder_noise)
+                accuracy = circle_accuracy(found, model, encoder_noise=noise.encoder_noise)
             except AacmmError as error:
                 note(f"shown without accuracy: {error}")
-            scene = scenes.circle_scene(circle, accuracy)
+            scene = scenes.circle_scene(found, accuracy)
         if output is not None:
             results.text(scene.html(), output)
             return
@@ -82,10 +83,13 @@ def run(
 
 
 def _posture(arm: Arm, text: str | None) -> Array:
+    """Joint values that ``text`` states in degrees (prismatic joints: mm), or the default posture
+    (nq,) [rad, m].
+    """
     slides = arm.chain.prismatic
     if text is None:
-        inside = (arm.limits[:, 0] <= 0) & (arm.limits[:, 1] >= 0)
-        return np.zeros(arm.nq) if inside.all() else arm.limits.mean(axis=1)
+        zero_allowed = (arm.limits[:, 0] <= 0) & (arm.limits[:, 1] >= 0)
+        return np.zeros(arm.nq) if zero_allowed.all() else arm.limits.mean(axis=1)
     try:
         numbers = [float(word) for word in text.replace(",", " ").split()]
     except ValueError:
@@ -102,7 +106,7 @@ def _posture(arm: Arm, text: str | None) -> Array:
 
 
 def _serve(scene: Scene, browser: bool) -> None:
-    """Until Ctrl-C."""
+    """Serve the scene and print its address until Ctrl-C."""
     with scene.show(browser=browser) as server, suppress(KeyboardInterrupt):
         say(server.url)
         status("Ctrl-C ends it")

@@ -25,8 +25,8 @@ from aacmm_pin.errors import UnknownNameError
 from aacmm_pin.measurements import Measurements
 
 Variants = tuple[Effect, ...]
-"""A candidate: one cause at one place with each value of its inner parameter (order, time, …), all
-parameters zero.
+"""A candidate: one cause at one place with each value of its nonlinear parameter (order, time, …),
+all linear parameters zero.
 """
 
 
@@ -44,8 +44,8 @@ def candidates(
 
     Args:
         model: the arm; of what it is known to have, a change is a candidate, whose u is what is
-            stated of it. Its other variants have another inner value, and stand in its place, or
-            are of a load that the arm's file does not have.
+            stated of it. Its other variants have another nonlinear parameter, and stand in its
+            place, or are of a load that the arm's file does not have.
         measurements: the records.
         problem: what is refitted anyway; geometric values beyond what is stated of them are causes
             too.
@@ -143,7 +143,7 @@ def _of_set_up(arm: Arm, measurements: Measurements, problem: Problem) -> Iterat
     vector = problem.vector
     estimated = {effect.label for effect in vector.effects}
     for effect, own in vector:
-        if problem.stated[own].all() and vector.of_arm[own.start] is not None:
+        if problem.stated[own].all() and vector.arm_parameters[own.start] is not None:
             yield effect.at(())
     if arm.dh is not None:
         exact = [EFFECT_OF_KIND[p.kind](joint=p.joint) for p in arm.parameters]  # type: ignore[call-arg]

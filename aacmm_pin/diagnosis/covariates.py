@@ -1,4 +1,6 @@
-"""What residuals may depend on in a way that no cause of the library has, and where it may act."""
+"""Covariates: what residuals may depend on in a way that no cause of the library has, and what they
+act on.
+"""
 
 from __future__ import annotations
 
@@ -33,25 +35,25 @@ from aacmm_pin.effects import (
 from aacmm_pin.measurements import Measurements
 
 SMOOTH = (5, 20)
-"""Numbers of cosines over the ranks of a covariate: a slow change; one with many turns, where it
-may shift the tip.
+"""Numbers of cosines over the ranks of a covariate: for a slow change; for a quick change, which
+may only shift the tip.
 """
 ORDERS = (1, 2, 3)
-"""Waves per turn of an error of a joint that another joint's angle makes."""
+"""Waves per turn of a joint's angle that another joint's error may have."""
 GEAR_ORDERS = (2, 3, 4, 6)
-"""Waves per turn of a gear's error that a load changes."""
+"""Waves per turn of a gear's error that a load may change."""
 LEAST_MOMENT = 0.1
-"""A moment that other joints than its own change by less is no load of its own [N·m]."""
+"""Least change of a joint's moment by other joints with which it is a covariate [N·m]."""
 LATER = 3
-"""Number of cosines over the ranks of the time with which an error of a joint changes."""
+"""Number of cosines over the ranks of the time with which a joint's error may change."""
 SLOPES = 2
 """Powers of the time since the middle of a session with which the tip may shift inside it."""
 DECIMALS = 9
-"""Angles are ordered by so many decimals [rad]."""
+"""Decimals of angles [rad] by which records are ordered."""
 CENTRES = 24
-"""So many places at most in the room round which a field may have its own shift …"""
+"""Most places in the room around which a field may have its own shift."""
 NARROWEST = 0.1
-"""… and it does not change within this distance [m]."""
+"""Distance within which the field of shifts does not change [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,12 +61,12 @@ class Carried:
     """Smooth functions of a covariate, and what they act on.
 
     Attributes:
-        functions: (n, m), root mean square one, the constant first: whatever depends on something
-            also has a mean.
+        functions: (n, m), root mean square 1, the constant first, for every dependence also has a
+            mean.
         carrier: name of a :class:`aacmm_pin.effects.discrepancy.Carrier`.
-        smooth: the same functions at any records, but for their ``size``; None of what new records
-            do not have.
-        size: root mean square of each at these records (m,).
+        smooth: these functions at any records, but for their ``size``; None for covariates that
+            new records do not have.
+        size: root mean square of each function at these records (m,).
     """
 
     functions: Array
@@ -74,7 +76,9 @@ class Carried:
 
     @staticmethod
     def of(smooth: tuple[Smooth, ...], carrier: str, state: State) -> Carried:
-        """Functions that new records have too."""
+        """The product of ``smooth`` at the records of ``state``, for covariates that new records
+        have too.
+        """
         values = product_of(smooth, state)
         return Carried(_of_size_one(values), carrier, smooth, _size(values))
 
@@ -85,19 +89,19 @@ class Carried:
 
     @property
     def quantities(self) -> dict[str, float]:
-        """What it changes: names with unit, and how many SI units one of them is."""
+        """What the carrier changes: names with unit, and SI units per unit."""
         return Carrier(self.carrier).quantities
 
 
 @dataclass(frozen=True, eq=False)
 class Covariate:
-    """Something that residuals may depend on.
+    """A quantity that residuals may depend on.
 
     Attributes:
         name: ``joint 4``, ``joint 2 × joint 4``, ``time``, ``temperature``, ``place``, ``bar
             left``, or an unknown column.
-        depends_on: the single covariates in it: ``joint 2``, ``time``, ``x``, …
-        variants: ways in which it may act.
+        depends_on: its single covariates: ``joint 2``, ``time``, ``x``, …
+        variants: functions of it, with what they act on.
         values: the covariates themselves, n rows; a column of numbers has its unit in its name,
             others are labels.
     """
@@ -109,7 +113,7 @@ class Covariate:
 
 
 class Column(NamedTuple):
-    """Name of a column with its unit, and how many SI units one of it is."""
+    """Name of a column with its unit, and SI units per unit."""
 
     name: str
     unit: float = 1.0
@@ -131,23 +135,23 @@ class Joint(NamedTuple):
 
     @property
     def name(self) -> str:
-        """As a covariate."""
+        """Name of the joint as a covariate."""
         return f"joint {self.row}"
 
     @property
     def error(self) -> str:
-        """The carrier of its error."""
+        """Carrier of the joint's error."""
         return f"slide {self.row}" if self.slides else f"angle {self.row}"
 
     @property
     def column(self) -> Column:
-        """Its readings."""
+        """Column of the joint's readings."""
         if self.slides:
             return Column(f"joint{self.row}_mm", MM)
         return Column(f"theta{self.row}_deg", DEG)
 
     def table(self, state: State) -> pd.DataFrame:
-        """Its readings in these records."""
+        """The joint's readings in these records."""
         readings = state.q[:, self.number]
         return self.column.table(readings)
 
@@ -159,17 +163,18 @@ def covariates(arm: Arm, measurements: Measurements) -> list[Covariate]:
     spread = np.ptp(state.q, axis=0)
     moving = [joint for joint in joints if spread[joint.number] > LEAST_SPREAD]
     single = [*_of_joints(state, moving), *_of_columns(measurements, state, joints)]
-    there = filter(None, single)
-    found = [_with_time(covariate, state.conditions) for covariate in there]
-    of_tip = [_place(state), _scale(state)]
+    known = filter(None, single)
+    found = [_with_time(covariate, state.conditions) for covariate in known]
     of_joints = [*_products(state, moving), *_of_loads(state, moving)]
-    return [*found, *of_joints, *of_tip, *_groups(measurements)]
+    return [*found, *of_joints, _place(state), _scale(state), *_groups(measurements)]
 
 
 def _of_joints(state: State, joints: Sequence[Joint]) -> Iterator[Covariate | None]:
-    """Each joint, which may shift the tip along the body before it, or turn another joint."""
+    """Each joint, which may shift the tip along the body before it, or change another joint's
+    error.
+    """
     for joint in joints:
-        found = _of(
+        found = _covariate(
             joint.name, state.q[:, joint.number], [f"before {joint.row}"], state, joint.column
         )
         if found is None or joint.slides:
@@ -193,23 +198,23 @@ def _of_columns(
         name = column.quantity
         if acts_on is not None:
             at_new_records = state if name in RECORDED else None
-            yield _of(name, column.values, acts_on, at_new_records, Column(column.name))
+            yield _covariate(name, column.values, acts_on, at_new_records, Column(column.name))
 
 
-def _of(
+def _covariate(
     name: str,
     values: Iterable[object],
     carriers: Sequence[str],
     state: State | None = None,
     column: Column | None = None,
 ) -> Covariate | None:
-    """A column of numbers or labels that may act on each of the carriers; numbers of a ``state``
-    new records have too.
+    """A column of numbers or labels that may act on each of the carriers; with a ``state``, new
+    records have its numbers too.
     """
     column = column or Column(name)
     numbers = as_numbers(values)
     if numbers is None:
-        return _of_labels(name, pd.Series(values).astype(str), carriers, column)
+        return _covariate_of_labels(name, pd.Series(values).astype(str), carriers, column)
     slow, quick = (Cosines.over(name, numbers, count) for count in SMOOTH)
     variants = [_carried(slow, numbers, carrier, state) for carrier in carriers]
     if carriers[0] == "room" and len(numbers) > 3 * SMOOTH[1]:
@@ -218,7 +223,7 @@ def _of(
     return Covariate(name, (name,), tuple(variants), table)
 
 
-def _of_labels(
+def _covariate_of_labels(
     name: str, labels: pd.Series, carriers: Sequence[str], column: Column
 ) -> Covariate | None:
     """A column of labels; None with a single one, or with too many."""
@@ -237,8 +242,8 @@ def _carried(cosines: Cosines, numbers: pd.Series, carrier: str, state: State | 
 
 
 def _with_time(covariate: Covariate, conditions: Conditions) -> Covariate:
-    """Sessions and time belong together: time may go on anew in each session, and one session is
-    later than the other.
+    """The covariates time and session, joined: a drift may restart in each session, and sessions
+    follow each other in time.
     """
     session = conditions.session
     time = conditions.time
@@ -246,14 +251,14 @@ def _with_time(covariate: Covariate, conditions: Conditions) -> Covariate:
         return covariate
     if covariate.name == "session":
         return replace(covariate, depends_on=("session", "time"))
-    inside = pd.get_dummies(pd.Series(session), dtype=float).to_numpy()
-    if not 2 <= inside.shape[1] <= MOST_LABELS:
+    of_session = pd.get_dummies(pd.Series(session), dtype=float).to_numpy()
+    if not 2 <= of_session.shape[1] <= MOST_LABELS:
         return covariate
-    middle = (inside * time[:, None]).sum(axis=0) / inside.sum(axis=0)
-    since = (time[:, None] - middle) / max(np.ptp(time), 1e-9)
-    powers = [inside * since**k for k in range(1 + SLOPES)]
-    anew = Carried(_of_size_one(np.hstack(powers)), "room")
-    return replace(covariate, variants=(*covariate.variants, anew))
+    middle = (of_session * time[:, None]).sum(axis=0) / of_session.sum(axis=0)
+    since_middle = (time[:, None] - middle) / max(np.ptp(time), 1e-9)
+    powers = [of_session * since_middle**k for k in range(1 + SLOPES)]
+    by_session = Carried(_of_size_one(np.hstack(powers)), "room")
+    return replace(covariate, variants=(*covariate.variants, by_session))
 
 
 def _products(state: State, joints: Sequence[Joint]) -> Iterator[Covariate]:
@@ -268,8 +273,8 @@ def _products(state: State, joints: Sequence[Joint]) -> Iterator[Covariate]:
 
 
 def _product(state: State, *joints: Joint) -> Covariate:
-    """The angle of one of two joints depends on where both stand: on their first orders, or on a
-    gear's and on a load.
+    """The error of one of two joints depends on both angles: on their first orders, or on the
+    orders of a gear and on a load.
     """
     names = tuple(joint.name for joint in joints)
     waves = tuple(Waves(name, constant=True) for name in names)
@@ -282,19 +287,18 @@ def _product(state: State, *joints: Joint) -> Covariate:
 
 
 def _over_time(state: State, joint: Joint, time: Array) -> Covariate:
-    """The angle of a joint is off by where it stands, and otherwise later: an encoder that was
-    knocked midway.
+    """The error of a joint depends on its angle, and changes with time: an encoder that was knocked
+    midway.
     """
     functions = Waves(joint.name), Cosines.over("time", time, LATER)
-    way = Carried.of(functions, joint.error, state)
+    carried = Carried.of(functions, joint.error, state)
     values = joint.table(state).join(TIME.table(time))
-    return Covariate(f"{joint.name} × time", (joint.name, "time"), (way,), values)
+    return Covariate(f"{joint.name} × time", (joint.name, "time"), (carried,), values)
 
 
 def _of_loads(state: State, joints: Sequence[Joint]) -> Iterator[Covariate]:
-    """The error of a gear that the weight on it changes.
-
-    By all of the weight's moment, or by the part that only other joints change.
+    """The error of a gear depends on the moment of the weight on it: on the whole moment, or on the
+    part that only other joints change.
     """
     if state.arm.masses is None:
         return
@@ -314,22 +318,22 @@ def _of_loads(state: State, joints: Sequence[Joint]) -> Iterator[Covariate]:
 
 
 def _place(state: State) -> Covariate:
-    """Where the tip is: a field of shifts in the room, as a table that bends or a tracker's own
-    error would give.
+    """The place of the tip: a field of shifts in the room, as by a table that bends or by a
+    tracker's own error.
     """
     tip = state.position
     values = pd.DataFrame(tip / MM, columns=["tip_x_mm", "tip_y_mm", "tip_z_mm"])
-    way = Carried.of((_bumps(state),), "room", state)
-    return Covariate("place", ("x", "y", "z"), (way,), values)
+    carried = Carried.of((_bumps(state),), "room", state)
+    return Covariate("place", ("x", "y", "z"), (carried,), values)
 
 
 def _bumps(state: State) -> Bumps:
-    """Round centres among the tips, as many as these are apart."""
-    # So that the order of the records does not matter.
+    """Bumps around centres among the tips; more of them, the more of the room the tips cover."""
+    # Sorted, so that the order of the records does not matter.
     order = np.lexsort(np.round(state.q, DECIMALS).T)
     tip = state.position[order]
-    apart = np.unique(np.round(tip / NARROWEST), axis=0)
-    count = int(np.clip(len(apart) // 2, 1, CENTRES))
+    cells = np.unique(np.round(tip / NARROWEST), axis=0)
+    count = int(np.clip(len(cells) // 2, 1, CENTRES))
     rng = np.random.default_rng(count)
     centres, nearest = scipy.cluster.vq.kmeans2(tip, count, minit="++", rng=rng)
     squares = np.square(tip - centres[nearest]).sum(axis=1)
@@ -343,32 +347,33 @@ def _scale(state: State) -> Covariate:
     temperature.
     """
     distance = np.linalg.norm(state.position, axis=1)
-    way = Carried.of((), "lengths", state)
-    return Covariate("scale", ("scale",), (way,), pd.DataFrame({"distance_mm": distance / MM}))
+    carried = Carried.of((), "lengths", state)
+    return Covariate("scale", ("scale",), (carried,), pd.DataFrame({"distance_mm": distance / MM}))
 
 
 def _groups(measurements: Measurements) -> Iterator[Covariate]:
     """One group of records, a bar or else a seat of unknown place, in which the target sat
     elsewhere on the arm.
     """
-    what = "bar"
+    kind = "bar"
     labels = measurements.bar
     if labels is None:
-        what = "seat"
+        kind = "seat"
         labels = measurements.conditions.seat
     if labels is None or measurements.known.any():
         return
     counts = {label: np.sum(labels == label) for label in dict.fromkeys(labels) if label}
     large = [label for label, count in counts.items() if count > THRESHOLDS.fewest_records]
-    column = pd.DataFrame({what: labels})
+    column = pd.DataFrame({kind: labels})
     for label in large if len(large) >= THRESHOLDS.fewest_groups else []:
         inside = (labels == label).astype(np.float64)[:, None]
-        name = f"{what} {label}"
-        way = Carried(_of_size_one(inside), "target")
-        yield Covariate(name, (name,), (way,), column)
+        name = f"{kind} {label}"
+        carried = Carried(_of_size_one(inside), "target")
+        yield Covariate(name, (name,), (carried,), column)
 
 
 def _of_size_one(functions: Array) -> Array:
+    """The functions (n, m) divided by their root mean squares."""
     return functions / _size(functions)
 
 

@@ -1,5 +1,5 @@
-"""Leave parts of the records out, explore and fit with the rest, predict the part: what the causes
-are worth.
+"""Cross-validation of a diagnosis: leave out one part of the records after the other, choose the
+causes and fit them with the other records, and predict the part.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ from aacmm_pin._support.progress import Progress
 from aacmm_pin.calibration import Fit, rms
 from aacmm_pin.calibration.cross_validation import distances, left_out_in_turn
 from aacmm_pin.diagnosis.choice import Choice
-from aacmm_pin.diagnosis.exploration import explored_from
+from aacmm_pin.diagnosis.exploration import explore_from
 from aacmm_pin.diagnosis.model_space import Blocks, ModelSpace
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 
 RESAMPLES = 2000
-"""Draws of parts with which the 95 % interval of the gain is found."""
+"""Bootstrap resamples of the parts for the 95 % interval of the gain."""
 
 
 @dataclass(frozen=True, eq=False)
 class Gain(Shown):
-    """Residuals of records left out in turn, by groups.
+    """Distances of held-out records by each model.
 
     Attributes:
         kind: ``seats`` or ``blocks`` of joint space.
@@ -36,7 +36,7 @@ class Gain(Shown):
         simulation, recalibrated, extended: distances of the records by each model (n,) [m]; nan
             where there is none. A rotation from a stated orientation is part of it, by
             :attr:`Fit.lever`.
-        smooth: the same with the discrepancy (n,) [m].
+        with_discrepancy: distances by the extended arm with the discrepancy (n,) [m].
         part: part of each record (n,).
         excluded: how many of the records were excluded from the extended arm, and count here, for
             the recalibrated arm alone does not exclude them.
@@ -50,7 +50,7 @@ class Gain(Shown):
     simulation: Array
     recalibrated: Array
     extended: Array
-    smooth: Array
+    with_discrepancy: Array
     part: Index
     excluded: int
     gross_errors: int
@@ -60,32 +60,34 @@ class Gain(Shown):
     @property
     def gain(self) -> float:
         """1 - RMS(extended)/RMS(recalibrated)."""
-        return _less(self.extended, self.recalibrated)
+        return _relative_reduction(self.extended, self.recalibrated)
 
     @property
     def beyond_doubt(self) -> bool:
         """Whether the extended arm predicts held-out records better, by the whole interval."""
         return self.interval[0] > THRESHOLDS.least_gain
 
-    def of_nothing(self) -> Gain:
-        """The same where all records together name nothing, whatever some parts did: both arms are
-        one.
+    def without_causes(self) -> Gain:
+        """The gain if all records together name no cause, whatever single parts name: the extended
+        arm is then the recalibrated arm.
         """
         return replace(self, extended=self.recalibrated, interval=(0.0, 0.0))
 
     @property
-    def smooth_gain(self) -> float:
-        """1 - RMS(smooth)/RMS(extended): what the discrepancy adds to the causes."""
-        return _less(self.smooth, self.extended)
+    def discrepancy_gain(self) -> float:
+        """1 - RMS(with discrepancy)/RMS(extended): what the discrepancy adds to the causes."""
+        return _relative_reduction(self.with_discrepancy, self.extended)
 
 
-def _less(after: Array, before: Array) -> float:
-    """By which part the RMS of distances is lower than that of others."""
+def _relative_reduction(after: Array, before: Array) -> float:
+    """1 - RMS(after)/RMS(before) of distances [m]."""
     return 1.0 - rms(after) / rms(before)
 
 
-class Training:
-    """The posterior of all records but those of one part, and what it predicts of these."""
+class Fold:
+    """The posterior of all records but those of one part, and the distances that it predicts for
+    this part.
+    """
 
     def __init__(self, choice: Choice, number: int) -> None:
         self.choice, self.number = choice, number
@@ -98,17 +100,16 @@ class Training:
 
     @cached_property
     def chosen(self) -> Blocks:
-        """The median probability model of the other records, explored from nothing and from that of
-        all.
+        """The median probability model of the other records, explored from no cause and from the
+        median probability model of all records.
         """
         starts = [(), self.choice.posterior.median]
-        return explored_from(self.space, starts).median
+        return explore_from(self.space, starts).median
 
     @property
     def causes(self) -> Blocks:
         """The causes among what was chosen."""
-        is_cause = self.space.candidates.is_cause
-        return tuple(filter(is_cause, self.chosen))
+        return tuple(filter(self.space.candidates.is_cause, self.chosen))
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -136,8 +137,8 @@ class Training:
         poses = before.point.prediction.poses[self.rows]
         recalibrated = self.predicted(())
         extended = self.predicted(self.causes)
-        smooth = self.predicted(self.chosen, background=True)
-        return [self._distances(poses), recalibrated, extended, smooth]
+        with_discrepancy = self.predicted(self.chosen, background=True)
+        return [self._distances(poses), recalibrated, extended, with_discrepancy]
 
     def _distances(self, poses: Array) -> Array:
         return distances(self.records, poses, lever=self.choice.fit.lever)
@@ -145,7 +146,7 @@ class Training:
 
 def gain_of(
     choice: Choice,
-    trained: list[Training],
+    folds: list[Fold],
     before: Fit,
     kind: str,
     rng: np.random.Generator,
@@ -157,7 +158,7 @@ def gain_of(
 
     Args:
         choice: what was found with all records; only its columns and inner products are used.
-        trained: of each part that can be left out.
+        folds: one for each part that can be left out.
         before: the arm as it was, set-up fitted.
         kind: of the parts, for the record.
         rng: for the interval.
@@ -167,28 +168,28 @@ def gain_of(
         None where no part that is left out has anything to be compared with, such as one record
         only of each unknown seat.
     """
-    of_part = {training.number: training for training in trained}
+    fold_of_part = {fold.number: fold for fold in folds}
     part = choice.parts
-    counted = choice.counted & np.isin(part, [*of_part])
+    counted = choice.counted & np.isin(part, [*fold_of_part])
 
     def predict(number: int, _: Mask) -> list[Array]:
-        return of_part[number].by_models(before)
+        return fold_of_part[number].by_models(before)
 
-    simulation, recalibrated, extended, smooth = left_out_in_turn(
+    simulation, recalibrated, extended, with_discrepancy = left_out_in_turn(
         part, counted, predict, kind, progress
     )
     if not np.isfinite(extended).any():
         return None
     excluded = choice.counted & ~choice.fit.used
     gross_errors = choice.fit.excluded & ~choice.counted
-    chosen = [of_part[number].labels for number in np.unique(part[counted]).tolist()]
+    chosen = [fold_of_part[number].labels for number in np.unique(part[counted]).tolist()]
     return Gain(
         kind=kind,
-        groups=len(trained),
+        groups=len(folds),
         simulation=simulation,
         recalibrated=recalibrated,
         extended=extended,
-        smooth=smooth,
+        with_discrepancy=with_discrepancy,
         part=part,
         excluded=int(excluded.sum()),
         gross_errors=int(gross_errors.sum()),
@@ -208,9 +209,10 @@ def _interval(
             squares.append(np.nansum(np.square(of_both), axis=1))
     table = np.array(squares)
     draws = rng.integers(0, len(table), (RESAMPLES, len(table)))
-    before, after = table[draws].sum(axis=1).T
-    low, high = np.quantile(1.0 - np.sqrt(after / before), [0.025, 0.975])
-    return float(low), float(high)
+    recalibrated_sum, extended_sum = table[draws].sum(axis=1).T
+    gains = 1.0 - np.sqrt(extended_sum / recalibrated_sum)
+    low, high = np.quantile(gains, [0.025, 0.975]).tolist()
+    return low, high
 
 
 class Brought(NamedTuple):
@@ -223,7 +225,7 @@ class Brought(NamedTuple):
     high: float
 
 
-def brought(choice: Choice, trained: list[Training], block: int) -> Brought | None:
+def cause_gain(choice: Choice, folds: list[Fold], block: int) -> Brought | None:
     """By how much one of the causes lowers the RMS of held-out records, each distance over its own
     noise.
 
@@ -236,34 +238,36 @@ def brought(choice: Choice, trained: list[Training], block: int) -> Brought | No
     """
     if choice.in_one_part(block):
         return None
-    squares = np.array([*_squares(choice, trained, block)])
+    squares = np.array([*_squares(choice, folds, block)])
     if len(squares) < THRESHOLDS.fewest_groups:
         return None
     share, u = _ratio(*squares.T)
-    reach = u * float(scipy.special.stdtrit(len(squares) - 1, 0.975))
-    gain, low, high = (1.0 - float(np.sqrt(max(share + off, 0.0))) for off in (0.0, reach, -reach))
-    return Brought(gain, low, high)
+    half_width = u * float(scipy.special.stdtrit(len(squares) - 1, 0.975))
+    shares = np.array([share, share + half_width, share - half_width])
+    gains = 1.0 - np.sqrt(np.maximum(shares, 0.0))
+    return Brought(*gains.tolist())
 
 
-def _ratio(upper: Array, lower: Array) -> tuple[float, float]:
+def _ratio(numerator: Array, denominator: Array) -> tuple[float, float]:
     """Ratio of the sums of two quantities of every part (parts,), and its standard uncertainty."""
-    count = len(lower)
-    total = lower.sum()
-    share = float(upper.sum() / total)
-    scatter = np.sum((upper - share * lower) ** 2)
+    count = len(denominator)
+    total = denominator.sum()
+    share = float(numerator.sum() / total)
+    scatter = np.sum((numerator - share * denominator) ** 2)
     u = np.sqrt(count / (count - 1) * scatter) / total
     return share, float(u)
 
 
-def _squares(choice: Choice, trained: list[Training], block: int) -> Iterator[tuple[float, float]]:
-    """Of each part, the sum of squares of its distances over their noise, with a block and
+def _squares(choice: Choice, folds: list[Fold], block: int) -> Iterator[tuple[float, float]]:
+    """For each part the sum of squares of its distances over their noise, with ``block`` and
     without.
     """
-    whole = choice.posterior.median
-    without = tuple(k for k in whole if k != block)
+    blocks = choice.posterior.median
+    other_blocks = tuple(k for k in blocks if k != block)
     variance = np.trace(choice.fit.residual_noise[:, :3, :3], axis1=1, axis2=2)
-    for training in trained:
-        weight = 1.0 / variance[training.rows]
-        left, of_rest = (training.predicted(blocks) for blocks in (whole, without))
-        if np.isfinite(left).any():
-            yield float(np.nansum(left**2 * weight)), float(np.nansum(of_rest**2 * weight))
+    for fold in folds:
+        weight = 1.0 / variance[fold.rows]
+        with_block = weight * fold.predicted(blocks) ** 2
+        without_block = weight * fold.predicted(other_blocks) ** 2
+        if np.isfinite(with_block).any():
+            yield float(np.nansum(with_block)), float(np.nansum(without_block))

@@ -40,7 +40,7 @@ class Block:
         candidate: number of the candidate.
         variant: number of the variant.
         columns: which columns.
-        source: what they come from; of a known cause with another inner value, both.
+        source: what they come from; of a known cause with another nonlinear parameter, both.
     """
 
     candidate: int
@@ -208,7 +208,7 @@ def design_of(
     stays = problem.vector.slices[-taken_out].start if taken_out else width
     own = point.prediction.jacobian
     known = {variants[0].identity: variants[0].u for variants in library if is_change(variants[0])}
-    stated_u = problem.vector.arm_u
+    stated_u = problem.vector.stated_u
     known_u = np.zeros(width)
     for effect, place in problem.vector:
         if place.start >= stays and effect.identity in known:
@@ -260,8 +260,8 @@ def design_of(
 
 
 def _sources(variants: Variants) -> list[tuple[Effect, ...]]:
-    """What each variant changes: itself, and where it has another inner value than a cause that is
-    known, that one too.
+    """What each variant changes: itself; and the known cause too, if the variant has another
+    nonlinear parameter than this.
     """
     first = variants[0]
     both = is_change(variants[0]) and variants[0].nonlinear.field

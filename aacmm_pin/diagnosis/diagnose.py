@@ -31,7 +31,7 @@ from aacmm_pin.calibration.parameters import is_reestimated, length_held
 from aacmm_pin.calibration.setup import checked_input
 from aacmm_pin.diagnosis.candidates import candidates, known_causes
 from aacmm_pin.diagnosis.covariates import covariates
-from aacmm_pin.diagnosis.cross_validation import Gain, Training, gain_of
+from aacmm_pin.diagnosis.cross_validation import Fold, Gain, gain_of
 from aacmm_pin.diagnosis.discrepancy import described_model
 from aacmm_pin.diagnosis.findings import findings_of
 from aacmm_pin.diagnosis.model_extension import ProblemOf, choose, free
@@ -89,10 +89,10 @@ def diagnose(
         hold_out: measure the gain.
         with_discrepancy: the extended arm has what no cause explains too, as far as new records can
             have it.
-        extra_causes: causes to try besides, at places or with inner values (orders, times, other
-            fields) that are not tried anyway; causes of your own are, once they are registered
-            (:func:`aacmm_pin.effects.register`). They compete with the others, by the ``typical``
-            size of their terms; their values do not count.
+        extra_causes: causes to try besides, at places or with nonlinear parameters (orders, times,
+            other fields) that are not tried anyway; causes of your own are, once they are
+            registered (:func:`aacmm_pin.effects.register`). They compete with the others, by
+            the ``typical`` size of their terms; their values do not count.
         rng: for the draws behind p-values and intervals, and the groups left out; default seed 1.
         progress: show bars in a notebook, or on stderr at a terminal; or a function such as
             ``tqdm`` that wraps the groups left out.
@@ -135,11 +135,11 @@ def diagnose(
     before = fit(as_stated, used=used)
     recalibrated = fit(problem([]), used=used)
     left_out = choice.by_part.parts if enough_postures(measurements) else []
-    trained = [Training(choice, number) for number in left_out]
-    findings = findings_of(model, choice, trained, rng)
-    held = gain_of(choice, trained, before, kind, rng, progress) if hold_out and trained else None
+    folds = [Fold(choice, number) for number in left_out]
+    findings = findings_of(model, choice, folds, rng)
+    held = gain_of(choice, folds, before, kind, rng, progress) if hold_out and folds else None
     if held is not None and not findings:
-        held = held.of_nothing()
+        held = held.without_causes()
     unexplained = unexplained_by(choice, held, bool(findings), rng)
     # Without a finding nothing explains what the recalibrated arm alone excludes.
     judged = [choice.fit] if findings else [choice.fit, alone]

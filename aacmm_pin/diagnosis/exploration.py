@@ -1,5 +1,5 @@
-"""Which sets of causes hold the posterior's mass: best first from several starts, with
-exchanges.
+"""Search for the sets of causes that hold the posterior's mass: best first from several starts,
+with exchanges.
 """
 
 from __future__ import annotations
@@ -16,40 +16,38 @@ from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 def explore(space: ModelSpace, starts: Iterable[Blocks] = ()) -> Posterior:
     """The sets that hold the posterior's mass.
 
-    One half of the starts is nothing; the other half is what is given, each of the leading causes,
-    and what could be instead of each member of the most probable set. Where they do not find the
-    same, all sets that either found are explored on.
+    A first walk starts from the empty set; a second from ``starts``, each of the leading causes,
+    and what could replace each member of the most probable set. If they disagree, the search goes
+    on from all sets that either found.
     """
     walk = Walk(space, [()])
     walk.run()
     top = max(walk.values, key=lambda s: (walk.values[s], s))
-    other = Walk(space, [*starts, *_leading(space), *(_grown_without(space, top, k) for k in top)])
+    other = Walk(space, [*starts, *_leading(space), *(_climb_without(space, top, k) for k in top)])
     other.run()
-    apart = _disagreement(space, walk.values, other.values)
+    disagreement = _disagreement(space, walk.values, other.values)
     walk.values.update(other.values)
     walk.best = max(walk.best, other.best)
-    if apart > THRESHOLDS.agreement:
+    if disagreement > THRESHOLDS.agreement:
         before = dict(walk.values)
         walk.exchanged.clear()
         walk.expansions += THRESHOLDS.expansions
         walk.run()
-        apart = _disagreement(space, before, walk.values)
-    return walk.posterior(apart)
+        disagreement = _disagreement(space, before, walk.values)
+    return walk.posterior(disagreement)
 
 
-def climbed(space: ModelSpace, start: Blocks) -> Posterior:
-    """The most probable set that steps and exchanges from a start, or from nothing, lead to, and
-    those beside it.
+def climb(space: ModelSpace, start: Blocks) -> Posterior:
+    """The most probable set that steps and exchanges from ``start`` or the empty set lead to, and
+    the sets visited on the way.
     """
     walk = Walk(space, [(), start])
     walk.run(least=1.0)
     return walk.posterior()
 
 
-def explored_from(space: ModelSpace, starts: Iterable[Blocks]) -> Posterior:
-    """The sets that hold the mass near some starts, for a part of the records: nothing is
-    exchanged.
-    """
+def explore_from(space: ModelSpace, starts: Iterable[Blocks]) -> Posterior:
+    """The sets that hold the mass near ``starts``, for a part of the records: without exchanges."""
     walk = Walk(space, starts)
     walk.expansions = THRESHOLDS.expansions_of_part
     walk.run(exchanges=False)
@@ -65,24 +63,27 @@ def _leading(space: ModelSpace) -> list[Blocks]:
     return [(int(k),) for k in leading if np.isfinite(odds[k])]
 
 
-def _grown_without(space: ModelSpace, blocks: Blocks, block: int) -> Blocks:
-    """The set that the rest of some blocks leads to, step by step uphill, if the candidate of one
-    of them does not act.
+def _climb_without(space: ModelSpace, blocks: Blocks, block: int) -> Blocks:
+    """The set that ``blocks`` without ``block`` lead to, step by step uphill, if no block of this
+    candidate is allowed.
     """
     barred = space.candidates.owners == space.candidates.owner(block)
-    at = without_block(blocks, block)
+    current = without_block(blocks, block)
     while True:
-        now = space.marginal(at).log_posterior
-        more = np.where(barred, -np.inf, space.additions(at))
-        steps = [(float(more.max()), with_block(at, int(np.argmax(more))))]
+        log_posterior = space.marginal(current).log_posterior
+        additions = np.where(barred, -np.inf, space.additions(current))
+        steps = [(float(additions.max()), with_block(current, int(np.argmax(additions))))]
         steps += [
-            (about, without_block(at, k))
-            for k, about in zip(at, space.removals(at).tolist(), strict=True)
+            (value, without_block(current, k))
+            for k, value in zip(current, space.removals(current).tolist(), strict=True)
         ]
-        about, further = max(steps, key=lambda step: step[0])
-        if about <= now - THRESHOLDS.close or space.marginal(further).log_posterior <= now:
-            return at
-        at = further
+        best, next_set = max(steps, key=lambda step: step[0])
+        if (
+            best <= log_posterior - THRESHOLDS.close
+            or space.marginal(next_set).log_posterior <= log_posterior
+        ):
+            return current
+        current = next_set
 
 
 def _disagreement(
@@ -97,10 +98,9 @@ class Walk:
     """Sets visited from some starts.
 
     Attributes:
-        values: log posterior of each set visited; an approximation where that is far lower than the
-            best.
+        values: log posterior of each set visited; approximate where it is far below the best.
         best: largest log posterior.
-        expansions: of how many sets all additions may still be ranked.
+        expansions: number of sets whose additions may still be ranked.
     """
 
     def __init__(self, space: ModelSpace, starts: Iterable[Blocks]) -> None:
@@ -111,15 +111,15 @@ class Walk:
             self._look_at(start)
 
     def posterior(self, disagreement: float = 0.0) -> Posterior:
-        """Of the sets visited, and of all additions to those that were expanded: each has little
-        mass, but all together may have some per cent.
+        """The posterior over the sets visited and all additions to expanded sets: each addition has
+        little mass, but all together may have some per cent.
         """
         weights = weights_of(self._additions | self.values, THRESHOLDS.negligible_set)
         return Posterior(self.space, weights, disagreement)
 
     @property
     def _additions(self) -> dict[Blocks, float]:
-        """About the log posterior of each set with one block more than one that was expanded."""
+        """Approximate log posterior of each expanded set with one block more."""
         found: dict[Blocks, float] = {}
         for blocks in self.expanded:
             about = self.space.additions(blocks)
@@ -158,8 +158,8 @@ class Walk:
         self.values[blocks], self.best = value, max(self.best, value)
 
     def _visit(self, blocks: Blocks, about: float) -> None:
-        """Look at a set if it is not far lower than the best; far ones keep what is known about
-        them.
+        """Evaluate a set if ``about``, its approximate log posterior, is near the best; keep the
+        approximation if it is farther below.
         """
         if about > self.best - THRESHOLDS.close:
             self._look_at(blocks)
@@ -188,8 +188,8 @@ class Walk:
         return leading
 
     def _exchange(self, blocks: Blocks) -> None:
-        """Visit the set with one or two in the place of a member, or one in that of several; until
-        a better set is found.
+        """Visit the set with one or two blocks in place of a member, or one block in place of
+        several; until a better set is found.
         """
         self.exchanged.add(blocks)
         candidates = self.space.candidates
@@ -225,8 +225,8 @@ class Walk:
         candidates = self.space.candidates
         values = self.space.additions(rest)
         inside = candidates.contained.get(candidates.owner(block), frozenset())
-        own = [np.flatnonzero(candidates.owners == owner) for owner in sorted(inside)]
-        best = [int(some[np.argmax(values[some])]) for some in own if some.size]
+        blocks_of = [np.flatnonzero(candidates.owners == owner) for owner in sorted(inside)]
+        best = [int(blocks[np.argmax(values[blocks])]) for blocks in blocks_of if blocks.size]
         return [k for k in best if np.isfinite(values[k])]
 
 

@@ -12,15 +12,15 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin.calibration import geometric_parameters
 from aacmm_pin.diagnosis.candidates import is_change
 from aacmm_pin.diagnosis.choice import Choice
-from aacmm_pin.diagnosis.cross_validation import Training, brought
-from aacmm_pin.diagnosis.inner_values import Step, step_of
+from aacmm_pin.diagnosis.cross_validation import Fold, cause_gain
+from aacmm_pin.diagnosis.nonlinear_parameters import Step, step_of
 from aacmm_pin.diagnosis.result import Finding
 from aacmm_pin.diagnosis.significance import aliases_of, family_wise_p_value, retained
 from aacmm_pin.effects import Effect, ErrorModel, slides, values_with_u
 
 
 def findings_of(
-    model: ErrorModel, choice: Choice, trained: list[Training], rng: np.random.Generator
+    model: ErrorModel, choice: Choice, folds: list[Fold], rng: np.random.Generator
 ) -> list[Finding]:
     """The causes, strongest first, with the values that the last refit gave them; geometric values
     last.
@@ -29,94 +29,103 @@ def findings_of(
     def is_geometric(finding: Finding) -> bool:
         return bool(geometric_parameters(model.arm, finding.effect))
 
-    found = [_finding(model, choice, trained, block, rng) for block in choice.causes]
-    return sorted(found, key=is_geometric)
+    findings = [_finding(model, choice, folds, block, rng) for block in choice.causes]
+    return sorted(findings, key=is_geometric)
 
 
 def _finding(
-    model: ErrorModel, choice: Choice, trained: list[Training], block: int, rng: np.random.Generator
+    model: ErrorModel, choice: Choice, folds: list[Fold], block: int, rng: np.random.Generator
 ) -> Finding:
-    every = {each[0].identity: each for each in estimated(choice)}
-    # The new one comes last.
-    latest = {each[0].label: each for each in every.values()}
+    by_identity = {estimate[0].identity: estimate for estimate in estimated(choice)}
+    # Of several effects with one label the new one comes last.
+    by_label = {estimate[0].label: estimate for estimate in by_identity.values()}
     chosen = choice.variant(block)
-    effect, covariance = every.get(chosen.identity, latest[chosen.label])
-    covariance = covariance + _of_other_sets(choice, block, effect)
+    effect, covariance = by_identity.get(chosen.identity, by_label[chosen.label])
+    covariance = covariance + _model_uncertainty(choice, block, effect)
     u = np.sqrt(np.diag(covariance))
     effect = effect.at(effect.values, tuple(u))
-    field = effect.nonlinear.field
-    is_step = field and not effect.nonlinear.prior_sd(effect)
-    steps = {field: step_of(choice, block, field)} if is_step else {}
-    inner = _inner_values(choice, effect, steps)
-    known = [old for old in model.effects if old.label == effect.label]
-    replaced = [
-        old for old in known if old.identity == effect.identity or old.identity not in every
-    ]
-    left = choice.posterior.without(block)
-    is_geometric = geometric_parameters(model.arm, effect)
-    beside = None
-    if effect.place is not None and effect.cause in latest:
-        beside, _ = latest[effect.cause]
+    parameter = effect.nonlinear.field
+    is_step = bool(parameter) and not effect.nonlinear.prior_sd(effect)
+    steps = {parameter: step_of(choice, block, parameter)} if is_step else {}
+    nonlinear_values = _nonlinear_values(choice, effect, steps)
+    replaced = (
+        old
+        for old in model.effects
+        if old.label == effect.label
+        and (old.identity == effect.identity or old.identity not in by_identity)
+    )
+    without_block = choice.posterior.without(block)
+    is_geometric = bool(geometric_parameters(model.arm, effect))
+    whole_arm = None
+    if effect.place is not None and effect.cause in by_label:
+        whole_arm, _ = by_label[effect.cause]
+    reported = effect
+    if not is_change(chosen):
+        reported = _with_coverage_intervals(choice, effect, nonlinear_values, steps)
     return Finding(
-        effect if is_change(chosen) else _told(choice, effect, inner, steps),
-        values_with_u(effect, covariance),
-        choice.posterior.probability(block),
-        family_wise_p_value(choice.candidates, left, block, rng),
-        retained(left, block),
-        tuple(aliases_of(choice.posterior, choice.library, block)),
-        None if is_geometric else brought(choice, trained, block),
-        inner,
-        slides(effect, choice.fit.problem.model.arm),
-        beside,
-        next(iter(replaced), None),
+        effect=reported,
+        parameters=values_with_u(effect, covariance),
+        probability=choice.posterior.probability(block),
+        p_value=family_wise_p_value(choice.candidates, without_block, block, rng),
+        retained_fraction=retained(without_block, block),
+        aliases=tuple(aliases_of(choice.posterior, choice.library, block)),
+        brought=None if is_geometric else cause_gain(choice, folds, block),
+        inner=nonlinear_values,
+        slides=slides(effect, choice.fit.problem.model.arm),
+        beside=whole_arm,
+        was=next(replaced, None),
     )
 
 
-def _of_other_sets(choice: Choice, block: int, effect: Effect) -> Array:
-    """What is added to the covariance of a cause's values, for other sets of causes give other
-    values.
+def _model_uncertainty(choice: Choice, block: int, effect: Effect) -> Array:
+    """Covariance added because other sets of causes give other values (law of total variance)
+    (q, q).
     """
     design = choice.design
-    scales = design.scales[design.blocks[block].columns][: len(effect.terms)]
-    more = choice.posterior.uncertainty_of_the_set(block)[: len(effect.terms), : len(effect.terms)]
-    return scales[:, None] * more * scales
+    q = len(effect.terms)
+    scales = design.scales[design.blocks[block].columns][:q]
+    between_sets = choice.posterior.uncertainty_of_the_set(block)[:q, :q]
+    return scales[:, None] * between_sets * scales
 
 
-def _told(
+def _with_coverage_intervals(
     choice: Choice,
     effect: Effect,
-    inner: Mapping[str, tuple[float, float]],
+    nonlinear_values: Mapping[str, tuple[float, float]],
     steps: Mapping[str, Step],
 ) -> Effect:
-    """The effect with what the records tell of where it steps, or of how far off its inner values
-    may be.
-    """
-    intervals = {name: (value - 2.0 * u, value + 2.0 * u) for name, (value, u) in inner.items()}
-    for low, high in (
-        intervals | {name: (step.low, step.high) for name, step in steps.items()}
-    ).values():
-        records = choice.fit.problem.measurements
+    """The effect with the 95 % interval of its step or nonlinear parameter."""
+    records = choice.fit.problem.measurements
+    intervals = {
+        name: (value - 2.0 * u, value + 2.0 * u) for name, (value, u) in nonlinear_values.items()
+    }
+    intervals |= {name: (step.low, step.high) for name, step in steps.items()}
+    for low, high in intervals.values():
         effect = effect.nonlinear.with_coverage_interval(effect, low, high, records)
     return effect
 
 
-def _inner_values(
+def _nonlinear_values(
     choice: Choice, effect: Effect, steps: Mapping[str, Step]
 ) -> dict[str, tuple[float, float]]:
-    """What was found of order, time constant or time, with u."""
-    every = choice.fit.inner_u.items()
-    found = {name: u for (key, name), u in every if key == effect.key}
-    found |= {name: step.u for name, step in steps.items()}
-    values = {name: float(getattr(effect, name)) for name in found}
-    return {name: (values[name], u) for name, u in found.items()}
+    """Values of nonlinear parameters (order, time constant, time of a step) that the records
+    determine, with u.
+    """
+    u_of_name = {name: step.u for name, step in steps.items()}
+    for (key, name), u in choice.fit.nonlinear_u_of.items():
+        if key == effect.key:
+            u_of_name.setdefault(name, u)
+    return {name: (float(getattr(effect, name)), u) for name, u in u_of_name.items()}
 
 
 def estimated(choice: Choice) -> Iterator[tuple[Effect, Array]]:
-    """Every effect that the last fit estimated, with u, and the covariance of its values; of what
-    no record tells, by the widths within which it was looked for.
+    """Every effect of the last fit with u and covariance; where records determine nothing, the
+    prior widths stand in.
     """
     fit = choice.fit
-    untold = fit.unknown * fit.problem.scales[:, None]
-    for effect, own in zip(fit.effects, fit.problem.vector.slices, strict=True):
-        covariance = fit.covariance[own, own] + untold[own] @ untold[own].T
-        yield effect.at(effect.values, tuple(np.sqrt(np.diag(covariance)))), covariance
+    undetermined = fit.unknown * fit.problem.scales[:, None]
+    for effect, entries in zip(fit.effects, fit.problem.vector.slices, strict=True):
+        from_prior = undetermined[entries] @ undetermined[entries].T
+        covariance = fit.covariance[entries, entries] + from_prior
+        u = np.sqrt(np.diag(covariance))
+        yield effect.at(effect.values, tuple(u)), covariance

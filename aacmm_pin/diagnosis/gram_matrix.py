@@ -1,11 +1,11 @@
-"""Inner products of whitened residuals, nuisances and candidate columns, worked out as far as they
-are asked for.
+"""Inner products of whitened residuals, nuisances and candidate columns, computed when they are
+needed.
 
 Everything that choosing among causes needs, a projection, a score, an evidence, a held-out
 prediction, is arithmetic on these inner products, so that trying another set of causes, or leaving
-out a part of the records, costs next to nothing. The nuisances are what is refitted anyway:
-geometry with its prior, the reference frame; the unknown points of the observations are projected
-out of the rows.
+out a part of the records, costs next to nothing. The nuisances are the parameters that are
+refitted in any case: geometry with its prior, the reference frame; the unknown points of the
+observations are projected out of the rows.
 """
 
 from __future__ import annotations
@@ -30,17 +30,17 @@ MOST_DOUBLE = 10_000_000
 """More numbers than this are held in single precision: 6e-8 of a column is far below the noise of
 any record."""
 ROWS_OF_A_PRODUCT = 400
-"""Rows of which products are taken at once."""
+"""Rows in one matrix product."""
 RANK = 150
 """Directions of the background of all covariates."""
 LEAST_TRACE = 1e-12
-"""A block of columns that are zero counts with this, so that it can be divided by."""
+"""Least trace of a block of columns, so that a block of zeros can be divided by it."""
 
 
 def numbers_of(columns: Sequence[slice]) -> Index:
     """Numbers of some columns (m,)."""
-    each = [np.arange(own.start, own.stop) for own in columns]
-    return np.concatenate([np.empty(0, np.intp), *each])
+    numbers = [np.arange(column_range.start, column_range.stop) for column_range in columns]
+    return np.concatenate([np.empty(0, np.intp), *numbers])
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,9 +78,9 @@ class PartRows:
         with_all = np.zeros((weights.shape[1], self.rows.shape[1]))
         with_own = np.zeros((weights.shape[1],) * 2)
         for rows in self._exact():
-            own = rows[:, columns] @ weights
-            with_all += own.T @ rows
-            with_own += own.T @ own
+            combinations = rows[:, columns] @ weights
+            with_all += combinations.T @ rows
+            with_own += combinations.T @ combinations
         return with_all, with_own
 
     def squared(self, columns: Index, weights: Array) -> Array:
@@ -98,31 +98,30 @@ class PartRows:
         """Products of the columns of each block with one another, for columns (blocks, q) of each
         size q: (blocks, q, q).
         """
-        found = {size: np.zeros((*own.shape, size)) for size, own in columns.items()}
+        found = {
+            size: np.zeros((*block_columns.shape, size)) for size, block_columns in columns.items()
+        }
         for rows in self._exact():
-            for size, own in columns.items():
-                mine = rows.T[own]
-                found[size] += mine @ mine.transpose(0, 2, 1)
+            for size, block_columns in columns.items():
+                block_rows = rows.T[block_columns]
+                found[size] += block_rows @ block_rows.transpose(0, 2, 1)
         return found
 
     def _exact(self) -> Iterator[Array]:
-        """The rows, some at a time, in double precision: products of rounded columns are to be
-        exact.
-        """
+        """Blocks of rows in double precision, so that products of rounded columns are exact."""
         for first in range(0, max(len(self.rows), 1), ROWS_OF_A_PRODUCT):
             yield self.rows[first : first + ROWS_OF_A_PRODUCT].astype(np.float64, copy=False)
 
 
 class Products:
-    """Inner products of the columns of a design, by part and over all; kept once they are worked
-    out.
+    """Inner products of the columns of a design, by part and over all, cached.
 
-    The rows, by far the largest that a diagnosis holds, are worked out again where they are asked
-    for after :meth:`release`.
+    The rows, by far the largest arrays of a diagnosis, are computed again if they are needed after
+    :meth:`release`.
 
     Args:
         design: the columns.
-        read: works out the rows of each part.
+        read: computes the rows of each part.
         noise: of the records.
 
     Attributes:
@@ -162,7 +161,7 @@ class Products:
         return self._read()
 
     def release(self) -> None:
-        """Let the rows go; products that are there stay."""
+        """Free the memory of the rows; computed products stay."""
         self.__dict__.pop("parts", None)
 
     def strip(self, part: int | None, columns: slice) -> Array:
@@ -175,9 +174,7 @@ class Products:
         return self._strips[key]
 
     def prepare(self, part: int | None, strips: Iterable[slice]) -> None:
-        """Work out several strips that will be asked for: the rows are read once for all of
-        them.
-        """
+        """Compute several strips that will be needed, in one pass over the rows."""
         wanted = {(s.start, s.stop) for s in strips if (part, s.start, s.stop) not in self._strips}
         if wanted:
             columns = np.concatenate([np.arange(*ends) for ends in wanted])
@@ -230,7 +227,7 @@ class Products:
         return columns, scale * directions
 
     def _start(self, block: Block, rank: int) -> Array:
-        """Random numbers that belong to a covariate block (q, rank)."""
+        """Random numbers for a covariate block, by its name (q, rank)."""
         carrier = block.source.carrier if isinstance(block.source, Carried) else ""
         words = f"{self.design.names[block.candidate]} {carrier} {block.variant} {block.size}"
         rng = np.random.default_rng(zlib.crc32(words.encode()))
@@ -270,12 +267,12 @@ class Gram:
     left_out: frozenset[int] = frozenset()
 
     def without(self, part: int) -> Gram:
-        """All but this part too."""
+        """The products without this part too."""
         return Gram(self.products, self.left_out | {part})
 
     @property
     def parts(self) -> list[int]:
-        """Numbers of the parts that count and have something to say."""
+        """Numbers of the parts that count and have degrees of freedom."""
         every = enumerate(self.products.free)
         return [k for k, free in every if k not in self.left_out and free > 0]
 
@@ -285,7 +282,7 @@ class Gram:
         return sum(self.products.free[k] for k in self.parts)
 
     def prepare(self, blocks: Iterable[int]) -> None:
-        """Work out at once what is needed to admit each of some blocks."""
+        """Compute in one pass what is needed to add each of ``blocks``."""
         strips = [self.products.design.blocks[k].columns for k in blocks]
         for part in (None, *self.left_out):
             self.products.prepare(part, strips)
@@ -328,19 +325,20 @@ class Gram:
 
 
 def products_of(design: Design, part: Index, noise: RecordNoise | None = None) -> Products:
-    """Of the used records; a seat with records in several parts has coordinates of its own in each.
+    """Products of the used records; a seat with records in several parts has its own coordinates in
+    each.
 
     Args:
         design: the columns.
         part: number of the part of each record, from 0 (n,).
-        noise: of the records; None: that of the fit, of records that share nothing.
+        noise: of the records; None for the noise of the fit, without an error that records share.
     """
     known = noise or RecordNoise.alone(design.fit.noise.whitening)
     return Products(design, partial(_parts_of, design, part, known), known)
 
 
 def _parts_of(design: Design, part: Index, noise: RecordNoise) -> list[PartRows]:
-    """Whitened rows."""
+    """Whitened rows of each part."""
     fit = design.fit
     held = noise.postures
     width = design.width

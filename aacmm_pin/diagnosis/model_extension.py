@@ -23,18 +23,18 @@ from aacmm_pin.diagnosis.candidates import Variants, is_change
 from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.covariates import Covariate
 from aacmm_pin.diagnosis.design_matrix import design_of
-from aacmm_pin.diagnosis.exploration import climbed, explore
+from aacmm_pin.diagnosis.exploration import climb, explore
 from aacmm_pin.diagnosis.gram_matrix import Gram, products_of
 from aacmm_pin.diagnosis.held_postures import HeldPostures, RecordNoise
-from aacmm_pin.diagnosis.inner_values import (
+from aacmm_pin.diagnosis.model_space import Blocks, Candidates, ModelSpace
+from aacmm_pin.diagnosis.nonlinear_parameters import (
     evidences,
     likeliest,
     noise_is_known,
     refined_causes,
     refined_rivals,
-    with_inner_u,
+    with_nonlinear_u,
 )
-from aacmm_pin.diagnosis.model_space import Blocks, Candidates, ModelSpace
 from aacmm_pin.diagnosis.reading_scatter import ReadingScatter
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.effects import Effect
@@ -118,7 +118,7 @@ def _put_back(of: Fit) -> Mask:
     """The records that count, and those that were excluded but not by far, or that are neighbours
     (n,).
     """
-    far = _times_the_limit(of, of.system.off, of)
+    far = _times_the_limit(of, of.system.deviations, of)
     arm = of.problem.model.arm
     records = of.problem.measurements
     dense = [each.records for each in clusters(arm, records, of.excluded, of.used)]
@@ -235,10 +235,11 @@ class _Before:
 
 
 def _extended(problem_of: ProblemOf, found: Choice, first: Fit, used: Mask | None) -> Fit:
-    """The refit at the median probability model; what is uncertain of inner values is in its u.
+    """The refit at the median probability model; its u includes the uncertainty of nonlinear
+    parameters.
 
-    A known cause beside one of its name with another inner value, and of which nothing is left, is
-    gone.
+    A known cause is removed if a cause of its name with another nonlinear parameter is estimated,
+    and its own values are zero within their U.
     """
     effects = [effect.at(()) for effect in found.effects]
     if not effects:
@@ -252,7 +253,7 @@ def _extended(problem_of: ProblemOf, found: Choice, first: Fit, used: Mask | Non
         at = refitted(problem_of, effects, gone, used)
         effects = [_without(at, found.noise, effects, k, gone) for k in range(len(effects))]
         at = refitted(problem_of, effects, gone, used)
-    return _with_shared_error(with_inner_u(at, found.noise, effects), found)
+    return _with_shared_error(with_nonlinear_u(at, found.noise, effects), found)
 
 
 def _with_shared_error(at: Fit, found: Choice) -> Fit:
@@ -279,8 +280,8 @@ def _gone(at: Fit, effects: Sequence[Effect]) -> list[Effect]:
 def _without(
     at: Fit, noise: RecordNoise, effects: Sequence[Effect], number: int, gone: Sequence[Effect]
 ) -> Effect:
-    """One of the effects, with the likeliest inner value where it has taken the place of a known
-    one.
+    """One of the effects, with the likeliest nonlinear parameter if it has replaced a known
+    effect.
     """
     effect = effects[number]
     if effect.label not in {old.label for old in gone} or effect.nonlinear.is_preferred(effect):
@@ -386,7 +387,7 @@ class _Climb:
         parts = np.zeros_like(self.parts) if _torn(at, self.parts) else self.parts
         noise = RecordNoise(self.whitening, postures)
         gram = Gram(products_of(self.candidates.design, parts, noise))
-        posterior = climbed(ModelSpace(self.candidates, gram, stated), self.start)
+        posterior = climb(ModelSpace(self.candidates, gram, stated), self.start)
         return Choice(at, posterior, self.library, self.others, self.parts, gram, scatter)
 
     def settled(self, postures: HeldPostures) -> Choice:

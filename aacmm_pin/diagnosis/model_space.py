@@ -23,16 +23,14 @@ Blocks = tuple[int, ...]
 FIRST_WIDTH = 2
 """Number of the width with which the search for a block's best width begins."""
 COUNTS = 6.0
-"""At an amplitude whose log posterior is lower than the largest by more, the widths need not be the
-best.
-"""
+"""Amplitudes whose log posterior is below the largest by more are not optimised over the widths."""
 LEAST_WEIGHT = 1e-12
-"""An amplitude has at least this weight where additions are ranked."""
+"""Least weight of an amplitude when additions are ranked."""
 LEAST_GAIN = 1e-9
-"""A width is better if the log posterior is larger by more."""
+"""Least gain in log posterior for which a width changes."""
 RECENT = 10
-"""So many sets' own products are kept, for they are asked for again at once: at each amplitude, and
-beside other blocks.
+"""Sets whose own products are cached: they are needed again at each amplitude, and with other
+blocks.
 """
 NEGLIGIBLE = 12.0
 """A log posterior that is lower than the largest by more adds nothing to a sum."""
@@ -40,13 +38,13 @@ NEGLIGIBLE = 12.0
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """What may be in a set, and how probable it is before anything was seen.
+    """The candidates for a set, and their prior odds.
 
     Attributes:
         design: the candidates and their blocks of columns.
         log_odds: log prior odds of inclusion of each block (blocks,).
-        contained: for a candidate that is free enough to be others too, their numbers; they do not
-            stand beside it.
+        contained: for a candidate of which others are special cases, their numbers; these are in no
+            set with it.
     """
 
     design: Design
@@ -55,7 +53,9 @@ class Candidates:
 
     @staticmethod
     def of(design: Design, library: Sequence[Variants]) -> Candidates:
-        """One cause is expected, shared by the causes' prior weights; of each, one variant is."""
+        """Prior odds: one cause is expected, shared by the causes' prior weights; one variant of
+        each candidate.
+        """
         log_prior = _log_prior_of_candidates(library, len(design.names))
         records = design.fit.problem.measurements
         of_causes = zip(library, log_prior, strict=False)
@@ -95,8 +95,8 @@ class Candidates:
         return {member: frozenset(containers) for member, containers in found.items()}
 
     def barred(self, blocks: Blocks) -> Mask:
-        """Which blocks cannot stand beside these: of the same candidates, what these contain, and
-        what contains these.
+        """Which blocks cannot be added to ``blocks``: blocks of their candidates, of special cases
+        of these, and of candidates of which these are special cases.
         """
         struck = set[int]()
         for owner in {self.owner(k) for k in blocks}:
@@ -123,8 +123,8 @@ def _log_prior_of_candidates(library: Sequence[Variants], count: int) -> Array:
 def _shares(variants: Variants, log_prior: float, records: Measurements) -> Array:
     """Log share of each variant in the prior odds of its candidate (variants,).
 
-    Another inner value than that of a known cause is a change of this one and a new cause, each
-    with these odds.
+    A variant with another nonlinear parameter than the known cause is a change of this cause and a
+    new cause, each with these odds.
     """
     shares = np.log([effect.nonlinear.prior_probability(effect, records) for effect in variants])
     new_beside_change = len(variants) > 1 and is_change(variants[0]) and variants[0].nonlinear.field
@@ -155,7 +155,7 @@ class ModelState(NamedTuple):
     amplitude: int
 
     def of(self, kept: Sequence[int]) -> ModelState:
-        """Some of the blocks, with their widths; all else is as in it."""
+        """The state with the blocks ``kept`` alone, with their widths."""
         width = dict(zip(self.blocks, self.widths, strict=True))
         widths = tuple(width[k] for k in kept)
         return ModelState(tuple(kept), widths, self.amplitude)
@@ -221,7 +221,7 @@ class ModelSpace:
         return Likelihood(dof, self.stated)
 
     def conditional(self, state: ModelState, as_stated: bool = False) -> Conditional:
-        """What is left of every block beside a set."""
+        """Every block, conditional on the set of ``state``."""
         base = self.base(state.amplitude, as_stated)
         key = (state.blocks, state.amplitude, as_stated)
         if key not in self._among:
@@ -246,7 +246,7 @@ class ModelSpace:
         return log_evidence + self._log_prior(ordered.blocks)
 
     def _log_prior(self, blocks: Blocks) -> float:
-        """With the equal prior of widths and amplitudes."""
+        """Log prior odds with the equal prior of widths and amplitudes."""
         of_widths = len(blocks) * np.log(WIDTHS.size)
         of_amplitude = np.log(len(self.amplitudes))
         return self.log_prior(blocks) - float(of_widths + of_amplitude)
@@ -254,8 +254,8 @@ class ModelSpace:
     def marginal(self, blocks: Blocks) -> Marginal:
         """The set's log posterior, summed over its widths and the amplitudes; kept.
 
-        At each amplitude, the sum is taken along each width alone from the best widths there, as if
-        they were independent.
+        At each amplitude, the sum runs over each width alone from the best widths at this
+        amplitude, as if the widths were independent.
         """
         if blocks not in self._marginals:
             self._marginals[blocks] = self._summed(blocks)
@@ -263,21 +263,21 @@ class ModelSpace:
 
     def _summed(self, blocks: Blocks) -> Marginal:
         state = self._near(blocks)
-        found = self._over_amplitudes(state)
+        by_amplitude = self._over_amplitudes(state)
         peaks = dict[int, Peak]()
-        while (best := int(np.argmax(found))) not in peaks:
+        while (best := int(np.argmax(by_amplitude))) not in peaks:
             peaks[best] = self._peak(state._replace(amplitude=best))
             state = peaks[best].state
-            found = self._over_amplitudes(state)
-        counting = np.flatnonzero(found > found.max() - COUNTS)
+            by_amplitude = self._over_amplitudes(state)
+        counting = np.flatnonzero(by_amplitude > by_amplitude.max() - COUNTS)
         for k in counting.tolist():
             if k not in peaks:
                 peaks[k] = self._peak(state._replace(amplitude=k))
         for k, peak in peaks.items():
-            found[k] = peak.total
+            by_amplitude[k] = peak.total
         top = max(peaks.values(), key=lambda peak: peak.largest)
-        total = float(log_sum(found))
-        return Marginal(total, top.state, np.exp(found - total))
+        total = float(log_sum(by_amplitude))
+        return Marginal(total, top.state, np.exp(by_amplitude - total))
 
     def _near(self, blocks: Blocks) -> ModelState:
         """A state of the set near the best: widths and amplitude of a set with one block less, if
@@ -299,54 +299,58 @@ class ModelSpace:
 
     def _peak(self, state: ModelState) -> Peak:
         """The best widths at the state's amplitude, changed one at a time."""
-        at = self.conditional(state)
+        conditional = self.conditional(state)
         log_prior = self._log_prior(state.blocks)
         while True:
-            values = at.over_widths[:, :-1]
+            values = conditional.over_widths[:, :-1]
             largest = values.max(axis=1)
             members = np.arange(len(values))
-            more = largest - values[members, list(at.widths)]
-            if more.max(initial=0.0) <= LEAST_GAIN:
+            gains = largest - values[members, list(conditional.widths)]
+            if gains.max(initial=0.0) <= LEAST_GAIN:
                 break
-            member = int(np.argmax(more))
-            widths = list(at.widths)
+            member = int(np.argmax(gains))
+            widths = list(conditional.widths)
             widths[member] = int(np.argmax(values[member]))
-            at = replace(at, widths=tuple(widths))
-        own = at.log_evidence + log_prior
+            conditional = replace(conditional, widths=tuple(widths))
+        log_posterior = conditional.log_evidence + log_prior
         along_widths = log_sum(values) - largest
-        return Peak(own, own + float(along_widths.sum()), state._replace(widths=at.widths))
+        return Peak(
+            log_posterior,
+            log_posterior + float(along_widths.sum()),
+            state._replace(widths=conditional.widths),
+        )
 
     def _over_amplitudes(self, state: ModelState) -> Array:
         """Log posterior of the state with each amplitude (amplitudes,).
 
-        It has one top: upwards and downwards from the state's amplitude, those beyond a negligible
-        one are not asked.
+        It has one maximum: upwards and downwards from the state's amplitude, amplitudes beyond a
+        negligible one are not evaluated.
         """
-        found = np.full(len(self.amplitudes), -np.inf)
-        upwards = range(state.amplitude, found.size)
+        log_posteriors = np.full(len(self.amplitudes), -np.inf)
+        upwards = range(state.amplitude, log_posteriors.size)
         downwards = range(state.amplitude - 1, -1, -1)
         for direction in (upwards, downwards):
             for k in direction:
-                found[k] = self.log_posterior(state._replace(amplitude=k))
-                if found[k] < found.max() - NEGLIGIBLE:
+                log_posteriors[k] = self.log_posterior(state._replace(amplitude=k))
+                if log_posteriors[k] < log_posteriors.max() - NEGLIGIBLE:
                     break
-        return found
+        return log_posteriors
 
     def additions(self, blocks: Blocks) -> Array:
-        """Log posterior of the set with each block more, about (blocks,); minus infinity for those
-        that are barred; kept.
+        """Approximate log posterior of the set with each block added (blocks,); minus infinity for
+        barred blocks; cached.
 
-        Widths are the best without it; a member of the smallest width is tried with a usual one
-        too, for beside the block it may act. Amplitudes are the best and the next lower: a block
-        takes over what the background did without it.
+        Widths are the best without the added block; a member of the smallest width is tried with a
+        usual width too, for with the block it may act. Amplitudes are the best and the next lower:
+        a block may replace a part of the background.
         """
         if blocks not in self._additions:
             marginal = self.marginal(blocks)
-            near = self._near_best(marginal, lower=True)
-            there = [at.additions - at.log_evidence + weight for at, weight in near]
-            factors = np.logaddexp.reduce(there, axis=0)
+            near_best = self._near_best(marginal, lower=True)
+            factors_at = [at.additions - at.log_evidence + weight for at, weight in near_best]
+            factors = np.logaddexp.reduce(factors_at, axis=0)
             if 0 in marginal.best.widths:
-                factors = np.maximum(factors, self._with_usual_widths(marginal, near))
+                factors = np.maximum(factors, self._with_usual_widths(marginal, near_best))
             self._widths[blocks] = np.argmax(factors, axis=1)
             gain = log_sum(factors) - np.log(WIDTHS.size)
             gain[self.candidates.barred(blocks)] = -np.inf
@@ -364,17 +368,17 @@ class ModelSpace:
         return at.additions - same.log_evidence + weight
 
     def removals(self, blocks: Blocks) -> Array:
-        """Log posterior of the set without each of its blocks, about (members,).
+        """Approximate log posterior of the set without each of its blocks (members,).
 
-        Widths are the best with it. Amplitudes are the best and the next higher.
+        Widths are the best with the block. Amplitudes are the best and the next higher.
         """
         marginal = self.marginal(blocks)
-        found = []
+        losses = []
         for at, weight in self._near_best(marginal, lower=False):
             values = at.over_widths
             with_it = log_sum(values[:, :-1]) - np.log(WIDTHS.size)
-            found.append(weight + values[:, -1] - with_it)
-        loss = np.logaddexp.reduce(found, axis=0)
+            losses.append(weight + values[:, -1] - with_it)
+        loss = np.logaddexp.reduce(losses, axis=0)
         odds = self.candidates.log_odds[list(blocks)]
         return np.asarray(marginal.log_posterior + loss - odds)
 
@@ -386,5 +390,5 @@ class ModelSpace:
         amplitudes = sorted({best, min(max(following, 0), last)})
         at_least = np.maximum(marginal.amplitudes[amplitudes], LEAST_WEIGHT)
         weights = np.log(at_least)
-        there = [self.conditional(marginal.best._replace(amplitude=k)) for k in amplitudes]
-        return list(zip(there, weights - log_sum(weights), strict=True))
+        conditionals = [self.conditional(marginal.best._replace(amplitude=k)) for k in amplitudes]
+        return list(zip(conditionals, weights - log_sum(weights), strict=True))

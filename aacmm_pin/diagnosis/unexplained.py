@@ -22,7 +22,7 @@ from aacmm_pin.diagnosis.background import Background
 from aacmm_pin.diagnosis.branches import Branches, branches_of
 from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.cross_validation import Gain
-from aacmm_pin.diagnosis.inner_values import noise_is_known
+from aacmm_pin.diagnosis.nonlinear_parameters import noise_is_known
 from aacmm_pin.diagnosis.odd_groups import OddGroup, odd_groups
 from aacmm_pin.diagnosis.significance import family_wise_p_value, p_value_of_structure
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
@@ -39,7 +39,7 @@ class DiscrepancySize(Shown):
         covariate: what it depends on, or ``background``.
         rms: root mean square displacement of the tips by what recalibration leaves of it [m].
         u: standard uncertainty of that displacement, root mean square over the records [m].
-        probability: that it is there.
+        probability: of its inclusion.
     """
 
     covariate: str
@@ -56,9 +56,9 @@ class ScatteredReadings(Shown):
         joint: row of the joint.
         scatter: standard deviation beyond the stated noise [rad; m where the joint slides].
         slides: whether the joint slides.
-        at_tips: what it moves tips by, root mean square [m].
-        log_ratio: log likelihood with it over that without.
-        p_value: chance of as much in any joint if none scatters more.
+        at_tips: root mean square displacement of the tips by this scatter [m].
+        log_ratio: log likelihood ratio with this scatter and without.
+        p_value: probability of as much scatter in any joint if none scatters more than stated.
     """
 
     joint: int
@@ -70,7 +70,7 @@ class ScatteredReadings(Shown):
 
     @property
     def note(self) -> Note:
-        """That they do."""
+        """Note that the readings of this joint scatter more than stated."""
         code = "readings_of_slide_scatter" if self.slides else "readings_scatter"
         return Note(code, {"joint": self.joint, "scatter": self.scatter})
 
@@ -80,12 +80,12 @@ class ScatteredReadings(Shown):
 
 @dataclass(frozen=True)
 class SharedError(Shown):
-    """An error that records of one posture share, beside all that was found.
+    """An error that records of one posture share, beyond all that was found.
 
     Attributes:
-        rms: of tips [m].
-        times: that of a single record.
-        p_value: chance of as much if they share none.
+        rms: root mean square displacement of the tips [m].
+        times: ``rms`` over that of the noise of a single record.
+        p_value: probability of as much if they share none.
     """
 
     rms: float
@@ -94,7 +94,7 @@ class SharedError(Shown):
 
     @property
     def note(self) -> Note:
-        """That they do."""
+        """Note that records of one posture share an error."""
         return Note("postures_share_error", {"rms": self.rms, "times": two_digits(self.times)})
 
     def __str__(self) -> str:
@@ -103,16 +103,16 @@ class SharedError(Shown):
 
 @dataclass(frozen=True, eq=False)
 class Unexplained(Shown):
-    """Structure that no cause of the library has.
+    """Structure of the residuals that no cause of the library explains.
 
     Attributes:
-        p_value: chance of as much structure over any covariate when there is none, family-wise.
-        threshold: structure with less chance than this is left.
+        p_value: family-wise probability of as much structure over any covariate if there is none.
+        threshold: structure is left if ``p_value`` is below this.
         depends_on: the covariates, strongest first.
         discrepancy: covariates more probable than not, strongest first; last the background, if it
             is not negligible.
-        choice: the search behind it.
-        acts_on: for each, in words, what it acts on.
+        choice: the search that found it.
+        acts_on: what each covariate acts on, in words.
         gain: by how much the discrepancy lowers the RMS of held-out records below that of the
             causes alone, or None.
         groups: groups of records that do not agree with the others.
@@ -138,8 +138,8 @@ class Unexplained(Shown):
     @cached_property
     def shapes(self) -> dict[str, pd.DataFrame]:
         """For each covariate one row a record: the covariate; the smooth correction, in x, y, z of
-        the tip [mm], or as angle of a joint [µrad] or growth of all lengths [µm/m]; and the same as
-        each record has it (``_of_record``).
+        the tip [mm], or as angle of a joint [µrad] or growth of all lengths [µm/m]; and these
+        quantities by each record alone (``_of_record``).
         """
         return dict(report().structure_shapes.shapes_of(self.choice))
 
@@ -150,7 +150,7 @@ class Unexplained(Shown):
 
     @property
     def has_background(self) -> bool:
-        """Whether a part of it is too diffuse to be named."""
+        """Whether a part of the discrepancy is too diffuse to be named."""
         return any(each.covariate == BACKGROUND for each in self.discrepancy)
 
     @property
@@ -161,7 +161,7 @@ class Unexplained(Shown):
 
     @property
     def notes(self) -> tuple[Note, ...]:
-        """What it depends on, and which groups do not fit in."""
+        """Notes on covariates that the residuals depend on, and on groups that do not fit in."""
         odd = {group.name: group for group in self.groups}
         covariates = [name for name in self.depends_on if name not in odd]
         depends = [Note("depends_on", {"covariates": covariates})] if covariates else []
@@ -173,7 +173,7 @@ class Unexplained(Shown):
 
     @property
     def apart(self) -> tuple[Branches | ScatteredReadings | SharedError, ...]:
-        """What is left beside structure over a column."""
+        """Structure that is not over a column."""
         each = (self.branches, *self.readings, self.shared_by_postures)
         return tuple(one for one in each if one is not None)
 
@@ -181,56 +181,57 @@ class Unexplained(Shown):
 def unexplained_by(
     choice: Choice, held: Gain | None, named: bool, rng: np.random.Generator
 ) -> Unexplained:
-    """The discrepancy, or else whether anything seems left; ``named``: something was found."""
-    mine = {k: choice.covariate(k) for k in choice.covariates}
+    """The discrepancy, and whether structure is left; ``named`` is True if any cause was found."""
+    covariates = {k: choice.covariate(k) for k in choice.covariates}
     odd = tuple(odd_groups(choice))
-    shared = shared_by(choice.fit) or round_excluded(choice.fit, _whitened(choice))
+    shared = shared_by(choice.fit) or round_excluded(choice.fit, _whitened_deviations(choice))
     depends = [group.name for group in odd[:1]]
-    for covariate in mine.values():
+    for covariate in covariates.values():
         depends += covariate.depends_on
     chances = _chances(choice, odd, rng)
     if shared is not None:
         chances.append(shared.p_value)
         if not (shared.name == "place" and "x" in depends):
             depends.append(shared.name)
-    background = _background(choice)
     branches = branches_of(choice)
-    # What these leave of a joint is no scatter.
+    # What a covariate or branches leave of a joint is no scatter.
     known = [*depends, f"joint {branches.joint}"] if branches else depends
-    readings = [one for one in scattered_readings(choice) if f"joint {one.joint}" not in known]
-    described = [_discrepancy(choice, k, covariate.name) for k, covariate in mine.items()]
-    sizes = (*described, *background)
+    readings = tuple(
+        each for each in scattered_readings(choice) if f"joint {each.joint}" not in known
+    )
+    described = [_discrepancy(choice, k, covariate.name) for k, covariate in covariates.items()]
+    sizes = (*described, *_background(choice))
     return Unexplained(
         p_value=min(chances),
         threshold=THRESHOLDS.left if named else THRESHOLDS.left_alone,
         depends_on=tuple(dict.fromkeys(depends)),
         discrepancy=sizes,
         choice=choice,
-        acts_on={covariate.name: choice.way(k).acts_on for k, covariate in mine.items()},
-        gain=held.smooth_gain if held is not None and sizes else None,
+        acts_on={covariate.name: choice.way(k).acts_on for k, covariate in covariates.items()},
+        gain=held.discrepancy_gain if held is not None and sizes else None,
         groups=odd,
         excluded=shared,
         branches=branches,
-        readings=tuple(readings),
+        readings=readings,
         shared_by_postures=_shared_error(choice),
     )
 
 
 def _chances(choice: Choice, odd: Sequence[OddGroup], rng: np.random.Generator) -> list[float]:
-    """P-values of the covariates that are named; of all of them and of odd groups where none is."""
-    candidates = choice.candidates
+    """P-values of the chosen covariates; if none is chosen, of all covariates and of odd groups."""
     posterior = choice.posterior
     if not choice.covariates:
-        of_any = p_value_of_structure(candidates, posterior.median_model)
+        of_any = p_value_of_structure(choice.candidates, posterior.median_model)
         return [of_any, *(group.p_value for group in odd), 1.0]
     return [
-        family_wise_p_value(candidates, posterior.without(k), k, rng) for k in choice.covariates
+        family_wise_p_value(choice.candidates, posterior.without(k), k, rng)
+        for k in choice.covariates
     ]
 
 
 def _shared_error(choice: Choice) -> SharedError | None:
-    """The error that records of one posture share; None if that is chance, or small beside that of
-    a record.
+    """The error that records of one posture share; None if it is not significant, or small against
+    the noise of a record.
     """
     noise = choice.noise
     fit = choice.design.fit
@@ -241,13 +242,13 @@ def _shared_error(choice: Choice) -> SharedError | None:
     return SharedError(float(postures.ratio * of_record), postures.ratio, postures.p_value)
 
 
-def _whitened(choice: Choice) -> Array:
-    """How far tips are off beside all that was found, in units of the noise; what a posture shares
-    counts once (n, 3).
+def _whitened_deviations(choice: Choice) -> Array:
+    """Deviations of the tips beyond all that was found (n, 3), in units of the noise; the error
+    that records of one posture share counts once.
     """
     noise = choice.noise
-    off = np.einsum("nij,nj->ni", noise.whitening, choice.design.deviations(choice.tips))
-    return noise.postures.whitened(off[:, :3])
+    deviations = np.einsum("nij,nj->ni", noise.whitening, choice.design.deviations(choice.tips))
+    return noise.postures.whitened(deviations[:, :3])
 
 
 def scattered_readings(choice: Choice) -> tuple[ScatteredReadings, ...]:
@@ -267,22 +268,21 @@ def scattered_readings(choice: Choice) -> tuple[ScatteredReadings, ...]:
             size = float(scatter.readings[j])
             slides = bool(chain.prismatic[j])
             found.append(ScatteredReadings(int(row), size, slides, at_tips, log_ratio, chance))
-    return tuple(sorted(found, key=lambda one: -one.at_tips))
+    return tuple(sorted(found, key=lambda readings: -readings.at_tips))
 
 
 def excess_of(extended: Fit) -> float:
-    """By how much χ² is larger than the stated noise explains, over the scatter found in its place;
-    0 where it is not.
+    """By how much χ², with the scatter that was found as noise, exceeds what the stated noise
+    explains; 0 unless displacements or rotations far exceed it.
 
-    Of shifts or of rotations. Where the noise of the encoders is not stated, they may have as much
-    as plain ones.
+    If the noise of the encoders is not stated, that of plain encoders counts as stated.
     """
     if (
         extended.chi2_stated is None
         or max(extended.unmodelled, extended.noise.scatters.turn) == 0.0
     ):
         return 0.0
-    off = extended.system.off
+    deviations = extended.system.deviations
     explained = np.diagonal(extended.stated_noise, axis1=1, axis2=2)
     if extended.problem.setup.encoder_noise is None:
         point = extended.point
@@ -294,7 +294,8 @@ def excess_of(extended: Fit) -> float:
     ]
     limit = THRESHOLDS.much_more**2
     much = any(
-        np.square(off[some, of]).sum() > limit * explained[some, of].sum() for of, some in kinds
+        np.square(deviations[records, rows]).sum() > limit * explained[records, rows].sum()
+        for rows, records in kinds
     )
     chi2, dof = extended.chi2_stated
     return max(extended.dof * (1.0 - dof / chi2), 0.0) if much else 0.0
@@ -305,9 +306,9 @@ def _discrepancy(choice: Choice, block: int, name: str) -> DiscrepancySize:
     model = choice.posterior.median_model
     design = choice.design
     absorbed = choice.posterior.space.base(0).whitened[:, design.blocks[block].columns]
-    own = model.places[block]
-    estimate = model.estimate[own]
-    covariance = model.covariance[own, own]
+    entries = model.places[block]
+    estimate = model.estimate[entries]
+    covariance = model.covariance[entries, entries]
     rms, u = _sizes(choice, design.columns(block), absorbed, estimate, covariance)
     return DiscrepancySize(name, rms, u, choice.posterior.probability(block))
 
@@ -327,22 +328,23 @@ def _background(choice: Choice) -> list[DiscrepancySize]:
         choice, products.background_columns, absorbed, background.estimate, background.covariance
     )
     noise = choice.design.fit.distance_of(choice.design.fit.residual_noise)
-    there = float(1.0 - choice.posterior.amplitudes[0])
-    if there < THRESHOLDS.settled or rms < max(THRESHOLDS.negligible * noise, u):
+    probability = float(1.0 - choice.posterior.amplitudes[0])
+    if probability < THRESHOLDS.settled or rms < max(THRESHOLDS.negligible * noise, u):
         return []
-    return [DiscrepancySize(BACKGROUND, rms, u, there)]
+    return [DiscrepancySize(BACKGROUND, rms, u, probability)]
 
 
 def _sizes(
     choice: Choice, columns: Array, absorbed: Array, estimate: Array, covariance: Array
 ) -> tuple[float, float]:
-    """Root mean square displacement of the used records' tips, and its standard uncertainty [m]: of
-    what recalibration leaves of it.
+    """Root mean square displacement of the used records' tips that recalibration leaves, and its
+    standard uncertainty [m].
 
     Args:
         choice: what was found.
         columns: displacement by one unit of each parameter (n, 3 or 6, q).
-        absorbed: their products with the nuisances, divided by the factor of these (nuisances, q).
+        absorbed: products of the columns with the nuisances, divided by the factor of the
+            nuisances (nuisances, q).
         estimate, covariance: of the parameters (q,), (q, q).
     """
     design = choice.design

@@ -53,7 +53,6 @@ from .error_model import (
     require_shown,
     static_equilibrium,
 )
-from .extrapolation import extrapolation_terms
 from .geometry import (
     JointDistance,
     JointPlacement,
@@ -80,6 +79,7 @@ from .labels import (
     values_with_u,
 )
 from .nonlinear import Nonlinear, TimeConstant
+from .nonlinear_uncertainty import extra_uncertainty_effects
 from .smooth_functions import RECORDED, Bumps, Cosines, Moment, Smooth, Waves, product_of
 from .state import State
 from .text import cause_of, effect_from, entries_of, require_plausible, stated_cause, text_of
@@ -154,7 +154,7 @@ __all__ = [
     "effect_from",
     "entries_of",
     "example",
-    "extrapolation_terms",
+    "extra_uncertainty_effects",
     "fields_of",
     "in_words",
     "joint_commands",

@@ -23,15 +23,15 @@ from aacmm_pin.arm import (
     UrdfArmFile,
     arm_text,
     as_arm,
-    other_turns,
     validated,
+    whole_turn_notes,
 )
 from aacmm_pin.effects.conditions import CONDITION_COLUMNS, Conditions
 from aacmm_pin.effects.effect import Effect, axis, sensitivity
-from aacmm_pin.effects.extrapolation import extrapolation_terms
 from aacmm_pin.effects.geometry import of_geometry
 from aacmm_pin.effects.labels import known_range_in_words
 from aacmm_pin.effects.nonlinear import TimeConstant
+from aacmm_pin.effects.nonlinear_uncertainty import extra_uncertainty_effects
 from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError, ArmFileError, ShapeError, UnknownNameError
 
@@ -78,7 +78,7 @@ class ErrorModel(Shown):
         if self.arm.covariance is not None:
             uncertain: set[str] = set()
             for effect in self.effects:
-                uncertain.update(p.name for p in _extrapolation_parameters(effect))
+                uncertain.update(p.name for p in _extra_uncertainty_parameters(effect))
             for name in self.arm.covariance.parameters:
                 if name not in names and name not in uncertain:
                     raise UnknownNameError("parameter in covariance", name, names)
@@ -197,7 +197,7 @@ class ErrorModel(Shown):
             return replace(self, effects=effects)
         held = [*self.arm.parameters]
         for effect in effects:
-            held += [*effect.parameters(), *_extrapolation_parameters(effect)]
+            held += [*effect.parameters(), *_extra_uncertainty_parameters(effect)]
         known = self.arm.covariance.restricted(p.name for p in held)
         return ErrorModel(replace(self.arm, covariance=known), effects)
 
@@ -271,7 +271,7 @@ class ErrorModel(Shown):
         Raises:
             MissingConditionError: an effect depends on a condition that is not there.
         """
-        found = [*other_turns(q, self.arm.limits, self.arm.chain.prismatic)]
+        found = [*whole_turn_notes(q, self.arm.limits, self.arm.chain.prismatic)]
         if any(isinstance(effect.nonlinear, TimeConstant) for effect in self.effects):
             found += conditions.odd_clock
         reference = self.arm.reference_temperature
@@ -514,6 +514,6 @@ def _extended(arm: Arm, path: str) -> ErrorModel:
         raise ArmFileError(path, "effects", str(error)) from None
 
 
-def _extrapolation_parameters(effect: Effect) -> list[Parameter]:
+def _extra_uncertainty_parameters(effect: Effect) -> list[Parameter]:
     """Parameters of what is uncertain of an effect beside its values."""
-    return [p for term in extrapolation_terms(effect) for p in term.parameters()]
+    return [p for term in extra_uncertainty_effects(effect) for p in term.parameters()]

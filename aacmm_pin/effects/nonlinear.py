@@ -1,6 +1,4 @@
-"""A field in which a cause is not linear, such as an order, a time constant, or the time of
-a step.
-"""
+"""The nonlinear parameter of a cause, such as an order, a time constant, or the time of a step."""
 
 from __future__ import annotations
 
@@ -25,12 +23,14 @@ TIME_CONSTANTS = 15
 
 @dataclass(frozen=True)
 class Nonlinear(Generic[E]):
-    """The field of a cause whose value records determine by trial; without a field, none.
+    """The nonlinear parameter of a cause, whose value records determine by trial; none if ``field``
+    is "".
 
     A search tries the values of :meth:`grid`, and refines the likeliest by :meth:`refine`.
 
     Attributes:
-        field: name of the field; "" for a cause that is linear in all that is estimated of it.
+        field: field of the effect that holds the parameter; "" for a cause that is linear in all
+            that is estimated of it.
         unit: SI unit of the value.
         above: what is not above this is no value.
         words: the value for people, with ``value``, and ``minutes`` of a time; "" for the name of

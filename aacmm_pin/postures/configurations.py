@@ -19,7 +19,8 @@ from aacmm_pin._support.checks import Array, Mask, batch, unit_vector, vector, w
 from aacmm_pin._support.display import report
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.plausible import COORDINATE
-from aacmm_pin.arm import Arm, GivenArm, as_arm, axis, broken_limits, into_limits
+from aacmm_pin.arm import Arm, GivenArm, as_arm, into_limits, outside_limits
+from aacmm_pin.arm import axis as axis_place
 from aacmm_pin.errors import AacmmError, UnsupportedArmError
 from aacmm_pin.postures.curve_sampling import (
     Components,
@@ -30,7 +31,12 @@ from aacmm_pin.postures.curve_sampling import (
     flexibility,
 )
 from aacmm_pin.postures.elbow_swivel import Swivel
-from aacmm_pin.postures.postures_at_point import PosturesAtPoint, in_degrees, lost, not_closed
+from aacmm_pin.postures.postures_at_point import (
+    PosturesAtPoint,
+    in_degrees,
+    missing_notes,
+    open_curve_notes,
+)
 from aacmm_pin.postures.tip_ik import tip_curves, tip_equations
 from aacmm_pin.postures.wrist_ik import (
     FEW_PER_TURN,
@@ -81,12 +87,16 @@ class ConfigurationCircle(PosturesAtPoint):
         """
         dh = self.arm.require_dh("a branch")
         rotation, origin = self.arm.chain.walk(self.q)
-        first, second, fourth = (rotation[axis(row)][:, :, 2] for row in (1, 2, 4))
-        tip = origin[dh.place(5)]
-        wrist = tip - self.components.swivel.shoulder
-        side = np.einsum("ni,ni->n", np.cross(first, second), wrist)
-        stretch = np.einsum("ni,ni->n", np.cross(fourth, tip - origin[axis(4)]), wrist)
-        return np.where(np.column_stack([side, stretch]) >= 0, 1, -1)
+        first, second, fourth = (rotation[axis_place(row)][:, :, 2] for row in (1, 2, 4))
+        on_fourth = origin[axis_place(4)]
+        wrist = origin[dh.place(5)]
+        shoulder_to_wrist = wrist - self.components.swivel.shoulder
+        normal = np.cross(first, second)
+        side = np.einsum("ni,ni->n", normal, shoulder_to_wrist)
+        velocity = np.cross(fourth, wrist - on_fourth)  # of the wrist, for 1 rad/s of joint 4
+        stretch = np.einsum("ni,ni->n", velocity, shoulder_to_wrist)
+        signs = np.column_stack([side, stretch])
+        return np.where(signs >= 0, 1, -1)
 
     def flexibility(self, sectors: int = 12) -> Flexibility:
         """Flexibility ζ (eq. 1 of the paper): how much of the circle lies inside the limits.
@@ -118,9 +128,9 @@ class ConfigurationCircle(PosturesAtPoint):
 
     def _row(self, number: int) -> dict[str, Any]:
         row = super()._row(number)
-        mine = self.branch[self.component == number]
+        branches = self.branch[self.component == number]
         joints = row.pop("joints_outside_limits")
-        sides = {"shoulder_side": _sides(mine[:, 0]), "elbow_side": _sides(mine[:, 1])}
+        sides = {"shoulder_side": _sides(branches[:, 0]), "elbow_side": _sides(branches[:, 1])}
         return row | sides | {"joints_outside_limits": joints}
 
     def __str__(self) -> str:
@@ -153,7 +163,7 @@ def configuration_circle(
             True: the tip is there with the stylus along ``axis``; all six joints move.
         axis: direction of the stylus in the base (3,), any length; needed with ``tip``, refused
             without.
-        rest: angles of the joints behind the fourth (nq - 4,) [rad], default those nearest to 0
+        rest: angles at which joints 5, 6, … are held (nq - 4,) [rad]; default those nearest 0
             inside the limits. Row 5 of SINO6 has a length of 0.037 mm, so the circle of the wrist
             depends, a little, on θ5.
         count: configurations on each closed component, evenly spaced along the elbow's path.
@@ -223,18 +233,18 @@ def configuration_circles(
     swivel = Swivel(dh, arm.up)
     circles = []
     for number, (point, system) in enumerate(zip(points, systems, strict=True)):
-        mine = [replace(curve, problem=0) for curve in found.curves if curve.problem == number]
-        components = Components(swivel, system, point[None, :], mine, wrist)
-        notes = not_closed(mine) + [Note("arm_degenerate")] * found.degenerate
+        curves = [replace(curve, problem=0) for curve in found.curves if curve.problem == number]
+        components = Components(swivel, system, point[None, :], curves, wrist)
+        notes = open_curve_notes(curves) + [Note("arm_degenerate")] * found.degenerate
         notes += wrist.notes if wrist is not None and rest is None else []
         if number in found.families:
-            such = in_degrees(components.full(found.families[number][None, :])[0])
-            notes.append(Note("singular_unlisted", {"posture": such}))
+            posture = in_degrees(components.full(found.families[number][None, :])[0])
+            notes.append(Note("singular_unlisted", {"posture": posture}))
         if number in found.unfinished:
             notes.append(Note("search_ended"))
-        circles.append(
-            _sampled(arm, point, arm.tip if tip else WRIST, components, count, tuple(notes))
-        )
+        at = arm.tip if tip else WRIST
+        circle = _sampled(arm, point, at, components, count, tuple(notes))
+        circles.append(circle)
     return circles
 
 
@@ -245,19 +255,31 @@ def _sampled(
     q = np.empty((0, arm.nq))
     component = np.empty(0, dtype=np.intp)
     if components.curves:
-        some, component, missing = evenly(
+        moving_q, component, missing = evenly(
             components.equations,
             components.curves,
             count,
             lambda q: components.swivel.elbow(components.full(q)),
         )
-        q = into_limits(components.full(some), arm.limits)
-        notes += tuple(lost(missing))
+        q = into_limits(components.full(moving_q), arm.limits)
+        notes += tuple(missing_notes(missing))
     swivel = components.swivel.angle(q, np.broadcast_to(point, (len(q), 3)))
-    reason = "" if len(q) else "; ".join(map(str, notes)) or _why_not(components, point)
-    broken = broken_limits(q, arm.limits)
-    those = (arm, point, at, q, component + 1, swivel, broken)
-    return ConfigurationCircle(*those, components, reason=reason, notes=notes, complete=not notes)
+    reason = ""
+    if not len(q):
+        reason = "; ".join(map(str, notes)) or _why_not(components, point)
+    return ConfigurationCircle(
+        arm=arm,
+        point=point,
+        at=at,
+        q=q,
+        component=component + 1,
+        swivel=swivel,
+        broken=outside_limits(q, arm.limits),
+        components=components,
+        reason=reason,
+        notes=notes,
+        complete=not notes,
+    )
 
 
 def _why_not(components: Components, point: Array) -> str:
@@ -278,12 +300,12 @@ def _sides(signs: NDArray[np.intp]) -> str:
 
 
 class Reach(NamedTuple):
-    """How the wrist reaches many points.
+    """Reachability of many wrist points.
 
     Attributes:
-        sectors: what the sectors of the swivel angle have at each point.
-        arc_fraction: working over theoretical range of the swivel angle (m,); nan where nothing is
-            theoretical.
+        sectors: state of each sector of the swivel angle at each point.
+        arc_fraction: working range over theoretical range of the swivel angle (m,); nan where
+            there is no theoretical range.
         reachable: whether a configuration reaches the point, limits apart (m,).
         complete: whether all configurations that reach it are known (m,).
     """
@@ -295,8 +317,8 @@ class Reach(NamedTuple):
 
 
 def reach_of_points(arm: Arm, points: Array, sectors: int, purpose: str) -> Reach:
-    """What equal ``sectors`` of the swivel angle have at ``points`` (m, 3) [m] of the wrist;
-    ``purpose`` is what errors say that it is for.
+    """Reachability of ``points`` (m, 3) [m] by the wrist, over equal ``sectors`` of the swivel
+    angle; errors name the ``purpose``.
 
     Raises:
         UnsupportedArmError: no DH table, or one without the joints that this needs.
@@ -307,10 +329,10 @@ def reach_of_points(arm: Arm, points: Array, sectors: int, purpose: str) -> Reac
     equations = wrist_equations(wrist, points)
     components = Components(swivel, equations, points, found.curves, wrist)
     with_curves = [curve.problem for curve in found.curves]
-    not_closed = [curve.problem for curve in found.curves if not curve.closed]
+    open_curves = [curve.problem for curve in found.curves if not curve.closed]
     reachable = np.zeros(len(points), dtype=bool)
     reachable[[*with_curves, *found.families]] = True
     complete = np.full(len(points), not found.degenerate)
-    complete[[*not_closed, *found.families, *found.unfinished]] = False
-    of_points = Sectors.of(components, arm.limits, sectors)
-    return Reach(of_points, arc_fractions(components, arm.limits), reachable, complete)
+    complete[[*open_curves, *found.families, *found.unfinished]] = False
+    sector_states = Sectors.of(components, arm.limits, sectors)
+    return Reach(sector_states, arc_fractions(components, arm.limits), reachable, complete)

@@ -13,7 +13,7 @@ import numpy as np
 from aacmm_pin._support.angles import wrapped
 from aacmm_pin._support.checks import Array, Index, Mask, whole
 from aacmm_pin._support.display import Shown
-from aacmm_pin.arm import broken_limits, inside_part, into_limits
+from aacmm_pin.arm import inside_part, into_limits, outside_limits
 from aacmm_pin.postures.elbow_swivel import Swivel
 from aacmm_pin.postures.pose_equations import Equations
 from aacmm_pin.postures.solution_curves import Curve, following
@@ -113,7 +113,7 @@ class Components:
         first, last = inside_part(pieces.start, pieces.end, limits[:joints])
         if (
             self.wrist is not None
-            and broken_limits(into_limits(self.wrist.rest, limits[joints:]), limits[joints:]).any()
+            and outside_limits(into_limits(self.wrist.rest, limits[joints:]), limits[joints:]).any()
         ):
             last = np.zeros_like(last)
         return first, last
@@ -336,7 +336,7 @@ class Sectors:
         ahead = ahead[near]
         q, there = _solutions_at_swivel(components, pieces, piece, centres[sector], ahead)
         q = into_limits(components.full(q), limits)
-        inside = there & ~broken_limits(q, limits).any(axis=1)
+        inside = there & ~outside_limits(q, limits).any(axis=1)
         q = q[inside]
         sector = sector[inside]
         point = pieces.problem[piece[inside]]

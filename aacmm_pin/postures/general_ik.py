@@ -19,7 +19,7 @@ from aacmm_pin._support.checks import Array, unit_vector, vector, whole
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.plausible import COORDINATE
 from aacmm_pin._support.units import DEG
-from aacmm_pin.arm import Arm, GivenArm, as_arm, broken_limits, inside_part, into_limits
+from aacmm_pin.arm import Arm, GivenArm, as_arm, inside_part, into_limits, outside_limits
 from aacmm_pin.errors import AacmmError, ShapeError, UnsupportedArmError
 from aacmm_pin.postures.curve_sampling import Flexibility, evenly
 from aacmm_pin.postures.elbow_swivel import Swivel
@@ -32,7 +32,12 @@ from aacmm_pin.postures.newton_search import (
     search,
 )
 from aacmm_pin.postures.pose_equations import PoseConditions
-from aacmm_pin.postures.postures_at_point import PosturesAtPoint, in_degrees, lost, not_closed
+from aacmm_pin.postures.postures_at_point import (
+    PosturesAtPoint,
+    in_degrees,
+    missing_notes,
+    open_curve_notes,
+)
 from aacmm_pin.postures.solution_curves import NEARLY_SINGULAR, Curve, flattest
 
 CONDITIONS = {3: "a point", 5: "a point and an axis", 6: "a full pose"}
@@ -184,12 +189,12 @@ def reaching_postures(
         missing = 0
         if curves:
             q, component, missing = evenly(equations, finds.curves, count, lambda q: q)
-        notes = _families(finds, found) + not_closed(curves) + lost(missing)
+        notes = _families(finds, found) + open_curve_notes(curves) + missing_notes(missing)
     notes += [Note("arm_degenerate")] * found.degenerate
     reason = "" if len(q) else "; ".join(map(str, notes)) or f"{found}: out of reach"
     q = into_limits(q, arm.limits)
     swivel = _swivel(arm, q, conditions.point)
-    broken = broken_limits(q, arm.limits)
+    broken = outside_limits(q, arm.limits)
     at = (arm, conditions.point, arm.tip)
     complete = not (notes or found.ended)
     those = (*at, q, component + 1, swivel, broken, conditions, curves, found)

@@ -1,6 +1,4 @@
-"""What all enumerations of postures have in common: postures with which one frame of an arm is at
-one point.
-"""
+"""Postures that bring one frame of an arm to one point: the base class of all enumerations."""
 
 from __future__ import annotations
 
@@ -34,15 +32,16 @@ class PosturesAtPoint(Shown):
         at: name of the frame whose origin is there.
         q: configurations (n, nq) [rad]; each angle inside its limits where a full turn can bring it
             there.
-        component: number of the component of each, from 1, (n,).
+        component: number of the component of each configuration, from 1, (n,).
         swivel: swivel angle of the elbow (n,) [rad] in [-π, π], 0 where it is highest; nan for an
             arm without such an elbow.
-        broken: which joints are outside their limits (n, nq).
+        broken: whether each joint is outside its limits (n, nq).
         reason: why there is no configuration; "" where there are some.
-        notes: what else is to be known, such as singular postures that form families and are not
-            listed.
-        complete: False where there may be more: of families, of a curve that could not be followed
-            all the way round, of a search that ended at its limit of work; ``notes`` say which.
+        notes: what the enumeration lacks, such as singular postures that form families and are
+            not listed.
+        complete: False where there may be more configurations: of families, of a curve that could
+            not be followed all the way round, of a search that ended at its limit of work;
+            ``notes`` state which.
     """
 
     arm: Arm
@@ -65,7 +64,7 @@ class PosturesAtPoint(Shown):
         return np.asarray(~self.broken.any(axis=1))
 
     def flexibility(self, sectors: int = 12) -> Flexibility:
-        """How much of what reaches the point is inside the limits."""
+        """Which part of the configurations that reach the point is inside the limits."""
         raise NotImplementedError
 
     def to_frame(self) -> pd.DataFrame:
@@ -93,10 +92,10 @@ class PosturesAtPoint(Shown):
         return pd.DataFrame([self._row(number) for number in np.unique(self.component)])
 
     def _row(self, number: int) -> dict[str, Any]:
-        mine = self.component == number
-        inside = self.within_limits[mine]
-        outside = self.broken[mine].any(axis=0)
-        row: dict[str, Any] = {"component": int(number), "configurations": int(mine.sum())}
+        members = self.component == number
+        inside = self.within_limits[members]
+        outside = self.broken[members].any(axis=0)
+        row: dict[str, Any] = {"component": int(number), "configurations": int(members.sum())}
         return row | {"within_limits": int(inside.sum()), "joints_outside_limits": _joints(outside)}
 
     def _where(self) -> str:
@@ -110,14 +109,14 @@ def _joints(flags: Mask) -> str:
     return " ".join(map(str, numbers))
 
 
-def not_closed(curves: Iterable[Curve]) -> list[Note]:
+def open_curve_notes(curves: Iterable[Curve]) -> list[Note]:
     """A note on each curve that was not followed all the way round."""
     unfinished = [number for number, curve in enumerate(curves, start=1) if not curve.closed]
     return [Note("curve_open", {"component": number}) for number in unfinished]
 
 
-def lost(number: int) -> list[Note]:
-    """A note on configurations between others of a curve that could not be found."""
+def missing_notes(number: int) -> list[Note]:
+    """A note on ``number`` configurations of a curve that could not be found; none if 0."""
     return [Note("configurations_missing", {"number": number})] if number else []
 
 

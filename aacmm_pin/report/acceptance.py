@@ -1,4 +1,6 @@
-"""The test report of an acceptance test: figures, limits and verdicts, on one sheet of paper."""
+"""Test report of an acceptance test: test values, maximum permissible errors and verdicts, on one
+sheet.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,6 @@ from aacmm_pin.report.document import (
     Download,
     Figure,
     Folded,
-    Format,
     Notes,
     Paragraph,
     Table,
@@ -44,19 +45,19 @@ from aacmm_pin.verification import (
     shown_verdict,
 )
 
-RULE = (
+RULE_TEXT = (
     "Conformity: |value| + U ≤ MPE for each error; non-conformity: |value| - U > MPE for one; "
     f"{shown_verdict('neither')} in "
     f"between. Guard band: U = {GUARD_BAND_FACTOR:g}u of the calibrated length or diameter, as in "
     f"{RULE_OF}; the default of "
     "ISO 14253-1:2017 is 1.65u."
 )
-CHART = (
+CHART_CAPTION = (
     "Individuals charts: the magnitude of the test value in each check, the mean of the earlier "
     f"checks that count, and limits at {PER_MOVING_RANGE} mean moving ranges from the mean, none "
     f"below zero, if {LEAST_CHECKS} or more checks count."
 )
-STATED_OF_CHECK = {
+CONDITION_LABELS = {
     "operator": ("operator", ""),
     "session": ("session", ""),
     "temperature_c": ("temperature", " °C"),
@@ -64,8 +65,9 @@ STATED_OF_CHECK = {
     "feature_diameter_mm": ("spheres", " mm"),
     "length_mm": ("lengths", " mm"),
 }
-"""What is written of a column that tells of the check as a whole, and its unit."""
-TITLE, DEFINED = "Test report", "What the figures are"
+"""Label and unit of each column that states a condition of the whole check."""
+TITLE = "Test report"
+DEFINED = "What the figures are"
 FIGURE_HEADS = {
     "value_mm": "value [mm]",
     "U_mm": "U [mm]",
@@ -74,9 +76,7 @@ FIGURE_HEADS = {
 }
 """All in mm, however small, as limits are stated and charts are drawn."""
 NUMBERS_LISTED = 6
-"""So many different numbers of a column stand one beside the other; of more, the smallest and the
-largest.
-"""
+"""Up to so many different numbers of a column are listed; of more, the smallest and the largest."""
 
 
 @dataclass(frozen=True)
@@ -110,16 +110,17 @@ def acceptance_document(result: AcceptanceResult, details: CheckDetails | None =
     if details is not None:  # one column, as a figure with a place has all that it needs
         missing = table.pop("missing")
         table["where"] = table["where"].where(missing == "", "missing: " + missing)
-    named = table[["figure", "standard", "test", "definition"]].drop_duplicates()
+    definitions = table[["figure", "standard", "test", "definition"]].drop_duplicates()
     figures = table[_columns(table, len(result.overall) > 1, details is None)]
-    forms: dict[str, Format] = {"verdict": _marked}
     blocks: list[Block] = [
-        Table(figures, "Figures and their limits", forms, FIGURE_HEADS, spare="where"),
-        Paragraph(RULE),
+        Table(
+            figures, "Figures and their limits", {"verdict": _marked}, FIGURE_HEADS, spare="where"
+        ),
+        Paragraph(RULE_TEXT),
     ]
     if details is None:
         verdict = Paragraph(f"{result}.", finding=True, head="Acceptance:")
-        what = Table(named, DEFINED, detail=True)
+        what = Table(definitions, DEFINED, detail=True)
         return Document(TITLE, [ORIGIN, verdict, *blocks, Notes(result.notes), what], result.path)
     if details.history is not None:
         blocks += history_blocks(details.history)
@@ -131,7 +132,7 @@ def acceptance_document(result: AcceptanceResult, details: CheckDetails | None =
     ]
     title = f"{TITLE}: {details.instrument}" if details.instrument else TITLE
     made = f"{details.time:%Y-%m-%d %H:%M} UTC, {result.path}, aacmm_pin {version('aacmm_pin')}"
-    closing: list[Block] = [Notes(result.notes), _data(result, named)]
+    closing: list[Block] = [Notes(result.notes), _data(result, definitions)]
     return Document(title, [*opening, *blocks, *closing], made, sheet=len(table))
 
 
@@ -159,12 +160,12 @@ def _columns(table: pd.DataFrame, several: bool, plain: bool) -> list[str]:
     return columns + [name for name in texts if (table[name] != "").any()]
 
 
-def _data(result: AcceptanceResult, named: pd.DataFrame) -> Folded:
+def _data(result: AcceptanceResult, definitions: pd.DataFrame) -> Folded:
     summary = json_text(result.summary()).encode()
     return Folded(
         f"{DEFINED}, and the data",
         [
-            Table(named, DEFINED),
+            Table(definitions, DEFINED),
             Download("acceptance.json", "the figures as JSON", summary),
             Download("touches.csv", "the touches", result.data),
         ],
@@ -175,23 +176,25 @@ def history_blocks(history: History) -> list[Block]:
     """Whether figures have left their usual range, and the control charts."""
     from aacmm_pin.report.plots.history import charts_drawn, plot_history
 
-    charts, drawn = history.charts(), charts_drawn(history)
+    charts = history.charts()
+    drawn = charts_drawn(history)
     several = len({chart.arm for chart in charts}) > 1
-    outside = [_departure(chart, several) for chart in charts if chart.left]
-    few = [len(chart.usual) for chart in charts if not np.isfinite(chart.limits[1])]
+    outside = [_departure(chart, several) for chart in charts if chart.left_range]
+    earlier_checks = [len(chart.usual) for chart in charts if not np.isfinite(chart.limits[1])]
     sentences = [f"{'; '.join(outside)}."] if outside else []
-    if few:
-        there_are = f"{min(few)} to {max(few)}" if max(few) > min(few) else min(few)
+    if earlier_checks:
+        fewest, most = min(earlier_checks), max(earlier_checks)
+        there_are = f"{fewest} to {most}" if most > fewest else f"{fewest}"
         sentences.append(
-            f"{len(few)} of {len(charts)} figures have no limits yet, which need {LEAST_CHECKS} "
-            f"earlier checks that count; there are {there_are}."
+            f"{len(earlier_checks)} of {len(charts)} figures have no limits yet, which need "
+            f"{LEAST_CHECKS} earlier checks that count; there are {there_are}."
         )
     text = " ".join(sentences) or "no figure has left it."
     head = "Outside the usual range:" if outside else "Usual range:"
     said = Paragraph(capital(text), head=head)
     if not drawn:
         return [said]
-    caption = CHART + _not_drawn(charts, drawn, several)
+    caption = CHART_CAPTION + _not_drawn(charts, drawn, several)
     return [said, Figure(lambda: plot_history(history), "Control charts of the figures", caption)]
 
 
@@ -204,15 +207,16 @@ def _departure(chart: ControlChart, several: bool) -> str:
 
 def _not_drawn(charts: Sequence[ControlChart], drawn: Sequence[ControlChart], several: bool) -> str:
     """Charts with more than one value that the picture has no room for, by arm."""
-    there = {(chart.arm, chart.figure) for chart in drawn}
+    drawn_keys = {(chart.arm, chart.figure) for chart in drawn}
     names = dict[str, list[str]]()
     for chart in charts:
-        if len(chart.values) > 1 and (chart.arm, chart.figure) not in there:
+        if len(chart.values) > 1 and (chart.arm, chart.figure) not in drawn_keys:
             by = f" by {brief(chart.arm, SHORT_TEXT)}" if several else ""
             names.setdefault(by, []).append(chart.figure)
     if not names:
         return ""
-    return f" Not drawn: {'; '.join(', '.join(some) + by for by, some in names.items())}."
+    listed = [", ".join(figures) + by for by, figures in names.items()]
+    return f" Not drawn: {'; '.join(listed)}."
 
 
 def _marked(verdict: str) -> str:
@@ -220,12 +224,15 @@ def _marked(verdict: str) -> str:
 
 
 def _conditions(result: AcceptanceResult, details: CheckDetails) -> str:
-    arms = ["as in the file" if a == AS_GIVEN else f"of indications by {a}" for a in result.overall]
-    lines = {"coordinates": ", ".join(arms)}
+    coordinate_sets = [
+        "as in the file" if arm == AS_GIVEN else f"of indications by {arm}"
+        for arm in result.overall
+    ]
+    lines = {"coordinates": ", ".join(coordinate_sets)}
     for column, values in result.stated.items():
         if values:
-            name, unit = STATED_OF_CHECK[column]
-            lines[name] = _range(values) + unit
+            name, unit = CONDITION_LABELS[column]
+            lines[name] = _listed(values) + unit
     if result.measuring_range is not None:
         part = plain_mm(LONGEST_PART * result.measuring_range)
         lines["range"] = f"{plain_mm(result.measuring_range)} mm, 66 % of it {part} mm"
@@ -235,7 +242,7 @@ def _conditions(result: AcceptanceResult, details: CheckDetails) -> str:
     return "; ".join(f"{name}: {text}" for name, text in lines.items()) + "."
 
 
-def _range(values: Sequence[object]) -> str:
+def _listed(values: Sequence[object]) -> str:
     texts = [
         plain_mm(value * MM) if isinstance(value, float | int) else str(value) for value in values
     ]

@@ -247,7 +247,7 @@ def estimated_causes(result: Calibration) -> pd.DataFrame:
     vector = result.fit.problem.vector
     rows = []
     for effect, own in zip(result.fit.effects, vector.slices, strict=True):
-        if vector.of_arm[own.start] is None:
+        if vector.arm_parameters[own.start] is None:
             cause = in_words(effect, result.model.arm)
             rows.append({"cause": cause, "value ± U (k = 2)": _estimate(result, effect, own)})
     return pd.DataFrame(rows)

@@ -19,7 +19,10 @@ def stated_half_widths(result: Calibration) -> Array:
     The half-width of the arm file, or k u with k = 2 of a cause with a standard uncertainty.
     """
     vector = result.fit.problem.vector
-    stated = [of_arm or own for of_arm, own in zip(vector.of_arm, vector.parameters, strict=True)]
+    stated = [
+        arm_parameter or own
+        for arm_parameter, own in zip(vector.arm_parameters, vector.parameters, strict=True)
+    ]
     return np.array([p.half_width or COVERAGE_FACTOR * p.u or np.nan for p in stated])
 
 

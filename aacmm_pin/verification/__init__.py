@@ -19,7 +19,12 @@ from aacmm_pin.verification.history import (
 )
 from aacmm_pin.verification.prediction import RUNS, PredictedAcceptance, predict_acceptance
 from aacmm_pin.verification.probed_points import AS_GIVEN, brief
-from aacmm_pin.verification.procedure import PROBE, SPHERE, Procedure, acceptance_procedure
+from aacmm_pin.verification.procedure import (
+    PROBE_DIAMETER_MM,
+    SPHERE_DIAMETER_MM,
+    Procedure,
+    acceptance_procedure,
+)
 
 __all__ = [
     "ASME",
@@ -29,10 +34,10 @@ __all__ = [
     "LEAST_CHECKS",
     "LONGEST_PART",
     "PER_MOVING_RANGE",
-    "PROBE",
+    "PROBE_DIAMETER_MM",
     "RULE_OF",
     "RUNS",
-    "SPHERE",
+    "SPHERE_DIAMETER_MM",
     "AcceptanceResult",
     "ControlChart",
     "History",

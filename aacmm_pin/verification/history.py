@@ -109,7 +109,7 @@ class ControlChart:
         return _limits(self.usual)
 
     @property
-    def left(self) -> bool:
+    def left_range(self) -> bool:
         """Whether the latest value lies outside the limits."""
         return _outside(self.values[-1], self.limits)
 
@@ -126,7 +126,7 @@ class ControlChart:
             "lower_mm": _or_none(lower),
             "upper_mm": _or_none(upper),
         }
-        return numbers | {"left_usual_range": self.left if np.isfinite(upper) else None}
+        return numbers | {"left_usual_range": self.left_range if np.isfinite(upper) else None}
 
 
 def _limits(values: Array) -> tuple[float, float]:
@@ -302,7 +302,7 @@ class History(Shown):
         return tuple(charts)
 
     def __str__(self) -> str:
-        left = [f"{chart.figure} by {chart.arm}" for chart in self.charts() if chart.left]
+        left = [f"{chart.figure} by {chart.arm}" for chart in self.charts() if chart.left_range]
         count = len(self.checks[["time", "instrument"]].drop_duplicates())
         text = f"{count} check{'s' * (count != 1)}"
         return text + (f"; outside the usual range: {', '.join(left)}" if left else "")

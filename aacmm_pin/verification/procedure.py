@@ -47,8 +47,10 @@ REPEATS = 3
 BALL_BARS = {"short": 1, "long": 3}
 """The ball bars, and which of the lengths they have where a test of lengths needs all of them too.
 """
-SPHERE, PROBE = 25.0, 6.0
-"""Diameters that are planned with where none are stated [mm]."""
+SPHERE_DIAMETER_MM = 25.0
+"""Diameter of the test sphere where none is stated [mm]."""
+PROBE_DIAMETER_MM = 6.0
+"""Diameter of the stylus tip where none is stated [mm]."""
 LENGTH_STEP = 10.0
 """Lengths are planned in steps of this [mm]."""
 LEVEL = 0.25
@@ -164,8 +166,8 @@ def acceptance_procedure(
     standard: str | None = None,
     measuring_range: float | None = None,
     lengths: Sequence[float] | None = None,
-    sphere_diameter: float = SPHERE * MM,
-    probe_diameter: float = PROBE * MM,
+    sphere_diameter: float = SPHERE_DIAMETER_MM * MM,
+    probe_diameter: float = PROBE_DIAMETER_MM * MM,
     above: float | None = None,
     rng: np.random.Generator | None = None,
 ) -> Procedure:

@@ -16,7 +16,7 @@ from aacmm_pin import (
     length_uncertainty,
 )
 from aacmm_pin._support.checks import Array
-from aacmm_pin.accuracy.length import length_between
+from aacmm_pin.accuracy.length import length_uncertainty_between
 from aacmm_pin.accuracy.parameter_draws import exact_positions, source_errors
 from aacmm_pin.accuracy.tip_sensitivity import ErrorSources
 from aacmm_pin.arm.file import Covariance
@@ -85,7 +85,7 @@ def test_what_turns_both_ends_leaves_their_distance(sino6, rng):
 
 def test_pairs_of_postures_at_two_points(sino6):
     a, b = (configuration_circle(sino6, np.array([0.4, y, 0.3]), count=24) for y in (0.0, 0.3))
-    length = length_between(a, b, sino6, 1e-5)
+    length = length_uncertainty_between(a, b, sino6, 1e-5)
     assert length.length == pytest.approx(0.3, rel=1e-12)
     assert length.u.shape == (int(a.within_limits.sum()), int(b.within_limits.sum()))
     for number in (length.u.argmin(), length.u.argmax()):

@@ -502,7 +502,7 @@ def test_what_one_cause_brings(rng: np.random.Generator) -> None:
     posterior = SimpleNamespace(median=(7,))
     choice: Any = SimpleNamespace(fit=fit_, in_one_part=lambda _: False, posterior=posterior)
 
-    def trained(number: int) -> Any:
+    def fold(number: int) -> Any:
         own = part == number
         return SimpleNamespace(
             rows=np.flatnonzero(own),
@@ -515,7 +515,7 @@ def test_what_one_cause_brings(rng: np.random.Generator) -> None:
     share = left.sum() / whole.sum()
     off = t.ppf(0.975, 3) * np.sqrt(4.0 / 3.0 * np.square(left - share * whole).sum()) / whole.sum()
     wanted = [1.0 - np.sqrt(max(s, 0.0)) for s in (share, share + off, share - off)]
-    assert gain.brought(choice, [trained(k) for k in range(4)], 7) == pytest.approx(
+    assert gain.cause_gain(choice, [fold(k) for k in range(4)], 7) == pytest.approx(
         wanted, rel=1e-9
     )
 
@@ -694,8 +694,8 @@ def test_held_out_prediction_is_that_of_a_refit(tmp_path: Path, cause: str | Non
     )
     choice = case.choice(blocks)
     for number in choice.by_part.parts[:3]:
-        training = gain.Training(choice, number)
-        widths = WIDTHS[list(training.space.marginal(blocks).best.widths)]
+        fold = gain.Fold(choice, number)
+        widths = WIDTHS[list(fold.space.marginal(blocks).best.widths)]
         effects = [
             effect.at((), tuple(width * term.typical for term in effect.terms))
             for effect, width in zip(map(choice.variant, blocks), widths, strict=True)
@@ -705,4 +705,4 @@ def test_held_out_prediction_is_that_of_a_refit(tmp_path: Path, cause: str | Non
         wanted = np.linalg.norm(
             refit.point.prediction.tips[out] - case.records.reference[out], axis=1
         )
-        close(training.predicted(blocks), wanted, 2e-8)
+        close(fold.predicted(blocks), wanted, 2e-8)

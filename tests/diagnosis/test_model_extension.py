@@ -1,4 +1,6 @@
-"""From a posterior to an extended arm: records far off, seats in several parts, inner values."""
+"""From a posterior to an extended arm: records far off, seats in several parts, nonlinear
+parameters.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from aacmm_pin.diagnosis import Choice, inner_values, model_extension
+from aacmm_pin.diagnosis import Choice, model_extension, nonlinear_parameters
 from aacmm_pin.effects import Conditions, EncoderSlip, JointPeriodicError
 from aacmm_pin.measurements import Measurements
 
@@ -75,19 +77,19 @@ def test_the_top_of_a_parabola():
     tried = [JointPeriodicError(3, order) for order in (2.0, 2.5, 3.5)]
     for top in (2.3, 2.9):
         evidences = -np.array([(2.0 - top) ** 2, (2.5 - top) ** 2, (3.5 - top) ** 2])
-        assert inner_values._at_the_top(tried, evidences, 1).order == pytest.approx(top)
+        assert nonlinear_parameters._at_the_top(tried, evidences, 1).order == pytest.approx(top)
     flat, at_the_end = np.zeros(3), np.array([0.0, -1.0, -2.0])
-    assert inner_values._at_the_top(tried, flat, 1) == tried[1]
-    assert inner_values._at_the_top(tried, at_the_end, 0) == tried[0]
+    assert nonlinear_parameters._at_the_top(tried, flat, 1) == tried[1]
+    assert nonlinear_parameters._at_the_top(tried, at_the_end, 0) == tried[0]
 
 
-def test_inner_values_by_their_evidence(monkeypatch):
+def test_nonlinear_parameters_by_their_evidence(monkeypatch):
     """A whole order unless another is far better; u of a step by the gaps between the records."""
     for far, expected in ((1.0, 4.0), (3.0, 4.11)):
         wave = JointPeriodicError(3, 4.0)
         tried = wave.nonlinear.refine(wave, Measurements.of(np.zeros((4, 6))))
         peak = far / 0.11**2  # so much better than the whole order
-        refined = inner_values.likeliest(
+        refined = nonlinear_parameters.likeliest(
             tried, np.array([-peak * (e.order - 4.11) ** 2 for e in tried])
         )
         assert refined.order == pytest.approx(expected, abs=1e-3)
@@ -102,14 +104,14 @@ def test_inner_values_by_their_evidence(monkeypatch):
         candidates=None,
         top_causes=(),
     )
-    monkeypatch.setattr(inner_values, "_acting", lambda *_: [])
+    monkeypatch.setattr(nonlinear_parameters, "_acting", lambda *_: [])
     monkeypatch.setattr(
-        inner_values, "evidences", lambda *given: {0: [np.zeros(len(given[3][0][0]))]}
+        nonlinear_parameters, "evidences", lambda *given: {0: [np.zeros(len(given[3][0][0]))]}
     )
     times = np.array([0.0, 5.0, 20.0, 50.0])
     # Around each of them; the first is the first record itself.
     gaps = np.array([0.0, 10.0, 20.0, 40.0])
     variance = np.square(times - 20.0).mean() + np.square(gaps).mean() / 12.0
-    assert inner_values.step_of(slip, 0, "time_s") == inner_values.Step(
+    assert nonlinear_parameters.step_of(slip, 0, "time_s") == nonlinear_parameters.Step(
         pytest.approx(np.sqrt(variance)), 0.0, 50.0
     )

@@ -1,5 +1,5 @@
-"""What a verdict may be trusted with: priors, inner values, structure, known causes, trials that
-fail.
+"""What a verdict may be trusted with: priors, nonlinear parameters, structure, known causes, trials
+that fail.
 """
 
 from __future__ import annotations

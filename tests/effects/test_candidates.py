@@ -1,5 +1,5 @@
-"""Where a cause could sit, with these records: places and inner values that each cause offers to
-the search.
+"""Where a cause could sit, with these records: places and nonlinear parameters that each cause
+offers to the search.
 """
 
 from __future__ import annotations
@@ -101,7 +101,7 @@ def refined(effect: Effect, records: Taken) -> list[Any]:
     return effect.nonlinear.refine(effect, records)
 
 
-def test_inner_values(sino6, rng):
+def test_nonlinear_parameters(sino6, rng):
     """Orders that make a period over the covered range, knots that the records can tell, times
     between records.
     """

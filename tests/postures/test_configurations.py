@@ -20,7 +20,7 @@ from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin.accuracy.workspace import map_caveats, map_workspace
 from aacmm_pin.arm import Arm, ArmFile, load_arm_file
 from aacmm_pin.arm.dh import DHTable
-from aacmm_pin.arm.limits import broken_limits, into_limits
+from aacmm_pin.arm.limits import into_limits, outside_limits
 from aacmm_pin.errors import AacmmError, ShapeError, UnsupportedArmError
 from aacmm_pin.postures.configurations import (
     ConfigurationCircle,
@@ -386,7 +386,7 @@ def test_angles_are_turned_into_their_limits_by_whole_turns(rng):
         every = q[:, None] + 2 * np.pi * np.arange(-12, 13)
         outside, least = (np.maximum(np.maximum(low - x, x - high), 0.0) for x in (into, every))
         np.testing.assert_allclose(outside, least.min(axis=1), atol=3e-9)
-        broken = broken_limits(into[:, None], limits)[:, 0]
+        broken = outside_limits(into[:, None], limits)[:, 0]
         np.testing.assert_array_equal(broken, least.min(axis=1) > 1e-9)
         from_middle = np.where(least < 1e-9, np.abs(every - (low + high) / 2), np.inf)
         there, nearest = ~broken, from_middle.min(axis=1)

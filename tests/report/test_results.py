@@ -39,7 +39,7 @@ from aacmm_pin import (
 )
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.notes import Note
-from aacmm_pin.accuracy.length import length_between
+from aacmm_pin.accuracy.length import length_uncertainty_between
 from aacmm_pin.arm import Parameter
 from aacmm_pin.effects import EncoderEccentricity, JointCompliance, SeatError
 from aacmm_pin.errors import AacmmError, UnknownNameError
@@ -124,7 +124,7 @@ def values(
         "Flexibility": circle.flexibility(),
         "AccuracyVolume": accuracy,
         "ErrorSources": accuracy.sources,
-        "LengthUncertainty": length_between(
+        "LengthUncertainty": length_uncertainty_between(
             circle, configuration_circle(arm, POINT[[1, 0, 2]], count=24), arm
         ),
         "WorkspaceMap": map_workspace(arm, (3, 3), 4),

@@ -99,7 +99,7 @@ def plot_history(history: History, ax: Axes | None = None) -> Figure:
 def _draw(ax: Axes, chart: ControlChart, several: bool) -> None:
     values = chart.values / MM
     number = np.arange(len(values))
-    latest = "latest check, outside the limits" if chart.left else "latest check"
+    latest = "latest check, outside the limits" if chart.left_range else "latest check"
     ax.plot(number, values, "-", color=GREY, lw=0.8)
     earlier = {
         "earlier check": chart.counted,

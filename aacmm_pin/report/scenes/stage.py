@@ -21,7 +21,7 @@ from meshcat.geometry import (
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.arm import Arm, broken_limits, chain
+from aacmm_pin.arm import Arm, chain, outside_limits
 from aacmm_pin.report.arm_wireframe import ArmLines
 from aacmm_pin.report.plots.style import VERMILLION
 from aacmm_pin.report.scenes.scene import Scene, Swatch, View
@@ -205,7 +205,7 @@ def joint_texts(arm: Arm, q: Array) -> dict[str, list[str]]:
     for joint, (values, slides) in enumerate(zip(q.T, arm.chain.prismatic, strict=True), start=1):
         one, unit = (MM, " mm") if slides else (DEG, "°")
         texts[f"joint {joint}"] = [f"{value:.2f}{unit}" for value in values / one]
-    texts["limits"] = [_outside(row) for row in broken_limits(q, arm.limits)]
+    texts["limits"] = [_outside(row) for row in outside_limits(q, arm.limits)]
     return texts
 
 

@@ -1,5 +1,5 @@
-"""Inner values of causes, such as orders, times and time constants: by the evidence of others near
-them.
+"""Nonlinear parameters of causes, such as orders, times and time constants: by the evidence of
+values near them.
 """
 
 from __future__ import annotations
@@ -23,18 +23,16 @@ from aacmm_pin.diagnosis.model_space import Candidates, ModelSpace
 from aacmm_pin.effects import Effect
 
 EXCEPTIONAL = 2.0
-"""An inner value that machines are made with is taken unless the log evidence falls by this."""
+"""A value that machines are made with is taken unless the log evidence falls by this."""
 RIVALS = 2
-"""So many others in the place of a cause are refined too."""
+"""So many other causes that could replace a cause are refined too."""
 PARTS_OF_STEP = 200
-"""Parts of a step between inner values that were tried in which their evidence is summed."""
-SAME_INNER_VALUE = 0.01
-"""Inner values that differ by this part of what they may be off before records tell are not
-refitted.
-"""
+"""Parts into which the distance of two tried values is divided to sum their evidence."""
+SAME_VALUE = 0.01
+"""Values that differ by less than this part of their prior standard deviation are not refitted."""
 
 Series = Sequence[Sequence[Effect]]
-"""Effects to try in one place, such as one cause with neighbouring inner values."""
+"""Effects to try in one place, such as one cause with neighbouring values."""
 
 
 def noise_is_known(at: Fit) -> bool:
@@ -44,39 +42,38 @@ def noise_is_known(at: Fit) -> bool:
 
 
 def refined_causes(choice: Choice, before: Sequence[Effect] = ()) -> list[Effect]:
-    """The causes of the most probable set with their likeliest inner values.
+    """The causes of the most probable set with their likeliest nonlinear parameters.
 
-    Each may become a special case of what it was. Those whose values are about the same as before
-    are as before.
+    Each may become a special case of itself. Causes whose parameters are about those of ``before``
+    stay as before.
     """
     records = choice.fit.problem.measurements
     acting = _acting(choice, choice.top_causes)
-    there = {variants[0].label for variants in choice.library}
+    known_labels = {variants[0].label for variants in choice.library}
     noise = choice.noise
     best = [variants[-1] for variants in acting]
     new = [k for k, block in enumerate(choice.top_causes) if not is_change(choice.variant(block))]
-    special = {
-        k: [[case for case in best[k].nonlinear.special_cases(best[k]) if case.label in there]]
-        for k in new
-    }
+    special = {}
+    for k in new:
+        cases = best[k].nonlinear.special_cases(best[k])
+        special[k] = [[case for case in cases if case.label in known_labels]]
     series = {k: [best[k].nonlinear.refine(best[k], records)] for k in new}
-    for number, (found,) in evidences(choice.fit, noise, acting, special).items():
-        (cases,) = special[number]
-        case = cases[int(np.argmax(found))]
+    for number, (odds_of_cases,) in evidences(choice.fit, noise, acting, special).items():
+        case = special[number][0][int(np.argmax(odds_of_cases))]
         series[number].append(case.nonlinear.refine(case, records))
-    several = {number: each for number, each in series.items() if sum(map(len, each)) > 1}
-    for number, odds in evidences(choice.fit, noise, acting, several).items():
+    to_try = {number: each for number, each in series.items() if sum(map(len, each)) > 1}
+    for number, odds in evidences(choice.fit, noise, acting, to_try).items():
         which = int(np.argmax([each.max() for each in odds]))
         best[number] = likeliest(series[number][which], odds[which])
     return [_as_before(effect, before) for effect in best]
 
 
 def refined_rivals(choice: Choice) -> list[Effect]:
-    """The likeliest others in the place of each cause, refined as it is: where they were tried they
-    are worse than need be.
+    """The likeliest other causes that could replace each cause, with refined nonlinear parameters:
+    at the values of the first trial their evidence is too low.
 
-    But for those with inner values that machines are made with, such as orders: these are the
-    values that are tried.
+    Causes with values that machines are made with, such as orders, are left out: these values
+    themselves are tried.
     """
     tried = {number: _rivals(choice, block) for number, block in enumerate(choice.top_causes)}
     acting = _acting(choice, choice.top_causes)
@@ -87,7 +84,9 @@ def refined_rivals(choice: Choice) -> list[Effect]:
 
 
 def _rivals(choice: Choice, block: int) -> list[list[Effect]]:
-    """The best others in the place of a block, each with the inner values near its own."""
+    """The best other causes in place of ``block``, each with the nonlinear parameters near its
+    own.
+    """
     candidates = choice.candidates
     records = choice.fit.problem.measurements
     values = choice.posterior.space.additions(without_block(choice.posterior.top, block))
@@ -126,31 +125,32 @@ def evidences(
     Args:
         at: the fit.
         noise: of the records.
-        acting: each cause as it acts; before it, the one that is known to act, of which it is
-            another inner value.
+        acting: each cause as it acts; before it the known cause, if it differs from this
+            by its nonlinear parameter.
         tried: effects to try, by the number of the cause whose place they take.
 
     Returns:
         The evidence of each effect, in the same order.
     """
-    every = {
+    effects_of = {
         number: [effect for effects in series for effect in effects]
         for number, series in tried.items()
     }
-    every = {number: effects for number, effects in every.items() if effects}
-    if not every:
+    effects_of = {number: effects for number, effects in effects_of.items() if effects}
+    if not effects_of:
         return {}
-    library = [(*variants, *every.get(number, ())) for number, variants in enumerate(acting)]
+    library = [(*variants, *effects_of.get(number, ())) for number, variants in enumerate(acting)]
     design = design_of(at, library, [], at.problem.candidates)
     gram = Gram(products_of(design, np.zeros(len(at.used), dtype=np.intp), noise))
     space = ModelSpace(Candidates.of(design, library), gram, noise_is_known(at))
     places = [np.flatnonzero(space.candidates.owners == number) for number in range(len(acting))]
-    held = [int(own[len(variants) - 1]) for own, variants in zip(places, acting, strict=True)]
+    held = [int(rows[len(variants) - 1]) for rows, variants in zip(places, acting, strict=True)]
     gram.prepare(held)
     found = {}
-    for number, effects in every.items():
-        beside = space.conditional(space.marginal(without_block(tuple(held), held[number])).best)
-        odds = logsumexp(beside.additions[places[number][-len(effects) :]], axis=1)
+    for number, effects in effects_of.items():
+        state = space.marginal(without_block(tuple(held), held[number])).best
+        conditional = space.conditional(state)
+        odds = logsumexp(conditional.additions[places[number][-len(effects) :]], axis=1)
         records = at.problem.measurements
         odds += np.log([effect.nonlinear.prior_probability(effect, records) for effect in effects])
         ends = np.cumsum([len(each) for each in tried[number]])[:-1]
@@ -159,8 +159,8 @@ def evidences(
 
 
 def likeliest(tried: Sequence[Effect], odds: Array) -> Effect:
-    """The effect with the largest evidence, or one with an exceptional inner value that has nearly
-    as much.
+    """The effect with the largest evidence, or an effect with nearly this evidence and a value that
+    machines are made with.
     """
     best = int(np.argmax(odds))
     exceptional = [k for k, effect in enumerate(tried) if effect.nonlinear.is_preferred(effect)]
@@ -185,21 +185,22 @@ def _at_the_top(tried: Sequence[Effect], odds: Array, best: int) -> Effect:
 
 
 def _as_before(effect: Effect, before: Sequence[Effect]) -> Effect:
-    """The same cause in an earlier fit, if its inner values are about the same."""
+    """``effect``, or the effect of its label ``before`` if their nonlinear parameters are about the
+    same.
+    """
     for old in before:
         nonlinear = old.nonlinear
         width = nonlinear.prior_sd(old) if old.label == effect.label else 0.0
-        if (
-            width
-            and abs(nonlinear.value(effect) - nonlinear.value(old)) <= SAME_INNER_VALUE * width
-        ):
-            return old
+        if width:
+            difference = abs(nonlinear.value(effect) - nonlinear.value(old))
+            if difference <= SAME_VALUE * width:
+                return old
     return effect
 
 
-def with_inner_u(at: Fit, noise: RecordNoise, effects: Sequence[Effect]) -> Fit:
-    """A refit that counts the inner values of new causes as uncertain; a known one changes its
-    values alone.
+def with_nonlinear_u(at: Fit, noise: RecordNoise, effects: Sequence[Effect]) -> Fit:
+    """A fit in which the nonlinear parameters of new causes are uncertain too; of a known cause
+    only the values change.
     """
     records = at.problem.measurements
     new = [k for k, effect in enumerate(effects) if not is_change(effect) and _is_smooth(effect)]
@@ -215,14 +216,14 @@ def with_inner_u(at: Fit, noise: RecordNoise, effects: Sequence[Effect]) -> Fit:
 
 
 def _is_smooth(effect: Effect) -> bool:
-    """Whether it has an inner value in which it is smooth, and that may be any."""
+    """Whether it is smooth in its nonlinear parameter, and this may have any value."""
     nonlinear = effect.nonlinear
     return bool(nonlinear.prior_sd(effect)) and not nonlinear.is_preferred(effect)
 
 
 def _least_u(effect: Effect, tried: Sequence[Effect], odds: Array) -> float:
-    """Half of the way from an inner value to the farther end of its 95 % interval, by the evidence
-    of others near it.
+    """Half of the distance from a nonlinear parameter to the farther end of its 95 % interval, by
+    the evidence of values near it.
 
     A time constant that is longer than the records last has far more room upwards than its
     derivative says.
@@ -231,10 +232,10 @@ def _least_u(effect: Effect, tried: Sequence[Effect], odds: Array) -> float:
         return 0.0
     grid = np.arange(len(tried))
     fine = np.linspace(0.0, grid[-1], PARTS_OF_STEP * int(grid[-1]) + 1)
-    values = scipy.interpolate.CubicSpline(grid, [each.nonlinear.value(each) for each in tried])(
-        fine
-    )
-    low, high = _interval(values, scipy.interpolate.CubicSpline(grid, odds)(fine))
+    tried_values = [each.nonlinear.value(each) for each in tried]
+    values = scipy.interpolate.CubicSpline(grid, tried_values)(fine)
+    fine_odds = scipy.interpolate.CubicSpline(grid, odds)(fine)
+    low, high = _interval(values, fine_odds)
     value = effect.nonlinear.value(effect)
     return float(max(high - value, value - low) / 2.0)
 
@@ -244,16 +245,15 @@ def _interval(values: Array, odds: Array) -> tuple[float, float]:
     log odds.
     """
     share = np.cumsum(np.exp(odds - logsumexp(odds)))
-    low, high = values[np.searchsorted(share, (0.025, 0.975)).clip(max=values.size - 1)]
-    return float(low), float(high)
+    places = np.searchsorted(share, (0.025, 0.975)).clip(max=values.size - 1)
+    low, high = values[places].tolist()
+    return low, high
 
 
 @dataclass(frozen=True)
 class Step:
-    """What the records determine of an inner value in which a cause steps, such as the time of a
-    slip [its unit].
-
-    Of its posterior over the values near it, each of which stands for the gap around it.
+    """Posterior of a nonlinear parameter at which a cause steps, such as the time of a slip [its
+    unit], over the values near it; each of these stands for the gap around it.
 
     Attributes:
         u: standard uncertainty.
@@ -266,7 +266,7 @@ class Step:
 
 
 def step_of(choice: Choice, block: int, name: str) -> Step:
-    """What the records determine of the inner value ``name`` of a block."""
+    """Posterior of the nonlinear parameter ``name`` of a block."""
     candidates = choice.candidates
     records = choice.fit.problem.measurements
     chosen = choice.variant(block).at(())
@@ -277,5 +277,6 @@ def step_of(choice: Choice, block: int, name: str) -> Step:
     values = np.array([getattr(effect, name) for effect in tried])
     share = np.exp(odds - logsumexp(odds))
     gaps = np.array([effect.nonlinear.gap(effect, records) for effect in tried])
-    u = float(np.sqrt(share @ (np.square(values - getattr(chosen, name)) + np.square(gaps) / 12.0)))
+    variances = np.square(values - getattr(chosen, name)) + np.square(gaps) / 12.0
+    u = float(np.sqrt(share @ variances))
     return Step(u, *_interval(values, odds))
