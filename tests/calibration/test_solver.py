@@ -14,6 +14,7 @@ from scipy.stats import chi2
 from aacmm_pin.arm import Arm
 from aacmm_pin.calibration import Observability, solver
 from aacmm_pin.calibration.cross_validation import distances
+from aacmm_pin.calibration.linear_model import NormalEquations
 from aacmm_pin.calibration.noise_model import NoiseModel, Scatters, contradictions, observations_of
 from aacmm_pin.calibration.parameters import problem_of
 from aacmm_pin.calibration.problem import Frame, Problem, registered
@@ -194,3 +195,17 @@ def test_chi2_that_the_noise_does_not_explain():
     for chance, acceptable in ((2e-3, True), (5e-4, False)):
         assert solver.Chi2(float(chi2.isf(chance, 300)), 300.0).acceptable == acceptable
     assert solver.Chi2(5.0, 0.4).acceptable  # nothing to judge it by
+
+
+def test_normal_equations_give_the_step_or_way(rng):
+    """None where columns are nearly the same, or where one is nothing."""
+    rows, residual = rng.normal(size=(30, 4)) * [1.0, 1e3, 1e-3, 1.0], rng.normal(size=30)
+    found = NormalEquations.of(rows.T @ rows, rows.T @ residual)
+    assert found is not None
+    step = np.linalg.lstsq(rows, -residual, rcond=None)[0]
+    np.testing.assert_allclose(found.step / found.lengths, step, rtol=1e-9)
+    left = np.square(residual + rows @ step).sum()
+    close(found.predicted_reduction, np.square(residual).sum() - left, 1e-9)
+    for last in (rows[:, 0] + 1e-7 * rows[:, 3], 0.0 * residual):
+        rows[:, 3] = last
+        assert NormalEquations.of(rows.T @ rows, rows.T @ residual) is None
