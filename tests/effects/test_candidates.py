@@ -97,6 +97,14 @@ def test_places(sino6, zero6, robot_file, rng):
     assert places(JointCompliance, zero6, None) == []
 
 
+def test_loads_hang_where_the_joint_carries_them(zero6):
+    ends = {e.load_at for e in JointCompliance(1).load_variants(zero6)}
+    assert max(ends) == zero6.chain.rows
+    for joint in range(1, 7):
+        carried = {e.load_at for e in JointCompliance(joint).load_variants(zero6)}
+        assert carried == {row for row in ends if row >= joint}
+
+
 def refined(effect: Effect, records: Taken) -> list[Any]:
     return effect.nonlinear.refine(effect, records)
 
@@ -114,6 +122,9 @@ def test_nonlinear_parameters(sino6, rng):
     assert min(orders[5]) == 3
     assert min(orders[1]) < 3
     assert set(orders[5]) == {order for order in orders[1] if order >= 3}
+    many_turns = replace(records, q=5.0 * records.q)
+    orders_there = [e.order for e in next(JointPeriodicError.candidates(sino6, many_turns))]
+    assert orders_there[:5] == [0.5, 1.5, 2.5, 3.0, 3.5]  # 1 and 2 are causes of their own
     fine = [e.order for e in refined(JointPeriodicError(1, 4), records)]
     assert [len(fine), min(fine), max(fine)] == [2 * ORDERS_NEAR + 1, 3.5, 4.5]
     assert 4 in fine

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.stats import norm
+from scipy.stats import multivariate_normal, norm
 
 from aacmm_pin import Arm, ErrorModel, Measurements, plan_measurements, simulate_measurements
 from aacmm_pin._support.units import DEG
@@ -36,7 +36,7 @@ from aacmm_pin.errors import (
     UnsupportedArmError,
 )
 from aacmm_pin.planning import MeasurementPlan
-from aacmm_pin.planning.detection_power import Size, power_of
+from aacmm_pin.planning.detection_power import EVIDENCE_DRAWS, Size, power_of
 from aacmm_pin.planning.measurement_conditions import possible_conditions
 from aacmm_pin.report.plan import advice, plan_advice
 from tests.arm_files import RIGID, changed
@@ -294,6 +294,24 @@ def test_odds_are_those_of_two_known_directions():
     a = size / np.sqrt(2)
     assert (power.one, power.other) == (pytest.approx(9.0), pytest.approx(9.0))
     assert power.probability == pytest.approx(norm.cdf(a) ** 2 + norm.cdf(-a) ** 2, abs=0.01)
+
+
+def test_odds_are_those_of_the_densities_of_records(rng):
+    r = rng.normal(size=(5, 3))
+    blocks, sizes = (slice(0, 1), slice(1, 3)), (Size(np.eye(1)), Size(np.eye(2)))
+    draws, right = np.random.default_rng(1), []
+    for true, other in ((0, 1), (1, 0)):
+        mine = r[:, blocks[true]]
+        y = mine @ sizes[true].drawn(EVIDENCE_DRAWS, draws)
+        y += draws.standard_normal((5, EVIDENCE_DRAWS))
+        shape = [r[:, block] @ r[:, block].T for block in blocks]
+        density = [
+            multivariate_normal.logpdf(y.T, cov=np.eye(5) + np.square(mine).sum() / np.trace(s) * s)
+            for s in shape
+        ]
+        right.append(density[true] > density[other])
+    power = power_of(r, blocks, sizes, np.random.default_rng(1))
+    assert power.probability == pytest.approx(np.mean(right), abs=1e-3)
 
 
 def test_causes_that_do_the_same_or_nothing(rng):
