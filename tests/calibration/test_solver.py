@@ -19,7 +19,7 @@ from aacmm_pin.calibration.noise_model import NoiseModel, Scatters, contradictio
 from aacmm_pin.calibration.parameters import problem_of
 from aacmm_pin.calibration.problem import Frame, Problem, registered
 from aacmm_pin.calibration.setup import Setup
-from aacmm_pin.calibration.studentised_residuals import deleted_distances
+from aacmm_pin.calibration.studentised_residuals import deleted_distances, studentised_distances
 from aacmm_pin.effects import Conditions, ErrorModel, StylusOffset
 from aacmm_pin.measurements import Measurements, simulate_measurements
 from aacmm_pin.measurements.orientation import quaternions
@@ -124,6 +124,22 @@ def test_distance_from_where_the_others_put_a_seat(sino6, rng, known):
         u = np.linalg.inv(sum(information for information, _ in told))
         off = tips[k] - u @ sum(information @ place for information, place in told)
         assert found[k] == pytest.approx(off @ np.linalg.solve(covariance[k] + u, off), rel=1e-4)
+
+
+def test_distances_grow_by_the_share_in_the_parameters(sino6, rng):
+    """Of residuals, by each record's block of the hat matrix of the rows and the prior."""
+    found = system_of(external(sino6, rng, off=1e-4, n=20))
+    system, scales = found.system, found.system.prior.scales
+    rows, prior = system.jacobian * scales, system.prior.rows[:, :-1]
+    share = np.linalg.qr(np.concatenate([rows, prior])).Q[: len(rows)]
+    distances = studentised_distances(found)
+    for k in range(20):
+        own = slice(3 * k, 3 * k + 3)
+        residual = system.residual[own]
+        remaining = np.eye(3) - share[own] @ share[own].T
+        wanted = residual @ np.linalg.solve(remaining, residual)
+        assert distances[k] == pytest.approx(wanted, rel=1e-6)
+        assert wanted > 1.01 * residual @ residual
 
 
 def test_a_frame_is_no_mirror_image(rng):
