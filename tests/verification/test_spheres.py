@@ -69,6 +69,11 @@ def test_fitted_sphere():
         outward = (rough - found.center) / distance[:, None]
         assert abs(residual.mean()) < 1e-13
         assert np.abs(residual @ outward).max() < 1e-11
+        design = np.column_stack([outward, np.ones(25)])
+        covariance = np.linalg.inv(design.T @ design)  # where the noise along radii is one
+        assert found.diameter_factor == pytest.approx(2 * np.sqrt(covariance[3, 3]), rel=1e-9)
+        hat = design @ covariance @ design.T
+        np.testing.assert_allclose(found.leverages, np.diag(hat), rtol=1e-9)
 
 
 def test_points_without_a_sphere():
