@@ -60,7 +60,7 @@ def _shows_few_causes(evidence: Evidence) -> bool:
 
 DOUBTS: Mapping[str, Callable[[Evidence], bool]] = {
     "contradicted references": lambda evidence: bool(evidence.contradicted),
-    "residuals too small": lambda evidence: too_good(evidence.fits[-1]),
+    "residuals too small": lambda evidence: not evidence.findings and too_good(evidence.fits[-1]),
     "few causes shown": _shows_few_causes,
     "cause not named": lambda evidence: not evidence.findings and bool(evidence.otherwise),
     "below zero": lambda evidence: any(finding.below_zero for finding in evidence.findings),

@@ -15,6 +15,7 @@ from aacmm_pin.diagnosis import (
     Finding,
     estimated,
     not_tried,
+    too_good,
 )
 from aacmm_pin.effects import (
     CONDITION_COLUMNS,
@@ -45,7 +46,7 @@ def notes_of(result: Diagnosis) -> list[Note]:
     notes += _changed(findings, known, choice)
     for effect in known:
         notes += effect.validity_notes(conditions)
-    return [*notes, *_size(extended), *_clock(extended), *result.assumed]
+    return [*notes, *_size(extended), *_clock(extended), *_too_good(extended), *result.assumed]
 
 
 def _on_top(findings: Sequence[Finding]) -> Iterator[Note]:
@@ -167,3 +168,11 @@ def _clock(extended: Fit) -> list[Note]:
     if 0.0 <= time.min() < LATE * np.ptp(time):
         return []
     return [Note("clock_starts_late" if time.min() > 0.0 else "clock_below_zero")]
+
+
+def _too_good(extended: Fit) -> list[Note]:
+    """Residuals far smaller than the noise."""
+    if not too_good(extended):
+        return []
+    found, dof = extended.chi2
+    return [Note("noise_too_large", {"chi2": found, "dof": dof})]

@@ -29,12 +29,9 @@ def _contradicted_references(result: Diagnosis) -> str:
     return "; ".join(map(str, result.contradicted))
 
 
-def _residuals_too_small(result: Diagnosis) -> str:
-    """The residuals are far smaller than the noise: it is stated too large, or these are planned
-    angles that nobody read.
-    """
-    value, dof = result.extended.chi2
-    return f"the residuals are far smaller than the noise (χ² {value:.2g} of {dof:.0f})"
+def _residuals_too_small(_: Diagnosis) -> str:
+    """Nothing was found beside a noise that is stated too large, or at angles that nobody read."""
+    return "the residuals are far smaller than the noise, beside which no cause can show"
 
 
 def _few_causes_shown(result: Diagnosis) -> str:

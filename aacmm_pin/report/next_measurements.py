@@ -48,7 +48,7 @@ def _first(result: Diagnosis) -> str:
     if too_good(result.extended):
         return (
             "check the stated noise and its unit, and that the angles were read and not planned: "
-            "beside such noise, no records can show a cause"
+            "beside such noise, few causes show"
         )
     if verdict == "inconclusive" and result.extended.too_many_excluded:
         return (
