@@ -60,7 +60,8 @@ def results(
         elif (count := whole(workers, 1, "processes")) == 1:
             yield enumerate(map(work, jobs))
         else:
-            pool = ProcessPoolExecutor(count, get_context("spawn"), _begin)
+            with _blocked_signals():
+                pool = ProcessPoolExecutor(count, get_context("spawn"), _begin)
             yield _submitted(pool, work, jobs, SUBMITTED_PER_PROCESS * count, waiting)
     except BrokenExecutor:
         raise AacmmError(
@@ -107,9 +108,11 @@ def _blocked_signals() -> Iterator[None]:
     """Block the signals of the terminal: processes that are started meanwhile never receive
     them.
     """
-    resource_tracker.ensure_running()  # its start would unblock them
     before = signal.pthread_sigmask(signal.SIG_BLOCK, TERMINAL_SIGNALS)
     try:
+        # Its start unblocks those that the tracker ignores, which SIGHUP is not.
+        resource_tracker.ensure_running()
+        signal.pthread_sigmask(signal.SIG_BLOCK, TERMINAL_SIGNALS)
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -45,3 +45,22 @@ def test_workers_end_with_their_parent():
         assert parent.stdout.readline() == b"begun\n"
         parent.kill()
     assert not outlived(parent.pid, 30.0), "a worker outlived its parent"
+
+
+BLOCKED_BY_TRACKER = """
+from multiprocessing import resource_tracker
+from pathlib import Path
+from aacmm_pin._support import workers
+
+with workers.results(abs, [1, 2], 2) as results:
+    list(results)
+    status = Path(f"/proc/{resource_tracker._resource_tracker._pid}/status").read_text()
+print(int(status.split("SigBlk:")[1].split()[0], 16))
+"""
+
+
+def test_no_helper_process_dies_when_the_terminal_closes():
+    """Python's tracker of resources ignores what a terminal sends, but for SIGHUP."""
+    command = [sys.executable, "-c", BLOCKED_BY_TRACKER]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert int(done.stdout) & 1 << (signal.SIGHUP - 1)
