@@ -1,4 +1,4 @@
-"""A diagnosis as a document: verdict, where the simulation is wrong, causes, gain on held-out
+"""A diagnosis as a document: verdict, where the errors are, causes, gain on held-out
 records, what is left.
 """
 
@@ -154,7 +154,7 @@ def diagnosis_document(
 
 
 def verdict_in_words(result: Diagnosis) -> str:
-    """What the simulation lacks, that nothing was found, or that these records cannot tell; then
+    """What the model lacks, that nothing was found, or that these records cannot tell; then
     what else is in doubt.
     """
     wrong = _wrong_in_words(result)
@@ -229,7 +229,7 @@ def _ambiguous(result: Diagnosis, wrong: str) -> str:
         causes = labels_in_words(result, labels) or "nothing"
         named.append(f"{causes} (probability of this set {probability(share)})")
     if not found:
-        return f"these records do not determine what the simulation lacks: {listed(named, 'or')}"
+        return f"these records do not determine what the model lacks: {listed(named, 'or')}"
     return f"{wrong}; other sets that may act: {listed(named, 'or')}"
 
 
@@ -242,7 +242,7 @@ def _excluded_in_words(result: Diagnosis) -> str:
 
 
 def _wrong_in_words(result: Diagnosis) -> str:
-    """What the simulation lacks, or may lack, and which of its values are wrong: of the geometry,
+    """What the model lacks, or may lack, and which of its values are wrong: of the geometry,
     of the places of seats.
     """
     values = [f for f in result.findings if result.geometric(f) or corrects_seat(f.effect)]
@@ -255,12 +255,12 @@ def _wrong_in_words(result: Diagnosis) -> str:
         return text
     off = f"stated values have unusually large errors: {_named(values, result.model.arm)}"
     if result.verdict == "unexplained" and not causes:
-        return f"the simulation's {off}"
+        return f"the model's {off}"
     return f"{text}; its {off}"
 
 
 def _causes_in_words(result: Diagnosis, causes: Sequence[Finding]) -> str:
-    """Causes that the simulation lacks or may lack, and those whose known values are wrong."""
+    """Causes that the model lacks or may lack, and those whose known values are wrong."""
     sound = [f for f in causes if f.borne_out and not (result.no_better or f.below_zero)]
     sure = [f for f in sound if f.probability >= THRESHOLDS.settled]
     doubtful = [f for f in causes if f not in sure]
@@ -274,14 +274,14 @@ def _causes_in_words(result: Diagnosis, causes: Sequence[Finding]) -> str:
     arm = result.model.arm
     clauses = [f"{verb} {_named(some, arm)}" for verb, some in groups if some]
     if clauses:
-        return f"the simulation {' and '.join(clauses)}"
+        return f"the model {' and '.join(clauses)}"
     return _none_found(result)
 
 
 def _none_found(result: Diagnosis) -> str:
     """That no cause was found, and how probable it is that none acts."""
     chance = probability(1.0 - result.more)
-    return f"no cause was found that the simulation lacks (probability that none acts: {chance})"
+    return f"no cause was found that the model lacks (probability that none acts: {chance})"
 
 
 def _named(findings: Sequence[Finding], arm: Arm) -> str:
@@ -363,10 +363,10 @@ def alias_in_words(alias: Alias, arm: Arm) -> str:
 
 def summary_line(result: Diagnosis) -> str:
     """Sizes of residuals by the three models, the noise, and the gain on held-out records."""
-    simulated, recalibrated, extended, noise = lengths(result.rms.values())
+    stated, recalibrated, extended, noise = lengths(result.rms.values())
     alone = "noise alone" if result.extended.stated else "scatter"
     sizes = (
-        f"RMS {simulated} simulated → {recalibrated} recalibrated → {extended} extended; "
+        f"RMS {stated} as stated → {recalibrated} recalibrated → {extended} extended; "
         f"{alone} {noise}."
     )
     return f"{sizes} {gain_in_words(result)}"
@@ -589,7 +589,7 @@ def rms_figure(result: Diagnosis) -> Figure:
     return Figure(
         lambda: plots.plot_rms(result, blank_axes(6.8, 2.0)),
         "RMS of the residuals by the three models",
-        "RMS residuals of the records, set-up fitted, by three models: the simulated arm; the arm "
+        "RMS residuals of the records, set-up fitted, by three models: the arm as stated; the arm "
         "with its geometry recalibrated; the arm extended by the causes found. Dashed: expected "
         "from the noise of readings and references.",
     )
@@ -606,15 +606,15 @@ def _wrong(result: Diagnosis) -> list[Block]:
     figure = Figure(
         lambda: plots.plot_groups(result, blank_axes(9.3, height)),
         "RMS of the residuals by joint range, time, temperature and seat, by the three models",
-        "RMS of the residuals in groups of two or more records. Black: the simulation; compare it "
-        f"with the {line} line, {beside}. Grey and blue: recalibrated and extended; compare these "
-        "with the dotted line, the noise alone. The model does not explain what stays above it.",
+        "RMS of the residuals in groups of two or more records. Black: the arm as stated; compare "
+        f"it with the {line} line, {beside}. Grey and blue: recalibrated and extended; compare "
+        "these with the dotted line, the noise alone. The model does not explain what stays above it.",
     )
     worst = _worst(result, predicted)
     if worst.empty:
-        none = f"In no group of records is the RMS of the simulation above {beside}."
+        none = f"In no group of records is the RMS of the arm as stated above {beside}."
         return [title, figure, Paragraph(none)]
-    caption = f"Largest RMS residuals of the simulation, compared with {beside}"
+    caption = f"Largest RMS residuals of the arm as stated, compared with {beside}"
     return [title, figure, Table(worst, caption, {f"times {predicted}": ".2f"}, most=WORST)]
 
 
@@ -627,7 +627,7 @@ def _worst(result: Diagnosis, predicted: str) -> pd.DataFrame:
     unit, scale = length_unit(max(result.rms.values()))
     where = [*map(place_in_words, worse["by"], worse["group"])]
     found = pd.DataFrame({"where": where, "records": worse["records"]})
-    heads = {"simulation": "simulation", "predicted": predicted, "extended": "extended"}
+    heads = {"simulation": "as stated", "predicted": predicted, "extended": "extended"}
     for name, head in heads.items():
         found[f"{head} [{unit}]"] = worse[f"{name}_mm"] * (MM / scale)
     found[f"times {predicted}"] = worse["times_predicted"]

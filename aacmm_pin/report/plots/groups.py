@@ -43,7 +43,9 @@ def plot_rms(result: Diagnosis, ax: Axes | None = None) -> Axes:
     words = dict(zip(result.rms, lengths(result.rms.values()), strict=True))
     ax = axes_of(ax, (6.8, 2.2))
     sizes = [result.rms[name] / scale for name in MODELS]
-    bars = ax.barh(list(MODELS), sizes, color=list(MODELS.values()), height=0.6)
+    bars = ax.barh(
+        ["as stated", "recalibrated", "extended"], sizes, color=list(MODELS.values()), height=0.6
+    )
     box = {"fc": "white", "ec": "none", "pad": 1}
     ax.bar_label(bars, [words[name] for name in MODELS], padding=5, fontsize=9, bbox=box)
     ax.axvline(
@@ -125,7 +127,7 @@ def _draw_groups(
             label=label,
         )
     for name, colour in MODELS.items():
-        label = "as simulated" if name == "simulation" else name
+        label = "as stated" if name == "simulation" else name
         panel.plot(
             np.arange(len(table)),
             table[f"{name}_mm"],
@@ -139,7 +141,7 @@ def _draw_groups(
     if many:
         panel.set_xticks([])
         panel.set_xlabel(
-            "\n".join([f"{len(names)}, largest as simulated first:", *names[:WORST]]), fontsize=7
+            "\n".join([f"{len(names)}, largest as stated first:", *names[:WORST]]), fontsize=7
         )
     else:
         name_places(panel, names, letters=48, size=7)
