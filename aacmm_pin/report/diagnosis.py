@@ -608,7 +608,8 @@ def _wrong(result: Diagnosis) -> list[Block]:
         "RMS of the residuals by joint range, time, temperature and seat, by the three models",
         "RMS of the residuals in groups of two or more records. Black: the arm as stated; compare "
         f"it with the {line} line, {beside}. Grey and blue: recalibrated and extended; compare "
-        "these with the dotted line, the noise alone. The model does not explain what stays above it.",
+        "these with the dotted line, the noise alone. The model does not explain what stays above "
+        "it.",
     )
     worst = _worst(result, predicted)
     if worst.empty:
