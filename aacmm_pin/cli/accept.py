@@ -12,7 +12,17 @@ import typer
 
 from aacmm_pin.cli.acceptance_options import Mpe, Standard, arms_of, files_argument, limits_of
 from aacmm_pin.cli.arm_options import UrdfArm, in_metres
-from aacmm_pin.cli.common import OUTPUT, Force, Json, Plot, Results, command, note, page_option
+from aacmm_pin.cli.common import (
+    Force,
+    Json,
+    Plot,
+    Results,
+    command,
+    length_option,
+    note,
+    output_option,
+    page_option,
+)
 from aacmm_pin.errors import MeasurementFileError
 from aacmm_pin.measurements import Measurements
 from aacmm_pin.verification import AcceptanceResult, History, accept, in_utc
@@ -30,7 +40,7 @@ def run(
     mpe: Mpe = None,
     standard: Standard = None,
     measuring_range_mm: Annotated[
-        float | None, typer.Option(metavar="MM", help="Measuring range of the arm.")
+        float | None, length_option("Measuring range of the arm.")
     ] = None,
     time: Annotated[
         str | None,
@@ -53,11 +63,7 @@ def run(
     output: Annotated[Path | None, page_option("The test report", "--report", "-o")] = None,
     history: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE.csv",
-            rich_help_panel=OUTPUT,
-            help="CSV file of all checks, to which this check is appended.",
-        ),
+        output_option("FILE.csv", "CSV file of all checks, to which this check is appended."),
     ] = None,
     plot: Plot = None,
     json_: Json = None,

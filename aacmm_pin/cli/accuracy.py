@@ -12,7 +12,6 @@ from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin.accuracy import METHODS, AccuracyVolume, Method, circle_accuracy
 from aacmm_pin.cli.arm_options import EncoderNoise, UncertainArm, restrict_to_known_range
 from aacmm_pin.cli.common import (
-    OUTPUT,
     Force,
     Json,
     Plot,
@@ -21,6 +20,7 @@ from aacmm_pin.cli.common import (
     Seed,
     command,
     note,
+    output_option,
     say,
 )
 from aacmm_pin.cli.pose_options import Orientation, Point, Triple
@@ -58,12 +58,8 @@ def run(
     seed: Seed = 1,
     output: Annotated[
         Path | None,
-        typer.Option(
-            "--csv",
-            "-o",
-            metavar="FILE.csv",
-            help="CSV file: the sampled postures with their accuracy.",
-            rich_help_panel=OUTPUT,
+        output_option(
+            "FILE.csv", "CSV file: the sampled postures with their accuracy.", "--csv", "-o"
         ),
     ] = None,
     json_: Json = None,

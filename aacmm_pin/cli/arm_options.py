@@ -11,7 +11,13 @@ import typer
 from aacmm_pin._support import plausible
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm import EXAMPLE_ROBOTS, Arm, bundled_arms
-from aacmm_pin.cli.common import ARM, NOISE, angle_option, note
+from aacmm_pin.cli.common import (
+    ARM,
+    NOISE,
+    angle_option,
+    length_option,
+    note,
+)
 from aacmm_pin.effects import ErrorModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements import ENCODER, PROBE, Noise
@@ -117,11 +123,9 @@ class UncertainArm(AnyArm):
 
     translation_half_width_mm: Annotated[
         float | None,
-        typer.Option(
-            metavar="MM",
-            help="With --urdf: half-width of each translation of every joint placement; 0: not "
-            "stated.",
-            rich_help_panel=ARM,
+        length_option(
+            "With --urdf: half-width of each translation of every joint placement; 0: not stated.",
+            ARM,
         ),
     ] = None
     rotation_half_width: Annotated[
@@ -205,11 +209,7 @@ class MeasuringNoise(EncoderNoise):
 
     probe_noise_mm: Annotated[
         float | None,
-        typer.Option(
-            metavar="MM",
-            help="Standard uncertainty of a coordinate of one contact.",
-            rich_help_panel=NOISE,
-        ),
+        length_option("Standard uncertainty of a coordinate of one contact.", NOISE),
     ] = None
 
 
@@ -219,11 +219,7 @@ class ContactNoise(MeasuringNoise):
 
     u_reference_mm: Annotated[
         float | None,
-        typer.Option(
-            metavar="MM",
-            help="Standard uncertainty of a reference coordinate.",
-            rich_help_panel=NOISE,
-        ),
+        length_option("Standard uncertainty of a reference coordinate.", NOISE),
     ] = None
 
     def simulated(self, arm: Arm) -> Noise:

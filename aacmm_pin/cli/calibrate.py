@@ -13,16 +13,15 @@ from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin.calibration import calibrate
 from aacmm_pin.cli.arm_options import ArmAndData
 from aacmm_pin.cli.common import (
-    OUTPUT,
     EffectTexts,
     Force,
     Json,
     Plot,
     Results,
     Seed,
-    arm_file_option,
     command,
     note,
+    output_option,
     page_option,
 )
 from aacmm_pin.cli.measuring_options import MeasuredHow
@@ -48,21 +47,16 @@ def run(
     ] = False,
     seed: Seed = 1,
     output: Annotated[
-        Path | None, arm_file_option("Arm file for the calibrated arm.", "--arm-out", "-o")
+        Path | None,
+        output_option("FILE.toml", "Arm file for the calibrated arm.", "--arm-out", "-o"),
     ] = None,
     urdf_out: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE.urdf", help="URDF for the calibrated arm.", rich_help_panel=OUTPUT
-        ),
+        output_option("FILE.urdf", "URDF for the calibrated arm."),
     ] = None,
     residuals: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE.csv",
-            help="CSV file: every record with its residuals.",
-            rich_help_panel=OUTPUT,
-        ),
+        output_option("FILE.csv", "CSV file: every record with its residuals."),
     ] = None,
     plot: Plot = None,
     report: Annotated[Path | None, page_option("Page with all results")] = None,

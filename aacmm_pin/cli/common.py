@@ -61,8 +61,9 @@ def _with_options(function: Callable[..., None]) -> Callable[..., None]:
                 option, parameter.KEYWORD_ONLY, default=default, annotation=kind
             )
 
-    quiet = inspect.Parameter("quiet", inspect.Parameter.KEYWORD_ONLY, default=False)
-    options["quiet"] = quiet.replace(annotation=Quiet)
+    options["quiet"] = inspect.Parameter(
+        "quiet", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=Quiet
+    )
 
     def guarded(quiet: bool, **typed: Any) -> None:
         made = {}
@@ -102,31 +103,25 @@ def angle_option(help_: str, panel: str | None = None) -> Any:
     return typer.Option(parser=angle, metavar="ANGLE", help=help_, rich_help_panel=panel)
 
 
+def length_option(help_: str, panel: str | None = None) -> Any:
+    """An option for a length in millimetres."""
+    return typer.Option(metavar="MM", help=help_, rich_help_panel=panel)
+
+
+def output_option(metavar: str, help_: str, *names: str) -> Any:
+    """An option for a file to write."""
+    return typer.Option(*names, metavar=metavar, help=help_, rich_help_panel=OUTPUT)
+
+
 def page_option(page: str, *names: str) -> Any:
     """An option for a document, in the format that the end of its name chooses."""
     from aacmm_pin.report import suffixes  # the list of commands needs none
 
-    return typer.Option(
-        *names,
-        metavar="FILE.html",
-        help=f"{page} ({', '.join(suffixes())}).",
-        rich_help_panel=OUTPUT,
-    )
-
-
-def arm_file_option(help_: str, *names: str) -> Any:
-    """An option for an arm file to write."""
-    return typer.Option(*names, metavar="FILE.toml", help=help_, rich_help_panel=OUTPUT)
+    return output_option("FILE.html", f"{page} ({', '.join(suffixes())}).", *names)
 
 
 Json = Annotated[
-    str | None,
-    typer.Option(
-        "--json",
-        metavar="FILE.json",
-        help="Write one JSON object; - for stdout.",
-        rich_help_panel=OUTPUT,
-    ),
+    str | None, output_option("FILE.json", "Write one JSON object; - for stdout.", "--json")
 ]
 Seed = Annotated[int, typer.Option(metavar="N", min=0, help="Seed of the random generator.")]
 Sectors = Annotated[
@@ -140,28 +135,13 @@ EffectTexts = Annotated[
         help="Cause of error, such as encoder_eccentricity:3,amplitude_rad=20urad (repeatable).",
     ),
 ]
-Output = Annotated[
-    Path | None,
-    typer.Option("--output", "-o", metavar="FILE", help="File to write.", rich_help_panel=OUTPUT),
-]
+Output = Annotated[Path | None, output_option("FILE", "File to write.", "--output", "-o")]
 CsvOutput = Annotated[
-    Path | None,
-    typer.Option(
-        "--csv",
-        "-o",
-        metavar="FILE.csv",
-        help="CSV file to write. Default: stdout.",
-        rich_help_panel=OUTPUT,
-    ),
+    Path | None, output_option("FILE.csv", "CSV file to write. Default: stdout.", "--csv", "-o")
 ]
 Plot = Annotated[
     Path | None,
-    typer.Option(
-        "--plot",
-        metavar="FILE.png",
-        help=f"Draw the result ({', '.join(PLOT_SUFFIXES)}).",
-        rich_help_panel=OUTPUT,
-    ),
+    output_option("FILE.png", f"Draw the result ({', '.join(PLOT_SUFFIXES)}).", "--plot"),
 ]
 Quiet = Annotated[
     bool,

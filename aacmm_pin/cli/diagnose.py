@@ -15,8 +15,8 @@ from aacmm_pin.cli.common import (
     Json,
     Results,
     Seed,
-    arm_file_option,
     command,
+    output_option,
     page_option,
     warn,
 )
@@ -47,7 +47,9 @@ def run(
     ] = False,
     seed: Seed = 1,
     output: Annotated[Path | None, page_option("Page with all results", "--report", "-o")] = None,
-    arm_out: Annotated[Path | None, arm_file_option("Arm file for the extended arm.")] = None,
+    arm_out: Annotated[
+        Path | None, output_option("FILE.toml", "Arm file for the extended arm.")
+    ] = None,
     json_: Json = None,
     force: Force = False,
 ) -> None:

@@ -9,7 +9,10 @@ import typer
 
 from aacmm_pin.calibration import ReferenceFrame, Target
 from aacmm_pin.cli.arm_options import ContactNoise, in_metres
-from aacmm_pin.cli.common import NOISE
+from aacmm_pin.cli.common import (
+    NOISE,
+    length_option,
+)
 
 FrameOfReferences = Annotated[
     ReferenceFrame,
@@ -30,11 +33,7 @@ class MeasuredHow(ContactNoise):
 
     u_bar_mm: Annotated[
         float | None,
-        typer.Option(
-            metavar="MM",
-            help="Standard uncertainty of a bar's length.",
-            rich_help_panel=NOISE,
-        ),
+        length_option("Standard uncertainty of a bar's length.", NOISE),
     ] = None
     reference_frame: FrameOfReferences = "base"
     target: TargetOfReferences = "tip"

@@ -6,12 +6,17 @@ import shlex
 from typing import Annotated
 
 import numpy as np
-import typer
 
 from aacmm_pin._support.units import MM
 from aacmm_pin.cli.acceptance_options import Standard
 from aacmm_pin.cli.arm_options import UncertainArm, in_metres, restrict_to_known_range
-from aacmm_pin.cli.common import Results, Seed, command, say
+from aacmm_pin.cli.common import (
+    Results,
+    Seed,
+    command,
+    length_option,
+    say,
+)
 from aacmm_pin.cli.plan_options import PlanFiles, TableHeight, note_lowest_tip
 from aacmm_pin.report import procedure_document, terminal
 from aacmm_pin.verification import PROBE_DIAMETER_MM, SPHERE_DIAMETER_MM, acceptance_procedure
@@ -26,24 +31,17 @@ def run(
     standard: Standard = None,
     measuring_range_mm: Annotated[
         float | None,
-        typer.Option(
-            metavar="MM", help="Measuring range of the arm. Default: twice the reach from joint 2."
-        ),
+        length_option("Measuring range of the arm. Default: twice the reach from joint 2."),
     ] = None,
     length_mm: Annotated[
         list[float] | None,
-        typer.Option(
-            metavar="MM",
-            help="Calibrated length (repeatable; ISO expects five, ASME two). Default: lengths "
-            "evenly spaced up to 2/3 of the measuring range.",
+        length_option(
+            "Calibrated length (repeatable; ISO expects five, ASME two). Default: lengths "
+            "evenly spaced up to 2/3 of the measuring range."
         ),
     ] = None,
-    sphere_mm: Annotated[
-        float, typer.Option(metavar="MM", help="Diameter of the test sphere.")
-    ] = SPHERE_DIAMETER_MM,
-    probe_mm: Annotated[
-        float, typer.Option(metavar="MM", help="Diameter of the stylus tip.")
-    ] = PROBE_DIAMETER_MM,
+    sphere_mm: Annotated[float, length_option("Diameter of the test sphere.")] = SPHERE_DIAMETER_MM,
+    probe_mm: Annotated[float, length_option("Diameter of the stylus tip.")] = PROBE_DIAMETER_MM,
     table_height_mm: TableHeight = None,
     seed: Seed = 1,
     *,

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from aacmm_pin.cli.arm_options import UncertainArm, restrict_to_known_range
-from aacmm_pin.cli.common import arm_file_option, command, note, say
+from aacmm_pin.cli.common import command, note, output_option, say
 from aacmm_pin.cli.measuring_options import MeasuredHow
 from aacmm_pin.cli.plan_options import PlannedRecords
 from aacmm_pin.planning import MeasurementPlan, plan_measurements
@@ -36,7 +36,7 @@ def run(
     ] = False,
     arm_out: Annotated[
         Path | None,
-        arm_file_option("Arm file with the set-up that the plan proposes."),
+        output_option("FILE.toml", "Arm file with the set-up that the plan proposes."),
     ] = None,
     *,
     planned: PlannedRecords,

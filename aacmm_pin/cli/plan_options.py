@@ -20,6 +20,7 @@ from aacmm_pin.cli.common import (
     Json,
     Results,
     Seed,
+    length_option,
     note,
     page_option,
 )
@@ -31,9 +32,7 @@ from aacmm_pin.report import Document, terminal
 
 TableHeight = Annotated[
     float | None,
-    typer.Option(
-        metavar="MM", help="Height of a table above the base; the tip stays above the table."
-    ),
+    length_option("Height of a table above the base; the tip stays above the table."),
 ]
 
 

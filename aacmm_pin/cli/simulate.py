@@ -20,9 +20,10 @@ from aacmm_pin.cli.common import (
     Results,
     Seed,
     angle_option,
-    arm_file_option,
     command,
+    length_option,
     note,
+    output_option,
     refuse,
     status,
 )
@@ -71,9 +72,9 @@ class Planned:
         bool,
         typer.Option("--no-seat-coordinates", help="With seats: do not state their coordinates."),
     ] = False
-    bar_length_mm: Annotated[
-        float | None, typer.Option(metavar="MM", help="With ball-bar: length of the bars.")
-    ] = None
+    bar_length_mm: Annotated[float | None, length_option("With ball-bar: length of the bars.")] = (
+        None
+    )
     orientation_noise: Annotated[
         float | None,
         angle_option(
@@ -140,7 +141,7 @@ def run(
     stated: ContactNoise,
     output: CsvOutput = None,
     arm_out: Annotated[
-        Path | None, arm_file_option("Arm file of the simulated arm, with its causes.")
+        Path | None, output_option("FILE.toml", "Arm file of the simulated arm, with its causes.")
     ] = None,
     force: Force = False,
 ) -> None:
