@@ -113,13 +113,12 @@ class _Commands(TyperGroup):
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """The list of commands, of which none is imported."""
-        listed = [
-            TyperCommand(word, short_help=_sentence(self._beginning + word))
-            for word in self.commands
-        ]
-        TyperGroup(
+        sentences = {word: _sentence(self._beginning + word) for word in self.commands}
+        listed = [TyperCommand(word, short_help=text) for word, text in sentences.items()]
+        group = TyperGroup(
             commands=listed, params=self.params, help=self.help, rich_markup_mode=None
-        ).format_help(ctx, formatter)
+        )
+        group.format_help(ctx, formatter)
 
 
 class Shell(_Commands):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import pandas as pd
@@ -9,7 +10,7 @@ import pandas as pd
 from aacmm_pin._support.notes import notes_in_json
 from aacmm_pin._support.units import MM
 from aacmm_pin.diagnosis import Check
-from aacmm_pin.effects import CONDITION_COLUMNS, cause_in_words, listed
+from aacmm_pin.effects import CONDITION_COLUMNS, Effect, cause_in_words, listed
 from aacmm_pin.report.document import Document, Notes, Paragraph, Table, document_of
 from aacmm_pin.report.measurements import measurements_document
 from aacmm_pin.report.numbers import count, length
@@ -46,8 +47,14 @@ def check_summary(check: Check) -> dict[str, Any]:
     summary |= {"with_reference": int(records.known.sum()), "seats": len(records.seats())}
     summary |= {"bars": len(records.bars()), "rms_mm": check.rms / MM}
     summary["columns"] = [str(name) for name in records.to_frame().columns]
-    lacking = [
-        {"column": CONDITION_COLUMNS[need], "causes": [cause.cause for cause in causes]}
-        for need, causes in check.missing.items()
-    ]
-    return summary | {"not_tried": lacking} | notes_in_json(check.notes)
+    summary["not_tried"] = not_tried_in_json(check.missing)
+    return summary | notes_in_json(check.notes)
+
+
+def not_tried_in_json(missing: Mapping[str, tuple[type[Effect], ...]]) -> list[dict[str, Any]]:
+    """Columns that a file lacks, and the causes that were no candidates without them."""
+    lacking = []
+    for need, causes in missing.items():
+        names = [cause.cause for cause in causes]
+        lacking.append({"column": CONDITION_COLUMNS[need], "causes": names})
+    return lacking

@@ -205,7 +205,7 @@ def next_set_in_words(result: Diagnosis) -> str:
     shares.pop(found, None)
     if result.verdict == "ambiguous" or not shares:
         return ""
-    likely = max(shares, key=lambda labels: shares[labels])
+    likely, share = next(iter(shares.items()))
     more, fewer = (
         labels_in_words(result, tuple(sorted(labels)))
         for labels in (likely - found, found - likely)
@@ -216,12 +216,12 @@ def next_set_in_words(result: Diagnosis) -> str:
         text = f"{more} in addition" if found else more
     else:
         text = f"all but {fewer}" if likely else "nothing"
-    return f"{capital(text)} (probability {probability(shares[likely])})."
+    return f"{capital(text)} (probability {probability(share)})."
 
 
 def _ambiguous(result: Diagnosis, wrong: str) -> str:
     """The sets of causes that share the probability."""
-    found = {finding.label for finding in result.findings}
+    found = _labels(result)
     others = [each for each in result.alternatives.items() if set(each[0]) != found]
     likely = [(labels, share) for labels, share in others if share >= THRESHOLDS.rival]
     named = []

@@ -24,7 +24,8 @@ from aacmm_pin.diagnosis import (
 from aacmm_pin.diagnosis.posterior import Posterior
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.diagnosis.unexplained import DiscrepancySize
-from aacmm_pin.effects import CONDITION_COLUMNS, Effect, fields_of, strongest_waves
+from aacmm_pin.effects import Effect, fields_of, strongest_waves
+from aacmm_pin.report.check import not_tried_in_json
 from aacmm_pin.report.next_measurements import next_measurements
 
 DIAGNOSIS_SCHEMA = "aacmm-pin/diagnosis/1"
@@ -47,7 +48,8 @@ def diagnosis_to_dict(diagnosis: Diagnosis) -> dict[str, Any]:
     summary["agreement"] = _agreement(diagnosis.choice.posterior)
     summary["discrepancy"] = [_discrepancy(part) for part in parts]
     summary["unexplained"] = _unexplained(diagnosis.unexplained)
-    summary["not_tried"] = _not_tried(diagnosis)
+    records = diagnosis.extended.problem.measurements
+    summary["not_tried"] = not_tried_in_json(not_tried(diagnosis.choice.library, records))
     summary["cannot_tell_apart"] = [list(labels) for labels in diagnosis.cannot_tell_apart]
     summary["next_measurements"] = next_measurements(diagnosis)
     return summary | notes_in_json(diagnosis.notes)
@@ -194,11 +196,3 @@ def _amount(name: str, value: float, slides: bool) -> dict[str, float]:
     if slides:
         return {f"{name}_mm": value / MM}
     return {f"{name}_rad": value}
-
-
-def _not_tried(diagnosis: Diagnosis) -> list[dict[str, Any]]:
-    """Columns that the file lacks, and the causes that were no candidates without them."""
-    records = diagnosis.extended.problem.measurements
-    lacking = not_tried(diagnosis.choice.library, records)
-    names = {need: [cause.cause for cause in causes] for need, causes in lacking.items()}
-    return [{"column": CONDITION_COLUMNS[need], "causes": causes} for need, causes in names.items()]
