@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -18,6 +19,20 @@ MOST_ROWS_LISTED = 6
 """Rows of one problem that a message lists."""
 LONGEST_NAME = 100
 """Characters of a column's name, or of a cell, that a message has."""
+
+
+def rows_in_words(rows: Sequence[int] | Index) -> str:
+    """Rows of a file in ascending order: all of a few, or the first and last of many that follow
+    one another.
+    """
+    first = min(rows)
+    last = max(rows)
+    if len(rows) == 1:
+        return f"row {first}"
+    if len(rows) > 2 and last - first + 1 == len(rows):
+        return f"rows {first} to {last}"
+    few = [str(row) for row in rows[:MOST_ROWS_LISTED]]
+    return f"rows {', '.join(few)}" + (", …" if len(rows) > len(few) else "")
 
 
 @dataclass

@@ -10,6 +10,7 @@ from .volume import (
     Method,
     accuracy_volume,
     circle_accuracy,
+    expanded,
     paired,
 )
 from .workspace import WorkspaceMap, map_caveats, map_workspace
@@ -25,6 +26,7 @@ __all__ = [
     "WorkspaceMap",
     "accuracy_volume",
     "circle_accuracy",
+    "expanded",
     "length_uncertainty_between",
     "map_caveats",
     "map_workspace",

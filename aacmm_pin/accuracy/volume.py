@@ -20,7 +20,7 @@ from aacmm_pin._support.checks import Array, Index, batch, whole
 from aacmm_pin._support.display import Shown, report
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.accuracy.tip_sensitivity import ErrorSources, omission
-from aacmm_pin.arm import COVERAGE_FACTOR
+from aacmm_pin.arm import COVERAGE_FACTOR, rigid_motions, spread_postures
 from aacmm_pin.effects import Conditions, ErrorModel, GivenModel, loaded
 from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError, UnsupportedArmError
 
@@ -43,6 +43,8 @@ ELLIPSOID_COVERAGE_FACTOR = 2.7954834829151074
 """k = 2.80: the ellipsoid that holds 95 % of a normal distribution in three dimensions (JCGM
 102:2011, table 1).
 """
+OTHER_POSTURES = 200
+"""Postures over which a motion of the base is fitted."""
 DRAWN_AT_ONCE = 4
 """Configurations of one piece of work of ``monte-carlo``."""
 MANY = 50_000
@@ -80,6 +82,36 @@ class AccuracyVolume(Shown):
         """
         variance = np.trace(self.covariance, axis1=1, axis2=2)
         return np.asarray(np.sqrt(variance))
+
+    @cached_property
+    def u_aligned(self) -> Array:
+        """Standard uncertainty of the position after the base is aligned to the workspace: (n,)
+        [m].
+
+        Each source moves the tip at :data:`OTHER_POSTURES` postures between the joint limits. The
+        rigid motion of the base that fits these displacements best (least squares) is taken away.
+        At a single posture the rest may be larger than :attr:`u`.
+        """
+        if not len(self.q):
+            return self.u
+        within = self.sources.model.restricted_to_known_range().arm
+        other = spread_postures(within, OTHER_POSTURES, self.q)
+        conditions = self.conditions
+        if conditions is not None:
+            conditions = conditions.take(np.arange(OTHER_POSTURES) % conditions.n)
+        arm = self.sources.arm
+        at = self.sources.at
+        of_base = rigid_motions(arm.positions(other, at)).reshape(-1, 6)
+        of_sources = self.sources.sensitivity(other, conditions)
+        base = np.linalg.lstsq(of_base, of_sources.reshape(len(of_base), -1))[0]
+        base[:, [p.scope == "record" for p in self.sources.parameters]] = 0.0
+        u = [np.empty(0)]
+        for q, some in _parts(self.q, self.conditions):
+            sensitivity = self.sources.sensitivity(q, some)
+            sensitivity -= rigid_motions(arm.positions(q, at)) @ base
+            variance = np.trace(self.sources.covariance_of(sensitivity), axis1=1, axis2=2)
+            u.append(np.sqrt(variance))
+        return np.concatenate(u)
 
     @property
     def not_included(self) -> tuple[str, ...]:

@@ -1,5 +1,5 @@
 from .arm import Arm, GivenArm, as_arm
-from .chain import BASE, OF_A_POSE, Chain, axis, end, exp, screws, skew
+from .chain import BASE, OF_A_POSE, Chain, axis, end, exp, rigid_motions, screws, skew
 from .corrected_urdf import from_roll_pitch_yaw
 from .dh import KINDS, DHTable, table
 from .example_robots import EXAMPLE_ROBOTS
@@ -22,7 +22,7 @@ from .file import (
 from .limits import AT_LIMIT, inside_part, into_limits, outside_limits, whole_turn_notes
 from .parameter import Parameter, Scope
 from .poses import Poses
-from .random_postures import MARGIN, MOST_DRAWS, Room, joint_bounds
+from .random_postures import MARGIN, MOST_DRAWS, Room, joint_bounds, spread_postures
 from .urdf import urdf_text
 from .urdf_to_dh import dh_file
 
@@ -64,8 +64,10 @@ __all__ = [
     "joint_bounds",
     "load_arm_file",
     "outside_limits",
+    "rigid_motions",
     "screws",
     "skew",
+    "spread_postures",
     "table",
     "toml_of",
     "urdf_text",

@@ -474,6 +474,15 @@ def skew(w: Array) -> Array:
     return cross - cross.transpose(0, 2, 1)
 
 
+def rigid_motions(points: Array) -> Array:
+    """How the points (n, 3) [m] move with a body that they are on, by its translation and rotation
+    about the origin: (n, 3, 6) [m/m, m/rad].
+    """
+    rotations = -skew(points)
+    translations = np.broadcast_to(np.eye(3), rotations.shape)
+    return np.concatenate([translations, rotations], axis=2)
+
+
 def screws(angle: Array | float, length: Array | float, axis: int) -> Array:
     """Screw motions about and along the x (0) or z (2) axis [rad, m]: (n, 4, 4)."""
     angle, length = np.broadcast_arrays(np.asarray(angle, dtype=np.float64), length)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aacmm_pin._support import plausible
+from aacmm_pin._support.angles import spread_angles
 from aacmm_pin._support.checks import Array, Mask
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm.arm import Arm
@@ -32,10 +33,7 @@ def joint_bounds(arm: Arm) -> Array:
     """
     limits = arm.limits.copy()
     slides = arm.chain.prismatic
-    endless = (
-        ~np.isfinite(limits).all(axis=1)
-        | (np.abs(limits).max(axis=1) > plausible.MOST_TURNS * 2 * np.pi) & ~slides
-    )
+    endless = _endless(arm)
     if (endless & slides).any():
         joint = int(np.flatnonzero(endless & slides)[0]) + 1
         raise UnsupportedArmError(
@@ -50,6 +48,29 @@ def random_postures(arm: Arm, count: int, rng: np.random.Generator) -> Array:
     """Postures drawn uniformly between the bounds of the joints: (count, nq) [rad, m]."""
     bounds = joint_bounds(arm)
     return rng.uniform(bounds[:, 0], bounds[:, 1], size=(count, arm.nq))
+
+
+def spread_postures(arm: Arm, count: int, q: Array) -> Array:
+    """Postures spread evenly between the limits of the joints, the same at every call: (count, nq)
+    [rad, m].
+
+    A revolute joint without limits makes one turn; a prismatic one goes as far as in ``q`` (n, nq)
+    [rad, m].
+    """
+    slides = arm.chain.prismatic
+    endless = _endless(arm)
+    low, high = arm.limits.T
+    low = np.where(endless, np.where(slides, q.min(axis=0), -np.pi), low)
+    high = np.where(endless, np.where(slides, q.max(axis=0), np.pi), high)
+    part = spread_angles(count, arm.nq) / (2 * np.pi) + 0.5
+    return np.asarray(low + (high - low) * part)
+
+
+def _endless(arm: Arm) -> Mask:
+    """Joints without limits, and revolute joints whose limits are some turns apart: (nq,)."""
+    unlimited = ~np.isfinite(arm.limits).all(axis=1)
+    many_turns = np.abs(arm.limits).max(axis=1) > plausible.MOST_TURNS * 2 * np.pi
+    return np.asarray(unlimited | many_turns & ~arm.chain.prismatic)
 
 
 @dataclass(frozen=True, eq=False)

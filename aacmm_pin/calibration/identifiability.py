@@ -9,10 +9,9 @@ from functools import cached_property
 
 import numpy as np
 
-from aacmm_pin._support.angles import spread_angles
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown
-from aacmm_pin.arm import axis, skew
+from aacmm_pin.arm import axis, rigid_motions, spread_postures
 from aacmm_pin.calibration.problem import FRAME_WIDTHS, Prediction, Problem
 from aacmm_pin.calibration.solver import Point
 from aacmm_pin.effects import listed
@@ -120,14 +119,11 @@ class Undetermined:
         """
         records = self.problem.measurements
         arm = self.problem.model.arm
-        bounded = np.isfinite(arm.limits).all(axis=1)
-        low = np.where(bounded, arm.limits[:, 0], records.q.min(axis=0))
-        high = np.where(bounded, arm.limits[:, 1], records.q.max(axis=0))
+        limits = arm.limits.copy()
         for effect in (*self.problem.model.effects, *self.problem.vector.effects):
             if effect.known_range is not None and effect.row is not None:
-                joint = arm.chain.joint[axis(effect.row)]
-                low[joint], high[joint] = effect.known_range
-        q = low + (high - low) * (spread_angles(OTHER_POSTURES, records.nq) / (2 * np.pi) + 0.5)
+                limits[arm.chain.joint[axis(effect.row)]] = effect.known_range
+        q = spread_postures(replace(arm, limits=limits), OTHER_POSTURES, records.q)
         drawn = records.take(np.arange(OTHER_POSTURES) % records.n)
         conditions = drawn.conditions
         if on_tip and conditions.marker is not None:
@@ -145,11 +141,7 @@ def _moving(directions: Array, jacobian: Array, free: Array | None) -> Array:
     """
     motion = (jacobian @ directions).reshape(-1, directions.shape[1])
     if free is not None:
-        turns = -skew(free)
-        rigid = np.concatenate([np.broadcast_to(np.eye(3), turns.shape), turns], axis=2).reshape(
-            -1, 6
-        )
-        basis = np.linalg.qr(rigid)[0]
+        basis = np.linalg.qr(rigid_motions(free).reshape(-1, 6))[0]
         motion = motion - basis @ (basis.T @ motion)
     _, size, combined = np.linalg.svd(motion / np.sqrt(len(jacobian)), full_matrices=False)
     return np.asarray(directions @ combined[size > MOVES].T)

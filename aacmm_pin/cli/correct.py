@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 import typer
 
-from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.checks import Array, Index, Mask
+from aacmm_pin._support.file_problems import rows_in_words
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.accuracy import accuracy_volume
+from aacmm_pin.accuracy import AccuracyVolume, accuracy_volume, expanded
 from aacmm_pin.arm import Arm, outside_limits
 from aacmm_pin.calibration import compare
 from aacmm_pin.cli.arm_options import ArmAndData, EncoderNoise
@@ -101,7 +102,11 @@ def run(
         table, _, read_as = read_table(path)
         unit = "rad" if "theta1_rad" in table else "deg"
         of_tips = CORRECTED + CORRECTED_ORIENTATION * (orientation or ORIENTATION[0] in table)
-        of_commands = (*(f"command{j}_{unit}" for j in range(1, model.arm.nq + 1)), "u_mm")
+        of_commands = (
+            *(f"command{j}_{unit}" for j in range(1, model.arm.nq + 1)),
+            "u_mm",
+            "u_aligned_mm",
+        )
         names = list(of_commands if commands else of_tips)
         for name in table.columns.intersection(names):
             raise MeasurementFileError(
@@ -121,11 +126,13 @@ def run(
         try:
             if commands and before is not None:
                 sent = _commands(model, before, known, path)
-                u = _u(model, sent, known.conditions, noise.encoder_noise)
-                found[rows] = np.column_stack([sent / (DEG if unit == "deg" else 1.0), u / MM])
+                u = _u_of_commands(model, sent, known, noise.encoder_noise, path)
+                in_unit = sent / (DEG if unit == "deg" else 1.0)
+                found[rows] = np.column_stack([in_unit, u / MM])
             else:
                 state = model.state(known.q, known.conditions)
-                u = _u(model, known.q, known.conditions, noise.encoder_noise)
+                accuracy = _accuracy(model, known.q, known.conditions, noise.encoder_noise)
+                u = np.full(known.n, np.nan) if accuracy is None else accuracy.u
                 of_known = np.column_stack(
                     [state.position / MM, u / MM, quaternions(state.rotation[-1])]
                 )
@@ -176,26 +183,20 @@ def _commands(model: ErrorModel, nominal: ErrorModel, known: Measurements, path:
         AacmmError: it never does.
     """
     commands, arrived = joint_commands(model, nominal, known.q, known.conditions)
-    changes = np.where(model.arm.chain.prismatic, 0.0, np.abs(commands - known.q))
-    for k in np.flatnonzero(arrived & (changes.max(axis=1) > LARGE_CHANGE)):
-        joint, turn = changes[k].argmax() + 1, changes[k].max() / DEG
-        warn(
-            f"{path}: row {known.row[k]} is near a singular posture: the command of joint {joint} "
-            f"changes by {turn:.1f}°"
-        )
+    _warn_of_large_changes(model, commands - known.q, known, arrived, path)
     if np.array_equal(commands, known.q):
         note(
             f"no command changes: {model.arm.name} and the nominal arm have the same tip positions"
         )
     refused = {
-        "is next to a singular posture, out of reach, or at the end of an error curve": ~arrived,
-        "has a command outside the joint limits": outside_limits(commands, model.arm.limits).any(
+        "next to a singular posture, out of reach, or at the end of an error curve": ~arrived,
+        "a command is outside the joint limits": outside_limits(commands, model.arm.limits).any(
             axis=1
         ),
     }
     for reason, rows in refused.items():
-        for row in known.row[rows]:
-            warn(f"{path}: row {row} {reason}; left empty")
+        if rows.any():
+            warn(f"{path}: {rows_in_words(known.row[rows])}: {reason}; left empty")
         commands[rows] = np.nan
     if len(commands) and np.isnan(commands).all():
         raise AacmmError(
@@ -203,6 +204,32 @@ def _commands(model: ErrorModel, nominal: ErrorModel, known: Measurements, path:
             "is the same arm"
         )
     return commands
+
+
+def _warn_of_large_changes(
+    model: ErrorModel, change: Array, known: Measurements, arrived: Mask, path: str
+) -> None:
+    """Warn of joints whose commands change (n, nq) [rad] by much in most rows, and of rows near
+    a singular posture.
+    """
+    change = np.where(model.arm.chain.prismatic, 0.0, change)[arrived]
+    if not len(change):
+        return
+    common = np.median(change, axis=0)
+    for j in np.flatnonzero(np.abs(common) > LARGE_CHANGE):
+        warn(
+            f"{path}: the command of joint {j + 1} changes by {common[j] / DEG:.1f}° (median of "
+            "the rows); check that --nominal is the same arm, and that the records determine the "
+            "zero of this joint"
+        )
+    turn = np.abs(change - common).max(axis=1)
+    singular = turn > LARGE_CHANGE
+    if singular.any():
+        rows = rows_in_words(known.row[arrived][singular])
+        warn(
+            f"{path}: {rows}: near a singular posture; a command changes by up to "
+            f"{turn.max() / DEG:.1f}°"
+        )
 
 
 def _note_comparisons(
@@ -255,10 +282,11 @@ def _known_rows(model: ErrorModel, readings: Measurements, path: str) -> Index:
         AacmmError: none can be.
     """
     known = model.known_at(readings.q)
-    for k, number in zip(*np.nonzero(~known), strict=True):
-        effect = model.effects[number]
-        where = f"{effect.label}{known_range_in_words(effect)}"
-        warn(f"{path}: row {readings.row[k]} is outside the range of {where}; left empty")
+    for effect, inside in zip(model.effects, known.T, strict=True):
+        if not inside.all():
+            place = f"{path}: {rows_in_words(readings.row[~inside])}"
+            where = f"{effect.label}{known_range_in_words(effect)}"
+            warn(f"{place}: outside the range of {where}; left empty")
     rows = np.flatnonzero(known.all(axis=1))
     if readings.n and not rows.size:
         raise AacmmError(
@@ -273,25 +301,38 @@ def _as_filed(name: str, values: Array) -> Array:
     return np.asarray(np.round(values, DECIMALS_OF_UNIT.get(unit, 9)))
 
 
-def _u(model: ErrorModel, q: Array, conditions: Conditions, encoder_noise: float | None) -> Array:
-    """Standard uncertainty of the tip at each of the angles ``q`` (n, nq) [rad]: (n,) [m]; nan
-    where none is stated, or an angle is nan.
+def _u_of_commands(
+    model: ErrorModel, commands: Array, known: Measurements, encoder_noise: float | None, path: str
+) -> Array:
+    """Standard uncertainty of the tip at commands (n, nq) [rad], with respect to the base and after
+    an alignment of the base: (n, 2) [m]; nan where none is stated, or a command is nan.
     """
-    u, there = np.full(len(q), np.nan), np.flatnonzero(np.isfinite(q).all(axis=1))
+    u = np.full((len(commands), 2), np.nan)
+    there = np.flatnonzero(np.isfinite(commands).all(axis=1))
+    accuracy = _accuracy(model, commands[there], known.conditions.take(there), encoder_noise)
+    if accuracy is not None and len(there):
+        u[there] = np.column_stack([accuracy.u, accuracy.u_aligned])
+        status(f"{path}: tip at the commands, in the frame of the base: {expanded(accuracy.u)}")
+        aligned = expanded(accuracy.u_aligned)
+        status(f"{path}: the same after an alignment of the base to the workspace: {aligned}")
+    return u
+
+
+def _accuracy(
+    model: ErrorModel, q: Array, conditions: Conditions, encoder_noise: float | None
+) -> AccuracyVolume | None:
+    """Accuracy of the tip at each of the angles ``q`` (n, nq) [rad]; None where no uncertainty is
+    stated.
+    """
     noise = model.arm.encoder_noise if encoder_noise is None else np.array([encoder_noise])
     if not (np.diag(model.covariance()).any() or (noise is not None and noise.any())):
         note(f"{model.arm.name} states no uncertainty; u_mm is left empty")
-        return u
+        return None
     if noise is None:
         note("u_mm contains only the parameters; --encoder-noise adds the noise of the readings")
     found = accuracy_volume(
-        model,
-        q[there],
-        conditions=conditions.take(there),
-        method="ellipsoid",
-        encoder_noise=encoder_noise,
+        model, q, conditions=conditions, method="ellipsoid", encoder_noise=encoder_noise
     )
     for caveat in found.sources.caveats:
         note(caveat)
-    u[there] = found.u
-    return u
+    return found

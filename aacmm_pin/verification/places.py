@@ -8,10 +8,9 @@ from dataclasses import dataclass
 import pandas as pd
 
 from aacmm_pin._support.checks import Array
+from aacmm_pin._support.file_problems import rows_in_words
 
 LABELS_OF_PLACES = ("length_id", "feature", "position", "repeat")
-MOST_LISTED = 6
-"""Rows that are listed one by one."""
 
 
 @dataclass(frozen=True)
@@ -35,20 +34,7 @@ class Place:
 
     def __str__(self) -> str:
         names = [named(self.labels)] if self.labels else []
-        return ", ".join([*names, self._rows_in_words()])
-
-    def _rows_in_words(self) -> str:
-        """The lines in the file: one by one, or of many that follow one another the first and the
-        last.
-        """
-        first = min(self.rows)
-        last = max(self.rows)
-        if len(self.rows) == 1:
-            return f"row {first}"
-        if len(self.rows) > 2 and last - first + 1 == len(self.rows):
-            return f"rows {first} to {last}"
-        few = [str(row) for row in self.rows[:MOST_LISTED]]
-        return f"rows {', '.join(few)}" + (", …" if len(self.rows) > len(few) else "")
+        return ", ".join([*names, rows_in_words(self.rows)])
 
 
 def named(labels: Mapping[str, str]) -> str:

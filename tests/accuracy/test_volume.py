@@ -6,10 +6,12 @@ from __future__ import annotations
 
 import tracemalloc
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from aacmm_pin._support.batches import ROWS_PER_BATCH
@@ -202,6 +204,29 @@ def test_largest_deviation_bounds_the_real_model(sino6, rng):
 
 
 # --- sources
+
+
+def test_u_aligned_is_what_a_rigid_fit_leaves(ur5, rng):
+    """Of arms drawn with a badly known placement of joint 1: each is aligned by the rotation that
+    SciPy fits to its tips at random postures.
+    """
+    unplaced = [replace(p, u=20 * p.u) for p in ur5.parameters[:6]]
+    arm = replace(ur5, parameters=(*unplaced, *ur5.parameters[6:]))
+    u = np.array([p.u for p in arm.parameters])
+    count, draws = 4, 400
+    q = rng.uniform(-2, 2, (count, 6))
+    everywhere = np.concatenate([q, rng.uniform(-np.pi, np.pi, (1000, 6))])
+    nominal = arm.positions(everywhere)
+    left = np.empty((draws, count, 3))
+    for k in range(draws):
+        errors = np.tile(u * rng.standard_normal(len(u)), (len(everywhere), 1))
+        moved = arm.perturbed_positions(everywhere, errors)
+        centre, moved_centre = nominal[count:].mean(axis=0), moved[count:].mean(axis=0)
+        turn, _ = Rotation.align_vectors(nominal[count:] - centre, moved[count:] - moved_centre)
+        left[k] = turn.apply(moved[:count] - moved_centre) + centre - nominal[:count]
+    found = accuracy_volume(arm, q, method="ellipsoid")
+    assert (found.u > 5 * found.u_aligned).all()
+    close(np.sqrt(np.square(left).sum(axis=2).mean(axis=0)), found.u_aligned, 3e-6)
 
 
 def test_stated_encoder_noise_is_taken_from_the_file(sino6):

@@ -354,6 +354,7 @@ def test_a_command_has_the_u_of_the_point_that_it_reaches(extended, folder, tmp_
         *table.columns,
         *(f"command{j}_deg" for j in range(1, 7)),
         "u_mm",
+        "u_aligned_mm",
     ]
     commands = np.radians(after.filter(like="command").to_numpy())
     there = np.flatnonzero(np.isfinite(commands).all(axis=1))
@@ -361,13 +362,11 @@ def test_a_command_has_the_u_of_the_point_that_it_reaches(extended, folder, tmp_
     assert len(there) > 100
     assert after["u_mm"].notna().to_numpy().nonzero()[0].tolist() == there.tolist()
     conditions = read.conditions.take(there)
-    u = (
-        accuracy_volume(
-            ErrorModel.load(extended), commands[there], conditions=conditions, encoder_noise=8e-6
-        ).u
-        / MM
+    accuracy = accuracy_volume(
+        ErrorModel.load(extended), commands[there], conditions=conditions, encoder_noise=8e-6
     )
-    close(after["u_mm"][there], u, ROUNDED["mm"] + 1e-9)
+    close(after["u_mm"][there], accuracy.u / MM, ROUNDED["mm"] + 1e-9)
+    close(after["u_aligned_mm"][there], accuracy.u_aligned / MM, ROUNDED["mm"] + 1e-9)
 
 
 def test_angles_a_turn_outside_the_limits_are_told(sino6, tmp_path):
@@ -449,7 +448,7 @@ def test_a_reading_outside_an_error_curve_is_left_empty_and_listed(sino6, tmp_pa
     assert table.loc[2, ["corrected_x_mm", "corrected_y_mm", "corrected_z_mm", "u_mm"]].isna().all()
     np.testing.assert_array_equal(table[columns], q)
     pd.DataFrame(q[[2, 2]], columns=columns).to_csv(tmp_path / "none.csv", index=False)
-    said = ("none.csv", "row 2", "row 3", "no reading")
+    said = ("none.csv", "rows 2, 3", "no reading")
     refused(
         f"correct {tmp_path / 'arm.toml'} {tmp_path / 'none.csv'} -o {tmp_path / 'd.csv'}",
         said=said,
