@@ -65,7 +65,8 @@ def fit(problem: Problem, *, robust: bool = True, used: Mask | None = None) -> F
     has_target = estimation.observations.has_target
     if not has_target.any():
         raise AacmmError(
-            "no record determines the tip: expected reference coordinates, or a seat touched twice"
+            f"{problem.measurements.source}: no record determines the tip; expected reference "
+            "coordinates, bars, or seats that are probed twice or more"
         )
     point = initial_point(problem, estimation.observations)
     if used is None and robust:

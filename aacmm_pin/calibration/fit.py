@@ -123,6 +123,21 @@ class Fit(Solution):
         return self.noise.of_residuals
 
     @property
+    def stated_variance(self) -> Array:
+        """Variance of each record's distance by the stated uncertainties of the arm and, if nothing
+        is fitted, of the seats: (n,) [m²].
+        """
+        model, records = self.problem.model, self.problem.measurements
+        rotation = self.point.frame.rotation
+        moved = rotation @ model.sensitivity(records.q, records.conditions)
+        variance = np.sum(moved @ model.covariance() * moved, axis=(1, 2))
+        if self.problem.scales.size == 0:
+            seat = self.observations.seat
+            stated_u = self.observations.stated_u[seat[seat >= 0]]
+            variance[seat >= 0] += np.square(np.nan_to_num(stated_u)).sum(axis=1)
+        return np.asarray(variance)
+
+    @property
     def stated_noise(self) -> Array:
         """The same without the scatter that was found beside a noise that is stated in full."""
         return self.noise.without_scatter if self.stated else self.residual_noise

@@ -133,7 +133,7 @@ def scale_is_unidentifiable(problem: Problem) -> list[str]:
     nothing of its size.
     """
     records = problem.measurements
-    if records.known.any() or records.bars():
+    if records.known.any() or records.bars() or not records.seats():
         return []
     own = zip(problem.vector.parameters, problem.stated, strict=True)
     lengths = [p.name for p, stated in own if p.unit == "m" and not stated]

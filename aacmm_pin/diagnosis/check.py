@@ -12,7 +12,7 @@ import numpy as np
 from aacmm_pin._support.checks import Mask
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.notes import Note
-from aacmm_pin.calibration import ReferenceFrame, Setup, Target, exclusions_of, problem_of, rms
+from aacmm_pin.calibration import Fit, ReferenceFrame, Setup, Target, exclusions_of, problem_of, rms
 from aacmm_pin.calibration.calibrate import counted_once, notes_of_records
 from aacmm_pin.calibration.input_mistakes import first_fit
 from aacmm_pin.calibration.setup import checked_input
@@ -31,6 +31,8 @@ class Check(Shown):
         used: (n,) False for records that are too far off to belong.
         rms: RMS distance of tip and target, set-up fitted and geometry as stated [m]; nan if no
             record has a target.
+        predicted_rms: the same by the stated uncertainties and the noise (JCGM 100:2008, eq. 13),
+            before any set-up is fitted [m]; nan if the arm states no uncertainty.
         missing: condition that the records do not state, and the causes that cannot be tried
             without it.
         notes: what was assumed, and what looks unusual.
@@ -40,6 +42,7 @@ class Check(Shown):
     measurements: Measurements
     used: Mask
     rms: float
+    predicted_rms: float
     missing: Mapping[str, tuple[type[Effect], ...]]
     notes: tuple[Note, ...]
 
@@ -78,4 +81,12 @@ def check_measurements(
     distance = rms(np.linalg.norm(deviation, axis=1))
     missing = not_tried(list(all_candidates(model.arm, records)), records)
     notes = [*exclusions_of(found).notes, *notes_of_records(found), *notes]
-    return Check(model, records, found.used, distance, missing, tuple(notes))
+    return Check(model, records, found.used, distance, _predicted_rms(found), missing, tuple(notes))
+
+
+def _predicted_rms(found: Fit) -> float:
+    """RMS distance of tip and target that the stated uncertainties predict [m]."""
+    if not found.problem.model.covariance().any():
+        return float("nan")
+    noise = np.trace(found.stated_noise[:, :3, :3], axis1=1, axis2=2)
+    return float(np.sqrt((noise + found.stated_variance)[found.used].mean()))

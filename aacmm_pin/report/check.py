@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from aacmm_pin._support.notes import notes_in_json
@@ -24,8 +25,13 @@ def check_document(check: Check) -> Document:
     """The check as a document."""
     name, used = check.model.arm.name, int(check.used.sum())
     fits = f"{used} of {count(check.measurements.n, 'record')} fit {name}"
-    distance = f"the RMS distance of tip and target is {length(check.rms)}"
-    finding = Paragraph(f"{fits}: {distance}, geometry as stated and set-up fitted.", finding=True)
+    distance = f"The RMS distance of tip and target is {length(check.rms)} with geometry as stated"
+    predicted = (
+        "the arm states no uncertainty to compare it with"
+        if np.isnan(check.predicted_rms)
+        else f"the stated uncertainties and the noise predict {length(check.predicted_rms)}"
+    )
+    finding = Paragraph(f"{fits}. {distance}; {predicted}.", finding=True)
     columns = measurements_document(check.measurements).blocks[1:]
     blocks = [finding, *columns, Table(_missing(check), MISSING), Notes(check.notes)]
     return Document(f"{name} and {check.measurements.source}", blocks)
@@ -46,6 +52,7 @@ def check_summary(check: Check) -> dict[str, Any]:
     summary |= {"source": records.source, "records": records.n, "used": int(check.used.sum())}
     summary |= {"with_reference": int(records.known.sum()), "seats": len(records.seats())}
     summary |= {"bars": len(records.bars()), "rms_mm": check.rms / MM}
+    summary["predicted_rms_mm"] = check.predicted_rms / MM
     summary["columns"] = [str(name) for name in records.to_frame().columns]
     summary["not_tried"] = not_tried_in_json(check.missing)
     return summary | notes_in_json(check.notes)

@@ -159,7 +159,7 @@ def _first(result: Diagnosis) -> str:
 
 def _as_held_out(result: Diagnosis) -> str:
     """Which number of the extended arm at new records to compare with which."""
-    by = "aacmm-pin correct with the extended arm states their RMS distance from the references"
+    by = "aacmm-pin check with the extended arm states their RMS distance from their targets"
     sizes, held = result.rms, result.held_out
     if held is None:
         return f"{by}; compare it with that of these records, {lengths(sizes.values())[2]}"

@@ -48,7 +48,7 @@ def residuals_by_group(before: Fit, recalibrated: Fit, extended: Fit) -> pd.Data
     noise = np.trace(extended.stated_noise[:, :3, :3], axis1=1, axis2=2)
     squares = {
         "simulation": _square_distances(before),
-        "predicted": noise + _stated_variance(before),
+        "predicted": noise + before.stated_variance,
         "recalibrated": _square_distances(recalibrated),
         "extended": _square_distances(extended),
         "noise": noise,
@@ -70,28 +70,6 @@ def _square_distances(fit: Fit) -> Array:
     """Squared distance of tip and target of each record (n,) [m²]."""
     squares = np.square(fit.system.deviation)
     return np.asarray(squares.sum(axis=1))
-
-
-def _stated_variance(before: Fit) -> Array:
-    """What the stated uncertainties of the arm and, where nothing is fitted, of the targets predict
-    (n,) [m²].
-    """
-    model, records = before.problem.model, before.problem.measurements
-    rotation = before.point.frame.rotation
-    moved = rotation @ model.sensitivity(records.q, records.conditions)
-    variance = np.sum(moved @ model.covariance() * moved, axis=(1, 2))
-    if before.problem.scales.size == 0:
-        variance += _seat_variance(before)
-    return np.asarray(variance)
-
-
-def _seat_variance(before: Fit) -> Array:
-    """Variance of the stated places of the records' seats (n,) [m²]."""
-    seat = before.observations.seat
-    variance = np.zeros(len(seat))
-    stated_u = before.observations.stated_u[seat[seat >= 0]]
-    variance[seat >= 0] = np.square(np.nan_to_num(stated_u)).sum(axis=1)
-    return variance
 
 
 def _groups(fit: Fit) -> Iterator[tuple[str, str, Mask]]:

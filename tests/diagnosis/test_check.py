@@ -32,6 +32,19 @@ def test_distance_is_that_of_the_stated_geometry(sino6, records):
     assert missing(check) == {"seat": ["seat_error"]}
 
 
+def test_predicted_distance_is_the_mean_over_random_arms(sino6, records, rng):
+    """Of arms drawn within the half-widths, whose tips are measured with the noise of the file."""
+    check = check_measurements(sino6, records)
+    half_widths = np.array([p.half_width for p in sino6.parameters])
+    errors = rng.uniform(-1, 1, (2000, half_widths.size)) * half_widths
+    square = 0.0
+    for q in records.q:
+        moved = sino6.perturbed_positions(np.tile(q, (2000, 1)), errors) - sino6.positions(q[None])
+        square += np.square(moved).sum(axis=1).mean() / records.n
+    square += np.square(records.reference_u).sum(axis=1).mean()
+    assert check.predicted_rms == pytest.approx(np.sqrt(square), rel=0.1)
+
+
 def test_causes_that_need_a_column_are_missing_without_it(sino6, records):
     bare = replace(records, conditions=Conditions(records.n))
     lacking = missing(check_measurements(sino6, bare))
