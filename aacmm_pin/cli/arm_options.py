@@ -20,7 +20,7 @@ from aacmm_pin.cli.common import (
 )
 from aacmm_pin.effects import ErrorModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
-from aacmm_pin.measurements import ENCODER, PROBE, Noise
+from aacmm_pin.measurements import ENCODER, PROBE, Measurements, Noise
 from aacmm_pin.measurements.noise import REFERENCE_NOISE
 
 NAMES_LISTED = 20
@@ -158,6 +158,14 @@ class ArmAndData(UncertainArm):
         str | None,
         typer.Argument(metavar="DATA", help="Measurement file (CSV)."),
     ] = None
+    approach_from_order: Annotated[
+        bool,
+        typer.Option(
+            "--approach-from-order",
+            help="Rows are in the order of measurement: take approach1 … from the step of each "
+            "joint from the row before.",
+        ),
+    ] = False
 
     def model_and_data(self) -> tuple[ErrorModel, str]:
         """The arm with its effects, and the path of the file.
@@ -173,6 +181,22 @@ class ArmAndData(UncertainArm):
         if given.data is None:
             raise typer.BadParameter("expected ARM DATA, or --urdf FILE --frame NAME DATA")
         return given.model(), given.data
+
+    def records(self, model: ErrorModel, path: str) -> Measurements:
+        """The records of the file.
+
+        Raises:
+            AacmmError: they cannot be used.
+        """
+        return self.with_approach(Measurements.read(path, model.arm.nq))
+
+    def with_approach(self, records: Measurements) -> Measurements:
+        """The records with directions of approach, if these come from the order of the rows.
+
+        Raises:
+            AacmmError: they state such directions.
+        """
+        return records.with_approach_from_order() if self.approach_from_order else records
 
 
 @dataclass(frozen=True)

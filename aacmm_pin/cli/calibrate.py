@@ -27,7 +27,6 @@ from aacmm_pin.cli.common import (
 from aacmm_pin.cli.measuring_options import MeasuredHow
 from aacmm_pin.cli.urdf import urdf_of
 from aacmm_pin.effects import stated_cause
-from aacmm_pin.measurements import Measurements
 
 
 @command(
@@ -84,7 +83,7 @@ def run(
             "prior": False if how.no_prior else None,
             "hold_out": not no_cross_validation,
         }
-        records, rng = Measurements.read(path, model.arm.nq), np.random.default_rng(seed)
+        records, rng = arm.records(model, path), np.random.default_rng(seed)
         result = calibrate(model, records, [parameters, *effects], rng=rng, **stated)
         when, summary = f"{datetime.now(UTC):%Y-%m-%d}", calibration_summary(result, path, seed)
         if output is not None:

@@ -23,6 +23,11 @@ def run(
     """Check that a measurement file fits an arm, and list what it lacks."""
     with Results(force, json_=json_) as results:
         model, path = arm.model_and_data()
-        found = check_measurements(model, path, reference_frame=reference_frame, target=target)
+        found = check_measurements(
+            model,
+            arm.records(model, path),
+            reference_frame=reference_frame,
+            target=target,
+        )
         results.json(check_summary(found), json_)
     terminal.show(check_document(found), json_ == "-")

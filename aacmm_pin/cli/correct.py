@@ -113,7 +113,9 @@ def run(
                 path, 1, name, "exists already; expected readings that are not corrected yet"
             )
         of_readings = ~table.columns.isin(OF_REFERENCES)
-        readings = Measurements.from_frame(table.loc[:, of_readings], model.arm.nq, path)
+        readings = arm.with_approach(
+            Measurements.from_frame(table.loc[:, of_readings], model.arm.nq, path)
+        )
         for line in (
             *read_as,
             *readings.read_as,

@@ -24,7 +24,6 @@ from aacmm_pin.cli.measuring_options import MeasuredHow
 from aacmm_pin.diagnosis import diagnose
 from aacmm_pin.effects import listed
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.measurements import Measurements
 
 
 @command(
@@ -65,7 +64,7 @@ def run(
         model, path = arm.model_and_data()
         if arm_out is not None:
             model.file()  # or refused before the work
-        records, rng = Measurements.read(path, model.arm.nq), np.random.default_rng(seed)
+        records, rng = arm.records(model, path), np.random.default_rng(seed)
         held_out = not no_cross_validation
         result = diagnose(
             model,

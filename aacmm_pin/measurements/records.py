@@ -49,6 +49,8 @@ from aacmm_pin.measurements.record_checks import (
 )
 from aacmm_pin.measurements.repeats import posture_numbers
 
+LEAST_MOTION = 1e-3
+"""A joint whose angle changes by less than this from row to row was not moved [rad, m]."""
 FIRST_RECORD = 2
 """Line of the first record in a file: the header is line 1."""
 
@@ -262,6 +264,29 @@ class Measurements(Shown):
                 arrays[field.name] = stated[index]
         extra = self.extra.iloc[index].reset_index(drop=True)
         return replace(self, conditions=self.conditions.take(index), extra=extra, **arrays)
+
+    def with_approach_from_order(self) -> Measurements:
+        """The records with the direction of each joint's last motion, if they were taken in the
+        order of the rows.
+
+        It is the sign of the step from the row before. A step below :data:`LEAST_MOTION` keeps the
+        sign of the row before; 0 up to the first motion of a session.
+
+        Raises:
+            AacmmError: the records state directions of approach.
+        """
+        if self.conditions.approach is not None:
+            raise AacmmError(
+                f"{self.source}: columns approach1 … state the directions; expected none if the "
+                "order of rows gives them; delete the columns, or do not use the order"
+            )
+        step = np.diff(self.q, axis=0, prepend=self.q[:1])
+        sign = pd.DataFrame(np.sign(step)).where(np.abs(step) > LEAST_MOTION)
+        stated = self.conditions.session
+        session = pd.Series([""] * self.n if stated is None else stated)
+        sign[session.ne(session.shift())] = 0.0
+        approach = sign.ffill().to_numpy()
+        return replace(self, conditions=replace(self.conditions, approach=approach))
 
     @cached_property
     def postures(self) -> Index:

@@ -58,8 +58,9 @@ def _first(result: Diagnosis) -> str:
     if unexplained.branches is not None:
         joint = unexplained.branches.joint
         return (
-            "repeat the records and state in the columns approach1 … the direction from which "
-            f"joint {joint} came"
+            "if the rows are in the order of measurement, diagnose them with "
+            "--approach-from-order. Otherwise repeat the records and state in the columns "
+            f"approach1 … the direction of the last motion of joint {joint}"
         )
     if unexplained.readings and not unexplained.depends_on:
         joint = unexplained.readings[0].joint

@@ -114,7 +114,7 @@ def test_two_branches_are_recognised_and_ask_for_the_approach(sino6):
     assert (found.verdict, branches.joint) == ("unexplained", 2)
     assert branches.half_width == pytest.approx(5e-5, rel=0.3)
     assert "joint 2" in verdict_in_words(found)
-    assert "approach" in next_measurements(found)
+    assert "--approach-from-order" in next_measurements(found)
     assert found.summary()["unexplained"]["branches"]["joint"] == 2
 
 
