@@ -226,12 +226,14 @@ def distances(
     tips (n, 6) count over a ``lever`` [m].
     """
     tips = poses[:, :3]
-    distance = np.linalg.norm(tips - records.reference, axis=1)
+    radius = np.nan_to_num(records.contact_radius)
+    distance = np.abs(np.linalg.norm(tips - records.reference, axis=1) - radius)
     for label, members in records.seats().items():
         unknown = members[~records.known[members]]
         if seats is not None and label in seats:
-            distance[unknown] = np.linalg.norm(tips[unknown] - seats[label], axis=1)
-        elif unknown.size > 1:
+            away = np.linalg.norm(tips[unknown] - seats[label], axis=1)
+            distance[unknown] = np.abs(away - radius[unknown])
+        elif unknown.size > 1 and not records.on_sphere[unknown].any():
             spread = np.linalg.norm(tips[unknown] - tips[unknown].mean(axis=0), axis=1)
             distance[unknown] = spread * np.sqrt(unknown.size / (unknown.size - 1))
     return np.asarray(np.hypot(distance, lever * np.linalg.norm(poses[:, 3:], axis=1)))

@@ -69,6 +69,9 @@ def fit(problem: Problem, *, robust: bool = True, used: Mask | None = None) -> F
             "coordinates, bars, or seats that are probed twice or more"
         )
     point = initial_point(problem, estimation.observations)
+    estimation.observations = estimation.observations.with_normals(
+        point.prediction.tips, point.seats
+    )
     if used is None and robust:
         first = estimation.initial_fit(point, has_target, robust=True)
         if redundant(first):
@@ -94,9 +97,9 @@ class _Estimation:
 
     def noise(self, point: Point, scatters: Scatters) -> NoiseModel:
         """The noise with scatters that stand in for what is not stated."""
-        x = point.x
-        frame = point.frame
-        return NoiseModel.of(self.problem, x, frame, scatters, self.observations)
+        return NoiseModel.of(
+            self.problem, point.x, point.frame, scatters, self.observations, point.seats
+        )
 
     def initial_fit(self, point: Point, used: Mask, *, robust: bool) -> Solution:
         """A search with the scatter that the records have so far taken for noise; if robust, until
@@ -139,7 +142,7 @@ class _Estimation:
         # A scatter that the records themselves tell is uncertain, and more records may seem far off
         # beside it.
         chance = FALSE_EXCLUSION / count
-        numbers = np.maximum(numbers, 3)
+        numbers = np.maximum(numbers, 1)
         told = scatters.tip > 0
         limit = (
             numbers * f_isf(chance, numbers, EFFICIENCY * dof)
@@ -172,7 +175,7 @@ class _Estimation:
         if found is None:
             return None
         limit = chi2_isf(
-            FALSE_EXCLUSION / int(has_target.sum()), np.maximum(self.observations.counts, 3)
+            FALSE_EXCLUSION / int(has_target.sum()), np.maximum(self.observations.counts, 1)
         )
         farthest = np.maximum(deleted_distances(found), studentised_distances(found))
         return found if (farthest <= limit)[has_target].all() else None
@@ -189,22 +192,28 @@ class _Estimation:
         off = deviations(noise.observations, point)
         stated = noise.without_scatter
         turned = used & noise.observations.oriented
-        tip = self._scatter_of_median(off[used, :3], stated[used, :3, :3], share)
+        medians = chi2_isf(0.5, np.where(noise.observations.on_sphere, 1, 3))
+        tip = self._scatter_of_median(off[used, :3], stated[used, :3, :3], medians[used], share)
         turn = 0.0
         if turned.any():
             of_turns = stated[turned, 3:, 3:]
-            turn = self._scatter_of_median(off[turned, 3:], of_turns, share)
+            turn = self._scatter_of_median(off[turned, 3:], of_turns, MEDIAN, share)
         return Scatters(tip, turn, tip)
 
-    def _scatter_of_median(self, deviation: Array, stated: Array, share: float) -> float:
-        """Of deviations (n, 3) with the stated covariances (n, 3, 3)."""
+    def _scatter_of_median(
+        self, deviation: Array, stated: Array, medians: Array | float, share: float
+    ) -> float:
+        """Of deviations (n, 3) with the stated covariances (n, 3, 3), and medians of their squared
+        distances (n,).
+        """
 
         def excess(variance: float) -> float:
             covariance = stated + variance * np.eye(3)
-            return float(np.median(squared_distances(deviation, covariance))) - share * MEDIAN
+            relative = squared_distances(deviation, covariance) / medians
+            return float(np.median(relative)) - share
 
         # The median of a few records scatters by itself.
-        slack = MEDIAN * 6.0 / np.sqrt(len(stated))
+        slack = 6.0 / np.sqrt(len(stated))
         if self.stated and excess(0.0) < slack:
             return 0.0
         return float(np.sqrt(root(excess, deviation)))

@@ -13,7 +13,7 @@ from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin._support.notes import Note
 from aacmm_pin.calibration.problem import Frame, Problem
 from aacmm_pin.calibration.setup import Setup
-from aacmm_pin.measurements import Bar, Measurements, Observations
+from aacmm_pin.measurements import FEWEST_CONTACTS, Bar, Measurements, Observations
 
 BAR_NOISE = 5e-5
 """Standard uncertainty of a bar's length that is not stated [m]."""
@@ -81,6 +81,7 @@ class NoiseModel:
         frame: Frame,
         scatters: Scatters,
         known: Observations | None = None,
+        seats: Array | None = None,
     ) -> NoiseModel:
         """The noise of a problem's records.
 
@@ -91,12 +92,17 @@ class NoiseModel:
             frame: where the base is in the frame of the references.
             scatters: beyond the stated noise.
             known: the observations, where they are worked out already.
+            seats: where the seats are (s, 3) [m], for the normals of spheres; None: by the tips.
         """
         setup = problem.setup
         n = problem.measurements.n
         observations = known or observations_of(problem.measurements, setup)
         u = np.where(observations.unstated, max(scatters.seat, LEAST_U), observations.stated_u)
         observations = replace(observations, stated_u=u)
+        if observations.on_sphere.any():
+            tips_there = problem.poses(x, frame)[:, :3]
+            centres = observations.start(tips_there) if seats is None else seats
+            observations = observations.with_normals(tips_there, centres)
         each = scatters.covariance(observations.covariance.shape[1])
         tips = np.broadcast_to(each, (n, *each.shape))
         if setup.encoder_noise is not None and setup.encoder_noise.any():
@@ -109,23 +115,24 @@ class NoiseModel:
         """Covariance of each residual, by its reading, its target and the scatter (n, 3, 3) [m²],
         or (n, 6, 6).
         """
-        return self.tips + self.observations.covariance
+        return self.observations.counting(self.tips + self.observations.covariance)
 
     @cached_property
     def whitening(self) -> Array:
         """What gives each residual unit variance (n, 3, 3) [1/m], or (n, 6, 6); zero for turns that
-        are not stated.
+        are not stated, and along a sphere.
 
         As a triangle it leaves the first three numbers what they are without turns.
         """
         found = np.linalg.inv(np.linalg.cholesky(self.of_residuals))
         found[~self.observations.oriented, 3:] = 0.0
-        return found
+        return self.observations.along_normals(found)
 
     @property
     def without_scatter(self) -> Array:
         """Covariance of each residual by the stated noise alone (n, 3, 3) [m²], or (n, 6, 6)."""
-        return self.of_residuals - self.scatters.covariance(self.tips.shape[1])
+        stated = self.tips - self.scatters.covariance(self.tips.shape[1])
+        return self.observations.counting(stated + self.observations.covariance)
 
 
 def observations_of(measurements: Measurements, setup: Setup) -> Observations:
@@ -137,7 +144,7 @@ def observations_of(measurements: Measurements, setup: Setup) -> Observations:
     seat repeat its coordinates, those that are off by more than twice the uncertainty, for less may
     be rounding; elsewhere all, unless they differ by less than a third of it.
     """
-    known = measurements.known
+    known = measurements.placed
     contact = setup.probe_noise or 0.0
     seat, labels = _numbered(measurements)
     u = reference_u(measurements, setup, np.nan)
@@ -160,10 +167,12 @@ def observations_of(measurements: Measurements, setup: Setup) -> Observations:
     at_u = _of_each(np.fmax, u[stating], of, count)
     extent = (high - low).max(axis=1)
     mixed = ~repeated & (extent > np.maximum(SAME_PLACE, MEASURED * least))
-    # A seat whose records state coordinates of their own is none.
+    # A seat whose records state coordinates of their own is none, as is a sphere of few contacts.
+    mixed |= _undetermined_spheres(measurements, seat, np.asarray(np.isfinite(at).all(axis=1)))
     number = np.where(mixed, -1, np.cumsum(~mixed) - 1)
     seat = np.where(seat >= 0, number[seat] if len(labels) else -1, -1)
-    alone = known & (seat < 0)
+    radius = np.where(seat >= 0, measurements.contact_radius, np.nan)
+    alone = measurements.known & (seat < 0)
     # What is not stated is in the covariance of the tips already.
     of_reference = np.hypot(reference_u(measurements, setup, 0.0), contact)
     own = np.where(alone[:, None], of_reference, contact)
@@ -186,7 +195,17 @@ def observations_of(measurements: Measurements, setup: Setup) -> Observations:
         length=length,
         length_u=length_u,
         oriented=measurements.oriented,
+        radius=radius,
+        normal=np.zeros((measurements.n, 3)),
     )
+
+
+def _undetermined_spheres(measurements: Measurements, seat: Index, placed: Mask) -> Mask:
+    """Which seats (s,) are spheres whose centre neither is ``placed`` (s,) nor shown by their
+    contacts, of records at a ``seat`` (n,).
+    """
+    contacts = np.bincount(seat[measurements.on_sphere & (seat >= 0)], minlength=len(placed))
+    return np.asarray((contacts > 0) & (contacts < FEWEST_CONTACTS) & ~placed)
 
 
 def contradictions(measurements: Measurements, setup: Setup, scatters: Scatters) -> list[Note]:
@@ -194,7 +213,7 @@ def contradictions(measurements: Measurements, setup: Setup, scatters: Scatters)
     not fit between the coordinates of their ends.
     """
     u = reference_u(measurements, setup, max(scatters.tip, scatters.seat))
-    known = measurements.known
+    known = measurements.placed
     seat, labels = _numbered(measurements)
     at_seats = known & (seat >= 0)
     repeats, _ = _repeated(seat[at_seats], measurements.reference[at_seats], len(labels))

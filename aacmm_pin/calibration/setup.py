@@ -121,10 +121,10 @@ class Setup:
             if seats is None
             else np.asarray(seats != "", dtype=bool)
         )
-        placed = [measurements.known[records].any() for records in measurements.seats().values()]
+        placed = [measurements.placed[records].any() for records in measurements.seats().values()]
         stated = np.asarray(np.isfinite(measurements.reference_u).all(axis=1))
         found = []
-        if self.reference_noise is None and not stated[measurements.known].all():
+        if self.reference_noise is None and not stated[measurements.placed].all():
             found.append("reference coordinates")
         turn_u = (
             np.full(measurements.n, np.nan)

@@ -115,7 +115,8 @@ def information_of_seats(solution: Solution) -> tuple[Array, Array, Array]:
     """
     observations = solution.noise.observations
     touched = np.flatnonzero(observations.seat >= 0)
-    of_records = np.linalg.inv(solution.noise.of_residuals[touched, :3, :3])
+    whitening = solution.noise.whitening[touched, :3, :3]
+    of_records = whitening.transpose(0, 2, 1) @ whitening
     of_records = solution.weights[touched, None, None] * of_records
     tie = np.where(observations.known[:, None], observations.stated_u, np.inf) ** -2.0
     information = tie[:, :, None] * np.eye(3)

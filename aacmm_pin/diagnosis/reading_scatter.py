@@ -13,6 +13,7 @@ from aacmm_pin.calibration import Fit
 from aacmm_pin.calibration.variance_components import LEAST_SCATTER
 from aacmm_pin.diagnosis.held_postures import HeldPostures
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
+from aacmm_pin.measurements import Observations
 
 STEPS = 30
 """Steps of the maximisation, each of which increases the likelihood."""
@@ -39,6 +40,7 @@ class ReadingScatter:
             are zero of joints of which it is less than the threshold.
         size: root mean square of a tip's residual by all of these [m].
         as_stated: whether the stated noise is all there is.
+        observations: what the records state.
     """
 
     covariances: Array
@@ -47,6 +49,7 @@ class ReadingScatter:
     log_ratios: Array
     size: float
     as_stated: bool
+    observations: Observations
 
     @staticmethod
     def of(fit: Fit, off: Array, left: float, postures: HeldPostures) -> ReadingScatter:
@@ -65,6 +68,7 @@ class ReadingScatter:
         counts = fit.used & fit.observations.has_target
         point = fit.point
         width = off.shape[1]
+        observations = fit.observations
         by_reading = fit.problem.reading_jacobian(point.x, point.frame)
         groups = [np.broadcast_to(np.eye(width)[:, :3], (len(off), width, 3))]
         if width > 3:
@@ -73,6 +77,10 @@ class ReadingScatter:
             )
         alone = len(groups)
         groups += [by_reading[:, :, j : j + 1] for j in range(by_reading.shape[2])]
+        counting = observations.along_normals(
+            np.broadcast_to(np.eye(width), (len(off), width, width))
+        )
+        groups = [counting @ group for group in groups]
         enlarged = np.where(np.isfinite(off), off, 0.0) / np.sqrt(left)
         # Stated noise may be nothing at all, and nothing is stated of some records' rotations.
         stated = fit.noise.without_scatter + LEAST_SCATTER**2 * np.eye(width)
@@ -95,13 +103,20 @@ class ReadingScatter:
         )
         as_stated = fit.stated and bool(size < known * THRESHOLDS.as_stated)
         return ReadingScatter(
-            covariances, readings, readings * np.sqrt(lever), log_ratios, float(size), as_stated
+            covariances,
+            readings,
+            readings * np.sqrt(lever),
+            log_ratios,
+            float(size),
+            as_stated,
+            observations,
         )
 
     @property
     def whitening(self) -> Array:
         """What gives each residual unit variance (n, 3, 3) [1/m], or (n, 6, 6)."""
-        return np.linalg.inv(np.linalg.cholesky(self.covariances))
+        whitening = np.linalg.inv(np.linalg.cholesky(self.covariances))
+        return self.observations.along_normals(whitening)
 
 
 class _Components:

@@ -22,6 +22,7 @@ from .noise import ENCODER, PROBE, REFERENCE_NOISE, Noise
 from .observations import NOTHING_KNOWN, Observations
 from .orientation import quaternions
 from .probed_points import PREDICTED_ACCURATE, read_probed_points
+from .record_checks import FEWEST_CONTACTS
 from .records import Bar, GivenRecords, Measurements, as_measurements
 from .repeats import (
     fingerprints,
@@ -36,6 +37,7 @@ __all__ = [
     "BAR",
     "BAR_U",
     "ENCODER",
+    "FEWEST_CONTACTS",
     "LABELS",
     "MEASUREMENT_FILE",
     "NOTHING_KNOWN",

@@ -112,6 +112,8 @@ ORIENTATION = ("qw", "qx", "qy", "qz")
 ORIENTATION_U = "u_rot_rad"
 BAR = ("bar", "bar_end", "bar_length_mm")
 BAR_U = "u_bar_length_mm"
+FEATURE = "feature"
+DIAMETERS = ("feature_diameter_mm", "probe_diameter_mm")
 APPROACH = _form("approach")
 LINK_TEMPERATURE = _form("link_temperature")
 
@@ -120,6 +122,14 @@ _NO_DEGREES = "degrees, in columns theta1_deg …"
 _LENGTH = (plausible.BAR_LENGTH, True)
 _LENGTH_U = (plausible.LENGTH_NOISE, True, True)
 _TURN_U = (plausible.TURN_NOISE, True, True)
+_DIAMETER = Range(1e-3, 1.0, "m")
+_PROBE = Range(0.0, 0.1, "m")
+_FEATURE_DIAMETER = Column(
+    "feature_diameter", DIAMETERS[:1], "none", "mm", _DIAMETER, True, of_reference=True
+)
+_PROBE_DIAMETER = Column(
+    "probe_diameter", DIAMETERS[1:], "none", "mm", _PROBE, True, of_reference=True
+)
 READING_COLUMNS = (
     Column("q", (THETA["deg"],), "none", "°", plausible.READING),
     Column("q", (THETA["rad"],), "none", "rad", Range(-_TURNS, _TURNS, "rad", _NO_DEGREES)),
@@ -135,6 +145,8 @@ RECORD_COLUMNS = (
     Column("bar_end", ("bar_end",), "none", of_reference=True),
     Column("bar_length", ("bar_length_mm",), "none", "mm", *_LENGTH, of_reference=True),
     Column("bar_length_u", (BAR_U,), "none", "mm", *_LENGTH_U, of_reference=True),
+    _FEATURE_DIAMETER,
+    _PROBE_DIAMETER,
     _condition("time", "anywhere"),
     _condition("temperature", "anywhere"),
     _condition("link_temperature", "none"),
@@ -149,19 +161,17 @@ RECORD_COLUMNS = (
 A column that has no entry is unknown: it is kept as it came, and is a covariate that may act
 anywhere.
 """
-_DIAMETER = Range(1e-3, 1.0, "m")
-_PROBE = Range(0.0, 0.1, "m")
 PROBED_POINT_COLUMNS = (
-    Column("feature", ("feature",), "none"),
+    Column("feature", (FEATURE,), "none"),
     Column("test", ("test",), "none"),
     Column("position", ("position",), "none"),
     Column("repeat", ("repeat",), "none"),
     Column("length_id", ("length_id",), "none"),
     Column("part", ("part",), "none"),
-    Column("feature_diameter", ("feature_diameter_mm",), "none", "mm", _DIAMETER, True),
+    _FEATURE_DIAMETER,
     Column("length", ("length_mm",), "none", "mm", *_LENGTH),
     Column("u_length", ("u_length_mm",), "none", "mm", plausible.LENGTH_NOISE, True),
-    Column("probe_diameter", ("probe_diameter_mm",), "none", "mm", _PROBE, True),
+    _PROBE_DIAMETER,
 )
 """The columns that an acceptance file has beside them."""
 LABELS = tuple(

@@ -9,6 +9,7 @@ from functools import cached_property
 
 import numpy as np
 import pandas as pd
+from scipy.optimize import least_squares
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
@@ -18,6 +19,29 @@ NOTHING_KNOWN = 1e-4
 """With less information than this nothing is known of a seat, which is somewhere within a hundred
 metres [1/m²].
 """
+
+
+NOTHING_BESIDE = 1e-8
+"""Standard deviation of what does not count of a deviation [m]."""
+WILD_CONTACT = 1e-4
+"""A contact that is farther from a sphere than this pulls its first centre less [m]."""
+
+
+def centre_of_sphere(points: Array, radius: float) -> Array:
+    """Centre (3,) of the sphere of known radius that points (m, 3) are on [m].
+
+    From the linear least squares of ``|p|² = 2 c·p + k``, by distances whose large ones count less.
+    """
+    middle = points.mean(axis=0)
+    about = points - middle
+    columns = np.column_stack([2.0 * about, np.ones(len(about))])
+    first, *_ = np.linalg.lstsq(columns, np.square(about).sum(axis=1), rcond=1e-6)
+
+    def beyond(centre: Array) -> Array:
+        return np.asarray(np.linalg.norm(about - centre, axis=1) - radius)
+
+    found = least_squares(beyond, first[:3], loss="soft_l1", f_scale=WILD_CONTACT)
+    return np.asarray(middle + found.x)
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +67,9 @@ class Observations:
         length_u: their standard uncertainties (b,) [m].
         oriented: True for records that state an orientation (n,). The covariance is then (n, 6, 6),
             of the turn behind the tip [rad²].
+        radius: distance of the tip from its seat where this is the centre of a sphere (n,) [m]; NaN
+            where the tip is at the seat.
+        normal: direction of that distance (n, 3); zero where the tip is at the seat.
     """
 
     reference: Array
@@ -55,6 +82,8 @@ class Observations:
     length: Array
     length_u: Array
     oriented: Mask
+    radius: Array
+    normal: Array
 
     @cached_property
     def has_target(self) -> Mask:
@@ -65,8 +94,53 @@ class Observations:
     @property
     def counts(self) -> Index:
         """How many numbers each record states (n,): none, three, or six with its orientation."""
-        vectors = 1 + self.oriented.astype(np.intp)
-        return 3 * (self.has_target * vectors)
+        of_tip = np.where(self.on_sphere, 1, 3)
+        return np.asarray(self.has_target * of_tip + 3 * (self.has_target & self.oriented))
+
+    @property
+    def on_sphere(self) -> Mask:
+        """(n,) True for records that touch a sphere: of their deviation, the part along the normal
+        counts.
+        """
+        return np.asarray(np.isfinite(self.radius))
+
+    @property
+    def spheres(self) -> Mask:
+        """(s,) True for seats that are centres of spheres."""
+        return np.isin(np.arange(len(self.labels)), self.seat[self.on_sphere])
+
+    def with_normals(self, tips: Array, points: Array) -> Observations:
+        """The same with the normals at tips (n, 3) of spheres about seats at ``points`` (s, 3)
+        [m].
+        """
+        on = self.on_sphere
+        way = tips[on] - points[self.seat[on]]
+        normal = np.zeros((len(tips), 3))
+        normal[on] = way / np.linalg.norm(way, axis=1, keepdims=True)
+        return replace(self, normal=normal)
+
+    def along_normals(self, rows: Array) -> Array:
+        """Rows (n, r, 3 or 6) that multiply deviations, with the part that counts alone."""
+        if not self.on_sphere.any():
+            return rows
+        return np.asarray(rows @ self._projections(rows.shape[2]))
+
+    def counting(self, covariance: Array) -> Array:
+        """Covariance of deviations (n, 3 or 6, 3 or 6) [m², rad²], that of the part that does not
+        count being next to nothing.
+        """
+        if not self.on_sphere.any():
+            return covariance
+        projection = self._projections(covariance.shape[2])
+        rest = NOTHING_BESIDE**2 * (np.eye(covariance.shape[2]) - projection)
+        return np.asarray(projection @ covariance @ projection + rest)
+
+    def _projections(self, width: int) -> Array:
+        """Onto the part of deviations that counts (n, width, width)."""
+        found = np.tile(np.eye(width), (len(self.normal), 1, 1))
+        normal = self.normal[self.on_sphere]
+        found[self.on_sphere, :3, :3] = normal[:, :, None] * normal[:, None, :]
+        return found
 
     @property
     def known(self) -> Mask:
@@ -92,7 +166,7 @@ class Observations:
 
     def start(self, tips: Array) -> Array:
         """First coordinates of the seats (s, 3): the stated ones, else the median of their tips
-        (n, 3) [m].
+        (n, 3), or the centre of the sphere that they are on [m].
         """
         touched = self.seat >= 0
         if not touched.any():
@@ -101,6 +175,9 @@ class Observations:
         found = self.stated.copy()
         open_ = [k for k in medians.index if not self.known[k]]
         found[open_] = medians.loc[open_].to_numpy()
+        for k in np.flatnonzero(self.spheres & ~self.known):
+            own = self.seat == k
+            found[k] = centre_of_sphere(tips[own], float(self.radius[own][0]))
         return np.nan_to_num(found)
 
     def targets(self, points: Array) -> Array:
@@ -113,10 +190,13 @@ class Observations:
 
     def deviations(self, poses: Array, points: Array) -> Array:
         """``poses`` (n, 3 or 6) [m, rad] less the targets, see :meth:`targets`; turns are from the
-        target already.
+        target already. From a sphere it is the distance along the normal.
         """
         off = poses.copy()
         off[:, :3] -= self.targets(points)
+        on = self.on_sphere
+        beyond = np.linalg.norm(off[on, :3], axis=1) - self.radius[on]
+        off[on, :3] = beyond[:, None] * self.normal[on]
         return off
 
     def of_seats(self, points: Array) -> Array:

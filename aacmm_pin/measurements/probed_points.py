@@ -17,6 +17,7 @@ from aacmm_pin.measurements.csv_columns import (
     ACCEPTANCE_FILE,
     BAR,
     BAR_U,
+    FEATURE,
     PLANNED,
     PROBED_POINT_COLUMNS,
     REFERENCE,
@@ -131,6 +132,15 @@ def has_probed_points(table: pd.DataFrame) -> bool:
     if "test" not in table or not any(is_reading(name) for name in table):
         return False
     return any(cell.strip() in NEEDED for cell in cells_of(table["test"]))
+
+
+def with_features_as_seats(table: pd.DataFrame, problems: Problems) -> pd.DataFrame:
+    """The table of a measurement file with its labels of features in the column of seats."""
+    feature = cells_of(table[FEATURE])
+    seat = cells_of(table["seat"]) if "seat" in table else np.full(len(table), "", dtype=object)
+    both = (feature != "") & (seat != "")
+    problems.at(both, FEATURE, "is {!r} in a row with seat {!r}; expected one label", feature, seat)
+    return table.drop(columns=FEATURE).assign(seat=np.where(feature != "", feature, seat))
 
 
 def as_records(table: pd.DataFrame, problems: Problems) -> tuple[pd.DataFrame, tuple[Note, ...]]:

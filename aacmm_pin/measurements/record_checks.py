@@ -14,6 +14,7 @@ from aacmm_pin._support.file_problems import Problems
 from aacmm_pin.measurements.csv_columns import (
     APPROACH,
     BAR_U,
+    DIAMETERS,
     MEASUREMENT_FILE,
     ORIENTATION,
     REFERENCE,
@@ -35,6 +36,8 @@ LEAST_PART_IN_A_TURN = 0.75
 SIGNS = (-1.0, 0.0, 1.0)
 """Directions of approach."""
 BAR_ENDS = ("A", "B")
+FEWEST_CONTACTS = 4
+"""Three contacts determine the centre of a sphere of known diameter, and nothing else."""
 
 
 def check_records(table: RecordTable, problems: Problems) -> None:
@@ -51,6 +54,7 @@ def check_records(table: RecordTable, problems: Problems) -> None:
         problems.at(~np.isin(sign, SIGNS), name, "is {:g}, expected -1, 0 or 1", sign)
     check_numbers(values, MEASUREMENT_FILE, problems)
     _check_seats(values, problems)
+    _check_spheres(values, problems)
     if "bar" in values.labels:
         _check_bars(values, problems)
     problems.stop()
@@ -136,6 +140,34 @@ def _check_seats(values: Values, problems: Problems) -> None:
         "seat {!r} has this record only, without reference coordinates, and so contributes "
         "nothing; expected two records or more with this label, or an empty cell",
         seat,
+    )
+
+
+def _check_spheres(values: Values, problems: Problems) -> None:
+    """Each record of a sphere states its label and both diameters, and each sphere the same in all
+    of its records.
+    """
+    seat = values.label("seat")
+    diameters = values.block(DIAMETERS)
+    feature, probe = np.isfinite(diameters).T
+    problems.at(feature & (seat == ""), DIAMETERS[0], "is stated in a row without feature")
+    problems.at(feature & ~probe, DIAMETERS[1], "is empty in a row with a feature's diameter")
+    problems.at(~feature & probe, DIAMETERS[0], "is empty in a row with a probe's diameter")
+    labels = pd.Series(seat)
+    stated = np.column_stack([diameters, values.block(REFERENCE)])
+    for name, numbers in zip((*DIAMETERS, *REFERENCE), stated.T, strict=True):
+        problems.of_other_values(name, numbers, feature & np.isfinite(numbers), labels, "feature")
+    of_sphere = labels.isin(seat[feature]).to_numpy() & (seat != "")
+    problems.at(of_sphere & ~feature, DIAMETERS[0], "is empty in a row of the sphere {!r}", seat)
+    contacts = labels.groupby(labels).transform("size").to_numpy()
+    placed = np.isfinite(values.block(REFERENCE)).any(axis=1)
+    placed_sphere = labels.isin(seat[placed]).to_numpy()
+    problems.at(
+        feature & (contacts < FEWEST_CONTACTS) & ~placed_sphere,
+        "seat",
+        "sphere {!r} has {} records without coordinates of its centre; expected 4 or more",
+        seat,
+        contacts,
     )
 
 

@@ -28,6 +28,8 @@ from aacmm_pin.effects import CONDITION_COLUMNS, Conditions, Labels, labels_of
 from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError
 from aacmm_pin.measurements.csv_columns import (
     APPROACH,
+    DIAMETERS,
+    FEATURE,
     ORIENTATION_U,
     RECORD_COLUMNS,
     THETA,
@@ -40,7 +42,11 @@ from aacmm_pin.measurements.csv_columns import (
 from aacmm_pin.measurements.csv_header import read_header, similar_labels
 from aacmm_pin.measurements.csv_table import read_table
 from aacmm_pin.measurements.csv_values import RecordTable, check_numbers, read_records, read_values
-from aacmm_pin.measurements.probed_points import as_records, has_probed_points
+from aacmm_pin.measurements.probed_points import (
+    as_records,
+    has_probed_points,
+    with_features_as_seats,
+)
 from aacmm_pin.measurements.record_checks import (
     MOST_NORM_ERROR,
     check_records,
@@ -114,6 +120,9 @@ class Measurements(Shown):
             stated; None where it nowhere is.
         bar_length_u: standard uncertainty of that length (n,) [m], NaN where it is not stated; None
             where it nowhere is.
+        feature_diameter: of the sphere that a seat is, probed from outside (n,) [m]; NaN where the
+            seat is a point. References of such records are those of the sphere's centre.
+        probe_diameter: of the probe's ball (n,) [m], whose centre is the tip.
     """
 
     q: Array
@@ -133,6 +142,8 @@ class Measurements(Shown):
     orientation: Array | None = None
     orientation_u: Array | None = None
     bar_length_u: Array | None = None
+    feature_diameter: Array | None = None
+    probe_diameter: Array | None = None
 
     @staticmethod
     def read(path: str | Path, nq: int | None = None) -> Measurements:
@@ -176,6 +187,8 @@ class Measurements(Shown):
         orientation: ArrayLike | None = None,
         orientation_u: ArrayLike | None = None,
         bar_length_u: ArrayLike | None = None,
+        feature_diameter: ArrayLike | None = None,
+        probe_diameter: ArrayLike | None = None,
         extra: pd.DataFrame | None = None,
         source: str = "table",
     ) -> Measurements:
@@ -209,6 +222,8 @@ class Measurements(Shown):
             "bar_end": bar_end,
             "bar_length": bar_length,
             "bar_length_u": bar_length_u,
+            "feature_diameter": feature_diameter,
+            "probe_diameter": probe_diameter,
             "operator": operator,
             "record": record,
         }
@@ -242,8 +257,27 @@ class Measurements(Shown):
 
     @property
     def known(self) -> Mask:
-        """(n,) True where the reference is known."""
+        """(n,) True where the reference of the tip is known."""
+        return self.placed & ~self.on_sphere
+
+    @property
+    def placed(self) -> Mask:
+        """(n,) True where a reference is stated, of the tip or of the centre of a sphere."""
         return np.asarray(np.isfinite(self.reference).all(axis=1))
+
+    @property
+    def contact_radius(self) -> Array:
+        """Distance of the tip from the centre of the sphere that a record touches (n,) [m]; NaN
+        where it touches none.
+        """
+        if self.feature_diameter is None or self.probe_diameter is None:
+            return np.full(self.n, np.nan)
+        return np.asarray((self.feature_diameter + self.probe_diameter) / 2)
+
+    @property
+    def on_sphere(self) -> Mask:
+        """(n,) True where the tip touches a sphere."""
+        return np.asarray(np.isfinite(self.contact_radius))
 
     @property
     def oriented(self) -> Mask:
@@ -336,7 +370,7 @@ class Measurements(Shown):
         angles = self.q.T / (DEG if angle_unit == "deg" else 1.0)
         table = dict(zip(named(THETA[angle_unit], self.nq), angles, strict=True))
         stated = np.isfinite(self.reference_u).any()
-        left_out = {"reference": not (stated or self.known.any()), "reference_u": not stated}
+        left_out = {"reference": not (stated or self.placed.any()), "reference_u": not stated}
         for column in RECORD_COLUMNS:
             if column.field and not left_out.get(column.field):
                 table |= self._in_file(column)
@@ -453,6 +487,8 @@ def _from_table(table: pd.DataFrame, lines: Index, nq: int | None, source: str) 
     problems = Problems(source, lines)
     if has_probed_points(table):
         table, read_as = as_records(table, problems)
+    elif {FEATURE, *DIAMETERS} & {*table} > {FEATURE}:
+        table = with_features_as_seats(table, problems)
     columns = read_records(table, nq, problems)
     check_records(columns, problems)
     found = columns.fields()
