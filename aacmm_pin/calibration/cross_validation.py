@@ -20,7 +20,12 @@ from aacmm_pin._support.units import MM
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.noise_model import NoiseModel, observations_of
 from aacmm_pin.calibration.solver import Point, solve
-from aacmm_pin.measurements import Measurements, Observations
+from aacmm_pin.measurements import (
+    FEWEST_CONTACTS,
+    Measurements,
+    Observations,
+    centre_of_sphere,
+)
 
 FOLDS = 10
 FEWEST_GROUPS = 3
@@ -222,8 +227,8 @@ def distances(
     else from the mean there.
 
     The mean is of these records themselves, so their spread about it is widened by √(m/(m-1)); NaN
-    for a single record. ``seats`` are places that other records know (3,) [m]. Turns behind the
-    tips (n, 6) count over a ``lever`` [m].
+    for a single record. The same holds for the centre of a sphere. ``seats`` are places that other
+    records know (3,) [m]. Turns behind the tips (n, 6) count over a ``lever`` [m].
     """
     tips = poses[:, :3]
     radius = np.nan_to_num(records.contact_radius)
@@ -233,10 +238,23 @@ def distances(
         if seats is not None and label in seats:
             away = np.linalg.norm(tips[unknown] - seats[label], axis=1)
             distance[unknown] = np.abs(away - radius[unknown])
-        elif unknown.size > 1 and not records.on_sphere[unknown].any():
+        elif records.on_sphere[unknown].any():
+            distance[unknown] = _distances_of_sphere(tips[unknown], radius[unknown])
+        elif unknown.size > 1:
             spread = np.linalg.norm(tips[unknown] - tips[unknown].mean(axis=0), axis=1)
             distance[unknown] = spread * np.sqrt(unknown.size / (unknown.size - 1))
     return np.asarray(np.hypot(distance, lever * np.linalg.norm(poses[:, 3:], axis=1)))
+
+
+def _distances_of_sphere(tips: Array, radius: Array) -> Array:
+    """Distances of tips (m, 3) from the sphere that fits them best, widened by √(m/(m-3)); NaN for
+    three or fewer [m].
+    """
+    if len(tips) < FEWEST_CONTACTS:
+        return np.full(len(tips), np.nan)
+    centre = centre_of_sphere(tips, float(radius[0]))
+    beyond = np.linalg.norm(tips - centre, axis=1) - radius
+    return np.asarray(np.abs(beyond) * np.sqrt(len(tips) / (len(tips) - 3)))
 
 
 def held_out(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import typer
@@ -20,8 +20,11 @@ from aacmm_pin.cli.common import (
 )
 from aacmm_pin.effects import ErrorModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
-from aacmm_pin.measurements import ENCODER, PROBE, Measurements, Noise
+from aacmm_pin.measurements import ENCODER, PROBE, Noise
 from aacmm_pin.measurements.noise import REFERENCE_NOISE
+
+if TYPE_CHECKING:
+    from aacmm_pin.measurements import Measurements
 
 NAMES_LISTED = 20
 """So many frames of a URDF are listed."""
@@ -188,6 +191,8 @@ class ArmAndData(UncertainArm):
         Raises:
             AacmmError: they cannot be used.
         """
+        from aacmm_pin.measurements import Measurements  # which loads pandas
+
         return self.with_approach(Measurements.read(path, model.arm.nq))
 
     def with_approach(self, records: Measurements) -> Measurements:

@@ -106,8 +106,7 @@ class Choice:
         records.
         """
         space = self.posterior.space
-        width = self.noise.whitening.shape[1]
-        of_noise = self.noise.postures.log_density(space.likelihood.dof, width)
+        of_noise = self.noise.postures.log_density(space.likelihood.dof)
         return space.marginal(self.posterior.top).log_posterior + of_noise
 
     @property

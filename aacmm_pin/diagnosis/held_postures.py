@@ -20,6 +20,8 @@ NEAR = 0.02
 """Postures whose readings differ by no more than this in any joint may share an error: a hand holds
 an arm no better [rad; m where a joint slides]. Where nothing is shared, this costs nothing.
 """
+LEFT_OUT = 1e-10
+"""Parts of a whitening that are smaller than this, beside the largest, are rounding."""
 SAME_LOG_VARIANCE = 0.1
 """Log variances of the means that differ by less are about the same."""
 
@@ -31,6 +33,7 @@ class HeldPostures:
     Attributes:
         group: number of the group of each record, -1 of those that do not count (n,).
         count: records of each group (groups,).
+        numbers: how many numbers a record of each group states (groups,).
         ratio: standard deviation of the shared error over that of a record, both in units of the
             records' noise.
         log_ratio: log likelihood with the shared error over that without.
@@ -38,6 +41,7 @@ class HeldPostures:
 
     group: Index
     count: Array
+    numbers: Array
     ratio: float = 0.0
     log_ratio: float = 0.0
 
@@ -57,8 +61,11 @@ class HeldPostures:
         group = np.full(len(counts), -1, dtype=np.intp)
         postures = posture_numbers(fit.problem.measurements.q, NEAR)
         pairs = np.stack([postures, fit.observations.seat], axis=1)[counts]
-        group[counts] = np.unique(pairs, axis=0, return_inverse=True)[1].ravel()
-        return HeldPostures(group, np.bincount(group[counts]).astype(np.float64))
+        _, first, number = np.unique(pairs, axis=0, return_index=True, return_inverse=True)
+        group[counts] = number.ravel()
+        numbers = fit.observations.counts[counts][first]
+        count = np.bincount(group[counts])
+        return HeldPostures(group, count.astype(np.float64), numbers.astype(np.float64))
 
     @property
     def repeat(self) -> bool:
@@ -79,18 +86,17 @@ class HeldPostures:
             residual: whitened record by record (n, k).
             dof: degrees of freedom that are left.
         """
-        width = residual.shape[1]
         means = self._means(residual)
         inside = self.group >= 0
         within = float(np.square(residual[inside] - means[self.group[inside]]).sum())
         squares = self.count * np.square(means).sum(axis=1)
-        whole = max(dof, self._dof_within(width) + 1.0)
+        whole = max(dof, self._dof_within + 1.0)
 
         def deviance(log_ratio: float) -> float:
             there = self.with_error(float(np.exp(log_ratio)))
             chi2 = within + float((squares / there.scale).sum())
             of_residuals = whole * float(np.log(max(chi2, 1e-300)))
-            return of_residuals - 2.0 * there.log_density(dof, width)
+            return of_residuals - 2.0 * there.log_density(dof)
 
         best = scipy.optimize.minimize_scalar(deviance, bounds=np.log(RATIOS), method="bounded")
         log_ratio = 0.5 * (deviance(-np.inf) - float(best.fun))
@@ -103,19 +109,17 @@ class HeldPostures:
         """Variance of the mean of each group over that of independent records (groups,)."""
         return 1.0 + self.count * self.ratio**2
 
-    def _dof_within(self, width: int) -> float:
-        """Degrees of freedom of the differences inside groups, of records of ``width`` numbers."""
-        return width * float((self.count - 1.0).sum())
+    @property
+    def _dof_within(self) -> float:
+        """Degrees of freedom of the differences inside groups."""
+        return float(self.numbers @ (self.count - 1.0))
 
-    def log_density(self, dof: float, width: int) -> float:
-        """What the shared error adds to the log likelihood beside χ².
-
-        Args:
-            dof: degrees of freedom that are left.
-            width: numbers of a record's residual.
+    def log_density(self, dof: float) -> float:
+        """What the shared error adds to the log likelihood beside χ², with ``dof`` degrees of
+        freedom left.
         """
-        of_means = max(dof - self._dof_within(width), 1.0)
-        return -0.5 * of_means * float(np.log(self.scale).mean())
+        of_means = max(dof - self._dof_within, 1.0)
+        return -0.5 * of_means * float(np.average(np.log(self.scale), weights=self.numbers))
 
     def is_about(self, other: HeldPostures) -> bool:
         """Whether the error of the same postures is about another one, or small beside that of a
@@ -166,8 +170,13 @@ class RecordNoise:
     @property
     def covariances(self) -> Array:
         """Of each residual but for what it shares (n, 3, 3) [m²], or (n, 6, 6)."""
-        inverse = np.linalg.inv(self.whitening)
+        inverse = self._unwhitening
         return inverse @ inverse.transpose(0, 2, 1)
+
+    @property
+    def _unwhitening(self) -> Array:
+        """What the whitening is undone by, where it does not leave out a part (n, k, k) [m]."""
+        return np.asarray(np.linalg.pinv(self.whitening, rcond=LEFT_OUT), np.float64)
 
     def added_covariance(self, fit: Fit, variance: float) -> Array:
         """What the shared error adds to the covariance of a fit's parameters that took records as
@@ -188,7 +197,7 @@ class RecordNoise:
         rows = np.zeros((len(has_target), width, steps.shape[1]))
         of_records = fit.system.jacobian[: width * has_target.sum()]
         rows[has_target] = (of_records @ steps).reshape(-1, width, steps.shape[1])
-        root = fit.noise.whitening @ np.linalg.inv(self.whitening)
+        root = fit.noise.whitening @ self._unwhitening
         in_units = np.sqrt(variance) * root.transpose(0, 2, 1) @ rows
         shared = self.postures.ratio * self.postures.sums(in_units)
         more = _squared(in_units) + _squared(shared) - _squared(rows)
@@ -199,8 +208,8 @@ class RecordNoise:
     @staticmethod
     def alone(whitening: Array) -> RecordNoise:
         """Of records that share nothing."""
-        count = len(whitening)
-        return RecordNoise(whitening, HeldPostures(np.arange(count), np.ones(count)))
+        ones = np.ones(len(whitening))
+        return RecordNoise(whitening, HeldPostures(np.arange(ones.size), ones, ones))
 
 
 def _squared(rows: Array) -> Array:

@@ -17,6 +17,7 @@ from aacmm_pin.measurements.csv_columns import (
     ACCEPTANCE_FILE,
     BAR,
     BAR_U,
+    DIAMETERS,
     FEATURE,
     PLANNED,
     PROBED_POINT_COLUMNS,
@@ -27,6 +28,7 @@ from aacmm_pin.measurements.csv_columns import (
 )
 from aacmm_pin.measurements.csv_header import checked_names
 from aacmm_pin.measurements.csv_values import cells_of, check_numbers, read_values
+from aacmm_pin.measurements.record_checks import FEWEST_CONTACTS
 
 NEEDED = {
     "sphere": ("feature", "feature_diameter_mm", "probe_diameter_mm"),
@@ -149,9 +151,9 @@ def as_records(table: pd.DataFrame, problems: Problems) -> tuple[pd.DataFrame, t
 
     A single point is a seat. So is each end of a length that is probed once a repeat, over all
     repeats of its position; the length is a bar between them, longer by the probe's diameter where
-    it is probed from opposite sides. Other points lie on spheres of unknown centre, and are not
-    used. Where the table has seats or bars of its own, these hold. Coordinates are those of the arm
-    that is tested, and no reference.
+    it is probed from opposite sides. Points of a sphere whose diameter and probe are stated lie on
+    it; its centre is unknown, and the same in all repeats. Others are not used. If the table has
+    seats or bars of its own, these hold. Coordinates are those of the tested arm, and no reference.
 
     Raises:
         MeasurementFileError: see :func:`read_probed_points`.
@@ -163,15 +165,15 @@ def as_records(table: pd.DataFrame, problems: Problems) -> tuple[pd.DataFrame, t
     if {"seat", *BAR} & {*table}:
         return records, tuple(notes)
     seats = _seats_of(points)
-    for name in seats.columns.intersection(["seat", *BAR, BAR_U], sort=False):
+    for name in seats.columns.drop("kind"):
         records[name] = seats[name].to_numpy()
-    is_bar = seats["bar"] != ""
-    is_point = seats["is_point"]
     counts = {
-        "points": points["position"][is_point].nunique(),
-        "lengths": seats["bar"][is_bar].nunique(),
+        "points": points["position"][seats["kind"] == "point"].nunique(),
+        "lengths": seats["bar"][seats["kind"] == "bar"].nunique(),
+        "spheres": seats["seat"][seats["kind"] == "sphere"].nunique(),
+        "unused": int((seats["kind"] == "").sum()),
     }
-    notes.append(Note("touches_as_seats", {**counts, "unused": int((~is_bar & ~is_point).sum())}))
+    notes.append(Note("touches_as_seats", counts))
     return records, tuple(notes)
 
 
@@ -190,8 +192,8 @@ def _ends_in_turn(features: pd.Series) -> NDArray[Any]:
 
 
 def _seats_of(points: pd.DataFrame) -> pd.DataFrame:
-    """Seat and bar of each probed point, in the columns of a measurement file, and whether it is a
-    single point.
+    """Seat, bar and sphere of each probed point, in the columns of a measurement file, and its
+    ``kind``: ``point``, ``bar``, ``sphere`` or "".
     """
     place = [points[name] for name in ("test", "length_id", "position")]
     probed = points.groupby([*place, points["repeat"], points["feature"]])["test"].transform("size")
@@ -203,10 +205,22 @@ def _seats_of(points: pd.DataFrame) -> pd.DataFrame:
     end = features.transform(_ends_in_turn)
     both_sides = points["test"] == "length-bi"
     length = points["length"] + np.where(both_sides, points["probe_diameter"], 0.0)
-    seats = pd.DataFrame(
-        {"seat": ("point " + points["position"]).where(is_point, ""), "is_point": is_point}
-    )
-    seats["seat"] = seats["seat"].where(~is_bar, bar + ", " + points["feature"])
+    diameters = points[["feature_diameter", "probe_diameter"]]
+    sphere = points["test"] + " " + points["feature"]
+    sphere += (" in position " + points["position"]).where(points["position"] != "", "")
+    is_sphere = diameters.notna().all(axis=1) & ~is_bar & ~is_point
+    is_sphere &= sphere.where(is_sphere).groupby(sphere).transform("count") >= FEWEST_CONTACTS
+    of_kind = {
+        "point": (is_point, "point " + points["position"]),
+        "bar": (is_bar, bar + ", " + points["feature"]),
+        "sphere": (is_sphere, sphere),
+    }
+    seats = pd.DataFrame({"kind": "", "seat": ""}, index=points.index)
+    for kind, (chosen, label) in of_kind.items():
+        seats["kind"] = seats["kind"].where(~chosen, kind)
+        seats["seat"] = seats["seat"].where(~chosen, label)
+    for name, column in zip(diameters, DIAMETERS, strict=True):
+        seats[column] = (diameters[name] / MM).astype(object).where(is_sphere, "")
     seats["bar"], seats["bar_end"] = bar.where(is_bar, ""), end.where(is_bar, "")
     seats["bar_length_mm"] = (length / MM).astype(object).where(is_bar, "")
     if points["u_length"].notna().any():

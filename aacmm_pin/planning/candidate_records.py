@@ -91,10 +91,13 @@ def _seats_of(task: Task) -> _Seats:
     tips = task.frame.apply(task.model.predict(existing.q, existing.conditions))
     points = task.frame.back(observed.start(tips))
     rows = existing.seats()
-    first = [rows[label][0] for label in observed.labels]
+    # A probe cannot reach the centre of a sphere.
+    reached = np.flatnonzero(~observed.spheres)
+    labels = [observed.labels[k] for k in reached]
+    first = [rows[label][0] for label in labels]
     stated = existing.reference[first]
     stated_u = existing.reference_u[first]
-    return _Seats(list(observed.labels), points, stated, stated_u)
+    return _Seats(labels, points[reached], stated, stated_u)
 
 
 def _new_seats(task: Task, pool: Pool, count: int, rng: np.random.Generator) -> _Seats:

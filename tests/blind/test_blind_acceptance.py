@@ -46,7 +46,7 @@ def test_failed_arm_is_diagnosed_and_passes(
     advice = next(line for line in said.splitlines() if "aacmm-pin diagnose" in line)
     _, words = advice.split("aacmm-pin ")
     extended = tmp_path / "extended.toml"
-    found = shell.found(words, "--no-cross-validation --arm-out", extended)
+    found = shell.found(words, "--encoder-noise 8e-6 --no-cross-validation --arm-out", extended)
     assert (found["verdict"], [(f["cause"], f["joint"]) for f in found["findings"]]) == (
         "explained",
         [(cause, joint)],

@@ -35,7 +35,7 @@ def test_u_counts_an_error_that_records_share(sino6: Arm, stated: bool) -> None:
         error = ALONE * rng.standard_normal((240, 3)) + SHARED * rng.standard_normal((40, 3))[group]
         records = Measurements.of(q, sino6.positions(q) + error)
         found = fit(problem_of(model, records, [cause], setup))
-        postures = HeldPostures(group, np.full(40, 6.0), SHARED / ALONE)
+        postures = HeldPostures(group, np.full(40, 6.0), np.full(40, 3.0), SHARED / ALONE)
         noise = RecordNoise(np.tile(np.eye(3) / ALONE, (240, 1, 1)), postures)
         more = noise.added_covariance(found, 1.0)
         step = (found.point.x - found.problem.start)[found.problem.vector.slices[-1]]

@@ -65,7 +65,7 @@ def space_of(dense: Dense, covariate_blocks: int = 0) -> ModelSpace:
         0,
     )
     rows = np.column_stack([dense.nuisances, *dense.columns, dense.residual])
-    postures = HeldPostures(np.arange(len(rows)), np.ones(len(rows)), 0.0)
+    postures = HeldPostures(np.arange(len(rows)), np.ones(len(rows)), np.ones(len(rows)), 0.0)
     products = Products(design, lambda: [PartRows(rows, len(rows))], postures)
     return ModelSpace(
         Candidates(design, dense.log_odds, dense.contained), Gram(products), dense.stated

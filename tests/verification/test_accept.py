@@ -318,8 +318,8 @@ def test_lengths_are_long_enough_for_the_range(data):
 
 
 def test_touches_are_records_of_a_measurement_file(tmp_path):
-    """Those of single points and of ends touched once are seats, lengths are bars; coordinates are
-    no reference.
+    """Those of single points, of ends touched once and of spheres are seats, lengths are bars;
+    coordinates are no reference.
     """
     table = everything()
     angles = np.random.default_rng(1).uniform(-20, 20, (len(table), 6))
@@ -339,7 +339,11 @@ def test_touches_are_records_of_a_measurement_file(tmp_path):
         ("length-uni", 3): 70,
         ("length-bi", 3): 70,
         ("volumetric", 1): 40,
+        ("sphere", 25): 2,
+        ("location", 25): 1,
+        ("effective-diameter", 27): 1,
     }
+    assert records.on_sphere.sum() == 2 * 25 + 25 + 27
     lengths = {(bar.bar.split()[0], round(bar.length * 1e3)) for bar in records.bars()}
     longer = {"length-uni": (0, 5), "length-bi": (6, 5), "volumetric": (0, 2)}
     assert lengths == {

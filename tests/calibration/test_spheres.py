@@ -1,0 +1,241 @@
+"""Contacts of spheres as equations, by a plant that computes tips from the DH table by itself."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from blind.kinematics import Array, shift_x, turn_x, turn_z_shift
+from scipy.optimize import least_squares
+from scipy.stats import chi2
+
+from aacmm_pin import calibrate, diagnose
+from aacmm_pin.arm import Arm
+from aacmm_pin.calibration import Calibration
+from aacmm_pin.errors import MeasurementFileError
+from aacmm_pin.measurements import Measurements
+from tests.cli import shell
+
+SPHERE, PROBE = 25.4e-3, 3e-3
+READING, CONTACT = 8e-6, 3e-6
+SPHERES, CONTACTS = 6, 16
+ROW = ("a", "d", "alpha", "theta_offset")
+
+
+class Machine:
+    """SINO6 with errors of its parameters (p,), and postures that touch spheres anywhere."""
+
+    def __init__(self, arm: Arm, errors: Array) -> None:
+        stated = {p.name: p.value + e for p, e in zip(arm.parameters, errors, strict=True)}
+        self.table = np.array([[stated[f"{name}{j}"] for name in ROW] for j in range(1, 7)])
+
+    def tips(self, q: Array) -> Array:
+        frames = np.broadcast_to(np.eye(4), (len(q), 4, 4))
+        for angle, (a, d, alpha, offset) in zip(q.T, self.table, strict=True):
+            same = np.ones(len(q))
+            screw = turn_z_shift(angle + offset, d * same) @ shift_x(a * same)
+            frames = frames @ screw @ turn_x(alpha * same)
+        return frames[:, :3, 3]
+
+    def at(self, points: Array, start: Array) -> Array:
+        """Postures (n, 6) whose tips are at points (n, 3), from postures near by."""
+        q = start.copy()
+        for _ in range(50):
+            off = points - self.tips(q)
+            columns = [
+                (self.tips(q + 1e-6 * axis) - self.tips(q - 1e-6 * axis)) / 2e-6
+                for axis in np.eye(6)
+            ]
+            jacobian = np.stack(columns, axis=2)
+            step = np.einsum("nij,nj->ni", np.linalg.pinv(jacobian, rcond=1e-3), off)
+            q += np.clip(step, -0.2, 0.2)
+        return q[np.linalg.norm(points - self.tips(q), axis=1) < 1e-12]
+
+    def touching(self, rng: np.random.Generator, noise: float = CONTACT) -> tuple[Array, Array]:
+        """Postures (n, 6) at contacts with spheres, whose centres are nowhere stated, and the
+        number of the sphere of each (n,).
+        """
+        found, numbers = [], []
+        for k in range(SPHERES):
+            start = rng.uniform(-1.2, 1.2, 6)
+            centre = self.tips(start[None])[0]
+            away = rng.normal(size=(2 * CONTACTS, 3))
+            away /= np.linalg.norm(away, axis=1)[:, None]
+            points = centre + 0.5 * (SPHERE + PROBE) * away
+            points += noise * rng.normal(size=points.shape)
+            q = self.at(points, start + rng.uniform(-0.5, 0.5, (len(points), 6)))[:CONTACTS]
+            found.append(q)
+            numbers += [k] * len(q)
+        return np.concatenate(found), np.array(numbers)
+
+
+def file_of(q: Array, sphere: Array) -> pd.DataFrame:
+    table = pd.DataFrame(np.degrees(q), columns=[f"theta{j}_deg" for j in range(1, 7)])
+    labels = [f"S{k}" for k in sphere]
+    diameters = {"feature_diameter_mm": SPHERE * 1e3, "probe_diameter_mm": PROBE * 1e3}
+    return table.assign(feature=labels, **diameters)
+
+
+def calibrated(arm: Arm, q: Array, sphere: Array) -> Calibration:
+    records = Measurements.from_frame(file_of(q, sphere))
+    return calibrate(arm, records, encoder_noise=READING, probe_noise=CONTACT, hold_out=False)
+
+
+def drawn(arm: Arm, rng: np.random.Generator) -> Array:
+    return rng.normal(size=len(arm.parameters)) * np.array([p.u for p in arm.parameters])
+
+
+def test_an_independent_least_squares_with_the_centres_agrees(sino6, rng):
+    """Values and covariance, the inverse of the Fisher information (Cramér–Rao)."""
+    machine = Machine(sino6, drawn(sino6, rng))
+    q, sphere = machine.touching(rng)
+    q += READING * rng.normal(size=q.shape)
+    result = calibrated(sino6, q, sphere)
+    names = [p.name for p in sino6.parameters]
+    chosen = [names.index(name) for name in result.parameters["parameter"]]
+    u = np.array([p.u for p in sino6.parameters])
+    estimated = result.fit.point.seats
+
+    def tips(z: Array) -> Array:
+        errors = np.zeros(len(names))
+        errors[chosen] = z * u[chosen]
+        return Machine(sino6, errors).tips(q)
+
+    best = np.zeros(len(chosen))
+    centres = estimated.copy()
+    moves = [(Machine(sino6, np.zeros(len(names))).tips(q + 1e-6 * axis)) for axis in np.eye(6)]
+    by_reading = np.stack(moves, axis=2) - tips(best)[:, :, None]
+    covariance = READING**2 * 1e12 * by_reading @ by_reading.transpose(0, 2, 1)
+    covariance += CONTACT**2 * np.eye(3)
+
+    def residual(x: Array) -> Array:
+        z, at = x[: len(chosen)], x[len(chosen) :].reshape(-1, 3)
+        way = tips(z) - at[sphere]
+        distance = np.linalg.norm(way, axis=1)
+        normal = way / distance[:, None]
+        scatter = np.sqrt(np.einsum("ni,nij,nj->n", normal, covariance, normal))
+        return np.concatenate([(distance - 0.5 * (SPHERE + PROBE)) / scatter, z])
+
+    found = least_squares(residual, np.concatenate([best, centres.ravel()]), x_scale="jac")
+    z = result.fit.point.x / u[chosen]
+    assert np.abs(z - found.x[: len(chosen)]).max() < 0.02
+    bound = np.linalg.inv(found.jac.T @ found.jac)[: len(chosen), : len(chosen)]
+    stated = result.covariance / np.outer(u[chosen], u[chosen])
+    np.testing.assert_allclose(np.diag(stated), np.diag(bound), rtol=0.02)
+
+
+def test_estimates_scatter_as_stated(sino6):
+    """Over 20 arms and files; χ² of the residuals, and of the estimates by their covariance."""
+    rng = np.random.default_rng(11)
+    off = dof = value = count = 0.0
+    names = [p.name for p in sino6.parameters]
+    for _ in range(20):
+        errors = drawn(sino6, rng)
+        q, sphere = Machine(sino6, errors).touching(rng)
+        result = calibrated(sino6, q + READING * rng.normal(size=q.shape), sphere)
+        chosen = [names.index(name) for name in result.parameters["parameter"]]
+        miss = result.fit.point.x - errors[chosen]
+        off += miss @ np.linalg.solve(result.covariance, miss)
+        count += miss.size
+        value += result.fit.chi2_stated.value
+        dof += result.fit.chi2_stated.dof
+    assert 0.001 < chi2.sf(off, count) < 0.999
+    assert 0.001 < chi2.sf(value, dof) < 0.999
+
+
+def test_the_scale_of_a_sphere_is_that_of_its_diameter(sino6, rng):
+    """All tips 1e-3 too far away make spheres of unknown centre larger by 1e-3, and nothing else:
+    14 µm of a radius that the contacts know within 1 µm.
+    """
+    q, sphere = Machine(sino6, np.zeros(len(sino6.parameters))).touching(rng, noise=0.0)
+    table = file_of(q, sphere)
+    for scale, least, most in ((1.0, 0.0, 1e-6), (1.001, 12e-6, 15e-6)):
+        larger = table.assign(
+            feature_diameter_mm=(SPHERE * scale + PROBE * (scale - 1)) * 1e3,
+        )
+        records = Measurements.from_frame(larger)
+        result = calibrate(
+            sino6,
+            records,
+            ["zero-offsets"],
+            prior=True,
+            encoder_noise=1e-9,
+            probe_noise=1e-6,
+            hold_out=False,
+        )
+        assert least <= result.rms_before <= most
+
+
+def test_an_eccentric_encoder_is_found_by_spheres_alone(sino6, rng):
+    q, sphere = Machine(sino6, np.zeros(len(sino6.parameters))).touching(rng)
+    read = q - 2e-4 * np.cos(q - 0.7) * (np.arange(6) == 2)
+    read += READING * rng.normal(size=q.shape)
+    records = Measurements.from_frame(file_of(read, sphere))
+    result = diagnose(
+        sino6, records, encoder_noise=READING, probe_noise=CONTACT, hold_out=False, rng=rng
+    )
+    assert [finding.label for finding in result.findings] == ["encoder_eccentricity:3"]
+    amplitude, u = result.findings[0].parameters["amplitude_rad"]
+    assert amplitude == pytest.approx(2e-4, abs=4 * u)
+
+
+def test_stated_centres_place_the_arm(sino6, rng):
+    machine = Machine(sino6, np.zeros(len(sino6.parameters)))
+    q, sphere = machine.touching(rng, noise=0.0)
+    table = file_of(q, sphere)
+    radius = 0.5 * (SPHERE + PROBE)
+    centres = []
+    for k in range(SPHERES):
+        tips = machine.tips(q[sphere == k])
+        found = least_squares(
+            lambda c, tips=tips: np.linalg.norm(tips - c, axis=1) - radius, tips.mean(axis=0)
+        )
+        centres.append(found.x)
+    at = 1e3 * np.array(centres)[sphere]
+    table[["x_mm", "y_mm", "z_mm"]] = at
+    table[["u_x_mm", "u_y_mm", "u_z_mm"]] = 1e-3
+    records = Measurements.from_frame(table)
+    assert not records.known.any()
+    again = Measurements.from_frame(records.to_frame())
+    np.testing.assert_allclose(again.contact_radius, radius)
+    result = calibrate(
+        sino6,
+        records,
+        "zero-offsets",
+        reference_frame="base",
+        encoder_noise=READING,
+        probe_noise=CONTACT,
+        hold_out=False,
+    )
+    np.testing.assert_allclose(result.fit.point.seats, centres, atol=3e-6)
+    assert result.rms < 3e-6
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"probe_diameter_mm": [""] + [3.0] * 95}, "probe_diameter_mm"),
+        ({"feature_diameter_mm": [25.4] * 95 + [""]}, "feature_diameter_mm"),
+        ({"feature_diameter_mm": [25.4] * 95 + [25.5]}, "one value"),
+        ({"feature": [f"S{k // 3}" for k in range(96)]}, "4 or more"),
+        ({"seat": "A"}, "one label"),
+    ],
+)
+def test_spheres_that_cannot_be_used_are_named(sino6, change, said):
+    q = np.random.default_rng(1).uniform(-1, 1, (96, 6))
+    table = file_of(q, np.repeat(np.arange(6), 16)).assign(**change)
+    with pytest.raises(MeasurementFileError, match=said):
+        Measurements.from_frame(table)
+
+
+def test_files_of_spheres_at_the_shell(sino6, rng, tmp_path: Path):
+    q, sphere = Machine(sino6, drawn(sino6, rng)).touching(rng)
+    path = tmp_path / "spheres.csv"
+    file_of(q, sphere).to_csv(path, index=False)
+    assert shell.found(f"check sino6 {path}")["seats"] == SPHERES
+    known = "--encoder-noise 8e-6 --probe-noise-mm 0.003"
+    content = shell.found(f"calibrate sino6 {path} {known} -o {tmp_path / 'arm.toml'}")
+    assert content["rms_mm"]["calibrated"] < content["rms_mm"]["simulation"]
+    assert content["held_out"]
