@@ -111,6 +111,10 @@ joint slides].
 SHIFT_HALF_WIDTH = Range(0.0, 1.0, "m")
 TURN_HALF_WIDTH = Range(0.0, math.pi, "rad")
 """Bounds of the placement of a joint; half a turn says that nothing is known."""
+WIDEST_HALF_WIDTHS = {"m": 0.012, "rad": 0.12}
+"""Half-widths of geometry that are wider have perhaps another unit: what is assumed where nothing
+is stated, ±10 mm and ±0.1 rad, has U of 11.5 mm and 0.115 rad [m, rad].
+"""
 LENGTH_NOISE = Range(0.0, 0.01, "m")
 """Standard uncertainty of a reference, a contact, a length of a bar."""
 

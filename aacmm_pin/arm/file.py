@@ -72,6 +72,13 @@ DEEPEST = 20
 MANY_KEY_PARTS = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++[ \t]*+\.[ \t]*+){100}""")
 """A dotted key of more than a hundred parts: Python's parser takes their square in time and memory.
 """
+DECIMAL_COMMA = re.compile(r"=\s*([+-]?[0-9]{1,9},[0-9]{1,17})")
+"""A value with a decimal comma, which is none in TOML."""
+TABLE = re.compile(
+    rb"(?:[ \t\r]*(?:#[^\n]*)?\n)*+"  # comments
+    rb"(?=[^=\n]*(?:\n|$))[^,;\t\n]*[,;\t]"
+)
+"""A file whose first line has several cells, as that of a CSV file."""
 
 MOST_EFFECTS = 1000
 """Causes of error that a file may add; `diagnose` finds a handful."""
@@ -576,7 +583,14 @@ def toml_of(content: bytes, refused: Callable[[str], AacmmError]) -> dict[str, A
         raise refused("not TOML: nested too deep") from None
     # a TOMLDecodeError, or an integer of thousands of digits, with advice for programmers
     except ValueError as error:
-        raise refused(f"not TOML: {str(error).partition('; use sys.')[0]}") from None
+        said = str(error).partition("; use sys.")[0]
+        place = re.search("at line ([0-9]+)", said)
+        number = int(place[1]) if place else 0
+        if comma := DECIMAL_COMMA.search(["", *text.split("\n")][number]):
+            raise refused(
+                f"line {number}: {comma[1]!r}; expected a number with a decimal point"
+            ) from None
+        raise refused(f"not TOML: {said}") from None
 
 
 def parse_arm_file(content: bytes, path: str) -> ArmFile | UrdfArmFile:
@@ -591,6 +605,10 @@ def parse_arm_file(content: bytes, path: str) -> ArmFile | UrdfArmFile:
             )
         return ArmFileError(path, "", message)
 
+    if TABLE.match(content):
+        raise ArmFileError(
+            path, "", "is a table (CSV); expected an arm file (TOML); state ARM first, then DATA"
+        )
     data = toml_of(content, refused)
     _check_depth(data, path)
     if "urdf" not in data:

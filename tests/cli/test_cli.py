@@ -23,6 +23,7 @@ from shell import POINT, done, found, refused, run
 
 from aacmm_pin import Arm, WorkspaceMap
 from aacmm_pin._support.units import DEG, MM
+from aacmm_pin.arm import arm_text, load_arm_file
 from aacmm_pin.cli.root_command import COMMANDS, app
 from tests.oracle import close
 
@@ -133,6 +134,15 @@ def test_numbers_that_no_option_takes():
     assert run("simulate sino6 --records 1e9")[0] == 2
 
 
+def test_half_widths_in_another_unit(tmp_path):
+    text = arm_text(load_arm_file("sino6")).replace("a_mm = 0.00852", "a_mm = 100.0")
+    (tmp_path / "arm.toml").write_text(text.replace("2.70805e-05", "0.1222"))
+    words = f"configurations {tmp_path / 'arm.toml'} {POINT}"
+    (length, angle) = [line for line in done(words)[1].splitlines() if "warning: " in line]
+    assert ("100 mm" in length, "a1" in length) == (True, True)
+    assert ("7°" in angle, "alpha1" in angle) == (True, True)
+
+
 def test_angles_carry_their_unit():
     words = f"accuracy sino6 {POINT} --samples 12 --method ellipsoid"
     least = [
@@ -140,7 +150,10 @@ def test_angles_carry_their_unit():
         for text in ("1e-4", "100urad", f"{np.degrees(0.1)}mdeg")
     ]
     np.testing.assert_allclose(least, least[0], rtol=1e-12)
-    assert run(words, "--encoder-noise 8foo")[0] == 2
+    for option in ("--encoder-noise 8foo", "--encoder-noise 0,5", "--u-reference-mm 0,012"):
+        status, _, err = run("simulate sino6", option)
+        assert status == 2
+        assert f"'{option.split()[1]}'; expected a" in err
 
 
 def test_wrong_usage_is_status_2():
