@@ -42,6 +42,7 @@ from aacmm_pin.measurements.csv_columns import (
 from aacmm_pin.measurements.csv_header import read_header, similar_labels
 from aacmm_pin.measurements.csv_table import read_table
 from aacmm_pin.measurements.csv_values import RecordTable, check_numbers, read_records, read_values
+from aacmm_pin.measurements.noise import ENCODER
 from aacmm_pin.measurements.probed_points import (
     as_records,
     has_probed_points,
@@ -52,6 +53,7 @@ from aacmm_pin.measurements.record_checks import (
     check_records,
     looks_like_radians,
     mostly_like_radians,
+    rounding_steps,
 )
 from aacmm_pin.measurements.repeats import posture_numbers
 
@@ -154,7 +156,7 @@ class Measurements(Shown):
             MeasurementFileError: the file cannot be read, is not such a table, or a column or cell
                 is not as expected; the message names the row and column of the first ten problems.
         """
-        table, lines, read_as = read_table(str(path))
+        table, lines, read_as, _ = read_table(str(path))
         found = _from_table(table, lines, nq, str(path))
         return replace(found, read_as=read_as + found.read_as, header=tuple(table.columns))
 
@@ -519,10 +521,26 @@ def _notes(columns: RecordTable) -> tuple[Note, ...]:
         columns.values.block(columns.header.theta)
     ):
         notes.append(Note("angles_like_radians", {"turn": 2 * np.pi}))
+    notes += _rounded_angles(columns)
     for name in ("seat", "marker", "bar", "session"):
         if pairs := similar_labels(dict.fromkeys(columns.values.label(name).tolist())):
             notes.append(Note("labels_alike", {"column": name, "labels": ", ".join(pairs)}))
     return tuple(notes)
+
+
+def _rounded_angles(columns: RecordTable) -> list[Note]:
+    """That angles are rounded to a step whose standard uncertainty, step/√12 (JCGM 100:2008,
+    F.2.2.1), is larger than the usual noise of an encoder.
+    """
+    unit = columns.header.unit
+    steps = rounding_steps(columns.values.block(columns.header.theta))
+    step = float(steps.max(initial=0.0))
+    u = step * (DEG if unit == "deg" else 1.0) / np.sqrt(12.0)
+    if u <= ENCODER:
+        return []
+    names = np.array(columns.header.theta)[steps == step].tolist()
+    sign = "°" if unit == "deg" else " rad"
+    return [Note("angles_rounded", {"columns": names, "step": step, "unit": sign, "u": float(u)})]
 
 
 def _unit_quaternions(quaternions: Array | None) -> Array | None:

@@ -185,7 +185,7 @@ class History(Shown):
                     "",
                     "is a comment, which appending would not keep; expected none",
                 )
-        table, lines, _ = read_table(str(path), content)
+        table, lines, *_ = read_table(str(path), content)
         problems = Problems(str(path), lines)
         if sorted(table.columns) != sorted(HISTORY_COLUMNS):
             problems.add(

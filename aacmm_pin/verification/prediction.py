@@ -191,7 +191,7 @@ def predict_acceptance(
     whole(runs, FEWEST, "virtual runs")
     seed = seed_of(rng)
     draws = int(rng.integers(2**32))
-    table, lines, notes = read_table(path)
+    table, lines, notes, _ = read_table(path)
     problems = Problems(path, lines)
     probed_points = read_probed_points(table, problems)
     problems.stop()

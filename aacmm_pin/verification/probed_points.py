@@ -78,7 +78,7 @@ def read_file(path: str, content: bytes, models: Mapping[str, ErrorModel]) -> Pr
             nothing that gives coordinates.
         AacmmError: an arm with an effect that does not know these readings.
     """
-    table, lines, read_as = read_table(path, content)
+    table, lines, read_as, _ = read_table(path, content)
     problems = Problems(path, lines)
     points = read_probed_points(table, problems)
     unfilled = _unfilled(table)

@@ -128,7 +128,7 @@ class Procedure(Shown):
             MeasurementFileError: a planned column is missing or has a cell without a number.
         """
         arm = as_arm(arm)
-        table, lines, _ = read_table(str(path))
+        table, lines, *_ = read_table(str(path))
         angles = [f"{PLANNED}theta{k}_deg" for k in range(1, arm.nq + 1)]
         expected = [*(PLANNED + name for name in REFERENCE), *angles]
         if missing := [name for name in expected if name not in table]:
