@@ -21,7 +21,7 @@ from aacmm_pin._support.text_escaping import note as note
 from aacmm_pin._support.text_escaping import say as say
 from aacmm_pin._support.text_escaping import status as status
 from aacmm_pin._support.text_escaping import warn as warn
-from aacmm_pin._support.units import ANGLES, in_radians, number
+from aacmm_pin._support.units import ANGLES, in_radians
 from aacmm_pin.errors import AacmmError
 
 if TYPE_CHECKING:
@@ -91,27 +91,22 @@ def _fields(group: Any) -> dict[str, tuple[Any, Any]]:
 
 def angle_option(help_: str, panel: str | None = None) -> Any:
     """An option for an angle: in radians, or with its unit behind it."""
-    expected = f"an angle with a decimal point, in rad or with one of {', '.join(ANGLES)}"
-    parser = _parser(in_radians, expected)
-    return typer.Option(parser=parser, metavar="ANGLE", help=help_, rich_help_panel=panel)
+
+    def angle(text: str) -> float:
+        try:
+            return in_radians(text)
+        except ValueError:
+            raise typer.BadParameter(
+                f"{text!r}; expected an angle with a decimal point, in rad or with one of "
+                f"{', '.join(ANGLES)}"
+            ) from None
+
+    return typer.Option(parser=angle, metavar="ANGLE", help=help_, rich_help_panel=panel)
 
 
 def length_option(help_: str, panel: str | None = None) -> Any:
     """An option for a length in millimetres."""
-    parser = _parser(number, "a number with a decimal point, in mm")
-    return typer.Option(parser=parser, metavar="MM", help=help_, rich_help_panel=panel)
-
-
-def _parser(value_of: Callable[[str], float], expected: str) -> Callable[[object], float]:
-    """What reads the text of an option, or says what was ``expected``."""
-
-    def parsed(text: object) -> float:
-        try:
-            return value_of(str(text))  # a default is a number already
-        except ValueError:
-            raise typer.BadParameter(f"{text!r}; expected {expected}") from None
-
-    return parsed
+    return typer.Option(metavar="MM", help=help_, rich_help_panel=panel)
 
 
 def output_option(metavar: str, help_: str, *names: str) -> Any:

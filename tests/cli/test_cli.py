@@ -134,6 +134,20 @@ def test_numbers_that_no_option_takes():
     assert run("simulate sino6 --records 1e9")[0] == 2
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        "simulate sino6 --encoder-noise 0,5",
+        "simulate sino6 --u-reference-mm 0,5",
+        "simulate sino6 --records 0,5",
+        "accuracy sino6 --point 400 0,5 300",
+    ],
+)
+def test_an_option_that_is_no_number_is_quoted(words):
+    status, _, err = run(words)
+    assert (status, "'0,5'; expected a" in err) == (2, True)
+
+
 def test_half_widths_in_another_unit(tmp_path):
     text = arm_text(load_arm_file("sino6")).replace("a_mm = 0.00852", "a_mm = 100.0")
     (tmp_path / "arm.toml").write_text(text.replace("2.70805e-05", "0.1222"))
@@ -150,10 +164,7 @@ def test_angles_carry_their_unit():
         for text in ("1e-4", "100urad", f"{np.degrees(0.1)}mdeg")
     ]
     np.testing.assert_allclose(least, least[0], rtol=1e-12)
-    for option in ("--encoder-noise 8foo", "--encoder-noise 0,5", "--u-reference-mm 0,012"):
-        status, _, err = run("simulate sino6", option)
-        assert status == 2
-        assert f"'{option.split()[1]}'; expected a" in err
+    assert run(words, "--encoder-noise 8foo")[0] == 2
 
 
 def test_wrong_usage_is_status_2():
