@@ -95,7 +95,7 @@ class Range(NamedTuple):
         wrong = np.argwhere(self.outside(array) | np.isnan(array))
         if len(wrong):
             place = f"[{', '.join(map(str, wrong[0]))}]" if array.ndim else ""
-            raise error(f"{name}{place} is {array[tuple(wrong[0])]:g} {self.unit}, {self.expected}")
+            raise error(f"{name}{place} is {array[tuple(wrong[0])]:g} {self.unit}; {self.expected}")
 
 
 READING = Range(-LARGEST_ANGLE, LARGEST_ANGLE, "rad")
@@ -149,7 +149,7 @@ def without_nul(value: str) -> str:
     """The text, refused where it has a character NUL."""
     if "\0" in value:
         raise ValueError(
-            f"has the character NUL at place {value.index(chr(0)) + 1}, expected text without it"
+            f"has the character NUL at place {value.index(chr(0)) + 1}; expected text without it"
         )
     return value
 
@@ -157,7 +157,7 @@ def without_nul(value: str) -> str:
 def in_one_line(value: str) -> str:
     """The text, refused where it has a line end, which would forge a line of what is told of it."""
     if value.splitlines() != [value]:
-        raise ValueError(f"is {value!r}, expected one line of text")
+        raise ValueError(f"is {value!r}; expected one line of text")
     return value
 
 
@@ -183,7 +183,7 @@ def like_degrees(angle: float, turns: int = MOST_TURNS) -> str:
         return ""
     return (
         f"is {angle:g} rad, more than {turns} turn{'s' * (turns > 1)}: this looks like "
-        "degrees, expected radians"
+        "degrees; expected radians"
     )
 
 

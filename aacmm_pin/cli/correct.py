@@ -172,7 +172,7 @@ def _nominal(name: str | None, model: ErrorModel) -> ErrorModel | None:
     if before.arm.nq != model.arm.nq:
         expected = f"expected {model.arm.nq} as {model.arm.name} has"
         raise AacmmError(
-            f"--nominal {name}: {before.arm.name} has {before.arm.nq} joints, {expected}"
+            f"--nominal {name}: {before.arm.name} has {before.arm.nq} joints; {expected}"
         )
     return before
 

@@ -85,7 +85,7 @@ def read_header(names: Sequence[object], nq: int | None, problems: Problems) -> 
         if each_joint and columns and joints and len(columns) != joints:
             problems.add(
                 span(columns),
-                f"{len(columns)} columns, expected one for each of the {joints} joints",
+                f"{len(columns)} columns; expected one for each of the {joints} joints",
             )
     _check_companions({*texts}, problems)
     _check_temperatures({*texts}, joints, header.numbered[LINK_TEMPERATURE], problems)
@@ -110,7 +110,7 @@ def checked_names(
             problems.add("", f"column {place} of {len(names)} has no name{came}; {expected}")
     for name, count in Counter(texts).items():
         if count > 1 and name.strip():
-            problems.add(name, f"is there {count} times, expected each name once in the header")
+            problems.add(name, f"is there {count} times; expected each name once in the header")
     unknown = [name for name in dict.fromkeys(texts) if column_of(name, columns) is None]
     most = plausible.MOST_UNKNOWN
     if len(unknown) > most:
@@ -228,7 +228,7 @@ def _check_joints(header: Header, names: Sequence[str], nq: int | None, problems
     if not theta:
         problems.add(
             "",
-            f"the first line has {listed(map(repr, names))}; expected columns of angles, "
+            f"no angles: the first line has {listed(map(repr, names))}; expected columns "
             f"theta1_deg … or theta1_rad …{_renaming(names)}",
         )
     elif nq is not None and len(theta) != nq:
@@ -293,6 +293,6 @@ def _check_temperatures(
     if 0 < len(of_rows) < joints:
         problems.add(
             span(of_rows),
-            f"{len(of_rows)} columns, expected one for each DH row, so {joints} or more; "
+            f"{len(of_rows)} columns; expected one for each DH row, so {joints} or more; "
             "temperature_c is that of the whole arm",
         )

@@ -56,7 +56,7 @@ def check_records(table: RecordTable, problems: Problems) -> None:
     _check_references(values, problems)
     for name in table.header.numbered[APPROACH]:
         sign = values.numbers[name]
-        problems.at(~np.isin(sign, SIGNS), name, "is {:g}, expected -1, 0 or 1", sign)
+        problems.at(~np.isin(sign, SIGNS), name, "is {:g}; expected -1, 0 or 1", sign)
     check_numbers(values, MEASUREMENT_FILE, problems)
     _check_seats(values, problems)
     _check_spheres(values, problems)
@@ -137,7 +137,7 @@ def _check_references(values: Values, problems: Problems) -> None:
     problems.at(
         np.abs(norm - 1.0) > MOST_NORM_ERROR,
         span(ORIENTATION),
-        "has the norm {:.6g}, expected 1: a unit quaternion, scalar first (angles in degrees or "
+        "has the norm {:.6g}; expected 1: a unit quaternion, scalar first (angles in degrees or "
         "Euler angles are to be converted)",
         norm,
     )
@@ -218,11 +218,11 @@ def _check_bars(values: Values, problems: Problems) -> None:
     cells = {"bar_end": (end, end != ""), "bar_length_mm": (length, np.isfinite(length))}
     for name, (stated, is_stated) in cells.items():
         problems.at(
-            ~of_bar & is_stated, name, "is {} in a row without bar, expected an empty cell", stated
+            ~of_bar & is_stated, name, "is {} in a row without bar; expected an empty cell", stated
         )
-    problems.at(of_bar & ~np.isin(end, BAR_ENDS), "bar_end", "is {!r}, expected A or B", end)
+    problems.at(of_bar & ~np.isin(end, BAR_ENDS), "bar_end", "is {!r}; expected A or B", end)
     for name, empty in (("seat", seat == ""), ("bar_length_mm", np.isnan(length))):
-        problems.at(of_bar & empty, name, "is empty in a row of bar {!r}, expected a value", bar)
+        problems.at(of_bar & empty, name, "is empty in a row of bar {!r}; expected a value", bar)
     groups = pd.Series(bar)
     for name, numbers in (("bar_length_mm", length), (BAR_U, u)):
         problems.of_other_values(name, numbers, of_bar & np.isfinite(numbers), groups, "bar")
@@ -237,7 +237,7 @@ def _check_bars(values: Values, problems: Problems) -> None:
     problems.at(
         of_bar & one_end & (row == first),
         "bar_end",
-        "bar {!r} has records of end {} only, expected records of A and of B",
+        "bar {!r} has records of end {} only; expected records of A and of B",
         bar,
         end,
     )
@@ -245,7 +245,7 @@ def _check_bars(values: Values, problems: Problems) -> None:
     problems.at(
         of_bar & (ends_of_seat == 2) & (seat != ""),
         "seat",
-        "{!r} is at both ends of bar {!r}, expected two seats",
+        "{!r} is at both ends of bar {!r}; expected two seats",
         seat,
         bar,
     )

@@ -210,10 +210,10 @@ class Measurements(Shown):
         n = len(q)
         extra = pd.DataFrame(index=range(n)) if extra is None else extra.reset_index(drop=True)
         if len(extra) != n:
-            raise ShapeError(f"extra has {len(extra)} rows, expected {n}: one a record")
+            raise ShapeError(f"extra has {len(extra)} rows; expected {n}: one a record")
         known = Conditions(n) if conditions is None else conditions
         if known.n != n:
-            raise ShapeError(f"conditions are of {known.n} records, expected {n}")
+            raise ShapeError(f"conditions are of {known.n} records; expected {n}")
         unknown = np.full((n, 3), np.nan)
         given = {
             "reference": unknown if reference is None else reference,
@@ -474,7 +474,7 @@ def as_measurements(given: object, nq: int) -> Measurements:
     if isinstance(given, str | Path):
         return Measurements.read(given, nq)
     raise AacmmError(
-        f"measurements is of type {type(given).__name__}, expected Measurements, or the path "
+        f"measurements is of type {type(given).__name__}; expected Measurements, or the path "
         "of a file"
     )
 
@@ -589,13 +589,13 @@ def _numbers(column: Column, values: ArrayLike, n: int) -> Array:
     else:
         array = _with_gaps(values, lambda filled: batch(filled, width, name, unit))
     if len(array) != n:
-        raise ShapeError(f"{name} has {len(array)} rows, expected {n}: one a record")
+        raise ShapeError(f"{name} has {len(array)} rows; expected {n}: one a record")
     if width > 1:
         unknown = np.isnan(array)
         partly = np.flatnonzero(unknown.any(axis=1) & ~unknown.all(axis=1))
         if partly.size:
             raise ShapeError(
-                f"{name}[{partly[0]}] is {array[partly[0]]}, expected numbers, or NaN for all "
+                f"{name}[{partly[0]}] is {array[partly[0]]}; expected numbers, or NaN for all "
                 "where not known"
             )
     return array
@@ -610,7 +610,7 @@ def _checked_quaternions(array: Array) -> Array | None:
     norm = np.linalg.norm(array, axis=1)
     if (np.abs(norm - 1.0) > MOST_NORM_ERROR).any():
         came = f"norms of {np.nanmin(norm):g} to {np.nanmax(norm):g}"
-        raise ShapeError(f"orientation has {came}, expected unit quaternions")
+        raise ShapeError(f"orientation has {came}; expected unit quaternions")
     return _unit_quaternions(array)
 
 

@@ -184,10 +184,10 @@ def predict_acceptance(
     rng = rng or np.random.default_rng(1)
     if left_out := [name for name in limits if name not in {d.name for d in of_standard}]:
         raise AacmmError(
-            f"MPE of {', '.join(left_out)} is given, expected figures of {standard} alone"
+            f"MPE of {', '.join(left_out)} is given; expected figures of {standard} alone"
         )
     if not arms:
-        raise AacmmError(f"{path}: no arm is given, expected at least one to predict")
+        raise AacmmError(f"{path}: no arm is given; expected at least one to predict")
     whole(runs, FEWEST, "virtual runs")
     seed = seed_of(rng)
     draws = int(rng.integers(2**32))

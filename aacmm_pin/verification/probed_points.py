@@ -123,7 +123,7 @@ def _given_coordinates(table: pd.DataFrame, problems: Problems) -> Array | None:
     check_numbers(values, MEASUREMENT_FILE, problems)
     for name in given:
         empty = np.array([not cell.strip() for cell in table[name]], dtype=bool)
-        problems.at(empty, name, "is empty, expected a number with a decimal point")
+        problems.at(empty, name, "is empty; expected a number with a decimal point")
     return values.block(REFERENCE) * MM
 
 
@@ -149,7 +149,7 @@ def _by_arms(
         theta = [name for name in unfilled if is_reading(name)]
         if theta:
             raise MeasurementFileError(
-                path, None, span(theta), "empty in every row, expected indications"
+                path, None, span(theta), "empty in every row; expected indications"
             )
         raise MeasurementFileError(
             path,

@@ -143,7 +143,7 @@ class Procedure(Shown):
         planned = table[expected].apply(pd.to_numeric, errors="coerce").astype(np.float64)
         for name in expected:
             bad = ~np.isfinite(planned[name]).to_numpy()
-            problems.at(bad, name, "is {!r}, expected a number", table[name].to_numpy())
+            problems.at(bad, name, "is {!r}; expected a number", table[name].to_numpy())
         problems.stop()
         if f"{PLANNED}theta{arm.nq + 1}_deg" in table:
             raise AacmmError(
@@ -261,7 +261,7 @@ class _Layout:
             came = ", ".join(f"{x / MM:g}" for x in bars)
             purpose = "the figures of all standards" if standard is None else STANDARDS[standard]
             raise AacmmError(
-                f"lengths are {came} mm, expected {len(parts)} different ones above 0 for {purpose}"
+                f"lengths are {came} mm; expected {len(parts)} different ones above 0 for {purpose}"
             )
         sizes = {"length": bars, "feature_diameter": [self.sphere], "probe_diameter": [self.probe]}
         for column in PROBED_POINT_COLUMNS:

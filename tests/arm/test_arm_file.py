@@ -180,8 +180,8 @@ EFFECT = '\n[[effects]]\ncause = "{}"\n{}\nparameters = {{ {} }}\n'
 # cause, its fields, its parameters, and what the answer names
 EFFECTS = [
     ("encoder_gain", "joint = 1", "gain = 1e300", "gain is 1e+300"),
-    ("encoder_gain", "joint = 1", "gain = 5.0", "gain is 5, expected at most 0.1"),
-    ("thermal_expansion", "", "expansion_per_k = 11.5", "is 11.5, expected at most 0.02"),
+    ("encoder_gain", "joint = 1", "gain = 5.0", "gain is 5; expected at most 0.1"),
+    ("thermal_expansion", "", "expansion_per_k = 11.5", "is 11.5; expected at most 0.02"),
     (
         "encoder_gain",
         "joint = 1\nuncertainty = { gain = 1e300 }",

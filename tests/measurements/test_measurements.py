@@ -376,17 +376,17 @@ CELLS: list[tuple[str, str, str]] = [
     ("theta2_deg", "", "is empty"),
     ("theta1_deg", "1_000", "'1_000'"),
     ("theta2_deg", '"1,5"', "decimal point"),
-    ("u_x_mm", "0", "is 0, expected a standard uncertainty above zero"),
-    ("temperature_c", "293.15", "is 293.15 °C, expected -100 to 200"),
-    ("approach2", "2", "is 2, expected -1, 0 or 1"),
+    ("u_x_mm", "0", "is 0; expected a standard uncertainty above zero"),
+    ("temperature_c", "293.15", "is 293.15 °C; expected -100 to 200"),
+    ("approach2", "2", "is 2; expected -1, 0 or 1"),
     ("seat", "S9", "'S9'"),
     ("bar_length_mm", "", "of bar 'b'"),
     (
         "bar_length_mm",
         "0.5",
-        "is 0.5 mm, expected 10 to 100000 mm; check its unit (perhaps metres)",
+        "is 0.5 mm; expected 10 to 100000 mm; check its unit (perhaps metres)",
     ),
-    ("u_z_mm", "12", "is 12 mm, expected 0 to 10 mm"),
+    ("u_z_mm", "12", "is 12 mm; expected 0 to 10 mm"),
     ("seat", "", "of bar 'b'"),
 ]
 GOOD = {f"{name}_mm": "0.1" for name in ("x", "y", "z", "u_x", "u_y", "u_z")} | {
@@ -431,7 +431,7 @@ def test_a_cell_with_a_mistake(tmp_path):
 def test_numbers_of_a_table_are_looked_at_too():
     for cell, words in (
         (np.nan, "is empty"),
-        (np.inf, "is 'inf', expected a finite number"),
+        (np.inf, "is 'inf'; expected a finite number"),
         ("x", "is 'x'"),
     ):
         table = pd.DataFrame({"theta1_deg": [1.0, cell, 3.0]})
@@ -440,7 +440,7 @@ def test_numbers_of_a_table_are_looked_at_too():
     for cells in ([True, False], pd.to_datetime(["2020-01-01", "2020-01-02"])):
         with pytest.raises(
             MeasurementFileError,
-            match=r"row 2, column theta1_deg: is '.*', expected a finite number",
+            match=r"row 2, column theta1_deg: is '.*'; expected a finite number",
         ):
             Measurements.from_frame(pd.DataFrame({"theta1_deg": cells}))
 
@@ -606,17 +606,17 @@ def test_of_arrays(rng):
 ONE = [[1.0, 2.0]]
 ARRAYS: list[tuple[dict[str, object], str]] = [
     ({"q": [1.0, 2.0]}, r"q has shape \(2,\).*pass q\[None, :\]"),
-    ({"q": [[1.0, np.nan]]}, r"q\[0, 1\] is nan, expected a finite number"),
-    ({"q": ONE, "reference": [[1.0, 2.0]]}, r"reference has shape \(1, 2\), expected \(n, 3\)"),
+    ({"q": [[1.0, np.nan]]}, r"q\[0, 1\] is nan; expected a finite number"),
+    ({"q": ONE, "reference": [[1.0, 2.0]]}, r"reference has shape \(1, 2\); expected \(n, 3\)"),
     ({"q": ONE, "reference": [[1.0, np.nan, 3.0]]}, r"reference\[0\] is .*NaN for all"),
     ({"q": ONE, "reference": np.ma.masked_equal([[1.0, 2.0, 3.0]], 2)}, "masked"),
     (
         {"q": ONE, "reference": [[1, 2, 3]], "reference_u": [[1e-3, 0, 1e-3]]},
         "reference_u .* not above zero",
     ),
-    ({"q": ONE, "reference": [[1, 2, 1e3]]}, r"reference\[0, 2\] is 1000 m, expected -100 to 100"),
-    ({"q": ONE, "record": [3]}, r"record\[0\] is 3, expected text"),
-    ({"q": ONE, "conditions": Conditions(2)}, "conditions are of 2 records, expected 1"),
+    ({"q": ONE, "reference": [[1, 2, 1e3]]}, r"reference\[0, 2\] is 1000 m; expected -100 to 100"),
+    ({"q": ONE, "record": [3]}, r"record\[0\] is 3; expected text"),
+    ({"q": ONE, "conditions": Conditions(2)}, "conditions are of 2 records; expected 1"),
     ({"q": ONE, "extra": pd.DataFrame({"seat": ["a"]})}, "extra has columns of known names: seat"),
 ]
 
@@ -624,9 +624,9 @@ ARRAYS: list[tuple[dict[str, object], str]] = [
 OF_CONDITIONS: list[tuple[dict[str, Any], str]] = [
     ({"temperature": np.array([-273.15])}, r"temperature\[0\] is -273.15 °C"),
     ({"time": np.array([np.nan])}, r"time\[0\] is nan"),
-    ({"torque": np.zeros((2, 2))}, "torque has 2 rows, expected 1"),
+    ({"torque": np.zeros((2, 2))}, "torque has 2 rows; expected 1"),
     ({"approach": np.array([[0.5, 1]])}, "approach holds other numbers"),
-    ({"seat": np.array([None])}, r"seat\[0\] is None, expected text"),
+    ({"seat": np.array([None])}, r"seat\[0\] is None; expected text"),
 ]
 
 
@@ -644,7 +644,7 @@ def test_arrays_that_contradict_each_other():
         ({"bar": ["b"]}, "missing beside bar"),
         (
             {"conditions": Conditions(1, torque=np.zeros((1, 3)))},
-            "torque1_nm … torque3_nm: 3 columns, expected one for each",
+            "torque1_nm … torque3_nm: 3 columns; expected one for each",
         ),
         (
             {"extra": pd.DataFrame({"Seat": ["a"]})},
