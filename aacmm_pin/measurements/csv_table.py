@@ -36,7 +36,7 @@ SEPARATORS = {";": "semicolons", "\t": "tabulators"}
 """Separators of cells beside commas, and what they are called."""
 _NO_HEADER = re.compile(r"\s*#|sep=.?$", re.IGNORECASE)
 """A comment, or a first line such as sep=; of a spreadsheet."""
-LAST_HEADER = 10
+LAST_HEADER = 30
 """The header is looked for in so many lines, for a title may stand above it."""
 _ARM_FILE = re.compile(r"^\s*schema\s*=\s*[\"']aacmm-pin/arm/", re.MULTILINE)
 _NUMBER = re.compile(r"\s*[+-]?(?=[.,]?[0-9])[0-9]*([.,]?)[0-9]*([eE][+-]?[0-9]+)?\s*")
