@@ -108,7 +108,7 @@ class Page:
         else:
             known = block.language in DIRECTIVES
             assert known, (
-                f"a block of {block.language!r}, expected python, sh, text, toml, csv or json"
+                f"a block of {block.language!r}; expected python, sh, text, toml, csv or json"
             )
             assert "```" not in block.text, (
                 "a directive with code inside is not looked into; use :::"

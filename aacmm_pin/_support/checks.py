@@ -34,11 +34,11 @@ def batch(values: ArrayLike, columns: int, name: str, unit: str) -> Array:
     array = _floats(values, name)
     if array.ndim == 1 and array.size == columns:
         raise ShapeError(
-            f"{name} has shape {array.shape}, expected (n, {columns}) [{unit}]: one row a record; "
+            f"{name} has shape {array.shape}; expected (n, {columns}) [{unit}]: one row a record; "
             f"for a single one pass {name}[None, :]"
         )
     if array.ndim != 2 or array.shape[1] != columns:
-        raise ShapeError(f"{name} has shape {array.shape}, expected (n, {columns}) [{unit}]")
+        raise ShapeError(f"{name} has shape {array.shape}; expected (n, {columns}) [{unit}]")
     _finite(array, name, unit)
     return array
 
@@ -51,7 +51,7 @@ def vector(values: ArrayLike, length: int, name: str, unit: str) -> Array:
     """
     array = _floats(values, name)
     if array.shape != (length,):
-        raise ShapeError(f"{name} has shape {array.shape}, expected ({length},) [{unit}]")
+        raise ShapeError(f"{name} has shape {array.shape}; expected ({length},) [{unit}]")
     _finite(array, name, unit)
     return array
 
@@ -74,7 +74,7 @@ def unit_vector(values: ArrayLike, name: str) -> Array:
     direction = vector(values, 3, name, "1")
     largest = float(np.abs(direction).max())
     if largest == 0:
-        raise AacmmError(f"{name} is [0, 0, 0], expected a direction")
+        raise AacmmError(f"{name} is [0, 0, 0]; expected a direction")
     direction = direction / largest  # the square of a tiny length would be zero
     return direction / np.linalg.norm(direction)
 
@@ -89,14 +89,14 @@ def whole(value: object, least: int, name: str) -> int:
     try:
         number = operator.index(value)  # type: ignore[arg-type]
     except TypeError:
-        raise AacmmError(f"{name} is {value!r}, expected a whole number") from None
+        raise AacmmError(f"{name} is {value!r}; expected a whole number") from None
     if number < least:
-        raise AacmmError(f"{name} is {number}, expected at least {least}")
+        raise AacmmError(f"{name} is {number}; expected at least {least}")
     most, each = plausible.LARGEST_COUNTS[name]
     if number > most:
         size = f"{most * each / 1e9:.2g} GB of memory"
         raise AacmmError(
-            f"{name} is {reprlib.repr(number)}, expected at most {most}, which take about {size}"
+            f"{name} is {reprlib.repr(number)}; expected at most {most}, which take about {size}"
         )
     return number
 
@@ -120,7 +120,7 @@ def _finite(array: Array, name: str, unit: str) -> None:
     if array.size and not np.isfinite([array.min(), array.max()]).all():
         bad = np.argwhere(~np.isfinite(array))
         where = ", ".join(str(i) for i in bad[0])
-        raise ShapeError(f"{name}[{where}] is {array[tuple(bad[0])]}, expected a finite number")
+        raise ShapeError(f"{name}[{where}] is {array[tuple(bad[0])]}; expected a finite number")
     if unit in RANGES:
         RANGES[unit].check(array, name, ShapeError)
     if (

@@ -59,7 +59,7 @@ def content_of(
         hint = "; standard input is /dev/stdin" if str(path) == "-" else ""
         raise refused(f"no such file{hint}") from None
     except IsADirectoryError:
-        raise refused(f"is a folder, expected {expected}") from None
+        raise refused(f"is a folder; expected {expected}") from None
     except OSError as error:
         raise refused(f"cannot be read: {error.strerror}") from None
     if len(content) > most:

@@ -106,7 +106,7 @@ class OutputFiles:
         self._current = path
         with _as_output_errors(path):
             if path.exists() and not path.is_dir():
-                raise OutputError(f"{path}: is a file, expected the name of a folder")
+                raise OutputError(f"{path}: is a file; expected the name of a folder")
             if path.is_dir() and any(path.iterdir()) and not self._force:
                 raise OutputError(
                     f"{path}: exists already and is not empty; --force replaces its files of the "
@@ -140,7 +140,7 @@ class OutputFiles:
             if _is_stream(path):
                 return path
             if path.is_dir():
-                raise OutputError(f"{path}: is a folder, expected the name of a file")
+                raise OutputError(f"{path}: is a folder; expected the name of a file")
             if path.exists() and not path.is_file():
                 raise OutputError(f"{path}: is not a regular file and is left as it is")
             place = Path(os.path.realpath(path))

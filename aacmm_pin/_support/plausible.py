@@ -95,7 +95,7 @@ class Range(NamedTuple):
         wrong = np.argwhere(self.outside(array) | np.isnan(array))
         if len(wrong):
             place = f"[{', '.join(map(str, wrong[0]))}]" if array.ndim else ""
-            raise error(f"{name}{place} is {array[tuple(wrong[0])]:g} {self.unit}, {self.expected}")
+            raise error(f"{name}{place} is {array[tuple(wrong[0])]:g} {self.unit}; {self.expected}")
 
 
 READING = Range(-LARGEST_ANGLE, LARGEST_ANGLE, "rad")
@@ -111,6 +111,10 @@ joint slides].
 SHIFT_HALF_WIDTH = Range(0.0, 1.0, "m")
 TURN_HALF_WIDTH = Range(0.0, math.pi, "rad")
 """Bounds of the placement of a joint; half a turn says that nothing is known."""
+WIDEST_HALF_WIDTHS = {"m": 0.012, "rad": 0.12}
+"""Half-widths of geometry that are wider have perhaps another unit: what is assumed where nothing
+is stated, ±10 mm and ±0.1 rad, has U of 11.5 mm and 0.115 rad [m, rad].
+"""
 LENGTH_NOISE = Range(0.0, 0.01, "m")
 """Standard uncertainty of a reference, a contact, a length of a bar."""
 
@@ -145,7 +149,7 @@ def without_nul(value: str) -> str:
     """The text, refused where it has a character NUL."""
     if "\0" in value:
         raise ValueError(
-            f"has the character NUL at place {value.index(chr(0)) + 1}, expected text without it"
+            f"has the character NUL at place {value.index(chr(0)) + 1}; expected text without it"
         )
     return value
 
@@ -153,7 +157,7 @@ def without_nul(value: str) -> str:
 def in_one_line(value: str) -> str:
     """The text, refused where it has a line end, which would forge a line of what is told of it."""
     if value.splitlines() != [value]:
-        raise ValueError(f"is {value!r}, expected one line of text")
+        raise ValueError(f"is {value!r}; expected one line of text")
     return value
 
 
@@ -179,7 +183,7 @@ def like_degrees(angle: float, turns: int = MOST_TURNS) -> str:
         return ""
     return (
         f"is {angle:g} rad, more than {turns} turn{'s' * (turns > 1)}: this looks like "
-        "degrees, expected radians"
+        "degrees; expected radians"
     )
 
 

@@ -119,7 +119,9 @@ def csv_unquoted(cell: str) -> str:
 
 
 def csv_text(
-    table: pd.DataFrame | Mapping[str, Any], quoting: Literal[0, 2] = csv.QUOTE_MINIMAL
+    table: pd.DataFrame | Mapping[str, Any],
+    quoting: Literal[0, 2] = csv.QUOTE_MINIMAL,
+    separator: str = ",",
 ) -> str:
     """A data frame, or columns by their names, as CSV: text is quoted, numbers are as they are, a
     missing value is empty.
@@ -128,7 +130,7 @@ def csv_text(
         getattr(column, "tolist", lambda column=column: column)() for _, column in table.items()
     ]
     text = io.StringIO()
-    writer = csv.writer(text, quoting=quoting, lineterminator="\n")
+    writer = csv.writer(text, quoting=quoting, lineterminator="\n", delimiter=separator)
     writer.writerow([_quoted(str(name)) for name, _ in table.items()])
     writer.writerows(map(_quoted, row) for row in zip(*columns, strict=True))
     return encodable(text.getvalue())
@@ -143,8 +145,9 @@ def _quoted(value: object) -> object:
 
 
 def _is_number(text: str) -> bool:
+    """Whether it is a number, with a decimal point or comma."""
     try:
-        float(text)
+        float(text.replace(",", "."))
     except ValueError:
         return False
     return True

@@ -122,7 +122,7 @@ def length_uncertainty(
     a = batch(qa, arm.nq, "qa", "rad")
     b = batch(qb, arm.nq, "qb", "rad")
     if len(a) != len(b):
-        raise ShapeError(f"qb has {len(b)} configurations, expected {len(a)} as qa has")
+        raise ShapeError(f"qb has {len(b)} configurations; expected {len(a)} as qa has")
     sources = ErrorSources.of(model, at, encoder_noise, a, None)
     direction, _ = _directions(sources.positions(b) - sources.positions(a))
     first = _on_principal_axes(sources, _contributions(sources, a, direction))
@@ -153,7 +153,7 @@ def length_uncertainty_between(
             raise AacmmError(f"{postures}; expected at least one configuration within limits")
     if len(q_a) * len(q_b) > MOST_PAIRS:
         raise AacmmError(
-            f"{len(q_a)} × {len(q_b)} pairs of postures, expected at most {MOST_PAIRS}; take a "
+            f"{len(q_a)} × {len(q_b)} pairs of postures; expected at most {MOST_PAIRS}; take a "
             "smaller count"
         )
     sources = ErrorSources.of(loaded(model), a.at, encoder_noise, q_a, None)

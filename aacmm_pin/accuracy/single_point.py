@@ -60,11 +60,11 @@ def single_point_statistics(indications: ArrayLike, part: ArrayLike | None = Non
     """
     points = batch(indications, 3, "indications", "m")
     if len(points) < 2:
-        raise ShapeError(f"indications has {len(points)} records, expected at least 2")
+        raise ShapeError(f"indications has {len(points)} records; expected at least 2")
     flags = np.zeros(len(points), dtype=bool) if part is None else np.asarray(part)
     if flags.shape != (len(points),) or flags.dtype != np.bool_:
         raise ShapeError(
-            f"part is {flags.dtype} of shape {flags.shape}, expected one boolean for each of "
+            f"part is {flags.dtype} of shape {flags.shape}; expected one boolean for each of "
             f"{len(points)} records"
         )
     squares = np.square(points - points.mean(axis=0)).sum(axis=1)

@@ -209,7 +209,7 @@ def paired(circle: PosturesAtPoint, accuracy: AccuracyVolume) -> Index:
     inside = np.flatnonzero(circle.within_limits)
     if not np.array_equal(accuracy.q, circle.q[inside]):
         raise ShapeError(
-            f"accuracy has {len(accuracy.q)} configurations, expected the {len(inside)} of the "
+            f"accuracy has {len(accuracy.q)} configurations; expected the {len(inside)} of the "
             f"circle's {len(circle.q)} within limits: pass "
             "accuracy_volume(arm, circle.q[circle.within_limits], at=circle.at)"
         )
@@ -298,7 +298,7 @@ def accuracy_volume(
     q = batch(q, arm.nq, "q", "rad")
     if conditions is not None and conditions.n not in (1, len(q)):
         raise ShapeError(
-            f"conditions are of {conditions.n} records, expected {len(q)} as q has, or 1"
+            f"conditions are of {conditions.n} records; expected {len(q)} as q has, or 1"
         )
     sources = ErrorSources.of(model, at, encoder_noise, q, conditions)
     work: Callable[[Any], tuple[Array, ...]] = partial(_first_order, sources, method)

@@ -287,7 +287,7 @@ def map_workspace(
     """
     started = time.perf_counter()
     if min(cells) < 1:
-        raise AacmmError(f"cells are {cells}, expected at least 1 each way")
+        raise AacmmError(f"cells are {cells}; expected at least 1 each way")
     whole(cells[0] * cells[1], 1, "cells")
     sectors = whole(sectors, 1, "sectors")
     model = loaded(model)
@@ -390,7 +390,7 @@ def _extent(arm: Arm, extent: ArrayLike | None) -> Array:
     COORDINATE.check(box, "extent")
     if not (0 <= box[0] < box[1] and box[2] < box[3]):
         raise AacmmError(
-            f"extent is {(box / MM).tolist()} mm, expected 0 ≤ x from < x to and z from < z to"
+            f"extent is {(box / MM).tolist()} mm; expected 0 ≤ x from < x to and z from < z to"
         )
     return box
 
@@ -417,7 +417,7 @@ def _probe(
         )
     if conditions is not None and conditions.n != 1:
         raise ShapeError(
-            f"conditions are of {conditions.n} records, expected 1 that hold everywhere"
+            f"conditions are of {conditions.n} records; expected 1 that hold everywhere"
         )
     arm = ErrorModel.arm_of(model)
     q = np.clip(spread_angles(PROBES, arm.nq), arm.limits[:, 0], arm.limits[:, 1])

@@ -20,7 +20,7 @@ from .file import (
     validated,
 )
 from .limits import AT_LIMIT, inside_part, into_limits, outside_limits, whole_turn_notes
-from .parameter import Parameter, Scope
+from .parameter import Parameter, Scope, wide_half_width_notes
 from .poses import Poses
 from .random_postures import MARGIN, MOST_DRAWS, Room, joint_bounds, spread_postures
 from .urdf import urdf_text
@@ -73,4 +73,5 @@ __all__ = [
     "urdf_text",
     "validated",
     "whole_turn_notes",
+    "wide_half_width_notes",
 ]

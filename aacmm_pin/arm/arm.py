@@ -455,7 +455,7 @@ class Arm(Shown):
         errors = batch(errors, len(self.parameters), "errors", "m or rad")
         if len(q) not in (1, len(errors)):
             raise ShapeError(
-                f"q has {len(q)} rows, expected 1 or as many as errors has, {len(errors)}"
+                f"q has {len(q)} rows; expected 1 or as many as errors has, {len(errors)}"
             )
         q = np.broadcast_to(q, (len(errors), self.nq))
         return self._chain_of_parameters(at).positions(q, errors)
@@ -524,7 +524,7 @@ def _of_urdf_file(file: UrdfArmFile, path: str) -> Arm:
     if urdf.sha256 not in (None, sha256):
         expected = f"expected the one that {file.name} was made from, of SHA-256 {urdf.sha256}"
         raise ArmFileError(
-            path, "urdf.sha256", f"{urdf.file} was changed: it has {sha256}, {expected}"
+            path, "urdf.sha256", f"{urdf.file} was changed: it has {sha256}; {expected}"
         )
     try:
         nominal = serial_part(model, urdf.frame, mimics)
@@ -537,7 +537,7 @@ def _of_urdf_file(file: UrdfArmFile, path: str) -> Arm:
         raise ArmFileError(
             path,
             "joints",
-            f"are {stated}, expected those that move {urdf.frame!r}: {', '.join(names)}",
+            f"are {stated}; expected those that move {urdf.frame!r}: {', '.join(names)}",
         )
     return _corrected(nominal, file.model_copy(update={"joints": joints}))
 
@@ -598,7 +598,7 @@ def as_arm(given: object, name: str = "arm") -> Arm:
         return Arm.load(given)
     held = " of the model: its .arm" if isinstance(getattr(given, "arm", None), Arm) else ""
     raise AacmmError(
-        f"{name} is of type {type(given).__name__}, expected an Arm, or its name or path{held}"
+        f"{name} is of type {type(given).__name__}; expected an Arm, or its name or path{held}"
     )
 
 

@@ -132,6 +132,6 @@ def table(
     flags = np.ones(len(rows), dtype=bool) if moving is None else np.array(moving, dtype=bool)
     if flags.shape != (len(rows),):
         raise ShapeError(
-            f"moving has {flags.size} entries, expected one for each of the {len(rows)} rows"
+            f"moving has {flags.size} entries; expected one for each of the {len(rows)} rows"
         )
     return DHTable(rows[:, 0], rows[:, 1], rows[:, 2], rows[:, 3], flags, convention)

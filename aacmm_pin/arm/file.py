@@ -72,6 +72,13 @@ DEEPEST = 20
 MANY_KEY_PARTS = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++[ \t]*+\.[ \t]*+){100}""")
 """A dotted key of more than a hundred parts: Python's parser takes their square in time and memory.
 """
+DECIMAL_COMMA = re.compile(r"=\s*([+-]?[0-9]{1,9},[0-9]{1,17})")
+"""A value with a decimal comma, which is none in TOML."""
+TABLE = re.compile(
+    rb"(?:[ \t\r]*(?:#[^\n]*)?\n)*+"  # comments
+    rb"(?=[^=\n]*(?:\n|$))[^,;\t\n]*[,;\t]"
+)
+"""A file whose first line has several cells, as that of a CSV file."""
 
 MOST_EFFECTS = 1000
 """Causes of error that a file may add; `diagnose` finds a handful."""
@@ -115,11 +122,11 @@ class _WithAngles(_Part):
         found = {key: value for key, value in data.items() if key not in in_degrees}
         for key, name in in_degrees.items():
             if name in data:
-                raise ValueError(f"{key} beside {name}, expected one of them")
+                raise ValueError(f"{key} beside {name}; expected one of them")
             numbers = data[key] if isinstance(data[key], list) else [data[key]]
             if any(type(number) not in (int, float) for number in numbers):
                 raise ValueError(
-                    f"{key} is {reprlib.repr(data[key])}, expected degrees as {name} has radians"
+                    f"{key} is {reprlib.repr(data[key])}; expected degrees as {name} has radians"
                 )
             radians = [
                 number * DEG if abs(number) < LARGEST_DEG else math.inf for number in numbers
@@ -166,13 +173,13 @@ class Row(_WithAngles):
                 "a fixed row has no joint: expected no limits_rad and no encoder_noise_rad"
             )
         if not self.fixed and self.limits_rad is None:
-            raise ValueError("limits_rad is missing, expected [lower, upper] for a joint")
+            raise ValueError("limits_rad is missing; expected [lower, upper] for a joint")
         if self.limits_rad is not None and not self.limits_rad[0] < self.limits_rad[1]:
             raise ValueError(
-                f"limits_rad is {list(self.limits_rad)}, expected the lower limit first"
+                f"limits_rad is {list(self.limits_rad)}; expected the lower limit first"
             )
         if self.com_mm is not None and self.mass_kg is None:
-            raise ValueError("com_mm without mass_kg, expected both")
+            raise ValueError("com_mm without mass_kg; expected both")
         return self
 
 
@@ -184,7 +191,7 @@ class Stylus(_Part):
     @model_validator(mode="after")
     def _has_length(self) -> Stylus:
         if not any(self.axis):
-            raise ValueError("axis is [0, 0, 0], expected a direction")
+            raise ValueError("axis is [0, 0, 0]; expected a direction")
         return self
 
 
@@ -262,7 +269,7 @@ class Covariance(_Part):
             raise ValueError("parameters names one of them twice")
         if len(self.standard_uncertainty_si) != n:
             raise ValueError(
-                f"standard_uncertainty_si has {len(self.standard_uncertainty_si)} numbers, "
+                f"standard_uncertainty_si has {len(self.standard_uncertainty_si)} numbers; "
                 f"expected {n}"
             )
         if [len(row) for row in self.correlation] != list(range(n)):
@@ -372,7 +379,7 @@ class UrdfArmFile(AnyArmFile):
     def _of_one_urdf(self) -> UrdfArmFile:
         if self.urdf.sha256 is None and (self.joints or self.covariance is not None):
             raise ValueError(
-                "urdf.sha256 is missing, expected that of the URDF for which joints and "
+                "urdf.sha256 is missing; expected that of the URDF for which joints and "
                 "covariance hold"
             )
         _check_noise(
@@ -403,10 +410,10 @@ class ArmFile(AnyArmFile):
     @model_validator(mode="after")
     def _has_a_joint(self) -> ArmFile:
         if all(row.fixed for row in self.joints):
-            raise ValueError("every row is fixed, expected at least one joint")
+            raise ValueError("every row is fixed; expected at least one joint")
         if len(self.moving_rows) > MOST_JOINTS:
             raise ValueError(
-                f"{len(self.moving_rows)} rows have a joint, expected at most {MOST_JOINTS}"
+                f"{len(self.moving_rows)} rows have a joint; expected at most {MOST_JOINTS}"
             )
         _check_noise(
             {
@@ -431,14 +438,14 @@ class ArmFile(AnyArmFile):
         size = sum(abs(row.a_mm) + abs(row.d_mm) for row in self.joints)
         if size * MM < SMALLEST_ARM:
             raise ValueError(
-                f"all lengths a_mm and d_mm add up to {size:g} mm, expected at least "
+                f"all lengths a_mm and d_mm add up to {size:g} mm; expected at least "
                 f"{SMALLEST_ARM / MM:g} mm"
             )
         for number, row in enumerate(self.joints, start=1):
             for key in ("a_mm", "d_mm"):
                 if row.uncertainty is not None and (half := getattr(row.uncertainty, key)) > size:
                     raise ValueError(
-                        f"joints[{number}].uncertainty.{key} is {half:g}, expected at most "
+                        f"joints[{number}].uncertainty.{key} is {half:g}; expected at most "
                         f"{size:g} mm, all lengths of the arm together"
                     )
         return self
@@ -576,7 +583,14 @@ def toml_of(content: bytes, refused: Callable[[str], AacmmError]) -> dict[str, A
         raise refused("not TOML: nested too deep") from None
     # a TOMLDecodeError, or an integer of thousands of digits, with advice for programmers
     except ValueError as error:
-        raise refused(f"not TOML: {str(error).partition('; use sys.')[0]}") from None
+        said = str(error).partition("; use sys.")[0]
+        place = re.search("at line ([0-9]+)", said)
+        number = int(place[1]) if place else 0
+        if comma := DECIMAL_COMMA.search(["", *text.split("\n")][number]):
+            raise refused(
+                f"line {number}: {comma[1]!r}; expected a number with a decimal point"
+            ) from None
+        raise refused(f"not TOML: {said}") from None
 
 
 def parse_arm_file(content: bytes, path: str) -> ArmFile | UrdfArmFile:
@@ -591,6 +605,10 @@ def parse_arm_file(content: bytes, path: str) -> ArmFile | UrdfArmFile:
             )
         return ArmFileError(path, "", message)
 
+    if TABLE.match(content):
+        raise ArmFileError(
+            path, "", "is a table (CSV); expected an arm file (TOML); state ARM first, then DATA"
+        )
     data = toml_of(content, refused)
     _check_depth(data, path)
     if "urdf" not in data:
@@ -664,7 +682,7 @@ def _problem(item: Any, kind: type[AnyArmFile]) -> tuple[str, str]:
         case _:
             expected = re.sub(r"^\w+ should (be|have) ", "", item["msg"])
             expected = re.sub("[0-9]{16,}", lambda digits: f"{float(digits[0]):g}", expected)
-    return key, f"is {reprlib.repr(item['input'])}, expected {expected}"
+    return key, f"is {reprlib.repr(item['input'])}; expected {expected}"
 
 
 def arm_text(arm: ArmFile | UrdfArmFile, comment: str = "", path: str | Path | None = None) -> str:

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 from aacmm_pin._support.display import Shown
+from aacmm_pin._support.notes import Note
+from aacmm_pin._support.plausible import WIDEST_HALF_WIDTHS
 
 Scope = Literal["arm", "session", "record"]
 
@@ -47,3 +50,16 @@ class Parameter(Shown):
         """
         u = (half_width or 0.0) / math.sqrt(3.0)
         return Parameter(name, kind, joint, unit, value, half_width, u)
+
+
+def wide_half_width_notes(parameters: Sequence[Parameter]) -> list[Note]:
+    """A note for lengths, and one for angles, whose half-widths are larger than those of an arm as
+    assembled; none otherwise.
+    """
+    found = []
+    for code, unit in (("length_half_widths_large", "m"), ("angle_half_widths_large", "rad")):
+        stated = {p.name: p.half_width or 0.0 for p in parameters if p.unit == unit}
+        wide = {name: width for name, width in stated.items() if width > WIDEST_HALF_WIDTHS[unit]}
+        if wide:
+            found.append(Note(code, {"parameters": [*wide], "most": max(wide.values())}))
+    return found

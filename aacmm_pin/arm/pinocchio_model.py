@@ -62,7 +62,7 @@ def serial_part(
         joint = model.parents[joint]
     if len(chain) > MOST_JOINTS:
         raise UnsupportedArmError(
-            f"{model.name}: {len(chain)} joints move frame {frame!r}, expected at most "
+            f"{model.name}: {len(chain)} joints move frame {frame!r}; expected at most "
             f"{MOST_JOINTS}"
         )
     names = [model.names[joint] for joint in chain]

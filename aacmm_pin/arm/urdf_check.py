@@ -69,7 +69,7 @@ def read_urdf(path: str | Path) -> tuple[str, str, dict[str, tuple[str, str]]]:
     joints = robot.findall("joint")
     if len(links) > MAX_LINKS:
         raise _refused(
-            links[MAX_LINKS], f"is one of {len(links)} links, expected at most {MAX_LINKS}"
+            links[MAX_LINKS], f"is one of {len(links)} links; expected at most {MAX_LINKS}"
         )
     named = _by_name(joints)
     _check_tree(robot, _by_name(links), named)
@@ -105,7 +105,7 @@ def parsed_urdf(content: bytes, path: str) -> Element:
     if root is None:
         raise ArmFileError(path, "", "not a URDF: no well-formed XML: it has no element")
     if root.getroottree().docinfo.internalDTD is not None:
-        raise ArmFileError(path, "", "may define an entity, expected plain URDF without DOCTYPE")
+        raise ArmFileError(path, "", "may define an entity; expected plain URDF without DOCTYPE")
     for element in root.iter(etree.Element):
         if "xacro" in element.tag:
             raise _refused(element, "expected plain URDF; the program xacro makes it")
@@ -163,13 +163,13 @@ def _numbers(
         values = ()
     if len(values) != count or len(text.split()) != count:
         raise _refused(
-            element, f"{name} is {text[:80]!r}, expected {count} number{'s' * (count > 1)}"
+            element, f"{name} is {text[:80]!r}; expected {count} number{'s' * (count > 1)}"
         )
     if any(not abs(value) <= largest for value in values):
         hint = "; perhaps these are degrees" if name == "rpy" else ""
         if element.tag == "limit":
             hint = "; without limits, write type continuous"
-        raise _refused(element, f"{name} is {text[:80]!r}, expected numbers to ±{largest:g}{hint}")
+        raise _refused(element, f"{name} is {text[:80]!r}; expected numbers to ±{largest:g}{hint}")
     return values
 
 
@@ -184,7 +184,7 @@ def _child(element: Element, tag: str) -> Element | None:
     for name in found[0].attrib if known else ():
         if name not in known:
             raise _refused(
-                found[0], f"{name} is not known there, expected {' and '.join(known)} alone"
+                found[0], f"{name} is not known there; expected {' and '.join(known)} alone"
             )
     return found[0]
 
@@ -269,7 +269,7 @@ def _add_link(root: Element, link: Element) -> None:
     inertia = _child(inertial, "inertia")
     (kilograms,) = _numbers(mass, "value", None, MAX_INERTIA)
     if kilograms < 0:
-        raise _refused(mass, f"value is {kilograms:g}, expected a mass that is not negative")
+        raise _refused(mass, f"value is {kilograms:g}; expected a mass that is not negative")
     etree.SubElement(body, "mass", value=repr(kilograms))
     moments = etree.SubElement(body, "inertia", dict.fromkeys(MOMENTS, "0"))
     for name in MOMENTS if inertia is not None else ():
@@ -279,7 +279,7 @@ def _add_link(root: Element, link: Element) -> None:
 def _add_joint(root: Element, joint: Element) -> None:
     kind = _text(joint, "type")
     if kind not in JOINT_TYPES:
-        raise _refused(joint, f"type is {kind!r}, expected one of {', '.join(JOINT_TYPES)}")
+        raise _refused(joint, f"type is {kind!r}; expected one of {', '.join(JOINT_TYPES)}")
     written = "revolute" if kind == "continuous" else kind
     new = etree.SubElement(root, "joint", name=joint.get("name"), type=written)
     for tag in ("parent", "child"):
@@ -301,7 +301,7 @@ def _limits(joint: Element, kind: str) -> tuple[float, float]:
     (upper,) = _numbers(limit, "upper", (0.0,), LARGEST_ANGLE)
     if lower > upper:
         raise _refused(
-            limit, f"lower is {lower:g} and upper {upper:g}, expected the lower limit first"
+            limit, f"lower is {lower:g} and upper {upper:g}; expected the lower limit first"
         )
     for name, angle in {"lower": lower, "upper": upper}.items():
         refused = like_degrees(angle) if kind == "revolute" else None
@@ -315,7 +315,7 @@ def _direction(axis: Element) -> tuple[float, ...]:
     values = _numbers(axis, "xyz", (1.0, 0.0, 0.0), math.inf)
     size = max(abs(value) for value in values)
     if size == 0 or not math.isfinite(size):
-        raise _refused(axis, f"xyz is {axis.get('xyz')!r}, expected a direction")
+        raise _refused(axis, f"xyz is {axis.get('xyz')!r}; expected a direction")
     return values if 1e-3 < size < 1e3 else tuple(value / size for value in values)
 
 

@@ -169,7 +169,7 @@ def initial_point(problem: Problem, observations: Observations) -> Point:
     enough = known.sum() >= FEWEST_PLACED
     if problem.external and not enough:
         raise AacmmError(
-            f"{known.sum()} records have reference coordinates, expected 3 or more to find "
+            f"{known.sum()} records have reference coordinates; expected 3 or more to find "
             "their frame"
         )
     if offsets.size and enough:

@@ -68,7 +68,7 @@ def _stated(text: str) -> dict[str, Any]:
         return {name: value}
     if Path(text).suffix != ".toml" and not Path(text).exists():
         raise typer.BadParameter(
-            f"--mpe {text}, expected CHARACTERISTIC=MM, such as E_Uni=0.1, or a TOML file of such"
+            f"--mpe {text}; expected CHARACTERISTIC=MM, such as E_Uni=0.1, or a TOML file of such"
         )
     refused = partial(_refused, text)
     return toml_of(content_of(text, MOST_BYTES, "MPEs, *.toml,", refused), refused)
@@ -84,5 +84,5 @@ def _limit(name: str, value: object) -> float:
         return number(str(value)) * MM
     except ValueError:
         raise AacmmError(
-            f"MPE of {name} is {value!r}, expected a number of millimetres, with a decimal point"
+            f"MPE of {name} is {value!r}; expected a number of millimetres, with a decimal point"
         ) from None

@@ -10,13 +10,14 @@ import typer
 
 from aacmm_pin._support import plausible
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.arm import EXAMPLE_ROBOTS, Arm, bundled_arms
+from aacmm_pin.arm import EXAMPLE_ROBOTS, Arm, bundled_arms, wide_half_width_notes
 from aacmm_pin.cli.common import (
     ARM,
     NOISE,
     angle_option,
     length_option,
     note,
+    warn,
 )
 from aacmm_pin.effects import ErrorModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
@@ -117,7 +118,10 @@ class AnyArm(UrdfArm):
         """
         if (self.arm is None) == (self.urdf is None):
             raise typer.BadParameter("expected ARM, or --urdf FILE --frame NAME instead")
-        return self.of_urdf(**half_widths) or ErrorModel.load(str(self.arm))
+        model = self.of_urdf(**half_widths) or ErrorModel.load(str(self.arm))
+        for line in wide_half_width_notes(model.arm.parameters):
+            warn(line)
+        return model
 
 
 @dataclass(frozen=True)

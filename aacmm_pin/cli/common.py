@@ -97,7 +97,8 @@ def angle_option(help_: str, panel: str | None = None) -> Any:
             return in_radians(text)
         except ValueError:
             raise typer.BadParameter(
-                f"{text!r}; expected an angle in rad, or with one of {', '.join(ANGLES)}"
+                f"{text!r}; expected an angle with a decimal point, in rad or with one of "
+                f"{', '.join(ANGLES)}"
             ) from None
 
     return typer.Option(parser=angle, metavar="ANGLE", help=help_, rich_help_panel=panel)

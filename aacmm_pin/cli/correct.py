@@ -9,7 +9,6 @@ import typer
 
 from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin._support.file_problems import rows_in_words
-from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.accuracy import AccuracyVolume, accuracy_volume, expanded
 from aacmm_pin.arm import Arm, outside_limits
@@ -99,7 +98,7 @@ def run(
             raise typer.BadParameter(
                 "--orientation cannot be combined with --commands, which keep the orientation"
             )
-        table, _, read_as = read_table(path)
+        table, _, read_as, dialect = read_table(path)
         unit = "rad" if "theta1_rad" in table else "deg"
         of_tips = CORRECTED + CORRECTED_ORIENTATION * (orientation or ORIENTATION[0] in table)
         of_commands = (
@@ -145,7 +144,7 @@ def run(
         columns = {
             name: _as_filed(name, values) for name, values in zip(names, found.T, strict=True)
         }
-        results.text(csv_text(table.assign(**columns)), output)
+        results.text(dialect.text(table.assign(**columns)), output)
     effects = ", ".join(effect.label for effect in model.effects) or "its geometry alone"
     done = np.isfinite(found[:, 0]).sum()
     status(f"{path}: {done} of {readings.n} readings corrected by {model.arm.name} with {effects}")
@@ -173,7 +172,7 @@ def _nominal(name: str | None, model: ErrorModel) -> ErrorModel | None:
     if before.arm.nq != model.arm.nq:
         expected = f"expected {model.arm.nq} as {model.arm.name} has"
         raise AacmmError(
-            f"--nominal {name}: {before.arm.name} has {before.arm.nq} joints, {expected}"
+            f"--nominal {name}: {before.arm.name} has {before.arm.nq} joints; {expected}"
         )
     return before
 

@@ -72,7 +72,7 @@ def import_plugin(name: str) -> ModuleType:
     taken = other is not None and other.origin != str(path)
     if taken or path.stem in sys.stdlib_module_names:
         raise AacmmError(
-            f"{path.stem} is the name of an installed module, expected another name of the file"
+            f"{path.stem} is the name of an installed module; expected another name of the file"
         )
     spec = importlib.util.spec_from_file_location(path.stem, path)
     assert spec is not None

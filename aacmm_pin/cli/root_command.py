@@ -54,8 +54,22 @@ USAGE_ERROR: Any = typer.BadParameter.__base__
 INTERRUPTED = "interrupted; every file is complete or unchanged"
 
 
+EXPECTED = {"float_parsing": "a number with a decimal point", "int_parsing": "a whole number"}
+"""What an option takes, by the code that pydantic gives to text that is none."""
+
+
 class _Subcommand(TyperCommand):
     """One that may write files: signals let it take away what is half-written."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Read the options; a number that is none is quoted."""
+        try:
+            return super().parse_args(ctx, args)
+        except typer.BadParameter as error:
+            (problem, *_) = getattr(error.__cause__, "errors", lambda: [{"type": ""}])()
+            if expected := EXPECTED.get(problem["type"]):
+                error.message = f"{problem['input']!r}; expected {expected}"
+            raise
 
     def invoke(self, ctx: Any) -> Any:
         """Do what was asked."""

@@ -94,12 +94,12 @@ def _posture(arm: Arm, text: str | None) -> Array:
         numbers = [float(word) for word in text.replace(",", " ").split()]
     except ValueError:
         raise AacmmError(
-            f"--theta-deg is {text!r}, expected {arm.nq} numbers such as "
+            f"--theta-deg is {text!r}; expected {arm.nq} numbers such as "
             f"{' '.join(['0'] * arm.nq)!r}"
         ) from None
     if len(numbers) != arm.nq:
         raise AacmmError(
-            f"--theta-deg has {len(numbers)} numbers, expected {arm.nq}, one for each joint of "
+            f"--theta-deg has {len(numbers)} numbers; expected {arm.nq}, one for each joint of "
             f"{arm.name}"
         )
     return np.array(numbers) * np.where(slides, MM, DEG)

@@ -62,11 +62,11 @@ def register(cause: _Own) -> _Own:
         CauseError: it has no ``displacements``, or states something of itself that cannot be.
     """
     if not (isinstance(cause, type) and issubclass(cause, Effect)):
-        raise AacmmError(f"{cause!r} is no cause, expected a class derived from Effect")
+        raise AacmmError(f"{cause!r} is no cause; expected a class derived from Effect")
     own = cause.__name__
     name = getattr(cause, "cause", None)
     if not (isinstance(name, str) and re.fullmatch("[a-z][a-z0-9_]*", name)):
-        raise AacmmError(f"{own}: cause is {name!r}, expected small letters, digits and _")
+        raise AacmmError(f"{own}: cause is {name!r}; expected small letters, digits and _")
     there = CAUSES.get(name, cause)
     if (there.__module__, there.__qualname__) != (cause.__module__, cause.__qualname__):
         taken = f"{there.__module__}.{there.__qualname__}"
@@ -114,7 +114,7 @@ def _check_attribute(
     if isinstance(stated, property):
         return
     if not isinstance(stated, kind) or not check(stated):
-        raise CauseError(cause.cause, f"{name} is {stated!r}, expected {expected}")
+        raise CauseError(cause.cause, f"{name} is {stated!r}; expected {expected}")
 
 
 def _checked(method: _Method, name: str) -> _Method:
@@ -149,9 +149,9 @@ def _check(effect: Effect, method: str, moved: Any, state: State) -> None:
     last = state.arm.chain.tip
     if numbers.shape not in ((state.n, *width), (1, *width)):
         came = f"{method}: {what} have shape {numbers.shape}"
-        raise CauseError(effect.label, f"{came}, expected {(state.n, *width)} or {(1, *width)}")
+        raise CauseError(effect.label, f"{came}; expected {(state.n, *width)} or {(1, *width)}")
     if place not in range(last + 1):
-        raise CauseError(effect.label, f"{method}: place is {place!r}, expected 0 to {last}")
+        raise CauseError(effect.label, f"{method}: place is {place!r}; expected 0 to {last}")
     rows = np.abs(numbers.reshape(len(numbers), -1))
     wrong = np.flatnonzero(~(rows <= LARGEST_COLUMN).all(axis=1))
     if wrong.size:
@@ -223,7 +223,7 @@ def _candidates(cause: type[Effect], arm: Arm, records: Records | None) -> list[
         if not effects or not all(isinstance(effect, cause) for effect in effects):
             expected = f"expected tuples of one {cause.__name__} or more"
             came = f"candidates gives {reprlib.repr(variants)}"
-            raise CauseError(cause.cause, f"{came}, {expected}")
+            raise CauseError(cause.cause, f"{came}; {expected}")
     return given
 
 

@@ -44,7 +44,7 @@ class JointCompliance(GravityEffect):
         super().__post_init__()
         if self.torque not in ("gravity", "measured"):
             raise AacmmError(
-                f"{self.label}: torque is {self.torque!r}, expected 'gravity' or 'measured'"
+                f"{self.label}: torque is {self.torque!r}; expected 'gravity' or 'measured'"
             )
         if self.torque == "measured" and (self.bodies or self.load_at is not None):
             raise AacmmError(
@@ -96,7 +96,7 @@ class JointCompliance(GravityEffect):
         number = state.joint(self.joint)
         if state.arm.chain.prismatic[number]:
             raise UnsupportedArmError(
-                f"{self.label}: joint {self.joint} of {state.arm.name} is prismatic, "
+                f"{self.label}: joint {self.joint} of {state.arm.name} is prismatic; "
                 "expected a revolute joint"
             )
         if self.torque == "measured":

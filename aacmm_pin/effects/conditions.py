@@ -79,7 +79,7 @@ class Conditions(Shown):
     def __post_init__(self) -> None:
         """What is given, as arrays of its own."""
         if self.n < 0:
-            raise ShapeError(f"conditions are of {self.n} records, expected 0 or more")
+            raise ShapeError(f"conditions are of {self.n} records; expected 0 or more")
         for name in self.present:
             values = getattr(self, name)
             given: NDArray[Any]
@@ -90,7 +90,7 @@ class Conditions(Shown):
             else:
                 given = batch(values, width_of(values), name, CONDITION_UNITS[name])
             if len(given) != self.n:
-                raise ShapeError(f"{name} has {len(given)} rows, expected {self.n}: one a record")
+                raise ShapeError(f"{name} has {len(given)} rows; expected {self.n}: one a record")
             if name == "approach" and not np.isin(given, (-1.0, 0.0, 1.0)).all():
                 raise ShapeError("approach holds other numbers than -1, 0 and 1")
             object.__setattr__(self, name, given)
@@ -196,8 +196,8 @@ def labels_of(name: str, values: ArrayLike, n: int) -> Labels:
     """
     labels = np.array(values, dtype=object)
     if labels.shape != (n,):
-        raise ShapeError(f"{name} has shape {labels.shape}, expected ({n},) labels")
+        raise ShapeError(f"{name} has shape {labels.shape}; expected ({n},) labels")
     for i, label in enumerate(labels):
         if not isinstance(label, str):
-            raise ShapeError(f"{name}[{i}] is {label!r}, expected text, '' where there is none")
+            raise ShapeError(f"{name}[{i}] is {label!r}; expected text, '' where there is none")
     return labels

@@ -84,7 +84,7 @@ class Carrier:
     def __post_init__(self) -> None:
         if not CARRIERS.fullmatch(self.name):
             raise AacmmError(
-                f"a discrepancy acts on {self.name!r}, expected room, target, lengths, tubes, or "
+                f"a discrepancy acts on {self.name!r}; expected room, target, lengths, tubes, or "
                 "before j, angle j, slide j, tube j of row j"
             )
 
@@ -216,7 +216,7 @@ class Discrepancy(Effect):
             self._check_directions()
         elif self.size != first.coefficients:
             raise AacmmError(
-                f"{self.label}: {self.size} values, expected {first.coefficients} coefficients"
+                f"{self.label}: {self.size} values; expected {first.coefficients} coefficients"
             )
         super().__post_init__()
 

@@ -78,7 +78,7 @@ class Term:
             number = getattr(self, name)
             if not (isinstance(number, int | float) and 0.0 < number < math.inf):
                 raise AacmmError(
-                    f"Term {self.key!r}: {name} is {number!r}, expected a number above 0"
+                    f"Term {self.key!r}: {name} is {number!r}; expected a number above 0"
                 )
 
     @property
@@ -181,7 +181,7 @@ class Effect(Shown, ABC):
             row = getattr(self, name, default)
             if row is not default and not _is_row(row):
                 raise AacmmError(
-                    f"{self.cause}: {name} is {reprlib.repr(row)}, expected the number of a row, "
+                    f"{self.cause}: {name} is {reprlib.repr(row)}; expected the number of a row, "
                     f"from 1 to {MOST_ROWS} at most"
                 )
         count = len(self.terms)
@@ -189,21 +189,21 @@ class Effect(Shown, ABC):
             numbers = tuple(map(float, getattr(self, name))) or (0.0,) * count
             if len(numbers) != count or not all(map(math.isfinite, numbers)):
                 raise AacmmError(
-                    f"{self.label}: {name} is {numbers}, expected {count} finite numbers"
+                    f"{self.label}: {name} is {numbers}; expected {count} finite numbers"
                 )
             object.__setattr__(self, name, numbers)
         if min(self.u, default=0.0) < 0.0:
-            raise AacmmError(f"{self.label}: u is {self.u}, expected numbers that are not negative")
+            raise AacmmError(f"{self.label}: u is {self.u}; expected numbers that are not negative")
         field = self.nonlinear.field
         above = self.nonlinear.above
         if field and not above < getattr(self, field) <= LATEST:
             expected = f"a number above {above:g} and not above {LATEST:g}"
             raise AacmmError(
-                f"{self.label}: {field} is {getattr(self, field)}, expected {expected}"
+                f"{self.label}: {field} is {getattr(self, field)}; expected {expected}"
             )
         if not 0.0 <= self.nonlinear_u <= (LATEST if field else 0.0):
             came = f"{self.label}: u of {field or 'no field'} is {self.nonlinear_u}"
-            raise AacmmError(f"{came}, expected a number from 0 to {LATEST:g}")
+            raise AacmmError(f"{came}; expected a number from 0 to {LATEST:g}")
 
     @property
     @abstractmethod

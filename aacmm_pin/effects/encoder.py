@@ -130,7 +130,7 @@ class _Polar(Notation):
         amplitude, phase = (parameters.get(key, 0.0) for key in keys)
         if abs(phase) > LARGEST_ANGLE:
             expected = f"expected at most {LARGEST_ANGLE:g}"
-            raise AacmmError(f"{effect.label}: phase_rad is {phase:g}, {expected}")
+            raise AacmmError(f"{effect.label}: phase_rad is {phase:g}; {expected}")
         return (amplitude * np.cos(phase), amplitude * np.sin(phase))
 
 
@@ -180,7 +180,7 @@ class EncoderEccentricity(_Periodic):
         amplitude = math.hypot(*self.values)
         if amplitude >= 1.0:
             raise AacmmError(
-                f"{self.label}: amplitude is {amplitude:g}, expected less than 1, the radius of "
+                f"{self.label}: amplitude is {amplitude:g}; expected less than 1, the radius of "
                 "the disc"
             )
         return [(place, np.arcsin(linear)) for place, linear in super().exact(state)]

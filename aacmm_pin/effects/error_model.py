@@ -364,13 +364,13 @@ class ErrorModel(Shown):
         conditions = Conditions(len(q)) if conditions is None else conditions
         if conditions.n != len(q):
             raise ShapeError(
-                f"conditions are of {conditions.n} records, expected {len(q)} as q has"
+                f"conditions are of {conditions.n} records; expected {len(q)} as q has"
             )
         for name in ("approach", "torque"):
             values = getattr(conditions, name)
             if values is not None and values.shape[1] != self.arm.nq:
                 raise ShapeError(
-                    f"{name} has {values.shape[1]} columns, expected {self.arm.nq}, one of "
+                    f"{name} has {values.shape[1]} columns; expected {self.arm.nq}, one of "
                     "each joint"
                 )
         return displaced(self.arm, self.effects, q, conditions, self.arm.place(at), as_referenced)
@@ -475,7 +475,7 @@ def as_causes(
     each = [causes] if isinstance(causes, Effect | str) else list(causes)
     if wrong := [given for given in each if not isinstance(given, Effect | str)]:
         came = f"{type(wrong[0]).__name__} is among the causes"
-        raise AacmmError(f"{came}, expected an Effect, or a text such as 'encoder_gain:5'")
+        raise AacmmError(f"{came}; expected an Effect, or a text such as 'encoder_gain:5'")
     effects = tuple(given for given in each if isinstance(given, Effect))
     if len(effects) == len(each):
         return effects

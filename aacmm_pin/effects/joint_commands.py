@@ -54,7 +54,7 @@ def joint_commands(
     nominal = ErrorModel.of(nominal)
     if nominal.arm.nq != model.arm.nq:
         raise ShapeError(
-            f"{nominal.arm.name} has {nominal.arm.nq} joints, expected {model.arm.nq} as "
+            f"{nominal.arm.name} has {nominal.arm.nq} joints; expected {model.arm.nq} as "
             f"{model.arm.name} has"
         )
     if model.arm.tip_on_target and not nominal.arm.tip_on_target:

@@ -261,7 +261,7 @@ def as_read(filed: dict[str, Any]) -> Smooth:
         raise AacmmError(f"functions: {came}; expected {expected}") from None
     if not re.fullmatch(QUANTITIES_OF_KIND[found.kind], found.of):
         raise AacmmError(
-            f"functions: {found.kind} of {found.of!r}, expected {QUANTITIES_OF_KIND[found.kind]}"
+            f"functions: {found.kind} of {found.of!r}; expected {QUANTITIES_OF_KIND[found.kind]}"
         )
     return found
 

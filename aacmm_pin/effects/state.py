@@ -94,7 +94,7 @@ class State:
         """
         rows = self.arm.chain.rows
         if not 1 <= row <= rows:
-            raise AacmmError(f"{self.arm.name} has no row {row}, expected 1 to {rows}")
+            raise AacmmError(f"{self.arm.name} has no row {row}; expected 1 to {rows}")
         return row
 
     def bearing(self, row: int) -> int:

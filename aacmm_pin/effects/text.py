@@ -105,7 +105,7 @@ def _items(text: str, rest: list[str], kind: type[Effect]) -> list[tuple[str, st
             name = location
             value = item
         elif not (equals and name):
-            raise AacmmError(f"{text!r}: {item!r} has no value, expected {_form(kind)}")
+            raise AacmmError(f"{text!r}: {item!r} has no value; expected {_form(kind)}")
         found.append((name, value))
     return found
 
@@ -128,7 +128,7 @@ def _number(text: str, name: str, value: str) -> float:
         return in_radians(value) if is_angle else number(value)
     except ValueError:
         example = ", such as 8urad" if is_angle else ""
-        raise AacmmError(f"{text!r}: {name} is {value!r}, expected a number{example}") from None
+        raise AacmmError(f"{text!r}: {name} is {value!r}; expected a number{example}") from None
 
 
 def _form(kind: type[Effect]) -> str:
@@ -173,7 +173,7 @@ def _checked_field(kind: type[Effect], name: str, value: Any) -> Any:
     except ValidationError as error:
         expected = error.errors()[0]["msg"].removeprefix("Input should be ")
         came = reprlib.repr(value)
-        raise AacmmError(f"{kind.cause}: {name} is {came}, expected {expected}") from None
+        raise AacmmError(f"{kind.cause}: {name} is {came}; expected {expected}") from None
 
 
 def require_plausible(effect: AnyEffect) -> AnyEffect:
@@ -189,7 +189,7 @@ def require_plausible(effect: AnyEffect) -> AnyEffect:
                 came = f"{size / term.scale:g}"
                 expected = f"{limit / term.scale:g}"
                 place = f"{effect.label}: {what}{term.key}"
-                raise AacmmError(f"{place} is {came}, expected at most {expected}")
+                raise AacmmError(f"{place} is {came}; expected at most {expected}")
     return effect
 
 
@@ -204,7 +204,7 @@ def require_sign(effect: AnyEffect) -> AnyEffect:
     for term, value, u in zip(effect.terms, effect.values, effect.u, strict=True):
         if term.positive and value < 0 and u == 0:
             came = f"{effect.label}: {term.key} is {value / term.scale:g}"
-            raise AacmmError(f"{came}, expected a number that is not negative")
+            raise AacmmError(f"{came}; expected a number that is not negative")
     return effect
 
 

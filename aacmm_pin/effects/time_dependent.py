@@ -210,7 +210,7 @@ class EncoderSlip(Effect):
         gap = self.between_s
         if gap and not (len(gap) == 2 and gap[0] <= self.time_s <= gap[1]):
             expected = f"expected two times, time_s, {self.time_s:g}, between them"
-            raise AacmmError(f"{self.label}: between_s is {gap}, {expected}")
+            raise AacmmError(f"{self.label}: between_s is {gap}; {expected}")
 
     @property
     def identity(self) -> tuple[object, ...]:

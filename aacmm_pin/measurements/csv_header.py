@@ -39,6 +39,8 @@ wrong in ten.
 OTHER_UNITS = frozenset(
     ["m", "cm", "um", "µm", "in", "inch", "k", "f", "ms", "min", "nmm", "mrad", "gon", "arcsec"]
 )
+SPELLED = {"°c": "c", "°": "deg", "θ": "theta"}
+"""Signs in names, and the letters that our names have in their stead."""
 MOST_NAMES = 8
 """So many columns are listed."""
 
@@ -83,7 +85,7 @@ def read_header(names: Sequence[object], nq: int | None, problems: Problems) -> 
         if each_joint and columns and joints and len(columns) != joints:
             problems.add(
                 span(columns),
-                f"{len(columns)} columns, expected one for each of the {joints} joints",
+                f"{len(columns)} columns; expected one for each of the {joints} joints",
             )
     _check_companions({*texts}, problems)
     _check_temperatures({*texts}, joints, header.numbered[LINK_TEMPERATURE], problems)
@@ -108,7 +110,7 @@ def checked_names(
             problems.add("", f"column {place} of {len(names)} has no name{came}; {expected}")
     for name, count in Counter(texts).items():
         if count > 1 and name.strip():
-            problems.add(name, f"is there {count} times, expected each name once in the header")
+            problems.add(name, f"is there {count} times; expected each name once in the header")
     unknown = [name for name in dict.fromkeys(texts) if column_of(name, columns) is None]
     most = plausible.MOST_UNKNOWN
     if len(unknown) > most:
@@ -123,8 +125,9 @@ def checked_names(
         if meant := near_miss(name, texts, columns):
             problems.add(
                 name,
-                f"is not a known name; expected {shortened(meant)}, or if something else is meant, "
-                "a name that cannot be taken for it",
+                f"is not a known name; expected {shortened(meant)}{_in_unit(meant, columns)}; "
+                "rename the column, or if it is something else, give it a name that cannot be "
+                "taken for that",
             )
     problems.stop()
     return texts
@@ -149,6 +152,12 @@ def near_miss(name: str, present: Sequence[str], columns: Sequence[Column]) -> s
                 return k
     close = difflib.get_close_matches(_letters(name), missing, n=1, cutoff=SPELLING_SIMILARITY)
     return missing[close[0]] if close else None
+
+
+def _in_unit(name: str, columns: Sequence[Column]) -> str:
+    """The unit of the numbers in a column, in words; "" where its cells are labels."""
+    column = column_of(name, columns)
+    return f", numbers in {column.unit}" if column is not None and column.unit else ""
 
 
 def _names_with_number_of(name: str, columns: Sequence[Column]) -> tuple[str, ...]:
@@ -176,7 +185,11 @@ def _stem(name: str) -> str:
 
 
 def _letters(name: str) -> str:
-    return "".join(c for c in name.casefold() if c.isalnum())
+    """The letters and digits of a name, signs spelled out."""
+    text = name.casefold()
+    for sign, letters in SPELLED.items():
+        text = text.replace(sign, letters)
+    return "".join(c for c in text if c.isalnum())
 
 
 def _numbered(names: Sequence[str], form: str, problems: Problems) -> tuple[str, ...]:
@@ -215,14 +228,31 @@ def _check_joints(header: Header, names: Sequence[str], nq: int | None, problems
     if not theta:
         problems.add(
             "",
-            "no angles: expected columns theta1_deg … (or theta1_rad …) in the first line, which "
-            f"has {listed(map(repr, names))}",
+            f"no angles: the first line has {listed(map(repr, names))}; expected columns "
+            f"theta1_deg … or theta1_rad …{_renaming(names)}",
         )
     elif nq is not None and len(theta) != nq:
         expected = span(named(THETA[header.unit], nq))
         problems.add(
             span(theta), f"angles of {len(theta)} joints, but the arm has {nq}; expected {expected}"
         )
+
+
+def _renaming(names: Sequence[str]) -> str:
+    """How to name columns that may be the angles, for they are unknown and numbered; "" where there
+    are none.
+    """
+    alike: dict[str, list[str]] = {}
+    for name in names:
+        form, numbers = re.subn("[0-9]+", "#", name)
+        if numbers == 1 and column_of(name) is None:
+            alike.setdefault(form, []).append(name)
+    found = max(alike.values(), key=len, default=[])
+    if len(found) < 2:
+        return ""
+    degrees, radians = (span(named(form, len(found))) for form in THETA.values())
+    came = f"{shortened(found[0])} … {shortened(found[-1])}"
+    return f"; if {came} are the angles, rename them {degrees}, or in radians {radians}"
 
 
 def listed(names: Iterable[str]) -> str:
@@ -263,6 +293,6 @@ def _check_temperatures(
     if 0 < len(of_rows) < joints:
         problems.add(
             span(of_rows),
-            f"{len(of_rows)} columns, expected one for each DH row, so {joints} or more; "
+            f"{len(of_rows)} columns; expected one for each DH row, so {joints} or more; "
             "temperature_c is that of the whole arm",
         )

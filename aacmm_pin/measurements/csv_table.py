@@ -12,19 +12,21 @@ import csv
 import io
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import islice
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 
 from aacmm_pin._support.checks import Index
-from aacmm_pin._support.file_problems import Problems
+from aacmm_pin._support.file_problems import Problems, shortened
 from aacmm_pin._support.input_files import content_of
 from aacmm_pin._support.notes import Note
-from aacmm_pin._support.text_escaping import csv_unquoted
+from aacmm_pin._support.text_escaping import csv_text, csv_unquoted
 from aacmm_pin.errors import MeasurementFileError
-from aacmm_pin.measurements.csv_columns import column_of, columns_of_file
+from aacmm_pin.measurements.csv_columns import ACCEPTANCE_FILE, column_of, columns_of_file
+from aacmm_pin.measurements.csv_header import listed, near_miss
 
 LARGEST_FILE = 100_000_000
 """Bytes of a measurement file that is read, which are a quarter of a million records; its table
@@ -34,9 +36,12 @@ SEPARATORS = {";": "semicolons", "\t": "tabulators"}
 """Separators of cells beside commas, and what they are called."""
 _NO_HEADER = re.compile(r"\s*#|sep=.?$", re.IGNORECASE)
 """A comment, or a first line such as sep=; of a spreadsheet."""
-_EXPONENT = "([eE][+-]?[0-9]+)?"
-_WITH_COMMA = re.compile(rf"\s*[+-]?[0-9]*,[0-9]+{_EXPONENT}\s*")
-_WITH_POINT = re.compile(rf"\s*[+-]?[0-9]*\.[0-9]*{_EXPONENT}\s*")
+LAST_HEADER = 30
+"""The header is looked for in so many lines, for a title may stand above it."""
+_ARM_FILE = re.compile(r"^\s*schema\s*=\s*[\"']aacmm-pin/arm/", re.MULTILINE)
+_NUMBER = re.compile(r"\s*[+-]?(?=[.,]?[0-9])[0-9]*([.,]?)[0-9]*([eE][+-]?[0-9]+)?\s*")
+"""A number as cells have it; its decimal sign is the first group."""
+DECIMAL_SIGNS = {".": "point", ",": "comma"}
 
 
 class Row(NamedTuple):
@@ -45,6 +50,32 @@ class Row(NamedTuple):
     line: int
     cells: list[str]
     is_comment: bool
+
+
+class Dialect(NamedTuple):
+    """How a file separates cells, and the decimal sign of its numbers."""
+
+    separator: str = ","
+    decimal_sign: str = "."
+
+    def text(self, table: pd.DataFrame) -> str:
+        """The CSV text of a table with the columns of a file, in this dialect."""
+        columns: dict[Any, Any] = dict(table.items())
+        if self.decimal_sign == ",":
+            for k in _numeric([str(name) for name in table]):
+                columns[table.columns[k]] = _with_sign(table.iloc[:, k], ",")
+        return csv_text(columns, separator=self.separator)
+
+
+class CsvTable(NamedTuple):
+    """What a file has: its cells as text, with decimal points; the line of each record (n,); how it
+    was read, where that is not as it usually is; and how it is written.
+    """
+
+    table: pd.DataFrame
+    lines: Index
+    notes: tuple[Note, ...]
+    dialect: Dialect
 
 
 def measurement_file(path: str) -> bytes:
@@ -59,16 +90,13 @@ def measurement_file(path: str) -> bytes:
     )
 
 
-def read_table(
-    path: str, content: bytes | None = None
-) -> tuple[pd.DataFrame, Index, tuple[Note, ...]]:
-    """Cells of a CSV file as text, the line of each record, and how the file was read where that is
-    not as it usually is.
+def read_table(path: str, content: bytes | None = None) -> CsvTable:
+    """Read the cells of a CSV file.
 
     Cells may be separated by commas, semicolons or tabulators, with spaces behind them; with the
     latter two, numbers may have decimal commas. Lines that begin with #, and a first one such as
-    sep=; of spreadsheets, are left out where they can be no records. Known names of columns may be
-    in upper case. With ``content`` nothing is read.
+    sep=; of spreadsheets, are left out where they can be no records, and so are rows of empty cells
+    at the end. Known names of columns may be in upper case. With ``content`` nothing is read.
 
     Raises:
         MeasurementFileError: the file cannot be read, or is not such a table.
@@ -81,24 +109,48 @@ def read_table(
     if spaced:
         ways.append("spaces around cells left out")
     rows = list(_rows(path, text, separator, spaced))
+    while rows and not any(cell.strip() for cell in rows[-1].cells):
+        rows.pop()
     header, lines, records = _records(path, rows, ways)
     cells = [list(column) for column in zip(*records, strict=True)] or [[] for _ in header]
-    if separator != ",":
-        _write_decimal_points(header, cells, ways)
+    sign = "." if separator == "," else _decimal_sign_of(header, cells, Problems(path, lines))
+    if sign == ",":
+        ways.append("decimal commas")
+        for k in _numeric(header):
+            cells[k] = _with_sign(cells[k], ".")
     table = pd.DataFrame(dict(enumerate(cells)), dtype=object).set_axis(header, axis=1)
     notes = [Note("read_with", {"ways": ways})] if ways else []
     if comments := len(rows) - len(records) - 1:
         notes.append(Note("comments_ignored", {"lines": comments}))
-    return table, lines, tuple(notes)
+    return CsvTable(table, lines, tuple(notes), Dialect(separator, sign))
 
 
 def _separation(text: str) -> tuple[str, bool]:
     """What separates the cells of the header, and whether there are spaces behind it."""
     lines = (line for line in text.splitlines() if line.strip() and not _NO_HEADER.match(line))
-    header = next(lines, "")
-    separator = next((mark for mark in (",", *SEPARATORS) if mark in header), ",")
+    first = list(islice(lines, LAST_HEADER)) or [""]
+    headers = (line for line in first if _has_names(line.split(_separator(line))))
+    header = next(headers, first[0])
+    separator = _separator(header)
     names = next(csv.reader([header], delimiter=separator), [])
     return separator, any(name.startswith(" ") for name in names[1:])
+
+
+def _separator(line: str) -> str:
+    """What separates the cells of a line."""
+    for mark in (",", *SEPARATORS):
+        if mark in line:
+            return mark
+    return ","
+
+
+def _has_names(cells: Sequence[str]) -> bool:
+    """Whether one of the cells is the name of a known column, or two, or the only one, nearly."""
+    names = [cell.strip(' "') for cell in cells]
+    if any(column_of(name.lower(), ACCEPTANCE_FILE) for name in names):
+        return True
+    similar = [name for name in names if near_miss(name, names, ACCEPTANCE_FILE)]
+    return len(similar) >= min(2, len(names))
 
 
 def _rows(path: str, text: str, separator: str, spaced: bool) -> Iterator[Row]:
@@ -134,11 +186,14 @@ def _records(
         MeasurementFileError: there are comments only, a row has another number of cells than the
             header, or it begins with # as a label may.
     """
-    first = next((k for k, row in enumerate(rows) if not row.is_comment), None)
-    if first is None:
+    own_rows = [k for k, row in enumerate(rows) if not row.is_comment]
+    if not own_rows:
         raise MeasurementFileError(
-            path, None, "", "has comments only, expected a header and one row a record"
+            path, None, "", "has comments only; expected a header and one row a record"
         )
+    first = own_rows[0]
+    headers = (rows[k] for k in own_rows[:LAST_HEADER] if _has_names(rows[k].cells))
+    _check_title(path, rows[first], next(headers, rows[first]))
     header = _with_known_names(rows[first].cells, ways)
     column = column_of(header[0], columns_of_file(header))
     may_be_label = column is None or column.is_label  # a number does not begin with #
@@ -151,7 +206,7 @@ def _records(
     problems.at(
         counts != len(header),
         "",
-        f"{{}} cells, expected {len(header)} as in the header (decimal points; quotes around text "
+        f"{{}} cells; expected {len(header)} as in the header (decimal points; quotes around text "
         "with commas)",
         counts,
     )
@@ -162,7 +217,44 @@ def _records(
         "begins with # as a comment or a label may; delete the row, or name it otherwise",
     )
     problems.stop()
+    if len(records) > 1:
+        _check_first_record(path, header, records)
     return header, problems.lines, [row.cells for row in records]
+
+
+def _check_title(path: str, first: Row, header: Row) -> None:
+    """Refuse a ``first`` row above the header."""
+    if first.line != header.line:
+        raise MeasurementFileError(
+            path,
+            first.line,
+            "",
+            f"{shortened(first.cells[0])!r}; expected the names of the columns, which row "
+            f"{header.line} has; delete the rows above it, or begin them with #",
+        )
+
+
+def _check_first_record(path: str, header: list[str], records: Sequence[Row]) -> None:
+    """Refuse a row of words, such as units, between the header and the records."""
+    numeric = _numeric(header)
+    first, second = ([row.cells[k] for k in numeric] for row in records[:2])
+    if any(map(_NUMBER.fullmatch, first)) or not any(map(_NUMBER.fullmatch, second)):
+        return
+    if words := [repr(shortened(cell)) for cell in first if cell.strip()]:
+        raise MeasurementFileError(
+            path,
+            records[0].line,
+            "",
+            f"{listed(words)} in place of numbers; expected the first record; delete the row, or "
+            "begin it with # (names of columns state the units)",
+        )
+
+
+def _numeric(header: Sequence[str]) -> list[int]:
+    """The columns that may hold numbers: those of numbers, and unknown ones."""
+    known = columns_of_file(header)
+    entries = [column_of(name, known) for name in header]
+    return [k for k, entry in enumerate(entries) if entry is None or not entry.is_label]
 
 
 def _with_known_names(header: list[str], ways: list[str]) -> list[str]:
@@ -175,21 +267,36 @@ def _with_known_names(header: list[str], ways: list[str]) -> list[str]:
     return lower
 
 
-def _write_decimal_points(header: list[str], columns: list[list[str]], ways: list[str]) -> None:
-    """Points in the stead of decimal commas, in all columns of numbers, unless some number has a
-    point already.
+def _decimal_sign_of(
+    header: Sequence[str], columns: Sequence[Sequence[str]], problems: Problems
+) -> str:
+    """The decimal sign of most numbers.
+
+    Raises:
+        MeasurementFileError: a number has another one.
     """
-    known = columns_of_file(header)
-    entries = [column_of(name, known) for name in header]
-    of_numbers = [k for k, entry in enumerate(entries) if entry is None or not entry.is_label]
-    cells = [cell for k in of_numbers for cell in columns[k]]
-    if any(map(_WITH_POINT.fullmatch, cells)) or not any(map(_WITH_COMMA.fullmatch, cells)):
-        return
-    ways.append("decimal commas")
-    for k in of_numbers:
-        columns[k] = [
-            cell.replace(",", ".") if _WITH_COMMA.fullmatch(cell) else cell for cell in columns[k]
-        ]
+    signs = {k: np.array([*map(_decimal_sign, columns[k])]) for k in _numeric(header)}
+    commas, points = (sum(np.sum(of == sign) for of in signs.values()) for sign in ",.")
+    usual, other = (",", ".") if commas > points else (".", ",")
+    came = f"is {{!r}} with a decimal {DECIMAL_SIGNS[other]}"
+    expected = f"expected a decimal {DECIMAL_SIGNS[usual]}, as in {max(commas, points)} numbers"
+    for k, of_column in signs.items():
+        cells = np.array(columns[k], dtype=object)
+        problems.at(of_column == other, header[k], f"{came}; {expected}", cells)
+    problems.stop()
+    return usual
+
+
+def _decimal_sign(cell: object) -> str:
+    """The decimal sign of a number; "" where there is none."""
+    match = _NUMBER.fullmatch(str(cell))
+    return match[1] if match else ""
+
+
+def _with_sign(cells: Iterable[Any], sign: str) -> list[Any]:
+    """The cells, in which numbers have this decimal sign."""
+    found = [(cell, _decimal_sign(cell)) for cell in cells]
+    return [str(cell).replace(own, sign) if own else cell for cell, own in found]
 
 
 def _text(path: str, content: bytes) -> str:
@@ -217,6 +324,13 @@ def _text(path: str, content: bytes) -> str:
         )
     if not text.strip():
         raise MeasurementFileError(
-            path, None, "", "is empty, expected a header and one row a record"
+            path, None, "", "is empty; expected a header and one row a record"
+        )
+    if _ARM_FILE.search(text):
+        raise MeasurementFileError(
+            path,
+            None,
+            "",
+            "is an arm file (TOML); expected a measurement file (CSV); state ARM first, then DATA",
         )
     return text

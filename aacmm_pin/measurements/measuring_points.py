@@ -159,7 +159,7 @@ def seats_for(pool: Pool, wanted: int, each: int, rng: np.random.Generator) -> l
     order = spread_out(points, TRIES * wanted, SEATS_APART)
     if len(order) < wanted:
         raise AacmmError(
-            f"{pool.arm.name}: room for {len(order)} seats {SEATS_APART / MM:g} mm or more apart, "
+            f"{pool.arm.name}: room for {len(order)} seats {SEATS_APART / MM:g} mm or more apart; "
             f"expected {wanted}; "
             "ask for fewer seats"
         )

@@ -42,7 +42,7 @@ class Noise:
         encoder = np.array(self.encoder, dtype=np.float64)
         if encoder.ndim != 1:
             raise ShapeError(
-                f"encoder noise has shape {encoder.shape}, expected (nq,) [rad]; Noise.of takes "
+                f"encoder noise has shape {encoder.shape}; expected (nq,) [rad]; Noise.of takes "
                 "one number"
             )
         object.__setattr__(self, "encoder", encoder)

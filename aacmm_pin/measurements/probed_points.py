@@ -100,15 +100,15 @@ def _check_tests(points: pd.DataFrame, problems: Problems) -> None:
     tests = points["test"].to_numpy()
     parts = points["part"].to_numpy()
     expected = f"expected {PREDICTED_ACCURATE} or an empty cell"
-    problems.at(~np.isin(parts, [PREDICTED_ACCURATE, ""]), "part", f"is {{!r}}, {expected}", parts)
+    problems.at(~np.isin(parts, [PREDICTED_ACCURATE, ""]), "part", f"is {{!r}}; {expected}", parts)
     expected = f"expected one of {', '.join(NEEDED)}"
-    problems.at(~np.isin(tests, list(NEEDED)), "test", f"is {{!r}}, {expected}", tests)
+    problems.at(~np.isin(tests, list(NEEDED)), "test", f"is {{!r}}; {expected}", tests)
     for test, names in NEEDED.items():
         for name in names:
             stated = points[_field(name)]
             empty = (stated.isna() | (stated == "")).to_numpy()
             problems.at(
-                empty & (tests == test), name, f"is empty, expected a value: test {test} needs it"
+                empty & (tests == test), name, f"is empty; expected a value: test {test} needs it"
             )
 
 

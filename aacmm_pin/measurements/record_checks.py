@@ -24,6 +24,7 @@ from aacmm_pin.measurements.csv_columns import (
     span,
 )
 from aacmm_pin.measurements.csv_values import RecordTable, Values, check_numbers
+from aacmm_pin.measurements.repeats import WHOLE_TOLERANCE
 
 MOST_NORM_ERROR = 2e-3
 """A quaternion whose norm is off one by more than this is none: four numbers with three decimals
@@ -31,6 +32,10 @@ give 1e-3 at most.
 """
 ENOUGH_RECORDS = 5
 """So many records distinguish degrees from radians."""
+ENOUGH_ANGLES = 10
+"""So many different angles of a joint show that they are rounded."""
+COARSE_DECIMALS = 4
+"""Rounding to more decimals adds less than the noise of an encoder."""
 LEAST_PART_IN_A_TURN = 0.75
 """Part of the angles that are within ±2π where degrees may be radians."""
 SIGNS = (-1.0, 0.0, 1.0)
@@ -51,7 +56,7 @@ def check_records(table: RecordTable, problems: Problems) -> None:
     _check_references(values, problems)
     for name in table.header.numbered[APPROACH]:
         sign = values.numbers[name]
-        problems.at(~np.isin(sign, SIGNS), name, "is {:g}, expected -1, 0 or 1", sign)
+        problems.at(~np.isin(sign, SIGNS), name, "is {:g}; expected -1, 0 or 1", sign)
     check_numbers(values, MEASUREMENT_FILE, problems)
     _check_seats(values, problems)
     _check_spheres(values, problems)
@@ -81,6 +86,19 @@ def mostly_like_radians(degrees: Array) -> bool:
     if not sizes.size or sizes.max() <= 1.0:
         return False
     return bool(np.mean(sizes <= 2.0 * np.pi) >= LEAST_PART_IN_A_TURN)
+
+
+def rounding_steps(angles: Array) -> Array:
+    """The power of ten that all angles (n, nq) of each joint are multiples of, in their unit (nq,);
+    0 where there is none, or a joint has fewer than :data:`ENOUGH_ANGLES` different ones.
+    """
+    steps = np.zeros(angles.shape[1])
+    for decimals in range(COARSE_DECIMALS, -1, -1):
+        scaled = angles * 10.0**decimals
+        is_whole = np.abs(scaled - np.rint(scaled)) < WHOLE_TOLERANCE
+        steps[is_whole.all(axis=0)] = 10.0**-decimals
+    different = pd.DataFrame(angles).nunique().to_numpy()
+    return np.where(different < ENOUGH_ANGLES, 0.0, steps)
 
 
 def _check_angles(table: RecordTable, problems: Problems) -> None:
@@ -114,17 +132,35 @@ def _check_references(values: Values, problems: Problems) -> None:
                 name,
                 f"is empty in a row that states others of {others}; expected all or none",
             )
+    _check_zeros(values, problems)
     norm = np.linalg.norm(values.block(ORIENTATION), axis=1)
     problems.at(
         np.abs(norm - 1.0) > MOST_NORM_ERROR,
         span(ORIENTATION),
-        "has the norm {:.6g}, expected 1: a unit quaternion, scalar first (angles in degrees or "
+        "has the norm {:.6g}; expected 1: a unit quaternion, scalar first (angles in degrees or "
         "Euler angles are to be converted)",
         norm,
     )
     placed = np.isfinite(values.block(REFERENCE)).any(axis=1) | (values.label("seat") != "")
     unplaced = np.isfinite(norm) & ~placed
     problems.at(unplaced, span(ORIENTATION), f"in a row without {span(REFERENCE)} and seat")
+
+
+def _check_zeros(values: Values, problems: Problems) -> None:
+    """Coordinates that a program wrote as zeros for want of others: no arm brings its tip to the
+    origin in every record, but to one seat there.
+    """
+    coordinates = values.block(REFERENCE)
+    known = np.isfinite(coordinates).all(axis=1)
+    seats = values.label("seat")[known]
+    of_one_seat = len({*seats}) == 1 and seats[0] != ""
+    if np.count_nonzero(known) > 1 and not coordinates[known].any() and not of_one_seat:
+        problems.add(
+            span(REFERENCE),
+            f"all {np.count_nonzero(known)} references are 0, 0, 0; expected the coordinates of "
+            "each measured point; leave the cells empty if they are unknown, and if all records "
+            "touched one point, label it in the column seat",
+        )
 
 
 def _check_seats(values: Values, problems: Problems) -> None:
@@ -182,11 +218,11 @@ def _check_bars(values: Values, problems: Problems) -> None:
     cells = {"bar_end": (end, end != ""), "bar_length_mm": (length, np.isfinite(length))}
     for name, (stated, is_stated) in cells.items():
         problems.at(
-            ~of_bar & is_stated, name, "is {} in a row without bar, expected an empty cell", stated
+            ~of_bar & is_stated, name, "is {} in a row without bar; expected an empty cell", stated
         )
-    problems.at(of_bar & ~np.isin(end, BAR_ENDS), "bar_end", "is {!r}, expected A or B", end)
+    problems.at(of_bar & ~np.isin(end, BAR_ENDS), "bar_end", "is {!r}; expected A or B", end)
     for name, empty in (("seat", seat == ""), ("bar_length_mm", np.isnan(length))):
-        problems.at(of_bar & empty, name, "is empty in a row of bar {!r}, expected a value", bar)
+        problems.at(of_bar & empty, name, "is empty in a row of bar {!r}; expected a value", bar)
     groups = pd.Series(bar)
     for name, numbers in (("bar_length_mm", length), (BAR_U, u)):
         problems.of_other_values(name, numbers, of_bar & np.isfinite(numbers), groups, "bar")
@@ -201,7 +237,7 @@ def _check_bars(values: Values, problems: Problems) -> None:
     problems.at(
         of_bar & one_end & (row == first),
         "bar_end",
-        "bar {!r} has records of end {} only, expected records of A and of B",
+        "bar {!r} has records of end {} only; expected records of A and of B",
         bar,
         end,
     )
@@ -209,7 +245,7 @@ def _check_bars(values: Values, problems: Problems) -> None:
     problems.at(
         of_bar & (ends_of_seat == 2) & (seat != ""),
         "seat",
-        "{!r} is at both ends of bar {!r}, expected two seats",
+        "{!r} is at both ends of bar {!r}; expected two seats",
         seat,
         bar,
     )

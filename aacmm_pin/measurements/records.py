@@ -42,6 +42,7 @@ from aacmm_pin.measurements.csv_columns import (
 from aacmm_pin.measurements.csv_header import read_header, similar_labels
 from aacmm_pin.measurements.csv_table import read_table
 from aacmm_pin.measurements.csv_values import RecordTable, check_numbers, read_records, read_values
+from aacmm_pin.measurements.noise import ENCODER
 from aacmm_pin.measurements.probed_points import (
     as_records,
     has_probed_points,
@@ -52,6 +53,7 @@ from aacmm_pin.measurements.record_checks import (
     check_records,
     looks_like_radians,
     mostly_like_radians,
+    rounding_steps,
 )
 from aacmm_pin.measurements.repeats import posture_numbers
 
@@ -154,7 +156,7 @@ class Measurements(Shown):
             MeasurementFileError: the file cannot be read, is not such a table, or a column or cell
                 is not as expected; the message names the row and column of the first ten problems.
         """
-        table, lines, read_as = read_table(str(path))
+        table, lines, read_as, _ = read_table(str(path))
         found = _from_table(table, lines, nq, str(path))
         return replace(found, read_as=read_as + found.read_as, header=tuple(table.columns))
 
@@ -208,10 +210,10 @@ class Measurements(Shown):
         n = len(q)
         extra = pd.DataFrame(index=range(n)) if extra is None else extra.reset_index(drop=True)
         if len(extra) != n:
-            raise ShapeError(f"extra has {len(extra)} rows, expected {n}: one a record")
+            raise ShapeError(f"extra has {len(extra)} rows; expected {n}: one a record")
         known = Conditions(n) if conditions is None else conditions
         if known.n != n:
-            raise ShapeError(f"conditions are of {known.n} records, expected {n}")
+            raise ShapeError(f"conditions are of {known.n} records; expected {n}")
         unknown = np.full((n, 3), np.nan)
         given = {
             "reference": unknown if reference is None else reference,
@@ -472,7 +474,7 @@ def as_measurements(given: object, nq: int) -> Measurements:
     if isinstance(given, str | Path):
         return Measurements.read(given, nq)
     raise AacmmError(
-        f"measurements is of type {type(given).__name__}, expected Measurements, or the path "
+        f"measurements is of type {type(given).__name__}; expected Measurements, or the path "
         "of a file"
     )
 
@@ -519,10 +521,26 @@ def _notes(columns: RecordTable) -> tuple[Note, ...]:
         columns.values.block(columns.header.theta)
     ):
         notes.append(Note("angles_like_radians", {"turn": 2 * np.pi}))
+    notes += _rounded_angles(columns)
     for name in ("seat", "marker", "bar", "session"):
         if pairs := similar_labels(dict.fromkeys(columns.values.label(name).tolist())):
             notes.append(Note("labels_alike", {"column": name, "labels": ", ".join(pairs)}))
     return tuple(notes)
+
+
+def _rounded_angles(columns: RecordTable) -> list[Note]:
+    """That angles are rounded to a step whose standard uncertainty, step/√12 (JCGM 100:2008,
+    F.2.2.1), is larger than the usual noise of an encoder.
+    """
+    unit = columns.header.unit
+    steps = rounding_steps(columns.values.block(columns.header.theta))
+    step = float(steps.max(initial=0.0))
+    u = step * (DEG if unit == "deg" else 1.0) / np.sqrt(12.0)
+    if u <= ENCODER:
+        return []
+    names = np.array(columns.header.theta)[steps == step].tolist()
+    sign = "°" if unit == "deg" else " rad"
+    return [Note("angles_rounded", {"columns": names, "step": step, "unit": sign, "u": float(u)})]
 
 
 def _unit_quaternions(quaternions: Array | None) -> Array | None:
@@ -571,13 +589,13 @@ def _numbers(column: Column, values: ArrayLike, n: int) -> Array:
     else:
         array = _with_gaps(values, lambda filled: batch(filled, width, name, unit))
     if len(array) != n:
-        raise ShapeError(f"{name} has {len(array)} rows, expected {n}: one a record")
+        raise ShapeError(f"{name} has {len(array)} rows; expected {n}: one a record")
     if width > 1:
         unknown = np.isnan(array)
         partly = np.flatnonzero(unknown.any(axis=1) & ~unknown.all(axis=1))
         if partly.size:
             raise ShapeError(
-                f"{name}[{partly[0]}] is {array[partly[0]]}, expected numbers, or NaN for all "
+                f"{name}[{partly[0]}] is {array[partly[0]]}; expected numbers, or NaN for all "
                 "where not known"
             )
     return array
@@ -592,7 +610,7 @@ def _checked_quaternions(array: Array) -> Array | None:
     norm = np.linalg.norm(array, axis=1)
     if (np.abs(norm - 1.0) > MOST_NORM_ERROR).any():
         came = f"norms of {np.nanmin(norm):g} to {np.nanmax(norm):g}"
-        raise ShapeError(f"orientation has {came}, expected unit quaternions")
+        raise ShapeError(f"orientation has {came}; expected unit quaternions")
     return _unit_quaternions(array)
 
 

@@ -53,7 +53,7 @@ def workshop_conditions(
     """
     if not (np.isfinite(temperature_range) and temperature_range >= 0):
         raise AacmmError(
-            f"temperature_range is {temperature_range:g} K, expected a number that is not negative"
+            f"temperature_range is {temperature_range:g} K; expected a number that is not negative"
         )
     time = _time(session, rng)
     temperature = reference_temperature + temperature_range * _warmth(time, rng)

@@ -291,22 +291,22 @@ def _check_numbers(
     least = 1 if stated else 2
     if records < max(1, least * points):
         each = f": {least} for each of {points} seats" if points else ""
-        raise AacmmError(f"records is {records}, expected at least {max(1, least * points)}{each}")
+        raise AacmmError(f"records is {records}; expected at least {max(1, least * points)}{each}")
     if scheme == "ball-bar" and points % 2:
         raise AacmmError(
-            f"seats is {points}, expected an even number for scheme 'ball-bar': two for each bar"
+            f"seats is {points}; expected an even number for scheme 'ball-bar': two for each bar"
         )
     if (bar_length is not None) != (scheme == "ball-bar"):
         if bar_length is None:
-            raise AacmmError(f"bar_length was not given, expected a length for scheme {scheme!r}")
+            raise AacmmError(f"bar_length was not given; expected a length for scheme {scheme!r}")
         raise AacmmError(
-            f"bar_length is {bar_length:g} m for scheme {scheme!r}, expected none: only scheme "
+            f"bar_length is {bar_length:g} m for scheme {scheme!r}; expected none: only scheme "
             "'ball-bar' has bars"
         )
     if bar_length is not None:
         plausible.BAR_LENGTH.check(bar_length, "bar_length")
         if bar_length < SEATS_APART:
-            raise AacmmError(f"bar_length is {bar_length:g} m, expected at least {SEATS_APART:g} m")
+            raise AacmmError(f"bar_length is {bar_length:g} m; expected at least {SEATS_APART:g} m")
 
 
 def seed_of(rng: np.random.Generator) -> int | None:

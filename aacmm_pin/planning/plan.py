@@ -175,7 +175,7 @@ def check_numbers(
     whole(records, 1, "records of a plan")
     whole(postures, 1, "postures")
     if postures < records:
-        raise AacmmError(f"postures is {postures}, expected at least as many as records, {records}")
+        raise AacmmError(f"postures is {postures}; expected at least as many as records, {records}")
     if existing is not None and existing.nq != model.arm.nq:
         raise AacmmError(
             f"{existing.source} has angles of {existing.nq} joints, {model.arm.name} has "

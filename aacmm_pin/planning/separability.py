@@ -58,7 +58,7 @@ def for_all(
     every = {pair: both for pair, both in all_pairs.items() if not undetectable & set(pair)}
     if not every:
         raise AacmmError(
-            "fewer than two causes would be detected, expected at least two to distinguish"
+            "fewer than two causes would be detected; expected at least two to distinguish"
         )
     same = {pair for pair, (_, part) in every.items() if part <= SAME_FRACTION}
     needed = HOPELESS * situation.pool.n / records

@@ -75,16 +75,16 @@ def require_separable(effects: tuple[Effect, ...], arm: Arm) -> None:
         # The tip is refitted only where the target is unknown.
         if effect.refitted and effect.location_field() != "marker":
             raise AacmmError(
-                f"{effect.label} is refitted in every diagnosis, expected a cause that is not"
+                f"{effect.label} is refitted in every diagnosis; expected a cause that is not"
             )
         require_row(effect, arm)
         if effect.location_field() == "joint" and effect.row not in arm.chain.moving_rows():
             raise AacmmError(
-                f"{effect.label}: row {effect.row} of {arm.name} is rigid, expected one "
+                f"{effect.label}: row {effect.row} of {arm.name} is rigid; expected one "
                 "with a joint"
             )
     if len(effects) != len({e.identity for e in effects}):
-        raise AacmmError(f"{effects[0].key} is given twice, expected two different causes")
+        raise AacmmError(f"{effects[0].key} is given twice; expected two different causes")
 
 
 def usual_causes(model: ErrorModel) -> tuple[Effect, ...]:

@@ -254,7 +254,7 @@ def _what_fits(arm: Arm, conditions: PoseConditions) -> str:
 def _rotation(values: ArrayLike) -> Array:
     matrix = np.asarray(values)
     if matrix.shape != (3, 3):
-        raise ShapeError(f"rotation has shape {matrix.shape}, expected (3, 3)")
+        raise ShapeError(f"rotation has shape {matrix.shape}; expected (3, 3)")
     matrix = vector(matrix.ravel(), 9, "rotation", "1").reshape(3, 3)
     off = float(np.abs(matrix.T @ matrix - np.eye(3)).max())
     if off > ORTHONORMAL or np.linalg.det(matrix) < 0:

@@ -299,7 +299,7 @@ def accept(
     """
     limits = checked_limits(mpe)
     if measuring_range is not None and not (math.isfinite(measuring_range) and measuring_range > 0):
-        raise AacmmError(f"measuring range is {measuring_range}, expected a length above 0")
+        raise AacmmError(f"measuring range is {measuring_range}; expected a length above 0")
     models = {name: ErrorModel.of(arm) for name, arm in (arms or {}).items()}
     wanted = definitions(standard)
     data = measurement_file(str(path))
@@ -406,7 +406,7 @@ def _in_range(
     least = LONGEST_PART * measuring_range
     if longest >= least:
         return found
-    why = f"longest length {plain_mm(longest)} mm, expected {plain_mm(least)} mm or more"
+    why = f"longest length {plain_mm(longest)} mm; expected {plain_mm(least)} mm or more"
     return without_value(found.had, 0, why=why)
 
 

@@ -174,7 +174,7 @@ class History(Shown):
             return cls()
         if not Path(path).is_file():  # it is written again
             raise MeasurementFileError(
-                str(path), None, "", "is not a regular file, expected the CSV of a history"
+                str(path), None, "", "is not a regular file; expected the CSV of a history"
             )
         content = measurement_file(str(path))
         for line, text in enumerate(content.splitlines(), start=1):
@@ -185,7 +185,7 @@ class History(Shown):
                     "",
                     "is a comment, which appending would not keep; expected none",
                 )
-        table, lines, _ = read_table(str(path), content)
+        table, lines, *_ = read_table(str(path), content)
         problems = Problems(str(path), lines)
         if sorted(table.columns) != sorted(HISTORY_COLUMNS):
             problems.add(
@@ -230,7 +230,7 @@ class History(Shown):
             AacmmError: at this time other values of this arm are there.
         """
         if not instrument.isprintable():
-            raise AacmmError(f"instrument is {instrument!r}, expected one line of text")
+            raise AacmmError(f"instrument is {instrument!r}; expected one line of text")
         time = _utc(time)
         instrument = next(iter(self._of(instrument)["instrument"]), instrument.strip())
         table = result.to_frame().rename(columns={"coordinates": "arm"}).dropna(subset="value_mm")
@@ -371,7 +371,7 @@ def _read(
         except ValueError:
             values.append(None)
     bad = np.array([value is None for value in values])
-    problems.at(bad, name, f"is {{!r}}, expected {expected}", table[name].to_numpy())
+    problems.at(bad, name, f"is {{!r}}; expected {expected}", table[name].to_numpy())
     return pd.Series(values, table.index, dtype=object)
 
 

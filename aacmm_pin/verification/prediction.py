@@ -184,14 +184,14 @@ def predict_acceptance(
     rng = rng or np.random.default_rng(1)
     if left_out := [name for name in limits if name not in {d.name for d in of_standard}]:
         raise AacmmError(
-            f"MPE of {', '.join(left_out)} is given, expected figures of {standard} alone"
+            f"MPE of {', '.join(left_out)} is given; expected figures of {standard} alone"
         )
     if not arms:
-        raise AacmmError(f"{path}: no arm is given, expected at least one to predict")
+        raise AacmmError(f"{path}: no arm is given; expected at least one to predict")
     whole(runs, FEWEST, "virtual runs")
     seed = seed_of(rng)
     draws = int(rng.integers(2**32))
-    table, lines, notes = read_table(path)
+    table, lines, notes, _ = read_table(path)
     problems = Problems(path, lines)
     probed_points = read_probed_points(table, problems)
     problems.stop()

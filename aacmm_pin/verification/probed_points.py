@@ -78,7 +78,7 @@ def read_file(path: str, content: bytes, models: Mapping[str, ErrorModel]) -> Pr
             nothing that gives coordinates.
         AacmmError: an arm with an effect that does not know these readings.
     """
-    table, lines, read_as = read_table(path, content)
+    table, lines, read_as, _ = read_table(path, content)
     problems = Problems(path, lines)
     points = read_probed_points(table, problems)
     unfilled = _unfilled(table)
@@ -123,7 +123,7 @@ def _given_coordinates(table: pd.DataFrame, problems: Problems) -> Array | None:
     check_numbers(values, MEASUREMENT_FILE, problems)
     for name in given:
         empty = np.array([not cell.strip() for cell in table[name]], dtype=bool)
-        problems.at(empty, name, "is empty, expected a number with a decimal point")
+        problems.at(empty, name, "is empty; expected a number with a decimal point")
     return values.block(REFERENCE) * MM
 
 
@@ -149,7 +149,7 @@ def _by_arms(
         theta = [name for name in unfilled if is_reading(name)]
         if theta:
             raise MeasurementFileError(
-                path, None, span(theta), "empty in every row, expected indications"
+                path, None, span(theta), "empty in every row; expected indications"
             )
         raise MeasurementFileError(
             path,

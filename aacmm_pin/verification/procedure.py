@@ -128,7 +128,7 @@ class Procedure(Shown):
             MeasurementFileError: a planned column is missing or has a cell without a number.
         """
         arm = as_arm(arm)
-        table, lines, _ = read_table(str(path))
+        table, lines, *_ = read_table(str(path))
         angles = [f"{PLANNED}theta{k}_deg" for k in range(1, arm.nq + 1)]
         expected = [*(PLANNED + name for name in REFERENCE), *angles]
         if missing := [name for name in expected if name not in table]:
@@ -143,7 +143,7 @@ class Procedure(Shown):
         planned = table[expected].apply(pd.to_numeric, errors="coerce").astype(np.float64)
         for name in expected:
             bad = ~np.isfinite(planned[name]).to_numpy()
-            problems.at(bad, name, "is {!r}, expected a number", table[name].to_numpy())
+            problems.at(bad, name, "is {!r}; expected a number", table[name].to_numpy())
         problems.stop()
         if f"{PLANNED}theta{arm.nq + 1}_deg" in table:
             raise AacmmError(
@@ -261,7 +261,7 @@ class _Layout:
             came = ", ".join(f"{x / MM:g}" for x in bars)
             purpose = "the figures of all standards" if standard is None else STANDARDS[standard]
             raise AacmmError(
-                f"lengths are {came} mm, expected {len(parts)} different ones above 0 for {purpose}"
+                f"lengths are {came} mm; expected {len(parts)} different ones above 0 for {purpose}"
             )
         sizes = {"length": bars, "feature_diameter": [self.sphere], "probe_diameter": [self.probe]}
         for column in PROBED_POINT_COLUMNS:

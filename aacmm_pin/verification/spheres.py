@@ -48,7 +48,7 @@ def fitted_sphere(points: ArrayLike) -> FittedSphere:
     p = batch(points, 3, "points", "m")
     if len(p) < FEWEST_POINTS:
         raise ShapeError(
-            f"points has {len(p)} rows, expected at least {FEWEST_POINTS} for a sphere"
+            f"points has {len(p)} rows; expected at least {FEWEST_POINTS} for a sphere"
         )
     middle = p.mean(axis=0)
     extents = np.linalg.svd(p - middle, compute_uv=False)
@@ -92,7 +92,7 @@ def minimum_circumscribed_sphere(points: ArrayLike) -> tuple[Array, float]:
     """
     p = batch(points, 3, "points", "m")
     if not len(p):
-        raise ShapeError("points has no rows, expected at least 1")
+        raise ShapeError("points has no rows; expected at least 1")
     middle = p.mean(axis=0)
     center, radius = _welzl([*(p - middle)], [])
     return center + middle, 2 * radius

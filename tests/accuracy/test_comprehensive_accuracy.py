@@ -99,7 +99,7 @@ def test_a_point_by_hand():
 def test_what_cannot_be_used():
     three = np.zeros((3, 3))
     for points, part, words in (
-        (np.zeros((1, 3)), None, "1 records, expected at least 2"),
+        (np.zeros((1, 3)), None, "1 records; expected at least 2"),
         ([[0, 0, 0], [0, np.nan, 0]], None, r"indications\[1, 1\] is nan"),
         (three, [1, 0, 1], "boolean"),
         (three, [True, False], r"\(2,\)"),

@@ -276,7 +276,7 @@ def test_what_cannot_be_asked(sino6):
     asked: list[tuple[dict[str, object], type[Exception], str]] = [
         ({"q": np.zeros(6)}, ShapeError, r"q\[None, :\]"),
         ({"at": "elbow"}, UnknownNameError, "frame5"),
-        ({"encoder_noise": 1.65}, AacmmError, "1.65 rad, expected 0 to 0.005"),
+        ({"encoder_noise": 1.65}, AacmmError, "1.65 rad; expected 0 to 0.005"),
         ({"encoder_noise": [1e-5] * 5}, ShapeError, "encoder_noise"),
         ({"method": "box"}, UnknownNameError, ", ".join(METHODS)),
         ({"method": "monte-carlo"}, AacmmError, "rng"),

@@ -179,7 +179,7 @@ def test_unusable_frames_postures_and_errors_are_refused(sino6, robots):
         for n, errors, words in (
             (1, np.zeros(p), rf"\({p},\).*errors\[None, :\]"),
             (1, np.full((1, p), np.nan), r"errors\[0, 0\] is"),
-            (2, np.zeros((1, p)), "q has 2 rows, expected 1 or as many as errors has, 1"),
+            (2, np.zeros((1, p)), "q has 2 rows; expected 1 or as many as errors has, 1"),
         ):
             with pytest.raises(ShapeError, match=words):
                 arm.perturbed_positions(np.zeros((n, arm.nq)), errors)
@@ -203,5 +203,5 @@ def test_unusable_urdf_is_refused(one_joint):
         Arm.from_urdf(one_joint(), "nose")
     for key in ("translation_half_width", "rotation_half_width"):
         for value in (-1.0, np.nan, 5e2):
-            with pytest.raises(AacmmError, match=rf"{key} is {value:g} (m|rad), expected 0 to"):
+            with pytest.raises(AacmmError, match=rf"{key} is {value:g} (m|rad); expected 0 to"):
                 Arm.from_urdf(one_joint(), "tool", **{key: value})

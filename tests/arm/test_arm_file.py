@@ -135,6 +135,9 @@ MISTAKES = [
     ("mass_kg = 0.5", "", "joints[1]", "com_mm without mass_kg"),
     ("axis = [0, 0.0, 1.0]", "axis = [0, 0, 0]", "stylus", "axis is [0, 0, 0]"),
     ("name =", f"x = {'[' * 9000}\nname =", "", "not TOML"),
+    ("a_mm = 100", "a_mm = -90,004", "", "line "),
+    ("a_mm = 100", "a_mm = -90,004", "", "'-90,004'; expected a number with a decimal point"),
+    (GOOD, "# arm\ntheta1_deg,x_mm\n1,2\n", "", "is a table (CSV)"),
     # what no arm has
     ("d_mm = 20.0", "d_mm = -1e6", "", "joints[1].d_mm is -1e+06: the tip is up to 1000 m"),
     ("a_mm = 100", f"a_mm = {'1' * 5000}", "", "5000 digits"),
@@ -177,8 +180,8 @@ EFFECT = '\n[[effects]]\ncause = "{}"\n{}\nparameters = {{ {} }}\n'
 # cause, its fields, its parameters, and what the answer names
 EFFECTS = [
     ("encoder_gain", "joint = 1", "gain = 1e300", "gain is 1e+300"),
-    ("encoder_gain", "joint = 1", "gain = 5.0", "gain is 5, expected at most 0.1"),
-    ("thermal_expansion", "", "expansion_per_k = 11.5", "is 11.5, expected at most 0.02"),
+    ("encoder_gain", "joint = 1", "gain = 5.0", "gain is 5; expected at most 0.1"),
+    ("thermal_expansion", "", "expansion_per_k = 11.5", "is 11.5; expected at most 0.02"),
     (
         "encoder_gain",
         "joint = 1\nuncertainty = { gain = 1e300 }",

@@ -53,9 +53,9 @@ def test_parts_of_a_batch_do_not_change_results(dh, rng):
 
 def test_unusable_table_is_refused():
     for rows, moving, said in (
-        (np.zeros((2, 3)), None, r"rows has shape \(2, 3\), expected \(n, 4\)"),
+        (np.zeros((2, 3)), None, r"rows has shape \(2, 3\); expected \(n, 4\)"),
         (np.full((2, 4), np.nan), None, r"rows\[0, 0\] is nan"),
-        (np.zeros((2, 4)), [True], "moving has 1 entries, expected one for each of the 2 rows"),
+        (np.zeros((2, 4)), [True], "moving has 1 entries; expected one for each of the 2 rows"),
     ):
         with pytest.raises(ShapeError, match=said):
             table(rows, "standard-dh", moving)

@@ -78,7 +78,7 @@ MISTAKES = [
         "link 'other': this link and link 'base' are both the child of no joint",
     ),
     ('<link name="tip"/>', '<link name="base"/>', 12, "taken by line 3"),
-    ('type="prismatic"', 'type="screw"', 20, "'screw', expected one of revolute"),
+    ('type="prismatic"', 'type="screw"', 20, "'screw'; expected one of revolute"),
     ("robot", "sdf", 2, "robot"),
     ('<link name="base"/>', '<xacro:include filename="x"/>', 3, "xacro"),
     (
@@ -146,7 +146,7 @@ def test_long_chains(tmp_path):
     close(arm.chain.walk(q)[1][-1], arm.positions(q), 1e-12)
     path.write_text(chain_of(200), encoding="utf-8")
     with pytest.raises(
-        UnsupportedArmError, match="200 joints move frame 'l200', expected at most 64"
+        UnsupportedArmError, match="200 joints move frame 'l200'; expected at most 64"
     ):
         Arm.from_urdf(path, "l200")
     assert Arm.from_urdf(path, "l64").nq == 64

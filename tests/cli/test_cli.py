@@ -23,6 +23,7 @@ from shell import POINT, done, found, refused, run
 
 from aacmm_pin import Arm, WorkspaceMap
 from aacmm_pin._support.units import DEG, MM
+from aacmm_pin.arm import arm_text, load_arm_file
 from aacmm_pin.cli.root_command import COMMANDS, app
 from tests.oracle import close
 
@@ -131,6 +132,29 @@ def test_numbers_that_no_option_takes():
     ):
         refused(words, said=said)
     assert run("simulate sino6 --records 1e9")[0] == 2
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "simulate sino6 --encoder-noise 0,5",
+        "simulate sino6 --u-reference-mm 0,5",
+        "simulate sino6 --records 0,5",
+        "accuracy sino6 --point 400 0,5 300",
+    ],
+)
+def test_an_option_that_is_no_number_is_quoted(words):
+    status, _, err = run(words)
+    assert (status, "'0,5'; expected a" in err) == (2, True)
+
+
+def test_half_widths_in_another_unit(tmp_path):
+    text = arm_text(load_arm_file("sino6")).replace("a_mm = 0.00852", "a_mm = 100.0")
+    (tmp_path / "arm.toml").write_text(text.replace("2.70805e-05", "0.1222"))
+    words = f"configurations {tmp_path / 'arm.toml'} {POINT}"
+    (length, angle) = [line for line in done(words)[1].splitlines() if "warning: " in line]
+    assert ("100 mm" in length, "a1" in length) == (True, True)
+    assert ("7°" in angle, "alpha1" in angle) == (True, True)
 
 
 def test_angles_carry_their_unit():

@@ -254,6 +254,16 @@ def test_corrected_coordinates_are_those_of_the_model(extended, folder, tmp_path
     assert np.sqrt(np.mean(off**2)) < 0.03
 
 
+def test_a_file_of_a_spreadsheet_is_corrected_in_its_dialect(folder, tmp_path):
+    text = (folder / "warm.csv").read_text()
+    source = tmp_path / "warm.csv"
+    source.write_text(text.replace(",", ";").replace(".", ","))
+    written, _ = done(f"correct sino6 {source}")
+    assert (
+        written.replace(",", ".").replace(";", ",") == done(f"correct sino6 {folder}/warm.csv")[0]
+    )
+
+
 def test_corrected_orientations_are_those_of_pinocchio_at_the_true_angles(sino6, tmp_path):
     ErrorModel(sino6, (EncoderEccentricity(5, values=(1e-3, 2e-3)),)).save(tmp_path / "arm.toml")
     q = np.random.default_rng(1).uniform(-1, 1, (6, 6))

@@ -192,7 +192,7 @@ def test_noise_stated_a_hundred_times_too_large_is_not_answered_with_more_record
     assert "unit" in next_measurements(found)
     assert "more records" not in next_measurements(found)
     assert "noise_too_large" in [note.code for note in found.notes]
-    with pytest.raises(AacmmError, match=r"encoder_noise\[0\] is 8 rad, expected 0 to 0\.005 rad"):
+    with pytest.raises(AacmmError, match=r"encoder_noise\[0\] is 8 rad; expected 0 to 0\.005 rad"):
         diagnose(sino6, compliant, encoder_noise=8.0)
 
 

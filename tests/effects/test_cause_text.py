@@ -109,7 +109,7 @@ def test_texts_of_no_use_are_refused(sino6):
 
 def test_a_stated_value_has_the_sign_that_nature_has(sino6):
     with pytest.raises(
-        AacmmError, match=r"compliance_rad_per_nm is -1e-05, expected a number that is not negative"
+        AacmmError, match=r"compliance_rad_per_nm is -1e-05; expected a number that is not negative"
     ):
         stated_cause("bearing_tilt:2,compliance_rad_per_nm=-1e-5", ErrorModel(sino6))
     estimated = BearingTilt(2, values=(-1e-7,), u=(1e-6,))

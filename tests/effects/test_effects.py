@@ -334,10 +334,10 @@ def test_rows_that_are_not_there(arms, rng):
         if example.row is None:
             continue
         field = str(example.location_field())
-        with pytest.raises(AacmmError, match="has no row 7, expected 1 to 6"):
+        with pytest.raises(AacmmError, match="has no row 7; expected 1 to 6"):
             columns(arm, replace(example, **{field: 7}), q, conditions)
         for row in (0, 2.5, "2", True):
-            with pytest.raises(AacmmError, match=rf"{example.cause}: {field} is {row!r}, expected"):
+            with pytest.raises(AacmmError, match=rf"{example.cause}: {field} is {row!r}; expected"):
                 replace(example, **{field: row})
         assert replace(example, **{field: np.int64(2)}) == replace(example, **{field: 2})
 
@@ -369,7 +369,7 @@ def test_bodies_are_those_beyond(sino6, rng):
     assert BearingTilt(joint=4, bodies=[4, 5, 6]) == BearingTilt(joint=4, bodies=(4, 5, 6))
     for bodies in ((3, 4, 5, 6), (4, 5), (5, 4, 6)):
         with pytest.raises(
-            AacmmError, match=r"bearing_tilt:4: bodies is .*, expected .* beyond row 4, \(4, 5, 6\)"
+            AacmmError, match=r"bearing_tilt:4: bodies is .*; expected .* beyond row 4, \(4, 5, 6\)"
         ):
             columns(sino6, BearingTilt(joint=4, bodies=bodies), q, Conditions(3))
 
@@ -501,7 +501,7 @@ def test_eccentricity_is_that_of_a_disc(sino6, rng):
 
 
 def test_eccentricity_is_less_than_the_disc(sino6, q):
-    with pytest.raises(AacmmError, match=r"amplitude is 1, expected less than 1"):
+    with pytest.raises(AacmmError, match=r"amplitude is 1; expected less than 1"):
         positions(sino6, EncoderEccentricity(joint=2), [1.0, 0.0], q, Conditions(len(q)))
 
 

@@ -97,9 +97,9 @@ def test_what_cannot_be_predicted(sino6):
     for ask in (model.predict, model.correct, model.sensitivity):
         with pytest.raises(ShapeError, match=r"q\[0, 0\] is inf"):
             ask(np.full((2, 6), np.inf))
-    with pytest.raises(ShapeError, match="conditions are of 3 records, expected 2 as q has"):
+    with pytest.raises(ShapeError, match="conditions are of 3 records; expected 2 as q has"):
         model.predict(q, Conditions(3))
-    with pytest.raises(ShapeError, match="approach has 5 columns, expected 6"):
+    with pytest.raises(ShapeError, match="approach has 5 columns; expected 6"):
         model.predict(q, Conditions(2, approach=np.ones((2, 5))))
     with pytest.raises(UnknownNameError, match="frame9"):
         model.predict(q, at="frame9")
@@ -212,7 +212,7 @@ BAD_COVARIANCE = [
     # what is replaced in COVARIANCE, by what, the key that is named, words of the reason
     ('"d2"]', '"d9"]', "covariance.parameters", ["unknown parameter", "'d9'", "encoder_gain:3"]),
     ('"d2"]', '"theta_offset3"]', "covariance", ["names one of them twice"]),
-    ("2e-6, 3e-6]", "2e-6]", "covariance", ["standard_uncertainty_si has 2 numbers, expected 3"]),
+    ("2e-6, 3e-6]", "2e-6]", "covariance", ["standard_uncertainty_si has 2 numbers; expected 3"]),
     (
         "[[], [0.5], [-0.25, 0.1]]",
         "[[1, 0, 0], [0, 1, 0], [0, 0, 1]]",

@@ -246,19 +246,19 @@ def test_mistakes_of_a_class_are_told_with_its_name_and_place(hose, folder, tmp_
             terms,
             f"{terms}\n    needs = 'time'",
             ("causes",),
-            ": needs is 'time', expected a tuple of some of time",
+            ": needs is 'time'; expected a tuple of some of time",
         ),
         (
             terms,
             f"{terms}\n    prior_weight = float('nan')",
             ("causes",),
-            ": prior_weight is nan, expected a number above 0",
+            ": prior_weight is nan; expected a number above 0",
         ),
         (
             terms,
             f"{terms}\n    candidates = lambda *_: None",
             tried,
-            ": candidates gives None, expected tuples of one",
+            ": candidates gives None; expected tuples of one",
         ),
         (
             terms,
@@ -300,7 +300,7 @@ def test_what_it_prints_is_no_result(hose, folder):
 def test_sizes_of_terms_are_numbers_above_zero():
     term: dict[str, Any] = {"name": "", "unit": "rad", "typical": 1e-4, "key": "turn_rad"}
     for name, number in itertools.product(("typical", "scale"), (0.0, float("inf"), "1e-4")):
-        with pytest.raises(AacmmError, match=f"{name} is .*, expected a number above 0"):
+        with pytest.raises(AacmmError, match=f"{name} is .*; expected a number above 0"):
             Term(**term | {name: number})
 
 

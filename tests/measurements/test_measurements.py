@@ -15,6 +15,7 @@ import pytest
 
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.errors import MeasurementFileError, ShapeError, UnknownNameError
+from aacmm_pin.measurements.csv_table import read_table
 from aacmm_pin.measurements.records import Bar, Measurements
 from tests.again import again
 from tests.notes import data_of
@@ -193,13 +194,21 @@ FILES: list[tuple[str | bytes, int | None, str]] = [
     (SMALL.splitlines()[0], None, "no records"),
     (SMALL.replace("z_mm", "z_mm,größe").encode("latin-1"), 1, "not UTF-8 text (byte 39"),
     (SMALL.replace("11,", '11,"'), 3, "quotes"),
-    (SMALL.replace(",21,1,2,3", ",21,1,2"), 3, "4 cells, expected 5"),
+    (SMALL.replace(",21,1,2,3", ",21,1,2"), 3, "4 cells; expected 5"),
     (SMALL.replace("10,20", "10,5,20,5"), 2, "decimal points"),
     (
         SMALL.replace(",", ";").replace("10;20", "10,5;20.5"),
         2,
         "decimal point",
     ),  # which of them has the thousands?
+    (
+        f"Arm 7; July\n\n{SMALL}",
+        1,
+        "'Arm 7; July'; expected the names of the columns, which row 3 has",
+    ),
+    (SMALL.replace("\n", "\ndeg,deg,mm,mm,mm\n", 1), 2, "'deg', 'deg', 'mm', 'mm', 'mm'"),
+    (SMALL.replace("\n", "\nAngle 1,Angle 2,X,,\n", 1), 2, "expected the first record"),
+    ('# arm\nschema = "aacmm-pin/arm/1"\na_mm = 90,004\n', None, "is an arm file (TOML)"),
 ]
 
 
@@ -215,6 +224,7 @@ def test_other_ways_to_write_the_same(tmp_path):
         halves.replace(",", ", "): ("spaces",),
         upper: ("lower case",),
         f"# arm 7, on Tuesday\n#\n{halves}# the end, at 16:00\n": ("comments_ignored",),
+        f"{halves},,,,\n ,,\n\n": (),
         f"# arm 7\n{german.replace(';', '; ').upper()}": (
             "comments_ignored",
             "semicolons",
@@ -235,6 +245,31 @@ def test_other_ways_to_write_the_same(tmp_path):
     with pytest.raises(MeasurementFileError, match="row 3, column record: begins with #") as told:
         Measurements.read(write(tmp_path, "record,theta1_deg\n1,10\n#2,20\n3,10\n"), 1)
     assert (told.value.row, told.value.column) == (3, "record")
+
+
+@pytest.mark.parametrize(("usual", "other"), [(".", ","), (",", ".")])
+def test_a_number_with_another_decimal_sign_is_the_one_that_is_named(tmp_path, usual, other):
+    rows = [f"{10 * k}.5;{k};text 1{other}5" for k in range(9)]
+    rows[4] = rows[4].replace(".", "!", 1)
+    text = "\n".join(["theta1_deg;theta2_deg;remark", *rows]).replace(".5;", f"{usual}5;")
+    error = error_of(tmp_path, text.replace("!", other))
+    assert (error.row, error.column) == (6, "theta1_deg")
+    assert f"'40{other}5'" in str(error)
+    assert " more: row" not in str(error)
+
+
+def test_a_table_is_written_in_the_dialect_in_which_it_was_read(tmp_path):
+    """Labels are no numbers."""
+    for content in (
+        "theta1_deg;seat;time_s\n-10,5;1.5;1e1\n3;;-2,5e-1\n",
+        "theta1_deg\tx\n-10.5\t1,5 mm\n",
+        "theta1_deg,x\n-10.5,a;b\n",
+    ):
+        table, *_, dialect = read_table(str(write(tmp_path, content)))
+        assert dialect.text(table) == content
+    table, *_, dialect = read_table(str(write(tmp_path, "theta1_deg;seat\n-10,5;1.5\n3;\n")))
+    added = dialect.text(table.assign(u_mm=[-0.25, np.nan]))
+    assert added == "theta1_deg;seat;u_mm\n-10,5;1.5;-0,25\n3;;\n"
 
 
 def test_a_file_that_is_no_table(tmp_path):
@@ -262,6 +297,7 @@ HEADERS: list[tuple[str, int | None, str, str]] = [
     ("theta1_rad,theta2_rad", 1, "theta1_rad … theta2_rad", "the arm has 1; expected theta1_rad"),
     ("theta1_deg,seat,seat", None, "seat", "2 times"),
     ("a,b,x_mm", None, "", "'a', 'b', 'x_mm'"),
+    ("J1 [deg],J2 [deg],x_mm", None, "", "rename them theta1_deg … theta2_deg"),
     ("theta1_deg,theta3_deg", None, "theta1_deg … theta3_deg", "theta2_deg is missing"),
     (
         "theta1_deg,theta2_rad,theta3_deg",
@@ -281,8 +317,8 @@ HEADERS: list[tuple[str, int | None, str, str]] = [
     ("theta1_deg,theta2_deg,torque1_nm", None, "torque1_nm", "each of the 2 joints"),
 ]
 SLIPS = {
-    "x_mm": ["x mm", "x [mm]", "x_m", "x"],
-    "theta2_deg": ["theta 2 (deg)", "theta02_deg", "thetta2_deg"],
+    "x_mm": ["x mm", "X [mm]", "x (mm)", "x_m", "x"],
+    "theta2_deg": ["theta 2 (deg)", "Theta2 [°]", "θ2 [deg]", "theta02_deg", "thetta2_deg"],
     "approach1": ["aproach1", "approach_1"],
     "temperature_c": ["temperature_°C", "temperature"],
     "bar_length_mm": ["bar_lenght_mm", "bar_length_m"],
@@ -310,7 +346,11 @@ def test_a_slip_in_a_name_is_no_unknown_column(tmp_path):
     for meant, slips in SLIPS.items():
         for slip in slips:
             error = error_of(tmp_path, f"theta1_deg,{slip}\n1,1\n")
-            assert (error.row, error.column, f"expected {meant}," in str(error)) == (
+            assert (
+                error.row,
+                error.column,
+                re.search(f"expected {meant}[,;]", str(error)) is not None,
+            ) == (
                 None,
                 slip,
                 True,
@@ -336,17 +376,17 @@ CELLS: list[tuple[str, str, str]] = [
     ("theta2_deg", "", "is empty"),
     ("theta1_deg", "1_000", "'1_000'"),
     ("theta2_deg", '"1,5"', "decimal point"),
-    ("u_x_mm", "0", "is 0, expected a standard uncertainty above zero"),
-    ("temperature_c", "293.15", "is 293.15 °C, expected -100 to 200"),
-    ("approach2", "2", "is 2, expected -1, 0 or 1"),
+    ("u_x_mm", "0", "is 0; expected a standard uncertainty above zero"),
+    ("temperature_c", "293.15", "is 293.15 °C; expected -100 to 200"),
+    ("approach2", "2", "is 2; expected -1, 0 or 1"),
     ("seat", "S9", "'S9'"),
     ("bar_length_mm", "", "of bar 'b'"),
     (
         "bar_length_mm",
         "0.5",
-        "is 0.5 mm, expected 10 to 100000 mm; check its unit (perhaps metres)",
+        "is 0.5 mm; expected 10 to 100000 mm; check its unit (perhaps metres)",
     ),
-    ("u_z_mm", "12", "is 12 mm, expected 0 to 10 mm"),
+    ("u_z_mm", "12", "is 12 mm; expected 0 to 10 mm"),
     ("seat", "", "of bar 'b'"),
 ]
 GOOD = {f"{name}_mm": "0.1" for name in ("x", "y", "z", "u_x", "u_y", "u_z")} | {
@@ -391,7 +431,7 @@ def test_a_cell_with_a_mistake(tmp_path):
 def test_numbers_of_a_table_are_looked_at_too():
     for cell, words in (
         (np.nan, "is empty"),
-        (np.inf, "is 'inf', expected a finite number"),
+        (np.inf, "is 'inf'; expected a finite number"),
         ("x", "is 'x'"),
     ):
         table = pd.DataFrame({"theta1_deg": [1.0, cell, 3.0]})
@@ -400,7 +440,7 @@ def test_numbers_of_a_table_are_looked_at_too():
     for cells in ([True, False], pd.to_datetime(["2020-01-01", "2020-01-02"])):
         with pytest.raises(
             MeasurementFileError,
-            match=r"row 2, column theta1_deg: is '.*', expected a finite number",
+            match=r"row 2, column theta1_deg: is '.*'; expected a finite number",
         ):
             Measurements.from_frame(pd.DataFrame({"theta1_deg": cells}))
 
@@ -451,6 +491,22 @@ def test_degrees_that_look_like_radians(rng):
         np.testing.assert_allclose(found, degrees * DEG, rtol=1e-15)
 
 
+@pytest.mark.parametrize(("unit", "step"), [("deg", 0.01), ("rad", 1e-4)])
+def test_rounded_angles_state_their_resolution(rng, unit, step):
+    """GUM F.2.2.1; the most frequent standard deviation is that of what rounding takes away."""
+    exact = rng.uniform(-1.0, 1.0, (4000, 3)) * (180 if unit == "deg" else np.pi)
+    rounded = np.round(exact / step) * step
+    rounded[:, 1] = exact[:, 1]
+    (data,) = data_of(Measurements.from_frame(angles(unit, rounded)).read_as, "angles_rounded")
+    assert data["columns"] == [f"theta1_{unit}", f"theta3_{unit}"]
+    assert data["step"] == pytest.approx(step)
+    in_rad = DEG if unit == "deg" else 1.0
+    assert data["u"] == pytest.approx((rounded[:, 0] - exact[:, 0]).std() * in_rad, rel=0.05)
+    for fine in (exact, np.round(exact, 5), np.round(exact[:9], 1)):
+        read_as = Measurements.from_frame(angles(unit, fine)).read_as
+        assert not data_of(read_as, "angles_rounded")
+
+
 def test_labels_that_are_nearly_the_same():
     table = angles("deg", np.full((8, 2), 40.0))
     table = table.assign(seat=2 * ["P1", "#p 01", "P10", "1"], session=2 * ["1", "1.0", "2", "10"])
@@ -477,6 +533,18 @@ def test_radians_that_look_like_degrees():
 
 
 # --- mistakes: seats and bars
+
+
+def test_references_that_are_all_zero():
+    """As a program writes them that has none; one seat may be the origin of its frame."""
+    table = angles("deg", np.full((4, 2), 40.0)).assign(x_mm=0.0, y_mm=0.0, z_mm=0.0)
+    for seats in ([""] * 4, ["a", "a", "b", "b"], ["a", "a", "a", ""]):
+        with pytest.raises(MeasurementFileError) as caught:
+            Measurements.from_frame(table.assign(seat=seats))
+        assert caught.value.column == "x_mm … z_mm"
+    assert Measurements.from_frame(table.assign(seat="a")).known.all()
+    table.loc[3, "x_mm"] = 100.0
+    assert Measurements.from_frame(table).known.all()
 
 
 def test_what_seats_and_bars_may_be(tmp_path):
@@ -538,17 +606,17 @@ def test_of_arrays(rng):
 ONE = [[1.0, 2.0]]
 ARRAYS: list[tuple[dict[str, object], str]] = [
     ({"q": [1.0, 2.0]}, r"q has shape \(2,\).*pass q\[None, :\]"),
-    ({"q": [[1.0, np.nan]]}, r"q\[0, 1\] is nan, expected a finite number"),
-    ({"q": ONE, "reference": [[1.0, 2.0]]}, r"reference has shape \(1, 2\), expected \(n, 3\)"),
+    ({"q": [[1.0, np.nan]]}, r"q\[0, 1\] is nan; expected a finite number"),
+    ({"q": ONE, "reference": [[1.0, 2.0]]}, r"reference has shape \(1, 2\); expected \(n, 3\)"),
     ({"q": ONE, "reference": [[1.0, np.nan, 3.0]]}, r"reference\[0\] is .*NaN for all"),
     ({"q": ONE, "reference": np.ma.masked_equal([[1.0, 2.0, 3.0]], 2)}, "masked"),
     (
         {"q": ONE, "reference": [[1, 2, 3]], "reference_u": [[1e-3, 0, 1e-3]]},
         "reference_u .* not above zero",
     ),
-    ({"q": ONE, "reference": [[1, 2, 1e3]]}, r"reference\[0, 2\] is 1000 m, expected -100 to 100"),
-    ({"q": ONE, "record": [3]}, r"record\[0\] is 3, expected text"),
-    ({"q": ONE, "conditions": Conditions(2)}, "conditions are of 2 records, expected 1"),
+    ({"q": ONE, "reference": [[1, 2, 1e3]]}, r"reference\[0, 2\] is 1000 m; expected -100 to 100"),
+    ({"q": ONE, "record": [3]}, r"record\[0\] is 3; expected text"),
+    ({"q": ONE, "conditions": Conditions(2)}, "conditions are of 2 records; expected 1"),
     ({"q": ONE, "extra": pd.DataFrame({"seat": ["a"]})}, "extra has columns of known names: seat"),
 ]
 
@@ -556,9 +624,9 @@ ARRAYS: list[tuple[dict[str, object], str]] = [
 OF_CONDITIONS: list[tuple[dict[str, Any], str]] = [
     ({"temperature": np.array([-273.15])}, r"temperature\[0\] is -273.15 °C"),
     ({"time": np.array([np.nan])}, r"time\[0\] is nan"),
-    ({"torque": np.zeros((2, 2))}, "torque has 2 rows, expected 1"),
+    ({"torque": np.zeros((2, 2))}, "torque has 2 rows; expected 1"),
     ({"approach": np.array([[0.5, 1]])}, "approach holds other numbers"),
-    ({"seat": np.array([None])}, r"seat\[0\] is None, expected text"),
+    ({"seat": np.array([None])}, r"seat\[0\] is None; expected text"),
 ]
 
 
@@ -576,7 +644,7 @@ def test_arrays_that_contradict_each_other():
         ({"bar": ["b"]}, "missing beside bar"),
         (
             {"conditions": Conditions(1, torque=np.zeros((1, 3)))},
-            "torque1_nm … torque3_nm: 3 columns, expected one for each",
+            "torque1_nm … torque3_nm: 3 columns; expected one for each",
         ),
         (
             {"extra": pd.DataFrame({"Seat": ["a"]})},

@@ -249,8 +249,8 @@ def test_noise_of_no_use():
     np.testing.assert_array_equal(Noise.of(3, encoder=1e-5).encoder, [1e-5] * 3)
     for noise, error, said in (
         ({"encoder": -1e-6}, AacmmError, r"encoder noise\[0\] is -1e-06 rad"),
-        ({"probe": 0.05}, AacmmError, "probe noise is 0.05 m, expected 0 to 0.01"),
-        ({"encoder": [1e-6] * 5}, ShapeError, r"encoder noise has shape \(5,\), expected \(6,\)"),
+        ({"probe": 0.05}, AacmmError, "probe noise is 0.05 m; expected 0 to 0.01"),
+        ({"encoder": [1e-6] * 5}, ShapeError, r"encoder noise has shape \(5,\); expected \(6,\)"),
     ):
         with pytest.raises(error, match=said):
             Noise.of(6, **noise)
@@ -315,13 +315,13 @@ def test_a_seed_is_a_data_set_that_a_file_holds(sino6, tmp_path, options):
 
 REFUSED: list[tuple[dict[str, Any], str]] = [
     ({"scheme": "seat"}, "unknown scheme 'seat'; known: free, seats, ball-bar, single-point"),
-    ({"scheme": "seats", "records": 19, "known": False}, "records is 19, expected at least 20"),
-    ({"scheme": "single-point", "records": 1}, "records is 1, expected at least 2"),
-    ({"scheme": "ball-bar", "seats": 5, "bar_length": 0.4}, "seats is 5, expected an even number"),
+    ({"scheme": "seats", "records": 19, "known": False}, "records is 19; expected at least 20"),
+    ({"scheme": "single-point", "records": 1}, "records is 1; expected at least 2"),
+    ({"scheme": "ball-bar", "seats": 5, "bar_length": 0.4}, "seats is 5; expected an even number"),
     ({"scheme": "ball-bar"}, "bar_length was not given"),
     (
         {"scheme": "seats", "bar_length": 0.4},
-        "0.4 m for scheme 'seats', expected none",
+        "0.4 m for scheme 'seats'; expected none",
     ),
     ({"scheme": "ball-bar", "bar_length": 5.0}, "SINO6: 0 of 5 bars of 5000 mm"),
     ({"scheme": "free", "above": 2.0}, "SINO6: 0 of 6000 random postures .* 2000 mm"),
@@ -376,7 +376,7 @@ def test_arms_of_two_joints(tmp_path):
     stiff = Arm.from_urdf(
         written(tmp_path, ("revolute", "0 0 1", -0.1, 0.1), ("revolute", "0 0 1", -0.1, 0.1)), "tip"
     )
-    with pytest.raises(AacmmError, match=r"room for [23] seats 50 mm or more apart, expected 10"):
+    with pytest.raises(AacmmError, match=r"room for [23] seats 50 mm or more apart; expected 10"):
         simulated(stiff, scheme="seats")
 
 

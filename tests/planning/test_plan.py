@@ -542,7 +542,7 @@ def test_what_cannot_be_is_refused(sino6, zero6):
         (AacmmError, "records of a plan is 0", sino6, PAIR, {"records": 0}),
         (
             AacmmError,
-            "postures is 5, expected at least as many as records, 20",
+            "postures is 5; expected at least as many as records, 20",
             sino6,
             PAIR,
             {"postures": 5},

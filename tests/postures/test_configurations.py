@@ -506,8 +506,8 @@ def test_what_cannot_be_asked(sino6):
         (up | {"tip": False}, AacmmError, "requires tip=True"),
         (up | {"axis": [0, 0, 0]}, AacmmError, "direction"),
         (up | {"rest": [0, 0]}, AacmmError, "rest"),
-        ({"point": SEAT, "rest": [0.0]}, ShapeError, r"rest has shape \(1,\), expected \(2,\)"),
-        ({"point": SEAT, "count": 10.5}, AacmmError, "count is 10.5, expected a whole number"),
+        ({"point": SEAT, "rest": [0.0]}, ShapeError, r"rest has shape \(1,\); expected \(2,\)"),
+        ({"point": SEAT, "count": 10.5}, AacmmError, "count is 10.5; expected a whole number"),
     ]
     for arguments, error, words in asked:
         with pytest.raises(error, match=words):

@@ -81,10 +81,10 @@ def test_unusable_conditions(sino6, robot_file, tmp_path):
     )
     asked: list[tuple[dict[str, Any], type[AacmmError], str]] = [
         ({}, UnsupportedArmError, free),
-        ({"axis": [0, 0, 0]}, AacmmError, r"axis is \[0, 0, 0\], expected a direction"),
+        ({"axis": [0, 0, 0]}, AacmmError, r"axis is \[0, 0, 0\]; expected a direction"),
         ({"tool": [0, 0, 1]}, AacmmError, "tool requires axis"),
         (up | {"rotation": np.eye(3)}, AacmmError, "expected one of them"),
-        ({"rotation": np.eye(4)}, ShapeError, r"rotation has shape \(4, 4\), expected \(3, 3\)"),
+        ({"rotation": np.eye(4)}, ShapeError, r"rotation has shape \(4, 4\); expected \(3, 3\)"),
         ({"rotation": 1.1 * np.eye(3)}, ShapeError, "its columns are off by 2.1e-01"),
         ({"rotation": -np.eye(3)}, ShapeError, "it is a reflection"),
     ]

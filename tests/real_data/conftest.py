@@ -20,5 +20,5 @@ def real_data() -> Path:
         pytest.skip(f"{VARIABLE} names no folder with measurements of real arms")
     folder = Path(name)
     if not folder.is_dir():
-        pytest.fail(f"{VARIABLE} is {name!r}, expected a folder; here is {Path.cwd()}")
+        pytest.fail(f"{VARIABLE} is {name!r}; expected a folder; here is {Path.cwd()}")
     return folder

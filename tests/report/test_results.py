@@ -343,15 +343,15 @@ def test_mix_ups_are_answered_with_what_to_do(sino6, calibration):
         lambda model: calibrate(model, data),
         lambda model: configuration_circle(model, POINT),
     ]
-    mistakes = [("sino", "unknown arm 'sino'"), (3, "type int, expected an Arm")]
+    mistakes = [("sino", "unknown arm 'sino'"), (3, "type int; expected an Arm")]
     for call in calls:
         for wrong, words in mistakes:
             with pytest.raises(AacmmError, match=words):
                 call(wrong)
-    with pytest.raises(AacmmError, match="type ErrorModel, expected an Arm"):
+    with pytest.raises(AacmmError, match="type ErrorModel; expected an Arm"):
         configuration_circle(ErrorModel(sino6), POINT)
     for function in (diagnose, calibrate):
-        with pytest.raises(AacmmError, match="type int, expected Measurements"):
+        with pytest.raises(AacmmError, match="type int; expected Measurements"):
             function(sino6, 3)
         with pytest.raises(AacmmError, match=r"no_such\.csv"):
             function(sino6, "no_such.csv")

@@ -217,7 +217,7 @@ def plot_unexplained(result: Diagnosis, name: str, ax: Axes | None = None) -> Ax
     shapes = result.unexplained.shapes
     if name not in shapes:
         raise AacmmError(
-            f"no structure depends on {name!r}, expected one of "
+            f"no structure depends on {name!r}; expected one of "
             f"{', '.join(shapes) or '(nothing does)'}"
         )
     shape, ax = shapes[name], axes_of(ax, (6.8, 3.8))

@@ -62,7 +62,7 @@ def plot_circle(
         ax = plt.figure(figsize=(7.2, 6.6), layout="constrained").add_subplot(projection="3d")
     if not isinstance(ax, Axes3D):
         raise AacmmError(
-            f"ax is {type(ax).__name__}, expected three-dimensional axes: "
+            f"ax is {type(ax).__name__}; expected three-dimensional axes: "
             "add_subplot(projection='3d')"
         )
     ax.computed_zorder = False

@@ -169,7 +169,7 @@ def held_out_parts(result: Diagnosis) -> pd.DataFrame:
     """
     held = result.held_out
     if held is None:
-        raise AacmmError("no records were held out, expected a diagnosis with hold_out=True")
+        raise AacmmError("no records were held out; expected a diagnosis with hold_out=True")
     seats = result.extended.problem.measurements.seats() if held.kind == "seats" else {}
     there = np.isfinite(held.extended)
     numbers = np.unique(held.part[there])

@@ -120,7 +120,7 @@ def partial_residual(result: Diagnosis, effect: Effect) -> PartialResidual:
     state = state_of(fit)
     if is_constant(effect, state):
         raise AacmmError(
-            f"{effect.label} displaces all records equally, expected a cause that depends on "
+            f"{effect.label} displaces all records equally; expected a cause that depends on "
             "something"
         )
     found = _amount(effect, state)

@@ -22,7 +22,7 @@ def arm_scene(model: GivenModel, q: ArrayLike) -> Scene:
     arm = ErrorModel.arm_of(model)
     q = batch(q, arm.nq, "q", "rad")
     if not len(q):
-        raise ShapeError("q has no row, expected at least one posture")
+        raise ShapeError("q has no row; expected at least one posture")
     bodies, tips = Bodies(arm), arm.positions(q)
     one = f"The tip is at {place_text(tips[0])} in the base frame."
     scene = stage(

@@ -161,10 +161,10 @@ class Frames:
             for name, of in per_frame.items():
                 if len(of) != n:
                     raise ShapeError(
-                        f"{what} of {name}: {len(of)} frames, expected {n} as there are colours"
+                        f"{what} of {name}: {len(of)} frames; expected {n} as there are colours"
                     )
         if not 0 <= self.start < n:
-            raise ShapeError(f"start is {self.start}, expected a frame from 0 to {n - 1}")
+            raise ShapeError(f"start is {self.start}; expected a frame from 0 to {n - 1}")
 
     def __len__(self) -> int:
         return len(self.colours)

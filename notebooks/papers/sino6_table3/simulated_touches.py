@@ -100,7 +100,7 @@ def touched_seats(
     if reading not in AXES:
         raise UnknownNameError("reading", reading, list(get_args(Reading)))
     if not 0.0 < arc <= 1.0:
-        raise AacmmError(f"arc is {arc:g}, expected a part of the circle, above 0 and at most 1")
+        raise AacmmError(f"arc is {arc:g}; expected a part of the circle, above 0 and at most 1")
     model, count, axis = ErrorModel.load("sino6"), round(RECORDS / arc), AXES[reading]
     wrist = axis is None
     circles = configuration_circles(
