@@ -233,4 +233,5 @@ def test_columns_of_the_measurement_file():
     tables = ("Columns that most files have", "Optional columns")
     names = {key.removesuffix(" …") for key in documented("measurement_file", *tables)}
     numbered = {form.replace("#", "1") for form in numbered_forms(MEASUREMENT_FILE)}
-    assert names | {"theta1_rad", "temperature1_c"} == {*single_names(MEASUREMENT_FILE), *numbered}
+    known = {*single_names(MEASUREMENT_FILE), *numbered, FEATURE}
+    assert names | {"theta1_rad", "temperature1_c"} == known
