@@ -19,7 +19,7 @@ from aacmm_pin import effects
 from aacmm_pin.arm import file as arm_file
 from aacmm_pin.effects import CAUSES, Smooth
 from aacmm_pin.measurements import MEASUREMENT_FILE, PROBED_POINT_COLUMNS, REFERENCE
-from aacmm_pin.measurements.csv_columns import numbered_forms, single_names
+from aacmm_pin.measurements.csv_columns import FEATURE, numbered_forms, single_names
 from tests.cli import shell
 
 SITE = Path(__file__).parents[1] / "notebooks" / "site"
