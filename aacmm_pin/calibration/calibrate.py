@@ -32,6 +32,7 @@ from aacmm_pin.calibration.parameters import (
     unstated,
 )
 from aacmm_pin.calibration.result import Calibration
+from aacmm_pin.calibration.session_frames import agreement_of, in_first_frame
 from aacmm_pin.calibration.setup import ReferenceFrame, Setup, Target, checked_input
 from aacmm_pin.calibration.shared_exclusions import exclusions_of
 from aacmm_pin.effects import (
@@ -126,7 +127,8 @@ def calibrate(
             (everything that describes the arm's lengths and axes), effects or their texts, such as
             ``encoder_gain:5``, or a list of these.
         reference_frame: ``base`` if the reference coordinates are in the arm's base, ``external``
-            if their frame is unknown.
+            if their frame is unknown, ``session`` if that of each session is; results are then in
+            the frame of the first session.
         target: ``tip`` if the tip itself was measured, ``unknown`` if some point on the last body
             was; markers always are. The axes of a target whose orientation the records state are
             turned in the tip by an unknown constant, one for each marker; ``frame`` if both point
@@ -177,6 +179,7 @@ def calibrate(
         probe_noise,
         length_noise,
     )
+    measurements, moved = in_first_frame(model, measurements, setup)
     problem = problem_of(model, measurements, chosen, setup)
     if of_arm := scale_is_unidentifiable(problem):
         raise AacmmError(
@@ -194,7 +197,10 @@ def calibrate(
     if len(measurements.extra.columns):
         repeated.append(Note("columns_unused", {"columns": [*measurements.extra]}))
     found = Calibration(
-        after, problem_of(model, measurements, [], setup), (), (*notes_of(after), *repeated)
+        after,
+        problem_of(model, measurements, [], setup),
+        (),
+        (*notes_of(after), *moved, *agreement_of(after, moved), *repeated),
     )
     held = (
         left_out(found.before, after, rng or np.random.default_rng(1), progress) if hold_out else ()

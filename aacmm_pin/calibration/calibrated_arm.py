@@ -17,7 +17,7 @@ from aacmm_pin._support.units import MM
 from aacmm_pin.arm import Arm, ArmFile, Covariance
 from aacmm_pin.calibration.fit import NO_SCATTER, Fit
 from aacmm_pin.calibration.identifiability import NEGLIGIBLE_PART
-from aacmm_pin.effects import Effect, ErrorModel, StylusOffset, entries_of
+from aacmm_pin.effects import Effect, ErrorModel, ReferenceFrame, StylusOffset, entries_of
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import fingerprints, fingerprints_of_standards
 
@@ -65,7 +65,7 @@ def calibrated_model(fit: Fit) -> ErrorModel:
     alone = np.hypot(u[: vector.size], unknown)
     effects: list[Effect] = []
     for effect, own in vector:
-        if isinstance(effect, StylusOffset) and effect.marker is not None:
+        if is_of_setup(effect):
             told[own] = False
         elif vector.arm_parameters[own.start] is None:
             nonlinear_u = fit.nonlinear_u_of.get((effect.key, effect.nonlinear.field), 0.0)
@@ -105,6 +105,13 @@ def calibrated_model(fit: Fit) -> ErrorModel:
     if problem.setup.encoder_noise is not None:
         moved = moved.with_encoder_noise(problem.setup.encoder_noise)
     return ErrorModel(moved, every)
+
+
+def is_of_setup(effect: Effect) -> bool:
+    """Whether it says how the records were taken: where a marker, or the frame of a session, is."""
+    if isinstance(effect, StylusOffset):
+        return effect.marker is not None
+    return isinstance(effect, ReferenceFrame) and effect.session is not None
 
 
 def temperature_of(fit: Fit) -> float:

@@ -110,10 +110,9 @@ def groups_of(fit: Fit, rng: np.random.Generator) -> tuple[str, Index]:
     Repeats of a posture are in one group, whatever their seat or session.
     """
     records = fit.problem.measurements
-    for kind, labels in (
-        ("seats", records.conditions.seat),
-        ("sessions", records.conditions.session),
-    ):
+    # Other records say nothing of the frame of a session.
+    session = None if fit.problem.setup.frame_of_session else records.conditions.session
+    for kind, labels in (("seats", records.conditions.seat), ("sessions", session)):
         if labels is not None and len(set(labels[fit.used]) - {""}) >= FEWEST_GROUPS:
             groups = together(
                 np.unique(labels.astype(str), return_inverse=True)[1], records.postures

@@ -15,8 +15,8 @@ from aacmm_pin.calibration.parameter_vector import (
     ParameterVector,
     geometric_parameters,
 )
-from aacmm_pin.calibration.problem import Problem
-from aacmm_pin.calibration.setup import Setup, Target
+from aacmm_pin.calibration.problem import FRAME_WIDTHS, Problem
+from aacmm_pin.calibration.setup import Setup, Target, sessions_of
 from aacmm_pin.effects import (
     Effect,
     ErrorModel,
@@ -25,6 +25,7 @@ from aacmm_pin.effects import (
     JointZeroOffset,
     LinkLength,
     LinkTilt,
+    ReferenceFrame,
     StylusOffset,
 )
 from aacmm_pin.errors import AacmmError, UnknownNameError
@@ -71,6 +72,8 @@ def problem_of(
         for unknown in _of_target(measurements, setup.target)
         if unknown[0].label not in asked
     ]
+    if setup.frame_of_session:
+        chosen += _of_sessions(measurements)
     for item in items:
         if isinstance(item, Effect):
             chosen.append(_of_effect(item))
@@ -232,6 +235,13 @@ def _of_effect(effect: Effect) -> _Unknown:
     u = np.array(effect.u)
     stated = u > 0
     return effect, np.where(stated, u, [BEYOND_TYPICAL * t.typical for t in effect.terms]), stated
+
+
+def _of_sessions(measurements: Measurements) -> list[_Unknown]:
+    """How far the frame of each session but the first is from that of the first."""
+    unstated = np.zeros(FRAME_WIDTHS.size, dtype=bool)
+    others = sessions_of(measurements)[1:]
+    return [(ReferenceFrame(label), FRAME_WIDTHS, unstated) for label in others]
 
 
 def _turned_targets(measurements: Measurements) -> tuple[str, ...]:

@@ -19,7 +19,7 @@ from aacmm_pin.effects import Effect, ErrorModel, GivenModel, known_range_in_wor
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements import Measurements, as_measurements
 
-ReferenceFrame = Literal["base", "external"]
+ReferenceFrame = Literal["base", "external", "session"]
 Target = Literal["tip", "unknown", "frame"]
 
 
@@ -30,7 +30,7 @@ class Setup:
 
     Attributes:
         reference_frame: ``base`` if the reference coordinates are in the arm's base, ``external``
-            if their frame is unknown.
+            if their frame is unknown, ``session`` if each session has an unknown one.
         target: ``tip`` if the tip itself was measured, ``unknown`` if some point on the last body
             was; the axes of a target with orientation are turned in the tip by an unknown constant,
             but for ``frame``: tip and axes are the tip's.
@@ -111,7 +111,12 @@ class Setup:
     @property
     def external(self) -> bool:
         """Whether the frame of the references is unknown."""
-        return self.reference_frame == "external"
+        return self.reference_frame != "base"
+
+    @property
+    def frame_of_session(self) -> bool:
+        """Whether each session has a frame of its own."""
+        return self.reference_frame == "session"
 
     def unstated(self, measurements: Measurements) -> list[str]:
         """Whose noise is not stated although χ² needs it; empty where χ² can be judged."""
@@ -141,6 +146,22 @@ class Setup:
         ):
             found.append("contacts in seats")
         return found
+
+
+def sessions_of(measurements: Measurements) -> list[str]:
+    """Labels of the sessions, in the order of their first records.
+
+    Raises:
+        AacmmError: a record has none.
+    """
+    labels = measurements.conditions.require("session", "a reference frame for each session")
+    if (labels == "").any():
+        row = int(measurements.row[labels == ""][0])
+        raise AacmmError(
+            f"{measurements.source}: row {row}, column session: is empty; expected a label in "
+            "every row if each session has its own reference frame"
+        )
+    return [str(label) for label in dict.fromkeys(labels)]
 
 
 def checked_input(

@@ -16,7 +16,10 @@ from aacmm_pin.cli.common import (
 
 FrameOfReferences = Annotated[
     ReferenceFrame,
-    typer.Option(help="Frame of the references; external is a frame that is estimated."),
+    typer.Option(
+        help="Frame of the references. external: a frame that is estimated. session: one for each "
+        "label in the column session."
+    ),
 ]
 TargetOfReferences = Annotated[
     Target,

@@ -28,7 +28,7 @@ from aacmm_pin.effects.state import State
 from aacmm_pin.effects.tube import tubes
 from aacmm_pin.errors import AacmmError, CauseError, UnknownNameError
 
-LOCATION_FIELDS = ("joint", "link", "seat", "marker")
+LOCATION_FIELDS = ("joint", "link", "seat", "marker", "session")
 """Fields that state where a cause sits."""
 NUMBERS = ("values", "u", "nonlinear_u")
 """Fields of every cause, which do not state which one it is."""

@@ -87,10 +87,12 @@ class ReferenceFrame(Effect):
     """The references stand in a frame that is off from the base by a small shift and turn.
 
     A twist (v, ω) at the base: ``p_reference = exp(v, ω) p_base``. Units m, rad; any size that is
-    left after the two frames have been fitted. Source: rigid registration. Needs no column.
-    Confused with: a zero offset of joint 1 and d of row 1, which move the whole arm alike.
+    left after the two frames have been fitted; with ``session``, of its records. Source: rigid
+    registration. Needs ``session`` where one is named. Confused with: a zero offset of joint 1 and
+    d of row 1, which move the whole arm alike.
     """
 
+    session: str | None = None
     cause: ClassVar[str] = "reference_frame"
     words: ClassVar[str] = "error of the reference frame"
     of_reference: ClassVar[bool] = True
@@ -98,9 +100,23 @@ class ReferenceFrame(Effect):
     prior_weight: ClassVar[float] = 0.2
     terms: ClassVar[tuple[Term, ...]] = (*shifts(1e-3), *turns(1e-3))
 
+    @property
+    def needs(self) -> tuple[str, ...]:
+        """The session, where one is named."""
+        return () if self.session is None else ("session",)
+
+    @classmethod
+    def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
+        """That of all records."""
+        yield (cls(),)
+
     def displacements(self, state: State) -> list[Displacement]:
         """Unit twists of the base."""
-        return [Displacement(BASE, np.eye(6)[None])]
+        columns = np.eye(6)[None]
+        if self.session is not None:
+            own = state.conditions.require("session", self.label) == self.session
+            columns = columns * own[:, None, None]
+        return [Displacement(BASE, columns)]
 
 
 @dataclass(frozen=True)

@@ -33,6 +33,11 @@ class Task:
     setup: Setup
 
     def __post_init__(self) -> None:
+        if self.setup.frame_of_session:
+            raise AacmmError(
+                "reference frame: came session; expected base or external, as the records of a "
+                "plan are one session"
+            )
         if self.existing is not None:  # a plan is of tips
             object.__setattr__(
                 self, "existing", replace(self.existing, orientation=None, orientation_u=None)
