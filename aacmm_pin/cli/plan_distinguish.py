@@ -70,6 +70,6 @@ def run(
 def _say_what_to_do(plan: MeasurementPlan, planned: PlannedRecords) -> None:
     """How the file is filled in, and from what it was chosen."""
     only = "" if plan.needed else "for that check, "
-    where = "if the arm is only near a posture, enter the angles that the encoders indicate"
+    where = "if the arm is only near a posture, enter the readings"
     say(f"{planned.output}: {only}fill in x_mm, y_mm, z_mm; {where}")
     note(f"chosen from {planned.postures} postures, seed {planned.seed}")

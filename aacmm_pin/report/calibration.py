@@ -79,11 +79,12 @@ NOTHING_ESTIMATED = (
     "estimates them."
 )
 KNOWN = (
-    "Changes and uncertainties are in the unit of the column in. U holds only if the model has all "
-    "causes of error. Known: measured by these data; "
-    "as stated, if these data add nothing; or in combination with others (next section). "
-    "A parameter known in combination has no value by itself; the arm file holds one that fits "
-    "the others."
+    "Changes, U and half-widths are in the unit of the column in. U: expanded uncertainty of the "
+    "estimate; it holds only if the model has all causes of error. Stated half-width: bound in the "
+    "arm file before calibration; 2u if the file states a standard uncertainty u. Known: measured "
+    "by these data; as stated, if these data add nothing; or in combination with others (next "
+    "section). A parameter known in combination has no value by itself; the arm file holds one "
+    "that fits the others."
 )
 UNDETERMINED = (
     "Neither these data nor stated uncertainties determine these; they are left as they were. "
@@ -133,7 +134,7 @@ def verdict(result: Calibration) -> str:
     before, after, *others = lengths(sizes)
     fitted = f"of the records used {before} before, {after} after (RMS)"
     if not others:
-        unknown = "no records were held out, so this may be optimistic"
+        unknown = "no records were held out: new records may have larger residuals"
         return f"{doubts}{name}{rest}: residuals {fitted}; {unknown}."
     gain = 1.0 - held.rms_after / held.rms_before
     helps = "helps" if gain >= WORTH else "does not help"
@@ -165,9 +166,9 @@ def fit_in_words(result: Calibration) -> str:
     judged, p = result.fit.chi2_stated, result.p_value
     if judged is None or p is None:
         if result.fit.stated:
-            return "There are no more measured values than parameters, so χ² cannot test the fit."
+            return "χ² cannot test the fit: there are no more measured values than parameters."
         return (
-            "Not all noise was stated, so χ² cannot test the model. The residuals exceed the "
+            "χ² cannot test the model: not all noise was stated. The residuals exceed the "
             f"stated noise by {length(result.fit.unmodelled)} per coordinate."
         )
     numbers = f"χ² = {judged[0]:.0f} with {judged[1]:.0f} degrees of freedom, {p_equals(p)}"
@@ -420,8 +421,8 @@ def _parameters(result: Calibration) -> list[Block]:
     blocks: list[Block] = [title, _parameter_table(rows)]
     beyond = ", ".join(rows["parameter"][rows["beyond"]])
     if beyond:
-        changed = f"* changed by more than stated ± and U together: {beyond}"
-        advice = "A cause that the model lacks may do that; run aacmm-pin diagnose."
+        changed = f"* changed by more than the stated half-width plus U: {beyond}"
+        advice = "The model may lack a cause of error; run aacmm-pin diagnose."
         blocks.append(Paragraph(f"{changed}. {advice}"))
     of_a_unit = rows["in"].str[1:].value_counts().max()
     tallest = len(rows) if rows["stated"].notna().any() else of_a_unit
@@ -438,7 +439,7 @@ def _parameter_table(rows: pd.DataFrame) -> Table:
         shown[["parameter", "value", "change", "U", "stated", "in", "known"]],
         "Parameters",
         dict.fromkeys(("stated", "U"), form),
-        {"stated": "stated ±", "U": "U (k = 2)"},
+        {"stated": "stated half-width", "U": "U (k = 2)"},
         explained=KNOWN,
     )
 
@@ -528,6 +529,6 @@ def files(
     from_table = model.arm.dh is not None
     if from_table or model.arm.urdf_file.urdf.file:
         beside = "" if from_table else "; keep it in the folder of its URDF"
-        words = f"the arm as found, with its covariance{beside}"
+        words = f"the arm with these values and their covariance{beside}"
         blocks.append(Download(of_arm, words, model.text(note).encode()))
     return blocks

@@ -73,23 +73,23 @@ def plan_line(plan: MeasurementPlan) -> str:
     if plan.asked:
         what = f"to distinguish {one} from {other}"
     else:
-        what = f"for all causes, of which {one} and {other} are hardest to distinguish"
+        what = f"to distinguish all causes, of which {one} and {other} are the closest"
     if plan.before is not None and not plan.needed:
         return (
-            f"no more records are needed {what}: the {plan.existing} existing ones are enough, "
-            f"with a probability of the right decision of {plan.before.probability:.2f}; "
-            f"use these {len(plan.records)} to check the result with new records"
+            f"no more records are needed {what}. The {plan.existing} existing ones are enough: "
+            f"{RIGHT} {plan.before.probability:.2f}. Use these {len(plan.records)} to check the "
+            "result with new records"
         )
-    text = f"{len(plan.records)} records {what}, {plan.setup}: {_power(plan)}"
+    text = f"{len(plan.records)} records {what}. Set-up: {plan.setup}. {_power(plan)}"
     return text + "".join(f"; {one.words}: {one.why_not}" for one in plan.tried if one.why_not)
 
 
 def _power(plan: MeasurementPlan) -> str:
     """What the planned records decide."""
     if plan.after.same:
-        return "no set-up that was considered distinguishes them"
+        return "No set-up that was considered distinguishes them"
     text = f"T = {plan.after.least:.3g} (expected increase of χ² with the wrong cause), "
-    text += f"probability of the right decision {plan.after.probability:.2f}"
+    text += f"{RIGHT} {plan.after.probability:.2f}"
     text += "" if plan.before is None else f", {plan.before.probability:.2f} before"
     return text + ("" if plan.decided else f"; this is not enough to decide{_more(plan)}")
 

@@ -149,7 +149,7 @@ def plot_budget(
     """
     if most < 1 or not len(accuracy.q):
         raise AacmmError(
-            f"most is {most} and accuracy has {len(accuracy.q)} configurations; expected at least "
+            f"most is {most} and accuracy has {len(accuracy.q)} postures; expected at least "
             "1 of each"
         )
     table = _shortened(accuracy.budget(by), by, most, accuracy.sources)
