@@ -124,11 +124,7 @@ def _of_history(checks: History, path: Path | None) -> Iterator[str]:
             f"checks of {others}"
         )
     if not checks.appended:
-        same = (
-            f"its check of {checks.time} has the same values and counts as this one"
-            if checks.charts()
-            else ""
-        )
+        same = f"its check of {checks.time} has the same values" if checks.charts() else ""
         yield f"nothing appended to {path}: {same or 'no test value was found'}"
 
 

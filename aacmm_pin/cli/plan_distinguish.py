@@ -56,7 +56,7 @@ def run(
         document = plan_document(plan)
         planned.write(results, plan, existing, document)
         if arm_out is not None:
-            results.arm(plan.model, arm_out, f"Set up to be measured by a plan: {plan.setup}.")
+            results.arm(plan.model, arm_out, f"Set-up of a plan: {plan.setup}.")
     planned.show(plan, document)
     if not planned.csv_on_stdout:
         _say_what_to_do(plan, planned)

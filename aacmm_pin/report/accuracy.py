@@ -1,4 +1,4 @@
-"""Postures, accuracy, maps and Monte Carlo as documents: what is known before anything is
+"""Postures, accuracy, maps and Monte Carlo as documents: predictions before anything is
 measured.
 """
 
@@ -73,6 +73,7 @@ def accuracy_document(accuracy: AccuracyVolume, summary: dict[str, Any] | None =
         volume = summary["volume_mm3"]["comprehensive"]
         comprehensive = "" if volume is None else f"comprehensive accuracy {volume:.4g} mm³"
     values = accuracy.to_frame().filter(regex="_mm")
+    values = values.rename(columns={"largest_deviation_mm": "worst-case deviation_mm"})
     values.insert(0, EXPANDED, COVERAGE_FACTOR * values["u_mm"])
     over = spread(values, "over the postures")
     budget = accuracy.budget()[["parameter", "u_mm", "share"]]

@@ -93,8 +93,8 @@ UNDETERMINED = (
 )
 EXCLUDED = (
     "A record is excluded if its residual exceeds a bound that excludes a good record in one "
-    "file of a hundred. Possible reasons: a slip of the hand, a wrong seat, a cause that is not "
-    "in the model."
+    "file of a hundred. Possible reasons: a faulty contact, a wrong seat, a cause that the model "
+    "lacks."
 )
 
 
@@ -162,7 +162,7 @@ def exclusions_in_words(left: Exclusions) -> str:
 
 
 def fit_in_words(result: Calibration) -> str:
-    """What χ² says about the model and the stated noise."""
+    """Test of the model and the stated noise by χ²."""
     judged, p = result.fit.chi2_stated, result.p_value
     if judged is None or p is None:
         if result.fit.stated:
@@ -373,13 +373,13 @@ def _residuals_in_space(result: Calibration) -> list[Block]:
     views = Figure(
         lambda: plots.plot_residual_views(result, blank_axes(8.6, 8.0)),
         "Residual vectors in space, before and after",
-        "Residuals from each target towards the tip, left before calibration, right after; above "
-        "in plan, below from the side; one magnification for all. Grey: the arm in some postures. "
-        "Neighbouring vectors in one direction show a cause that the model lacks.",
+        "Residuals, from each target towards the tip, all with one magnification. Left: before "
+        "calibration; right: after. Top: plan view; bottom: side view. Grey: the arm in some "
+        "postures. Neighbouring vectors in one direction show a cause that the model lacks.",
     )
     scene = SceneView(
         lambda: residual_scene(result),
-        "Residuals after calibration, in three dimensions: drag to rotate the view. The slider "
+        "Residuals after calibration in three dimensions; drag to rotate the view. The slider "
         "shows each residual with the arm in its posture, the largest first.",
     )
     return [views, scene]
@@ -391,8 +391,8 @@ def _over_joints(result: Calibration) -> Figure:
         lambda: plots.plot_residuals_over_joints(result, ax=blank_axes(10.5, height)),
         "Residuals over the angle of each joint",
         "Residuals after calibration, along the direction in which each joint moves the tip, over "
-        f"its angle. The line joins means of {LEAST_IN_BIN} or more residuals, with u. A wave in "
-        "it shows an error of the encoder or the joint.",
+        f"its angle. The line joins means of {LEAST_IN_BIN} or more residuals, with u. A wave "
+        "shows an error of the encoder or the joint.",
     )
 
 

@@ -16,7 +16,7 @@ from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import Measurements
 from aacmm_pin.planning import MeasurementPlan, PlannedScheme, Tried, plan_measurements
 from aacmm_pin.report.calibration_plan import where_to_go
-from aacmm_pin.report.document import Bullets, Document, Notes, Paragraph, Table, document_of
+from aacmm_pin.report.document import Document, Notes, Paragraph, Table, document_of
 
 RIGHT = "probability of the right decision"
 NOISE_OPTIONS = {"--u-reference-mm": "reference_noise", "--probe-noise-mm": "probe_noise"}
@@ -41,7 +41,6 @@ def plan_document(plan: MeasurementPlan) -> Document:
         "Plan",
         [
             Paragraph(str(plan), head="Plan:"),
-            Bullets(plan.set_up, "Set-up, besides postures:"),
             Table(considered, "Set-ups that were considered", forms),
             Table(_pairs(plan), pairs, forms, most=PAIRS_LISTED),
             *where_to_go(plan),

@@ -170,7 +170,7 @@ def _draw_ellipsoids(scene: Scene, centre: Array, accuracy: AccuracyVolume, size
         f"the 95 % ellipsoid of the position (k = {ELLIPSOID_COVERAGE_FACTOR:.2f}), magnified "
         f"{factor:g} times"
     )
-    scene.notes.insert(0, f"The body at the point is {words}.")
+    scene.notes.insert(0, f"At the point: {words}.")
     return placements
 
 
