@@ -82,9 +82,9 @@ KNOWN = (
     "Changes, U and half-widths are in the unit of the column in. U: expanded uncertainty of the "
     "estimate; it holds only if the model has all causes of error. Stated half-width: bound in the "
     "arm file before calibration; 2u if the file states a standard uncertainty u. Known: measured "
-    "by these data; as stated, if these data add nothing; or in combination with others (next "
-    "section). A parameter known in combination has no value by itself; the arm file holds one "
-    "that fits the others."
+    "by these data; hardly, if they determine it less well than the arm file; as stated, if they "
+    "add nothing; or in combination with others (next section). A parameter known in combination "
+    "has no value by itself; the arm file holds one that fits the others."
 )
 UNDETERMINED = (
     "Neither these data nor stated uncertainties determine these; they are left as they were. "
@@ -192,7 +192,7 @@ def frame_in_words(result: Calibration) -> str:
     if result.base_u is None:
         return ""
     frame, (shift, turn) = result.fit.point.frame, result.base_u
-    x, y, z = (vector(axis, ".6f") for axis in frame.rotation.T)
+    x, y, z = (vector(axis, "z.6f") for axis in frame.rotation.T)
     cosine = (np.trace(frame.rotation) - 1) / 2
     angle = np.arccos(np.clip(cosine, -1, 1)) / DEG
     held = ", ".join(result.fit.undetermined.tied_to_frame)
@@ -200,7 +200,7 @@ def frame_in_words(result: Calibration) -> str:
     u_shift = vector(COVERAGE_FACTOR * shift / MM, ".3g")
     u_turn = vector(COVERAGE_FACTOR * turn / UM, ".3g")
     return (
-        f"The origin of the base is at {vector(frame.shift / MM, '.4f')} mm in the frame of the "
+        f"The origin of the base is at {vector(frame.shift / MM, 'z.4f')} mm in the frame of the "
         f"references. The axes of the base in that frame are x {x}, y {y}, z {z}, rotated by "
         f"{angle:.4f}°. U (k = 2) of origin and rotation along the axes of the references: "
         f"{u_shift} mm and {u_turn} µrad{tied}."

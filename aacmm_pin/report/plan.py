@@ -89,7 +89,8 @@ def _power(plan: MeasurementPlan) -> str:
         return "No set-up that was considered distinguishes them"
     text = f"T = {plan.after.least:.3g} (expected increase of χ² with the wrong cause), "
     text += f"{RIGHT} {plan.after.probability:.2f}"
-    text += "" if plan.before is None else f", {plan.before.probability:.2f} before"
+    if plan.before is not None:
+        text += f" ({plan.before.probability:.2f} with the existing records alone)"
     return text + ("" if plan.decided else f"; this is not enough to decide{_more(plan)}")
 
 
