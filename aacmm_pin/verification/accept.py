@@ -401,7 +401,7 @@ def _in_range(
         return found
     if longest > measuring_range:
         raise AacmmError(
-            f"the longest length is {plain_mm(longest)} mm, expected at most the measuring range, "
+            f"the longest length is {plain_mm(longest)} mm; expected at most the measuring range, "
             f"{plain_mm(measuring_range)} mm"
         )
     least = LONGEST_PART * measuring_range
