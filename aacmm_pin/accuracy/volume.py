@@ -184,8 +184,7 @@ class AccuracyVolume(Shown):
     def __str__(self) -> str:
         volume = self.volume / MM**3
         what = (
-            f"{self.sources.arm.name} at {self.sources.at}, {self.method}, {len(self.q)} "
-            "configurations"
+            f"{self.sources.arm.name} at {self.sources.at}, {self.method}, {len(self.q)} postures"
         )
         without = omission(self.not_included)
         if not len(self.q):
@@ -209,7 +208,7 @@ def paired(circle: PosturesAtPoint, accuracy: AccuracyVolume) -> Index:
     inside = np.flatnonzero(circle.within_limits)
     if not np.array_equal(accuracy.q, circle.q[inside]):
         raise ShapeError(
-            f"accuracy has {len(accuracy.q)} configurations; expected the {len(inside)} of the "
+            f"accuracy has {len(accuracy.q)} postures; expected the {len(inside)} of the "
             f"circle's {len(circle.q)} within limits: pass "
             "accuracy_volume(arm, circle.q[circle.within_limits], at=circle.at)"
         )

@@ -233,7 +233,7 @@ class WorkspaceMap(Shown):
         z = self.data.sizes["z_mm"]
         full = self.working_sectors()[self.sectors]
         where = f"{self.data.attrs['arm']}: {x} × {z} cells × {self.sectors} sectors"
-        unknown = f"; configurations missing in {self.incomplete} cells" if self.incomplete else ""
+        unknown = f"; postures missing in {self.incomplete} cells" if self.incomplete else ""
         if self.unreachable == x * z:
             return f"{where}, all out of reach{unknown}"
         mean = float(self.data["flexibility"].mean())

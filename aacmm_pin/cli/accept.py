@@ -85,7 +85,7 @@ def run(
 
     *names, path = files
     if plot is not None and history is None:
-        raise typer.BadParameter("--plot requires --history FILE, whose checks it draws")
+        raise typer.BadParameter("--plot requires --history")
     with Results(force, page=output, plot=plot, json_=json_) as results:
         arms = arms_of(names, robot)
         past = None if history is None else History.read(history)
@@ -116,7 +116,7 @@ def run(
 
 
 def _of_history(checks: History, path: Path | None) -> Iterator[str]:
-    """Which other arms the file has where this one has no name, and why nothing was appended."""
+    """Which other arms the file has if this one has no name, and why nothing was appended."""
     others = ", ".join(repr(name) for name in sorted(checks.checks["instrument"].unique()) if name)
     if others and not checks.instrument:
         yield (
@@ -124,11 +124,7 @@ def _of_history(checks: History, path: Path | None) -> Iterator[str]:
             f"checks of {others}"
         )
     if not checks.appended:
-        same = (
-            f"its check of {checks.time} has the same values and counts as this one"
-            if checks.charts()
-            else ""
-        )
+        same = f"its check of {checks.time} has the same values" if checks.charts() else ""
         yield f"nothing appended to {path}: {same or 'no test value was found'}"
 
 
@@ -152,15 +148,15 @@ def _further_lines(lines: list[str]) -> dict[str, str]:
 
 
 def _failed_arm(result: AcceptanceResult, arms: list[str]) -> str | None:
-    """The first arm that fails; of no name where only the coordinates of the file were judged; None
-    where none fails.
+    """The first arm that does not conform; ``ARM`` if only the coordinates of the file were
+    evaluated; None if all conform.
     """
     failed = {figure.source for figure in result.failed}
     return next((arm for arm in arms if arm in failed), "ARM" if failed and not arms else None)
 
 
 def _next_step(arm: list[str], path: str) -> str:
-    """How the cause of a failed check is found from the same touches, or why it is not."""
+    """How to find the cause of a nonconformity from the same points, or why it cannot be found."""
     try:
         seats = Measurements.read(path).seats()
     except MeasurementFileError:
@@ -171,6 +167,6 @@ def _next_step(arm: list[str], path: str) -> str:
     if not seats:
         return (
             "probed points on spheres cannot be used to find the cause; single points, and ends of "
-            "lengths that are touched once, can"
+            "lengths with one contact each, can"
         )
     return f"to find the cause, run {shlex.join(['aacmm-pin', 'diagnose', *arm, path])}"

@@ -84,5 +84,5 @@ def _limit(name: str, value: object) -> float:
         return number(str(value)) * MM
     except ValueError:
         raise AacmmError(
-            f"MPE of {name} is {value!r}; expected a number of millimetres, with a decimal point"
+            f"MPE of {name}: {value!r}; expected a length in mm, with a decimal point"
         ) from None

@@ -9,6 +9,7 @@ import numpy as np
 import typer
 
 from aacmm_pin._support import plausible
+from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm import EXAMPLE_ROBOTS, Arm, bundled_arms, wide_half_width_notes
 from aacmm_pin.cli.common import (
@@ -256,12 +257,12 @@ class ContactNoise(MeasuringNoise):
     ] = None
 
     def simulated(self, arm: Arm) -> Noise:
-        """Noise of virtual measurements; what is not given is what the arm states, or usual, which
-        is then said.
+        """Noise of virtual measurements; if it is not given, that of the arm, else a typical one
+        with a note.
         """
         encoder = arm.encoder_noise if self.encoder_noise is None else self.encoder_noise
         if encoder is None:
-            note(f"encoder noise not given: {ENCODER:g} rad assumed; --encoder-noise replaces it")
+            note(str(Note("encoder_noise_assumed", {"noise": ENCODER})))
             encoder = ENCODER
         reference, probe = in_metres(self.u_reference_mm), in_metres(self.probe_noise_mm)
         return Noise.of(

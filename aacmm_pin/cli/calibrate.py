@@ -64,7 +64,7 @@ def run(
 ) -> None:
     """Estimate the parameters of an arm from measurements.
 
-    Their uncertainty is reported, and which parameters the data do not determine.
+    The command also reports their uncertainties and the parameters that the data do not determine.
     """
     from aacmm_pin.report import (
         calibration_document,

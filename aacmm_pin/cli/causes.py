@@ -40,17 +40,14 @@ def _row(cause: type[Effect]) -> dict[str, str]:
     effect = example(cause)
     site, field = cause.location_field(), cause.nonlinear.field
     inner = [f"{field}=…"] if field else []
-    row = {
-        "cause, and in words": f"{cause.cause}{f':{site.upper()}' if site else ''} "
-        f"({cause_in_words(cause)})"
-    }
+    row = {"cause": f"{cause.cause}{f':{site.upper()}' if site else ''} ({cause_in_words(cause)})"}
     if effect is None:
-        return row | {"parameters": ", ".join(inner), "usual": "", "needs": ""}
+        return row | {"parameters": ", ".join(inner), "typical magnitude": "", "needs": ""}
     keys = list(effect.notation.parameters(effect))
     shown = keys if len(keys) <= 6 else [keys[0], "…", keys[-1]]
     needs = ", ".join(CONDITION_COLUMNS[condition] for condition in effect.needs)
     return row | {
         "parameters": ", ".join([*inner, *shown]),
-        "usual": typical_magnitude_in_words(effect),
+        "typical magnitude": typical_magnitude_in_words(effect),
         "needs": needs,
     }

@@ -70,4 +70,4 @@ def run(
         terminal.show(procedure_document(procedure))
         accept_command = shlex.join(["aacmm-pin", "accept", *arm.urdf_words, str(files.output)])
         note_lowest_tip(procedure.points @ procedure.arm.up, table_height_mm)
-        say(f"{files.output}: fill in x_mm, y_mm, z_mm, or theta1_deg …; then: {accept_command}")
+        say(f"{files.output}: fill in x_mm, y_mm, z_mm, or theta1_deg …; then run {accept_command}")

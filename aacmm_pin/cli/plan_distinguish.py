@@ -56,7 +56,7 @@ def run(
         document = plan_document(plan)
         planned.write(results, plan, existing, document)
         if arm_out is not None:
-            results.arm(plan.model, arm_out, f"Set up to be measured by a plan: {plan.setup}.")
+            results.arm(plan.model, arm_out, f"Set-up of a plan: {plan.setup}.")
     planned.show(plan, document)
     if not planned.csv_on_stdout:
         _say_what_to_do(plan, planned)
@@ -70,6 +70,6 @@ def run(
 def _say_what_to_do(plan: MeasurementPlan, planned: PlannedRecords) -> None:
     """How the file is filled in, and from what it was chosen."""
     only = "" if plan.needed else "for that check, "
-    where = "if the arm is only near a posture, enter the angles that the encoders indicate"
+    where = "if the arm is only near a posture, enter the readings"
     say(f"{planned.output}: {only}fill in x_mm, y_mm, z_mm; {where}")
     note(f"chosen from {planned.postures} postures, seed {planned.seed}")

@@ -10,7 +10,7 @@ import numpy as np
 import typer
 
 from aacmm_pin._support.text_escaping import csv_text
-from aacmm_pin._support.units import MM
+from aacmm_pin._support.units import MM, UM
 from aacmm_pin.calibration.random_arm import perturbed_model
 from aacmm_pin.cli.arm_options import ContactNoise, UncertainArm, in_metres, restrict_to_known_range
 from aacmm_pin.cli.common import (
@@ -170,13 +170,13 @@ def run(
             data.csv() if touches is None else csv_text(touches.filled(data, as_filed)), output
         )
         _require_effects_shown(effects, model, data)
-        encoder = ", ".join(f"{u:g}" for u in dict.fromkeys(noise.encoder))
+        encoder = ", ".join(f"{u / UM:.3g}" for u in dict.fromkeys(noise.encoder))
         words = (
-            f"noise: readings {encoder} rad, references {noise.reference / MM:g} mm, contacts "
+            f"noise: readings {encoder} µrad, references {noise.reference / MM:g} mm, contacts "
             f"{noise.probe / MM:g} mm"
         )
         if arm_out is not None:
-            results.arm(model, arm_out, f"The arm behind: {data.source}; {words}.")
+            results.arm(model, arm_out, f"The simulated arm of {data.source}; {words}.")
     status(f"{data}; {words}")
 
 
@@ -191,6 +191,5 @@ def _require_effects_shown(effects: list[Effect], model: ErrorModel, data: Measu
         require_shown(given, model.arm, data.q, data.conditions, "these records")
         if given.of_reference and not data.known.any():
             raise AacmmError(
-                f"--cause {given.key}: is of stated coordinates, which records of these records do "
-                "not have"
+                f"--cause {given.key}: acts on stated coordinates, which these records do not have"
             )

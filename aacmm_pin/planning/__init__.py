@@ -1,4 +1,4 @@
-"""What to measure next: records that tell causes of error apart, or most of the geometry."""
+"""Plans of measurements: records that distinguish causes of error, or determine the geometry."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""Records for a plain calibration: those that tell most of the geometry together."""
+"""Records for a calibration: those that determine the geometry best together."""
 
 from __future__ import annotations
 
@@ -36,14 +36,14 @@ from aacmm_pin.planning.task import Task
 
 CALIBRATION_PLAN_SCHEMA = "aacmm-pin/calibration-plan/1"
 RANDOM = 20
-"""Random plans that stand beside."""
+"""Random plans for comparison."""
 EXCHANGE_ROUNDS = 10
 """Exchanges of every record, at most; three or four are enough."""
 
 
 @dataclass(frozen=True, eq=False)
 class CalibrationPlan(Shown):
-    """Records for a calibration, and what they are worth.
+    """Records for a calibration, with their observability and u.
 
     Attributes:
         model: the arm.
@@ -56,7 +56,7 @@ class CalibrationPlan(Shown):
             postures to choose from [m].
         u_random: the same after random records (:data:`RANDOM`,) [m].
         existing: number of existing records.
-        seed: of all that was drawn, or None where the generator does not say.
+        seed: of all that was drawn, or None where the generator has none.
         notes: what was assumed.
     """
 
@@ -113,8 +113,8 @@ def plan_calibration(
     rng: np.random.Generator | None = None,
     progress: Progress = True,
 ) -> CalibrationPlan:
-    """Records that tell most of the geometry: the determinant of the information is as large as
-    exchanges make it.
+    """Plan records that determine the geometry best: exchanges maximise the determinant of the
+    information.
 
     Bayesian D-optimality (Chaloner, Verdinelli 1995, Statistical Science 10): log det of the
     information of what is stated of the arm, of the existing records and of the chosen ones,
@@ -200,15 +200,15 @@ def d_optimal(
 
 @dataclass(frozen=True, eq=False)
 class _Judged:
-    """What records tell of the parameters: their columns stand last, what is refitted beside before
-    them.
+    """Information of records about the parameters: the parameters have the last columns, frame and
+    seats those before.
 
     Attributes:
         situation: the pool.
         order: of the columns.
-        beside: how many are refitted beside: frame and seats.
-        tips: what one unit of each parameter does to the tip in every posture of the pool (n, 3, p)
-            [m].
+        beside: number of columns of frame and seats.
+        tips: displacement of the tip by one unit of each parameter in every posture of the pool
+            (n, 3, p) [m].
     """
 
     situation: Situation

@@ -1,5 +1,5 @@
-"""One set-up with its pool of records, and what a choice from it would tell together with the
-records that exist.
+"""One set-up with its pool of records, and the information of a choice from it together with the
+existing records.
 """
 
 from __future__ import annotations
@@ -28,20 +28,19 @@ from aacmm_pin.planning.measurement_conditions import MeasurementConditions
 from aacmm_pin.planning.task import Task
 
 LOOSE = 1e-6
-"""A cause of which nobody knows anything is within a thousand times its typical size: information
-in that unit."""
+"""Prior information of an unknown cause: it is within a thousand times its typical magnitude."""
 
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """Which column stands for what: first what is refitted anyway, then three for each seat, then
+    """Columns of the unknowns: first the parameters of every fit, then three for each seat, then
     the causes.
 
     Attributes:
         order: numbers of the columns in the problem's Jacobian: geometry, target and frame, then
             the causes.
-        scales: what one unit of each of these is: how far off it may be; typical size of a cause.
-        refitted: how many of them are no causes.
+        scales: unit of each of these: prior u of a parameter; typical magnitude of a cause.
+        refitted: how many of them are not causes.
         seats: labels of the seats.
         blocks: which columns each cause has, counted from the first of the causes.
     """
@@ -151,8 +150,8 @@ class Situation:
         draws: int,
         times: float = 1.0,
     ) -> Power:
-        """How well a choice tells two of the causes apart; the same ``draws`` make odds differ by
-        what is measured alone.
+        """How well a choice distinguishes two of the causes; with the same ``draws``, probabilities
+        differ only by the records.
         """
         one, other = pair
         blocks = self.layout.blocks[one], self.layout.blocks[other]
@@ -160,8 +159,8 @@ class Situation:
         return power_of(triangle, blocks, sizes, np.random.default_rng(draws))
 
     def triangle(self, chosen: list[int] | None, times: float = 1.0) -> Array:
-        """What a choice (None: the whole pool), taken so many ``times``, tells of the causes when
-        what is refitted is at its best: R with ``S = RᵀR``.
+        """Information of a choice (None: the whole pool), taken so many ``times``, about the
+        causes, with all other parameters refitted: R with ``S = RᵀR``.
         """
         records = self.rows if chosen is None else self.rows[chosen]
         rows = np.sqrt(times) * records.reshape(-1, self.layout.width)
@@ -172,8 +171,8 @@ class Situation:
 def rows_of(
     problem: Problem, layout: Layout, frame: Frame, stated: tuple[str, ...] = ()
 ) -> tuple[Array, Array]:
-    """Whitened derivatives of each of the problem's records (n, 3, width), zero where it says
-    nothing; and of what is stated of seats and bars (t, width), but for seats whose coordinates are
+    """Whitened derivatives of each of the problem's records (n, 3, width), zero where it has no
+    target; and of what is stated of seats and bars (t, width), but for seats whose coordinates are
     ``stated`` elsewhere; ``frame`` is the base's.
     """
     prediction = problem.predict(problem.start, frame)

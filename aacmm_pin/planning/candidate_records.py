@@ -22,7 +22,7 @@ from aacmm_pin.planning.task import Task
 TIME_STEP = 30.0
 """From one record to the next [s]."""
 ANGLE_STEP = 0.1 * DEG
-"""Free postures are planned in steps of this, so that people can read them [rad]."""
+"""Step of free postures, for readable angles [rad]."""
 NEW_SEATS = 8
 """Seats that are planned where there are none yet."""
 EACH = 40
@@ -43,11 +43,11 @@ def free_postures(
 def postures_at_seats(
     task: Task, count: int, above: float | None, rng: np.random.Generator
 ) -> Measurements:
-    """Postures at the seats that were touched before, else at new ones whose coordinates will be
+    """Postures at the seats of the existing records, else at new ones whose coordinates will be
     stated.
 
     Raises:
-        AacmmError: the seats cannot be touched in different postures.
+        AacmmError: the tip reaches the seats in no different postures.
     """
     pool = Pool.draw(task.model, above, EACH, rng)
     seats = _seats_of(task)

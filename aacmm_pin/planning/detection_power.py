@@ -1,4 +1,4 @@
-"""How well records tell causes apart: distances of what the causes do, and the chance of a right
+"""How well records distinguish causes: distances of their effects, and the probability of the right
 decision.
 """
 
@@ -15,7 +15,7 @@ from aacmm_pin.effects import Effect
 EVIDENCE_DRAWS = 4000
 """Draws of records behind a probability."""
 SAME_FRACTION = 1e-4
-"""Part of what one cause does, squared, below which the other does the same."""
+"""Part of the squared effect of one cause below which the other has the same effect."""
 UNDETECTABLE = 1e-6
 """A cause whose squared effect, the noise being one, is smaller than this shows nothing."""
 
@@ -60,12 +60,12 @@ class Size:
 
 @dataclass(frozen=True)
 class Power(Shown):
-    """How well two causes are told apart.
+    """How well two causes are distinguished.
 
     Attributes:
         one, other: ``T = min ‖G_k β_k - Z η - G_l β_l‖²``, the first cause true, and the second.
-        alone: the same without the other cause, ``min ‖G_k β_k - Z η‖²``: what shows of each at
-            all.
+        alone: the same without the other cause, ``min ‖G_k β_k - Z η‖²``: the detectable effect
+            of each.
         probability: of deciding for the right one of the two by their evidence.
     """
 
@@ -76,18 +76,18 @@ class Power(Shown):
 
     @property
     def least(self) -> float:
-        """The smaller of the two distances: the one that a decision hangs on."""
+        """The smaller of the two distances, which decides."""
         return min(self.one, self.other)
 
     @property
     def undetectable(self) -> tuple[bool, bool]:
-        """Which of the two does nothing that would show."""
+        """Which of the two has no detectable effect."""
         first, second = self.alone
         return first <= UNDETECTABLE, second <= UNDETECTABLE
 
     @property
     def open(self) -> tuple[bool, bool]:
-        """Whether either does something that the other cannot do."""
+        """Whether each has an effect that the other cannot have."""
         pairs = zip((self.one, self.other), self.alone, self.undetectable, strict=True)
         one, other = (
             not undetectable and t > SAME_FRACTION * alone for t, alone, undetectable in pairs
@@ -96,7 +96,7 @@ class Power(Shown):
 
     @property
     def same(self) -> bool:
-        """One cause does what the other does in these records, or nothing at all."""
+        """One cause has the same effect as the other in these records, or none."""
         return not all(self.open)
 
 
@@ -110,7 +110,7 @@ def mimicking(r: Array, mine: slice, its: slice, factor: Array) -> Array:
 
 
 def alone(r: Array, mine: slice, factor: Array) -> float:
-    """``‖R_k F‖²``: what shows of a cause at all."""
+    """``‖R_k F‖²``: the detectable effect of a cause."""
     effect = r[:, mine] @ factor
     return float(np.square(effect).sum())
 
@@ -125,7 +125,7 @@ def distance(r: Array, mine: slice, its: slice, factor: Array) -> float:
 def power_of(
     r: Array, blocks: tuple[slice, slice], sizes: tuple[Size, Size], rng: np.random.Generator
 ) -> Power:
-    """How well records with the triangle ``r`` (``S = RᵀR``) tell two blocks of its columns apart.
+    """How well records with the triangle ``r`` (``S = RᵀR``) distinguish two blocks of its columns.
 
     The probability is that the evidence of the true cause is the larger one, each true in half of
     the cases. The evidence is that of a normal prior: with g = Rᵀy and prior variance w², ``½ gᵀ

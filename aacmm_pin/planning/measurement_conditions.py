@@ -1,5 +1,5 @@
-"""What can be changed beside postures: the side a joint comes from, the warmth, a load, the
-mount.
+"""Conditions that can be changed besides postures: the side from which a joint comes, temperature,
+a load, the mount.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ WARM_UP_CONSTANTS = 3.0
 
 @dataclass(frozen=True, eq=False)
 class MeasurementConditions:
-    """How the arm stands and is used while a plan is measured.
+    """Set-up and use of the arm while a plan is measured.
 
     Attributes:
         words: what has to be done; () where the arm stays as it is.
@@ -35,8 +35,7 @@ class MeasurementConditions:
         sides: joints (from 1) that are brought to their postures from either side.
         warmer: part of the records are taken so much warmer [K].
         warm_up: the records are taken while the arm warms up, over this time [s].
-        changes_arm: the arm file is another one, so that old and new records do not go into one
-            diagnosis.
+        changes_arm: the arm file is another one: diagnose old and new records separately.
     """
 
     words: tuple[str, ...]
@@ -47,14 +46,19 @@ class MeasurementConditions:
     changes_arm: bool = False
 
     def __str__(self) -> str:
-        return " and ".join(self.words) if self.words else "the arm as it stands"
+        return set_up_in_words(self.words)
+
+
+def set_up_in_words(changes: tuple[str, ...]) -> str:
+    """A set-up by its changes."""
+    return "; ".join(changes) or "the present one"
 
 
 def possible_conditions(
     model: ErrorModel, causes: tuple[Effect, ...], reference_temperature: float
 ) -> Iterator[MeasurementConditions]:
-    """What could tell the causes apart, from the least effort to the most: conditions that they
-    depend on, load, mount.
+    """Set-ups that may distinguish the causes, from the least effort to the most: conditions that
+    they depend on, load, mount.
     """
     changes = list(_changes(model.arm, causes, reference_temperature))
     for count in range(len(changes) + 1):
@@ -100,9 +104,7 @@ def _changes(
 
 
 def _loads_and_mounts(arm: Arm, file: ArmFile) -> Iterator[Change]:
-    """The arm loaded, and on other mounts: what has to be done, and what that changes in the arm's
-    file.
-    """
+    """The arm loaded, and on other mounts: what to do, and the changed fields of the arm file."""
     if arm.masses is not None:
         rows = arm.chain.moving_rows()
         row = rows[-2] if len(rows) > 1 else rows[-1]

@@ -1,5 +1,5 @@
-"""A plan for two causes: the set-up with the least effort that tells them apart, and the records in
-it.
+"""A plan for two causes: the set-up with the least effort that distinguishes them, and its
+records.
 """
 
 from __future__ import annotations
@@ -22,12 +22,10 @@ from aacmm_pin.planning.task import Task
 THOROUGH = 1000
 """From so many postures on, every record of a plan is looked at once more when all are chosen."""
 MORE = (1.5, 2.0, 2.5, 3.0)
-"""Where so many times the records would decide, nobody need hang a load on the arm or turn its
-mount.
-"""
+"""If so many times the records would decide, no load and no other mount is planned."""
 PAIR = (0, 1)
 BETTER = 0.1
-"""More effort that does not decide must at least raise the odds by this much to be worth it."""
+"""A set-up of more effort that does not decide must raise the probability by this much."""
 
 
 def for_two(
@@ -42,8 +40,8 @@ def for_two(
     """The plan with the least effort that decides, or else the best, of so many ``records`` at some
     of the ``postures``.
 
-    Values of the ``split`` that are all zero stand for a typical size. The generator is for the
-    conditions of the records; ``steps`` count these, perhaps wrapped to show progress.
+    Values of the ``split`` that are all zero stand for the typical magnitude. The generator is
+    for the conditions of the records; ``steps`` count these, perhaps wrapped to show progress.
     """
     tried: list[Tried] = []
     best: tuple[Situation, list[int], Power] | None = None
@@ -89,7 +87,7 @@ def for_two(
 def _chosen(
     situation: Situation, sizes: tuple[Size, Size], records: int, steps: Iterable[int]
 ) -> list[int]:
-    """Numbers of the records of the pool that tell the two causes apart best."""
+    """Numbers of the records of the pool that distinguish the two causes best."""
     flat = situation.rows.reshape(-1, situation.layout.width)
     # One record's worth of the average keeps the first steps from being blind; it counts in no
     # power.
@@ -114,8 +112,8 @@ def _enough(
 
 
 def _matched(situation: Situation, sizes: tuple[Size, Size]) -> tuple[Size, Size]:
-    """A cause without values is as large as it must be to look like the other one, if that has
-    some, in existing records.
+    """A cause without values has those that make its effect most similar to that of the other, if
+    that has some, in existing records.
     """
     if sizes[0].stated == sizes[1].stated:
         return sizes
@@ -145,7 +143,7 @@ def _notes(split: tuple[Effect, Effect], before: Power | None) -> Iterator[Note]
 
 
 def _why_not(split: tuple[Effect, Effect], power: Power) -> str:
-    """Why no posture tells two causes apart, in words; "" where some do."""
+    """Why no posture distinguishes two causes, in words; "" where some do."""
     undetectable = [
         effect.label for effect, nothing in zip(split, power.undetectable, strict=True) if nothing
     ]
@@ -156,4 +154,4 @@ def _why_not(split: tuple[Effect, Effect], power: Power) -> str:
     if power.open == (False, False):
         return str(Note("causes_inseparable"))
     inner, outer = split[::-1] if power.open[0] else split
-    return f"whatever {inner.label} does, {outer.label} can do too"
+    return f"{outer.label} can have every effect of {inner.label}"

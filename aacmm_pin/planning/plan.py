@@ -1,4 +1,4 @@
-"""Which records to take next so that causes which look alike are told apart."""
+"""Plan records that distinguish causes with similar effects."""
 
 from __future__ import annotations
 
@@ -54,30 +54,30 @@ def plan_measurements(
     rng: np.random.Generator | None = None,
     progress: Progress = True,
 ) -> MeasurementPlan:
-    """Records that tell two causes apart, or all causes that the arm can have.
+    """Plan records that distinguish two causes, or all causes that the arm can have.
 
     For two causes k and l the records are chosen one after the other, then exchanged once, so that
     the smaller of ``T_kl = min over η, β_l of ‖G_k β_k - Z η - G_l β_l‖²`` and T_lk is as large as
     it can be (T-optimality: Atkinson, Fedorov 1975, Biometrika 62). Everything is whitened by the
     noise; Z is what is refitted anyway: geometry within its stated uncertainties, an unknown frame,
-    the seats. β_k is the value of the effect, or, where that is zero, any of typical size. Postures
-    come first; conditions that the causes depend on (approach, warmth, warm-up), a load and another
-    mount are taken into account in this order, and only where what comes before does not decide.
+    the seats. β_k is the value of the effect, or, where that is zero, any of typical
+    magnitude. Postures come first; conditions that the causes depend on (approach, temperature,
+    warm-up), a load and another mount follow in this order, each only if the former do not decide.
 
-    Without ``split`` half of the records are chosen so that they tell most of geometry and all
-    causes together (Bayesian D-optimality: Chaloner, Verdinelli 1995, Statistical Science 10), the
-    others each for the pair that is told worst.
+    Without ``split`` half of the records are chosen to determine geometry and all causes
+    together best (Bayesian D-optimality: Chaloner, Verdinelli 1995, Statistical Science 10), the
+    others each for the pair that is distinguished worst.
 
     Args:
         model: the arm, with effects if it has some; these stay.
         split: two causes, or labels such as ``joint_compliance:2``; None for all.
         records: how many to plan.
-        existing: records that will be judged together with the new ones.
+        existing: records that will be evaluated together with the new ones.
         scheme: ``free``: every record with coordinates of its own (laser tracker), which the
             plan leaves open; ``seats``: at the seats of the existing records, or at new ones.
         reference_frame, target, prior, encoder_noise, reference_noise, probe_noise, length_noise:
-            see :func:`aacmm_pin.calibration.calibrate`; unstated noise is taken as usual, which is
-            then said.
+            see :func:`aacmm_pin.calibration.calibrate`; unstated noise is assumed as typical, and a
+            note states it.
         above: height of a table over the base origin, along gravity, under which no tip goes [m].
         as_it_stands: no load and no other mount.
         postures: how many to choose from; fewer are quicker.
@@ -105,8 +105,8 @@ def plan_measurements(
     require_separable(causes, model.arm)
     if scheme == "free" and (at_seat := next((e for e in causes if "seat" in e.needs), None)):
         raise AacmmError(
-            f"{at_seat.label} shows at that seat only: plan with scheme 'seats' and the "
-            "records that touch it"
+            f"{at_seat.label} has an effect at that seat only; expected scheme 'seats' and "
+            "existing records of that seat"
         )
     setup, notes = complete(
         Setup.of(

@@ -1,4 +1,4 @@
-"""What a plan gives back."""
+"""Results of a plan."""
 
 from __future__ import annotations
 
@@ -18,10 +18,11 @@ from aacmm_pin._support.units import MM
 from aacmm_pin.effects import Effect, ErrorModel
 from aacmm_pin.measurements import Measurements
 from aacmm_pin.planning.detection_power import Power
+from aacmm_pin.planning.measurement_conditions import set_up_in_words
 
 PLAN_SCHEMA = "aacmm-pin/plan/1"
 DECIDED = 0.95
-"""Causes are told apart when the chance of the right decision is this large."""
+"""Causes are distinguished from this probability of the right decision."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,10 +30,10 @@ class Tried(Shown):
     """A set-up that was considered.
 
     Attributes:
-        words: what would have to be done.
-        power: with a plan in it, or with all of its pool where nothing can tell the causes apart
-            there.
-        why_not: why no posture tells the causes apart in it; "" where some do.
+        words: what to do for it.
+        power: with a plan in it, or with all of its pool where no records can distinguish the
+            causes there.
+        why_not: why no posture distinguishes the causes in it; "" where some do.
     """
 
     words: str
@@ -45,25 +46,25 @@ class MeasurementPlan(Shown):
     """What to measure next.
 
     Attributes:
-        model: the arm as it stands while the plan is measured; another than before where
+        model: the arm while the plan is measured; another than before where
             ``changes_arm``.
-        split: the two causes to tell apart; where none were asked for, the worst told pair of all
-            that can be told.
+        split: the two causes to distinguish; where none were asked for, the worst pair of all
+            that can be distinguished.
         records: the plan as a measurement file to be filled in: angles, conditions, and references
             that are empty.
         expected: where the tip will be about, in the frame of the references (n, 3) [m].
-        set_up: what has to be done beside postures, in words; () where the arm stays as it is.
-        changes_arm: the arm file is another one; old records then have no part in the power.
+        set_up: what to do besides postures, in words; () where the arm stays as it is.
+        changes_arm: the arm file is another one; old records then do not count in the power.
         before: power of the existing records, or None.
         after: power of these and the plan.
         tried: the set-ups that were considered, in the order of effort.
         existing: number of existing records that count.
-        notes: what was assumed, and what cannot be told.
+        notes: what was assumed, and what cannot be distinguished.
         measurements: the records expected, as a diagnosis would take them.
         pairs: where no split was asked: every pair of causes with its T, worst first; else None.
         enough: about how many new records of this kind would decide, beside the existing ones,
             where the plan does not; None if no few times as many.
-        seed: of all that was drawn, or None where the generator does not say.
+        seed: of all that was drawn, or None where the generator has none.
     """
 
     model: ErrorModel
@@ -89,12 +90,12 @@ class MeasurementPlan(Shown):
 
     @property
     def decided(self) -> bool:
-        """Whether the plan tells its pair of causes apart."""
+        """Whether the plan distinguishes its pair of causes."""
         return self.after.probability >= DECIDED and not self.after.same
 
     @property
     def needed(self) -> bool:
-        """Whether the existing records do not tell the causes apart by themselves."""
+        """Whether the existing records alone do not distinguish the causes."""
         if self.before is None or self.before.same:
             return True
         return self.before.probability < DECIDED
@@ -102,7 +103,7 @@ class MeasurementPlan(Shown):
     @property
     def setup(self) -> str:
         """The set-up in words."""
-        return " and ".join(self.set_up) if self.set_up else "the arm as it stands"
+        return set_up_in_words(self.set_up)
 
     def save(self, path: str | Path, force: bool = False) -> None:
         """Write the plan as a measurement file (CSV) whose references are to be filled in.

@@ -12,8 +12,8 @@ from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin.planning.detection_power import Size
 
 OTHER_DISTANCE_WEIGHT = 1e-3
-"""Weight of the better told direction, which only decides among records that do the same for the
-worse.
+"""Weight of the better determined direction, which only decides among records that are equal in the
+worse one.
 """
 
 Score = Callable[["SequentialDesign"], Array]
@@ -56,8 +56,8 @@ class SequentialDesign:
         self.free[record] = False
 
     def drop(self, record: int) -> None:
-        """One less, worked out anew: an update back would lose what a record with little noise had
-        told.
+        """One record less, computed anew: an update back would lose the information of a record
+        with little noise.
         """
         self.taken.remove(record)
         self.free[record] = True
@@ -102,7 +102,7 @@ def t_optimality(one: Index, other: Index, sizes: tuple[Size, Size]) -> Score:
 
 
 def d_optimality(choice: SequentialDesign) -> Array:
-    """What a record tells of all unknowns together: log determinant, Bayesian D-optimality
+    """Information of a record about all unknowns together: log determinant, Bayesian D-optimality
     (Chaloner, Verdinelli 1995).
     """
     return np.asarray(np.linalg.slogdet(choice.scatter)[1])

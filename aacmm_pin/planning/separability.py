@@ -1,5 +1,5 @@
-"""A plan for all causes at once: which pairs of them records tell apart, and which no
-posture will.
+"""A plan for all causes at once: which pairs records distinguish, and which no posture
+distinguishes.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from aacmm_pin.planning.task import Task
 HOPELESS = 1.0
 """A pair whose T would be smaller than this with random records gets no record of its own."""
 LEAST_T = 10.8
-"""T from which two causes of known size are told apart with odds of 0.95: ``Φ(√T/2)``."""
+"""T from which two causes of known values are distinguished with probability 0.95: ``Φ(√T/2)``."""
 
 Pair = tuple[int, int]
 
@@ -33,12 +33,12 @@ Pair = tuple[int, int]
 def for_all(
     task: Task, postures: Measurements, records: int, rng: np.random.Generator, steps: Iterable[int]
 ) -> MeasurementPlan:
-    """The plan for every pair of causes, each of typical size: half of the records for all, the
-    others for the worst told.
+    """The plan for every pair of causes, each of typical magnitude: half of the records for all,
+    the others for the worst pairs.
 
-    Its ``pairs`` are all that show, worst first; ``told`` where T suffices. ``why_not``: the two do
-    ``the same`` in every posture, or what they do is ``too small`` for so many records; else "".
-    See :func:`pairwise_discrimination.for_two`.
+    Its ``pairs`` are all that would be detected, worst first; ``told`` where T suffices.
+    ``why_not``: the two have ``the same`` effect in every posture, or it is ``too small`` for so
+    many records; else "". See :func:`pairwise_discrimination.for_two`.
 
     Raises:
         AacmmError: fewer than two causes would be detected.
@@ -98,8 +98,8 @@ def _table(
 def _chosen(
     situation: Situation, records: int, open_: set[Pair], steps: Iterable[int]
 ) -> list[int]:
-    """Numbers of records of the pool: those that tell most of everything, then each for the
-    ``open_`` pair told worst.
+    """Numbers of records of the pool: those that determine everything best, then each for the
+    ``open_`` pair that is distinguished worst.
     """
     layout = situation.layout
     typical = np.zeros(layout.width)
@@ -117,8 +117,8 @@ def _chosen(
 
 
 def distances(r: Array, blocks: tuple[slice, ...]) -> dict[Pair, tuple[float, float]]:
-    """Of every pair of blocks, each of typical size: the smaller T, and the part of a cause that
-    the other does not do.
+    """Of every pair of blocks, each of typical magnitude: the smaller T, and the part of an effect
+    that the other cause cannot have.
     """
     found = {}
     for pair in combinations(range(len(blocks)), 2):
@@ -135,7 +135,7 @@ def distances(r: Array, blocks: tuple[slice, ...]) -> dict[Pair, tuple[float, fl
 
 
 def _best_for(pair: Pair, situation: Situation, choice: SequentialDesign) -> int:
-    """The record that tells one pair best, only these two causes being there."""
+    """The record that distinguishes one pair best, if only these two causes act."""
     layout = situation.layout
     pool = situation.rows
     first = layout.nuisances
@@ -157,8 +157,8 @@ def _notes(
     others: dict[str, Array],
     blocks: tuple[slice, ...],
 ) -> Iterator[Note]:
-    """What no posture shows or tells apart, and which of the ``others``, set-ups with their
-    triangles, would.
+    """Causes that no posture detects or distinguishes, and which of the ``others``, set-ups with
+    their triangles, would.
     """
     for k in sorted(undetectable):
         helps = next(
@@ -179,7 +179,7 @@ def _notes(
 
 
 def _is_undetectable(r: Array, *blocks: slice) -> bool:
-    """Whether one of the blocks does nothing that would show."""
+    """Whether one of the blocks has no detectable effect."""
     for block in blocks:
         typical = np.eye(block.stop - block.start)
         if alone(r, block, typical) <= UNDETECTABLE:

@@ -1,5 +1,5 @@
-"""What a plan is for: the arm, the causes to tell apart, the records that exist, and how records
-are taken.
+"""The task of a plan: the arm, the causes to distinguish, the existing records, and how records are
+taken.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from aacmm_pin.measurements import Measurements
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """What a plan is for.
+    """The task of a plan.
 
     Attributes:
         model: the arm.
-        causes: causes to tell apart, all parameters zero.
-        existing: records that will be judged together with the new ones.
+        causes: causes to distinguish, all parameters zero.
+        existing: records that will be evaluated together with the new ones.
         setup: how records are taken; the noise of readings, references, contacts is complete.
     """
 
@@ -50,7 +50,7 @@ class Task:
 
     @property
     def temperature(self) -> float:
-        """What the arm was at so far; its reference temperature where nobody says [°C]."""
+        """Mean temperature so far, else the reference temperature of the arm [°C]."""
         for values in (self.conditions.temperature, self.conditions.link_temperature):
             if values is not None:
                 return float(np.round(values.mean(), 1))
@@ -62,7 +62,7 @@ class Task:
 
     @cached_property
     def frame(self) -> Frame:
-        """Where the base is in the frame of the references, as far as the existing records say."""
+        """Where the base is in the frame of the references, as existing records determine it."""
         if not self.setup.external or self.existing is None or self.existing.known.sum() < 3:
             return Frame.identity()
         known = self.existing.take(self.existing.known)
@@ -93,8 +93,8 @@ def require_separable(effects: tuple[Effect, ...], arm: Arm) -> None:
 
 
 def usual_causes(model: ErrorModel) -> tuple[Effect, ...]:
-    """Every further cause that the arm can have, typical in size; but for those with an order or
-    time of their own.
+    """Every further cause that the arm can have, of typical magnitude, except those with an order
+    or time of their own.
     """
     known = {effect.identity for effect in model.effects}
     usual = (

@@ -136,9 +136,9 @@ class ConfigurationCircle(PosturesAtPoint):
     def __str__(self) -> str:
         where = self._where()
         if self.reason:
-            return f"{where}: no configuration; {self.reason}"
+            return f"{where}: no posture; {self.reason}"
         return (
-            f"{where}: {len(self)} configurations on {self.component.max()} components, "
+            f"{where}: {len(self)} postures on {self.component.max()} closed curves, "
             f"{self.within_limits.sum()} of them "
             f"within limits, flexibility {self.flexibility()}"
         )

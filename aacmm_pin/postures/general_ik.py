@@ -121,12 +121,12 @@ class ReachingPostures(PosturesAtPoint):
     def __str__(self) -> str:
         where = f"{self._where()}, {CONDITIONS[self.conditions.count]}"
         if self.reason:
-            return f"{where}: no configuration; {self.reason}"
+            return f"{where}: no posture; {self.reason}"
         inside = f"{self.within_limits.sum()} of them within limits"
         if self.single:
             return f"{where}: {len(self)} single postures, {inside}; {self.search}"
         return (
-            f"{where}: {len(self)} configurations on {len(self.curves)} closed curves, {inside}, "
+            f"{where}: {len(self)} postures on {len(self.curves)} closed curves, {inside}, "
             f"{self.arc_fraction:.3f} of arc; {self.search}"
         )
 

@@ -28,7 +28,6 @@ from aacmm_pin.report.document import (
     document_of,
 )
 from aacmm_pin.report.formats.html import SHORT_TEXT
-from aacmm_pin.report.numbers import capital
 from aacmm_pin.report.procedure import ORIGIN
 from aacmm_pin.verification import (
     AS_GIVEN,
@@ -46,16 +45,14 @@ from aacmm_pin.verification import (
 )
 
 RULE_TEXT = (
-    "Conformity: |value| + U ≤ MPE for each error; non-conformity: |value| - U > MPE for one; "
-    f"{shown_verdict('neither')} in "
-    f"between. Guard band: U = {GUARD_BAND_FACTOR:g}u of the calibrated length or diameter, as in "
-    f"{RULE_OF}; the default of "
-    "ISO 14253-1:2017 is 1.65u."
+    "Conformity: |value| + U ≤ MPE for each error. Nonconformity: |value| - U > MPE for at least "
+    f"one error. Otherwise: inconclusive. Guard band: U = {GUARD_BAND_FACTOR:g}u of the calibrated "
+    f"length or diameter, as in {RULE_OF}; the default of ISO 14253-1:2017 is 1.65u."
 )
 CHART_CAPTION = (
-    "Individuals charts: the magnitude of the test value in each check, the mean of the earlier "
-    f"checks that count, and limits at {PER_MOVING_RANGE} mean moving ranges from the mean, none "
-    f"below zero, if {LEAST_CHECKS} or more checks count."
+    "Individuals charts of the magnitude of each test value. Line: mean of the earlier checks that "
+    f"count. Dashed: limits, {PER_MOVING_RANGE} mean moving ranges from the mean. Limits need "
+    f"{LEAST_CHECKS} or more checks that count; a limit below zero is left out."
 )
 CONDITION_LABELS = {
     "operator": ("operator", ""),
@@ -67,26 +64,27 @@ CONDITION_LABELS = {
 }
 """Label and unit of each column that states a condition of the whole check."""
 TITLE = "Test report"
-DEFINED = "What the figures are"
-FIGURE_HEADS = {
+DEFINED = "Definitions of the characteristics"
+HEADS = {
+    "figure": "characteristic",
     "value_mm": "value [mm]",
     "U_mm": "U [mm]",
     "mpe_mm": "MPE [mm]",
-    "had": "touches or lengths",
+    "had": "points or lengths",
 }
-"""All in mm, however small, as limits are stated and charts are drawn."""
+"""Heads of the columns; all lengths in mm, as limits are stated and charts are drawn."""
 NUMBERS_LISTED = 6
 """Up to so many different numbers of a column are listed; of more, the smallest and the largest."""
 
 
 @dataclass(frozen=True)
 class CheckDetails:
-    """What a test report says beside the figures.
+    """What a test report states besides the test values.
 
     Attributes:
         time: of the check.
         instrument: which arm was checked.
-        about: further lines, by what they are called.
+        about: further lines, by their heads.
         history: of the checks of the arm.
     """
 
@@ -98,29 +96,29 @@ class CheckDetails:
 
 @document_of.register
 def acceptance_document(result: AcceptanceResult, details: CheckDetails | None = None) -> Document:
-    """The result as one page, which with ``details`` takes one sheet of A4 and holds the touches.
+    """The result as one page; with ``details`` it fits one sheet of A4 and holds the probed points.
 
     Args:
-        result: what was found.
-        details: what else the sheet says.
+        result: test values and verdicts.
+        details: what else the sheet states.
     """
     if not result.figures:
-        return Document(TITLE, ["No touches of a test of this standard."], result.path)
+        return Document(
+            TITLE, ["The file has no probed points for a test of this standard."], result.path
+        )
     table = _readable(result)
-    if details is not None:  # one column, as a figure with a place has all that it needs
+    if details is not None:  # one column: a characteristic with a place lacks nothing
         missing = table.pop("missing")
         table["where"] = table["where"].where(missing == "", "missing: " + missing)
     definitions = table[["figure", "standard", "test", "definition"]].drop_duplicates()
-    figures = table[_columns(table, len(result.overall) > 1, details is None)]
+    values = table[_columns(table, len(result.overall) > 1, details is None)]
     blocks: list[Block] = [
-        Table(
-            figures, "Figures and their limits", {"verdict": _marked}, FIGURE_HEADS, spare="where"
-        ),
+        Table(values, "Test values and their limits", {"verdict": _marked}, HEADS, spare="where"),
         Paragraph(RULE_TEXT),
     ]
     if details is None:
         verdict = Paragraph(f"{result}.", finding=True, head="Acceptance:")
-        what = Table(definitions, DEFINED, detail=True)
+        what = Table(definitions, DEFINED, heads=HEADS, detail=True)
         return Document(TITLE, [ORIGIN, verdict, *blocks, Notes(result.notes), what], result.path)
     if details.history is not None:
         blocks += history_blocks(details.history)
@@ -144,8 +142,8 @@ def _readable(result: AcceptanceResult) -> pd.DataFrame:
 
 
 def _columns(table: pd.DataFrame, several: bool, plain: bool) -> list[str]:
-    """Columns that state something: of ``several`` sets of coordinates also which one; a ``plain``
-    document has the standard elsewhere.
+    """Columns that are not empty; with ``several`` sets of coordinates also which one. A ``plain``
+    document has the standard in another table.
     """
     columns = ["figure"]
     for name in ("verdict", "value_mm", "U_mm", "mpe_mm"):
@@ -165,15 +163,15 @@ def _data(result: AcceptanceResult, definitions: pd.DataFrame) -> Folded:
     return Folded(
         f"{DEFINED}, and the data",
         [
-            Table(definitions, DEFINED),
-            Download("acceptance.json", "the figures as JSON", summary),
-            Download("touches.csv", "the touches", result.data),
+            Table(definitions, DEFINED, heads=HEADS),
+            Download("acceptance.json", "all numbers of this page", summary),
+            Download("probed_points.csv", "the probed points", result.data),
         ],
     )
 
 
 def history_blocks(history: History) -> list[Block]:
-    """Whether figures have left their usual range, and the control charts."""
+    """Test values outside their control limits, and the control charts."""
     from aacmm_pin.report.plots.history import charts_drawn, plot_history
 
     charts = history.charts()
@@ -186,27 +184,30 @@ def history_blocks(history: History) -> list[Block]:
         fewest, most = min(earlier_checks), max(earlier_checks)
         there_are = f"{fewest} to {most}" if most > fewest else f"{fewest}"
         sentences.append(
-            f"{len(earlier_checks)} of {len(charts)} figures have no limits yet, which need "
-            f"{LEAST_CHECKS} earlier checks that count; there are {there_are}."
+            f"{len(earlier_checks)} of {len(charts)} characteristics have no limits yet. Limits "
+            f"need {LEAST_CHECKS} earlier checks that count; there are {there_are}."
         )
-    text = " ".join(sentences) or "no figure has left it."
-    head = "Outside the usual range:" if outside else "Usual range:"
-    said = Paragraph(capital(text), head=head)
+    text = " ".join(sentences) or "No test value is outside."
+    head = "Outside the control limits:" if outside else "Control limits:"
+    said = Paragraph(text, head=head)
     if not drawn:
         return [said]
     caption = CHART_CAPTION + _not_drawn(charts, drawn, several)
-    return [said, Figure(lambda: plot_history(history), "Control charts of the figures", caption)]
+    return [
+        said,
+        Figure(lambda: plot_history(history), "Control charts of the test values", caption),
+    ]
 
 
 def _departure(chart: ControlChart, several: bool) -> str:
-    """The last value of a chart beside its usual range."""
+    """The last value of a chart with its limits."""
     by = f" by {chart.arm}" if several else ""
     low, high = np.nan_to_num(chart.limits[0]) / MM, chart.limits[1] / MM
-    return f"{chart.figure}{by} {chart.values[-1] / MM:.4f} mm, usually {low:.4f} to {high:.4f} mm"
+    return f"{chart.figure}{by} {chart.values[-1] / MM:.4f} mm, limits {low:.4f} to {high:.4f} mm"
 
 
 def _not_drawn(charts: Sequence[ControlChart], drawn: Sequence[ControlChart], several: bool) -> str:
-    """Charts with more than one value that the picture has no room for, by arm."""
+    """Charts of more than one value that the figure has no room for, by arm."""
     drawn_keys = {(chart.arm, chart.figure) for chart in drawn}
     names = dict[str, list[str]]()
     for chart in charts:
@@ -220,13 +221,13 @@ def _not_drawn(charts: Sequence[ControlChart], drawn: Sequence[ControlChart], se
 
 
 def _marked(verdict: str) -> str:
-    return f"{MARK} {verdict}" if verdict == "non-conformity" else shown_verdict(verdict)
+    mark = f"{MARK} " if verdict == "non-conformity" else ""
+    return f"{mark}{shown_verdict(verdict)}"
 
 
 def _conditions(result: AcceptanceResult, details: CheckDetails) -> str:
     coordinate_sets = [
-        "as in the file" if arm == AS_GIVEN else f"of indications by {arm}"
-        for arm in result.overall
+        "as in the file" if arm == AS_GIVEN else f"from readings by {arm}" for arm in result.overall
     ]
     lines = {"coordinates": ", ".join(coordinate_sets)}
     for column, values in result.stated.items():

@@ -1,5 +1,5 @@
-"""Figures of an acceptance test before it is made: median, interval, chance to conform, and what
-each comes from.
+"""Prediction of an acceptance test: median and interval of each test value, probability of
+conformity, and the cause with the largest effect.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from aacmm_pin.verification import PredictedAcceptance
 
 ARM_COLOURS = (BLUE, GREEN, GREY)
 PREDICTION_HEADS = {
+    "figure": "characteristic",
     "median_mm": "median [mm]",
     "low_mm": "95 % from [mm]",
     "high_mm": "95 % to [mm]",
@@ -35,21 +36,24 @@ PREDICTION_HEADS = {
 }
 """Columns of the table, and their heads."""
 STATED_ONLY = (
-    "The prediction covers only the uncertainties that the arm states, to first order; errors that "
-    "its model does not contain come on top. Conforms: share of the runs in which the figure and U "
-    "are within the MPE."
+    "The prediction covers only the uncertainties that the arm states, to first order. Causes that "
+    "its model lacks add to it. Conforms: share of the runs with the verdict conformity."
 )
-INTERVALS_CAPTION = "Median and 95 % interval of every figure; a mark stands at the MPE."
-ALONE_CAPTION = "Median of the figure by each cause alone"
-ALONE_EXPLAINED = "Parameters that a calibration knows together may do more alone than together."
+INTERVALS_CAPTION = (
+    "Median (dot) and 95 % interval (bar) of each test value; the vertical mark is the MPE."
+)
+ALONE_CAPTION = "Median of each test value if one cause acts alone"
+ALONE_EXPLAINED = (
+    "Correlated parameters of a calibration may have larger effects alone than together."
+)
 
 
 @document_of.register
 def prediction_document(result: PredictedAcceptance) -> Document:
-    """The figures that a procedure will show."""
+    """The predicted test values of a procedure."""
     table = result.to_frame()
     several = table["arm"].nunique() > 1
-    shown = ["figure", *PREDICTION_HEADS]
+    shown = [*PREDICTION_HEADS]
     if several:
         shown.insert(0, "arm")
     if (table["missing"] != "").any():
@@ -61,20 +65,22 @@ def prediction_document(result: PredictedAcceptance) -> Document:
     seed = "" if result.seed is None else f", seed {result.seed}"
     summary = json_text(result.summary()).encode()
     return Document(
-        "Acceptance test, before it is made",
+        "Predicted acceptance test",
         [
             ORIGIN,
             Paragraph(f"{result}.", finding=True, head="Predicted:"),
-            Table(table[shown], "Magnitude of each figure", forms, PREDICTION_HEADS),
+            Table(table[shown], "Magnitude of each test value", forms, PREDICTION_HEADS),
             Paragraph(STATED_ONLY, detail=True),
             Figure(
                 lambda: _intervals(result),
-                "Intervals of the figures, with their limits",
+                "Intervals of the test values, with their limits",
                 INTERVALS_CAPTION,
             ),
-            Table(alone, ALONE_CAPTION, explained=ALONE_EXPLAINED, detail=True),
+            Table(
+                alone, ALONE_CAPTION, heads=PREDICTION_HEADS, explained=ALONE_EXPLAINED, detail=True
+            ),
             Notes(result.notes),
-            Download("prediction.json", "the figures as JSON", summary),
+            Download("prediction.json", "all numbers of this page", summary),
         ],
         f"{result.path}; {result.count} runs{seed}",
     )

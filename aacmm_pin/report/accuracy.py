@@ -1,4 +1,4 @@
-"""Postures, accuracy, maps and Monte Carlo as documents: what is known before anything is
+"""Postures, accuracy, maps and Monte Carlo as documents: predictions before anything is
 measured.
 """
 
@@ -39,14 +39,14 @@ MAPPED = {
 
 @document_of.register
 def postures_document(postures: PosturesAtPoint) -> Document:
-    """The components of the configurations at a point."""
+    """The closed curves of postures at a point."""
     table = postures.summary().rename(columns=lambda name: str(name).replace("_", " "))
     return Document("Configurations", [str(postures), Table(table)])
 
 
 @document_of.register
 def flexibility_document(flexibility: Flexibility) -> Document:
-    """Which sectors have a configuration."""
+    """Which sectors have a posture."""
     number = len(flexibility.sectors)  # none of an arm without an elbow that goes round
     centres = sector_centres(number) if number else ()
     works = {}
@@ -73,8 +73,9 @@ def accuracy_document(accuracy: AccuracyVolume, summary: dict[str, Any] | None =
         volume = summary["volume_mm3"]["comprehensive"]
         comprehensive = "" if volume is None else f"comprehensive accuracy {volume:.4g} mm³"
     values = accuracy.to_frame().filter(regex="_mm")
+    values = values.rename(columns={"largest_deviation_mm": "worst-case deviation_mm"})
     values.insert(0, EXPANDED, COVERAGE_FACTOR * values["u_mm"])
-    over = spread(values, "over the configurations")
+    over = spread(values, "over the postures")
     budget = accuracy.budget()[["parameter", "u_mm", "share"]]
     postures, over, budget = in_one_unit(postures, over, budget)
     origin = ", swivel 0 where the elbow is highest" if "swivel [°]" in postures else ""

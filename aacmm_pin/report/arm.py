@@ -1,4 +1,4 @@
-"""Arms as documents: geometry, limits, noise, causes of error, and what is known of records."""
+"""Arms as documents: geometry, limits, noise, causes of error, and conditions of records."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def arm_document(arm: Arm) -> Document:
 def _uncertainty_in_words(arm: Arm) -> str:
     exact = arm.without_uncertainty
     if len(exact) == len(arm.parameters):
-        return "No uncertainty is stated, so no accuracy can be computed."
+        return "No uncertainty is stated; accuracy cannot be computed."
     text = "±: half-widths as stated; without ±: exact"
     if arm.covariance is not None:
         text += (

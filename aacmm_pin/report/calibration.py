@@ -79,11 +79,12 @@ NOTHING_ESTIMATED = (
     "estimates them."
 )
 KNOWN = (
-    "Changes and uncertainties are in the unit of the column in. U holds only if the model has all "
-    "causes of error. Known: measured by these data; "
-    "as stated, if these data add nothing; or in combination with others (next section). "
-    "A parameter known in combination has no value by itself; the arm file holds one that fits "
-    "the others."
+    "Changes, U and half-widths are in the unit of the column in. U: expanded uncertainty of the "
+    "estimate; it holds only if the model has all causes of error. Stated half-width: bound in the "
+    "arm file before calibration; 2u if the file states a standard uncertainty u. Known: measured "
+    "by these data; hardly, if they determine it less well than the arm file; as stated, if they "
+    "add nothing; or in combination with others (next section). A parameter known in combination "
+    "has no value by itself; the arm file holds one that fits the others."
 )
 UNDETERMINED = (
     "Neither these data nor stated uncertainties determine these; they are left as they were. "
@@ -92,8 +93,8 @@ UNDETERMINED = (
 )
 EXCLUDED = (
     "A record is excluded if its residual exceeds a bound that excludes a good record in one "
-    "file of a hundred. Possible reasons: a slip of the hand, a wrong seat, a cause that is not "
-    "in the model."
+    "file of a hundred. Possible reasons: a faulty contact, a wrong seat, a cause that the model "
+    "lacks."
 )
 
 
@@ -133,7 +134,7 @@ def verdict(result: Calibration) -> str:
     before, after, *others = lengths(sizes)
     fitted = f"of the records used {before} before, {after} after (RMS)"
     if not others:
-        unknown = "no records were held out, so this may be optimistic"
+        unknown = "no records were held out: new records may have larger residuals"
         return f"{doubts}{name}{rest}: residuals {fitted}; {unknown}."
     gain = 1.0 - held.rms_after / held.rms_before
     helps = "helps" if gain >= WORTH else "does not help"
@@ -161,13 +162,13 @@ def exclusions_in_words(left: Exclusions) -> str:
 
 
 def fit_in_words(result: Calibration) -> str:
-    """What χ² says about the model and the stated noise."""
+    """Test of the model and the stated noise by χ²."""
     judged, p = result.fit.chi2_stated, result.p_value
     if judged is None or p is None:
         if result.fit.stated:
-            return "There are no more measured values than parameters, so χ² cannot test the fit."
+            return "χ² cannot test the fit: there are no more measured values than parameters."
         return (
-            "Not all noise was stated, so χ² cannot test the model. The residuals exceed the "
+            "χ² cannot test the model: not all noise was stated. The residuals exceed the "
             f"stated noise by {length(result.fit.unmodelled)} per coordinate."
         )
     numbers = f"χ² = {judged[0]:.0f} with {judged[1]:.0f} degrees of freedom, {p_equals(p)}"
@@ -191,7 +192,7 @@ def frame_in_words(result: Calibration) -> str:
     if result.base_u is None:
         return ""
     frame, (shift, turn) = result.fit.point.frame, result.base_u
-    x, y, z = (vector(axis, ".6f") for axis in frame.rotation.T)
+    x, y, z = (vector(axis, "z.6f") for axis in frame.rotation.T)
     cosine = (np.trace(frame.rotation) - 1) / 2
     angle = np.arccos(np.clip(cosine, -1, 1)) / DEG
     held = ", ".join(result.fit.undetermined.tied_to_frame)
@@ -199,7 +200,7 @@ def frame_in_words(result: Calibration) -> str:
     u_shift = vector(COVERAGE_FACTOR * shift / MM, ".3g")
     u_turn = vector(COVERAGE_FACTOR * turn / UM, ".3g")
     return (
-        f"The origin of the base is at {vector(frame.shift / MM, '.4f')} mm in the frame of the "
+        f"The origin of the base is at {vector(frame.shift / MM, 'z.4f')} mm in the frame of the "
         f"references. The axes of the base in that frame are x {x}, y {y}, z {z}, rotated by "
         f"{angle:.4f}°. U (k = 2) of origin and rotation along the axes of the references: "
         f"{u_shift} mm and {u_turn} µrad{tied}."
@@ -372,13 +373,13 @@ def _residuals_in_space(result: Calibration) -> list[Block]:
     views = Figure(
         lambda: plots.plot_residual_views(result, blank_axes(8.6, 8.0)),
         "Residual vectors in space, before and after",
-        "Residuals from each target towards the tip, left before calibration, right after; above "
-        "in plan, below from the side; one magnification for all. Grey: the arm in some postures. "
-        "Neighbouring vectors in one direction show a cause that the model lacks.",
+        "Residuals, from each target towards the tip, all with one magnification. Left: before "
+        "calibration; right: after. Top: plan view; bottom: side view. Grey: the arm in some "
+        "postures. Neighbouring vectors in one direction show a cause that the model lacks.",
     )
     scene = SceneView(
         lambda: residual_scene(result),
-        "Residuals after calibration, in three dimensions: drag to rotate the view. The slider "
+        "Residuals after calibration in three dimensions; drag to rotate the view. The slider "
         "shows each residual with the arm in its posture, the largest first.",
     )
     return [views, scene]
@@ -390,8 +391,8 @@ def _over_joints(result: Calibration) -> Figure:
         lambda: plots.plot_residuals_over_joints(result, ax=blank_axes(10.5, height)),
         "Residuals over the angle of each joint",
         "Residuals after calibration, along the direction in which each joint moves the tip, over "
-        f"its angle. The line joins means of {LEAST_IN_BIN} or more residuals, with u. A wave in "
-        "it shows an error of the encoder or the joint.",
+        f"its angle. The line joins means of {LEAST_IN_BIN} or more residuals, with u. A wave "
+        "shows an error of the encoder or the joint.",
     )
 
 
@@ -420,8 +421,8 @@ def _parameters(result: Calibration) -> list[Block]:
     blocks: list[Block] = [title, _parameter_table(rows)]
     beyond = ", ".join(rows["parameter"][rows["beyond"]])
     if beyond:
-        changed = f"* changed by more than stated ± and U together: {beyond}"
-        advice = "A cause that the model lacks may do that; run aacmm-pin diagnose."
+        changed = f"* changed by more than the stated half-width plus U: {beyond}"
+        advice = "The model may lack a cause of error; run aacmm-pin diagnose."
         blocks.append(Paragraph(f"{changed}. {advice}"))
     of_a_unit = rows["in"].str[1:].value_counts().max()
     tallest = len(rows) if rows["stated"].notna().any() else of_a_unit
@@ -438,7 +439,7 @@ def _parameter_table(rows: pd.DataFrame) -> Table:
         shown[["parameter", "value", "change", "U", "stated", "in", "known"]],
         "Parameters",
         dict.fromkeys(("stated", "U"), form),
-        {"stated": "stated ±", "U": "U (k = 2)"},
+        {"stated": "stated half-width", "U": "U (k = 2)"},
         explained=KNOWN,
     )
 
@@ -528,6 +529,6 @@ def files(
     from_table = model.arm.dh is not None
     if from_table or model.arm.urdf_file.urdf.file:
         beside = "" if from_table else "; keep it in the folder of its URDF"
-        words = f"the arm as found, with its covariance{beside}"
+        words = f"the arm with these values and their covariance{beside}"
         blocks.append(Download(of_arm, words, model.text(note).encode()))
     return blocks

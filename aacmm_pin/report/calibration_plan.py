@@ -27,9 +27,9 @@ COLUMNS_NOT_LISTED = r"^(theta|approach)\d|^u_|_mm$"
 """Columns of a plan that its table has in other words, or that are to be filled in."""
 HOW_TO_GO = (
     "The file has the joint angles in full. Move the arm to within a few degrees of them, and "
-    "enter the angles that the encoders indicate. Left and right are as seen by a person behind "
-    "the stand; bearing counts counter-clockwise from x. Last motion, if planned: whether each "
-    "joint moved to larger (+) or smaller (-) angles."
+    "enter the readings. Left and right are as seen by a person behind the stand; bearing counts "
+    "counter-clockwise from x. Last motion, if planned: whether each joint moved to larger (+) or "
+    "smaller (-) angles."
 )
 
 
@@ -43,14 +43,14 @@ def calibration_plan_document(plan: CalibrationPlan) -> Document:
 
 
 def calibration_plan_line(plan: CalibrationPlan) -> str:
-    """How many records, and what they are worth beside random ones."""
+    """How many records, and their observability and u compared with those of random ones."""
     name, records = plan.model.arm.name, f"{len(plan.records)} records"
     beside = f" beside the {plan.existing} existing ones" if plan.existing else ""
     u, after_random = plan.u / MM, float(np.median(plan.u_random)) / MM
-    worth = f"observability O1 is {plan.ratio:.2f} times that of random records of the same number"
     return (
-        f"{records} to calibrate {name}{beside}: {worth}; u of a point after calibration {u:.4f} "
-        f"mm (root mean square), {after_random:.4f} mm after random ones"
+        f"{records} to calibrate {name}{beside}. Observability index O1: {plan.ratio:.2f} times "
+        "that of as many random records. RMS over the postures of u of the tip after calibration: "
+        f"{u:.4f} mm, {after_random:.4f} mm with random records"
     )
 
 
@@ -69,7 +69,7 @@ def where_to_go(plan: CalibrationPlan | MeasurementPlan) -> list[Block]:
         Heading("Where to go"),
         figure,
         Table(table, "Records, in order", explained=HOW_TO_GO, detail=True),
-        Download("plan.csv", "the file to be filled in", plan.csv().encode()),
+        Download("plan.csv", "the file to fill in", plan.csv().encode()),
     ]
 
 
@@ -83,7 +83,7 @@ def _records(plan: CalibrationPlan | MeasurementPlan, where: pd.DataFrame) -> pd
     whole = where.map(lambda value: f"{value:z.0f}")
     whole = whole.set_axis(["from the stand [mm]", "bearing [°]", "height [mm]"], axis=1)
     table = pd.concat([label, others, whole], axis=1)
-    table["articulation"] = articulations(arm, q)
+    table["posture"] = articulations(arm, q)
     shown = np.where(arm.chain.prismatic, q, q / DEG)
     table["joints [°]"] = [" ".join(f"{x:z.0f}" for x in row) for row in shown]
     moved = plan.records.filter(regex=r"^approach\d").to_numpy()

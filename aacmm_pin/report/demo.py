@@ -64,11 +64,11 @@ READING_NOISE = 8e-6
 SIZE, JOINT = 1e-4, 3
 """Of the hidden eccentricity [rad], 5 µm off centre on a circle of 50 mm radius; and its joint."""
 FILES = {
-    "diagnosis.html": "the whole diagnosis, with what could look like its findings",
-    "postures.html": "in 3D: the arm going round its postures at the working point",
-    "workspace.html": "in 3D: the arm in one cell of the workspace after the other",
-    "site/index.html": "the documentation, once it is built into this folder as the README says",
-    "configurations.csv": "every configuration at the working point, angles in degrees",
+    "diagnosis.html": "the whole diagnosis, with the aliases of its causes",
+    "postures.html": "in 3D: the arm in its postures at the working point",
+    "workspace.html": "in 3D: the arm in each cell of the workspace",
+    "site/index.html": "the documentation, if you build it into this folder (README)",
+    "configurations.csv": "every posture at the working point, angles in degrees",
     "accuracy.json": "accuracy at the working point",
     "map.nc": "the map, cell by cell (netCDF)",
     "map.json": "summary of the map",
@@ -78,24 +78,21 @@ FILES = {
 """What the page links to."""
 QUESTION = (
     "Before measuring: how accurate is the arm at a point and over its workspace, in which "
-    "posture, and why? After "
-    "measuring: what does its model get wrong, what causes it, and how much better is the arm "
-    "once the model knows?"
+    "posture, and why? After measuring: which cause of error does its model lack, and how much "
+    "does the model with that cause gain?"
 )
 ASSUMED = (
     "Before measuring only the geometry is uncertain: independent errors, uniform within the "
-    "half-widths. Encoder noise, "
-    "eccentricity, gravity, temperature and contact come on top.",
-    "The working point is the wrist; what lies behind it, the stylus too, has no part in these "
-    "numbers.",
-    "Volumes are first order in the errors; cells and sectors are judged at their centres.",
+    "half-widths. Encoder noise, eccentricity, gravity, temperature and contact add to them.",
+    "The working point is the wrist. The parts beyond it, such as the stylus, do not contribute.",
+    "Volumes are first order in the errors. Cells and sectors are evaluated at their centres.",
     "Neither volume nor u is a maximum permissible error of any standard.",
 )
 
 
 @dataclass(frozen=True)
 class DemoSummary:
-    """What the tour found and where it was written.
+    """Findings of the demonstration and its files.
 
     Attributes:
         folder: where the files are.
@@ -126,8 +123,8 @@ def _at_the_point(
 ) -> list[Block]:
     curves = len(circle.components.curves)
     can_move = (
-        f"With the wrist held there the arm can still move: its elbow runs along {curves} "
-        "closed curves."
+        "With the wrist held there, the arm can still move: its elbow moves along "
+        f"{curves} closed curves."
     )
     ends = postures_at_the_ends(summary)
     return [
@@ -150,9 +147,8 @@ def _circle_figure(circle: ConfigurationCircle, accuracy: AccuracyVolume) -> Fig
     return Figure(
         draw,
         f"The elbow's path round the working point and {circle.arm.name} in five postures",
-        "Five of the postures, and the path of the elbow, coloured by the accuracy volume where "
-        "all joints "
-        "are within limits.",
+        "Five of the postures, and the path of the elbow. Its colour is the accuracy volume, where "
+        "all joints are within limits.",
     )
 
 
@@ -178,7 +174,7 @@ def _volume_at_the_point(summary: dict[str, Any]) -> str:
     budget = summary["budget"][:LARGEST]
     largest = ", ".join(f"{row['parameter']} {percent(row['share'])}" for row in budget)
     return (
-        "Accuracy volume, all that the half-widths allow together: "
+        "Accuracy volume, of all errors within the half-widths: "
         f"{volume['min']:.4f} mm³ to {volume['max']:.4f} mm³; "
         f"comprehensive accuracy {volume['comprehensive']:.4f} mm³. "
         f"Most of the variance comes from {largest} (theta_offset: zero offset of a joint)."
@@ -192,14 +188,13 @@ def _over_the_workspace(map_: WorkspaceMap, circle: ConfigurationCircle) -> list
         f"Maps of {circle.arm.name} over distance from joint axis 1 and z: uncertainty and "
         "flexibility",
         "Standard uncertainty u of the position in the posture where it is smallest, and "
-        "flexibility. The star is the "
-        "working point above, turned into the plane.",
+        "flexibility. Star: the working point, rotated into the plane about joint axis 1.",
     )
     return [
         Heading("Over the workspace"),
         Paragraph(
-            f"The arm turns about joint 1, so one half-plane stands for all of space: {x} × "
-            f"{z} cells."
+            "Joint 1 rotates the arm about the z axis: one half-plane represents the whole "
+            f"workspace. The map has {x} × {z} cells."
         ),
         Paragraph(_uncertainty_over_the_workspace(map_), finding=True),
         figure,
@@ -213,8 +208,8 @@ def _uncertainty_over_the_workspace(map_: WorkspaceMap) -> str:
     flexibility = float(map_.data["flexibility"].mean())
     return (
         f"In the best posture of each cell U (k = 2) = {least:.3f} to {most:.3f} mm. "
-        f"{cells[map_.sectors]} of {sum(cells.values())} reachable cells can be reached all round "
-        f"the circle; mean flexibility {flexibility:.3f}."
+        f"{cells[map_.sectors]} of {sum(cells.values())} reachable cells have postures in all "
+        f"sectors; mean flexibility {flexibility:.3f}."
     )
 
 
@@ -231,11 +226,9 @@ def _maps(map_: WorkspaceMap, circle: ConfigurationCircle) -> Drawing:
 def _measured(found: Diagnosis, hidden: Effect, planned: str) -> list[Block]:
     name, records = found.model.arm.name, found.extended.problem.measurements
     how = (
-        f"A virtual {name}, its geometry drawn within the half-widths, got an encoder that is off "
-        "its centre and "
-        f"touched {SEATS} seats of known coordinates, {records.n} records in all. The diagnosis "
-        "knows the records and "
-        "the arm file only."
+        f"A virtual {name} has a geometry within the half-widths and an eccentric encoder. It "
+        f"probes {SEATS} seats of known coordinates in {records.n} records. The diagnosis uses "
+        "only the records and the arm file."
     )
     table = _hidden_and_found(found, hidden)
     return [
@@ -334,7 +327,7 @@ def _simulated(arm: Arm) -> tuple[Effect, Measurements]:
 
 
 def _index(arm: Arm, story: list[Block], files: list[str], when: str) -> Document:
-    """The page that tells the story and links to the files."""
+    """The page with all sections and links to the files."""
     names = [name for name in FILES if name in (*files, "site/index.html")]
     links = [Download(name, FILES[name]) for name in names]
     urdf = [name for name in files if name.endswith(".urdf")]

@@ -1,5 +1,4 @@
-"""A result told once, as blocks; the shell, Jupyter and a page each show the same
-:class:`Document`.
+"""A result as blocks; the shell, Jupyter and a page each show the same :class:`Document`.
 
     document = Document(
         "SINO6: calibration",
@@ -97,7 +96,7 @@ class Bullets:
 
 @dataclass(frozen=True)
 class Notes:
-    """What was assumed or found beside; the shell writes it to the error stream."""
+    """Assumptions and findings of a result; the shell writes them to the error stream."""
 
     items: Sequence[Note]
 
@@ -110,11 +109,9 @@ class Table:
         frame: the data; the index is not shown. Units stand at the end of names, ``u_mm`` or ``u
             [mm]``; lengths of the first kind are in mm, and shown in µm where all of them are
             small.
-        caption: what it shows, in a few words.
-        formats: how the values of a column are written, such as ``{"r": ".2f"}``, where not as its
-            unit or type says.
-        heads: heads of columns whose name is not what a reader should see, such as
-            ``{"retained_share": "retained"}``.
+        caption: its content, in a few words.
+        formats: formats of columns, such as ``{"r": ".2f"}``, if not those of their unit or type.
+        heads: heads of columns, if not their names, such as ``{"value_mm": "value [mm]"}``.
         explained: how to read it, for pages.
         most: at most so many rows, and how many more there are.
         spare: head of a column that the shell leaves out where the table would be too wide with it.
@@ -220,7 +217,7 @@ FOR_PAGES = (Heading, Figure, SceneView, Download, Folded)
 
 
 class Document:
-    """What is told of a result.
+    """A result as blocks.
 
     Attributes:
         title: title of the page.
@@ -265,7 +262,7 @@ def _is_empty(block: Block) -> bool:
 
 @singledispatch
 def document_of(result: object) -> Document:
-    """The document that tells of a result: ``@document_of.register`` gives another class one.
+    """The document of a result: ``@document_of.register`` gives another class one.
 
     Raises:
         TypeError: its class has none.
@@ -275,8 +272,8 @@ def document_of(result: object) -> Document:
 
 @document_of.register
 def shown_document(result: Shown) -> Document:
-    """A result by what it says of itself; one that says nothing by its fields and properties that
-    are numbers or words.
+    """A result by its text; one without text by its fields and properties that are numbers or
+    words.
     """
     kind = type(result)
     if kind.__str__ is not object.__str__:

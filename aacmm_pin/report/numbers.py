@@ -15,7 +15,7 @@ from aacmm_pin._support.units import LARGE_IN_MICRO, MM, UM
 IN_MM = 1e-4
 """Lengths from here on stand in mm, smaller ones in µm [m]."""
 LEAST_P = 1e-16
-"""No smaller chance is told."""
+"""Smaller probabilities are shown as below this."""
 VALUE_FORMATS = {"mm": "z.5f", "rad": "z.7f"}
 """Formats of the values of parameters by their unit."""
 WORD = re.compile(r"[a-z]+(?:[-'’][a-z]+)*[,.:;]?(?!\S)")

@@ -13,7 +13,7 @@ from aacmm_pin.report.numbers import quantity, small_unit
 
 
 def stated_half_widths(result: Calibration) -> Array:
-    """How far off each parameter was said to be, ± (p,) [SI]; nan where nothing was stated, or that
+    """Half-width that was stated of each parameter (p,) [SI]; nan where none was stated, or where
     it is exact.
 
     The half-width of the arm file, or k u with k = 2 of a cause with a standard uncertainty.
@@ -27,7 +27,7 @@ def stated_half_widths(result: Calibration) -> Array:
 
 
 def parameter_table(result: Calibration) -> pd.DataFrame:
-    """:attr:`Calibration.parameters` with ``stated``, how far off each was said to be, and
+    """:attr:`Calibration.parameters` with ``stated``, the stated half-width of each, and
     ``beyond``.
 
     ``beyond`` is True where the change exceeds stated + U: the half-width bounds the parameter,

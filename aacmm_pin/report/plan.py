@@ -16,7 +16,7 @@ from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import Measurements
 from aacmm_pin.planning import MeasurementPlan, PlannedScheme, Tried, plan_measurements
 from aacmm_pin.report.calibration_plan import where_to_go
-from aacmm_pin.report.document import Bullets, Document, Notes, Paragraph, Table, document_of
+from aacmm_pin.report.document import Document, Notes, Paragraph, Table, document_of
 
 RIGHT = "probability of the right decision"
 NOISE_OPTIONS = {"--u-reference-mm": "reference_noise", "--probe-noise-mm": "probe_noise"}
@@ -41,7 +41,6 @@ def plan_document(plan: MeasurementPlan) -> Document:
         "Plan",
         [
             Paragraph(str(plan), head="Plan:"),
-            Bullets(plan.set_up, "Set-up, besides postures:"),
             Table(considered, "Set-ups that were considered", forms),
             Table(_pairs(plan), pairs, forms, most=PAIRS_LISTED),
             *where_to_go(plan),
@@ -73,24 +72,25 @@ def plan_line(plan: MeasurementPlan) -> str:
     if plan.asked:
         what = f"to distinguish {one} from {other}"
     else:
-        what = f"for all causes, of which {one} and {other} are hardest to distinguish"
+        what = f"to distinguish all causes, of which {one} and {other} are the closest"
     if plan.before is not None and not plan.needed:
         return (
-            f"no more records are needed {what}: the {plan.existing} existing ones are enough, "
-            f"with a probability of the right decision of {plan.before.probability:.2f}; "
-            f"use these {len(plan.records)} to check the result with new records"
+            f"no more records are needed {what}. The {plan.existing} existing ones are enough: "
+            f"{RIGHT} {plan.before.probability:.2f}. Use these {len(plan.records)} to check the "
+            "result with new records"
         )
-    text = f"{len(plan.records)} records {what}, {plan.setup}: {_power(plan)}"
+    text = f"{len(plan.records)} records {what}. Set-up: {plan.setup}. {_power(plan)}"
     return text + "".join(f"; {one.words}: {one.why_not}" for one in plan.tried if one.why_not)
 
 
 def _power(plan: MeasurementPlan) -> str:
     """What the planned records decide."""
     if plan.after.same:
-        return "no set-up that was considered distinguishes them"
+        return "No set-up that was considered distinguishes them"
     text = f"T = {plan.after.least:.3g} (expected increase of χ² with the wrong cause), "
-    text += f"probability of the right decision {plan.after.probability:.2f}"
-    text += "" if plan.before is None else f", {plan.before.probability:.2f} before"
+    text += f"{RIGHT} {plan.after.probability:.2f}"
+    if plan.before is not None:
+        text += f" ({plan.before.probability:.2f} with the existing records alone)"
     return text + ("" if plan.decided else f"; this is not enough to decide{_more(plan)}")
 
 

@@ -1,5 +1,5 @@
-"""A procedure of an acceptance test as a sheet for the workshop: where things stand, what is
-touched, in which order.
+"""A procedure of an acceptance test as a sheet for the workshop: positions of the artefacts, and
+the points to probe, in order.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ ARTEFACTS = {
     "length": ("length bar", VERMILLION),
     "volumetric": ("ball bar", GREY),
 }
-"""What stands in the room for the tests that begin so, and its colour."""
+"""Artefact of each test, and its colour."""
 ARTEFACT_OF_TEST = {
     "location": "sphere",
     "effective-diameter": "sphere",
@@ -43,29 +43,24 @@ ORIGIN = (
     "were never compared with the standards' texts; compare them before a contract depends on a "
     "verdict."
 )
-"""Stands first where a test is planned, predicted or judged."""
+"""Stands first where a test is planned, predicted or evaluated."""
 ZONES = "0 to 20, 20 to 80 and 80 to 100 % of the reach by public descriptions"
-"""Where the points of ASME B89.4.22 stand; the standard's text rules. Touches do not say whether
-they did.
+"""Zones of the single points of ASME B89.4.22; the standard's text rules. Probed points do not show
+whether they were kept.
 """
-POSITIONS = (
-    "Positions: distance from the stand, bearing, height; of a bar those of A, and of its far end"
-)
-ONE_ROW = "Consecutive touches in one articulation are one row"
+POSITIONS = "Positions of the artefacts; of a bar, those of end A and of its far end"
+ONE_ROW = "Consecutive points of one feature in one posture are one row"
 FILL_IN = (
-    "Line numbers are those of the CSV file. Make the touches in its order, and tick each row.",
-    "Fill in x_mm, y_mm, z_mm (centre of the probe, by the arm's software), or theta1_deg … "
-    "(indications), or both; "
-    "columns that stay empty do not count.",
-    "Put the calibrated values of your sphere and lengths in place of the planned ones, and their "
-    "standard uncertainty into "
-    "u_length_mm: the verdict rests on them.",
-    "Positions are right within a few centimetres, articulations within what the words say; what "
-    "is measured is where the "
-    "arm says that it was.",
-    "Left and right are those of a person behind the stand who looks along the line from shoulder "
-    "to tip; out is away from "
-    "the stand. Bearing counts counter-clockwise, seen from above, from the x axis of the base.",
+    "Line numbers are those of the CSV file. Probe the points in its order, and tick each row.",
+    "Fill in the coordinates of the centre of the probe (x_mm, y_mm, z_mm), the readings "
+    "(theta1_deg …), or both. Empty columns do not count.",
+    "Replace the planned diameters and lengths by the calibrated values. State their standard "
+    "uncertainty in u_length_mm: the verdict depends on it.",
+    "Place each artefact within a few centimetres of its position, and move the arm to the posture "
+    "in words. The test uses the measured values, not the planned ones.",
+    "Left and right are as seen by a person behind the stand who looks from the shoulder to the "
+    "tip. Out is away from the stand. The bearing counts counter-clockwise, seen from above, from "
+    "the x axis of the base.",
 )
 
 
@@ -73,24 +68,24 @@ FILL_IN = (
 def procedure_document(procedure: Procedure) -> Document:
     """The sheet, with the CSV to be filled in inside."""
     tests = set(procedure.probed_points["test"])
-    seats = f"Seats stand at {ZONES} of {EDITIONS[ASME]}." if "single-point" in tests else ""
+    seats = f"Seats are at {ZONES} of {EDITIONS[ASME]}." if "single-point" in tests else ""
     seed = "" if procedure.seed is None else f", seed {procedure.seed}"
     views = Figure(
         lambda: procedure_views(procedure),
         "Spheres, seats and bars round the arm, from above and from the side",
-        "The arm in one of the postures (black), and where everything stands; the bars one after "
-        "the other.",
+        "The arm in one of the postures (black), and the positions of all artefacts. Use the bars "
+        "one after the other.",
     )
-    things: list[Block] = [Heading("Where things stand"), views]
-    things.append(Table(_sizes(procedure), "What is touched, and with what", detail=True))
+    things: list[Block] = [Heading("Artefacts"), views]
+    things.append(Table(_sizes(procedure), "Artefacts and probe", detail=True))
     things.append(Table(_stands(procedure), POSITIONS, explained=seats))
-    probed_points: list[Block] = [Heading("Touches, in order"), Bullets(FILL_IN)]
+    probed_points: list[Block] = [Heading("Points to probe, in order"), Bullets(FILL_IN)]
     probed_points.append(Table(_steps(procedure), ONE_ROW, detail=True))
-    file = Download("touches.csv", "the file to be filled in", procedure.csv().encode())
+    file = Download("procedure.csv", "the file to fill in", procedure.csv().encode())
     return Document(
-        f"Acceptance test of {procedure.arm.name}: what to touch",
+        f"Acceptance test of {procedure.arm.name}: points to probe",
         [ORIGIN, f"{procedure}.", *things, *probed_points, file],
-        f"{len(procedure.probed_points)} touches{seed}",
+        f"{len(procedure.probed_points)} points{seed}",
         by_hand=("Date", "Operator", "Instrument, serial number", "Temperature [°C]"),
     )
 
@@ -117,20 +112,20 @@ def _ends(procedure: Procedure) -> pd.DataFrame:
 
 
 def _stands(procedure: Procedure) -> pd.DataFrame:
-    """One row for each place of an artefact, that of its far end behind."""
+    """One row for each place of an artefact, with that of its far end."""
     ends = _ends(procedure)
-    heads = ["away [mm]", "bearing [°]", "height [mm]"]
+    heads = ["distance [mm]", "bearing [°]", "height [mm]"]
     where = places(procedure.arm, ends[[*"xyz"]].to_numpy()).set_axis(heads, axis=1)
     table = ends[["kind", "position", "end"]].join(where.map(lambda value: f"{value:z.0f}"))
     table["kind"] = table["kind"].map({kind: name for kind, (name, _) in ARTEFACTS.items()})
     again = table.duplicated(["kind", "position"])
     far = table[again].rename(columns={name: f"far {name}" for name in ("end", *heads)})
     near = table[~again].drop(columns="end").merge(far, "left", on=["kind", "position"])
-    return near.rename(columns={"kind": "what"}).fillna("")
+    return near.rename(columns={"kind": "artefact"}).fillna("")
 
 
 def _sizes(procedure: Procedure) -> pd.DataFrame:
-    """The size of every artefact, and room for its number."""
+    """The size of every artefact, and room for its serial number."""
     probed_points = procedure.probed_points
     bars = probed_points["length_id"].replace(r"^(L\d+)$", r"length bar, A to \1", regex=True)
     names = {
@@ -146,7 +141,7 @@ def _sizes(procedure: Procedure) -> pd.DataFrame:
 
 
 def _steps(procedure: Procedure) -> pd.DataFrame:
-    """Consecutive touches of one feature in one articulation as one row."""
+    """Consecutive points of one feature in one posture as one row."""
     probed_points = procedure.probed_points.reset_index(drop=True)
     repeat = probed_points["repeat"].astype("string").fillna("")
     repeat = (", repeat " + repeat).where(repeat != "", "")
@@ -159,11 +154,11 @@ def _steps(procedure: Procedure) -> pd.DataFrame:
     lines = [f"{b}" if n == 1 else f"{b - n + 1} to {b}" for n, b in zip(count, last, strict=True)]
     times = (count.astype(str) + " × ").where(count > 1, "")
     table = pd.DataFrame({"done": "☐", "lines": lines, "test": first["test"]})
-    return table.assign(touch=times + first["feature"], articulation=first["articulation"])
+    return table.assign(probe=times + first["feature"], posture=first["articulation"])
 
 
 def procedure_views(procedure: Procedure) -> Drawing:
-    """What stands where, from above and from the side."""
+    """The artefacts round the arm, from above and from the side."""
     groups: dict[str, tuple[str, list[tuple[str, Array]]]] = {}
     for (kind, position), place in _ends(procedure).groupby(["kind", "position"], sort=False):
         name, colour = ARTEFACTS[str(kind)]

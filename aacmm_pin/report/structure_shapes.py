@@ -1,5 +1,5 @@
-"""What no cause explains, record by record: the smooth correction over a covariate, and what the
-records say of it.
+"""What no cause explains, record by record: the smooth correction over a covariate, and the partial
+residuals.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ def shapes_of(choice: Choice) -> dict[str, pd.DataFrame]:
 
 
 def _shape(choice: Choice, block: int) -> pd.DataFrame:
-    """The smooth correction over a covariate, record by record, and what the records say of it."""
+    """The smooth correction over a covariate, record by record, and the partial residuals."""
     design, way = choice.design, choice.way(block)
     model, columns = choice.posterior.median_model, design.blocks[block].columns
     step = model.estimate[model.places[block]]

@@ -17,7 +17,7 @@ from aacmm_pin._support.text_escaping import note, printable, say, stdout
 from aacmm_pin.report.document import Bullets, Document, Notes, Paragraph, Table, are_numbers
 
 WIDTH = 118
-"""Columns of a table in a pipe or a file, where nothing says how wide it may be."""
+"""Columns of a table in a pipe or a file, where no width is stated."""
 GAP = 2
 """Columns of the terminal beside each column of a table."""
 SPARE = 28

@@ -1,5 +1,5 @@
-"""Whether an arm meets its specification: figures of two standards, by public descriptions,
-planned, predicted, judged.
+"""Acceptance tests: plan the probed points, predict test values, determine them, and compare them
+with limits. The characteristics are those of two standards, by public descriptions.
 """
 
 from aacmm_pin.verification.accept import (

@@ -1,5 +1,5 @@
-"""An arm against its specification: every figure that a file of touches has something for, and a
-verdict on each.
+"""Acceptance of an arm: the test value of each characteristic that a file has probed points for,
+and its verdict.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ from aacmm_pin.verification.probed_points import read_file
 ACCEPTANCE_SCHEMA = "aacmm-pin/acceptance/1"
 GUARD_BAND_FACTOR = 2.0
 """Coverage factor of the guard band U = 2 u: the rule of ISO 14253-1:1998 and 2013. The default of
-ISO 14253-1:2017, a probability of 95 % at one limit, is a guard band of 1.65 u: with U fewer
-verdicts are conformity or non-conformity.
+ISO 14253-1:2017, a probability of 95 % at one limit, is a guard band of 1.65 u: with U more
+verdicts are inconclusive.
 """
 MPE = Range(1e-9, 1.0, "m")
 """What a maximum permissible error can be."""
 FAR_BELOW = 100.0
-"""Where an MPE above 1 mm is so many times what was found, it may be in another unit."""
+"""An MPE above 1 mm that is this many times the test value may be in another unit."""
 LONGEST_PART = 0.66
 """The longest of five lengths is at least this part of the measuring range (ISO 10360-12:2016, by
 public descriptions).
@@ -46,25 +46,24 @@ IN_RANGE = ("length-uni", "length-bi")
 """The tests whose longest length that is."""
 MOST_LACKING = 3
 """So many of what is missing are named."""
-SINGULAR_NOUN = {"touches": "touch", "lengths": "length"}
 
 Verdict = Literal["conformity", "non-conformity", "neither"]
-SHOWN_AS: dict[str, str] = {"neither": "inconclusive"}
-"""What a reader sees in the place of a verdict, which files keep."""
+SHOWN_AS: dict[str, str] = {"non-conformity": "nonconformity", "neither": "inconclusive"}
+"""Verdicts of files in the words of ISO 14253-1."""
 WORST_FIRST: tuple[Verdict, ...] = ("non-conformity", "neither", "conformity")
 
 
 @dataclass(frozen=True)
 class CharacteristicValue:
-    """One figure of one set of coordinates.
+    """The test value of one characteristic, from one set of coordinates.
 
     Attributes:
         source: whose coordinates: those of the file, or of the arm of this name from its
-            indications.
-        definition: what the figure is.
-        evaluated: its value and standard uncertainty [m], and what is missing.
+            readings.
+        definition: the characteristic.
+        evaluated: its test value and standard uncertainty [m], and what is missing.
         mpe: maximum permissible error [m]; nan where none is given.
-        places: which touches make each of the errors of which it is the largest.
+        places: the probed points of each of the errors of which it is the largest.
     """
 
     source: str
@@ -75,8 +74,8 @@ class CharacteristicValue:
 
     @property
     def where(self) -> Place | None:
-        """Which touches make the largest error; None where there is none, or all touches
-        make it.
+        """The probed points of the largest error; None where there is none, or all points make
+        it.
         """
         if not self.places:
             return None
@@ -107,7 +106,7 @@ class CharacteristicValue:
         row["where"] = "" if self.where is None else str(self.where)
         return row | {
             "had": evaluated.had,
-            "counted": definition.counted,
+            "counted": f"{definition.counted}s",
             "missing": self.missing,
         }
 
@@ -159,12 +158,12 @@ class CharacteristicValue:
 
     @property
     def _lack(self) -> str:
-        """How many touches or lengths are missing, or why there is no value."""
+        """How many points or lengths are missing, or why there is no value."""
         number = self.evaluated.missing
         counted = self.definition.counted
         if not number:
             return self.evaluated.why_incomplete
-        return f"{number} {counted if number > 1 else SINGULAR_NOUN[counted]}"
+        return f"{number} {counted}{'s' * (number > 1)}"
 
 
 def shown_verdict(verdict: str | None) -> str:
@@ -181,7 +180,9 @@ def _verdict(size: Array, guard: Array, mpe: float) -> Verdict:
 def _worst(
     figures: Sequence[CharacteristicValue],
 ) -> tuple[Verdict | None, tuple[CharacteristicValue, ...]]:
-    """The worst verdict, and the figures that have it; one without a value counts as neither."""
+    """The worst verdict, and the characteristics that have it; one without a value counts as
+    neither.
+    """
     for verdict in WORST_FIRST:
         having = tuple(figure for figure in figures if (figure.verdict or "neither") == verdict)
         if having:
@@ -194,12 +195,12 @@ class AcceptanceResult(Shown):
     """What :func:`accept` found.
 
     Attributes:
-        path: the file of touches.
-        figures: one after the other; of several sets of coordinates those of one set stand
+        path: the file of probed points.
+        figures: a test value of each characteristic; those of one set of coordinates stand
             together.
         notes: what was assumed.
-        stated: the different numbers or labels in columns that tell of the check as a whole, such
-            as ``temperature_c``.
+        stated: the different numbers or labels in columns that describe the whole check, such as
+            ``temperature_c``.
         measuring_range: of the arm [m]; None where not given.
         longest: calibrated length [m] that was compared with 66 % of it, by the test.
         data: content of the file.
@@ -215,21 +216,21 @@ class AcceptanceResult(Shown):
 
     @property
     def failed(self) -> tuple[CharacteristicValue, ...]:
-        """The figures that do not conform."""
+        """The characteristics that do not conform."""
         return tuple(figure for figure in self.figures if figure.verdict == "non-conformity")
 
     @property
     def overall(self) -> dict[str, tuple[Verdict | None, tuple[CharacteristicValue, ...]]]:
-        """By whose coordinates: the worst verdict of the figures with an MPE, and which have it;
-        None without an MPE.
+        """By whose coordinates: the worst verdict of the characteristics with an MPE, and which
+        have it; None without an MPE.
 
-        A figure with an MPE and no value counts as neither.
+        A characteristic with an MPE and no test value counts as neither.
         """
         sources = dict.fromkeys(figure.source for figure in self.figures)
         return {source: _worst(self._with_mpe(source)) for source in sources}
 
     def _with_mpe(self, source: str) -> list[CharacteristicValue]:
-        """The figures of one set of coordinates that have an MPE."""
+        """The characteristics of one set of coordinates that have an MPE."""
         own = (figure for figure in self.figures if figure.source == source)
         return [figure for figure in own if not math.isnan(figure.mpe)]
 
@@ -244,7 +245,7 @@ class AcceptanceResult(Shown):
     ) -> str:
         """The verdict of one set of coordinates, and which characteristics decide it."""
         of = sum(figure.source == source for figure in self.figures)
-        given = f"(MPE given for {len(self._with_mpe(source))} of {of} figures)"
+        given = f"(MPE given for {len(self._with_mpe(source))} of {of} characteristics)"
         if not by:
             return f"no verdict {given}"
         names = [f.definition.name + (" without a value" if f.verdict is None else "") for f in by]
@@ -276,26 +277,26 @@ def accept(
     standard: str | None = None,
     measuring_range: float | None = None,
 ) -> AcceptanceResult:
-    """The figures of ISO 10360-12:2016 and ASME B89.4.22-2004 from a file of touches, and whether
-    each is within its limit.
+    """Determine the characteristics of ISO 10360-12:2016 and ASME B89.4.22-2004 from probed points,
+    and compare each with its limit.
 
-    The definitions are public descriptions' and were never compared with the standards' texts.
+    The definitions follow public descriptions and were never compared with the standards' texts.
 
     Args:
-        path: CSV of touches, see acceptance columns in the documentation; coordinates are of the
-            probe's centre.
-        arms: arms that make coordinates of the file's indications, by what the result calls each.
-        mpe: maximum permissible errors by the name of the figure [m].
-        standard: ``iso10360-12`` or ``asme-b89.4.22``: its figures alone, those without touches
-            too.
-        measuring_range: of the arm, the diameter of its working volume [m]; with it E_Uni and E_Bi
-            are given only where the longest length is at least 66 % of it.
+        path: CSV of probed points, see acceptance columns in the documentation; coordinates are of
+            the probe's centre.
+        arms: arms that compute coordinates from the file's readings, by their name in the result.
+        mpe: maximum permissible errors by the name of the characteristic [m].
+        standard: ``iso10360-12`` or ``asme-b89.4.22``: its characteristics alone, also those
+            without probed points.
+        measuring_range: of the arm, the diameter of its working volume [m]; E_Uni and E_Bi then
+            have a test value only if the longest length is at least 66 % of it.
 
     Raises:
         MeasurementFileError: the file cannot be used.
-        UnknownNameError: a figure or a standard that is not known.
-        AacmmError: an MPE or the range is no positive number, arms do not fit the file, every
-            length is in another unit.
+        UnknownNameError: a characteristic or a standard is not known.
+        AacmmError: an MPE or the range is not a positive number, an arm does not fit the file, or
+            all lengths are in another unit.
     """
     limits = checked_limits(mpe)
     if measuring_range is not None and not (math.isfinite(measuring_range) and measuring_range > 0):
@@ -346,7 +347,7 @@ def accept(
 
 
 def _has_points(of_test: pd.DataFrame, definition: Definition) -> bool:
-    """Whether a file has something for a characteristic."""
+    """Whether a file has probed points for a characteristic."""
     if not definition.column:
         return len(of_test) > 0
     return bool(of_test[definition.column].any())
@@ -354,7 +355,7 @@ def _has_points(of_test: pd.DataFrame, definition: Definition) -> bool:
 
 def _count(of_test: pd.DataFrame, definition: Definition) -> int:
     """How many there are of what a characteristic counts."""
-    if definition.counted == "lengths":
+    if definition.counted == "length":
         return int(of_test.groupby([*LENGTH_KEY]).ngroups)
     return len(of_test)
 
@@ -376,14 +377,14 @@ def checked_limits(mpe: Mapping[str, float] | None) -> dict[str, float]:
     """The maximum permissible errors [m].
 
     Raises:
-        UnknownNameError: no such figure.
+        UnknownNameError: no such characteristic.
         AacmmError: a limit is outside :data:`MPE`.
     """
     mpe = mpe or {}
     known = [definition.name for definition in DEFINITIONS]
     for name, limit in mpe.items():
         if name not in known:
-            raise UnknownNameError("figure", name, known)
+            raise UnknownNameError("characteristic", name, known)
         MPE.check(limit, f"MPE of {name}")
     return dict(mpe)
 
@@ -394,13 +395,13 @@ def _in_range(
     probed_points: pd.DataFrame,
     measuring_range: float | None,
 ) -> Evaluated:
-    """A length error without its value where the lengths are too short for the range."""
+    """A length error, without its value if the lengths are too short for the range."""
     longest = probed_points["length"].max()
     if definition.test not in IN_RANGE or measuring_range is None or found.missing:
         return found
     if longest > measuring_range:
         raise AacmmError(
-            f"the longest length, {plain_mm(longest)} mm, is beyond the range, "
+            f"the longest length is {plain_mm(longest)} mm; expected at most the measuring range, "
             f"{plain_mm(measuring_range)} mm"
         )
     least = LONGEST_PART * measuring_range

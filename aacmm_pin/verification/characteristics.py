@@ -63,7 +63,7 @@ class Definition:
         test_name: name of the test there.
         test: the test as acceptance files name it.
         evaluate: works its test value out from the probed points of the test.
-        counted: what is counted, ``touches`` or ``lengths``.
+        counted: what is counted: ``probed point`` or ``length``.
         column: the column without which it is left out; "" for none.
     """
 
@@ -72,7 +72,7 @@ class Definition:
     test_name: str
     test: str
     evaluate: Callable[[pd.DataFrame], Evaluated]
-    counted: str = "touches"
+    counted: str = "probed point"
     column: str = ""
 
     @property
@@ -102,11 +102,11 @@ DEFINITIONS = (
     ),
     Definition(
         "E_Uni", ISO, "unidirectional length measurement error", "length-uni",
-        OfLengths(FIVE_LENGTHS.missing, lengths_not_measured, False, errors_of_lengths), "lengths",
+        OfLengths(FIVE_LENGTHS.missing, lengths_not_measured, False, errors_of_lengths), "length",
     ),
     Definition(
         "E_Bi", ISO, "bidirectional length measurement error", "length-bi",
-        OfLengths(FIVE_LENGTHS.missing, lengths_not_measured, True, errors_of_lengths), "lengths",
+        OfLengths(FIVE_LENGTHS.missing, lengths_not_measured, True, errors_of_lengths), "length",
     ),
     Definition(
         "EffectiveDiameter", ASME, "effective diameter performance test", "effective-diameter",
@@ -122,11 +122,11 @@ DEFINITIONS = (
     ),
     Definition(
         "Volumetric.Max", ASME, "volumetric performance test", "volumetric",
-        OfLengths(missing_places, lengths_with_one_end, False, errors_of_lengths), "lengths",
+        OfLengths(missing_places, lengths_with_one_end, False, errors_of_lengths), "length",
     ),
     Definition(
         "Volumetric.2RMS", ASME, "volumetric performance test", "volumetric",
-        OfLengths(missing_places, lengths_with_one_end, False, twice_rms_of_lengths), "lengths",
+        OfLengths(missing_places, lengths_with_one_end, False, twice_rms_of_lengths), "length",
     ),
     Definition(
         "SinglePoint.Sigma", PAPER, "single point, eqs. 16 and 17", "single-point",

@@ -1,5 +1,5 @@
-"""What about touches is not as a test gives them: copies, other units, touches beside their sphere,
-wrong probes.
+"""Mistakes that probed points show: copies, other units, points off their sphere, wrong probe
+diameters.
 """
 
 from __future__ import annotations
@@ -24,30 +24,29 @@ finely [m].
 PART_OF_RANGE = 0.1
 """Positions of a test are spread over more of the measuring range than this."""
 CLOSE = 3e-3
-"""Touches of a test that are all closer together than this may be coordinates in another unit [m].
-"""
+"""If all probed points of a test are within this extent, they may be in another unit [m]."""
 IMPLAUSIBLE_LENGTH_FACTOR = 2.0
-"""No arm measures a length this many times too long, or too short."""
+"""No arm measures a length too long or too short by this factor."""
 UNIT_FACTOR_TOLERANCE = 0.02
-"""Lengths that are so by one factor up to this part of it are in another unit."""
+"""Lengths whose factors agree up to this part are in another unit."""
 WRONG_SIZE = 1e-3
-"""No arm measures a sphere so much too large, or too small [m]."""
+"""No arm measures a diameter with an error as large as this [m]."""
 LEAST_DISTANCE_FROM_SPHERE = 5e-5
-"""A touch nearer to its sphere than this is none that is beside it [m]."""
+"""A probed point nearer to its sphere than this is not noted [m]."""
 TIMES_SMALLER = 50.0
-"""Touches of a position that scatter so much less than those of the others may be coordinates in
+"""If the points of a position scatter less than those of the others by this factor, they may be in
 another unit.
 """
 CHANCE = 1e-4
-"""Chance that one of the touches of a sphere is as far off as one that is named."""
+"""Probability of a distance from the sphere below which a probed point is named."""
 TIMES_ITS_LIKE = 10.0
-"""Touches too few to tell which is off do not lie on a sphere whose form is so many times the
-median of spheres like it.
+"""Too few points to determine which is off are noted if the form of their sphere is this many times
+the median of the others.
 """
 
 
 def check_unit(probed_points: pd.DataFrame) -> None:
-    """Look whether the lengths of each test are in the unit of the coordinates.
+    """Check that the lengths of each test are in the unit of the coordinates.
 
     Raises:
         AacmmError: all of them are too long, or too short, by one factor.
@@ -55,7 +54,7 @@ def check_unit(probed_points: pd.DataFrame) -> None:
     for test, of_test in probed_points[probed_points["length"].notna()].groupby("test", sort=False):
         try:
             lengths = measured_lengths(of_test, both_sides=test == "length-bi")
-        except AacmmError:  # a note says that these have no value
+        except AacmmError:  # a note states that these have no value
             continue
         factors = (1 + lengths["error"] / lengths["length"]).to_numpy()
         if (
@@ -75,8 +74,8 @@ def check_unit(probed_points: pd.DataFrame) -> None:
 def doubts(
     source: str, probed_points: pd.DataFrame, measuring_range: float | None = None
 ) -> Iterator[Note]:
-    """Notes on the touches of one set of coordinates; ``measuring_range`` of the arm [m], None
-    where not given.
+    """Notes on the probed points of one set of coordinates; ``measuring_range`` of the arm [m],
+    None where not given.
     """
     at = probed_points[["x", "y", "z"]]
     nearest = scipy.spatial.KDTree(at).query(at, 2, p=np.inf, distance_upper_bound=COPY_TOLERANCE)[
@@ -99,7 +98,7 @@ def doubts(
 
 
 def _too_small(probed_points: pd.DataFrame) -> Iterator[Note]:
-    """Positions whose touches scatter far less than those of the others."""
+    """Positions whose points scatter far less than those of the others."""
     extents = probed_points.groupby("position", sort=False)[["x", "y", "z"]].agg(np.ptp).max(axis=1)
     for position, extent in extents.items():
         others = float(extents.drop(position).median()) if len(extents) > 1 else 0.0
@@ -110,7 +109,7 @@ def _too_small(probed_points: pd.DataFrame) -> Iterator[Note]:
 
 
 def _spheres(probed_points: pd.DataFrame) -> Iterator[tuple[pd.DataFrame, FittedSphere]]:
-    """The spheres of a test of which more is known than four touches say."""
+    """The spheres of a test with more than four probed points."""
     by = (
         ["feature", "position"]
         if probed_points["test"].iloc[0] == "sphere"
@@ -120,19 +119,19 @@ def _spheres(probed_points: pd.DataFrame) -> Iterator[tuple[pd.DataFrame, Fitted
         try:
             if len(group) > FEWEST_POINTS and group["test"].iloc[0] != "single-point":
                 yield group, fitted_sphere(coordinates_of(group))
-        except AacmmError:  # a note says that its figures have no value
+        except AacmmError:  # a note states that its characteristics have no value
             continue
 
 
 def _beside(spheres: list[tuple[pd.DataFrame, FittedSphere]]) -> Iterator[Note]:
-    """Touches far from the sphere of the others; spheres of five or six touches that do not lie on
+    """Points far from the sphere of the others; spheres of five or six points that do not lie on
     one.
     """
     forms = np.array([sphere.form for _, sphere in spheres])
     for k, (group, sphere) in enumerate(spheres):
-        touch, off = _farthest(group, sphere)
-        if touch is not None:
-            yield Note("touch_off_sphere", {"distance": off}).with_place(str(Place.of(touch)))
+        point, off = _farthest(group, sphere)
+        if point is not None:
+            yield Note("touch_off_sphere", {"distance": off}).with_place(str(Place.of(point)))
         elif len(spheres) > 2 and sphere.form > max(
             TIMES_ITS_LIKE * float(np.median(np.delete(forms, k))), LEAST_DISTANCE_FROM_SPHERE
         ):
@@ -140,8 +139,8 @@ def _beside(spheres: list[tuple[pd.DataFrame, FittedSphere]]) -> Iterator[Note]:
 
 
 def _farthest(group: pd.DataFrame, sphere: FittedSphere) -> tuple[pd.DataFrame | None, float]:
-    """The touch that is not on the sphere of the others by more than chance, and how far it is from
-    that [m].
+    """The point farther from the sphere of the others than chance explains, and its distance
+    [m].
     """
     points = coordinates_of(group)
     free = np.sqrt(np.maximum(1 - sphere.leverages, 0.0))
@@ -164,7 +163,7 @@ def _farthest(group: pd.DataFrame, sphere: FittedSphere) -> tuple[pd.DataFrame |
 
 
 def _wrong_sizes(spheres: list[tuple[pd.DataFrame, FittedSphere]]) -> Iterator[Note]:
-    """Spheres whose size no arm gets so wrong, or is off by about the probe."""
+    """Spheres whose diameter is in error by more than any arm's, or by about the probe diameter."""
     wrong = []
     for group, sphere in spheres:
         error = size_error(group, sphere)

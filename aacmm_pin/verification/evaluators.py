@@ -158,7 +158,7 @@ class OfPoints:
             return without_value(len(points), missing, self.needed.begun(points))
         errors = [error for group in groups for error in self.errors(group)]
         if any(np.isnan(error.value) for error in errors):
-            return without_value(len(points), 0, why="touches farther round")
+            return without_value(len(points), 0, why="points all over the sphere")
         return _largest(errors, len(points))
 
 

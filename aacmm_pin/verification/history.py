@@ -1,9 +1,9 @@
-"""The acceptance checks of an arm over time: a file of their figures, and whether the latest lies
-where the others lie.
+"""The acceptance checks of an arm over time: a file of their test values, and whether the latest
+are within control limits.
 
 An individuals chart (Shewhart; ISO 7870-2:2013): the mean of the earlier values, and limits 2.66
 mean moving ranges away from it. Values that did not conform, or lay outside their own limits, have
-a cause of their own, and no part in later limits.
+a cause of their own, and do not count for later limits.
 """
 
 from __future__ import annotations
@@ -43,27 +43,27 @@ HISTORY_COLUMNS = (
     "version",
 )
 LEAST_CHECKS = 8
-"""Earlier checks that limits need. A figure of an arm that has not changed lies outside then in 3.1
-% of checks, with 20 earlier ones in 1.9 % (200 000 normal series each).
+"""Earlier checks that limits need. A test value of an unchanged arm is then outside in 3.1 % of
+checks, with 20 earlier ones in 1.9 % (200 000 normal series each).
 """
 PER_MOVING_RANGE = 2.66
 """Half-width of the limits in mean moving ranges: three standard deviations, 3 / 1.128."""
 HALF = {"SinglePoint.Sigma": "SPAT.2s"}
-"""A figure that is half of another, and has no chart beside it."""
+"""A characteristic that is half of another, and has no chart beside it."""
 VALUE_TOLERANCE = 1e-9
 """Values that differ by no more than this are the same [mm]."""
 
 
 @dataclass(frozen=True, eq=False)
 class ControlChart:
-    """The values of one figure by one arm, those of earlier checks and that of the latest.
+    """The test values of one characteristic by one arm, in earlier checks and in the latest.
 
     Attributes:
         arm: whose coordinates, as in :class:`~aacmm_pin.verification.accept.CharacteristicValue`.
-        figure: its name.
+        figure: name of the characteristic.
         times: of the checks (n,), the earliest first.
-        values: of the figure without their signs (n,) [m], for the largest error is now above zero
-            and now below; the last is that of the check.
+        values: magnitudes (n,) [m], because the largest error is positive in some checks and
+            negative in others; the last is that of the check.
         mpe: maximum permissible error of the latest [m]; nan where none.
         failed: which of them do not conform (n,).
     """
@@ -101,10 +101,10 @@ class ControlChart:
 
     @property
     def limits(self) -> tuple[float, float]:
-        """Of the usual range [m]; nan with fewer than :data:`LEAST_CHECKS` earlier values that
+        """Control limits [m]; nan with fewer than :data:`LEAST_CHECKS` earlier values that
         count.
 
-        The lower one is nan too where it would be below zero, as no magnitude is.
+        The lower one is also nan where it would be below zero, because no magnitude is.
         """
         return _limits(self.usual)
 
@@ -147,8 +147,8 @@ class History(Shown):
     """Checks of one arm or several.
 
     Attributes:
-        checks: one row a figure and check, with the columns of the file; ``time`` is a datetime in
-            UTC.
+        checks: one row a characteristic and check, with the columns of the file; ``time`` is a
+            datetime in UTC.
         time: of the check that is looked at; None for none.
         instrument: which arm that was of.
         appended: whether it was appended, or there before.
@@ -218,8 +218,8 @@ class History(Shown):
         return cls(checks, from_file=True)
 
     def with_check(self, result: AcceptanceResult, time: datetime, instrument: str = "") -> History:
-        """The history with the figures of ``result`` that have a value, unless some check has the
-        very same.
+        """The history with the test values of ``result``, unless some check has the same
+        values.
 
         Args:
             result: what :func:`~aacmm_pin.verification.accept.accept` found.
@@ -251,7 +251,7 @@ class History(Shown):
                     self, checks=checks, time=check["time"].iloc[0], instrument=instrument
                 )
                 return replace(kept, appended=len(judged) > 0)
-            if then == time and same:  # with figures that it did not have
+            if then == time and same:  # with characteristics that it did not have
                 old = pd.MultiIndex.from_frame(both[["arm", "figure"]])
                 table = table[~pd.MultiIndex.from_frame(table[["arm", "figure"]]).isin(old)]
             elif then == time and len(both):
@@ -271,8 +271,8 @@ class History(Shown):
         return self.checks[names == instrument.strip().casefold()]
 
     def charts(self) -> tuple[ControlChart, ...]:
-        """A chart for each figure of the check that is looked at, in its order; of :data:`HALF`
-        none beside its double.
+        """A chart for each characteristic of the latest check, in its order; of :data:`HALF` none
+        beside its double.
         """
         of = self._of(self.instrument)
         charts = []
@@ -305,7 +305,7 @@ class History(Shown):
         left = [f"{chart.figure} by {chart.arm}" for chart in self.charts() if chart.left_range]
         count = len(self.checks[["time", "instrument"]].drop_duplicates())
         text = f"{count} check{'s' * (count != 1)}"
-        return text + (f"; outside the usual range: {', '.join(left)}" if left else "")
+        return text + (f"; outside the control limits: {', '.join(left)}" if left else "")
 
     def summary(self) -> list[dict[str, Any]]:
         """The charts as numbers, for JSON."""

@@ -1,9 +1,9 @@
-"""Before an acceptance test: the figures that it will show, by virtual runs of its touches.
+"""Predict the test values of an acceptance test by virtual runs of its probed points.
 
-In each run the errors of the arm's parameters are drawn once and the noise of every touch anew
-(JCGM 101:2008, 6.4). The tip touches the point p, so that the model, which does not know the errors
-e, states p - S e there, to first order in e; the noise η of the readings adds J η. The figures are
-those of :mod:`aacmm_pin.verification.characteristics`.
+Each run draws the errors of the arm's parameters once and the noise of every probed point anew
+(JCGM 101:2008, 6.4). The tip is at the point p. The model does not contain the errors e, and
+computes p - S e there, to first order in e; the noise η of the readings adds J η. The
+characteristics are those of :mod:`aacmm_pin.verification.characteristics`.
 """
 
 from __future__ import annotations
@@ -34,22 +34,22 @@ from aacmm_pin.verification.procedure import Procedure
 
 PREDICTION_SCHEMA = "aacmm-pin/acceptance-prediction/1"
 RUNS, FEWEST = 200, 20
-"""Virtual runs: usual, and the fewest that an interval can be read from."""
+"""Virtual runs: default, and the fewest that determine an interval."""
 ALONE = 20
-"""What one cause does alone is the median of about so many of the runs."""
+"""The effect of one cause alone is the median of about so many of the runs."""
 READINGS, CONTACTS = "encoder noise", "contact noise"
 """Causes beside the parameters."""
 
 
 @dataclass(frozen=True, eq=False)
 class PredictedFigure:
-    """One figure of one arm.
+    """The predicted test value of one characteristic of one arm.
 
     Attributes:
         source: the arm, as it was named.
-        definition: what the figure is.
-        runs: the figure in each run, with its sign, its standard uncertainty and its limit.
-        alone: median of the figure's magnitude by each cause alone [m], largest first.
+        definition: the characteristic.
+        runs: the test value in each run, with its sign, its standard uncertainty and its limit.
+        alone: median magnitude of the test value by each cause alone [m], largest first.
     """
 
     source: str
@@ -59,7 +59,7 @@ class PredictedFigure:
 
     @property
     def magnitudes(self) -> Array:
-        """Of the figure in each run (runs,) [m]; nan where touches are missing."""
+        """Of the test value in each run (runs,) [m]; nan where probed points are missing."""
         return np.abs([figure.evaluated.value for figure in self.runs])
 
     @property
@@ -89,10 +89,10 @@ class PredictedAcceptance(Shown):
 
     Attributes:
         path: the procedure.
-        figures: those of one arm stand together.
+        figures: the test value of each characteristic; those of one arm stand together.
         count: number of virtual runs.
         seed: of all that was drawn, or None where the generator does not say.
-        notes: what was assumed, and what is not in the figures.
+        notes: what was assumed, and what the prediction does not contain.
     """
 
     path: str
@@ -102,11 +102,13 @@ class PredictedAcceptance(Shown):
     notes: tuple[Note, ...] = ()
 
     def to_frame(self) -> pd.DataFrame:
-        """One row a figure, lengths in mm; NaN where touches are missing, or there is no limit."""
+        """One row a characteristic, lengths in mm; NaN where probed points are missing, or there is
+        no limit.
+        """
         return pd.DataFrame([figure.row() for figure in self.figures])
 
     def causes(self) -> pd.DataFrame:
-        """What each cause does alone to each figure: median of its magnitude [mm]."""
+        """Median magnitude of each test value by each cause alone [mm]."""
         rows = []
         for figure in self.figures:
             alone = (figure.alone / MM).add_suffix("_mm").to_dict()
@@ -116,12 +118,12 @@ class PredictedAcceptance(Shown):
     def __str__(self) -> str:
         judged = [f for f in self.figures if not math.isnan(f.passes)]
         least = min(judged, key=lambda f: f.passes, default=None)
-        text = f"{len(self.figures)} figures in {self.count} virtual runs"
+        text = f"{len(self.figures)} characteristics in {self.count} virtual runs"
         if least is None:
             return text
         return (
-            f"{text}; least likely to conform is {least.definition.name} of {least.source}, "
-            f"probability {least.passes:.2f}"
+            f"{text}; lowest probability of conformity: {least.passes:.2f}, "
+            f"{least.definition.name} of {least.source}"
         )
 
     def summary(self) -> dict[str, Any]:
@@ -153,20 +155,19 @@ def predict_acceptance(
     rng: np.random.Generator | None = None,
     progress: Progress = True,
 ) -> PredictedAcceptance:
-    """The figures that the touches of a procedure will show, with an interval, and the cause that
-    each comes from.
+    """Predict the test values of a procedure, with an interval and the cause of the largest effect.
 
-    Only what the arm states as uncertain can be predicted: half-widths or the covariance of a
-    calibration, uncertainties of effects, noise. What a model gets wrong without knowing it is not
-    in the figures.
+    The prediction contains only the uncertainties that the arm states: half-widths or the
+    covariance of a calibration, uncertainties of effects, noise. Causes that the model lacks are
+    not in it.
 
     Args:
         path: procedure by :func:`aacmm_pin.verification.acceptance_procedure`, as a file.
-        arms: by what the result calls each: nominal, calibrated, extended.
-        mpe: maximum permissible errors by the name of the figure [m].
-        standard: ``iso10360-12`` or ``asme-b89.4.22``: its figures alone.
-        encoder_noise: standard uncertainty of one reading, (nq,) or one number [rad]; default what
-            the arm states, else usual.
+        arms: by their name in the result: nominal, calibrated, extended.
+        mpe: maximum permissible errors by the name of the characteristic [m].
+        standard: ``iso10360-12`` or ``asme-b89.4.22``: its characteristics alone.
+        encoder_noise: standard uncertainty of one reading, (nq,) or one number [rad]; default that
+            of the arm, else a typical one.
         probe_noise: standard uncertainty of each coordinate of one contact [m].
         runs: number of virtual runs.
         rng: for all that is drawn; default seed 1. Every arm gets the same draws.
@@ -174,9 +175,9 @@ def predict_acceptance(
             ``tqdm``.
 
     Raises:
-        MeasurementFileError: the file is no procedure of such an arm.
-        UnknownNameError: a figure or a standard that is not known.
-        AacmmError: no arm, fewer runs than 20, or nothing of an arm is uncertain.
+        MeasurementFileError: the file is not a procedure for such an arm.
+        UnknownNameError: a characteristic or a standard is not known.
+        AacmmError: no arm, fewer than 20 runs, or an arm states no uncertainty.
     """
     path = str(path)
     limits = checked_limits(mpe)
@@ -184,7 +185,7 @@ def predict_acceptance(
     rng = rng or np.random.default_rng(1)
     if left_out := [name for name in limits if name not in {d.name for d in of_standard}]:
         raise AacmmError(
-            f"MPE of {', '.join(left_out)} is given; expected figures of {standard} alone"
+            f"MPE of {', '.join(left_out)} is given; expected characteristics of {standard} alone"
         )
     if not arms:
         raise AacmmError(f"{path}: no arm is given; expected at least one to predict")
@@ -224,7 +225,7 @@ def predict_acceptance(
 
 @dataclass(frozen=True, eq=False)
 class _Test:
-    """The touches of a procedure by one arm.
+    """The probed points of a procedure by one arm.
 
     Attributes:
         sources: what is uncertain.
@@ -264,7 +265,7 @@ class _Test:
         steps: Any,
         rng: np.random.Generator,
     ) -> list[PredictedFigure]:
-        """Every figure in each of the runs that ``steps`` counts."""
+        """Every test value in each of the runs that ``steps`` counts."""
         of_test = {d.test: (probed_points["test"] == d.test).to_numpy() for d in wanted}
         runs: dict[str, list[CharacteristicValue]] = {d.name: [] for d in wanted}
         alone: dict[str, dict[str, list[float]]] = {d.name: {} for d in wanted}
@@ -292,7 +293,7 @@ class _Test:
         return found
 
     def _drawn(self, rng: np.random.Generator) -> dict[str, Array]:
-        """How far each cause puts the coordinates of one run off (n, 3) [m]."""
+        """The error of the coordinates of one run by each cause (n, 3) [m]."""
         n = len(self.points)
         errors = np.repeat(-source_errors(self.sources, rng, 1), n, axis=0)
         each = np.array([p.scope == "record" for p in self.sources.parameters])

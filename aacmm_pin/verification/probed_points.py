@@ -92,7 +92,7 @@ def read_file(path: str, content: bytes, models: Mapping[str, ErrorModel]) -> Pr
             path,
             None,
             "",
-            "no coordinates: expected x_mm, y_mm, z_mm, or indications theta1_deg … and an arm; "
+            "no coordinates: expected x_mm, y_mm, z_mm, or readings theta1_deg … and an arm; "
             f"the columns that are filled in are {_listed(table)}",
         )
     sets = {
@@ -149,13 +149,13 @@ def _by_arms(
         theta = [name for name in unfilled if is_reading(name)]
         if theta:
             raise MeasurementFileError(
-                path, None, span(theta), "empty in every row; expected indications"
+                path, None, span(theta), "empty in every row; expected readings"
             )
         raise MeasurementFileError(
             path,
             None,
             "",
-            "no indications: expected columns theta1_deg … beside the arms that were named; "
+            "no readings: expected columns theta1_deg … for the arms that were named; "
             f"there are {_listed(table)}",
         )
     of_arm = [name for name in table if name not in OF_TEST and not is_of_reference(name)]

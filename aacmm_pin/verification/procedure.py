@@ -1,4 +1,4 @@
-"""Before an acceptance test: where sphere, seat and bars stand, which touches are made in which
+"""Plan an acceptance test: places of spheres, seats and bars, and the points to probe, each in its
 posture, in order.
 """
 
@@ -60,7 +60,7 @@ LEAST_SEPARATION = 0.2
 CANDIDATES, TRIED = 4000, 30
 """Places that are looked at, and directions of a bar that are tried beside the wanted one."""
 RIM = 0.1
-"""Touches of a half sphere end this part of the radius above its rim."""
+"""Points on a half sphere end this part of the radius above its rim."""
 LEAST_UPRIGHT_COSINE = 0.7
 """Cosine of the angle to gravity up to which joint axis 1 of an arm that stands is tilted."""
 LIMIT_MARGIN = 0.02
@@ -71,14 +71,14 @@ round a sphere.
 
 @dataclass(frozen=True, eq=False)
 class Procedure(Shown):
-    """Touches to be made, in order.
+    """Points to probe, in order.
 
     Attributes:
         arm: the arm.
-        probed_points: one row a touch, with the columns of the file of touches, lengths in mm.
+        probed_points: one row a point, with the columns of an acceptance file, lengths in mm.
         q: postures (n, nq) [rad].
         points: centres of the probe (n, 3) [m].
-        seed: of what was drawn; None where the file says nothing of it.
+        seed: of what was drawn; None where the file does not state it.
     """
 
     arm: Arm
@@ -88,8 +88,8 @@ class Procedure(Shown):
     seed: int | None = None
 
     def to_frame(self) -> pd.DataFrame:
-        """The file to be filled in: coordinates and indications are empty, what is planned stands
-        behind.
+        """The file to be filled in: coordinates and readings are empty, planned ones stand in
+        further columns.
         """
         names = [f"theta{k}_deg" for k in range(1, self.arm.nq + 1)]
         empty = pd.DataFrame("", self.probed_points.index, [*REFERENCE, *names])
@@ -103,7 +103,7 @@ class Procedure(Shown):
         return csv_text(self.to_frame())
 
     def filled(self, records: GivenRecords, software: GivenModel) -> pd.DataFrame:
-        """That file with the indications and conditions of ``records``, and the coordinates by
+        """That file with the readings and conditions of ``records``, and the coordinates by
         ``software``.
         """
         records = as_measurements(records, self.arm.nq)
@@ -118,7 +118,7 @@ class Procedure(Shown):
     def __str__(self) -> str:
         counts = self.probed_points["test"].value_counts(sort=False)
         tests = ", ".join(f"{count} {test}" for test, count in counts.items())
-        return f"{self.arm.name}: {len(self.probed_points)} touches ({tests})"
+        return f"{self.arm.name}: {len(self.probed_points)} points to probe ({tests})"
 
     @staticmethod
     def read(path: str | Path, arm: GivenArm) -> Procedure:
@@ -171,17 +171,19 @@ def acceptance_procedure(
     above: float | None = None,
     rng: np.random.Generator | None = None,
 ) -> Procedure:
-    """Touches for every figure of a standard, at places that the arm reaches in the postures
-    needed.
+    """Plan the probed points for every characteristic of a standard, at places that the arm reaches
+    in the postures needed.
 
     Two spheres (near and far), a point at three distances, a bar with five lengths in seven places,
     along the axes of the base and the diagonals as far as the arm reaches, and ball bars of two
-    lengths in twenty places. Points of a bar are touched in another posture in every repeat; a
-    sphere in five, of which that comes next whose stylus points at it best.
+    lengths in twenty places. Points of a bar are probed in another posture in every repeat.
+    Points of a sphere are probed in five postures, each in the one whose stylus points at it
+    best.
 
     Args:
         model: the arm.
-        standard: ``iso10360-12`` or ``asme-b89.4.22``: what its figures need alone.
+        standard: ``iso10360-12`` or ``asme-b89.4.22``: the points of its
+            characteristics alone.
         measuring_range: diameter of the working volume [m]; default twice the reach of the tip from
             joint 2.
         lengths: calibrated lengths [m], five, or for ASME B89.4.22 alone two; default even parts of
@@ -226,7 +228,7 @@ def _stands(arm: Arm) -> bool:
 
 
 class _Layout:
-    """The touches that are laid out so far, over one pool of postures."""
+    """The points that are laid out so far, over one pool of postures."""
 
     def __init__(self, pool: Pool, sphere: float, probe: float, rng: np.random.Generator) -> None:
         self.pool, self.sphere, self.probe, self.rng = pool, sphere, probe, rng
@@ -244,7 +246,9 @@ class _Layout:
     def fill(
         self, standard: str | None, measuring_range: float | None, lengths: Sequence[float] | None
     ) -> None:
-        """All touches that the figures of a standard need; see :func:`acceptance_procedure`."""
+        """All points that the characteristics of a standard need; see
+        :func:`acceptance_procedure`.
+        """
         wanted = {d.test for d in definitions(standard)}
         all_lengths = bool({"length-uni", "length-bi"} & wanted)
         parts = [*range(1, LENGTHS + 1)] if all_lengths else [*BALL_BARS.values()]
@@ -259,7 +263,7 @@ class _Layout:
             or min(bars) <= 0
         ):
             came = ", ".join(f"{x / MM:g}" for x in bars)
-            purpose = "the figures of all standards" if standard is None else STANDARDS[standard]
+            purpose = "both standards" if standard is None else STANDARDS[standard]
             raise AacmmError(
                 f"lengths are {came} mm; expected {len(parts)} different ones above 0 for {purpose}"
             )
@@ -275,8 +279,8 @@ class _Layout:
         if "volumetric" in wanted:
             self.ball_bars(*(bars[parts.index(part)] for part in BALL_BARS.values()))
 
-    def touch(self, point: Array, q: Array, **cells: Any) -> None:
-        """One more touch at ``point`` (3,) near the posture ``q`` (nq,)."""
+    def probe_point(self, point: Array, q: Array, **cells: Any) -> None:
+        """Add a probed point at ``point`` (3,) near the posture ``q`` (nq,)."""
         self.rows.append(cells)
         self.points.append(point)
         self.q.append(q)
@@ -324,7 +328,7 @@ class _Layout:
                     )
 
     def _round(self, center: Array, postures: Array, count: int, **cells: Any) -> None:
-        """``count`` touches over the half of a sphere from which the stylus comes."""
+        """``count`` points over the half of a sphere from which the stylus comes."""
         stylus = self.pool.arm.stylus_axis
         if stylus is None:
             normals = _half_sphere(count, self.pool.arm.up)
@@ -337,15 +341,15 @@ class _Layout:
             normals = _half_sphere(count, pole)
             best = (-tool @ normals.T).argmax(axis=0)
         points = center + (self.sphere + self.probe) / 2 * normals
-        for k in np.argsort(best, kind="stable"):  # articulation by articulation
-            self.touch(points[k], postures[best[k]], **cells)
+        for k in np.argsort(best, kind="stable"):  # posture by posture
+            self.probe_point(points[k], postures[best[k]], **cells)
 
     def single_points(self) -> None:
-        """One point in ten articulations at each of three distances."""
+        """One point in ten postures at each of three distances."""
         for name, zone in SEAT_ZONES.items():
             point, postures = self.place(*zone, 10)
             for q in postures:
-                self.touch(point, q, test="single-point", feature="seat", position=name)
+                self.probe_point(point, q, test="single-point", feature="seat", position=name)
 
     def length_bar(self, lengths: Sequence[float], wanted: set[str]) -> None:
         """A bar with one point at 0 and one at each length, in seven places."""
@@ -365,14 +369,14 @@ class _Layout:
         aside: Array,
         cells: dict[str, Any],
     ) -> None:
-        """All lengths of a bar in every repeat; its ends are touched ``aside`` of them."""
+        """All lengths of a bar in every repeat; its ends are probed ``aside`` of them."""
         for repeat in range(REPEATS):
             for number, length in enumerate(lengths, start=1):
                 row = cells | {"repeat": repeat + 1, "length_id": f"L{number}"}
                 row |= {"length_mm": length / MM, "probe_diameter_mm": self.probe / MM}
                 for feature, end, sign in (("A", 0, -1), (f"L{number}", number, 1)):
                     q = postures[end][repeat % len(postures[end])]
-                    self.touch(ends[end] + sign * aside, q, feature=feature, **row)
+                    self.probe_point(ends[end] + sign * aside, q, feature=feature, **row)
 
     def _bar_places(self, lengths: Array) -> list[tuple[Array, Array]]:
         """Where the bar begins and how it points, in seven places far from one another."""
@@ -401,7 +405,7 @@ class _Layout:
                     np.vstack([before, middles]) if found else middles, len(found) + 5, 0.0
                 )
                 tried = [good[k - len(found)] for k in order if k >= len(found)]
-                start = next((s for s in tried if self._touchable(s, direction, lengths)), None)
+                start = next((s for s in tried if self._is_in_reach(s, direction, lengths)), None)
                 if start is not None:
                     found.append((start, direction))
                     break
@@ -409,11 +413,11 @@ class _Layout:
             raise AacmmError(
                 f"{self.pool.arm.name}: {len(found)} of {PLACES} places found where a bar of "
                 f"{lengths[-1] / MM:g} mm can be "
-                "touched all along; state a shorter range or shorter lengths"
+                "probed along its whole length; state a shorter range or shorter lengths"
             )
         return found
 
-    def _touchable(self, start: Array, direction: Array, lengths: Array) -> bool:
+    def _is_in_reach(self, start: Array, direction: Array, lengths: Array) -> bool:
         places = np.array([0.0, *lengths])
         points = start + places[:, None] * direction
         return all(len(q) for q in self.pool.touched(points, 1))
@@ -426,7 +430,7 @@ class _Layout:
                 cells: dict[str, Any] = {"test": "volumetric", "length_id": f"{name} ball bar"}
                 cells |= {"position": f"{name} {place}", **sizes}
                 for feature, point, q in zip("AB", bar.points, bar.postures, strict=True):
-                    self.touch(point, q[0], feature=feature, **cells)
+                    self.probe_point(point, q[0], feature=feature, **cells)
 
     def procedure(self, arm: Arm, seed: int | None) -> Procedure:
         """All of it, with the tip at its point in every posture."""
@@ -436,7 +440,7 @@ class _Layout:
         if not arrived.all():
             out = int((~arrived).sum())
             raise AacmmError(
-                f"{arm.name}: {out} of {len(q)} touches are beyond the limits of the joints; "
+                f"{arm.name}: {out} of {len(q)} points are beyond the joint limits; "
                 "try another seed"
             )
         columns = [column.names[0] for column in PROBED_POINT_COLUMNS]

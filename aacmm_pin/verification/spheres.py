@@ -1,4 +1,4 @@
-"""Spheres through touches, and round the centres that were found."""
+"""Spheres through probed points, and round the centres that were found."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def fitted_sphere(points: ArrayLike) -> FittedSphere:
     extents = np.linalg.svd(p - middle, compute_uv=False)
     if extents[2] <= PLANE_TOLERANCE * extents[0]:
         raise AacmmError(
-            f"{len(p)} points lie in one plane, which determines no sphere; expected touches "
+            f"{len(p)} points lie in one plane, which determines no sphere; expected points "
             "all over it"
         )
     size = float(extents[0])

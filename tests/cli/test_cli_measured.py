@@ -86,7 +86,7 @@ def test_every_plan_gives_a_file_that_can_be_read(tmp_path):
         for word in (
             "seed 1",
             "40 records",
-            "8e-06 rad assumed",
+            "8 µrad assumed",
             "references 0.012 mm",
             "contacts 0 mm",
         ):

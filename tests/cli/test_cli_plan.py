@@ -102,14 +102,14 @@ def test_existing_seats_are_used_again_and_new_ones_are_left_to_be_measured(tmp_
 def test_everything_at_once(tmp_path):
     sheet = tmp_path / "sheet.html"
     out, err = done(f"plan distinguish sino6 {QUICK} -o {tmp_path / 'plan.csv'} --sheet {sheet}")
-    assert "20 records for all causes" in out
+    assert "20 records to distinguish all causes" in out
     assert "the worst first" in out
     (pair,) = (line for line in err.splitlines() if "bearing_tilt:1 from base_compliance" in line)
     assert "turn the mount" in pair
     assert {"temperature_c", "approach1"} <= set(pd.read_csv(tmp_path / "plan.csv").columns)
     page = Page(sheet.read_text(encoding="utf-8"))
     assert page.downloads()["plan.csv"].decode() == (tmp_path / "plan.csv").read_text()
-    assert [head in page.text for head in ("temperature [°C]", "last motion", "articulation")] == [
+    assert [head in page.text for head in ("temperature [°C]", "last motion", "posture")] == [
         True
     ] * 3
     assert " -0 " not in page.text

@@ -336,7 +336,7 @@ def test_postures_alone_are_asked_for_where_they_do(sino6):
     assert plan.set_up == ()
     assert not plan.changes_arm
     assert plan.decided
-    assert [t.words for t in plan.tried] == ["the arm as it stands"]
+    assert [t.words for t in plan.tried] == ["the present one"]
     assert list(plan.records.columns) == [
         *(f"theta{k}_deg" for k in range(1, 7)),
         "x_mm",
@@ -371,7 +371,7 @@ def test_what_looks_the_same_on_a_level_mount_needs_another(sino6):
     contained = planned(sino6, ("counterbalance:2", "encoder_eccentricity:2"))
     assert (
         contained.tried[0].why_not
-        == "whatever counterbalance:2 does, encoder_eccentricity:2 can do too"
+        == "encoder_eccentricity:2 can have every effect of counterbalance:2"
     )
     stays = planned(sino6, split, as_it_stands=True)
     assert stays.after.same
@@ -523,7 +523,7 @@ def test_what_cannot_be_is_refused(sino6, zero6):
         ("encoder_slip:3", "base_compliance", "time_s"),
         ("base_compliance", "base_compliance", "twice"),
         ("link_length:3", "base_compliance", "is refitted in every diagnosis"),
-        ("seat_error:S1", "base_compliance", "shows at that seat only"),
+        ("seat_error:S1", "base_compliance", "effect at that seat only"),
     ):
         with pytest.raises(AacmmError, match=said):
             planned(sino6, (one, other))

@@ -381,7 +381,7 @@ def test_what_is_refused(sino6, zero6):
     other = circle_accuracy(configuration_circle(sino6, POINT, count=30))
     nowhere = configuration_circle(sino6, [0.0, 5.0, 0.0])
     calls = [
-        (AacmmError, "no configuration", lambda: scenes.circle_scene(nowhere)),
+        (AacmmError, "no posture", lambda: scenes.circle_scene(nowhere)),
         (ShapeError, "within limits", lambda: scenes.circle_scene(circle, other)),
         (ShapeError, "no row", lambda: scenes.arm_scene(sino6, np.zeros((0, 6)))),
         (AacmmError, "SINO6", lambda: scenes.map_scene(small_map(), zero6)),

@@ -120,7 +120,7 @@ def _derived(block: Block, on_page: bool) -> dict[str, Any]:
         case Notes(items=items):
             return {
                 "items": [f"{capital(str(note))}." for note in items],
-                "head": "What was assumed or found beside:",
+                "head": "Notes:",
             }
         case Table():
             return _table(block, on_page)

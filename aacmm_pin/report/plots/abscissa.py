@@ -1,4 +1,4 @@
-"""What the picture of a cause is drawn over: by its cause, with a default for causes of others."""
+"""Abscissa of the figure of each cause, with a default for causes of plugins."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ from aacmm_pin.report.plots.style import (
 )
 
 COMPONENT_MARKERS = "os^DvP*h"
-"""Shapes of the components that one picture tells apart."""
+"""Shapes of the markers that distinguish closed curves."""
 NOT_THERE = "no mark: no posture within limits"
 GAP, MISSED = 6.0, 3.0
 """A gap is seen in the curves where no posture is for so many degrees, and for so many usual steps.
@@ -149,7 +149,7 @@ def plot_budget(
     """
     if most < 1 or not len(accuracy.q):
         raise AacmmError(
-            f"most is {most} and accuracy has {len(accuracy.q)} configurations; expected at least "
+            f"most is {most} and accuracy has {len(accuracy.q)} postures; expected at least "
             "1 of each"
         )
     table = _shortened(accuracy.budget(by), by, most, accuracy.sources)

@@ -182,8 +182,8 @@ def plot_normalised_residuals(result: Calibration, ax: Axes | None = None) -> Ax
 
 @plain
 def plot_correlation(result: Calibration, ax: Axes | None = None) -> Axes:
-    """Correlation of the parameters; ±1 means that the data tell only their sum or difference, grey
-    that they tell nothing.
+    """Correlation of the parameters; ±1 means that the data determine only their sum or difference,
+    grey that they determine neither.
     """
     table, count = result.correlation, len(result.correlation)
     untold = np.linalg.norm(result.fit.unknown[:count], axis=1) > NOT_AT_ALL

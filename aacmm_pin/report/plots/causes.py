@@ -42,8 +42,7 @@ from aacmm_pin.report.plots.style import (
 FEWEST_COVARIATE_VALUES = 12
 """A covariate with no more values than this is shown value by value."""
 SHOWN_QUANTILES = (0.01, 0.99)
-"""Records between these quantiles fit into the picture; the others, which say least, are marked at
-its edge.
+"""Records between these quantiles fit into the figure; the others are marked at its edge.
 """
 ROOM_BEYOND_CURVE = 0.8
 """As far beyond the curve, in heights of it, records are shown."""
@@ -55,9 +54,9 @@ COLUMN_UNITS = {"deg": "°", "c": "°C", "urad": "µrad", "um_per_m": "µm/m", "
 
 @plain
 def plot_diagnosis(result: Diagnosis, finding: int = 0, ax: Axes | None = None) -> Axes:
-    """The strongest cause through what the records say of it; where none was found, what the
-    residuals depend on; where they depend on nothing, or the cause moves every record alike, their
-    size by the three models.
+    """The strongest cause with the partial residuals of the records; if none was found, the
+    covariate that the residuals depend on; if there is none, or the cause displaces all records
+    alike, the residuals by the three models.
 
     Args:
         result: the diagnosis.
@@ -83,8 +82,8 @@ def plot_diagnosis(result: Diagnosis, finding: int = 0, ax: Axes | None = None) 
 
 @plain
 def plot_cause(result: Diagnosis, finding: Finding, ax: Axes | None = None) -> Axes:
-    """What the records say of a cause, everything else as fitted, over what it depends on; the
-    fitted cause through it.
+    """Partial residuals of a cause over what it depends on, everything else as fitted; the fitted
+    cause as a line.
 
     Faint dots are records, :func:`aacmm_pin.report.plots.partial_residuals.partial_residual`;
     circles are their weighted means in parts of the range, with standard uncertainties. An error of
@@ -162,8 +161,8 @@ def _limits(shown: PartialResidual, means: pd.DataFrame) -> tuple[float, float]:
 
 
 def _plot_seat_error(result: Diagnosis, effect: Effect, ax: Axes | None = None) -> Axes:
-    """Where each seat is beside where it is said to be, by the extended arm; the fitted error of
-    one seat as a ring.
+    """Distance of each seat from its stated place, by the extended arm; the fitted error of one
+    seat as a ring.
 
     Dots are weighted means over the records of a seat, with the standard uncertainty that the
     scatter of these gives; an error of the arm that is common to them is not in it. Seats without a
@@ -205,8 +204,8 @@ def _plot_seat_error(result: Diagnosis, effect: Effect, ax: Axes | None = None) 
 
 @plain
 def plot_unexplained(result: Diagnosis, name: str, ax: Axes | None = None) -> Axes:
-    """What no cause explains, over what it depends on: the smooth correction, and faintly what each
-    record says of it.
+    """What no cause explains, over what it depends on: the smooth correction, and faintly the
+    partial residual of each record.
 
     Over one covariate the correction is a line, or a bar for each label; over several its size is a
     colour.

@@ -88,7 +88,7 @@ def plot_circle(
     _frame(ax, circle, np.concatenate(drawn) / MM)
     x, y, z = circle.point / MM
     found = (
-        f"{circle.within_limits.sum()} of {len(circle)} configurations within limits"
+        f"{circle.within_limits.sum()} of {len(circle)} postures within limits"
         if len(circle)
         else "out of reach"
     )

@@ -31,7 +31,7 @@ FINEST = 1e-4
 """What a panel shows at least, from its lower to its upper edge [mm]: one digit of the table."""
 MARKS: dict[str, dict[str, Any]] = {
     "earlier check": {"marker": "o", "ms": 3, "color": INK, "ls": ""},
-    "failed or outside the limits, not counted": {
+    "nonconforming or outside the limits, not counted": {
         "marker": "x",
         "ms": 5,
         "color": VERMILLION,
@@ -61,8 +61,8 @@ def _charts(history: History) -> list[ControlChart]:
 
 @plain
 def plot_history(history: History, ax: Axes | None = None) -> Figure:
-    """The figures of all checks, the latest in colour, with the mean and the limits of the earlier
-    ones and the MPE.
+    """The test values of all checks, the latest in colour, with the mean and the limits of the
+    earlier ones and the MPE.
 
     Checks stand at equal distances, with dates below some of them.
     """
@@ -70,7 +70,7 @@ def plot_history(history: History, ax: Axes | None = None) -> Figure:
     across = 4 if len(charts) <= 8 else MOST_PANELS // 2
     if not charts:
         ax = axes_of(ax, (4.0, 1.0))
-        ax.text(0.5, 0.5, "no figure of two checks", ha="center", va="center")
+        ax.text(0.5, 0.5, "no characteristic with two checks", ha="center", va="center")
         ax.set_axis_off()
         return whole([ax])
     panels = panels_of(ax, (9.4 / across, 1.9), len(charts), across)
@@ -84,7 +84,7 @@ def plot_history(history: History, ax: Axes | None = None) -> Figure:
     drawn = {line.get_label(): line for panel in panels for line in panel.lines}
     names = [name for name in MARKS if name in drawn]
     handles = [drawn[name] for name in names]
-    title = f"{missing} of {missing + len(charts)} figures not drawn" if missing else None
+    title = f"{missing} of {missing + len(charts)} charts not drawn" if missing else None
     style: dict[str, Any] = {
         "ncols": len(MARKS),
         "fontsize": 7,
@@ -103,7 +103,7 @@ def _draw(ax: Axes, chart: ControlChart, several: bool) -> None:
     ax.plot(number, values, "-", color=GREY, lw=0.8)
     earlier = {
         "earlier check": chart.counted,
-        "failed or outside the limits, not counted": ~chart.counted,
+        "nonconforming or outside the limits, not counted": ~chart.counted,
     }
     for name, some in earlier.items():
         if some.any():

@@ -24,8 +24,7 @@ WITHIN = "#e4e9ee"
 
 @plain
 def plot_parameter_changes(result: Calibration, ax: Axes | None = None) -> Figure:
-    """Change of each parameter with its expanded uncertainty U (k = 2), over how far off it was
-    said to be.
+    """Change of each parameter with its expanded uncertainty U (k = 2), over its stated half-width.
 
     Parameters of another colour moved farther than what was stated of them and U together; open
     ones are known only in combination with others. Where nothing was stated, lengths and angles
@@ -90,7 +89,9 @@ def _draw_changes(table: pd.DataFrame, ax: Axes) -> None:
     stated, place = bool(table["stated"].notna().all()), np.arange(len(table))
     largest = np.nanmax(np.abs(table[["change", "U"]].to_numpy()))
     unit, factor = small_unit(table["unit"].iloc[0], largest)
-    scale, per = (table["stated"], "/ stated ± [1]") if stated else (1 / factor, f"[{unit}]")
+    scale, per = (
+        (table["stated"], "/ stated half-width [1]") if stated else (1 / factor, f"[{unit}]")
+    )
     change, bar = table["change"] / scale, table["U"] / scale
     if stated:
         ax.axvspan(-1, 1, color=WITHIN, zorder=0)

@@ -1,5 +1,5 @@
-"""What each record says of one cause, once everything else in the extended model is as fitted:
-partial residuals.
+"""Partial residuals: the amount of one cause by each record, with everything else in the extended
+model as fitted.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ AWAY = 0.02
 
 @dataclass(frozen=True, eq=False)
 class PartialResidual:
-    """A cause as the records show it one by one; only records that say something of it.
+    """The amount of a cause by each record that depends on it.
 
     Attributes:
         x: what the cause depends on, in the unit of ``x_label`` (n,).
@@ -102,12 +102,12 @@ def state_of(fit: Fit, q: Array | None = None, conditions: Conditions | None = N
 
 
 def partial_residual(result: Diagnosis, effect: Effect) -> PartialResidual:
-    """What each record says of a cause that the extended model has, everything else as fitted.
+    """The amount of a cause of the extended model by each record, everything else as fitted.
 
-    With L the displacement of the target per unit of the cause's amount a (a joint's turn, such
-    as), C the noise and e the residual of a record, its own estimate of the amount is ``a - (Lᵀ C⁻¹
-    e)/(Lᵀ C⁻¹ L)`` with u = ``(Lᵀ C⁻¹ L)^(-1/2)``: generalised least squares of one number (partial
-    residual, Larsen, McCleary 1972, Technometrics 14).
+    With L the displacement of the target per unit of the cause's amount a (such as a joint's
+    angle), C the noise and e the residual of a record, its own estimate of the amount is ``a - (Lᵀ
+    C⁻¹ e)/(Lᵀ C⁻¹ L)`` with u = ``(Lᵀ C⁻¹ L)^(-1/2)``: generalised least squares of one number
+    (partial residual, Larsen, McCleary 1972, Technometrics 14).
 
     Args:
         result: the diagnosis.

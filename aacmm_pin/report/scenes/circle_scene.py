@@ -98,9 +98,9 @@ def _place(circle: PosturesAtPoint) -> str:
 
 
 def _caption(circle: PosturesAtPoint) -> str:
-    components = count(int(circle.component.max()), "component")
+    curves = count(int(circle.component.max()), "closed curve")
     return (
-        f"{len(circle.q)} configurations on {components} reach this point, "
+        f"{len(circle.q)} postures on {curves} reach this point, "
         f"{circle.within_limits.sum()} of them within the joint limits."
     )
 
@@ -149,7 +149,7 @@ def _draw_path(
             scene.swatches.insert(0, Swatch(BLUE, f"path of {name}, within limits", "line"))
     if scene.bar is not None:
         what = f"path of {name}" if len(pairs) else "slider"
-        scene.notes.insert(0, f"The {what} has the colours of the bar within limits.")
+        scene.notes.insert(0, f"Within limits, the {what} is coloured by the colour bar.")
 
 
 def _draw_ellipsoids(scene: Scene, centre: Array, accuracy: AccuracyVolume, size: float) -> Array:
@@ -170,7 +170,7 @@ def _draw_ellipsoids(scene: Scene, centre: Array, accuracy: AccuracyVolume, size
         f"the 95 % ellipsoid of the position (k = {ELLIPSOID_COVERAGE_FACTOR:.2f}), magnified "
         f"{factor:g} times"
     )
-    scene.notes.insert(0, f"The body at the point is {words}.")
+    scene.notes.insert(0, f"At the point: {words}.")
     return placements
 
 
@@ -189,6 +189,6 @@ def _on_slider(frames: int, eligible: Index, within: int) -> str:
     some = "" if frames == len(eligible) else f"{frames} of "
     which = " within limits" if within else ""
     return (
-        f"The slider goes through {some}the {len(eligible)} configurations{which}, component "
-        "by component."
+        f"The slider shows {some}the {len(eligible)} postures{which}, one closed curve after the "
+        "other."
     )

@@ -106,7 +106,7 @@ def _caption(map_: WorkspaceMap) -> str:
 def _on_slider(frames: int, cells: int) -> str:
     some = "" if frames == cells else f"{frames} of "
     return (
-        f"The slider goes through {some}the {cells} cells that a posture within limits "
+        f"The slider shows {some}the {cells} cells that a posture within limits "
         "reaches, column by column."
     )
 

@@ -87,9 +87,9 @@ def residual_scene(result: Calibration | Diagnosis, model: str | None = None) ->
     scene["residuals"].set_object(spikes, flat(by_vertex=True))
     draw_ball(scene, "record", f"{start} of this record", 1.6 * FOOT * size, target[0])
     scene.notes = [
-        f"Residuals are magnified {factor:g} times: a spike stands with its foot on the {start} "
-        "and points to the tip.",
-        "The slider goes from the largest residual to the smallest.",
+        f"Residuals are magnified {factor:g} times. Each spike starts at the {start} and points to "
+        "the tip.",
+        "The slider shows the residuals, the largest first.",
         TO_SCALE.replace("Lengths are", "The arm is"),
     ]
     texts = {"row": [str(row) for row in records.row[chosen]]}
