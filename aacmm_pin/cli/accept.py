@@ -166,7 +166,7 @@ def _next_step(arm: list[str], path: str) -> str:
         )
     if not seats:
         return (
-            "probed points on spheres cannot be used to find the cause; single points, and ends of "
-            "lengths with one contact each, can"
+            "the points cannot be used to find the cause: state feature_diameter_mm and "
+            "probe_diameter_mm of spheres, or add single points or lengths"
         )
     return f"to find the cause, run {shlex.join(['aacmm-pin', 'diagnose', *arm, path])}"

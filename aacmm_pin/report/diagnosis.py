@@ -185,7 +185,7 @@ def certainty_in_words(result: Diagnosis) -> str:
     if share is None:
         return f"{text}."
     alone = "it acts alone" if one else "exactly these act"
-    return f"{text}; that {alone} has {probability(share)}."
+    return f"{text}; {alone} with probability {probability(share)}."
 
 
 def _labels(result: Diagnosis) -> frozenset[str]:
@@ -491,7 +491,7 @@ def motion_of(result: Diagnosis, effect: Effect, state: State | None = None) -> 
 
 
 def ranking(result: Diagnosis) -> pd.DataFrame:
-    """The causes, strongest first: cause, value ± U, size at the tip, probability, p, retained,
+    """The causes, strongest first: cause, value ± U, size at the tip, probability, p, not absorbed,
     label.
     """
     state = state_of(result.extended)
@@ -504,7 +504,7 @@ def _rank(result: Diagnosis, f: Finding, state: State) -> dict[str, Any]:
     row["value ± U (k = 2)"] = values_in_words(f.effect, f.parameters, f.slides)
     row["at the tip_mm"] = motion_of(result, f.effect, state) / MM
     row |= {"probability": probability(f.probability), "p": p_value(f.p_value)}
-    return row | {"retained": percent(f.retained_fraction), "label": f.label}
+    return row | {"not absorbed": percent(f.retained_fraction), "label": f.label}
 
 
 def alternatives(result: Diagnosis) -> pd.DataFrame:
@@ -608,12 +608,12 @@ def _wrong(result: Diagnosis) -> list[Block]:
         "RMS of the residuals by joint range, time, temperature and seat, by the three models",
         "RMS of the residuals in groups of two or more records. Black: the arm as stated; compare "
         f"it with the {line} line, {beside}. Grey and blue: recalibrated and extended; compare "
-        "these with the dotted line, the noise alone. The model does not explain what stays above "
-        "it.",
+        "these with the dotted line, the noise alone. The extended model does not explain "
+        "residuals above that line.",
     )
     worst = _worst(result, predicted)
     if worst.empty:
-        none = f"In no group of records is the RMS of the arm as stated above {beside}."
+        none = f"No group of records has an RMS of the arm as stated above {beside}."
         return [title, figure, Paragraph(none)]
     caption = f"Largest RMS residuals of the arm as stated, compared with {beside}"
     return [title, figure, Table(worst, caption, {f"times {predicted}": ".2f"}, most=WORST)]

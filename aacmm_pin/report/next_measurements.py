@@ -48,7 +48,7 @@ def _first(result: Diagnosis) -> str:
     if too_good(result.extended):
         return (
             "check the stated noise and its unit, and that the angles were read and not planned: "
-            "beside such noise, few causes show"
+            "such noise hides most causes"
         )
     if verdict == "inconclusive" and result.extended.too_many_excluded:
         return (
@@ -153,19 +153,18 @@ def _first(result: Diagnosis) -> str:
             "drift stops or continues"
         )
     return (
-        "check the extended model on new records over the full ranges of the joints: "
-        f"{_as_held_out(result)}"
+        "take new records over the full ranges of the joints, and run aacmm-pin check on them with "
+        f"the extended arm; {_as_held_out(result)}"
     )
 
 
 def _as_held_out(result: Diagnosis) -> str:
     """Which number of the extended arm at new records to compare with which."""
-    by = "aacmm-pin check with the extended arm states their RMS distance from their targets"
     sizes, held = result.rms, result.held_out
     if held is None:
-        return f"{by}; compare it with that of these records, {lengths(sizes.values())[2]}"
+        return f"expect an RMS distance of about {lengths(sizes.values())[2]}, as in these records"
     *_, size = lengths([*sizes.values(), rms(held.extended)])
-    return f"{by}, which was {size} on held-out records"
+    return f"expect an RMS distance of about {size}, as in held-out records"
 
 
 def _and_repeat(result: Diagnosis) -> str:
