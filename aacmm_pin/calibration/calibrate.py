@@ -49,6 +49,7 @@ from aacmm_pin.effects import (
 )
 from aacmm_pin.errors import AacmmError, UnknownNameError, UnsupportedArmError
 from aacmm_pin.measurements import (
+    FEWEST_CONTACTS,
     GivenRecords,
     Measurements,
     as_measurements,
@@ -81,6 +82,10 @@ part of it …
 """
 FAR_OFF = 4.0
 """… and some are farther off than so many standard uncertainties; …"""
+OTHER_DIAMETER = 1e-4
+OTHER_SPHERE = 2.0
+"""Contacts that are farther from the stated sphere than the first [m], and so many times farther
+than they scatter (medians), are on a sphere of another diameter."""
 MOST_NAMED = 3
 """… so many of them are named at most."""
 FEW_SEATS = 5
@@ -361,7 +366,21 @@ def _left_before(after: Fit) -> list[Note]:
 
 def notes_of_records(after: Fit) -> list[Note]:
     """What looks unusual in the records themselves."""
-    return [*_references_in_other_unit(after), *_of_conditions(after)]
+    return [*_references_in_other_unit(after), *_of_conditions(after), *_of_diameters(after)]
+
+
+def _of_diameters(after: Fit) -> list[Note]:
+    """Contacts that lie on larger or smaller spheres than is stated."""
+    on = after.used & after.observations.on_sphere
+    if on.sum() < FEWEST_CONTACTS:
+        return []
+    normal = after.observations.normal[on]
+    beyond = np.einsum("ni,ni->n", after.system.deviation[on], normal)
+    middle = float(np.median(beyond))
+    spread = float(np.median(np.abs(beyond - middle)))
+    if abs(middle) < max(OTHER_DIAMETER, OTHER_SPHERE * spread):
+        return []
+    return [Note("sphere_diameters", {"off": 2.0 * middle})]
 
 
 def _of_conditions(after: Fit) -> list[Note]:

@@ -433,7 +433,7 @@ def _misfit(arm: _Described, touches: _Touches) -> tuple[float, float]:
         )
     except AacmmError:
         return np.inf, np.inf
-    deviations = observations.deviations(tips, points)
+    deviations = observations.with_normals(tips, points).deviations(tips, points)
     seats = records.seats()
     for bar in records.bars():
         # Seats lie where their records put them: what a bar is off by is half each end's.

@@ -32,8 +32,8 @@ class Check(Shown):
         used: (n,) False for records that are too far off to belong.
         rms: RMS distance of tip and target, set-up fitted and geometry as stated [m]; nan if no
             record has a target.
-        predicted_rms: the same by the stated uncertainties and the noise (JCGM 100:2008, eq. 13),
-            before any set-up is fitted [m]; nan if the arm states no uncertainty.
+        predicted_rms: the same by the uncertainties that arm and records state (JCGM 100:2008, eq.
+            13), before any set-up is fitted [m]; nan if the arm states none.
         missing: condition that the records do not state, and the causes that cannot be tried
             without it.
         notes: what was assumed, and what looks unusual.
@@ -90,5 +90,5 @@ def _predicted_rms(found: Fit) -> float:
     """RMS distance of tip and target that the stated uncertainties predict [m]."""
     if not found.problem.model.covariance().any():
         return float("nan")
-    noise = np.trace(found.stated_noise[:, :3, :3], axis1=1, axis2=2)
+    noise = np.trace(found.noise.without_scatter[:, :3, :3], axis1=1, axis2=2)
     return float(np.sqrt((noise + found.stated_variance)[found.used].mean()))

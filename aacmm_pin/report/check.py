@@ -29,7 +29,7 @@ def check_document(check: Check) -> Document:
     predicted = (
         "the arm states no uncertainty to compare it with"
         if np.isnan(check.predicted_rms)
-        else f"the stated uncertainties and the noise predict {length(check.predicted_rms)}"
+        else f"the stated uncertainties predict {length(check.predicted_rms)}"
     )
     finding = Paragraph(f"{fits}. {distance}; {predicted}.", finding=True)
     columns = measurements_document(check.measurements).blocks[1:]

@@ -14,7 +14,7 @@ from scipy.stats import chi2
 from aacmm_pin import calibrate, diagnose
 from aacmm_pin.arm import Arm
 from aacmm_pin.calibration import Calibration
-from aacmm_pin.errors import MeasurementFileError
+from aacmm_pin.errors import AacmmError, MeasurementFileError
 from aacmm_pin.measurements import Measurements
 from tests.cli import shell
 
@@ -239,3 +239,15 @@ def test_files_of_spheres_at_the_shell(sino6, rng, tmp_path: Path):
     content = shell.found(f"calibrate sino6 {path} {known} -o {tmp_path / 'arm.toml'}")
     assert content["rms_mm"]["calibrated"] < content["rms_mm"]["simulation"]
     assert content["held_out"]
+
+
+def test_a_wrong_diameter_or_joint_is_named(sino6, rng):
+    q, sphere = Machine(sino6, np.zeros(len(sino6.parameters))).touching(rng)
+    table = file_of(q, sphere)
+    result = calibrate(
+        sino6, Measurements.from_frame(table.assign(probe_diameter_mm=6.0)), hold_out=False
+    )
+    (note,) = [note for note in result.notes if note.code == "sphere_diameters"]
+    assert note.data["off"] == pytest.approx(-3e-3, rel=0.15)
+    with pytest.raises(AacmmError, match="joint 3 is counted in the opposite direction"):
+        calibrate(sino6, Measurements.from_frame(table.assign(theta3_deg=-table["theta3_deg"])))
