@@ -53,6 +53,7 @@ from aacmm_pin.measurements import (
     GivenRecords,
     Measurements,
     as_measurements,
+    best_sphere,
     fingerprints,
     fingerprints_of_standards,
     means_of_contacts,
@@ -82,10 +83,9 @@ part of it …
 """
 FAR_OFF = 4.0
 """… and some are farther off than so many standard uncertainties; …"""
-OTHER_DIAMETER = 1e-4
-OTHER_SPHERE = 2.0
-"""Contacts that are farther from the stated sphere than the first [m], and so many times farther
-than they scatter (medians), are on a sphere of another diameter."""
+OTHER_DIAMETER = 5e-4
+"""Spheres whose diameters by their contacts differ from the stated ones by more than this, in the
+median, are others [m]."""
 MOST_NAMED = 3
 """… so many of them are named at most."""
 FEW_SEATS = 5
@@ -371,16 +371,18 @@ def notes_of_records(after: Fit) -> list[Note]:
 
 def _of_diameters(after: Fit) -> list[Note]:
     """Contacts that lie on larger or smaller spheres than is stated."""
-    on = after.used & after.observations.on_sphere
-    if on.sum() < FEWEST_CONTACTS:
+    observations = after.observations
+    tips = after.point.prediction.tips
+    off = []
+    for seat in np.flatnonzero(observations.spheres):
+        own = after.used & (observations.seat == seat)
+        if own.sum() > FEWEST_CONTACTS:
+            _, radius = best_sphere(tips[own])
+            off.append(2.0 * (radius - observations.radius[own][0]))
+    middle = float(np.median(off)) if off else 0.0
+    if abs(middle) < OTHER_DIAMETER:
         return []
-    normal = after.observations.normal[on]
-    beyond = np.einsum("ni,ni->n", after.system.deviation[on], normal)
-    middle = float(np.median(beyond))
-    spread = float(np.median(np.abs(beyond - middle)))
-    if abs(middle) < max(OTHER_DIAMETER, OTHER_SPHERE * spread):
-        return []
-    return [Note("sphere_diameters", {"off": 2.0 * middle})]
+    return [Note("sphere_diameters", {"off": middle})]
 
 
 def _of_conditions(after: Fit) -> list[Note]:

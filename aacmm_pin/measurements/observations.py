@@ -27,21 +27,29 @@ WILD_CONTACT = 1e-4
 """A contact that is farther from a sphere than this pulls its first centre less [m]."""
 
 
-def centre_of_sphere(points: Array, radius: float) -> Array:
-    """Centre (3,) of the sphere of known radius that points (m, 3) are on [m].
-
-    From the linear least squares of ``|p|² = 2 c·p + k``, by distances whose large ones count less.
+def best_sphere(points: Array) -> tuple[Array, float]:
+    """Centre (3,) and radius of the sphere that points (m, 3) are on [m], by the linear least
+    squares of ``|p|² = 2 c·p + k``.
     """
     middle = points.mean(axis=0)
     about = points - middle
     columns = np.column_stack([2.0 * about, np.ones(len(about))])
-    first, *_ = np.linalg.lstsq(columns, np.square(about).sum(axis=1), rcond=1e-6)
+    found, *_ = np.linalg.lstsq(columns, np.square(about).sum(axis=1), rcond=1e-6)
+    centre, rest = np.split(found, [3])
+    return middle + centre, float(np.sqrt(np.maximum(rest[0] + centre @ centre, 0.0)))
+
+
+def centre_of_sphere(points: Array, radius: float) -> Array:
+    """Centre (3,) of the sphere of known radius that points (m, 3) are on [m]: the least sum of
+    distances of which large ones count less.
+    """
 
     def beyond(centre: Array) -> Array:
-        return np.asarray(np.linalg.norm(about - centre, axis=1) - radius)
+        return np.asarray(np.linalg.norm(points - centre, axis=1) - radius)
 
-    found = least_squares(beyond, first[:3], loss="soft_l1", f_scale=WILD_CONTACT)
-    return np.asarray(middle + found.x)
+    first, _ = best_sphere(points)
+    found = least_squares(beyond, first, loss="soft_l1", f_scale=WILD_CONTACT)
+    return np.asarray(found.x)
 
 
 @dataclass(frozen=True, eq=False)
