@@ -68,7 +68,7 @@ def compare(records: Measurements, tips: Sequence[Array]) -> Iterator[Comparison
     bars = records.bars()
     if bars:
         yield Comparison("bar length", len(bars), tuple(map(records.bar_length_errors, tips)))
-    points = (seat for seat in records.seats().values() if not records.on_sphere[seat].any())
+    points = (seat for seat in records.seats().values() if not records.on_surface[seat].any())
     seats = [seat for seat in points if len(seat) > 1 and not any(known[seat])]
     if seats:
         yield Comparison("seat", len(seats), tuple(_scatter(tip, seats) for tip in tips))

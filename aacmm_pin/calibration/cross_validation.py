@@ -25,6 +25,7 @@ from aacmm_pin.measurements import (
     Measurements,
     Observations,
     centre_of_sphere,
+    normal_of_plane,
 )
 
 FOLDS = 10
@@ -226,8 +227,9 @@ def distances(
     else from the mean there.
 
     The mean is of these records themselves, so their spread about it is widened by √(m/(m-1)); NaN
-    for a single record. The same holds for the centre of a sphere. ``seats`` are places that other
-    records know (3,) [m]. Turns behind the tips (n, 6) count over a ``lever`` [m].
+    for a single record. The same holds for spheres and planes. ``seats`` are places that other
+    records know (3,), of planes point and anchor (2, 3) [m]. Turns behind the tips (n, 6) count
+    over a ``lever`` [m].
     """
     tips = poses[:, :3]
     radius = np.nan_to_num(records.contact_radius)
@@ -235,25 +237,41 @@ def distances(
     for label, members in records.seats().items():
         unknown = members[~records.known[members]]
         if seats is not None and label in seats:
-            away = np.linalg.norm(tips[unknown] - seats[label], axis=1)
-            distance[unknown] = np.abs(away - radius[unknown])
-        elif records.on_sphere[unknown].any():
-            distance[unknown] = _distances_of_sphere(tips[unknown], radius[unknown])
+            place = seats[label]
+            distance[unknown] = _distances_from(place, tips[unknown], radius[unknown])
+        elif records.on_surface[unknown].any():
+            distance[unknown] = _distances_from_best(tips[unknown], records.take(unknown))
         elif unknown.size > 1:
             spread = np.linalg.norm(tips[unknown] - tips[unknown].mean(axis=0), axis=1)
             distance[unknown] = spread * np.sqrt(unknown.size / (unknown.size - 1))
     return np.asarray(np.hypot(distance, lever * np.linalg.norm(poses[:, 3:], axis=1)))
 
 
-def _distances_of_sphere(tips: Array, radius: Array) -> Array:
-    """Distances of tips (m, 3) from the sphere that fits them best, widened by √(m/(m-3)); NaN for
-    three or fewer [m].
+def _distances_from(place: Array, tips: Array, radius: Array) -> Array:
+    """Distances of tips (m, 3) from a point, from the sphere of ``radius`` (m,) about it, or from
+    the plane of a point and its anchor (2, 3) [m].
+    """
+    if place.ndim == 1:
+        return np.asarray(np.abs(np.linalg.norm(tips - place, axis=1) - radius))
+    point, anchor = place
+    normal = (point - anchor) / np.linalg.norm(point - anchor)
+    return np.asarray(np.abs((tips - point) @ normal))
+
+
+def _distances_from_best(tips: Array, records: Measurements) -> Array:
+    """Distances of tips (m, 3) from the sphere or plane that fits them best, widened by
+    √(m/(m-3)); NaN for three or fewer [m].
     """
     if len(tips) < FEWEST_CONTACTS:
         return np.full(len(tips), np.nan)
-    centre = centre_of_sphere(tips, float(radius[0]))
-    beyond = np.linalg.norm(tips - centre, axis=1) - radius
-    return np.asarray(np.abs(beyond) * np.sqrt(len(tips) / (len(tips) - 3)))
+    radius = np.nan_to_num(records.contact_radius)
+    if records.on_plane.any():
+        middle = tips.mean(axis=0)
+        place = np.stack([middle, middle - normal_of_plane(tips)])
+    else:
+        place = centre_of_sphere(tips, float(radius[0]))
+    widened = np.sqrt(len(tips) / (len(tips) - 3))
+    return np.asarray(widened * _distances_from(place, tips, radius))
 
 
 def held_out(
@@ -313,5 +331,8 @@ def _predicted_by(
     end = solve(problem, noise, point, np.ones(others.n)).point
     poses = fit.problem.of(left).poses(end.x, end.frame)
     turn = np.where(left.oriented, np.linalg.norm(poses[:, 3:], axis=1), np.nan)
-    seats = dict(zip(noise.observations.labels, end.seats, strict=True))
+    observed = noise.observations
+    seats = dict(zip(observed.labels, end.seats, strict=True))
+    for k in np.flatnonzero(observed.planes):
+        seats[observed.labels[k]] = np.stack([end.seats[k], observed.anchor[k]])
     return distances(left, poses, seats), turn

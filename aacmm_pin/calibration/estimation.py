@@ -192,7 +192,7 @@ class _Estimation:
         off = deviations(noise.observations, point)
         stated = noise.without_scatter
         turned = used & noise.observations.oriented
-        medians = chi2_isf(0.5, np.where(noise.observations.on_sphere, 1, 3))
+        medians = chi2_isf(0.5, np.where(noise.observations.on_surface, 1, 3))
         tip = self._scatter_of_median(off[used, :3], stated[used, :3, :3], medians[used], share)
         turn = 0.0
         if turned.any():

@@ -30,7 +30,7 @@ UNEVEN = 1e-6
 """Normal equations do where every singular value, of columns of length one, is certain to be above
 this: errors of the smallest are then a ten-thousandth of it, and the gradient has none."""
 OPEN_CENTRE = 1e-13
-"""Part of all information on the centre of a sphere that counts as none."""
+"""Part of all information on a sphere or plane that counts as none."""
 ROWS_AT_ONCE = 4000
 """Rows that are brought to a triangle at once: copies of all of them would take more memory than
 all the rest."""
@@ -350,8 +350,8 @@ class SeatElimination:
         count = len(self.observations.labels)
         weight = np.where(known, 1.0 / np.where(known, self.observations.stated_u, 1.0), 0.0)
         by_tie = weight[:, :, None] * np.eye(3)
-        # Contacts of a sphere may leave a direction of its centre open.
-        leeway = np.where(self.observations.spheres, OPEN_CENTRE, 0.0)[:, None, None] * np.eye(3)
+        # Contacts of a sphere or plane may leave a direction of it open.
+        leeway = np.where(self.observations.surfaces, OPEN_CENTRE, 0.0)[:, None, None] * np.eye(3)
         self._root = np.broadcast_to(np.eye(3), (count, 3, 3))
         for least in (NOTHING_KNOWN, 0.5):
             square = (

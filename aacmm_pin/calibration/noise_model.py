@@ -92,14 +92,14 @@ class NoiseModel:
             frame: where the base is in the frame of the references.
             scatters: beyond the stated noise.
             known: the observations, where they are worked out already.
-            seats: where the seats are (s, 3) [m], for the normals of spheres; None: by the tips.
+            seats: where the seats are (s, 3) [m], for the normals of surfaces; None: by the tips.
         """
         setup = problem.setup
         n = problem.measurements.n
         observations = known or observations_of(problem.measurements, setup)
         u = np.where(observations.unstated, max(scatters.seat, LEAST_U), observations.stated_u)
         observations = replace(observations, stated_u=u)
-        if observations.on_sphere.any():
+        if observations.on_surface.any():
             tips_there = problem.poses(x, frame)[:, :3]
             centres = observations.start(tips_there) if seats is None else seats
             observations = observations.with_normals(tips_there, centres)
@@ -167,11 +167,12 @@ def observations_of(measurements: Measurements, setup: Setup) -> Observations:
     at_u = _of_each(np.fmax, u[stating], of, count)
     extent = (high - low).max(axis=1)
     mixed = ~repeated & (extent > np.maximum(SAME_PLACE, MEASURED * least))
-    # A seat whose records state coordinates of their own is none, as is a sphere of few contacts.
-    mixed |= _undetermined_spheres(measurements, seat, np.asarray(np.isfinite(at).all(axis=1)))
+    # A seat whose records state coordinates of their own is none, as is a surface of few contacts.
+    mixed |= _undetermined_surfaces(measurements, seat, np.asarray(np.isfinite(at).all(axis=1)))
     number = np.where(mixed, -1, np.cumsum(~mixed) - 1)
     seat = np.where(seat >= 0, number[seat] if len(labels) else -1, -1)
     radius = np.where(seat >= 0, measurements.contact_radius, np.nan)
+    on_plane = measurements.on_plane & (seat >= 0)
     alone = measurements.known & (seat < 0)
     # What is not stated is in the covariance of the tips already.
     of_reference = np.hypot(reference_u(measurements, setup, 0.0), contact)
@@ -196,15 +197,18 @@ def observations_of(measurements: Measurements, setup: Setup) -> Observations:
         length_u=length_u,
         oriented=measurements.oriented,
         radius=radius,
+        on_plane=on_plane,
+        anchor=np.full((len(chosen), 3), np.nan),
         normal=np.zeros((measurements.n, 3)),
+        by_place=np.zeros((measurements.n, 3)),
     )
 
 
-def _undetermined_spheres(measurements: Measurements, seat: Index, placed: Mask) -> Mask:
-    """Which seats (s,) are spheres whose centre neither is ``placed`` (s,) nor shown by their
+def _undetermined_surfaces(measurements: Measurements, seat: Index, placed: Mask) -> Mask:
+    """Which seats (s,) are spheres or planes that neither are ``placed`` (s,) nor shown by their
     contacts, of records at a ``seat`` (n,).
     """
-    contacts = np.bincount(seat[measurements.on_sphere & (seat >= 0)], minlength=len(placed))
+    contacts = np.bincount(seat[measurements.on_surface & (seat >= 0)], minlength=len(placed))
     return np.asarray((contacts > 0) & (contacts < FEWEST_CONTACTS) & ~placed)
 
 

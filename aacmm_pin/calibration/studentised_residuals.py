@@ -8,7 +8,11 @@ import numpy as np
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin.calibration.solver import Solution
-from aacmm_pin.calibration.variance_components import information_of_seats, squared_distances
+from aacmm_pin.calibration.variance_components import (
+    information_of_seats,
+    pulls_on_seats,
+    squared_distances,
+)
 from aacmm_pin.measurements import NOTHING_KNOWN
 
 
@@ -28,8 +32,11 @@ def deleted_distances(solution: Solution) -> Array:
         seat = observations.seat[touched]
         whole, _, weighted = information_of_seats(solution)
         others = np.linalg.inv(whole[seat] - weighted + NOTHING_KNOWN * np.eye(3))
-        off[touched] += np.einsum("nij,njk,nk->ni", others, weighted, off[touched])
-        covariance[touched] += others
+        pulls = pulls_on_seats(solution, off)
+        # By one unit of a seat a deviation changes by minus these.
+        changes = -observations.by_seats(np.tile(np.eye(3), (len(off), 1, 1)))[touched]
+        off[touched] += np.einsum("nij,njk,nk->ni", changes, others, pulls)
+        covariance[touched] += changes @ others @ changes.transpose(0, 2, 1)
     has_target = observations.has_target
     turns = np.nan_to_num(solution.system.turn_distance[has_target])
     found = np.full(len(off), np.inf)

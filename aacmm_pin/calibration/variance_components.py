@@ -115,13 +115,26 @@ def information_of_seats(solution: Solution) -> tuple[Array, Array, Array]:
     """
     observations = solution.noise.observations
     touched = np.flatnonzero(observations.seat >= 0)
-    whitening = solution.noise.whitening[touched, :3, :3]
-    of_records = whitening.transpose(0, 2, 1) @ whitening
+    by_seats = observations.by_seats(solution.noise.whitening)[touched, :3]
+    of_records = by_seats.transpose(0, 2, 1) @ by_seats
     of_records = solution.weights[touched, None, None] * of_records
     tie = np.where(observations.known[:, None], observations.stated_u, np.inf) ** -2.0
     information = tie[:, :, None] * np.eye(3)
     np.add.at(information, observations.seat[touched], of_records)
     return information, tie, np.asarray(of_records)
+
+
+def pulls_on_seats(solution: Solution, deviation: Array) -> Array:
+    """What deviations (n, 3) [m] of the records at seats pull these by, information times distance
+    (records, 3) [1/m].
+    """
+    observations = solution.observations
+    touched = np.flatnonzero(observations.seat >= 0)
+    whitening = solution.noise.whitening
+    by_seats = observations.by_seats(whitening)[touched, :3]
+    whitened = whitening[touched, :3, :3] @ deviation[touched][:, :, None]
+    pulls = -by_seats.transpose(0, 2, 1) @ whitened
+    return np.asarray(solution.weights[touched, None] * pulls[:, :, 0])
 
 
 def squared_distances(deviation: Array, covariance: Array) -> Array:

@@ -14,7 +14,7 @@ import numpy as np
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.calibration import Fit, ParameterVector
 from aacmm_pin.calibration.jacobian import Columns
-from aacmm_pin.calibration.variance_components import information_of_seats
+from aacmm_pin.calibration.variance_components import information_of_seats, pulls_on_seats
 from aacmm_pin.diagnosis.candidates import Variants, is_change
 from aacmm_pin.diagnosis.covariates import Carried, Covariate
 from aacmm_pin.effects import Carrier, Discrepancy, Effect, JointZeroOffset, Part, State
@@ -154,11 +154,9 @@ class Design:
         off = observations.deviations(tips, points)
         if not touched.size:
             return off
-        whole, tie, of_records = information_of_seats(self.fit)
+        whole, tie, _ = information_of_seats(self.fit)
         pull = -tie * np.nan_to_num(points - observations.stated)
-        np.add.at(
-            pull, observations.seat[touched], np.einsum("nij,nj->ni", of_records, off[touched, :3])
-        )
+        np.add.at(pull, observations.seat[touched], pulls_on_seats(self.fit, off[:, :3]))
         moved = np.einsum("sij,sj->si", np.linalg.pinv(whole, hermitian=True), pull)
         return observations.deviations(tips, points + moved)
 

@@ -347,7 +347,9 @@ def _parts_of(design: Design, part: Index, noise: RecordNoise) -> list[PartRows]
     observations, old, of_seat = fit.observations.divided(part)
     points = fit.point.seats[old]
     whitening = noise.whitening * used[:, None, None]
-    elimination = SeatElimination(observations, points, held.whitened(-whitening[:, :, :3]))
+    elimination = SeatElimination(
+        observations, points, held.whitened(observations.by_seats(whitening))
+    )
     blocks = _row_blocks(observations, part, of_seat)
     deviations = np.where(used[:, None], observations.deviations(design.tips, points), 0.0)
     kind = np.float64 if deviations.size * width <= MOST_DOUBLE else np.float32

@@ -19,7 +19,13 @@ from .csv_table import measurement_file, read_table
 from .csv_values import check_numbers, read_values
 from .measuring_points import Pool, bars_for, seats_for
 from .noise import ENCODER, PROBE, REFERENCE_NOISE, Noise
-from .observations import NOTHING_KNOWN, Observations, best_sphere, centre_of_sphere
+from .observations import (
+    NOTHING_KNOWN,
+    Observations,
+    best_sphere,
+    centre_of_sphere,
+    normal_of_plane,
+)
 from .orientation import quaternions
 from .probed_points import PREDICTED_ACCURATE, read_probed_points
 from .record_checks import FEWEST_CONTACTS
@@ -71,6 +77,7 @@ __all__ = [
     "is_reading",
     "means_of_contacts",
     "measurement_file",
+    "normal_of_plane",
     "originals",
     "posture_numbers",
     "quaternions",

@@ -113,6 +113,8 @@ ORIENTATION_U = "u_rot_rad"
 BAR = ("bar", "bar_end", "bar_length_mm")
 BAR_U = "u_bar_length_mm"
 FEATURE = "feature"
+FEATURE_KIND = "feature_kind"
+PLANE = "plane"
 DIAMETERS = ("feature_diameter_mm", "probe_diameter_mm")
 APPROACH = _form("approach")
 LINK_TEMPERATURE = _form("link_temperature")
@@ -147,6 +149,7 @@ RECORD_COLUMNS = (
     Column("bar_length_u", (BAR_U,), "none", "mm", *_LENGTH_U, of_reference=True),
     _FEATURE_DIAMETER,
     _PROBE_DIAMETER,
+    Column("feature_kind", (FEATURE_KIND,), "none", of_reference=True),
     _condition("time", "anywhere"),
     _condition("temperature", "anywhere"),
     _condition("link_temperature", "none"),

@@ -52,6 +52,11 @@ def centre_of_sphere(points: Array, radius: float) -> Array:
     return np.asarray(found.x)
 
 
+def normal_of_plane(points: Array) -> Array:
+    """Unit normal (3,) of the plane that fits points (m, 3) best, up to its sign."""
+    return np.asarray(np.linalg.svd(points - points.mean(axis=0))[2][2])
+
+
 @dataclass(frozen=True, eq=False)
 class Observations:
     """Targets of the tips of n records, some of them at s seats: points of unknown coordinates
@@ -77,7 +82,11 @@ class Observations:
             of the turn behind the tip [rad²].
         radius: distance of the tip from its seat where this is the centre of a sphere (n,) [m]; NaN
             where the tip is at the seat.
-        normal: direction of that distance (n, 3); zero where the tip is at the seat.
+        on_plane: (n,) True where the tip is on a plane parallel to the one that the record touches;
+            its seat is then the point of that plane nearest to the ``anchor``.
+        anchor: a point 1 m off the plane of each seat (s, 3) [m]; NaN where the seat is no plane.
+        normal: of the sphere or plane at each record (n, 3); zero where the tip is at the seat.
+        by_place: derivative of a record's distance from its plane by the seat, times -1 (n, 3).
     """
 
     reference: Array
@@ -91,7 +100,10 @@ class Observations:
     length_u: Array
     oriented: Mask
     radius: Array
+    on_plane: Mask
+    anchor: Array
     normal: Array
+    by_place: Array
 
     @cached_property
     def has_target(self) -> Mask:
@@ -102,34 +114,81 @@ class Observations:
     @property
     def counts(self) -> Index:
         """How many numbers each record states (n,): none, three, or six with its orientation."""
-        of_tip = np.where(self.on_sphere, 1, 3)
+        of_tip = np.where(self.on_surface, 1, 3)
         return np.asarray(self.has_target * of_tip + 3 * (self.has_target & self.oriented))
 
     @property
     def on_sphere(self) -> Mask:
-        """(n,) True for records that touch a sphere: of their deviation, the part along the normal
-        counts.
-        """
+        """(n,) True for records that touch a sphere."""
         return np.asarray(np.isfinite(self.radius))
+
+    @property
+    def on_surface(self) -> Mask:
+        """(n,) True for records that touch a sphere or a plane: of their deviation, the part along
+        the normal counts.
+        """
+        return self.on_sphere | self.on_plane
 
     @property
     def spheres(self) -> Mask:
         """(s,) True for seats that are centres of spheres."""
         return np.isin(np.arange(len(self.labels)), self.seat[self.on_sphere])
 
+    @property
+    def planes(self) -> Mask:
+        """(s,) True for seats that are planes."""
+        return np.isin(np.arange(len(self.labels)), self.seat[self.on_plane])
+
+    @property
+    def surfaces(self) -> Mask:
+        """(s,) True for seats that are spheres or planes."""
+        return self.spheres | self.planes
+
     def with_normals(self, tips: Array, points: Array) -> Observations:
-        """The same with the normals at tips (n, 3) of spheres about seats at ``points`` (s, 3)
-        [m].
+        """The same with the normals of spheres and planes at tips (n, 3), whose seats are at
+        ``points`` (s, 3) [m].
         """
         on = self.on_sphere
         way = tips[on] - points[self.seat[on]]
         normal = np.zeros((len(tips), 3))
         normal[on] = way / np.linalg.norm(way, axis=1, keepdims=True)
-        return replace(self, normal=normal)
+        anchor = self.anchor.copy()
+        for k in np.flatnonzero(self.planes & np.isnan(anchor[:, 0])):
+            anchor[k] = points[k] - normal_of_plane(tips[self.seat == k])
+        placed = replace(self, anchor=anchor)
+        return placed._with_planes(normal, tips, points)
+
+    def _with_planes(self, normal: Array, tips: Array, points: Array) -> Observations:
+        on = self.on_plane
+        seat = self.seat[on]
+        height = np.linalg.norm(points[seat] - self.anchor[seat], axis=1)[:, None]
+        normal[on] = self._normals_of_planes(points)
+        off = tips[on] - points[seat]
+        along = np.sum(off * normal[on], axis=1, keepdims=True) * normal[on]
+        by_place = np.zeros_like(normal)
+        by_place[on] = normal[on] - (off - along) / height
+        return replace(self, normal=normal, by_place=by_place)
+
+    def _normals_of_planes(self, points: Array) -> Array:
+        """Of the planes that records touch, with the seats at ``points`` (s, 3) [m]."""
+        seat = self.seat[self.on_plane]
+        way = points[seat] - self.anchor[seat]
+        return np.asarray(way / np.linalg.norm(way, axis=1, keepdims=True))
+
+    def by_seats(self, whitening: Array) -> Array:
+        """Derivative of whitened deviations by the seats (n, r, 3), by the rows of ``whitening``
+        (n, r, 3 or 6).
+        """
+        found = -whitening[:, :, :3]
+        on = self.on_plane
+        if on.any():
+            along = found[on] @ self.normal[on][:, :, None]
+            found[on] = along * self.by_place[on][:, None, :]
+        return found
 
     def along_normals(self, rows: Array) -> Array:
         """Rows (n, r, 3 or 6) that multiply deviations, with the part that counts alone."""
-        if not self.on_sphere.any():
+        if not self.on_surface.any():
             return rows
         return np.asarray(rows @ self._projections(rows.shape[2]))
 
@@ -137,7 +196,7 @@ class Observations:
         """Covariance of deviations (n, 3 or 6, 3 or 6) [m², rad²], that of the part that does not
         count being next to nothing.
         """
-        if not self.on_sphere.any():
+        if not self.on_surface.any():
             return covariance
         projection = self._projections(covariance.shape[2])
         rest = NOTHING_BESIDE**2 * (np.eye(covariance.shape[2]) - projection)
@@ -146,8 +205,8 @@ class Observations:
     def _projections(self, width: int) -> Array:
         """Onto the part of deviations that counts (n, width, width)."""
         found = np.tile(np.eye(width), (len(self.normal), 1, 1))
-        normal = self.normal[self.on_sphere]
-        found[self.on_sphere, :3, :3] = normal[:, :, None] * normal[:, None, :]
+        normal = self.normal[self.on_surface]
+        found[self.on_surface, :3, :3] = normal[:, :, None] * normal[:, None, :]
         return found
 
     @property
@@ -174,7 +233,7 @@ class Observations:
 
     def start(self, tips: Array) -> Array:
         """First coordinates of the seats (s, 3): the stated ones, else the median of their tips
-        (n, 3), or the centre of the sphere that they are on [m].
+        (n, 3), the centre of the sphere that they are on, or their mean on a plane [m].
         """
         touched = self.seat >= 0
         if not touched.any():
@@ -186,6 +245,8 @@ class Observations:
         for k in np.flatnonzero(self.spheres & ~self.known):
             own = self.seat == k
             found[k] = centre_of_sphere(tips[own], float(self.radius[own][0]))
+        for k in np.flatnonzero(self.planes):
+            found[k] = tips[self.seat == k].mean(axis=0)
         return np.nan_to_num(found)
 
     def targets(self, points: Array) -> Array:
@@ -198,13 +259,16 @@ class Observations:
 
     def deviations(self, poses: Array, points: Array) -> Array:
         """``poses`` (n, 3 or 6) [m, rad] less the targets, see :meth:`targets`; turns are from the
-        target already. From a sphere it is the distance along the normal.
+        target already. From a sphere or plane it is the distance along the normal.
         """
         off = poses.copy()
         off[:, :3] -= self.targets(points)
         on = self.on_sphere
         beyond = np.linalg.norm(off[on, :3], axis=1) - self.radius[on]
         off[on, :3] = beyond[:, None] * self.normal[on]
+        on = self.on_plane
+        above = np.sum(off[on, :3] * self._normals_of_planes(points), axis=1)
+        off[on, :3] = above[:, None] * self.normal[on]
         return off
 
     def of_seats(self, points: Array) -> Array:
@@ -249,6 +313,7 @@ class Observations:
             labels=tuple(self.labels[k] for k in old),
             stated=self.stated[old],
             stated_u=self.stated_u[old],
+            anchor=self.anchor[old],
             ends=np.array(ends, dtype=np.intp).reshape(-1, 2),
             length=self.length[kept],
             length_u=self.length_u[kept],

@@ -15,8 +15,10 @@ from aacmm_pin.measurements.csv_columns import (
     APPROACH,
     BAR_U,
     DIAMETERS,
+    FEATURE_KIND,
     MEASUREMENT_FILE,
     ORIENTATION,
+    PLANE,
     REFERENCE,
     REFERENCE_U,
     THETA,
@@ -42,7 +44,7 @@ SIGNS = (-1.0, 0.0, 1.0)
 """Directions of approach."""
 BAR_ENDS = ("A", "B")
 FEWEST_CONTACTS = 4
-"""Three contacts determine the centre of a sphere of known diameter, and nothing else."""
+"""Three contacts determine a plane, or the centre of a sphere, and nothing else."""
 
 
 def check_records(table: RecordTable, problems: Problems) -> None:
@@ -60,6 +62,7 @@ def check_records(table: RecordTable, problems: Problems) -> None:
     check_numbers(values, MEASUREMENT_FILE, problems)
     _check_seats(values, problems)
     _check_spheres(values, problems)
+    _check_planes(values, problems)
     if "bar" in values.labels:
         _check_bars(values, problems)
     problems.stop()
@@ -186,6 +189,7 @@ def _check_spheres(values: Values, problems: Problems) -> None:
     seat = values.label("seat")
     diameters = values.block(DIAMETERS)
     feature, probe = np.isfinite(diameters).T
+    probe &= values.label(FEATURE_KIND) != PLANE
     problems.at(feature & (seat == ""), DIAMETERS[0], "is stated in a row without feature")
     problems.at(feature & ~probe, DIAMETERS[1], "is empty in a row with a feature's diameter")
     problems.at(~feature & probe, DIAMETERS[0], "is empty in a row with a probe's diameter")
@@ -202,6 +206,32 @@ def _check_spheres(values: Values, problems: Problems) -> None:
         feature & (contacts < FEWEST_CONTACTS) & ~placed_sphere,
         "seat",
         "sphere {!r} has {} records without coordinates of its centre; expected 4 or more",
+        seat,
+        contacts,
+    )
+
+
+def _check_planes(values: Values, problems: Problems) -> None:
+    """Each record of a plane states its label, and neither diameter of a sphere nor coordinates;
+    each plane has enough contacts.
+    """
+    kind = values.label(FEATURE_KIND)
+    seat = values.label("seat")
+    expected = f"expected {PLANE}, or an empty cell for a sphere or point"
+    problems.at(~np.isin(kind, [PLANE, ""]), FEATURE_KIND, f"is {{!r}}; {expected}", kind)
+    plane = kind == PLANE
+    problems.at(plane & (seat == ""), FEATURE_KIND, "is stated in a row without feature")
+    labels = pd.Series(seat)
+    of_plane = labels.isin(seat[plane]).to_numpy() & (seat != "")
+    problems.at(of_plane & ~plane, FEATURE_KIND, "is empty in a row of the plane {!r}", seat)
+    stated = np.isfinite(values.block((*REFERENCE, DIAMETERS[0]))).any(axis=1)
+    problems.at(plane & stated, FEATURE_KIND, "is plane in a row with coordinates or a diameter")
+    problems.at(plane & (values.label("bar") != ""), "bar", "is stated in a row of a plane")
+    contacts = labels.groupby(labels).transform("size").to_numpy()
+    problems.at(
+        plane & (contacts < FEWEST_CONTACTS),
+        "seat",
+        "plane {!r} has {} records; expected 4 or more",
         seat,
         contacts,
     )

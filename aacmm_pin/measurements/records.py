@@ -30,7 +30,9 @@ from aacmm_pin.measurements.csv_columns import (
     APPROACH,
     DIAMETERS,
     FEATURE,
+    FEATURE_KIND,
     ORIENTATION_U,
+    PLANE,
     RECORD_COLUMNS,
     THETA,
     AngleUnit,
@@ -125,6 +127,7 @@ class Measurements(Shown):
         feature_diameter: of the sphere that a seat is, probed from outside (n,) [m]; NaN where the
             seat is a point. References of such records are those of the sphere's centre.
         probe_diameter: of the probe's ball (n,) [m], whose centre is the tip.
+        feature_kind: ``plane`` where the seat is one (n,), "" elsewhere.
     """
 
     q: Array
@@ -146,6 +149,7 @@ class Measurements(Shown):
     bar_length_u: Array | None = None
     feature_diameter: Array | None = None
     probe_diameter: Array | None = None
+    feature_kind: Labels | None = None
 
     @staticmethod
     def read(path: str | Path, nq: int | None = None) -> Measurements:
@@ -191,6 +195,7 @@ class Measurements(Shown):
         bar_length_u: ArrayLike | None = None,
         feature_diameter: ArrayLike | None = None,
         probe_diameter: ArrayLike | None = None,
+        feature_kind: ArrayLike | None = None,
         extra: pd.DataFrame | None = None,
         source: str = "table",
     ) -> Measurements:
@@ -226,6 +231,7 @@ class Measurements(Shown):
             "bar_length_u": bar_length_u,
             "feature_diameter": feature_diameter,
             "probe_diameter": probe_diameter,
+            "feature_kind": feature_kind,
             "operator": operator,
             "record": record,
         }
@@ -260,7 +266,7 @@ class Measurements(Shown):
     @property
     def known(self) -> Mask:
         """(n,) True where the reference of the tip is known."""
-        return self.placed & ~self.on_sphere
+        return self.placed & ~self.on_surface
 
     @property
     def placed(self) -> Mask:
@@ -280,6 +286,18 @@ class Measurements(Shown):
     def on_sphere(self) -> Mask:
         """(n,) True where the tip touches a sphere."""
         return np.asarray(np.isfinite(self.contact_radius))
+
+    @property
+    def on_plane(self) -> Mask:
+        """(n,) True where the tip touches a plane."""
+        if self.feature_kind is None:
+            return np.zeros(self.n, dtype=bool)
+        return np.asarray(self.feature_kind == PLANE, dtype=bool)
+
+    @property
+    def on_surface(self) -> Mask:
+        """(n,) True where the tip touches a sphere or a plane."""
+        return self.on_sphere | self.on_plane
 
     @property
     def oriented(self) -> Mask:
@@ -489,7 +507,7 @@ def _from_table(table: pd.DataFrame, lines: Index, nq: int | None, source: str) 
     problems = Problems(source, lines)
     if has_probed_points(table):
         table, read_as = as_records(table, problems)
-    elif {FEATURE, *DIAMETERS} & {*table} > {FEATURE}:
+    elif {FEATURE, FEATURE_KIND, *DIAMETERS} & {*table} > {FEATURE}:
         table = with_features_as_seats(table, problems)
     columns = read_records(table, nq, problems)
     check_records(columns, problems)

@@ -183,7 +183,9 @@ def rows_of(
     jacobian = prediction.jacobian[:, :, layout.order] * layout.scales
     refitted, causes = np.split(whitening @ jacobian, [layout.refitted], axis=2)
     start = observations.start(prediction.tips)
-    of_records, of_seats, of_bars = seat_columns(observations, start, -whitening)
+    of_records, of_seats, of_bars = seat_columns(
+        observations, start, observations.by_seats(whitening)
+    )
     seats = layout.seat_columns(of_records, labels)
     rows = np.concatenate([refitted, seats, causes], axis=2)
     new = np.array([label not in stated for label in labels], dtype=bool)

@@ -91,8 +91,8 @@ def _seats_of(task: Task) -> _Seats:
     tips = task.frame.apply(task.model.predict(existing.q, existing.conditions))
     points = task.frame.back(observed.start(tips))
     rows = existing.seats()
-    # A probe cannot reach the centre of a sphere.
-    reached = np.flatnonzero(~observed.spheres)
+    # A probe cannot reach the centre of a sphere, and a plane is no point.
+    reached = np.flatnonzero(~observed.surfaces)
     labels = [observed.labels[k] for k in reached]
     first = [rows[label][0] for label in labels]
     stated = existing.reference[first]

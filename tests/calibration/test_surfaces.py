@@ -1,4 +1,4 @@
-"""Contacts of spheres as equations, by a plant that computes tips from the DH table by itself."""
+"""Contacts of spheres and planes as equations, by a plant with its own kinematics."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 from blind.kinematics import Array, shift_x, turn_x, turn_z_shift
 from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from aacmm_pin import calibrate, diagnose
@@ -69,6 +70,28 @@ class Machine:
             found.append(q)
             numbers += [k] * len(q)
         return np.concatenate(found), np.array(numbers)
+
+    def on_planes(self, rng: np.random.Generator) -> tuple[Array, Array]:
+        """Postures (n, 6) on planes 1.2 m wide, and the number of the plane of each (n,)."""
+        found, numbers = [], []
+        for k in range(3):
+            start = rng.uniform(-1.2, 1.2, (3 * CONTACTS, 6))
+            normal = rng.normal(size=3)
+            normal /= np.linalg.norm(normal)
+            point = self.tips(start)[0]
+            tips = self.tips(start)
+            points = tips - np.outer((tips - point) @ normal, normal)
+            points += CONTACT * rng.normal(size=points.shape)
+            near = np.linalg.norm(points - point, axis=1) < 0.6
+            q = self.at(points[near], start[near]) if near.sum() else np.empty((0, 6))
+            found.append(q)
+            numbers += [k] * len(q)
+        return np.concatenate(found), np.array(numbers)
+
+
+def planes_of(q: Array, plane: Array) -> pd.DataFrame:
+    table = pd.DataFrame(np.degrees(q), columns=[f"theta{j}_deg" for j in range(1, 7)])
+    return table.assign(feature=[f"E{k}" for k in plane], feature_kind="plane")
 
 
 def file_of(q: Array, sphere: Array) -> pd.DataFrame:
@@ -251,3 +274,79 @@ def test_a_wrong_diameter_or_joint_is_named(sino6, rng):
     assert note.data["off"] == pytest.approx(-3e-3, rel=0.15)
     with pytest.raises(AacmmError, match="joint 3 is counted in the opposite direction"):
         calibrate(sino6, Measurements.from_frame(table.assign(theta3_deg=-table["theta3_deg"])))
+
+
+def test_planes_count_as_an_independent_least_squares_says(sino6, rng):
+    """Flatness of planes nobody placed: values and u, and a 1e-3 larger arm that no plane shows."""
+    machine = Machine(sino6, drawn(sino6, rng))
+    q, plane = machine.on_planes(rng)
+    q += READING * rng.normal(size=q.shape)
+    records = Measurements.from_frame(planes_of(q, plane))
+    result = calibrate(sino6, records, encoder_noise=READING, probe_noise=CONTACT, hold_out=False)
+    assert chi2.sf(*result.fit.chi2_stated) > 1e-3
+    names = [p.name for p in sino6.parameters]
+    chosen = [names.index(name) for name in result.parameters["parameter"]]
+    u = np.array([p.u for p in sino6.parameters])
+    count = len(chosen)
+    bare = Machine(sino6, np.zeros(len(names)))
+    moves = [bare.tips(q + 1e-6 * axis) - bare.tips(q - 1e-6 * axis) for axis in np.eye(6)]
+    by_reading = np.stack(moves, axis=2) / 2e-6
+    covariance = READING**2 * by_reading @ by_reading.transpose(0, 2, 1) + CONTACT**2 * np.eye(3)
+
+    def tips(z: Array) -> Array:
+        errors = np.zeros(len(names))
+        errors[chosen] = z * u[chosen]
+        return Machine(sino6, errors).tips(q)
+
+    at = tips(np.zeros(count))
+    normals = np.stack(
+        [np.linalg.svd(at[plane == k] - at[plane == k].mean(axis=0))[2][2] for k in range(3)]
+    )
+    offsets = [at[plane == k].mean(axis=0) @ normals[k] for k in range(3)]
+
+    def residual(x: Array) -> Array:
+        z, tilted = x[:count], x[count:].reshape(3, 3)
+        rotations = Rotation.from_rotvec(np.cross(normals, tilted))
+        normal = rotations.apply(normals)[plane]
+        offset = np.sum(tilted * normals, axis=1) + offsets
+        above = np.sum(tips(z) * normal, axis=1) - offset[plane]
+        scatter = np.sqrt(np.einsum("ni,nij,nj->n", normal, covariance, normal))
+        return np.concatenate([above / scatter, z])
+
+    found = least_squares(residual, np.zeros(count + 9), x_scale="jac")
+    assert np.abs(result.fit.point.x / u[chosen] - found.x[:count]).max() < 0.03
+    _, remaining = np.split(np.linalg.qr(found.jac[:, ::-1], mode="r"), [9])
+    bound = np.linalg.inv(remaining[:, 9:].T @ remaining[:, 9:])[::-1, ::-1]
+    stated = result.covariance / np.outer(u[chosen], u[chosen])
+    np.testing.assert_allclose(np.diag(stated), np.diag(bound), rtol=0.03)
+
+
+def test_a_cause_is_found_by_planes_and_held_out_planes_are_predicted(sino6, rng):
+    machine = Machine(sino6, np.zeros(len(sino6.parameters)))
+    q, plane = machine.on_planes(rng)
+    read = q - 3e-4 * np.cos(q - 0.7) * (np.arange(6) == 2) + READING * rng.normal(size=q.shape)
+    result = diagnose(
+        sino6,
+        Measurements.from_frame(planes_of(read, plane)),
+        encoder_noise=READING,
+        probe_noise=CONTACT,
+        rng=rng,
+    )
+    assert "encoder_eccentricity:3" in [finding.label for finding in result.findings]
+    assert result.held_out is not None
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"feature_kind": "cone"}, "expected plane"),
+        ({"x_mm": 1.0, "y_mm": 1.0, "z_mm": 1.0}, "with coordinates"),
+        ({"feature": [f"E{k // 3}" for k in range(24)]}, "4 or more"),
+        ({"feature_kind": ["plane"] * 23 + [""]}, "of the plane"),
+    ],
+)
+def test_planes_that_cannot_be_used_are_named(change, said):
+    q = np.random.default_rng(1).uniform(-1, 1, (24, 6))
+    table = planes_of(q, np.repeat(np.arange(3), 8)).assign(**change)
+    with pytest.raises(MeasurementFileError, match=said):
+        Measurements.from_frame(table)
