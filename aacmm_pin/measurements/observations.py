@@ -54,7 +54,7 @@ def centre_of_sphere(points: Array, radius: float) -> Array:
 
 def normal_of_plane(points: Array) -> Array:
     """Unit normal (3,) of the plane that fits points (m, 3) best, up to its sign."""
-    return np.asarray(np.linalg.svd(points - points.mean(axis=0))[2][2])
+    return np.asarray(np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2][2])
 
 
 @dataclass(frozen=True, eq=False)
