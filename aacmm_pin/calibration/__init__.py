@@ -2,8 +2,9 @@
 held-out residuals.
 """
 
+from aacmm_pin.calibration.base_placement import BasePlacement, base_is_open, base_placements
 from aacmm_pin.calibration.calibrate import calibrate
-from aacmm_pin.calibration.calibrated_arm import calibrated_model
+from aacmm_pin.calibration.calibrated_arm import calibrated_model, is_of_setup
 from aacmm_pin.calibration.comparison import Comparison, compare
 from aacmm_pin.calibration.cross_validation import HeldOut, rms
 from aacmm_pin.calibration.fit import NO_SCATTER, Fit
@@ -26,6 +27,7 @@ from aacmm_pin.calibration.solver import MISFIT
 __all__ = [
     "MISFIT",
     "NO_SCATTER",
+    "BasePlacement",
     "Calibration",
     "Comparison",
     "Exclusions",
@@ -42,11 +44,14 @@ __all__ = [
     "SeatElimination",
     "Setup",
     "Target",
+    "base_is_open",
+    "base_placements",
     "calibrate",
     "calibrated_model",
     "compare",
     "exclusions_of",
     "geometric_parameters",
+    "is_of_setup",
     "observations_of",
     "problem_of",
     "registered",

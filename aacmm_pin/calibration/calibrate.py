@@ -17,7 +17,7 @@ from aacmm_pin._support.progress import Progress
 from aacmm_pin._support.threads import one_blas_thread
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm import whole_turn_notes
-from aacmm_pin.calibration.calibrated_arm import temperature_of
+from aacmm_pin.calibration.calibrated_arm import is_of_setup, temperature_of
 from aacmm_pin.calibration.cross_validation import enough_postures
 from aacmm_pin.calibration.cross_validation import held_out as left_out
 from aacmm_pin.calibration.estimation import fit
@@ -32,7 +32,7 @@ from aacmm_pin.calibration.parameters import (
     unstated,
 )
 from aacmm_pin.calibration.result import Calibration
-from aacmm_pin.calibration.session_frames import agreement_of, in_first_frame
+from aacmm_pin.calibration.session_frames import in_first_frame, session_notes
 from aacmm_pin.calibration.setup import ReferenceFrame, Setup, Target, checked_input
 from aacmm_pin.calibration.shared_exclusions import exclusions_of
 from aacmm_pin.effects import (
@@ -184,7 +184,7 @@ def calibrate(
         probe_noise,
         length_noise,
     )
-    measurements, moved = in_first_frame(model, measurements, setup)
+    measurements, setup = in_first_frame(model, measurements, setup)
     problem = problem_of(model, measurements, chosen, setup)
     if of_arm := scale_is_unidentifiable(problem):
         raise AacmmError(
@@ -205,7 +205,7 @@ def calibrate(
         after,
         problem_of(model, measurements, [], setup),
         (),
-        (*notes_of(after), *moved, *agreement_of(after, moved), *repeated),
+        (*notes_of(after), *session_notes(after), *repeated),
     )
     held = (
         left_out(found.before, after, rng or np.random.default_rng(1), progress) if hold_out else ()
@@ -544,12 +544,14 @@ def notes_of(after: Fit) -> list[Note]:
     ]
     if after.unmodelled > FAR:
         found.append(Note("scatter_too_large", {"scatter": after.unmodelled}))
-    units = [term.unit for effect in problem.vector.effects for term in effect.terms]
-    free = {
-        name: u
-        for name, u, stated in zip(problem.vector.names, units, problem.stated, strict=True)
-        if not stated
-    }
+    free = {}
+    for effect, own in problem.vector:
+        if is_of_setup(effect):
+            continue
+        of_effect = problem.vector.names[own]
+        for name, term, stated in zip(of_effect, effect.terms, problem.stated[own], strict=True):
+            if not stated:
+                free[name] = term.unit
     if any(unit in ASSEMBLED for unit in free.values()):
         names = f"{len(free)} parameters" if len(free) > MOST_NAMED else ", ".join(free)
         assumed = {"parameters": names, "length": ASSEMBLED["m"], "angle": ASSEMBLED["rad"]}

@@ -25,13 +25,14 @@ from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm import Arm, ArmFile
+from aacmm_pin.calibration.calibrated_arm import is_of_setup
 from aacmm_pin.calibration.estimation import FIRST_SCATTER, fit
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.noise_model import NoiseModel, Scatters, observations_of
 from aacmm_pin.calibration.parameter_vector import DH_KIND_OF_EFFECT
 from aacmm_pin.calibration.parameters import ASSEMBLED, problem_of
 from aacmm_pin.calibration.problem import Frame, Problem, registered
-from aacmm_pin.calibration.setup import Setup
+from aacmm_pin.calibration.setup import Setup, sessions_of
 from aacmm_pin.calibration.solver import FEWEST_PLACED, initial_point, solve
 from aacmm_pin.effects import (
     ErrorModel,
@@ -265,6 +266,8 @@ def _require_no_mistake(problem: Problem, fitted: float, *, thorough: bool, opti
     Raises:
         MistakenFileError: the mistake.
     """
+    if problem.setup.frame_of_session:
+        problem = _of_first_session(problem)
     records = problem.measurements
     if records.n < FEWEST_FOR_MISTAKES:
         return
@@ -480,11 +483,21 @@ def _asked_again(problem: Problem, model: ErrorModel, setup: Setup) -> Problem:
         effect
         for effect in effects
         if not isinstance(effect, (StylusOffset, JointPlacement, LinkTilt, *DH_KIND_OF_EFFECT))
+        and not is_of_setup(effect)
     ]
     whole = any(isinstance(effect, (JointPlacement, LinkLength)) for effect in effects)
     zeros = any(isinstance(effect, JointZeroOffset) for effect in effects)
     sets = ["geometry"] if whole else ["zero-offsets"] if zeros else []
     return problem_of(model, problem.measurements, [*sets, *named], setup)
+
+
+def _of_first_session(problem: Problem) -> Problem:
+    """The same unknowns with the records of the first session, whose frame is one."""
+    records = problem.measurements
+    session = records.conditions.require("session", "reference frame")
+    alone = problem.of(records.take(session == sessions_of(records)[0]))
+    setup = replace(problem.setup, reference_frame="external")
+    return _asked_again(alone, problem.model, setup)
 
 
 def _of_targets(problem: Problem) -> Problem:

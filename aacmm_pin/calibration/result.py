@@ -21,7 +21,7 @@ from aacmm_pin.calibration.calibrated_arm import calibrated_model
 from aacmm_pin.calibration.cross_validation import HeldOut, rms
 from aacmm_pin.calibration.estimation import fit
 from aacmm_pin.calibration.fit import Fit
-from aacmm_pin.calibration.identifiability import ROTATION, Observability
+from aacmm_pin.calibration.identifiability import Observability
 from aacmm_pin.calibration.parameters import ASSEMBLED
 from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.calibration.shared_exclusions import Exclusions, exclusions_of
@@ -141,32 +141,6 @@ class Calibration(Shown):
         typical = self.fit.problem.vector.typical
         jacobian = self.fit.system.jacobian[:, : typical.size] * typical
         return Observability.of(jacobian, int(self.fit.used.sum()))
-
-    @property
-    def base_u(self) -> tuple[Array, Array] | None:
-        """Standard uncertainty of the base in an unknown frame of the references: origin (3,) [m]
-        and turns (3,) [rad].
-
-        Both along the axes of the references; None where the two frames are one, or these records
-        leave it open.
-        """
-        p = self.fit.problem.widths.size
-        if not self.fit.problem.external or self.base_is_open:
-            return None
-        turned = np.kron(np.eye(2), self.fit.point.frame.rotation)
-        u = np.sqrt(np.diag(turned @ self.fit.covariance[p : p + 6, p : p + 6] @ turned.T))
-        return u[:3], u[3:]
-
-    @property
-    def base_is_open(self) -> bool:
-        """Whether these records do not determine where the base is in an unknown frame of the
-        references.
-        """
-        if not self.fit.problem.external:
-            return False
-        p = self.fit.problem.widths.size
-        variances = np.diag(self.fit.covariance)[p + 3 : p + 6]
-        return self.fit.undetermined.frame_is_open or bool(variances.max() > ROTATION**2)
 
     @property
     def covariance(self) -> Array:

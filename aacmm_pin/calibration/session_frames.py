@@ -30,52 +30,69 @@ AGREES = 0.01
 
 def in_first_frame(
     model: ErrorModel, records: Measurements, setup: Setup
-) -> tuple[Measurements, list[Note]]:
+) -> tuple[Measurements, Setup]:
     """The records with all references in the frame of the first session, if each session has its
-    own; and notes of the sessions whose references were moved.
+    own; and the set-up with what moved them.
 
     Each session is registered with the tips of the arm as described, robustly.
 
     Raises:
-        AacmmError: a record has no session, or a session too few references for a frame.
+        AacmmError: a record with a reference has no session, or a session too few references for a
+            frame.
     """
     if not setup.frame_of_session:
-        return records, []
-    notes = []
+        return records, setup
     first, *others = sessions_of(records)
+    records = _without_frames(records)
     stays = _registration(model, records, setup, first)
+    moved = {}
     for label in others:
         own = records.conditions.require("session", "reference frame") == label
         frame = _registration(model, records, setup, label)
         rotation = stays.rotation @ frame.rotation.T
         shift = stays.shift - rotation @ frame.shift
         there = records.reference[own & records.placed]
-        if np.abs(there @ rotation.T + shift - there).max(initial=0.0) < ONE_FRAME:
-            continue
-        records = _moved(records, own, rotation, shift)
-        turn = float(Rotation.from_matrix(rotation).magnitude())
-        data = {"session": label, "first": first, "shift": shift.tolist(), "turn": turn}
-        notes.append(Note("session_moved", data))
-    return records, notes
+        if np.abs(there @ rotation.T + shift - there).max(initial=0.0) >= ONE_FRAME:
+            records = _moved(records, own, rotation, shift)
+            moved[label] = (rotation, shift)
+    return records, replace(setup, moved_frames=moved)
 
 
-def agreement_of(fit: Fit, moved: list[Note]) -> list[Note]:
-    """Notes whether the frames of the sessions agree whose references were not ``moved``: by the
-    Mahalanobis distance of the estimated displacement from zero.
+def _without_frames(records: Measurements) -> Measurements:
+    """The records in whose sessions those without a reference do not count, as no frame has a part
+    in them; those of a seat with references are in the session of these.
     """
-    apart = [note.data["session"] for note in moved]
+    conditions = records.conditions
+    session = conditions.require("session", "reference frame").copy()
+    stated = session.copy()
+    session[~records.placed] = ""
+    for rows in records.seats().values():
+        placed = rows[records.placed[rows]]
+        if placed.size:
+            session[rows] = np.where(records.placed[rows], stated[rows], stated[placed[0]])
+    return replace(records, conditions=replace(conditions, session=session))
+
+
+def session_notes(fit: Fit) -> list[Note]:
+    """Notes on the frame of each session: that it is another, or whether it agrees with that of the
+    first, by the Mahalanobis distance of the estimated displacement from zero.
+    """
     notes = []
     for effect, own in fit.problem.vector:
-        if not isinstance(effect, ReferenceFrame) or effect.session in (None, *apart):
+        if not isinstance(effect, ReferenceFrame) or effect.session is None:
+            continue
+        data = {"session": effect.session, "first": sessions_of(fit.problem.measurements)[0]}
+        if effect.session in fit.problem.setup.moved_frames:
+            rotation, _ = fit.problem.setup.moved_frames[effect.session]
+            turn = float(Rotation.from_matrix(rotation).magnitude())
+            notes.append(Note("session_moved", data | {"turn": turn}))
             continue
         step = fit.point.x[own]
         distance = float(step @ np.linalg.pinv(fit.covariance[own, own], hermitian=True) @ step)
         p_value = float(chi2_sf(distance, step.size))
+        shift, turn = np.linalg.norm(step.reshape(2, 3), axis=1).tolist()
         code = "sessions_agree" if p_value > AGREES else "sessions_differ"
-        first = sessions_of(fit.problem.measurements)[0]
-        data = {"session": effect.session, "first": first, "p_value": p_value}
-        sizes = np.linalg.norm(step.reshape(2, 3), axis=1).tolist()
-        notes.append(Note(code, data | {"shift": sizes[0], "turn": sizes[1]}))
+        notes.append(Note(code, data | {"p_value": p_value, "shift": shift, "turn": turn}))
     return notes
 
 

@@ -4,8 +4,8 @@ one value.
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -40,6 +40,8 @@ class Setup:
             [m].
         probe_noise: of each coordinate of one contact [m].
         length_noise: of a bar's length [m].
+        moved_frames: rotation (3, 3) and shift (3,) [m] by which the references of a session were
+            brought into the frame of the first, by its label.
         held: a geometric effect that stays as the arm states it, because the records do not
             determine it: the largest length of an arm whose records have neither coordinates nor
             lengths.
@@ -57,6 +59,7 @@ class Setup:
     reference_noise: float | None = None
     probe_noise: float | None = None
     length_noise: float | None = None
+    moved_frames: Mapping[str, tuple[Array, Array]] = field(default_factory=dict)
     held: Effect | None = None
 
     def __post_init__(self) -> None:
@@ -105,7 +108,7 @@ class Setup:
     def keywords(self) -> dict[str, Any]:
         """The keywords of :meth:`of` that give this set-up."""
         found = dict(vars(self))
-        del found["held"]
+        del found["held"], found["moved_frames"]
         return found
 
     @property
@@ -149,17 +152,18 @@ class Setup:
 
 
 def sessions_of(measurements: Measurements) -> list[str]:
-    """Labels of the sessions, in the order of their first records.
+    """Labels of the sessions with references, in the order of their first records.
 
     Raises:
-        AacmmError: a record has none.
+        AacmmError: a record with a reference has none.
     """
-    labels = measurements.conditions.require("session", "a reference frame for each session")
+    stated = measurements.conditions.require("session", "a reference frame for each session")
+    labels = stated[measurements.placed]
     if (labels == "").any():
-        row = int(measurements.row[labels == ""][0])
+        row = int(measurements.row[measurements.placed][labels == ""][0])
         raise AacmmError(
             f"{measurements.source}: row {row}, column session: is empty; expected a label in "
-            "every row if each session has its own reference frame"
+            "every row with a reference if each session has its own reference frame"
         )
     return [str(label) for label in dict.fromkeys(labels)]
 

@@ -15,7 +15,7 @@ from aacmm_pin._support.notes import Note
 from aacmm_pin.calibration import Fit, ReferenceFrame, Setup, Target, exclusions_of, problem_of, rms
 from aacmm_pin.calibration.calibrate import counted_once, notes_of_records
 from aacmm_pin.calibration.input_mistakes import first_fit
-from aacmm_pin.calibration.session_frames import in_first_frame
+from aacmm_pin.calibration.session_frames import in_first_frame, session_notes
 from aacmm_pin.calibration.setup import checked_input
 from aacmm_pin.diagnosis.candidates import not_tried
 from aacmm_pin.effects import Effect, ErrorModel, GivenModel, all_candidates
@@ -77,12 +77,12 @@ def check_measurements(
     model, records = checked_input(model, measurements)
     records, notes = counted_once(records)
     setup = Setup.of(model.arm, reference_frame, target, True)
-    records, moved = in_first_frame(model, records, setup)
+    records, setup = in_first_frame(model, records, setup)
     found = first_fit(problem_of(model, records, [], setup))
     deviation = found.system.deviation[found.used]
     distance = rms(np.linalg.norm(deviation, axis=1))
     missing = not_tried(list(all_candidates(model.arm, records)), records)
-    notes = [*exclusions_of(found).notes, *notes_of_records(found), *moved, *notes]
+    notes = [*exclusions_of(found).notes, *notes_of_records(found), *session_notes(found), *notes]
     return Check(model, records, found.used, distance, _predicted_rms(found), missing, tuple(notes))
 
 

@@ -28,7 +28,7 @@ from aacmm_pin.calibration.cross_validation import enough_postures, parts_of
 from aacmm_pin.calibration.estimation import fit
 from aacmm_pin.calibration.input_mistakes import first_fit
 from aacmm_pin.calibration.parameters import is_reestimated, length_held
-from aacmm_pin.calibration.session_frames import agreement_of, in_first_frame
+from aacmm_pin.calibration.session_frames import in_first_frame, session_notes
 from aacmm_pin.calibration.setup import checked_input
 from aacmm_pin.diagnosis.candidates import candidates, known_causes
 from aacmm_pin.diagnosis.covariates import covariates
@@ -115,7 +115,7 @@ def diagnose(
         length_noise,
     )
     measurements, repeated = counted_once(measurements)
-    measurements, moved = in_first_frame(model, measurements, setup)
+    measurements, setup = in_first_frame(model, measurements, setup)
     if prior and model.arm.unexplained and model.arm.covariance is not None:
         # What was not explained then is partly in the parameters, and would be missing from the
         # cause that is found now.
@@ -136,7 +136,7 @@ def diagnose(
     as_stated = problem_of(model, measurements, [], alone.problem.setup)
     before = fit(as_stated, used=used)
     recalibrated = fit(problem([]), used=used)
-    repeated += [*moved, *agreement_of(recalibrated, moved)]
+    repeated += session_notes(recalibrated)
     left_out = choice.by_part.parts if enough_postures(measurements) else []
     folds = [Fold(choice, number) for number in left_out]
     findings = findings_of(model, choice, folds, rng)

@@ -21,8 +21,8 @@ metres [1/m²].
 """
 
 
-NOTHING_BESIDE = 1e-8
-"""Standard deviation of what does not count of a deviation [m]."""
+NOTHING_BESIDE = 1e-3
+"""Standard deviation of what does not count of a deviation, over that of what counts."""
 WILD_CONTACT = 1e-4
 """A contact that is farther from a sphere than this pulls its first centre less [m]."""
 
@@ -199,8 +199,10 @@ class Observations:
         if not self.on_surface.any():
             return covariance
         projection = self._projections(covariance.shape[2])
-        rest = NOTHING_BESIDE**2 * (np.eye(covariance.shape[2]) - projection)
-        return np.asarray(projection @ covariance @ projection + rest)
+        along = projection @ covariance @ projection
+        size = np.trace(along[:, :3, :3], axis1=1, axis2=2)[:, None, None]
+        rest = NOTHING_BESIDE**2 * size * (np.eye(covariance.shape[2]) - projection)
+        return np.asarray(along + rest)
 
     def _projections(self, width: int) -> Array:
         """Onto the part of deviations that counts (n, width, width)."""

@@ -14,7 +14,17 @@ from aacmm_pin._support.output_files import json_text
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import DEG, MM, UM
 from aacmm_pin.arm import COVERAGE_FACTOR
-from aacmm_pin.calibration import MISFIT, Calibration, Exclusions, rms
+from aacmm_pin.calibration import (
+    MISFIT,
+    BasePlacement,
+    Calibration,
+    Exclusions,
+    Fit,
+    base_is_open,
+    base_placements,
+    is_of_setup,
+    rms,
+)
 from aacmm_pin.effects import (
     Effect,
     ErrorModel,
@@ -185,23 +195,26 @@ def fit_in_words(result: Calibration) -> str:
     return f"The stated noise explains the residuals: {numbers}."
 
 
-def frame_in_words(result: Calibration) -> str:
-    """Where the base is in the frame of the references; "" where the two are one, or the records do
-    not determine it.
+def frame_in_words(fit: Fit) -> str:
+    """Where the base is in the frame of the references, or of each session; "" where the frames are
+    one, or the records do not determine it.
     """
-    if result.base_u is None:
-        return ""
-    frame, (shift, turn) = result.fit.point.frame, result.base_u
-    x, y, z = (vector(axis, "z.6f") for axis in frame.rotation.T)
-    cosine = (np.trace(frame.rotation) - 1) / 2
-    angle = np.arccos(np.clip(cosine, -1, 1)) / DEG
-    held = ", ".join(result.fit.undetermined.tied_to_frame)
+    held = ", ".join(fit.undetermined.tied_to_frame)
     tied = f", with {held} as in the arm file" if held else ""
-    u_shift = vector(COVERAGE_FACTOR * shift / MM, ".3g")
-    u_turn = vector(COVERAGE_FACTOR * turn / UM, ".3g")
+    return " ".join(_base_in_words(base, tied) for base in base_placements(fit))
+
+
+def _base_in_words(base: BasePlacement, tied: str) -> str:
+    """Origin, axes and U of the base in one frame."""
+    x, y, z = (vector(axis, "z.6f") for axis in base.rotation.T)
+    cosine = (np.trace(base.rotation) - 1) / 2
+    angle = np.arccos(np.clip(cosine, -1, 1)) / DEG
+    u_shift = vector(COVERAGE_FACTOR * base.u_shift / MM, ".3g")
+    u_turn = vector(COVERAGE_FACTOR * base.u_rotation / UM, ".3g")
+    of = f" of session {base.session}" if base.session else ""
     return (
-        f"The origin of the base is at {vector(frame.shift / MM, 'z.4f')} mm in the frame of the "
-        f"references. The axes of the base in that frame are x {x}, y {y}, z {z}, rotated by "
+        f"The origin of the base is at {vector(base.shift / MM, 'z.4f')} mm in the frame of the "
+        f"references{of}. The axes of the base in that frame are x {x}, y {y}, z {z}, rotated by "
         f"{angle:.4f}°. U (k = 2) of origin and rotation along the axes of the references: "
         f"{u_shift} mm and {u_turn} µrad{tied}."
     )
@@ -212,7 +225,7 @@ def open_in_words(result: Calibration) -> str:
     that.
     """
     combinations = result.fit.undetermined.target_directions.shape[1]
-    if not result.base_is_open:
+    if not base_is_open(result.fit):
         if not combinations:
             return ""
         several = count(combinations, "combination")
@@ -248,7 +261,7 @@ def estimated_causes(result: Calibration) -> pd.DataFrame:
     vector = result.fit.problem.vector
     rows = []
     for effect, own in zip(result.fit.effects, vector.slices, strict=True):
-        if vector.arm_parameters[own.start] is None:
+        if vector.arm_parameters[own.start] is None and not is_of_setup(effect):
             cause = in_words(effect, result.model.arm)
             rows.append({"cause": cause, "value ± U (k = 2)": _estimate(result, effect, own)})
     return pd.DataFrame(rows)
@@ -292,7 +305,7 @@ def calibration_summary(result: Calibration, data: str, seed: int) -> dict[str, 
         row["stated"] = None if np.isnan(width) else float(width)
         row["beyond_stated"] = bool(beyond)
     summary |= {"data": data, "seed": seed, "verdict": verdict(result)}
-    summary["base_in_reference_frame"] = _placement(result)
+    summary |= bases_in_json(result.fit)
     summary["left_open"] = open_in_words(result)
     targets = zip(result.fit.problem.targets, result.fit.point.frame.targets, strict=True)
     summary["targets"] = [
@@ -301,14 +314,21 @@ def calibration_summary(result: Calibration, data: str, seed: int) -> dict[str, 
     return summary
 
 
-def _placement(result: Calibration) -> dict[str, Any] | None:
-    """Where the base is, with u; None where that is known without, or not determined."""
-    if result.base_u is None:
-        return None
-    frame, (shift, turn) = result.fit.point.frame, result.base_u
-    origin = {"origin_mm": (frame.shift / MM).tolist(), "rotation": frame.rotation.tolist()}
-    u = {"u_origin_mm": (shift / MM).tolist(), "u_rotation_rad": turn.tolist()}
-    return {**origin, **u, "as_stated": list(result.fit.undetermined.tied_to_frame)}
+def bases_in_json(fit: Fit) -> dict[str, Any]:
+    """Where the base is in the frame of the references, that of the first session; None where it is
+    known without, or not determined. And in the frames of the other sessions.
+    """
+    bases = [_base_in_json(base) for base in base_placements(fit)]
+    first = bases[0] if bases else None
+    if first is not None:
+        first["as_stated"] = list(fit.undetermined.tied_to_frame)
+    return {"base_in_reference_frame": first, "base_in_other_sessions": bases[1:]}
+
+
+def _base_in_json(base: BasePlacement) -> dict[str, Any]:
+    origin = {"origin_mm": (base.shift / MM).tolist(), "rotation": base.rotation.tolist()}
+    u = {"u_origin_mm": (base.u_shift / MM).tolist(), "u_rotation_rad": base.u_rotation.tolist()}
+    return {"session": base.session, **origin, **u}
 
 
 def _result(result: Calibration) -> list[Block]:
@@ -320,7 +340,7 @@ def _result(result: Calibration) -> list[Block]:
         Paragraph(verdict(result), finding=True),
         Paragraph(open_in_words(result), finding=True),
         Paragraph(fit_in_words(result)),
-        Paragraph(frame_in_words(result)),
+        Paragraph(frame_in_words(result.fit)),
         Table(estimated_causes(result), "Causes of error"),
         _distances(result, noise),
     ]

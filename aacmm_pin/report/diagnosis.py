@@ -46,6 +46,7 @@ from aacmm_pin.report.calibration import (
     excluded_records,
     exclusions_in_words,
     files,
+    frame_in_words,
 )
 from aacmm_pin.report.document import (
     Block,
@@ -581,7 +582,8 @@ def _result(result: Diagnosis, planned: str) -> list[Block]:
     if any(corrects_seat(finding.effect) for finding in result.findings):
         hints.append(SEAT_ERRORS)
     hint = Paragraph(" ".join(hints), detail=True)
-    return [Heading("Result"), *answers(result, planned), rms_figure(result), hint]
+    base = Paragraph(frame_in_words(result.extended), detail=True)
+    return [Heading("Result"), *answers(result, planned), base, rms_figure(result), hint]
 
 
 def rms_figure(result: Diagnosis) -> Figure:

@@ -80,7 +80,7 @@ def test_a_robot_without_seats_or_stated_uncertainties(of_robot):
 
 
 def test_an_unknown_frame_and_what_was_assumed(sino6, at_seats):
-    assert frame_in_words(at_seats) == ""
+    assert frame_in_words(at_seats.fit) == ""
     data = simulate_measurements(sino6, "free", 60, rng=np.random.default_rng(4))
     turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     silent = replace(
@@ -90,8 +90,8 @@ def test_an_unknown_frame_and_what_was_assumed(sino6, at_seats):
     )
     result = calibrate(sino6, silent, "zero-offsets", reference_frame="external", hold_out=False)
     page = Page(written(result))
-    assert frame_in_words(result) in page.text
-    assert re.search(r"rotated by (89\.999|90\.000)", frame_in_words(result))
+    assert frame_in_words(result.fit) in page.text
+    assert re.search(r"rotated by (89\.999|90\.000)", frame_in_words(result.fit))
     assert all(str(note)[1:] in page.text for note in result.notes)
     assert len(result.notes) > 0
     assert fit_in_words(result) in page.text
