@@ -20,7 +20,7 @@ from aacmm_pin._support.checks import Array, Index, batch, whole
 from aacmm_pin._support.display import Shown, report
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.accuracy.tip_sensitivity import ErrorSources, omission
-from aacmm_pin.arm import COVERAGE_FACTOR, rigid_motions, spread_postures
+from aacmm_pin.arm import COVERAGE_FACTOR, rigid_motions
 from aacmm_pin.effects import Conditions, ErrorModel, GivenModel, loaded
 from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError, UnsupportedArmError
 
@@ -43,8 +43,6 @@ ELLIPSOID_COVERAGE_FACTOR = 2.7954834829151074
 """k = 2.80: the ellipsoid that holds 95 % of a normal distribution in three dimensions (JCGM
 102:2011, table 1).
 """
-OTHER_POSTURES = 200
-"""Postures over which a motion of the base is fitted."""
 DRAWN_AT_ONCE = 4
 """Configurations of one piece of work of ``monte-carlo``."""
 MANY = 50_000
@@ -85,33 +83,23 @@ class AccuracyVolume(Shown):
 
     @cached_property
     def u_aligned(self) -> Array:
-        """Standard uncertainty of the position after the base is aligned to the workspace: (n,)
-        [m].
+        """Standard uncertainty of the position after the base is aligned to these configurations:
+        (n,) [m].
 
-        Each source moves the tip at :data:`OTHER_POSTURES` postures between the joint limits. The
-        rigid motion of the base that fits these displacements best (least squares) is taken away.
-        At a single posture the rest may be larger than :attr:`u`.
+        Each source but the noise of readings moves the tip at all configurations. The rigid motion
+        of the base that fits these displacements best (least squares) is taken away. One or two
+        configurations leave next to nothing.
         """
-        if not len(self.q):
-            return self.u
-        within = self.sources.model.restricted_to_known_range().arm
-        other = spread_postures(within, OTHER_POSTURES, self.q)
-        conditions = self.conditions
-        if conditions is not None:
-            conditions = conditions.take(np.arange(OTHER_POSTURES) % conditions.n)
-        arm = self.sources.arm
-        at = self.sources.at
-        of_base = rigid_motions(arm.positions(other, at)).reshape(-1, 6)
-        of_sources = self.sources.sensitivity(other, conditions)
-        base = np.linalg.lstsq(of_base, of_sources.reshape(len(of_base), -1))[0]
-        base[:, [p.scope == "record" for p in self.sources.parameters]] = 0.0
-        u = [np.empty(0)]
-        for q, some in _parts(self.q, self.conditions):
-            sensitivity = self.sources.sensitivity(q, some)
-            sensitivity -= rigid_motions(arm.positions(q, at)) @ base
-            variance = np.trace(self.sources.covariance_of(sensitivity), axis1=1, axis2=2)
-            u.append(np.sqrt(variance))
-        return np.concatenate(u)
+        positions = self.sources.arm.positions(self.q, self.sources.at)
+        of_base = rigid_motions(positions)
+        parts = _parts(self.q, self.conditions)
+        sensitivity = np.concatenate([self.sources.sensitivity(q, some) for q, some in parts])
+        lasting = [p.scope != "record" for p in self.sources.parameters]
+        moved = sensitivity[:, :, lasting].reshape(positions.size, -1)
+        base = np.linalg.lstsq(of_base.reshape(-1, 6), moved)[0]
+        sensitivity[:, :, lasting] -= of_base @ base
+        covariance = self.sources.covariance_of(sensitivity)
+        return np.asarray(np.sqrt(np.trace(covariance, axis1=1, axis2=2)))
 
     @property
     def not_included(self) -> tuple[str, ...]:

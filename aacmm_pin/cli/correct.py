@@ -46,6 +46,8 @@ DECIMALS_OF_UNIT = {"mm": 6, "deg": 8, "rad": 9}
 move the tip of SINO6 by 1.4 nm at most (20 000 postures); the noise of arms and references is a
 thousand times larger.
 """
+FEWEST_ALIGNED = 3
+"""Fewer positions than this do not determine an alignment."""
 LARGE_CHANGE = 0.05
 """A command that changes more than errors of an arm account for is next to a singular posture
 [rad].
@@ -312,10 +314,14 @@ def _u_of_commands(
     there = np.flatnonzero(np.isfinite(commands).all(axis=1))
     accuracy = _accuracy(model, commands[there], known.conditions.take(there), encoder_noise)
     if accuracy is not None and len(there):
-        u[there] = np.column_stack([accuracy.u, accuracy.u_aligned])
+        u[there, 0] = accuracy.u
         status(f"{path}: tip at the commands, in the frame of the base: {expanded(accuracy.u)}")
+        if len(there) < FEWEST_ALIGNED:
+            note(f"u_aligned_mm is left empty; {FEWEST_ALIGNED} commands or more are needed")
+            return u
+        u[there, 1] = accuracy.u_aligned
         aligned = expanded(accuracy.u_aligned)
-        status(f"{path}: the same after an alignment of the base to the workspace: {aligned}")
+        status(f"{path}: the same after an alignment of the base to these commands: {aligned}")
     return u
 
 

@@ -21,6 +21,9 @@ from aacmm_pin.diagnosis.candidates import not_tried
 from aacmm_pin.effects import Effect, ErrorModel, GivenModel, all_candidates
 from aacmm_pin.measurements import GivenRecords, Measurements
 
+FAR_BEYOND = 5.0
+"""A distance so many times the predicted one asks for a look at file and arm."""
+
 
 @dataclass(frozen=True, eq=False)
 class Check(Shown):
@@ -83,7 +86,10 @@ def check_measurements(
     distance = rms(np.linalg.norm(deviation, axis=1))
     missing = not_tried(list(all_candidates(model.arm, records)), records)
     notes = [*exclusions_of(found).notes, *notes_of_records(found), *session_notes(found), *notes]
-    return Check(model, records, found.used, distance, _predicted_rms(found), missing, tuple(notes))
+    predicted = _predicted_rms(found)
+    if distance > FAR_BEYOND * predicted:
+        notes.append(Note("beyond_prediction", {"times": distance / predicted}))
+    return Check(model, records, found.used, distance, predicted, missing, tuple(notes))
 
 
 def _predicted_rms(found: Fit) -> float:

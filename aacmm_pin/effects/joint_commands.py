@@ -12,9 +12,12 @@ from numpy.typing import ArrayLike
 from aacmm_pin._support.checks import Array, Mask, batch
 from aacmm_pin.arm import OF_A_POSE
 from aacmm_pin.effects.conditions import Conditions
+from aacmm_pin.effects.environment import StylusOffset
 from aacmm_pin.effects.error_model import ErrorModel, GivenModel
 from aacmm_pin.errors import AacmmError, ShapeError
 
+OTHER_TIP = 5e-3
+"""A target farther from the tip than this is another point, and no error of the tip [m]."""
 ARRIVED = 1e-9
 """A tip nearer to where it shall be than this is there [m; rad of its turn]."""
 MOST_STEPS = 100
@@ -57,15 +60,11 @@ def joint_commands(
             f"{nominal.arm.name} has {nominal.arm.nq} joints; expected {model.arm.nq} as "
             f"{model.arm.name} has"
         )
-    if model.arm.tip_on_target and not nominal.arm.tip_on_target:
+    if _has_tip_on_target(model) and not _has_tip_on_target(nominal):
         raise AacmmError(
-            f"{model.arm.name}: its tip is a target that a calibration with target unknown placed "
-            "on the last body. "
-            f"Commands would bring that target where {nominal.arm.name} has its own tip. "
-            "Calibrate with a label in the "
-            "column marker; or with the target as a frame of the URDF or a fixed last row of the "
-            "table, and then without target unknown: --cause stylus_offset estimates the offset "
-            "of the target from that frame"
+            f"{model.arm.name}: its tip is a target away from the tip of {nominal.arm.name}; "
+            "expected the same tip. Calibrate with a label of the target in the column marker, or "
+            "with the target as a frame of the URDF or a fixed last row of the table"
         )
     q = batch(q, model.arm.nq, "q", "rad")
     wanted = nominal.state(q, conditions)
@@ -104,6 +103,14 @@ def joint_commands(
         )
         commands[~arrived] = further[~arrived]
     return commands, arrived
+
+
+def _has_tip_on_target(model: ErrorModel) -> bool:
+    """Whether its tip is a target away from where the arm as described has it."""
+    offsets = (e for e in model.effects if isinstance(e, StylusOffset) and e.marker is None)
+    return model.arm.tip_on_target or any(
+        float(np.linalg.norm(offset.values)) > OTHER_TIP for offset in offsets
+    )
 
 
 def _turn(to: Array, of: Array) -> Array:

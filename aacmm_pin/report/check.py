@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from aacmm_pin._support.file_problems import rows_in_words
 from aacmm_pin._support.notes import notes_in_json
 from aacmm_pin._support.units import MM
 from aacmm_pin.diagnosis import Check
@@ -33,7 +34,15 @@ def check_document(check: Check) -> Document:
     )
     finding = Paragraph(f"{fits}. {distance}; {predicted}.", finding=True)
     columns = measurements_document(check.measurements).blocks[1:]
-    blocks = [finding, *columns, Table(_missing(check), MISSING), Notes(check.notes)]
+    left_out = check.measurements.row[~check.used]
+    rows = f"Rows that do not fit: {rows_in_words(left_out)}." if left_out.size else ""
+    blocks = [
+        finding,
+        Paragraph(rows, finding=True),
+        *columns,
+        Table(_missing(check), MISSING),
+        Notes(check.notes),
+    ]
     return Document(f"{name} and {check.measurements.source}", blocks)
 
 
@@ -52,6 +61,7 @@ def check_summary(check: Check) -> dict[str, Any]:
     summary |= {"source": records.source, "records": records.n, "used": int(check.used.sum())}
     summary |= {"with_reference": int(records.known.sum()), "seats": len(records.seats())}
     summary |= {"bars": len(records.bars()), "rms_mm": check.rms / MM}
+    summary["other_rows"] = check.measurements.row[~check.used].tolist()
     summary["predicted_rms_mm"] = check.predicted_rms / MM
     summary["columns"] = [str(name) for name in records.to_frame().columns]
     summary["not_tried"] = not_tried_in_json(check.missing)

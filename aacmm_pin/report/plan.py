@@ -86,7 +86,10 @@ def plan_line(plan: MeasurementPlan) -> str:
 def _power(plan: MeasurementPlan) -> str:
     """What the planned records decide."""
     if plan.after.same:
-        return "No set-up that was considered distinguishes them"
+        return (
+            "No set-up that was considered distinguishes them. If they also correct the arm alike, "
+            "use the extended arm with either"
+        )
     text = f"T = {plan.after.least:.3g} (expected increase of χ² with the wrong cause), "
     text += f"{RIGHT} {plan.after.probability:.2f}"
     if plan.before is not None:

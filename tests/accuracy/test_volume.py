@@ -208,25 +208,26 @@ def test_largest_deviation_bounds_the_real_model(sino6, rng):
 
 def test_u_aligned_is_what_a_rigid_fit_leaves(ur5, rng):
     """Of arms drawn with a badly known placement of joint 1: each is aligned by the rotation that
-    SciPy fits to its tips at random postures.
+    SciPy fits to its tips.
     """
     unplaced = [replace(p, u=20 * p.u) for p in ur5.parameters[:6]]
     arm = replace(ur5, parameters=(*unplaced, *ur5.parameters[6:]))
     u = np.array([p.u for p in arm.parameters])
-    count, draws = 4, 400
-    q = rng.uniform(-2, 2, (count, 6))
-    everywhere = np.concatenate([q, rng.uniform(-np.pi, np.pi, (1000, 6))])
-    nominal = arm.positions(everywhere)
-    left = np.empty((draws, count, 3))
+    draws = 400
+    q = rng.uniform(-2, 2, (12, 6))
+    nominal = arm.positions(q)
+    centre = nominal.mean(axis=0)
+    left = np.empty((draws, *nominal.shape))
     for k in range(draws):
-        errors = np.tile(u * rng.standard_normal(len(u)), (len(everywhere), 1))
-        moved = arm.perturbed_positions(everywhere, errors)
-        centre, moved_centre = nominal[count:].mean(axis=0), moved[count:].mean(axis=0)
-        turn, _ = Rotation.align_vectors(nominal[count:] - centre, moved[count:] - moved_centre)
-        left[k] = turn.apply(moved[:count] - moved_centre) + centre - nominal[:count]
+        errors = np.tile(u * rng.standard_normal(len(u)), (len(q), 1))
+        moved = arm.perturbed_positions(q, errors)
+        about = moved - moved.mean(axis=0)
+        turn, _ = Rotation.align_vectors(nominal - centre, about)
+        left[k] = turn.apply(about) + centre - nominal
     found = accuracy_volume(arm, q, method="ellipsoid")
     assert (found.u > 5 * found.u_aligned).all()
-    close(np.sqrt(np.square(left).sum(axis=2).mean(axis=0)), found.u_aligned, 3e-6)
+    scatter = np.sqrt(np.square(left).sum(axis=2).mean(axis=0))
+    np.testing.assert_allclose(scatter, found.u_aligned, rtol=0.12)
 
 
 def test_stated_encoder_noise_is_taken_from_the_file(sino6):
