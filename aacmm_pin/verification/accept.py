@@ -220,6 +220,11 @@ class AcceptanceResult(Shown):
         return tuple(figure for figure in self.figures if figure.verdict == "non-conformity")
 
     @property
+    def verdict(self) -> Verdict | None:
+        """The worst verdict of all sets of coordinates; None if no MPE was given for any figure."""
+        return _worst([figure for figure in self.figures if not math.isnan(figure.mpe)])[0]
+
+    @property
     def overall(self) -> dict[str, tuple[Verdict | None, tuple[CharacteristicValue, ...]]]:
         """By whose coordinates: the worst verdict of the characteristics with an MPE, and which
         have it; None without an MPE.
