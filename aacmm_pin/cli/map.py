@@ -10,7 +10,17 @@ import typer
 from aacmm_pin._support.units import MM
 from aacmm_pin.accuracy import map_caveats, map_workspace
 from aacmm_pin.cli.arm_options import AnyArm, restrict_to_known_range
-from aacmm_pin.cli.common import Force, Json, Output, Plot, Results, Sectors, command, note
+from aacmm_pin.cli.common import (
+    Force,
+    Json,
+    Output,
+    Plot,
+    Results,
+    Sectors,
+    WorkerCount,
+    command,
+    note,
+)
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.report import map_document, map_summary, terminal
 
@@ -36,7 +46,7 @@ def run(
         Literal["zonotope", "jointwise", "ellipsoid"],
         typer.Option(help="How deviations are combined."),
     ] = "zonotope",
-    workers: Annotated[int, typer.Option(metavar="N", min=1, help="Worker processes.")] = 1,
+    workers: WorkerCount = 1,
     output: Output = None,
     plot: Plot = None,
     json_: Json = None,

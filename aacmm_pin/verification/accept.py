@@ -222,7 +222,8 @@ class AcceptanceResult(Shown):
     @property
     def verdict(self) -> Verdict | None:
         """The worst verdict of all sets of coordinates; None if no MPE was given for any figure."""
-        return _worst([figure for figure in self.figures if not math.isnan(figure.mpe)])[0]
+        verdicts = [verdict for verdict, _ in self.overall.values()]
+        return next((verdict for verdict in WORST_FIRST if verdict in verdicts), None)
 
     @property
     def overall(self) -> dict[str, tuple[Verdict | None, tuple[CharacteristicValue, ...]]]:
