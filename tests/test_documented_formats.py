@@ -95,6 +95,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> dict[str, set[str]]:
         "accuracy sino6 --point 400 0 300 --samples 12",
         "accuracy sino6 --point 400 0 300 --samples 12 --method ellipsoid",
         "accuracy sino6 --point 400 0 300 --to 400 300 300 --samples 6",
+        "map sino6 --cells 2 2 --axis 0 0 -1",
         "map sino6 --cells 3 3",
         f"check sino6 {external}",
         f"calibrate sino6 {data} {noise}",
