@@ -17,6 +17,7 @@ from .csv_columns import (
 )
 from .csv_table import measurement_file, read_table
 from .csv_values import check_numbers, read_values
+from .excel_sheet import is_workbook
 from .measuring_points import Pool, bars_for, seats_for
 from .noise import ENCODER, PROBE, REFERENCE_NOISE, Noise
 from .observations import (
@@ -75,6 +76,7 @@ __all__ = [
     "fingerprints_of_standards",
     "is_of_reference",
     "is_reading",
+    "is_workbook",
     "means_of_contacts",
     "measurement_file",
     "normal_of_plane",
