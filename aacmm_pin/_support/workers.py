@@ -130,7 +130,11 @@ def _begin(stop: Event) -> None:
     """Begin a worker process: what it prints is no result, and it ends with its parent, or when
     ``stop`` is set.
     """
+    from tqdm import tqdm  # whoever imports this module needs no bars
+
     sys.stdout = sys.stderr
+    # Its own is a semaphore of the system, which would be left behind by an end at once.
+    tqdm.set_lock(threading.RLock())
     waits: list[Callable[[], object]] = [stop.wait]
     if (parent := parent_process()) is not None:
         waits.append(parent.join)
