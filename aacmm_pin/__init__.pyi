@@ -8,7 +8,7 @@ from .arm.parameter import Parameter
 from .arm.poses import Poses
 from .calibration import Calibration, calibrate
 from .calibration.random_arm import perturbed_model
-from .diagnosis import Diagnosis, diagnose
+from .diagnosis import Diagnosis, diagnose, diagnose_files
 from .effects import Effect
 from .effects.conditions import Conditions
 from .effects.error_model import ErrorModel
@@ -68,6 +68,7 @@ __all__ = [
     "configuration_circles",
     "configuration_weights",
     "diagnose",
+    "diagnose_files",
     "length_uncertainty",
     "map_workspace",
     "next_measurements",

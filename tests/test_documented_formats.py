@@ -37,7 +37,7 @@ KEYS_OF_AN_ARM = tuple(
     f"Keys of {part}"
     for part in ("the arm", "a joint", "a cause", "the covariance", "a discrepancy")
 )
-NAMED = ("inner", "parameters", "acts_on", "working_sectors", "alone_mm")
+NAMED = ("inner", "parameters", "acts_on", "working_sectors", "alone_mm", "causes")
 """Objects whose keys are names or numbers that vary."""
 LISTS = ("joints", "effects", "discrepancy", "parts")
 """Parts of an arm file that it may have several of."""
@@ -95,6 +95,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> dict[str, set[str]]:
         "accuracy sino6 --point 400 0 300 --samples 12",
         "accuracy sino6 --point 400 0 300 --samples 12 --method ellipsoid",
         "accuracy sino6 --point 400 0 300 --to 400 300 300 --samples 6",
+        "map sino6 --cells 2 2 --axis 0 0 -1",
         "map sino6 --cells 3 3",
         f"check sino6 {external}",
         f"calibrate sino6 {data} {noise}",
@@ -103,6 +104,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> dict[str, set[str]]:
         f"diagnose sino6 {poses} --no-cross-validation {noise}",
         f"diagnose sino6 {external} {noise}",
         f"diagnose sino6 {hidden} --no-cross-validation {noise}",
+        f"diagnose-files sino6 {external} {noise}",
         f"plan distinguish sino6 --causes encoder_eccentricity:2 joint_compliance:2 "
         f"--existing {data} --records 4 --postures 30",
         "plan distinguish sino6 --records 4 --postures 30",
@@ -126,7 +128,7 @@ def test_every_schema_has_a_section():
 
 
 SCHEMAS = (
-    "accuracy map check calibration diagnosis plan calibration-plan acceptance "
+    "accuracy map check calibration diagnosis diagnoses plan calibration-plan acceptance "
     "acceptance-prediction"
 )
 

@@ -20,6 +20,7 @@ from concurrent.futures import (
 from contextlib import contextmanager
 from itertools import islice
 from multiprocessing import get_context, parent_process, resource_tracker
+from multiprocessing.synchronize import Event
 from typing import TypeVar
 
 from aacmm_pin._support.checks import whole
@@ -42,7 +43,7 @@ def results(
     work: Callable[[J], R], jobs: Iterable[J], workers: Workers
 ) -> Iterator[Iterator[tuple[int, R]]]:
     """Numbers and results of all jobs, as they are done; jobs not begun when the context ends are
-    cancelled.
+    cancelled. An error or an interrupt in the context ends worker processes at once.
 
     Args:
         work: a function of a module, for it is sent by its name.
@@ -54,6 +55,7 @@ def results(
     """
     waiting: dict[Future[R], int] = {}
     pool: ProcessPoolExecutor | None = None
+    stop: Event | None = None
     try:
         if isinstance(workers, Executor):
             yield _submitted(workers, work, jobs, MOST_SUBMITTED, waiting)
@@ -61,13 +63,19 @@ def results(
             yield enumerate(map(work, jobs))
         else:
             with _blocked_signals():
-                pool = ProcessPoolExecutor(count, get_context("spawn"), _begin)
+                context = get_context("spawn")
+                stop = context.Event()
+                pool = ProcessPoolExecutor(count, context, _begin, (stop,))
             yield _submitted(pool, work, jobs, SUBMITTED_PER_PROCESS * count, waiting)
     except BrokenExecutor:
         raise AacmmError(
             "a worker process ended: if memory ran out, use fewer processes; in a script, start "
             "them below `if __name__ == '__main__':`"
         ) from None
+    except BaseException:
+        if stop is not None:
+            stop.set()
+        raise
     finally:
         if pool is not None:
             pool.shutdown(cancel_futures=True)
@@ -118,14 +126,22 @@ def _blocked_signals() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _begin() -> None:
-    """Begin a worker process: what it prints is no result, and it ends with its parent."""
+def _begin(stop: Event) -> None:
+    """Begin a worker process: what it prints is no result, and it ends with its parent, or when
+    ``stop`` is set.
+    """
+    from tqdm import tqdm  # whoever imports this module needs no bars
+
     sys.stdout = sys.stderr
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    # Its own is a semaphore of the system, which would be left behind by an end at once.
+    tqdm.set_lock(threading.RLock())
+    waits: list[Callable[[], object]] = [stop.wait]
+    if (parent := parent_process()) is not None:
+        waits.append(parent.join)
+    for wait_for_end in waits:
+        threading.Thread(target=_exit_after, args=[wait_for_end], daemon=True).start()
 
 
-def _end_with_parent() -> None:
-    parent = parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
+def _exit_after(wait_for_end: Callable[[], object]) -> None:
+    wait_for_end()
+    os._exit(1)

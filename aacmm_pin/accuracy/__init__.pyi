@@ -13,7 +13,7 @@ from .volume import (
     expanded,
     paired,
 )
-from .workspace import WorkspaceMap, map_caveats, map_workspace
+from .workspace import Quantity, WorkspaceMap, map_caveats, map_workspace
 
 __all__ = [
     "COVERED",
@@ -23,6 +23,7 @@ __all__ = [
     "ErrorSources",
     "LengthUncertainty",
     "Method",
+    "Quantity",
     "WorkspaceMap",
     "accuracy_volume",
     "circle_accuracy",

@@ -11,7 +11,7 @@ import math
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -39,6 +39,7 @@ from aacmm_pin.postures import (
     Sectors,
     Wrist,
     box_of_wrist,
+    directed_stylus,
     reach_of_points,
     sector_centres,
 )
@@ -48,12 +49,25 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 CELLS_AT_ONCE = 768
+TIP_CELLS_AT_ONCE = 48
+"""A cell takes a hundred times as long for the tip as for the wrist."""
 MAP = "a map of the workspace"
 """What errors call it."""
 PROBES = 64
 """Postures whose accuracy tells one model, with its causes and conditions, from another."""
 UNITS = {"1": 1.0, "mm": MM, "mm3": MM3, "degree": DEG}
 
+Quantity = Literal[
+    "comprehensive_mm3",
+    "best_mm3",
+    "worst_mm3",
+    "smallest_u_mm",
+    "largest_u_mm",
+    "flexibility",
+    "arc_fraction",
+    "working_sectors",
+]
+"""What a map can show: names of :data:`VARIABLES`."""
 MARGIN = 1e-3
 """The default box goes so far beyond the reach, in parts of its size; then outwards to whole steps
 of it.
@@ -214,13 +228,11 @@ class WorkspaceMap(Shown):
                 f"{path}: not a complete map; expected a file that save wrote"
             ) from None
 
-    def plot(self, quantity: str = "comprehensive_mm3", ax: Axes | None = None) -> Axes:
+    def plot(self, quantity: Quantity = "comprehensive_mm3", ax: Axes | None = None) -> Axes:
         """One quantity of the map over the half-plane through joint axis 1.
 
         Args:
-            quantity: its name in ``data``: ``comprehensive_mm3``, ``best_mm3``, ``worst_mm3``,
-                ``smallest_u_mm``, ``largest_u_mm``, ``flexibility``, ``arc_fraction`` or
-                ``working_sectors``.
+            quantity: its name in ``data``, one of :data:`Quantity`.
             ax: axes; without them a new pyplot figure is made.
 
         Raises:
@@ -232,7 +244,8 @@ class WorkspaceMap(Shown):
         x = self.data.sizes["x_mm"]
         z = self.data.sizes["z_mm"]
         full = self.working_sectors()[self.sectors]
-        where = f"{self.data.attrs['arm']}: {x} × {z} cells × {self.sectors} sectors"
+        arm = f"{self.data.attrs['arm']}, {self.data.attrs['working_point']}"
+        where = f"{arm}: {x} × {z} cells × {self.sectors} sectors"
         unknown = f"; postures missing in {self.incomplete} cells" if self.incomplete else ""
         if self.unreachable == x * z:
             return f"{where}, all out of reach{unknown}"
@@ -255,12 +268,13 @@ def map_workspace(
     method: Method = "zonotope",
     workers: Workers = 1,
     progress: bool = True,
+    axis: ArrayLike | None = None,
 ) -> WorkspaceMap:
-    """Flexibility, comprehensive accuracy, best and worst configuration of the wrist over the
-    half-plane.
+    """Flexibility, comprehensive accuracy, best and worst configuration over the half-plane: of the
+    wrist, or of the tip with the stylus along ``axis``.
 
-    The joints behind the fourth are held at 0, or at the angle nearest to 0 that their limits
-    allow.
+    For the wrist the joints behind the fourth are held at 0, or at the angle nearest to 0 that
+    their limits allow.
 
     Args:
         model: an arm with a DH table whose first five rows are joints, or such an arm with its
@@ -269,13 +283,16 @@ def map_workspace(
         sectors: number of sectors of the configuration circle; each stands for the configuration at
             its centre, and where several configurations inside the limits have that swivel, for the
             most accurate of them.
-        extent: x from, x to, z from, z to (4,) [m]; default all that the wrist reaches, limits
-            apart.
+        extent: x from, x to, z from, z to (4,) [m]; default all that the wrist, or the tip in any
+            orientation, reaches, limits apart.
         conditions: of one record, which hold everywhere; see :func:`accuracy_volume`.
         method: how accuracy volumes are found (not ``monte-carlo``).
         workers: how many processes, or a ``concurrent.futures.Executor``; a piece of work is
             several hundred cells.
         progress: show a bar in a notebook, or on stderr at a terminal.
+        axis: direction of the stylus in the half-plane y = 0 of the base (3,), any length; in
+            other half-planes it is turned about z with them. The tip, and not the wrist, is at the
+            cells then; the arm has six joints and states its stylus.
 
     Raises:
         AacmmError: sizes below 1, an extent in the wrong order or with negative x, nothing has an
@@ -293,11 +310,12 @@ def map_workspace(
     model = loaded(model)
     model = model.restricted_to_known_range() if isinstance(model, ErrorModel) else model
     arm = ErrorModel.arm_of(model)
-    box = _extent(arm, extent)
-    probe = _probe(model, conditions, method)
+    direction = None if axis is None else directed_stylus(arm, axis)[1]
+    box = _extent(arm, extent, direction)
+    probe = _probe(model, conditions, method, direction)
     points = np.stack(np.meshgrid(*_centres(box, cells), indexing="ij"), axis=-1).reshape(-1, 3)
-    pieces = chunks(len(points), CELLS_AT_ONCE)
-    jobs = [_Job(model, conditions, points[piece], sectors, method) for piece in pieces]
+    pieces = chunks(len(points), CELLS_AT_ONCE if axis is None else TIP_CELLS_AT_ONCE)
+    jobs = [_Job(model, conditions, points[piece], sectors, method, direction) for piece in pieces]
     found = dict[int, dict[str, Array]]()
     cells_bar = bar(progress, f"map of {arm.name}", "cell", total=len(points))
     with cells_bar as moving, results(_work, jobs, workers) as worked:
@@ -308,7 +326,9 @@ def map_workspace(
     merged = {name: np.concatenate([arrays[name] for arrays in in_order]) for name in in_order[0]}
     seconds = time.perf_counter() - started
     data = _dataset(arm, merged, box, cells, sectors, method, seconds)
-    all_caveats = map(str, (*WorkspaceMap(data, seconds).caveats, *map_caveats(arm, extent)))
+    data = data.assign_attrs(_working_point(arm, direction))
+    caveats_of_arm = map_caveats(arm, extent, axis)
+    all_caveats = map(str, (*WorkspaceMap(data, seconds).caveats, *caveats_of_arm))
     data = data.assign_attrs(
         caveats="; ".join(all_caveats), not_included="; ".join(probe.not_included)
     )
@@ -324,11 +344,24 @@ class _Job:
     points: Array
     sectors: int
     method: Method
+    axis: Array | None
+
+
+def _at(arm: Arm, axis: Array | None) -> str:
+    """The frame whose origin is at the cells."""
+    return WRIST if axis is None else arm.tip
+
+
+def _working_point(arm: Arm, axis: Array | None) -> dict[str, Any]:
+    """Attributes of a map: what is at the cells, and what is held there."""
+    if axis is not None:
+        return {"working_point": arm.tip, "stylus_axis": axis.tolist()}
+    return {"working_point": WRIST, "rest_deg": (Wrist.of_arm(arm, MAP).rest / DEG).tolist()}
 
 
 def _work(job: _Job) -> dict[str, Array]:
     arm = ErrorModel.arm_of(job.model)
-    reach = reach_of_points(arm, job.points, job.sectors, MAP)
+    reach = reach_of_points(arm, job.points, job.sectors, MAP, job.axis)
     of_cells: dict[str, Any] = {
         "reachable": reach.reachable,
         "complete": reach.complete,
@@ -351,7 +384,8 @@ def _accuracies(job: _Job, found: Sectors) -> dict[str, Array]:
     }
     if not len(q):
         return result
-    accuracy = accuracy_volume(job.model, q, conditions=job.conditions, at=WRIST, method=job.method)
+    at = _at(ErrorModel.arm_of(job.model), job.axis)
+    accuracy = accuracy_volume(job.model, q, conditions=job.conditions, at=at, method=job.method)
     cells = found.point
     volume = accuracy.volume
     u = accuracy.u
@@ -373,10 +407,13 @@ def _smallest(groups: Index, values: Array) -> Index:
     return order[np.unique(groups[order], return_index=True)[1]]
 
 
-def _extent(arm: Arm, extent: ArrayLike | None) -> Array:
-    wrist = Wrist.of_arm(arm, MAP)
+def _extent(arm: Arm, extent: ArrayLike | None, axis: Array | None = None) -> Array:
+    """The stated box, or one around the reach (4,) [m]."""
+    wrist = Wrist.of_arm(arm, MAP) if axis is None else Wrist.of(arm.require_dh(MAP))
     if extent is None:
-        _, farthest, lowest, highest = box_of_wrist(wrist).tolist()
+        beyond = 0.0 if axis is None else _tip_beyond_wrist(arm, wrist)
+        around = box_of_wrist(wrist) + np.array([-1.0, 1.0, -1.0, 1.0]) * beyond
+        _, farthest, lowest, highest = around.tolist()
         size = max(farthest, highest - lowest)
         if size < SMALLEST_ARM:
             raise AacmmError(
@@ -395,6 +432,13 @@ def _extent(arm: Arm, extent: ArrayLike | None) -> Array:
     return box
 
 
+def _tip_beyond_wrist(arm: Arm, wrist: Wrist) -> float:
+    """How much farther the tip reaches than the wrist with joint 5 held, at most [m]."""
+    q = spread_angles(PROBES, arm.nq)
+    stylus = np.linalg.norm(arm.positions(q) - arm.positions(q, WRIST), axis=1)
+    return float(stylus.max()) + 2.0 * wrist.lever
+
+
 def _left_out(arm: Arm, box: Array) -> list[Note]:
     """On which sides of a box that was stated the wrist reaches farther."""
     reached = box_of_wrist(Wrist.of_arm(arm, MAP))
@@ -406,7 +450,7 @@ def _left_out(arm: Arm, box: Array) -> list[Note]:
 
 
 def _probe(
-    model: Arm | ErrorModel, conditions: Conditions | None, method: Method
+    model: Arm | ErrorModel, conditions: Conditions | None, method: Method, axis: Array | None
 ) -> AccuracyVolume:
     """The accuracy of a few postures: it refuses, before the work begins, what the first cell would
     refuse.
@@ -421,18 +465,22 @@ def _probe(
         )
     arm = ErrorModel.arm_of(model)
     q = np.clip(spread_angles(PROBES, arm.nq), arm.limits[:, 0], arm.limits[:, 1])
-    return accuracy_volume(model, q, conditions=conditions, at=WRIST, method=method)
+    return accuracy_volume(model, q, conditions=conditions, at=_at(arm, axis), method=method)
 
 
-def map_caveats(arm: Arm, extent: ArrayLike | None = None) -> tuple[Note, ...]:
+def map_caveats(
+    arm: Arm, extent: ArrayLike | None = None, axis: ArrayLike | None = None
+) -> tuple[Note, ...]:
     """Why the half-plane y = 0 does not stand for all of space with this arm, and what is not in
     its uncertainties.
 
     Args:
         arm: the arm.
-        extent: of :func:`map_workspace`; what it leaves out of the reach is among the caveats.
+        extent: of :func:`map_workspace`; what it leaves out of the reach of the wrist is among the
+            caveats.
+        axis: of :func:`map_workspace`.
     """
-    found = [] if extent is None else _left_out(arm, _extent(arm, extent))
+    found = [] if axis is not None else _wrist_caveats(arm, extent)
     lower, upper = arm.limits[0]
     if upper - lower < 2 * np.pi - AT_LIMIT:
         found.append(Note("first_joint_limited"))
@@ -441,7 +489,13 @@ def map_caveats(arm: Arm, extent: ArrayLike | None = None) -> tuple[Note, ...]:
         found.append(Note("first_axis_off_z"))
     if abs(arm.up[2]) < 1 - 1e-12:
         found.append(Note("gravity_off_first_axis"))
+    return (*found, *caveats(arm, arm.without_uncertainty))
+
+
+def _wrist_caveats(arm: Arm, extent: ArrayLike | None) -> list[Note]:
+    """What an extent leaves out, and which joints are held."""
     wrist = Wrist.of_arm(arm, MAP)
+    found = [] if extent is None else _left_out(arm, _extent(arm, extent))
     found += wrist.notes
     rest = wrist.rest / DEG
     if rest.any():
@@ -449,7 +503,7 @@ def map_caveats(arm: Arm, extent: ArrayLike | None = None) -> tuple[Note, ...]:
             f"joint {WRIST_ROW + k} at {angle:.4g}°" for k, angle in enumerate(rest) if angle
         )
         found.append(Note("joints_held", {"joints": held}))
-    return (*found, *caveats(arm, arm.without_uncertainty))
+    return found
 
 
 def _centres(box: Array, cells: tuple[int, int]) -> tuple[Array, Array, Array]:
@@ -502,8 +556,6 @@ def _dataset(
         "arm": arm.name,
         "source": arm.source,
         "method": method,
-        "working_point": WRIST,
-        "rest_deg": (Wrist.of_arm(arm, MAP).rest / DEG).tolist(),
         "extent_mm": (box / MM).tolist(),
         "seconds": seconds,
     }

@@ -27,6 +27,11 @@ from aacmm_pin.errors import MeasurementFileError
 from aacmm_pin.measurements import Measurements
 from aacmm_pin.verification import AcceptanceResult, History, accept, in_utc
 
+CONFORMITY, NONCONFORMITY, INCONCLUSIVE = 0, 3, 4
+EXIT_STATUS = {"conformity": CONFORMITY, "non-conformity": NONCONFORMITY}
+"""Of ``--exit-status``, by verdict; others are inconclusive, for a script would take 0 for
+conformity."""
+
 
 @command(
     "aacmm-pin accept probed.csv --mpe E_Uni=0.1 -o report.html",
@@ -66,6 +71,14 @@ def run(
         output_option("FILE.csv", "CSV file of all checks, to which this check is appended."),
     ] = None,
     plot: Plot = None,
+    exit_status: Annotated[
+        bool,
+        typer.Option(
+            "--exit-status",
+            help=f"End with status {NONCONFORMITY} if a characteristic is nonconforming, "
+            f"{INCONCLUSIVE} if the verdict is inconclusive; requires --mpe.",
+        ),
+    ] = False,
     json_: Json = None,
     force: Force = False,
 ) -> None:
@@ -86,6 +99,8 @@ def run(
     *names, path = files
     if plot is not None and history is None:
         raise typer.BadParameter("--plot requires --history")
+    if exit_status and not mpe:
+        raise typer.BadParameter("--exit-status requires --mpe")
     with Results(force, page=output, plot=plot, json_=json_) as results:
         arms = arms_of(names, robot)
         past = None if history is None else History.read(history)
@@ -113,6 +128,8 @@ def run(
         note(text)
     if (failed := _failed_arm(result, list(arms))) is not None and Path(path).is_file():
         note(_next_step(robot.urdf_words if failed == robot.urdf else [failed], path))
+    if exit_status:
+        raise typer.Exit(EXIT_STATUS.get(result.verdict or "", INCONCLUSIVE))
 
 
 def _of_history(checks: History, path: Path | None) -> Iterator[str]:

@@ -23,7 +23,7 @@ from aacmm_pin.cli.common import (
     output_option,
     say,
 )
-from aacmm_pin.cli.pose_options import Orientation, Point, Triple
+from aacmm_pin.cli.pose_options import Orientation, Point, Triple, note_wrist
 from aacmm_pin.effects import ErrorModel
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.postures import PosturesAtPoint
@@ -80,6 +80,7 @@ def run(
                 "of the joint placements), or --encoder-noise with --method ellipsoid"
             )
         circle = orientation.postures(model.arm, point)
+        note_wrist(circle)
         if to is not None:
             if output is not None or plot is not None or method != METHODS[0]:
                 raise typer.BadParameter("--to cannot be combined with --csv, --plot or --method")

@@ -33,6 +33,15 @@ NAMES_LISTED = 20
 BUNDLED = ", ".join(bundled_arms())
 ROBOTS = ", ".join(EXAMPLE_ROBOTS)
 
+ApproachFromOrder = Annotated[
+    bool,
+    typer.Option(
+        "--approach-from-order",
+        help="Rows are in the order of measurement: take approach1 … from the step of each "
+        "joint from the row before.",
+    ),
+]
+
 
 @dataclass(frozen=True)
 class UrdfArm:
@@ -166,14 +175,7 @@ class ArmAndData(UncertainArm):
         str | None,
         typer.Argument(metavar="DATA", help="Measurement file (CSV)."),
     ] = None
-    approach_from_order: Annotated[
-        bool,
-        typer.Option(
-            "--approach-from-order",
-            help="Rows are in the order of measurement: take approach1 … from the step of each "
-            "joint from the row before.",
-        ),
-    ] = False
+    approach_from_order: ApproachFromOrder = False
 
     def model_and_data(self) -> tuple[ErrorModel, str]:
         """The arm with its effects, and the path of the file.

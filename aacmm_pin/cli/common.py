@@ -136,6 +136,7 @@ EffectTexts = Annotated[
         help="Cause of error, such as encoder_eccentricity:3,amplitude_rad=20urad (repeatable).",
     ),
 ]
+WorkerCount = Annotated[int, typer.Option(metavar="N", min=1, help="Worker processes.")]
 Output = Annotated[Path | None, output_option("FILE", "File to write.", "--output", "-o")]
 CsvOutput = Annotated[
     Path | None, output_option("FILE.csv", "CSV file to write. Default: stdout.", "--csv", "-o")
@@ -182,6 +183,7 @@ class Results(OutputFiles):
         page: Path | None = None,
         plot: Path | None = None,
         json_: str | None = None,
+        inputs: Iterable[str] = (),
     ) -> None:
         """Check before long work that everything can be written.
 
@@ -191,12 +193,13 @@ class Results(OutputFiles):
             page: a document.
             plot: a picture.
             json_: a file for JSON, ``-`` for stdout.
+            inputs: files that other processes read.
 
         Raises:
             AacmmError: a file cannot be written, exists, is read by the command, or is asked for
                 twice.
         """
-        super().__init__(force, self.plugins)
+        super().__init__(force, (*self.plugins, *inputs))
         outputs = (*paths, page, plot, json_)
         self._outputs = tuple(Path(path) for path in outputs if path is not None)
         self.check(*self._outputs)

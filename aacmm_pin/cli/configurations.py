@@ -5,12 +5,12 @@ from __future__ import annotations
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin.cli.arm_options import AnyArm
 from aacmm_pin.cli.common import CsvOutput, Force, Results, command, status
-from aacmm_pin.cli.pose_options import Orientation, Point
+from aacmm_pin.cli.pose_options import Orientation, Point, note_wrist
 
 
 @command(
     "aacmm-pin configurations sino6 --point 400 0 300 -o postures.csv",
-    "aacmm-pin configurations sino6 --point 400 0 300 --tip --axis 0 0 -1",
+    "aacmm-pin configurations sino6 --point 400 0 300 --axis 0 0 -1",
 )
 def run(
     point: Point,
@@ -22,5 +22,6 @@ def run(
     """List the configurations that reach a point (CSV)."""
     with Results(force, output) as results:
         circle = orientation.postures(arm.model().arm, point)
+        note_wrist(circle)
         status(circle)
         results.text(csv_text(circle.columns()), output)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import chain
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
@@ -22,6 +23,7 @@ from aacmm_pin.measurements import (
     BAR_U,
     ORIENTATION,
     ORIENTATION_U,
+    ORIENTATIONS,
     REFERENCE,
     REFERENCE_U,
     Measurements,
@@ -38,7 +40,8 @@ CORRECTED = ("corrected_x_mm", "corrected_y_mm", "corrected_z_mm", "u_mm")
 are looked at.
 """
 CORRECTED_ORIENTATION = tuple(f"corrected_{name}" for name in ORIENTATION)
-OF_REFERENCES = ("seat", *BAR, BAR_U, *REFERENCE, *REFERENCE_U, *ORIENTATION, ORIENTATION_U)
+OF_ORIENTATION = (*chain(*ORIENTATIONS), ORIENTATION_U)
+OF_REFERENCES = ("seat", *BAR, BAR_U, *REFERENCE, *REFERENCE_U, *OF_ORIENTATION)
 """Columns that say where the tip should be have no part in where the readings put it."""
 
 DECIMALS_OF_UNIT = {"mm": 6, "deg": 8, "rad": 9}
@@ -102,7 +105,8 @@ def run(
             )
         table, _, read_as, dialect = read_table(path)
         unit = "rad" if "theta1_rad" in table else "deg"
-        of_tips = CORRECTED + CORRECTED_ORIENTATION * (orientation or ORIENTATION[0] in table)
+        is_oriented = any(form[0] in table for form in ORIENTATIONS)
+        of_tips = CORRECTED + CORRECTED_ORIENTATION * (orientation or is_oriented)
         of_commands = (
             *(f"command{j}_{unit}" for j in range(1, model.arm.nq + 1)),
             "u_mm",

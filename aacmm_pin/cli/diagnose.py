@@ -20,7 +20,7 @@ from aacmm_pin.cli.common import (
     page_option,
     warn,
 )
-from aacmm_pin.cli.measuring_options import MeasuredHow
+from aacmm_pin.cli.measuring_options import MeasuredHow, NoCrossValidation
 from aacmm_pin.diagnosis import diagnose
 from aacmm_pin.effects import listed
 from aacmm_pin.errors import AacmmError
@@ -33,10 +33,7 @@ from aacmm_pin.errors import AacmmError
 def run(
     arm: ArmAndData,
     how: MeasuredHow,
-    no_cross_validation: Annotated[
-        bool,
-        typer.Option("--no-cross-validation", help="Do not measure the gain on held-out records."),
-    ] = False,
+    no_cross_validation: NoCrossValidation = False,
     with_discrepancy: Annotated[
         bool,
         typer.Option(

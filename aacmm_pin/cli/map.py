@@ -8,16 +8,27 @@ import numpy as np
 import typer
 
 from aacmm_pin._support.units import MM
-from aacmm_pin.accuracy import map_caveats, map_workspace
+from aacmm_pin.accuracy import Quantity, map_caveats, map_workspace
 from aacmm_pin.cli.arm_options import AnyArm, restrict_to_known_range
-from aacmm_pin.cli.common import Force, Json, Output, Plot, Results, Sectors, command, note
+from aacmm_pin.cli.common import (
+    Force,
+    Json,
+    Output,
+    Plot,
+    Results,
+    Sectors,
+    WorkerCount,
+    command,
+    note,
+)
+from aacmm_pin.cli.pose_options import Triple
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.report import map_document, map_summary, terminal
 
 
 @command(
     "aacmm-pin map sino6 --cells 24 24 --sectors 12 -o map.nc --plot map.png",
-    "aacmm-pin map my_arm.toml --workers 4 -o map.nc",
+    "aacmm-pin map my_arm.toml --axis 0 0 -1 --workers 4 --plot u.png --quantity largest_u_mm",
 )
 def run(
     arm: AnyArm,
@@ -32,24 +43,40 @@ def run(
             help="Part of the half-plane, in mm. Default: the reach of the arm.",
         ),
     ] = None,
+    axis: Annotated[
+        Triple | None,
+        typer.Option(
+            metavar="X Y Z",
+            help="Map the tip with the stylus in this direction of the base at y = 0. Default: map "
+            "the wrist.",
+        ),
+    ] = None,
     method: Annotated[
         Literal["zonotope", "jointwise", "ellipsoid"],
         typer.Option(help="How deviations are combined."),
     ] = "zonotope",
-    workers: Annotated[int, typer.Option(metavar="N", min=1, help="Worker processes.")] = 1,
+    workers: WorkerCount = 1,
     output: Output = None,
     plot: Plot = None,
+    quantity: Annotated[
+        Quantity | None,
+        typer.Option(help="With --plot: what is drawn. Default: comprehensive_mm3."),
+    ] = None,
     json_: Json = None,
     force: Force = False,
 ) -> None:
     """Map flexibility and accuracy over the workspace (netCDF)."""
+    if quantity is not None and plot is None:
+        raise typer.BadParameter("--quantity requires --plot")
     with Results(force, output, plot=plot, json_=json_) as results:
         model = restrict_to_known_range(arm.model())
-        model.arm.require_dh("a map (its cells are reached by the wrist, with joints 1 to 4)")
+        model.arm.require_dh("a map")
         extent = None if extent_mm is None else np.array(extent_mm) * MM
-        for caveat in map_caveats(model.arm, extent):
+        for caveat in map_caveats(model.arm, extent, axis):
             note(caveat)
-        result = map_workspace(model, cells, sectors, extent=extent, method=method, workers=workers)
+        result = map_workspace(
+            model, cells, sectors, extent=extent, method=method, workers=workers, axis=axis
+        )
         for caveat in result.caveats:
             note(caveat)
         if result.unreachable == cells[0] * cells[1]:
@@ -57,6 +84,6 @@ def run(
             raise AacmmError(f"{result}; {hint}")
         if output is not None:
             result.save(results.file(output))
-        results.picture(lambda: result.plot().figure, plot)
+        results.picture(lambda: result.plot(quantity or "comprehensive_mm3").figure, plot)
         results.json(map_summary(result), json_)
     terminal.show(map_document(result), json_ == "-")

@@ -29,6 +29,11 @@ TargetOfReferences = Annotated[
     ),
 ]
 
+NoCrossValidation = Annotated[
+    bool,
+    typer.Option("--no-cross-validation", help="Do not measure the gain on held-out records."),
+]
+
 
 @dataclass(frozen=True)
 class MeasuredHow(ContactNoise):

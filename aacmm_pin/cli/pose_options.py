@@ -15,7 +15,13 @@ from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm import Arm
 from aacmm_pin.cli.common import note
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.postures import TIP_JOINTS, PosturesAtPoint, configuration_circle, reaching_postures
+from aacmm_pin.postures import (
+    TIP_JOINTS,
+    WRIST,
+    PosturesAtPoint,
+    configuration_circle,
+    reaching_postures,
+)
 
 Triple = tuple[float, float, float]
 Point = Annotated[
@@ -35,14 +41,15 @@ class Orientation:
         bool,
         typer.Option(
             "--tip",
-            help="The point is that of the tip, not of the wrist; requires --axis or --rpy-deg.",
+            help="The point is that of the tip, not of the wrist, as --axis and --rpy-deg say too.",
         ),
     ] = False
     axis: Annotated[
         Triple | None,
         typer.Option(
             metavar="X Y Z",
-            help="With --tip or --urdf: direction of the stylus (of the tool) in the base.",
+            help="Direction of the stylus (with --urdf: of the tool) in the base, with the tip at "
+            "the point. Default: the wrist is there.",
         ),
     ] = None
     tool_axis: Annotated[
@@ -56,7 +63,7 @@ class Orientation:
         Triple | None,
         typer.Option(
             metavar="R P Y",
-            help="With --tip or --urdf: the whole pose, roll-pitch-yaw as in URDF, in degrees.",
+            help="The whole pose of the tip, roll-pitch-yaw as in URDF, in degrees.",
         ),
     ] = None
     samples: Annotated[
@@ -83,8 +90,8 @@ class Orientation:
             raise typer.BadParameter(
                 "--axis cannot be combined with --rpy-deg, which holds every axis"
             )
-        if has_table and self.tip != self.oriented:
-            raise typer.BadParameter("--tip requires --axis or --rpy-deg, and these require --tip")
+        if has_table and self.tip and not self.oriented:
+            raise typer.BadParameter("--tip requires --axis or --rpy-deg")
         found = self._enumerated(arm, np.array(point) * MM)
         near = float(np.linalg.norm(point)) < IN_METRES and not found.within_limits.any()
         told = (
@@ -100,7 +107,7 @@ class Orientation:
 
     def _enumerated(self, arm: Arm, where: Array) -> PosturesAtPoint:
         """The postures at a point (3,) [m]; none, with the reason, where nothing reaches it."""
-        has_table, tip = arm.dh is not None, self.tip or arm.dh is None
+        has_table, tip = arm.dh is not None, self.oriented or arm.dh is None
         if has_table and self.rpy_deg is None and (arm.nq == TIP_JOINTS or not tip):
             return configuration_circle(arm, where, tip=tip, axis=self.axis, count=self.samples)
         rotation = None
@@ -112,4 +119,13 @@ class Orientation:
             )
         return reaching_postures(
             arm, where, axis=self.axis, tool=self.tool_axis, rotation=rotation, count=self.samples
+        )
+
+
+def note_wrist(found: PosturesAtPoint) -> None:
+    """Say that the wrist is at the point, if it is."""
+    if found.at == WRIST:
+        note(
+            "the point is that of the wrist (frame5); --axis places the tip there, with the stylus "
+            "in that direction"
         )

@@ -36,6 +36,7 @@ COMMANDS = (
     "correct",
     "demo",
     "diagnose",
+    "diagnose-files",
     "map",
     "plan acceptance",
     "plan calibration",

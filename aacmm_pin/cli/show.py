@@ -15,7 +15,7 @@ from aacmm_pin.accuracy import circle_accuracy
 from aacmm_pin.arm import Arm
 from aacmm_pin.cli.arm_options import EncoderNoise, UncertainArm, restrict_to_known_range
 from aacmm_pin.cli.common import Force, Output, Results, command, note, say, status
-from aacmm_pin.cli.pose_options import Orientation, Triple
+from aacmm_pin.cli.pose_options import Orientation, Triple, note_wrist
 from aacmm_pin.errors import AacmmError
 
 if TYPE_CHECKING:
@@ -70,6 +70,7 @@ def run(
         else:
             found = orientation.postures(model.arm, point)
             accuracy = None
+            note_wrist(found)
             status(found)
             try:
                 accuracy = circle_accuracy(found, model, encoder_noise=noise.encoder_noise)

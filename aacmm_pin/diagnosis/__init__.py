@@ -6,6 +6,7 @@ from aacmm_pin.diagnosis.check import Check, check_measurements
 from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.cross_validation import Gain
 from aacmm_pin.diagnosis.diagnose import diagnose
+from aacmm_pin.diagnosis.diagnose_files import diagnose_files
 from aacmm_pin.diagnosis.findings import estimated
 from aacmm_pin.diagnosis.odd_groups import OddGroup
 from aacmm_pin.diagnosis.result import Diagnosis, Finding, too_good
@@ -28,6 +29,7 @@ __all__ = [
     "Unexplained",
     "check_measurements",
     "diagnose",
+    "diagnose_files",
     "estimated",
     "not_tried",
     "too_good",

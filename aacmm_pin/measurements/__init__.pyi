@@ -5,6 +5,7 @@ from .csv_columns import (
     MEASUREMENT_FILE,
     ORIENTATION,
     ORIENTATION_U,
+    ORIENTATIONS,
     PLANNED,
     PROBED_POINT_COLUMNS,
     REFERENCE,
@@ -17,6 +18,7 @@ from .csv_columns import (
 )
 from .csv_table import measurement_file, read_table
 from .csv_values import check_numbers, read_values
+from .excel_sheet import is_workbook
 from .measuring_points import Pool, bars_for, seats_for
 from .noise import ENCODER, PROBE, REFERENCE_NOISE, Noise
 from .observations import (
@@ -48,6 +50,7 @@ __all__ = [
     "MEASUREMENT_FILE",
     "NOTHING_KNOWN",
     "ORIENTATION",
+    "ORIENTATIONS",
     "ORIENTATION_U",
     "PLANNED",
     "PREDICTED_ACCURATE",
@@ -75,6 +78,7 @@ __all__ = [
     "fingerprints_of_standards",
     "is_of_reference",
     "is_reading",
+    "is_workbook",
     "means_of_contacts",
     "measurement_file",
     "normal_of_plane",

@@ -109,6 +109,10 @@ THETA: dict[AngleUnit, str] = {"deg": "theta#_deg", "rad": "theta#_rad"}
 REFERENCE = ("x_mm", "y_mm", "z_mm")
 REFERENCE_U = ("u_x_mm", "u_y_mm", "u_z_mm")
 ORIENTATION = ("qw", "qx", "qy", "qz")
+ROTATION_VECTOR = ("rx_rad", "ry_rad", "rz_rad")
+ROLL_PITCH_YAW = ("roll_deg", "pitch_deg", "yaw_deg")
+ORIENTATIONS = (ORIENTATION, ROTATION_VECTOR, ROLL_PITCH_YAW)
+"""Ways to state an orientation, of which a file has one; quaternions are written."""
 ORIENTATION_U = "u_rot_rad"
 BAR = ("bar", "bar_end", "bar_length_mm")
 BAR_U = "u_bar_length_mm"
@@ -131,6 +135,12 @@ _FEATURE_DIAMETER = Column(
 )
 _PROBE_DIAMETER = Column(
     "probe_diameter", DIAMETERS[1:], "none", "mm", _PROBE, True, of_reference=True
+)
+_ONE_TURN = 2.0 * math.pi + 1e-9
+_TURN = Range(-_ONE_TURN, _ONE_TURN, "rad", "degrees")
+_ORIENTATION_COLUMNS = (
+    Column("orientation", ROTATION_VECTOR, "none", "rad", _TURN, True, of_reference=True),
+    Column("orientation", ROLL_PITCH_YAW, "none", "°", _TURN, True, of_reference=True),
 )
 READING_COLUMNS = (
     Column("q", (THETA["deg"],), "none", "°", plausible.READING),
@@ -187,7 +197,7 @@ PLANNED = "planned_"
 """Begins the columns in which a procedure says where the arm was to be: no conditions of a record.
 """
 
-MEASUREMENT_FILE = (*READING_COLUMNS, *RECORD_COLUMNS)
+MEASUREMENT_FILE = (*READING_COLUMNS, *RECORD_COLUMNS, *_ORIENTATION_COLUMNS)
 ACCEPTANCE_FILE = (*MEASUREMENT_FILE, *PROBED_POINT_COLUMNS)
 
 

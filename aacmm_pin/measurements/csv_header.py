@@ -16,8 +16,8 @@ from aacmm_pin.measurements.csv_columns import (
     BAR,
     LINK_TEMPERATURE,
     MEASUREMENT_FILE,
-    ORIENTATION,
     ORIENTATION_U,
+    ORIENTATIONS,
     REFERENCE,
     REFERENCE_U,
     THETA,
@@ -36,9 +36,8 @@ SPELLING_SIMILARITY = 0.9
 """Similarity (difflib) from which an unknown name is taken for a slip of a known one: one letter
 wrong in ten.
 """
-OTHER_UNITS = frozenset(
-    ["m", "cm", "um", "µm", "in", "inch", "k", "f", "ms", "min", "nmm", "mrad", "gon", "arcsec"]
-)
+OF_ANGLES = ("deg", "rad", "mrad", "gon", "arcsec")
+OTHER_UNITS = {*OF_ANGLES, "m", "cm", "um", "µm", "in", "inch", "k", "f", "ms", "min", "nmm"}
 SPELLED = {"°c": "c", "°": "deg", "θ": "theta"}
 """Signs in names, and the letters that our names have in their stead."""
 MOST_NAMES = 8
@@ -263,13 +262,16 @@ def listed(names: Iterable[str]) -> str:
 
 def _check_companions(there: set[str], problems: Problems) -> None:
     """Names that need others."""
-    for group in (REFERENCE, REFERENCE_U, ORIENTATION, BAR):
+    for group in (REFERENCE, REFERENCE_U, *ORIENTATIONS, BAR):
         present = [name for name in group if name in there]
         missing = [name for name in group if name not in there]
         if present and missing:
             expected = f"expected all of {', '.join(group)}"
             problems.add(", ".join(missing), f"missing beside {', '.join(present)}; {expected}")
-    for u, of in ((REFERENCE_U[0], REFERENCE), (ORIENTATION_U, ORIENTATION)):
+    stated = [form for form in ORIENTATIONS if there.intersection(form)]
+    if len(stated) > 1:
+        problems.add(", ".join(map(span, stated)), "orientations in two ways; expected one of them")
+    for u, of in ((REFERENCE_U[0], REFERENCE), (ORIENTATION_U, (stated or ORIENTATIONS)[0])):
         if u in there and not there.intersection(of):
             problems.add(
                 u, f"uncertainty of a reference that is not there; expected {', '.join(of)} too"

@@ -27,6 +27,7 @@ from aacmm_pin._support.text_escaping import csv_text, csv_unquoted
 from aacmm_pin.errors import MeasurementFileError
 from aacmm_pin.measurements.csv_columns import ACCEPTANCE_FILE, column_of, columns_of_file
 from aacmm_pin.measurements.csv_header import listed, near_miss
+from aacmm_pin.measurements.excel_sheet import first_sheet, is_workbook
 
 LARGEST_FILE = 100_000_000
 """Bytes of a measurement file that is read, which are a quarter of a million records; its table
@@ -91,7 +92,7 @@ def measurement_file(path: str) -> bytes:
 
 
 def read_table(path: str, content: bytes | None = None) -> CsvTable:
-    """Read the cells of a CSV file.
+    """Read the cells of a CSV file, or of the first sheet of an Excel workbook.
 
     Cells may be separated by commas, semicolons or tabulators, with spaces behind them; with the
     latter two, numbers may have decimal commas. Lines that begin with #, and a first one such as
@@ -101,14 +102,19 @@ def read_table(path: str, content: bytes | None = None) -> CsvTable:
     Raises:
         MeasurementFileError: the file cannot be read, or is not such a table.
     """
-    text = _text(path, measurement_file(path) if content is None else content)
+    content = measurement_file(path) if content is None else content
     ways: list[str] = []
-    separator, spaced = _separation(text)
-    if separator in SEPARATORS:
-        ways.append(f"{SEPARATORS[separator]} between cells")
-    if spaced:
-        ways.append("spaces around cells left out")
-    rows = list(_rows(path, text, separator, spaced))
+    separator = ","
+    if is_workbook(content):
+        rows = _rows_of_sheet(path, content, ways)
+    else:
+        text = _text(path, content)
+        separator, spaced = _separation(text)
+        if separator in SEPARATORS:
+            ways.append(f"{SEPARATORS[separator]} between cells")
+        if spaced:
+            ways.append("spaces around cells left out")
+        rows = list(_rows(path, text, separator, spaced))
     while rows and not any(cell.strip() for cell in rows[-1].cells):
         rows.pop()
     header, lines, records = _records(path, rows, ways)
@@ -123,6 +129,31 @@ def read_table(path: str, content: bytes | None = None) -> CsvTable:
     if comments := len(rows) - len(records) - 1:
         notes.append(Note("comments_ignored", {"lines": comments}))
     return CsvTable(table, lines, tuple(notes), Dialect(separator, sign))
+
+
+def _rows_of_sheet(path: str, content: bytes, ways: list[str]) -> list[Row]:
+    """The rows of the first sheet of a workbook, with the empty cells at the end of a record that
+    the header has names for.
+
+    Raises:
+        MeasurementFileError: see :func:`first_sheet`; or the sheet is empty.
+    """
+    sheet = first_sheet(path, content)
+    if not sheet.rows:
+        raise MeasurementFileError(
+            path, None, "", f"sheet {sheet.title!r} is empty; expected a header and records"
+        )
+    if sheet.of > 1:
+        ways.append(f"the first of {sheet.of} sheets, {sheet.title!r}")
+    width = 0
+    rows = []
+    for line, cells in sheet.rows:
+        is_comment = _NO_HEADER.match(cells[0]) is not None
+        if not is_comment:
+            width = width or len(cells)
+            cells = cells + [""] * (width - len(cells))
+        rows.append(Row(line, cells, is_comment))
+    return rows
 
 
 def _separation(text: str) -> tuple[str, bool]:

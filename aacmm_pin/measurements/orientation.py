@@ -9,6 +9,7 @@ import scipy
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin.arm import skew
+from aacmm_pin.measurements.csv_columns import ORIENTATION, ROTATION_VECTOR
 
 
 def matrices(quaternions: Array) -> Array:
@@ -17,6 +18,23 @@ def matrices(quaternions: Array) -> Array:
     scalar_last = np.roll(filled, -1, axis=1)
     rotations = scipy.spatial.transform.Rotation.from_quat(scalar_last)
     return np.asarray(rotations.as_matrix())
+
+
+def as_quaternions(form: tuple[str, ...], numbers: Array) -> Array:
+    """Quaternions (n, 4), scalar first, of what a file states in the columns of ``form``, one of
+    :data:`ORIENTATIONS`: numbers (n, 4) or (n, 3) in the units of the file; NaN where one is NaN.
+
+    Angles are those of URDF, ``Rz(yaw) Ry(pitch) Rx(roll)``.
+    """
+    if form == ORIENTATION:
+        return numbers
+    known = np.isfinite(numbers).all(axis=1, keepdims=True)
+    filled = np.where(known, numbers, 0.0)
+    if form == ROTATION_VECTOR:
+        rotations = scipy.spatial.transform.Rotation.from_rotvec(filled)
+    else:
+        rotations = scipy.spatial.transform.Rotation.from_euler("xyz", filled, degrees=True)
+    return np.where(known, np.roll(rotations.as_quat(), 1, axis=1), np.nan)
 
 
 def quaternions(orientations: Array) -> Array:

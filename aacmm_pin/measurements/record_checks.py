@@ -18,9 +18,12 @@ from aacmm_pin.measurements.csv_columns import (
     FEATURE_KIND,
     MEASUREMENT_FILE,
     ORIENTATION,
+    ORIENTATIONS,
     PLANE,
     REFERENCE,
     REFERENCE_U,
+    ROLL_PITCH_YAW,
+    ROTATION_VECTOR,
     THETA,
     named,
     span,
@@ -125,7 +128,7 @@ def _check_angles(table: RecordTable, problems: Problems) -> None:
 
 def _check_references(values: Values, problems: Problems) -> None:
     """References with all of their components, and quaternions of the norm 1."""
-    for names in (REFERENCE, REFERENCE_U, ORIENTATION):
+    for names in (REFERENCE, REFERENCE_U, *ORIENTATIONS):
         stated = np.isfinite(values.block(names))
         partly = stated.any(axis=1) & ~stated.all(axis=1)
         for k, name in enumerate(names):
@@ -140,13 +143,14 @@ def _check_references(values: Values, problems: Problems) -> None:
     problems.at(
         np.abs(norm - 1.0) > MOST_NORM_ERROR,
         span(ORIENTATION),
-        "has the norm {:.6g}; expected 1: a unit quaternion, scalar first (angles in degrees or "
-        "Euler angles are to be converted)",
+        "has the norm {:.6g}; expected 1: a unit quaternion, scalar first (or "
+        f"{span(ROTATION_VECTOR)} or {span(ROLL_PITCH_YAW)} in its place)",
         norm,
     )
     placed = np.isfinite(values.block(REFERENCE)).any(axis=1) | (values.label("seat") != "")
-    unplaced = np.isfinite(norm) & ~placed
-    problems.at(unplaced, span(ORIENTATION), f"in a row without {span(REFERENCE)} and seat")
+    for form in ORIENTATIONS:
+        oriented = np.isfinite(values.block(form)).all(axis=1)
+        problems.at(oriented & ~placed, span(form), f"in a row without {span(REFERENCE)} and seat")
 
 
 def _check_zeros(values: Values, problems: Problems) -> None:

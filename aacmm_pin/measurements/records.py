@@ -32,6 +32,7 @@ from aacmm_pin.measurements.csv_columns import (
     FEATURE,
     FEATURE_KIND,
     ORIENTATION_U,
+    ORIENTATIONS,
     PLANE,
     RECORD_COLUMNS,
     THETA,
@@ -43,8 +44,15 @@ from aacmm_pin.measurements.csv_columns import (
 )
 from aacmm_pin.measurements.csv_header import read_header, similar_labels
 from aacmm_pin.measurements.csv_table import read_table
-from aacmm_pin.measurements.csv_values import RecordTable, check_numbers, read_records, read_values
+from aacmm_pin.measurements.csv_values import (
+    RecordTable,
+    Values,
+    check_numbers,
+    read_records,
+    read_values,
+)
 from aacmm_pin.measurements.noise import ENCODER
+from aacmm_pin.measurements.orientation import as_quaternions
 from aacmm_pin.measurements.probed_points import (
     as_records,
     has_probed_points,
@@ -515,7 +523,7 @@ def _from_table(table: pd.DataFrame, lines: Index, nq: int | None, source: str) 
     unknown = np.full((len(table), 3), np.nan)
     for name in ("reference", "reference_u"):
         found[name] = unknown if found[name] is None else found[name]
-    found["orientation"] = _unit_quaternions(found["orientation"])
+    found["orientation"] = _unit_quaternions(_stated_orientations(columns.values))
     if found["orientation"] is None:
         found["orientation_u"] = None
     conditions = Conditions(len(table), **{name: found.pop(name) for name in CONDITION_COLUMNS})
@@ -559,6 +567,14 @@ def _rounded_angles(columns: RecordTable) -> list[Note]:
     names = np.array(columns.header.theta)[steps == step].tolist()
     sign = "°" if unit == "deg" else " rad"
     return [Note("angles_rounded", {"columns": names, "step": step, "unit": sign, "u": float(u)})]
+
+
+def _stated_orientations(values: Values) -> Array | None:
+    """Quaternions (n, 4) by the columns that a file has for them; None where it has none."""
+    for form in ORIENTATIONS:
+        if form[0] in values.numbers:
+            return as_quaternions(form, values.block(form))
+    return None
 
 
 def _unit_quaternions(quaternions: Array | None) -> Array | None:

@@ -4,6 +4,7 @@ from .configurations import (
     WRIST,
     ConfigurationCircle,
     configuration_circle,
+    directed_stylus,
     reach_of_points,
 )
 from .curve_sampling import Flexibility, Sectors, sector_centres
@@ -29,6 +30,7 @@ __all__ = [
     "brought_to",
     "configuration_circle",
     "different_postures",
+    "directed_stylus",
     "places",
     "reach_of_points",
     "reaching_postures",

@@ -204,24 +204,14 @@ def configuration_circles(
     COORDINATE.check(points, "points")
     count = whole(count, 3, "count")
     if tip:
-        if dh.nq != TIP_JOINTS:
-            raise UnsupportedArmError(
-                f"{arm.name}: the circle of the tip needs {TIP_JOINTS} joints, this arm has "
-                f"{dh.nq}; see reaching_postures"
-            )
         if rest is not None:
             raise AacmmError("rest cannot be combined with tip=True, where every joint moves")
-        if arm.stylus_axis is None:
-            raise UnsupportedArmError(
-                f"{arm.name}: tip=True needs the axis of the stylus ([stylus] in the arm file)"
-            )
         if axis is None:
             raise AacmmError(
                 "tip=True needs axis, the direction of the stylus in the base, such as [0, 0, -1]"
             )
         wrist = None
-        stylus = arm.stylus_axis
-        direction = unit_vector(axis, "axis")
+        stylus, direction = directed_stylus(arm, axis)
         found = tip_curves(dh, points, stylus, direction)
         systems = [tip_equations(dh, point[None, :], stylus, direction) for point in points]
     else:
@@ -246,6 +236,28 @@ def configuration_circles(
         circle = _sampled(arm, point, at, components, count, tuple(notes))
         circles.append(circle)
     return circles
+
+
+def directed_stylus(arm: Arm, axis: ArrayLike) -> tuple[Array, Array]:
+    """The unit direction of the stylus in the last frame (3,), and the one that it shall have in
+    the base (3,).
+
+    Raises:
+        ShapeError, AacmmError: ``axis`` is no direction (3,).
+        UnsupportedArmError: no DH table with exactly six joints, or no stylus axis.
+    """
+    dh = arm.require_dh("a circle of the tip", TIP_JOINTS)
+    if dh.nq != TIP_JOINTS:
+        raise UnsupportedArmError(
+            f"{arm.name}: the circle of the tip needs {TIP_JOINTS} joints, this arm has "
+            f"{dh.nq}; see reaching_postures"
+        )
+    if arm.stylus_axis is None:
+        raise UnsupportedArmError(
+            f"{arm.name}: the tip at a point needs the axis of the stylus ([stylus] in the arm "
+            "file)"
+        )
+    return arm.stylus_axis, unit_vector(axis, "axis")
 
 
 def _sampled(
@@ -316,17 +328,28 @@ class Reach(NamedTuple):
     complete: Mask
 
 
-def reach_of_points(arm: Arm, points: Array, sectors: int, purpose: str) -> Reach:
-    """Reachability of ``points`` (m, 3) [m] by the wrist, over equal ``sectors`` of the swivel
-    angle; errors name the ``purpose``.
+def reach_of_points(
+    arm: Arm, points: Array, sectors: int, purpose: str, axis: ArrayLike | None = None
+) -> Reach:
+    """Reachability of ``points`` (m, 3) [m] over equal ``sectors`` of the swivel angle: by the
+    wrist, or by the tip with the stylus along ``axis`` in the base (3,); errors name the
+    ``purpose``.
 
     Raises:
-        UnsupportedArmError: no DH table, or one without the joints that this needs.
+        UnsupportedArmError: no DH table, or one without the joints that this needs; with ``axis``
+            see :func:`directed_stylus`.
     """
-    wrist = Wrist.of_arm(arm, purpose)
-    swivel = Swivel(arm.require_dh(purpose), arm.up)
-    found = wrist_curves(wrist, points, FEW_PER_TURN)
-    equations = wrist_equations(wrist, points)
+    dh = arm.require_dh(purpose)
+    swivel = Swivel(dh, arm.up)
+    if axis is None:
+        wrist = Wrist.of_arm(arm, purpose)
+        found = wrist_curves(wrist, points, FEW_PER_TURN)
+        equations = wrist_equations(wrist, points)
+    else:
+        wrist = None
+        stylus, direction = directed_stylus(arm, axis)
+        found = tip_curves(dh, points, stylus, direction)
+        equations = tip_equations(dh, points, stylus, direction)
     components = Components(swivel, equations, points, found.curves, wrist)
     with_curves = [curve.problem for curve in found.curves]
     open_curves = [curve.problem for curve in found.curves if not curve.closed]

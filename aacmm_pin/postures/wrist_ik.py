@@ -84,7 +84,7 @@ class Wrist:
                 f"{arm.name}: {purpose} needs a wrist, but {wrist.held}; expected at most "
                 f"{MOST_LEVER / MM:g} mm; accuracy "
                 "and configurations take a point of the tip with the direction of the stylus: "
-                f"--tip --axis 0 0 -1{pose} "
+                f"--axis 0 0 -1{pose} "
                 "(in Python reaching_postures)"
             )
         return wrist

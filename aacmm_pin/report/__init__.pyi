@@ -7,6 +7,7 @@ from .check import check_document, check_summary
 from .comparison import comparison_in_words, comparison_warning
 from .demo import run_demo
 from .diagnosis import diagnosis_document
+from .diagnosis_table import diagnoses_document, diagnoses_summary, with_cause_texts
 from .document import Document, Table
 from .formats import content, require_format, suffixes
 from .json_summaries import accuracy_summary, accuracy_table, length_summary, map_summary
@@ -33,6 +34,8 @@ __all__ = [
     "comparison_in_words",
     "comparison_warning",
     "content",
+    "diagnoses_document",
+    "diagnoses_summary",
     "diagnosis_document",
     "history_blocks",
     "length_document",
@@ -45,5 +48,6 @@ __all__ = [
     "require_format",
     "run_demo",
     "suffixes",
+    "with_cause_texts",
     "without_latex",
 ]

@@ -15,6 +15,7 @@ import pandas as pd
 
 from aacmm_pin._support.output_files import json_text
 from aacmm_pin._support.units import MM, plain_mm
+from aacmm_pin.measurements import is_workbook
 from aacmm_pin.report.document import (
     MARK,
     Block,
@@ -160,12 +161,13 @@ def _columns(table: pd.DataFrame, several: bool, plain: bool) -> list[str]:
 
 def _data(result: AcceptanceResult, definitions: pd.DataFrame) -> Folded:
     summary = json_text(result.summary()).encode()
+    points = "probed_points.xlsx" if is_workbook(result.data) else "probed_points.csv"
     return Folded(
         f"{DEFINED}, and the data",
         [
             Table(definitions, DEFINED, heads=HEADS),
             Download("acceptance.json", "all numbers of this page", summary),
-            Download("probed_points.csv", "the probed points", result.data),
+            Download(points, "the probed points", result.data),
         ],
     )
 

@@ -19,7 +19,13 @@ from matplotlib.figure import Figure as Drawing
 from aacmm_pin._support.output_files import OutputFiles, json_text
 from aacmm_pin._support.text_escaping import csv_text, encodable
 from aacmm_pin._support.units import MM
-from aacmm_pin.accuracy import AccuracyVolume, WorkspaceMap, circle_accuracy, map_workspace
+from aacmm_pin.accuracy import (
+    AccuracyVolume,
+    Quantity,
+    WorkspaceMap,
+    circle_accuracy,
+    map_workspace,
+)
 from aacmm_pin.arm import COVERAGE_FACTOR, Arm, load_arm_file, urdf_text
 from aacmm_pin.calibration.random_arm import perturbed_model
 from aacmm_pin.diagnosis import Diagnosis, diagnose
@@ -217,7 +223,8 @@ def _maps(map_: WorkspaceMap, circle: ConfigurationCircle) -> Drawing:
     figure = Drawing(figsize=(10.0, 6.0), layout="constrained")
     x, y, z = circle.point / MM
     panels = figure.subplots(1, 2)
-    for panel, quantity in zip(panels, ("smallest_u_mm", "flexibility"), strict=True):
+    drawn: tuple[Quantity, ...] = ("smallest_u_mm", "flexibility")
+    for panel, quantity in zip(panels, drawn, strict=True):
         plots.plot_map(map_, quantity, panel)
         panel.plot(np.hypot(x, y), z, "*", ms=13, mfc=plots.VERMILLION, mec="white")
     return figure

@@ -118,6 +118,9 @@ def map_summary(map_: WorkspaceMap) -> dict[str, Any]:
     box = np.asarray(data.attrs["extent_mm"])
     cells = [int(data.sizes[axis]) for axis in ("x_mm", "z_mm")]
     summary: dict[str, Any] = {"schema": MAP_SCHEMA, "arm": str(data.attrs["arm"])}
+    summary |= {"at": str(data.attrs["working_point"])}
+    if "stylus_axis" in data.attrs:
+        summary["stylus_axis"] = _rounded(np.asarray(data.attrs["stylus_axis"]))
     summary |= {"cells": cells, "sectors": map_.sectors}
     summary["extent_mm"] = {"x": _rounded(box[:2]), "z": _rounded(box[2:])}
     by_sectors = map_.working_sectors()

@@ -220,6 +220,12 @@ class AcceptanceResult(Shown):
         return tuple(figure for figure in self.figures if figure.verdict == "non-conformity")
 
     @property
+    def verdict(self) -> Verdict | None:
+        """The worst verdict of all sets of coordinates; None if no MPE was given for any figure."""
+        verdicts = [verdict for verdict, _ in self.overall.values()]
+        return next((verdict for verdict in WORST_FIRST if verdict in verdicts), None)
+
+    @property
     def overall(self) -> dict[str, tuple[Verdict | None, tuple[CharacteristicValue, ...]]]:
         """By whose coordinates: the worst verdict of the characteristics with an MPE, and which
         have it; None without an MPE.

@@ -27,7 +27,7 @@ from aacmm_pin._support.output_files import OutputFiles
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import MM, number
 from aacmm_pin.errors import AacmmError, MeasurementFileError
-from aacmm_pin.measurements import measurement_file, read_table
+from aacmm_pin.measurements import is_workbook, measurement_file, read_table
 from aacmm_pin.verification.accept import WORST_FIRST, AcceptanceResult
 from aacmm_pin.verification.characteristics import DEFINITIONS
 
@@ -177,6 +177,10 @@ class History(Shown):
                 str(path), None, "", "is not a regular file; expected the CSV of a history"
             )
         content = measurement_file(str(path))
+        if is_workbook(content):
+            raise MeasurementFileError(
+                str(path), None, "", "is an Excel workbook; expected a CSV file, to be appended to"
+            )
         for line, text in enumerate(content.splitlines(), start=1):
             if text.lstrip().startswith(b"#"):
                 raise MeasurementFileError(

@@ -162,6 +162,73 @@ def test_accuracies_are_those_of_the_circle(sino6, small, circles):
         assert volume.min() * 0.99 < float(cell["comprehensive_mm3"]) < volume.max() * 1.01
 
 
+# --- maps of the tip
+
+
+def test_a_map_of_the_tip_is_the_circle_of_every_cell(sino6):
+    """With the stylus along an axis that is in no plane of symmetry."""
+    axis = np.array([0.4, -0.3, -0.8])
+    found = map_workspace(sino6, (2, 3), SECTORS, extent=[0.2, 1.2, -0.9, 1.1], axis=axis)
+    assert found.data.attrs["working_point"] == "tip"
+    close(found.data.attrs["stylus_axis"], axis / np.linalg.norm(axis), 1e-12)
+    reached = 0
+    for i, k in np.ndindex(2, 3):
+        cell = found.data.isel(x_mm=i, z_mm=k)
+        point = cell_point(found.data, i, k)
+        circle = configuration_circle(sino6, point, tip=True, axis=axis, count=480)
+        assert bool(cell["reachable"]) == bool(len(circle))
+        if not len(circle):
+            continue
+        reached += 1
+        expected = circle.flexibility(SECTORS)
+        assert tuple(bool(w) for w in cell["sector_works"].values) == expected.sectors
+        assert float(cell["arc_fraction"]) == pytest.approx(expected.arc_fraction, abs=2e-3)
+        q, _ = at_centres(circle, SECTORS)
+        accuracy = accuracy_volume(sino6, q)
+        assert float(cell["best_mm3"]) == pytest.approx(1e9 * accuracy.volume.min(), rel=5e-3)
+        assert float(cell["smallest_u_mm"]) == pytest.approx(1e3 * accuracy.u.min(), rel=5e-3)
+        assert float(cell["largest_u_mm"]) == pytest.approx(1e3 * accuracy.u.max(), rel=5e-3)
+    assert reached > 2
+
+
+def test_a_map_of_the_tip_holds_off_the_plane(sino6):
+    """Joint 1 turns all the way: where the half-plane is turned by 70° and the axis with it, u is
+    that of the cell.
+    """
+    axis, turn = np.array([0.6, 0.2, -0.5]), rotation_about_z(np.radians(70.0))
+    box = [0.5, 0.7, 0.1, 0.3]
+    found = map_workspace(sino6, (1, 1), SECTORS, extent=box, axis=axis).data.isel(x_mm=0, z_mm=0)
+    point = turn @ np.array([0.6, 0.0, 0.2])
+    circle = configuration_circle(sino6, point, tip=True, axis=turn @ axis, count=720)
+    u = accuracy_volume(sino6, at_centres(circle, SECTORS)[0]).u
+    assert float(found["smallest_u_mm"]) == pytest.approx(1e3 * u.min(), rel=5e-3)
+    assert float(found["largest_u_mm"]) == pytest.approx(1e3 * u.max(), rel=5e-3)
+
+
+def rotation_about_z(angle: float) -> Array:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+@pytest.mark.parametrize("change", [{}, {"d_mm": 400.0}], ids=str)
+def test_no_place_that_the_tip_reaches_is_outside_the_default_box(change):
+    arm = changed("sino6", {6: change})
+    data = map_workspace(arm, (1, 1), 1, axis=[0.0, 0.0, -1.0]).data
+    low_x, high_x, low_z, high_z = np.array(data.attrs["extent_mm"]) * 1e-3
+    tip = arm.positions(np.random.default_rng(1).uniform(-np.pi, np.pi, (20_000, 6)))
+    assert low_x == 0.0
+    assert np.hypot(tip[:, 0], tip[:, 1]).max() <= high_x
+    assert low_z <= tip[:, 2].min()
+    assert tip[:, 2].max() <= high_z
+
+
+def test_what_a_map_of_the_tip_needs(sino6):
+    with pytest.raises(AacmmError, match="axis"):
+        map_workspace(sino6, (1, 1), axis=[0.0, 0.0, 0.0])
+    with pytest.raises(AacmmError, match="stylus"):
+        map_workspace(changed("sino6", stylus=None), (1, 1), axis=[0.0, 0.0, 1.0])
+
+
 # --- extended models
 
 

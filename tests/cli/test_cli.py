@@ -87,8 +87,17 @@ def test_accuracy_in_numbers(tmp_path):
         )
     noisy = found(f"accuracy sino6 {POINT} --samples 6 --encoder-noise 2.4e-5")
     assert "encoder_noise1" in {row["parameter"] for row in noisy["budget"]}
-    upright = found(f"accuracy sino6 {POINT} --tip --axis 0 0 -1 --samples 12")
+    upright = found(f"accuracy sino6 {POINT} --axis 0 0 -1 --samples 12")
     assert upright["at"] == "tip"
+    assert upright == found(f"accuracy sino6 {POINT} --tip --axis 0 0 -1 --samples 12")
+
+
+def test_commands_say_which_point_is_there():
+    """The wrist, unless the direction of the stylus is stated."""
+    words = f"{POINT} --samples 3"
+    for command in ("configurations", "accuracy"):
+        assert "point is that of the wrist" in done(f"{command} sino6 {words}")[1]
+        assert "wrist" not in done(f"{command} sino6 {words} --axis 0 0 -1")[1]
 
 
 def test_map_writes_netcdf_picture_and_json(tmp_path):
@@ -101,6 +110,21 @@ def test_map_writes_netcdf_picture_and_json(tmp_path):
         int(k): n for k, n in summary["working_sectors"].items()
     }
     assert picture.stat().st_size > 1000
+    assert summary["at"] == "frame5"
+    volume = picture.read_bytes()
+    words = f"map sino6 {SMALL} --plot {picture} --quantity largest_u_mm --force"
+    done(words)
+    assert picture.read_bytes() != volume
+
+
+def test_map_of_the_tip(tmp_path):
+    target = tmp_path / "m.nc"
+    summary = found(f"map sino6 --cells 2 2 --axis 0 0 -2 -o {target}")
+    assert (summary["at"], summary["stylus_axis"]) == ("tip", [0.0, 0.0, -1.0])
+    out, err = done("map sino6 --cells 2 2 --axis 0 0 -1 --workers 2")
+    assert "SINO6, tip: 2 × 2" in out
+    assert "held" not in err
+    assert WorkspaceMap.load(target).data.attrs["working_point"] == "tip"
 
 
 def test_unusable_input_is_one_message_and_status_1():
@@ -174,7 +198,8 @@ def test_wrong_usage_is_status_2():
         "accuracy sino6 --point a b c",
         f"accuracy sino6 {POINT} --method guess",
         f"accuracy sino6 {POINT} --tip",
-        f"accuracy sino6 {POINT} --axis 0 0 1",
+        f"map sino6 {SMALL} --quantity largest_u_mm",
+        f"map sino6 {SMALL} --plot map.png --quantity u",
         f"accuracy sino6 {POINT} --rotation-half-width 1e-4",
         "simulate sino6 --no-seat-coordinates --scheme free",
         "simulate sino6 --bar-length-mm 300",

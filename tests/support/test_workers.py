@@ -47,6 +47,20 @@ def test_workers_end_with_their_parent():
     assert not outlived(parent.pid, 30.0), "a worker outlived its parent"
 
 
+def test_an_interrupt_does_not_wait_for_work_that_has_begun():
+    """As Ctrl-C to a command whose workers are in the middle of minutes of work."""
+    command = [sys.executable, "-c", FOR_EVER]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, start_new_session=True
+    ) as parent:
+        assert parent.stdout is not None
+        assert parent.stdout.readline() == b"begun\n"
+        time.sleep(2.0)  # the workers have started
+        parent.send_signal(signal.SIGINT)
+        parent.wait(20.0)
+    assert not outlived(parent.pid, 10.0)
+
+
 BLOCKED_BY_TRACKER = """
 from multiprocessing import resource_tracker
 from pathlib import Path

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections import Counter
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -216,6 +217,37 @@ def test_the_worst_verdict_is_that_of_the_whole(data, mpe, verdict, named):
     result = accept(data, mpe=mpe)
     assert result.summary()["overall"][0]["verdict"] == verdict
     assert f"decided by {named}" in str(result) or verdict is None
+
+
+@pytest.mark.parametrize(
+    ("options", "status"),
+    [
+        ("--mpe E_Uni=0.0359", 3),
+        ("--mpe E_Uni=0.0359 --mpe SPAT.Max=1000", 3),
+        ("--mpe E_Uni=0.0439", 4),
+        ("--mpe E_Uni=0.0439 --mpe SPAT.Max=1000", 4),
+        ("--mpe E_Uni=0.0441 --mpe SPAT.Max=1000", 0),
+        ("--mpe E_Uni=0.0441 --mpe SinglePoint.Part=1", 4),
+        ("--mpe E_Uni=0.0441 --standard asme-b89.4.22", 4),
+        ("", 2),
+    ],
+)
+def test_a_script_has_the_verdict_by_the_exit_status(data, tmp_path, options, status):
+    everything("length-uni", "single-point").to_csv(data, index=False)
+    target = tmp_path / "report.html"
+    words = f"accept {data} {options} -o {target}"
+    assert shell.run(words, "--exit-status")[0] == status
+    assert target.exists() == (status != 2)
+    assert shell.run(words, "--force")[0] == 0
+
+
+def test_one_arm_that_does_not_conform_is_enough(data):
+    everything("length-uni").to_csv(data, index=False)
+    result = accept(data, mpe={"E_Uni": 1e-3})
+    (conforming,) = result.figures
+    failing = replace(conforming, source="other arm", mpe=1e-6)
+    of_two = replace(result, figures=(conforming, failing))
+    assert (result.verdict, of_two.verdict) == ("conformity", "non-conformity")
 
 
 def test_a_sphere_touched_on_a_small_cap_has_no_size(tmp_path):

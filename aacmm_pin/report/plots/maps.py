@@ -10,7 +10,7 @@ from matplotlib.colors import ListedColormap
 from matplotlib.patches import Patch
 
 from aacmm_pin._support.units import MM, UM
-from aacmm_pin.accuracy import WorkspaceMap
+from aacmm_pin.accuracy import Quantity, WorkspaceMap
 from aacmm_pin.errors import UnknownNameError
 from aacmm_pin.report.plots.style import U_NAME, VOLUME_COLOURS, axes_of, legend_below, plain
 
@@ -32,7 +32,7 @@ class _Quantity:
 
 
 _OF_SECTORS = ", {sectors} sectors"
-QUANTITIES = {
+QUANTITIES: dict[Quantity, _Quantity] = {
     "comprehensive_mm3": _Quantity(
         "comprehensive accuracy volume [mm³]", "comprehensive accuracy, {method}"
     ),
@@ -63,7 +63,7 @@ QUANTITIES = {
 
 @plain
 def plot_map(
-    map_: WorkspaceMap, quantity: str = "comprehensive_mm3", ax: Axes | None = None
+    map_: WorkspaceMap, quantity: Quantity = "comprehensive_mm3", ax: Axes | None = None
 ) -> Axes:
     """One quantity over the half-plane through joint axis 1; cells out of reach are grey.
 

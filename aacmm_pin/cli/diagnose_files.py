@@ -1,0 +1,90 @@
+"""Diagnoses of many files at once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from aacmm_pin._support.text_escaping import csv_text
+from aacmm_pin.arm import EXAMPLE_ROBOTS
+from aacmm_pin.cli.arm_options import AnyArm, ApproachFromOrder
+from aacmm_pin.cli.common import Force, Json, Results, Seed, WorkerCount, command, output_option
+from aacmm_pin.cli.measuring_options import MeasuredHow, NoCrossValidation
+from aacmm_pin.diagnosis import diagnose_files
+from aacmm_pin.effects import GivenModel
+from aacmm_pin.errors import AacmmError
+
+ARM_SUFFIXES = ("", ".toml")
+"""Ends of arguments that are arms: names of arms, and arm files."""
+
+
+@command(
+    "aacmm-pin diagnose-files my_arm.toml checks/*.csv --encoder-noise 8e-6 -o table.csv",
+    "aacmm-pin diagnose-files arm1.toml arm1/*.csv arm2.toml arm2/*.csv --workers 4",
+)
+def run(
+    files: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="ARM DATA...",
+            help="An arm (a name, or FILE.toml), its measurement files (CSV), the next arm, …",
+        ),
+    ],
+    how: MeasuredHow,
+    approach_from_order: ApproachFromOrder = False,
+    no_cross_validation: NoCrossValidation = False,
+    seed: Seed = 1,
+    workers: WorkerCount = 1,
+    output: Annotated[
+        Path | None, output_option("FILE.csv", "CSV file: one row a file.", "--csv", "-o")
+    ] = None,
+    json_: Json = None,
+    force: Force = False,
+) -> None:
+    """Diagnose many files, such as those of a fleet of arms, in one table.
+
+    A file that cannot be used has a row with its error; the exit status is then 1.
+    """
+    from aacmm_pin.report import (  # these load what draws
+        diagnoses_document,
+        diagnoses_summary,
+        terminal,
+        with_cause_texts,
+    )
+
+    pairs = _pairs(files)
+    with Results(force, output, json_=json_, inputs=files) as results:
+        table = diagnose_files(
+            pairs,
+            approach_from_order=approach_from_order,
+            seed=seed,
+            workers=workers,
+            hold_out=not no_cross_validation,
+            **how.keywords(),
+        )
+        if output is not None:
+            results.text(csv_text(with_cause_texts(table)), output)
+        results.json(diagnoses_summary(table) | {"seed": seed}, json_)
+    terminal.show(diagnoses_document(table), json_ == "-")
+    unused = int((table["error"] != "").sum())
+    if unused:
+        raise AacmmError(f"{unused} of {len(table)} files cannot be used; see their errors")
+
+
+def _pairs(files: list[str]) -> list[tuple[GivenModel, str]]:
+    """Each measurement file with the arm that stands before it."""
+    expected = "expected an arm (a name, or FILE.toml) before its measurement files"
+    pairs: list[tuple[GivenModel, str]] = []
+    arm: GivenModel | None = None
+    for name, following in zip(files, [*files[1:], ""], strict=True):
+        if Path(name).suffix in ARM_SUFFIXES:
+            if Path(following).suffix in ARM_SUFFIXES:
+                raise typer.BadParameter(f"{name}: no measurement file behind it; {expected}")
+            arm = AnyArm(arm=name).model() if name in EXAMPLE_ROBOTS else name
+        elif arm is None:
+            raise typer.BadParameter(f"{name}: no arm; {expected}")
+        else:
+            pairs.append((arm, name))
+    return pairs

@@ -1,0 +1,127 @@
+"""Diagnoses of many files, such as those of a fleet of arms, in one table."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from aacmm_pin._support.progress import bar
+from aacmm_pin._support.units import MM
+from aacmm_pin._support.workers import Workers, results
+from aacmm_pin.diagnosis.diagnose import diagnose
+from aacmm_pin.diagnosis.result import Diagnosis
+from aacmm_pin.effects import CAUSES, Effect, ErrorModel, GivenModel
+from aacmm_pin.errors import AacmmError, OutputError
+from aacmm_pin.measurements import GivenRecords, Measurements, as_measurements
+
+RMS_OF = {
+    "rms_as_stated_mm": "simulation",
+    "rms_recalibrated_mm": "recalibrated",
+    "rms_extended_mm": "extended",
+    "noise_mm": "noise",
+}
+"""Columns of RMS distances, and the name of each in :attr:`aacmm_pin.Diagnosis.rms`."""
+GAIN = ("gain", "gain_low", "gain_high")
+COLUMNS = ("arm", "records", "verdict", "causes", *RMS_OF, *GAIN, "used", "excluded", "error")
+
+
+def diagnose_files(
+    pairs: Iterable[tuple[GivenModel, GivenRecords]],
+    *,
+    approach_from_order: bool = False,
+    seed: int = 1,
+    workers: Workers = 1,
+    progress: bool = True,
+    **options: Any,
+) -> pd.DataFrame:
+    """Diagnose many files, each with its arm; one row a file, in the order given.
+
+    A file or an arm that cannot be used has a row with its error. Each diagnosis has the random
+    numbers of ``seed``, so a row does not depend on the other files, nor on ``workers``.
+
+    Args:
+        pairs: an arm and its records each, or the paths of their files.
+        approach_from_order: see :meth:`aacmm_pin.Measurements.with_approach_from_order`.
+        seed: of the random generator.
+        workers: how many processes, or a ``concurrent.futures.Executor``; a file is a piece of
+            work.
+        progress: show a bar in a notebook, or on stderr at a terminal.
+        options: of :func:`aacmm_pin.diagnose`, for every file.
+
+    Returns:
+        Columns ``arm``, ``records``; ``verdict``; ``causes``: probability of each finding by its
+        label; ``rms_as_stated_mm``, ``rms_recalibrated_mm``, ``rms_extended_mm``, ``noise_mm``: RMS
+        distances of tip and reference; ``gain``, ``gain_low``, ``gain_high``: on held-out records,
+        with its 95 % interval; ``used``, ``excluded``: records; ``error``: "" if there is none.
+        What a row does not have is missing (NaN).
+    """
+    causes = tuple(CAUSES.values())
+    jobs = [_Job(*pair, approach_from_order, seed, options, causes) for pair in pairs]
+    rows: dict[int, dict[str, Any]] = {}
+    files_bar = bar(progress, "diagnosis", "file", total=len(jobs))
+    with files_bar as moving, results(_work, jobs, workers) as worked:
+        for number, row in worked:
+            rows[number] = row
+            moving.update()
+    table = pd.DataFrame([rows[number] for number in range(len(jobs))], columns=[*COLUMNS])
+    return table.astype({"used": "Int64", "excluded": "Int64"})
+
+
+@dataclass(frozen=True)
+class _Job:
+    """A file to be diagnosed, perhaps in another process, and the causes that this one knows."""
+
+    model: GivenModel
+    records: GivenRecords
+    approach_from_order: bool
+    seed: int
+    options: Mapping[str, Any]
+    causes: tuple[type[Effect], ...]
+
+
+def _work(job: _Job) -> dict[str, Any]:
+    """The row of a file."""
+    for cause in job.causes:
+        CAUSES.setdefault(cause.cause, cause)
+    row: dict[str, Any] = {"arm": _name(job.model), "records": _name(job.records), "causes": {}}
+    try:
+        found = _diagnosed(job)
+    except OutputError:  # a file of the command itself
+        raise
+    except AacmmError as error:
+        return row | {"error": str(error)}
+    return row | _numbers(found)
+
+
+def _name(given: GivenModel | GivenRecords) -> str:
+    """A path or name as it was given; the source of records, the name of an arm."""
+    if isinstance(given, str | Path):
+        return str(given)
+    return given.source if isinstance(given, Measurements) else ErrorModel.arm_of(given).name
+
+
+def _diagnosed(job: _Job) -> Diagnosis:
+    model = ErrorModel.of(job.model)
+    records = as_measurements(job.records, model.arm.nq)
+    if job.approach_from_order:
+        records = records.with_approach_from_order()
+    rng = np.random.default_rng(job.seed)
+    return diagnose(model, records, rng=rng, progress=False, **job.options)
+
+
+def _numbers(found: Diagnosis) -> dict[str, Any]:
+    """What a diagnosis adds to a row."""
+    causes = {finding.label: finding.probability for finding in found.findings}
+    row: dict[str, Any] = {"verdict": found.verdict, "causes": causes, "error": ""}
+    for column, model in RMS_OF.items():
+        row[column] = found.rms[model] / MM
+    if found.held_out is not None:
+        low, high = found.held_out.interval
+        row |= {"gain": found.held_out.gain, "gain_low": low, "gain_high": high}
+    used = int(found.extended.used.sum())
+    return row | {"used": used, "excluded": len(found.excluded)}

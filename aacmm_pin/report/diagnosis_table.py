@@ -1,0 +1,61 @@
+"""The diagnoses of many files as a document, as CSV and for JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import pandas as pd
+
+from aacmm_pin.effects import probability
+from aacmm_pin.report.document import Block, Bullets, Document, Paragraph, Table
+from aacmm_pin.report.numbers import count
+
+DIAGNOSES_SCHEMA = "aacmm-pin/diagnoses/1"
+RMS = ("rms_as_stated_mm", "rms_recalibrated_mm", "rms_extended_mm")
+SHOWN = ("arm", "records", "verdict", "causes", *RMS, "gain")
+FILE_HEADS = {"records": "file"} | {name: name.removeprefix("rms_") for name in RMS}
+
+
+def diagnoses_document(table: pd.DataFrame) -> Document:
+    """What :func:`aacmm_pin.diagnose_files` found, one line a file."""
+    unused = table["error"] != ""
+    lacking = table[unused]
+    verdicts = table["verdict"].dropna().value_counts()
+    parts = [f"{number} {verdict}" for verdict, number in verdicts.items()]
+    parts += [f"{len(lacking)} not used"] if len(lacking) else []
+    found = with_cause_texts(table)[~unused].filter([*SHOWN])
+    if table["arm"].nunique() == 1:
+        found = found.drop(columns="arm")
+    blocks: list[Block] = [
+        Paragraph(f"{count(len(table), 'file')}: {', '.join(parts)}.", finding=True),
+        Table(
+            found,
+            "RMS distance of tip and reference, and gain on held-out records",
+            formats={"gain": ".0%"},
+            heads=FILE_HEADS,
+        ),
+        Bullets([*map(_problem, lacking["records"], lacking["error"])], "Files not used:"),
+    ]
+    return Document("Diagnoses", blocks)
+
+
+def _problem(file: str, error: str) -> str:
+    """An error that begins with the file."""
+    return f"{file}: {error.removeprefix(f'{file}: ')}"
+
+
+def with_cause_texts(table: pd.DataFrame) -> pd.DataFrame:
+    """The table with causes as text: ``encoder_eccentricity:3 (0.998), bearing_tilt:2 (0.97)``."""
+    return table.assign(causes=table["causes"].map(_causes_in_words))
+
+
+def _causes_in_words(causes: Mapping[str, float]) -> str:
+    texts = [f"{label} ({probability(size)})" for label, size in causes.items()]
+    return ", ".join(texts)
+
+
+def diagnoses_summary(table: pd.DataFrame) -> dict[str, Any]:
+    """Schema ``aacmm-pin/diagnoses/1``."""
+    whole = table.astype(object).where(table.notna(), None)
+    return {"schema": DIAGNOSES_SCHEMA, "files": whole.to_dict("records")}

@@ -1,0 +1,136 @@
+"""Many files at once: each row is what a diagnosis of its own says, wherever it was worked out, and
+a file that cannot be used is a row.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from unittest.mock import patch
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from aacmm_pin import ErrorModel, Measurements, diagnose, simulate_measurements
+from aacmm_pin._support.units import MM
+from aacmm_pin.diagnosis import diagnose_files
+from aacmm_pin.effects import CAUSES
+from aacmm_pin.errors import AacmmError
+from tests.cli import shell
+
+NOISE = {"encoder_noise": 8e-6, "reference_noise": 1.2e-5}
+OPTIONS = "--encoder-noise 8e-6 --u-reference-mm 0.012"
+PLUGIN = """
+from aacmm_pin.effects import EncoderEccentricity, register
+
+@register
+class OwnCause(EncoderEccentricity):
+    cause = "own_cause"
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Files of an eccentric encoder, of nothing, of another arm, and one that is no table."""
+    folder = tmp_path_factory.mktemp("fleet")
+    bent = ErrorModel("sino6", ["encoder_eccentricity:3,amplitude_rad=3e-4"])
+    for name, arm in (("bent", bent), ("good", "sino6")):
+        records = simulate_measurements(arm, "free", 60, rng=np.random.default_rng(1))
+        records.save(folder / f"{name}.csv")
+    table = pd.read_csv(folder / "good.csv")
+    table.drop(columns="theta6_deg").to_csv(folder / "other.csv", index=False)
+    (folder / "empty.csv").write_text("")
+    ErrorModel.load("sino6").save(folder / "arm.toml")
+    return folder
+
+
+@pytest.mark.parametrize("workers", [1, "threads"])
+def test_rows_are_those_of_single_diagnoses(folder, workers):
+    paths = [folder / f"{name}.csv" for name in ("bent", "empty", "good", "missing", "other")]
+    pairs = [("sino6", path) for path in paths]
+    with ThreadPoolExecutor(2) as pool:
+        table = diagnose_files(pairs, workers=1 if workers == 1 else pool, **NOISE)
+    assert [*table["records"]] == [*map(str, paths)]
+    assert {*table["arm"]} == {"sino6"}
+    for row in (0, 2):
+        found, alone = table.iloc[row], diagnose("sino6", paths[row], **NOISE)
+        assert found["error"] == ""
+        assert found["verdict"] == alone.verdict
+        assert found["causes"] == {one.label: one.probability for one in alone.findings}
+        rms = [found[f"rms_{name}_mm"] for name in ("as_stated", "recalibrated", "extended")]
+        expected = [alone.rms[name] / MM for name in ("simulation", "recalibrated", "extended")]
+        assert (rms, found["noise_mm"]) == (expected, alone.rms["noise"] / MM)
+        gain = (found["gain"], found["gain_low"], found["gain_high"])
+        assert alone.held_out is not None
+        assert gain == (alone.held_out.gain, *alone.held_out.interval)
+        assert (found["used"], found["excluded"]) == (60, len(alone.excluded))
+    for row in (1, 3, 4):
+        found = table.iloc[row]
+        with pytest.raises(AacmmError) as raised:
+            diagnose("sino6", paths[row])
+        assert found["error"] == str(raised.value)
+        assert found.drop(["arm", "records", "causes", "error"]).isna().all()
+
+
+def test_arms_and_records_need_no_files(folder):
+    approach = [f"approach{j}" for j in range(1, 7)]
+    table = pd.read_csv(folder / "good.csv").drop(columns=approach)
+    arm, records = ErrorModel.load("sino6"), Measurements.from_frame(table, 6)
+    options = {"hold_out": False, **NOISE}
+    first, second = diagnose_files(
+        [(arm, records), ("sino7", records)], approach_from_order=True, progress=False, **options
+    ).itertuples()
+    assert (first.arm, first.records) == ("SINO6", records.source)
+    alone = diagnose(arm, records.with_approach_from_order(), **options)
+    assert first.rms_extended_mm == alone.rms["extended"] / MM
+    assert np.isnan(first.gain)
+    assert "sino7" in second.error
+    assert len(diagnose_files([])) == 0
+
+
+def test_worker_processes_know_causes_of_a_plugin(folder, tmp_path, monkeypatch):
+    """A cause that does what another does takes half of its probability, in every process."""
+    (tmp_path / "own_cause_of_a_fleet.py").write_text(PLUGIN)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    pairs = [("sino6", folder / "bent.csv"), ("sino6", folder / "empty.csv")]
+    with patch.dict(CAUSES):
+        importlib.import_module("own_cause_of_a_fleet")
+        here, there = (diagnose_files(pairs, workers=n, hold_out=False, **NOISE) for n in (1, 2))
+    pd.testing.assert_frame_equal(here, there)
+    assert here["verdict"][0] == "ambiguous"
+
+
+def test_a_fleet_at_the_shell(folder, tmp_path):
+    bent, good, empty = (folder / f"{name}.csv" for name in ("bent", "good", "empty"))
+    target = tmp_path / "table.csv"
+    words = f"diagnose-files sino6 {bent} {folder / 'arm.toml'} {good} {OPTIONS}"
+    out, _ = shell.done(words, "--no-cross-validation", f"-o {target}")
+    assert "bent.csv" in out
+    assert "encoder_eccentricity:3" in out
+    table = pd.read_csv(target)
+    assert [*table["arm"]] == ["sino6", str(folder / "arm.toml")]
+    assert "encoder_eccentricity:3" in table["causes"][0]
+    assert table["error"].isna().all()
+    status, out, err = shell.run(
+        f"diagnose-files sino6 {empty} {good} {OPTIONS} --no-cross-validation --json -"
+    )
+    assert status == 1
+    assert err.splitlines()[-1].startswith("aacmm-pin: 1 of 2 files")
+    rows = json.loads(out)["files"]
+    assert [row["records"] for row in rows] == [str(empty), str(good)]
+    assert "is empty" in rows[0]["error"]
+    assert (rows[0]["verdict"], rows[1]["error"]) == (None, "")
+    assert (
+        rows[1]["verdict"]
+        == json.loads(
+            shell.done(f"diagnose sino6 {good} {OPTIONS} --no-cross-validation --json -")[0]
+        )["verdict"]
+    )
+
+
+@pytest.mark.parametrize("words", ["data.csv", "sino6", "data.csv sino6", "sino6 data.csv sino6"])
+def test_each_file_has_an_arm_and_each_arm_a_file(words):
+    assert shell.run(f"diagnose-files {words}")[0] == 2
