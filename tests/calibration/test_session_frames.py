@@ -10,7 +10,7 @@ from scipy.stats import chi2
 
 from aacmm_pin import calibrate, diagnose
 from aacmm_pin.arm import Arm
-from aacmm_pin.calibration import Calibration
+from aacmm_pin.calibration import Calibration, base_placements
 from aacmm_pin.effects import ReferenceFrame
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import Measurements
@@ -120,3 +120,31 @@ def test_what_a_frame_of_each_session_needs(sino6, rng, tmp_path):
     table.to_csv(tmp_path / "days.csv", index=False)
     command = f"check sino6 {tmp_path / 'days.csv'} --reference-frame session"
     assert shell.found(command)["rms_mm"] < 0.2
+
+
+def test_the_base_in_each_frame_has_its_u(sino6, rng):
+    """Beside what the arm's own errors shift its base by."""
+    table, _ = measured(sino6, rng, FAR, NEAR)
+    found = base_placements(calibrated(sino6, table).fit)
+    assert [base.session for base in found] == ["day 1", "day 2", "day 3"]
+    for base, (turn, shift) in zip(found, (SAME, FAR, NEAR), strict=True):
+        origin = FAR[0].apply(shift) + FAR[1]
+        assert (np.abs(base.shift - origin) < 5 * base.u_shift + 5e-5).all()
+        rotation = (FAR[0] * turn).as_matrix()
+        np.testing.assert_allclose(base.rotation, rotation, atol=5e-4)
+
+
+def test_contacts_without_coordinates_need_no_session(sino6, rng):
+    """Two bars' ends, probed without a tracker, beside two sessions with one."""
+    table, _ = measured(sino6, rng, FAR)
+    again = table.iloc[:8].assign(session="", seat=list("PPQQPPQQ"))
+    again[["x_mm", "y_mm", "z_mm"]] = np.nan
+    both = pd.concat([table.assign(seat=""), again], ignore_index=True)
+    result = calibrated(sino6, both, probe_noise=1.0e-2)
+    assert codes(result) == {"session_moved"}
+
+
+def test_mistakes_of_a_file_with_sessions_are_named(sino6, rng):
+    table, _ = measured(sino6, rng, FAR)
+    with pytest.raises(AacmmError, match="joint 3 is counted in the opposite direction"):
+        calibrated(sino6, table.assign(theta3_deg=-table["theta3_deg"]))
