@@ -86,6 +86,8 @@ def check_measurements(
     distance = rms(np.linalg.norm(deviation, axis=1))
     missing = not_tried(list(all_candidates(model.arm, records)), records)
     notes = [*exclusions_of(found).notes, *notes_of_records(found), *session_notes(found), *notes]
+    if model.arm.masses is None:
+        notes.append(Note("masses_not_stated", {"arm": model.arm.name}))
     predicted = _predicted_rms(found)
     if distance > FAR_BEYOND * predicted:
         notes.append(Note("beyond_prediction", {"times": distance / predicted}))

@@ -137,6 +137,8 @@ def diagnose(
     before = fit(as_stated, used=used)
     recalibrated = fit(problem([]), used=used)
     repeated += session_notes(recalibrated)
+    if model.arm.masses is None:
+        repeated.append(Note("masses_not_stated", {"arm": model.arm.name}))
     left_out = choice.by_part.parts if enough_postures(measurements) else []
     folds = [Fold(choice, number) for number in left_out]
     findings = findings_of(model, choice, folds, rng)

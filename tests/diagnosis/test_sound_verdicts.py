@@ -424,7 +424,7 @@ def test_a_drift_that_records_show_as_a_slope_may_stop_or_go_on(
     told = constant < 3600.0
     assert (drift.until_s is None) == told
     assert told == (not data_of(found.notes, "drift_slope"))
-    assert told == ("check the extended model on new records" in next_measurements(found))
+    assert told == ("aacmm-pin check" in next_measurements(found))
     for later in (2e4, 8e4):
         conditions = Conditions(50, time=np.full(50, later))
         off = np.linalg.norm(
