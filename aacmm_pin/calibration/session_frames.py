@@ -7,7 +7,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from aacmm_pin._support.checks import Array, Mask
 from aacmm_pin._support.distributions import chi2_sf
@@ -84,7 +84,7 @@ def session_notes(fit: Fit) -> list[Note]:
         data = {"session": effect.session, "first": sessions_of(fit.problem.measurements)[0]}
         if effect.session in fit.problem.setup.moved_frames:
             rotation, _ = fit.problem.setup.moved_frames[effect.session]
-            turn = float(Rotation.from_matrix(rotation).magnitude())
+            turn = float(scipy.spatial.transform.Rotation.from_matrix(rotation).magnitude())
             notes.append(Note("session_moved", data | {"turn": turn}))
             continue
         step = fit.point.x[own]
@@ -117,7 +117,7 @@ def _moved(records: Measurements, own: Mask, rotation: Array, shift: Array) -> M
         return moved
     orientation = records.orientation.copy()
     stated = own & records.oriented
-    seen = Rotation.from_quat(orientation[stated], scalar_first=True)
-    turned = Rotation.from_matrix(rotation) * seen
+    seen = scipy.spatial.transform.Rotation.from_quat(orientation[stated], scalar_first=True)
+    turned = scipy.spatial.transform.Rotation.from_matrix(rotation) * seen
     orientation[stated] = turned.as_quat(scalar_first=True)
     return replace(moved, orientation=orientation)

@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 import pandas as pd
-from scipy.optimize import least_squares
+import scipy
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
@@ -48,7 +48,7 @@ def centre_of_sphere(points: Array, radius: float) -> Array:
         return np.asarray(np.linalg.norm(points - centre, axis=1) - radius)
 
     first, _ = best_sphere(points)
-    found = least_squares(beyond, first, loss="soft_l1", f_scale=WILD_CONTACT)
+    found = scipy.optimize.least_squares(beyond, first, loss="soft_l1", f_scale=WILD_CONTACT)
     return np.asarray(found.x)
 
 
