@@ -69,8 +69,10 @@ def spread_postures(arm: Arm, count: int, q: Array) -> Array:
 def _endless(arm: Arm) -> Mask:
     """Joints without limits, and revolute joints whose limits are some turns apart: (nq,)."""
     unlimited = ~np.isfinite(arm.limits).all(axis=1)
-    many_turns = np.abs(arm.limits).max(axis=1) > plausible.MOST_TURNS * 2 * np.pi
-    return np.asarray(unlimited | many_turns & ~arm.chain.prismatic)
+    farthest = np.abs(arm.limits).max(axis=1)
+    many_turns = farthest > plausible.MOST_TURNS * 2 * np.pi
+    revolute = ~arm.chain.prismatic
+    return np.asarray(unlimited | many_turns & revolute)
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,9 +20,11 @@ from aacmm_pin.calibration.parameter_vector import ParameterVector, geometric_pa
 from aacmm_pin.calibration.parameters import problem_of
 from aacmm_pin.calibration.problem import Frame, Problem, registered
 from aacmm_pin.calibration.result import Calibration, residuals_by_record
+from aacmm_pin.calibration.session_frames import in_first_frame, session_notes
 from aacmm_pin.calibration.setup import ReferenceFrame, Setup, Target
 from aacmm_pin.calibration.shared_exclusions import Exclusions, exclusions_of
 from aacmm_pin.calibration.solver import MISFIT
+from aacmm_pin.calibration.variance_components import information_of_seats, pulls_on_seats
 
 __all__ = [
     "MISFIT",
@@ -51,12 +53,16 @@ __all__ = [
     "compare",
     "exclusions_of",
     "geometric_parameters",
+    "in_first_frame",
+    "information_of_seats",
     "is_of_setup",
     "observations_of",
     "problem_of",
+    "pulls_on_seats",
     "registered",
     "remaining_triangle",
     "residuals_by_record",
     "rms",
     "seat_columns",
+    "session_notes",
 ]

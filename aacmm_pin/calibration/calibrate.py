@@ -366,7 +366,8 @@ def _left_before(after: Fit) -> list[Note]:
 
 def notes_of_records(after: Fit) -> list[Note]:
     """What looks unusual in the records themselves."""
-    return [*_references_in_other_unit(after), *_of_conditions(after), *_of_diameters(after)]
+    units = _references_in_other_unit(after)
+    return [*units, *_of_conditions(after), *_of_diameters(after)]
 
 
 def _of_diameters(after: Fit) -> list[Note]:

@@ -97,9 +97,8 @@ class _Estimation:
 
     def noise(self, point: Point, scatters: Scatters) -> NoiseModel:
         """The noise with scatters that stand in for what is not stated."""
-        return NoiseModel.of(
-            self.problem, point.x, point.frame, scatters, self.observations, point.seats
-        )
+        x, frame, seats = point.x, point.frame, point.seats
+        return NoiseModel.of(self.problem, x, frame, scatters, self.observations, seats)
 
     def initial_fit(self, point: Point, used: Mask, *, robust: bool) -> Solution:
         """A search with the scatter that the records have so far taken for noise; if robust, until

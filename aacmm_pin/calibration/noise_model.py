@@ -208,8 +208,10 @@ def _undetermined_surfaces(measurements: Measurements, seat: Index, placed: Mask
     """Which seats (s,) are spheres or planes that neither are ``placed`` (s,) nor shown by their
     contacts, of records at a ``seat`` (n,).
     """
-    contacts = np.bincount(seat[measurements.on_surface & (seat >= 0)], minlength=len(placed))
-    return np.asarray((contacts > 0) & (contacts < FEWEST_CONTACTS) & ~placed)
+    on_surface = measurements.on_surface & (seat >= 0)
+    contacts = np.bincount(seat[on_surface], minlength=len(placed))
+    few = (contacts > 0) & (contacts < FEWEST_CONTACTS)
+    return np.asarray(few & ~placed)
 
 
 def contradictions(measurements: Measurements, setup: Setup, scatters: Scatters) -> list[Note]:

@@ -12,10 +12,19 @@ import numpy as np
 from aacmm_pin._support.checks import Mask
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.notes import Note
-from aacmm_pin.calibration import Fit, ReferenceFrame, Setup, Target, exclusions_of, problem_of, rms
+from aacmm_pin.calibration import (
+    Fit,
+    ReferenceFrame,
+    Setup,
+    Target,
+    exclusions_of,
+    in_first_frame,
+    problem_of,
+    rms,
+    session_notes,
+)
 from aacmm_pin.calibration.calibrate import counted_once, notes_of_records
 from aacmm_pin.calibration.input_mistakes import first_fit
-from aacmm_pin.calibration.session_frames import in_first_frame, session_notes
 from aacmm_pin.calibration.setup import checked_input
 from aacmm_pin.diagnosis.candidates import not_tried
 from aacmm_pin.effects import Effect, ErrorModel, GivenModel, all_candidates

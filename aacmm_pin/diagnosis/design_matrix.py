@@ -12,9 +12,8 @@ from itertools import groupby
 import numpy as np
 
 from aacmm_pin._support.checks import Array, Index
-from aacmm_pin.calibration import Fit, ParameterVector
+from aacmm_pin.calibration import Fit, ParameterVector, information_of_seats, pulls_on_seats
 from aacmm_pin.calibration.jacobian import Columns
-from aacmm_pin.calibration.variance_components import information_of_seats, pulls_on_seats
 from aacmm_pin.diagnosis.candidates import Variants, is_change
 from aacmm_pin.diagnosis.covariates import Carried, Covariate
 from aacmm_pin.effects import Carrier, Discrepancy, Effect, JointZeroOffset, Part, State

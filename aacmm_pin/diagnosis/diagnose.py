@@ -21,14 +21,15 @@ from aacmm_pin.calibration import (
     Target,
     calibrated_model,
     geometric_parameters,
+    in_first_frame,
     problem_of,
+    session_notes,
 )
 from aacmm_pin.calibration.calibrate import contradicted_places, counted_once
 from aacmm_pin.calibration.cross_validation import enough_postures, parts_of
 from aacmm_pin.calibration.estimation import fit
 from aacmm_pin.calibration.input_mistakes import first_fit
 from aacmm_pin.calibration.parameters import is_reestimated, length_held
-from aacmm_pin.calibration.session_frames import in_first_frame, session_notes
 from aacmm_pin.calibration.setup import checked_input
 from aacmm_pin.diagnosis.candidates import candidates, known_causes
 from aacmm_pin.diagnosis.covariates import covariates

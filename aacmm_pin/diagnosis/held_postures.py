@@ -119,7 +119,8 @@ class HeldPostures:
         freedom left.
         """
         of_means = max(dof - self._dof_within, 1.0)
-        return -0.5 * of_means * float(np.average(np.log(self.scale), weights=self.numbers))
+        log_scale = np.average(np.log(self.scale), weights=self.numbers)
+        return -0.5 * of_means * float(log_scale)
 
     def is_about(self, other: HeldPostures) -> bool:
         """Whether the error of the same postures is about another one, or small beside that of a
@@ -176,7 +177,8 @@ class RecordNoise:
     @property
     def _unwhitening(self) -> Array:
         """What the whitening is undone by, where it does not leave out a part (n, k, k) [m]."""
-        return np.asarray(np.linalg.pinv(self.whitening, rcond=LEFT_OUT), np.float64)
+        inverse = np.linalg.pinv(self.whitening, rcond=LEFT_OUT)
+        return np.asarray(inverse, np.float64)
 
     def added_covariance(self, fit: Fit, variance: float) -> Array:
         """What the shared error adds to the covariance of a fit's parameters that took records as

@@ -107,10 +107,11 @@ def joint_commands(
 
 def _has_tip_on_target(model: ErrorModel) -> bool:
     """Whether its tip is a target away from where the arm as described has it."""
-    offsets = (e for e in model.effects if isinstance(e, StylusOffset) and e.marker is None)
-    return model.arm.tip_on_target or any(
-        float(np.linalg.norm(offset.values)) > OTHER_TIP for offset in offsets
-    )
+    if model.arm.tip_on_target:
+        return True
+    offsets = [effect for effect in model.effects if isinstance(effect, StylusOffset)]
+    far = [float(np.linalg.norm(each.values)) for each in offsets if each.marker is None]
+    return max(far, default=0.0) > OTHER_TIP
 
 
 def _turn(to: Array, of: Array) -> Array:

@@ -45,7 +45,8 @@ def centre_of_sphere(points: Array, radius: float) -> Array:
     """
 
     def beyond(centre: Array) -> Array:
-        return np.asarray(np.linalg.norm(points - centre, axis=1) - radius)
+        distances = np.linalg.norm(points - centre, axis=1)
+        return np.asarray(distances - radius)
 
     first, _ = best_sphere(points)
     found = scipy.optimize.least_squares(beyond, first, loss="soft_l1", f_scale=WILD_CONTACT)
@@ -54,7 +55,9 @@ def centre_of_sphere(points: Array, radius: float) -> Array:
 
 def normal_of_plane(points: Array) -> Array:
     """Unit normal (3,) of the plane that fits points (m, 3) best, up to its sign."""
-    return np.asarray(np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2][2])
+    about = points - points.mean(axis=0)
+    *_, directions = np.linalg.svd(about, full_matrices=False)
+    return np.asarray(directions[2])
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,12 +135,17 @@ class Observations:
     @property
     def spheres(self) -> Mask:
         """(s,) True for seats that are centres of spheres."""
-        return np.isin(np.arange(len(self.labels)), self.seat[self.on_sphere])
+        return self._seats_of(self.on_sphere)
 
     @property
     def planes(self) -> Mask:
         """(s,) True for seats that are planes."""
-        return np.isin(np.arange(len(self.labels)), self.seat[self.on_plane])
+        return self._seats_of(self.on_plane)
+
+    def _seats_of(self, records: Mask) -> Mask:
+        """Which seats some of the records (n,) touch (s,)."""
+        number = np.arange(len(self.labels))
+        return np.isin(number, self.seat[records])
 
     @property
     def surfaces(self) -> Mask:

@@ -221,8 +221,8 @@ def _check_planes(values: Values, problems: Problems) -> None:
     """
     kind = values.label(FEATURE_KIND)
     seat = values.label("seat")
-    expected = f"expected {PLANE}, or an empty cell for a sphere or point"
-    problems.at(~np.isin(kind, [PLANE, ""]), FEATURE_KIND, f"is {{!r}}; {expected}", kind)
+    known = np.isin(kind, [PLANE, ""])
+    problems.at(~known, FEATURE_KIND, f"is {{!r}}; expected {PLANE}, or an empty cell", kind)
     plane = kind == PLANE
     problems.at(plane & (seat == ""), FEATURE_KIND, "is stated in a row without feature")
     labels = pd.Series(seat)
