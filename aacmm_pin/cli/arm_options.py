@@ -176,6 +176,14 @@ class ArmAndData(UncertainArm):
         typer.Argument(metavar="DATA", help="Measurement file (CSV)."),
     ] = None
     approach_from_order: ApproachFromOrder = False
+    references: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FILE",
+            help="Second file with the references; its rows belong to those of DATA by the column "
+            "record, or in their order.",
+        ),
+    ] = None
 
     def model_and_data(self) -> tuple[ErrorModel, str]:
         """The arm with its effects, and the path of the file.
@@ -200,7 +208,7 @@ class ArmAndData(UncertainArm):
         """
         from aacmm_pin.measurements import Measurements  # which loads pandas
 
-        return self.with_approach(Measurements.read(path, model.arm.nq))
+        return self.with_approach(Measurements.read(path, model.arm.nq, self.references))
 
     def with_approach(self, records: Measurements) -> Measurements:
         """The records with directions of approach, if these come from the order of the rows.

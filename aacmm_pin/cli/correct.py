@@ -103,6 +103,8 @@ def run(
             raise typer.BadParameter(
                 "--orientation cannot be combined with --commands, which keep the orientation"
             )
+        if arm.references is not None:
+            raise typer.BadParameter("--references cannot be combined with correct")
         table, _, read_as, dialect = read_table(path)
         unit = "rad" if "theta1_rad" in table else "deg"
         is_oriented = any(form[0] in table for form in ORIENTATIONS)

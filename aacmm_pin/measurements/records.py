@@ -51,6 +51,7 @@ from aacmm_pin.measurements.csv_values import (
     read_records,
     read_values,
 )
+from aacmm_pin.measurements.joined_files import joined
 from aacmm_pin.measurements.noise import ENCODER
 from aacmm_pin.measurements.orientation import as_quaternions
 from aacmm_pin.measurements.probed_points import (
@@ -160,15 +161,23 @@ class Measurements(Shown):
     feature_kind: Labels | None = None
 
     @staticmethod
-    def read(path: str | Path, nq: int | None = None) -> Measurements:
+    def read(
+        path: str | Path, nq: int | None = None, references: str | Path | None = None
+    ) -> Measurements:
         """Read a measurement file (CSV) of an arm with ``nq`` joints, of any arm where ``nq`` is
-        None.
+        None; its references may stand in a second file.
+
+        Rows of two files belong together by the column ``record``, or in their order if one of the
+        files does not have it.
 
         Raises:
             MeasurementFileError: the file cannot be read, is not such a table, or a column or cell
                 is not as expected; the message names the row and column of the first ten problems.
         """
-        table, lines, read_as, _ = read_table(str(path))
+        first = read_table(str(path))
+        table, lines, read_as, _ = first
+        if references is not None:
+            table = joined(str(path), first, str(references), read_table(str(references)))
         found = _from_table(table, lines, nq, str(path))
         return replace(found, read_as=read_as + found.read_as, header=tuple(table.columns))
 
