@@ -13,8 +13,18 @@ from aacmm_pin.effects.conditions import CONDITION_COLUMNS, Conditions
 from aacmm_pin.effects.state import State
 from aacmm_pin.errors import MissingConditionError, UnsupportedArmError
 
-PLACES = {"joint": "joint", "link": "tube or body", "seat": "seat", "marker": "target"}
-OPTIONAL = {"link": "whole arm, or one body", "marker": "tip, or one target"}
+PLACES = {
+    "joint": "joint",
+    "link": "tube or body",
+    "seat": "seat",
+    "marker": "target",
+    "session": "session",
+}
+OPTIONAL = {
+    "link": "whole arm, or one body",
+    "marker": "tip, or one target",
+    "session": "all records, or one session",
+}
 
 
 def causes_table() -> str:
