@@ -71,7 +71,8 @@ def serial_part(
         # A fixed one is none there.
         if name in mimics and (leaders.count(leader) > 1 or not model.existJointName(leader)):
             raise UnsupportedArmError(
-                f"{mimics[name][1]}; each joint that moves frame {frame!r} must be read by itself"
+                f"{mimics[name][1]}; expected a reading of its own for each joint that moves frame "
+                f"{frame!r}"
             )
     others = [j for j in range(1, model.njoints) if j not in chain]
     model = model.copy()
@@ -89,7 +90,9 @@ def serial_part(
             "revolute with wide limits"
         )
     if model.njoints < 2:
-        raise UnsupportedArmError(f"{model.name}: no joint moves frame {frame!r}")
+        raise UnsupportedArmError(
+            f"{model.name}: no joint moves frame {frame!r}; expected a frame that a joint moves"
+        )
     if refused := out_of_reach(_spread_tips(model, frame)):
         shifts = {
             model.names[j]: float(np.linalg.norm(model.jointPlacements[j].translation))

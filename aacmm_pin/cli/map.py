@@ -53,7 +53,7 @@ def run(
     ] = None,
     method: Annotated[
         Literal["zonotope", "jointwise", "ellipsoid"],
-        typer.Option(help="How deviations are combined."),
+        typer.Option(help="Combine deviations by this method."),
     ] = "zonotope",
     workers: WorkerCount = 1,
     output: Output = None,

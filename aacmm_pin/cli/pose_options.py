@@ -41,7 +41,8 @@ class Orientation:
         bool,
         typer.Option(
             "--tip",
-            help="The point is that of the tip, not of the wrist, as --axis and --rpy-deg say too.",
+            help="Take the point as that of the tip, not of the wrist; --axis and --rpy-deg imply "
+            "this option.",
         ),
     ] = False
     axis: Annotated[
@@ -84,11 +85,11 @@ class Orientation:
         has_table = arm.dh is not None
         if self.tool_axis is not None and (self.axis is None or has_table):
             raise typer.BadParameter(
-                "--tool-axis requires --urdf and --axis; an arm file states its stylus"
+                "--tool-axis requires --urdf and --axis; an arm file states the axis in [stylus]"
             )
         if self.axis is not None and self.rpy_deg is not None:
             raise typer.BadParameter(
-                "--axis cannot be combined with --rpy-deg, which holds every axis"
+                "--axis cannot be combined with --rpy-deg, which states every axis"
             )
         if has_table and self.tip and not self.oriented:
             raise typer.BadParameter("--tip requires --axis or --rpy-deg")

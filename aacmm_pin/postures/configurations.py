@@ -208,7 +208,8 @@ def configuration_circles(
             raise AacmmError("rest cannot be combined with tip=True, where every joint moves")
         if axis is None:
             raise AacmmError(
-                "tip=True needs axis, the direction of the stylus in the base, such as [0, 0, -1]"
+                "tip=True without axis; expected the direction of the stylus in the base, such as "
+                "axis=[0, 0, -1]"
             )
         wrist = None
         stylus, direction = directed_stylus(arm, axis)
@@ -216,7 +217,7 @@ def configuration_circles(
         systems = [tip_equations(dh, point[None, :], stylus, direction) for point in points]
     else:
         if axis is not None:
-            raise AacmmError("axis requires tip=True; at the wrist it has no effect")
+            raise AacmmError("axis requires tip=True")
         wrist = Wrist.of_arm(arm, "a configuration circle", rest)
         found = wrist_curves(wrist, points, SEEDS_PER_TURN)
         systems = [wrist_equations(wrist, point[None, :]) for point in points]

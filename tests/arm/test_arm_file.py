@@ -124,7 +124,7 @@ MISTAKES = [
     ("d_mm = 20.0", "", "joints[1].d_mm", "missing"),
     ("limits_rad = [-1.0, 2]", "", "joints[1]", "limits_rad is missing"),
     ("d_mm = 20.0", 'd_mm = "20"', "joints[1].d_mm", "'20'"),
-    ("fixed = true", "fixed = true\nlimits_rad = [0, 1]", "joints[2]", "no limits_rad"),
+    ("fixed = true", "fixed = true\nlimits_rad = [0, 1]", "joints[2]", "expected neither"),
     (
         GOOD[GOOD.index("limits_rad") : GOOD.index("mass_kg")],
         "fixed = true\n",

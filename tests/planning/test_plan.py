@@ -522,7 +522,7 @@ def test_what_cannot_be_is_refused(sino6, zero6):
         ("foo:1", "base_compliance", "unknown cause 'foo'"),
         ("encoder_slip:3", "base_compliance", "time_s"),
         ("base_compliance", "base_compliance", "twice"),
-        ("link_length:3", "base_compliance", "is refitted in every diagnosis"),
+        ("link_length:3", "base_compliance", "is fitted again in every diagnosis"),
         ("seat_error:S1", "base_compliance", "effect at that seat only"),
     ):
         with pytest.raises(AacmmError, match=said):
@@ -534,7 +534,7 @@ def test_what_cannot_be_is_refused(sino6, zero6):
         (AacmmError, "row 4 of SINO6 is rigid", rigid, ("encoder_gain:4", "base_compliance"), {}),
         (
             UnsupportedArmError,
-            "the arm states none",
+            "the arm states no masses",
             zero6,
             ("joint_compliance:2", "encoder_gain:2"),
             {},
