@@ -60,7 +60,7 @@ def run(
     plot: Plot = None,
     quantity: Annotated[
         Quantity | None,
-        typer.Option(help="With --plot: what is drawn. Default: comprehensive_mm3."),
+        typer.Option(help="With --plot: draw this quantity. Default: comprehensive_mm3."),
     ] = None,
     json_: Json = None,
     force: Force = False,

@@ -141,8 +141,8 @@ def _check_references(values: Values, problems: Problems) -> None:
     problems.at(
         np.abs(norm - 1.0) > MOST_NORM_ERROR,
         span(ORIENTATION),
-        "has the norm {:.6g}; expected 1: a unit quaternion, scalar first (or "
-        f"{span(ROTATION_VECTOR)} or {span(ROLL_PITCH_YAW)} in its place)",
+        "has the norm {:.6g}; expected 1: a unit quaternion, scalar first; or use "
+        f"{span(ROTATION_VECTOR)} or {span(ROLL_PITCH_YAW)}",
         norm,
     )
     placed = np.isfinite(values.block(REFERENCE)).any(axis=1) | (values.label("seat") != "")

@@ -255,8 +255,7 @@ def directed_stylus(arm: Arm, axis: ArrayLike) -> tuple[Array, Array]:
         )
     if arm.stylus_axis is None:
         raise UnsupportedArmError(
-            f"{arm.name}: the tip at a point needs the axis of the stylus ([stylus] in the arm "
-            "file)"
+            f"{arm.name}: the arm states no axis of the stylus; expected [stylus] in the arm file"
         )
     return arm.stylus_axis, unit_vector(axis, "axis")
 

@@ -179,7 +179,7 @@ class History(Shown):
         content = measurement_file(str(path))
         if is_workbook(content):
             raise MeasurementFileError(
-                str(path), None, "", "is an Excel workbook; expected a CSV file, to be appended to"
+                str(path), None, "", "is an Excel workbook; expected the CSV of a history"
             )
         for line, text in enumerate(content.splitlines(), start=1):
             if text.lstrip().startswith(b"#"):
