@@ -173,7 +173,7 @@ def out_of_reach(tips: ArrayLike) -> str:
         return ""
     return (
         f"the tip is up to {distance:.4g} m from the base; expected {LONGEST_LENGTH:g} m at "
-        "most; check the units of the lengths"
+        "most; check the units"
     )
 
 

@@ -525,12 +525,11 @@ def _of_urdf_file(file: UrdfArmFile, path: str) -> Arm:
         )
     model, sha256, mimics = read_model(urdf.file)
     if urdf.sha256 not in (None, sha256):
-        expected = (
-            f"expected {urdf.sha256}, that of the URDF of which {file.name} was made; make the "
-            "arm file again"
-        )
         raise ArmFileError(
-            path, "urdf.sha256", f"{urdf.file} was changed: the SHA-256 is {sha256}; {expected}"
+            path,
+            "urdf.sha256",
+            f"{urdf.file} was changed: the SHA-256 is {sha256}; expected {urdf.sha256}, that of "
+            f"the URDF of which {file.name} was made; make the arm file again",
         )
     try:
         nominal = serial_part(model, urdf.frame, mimics)

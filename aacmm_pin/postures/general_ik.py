@@ -240,9 +240,7 @@ def _what_fits(arm: Arm, conditions: PoseConditions) -> str:
         for n, words in CONDITIONS.items()
         if joints - n in (0, 1)
     ]
-    expected = (
-        f"expected {' or '.join(fitting)}" if fitting else "expected an arm with 3 to 7 joints"
-    )
+    expected = f"expected {' or '.join(fitting)}" if fitting else "expected 3 to 7 joints"
     if free < 0:
         return (
             f"{arm.name}: {joints} joints cannot meet the {conditions.count} conditions of "
@@ -259,7 +257,7 @@ def _rotation(values: ArrayLike) -> Array:
     off = float(np.abs(matrix.T @ matrix - np.eye(3)).max())
     if off > ORTHONORMAL or np.linalg.det(matrix) < 0:
         what = (
-            f"the columns deviate from orthonormal by {off:.1e}"
+            f"columns deviate from orthonormal by {off:.1e}"
             if off > ORTHONORMAL
             else "the matrix is a reflection"
         )
