@@ -155,7 +155,7 @@ def run(
             name: _as_filed(name, values) for name, values in zip(names, found.T, strict=True)
         }
         results.text(dialect.text(table.assign(**columns)), output)
-    effects = ", ".join(effect.label for effect in model.effects) or "its geometry alone"
+    effects = ", ".join(effect.label for effect in model.effects) or "the geometry alone"
     done = np.isfinite(found[:, 0]).sum()
     status(f"{path}: {done} of {readings.n} readings corrected by {model.arm.name} with {effects}")
 

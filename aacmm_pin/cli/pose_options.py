@@ -127,6 +127,6 @@ def note_wrist(found: PosturesAtPoint) -> None:
     """Say that the wrist is at the point, if it is."""
     if found.at == WRIST:
         note(
-            "the point is that of the wrist (frame5); --axis places the tip there, with the stylus "
-            "in that direction"
+            "the point is that of the wrist (frame5); --axis X Y Z places the tip at the "
+            "point, with the stylus in this direction"
         )

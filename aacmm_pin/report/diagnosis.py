@@ -377,12 +377,9 @@ def gain_in_words(result: Diagnosis) -> str:
     """What the extended model is worth on held-out records."""
     held = result.held_out
     if held is None:
-        return "No records were held out, so the gain on other records is unknown."
+        return "No records were held out; the gain on other records is unknown."
     if np.array_equal(held.extended, held.recalibrated, equal_nan=True):
-        return (
-            "The extended and the recalibrated arm are the same, so there is no gain on held-out "
-            "records."
-        )
+        return "The extended arm is the recalibrated arm, without a gain on held-out records."
     low, high = held.interval
     significant = held.beyond_doubt or high < -THRESHOLDS.least_gain
     notes = [] if significant else [", not significant"]

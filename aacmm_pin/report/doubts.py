@@ -101,11 +101,11 @@ WORDS_OF_DOUBTS: Mapping[str, Callable[[Diagnosis], str]] = {
 
 
 def beside_threshold(left: Unexplained) -> str:
-    """The p-value of what is left, and its threshold: ``p = 0.02, threshold 0.001 beside the named
-    causes``.
+    """The p-value of what is left, and its threshold: ``p = 0.02, threshold 0.001 if causes
+    are named``.
     """
     alone = left.threshold == THRESHOLDS.left_alone
-    where = "if no cause is named" if alone else "beside the named causes"
+    where = "if no cause is named" if alone else "if causes are named"
     return f"{p_equals(left.p_value)}, threshold {left.threshold:g} {where}"
 
 
