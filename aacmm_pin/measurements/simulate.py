@@ -229,9 +229,9 @@ class _Workshop:
                 or "the contacts"
             )
             raise AacmmError(
-                f"{arm.name}: no posture within the limits reaches the seat in {(~arrived).sum()} "
-                f"of {len(q)} records, because {causes} vary by more than the margin of {MARGIN:g} "
-                "rad to the limits; reduce these causes"
+                f"{arm.name}: no posture within the limits reaches the seat in "
+                f"{(~arrived).sum()} of {len(q)} records, because {causes} vary by more than "
+                f"the margin to the limits, {MARGIN:g} rad; reduce these causes"
             )
         return q
 

@@ -205,7 +205,7 @@ def configuration_circles(
     count = whole(count, 3, "count")
     if tip:
         if rest is not None:
-            raise AacmmError("rest cannot be combined with tip=True, where every joint moves")
+            raise AacmmError("rest cannot be combined with tip=True")
         if axis is None:
             raise AacmmError(
                 "tip=True without axis; expected the direction of the stylus in the base, such as "

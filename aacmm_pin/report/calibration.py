@@ -92,10 +92,11 @@ KNOWN = (
     "Changes, U and half-widths are in the unit of the column in. U: expanded "
     "uncertainty of the estimate; it holds only if the model has all causes of error. "
     "Stated half-width: bound in the arm file before calibration; 2u if the file "
-    "states a standard uncertainty u. Column known: these data determine the value "
-    "(measured), less well than the arm file (hardly), not at all (as stated), or only "
-    "with others (in combination, next section). A parameter known in combination has "
-    "no value by itself; the arm file states one that is consistent with the others."
+    "states a standard uncertainty u. Column known: measured, if these data determine "
+    "the value; hardly, if less well than the arm file; as stated, if not at all. In "
+    "combination: only together with others (next section). A parameter known in "
+    "combination has no value by itself; the arm file states one that is consistent "
+    "with the others."
 )
 UNDETERMINED = (
     "Neither these data nor stated uncertainties determine these; the calibrated arm "

@@ -157,8 +157,8 @@ def _circle_figure(circle: ConfigurationCircle, accuracy: AccuracyVolume) -> Fig
     return Figure(
         draw,
         f"The elbow's path round the working point and {circle.arm.name} in five postures",
-        "Five of the postures, and the path of the elbow. Its colour is the accuracy volume, where "
-        "all joints are within limits.",
+        "Five of the postures, and the path of the elbow. The colour is the accuracy "
+        "volume, if all joints are within limits.",
     )
 
 

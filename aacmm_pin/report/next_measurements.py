@@ -212,7 +212,7 @@ def _to_distinguish_pair(result: Diagnosis, cause: Effect, other: Effect) -> str
         if freer.cause in one.special_case_of and freer.place == one.place:
             return (
                 f"take more records, with the angles of the joint of {one.label} evenly over its "
-                "range: they show whether the error depends on the angle in another way"
+                "range. These show how the error depends on the angle"
             )
     return _plan_for(result, (cause, other))
 
@@ -258,7 +258,7 @@ def _otherwise(depends_on: Sequence[str]) -> str:
     others = [name for name in depends_on if name not in (*joints, *places, SCALE)]
     found = []
     if joints:
-        found.append(f"touch the same places in postures with other angles of {listed(joints)}")
+        found.append(f"probe the same places in postures with other angles of {listed(joints)}")
     if places:
         found.append(
             "measure the same postures with the stand elsewhere, which distinguishes an effect "
@@ -271,7 +271,7 @@ def _otherwise(depends_on: Sequence[str]) -> str:
         )
     if moments := [name for name in others if name.startswith("moment ")]:
         found.append(
-            "touch the same places with another load, or in postures with another "
+            "probe the same places with another load, or in postures with another "
             f"{listed(moments)}"
         )
         others = [name for name in others if name not in moments]

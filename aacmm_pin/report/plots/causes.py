@@ -225,7 +225,7 @@ def plot_unexplained(result: Diagnosis, name: str, ax: Axes | None = None) -> Ax
         column.removesuffix("_of_record") for column in columns if column.endswith("_of_record")
     ]
     over = [column for column in columns if column.removesuffix("_of_record") not in quantities]
-    label = _head(quantities[0]) if len(quantities) == 1 else "shift of the tip [mm]"
+    label = _head(quantities[0]) if len(quantities) == 1 else "displacement of the tip [mm]"
     draw = _plot_over_two if len(over) > 1 else _plot_over_one
     draw(shape, over, quantities, label, ax)
     ax.set_title(
