@@ -236,8 +236,8 @@ class ErrorSources(Shown):
         pick = list(self.bounded)
         if not pick:
             raise AacmmError(
-                f"{self.arm.name}: no parameter has stated half-widths; use method 'ellipsoid', "
-                "which needs none"
+                f"{self.arm.name}: no parameter has stated half-widths; expected some; use method "
+                "'ellipsoid', which needs none"
             )
         generators = sensitivity[:, :, pick] * self.half_widths
         if self.axes is not None:

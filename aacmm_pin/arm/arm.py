@@ -350,9 +350,8 @@ class Arm(Shown):
             )
         if self.dh.rows < joints or not self.dh.moving[:joints].all():
             raise UnsupportedArmError(
-                f"{self.name}: {purpose} needs joints in the first {joints} DH rows; this arm has "
-                f"{self.nq} joints in "
-                f"{self.dh.rows} rows"
+                f"{self.name}: this arm has {self.nq} joints in {self.dh.rows} DH rows; {purpose} "
+                f"needs joints in the first {joints}"
             )
         return self.dh
 

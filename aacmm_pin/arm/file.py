@@ -168,7 +168,7 @@ class Row(_WithAngles):
         ]
         for key, angle, most in angles:
             if refused := like_degrees(angle, most):
-                raise ValueError(f"{key} {refused}, or a key in _deg")
+                raise ValueError(f"{key} {refused}, or degrees in a key with _deg")
         if self.fixed and (self.limits_rad is not None or self.encoder_noise_rad is not None):
             raise ValueError(
                 "limits_rad or encoder_noise_rad of a fixed row, which has no joint; expected "
@@ -582,7 +582,9 @@ def toml_of(content: bytes, refused: Callable[[str], AacmmError]) -> dict[str, A
             f"not UTF-8 text (byte {error.start}); expected a TOML file in UTF-8"
         ) from None
     except RecursionError:
-        raise refused("not TOML: nested too deep") from None
+        raise refused(
+            "has too many levels inside one another; expected a TOML file with fewer"
+        ) from None
     # a TOMLDecodeError, or an integer of thousands of digits, with advice for programmers
     except ValueError as error:
         said = str(error).partition("; use sys.")[0]
@@ -592,7 +594,7 @@ def toml_of(content: bytes, refused: Callable[[str], AacmmError]) -> dict[str, A
             raise refused(
                 f"line {number}: {comma[1]!r}; expected a number with a decimal point"
             ) from None
-        raise refused(f"not TOML: {said}") from None
+        raise refused(f"{said}; expected TOML") from None
 
 
 def parse_arm_file(content: bytes, path: str) -> ArmFile | UrdfArmFile:

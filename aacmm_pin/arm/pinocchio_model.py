@@ -29,7 +29,9 @@ def read_model(path: str | Path) -> tuple[Any, str, dict[str, tuple[str, str]]]:
     try:
         return pin.buildModelFromXML(text), sha256, mimics
     except (ValueError, RuntimeError) as error:
-        raise AacmmError(f"{path}: not a URDF that Pinocchio can load: {error}") from None
+        raise AacmmError(
+            f"{path}: Pinocchio cannot load this file: {error}; expected a URDF"
+        ) from None
 
 
 def frame_number(model: Any, name: str) -> int:
@@ -86,8 +88,8 @@ def serial_part(
     ]
     if wide:
         raise UnsupportedArmError(
-            f"{model.name}: joint {', '.join(wide)} takes more than one number; write it as "
-            "revolute with wide limits"
+            f"{model.name}: joint {', '.join(wide)} takes more than one number; expected one; "
+            "state the joint as revolute with wide limits"
         )
     if model.njoints < 2:
         raise UnsupportedArmError(
@@ -100,7 +102,7 @@ def serial_part(
         }
         name = max(shifts, key=lambda joint: shifts[joint])
         raise UnsupportedArmError(
-            f"{model.name}: joint {name!r} is {shifts[name]:.4g} m behind the one before: {refused}"
+            f"{model.name}: joint {name!r} is {shifts[name]:.4g} m from the joint before: {refused}"
         )
     return model
 

@@ -201,9 +201,9 @@ def calibrate(
     after = first_fit(problem, robust=robust)
     if not after.tells_noise:
         raise AacmmError(
-            f"too few records to estimate the noise: {3 * int(after.used.sum())} coordinates "
-            f"for {after.problem.scales.size} parameters and those of the seats; state the "
-            "noise, take more records, or estimate fewer parameters"
+            f"{3 * int(after.used.sum())} coordinates of records; expected more than the "
+            f"{after.problem.scales.size} parameters and the coordinates of seats, to estimate "
+            "the noise; state the noise, take more records, or estimate fewer parameters"
         )
     if len(measurements.extra.columns):
         repeated.append(Note("columns_unused", {"columns": [*measurements.extra]}))

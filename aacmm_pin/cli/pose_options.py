@@ -57,7 +57,7 @@ class Orientation:
         Triple | None,
         typer.Option(
             metavar="X Y Z",
-            help="With --urdf and --axis: direction of the frame that lies along it. Default: z.",
+            help="With --urdf and --axis: direction of the frame to align with --axis. Default: z.",
         ),
     ] = None
     rpy_deg: Annotated[

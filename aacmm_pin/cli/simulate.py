@@ -54,7 +54,7 @@ BAR_LENGTH_MM = 500.0
 class Planned:
     """What is measured."""
 
-    scheme: Annotated[Scheme, typer.Option(help="Simulate records of these objects.")] = "seats"
+    scheme: Annotated[Scheme, typer.Option(help="Simulate records by this scheme.")] = "seats"
     procedure: Annotated[
         Path | None,
         typer.Option(

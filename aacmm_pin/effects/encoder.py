@@ -297,9 +297,9 @@ class JointErrorCurve(Effect):
         in_order = -LARGEST_ANGLE <= self.lower_rad < self.upper_rad <= LARGEST_ANGLE
         if not (in_order and 4 <= self.coefficients <= MOST_CURVE_COEFFICIENTS):
             raise AacmmError(
-                f"{self.label}: expected lower_rad < upper_rad and 4 to {MOST_CURVE_COEFFICIENTS} "
-                "coefficients, "
-                f"not {self.lower_rad}, {self.upper_rad}, {self.coefficients}"
+                f"{self.label}: lower_rad, upper_rad and coefficients are {self.lower_rad}, "
+                f"{self.upper_rad}, {self.coefficients}; expected lower_rad < upper_rad and 4 to "
+                f"{MOST_CURVE_COEFFICIENTS} coefficients"
             )
         super().__post_init__()
 
@@ -351,10 +351,9 @@ class JointErrorCurve(Effect):
         outside = ~((angle >= self.lower_rad) & (angle <= self.upper_rad))
         if outside.any():
             raise AacmmError(
-                f"{self.label}: {outside.sum()} of {state.n} records are outside the "
-                "curve's range, "
-                f"{self.lower_rad:g} to {self.upper_rad:g} rad; "
-                f"the first is at {angle[outside][0]:g} rad"
+                f"{self.label}: {outside.sum()} of {state.n} angles are outside the curve, the "
+                f"first at {angle[outside][0]:g} rad; expected {self.lower_rad:g} to "
+                f"{self.upper_rad:g} rad"
             )
         if not state.n:  # SciPy wants at least one point
             return [about_axis(state, self.joint, np.zeros((0, self.coefficients)))]

@@ -448,7 +448,10 @@ def require_shown(effect: Effect, arm: Arm, q: Array, conditions: Conditions, so
     stands = [
         f"{CONDITION_COLUMNS[need]} has {_in_words(getattr(conditions, need))}" for need in present
     ]
-    raise AacmmError(f"{effect.key}: has no effect in the records of {source}; {'; '.join(stands)}")
+    raise AacmmError(
+        f"{effect.key}: has no effect in the records of {source}; {'; '.join(stands)}; "
+        "expected records with an effect"
+    )
 
 
 def _in_words(values: NDArray[Any]) -> str:

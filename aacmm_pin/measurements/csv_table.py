@@ -204,7 +204,7 @@ def _rows(path: str, text: str, separator: str, spaced: bool) -> Iterator[Row]:
             end = reader.line_num
     except csv.Error as error:
         raise MeasurementFileError(
-            path, end + 1, "", f"not CSV: {error}; check the quotes"
+            path, end + 1, "", f"{error}; expected CSV; check the quotes"
         ) from None
 
 
@@ -245,7 +245,8 @@ def _records(
     problems.at(
         like_comments,
         header[0],
-        "begins with # and may be a comment or a label; delete the row, or use another label",
+        "begins with #, as comments and some labels do; expected another label; delete the "
+        "row if it is a comment",
     )
     problems.stop()
     if len(records) > 1:

@@ -250,8 +250,8 @@ def directed_stylus(arm: Arm, axis: ArrayLike) -> tuple[Array, Array]:
     dh = arm.require_dh("a circle of the tip", TIP_JOINTS)
     if dh.nq != TIP_JOINTS:
         raise UnsupportedArmError(
-            f"{arm.name}: the circle of the tip needs {TIP_JOINTS} joints, this arm has "
-            f"{dh.nq}; see reaching_postures"
+            f"{arm.name}: the arm has {dh.nq} joints; expected {TIP_JOINTS} for a circle of the "
+            "tip; use reaching_postures"
         )
     if arm.stylus_axis is None:
         raise UnsupportedArmError(

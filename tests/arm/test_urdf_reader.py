@@ -160,7 +160,7 @@ def test_lengths_in_another_unit_are_seen_by_what_is_reached(tmp_path):
     path.write_text(GOOD.replace('xyz="0 0 0.3"', 'xyz="0 0 300"'), encoding="utf-8")
     with pytest.raises(
         UnsupportedArmError,
-        match="joint 'shoulder' is 300 m behind the one before: the tip is up to 300",
+        match="joint 'shoulder' is 300 m from the joint before: the tip is up to 300",
     ):
         Arm.from_urdf(path, "tip")
 

@@ -549,7 +549,7 @@ def test_error_curve_ends_where_it_is_known(sino6):
     assert np.isfinite(positions(sino6, curve, np.ones(5), q[:3], Conditions(3))).all()
     with pytest.raises(
         AacmmError,
-        match=r"1 of 4 records are outside the curve's range, 0 to 2 rad; the first is at 2.5",
+        match=r"1 of 4 angles are outside the curve, the first at 2.5 rad; expected 0 to 2",
     ):
         positions(sino6, curve, np.ones(5), q, Conditions(4))
 

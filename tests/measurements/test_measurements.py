@@ -630,7 +630,7 @@ OF_CONDITIONS: list[tuple[dict[str, Any], str]] = [
     ({"temperature": np.array([-273.15])}, r"temperature\[0\] is -273.15 °C"),
     ({"time": np.array([np.nan])}, r"time\[0\] is nan"),
     ({"torque": np.zeros((2, 2))}, "torque has 2 rows; expected 1"),
-    ({"approach": np.array([[0.5, 1]])}, "approach holds other numbers"),
+    ({"approach": np.array([[0.5, 1]])}, "approach has other numbers"),
     ({"seat": np.array([None])}, r"seat\[0\] is None; expected text"),
 ]
 

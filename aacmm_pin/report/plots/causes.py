@@ -71,7 +71,8 @@ def plot_diagnosis(result: Diagnosis, finding: int = 0, ax: Axes | None = None) 
         return plot_unexplained(result, unexplained[0], ax) if unexplained else plot_rms(result, ax)
     if not 0 <= finding < len(result.findings):
         raise AacmmError(
-            f"finding is {finding}; this diagnosis has {len(result.findings)}, counted from 0"
+            f"finding is {finding}; expected a number from 0 below {len(result.findings)}, the "
+            "number of findings"
         )
     found = result.findings[finding]
     over_something = corrects_seat(found.effect) or result.geometric(found)
