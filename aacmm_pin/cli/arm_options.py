@@ -182,8 +182,8 @@ class ArmAndData(UncertainArm):
         str | None,
         typer.Option(
             metavar="FILE",
-            help="Second file, with the references. Rows are matched to those of DATA by the "
-            "column record, else by their order.",
+            help="Second file, with the references. Rows match those of DATA by the column record, "
+            "else by their order.",
         ),
     ] = None
 

@@ -97,7 +97,7 @@ def run(
         before = _nominal(nominal, model)
         if commands and before is None:
             raise typer.BadParameter(
-                "--commands requires --nominal ARM, the arm by which the controller computes"
+                "--commands requires --nominal ARM, the arm that the controller uses"
             )
         if commands and orientation:
             raise typer.BadParameter("--orientation cannot be combined with --commands")

@@ -85,7 +85,7 @@ class Orientation:
         has_table = arm.dh is not None
         if self.tool_axis is not None and (self.axis is None or has_table):
             raise typer.BadParameter(
-                "--tool-axis requires --urdf and --axis; an arm file states the axis in [stylus]"
+                "--tool-axis requires --urdf and --axis; an arm file states this axis in [stylus]"
             )
         if self.axis is not None and self.rpy_deg is not None:
             raise typer.BadParameter(
