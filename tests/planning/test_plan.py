@@ -336,7 +336,7 @@ def test_postures_alone_are_asked_for_where_they_do(sino6):
     assert plan.set_up == ()
     assert not plan.changes_arm
     assert plan.decided
-    assert [t.words for t in plan.tried] == ["unchanged"]
+    assert [t.words for t in plan.tried] == ["as at present"]
     assert list(plan.records.columns) == [
         *(f"theta{k}_deg" for k in range(1, 7)),
         "x_mm",

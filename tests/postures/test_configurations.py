@@ -522,7 +522,7 @@ def test_arms_that_lack_what_is_needed(robot_file):
     with pytest.raises(UnsupportedArmError, match="stylus"):
         configuration_circle(changed("sino6", stylus=None), SEAT, tip=True, axis=[0, 0, 1])
     four = changed("sino6", joints=load_arm_file("sino6").joints[:4])
-    with pytest.raises(UnsupportedArmError, match=r"SINO6: .*has 4 joints in 4 rows"):
+    with pytest.raises(UnsupportedArmError, match=r"SINO6: .*has 4 joints in 4 DH rows"):
         configuration_circle(four, SEAT)
     with pytest.raises(UnsupportedArmError, match=r"SINO6: .*joint"):
         configuration_circle(changed("sino6", {3: RIGID}), SEAT)
