@@ -92,7 +92,7 @@ class MissingConditionError(AacmmError):
 
     def __init__(self, purpose: str, column: str) -> None:
         self.column = column
-        super().__init__(f"{purpose} needs the column {column}, which these records do not have")
+        super().__init__(f"{purpose}: the column {column} is missing; add it to the records")
 
 
 class MeasurementFileError(AacmmError):
@@ -135,7 +135,7 @@ class MistakenFileError(AacmmError):
         self.others = others
         also = f" (or: {'; or: '.join(others)})" if others else ""
         super().__init__(
-            f"{source} does not fit this arm: {mistake}{also}. With that changed the median "
-            "residual falls from "
-            f"{before * 1e3:.4g} to {after * 1e3:.2g} mm; change the file, the arm or the options"
+            f"{source} does not fit this arm: {mistake}{also}. Without this mistake the median "
+            f"residual falls from {before * 1e3:.4g} to {after * 1e3:.2g} mm; change the file, "
+            "the arm or the options"
         )

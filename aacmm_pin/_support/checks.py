@@ -34,8 +34,8 @@ def batch(values: ArrayLike, columns: int, name: str, unit: str) -> Array:
     array = _floats(values, name)
     if array.ndim == 1 and array.size == columns:
         raise ShapeError(
-            f"{name} has shape {array.shape}; expected (n, {columns}) [{unit}]: one row a record; "
-            f"for a single one pass {name}[None, :]"
+            f"{name} has shape {array.shape}; expected (n, {columns}) [{unit}], one row per "
+            f"record; for one record pass {name}[None, :]"
         )
     if array.ndim != 2 or array.shape[1] != columns:
         raise ShapeError(f"{name} has shape {array.shape}; expected (n, {columns}) [{unit}]")
@@ -108,10 +108,10 @@ def _floats(values: ArrayLike, name: str) -> Array:
     try:
         array = np.array(values)
     except ValueError as error:
-        raise ShapeError(f"{name} is not an array of numbers: {error}") from None
+        raise ShapeError(f"{name}: {error}; expected an array of numbers") from None
     if array.dtype.kind not in "iuf" or isinstance(values, np.ma.MaskedArray):
         kind = "masked" if isinstance(values, np.ma.MaskedArray) else array.dtype
-        raise ShapeError(f"{name} is not an array of numbers: it is {kind}")
+        raise ShapeError(f"{name} is of type {kind}; expected an array of numbers")
     return array.astype(np.float64, copy=False)
 
 

@@ -32,7 +32,8 @@ def are_same(path: str | Path, other: str | Path) -> bool:
 def is_input(path: str | Path) -> OutputError:
     """The refusal to write a file that is read."""
     return OutputError(
-        f"{path}: is read by this command and is left as it is; expected another name"
+        f"{path}: this command reads this file and does not overwrite it; expected another "
+        "name of the output"
     )
 
 
@@ -48,7 +49,7 @@ def content_of(
         OutputError: it is an output of the command.
     """
     if "\0" in str(path):
-        raise refused("cannot be read: no file has a NUL in its name")
+        raise refused("has the character NUL in its name; expected a file name without it")
     for output in _OUTPUTS.get():
         if output.is_file() and are_same(output, path):
             raise is_input(output)
@@ -57,11 +58,11 @@ def content_of(
             content = file.read(most + 1)
     except FileNotFoundError:
         hint = "; standard input is /dev/stdin" if str(path) == "-" else ""
-        raise refused(f"no such file{hint}") from None
+        raise refused(f"no such file; expected {expected}{hint}") from None
     except IsADirectoryError:
         raise refused(f"is a folder; expected {expected}") from None
     except OSError as error:
         raise refused(f"cannot be read: {error.strerror}") from None
     if len(content) > most:
-        raise refused(f"is larger than {most / 1e6:g} MB, the most that {expected} may have")
+        raise refused(f"is larger than {most / 1e6:g} MB; expected {expected} of at most this size")
     return content

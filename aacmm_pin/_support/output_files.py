@@ -109,8 +109,8 @@ class OutputFiles:
                 raise OutputError(f"{path}: is a file; expected the name of a folder")
             if path.is_dir() and any(path.iterdir()) and not self._force:
                 raise OutputError(
-                    f"{path}: exists already and is not empty; --force replaces its files of the "
-                    "same names"
+                    f"{path}: is a folder with files; expected an empty or new folder; "
+                    "--force replaces files of the same names"
                 )
             place = Path(os.path.realpath(path))
             parent = place if place.is_dir() else place.parent
@@ -142,10 +142,15 @@ class OutputFiles:
             if path.is_dir():
                 raise OutputError(f"{path}: is a folder; expected the name of a file")
             if path.exists() and not path.is_file():
-                raise OutputError(f"{path}: is not a regular file and is left as it is")
+                raise OutputError(
+                    f"{path}: is not a regular file; expected the name of a regular or new file"
+                )
             place = Path(os.path.realpath(path))
             if place.is_symlink():
-                raise OutputError(f"{path}: is a symbolic link that leads back to itself")
+                raise OutputError(
+                    f"{path}: is a symbolic link that leads back to itself; expected the "
+                    "name of a file"
+                )
             if not update:
                 self._require_free(path)
             _check_folder(path, place.parent)
@@ -203,7 +208,7 @@ def whole_file(path: str | Path, force: bool = False) -> Iterator[Path]:
 
 
 def _named_twice(path: str | Path) -> OutputError:
-    return OutputError(f"{path}: is to hold two results; expected a file for each")
+    return OutputError(f"{path}: is the output of two results; expected a file for each")
 
 
 def _of_output(error: OSError) -> bool:
@@ -239,9 +244,15 @@ def _is_stream(path: Path) -> bool:
 
 def _check_folder(path: Path, folder: Path) -> None:
     if not folder.is_dir():
-        raise OutputError(f"{path}: the folder {folder} does not exist")
+        raise OutputError(
+            f"{path}: the folder {folder} does not exist; expected a folder; create this one or "
+            "name another"
+        )
     if not os.access(folder, os.W_OK):
-        raise OutputError(f"{path}: the folder {folder} cannot be written to")
+        raise OutputError(
+            f"{path}: the folder {folder} cannot be written to; expected a folder with write "
+            "permission"
+        )
 
 
 def _remove_folder(folder: Path) -> None:

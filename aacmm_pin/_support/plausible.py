@@ -81,7 +81,7 @@ class Range(NamedTuple):
         """In words."""
         values = f"{self.least:.6g} to {self.most:.6g} {self.unit}"
         perhaps = f" (perhaps {self.perhaps})" if self.perhaps else ""
-        return f"expected {values}; check its unit{perhaps}"
+        return f"expected {values}; check the unit{perhaps}"
 
     def check(self, values: ArrayLike, name: str, error: type[AacmmError] = AacmmError) -> None:
         """Refuse ``values`` of which one is outside, or NaN.
@@ -172,8 +172,8 @@ def out_of_reach(tips: ArrayLike) -> str:
     if distance <= LONGEST_LENGTH:
         return ""
     return (
-        f"the tip is up to {distance:.4g} m from the base; expected {LONGEST_LENGTH:g} m at most: "
-        "check the units"
+        f"the tip is up to {distance:.4g} m from the base; expected {LONGEST_LENGTH:g} m at "
+        "most; check the units"
     )
 
 

@@ -122,7 +122,7 @@ def length_uncertainty(
     a = batch(qa, arm.nq, "qa", "rad")
     b = batch(qb, arm.nq, "qb", "rad")
     if len(a) != len(b):
-        raise ShapeError(f"qb has {len(b)} configurations; expected {len(a)} as qa has")
+        raise ShapeError(f"qb has {len(b)} postures; expected {len(a)}, as many as qa")
     sources = ErrorSources.of(model, at, encoder_noise, a, None)
     direction, _ = _directions(sources.positions(b) - sources.positions(a))
     first = _on_principal_axes(sources, _contributions(sources, a, direction))
@@ -153,8 +153,8 @@ def length_uncertainty_between(
             raise AacmmError(f"{postures}; expected at least one configuration within limits")
     if len(q_a) * len(q_b) > MOST_PAIRS:
         raise AacmmError(
-            f"{len(q_a)} × {len(q_b)} pairs of postures; expected at most {MOST_PAIRS}; take a "
-            "smaller count"
+            f"{len(q_a)} × {len(q_b)} pairs of postures; expected at most {MOST_PAIRS}; reduce "
+            "the count of postures"
         )
     sources = ErrorSources.of(loaded(model), a.at, encoder_noise, q_a, None)
     direction, length = _directions((b.point - a.point)[None])
@@ -171,7 +171,7 @@ def _directions(difference: Array) -> tuple[Array, Array]:
     if (length < SHORTEST).any():
         raise AacmmError(
             f"pair {int(length.argmin())} of points is {length.min() / MM:g} mm apart; expected "
-            "two points"
+            "two different points"
         )
     return difference / length[:, None], length
 

@@ -236,7 +236,8 @@ class ErrorSources(Shown):
         pick = list(self.bounded)
         if not pick:
             raise AacmmError(
-                f"{self.arm.name}: no parameter has stated bounds; only the ellipsoid can be given"
+                f"{self.arm.name}: no parameter has stated half-widths; expected some; use method "
+                "'ellipsoid', which needs none"
             )
         generators = sensitivity[:, :, pick] * self.half_widths
         if self.axes is not None:
@@ -304,7 +305,7 @@ def _with_effects(model: Arm | ErrorModel) -> tuple[ErrorModel, list[str]]:
         alone = ErrorModel(model)
     except UnknownNameError as error:
         raise AacmmError(
-            f"{model.name}: {error}; pass its ErrorModel (ErrorModel.load), not the arm alone"
+            f"{model.name}: {error}; expected the ErrorModel of the arm (ErrorModel.load)"
         ) from None
     if model.file is None or not (model.file.effects or model.file.discrepancy):
         return alone, []

@@ -285,7 +285,7 @@ def accuracy_volume(
     q = batch(q, arm.nq, "q", "rad")
     if conditions is not None and conditions.n not in (1, len(q)):
         raise ShapeError(
-            f"conditions are of {conditions.n} records; expected {len(q)} as q has, or 1"
+            f"conditions are of {conditions.n} records; expected {len(q)}, as many as q, or 1"
         )
     sources = ErrorSources.of(model, at, encoder_noise, q, conditions)
     work: Callable[[Any], tuple[Array, ...]] = partial(_first_order, sources, method)
@@ -299,7 +299,7 @@ def accuracy_volume(
 
         if rng is None:
             raise AacmmError(
-                "method 'monte-carlo' needs rng, a numpy.random.Generator such as "
+                "method 'monte-carlo': rng is missing; expected a random generator, such as "
                 "numpy.random.default_rng(1)"
             )
         size = DRAWN_AT_ONCE
@@ -364,9 +364,8 @@ def _volume(method: Method, sources: ErrorSources, sensitivity: Array, covarianc
         if len(across):
             first, second = (bounded[i].name for i in across[0])
             raise UnsupportedArmError(
-                f"{sources.arm.name}: {first} and {second} are correlated and of different rows, "
-                "so that what one row does "
-                "is not its own; 'jointwise' needs independent rows, take 'zonotope' or 'ellipsoid'"
+                f"{sources.arm.name}: method 'jointwise': {first} and {second} of different rows "
+                "are correlated; expected independent rows; use 'zonotope' or 'ellipsoid'"
             )
     volumes = [zonotope.volume(generators[:, :, joints == joint]) for joint in np.unique(joints)]
     return np.asarray(np.sum(volumes, axis=0))

@@ -304,7 +304,7 @@ def map_workspace(
     """
     started = time.perf_counter()
     if min(cells) < 1:
-        raise AacmmError(f"cells are {cells}; expected at least 1 each way")
+        raise AacmmError(f"cells are {cells}; expected at least 1 along x and 1 along z")
     whole(cells[0] * cells[1], 1, "cells")
     sectors = whole(sectors, 1, "sectors")
     model = loaded(model)
@@ -417,7 +417,8 @@ def _extent(arm: Arm, extent: ArrayLike | None, axis: Array | None = None) -> Ar
         size = max(farthest, highest - lowest)
         if size < SMALLEST_ARM:
             raise AacmmError(
-                f"{arm.name}: the wrist cannot leave the shoulder, so there is nothing to map"
+                f"{arm.name}: the wrist cannot leave the shoulder; expected an arm that moves its "
+                "wrist"
             )
         step = 10.0 ** (math.floor(math.log10(size)) - 2)
         margin = MARGIN * size
@@ -461,7 +462,7 @@ def _probe(
         )
     if conditions is not None and conditions.n != 1:
         raise ShapeError(
-            f"conditions are of {conditions.n} records; expected 1 that hold everywhere"
+            f"conditions are of {conditions.n} records; expected 1, which holds in every cell"
         )
     arm = ErrorModel.arm_of(model)
     q = np.clip(spread_angles(PROBES, arm.nq), arm.limits[:, 0], arm.limits[:, 1])

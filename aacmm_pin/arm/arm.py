@@ -345,13 +345,13 @@ class Arm(Shown):
         if self.dh is None:
             first = f" whose first {joints} rows are joints" if joints else ""
             raise UnsupportedArmError(
-                f"{self.name}: {purpose} needs a DH table{first}; this arm has only a URDF"
+                f"{self.name}: {purpose} needs a DH table{first}; this arm has only a URDF; "
+                "aacmm-pin urdf --to-dh makes a DH table"
             )
         if self.dh.rows < joints or not self.dh.moving[:joints].all():
             raise UnsupportedArmError(
-                f"{self.name}: {purpose} needs joints in the first {joints} DH rows; this arm has "
-                f"{self.nq} joints in "
-                f"{self.dh.rows} rows"
+                f"{self.name}: this arm has {self.nq} joints in {self.dh.rows} DH rows; {purpose} "
+                f"needs joints in the first {joints}"
             )
         return self.dh
 
@@ -454,9 +454,7 @@ class Arm(Shown):
         q = batch(q, self.nq, "q", "rad")
         errors = batch(errors, len(self.parameters), "errors", "m or rad")
         if len(q) not in (1, len(errors)):
-            raise ShapeError(
-                f"q has {len(q)} rows; expected 1 or as many as errors has, {len(errors)}"
-            )
+            raise ShapeError(f"q has {len(q)} rows; expected 1 or {len(errors)}, as many as errors")
         q = np.broadcast_to(q, (len(errors), self.nq))
         return self._chain_of_parameters(at).positions(q, errors)
 
@@ -492,7 +490,10 @@ class Arm(Shown):
     def _known_row(self, at: str | None) -> int:
         row = self.dh_row(at)
         if row is None:
-            raise UnsupportedArmError(f"{self.name}: frame {at!r} is not one of the DH table")
+            raise UnsupportedArmError(
+                f"{self.name}: frame {at!r} is not in the DH table; expected frame1 to "
+                f"frame{self.chain.rows}"
+            )
         return row
 
     def dh_row(self, at: str | None = None) -> int | None:
@@ -518,13 +519,16 @@ def _of_urdf_file(file: UrdfArmFile, path: str) -> Arm:
         raise ArmFileError(
             path,
             "urdf.file",
-            f"{urdf.file}: no such file; expected the URDF, by its path from {path}",
+            f"{urdf.file}: no such file; expected a URDF; the path is relative to the folder of "
+            f"{path}",
         )
     model, sha256, mimics = read_model(urdf.file)
     if urdf.sha256 not in (None, sha256):
-        expected = f"expected the one that {file.name} was made from, of SHA-256 {urdf.sha256}"
         raise ArmFileError(
-            path, "urdf.sha256", f"{urdf.file} was changed: it has {sha256}; {expected}"
+            path,
+            "urdf.sha256",
+            f"{urdf.file} was changed: the SHA-256 is {sha256}; expected {urdf.sha256}, that of "
+            f"the URDF of which {file.name} was made; make the arm file again",
         )
     try:
         nominal = serial_part(model, urdf.frame, mimics)
@@ -598,7 +602,8 @@ def as_arm(given: object, name: str = "arm") -> Arm:
         return Arm.load(given)
     held = " of the model: its .arm" if isinstance(getattr(given, "arm", None), Arm) else ""
     raise AacmmError(
-        f"{name} is of type {type(given).__name__}; expected an Arm, or its name or path{held}"
+        f"{name} is of type {type(given).__name__}; expected an Arm, or the name or path of "
+        f"an arm{held}"
     )
 
 

@@ -37,14 +37,17 @@ def corrected_urdf(arm: Arm, tip_shift: Array | None = None) -> bytes:
     urdf = arm.urdf_file.urdf
     if not urdf.file:
         raise UnsupportedArmError(
-            f"{arm.name}: was made from no file that could be corrected; load it from a file"
+            f"{arm.name}: the arm was not loaded from a file; expected an arm with a URDF file "
+            "to correct"
         )
     try:
         content = Path(urdf.file).read_bytes()
     except OSError as error:
         raise AacmmError(f"{urdf.file}: cannot be read: {error.strerror}") from None
     if hashlib.sha256(content).hexdigest() != urdf.sha256:
-        raise AacmmError(f"{urdf.file}: was changed since {arm.name} was made from it")
+        raise AacmmError(
+            f"{urdf.file}: the file was changed after {arm.name} was loaded; load the arm again"
+        )
     robot = parsed_urdf(content, urdf.file)
     joints = {joint.get("name"): joint for joint in robot.findall("joint")}
     motions = _corrections(arm)
@@ -76,8 +79,8 @@ def _joint_of_tip(joints: dict[str, Element], arm: Arm) -> str:
         if joint.get("type") == "fixed" and joint.find("child").get("link") == arm.tip:
             return name
     raise UnsupportedArmError(
-        f"{arm.name}: {arm.tip!r} has no fixed joint of its own that could take the shift "
-        "of the tip"
+        f"{arm.name}: frame {arm.tip!r} has no fixed joint of its own for the shift of the "
+        "tip; add a fixed joint to the URDF"
     )
 
 

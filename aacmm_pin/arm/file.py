@@ -122,11 +122,12 @@ class _WithAngles(_Part):
         found = {key: value for key, value in data.items() if key not in in_degrees}
         for key, name in in_degrees.items():
             if name in data:
-                raise ValueError(f"{key} beside {name}; expected one of them")
+                raise ValueError(f"both {key} and {name} are stated; expected one of the two")
             numbers = data[key] if isinstance(data[key], list) else [data[key]]
             if any(type(number) not in (int, float) for number in numbers):
                 raise ValueError(
-                    f"{key} is {reprlib.repr(data[key])}; expected degrees as {name} has radians"
+                    f"{key} is {reprlib.repr(data[key])}; expected numbers, in the form of "
+                    f"{name} but in degrees"
                 )
             radians = [
                 number * DEG if abs(number) < LARGEST_DEG else math.inf for number in numbers
@@ -167,10 +168,11 @@ class Row(_WithAngles):
         ]
         for key, angle, most in angles:
             if refused := like_degrees(angle, most):
-                raise ValueError(f"{key} {refused}, or a key in _deg")
+                raise ValueError(f"{key} {refused}, or degrees in a key with _deg")
         if self.fixed and (self.limits_rad is not None or self.encoder_noise_rad is not None):
             raise ValueError(
-                "a fixed row has no joint: expected no limits_rad and no encoder_noise_rad"
+                "limits_rad or encoder_noise_rad of a fixed row, which has no joint; expected "
+                "neither"
             )
         if not self.fixed and self.limits_rad is None:
             raise ValueError("limits_rad is missing; expected [lower, upper] for a joint")
@@ -266,7 +268,7 @@ class Covariance(_Part):
     def _consistent(self) -> Covariance:
         n = len(self.parameters)
         if len(set(self.parameters)) != n:
-            raise ValueError("parameters names one of them twice")
+            raise ValueError("parameters has one name twice; expected each name once")
         if len(self.standard_uncertainty_si) != n:
             raise ValueError(
                 f"standard_uncertainty_si has {len(self.standard_uncertainty_si)} numbers; "
@@ -274,14 +276,12 @@ class Covariance(_Part):
             )
         if [len(row) for row in self.correlation] != list(range(n)):
             raise ValueError(
-                f"correlation: expected {n} rows of 0, 1, … {n - 1} numbers, the part below the "
-                "diagonal, such as [[], [0.5], [0.1, -0.2]]: the first row has none"
+                f"correlation: expected the part below the diagonal, {n} rows of 0, 1, … {n - 1} "
+                "numbers, such as [[], [0.5], [0.1, -0.2]]"
             )
         matrix = self.matrix_of_correlation()
         if np.abs(matrix).max() > 1 + 1e-9 or np.linalg.eigvalsh(matrix).min() < -1e-6:
-            raise ValueError(
-                "correlation is not a correlation matrix: it has a negative eigenvalue"
-            )
+            raise ValueError("correlation has a negative eigenvalue; expected a correlation matrix")
         return self
 
     def restricted(self, names: Iterable[str]) -> Covariance | None:
@@ -379,7 +379,7 @@ class UrdfArmFile(AnyArmFile):
     def _of_one_urdf(self) -> UrdfArmFile:
         if self.urdf.sha256 is None and (self.joints or self.covariance is not None):
             raise ValueError(
-                "urdf.sha256 is missing; expected that of the URDF for which joints and "
+                "urdf.sha256 is missing; expected the SHA-256 of the URDF for which joints and "
                 "covariance hold"
             )
         _check_noise(
@@ -560,7 +560,7 @@ def read_arm_file(name_or_path: str | Path) -> ArmFile | UrdfArmFile:
     except OSError as error:
         raise ArmFileError(name, "", f"cannot be read: {error.strerror}") from None
     content = content_of(
-        path, MOST_BYTES, "an arm file, *.toml,", lambda message: ArmFileError(name, "", message)
+        path, MOST_BYTES, "an arm file (*.toml)", lambda message: ArmFileError(name, "", message)
     )
     return parse_arm_file(content, name)
 
@@ -575,12 +575,16 @@ def toml_of(content: bytes, refused: Callable[[str], AacmmError]) -> dict[str, A
         text = content.decode("utf-8-sig")
         if long_key := MANY_KEY_PARTS.search(text):
             line = text.count("\n", 0, long_key.start()) + 1
-            raise refused(f"line {line} has a key of more than 100 parts")
+            raise refused(f"line {line} has a key of more than 100 parts; expected fewer")
         return tomllib.loads(text)
     except UnicodeDecodeError as error:
-        raise refused(f"not UTF-8 text (byte {error.start})") from None
+        raise refused(
+            f"not UTF-8 text (byte {error.start}); expected a TOML file in UTF-8"
+        ) from None
     except RecursionError:
-        raise refused("not TOML: nested too deep") from None
+        raise refused(
+            "has too many levels inside one another; expected a TOML file with fewer"
+        ) from None
     # a TOMLDecodeError, or an integer of thousands of digits, with advice for programmers
     except ValueError as error:
         said = str(error).partition("; use sys.")[0]
@@ -590,7 +594,7 @@ def toml_of(content: bytes, refused: Callable[[str], AacmmError]) -> dict[str, A
             raise refused(
                 f"line {number}: {comma[1]!r}; expected a number with a decimal point"
             ) from None
-        raise refused(f"not TOML: {said}") from None
+        raise refused(f"{said}; expected TOML") from None
 
 
 def parse_arm_file(content: bytes, path: str) -> ArmFile | UrdfArmFile:
@@ -601,7 +605,10 @@ def parse_arm_file(content: bytes, path: str) -> ArmFile | UrdfArmFile:
     def refused(message: str) -> ArmFileError:
         if path.lower().endswith(".urdf"):
             return ArmFileError(
-                path, "", f"is a URDF: --urdf {path} --frame NAME, or Arm.from_urdf"
+                path,
+                "",
+                f"is a URDF; expected an arm file (TOML); use --urdf {path} --frame NAME, in "
+                "Python Arm.from_urdf",
             )
         return ArmFileError(path, "", message)
 
@@ -643,7 +650,9 @@ def _check_depth(data: dict[str, Any], path: str) -> None:
         level = [(key, item) for key, value in inside if isinstance(value, list) for item in value]
     if level:
         raise ArmFileError(
-            path, level[0][0], f"more than {DEEPEST} tables or arrays inside one another"
+            path,
+            level[0][0],
+            f"has tables or arrays inside one another; expected at most {DEEPEST} levels",
         )
 
 

@@ -29,7 +29,9 @@ def read_model(path: str | Path) -> tuple[Any, str, dict[str, tuple[str, str]]]:
     try:
         return pin.buildModelFromXML(text), sha256, mimics
     except (ValueError, RuntimeError) as error:
-        raise AacmmError(f"{path}: not a URDF that Pinocchio can load: {error}") from None
+        raise AacmmError(
+            f"{path}: Pinocchio cannot load this file: {error}; expected a URDF"
+        ) from None
 
 
 def frame_number(model: Any, name: str) -> int:
@@ -71,7 +73,8 @@ def serial_part(
         # A fixed one is none there.
         if name in mimics and (leaders.count(leader) > 1 or not model.existJointName(leader)):
             raise UnsupportedArmError(
-                f"{mimics[name][1]}; each joint that moves frame {frame!r} must be read by itself"
+                f"{mimics[name][1]}; expected a reading of its own for each joint that moves frame "
+                f"{frame!r}"
             )
     others = [j for j in range(1, model.njoints) if j not in chain]
     model = model.copy()
@@ -85,11 +88,13 @@ def serial_part(
     ]
     if wide:
         raise UnsupportedArmError(
-            f"{model.name}: joint {', '.join(wide)} takes more than one number; write it as "
-            "revolute with wide limits"
+            f"{model.name}: joint {', '.join(wide)} takes more than one number; expected one; "
+            "state the joint as revolute with wide limits"
         )
     if model.njoints < 2:
-        raise UnsupportedArmError(f"{model.name}: no joint moves frame {frame!r}")
+        raise UnsupportedArmError(
+            f"{model.name}: no joint moves frame {frame!r}; expected a frame that a joint moves"
+        )
     if refused := out_of_reach(_spread_tips(model, frame)):
         shifts = {
             model.names[j]: float(np.linalg.norm(model.jointPlacements[j].translation))
@@ -97,7 +102,7 @@ def serial_part(
         }
         name = max(shifts, key=lambda joint: shifts[joint])
         raise UnsupportedArmError(
-            f"{model.name}: joint {name!r} is {shifts[name]:.4g} m behind the one before: {refused}"
+            f"{model.name}: joint {name!r} is {shifts[name]:.4g} m from the joint before: {refused}"
         )
     return model
 

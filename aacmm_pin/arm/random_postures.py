@@ -37,7 +37,8 @@ def joint_bounds(arm: Arm) -> Array:
     if (endless & slides).any():
         joint = int(np.flatnonzero(endless & slides)[0]) + 1
         raise UnsupportedArmError(
-            f"{arm.name}: joint {joint} is prismatic and has no limits; drawing postures needs them"
+            f"{arm.name}: joint {joint} is prismatic without limits; expected limits, between "
+            "which postures are drawn"
         )
     limits[endless] = (-np.pi, np.pi)
     margin = np.minimum(MARGIN, 0.01 * (limits[:, 1] - limits[:, 0]))

@@ -64,7 +64,7 @@ def read_urdf(path: str | Path) -> tuple[str, str, dict[str, tuple[str, str]]]:
     )
     robot = parsed_urdf(content, str(path))
     if robot.tag != "robot":
-        raise _refused(robot, "expected robot, the root of a URDF")
+        raise _refused(robot, "is the root; expected robot, the root of a URDF")
     links = robot.findall("link")
     joints = robot.findall("joint")
     if len(links) > MAX_LINKS:
@@ -95,20 +95,28 @@ def parsed_urdf(content: bytes, path: str) -> Element:
     try:
         root = etree.fromstring(_from_declaration_on(content), parser, base_url=path)
     except (etree.XMLSyntaxError, ValueError) as error:
-        raise ArmFileError(path, "", f"not a URDF: no well-formed XML: {error}") from None
+        raise ArmFileError(path, "", f"{error}; expected a URDF in well-formed XML") from None
     errors = [error for error in parser.error_log if error.domain_name != "NAMESPACE"]
     if errors:
         first = errors[0]
         raise ArmFileError(
-            path, f"line {first.line}", f"not a URDF: no well-formed XML: {first.message}"
+            path, f"line {first.line}", f"{first.message}; expected a URDF in well-formed XML"
         )
     if root is None:
-        raise ArmFileError(path, "", "not a URDF: no well-formed XML: it has no element")
+        raise ArmFileError(path, "", "no element; expected a URDF in well-formed XML")
     if root.getroottree().docinfo.internalDTD is not None:
-        raise ArmFileError(path, "", "may define an entity; expected plain URDF without DOCTYPE")
+        raise ArmFileError(
+            path,
+            "",
+            "has a DOCTYPE, which may define entities; expected plain URDF without DOCTYPE",
+        )
     for element in root.iter(etree.Element):
         if "xacro" in element.tag:
-            raise _refused(element, "expected plain URDF; the program xacro makes it")
+            raise _refused(
+                element,
+                "is an element of xacro; expected plain URDF; convert the file with xacro FILE -o "
+                "FILE.urdf",
+            )
     return root
 
 
@@ -145,7 +153,7 @@ def _text(element: Element, name: str) -> str:
     """An attribute that must be there."""
     value = element.get(name, "")
     if not value:
-        raise _refused(element, f"{name} is missing")
+        raise _refused(element, f"{name} is missing; expected a value")
     return str(value)
 
 
@@ -179,12 +187,12 @@ def _child(element: Element, tag: str) -> Element | None:
     if not found:
         return None
     if len(found) > 1:
-        raise _refused(found[1], "occurs twice")
+        raise _refused(found[1], "occurs twice; expected one")
     known = ATTRIBUTES.get(tag, ())
     for name in found[0].attrib if known else ():
         if name not in known:
             raise _refused(
-                found[0], f"{name} is not known there; expected {' and '.join(known)} alone"
+                found[0], f"unknown attribute {name}; expected {' and '.join(known)} alone"
             )
     return found[0]
 
@@ -193,7 +201,7 @@ def _required(element: Element, tag: str) -> Element:
     """The one element of this tag, which must be there."""
     child = _child(element, tag)
     if child is None:
-        raise _refused(element, f"{tag} is missing")
+        raise _refused(element, f"{tag} is missing; expected one")
     return child
 
 
@@ -207,9 +215,13 @@ def _mimics(joints: dict[str, Element]) -> dict[str, tuple[str, str]]:
         while mimic is not None:
             leader = _text(mimic, "joint")
             if leader in passed:
-                raise _refused(mimic, f"joint is {leader!r}, so that it mimics itself")
+                raise _refused(
+                    mimic, f"joint is {leader!r}, which mimics this joint; expected another joint"
+                )
             if leader not in joints:  # fingers of robots that are in use have such
-                said = str(_refused(mimic, f"there is no joint {leader!r}"))
+                said = str(
+                    _refused(mimic, f"there is no joint {leader!r}; expected the name of a joint")
+                )
             passed.add(leader)
             found[name] = leader, said
             mimic = _child(joints[leader], "mimic") if leader in joints else None
@@ -221,7 +233,10 @@ def _by_name(elements: list[Element]) -> dict[str, Element]:
     for element in elements:
         name = _text(element, "name")
         if name in found:
-            raise _refused(element, f"the name is taken by line {found[name].sourceline}")
+            raise _refused(
+                element,
+                f"line {found[name].sourceline} has the same name; expected a name of its own",
+            )
         found[name] = element
     return found
 
@@ -229,7 +244,7 @@ def _by_name(elements: list[Element]) -> dict[str, Element]:
 def _check_tree(robot: Element, links: dict[str, Element], joints: dict[str, Element]) -> None:
     """Refuse links and joints that make no one tree."""
     if not links:
-        raise _refused(robot, "has no link")
+        raise _refused(robot, "has no link; expected one or more")
     carriers: dict[str, Element] = {}
     parents: dict[str, list[str]] = {}
     for joint in joints.values():
@@ -237,18 +252,24 @@ def _check_tree(robot: Element, links: dict[str, Element], joints: dict[str, Ele
         child = _required(joint, "child")
         for end in (parent, child):
             if _text(end, "link") not in links:
-                raise _refused(end, f"there is no link {end.get('link')!r}")
+                raise _refused(
+                    end, f"there is no link {end.get('link')!r}; expected the name of a link"
+                )
         carried = child.get("link")
         if carried in carriers:
             carrier = _words(carriers[carried])
-            raise _refused(child, f"the link {carried!r} is already the child of {carrier}")
+            raise _refused(
+                child,
+                f"the link {carried!r} is also the child of {carrier}; expected one parent joint",
+            )
         carriers[carried] = joint
         parents[carried] = [parent.get("link")]
     roots = [link for name, link in links.items() if name not in carriers]
     if len(roots) > 1:
         raise _refused(
             roots[1],
-            f"this link and {_words(roots[0])} are both the child of no joint; expected one root",
+            f"neither this link nor {_words(roots[0])} is the child of a joint; expected one "
+            "root link",
         )
     try:
         TopologicalSorter(parents).prepare()

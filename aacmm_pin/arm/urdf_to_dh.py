@@ -66,7 +66,8 @@ def dh_file(arm: Arm) -> ArmFile:
             name for name, slide in zip(arm.joint_names, chain.prismatic, strict=True) if slide
         )
         raise UnsupportedArmError(
-            f"{arm.name}: joint {slides} is prismatic; the DH rows of an arm file are revolute"
+            f"{arm.name}: joint {slides} is prismatic; expected revolute joints, as in the DH "
+            "rows of an arm file"
         )
     rotation, origin = (part[:, 0] for part in chain.walk(np.zeros((1, arm.nq))))
     rows: list[tuple[Row, int | None]] = []  # with the number of the joint, from 0

@@ -88,6 +88,12 @@ OTHER_DIAMETER = 5e-4
 median, are others [m]."""
 MOST_NAMED = 3
 """… so many of them are named at most."""
+OPTION_OF_NOISE = {
+    "reference coordinates": "--u-reference-mm",
+    "orientations": "u_rot_rad",
+    "contacts in seats": "--probe-noise-mm",
+}
+"""The option or column that states each noise, by the words of :meth:`Setup.unstated`."""
 FEW_SEATS = 5
 """Fewer seats than this hardly tell how well their coordinates are known."""
 OPEN = 0.1
@@ -188,16 +194,16 @@ def calibrate(
     problem = problem_of(model, measurements, chosen, setup)
     if of_arm := scale_is_unidentifiable(problem):
         raise AacmmError(
-            f"{measurements.source} has seats without coordinates and no bar between them, which "
-            f"do not determine the arm's size ({', '.join(of_arm[:4])} …); add a bar of known "
-            "length or coordinates, state the arm's uncertainties, or estimate zero-offsets"
+            f"{measurements.source}: seats without coordinates and without a bar do not "
+            f"determine the arm's size ({', '.join(of_arm[:4])} …); add coordinates or a bar of "
+            "known length, state the arm's uncertainties, or estimate zero-offsets"
         )
     after = first_fit(problem, robust=robust)
     if not after.tells_noise:
         raise AacmmError(
-            f"too few records to estimate the noise: {3 * int(after.used.sum())} coordinates for "
-            f"{after.problem.scales.size} parameters and those of the seats; state the noise, take "
-            "more records, or estimate fewer parameters"
+            f"{3 * int(after.used.sum())} coordinates of records; expected more than the "
+            f"{after.problem.scales.size} parameters and the coordinates of seats, to estimate "
+            "the noise; state the noise, take more records, or estimate fewer parameters"
         )
     if len(measurements.extra.columns):
         repeated.append(Note("columns_unused", {"columns": [*measurements.extra]}))
@@ -484,7 +490,9 @@ def _of_unstated_noise(after: Fit) -> list[Note]:
     if not after.scatters:
         found = [Note("noise_enough", {"of": of})]
     else:
-        found = [Note("noise_estimated", {"of": of, "scatter": after.scatter_in_words})]
+        options = [OPTION_OF_NOISE[each] for each in of]
+        data = {"of": of, "scatter": after.scatter_in_words, "options": options}
+        found = [Note("noise_estimated", data)]
     if not scatter:
         return found
     if after.scatters:

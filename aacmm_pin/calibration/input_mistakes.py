@@ -193,10 +193,8 @@ def first_fit(problem: Problem, *, robust: bool = True) -> Fit:
         advice = Note("sessions_unlike" if _sessions_fit_alone(problem) else "unlike_arm")
         raise AacmmError(
             f"{problem.measurements.source} does not fit this arm: {advice}. (With the best "
-            "parameters its records still "
-            f"scatter by {after.unmodelled / MM:.0f} mm in each coordinate; the tips at these "
-            "angles are spread over "
-            f"{travel / MM:.0f} mm.)"
+            f"parameters the records still scatter by {after.unmodelled / MM:.0f} mm in each "
+            f"coordinate; the tips at these angles are spread over {travel / MM:.0f} mm.)"
         )
     _require_orientations(after)
     return after
@@ -248,8 +246,8 @@ def _require_orientations(after: Fit) -> None:
     source = problem.measurements.source
     reason = Note(why)
     raise AacmmError(
-        f"{source}: orientations do not fit this arm, they are off by {median_angle / DEG:.3g}° "
-        f"(median): {reason}"
+        f"{source}: the orientations do not fit this arm (median error "
+        f"{median_angle / DEG:.3g}°): {reason}"
     )
 
 

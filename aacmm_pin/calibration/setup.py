@@ -182,11 +182,11 @@ def checked_input(
     model = ErrorModel.of(model)
     measurements = as_measurements(measurements, model.arm.nq)
     if not measurements.n:
-        raise AacmmError(f"{measurements.source} has no records")
+        raise AacmmError(f"{measurements.source} has no records; expected one or more")
     if measurements.nq != model.arm.nq:
         raise AacmmError(
-            f"{measurements.source} has angles of {measurements.nq} joints, {model.arm.name} has "
-            f"{model.arm.nq}"
+            f"{measurements.source} has angles of {measurements.nq} joints; expected "
+            f"{model.arm.nq}, as many as {model.arm.name} has"
         )
     known = model.known_at(measurements.q) | np.array(
         [effect.label in asked for effect in model.effects], dtype=bool

@@ -32,8 +32,8 @@ def main() -> None:
     warnings.resetwarnings()
     if 0 <= (limit := resource.getrlimit(resource.RLIMIT_AS)[0]) < LEAST_MEMORY:
         sys.exit(
-            f"aacmm-pin: not enough memory: {limit / 1e6:.0f} MB of address space; expected "
-            f"{LEAST_MEMORY / 1e6:.0f}"
+            f"aacmm-pin: not enough memory: {limit / 1e6:.0f} MB of address space; expected at "
+            f"least {LEAST_MEMORY / 1e6:.0f} MB"
         )
     # As shells want it for jobs in the background.
     if signal.getsignal(signal.SIGINT) != signal.SIG_IGN:

@@ -55,7 +55,7 @@ def run(
         ),
     ] = None,
     instrument: Annotated[
-        str, typer.Option(metavar="NAME", help="The checked arm, such as its serial number.")
+        str, typer.Option(metavar="NAME", help="Name or serial number of the checked arm.")
     ] = "",
     notes: Annotated[
         list[str] | None,
@@ -141,7 +141,7 @@ def _of_history(checks: History, path: Path | None) -> Iterator[str]:
             f"checks of {others}"
         )
     if not checks.appended:
-        same = f"its check of {checks.time} has the same values" if checks.charts() else ""
+        same = f"the check of {checks.time} in it has the same values" if checks.charts() else ""
         yield f"nothing appended to {path}: {same or 'no test value was found'}"
 
 
@@ -183,7 +183,8 @@ def _next_step(arm: list[str], path: str) -> str:
         )
     if not seats:
         return (
-            "the points cannot be used to find the cause: state feature_diameter_mm and "
-            "probe_diameter_mm of spheres, or add single points or lengths"
+            "aacmm-pin diagnose cannot use these points to find the cause: state "
+            "feature_diameter_mm and probe_diameter_mm of spheres, or add single points or "
+            "lengths"
         )
     return f"to find the cause, run {shlex.join(['aacmm-pin', 'diagnose', *arm, path])}"

@@ -56,7 +56,9 @@ def limits_of(texts: list[str]) -> dict[str, float]:
     for text in texts:
         for name, limit in _stated(text).items():
             if name in given:
-                raise typer.BadParameter(f"--mpe states {name} twice")
+                raise typer.BadParameter(
+                    f"--mpe states {name} twice; expected each characteristic once"
+                )
             given[name] = limit
     return {name: _limit(name, limit) for name, limit in given.items()}
 

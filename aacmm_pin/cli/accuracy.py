@@ -50,10 +50,12 @@ def run(
         Triple | None,
         typer.Option(
             metavar="X Y Z",
-            help="Second point, in mm: predict the uncertainty of the length between the two.",
+            help=(
+                "Second point, in mm: predict the uncertainty of the length between the two points."
+            ),
         ),
     ] = None,
-    method: Annotated[Method, typer.Option(help="How deviations are combined.")] = "zonotope",
+    method: Annotated[Method, typer.Option(help="Combine deviations by this method.")] = "zonotope",
     sectors: Sectors = 12,
     seed: Seed = 1,
     output: Annotated[
@@ -76,8 +78,7 @@ def run(
         ):
             raise AacmmError(
                 "a URDF states no uncertainties; expected --translation-half-width-mm and "
-                "--rotation-half-width (bounds "
-                "of the joint placements), or --encoder-noise with --method ellipsoid"
+                "--rotation-half-width, or --encoder-noise with --method ellipsoid"
             )
         circle = orientation.postures(model.arm, point)
         note_wrist(circle)

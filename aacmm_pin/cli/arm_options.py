@@ -37,8 +37,7 @@ ApproachFromOrder = Annotated[
     bool,
     typer.Option(
         "--approach-from-order",
-        help="Rows are in the order of measurement: take approach1 … from the step of each "
-        "joint from the row before.",
+        help="Compute approach1 … from the order of the rows, if this is the order of measurement.",
     ),
 ]
 
@@ -83,7 +82,10 @@ class UrdfArm:
             return None
         if self.frame is None and self.urdf in EXAMPLE_ROBOTS:
             robot = EXAMPLE_ROBOTS[self.urdf]
-            note(f"{self.urdf} by its URDF, with the tip at {robot[1]}; --frame NAME takes another")
+            note(
+                f"URDF of {self.urdf} with the tip at frame {robot[1]}; --frame NAME "
+                "selects another"
+            )
         try:
             return ErrorModel(Arm.from_urdf(self.urdf, self.frame or "", **half_widths))
         except UnknownNameError as error:
@@ -109,8 +111,8 @@ class AnyArm(UrdfArm):
         str | None,
         typer.Argument(
             metavar="ARM",
-            help=f"Bundled arm ({BUNDLED}), example robot ({ROBOTS}) or path of an arm file; none "
-            "with --urdf.",
+            help=f"Bundled arm ({BUNDLED}), example robot ({ROBOTS}) or path of an arm file. "
+            "Omit it with --urdf.",
         ),
     ] = None
 
@@ -159,8 +161,8 @@ class UncertainArm(AnyArm):
         shift, turn = self.translation_half_width_mm, self.rotation_half_width
         if self.urdf is None and (shift is not None or turn is not None):
             raise typer.BadParameter(
-                "--translation-half-width-mm and --rotation-half-width require --urdf; an arm "
-                "file has its own"
+                "--translation-half-width-mm and --rotation-half-width require --urdf; an arm file "
+                "states half-widths in [joints.uncertainty]"
             )
         return super().model(
             translation_half_width=(shift or 0.0) * MM, rotation_half_width=turn or 0.0
@@ -180,8 +182,8 @@ class ArmAndData(UncertainArm):
         str | None,
         typer.Option(
             metavar="FILE",
-            help="Second file with the references; its rows belong to those of DATA by the column "
-            "record, or in their order.",
+            help="Second file, with the references. Rows match those of DATA by the column record, "
+            "else by their order.",
         ),
     ] = None
 
@@ -297,7 +299,7 @@ def restrict_to_known_range(model: ErrorModel) -> ErrorModel:
         low, high = within.arm.limits[j] / (MM if model.arm.chain.prismatic[j] else DEG)
         unit = "mm" if model.arm.chain.prismatic[j] else "°"
         note(
-            f"joint {j + 1} is used from {low:.4g} to {high:.4g}{unit} only, where its "
-            "error is known"
+            f"joint {j + 1} is used from {low:.4g} to {high:.4g}{unit} only: its error is not "
+            "known elsewhere"
         )
     return within

@@ -37,12 +37,14 @@ def run(
     arm: ArmAndData,
     how: MeasuredHow,
     parameters: Annotated[
-        Literal["zero-offsets", "geometry"], typer.Option(help="What to estimate.")
+        Literal["zero-offsets", "geometry"], typer.Option(help="Estimate these parameters.")
     ] = "geometry",
     effect: EffectTexts = None,
     no_cross_validation: Annotated[
         bool,
-        typer.Option("--no-cross-validation", help="Do not predict records left out of the fit."),
+        typer.Option(
+            "--no-cross-validation", help="Skip the residuals of held-out records (faster)."
+        ),
     ] = False,
     seed: Seed = 1,
     output: Annotated[
@@ -101,6 +103,6 @@ def run(
     found = {effect.label for effect in result.fit.effects}
     if held := [effect.label for effect in model.effects if effect.label not in found]:
         note(
-            f"held as {model.arm.name} states it: {', '.join(held)}; aacmm-pin diagnose "
-            "estimates known causes anew"
+            f"kept as {model.arm.name} states: {', '.join(held)}; aacmm-pin diagnose estimates "
+            "these causes again"
         )

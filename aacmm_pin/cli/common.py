@@ -244,7 +244,7 @@ class Results(OutputFiles):
             try:
                 require_plausible(effect)
             except AacmmError as error:
-                note(f"{error}: {path} cannot be read with it")
+                note(f"{error}; no command can read {path} with this value")
         self.text(model.text(comment, path), path)
 
     def document(self, document: Document, path: Path) -> None:

@@ -68,8 +68,8 @@ def run(
         str | None,
         typer.Option(
             metavar="ARM",
-            help="Nominal arm to compare with: name, arm file or, if ARM came as one, URDF. "
-            "Default: the URDF that ARM names, else ARM without its causes of error. Required with "
+            help="Compare with this nominal arm: name, arm file, or URDF if ARM is of a URDF. "
+            "Default: the URDF that ARM names, else ARM without causes of error. Required with "
             "--commands unless ARM names a URDF.",
         ),
     ] = None,
@@ -77,8 +77,8 @@ def run(
         bool,
         typer.Option(
             "--commands",
-            help="Angles are robot commands: add corrected commands that bring the real tip to the "
-            "position of the nominal tip, and u of the tip there.",
+            help="Take angles as robot commands: add corrected commands that bring the real tip to "
+            "the position of the nominal tip, and u there.",
         ),
     ] = False,
     orientation: Annotated[
@@ -97,12 +97,10 @@ def run(
         before = _nominal(nominal, model)
         if commands and before is None:
             raise typer.BadParameter(
-                "--commands requires --nominal ARM, the arm by which the controller computes"
+                "--commands requires --nominal ARM, the arm that the controller uses"
             )
         if commands and orientation:
-            raise typer.BadParameter(
-                "--orientation cannot be combined with --commands, which keep the orientation"
-            )
+            raise typer.BadParameter("--orientation cannot be combined with --commands")
         if arm.references is not None:
             raise typer.BadParameter("--references cannot be combined with correct")
         table, _, read_as, dialect = read_table(path)
@@ -117,7 +115,11 @@ def run(
         names = list(of_commands if commands else of_tips)
         for name in table.columns.intersection(names):
             raise MeasurementFileError(
-                path, 1, name, "exists already; expected readings that are not corrected yet"
+                path,
+                1,
+                name,
+                "exists already; expected readings without corrections; delete this column or use "
+                "the file before correction",
             )
         of_readings = ~table.columns.isin(OF_REFERENCES)
         readings = arm.with_approach(
@@ -153,7 +155,7 @@ def run(
             name: _as_filed(name, values) for name, values in zip(names, found.T, strict=True)
         }
         results.text(dialect.text(table.assign(**columns)), output)
-    effects = ", ".join(effect.label for effect in model.effects) or "its geometry alone"
+    effects = ", ".join(effect.label for effect in model.effects) or "the geometry alone"
     done = np.isfinite(found[:, 0]).sum()
     status(f"{path}: {done} of {readings.n} readings corrected by {model.arm.name} with {effects}")
 
@@ -178,7 +180,7 @@ def _nominal(name: str | None, model: ErrorModel) -> ErrorModel | None:
     except UnknownNameError as error:
         raise AacmmError(f"--nominal {name}: {error}") from None
     if before.arm.nq != model.arm.nq:
-        expected = f"expected {model.arm.nq} as {model.arm.name} has"
+        expected = f"expected {model.arm.nq}, as many as {model.arm.name} has"
         raise AacmmError(
             f"--nominal {name}: {before.arm.name} has {before.arm.nq} joints; {expected}"
         )
@@ -228,8 +230,8 @@ def _warn_of_large_changes(
     for j in np.flatnonzero(np.abs(common) > LARGE_CHANGE):
         warn(
             f"{path}: the command of joint {j + 1} changes by {common[j] / DEG:.1f}° (median of "
-            "the rows); check that --nominal is the same arm, and that the records determine the "
-            "zero of this joint"
+            "the rows). Check that --nominal is the same arm, and that the calibration "
+            "determined the zero of this joint"
         )
     turn = np.abs(change - common).max(axis=1)
     singular = turn > LARGE_CHANGE
@@ -265,7 +267,7 @@ def _note_comparisons(
         of_tip = ~np.isin(markers, elsewhere)
         note(
             f"{len(of_tip) - of_tip.sum()} references, bar ends and seats of the targets "
-            f"{', '.join(elsewhere)} are not compared, for these are not at the tip"
+            f"{', '.join(elsewhere)} are not compared, because these targets are not at the tip"
         )
         records, tips = records.take(of_tip), tips[of_tip]
     compared, first = [tips], "by the nominal arm"
@@ -299,7 +301,8 @@ def _known_rows(model: ErrorModel, readings: Measurements, path: str) -> Index:
     rows = np.flatnonzero(known.all(axis=1))
     if readings.n and not rows.size:
         raise AacmmError(
-            f"{path}: no reading is in the range in which the effects of {model.arm.name} are known"
+            f"{path}: no reading is in the range in which the effects of {model.arm.name} are "
+            "known; expected one or more"
         )
     return rows
 
@@ -323,11 +326,14 @@ def _u_of_commands(
         u[there, 0] = accuracy.u
         status(f"{path}: tip at the commands, in the frame of the base: {expanded(accuracy.u)}")
         if len(there) < FEWEST_ALIGNED:
-            note(f"u_aligned_mm is left empty; {FEWEST_ALIGNED} commands or more are needed")
+            note(f"u_aligned_mm is left empty; expected {FEWEST_ALIGNED} commands or more")
             return u
         u[there, 1] = accuracy.u_aligned
         aligned = expanded(accuracy.u_aligned)
-        status(f"{path}: the same after an alignment of the base to these commands: {aligned}")
+        status(
+            f"{path}: tip at the commands, after an alignment of the base to these commands: "
+            f"{aligned}"
+        )
     return u
 
 

@@ -16,7 +16,9 @@ from aacmm_pin.cli.common import Force, command, say
 )
 def run(
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder to write.")] = Path("out"),
-    cells: Annotated[tuple[int, int], typer.Option(metavar="NX NZ", help="Cells of the map.")] = (
+    cells: Annotated[
+        tuple[int, int], typer.Option(metavar="NX NZ", help="Cells of the map along x and z.")
+    ] = (
         48,
         48,
     ),

@@ -38,7 +38,8 @@ def run(
         bool,
         typer.Option(
             "--with-discrepancy",
-            help="Also save in the extended arm the structure that no cause explains, with its u.",
+            help="Also save the discrepancy (structure that no cause explains) and its u in the "
+            "extended arm.",
         ),
     ] = False,
     seed: Seed = 1,
@@ -74,22 +75,20 @@ def run(
         if arm_out is not None:
             if result.no_better:
                 warn(
-                    f"{arm_out}: the extended arm does not predict held-out records "
-                    "better than the "
-                    "recalibrated arm; the file has the recalibrated arm"
+                    f"{arm_out}: the extended arm does not predict held-out records better "
+                    "than the recalibrated arm; this file states the recalibrated arm"
                 )
             if result.findings and result.extended.too_many_excluded:
                 out = int(result.extended.excluded.sum())
                 warn(
-                    f"{arm_out}: {out} records do not fit the extended arm and were "
-                    "excluded, too many for "
-                    "gross errors; at new postures it may be worse than the arm that aacmm-pin "
+                    f"{arm_out}: the extended arm excludes {out} records, too many for gross "
+                    "errors. At new postures it may be worse than the arm that aacmm-pin "
                     "calibrate writes"
                 )
             if with_discrepancy and result.not_saved:
                 warn(
-                    f"{arm_out}: {listed(result.not_saved)}: not saved, new records "
-                    "do not have them"
+                    f"{arm_out}: not saved: {listed(result.not_saved)}; new records state no "
+                    "values of these"
                 )
             results.arm(
                 result.model, arm_out, f"Extended by aacmm-pin diagnose from {path}: {result}"

@@ -70,7 +70,9 @@ def run(
     terminal.show(diagnoses_document(table), json_ == "-")
     unused = int((table["error"] != "").sum())
     if unused:
-        raise AacmmError(f"{unused} of {len(table)} files cannot be used; see their errors")
+        raise AacmmError(
+            f"{unused} of {len(table)} files cannot be used; see the errors of these files"
+        )
 
 
 def _pairs(files: list[str]) -> list[tuple[GivenModel, str]]:
@@ -81,7 +83,7 @@ def _pairs(files: list[str]) -> list[tuple[GivenModel, str]]:
     for name, following in zip(files, [*files[1:], ""], strict=True):
         if Path(name).suffix in ARM_SUFFIXES:
             if Path(following).suffix in ARM_SUFFIXES:
-                raise typer.BadParameter(f"{name}: no measurement file behind it; {expected}")
+                raise typer.BadParameter(f"{name}: no measurement file after this arm; {expected}")
             arm = AnyArm(arm=name).model() if name in EXAMPLE_ROBOTS else name
         elif arm is None:
             raise typer.BadParameter(f"{name}: no arm; {expected}")

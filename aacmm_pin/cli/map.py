@@ -53,14 +53,14 @@ def run(
     ] = None,
     method: Annotated[
         Literal["zonotope", "jointwise", "ellipsoid"],
-        typer.Option(help="How deviations are combined."),
+        typer.Option(help="Combine deviations by this method."),
     ] = "zonotope",
     workers: WorkerCount = 1,
     output: Output = None,
     plot: Plot = None,
     quantity: Annotated[
         Quantity | None,
-        typer.Option(help="With --plot: what is drawn. Default: comprehensive_mm3."),
+        typer.Option(help="With --plot: draw this quantity. Default: comprehensive_mm3."),
     ] = None,
     json_: Json = None,
     force: Force = False,

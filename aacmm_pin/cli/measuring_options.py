@@ -31,7 +31,7 @@ TargetOfReferences = Annotated[
 
 NoCrossValidation = Annotated[
     bool,
-    typer.Option("--no-cross-validation", help="Do not measure the gain on held-out records."),
+    typer.Option("--no-cross-validation", help="Skip the residuals of held-out records (faster)."),
 ]
 
 

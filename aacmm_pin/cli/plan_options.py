@@ -82,7 +82,7 @@ class PlannedRecords(PlanFiles):
         records = None if self.existing is None else Measurements.read(self.existing, model.arm.nq)
         if how.u_bar_mm is not None and (records is None or not records.bars()):
             raise typer.BadParameter(
-                "--u-bar-mm requires --existing with bars; a plan has none of its own"
+                "--u-bar-mm requires --existing with bars; planned records have no bars"
             )
         return records
 

@@ -56,7 +56,7 @@ def _load(origin: str, load: Callable[[], Any]) -> None:
         file = os.path.abspath(origin.removeprefix("--plugin "))
         raise AacmmError(f"{origin}: {raised(error, file)}") from None
     if known == CAUSES:
-        note(f"{origin} registers no cause")
+        note(f"{origin} registers no cause; expected a call of aacmm_pin.effects.register")
 
 
 def import_plugin(name: str) -> ModuleType:
@@ -100,4 +100,4 @@ def plugin_error(error: BaseException) -> str | None:
             return f"{name}: {raised(error, file)}"
     if not own or not isinstance(error, Exception):
         return None
-    return f"{', '.join(own)}, or what uses it: {raised(error, files[-1])}"
+    return f"{', '.join(own)}, or code that uses it: {raised(error, files[-1])}"

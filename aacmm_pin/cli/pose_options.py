@@ -41,7 +41,8 @@ class Orientation:
         bool,
         typer.Option(
             "--tip",
-            help="The point is that of the tip, not of the wrist, as --axis and --rpy-deg say too.",
+            help="Take the point as that of the tip, not of the wrist; --axis and --rpy-deg imply "
+            "this option.",
         ),
     ] = False
     axis: Annotated[
@@ -56,7 +57,7 @@ class Orientation:
         Triple | None,
         typer.Option(
             metavar="X Y Z",
-            help="With --urdf and --axis: direction of the frame that lies along it. Default: z.",
+            help="With --urdf and --axis: direction of the frame to align with --axis. Default: z.",
         ),
     ] = None
     rpy_deg: Annotated[
@@ -84,11 +85,11 @@ class Orientation:
         has_table = arm.dh is not None
         if self.tool_axis is not None and (self.axis is None or has_table):
             raise typer.BadParameter(
-                "--tool-axis requires --urdf and --axis; an arm file states its stylus"
+                "--tool-axis requires --urdf and --axis; an arm file states this axis in [stylus]"
             )
         if self.axis is not None and self.rpy_deg is not None:
             raise typer.BadParameter(
-                "--axis cannot be combined with --rpy-deg, which holds every axis"
+                "--axis cannot be combined with --rpy-deg, which states every axis"
             )
         if has_table and self.tip and not self.oriented:
             raise typer.BadParameter("--tip requires --axis or --rpy-deg")
@@ -126,6 +127,6 @@ def note_wrist(found: PosturesAtPoint) -> None:
     """Say that the wrist is at the point, if it is."""
     if found.at == WRIST:
         note(
-            "the point is that of the wrist (frame5); --axis places the tip there, with the stylus "
-            "in that direction"
+            "the point is that of the wrist (frame5); --axis X Y Z places the tip at the "
+            "point, with the stylus in this direction"
         )

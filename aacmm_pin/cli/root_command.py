@@ -201,10 +201,10 @@ def _ending(error: BaseException) -> tuple[int, str] | None:
         case MemoryError():
             return 1, f"not enough memory: {error}".removesuffix(": ")
         case RecursionError():
-            return 1, "the input is nested too deep"
+            return 1, "the input has too many levels inside one another; expected fewer"
         case UnicodeEncodeError():
             text = error.object[error.start : error.end]
-            return 1, f"{text!r} cannot be written as {error.encoding}"
+            return 1, f"{text!r} cannot be written as {error.encoding}; expected an output in UTF-8"
         case BrokenPipeError():  # its reader has what it wanted, as head has
             return 128 + signal.SIGPIPE, ""
         case OSError():

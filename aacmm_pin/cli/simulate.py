@@ -54,7 +54,7 @@ BAR_LENGTH_MM = 500.0
 class Planned:
     """What is measured."""
 
-    scheme: Annotated[Scheme, typer.Option(help="What the records are of.")] = "seats"
+    scheme: Annotated[Scheme, typer.Option(help="Simulate records by this scheme.")] = "seats"
     procedure: Annotated[
         Path | None,
         typer.Option(
@@ -191,5 +191,5 @@ def _require_effects_shown(effects: list[Effect], model: ErrorModel, data: Measu
         require_shown(given, model.arm, data.q, data.conditions, "these records")
         if given.of_reference and not data.known.any():
             raise AacmmError(
-                f"--cause {given.key}: acts on stated coordinates, which these records do not have"
+                f"--cause {given.key}: acts on stated coordinates; expected records that state some"
             )

@@ -25,7 +25,8 @@ def run(
         bool,
         typer.Option(
             "--to-dh",
-            help="Of a URDF, or an arm file that names one: its DH table, as an arm file.",
+            help="Write an arm file with the DH table of a URDF, or of an arm file that names a "
+            "URDF.",
         ),
     ] = False,
     output: Output = None,
@@ -36,9 +37,9 @@ def run(
         model = arm.model()
         if to_dh:
             if model.effects:
-                note(f"left out: {', '.join(effect.label for effect in model.effects)}")
+                note(f"omitted: {', '.join(effect.label for effect in model.effects)}")
             if np.diag(model.covariance()).any():
-                note("the table states no uncertainties; those of the arm are omitted")
+                note("omitted: the uncertainties of the arm, which the DH table cannot state")
             results.text(arm_text(dh_file(model.arm)), output)
         else:
             results.file(output or "-").write_bytes(urdf_of(model))
@@ -50,7 +51,7 @@ def urdf_of(model: ErrorModel) -> bytes:
         e.label for e in model.effects if not (isinstance(e, StylusOffset) and e.marker is None)
     ]
     if lost:
-        note(f"a URDF has no place for {', '.join(lost)}")
+        note(f"a URDF cannot state {', '.join(lost)}; omitted")
     file = model.file()
     if isinstance(file, ArmFile):
         return encodable(urdf_text(file, with_stylus_offset=True)).encode()

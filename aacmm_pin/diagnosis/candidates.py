@@ -63,7 +63,7 @@ def candidates(
                 "cause",
                 effect.cause,
                 list(CAUSES),
-                "aacmm_pin.effects.register adds one of your own",
+                "aacmm_pin.effects.register adds your own causes",
             )
         label = require_row(effect, model.arm).label
         variants = (*found.get(label, ()), effect.at(()))

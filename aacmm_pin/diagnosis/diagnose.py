@@ -210,10 +210,10 @@ def _require_residuals(measurements: Measurements, recalibrated: Fit) -> None:
     """Raises AacmmError if the records agree with the fitted arm exactly."""
     if not np.nanmax(np.abs(recalibrated.system.deviation), initial=0.0) > NOTHING:
         few = recalibrated.problem.scales.size >= 3 * measurements.n
-        why = "too few, state the noise" if few else "fill in the file"
+        why = "more records, or the noise" if few else "measured values in the file"
         raise AacmmError(
             f"{measurements.source}: all {measurements.n} records agree with the fitted arm "
-            f"exactly: {why}"
+            f"exactly; expected {why}"
         )
 
 

@@ -62,7 +62,7 @@ def register(cause: _Own) -> _Own:
         CauseError: it has no ``displacements``, or states something of itself that cannot be.
     """
     if not (isinstance(cause, type) and issubclass(cause, Effect)):
-        raise AacmmError(f"{cause!r} is no cause; expected a class derived from Effect")
+        raise AacmmError(f"{cause!r} is not a cause; expected a class derived from Effect")
     own = cause.__name__
     name = getattr(cause, "cause", None)
     if not (isinstance(name, str) and re.fullmatch("[a-z][a-z0-9_]*", name)):
@@ -70,9 +70,15 @@ def register(cause: _Own) -> _Own:
     there = CAUSES.get(name, cause)
     if (there.__module__, there.__qualname__) != (cause.__module__, cause.__qualname__):
         taken = f"{there.__module__}.{there.__qualname__}"
-        raise AacmmError(f"{own}: the cause {name} is registered already, {taken}")
+        raise AacmmError(
+            f"{own}: the cause {name} is registered already by {taken}; expected another name"
+        )
     if cause.__abstractmethods__:
-        raise CauseError(name, f"{own} lacks {', '.join(sorted(cause.__abstractmethods__))}")
+        raise CauseError(
+            name,
+            f"{own} lacks {', '.join(sorted(cause.__abstractmethods__))}; expected these "
+            "methods or properties",
+        )
     _check_attributes(cause)
     for method in ("displacements", "exact"):
         given = getattr(cause, method)
@@ -158,8 +164,8 @@ def _check(effect: Effect, method: str, moved: Any, state: State) -> None:
         where = f"in {wrong.size} of {len(rows)} records, the first at number {wrong[0] + 1}"
         raise CauseError(
             effect.label,
-            f"{method}: {what} have numbers that are not finite, or beyond {LARGEST_COLUMN:g}, "
-            f"{where}",
+            f"{method}: {what} have numbers that are not finite or exceed {LARGEST_COLUMN:g}, "
+            f"{where}; expected finite numbers",
         )
 
 
@@ -184,8 +190,8 @@ def cause_named(name: str) -> type[Effect]:
             "cause",
             name,
             list(CAUSES),
-            "a cause of your own needs --plugin MODULE before the command, in Python the "
-            "import of that module",
+            "your own cause needs --plugin MODULE before the command, in Python the import of "
+            "that module",
         )
     return CAUSES[name]
 

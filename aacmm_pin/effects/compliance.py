@@ -20,15 +20,15 @@ from aacmm_pin.errors import AacmmError, UnsupportedArmError
 
 @dataclass(frozen=True)
 class JointCompliance(GravityEffect):
-    """The joint yields about its own axis: ``δθ = c τ``, τ the moment of the weight about the axis.
+    """The joint deflects about its own axis: ``δθ = c τ``, with the moment τ of the weight about
+    the axis.
 
-    Right where a spring, brake or drive holds the joint (joint 2 of a measuring arm, every joint of
-    a robot); a free joint carries no moment about its axis, see :class:`BearingTilt`. With
-    ``torque="measured"`` τ is minus the measured torque of the drive, which holds the weight. Unit
-    rad/(N·m); typical 1e-5 to 3e-5. Source: robot calibration with joint stiffness (Whitney,
-    Lozinski, Rourke 1986). Needs ``torqueN_nm`` if measured. Confused with:
-    ``encoder_eccentricity`` and ``counterbalance`` of the same joint where the load turns with it,
-    ``base_compliance``, ``torsional_windup``.
+    It applies to a joint that a spring, brake or drive holds (joint 2 of a measuring arm, every
+    joint of a robot). A free joint carries no moment about its axis, see :class:`BearingTilt`. With
+    ``torque="measured"`` τ is minus the measured torque of the drive. Unit rad/(N·m); typical 1e-5
+    to 3e-5. Source: robot calibration with joint stiffness (Whitney, Lozinski, Rourke 1986). Needs
+    ``torqueN_nm`` if measured. Aliases: ``encoder_eccentricity`` and ``counterbalance`` of the same
+    joint if the load rotates with it; ``base_compliance``, ``torsional_windup``.
     """
 
     joint: int
@@ -111,11 +111,12 @@ class JointCompliance(GravityEffect):
 
 @dataclass(frozen=True)
 class BearingTilt(GravityEffect):
-    """The bearing yields across its axis: ``δφ = C (I - z zᵀ) m``, m the moment of the weight.
+    """The bearing deflects across its axis: ``δφ = C (I - z zᵀ) m``, with the moment m of the
+    weight.
 
-    The physics of a free joint: its bearing carries every moment but the one about the axis. Unit
-    rad/(N·m); typical 2e-6 to 2e-5. Source: angular stiffness of a bearing pair. Needs no column.
-    Confused with: ``link_bending`` of the tube behind it, ``base_compliance`` at joint 1.
+    The bearing of a free joint carries every moment but the one about the axis. Unit rad/(N·m);
+    typical 2e-6 to 2e-5. Source: angular stiffness of a bearing pair. Needs no column. Aliases:
+    ``link_bending`` of the tube behind the joint; ``base_compliance`` at joint 1.
     """
 
     joint: int
@@ -164,12 +165,12 @@ class _OfTube(LoadedEffect):
 
 @dataclass(frozen=True)
 class TorsionalWindup(_OfTube):
-    """A tube twists about its own length: ``δφ = c (u · m) u``, m the moment about the tube's end
-    of all beyond.
+    """A tube twists about its own axis: ``δφ = c (u · m) u``, with the moment m of all bodies
+    beyond about the tube's end.
 
     Unit rad/(N·m); typical 2e-6 to 2e-5 (length over torsional rigidity G J). Source: Saint-Venant
-    torsion. Needs no column, but masses. Confused with: ``joint_compliance`` of a joint whose axis
-    runs along the tube (joints 3 and 5 of SINO6): nearly the same columns.
+    torsion. Needs no column, but masses. Aliases: ``joint_compliance`` of a joint with its axis
+    along the tube (joints 3 and 5 of SINO6): nearly the same effect.
     """
 
     cause: ClassVar[str] = "torsional_windup"
@@ -186,14 +187,15 @@ class TorsionalWindup(_OfTube):
 
 @dataclass(frozen=True)
 class LinkBending(_OfTube):
-    """A tube bends under its own weight and all that hangs beyond: slope and sag of its end.
+    """A tube bends under its own weight and that of all bodies beyond: slope and sag of its end.
 
-    Euler–Bernoulli cantilever of length L along u, with the weight W and moment M of all beyond at
-    its end, and the weight w of the tube spread evenly (see :class:`~aacmm_pin.effects.tube.Tube`),
-    κ = 1/EI: slope ``κ (L²/2 u×W + L²/6 u×w + L M)``, sag ``κ (L³/3 W + L³/8 w + L²/2 M×u)``, each
-    without its part along u. Unit rad/(N·m²) = (rad/m)/(N·m); typical 3e-5 to 8e-5 (aluminium or
-    carbon tube of 50 to 60 mm). Source: beam theory (Timoshenko). Needs no column, but masses.
-    Confused with: ``bearing_tilt`` and ``joint_compliance`` of the joint before.
+    Euler–Bernoulli cantilever of length L along u, with the weight W and moment M of all bodies
+    beyond at its end, and the evenly distributed weight w of the tube (see
+    :class:`~aacmm_pin.effects.tube.Tube`), κ = 1/EI: slope ``κ (L²/2 u×W + L²/6 u×w + L M)``, sag
+    ``κ (L³/3 W + L³/8 w + L²/2 M×u)``, each without its part along u. Unit rad/(N·m²) =
+    (rad/m)/(N·m); typical 3e-5 to 8e-5 (aluminium or carbon tube of 50 to 60 mm). Source: beam
+    theory (Timoshenko). Needs no column, but masses. Aliases: ``bearing_tilt`` and
+    ``joint_compliance`` of the joint before.
     """
 
     cause: ClassVar[str] = "link_bending"
@@ -215,16 +217,16 @@ class LinkBending(_OfTube):
 
 @dataclass(frozen=True)
 class Counterbalance(Effect):
-    """The spring of a joint does not carry what it should: ``δθ = κ z · (u × down)``.
+    """The spring of a joint balances the weight incompletely: ``δθ = κ z · (u × down)``.
 
-    u is the direction of the next joint's axis where that stands across this one (the upper tube of
-    SINO6 behind joint 2), else of the body itself; the lever arm of a weight on it goes with its
-    horizontal part, whatever the rest of the arm does. κ above zero lets u sink: the spring carries
-    too little where u points outwards, and too much where the axis points back to the shoulder, as
-    on SINO6 (d3 < 0). Unit rad, the turn when the body is level; typical 2e-5 to 2e-4. Source:
-    moment of a constant-force counterbalance. Needs no column. Confused with:
-    ``encoder_eccentricity`` of the same joint with the phase that gravity has (the same columns on
-    a level mount), ``joint_compliance`` where the load beyond hardly changes.
+    u is the direction of the next joint's axis if this axis is across the present one (the upper
+    tube of SINO6 behind joint 2), else of the body. The lever arm of a weight on the body is
+    proportional to the horizontal part of u, in every posture of the rest. A positive κ lowers u:
+    the spring carries too little if u points outwards, and too much if the axis points back to the
+    shoulder, as on SINO6 (d3 < 0). Unit rad: the rotation of the level body; typical 2e-5 to 2e-4.
+    Source: moment of a constant-force counterbalance. Needs no column. Aliases:
+    ``encoder_eccentricity`` of the same joint with the phase of gravity (the same effect on a level
+    mount); ``joint_compliance`` if the load beyond hardly changes.
     """
 
     joint: int

@@ -92,7 +92,7 @@ class Conditions(Shown):
             if len(given) != self.n:
                 raise ShapeError(f"{name} has {len(given)} rows; expected {self.n}: one a record")
             if name == "approach" and not np.isin(given, (-1.0, 0.0, 1.0)).all():
-                raise ShapeError("approach holds other numbers than -1, 0 and 1")
+                raise ShapeError("approach has other numbers; expected -1, 0 or 1")
             object.__setattr__(self, name, given)
 
     def take(self, rows: Index | slice | Mask | Sequence[int]) -> Conditions:
@@ -199,5 +199,5 @@ def labels_of(name: str, values: ArrayLike, n: int) -> Labels:
         raise ShapeError(f"{name} has shape {labels.shape}; expected ({n},) labels")
     for i, label in enumerate(labels):
         if not isinstance(label, str):
-            raise ShapeError(f"{name}[{i}] is {label!r}; expected text, '' where there is none")
+            raise ShapeError(f"{name}[{i}] is {label!r}; expected text, '' for none")
     return labels

@@ -362,7 +362,9 @@ def require_row(effect: Effect, arm: Arm) -> Effect:
         AacmmError: it has not.
     """
     if effect.row is not None and effect.row > arm.chain.rows:
-        raise AacmmError(f"{effect.label}: {arm.name} has rows 1 to {arm.chain.rows}")
+        raise AacmmError(
+            f"{effect.label}: the row is not in {arm.name}; expected 1 to {arm.chain.rows}"
+        )
     return effect
 
 

@@ -158,14 +158,14 @@ class _Periodic(_OfAngle):
 
 @dataclass(frozen=True)
 class EncoderEccentricity(_Periodic):
-    """The disc turns about a point that is not its centre, with one reading head: ``δ = arcsin(A
-    cos(θ - φ))``.
+    """The disc rotates about a point that is not the centre of its track; one reading head: ``δ =
+    arcsin(A cos(θ - φ))``.
 
     A is the eccentricity over the radius of the track. Derivation: in the triangle of axis, disc
-    centre and head the law of sines gives ``sin δ = A cos(θ - φ)`` exactly, θ the indication. Two
-    opposite heads cancel it. Unit rad; typical 2e-5 to 3e-4. Needs no column. Confused with:
-    ``joint_compliance`` and ``counterbalance`` of a joint that tilts against gravity,
-    ``encoder_ellipticity`` and ``encoder_gain`` where the joint covers part of a turn.
+    centre and head the law of sines gives ``sin δ = A cos(θ - φ)`` exactly, with the reading θ. Two
+    opposite heads cancel the error. Unit rad; typical 2e-5 to 3e-4. Needs no column. Aliases:
+    ``joint_compliance`` and ``counterbalance`` of a joint that tilts against gravity;
+    ``encoder_ellipticity`` and ``encoder_gain`` if the joint covers part of a turn.
     """
 
     cause: ClassVar[str] = "encoder_eccentricity"
@@ -188,12 +188,12 @@ class EncoderEccentricity(_Periodic):
 
 @dataclass(frozen=True)
 class EncoderEllipticity(_Periodic):
-    """Twice per turn: an oval disc, or what two opposite heads leave of an eccentricity: ``δ = A
+    """An oval disc, or the rest of an eccentricity with two opposite heads: twice per turn, ``δ = A
     cos(2θ - φ)``.
 
     Unit rad; typical 1e-5 to 2e-4. Source: harmonic analysis of circle divisions (Watanabe et al.
     2001, CIRP Annals 50).
-    Needs no column. Confused with: the neighbouring orders where the joint covers part of a turn.
+    Needs no column. Aliases: the neighbouring orders if the joint covers part of a turn.
     """
 
     cause: ClassVar[str] = "encoder_ellipticity"
@@ -225,11 +225,12 @@ class _Order(Nonlinear["JointPeriodicError"]):
 
 @dataclass(frozen=True)
 class JointPeriodicError(_Periodic):
-    """Any other order: a gear, a subdivision of the scale: ``δ = A cos(kθ - φ)``, k any number.
+    """An error of another order, as of a gear or the subdivision of a scale: ``δ = A cos(kθ - φ)``,
+    k any number.
 
-    Unit rad; typical 1e-5 to 1e-4. Source: as ``encoder_ellipticity``. Needs no column. Confused
-    with: orders so near that the covered range of the joint cannot tell them; beyond the sampling
-    of the records, with its alias.
+    Unit rad; typical 1e-5 to 1e-4. Source: as ``encoder_ellipticity``. Needs no column. Aliases:
+    orders so near that the covered range of the joint cannot distinguish them; beyond the sampling
+    of the records, the folded order.
     """
 
     order: float
@@ -274,12 +275,12 @@ class _Knots(Nonlinear["JointErrorCurve"]):
 
 @dataclass(frozen=True)
 class JointErrorCurve(Effect):
-    """Any repeatable function of one joint's angle: a cubic spline with uniform knots from
-    ``lower_rad`` to ``upper_rad``.
+    """A repeatable error of one joint as any function of its angle: a cubic spline with uniform
+    knots from ``lower_rad`` to ``upper_rad``.
 
     ``δ(θ) = Σ c_i B_i(θ)`` with cubic B-splines (de Boor 1978). Unit rad; typical 1e-5 to 3e-4.
-    Needs no column. Confused with: everything else at that joint that depends on its angle alone;
-    gravity where only this joint moves the load.
+    Needs no column. Aliases: all other causes at this joint that depend on its angle alone; gravity
+    if only this joint moves the load.
     """
 
     joint: int
@@ -296,9 +297,9 @@ class JointErrorCurve(Effect):
         in_order = -LARGEST_ANGLE <= self.lower_rad < self.upper_rad <= LARGEST_ANGLE
         if not (in_order and 4 <= self.coefficients <= MOST_CURVE_COEFFICIENTS):
             raise AacmmError(
-                f"{self.label}: expected lower_rad < upper_rad and 4 to {MOST_CURVE_COEFFICIENTS} "
-                "coefficients, "
-                f"not {self.lower_rad}, {self.upper_rad}, {self.coefficients}"
+                f"{self.label}: lower_rad, upper_rad and coefficients are {self.lower_rad}, "
+                f"{self.upper_rad}, {self.coefficients}; expected lower_rad < upper_rad and 4 to "
+                f"{MOST_CURVE_COEFFICIENTS} coefficients"
             )
         super().__post_init__()
 
@@ -350,10 +351,9 @@ class JointErrorCurve(Effect):
         outside = ~((angle >= self.lower_rad) & (angle <= self.upper_rad))
         if outside.any():
             raise AacmmError(
-                f"{self.label}: {outside.sum()} of {state.n} records are outside the "
-                "curve's range, "
-                f"{self.lower_rad:g} to {self.upper_rad:g} rad; "
-                f"the first is at {angle[outside][0]:g} rad"
+                f"{self.label}: {outside.sum()} of {state.n} angles are outside the curve, the "
+                f"first at {angle[outside][0]:g} rad; expected {self.lower_rad:g} to "
+                f"{self.upper_rad:g} rad"
             )
         if not state.n:  # SciPy wants at least one point
             return [about_axis(state, self.joint, np.zeros((0, self.coefficients)))]
@@ -376,11 +376,11 @@ class JointErrorCurve(Effect):
 
 @dataclass(frozen=True)
 class EncoderGain(_OfAngle):
-    """A turn of the joint is not a turn of the indication: ``δ = g θ``.
+    """The error grows in proportion to the angle: ``δ = g θ``.
 
-    A closed disc cannot have it; a belt, a gear or an interpolator can, and a wound cable looks
-    like it. Of a joint that slides, the error of its scale. Unit 1 (rad/rad, m/m); typical 2e-5 to
-    4e-4. Needs no column. Confused with: slow harmonics where the joint covers part of a turn.
+    A closed disc cannot have this error; a belt, a gear or an interpolator can, and a wound cable
+    has a similar effect. Of a prismatic joint: the error of its scale. Unit 1 (rad/rad, m/m);
+    typical 2e-5 to 4e-4. Needs no column. Aliases: low orders if the joint covers part of a turn.
     """
 
     cause: ClassVar[str] = "encoder_gain"
@@ -400,12 +400,12 @@ class EncoderGain(_OfAngle):
 
 @dataclass(frozen=True)
 class JointHysteresis(Effect):
-    """Friction, a cable or a coupling holds the joint back on the side that it came from: ``δ = h
-    s``, s = -1, 0, 1.
+    """Friction, a cable or a coupling holds the joint back towards its last position: ``δ = h s``,
+    s = -1, 0, 1.
 
-    Unit rad, half of the reversal error, of either sign, as the encoder sits before or behind what
-    gives; typical 2e-5 to 2e-4. Source: reversal value, ISO 230-2:2014. Needs ``approachN``.
-    Confused with: hysteresis of neighbours that always move together.
+    Unit rad: half of the reversal error; the sign depends on whether the encoder is before or
+    behind the elastic part. Typical 2e-5 to 2e-4. Source: reversal value, ISO 230-2:2014. Needs
+    ``approachN``. Aliases: hysteresis of neighbours that always move together.
     """
 
     joint: int

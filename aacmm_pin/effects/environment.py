@@ -28,12 +28,12 @@ ANOTHER_POINT = 5e-4
 
 @dataclass(frozen=True)
 class BaseCompliance(GravityEffect):
-    """The stand tilts under the moment of the whole arm: ``δφ = c m``, m about the base origin,
-    always level.
+    """The stand tilts under the moment of the whole arm: ``δφ = c m``, with the moment m of the
+    weight about the base origin.
 
     Unit rad/(N·m); typical 5e-6 to 2e-5 (magnetic base, tripod). Source: rotational stiffness of
-    the mount. Needs no column. Confused with: ``bearing_tilt:1``, ``joint_compliance:2``, an
-    eccentricity of joint 2.
+    the mount. Needs no column. Aliases: ``bearing_tilt:1``, ``joint_compliance:2``, an eccentricity
+    of joint 2.
     """
 
     cause: ClassVar[str] = "base_compliance"
@@ -53,12 +53,12 @@ class BaseCompliance(GravityEffect):
 
 @dataclass(frozen=True)
 class SeatError(Effect):
-    """One seat is not where it is said to be: true place = stated place + e. The arm itself is
-    right.
+    """The stated position of one seat has an error: true position = stated position + e. The arm
+    has no error.
 
     Unit m; typical 1e-5 (worn, dirty, moved). Source: seats of single-point tests, ASME
-    B89.4.22-2004. Needs ``seat``.
-    Confused with: any smooth error of the arm where a seat is touched in one posture.
+    B89.4.22-2004. Needs ``seat``. Aliases: any smooth error of the arm if the seat is probed in one
+    posture only.
     """
 
     seat: str
@@ -84,12 +84,12 @@ class SeatError(Effect):
 
 @dataclass(frozen=True)
 class ReferenceFrame(Effect):
-    """The references stand in a frame that is off from the base by a small shift and turn.
+    """The frame of the references has a small translation and rotation relative to the base.
 
-    A twist (v, ω) at the base: ``p_reference = exp(v, ω) p_base``. Units m, rad; any size that is
-    left after the two frames have been fitted; with ``session``, of its records. Source: rigid
-    registration. Needs ``session`` where one is named. Confused with: a zero offset of joint 1 and
-    d of row 1, which move the whole arm alike.
+    A twist (v, ω) at the base: ``p_reference = exp(v, ω) p_base``. Units m, rad; any size that
+    remains after the fit of the two frames. With ``session``, only the records of that session.
+    Source: rigid registration. Needs ``session`` if one is named. Aliases: a zero offset of joint 1
+    and d of row 1, which move the whole arm in the same way.
     """
 
     session: str | None = None
@@ -121,12 +121,12 @@ class ReferenceFrame(Effect):
 
 @dataclass(frozen=True)
 class StylusOffset(Effect):
-    """The ball or target is not at the tip: a constant shift in the axes of the last frame; with
-    ``marker``, of that target.
+    """The ball or target is not at the tip: a constant translation in the axes of the last frame;
+    with ``marker``, of that target.
 
-    Unit m; typical 2e-5 of a qualified stylus, 0.1 of a target screwed on. Source: probe
-    qualification, ISO 10360-12:2016. Needs ``marker`` where one is named. Confused with: a, d and θ
-    of the last row, which move the same point.
+    Unit m; typical 2e-5 for a qualified stylus, 0.1 for a mounted target. Source: probe
+    qualification, ISO 10360-12:2016. Needs ``marker`` if one is named. Aliases: a, d and θ of the
+    last row, which move the same point.
     """
 
     marker: str | None = None
@@ -160,11 +160,11 @@ class StylusOffset(Effect):
 
 @dataclass(frozen=True)
 class StylusBending(Effect):
-    """The stylus sags under gravity: ``δp = s (I - e eᵀ) down``, e its axis; s is the sag when it
-    is level.
+    """The stylus sags under gravity: ``δp = s (I - e eᵀ) down``, with the stylus axis e and the sag
+    s of the level stylus.
 
-    Unit m; typical 1e-6 to 2e-5. Source: beam theory; probing force adds to it where the hand
-    always pushes alike. Needs no column, but the stylus axis of the arm file. Confused with:
+    Unit m; typical 1e-6 to 2e-5. Source: beam theory; a probing force that is always the same
+    increases the sag. Needs no column, but the stylus axis of the arm file. Aliases:
     ``bearing_tilt``, ``joint_compliance`` of the last joint.
     """
 
@@ -178,7 +178,8 @@ class StylusBending(Effect):
         stylus = state.arm.stylus_axis
         if stylus is None:
             raise UnsupportedArmError(
-                f"{self.label} needs the axis of the stylus ([stylus] in the arm file)"
+                f"{self.label}: the arm states no axis of the stylus; expected [stylus] in the arm "
+                "file"
             )
         down = state.in_axes_of(state.arm.chain.tip, np.broadcast_to(state.down, (state.n, 3)))
         across = down - (down @ stylus)[:, None] * stylus
@@ -187,15 +188,16 @@ class StylusBending(Effect):
 
 @dataclass(frozen=True)
 class ThermalExpansion(Effect):
-    """Lengths grow with temperature: ``δl = α (T - T0) l``, of the whole arm or of one body; T0
-    from the arm file.
+    """The lengths of the whole arm or of one body expand with temperature: ``δl = α (T - T0) l``,
+    with T0 of the arm file.
 
     Unit 1/K; typical 12e-6 (steel) to 24e-6 (aluminium), 1e-6 carbon. Source: ISO 1:2022. Needs
-    ``temperature_c``, or ``temperature1_c …`` of each row: that of the body which moves with it, d
-    and a of the row in standard DH, d of the row and a of the next in modified DH. What stands
-    before row 1 has the mean of the rows. A body beside the whole arm has what it grows more, below
-    zero where it grows less. Confused with: the scale of the reference, ``link_length`` and
-    ``joint_distance`` where the temperature hardly changes; the whole arm with one tube.
+    ``temperature_c``, or ``temperature1_c …`` of each row. The temperature of a row applies to the
+    body that moves with it: d and a of the row in standard DH, d of the row and a of the next in
+    modified DH. Bodies before row 1 have the mean of the rows. If the whole arm expands too, the
+    value of one body is the difference. Aliases: the scale of the reference; ``link_length`` and
+    ``joint_distance`` if the temperature hardly changes; the expansion of the whole arm and that of
+    one tube.
     """
 
     link: int | None = None

@@ -132,8 +132,8 @@ class ErrorModel(Shown):
         file = self.arm.file
         if file is None or (isinstance(file, UrdfArmFile) and not file.urdf.file):
             raise AacmmError(
-                f"{self.arm.name}: was made from no file that could be named or extended; load "
-                "it from a file"
+                f"{self.arm.name}: the arm was not loaded from a file; expected an arm with a file "
+                "to extend"
             )
         from aacmm_pin.effects.text import entries_of  # loads every cause
 
@@ -329,8 +329,8 @@ class ErrorModel(Shown):
             if limits[joint, 0] >= limits[joint, 1]:
                 where = f"{effect.label}{known_range_in_words(effect)}"
                 raise AacmmError(
-                    f"{self.arm.name}: no angle between the limits of joint {joint + 1} is within "
-                    f"{where}"
+                    f"{self.arm.name}: no angle within the limits of joint {joint + 1} is in "
+                    f"the range of {where}; expected some"
                 )
         if np.array_equal(limits, self.arm.limits):
             return self
@@ -364,14 +364,14 @@ class ErrorModel(Shown):
         conditions = Conditions(len(q)) if conditions is None else conditions
         if conditions.n != len(q):
             raise ShapeError(
-                f"conditions are of {conditions.n} records; expected {len(q)} as q has"
+                f"conditions are of {conditions.n} records; expected {len(q)}, as many as q"
             )
         for name in ("approach", "torque"):
             values = getattr(conditions, name)
             if values is not None and values.shape[1] != self.arm.nq:
                 raise ShapeError(
-                    f"{name} has {values.shape[1]} columns; expected {self.arm.nq}, one of "
-                    "each joint"
+                    f"{name} has {values.shape[1]} columns; expected {self.arm.nq}, one "
+                    "for each joint"
                 )
         return displaced(self.arm, self.effects, q, conditions, self.arm.place(at), as_referenced)
 
@@ -418,8 +418,10 @@ def static_equilibrium(elastic: list[Effect], state: State) -> State:
         if all((change < SAME_TWIST).all() for change in changes):
             return state
     labels = ", ".join(effect.label for effect in elastic)
-    reached = f"static equilibrium not reached in {MOST_EQUILIBRIUM_STEPS} rounds"
-    raise AacmmError(f"{state.arm.name}: {labels}: {reached}; compliance or masses are too large")
+    reached = f"no static equilibrium after {MOST_EQUILIBRIUM_STEPS} iterations"
+    raise AacmmError(
+        f"{state.arm.name}: {labels}: {reached}; expected smaller compliances or masses"
+    )
 
 
 def _twists(effects: list[Effect], state: State, others: Mapping[int, Array]) -> dict[int, Array]:
@@ -446,7 +448,10 @@ def require_shown(effect: Effect, arm: Arm, q: Array, conditions: Conditions, so
     stands = [
         f"{CONDITION_COLUMNS[need]} has {_in_words(getattr(conditions, need))}" for need in present
     ]
-    raise AacmmError(f"{effect.key}: no record of {source} shows it: {'; '.join(stands)}")
+    raise AacmmError(
+        f"{effect.key}: has no effect in the records of {source}; {'; '.join(stands)}; "
+        "expected records with an effect"
+    )
 
 
 def _in_words(values: NDArray[Any]) -> str:

@@ -41,12 +41,12 @@ class _RowValue(Effect):
 
 @dataclass(frozen=True)
 class JointZeroOffset(_RowValue):
-    """The encoder's zero is not where the table has it: the body turns by ``δ`` about its axis, or
-    slides along it.
+    """The zero of the encoder has an error: the body is rotated by ``δ`` about the joint axis, or
+    displaced along it.
 
     Unit rad; typical 1e-4 after a factory calibration, up to 0.05 (3°) as assembled. Source: any DH
-    calibration; the 2010 zero-offset paper. Needs no column. Confused with: ``seat_error`` where
-    few seats are touched; at joint 1 with a turned reference frame (then it cannot be told at all).
+    calibration; the 2010 zero-offset paper. Needs no column. Aliases: ``seat_error`` if few seats
+    are probed; at joint 1 a rotated reference frame (the data cannot distinguish the two).
     """
 
     cause: ClassVar[str] = "joint_zero_offset"
@@ -64,10 +64,11 @@ class JointZeroOffset(_RowValue):
 
 @dataclass(frozen=True)
 class LinkLength(_RowValue):
-    """a of a row is off: the rest of the arm shifts along x of the row. Unit m; typical 2e-5.
+    """The length a of a row has an error: the rest of the arm is displaced along x of the row. Unit
+    m; typical 2e-5.
 
-    Source: Denavit–Hartenberg. Needs no column. Confused with: ``thermal_expansion``,
-    ``stylus_offset`` in the last row.
+    Source: Denavit–Hartenberg. Needs no column. Aliases: ``thermal_expansion``; ``stylus_offset``
+    in the last row.
     """
 
     cause: ClassVar[str] = "link_length"
@@ -79,10 +80,12 @@ class LinkLength(_RowValue):
 
 @dataclass(frozen=True)
 class JointDistance(_RowValue):
-    """d of a row is off: the rest of the arm shifts along the row's axis. Unit m; typical 2e-5.
+    """The distance d of a row has an error: the rest of the arm is displaced along the joint axis.
+    Unit m; typical 2e-5.
 
-    Source: Denavit–Hartenberg. Needs no column. Confused with: d of a neighbour with a parallel
-    axis (only their sum shows), ``thermal_expansion``, the height of the reference frame in row 1.
+    Source: Denavit–Hartenberg. Needs no column. Aliases: d of a neighbour with a parallel axis
+    (data determine only the sum); ``thermal_expansion``; in row 1 the height of the reference
+    frame.
     """
 
     cause: ClassVar[str] = "joint_distance"
@@ -94,10 +97,11 @@ class JointDistance(_RowValue):
 
 @dataclass(frozen=True)
 class LinkTwist(_RowValue):
-    """alpha of a row is off: the rest of the arm turns about x of the row. Unit rad; typical 5e-5.
+    """The twist alpha of a row has an error: the rest of the arm is rotated about x of the row.
+    Unit rad; typical 5e-5.
 
-    Source: Denavit–Hartenberg. Needs no column. Confused with: ``bearing_tilt`` where the load
-    hardly changes.
+    Source: Denavit–Hartenberg. Needs no column. Aliases: ``bearing_tilt`` if the load hardly
+    changes.
     """
 
     cause: ClassVar[str] = "link_twist"
@@ -109,12 +113,11 @@ class LinkTwist(_RowValue):
 
 @dataclass(frozen=True)
 class LinkTilt(_RowValue):
-    """The next axis is tilted about y of the row: what DH cannot say of two parallel axes, whose
-    common normal jumps away.
+    """The next axis is tilted about y of the row. DH parameters cannot state this tilt of nearly
+    parallel axes.
 
-    Unit rad; typical 5e-5. Source: Hayati, Mirmirani 1985 (angle β). Needs no column. Confused
-    with: d of the row and of the next where the axes are far from parallel; there DH itself
-    suffices.
+    Unit rad; typical 5e-5. Source: Hayati, Mirmirani 1985 (angle β). Needs no column. Aliases: d of
+    the row and of the next if the axes are far from parallel; DH parameters suffice there.
     """
 
     cause: ClassVar[str] = "link_tilt"
@@ -125,11 +128,12 @@ class LinkTilt(_RowValue):
 
 @dataclass(frozen=True)
 class JointPlacement(Effect):
-    """The placement of a joint is off, by three shifts and three turns in the placement's own axes.
+    """The placement of a joint has an error: three translations and three rotations in its own
+    axes.
 
-    For arms that came as URDF, which have placements and no DH rows; more parameters than any data
-    can tell, so some are known only together. Units m and rad; typical 5e-5, 1e-4. Needs no column.
-    Confused with: the neighbours' placements.
+    For arms of a URDF, which have placements and no DH rows. No data determine all of these
+    parameters: some are known only in combination. Units m and rad; typical 5e-5, 1e-4. Needs no
+    column. Aliases: the placements of neighbours.
     """
 
     joint: int

@@ -74,7 +74,7 @@ class LoadedEffect(Effect):
         """
         at = state.known_row(self.load_at or 0)
         if at < row:
-            raise AacmmError(f"{self.label}: load_at is {at}; expected one from row {row} on")
+            raise AacmmError(f"{self.label}: load_at is {at}; expected row {row} or a later one")
         return np.cross(state.origin[end(at)] - about, state.down)
 
 
@@ -101,7 +101,8 @@ class GravityEffect(LoadedEffect):
         super().__post_init__()
         if self.bodies and self.load_at is not None:
             raise AacmmError(
-                f"{self.label}: has a load and bodies of unknown masses; expected one or the other"
+                f"{self.label}: has both a load and bodies of unknown masses; expected one of the "
+                "two"
             )
 
     @property
@@ -134,8 +135,8 @@ class GravityEffect(LoadedEffect):
         beyond = tuple(place // 2 for place in state.arm.chain.moving_axes() if place // 2 >= row)
         if self.bodies != beyond:
             raise AacmmError(
-                f"{self.label}: bodies is {self.bodies}; expected those at and beyond row {row}, "
-                f"{beyond}"
+                f"{self.label}: bodies is {self.bodies}; expected {beyond}, the bodies at and "
+                f"beyond row {row}"
             )
         return columns
 

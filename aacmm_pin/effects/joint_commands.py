@@ -57,14 +57,14 @@ def joint_commands(
     nominal = ErrorModel.of(nominal)
     if nominal.arm.nq != model.arm.nq:
         raise ShapeError(
-            f"{nominal.arm.name} has {nominal.arm.nq} joints; expected {model.arm.nq} as "
-            f"{model.arm.name} has"
+            f"{nominal.arm.name} has {nominal.arm.nq} joints; expected {model.arm.nq}, as many "
+            f"as {model.arm.name}"
         )
     if _has_tip_on_target(model) and not _has_tip_on_target(nominal):
         raise AacmmError(
-            f"{model.arm.name}: its tip is a target away from the tip of {nominal.arm.name}; "
-            "expected the same tip. Calibrate with a label of the target in the column marker, or "
-            "with the target as a frame of the URDF or a fixed last row of the table"
+            f"{model.arm.name}: the tip is a target away from the tip of {nominal.arm.name}; "
+            "expected the same tip. Calibrate again with the column marker, or with the target "
+            "as a frame of the URDF or a fixed last row of the table"
         )
     q = batch(q, model.arm.nq, "q", "rad")
     wanted = nominal.state(q, conditions)

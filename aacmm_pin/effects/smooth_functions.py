@@ -55,8 +55,8 @@ class Cosines:
     def __post_init__(self) -> None:
         if not len(self.at_si) == len(self.below) >= 1 or np.any(np.diff(self.at_si) <= 0.0):
             raise AacmmError(
-                f"cosines of {self.of}: expected ascending values in at_si, and a number in below "
-                "for each"
+                f"cosines of {self.of}: expected ascending values in at_si, and as many numbers in "
+                "below"
             )
         if self.records < 1 or not 0 <= self.count <= MOST_FUNCTIONS:
             raise AacmmError(

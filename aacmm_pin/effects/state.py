@@ -172,8 +172,8 @@ class State:
         slide = [k for k in rows if k > row and self.arm.chain.prismatic[self.joint(k)]]
         if slide:
             raise UnsupportedArmError(
-                f"{self.arm.name}: joint {slide[0]} is prismatic; unknown masses need revolute "
-                "joints"
+                f"{self.arm.name}: joint {slide[0]} is prismatic; expected revolute joints for "
+                "bodies of unknown masses"
             )
         columns = [self.rotation[axis(k)] for k in rows]
         return np.cross(np.concatenate(columns, axis=2), self.down[None, :, None], axis=1)
@@ -187,7 +187,8 @@ class State:
         """
         if self.arm.masses is None:
             raise UnsupportedArmError(
-                f"{self.arm.name}: gravity needs masses (mass_kg); the arm states none"
+                f"{self.arm.name}: the arm states no masses; expected mass_kg for an effect of "
+                "gravity"
             )
         return self.arm.masses
 

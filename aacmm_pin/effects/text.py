@@ -54,7 +54,7 @@ def cause_of(text: str, model: ErrorModel, present: Collection[str] = ()) -> Eff
     parameters: dict[str, float] = {}
     for name, value in _items(text, rest, kind):
         if name in fields or name in parameters:
-            raise AacmmError(f"{text!r}: {name} is given twice")
+            raise AacmmError(f"{text!r}: {name} is given twice; expected each name once")
         if name in fields_of(kind):
             fields[name] = _field(kind, name, value)
         else:
@@ -66,7 +66,7 @@ def cause_of(text: str, model: ErrorModel, present: Collection[str] = ()) -> Eff
         known = [*fields_of(kind), *error.known]
         raise UnknownNameError(f"name for {cause}", error.name, known, f"in {text!r}") from None
     except AacmmError as error:
-        raise AacmmError(f"{text!r}: {error}; expected {_form(kind)}") from None
+        raise AacmmError(f"{text!r}: {error} (form: {_form(kind)})") from None
     if not parameters:
         same = (known for known in model.effects if known.identity == effect.identity)
         effect = next(same, effect)
@@ -156,7 +156,7 @@ def effect_from(
             raise UnknownNameError(f"field of {kind.cause}", name, list(fields_of(kind)))
     missing = [name for name in fields_of(kind) if name not in stated and not hasattr(kind, name)]
     if missing:
-        raise AacmmError(f"{kind.cause}: missing {', '.join(missing)}")
+        raise AacmmError(f"{kind.cause}: {', '.join(missing)} missing")
     u = dict(uncertainty or {})
     nonlinear_u = u.pop(kind.nonlinear.field, 0.0)
     fields = {name: _checked_field(kind, name, value) for name, value in stated.items()}
@@ -288,5 +288,5 @@ def _require_all(entry: EffectEntry, effect: Effect) -> None:
     ):
         missing = [name for name in expected if name not in stated]
         if stated and missing:
-            beside = f"missing {', '.join(missing)} beside {', '.join(stated)}"
+            beside = f"only {', '.join(stated)} stated; expected {', '.join(missing)} too"
             raise AacmmError(f"{effect.label}: {what}: {beside}")

@@ -58,13 +58,13 @@ class _TimeOfDrift(TimeConstant["ZeroDrift"]):
 class ZeroDrift(Effect):
     """The zero of one encoder drifts while it warms up: ``δ = A (1 - exp(-t/τ))``, 0 before t = 0.
 
-    t counts from switching on. Unit rad; typical 5e-5 to 3e-4, τ a quarter to two hours. Source:
-    first-order heating. Needs ``time_s``. Confused with: ``encoder_slip`` where τ is short,
-    ``thermal_expansion`` where the room warms up alike.
+    t counts from the time at which the arm is switched on. Unit rad; typical 5e-5 to 3e-4, τ a
+    quarter to two hours. Source: first-order heating. Needs ``time_s``. Aliases: ``encoder_slip``
+    if τ is short; ``thermal_expansion`` if the room warms up at the same rate.
 
-    Records that it was found from may show hardly more than a slope. Where they end, at
-    ``until_s``, it may then stop or go on as it was: its rate there is the standard uncertainty of
-    its rate from then on.
+    The records of the fit may determine hardly more than a slope. After they end, at ``until_s``,
+    the drift may stop or continue: its rate at that time is the standard uncertainty of its later
+    rate.
     """
 
     joint: int
@@ -186,14 +186,13 @@ class _TimeOfSlip(Nonlinear["EncoderSlip"]):
 class EncoderSlip(Effect):
     """The disc or coupling slips once: ``δ`` from ``time_s`` on, zero before.
 
-    Unit rad; typical 5e-5 to 5e-4. Needs ``time_s``. Confused with: ``zero_drift`` where few
-    records are near the slip, a moved reference (which shifts all directions, not one joint's), a
+    Unit rad; typical 5e-5 to 5e-4. Needs ``time_s``. Aliases: ``zero_drift`` if few records are
+    near the slip; a moved reference (a displacement in all directions, not in that of one joint); a
     session boundary.
 
-    The slip lies between the two times ``between_s``: half of ``δ`` is taken there, and ``δ/2`` is
-    the standard uncertainty of that (JCGM 100:2008, 4.3: two values, equally probable). The times
-    are by the clock of the ``sessions``; records of another, which is a later one, have all of
-    ``δ``.
+    The slip is between the two times ``between_s``. Between them the model uses ``δ/2``, with the
+    standard uncertainty ``δ/2`` (JCGM 100:2008, 4.3: two equally probable values). The times are by
+    the clock of the ``sessions``; records of other sessions count as later and have all of ``δ``.
     """
 
     joint: int

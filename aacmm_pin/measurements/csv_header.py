@@ -109,15 +109,15 @@ def checked_names(
             problems.add("", f"column {place} of {len(names)} has no name{came}; {expected}")
     for name, count in Counter(texts).items():
         if count > 1 and name.strip():
-            problems.add(name, f"is there {count} times; expected each name once in the header")
+            problems.add(name, f"occurs {count} times; expected each name once in the header")
     unknown = [name for name in dict.fromkeys(texts) if column_of(name, columns) is None]
     most = plausible.MOST_UNKNOWN
     if len(unknown) > most:
         first = ", ".join(map(shortened, unknown[:3]))
         problems.add(
             "",
-            f"{len(unknown)} columns of unknown names, such as {first}; expected at most {most}, "
-            "so leave out what residuals do not depend on",
+            f"{len(unknown)} columns of unknown names, such as {first}; expected at most "
+            f"{most}; delete columns on which residuals do not depend",
         )
         problems.stop()
     for name in unknown:
@@ -125,8 +125,7 @@ def checked_names(
             problems.add(
                 name,
                 f"is not a known name; expected {shortened(meant)}{_in_unit(meant, columns)}; "
-                "rename the column, or if it is something else, give it a name that cannot be "
-                "taken for that",
+                "rename the column, also if it is something else (then by a less similar name)",
             )
     problems.stop()
     return texts
@@ -215,7 +214,7 @@ def _angle_unit(names: Sequence[str], problems: Problems) -> AngleUnit:
         for unit, form in THETA.items()
     }
     if all(columns.values()):
-        came = f"{columns['deg']} in degrees beside {columns['rad']} in radians"
+        came = f"{columns['deg']} are in degrees, {columns['rad']} in radians"
         problems.add("", f"{came}; expected one unit for all joints")
         problems.stop()
     return "rad" if columns["rad"] else "deg"
@@ -227,13 +226,14 @@ def _check_joints(header: Header, names: Sequence[str], nq: int | None, problems
     if not theta:
         problems.add(
             "",
-            f"no angles: the first line has {listed(map(repr, names))}; expected columns "
+            f"no angles; the first line has {listed(map(repr, names))}; expected columns "
             f"theta1_deg … or theta1_rad …{_renaming(names)}",
         )
     elif nq is not None and len(theta) != nq:
         expected = span(named(THETA[header.unit], nq))
         problems.add(
-            span(theta), f"angles of {len(theta)} joints, but the arm has {nq}; expected {expected}"
+            span(theta),
+            f"angles of {len(theta)} joints; the arm has {nq}; expected {expected}",
         )
 
 
@@ -267,19 +267,22 @@ def _check_companions(there: set[str], problems: Problems) -> None:
         missing = [name for name in group if name not in there]
         if present and missing:
             expected = f"expected all of {', '.join(group)}"
-            problems.add(", ".join(missing), f"missing beside {', '.join(present)}; {expected}")
+            problems.add(
+                ", ".join(missing), f"missing, but {', '.join(present)} present; {expected}"
+            )
     stated = [form for form in ORIENTATIONS if there.intersection(form)]
     if len(stated) > 1:
-        problems.add(", ".join(map(span, stated)), "orientations in two ways; expected one of them")
+        problems.add(
+            ", ".join(map(span, stated)),
+            "orientations are stated twice; expected one of these forms",
+        )
     for u, of in ((REFERENCE_U[0], REFERENCE), (ORIENTATION_U, (stated or ORIENTATIONS)[0])):
         if u in there and not there.intersection(of):
-            problems.add(
-                u, f"uncertainty of a reference that is not there; expected {', '.join(of)} too"
-            )
+            problems.add(u, f"uncertainty without a reference; expected {', '.join(of)} too")
     if there.intersection(BAR) and "seat" not in there:
         problems.add(
             "seat",
-            "missing beside bar; expected the label of the seat that each end of a bar stands for",
+            "missing, but bar present; expected the label of the seat of each end of a bar",
         )
 
 
@@ -290,11 +293,12 @@ def _check_temperatures(
     if of_rows and "temperature_c" in there:
         problems.add(
             "temperature_c",
-            f"beside {span(of_rows)}; expected one temperature, or one for each DH row",
+            f"present with {span(of_rows)}; expected either temperature_c of the whole arm, or "
+            "one column for each DH row",
         )
     if 0 < len(of_rows) < joints:
         problems.add(
             span(of_rows),
-            f"{len(of_rows)} columns; expected one for each DH row, so {joints} or more; "
-            "temperature_c is that of the whole arm",
+            f"{len(of_rows)} columns; expected {joints} or more, one for each DH row; use "
+            "temperature_c for the whole arm",
         )

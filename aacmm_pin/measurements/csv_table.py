@@ -85,7 +85,7 @@ def measurement_file(path: str) -> bytes:
     Raises:
         MeasurementFileError: the file cannot be read.
     """
-    expected = "a measurement file, *.csv,"
+    expected = "a measurement file (*.csv)"
     return content_of(
         path, LARGEST_FILE, expected, lambda message: MeasurementFileError(path, None, "", message)
     )
@@ -204,7 +204,7 @@ def _rows(path: str, text: str, separator: str, spaced: bool) -> Iterator[Row]:
             end = reader.line_num
     except csv.Error as error:
         raise MeasurementFileError(
-            path, end + 1, "", f"not CSV: {error}; check the quotes"
+            path, end + 1, "", f"{error}; expected CSV; check the quotes"
         ) from None
 
 
@@ -220,7 +220,7 @@ def _records(
     own_rows = [k for k, row in enumerate(rows) if not row.is_comment]
     if not own_rows:
         raise MeasurementFileError(
-            path, None, "", "has comments only; expected a header and one row a record"
+            path, None, "", "has comments only; expected a header and one row per record"
         )
     first = own_rows[0]
     headers = (rows[k] for k in own_rows[:LAST_HEADER] if _has_names(rows[k].cells))
@@ -245,7 +245,8 @@ def _records(
     problems.at(
         like_comments,
         header[0],
-        "begins with # as a comment or a label may; delete the row, or name it otherwise",
+        "begins with #, as comments and some labels do; expected another label; delete the "
+        "row if it is a comment",
     )
     problems.stop()
     if len(records) > 1:
@@ -260,8 +261,8 @@ def _check_title(path: str, first: Row, header: Row) -> None:
             path,
             first.line,
             "",
-            f"{shortened(first.cells[0])!r}; expected the names of the columns, which row "
-            f"{header.line} has; delete the rows above it, or begin them with #",
+            f"{shortened(first.cells[0])!r}; expected the names of the columns (row "
+            f"{header.line}); delete the rows above that row, or begin them with #",
         )
 
 
@@ -276,8 +277,8 @@ def _check_first_record(path: str, header: list[str], records: Sequence[Row]) ->
             path,
             records[0].line,
             "",
-            f"{listed(words)} in place of numbers; expected the first record; delete the row, or "
-            "begin it with # (names of columns state the units)",
+            f"{listed(words)}; expected numbers of the first record; delete this row or begin "
+            "it with # (names of columns state the units)",
         )
 
 
@@ -344,18 +345,18 @@ def _text(path: str, content: bytes) -> str:
             path,
             line,
             "",
-            f"not UTF-8 text (byte {error.start}); expected a CSV file in UTF-8, as every "
-            "spreadsheet can save it",
+            f"not UTF-8 text (byte {error.start}); expected a CSV file in UTF-8; save the file "
+            "with this encoding",
         ) from None
     if "\0" in text:
         line = text.count("\n", 0, text.index("\0")) + 1
         expected = "expected a CSV file in UTF-8"
         raise MeasurementFileError(
-            path, line, "", f"has a NUL byte: not text, or in UTF-16; {expected}"
+            path, line, "", f"has a NUL byte, as of a file in UTF-16; {expected}"
         )
     if not text.strip():
         raise MeasurementFileError(
-            path, None, "", "is empty; expected a header and one row a record"
+            path, None, "", "is empty; expected a header and one row per record"
         )
     if _ARM_FILE.search(text):
         raise MeasurementFileError(

@@ -136,7 +136,7 @@ def read_records(table: pd.DataFrame, nq: int | None, problems: Problems) -> Rec
     """
     header = read_header(list(table.columns), nq, problems)
     if not len(table):
-        problems.add("", "has a header but no records")
+        problems.add("", "has a header but no records; expected one row per record")
     values = read_values(table, MEASUREMENT_FILE, problems)
     problems.stop()
     return RecordTable(header, values)

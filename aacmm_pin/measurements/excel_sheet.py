@@ -55,7 +55,7 @@ def first_sheet(path: str, content: bytes) -> Sheet:
                 path,
                 None,
                 "",
-                f"has {size / 1e6:.0f} MB unpacked; expected at most {MOST_UNPACKED / 1e6:g}",
+                f"has {size / 1e6:.0f} MB unpacked; expected at most {MOST_UNPACKED / 1e6:g} MB",
             )
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of styles and extensions
@@ -69,8 +69,8 @@ def first_sheet(path: str, content: bytes) -> Sheet:
             path,
             None,
             "",
-            f"is no Excel workbook (*.xlsx) that openpyxl can read: {error}; expected one, or a "
-            "CSV file in UTF-8",
+            f"cannot be read by openpyxl: {error}; expected an Excel workbook (*.xlsx) or a CSV "
+            "file in UTF-8",
         ) from None
     return Sheet(sheet.title, len(book.worksheets), rows)
 

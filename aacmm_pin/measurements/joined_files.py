@@ -35,7 +35,8 @@ def joined(path: str, first: CsvTable, other: str, second: CsvTable) -> pd.DataF
                 other,
                 None,
                 RECORD,
-                f"{len(two)} rows; expected {len(one)} as {path} has, or the column record in both",
+                f"{len(two)} rows; expected {len(one)}, as many as {path} has, or the column "
+                "record in both",
             )
         return pd.concat([one, two], axis=1)
     _check_labels(path, first, second.table, other)
@@ -56,5 +57,5 @@ def _check_labels(path: str, file: CsvTable, others: pd.DataFrame, other: str) -
     again = pd.Series(labels).duplicated().to_numpy()
     problems.at(again, RECORD, "is {!r} again; expected each label once", labels)
     missing = ~np.isin(labels, cells_of(others[RECORD]))
-    problems.at(missing, RECORD, f"is {{!r}}, which {other} does not have", labels)
+    problems.at(missing, RECORD, f"is {{!r}}; expected a label of {other}", labels)
     problems.stop()

@@ -142,9 +142,9 @@ class Pool:
                     most = max(most, fewest)
         if len(found) < wanted:
             raise AacmmError(
-                f"{self.arm.name}: only {len(found)} of {wanted} {what} can be reached in {each} "
-                f"postures within the limits ({at} tried; the others in at most {most} postures); "
-                f"reduce the number of records or {what}"
+                f"{self.arm.name}: only {len(found)} {what} can be reached in {each} postures "
+                f"within the limits ({at} tried; the others in at most {most} postures); expected "
+                f"{wanted}; reduce the number of records or {what}"
             )
         return found
 
@@ -159,9 +159,8 @@ def seats_for(pool: Pool, wanted: int, each: int, rng: np.random.Generator) -> l
     order = spread_out(points, TRIES * wanted, SEATS_APART)
     if len(order) < wanted:
         raise AacmmError(
-            f"{pool.arm.name}: room for {len(order)} seats {SEATS_APART / MM:g} mm or more apart; "
-            f"expected {wanted}; "
-            "ask for fewer seats"
+            f"{pool.arm.name}: room for {len(order)} seats {SEATS_APART / MM:g} mm or more "
+            f"apart; expected {wanted}; reduce the number of seats"
         )
     return pool.places(points[order][:, None], wanted, each, "seats")
 
@@ -192,10 +191,9 @@ def bars_for(
     if found.sum() < wanted:
         extent = np.linalg.norm(pool.tips.max(axis=0) - pool.tips.min(axis=0))
         raise AacmmError(
-            f"{pool.arm.name}: {found.sum()} of {wanted} bars of {length / MM:g} mm found with "
-            "both ends where many "
-            f"postures reach, in {MOST_DRAWS * len(a)} tries; all tips lie in a box with a "
-            f"diagonal of {extent / MM:.0f} mm"
+            f"{pool.arm.name}: {found.sum()} places found for bars of {length / MM:g} mm, in "
+            f"{MOST_DRAWS * len(a)} tries; expected {wanted}; reduce the length or number of "
+            f"bars (tips lie in a box with a diagonal of {extent / MM:.0f} mm)"
         )
     a = a[found]
     b = b[found]

@@ -71,7 +71,7 @@ def read_probed_points(table: pd.DataFrame, problems: Problems) -> pd.DataFrame:
             "test", f"missing; expected which test each point belongs to: {', '.join(NEEDED)}"
         )
     if not len(table):
-        problems.add("", "has a header but no probed points")
+        problems.add("", "has a header but no probed points; expected one row per probed point")
     problems.stop()
     values = read_values(table, PROBED_POINT_COLUMNS, problems)
     check_numbers(values, PROBED_POINT_COLUMNS, problems)

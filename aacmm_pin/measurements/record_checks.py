@@ -117,12 +117,10 @@ def _check_angles(table: RecordTable, problems: Problems) -> None:
     in_radians = span(named(THETA["rad"], len(theta)))
     problems.add(
         span(theta),
-        f"all angles of all {len(q)} records lie within ±{largest:.4g}°, so these look like "
-        "radians; if they "
-        f"are, rename the columns to {in_radians}; if they are degrees, convert them to radians "
-        "under these "
-        f"names (from {ENOUGH_RECORDS} records on, a largest angle of 1 to 2π is taken for "
-        "radians)",
+        f"all angles of all {len(q)} records lie within ±{largest:.4g}°, as radians would; "
+        f"expected degrees. If they are radians, rename the columns to {in_radians}. If "
+        f"they are degrees, convert them to radians under these names ({ENOUGH_RECORDS} or "
+        "more records with a largest angle of 1 to 2π count as radians)",
     )
 
 
@@ -136,21 +134,25 @@ def _check_references(values: Values, problems: Problems) -> None:
             problems.at(
                 partly & ~stated[:, k],
                 name,
-                f"is empty in a row that states others of {others}; expected all or none",
+                f"is empty in a row that states a part of {others}; expected all or none",
             )
     _check_zeros(values, problems)
     norm = np.linalg.norm(values.block(ORIENTATION), axis=1)
     problems.at(
         np.abs(norm - 1.0) > MOST_NORM_ERROR,
         span(ORIENTATION),
-        "has the norm {:.6g}; expected 1: a unit quaternion, scalar first (or "
-        f"{span(ROTATION_VECTOR)} or {span(ROLL_PITCH_YAW)} in its place)",
+        "has the norm {:.6g}; expected 1: a unit quaternion, scalar first; or use "
+        f"{span(ROTATION_VECTOR)} or {span(ROLL_PITCH_YAW)}",
         norm,
     )
     placed = np.isfinite(values.block(REFERENCE)).any(axis=1) | (values.label("seat") != "")
     for form in ORIENTATIONS:
         oriented = np.isfinite(values.block(form)).all(axis=1)
-        problems.at(oriented & ~placed, span(form), f"in a row without {span(REFERENCE)} and seat")
+        problems.at(
+            oriented & ~placed,
+            span(form),
+            f"stated in a row without {span(REFERENCE)} and seat; expected one of these too",
+        )
 
 
 def _check_zeros(values: Values, problems: Problems) -> None:
@@ -165,8 +167,8 @@ def _check_zeros(values: Values, problems: Problems) -> None:
         problems.add(
             span(REFERENCE),
             f"all {np.count_nonzero(known)} references are 0, 0, 0; expected the coordinates of "
-            "each measured point; leave the cells empty if they are unknown, and if all records "
-            "touched one point, label it in the column seat",
+            "each measured point; leave unknown coordinates empty; if all records are of one "
+            "point, label it in the column seat",
         )
 
 
@@ -180,8 +182,8 @@ def _check_seats(values: Values, problems: Problems) -> None:
     problems.at(
         useless,
         "seat",
-        "seat {!r} has this record only, without reference coordinates, and so contributes "
-        "nothing; expected two records or more with this label, or an empty cell",
+        "seat {!r} has this record only and no reference coordinates; expected two or more "
+        "records with this label, or an empty cell",
         seat,
     )
 
@@ -194,15 +196,28 @@ def _check_spheres(values: Values, problems: Problems) -> None:
     diameters = values.block(DIAMETERS)
     feature, probe = np.isfinite(diameters).T
     probe &= values.label(FEATURE_KIND) != PLANE
-    problems.at(feature & (seat == ""), DIAMETERS[0], "is stated in a row without feature")
-    problems.at(feature & ~probe, DIAMETERS[1], "is empty in a row with a feature's diameter")
-    problems.at(~feature & probe, DIAMETERS[0], "is empty in a row with a probe's diameter")
+    problems.at(
+        feature & (seat == ""),
+        DIAMETERS[0],
+        "is stated in a row without feature; expected its label",
+    )
+    problems.at(
+        feature & ~probe, DIAMETERS[1], "is empty in a row with a feature's diameter; expected both"
+    )
+    problems.at(
+        ~feature & probe, DIAMETERS[0], "is empty in a row with a probe's diameter; expected both"
+    )
     labels = pd.Series(seat)
     stated = np.column_stack([diameters, values.block(REFERENCE)])
     for name, numbers in zip((*DIAMETERS, *REFERENCE), stated.T, strict=True):
         problems.of_other_values(name, numbers, feature & np.isfinite(numbers), labels, "feature")
     of_sphere = labels.isin(seat[feature]).to_numpy() & (seat != "")
-    problems.at(of_sphere & ~feature, DIAMETERS[0], "is empty in a row of the sphere {!r}", seat)
+    problems.at(
+        of_sphere & ~feature,
+        DIAMETERS[0],
+        "is empty in a row of the sphere {!r}; expected a value in each of its rows",
+        seat,
+    )
     contacts = labels.groupby(labels).transform("size").to_numpy()
     placed = np.isfinite(values.block(REFERENCE)).any(axis=1)
     placed_sphere = labels.isin(seat[placed]).to_numpy()
@@ -224,13 +239,25 @@ def _check_planes(values: Values, problems: Problems) -> None:
     known = np.isin(kind, [PLANE, ""])
     problems.at(~known, FEATURE_KIND, f"is {{!r}}; expected {PLANE}, or an empty cell", kind)
     plane = kind == PLANE
-    problems.at(plane & (seat == ""), FEATURE_KIND, "is stated in a row without feature")
+    problems.at(
+        plane & (seat == ""), FEATURE_KIND, "is stated in a row without feature; expected its label"
+    )
     labels = pd.Series(seat)
     of_plane = labels.isin(seat[plane]).to_numpy() & (seat != "")
-    problems.at(of_plane & ~plane, FEATURE_KIND, "is empty in a row of the plane {!r}", seat)
+    problems.at(
+        of_plane & ~plane, FEATURE_KIND, "is empty in a row of the plane {!r}; expected plane", seat
+    )
     stated = np.isfinite(values.block((*REFERENCE, DIAMETERS[0]))).any(axis=1)
-    problems.at(plane & stated, FEATURE_KIND, "is plane in a row with coordinates or a diameter")
-    problems.at(plane & (values.label("bar") != ""), "bar", "is stated in a row of a plane")
+    problems.at(
+        plane & stated,
+        FEATURE_KIND,
+        "is plane in a row with coordinates or a diameter; expected these cells empty",
+    )
+    problems.at(
+        plane & (values.label("bar") != ""),
+        "bar",
+        "is stated in a row of a plane; expected an empty cell",
+    )
     contacts = labels.groupby(labels).transform("size").to_numpy()
     problems.at(
         plane & (contacts < FEWEST_CONTACTS),

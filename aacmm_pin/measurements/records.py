@@ -232,7 +232,7 @@ class Measurements(Shown):
         n = len(q)
         extra = pd.DataFrame(index=range(n)) if extra is None else extra.reset_index(drop=True)
         if len(extra) != n:
-            raise ShapeError(f"extra has {len(extra)} rows; expected {n}: one a record")
+            raise ShapeError(f"extra has {len(extra)} rows; expected {n}, one per record")
         known = Conditions(n) if conditions is None else conditions
         if known.n != n:
             raise ShapeError(f"conditions are of {known.n} records; expected {n}")
@@ -265,8 +265,8 @@ class Measurements(Shown):
         if list(header.extra) != list(extra.columns):
             known_names = [name for name in extra.columns if name not in header.extra]
             raise ShapeError(
-                f"extra has columns of known names: {', '.join(known_names)}; these are arguments "
-                "of their own"
+                f"extra has columns of known names: {', '.join(known_names)}; expected these as "
+                "arguments of their own"
             )
         return measurements
 
@@ -348,8 +348,8 @@ class Measurements(Shown):
         """
         if self.conditions.approach is not None:
             raise AacmmError(
-                f"{self.source}: columns approach1 … state the directions; expected none if the "
-                "order of rows gives them; delete the columns, or do not use the order"
+                f"{self.source}: columns approach1 … state the directions; expected no such "
+                "columns with --approach-from-order; delete the columns or omit the option"
             )
         step = np.diff(self.q, axis=0, prepend=self.q[:1])
         sign = pd.DataFrame(np.sign(step)).where(np.abs(step) > LEAST_MOTION)
@@ -614,7 +614,10 @@ def _checked(column: Column, values: ArrayLike | None, n: int) -> Any:
     if column.range is not None:
         column.range.check(np.where(np.isnan(array), column.range.most, array), name, ShapeError)
     if column.above_zero and (array == 0.0).any():
-        raise ShapeError(f"{name} holds numbers that are not above zero")
+        raise ShapeError(
+            f"{name} has numbers that are not above zero; expected standard uncertainties above "
+            "zero"
+        )
     return _checked_quaternions(array) if name == "orientation" else array
 
 
@@ -632,14 +635,14 @@ def _numbers(column: Column, values: ArrayLike, n: int) -> Array:
     else:
         array = _with_gaps(values, lambda filled: batch(filled, width, name, unit))
     if len(array) != n:
-        raise ShapeError(f"{name} has {len(array)} rows; expected {n}: one a record")
+        raise ShapeError(f"{name} has {len(array)} rows; expected {n}, one per record")
     if width > 1:
         unknown = np.isnan(array)
         partly = np.flatnonzero(unknown.any(axis=1) & ~unknown.all(axis=1))
         if partly.size:
             raise ShapeError(
-                f"{name}[{partly[0]}] is {array[partly[0]]}; expected numbers, or NaN for all "
-                "where not known"
+                f"{name}[{partly[0]}] is {array[partly[0]]}; expected numbers, or NaN for all if "
+                "unknown"
             )
     return array
 

@@ -148,7 +148,7 @@ def simulate_touches(
     Raises:
         AacmmError: a point cannot be touched near its posture.
     """
-    source = f"simulated touches, {model.arm.name}"
+    source = f"simulated probed points, {model.arm.name}"
     return _Workshop(model, noise, 3.0, rng, source).at(points, q)
 
 
@@ -229,10 +229,9 @@ class _Workshop:
                 or "the contacts"
             )
             raise AacmmError(
-                f"{arm.name}: in {(~arrived).sum()} of {len(q)} records no posture inside the "
-                "limits has its tip at the "
-                f"seat: {causes} differ more from record to record than {MARGIN:g} rad, which "
-                "postures keep from the limits"
+                f"{arm.name}: no posture within the limits reaches the seat in "
+                f"{(~arrived).sum()} of {len(q)} records, because {causes} vary by more than "
+                f"the margin to the limits, {MARGIN:g} rad; reduce these causes"
             )
         return q
 

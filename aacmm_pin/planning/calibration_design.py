@@ -159,15 +159,16 @@ def plan_calibration(
     ]
     if noise.max() < NO_SCATTER:
         raise AacmmError(
-            f"no noise of readings, contacts or references reaches {NO_SCATTER / UM:g} µm or µrad; "
-            "state a noise to plan with"
+            f"the noise of readings, contacts and references is below {NO_SCATTER / UM:g} µm "
+            "and µrad; expected at least one above; increase --encoder-noise, --probe-noise-mm "
+            "or --u-reference-mm"
         )
     task = Task(model, (), existing, setup)
     where = places_for(task, scheme, records, postures, above, rng)
     if not task.problem(model, where).vector.size:
         raise AacmmError(
-            f"nothing to calibrate: {model.arm.name} states all its values to be exact; without a "
-            "prior (--no-prior) they are estimated"
+            f"{model.arm.name} states all values as exact; expected uncertain parameters; state "
+            "half-widths, or use --no-prior"
         )
     situation = Situation.of(task, MeasurementConditions((), model), where, rng)
     with watched(range(records), progress, "plan", "record") as steps:

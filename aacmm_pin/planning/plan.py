@@ -152,7 +152,8 @@ def places_for(
         where = postures_at_seats(task, postures, above, rng)
     if where.n < records:
         raise AacmmError(
-            f"records is {records}, but only {where.n} different postures were found; ask for fewer"
+            f"records is {records}; expected at most {where.n}, the number of different "
+            "postures that were found"
         )
     return where
 
@@ -178,8 +179,8 @@ def check_numbers(
         raise AacmmError(f"postures is {postures}; expected at least as many as records, {records}")
     if existing is not None and existing.nq != model.arm.nq:
         raise AacmmError(
-            f"{existing.source} has angles of {existing.nq} joints, {model.arm.name} has "
-            f"{model.arm.nq}"
+            f"{existing.source} has angles of {existing.nq} joints; expected {model.arm.nq}, as "
+            f"many as {model.arm.name} has"
         )
 
 

@@ -35,8 +35,8 @@ class Task:
     def __post_init__(self) -> None:
         if self.setup.frame_of_session:
             raise AacmmError(
-                "reference frame: came session; expected base or external, as the records of a "
-                "plan are one session"
+                "--reference-frame session; expected base or external, because planned records are "
+                "of one session"
             )
         if self.existing is not None:  # a plan is of tips
             object.__setattr__(
@@ -80,13 +80,14 @@ def require_separable(effects: tuple[Effect, ...], arm: Arm) -> None:
         # The tip is refitted only where the target is unknown.
         if effect.refitted and effect.location_field() != "marker":
             raise AacmmError(
-                f"{effect.label} is refitted in every diagnosis; expected a cause that is not"
+                f"{effect.label} is fitted again in every diagnosis; expected a cause that "
+                "diagnose may add"
             )
         require_row(effect, arm)
         if effect.location_field() == "joint" and effect.row not in arm.chain.moving_rows():
             raise AacmmError(
-                f"{effect.label}: row {effect.row} of {arm.name} is rigid; expected one "
-                "with a joint"
+                f"{effect.label}: row {effect.row} of {arm.name} is rigid; expected a row with a "
+                "joint"
             )
     if len(effects) != len({e.identity for e in effects}):
         raise AacmmError(f"{effects[0].key} is given twice; expected two different causes")

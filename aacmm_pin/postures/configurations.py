@@ -205,10 +205,11 @@ def configuration_circles(
     count = whole(count, 3, "count")
     if tip:
         if rest is not None:
-            raise AacmmError("rest cannot be combined with tip=True, where every joint moves")
+            raise AacmmError("rest cannot be combined with tip=True")
         if axis is None:
             raise AacmmError(
-                "tip=True needs axis, the direction of the stylus in the base, such as [0, 0, -1]"
+                "tip=True without axis; expected the direction of the stylus in the base, such as "
+                "axis=[0, 0, -1]"
             )
         wrist = None
         stylus, direction = directed_stylus(arm, axis)
@@ -216,7 +217,7 @@ def configuration_circles(
         systems = [tip_equations(dh, point[None, :], stylus, direction) for point in points]
     else:
         if axis is not None:
-            raise AacmmError("axis requires tip=True; at the wrist it has no effect")
+            raise AacmmError("axis requires tip=True")
         wrist = Wrist.of_arm(arm, "a configuration circle", rest)
         found = wrist_curves(wrist, points, SEEDS_PER_TURN)
         systems = [wrist_equations(wrist, point[None, :]) for point in points]
@@ -249,13 +250,12 @@ def directed_stylus(arm: Arm, axis: ArrayLike) -> tuple[Array, Array]:
     dh = arm.require_dh("a circle of the tip", TIP_JOINTS)
     if dh.nq != TIP_JOINTS:
         raise UnsupportedArmError(
-            f"{arm.name}: the circle of the tip needs {TIP_JOINTS} joints, this arm has "
-            f"{dh.nq}; see reaching_postures"
+            f"{arm.name}: the arm has {dh.nq} joints; expected {TIP_JOINTS} for a circle of the "
+            "tip; use reaching_postures"
         )
     if arm.stylus_axis is None:
         raise UnsupportedArmError(
-            f"{arm.name}: the tip at a point needs the axis of the stylus ([stylus] in the arm "
-            "file)"
+            f"{arm.name}: the arm states no axis of the stylus; expected [stylus] in the arm file"
         )
     return arm.stylus_axis, unit_vector(axis, "axis")
 

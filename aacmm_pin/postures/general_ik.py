@@ -212,15 +212,13 @@ def _conditions(
     slides = np.flatnonzero(arm.chain.prismatic) + 1
     if slides.size:
         raise UnsupportedArmError(
-            f"{arm.name}: joint {', '.join(str(j) for j in slides)} is prismatic; "
-            "postures can be enumerated only if all joints are revolute"
+            f"{arm.name}: joint {', '.join(str(j) for j in slides)} is prismatic; expected "
+            "revolute joints to enumerate postures"
         )
     if axis is not None and rotation is not None:
-        raise AacmmError(
-            "axis and rotation were given; expected one of them: a rotation holds every axis"
-        )
+        raise AacmmError("axis and rotation were both given; expected one of the two")
     if tool is not None and axis is None:
-        raise AacmmError("tool requires axis, the direction in the base along which it lies")
+        raise AacmmError("tool requires axis, the direction of the tool in the base")
     if axis is not None:
         stylus = arm.stylus_axis if arm.stylus_axis is not None else np.array([0.0, 0.0, 1.0])
         mine = stylus if tool is None else unit_vector(tool, "tool")
@@ -242,7 +240,7 @@ def _what_fits(arm: Arm, conditions: PoseConditions) -> str:
         for n, words in CONDITIONS.items()
         if joints - n in (0, 1)
     ]
-    expected = f"state {' or '.join(fitting)}" if fitting else "only 3 to 7 joints fit"
+    expected = f"expected {' or '.join(fitting)}" if fitting else "expected 3 to 7 joints"
     if free < 0:
         return (
             f"{arm.name}: {joints} joints cannot meet the {conditions.count} conditions of "
@@ -258,8 +256,12 @@ def _rotation(values: ArrayLike) -> Array:
     matrix = vector(matrix.ravel(), 9, "rotation", "1").reshape(3, 3)
     off = float(np.abs(matrix.T @ matrix - np.eye(3)).max())
     if off > ORTHONORMAL or np.linalg.det(matrix) < 0:
-        what = f"its columns are off by {off:.1e}" if off > ORTHONORMAL else "it is a reflection"
-        raise ShapeError(f"rotation is not one: {what}; expected orthonormal columns, right-handed")
+        what = (
+            f"columns deviate from orthonormal by {off:.1e}"
+            if off > ORTHONORMAL
+            else "the matrix is a reflection"
+        )
+        raise ShapeError(f"rotation: {what}; expected orthonormal columns, right-handed")
     left, _, right = np.linalg.svd(matrix)
     return np.asarray(left @ right)
 

@@ -51,9 +51,10 @@ RULE_TEXT = (
     f"length or diameter, as in {RULE_OF}; the default of ISO 14253-1:2017 is 1.65u."
 )
 CHART_CAPTION = (
-    "Individuals charts of the magnitude of each test value. Line: mean of the earlier checks that "
-    f"count. Dashed: limits, {PER_MOVING_RANGE} mean moving ranges from the mean. Limits need "
-    f"{LEAST_CHECKS} or more checks that count; a limit below zero is left out."
+    "Individuals charts of the magnitude of each test value. Line: mean of the earlier "
+    f"checks that count. Dashed: limits, {PER_MOVING_RANGE} mean moving ranges from the "
+    f"mean. Limits need {LEAST_CHECKS} or more checks that count; a limit below zero is "
+    "not drawn."
 )
 CONDITION_LABELS = {
     "operator": ("operator", ""),

@@ -36,8 +36,9 @@ PREDICTION_HEADS = {
 }
 """Columns of the table, and their heads."""
 STATED_ONLY = (
-    "The prediction covers only the uncertainties that the arm states, to first order. Causes that "
-    "its model lacks add to it. Conforms: share of the runs with the verdict conformity."
+    "The prediction covers only the uncertainties that the arm states, to first order. "
+    "Causes that the model of the arm lacks increase the errors further. Conforms: "
+    "share of the runs with the verdict conformity."
 )
 INTERVALS_CAPTION = (
     "Median (dot) and 95 % interval (bar) of each test value; the vertical mark is the MPE."

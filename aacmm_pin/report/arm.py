@@ -37,7 +37,9 @@ def arm_document(arm: Arm) -> Document:
         Paragraph(_uncertainty_in_words(arm)),
     ]
     if arm.unexplained:
-        blocks.append(Paragraph(f"Its calibration left unexplained: {arm.unexplained}."))
+        blocks.append(
+            Paragraph(f"The calibration of this arm left unexplained: {arm.unexplained}.")
+        )
     return Document(arm.name, blocks)
 
 

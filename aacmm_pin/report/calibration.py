@@ -85,21 +85,23 @@ COMPARED = (
     "whole groups."
 )
 NOTHING_ESTIMATED = (
-    "No parameter was estimated, because the arm states all of them to be exact; --no-prior "
-    "estimates them."
+    "The calibration estimated no parameter, because the arm states all parameters as "
+    "exact; --no-prior estimates them."
 )
 KNOWN = (
-    "Changes, U and half-widths are in the unit of the column in. U: expanded uncertainty of the "
-    "estimate; it holds only if the model has all causes of error. Stated half-width: bound in the "
-    "arm file before calibration; 2u if the file states a standard uncertainty u. Known: measured "
-    "by these data; hardly, if they determine it less well than the arm file; as stated, if they "
-    "add nothing; or in combination with others (next section). A parameter known in combination "
-    "has no value by itself; the arm file holds one that fits the others."
+    "Changes, U and half-widths are in the unit of the column in. U: expanded "
+    "uncertainty of the estimate; it holds only if the model has all causes of error. "
+    "Stated half-width: bound in the arm file before calibration; 2u if the file "
+    "states a standard uncertainty u. Column known: measured, if these data determine "
+    "the value; hardly, if less well than the arm file; as stated, if not at all. In "
+    "combination: only together with others (next section). A parameter known in "
+    "combination has no value by itself; the arm file states one that is consistent "
+    "with the others."
 )
 UNDETERMINED = (
-    "Neither these data nor stated uncertainties determine these; they are left as they were. "
-    "Other postures, references or targets may determine them; more records of the same kind "
-    "do not:"
+    "Neither these data nor stated uncertainties determine these; the calibrated arm "
+    "keeps their values. Other postures, references or targets may determine them; "
+    "more records of the same kind do not:"
 )
 EXCLUDED = (
     "A record is excluded if its residual exceeds a bound that excludes a good record in one "
@@ -142,17 +144,19 @@ def verdict(result: Calibration) -> str:
     for held in result.held_out[-1:]:
         sizes += [held.rms_before, held.rms_after]
     before, after, *others = lengths(sizes)
-    fitted = f"of the records used {before} before, {after} after (RMS)"
+    fitted = f"{before} before, {after} after"
     if not others:
-        unknown = "no records were held out: new records may have larger residuals"
-        return f"{doubts}{name}{rest}: residuals {fitted}; {unknown}."
+        unknown = "No records were held out, and new records may have larger residuals"
+        return f"{doubts}{name}{rest}: RMS residual of the records used {fitted}. {unknown}."
     gain = 1.0 - held.rms_after / held.rms_before
     helps = "helps" if gain >= WORTH else "does not help"
     on_held_out = (
-        f"residuals of held-out {HELD_OUT_KINDS[held.kind]} {others[0]} before, {others[1]} after"
+        f"RMS residual of held-out {HELD_OUT_KINDS[held.kind]} {others[0]} before, "
+        f"{others[1]} after"
     )
     return (
-        f"{doubts}Calibration{rest} {helps} {name}: {on_held_out} (gain {percent(gain)}); {fitted}."
+        f"{doubts}Calibration{rest} {helps} {name}: {on_held_out} (gain {percent(gain)}). "
+        f"Of the records used: {fitted}."
     )
 
 
@@ -176,7 +180,9 @@ def fit_in_words(result: Calibration) -> str:
     judged, p = result.fit.chi2_stated, result.p_value
     if judged is None or p is None:
         if result.fit.stated:
-            return "χ² cannot test the fit: there are no more measured values than parameters."
+            return (
+                "χ² cannot test the fit: the records have no more measured values than parameters."
+            )
         return (
             "χ² cannot test the model: not all noise was stated. The residuals exceed the "
             f"stated noise by {length(result.fit.unmodelled)} per coordinate."
@@ -189,7 +195,7 @@ def fit_in_words(result: Calibration) -> str:
         )
     if p > 1.0 - MISFIT:
         return (
-            f"The residuals are smaller than the stated noise: {numbers}. The noise is stated "
+            f"The residuals are smaller than the stated noise: {numbers}. The stated noise is "
             "too large."
         )
     return f"The stated noise explains the residuals: {numbers}."
@@ -505,7 +511,7 @@ def _undetermined(result: Calibration) -> list[Block]:
 def excluded_records(excluded: pd.DataFrame) -> list[Block]:
     """The table of excluded records, or that there are none."""
     if not len(excluded):
-        return [Paragraph("No record was excluded.", detail=True)]
+        return [Paragraph("The fit excluded no record.", detail=True)]
     return [
         Table(
             excluded.astype({"row": str}),

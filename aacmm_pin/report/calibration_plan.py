@@ -45,12 +45,12 @@ def calibration_plan_document(plan: CalibrationPlan) -> Document:
 def calibration_plan_line(plan: CalibrationPlan) -> str:
     """How many records, and their observability and u compared with those of random ones."""
     name, records = plan.model.arm.name, f"{len(plan.records)} records"
-    beside = f" beside the {plan.existing} existing ones" if plan.existing else ""
+    beside = f" in addition to the {plan.existing} existing ones" if plan.existing else ""
     u, after_random = plan.u / MM, float(np.median(plan.u_random)) / MM
     return (
-        f"{records} to calibrate {name}{beside}. Observability index O1: {plan.ratio:.2f} times "
-        "that of as many random records. RMS over the postures of u of the tip after calibration: "
-        f"{u:.4f} mm, {after_random:.4f} mm with random records"
+        f"{records} to calibrate {name}{beside}. Observability index O1: {plan.ratio:.2f} "
+        "times that of as many random records. u of the tip after calibration, RMS over "
+        f"the postures: {u:.4f} mm, {after_random:.4f} mm with random records"
     )
 
 

@@ -15,7 +15,7 @@ from aacmm_pin.diagnosis import Check
 from aacmm_pin.effects import CONDITION_COLUMNS, Effect, cause_in_words, listed
 from aacmm_pin.report.document import Document, Notes, Paragraph, Table, document_of
 from aacmm_pin.report.measurements import measurements_document
-from aacmm_pin.report.numbers import count, length
+from aacmm_pin.report.numbers import count, lengths
 
 CHECK_SCHEMA = "aacmm-pin/check/1"
 MISSING = "Columns that the file lacks, and the causes that cannot be tried without them"
@@ -26,12 +26,12 @@ def check_document(check: Check) -> Document:
     """The check as a document."""
     name, used = check.model.arm.name, int(check.used.sum())
     fits = f"{used} of {count(check.measurements.n, 'record')} fit {name}"
-    distance = f"The RMS distance of tip and target is {length(check.rms)} with geometry as stated"
-    predicted = (
-        "the arm states no uncertainty to compare it with"
-        if np.isnan(check.predicted_rms)
-        else f"the stated uncertainties predict {length(check.predicted_rms)}"
-    )
+    known = not np.isnan(check.predicted_rms)
+    found, *expected = lengths([check.rms, check.predicted_rms] if known else [check.rms])
+    distance = f"The RMS distance of tip and target is {found} with geometry as stated"
+    predicted = "the arm states no uncertainty to compare this distance with"
+    if known:
+        predicted = f"the stated uncertainties predict {expected[0]}"
     finding = Paragraph(f"{fits}. {distance}; {predicted}.", finding=True)
     columns = measurements_document(check.measurements).blocks[1:]
     left_out = check.measurements.row[~check.used]

@@ -32,12 +32,15 @@ def comparison_warning(found: Comparison, arm: str) -> str:
     if found.is_of_other_frame:
         return (
             "references are not compared: their RMS distance from the tip is "
-            f"{found.rms[-1] / MM:.0f} mm. They are in another frame than the base of {arm} or of "
-            "another point, or the angles are in another unit or of another arm; run aacmm-pin "
-            "check"
+            f"{found.rms[-1] / MM:.0f} mm. The references are not in the base of {arm} or are "
+            "of another point, or the angles are in another unit or of another arm; run "
+            "aacmm-pin check"
         )
     if found.is_worse:
-        return "the errors by this arm are larger; run aacmm-pin diagnose to find what has changed"
+        return (
+            "the correction makes the errors larger; run aacmm-pin diagnose to find what has "
+            "changed"
+        )
     return ""
 
 

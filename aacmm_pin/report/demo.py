@@ -88,9 +88,13 @@ QUESTION = (
     "does the model with that cause gain?"
 )
 ASSUMED = (
-    "Before measuring only the geometry is uncertain: independent errors, uniform within the "
-    "half-widths. Encoder noise, eccentricity, gravity, temperature and contact add to them.",
-    "The working point is the wrist. The parts beyond it, such as the stylus, do not contribute.",
+    "Before measuring only the geometry is uncertain: independent errors, uniform "
+    "within the half-widths. Encoder noise, eccentricity, gravity, temperature and "
+    "contact increase the errors further.",
+    (
+        "The working point is the wrist. The parts beyond the wrist, such as the stylus, "
+        "do not contribute."
+    ),
     "Volumes are first order in the errors. Cells and sectors are evaluated at their centres.",
     "Neither volume nor u is a maximum permissible error of any standard.",
 )
@@ -153,8 +157,8 @@ def _circle_figure(circle: ConfigurationCircle, accuracy: AccuracyVolume) -> Fig
     return Figure(
         draw,
         f"The elbow's path round the working point and {circle.arm.name} in five postures",
-        "Five of the postures, and the path of the elbow. Its colour is the accuracy volume, where "
-        "all joints are within limits.",
+        "Five of the postures, and the path of the elbow. The colour is the accuracy "
+        "volume, if all joints are within limits.",
     )
 
 

@@ -96,33 +96,33 @@ ONLY_NOISE = ("noise", "the noise (no stated uncertainty adds to it)", "dotted")
 """What residuals are compared with: in a head, in words, and its line in the figure."""
 UNSTATED = "Not all noise was stated. The rest is estimated as the scatter about the extended arm."
 SEAT_ERRORS = (
-    "An error of a stated seat position hardly changes these residuals, which are distances from "
-    "the common point of the seat's records; it hardly changes the gain either."
+    "These residuals are distances from the common point of the records of a seat. An "
+    "error of a stated seat position hardly changes the residuals and the gain."
 )
 SEATS_JUDGED = (
-    "A seat that was left out is compared with its stated coordinates, whose noise reduces the "
-    "gain."
+    "A held-out seat is compared with its stated coordinates; their noise reduces the gain."
 )
 RANKED = (
-    "Strongest first; geometric values last. At the tip: RMS over all records. Probability: that "
-    "the cause acts. p: probability that, if no cause acts, the best of all causes fits as well. "
-    "Retained: fraction of the effect that a recalibration does not absorb."
+    "Strongest first; geometric values last. At the tip: RMS over all records. "
+    "Probability: that the cause acts. p: probability that the odds of any cause reach "
+    "these if this cause does not act. Not absorbed: part of the effect that "
+    "recalibration, other causes and background leave."
 )
 SETS_LISTED = "Sets of causes that may act, with their probabilities"
 ALL_SETS = "The probabilities of all sets add up to 1. Sets below 1 % are listed together."
 ALIASES_LISTED = "Aliases: causes with a similar effect in these records"
 ALIASES_EXPLAINED = (
-    "r: correlation of the two effects in these records, geometry refitted. Probability: that the "
-    "alias acts and the cause does not. If both act, the alias much below its typical magnitude, U "
-    "of the cause does not cover its value."
+    "r: correlation of the two effects in these records, geometry refitted. "
+    "Probability: that the alias acts and the cause does not. If both act and the "
+    "alias is much smaller than its typical magnitude, U of the cause is too small."
 )
 DISCREPANCY = (
     "RMS of the part that recalibration does not absorb, its standard uncertainty, and the "
     "probability that the discrepancy exists."
 )
 GROUPS = (
-    "Groups that do not agree with the other records, and how many times as large their residuals "
-    "are; check their set-up"
+    "Groups that do not agree with the other records, and the ratio of their residuals "
+    "to those of the others; check the set-up of these groups"
 )
 """Captions of tables, and how to read them."""
 
@@ -256,8 +256,8 @@ def _wrong_in_words(result: Diagnosis) -> str:
         return text
     off = f"stated values have unusually large errors: {_named(values, result.model.arm)}"
     if result.verdict == "unexplained" and not causes:
-        return f"the model's {off}"
-    return f"{text}; its {off}"
+        return off
+    return f"{text}; {off}"
 
 
 def _causes_in_words(result: Diagnosis, causes: Sequence[Finding]) -> str:
@@ -299,9 +299,9 @@ def _named(findings: Sequence[Finding], arm: Arm) -> str:
 def _inconclusive(result: Diagnosis, wrong: str) -> str:
     extended = result.extended
     if not result.converged:
-        return f"the search did not converge ({result.converge_note}), so nothing can be concluded"
+        return f"the search did not converge ({result.converge_note}); no conclusion is possible"
     if not extended.tells_noise:
-        return "there are too few records to distinguish a cause from noise"
+        return "the records are too few to distinguish a cause from noise"
     if extended.too_many_excluded:
         out, used = int(extended.excluded.sum()), int(extended.used.sum())
         return (
@@ -377,12 +377,9 @@ def gain_in_words(result: Diagnosis) -> str:
     """What the extended model is worth on held-out records."""
     held = result.held_out
     if held is None:
-        return "No records were held out, so the gain on other records is unknown."
+        return "No records were held out; the gain on other records is unknown."
     if np.array_equal(held.extended, held.recalibrated, equal_nan=True):
-        return (
-            "The extended and the recalibrated arm are the same, so there is no gain on held-out "
-            "records."
-        )
+        return "The extended arm is the recalibrated arm, without a gain on held-out records."
     low, high = held.interval
     significant = held.beyond_doubt or high < -THRESHOLDS.least_gain
     notes = [] if significant else [", not significant"]
@@ -391,7 +388,8 @@ def gain_in_words(result: Diagnosis) -> str:
     sentences = [f"{arms}: {percent(held.gain)} {interval}.", _of_extended(held)]
     if result.findings and result.extended.too_many_excluded:
         sentences.append(
-            "It may not hold at new postures, because the extended arm excludes too many records."
+            "The gain may not hold at new postures, because the extended arm excludes too many "
+            "records."
         )
     return " ".join(filter(None, sentences))
 
@@ -404,7 +402,7 @@ def _left_in_words(result: Diagnosis) -> str:
     scatter = f"the residuals scatter by {length(extended.unmodelled)} per coordinate"
     if extended.stated:
         return f"{scatter} beyond the stated noise"
-    return f"{scatter}, which counts as noise"
+    return f"{scatter}; this scatter counts as noise"
 
 
 @document_of.register
@@ -456,7 +454,7 @@ def _saved_in_words(result: Diagnosis) -> str:
         said.append(f"The extended arm {has}: {saved}.")
     if lost:
         over = f"No arm file can have the discrepancy over {listed(lost)}"
-        said.append(f"{over}, which is unknown for new readings.")
+        said.append(f"{over}, because new readings have no value of this column.")
     return " ".join(said)
 
 
@@ -565,14 +563,14 @@ def residuals_table(result: Diagnosis) -> pd.DataFrame:
 
 
 def answers(result: Diagnosis, planned: str) -> list[Block]:
-    """What is wrong, how sure that is, what else it could be, what it is worth, and what to do
-    next.
+    """The verdict, its probability, other possible causes, residuals and gain, and what to
+    measure next.
     """
     verdict = f"{capital(result.verdict)}."
     sentences = {verdict: verdict_in_words(result)}
-    sentences["How sure:"] = certainty_in_words(result)
-    sentences["What else it could be:"] = next_set_in_words(result)
-    sentences["What it is worth:"] = summary_line(result)
+    sentences["Probability:"] = certainty_in_words(result)
+    sentences["Other possible causes:"] = next_set_in_words(result)
+    sentences["Residuals and gain:"] = summary_line(result)
     sentences["Next:"] = f"{capital(planned)}."
     return [Paragraph(text, True, head) for head, text in sentences.items() if text]
 
@@ -591,9 +589,8 @@ def rms_figure(result: Diagnosis) -> Figure:
     return Figure(
         lambda: plots.plot_rms(result, blank_axes(6.8, 2.0)),
         "RMS of the residuals by the three models",
-        "RMS residuals of the records, set-up fitted, by three models: the arm as stated; the arm "
-        "with its geometry recalibrated; the arm extended by the causes found. Dashed: expected "
-        "from the noise of readings and references.",
+        "RMS residuals by three models: nominal, recalibrated and extended arm. The set-up "
+        "is fitted for each. Dashed: expected from the noise of readings and references.",
     )
 
 
@@ -638,10 +635,10 @@ def _worst(result: Diagnosis, predicted: str) -> pd.DataFrame:
 
 
 def _causes(result: Diagnosis) -> list[Block]:
-    none = "" if result.findings else "No cause has a probability above 0.5, and none was added."
+    none = "" if result.findings else "No cause has a probability above 0.5; diagnose added none."
     causes = Table(ranking(result), "Causes in the extended model", explained=RANKED)
     return [
-        Heading("What is wrong"),
+        Heading("Causes of error"),
         Paragraph(none, detail=True),
         causes,
         Bullets(_waves(result)),
@@ -654,7 +651,7 @@ def _other_causes(result: Diagnosis) -> list[Block]:
     open_ = Bullets([f"These records do not distinguish {labels}." for labels in apart])
     sets = Table(alternatives(result), SETS_LISTED, explained=ALL_SETS)
     aliases = Table(alias_table(result), ALIASES_LISTED, {"r": ".2f"}, explained=ALIASES_EXPLAINED)
-    return [Heading("What else it could be"), sets, open_, aliases]
+    return [Heading("Other possible causes"), sets, open_, aliases]
 
 
 def _waves(result: Diagnosis) -> list[str]:
@@ -720,7 +717,7 @@ def _on_the_arm(result: Diagnosis) -> list[Block]:
 
 
 def _held_out(result: Diagnosis) -> list[Block]:
-    held, title = result.held_out, Heading("What it is worth")
+    held, title = result.held_out, Heading("Gain on held-out records")
     if held is None:
         return [title, Paragraph(gain_in_words(result), detail=True)]
     table = held_out_parts(result)[["part", "records", "gain", "chosen"]]

@@ -70,7 +70,9 @@ def _not_tried(choice: Choice) -> list[Note]:
     each = []
     for need, causes in lacking.items():
         names = listed([cause_in_words(cause) for cause in causes])
-        each.append(f"no column {CONDITION_COLUMNS[need]}: {names} not tried")
+        each.append(
+            f"the file has no column {CONDITION_COLUMNS[need]}; diagnose did not try: {names}"
+        )
     return [Note("causes_not_tried", {"columns": "; ".join(each)})] if each else []
 
 

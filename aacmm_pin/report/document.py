@@ -267,7 +267,7 @@ def document_of(result: object) -> Document:
     Raises:
         TypeError: its class has none.
     """
-    raise TypeError(f"{type(result).__name__} has no document")
+    raise TypeError(f"{type(result).__name__} has no document; expected a result of this package")
 
 
 @document_of.register

@@ -31,7 +31,7 @@ def _contradicted_references(result: Diagnosis) -> str:
 
 def _residuals_too_small(_: Diagnosis) -> str:
     """Nothing was found beside a noise that is stated too large, or at angles that nobody read."""
-    return "the residuals are far smaller than the noise, beside which no cause can show"
+    return "the residuals are far smaller than the stated noise, and such noise hides every cause"
 
 
 def _few_causes_shown(result: Diagnosis) -> str:
@@ -44,7 +44,7 @@ def _cause_not_named(result: Diagnosis) -> str:
     """A cause was found with the excluded records only."""
     causes, records = result.otherwise, int(result.extended.excluded.sum())
     excluded = count(records, "excluded record")
-    return f"{labels_in_words(result, causes)} would be found with the {excluded}"
+    return f"with the {excluded}, diagnose would find {labels_in_words(result, causes)}"
 
 
 def _below_zero(result: Diagnosis) -> str:
@@ -82,7 +82,7 @@ def _more_causes(result: Diagnosis) -> str:
 
 def _starts_disagree(result: Diagnosis) -> str:
     """The two halves of the starts found different sets (`agreement`)."""
-    return "two searches over the sets of causes found different ones"
+    return "two searches over the sets of causes found different sets"
 
 
 WORDS_OF_DOUBTS: Mapping[str, Callable[[Diagnosis], str]] = {
@@ -101,11 +101,11 @@ WORDS_OF_DOUBTS: Mapping[str, Callable[[Diagnosis], str]] = {
 
 
 def beside_threshold(left: Unexplained) -> str:
-    """The p-value of what is left, and its threshold: ``p = 0.02, threshold 0.001 beside the named
-    causes``.
+    """The p-value of what is left, and its threshold: ``p = 0.02, threshold 0.001 if causes
+    are named``.
     """
     alone = left.threshold == THRESHOLDS.left_alone
-    where = "if no cause is named" if alone else "beside the named causes"
+    where = "if no cause is named" if alone else "if causes are named"
     return f"{p_equals(left.p_value)}, threshold {left.threshold:g} {where}"
 
 

@@ -47,8 +47,8 @@ def _first(result: Diagnosis) -> str:
     )
     if too_good(result.extended):
         return (
-            "check the stated noise and its unit, and that the angles were read and not planned: "
-            "such noise hides most causes"
+            "check the value and unit of the stated noise, and that the angles are readings, "
+            "not planned angles; noise of this size hides most causes"
         )
     if verdict == "inconclusive" and result.extended.too_many_excluded:
         return (
@@ -66,7 +66,7 @@ def _first(result: Diagnosis) -> str:
         joint = unexplained.readings[0].joint
         return (
             f"approach some postures with joint {joint} from both sides and under other loads: "
-            "its encoder or gear is not as modelled"
+            "the encoder or gear of this joint does not follow the model"
         )
     if (
         verdict == "unexplained"
@@ -82,18 +82,18 @@ def _first(result: Diagnosis) -> str:
         return f"measure the stated places again: {'; '.join(map(str, result.contradicted))}"
     if verdict == "inconclusive" and not findings:
         return (
-            f"take more records, at other postures: these would have shown {seen} of {of} causes "
-            "of typical magnitude"
+            f"take more records, at other postures; the present ones would have shown {seen} of "
+            f"{of} causes of typical magnitude"
         )
     if verdict == "no-discrepancy":
         return (
-            f"these records leave nothing open ({seen} of {of} causes of typical magnitude would "
-            "have shown); keep them for the next check"
+            f"no more records are needed (these would have shown {seen} of {of} causes of "
+            "typical magnitude); keep these for the next check"
         )
     if unexplained.groups and unexplained.depends_on[:1] == (unexplained.groups[0].name,):
         return (
-            f"set up {unexplained.groups[0].name} again and repeat its records; diagnose the "
-            "other records without it"
+            f"set up {unexplained.groups[0].name} again and repeat the records of this group; "
+            "diagnose the other records without these"
         )
     if unexplained.shared_by_postures is not None and not unexplained.depends_on:
         return (
@@ -103,8 +103,8 @@ def _first(result: Diagnosis) -> str:
         )
     if verdict == "unexplained" and not unexplained.depends_on and unexplained.has_background:
         return (
-            "take more records, at other postures, and note what else changes: the structure "
-            "that is left depends on no single column"
+            "take more records, at other postures, and note what else changes: the remaining "
+            "structure depends on no single column"
         )
     if (
         verdict == "unexplained"
@@ -112,14 +112,14 @@ def _first(result: Diagnosis) -> str:
         and result.choice.noise.postures.repeat
     ):
         return (
-            "check columns, units and reference frame, and note what changes from posture to "
-            "posture: the repeats show the true noise, and the residuals exceed the stated noise"
+            "check columns, units and reference frame, and note what changes between postures. "
+            "The repeats show the true noise; the residuals exceed the stated noise"
         )
     if verdict == "unexplained" and not unexplained.depends_on:
         return (
             "repeat some postures without any change: the scatter of the repeats is the true "
-            "noise. If it is as stated, check columns, units and reference frame, and note what "
-            "else changes"
+            "noise. If this scatter is as stated, check columns, units and reference frame, "
+            "and note what else changes"
         )
     if verdict == "unexplained":
         return _otherwise(unexplained.depends_on) + _and_repeat(result)
@@ -139,12 +139,12 @@ def _first(result: Diagnosis) -> str:
         )
     if negative := [finding.label for finding in findings if finding.below_zero]:
         return (
-            f"check the signs of what {' and '.join(negative)} depends on: gravity in the arm "
-            "file, torques, temperatures. If they are right, more records at other postures may "
-            "show which cause has a similar effect"
+            "check the signs of gravity in the arm file, torques and temperatures, for "
+            f"{' and '.join(negative)}. If the signs are right, more records at other postures "
+            "may show which cause has a similar effect"
         )
     if verdict == "inconclusive":
-        doubts = doubts_in_words(result) or ["these do not yet confirm the causes found"]
+        doubts = doubts_in_words(result) or ["these records do not yet confirm the causes found"]
         return f"take more records, at other postures: {'; '.join(doubts)}"
     until = [getattr(finding.effect, "until_s", None) for finding in findings]
     if ends := [end for end in until if end is not None]:
@@ -212,7 +212,7 @@ def _to_distinguish_pair(result: Diagnosis, cause: Effect, other: Effect) -> str
         if freer.cause in one.special_case_of and freer.place == one.place:
             return (
                 f"take more records, with the angles of the joint of {one.label} evenly over its "
-                "range: they show whether the error depends on the angle in another way"
+                "range. These show how the error depends on the angle"
             )
     return _plan_for(result, (cause, other))
 
@@ -246,7 +246,9 @@ def _off(finding: Finding) -> str:
     """Where the records put a seat."""
     values = ", ".join(f"{value:.3f}" for value, _ in finding.parameters.values())
     place = f"the position of {finding.effect.place}"
-    return f"{place}: these records displace it from the stated coordinates by ({values}) mm"
+    return (
+        f"{place}, which by these records is displaced by ({values}) mm from the stated coordinates"
+    )
 
 
 def _otherwise(depends_on: Sequence[str]) -> str:
@@ -256,7 +258,7 @@ def _otherwise(depends_on: Sequence[str]) -> str:
     others = [name for name in depends_on if name not in (*joints, *places, SCALE)]
     found = []
     if joints:
-        found.append(f"touch the same places in postures with other angles of {listed(joints)}")
+        found.append(f"probe the same places in postures with other angles of {listed(joints)}")
     if places:
         found.append(
             "measure the same postures with the stand elsewhere, which distinguishes an effect "
@@ -269,7 +271,7 @@ def _otherwise(depends_on: Sequence[str]) -> str:
         )
     if moments := [name for name in others if name.startswith("moment ")]:
         found.append(
-            "touch the same places with another load, or in postures with another "
+            "probe the same places with another load, or in postures with another "
             f"{listed(moments)}"
         )
         others = [name for name in others if name not in moments]

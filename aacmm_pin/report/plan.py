@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm import Arm, bundled_arms
-from aacmm_pin.effects import GivenCause, GivenModel, text_of
+from aacmm_pin.effects import GivenCause, GivenModel, probability, text_of
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import Measurements
 from aacmm_pin.planning import MeasurementPlan, PlannedScheme, Tried, plan_measurements
@@ -35,7 +35,7 @@ def plan_document(plan: MeasurementPlan) -> Document:
     """The plan; its records stand in :attr:`MeasurementPlan.records`."""
     tried = [*map(_tried, plan.tried)]
     considered = pd.DataFrame(tried if len(tried) > 1 else [])
-    forms = {"T": ".3g", RIGHT: ".2f"}
+    forms = {"T": ".3g"}
     pairs = "Pairs of causes that these postures can distinguish, the worst first"
     return Document(
         "Plan",
@@ -50,7 +50,7 @@ def plan_document(plan: MeasurementPlan) -> Document:
 
 
 def _tried(tried: Tried) -> dict[str, Any]:
-    chance = None if tried.why_not else tried.power.probability
+    chance = None if tried.why_not else probability(tried.power.probability)
     row = {"set-up": tried.words, "T": tried.power.least, RIGHT: chance}
     return row | {"why not": tried.why_not}
 
@@ -76,8 +76,8 @@ def plan_line(plan: MeasurementPlan) -> str:
     if plan.before is not None and not plan.needed:
         return (
             f"no more records are needed {what}. The {plan.existing} existing ones are enough: "
-            f"{RIGHT} {plan.before.probability:.2f}. Use these {len(plan.records)} to check the "
-            "result with new records"
+            f"{RIGHT} {probability(plan.before.probability)}. Use these {len(plan.records)} to "
+            "check the result with new records"
         )
     text = f"{len(plan.records)} records {what}. Set-up: {plan.setup}. {_power(plan)}"
     return text + "".join(f"; {one.words}: {one.why_not}" for one in plan.tried if one.why_not)
@@ -87,19 +87,19 @@ def _power(plan: MeasurementPlan) -> str:
     """What the planned records decide."""
     if plan.after.same:
         return (
-            "No set-up that was considered distinguishes them. If they also correct the arm alike, "
-            "use the extended arm with either"
+            "No set-up that was considered distinguishes these causes. If both correct the arm "
+            "in the same way, use the extended arm with either"
         )
     text = f"T = {plan.after.least:.3g} (expected increase of χ² with the wrong cause), "
-    text += f"{RIGHT} {plan.after.probability:.2f}"
+    text += f"{RIGHT} {probability(plan.after.probability)}"
     if plan.before is not None:
-        text += f" ({plan.before.probability:.2f} with the existing records alone)"
+        text += f" ({probability(plan.before.probability)} with the existing records alone)"
     return text + ("" if plan.decided else f"; this is not enough to decide{_more(plan)}")
 
 
 def _more(plan: MeasurementPlan) -> str:
     """How many records would decide; "" if that is not known."""
-    beside = f" beside the {plan.existing} existing ones" if plan.existing else ""
+    beside = f" in addition to the {plan.existing} existing ones" if plan.existing else ""
     return "" if plan.enough is None else f"; about {plan.enough} new records{beside} would decide"
 
 
@@ -120,7 +120,7 @@ def plan_advice(plan: MeasurementPlan, options: Sequence[str] = ()) -> str:
             f"take more records, at other postures, to distinguish {one.label} from {other.label}: "
             "records of the same kind, planned for these two alone, add nothing"
         )
-    odds = f"from {before:.2f} to {plan.after.probability:.2f}"
+    odds = f"from {probability(before)} to {probability(plan.after.probability)}"
     if not plan.decided:
         odds += _more(plan) or ", not enough yet"
     if plan.changes_arm:

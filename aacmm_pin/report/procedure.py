@@ -51,9 +51,9 @@ whether they were kept.
 POSITIONS = "Positions of the artefacts; of a bar, those of end A and of its far end"
 ONE_ROW = "Consecutive points of one feature in one posture are one row"
 FILL_IN = (
-    "Line numbers are those of the CSV file. Probe the points in its order, and tick each row.",
-    "Fill in the coordinates of the centre of the probe (x_mm, y_mm, z_mm), the readings "
-    "(theta1_deg …), or both. Empty columns do not count.",
+    ("Line numbers are those of the CSV file. Probe the points in this order, and tick each row."),
+    "Fill in the coordinates of the centre of the probe (x_mm, y_mm, z_mm), the "
+    "readings (theta1_deg …), or both. The evaluation ignores empty columns.",
     "Replace the planned diameters and lengths by the calibrated values. State their standard "
     "uncertainty in u_length_mm: the verdict depends on it.",
     "Place each artefact within a few centimetres of its position, and move the arm to the posture "

@@ -13,9 +13,11 @@ from rich.console import Console
 from rich.table import Column
 from rich.table import Table as Grid
 
-from aacmm_pin._support.text_escaping import note, printable, say, stdout
+from aacmm_pin._support.text_escaping import note, printable, say, stdout, warn
 from aacmm_pin.report.document import Bullets, Document, Notes, Paragraph, Table, are_numbers
 
+WARNINGS = {"records_used_before"}
+"""Codes of notes of which a result may be wrong."""
 WIDTH = 118
 """Columns of a table in a pipe or a file, where no width is stated."""
 GAP = 2
@@ -42,7 +44,8 @@ def show(document: Document, notes_alone: bool = False) -> None:
         match block:
             case Notes(items=items):
                 for item in items:
-                    note(item)
+                    print_item = warn if item.code in WARNINGS else note
+                    print_item(item)
             case _ if notes_alone:
                 pass
             case Paragraph(text=text, head=head):

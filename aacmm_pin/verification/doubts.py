@@ -66,8 +66,8 @@ def check_unit(probed_points: pd.DataFrame) -> None:
                 factors.mean() < 1
             )
             raise AacmmError(
-                f"test {test}: each of {len(factors)} lengths measures {times} its length_mm; "
-                "expected coordinates and length_mm in mm"
+                f"test {test}: each of {len(factors)} lengths measures {times} the stated "
+                "length_mm; expected coordinates and length_mm in mm"
             )
 
 

@@ -179,7 +179,7 @@ class History(Shown):
         content = measurement_file(str(path))
         if is_workbook(content):
             raise MeasurementFileError(
-                str(path), None, "", "is an Excel workbook; expected a CSV file, to be appended to"
+                str(path), None, "", "is an Excel workbook; expected the CSV of a history"
             )
         for line, text in enumerate(content.splitlines(), start=1):
             if text.lstrip().startswith(b"#"):
@@ -187,7 +187,8 @@ class History(Shown):
                     str(path),
                     line,
                     "",
-                    "is a comment, which appending would not keep; expected none",
+                    "is a comment; expected no comments, because the file is rewritten; "
+                    "delete this line",
                 )
         table, lines, *_ = read_table(str(path), content)
         problems = Problems(str(path), lines)
@@ -211,12 +212,15 @@ class History(Shown):
             problems.at(
                 ~table[name].isin(known).to_numpy(),
                 name,
-                "is {!r}, which is none",
+                f"is {{!r}}; expected one of {', '.join(sorted(known - {''}))}",
                 table[name].to_numpy(),
             )
         twice = checks.duplicated(["time", "instrument", "arm", "figure"]).to_numpy()
         problems.at(
-            twice, "figure", "{!r} of this check is there twice", table["figure"].to_numpy()
+            twice,
+            "figure",
+            "{!r} of this check occurs twice; expected each once",
+            table["figure"].to_numpy(),
         )
         problems.stop()
         return cls(checks, from_file=True)

@@ -185,7 +185,7 @@ def predict_acceptance(
     rng = rng or np.random.default_rng(1)
     if left_out := [name for name in limits if name not in {d.name for d in of_standard}]:
         raise AacmmError(
-            f"MPE of {', '.join(left_out)} is given; expected characteristics of {standard} alone"
+            f"MPE of {', '.join(left_out)} stated; expected characteristics of {standard} alone"
         )
     if not arms:
         raise AacmmError(f"{path}: no arm is given; expected at least one to predict")

@@ -92,8 +92,8 @@ def read_file(path: str, content: bytes, models: Mapping[str, ErrorModel]) -> Pr
             path,
             None,
             "",
-            "no coordinates: expected x_mm, y_mm, z_mm, or readings theta1_deg … and an arm; "
-            f"the columns that are filled in are {_listed(table)}",
+            f"no coordinates; the file states {_listed(table)}; expected x_mm, y_mm, z_mm, or "
+            "an arm and readings theta1_deg …",
         )
     sets = {
         name: points.assign(**dict(zip("xyz", at.T, strict=True)))
@@ -118,7 +118,9 @@ def _given_coordinates(table: pd.DataFrame, problems: Problems) -> Array | None:
     if not given:
         return None
     if missing := [name for name in REFERENCE if name not in table]:
-        problems.add(", ".join(missing), f"missing beside {', '.join(given)}")
+        problems.add(
+            ", ".join(missing), f"missing, but {', '.join(given)} present; expected all three"
+        )
     values = read_values(table[given], MEASUREMENT_FILE, problems)
     check_numbers(values, MEASUREMENT_FILE, problems)
     for name in given:
@@ -155,8 +157,8 @@ def _by_arms(
             path,
             None,
             "",
-            "no readings: expected columns theta1_deg … for the arms that were named; "
-            f"there are {_listed(table)}",
+            f"no readings; the file states {_listed(table)}; expected columns theta1_deg … for "
+            "the named arms",
         )
     of_arm = [name for name in table if name not in OF_TEST and not is_of_reference(name)]
     tips: dict[str, Array] = {}

@@ -147,7 +147,8 @@ class Procedure(Shown):
         problems.stop()
         if f"{PLANNED}theta{arm.nq + 1}_deg" in table:
             raise AacmmError(
-                f"{path}: planned for an arm with more joints than {arm.name}, which has {arm.nq}"
+                f"{path}: planned for an arm with more joints; expected {arm.nq}, as many as "
+                f"{arm.name} has"
             )
         points = planned[expected[:3]].to_numpy() * MM
         q = planned[angles].to_numpy() * DEG
@@ -299,9 +300,9 @@ class _Layout:
         zone = f"{low:.0%} to {high:.0%} of the reach"
         if not len(tips):
             raise AacmmError(
-                f"{self.pool.arm.name}: no posture inside the limits was found with the tip at "
-                f"{zone}, about as high as joint 2, and {LEAST_SEPARATION:.0%} of the reach from "
-                "the places chosen before"
+                f"{self.pool.arm.name}: no posture within the limits has the tip at {zone}, at the "
+                f"height of joint 2 and {LEAST_SEPARATION:.0%} of the reach from other places; "
+                "expected one or more"
             )
         order = np.argsort(self.pool.thinness(tips))
         best = tips[order[:TRIED]]
@@ -411,9 +412,8 @@ class _Layout:
                     break
         if len(found) < PLACES:
             raise AacmmError(
-                f"{self.pool.arm.name}: {len(found)} of {PLACES} places found where a bar of "
-                f"{lengths[-1] / MM:g} mm can be "
-                "probed along its whole length; state a shorter range or shorter lengths"
+                f"{self.pool.arm.name}: a bar of {lengths[-1] / MM:g} mm fits at {len(found)} "
+                f"places; expected {PLACES}; reduce --measuring-range-mm or --length-mm"
             )
         return found
 
@@ -440,8 +440,8 @@ class _Layout:
         if not arrived.all():
             out = int((~arrived).sum())
             raise AacmmError(
-                f"{arm.name}: {out} of {len(q)} points are beyond the joint limits; "
-                "try another seed"
+                f"{arm.name}: {out} of {len(q)} points are beyond the joint limits; expected none; "
+                "use another --seed"
             )
         columns = [column.names[0] for column in PROBED_POINT_COLUMNS]
         table = pd.DataFrame(self.rows).reindex(columns=columns)

@@ -53,10 +53,7 @@ def fitted_sphere(points: ArrayLike) -> FittedSphere:
     middle = p.mean(axis=0)
     extents = np.linalg.svd(p - middle, compute_uv=False)
     if extents[2] <= PLANE_TOLERANCE * extents[0]:
-        raise AacmmError(
-            f"{len(p)} points lie in one plane, which determines no sphere; expected points "
-            "all over it"
-        )
+        raise AacmmError(f"{len(p)} points lie in one plane; expected points all over the sphere")
     size = float(extents[0])
     scaled = (p - middle) / size
     ones = np.ones(len(p))

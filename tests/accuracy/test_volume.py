@@ -268,7 +268,7 @@ def test_nothing_uncertain_is_an_error_not_perfection(zero6, robot_file):
         )
         with pytest.raises(AacmmError, match="uncertainty"):
             accuracy_volume(arm, np.zeros((1, 6)), method="ellipsoid", encoder_noise=0.0)
-        with pytest.raises(AacmmError, match="bounds"):
+        with pytest.raises(AacmmError, match="half-widths"):
             accuracy_volume(arm, np.zeros((1, 6)), encoder_noise=1e-5)
 
 

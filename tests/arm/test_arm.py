@@ -179,7 +179,7 @@ def test_unusable_frames_postures_and_errors_are_refused(sino6, robots):
         for n, errors, words in (
             (1, np.zeros(p), rf"\({p},\).*errors\[None, :\]"),
             (1, np.full((1, p), np.nan), r"errors\[0, 0\] is"),
-            (2, np.zeros((1, p)), "q has 2 rows; expected 1 or as many as errors has, 1"),
+            (2, np.zeros((1, p)), "q has 2 rows; expected 1 or 1, as many as errors"),
         ):
             with pytest.raises(ShapeError, match=words):
                 arm.perturbed_positions(np.zeros((n, arm.nq)), errors)

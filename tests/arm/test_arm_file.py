@@ -124,7 +124,7 @@ MISTAKES = [
     ("d_mm = 20.0", "", "joints[1].d_mm", "missing"),
     ("limits_rad = [-1.0, 2]", "", "joints[1]", "limits_rad is missing"),
     ("d_mm = 20.0", 'd_mm = "20"', "joints[1].d_mm", "'20'"),
-    ("fixed = true", "fixed = true\nlimits_rad = [0, 1]", "joints[2]", "no limits_rad"),
+    ("fixed = true", "fixed = true\nlimits_rad = [0, 1]", "joints[2]", "expected neither"),
     (
         GOOD[GOOD.index("limits_rad") : GOOD.index("mass_kg")],
         "fixed = true\n",
@@ -134,7 +134,7 @@ MISTAKES = [
     ("[-1.0, 2]", "[2.0, -1.0]", "joints[1]", "[2.0, -1.0]"),
     ("mass_kg = 0.5", "", "joints[1]", "com_mm without mass_kg"),
     ("axis = [0, 0.0, 1.0]", "axis = [0, 0, 0]", "stylus", "axis is [0, 0, 0]"),
-    ("name =", f"x = {'[' * 9000}\nname =", "", "not TOML"),
+    ("name =", f"x = {'[' * 9000}\nname =", "", "too many levels"),
     ("a_mm = 100", "a_mm = -90,004", "", "line "),
     ("a_mm = 100", "a_mm = -90,004", "", "'-90,004'; expected a number with a decimal point"),
     (GOOD, "# arm\ntheta1_deg,x_mm\n1,2\n", "", "is a table (CSV)"),

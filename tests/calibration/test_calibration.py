@@ -558,7 +558,7 @@ def test_input_that_is_refused(sino6, zero6, rng):
         ("twice", AacmmError, data, ["zero-offsets", "zero-offsets"], {}),
         ("joint_periodic_error:2,order=7", AacmmError, data, near, {}),
         ("time_s", MissingConditionError, data, ["geometry", EncoderSlip(1, 10.0)], {}),
-        ("5 joints, SINO6 has 6", AacmmError, five_joints, "geometry", {}),
+        ("5 joints; expected 6", AacmmError, five_joints, "geometry", {}),
         ("reference_noise is -1 m", AacmmError, data, "geometry", {"reference_noise": -1.0}),
         ("length_noise is 0.05 m", AacmmError, data, "geometry", {"length_noise": 0.05}),
         ("3 or more", AacmmError, two, "geometry", {"reference_frame": "external"}),
@@ -568,7 +568,7 @@ def test_input_that_is_refused(sino6, zero6, rng):
         with pytest.raises(error, match=words):
             quick(sino6, records, parameters, **options)
     few = Measurements.of(two.q, zero6.positions(two.q))
-    for words, records in (("too few records", few), ("size", seats)):
+    for words, records in (("take more records", few), ("size", seats)):
         with pytest.raises(AacmmError, match=words):
             calibrate(zero6, records, hold_out=False)
 
@@ -607,7 +607,7 @@ def test_records_outside_a_known_error_curve_are_left_out_and_listed(sino6):
         ).fit.used.size
         == 60
     )
-    with pytest.raises(AacmmError, match="outside the curve's range"):
+    with pytest.raises(AacmmError, match="are outside the curve"):
         calibrate(model, records.take(~inside), "zero-offsets", hold_out=False)
 
 

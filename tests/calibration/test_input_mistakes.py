@@ -75,9 +75,9 @@ OF_ANGLES: list[tuple[Change, str]] = [
     (turned(4, -90.0), "zero of joint 5 is offset: add -90°"),
     (swapped, "joints 2 and 3 are exchanged"),
     (angles(1 / 0.9), "angles are in gon"),
-    (angles(np.pi / 180, 2), "joint 3 are in radians, in the column theta3_deg"),
-    (angles(1 / 0.9, 1), "joint 2 are in gon, in the column theta2_deg"),
-    (angles(180 / np.pi, 3), "joint 4 are in degrees, in the column theta4_rad"),
+    (angles(np.pi / 180, 2), "joint 3 alone are in radians"),
+    (angles(1 / 0.9, 1), "joint 2 alone are in gon"),
+    (angles(180 / np.pi, 3), "joint 4 alone are in degrees"),
     (
         lambda d: turned(1, 90.0)(counted(2)(d)),
         "joint 3 is counted in the opposite direction, and the zero of joint 2",
@@ -281,8 +281,8 @@ def test_convention_and_sums_of_angles_are_named(name, sino6, seed):
     misread = changed(arm.file, convention="modified-dh")
     mistakes = [
         (misread, lambda d: d, "standard-dh"),
-        (arm, shown_with(1, 2, 1.0), "joint 3 is stated as its sum"),
-        (arm, shown_with(1, 2, -1.0), "joint 3 is stated as its difference"),
+        (arm, shown_with(1, 2, 1.0), "the sum of the angles of joints"),
+        (arm, shown_with(1, 2, -1.0), "the angle of joint 3 minus"),
     ]
     for given, mistake, words in mistakes:
         with pytest.raises(MistakenFileError) as caught:

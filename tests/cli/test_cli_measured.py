@@ -219,7 +219,7 @@ def test_a_urdf_holds_the_stylus_offset_and_says_what_it_does_not(extended, tmp_
     _, err = done(
         f"calibrate {extended} {tmp_path / 'd.csv'} {QUICK} --urdf-out {tmp_path / 'c.urdf'}"
     )
-    assert "a URDF has no place for encoder_eccentricity:3, thermal_expansion" in err
+    assert "a URDF cannot state encoder_eccentricity:3, thermal_expansion" in err
 
 
 # correct ------------------------------------------------------------
@@ -394,7 +394,7 @@ def test_angles_a_turn_outside_the_limits_are_told(sino6, tmp_path):
     )
     _, err = done(f"correct {arm} {data} {NOISE} -o {tmp_path / 'c.csv'}")
     assert f"{beyond.sum()} of 40 records" in err
-    assert "the limits of joints 3" in err
+    assert "joints 3 a full turn outside the limits" in err
 
 
 def test_readings_need_nothing_but_angles(tmp_path):
@@ -492,7 +492,7 @@ def test_an_arm_with_an_error_curve_is_used_where_that_is_known(sino6, tmp_path)
     ErrorModel(sino6).with_effects(nowhere).save(arm, force=True)
     refused(
         f"accuracy {arm} {at}",
-        said=["no angle between the limits of joint 3", "joint_error_curve:3"],
+        said=["no angle within the limits of joint 3", "joint_error_curve:3"],
     )
 
 

@@ -60,7 +60,7 @@ def test_another_mount_comes_as_an_arm_file(tmp_path, sino6):
     plan, arm = tmp_path / "plan.csv", tmp_path / "turned.toml"
     words = f"plan distinguish sino6 --causes bearing_tilt:1 base_compliance {QUICK} -o {plan}"
     out, err = done(words)
-    assert "turn the mount by 90°" in out
+    assert "rotate the mount by 90°" in out
     assert "both have the same effect in every posture" in " ".join(out.split())
     assert "--arm-out FILE" in err
     refused(words, said=["--force"])
@@ -105,7 +105,7 @@ def test_everything_at_once(tmp_path):
     assert "20 records to distinguish all causes" in out
     assert "the worst first" in out
     (pair,) = (line for line in err.splitlines() if "bearing_tilt:1 from base_compliance" in line)
-    assert "turn the mount" in pair
+    assert "rotate the mount" in pair
     assert {"temperature_c", "approach1"} <= set(pd.read_csv(tmp_path / "plan.csv").columns)
     page = Page(sheet.read_text(encoding="utf-8"))
     assert page.downloads()["plan.csv"].decode() == (tmp_path / "plan.csv").read_text()

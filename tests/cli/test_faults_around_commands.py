@@ -44,7 +44,7 @@ def test_every_way_to_fail_is_one_line_and_its_status(monkeypatch):
         (PermissionError(13, "Permission denied", "a\x1bb"), 1, r"a\x1bb: Permission denied"),
         (MemoryError("Unable to allocate 7.45 GiB"), 1, "memory: Unable to allocate 7.45 GiB"),
         (MemoryError(), 1, "memory"),
-        (RecursionError("maximum recursion depth exceeded"), 1, "nested too deep"),
+        (RecursionError("maximum recursion depth exceeded"), 1, "too many levels"),
         (UnicodeEncodeError("ascii", "name ä", 5, 6, "ordinal not in range"), 1, "'ä'"),
         (KeyboardInterrupt(), 130, "interrupted"),
         (Stopped(signal.SIGTERM), 143, "interrupted"),
@@ -197,12 +197,12 @@ def test_no_command_replaces_what_it_reads(tmp_path, monkeypatch):
         ("--plugin imports_more urdf sino6 -o", ["imports_more.py"]),
     ):
         for name in inputs:
-            refused(words, f"{name} --force", said=[name, "is read"])
+            refused(words, f"{name} --force", said=[name, "reads this file"])
     for name in ("imports_more", "more_of_it"):
         sys.modules.pop(name)
     refused(
         "--plugin imports_more urdf sino6 -o more_of_it.py --force",
-        said=["more_of_it.py", "is read"],
+        said=["more_of_it.py", "reads this file"],
     )
     assert {path: path.read_bytes() for path in read} == read
 

@@ -84,7 +84,7 @@ def test_look_alikes_are_said(tmp_path):
     assert any(
         {"base_compliance", "bearing_tilt:1"} <= set(group) for group in found["cannot_tell_apart"]
     )
-    assert "turn the mount" in found["next_measurements"]
+    assert "rotate the mount" in found["next_measurements"]
     assert "aacmm-pin plan" in found["next_measurements"]
 
 

@@ -62,7 +62,7 @@ TYPED: dict[str, Effect] = {
 REFUSED = {
     "gremlin:3": "unknown cause 'gremlin'",
     "encoder_gain:2,gian=1": "encoder_gain 'gian'",
-    "encoder_gain:gain=1e-4": "missing joint",
+    "encoder_gain:gain=1e-4": "joint missing",
     "encoder_gain:two": "joint is 'two'",
     "encoder_gain:2,gain=much": "gain is 'much'",
     "encoder_gain:2,gain": "'gain' has no value",

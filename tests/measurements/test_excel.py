@@ -94,7 +94,7 @@ def test_commands_take_workbooks(table, tmp_path):
     pd.testing.assert_frame_equal(excel.to_frame(), text.to_frame())
     shell.done(f"accept {probed} -o {tmp_path / 'report.html'}")
     history = workbook(tmp_path / "history.xlsx", [["time"]])
-    with pytest.raises(MeasurementFileError, match="expected a CSV file"):
+    with pytest.raises(MeasurementFileError, match="expected the CSV of a history"):
         History.read(history)
 
 
@@ -105,10 +105,10 @@ def test_what_is_no_workbook(table, tmp_path, monkeypatch):
     path = tmp_path / "archive.xlsx"
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("a.txt", "a")
-    with pytest.raises(MeasurementFileError, match="no Excel workbook"):
+    with pytest.raises(MeasurementFileError, match="expected an Excel workbook"):
         Measurements.read(path, 6)
     path.write_bytes(workbook(tmp_path / "data.xlsx", rows_of(table)).read_bytes()[:-200])
-    with pytest.raises(MeasurementFileError, match="no Excel workbook"):
+    with pytest.raises(MeasurementFileError, match="expected an Excel workbook"):
         Measurements.read(path, 6)
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("xl/sharedStrings.xml", bytes(600_000_000))

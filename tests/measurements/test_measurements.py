@@ -204,10 +204,10 @@ FILES: list[tuple[str | bytes, int | None, str]] = [
     (
         f"Arm 7; July\n\n{SMALL}",
         1,
-        "'Arm 7; July'; expected the names of the columns, which row 3 has",
+        "'Arm 7; July'; expected the names of the columns (row 3)",
     ),
     (SMALL.replace("\n", "\ndeg,deg,mm,mm,mm\n", 1), 2, "'deg', 'deg', 'mm', 'mm', 'mm'"),
-    (SMALL.replace("\n", "\nAngle 1,Angle 2,X,,\n", 1), 2, "expected the first record"),
+    (SMALL.replace("\n", "\nAngle 1,Angle 2,X,,\n", 1), 2, "expected numbers of the first record"),
     ('# arm\nschema = "aacmm-pin/arm/1"\na_mm = 90,004\n', None, "is an arm file (TOML)"),
 ]
 
@@ -292,7 +292,12 @@ def test_a_file_that_is_no_table(tmp_path):
 
 # header, number of joints of the arm or None, column, what the answer must name
 HEADERS: list[tuple[str, int | None, str, str]] = [
-    ("theta1_deg,temperature_c,temperature1_c", None, "temperature_c", "beside temperature1_c"),
+    (
+        "theta1_deg,temperature_c,temperature1_c",
+        None,
+        "temperature_c",
+        "present with temperature1_c",
+    ),
     ("theta1_deg,theta2_deg,temperature1_c", None, "temperature1_c", "2 or more"),
     ("theta1_rad,theta2_rad", 1, "theta1_rad … theta2_rad", "the arm has 1; expected theta1_rad"),
     ("theta1_deg,seat,seat", None, "seat", "2 times"),
@@ -303,11 +308,11 @@ HEADERS: list[tuple[str, int | None, str, str]] = [
         "theta1_deg,theta2_rad,theta3_deg",
         None,
         "",
-        "theta1_deg, theta3_deg in degrees beside theta2_rad in radians",
+        "theta1_deg, theta3_deg are in degrees, theta2_rad in radians",
     ),
     ("theta1_deg,x_mm", None, "y_mm, z_mm", "expected all of x_mm, y_mm, z_mm"),
     ("theta1_deg,u_x_mm,u_y_mm,u_z_mm", None, "u_x_mm", "expected x_mm, y_mm, z_mm"),
-    ("theta1_deg,bar,bar_end,bar_length_mm", None, "seat", "missing beside bar"),
+    ("theta1_deg,bar,bar_end,bar_length_mm", None, "seat", "missing, but bar present"),
     (
         "theta1_deg,temperature1_c,temperature3_c",
         None,
@@ -384,7 +389,7 @@ CELLS: list[tuple[str, str, str]] = [
     (
         "bar_length_mm",
         "0.5",
-        "is 0.5 mm; expected 10 to 100000 mm; check its unit (perhaps metres)",
+        "is 0.5 mm; expected 10 to 100000 mm; check the unit (perhaps metres)",
     ),
     ("u_z_mm", "12", "is 12 mm; expected 0 to 10 mm"),
     ("seat", "", "of bar 'b'"),
@@ -625,7 +630,7 @@ OF_CONDITIONS: list[tuple[dict[str, Any], str]] = [
     ({"temperature": np.array([-273.15])}, r"temperature\[0\] is -273.15 °C"),
     ({"time": np.array([np.nan])}, r"time\[0\] is nan"),
     ({"torque": np.zeros((2, 2))}, "torque has 2 rows; expected 1"),
-    ({"approach": np.array([[0.5, 1]])}, "approach holds other numbers"),
+    ({"approach": np.array([[0.5, 1]])}, "approach has other numbers"),
     ({"seat": np.array([None])}, r"seat\[0\] is None; expected text"),
 ]
 
@@ -641,7 +646,7 @@ def test_arrays_with_a_mistake():
 
 def test_arrays_that_contradict_each_other():
     for arguments, words in (
-        ({"bar": ["b"]}, "missing beside bar"),
+        ({"bar": ["b"]}, "missing, but bar present"),
         (
             {"conditions": Conditions(1, torque=np.zeros((1, 3)))},
             "torque1_nm … torque3_nm: 3 columns; expected one for each",
@@ -650,7 +655,7 @@ def test_arrays_that_contradict_each_other():
             {"extra": pd.DataFrame({"Seat": ["a"]})},
             "column Seat: is not a known name; expected seat",
         ),
-        ({"extra": pd.DataFrame([[1, 2]], columns=["a", "a"])}, "column a: is there 2 times"),
+        ({"extra": pd.DataFrame([[1, 2]], columns=["a", "a"])}, "column a: occurs 2 times"),
     ):
         with pytest.raises(MeasurementFileError, match=words):
             Measurements.of(ONE, **arguments)  # type: ignore[arg-type]

@@ -83,9 +83,9 @@ def test_commands_take_them(table, tmp_path):
     ("changes", "said"),
     [
         ({"rx_rad": 180.0}, "column rx_rad: is 180 rad"),
-        ({"rx_rad": None}, "rx_rad: is empty in a row that states others"),
+        ({"rx_rad": None}, "rx_rad: is empty in a row that states a part"),
         ({"rx_deg": 1.0}, "rx_deg"),
-        ({"qw": 1.0, "qx": 0.0, "qy": 0.0, "qz": 0.0}, "orientations in two ways"),
+        ({"qw": 1.0, "qx": 0.0, "qy": 0.0, "qz": 0.0}, "orientations are stated twice"),
         ({"x_mm": None, "y_mm": None, "z_mm": None}, "in a row without x_mm"),
     ],
 )

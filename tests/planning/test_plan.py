@@ -336,7 +336,7 @@ def test_postures_alone_are_asked_for_where_they_do(sino6):
     assert plan.set_up == ()
     assert not plan.changes_arm
     assert plan.decided
-    assert [t.words for t in plan.tried] == ["the present one"]
+    assert [t.words for t in plan.tried] == ["as at present"]
     assert list(plan.records.columns) == [
         *(f"theta{k}_deg" for k in range(1, 7)),
         "x_mm",
@@ -522,7 +522,7 @@ def test_what_cannot_be_is_refused(sino6, zero6):
         ("foo:1", "base_compliance", "unknown cause 'foo'"),
         ("encoder_slip:3", "base_compliance", "time_s"),
         ("base_compliance", "base_compliance", "twice"),
-        ("link_length:3", "base_compliance", "is refitted in every diagnosis"),
+        ("link_length:3", "base_compliance", "is fitted again in every diagnosis"),
         ("seat_error:S1", "base_compliance", "effect at that seat only"),
     ):
         with pytest.raises(AacmmError, match=said):
@@ -534,7 +534,7 @@ def test_what_cannot_be_is_refused(sino6, zero6):
         (AacmmError, "row 4 of SINO6 is rigid", rigid, ("encoder_gain:4", "base_compliance"), {}),
         (
             UnsupportedArmError,
-            "the arm states none",
+            "the arm states no masses",
             zero6,
             ("joint_compliance:2", "encoder_gain:2"),
             {},

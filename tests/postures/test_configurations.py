@@ -502,7 +502,7 @@ def test_what_cannot_be_asked(sino6):
     up = {"point": SEAT, "tip": True, "axis": [0, 0, 1]}
     asked: list[tuple[dict[str, Any], type[Exception], str]] = [
         ({"point": [0.1, np.nan, 0.3]}, ShapeError, r"point\[1\] is nan"),
-        (up | {"axis": None}, AacmmError, "needs axis"),
+        (up | {"axis": None}, AacmmError, "without axis"),
         (up | {"tip": False}, AacmmError, "requires tip=True"),
         (up | {"axis": [0, 0, 0]}, AacmmError, "direction"),
         (up | {"rest": [0, 0]}, AacmmError, "rest"),
@@ -522,7 +522,7 @@ def test_arms_that_lack_what_is_needed(robot_file):
     with pytest.raises(UnsupportedArmError, match="stylus"):
         configuration_circle(changed("sino6", stylus=None), SEAT, tip=True, axis=[0, 0, 1])
     four = changed("sino6", joints=load_arm_file("sino6").joints[:4])
-    with pytest.raises(UnsupportedArmError, match=r"SINO6: .*has 4 joints in 4 rows"):
+    with pytest.raises(UnsupportedArmError, match=r"SINO6: .*has 4 joints in 4 DH rows"):
         configuration_circle(four, SEAT)
     with pytest.raises(UnsupportedArmError, match=r"SINO6: .*joint"):
         configuration_circle(changed("sino6", {3: RIGID}), SEAT)

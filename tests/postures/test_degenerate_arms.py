@@ -70,7 +70,7 @@ def test_families_are_told():
         if not name.startswith("parallel"):
             away = configuration_circle(arm, [0.0, 0.0, 0.7], rest=[0.0, 0.0])
             assert (len(away), away.complete) == (0, False), name
-            assert "degenerate" in away.reason
+            assert "singular" in away.reason
             assert "families" not in away.reason
 
 

@@ -77,16 +77,16 @@ def test_half_a_turn_away_is_not_there(sino6):
 def test_unusable_conditions(sino6, robot_file, tmp_path):
     up, free = (
         {"axis": [0, 0, 1]},
-        "6 joints and a point leave 3 joints free; state a point and an axis .* or a full pose",
+        "6 joints and a point leave 3 joints free; expected a point and an axis .* or a full pose",
     )
     asked: list[tuple[dict[str, Any], type[AacmmError], str]] = [
         ({}, UnsupportedArmError, free),
         ({"axis": [0, 0, 0]}, AacmmError, r"axis is \[0, 0, 0\]; expected a direction"),
         ({"tool": [0, 0, 1]}, AacmmError, "tool requires axis"),
-        (up | {"rotation": np.eye(3)}, AacmmError, "expected one of them"),
+        (up | {"rotation": np.eye(3)}, AacmmError, "expected one of the two"),
         ({"rotation": np.eye(4)}, ShapeError, r"rotation has shape \(4, 4\); expected \(3, 3\)"),
-        ({"rotation": 1.1 * np.eye(3)}, ShapeError, "its columns are off by 2.1e-01"),
-        ({"rotation": -np.eye(3)}, ShapeError, "it is a reflection"),
+        ({"rotation": 1.1 * np.eye(3)}, ShapeError, "deviate from orthonormal by 2.1e-01"),
+        ({"rotation": -np.eye(3)}, ShapeError, "is a reflection"),
     ]
     for given, error, said in asked:
         with pytest.raises(error, match=said):
@@ -97,6 +97,6 @@ def test_unusable_conditions(sino6, robot_file, tmp_path):
     five = Arm.from_urdf(robot_file("so101.urdf"), "gripper_frame_link")
     with pytest.raises(
         UnsupportedArmError,
-        match=r"5 joints cannot meet the 6 conditions of a full pose; state a point and",
+        match=r"5 joints cannot meet the 6 conditions of a full pose; expected a point and",
     ):
         reaching_postures(five, [0.1, 0, 0.1], rotation=np.eye(3))

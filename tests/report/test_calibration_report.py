@@ -74,7 +74,7 @@ def test_a_robot_without_seats_or_stated_uncertainties(of_robot):
     assert "Residuals by seat" not in [image["alt"] for image in page.all("img")]
     assert b"[urdf]" in page.downloads()["calibrated.toml"]
     assert all(combination in page.text for combination in of_robot.undetermined)
-    assert "No record was excluded" in page.text
+    assert "The fit excluded no record" in page.text
     text = comment(of_robot, "data.csv", "2026-01-02")
     assert text.count("Not determined by these data: ") == len(of_robot.undetermined) > 0
 

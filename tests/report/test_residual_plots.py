@@ -146,7 +146,7 @@ def test_several_panels_take_the_place_of_axes(at_seats):
     # In its place, and nowhere else.
     assert min(ax.get_position().x0 for ax in panels) > left.get_position().x1
     assert {ax.get_ylim() for ax in panels} == {panels[0].get_ylim()}  # one scale
-    with pytest.raises(AacmmError, match="no place in a grid"):
+    with pytest.raises(AacmmError, match="not in a grid"):
         plot_residual_views(at_seats, Figure().add_axes((0.1, 0.1, 0.8, 0.8)))
     assert plt.get_fignums() == []
 

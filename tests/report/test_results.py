@@ -326,7 +326,7 @@ def test_the_main_picture_of_a_diagnosis_is_its_strongest_cause(found, values):
     assert "encoder eccentricity of joint 3" in found.plot(1).get_title()
     nothing = replace(found, findings=())
     assert nothing.plot().get_xlabel() == "RMS distance of tip and target [mm]"
-    with pytest.raises(AacmmError, match="finding is 2; this diagnosis has 2"):
+    with pytest.raises(AacmmError, match="finding is 2; expected a number from 0 below 2"):
         found.plot(2)
     with pytest.raises(UnknownNameError, match="unknown quantity 'u'; known: comprehensive_mm3"):
         values["WorkspaceMap"].plot("u")

@@ -94,7 +94,7 @@ def test_what_is_there_is_replaced_only_by_force(tmp_path):
         (report / "mine.txt").write_text("keep")
     # Files of the same names, no others.
     assert listing(report) == {"index.html": "new", "mine.txt": "keep"}
-    with pytest.raises(OutputError, match=r"not empty.*--force"), OutputFiles() as files:
+    with pytest.raises(OutputError, match=r"with files.*--force"), OutputFiles() as files:
         files.folder(report)
     with pytest.raises(OutputError, match="two results"):
         write(path, tmp_path / "report" / ".." / "out.csv", force=True)
@@ -177,11 +177,11 @@ def test_what_is_read_is_never_replaced(tmp_path):
     (tmp_path / "link").symlink_to("data")
     (tmp_path / "hard").hardlink_to(data)
     for name in ("data", "link", "hard", "../" + tmp_path.name + "/data"):
-        with pytest.raises(OutputError, match="is read"):
+        with pytest.raises(OutputError, match="reads this file"):
             OutputFiles(True, [data, "none"]).check(tmp_path / "new", tmp_path / name)
     for name in ("link", "hard"):
         with (
-            pytest.raises(OutputError, match="is read"),
+            pytest.raises(OutputError, match="reads this file"),
             OutputFiles(True, [tmp_path / name]) as files,
         ):
             files.file(data)

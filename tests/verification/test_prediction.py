@@ -251,7 +251,7 @@ def test_what_cannot_be_planned_or_predicted(sino6, planned):
     narrow = replace(
         sino6, limits=np.array([[0, 1.0], [-1.6, -0.6], [-0.5, 0.5], [0.5, 1.5], [0.3, 1], [-1, 1]])
     )
-    with pytest.raises(AacmmError, match="no posture inside the limits"):
+    with pytest.raises(AacmmError, match="no posture within the limits"):
         acceptance_procedure(narrow)
     less = str(planned.with_name("less.csv"))
     table = pd.read_csv(planned, dtype=str)

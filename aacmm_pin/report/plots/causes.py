@@ -71,7 +71,8 @@ def plot_diagnosis(result: Diagnosis, finding: int = 0, ax: Axes | None = None) 
         return plot_unexplained(result, unexplained[0], ax) if unexplained else plot_rms(result, ax)
     if not 0 <= finding < len(result.findings):
         raise AacmmError(
-            f"finding is {finding}; this diagnosis has {len(result.findings)}, counted from 0"
+            f"finding is {finding}; expected a number from 0 below {len(result.findings)}, the "
+            "number of findings"
         )
     found = result.findings[finding]
     over_something = corrects_seat(found.effect) or result.geometric(found)
@@ -225,7 +226,7 @@ def plot_unexplained(result: Diagnosis, name: str, ax: Axes | None = None) -> Ax
         column.removesuffix("_of_record") for column in columns if column.endswith("_of_record")
     ]
     over = [column for column in columns if column.removesuffix("_of_record") not in quantities]
-    label = _head(quantities[0]) if len(quantities) == 1 else "shift of the tip [mm]"
+    label = _head(quantities[0]) if len(quantities) == 1 else "displacement of the tip [mm]"
     draw = _plot_over_two if len(over) > 1 else _plot_over_one
     draw(shape, over, quantities, label, ax)
     ax.set_title(

@@ -83,7 +83,7 @@ def plot_groups(result: Diagnosis, ax: Axes | None = None) -> Figure:
         table["by"].unique(), key=lambda kind: (not kind.startswith("joint"), numbers_by_size(kind))
     )
     if not kinds:
-        raise AacmmError("there are too few records to compare groups of them")
+        raise AacmmError("the records are too few to compare groups; expected two groups or more")
     columns = min(3, len(kinds))
     panels = panels_of(ax, (3.1, 2.4), len(kinds), columns, share_y=True)
     expected = {"noise": (":", "noise alone")}

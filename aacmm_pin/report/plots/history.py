@@ -70,7 +70,13 @@ def plot_history(history: History, ax: Axes | None = None) -> Figure:
     across = 4 if len(charts) <= 8 else MOST_PANELS // 2
     if not charts:
         ax = axes_of(ax, (4.0, 1.0))
-        ax.text(0.5, 0.5, "no characteristic with two checks", ha="center", va="center")
+        ax.text(
+            0.5,
+            0.5,
+            "no characteristic with two checks; expected one or more",
+            ha="center",
+            va="center",
+        )
         ax.set_axis_off()
         return whole([ax])
     panels = panels_of(ax, (9.4 / across, 1.9), len(charts), across)

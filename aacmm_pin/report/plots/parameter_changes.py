@@ -61,7 +61,7 @@ def plot_geometry(result: Diagnosis, ax: Axes | None = None) -> Axes:
     found = [f.effect for f in result.findings if result.geometric(f)]
     if not found:
         raise AacmmError(
-            "no geometric value of this diagnosis differs significantly from its stated value"
+            "no geometric value differs significantly from the stated value; expected one or more"
         )
     arm, rows = result.before.problem.model.arm, []
     for effect in found:

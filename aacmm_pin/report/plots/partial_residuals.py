@@ -246,7 +246,6 @@ def _over_angle(effect: Effect, state: State, found: _Amount, there: Mask) -> Ar
 def _y_label(effect: Effect, found: _Amount) -> str:
     if effect.location_field() == "joint" and found.direction is not None:
         return (
-            f"joint {'angle' if found.unit == 'µrad' else 'position'} minus indication "
-            f"[{found.unit}]"
+            f"joint {'angle' if found.unit == 'µrad' else 'position'} minus reading [{found.unit}]"
         )
     return f"{KIND_OF_UNIT[found.unit]} [{found.unit}]"

@@ -151,10 +151,7 @@ def panels_of(
     place = axes_of(ax, (width * columns, height * rows))
     spec = place.get_subplotspec()
     if spec is None:
-        raise AacmmError(
-            "ax has no place in a grid that could be divided; expected axes such as "
-            "plt.subplots() gives"
-        )
+        raise AacmmError("ax is not in a grid; expected axes of plt.subplots()")
     place.remove()
     grid = spec.subgridspec(rows, columns).subplots(sharey=share_y, squeeze=False)
     panels = list(grid.flat)

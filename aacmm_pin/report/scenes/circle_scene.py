@@ -62,7 +62,7 @@ def circle_scene(circle: PosturesAtPoint, accuracy: AccuracyVolume | None = None
         ShapeError: ``accuracy`` was worked out for other configurations.
     """
     if not len(circle.q):
-        raise AacmmError(f"{circle}; nothing to show")
+        raise AacmmError(f"{circle}; expected one posture or more")
     inside = np.flatnonzero(circle.within_limits) if accuracy is None else paired(circle, accuracy)
     eligible = inside if len(inside) else np.arange(len(circle.q))
     members = _thinned(circle.component, eligible, MOST_CIRCLE_FRAMES)

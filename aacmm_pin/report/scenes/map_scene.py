@@ -48,14 +48,17 @@ def map_scene(workspace_map: WorkspaceMap, model: GivenModel) -> Scene:
     arm, data = ErrorModel.arm_of(model), workspace_map.data
     if data.attrs["arm"] != arm.name or data.sizes["joint"] != arm.nq:
         raise AacmmError(
-            f"the map is of {data.attrs['arm']} with {data.sizes['joint']} joints, the arm is {arm}"
+            f"the map is of {data.attrs['arm']} with {data.sizes['joint']} joints, and the arm "
+            f"is {arm}; expected the arm of the map"
         )
     reachable = data["reachable"].values.astype(bool)
     values = np.where(reachable, data["comprehensive_mm3"].values, np.nan)
     q_of_cells = data["best_theta_deg"].values * DEG
     works = np.isfinite(q_of_cells).all(axis=2) & np.isfinite(values)
     if not works.any():
-        raise AacmmError(f"{workspace_map}: no cell has a posture within limits")
+        raise AacmmError(
+            f"{workspace_map}: no cell has a posture within limits; expected one or more"
+        )
     bar = ColourBar.of(QUANTITIES["comprehensive_mm3"].label, values, VOLUME_COLOURS)
     cells = _in_turn(works)
     q, points, bodies = q_of_cells[cells], _centres(workspace_map)[cells], Bodies(arm)

@@ -161,7 +161,7 @@ class Frames:
             for name, of in per_frame.items():
                 if len(of) != n:
                     raise ShapeError(
-                        f"{what} of {name}: {len(of)} frames; expected {n} as there are colours"
+                        f"{what} of {name}: {len(of)} frames; expected {n}, as many as colours"
                     )
         if not 0 <= self.start < n:
             raise ShapeError(f"start is {self.start}; expected a frame from 0 to {n - 1}")
@@ -398,7 +398,8 @@ def viewer_script() -> str:
         ) from None
     if "</script" in script or "<!--" in script:
         raise AacmmError(
-            f"{place}: meshcat's viewer cannot stand inside a page: it holds </script or <!--"
+            f"{place}: meshcat's viewer has </script or <!--; expected a viewer without these; "
+            "install another version of meshcat"
         )
     return script
 

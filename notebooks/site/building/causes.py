@@ -93,5 +93,5 @@ def _size(effect: Effect) -> str:
 def _alike(cause: type[Effect]) -> str:
     """The sentence of the docstring that says what it is confused with."""
     text = " ".join((inspect.getdoc(cause) or "").split())
-    found = re.search(r"Confused with: (.*?)(?:\.(?= [A-Z])|\.?$)", text)
+    found = re.search(r"Aliases: (.*?)(?:\.(?= [A-Z])|\.?$)", text)
     return found[1].replace("``", "`") if found else "–"
