@@ -22,18 +22,18 @@ from tests.test_rooms import MODULES, ROOMS, imports
 
 TOKENS: dict[str, int] = {
     "errors": 500,
-    "_support": 7400,
-    "arm": 19900,
-    "effects": 27300,
-    "postures": 23100,
-    "measurements": 18100,
-    "accuracy": 11900,
-    "calibration": 42500,
-    "diagnosis": 42100,
+    "_support": 7700,
+    "arm": 20400,
+    "effects": 27500,
+    "postures": 23200,
+    "measurements": 23400,
+    "accuracy": 12500,
+    "calibration": 45400,
+    "diagnosis": 43200,
     "planning": 12800,
     "verification": 17700,
-    "report": 58900,
-    "cli": 16200,
+    "report": 59600,
+    "cli": 17400,
 }
 """Code without comments and docstrings: unlike lines, they do not fall when a line is packed
 fuller.
@@ -63,7 +63,7 @@ it. A label is what a class states of itself, such as ``words: ClassVar[str] = "
 """
 INNER: dict[str, int] = {
     "calibration": 1,
-    "diagnosis": 32,
+    "diagnosis": 31,
     "report": 9,
     "cli": 3,
 }
