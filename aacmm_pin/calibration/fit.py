@@ -130,11 +130,14 @@ class Fit(Solution):
         model, records = self.problem.model, self.problem.measurements
         rotation = self.point.frame.rotation
         moved = rotation @ model.sensitivity(records.q, records.conditions)
-        variance = np.sum(moved @ model.covariance() * moved, axis=(1, 2))
+        counting = self.observations.along_normals(moved.transpose(0, 2, 1))
+        variance = np.einsum("npi,pq,nqi->n", counting, model.covariance(), counting, optimize=True)
         if self.problem.scales.size == 0:
+            u = np.zeros((records.n, 3))
             seat = self.observations.seat
-            stated_u = self.observations.stated_u[seat[seat >= 0]]
-            variance[seat >= 0] += np.square(np.nan_to_num(stated_u)).sum(axis=1)
+            u[seat >= 0] = np.nan_to_num(self.observations.stated_u[seat[seat >= 0]])
+            along = self.observations.along_normals(u[:, :, None] * np.eye(3))
+            variance += np.square(along).sum(axis=(1, 2))
         return np.asarray(variance)
 
     @property
@@ -153,7 +156,8 @@ class Fit(Solution):
         seat = self.observations.seat[self.used]
         known = np.append(self.observations.known, True)
         touches = np.bincount(seat + 1, minlength=known.size)[seat + 1]
-        remaining = np.where(known[seat], 1.0, 1.0 - 1.0 / touches)
+        taken = np.where(self.observations.on_surface[self.used], 3.0, 1.0)
+        remaining = np.where(known[seat], 1.0, np.maximum(1.0 - taken / touches, 0.0))
         mean = (variance * remaining).mean()
         return float(np.sqrt(mean))
 
@@ -257,5 +261,11 @@ class Fit(Solution):
 def redundant(solution: Solution) -> bool:
     """Whether the records are enough to tell which of them are wrong: half of them cannot be fitted
     whatever they say.
+
+    A sphere or plane takes three numbers of its few; where the noise is not stated either, it
+    counts twice.
     """
-    return solution.chi2.dof >= 0.5 * solution.system.free
+    stated = not solution.problem.setup.unstated(solution.problem.measurements)
+    open_surfaces = solution.observations.surfaces & ~solution.observations.known
+    taken = (3 if stated else 6) * int(open_surfaces.sum())
+    return solution.chi2.dof >= 0.5 * (solution.system.free + taken)

@@ -29,8 +29,9 @@ no step can be taken."""
 UNEVEN = 1e-6
 """Normal equations do where every singular value, of columns of length one, is certain to be above
 this: errors of the smallest are then a ten-thousandth of it, and the gradient has none."""
-OPEN_CENTRE = 1e-13
-"""Part of all information on a sphere or plane that counts as none."""
+OPEN_CENTRE = 3e-4
+"""Part of all information on a sphere or plane that is added in every direction, for contacts on a
+great circle tell nothing of the centre across it."""
 ROWS_AT_ONCE = 4000
 """Rows that are brought to a triangle at once: copies of all of them would take more memory than
 all the rest."""
@@ -351,9 +352,10 @@ class SeatElimination:
         weight = np.where(known, 1.0 / np.where(known, self.observations.stated_u, 1.0), 0.0)
         by_tie = weight[:, :, None] * np.eye(3)
         # Contacts of a sphere or plane may leave a direction of it open.
-        leeway = np.where(self.observations.surfaces, OPEN_CENTRE, 0.0)[:, None, None] * np.eye(3)
+        may_be_open = self.observations.surfaces & ~self.observations.known
+        leeway = np.where(may_be_open, OPEN_CENTRE, 0.0)[:, None, None] * np.eye(3)
         self._root = np.broadcast_to(np.eye(3), (count, 3, 3))
-        for least in (NOTHING_KNOWN, 0.5):
+        for least in (NOTHING_KNOWN, np.where(may_be_open, np.inf, 0.5)):
             square = (
                 self._seat_sums(by.transpose(0, 2, 1) @ by) + by_tie.transpose(0, 2, 1) @ by_tie
             )

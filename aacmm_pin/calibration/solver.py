@@ -24,7 +24,7 @@ from aacmm_pin.calibration.noise_model import NoiseModel
 from aacmm_pin.calibration.problem import Frame, Prediction, Problem, registered
 from aacmm_pin.effects import Effect, StylusOffset
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.measurements import Observations
+from aacmm_pin.measurements import Observations, centre_of_sphere
 
 MOST_STEPS = 100
 SETTLED = 1e-6
@@ -167,10 +167,13 @@ def initial_point(problem: Problem, observations: Observations) -> Point:
     offsets = _offsets(problem)
     tips = prediction.tips
     enough = known.sum() >= FEWEST_PLACED
+    at, stated = tips[known], problem.measurements.reference[known]
     if problem.external and not enough:
+        at, stated = _with_centres(observations, tips, at, stated)
+    if problem.external and len(at) < FEWEST_PLACED:
         raise AacmmError(
-            f"{known.sum()} records have reference coordinates; expected 3 or more to find "
-            "their frame"
+            f"{problem.measurements.source}: {len(at)} records or spheres have reference "
+            "coordinates; expected 3 or more to find their frame"
         )
     if offsets.size and enough:
         found, moved = placed(problem, tips, prediction.jacobian[:, :3, offsets])
@@ -178,8 +181,7 @@ def initial_point(problem: Problem, observations: Observations) -> Point:
         x = x.copy()
         x[offsets] += moved
     elif problem.external:
-        found = registered(tips[known], problem.measurements.reference[known])
-        frame = replace(found, targets=frame.targets)
+        frame = replace(registered(at, stated), targets=frame.targets)
     if problem.turns:
         frame = problem.with_targets(x, frame)
     if problem.turns or offsets.size:
@@ -187,6 +189,21 @@ def initial_point(problem: Problem, observations: Observations) -> Point:
     elif problem.external:
         prediction = Prediction(frame.apply(tips), frame.rotation @ prediction.jacobian)
     return Point(x, frame, observations.start(prediction.tips), prediction)
+
+
+def _with_centres(
+    observations: Observations, tips: Array, at: Array, stated: Array
+) -> tuple[Array, Array]:
+    """Points in the base and in the frame of the references (n, 3) [m], with the centres of spheres
+    that the records state.
+    """
+    places = [at]
+    for k in np.flatnonzero(observations.spheres & observations.known):
+        own = observations.seat == k
+        radius = float(observations.radius[own][0])
+        places.append(centre_of_sphere(tips[own], radius)[None])
+        stated = np.concatenate([stated, observations.stated[k : k + 1]])
+    return np.concatenate(places), stated
 
 
 def _offsets(problem: Problem) -> Index:

@@ -37,6 +37,8 @@ def deleted_distances(solution: Solution) -> Array:
         changes = -observations.by_seats(np.tile(np.eye(3), (len(off), 1, 1)))[touched]
         off[touched] += np.einsum("nij,njk,nk->ni", changes, others, pulls)
         covariance[touched] += changes @ others @ changes.transpose(0, 2, 1)
+    covariance = observations.counting(covariance)
+    off = observations.along_normals(off[:, None, :])[:, 0]
     has_target = observations.has_target
     turns = np.nan_to_num(solution.system.turn_distance[has_target])
     found = np.full(len(off), np.inf)

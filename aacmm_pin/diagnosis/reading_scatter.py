@@ -147,7 +147,8 @@ class _Components:
             inverse = np.linalg.inv(self._of_those_that_count(found))
             pulled = inverse @ self.off[:, :, None]
             pulls = pulled @ pulled.transpose(0, 2, 1)
-            squares = of_each @ pulls.ravel()
+            # Both are sums of squares; below zero they are rounded zeros.
+            squares = np.maximum(of_each @ pulls.ravel(), 0.0)
             expected = of_each @ inverse.ravel()
             found[acting] *= np.sqrt(squares / np.maximum(expected, LEAST_VARIANCE))
         return found

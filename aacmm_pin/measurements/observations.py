@@ -41,16 +41,22 @@ def best_sphere(points: Array) -> tuple[Array, float]:
 
 def centre_of_sphere(points: Array, radius: float) -> Array:
     """Centre (3,) of the sphere of known radius that points (m, 3) are on [m]: the least sum of
-    distances of which large ones count less.
+    distances of which large ones count less, from starts on both sides of the points.
     """
 
     def beyond(centre: Array) -> Array:
         distances = np.linalg.norm(points - centre, axis=1)
         return np.asarray(distances - radius)
 
-    first, _ = best_sphere(points)
-    found = scipy.optimize.least_squares(beyond, first, loss="soft_l1", f_scale=WILD_CONTACT)
-    return np.asarray(found.x)
+    normal = normal_of_plane(points)
+    middle = points.mean(axis=0)
+    width = np.sqrt(np.square(points - middle).sum(axis=1).mean())
+    height = np.sqrt(max(radius**2 - width**2, 0.0))
+    starts = [best_sphere(points)[0], middle + height * normal, middle - height * normal]
+    options = {"loss": "soft_l1", "f_scale": WILD_CONTACT}
+    ends = [scipy.optimize.least_squares(beyond, start, **options) for start in starts]
+    best = min(ends, key=lambda end: float(end.cost))
+    return np.asarray(best.x)
 
 
 def normal_of_plane(points: Array) -> Array:

@@ -355,7 +355,7 @@ class Measurements(Shown):
         sign = pd.DataFrame(np.sign(step)).where(np.abs(step) > LEAST_MOTION)
         stated = self.conditions.session
         session = pd.Series([""] * self.n if stated is None else stated)
-        sign[session.ne(session.shift())] = 0.0
+        sign[~session.duplicated()] = 0.0
         approach = sign.ffill().to_numpy()
         return replace(self, conditions=replace(self.conditions, approach=approach))
 

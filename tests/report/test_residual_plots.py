@@ -158,5 +158,5 @@ def test_what_cannot_be_drawn_is_refused(at_seats, sound):
             plot_residual_vectors(result, plane=plane)
         with pytest.raises(UnknownNameError, match=r"unknown model 'later'"):
             plot_residual_vectors(result, "later")
-    with pytest.raises(AacmmError, match=r"joint is 7, SINO6 has 1 to 6"):
+    with pytest.raises(AacmmError, match=r"joint is 7; expected 1 to 6"):
         plot_residuals_over_joint(at_seats, 7)
