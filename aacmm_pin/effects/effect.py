@@ -467,6 +467,16 @@ def about_axis(state: State, row: int, columns: Array) -> Displacement:
     return Displacement(axis(row), twists)
 
 
+def of_encoder(state: State, row: int, columns: Array) -> list[Displacement]:
+    """The joints whose angles the reading of ``row`` is a part of, by ``columns`` (n, p) [rad] that
+    are added to this reading.
+    """
+    rows = state.arm.chain.moving_rows()
+    ratios = state.arm.coupling_matrix[:, state.joint(row)]
+    parts = np.flatnonzero(ratios).tolist()
+    return [about_axis(state, rows[j], ratios[j] * columns) for j in parts]
+
+
 def twist(linear: Array | None = None, angular: Array | None = None) -> Array:
     """Columns (n, 6, p) of a displacement, from shifts and turns in the axes of its place.
 
