@@ -469,7 +469,8 @@ class ArmFile(AnyArmFile):
     @property
     def moving_numbers(self) -> list[int]:
         """Numbers of the rows that have a joint, from 1."""
-        return [number for number, row in enumerate(self.joints, start=1) if not row.fixed]
+        numbered = enumerate(self.joints, start=1)
+        return [number for number, row in numbered if not row.fixed]
 
     @property
     def moving_rows(self) -> list[Row]:

@@ -179,7 +179,7 @@ class Effect(Shown, ABC):
         for name in ("joint", "link"):
             default = getattr(type(self), name, MISSING)
             row = getattr(self, name, default)
-            if row is not default and not _is_row(row):
+            if row is not default and not is_row(row):
                 raise AacmmError(
                     f"{self.cause}: {name} is {reprlib.repr(row)}; expected the number of a row, "
                     f"from 1 to {MOST_ROWS} at most"
@@ -403,7 +403,8 @@ def _places(location: str | None, arm: Arm, records: Records | None) -> list[dic
     return [{str(location): place} for place in found]
 
 
-def _is_row(row: Any) -> bool:
+def is_row(row: Any) -> bool:
+    """Whether it can be the number of a row, from 1."""
     if isinstance(row, bool) or not isinstance(row, Integral):
         return False
     return 1 <= int(row) <= MOST_ROWS

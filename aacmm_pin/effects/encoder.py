@@ -28,6 +28,7 @@ from aacmm_pin.effects.effect import (
     Reading,
     Term,
     about_axis,
+    is_row,
     of_encoder,
 )
 from aacmm_pin.effects.nonlinear import Nonlinear
@@ -161,7 +162,8 @@ class _Periodic(_OfAngle):
 
     def displacements(self, state: State) -> list[Displacement]:
         """``cos kθ`` and ``sin kθ`` about the axis."""
-        return [about_axis(state, self.joint, self._waves(state.angle(self.joint)))]
+        waves = self._waves(state.angle(self.joint))
+        return [about_axis(state, self.joint, waves)]
 
     def _waves(self, angle: Array) -> Array:
         phase = self.turns * angle
@@ -174,7 +176,8 @@ class _PeriodicReading(_Periodic):
 
     def displacements(self, state: State) -> list[Displacement]:
         """``cos kθ`` and ``sin kθ`` in the reading."""
-        return of_encoder(state, self.joint, self._waves(state.reading(self.joint)))
+        waves = self._waves(state.reading(self.joint))
+        return of_encoder(state, self.joint, waves)
 
 
 @dataclass(frozen=True)
@@ -418,7 +421,8 @@ class EncoderGain(_OfAngle):
 
     def displacements(self, state: State) -> list[Displacement]:
         """The indication itself."""
-        return of_encoder(state, self.joint, state.reading(self.joint)[:, None])
+        reading = state.reading(self.joint)
+        return of_encoder(state, self.joint, reading[:, None])
 
 
 @dataclass(frozen=True)
@@ -442,10 +446,10 @@ class JointCoupling(Effect):
     def __post_init__(self) -> None:
         """Check that they are two joints."""
         super().__post_init__()
-        if self.of == self.joint:
+        if not is_row(self.of) or self.of == self.joint:
             raise AacmmError(
-                f"{self.label}: of is {self.of}, the joint itself; expected another joint; "
-                f"encoder_gain:{self.joint} is the error of its own ratio"
+                f"{self.label}: of is {self.of!r}; expected the number of another row; use "
+                f"encoder_gain:{self.joint} for the ratio of the joint's own encoder"
             )
 
     @classmethod
@@ -478,7 +482,8 @@ class JointCoupling(Effect):
 
     def displacements(self, state: State) -> list[Displacement]:
         """The reading of the other joint."""
-        return [about_axis(state, self.joint, state.reading(self.of)[:, None])]
+        reading = state.reading(self.of)
+        return [about_axis(state, self.joint, reading[:, None])]
 
 
 @dataclass(frozen=True)

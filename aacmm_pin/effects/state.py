@@ -113,7 +113,8 @@ class State:
 
     def reading(self, row: int) -> Array:
         """Indication of the encoder of ``row`` (n,) [rad; m where the joint slides]."""
-        return self.arm.readings(self.q)[:, self.joint(row)]
+        readings = self.arm.readings(self.q)
+        return readings[:, self.joint(row)]
 
     def in_axes_of(self, place: int, vectors: Array) -> Array:
         """Vectors of the base (n, 3), or one (3,), as components along the axes of ``place`` (n,
