@@ -226,6 +226,26 @@ def test_commands_write_and_take_readings(crane, rng, tmp_path):
     assert Arm.load(out).couplings == arm.couplings
 
 
+def test_an_acceptance_file_has_readings(sino6, tmp_path):
+    paths = [str(tmp_path / name) for name in ("belt.toml", "plan.csv", "touches.csv", "read.csv")]
+    belt, plan, touches, read = paths
+    ErrorModel(sino6.with_couplings(SUM)).save(belt)
+    shell.done(f"plan acceptance {belt} --standard asme-b89.4.22 -o {plan}")
+    shell.done(
+        f"simulate {belt} --procedure {plan} --encoder-noise 0 --probe-noise-mm 0 -o {touches}"
+    )
+    table = pd.read_csv(touches)
+    readings = np.radians(table[[f"theta{j}_deg" for j in range(1, 7)]].to_numpy())
+    readings[:, 2] -= readings[:, 1]
+    planned = table[["planned_x_mm", "planned_y_mm", "planned_z_mm"]].to_numpy()
+    close(1e3 * sino6.positions(readings), planned, 1e-6)
+    table.drop(columns=["x_mm", "y_mm", "z_mm"]).to_csv(read, index=False)
+    found = shell.found(f"accept {belt} {read} --standard asme-b89.4.22")
+    values = [figure["value_mm"] for figure in found["figures"]]
+    assert values
+    assert max(map(abs, values)) < 1e-6
+
+
 def test_simulated_records_have_joint_angles_and_readings(crane, rng):
     arm = crane.with_couplings(SUM, GEAR)
     records = simulate_measurements(arm, "seats", 20, seats=5, rng=rng)
