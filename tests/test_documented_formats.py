@@ -35,11 +35,11 @@ SECTIONS = {
 }
 KEYS_OF_AN_ARM = tuple(
     f"Keys of {part}"
-    for part in ("the arm", "a joint", "a cause", "the covariance", "a discrepancy")
+    for part in ("the arm", "a joint", "a coupling", "a cause", "the covariance", "a discrepancy")
 )
 NAMED = ("inner", "parameters", "acts_on", "working_sectors", "alone_mm", "causes")
 """Objects whose keys are names or numbers that vary."""
-LISTS = ("joints", "effects", "discrepancy", "parts")
+LISTS = ("joints", "couplings", "effects", "discrepancy", "parts")
 """Parts of an arm file that it may have several of."""
 NOT_OF_A_COMMAND = ("aacmm-pin/arm/1",)
 
@@ -168,6 +168,7 @@ def fields_of(model: type[BaseModel], at: str = "") -> Iterator[str]:
         "urdf": arm_file.Urdf,
         "uncertainty": arm_file.Uncertainty,
         "stylus": arm_file.Stylus,
+        "couplings": arm_file.Coupling,
     }
     parts |= {"effects": arm_file.EffectEntry, "covariance": arm_file.Covariance}
     parts |= {"discrepancy": arm_file.DiscrepancyEntry, "parts": arm_file.DiscrepancyPart}

@@ -50,6 +50,10 @@ MOST_ROWS = 200
 """Rows of an arm, joints and rigid pieces together."""
 MOST_JOINTS = 64
 """Joints that move the tip."""
+MOST_COUPLINGS = 200
+"""Couplings of the joints of an arm; a joint has a few."""
+MOST_RATIO = 1e4
+"""Joint angle per reading of one encoder, to either side; gears are a hundredth of that."""
 MOST_UNKNOWN = 100
 """Columns of unknown names in a measurement file; `diagnose` looks into each of them for a
 twentieth of a second.

@@ -221,7 +221,8 @@ def exact_positions(
     whole = np.zeros((len(errors), count + arm.nq))
     whole[:, list(sources.columns)] = errors
     moved = whole[:, :count]
-    q = q + whole[:, count:]
+    readings = arm.readings(q) + whole[:, count:]
+    q = arm.joint_angles(readings)
     if not sources.effects:
         return arm.perturbed_positions(q, moved[:, : len(arm.parameters)], sources.at)
     conditions = Conditions(1) if conditions is None else conditions

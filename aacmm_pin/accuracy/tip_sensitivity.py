@@ -208,19 +208,22 @@ class ErrorSources(Shown):
         if not self.effects:
             own = arm.sensitivity(q, self.at)[:, :, columns[columns < len(arm.parameters)]]
             joints = columns - len(self.model.parameters)
-            noise = arm.jacobian(q, self.at)[:, :, joints[joints >= 0]]
+            noise = arm.by_readings(arm.jacobian(q, self.at))[:, :, joints[joints >= 0]]
             return np.concatenate([own, noise], axis=2)
         conditions = Conditions(len(q)) if conditions is None else conditions
         state = displaced(arm, self.effects, q, conditions, arm.place(self.at), False)
-        # A noisy reading is a noisy zero.
-        readings = [JointZeroOffset(joint=row) for row in arm.chain.moving_rows()]
         found, start = [], 0
-        for cause in (*of_geometry(arm), *self.model.effects, *readings):
+        for cause in (*of_geometry(arm), *self.model.effects):
             end = start + len(cause.terms)
             wanted = columns[(columns >= start) & (columns < end)] - start
             if wanted.size:
                 found.append(sensitivity(cause, state)[:, :, wanted])
             start = end
+        noisy = columns[columns >= start] - start
+        if noisy.size:  # a noisy reading is a noisy zero
+            rows = arm.chain.moving_rows()
+            zeros = [sensitivity(JointZeroOffset(joint=row), state) for row in rows]
+            found.append(arm.by_readings(np.concatenate(zeros, axis=2))[:, :, noisy])
         return np.concatenate(found, axis=2)
 
     def generators(self, sensitivity: Array) -> Array:

@@ -18,6 +18,7 @@ from aacmm_pin._support.display import Shown
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm import chain
 from aacmm_pin.arm.chain import Chain
+from aacmm_pin.arm.couplings import Coupling, coupling_matrix
 from aacmm_pin.arm.dh import DHTable
 from aacmm_pin.arm.example_robots import EXAMPLE_ROBOTS, urdf_of_robot
 from aacmm_pin.arm.file import (
@@ -73,6 +74,8 @@ class Arm(Shown):
         covariance: what a calibration knows of parameters together, or None.
         nominal: of an arm that came as URDF, the Pinocchio model before any correction of its
             placements; else None.
+        couplings: which joint angles the readings make, where they do not show these; see
+            :meth:`with_couplings`.
     """
 
     name: str
@@ -88,6 +91,7 @@ class Arm(Shown):
     file: ArmFile | UrdfArmFile | None = None
     covariance: Covariance | None = None
     nominal: Any = None
+    couplings: tuple[Coupling, ...] = ()
 
     def __repr__(self) -> str:
         table = "no DH table"
@@ -162,6 +166,7 @@ class Arm(Shown):
             reference_temperature=arm.reference_temperature_c,
             file=arm,
             covariance=arm.covariance,
+            couplings=tuple(arm.couplings),
         )
 
     @staticmethod
@@ -176,9 +181,10 @@ class Arm(Shown):
 
         A ``continuous`` joint is read as a revolute one with limits of ±2π: one number, its angle.
         Joints that do not carry ``frame`` (a gripper's fingers) are locked at zero; a joint that
-        carries it moves by itself, also where it mimics one that does not carry it. The parameters
-        are the six components of every joint placement (three shifts, three turns about the axes of
-        the placement), each known within ± the half-width.
+        carries it moves by itself, also where it mimics one that does not carry it. Two that carry
+        it, of which one mimics the other, are refused: here each joint has a reading. The
+        parameters are the six components of every joint placement (three shifts, three turns about
+        the axes of the placement), each known within ± the half-width.
 
         Args:
             path: URDF file; meshes are not needed. Or the name of a robot of example-robot-data,
@@ -299,6 +305,65 @@ class Arm(Shown):
         return replace(
             self, encoder_noise=noise, file=self.file.model_copy(update={"joints": rows})
         )
+
+    def with_couplings(self, *couplings: tuple[int, int, float]) -> Arm:
+        """The arm whose encoders read other angles than those of the joints, in its file too.
+
+        A joint angle is the sum of ratios times readings. A joint's own reading counts with ratio
+        1, unless a coupling with ``of = joint`` states another. ``(3, 2, -1.0)`` states that joint
+        3 has its own reading minus that of joint 2, because its encoder shows the sum.
+
+        Args:
+            couplings: ``joint``, ``of`` and ``ratio`` of each, with numbers of rows, from 1; they
+                take the place of those that the arm has.
+
+        Raises:
+            AacmmError: one is not as expected, or no joint angles follow from the readings.
+        """
+        entries = []
+        for number, given in enumerate(couplings, start=1):
+            try:
+                joint, of, ratio = given
+                entries.append(Coupling(joint=joint, of=of, ratio=ratio))
+            except (TypeError, ValueError):
+                raise AacmmError(
+                    f"couplings[{number}] is {given!r}; expected (joint, of, ratio): two numbers "
+                    "of rows and a finite number, such as (3, 2, -1.0)"
+                ) from None
+        try:
+            coupling_matrix(entries, self.chain.moving_rows())
+        except ValueError as error:
+            raise AacmmError(f"{self.name}: {error}") from None
+        file = self.file
+        if file is not None:
+            file = file.model_copy(update={"couplings": entries})
+        return replace(self, couplings=tuple(entries), file=file)
+
+    @cached_property
+    def coupling_matrix(self) -> Array:
+        """∂(joint angles)/∂(readings) (nq, nq); the identity for an arm without couplings."""
+        return coupling_matrix(self.couplings, self.chain.moving_rows())
+
+    def joint_angles(self, readings: Array) -> Array:
+        """Joint angles that readings (n, nq) make, (n, nq) [rad; m where a joint slides].
+
+        Raises:
+            ShapeError: ``readings`` is not a finite (n, nq) array.
+        """
+        readings = batch(readings, self.nq, "readings", "rad or another unit")
+        return readings @ self.coupling_matrix.T if self.couplings else readings
+
+    def readings(self, q: Array) -> Array:
+        """What the encoders show at joint angles ``q`` (n, nq): (n, nq) [rad; m where a joint
+        slides].
+        """
+        if not self.couplings:
+            return q
+        return np.asarray(np.linalg.solve(self.coupling_matrix, q.T).T)
+
+    def by_readings(self, by_angles: Array) -> Array:
+        """The derivative by the readings, from one by the joint angles (…, nq)."""
+        return by_angles @ self.coupling_matrix if self.couplings else by_angles
 
     def with_unexplained(self, text: str) -> Arm:
         """The arm in whose file is what was left unexplained, shortened to what a file has."""
@@ -543,6 +608,10 @@ def _of_urdf_file(file: UrdfArmFile, path: str) -> Arm:
             "joints",
             f"are {stated}; expected those that move {urdf.frame!r}: {', '.join(names)}",
         )
+    try:
+        coupling_matrix(file.couplings, range(1, nominal.nq + 1))
+    except ValueError as error:
+        raise ArmFileError(path, "couplings", str(error)) from None
     return _corrected(nominal, file.model_copy(update={"joints": joints}))
 
 
@@ -568,6 +637,7 @@ def _corrected(nominal: Any, file: UrdfArmFile) -> Arm:
         file=file,
         covariance=file.covariance,
         nominal=nominal,
+        couplings=tuple(file.couplings),
     )
 
 

@@ -34,6 +34,7 @@ from aacmm_pin._support.angles import spread_angles
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.input_files import content_of
 from aacmm_pin._support.plausible import (
+    MOST_COUPLINGS,
     MOST_JOINTS,
     MOST_ROWS,
     MOST_TURNS,
@@ -57,6 +58,7 @@ from aacmm_pin._support.plausible import (
     without_nul,
 )
 from aacmm_pin._support.units import DEG, MM
+from aacmm_pin.arm.couplings import Coupling, coupling_matrix
 from aacmm_pin.arm.dh import KINDS, DHTable, table
 from aacmm_pin.arm.example_robots import EXAMPLE_ROBOTS
 from aacmm_pin.arm.parameter import Parameter
@@ -328,6 +330,9 @@ class AnyArmFile(_Part):
     stylus: Stylus | None = None
     unexplained: Text = ""
     tip_on_target: bool = False
+    couplings: Annotated[list[Coupling], Field(max_length=MOST_COUPLINGS)] = Field(
+        default_factory=list
+    )
     effects: Annotated[list[EffectEntry], Field(max_length=MOST_EFFECTS)] = Field(
         default_factory=list
     )
@@ -422,6 +427,7 @@ class ArmFile(AnyArmFile):
                 if not row.fixed
             }
         )
+        coupling_matrix(self.couplings, self.moving_numbers)
         return self
 
     @model_validator(mode="after")
@@ -459,6 +465,12 @@ class ArmFile(AnyArmFile):
             rows.append([row.a_mm * MM, row.d_mm * MM, row.alpha_rad, row.theta_offset_rad])
             moving.append(not row.fixed)
         return table(np.array(rows), self.convention, moving)
+
+    @property
+    def moving_numbers(self) -> list[int]:
+        """Numbers of the rows that have a joint, from 1."""
+        numbered = enumerate(self.joints, start=1)
+        return [number for number, row in numbered if not row.fixed]
 
     @property
     def moving_rows(self) -> list[Row]:
@@ -669,11 +681,12 @@ def _problem(item: Any, kind: type[AnyArmFile]) -> tuple[str, str]:
     key = "".join(parts).removeprefix(".")
     match item["type"]:
         case "extra_forbidden":
-            kinds: dict[str, type[_Part]] = {
+            kinds: dict[str, type[BaseModel]] = {
                 "joints": Row if kind is ArmFile else UrdfJoint,
                 "urdf": Urdf,
                 "uncertainty": Uncertainty,
                 "stylus": Stylus,
+                "couplings": Coupling,
                 "discrepancy": DiscrepancyEntry,
                 "parts": DiscrepancyPart,
                 "covariance": Covariance,
@@ -707,7 +720,7 @@ def arm_text(arm: ArmFile | UrdfArmFile, comment: str = "", path: str | Path | N
     content = {"schema": arm.schema_} | arm.model_dump(
         by_alias=True, exclude_none=True, exclude_defaults=True
     )
-    for last in ("effects", "discrepancy", "covariance"):
+    for last in ("couplings", "effects", "discrepancy", "covariance"):
         if last in content:
             content[last] = content.pop(last)
     if isinstance(arm, UrdfArmFile):

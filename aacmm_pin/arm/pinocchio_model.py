@@ -74,7 +74,8 @@ def serial_part(
         if name in mimics and (leaders.count(leader) > 1 or not model.existJointName(leader)):
             raise UnsupportedArmError(
                 f"{mimics[name][1]}; expected a reading of its own for each joint that moves frame "
-                f"{frame!r}"
+                f"{frame!r}; if each has an encoder, delete <mimic>, and state what the encoders "
+                "show by [[couplings]] of an arm file"
             )
     others = [j for j in range(1, model.njoints) if j not in chain]
     model = model.copy()

@@ -124,8 +124,14 @@ def _file(
         joints.append(entry)
     kept = file.model_dump(
         by_alias=True,
-        include=set(AnyArmFile.model_fields) - {"effects", "discrepancy", "covariance"},
+        include=set(AnyArmFile.model_fields)
+        - {"couplings", "effects", "discrepancy", "covariance"},
     )
+    row_of = [number for number, (_, joint) in enumerate(rows, start=1) if joint is not None]
+    kept["couplings"] = [
+        {"joint": row_of[one.joint - 1], "of": row_of[one.of - 1], "ratio": one.ratio}
+        for one in file.couplings
+    ]
     source = f"DH table of: {file.source or file.name}"
     return validated(
         ArmFile, kept | {"source": source, "convention": "standard-dh", "joints": joints}, file.name

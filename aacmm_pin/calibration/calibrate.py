@@ -167,7 +167,7 @@ def calibrate(
             this arm.
     """
     model = ErrorModel.of(model)
-    measurements = as_measurements(measurements, model.arm.nq)
+    measurements = as_measurements(measurements, model.arm)
     chosen = _chosen(parameters, model, measurements)
     asked = [effect.label for effect in chosen if isinstance(effect, Effect)]
     model, measurements = checked_input(model, measurements, asked)

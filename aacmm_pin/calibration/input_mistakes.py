@@ -142,21 +142,22 @@ class _Mistake:
         records = problem.measurements
         setup = problem.setup
         order, signs = self.axes
-        q = records.q
+        readings = records.readings
         length = records.bar_length
         if self.angle_matrix is not None:
-            q = q @ self.angle_matrix
+            readings = readings @ self.angle_matrix
         if self.angle_offset is not None:
-            q = q + self.angle_offset
+            readings = readings + self.angle_offset
         scaled = (self.scale * records.reference)[:, order]
         changed = replace(
             records,
-            q=q,
+            q=readings,
+            of_encoders=None,
             reference=scaled * np.array(signs),
             reference_u=records.reference_u[:, order],
             bar_length=None if length is None else self.bar_factor * length,
             orientation=None,  # tips alone show what is wrong with them
-        )
+        ).with_joint_angles(problem.model.arm)
         if self.external_frame:
             setup = replace(setup, reference_frame="external")
         if self.target_off_tip:
@@ -537,7 +538,7 @@ def _mistakes(problem: Problem) -> Iterator[_Mistake]:
     """Every single mistake."""
     records = problem.measurements
     identity = np.eye(problem.measurements.nq)
-    for j, largest in enumerate(np.abs(records.q).max(axis=0)):
+    for j, largest in enumerate(np.abs(records.readings).max(axis=0)):
         yield _reversed(j, nq=records.nq)
         units = [(GON, "gon", "deg")]
         if largest > TURN or largest <= TURN * DEG:
@@ -554,11 +555,15 @@ def _mistakes(problem: Problem) -> Iterator[_Mistake]:
         order[[j, k]] = k, j
         name = Note("joints_exchanged", {"joints": (j + 1, k + 1)})
         yield _Mistake(name, "columns", angle_matrix=identity[order])
+    arm = problem.model.arm
+    rows = arm.chain.moving_rows()
     for j, sign in product(range(1, records.nq), (1.0, -1.0)):
         code = "joint_shows_sum" if sign < 0 else "joint_shows_difference"
-        name = Note(code, {"joint": j + 1, "before": j})
-        previous_added = sign * np.outer(identity[j - 1], identity[j])
-        yield _Mistake(name, "sum", angle_matrix=identity + previous_added)
+        angle_matrix = identity + sign * np.outer(identity[j - 1], identity[j])
+        ratio = (arm.coupling_matrix @ angle_matrix.T)[j, j - 1]
+        coupling = {"row": rows[j], "of": rows[j - 1], "ratio": float(ratio)}
+        name = Note(code, {"joint": j + 1, "before": j, **coupling})
+        yield _Mistake(name, "sum", angle_matrix=angle_matrix)
     for (unit, taken), factor in ANGLE_UNITS.items():
         name = Note("angles_unit", {"unit": unit, "taken": taken})
         yield _Mistake(name, "angles", angle_matrix=factor * identity)

@@ -245,10 +245,11 @@ class Problem:
         """
         state = self._columns.at(np.where(self._of_targets, np.concatenate([self._fixed, x]), 0.0))
         shifts, turns = self.model.arm.chain.jacobian(state.rotation, state.origin, state.position)
-        shifts = frame.rotation @ shifts
+        shifts = self.model.arm.by_readings(frame.rotation @ shifts)
         if not self.turns:
             return shifts
-        turns = frame.rotation @ turns * self.measurements.oriented[:, None, None]
+        turns = self.model.arm.by_readings(frame.rotation @ turns)
+        turns = turns * self.measurements.oriented[:, None, None]
         return np.concatenate([shifts, turns], axis=1)
 
     def predict(self, x: Array, frame: Frame, looked_at: Array | None = None) -> Prediction:

@@ -180,7 +180,7 @@ def checked_input(
         AacmmError: they are not.
     """
     model = ErrorModel.of(model)
-    measurements = as_measurements(measurements, model.arm.nq)
+    measurements = as_measurements(measurements, model.arm)
     if not measurements.n:
         raise AacmmError(f"{measurements.source} has no records; expected one or more")
     if measurements.nq != model.arm.nq:

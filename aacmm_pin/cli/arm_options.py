@@ -210,7 +210,8 @@ class ArmAndData(UncertainArm):
         """
         from aacmm_pin.measurements import Measurements  # which loads pandas
 
-        return self.with_approach(Measurements.read(path, model.arm.nq, self.references))
+        records = Measurements.read(path, model.arm.nq, self.references)
+        return self.with_approach(records.with_joint_angles(model.arm))
 
     def with_approach(self, records: Measurements) -> Measurements:
         """The records with directions of approach, if these come from the order of the rows.

@@ -122,9 +122,8 @@ def run(
                 "the file before correction",
             )
         of_readings = ~table.columns.isin(OF_REFERENCES)
-        readings = arm.with_approach(
-            Measurements.from_frame(table.loc[:, of_readings], model.arm.nq, path)
-        )
+        of_file = Measurements.from_frame(table.loc[:, of_readings], model.arm.nq, path)
+        readings = arm.with_approach(of_file.with_joint_angles(model.arm))
         for line in (
             *read_as,
             *readings.read_as,
@@ -138,7 +137,7 @@ def run(
             if commands and before is not None:
                 sent = _commands(model, before, known, path)
                 u = _u_of_commands(model, sent, known, noise.encoder_noise, path)
-                in_unit = sent / (DEG if unit == "deg" else 1.0)
+                in_unit = model.arm.readings(sent) / (DEG if unit == "deg" else 1.0)
                 found[rows] = np.column_stack([in_unit, u / MM])
             else:
                 state = model.state(known.q, known.conditions)
@@ -257,7 +256,8 @@ def _note_comparisons(
     if not table.columns.isin([*REFERENCE, BAR[0], "seat"]).any() or not len(rows):
         return
     try:
-        records = Measurements.from_frame(table, model.arm.nq, path).take(rows)
+        of_file = Measurements.from_frame(table, model.arm.nq, path).take(rows)
+        records = of_file.with_joint_angles(model.arm)
     except MeasurementFileError as error:
         note(f"references, bars and seats are not compared: {str(error).splitlines()[0]}")
         return

@@ -26,7 +26,7 @@ from aacmm_pin.cli.common import (
 )
 from aacmm_pin.cli.measuring_options import MeasuredHow
 from aacmm_pin.effects import ErrorModel
-from aacmm_pin.measurements import Measurements
+from aacmm_pin.measurements import Measurements, as_measurements
 from aacmm_pin.planning import POOL_SIZE, CalibrationPlan, MeasurementPlan, PlannedScheme
 from aacmm_pin.report import Document, terminal
 
@@ -79,7 +79,7 @@ class PlannedRecords(PlanFiles):
 
     def existing_records(self, model: ErrorModel, how: MeasuredHow) -> Measurements | None:
         """The records of ``--existing``."""
-        records = None if self.existing is None else Measurements.read(self.existing, model.arm.nq)
+        records = None if self.existing is None else as_measurements(self.existing, model.arm)
         if how.u_bar_mm is not None and (records is None or not records.bars()):
             raise typer.BadParameter(
                 "--u-bar-mm requires --existing with bars; planned records have no bars"

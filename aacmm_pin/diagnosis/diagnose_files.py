@@ -107,7 +107,7 @@ def _name(given: GivenModel | GivenRecords) -> str:
 
 def _diagnosed(job: _Job) -> Diagnosis:
     model = ErrorModel.of(job.model)
-    records = as_measurements(job.records, model.arm.nq)
+    records = as_measurements(job.records, model.arm)
     if job.approach_from_order:
         records = records.with_approach_from_order()
     rng = np.random.default_rng(job.seed)

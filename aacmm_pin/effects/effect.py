@@ -179,7 +179,7 @@ class Effect(Shown, ABC):
         for name in ("joint", "link"):
             default = getattr(type(self), name, MISSING)
             row = getattr(self, name, default)
-            if row is not default and not _is_row(row):
+            if row is not default and not is_row(row):
                 raise AacmmError(
                     f"{self.cause}: {name} is {reprlib.repr(row)}; expected the number of a row, "
                     f"from 1 to {MOST_ROWS} at most"
@@ -403,7 +403,8 @@ def _places(location: str | None, arm: Arm, records: Records | None) -> list[dic
     return [{str(location): place} for place in found]
 
 
-def _is_row(row: Any) -> bool:
+def is_row(row: Any) -> bool:
+    """Whether it can be the number of a row, from 1."""
     if isinstance(row, bool) or not isinstance(row, Integral):
         return False
     return 1 <= int(row) <= MOST_ROWS
@@ -465,6 +466,16 @@ def about_axis(state: State, row: int, columns: Array) -> Displacement:
     twists = np.zeros((6, *columns.shape)).transpose(1, 0, 2)
     twists[:, component] = columns
     return Displacement(axis(row), twists)
+
+
+def of_encoder(state: State, row: int, columns: Array) -> list[Displacement]:
+    """The joints whose angles the reading of ``row`` is a part of, by ``columns`` (n, p) [rad] that
+    are added to this reading.
+    """
+    rows = state.arm.chain.moving_rows()
+    ratios = state.arm.coupling_matrix[:, state.joint(row)]
+    parts = np.flatnonzero(ratios).tolist()
+    return [about_axis(state, rows[j], ratios[j] * columns) for j in parts]
 
 
 def twist(linear: Array | None = None, angular: Array | None = None) -> Array:

@@ -1,7 +1,8 @@
 """What an encoder can do wrong: its indication differs from the angle that the joint has.
 
 ``δ`` is always joint angle minus indication [rad], as a function of the indication θ: what must be
-added.
+added. On an arm with couplings the errors of an encoder are added to its reading, and so to every
+joint angle that this is a part of; errors that are named after a joint are those of its angle.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -19,7 +21,16 @@ from aacmm_pin._support.plausible import LARGEST_ANGLE
 from aacmm_pin._support.units import DEG
 from aacmm_pin.arm import Arm
 from aacmm_pin.effects.conditions import Records
-from aacmm_pin.effects.effect import Displacement, Effect, Notation, Reading, Term, about_axis
+from aacmm_pin.effects.effect import (
+    Displacement,
+    Effect,
+    Notation,
+    Reading,
+    Term,
+    about_axis,
+    is_row,
+    of_encoder,
+)
 from aacmm_pin.effects.nonlinear import Nonlinear
 from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError, UnknownNameError
@@ -151,13 +162,26 @@ class _Periodic(_OfAngle):
 
     def displacements(self, state: State) -> list[Displacement]:
         """``cos kθ`` and ``sin kθ`` about the axis."""
-        angle = self.turns * state.angle(self.joint)
-        waves = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        waves = self._waves(state.angle(self.joint))
         return [about_axis(state, self.joint, waves)]
+
+    def _waves(self, angle: Array) -> Array:
+        phase = self.turns * angle
+        return np.stack([np.cos(phase), np.sin(phase)], axis=1)
 
 
 @dataclass(frozen=True)
-class EncoderEccentricity(_Periodic):
+class _PeriodicReading(_Periodic):
+    """The same of the reading of an encoder."""
+
+    def displacements(self, state: State) -> list[Displacement]:
+        """``cos kθ`` and ``sin kθ`` in the reading."""
+        waves = self._waves(state.reading(self.joint))
+        return of_encoder(state, self.joint, waves)
+
+
+@dataclass(frozen=True)
+class EncoderEccentricity(_PeriodicReading):
     """The disc rotates about a point that is not the centre of its track; one reading head: ``δ =
     arcsin(A cos(θ - φ))``.
 
@@ -183,11 +207,14 @@ class EncoderEccentricity(_Periodic):
                 f"{self.label}: amplitude is {amplitude:g}; expected less than 1, the radius of "
                 "the disc"
             )
-        return [(place, np.arcsin(linear)) for place, linear in super().exact(state)]
+        waves = self._waves(state.reading(self.joint))
+        errors = np.arcsin(waves @ np.array(self.values))
+        moved = of_encoder(state, self.joint, errors[:, None])
+        return [(each.place, each.columns[:, :, 0]) for each in moved]
 
 
 @dataclass(frozen=True)
-class EncoderEllipticity(_Periodic):
+class EncoderEllipticity(_PeriodicReading):
     """An oval disc, or the rest of an eccentricity with two opposite heads: twice per turn, ``δ = A
     cos(2θ - φ)``.
 
@@ -394,8 +421,69 @@ class EncoderGain(_OfAngle):
 
     def displacements(self, state: State) -> list[Displacement]:
         """The indication itself."""
-        angle = state.angle(self.joint)
-        return [about_axis(state, self.joint, angle[:, None])]
+        reading = state.reading(self.joint)
+        return of_encoder(state, self.joint, reading[:, None])
+
+
+@dataclass(frozen=True)
+class JointCoupling(Effect):
+    """The angle of a joint has a part of another encoder's reading: ``δ = r θ_of``.
+
+    A gear, belt or parallelogram whose ratio is not the stated one, or a cable that another joint
+    winds. It adds to the ``[[couplings]]`` of the arm. Unit 1 (rad/rad); typical 1e-4 to 3e-3.
+    Needs no column. Aliases: ``joint_error_curve`` of ``of`` if the two axes are parallel and near
+    each other; causes of load if the other joint lifts the joint.
+    """
+
+    joint: int
+    of: int
+    cause: ClassVar[str] = "joint_coupling"
+    words: ClassVar[str] = "coupling"
+    load: ClassVar[str] = "reading of the other joint"
+    prior_weight: ClassVar[float] = 0.3
+    terms: ClassVar[tuple[Term, ...]] = (Term("", "1", 1e-3, "ratio"),)
+
+    def __post_init__(self) -> None:
+        """Check that they are two joints."""
+        super().__post_init__()
+        if not is_row(self.of) or self.of == self.joint:
+            raise AacmmError(
+                f"{self.label}: of is {self.of!r}; expected the number of another row; use "
+                f"encoder_gain:{self.joint} for the ratio of the joint's own encoder"
+            )
+
+    @classmethod
+    def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
+        """Every joint that turns with the one before, if this turns by enough to show it."""
+        rows = arm.chain.moving_rows()
+        turning = [row for row, _ in _turning(arm, None)]
+        shown = [row for row, _ in _turning(arm, records)]
+        for of, joint in pairwise(rows):
+            if of in shown and joint in turning:
+                yield (cls(joint, of),)
+
+    @classmethod
+    def default_fields(
+        cls, stated: Mapping[str, Any], arm: Arm, present: tuple[str, ...]
+    ) -> dict[str, Any]:
+        """The joint before."""
+        before = [row for row in arm.chain.moving_rows() if row < stated.get("joint", 0)]
+        return {"of": before[-1]} if before else {}
+
+    @property
+    def key(self) -> str:
+        """With the other joint."""
+        return f"{self.label},of={self.of}"
+
+    @property
+    def details(self) -> list[str]:
+        """The other joint."""
+        return [f"with joint {self.of}"]
+
+    def displacements(self, state: State) -> list[Displacement]:
+        """The reading of the other joint."""
+        reading = state.reading(self.of)
+        return [about_axis(state, self.joint, reading[:, None])]
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ class State:
 
     Attributes:
         arm: the arm.
-        q: encoder indications (n, nq) [rad].
+        q: joint angles by the readings (n, nq) [rad].
         conditions: what else is known of the records.
         target: the place whose origin is looked at.
         twists: displacements of places, see :meth:`Chain.walk`.
@@ -108,8 +108,13 @@ class State:
         return self.arm.foot(self.known_row(row))
 
     def angle(self, row: int) -> Array:
-        """Indication of the encoder of ``row`` (n,) [rad; m where the joint slides]."""
+        """Angle of the joint of ``row`` (n,) [rad; m where the joint slides]."""
         return self.q[:, self.joint(row)]
+
+    def reading(self, row: int) -> Array:
+        """Indication of the encoder of ``row`` (n,) [rad; m where the joint slides]."""
+        readings = self.arm.readings(self.q)
+        return readings[:, self.joint(row)]
 
     def in_axes_of(self, place: int, vectors: Array) -> Array:
         """Vectors of the base (n, 3), or one (3,), as components along the axes of ``place`` (n,

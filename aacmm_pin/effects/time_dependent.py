@@ -12,7 +12,7 @@ from aacmm_pin._support.checks import Array, Mask
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.plausible import LATEST
 from aacmm_pin.effects.conditions import Conditions, Records
-from aacmm_pin.effects.effect import Displacement, Effect, Term, about_axis
+from aacmm_pin.effects.effect import Displacement, Effect, Term, about_axis, of_encoder
 from aacmm_pin.effects.nonlinear import Nonlinear, TimeConstant
 from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError
@@ -255,7 +255,7 @@ class EncoderSlip(Effect):
     def displacements(self, state: State) -> list[Displacement]:
         """One from the time on; a half between the two times."""
         part = self.part(state.conditions)
-        return [about_axis(state, self.joint, part[:, None])]
+        return of_encoder(state, self.joint, part[:, None])
 
 
 @dataclass(frozen=True)
@@ -267,4 +267,4 @@ class _SlipTimeUncertainty(EncoderSlip):
     def displacements(self, state: State) -> list[Displacement]:
         """One between the two times."""
         between = (self.part(state.conditions) == 0.5).astype(np.float64)
-        return [about_axis(state, self.joint, between[:, None])]
+        return of_encoder(state, self.joint, between[:, None])

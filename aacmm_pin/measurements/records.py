@@ -24,6 +24,7 @@ from aacmm_pin._support.file_problems import Problems
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import DEG
+from aacmm_pin.arm import Arm
 from aacmm_pin.effects import CONDITION_COLUMNS, Conditions, Labels, labels_of
 from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError
 from aacmm_pin.measurements.csv_columns import (
@@ -110,7 +111,8 @@ class Measurements(Shown):
     """Records of one arm, n of them.
 
     Attributes:
-        q: encoder indications (n, nq) [rad].
+        q: joint angles (n, nq) [rad]. They are the readings, but for an arm with couplings; see
+            :meth:`with_joint_angles`.
         reference: coordinates of the tip (n, 3) [m], NaN rows where they are not known.
         reference_u: their standard uncertainty (n, 3) [m], NaN rows where it is not stated.
         conditions: what else is known of each record.
@@ -137,6 +139,7 @@ class Measurements(Shown):
             seat is a point. References of such records are those of the sphere's centre.
         probe_diameter: of the probe's ball (n,) [m], whose centre is the tip.
         feature_kind: ``plane`` where the seat is one (n,), "" elsewhere.
+        of_encoders: readings that differ from ``q`` (n, nq) [rad]; None where they do not.
     """
 
     q: Array
@@ -159,6 +162,7 @@ class Measurements(Shown):
     feature_diameter: Array | None = None
     probe_diameter: Array | None = None
     feature_kind: Labels | None = None
+    of_encoders: Array | None = None
 
     @staticmethod
     def read(
@@ -281,6 +285,32 @@ class Measurements(Shown):
         return int(self.q.shape[1])
 
     @property
+    def readings(self) -> Array:
+        """Encoder indications (n, nq) [rad]."""
+        return self.q if self.of_encoders is None else self.of_encoders
+
+    def with_joint_angles(self, arm: Arm) -> Measurements:
+        """The records whose ``q`` are the joint angles that the readings make on an arm.
+
+        Everything that takes an arm and its records does so; nothing changes for an arm without
+        couplings.
+
+        Raises:
+            ShapeError: the arm has another number of joints.
+        """
+        if not arm.couplings and self.of_encoders is None:
+            return self
+        readings = self.readings
+        q = arm.joint_angles(readings)
+        return replace(self, q=q, of_encoders=readings if arm.couplings else None)
+
+    def with_readings(self, arm: Arm) -> Measurements:
+        """The records with what the encoders of an arm show at the joint angles ``q``."""
+        if not arm.couplings:
+            return self
+        return replace(self, of_encoders=arm.readings(self.q))
+
+    @property
     def known(self) -> Mask:
         """(n,) True where the reference of the tip is known."""
         return self.placed & ~self.on_surface
@@ -340,7 +370,8 @@ class Measurements(Shown):
         """The records with the direction of each joint's last motion, if they were taken in the
         order of the rows.
 
-        It is the sign of the step from the row before. A step below :data:`LEAST_MOTION` keeps the
+        It is the sign of the step of ``q`` from the row before: with the couplings of an arm call
+        :meth:`with_joint_angles` first. A step below :data:`LEAST_MOTION` keeps the
         sign of the row before; 0 up to the first motion of a session.
 
         Raises:
@@ -404,7 +435,7 @@ class Measurements(Shown):
         """
         if angle_unit not in THETA:
             raise UnknownNameError("angle unit", angle_unit, list(THETA))
-        angles = self.q.T / (DEG if angle_unit == "deg" else 1.0)
+        angles = self.readings.T / (DEG if angle_unit == "deg" else 1.0)
         table = dict(zip(named(THETA[angle_unit], self.nq), angles, strict=True))
         stated = np.isfinite(self.reference_u).any()
         left_out = {"reference": not (stated or self.placed.any()), "reference_u": not stated}
@@ -449,7 +480,7 @@ class Measurements(Shown):
 
         Angles are in degrees, or in radians where :meth:`read` would take the degrees for radians.
         """
-        table = self.to_frame("rad" if looks_like_radians(self.q / DEG) else "deg")
+        table = self.to_frame("rad" if looks_like_radians(self.readings / DEG) else "deg")
         dates = table.select_dtypes(["datetime", "datetimetz", "timedelta"])
         table[dates.columns] = dates.astype("string")  # without the hour where all are of midnight
         texts = table.select_dtypes(exclude="number").to_numpy().ravel()
@@ -496,18 +527,18 @@ GivenRecords = Measurements | str | Path
 """Records, or the path of their file."""
 
 
-def as_measurements(given: object, nq: int) -> Measurements:
-    """Records themselves, or those of a file by :meth:`Measurements.read`, of an arm with ``nq``
-    joints.
+def as_measurements(given: object, arm: Arm) -> Measurements:
+    """Records themselves, or those of a file by :meth:`Measurements.read`, with the joint angles
+    of an arm.
 
     Raises:
         MeasurementFileError: see :meth:`Measurements.read`.
-        AacmmError: it is something else.
+        AacmmError: it is something else, or the arm has couplings and another number of joints.
     """
     if isinstance(given, Measurements):
-        return given
+        return given.with_joint_angles(arm)
     if isinstance(given, str | Path):
-        return Measurements.read(given, nq)
+        return Measurements.read(given, arm.nq).with_joint_angles(arm)
     raise AacmmError(
         f"measurements is of type {type(given).__name__}; expected Measurements, or the path "
         "of a file"

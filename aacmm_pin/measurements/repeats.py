@@ -61,11 +61,11 @@ def originals(records: Measurements) -> Index:
     both: no second measurement does, while a file that was appended to itself, or to another export
     of the same measurement, does. All else may be rounded or named in any way.
     """
-    single = _nearest_difference(records.q, 2.0 * SAME_POSTURE) > DEG * ANGLE_STEPS[0]
+    single = _nearest_difference(records.readings, 2.0 * SAME_POSTURE) > DEG * ANGLE_STEPS[0]
     if single.all():
         return np.arange(records.n)
     degrees = np.asarray(
-        np.round(np.mod(records.q / DEG, 360.0), ANGLE_DECIMALS) % 360.0, np.float64
+        np.round(np.mod(records.readings / DEG, 360.0), ANGLE_DECIMALS) % 360.0, np.float64
     )
     angles = named(THETA["deg"], records.nq)
     table = records.to_frame().reindex(columns=[*SHARED_BY_COPIES, *named(APPROACH, records.nq)])
@@ -174,8 +174,13 @@ def means_of_contacts(records: Measurements) -> tuple[Measurements, Index]:
     _, first, number, count = unique
     if count.max(initial=1) == 1:
         return records, np.zeros(0, dtype=np.intp)
+    found = records.take(first)
     means = pd.DataFrame(records.q).groupby(number).mean().to_numpy()
-    return replace(records.take(first), q=means), np.flatnonzero(count[number] > 1)
+    found = replace(found, q=means)
+    if records.of_encoders is not None:
+        of_encoders = pd.DataFrame(records.of_encoders).groupby(number).mean().to_numpy()
+        found = replace(found, of_encoders=of_encoders)
+    return found, np.flatnonzero(count[number] > 1)
 
 
 def fingerprints(records: Measurements) -> tuple[str, ...]:
@@ -185,7 +190,7 @@ def fingerprints(records: Measurements) -> tuple[str, ...]:
     Readings are taken to 1e-9 rad and coordinates to a nanometre, so that a unit of angles makes no
     other record of it.
     """
-    return _hashes(np.column_stack([records.q, records.reference]))
+    return _hashes(np.column_stack([records.readings, records.reference]))
 
 
 def fingerprints_of_standards(records: Measurements) -> tuple[str, ...]:

@@ -256,7 +256,8 @@ class _Workshop:
         """The records, with noisy readings; exact references state no uncertainty."""
         n = len(q)
         u = self.noise.reference
-        readings = q + self.noise.encoder * self.rng.normal(size=q.shape)
+        arm = self.model.arm
+        readings = arm.readings(q) + self.noise.encoder * self.rng.normal(size=q.shape)
         reference_u = None
         if reference is not None and u > 0:
             reference_u = np.full((n, 3), u)
@@ -269,7 +270,8 @@ class _Workshop:
             more["orientation_u"] = np.full(n, turn_u) if turn_u > 0 else None
         record = np.array([str(k) for k in range(1, n + 1)], dtype=object)
         more |= {"record": record, "source": self.source}
-        return Measurements.of(readings, reference, reference_u, conditions, **more)
+        records = Measurements.of(readings, reference, reference_u, conditions, **more)
+        return records.with_joint_angles(arm)
 
 
 def _seat_labels(count: int) -> list[str]:

@@ -136,7 +136,7 @@ def plan_calibration(
     """
     model = ErrorModel.of(model).restricted_to_known_range()
     rng = rng or np.random.default_rng(1)
-    existing = None if existing is None else as_measurements(existing, model.arm.nq)
+    existing = None if existing is None else as_measurements(existing, model.arm)
     check_numbers(model, records, postures, existing, scheme)
     seed = seed_of(rng)
     setup, notes = complete(

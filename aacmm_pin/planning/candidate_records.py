@@ -37,7 +37,7 @@ def free_postures(
     steps = np.where(arm.chain.prismatic, 1e-4, ANGLE_STEP)
     rounded = np.round(q / steps) * steps
     low, high = joint_bounds(arm).T
-    return Measurements.of(np.clip(rounded, low, high))
+    return Measurements.of(np.clip(rounded, low, high)).with_readings(arm)
 
 
 def postures_at_seats(
@@ -64,7 +64,9 @@ def postures_at_seats(
     seat = np.repeat(np.arange(len(seats.labels)), [*map(len, touched)])
     labels = np.array(seats.labels, dtype=object)[seat]
     at = Conditions(len(seat), seat=labels)
-    return Measurements.of(np.concatenate(touched), seats.stated[seat], seats.stated_u[seat], at)
+    q = np.concatenate(touched)
+    records = Measurements.of(q, seats.stated[seat], seats.stated_u[seat], at)
+    return records.with_readings(task.model.arm)
 
 
 @dataclass(frozen=True, eq=False)

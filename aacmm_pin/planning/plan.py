@@ -93,7 +93,7 @@ def plan_measurements(
             the records are not of.
     """
     model = ErrorModel.of(model).restricted_to_known_range()
-    existing = None if existing is None else as_measurements(existing, model.arm.nq)
+    existing = None if existing is None else as_measurements(existing, model.arm)
     check_numbers(model, records, postures, existing, scheme)
     rng = rng or np.random.default_rng(1)
     seed = seed_of(rng)

@@ -84,7 +84,8 @@ def _records(plan: CalibrationPlan | MeasurementPlan, where: pd.DataFrame) -> pd
     whole = whole.set_axis(["from the stand [mm]", "bearing [°]", "height [mm]"], axis=1)
     table = pd.concat([label, others, whole], axis=1)
     table["posture"] = articulations(arm, q)
-    shown = np.where(arm.chain.prismatic, q, q / DEG)
+    readings = plan.measurements.readings
+    shown = np.where(arm.chain.prismatic, readings, readings / DEG)
     table["joints [°]"] = [" ".join(f"{x:z.0f}" for x in row) for row in shown]
     moved = plan.records.filter(regex=r"^approach\d").to_numpy()
     if moved.size:

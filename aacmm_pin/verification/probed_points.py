@@ -164,7 +164,8 @@ def _by_arms(
     tips: dict[str, Array] = {}
     notes: dict[Note, list[str]] = {}
     for name, model in models.items():
-        readings = Measurements.from_frame(table[of_arm], model.arm.nq, path)
+        of_file = Measurements.from_frame(table[of_arm], model.arm.nq, path)
+        readings = of_file.with_joint_angles(model.arm)
         for note in model.input_warnings(readings.q, readings.conditions):
             notes.setdefault(note, []).append(name)
         try:

@@ -94,7 +94,8 @@ class Procedure(Shown):
         names = [f"theta{k}_deg" for k in range(1, self.arm.nq + 1)]
         empty = pd.DataFrame("", self.probed_points.index, [*REFERENCE, *names])
         points = pd.DataFrame(self.points / MM, columns=REFERENCE).round(6)
-        angles = pd.DataFrame(self.q / DEG, columns=names).round(4)
+        readings = self.arm.readings(self.q)
+        angles = pd.DataFrame(readings / DEG, columns=names).round(4)
         planned = [points.add_prefix(PLANNED), angles.add_prefix(PLANNED)]
         return pd.concat([self.probed_points, empty, *planned], axis=1)
 
@@ -106,9 +107,10 @@ class Procedure(Shown):
         """That file with the readings and conditions of ``records``, and the coordinates by
         ``software``.
         """
-        records = as_measurements(records, self.arm.nq)
+        records = as_measurements(records, self.arm)
         software = ErrorModel.of(software)
-        at = software.correct(records.q, records.conditions) / MM
+        q = records.with_joint_angles(software.arm).q
+        at = software.correct(q, records.conditions) / MM
         indicated = records.to_frame().drop(columns=["record"], errors="ignore")
         planned = self.to_frame()
         planned = planned[planned.columns.difference(indicated.columns, sort=False)]
@@ -151,7 +153,7 @@ class Procedure(Shown):
                 f"{arm.name} has"
             )
         points = planned[expected[:3]].to_numpy() * MM
-        q = planned[angles].to_numpy() * DEG
+        q = arm.joint_angles(planned[angles].to_numpy() * DEG)
         return Procedure(arm, table[[name for name in table if not _is_filled_in(name)]], q, points)
 
 

@@ -43,11 +43,11 @@ def command(words: str) -> str:
     ("code", "most", "without"),
     [
         ("import aacmm_pin", 3, ("numpy", *HEAVY)),
-        ("import aacmm_pin.diagnosis.diagnose", 114, HEAVY),
+        ("import aacmm_pin.diagnosis.diagnose", 115, HEAVY),
         (command("--help"), 12, ("numpy", "rich", "pandas", *HEAVY)),
-        ("import aacmm_pin.accuracy.volume", 34, ("pandas", "scipy.special", "tqdm", *HEAVY)),
-        (command(f"accuracy sino6 {POINT}"), 72, HEAVY_BUT_LOOPS),
-        (command(f"configurations sino6 {POINT}"), 57, ("pandas", "rich", *HEAVY_BUT_LOOPS)),
+        ("import aacmm_pin.accuracy.volume", 35, ("pandas", "scipy.special", "tqdm", *HEAVY)),
+        (command(f"accuracy sino6 {POINT}"), 73, HEAVY_BUT_LOOPS),
+        (command(f"configurations sino6 {POINT}"), 58, ("pandas", "rich", *HEAVY_BUT_LOOPS)),
     ],
 )
 def test_what_is_loaded(code, most, without):

@@ -63,7 +63,7 @@ def plot_residuals_over_joint(
     arm, fit = result.model.arm, model_named(result, when)
     if not 1 <= joint <= arm.nq:
         raise AacmmError(f"joint is {joint}; expected 1 to {arm.nq} for {arm.name}")
-    q, point, slides = fit.problem.measurements.q, fit.point, arm.chain.prismatic[joint - 1]
+    q, point, slides = fit.problem.measurements.readings, fit.point, arm.chain.prismatic[joint - 1]
     motion = fit.problem.reading_jacobian(point.x, point.frame)[:, :3, joint - 1]
     size = np.linalg.norm(motion, axis=1)
     moved = result.fit.used & (size > 1e-6)
