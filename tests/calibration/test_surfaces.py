@@ -54,19 +54,25 @@ class Machine:
             q += np.clip(step, -0.2, 0.2)
         return q[np.linalg.norm(points - self.tips(q), axis=1) < 1e-12]
 
-    def touching(self, rng: np.random.Generator, noise: float = CONTACT) -> tuple[Array, Array]:
+    def touching(
+        self,
+        rng: np.random.Generator,
+        noise: float = CONTACT,
+        spheres: int = SPHERES,
+        contacts: int = CONTACTS,
+    ) -> tuple[Array, Array]:
         """Postures (n, 6) at contacts with spheres, whose centres are nowhere stated, and the
         number of the sphere of each (n,).
         """
         found, numbers = [], []
-        for k in range(SPHERES):
+        for k in range(spheres):
             start = rng.uniform(-1.2, 1.2, 6)
             centre = self.tips(start[None])[0]
-            away = rng.normal(size=(2 * CONTACTS, 3))
+            away = rng.normal(size=(2 * contacts, 3))
             away /= np.linalg.norm(away, axis=1)[:, None]
             points = centre + 0.5 * (SPHERE + PROBE) * away
             points += noise * rng.normal(size=points.shape)
-            q = self.at(points, start + rng.uniform(-0.5, 0.5, (len(points), 6)))[:CONTACTS]
+            q = self.at(points, start + rng.uniform(-0.5, 0.5, (len(points), 6)))[:contacts]
             found.append(q)
             numbers += [k] * len(q)
         return np.concatenate(found), np.array(numbers)
@@ -350,3 +356,23 @@ def test_planes_that_cannot_be_used_are_named(change, said):
     table = planes_of(q, np.repeat(np.arange(3), 8)).assign(**change)
     with pytest.raises(MeasurementFileError, match=said):
         Measurements.from_frame(table)
+
+
+@pytest.mark.parametrize(
+    ("spheres", "contacts", "stated"), [(12, 4, True), (4, 15, False), (6, 8, False)]
+)
+def test_few_contacts_do_not_exclude_one_another(sino6, spheres, contacts, stated):
+    """Nothing is wrong in these files; few numbers are left to judge them by."""
+    rng = np.random.default_rng(21)
+    known = {"encoder_noise": READING, "probe_noise": CONTACT} if stated else {}
+    for _ in range(3):
+        q, sphere = Machine(sino6, drawn(sino6, rng)).touching(
+            rng, spheres=spheres, contacts=contacts
+        )
+        q += READING * rng.normal(size=q.shape)
+        records = Measurements.from_frame(file_of(q, sphere))
+        fit = calibrate(sino6, records, hold_out=False, **known).fit
+        assert not fit.excluded.any()
+        assert fit.dof > 0
+        if stated:
+            assert chi2.sf(*fit.chi2_stated) > 1e-3
