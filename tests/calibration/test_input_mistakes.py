@@ -281,7 +281,7 @@ def test_convention_and_sums_of_angles_are_named(name, sino6, seed):
     misread = changed(arm.file, convention="modified-dh")
     mistakes = [
         (misread, lambda d: d, "standard-dh"),
-        (arm, shown_with(1, 2, 1.0), "the sum of the angles of joints"),
+        (arm, shown_with(1, 2, 1.0), "the sum of joints"),
         (arm, shown_with(1, 2, -1.0), "the angle of joint 3 minus"),
     ]
     for given, mistake, words in mistakes:

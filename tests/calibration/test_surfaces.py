@@ -155,6 +155,7 @@ def test_an_independent_least_squares_with_the_centres_agrees(sino6, rng):
     np.testing.assert_allclose(np.diag(stated), np.diag(bound), rtol=0.02)
 
 
+@pytest.mark.long
 def test_estimates_scatter_as_stated(sino6):
     """Over 20 arms and files; χ² of the residuals, and of the estimates by their covariance."""
     rng = np.random.default_rng(11)
