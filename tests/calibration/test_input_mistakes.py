@@ -282,7 +282,7 @@ def test_convention_and_sums_of_angles_are_named(name, sino6, seed):
     mistakes = [
         (misread, lambda d: d, "standard-dh"),
         (arm, shown_with(1, 2, 1.0), "the sum of joints"),
-        (arm, shown_with(1, 2, -1.0), "the angle of joint 3 minus"),
+        (arm, shown_with(1, 2, -1.0), "its angle minus that of joint 2"),
     ]
     for given, mistake, words in mistakes:
         with pytest.raises(MistakenFileError) as caught:
