@@ -92,11 +92,10 @@ KNOWN = (
     "Changes, U and half-widths are in the unit of the column in. U: expanded "
     "uncertainty of the estimate; it holds only if the model has all causes of error. "
     "Stated half-width: bound in the arm file before calibration; 2u if the file "
-    "states a standard uncertainty u. Column known: measured, if these data determine "
-    "the value; hardly, if less well than the arm file; as stated, if not at all. In "
-    "combination: only together with others (next section). A parameter known in "
-    "combination has no value by itself; the arm file states one that is consistent "
-    "with the others."
+    "states a standard uncertainty u. measured: these data determine the value. hardly: "
+    "less well than the arm file. as stated: the data add nothing. in combination: only "
+    "together with others (next section). A parameter known in combination has no value by "
+    "itself; the arm file states one that is consistent with the others."
 )
 UNDETERMINED = (
     "Neither these data nor stated uncertainties determine these; the calibrated arm "

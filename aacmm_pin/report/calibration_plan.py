@@ -48,9 +48,9 @@ def calibration_plan_line(plan: CalibrationPlan) -> str:
     beside = f" in addition to the {plan.existing} existing ones" if plan.existing else ""
     u, after_random = plan.u / MM, float(np.median(plan.u_random)) / MM
     return (
-        f"{records} to calibrate {name}{beside}. Observability index O1: {plan.ratio:.2f} "
-        "times that of as many random records. u of the tip after calibration, RMS over "
-        f"the postures: {u:.4f} mm, {after_random:.4f} mm with random records"
+        f"{records} to calibrate {name}{beside}. After calibration, u of the tip is {u:.4f} mm "
+        f"(RMS over the postures); random records give {after_random:.4f} mm. The observability "
+        f"index O1 is {plan.ratio:.2f} times that of as many random records"
     )
 
 

@@ -104,8 +104,8 @@ SEATS_JUDGED = (
 )
 RANKED = (
     "Strongest first; geometric values last. At the tip: RMS over all records. "
-    "Probability: that the cause acts. p: probability that the odds of any cause reach "
-    "these if this cause does not act. Not absorbed: part of the effect that "
+    "Probability: that the cause acts. p: if this cause does not act, the probability "
+    "that any cause has odds as high as these. Not absorbed: part of the effect that "
     "recalibration, other causes and background leave."
 )
 SETS_LISTED = "Sets of causes that may act, with their probabilities"
@@ -282,7 +282,7 @@ def _causes_in_words(result: Diagnosis, causes: Sequence[Finding]) -> str:
 def _none_found(result: Diagnosis) -> str:
     """That no cause was found, and how probable it is that none acts."""
     chance = probability(1.0 - result.more)
-    return f"no cause was found that the model lacks (probability that none acts: {chance})"
+    return f"diagnose found no cause that the model lacks (probability {chance} that none acts)"
 
 
 def _named(findings: Sequence[Finding], arm: Arm) -> str:
@@ -612,7 +612,7 @@ def _wrong(result: Diagnosis) -> list[Block]:
     )
     worst = _worst(result, predicted)
     if worst.empty:
-        none = f"No group of records has an RMS of the arm as stated above {beside}."
+        none = f"For the arm as stated, no group of records has an RMS residual above {beside}."
         return [title, figure, Paragraph(none)]
     caption = f"Largest RMS residuals of the arm as stated, compared with {beside}"
     return [title, figure, Table(worst, caption, {f"times {predicted}": ".2f"}, most=WORST)]
@@ -692,8 +692,8 @@ def _cause_drawn(result: Diagnosis, finding: Finding) -> Figure:
     return Figure(
         lambda: plots.plot_cause(result, finding, blank_axes(7.4, 4.0)),
         f"{words}, from the records",
-        f"{words}. Dots: records, everything else as fitted. Circles: their means with u. Line: "
-        "the fitted cause.",
+        f"{words}. Dots: records, with all other parameters at their fitted values. Circles: their "
+        "means with u. Line: the fitted cause.",
     )
 
 
@@ -704,8 +704,8 @@ def _on_the_arm(result: Diagnosis) -> list[Block]:
     figure = Figure(
         lambda: plots.plot_residual_views(result, blank_axes(8.6, 8.0)),
         f"Residual vectors on a drawing of the arm, {left} and {right}",
-        f"Residuals from each stated place towards the tip, left {left}, right {right}; above in "
-        "plan, below from the side; one magnification for all. Grey: the arm in some of its "
+        f"Residuals from each stated place towards the tip, all with one magnification. Left: "
+        f"{left} arm; right: {right} arm. Top: plan view; bottom: side view. Grey: the arm in some "
         "postures. Neighbouring vectors in one direction show a cause that the model lacks.",
     )
     scene = SceneView(

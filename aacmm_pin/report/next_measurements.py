@@ -87,8 +87,8 @@ def _first(result: Diagnosis) -> str:
         )
     if verdict == "no-discrepancy":
         return (
-            f"no more records are needed (these would have shown {seen} of {of} causes of "
-            "typical magnitude); keep these for the next check"
+            "keep these records for the next check. The records would have shown "
+            f"{seen} of {of} causes of typical magnitude"
         )
     if unexplained.groups and unexplained.depends_on[:1] == (unexplained.groups[0].name,):
         return (
@@ -153,7 +153,7 @@ def _first(result: Diagnosis) -> str:
             "drift stops or continues"
         )
     return (
-        "take new records over the full ranges of the joints, and run aacmm-pin check on them with "
+        "take new records over the full ranges of the joints. Run aacmm-pin check on these with "
         f"the extended arm; {_as_held_out(result)}"
     )
 

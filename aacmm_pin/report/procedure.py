@@ -44,7 +44,7 @@ ORIGIN = (
     "verdict."
 )
 """Stands first where a test is planned, predicted or evaluated."""
-ZONES = "0 to 20, 20 to 80 and 80 to 100 % of the reach by public descriptions"
+ZONES = "0 to 20, 20 to 80 and 80 to 100 % of the reach"
 """Zones of the single points of ASME B89.4.22; the standard's text rules. Probed points do not show
 whether they were kept.
 """
@@ -59,8 +59,8 @@ FILL_IN = (
     "Place each artefact within a few centimetres of its position, and move the arm to the posture "
     "in words. The test uses the measured values, not the planned ones.",
     "Left and right are as seen by a person behind the stand who looks from the shoulder to the "
-    "tip. Out is away from the stand. The bearing counts counter-clockwise, seen from above, from "
-    "the x axis of the base.",
+    "tip. Out is away from the stand. Bearings are measured from the x axis of the base, "
+    "counter-clockwise seen from above.",
 )
 
 
@@ -68,7 +68,11 @@ FILL_IN = (
 def procedure_document(procedure: Procedure) -> Document:
     """The sheet, with the CSV to be filled in inside."""
     tests = set(procedure.probed_points["test"])
-    seats = f"Seats are at {ZONES} of {EDITIONS[ASME]}." if "single-point" in tests else ""
+    seats = (
+        f"According to public descriptions of {EDITIONS[ASME]}, seats are at {ZONES}."
+        if "single-point" in tests
+        else ""
+    )
     seed = "" if procedure.seed is None else f", seed {procedure.seed}"
     views = Figure(
         lambda: procedure_views(procedure),

@@ -122,7 +122,7 @@ def test_what_geometry_alone_predicts(measured):
 def test_the_documented_table_is_what_is_found(measured):
     text = (Path(__file__).parents[2] / "notebooks/site/limits.md").read_text(encoding="utf-8")
     name = measured.usual.model.arm.name
-    (row,) = re.findall(rf"^\| {name}[ ,].*$", text.replace("Fanuc ", ""), re.MULTILINE)
+    row, *_ = re.findall(rf"^\| {name}[ ,].*$", text.replace("Fanuc ", ""), re.MULTILINE)
     stated = [float(re.match(r"[\d.]+", cell.strip())[0]) for cell in row.split("|")[2:6]]
     found = measured.usual
     assert stated[:2] == pytest.approx([found.rms_before / MM, found.rms / MM], abs=0.006)

@@ -180,4 +180,4 @@ def test_geometry_and_what_is_alike_in_all_records(eccentric):
     assert "Geometric values beyond their stated uncertainty" in pictures(result)
     assert not any("from the records" in alt for alt in pictures(result))
     assert ranking(result)["at the tip [mm]"].tolist()[1] == "0.1000"
-    assert "no cause was found" in verdict_in_words(replace(eccentric, findings=(moved,)))
+    assert "found no cause" in verdict_in_words(replace(eccentric, findings=(moved,)))
