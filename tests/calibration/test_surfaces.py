@@ -366,7 +366,7 @@ def test_few_contacts_do_not_exclude_one_another(sino6, spheres, contacts, state
     """Nothing is wrong in these files; few numbers are left to judge them by."""
     rng = np.random.default_rng(21)
     known = {"encoder_noise": READING, "probe_noise": CONTACT} if stated else {}
-    for _ in range(3):
+    for _ in range(2):
         q, sphere = Machine(sino6, drawn(sino6, rng)).touching(
             rng, spheres=spheres, contacts=contacts
         )

@@ -91,6 +91,7 @@ def test_arms_and_records_need_no_files(folder):
     assert len(diagnose_files([])) == 0
 
 
+@pytest.mark.long
 def test_worker_processes_know_causes_of_a_plugin(folder, tmp_path, monkeypatch):
     """A cause that does what another does takes half of its probability, in every process."""
     (tmp_path / "own_cause_of_a_fleet.py").write_text(PLUGIN)
