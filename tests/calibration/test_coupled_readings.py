@@ -121,6 +121,7 @@ def test_a_coupling_that_the_encoder_does_not_have_is_named(crane, rng):
         calibrate(crane.with_couplings(SUM, GEAR), records, hold_out=False)
 
 
+@pytest.mark.long
 def test_a_ratio_that_is_off_is_found_with_its_u(crane, rng):
     records = Plant(rng, -1.002).records(rng, 150)
     arm = crane.with_couplings(SUM, GEAR)

@@ -271,6 +271,7 @@ def test_files_of_spheres_at_the_shell(sino6, rng, tmp_path: Path):
     assert content["held_out"]
 
 
+@pytest.mark.long
 def test_a_wrong_diameter_or_joint_is_named(sino6, rng):
     q, sphere = Machine(sino6, np.zeros(len(sino6.parameters))).touching(rng)
     table = file_of(q, sphere)
@@ -359,6 +360,7 @@ def test_planes_that_cannot_be_used_are_named(change, said):
         Measurements.from_frame(table)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("spheres", "contacts", "stated"), [(12, 4, True), (4, 15, False), (6, 8, False)]
 )

@@ -47,6 +47,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("workers", [1, "threads"])
 def test_rows_are_those_of_single_diagnoses(folder, workers):
     paths = [folder / f"{name}.csv" for name in ("bent", "empty", "good", "missing", "other")]
