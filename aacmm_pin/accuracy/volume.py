@@ -78,8 +78,7 @@ class AccuracyVolume(Shown):
         """Standard uncertainty of the position, the root of the summed variances of its three
         coordinates: (n,) [m].
         """
-        variance = np.trace(self.covariance, axis1=1, axis2=2)
-        return np.asarray(np.sqrt(variance))
+        return _u(self.covariance)
 
     @cached_property
     def u_aligned(self) -> Array:
@@ -98,8 +97,7 @@ class AccuracyVolume(Shown):
         moved = sensitivity[:, :, lasting].reshape(positions.size, -1)
         base = np.linalg.lstsq(of_base.reshape(-1, 6), moved)[0]
         sensitivity[:, :, lasting] -= of_base @ base
-        covariance = self.sources.covariance_of(sensitivity)
-        return np.asarray(np.sqrt(np.trace(covariance, axis1=1, axis2=2)))
+        return _u(self.sources.covariance_of(sensitivity))
 
     @property
     def not_included(self) -> tuple[str, ...]:
@@ -179,6 +177,12 @@ class AccuracyVolume(Shown):
             return what + without
         sizes = f"volume {volume.min():.3g} to {volume.max():.3g} mm³"
         return f"{what}: {expanded(self.u)}, {sizes}{without}"
+
+
+def _u(covariance: Array) -> Array:
+    """Standard uncertainty of positions by their covariances (n, 3, 3) [m²]: (n,) [m]."""
+    variance = np.trace(covariance, axis1=1, axis2=2)
+    return np.asarray(np.sqrt(variance))
 
 
 def expanded(u: Array) -> str:

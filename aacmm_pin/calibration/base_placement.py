@@ -7,11 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin.arm import exp
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.identifiability import ROTATION
+from aacmm_pin.calibration.problem import Frame
 from aacmm_pin.calibration.setup import sessions_of
-from aacmm_pin.effects import ReferenceFrame
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,17 +55,13 @@ def base_placements(fit: Fit) -> list[BasePlacement]:
     by_session = problem.setup.frame_of_session
     first = sessions_of(problem.measurements)[0] if by_session else ""
     found = [_placed(first, frame.rotation, frame.shift, of_frame[:, p : p + 6])]
-    for effect, own in problem.vector:
-        if not isinstance(effect, ReferenceFrame) or effect.session is None:
-            continue
-        motion = exp(fit.point.x[own][None])[0]
-        rotation = frame.rotation @ motion[:3, :3]
-        shift = frame.rotation @ motion[:3, 3] + frame.shift
+    for session, own in problem.vector.of_sessions():
+        displaced = Frame(frame.rotation, frame.shift).moved(fit.point.x[own])
         crossed = of_frame[:, own]
         covariance = of_frame[:, p : p + 6] + fit.covariance[own, own] + crossed + crossed.T
-        turned, moved = problem.setup.moved_frames.get(effect.session, (np.eye(3), np.zeros(3)))
-        there = turned.T @ rotation, turned.T @ (shift - moved)
-        found.append(_placed(effect.session, *there, covariance))
+        turned, moved = problem.setup.moved_frames.get(session, (np.eye(3), np.zeros(3)))
+        there = turned.T @ displaced.rotation, turned.T @ (displaced.shift - moved)
+        found.append(_placed(session, *there, covariance))
     return found
 
 

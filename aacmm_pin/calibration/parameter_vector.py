@@ -17,6 +17,7 @@ from aacmm_pin.effects import (
     JointZeroOffset,
     LinkLength,
     LinkTwist,
+    ReferenceFrame,
 )
 
 EFFECT_OF_KIND: dict[str, type[Effect]] = {
@@ -68,6 +69,12 @@ class ParameterVector:
 
     def __iter__(self) -> Iterator[tuple[Effect, slice]]:
         return zip(self.effects, self.slices, strict=True)
+
+    def of_sessions(self) -> Iterator[tuple[str, slice]]:
+        """Labels of the sessions whose frames of references are unknown, with their entries."""
+        for effect, own in self:
+            if isinstance(effect, ReferenceFrame) and effect.session is not None:
+                yield effect.session, own
 
     @property
     def size(self) -> int:

@@ -18,7 +18,7 @@ from aacmm_pin.calibration.parameters import problem_of
 from aacmm_pin.calibration.problem import Frame
 from aacmm_pin.calibration.setup import Setup, sessions_of
 from aacmm_pin.calibration.solver import initial_point
-from aacmm_pin.effects import ErrorModel, ReferenceFrame
+from aacmm_pin.effects import ErrorModel
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import Measurements
 
@@ -78,12 +78,11 @@ def session_notes(fit: Fit) -> list[Note]:
     first, by the Mahalanobis distance of the estimated displacement from zero.
     """
     notes = []
-    for effect, own in fit.problem.vector:
-        if not isinstance(effect, ReferenceFrame) or effect.session is None:
-            continue
-        data = {"session": effect.session, "first": sessions_of(fit.problem.measurements)[0]}
-        if effect.session in fit.problem.setup.moved_frames:
-            rotation, _ = fit.problem.setup.moved_frames[effect.session]
+    moved = fit.problem.setup.moved_frames
+    for session, own in fit.problem.vector.of_sessions():
+        data = {"session": session, "first": sessions_of(fit.problem.measurements)[0]}
+        if session in moved:
+            rotation, _ = moved[session]
             turn = float(scipy.spatial.transform.Rotation.from_matrix(rotation).magnitude())
             notes.append(Note("session_moved", data | {"turn": turn}))
             continue

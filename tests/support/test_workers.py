@@ -8,6 +8,8 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import pytest
 
@@ -36,25 +38,27 @@ def _die(unless: int) -> None:
     time.sleep(0.1)  # so that the others wait when a process is killed
 
 
-def test_workers_end_with_their_parent():
+@contextmanager
+def begun_for_ever() -> Iterator[subprocess.Popen[bytes]]:
+    """A process whose workers have begun work without end."""
     command = [sys.executable, "-c", FOR_EVER]
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, start_new_session=True
     ) as parent:
         assert parent.stdout is not None
         assert parent.stdout.readline() == b"begun\n"
+        yield parent
+
+
+def test_workers_end_with_their_parent():
+    with begun_for_ever() as parent:
         parent.kill()
     assert not outlived(parent.pid, 30.0), "a worker outlived its parent"
 
 
 def test_an_interrupt_does_not_wait_for_work_that_has_begun():
     """As Ctrl-C to a command whose workers are in the middle of minutes of work."""
-    command = [sys.executable, "-c", FOR_EVER]
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, start_new_session=True
-    ) as parent:
-        assert parent.stdout is not None
-        assert parent.stdout.readline() == b"begun\n"
+    with begun_for_ever() as parent:
         time.sleep(2.0)  # the workers have started
         parent.send_signal(signal.SIGINT)
         parent.wait(20.0)
