@@ -28,7 +28,7 @@ TOKENS: dict[str, int] = {
     "postures": 23200,
     "measurements": 23700,
     "accuracy": 12600,
-    "calibration": 45800,
+    "calibration": 46000,
     "diagnosis": 43200,
     "planning": 12800,
     "verification": 17800,
