@@ -93,7 +93,7 @@ def check_measurements(
     found = first_fit(problem_of(model, records, [], setup))
     deviation = found.system.deviation[found.used]
     distance = rms(np.linalg.norm(deviation, axis=1))
-    missing = not_tried(list(all_candidates(model.arm, records)), records)
+    missing = not_tried(model.arm, list(all_candidates(model.arm, records)), records)
     notes = [*exclusions_of(found).notes, *notes_of_records(found), *session_notes(found), *notes]
     if model.arm.masses is None:
         notes.append(Note("masses_not_stated", {"arm": model.arm.name}))

@@ -26,7 +26,7 @@ from aacmm_pin.effects.conditions import Conditions, Records
 from aacmm_pin.effects.nonlinear import Nonlinear
 from aacmm_pin.effects.state import State
 from aacmm_pin.effects.tube import tubes
-from aacmm_pin.errors import AacmmError, CauseError, UnknownNameError
+from aacmm_pin.errors import AacmmError, CauseError, MissingConditionError, UnknownNameError
 
 LOCATION_FIELDS = ("joint", "link", "seat", "marker", "session")
 """Fields that state where a cause sits."""
@@ -369,15 +369,17 @@ def require_row(effect: Effect, arm: Arm) -> Effect:
 
 
 def is_possible(effect: Effect, arm: Arm, records: Records | None) -> bool:
-    """Whether the arm can have the effect, and the records have the columns that it depends on."""
-    if records is None and effect.needs:
-        return True
+    """Whether the arm can have the effect, and the records, if any, have the columns that it
+    depends on.
+    """
     conditions = Conditions(1) if records is None else records.conditions.take([0])
     q = np.zeros((1, arm.nq)) if records is None else records.q[:1]
     try:
         effect.displacements(State(arm, q, conditions, arm.chain.tip))
     except CauseError:  # a mistake of the class, and none of the place
         raise
+    except MissingConditionError:
+        return records is None
     except AacmmError:
         return False
     return True

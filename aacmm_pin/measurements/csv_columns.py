@@ -114,6 +114,7 @@ ROLL_PITCH_YAW = ("roll_deg", "pitch_deg", "yaw_deg")
 ORIENTATIONS = (ORIENTATION, ROTATION_VECTOR, ROLL_PITCH_YAW)
 """Ways to state an orientation, of which a file has one; quaternions are written."""
 ORIENTATION_U = "u_rot_rad"
+PROBE_DIRECTION = ("probe_direction_x", "probe_direction_y", "probe_direction_z")
 BAR = ("bar", "bar_end", "bar_length_mm")
 BAR_U = "u_bar_length_mm"
 FEATURE = "feature"
@@ -165,6 +166,7 @@ RECORD_COLUMNS = (
     _condition("link_temperature", "none"),
     _condition("approach", "none"),
     _condition("torque", "joints"),
+    Column("probe_direction", PROBE_DIRECTION, "none", "1", may_be_empty=True),
     _condition("session", "anywhere"),
     Column("operator", ("operator",), "joints"),
     Column("record", ("record",), "none"),

@@ -18,6 +18,7 @@ from aacmm_pin.measurements.csv_columns import (
     MEASUREMENT_FILE,
     ORIENTATION_U,
     ORIENTATIONS,
+    PROBE_DIRECTION,
     REFERENCE,
     REFERENCE_U,
     THETA,
@@ -262,7 +263,7 @@ def listed(names: Iterable[str]) -> str:
 
 def _check_companions(there: set[str], problems: Problems) -> None:
     """Names that need others."""
-    for group in (REFERENCE, REFERENCE_U, *ORIENTATIONS, BAR):
+    for group in (REFERENCE, REFERENCE_U, *ORIENTATIONS, BAR, PROBE_DIRECTION):
         present = [name for name in group if name in there]
         missing = [name for name in group if name not in there]
         if present and missing:

@@ -29,7 +29,8 @@ HOW_TO_GO = (
     "The file has the joint angles in full. Move the arm to within a few degrees of them, and "
     "enter the readings. Left and right are as seen by a person behind the stand; bearing counts "
     "counter-clockwise from x. Last motion, if planned: whether each joint moved to larger (+) or "
-    "smaller (-) angles."
+    "smaller (-) angles. Probe direction, if planned: from the probe to the surface, in the "
+    "axes of the base."
 )
 
 

@@ -23,6 +23,7 @@ LOADS = {
     "counterbalance": "horizontal part of the body",
     "joint_compliance": "moment of the weight about the axis",
     "link_bending": "bending load of the tube",
+    "probe_bending": "approach across the stylus",
     "stylus_bending": "horizontal part of the stylus",
     "torsional_windup": "moment of the weight about the tube",
 }
