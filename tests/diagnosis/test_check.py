@@ -61,6 +61,22 @@ def test_an_external_frame_is_fitted(sino6, records):
         check_measurements(sino6, moved)
 
 
+def test_rows_outside_the_limits_are_listed(sino6, records):
+    angles = np.sort(records.q[:, 1])
+    limits = sino6.limits.copy()
+    limits[1] = angles[[2, -2]]
+    found = check_measurements(replace(sino6, limits=limits), records)
+    (note,) = (each for each in found.notes if each.code == "outside_limits")
+    assert note.data["joint"] == 2
+    own = [row for row, q in zip(records.row, records.q, strict=True) if q[1] in angles[[0, 1, -1]]]
+    assert note.data["rows"] == own
+    assert note.data["values"] == [angles[0], angles[-1]]
+    low, high = np.degrees(limits[1])
+    assert f"{low:.5g}° and {high:.5g}°" in str(note)
+    codes = [each.code for each in check_measurements(sino6, records).notes]
+    assert "outside_limits" not in codes
+
+
 def test_what_it_says_at_the_shell(tmp_path, records):
     table = records.to_frame().drop(columns="temperature_c")
     table.loc[4, "x_mm"] += 40.0
