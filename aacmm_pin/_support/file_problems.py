@@ -16,23 +16,28 @@ from aacmm_pin.errors import MeasurementFileError
 MOST_PROBLEMS = 10
 """Problems that a message states one by one."""
 MOST_ROWS_LISTED = 6
-"""Rows of one problem that a message lists."""
+"""Rows, or sequences of rows, that a message lists."""
 LONGEST_NAME = 100
 """Characters of a column's name, or of a cell, that a message has."""
 
 
 def rows_in_words(rows: Sequence[int] | Index) -> str:
-    """Rows of a file in ascending order: all of a few, or the first and last of many that follow
-    one another.
+    """Rows of a file in ascending order, those that follow one another by the first and the last:
+    ``row 7``, ``rows 3, 5 to 9, 12, …``.
     """
-    first = min(rows)
-    last = max(rows)
-    if len(rows) == 1:
-        return f"row {first}"
-    if len(rows) > 2 and last - first + 1 == len(rows):
-        return f"rows {first} to {last}"
-    few = [str(row) for row in rows[:MOST_ROWS_LISTED]]
-    return f"rows {', '.join(few)}" + (", …" if len(rows) > len(few) else "")
+    numbers = np.unique(rows)
+    breaks = np.flatnonzero(np.diff(numbers) != 1) + 1
+    runs = [_run(*run) for run in np.split(numbers, breaks)]
+    word = "row" if len(numbers) == 1 else "rows"
+    more = ", …" if len(runs) > MOST_ROWS_LISTED else ""
+    return f"{word} {', '.join(runs[:MOST_ROWS_LISTED])}{more}"
+
+
+def _run(first: int, *others: int) -> str:
+    """Rows that follow one another: ``3``, ``3, 4``, ``3 to 9``."""
+    if len(others) > 1:
+        return f"{first} to {others[-1]}"
+    return ", ".join(map(str, (first, *others)))
 
 
 @dataclass
@@ -58,9 +63,7 @@ class Problems:
         first = [v[where[0]] for v in values]
         text = message.format(*(shortened(v) if isinstance(v, str) else v for v in first))
         if where.size > 1:
-            others = ", ".join(str(line) for line in self.lines[where[1:MOST_ROWS_LISTED]])
-            more = ", …" if where.size > MOST_ROWS_LISTED else ""
-            text += f" (and {where.size - 1} more: row {others}{more})"
+            text += f" (also {rows_in_words(self.lines[where[1:]])})"
         self.found.append((int(self.lines[where[0]]), column, text))
 
     def of_other_values(

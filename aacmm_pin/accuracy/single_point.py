@@ -36,10 +36,10 @@ class SinglePoint(Shown):
     part_n: int
 
     def __str__(self) -> str:
-        text = f"{self.n} records, spread {self.sigma / MM:.4f} mm"
+        text = f"{self.n} records, standard deviation {self.sigma / MM:.4f} mm"
         if self.part_n:
             text += (
-                f"; high-accuracy part ({self.part_n}) {self.part / MM:.4f} mm, rest "
+                f"; {self.part_n} records in accurate postures {self.part / MM:.4f} mm, others "
                 f"{self.rest / MM:.4f} mm"
             )
         return text

@@ -246,12 +246,13 @@ class WorkspaceMap(Shown):
         full = self.working_sectors()[self.sectors]
         arm = f"{self.data.attrs['arm']}, {self.data.attrs['working_point']}"
         where = f"{arm}: {x} × {z} cells × {self.sectors} sectors"
-        unknown = f"; postures missing in {self.incomplete} cells" if self.incomplete else ""
+        unknown = f"; postures may be missing in {self.incomplete} cells" if self.incomplete else ""
         if self.unreachable == x * z:
             return f"{where}, all out of reach{unknown}"
         mean = float(self.data["flexibility"].mean())
         return (
-            f"{where}, {self.unreachable} cells out of reach, {full} cells with the full circle"
+            f"{where}, {self.unreachable} cells out of reach, {full} cells with postures in every "
+            "sector"
             + (f", mean flexibility {mean:.3f}" if np.isfinite(mean) else "")
             + unknown
             + omission(self.not_included)

@@ -51,7 +51,7 @@ def run(
         str | None,
         typer.Option(
             metavar="ISO8601",
-            help="Time of the check, UTC if without an offset. Default: that of the file.",
+            help="Time of the check (UTC unless it states an offset). Default: time of the file.",
         ),
     ] = None,
     instrument: Annotated[
@@ -137,12 +137,12 @@ def _of_history(checks: History, path: Path | None) -> Iterator[str]:
     others = ", ".join(repr(name) for name in sorted(checks.checks["instrument"].unique()) if name)
     if others and not checks.instrument:
         yield (
-            f"--instrument not given: this check is listed without an instrument; {path} also has "
-            f"checks of {others}"
+            f"--instrument not given: this check has no instrument, but {path} also has checks of "
+            f"{others}"
         )
     if not checks.appended:
-        same = f"the check of {checks.time} in it has the same values" if checks.charts() else ""
-        yield f"nothing appended to {path}: {same or 'no test value was found'}"
+        same = f"the check of {checks.time} has the same values" if checks.charts() else ""
+        yield f"nothing appended to {path}, because {same or 'the file gives no test value'}"
 
 
 def _when(time: str | None, path: str) -> datetime:

@@ -55,7 +55,7 @@ def run(
             ),
         ),
     ] = None,
-    method: Annotated[Method, typer.Option(help="Combine deviations by this method.")] = "zonotope",
+    method: Annotated[Method, typer.Option(help="Method of the accuracy volume.")] = "zonotope",
     sectors: Sectors = 12,
     seed: Seed = 1,
     output: Annotated[
@@ -128,7 +128,9 @@ def _length(
 
 def _note_noise(model: ErrorModel, encoder_noise: float | None) -> None:
     if encoder_noise is None and model.arm.encoder_noise is None:
-        note("encoder noise not given; u contains only the parameters (--encoder-noise adds it)")
+        note(
+            "encoder noise not given: u contains only the parameters; to add it, use --encoder-noise"
+        )
 
 
 def _drawn(circle: PosturesAtPoint, result: AccuracyVolume) -> Any:

@@ -37,7 +37,8 @@ ApproachFromOrder = Annotated[
     bool,
     typer.Option(
         "--approach-from-order",
-        help="Compute approach1 … from the order of the rows, if this is the order of measurement.",
+        help="Take the last motion of each joint (approach1 …) from the order of the rows, if this "
+        "is the order of measurement.",
     ),
 ]
 
@@ -83,8 +84,8 @@ class UrdfArm:
         if self.frame is None and self.urdf in EXAMPLE_ROBOTS:
             robot = EXAMPLE_ROBOTS[self.urdf]
             note(
-                f"URDF of {self.urdf} with the tip at frame {robot[1]}; --frame NAME "
-                "selects another"
+                f"URDF of {self.urdf} with the tip at frame {robot[1]}; to select another frame, "
+                "use --frame NAME"
             )
         try:
             return ErrorModel(Arm.from_urdf(self.urdf, self.frame or "", **half_widths))
@@ -111,8 +112,8 @@ class AnyArm(UrdfArm):
         str | None,
         typer.Argument(
             metavar="ARM",
-            help=f"Bundled arm ({BUNDLED}), example robot ({ROBOTS}) or path of an arm file. "
-            "Omit it with --urdf.",
+            help=f"Name of a bundled arm ({BUNDLED}) or an example robot ({ROBOTS}), or path of an "
+            "arm file. Omit ARM with --urdf.",
         ),
     ] = None
 
@@ -182,8 +183,8 @@ class ArmAndData(UncertainArm):
         str | None,
         typer.Option(
             metavar="FILE",
-            help="Second file, with the references. Rows match those of DATA by the column record, "
-            "else by their order.",
+            help="Second file, with the references. Rows of both files belong together by the "
+            "label in the column record, or else by their order.",
         ),
     ] = None
 
@@ -300,7 +301,7 @@ def restrict_to_known_range(model: ErrorModel) -> ErrorModel:
         low, high = within.arm.limits[j] / (MM if model.arm.chain.prismatic[j] else DEG)
         unit = "mm" if model.arm.chain.prismatic[j] else "°"
         note(
-            f"joint {j + 1} is used from {low:.4g} to {high:.4g}{unit} only: its error is not "
-            "known elsewhere"
+            f"the command uses joint {j + 1} only from {low:.4g} to {high:.4g}{unit}, because its "
+            "error is not known elsewhere"
         )
     return within

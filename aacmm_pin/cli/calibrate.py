@@ -49,15 +49,15 @@ def run(
     seed: Seed = 1,
     output: Annotated[
         Path | None,
-        output_option("FILE.toml", "Arm file for the calibrated arm.", "--arm-out", "-o"),
+        output_option("FILE.toml", "Arm file of the calibrated arm.", "--arm-out", "-o"),
     ] = None,
     urdf_out: Annotated[
         Path | None,
-        output_option("FILE.urdf", "URDF for the calibrated arm."),
+        output_option("FILE.urdf", "URDF of the calibrated arm."),
     ] = None,
     residuals: Annotated[
         Path | None,
-        output_option("FILE.csv", "CSV file: every record with its residuals."),
+        output_option("FILE.csv", "CSV file of all records with their residuals."),
     ] = None,
     plot: Plot = None,
     report: Annotated[Path | None, page_option("Page with all results")] = None,
@@ -103,6 +103,6 @@ def run(
     found = {effect.label for effect in result.fit.effects}
     if held := [effect.label for effect in model.effects if effect.label not in found]:
         note(
-            f"kept as {model.arm.name} states: {', '.join(held)}; aacmm-pin diagnose estimates "
-            "these causes again"
+            f"the calibration kept the causes of error that {model.arm.name} states: "
+            f"{', '.join(held)}; aacmm-pin diagnose estimates them again"
         )

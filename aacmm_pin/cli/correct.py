@@ -68,7 +68,7 @@ def run(
         str | None,
         typer.Option(
             metavar="ARM",
-            help="Compare with this nominal arm: name, arm file, or URDF if ARM is of a URDF. "
+            help="Compare with this nominal arm: name, arm file, or URDF if ARM comes from a URDF. "
             "Default: the URDF that ARM names, else ARM without causes of error. Required with "
             "--commands unless ARM names a URDF.",
         ),
@@ -77,7 +77,7 @@ def run(
         bool,
         typer.Option(
             "--commands",
-            help="Take angles as robot commands: add corrected commands that bring the real tip to "
+            help="Take the angles as robot commands: add corrected commands that bring the real tip to "
             "the position of the nominal tip, and u there.",
         ),
     ] = False,
@@ -196,7 +196,8 @@ def _commands(model: ErrorModel, nominal: ErrorModel, known: Measurements, path:
     _warn_of_large_changes(model, commands - known.q, known, arrived, path)
     if np.array_equal(commands, known.q):
         note(
-            f"no command changes: {model.arm.name} and the nominal arm have the same tip positions"
+            f"no command changes, because {model.arm.name} and the nominal arm have the same tip "
+            "positions"
         )
     refused = {
         "next to a singular posture, out of reach, or at the end of an error curve": ~arrived,
@@ -237,8 +238,8 @@ def _warn_of_large_changes(
     if singular.any():
         rows = rows_in_words(known.row[arrived][singular])
         warn(
-            f"{path}: {rows}: near a singular posture; a command changes by up to "
-            f"{turn.max() / DEG:.1f}°"
+            f"{path}: {rows}: near a singular posture, a command changes by up to "
+            f"{turn.max() / DEG:.1f}°; check the motion before you send it"
         )
 
 
@@ -259,22 +260,22 @@ def _note_comparisons(
         of_file = Measurements.from_frame(table, model.arm.nq, path).take(rows)
         records = of_file.with_joint_angles(model.arm)
     except MeasurementFileError as error:
-        note(f"references, bars and seats are not compared: {str(error).splitlines()[0]}")
+        note(f"references, bars and seats are not compared, because {str(error).splitlines()[0]}")
         return
     elsewhere = model.other_targets(records.conditions)
     if elsewhere:
         markers = records.conditions.require("marker", "correct").astype(str)
         of_tip = ~np.isin(markers, elsewhere)
         note(
-            f"{len(of_tip) - of_tip.sum()} references, bar ends and seats of the targets "
-            f"{', '.join(elsewhere)} are not compared, because these targets are not at the tip"
+            f"{len(of_tip) - of_tip.sum()} records of the targets {', '.join(elsewhere)} are not "
+            "compared, because these targets are not at the tip"
         )
         records, tips = records.take(of_tip), tips[of_tip]
-    compared, first = [tips], "by the nominal arm"
+    compared, first = [tips], "nominal arm"
     if before is not None:
         compared.insert(0, before.correct(records.q, records.conditions))
     elif model.effects:  # geometry alone: the file may know the effects together with it
-        first = "without its causes of error"
+        first = "this arm without its causes of error"
         compared.insert(0, model.arm.positions(records.q))
     for comparison in compare(records, compared):
         text = comparison_in_words(comparison, first)
@@ -301,8 +302,8 @@ def _known_rows(model: ErrorModel, readings: Measurements, path: str) -> Index:
     rows = np.flatnonzero(known.all(axis=1))
     if readings.n and not rows.size:
         raise AacmmError(
-            f"{path}: no reading is in the range in which the effects of {model.arm.name} are "
-            "known; expected one or more"
+            f"{path}: no reading is in the range in which the causes of error of {model.arm.name} "
+            "are known; expected one or more"
         )
     return rows
 
@@ -326,7 +327,7 @@ def _u_of_commands(
         u[there, 0] = accuracy.u
         status(f"{path}: tip at the commands, in the frame of the base: {expanded(accuracy.u)}")
         if len(there) < FEWEST_ALIGNED:
-            note(f"u_aligned_mm is left empty; expected {FEWEST_ALIGNED} commands or more")
+            note(f"u_aligned_mm is left empty, because it needs {FEWEST_ALIGNED} commands or more")
             return u
         u[there, 1] = accuracy.u_aligned
         aligned = expanded(accuracy.u_aligned)
@@ -345,10 +346,10 @@ def _accuracy(
     """
     noise = model.arm.encoder_noise if encoder_noise is None else np.array([encoder_noise])
     if not (np.diag(model.covariance()).any() or (noise is not None and noise.any())):
-        note(f"{model.arm.name} states no uncertainty; u_mm is left empty")
+        note(f"u_mm is left empty, because {model.arm.name} states no uncertainty")
         return None
     if noise is None:
-        note("u_mm contains only the parameters; --encoder-noise adds the noise of the readings")
+        note("u_mm contains only the parameters; to add the noise of readings, use --encoder-noise")
     found = accuracy_volume(
         model, q, conditions=conditions, method="ellipsoid", encoder_noise=encoder_noise
     )

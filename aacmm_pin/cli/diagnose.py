@@ -45,7 +45,7 @@ def run(
     seed: Seed = 1,
     output: Annotated[Path | None, page_option("Page with all results", "--report", "-o")] = None,
     arm_out: Annotated[
-        Path | None, output_option("FILE.toml", "Arm file for the extended arm.")
+        Path | None, output_option("FILE.toml", "Arm file of the extended arm.")
     ] = None,
     json_: Json = None,
     force: Force = False,
@@ -76,7 +76,7 @@ def run(
             if result.no_better:
                 warn(
                     f"{arm_out}: the extended arm does not predict held-out records better "
-                    "than the recalibrated arm; this file states the recalibrated arm"
+                    "than the recalibrated arm; this file has the recalibrated arm"
                 )
             if result.findings and result.extended.too_many_excluded:
                 out = int(result.extended.excluded.sum())
@@ -87,8 +87,8 @@ def run(
                 )
             if with_discrepancy and result.not_saved:
                 warn(
-                    f"{arm_out}: not saved: {listed(result.not_saved)}; new records state no "
-                    "values of these"
+                    f"{arm_out}: the file does not have the discrepancy that depends on "
+                    f"{listed(result.not_saved)}, because new readings have no such values"
                 )
             results.arm(
                 result.model, arm_out, f"Extended by aacmm-pin diagnose from {path}: {result}"

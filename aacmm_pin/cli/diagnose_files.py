@@ -40,7 +40,8 @@ def run(
     seed: Seed = 1,
     workers: WorkerCount = 1,
     output: Annotated[
-        Path | None, output_option("FILE.csv", "CSV file: one row a file.", "--csv", "-o")
+        Path | None,
+        output_option("FILE.csv", "CSV file with one row for each file.", "--csv", "-o"),
     ] = None,
     json_: Json = None,
     force: Force = False,

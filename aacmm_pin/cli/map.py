@@ -47,13 +47,12 @@ def run(
         Triple | None,
         typer.Option(
             metavar="X Y Z",
-            help="Map the tip with the stylus in this direction of the base at y = 0. Default: map "
-            "the wrist.",
+            help="Map the tip, with the stylus in this direction at y = 0. Default: map the wrist.",
         ),
     ] = None,
     method: Annotated[
         Literal["zonotope", "jointwise", "ellipsoid"],
-        typer.Option(help="Combine deviations by this method."),
+        typer.Option(help="Method of the accuracy volume."),
     ] = "zonotope",
     workers: WorkerCount = 1,
     output: Output = None,

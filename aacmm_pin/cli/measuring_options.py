@@ -17,21 +17,21 @@ from aacmm_pin.cli.common import (
 FrameOfReferences = Annotated[
     ReferenceFrame,
     typer.Option(
-        help="Frame of the references. external: a frame that is estimated. session: one for each "
-        "label in the column session."
+        help="Frame of the references. base: base of the arm. external: an unknown frame, which "
+        "the fit estimates. session: an unknown frame for each label in the column session."
     ),
 ]
 TargetOfReferences = Annotated[
     Target,
     typer.Option(
-        help="Measured point. tip: the tip of the arm. unknown: another point of the last body, "
-        "which becomes the tip. frame: the tip; orientations are along its axes."
+        help="Point that the references describe. tip: tip of the arm. unknown: another point of "
+        "the last body, which becomes the tip. frame: tip, with orientations of the tip's axes."
     ),
 ]
 
 NoCrossValidation = Annotated[
     bool,
-    typer.Option("--no-cross-validation", help="Skip the residuals of held-out records (faster)."),
+    typer.Option("--no-cross-validation", help="Do not predict held-out records (faster)."),
 ]
 
 
@@ -46,7 +46,7 @@ class MeasuredHow(ContactNoise):
     reference_frame: FrameOfReferences = "base"
     target: TargetOfReferences = "tip"
     no_prior: Annotated[
-        bool, typer.Option("--no-prior", help="Do not use the arm's stated uncertainties.")
+        bool, typer.Option("--no-prior", help="Do not use the uncertainties in the arm file.")
     ] = False
 
     def keywords(self) -> dict[str, Any]:

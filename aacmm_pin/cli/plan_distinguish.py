@@ -71,14 +71,14 @@ def run(
         _say_what_to_do(plan, planned)
     if plan.changes_arm and arm_out is None:
         note(
-            "this set-up requires another arm file: write it with --arm-out FILE, and diagnose "
-            "the new records with that file"
+            "this set-up requires another arm file; write it with --arm-out FILE, and diagnose "
+            "the new records with it"
         )
 
 
 def _say_what_to_do(plan: MeasurementPlan, planned: PlannedRecords) -> None:
     """How the file is filled in, and from what it was chosen."""
     only = "" if plan.needed else "for that check, "
-    where = "if the arm is not exactly at a posture, enter the readings"
+    where = "if the arm is not exactly at a planned posture, replace its angles by the readings"
     say(f"{planned.output}: {only}fill in x_mm, y_mm, z_mm; {where}")
-    note(f"chosen from {planned.postures} postures, seed {planned.seed}")
+    note(f"the plan chose from {planned.postures} postures, seed {planned.seed}")

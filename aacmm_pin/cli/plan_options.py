@@ -55,13 +55,13 @@ class PlannedRecords(PlanFiles):
     records: Annotated[int, typer.Option(metavar="N", min=1, help="Records to plan.")] = 40
     existing: Annotated[
         str | None,
-        typer.Option(metavar="FILE.csv", help="Existing measurements, used with the planned ones."),
+        typer.Option(metavar="FILE.csv", help="Existing records, to which the plan adds new ones."),
     ] = None
     scheme: Annotated[
         PlannedScheme,
         typer.Option(
-            help="free: each record has its own coordinates. seats: those of --existing, or "
-            "new seats.",
+            help="Kind of references. free: coordinates of each record. seats: seats of --existing, "
+            "or new seats.",
         ),
     ] = "free"
     postures: Annotated[
@@ -125,8 +125,8 @@ def note_lowest_tip(heights: Array, table_height_mm: float | None) -> None:
     """How far below the base the lowest tip is [m], where no table was stated."""
     if table_height_mm is None and heights.min() < 0:
         note(
-            f"the lowest tip is {-heights.min() / MM:.0f} mm below the base; "
-            "--table-height-mm sets the height of a table"
+            f"the lowest planned tip is {-heights.min() / MM:.0f} mm below the base; if the arm "
+            "stands on a table, state --table-height-mm"
         )
 
 

@@ -41,34 +41,34 @@ class Orientation:
         bool,
         typer.Option(
             "--tip",
-            help="Take the point as that of the tip, not of the wrist; --axis and --rpy-deg imply "
-            "this option.",
+            help="Place the tip at the point, not the wrist. --axis and --rpy-deg imply this option.",
         ),
     ] = False
     axis: Annotated[
         Triple | None,
         typer.Option(
             metavar="X Y Z",
-            help="Direction of the stylus (with --urdf: of the tool) in the base, with the tip at "
-            "the point. Default: the wrist is there.",
+            help="Direction of the stylus (with --urdf: of the tool) in the base; the tip is then "
+            "at the point. Default: the wrist is at the point, with any direction.",
         ),
     ] = None
     tool_axis: Annotated[
         Triple | None,
         typer.Option(
             metavar="X Y Z",
-            help="With --urdf and --axis: direction of the frame to align with --axis. Default: z.",
+            help="With --urdf and --axis: axis of the frame that gets the direction of --axis. "
+            "Default: z.",
         ),
     ] = None
     rpy_deg: Annotated[
         Triple | None,
         typer.Option(
             metavar="R P Y",
-            help="The whole pose of the tip, roll-pitch-yaw as in URDF, in degrees.",
+            help="Orientation of the tip: roll, pitch and yaw as in URDF, in degrees.",
         ),
     ] = None
     samples: Annotated[
-        int, typer.Option(metavar="N", min=3, help="Configurations on each closed curve.")
+        int, typer.Option(metavar="N", min=3, help="Postures on each closed curve.")
     ] = 360
 
     @property
@@ -127,6 +127,6 @@ def note_wrist(found: PosturesAtPoint) -> None:
     """Say that the wrist is at the point, if it is."""
     if found.at == WRIST:
         note(
-            "the point is that of the wrist (frame5); --axis X Y Z places the tip at the "
-            "point, with the stylus in this direction"
+            "the wrist (frame5) is at the point; to place the tip there, state the direction of "
+            "the stylus with --axis X Y Z"
         )

@@ -10,10 +10,11 @@ import importlib
 import io
 import logging
 import os
+import re
 import signal
 import sys
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Annotated, Any
@@ -75,7 +76,12 @@ class _Subcommand(TyperCommand):
     def invoke(self, ctx: Any) -> Any:
         """Do what was asked."""
         with stopping_signals(), results_alone_on_stdout():
-            return super().invoke(ctx)
+            try:
+                return super().invoke(ctx)
+            except AacmmError as error:
+                if (text := _of_option(str(error), ctx.params)) == str(error):
+                    raise
+                raise AacmmError(text) from error
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         """Arguments first, then options by their headings."""
@@ -219,6 +225,16 @@ def _ending(error: BaseException) -> tuple[int, str] | None:
 
     message = plugin_error(error)
     return None if message is None else (1, message)
+
+
+def _of_option(message: str, options: Mapping[str, object]) -> str:
+    """A message of a Python argument, ``records is 5; …``, as one of the option: ``--records 5:
+    …``.
+    """
+    said = re.match(r"(\w+) is (\S+); ", message)
+    if said is None or said[1] not in options:
+        return message
+    return f"--{said[1].replace('_', '-')} {said[2]}: {message[said.end() :]}"
 
 
 def _of_the_system(error: OSError) -> str:

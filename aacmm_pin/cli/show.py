@@ -32,7 +32,7 @@ def run(
         Triple | None,
         typer.Option(
             metavar="X Y Z",
-            help="Working point in the base frame, in mm: the postures that reach it.",
+            help="Show the postures that reach this point of the base frame, in mm.",
         ),
     ] = None,
     *,
@@ -41,8 +41,8 @@ def run(
         str | None,
         typer.Option(
             metavar='"θ1 θ2 …"',
-            help="One posture, in degrees (prismatic joints: mm). Default: all 0 if the limits of "
-            "every joint allow it, else every joint at the middle of its limits.",
+            help="Show one posture, in degrees (prismatic joints: mm). Default: all 0 if the joint "
+            "limits allow it, else the middle of the limits of each joint.",
         ),
     ] = None,
     noise: EncoderNoise,
@@ -54,8 +54,8 @@ def run(
 ) -> None:
     """Show the arm in 3D: in the postures that reach a point, or in one posture.
 
-    With -o, write a page that needs no network. Else serve it on this computer's loopback address
-    until you press Ctrl-C (exit status 0).
+    With -o, write a page that needs no network. Without -o, show the page in the browser of this
+    computer until you press Ctrl-C (exit status 0).
     """
     from aacmm_pin.report import scenes  # loads meshcat
 
@@ -75,7 +75,7 @@ def run(
             try:
                 accuracy = circle_accuracy(found, model, encoder_noise=noise.encoder_noise)
             except AacmmError as error:
-                note(f"shown without accuracy: {error}")
+                note(f"the scene does not show accuracy: {error}")
             scene = scenes.circle_scene(found, accuracy)
         if output is not None:
             results.text(scene.html(), output)

@@ -65,12 +65,14 @@ class Planned:
     seats: Annotated[
         int,
         typer.Option(
-            metavar="N", help="With seats or ball-bar: number of seats; two for each bar."
+            metavar="N", help="With seats or ball-bar: number of seats, two for each bar."
         ),
     ] = 10
     no_seat_coordinates: Annotated[
         bool,
-        typer.Option("--no-seat-coordinates", help="With seats: do not state their coordinates."),
+        typer.Option(
+            "--no-seat-coordinates", help="With seats: write no coordinates of the seats."
+        ),
     ] = False
     bar_length_mm: Annotated[float | None, length_option("With ball-bar: length of the bars.")] = (
         None
@@ -103,7 +105,10 @@ class Planned:
         """Records of an arm by the scheme."""
         length = in_metres(self.bar_length_mm)
         if self.scheme == "ball-bar" and length is None:
-            note(f"bar length not given: {BAR_LENGTH_MM:g} mm assumed; --bar-length-mm replaces it")
+            note(
+                f"bar length not given: {BAR_LENGTH_MM:g} mm assumed; to replace it, use "
+                "--bar-length-mm"
+            )
             length = BAR_LENGTH_MM * MM
         return simulate_measurements(
             model,
@@ -171,10 +176,9 @@ def run(
         )
         _require_effects_shown(effects, model, data)
         encoder = ", ".join(f"{u / UM:.3g}" for u in dict.fromkeys(noise.encoder))
-        words = (
-            f"noise: readings {encoder} µrad, references {noise.reference / MM:g} mm, contacts "
-            f"{noise.probe / MM:g} mm"
-        )
+        words = f"noise: readings {encoder} µrad"
+        for what, size in (("references", noise.reference), ("contacts", noise.probe)):
+            words += f", {what} {size / MM:g} mm" if size else ""
         if arm_out is not None:
             results.arm(model, arm_out, f"The simulated arm of {data.source}; {words}.")
     status(f"{data}; {words}")
@@ -185,11 +189,11 @@ def _require_effects_shown(effects: list[Effect], model: ErrorModel, data: Measu
     for given in effects:
         if not any(given.values):
             raise AacmmError(
-                f"--cause {given.key}: no value is given; expected "
+                f"--cause {given.key}: states no value; expected "
                 f"{', '.join(given.notation.parameters(given))}"
             )
         require_shown(given, model.arm, data.q, data.conditions, "these records")
         if given.of_reference and not data.known.any():
             raise AacmmError(
-                f"--cause {given.key}: acts on stated coordinates; expected records that state some"
+                f"--cause {given.key}: changes stated coordinates; expected records that state some"
             )

@@ -37,9 +37,10 @@ def run(
         model = arm.model()
         if to_dh:
             if model.effects:
-                note(f"omitted: {', '.join(effect.label for effect in model.effects)}")
+                names = ", ".join(effect.label for effect in model.effects)
+                note(f"the DH table does not contain the causes of error {names}")
             if np.diag(model.covariance()).any():
-                note("omitted: the uncertainties of the arm, which the DH table cannot state")
+                note("the DH table does not contain the uncertainties of the arm")
             results.text(arm_text(dh_file(model.arm)), output)
         else:
             results.file(output or "-").write_bytes(urdf_of(model))
@@ -51,7 +52,7 @@ def urdf_of(model: ErrorModel) -> bytes:
         e.label for e in model.effects if not (isinstance(e, StylusOffset) and e.marker is None)
     ]
     if lost:
-        note(f"a URDF cannot state {', '.join(lost)}; omitted")
+        note(f"the URDF does not contain {', '.join(lost)}, because a URDF cannot state them")
     file = model.file()
     if isinstance(file, ArmFile):
         return encodable(urdf_text(file, with_stylus_offset=True)).encode()

@@ -63,7 +63,7 @@ class SeatError(Effect):
 
     seat: str
     cause: ClassVar[str] = "seat_error"
-    words: ClassVar[str] = "error of the stated place"
+    words: ClassVar[str] = "error of the stated coordinates"
     needs: ClassVar[tuple[str, ...]] = ("seat",)
     of_reference: ClassVar[bool] = True
     terms: ClassVar[tuple[Term, ...]] = shifts(2e-5)

@@ -115,7 +115,7 @@ def values_in_words(
     a joint ``slides``.
     """
     if len(values) > FEW_VALUES:
-        return f"free curve of {len(values)} values"
+        return f"curve with {len(values)} values"
     readings = effect.notation.readings(effect)
     if slides:
         for key, reading in readings.items():

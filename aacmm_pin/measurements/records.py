@@ -504,10 +504,10 @@ class Measurements(Shown):
             temporary.write_text(self.csv(), encoding="utf-8", newline="")
 
     def __str__(self) -> str:
-        seats = len(self.seats())
-        bars = len(self.bars())
-        counts = f"{self.n} records of {self.nq} joints, {self.known.sum()} with reference"
-        found = f"{self.source}: {counts}, {seats} seats, {bars} bars"
+        found = f"{self.source}: {self.n} records of {self.nq} joints"
+        counts = {"with reference": self.known.sum(), "seats": len(self.seats())}
+        counts |= {"bars": len(self.bars())}
+        found += "".join(f", {number} {what}" for what, number in counts.items() if number)
         if self.extra.columns.empty:
             return found
         return f"{found}, other columns {', '.join(self.extra.columns)}"

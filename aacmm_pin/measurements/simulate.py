@@ -117,7 +117,7 @@ def simulate_measurements(
     )
     seed = seed_of(rng)
     source = (
-        f"simulated, {model.arm.name}, scheme {scheme}, seed "
+        f"simulated {model.arm.name}, scheme {scheme}, seed "
         f"{'unknown' if seed is None else seed}{assumed}"
     )
     if orientation_noise is not None:
@@ -148,7 +148,7 @@ def simulate_touches(
     Raises:
         AacmmError: a point cannot be touched near its posture.
     """
-    source = f"simulated probed points, {model.arm.name}"
+    source = f"simulated {model.arm.name}, probed points"
     return _Workshop(model, noise, 3.0, rng, source).at(points, q)
 
 
@@ -296,11 +296,14 @@ def _check_numbers(
         whole(points, 1, "seats")
     least = 1 if stated else 2
     if records < max(1, least * points):
-        each = f": {least} for each of {points} seats" if points else ""
-        raise AacmmError(f"records is {records}; expected at least {max(1, least * points)}{each}")
+        each = f" ({least} for each of {points} seats)" if points else ""
+        raise AacmmError(
+            f"records is {records}; expected at least {max(1, least * points)}{each}; increase "
+            "records or reduce seats"
+        )
     if scheme == "ball-bar" and points % 2:
         raise AacmmError(
-            f"seats is {points}; expected an even number for scheme 'ball-bar': two for each bar"
+            f"seats is {points}; expected an even number for scheme 'ball-bar', two for each bar"
         )
     if (bar_length is not None) != (scheme == "ball-bar"):
         if bar_length is None:

@@ -51,7 +51,7 @@ class MeasurementConditions:
 
 def set_up_in_words(changes: tuple[str, ...]) -> str:
     """A set-up by its changes."""
-    return "; ".join(changes) or "as at present"
+    return "; ".join(changes) or "no change"
 
 
 def possible_conditions(

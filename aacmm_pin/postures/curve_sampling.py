@@ -167,7 +167,7 @@ class Flexibility(Shown):
     arc_fraction: float
 
     def __str__(self) -> str:
-        numbers = {f"by {len(self.sectors)} sectors": self.zeta, "of arc": self.arc_fraction}
+        numbers = {f"by {len(self.sectors)} sectors": self.zeta, "by arc": self.arc_fraction}
         finite = [f"{x:.3f} {of}" for of, x in numbers.items() if np.isfinite(x)]
         return ", ".join(finite) or "undefined"
 

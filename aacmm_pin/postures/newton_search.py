@@ -92,11 +92,11 @@ class Search:
 
     def __str__(self) -> str:
         if not self.arrived:
-            return f"none of {self.starts} spread starts arrived"
+            return f"none of {self.starts} starts of the search converged"
         return (
-            f"{self.arrived} of {self.starts} spread starts arrived, the last {self.since_new} at "
-            "nothing new "
-            f"(95 %: fewer than {self.unseen:.1%} of arrivals would find more)"
+            f"{self.arrived} of {self.starts} starts of the search converged, the last "
+            f"{self.since_new} without a new posture "
+            f"(95 %: fewer than {100 * self.unseen:.1f} % of further ones would find another)"
             + (f"; {Note('search_ended')}" if self.ended else "")
         )
 

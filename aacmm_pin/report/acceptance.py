@@ -46,15 +46,16 @@ from aacmm_pin.verification import (
 )
 
 RULE_TEXT = (
-    "Conformity: |value| + U ≤ MPE for each error. Nonconformity: |value| - U > MPE for at least "
-    f"one error. Otherwise: inconclusive. Guard band: U = {GUARD_BAND_FACTOR:g}u of the calibrated "
-    f"length or diameter, as in {RULE_OF}; the default of ISO 14253-1:2017 is 1.65u."
+    "Decision rule: conformity if |value| + U ≤ MPE for each error; nonconformity if |value| - U > "
+    f"MPE for at least one error; otherwise inconclusive. The guard band is U = "
+    f"{GUARD_BAND_FACTOR:g}u of the calibrated length or diameter, as in {RULE_OF}. The default of "
+    "ISO 14253-1:2017 is 1.65u."
 )
 CHART_CAPTION = (
-    "Individuals charts of the magnitude of each test value. Line: mean of the earlier "
-    f"checks that count. Dashed: limits, {PER_MOVING_RANGE} mean moving ranges from the "
-    f"mean. Limits need {LEAST_CHECKS} or more checks that count; a limit below zero is "
-    "not drawn."
+    "Individuals charts of the magnitude of each test value. The line is the mean of the earlier "
+    f"checks that count. The dashed lines are limits, {PER_MOVING_RANGE} mean moving ranges from "
+    f"the mean. The chart has limits after {LEAST_CHECKS} checks that count. A limit below zero "
+    "is not drawn."
 )
 CONDITION_LABELS = {
     "operator": ("operator", ""),
@@ -127,7 +128,7 @@ def acceptance_document(result: AcceptanceResult, details: CheckDetails | None =
     mark = f"{MARK} " if result.failed else ""
     opening: list[Block] = [
         Paragraph(ORIGIN),
-        Paragraph(_conditions(result, details), head="Checked:"),
+        Paragraph(_conditions(result, details), head="Conditions:"),
         Paragraph(f"{result}.", finding=True, head=f"{mark}Acceptance:"),
     ]
     title = f"{TITLE}: {details.instrument}" if details.instrument else TITLE
@@ -187,10 +188,10 @@ def history_blocks(history: History) -> list[Block]:
         fewest, most = min(earlier_checks), max(earlier_checks)
         there_are = f"{fewest} to {most}" if most > fewest else f"{fewest}"
         sentences.append(
-            f"{len(earlier_checks)} of {len(charts)} characteristics have no limits yet. Limits "
-            f"need {LEAST_CHECKS} earlier checks that count; there are {there_are}."
+            f"{len(earlier_checks)} of {len(charts)} characteristics have no control limits yet. "
+            f"They need {LEAST_CHECKS} earlier checks that count, and have {there_are}."
         )
-    text = " ".join(sentences) or "No test value is outside."
+    text = " ".join(sentences) or "No test value is outside its limits."
     head = "Outside the control limits:" if outside else "Control limits:"
     said = Paragraph(text, head=head)
     if not drawn:
@@ -206,7 +207,7 @@ def _departure(chart: ControlChart, several: bool) -> str:
     """The last value of a chart with its limits."""
     by = f" by {chart.arm}" if several else ""
     low, high = np.nan_to_num(chart.limits[0]) / MM, chart.limits[1] / MM
-    return f"{chart.figure}{by} {chart.values[-1] / MM:.4f} mm, limits {low:.4f} to {high:.4f} mm"
+    return f"{chart.figure}{by} {chart.values[-1] / MM:.4f} mm (limits {low:.4f} to {high:.4f} mm)"
 
 
 def _not_drawn(charts: Sequence[ControlChart], drawn: Sequence[ControlChart], several: bool) -> str:
@@ -239,9 +240,10 @@ def _conditions(result: AcceptanceResult, details: CheckDetails) -> str:
             lines[name] = _listed(values) + unit
     if result.measuring_range is not None:
         part = plain_mm(LONGEST_PART * result.measuring_range)
-        lines["range"] = f"{plain_mm(result.measuring_range)} mm, 66 % of it {part} mm"
+        whole = plain_mm(result.measuring_range)
+        lines["measuring range"] = f"{whole} mm, of which 66 % are {part} mm"
         for test, length in result.longest.items():
-            lines[f"longest of {test}"] = f"{plain_mm(length)} mm"
+            lines[f"longest length of {test}"] = f"{plain_mm(length)} mm"
     lines |= details.about
     return "; ".join(f"{name}: {text}" for name, text in lines.items()) + "."
 

@@ -27,22 +27,20 @@ ARM_COLOURS = (BLUE, GREEN, GREY)
 PREDICTION_HEADS = {
     "figure": "characteristic",
     "median_mm": "median [mm]",
-    "low_mm": "95 % from [mm]",
-    "high_mm": "95 % to [mm]",
+    "low_mm": "2.5 % quantile [mm]",
+    "high_mm": "97.5 % quantile [mm]",
     "mpe_mm": "MPE [mm]",
-    "probability_to_pass": "conforms",
+    "probability_to_pass": "share that conforms",
     "dominant": "largest cause",
-    "dominant_alone_mm": "this cause alone [mm]",
+    "dominant_alone_mm": "median by this cause alone [mm]",
 }
 """Columns of the table, and their heads."""
 STATED_ONLY = (
-    "The prediction covers only the uncertainties that the arm states, to first order. "
-    "Causes that the model of the arm lacks increase the errors further. Conforms: "
-    "share of the runs with the verdict conformity."
+    "The prediction contains only the uncertainties that the arm states, to first order. Causes "
+    "that the model of the arm lacks increase the errors further. Share that conforms: share of "
+    "the runs with the verdict conformity."
 )
-INTERVALS_CAPTION = (
-    "Median (dot) and 95 % interval (bar) of each test value; the vertical mark is the MPE."
-)
+INTERVALS_CAPTION = "Median (dot), 95 % interval (bar) and MPE (vertical mark) of each test value."
 ALONE_CAPTION = "Median of each test value if one cause acts alone"
 ALONE_EXPLAINED = (
     "Correlated parameters of a calibration may have larger effects alone than together."

@@ -71,15 +71,16 @@ def accuracy_document(accuracy: AccuracyVolume, summary: dict[str, Any] | None =
     if summary is not None:
         postures = postures_at_the_ends(summary)
         volume = summary["volume_mm3"]["comprehensive"]
-        comprehensive = "" if volume is None else f"comprehensive accuracy {volume:.4g} mm³"
+        comprehensive = "" if volume is None else f"Comprehensive accuracy: {volume:.4g} mm³."
     values = accuracy.to_frame().filter(regex="_mm")
     values = values.rename(columns={"largest_deviation_mm": "worst-case deviation_mm"})
     values.insert(0, EXPANDED, COVERAGE_FACTOR * values["u_mm"])
     over = spread(values, "over the postures")
     budget = accuracy.budget()[["parameter", "u_mm", "share"]]
     postures, over, budget = in_one_unit(postures, over, budget)
-    origin = ", swivel 0 where the elbow is highest" if "swivel [°]" in postures else ""
-    tables: list[Block] = [Table(postures, f"Postures{origin}"), Table(over), _budget(budget)]
+    origin = " (swivel 0: the elbow is highest)" if "swivel [°]" in postures else ""
+    extremes = Table(postures, f"Postures with the smallest and largest values{origin}")
+    tables: list[Block] = [extremes, Table(over), _budget(budget)]
     caveats = map(str, accuracy.sources.caveats)
     words = [str(accuracy), what_k_covers(), comprehensive]
     return Document("Accuracy", [*words, *tables, *caveats])
@@ -89,7 +90,7 @@ def _budget(budget: pd.DataFrame) -> Table:
     number = min(SHOWN_SOURCES, len(budget))
     return Table(
         budget.head(number).rename(columns={"share": SHARE}),
-        f"Uncertainty budget, the first {number} of {len(budget)} sources",
+        f"Uncertainty budget: the {number} largest of {len(budget)} sources",
         {SHARE: lambda share: percent(share, 1)},
     )
 
@@ -101,7 +102,7 @@ def length_document(length: LengthUncertainty) -> Document:
     rows.append(_posture_pair(length, "largest U", int(length.u.argmax())))
     budget = length.budget()[["parameter", "u_mm", "share"]]
     ends, budget = in_one_unit(pd.DataFrame(rows), budget)
-    tables = [Table(ends, "Postures for this length"), _budget(budget)]
+    tables = [Table(ends, "Pairs of postures with the smallest and the largest U"), _budget(budget)]
     return Document("Length", [str(length), *tables, *map(str, length.sources.caveats)])
 
 
@@ -122,7 +123,7 @@ def _degrees(angles: Iterable[float]) -> str:
 def what_k_covers() -> str:
     """The coverage probability of U of a position."""
     along, isotropic = (f"{100 * part:.1f} %" for part in COVERED)
-    errors = f"{along} of normal errors along one direction, {isotropic} of isotropic ones"
+    errors = f"{along} of normal errors along one direction, and {isotropic} of isotropic errors"
     return f"U (k = {COVERAGE_FACTOR:g}) of a position covers {errors}."
 
 
@@ -143,5 +144,7 @@ def map_document(map_: WorkspaceMap) -> Document:
     data = {words: map_.data[name].values.ravel() for name, words in MAPPED.items()}
     table = Table(spread(pd.DataFrame(data), "over the cells"))
     cells = {str(sectors): [number] for sectors, number in map_.working_sectors().items()}
-    by_sectors = Table(pd.DataFrame(cells), "Reachable cells by their number of working sectors")
+    by_sectors = Table(
+        pd.DataFrame(cells), "Number of reachable cells with 0, 1, … working sectors"
+    )
     return Document("Map", [str(map_), table, by_sectors])

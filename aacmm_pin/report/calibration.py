@@ -78,34 +78,34 @@ HOW_TO_READ = (
 )
 """Stands in front of a calibrated arm file."""
 COMPARED = (
-    "Before: the nominal arm, only the set-up fitted. The target of a record is its reference; "
-    "the target of a seat is estimated from all its records and its reference. Held-out records "
-    "were predicted by calibrations that did not use them, and are compared with their own "
-    "reference. If single records are held out, their neighbours remain in the fit; rely on "
-    "whole groups."
+    "Before: nominal arm, with a fit of an unknown frame or target. The target of a record is its "
+    "reference. At a seat, the target is the estimated position of the seat. Held-out records are "
+    "predicted by calibrations that did not use them, and compared with their own reference. If "
+    "single records are held out, neighbouring records remain in the fit. Therefore prefer the "
+    "row of whole groups."
 )
 NOTHING_ESTIMATED = (
     "The calibration estimated no parameter, because the arm states all parameters as "
     "exact; --no-prior estimates them."
 )
 KNOWN = (
-    "Changes, U and half-widths are in the unit of the column in. U: expanded "
-    "uncertainty of the estimate; it holds only if the model has all causes of error. "
-    "Stated half-width: bound in the arm file before calibration; 2u if the file "
-    "states a standard uncertainty u. measured: these data determine the value. hardly: "
-    "less well than the arm file. as stated: the data add nothing. in combination: only "
-    "together with others (next section). A parameter known in combination has no value by "
-    "itself; the arm file states one that is consistent with the others."
+    "The column unit holds for changes, U and half-widths. U: expanded uncertainty of the "
+    "estimate; it holds only if the model has all causes of error. Stated half-width: bound in "
+    "the arm file before calibration, or 2u if the file states a standard uncertainty u. "
+    "measured: the records determine the value. hardly: they determine it less well than the arm "
+    "file does. as stated: they do not reduce the stated uncertainty. in combination: they "
+    "determine only a combination with other parameters (next section); the value alone has no "
+    "meaning."
 )
 UNDETERMINED = (
-    "Neither these data nor stated uncertainties determine these; the calibrated arm "
-    "keeps their values. Other postures, references or targets may determine them; "
-    "more records of the same kind do not:"
+    "Neither these records nor the stated uncertainties determine the following combinations of "
+    "parameters; the calibrated arm keeps their values. Other postures, references or targets may "
+    "determine them, but more records of the same kind do not:"
 )
 EXCLUDED = (
-    "A record is excluded if its residual exceeds a bound that excludes a good record in one "
-    "file of a hundred. Possible reasons: a faulty contact, a wrong seat, a cause that the model "
-    "lacks."
+    "The fit excludes a record if its residual is larger than a bound. The bound excludes a good "
+    "record in only one file of a hundred. Possible reasons: a faulty contact, a wrong label of a "
+    "seat, a cause that the model lacks."
 )
 
 
@@ -143,25 +143,25 @@ def verdict(result: Calibration) -> str:
     for held in result.held_out[-1:]:
         sizes += [held.rms_before, held.rms_after]
     before, after, *others = lengths(sizes)
-    fitted = f"{before} before, {after} after"
+    fitted = f"{before} before and {after} after calibration"
     if not others:
         unknown = "No records were held out, and new records may have larger residuals"
-        return f"{doubts}{name}{rest}: RMS residual of the records used {fitted}. {unknown}."
+        return f"{doubts}{name}{rest}: the RMS residual of the used records is {fitted}. {unknown}."
     gain = 1.0 - held.rms_after / held.rms_before
-    helps = "helps" if gain >= WORTH else "does not help"
+    makes = "makes" if gain >= WORTH else "does not make"
     on_held_out = (
-        f"RMS residual of held-out {HELD_OUT_KINDS[held.kind]} {others[0]} before, "
+        f"the RMS residual of held-out {HELD_OUT_KINDS[held.kind]} is {others[0]} before and "
         f"{others[1]} after"
     )
     return (
-        f"{doubts}Calibration{rest} {helps} {name}: {on_held_out} (gain {percent(gain)}). "
-        f"Of the records used: {fitted}."
+        f"{doubts}Calibration{rest} {makes} {name} more accurate: {on_held_out} calibration (gain "
+        f"{percent(gain)}). The RMS residual of the used records is {fitted}."
     )
 
 
 def exclusions_in_words(left: Exclusions) -> str:
     """Why excluded records are no gross errors."""
-    why = ["too many for gross errors"] if left.too_many else []
+    why = ["these are too many for gross errors"] if left.too_many else []
     if left.shared is not None:
         number = left.shared.excluded
         many = "all" if number == left.excluded else str(number)
@@ -170,8 +170,8 @@ def exclusions_in_words(left: Exclusions) -> str:
         joints = [str(each.joint) for each in left.narrowed]
         which = f"joint{'s' * (len(joints) > 1)} {listed(joints)}"
         why.append(f"the others move {which} over a small part of the range")
-    excluded = f"{left.excluded} of {count(left.excluded + left.used, 'record')} were excluded"
-    return f"{excluded}: {', and '.join(why)}."
+    of = count(left.excluded + left.used, "record")
+    return f"The fit excluded {left.excluded} of {of}: {', and '.join(why)}."
 
 
 def fit_in_words(result: Calibration) -> str:
@@ -183,8 +183,8 @@ def fit_in_words(result: Calibration) -> str:
                 "χ² cannot test the fit: the records have no more measured values than parameters."
             )
         return (
-            "χ² cannot test the model: not all noise was stated. The residuals exceed the "
-            f"stated noise by {length(result.fit.unmodelled)} per coordinate."
+            "χ² cannot test the model, because you did not state all noise. The residuals exceed "
+            f"the stated noise by {length(result.fit.unmodelled)} per coordinate."
         )
     numbers = f"χ² = {judged[0]:.0f} with {judged[1]:.0f} degrees of freedom, {p_equals(p)}"
     if p < MISFIT:
@@ -242,8 +242,8 @@ def open_in_words(result: Calibration) -> str:
     across, along = _extents(records.reference[result.fit.used & records.known])
     if across < COLLINEAR * along:
         words += (
-            f" The references lie on one straight line: RMS {length(across)} from it, "
-            f"{length(along)} along it."
+            " The references lie on one straight line: their RMS distance from it is "
+            f"{length(across)}, and their RMS extent along it {length(along)}."
         )
     return words
 
@@ -275,7 +275,7 @@ def estimated_causes(result: Calibration) -> pd.DataFrame:
 def _estimate(result: Calibration, effect: Effect, own: slice) -> str:
     together = result.parameters["known"] == "in combination"
     if together[own].any():
-        return "known only in combination with others"
+        return "determined only in combination with other parameters"
     values = values_with_u(effect, result.covariance[own, own])
     return values_in_words(effect, values, slides(effect, result.model.arm))
 
@@ -291,7 +291,7 @@ def comment(result: Calibration, data: str, when: str) -> str:
     """
     lines = [f"Calibrated by aacmm-pin on {when} (UTC) from {data}: {result}", fit_in_words(result)]
     lines += [f"Note: {line}." for line in result.notes]
-    lines += [f"Not determined by these data: {line}." for line in result.undetermined]
+    lines += [f"Not determined by these records: {line}." for line in result.undetermined]
     return "\n".join([*lines, "", *HOW_TO_READ])
 
 
@@ -353,13 +353,13 @@ def _result(result: Calibration) -> list[Block]:
         blocks.append(_turns(result, result.turns, noise))
     silent = int((~result.fit.used & ~result.fit.excluded).sum())
     if silent:
-        why = "no coordinates, and no seat with other records"
-        blocks.append(Paragraph(f"{count(silent, 'record')} not used: {why}."))
+        why = "because they have neither coordinates nor a seat of other records"
+        blocks.append(Paragraph(f"The fit did not use {count(silent, 'record')}, {why}."))
     return [*blocks, Notes(result.notes)]
 
 
 def _distances(result: Calibration, noise: str) -> Table:
-    rows = [("used in the fit", result.rms_before, result.rms)]
+    rows = [("records used in the fit", result.rms_before, result.rms)]
     for held in result.held_out:
         name = f"held-out {HELD_OUT_KINDS[held.kind]}, in {held.groups} parts"
         rows.append((name, held.rms_before, held.rms_after))
@@ -368,11 +368,12 @@ def _distances(result: Calibration, noise: str) -> Table:
     sizes[["before_mm", "after_mm"]] /= MM
     explained = f"{COMPARED} {noise} would give {length(result.noise)}."
     forms = {"gain": percent}
-    return Table(sizes, "RMS distance of tip and target", forms, explained=explained)
+    caption = "RMS distance between tip and target, before and after calibration"
+    return Table(sizes, caption, forms, explained=explained)
 
 
 def _turns(result: Calibration, turns: dict[str, float], noise: str) -> Table:
-    rows = [("used in the fit", turns["simulation"], turns["calibrated"])]
+    rows = [("records used in the fit", turns["simulation"], turns["calibrated"])]
     for held in result.held_out:
         if held.turned:
             sizes = rms(held.turn_before), rms(held.turn_after)
@@ -398,14 +399,14 @@ def _residuals_in_space(result: Calibration) -> list[Block]:
     views = Figure(
         lambda: plots.plot_residual_views(result, blank_axes(8.6, 8.0)),
         "Residual vectors in space, before and after",
-        "Residuals, from each target towards the tip, all with one magnification. Left: before "
-        "calibration; right: after. Top: plan view; bottom: side view. Grey: the arm in some "
-        "postures. Neighbouring vectors in one direction show a cause that the model lacks.",
+        "Each line is a residual, from target to tip, all with one magnification. Left: before "
+        "calibration. Right: after calibration. Top: plan view. Bottom: side view. Grey: the arm "
+        "in some postures. If neighbouring lines have the same direction, the model lacks a cause.",
     )
     scene = SceneView(
         lambda: residual_scene(result),
-        "Residuals after calibration in three dimensions; drag to rotate the view. The slider "
-        "shows each residual with the arm in its posture, the largest first.",
+        "Residuals after calibration in three dimensions. Drag to rotate the view. The slider "
+        "shows the arm in the posture of each residual, the largest residual first.",
     )
     return [views, scene]
 
@@ -415,9 +416,9 @@ def _over_joints(result: Calibration) -> Figure:
     return Figure(
         lambda: plots.plot_residuals_over_joints(result, ax=blank_axes(10.5, height)),
         "Residuals over the angle of each joint",
-        "Residuals after calibration, along the direction in which each joint moves the tip, over "
-        f"its angle. The line joins means of {LEAST_IN_BIN} or more residuals, with u. A wave "
-        "shows an error of the encoder or the joint.",
+        "Residuals after calibration against the angle of each joint, in the direction in which "
+        f"the joint moves the tip. The line connects means of {LEAST_IN_BIN} or more residuals, "
+        "with u. A wave shows an error of the encoder or the joint.",
     )
 
 
@@ -425,8 +426,8 @@ def _by_seat(result: Calibration) -> Figure:
     return Figure(
         lambda: plots.plot_residuals_by_seat(result, blank_axes(8.0, 3.4)),
         "Residuals by seat",
-        "Residuals by seat. If those of one seat are larger after calibration, its stated "
-        "coordinates may be wrong.",
+        "Residuals of each seat. If the residuals of a seat are larger after calibration, its "
+        "stated coordinates may be wrong.",
     )
 
 
@@ -434,8 +435,8 @@ def _normalised(result: Calibration) -> Figure:
     return Figure(
         lambda: plots.plot_normalised_residuals(result, blank_axes(6.4, 3.4)),
         "Histogram of normalised residuals against the χ distribution",
-        "Residuals normalised by the covariance of each record, with the χ distribution of normal "
-        "noise.",
+        "Residuals normalised by the covariance of each record, and the χ distribution that normal "
+        "noise would give.",
     )
 
 
@@ -464,7 +465,7 @@ def _parameter_table(rows: pd.DataFrame) -> Table:
         shown[["parameter", "value", "change", "U", "stated", "in", "known"]],
         "Parameters",
         dict.fromkeys(("stated", "U"), form),
-        {"stated": "stated half-width", "U": "U (k = 2)"},
+        {"stated": "stated half-width", "U": "U (k = 2)", "in": "unit"},
         explained=KNOWN,
     )
 
@@ -479,8 +480,8 @@ def _changes(result: Calibration, tallest: int) -> Figure:
     return Figure(
         lambda: plots.plot_parameter_changes(result, blank_axes(8.2, 1.2 + 0.24 * tallest)),
         "Change of each parameter over its stated uncertainty",
-        "Change of each parameter with its new expanded uncertainty, over its stated uncertainty "
-        "if there is one.",
+        "Change of each parameter, with its expanded uncertainty after calibration and, if the arm "
+        "states one, its uncertainty before.",
     )
 
 
@@ -490,18 +491,21 @@ def _correlation(result: Calibration, number: int) -> Figure:
     return Figure(
         lambda: plots.plot_correlation(result, blank_axes(width, height)),
         "Heat map of the correlation of the parameters",
-        "Correlation of the parameters. If two are strongly correlated, their sum or difference "
-        "has a smaller uncertainty than each by itself.",
+        "Correlation of the parameters. If two parameters are strongly correlated, their sum or "
+        "difference has a smaller uncertainty than each of them.",
     )
 
 
 def _undetermined(result: Calibration) -> list[Block]:
     indices = pd.DataFrame([vars(result.observability)]).rename(columns=str.upper)
     number = result.observability.directions
-    explained = f"Sun, Hollerbach 2008; of {number} determined combinations. Larger is better."
+    explained = (
+        f"Indices of Sun and Hollerbach (2008) for the {number} combinations of parameters that "
+        "the records determine. Larger is better."
+    )
     table = indices.drop(columns="DIRECTIONS")
     return [
-        Heading("What these data do not determine"),
+        Heading("What these records do not determine"),
         Bullets(result.undetermined, UNDETERMINED),
         Table(table, "Observability indices", explained=explained, detail=True),
     ]
@@ -510,12 +514,12 @@ def _undetermined(result: Calibration) -> list[Block]:
 def excluded_records(excluded: pd.DataFrame) -> list[Block]:
     """The table of excluded records, or that there are none."""
     if not len(excluded):
-        return [Paragraph("The fit excluded no record.", detail=True)]
+        return [Paragraph("The fit excluded no records.", detail=True)]
     return [
         Table(
             excluded.astype({"row": str}),
             f"Excluded records ({len(excluded)})",
-            heads={"row": "row of the file"},
+            heads={"row": "row in the file"},
             explained=EXCLUDED,
             most=EXCLUDED_LISTED,
         )

@@ -26,11 +26,11 @@ from aacmm_pin.report.plots.two_views import two_views
 COLUMNS_NOT_LISTED = r"^(theta|approach)\d|^u_|_mm$"
 """Columns of a plan that its table has in other words, or that are to be filled in."""
 HOW_TO_GO = (
-    "The file has the joint angles in full. Move the arm to within a few degrees of them, and "
-    "enter the readings. Left and right are as seen by a person behind the stand; bearing counts "
-    "counter-clockwise from x. Last motion, if planned: whether each joint moved to larger (+) or "
-    "smaller (-) angles. Probe direction, if planned: from the probe to the surface, in the "
-    "axes of the base."
+    "The file has the joint angles with all decimals. Move the arm to within a few degrees of "
+    "these angles, and enter the readings. Left and right are as seen by a person behind the "
+    "stand. Bearings are measured counter-clockwise from the x axis. Last motion: move each joint "
+    "to the posture towards larger (+) or smaller (-) angles. Probe direction: from the probe to "
+    "the surface, in the axes of the base."
 )
 
 
@@ -50,8 +50,8 @@ def calibration_plan_line(plan: CalibrationPlan) -> str:
     u, after_random = plan.u / MM, float(np.median(plan.u_random)) / MM
     return (
         f"{records} to calibrate {name}{beside}. After calibration, u of the tip is {u:.4f} mm "
-        f"(RMS over the postures); random records give {after_random:.4f} mm. The observability "
-        f"index O1 is {plan.ratio:.2f} times that of as many random records"
+        f"(RMS over the postures). As many random records give {after_random:.4f} mm. The "
+        f"observability index O1 is {plan.ratio:.2f} times that of random records"
     )
 
 
@@ -63,7 +63,7 @@ def where_to_go(plan: CalibrationPlan | MeasurementPlan) -> list[Block]:
     figure = Figure(
         lambda: two_views(arm, q[:1], {"records": (BLUE, marks)}),
         "Places of the records round the arm, from above and from the side",
-        "The arm in the first posture (black), and where the tip will be.",
+        "The arm in the first posture (black), and the planned positions of the tip.",
     )
     table = _records(plan, places(arm, tips))
     return [

@@ -18,7 +18,7 @@ from aacmm_pin.report.measurements import measurements_document
 from aacmm_pin.report.numbers import count, lengths
 
 CHECK_SCHEMA = "aacmm-pin/check/1"
-MISSING = "Columns that the file lacks, and the causes that cannot be tried without them"
+MISSING = "Columns that the file lacks, and the causes of error that need them"
 
 
 @document_of.register
@@ -28,14 +28,14 @@ def check_document(check: Check) -> Document:
     fits = f"{used} of {count(check.measurements.n, 'record')} fit {name}"
     known = not np.isnan(check.predicted_rms)
     found, *expected = lengths([check.rms, check.predicted_rms] if known else [check.rms])
-    distance = f"The RMS distance of tip and target is {found} with geometry as stated"
-    predicted = "the arm states no uncertainty to compare this distance with"
+    distance = f"With the stated geometry, the RMS distance between tip and target is {found}"
+    predicted = "The arm states no uncertainty that predicts this distance"
     if known:
-        predicted = f"the stated uncertainties predict {expected[0]}"
-    finding = Paragraph(f"{fits}. {distance}; {predicted}.", finding=True)
+        predicted = f"The stated uncertainties predict {expected[0]}"
+    finding = Paragraph(f"{fits}. {distance}. {predicted}.", finding=True)
     columns = measurements_document(check.measurements).blocks[1:]
     left_out = check.measurements.row[~check.used]
-    rows = f"Rows that do not fit: {rows_in_words(left_out)}." if left_out.size else ""
+    rows = f"Records that do not fit: {rows_in_words(left_out)}." if left_out.size else ""
     blocks = [
         finding,
         Paragraph(rows, finding=True),

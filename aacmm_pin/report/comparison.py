@@ -16,25 +16,27 @@ def comparison_in_words(found: Comparison, first: str) -> str:
     if found.is_of_other_frame:
         return ""
     what = {
-        "reference": f"distance from {count(found.count, 'reference')}",
+        "reference": f"distance between tip and {count(found.count, 'reference')}",
         "bar length": f"error of {count(found.count, 'bar length')}",
-        "seat": "distance of records from the mean of their seat, of "
+        "seat": "distance between tip and mean of the seat, for "
         f"{count(found.count, 'seat')} without coordinates",
     }[found.kind]
     if not math.isnan(found.u):
-        what = f"{what} (their u: {found.u / MM:.4f} mm)"
-    names = [first, "by this arm"][-len(found.rms) :]
-    return f"{what}: RMS {_sizes(found.rms, names)}; largest {_sizes(found.largest, names)}"
+        what = f"{what} with u = {found.u / MM:.4f} mm"
+    names = [first, "this arm"][-len(found.rms) :]
+    sizes = zip(names, found.rms, found.largest, strict=True)
+    each = [f"{name} RMS {r / MM:.4f} mm, largest {most / MM:.4f} mm" for name, r, most in sizes]
+    return f"{what}: {'; '.join(each)}"
 
 
 def comparison_warning(found: Comparison, arm: str) -> str:
     """A probable mistake, with the name of the last ``arm``; "" if there is none."""
     if found.is_of_other_frame:
         return (
-            "references are not compared: their RMS distance from the tip is "
-            f"{found.rms[-1] / MM:.0f} mm. The references are not in the base of {arm} or are "
-            "of another point, or the angles are in another unit or of another arm; run "
-            "aacmm-pin check"
+            "references are not compared, because their RMS distance from the tip is "
+            f"{found.rms[-1] / MM:.0f} mm. Either the references are not in the base of {arm} or "
+            "not of its tip, or the angles are in another unit or of another arm. Run aacmm-pin "
+            "check"
         )
     if found.is_worse:
         return (
@@ -42,8 +44,3 @@ def comparison_warning(found: Comparison, arm: str) -> str:
             "changed"
         )
     return ""
-
-
-def _sizes(sizes: list[float], names: list[str]) -> str:
-    pairs = zip(sizes, names, strict=True)
-    return ", ".join(f"{size / MM:.4f} mm {name}" for size, name in pairs)

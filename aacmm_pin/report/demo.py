@@ -88,14 +88,14 @@ QUESTION = (
     "does the model with that cause gain?"
 )
 ASSUMED = (
-    "Before measuring only the geometry is uncertain: independent errors, uniform "
+    "The prediction contains only errors of the geometry: independent, and uniform "
     "within the half-widths. Encoder noise, eccentricity, gravity, temperature and "
     "contact increase the errors further.",
     (
-        "The working point is the wrist. The parts beyond the wrist, such as the stylus, "
+        "The wrist is at the working point. Errors of parts beyond the wrist, such as the stylus, "
         "do not contribute."
     ),
-    "Volumes are first order in the errors. Cells and sectors are evaluated at their centres.",
+    "Volumes are first-order approximations. Each cell and sector is evaluated at its centre.",
     "Neither volume nor u is a maximum permissible error of any standard.",
 )
 
@@ -144,7 +144,9 @@ def _at_the_point(
         Paragraph(what_k_covers()),
         Paragraph(_volume_at_the_point(summary), finding=True),
         _circle_figure(circle, accuracy),
-        Table(ends, "Postures at the ends; swivel 0 where the elbow is highest"),
+        Table(
+            ends, "Postures with the smallest and largest values (swivel 0: the elbow is highest)"
+        ),
         _budget_figure(accuracy),
     ]
 
@@ -157,8 +159,8 @@ def _circle_figure(circle: ConfigurationCircle, accuracy: AccuracyVolume) -> Fig
     return Figure(
         draw,
         f"The elbow's path round the working point and {circle.arm.name} in five postures",
-        "Five of the postures, and the path of the elbow. The colour is the accuracy "
-        "volume, if all joints are within limits.",
+        "Five of the postures, and the path of the elbow. The colour shows the accuracy "
+        "volume of postures within the joint limits.",
     )
 
 
@@ -166,8 +168,8 @@ def _budget_figure(accuracy: AccuracyVolume) -> Figure:
     return Figure(
         lambda: plots.plot_budget(accuracy, "parameter", blank_axes(7.0, 3.6)),
         "Bars of the shares of the variance by parameter",
-        "Uncertainty budget: share of the variance, and the standard uncertainty that each "
-        "parameter alone would cause.",
+        "Uncertainty budget: share of each parameter in the variance, and the standard "
+        "uncertainty that it alone would cause.",
     )
 
 
@@ -184,9 +186,9 @@ def _volume_at_the_point(summary: dict[str, Any]) -> str:
     budget = summary["budget"][:LARGEST]
     largest = ", ".join(f"{row['parameter']} {percent(row['share'])}" for row in budget)
     return (
-        "Accuracy volume, of all errors within the half-widths: "
-        f"{volume['min']:.4f} mm³ to {volume['max']:.4f} mm³; "
-        f"comprehensive accuracy {volume['comprehensive']:.4f} mm³. "
+        "The accuracy volume of all errors within the half-widths is "
+        f"{volume['min']:.4f} mm³ to {volume['max']:.4f} mm³, depending on the posture. The "
+        f"comprehensive accuracy is {volume['comprehensive']:.4f} mm³. "
         f"Most of the variance comes from {largest} (theta_offset: zero offset of a joint)."
     )
 
@@ -197,8 +199,8 @@ def _over_the_workspace(map_: WorkspaceMap, circle: ConfigurationCircle) -> list
         lambda: _maps(map_, circle),
         f"Maps of {circle.arm.name} over distance from joint axis 1 and z: uncertainty and "
         "flexibility",
-        "Standard uncertainty u of the position in the posture where it is smallest, and "
-        "flexibility. Star: the working point, rotated into the plane about joint axis 1.",
+        "Smallest standard uncertainty u of the position in each cell, and flexibility. The star "
+        "is the working point, rotated into the half-plane about joint axis 1.",
     )
     return [
         Heading("Over the workspace"),
@@ -237,16 +239,16 @@ def _maps(map_: WorkspaceMap, circle: ConfigurationCircle) -> Drawing:
 def _measured(found: Diagnosis, hidden: Effect, planned: str) -> list[Block]:
     name, records = found.model.arm.name, found.extended.problem.measurements
     how = (
-        f"A virtual {name} has a geometry within the half-widths and an eccentric encoder. It "
-        f"probes {SEATS} seats of known coordinates in {records.n} records. The diagnosis uses "
-        "only the records and the arm file."
+        f"A virtual {name} has an eccentric encoder, and its geometry differs from the arm file "
+        f"within the half-widths. It probes {SEATS} seats of known coordinates in {records.n} "
+        "records. The diagnosis uses only the records and the arm file."
     )
     table = _hidden_and_found(found, hidden)
     return [
         Heading("After measuring: a hidden effect found"),
         Paragraph(how),
         *answers(found, planned),
-        Table(table, "What was hidden, and what was found; ± U (k = 2)"),
+        Table(table, "The hidden cause, and the causes that diagnose found, ± U (k = 2)"),
         rms_figure(found),
         *causes_drawn(found),
     ]

@@ -91,39 +91,40 @@ WORST = 5
 """Groups that the table names; the figure has all."""
 COVARIATES = {"record": "the order of the records", "x": "place", "y": "place", "z": "place"}
 """Covariates in words, if their name is not clear by itself."""
-PREDICTED = ("predicted", "the prediction by the stated uncertainties and the noise", "dashed")
-ONLY_NOISE = ("noise", "the noise (no stated uncertainty adds to it)", "dotted")
+PREDICTED = ("predicted", "the prediction from the stated uncertainties and the noise", "dashed")
+ONLY_NOISE = ("noise", "the noise alone (the arm states no uncertainty)", "dotted")
 """What residuals are compared with: in a head, in words, and its line in the figure."""
-UNSTATED = "Not all noise was stated. The rest is estimated as the scatter about the extended arm."
+UNSTATED = (
+    "You did not state all noise. The fit estimated the rest from the scatter of the residuals of "
+    "the extended arm."
+)
 SEAT_ERRORS = (
-    "These residuals are distances from the common point of the records of a seat. An "
-    "error of a stated seat position hardly changes the residuals and the gain."
+    "The residuals at a seat are distances from the estimated position of the seat. An error of "
+    "its stated coordinates therefore hardly changes the residuals and the gain."
 )
 SEATS_JUDGED = (
-    "A held-out seat is compared with its stated coordinates; their noise reduces the gain."
+    "Records of a held-out seat are compared with its stated coordinates. The uncertainty of "
+    "these coordinates reduces the gain."
 )
 RANKED = (
-    "Strongest first; geometric values last. At the tip: RMS over all records. "
-    "Probability: that the cause acts. p: if this cause does not act, the probability "
-    "that any cause has odds as high as these. Not absorbed: part of the effect that "
-    "recalibration, other causes and background leave."
+    "The strongest cause is first; geometric values are last. At the tip: RMS displacement of the "
+    "tip by the cause. Probability: probability that the cause acts. p: probability that any "
+    "cause has odds as large as these if this cause does not act. Not absorbed: part of the "
+    "effect that neither recalibration nor other causes nor the background absorb."
 )
 SETS_LISTED = "Sets of causes that may act, with their probabilities"
-ALL_SETS = "The probabilities of all sets add up to 1. Sets below 1 % are listed together."
+ALL_SETS = "The probabilities of all sets add up to 1. The last row has all sets not listed."
 ALIASES_LISTED = "Aliases: causes with a similar effect in these records"
 ALIASES_EXPLAINED = (
-    "r: correlation of the two effects in these records, geometry refitted. "
-    "Probability: that the alias acts and the cause does not. If both act and the "
+    "r: correlation of the two effects in these records after a refit of the geometry. "
+    "Probability: probability that the alias acts and the cause does not. If both act and the "
     "alias is much smaller than its typical magnitude, U of the cause is too small."
 )
 DISCREPANCY = (
-    "RMS of the part that recalibration does not absorb, its standard uncertainty, and the "
-    "probability that the discrepancy exists."
+    "RMS: displacement of the tip that recalibration does not absorb. u: its standard "
+    "uncertainty. Probability: probability that the discrepancy exists."
 )
-GROUPS = (
-    "Groups that do not agree with the other records, and the ratio of their residuals "
-    "to those of the others; check the set-up of these groups"
-)
+GROUPS = "Groups of records that disagree with the other records; check their set-up"
 """Captions of tables, and how to read them."""
 
 
@@ -170,7 +171,9 @@ def verdict_in_words(result: Diagnosis) -> str:
         case "ambiguous":
             text = _ambiguous(result, wrong)
         case _:
-            after = "recalibration and extension" if result.findings else "recalibration"
+            after = "recalibration"
+            if result.findings:
+                after += f" with {'this cause' if len(result.findings) == 1 else 'these causes'}"
             text = f"{wrong}. After {after}, {_left_in_words(result)}"
     return f"{_excluded_in_words(result)}{result.model.arm.name}: {text}.{doubts}"
 
@@ -181,12 +184,13 @@ def certainty_in_words(result: Diagnosis) -> str:
         return ""
     least = probability(min(finding.probability for finding in result.findings))
     one = len(result.findings) == 1
-    text = f"{'The' if one else 'The least probable'} cause acts with probability {least}"
+    cause = "This cause" if one else "The least probable of these causes"
+    text = f"{cause} acts with probability {least}."
     share = _shares(result).get(_labels(result))
     if share is None:
-        return f"{text}."
-    alone = "it acts alone" if one else "exactly these act"
-    return f"{text}; {alone} with probability {probability(share)}."
+        return text
+    alone = "It acts alone" if one else "These causes and no others act"
+    return f"{text} {alone} with probability {probability(share)}."
 
 
 def _labels(result: Diagnosis) -> frozenset[str]:
@@ -212,11 +216,11 @@ def next_set_in_words(result: Diagnosis) -> str:
         for labels in (likely - found, found - likely)
     )
     if more and fewer:
-        text = f"{more} in place of {fewer}"
+        text = f"{more} may act in place of {fewer}"
     elif more:
-        text = f"{more} in addition" if found else more
+        text = f"{more} may act{' in addition' if found else ''}"
     else:
-        text = f"all but {fewer}" if likely else "nothing"
+        text = f"{fewer} may not act" if likely else "possibly no cause acts"
     return f"{capital(text)} (probability {probability(share)})."
 
 
@@ -227,11 +231,14 @@ def _ambiguous(result: Diagnosis, wrong: str) -> str:
     likely = [(labels, share) for labels, share in others if share >= THRESHOLDS.rival]
     named = []
     for labels, share in likely[:ALTERNATIVES] or others[:1]:
-        causes = labels_in_words(result, labels) or "nothing"
+        causes = labels_in_words(result, labels) or "no cause"
         named.append(f"{causes} (probability of this set {probability(share)})")
     if not found:
-        return f"these records do not determine what the model lacks: {listed(named, 'or')}"
-    return f"{wrong}; other sets that may act: {listed(named, 'or')}"
+        return (
+            "these records do not determine which causes the model lacks. The most probable sets "
+            f"of causes are {listed(named)}"
+        )
+    return f"{wrong}. Other sets of causes that may act: {listed(named, 'or')}"
 
 
 def _excluded_in_words(result: Diagnosis) -> str:
@@ -254,7 +261,7 @@ def _wrong_in_words(result: Diagnosis) -> str:
         text += f", but adding {them} does not improve the prediction of held-out records"
     if not values:
         return text
-    off = f"stated values have unusually large errors: {_named(values, result.model.arm)}"
+    off = f"some stated values have unusually large errors: {_named(values, result.model.arm)}"
     if result.verdict == "unexplained" and not causes:
         return off
     return f"{text}; {off}"
@@ -282,7 +289,7 @@ def _causes_in_words(result: Diagnosis, causes: Sequence[Finding]) -> str:
 def _none_found(result: Diagnosis) -> str:
     """That no cause was found, and how probable it is that none acts."""
     chance = probability(1.0 - result.more)
-    return f"diagnose found no cause that the model lacks (probability {chance} that none acts)"
+    return f"the model lacks no cause of error, with probability {chance}"
 
 
 def _named(findings: Sequence[Finding], arm: Arm) -> str:
@@ -291,7 +298,7 @@ def _named(findings: Sequence[Finding], arm: Arm) -> str:
     named = [several_in_words(sure, arm)] if sure else []
     for finding in findings:
         if finding.effect not in sure:
-            chance = f"inclusion probability {probability(finding.probability)}"
+            chance = f"probability {probability(finding.probability)}"
             named.append(f"{in_words(finding.effect, arm)} ({chance})")
     return listed(named)
 
@@ -301,19 +308,19 @@ def _inconclusive(result: Diagnosis, wrong: str) -> str:
     if not result.converged:
         return f"the search did not converge ({result.converge_note}); no conclusion is possible"
     if not extended.tells_noise:
-        return "the records are too few to distinguish a cause from noise"
+        return "the file has too few records to distinguish a cause of error from noise"
     if extended.too_many_excluded:
         out, used = int(extended.excluded.sum()), int(extended.used.sum())
         return (
-            f"{out} of {out + used} records do not agree with the others, too many for gross "
-            f"errors; by the others: {wrong}"
+            f"{out} of {out + used} records disagree with the others, which is too many for gross "
+            f"errors. According to the others, {wrong}"
         )
     doubts = "; ".join(doubts_in_words(result))
     if not result.findings:
-        return f"no cause was found, but {doubts}"
+        return f"diagnose found no cause of error, but {doubts}"
     if not doubts:
         return f"these records suggest that {wrong}"
-    return f"these records suggest that {wrong}; but {doubts}"
+    return f"these records suggest that {wrong}, but {doubts}"
 
 
 def _not_explained(result: Diagnosis) -> str:
@@ -322,12 +329,12 @@ def _not_explained(result: Diagnosis) -> str:
     names = [COVARIATES.get(name, name) for name in unexplained.depends_on]
     depends = listed([*dict.fromkeys(names)])
     if depends:
-        more = f"the residuals depend on {depends} in a way that no tried cause explains"
+        more = f"the residuals depend on {depends} in a way that no cause of the library explains"
         if larger:
             more = f"{sizes}; {more}"
     elif unexplained.has_background:
         size = _background(unexplained)
-        more = f"the residuals have structure of {size} that no single column explains"
+        more = f"the residuals have structure of {size} that depends on no single column"
     elif unexplained.apart and not larger:
         more = ""
     else:
@@ -338,9 +345,9 @@ def _not_explained(result: Diagnosis) -> str:
 def _sizes_left(result: Diagnosis) -> tuple[str, bool]:
     """How large the residuals stay, and whether that is much more than is known."""
     left = result.rms["extended"]
-    text = f"the RMS residual stays {length(left)}; the stated noise is zero"
+    text = f"the RMS residual is still {length(left)}, but the stated noise is zero"
     if result.noise > NO_SCATTER:
-        text = f"the RMS residual stays {left / result.noise:.1f} times the noise"
+        text = f"the RMS residual is still {left / result.noise:.1f} times the noise"
     turned = result.extended.noise.scatters.turn if result.extended.stated else 0.0
     if turned:
         text += f", and the orientations scatter by {turned / UM:.3g} µrad more than stated"
@@ -365,10 +372,10 @@ def alias_in_words(alias: Alias, arm: Arm) -> str:
 def summary_line(result: Diagnosis) -> str:
     """Sizes of residuals by the three models, the noise, and the gain on held-out records."""
     stated, recalibrated, extended, noise = lengths(result.rms.values())
-    alone = "noise alone" if result.extended.stated else "scatter"
+    alone = "noise alone" if result.extended.stated else "estimated scatter"
     sizes = (
-        f"RMS {stated} as stated → {recalibrated} recalibrated → {extended} extended; "
-        f"{alone} {noise}."
+        f"RMS residual of the nominal arm {stated}, recalibrated arm {recalibrated}, extended arm "
+        f"{extended}; {alone} {noise}."
     )
     return f"{sizes} {gain_in_words(result)}"
 
@@ -377,15 +384,16 @@ def gain_in_words(result: Diagnosis) -> str:
     """What the extended model is worth on held-out records."""
     held = result.held_out
     if held is None:
-        return "No records were held out; the gain on other records is unknown."
+        return "No records were held out, so the gain on new records is unknown."
     if np.array_equal(held.extended, held.recalibrated, equal_nan=True):
-        return "The extended arm is the recalibrated arm, without a gain on held-out records."
+        return "The extended arm has no new cause, and therefore no gain on held-out records."
     low, high = held.interval
     significant = held.beyond_doubt or high < -THRESHOLDS.least_gain
     notes = [] if significant else [", not significant"]
-    interval = f"(95 %: {100 * low:z.0f} to {percent(high)}){''.join(notes)}"
-    arms = f"Gain of the extended over the recalibrated arm on held-out {HELD_OUT_KINDS[held.kind]}"
-    sentences = [f"{arms}: {percent(held.gain)} {interval}.", _of_extended(held)]
+    interval = f"(95 % interval: {100 * low:z.0f} to {percent(high)}){''.join(notes)}"
+    arms = f"On held-out {HELD_OUT_KINDS[held.kind]}, the extended arm has a gain of"
+    over = f"{percent(held.gain)} over the recalibrated arm"
+    sentences = [f"{arms} {over} {interval}.", _of_extended(held)]
     if result.findings and result.extended.too_many_excluded:
         sentences.append(
             "The gain may not hold at new postures, because the extended arm excludes too many "
@@ -398,11 +406,11 @@ def _left_in_words(result: Diagnosis) -> str:
     """What is left of the residuals."""
     extended = result.extended
     if not extended.scatters:
-        return "the arm agrees with the records within their noise"
+        return "the arm agrees with the records within the noise"
     scatter = f"the residuals scatter by {length(extended.unmodelled)} per coordinate"
     if extended.stated:
         return f"{scatter} beyond the stated noise"
-    return f"{scatter}; this scatter counts as noise"
+    return f"{scatter}, which counts as noise, because you did not state all noise"
 
 
 @document_of.register
@@ -417,8 +425,8 @@ def unexplained_in_words(left: Unexplained) -> str:
     sentences += [f"{capital(each)}." for each in _excluded(left)]
     sentences += [*_covariates_in_words(left)]
     if left.gain is not None and (left.acts_on or left.has_background):
-        removes = f"A smooth correction removes {percent(left.gain)}"
-        sentences.append(f"{removes} of what the causes leave on held-out records.")
+        removes = f"a smooth correction removes {percent(left.gain)}"
+        sentences.append(f"On held-out records, {removes} of the residual that the causes leave.")
     return " ".join(sentences)
 
 
@@ -429,14 +437,15 @@ def _covariates_in_words(left: Unexplained) -> Iterator[str]:
         on = f"{listed([*left.acts_on])} ({p})"
         yield f"The residuals depend on {on} in a way that no cause of the library explains."
     elif left.has_background:
-        yield f"No single column explains the remaining structure of {_background(left)}."
+        yield f"The remaining structure of {_background(left)} depends on no single column."
     elif left.groups:
-        yield f"Groups of records do not agree with the others ({p})."
+        yield f"Some groups of records disagree with the others ({p})."
     elif left.left:
         chance = beside_threshold(left)
         yield f"The residuals have significant structure that no named cause explains ({chance})."
     elif left.excluded is None:
-        yield f"No significant structure over a column in the residuals ({beside_threshold(left)})."
+        chance = beside_threshold(left)
+        yield f"The residuals have no significant structure that depends on a column ({chance})."
 
 
 def _saved_in_words(result: Diagnosis) -> str:
@@ -448,12 +457,11 @@ def _saved_in_words(result: Diagnosis) -> str:
     saved = listed([name for name in parts if name not in lost])
     if saved:
         there = any(isinstance(effect, Discrepancy) for effect in result.model.effects)
-        has = "has this discrepancy too"
-        if not there:
-            has = "does not have this discrepancy; --with-discrepancy saves it"
-        said.append(f"The extended arm {has}: {saved}.")
+        has = "contains" if there else "does not contain"
+        how = "" if there else "; --with-discrepancy saves it"
+        said.append(f"The extended arm {has} the discrepancy that depends on {saved}{how}.")
     if lost:
-        over = f"No arm file can have the discrepancy over {listed(lost)}"
+        over = f"No arm file can contain the discrepancy that depends on {listed(lost)}"
         said.append(f"{over}, because new readings have no value of this column.")
     return " ".join(said)
 
@@ -588,9 +596,9 @@ def rms_figure(result: Diagnosis) -> Figure:
     """Sizes of the residuals by the three models."""
     return Figure(
         lambda: plots.plot_rms(result, blank_axes(6.8, 2.0)),
-        "RMS of the residuals by the three models",
-        "RMS residuals by three models: nominal, recalibrated and extended arm. The set-up "
-        "is fitted for each. Dashed: expected from the noise of readings and references.",
+        "RMS residuals of the three models",
+        "RMS residuals of the nominal, the recalibrated and the extended arm. An unknown frame or "
+        "target is fitted for each arm. The dashed line is the RMS residual of noise alone.",
     )
 
 
@@ -604,17 +612,17 @@ def _wrong(result: Diagnosis) -> list[Block]:
     height = 0.5 - 2.2 * (-table["by"].nunique() // 3)
     figure = Figure(
         lambda: plots.plot_groups(result, blank_axes(9.3, height)),
-        "RMS of the residuals by joint range, time, temperature and seat, by the three models",
-        "RMS of the residuals in groups of two or more records. Black: the arm as stated; compare "
-        f"it with the {line} line, {beside}. Grey and blue: recalibrated and extended; compare "
-        "these with the dotted line, the noise alone. The extended model does not explain "
-        "residuals above that line.",
+        "RMS residuals of groups of records by joint range, time, temperature and seat",
+        "RMS residuals of groups of two or more records. Black: nominal arm; compare it with the "
+        f"{line} line, {beside}. Grey: recalibrated arm. Blue: extended arm; compare it with the "
+        "dotted line, the noise alone. If it is above that line, the extended arm does not explain "
+        "the residuals of the group.",
     )
     worst = _worst(result, predicted)
     if worst.empty:
-        none = f"For the arm as stated, no group of records has an RMS residual above {beside}."
+        none = f"No group of records has an RMS residual of the nominal arm above {beside}."
         return [title, figure, Paragraph(none)]
-    caption = f"Largest RMS residuals of the arm as stated, compared with {beside}"
+    caption = f"Groups with the largest RMS residuals of the nominal arm, compared with {beside}"
     return [title, figure, Table(worst, caption, {f"times {predicted}": ".2f"}, most=WORST)]
 
 
@@ -626,8 +634,8 @@ def _worst(result: Diagnosis, predicted: str) -> pd.DataFrame:
     worse = table[table["times_predicted"] > 1.0]
     unit, scale = length_unit(max(result.rms.values()))
     where = [*map(place_in_words, worse["by"], worse["group"])]
-    found = pd.DataFrame({"where": where, "records": worse["records"]})
-    heads = {"simulation": "as stated", "predicted": predicted, "extended": "extended"}
+    found = pd.DataFrame({"group": where, "records": worse["records"]})
+    heads = {"simulation": "nominal", "predicted": predicted, "extended": "extended"}
     for name, head in heads.items():
         found[f"{head} [{unit}]"] = worse[f"{name}_mm"] * (MM / scale)
     found[f"times {predicted}"] = worse["times_predicted"]
@@ -635,8 +643,8 @@ def _worst(result: Diagnosis, predicted: str) -> pd.DataFrame:
 
 
 def _causes(result: Diagnosis) -> list[Block]:
-    none = "" if result.findings else "No cause has a probability above 0.5; diagnose added none."
-    causes = Table(ranking(result), "Causes in the extended model", explained=RANKED)
+    none = "" if result.findings else "No cause has a probability of 0.5 or more."
+    causes = Table(ranking(result), "Causes of error in the extended arm", explained=RANKED)
     return [
         Heading("Causes of error"),
         Paragraph(none, detail=True),
@@ -662,7 +670,7 @@ def _waves(result: Diagnosis) -> list[str]:
         if waves:
             sizes = [f"{n:.3g} ({size / UM:.1f} µrad)" for n, size in waves[:WAVES_LISTED]]
             name = capital(in_words(finding.effect, result.model.arm))
-            lines.append(f"{name}, waves per turn: {', '.join(sizes)}")
+            lines.append(f"{name}, strongest waves per turn (amplitude): {', '.join(sizes)}")
     return lines
 
 
@@ -692,8 +700,8 @@ def _cause_drawn(result: Diagnosis, finding: Finding) -> Figure:
     return Figure(
         lambda: plots.plot_cause(result, finding, blank_axes(7.4, 4.0)),
         f"{words}, from the records",
-        f"{words}. Dots: records, with all other parameters at their fitted values. Circles: their "
-        "means with u. Line: the fitted cause.",
+        f"{words}. Each dot is a record, with all other parameters at their fitted values. Each "
+        "circle is the mean of dots, with u. The line is the fitted cause.",
     )
 
 
@@ -722,21 +730,22 @@ def _held_out(result: Diagnosis) -> list[Block]:
         return [title, Paragraph(gain_in_words(result), detail=True)]
     table = held_out_parts(result)[["part", "records", "gain", "chosen"]]
     chosen = [labels_in_words(result, labels) or "nothing" for labels in table.pop("chosen")]
-    table = table.rename(columns={"part": "left out"}).assign(**{"chosen without it": chosen})
+    table = table.rename(columns={"part": "held-out part"})
+    table = table.assign(**{"causes chosen without it": chosen})
     sentences = [
-        f"{capital(HELD_OUT_KINDS[held.kind])} were left out in turn, also from the choice of "
-        "causes, and predicted by models of the other records: RMS of each.",
-        "Gain = 1 - RMS extended / RMS recalibrated.",
+        f"Each bar is the RMS residual of held-out {HELD_OUT_KINDS[held.kind]}. Causes and values "
+        "come from the other records.",
+        "Gain = 1 - (RMS residual of the extended arm) / (RMS residual of the recalibrated arm).",
         _counted(held),
     ]
     if held.kind == "seats":
         sentences.append(SEATS_JUDGED)
     figure = Figure(
         lambda: plots.plot_held_out(result, blank_axes(7.2, 3.4)),
-        "RMS of each part that was left out, recalibrated and extended",
+        "RMS residual of each held-out part by the recalibrated and the extended arm",
         " ".join(sentences),
     )
-    caption = "What was chosen without each part"
+    caption = "Causes that diagnose chose without each part"
     return [title, figure, Table(table, caption, {"gain": percent}, detail=True)]
 
 
@@ -744,7 +753,7 @@ def _counted(held: Gain) -> str:
     """Which excluded records count in the gain."""
     if not held.gross_errors:
         return _of_extended(held)
-    out = f"Not counted: {count(held.gross_errors, 'record')} that both arms exclude."
+    out = f"The gain leaves out {count(held.gross_errors, 'record')} that both arms exclude."
     return f"{_of_extended(held)} {out}".strip()
 
 
@@ -752,7 +761,8 @@ def _of_extended(held: Gain) -> str:
     """How many records count in the gain though the extended arm excludes them."""
     if not held.excluded:
         return ""
-    return f"Counted too: {count(held.excluded, 'record')} that only the extended arm excludes."
+    few = count(held.excluded, "record")
+    return f"The gain includes {few} that only the extended arm excludes."
 
 
 def _left(result: Diagnosis) -> list[Block]:
@@ -767,16 +777,16 @@ def _shape(result: Diagnosis, name: str) -> Figure:
     way = result.unexplained.acts_on[name]
     return Figure(
         lambda: plots.plot_unexplained(result, name, blank_axes(7.4, 4.0)),
-        f"Structure over {name} without a known cause",
-        f"Over {name}: {way}. Dots: the records.",
+        f"Structure that depends on {name} and that no cause explains",
+        f"Structure that depends on {name}: {way}. Each dot is a record.",
     )
 
 
 def _structure(left: Unexplained) -> list[Block]:
     groups = pd.DataFrame([asdict(group) for group in left.groups])
     forms: dict[str, Format] = {"times": ".1f", "p_value": p_value}
-    heads = {"name": "group", "p_value": "p"}
-    ways = [f"Over {name}: {way}." for name, way in left.acts_on.items()]
+    heads = {"name": "group", "times": "residuals relative to the others", "p_value": "p"}
+    ways = [f"Structure that depends on {name}: {way}." for name, way in left.acts_on.items()]
     return [
         Paragraph(unexplained_in_words(left), finding=left.structure),
         Table(discrepancy_table(left), "The discrepancy at the tip", explained=DISCREPANCY),

@@ -11,7 +11,7 @@ from aacmm_pin.effects import probability, strongest_waves, values_in_words
 FEW_WAVES = 4
 """So many waves of a free curve are listed."""
 BY_MODEL = {
-    "simulation": "as stated",
+    "simulation": "nominal",
     "recalibrated": "recalibrated",
     "extended": "extended",
     "noise": "by noise alone",

@@ -14,7 +14,9 @@ from aacmm_pin.report.numbers import count
 DIAGNOSES_SCHEMA = "aacmm-pin/diagnoses/1"
 RMS = ("rms_as_stated_mm", "rms_recalibrated_mm", "rms_extended_mm")
 SHOWN = ("arm", "records", "verdict", "causes", *RMS, "gain")
-FILE_HEADS = {"records": "file"} | {name: name.removeprefix("rms_") for name in RMS}
+FILE_HEADS = {"records": "file"} | {
+    name: name.removeprefix("rms_").replace("as_stated", "nominal") for name in RMS
+}
 
 
 def diagnoses_document(table: pd.DataFrame) -> Document:
@@ -23,7 +25,7 @@ def diagnoses_document(table: pd.DataFrame) -> Document:
     lacking = table[unused]
     verdicts = table["verdict"].dropna().value_counts()
     parts = [f"{number} {verdict}" for verdict, number in verdicts.items()]
-    parts += [f"{len(lacking)} not used"] if len(lacking) else []
+    parts += [f"{len(lacking)} with an error"] if len(lacking) else []
     found = with_cause_texts(table)[~unused].filter([*SHOWN])
     if table["arm"].nunique() == 1:
         found = found.drop(columns="arm")
@@ -31,11 +33,11 @@ def diagnoses_document(table: pd.DataFrame) -> Document:
         Paragraph(f"{count(len(table), 'file')}: {', '.join(parts)}.", finding=True),
         Table(
             found,
-            "RMS distance of tip and reference, and gain on held-out records",
+            "RMS residuals of the three arms, and gain on held-out records",
             formats={"gain": ".0%"},
             heads=FILE_HEADS,
         ),
-        Bullets([*map(_problem, lacking["records"], lacking["error"])], "Files not used:"),
+        Bullets([*map(_problem, lacking["records"], lacking["error"])], "Files with an error:"),
     ]
     return Document("Diagnoses", blocks)
 

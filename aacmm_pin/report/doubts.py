@@ -31,7 +31,9 @@ def _contradicted_references(result: Diagnosis) -> str:
 
 def _residuals_too_small(_: Diagnosis) -> str:
     """Nothing was found beside a noise that is stated too large, or at angles that nobody read."""
-    return "the residuals are far smaller than the stated noise, and such noise hides every cause"
+    return (
+        "the residuals are far smaller than the stated noise, and noise of this size hides causes"
+    )
 
 
 def _few_causes_shown(result: Diagnosis) -> str:
@@ -44,7 +46,8 @@ def _cause_not_named(result: Diagnosis) -> str:
     """A cause was found with the excluded records only."""
     causes, records = result.otherwise, int(result.extended.excluded.sum())
     excluded = count(records, "excluded record")
-    return f"with the {excluded}, diagnose would find {labels_in_words(result, causes)}"
+    found = labels_in_words(result, causes)
+    return f"if it used the {excluded}, diagnose would find {found}"
 
 
 def _below_zero(result: Diagnosis) -> str:
@@ -77,7 +80,7 @@ def _structure_left(result: Diagnosis) -> str:
 def _more_causes(result: Diagnosis) -> str:
     """Another cause acts with a probability of at least 0.95."""
     chance = f"probability {probability(result.more)}, threshold {THRESHOLDS.settled:g}"
-    return f"a further, unidentified cause acts ({chance})"
+    return f"another cause acts that diagnose cannot identify ({chance})"
 
 
 def _starts_disagree(result: Diagnosis) -> str:
@@ -101,12 +104,8 @@ WORDS_OF_DOUBTS: Mapping[str, Callable[[Diagnosis], str]] = {
 
 
 def beside_threshold(left: Unexplained) -> str:
-    """The p-value of what is left, and its threshold: ``p = 0.02, threshold 0.001 if causes
-    are named``.
-    """
-    alone = left.threshold == THRESHOLDS.left_alone
-    where = "if no cause is named" if alone else "if causes are named"
-    return f"{p_equals(left.p_value)}, threshold {left.threshold:g} {where}"
+    """The p-value of what is left, and its threshold: ``p = 0.02, threshold 0.001``."""
+    return f"{p_equals(left.p_value)}, threshold {left.threshold:g}"
 
 
 def labels_in_words(result: Diagnosis, labels: Sequence[str]) -> str:

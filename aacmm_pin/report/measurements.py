@@ -34,8 +34,8 @@ def measurements_document(records: Measurements) -> Document:
     for name in table.columns.drop(["seat", *BAR, *others], errors="ignore"):
         shown[name] = _range(table[name].to_numpy())
     if others:
-        shown["other columns"] = f"{', '.join(others)} (kept; candidates for 'depends on')"
-    summary = pd.DataFrame({"what": list(shown), "value": list(shown.values())})
+        shown["other columns"] = f"{', '.join(others)} (diagnose compares them with the errors)"
+    summary = pd.DataFrame({"item or column": list(shown), "number or range": [*shown.values()]})
     return Document("Measurements", [str(records), Table(summary)])
 
 
@@ -51,7 +51,7 @@ def conditions_document(conditions: Conditions) -> Document:
             }
         )
     head = (
-        f"{'Conditions' if rows else 'Nothing but the angles is known'} of "
+        f"{'Conditions' if rows else 'Only the angles are known'} of "
         f"{count(conditions.n, 'record')}"
     )
     return Document("Conditions", [Paragraph("", head=head), Table(pd.DataFrame(rows))])

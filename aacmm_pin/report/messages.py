@@ -8,14 +8,13 @@ count (``#record``); ``and``, to list; ``rows``, to list rows.
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from string import Formatter
 from typing import Any
 
-import numpy as np
-
 from aacmm_pin._support.display import two_digits
+from aacmm_pin._support.file_problems import rows_in_words
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import DEG, MM, UM
 from aacmm_pin.effects import listed
@@ -48,18 +47,8 @@ class _Values(Formatter):
         if format_spec == "and":
             return listed([str(each) for each in value])
         if format_spec == "rows":
-            return _runs(value)
+            return rows_in_words(value)
         return format(value, format_spec)
-
-
-def _runs(rows: Iterable[int]) -> str:
-    """Rows in order, those in unbroken sequence by the first and the last."""
-    numbers = np.array([*rows])
-    starts = np.flatnonzero(np.diff(numbers) != 1) + 1
-    words = []
-    for first, *others in np.split(numbers, starts):
-        words.append(f"{first} to {others[-1]}" if others else str(first))
-    return ", ".join(words)
 
 
 _TEXT = (Path(__file__).parent / "messages.toml").read_text(encoding="utf-8")

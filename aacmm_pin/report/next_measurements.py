@@ -18,7 +18,7 @@ from aacmm_pin.report.plan import advice, mostly_seats
 
 PLACE, SCALE = ("x", "y", "z", "place"), "scale"
 """Names of what :mod:`aacmm_pin.diagnosis.covariates` calls so."""
-MORE_RECORDS = "take more records, at other postures: these show which of the listed causes act"
+MORE_RECORDS = "take more records, at other postures, to find which of the listed causes act"
 ORDER = ("record", "time")
 """The same, of the order in which records were taken."""
 
@@ -65,8 +65,8 @@ def _first(result: Diagnosis) -> str:
     if unexplained.readings and not unexplained.depends_on:
         joint = unexplained.readings[0].joint
         return (
-            f"approach some postures with joint {joint} from both sides and under other loads: "
-            "the encoder or gear of this joint does not follow the model"
+            f"approach some postures with joint {joint} from both sides and under other loads, "
+            "because the encoder or the gear of this joint does not follow the model"
         )
     if (
         verdict == "unexplained"
@@ -79,21 +79,21 @@ def _first(result: Diagnosis) -> str:
             "diagnose the two parts separately"
         )
     if result.contradicted and verdict != "unexplained":
-        return f"measure the stated places again: {'; '.join(map(str, result.contradicted))}"
+        return f"measure the references again: {'; '.join(map(str, result.contradicted))}"
     if verdict == "inconclusive" and not findings:
         return (
-            f"take more records, at other postures; the present ones would have shown {seen} of "
+            f"take more records, at other postures. The present records would show only {seen} of "
             f"{of} causes of typical magnitude"
         )
     if verdict == "no-discrepancy":
         return (
-            "keep these records for the next check. The records would have shown "
+            "keep these records for the next check. They would show "
             f"{seen} of {of} causes of typical magnitude"
         )
     if unexplained.groups and unexplained.depends_on[:1] == (unexplained.groups[0].name,):
         return (
-            f"set up {unexplained.groups[0].name} again and repeat the records of this group; "
-            "diagnose the other records without these"
+            f"set up {unexplained.groups[0].name} again, repeat its records, and diagnose the "
+            "other records without them"
         )
     if unexplained.shared_by_postures is not None and not unexplained.depends_on:
         return (
@@ -112,8 +112,8 @@ def _first(result: Diagnosis) -> str:
         and result.choice.noise.postures.repeat
     ):
         return (
-            "check columns, units and reference frame, and note what changes between postures. "
-            "The repeats show the true noise; the residuals exceed the stated noise"
+            "check columns, units and reference frame, and note what changes between postures, "
+            "because the residuals exceed the noise that the repeats show"
         )
     if verdict == "unexplained" and not unexplained.depends_on:
         return (
@@ -134,14 +134,14 @@ def _first(result: Diagnosis) -> str:
         )
     if result.no_better:
         return (
-            "take more records, at other postures: the extended model does not yet predict "
+            "take more records, at other postures, because the extended arm does not yet predict "
             "held-out records better"
         )
     if negative := [finding.label for finding in findings if finding.below_zero]:
         return (
             "check the signs of gravity in the arm file, torques and temperatures, for "
-            f"{' and '.join(negative)}. If the signs are right, more records at other postures "
-            "may show which cause has a similar effect"
+            f"{' and '.join(negative)}. If the signs are right, another cause may act: take more "
+            "records, at other postures"
         )
     if verdict == "inconclusive":
         doubts = doubts_in_words(result) or ["these records do not yet confirm the causes found"]
@@ -149,12 +149,12 @@ def _first(result: Diagnosis) -> str:
     until = [getattr(finding.effect, "until_s", None) for finding in findings]
     if ends := [end for end in until if end is not None]:
         return (
-            f"take records after {max(ends):.4g} s, by the same clock: these show whether the "
-            "drift stops or continues"
+            f"take records after {max(ends):.4g} s, by the same clock, to see whether the drift "
+            "stops or continues"
         )
     return (
-        "take new records over the full ranges of the joints. Run aacmm-pin check on these with "
-        f"the extended arm; {_as_held_out(result)}"
+        "take new records over the full ranges of the joints. Run aacmm-pin check with the "
+        f"extended arm on the new records, and {_as_held_out(result)}"
     )
 
 
@@ -212,7 +212,7 @@ def _to_distinguish_pair(result: Diagnosis, cause: Effect, other: Effect) -> str
         if freer.cause in one.special_case_of and freer.place == one.place:
             return (
                 f"take more records, with the angles of the joint of {one.label} evenly over its "
-                "range. These show how the error depends on the angle"
+                "range, to see how the error depends on the angle"
             )
     return _plan_for(result, (cause, other))
 
@@ -245,10 +245,8 @@ def _noise_as_found(result: Diagnosis) -> dict[str, Any]:
 def _off(finding: Finding) -> str:
     """Where the records put a seat."""
     values = ", ".join(f"{value:.3f}" for value, _ in finding.parameters.values())
-    place = f"the position of {finding.effect.place}"
-    return (
-        f"{place}, which by these records is displaced by ({values}) mm from the stated coordinates"
-    )
+    place = f"the coordinates of {finding.effect.place}"
+    return f"{place}, which these records place at ({values}) mm from the stated coordinates"
 
 
 def _otherwise(depends_on: Sequence[str]) -> str:
@@ -261,13 +259,13 @@ def _otherwise(depends_on: Sequence[str]) -> str:
         found.append(f"probe the same places in postures with other angles of {listed(joints)}")
     if places:
         found.append(
-            "measure the same postures with the stand elsewhere, which distinguishes an effect "
-            "of the room from one of the arm"
+            "measure the same postures with the stand elsewhere, which shows whether the room or "
+            "the arm causes the error"
         )
     if SCALE in depends_on:
         found.append(
-            "measure a length that another calibration states, which shows whether the "
-            "references or the arm are wrong"
+            "measure a length with an independent calibration, which shows whether the "
+            "references or the arm have the error"
         )
     if moments := [name for name in others if name.startswith("moment ")]:
         found.append(

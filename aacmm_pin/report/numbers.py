@@ -79,12 +79,12 @@ def head(name: str) -> str:
 
 
 def spread(frame: pd.DataFrame, over: str) -> pd.DataFrame:
-    """Least, median and largest of each column, what is not finite left out; ``over``: what the
+    """Smallest, median and largest of each column, what is not finite left out; ``over``: what the
     rows of the frame are.
     """
     numbers = frame.astype(float).replace([np.inf, -np.inf], np.nan)
     found = numbers.agg(["min", "median", "max"]).reset_index(drop=True)
-    found.insert(0, over, ["least", "median", "largest"])
+    found.insert(0, over, ["smallest", "median", "largest"])
     return found
 
 

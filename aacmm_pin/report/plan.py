@@ -36,12 +36,12 @@ def plan_document(plan: MeasurementPlan) -> Document:
     tried = [*map(_tried, plan.tried)]
     considered = pd.DataFrame(tried if len(tried) > 1 else [])
     forms = {"T": ".3g"}
-    pairs = "Pairs of causes that these postures can distinguish, the worst first"
+    pairs = "Pairs of causes that these postures can distinguish, smallest T first"
     return Document(
         "Plan",
         [
             Paragraph(str(plan), head="Plan:"),
-            Table(considered, "Set-ups that were considered", forms),
+            Table(considered, "Set-ups that the plan considered", forms),
             Table(_pairs(plan), pairs, forms, most=PAIRS_LISTED),
             *where_to_go(plan),
             Notes(plan.notes),
@@ -52,7 +52,7 @@ def plan_document(plan: MeasurementPlan) -> Document:
 def _tried(tried: Tried) -> dict[str, Any]:
     chance = None if tried.why_not else probability(tried.power.probability)
     row = {"set-up": tried.words, "T": tried.power.least, RIGHT: chance}
-    return row | {"why not": tried.why_not}
+    return row | {"reason against it": tried.why_not}
 
 
 def _pairs(plan: MeasurementPlan) -> pd.DataFrame:
@@ -61,7 +61,7 @@ def _pairs(plan: MeasurementPlan) -> pd.DataFrame:
     """
     if plan.pairs is None:
         return pd.DataFrame()
-    heads = {"cause": "cause", "other": "from", "T": "T", "told": "distinguished"}
+    heads = {"cause": "cause", "other": "other cause", "T": "T", "told": "distinguished"}
     open_ = plan.pairs["why_not"] == ""
     return plan.pairs.loc[open_, [*heads]].rename(columns=heads)
 
@@ -72,12 +72,12 @@ def plan_line(plan: MeasurementPlan) -> str:
     if plan.asked:
         what = f"to distinguish {one} from {other}"
     else:
-        what = f"to distinguish all causes, of which {one} and {other} are the closest"
+        what = f"to distinguish all causes, of which {one} and {other} are the most similar"
     if plan.before is not None and not plan.needed:
         return (
-            f"no more records are needed {what}. The {plan.existing} existing ones are enough: "
-            f"{RIGHT} {probability(plan.before.probability)}. Use these {len(plan.records)} to "
-            "check the result with new records"
+            f"no more records are needed {what}. With the {plan.existing} existing records, the "
+            f"{RIGHT} is {probability(plan.before.probability)}. You can use the "
+            f"{len(plan.records)} planned records to check the result"
         )
     text = f"{len(plan.records)} records {what}. Set-up: {plan.setup}. {_power(plan)}"
     return text + "".join(f"; {one.words}: {one.why_not}" for one in plan.tried if one.why_not)
@@ -87,20 +87,20 @@ def _power(plan: MeasurementPlan) -> str:
     """What the planned records decide."""
     if plan.after.same:
         return (
-            "No set-up that was considered distinguishes these causes. If both correct the arm "
-            "in the same way, use the extended arm with either"
+            "No set-up that the plan considered distinguishes these causes. If both correct the "
+            "arm in the same way, use the extended arm with one of them"
         )
-    text = f"T = {plan.after.least:.3g} (expected increase of χ² with the wrong cause), "
-    text += f"{RIGHT} {probability(plan.after.probability)}"
+    text = f"The {RIGHT} is {probability(plan.after.probability)}"
     if plan.before is not None:
-        text += f" ({probability(plan.before.probability)} with the existing records alone)"
-    return text + ("" if plan.decided else f"; this is not enough to decide{_more(plan)}")
+        text += f", and {probability(plan.before.probability)} with only the existing records"
+    text += f" (expected increase of χ² with the wrong cause: T = {plan.after.least:.3g})"
+    return text + ("" if plan.decided else f". This is not enough to decide{_more(plan)}")
 
 
 def _more(plan: MeasurementPlan) -> str:
     """How many records would decide; "" if that is not known."""
     beside = f" in addition to the {plan.existing} existing ones" if plan.existing else ""
-    return "" if plan.enough is None else f"; about {plan.enough} new records{beside} would decide"
+    return "" if plan.enough is None else f"; about {plan.enough} new records{beside} are enough"
 
 
 def plan_advice(plan: MeasurementPlan, options: Sequence[str] = ()) -> str:
@@ -113,24 +113,23 @@ def plan_advice(plan: MeasurementPlan, options: Sequence[str] = ()) -> str:
     one, other = plan.split
     if plan.after.same:
         pair = f"{one.label} from {other.label}"
-        return f"no set-up that was considered distinguishes {pair}: {plan.tried[-1].why_not}"
+        return f"no set-up that the plan considered distinguishes {pair}: {plan.tried[-1].why_not}"
     before = 0.5 if plan.before is None else plan.before.probability
     if plan.before is not None and plan.after.probability - before < LEAST_CHANGE:
         return (
-            f"take more records, at other postures, to distinguish {one.label} from {other.label}: "
-            "records of the same kind, planned for these two alone, add nothing"
+            f"take more records, at other postures, to distinguish {one.label} from {other.label}. "
+            "A plan for these two causes alone proposes no useful records of the same kind"
         )
     odds = f"from {probability(before)} to {probability(plan.after.probability)}"
     if not plan.decided:
         odds += _more(plan) or ", not enough yet"
     if plan.changes_arm:
-        odds += "; diagnose the new records with set_up.toml, separately from the old ones"
+        odds += "; diagnose the new records with set_up.toml, separately from the existing ones"
     where = f", and {plan.setup}" if plan.set_up else ""
     return (
-        f"to distinguish {one.label} from {other.label}, measure {len(plan.records)} records where "
-        f"the two differ most{where}: {_command(plan, options)} "
-        f"(by a quick plan for these two causes alone, the probability of the right decision "
-        f"rises {odds})"
+        f"to distinguish {one.label} from {other.label}, take {len(plan.records)} records at "
+        f"postures where they differ most{where}: {_command(plan, options)} "
+        f"(a quick plan for these two causes alone predicts that the {RIGHT} rises {odds})"
     )
 
 

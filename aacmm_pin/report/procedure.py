@@ -39,8 +39,8 @@ ARTEFACT_OF_TEST = {
 """Tests whose artefacts are those of another."""
 ORIGIN = (
     "Definitions and decision rule come from public descriptions of "
-    f"{', '.join(EDITIONS.values())} and {RULE_OF}. They "
-    "were never compared with the standards' texts; compare them before a contract depends on a "
+    f"{', '.join(EDITIONS.values())} and {RULE_OF}. Nobody "
+    "compared them with the texts of the standards. Compare them before a contract depends on a "
     "verdict."
 )
 """Stands first where a test is planned, predicted or evaluated."""
@@ -48,16 +48,16 @@ ZONES = "0 to 20, 20 to 80 and 80 to 100 % of the reach"
 """Zones of the single points of ASME B89.4.22; the standard's text rules. Probed points do not show
 whether they were kept.
 """
-POSITIONS = "Positions of the artefacts; of a bar, those of end A and of its far end"
-ONE_ROW = "Consecutive points of one feature in one posture are one row"
+POSITIONS = "Positions of the artefacts (of a bar: end A and the far end)"
+ONE_ROW = "One row for all consecutive points of one feature in one posture"
 FILL_IN = (
-    ("Line numbers are those of the CSV file. Probe the points in this order, and tick each row."),
+    ("Probe the points in this order, and tick each row. Line numbers are those of the CSV file."),
     "Fill in the coordinates of the centre of the probe (x_mm, y_mm, z_mm), the "
     "readings (theta1_deg …), or both. The evaluation ignores empty columns.",
     "Replace the planned diameters and lengths by the calibrated values. State their standard "
     "uncertainty in u_length_mm: the verdict depends on it.",
-    "Place each artefact within a few centimetres of its position, and move the arm to the posture "
-    "in words. The test uses the measured values, not the planned ones.",
+    "Place each artefact within a few centimetres of its position. Move the arm to the posture "
+    "that the row describes. The test uses the measured values, not the planned ones.",
     "Left and right are as seen by a person behind the stand who looks from the shoulder to the "
     "tip. Out is away from the stand. Bearings are measured from the x axis of the base, "
     "counter-clockwise seen from above.",
@@ -69,7 +69,7 @@ def procedure_document(procedure: Procedure) -> Document:
     """The sheet, with the CSV to be filled in inside."""
     tests = set(procedure.probed_points["test"])
     seats = (
-        f"According to public descriptions of {EDITIONS[ASME]}, seats are at {ZONES}."
+        f"According to public descriptions of {EDITIONS[ASME]}, the seats must be at {ZONES}."
         if "single-point" in tests
         else ""
     )

@@ -21,7 +21,12 @@ from aacmm_pin._support.units import MM, plain_mm
 from aacmm_pin.effects import ErrorModel, GivenModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements import measurement_file
-from aacmm_pin.verification.characteristics import DEFINITIONS, Definition, definitions
+from aacmm_pin.verification.characteristics import (
+    DEFINITIONS,
+    UNCALIBRATED,
+    Definition,
+    definitions,
+)
 from aacmm_pin.verification.doubts import check_unit, doubts
 from aacmm_pin.verification.evaluators import LENGTH_KEY, Evaluated, without_value
 from aacmm_pin.verification.places import Place
@@ -251,7 +256,7 @@ class AcceptanceResult(Shown):
     ) -> str:
         """The verdict of one set of coordinates, and which characteristics decide it."""
         of = sum(figure.source == source for figure in self.figures)
-        given = f"(MPE given for {len(self._with_mpe(source))} of {of} characteristics)"
+        given = f"({len(self._with_mpe(source))} of {of} characteristics have an MPE)"
         if not by:
             return f"no verdict {given}"
         names = [f.definition.name + (" without a value" if f.verdict is None else "") for f in by]
@@ -424,8 +429,11 @@ def _notes(
     unstated = [f for f in judged if math.isnan(f.evaluated.u) and not f.stated]
     partly = [f for f in judged if f.stated and f.stated < len(f.evaluated.errors)]
     notes = []
-    if unstated:
-        notes.append(Note("guard_band_zero", {"figures": _names(unstated)}))
+    alone = [f for f in unstated if f.definition.name.startswith(UNCALIBRATED)]
+    compared = [f for f in unstated if not f.definition.name.startswith(UNCALIBRATED)]
+    for code, those in (("guard_band_zero", compared), ("no_guard_band", alone)):
+        if those:
+            notes.append(Note(code, {"figures": _names(those)}))
     if partly:
         notes.append(Note("some_guard_bands_zero", {"figures": _names(partly)}))
     far = [f for f in judged if f.mpe > max(FAR_BELOW * abs(f.evaluated.value), MM)]

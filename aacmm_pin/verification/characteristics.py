@@ -81,6 +81,8 @@ class Definition:
         return str(Note(self.name))
 
 
+UNCALIBRATED = ("P_Form", "L_Dia", "SPAT", "SinglePoint")
+"""Beginnings of the names of characteristics that are compared with no calibrated value."""
 TWO_SPHERES = Needed(((SPHERE, 2),), 25)
 FIVE_REPEATS = Needed(((SPHERE, 1), (("repeat",), 5)), 5)
 THREE_REPEATS = Needed((((*SPHERE, "repeat"), 3),), 9)

@@ -127,7 +127,7 @@ def _draw_groups(
             label=label,
         )
     for name, colour in MODELS.items():
-        label = "as stated" if name == "simulation" else name
+        label = "nominal" if name == "simulation" else name
         panel.plot(
             np.arange(len(table)),
             table[f"{name}_mm"],
