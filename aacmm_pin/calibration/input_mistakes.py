@@ -237,7 +237,8 @@ def _sessions_fit_alone(problem: Problem) -> bool:
 
 
 def _require_no_mistake_in_a_session(problem: Problem) -> None:
-    """Refuse records of which some sessions fit the arm, if a mistake explains another session.
+    """Refuse records of which some sessions fit the arm, if a mistake explains another session: one
+    in its columns, as the arm or the references may have been moved between sessions.
 
     Raises:
         MistakenFileError: the mistake.
@@ -246,7 +247,7 @@ def _require_no_mistake_in_a_session(problem: Problem) -> None:
     if min(distances.values(), default=np.inf) < FAR:
         for alone, distance in distances.items():
             if distance >= FAR:
-                _require_no_mistake(alone, distance, thorough=False, options=True)
+                _require_no_mistake(alone, distance, thorough=False, options=False)
 
 
 def _distance_alone(problem: Problem) -> float:
