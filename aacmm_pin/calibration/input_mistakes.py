@@ -600,7 +600,10 @@ def _mistakes(problem: Problem) -> Iterator[_Mistake]:
         yield _Mistake(name, "columns", angle_matrix=identity[order])
     arm = problem.model.arm
     rows = arm.chain.moving_rows()
+    yield from _of_couplings(arm)
     for j, sign in product(range(1, records.nq), (1.0, -1.0)):
+        if arm.coupling_matrix[j, j - 1]:
+            continue
         code = "joint_shows_sum" if sign < 0 else "joint_shows_difference"
         angle_matrix = identity + sign * np.outer(identity[j - 1], identity[j])
         ratio = (arm.coupling_matrix @ angle_matrix.T)[j, j - 1]
@@ -642,6 +645,25 @@ def _of_frame(external: bool) -> Iterator[_Mistake]:
             )
             yield _Mistake(Note("other_axes", {"axes": came}), "axes", axes=(order, signs))
     yield _Mistake(Note("other_frame"), "axes", external_frame=True)
+
+
+def _of_couplings(arm: Arm) -> Iterator[_Mistake]:
+    """The ratio of a stated coupling with the opposite sign, inverted or left out."""
+    stated = arm.coupling_matrix
+    without = np.eye(arm.nq)
+    rows = arm.chain.moving_rows()
+    for j, k in np.argwhere(stated != without):
+        ratio = float(stated[j, k])
+        inverse = 1.0 / ratio if j == k else 0.0
+        for expected in {-ratio, inverse, float(without[j, k])} - {ratio}:
+            changed = stated.copy()
+            changed[j, k] = expected
+            name = Note(
+                "coupling_ratio",
+                {"joint": rows[j], "of": rows[k], "ratio": ratio, "expected": expected},
+            )
+            angle_matrix = np.asarray(np.linalg.solve(stated, changed).T)
+            yield _Mistake(name, "sum", angle_matrix=angle_matrix)
 
 
 def _of_convention(arm: Arm) -> Iterator[_Mistake]:

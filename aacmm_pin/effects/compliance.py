@@ -17,6 +17,9 @@ from aacmm_pin.effects.state import State
 from aacmm_pin.effects.tube import Tube, length_of
 from aacmm_pin.errors import AacmmError, UnsupportedArmError
 
+VERTICAL = 0.01
+"""An axis within this angle of the vertical has no moment of a weight about it [rad]."""
+
 
 @dataclass(frozen=True)
 class JointCompliance(GravityEffect):
@@ -54,7 +57,7 @@ class JointCompliance(GravityEffect):
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
         """Every joint that turns: by measured torques, which have noise, and by the weights, known
-        or unknown.
+        or unknown, but for a vertical axis of the first joint.
 
         The other causes that yield know the weights alone; by noisy torques alone it would seem to
         fit worse than these.
@@ -68,9 +71,10 @@ class JointCompliance(GravityEffect):
                 # constant lever
                 continue
             tried = [cls(row, torque="measured")] if measured else []
-            if arm.masses is not None:
+            moment = number > 0 or not _first_axis_is_vertical(arm)
+            if moment and arm.masses is not None:
                 tried.append(cls(row))
-            elif records is not None:
+            elif moment and records is not None:
                 tried.append(cls(row, bodies=tuple(rows[number:])))
             if tried:
                 yield tuple(tried)
@@ -107,6 +111,12 @@ class JointCompliance(GravityEffect):
                 state, self.joint, state.along_axis(self.joint, self.moments(state, self.joint))
             )
         ]
+
+
+def _first_axis_is_vertical(arm: Arm) -> bool:
+    rotation, _ = arm.chain.walk(np.zeros((1, arm.nq)))
+    first = rotation[arm.chain.moving_axes()[0], 0, :, 2]
+    return float(np.linalg.norm(np.cross(first, arm.up))) < VERTICAL
 
 
 @dataclass(frozen=True)
