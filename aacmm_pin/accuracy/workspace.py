@@ -251,8 +251,7 @@ class WorkspaceMap(Shown):
             return f"{where}, all out of reach{unknown}"
         mean = float(self.data["flexibility"].mean())
         return (
-            f"{where}, {self.unreachable} cells out of reach, {full} cells with postures in every "
-            "sector"
+            f"{where}, {self.unreachable} cells out of reach, {full} cells with all sectors"
             + (f", mean flexibility {mean:.3f}" if np.isfinite(mean) else "")
             + unknown
             + omission(self.not_included)

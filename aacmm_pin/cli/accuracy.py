@@ -129,7 +129,8 @@ def _length(
 def _note_noise(model: ErrorModel, encoder_noise: float | None) -> None:
     if encoder_noise is None and model.arm.encoder_noise is None:
         note(
-            "encoder noise not given: u contains only the parameters; to add it, use --encoder-noise"
+            "encoder noise not given: u contains only the uncertainties of the parameters; to add "
+            "the noise, use --encoder-noise"
         )
 
 

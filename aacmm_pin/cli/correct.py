@@ -77,7 +77,7 @@ def run(
         bool,
         typer.Option(
             "--commands",
-            help="Take the angles as robot commands: add corrected commands that bring the real tip to "
+            help="Take angles as robot commands: add corrected commands that bring the real tip to "
             "the position of the nominal tip, and u there.",
         ),
     ] = False,

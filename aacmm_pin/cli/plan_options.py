@@ -60,8 +60,8 @@ class PlannedRecords(PlanFiles):
     scheme: Annotated[
         PlannedScheme,
         typer.Option(
-            help="Kind of references. free: coordinates of each record. seats: seats of --existing, "
-            "or new seats.",
+            help="Kind of references. free: coordinates of each record. seats: seats of "
+            "--existing, or new seats.",
         ),
     ] = "free"
     postures: Annotated[

@@ -41,7 +41,7 @@ class Orientation:
         bool,
         typer.Option(
             "--tip",
-            help="Place the tip at the point, not the wrist. --axis and --rpy-deg imply this option.",
+            help="Place the tip at the point, not the wrist (implied by --axis and --rpy-deg).",
         ),
     ] = False
     axis: Annotated[

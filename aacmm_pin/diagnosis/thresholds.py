@@ -19,63 +19,69 @@ class Thresholds:
     Where no measurement is stated, other values were not tried.
 
     Attributes:
-        widths: prior standard deviations τ of a cause's parameters, in units of the typical
-            magnitude, each as probable.
-        amplitudes: root mean square of the background over that of the noise, each as probable.
-        library: prior probability, if anything is there, that it is a cause of the library.
-        noise_misstated: prior probability that a stated noise is not the noise.
-        scale_dof: degrees of freedom of the inverse gamma prior of the variance in that case.
-        readings: log likelihood by which readings that scatter more than stated have to be likelier
-            than tips that do. Blind files with a branch or a gear's error: 35 to 62; with smooth
-            structure or none: 0 to 0.1.
-        as_stated: a scatter beside all that was found is the stated noise if it is not larger by
-            this.
-        rescaled: a scatter that changes by less than this factor from round to round is found.
-        reach: sets whose log posterior is lower than the largest by more are not expanded. A
-            sampler over sets found no better one in 5 real and 17 of 18 blind files, and inclusion
-            probabilities within 0.013.
-        negligible_set: sets whose log posterior is lower by more have no weight. In files with
-            nothing hidden, those between both had 0.04.
-        expanded: of sets that are less probable than this part of the most probable, no additions
-            are ranked. Of 720 records of a Fanuc, whose posterior is flat, the leading cause had
+        widths: prior standard deviations τ of the parameters of a cause, in units of the typical
+            magnitude; all are equally probable.
+        amplitudes: RMS of the background divided by the RMS of the noise; all values are equally
+            probable.
+        library: prior probability that an error comes from a cause of the library.
+        noise_misstated: prior probability that the stated noise is wrong.
+        scale_dof: degrees of freedom of the inverse gamma prior of the variance if the stated noise
+            is wrong.
+        readings: increase of the log likelihood from which on the readings of a joint have a
+            scatter of their own. Blind files with a branch or an error of a gear: 35 to 62; with
+            smooth structure or none: 0 to 0.1.
+        as_stated: a scatter that is larger than the stated noise by at most this factor counts as
+            the stated noise.
+        rescaled: a scatter is stable if it changes by less than this factor from round to round.
+        reach: a set is not expanded if its log posterior is below the largest by more than this. A
+            sampler over sets found no better set in 5 real and 17 of 18 blind files, and
+            probabilities of causes within 0.013.
+        negligible_set: a set has no weight if its log posterior is below the largest by more than
+            this. In files without hidden causes, sets between `reach` and this value had a weight
+            of 0.04.
+        expanded: a set is not expanded if its probability is below this part of the largest. For
+            720 records of a Fanuc, whose posterior is flat, the leading cause had a probability of
             0.85 at 0.01, 0.79 at 0.004, 0.78 at 0.002, and 0.79 by a sampler over sets.
-        close: of sets whose log posterior is about lower by more, it is not worked out exactly.
-        expansions: sets of which all additions are ranked, at most, from each half of the starts.
-        expansions_of_part: the same where a part of the records is left out.
-        holds: sets with a larger weight have their members exchanged, for one other and for two.
-            Exchanged before weaker sets are expanded: a set better by 4.3 was found in a real file.
-        instead: candidates in the place of a member beside which another is tried, besides those
-            that it contains.
-        imitated: one of two that imitate a member explains at least this part of what the member
-            does, in log posterior.
-        leading: leading causes of which each is a start.
-        agreement: difference of an inclusion probability between the two halves of the starts up to
+        close: the posterior of a set is approximate if its log posterior is below the largest by
+            more than about this.
+        expansions: largest number of expanded sets in each half of the exploration.
+        expansions_of_part: the same if a part of the records is held out.
+        holds: members of a set are exchanged for one or two other candidates if the weight of the
+            set is larger than this. The exchange precedes the expansion of weaker sets: it found a
+            set better by 4.3 in a real file.
+        instead: number of candidates that replace a member while another candidate is added,
+            besides those that the member contains.
+        imitated: a member is exchanged for two candidates if one of them explains at least this
+            part of what the member explains, in log posterior.
+        leading: number of leading candidates from which the second half of the exploration starts.
+        agreement: largest difference of a probability between the halves of the exploration at
             which they agree.
-        named: inclusion probability from which on a cause is in the extended arm and in sentences.
-        settled: inclusion probability from which on a cause is named without doubt.
-        worth_listing: aliases and sets that are less probable are not listed.
-        same: canonical correlation from which on an alias is listed whatever its probability.
-        unlike: causes with a smaller one are no aliases, whatever their probability.
-        shows: noncentrality at which a cause is found more often than not among all others.
-        shown: records that would show more than this part of all causes would show most of them.
+        named: probability from which on a cause is named and is in the extended arm.
+        settled: probability from which on a cause counts as certain.
+        worth_listing: smallest probability of an alias or a set that is listed.
+        same: canonical correlation from which on an alias is listed, whatever its probability.
+        unlike: causes with a smaller canonical correlation are no aliases, whatever their
+            probability.
+        shows: noncentrality at which a cause is found in more than half of all files.
+        shown: records that would show more than this part of all causes show most causes.
         rival: probability from which on a set without a doubtful cause cannot be excluded.
-        large: readings of a joint that move tips by this part of the noise scatter more than
-            stated.
-        negligible: a background that is smaller than this part of the noise is none. In 12 blind
-            files with a complete library it was smaller, but in one.
-        left: structure over some covariate with less chance than this is left, even if its
-            probability is small …
-        left_alone: … and with less than this where nothing was named.
-        much_more: residuals larger by this than the stated noise, beyond chance, are not explained.
-        plain_encoder: noise of a reading that a plain encoder has where none is stated [rad].
-        too_good: residuals that are smaller than the stated noise allows by this chance are far
-            smaller.
-        least_gain: a gain on held-out records that is not larger is shown as 0 %, and is none.
-        fewest_groups: of fewer groups nobody can say which one is the odd one out, nor how much
-            they differ.
-        fewest_records: a group has more records, or its own shift explains them whatever they are.
-        odd: a group whose records agree with the others with less chance than this, family-wise, is
-            odd.
+        large: the readings of a joint scatter more than stated if they displace tips by more than
+            this part of the noise.
+        negligible: a background that is smaller than this part of the noise counts as none. In 11
+            of 12 blind files with a complete library it was smaller.
+        left: structure that depends on a covariate is reported if its p-value is below this, even
+            if its probability is small.
+        left_alone: the same if no cause is named.
+        much_more: residuals that are larger than the stated noise by this factor, beyond chance,
+            are not explained.
+        plain_encoder: noise of a reading that is assumed if none is stated [rad].
+        too_good: p-value below which the residuals are far smaller than the stated noise.
+        least_gain: a gain on held-out records that is not larger than this counts as no gain, and
+            is shown as 0 %.
+        fewest_groups: with fewer groups, no group can be called different from the others.
+        fewest_records: a group needs more records than this, because its own shift would explain
+            fewer records.
+        odd: p-value (family-wise) below which a group of records disagrees with the others.
     """
 
     widths: tuple[float, ...] = (0.2, 0.5, 1.0, 2.0, 10.0)

@@ -432,9 +432,9 @@ class JointCoupling(Effect):
     r of the stated ratio.
 
     A gear, belt or parallelogram whose ratio is not the stated one, or a cable that another joint
-    winds. The ratio is the one in ``[[couplings]]``, or 0, plus r. Unit 1 (rad/rad); typical 1e-4 to 3e-3.
-    Needs no column. Aliases: ``joint_error_curve`` of ``of`` if the two axes are parallel and near
-    each other; causes of load if the other joint lifts the joint.
+    winds. The ratio is the one in ``[[couplings]]``, or 0, plus r. Unit 1 (rad/rad); typical 1e-4
+    to 3e-3. Needs no column. Aliases: ``joint_error_curve`` of ``of`` if the two axes are parallel
+    and near each other; causes of load if the other joint lifts the joint.
     """
 
     joint: int

@@ -505,9 +505,10 @@ class Measurements(Shown):
 
     def __str__(self) -> str:
         found = f"{self.source}: {self.n} records of {self.nq} joints"
-        counts = {"with reference": self.known.sum(), "seats": len(self.seats())}
-        counts |= {"bars": len(self.bars())}
-        found += "".join(f", {number} {what}" for what, number in counts.items() if number)
+        if self.known.any():
+            found += f", {self.known.sum()} with reference coordinates"
+        for noun, number in (("seat", len(self.seats())), ("bar", len(self.bars()))):
+            found += f", {number} {noun}{'s' * (number > 1)}" if number else ""
         if self.extra.columns.empty:
             return found
         return f"{found}, other columns {', '.join(self.extra.columns)}"

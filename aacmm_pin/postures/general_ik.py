@@ -127,7 +127,7 @@ class ReachingPostures(PosturesAtPoint):
             return f"{where}: {len(self)} single postures, {inside}; {self.search}"
         return (
             f"{where}: {len(self)} postures on {len(self.curves)} closed curves, {inside}, "
-            f"{self.arc_fraction:.3f} of the length of the curves; {self.search}"
+            f"{self.arc_fraction:.3f} of the curves' length; {self.search}"
         )
 
 

@@ -92,13 +92,10 @@ class Search:
 
     def __str__(self) -> str:
         if not self.arrived:
-            return f"none of {self.starts} starts of the search converged"
-        return (
-            f"{self.arrived} of {self.starts} starts of the search converged, the last "
-            f"{self.since_new} without a new posture "
-            f"(95 %: fewer than {100 * self.unseen:.1f} % of further ones would find another)"
-            + (f"; {Note('search_ended')}" if self.ended else "")
-        )
+            return f"none of {self.starts} starts converged"
+        counts = {"arrived": self.arrived, "starts": self.starts, "since": self.since_new}
+        found = [str(Note("search_converged", counts | {"unseen": 100 * self.unseen}))]
+        return "; ".join(found + [str(Note("search_ended"))] * self.ended)
 
 
 @dataclass(eq=False)

@@ -46,16 +46,14 @@ from aacmm_pin.verification import (
 )
 
 RULE_TEXT = (
-    "Decision rule: conformity if |value| + U ≤ MPE for each error; nonconformity if |value| - U > "
-    f"MPE for at least one error; otherwise inconclusive. The guard band is U = "
-    f"{GUARD_BAND_FACTOR:g}u of the calibrated length or diameter, as in {RULE_OF}. The default of "
-    "ISO 14253-1:2017 is 1.65u."
+    "Conformity: |value| + U ≤ MPE for each error. Nonconformity: |value| - U > MPE for at least "
+    f"one error. Otherwise inconclusive. Guard band: U = {GUARD_BAND_FACTOR:g}u of the calibrated "
+    f"length or diameter, as in {RULE_OF}; the default of ISO 14253-1:2017 is 1.65u."
 )
 CHART_CAPTION = (
-    "Individuals charts of the magnitude of each test value. The line is the mean of the earlier "
-    f"checks that count. The dashed lines are limits, {PER_MOVING_RANGE} mean moving ranges from "
-    f"the mean. The chart has limits after {LEAST_CHECKS} checks that count. A limit below zero "
-    "is not drawn."
+    "Individuals charts of the magnitude of each test value. Line: mean of the earlier checks that "
+    f"count. Dashed: limits, {PER_MOVING_RANGE} mean moving ranges from the mean. A limit below "
+    "zero is not drawn."
 )
 CONDITION_LABELS = {
     "operator": ("operator", ""),

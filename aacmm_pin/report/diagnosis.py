@@ -76,7 +76,7 @@ from aacmm_pin.report.numbers import (
 )
 from aacmm_pin.report.plots.groups import held_out_parts, place_in_words
 from aacmm_pin.report.plots.partial_residuals import is_constant, state_of
-from aacmm_pin.report.plots.residual_vectors import models, two_models
+from aacmm_pin.report.plots.residual_vectors import MODEL_WORDS, models, two_models
 
 WAVES_LISTED = 6
 """So many waves of a free curve are listed."""
@@ -289,7 +289,8 @@ def _causes_in_words(result: Diagnosis, causes: Sequence[Finding]) -> str:
 def _none_found(result: Diagnosis) -> str:
     """That no cause was found, and how probable it is that none acts."""
     chance = probability(1.0 - result.more)
-    return f"the model lacks no cause of error, with probability {chance}"
+    none = f"(probability {chance} that none acts)"
+    return f"diagnose found no cause of error that the model lacks {none}"
 
 
 def _named(findings: Sequence[Finding], arm: Arm) -> str:
@@ -708,18 +709,19 @@ def _cause_drawn(result: Diagnosis, finding: Finding) -> Figure:
 def _on_the_arm(result: Diagnosis) -> list[Block]:
     from aacmm_pin.report.scenes import residual_scene  # loads meshcat
 
-    left, right = two_models(result)
+    models = two_models(result)
+    left, right = (MODEL_WORDS.get(name, name) for name in models)
     figure = Figure(
         lambda: plots.plot_residual_views(result, blank_axes(8.6, 8.0)),
-        f"Residual vectors on a drawing of the arm, {left} and {right}",
-        f"Residuals from each stated place towards the tip, all with one magnification. Left: "
-        f"{left} arm; right: {right} arm. Top: plan view; bottom: side view. Grey: the arm in some "
-        "postures. Neighbouring vectors in one direction show a cause that the model lacks.",
+        f"Residual vectors of the {left} and the {right} arm",
+        f"Each line is a residual, from reference to tip, all with one magnification. Left: {left} "
+        f"arm. Right: {right} arm. Top: plan view. Bottom: side view. Grey: the arm in some "
+        "postures. If neighbouring lines have the same direction, the model lacks a cause.",
     )
     scene = SceneView(
-        lambda: residual_scene(result, left),
-        f"The residuals of the {left} arm in three dimensions: drag to rotate the view. The slider "
-        "shows each residual with the arm in its posture, the largest first.",
+        lambda: residual_scene(result, models[0]),
+        f"Residuals of the {left} arm in three dimensions. Drag to rotate the view. The slider "
+        "shows the arm in the posture of each residual, the largest residual first.",
     )
     return [figure, scene]
 

@@ -25,25 +25,25 @@ def doubts_in_words(result: Diagnosis) -> list[str]:
 
 
 def _contradicted_references(result: Diagnosis) -> str:
-    """Stated places or lengths contradict the records."""
+    """Stated coordinates of a seat, or a stated length, contradict the records."""
     return "; ".join(map(str, result.contradicted))
 
 
 def _residuals_too_small(_: Diagnosis) -> str:
-    """Nothing was found beside a noise that is stated too large, or at angles that nobody read."""
+    """The residuals are far smaller than the stated noise, so that no cause can be found."""
     return (
         "the residuals are far smaller than the stated noise, and noise of this size hides causes"
     )
 
 
 def _few_causes_shown(result: Diagnosis) -> str:
-    """Nothing was found, and these records would show half of all causes or fewer."""
+    """No cause was found, and the records would show at most half of all causes."""
     seen, of = result.visible
     return f"these records would show only {seen} of {count(of, 'cause')} of typical magnitude"
 
 
 def _cause_not_named(result: Diagnosis) -> str:
-    """A cause was found with the excluded records only."""
+    """A cause is found only if the excluded records are used."""
     causes, records = result.otherwise, int(result.extended.excluded.sum())
     excluded = count(records, "excluded record")
     found = labels_in_words(result, causes)
@@ -66,12 +66,12 @@ def _not_borne_out(result: Diagnosis) -> str:
 
 
 def _no_better(result: Diagnosis) -> str:
-    """The extended arm does not predict held-out records better."""
+    """The extended arm does not predict held-out records better than the recalibrated arm."""
     return ""
 
 
 def _structure_left(result: Diagnosis) -> str:
-    """`unexplained.p_value` is below its threshold."""
+    """The residuals have significant structure: `unexplained.p_value` is below its threshold."""
     if result.verdict == "unexplained" or "more causes" in result.doubts:
         return ""
     return f"the residuals have significant structure ({beside_threshold(result.unexplained)})"
@@ -84,7 +84,7 @@ def _more_causes(result: Diagnosis) -> str:
 
 
 def _starts_disagree(result: Diagnosis) -> str:
-    """The two halves of the starts found different sets (`agreement`)."""
+    """Two searches over the sets of causes found different sets (`agreement`)."""
     return "two searches over the sets of causes found different sets"
 
 

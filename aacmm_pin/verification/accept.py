@@ -429,11 +429,10 @@ def _notes(
     unstated = [f for f in judged if math.isnan(f.evaluated.u) and not f.stated]
     partly = [f for f in judged if f.stated and f.stated < len(f.evaluated.errors)]
     notes = []
-    alone = [f for f in unstated if f.definition.name.startswith(UNCALIBRATED)]
-    compared = [f for f in unstated if not f.definition.name.startswith(UNCALIBRATED)]
-    for code, those in (("guard_band_zero", compared), ("no_guard_band", alone)):
-        if those:
-            notes.append(Note(code, {"figures": _names(those)}))
+    for code, alone in (("guard_band_zero", False), ("no_guard_band", True)):
+        of_code = [f for f in unstated if f.definition.name.startswith(UNCALIBRATED) == alone]
+        if of_code:
+            notes.append(Note(code, {"figures": _names(of_code)}))
     if partly:
         notes.append(Note("some_guard_bands_zero", {"figures": _names(partly)}))
     far = [f for f in judged if f.mpe > max(FAR_BELOW * abs(f.evaluated.value), MM)]

@@ -28,11 +28,12 @@ from tests.benchmarks.operations import OPERATIONS, Table
 
 PACKAGES = ("numpy", "scipy", "pin", "numba")
 ABOUT = """\
-This page compares the package with other packages and with plain loops in C. Times are medians
-of CPU time on one thread. The ways took turns in one run.
+This page compares the speed of the package with other packages and with plain loops in C. Times
+are medians of CPU time on one thread. All programs of a task ran alternately.
 
-`ours over this` is the time of the first row of the task divided by that of the row: below 1 this
-package is faster. Its loops are compiled before the clock starts. Commands start as at the shell.
+`ours over this` is the CPU time of this package (first row) divided by the CPU time of the row. If
+it is below 1, this package is faster. The time to compile loops does not count. The time of a
+command includes its start.
 """
 
 

@@ -47,13 +47,13 @@ def family_file(family: str, seed: int, **given: Any) -> RegimeFile:
 
 
 def regimes(rng: np.random.Generator, seed: int) -> Given:
-    """As :mod:`blind.regimes` draws them."""
+    """Files with workshop conditions: various arms, noise and records, up to two hidden causes."""
     return {}
 
 
 def outside(rng: np.random.Generator, seed: int) -> Given:
-    """One cause beside one structure outside the library; seeds that follow one another go through
-    sizes and kinds.
+    """Files with one hidden cause, and one error that the library lacks. The classes state the size
+    of this error.
     """
     groups = STRUCTURES[seed // len(STRUCTURE_SIZES) % len(STRUCTURES)]
     kind = str(rng.choice(groups))
@@ -79,7 +79,7 @@ def outside_alone(rng: np.random.Generator, seed: int) -> Given:
 
 
 def noise_not_stated(rng: np.random.Generator, seed: int) -> Given:
-    """Up to two causes."""
+    """Files with up to two hidden causes, diagnosed without stated noise."""
     return {
         "noise_stated": "none",
         "records": _records(rng, 60, 400),
@@ -88,8 +88,8 @@ def noise_not_stated(rng: np.random.Generator, seed: int) -> Given:
 
 
 def held_postures(rng: np.random.Generator, seed: int) -> Given:
-    """Postures of several records, each with an error of its own, held by a machine or by hand;
-    with and without a cause, noise stated and not.
+    """Files with several records of each posture, which share an error. Some files have a hidden
+    cause, and some are diagnosed without stated noise.
     """
     held, postures = int(rng.integers(3, 6)), int(rng.integers(40, 101))
     return PLAIN | {
@@ -109,7 +109,7 @@ def held_postures(rng: np.random.Generator, seed: int) -> Given:
 
 
 def many_causes(rng: np.random.Generator, seed: int) -> Given:
-    """Four to six causes at different joints."""
+    """Files with four to six hidden causes at different joints."""
     return PLAIN | {
         "arm": str(rng.choice(ARMS)),
         "evidence": "free",
@@ -120,7 +120,7 @@ def many_causes(rng: np.random.Generator, seed: int) -> Given:
 
 
 def imitated(rng: np.random.Generator, seed: int) -> Given:
-    """Causes at once that fewer others imitate."""
+    """Files with several hidden causes that together act nearly as fewer others do."""
     arm = str(rng.choice(["sino6", "standard-dh", "ur5"]))
     chain = draw_regime(seed, arm=arm).chain()
     places = IMITATED[seed % len(IMITATED)](rng, chain)

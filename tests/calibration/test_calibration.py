@@ -562,7 +562,7 @@ def test_input_that_is_refused(sino6, zero6, rng):
         ("reference_noise is -1 m", AacmmError, data, "geometry", {"reference_noise": -1.0}),
         ("length_noise is 0.05 m", AacmmError, data, "geometry", {"length_noise": 0.05}),
         ("3 or more", AacmmError, two, "geometry", {"reference_frame": "external"}),
-        ("each session alone", AacmmError, moved, "geometry", {}),
+        ("each session fits", AacmmError, moved, "geometry", {}),
     ]
     for words, error, records, parameters, options in cases:
         with pytest.raises(error, match=words):

@@ -96,7 +96,7 @@ def test_commands_say_which_point_is_there():
     """The wrist, unless the direction of the stylus is stated."""
     words = f"{POINT} --samples 3"
     for command in ("configurations", "accuracy"):
-        assert "point is that of the wrist" in done(f"{command} sino6 {words}")[1]
+        assert "wrist (frame5)" in done(f"{command} sino6 {words}")[1]
         assert "wrist" not in done(f"{command} sino6 {words} --axis 0 0 -1")[1]
 
 

@@ -88,7 +88,6 @@ def test_every_plan_gives_a_file_that_can_be_read(tmp_path):
             "40 records",
             "8 µrad assumed",
             "references 0.012 mm",
-            "contacts 0 mm",
         ):
             assert word in err
         assert ("500 mm assumed" in err) == (words == "ball-bar --seats 2")
@@ -219,7 +218,7 @@ def test_a_urdf_holds_the_stylus_offset_and_says_what_it_does_not(extended, tmp_
     _, err = done(
         f"calibrate {extended} {tmp_path / 'd.csv'} {QUICK} --urdf-out {tmp_path / 'c.urdf'}"
     )
-    assert "a URDF cannot state encoder_eccentricity:3, thermal_expansion" in err
+    assert "encoder_eccentricity:3, thermal_expansion" in err
 
 
 # correct ------------------------------------------------------------
@@ -323,7 +322,7 @@ def test_references_of_targets_beside_the_tip_are_not_compared_with_it(sino6, tm
     )
     _, err = done(f"correct sino6 {tmp_path / 'r.csv'} -o {tmp_path / 'c.csv'}")
     assert "of the targets A are not compared" in err
-    assert "1 reference: RMS 0.1000 mm" in err
+    assert "RMS 0.1000 mm" in err
     assert len(pd.read_csv(tmp_path / "c.csv").dropna(subset="corrected_x_mm")) == 3
 
 
@@ -394,7 +393,7 @@ def test_angles_a_turn_outside_the_limits_are_told(sino6, tmp_path):
     )
     _, err = done(f"correct {arm} {data} {NOISE} -o {tmp_path / 'c.csv'}")
     assert f"{beyond.sum()} of 40 records" in err
-    assert "joints 3 a full turn outside the limits" in err
+    assert "limits of joint 3" in err
 
 
 def test_readings_need_nothing_but_angles(tmp_path):
@@ -402,7 +401,7 @@ def test_readings_need_nothing_but_angles(tmp_path):
     text += '10,-20,30,-40,50,60,S1,"a, b"\r\n\r\n1e1,-20.0,30,-40,50,60,S2,\r\n'
     (tmp_path / "r.csv").write_text(text, encoding="utf-8", newline="")
     out, err = done(f"correct sino6 {tmp_path / 'r.csv'}")
-    assert "--encoder-noise adds" in err
+    assert "use --encoder-noise" in err
     first, second = out.splitlines()[1:]
     assert first.startswith('10,-20,30,-40,50,60,S1,"a, b",')
     assert second.startswith("1e1,-20.0,30,-40,50,60,S2,,")
@@ -484,7 +483,7 @@ def test_an_arm_with_an_error_curve_is_used_where_that_is_known(sino6, tmp_path)
     ):
         output = tmp_path / f"{len(list(tmp_path.iterdir()))}.csv"
         _, err = done(words, f"-o {output}")
-        assert "joint 3 is used from 57.3 to 229.2° only" in err
+        assert "joint 3 only from 57.3 to 229.2°" in err
         angle = np.radians(pd.read_csv(output)[column])
         assert angle.between(1.0 - 1e-3, 4.0 + 1e-3).all()
         assert angle.max() - angle.min() > 1.0

@@ -255,7 +255,7 @@ def test_a_number_with_another_decimal_sign_is_the_one_that_is_named(tmp_path, u
     error = error_of(tmp_path, text.replace("!", other))
     assert (error.row, error.column) == (6, "theta1_deg")
     assert f"'40{other}5'" in str(error)
-    assert " more: row" not in str(error)
+    assert "(also row" not in str(error)
 
 
 def test_a_table_is_written_in_the_dialect_in_which_it_was_read(tmp_path):
@@ -429,7 +429,7 @@ def test_a_cell_with_a_mistake(tmp_path):
         columns[column] = [columns[column][0], cell, *columns[column][2:]]
         error = error_of(tmp_path, csv_of(columns))
         assert (error.row, error.column, word in str(error)) == (3, column, True), str(error)
-        assert " more: row" not in str(error)
+        assert "(also row" not in str(error)
         assert len(str(error)) < 500
 
 
@@ -456,14 +456,14 @@ def test_the_first_problems_come_in_one_message(tmp_path):
     assert len(lines) == 5
     assert all(line.startswith(f"{tmp_path / 'data.csv'}: row ") for line in lines)
     assert "row 3, column theta1_deg: is 'b'" in lines[0]
-    assert "(and 2 more: row 4, 6)" in lines[0]
+    assert "(also rows 4, 6)" in lines[0]
     assert "row 2, column theta2_deg: is 'a'" in lines[1]
     assert "row 6, column theta2_deg: is empty" in lines[2]
     assert "row 3, column x_mm: is 'c'" in lines[3]
     names = [f"theta{j}_deg" for j in range(1, 15)]
     lines = str(error_of(tmp_path, csv_of({name: ["?"] * 9 for name in names}))).splitlines()
     assert len(lines) == 11
-    assert lines[0].endswith("(and 8 more: row 3, 4, 5, 6, 7, …)")
+    assert lines[0].endswith("(also rows 3 to 10)")
     assert lines[-1].endswith("and 4 more problems")
 
 
@@ -533,7 +533,7 @@ def test_radians_that_look_like_degrees():
         Measurements.from_frame(angles("rad", q))
     assert (caught.value.row, caught.value.column) == (3, "theta2_rad")
     assert "is -31.5 rad" in str(caught.value)
-    assert "and 1 more: row 4" in str(caught.value)
+    assert "(also row 4)" in str(caught.value)
     assert Measurements.from_frame(angles("deg", q)).n == 3
 
 

@@ -96,9 +96,9 @@ def test_accuracy_stands_over_what_the_postures_have(sino6, rng, circle, accurac
     single = reaching_postures(sino6, pose[:3, 3], rotation=pose[:3, :3])
     motion = reaching_postures(sino6, pose[:3, 3], axis=pose[:3, 0], count=60)
     for postures, x, label in (
-        (circle, np.degrees(circle.swivel), "swivel angle of the elbow, 0 = highest [deg]"),
+        (circle, np.degrees(circle.swivel), "swivel angle (0: the elbow is highest) [deg]"),
         (single, single.component, "number of the posture"),
-        (motion, motion.travel, "way of all angles along the curve [rad]"),
+        (motion, motion.travel, "distance along the curve in joint space [rad]"),
     ):
         found, inside = circle_accuracy(postures), postures.within_limits
         ax = plot_accuracy_of_postures(postures, found)

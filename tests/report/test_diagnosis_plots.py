@@ -242,7 +242,7 @@ def test_groups_against_their_own_prediction(sound, sino6):
     figure = plot_groups(sound, blank_axes(9.0, 7.0))
     figure.canvas.draw()
     panels = figure.axes
-    assert panels[0].get_ylabel() == "RMS [mm]"
+    assert panels[0].get_ylabel() == "RMS residual [mm]"
     assert {ax.get_title() for ax in panels} >= {
         "joint 1 [°]",
         "joint 6 [°]",

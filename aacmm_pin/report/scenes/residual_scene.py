@@ -13,6 +13,7 @@ from aacmm_pin.calibration import Calibration, Fit
 from aacmm_pin.diagnosis import Diagnosis
 from aacmm_pin.report.numbers import lengths
 from aacmm_pin.report.plots.residual_vectors import (
+    MODEL_WORDS,
     deviations_of,
     magnification_of,
     model_named,
@@ -62,7 +63,7 @@ def residual_scene(result: Calibration | Diagnosis, model: str | None = None) ->
     last, judge = [*fits.items()][-1]
     name = model or last
     fit = model_named(result, name)
-    start = "target" if isinstance(result, Calibration) else "stated place"
+    start = "target" if isinstance(result, Calibration) else "reference"
     frame, records = fit.point.frame, fit.problem.measurements
     off = {which: _distances_mm(result, one) for which, one in fits.items()}
     chosen = some_of(np.flatnonzero(judge.used))
@@ -77,18 +78,21 @@ def residual_scene(result: Calibration | Diagnosis, model: str | None = None) ->
     size = float(np.ptp(points, axis=0).max())
 
     scene = stage(
-        f"{arm.name}: residuals, {name}", _caption(result, judge, chosen), bodies, points, target
+        f"{arm.name}: residuals, {MODEL_WORDS.get(name, name)}",
+        _caption(result, judge, chosen),
+        bodies,
+        points,
+        target,
     )
     draw_ghosts(scene, bodies.radius, map(frame.back, postures_of(judge)))
     size_mm = off[name][chosen]
-    scene.bar = ColourBar.of(f"distance of tip and {start} [mm]", size_mm, SIZE_COLOURS)
+    scene.bar = ColourBar.of(f"distance between tip and {start} [mm]", size_mm, SIZE_COLOURS)
     colours = scene.bar.colours(size_mm)
     spikes = prisms(target, ends, FOOT * size, 0.0, np.repeat(colours[:, None], 2, axis=1))
     scene["residuals"].set_object(spikes, flat(by_vertex=True))
     draw_ball(scene, "record", f"{start} of this record", 1.6 * FOOT * size, target[0])
     scene.notes = [
-        f"Residuals are magnified {factor:g} times. Each spike starts at the {start} and points to "
-        "the tip.",
+        f"Each spike is a residual, from the {start} towards the tip, magnified {factor:g} times.",
         "The slider shows the residuals, the largest first.",
         TO_SCALE.replace("Lengths are", "The arm is"),
     ]
@@ -97,7 +101,8 @@ def residual_scene(result: Calibration | Diagnosis, model: str | None = None) ->
     texts["seat"] = [str(seat or "–") for seat in seats[chosen]]
     texts[start] = [place_text(place) for place in target]
     for which, distances in off.items():
-        texts[f"off, {which}"] = [f"{distance:.4f} mm" for distance in distances[chosen]]
+        words = f"residual, {MODEL_WORDS.get(which, which)}"
+        texts[words] = [f"{distance:.4f} mm" for distance in distances[chosen]]
     texts |= joint_texts(arm, q)
     del texts["limits"]
     moves = moving(bodies, q, scene) | {"record": placed_at(target)}
@@ -116,12 +121,12 @@ def _distances_mm(result: Calibration | Diagnosis, fit: Fit) -> Array:
 def _caption(result: Calibration | Diagnosis, judge: Fit, chosen: Index) -> str:
     rms = rms_of(result)
     sizes = ", ".join(
-        f"{which} {size}" for which, size in zip(rms, lengths(rms.values()), strict=True)
+        f"{MODEL_WORDS.get(which, which)} {size}"
+        for which, size in zip(rms, lengths(rms.values()), strict=True)
     )
     excluded = int(judge.excluded.sum())
-    without = f"; {excluded} excluded" if excluded else ""
+    without = f"; {excluded} are excluded" if excluded else ""
     return (
-        f"{len(chosen)} of {int(judge.used.sum())} records are drawn{without}. RMS distance of "
-        "tip and target of all used "
-        f"records: {sizes}."
+        f"{len(chosen)} of {int(judge.used.sum())} records are drawn{without}. RMS residual of all "
+        f"used records: {sizes}."
     )

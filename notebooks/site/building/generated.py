@@ -121,10 +121,10 @@ def study_age(digest: str) -> str:
     """Whether the diagnosis code is the one that a study measured."""
     now = runpy.run_path(str(SOURCES))["digest"]()
     if now == digest:
-        return "*These figures are of the diagnosis code as it is now.*"
+        return "*These results hold for the present diagnosis code.*"
     return (
-        "**The diagnosis code has changed since these figures were measured**: it was "
-        f"`{digest}`, it is now `{now}`."
+        "**The diagnosis code has changed since these results were measured**: it was "
+        f"`{digest}`, and is now `{now}`."
     )
 
 
@@ -139,7 +139,7 @@ def thresholds() -> str:
         f"| `{name}` | {_in_row(getattr(THRESHOLDS, name))} | {' '.join(words.split())} |"
         for name, words in found
     ]
-    return "\n".join(["| threshold | value | what it is |", "|---|---|---|", *rows])
+    return "\n".join(["| threshold | value | meaning |", "|---|---|---|", *rows])
 
 
 def doubts() -> str:
@@ -147,7 +147,7 @@ def doubts() -> str:
     Markdown table.
     """
     rows = [f"| `{name}` | {inspect.getdoc(words)} |" for name, words in WORDS_OF_DOUBTS.items()]
-    return "\n".join(["| doubt | what it means |", "|---|---|", *rows])
+    return "\n".join(["| doubt | meaning |", "|---|---|", *rows])
 
 
 def _in_row(value: float | tuple[float, ...]) -> str:

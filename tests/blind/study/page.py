@@ -31,30 +31,39 @@ FORM = """# Diagnosis, measured
 | command | `{command}` |
 | diagnosis code | `{digest}` |
 
-`python -m tests.blind.study --family NAME` hides faults in files that a plant without a line of
-this package makes: exact physics, small unmodelled terms always on. It asks `aacmm-pin diagnose`
-for each at the shell, and then looks at the truth.
-`tests/blind/families.py` draws the files.
+This page counts how often `diagnose` names the true cause in simulated files.
 
-A cause is named if its probability is at least 0.5. Intervals cover 95 %.
+`python -m tests.blind.study --family NAME` simulates files of arms with hidden causes of error,
+runs `aacmm-pin diagnose` on each file, and compares the result with the truth. The simulator
+shares no code with this package: it has exact physics, and always adds small errors that the
+package does not model. `tests/blind/families.py` draws the arms, the causes and the records.
+
+`diagnose` names a cause if its probability is at least 0.5. Intervals in parentheses cover 95 %.
 
 | column | meaning |
 |---|---|
-| right | a hidden cause, or the same as one, is named; if nothing is hidden, nothing is named |
-| explained | share of the files with a hidden cause that have the verdict `explained` |
-| explained with a wrong cause | of these verdicts, those with a false name |
-| named where nothing is hidden | a cause is named; an `inconclusive` verdict is an abstention |
-| hidden cause named | one of the hidden causes, or the same as one, is named |
-| causes seen, stated ≥ 0.95 | of the hidden causes that an oracle sees with power 0.9 |
-| causes told apart, stated ≥ 0.95 | of these, those of which every other cause leaves λ ≥ 13 |
-| files with false names | a name is not that of a hidden cause, nor the same as one |
-| structure named | all covariates of the hidden structure are named; of structures with λ ≥ 50 |
-| stated minus true | mean stated probability of findings less the share hidden under this name |
-| 0.5 to 0.8, … | mean of the stated probabilities in this bin, and how many of them are true |
+| right | files in which `diagnose` names a hidden cause; without hidden causes, files in which it \
+names none |
+| explained | files with a hidden cause that have the verdict `explained` |
+| explained with a wrong cause | files with the verdict `explained` and a false name |
+| named where nothing is hidden | files without hidden causes in which `diagnose` names a cause |
+| hidden cause named | files with a hidden cause in which `diagnose` names one of the hidden \
+causes |
+| causes seen, stated ≥ 0.95 | hidden causes with a stated probability of at least 0.95, of those \
+that the best test would detect |
+| causes told apart, stated ≥ 0.95 | the same, of those that no other cause can imitate (λ ≥ 13) |
+| files with false names | files in which `diagnose` names a cause that is not hidden |
+| structure named | files in which `diagnose` names all covariates of the hidden structure, of \
+those with λ ≥ 50 |
+| statements | number of named causes |
+| stated minus true | mean stated probability of the named causes minus the share of true names |
+| 0.5 to 0.8, … | mean of the stated probabilities in this range, and how many of the names are \
+true |
+| median CPU s | median CPU time of `diagnose` [s] |
 
-Two causes are the same if the cosine of their effects, beside all that is refitted, is above 0.95.
-The oracle knows the structure outside the library, fits the other hidden causes, and has a false
-alarm in 1 of 10 000 tests.
+Two causes count as the same cause if the cosine of their effects, after a refit of all other
+parameters, is above 0.95. λ is the increase of χ² if a cause is left out or replaced. The best
+test knows all other errors, has a power of 0.9, and gives a false alarm in 1 of 10 000 tests.
 
 {tables}
 """
