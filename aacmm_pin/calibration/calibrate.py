@@ -457,7 +457,7 @@ def _of_torques(after: Fit) -> list[Note]:
     if torque is None:
         return []
     state = State(arm, problem.measurements.q, problem.measurements.conditions, arm.chain.tip)
-    rows = [row for row in arm.chain.moving_rows() if not arm.chain.prismatic[state.joint(row)]]
+    rows = [row for row in arm.chain.moving_rows() if not state.slides(row)]
     try:
         moments = [state.along_axis(row, state.moment_at_axis(row)) for row in rows]
     except UnsupportedArmError:  # no masses

@@ -62,12 +62,14 @@ class JointCompliance(GravityEffect):
         The other causes that yield know the weights alone; by noisy torques alone it would seem to
         fit worse than these.
         """
-        rows = arm.chain.moving_rows()
+        chain = arm.chain
+        rows = [place // 2 for place in chain.moving_axes()]
         measured = records is not None and records.conditions.torque is not None
         for number, row in enumerate(rows):
-            slides = arm.chain.prismatic[number:]
-            if slides[0] or (arm.masses is None and slides.any()):
-                # no angle that a torque could turn; and unknown masses beyond a slide have no
+            slides = chain.slides[number:]
+            follows = row not in chain.moving_rows()
+            if follows or slides[0] or (arm.masses is None and slides.any()):
+                # no angle that a torque could turn alone; and unknown masses beyond a slide have no
                 # constant lever
                 continue
             tried = [cls(row, torque="measured")] if measured else []

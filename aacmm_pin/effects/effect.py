@@ -463,7 +463,7 @@ def about_axis(state: State, row: int, columns: Array) -> Displacement:
     """Body ``row`` turned about its joint by ``columns`` (n, p) [rad]; along it if the joint
     slides.
     """
-    component = 2 if state.arm.chain.prismatic[state.joint(row)] else 5
+    component = 2 if state.slides(row) else 5
     # Component by component, so that the zeros of the others take no memory: nobody writes there.
     twists = np.zeros((6, *columns.shape)).transpose(1, 0, 2)
     twists[:, component] = columns
@@ -474,10 +474,10 @@ def of_encoder(state: State, row: int, columns: Array) -> list[Displacement]:
     """The joints whose angles the reading of ``row`` is a part of, by ``columns`` (n, p) [rad] that
     are added to this reading.
     """
-    rows = state.arm.chain.moving_rows()
-    ratios = state.arm.coupling_matrix[:, state.joint(row)]
-    parts = np.flatnonzero(ratios).tolist()
-    return [about_axis(state, rows[j], ratios[j] * columns) for j in parts]
+    chain = state.arm.chain
+    ratios = chain.drive.matrix @ state.arm.coupling_matrix[:, state.joint(row)]
+    parts = zip(chain.moving_axes(), ratios.tolist(), strict=True)
+    return [about_axis(state, place // 2, ratio * columns) for place, ratio in parts if ratio]
 
 
 def twist(linear: Array | None = None, angular: Array | None = None) -> Array:
