@@ -100,6 +100,8 @@ def check_measurements(
     if model.arm.masses is None:
         notes.append(Note("masses_not_stated", {"arm": model.arm.name}))
     predicted = _predicted_rms(found)
+    if unknown := _noise_not_stated(model, records):
+        notes.append(Note("prediction_without_noise", {"of": unknown}))
     if distance > FAR_BEYOND * predicted:
         notes.append(Note("beyond_prediction", {"times": distance / predicted}))
     return Check(model, records, found.used, distance, predicted, missing, tuple(notes))
@@ -116,6 +118,15 @@ def _limit_notes(arm: Arm, records: Measurements) -> list[Note]:
         data |= {"limits": arm.limits[joint], "values": [values.min(), values.max()]}
         data["unit"] = "mm" if arm.chain.prismatic[joint] else "°"
         found.append(Note("outside_limits", data))
+    return found
+
+
+def _noise_not_stated(model: ErrorModel, records: Measurements) -> list[str]:
+    found = []
+    if model.arm.encoder_noise is None:
+        found.append("readings")
+    if not np.isfinite(records.reference_u[records.known]).all():
+        found.append("references")
     return found
 
 
