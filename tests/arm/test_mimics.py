@@ -175,7 +175,7 @@ def test_a_multiplier_that_is_off_is_found_with_its_u(crane, rng):
     result = diagnose(crane, records(rng, 2e-4, 1e-3, 80), hold_out=False, rng=rng)
     (finding,) = result.findings
     assert finding.label == "joint_coupling:3"
-    value, u = finding.parameters["ratio"]
+    ((value, u),) = finding.parameters.values()
     assert u < 1e-4
     assert abs(value - 1e-3) < 3.0 * u
 
