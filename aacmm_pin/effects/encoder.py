@@ -456,12 +456,15 @@ class JointCoupling(Effect):
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
-        """Every joint that turns with the one before, if this turns by enough to show it."""
+        """Every joint that turns with the one before, and with that which it mimics, if this turns
+        by enough to show it.
+        """
         rows = arm.chain.moving_rows()
-        turning = [row for row, _ in _turning(arm, None)]
+        mimicked = [(mimic.of, mimic.joint) for mimic in arm.mimics]
+        sliding = np.array(arm.chain.moving_axes())[arm.chain.slides] // 2
         shown = [row for row, _ in _turning(arm, records)]
-        for of, joint in pairwise(rows):
-            if of in shown and joint in turning:
+        for of, joint in (*pairwise(rows), *mimicked):
+            if of in shown and joint not in sliding:
                 yield (cls(joint, of),)
 
     @classmethod

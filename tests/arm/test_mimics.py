@@ -9,7 +9,7 @@ import pandas as pd
 import pinocchio as pin
 import pytest
 
-from aacmm_pin import accuracy_volume, calibrate
+from aacmm_pin import accuracy_volume, calibrate, diagnose
 from aacmm_pin.arm import Arm
 from aacmm_pin.effects import ErrorModel, JointZeroOffset
 from aacmm_pin.errors import UnsupportedArmError
@@ -91,10 +91,12 @@ def test_kinematics_are_those_of_pinocchio(crane, rng):
     close(crane.sensitivity(q)[0], ((ends[0] - ends[1]) / 2e-6).T, 1e-9)
 
 
-def tips(q: Array, off: float = 0.0) -> Array:
-    """Of the crane, its rod turned by ``off`` more, by products of matrices."""
+def tips(q: Array, off: float = 0.0, ratio: float = 0.0) -> Array:
+    """Of the crane, its rod turned by ``off`` and by ``ratio`` times joint 2 more, by products of
+    matrices.
+    """
     found = []
-    for values in q @ FULL.T + OFFSETS + off * np.eye(6)[2]:
+    for values in q @ FULL.T + OFFSETS + np.outer(off + ratio * q[:, 1], np.eye(6)[2]):
         rotation, point = np.eye(3), np.zeros(3)
         for (_, kind, axis, place, _), value in zip(JOINTS, values, strict=True):
             point = point + rotation @ np.array(place.split(), float)
@@ -110,10 +112,10 @@ def tips(q: Array, off: float = 0.0) -> Array:
     return np.array(found)
 
 
-def records(rng: np.random.Generator, off: float, n: int = 60) -> Measurements:
+def records(rng: np.random.Generator, off: float, ratio: float = 0.0, n: int = 60) -> Measurements:
     q = rng.uniform(-1, 1, (n, 3))
     shown = q + READING * rng.normal(size=q.shape)
-    stated = tips(q, off) + REFERENCE * rng.normal(size=q.shape)
+    stated = tips(q, off, ratio) + REFERENCE * rng.normal(size=q.shape)
     return Measurements.of(shown, stated, np.full(q.shape, REFERENCE))
 
 
@@ -166,6 +168,16 @@ def test_limits_are_those_in_which_all_joints_are_inside_theirs(crane, tmp_path,
     path.write_text(urdf().replace(f'offset="{OFFSET}"', 'offset="9"'), encoding="utf-8")
     with pytest.raises(UnsupportedArmError, match="limits"):
         Arm.from_urdf(path, "tip")
+
+
+@pytest.mark.long
+def test_a_multiplier_that_is_off_is_found_with_its_u(crane, rng):
+    result = diagnose(crane, records(rng, 2e-4, 1e-3, 80), hold_out=False, rng=rng)
+    (finding,) = result.findings
+    assert finding.label == "joint_coupling:3"
+    ((value, u),) = finding.parameters.values()
+    assert u < 1e-4
+    assert abs(value - 1e-3) < 3.0 * u
 
 
 @pytest.mark.long
