@@ -78,4 +78,4 @@ def prefixed(unit: str, size: float) -> tuple[str, float]:
 
 def plain_mm(length: float) -> str:
     """A length [m] in mm as a test report states it, to 0.1 µm: ``1200.027``."""
-    return f"{length / MM:.4f}".rstrip("0").rstrip(".")
+    return f"{length / MM:z.4f}".rstrip("0").rstrip(".")

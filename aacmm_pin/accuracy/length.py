@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 
 from aacmm_pin._support.checks import Array, Mask, batch
 from aacmm_pin._support.display import Shown
-from aacmm_pin._support.units import MM
+from aacmm_pin._support.units import MM, plain_mm
 from aacmm_pin.accuracy.tip_sensitivity import ErrorSources, omission
 from aacmm_pin.accuracy.volume import expanded
 from aacmm_pin.effects import ErrorModel, GivenModel, loaded
@@ -89,7 +89,7 @@ class LengthUncertainty(Shown):
 
     def __str__(self) -> str:
         sources = self.sources
-        length = f"length {self.length / MM:.4f} mm"
+        length = f"length {plain_mm(self.length)} mm"
         pairs = f"{len(self.q_a)} × {len(self.q_b)} pairs of postures"
         at = f"{sources.arm.name} at {sources.at}"
         return f"{at}: {length}, {expanded(self.u)} over {pairs}{omission(sources.not_included)}"

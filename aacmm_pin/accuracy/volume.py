@@ -170,7 +170,8 @@ class AccuracyVolume(Shown):
     def __str__(self) -> str:
         volume = self.volume / MM**3
         what = (
-            f"{self.sources.arm.name} at {self.sources.at}, {self.method}, {len(self.q)} postures"
+            f"{self.sources.arm.name} at {self.sources.at}, method {self.method}, "
+            f"{len(self.q)} postures"
         )
         without = omission(self.not_included)
         if not len(self.q):

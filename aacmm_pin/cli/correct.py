@@ -154,9 +154,9 @@ def run(
             name: _as_filed(name, values) for name, values in zip(names, found.T, strict=True)
         }
         results.text(dialect.text(table.assign(**columns)), output)
-    effects = ", ".join(effect.label for effect in model.effects) or "the geometry alone"
+    effects = ", ".join(effect.label for effect in model.effects) or "no causes of error"
     done = np.isfinite(found[:, 0]).sum()
-    status(f"{path}: {done} of {readings.n} readings corrected by {model.arm.name} with {effects}")
+    status(f"{path}: corrected {done} of {readings.n} readings by {model.arm.name} with {effects}")
 
 
 def _nominal(name: str | None, model: ErrorModel) -> ErrorModel | None:

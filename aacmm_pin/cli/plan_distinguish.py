@@ -81,4 +81,4 @@ def _say_what_to_do(plan: MeasurementPlan, planned: PlannedRecords) -> None:
     only = "" if plan.needed else "for that check, "
     where = "if the arm is not exactly at a planned posture, replace its angles by the readings"
     say(f"{planned.output}: {only}fill in x_mm, y_mm, z_mm; {where}")
-    note(f"the plan chose from {planned.postures} postures, seed {planned.seed}")
+    note(f"the plan chose its records from {planned.postures} postures (seed {planned.seed})")

@@ -171,9 +171,10 @@ def as_records(table: pd.DataFrame, problems: Problems) -> tuple[pd.DataFrame, t
         "points": points["position"][seats["kind"] == "point"].nunique(),
         "lengths": seats["bar"][seats["kind"] == "bar"].nunique(),
         "spheres": seats["seat"][seats["kind"] == "sphere"].nunique(),
-        "unused": int((seats["kind"] == "").sum()),
     }
     notes.append(Note("touches_as_seats", counts))
+    if unused := int((seats["kind"] == "").sum()):
+        notes.append(Note("touches_unused", {"unused": unused}))
     return records, tuple(notes)
 
 

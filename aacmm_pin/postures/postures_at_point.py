@@ -13,7 +13,7 @@ from aacmm_pin._support.angles import wrapped
 from aacmm_pin._support.checks import Array, Mask
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.notes import Note
-from aacmm_pin._support.units import DEG, MM
+from aacmm_pin._support.units import DEG, MM, plain_mm
 from aacmm_pin.arm import Arm
 from aacmm_pin.postures.curve_sampling import Flexibility
 from aacmm_pin.postures.solution_curves import Curve
@@ -99,7 +99,7 @@ class PosturesAtPoint(Shown):
         return row | {"within_limits": int(inside.sum()), "joints_outside_limits": _joints(outside)}
 
     def _where(self) -> str:
-        place = ", ".join(f"{x:z.4f}" for x in self.point / MM)
+        place = ", ".join(map(plain_mm, self.point))
         return f"{self.arm.name}, {self.at} at ({place}) mm"
 
 

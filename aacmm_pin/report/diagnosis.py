@@ -107,8 +107,8 @@ SEATS_JUDGED = (
     "these coordinates reduces the gain."
 )
 RANKED = (
-    "The strongest cause is first; geometric values are last. At the tip: RMS displacement of the "
-    "tip by the cause. Probability: probability that the cause acts. p: probability that any "
+    "The strongest cause is first; geometric values are last. Displacement: RMS displacement of "
+    "the tip by the cause. Probability: probability that the cause acts. p: probability that any "
     "cause has odds as large as these if this cause does not act. Not absorbed: part of the "
     "effect that neither recalibration nor other causes nor the background absorb."
 )
@@ -116,7 +116,7 @@ SETS_LISTED = "Sets of causes that may act, with their probabilities"
 ALL_SETS = "The probabilities of all sets add up to 1. The last row has all sets not listed."
 ALIASES_LISTED = "Aliases: causes with a similar effect in these records"
 ALIASES_EXPLAINED = (
-    "r: correlation of the two effects in these records after a refit of the geometry. "
+    "Correlation: that of the two effects in these records, after a refit of the geometry. "
     "Probability: probability that the alias acts and the cause does not. If both act and the "
     "alias is much smaller than its typical magnitude, U of the cause is too small."
 )
@@ -510,7 +510,7 @@ def ranking(result: Diagnosis) -> pd.DataFrame:
 def _rank(result: Diagnosis, f: Finding, state: State) -> dict[str, Any]:
     row: dict[str, Any] = {"cause": in_words(f.effect, result.model.arm)}
     row["value ± U (k = 2)"] = values_in_words(f.effect, f.parameters, f.slides)
-    row["at the tip_mm"] = motion_of(result, f.effect, state) / MM
+    row["displacement_mm"] = motion_of(result, f.effect, state) / MM
     row |= {"probability": probability(f.probability), "p": p_value(f.p_value)}
     return row | {"not absorbed": percent(f.retained_fraction), "label": f.label}
 
@@ -529,7 +529,7 @@ def alternatives(result: Diagnosis) -> pd.DataFrame:
 
 
 def alias_table(result: Diagnosis) -> pd.DataFrame:
-    """Aliases of each cause in these records: cause, alias, correlation r, probability of the alias
+    """Aliases of each cause in these records: cause, alias, correlation, probability of the alias
     alone, label.
     """
     rows = []
@@ -542,7 +542,7 @@ def alias_table(result: Diagnosis) -> pd.DataFrame:
 
 def _alias_row(finding: Finding, alias: Alias, arm: Arm) -> dict[str, Any]:
     names = {"cause": in_words(finding.effect, arm), "alias": alias_in_words(alias, arm)}
-    numbers = {"r": alias.correlation, "probability": probability(alias.probability)}
+    numbers = {"correlation": alias.correlation, "probability": probability(alias.probability)}
     return {**names, **numbers, "label": alias.label}
 
 
@@ -659,7 +659,8 @@ def _other_causes(result: Diagnosis) -> list[Block]:
     apart = [labels_in_words(result, labels) for labels in result.cannot_tell_apart]
     open_ = Bullets([f"These records do not distinguish {labels}." for labels in apart])
     sets = Table(alternatives(result), SETS_LISTED, explained=ALL_SETS)
-    aliases = Table(alias_table(result), ALIASES_LISTED, {"r": ".2f"}, explained=ALIASES_EXPLAINED)
+    forms = {"correlation": ".2f"}
+    aliases = Table(alias_table(result), ALIASES_LISTED, forms, explained=ALIASES_EXPLAINED)
     return [Heading("Other possible causes"), sets, open_, aliases]
 
 

@@ -72,7 +72,7 @@ def _not_tried(choice: Choice) -> list[Note]:
     for need, causes in lacking.items():
         names = listed([cause_in_words(cause) for cause in causes])
         each.append(
-            f"the file has no column {CONDITION_COLUMNS[need]}; diagnose did not try: {names}"
+            f"without the column {CONDITION_COLUMNS[need]}, diagnose could not try: {names}"
         )
     return [Note("causes_not_tried", {"columns": "; ".join(each)})] if each else []
 

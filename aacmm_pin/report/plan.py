@@ -40,7 +40,7 @@ def plan_document(plan: MeasurementPlan) -> Document:
     return Document(
         "Plan",
         [
-            Paragraph(str(plan), head="Plan:"),
+            Paragraph(f"{plan}.", head="Plan:"),
             Table(considered, "Set-ups that the plan considered", forms),
             Table(_pairs(plan), pairs, forms, most=PAIRS_LISTED),
             *where_to_go(plan),
