@@ -117,8 +117,9 @@ class JointCompliance(GravityEffect):
 
 def _first_axis_is_vertical(arm: Arm) -> bool:
     rotation, _ = arm.chain.walk(np.zeros((1, arm.nq)))
-    first = rotation[arm.chain.moving_axes()[0], 0, :, 2]
-    return float(np.linalg.norm(np.cross(first, arm.up))) < VERTICAL
+    place = arm.chain.moving_axes()[0]
+    sine = np.linalg.norm(np.cross(rotation[place, 0, :, 2], arm.up))
+    return float(sine) < VERTICAL
 
 
 @dataclass(frozen=True)
