@@ -22,6 +22,10 @@ RANGES = {
     "N·m": plausible.TORQUE,
 }
 """What numbers of a unit can be."""
+MOST_LENGTH_ERROR = 2e-3
+"""A unit vector, or a quaternion, whose length is off one by more than this is none: four numbers
+with three decimals give 1e-3 at most.
+"""
 
 
 def batch(values: ArrayLike, columns: int, name: str, unit: str) -> Array:
@@ -77,6 +81,11 @@ def unit_vector(values: ArrayLike, name: str) -> Array:
         raise AacmmError(f"{name} is [0, 0, 0]; expected a direction")
     direction = direction / largest  # the square of a tiny length would be zero
     return direction / np.linalg.norm(direction)
+
+
+def is_no_unit(length: Array) -> Mask:
+    """Which lengths are of no unit vector, but for rounding; one that is not known may be."""
+    return np.asarray(np.abs(length - 1.0) > MOST_LENGTH_ERROR)
 
 
 def whole(value: object, least: int, name: str) -> int:

@@ -18,7 +18,7 @@ from aacmm_pin._support.display import Shown
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm import chain
 from aacmm_pin.arm.chain import Chain
-from aacmm_pin.arm.couplings import Coupling, coupling_matrix
+from aacmm_pin.arm.couplings import Coupling, Drive, Mimic, coupling_matrix
 from aacmm_pin.arm.dh import DHTable
 from aacmm_pin.arm.example_robots import EXAMPLE_ROBOTS, urdf_of_robot
 from aacmm_pin.arm.file import (
@@ -76,6 +76,7 @@ class Arm(Shown):
             placements; else None.
         couplings: which joint angles the readings make, where they do not show these; see
             :meth:`with_couplings`.
+        mimics: joints of an arm that came as URDF that follow others; ``q`` has no column of these.
     """
 
     name: str
@@ -92,6 +93,7 @@ class Arm(Shown):
     covariance: Covariance | None = None
     nominal: Any = None
     couplings: tuple[Coupling, ...] = ()
+    mimics: tuple[Mimic, ...] = ()
 
     def __repr__(self) -> str:
         table = "no DH table"
@@ -180,9 +182,8 @@ class Arm(Shown):
         """Any fixed-base arm with revolute, continuous or prismatic joints, by its URDF.
 
         A ``continuous`` joint is read as a revolute one with limits of ±2π: one number, its angle.
-        Joints that do not carry ``frame`` (a gripper's fingers) are locked at zero; a joint that
-        carries it moves by itself, also where it mimics one that does not carry it. Two that carry
-        it, of which one mimics the other, are refused: here each joint has a reading. The
+        Joints that do not carry ``frame`` (a gripper's fingers) are locked at zero. A joint that
+        mimics another has no reading and no column of ``q``: it moves with the other. The
         parameters are the six components of every joint placement (three shifts, three turns about
         the axes of the placement), each known within ± the half-width.
 
@@ -197,15 +198,16 @@ class Arm(Shown):
         Raises:
             ArmFileError: see :func:`aacmm_pin.arm.urdf_check.read_urdf`.
             UnsupportedArmError: a joint takes more than one number (planar, floating), or mimics
-                one so that both move it.
+                one that does not carry ``frame``.
             UnknownNameError: no such frame; lists the frames.
         """
         if str(path) in EXAMPLE_ROBOTS:
             frame = frame or EXAMPLE_ROBOTS[str(path)][1]
             path = urdf_of_robot(str(path))
-        model, sha256, mimics = read_model(path)
+        whole, sha256, followers = read_model(path)
+        model, mimics = serial_part(whole, frame, followers)
         arm = Arm.from_model(
-            serial_part(model, frame, mimics),
+            model,
             frame,
             source=str(path),
             translation_half_width=translation_half_width,
@@ -213,7 +215,7 @@ class Arm(Shown):
         )
         # A pipe has no name for others to read it by.
         file = os.path.realpath(path) if os.path.isfile(path) else ""
-        return replace(arm, file=_with_urdf(arm.urdf_file, file=file, sha256=sha256))
+        return _corrected(model, _with_urdf(arm.urdf_file, file=file, sha256=sha256), mimics)
 
     @staticmethod
     def from_model(
@@ -232,19 +234,20 @@ class Arm(Shown):
         """
         plausible.SHIFT_HALF_WIDTH.check(translation_half_width, "translation_half_width")
         plausible.TURN_HALF_WIDTH.check(rotation_half_width, "rotation_half_width")
-        model = serial_part(model, frame)
+        model, _ = serial_part(model, frame)
         # Not validated: a name that no arm file could have matters when one is written.
+        urdf = Urdf.model_construct(
+            file="",
+            frame=frame,
+            translation_half_width_mm=translation_half_width / MM,
+            rotation_half_width_rad=rotation_half_width,
+        )
         file = UrdfArmFile.model_construct(
             schema_="aacmm-pin/arm/1",
             name=model.name,
             source=source,
             gravity_m_s2=tuple(model.gravity.linear.tolist()),
-            urdf=Urdf.model_construct(
-                file="",
-                frame=frame,
-                translation_half_width_mm=translation_half_width / MM,
-                rotation_half_width_rad=rotation_half_width,
-            ),
+            urdf=urdf,
             joints=[UrdfJoint.model_construct(name=name) for name in model.names[1:]],
         )
         return _corrected(model, file)
@@ -262,6 +265,17 @@ class Arm(Shown):
                 f"{self.name}: has a DH table; expected an arm that is loaded from a URDF"
             )
         return self.file
+
+    @property
+    def uncorrected(self) -> Arm:
+        """An arm that came as URDF, every joint placement as the URDF states it.
+
+        Raises:
+            UnsupportedArmError: the arm has a DH table.
+        """
+        joints = [UrdfJoint.model_construct(name=name) for name in self.joint_names]
+        update = {"joints": joints, "covariance": None}
+        return _corrected(self.nominal, self.urdf_file.model_copy(update=update), self.mimics)
 
     def with_placements(
         self, steps: Array, covariance: Covariance | None, *, exact: bool = False
@@ -287,7 +301,7 @@ class Arm(Shown):
         file = self.urdf_file.model_copy(update={"joints": joints, "covariance": covariance})
         if exact:
             file = _with_urdf(file, translation_half_width_mm=0.0, rotation_half_width_rad=0.0)
-        return _corrected(self.nominal, file)
+        return _corrected(self.nominal, file, self.mimics)
 
     def with_encoder_noise(self, noise: Array) -> Arm:
         """The arm with this standard uncertainty of one reading of each joint (nq,) [rad], in its
@@ -295,7 +309,7 @@ class Arm(Shown):
         """
         if self.file is None:
             return replace(self, encoder_noise=noise)
-        of_joint = iter(noise.tolist())
+        of_joint = iter(noise[self.chain.drive.leader].tolist())
         rows = []
         for row in self.file.joints:
             moves = not getattr(row, "fixed", False)
@@ -375,12 +389,12 @@ class Arm(Shown):
 
     @property
     def nq(self) -> int:
-        """Number of joints."""
-        return int(self.model.nq)
+        """Number of joints that follow no other."""
+        return len(self.limits)
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """Names of the joints, from the base on."""
+        """Names of the joints, from the base on, those that follow others too."""
         return tuple(self.model.names[1:])
 
     @property
@@ -424,7 +438,7 @@ class Arm(Shown):
     def chain(self) -> Chain:
         """Its kinematics: the arm as a chain of places."""
         if self.dh is None:
-            return chain_of(self.model, self.tip)
+            return chain_of(self.model, self.tip, self.mimics)
         return self.dh.chain
 
     @cached_property
@@ -440,7 +454,7 @@ class Arm(Shown):
         """Centre of mass of that body in the axes of the ``axis`` (rows, 3) [m]; zero where there
         is no mass.
         """
-        centres = np.zeros((self.nq, 3))
+        centres = np.zeros((len(self.chain.slides), 3))
         for joint, body in enumerate(self.model.inertias.tolist()[1:]):
             if body.mass > 0.0:
                 centres[joint] = self._on_axis(joint, body.lever)
@@ -456,7 +470,7 @@ class Arm(Shown):
 
     def _over_rows(self, of_joints: Array) -> Array:
         values = np.zeros((self.chain.rows, *of_joints.shape[1:]))
-        values[np.array(self.chain.moving_rows()) - 1] = of_joints
+        values[np.array(self.chain.moving_axes()) // 2 - 1] = of_joints
         return values
 
     def place(self, at: str | None = None) -> int:
@@ -481,9 +495,8 @@ class Arm(Shown):
         """
         from aacmm_pin.arm.poses import Poses
 
-        return Poses(
-            self.model, batch(q, self.nq, "q", "rad"), frame_number(self.model, at or self.tip)
-        )
+        angles = self.chain.drive.angles(batch(q, self.nq, "q", "rad"))
+        return Poses(self.model, angles, frame_number(self.model, at or self.tip))
 
     def positions(self, q: Array, at: str | None = None) -> Array:
         """Origin of frame ``at`` (default: the tip) for ``q`` (n, nq) [rad]: (n, 3) [m]."""
@@ -587,7 +600,7 @@ def _of_urdf_file(file: UrdfArmFile, path: str) -> Arm:
             f"{urdf.file}: no such file; expected a URDF; the path is relative to the folder of "
             f"{path}",
         )
-    model, sha256, mimics = read_model(urdf.file)
+    model, sha256, followers = read_model(urdf.file)
     if urdf.sha256 not in (None, sha256):
         raise ArmFileError(
             path,
@@ -596,7 +609,7 @@ def _of_urdf_file(file: UrdfArmFile, path: str) -> Arm:
             f"the URDF of which {file.name} was made; make the arm file again",
         )
     try:
-        nominal = serial_part(model, urdf.frame, mimics)
+        nominal, mimics = serial_part(model, urdf.frame, followers)
     except (UnknownNameError, UnsupportedArmError) as error:
         raise ArmFileError(path, "urdf.frame", str(error)) from None
     names = list(nominal.names[1:])
@@ -609,14 +622,16 @@ def _of_urdf_file(file: UrdfArmFile, path: str) -> Arm:
             f"are {stated}; expected those that move {urdf.frame!r}: {', '.join(names)}",
         )
     try:
-        coupling_matrix(file.couplings, range(1, nominal.nq + 1))
+        coupling_matrix(file.couplings, (Drive.of(nominal.nq, mimics).own + 1).tolist())
     except ValueError as error:
         raise ArmFileError(path, "couplings", str(error)) from None
-    return _corrected(nominal, file.model_copy(update={"joints": joints}))
+    return _corrected(nominal, file.model_copy(update={"joints": joints}), mimics)
 
 
-def _corrected(nominal: Any, file: UrdfArmFile) -> Arm:
+def _corrected(nominal: Any, file: UrdfArmFile, mimics: tuple[Mimic, ...] = ()) -> Arm:
     """The arm of a file, with its placements moved from where ``nominal`` has them."""
+    drive = Drive.of(nominal.nq, mimics)
+    noise = file.encoder_noise
     model = nominal.copy()
     for joint, step in enumerate(file.corrections, start=1):
         model.jointPlacements[joint] = nominal.jointPlacements[joint] * _motion(step)
@@ -628,9 +643,9 @@ def _corrected(nominal: Any, file: UrdfArmFile) -> Arm:
         name=file.name,
         model=model,
         tip=file.urdf.frame,
-        limits=limits,
+        limits=drive.limits(limits),
         parameters=calibrated(parameters, file.covariance),
-        encoder_noise=file.encoder_noise,
+        encoder_noise=None if noise is None else noise[drive.own],
         stylus_axis=_stylus_axis(file),
         source=file.source,
         reference_temperature=file.reference_temperature_c,
@@ -638,6 +653,7 @@ def _corrected(nominal: Any, file: UrdfArmFile) -> Arm:
         covariance=file.covariance,
         nominal=nominal,
         couplings=tuple(file.couplings),
+        mimics=mimics,
     )
 
 

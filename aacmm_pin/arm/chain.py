@@ -21,8 +21,9 @@ axis, a unit turn about it by ``axis × (p - o)``, o the origin of the place.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +31,7 @@ from numpy.typing import NDArray
 from aacmm_pin._support.batches import chunks, cross
 from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin._support.compiled import Loop
+from aacmm_pin.arm.couplings import Drive, Mimic
 
 OF_A_POSE = 6
 """Joints with which an arm can take a whole pose; one with fewer brings only its point."""
@@ -66,41 +68,47 @@ class Chain:
 
     Attributes:
         constant: constant transform of each place behind the one before (places, 4, 4) [m].
-        joint: number of the joint that moves a place, counted from 0; -1 where none (places,).
-        prismatic: (nq,) True where a joint slides along z instead of turning about it.
+        moved: number of the joint of a place, counted from 0 along the chain, those that follow
+            others too; -1 where none (places,).
+        slides: (m,) True where a joint slides along z instead of turning about it.
         parameters: place of each geometric parameter, and component of the twist that an error in
             it is (p, 2); place -1 where the tip does not depend on it.
+        drive: how the m joints move with the nq that follow none.
     """
 
     constant: Array
-    joint: NDArray[np.intp]
-    prismatic: Mask
+    moved: NDArray[np.intp]
+    slides: Mask
     parameters: Index
+    drive: Drive
 
     @staticmethod
     def of_pieces(
         axes: list[Array],
         ends: list[Array],
         joints: Array | Index,
-        prismatic: Mask,
+        slides: Mask,
         parameters: list[tuple[int, int]],
+        mimics: Sequence[Mimic] = (),
     ) -> Chain:
         """The chain with these constant transforms before ``axis`` 1 … and before ``end`` 0 ….
 
         Args:
             axes, ends: transforms (4, 4) [m], one more of the ends.
             joints: number of the joint of each axis, -1 where it is rigid.
-            prismatic, parameters: see :class:`Chain`.
+            slides, parameters: see :class:`Chain`.
+            mimics: joints that follow others.
         """
         constant = [np.eye(4), ends[0]]
-        joint = [-1, -1]
+        moved = [-1, -1]
         for before_axis, before_end, number in zip(axes, ends[1:], joints, strict=True):
             constant += [before_axis, before_end]
-            joint += [int(number), -1]
+            moved += [int(number), -1]
         of_parameters = np.array(parameters, dtype=np.intp).reshape(-1, 2)
         constant.append(np.eye(4))
-        joint.append(-1)
-        return Chain(np.stack(constant), np.array(joint), prismatic, of_parameters)
+        moved.append(-1)
+        drive = Drive.of(len(slides), mimics)
+        return Chain(np.stack(constant), np.array(moved), slides, of_parameters, drive)
 
     @property
     def places(self) -> int:
@@ -119,16 +127,29 @@ class Chain:
 
     @property
     def nq(self) -> int:
-        """Number of joints."""
-        return len(self.prismatic)
+        """Number of joints that follow no other."""
+        return len(self.drive.own)
+
+    @property
+    def prismatic(self) -> Mask:
+        """(nq,) True where such a joint slides."""
+        return np.asarray(self.slides[self.drive.own])
+
+    @cached_property
+    def joint(self) -> NDArray[np.intp]:
+        """Number of such a joint that moves a place, counted from 0; -1 where none (places,)."""
+        numbers = np.full(len(self.slides) + 1, -1)
+        numbers[self.drive.own] = np.arange(self.nq)
+        return numbers[self.moved]
 
     def moving_axes(self) -> list[int]:
-        """The places that the joints move, in the order of the joints."""
-        return [int(place) for place in np.flatnonzero(self.joint >= 0)]
+        """The places that joints move, in the order of the joints, those that follow others too."""
+        return [int(place) for place in np.flatnonzero(self.moved >= 0)]
 
     def moving_rows(self) -> list[int]:
-        """The rows (from 1) that have a joint, in the order of the joints."""
-        return [place // 2 for place in self.moving_axes()]
+        """The rows (from 1) that have a joint that follows no other, in the order of the joints."""
+        places = np.flatnonzero(self.joint >= 0)
+        return [int(place) // 2 for place in places]
 
     def cut(self, place: int, offset: Array | None = None) -> Chain:
         """The chain whose tip is at ``place``, shifted by ``offset`` (3,) [m] in the axes there.
@@ -139,10 +160,10 @@ class Chain:
         if offset is not None:
             tip[:3, 3] = offset
         constant = np.append(self.constant[: place + 1], tip[None], axis=0)
-        joint = np.append(self.joint[: place + 1], -1)
+        moved = np.append(self.moved[: place + 1], -1)
         reached = self.parameters[:, :1] <= place
         parameters = np.where(reached, self.parameters, NO_PLACE)
-        return replace(self, constant=constant, joint=joint, parameters=parameters)
+        return replace(self, constant=constant, moved=moved, parameters=parameters)
 
     def positions(self, q: Array, errors: Array | None = None) -> Array:
         """Position of the tip for already checked ``q`` (n, nq) [rad, m]: (n, 3) [m].
@@ -165,12 +186,12 @@ class Chain:
 
         ``q`` (n, nq) is already checked.
         """
-        joints = np.full((self.nq, 2), NO_PLACE)
-        moving = np.flatnonzero(self.joint >= 0)
-        joints[self.joint[moving], 0] = moving
-        joints[:, 1] = np.where(self.prismatic, V_Z, OMEGA_Z)
+        joints = np.full((len(self.slides), 2), NO_PLACE)
+        moving = self.moving_axes()
+        joints[: len(moving), 0] = moving
+        joints[:, 1] = np.where(self.slides, V_Z, OMEGA_Z)
         position, columns = self._differentiated(q, joints)
-        return position, np.ascontiguousarray(columns)
+        return position, np.ascontiguousarray(self.drive.by_own(columns))
 
     def position_and_sensitivity(self, q: Array) -> tuple[Array, Array]:
         """Position (n, 3) [m], and its derivative by the parameters (n, 3, p) [m/m, m/rad].
@@ -193,8 +214,8 @@ class Chain:
                     if place != NO_PLACE:
                         columns[:, k, part] = _derivative(frames, place, component)
             else:
-                angles = np.ascontiguousarray(q[part].T)
-                of_chain = self.constant, self.joint, self.prismatic, twists
+                angles = np.ascontiguousarray(self.drive.angles(q[part]).T)
+                of_chain = self.constant, self.moved, self.slides, twists
                 loop(
                     *of_chain, np.cos(angles), np.sin(angles), angles, part.start, position, columns
                 )
@@ -210,10 +231,10 @@ class Chain:
         """
         places = self.moving_axes()
         z = rotation[places, :, :, 2]
-        slides = self.prismatic[:, None, None]
-        shifts = np.where(slides, z, np.cross(z, point - origin[places]))
-        turns = np.where(slides, 0.0, z)
-        return np.ascontiguousarray(shifts.transpose(1, 2, 0)), turns.transpose(1, 2, 0)
+        slides = self.slides[:, None, None]
+        shifts = np.where(slides, z, np.cross(z, point - origin[places])).transpose(1, 2, 0)
+        turns = np.where(slides, 0.0, z).transpose(1, 2, 0)
+        return np.ascontiguousarray(self.drive.by_own(shifts)), self.drive.by_own(turns)
 
     def walk(self, q: Array, twists: Mapping[int, Array] | None = None) -> tuple[Array, Array]:
         """Frames of all places for already checked ``q`` (n, nq), each behind its displacement.
@@ -239,13 +260,13 @@ class Chain:
         before = np.zeros((4, 3, n))
         before[:3] = np.eye(3)[:, :, None]
         constants, varying = self._with_constant(twists)
-        values, varying = self._with_joints(q.T, varying)
+        values, varying = self._with_joints(self.drive.angles(q).T, varying)
         cosine = np.cos(values)
         sine = np.sin(values)
-        for place, joint in enumerate(self.joint.tolist()):
+        for place, joint in enumerate(self.moved.tolist()):
             here = frames[place]
             np.matmul(constants[place].T, before.reshape(4, -1), out=here.reshape(4, -1))
-            if joint >= 0 and self.prismatic[joint]:
+            if joint >= 0 and self.slides[joint]:
                 here[3] += values[joint] * here[Z]
             elif joint >= 0:
                 _turn(here, Z, cosine[joint], sine[joint])
@@ -257,13 +278,13 @@ class Chain:
     def _with_joints(
         self, values: Array, twists: Mapping[int, Array]
     ) -> tuple[Array, Mapping[int, Array]]:
-        """Joint values (nq, n) with the turns that displacements make about a joint's axis, and the
+        """Joint values (m, n) with the turns that displacements make about a joint's axis, and the
         other twists.
         """
         others = dict(twists)
         for place, twist in twists.items():
-            joint = self.joint[place]
-            if joint >= 0 and not self.prismatic[joint] and _screw_axis(twist) == Z:
+            joint = self.moved[place]
+            if joint >= 0 and not self.slides[joint] and _screw_axis(twist) == Z:
                 values = values.copy()
                 values[joint] += twist[:, OMEGA_Z]
                 others[place] = twist * ALONG_Z
@@ -290,7 +311,7 @@ class Chain:
             return self.constant, twists
         places = np.array(steady)
         same = np.concatenate([twists[place] for place in steady])
-        before_joint = (self.joint[places] < 0) | ~same[:, [0, 1, 3, 4]].any(axis=1)
+        before_joint = (self.moved[places] < 0) | ~same[:, [0, 1, 3, 4]].any(axis=1)
         places = places[before_joint]
         constants = self.constant.copy()
         constants[places] = constants[places] @ exp(same[before_joint])

@@ -1,14 +1,17 @@
-"""Couplings: which joint angles the readings of the encoders make."""
+"""Couplings: which joint angles readings of encoders make, and which joints follow others."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, FiniteFloat
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.plausible import MOST_RATIO
+from aacmm_pin.errors import UnsupportedArmError
 
 SINGULAR = 1e-6
 """Least singular value of a map, its columns of unit length, from which angles follow."""
@@ -69,3 +72,84 @@ def coupling_matrix(couplings: Sequence[Coupling], rows: Sequence[int]) -> Array
             "reading for each joint; change a ratio"
         )
     return matrix
+
+
+class Mimic(NamedTuple):
+    """A joint that follows another: its angle is ``ratio`` times that of the other, plus
+    ``offset``.
+
+    Attributes:
+        joint, of: numbers of both joints, from 1; the other follows none.
+        ratio: [rad/rad; with m where a joint slides].
+        offset: [rad; m where the joint slides].
+    """
+
+    joint: int
+    of: int
+    ratio: float
+    offset: float
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """Angles of all m joints by those of the nq that follow none: ``matrix q + offset``.
+
+    Attributes:
+        matrix: (m, nq).
+        offset: (m,) [rad, m].
+        own: which of the m follow none (nq,).
+    """
+
+    matrix: Array
+    offset: Array
+    own: Index
+
+    @staticmethod
+    def of(joints: int, mimics: Sequence[Mimic] = ()) -> Drive:
+        """That of so many joints, of which some follow others."""
+        matrix, offset = np.eye(joints), np.zeros(joints)
+        for mimic in mimics:
+            matrix[mimic.joint - 1] = mimic.ratio * np.eye(joints)[mimic.of - 1]
+            offset[mimic.joint - 1] = mimic.offset
+        own = np.delete(np.arange(joints), [mimic.joint - 1 for mimic in mimics])
+        return Drive(matrix[:, own], offset, own)
+
+    @property
+    def is_identity(self) -> bool:
+        """Whether no joint follows another."""
+        return len(self.own) == len(self.offset)
+
+    @property
+    def leader(self) -> Index:
+        """Which of the nq moves each of the m (m,)."""
+        return np.asarray(np.abs(self.matrix).argmax(axis=1))
+
+    def angles(self, q: Array) -> Array:
+        """Of all joints (n, m), by ``q`` (n, nq)."""
+        if self.is_identity:
+            return q
+        return q @ self.matrix.T + self.offset
+
+    def by_own(self, by_all: Array) -> Array:
+        """The derivative by the nq, from one by the m (…, m)."""
+        return by_all if self.is_identity else by_all @ self.matrix
+
+    def limits(self, of_all: Array) -> Array:
+        """Limits (nq, 2) within which all m joints are inside theirs (m, 2); limits of a turn to
+        both sides, as of a continuous joint, leave the joint before as it is.
+
+        Raises:
+            UnsupportedArmError: there are none.
+        """
+        found = of_all[self.own]
+        for joint, leader in enumerate(self.leader):
+            ratio = self.matrix[joint, leader]
+            if ratio and np.ptp(of_all[joint]) < 4.0 * np.pi:
+                bounds = (of_all[joint] - self.offset[joint]) / ratio
+                low, high = found[leader]
+                found[leader] = max(low, bounds.min()), min(high, bounds.max())
+        if (found[:, 0] > found[:, 1]).any():
+            raise UnsupportedArmError(
+                "a joint mimics another, and their limits have no values in common; expected some"
+            )
+        return found

@@ -4,10 +4,10 @@ axes, its chain.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
@@ -16,14 +16,18 @@ from aacmm_pin._support.angles import spread_angles
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.plausible import MOST_JOINTS, REACH_POSTURES, out_of_reach
 from aacmm_pin.arm.chain import Chain, end
+from aacmm_pin.arm.couplings import Mimic
 from aacmm_pin.errors import AacmmError, UnknownNameError, UnsupportedArmError
 
+if TYPE_CHECKING:
+    from aacmm_pin.arm.urdf_check import Follower
 
-def read_model(path: str | Path) -> tuple[Any, str, dict[str, tuple[str, str]]]:
+
+def read_model(path: str | Path) -> tuple[Any, str, dict[str, Follower]]:
     """The Pinocchio model of a URDF file, the SHA-256 of the file, and joints that mimic others;
     see `read_urdf`.
     """
-    from aacmm_pin.arm.urdf_check import read_urdf
+    from aacmm_pin.arm.urdf_check import read_urdf  # which loads lxml
 
     text, sha256, mimics = read_urdf(path)
     try:
@@ -49,13 +53,14 @@ def frame_number(model: Any, name: str) -> int:
 
 
 def serial_part(
-    model: Any, frame: str, mimics: Mapping[str, tuple[str, str]] = MappingProxyType({})
-) -> Any:
-    """The chain from the base to ``frame``; other joints (a gripper's fingers) are locked at their
-    neutral place.
+    model: Any, frame: str, followers: Mapping[str, Follower] = MappingProxyType({})
+) -> tuple[Any, tuple[Mimic, ...]]:
+    """The chain from the base to ``frame``, and which of its joints follow others; joints beside
+    it (a gripper's fingers) are locked at their neutral place.
 
-    Two joints of it that follow one, by the ``mimics`` of :func:`read_model`, are refused: they are
-    not read by themselves.
+    Raises:
+        UnknownNameError: no such frame.
+        UnsupportedArmError: the chain is none of an arm, or a joint of it follows one beside it.
     """
     joint = model.frames[frame_number(model, frame)].parentJoint
     chain = []
@@ -67,16 +72,7 @@ def serial_part(
             f"{model.name}: {len(chain)} joints move frame {frame!r}; expected at most "
             f"{MOST_JOINTS}"
         )
-    names = [model.names[joint] for joint in chain]
-    leaders = [mimics.get(name, (name,))[0] for name in names]
-    for name, leader in zip(names, leaders, strict=True):
-        # A fixed one is none there.
-        if name in mimics and (leaders.count(leader) > 1 or not model.existJointName(leader)):
-            raise UnsupportedArmError(
-                f"{mimics[name][1]}; expected a reading of its own for each joint that moves frame "
-                f"{frame!r}; if each has an encoder, delete <mimic>, and state what the encoders "
-                "show by [[couplings]] of an arm file"
-            )
+    mimics = _mimics([model.names[joint] for joint in reversed(chain)], frame, followers)
     others = [j for j in range(1, model.njoints) if j not in chain]
     model = model.copy()
     if others:
@@ -105,7 +101,23 @@ def serial_part(
         raise UnsupportedArmError(
             f"{model.name}: joint {name!r} is {shifts[name]:.4g} m from the joint before: {refused}"
         )
-    return model
+    return model, mimics
+
+
+def _mimics(names: list[str], frame: str, followers: Mapping[str, Follower]) -> tuple[Mimic, ...]:
+    """Those of the named joints of a chain that follow others of it, counted along it."""
+    found = []
+    for number, name in enumerate(names, start=1):
+        if name not in followers:
+            continue
+        leader, ratio, offset, place = followers[name]
+        if leader not in names:
+            raise UnsupportedArmError(
+                f"{place}; expected a joint that moves frame {frame!r}; if this joint has an "
+                "encoder, delete <mimic>"
+            )
+        found.append(Mimic(number, names.index(leader) + 1, ratio, offset))
+    return tuple(found)
 
 
 def _spread_tips(model: Any, frame: str) -> Array:
@@ -140,7 +152,7 @@ def _rename(model: Any, joints: list[int]) -> None:
             frame.name = model.names[joint] = f"joint {frame.name}"
 
 
-def chain_of(model: Any, tip: str) -> Chain:
+def chain_of(model: Any, tip: str, mimics: Sequence[Mimic] = ()) -> Chain:
     """The chain of a Pinocchio model; every joint axis is turned onto z, the placements keep their
     own axes.
 
@@ -155,7 +167,7 @@ def chain_of(model: Any, tip: str) -> Chain:
     ends = [back @ placement.homogeneous for back, placement in pairs]
     slides = np.asarray(~_motions(model)[:, 3:].any(axis=1))
     parameters = [(end(joint), component) for joint in range(len(turns)) for component in range(6)]
-    return Chain.of_pieces(axes, ends, np.arange(len(turns)), slides, parameters)
+    return Chain.of_pieces(axes, ends, np.arange(len(turns)), slides, parameters, mimics)
 
 
 def _motions(model: Any) -> Array:

@@ -20,7 +20,7 @@ class Poses(Shown):
 
     Attributes:
         model: the Pinocchio model.
-        q: configurations (n, nq) [rad; m where a joint slides].
+        q: configurations (n, nq) [rad; m where a joint slides]; of joints that follow others too.
         frame_id: Pinocchio's number of the frame looked at.
     """
 

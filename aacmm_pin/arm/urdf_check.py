@@ -17,7 +17,7 @@ import hashlib
 import math
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from lxml import etree
 
@@ -26,6 +26,7 @@ from aacmm_pin._support.plausible import (
     FARTHEST_PLACE,
     LARGEST_ANGLE,
     LARGEST_DEGREES,
+    MOST_RATIO,
     like_degrees,
 )
 from aacmm_pin.errors import ArmFileError
@@ -48,12 +49,20 @@ Element = Any
 """An element of lxml, which has no types."""
 
 
-def read_urdf(path: str | Path) -> tuple[str, str, dict[str, tuple[str, str]]]:
-    """The links and joints of a URDF file as text for Pinocchio, its SHA-256, and the joints that
-    mimic others.
+class Follower(NamedTuple):
+    """What ``<mimic>`` states: ``ratio`` times the value of ``leader``, which follows no other,
+    plus ``offset``; and words for where that is stated.
+    """
 
-    A joint that mimics another is one of its own in the text; frames that both move are refused. By
-    its name there is the joint that it follows in the end, and words for where that is said.
+    leader: str
+    ratio: float
+    offset: float
+    place: str
+
+
+def read_urdf(path: str | Path) -> tuple[str, str, dict[str, Follower]]:
+    """The links and joints of a URDF file as text for Pinocchio, its SHA-256, and by name the
+    joints that mimic others, which are joints of their own in the text.
 
     Raises:
         ArmFileError: the file cannot be read, is no URDF, or states what no arm has; names the
@@ -205,14 +214,19 @@ def _required(element: Element, tag: str) -> Element:
     return child
 
 
-def _mimics(joints: dict[str, Element]) -> dict[str, tuple[str, str]]:
+def _mimics(joints: dict[str, Element]) -> dict[str, Follower]:
     """See :func:`read_urdf`."""
-    found: dict[str, tuple[str, str]] = {}
+    found: dict[str, Follower] = {}
     for name, joint in joints.items():
         mimic = _child(joint, "mimic")
         passed = {name}
         said = "" if mimic is None else str(_refused(mimic, f"joint is {_text(mimic, 'joint')!r}"))
+        ratio, offset = 1.0, 0.0
         while mimic is not None:
+            (own_offset,) = _numbers(mimic, "offset", (0.0,), LARGEST_ANGLE)
+            (own_ratio,) = _numbers(mimic, "multiplier", (1.0,), MOST_RATIO)
+            offset += ratio * own_offset
+            ratio *= own_ratio
             leader = _text(mimic, "joint")
             if leader in passed:
                 raise _refused(
@@ -223,7 +237,7 @@ def _mimics(joints: dict[str, Element]) -> dict[str, tuple[str, str]]:
                     _refused(mimic, f"there is no joint {leader!r}; expected the name of a joint")
                 )
             passed.add(leader)
-            found[name] = leader, said
+            found[name] = Follower(leader, ratio, offset, said)
             mimic = _child(joints[leader], "mimic") if leader in joints else None
     return found
 

@@ -56,11 +56,17 @@ def dh_file(arm: Arm) -> ArmFile:
     half-widths cannot.
 
     Raises:
-        UnsupportedArmError: a joint slides, or the arm has a DH table.
+        UnsupportedArmError: a joint slides or follows another, or the arm has a DH table.
         ArmFileError: what the URDF states cannot stand in an arm file, such as equal limits.
     """
     file = arm.urdf_file
     chain = arm.chain
+    if arm.mimics:
+        followers = ", ".join(arm.joint_names[mimic.joint - 1] for mimic in arm.mimics)
+        raise UnsupportedArmError(
+            f"{arm.name}: joint {followers} follows another; expected a reading of each joint, as "
+            "in the DH rows of an arm file"
+        )
     if chain.prismatic.any():
         slides = ", ".join(
             name for name, slide in zip(arm.joint_names, chain.prismatic, strict=True) if slide

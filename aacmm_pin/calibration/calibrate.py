@@ -17,7 +17,7 @@ from aacmm_pin._support.progress import Progress
 from aacmm_pin._support.threads import one_blas_thread
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm import whole_turn_notes
-from aacmm_pin.calibration.calibrated_arm import is_of_setup, temperature_of
+from aacmm_pin.calibration.calibrated_arm import temperature_of
 from aacmm_pin.calibration.cross_validation import enough_postures
 from aacmm_pin.calibration.cross_validation import held_out as left_out
 from aacmm_pin.calibration.estimation import fit
@@ -457,7 +457,7 @@ def _of_torques(after: Fit) -> list[Note]:
     if torque is None:
         return []
     state = State(arm, problem.measurements.q, problem.measurements.conditions, arm.chain.tip)
-    rows = [row for row in arm.chain.moving_rows() if not arm.chain.prismatic[state.joint(row)]]
+    rows = [row for row in arm.chain.moving_rows() if not state.slides(row)]
     try:
         moments = [state.along_axis(row, state.moment_at_axis(row)) for row in rows]
     except UnsupportedArmError:  # no masses
@@ -553,15 +553,9 @@ def notes_of(after: Fit) -> list[Note]:
     ]
     if after.unmodelled > FAR:
         found.append(Note("scatter_too_large", {"scatter": after.unmodelled}))
-    free = {}
-    for effect, own in problem.vector:
-        if is_of_setup(effect):
-            continue
-        of_effect = problem.vector.names[own]
-        for name, term, stated in zip(of_effect, effect.terms, problem.stated[own], strict=True):
-            if not stated:
-                free[name] = term.unit
-    if any(unit in ASSEMBLED for unit in free.values()):
+    arm_parameters = zip(problem.vector.arm_parameters, problem.stated, strict=True)
+    free = [p.name for p, stated in arm_parameters if p is not None and not stated]
+    if free:
         names = f"{len(free)} parameters" if len(free) > MOST_NAMED else ", ".join(free)
         assumed = {"parameters": names, "length": ASSEMBLED["m"], "angle": ASSEMBLED["rad"]}
         found.append(Note("uncertainty_assumed", assumed))

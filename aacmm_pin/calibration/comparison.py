@@ -12,8 +12,10 @@ from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.calibration.cross_validation import rms
 from aacmm_pin.measurements import Measurements
 
-ROUNDING_GROWTH = 1e-3
-"""Part by which an RMS may grow where arms are the same but for rounding."""
+MOST_GROWTH = 0.1
+"""Part by which an RMS may grow before something has changed; a correction that records hardly
+determine may add a few per cent.
+"""
 MAX_RMS = 0.01
 """Largest RMS distance of an arm from its references [m]; the worst are a millimetre off."""
 
@@ -46,10 +48,10 @@ class Comparison:
 
     @property
     def is_worse(self) -> bool:
-        """Whether the last arm has larger errors than the first."""
+        """Whether the last arm has clearly larger errors than the first."""
         first = self.rms[0]
         last = self.rms[-1]
-        return last > (1 + ROUNDING_GROWTH) * first
+        return last > (1 + MOST_GROWTH) * first
 
     @property
     def is_of_other_frame(self) -> bool:

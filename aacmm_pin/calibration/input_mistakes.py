@@ -181,8 +181,11 @@ def first_fit(problem: Problem, *, robust: bool = True) -> Fit:
     except MissingConditionError:  # which no mistake in the columns explains
         raise
     except AacmmError:
+        _require_no_mistake_in_a_session(problem)
         _require_no_mistake(problem, np.inf, thorough=True, options=True)
         raise
+    if _far_in_a_session(after):
+        _require_no_mistake_in_a_session(problem)
     travel = _travel(problem) if after.unmodelled > FAR else np.inf
     unlike = after.unmodelled > UNLIKE * travel
     fitted = _median(after.system.deviation)
@@ -201,21 +204,61 @@ def first_fit(problem: Problem, *, robust: bool = True) -> Fit:
     return after
 
 
+def _far_in_a_session(after: Fit) -> bool:
+    """Whether the median distance of a session is farther than those of any arm."""
+    distances = pd.Series(np.linalg.norm(after.system.deviation, axis=1))
+    session = after.problem.measurements.conditions.session
+    return session is not None and bool((distances.groupby(session).median() >= FAR).any())
+
+
+def _by_session(problem: Problem) -> list[Problem]:
+    """The same unknowns with the records of each session alone."""
+    records = problem.measurements
+    if records.conditions.session is None:
+        return []
+    rows_of = pd.Series(np.arange(records.n)).groupby(records.conditions.session).indices
+    alone = []
+    for session, rows in rows_of.items():
+        own = records.take(np.asarray(rows))
+        if own.placed.any() or not problem.setup.frame_of_session:
+            source = f"{records.source}: session {session}"
+            alone.append(problem.of(replace(own, source=source)))
+    return alone
+
+
 def _sessions_fit_alone(problem: Problem) -> bool:
     """Whether there are several sessions, and the records of each fit the arm in some frame."""
-    records = problem.measurements
     own_frame = _Mistake(None, "", external_frame=True)
-    if records.conditions.session is None:
-        return False
-    of_session = pd.Series(np.arange(records.n)).groupby(records.conditions.session).indices
     try:
-        fits = [
-            fit(own_frame.undone(problem.of(records.take(np.asarray(rows)))))
-            for rows in of_session.values()
-        ]
+        fits = [fit(own_frame.undone(alone)) for alone in _by_session(problem)]
     except AacmmError:
         return False
     return len(fits) > 1 and all(after.unmodelled < FAR for after in fits)
+
+
+def _require_no_mistake_in_a_session(problem: Problem) -> None:
+    """Refuse records of which some sessions fit the arm, if a mistake explains another session: one
+    in its columns, as the arm or the references may have been moved between sessions.
+
+    Raises:
+        MistakenFileError: the mistake.
+    """
+    distances = {alone: _distance_alone(alone) for alone in _by_session(problem)}
+    if min(distances.values(), default=np.inf) < FAR:
+        for alone, distance in distances.items():
+            if distance >= FAR:
+                _require_no_mistake(alone, distance, thorough=False, options=False)
+
+
+def _distance_alone(problem: Problem) -> float:
+    """Median distance after a fit, or by the arm as it is described if that is larger [m]; infinite
+    where there is no fit.
+    """
+    try:
+        after = fit(problem)
+    except AacmmError:
+        return np.inf
+    return max(_median(after.system.deviation), _as_described(after))
 
 
 def _require_orientations(after: Fit) -> None:
@@ -557,7 +600,10 @@ def _mistakes(problem: Problem) -> Iterator[_Mistake]:
         yield _Mistake(name, "columns", angle_matrix=identity[order])
     arm = problem.model.arm
     rows = arm.chain.moving_rows()
+    yield from _of_couplings(arm)
     for j, sign in product(range(1, records.nq), (1.0, -1.0)):
+        if arm.coupling_matrix[j, j - 1]:
+            continue
         code = "joint_shows_sum" if sign < 0 else "joint_shows_difference"
         angle_matrix = identity + sign * np.outer(identity[j - 1], identity[j])
         ratio = (arm.coupling_matrix @ angle_matrix.T)[j, j - 1]
@@ -599,6 +645,25 @@ def _of_frame(external: bool) -> Iterator[_Mistake]:
             )
             yield _Mistake(Note("other_axes", {"axes": came}), "axes", axes=(order, signs))
     yield _Mistake(Note("other_frame"), "axes", external_frame=True)
+
+
+def _of_couplings(arm: Arm) -> Iterator[_Mistake]:
+    """The ratio of a stated coupling with the opposite sign, inverted or left out."""
+    stated = arm.coupling_matrix
+    without = np.eye(arm.nq)
+    rows = arm.chain.moving_rows()
+    for j, k in np.argwhere(stated != without):
+        ratio = float(stated[j, k])
+        inverse = 1.0 / ratio if j == k else 0.0
+        for expected in {-ratio, inverse, float(without[j, k])} - {ratio}:
+            changed = stated.copy()
+            changed[j, k] = expected
+            name = Note(
+                "coupling_ratio",
+                {"joint": rows[j], "of": rows[k], "ratio": ratio, "expected": expected},
+            )
+            angle_matrix = np.asarray(np.linalg.solve(stated, changed).T)
+            yield _Mistake(name, "sum", angle_matrix=angle_matrix)
 
 
 def _of_convention(arm: Arm) -> Iterator[_Mistake]:

@@ -1,5 +1,5 @@
-"""Sessions whose references are in frames of their own: brought into that of the first session, up
-to a small displacement that is estimated.
+"""References of sessions with frames of their own, brought into that of the first session, up to a
+small displacement that is estimated; probe directions, brought into that of the base.
 """
 
 from __future__ import annotations
@@ -32,28 +32,40 @@ def in_first_frame(
     model: ErrorModel, records: Measurements, setup: Setup
 ) -> tuple[Measurements, Setup]:
     """The records with all references in the frame of the first session, if each session has its
-    own; and the set-up with what moved them.
+    own, and probe directions in that of the base; and the set-up with what moved them.
 
-    Each session is registered with the tips of the arm as described, robustly.
+    Each session is registered with the tips of the arm as described, robustly, and so are all
+    records for the directions. What that leaves of a rotation is nothing beside a deflection.
 
     Raises:
         AacmmError: a record with a reference has no session, or a session too few references for a
             frame.
     """
-    if not setup.frame_of_session:
-        return records, setup
+    if setup.frame_of_session:
+        records, setup = _in_one_frame(model, records, setup)
+    if setup.external and records.conditions.probe_direction is not None:
+        base = _registration(model, records, setup)
+        records = _with_directions(records, np.ones(records.n, dtype=bool), base.rotation.T)
+    return records, setup
+
+
+def _in_one_frame(
+    model: ErrorModel, records: Measurements, setup: Setup
+) -> tuple[Measurements, Setup]:
     first, *others = sessions_of(records)
+    stated = records.conditions.require("session", "reference frame")
     records = _without_frames(records)
-    stays = _registration(model, records, setup, first)
+    stays = _frame_of_session(model, records, setup, first)
     moved = {}
     for label in others:
         own = records.conditions.require("session", "reference frame") == label
-        frame = _registration(model, records, setup, label)
+        frame = _frame_of_session(model, records, setup, label)
         rotation = stays.rotation @ frame.rotation.T
         shift = stays.shift - rotation @ frame.shift
         there = records.reference[own & records.placed]
         if np.abs(there @ rotation.T + shift - there).max(initial=0.0) >= ONE_FRAME:
             records = _moved(records, own, rotation, shift)
+            records = _with_directions(records, stated == label, rotation)
             moved[label] = (rotation, shift)
     return records, replace(setup, moved_frames=moved)
 
@@ -95,15 +107,30 @@ def session_notes(fit: Fit) -> list[Note]:
     return notes
 
 
-def _registration(model: ErrorModel, records: Measurements, setup: Setup, label: str) -> Frame:
+def _frame_of_session(model: ErrorModel, records: Measurements, setup: Setup, label: str) -> Frame:
     """The base in the frame of one session."""
     own = records.conditions.require("session", "reference frame") == label
-    alone = replace(setup, reference_frame="external")
-    problem = problem_of(model, replace(records.take(own), orientation=None), [], alone)
     try:
-        return initial_point(problem, observations_of(problem.measurements, alone)).frame
+        return _registration(model, records.take(own), setup)
     except AacmmError as error:
         raise AacmmError(f"{records.source}: session {label}: {error}") from None
+
+
+def _registration(model: ErrorModel, records: Measurements, setup: Setup) -> Frame:
+    """The base in the frame of all references."""
+    alone = replace(setup, reference_frame="external")
+    problem = problem_of(model, replace(records, orientation=None), [], alone)
+    return initial_point(problem, observations_of(problem.measurements, alone)).frame
+
+
+def _with_directions(records: Measurements, own: Mask, rotation: Array) -> Measurements:
+    """The records with the probe directions of some (n,) in another frame."""
+    direction = records.conditions.probe_direction
+    if direction is None:
+        return records
+    turned = np.where(own[:, None], direction @ rotation.T, direction)
+    conditions = replace(records.conditions, probe_direction=turned)
+    return replace(records, conditions=conditions)
 
 
 def _moved(records: Measurements, own: Mask, rotation: Array, shift: Array) -> Measurements:

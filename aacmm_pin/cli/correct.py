@@ -166,11 +166,7 @@ def _nominal(name: str | None, model: ErrorModel) -> ErrorModel | None:
         AacmmError: it is none, or has other joints.
     """
     if name is None:
-        return (
-            None
-            if model.arm.nominal is None
-            else ErrorModel(Arm.from_model(model.arm.nominal, model.arm.tip))
-        )
+        return None if model.arm.nominal is None else ErrorModel(model.arm.uncorrected)
     try:
         of_urdf = name.lower().endswith(".urdf")
         before = (

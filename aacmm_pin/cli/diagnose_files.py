@@ -9,7 +9,7 @@ import typer
 
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin.arm import EXAMPLE_ROBOTS
-from aacmm_pin.cli.arm_options import AnyArm, ApproachFromOrder
+from aacmm_pin.cli.arm_options import AnyArm, ApproachFromOrder, UrdfArm
 from aacmm_pin.cli.common import Force, Json, Results, Seed, WorkerCount, command, output_option
 from aacmm_pin.cli.measuring_options import MeasuredHow, NoCrossValidation
 from aacmm_pin.diagnosis import diagnose_files
@@ -29,9 +29,11 @@ def run(
         list[str],
         typer.Argument(
             metavar="ARM DATA...",
-            help="An arm (a name, or FILE.toml), its measurement files (CSV), the next arm, …",
+            help="An arm (a name, or FILE.toml), its measurement files (CSV), the next arm, …; "
+            "with --urdf the measurement files alone.",
         ),
     ],
+    robot: UrdfArm,
     how: MeasuredHow,
     approach_from_order: ApproachFromOrder = False,
     no_cross_validation: NoCrossValidation = False,
@@ -55,7 +57,7 @@ def run(
         with_cause_texts,
     )
 
-    pairs = _pairs(files)
+    pairs = _pairs(files, robot)
     with Results(force, output, json_=json_, inputs=files) as results:
         table = diagnose_files(
             pairs,
@@ -76,13 +78,17 @@ def run(
         )
 
 
-def _pairs(files: list[str]) -> list[tuple[GivenModel, str]]:
-    """Each measurement file with the arm that stands before it."""
-    expected = "expected an arm (a name, or FILE.toml) before its measurement files"
+def _pairs(files: list[str], robot: UrdfArm) -> list[tuple[GivenModel, str]]:
+    """Each measurement file with the arm that stands before it, or that of ``--urdf``."""
+    expected = "expected an arm (a name, or FILE.toml) before its measurement files, or --urdf"
     pairs: list[tuple[GivenModel, str]] = []
-    arm: GivenModel | None = None
+    arm: GivenModel | None = robot.of_urdf()
     for name, following in zip(files, [*files[1:], ""], strict=True):
         if Path(name).suffix in ARM_SUFFIXES:
+            if robot.urdf is not None:
+                raise typer.BadParameter(
+                    f"{name}: an arm beside --urdf; expected measurement files alone; omit either"
+                )
             if Path(following).suffix in ARM_SUFFIXES:
                 raise typer.BadParameter(f"{name}: no measurement file after this arm; {expected}")
             arm = AnyArm(arm=name).model() if name in EXAMPLE_ROBOTS else name

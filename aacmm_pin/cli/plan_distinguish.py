@@ -15,6 +15,14 @@ from aacmm_pin.planning import MeasurementPlan, plan_measurements
 from aacmm_pin.report import plan_document
 
 
+def _two_causes(causes: tuple[str, str] | None) -> tuple[str, str] | None:
+    """The causes, of which none is the next option."""
+    for text in causes or ():
+        if text.startswith("-"):
+            raise typer.BadParameter(f"{text!r} is an option; expected two causes")
+    return causes
+
+
 @command(
     "aacmm-pin plan distinguish sino6 --causes encoder_gain:3 encoder_eccentricity:3 -o plan.csv",
     "aacmm-pin plan distinguish my_arm.toml --existing data.csv -o plan.csv",
@@ -25,6 +33,7 @@ def run(
         tuple[str, str] | None,
         typer.Option(
             metavar="CAUSE CAUSE",
+            callback=_two_causes,
             help="Two causes, such as encoder_eccentricity:3 "
             "joint_compliance:3,compliance_rad_per_nm=2e-5. A cause without values has its typical "
             "magnitude. Default: all known causes.",

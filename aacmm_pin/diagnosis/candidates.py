@@ -105,16 +105,18 @@ def _changes(
 
 
 def not_tried(
-    library: Sequence[Variants], measurements: Measurements
+    arm: Arm, library: Sequence[Variants], measurements: Measurements
 ) -> dict[str, tuple[type[Effect], ...]]:
     """Conditions that the records do not state, and the causes of which none was a candidate for
-    want of them.
+    want of them; without those of the whole arm that this arm cannot have.
     """
     tried = {variants[0].cause for variants in library}
     lacking: dict[str, tuple[type[Effect], ...]] = {}
     for cause in CAUSES.values():
         missing = [need for need in _needs(cause) if getattr(measurements.conditions, need) is None]
-        if missing and cause.cause not in tried:
+        if not missing or cause.cause in tried:
+            continue
+        if cause.location_field() is not None or any(cause.candidates(arm)):
             lacking[missing[0]] = (*lacking.get(missing[0], ()), cause)
     return lacking
 

@@ -12,6 +12,7 @@ import numpy as np
 from aacmm_pin._support.checks import Mask
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.notes import Note
+from aacmm_pin.arm import Arm, outside_limits
 from aacmm_pin.calibration import (
     Fit,
     ReferenceFrame,
@@ -93,14 +94,40 @@ def check_measurements(
     found = first_fit(problem_of(model, records, [], setup))
     deviation = found.system.deviation[found.used]
     distance = rms(np.linalg.norm(deviation, axis=1))
-    missing = not_tried(list(all_candidates(model.arm, records)), records)
+    missing = not_tried(model.arm, list(all_candidates(model.arm, records)), records)
     notes = [*exclusions_of(found).notes, *notes_of_records(found), *session_notes(found), *notes]
+    notes += _limit_notes(model.arm, records)
     if model.arm.masses is None:
         notes.append(Note("masses_not_stated", {"arm": model.arm.name}))
     predicted = _predicted_rms(found)
+    if unknown := _noise_not_stated(model, records):
+        notes.append(Note("prediction_without_noise", {"of": unknown}))
     if distance > FAR_BEYOND * predicted:
         notes.append(Note("beyond_prediction", {"times": distance / predicted}))
     return Check(model, records, found.used, distance, predicted, missing, tuple(notes))
+
+
+def _limit_notes(arm: Arm, records: Measurements) -> list[Note]:
+    """A note for each joint that is outside its limits in some records."""
+    outside = outside_limits(records.q, arm.limits)
+    found = []
+    for joint in np.flatnonzero(outside.any(axis=0)).tolist():
+        rows = outside[:, joint]
+        values = records.q[rows, joint]
+        data = {"joint": joint + 1, "rows": records.row[rows].tolist()}
+        data |= {"limits": arm.limits[joint], "values": [values.min(), values.max()]}
+        data["unit"] = "mm" if arm.chain.prismatic[joint] else "°"
+        found.append(Note("outside_limits", data))
+    return found
+
+
+def _noise_not_stated(model: ErrorModel, records: Measurements) -> list[str]:
+    found = []
+    if model.arm.encoder_noise is None:
+        found.append("readings")
+    if not np.isfinite(records.reference_u[records.known]).all():
+        found.append("references")
+    return found
 
 
 def _predicted_rms(found: Fit) -> float:

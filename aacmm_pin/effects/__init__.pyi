@@ -38,6 +38,7 @@ from .encoder import (
 )
 from .environment import (
     BaseCompliance,
+    ProbeBending,
     ReferenceFrame,
     SeatError,
     StylusBending,
@@ -129,6 +130,7 @@ __all__ = [
     "Nonlinear",
     "Notation",
     "Part",
+    "ProbeBending",
     "Reading",
     "Records",
     "ReferenceFrame",

@@ -258,6 +258,7 @@ def example(cause: type[Effect]) -> Effect | None:
         time=3600.0 * part,
         temperature=20.0 + part,
         approach=np.sign(np.sin(waves)),
+        probe_direction=np.tile(np.eye(3), (n // 3, 1)),
         seat=seat,
         marker=np.full(n, "1", dtype=object),
     )

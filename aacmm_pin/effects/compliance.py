@@ -17,6 +17,9 @@ from aacmm_pin.effects.state import State
 from aacmm_pin.effects.tube import Tube, length_of
 from aacmm_pin.errors import AacmmError, UnsupportedArmError
 
+VERTICAL = 0.01
+"""An axis within this angle of the vertical has no moment of a weight about it [rad]."""
+
 
 @dataclass(frozen=True)
 class JointCompliance(GravityEffect):
@@ -54,23 +57,26 @@ class JointCompliance(GravityEffect):
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
         """Every joint that turns: by measured torques, which have noise, and by the weights, known
-        or unknown.
+        or unknown, but for a vertical axis of the first joint.
 
         The other causes that yield know the weights alone; by noisy torques alone it would seem to
         fit worse than these.
         """
-        rows = arm.chain.moving_rows()
+        chain = arm.chain
+        rows = [place // 2 for place in chain.moving_axes()]
         measured = records is not None and records.conditions.torque is not None
         for number, row in enumerate(rows):
-            slides = arm.chain.prismatic[number:]
-            if slides[0] or (arm.masses is None and slides.any()):
-                # no angle that a torque could turn; and unknown masses beyond a slide have no
+            slides = chain.slides[number:]
+            follows = row not in chain.moving_rows()
+            if follows or slides[0] or (arm.masses is None and slides.any()):
+                # no angle that a torque could turn alone; and unknown masses beyond a slide have no
                 # constant lever
                 continue
             tried = [cls(row, torque="measured")] if measured else []
-            if arm.masses is not None:
+            moment = number > 0 or not _first_axis_is_vertical(arm)
+            if moment and arm.masses is not None:
                 tried.append(cls(row))
-            elif records is not None:
+            elif moment and records is not None:
                 tried.append(cls(row, bodies=tuple(rows[number:])))
             if tried:
                 yield tuple(tried)
@@ -107,6 +113,13 @@ class JointCompliance(GravityEffect):
                 state, self.joint, state.along_axis(self.joint, self.moments(state, self.joint))
             )
         ]
+
+
+def _first_axis_is_vertical(arm: Arm) -> bool:
+    rotation, _ = arm.chain.walk(np.zeros((1, arm.nq)))
+    place = arm.chain.moving_axes()[0]
+    sine = np.linalg.norm(np.cross(rotation[place, 0, :, 2], arm.up))
+    return float(sine) < VERTICAL
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,5 @@
 """What is known of records beside their angles: when, how warm, from which side, under which
-torque, at which seat.
+torque, in which direction probed, at which seat.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aacmm_pin._support.checks import Array, Index, Mask, batch, vector, width_of
+from aacmm_pin._support.checks import Array, Index, Mask, batch, is_no_unit, vector, width_of
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.notes import Note
 from aacmm_pin.errors import MissingConditionError, ShapeError
@@ -26,6 +26,7 @@ CONDITION_COLUMNS = {
     "link_temperature": "temperature1_c …",
     "approach": "approach1 …",
     "torque": "torque1_nm …",
+    "probe_direction": "probe_direction_x …",
     "seat": "seat",
     "marker": "marker",
     "session": "session",
@@ -37,6 +38,7 @@ CONDITION_UNITS = {
     "link_temperature": "°C",
     "approach": "1",
     "torque": "N·m",
+    "probe_direction": "1",
 }
 """What the numbers of a condition are."""
 COLD_WORKSHOP, HOT_WORKSHOP = 5.0, 50.0
@@ -58,6 +60,8 @@ class Conditions(Shown):
         link_temperature: of each DH row (n, rows) [°C].
         approach: sign of each joint's last motion (n, nq), -1, 0 or 1.
         torque: measured joint torques (n, nq) [N·m].
+        probe_direction: unit vector of the probe's motion when it touched, from the probe to the
+            surface, in the axes of the base (n, 3); zero where none.
         seat: label of the seat touched (n,), "" where none.
         marker: label of the target on the flange (n,), "" where none.
         session: label of the session (n,), "" where none.
@@ -72,6 +76,7 @@ class Conditions(Shown):
     link_temperature: Array | None = None
     approach: Array | None = None
     torque: Array | None = None
+    probe_direction: Array | None = None
     seat: Labels | None = None
     marker: Labels | None = None
     session: Labels | None = None
@@ -87,6 +92,8 @@ class Conditions(Shown):
                 given = labels_of(name, values, self.n)
             elif name in ("time", "temperature"):
                 given = vector(values, self.n, name, CONDITION_UNITS[name])
+            elif name == "probe_direction":
+                given = _directions(values)
             else:
                 given = batch(values, width_of(values), name, CONDITION_UNITS[name])
             if len(given) != self.n:
@@ -186,6 +193,20 @@ class Records(Protocol):
     @property
     def known(self) -> Mask:
         """True where the coordinates of the tip are known (n,)."""
+
+
+def _directions(values: ArrayLike) -> Array:
+    """Unit vectors (n, 3) without what rounding did to their lengths; zeros stay.
+
+    Raises:
+        ShapeError: another shape, or another length.
+    """
+    vectors = batch(values, 3, "probe_direction", "1")
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    if (is_no_unit(length) & (length > 0.0)).any():
+        came = f"lengths of {length.min():g} to {length.max():g}"
+        raise ShapeError(f"probe_direction has {came}; expected 1, or 0 where there is none")
+    return np.asarray(vectors / np.where(length > 0.0, length, 1.0))
 
 
 def labels_of(name: str, values: ArrayLike, n: int) -> Labels:

@@ -26,7 +26,7 @@ from aacmm_pin.effects.conditions import Conditions, Records
 from aacmm_pin.effects.nonlinear import Nonlinear
 from aacmm_pin.effects.state import State
 from aacmm_pin.effects.tube import tubes
-from aacmm_pin.errors import AacmmError, CauseError, UnknownNameError
+from aacmm_pin.errors import AacmmError, CauseError, MissingConditionError, UnknownNameError
 
 LOCATION_FIELDS = ("joint", "link", "seat", "marker", "session")
 """Fields that state where a cause sits."""
@@ -369,15 +369,17 @@ def require_row(effect: Effect, arm: Arm) -> Effect:
 
 
 def is_possible(effect: Effect, arm: Arm, records: Records | None) -> bool:
-    """Whether the arm can have the effect, and the records have the columns that it depends on."""
-    if records is None and effect.needs:
-        return True
+    """Whether the arm can have the effect, and the records, if any, have the columns that it
+    depends on.
+    """
     conditions = Conditions(1) if records is None else records.conditions.take([0])
     q = np.zeros((1, arm.nq)) if records is None else records.q[:1]
     try:
         effect.displacements(State(arm, q, conditions, arm.chain.tip))
     except CauseError:  # a mistake of the class, and none of the place
         raise
+    except MissingConditionError:
+        return records is None
     except AacmmError:
         return False
     return True
@@ -461,7 +463,7 @@ def about_axis(state: State, row: int, columns: Array) -> Displacement:
     """Body ``row`` turned about its joint by ``columns`` (n, p) [rad]; along it if the joint
     slides.
     """
-    component = 2 if state.arm.chain.prismatic[state.joint(row)] else 5
+    component = 2 if state.slides(row) else 5
     # Component by component, so that the zeros of the others take no memory: nobody writes there.
     twists = np.zeros((6, *columns.shape)).transpose(1, 0, 2)
     twists[:, component] = columns
@@ -472,10 +474,10 @@ def of_encoder(state: State, row: int, columns: Array) -> list[Displacement]:
     """The joints whose angles the reading of ``row`` is a part of, by ``columns`` (n, p) [rad] that
     are added to this reading.
     """
-    rows = state.arm.chain.moving_rows()
-    ratios = state.arm.coupling_matrix[:, state.joint(row)]
-    parts = np.flatnonzero(ratios).tolist()
-    return [about_axis(state, rows[j], ratios[j] * columns) for j in parts]
+    chain = state.arm.chain
+    ratios = chain.drive.matrix @ state.arm.coupling_matrix[:, state.joint(row)]
+    parts = zip(chain.moving_axes(), ratios.tolist(), strict=True)
+    return [about_axis(state, place // 2, ratio * columns) for place, ratio in parts if ratio]
 
 
 def twist(linear: Array | None = None, angular: Array | None = None) -> Array:

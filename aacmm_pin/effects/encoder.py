@@ -405,7 +405,8 @@ class JointErrorCurve(Effect):
 class EncoderGain(_OfAngle):
     """The error grows in proportion to the angle: ``δ = g θ``.
 
-    A closed disc cannot have this error; a belt, a gear or an interpolator can, and a wound cable
+    Beside the ratio c of a coupling of the joint with itself, the ratio is ``c (1 + g)``. A closed
+    disc cannot have this error; a belt, a gear or an interpolator can, and a wound cable
     has a similar effect. Of a prismatic joint: the error of its scale. Unit 1 (rad/rad, m/m);
     typical 2e-5 to 4e-4. Needs no column. Aliases: low orders if the joint covers part of a turn.
     """
@@ -427,12 +428,13 @@ class EncoderGain(_OfAngle):
 
 @dataclass(frozen=True)
 class JointCoupling(Effect):
-    """The angle of a joint has a part of another encoder's reading: ``δ = r θ_of``.
+    """The angle of a joint has a part of another encoder's reading: ``δ = r θ_of``, with the change
+    r of the stated ratio.
 
     A gear, belt or parallelogram whose ratio is not the stated one, or a cable that another joint
-    winds. It adds to the ``[[couplings]]`` of the arm. Unit 1 (rad/rad); typical 1e-4 to 3e-3.
-    Needs no column. Aliases: ``joint_error_curve`` of ``of`` if the two axes are parallel and near
-    each other; causes of load if the other joint lifts the joint.
+    winds. The ratio is the one in ``[[couplings]]``, or 0, plus r. Unit 1 (rad/rad); typical 1e-4
+    to 3e-3. Needs no column. Aliases: ``joint_error_curve`` of ``of`` if the two axes are parallel
+    and near each other; causes of load if the other joint lifts the joint.
     """
 
     joint: int
@@ -441,7 +443,7 @@ class JointCoupling(Effect):
     words: ClassVar[str] = "coupling"
     load: ClassVar[str] = "reading of the other joint"
     prior_weight: ClassVar[float] = 0.3
-    terms: ClassVar[tuple[Term, ...]] = (Term("", "1", 1e-3, "ratio"),)
+    terms: ClassVar[tuple[Term, ...]] = (Term("", "1", 1e-3, "ratio_change"),)
 
     def __post_init__(self) -> None:
         """Check that they are two joints."""
@@ -454,12 +456,15 @@ class JointCoupling(Effect):
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
-        """Every joint that turns with the one before, if this turns by enough to show it."""
+        """Every joint that turns with the one before, and with that which it mimics, if this turns
+        by enough to show it.
+        """
         rows = arm.chain.moving_rows()
-        turning = [row for row, _ in _turning(arm, None)]
+        mimicked = [(mimic.of, mimic.joint) for mimic in arm.mimics]
+        sliding = np.array(arm.chain.moving_axes())[arm.chain.slides] // 2
         shown = [row for row, _ in _turning(arm, records)]
-        for of, joint in pairwise(rows):
-            if of in shown and joint in turning:
+        for of, joint in (*pairwise(rows), *mimicked):
+            if of in shown and joint not in sliding:
                 yield (cls(joint, of),)
 
     @classmethod

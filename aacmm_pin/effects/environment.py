@@ -175,15 +175,32 @@ class StylusBending(Effect):
 
     def displacements(self, state: State) -> list[Displacement]:
         """Gravity across the stylus."""
-        stylus = state.arm.stylus_axis
-        if stylus is None:
-            raise UnsupportedArmError(
-                f"{self.label}: the arm states no axis of the stylus; expected [stylus] in the arm "
-                "file"
-            )
-        down = state.in_axes_of(state.arm.chain.tip, np.broadcast_to(state.down, (state.n, 3)))
-        across = down - (down @ stylus)[:, None] * stylus
-        return [Displacement(state.arm.chain.tip, twist(across[:, :, None]))]
+        stylus = _stylus_axis(self, state.arm)
+        return [_across(stylus, state, state.down)]
+
+
+@dataclass(frozen=True)
+class ProbeBending(Effect):
+    """The stylus bends under the probing force: ``δp = -b (I - e eᵀ) d``, with the stylus axis e,
+    the direction d in which the probe moved when it touched, and the deflection b.
+
+    The ball lags behind the motion of the probe, so that b is above zero. The force is the same in
+    all records. Unit m; typical 5e-6 to 5e-5: 1 N on a steel stylus of 50 mm and Ø 4 mm gives
+    1.6e-5. Source: cantilever, ``b = F L³ / (3 E I)``. Needs ``probe_direction_x …``, and the
+    stylus axis of the arm file. Aliases: ``stylus_offset`` and ``joint_hysteresis`` of the last
+    joints if the stylus always touches with one side.
+    """
+
+    cause: ClassVar[str] = "probe_bending"
+    words: ClassVar[str] = "bending under the probing force"
+    needs: ClassVar[tuple[str, ...]] = ("probe_direction",)
+    terms: ClassVar[tuple[Term, ...]] = (Term("", "m", 2e-5, "deflection_mm", MM, positive=True),)
+
+    def displacements(self, state: State) -> list[Displacement]:
+        """Against the motion of the probe, across the stylus."""
+        stylus = _stylus_axis(self, state.arm)
+        direction = state.conditions.require("probe_direction", self.label)
+        return [_across(stylus, state, -direction)]
 
 
 @dataclass(frozen=True)
@@ -230,6 +247,27 @@ class ThermalExpansion(Effect):
             # The stand: nobody measured it.
             return np.asarray(conditions.link_temperature.mean(axis=1) - reference)
         return np.asarray(conditions.require("temperature", self.label) - reference)
+
+
+def _stylus_axis(effect: Effect, arm: Arm) -> Array:
+    """Along the stylus, in the axes of the tip (3,).
+
+    Raises:
+        UnsupportedArmError: the arm states none.
+    """
+    if arm.stylus_axis is None:
+        raise UnsupportedArmError(
+            f"{effect.label}: the arm states no axis of the stylus; expected [stylus] in the arm "
+            "file"
+        )
+    return arm.stylus_axis
+
+
+def _across(stylus: Array, state: State, vectors: Array) -> Displacement:
+    """The tip, by the part across the stylus of vectors of the base (n, 3), or of one (3,)."""
+    of_tip = state.in_axes_of(state.arm.chain.tip, vectors)
+    across = of_tip - (of_tip @ stylus)[:, None] * stylus
+    return Displacement(state.arm.chain.tip, twist(across[:, :, None]))
 
 
 def growth_of_body(state: State, row: int, growth: Array) -> list[Displacement]:

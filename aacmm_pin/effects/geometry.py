@@ -57,7 +57,7 @@ class JointZeroOffset(_RowValue):
     def displacements(self, state: State) -> list[Displacement]:
         """A unit of the joint's own motion; a row without a joint turns."""
         place = axis(state.known_row(self.joint))
-        if state.arm.chain.joint[place] < 0:
+        if state.arm.chain.moved[place] < 0:
             return super().displacements(state)
         return [about_axis(state, self.joint, np.ones((1, 1)))]
 

@@ -146,6 +146,8 @@ def _value(reading: Reading, value: float, expanded: float) -> str:
             text = " ± ".join(
                 f"{round(number, digits):z.{max(digits, 0)}f}" for number in (value, expanded)
             )
+    if reading.unit.startswith("·"):
+        text = f"({text})"
     space = "" if reading.unit[:1] in ("", "°", "·") else " "
     return f"{reading.name} {text}{space}{reading.unit}"
 

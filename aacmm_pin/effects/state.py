@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.arm import Arm, axis, end
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.errors import AacmmError, UnsupportedArmError
@@ -76,14 +76,30 @@ class State:
         return np.asarray(self.origin[self.target])
 
     def joint(self, row: int) -> int:
-        """Number, from 0, of the joint that moves ``row`` (from 1).
+        """Number, from 0, of the joint of ``row`` (from 1), which follows no other.
+
+        Raises:
+            AacmmError: no such row, or it has no such joint.
+        """
+        return self._number(self.arm.chain.joint, row)
+
+    def slides(self, row: int) -> bool:
+        """Whether the joint of ``row`` slides; it may follow another.
 
         Raises:
             AacmmError: no such row, or it does not move.
         """
-        number = int(self.arm.chain.joint[axis(self.known_row(row))])
+        chain = self.arm.chain
+        number = self._number(chain.moved, row)
+        return bool(chain.slides[number])
+
+    def _number(self, of_places: Index, row: int) -> int:
+        number = int(of_places[axis(self.known_row(row))])
         if number < 0:
-            raise AacmmError(f"row {row} of {self.arm.name} is rigid; expected a row with a joint")
+            raise AacmmError(
+                f"row {row} of {self.arm.name} is rigid or follows another; expected a row with a "
+                "joint of its own"
+            )
         return number
 
     def known_row(self, row: int) -> int:
@@ -174,7 +190,7 @@ class State:
             UnsupportedArmError: a joint beyond ``row`` slides, and H_k is not constant.
         """
         rows = [place // 2 for place in self.arm.chain.moving_axes() if place // 2 >= row]
-        slide = [k for k in rows if k > row and self.arm.chain.prismatic[self.joint(k)]]
+        slide = [k for k in rows if k > row and self.slides(k)]
         if slide:
             raise UnsupportedArmError(
                 f"{self.arm.name}: joint {slide[0]} is prismatic; expected revolute joints for "

@@ -39,6 +39,7 @@ from .repeats import (
     originals,
     posture_numbers,
 )
+from .schedule import probe_directions
 from .simulate import SCHEMES, Scheme, seed_of, simulate_measurements, simulate_touches
 
 __all__ = [
@@ -84,6 +85,7 @@ __all__ = [
     "normal_of_plane",
     "originals",
     "posture_numbers",
+    "probe_directions",
     "quaternions",
     "read_probed_points",
     "read_table",

@@ -111,9 +111,24 @@ REFERENCE_U = ("u_x_mm", "u_y_mm", "u_z_mm")
 ORIENTATION = ("qw", "qx", "qy", "qz")
 ROTATION_VECTOR = ("rx_rad", "ry_rad", "rz_rad")
 ROLL_PITCH_YAW = ("roll_deg", "pitch_deg", "yaw_deg")
-ORIENTATIONS = (ORIENTATION, ROTATION_VECTOR, ROLL_PITCH_YAW)
+EULER = "euler_"
+"""Begins the columns of three angles about axes in another order."""
+EULER_ORDERS = (
+    *("xyx", "xyz", "xzx", "xzy", "yxy", "yxz"),
+    *("yzx", "yzy", "zxy", "zxz", "zyx", "zyz"),
+)
+EULER_ANGLES = [tuple(f"{EULER}{order}_{angle}_deg" for angle in "abc") for order in EULER_ORDERS]
+ROTATION_ORDERS: dict[tuple[str, ...], str] = {
+    ROLL_PITCH_YAW: "xyz",
+    **dict(zip(EULER_ANGLES, map(str.upper, EULER_ORDERS), strict=True)),
+}
+"""Axes of the angles of a form as SciPy has them: fixed ones in lower case, rotated ones in upper
+case.
+"""
+ORIENTATIONS = (ORIENTATION, ROTATION_VECTOR, *ROTATION_ORDERS)
 """Ways to state an orientation, of which a file has one; quaternions are written."""
 ORIENTATION_U = "u_rot_rad"
+PROBE_DIRECTION = ("probe_direction_x", "probe_direction_y", "probe_direction_z")
 BAR = ("bar", "bar_end", "bar_length_mm")
 BAR_U = "u_bar_length_mm"
 FEATURE = "feature"
@@ -140,7 +155,10 @@ _ONE_TURN = 2.0 * math.pi + 1e-9
 _TURN = Range(-_ONE_TURN, _ONE_TURN, "rad", "degrees")
 _ORIENTATION_COLUMNS = (
     Column("orientation", ROTATION_VECTOR, "none", "rad", _TURN, True, of_reference=True),
-    Column("orientation", ROLL_PITCH_YAW, "none", "°", _TURN, True, of_reference=True),
+    *(
+        Column("orientation", form, "none", "°", _TURN, True, of_reference=True)
+        for form in ROTATION_ORDERS
+    ),
 )
 READING_COLUMNS = (
     Column("q", (THETA["deg"],), "none", "°", plausible.READING),
@@ -165,6 +183,7 @@ RECORD_COLUMNS = (
     _condition("link_temperature", "none"),
     _condition("approach", "none"),
     _condition("torque", "joints"),
+    Column("probe_direction", PROBE_DIRECTION, "none", "1", may_be_empty=True),
     _condition("session", "anywhere"),
     Column("operator", ("operator",), "joints"),
     Column("record", ("record",), "none"),

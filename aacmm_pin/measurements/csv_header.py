@@ -9,15 +9,19 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 from aacmm_pin._support import plausible
 from aacmm_pin._support.file_problems import Problems, shortened
 from aacmm_pin.measurements.csv_columns import (
     BAR,
+    EULER,
+    EULER_ANGLES,
     LINK_TEMPERATURE,
     MEASUREMENT_FILE,
     ORIENTATION_U,
     ORIENTATIONS,
+    PROBE_DIRECTION,
     REFERENCE,
     REFERENCE_U,
     THETA,
@@ -138,6 +142,9 @@ def near_miss(name: str, present: Sequence[str], columns: Sequence[Column]) -> s
     with_unit = f"{name.lower()}_mm"
     if with_unit in REFERENCE and with_unit not in present:
         return with_unit  # a reference that would be lost in silence
+    if name.lower().startswith(EULER):  # so would be an orientation
+        of_each_order = chain.from_iterable(EULER_ANGLES)
+        return difflib.get_close_matches(name.lower(), [*of_each_order], 1, cutoff=0.0)[0]
     known = _names_with_number_of(name, columns)
     letters = {_letters(k): k for k in known}
     if _letters(name) in letters:
@@ -262,7 +269,7 @@ def listed(names: Iterable[str]) -> str:
 
 def _check_companions(there: set[str], problems: Problems) -> None:
     """Names that need others."""
-    for group in (REFERENCE, REFERENCE_U, *ORIENTATIONS, BAR):
+    for group in (REFERENCE, REFERENCE_U, *ORIENTATIONS, BAR, PROBE_DIRECTION):
         present = [name for name in group if name in there]
         missing = [name for name in group if name not in there]
         if present and missing:

@@ -9,7 +9,7 @@ import scipy
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin.arm import skew
-from aacmm_pin.measurements.csv_columns import ORIENTATION, ROTATION_VECTOR
+from aacmm_pin.measurements.csv_columns import ORIENTATION, ROTATION_ORDERS, ROTATION_VECTOR
 
 
 def matrices(quaternions: Array) -> Array:
@@ -24,7 +24,8 @@ def as_quaternions(form: tuple[str, ...], numbers: Array) -> Array:
     """Quaternions (n, 4), scalar first, of what a file states in the columns of ``form``, one of
     :data:`ORIENTATIONS`: numbers (n, 4) or (n, 3) in the units of the file; NaN where one is NaN.
 
-    Angles are those of URDF, ``Rz(yaw) Ry(pitch) Rx(roll)``.
+    Angles are about the axes of :data:`ROTATION_ORDERS`; roll, pitch and yaw are those of URDF,
+    ``Rz(yaw) Ry(pitch) Rx(roll)``.
     """
     if form == ORIENTATION:
         return numbers
@@ -33,7 +34,9 @@ def as_quaternions(form: tuple[str, ...], numbers: Array) -> Array:
     if form == ROTATION_VECTOR:
         rotations = scipy.spatial.transform.Rotation.from_rotvec(filled)
     else:
-        rotations = scipy.spatial.transform.Rotation.from_euler("xyz", filled, degrees=True)
+        rotations = scipy.spatial.transform.Rotation.from_euler(
+            ROTATION_ORDERS[form], filled, degrees=True
+        )
     return np.where(known, np.roll(rotations.as_quat(), 1, axis=1), np.nan)
 
 

@@ -9,7 +9,7 @@ from collections import Counter
 import numpy as np
 import pandas as pd
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.checks import MOST_LENGTH_ERROR, Array, is_no_unit
 from aacmm_pin._support.file_problems import Problems
 from aacmm_pin.measurements.csv_columns import (
     APPROACH,
@@ -20,6 +20,7 @@ from aacmm_pin.measurements.csv_columns import (
     ORIENTATION,
     ORIENTATIONS,
     PLANE,
+    PROBE_DIRECTION,
     REFERENCE,
     REFERENCE_U,
     ROLL_PITCH_YAW,
@@ -31,10 +32,6 @@ from aacmm_pin.measurements.csv_columns import (
 from aacmm_pin.measurements.csv_values import RecordTable, Values, check_numbers
 from aacmm_pin.measurements.repeats import WHOLE_TOLERANCE
 
-MOST_NORM_ERROR = 2e-3
-"""A quaternion whose norm is off one by more than this is none: four numbers with three decimals
-give 1e-3 at most.
-"""
 ENOUGH_RECORDS = 5
 """So many records distinguish degrees from radians."""
 ENOUGH_ANGLES = 10
@@ -125,8 +122,10 @@ def _check_angles(table: RecordTable, problems: Problems) -> None:
 
 
 def _check_references(values: Values, problems: Problems) -> None:
-    """References with all of their components, and quaternions of the norm 1."""
-    for names in (REFERENCE, REFERENCE_U, *ORIENTATIONS):
+    """References and directions with all of their components, quaternions and directions of the
+    norm 1.
+    """
+    for names in (REFERENCE, REFERENCE_U, *ORIENTATIONS, PROBE_DIRECTION):
         stated = np.isfinite(values.block(names))
         partly = stated.any(axis=1) & ~stated.all(axis=1)
         for k, name in enumerate(names):
@@ -139,11 +138,19 @@ def _check_references(values: Values, problems: Problems) -> None:
     _check_zeros(values, problems)
     norm = np.linalg.norm(values.block(ORIENTATION), axis=1)
     problems.at(
-        np.abs(norm - 1.0) > MOST_NORM_ERROR,
+        is_no_unit(norm),
         span(ORIENTATION),
         "has the norm {:.6g}; expected 1: a unit quaternion, scalar first; or use "
         f"{span(ROTATION_VECTOR)} or {span(ROLL_PITCH_YAW)}",
         norm,
+    )
+    length = np.linalg.norm(values.block(PROBE_DIRECTION), axis=1)
+    problems.at(
+        is_no_unit(length) & (length > 0.0),
+        span(PROBE_DIRECTION),
+        f"has the length {{:.6g}}; expected 1 (within {MOST_LENGTH_ERROR:g}), or empty cells if "
+        "there is no direction",
+        length,
     )
     placed = np.isfinite(values.block(REFERENCE)).any(axis=1) | (values.label("seat") != "")
     for form in ORIENTATIONS:
@@ -190,7 +197,7 @@ def _check_seats(values: Values, problems: Problems) -> None:
 
 def _check_spheres(values: Values, problems: Problems) -> None:
     """Each record of a sphere states its label and both diameters, and each sphere the same in all
-    of its records.
+    of its records; a probe's diameter alone is that of a contact with a direction.
     """
     seat = values.label("seat")
     diameters = values.block(DIAMETERS)
@@ -204,8 +211,12 @@ def _check_spheres(values: Values, problems: Problems) -> None:
     problems.at(
         feature & ~probe, DIAMETERS[1], "is empty in a row with a feature's diameter; expected both"
     )
+    directed = np.linalg.norm(values.block(PROBE_DIRECTION), axis=1) > 0.0
     problems.at(
-        ~feature & probe, DIAMETERS[0], "is empty in a row with a probe's diameter; expected both"
+        ~feature & probe & ~(directed & (seat == "")),
+        DIAMETERS[0],
+        f"is empty in a row with a probe's diameter; expected both, or {span(PROBE_DIRECTION)} in "
+        "a row without feature and seat",
     )
     labels = pd.Series(seat)
     stated = np.column_stack([diameters, values.block(REFERENCE)])

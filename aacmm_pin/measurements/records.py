@@ -18,7 +18,7 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from aacmm_pin._support import plausible
-from aacmm_pin._support.checks import Array, Index, Mask, batch, vector, width_of
+from aacmm_pin._support.checks import Array, Index, Mask, batch, is_no_unit, vector, width_of
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.file_problems import Problems
 from aacmm_pin._support.notes import Note
@@ -27,6 +27,7 @@ from aacmm_pin._support.units import DEG
 from aacmm_pin.arm import Arm
 from aacmm_pin.effects import CONDITION_COLUMNS, Conditions, Labels, labels_of
 from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError
+from aacmm_pin.measurements.contacts import at_centres
 from aacmm_pin.measurements.csv_columns import (
     APPROACH,
     DIAMETERS,
@@ -35,6 +36,7 @@ from aacmm_pin.measurements.csv_columns import (
     ORIENTATION_U,
     ORIENTATIONS,
     PLANE,
+    PROBE_DIRECTION,
     RECORD_COLUMNS,
     THETA,
     AngleUnit,
@@ -61,7 +63,6 @@ from aacmm_pin.measurements.probed_points import (
     with_features_as_seats,
 )
 from aacmm_pin.measurements.record_checks import (
-    MOST_NORM_ERROR,
     check_records,
     looks_like_radians,
     mostly_like_radians,
@@ -137,7 +138,8 @@ class Measurements(Shown):
             where it nowhere is.
         feature_diameter: of the sphere that a seat is, probed from outside (n,) [m]; NaN where the
             seat is a point. References of such records are those of the sphere's centre.
-        probe_diameter: of the probe's ball (n,) [m], whose centre is the tip.
+        probe_diameter: of the probe's ball (n,) [m], whose centre is the tip; NaN where references
+            are those of the tip, see :func:`~aacmm_pin.measurements.contacts.at_centres`.
         feature_kind: ``plane`` where the seat is one (n,), "" elsewhere.
         of_encoders: readings that differ from ``q`` (n, nq) [rad]; None where they do not.
     """
@@ -222,8 +224,9 @@ class Measurements(Shown):
     ) -> Measurements:
         """Measurements from arrays in SI units, see the attributes; None where nothing is known.
 
-        Shapes and numbers are checked, but not whether seats and bars suffice for a calibration, as
-        :meth:`read` does.
+        Coordinates of contacts become those of the tip, see
+        :func:`~aacmm_pin.measurements.contacts.at_centres`. Shapes and numbers are checked, but not
+        whether seats and bars suffice for a calibration, as :meth:`read` does.
 
         Raises:
             ShapeError: an array has another shape or numbers that cannot be, or ``extra`` a known
@@ -272,7 +275,7 @@ class Measurements(Shown):
                 f"extra has columns of known names: {', '.join(known_names)}; expected these as "
                 "arguments of their own"
             )
-        return measurements
+        return at_centres(measurements)
 
     @property
     def n(self) -> int:
@@ -567,15 +570,18 @@ def _from_table(table: pd.DataFrame, lines: Index, nq: int | None, source: str) 
     found["orientation"] = _unit_quaternions(_stated_orientations(columns.values))
     if found["orientation"] is None:
         found["orientation_u"] = None
+    directions = np.nan_to_num(columns.values.block(PROBE_DIRECTION))
+    found["probe_direction"] = directions if directions.any() else None
     conditions = Conditions(len(table), **{name: found.pop(name) for name in CONDITION_COLUMNS})
     theta = columns.values.block(columns.header.theta)
     q = theta * DEG if columns.header.unit == "deg" else theta
     extra = table[list(columns.header.extra)].reset_index(drop=True)
     stated: dict[str, Any] = dict(found)
     read_as += _notes(columns)
-    return Measurements(
+    measurements = Measurements(
         q=q, conditions=conditions, extra=extra, row=lines, source=source, read_as=read_as, **stated
     )
+    return at_centres(measurements)
 
 
 def _notes(columns: RecordTable) -> tuple[Note, ...]:
@@ -686,7 +692,7 @@ def _checked_quaternions(array: Array) -> Array | None:
         ShapeError: a norm is off by more than rounding.
     """
     norm = np.linalg.norm(array, axis=1)
-    if (np.abs(norm - 1.0) > MOST_NORM_ERROR).any():
+    if is_no_unit(norm).any():
         came = f"norms of {np.nanmin(norm):g} to {np.nanmax(norm):g}"
         raise ShapeError(f"orientation has {came}; expected unit quaternions")
     return _unit_quaternions(array)

@@ -71,6 +71,12 @@ def workshop_conditions(
     )
 
 
+def probe_directions(n: int, rng: np.random.Generator) -> Array:
+    """Directions in which probes move when they touch, unit vectors all round (n, 3)."""
+    vectors = rng.normal(size=(n, 3))
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
+
+
 def _time(session: Index, rng: np.random.Generator) -> Array:
     n = len(session)
     steps = rng.uniform(*RECORD_INTERVAL, size=n)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -24,7 +24,7 @@ from aacmm_pin.measurements.measuring_points import (
 from aacmm_pin.measurements.noise import ENCODER, PROBE, REFERENCE_NOISE, Noise
 from aacmm_pin.measurements.orientation import quaternions
 from aacmm_pin.measurements.records import Measurements
-from aacmm_pin.measurements.schedule import sessions, workshop_conditions
+from aacmm_pin.measurements.schedule import probe_directions, sessions, workshop_conditions
 from aacmm_pin.postures import brought_to
 
 Scheme = Literal["free", "seats", "ball-bar", "single-point"]
@@ -238,7 +238,7 @@ class _Workshop:
     def _conditions(self, session: Index, q: Array, seat: Labels | None) -> Conditions:
         reference = self.model.arm.reference_temperature
         spread = self.temperature_range
-        return workshop_conditions(
+        found = workshop_conditions(
             session,
             q,
             rng=self.rng,
@@ -246,6 +246,11 @@ class _Workshop:
             temperature_range=spread,
             seat=seat,
         )
+        if not any("probe_direction" in effect.needs for effect in self.model.effects):
+            return found
+        # A stream of its own: all other numbers are the same without it.
+        directions = probe_directions(len(q), self.rng.spawn(1)[0])
+        return replace(found, probe_direction=directions)
 
     def _normal(self, u: float, like: Array) -> Array:
         return u * self.rng.normal(size=like.shape)

@@ -15,7 +15,7 @@ from aacmm_pin.arm import Arm, Room, joint_bounds
 from aacmm_pin.calibration import observations_of
 from aacmm_pin.effects import Conditions, Labels, State
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.measurements import Measurements, Pool, seats_for
+from aacmm_pin.measurements import Measurements, Pool, probe_directions, seats_for
 from aacmm_pin.planning.measurement_conditions import MeasurementConditions
 from aacmm_pin.planning.task import Task
 
@@ -152,6 +152,8 @@ def _conditions(
         chosen["approach"] = sides
     if "torque" in needed:
         chosen["torque"] = _torques(arm, postures.q)
+    if "probe_direction" in needed:
+        chosen["probe_direction"] = probe_directions(n, rng.spawn(1)[0])
     if chosen["seat"] is None and "seat" in needed:
         chosen["seat"] = np.full(n, "", dtype=object)
     return Conditions(n, **chosen)

@@ -19,7 +19,7 @@ from aacmm_pin.planning.result import MeasurementPlan
 from aacmm_pin.planning.task import Task
 
 SHEET_DECIMALS = 6
-"""Of angles in degrees."""
+"""Of angles in degrees, and of directions."""
 
 
 def plan_of(
@@ -78,8 +78,8 @@ def _sheet(records: Measurements, existing: Measurements | None) -> pd.DataFrame
         else nothing,
         conditions=replace(records.conditions, torque=None),
     ).to_frame()
-    angles = [name for name in table.columns if name.startswith("theta")]
-    table[angles] = table[angles].round(SHEET_DECIMALS)
+    exact = [name for name in table.columns if name.startswith(("theta", "probe_direction"))]
+    table[exact] = table[exact].round(SHEET_DECIMALS)
     if REFERENCE[0] not in table:
         for k, name in enumerate(REFERENCE):
             table.insert(records.nq + k, name, nothing[:, k])

@@ -215,6 +215,11 @@ def _conditions(
             f"{arm.name}: joint {', '.join(str(j) for j in slides)} is prismatic; expected "
             "revolute joints to enumerate postures"
         )
+    if arm.mimics:
+        raise UnsupportedArmError(
+            f"{arm.name}: joint {', '.join(str(mimic.joint) for mimic in arm.mimics)} follows "
+            "another; expected independent joints to enumerate postures"
+        )
     if axis is not None and rotation is not None:
         raise AacmmError("axis and rotation were both given; expected one of the two")
     if tool is not None and axis is None:

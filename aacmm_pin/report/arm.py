@@ -86,15 +86,21 @@ def _dh_cell(value: float, half_width: float | None, scale: float) -> str:
 
 def _joints(arm: Arm) -> pd.DataFrame:
     """One row a joint of an arm that came as URDF."""
-    half = np.array([p.half_width or 0.0 for p in arm.parameters]).reshape(arm.nq, 6)
-    table = pd.DataFrame({"joint": range(1, arm.nq + 1), "name": arm.joint_names})
-    table["moves"] = np.where(arm.chain.prismatic, "along", "about")
+    half = np.array([p.half_width or 0.0 for p in arm.parameters]).reshape(-1, 6)
+    table = pd.DataFrame({"name": arm.joint_names})
+    table.insert(0, "joint", table.index + 1)
+    table["moves"] = np.where(arm.chain.slides, "along", "about")
     table["axis"] = [vector(axis) for axis in arm.joint_axes]
-    table["limits [°, or mm]"] = [_limits(arm, j) for j in range(arm.nq)]
+    table["limits [°, or mm]"] = ""
+    own = arm.chain.drive.own
+    table.loc[own, "limits [°, or mm]"] = [_limits(arm, j) for j in range(arm.nq)]
+    for mimic in arm.mimics:
+        follows = f"{mimic.ratio:.5g} × joint {mimic.of}"
+        table.loc[mimic.joint - 1, "limits [°, or mm]"] = follows
     table["placement ± [mm]"] = [*map(tuple, half[:, :3] / MM)]
     table["placement ± [µrad]"] = [*map(tuple, half[:, 3:] / UM)]
     if arm.encoder_noise is not None:
-        table["encoder u [µrad]"] = arm.encoder_noise / UM
+        table.loc[own, "encoder u [µrad]"] = arm.encoder_noise / UM
     return table
 
 

@@ -29,7 +29,8 @@ HOW_TO_GO = (
     "The file has the joint angles with all decimals. Move the arm to within a few degrees of "
     "these angles, and enter the readings. Left and right are as seen by a person behind the "
     "stand. Bearings are measured counter-clockwise from the x axis. Last motion: move each joint "
-    "to the posture towards larger (+) or smaller (-) angles."
+    "to the posture towards larger (+) or smaller (-) angles. Probe direction: from the probe to "
+    "the surface, in the axes of the base."
 )
 
 

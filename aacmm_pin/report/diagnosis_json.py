@@ -49,7 +49,8 @@ def diagnosis_to_dict(diagnosis: Diagnosis) -> dict[str, Any]:
     summary["discrepancy"] = [_discrepancy(part) for part in parts]
     summary["unexplained"] = _unexplained(diagnosis.unexplained)
     records = diagnosis.extended.problem.measurements
-    summary["not_tried"] = not_tried_in_json(not_tried(diagnosis.choice.library, records))
+    missing = not_tried(diagnosis.model.arm, diagnosis.choice.library, records)
+    summary["not_tried"] = not_tried_in_json(missing)
     summary["cannot_tell_apart"] = [list(labels) for labels in diagnosis.cannot_tell_apart]
     summary["next_measurements"] = next_measurements(diagnosis)
     return summary | notes_in_json(diagnosis.notes)

@@ -66,7 +66,8 @@ def _disagreement(result: Diagnosis) -> list[Note]:
 
 def _not_tried(choice: Choice) -> list[Note]:
     """Columns that the file lacks, and what could not be tried without them."""
-    lacking = not_tried(choice.library, choice.fit.problem.measurements)
+    problem = choice.fit.problem
+    lacking = not_tried(problem.model.arm, choice.library, problem.measurements)
     each = []
     for need, causes in lacking.items():
         names = listed([cause_in_words(cause) for cause in causes])

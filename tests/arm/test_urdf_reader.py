@@ -224,15 +224,3 @@ def test_nothing_of_a_robot_changes():
         np.testing.assert_array_equal(alone.upperPositionLimit, ours.upperPositionLimit)
         compared += 1
     assert compared > 50
-
-
-def test_joints_that_mimic_each_other_are_refused_where_both_move_the_frame(tmp_path):
-    path, axis = tmp_path / "mimic.urdf", '<axis xyz="1 0 0"/>'
-    for leader, words in (
-        ("shoulder", "joint is 'shoulder'"),
-        ("none", "there is no joint 'none'"),
-    ):
-        path.write_text(GOOD.replace(axis, f'{axis}<mimic joint="{leader}"/>'), encoding="utf-8")
-        assert Arm.from_urdf(path, "upper").nq == 1
-        with pytest.raises(UnsupportedArmError, match=f"line 23: joint 'slide': mimic: {words}"):
-            Arm.from_urdf(path, "tip")

@@ -115,10 +115,15 @@ def test_an_unstated_coupling_is_named_by_its_key(crane, rng, ratio):
         calibrate(crane.with_couplings(GEAR), records, hold_out=False)
 
 
-def test_a_coupling_that_the_encoder_does_not_have_is_named(crane, rng):
-    records = Plant(rng, 0.0).records(rng, 60)
-    with pytest.raises(MistakenFileError, match=r"joint = 3, of = 2, ratio = 0\)"):
-        calibrate(crane.with_couplings(SUM, GEAR), records, hold_out=False)
+def test_a_stated_ratio_that_the_encoder_does_not_have_is_named(crane, rng):
+    for truth, couplings, said in (
+        (0.0, (SUM, GEAR), "joint = 3, of = 2 has the ratio -1; the records fit with 0"),
+        (1.0, (SUM, GEAR), "joint = 3, of = 2 has the ratio -1; the records fit with 1"),
+        (-1.0, (SUM, (5, 5, 2.0)), "joint = 5, of = 5 has the ratio 2; the records fit with 0.5"),
+    ):
+        records = Plant(rng, truth).records(rng, 60)
+        with pytest.raises(MistakenFileError, match=said):
+            calibrate(crane.with_couplings(*couplings), records, hold_out=False)
 
 
 @pytest.mark.long
@@ -129,7 +134,7 @@ def test_a_ratio_that_is_off_is_found_with_its_u(crane, rng):
     (finding,) = result.findings
     effect = finding.effect
     assert (effect.cause, effect.joint, effect.of) == ("joint_coupling", 3, 2)
-    value, u = finding.parameters["ratio"]
+    value, u = finding.parameters["ratio_change"]
     assert 1e-6 < u < 2e-5
     assert abs(value + 0.002) < 3.0 * u
     extended = result.model.file()
@@ -178,7 +183,7 @@ def test_an_error_of_an_encoder_acts_on_each_joint_that_it_is_a_part_of(crane, r
         [
             f"encoder_eccentricity:2,amplitude_rad={amplitude},phase_rad=0.3",
             f"encoder_gain:5,gain={gain}",
-            f"joint_coupling:4,of=5,ratio={ratio}",
+            f"joint_coupling:4,of=5,ratio_change={ratio}",
         ],
     )
     true = reading.copy()

@@ -174,6 +174,26 @@ def test_with_stated_noise_an_unknown_target_and_in_a_diagnosis(sino6, rng):
         assert caught.value.mistake.startswith("joint 4 is counted")
 
 
+@pytest.mark.parametrize("frame", ["base", again("external"), again("session")])
+def test_a_mistake_in_one_session_is_named_with_the_session(sino6, frame, rng):
+    """The other session fits, whatever the references of the first are in."""
+    data = simulate_measurements(sino6, "free", 40, rng=rng)
+    second = np.arange(data.n) >= data.n // 2
+    wrong = {"y, x, z" if frame == "base" else "mirror image": OF_COORDINATES[0][0](data)}
+    wrong["joint 3 is counted"] = counted(2)(data)
+    for name, mistaken in wrong.items():
+        mixed = replace(
+            data,
+            q=np.where(second[:, None], mistaken.q, data.q),
+            reference=np.where(second[:, None], mistaken.reference, data.reference),
+            conditions=replace(data.conditions, session=np.where(second, "second", "first")),
+        )
+        with pytest.raises(MistakenFileError) as caught:
+            calibrate(sino6, mixed, "geometry", reference_frame=frame, hold_out=False)
+        assert name in caught.value.mistake
+        assert caught.value.source.endswith("session second")
+
+
 def test_sound_files_pass(arm):
     causes = [
         (),

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from shell import NOISE, done, found, refused
+from shell import NOISE, done, found, refused, run
 
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm import Arm
@@ -97,6 +97,13 @@ def test_existing_seats_are_used_again_and_new_ones_are_left_to_be_measured(tmp_
     table = pd.read_csv(plan)
     assert table["x_mm"].isna().all()
     assert set(table["seat"]) <= {f"P{k}" for k in range(1, 9)}
+
+
+def test_one_cause_does_not_take_the_next_option():
+    status, _, err = run("plan distinguish sino6 --causes encoder_gain:3 -o plan.csv")
+    assert status == 2
+    assert "--causes" in err
+    assert "two causes" in err
 
 
 def test_everything_at_once(tmp_path):

@@ -29,7 +29,7 @@ def test_distance_is_that_of_the_stated_geometry(sino6, records):
     off = np.linalg.norm(sino6.positions(records.q) - records.reference, axis=1)
     assert check.rms == pytest.approx(np.sqrt(np.mean(off[check.used] ** 2)))
     assert check.used.sum() > 0.9 * records.n
-    assert missing(check) == {"seat": ["seat_error"]}
+    assert missing(check) == {"seat": ["seat_error"], "probe_direction": ["probe_bending"]}
 
 
 def test_predicted_distance_is_the_mean_over_random_arms(sino6, records, rng):
@@ -59,6 +59,22 @@ def test_an_external_frame_is_fitted(sino6, records):
     assert found.rms < 5e-5
     with pytest.raises(AacmmError, match="frame"):
         check_measurements(sino6, moved)
+
+
+def test_rows_outside_the_limits_are_listed(sino6, records):
+    angles = np.sort(records.q[:, 1])
+    limits = sino6.limits.copy()
+    limits[1] = angles[[2, -2]]
+    found = check_measurements(replace(sino6, limits=limits), records)
+    (note,) = (each for each in found.notes if each.code == "outside_limits")
+    assert note.data["joint"] == 2
+    own = [row for row, q in zip(records.row, records.q, strict=True) if q[1] in angles[[0, 1, -1]]]
+    assert note.data["rows"] == own
+    assert note.data["values"] == [angles[0], angles[-1]]
+    low, high = np.degrees(limits[1])
+    assert f"{low:.5g}° and {high:.5g}°" in str(note)
+    codes = [each.code for each in check_measurements(sino6, records).notes]
+    assert "outside_limits" not in codes
 
 
 def test_what_it_says_at_the_shell(tmp_path, records):

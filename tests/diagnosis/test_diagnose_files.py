@@ -132,6 +132,19 @@ def test_a_fleet_at_the_shell(folder, tmp_path):
     )
 
 
+def test_files_of_a_robot_by_its_urdf(tmp_path, robot_file):
+    robot = f"--urdf {robot_file('ur5_robot.urdf')} --frame tool0"
+    for name in ("one.csv", "two.csv"):
+        (tmp_path / name).write_text("theta1_deg,x_mm,y_mm,z_mm\n1,2,3,4\n")
+    files = f"{tmp_path / 'one.csv'} {tmp_path / 'two.csv'}"
+    status, out, _ = shell.run(f"diagnose-files {robot} {files} --json -")
+    rows = json.loads(out)["files"]
+    assert status == 1
+    assert ["the arm has 6" in row["error"] for row in rows] == [True, True]
+    assert shell.run(f"diagnose-files {robot} sino6 {files}")[0] == 2
+    assert shell.run(f"diagnose-files --frame tool0 sino6 {files}")[0] == 2
+
+
 @pytest.mark.parametrize("words", ["data.csv", "sino6", "data.csv sino6", "sino6 data.csv sino6"])
 def test_each_file_has_an_arm_and_each_arm_a_file(words):
     assert shell.run(f"diagnose-files {words}")[0] == 2

@@ -93,13 +93,15 @@ def test_an_extended_arm_that_is_no_better_explains_nothing(
 def test_columns_that_the_file_lacks_are_listed_with_what_was_not_tried(sino6):
     records = simulate_measurements(ErrorModel(sino6), "seats", 60, rng=np.random.default_rng(1))
     full = diagnose(sino6, records, hold_out=False, encoder_noise=8e-6)
-    assert full.summary()["not_tried"] == []
+    (direction,) = full.summary()["not_tried"]
+    assert direction == {"column": "probe_direction_x …", "causes": ["probe_bending"]}
     few = replace(records, conditions=replace(records.conditions, approach=None, temperature=None))
     found = diagnose(sino6, few, hold_out=False, encoder_noise=8e-6)
     not_tried = {one["column"]: one["causes"] for one in found.summary()["not_tried"]}
     assert not_tried == {
         "approach1 …": ["joint_hysteresis"],
         "temperature_c": ["thermal_expansion"],
+        direction["column"]: direction["causes"],
     }
     assert len(data_of(found.notes, "causes_not_tried")) == 1
 

@@ -28,6 +28,7 @@ from aacmm_pin.effects import (
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.encoder import LEAST_SPREAD, ORDERS_NEAR, PER_COEFFICIENT
 from aacmm_pin.effects.time_dependent import GAPS_NEAR
+from tests.arm_files import changed
 
 pytestmark = pytest.mark.fast
 
@@ -81,15 +82,17 @@ def test_places(sino6, zero6, robot_file, rng):
     unknown = taken(rng, seat=seat)
     unknown.known[:] = False
     assert places(SeatError, sino6, unknown) == []
-    for arm, records, torque, bodies in (
-        (sino6, bare, "gravity", 0),
-        (sino6, taken(rng, torque=approach), "measured", 0),
-        (zero6, bare, "gravity", 6),
+    on_a_wall = changed(sino6.file, gravity_m_s2=(9.81, 0.0, 0.0))
+    for arm, records, torque, bodies, joints in (
+        (sino6, bare, "gravity", 0, every[1:]),  # no weight has a moment about a vertical axis
+        (on_a_wall, bare, "gravity", 0, every),
+        (sino6, taken(rng, torque=approach), "measured", 0, every),
+        (zero6, bare, "gravity", 6, every[1:]),
     ):
         first = [variants[0] for variants in JointCompliance.candidates(arm, records)]
-        assert [e.joint for e in first] == every
-        assert [e.torque for e in first] == [torque] * 6
-        assert [len(e.bodies) for e in first] == [max(bodies - k, 0) for k in range(6)]
+        assert [e.joint for e in first] == joints
+        assert {e.torque for e in first} == {torque}
+        assert [len(e.bodies) for e in first] == [max(bodies + 1 - k, 0) for k in joints]
     finger = Arm.from_urdf(robot_file("panda.urdf"), "panda_leftfinger")
     vars(finger)["masses"] = None  # where the property keeps it
     # A joint slides beyond all others.

@@ -51,6 +51,7 @@ from aacmm_pin.effects import (
     LinkLength,
     LinkTilt,
     LinkTwist,
+    ProbeBending,
     ReferenceFrame,
     SeatError,
     StylusBending,
@@ -103,6 +104,7 @@ EXAMPLES: list[Effect] = [
     StylusOffset(),
     StylusOffset(marker="m1"),
     StylusBending(),
+    ProbeBending(),
     SeatError(seat="A"),
     ReferenceFrame(),
 ]
@@ -118,7 +120,8 @@ NO_MASSES = (
     "base_compliance",
 )
 NO_TABLE = dict.fromkeys(("link_length", "link_twist", "link_tilt"), "needs a DH table") | {
-    "stylus_bending": "no axis of the stylus"
+    "stylus_bending": "no axis of the stylus",
+    "probe_bending": "no axis of the stylus",
 }
 NO_TUBE = {
     "link_bending": "expected a tube",
@@ -175,7 +178,13 @@ def known(arm: Arm, n: int, rng: np.random.Generator) -> Conditions:
         seat=np.array(["A", "B", ""] * n, dtype=object)[:n],
         marker=np.array(["m1", "m2"] * n, dtype=object)[:n],
         session=np.array(["1"] * n, dtype=object),
+        probe_direction=directions(n, rng),
     )
+
+
+def directions(n: int, rng: np.random.Generator) -> Array:
+    vectors = rng.normal(size=(n, 3))
+    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
 
 
 def typical(effect: Effect) -> Array:
@@ -735,7 +744,8 @@ def test_stylus_is_a_shift_in_the_last_frame(sino6, q):
     close(found, np.where((marker == "m1")[:, None], expected, frames[:, :3, 3]))
 
 
-def test_stylus_sags_across_itself(arms, rng):
+def test_stylus_bends_across_itself(arms, rng):
+    """Under gravity, and against the motion of the probe."""
     sag = 0.01
     for name, axis_of_file in (("sino6", 0), ("sino6-wall", 0), ("zero6", 2)):
         arm = arms[name]
@@ -746,6 +756,12 @@ def test_stylus_sags_across_itself(arms, rng):
         close(
             positions(arm, StylusBending(), [sag], q, Conditions(20)),
             frames[:, :3, 3] + sag * across,
+        )
+        moved = directions(20, rng)
+        across = moved - stylus * np.sum(stylus * moved, axis=1)[:, None]
+        close(
+            positions(arm, ProbeBending(), [sag], q, Conditions(20, probe_direction=moved)),
+            frames[:, :3, 3] - sag * across,
         )
 
 

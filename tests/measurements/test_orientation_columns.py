@@ -4,6 +4,8 @@ Pinocchio makes these.
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import pandas as pd
 import pinocchio as pin
@@ -61,6 +63,33 @@ def test_orientations_are_those_of_the_quaternions(table, form, tmp_path):
     stated.save(path)
     again = Measurements.read(path, 6)
     close(again.orientation, stated.orientation, 1e-12)
+
+
+def test_angles_of_each_order_are_turns_about_rotated_axes(table, rng):
+    axes = dict(zip("xyz", np.eye(3), strict=True))
+    orders = [order for order in product("xyz", repeat=3) if order[0] != order[1] != order[2]]
+    assert len(orders) == 12
+    for order in orders:
+        angles = rng.uniform(-np.pi, np.pi, (5, 3))
+        names = [f"euler_{''.join(order)}_{angle}_deg" for angle in "abc"]
+        stated = table.drop(columns=QUATERNION).iloc[1:6].reset_index(drop=True)
+        stated = stated.join(pd.DataFrame(angles / DEG, columns=names))
+        found = Measurements.from_frame(stated, 6)
+        assert found.extra.columns.empty
+        for (w, x, y, z), each in zip(found.orientation, angles, strict=True):
+            turns = [pin.exp3(a * axes[k]) for a, k in zip(each, order, strict=True)]
+            close(pin.Quaternion(w, x, y, z).toRotationMatrix(), np.linalg.multi_dot(turns), 1e-12)
+
+
+@pytest.mark.parametrize("wrong", ["zxx", "ZYX", "abg"])
+def test_an_order_that_does_not_exist_is_refused(table, wrong):
+    names = {
+        f"{axis}_deg": f"euler_{wrong}_{k}_deg"
+        for axis, k in zip(("roll", "pitch", "yaw"), "abc", strict=True)
+    }
+    stated = in_form(table, "angles").rename(columns=names)
+    with pytest.raises(MeasurementFileError, match=f"euler_{wrong}_a_deg"):
+        Measurements.from_frame(stated, 6)
 
 
 def test_a_file_without_stated_orientations_has_none(table):

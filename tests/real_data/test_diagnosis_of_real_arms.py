@@ -50,6 +50,7 @@ def labels(result: Diagnosis) -> list[str]:
     return [finding.label for finding in result.findings]
 
 
+@pytest.mark.long
 def test_ur10_has_free_curves_in_its_first_three_joints(real_data):
     """By every third record, which takes a sixth of the time of all; the others show what it is
     worth.

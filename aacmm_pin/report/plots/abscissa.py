@@ -23,6 +23,7 @@ LOADS = {
     "counterbalance": "horizontal part of the body",
     "joint_compliance": "moment of the weight about the axis",
     "link_bending": "bending load of the tube",
+    "probe_bending": "approach across the stylus",
     "stylus_bending": "horizontal part of the stylus",
     "torsional_windup": "moment of the weight about the tube",
 }
@@ -86,5 +87,5 @@ def is_of_angle(effect: Effect, state: State) -> bool:
 
 def unit_of_angle(state: State, row: int) -> tuple[str, float]:
     """Unit in which people read the indication of ``row``, and one of it in SI."""
-    slides = state.arm.chain.prismatic[state.joint(row)]
+    slides = state.slides(row)
     return ("mm", MM) if slides else ("°", DEG)

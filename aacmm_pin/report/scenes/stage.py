@@ -85,7 +85,7 @@ class Bodies(ArmLines):
         if number == len(self.lines) - 1:  # near the tip
             half, radius = np.array([0.0, 0.0, 1.4]), 1.1
         shape, placement = rod(-self.radius * half, self.radius * half, radius * self.radius)
-        if self.arm.chain.prismatic[self.arm.chain.joint[chain.axis(number)]]:
+        if self.arm.chain.slides[self.arm.chain.moved[chain.axis(number)]]:
             shape.radialSegments = 4
         _put(scene, f"{path}/joint", shape, placement, JOINT)
 
