@@ -126,8 +126,8 @@ class ReachingPostures(PosturesAtPoint):
         if self.single:
             return f"{where}: {len(self)} single postures, {inside}; {self.search}"
         return (
-            f"{where}: {len(self)} postures on {len(self.curves)} closed curves, {inside}, "
-            f"{self.arc_fraction:.3f} of the curves' length; {self.search}"
+            f"{where}: {len(self)} postures on {len(self.curves)} closed curves, {inside} "
+            f"({self.arc_fraction:.3f} of the curves' length); {self.search}"
         )
 
 

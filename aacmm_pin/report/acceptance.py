@@ -243,7 +243,7 @@ def _conditions(result: AcceptanceResult, details: CheckDetails) -> str:
         for test, length in result.longest.items():
             lines[f"longest length of {test}"] = f"{plain_mm(length)} mm"
     lines |= details.about
-    return "; ".join(f"{name}: {text}" for name, text in lines.items()) + "."
+    return "; ".join(f"{name} {text}" for name, text in lines.items()) + "."
 
 
 def _listed(values: Sequence[object]) -> str:

@@ -75,7 +75,7 @@ def accuracy_document(accuracy: AccuracyVolume, summary: dict[str, Any] | None =
     values = accuracy.to_frame().filter(regex="_mm")
     values = values.rename(columns={"largest_deviation_mm": "worst-case deviation_mm"})
     values.insert(0, EXPANDED, COVERAGE_FACTOR * values["u_mm"])
-    over = spread(values, "over the postures")
+    over = spread(values, "all postures")
     budget = accuracy.budget()[["parameter", "u_mm", "share"]]
     postures, over, budget = in_one_unit(postures, over, budget)
     origin = " (swivel 0: the elbow is highest)" if "swivel [°]" in postures else ""
@@ -142,7 +142,7 @@ def postures_at_the_ends(summary: dict[str, Any]) -> pd.DataFrame:
 def map_document(map_: WorkspaceMap) -> Document:
     """Least, median and largest of what a map holds, and its cells by working sectors."""
     data = {words: map_.data[name].values.ravel() for name, words in MAPPED.items()}
-    table = Table(spread(pd.DataFrame(data), "over the cells"))
+    table = Table(spread(pd.DataFrame(data), "all cells"))
     cells = {str(sectors): [number] for sectors, number in map_.working_sectors().items()}
     by_sectors = Table(
         pd.DataFrame(cells), "Number of reachable cells by their number of working sectors"

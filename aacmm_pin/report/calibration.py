@@ -89,13 +89,13 @@ NOTHING_ESTIMATED = (
     "exact; --no-prior estimates them."
 )
 KNOWN = (
-    "The column unit holds for changes, U and half-widths. U: expanded uncertainty of the "
-    "estimate; it holds only if the model has all causes of error. Stated half-width: bound in "
-    "the arm file before calibration, or 2u if the file states a standard uncertainty u. "
-    "measured: the records determine the value. hardly: they determine it less well than the arm "
-    "file does. as stated: they do not reduce the stated uncertainty. in combination: they "
-    "determine only a combination with other parameters (next section); the value alone has no "
-    "meaning."
+    "Change, U and half-width have the unit of the column unit. U: expanded uncertainty after "
+    "calibration; it holds only if the model has all causes of error. Stated half-width: bound in "
+    "the arm file before calibration, or 2u if the file states a standard uncertainty u. Known: "
+    "measured if the records determine the value; hardly if they determine it less well than the "
+    "arm file does; as stated if they do not reduce the stated uncertainty; in combination if they "
+    "determine only a combination with other parameters (next section), so that the value alone "
+    "has no meaning."
 )
 UNDETERMINED = (
     "Neither these records nor the stated uncertainties determine the following combinations of "
@@ -361,7 +361,7 @@ def _result(result: Calibration) -> list[Block]:
 def _distances(result: Calibration, noise: str) -> Table:
     rows = [("records used in the fit", result.rms_before, result.rms)]
     for held in result.held_out:
-        name = f"held-out {HELD_OUT_KINDS[held.kind]}, in {held.groups} parts"
+        name = f"held-out {HELD_OUT_KINDS[held.kind]} ({held.groups} parts)"
         rows.append((name, held.rms_before, held.rms_after))
     sizes = pd.DataFrame(rows, columns=["records", "before_mm", "after_mm"])
     sizes["gain"] = 1.0 - sizes["after_mm"] / sizes["before_mm"]

@@ -108,9 +108,9 @@ SEATS_JUDGED = (
 )
 RANKED = (
     "The strongest cause is first; geometric values are last. Displacement: RMS displacement of "
-    "the tip by the cause. Probability: probability that the cause acts. p: probability that any "
-    "cause has odds as large as these if this cause does not act. Not absorbed: part of the "
-    "effect that neither recalibration nor other causes nor the background absorb."
+    "the tip by the cause. Probability: probability that the cause acts. p: probability of such "
+    "large odds for any cause if this cause does not act. Not absorbed: part of the effect that "
+    "neither recalibration nor other causes absorb."
 )
 SETS_LISTED = "Sets of causes that may act, with their probabilities"
 ALL_SETS = "The probabilities of all sets add up to 1. The last row contains all other sets."
@@ -624,7 +624,7 @@ def _wrong(result: Diagnosis) -> list[Block]:
         none = f"No group of records has an RMS residual of the nominal arm above {beside}."
         return [title, figure, Paragraph(none)]
     caption = f"Groups with the largest RMS residuals of the nominal arm, compared with {beside}"
-    return [title, figure, Table(worst, caption, {f"times {predicted}": ".2f"}, most=WORST)]
+    return [title, figure, Table(worst, caption, {f"nominal / {predicted}": ".2f"}, most=WORST)]
 
 
 def _worst(result: Diagnosis, predicted: str) -> pd.DataFrame:
@@ -639,7 +639,7 @@ def _worst(result: Diagnosis, predicted: str) -> pd.DataFrame:
     heads = {"simulation": "nominal", "predicted": predicted, "extended": "extended"}
     for name, head in heads.items():
         found[f"{head} [{unit}]"] = worse[f"{name}_mm"] * (MM / scale)
-    found[f"times {predicted}"] = worse["times_predicted"]
+    found[f"nominal / {predicted}"] = worse["times_predicted"]
     return found
 
 
