@@ -504,14 +504,19 @@ class Measurements(Shown):
             temporary.write_text(self.csv(), encoding="utf-8", newline="")
 
     def __str__(self) -> str:
-        found = f"{self.source}: {self.n} records of {self.nq} joints"
+        found = f"{self.source}: {_count(self.n, 'record')} of {_count(self.nq, 'joint')}"
         if self.known.any():
             found += f", {self.known.sum()} with reference coordinates"
         for noun, number in (("seat", len(self.seats())), ("bar", len(self.bars()))):
-            found += f", {number} {noun}{'s' * (number > 1)}" if number else ""
+            found += f", {_count(number, noun)}" if number else ""
         if self.extra.columns.empty:
             return found
         return f"{found}, other columns {', '.join(self.extra.columns)}"
+
+
+def _count(number: int, noun: str) -> str:
+    """``1 record``, ``12 records``."""
+    return f"{number} {noun}{'s' * (number != 1)}"
 
 
 def _records_by_label(labels: Labels | None) -> dict[str, Index]:
