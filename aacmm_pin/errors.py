@@ -135,7 +135,7 @@ class MistakenFileError(AacmmError):
         self.others = others
         also = f" (or: {'; or: '.join(others)})" if others else ""
         super().__init__(
-            f"{source} does not fit this arm: {mistake}{also}. Without this mistake the median "
+            f"{source} does not fit this arm: {mistake}{also}. Without this mistake, the median "
             f"residual falls from {before * 1e3:.4g} to {after * 1e3:.2g} mm; change the file, "
             "the arm or the options"
         )

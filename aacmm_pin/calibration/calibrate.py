@@ -195,8 +195,8 @@ def calibrate(
     if of_arm := scale_is_unidentifiable(problem):
         raise AacmmError(
             f"{measurements.source}: seats without coordinates and without a bar do not "
-            f"determine the arm's size ({', '.join(of_arm[:4])} …); add coordinates or a bar of "
-            "known length, state the arm's uncertainties, or estimate zero-offsets"
+            f"determine the scale of the arm ({', '.join(of_arm[:4])} …); add coordinates or a bar "
+            "of known length, state the arm's uncertainties, or estimate zero-offsets"
         )
     after = first_fit(problem, robust=robust)
     if not after.tells_noise:

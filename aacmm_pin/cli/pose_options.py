@@ -30,7 +30,7 @@ Point = Annotated[
 
 IN_METRES = 20.0
 """Coordinates up to here, in mm, may be those of a point in metres: no arm reaches farther."""
-METRES = "the same numbers in metres are in reach; expected mm"
+METRES = "these numbers in metres are within reach; expected mm"
 
 
 @dataclass(frozen=True)

@@ -129,7 +129,7 @@ def checked_names(
             problems.add(
                 name,
                 f"is not a known name; expected {shortened(meant)}{_in_unit(meant, columns)}; "
-                "rename the column, also if it is something else (then by a less similar name)",
+                "rename the column; if it has other values, use a less similar name",
             )
     problems.stop()
     return texts

@@ -229,7 +229,7 @@ def _marked(verdict: str) -> str:
 
 def _conditions(result: AcceptanceResult, details: CheckDetails) -> str:
     coordinate_sets = [
-        "as in the file" if arm == AS_GIVEN else f"from readings by {arm}" for arm in result.overall
+        "from the file" if arm == AS_GIVEN else f"from readings by {arm}" for arm in result.overall
     ]
     lines = {"coordinates": ", ".join(coordinate_sets)}
     for column, values in result.stated.items():

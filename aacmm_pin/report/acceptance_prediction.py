@@ -68,7 +68,7 @@ def prediction_document(result: PredictedAcceptance) -> Document:
         [
             ORIGIN,
             Paragraph(f"{result}.", finding=True, head="Predicted:"),
-            Table(table[shown], "Magnitude of each test value", forms, PREDICTION_HEADS),
+            Table(table[shown], "Predicted magnitude of each test value", forms, PREDICTION_HEADS),
             Paragraph(STATED_ONLY, detail=True),
             Figure(
                 lambda: _intervals(result),

@@ -145,6 +145,6 @@ def map_document(map_: WorkspaceMap) -> Document:
     table = Table(spread(pd.DataFrame(data), "over the cells"))
     cells = {str(sectors): [number] for sectors, number in map_.working_sectors().items()}
     by_sectors = Table(
-        pd.DataFrame(cells), "Number of reachable cells with 0, 1, … working sectors"
+        pd.DataFrame(cells), "Number of reachable cells by their number of working sectors"
     )
     return Document("Map", [str(map_), table, by_sectors])

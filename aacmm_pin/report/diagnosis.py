@@ -113,7 +113,7 @@ RANKED = (
     "effect that neither recalibration nor other causes nor the background absorb."
 )
 SETS_LISTED = "Sets of causes that may act, with their probabilities"
-ALL_SETS = "The probabilities of all sets add up to 1. The last row has all sets not listed."
+ALL_SETS = "The probabilities of all sets add up to 1. The last row contains all other sets."
 ALIASES_LISTED = "Aliases: causes with a similar effect in these records"
 ALIASES_EXPLAINED = (
     "Correlation: that of the two effects in these records, after a refit of the geometry. "

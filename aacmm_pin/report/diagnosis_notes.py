@@ -71,10 +71,8 @@ def _not_tried(choice: Choice) -> list[Note]:
     each = []
     for need, causes in lacking.items():
         names = listed([cause_in_words(cause) for cause in causes])
-        each.append(
-            f"without the column {CONDITION_COLUMNS[need]}, diagnose could not try: {names}"
-        )
-    return [Note("causes_not_tried", {"columns": "; ".join(each)})] if each else []
+        each.append(f"{names} (column {CONDITION_COLUMNS[need]})")
+    return [Note("causes_not_tried", {"causes": "; ".join(each)})] if each else []
 
 
 def _otherwise(choice: Choice) -> list[Note]:

@@ -122,8 +122,8 @@ class PredictedAcceptance(Shown):
         if least is None:
             return text
         return (
-            f"{text}; lowest probability of conformity: {least.passes:.2f}, "
-            f"{least.definition.name} of {least.source}"
+            f"{text}; {least.definition.name} of {least.source} conforms least often, in "
+            f"{100 * least.passes:.0f} % of the runs"
         )
 
     def summary(self) -> dict[str, Any]:

@@ -70,9 +70,9 @@ OF_ANGLES: list[tuple[Change, str]] = [
     (counted(2), "joint 3 is counted"),
     (counted(4), "joint 5 is counted"),
     (counted(1, 2), "joints 2 and 3 are counted"),
-    (turned(1, 90.0), "zero of joint 2 is offset: add 90°"),
-    (turned(2, 180.0), "zero of joint 3 is offset: add 180°"),
-    (turned(4, -90.0), "zero of joint 5 is offset: add -90°"),
+    (turned(1, 90.0), "zero of joint 2 is wrong: add 90°"),
+    (turned(2, 180.0), "zero of joint 3 is wrong: add 180°"),
+    (turned(4, -90.0), "zero of joint 5 is wrong: add -90°"),
     (swapped, "joints 2 and 3 are exchanged"),
     (angles(1 / 0.9), "angles are in gon"),
     (angles(np.pi / 180, 2), "joint 3 alone are in radians"),
@@ -88,7 +88,7 @@ OF_COORDINATES: list[tuple[Change, str]] = [
     (coordinates(1, 1, -1), "x, y, z should be x, y, -z"),
     (coordinates(1e-3), "coordinates are in metres"),
     (coordinates(1 / 25.4), "coordinates are in inches"),
-    (coordinates(1.0, 1.0, 1e-3), "z is in metres, in the column z_mm"),
+    (coordinates(1.0, 1.0, 1e-3), "z is in metres"),
     (other_frame, "--reference-frame external"),
 ]
 MISTAKES = {

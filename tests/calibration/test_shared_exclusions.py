@@ -49,7 +49,7 @@ def test_the_headline_says_that_a_run_of_rows_was_left_out(sino6, kind, bad):
     assert (left.shared.name, left.shared.excluded) == ("record", out)
     first, last = (int(found.excluded["row"].iloc[k]) for k in (0, -1))
     assert f"rows {first} to {last}" in verdict(found)
-    assert verdict(found).startswith(f"{out} of {RECORDS} ")
+    assert f"{out} of {RECORDS} " in verdict(found)
     summary = calibration_summary(found, "data.csv", 1)["records"]["exclusions"]
     assert (summary["doubtful"], summary["shared"]["excluded"]) == (True, out)
 

@@ -235,7 +235,7 @@ def test_noise_that_nobody_stated(sino6, zero6):
     measurements = simulated(sino6, scheme="free")
     assert (
         measurements.source
-        == "simulated, SINO6, scheme free, seed 1, encoder noise 8 µrad (assumed)"
+        == "simulated SINO6, scheme free, seed 1, encoder noise 8 µrad (assumed)"
     )
     assert (measurements.reference_u == 1.2e-5).all()
     exact = simulated(sino6, scheme="free", **quiet())

@@ -83,7 +83,7 @@ def test_an_extended_model(circle, extended):
 
 @pytest.mark.parametrize(
     ("point", "said"),
-    [(UNREACHABLE, "8660.254 mm from the shoulder"), (OUTSIDE_LIMITS, "within the joint")],
+    [(UNREACHABLE, "8660.25 mm from the shoulder"), (OUTSIDE_LIMITS, "within the joint")],
 )
 def test_nothing_to_judge_gives_nulls_and_a_reason(sino6, point, said):
     content = through_json(summary(configuration_circle(sino6, point, count=12)))

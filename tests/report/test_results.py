@@ -315,7 +315,7 @@ def check_units(name: str, ax: Axes) -> None:
         if (
             len(numbers) < len(ticks)
             or not ticks
-            or label in ("seat", "point", "block of joint space left out")
+            or label in ("seat", "point", "held-out block of joint space")
         ):
             continue
         assert re.search(r"\[.+\]", label), (name, axis, label, ticks)
@@ -325,7 +325,7 @@ def test_the_main_picture_of_a_diagnosis_is_its_strongest_cause(found, values):
     assert "compliance under gravity of joint 2" in found.plot().get_title()
     assert "encoder eccentricity of joint 3" in found.plot(1).get_title()
     nothing = replace(found, findings=())
-    assert nothing.plot().get_xlabel() == "RMS distance of tip and target [mm]"
+    assert nothing.plot().get_xlabel() == "RMS residual [mm]"
     with pytest.raises(AacmmError, match="finding is 2; expected a number from 0 below 2"):
         found.plot(2)
     with pytest.raises(UnknownNameError, match="unknown quantity 'u'; known: comprehensive_mm3"):
