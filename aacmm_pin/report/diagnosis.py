@@ -211,6 +211,8 @@ def next_set_in_words(result: Diagnosis) -> str:
     if result.verdict == "ambiguous" or not shares:
         return ""
     likely, share = next(iter(shares.items()))
+    if share < THRESHOLDS.rival:
+        return f"No other set of causes has a probability above {probability(share)}."
     more, fewer = (
         labels_in_words(result, tuple(sorted(labels)))
         for labels in (likely - found, found - likely)
