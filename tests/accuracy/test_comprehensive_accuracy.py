@@ -93,7 +93,7 @@ def test_a_point_by_hand():
     assert result.sigma == pytest.approx(1e-5 * np.sqrt(10 / 3))
     assert (result.part, result.rest) == (pytest.approx(1e-5), pytest.approx(2e-5))
     assert "postures 0.0100 mm, others 0.0200 mm" in str(result)
-    assert str(single_point_statistics(points)) == "4 records, spread 0.0183 mm"
+    assert str(single_point_statistics(points)) == "4 records, standard deviation 0.0183 mm"
 
 
 def test_what_cannot_be_used():

@@ -568,7 +568,7 @@ def test_input_that_is_refused(sino6, zero6, rng):
         with pytest.raises(error, match=words):
             quick(sino6, records, parameters, **options)
     few = Measurements.of(two.q, zero6.positions(two.q))
-    for words, records in (("take more records", few), ("size", seats)):
+    for words, records in (("take more records", few), ("scale of the arm", seats)):
         with pytest.raises(AacmmError, match=words):
             calibrate(zero6, records, hold_out=False)
 

@@ -132,7 +132,7 @@ def test_every_cause_has_words_places_and_units(sino6):
 def test_effects_in_words():
     for effect, words in {
         ThermalExpansion(): "thermal expansion of the arm",
-        SeatError("P9"): "error of the stated place of seat P9",
+        SeatError("P9"): "error of the stated coordinates of seat P9",
         JointPeriodicError(5, 31.57): "periodic error of joint 5 (31.57 periods per turn)",
         EncoderSlip(1, 3000.0): "encoder slip of joint 1 (at 50.0 min)",
     }.items():
