@@ -28,7 +28,7 @@ TOKENS: dict[str, int] = {
     "postures": 23300,
     "measurements": 24400,
     "accuracy": 12600,
-    "calibration": 46400,
+    "calibration": 46500,
     "diagnosis": 43500,
     "planning": 12900,
     "verification": 17800,

@@ -16,6 +16,8 @@ MOST_GROWTH = 0.1
 """Part by which an RMS may grow before something has changed; a correction that records hardly
 determine may add a few per cent.
 """
+FAR_FROM_U = 10.0
+"""An RMS distance so many times its standard uncertainty asks for a look at arm and file."""
 MAX_RMS = 0.01
 """Largest RMS distance of an arm from its references [m]; the worst are a millimetre off."""
 
@@ -29,12 +31,14 @@ class Comparison:
         count: how many of these there are.
         errors: by each arm (n,) [m].
         u: RMS standard uncertainty of the references [m]; nan if none is stated.
+        u_tips: the same of the last arm's tips.
     """
 
     kind: str
     count: int
     errors: tuple[Array, ...]
     u: float = math.nan
+    u_tips: float = math.nan
 
     @property
     def rms(self) -> list[float]:
@@ -54,19 +58,34 @@ class Comparison:
         return last > (1 + MOST_GROWTH) * first
 
     @property
+    def expected(self) -> float:
+        """Standard uncertainty of tips and references together [m]; nan if the arm states none."""
+        return math.hypot(self.u_tips, np.nan_to_num(self.u))
+
+    @property
+    def is_far(self) -> bool:
+        """Whether the last arm's errors are far beyond what is stated."""
+        return 0.0 < FAR_FROM_U * self.expected < self.rms[-1]
+
+    @property
     def is_of_other_frame(self) -> bool:
         """Whether the references cannot be those of the last arm's tip in its base."""
         return self.kind == "reference" and self.rms[-1] > MAX_RMS
 
 
-def compare(records: Measurements, tips: Sequence[Array]) -> Iterator[Comparison]:
-    """Compare the tips (n, 3) [m] of each arm with the references, bars and other seats."""
+def compare(
+    records: Measurements, tips: Sequence[Array], u_tips: float = math.nan
+) -> Iterator[Comparison]:
+    """Compare the tips (n, 3) [m] of each arm with the references, bars and other seats; ``u_tips``
+    is the standard uncertainty of the last arm's [m].
+    """
     known = records.known
     if known.any():
         u = np.linalg.norm(records.reference_u[known], axis=1)
         u = u[np.isfinite(u)]
         errors = tuple(_distances((tip - records.reference)[known]) for tip in tips)
-        yield Comparison("reference", int(known.sum()), errors, rms(u) if len(u) else math.nan)
+        u_references = rms(u) if len(u) else math.nan
+        yield Comparison("reference", int(known.sum()), errors, u_references, u_tips)
     bars = records.bars()
     if bars:
         yield Comparison("bar length", len(bars), tuple(map(records.bar_length_errors, tips)))

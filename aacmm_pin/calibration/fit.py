@@ -176,10 +176,8 @@ class Fit(Solution):
         jacobian = self.problem.predict(point.x, point.frame, targets).jacobian
         there = replace(point, prediction=replace(point.prediction, jacobian=jacobian))
         at_targets = solution_at(self.problem, self.noise, there, self.weights).system
-        directions = [
-            system.spectrum.directions[:, ~system.known] for system in (self.system, at_targets)
-        ]
-        return np.asarray(orth(np.hstack(directions), rcond=ONE_DIRECTION))
+        directions = np.hstack([self.system.unknown, at_targets.unknown])
+        return np.asarray(orth(directions, rcond=ONE_DIRECTION))
 
     @cached_property
     def undetermined(self) -> Undetermined:

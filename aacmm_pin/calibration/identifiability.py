@@ -60,12 +60,15 @@ class Undetermined:
     def tip_spread(self) -> Array:
         """The part of :attr:`spread` that moves the tip in the arm's own base (p, k) [units].
 
-        Where the references do not place the base, a motion of the whole arm is none.
+        Where the references do not place the base, a motion of the whole arm is none; nor is that
+        of the frame of a session.
         """
         if not self.spread.size:
             return self.spread
         prediction = self._elsewhere(on_tip=True)
-        jacobian = prediction.jacobian[:, :3, : self.problem.widths.size]
+        jacobian = prediction.jacobian[:, :3, : self.problem.widths.size].copy()
+        for _, own in self.problem.vector.of_sessions():
+            jacobian[:, :, own] = 0.0
         free = self.problem.external or not self.problem.measurements.known.any()
         return _moving(self.spread, jacobian, prediction.tips if free else None)
 

@@ -17,7 +17,7 @@ import scipy
 from scipy.linalg import null_space, solve_triangular
 from scipy.sparse import csr_array
 
-from aacmm_pin._support.checks import Array, Index, Mask
+from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.measurements import NOTHING_KNOWN, Observations
 
 LEAST_INFORMATION = 0.1
@@ -44,12 +44,12 @@ class Prior:
     Attributes:
         rows: whitened, in units of the scales, the residual last (k, p + 1).
         scales: how far off each parameter may be (p,) [units].
-        assumed: True where nobody stated that (p,).
+        stated: the rows without what nobody stated (k, p + 1).
     """
 
     rows: Array
     scales: Array
-    assumed: Mask
+    stated: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,12 +96,10 @@ class LinearModel:
         return NormalEquations.of(information, gradient)
 
     @cached_property
-    def triangle(self) -> Array:
-        """R of the scaled rows, prior included, with the residual last (p + 1, p + 1), or with
-        fewer rows.
-        """
+    def measured_triangle(self) -> Array:
+        """R of the scaled rows with the residual last (p + 1, p + 1), or with fewer rows."""
         scales = np.append(self.prior.scales, 1.0)
-        triangle = self.prior.rows
+        triangle = np.empty((0, scales.size))
         for first in range(0, max(len(self.rows), 1), ROWS_AT_ONCE):
             some = self.rows[first : first + ROWS_AT_ONCE]
             above = len(triangle)
@@ -111,18 +109,25 @@ class LinearModel:
         return triangle
 
     @cached_property
+    def triangle(self) -> Array:
+        """The same with the prior."""
+        rows = np.concatenate([self.prior.rows, self.measured_triangle])
+        return np.asarray(np.linalg.qr(rows, mode="r"))
+
+    @cached_property
     def spectrum(self) -> Spectrum:
         """Singular values in units of the scales."""
         return Spectrum.of(self.triangle, np.ones(self.prior.scales.size))
 
-    @property
-    def known(self) -> Mask:
-        """(p,) True for directions of the spectrum of which the data or stated uncertainties say
-        something.
+    @cached_property
+    def unknown(self) -> Array:
+        """Directions of which neither the data nor stated uncertainties say anything (p, k),
+        orthonormal [scales].
         """
-        squares = np.square(self.spectrum.directions)
-        assumed = squares.T @ self.prior.assumed
-        return np.asarray(self.spectrum.values**2 - assumed >= LEAST_INFORMATION**2)
+        rows = np.concatenate([self.prior.stated, self.measured_triangle])
+        triangle = np.asarray(np.linalg.qr(rows, mode="r"))
+        informed = Spectrum.of(triangle, np.ones(self.prior.scales.size))
+        return informed.directions[:, informed.values < LEAST_INFORMATION]
 
     @property
     def predicted_reduction(self) -> float:

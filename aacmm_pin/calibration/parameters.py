@@ -138,9 +138,8 @@ def scale_is_unidentifiable(problem: Problem) -> list[str]:
     records = problem.measurements
     if records.known.any() or records.bars() or not records.seats():
         return []
-    own = zip(problem.vector.parameters, problem.stated, strict=True)
-    lengths = [p.name for p, stated in own if p.unit == "m" and not stated]
-    return [name for name in lengths if not name.startswith("stylus_offset")]
+    own = zip(problem.vector.arm_parameters, problem.stated, strict=True)
+    return [p.name for p, stated in own if p is not None and p.unit == "m" and not stated]
 
 
 def length_held(problem: Problem) -> Effect | None:

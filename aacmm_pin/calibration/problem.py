@@ -204,9 +204,9 @@ class Problem:
         not_known = np.zeros((0, self.scales.size - x.size))
         rows = np.pad(block_diag(self.prior_rows, not_known, np.eye(more.size)), ((0, 0), (0, 1)))
         rows[: len(self.prior_rows), -1] = self.prior_rows @ ((x - self.start) / self.widths)
-        assumed = np.zeros(scales.size, dtype=bool)
-        assumed[: x.size] = ~self.stated
-        return Prior(rows, scales, assumed)
+        stated = rows.copy()
+        stated[: x.size, np.flatnonzero(~self.stated)] = 0.0
+        return Prior(rows, scales, stated)
 
     @cached_property
     def _fixed(self) -> Array:

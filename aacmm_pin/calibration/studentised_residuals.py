@@ -56,13 +56,10 @@ def studentised_distances(solution: Solution) -> Array:
     """
     system = solution.system
     has_target = solution.observations.has_target
-    spectrum = system.spectrum
-    known = system.known
     width = solution.noise.of_residuals.shape[1]
     count = int(has_target.sum())
     rows = slice(width * count)
-    scales = solution.problem.scales[:, None]
-    steps = scales * spectrum.directions[:, known] / spectrum.values[known]
+    steps = system.steps(system.unknown)
     along = (system.jacobian[rows] @ steps).reshape(count, width, steps.shape[1])
     remaining = np.eye(width) - along @ along.transpose(0, 2, 1)
     residuals = system.residual[rows].reshape(count, width)

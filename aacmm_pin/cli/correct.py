@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from itertools import chain
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,7 +14,7 @@ from aacmm_pin._support.file_problems import rows_in_words
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.accuracy import AccuracyVolume, accuracy_volume, expanded
 from aacmm_pin.arm import Arm, outside_limits
-from aacmm_pin.calibration import compare
+from aacmm_pin.calibration import compare, rms
 from aacmm_pin.cli.arm_options import ArmAndData, EncoderNoise
 from aacmm_pin.cli.common import CsvOutput, Force, Results, command, note, status, warn
 from aacmm_pin.effects import Conditions, ErrorModel, joint_commands, known_range_in_words
@@ -147,7 +148,8 @@ def run(
                     [state.position / MM, u / MM, quaternions(state.rotation[-1])]
                 )
                 found[rows] = of_known[:, : len(names)]
-                _note_comparisons(model, before, table, rows, state.position, path)
+                u_tips = math.nan if accuracy is None else rms(u)
+                _note_comparisons(model, before, table, rows, state.position, u_tips, path)
         except AacmmError as error:
             raise AacmmError(f"{path}: {error}") from None
         columns = {
@@ -245,10 +247,11 @@ def _note_comparisons(
     table: pd.DataFrame,
     rows: Index,
     tips: Array,
+    u: float,
     path: str,
 ) -> None:
-    """Say how far the tips (n, 3) [m] are from what the file states, before and after the
-    correction.
+    """Say how far the tips (n, 3) [m], with this standard uncertainty u [m], are from what the file
+    states, before and after the correction.
     """
     if not table.columns.isin([*REFERENCE, BAR[0], "seat"]).any() or not len(rows):
         return
@@ -273,7 +276,7 @@ def _note_comparisons(
     elif model.effects:  # geometry alone: the file may know the effects together with it
         first = "this arm without its causes of error"
         compared.insert(0, model.arm.positions(records.q))
-    for comparison in compare(records, compared):
+    for comparison in compare(records, compared, u):
         text = comparison_in_words(comparison, first)
         if text:
             status(text)

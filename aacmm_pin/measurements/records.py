@@ -576,7 +576,11 @@ def _from_table(table: pd.DataFrame, lines: Index, nq: int | None, source: str) 
     if found["orientation"] is None:
         found["orientation_u"] = None
     directions = np.nan_to_num(columns.values.block(PROBE_DIRECTION))
-    found["probe_direction"] = directions if directions.any() else None
+    has_direction = directions.any(axis=1)
+    found["probe_direction"] = directions if has_direction.any() else None
+    if has_direction.any() and not has_direction.all():
+        rows = lines[~has_direction].tolist()
+        read_as = (*read_as, Note("directions_missing", {"rows": rows}))
     conditions = Conditions(len(table), **{name: found.pop(name) for name in CONDITION_COLUMNS})
     theta = columns.values.block(columns.header.theta)
     q = theta * DEG if columns.header.unit == "deg" else theta

@@ -43,4 +43,10 @@ def comparison_warning(found: Comparison, arm: str) -> str:
             "the correction makes the errors larger; run aacmm-pin diagnose to find what has "
             "changed"
         )
+    if found.is_far:
+        times = found.rms[-1] / found.expected
+        return (
+            f"the RMS distance to the references is {times:.0f} times its standard uncertainty; "
+            "run aacmm-pin check, and diagnose to find what has changed"
+        )
     return ""

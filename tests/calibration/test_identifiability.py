@@ -15,7 +15,8 @@ from aacmm_pin.calibration import Calibration, base_is_open, base_placements, ca
 from aacmm_pin.effects import Conditions, ErrorModel, JointPlacement, StylusOffset
 from aacmm_pin.measurements import Measurements
 from aacmm_pin.report.calibration import frame_in_words, open_in_words
-from tests.arm_files import changed
+from tests.again import again
+from tests.arm_files import by_table, changed
 from tests.notes import data_of
 
 FRAME = Rotation.from_rotvec([0.4, -0.9, 1.1]).as_matrix(), np.array([1.0, 2.0, -0.5])
@@ -140,3 +141,24 @@ def test_references_on_one_line_leave_the_base_open(sino6, rng, scattered, param
     turned = Rotation.from_matrix(frame.rotation @ FRAME[0].T).as_rotvec()
     assert np.abs((frame.shift - FRAME[1]) / shift).max() < 4
     assert np.abs(turned / turn).max() < 4
+
+
+@pytest.mark.parametrize("seed", [2, *map(again, range(3, 6))])
+def test_less_knowledge_of_geometry_gives_no_smaller_u(seed):
+    """Rows of parallel axes without half-widths: the stated ones of other rows still count."""
+    rng = np.random.default_rng(seed)
+    rows = [(0, 320, 90, 0), (425, 20, 0, 5), (392, -15, 0, -3)]
+    rows += [(0, 110, 90, 0), (0, 95, -90, 1), (60, 82, 0, 0)]
+    half_widths = {"a_mm": 0.1, "d_mm": 0.1, "alpha_rad": 2e-4, "theta_offset_rad": 2e-4}
+    stated = by_table("parallel", rows, 150.0, uncertainty=half_widths)
+    some = changed(stated.file, {2: {"uncertainty": None}, 3: {"uncertainty": None}})
+    q = random_postures(stated, 80, rng)
+    noise = {"encoder_noise": 1e-5, "reference_noise": 1e-5}
+    points = stated.positions(q + 1e-5 * rng.normal(size=q.shape)) @ FRAME[0].T + FRAME[1]
+    data = Measurements.of(q, points + 1e-5 * rng.normal(size=points.shape))
+    u = []
+    for arm in (stated, some):
+        found = calibrate(arm, data, reference_frame="external", **noise, hold_out=False)
+        volume = accuracy_volume(found.model, q, method="ellipsoid", encoder_noise=0.0)
+        u.append(volume.u)
+    assert (u[1] >= 0.99 * u[0]).all()

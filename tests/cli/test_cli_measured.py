@@ -291,6 +291,16 @@ def test_a_file_with_references_says_what_correction_is_worth(extended, folder, 
             assert f"{size:.4f} mm" in err
 
 
+def test_distances_far_beyond_u_are_a_warning(extended, folder, tmp_path):
+    """A zero that has moved by 2 mrad; of the corrected arm itself there is none."""
+    table = pd.read_csv(folder / "warm.csv")
+    for shift, warned in ((0.0, False), (np.rad2deg(2e-3), True)):
+        path = tmp_path / "moved.csv"
+        table.assign(theta1_deg=table["theta1_deg"] + shift).to_csv(path, index=False)
+        _, err = done(f"correct {extended} {path} {NOISE} -o {tmp_path / 'c.csv'} --force")
+        assert ("times its standard uncertainty" in err) == warned
+
+
 def test_lengths_of_bars_are_compared_too(tmp_path):
     sino6 = ErrorModel.load("sino6")
     q = np.array([[0.3, -1.0, 0.4, 0.5, 0.2, 0.1], [1.0, -1.0, 0.4, 0.5, 0.2, 0.1]])
