@@ -78,7 +78,7 @@ def unit_vector(values: ArrayLike, name: str) -> Array:
     direction = vector(values, 3, name, "1")
     largest = float(np.abs(direction).max())
     if largest == 0:
-        raise AacmmError(f"{name} is [0, 0, 0]; expected a direction")
+        raise AacmmError(f"{name} is [0, 0, 0]; expected a direction, not all zeros")
     direction = direction / largest  # the square of a tiny length would be zero
     return direction / np.linalg.norm(direction)
 

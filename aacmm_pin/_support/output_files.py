@@ -160,7 +160,10 @@ class OutputFiles:
         if any(are_same(path, read) for read in self._inputs):
             raise is_input(path)
         if path.exists() and not self._force:
-            raise OutputError(f"{path}: exists already; --force, in Python force=True, replaces it")
+            raise OutputError(
+                f"{path}: exists already; expected a new name; to replace the file, use --force "
+                "(in Python force=True)"
+            )
 
     def _hidden_in(self, folder: Path) -> Path:
         if folder not in self._hidden:

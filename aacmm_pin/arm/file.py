@@ -195,7 +195,7 @@ class Stylus(_Part):
     @model_validator(mode="after")
     def _has_length(self) -> Stylus:
         if not any(self.axis):
-            raise ValueError("axis is [0, 0, 0]; expected a direction")
+            raise ValueError("axis is [0, 0, 0]; expected a direction, not all zeros")
         return self
 
 

@@ -233,4 +233,4 @@ def _words(combination: Array, names: list[str]) -> str:
         ratio = combination[parts[1]] / combination[parts[0]]
         if abs(abs(ratio) - 1) < NEGLIGIBLE_PART:
             return f"{listed(members)}: only their {'sum' if ratio < 0 else 'difference'}"
-    return f"{listed(members)}: only together"
+    return f"{listed(members)}: only in combination"

@@ -196,7 +196,7 @@ def first_fit(problem: Problem, *, robust: bool = True) -> Fit:
     if unlike:
         advice = Note("sessions_unlike" if _sessions_fit_alone(problem) else "unlike_arm")
         raise AacmmError(
-            f"{problem.measurements.source} does not fit this arm: {advice}. (With the best "
+            f"{problem.measurements.source}: {advice}. (With the best "
             f"parameters the records still scatter by {after.unmodelled / MM:.0f} mm in each "
             f"coordinate; the tips at these angles are spread over {travel / MM:.0f} mm.)"
         )

@@ -33,9 +33,9 @@ def perturbed_model(model: GivenModel, rng: np.random.Generator) -> ErrorModel:
     errors = parameter_errors(model, rng, 1)[0]
     if not errors.any():
         raise AacmmError(
-            f"{model.arm.name}: no parameter has an uncertainty to draw from; state half-widths "
-            "in the arm file, or, "
-            "with --urdf, --translation-half-width-mm and --rotation-half-width"
+            f"{model.arm.name}: no parameter has an uncertainty; a random geometry requires "
+            "half-widths. State them in the arm file, or with --urdf by "
+            "--translation-half-width-mm and --rotation-half-width"
         )
     geometric = len(model.arm.parameters)
     vector = ParameterVector(model.arm, model.effects)

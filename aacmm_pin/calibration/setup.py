@@ -157,7 +157,7 @@ def sessions_of(measurements: Measurements) -> list[str]:
     Raises:
         AacmmError: a record with a reference has none.
     """
-    stated = measurements.conditions.require("session", "a reference frame for each session")
+    stated = measurements.conditions.require("session", "--reference-frame session")
     labels = stated[measurements.placed]
     if (labels == "").any():
         row = int(measurements.row[measurements.placed][labels == ""][0])

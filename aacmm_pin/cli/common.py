@@ -209,7 +209,7 @@ class Results(OutputFiles):
             require_format(page)
         if plot is not None and plot.suffix not in PLOT_SUFFIXES:
             raise AacmmError(
-                f"{plot}: expected a name that ends in one of {', '.join(PLOT_SUFFIXES)}"
+                f"--plot {plot}: expected a name that ends in one of {', '.join(PLOT_SUFFIXES)}"
             )
 
     def __enter__(self) -> Self:

@@ -79,7 +79,7 @@ def run(
         typer.Option(
             "--commands",
             help="Take angles as robot commands: add corrected commands that bring the real tip to "
-            "the position of the nominal tip, and u there.",
+            "the position of the nominal tip, and u at this position.",
         ),
     ] = False,
     orientation: Annotated[

@@ -66,7 +66,7 @@ class PlannedRecords(PlanFiles):
     ] = "free"
     postures: Annotated[
         int,
-        typer.Option(metavar="N", min=1, help="Postures to choose from."),
+        typer.Option(metavar="N", min=1, help="Candidate postures, from which the plan chooses."),
     ] = POOL_SIZE
     table_height_mm: TableHeight = None
     seed: Seed = 1

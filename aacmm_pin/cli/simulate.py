@@ -138,7 +138,8 @@ def run(
     random_geometry: Annotated[
         bool,
         typer.Option(
-            "--random-geometry", help="Draw the true geometry within the arm's uncertainties."
+            "--random-geometry",
+            help="Choose the true geometry at random within the arm's uncertainties.",
         ),
     ] = False,
     seed: Seed = 1,
@@ -162,8 +163,8 @@ def run(
             # A stream of its own: the plan is the same without it.
             model = perturbed_model(model, rng.spawn(1)[0])
             note(
-                f"the true geometry was drawn within the uncertainties of {model.arm.name}, "
-                f"seed {seed}"
+                "simulate chose the true geometry at random within the uncertainties of "
+                f"{model.arm.name}, seed {seed}"
             )
         model = restrict_to_known_range(model.with_effects(*effects))
         noise = stated.simulated(model.arm)

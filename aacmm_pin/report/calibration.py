@@ -98,8 +98,9 @@ KNOWN = (
     "has no meaning."
 )
 UNDETERMINED = (
-    "Neither these records nor the stated uncertainties determine the following combinations of "
-    "parameters; the calibrated arm keeps their values. Other postures, references or targets may "
+    "These records and the stated uncertainties do not determine the following parameters "
+    "separately. Each line states what they determine. The calibrated arm keeps the values of the "
+    "arm file for the undetermined combinations. Other postures, references or targets may "
     "determine them, but more records of the same kind do not:"
 )
 EXCLUDED = (
@@ -291,7 +292,7 @@ def comment(result: Calibration, data: str, when: str) -> str:
     """
     lines = [f"Calibrated by aacmm-pin on {when} (UTC) from {data}: {result}", fit_in_words(result)]
     lines += [f"Note: {line}." for line in result.notes]
-    lines += [f"Not determined by these records: {line}." for line in result.undetermined]
+    lines += [f"Not determined separately: {line}." for line in result.undetermined]
     return "\n".join([*lines, "", *HOW_TO_READ])
 
 

@@ -88,9 +88,9 @@ QUESTION = (
     "does the model with that cause gain?"
 )
 ASSUMED = (
-    "The prediction contains only errors of the geometry: independent, and uniform "
-    "within the half-widths. Encoder noise, eccentricity, gravity, temperature and "
-    "contact increase the errors further.",
+    "The prediction contains only errors of the geometry. It assumes that these errors are "
+    "independent, and uniformly distributed within the half-widths. Encoder noise, eccentricity, "
+    "gravity, temperature and contact increase the errors further.",
     (
         "The wrist is at the working point. Errors of parts beyond the wrist, such as the stylus, "
         "do not contribute."

@@ -120,6 +120,7 @@ ALIASES_EXPLAINED = (
     "Probability: probability that the alias acts and the cause does not. If both act and the "
     "alias is much smaller than its typical magnitude, U of the cause is too small."
 )
+DISCREPANCY_AT_TIP = "Discrepancy at the tip (structure that no cause explains)"
 DISCREPANCY = (
     "RMS: displacement of the tip that recalibration does not absorb. u: its standard "
     "uncertainty. Probability: probability that the discrepancy exists."
@@ -365,6 +366,11 @@ def _background(left: Unexplained) -> str:
     return f"{length(sizes[BACKGROUND])} RMS"
 
 
+def _quantity(covariate: str) -> str:
+    """What a part of the discrepancy depends on."""
+    return "no single column" if covariate == BACKGROUND else covariate
+
+
 def alias_in_words(alias: Alias, arm: Arm) -> str:
     """An alias: a cause and its place, or a covariate."""
     if alias.effect is None:
@@ -457,7 +463,7 @@ def _saved_in_words(result: Diagnosis) -> str:
     if not parts:
         return ""
     said, lost = [], result.not_saved
-    saved = listed([name for name in parts if name not in lost])
+    saved = " and on ".join(_quantity(name) for name in parts if name not in lost)
     if saved:
         there = any(isinstance(effect, Discrepancy) for effect in result.model.effects)
         has = "contains" if there else "does not contain"
@@ -554,7 +560,7 @@ def discrepancy_table(left: Unexplained) -> pd.DataFrame:
     for part in left.discrepancy:
         sizes = {"rms_mm": part.rms / MM, "u_mm": part.u / MM}
         chance = {"probability": probability(part.probability)}
-        rows.append({"depends on": part.covariate, **sizes, **chance})
+        rows.append({"depends on": _quantity(part.covariate), **sizes, **chance})
     return pd.DataFrame(rows)
 
 
@@ -794,7 +800,7 @@ def _structure(left: Unexplained) -> list[Block]:
     ways = [f"Structure that depends on {name}: {way}." for name, way in left.acts_on.items()]
     return [
         Paragraph(unexplained_in_words(left), finding=left.structure),
-        Table(discrepancy_table(left), "The discrepancy at the tip", explained=DISCREPANCY),
+        Table(discrepancy_table(left), DISCREPANCY_AT_TIP, explained=DISCREPANCY),
         Bullets(ways),
         Table(groups, GROUPS, forms, heads),
     ]

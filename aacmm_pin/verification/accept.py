@@ -311,7 +311,7 @@ def accept(
     """
     limits = checked_limits(mpe)
     if measuring_range is not None and not (math.isfinite(measuring_range) and measuring_range > 0):
-        raise AacmmError(f"measuring range is {measuring_range}; expected a length above 0")
+        raise AacmmError(f"measuring range is {measuring_range} m; expected a length above 0")
     models = {name: ErrorModel.of(arm) for name, arm in (arms or {}).items()}
     wanted = definitions(standard)
     data = measurement_file(str(path))

@@ -36,7 +36,8 @@ This page counts how often `diagnose` names the true cause in simulated files.
 `python -m tests.blind.study --family NAME` simulates files of arms with hidden causes of error,
 runs `aacmm-pin diagnose` on each file, and compares the result with the truth. The simulator
 shares no code with this package: it has exact physics, and always adds small errors that the
-package does not model. `tests/blind/families.py` draws the arms, the causes and the records.
+package does not model. `tests/blind/families.py` chooses the arms, the causes and the records at
+random.
 
 `diagnose` names a cause if its probability is at least 0.5. Intervals in parentheses cover 95 %.
 
