@@ -150,6 +150,7 @@ class Drive:
                 found[leader] = max(low, bounds.min()), min(high, bounds.max())
         if (found[:, 0] > found[:, 1]).any():
             raise UnsupportedArmError(
-                "a joint mimics another, and their limits have no values in common; expected some"
+                "the limits of a joint and of one that mimics it exclude each other; expected "
+                "limits that both can have"
             )
         return found

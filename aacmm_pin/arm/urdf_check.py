@@ -233,9 +233,7 @@ def _mimics(joints: dict[str, Element]) -> dict[str, Follower]:
                     mimic, f"joint is {leader!r}, which mimics this joint; expected another joint"
                 )
             if leader not in joints:  # fingers of robots that are in use have such
-                said = str(
-                    _refused(mimic, f"there is no joint {leader!r}; expected the name of a joint")
-                )
+                said = str(_refused(mimic, f"there is no joint {leader!r}"))
             passed.add(leader)
             found[name] = Follower(leader, ratio, offset, said)
             mimic = _child(joints[leader], "mimic") if leader in joints else None

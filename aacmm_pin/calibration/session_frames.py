@@ -19,7 +19,6 @@ from aacmm_pin.calibration.problem import Frame
 from aacmm_pin.calibration.setup import Setup, sessions_of
 from aacmm_pin.calibration.solver import initial_point
 from aacmm_pin.effects import ErrorModel
-from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import Measurements
 
 ONE_FRAME = 0.01
@@ -110,10 +109,8 @@ def session_notes(fit: Fit) -> list[Note]:
 def _frame_of_session(model: ErrorModel, records: Measurements, setup: Setup, label: str) -> Frame:
     """The base in the frame of one session."""
     own = records.conditions.require("session", "reference frame") == label
-    try:
-        return _registration(model, records.take(own), setup)
-    except AacmmError as error:
-        raise AacmmError(f"{records.source}: session {label}: {error}") from None
+    alone = replace(records.take(own), source=f"{records.source}: session {label}")
+    return _registration(model, alone, setup)
 
 
 def _registration(model: ErrorModel, records: Measurements, setup: Setup) -> Frame:
