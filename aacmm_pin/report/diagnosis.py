@@ -238,8 +238,8 @@ def _ambiguous(result: Diagnosis, wrong: str) -> str:
         named.append(f"{causes} (probability of this set {probability(share)})")
     if not found:
         return (
-            "these records do not determine which causes the model lacks. The most probable sets "
-            f"of causes are {listed(named)}"
+            "these records do not determine whether the model lacks a cause. The most probable "
+            f"causes are {listed(named)}"
         )
     return f"{wrong}. Other sets of causes that may act: {listed(named, 'or')}"
 
