@@ -36,7 +36,7 @@ def comparison_warning(found: Comparison, arm: str) -> str:
             "references are not compared, because their RMS distance from the tip is "
             f"{found.rms[-1] / MM:.0f} mm. Either the references are not in the base of {arm} or "
             "not of its tip, or the angles are in another unit or of another arm. Run aacmm-pin "
-            "check"
+            "check, with --reference-frame external if the references are in another frame"
         )
     if found.is_worse:
         return (

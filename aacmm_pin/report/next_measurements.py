@@ -152,9 +152,11 @@ def _first(result: Diagnosis) -> str:
             f"take records after {max(ends):.4g} s, by the same clock, to see whether the drift "
             "stops or continues"
         )
+    frame = result.extended.problem.setup.reference_frame
+    option = "" if frame == "base" else f" --reference-frame {frame}"
     return (
-        "take new records over the full ranges of the joints. Run aacmm-pin check with the "
-        f"extended arm on the new records, and {_as_held_out(result)}"
+        f"take new records over the full ranges of the joints. Run aacmm-pin check{option} with "
+        f"the extended arm on the new records, and {_as_held_out(result)}"
     )
 
 

@@ -144,6 +144,14 @@ def test_a_command_that_changes_much_is_told(robot, tmp_path):
     assert "rows 2, 4" in warnings[0]
 
 
+def test_commands_are_not_for_a_tip_on_a_target(ur5, tmp_path):
+    """The URDF has no such tip."""
+    arm, readings = tmp_path / "ur5.toml", tmp_path / "readings.csv"
+    done(f"simulate {ur5} --scheme free --records 20 -o {readings}")
+    done(f"calibrate {ur5} {readings} --target unknown -o {arm}")
+    assert "the tip is a target" in refused(f"correct {arm} {readings} --commands")
+
+
 def test_an_arm_file_of_a_robot_goes_through_every_command(robot, tmp_path):
     truth, records, urdf = robot
     model, measured = ErrorModel.load(truth), pd.read_csv(records)
