@@ -79,3 +79,8 @@ def prefixed(unit: str, size: float) -> tuple[str, float]:
 def plain_mm(length: float) -> str:
     """A length [m] in mm as a test report states it, to 0.1 µm: ``1200.027``."""
     return f"{length / MM:z.4f}".rstrip("0").rstrip(".")
+
+
+def count(number: int, noun: str) -> str:
+    """``1 record``, ``12 records``."""
+    return f"{number} {noun if number == 1 else f'{noun}s'}"

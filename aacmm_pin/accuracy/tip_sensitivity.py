@@ -221,8 +221,8 @@ class ErrorSources(Shown):
             start = end
         noisy = columns[columns >= start] - start
         if noisy.size:  # a noisy reading is a noisy zero
-            axes = arm.chain.moving_axes()
-            zeros = [sensitivity(JointZeroOffset(joint=place // 2), state) for place in axes]
+            rows = arm.chain.joint_rows()
+            zeros = [sensitivity(JointZeroOffset(joint=row), state) for row in rows]
             by_angles = arm.chain.drive.by_own(np.concatenate(zeros, axis=2))
             found.append(arm.by_readings(by_angles)[:, :, noisy])
         return np.concatenate(found, axis=2)

@@ -268,13 +268,13 @@ class Arm(Shown):
 
     @property
     def uncorrected(self) -> Arm:
-        """An arm that came as URDF, every joint placement as the URDF states it.
+        """An arm that came as URDF, every joint placement and the tip as the URDF states them.
 
         Raises:
             UnsupportedArmError: the arm has a DH table.
         """
         joints = [UrdfJoint.model_construct(name=name) for name in self.joint_names]
-        update = {"joints": joints, "covariance": None}
+        update = {"joints": joints, "covariance": None, "tip_on_target": False}
         return _corrected(self.nominal, self.urdf_file.model_copy(update=update), self.mimics)
 
     def with_placements(
@@ -470,7 +470,7 @@ class Arm(Shown):
 
     def _over_rows(self, of_joints: Array) -> Array:
         values = np.zeros((self.chain.rows, *of_joints.shape[1:]))
-        values[np.array(self.chain.moving_axes()) // 2 - 1] = of_joints
+        values[np.array(self.chain.joint_rows()) - 1] = of_joints
         return values
 
     def place(self, at: str | None = None) -> int:

@@ -146,6 +146,12 @@ class Chain:
         """The places that joints move, in the order of the joints, those that follow others too."""
         return [int(place) for place in np.flatnonzero(self.moved >= 0)]
 
+    def joint_rows(self) -> list[int]:
+        """The rows (from 1) that have a joint, in the order of the joints, those that follow others
+        too.
+        """
+        return [place // 2 for place in self.moving_axes()]
+
     def moving_rows(self) -> list[int]:
         """The rows (from 1) that have a joint that follows no other, in the order of the joints."""
         places = np.flatnonzero(self.joint >= 0)

@@ -111,8 +111,12 @@ class LinearModel:
     @cached_property
     def triangle(self) -> Array:
         """The same with the prior."""
-        rows = np.concatenate([self.prior.rows, self.measured_triangle])
-        return np.asarray(np.linalg.qr(rows, mode="r"))
+        return self._with_rows(self.prior.rows)
+
+    def _with_rows(self, rows: Array) -> Array:
+        """The triangle of the measured rows and others (k, p + 1)."""
+        together = np.concatenate([rows, self.measured_triangle])
+        return np.asarray(np.linalg.qr(together, mode="r"))
 
     @cached_property
     def spectrum(self) -> Spectrum:
@@ -124,8 +128,7 @@ class LinearModel:
         """Directions of which neither the data nor stated uncertainties say anything (p, k),
         orthonormal [scales].
         """
-        rows = np.concatenate([self.prior.stated, self.measured_triangle])
-        triangle = np.asarray(np.linalg.qr(rows, mode="r"))
+        triangle = self._with_rows(self.prior.stated)
         informed = Spectrum.of(triangle, np.ones(self.prior.scales.size))
         return informed.directions[:, informed.values < LEAST_INFORMATION]
 

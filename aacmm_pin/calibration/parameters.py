@@ -80,7 +80,7 @@ def problem_of(
         elif item == "zero-offsets":
             chosen += [
                 _geometric(model.arm, JointZeroOffset(row), setup.prior)
-                for row in _moving_rows(model.arm)
+                for row in model.arm.chain.joint_rows()
             ]
         elif item == "geometry":
             chosen += [
@@ -181,10 +181,6 @@ def _correlation(arm: Arm, vector: ParameterVector, stated: Array) -> Array:
     theirs = [place[names[i]] for i in mine]
     found[np.ix_(mine, mine)] = arm.covariance.matrix_of_correlation()[np.ix_(theirs, theirs)]
     return found
-
-
-def _moving_rows(arm: Arm) -> list[int]:
-    return [place // 2 for place in arm.chain.moving_axes()]
 
 
 def _geometry(arm: Arm, setup: Setup) -> list[_Unknown]:

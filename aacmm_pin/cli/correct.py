@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from itertools import chain
 from typing import TYPE_CHECKING, Annotated
 
@@ -168,12 +167,8 @@ def _nominal(name: str | None, model: ErrorModel) -> ErrorModel | None:
     Raises:
         AacmmError: it is none, or has other joints.
     """
-    if name is None and model.arm.nominal is None:
-        return None
     if name is None:
-        arm = model.arm.uncorrected
-        of_frame = arm.urdf_file.model_copy(update={"tip_on_target": False})
-        return ErrorModel(replace(arm, file=of_frame))
+        return None if model.arm.nominal is None else ErrorModel(model.arm.uncorrected)
     try:
         of_urdf = name.lower().endswith(".urdf")
         before = (

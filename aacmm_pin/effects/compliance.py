@@ -63,7 +63,7 @@ class JointCompliance(GravityEffect):
         fit worse than these.
         """
         chain = arm.chain
-        rows = [place // 2 for place in chain.moving_axes()]
+        rows = chain.joint_rows()
         measured = records is not None and records.conditions.torque is not None
         for number, row in enumerate(rows):
             slides = chain.slides[number:]

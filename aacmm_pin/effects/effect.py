@@ -476,8 +476,8 @@ def of_encoder(state: State, row: int, columns: Array) -> list[Displacement]:
     """
     chain = state.arm.chain
     ratios = chain.drive.matrix @ state.arm.coupling_matrix[:, state.joint(row)]
-    parts = zip(chain.moving_axes(), ratios.tolist(), strict=True)
-    return [about_axis(state, place // 2, ratio * columns) for place, ratio in parts if ratio]
+    parts = zip(chain.joint_rows(), ratios.tolist(), strict=True)
+    return [about_axis(state, joint, ratio * columns) for joint, ratio in parts if ratio]
 
 
 def twist(linear: Array | None = None, angular: Array | None = None) -> Array:

@@ -461,7 +461,7 @@ class JointCoupling(Effect):
         """
         rows = arm.chain.moving_rows()
         mimicked = [(mimic.of, mimic.joint) for mimic in arm.mimics]
-        sliding = np.array(arm.chain.moving_axes())[arm.chain.slides] // 2
+        sliding = np.array(arm.chain.joint_rows())[arm.chain.slides]
         shown = [row for row, _ in _turning(arm, records)]
         for of, joint in (*pairwise(rows), *mimicked):
             if of in shown and joint not in sliding:

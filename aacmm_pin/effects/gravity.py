@@ -132,7 +132,7 @@ class GravityEffect(LoadedEffect):
         if not self.bodies:
             return state.moment_at_axis(row)[:, :, None]
         columns = state.unit_moments(row)
-        beyond = tuple(place // 2 for place in state.arm.chain.moving_axes() if place // 2 >= row)
+        beyond = tuple(k for k in state.arm.chain.joint_rows() if k >= row)
         if self.bodies != beyond:
             raise AacmmError(
                 f"{self.label}: bodies is {self.bodies}; expected {beyond}, the bodies at and "

@@ -189,7 +189,7 @@ class State:
         Raises:
             UnsupportedArmError: a joint beyond ``row`` slides, and H_k is not constant.
         """
-        rows = [place // 2 for place in self.arm.chain.moving_axes() if place // 2 >= row]
+        rows = [k for k in self.arm.chain.joint_rows() if k >= row]
         slide = [k for k in rows if k > row and self.slides(k)]
         if slide:
             raise UnsupportedArmError(

@@ -23,7 +23,7 @@ from aacmm_pin._support.display import Shown
 from aacmm_pin._support.file_problems import Problems
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.text_escaping import csv_text
-from aacmm_pin._support.units import DEG
+from aacmm_pin._support.units import DEG, count
 from aacmm_pin.arm import Arm
 from aacmm_pin.effects import CONDITION_COLUMNS, Conditions, Labels, labels_of
 from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError
@@ -504,19 +504,14 @@ class Measurements(Shown):
             temporary.write_text(self.csv(), encoding="utf-8", newline="")
 
     def __str__(self) -> str:
-        found = f"{self.source}: {_count(self.n, 'record')} of {_count(self.nq, 'joint')}"
+        found = f"{self.source}: {count(self.n, 'record')} of {count(self.nq, 'joint')}"
         if self.known.any():
             found += f", {self.known.sum()} with reference coordinates"
         for noun, number in (("seat", len(self.seats())), ("bar", len(self.bars()))):
-            found += f", {_count(number, noun)}" if number else ""
+            found += f", {count(number, noun)}" if number else ""
         if self.extra.columns.empty:
             return found
         return f"{found}, other columns {', '.join(self.extra.columns)}"
-
-
-def _count(number: int, noun: str) -> str:
-    """``1 record``, ``12 records``."""
-    return f"{number} {noun}{'s' * (number != 1)}"
 
 
 def _records_by_label(labels: Labels | None) -> dict[str, Index]:

@@ -7,12 +7,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import pandas as pd
 
-from aacmm_pin._support.units import DEG, MM, UM
+from aacmm_pin._support.units import DEG, MM, UM, count
 from aacmm_pin.accuracy import ErrorSources
 from aacmm_pin.arm import COVERAGE_FACTOR, KINDS, Arm, ArmFile, DHTable, Parameter, Poses
 from aacmm_pin.effects import Effect, ErrorModel, in_words, values_in_words, values_with_u
 from aacmm_pin.report.document import Block, Document, Paragraph, Table, document_of
-from aacmm_pin.report.numbers import count, quantity, small, vector
+from aacmm_pin.report.numbers import quantity, small, vector
 
 DH_HEADS = dict(zip(KINDS, ("a [mm]", "d [mm]", "α [°]", "θ offset [°]"), strict=True))
 """Heads of the columns of a DH table."""

@@ -12,7 +12,7 @@ import pandas as pd
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.output_files import json_text
 from aacmm_pin._support.text_escaping import csv_text
-from aacmm_pin._support.units import DEG, MM, UM
+from aacmm_pin._support.units import DEG, MM, UM, count
 from aacmm_pin.arm import COVERAGE_FACTOR
 from aacmm_pin.calibration import (
     MISFIT,
@@ -49,7 +49,7 @@ from aacmm_pin.report.document import (
     blank_axes,
     document_of,
 )
-from aacmm_pin.report.numbers import count, length, lengths, p_equals, percent, vector
+from aacmm_pin.report.numbers import length, lengths, p_equals, percent, vector
 from aacmm_pin.report.parameters import decimals, parameter_table, readable_parameters
 from aacmm_pin.report.plots.calibration import LEAST_IN_BIN
 

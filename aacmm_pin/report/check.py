@@ -10,12 +10,12 @@ import pandas as pd
 
 from aacmm_pin._support.file_problems import rows_in_words
 from aacmm_pin._support.notes import notes_in_json
-from aacmm_pin._support.units import MM
+from aacmm_pin._support.units import MM, count
 from aacmm_pin.diagnosis import Check
 from aacmm_pin.effects import CONDITION_COLUMNS, Effect, cause_in_words, listed
 from aacmm_pin.report.document import Document, Notes, Paragraph, Table, document_of
 from aacmm_pin.report.measurements import measurements_document
-from aacmm_pin.report.numbers import count, lengths
+from aacmm_pin.report.numbers import lengths
 
 CHECK_SCHEMA = "aacmm-pin/check/1"
 MISSING = "Columns that the file lacks, and the causes of error that need them"

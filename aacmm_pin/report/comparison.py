@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 
-from aacmm_pin._support.units import MM
+from aacmm_pin._support.units import MM, count
 from aacmm_pin.calibration import Comparison
-from aacmm_pin.report.numbers import count
 
 
 def comparison_in_words(found: Comparison, first: str) -> str:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from aacmm_pin._support.units import MM, UM
+from aacmm_pin._support.units import MM, UM, count
 from aacmm_pin.arm import Arm
 from aacmm_pin.calibration import NO_SCATTER, exclusions_of, residuals_by_record, rms
 from aacmm_pin.diagnosis import (
@@ -66,7 +66,6 @@ from aacmm_pin.report.doubts import beside_threshold, doubts_in_words, labels_in
 from aacmm_pin.report.next_measurements import next_measurements
 from aacmm_pin.report.numbers import (
     capital,
-    count,
     length,
     length_unit,
     lengths,

@@ -7,9 +7,9 @@ from typing import Any
 
 import pandas as pd
 
+from aacmm_pin._support.units import count
 from aacmm_pin.effects import probability
 from aacmm_pin.report.document import Block, Bullets, Document, Paragraph, Table
-from aacmm_pin.report.numbers import count
 
 DIAGNOSES_SCHEMA = "aacmm-pin/diagnoses/1"
 RMS = ("rms_as_stated_mm", "rms_recalibrated_mm", "rms_extended_mm")

@@ -9,9 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 
+from aacmm_pin._support.units import count
 from aacmm_pin.diagnosis import THRESHOLDS, Diagnosis, Unexplained
 from aacmm_pin.effects import listed, name_in_words, probability, several_in_words
-from aacmm_pin.report.numbers import count, p_equals
+from aacmm_pin.report.numbers import p_equals
 
 
 def doubts_in_words(result: Diagnosis) -> list[str]:

@@ -8,11 +8,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from aacmm_pin._support.units import MM
+from aacmm_pin._support.units import MM, count
 from aacmm_pin.effects import CONDITION_COLUMNS, Conditions
 from aacmm_pin.measurements import BAR, Measurements
 from aacmm_pin.report.document import Document, Paragraph, Table, document_of
-from aacmm_pin.report.numbers import count
 
 VALUES_LISTED = 8
 """So many labels are shown."""

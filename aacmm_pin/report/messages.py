@@ -16,9 +16,8 @@ from typing import Any
 from aacmm_pin._support.display import two_digits
 from aacmm_pin._support.file_problems import rows_in_words
 from aacmm_pin._support.notes import Note
-from aacmm_pin._support.units import DEG, MM, UM
+from aacmm_pin._support.units import DEG, MM, UM, count
 from aacmm_pin.effects import listed
-from aacmm_pin.report.numbers import count
 
 FORMAT_UNITS = {"mm": (MM, " mm"), "µm": (UM, " µm"), "µrad": (UM, " µrad"), "°": (DEG, "°")}
 """Units of formats: how large they are, and what stands behind the number."""

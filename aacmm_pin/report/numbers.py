@@ -93,11 +93,6 @@ def percent(share: float, digits: int = 0) -> str:
     return f"{100 * share:z.{digits}f} %"
 
 
-def count(number: int, noun: str) -> str:
-    """``1 record``, ``12 records``."""
-    return f"{number} {noun if number == 1 else f'{noun}s'}"
-
-
 def capital(text: str) -> str:
     """The text with a capital letter in front; as it is where its first word is a name, such as
     ``theta_offset3``.

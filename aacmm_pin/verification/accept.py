@@ -17,7 +17,7 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.notes import Note, notes_in_json
 from aacmm_pin._support.plausible import Range
-from aacmm_pin._support.units import MM, plain_mm
+from aacmm_pin._support.units import MM, count, plain_mm
 from aacmm_pin.effects import ErrorModel, GivenModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements import measurement_file
@@ -165,10 +165,9 @@ class CharacteristicValue:
     def _lack(self) -> str:
         """How many points or lengths are missing, or why there is no value."""
         number = self.evaluated.missing
-        counted = self.definition.counted
         if not number:
             return self.evaluated.why_incomplete
-        return f"{number} {counted}{'s' * (number > 1)}"
+        return count(number, self.definition.counted)
 
 
 def shown_verdict(verdict: str | None) -> str:

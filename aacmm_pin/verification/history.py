@@ -25,7 +25,7 @@ from aacmm_pin._support.display import Shown, report
 from aacmm_pin._support.file_problems import Problems
 from aacmm_pin._support.output_files import OutputFiles
 from aacmm_pin._support.text_escaping import csv_text
-from aacmm_pin._support.units import MM, number
+from aacmm_pin._support.units import MM, count, number
 from aacmm_pin.errors import AacmmError, MeasurementFileError
 from aacmm_pin.measurements import is_workbook, measurement_file, read_table
 from aacmm_pin.verification.accept import WORST_FIRST, AcceptanceResult
@@ -311,8 +311,8 @@ class History(Shown):
 
     def __str__(self) -> str:
         left = [f"{chart.figure} by {chart.arm}" for chart in self.charts() if chart.left_range]
-        count = len(self.checks[["time", "instrument"]].drop_duplicates())
-        text = f"{count} check{'s' * (count != 1)}"
+        checks = self.checks[["time", "instrument"]].drop_duplicates()
+        text = count(len(checks), "check")
         return text + (f"; outside the control limits: {', '.join(left)}" if left else "")
 
     def summary(self) -> list[dict[str, Any]]:

@@ -15,6 +15,7 @@ from matplotlib.figure import Figure as Drawing
 
 from aacmm_pin import ErrorModel
 from aacmm_pin._support.notes import Note
+from aacmm_pin._support.units import count
 from aacmm_pin.errors import OutputError
 from aacmm_pin.report import formats, results
 from aacmm_pin.report.document import (
@@ -31,15 +32,7 @@ from aacmm_pin.report.document import (
     Table,
 )
 from aacmm_pin.report.formats import html
-from aacmm_pin.report.numbers import (
-    count,
-    in_one_unit,
-    lengths,
-    p_equals,
-    small,
-    small_unit,
-    spread,
-)
+from aacmm_pin.report.numbers import in_one_unit, lengths, p_equals, small, small_unit, spread
 from tests.pages import Page
 
 EVIL = '<script>alert("x")</script> & {{ 7 * 7 }} [red]'

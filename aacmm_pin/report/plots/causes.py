@@ -11,11 +11,10 @@ import pandas as pd
 from matplotlib.axes import Axes
 from pandas.api.types import is_numeric_dtype
 
-from aacmm_pin._support.units import UM
+from aacmm_pin._support.units import UM, count
 from aacmm_pin.diagnosis import Diagnosis, Finding
 from aacmm_pin.effects import Effect, corrects_seat, in_words
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.report.numbers import count
 from aacmm_pin.report.plots.groups import plot_rms
 from aacmm_pin.report.plots.parameter_changes import plot_geometry
 from aacmm_pin.report.plots.partial_residuals import (

@@ -13,6 +13,7 @@ from aacmm_pin._support.units import MM
 from aacmm_pin.diagnosis import Diagnosis
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.report.numbers import length_unit, lengths
+from aacmm_pin.report.plots.residual_vectors import MODEL_WORDS
 from aacmm_pin.report.plots.style import (
     BLUE,
     GREY,
@@ -127,7 +128,7 @@ def _draw_groups(
             label=label,
         )
     for name, colour in MODELS.items():
-        label = "nominal" if name == "simulation" else name
+        label = MODEL_WORDS.get(name, name)
         panel.plot(
             np.arange(len(table)),
             table[f"{name}_mm"],

@@ -9,11 +9,10 @@ from matplotlib.colors import to_hex, to_rgb
 from meshcat.geometry import Sphere
 
 from aacmm_pin._support.checks import Array, Index
-from aacmm_pin._support.units import DEG, MM3, UM
+from aacmm_pin._support.units import DEG, MM3, UM, count
 from aacmm_pin.accuracy import ELLIPSOID_COVERAGE_FACTOR, AccuracyVolume, paired
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.postures import WRIST, ConfigurationCircle, PosturesAtPoint
-from aacmm_pin.report.numbers import count
 from aacmm_pin.report.plots.circle import evenly, neighbours
 from aacmm_pin.report.plots.style import BLUE, GREY, VOLUME_COLOURS, VOLUME_LABEL, round_down
 from aacmm_pin.report.scenes.scene import ColourBar, Frames, Scene, Swatch
