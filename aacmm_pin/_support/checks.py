@@ -95,18 +95,17 @@ def whole(value: object, least: int, name: str) -> int:
         AacmmError: it is no whole number, below ``least``, or more than
             :data:`plausible.LARGEST_COUNTS` has for this name.
     """
+    argument = name.partition(" ")[0]
     try:
         number = operator.index(value)  # type: ignore[arg-type]
     except TypeError:
-        raise AacmmError(f"{name} is {value!r}; expected a whole number") from None
+        raise AacmmError(f"{argument} is {value!r}; expected a whole number") from None
     if number < least:
-        raise AacmmError(f"{name} is {number}; expected at least {least}")
-    most, each = plausible.LARGEST_COUNTS[name]
+        raise AacmmError(f"{argument} is {number}; expected at least {least}")
+    most, cost = plausible.LARGEST_COUNTS[name]
     if number > most:
-        size = f"{most * each / 1e9:.2g} GB of memory"
-        raise AacmmError(
-            f"{name} is {reprlib.repr(number)}; expected at most {most}, which take about {size}"
-        )
+        came = f"{argument} is {reprlib.repr(number)}"
+        raise AacmmError(f"{came}; expected at most {most}, which need about {cost}")
     return number
 
 

@@ -105,6 +105,11 @@ class Range(NamedTuple):
 READING = Range(-LARGEST_ANGLE, LARGEST_ANGLE, "rad")
 COORDINATE = Range(-LONGEST_LENGTH, LONGEST_LENGTH, "m")
 BAR_LENGTH = Range(0.01, LONGEST_LENGTH, "m", "metres")
+DIAMETER = Range(1e-3, 1.0, "m")
+"""Of a sphere."""
+PROBE_DIAMETER = Range(0.0, 0.1, "m")
+MPE = Range(1e-9, 1.0, "m")
+"""Maximum permissible error of a length or a position."""
 TEMPERATURE = Range(COLDEST, HOTTEST, "°C", "kelvin or Fahrenheit")
 CLOCK = Range(-LATEST, LATEST, "s")
 TORQUE = Range(-1e6, 1e6, "N·m")
@@ -130,19 +135,19 @@ USUAL_TURN_NOISE = 5e-3
 """From here on it is asked whether that is in degrees [rad]."""
 
 LARGEST_COUNTS = {
-    "cells": (4_000_000, 1e3),
-    "count": (400_000, 1e4),
-    "draws": (4_000_000, 1e3),
-    "most_starts": (1_000_000, 4e3),
-    "postures": (400_000, 1e4),
-    "processes": (256, 1.5e8),
-    "records": (800_000, 5e3),
-    "records of a plan": (10_000, 1e3),
-    "seats": (20_000, 2e5),
-    "sectors": (2_500, 1.5e6),
-    "virtual runs": (100_000, 5e3),
+    "cells": (4_000_000, "4 GB of memory"),
+    "count": (400_000, "4 GB of memory"),
+    "draws": (4_000_000, "4 GB of memory"),
+    "most_starts": (1_000_000, "4 GB of memory"),
+    "postures": (400_000, "4 GB of memory"),
+    "records": (800_000, "4 GB of memory"),
+    "records of a plan": (10_000, "1 hour"),
+    "runs": (100_000, "0.5 GB of memory"),
+    "seats": (20_000, "4 GB of memory"),
+    "sectors": (2_500, "4 GB of memory"),
+    "workers": (256, "40 GB of memory"),
 }
-"""Largest number of each thing that can be asked for, and the memory that one takes [bytes],
+"""Largest number of each thing that can be asked for, and the memory or time that so many take,
 measured with SINO6.
 
 Plans alone are limited by time: each record takes a third of a second.

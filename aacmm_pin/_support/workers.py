@@ -59,7 +59,7 @@ def results(
     try:
         if isinstance(workers, Executor):
             yield _submitted(workers, work, jobs, MOST_SUBMITTED, waiting)
-        elif (count := whole(workers, 1, "processes")) == 1:
+        elif (count := whole(workers, 1, "workers")) == 1:
             yield enumerate(map(work, jobs))
         else:
             with _blocked_signals():

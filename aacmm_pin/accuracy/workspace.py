@@ -23,7 +23,7 @@ from aacmm_pin._support.display import Shown, report
 from aacmm_pin._support.input_files import content_of
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.output_files import whole_file
-from aacmm_pin._support.plausible import COORDINATE, SMALLEST_ARM
+from aacmm_pin._support.plausible import SMALLEST_ARM
 from aacmm_pin._support.progress import bar
 from aacmm_pin._support.units import DEG, MM, MM3
 from aacmm_pin._support.workers import Workers, results
@@ -425,7 +425,6 @@ def _extent(arm: Arm, extent: ArrayLike | None, axis: Array | None = None) -> Ar
         right, high = (math.ceil((most + margin) / step) for most in (farthest, highest))
         return np.array([0.0, right, math.floor((lowest - margin) / step), high]) * step
     box = vector(extent, 4, "extent", "m")
-    COORDINATE.check(box, "extent")
     if not (0 <= box[0] < box[1] and box[2] < box[3]):
         raise AacmmError(
             f"extent is {(box / MM).tolist()} mm; expected 0 ≤ x from < x to and z from < z to"

@@ -10,6 +10,7 @@ from typing import Annotated
 
 import typer
 
+from aacmm_pin._support.plausible import BAR_LENGTH
 from aacmm_pin.cli.acceptance_options import Mpe, Standard, arms_of, files_argument, limits_of
 from aacmm_pin.cli.arm_options import UrdfArm, in_metres
 from aacmm_pin.cli.common import (
@@ -45,7 +46,7 @@ def run(
     mpe: Mpe = None,
     standard: Standard = None,
     measuring_range_mm: Annotated[
-        float | None, length_option("Measuring range of the arm.")
+        float | None, length_option("Measuring range of the arm.", BAR_LENGTH)
     ] = None,
     time: Annotated[
         str | None,

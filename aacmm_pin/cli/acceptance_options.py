@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from aacmm_pin._support.input_files import content_of
+from aacmm_pin._support.plausible import MPE
 from aacmm_pin._support.units import MM, number
 from aacmm_pin.arm import MOST_BYTES, toml_of
 from aacmm_pin.cli.arm_options import UrdfArm
@@ -83,8 +84,10 @@ def _refused(path: str, message: str) -> AacmmError:
 def _limit(name: str, value: object) -> float:
     """An MPE [m]."""
     try:
-        return number(str(value)) * MM
+        limit = number(str(value))
     except ValueError:
         raise AacmmError(
             f"MPE of {name}: {value!r}; expected a length in mm, with a decimal point"
         ) from None
+    MPE.of_unit("mm", MM).check(limit, f"MPE of {name}")
+    return limit * MM

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
+from aacmm_pin._support.plausible import COORDINATE
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin.accuracy import METHODS, AccuracyVolume, Method, circle_accuracy
 from aacmm_pin.cli.arm_options import EncoderNoise, UncertainArm, restrict_to_known_range
@@ -19,6 +20,7 @@ from aacmm_pin.cli.common import (
     Sectors,
     Seed,
     command,
+    length_option,
     note,
     output_option,
     say,
@@ -48,11 +50,10 @@ def run(
     noise: EncoderNoise,
     to: Annotated[
         Triple | None,
-        typer.Option(
+        length_option(
+            "Second point, in mm: predict the uncertainty of the length between the two points.",
+            COORDINATE,
             metavar="X Y Z",
-            help=(
-                "Second point, in mm: predict the uncertainty of the length between the two points."
-            ),
         ),
     ] = None,
     method: Annotated[Method, typer.Option(help="Method of the accuracy volume.")] = "zonotope",

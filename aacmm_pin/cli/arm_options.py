@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
@@ -145,6 +145,7 @@ class UncertainArm(AnyArm):
         float | None,
         length_option(
             "With --urdf: half-width of each translation of every joint placement; 0: not stated.",
+            plausible.SHIFT_HALF_WIDTH,
             ARM,
         ),
     ] = None
@@ -153,6 +154,7 @@ class UncertainArm(AnyArm):
         angle_option(
             "With --urdf: half-width of each rotation of every joint placement, in rad or as "
             "20arcsec; 0: not stated.",
+            plausible.TURN_HALF_WIDTH,
             ARM,
         ),
     ] = None
@@ -225,30 +227,16 @@ class ArmAndData(UncertainArm):
 
 @dataclass(frozen=True)
 class EncoderNoise:
-    """Standard uncertainties as stated with a command.
-
-    Raises:
-        AacmmError: a number is negative, not finite, or larger than any arm's.
-    """
+    """Standard uncertainties as stated with a command."""
 
     encoder_noise: Annotated[
         float | None,
         angle_option(
             "Standard uncertainty of one reading of each joint, in rad or as 8urad, 1.65arcsec.",
+            plausible.ENCODER_NOISE,
             NOISE,
         ),
     ] = None
-
-    def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if isinstance(value, float):
-                range_ = (
-                    plausible.LENGTH_NOISE.of_unit("mm", MM)
-                    if field.name.endswith("_mm")
-                    else plausible.ENCODER_NOISE
-                )
-                range_.check(value, f"--{field.name.replace('_', '-')}")
 
 
 @dataclass(frozen=True)
@@ -257,7 +245,9 @@ class MeasuringNoise(EncoderNoise):
 
     probe_noise_mm: Annotated[
         float | None,
-        length_option("Standard uncertainty of a coordinate of one contact.", NOISE),
+        length_option(
+            "Standard uncertainty of a coordinate of one contact.", plausible.LENGTH_NOISE, NOISE
+        ),
     ] = None
 
 
@@ -267,7 +257,9 @@ class ContactNoise(MeasuringNoise):
 
     u_reference_mm: Annotated[
         float | None,
-        length_option("Standard uncertainty of a reference coordinate.", NOISE),
+        length_option(
+            "Standard uncertainty of a reference coordinate.", plausible.LENGTH_NOISE, NOISE
+        ),
     ] = None
 
     def simulated(self, arm: Arm) -> Noise:

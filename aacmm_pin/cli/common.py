@@ -21,10 +21,11 @@ from aacmm_pin._support.text_escaping import note as note
 from aacmm_pin._support.text_escaping import say as say
 from aacmm_pin._support.text_escaping import status as status
 from aacmm_pin._support.text_escaping import warn as warn
-from aacmm_pin._support.units import ANGLES, in_radians
+from aacmm_pin._support.units import ANGLES, MM, in_radians
 from aacmm_pin.errors import AacmmError
 
 if TYPE_CHECKING:
+    from aacmm_pin._support.plausible import Range
     from aacmm_pin.effects import ErrorModel
     from aacmm_pin.report import Document
 
@@ -89,8 +90,8 @@ def _fields(group: Any) -> dict[str, tuple[Any, Any]]:
     return found
 
 
-def angle_option(help_: str, panel: str | None = None) -> Any:
-    """An option for an angle: in radians, or with its unit behind it."""
+def angle_option(help_: str, range_: Range, panel: str | None = None) -> Any:
+    """An option for an angle within ``range_``: in radians, or with its unit behind it."""
 
     def angle(text: str) -> float:
         try:
@@ -101,12 +102,30 @@ def angle_option(help_: str, panel: str | None = None) -> Any:
                 f"{', '.join(ANGLES)}"
             ) from None
 
-    return typer.Option(parser=angle, metavar="ANGLE", help=help_, rich_help_panel=panel)
+    return typer.Option(
+        parser=angle,
+        callback=_within(range_),
+        metavar="ANGLE",
+        help=help_,
+        rich_help_panel=panel,
+    )
 
 
-def length_option(help_: str, panel: str | None = None) -> Any:
-    """An option for a length in millimetres."""
-    return typer.Option(metavar="MM", help=help_, rich_help_panel=panel)
+def length_option(help_: str, range_: Range, panel: str | None = None, metavar: str = "MM") -> Any:
+    """An option for lengths in millimetres; ``range_`` is in metres."""
+    callback = _within(range_.of_unit("mm", MM))
+    return typer.Option(metavar=metavar, callback=callback, help=help_, rich_help_panel=panel)
+
+
+def _within(range_: Range) -> Callable[..., Any]:
+    """A callback that refuses numbers outside a range."""
+
+    def checked(parameter: typer.CallbackParam, value: Any) -> Any:
+        if value is not None:
+            range_.check(value, str(parameter.name).removesuffix("_mm"))
+        return value
+
+    return checked
 
 
 def output_option(metavar: str, help_: str, *names: str) -> Any:

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 import numpy as np
 import typer
 
+from aacmm_pin._support.plausible import COORDINATE
 from aacmm_pin._support.units import MM
 from aacmm_pin.accuracy import Quantity, map_caveats, map_workspace
 from aacmm_pin.cli.arm_options import AnyArm, restrict_to_known_range
@@ -19,6 +20,7 @@ from aacmm_pin.cli.common import (
     Sectors,
     WorkerCount,
     command,
+    length_option,
     note,
 )
 from aacmm_pin.cli.pose_options import Triple
@@ -38,9 +40,10 @@ def run(
     sectors: Sectors = 12,
     extent_mm: Annotated[
         tuple[float, float, float, float] | None,
-        typer.Option(
+        length_option(
+            "Part of the half-plane, in mm. Default: the reach of the arm.",
+            COORDINATE,
             metavar="X0 X1 Z0 Z1",
-            help="Part of the half-plane, in mm. Default: the reach of the arm.",
         ),
     ] = None,
     axis: Annotated[

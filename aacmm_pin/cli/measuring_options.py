@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
+from aacmm_pin._support.plausible import LENGTH_NOISE
 from aacmm_pin.calibration import ReferenceFrame, Target
 from aacmm_pin.cli.arm_options import ContactNoise, in_metres
 from aacmm_pin.cli.common import (
@@ -41,7 +42,7 @@ class MeasuredHow(ContactNoise):
 
     u_bar_mm: Annotated[
         float | None,
-        length_option("Standard uncertainty of a bar's length.", NOISE),
+        length_option("Standard uncertainty of a bar's length.", LENGTH_NOISE, NOISE),
     ] = None
     reference_frame: FrameOfReferences = "base"
     target: TargetOfReferences = "tip"

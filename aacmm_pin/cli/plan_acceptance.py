@@ -7,6 +7,7 @@ from typing import Annotated
 
 import numpy as np
 
+from aacmm_pin._support.plausible import BAR_LENGTH, DIAMETER, PROBE_DIAMETER
 from aacmm_pin._support.units import MM
 from aacmm_pin.cli.acceptance_options import Standard
 from aacmm_pin.cli.arm_options import UncertainArm, in_metres, restrict_to_known_range
@@ -31,17 +32,24 @@ def run(
     standard: Standard = None,
     measuring_range_mm: Annotated[
         float | None,
-        length_option("Measuring range of the arm. Default: twice the reach from joint 2."),
+        length_option(
+            "Measuring range of the arm. Default: twice the reach from joint 2.", BAR_LENGTH
+        ),
     ] = None,
     length_mm: Annotated[
         list[float] | None,
         length_option(
             "Calibrated length (repeatable; ISO expects five, ASME two). Default: lengths "
-            "evenly spaced up to 2/3 of the measuring range."
+            "evenly spaced up to 2/3 of the measuring range.",
+            BAR_LENGTH,
         ),
     ] = None,
-    sphere_mm: Annotated[float, length_option("Diameter of the test sphere.")] = SPHERE_DIAMETER_MM,
-    probe_mm: Annotated[float, length_option("Diameter of the stylus tip.")] = PROBE_DIAMETER_MM,
+    sphere_mm: Annotated[
+        float, length_option("Diameter of the test sphere.", DIAMETER)
+    ] = SPHERE_DIAMETER_MM,
+    probe_mm: Annotated[
+        float, length_option("Diameter of the stylus tip.", PROBE_DIAMETER)
+    ] = PROBE_DIAMETER_MM,
     table_height_mm: TableHeight = None,
     seed: Seed = 1,
     *,

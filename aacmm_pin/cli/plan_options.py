@@ -11,6 +11,7 @@ import pandas as pd
 import typer
 
 from aacmm_pin._support.checks import Array
+from aacmm_pin._support.plausible import COORDINATE
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import MM
 from aacmm_pin.cli.arm_options import in_metres
@@ -32,7 +33,7 @@ from aacmm_pin.report import Document, terminal
 
 TableHeight = Annotated[
     float | None,
-    length_option("Height of a table above the base; the tip stays above the table."),
+    length_option("Height of a table above the base; the tip stays above the table.", COORDINATE),
 ]
 
 

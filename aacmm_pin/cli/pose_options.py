@@ -11,9 +11,10 @@ import numpy as np
 import typer
 
 from aacmm_pin._support.checks import Array, vector
+from aacmm_pin._support.plausible import COORDINATE
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm import Arm
-from aacmm_pin.cli.common import note
+from aacmm_pin.cli.common import length_option, note
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.postures import (
     TIP_JOINTS,
@@ -25,7 +26,7 @@ from aacmm_pin.postures import (
 
 Triple = tuple[float, float, float]
 Point = Annotated[
-    Triple, typer.Option(metavar="X Y Z", help="Working point in the base frame, in mm.")
+    Triple, length_option("Working point in the base frame, in mm.", COORDINATE, metavar="X Y Z")
 ]
 
 IN_METRES = 20.0
@@ -67,8 +68,8 @@ class Orientation:
             help="Orientation of the tip: roll, pitch and yaw as in URDF, in degrees.",
         ),
     ] = None
-    samples: Annotated[
-        int, typer.Option(metavar="N", min=3, help="Postures on each closed curve.")
+    count: Annotated[
+        int, typer.Option("--samples", metavar="N", min=3, help="Postures on each closed curve.")
     ] = 360
 
     @property
@@ -110,16 +111,16 @@ class Orientation:
         """The postures at a point (3,) [m]; none, with the reason, where nothing reaches it."""
         has_table, tip = arm.dh is not None, self.oriented or arm.dh is None
         if has_table and self.rpy_deg is None and (arm.nq == TIP_JOINTS or not tip):
-            return configuration_circle(arm, where, tip=tip, axis=self.axis, count=self.samples)
+            return configuration_circle(arm, where, tip=tip, axis=self.axis, count=self.count)
         rotation = None
         if self.rpy_deg is not None:
             from aacmm_pin.arm import from_roll_pitch_yaw
 
             rotation = from_roll_pitch_yaw(
-                vector(np.array(self.rpy_deg) * DEG, 3, "--rpy-deg", "rad")
+                vector(np.array(self.rpy_deg) * DEG, 3, "rpy_deg", "rad")
             )
         return reaching_postures(
-            arm, where, axis=self.axis, tool=self.tool_axis, rotation=rotation, count=self.samples
+            arm, where, axis=self.axis, tool=self.tool_axis, rotation=rotation, count=self.count
         )
 
 

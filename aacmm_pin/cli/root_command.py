@@ -56,7 +56,11 @@ USAGE_ERROR: Any = typer.BadParameter.__base__
 INTERRUPTED = "interrupted; every file is complete or unchanged"
 
 
-EXPECTED = {"float_parsing": "a number with a decimal point", "int_parsing": "a whole number"}
+EXPECTED = {
+    "float_parsing": "a number with a decimal point",
+    "int_parsing": "a whole number",
+    "greater_than_equal": "{ge} or more",
+}
 """What an option takes, by the code that pydantic gives to text that is none."""
 
 
@@ -66,22 +70,34 @@ class _Subcommand(TyperCommand):
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Read the options; a number that is none is quoted."""
         try:
-            return super().parse_args(ctx, args)
+            with self._options_named():
+                return super().parse_args(ctx, args)
         except typer.BadParameter as error:
-            (problem, *_) = getattr(error.__cause__, "errors", lambda: [{"type": ""}])()
-            if expected := EXPECTED.get(problem["type"]):
-                error.message = f"{problem['input']!r}; expected {expected}"
+            for problem in getattr(error.__cause__, "errors", list)():
+                if expected := EXPECTED.get(problem["type"]):
+                    expected = expected.format(**problem.get("ctx", {}))
+                    error.message = f"{problem['input']!r}; expected {expected}"
+            error.message = error.message.removeprefix("Value error, ")
             raise
 
     def invoke(self, ctx: Any) -> Any:
         """Do what was asked."""
-        with stopping_signals(), results_alone_on_stdout():
-            try:
-                return super().invoke(ctx)
-            except AacmmError as error:
-                if (text := _of_option(str(error), ctx.params)) == str(error):
-                    raise
-                raise AacmmError(text) from error
+        with stopping_signals(), results_alone_on_stdout(), self._options_named():
+            return super().invoke(ctx)
+
+    @contextmanager
+    def _options_named(self) -> Iterator[None]:
+        """Messages of Python arguments become those of the options."""
+        options = {str(each.name).removesuffix("_mm"): each.opts[0] for each in self.params}
+        try:
+            yield
+        except AacmmError as error:
+            error.args = (_of_option(str(error), options),)
+            raise
+        except typer.BadParameter as error:
+            if error.param is not None:
+                raise
+            raise USAGE_ERROR(error.message, error.ctx) from None
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         """Arguments first, then options by their headings."""
@@ -227,14 +243,15 @@ def _ending(error: BaseException) -> tuple[int, str] | None:
     return None if message is None else (1, message)
 
 
-def _of_option(message: str, options: Mapping[str, object]) -> str:
-    """A message of a Python argument, ``records is 5; …``, as one of the option: ``--records 5:
-    …``.
+def _of_option(message: str, options: Mapping[str, str]) -> str:
+    """A message of a Python argument, ``axis is [0, 0, 0]; …``, as one of the option: ``--axis 0 0
+    0: …``.
     """
-    said = re.match(r"(\w+) is (\S+); ", message)
+    said = re.match(r"(\w+)(?:\[\d+\])? (?:is|are) ([^;]+); ", message)
     if said is None or said[1] not in options:
         return message
-    return f"--{said[1].replace('_', '-')} {said[2]}: {message[said.end() :]}"
+    value = re.sub(r"[][(),]", "", said[2])
+    return f"{options[said[1]]} {value}: {message[said.end() :]}"
 
 
 def _of_the_system(error: OSError) -> str:

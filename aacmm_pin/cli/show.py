@@ -10,11 +10,12 @@ import numpy as np
 import typer
 
 from aacmm_pin._support.checks import Array
+from aacmm_pin._support.plausible import COORDINATE
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.accuracy import circle_accuracy
 from aacmm_pin.arm import Arm
 from aacmm_pin.cli.arm_options import EncoderNoise, UncertainArm, restrict_to_known_range
-from aacmm_pin.cli.common import Force, Output, Results, command, note, say, status
+from aacmm_pin.cli.common import Force, Output, Results, command, length_option, note, say, status
 from aacmm_pin.cli.pose_options import Orientation, Triple, note_wrist
 from aacmm_pin.errors import AacmmError
 
@@ -30,9 +31,10 @@ def run(
     arm: UncertainArm,
     point: Annotated[
         Triple | None,
-        typer.Option(
+        length_option(
+            "Show the postures that reach this point of the base frame, in mm.",
+            COORDINATE,
             metavar="X Y Z",
-            help="Show the postures that reach this point of the base frame, in mm.",
         ),
     ] = None,
     *,

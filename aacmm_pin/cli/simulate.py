@@ -9,6 +9,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
+from aacmm_pin._support.plausible import TURN_NOISE
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import MM, UM
 from aacmm_pin.calibration.random_arm import perturbed_model
@@ -30,6 +31,7 @@ from aacmm_pin.cli.common import (
 from aacmm_pin.effects import Effect, ErrorModel, require_shown, stated_cause
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import (
+    SIMULATED_BAR,
     Measurements,
     Noise,
     Scheme,
@@ -74,14 +76,15 @@ class Planned:
             "--no-seat-coordinates", help="With seats: write no coordinates of the seats."
         ),
     ] = False
-    bar_length_mm: Annotated[float | None, length_option("With ball-bar: length of the bars.")] = (
-        None
-    )
+    bar_length_mm: Annotated[
+        float | None, length_option("With ball-bar: length of the bars.", SIMULATED_BAR)
+    ] = None
     orientation_noise: Annotated[
         float | None,
         angle_option(
             "With free or seats: add orientations of the tip, with this standard uncertainty in "
-            "rad or as 50urad."
+            "rad or as 50urad.",
+            TURN_NOISE,
         ),
     ] = None
 

@@ -27,8 +27,8 @@ class JointCompliance(GravityEffect):
     the axis.
 
     It applies to a joint that a spring, brake or drive holds (joint 2 of a measuring arm, every
-    joint of a robot). A free joint carries no moment about its axis, see :class:`BearingTilt`. With
-    ``torque="measured"`` τ is minus the measured torque of the drive. Unit rad/(N·m); typical 1e-5
+    joint of a robot). A free joint carries no moment about its axis, see ``bearing_tilt``. With
+    ``torque=measured`` τ is minus the measured torque of the drive. Unit rad/(N·m); typical 1e-5
     to 3e-5. Source: robot calibration with joint stiffness (Whitney, Lozinski, Rourke 1986). Needs
     ``torqueN_nm`` if measured. Aliases: ``encoder_eccentricity`` and ``counterbalance`` of the same
     joint if the load rotates with it; ``base_compliance``, ``torsional_windup``.

@@ -66,7 +66,7 @@ def cause_of(text: str, model: ErrorModel, present: Collection[str] = ()) -> Eff
         known = [*fields_of(kind), *error.known]
         raise UnknownNameError(f"name for {cause}", error.name, known, f"in {text!r}") from None
     except AacmmError as error:
-        raise AacmmError(f"{text!r}: {error} (form: {_form(kind)})") from None
+        raise AacmmError(f"{error}; the form is {_form(kind)}") from None
     if not parameters:
         same = (known for known in model.effects if known.identity == effect.identity)
         effect = next(same, effect)
@@ -80,10 +80,7 @@ def stated_cause(text: str, model: ErrorModel) -> Effect:
         UnknownNameError, AacmmError: see :func:`cause_of` and :func:`require_sign`.
     """
     effect = cause_of(text, model)
-    try:
-        return effect if effect in model.effects else require_sign(effect)
-    except AacmmError as error:
-        raise AacmmError(f"{text!r}: {error}") from None
+    return effect if effect in model.effects else require_sign(effect)
 
 
 def text_of(effect: Effect) -> str:

@@ -40,7 +40,14 @@ from .repeats import (
     posture_numbers,
 )
 from .schedule import probe_directions
-from .simulate import SCHEMES, Scheme, seed_of, simulate_measurements, simulate_touches
+from .simulate import (
+    SCHEMES,
+    SIMULATED_BAR,
+    Scheme,
+    seed_of,
+    simulate_measurements,
+    simulate_touches,
+)
 
 __all__ = [
     "BAR",
@@ -61,6 +68,7 @@ __all__ = [
     "REFERENCE_NOISE",
     "REFERENCE_U",
     "SCHEMES",
+    "SIMULATED_BAR",
     "UNKNOWN_COLUMN",
     "Bar",
     "Column",

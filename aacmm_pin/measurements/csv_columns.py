@@ -143,13 +143,11 @@ _NO_DEGREES = "degrees, in columns theta1_deg …"
 _LENGTH = (plausible.BAR_LENGTH, True)
 _LENGTH_U = (plausible.LENGTH_NOISE, True, True)
 _TURN_U = (plausible.TURN_NOISE, True, True)
-_DIAMETER = Range(1e-3, 1.0, "m")
-_PROBE = Range(0.0, 0.1, "m")
 _FEATURE_DIAMETER = Column(
-    "feature_diameter", DIAMETERS[:1], "none", "mm", _DIAMETER, True, of_reference=True
+    "feature_diameter", DIAMETERS[:1], "none", "mm", plausible.DIAMETER, True, of_reference=True
 )
 _PROBE_DIAMETER = Column(
-    "probe_diameter", DIAMETERS[1:], "none", "mm", _PROBE, True, of_reference=True
+    "probe_diameter", DIAMETERS[1:], "none", "mm", plausible.PROBE_DIAMETER, True, of_reference=True
 )
 _ONE_TURN = 2.0 * math.pi + 1e-9
 _TURN = Range(-_ONE_TURN, _ONE_TURN, "rad", "degrees")

@@ -13,6 +13,7 @@ from itertools import chain
 
 from aacmm_pin._support import plausible
 from aacmm_pin._support.file_problems import Problems, shortened
+from aacmm_pin._support.units import count
 from aacmm_pin.measurements.csv_columns import (
     BAR,
     EULER,
@@ -82,7 +83,7 @@ def read_header(names: Sequence[object], nq: int | None, problems: Problems) -> 
     forms = numbered_forms(MEASUREMENT_FILE)
     header = Header(unit, {form: _numbered(texts, form, problems) for form in forms}, extra)
     joints = len(header.theta)
-    _check_joints(header, texts, nq, problems)
+    _check_joints(header, [*map(str, names)], nq, problems)
     for form, columns in header.numbered.items():
         each_joint = form != LINK_TEMPERATURE
         if each_joint and columns and joints and len(columns) != joints:
@@ -99,11 +100,11 @@ def read_header(names: Sequence[object], nq: int | None, problems: Problems) -> 
 def checked_names(
     names: Sequence[object], columns: Sequence[Column], problems: Problems
 ) -> list[str]:
-    """The names of a file with these columns, as text.
+    """The names of a file with these columns, as text; known names in place of similar ones.
 
     Raises:
-        MeasurementFileError: a name is missing, there twice, or almost a known one; or too many are
-            unknown.
+        MeasurementFileError: too many are unknown; ``problems`` has names that are missing, there
+            twice, or almost a known one.
     """
     texts = [name if isinstance(name, str) else "" for name in names]
     for place, name in enumerate(names, start=1):
@@ -111,9 +112,9 @@ def checked_names(
             came = "" if isinstance(name, str) else f" but {name!r}, which is not text"
             expected = "expected a name for each column"
             problems.add("", f"column {place} of {len(names)} has no name{came}; {expected}")
-    for name, count in Counter(texts).items():
-        if count > 1 and name.strip():
-            problems.add(name, f"occurs {count} times; expected each name once in the header")
+    for name, times in Counter(texts).items():
+        if times > 1 and name.strip():
+            problems.add(name, f"occurs {times} times; expected each name once in the header")
     unknown = [name for name in dict.fromkeys(texts) if column_of(name, columns) is None]
     most = plausible.MOST_UNKNOWN
     if len(unknown) > most:
@@ -124,15 +125,15 @@ def checked_names(
             f"{most}; delete columns on which residuals do not depend",
         )
         problems.stop()
+    meant = {name: near_miss(name, texts, columns) or name for name in unknown}
     for name in unknown:
-        if meant := near_miss(name, texts, columns):
+        if meant[name] != name:
             problems.add(
                 name,
-                f"is not a known name; expected {shortened(meant)}{_in_unit(meant, columns)}; "
-                "rename the column; if it has other values, use a less similar name",
+                f"unknown name; expected {shortened(meant[name])}{_in_unit(meant[name], columns)}; "
+                "rename the column, or use a less similar name if it has other values",
             )
-    problems.stop()
-    return texts
+    return list(dict.fromkeys(meant.get(name, name) for name in texts))
 
 
 def near_miss(name: str, present: Sequence[str], columns: Sequence[Column]) -> str | None:
@@ -162,7 +163,7 @@ def near_miss(name: str, present: Sequence[str], columns: Sequence[Column]) -> s
 def _in_unit(name: str, columns: Sequence[Column]) -> str:
     """The unit of the numbers in a column, in words; "" where its cells are labels."""
     column = column_of(name, columns)
-    return f", numbers in {column.unit}" if column is not None and column.unit else ""
+    return f" with numbers in {column.unit}" if column is not None and column.unit else ""
 
 
 def _names_with_number_of(name: str, columns: Sequence[Column]) -> tuple[str, ...]:
@@ -233,31 +234,32 @@ def _check_joints(header: Header, names: Sequence[str], nq: int | None, problems
     if not theta:
         problems.add(
             "",
-            f"no angles; the first line has {listed(map(repr, names))}; expected columns "
-            f"theta1_deg … or theta1_rad …{_renaming(names)}",
+            f"no angles; expected columns theta1_deg … or theta1_rad …{_renaming(names, nq)}",
         )
     elif nq is not None and len(theta) != nq:
         expected = span(named(THETA[header.unit], nq))
         problems.add(
             span(theta),
-            f"angles of {len(theta)} joints; the arm has {nq}; expected {expected}",
+            f"angles of {len(theta)} joints; expected {expected}, because the arm has "
+            f"{count(nq, 'joint')}",
         )
 
 
-def _renaming(names: Sequence[str]) -> str:
-    """How to name columns that may be the angles, for they are unknown and numbered; "" where there
-    are none.
+def _renaming(names: Sequence[str], nq: int | None) -> str:
+    """How to name columns that may be the angles, for they are unknown and numbered, as many as
+    joints; "" where there are none.
     """
     alike: dict[str, list[str]] = {}
     for name in names:
         form, numbers = re.subn("[0-9]+", "#", name)
         if numbers == 1 and column_of(name) is None:
             alike.setdefault(form, []).append(name)
-    found = max(alike.values(), key=len, default=[])
-    if len(found) < 2:
-        return ""
-    degrees, radians = (span(named(form, len(found))) for form in THETA.values())
-    came = f"{shortened(found[0])} … {shortened(found[-1])}"
+    joints = nq or max(map(len, alike.values()), default=0)
+    found = [each for each in alike.values() if len(each) == joints > 1]
+    if not found:
+        return f"; the first line has {listed(map(repr, names))}" if names else ""
+    degrees, radians = (span(named(form, joints)) for form in THETA.values())
+    came = " or ".join(f"{shortened(each[0])} … {shortened(each[-1])}" for each in found)
     return f"; if {came} are the angles, rename them {degrees}, or in radians {radians}"
 
 

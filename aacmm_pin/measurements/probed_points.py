@@ -65,8 +65,8 @@ def read_probed_points(table: pd.DataFrame, problems: Problems) -> pd.DataFrame:
         MeasurementFileError: a name of a column is a mistake, there is no column ``test``, or no
             point; other ``problems`` are gathered.
     """
-    checked_names(list(table.columns), ACCEPTANCE_FILE, problems)
-    if "test" not in table:
+    names = checked_names(list(table.columns), ACCEPTANCE_FILE, problems)
+    if "test" not in names:
         problems.add(
             "test", f"missing; expected which test each point belongs to: {', '.join(NEEDED)}"
         )

@@ -50,6 +50,7 @@ from aacmm_pin.measurements.csv_table import read_table
 from aacmm_pin.measurements.csv_values import (
     RecordTable,
     Values,
+    cells_of,
     check_numbers,
     read_records,
     read_values,
@@ -579,7 +580,10 @@ def _from_table(table: pd.DataFrame, lines: Index, nq: int | None, source: str) 
     conditions = Conditions(len(table), **{name: found.pop(name) for name in CONDITION_COLUMNS})
     theta = columns.values.block(columns.header.theta)
     q = theta * DEG if columns.header.unit == "deg" else theta
-    extra = table[list(columns.header.extra)].reset_index(drop=True)
+    with_values = [
+        name for name in columns.header.extra if any(map(str.strip, cells_of(table[name])))
+    ]
+    extra = table[with_values].reset_index(drop=True)
     stated: dict[str, Any] = dict(found)
     read_as += _notes(columns)
     measurements = Measurements(

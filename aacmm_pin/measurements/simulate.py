@@ -29,6 +29,8 @@ from aacmm_pin.postures import brought_to
 
 Scheme = Literal["free", "seats", "ball-bar", "single-point"]
 SCHEMES: tuple[Scheme, ...] = get_args(Scheme)
+SIMULATED_BAR = plausible.BAR_LENGTH._replace(least=SEATS_APART)
+"""Lengths of bars: their ends are seats, and these lie apart [m]."""
 
 
 def simulate_measurements(
@@ -298,8 +300,8 @@ def _check_numbers(
     if records < max(1, least * points):
         each = f" ({least} for each of {points} seats)" if points else ""
         raise AacmmError(
-            f"records is {records}; expected at least {max(1, least * points)}{each}; increase "
-            "records or reduce seats"
+            f"records is {records}; expected at least {max(1, least * points)}{each}; use more "
+            "records or fewer seats"
         )
     if scheme == "ball-bar" and points % 2:
         raise AacmmError(
@@ -313,9 +315,7 @@ def _check_numbers(
             "'ball-bar' has bars"
         )
     if bar_length is not None:
-        plausible.BAR_LENGTH.check(bar_length, "bar_length")
-        if bar_length < SEATS_APART:
-            raise AacmmError(f"bar_length is {bar_length:g} m; expected at least {SEATS_APART:g} m")
+        SIMULATED_BAR.check(bar_length, "bar_length")
 
 
 def seed_of(rng: np.random.Generator) -> int | None:

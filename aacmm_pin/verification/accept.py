@@ -16,7 +16,7 @@ import pandas as pd
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.notes import Note, notes_in_json
-from aacmm_pin._support.plausible import Range
+from aacmm_pin._support.plausible import MPE
 from aacmm_pin._support.units import MM, count, plain_mm
 from aacmm_pin.effects import ErrorModel, GivenModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
@@ -38,8 +38,6 @@ GUARD_BAND_FACTOR = 2.0
 ISO 14253-1:2017, a probability of 95 % at one limit, is a guard band of 1.65 u: with U more
 verdicts are inconclusive.
 """
-MPE = Range(1e-9, 1.0, "m")
-"""What a maximum permissible error can be."""
 FAR_BELOW = 100.0
 """An MPE above 1 mm that is this many times the test value may be in another unit."""
 LONGEST_PART = 0.66
@@ -388,7 +386,7 @@ def checked_limits(mpe: Mapping[str, float] | None) -> dict[str, float]:
 
     Raises:
         UnknownNameError: no such characteristic.
-        AacmmError: a limit is outside :data:`MPE`.
+        AacmmError: a limit is outside ``plausible.MPE``.
     """
     mpe = mpe or {}
     known = [definition.name for definition in DEFINITIONS]

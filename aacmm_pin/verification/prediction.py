@@ -189,7 +189,7 @@ def predict_acceptance(
         )
     if not arms:
         raise AacmmError(f"{path}: no arm is given; expected at least one to predict")
-    whole(runs, FEWEST, "virtual runs")
+    whole(runs, FEWEST, "runs")
     seed = seed_of(rng)
     draws = int(rng.integers(2**32))
     table, lines, notes, _ = read_table(path)

@@ -150,9 +150,12 @@ def test_numbers_that_no_option_takes():
         ("map sino6 --cells 1000000 1000000", ["1000000000000", "4000000"]),
         ("map sino6 --cells 3 3 --sectors 1000000", ["sectors"]),
         ("map sino6 --cells 3 3 --extent-mm 0 1.2 -1.2 1.2", ["--extent-mm"]),
-        ("accuracy sino6 --point 1e155 0 0", ["point[0]", "100 m"]),
-        ("simulate sino6 --scheme ball-bar --bar-length-mm 1e300", ["bar_length", "100 m"]),
-        ("plan distinguish sino6 --records 1000000", ["records", "10000"]),
+        ("accuracy sino6 --point 1e155 0 0", ["--point", "100000 mm"]),
+        (
+            "simulate sino6 --scheme ball-bar --bar-length-mm 1e300",
+            ["--bar-length-mm", "100000 mm"],
+        ),
+        ("plan distinguish sino6 --records 1000000", ["--records", "10000"]),
     ):
         refused(words, said=said)
     assert run("simulate sino6 --records 1e9")[0] == 2
