@@ -41,18 +41,26 @@ conformity."""
 def run(
     files: Annotated[
         list[str],
-        files_argument("Arms that compute coordinates from readings, and the probed points (CSV)."),
+        files_argument(
+            "ARM: arm that computes coordinates from readings (repeatable). DATA: file of probed "
+            "points (CSV)."
+        ),
     ],
     mpe: Mpe = None,
     standard: Standard = None,
     measuring_range_mm: Annotated[
-        float | None, length_option("Measuring range of the arm.", BAR_LENGTH)
+        float | None,
+        length_option(
+            "Measuring range of the arm; the longest length must be at least 66 % of it.",
+            BAR_LENGTH,
+        ),
     ] = None,
     time: Annotated[
         str | None,
         typer.Option(
             metavar="ISO8601",
-            help="Time of the check (UTC unless it states an offset). Default: time of the file.",
+            help="Time of the check, in UTC unless you state an offset. Default: time of the last "
+            "change of DATA.",
         ),
     ] = None,
     instrument: Annotated[
@@ -61,23 +69,23 @@ def run(
     notes: Annotated[
         list[str] | None,
         typer.Option(
-            "--note", metavar="NAME=TEXT", help="Further line of the test report (repeatable)."
+            "--note", metavar="NAME=TEXT", help="Add this line to the test report (repeatable)."
         ),
     ] = None,
     *,
     robot: UrdfArm,
-    output: Annotated[Path | None, page_option("The test report", "--report", "-o")] = None,
+    output: Annotated[Path | None, page_option("the test report", "--report", "-o")] = None,
     history: Annotated[
         Path | None,
-        output_option("FILE.csv", "CSV file of all checks, to which this check is appended."),
+        output_option("FILE.csv", "Append this check to this CSV file of all checks."),
     ] = None,
     plot: Plot = None,
     exit_status: Annotated[
         bool,
         typer.Option(
             "--exit-status",
-            help=f"End with status {NONCONFORMITY} if a characteristic is nonconforming, "
-            f"{INCONCLUSIVE} if the verdict is inconclusive; requires --mpe.",
+            help=f"Exit with status {NONCONFORMITY} if a characteristic is nonconforming, and with "
+            f"{INCONCLUSIVE} if the verdict is inconclusive. Requires --mpe.",
         ),
     ] = False,
     json_: Json = None,
@@ -85,8 +93,8 @@ def run(
 ) -> None:
     """Evaluate an acceptance test (ISO 10360-12, ASME B89.4.22).
 
-    The definitions come from public descriptions of ISO 10360-12:2016 and ASME B89.4.22-2004, and
-    were never compared with the standards' texts.
+    The definitions come from public descriptions of ISO 10360-12:2016 and ASME B89.4.22-2004.
+    Nobody compared these definitions with the texts of the standards.
     """
     from aacmm_pin.report import (  # these load what draws
         CheckDetails,
@@ -138,12 +146,13 @@ def _of_history(checks: History, path: Path | None) -> Iterator[str]:
     others = ", ".join(repr(name) for name in sorted(checks.checks["instrument"].unique()) if name)
     if others and not checks.instrument:
         yield (
-            f"--instrument not given: this check has no instrument, but {path} also has checks of "
-            f"{others}"
+            f"the control chart compares only checks without an instrument; to compare with the "
+            f"checks of {others} in {path}, use --instrument"
         )
     if not checks.appended:
-        same = f"the check of {checks.time} has the same values" if checks.charts() else ""
-        yield f"nothing appended to {path}, because {same or 'the file gives no test value'}"
+        same = f"its check of {checks.time} has the same values" if checks.charts() else ""
+        why = same or "the probed points give no test value"
+        yield f"accept appended no check to {path}, because {why}"
 
 
 def _when(time: str | None, path: str) -> datetime:
@@ -154,14 +163,14 @@ def _when(time: str | None, path: str) -> datetime:
         return in_utc(time)
     except ValueError:
         raise typer.BadParameter(
-            f"--time {time!r}; expected a time such as 2026-01-31T09:30"
+            f"--time {time}: expected a time such as 2026-01-31T09:30"
         ) from None
 
 
 def _further_lines(lines: list[str]) -> dict[str, str]:
     found = dict(line.split("=", 1) for line in lines if "=" in line)
     if len(found) < len(lines):
-        raise typer.BadParameter("--note: expected each NAME=TEXT once")
+        raise typer.BadParameter("--note: expected NAME=TEXT, and each NAME once")
     return found
 
 
@@ -179,13 +188,13 @@ def _next_step(arm: list[str], path: str) -> str:
         seats = Measurements.read(path).seats()
     except MeasurementFileError:
         return (
-            "add readings (theta1_deg …) to the coordinates; aacmm-pin diagnose can then look for "
-            "the cause"
+            "if you add readings (theta1_deg …) to the coordinates, aacmm-pin diagnose can look "
+            "for the cause"
         )
     if not seats:
         return (
-            "aacmm-pin diagnose cannot use these points to find the cause: state "
-            "feature_diameter_mm and probe_diameter_mm of spheres, or add single points or "
+            "aacmm-pin diagnose cannot use these points; to find the cause, state "
+            "feature_diameter_mm and probe_diameter_mm of the spheres, or add single points or "
             "lengths"
         )
     return f"to find the cause, run {shlex.join(['aacmm-pin', 'diagnose', *arm, path])}"

@@ -18,13 +18,14 @@ from aacmm_pin.errors import AacmmError
 from aacmm_pin.verification import StandardName
 
 Standard = Annotated[
-    StandardName | None, typer.Option(help="Use only this standard. Default: both.")
+    StandardName | None, typer.Option(help="Use this standard only. Default: both standards.")
 ]
 Mpe = Annotated[
     list[str] | None,
     typer.Option(
         metavar="CHARACTERISTIC=MM",
-        help="Maximum permissible error, or a TOML file of them (repeatable).",
+        help="Maximum permissible error (MPE) of a characteristic, or a TOML file of such errors "
+        "(repeatable).",
     ),
 ]
 
@@ -71,10 +72,10 @@ def _stated(text: str) -> dict[str, Any]:
         return {name: value}
     if Path(text).suffix != ".toml" and not Path(text).exists():
         raise typer.BadParameter(
-            f"--mpe {text}; expected CHARACTERISTIC=MM, such as E_Uni=0.1, or a TOML file of such"
+            f"--mpe {text}: expected CHARACTERISTIC=MM, such as E_Uni=0.1, or a TOML file of MPEs"
         )
     refused = partial(_refused, text)
-    return toml_of(content_of(text, MOST_BYTES, "MPEs, *.toml,", refused), refused)
+    return toml_of(content_of(text, MOST_BYTES, "a TOML file of MPEs", refused), refused)
 
 
 def _refused(path: str, message: str) -> AacmmError:
@@ -87,7 +88,7 @@ def _limit(name: str, value: object) -> float:
         limit = number(str(value))
     except ValueError:
         raise AacmmError(
-            f"MPE of {name}: {value!r}; expected a length in mm, with a decimal point"
+            f"MPE of {name}: {value!r}; expected a number in mm with a decimal point"
         ) from None
     MPE.of_unit("mm", MM).check(limit, f"MPE of {name}")
     return limit * MM

@@ -51,25 +51,25 @@ def run(
     to: Annotated[
         Triple | None,
         length_option(
-            "Second point, in mm: predict the uncertainty of the length between the two points.",
+            "Predict the uncertainty of the length from --point to this point, in mm.",
             COORDINATE,
             metavar="X Y Z",
         ),
     ] = None,
-    method: Annotated[Method, typer.Option(help="Method of the accuracy volume.")] = "zonotope",
+    method: Annotated[Method, typer.Option(help="Method for the accuracy volume.")] = "zonotope",
     sectors: Sectors = 12,
     seed: Seed = 1,
     output: Annotated[
         Path | None,
         output_option(
-            "FILE.csv", "CSV file: the sampled postures with their accuracy.", "--csv", "-o"
+            "FILE.csv", "Write the sampled postures and their accuracy (CSV).", "--csv", "-o"
         ),
     ] = None,
     json_: Json = None,
     plot: Plot = None,
     force: Force = False,
 ) -> None:
-    """Predict the uncertainty at a point in each posture, or of a length."""
+    """Predict the uncertainty of a position in each posture, or of a length."""
     with Results(force, output, plot=plot, json_=json_) as results:
         model, encoder_noise = restrict_to_known_range(arm.model()), noise.encoder_noise
         if (
@@ -78,7 +78,7 @@ def run(
             and not any(p.u for p in model.parameters)
         ):
             raise AacmmError(
-                "a URDF states no uncertainties; expected --translation-half-width-mm and "
+                "a URDF states no uncertainties; state --translation-half-width-mm and "
                 "--rotation-half-width, or --encoder-noise with --method ellipsoid"
             )
         circle = orientation.postures(model.arm, point)
@@ -130,8 +130,8 @@ def _length(
 def _note_noise(model: ErrorModel, encoder_noise: float | None) -> None:
     if encoder_noise is None and model.arm.encoder_noise is None:
         note(
-            "encoder noise not given: u contains only the uncertainties of the parameters; to add "
-            "the noise, use --encoder-noise"
+            "u contains only the uncertainties of the parameters; to add the noise of readings, "
+            "use --encoder-noise"
         )
 
 

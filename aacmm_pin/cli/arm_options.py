@@ -37,8 +37,8 @@ ApproachFromOrder = Annotated[
     bool,
     typer.Option(
         "--approach-from-order",
-        help="Take the last motion of each joint (approach1 …) from the order of the rows, if this "
-        "is the order of measurement.",
+        help="Derive the direction of approach of each joint (approach1 …) from the order of the "
+        "rows. The rows must be in the order of measurement.",
     ),
 ]
 
@@ -61,7 +61,7 @@ class UrdfArm:
         typer.Option(
             "--frame",
             metavar="NAME",
-            help="With --urdf: the frame whose origin is the tip.",
+            help="With --urdf: name of the frame at the tip.",
             rich_help_panel=ARM,
         ),
     ] = None
@@ -79,13 +79,13 @@ class UrdfArm:
         """
         if self.urdf is None:
             if self.frame is not None:
-                raise typer.BadParameter("--frame requires --urdf, or the name of an example robot")
+                raise typer.BadParameter("--frame requires --urdf or the name of an example robot")
             return None
         if self.frame is None and self.urdf in EXAMPLE_ROBOTS:
             robot = EXAMPLE_ROBOTS[self.urdf]
             note(
-                f"URDF of {self.urdf} with the tip at frame {robot[1]}; to select another frame, "
-                "use --frame NAME"
+                f"the tip of {self.urdf} is the origin of its frame {robot[1]}; to select another "
+                "frame, use --frame NAME"
             )
         try:
             return ErrorModel(Arm.from_urdf(self.urdf, self.frame or "", **half_widths))
@@ -96,7 +96,7 @@ class UrdfArm:
                 else ""
             )
             frames = (
-                f"frames of {self.urdf}, the last first: "
+                f"frames of {self.urdf}, from the last to the first: "
                 f"{', '.join(error.known[: -NAMES_LISTED - 1 : -1])}{more}"
             )
             if self.frame is not None:
@@ -112,8 +112,8 @@ class AnyArm(UrdfArm):
         str | None,
         typer.Argument(
             metavar="ARM",
-            help=f"Name of a bundled arm ({BUNDLED}) or an example robot ({ROBOTS}), or path of an "
-            "arm file. Omit ARM with --urdf.",
+            help=f"Name of a bundled arm ({BUNDLED}) or of an example robot ({ROBOTS}), or path of "
+            "an arm file. Omit ARM with --urdf.",
         ),
     ] = None
 
@@ -130,7 +130,7 @@ class AnyArm(UrdfArm):
             AacmmError: the arm cannot be used.
         """
         if (self.arm is None) == (self.urdf is None):
-            raise typer.BadParameter("expected ARM, or --urdf FILE --frame NAME instead")
+            raise typer.BadParameter("state ARM, or --urdf FILE and --frame NAME")
         model = self.of_urdf(**half_widths) or ErrorModel.load(str(self.arm))
         for line in wide_half_width_notes(model.arm.parameters):
             warn(line)
@@ -144,7 +144,8 @@ class UncertainArm(AnyArm):
     translation_half_width_mm: Annotated[
         float | None,
         length_option(
-            "With --urdf: half-width of each translation of every joint placement; 0: not stated.",
+            "With --urdf: half-width of each translation of every joint placement. 0 means not "
+            "stated.",
             plausible.SHIFT_HALF_WIDTH,
             ARM,
         ),
@@ -153,7 +154,7 @@ class UncertainArm(AnyArm):
         float | None,
         angle_option(
             "With --urdf: half-width of each rotation of every joint placement, in rad or as "
-            "20arcsec; 0: not stated.",
+            "20arcsec. 0 means not stated.",
             plausible.TURN_HALF_WIDTH,
             ARM,
         ),
@@ -185,8 +186,8 @@ class ArmAndData(UncertainArm):
         str | None,
         typer.Option(
             metavar="FILE",
-            help="Second file, with the references. Rows of both files belong together by the "
-            "label in the column record, or else by their order.",
+            help="Second file, with the reference data. Its rows belong to rows of DATA with the "
+            "same label in the column record; without labels, in the same order.",
         ),
     ] = None
 
@@ -202,7 +203,7 @@ class ArmAndData(UncertainArm):
             else self
         )
         if given.data is None:
-            raise typer.BadParameter("expected ARM DATA, or --urdf FILE --frame NAME DATA")
+            raise typer.BadParameter("state ARM and DATA, or --urdf FILE, --frame NAME and DATA")
         return given.model(), given.data
 
     def records(self, model: ErrorModel, path: str) -> Measurements:
@@ -232,7 +233,8 @@ class EncoderNoise:
     encoder_noise: Annotated[
         float | None,
         angle_option(
-            "Standard uncertainty of one reading of each joint, in rad or as 8urad, 1.65arcsec.",
+            "Standard uncertainty of one reading of each joint, in rad or with a unit, such as "
+            "8urad.",
             plausible.ENCODER_NOISE,
             NOISE,
         ),
@@ -291,9 +293,9 @@ def restrict_to_known_range(model: ErrorModel) -> ErrorModel:
     within = model.restricted_to_known_range()
     for j in np.flatnonzero((within.arm.limits != model.arm.limits).any(axis=1)):
         low, high = within.arm.limits[j] / (MM if model.arm.chain.prismatic[j] else DEG)
-        unit = "mm" if model.arm.chain.prismatic[j] else "°"
+        unit = " mm" if model.arm.chain.prismatic[j] else "°"
         note(
-            f"the command uses joint {j + 1} only from {low:.4g} to {high:.4g}{unit}, because its "
-            "error is not known elsewhere"
+            f"the command uses joint {j + 1} only from {low:.4g}{unit} to {high:.4g}{unit}, "
+            "because the arm states the error of this joint only there"
         )
     return within

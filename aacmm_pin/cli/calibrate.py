@@ -43,30 +43,31 @@ def run(
     no_cross_validation: Annotated[
         bool,
         typer.Option(
-            "--no-cross-validation", help="Skip the residuals of held-out records (faster)."
+            "--no-cross-validation", help="Do not compute residuals of held-out records (faster)."
         ),
     ] = False,
     seed: Seed = 1,
     output: Annotated[
         Path | None,
-        output_option("FILE.toml", "Arm file of the calibrated arm.", "--arm-out", "-o"),
+        output_option("FILE.toml", "Write the arm file of the calibrated arm.", "--arm-out", "-o"),
     ] = None,
     urdf_out: Annotated[
         Path | None,
-        output_option("FILE.urdf", "URDF of the calibrated arm."),
+        output_option("FILE.urdf", "Write the URDF of the calibrated arm."),
     ] = None,
     residuals: Annotated[
         Path | None,
-        output_option("FILE.csv", "CSV file of all records with their residuals."),
+        output_option("FILE.csv", "Write all records with their residuals (CSV)."),
     ] = None,
     plot: Plot = None,
-    report: Annotated[Path | None, page_option("Page with all results")] = None,
+    report: Annotated[Path | None, page_option("a page with all results")] = None,
     json_: Json = None,
     force: Force = False,
 ) -> None:
     """Estimate the parameters of an arm from measurements.
 
-    The command also reports their uncertainties and the parameters that the data do not determine.
+    The command also reports the uncertainties of the parameters, and which parameters the data do
+    not determine.
     """
     from aacmm_pin.report import (
         calibration_document,
@@ -103,6 +104,6 @@ def run(
     found = {effect.label for effect in result.fit.effects}
     if held := [effect.label for effect in model.effects if effect.label not in found]:
         note(
-            f"the calibration kept the causes of error that {model.arm.name} states: "
-            f"{', '.join(held)}; aacmm-pin diagnose estimates them again"
+            f"calibrate did not change the causes of error of {model.arm.name} "
+            f"({', '.join(held)}); to estimate them again, run aacmm-pin diagnose"
         )

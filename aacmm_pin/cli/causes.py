@@ -27,7 +27,9 @@ from aacmm_pin.report import Document, Table, terminal
     "aacmm-pin causes encoder_eccentricity",
 )
 def run(
-    name: Annotated[str | None, typer.Argument(metavar="NAME", help="Cause to describe.")] = None,
+    name: Annotated[
+        str | None, typer.Argument(metavar="NAME", help="Cause to describe. Default: all causes.")
+    ] = None,
 ) -> None:
     """List the known causes of error, or describe one."""
     chosen = list(CAUSES.values()) if name is None else [cause_named(name)]

@@ -20,7 +20,7 @@ def run(
     json_: Json = None,
     force: Force = False,
 ) -> None:
-    """Check that a measurement file fits an arm, and list what it lacks."""
+    """Check that a measurement file fits an arm, and list the columns that the file lacks."""
     with Results(force, json_=json_) as results:
         model, path = arm.model_and_data()
         found = check_measurements(

@@ -98,7 +98,7 @@ def angle_option(help_: str, range_: Range, panel: str | None = None) -> Any:
             return in_radians(text)
         except ValueError:
             raise typer.BadParameter(
-                f"{text!r}; expected an angle with a decimal point, in rad or with one of "
+                f"{text!r}; expected a number with a decimal point, in rad or with a unit: "
                 f"{', '.join(ANGLES)}"
             ) from None
 
@@ -137,15 +137,18 @@ def page_option(page: str, *names: str) -> Any:
     """An option for a document, in the format that the end of its name chooses."""
     from aacmm_pin.report import suffixes  # the list of commands needs none
 
-    return output_option("FILE.html", f"{page} ({', '.join(suffixes())}).", *names)
+    return output_option("FILE.html", f"Write {page} ({', '.join(suffixes())}).", *names)
 
 
 Json = Annotated[
-    str | None, output_option("FILE.json", "Write one JSON object; - for stdout.", "--json")
+    str | None,
+    output_option(
+        "FILE.json", "Write the results as one JSON object. - is standard output.", "--json"
+    ),
 ]
 Seed = Annotated[int, typer.Option(metavar="N", min=0, help="Seed of the random generator.")]
 Sectors = Annotated[
-    int, typer.Option(metavar="N", min=1, help="Sectors of the configuration circle.")
+    int, typer.Option(metavar="N", min=1, help="Number of sectors of the configuration circle.")
 ]
 EffectTexts = Annotated[
     list[str] | None,
@@ -155,10 +158,11 @@ EffectTexts = Annotated[
         help="Cause of error, such as encoder_eccentricity:3,amplitude_rad=20urad (repeatable).",
     ),
 ]
-WorkerCount = Annotated[int, typer.Option(metavar="N", min=1, help="Worker processes.")]
+WorkerCount = Annotated[int, typer.Option(metavar="N", min=1, help="Number of worker processes.")]
 Output = Annotated[Path | None, output_option("FILE", "File to write.", "--output", "-o")]
 CsvOutput = Annotated[
-    Path | None, output_option("FILE.csv", "CSV file to write. Default: stdout.", "--csv", "-o")
+    Path | None,
+    output_option("FILE.csv", "CSV file to write. Default: standard output.", "--csv", "-o"),
 ]
 Plot = Annotated[
     Path | None,
@@ -228,7 +232,7 @@ class Results(OutputFiles):
             require_format(page)
         if plot is not None and plot.suffix not in PLOT_SUFFIXES:
             raise AacmmError(
-                f"--plot {plot}: expected a name that ends in one of {', '.join(PLOT_SUFFIXES)}"
+                f"--plot {plot}: expected a name that ends in {' or '.join(PLOT_SUFFIXES)}"
             )
 
     def __enter__(self) -> Self:
@@ -263,7 +267,7 @@ class Results(OutputFiles):
             try:
                 require_plausible(effect)
             except AacmmError as error:
-                note(f"{error}; no command can read {path} with this value")
+                note(f"{error}; because of this value, no command can read {path}")
         self.text(model.text(comment, path), path)
 
     def document(self, document: Document, path: Path) -> None:

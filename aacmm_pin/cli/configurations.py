@@ -19,7 +19,7 @@ def run(
     output: CsvOutput = None,
     force: Force = False,
 ) -> None:
-    """List the configurations that reach a point (CSV)."""
+    """List the postures that reach a point (CSV)."""
     with Results(force, output) as results:
         circle = orientation.postures(arm.model().arm, point)
         note_wrist(circle)

@@ -69,17 +69,17 @@ def run(
         str | None,
         typer.Option(
             metavar="ARM",
-            help="Compare with this nominal arm: name, arm file, or URDF if ARM comes from a URDF. "
-            "Default: the URDF that ARM names, else ARM without causes of error. Required with "
-            "--commands unless ARM names a URDF.",
+            help="Compare with this nominal arm (name or arm file, or URDF if ARM comes from a "
+            "URDF). Default: the URDF that ARM names, else ARM without causes of error. Required "
+            "with --commands unless ARM names a URDF.",
         ),
     ] = None,
     commands: Annotated[
         bool,
         typer.Option(
             "--commands",
-            help="Take angles as robot commands: add corrected commands that bring the real tip to "
-            "the position of the nominal tip, and u at this position.",
+            help="Use the angles as robot commands. Add corrected commands, which move the real "
+            "tip to the position of the nominal tip, and u of this position.",
         ),
     ] = False,
     orientation: Annotated[
@@ -98,12 +98,12 @@ def run(
         before = _nominal(nominal, model)
         if commands and before is None:
             raise typer.BadParameter(
-                "--commands requires --nominal ARM, the arm that the controller uses"
+                "--commands requires --nominal, the arm that the robot controller uses"
             )
         if commands and orientation:
             raise typer.BadParameter("--orientation cannot be combined with --commands")
         if arm.references is not None:
-            raise typer.BadParameter("--references cannot be combined with correct")
+            raise typer.BadParameter("--references cannot be used with correct; omit this option")
         table, _, read_as, dialect = read_table(path)
         unit = "rad" if "theta1_rad" in table else "deg"
         is_oriented = any(form[0] in table for form in ORIENTATIONS)
@@ -119,8 +119,8 @@ def run(
                 path,
                 1,
                 name,
-                "exists already; expected readings without corrections; delete this column or use "
-                "the file before correction",
+                "the column exists already; expected a file without corrections; delete this "
+                "column, or use the file before correction",
             )
         of_readings = ~table.columns.isin(OF_REFERENCES)
         of_file = Measurements.from_frame(table.loc[:, of_readings], model.arm.nq, path)
@@ -156,9 +156,12 @@ def run(
             name: _as_filed(name, values) for name, values in zip(names, found.T, strict=True)
         }
         results.text(dialect.text(table.assign(**columns)), output)
-    effects = ", ".join(effect.label for effect in model.effects) or "no causes of error"
+    effects = ", ".join(effect.label for effect in model.effects) or "none"
     done = np.isfinite(found[:, 0]).sum()
-    status(f"{path}: corrected {done} of {readings.n} readings by {model.arm.name} with {effects}")
+    status(
+        f"{path}: corrected {done} of {readings.n} readings with {model.arm.name} "
+        f"(causes: {effects})"
+    )
 
 
 def _nominal(name: str | None, model: ErrorModel) -> ErrorModel | None:
@@ -177,9 +180,9 @@ def _nominal(name: str | None, model: ErrorModel) -> ErrorModel | None:
     except UnknownNameError as error:
         raise AacmmError(f"--nominal {name}: {error}") from None
     if before.arm.nq != model.arm.nq:
-        expected = f"expected {model.arm.nq}, as many as {model.arm.name} has"
         raise AacmmError(
-            f"--nominal {name}: {before.arm.name} has {before.arm.nq} joints; {expected}"
+            f"--nominal {name}: {before.arm.nq} joints; expected {model.arm.nq}, as many as "
+            f"{model.arm.name} has"
         )
     return before
 
@@ -194,23 +197,24 @@ def _commands(model: ErrorModel, nominal: ErrorModel, known: Measurements, path:
     _warn_of_large_changes(model, commands - known.q, known, arrived, path)
     if np.array_equal(commands, known.q):
         note(
-            f"no command changes, because {model.arm.name} and the nominal arm have the same tip "
-            "positions"
+            f"correct changed no command, because {model.arm.name} and the nominal arm have the "
+            "same tip positions"
         )
     refused = {
-        "next to a singular posture, out of reach, or at the end of an error curve": ~arrived,
-        "a command is outside the joint limits": outside_limits(commands, model.arm.limits).any(
-            axis=1
-        ),
+        "the posture is singular, out of reach, or outside an error curve": ~arrived,
+        "a corrected command is outside the joint limits": outside_limits(
+            commands, model.arm.limits
+        ).any(axis=1),
     }
     for reason, rows in refused.items():
         if rows.any():
-            warn(f"{path}: {rows_in_words(known.row[rows])}: {reason}; left empty")
+            listed = rows_in_words(known.row[rows])
+            warn(f"{path}: {listed}: correct left the commands empty, because {reason}")
         commands[rows] = np.nan
     if len(commands) and np.isnan(commands).all():
         raise AacmmError(
-            f"no command brings {model.arm.name} to the nominal tip position; check that --nominal "
-            "is the same arm"
+            f"no command moves the tip of {model.arm.name} to the nominal position; check that "
+            "--nominal is the same arm"
         )
     return commands
 
@@ -227,17 +231,17 @@ def _warn_of_large_changes(
     common = np.median(change, axis=0)
     for j in np.flatnonzero(np.abs(common) > LARGE_CHANGE):
         warn(
-            f"{path}: the command of joint {j + 1} changes by {common[j] / DEG:.1f}° (median of "
-            "the rows). Check that --nominal is the same arm, and that the calibration "
-            "determined the zero of this joint"
+            f"{path}: the commands of joint {j + 1} change by {common[j] / DEG:.1f}° (median). "
+            "Check that --nominal is the same arm, and that the calibration determined the zero "
+            "of this joint"
         )
     turn = np.abs(change - common).max(axis=1)
     singular = turn > LARGE_CHANGE
     if singular.any():
         rows = rows_in_words(known.row[arrived][singular])
         warn(
-            f"{path}: {rows}: near a singular posture, a command changes by up to "
-            f"{turn.max() / DEG:.1f}°; check the motion before you send it"
+            f"{path}: {rows}: a command near a singular posture changes by up to "
+            f"{turn.max() / DEG:.1f}°; check the motion before you send the command"
         )
 
 
@@ -259,15 +263,18 @@ def _note_comparisons(
         of_file = Measurements.from_frame(table, model.arm.nq, path).take(rows)
         records = of_file.with_joint_angles(model.arm)
     except MeasurementFileError as error:
-        note(f"references, bars and seats are not compared, because {str(error).splitlines()[0]}")
+        note(
+            "correct did not compare the tip with references, bars and seats, because of an error: "
+            f"{str(error).splitlines()[0]}"
+        )
         return
     elsewhere = model.other_targets(records.conditions)
     if elsewhere:
         markers = records.conditions.require("marker", "correct").astype(str)
         of_tip = ~np.isin(markers, elsewhere)
         note(
-            f"{len(of_tip) - of_tip.sum()} records of the targets {', '.join(elsewhere)} are not "
-            "compared, because these targets are not at the tip"
+            f"correct did not compare {len(of_tip) - of_tip.sum()} records of the targets "
+            f"{', '.join(elsewhere)}, because these targets are not at the tip"
         )
         records, tips = records.take(of_tip), tips[of_tip]
     compared, first = [tips], "nominal arm"
@@ -297,12 +304,15 @@ def _known_rows(model: ErrorModel, readings: Measurements, path: str) -> Index:
         if not inside.all():
             place = f"{path}: {rows_in_words(readings.row[~inside])}"
             where = f"{effect.label}{known_range_in_words(effect)}"
-            warn(f"{place}: outside the range of {where}; left empty")
+            warn(
+                f"{place}: correct left the results empty, because the angles are outside the "
+                f"range of {where}"
+            )
     rows = np.flatnonzero(known.all(axis=1))
     if readings.n and not rows.size:
         raise AacmmError(
-            f"{path}: no reading is in the range in which the causes of error of {model.arm.name} "
-            "are known; expected one or more"
+            f"{path}: all readings are outside the range of the causes of error of "
+            f"{model.arm.name}; expected one or more readings inside"
         )
     return rows
 
@@ -324,14 +334,14 @@ def _u_of_commands(
     accuracy = _accuracy(model, commands[there], known.conditions.take(there), encoder_noise)
     if accuracy is not None and len(there):
         u[there, 0] = accuracy.u
-        status(f"{path}: tip at the commands, in the frame of the base: {expanded(accuracy.u)}")
+        status(f"{path}: position of the tip in the base frame: {expanded(accuracy.u)}")
         if len(there) < FEWEST_ALIGNED:
-            note(f"u_aligned_mm is left empty, because it needs {FEWEST_ALIGNED} commands or more")
+            note(f"u_aligned_mm is empty, because it needs {FEWEST_ALIGNED} commands or more")
             return u
         u[there, 1] = accuracy.u_aligned
         aligned = expanded(accuracy.u_aligned)
         status(
-            f"{path}: tip at the commands, after an alignment of the base to these commands: "
+            f"{path}: position of the tip after an alignment of the base to these commands: "
             f"{aligned}"
         )
     return u
@@ -345,10 +355,13 @@ def _accuracy(
     """
     noise = model.arm.encoder_noise if encoder_noise is None else np.array([encoder_noise])
     if not (np.diag(model.covariance()).any() or (noise is not None and noise.any())):
-        note(f"u_mm is left empty, because {model.arm.name} states no uncertainty")
+        note(f"u_mm is empty, because {model.arm.name} states no uncertainty")
         return None
     if noise is None:
-        note("u_mm contains only the parameters; to add the noise of readings, use --encoder-noise")
+        note(
+            "u_mm contains only the uncertainties of the parameters; to add the noise of readings, "
+            "use --encoder-noise"
+        )
     found = accuracy_volume(
         model, q, conditions=conditions, method="ellipsoid", encoder_noise=encoder_noise
     )

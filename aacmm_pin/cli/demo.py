@@ -15,16 +15,19 @@ from aacmm_pin.cli.common import Force, command, say
     "aacmm-pin demo -o out/ --force",
 )
 def run(
-    output: Annotated[Path, typer.Option("--output", "-o", help="Folder to write.")] = Path("out"),
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the results.")] = Path(
+        "out"
+    ),
     cells: Annotated[
-        tuple[int, int], typer.Option(metavar="NX NZ", help="Cells of the map along x and z.")
+        tuple[int, int],
+        typer.Option(metavar="NX NZ", help="Number of cells of the map along x and z."),
     ] = (
         48,
         48,
     ),
     force: Force = False,
 ) -> None:
-    """Run the demonstration on bundled input, and write one HTML page."""
+    """Run a demonstration with bundled data, and write one HTML page."""
     from aacmm_pin.report import (
         run_demo,  # here and below: what draws is loaded only where it is drawn
     )

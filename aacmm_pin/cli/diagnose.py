@@ -38,19 +38,19 @@ def run(
         bool,
         typer.Option(
             "--with-discrepancy",
-            help="Also save the discrepancy (structure that no cause explains) and its u in the "
-            "extended arm.",
+            help="Save also the discrepancy (structure that no cause explains), with its u, in the "
+            "arm file of --arm-out.",
         ),
     ] = False,
     seed: Seed = 1,
-    output: Annotated[Path | None, page_option("Page with all results", "--report", "-o")] = None,
+    output: Annotated[Path | None, page_option("a page with all results", "--report", "-o")] = None,
     arm_out: Annotated[
-        Path | None, output_option("FILE.toml", "Arm file of the extended arm.")
+        Path | None, output_option("FILE.toml", "Write the arm file of the extended arm.")
     ] = None,
     json_: Json = None,
     force: Force = False,
 ) -> None:
-    """Find causes of error that the model lacks, and measure the gain."""
+    """Find causes of error that the model of an arm lacks, and compute the gain."""
     from aacmm_pin.report import (
         diagnosis_document,
         terminal,  # these load what draws
@@ -75,20 +75,20 @@ def run(
         if arm_out is not None:
             if result.no_better:
                 warn(
-                    f"{arm_out}: the extended arm does not predict held-out records better "
-                    "than the recalibrated arm; this file has the recalibrated arm"
+                    f"{arm_out} has the recalibrated arm, because the extended arm does not "
+                    "predict held-out records better"
                 )
             if result.findings and result.extended.too_many_excluded:
                 out = int(result.extended.excluded.sum())
                 warn(
-                    f"{arm_out}: the extended arm excludes {out} records, too many for gross "
-                    "errors. At new postures it may be worse than the arm that aacmm-pin "
-                    "calibrate writes"
+                    f"{arm_out}: diagnose excluded {out} records, which are too many for gross "
+                    "errors. At new postures the extended arm may be worse than the arm of "
+                    "aacmm-pin calibrate"
                 )
             if with_discrepancy and result.not_saved:
                 warn(
-                    f"{arm_out}: the file does not have the discrepancy that depends on "
-                    f"{listed(result.not_saved)}, because new readings have no such values"
+                    f"{arm_out} does not have the discrepancy that depends on "
+                    f"{listed(result.not_saved)}, because new readings do not state these values"
                 )
             results.arm(
                 result.model, arm_out, f"Extended by aacmm-pin diagnose from {path}: {result}"

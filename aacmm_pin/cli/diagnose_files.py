@@ -29,8 +29,8 @@ def run(
         list[str],
         typer.Argument(
             metavar="ARM DATA...",
-            help="An arm (a name, or FILE.toml), its measurement files (CSV), the next arm, …; "
-            "with --urdf the measurement files alone.",
+            help="ARM: name or arm file (*.toml). DATA: measurement files (CSV) of this arm. "
+            "Repeat both for other arms. With --urdf, omit ARM.",
         ),
     ],
     robot: UrdfArm,
@@ -41,14 +41,15 @@ def run(
     workers: WorkerCount = 1,
     output: Annotated[
         Path | None,
-        output_option("FILE.csv", "CSV file with one row for each file.", "--csv", "-o"),
+        output_option("FILE.csv", "Write a table with one row for each file (CSV).", "--csv", "-o"),
     ] = None,
     json_: Json = None,
     force: Force = False,
 ) -> None:
-    """Diagnose many files, such as those of a fleet of arms, in one table.
+    """Diagnose many measurement files, and write one table.
 
-    A file that cannot be used has a row with its error; the exit status is then 1.
+    If the command cannot use a file, the row of this file states the error, and the exit status is
+    1.
     """
     from aacmm_pin.report import (  # these load what draws
         diagnoses_document,
@@ -74,26 +75,29 @@ def run(
     unused = int((table["error"] != "").sum())
     if unused:
         raise AacmmError(
-            f"{unused} of {len(table)} files cannot be used; see the errors of these files"
+            f"diagnose-files cannot use {unused} of {len(table)} files; see the errors of these "
+            "files in the table"
         )
 
 
 def _pairs(files: list[str], robot: UrdfArm) -> list[tuple[GivenModel, str]]:
     """Each measurement file with the arm that stands before it, or that of ``--urdf``."""
-    expected = "expected an arm (a name, or FILE.toml) before its measurement files, or --urdf"
+    expected = "expected ARM (name or *.toml) before its measurement files, or --urdf"
     pairs: list[tuple[GivenModel, str]] = []
     arm: GivenModel | None = robot.of_urdf()
     for name, following in zip(files, [*files[1:], ""], strict=True):
         if Path(name).suffix in ARM_SUFFIXES:
             if robot.urdf is not None:
                 raise typer.BadParameter(
-                    f"{name}: an arm beside --urdf; expected measurement files alone; omit either"
+                    f"{name} is an arm and cannot be combined with --urdf; omit one of the two"
                 )
             if Path(following).suffix in ARM_SUFFIXES:
-                raise typer.BadParameter(f"{name}: no measurement file after this arm; {expected}")
+                raise typer.BadParameter(
+                    f"{name}: no measurement file follows this arm; {expected}"
+                )
             arm = AnyArm(arm=name).model() if name in EXAMPLE_ROBOTS else name
         elif arm is None:
-            raise typer.BadParameter(f"{name}: no arm; {expected}")
+            raise typer.BadParameter(f"{name}: no arm precedes this file; {expected}")
         else:
             pairs.append((arm, name))
     return pairs

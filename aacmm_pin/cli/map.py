@@ -35,13 +35,13 @@ from aacmm_pin.report import map_document, map_summary, terminal
 def run(
     arm: AnyArm,
     cells: Annotated[
-        tuple[int, int], typer.Option(metavar="NX NZ", help="Cells along x and z.")
+        tuple[int, int], typer.Option(metavar="NX NZ", help="Number of cells along x and z.")
     ] = (48, 48),
     sectors: Sectors = 12,
     extent_mm: Annotated[
         tuple[float, float, float, float] | None,
         length_option(
-            "Part of the half-plane, in mm. Default: the reach of the arm.",
+            "Map this part of the half-plane y = 0, in mm. Default: the reach of the arm.",
             COORDINATE,
             metavar="X0 X1 Z0 Z1",
         ),
@@ -50,12 +50,12 @@ def run(
         Triple | None,
         typer.Option(
             metavar="X Y Z",
-            help="Map the tip, with the stylus in this direction at y = 0. Default: map the wrist.",
+            help="Map the tip, with the stylus in this direction. Default: map the wrist.",
         ),
     ] = None,
     method: Annotated[
         Literal["zonotope", "jointwise", "ellipsoid"],
-        typer.Option(help="Method of the accuracy volume."),
+        typer.Option(help="Method for the accuracy volume."),
     ] = "zonotope",
     workers: WorkerCount = 1,
     output: Output = None,
@@ -82,7 +82,7 @@ def run(
         for caveat in result.caveats:
             note(caveat)
         if result.unreachable == cells[0] * cells[1]:
-            hint = "use more cells" if extent is None else "check that --extent-mm is in mm"
+            hint = "increase --cells" if extent is None else "check that --extent-mm is in mm"
             raise AacmmError(f"{result}; {hint}")
         if output is not None:
             result.save(results.file(output))

@@ -18,21 +18,23 @@ from aacmm_pin.cli.common import (
 FrameOfReferences = Annotated[
     ReferenceFrame,
     typer.Option(
-        help="Frame of the references. base: base of the arm. external: an unknown frame, which "
-        "the fit estimates. session: an unknown frame for each label in the column session."
+        help="Frame of the reference data. base: base of the arm. external: an unknown frame, "
+        "which the fit estimates. session: an unknown frame for each label in the column session."
     ),
 ]
 TargetOfReferences = Annotated[
     Target,
     typer.Option(
-        help="Point that the references describe. tip: tip of the arm. unknown: another point of "
-        "the last body, which becomes the tip. frame: tip, with orientations of the tip's axes."
+        help="Point that the reference data describe. tip: tip of the arm. unknown: another point "
+        "of the last body, which becomes the tip. frame: tip, with orientations of its axes."
     ),
 ]
 
 NoCrossValidation = Annotated[
     bool,
-    typer.Option("--no-cross-validation", help="Do not predict held-out records (faster)."),
+    typer.Option(
+        "--no-cross-validation", help="Do not compute the gain on held-out records (faster)."
+    ),
 ]
 
 
@@ -42,12 +44,12 @@ class MeasuredHow(ContactNoise):
 
     u_bar_mm: Annotated[
         float | None,
-        length_option("Standard uncertainty of a bar's length.", LENGTH_NOISE, NOISE),
+        length_option("Standard uncertainty of the length of a bar.", LENGTH_NOISE, NOISE),
     ] = None
     reference_frame: FrameOfReferences = "base"
     target: TargetOfReferences = "tip"
     no_prior: Annotated[
-        bool, typer.Option("--no-prior", help="Do not use the uncertainties in the arm file.")
+        bool, typer.Option("--no-prior", help="Ignore the uncertainties in the arm file.")
     ] = False
 
     def keywords(self) -> dict[str, Any]:

@@ -39,8 +39,8 @@ def run(
     length_mm: Annotated[
         list[float] | None,
         length_option(
-            "Calibrated length (repeatable; ISO expects five, ASME two). Default: lengths "
-            "evenly spaced up to 2/3 of the measuring range.",
+            "Calibrated length (repeatable). ISO 10360-12 needs five lengths, ASME B89.4.22 two. "
+            "Default: equally spaced lengths up to 2/3 of the measuring range.",
             BAR_LENGTH,
         ),
     ] = None,
@@ -78,4 +78,7 @@ def run(
         terminal.show(procedure_document(procedure))
         accept_command = shlex.join(["aacmm-pin", "accept", *arm.urdf_words, str(files.output)])
         note_lowest_tip(procedure.points @ procedure.arm.up, table_height_mm)
-        say(f"{files.output}: fill in x_mm, y_mm, z_mm, or theta1_deg …; then run {accept_command}")
+        say(
+            f"Fill in x_mm, y_mm, z_mm or theta1_deg … in {files.output}. Then run "
+            f"{accept_command}."
+        )

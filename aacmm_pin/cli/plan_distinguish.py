@@ -19,7 +19,7 @@ def _two_causes(causes: tuple[str, str] | None) -> tuple[str, str] | None:
     """The causes, of which none is the next option."""
     for text in causes or ():
         if text.startswith("-"):
-            raise typer.BadParameter(f"{text!r} is an option; expected two causes")
+            raise typer.BadParameter(f"--causes {text}: expected two causes, not an option")
     return causes
 
 
@@ -34,18 +34,18 @@ def run(
         typer.Option(
             metavar="CAUSE CAUSE",
             callback=_two_causes,
-            help="Two causes, such as encoder_eccentricity:3 "
+            help="Distinguish these two causes, such as encoder_eccentricity:3 "
             "joint_compliance:3,compliance_rad_per_nm=2e-5. A cause without values has its typical "
             "magnitude. Default: all known causes.",
         ),
     ] = None,
     keep_set_up: Annotated[
         bool,
-        typer.Option("--keep-set-up", help="Propose neither a load nor another mount."),
+        typer.Option("--keep-set-up", help="Propose neither a load nor another mount of the arm."),
     ] = False,
     arm_out: Annotated[
         Path | None,
-        output_option("FILE.toml", "Arm file with the set-up that the plan proposes."),
+        output_option("FILE.toml", "Write the arm file with the set-up that the plan proposes."),
     ] = None,
     *,
     planned: PlannedRecords,
@@ -54,7 +54,7 @@ def run(
     """Plan records that distinguish causes of error (CSV to fill in)."""
     if keep_set_up and causes is None:
         raise typer.BadParameter(
-            "--keep-set-up requires --causes; without it a plan changes neither load nor mount"
+            "--keep-set-up requires --causes; without --causes a plan never changes load or mount"
         )
     with planned.results(arm_out) as results:
         model = restrict_to_known_range(arm.model())
@@ -71,14 +71,16 @@ def run(
         _say_what_to_do(plan, planned)
     if plan.changes_arm and arm_out is None:
         note(
-            "this set-up requires another arm file; write it with --arm-out FILE, and diagnose "
-            "the new records with it"
+            "the set-up of this plan requires another arm file; write this file with --arm-out, "
+            "and use it to diagnose the new records"
         )
 
 
 def _say_what_to_do(plan: MeasurementPlan, planned: PlannedRecords) -> None:
     """How the file is filled in, and from what it was chosen."""
-    only = "" if plan.needed else "for that check, "
-    where = "if the arm is not exactly at a planned posture, replace its angles by the readings"
-    say(f"{planned.output}: {only}fill in x_mm, y_mm, z_mm; {where}")
+    fill = "Fill" if plan.needed else "To check this result, fill"
+    say(
+        f"{fill} in x_mm, y_mm, z_mm in {planned.output}. Replace the planned angles by the "
+        "readings."
+    )
     note(f"the plan chose its records from {planned.postures} postures (seed {planned.seed})")

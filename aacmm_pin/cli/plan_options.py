@@ -33,7 +33,9 @@ from aacmm_pin.report import Document, terminal
 
 TableHeight = Annotated[
     float | None,
-    length_option("Height of a table above the base; the tip stays above the table.", COORDINATE),
+    length_option(
+        "Height of a table above the base. The plan keeps the tip above the table.", COORDINATE
+    ),
 ]
 
 
@@ -44,7 +46,7 @@ class PlanFiles:
     output: CsvOutput = None
     sheet: Annotated[
         Path | None,
-        page_option("Page to print, with positions and postures"),
+        page_option("a page to print, with positions and postures"),
     ] = None
     force: Force = False
 
@@ -53,21 +55,25 @@ class PlanFiles:
 class PlannedRecords(PlanFiles):
     """Records of the arm, to distinguish causes or for a calibration."""
 
-    records: Annotated[int, typer.Option(metavar="N", min=1, help="Records to plan.")] = 40
+    records: Annotated[int, typer.Option(metavar="N", min=1, help="Number of records to plan.")] = (
+        40
+    )
     existing: Annotated[
         str | None,
-        typer.Option(metavar="FILE.csv", help="Existing records, to which the plan adds new ones."),
+        typer.Option(
+            metavar="FILE.csv", help="Existing records. The plan adds new records to them."
+        ),
     ] = None
     scheme: Annotated[
         PlannedScheme,
         typer.Option(
-            help="Kind of references. free: coordinates of each record. seats: seats of "
-            "--existing, or new seats.",
+            help="Kind of reference data. free: coordinates of each record. seats: seats of "
+            "--existing, else new seats.",
         ),
     ] = "free"
     postures: Annotated[
         int,
-        typer.Option(metavar="N", min=1, help="Candidate postures, from which the plan chooses."),
+        typer.Option(metavar="N", min=1, help="Number of postures from which the plan chooses."),
     ] = POOL_SIZE
     table_height_mm: TableHeight = None
     seed: Seed = 1
@@ -126,8 +132,8 @@ def note_lowest_tip(heights: Array, table_height_mm: float | None) -> None:
     """How far below the base the lowest tip is [m], where no table was stated."""
     if table_height_mm is None and heights.min() < 0:
         note(
-            f"the lowest planned tip is {-heights.min() / MM:.0f} mm below the base; if the arm "
-            "stands on a table, state --table-height-mm"
+            f"the lowest planned position of the tip is {-heights.min() / MM:.0f} mm below the "
+            "base; if the arm stands on a table, use --table-height-mm"
         )
 
 

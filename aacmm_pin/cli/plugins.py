@@ -56,7 +56,7 @@ def _load(origin: str, load: Callable[[], Any]) -> None:
         file = os.path.abspath(origin.removeprefix("--plugin "))
         raise AacmmError(f"{origin}: {raised(error, file)}") from None
     if known == CAUSES:
-        note(f"{origin} registers no cause; expected a call of aacmm_pin.effects.register")
+        note(f"{origin} registers no cause; call aacmm_pin.effects.register in this module")
 
 
 def import_plugin(name: str) -> ModuleType:
@@ -72,7 +72,7 @@ def import_plugin(name: str) -> ModuleType:
     taken = other is not None and other.origin != str(path)
     if taken or path.stem in sys.stdlib_module_names:
         raise AacmmError(
-            f"{path.stem} is the name of an installed module; expected another name of the file"
+            f"--plugin {name}: {path.stem} is the name of an installed module; rename the file"
         )
     spec = importlib.util.spec_from_file_location(path.stem, path)
     assert spec is not None
@@ -100,4 +100,4 @@ def plugin_error(error: BaseException) -> str | None:
             return f"{name}: {raised(error, file)}"
     if not own or not isinstance(error, Exception):
         return None
-    return f"{', '.join(own)}, or code that uses it: {raised(error, files[-1])}"
+    return f"{', '.join(own)}, or code that uses this cause: {raised(error, files[-1])}"

@@ -26,12 +26,12 @@ from aacmm_pin.postures import (
 
 Triple = tuple[float, float, float]
 Point = Annotated[
-    Triple, length_option("Working point in the base frame, in mm.", COORDINATE, metavar="X Y Z")
+    Triple, length_option("Point in the base frame, in mm.", COORDINATE, metavar="X Y Z")
 ]
 
 IN_METRES = 20.0
 """Coordinates up to here, in mm, may be those of a point in metres: no arm reaches farther."""
-METRES = "these numbers in metres are within reach; expected mm"
+METRES = "the point would be in reach if its numbers were in metres; expected mm"
 
 
 @dataclass(frozen=True)
@@ -42,22 +42,22 @@ class Orientation:
         bool,
         typer.Option(
             "--tip",
-            help="Place the tip at the point, not the wrist (implied by --axis and --rpy-deg).",
+            help="Place the tip at the point, not the wrist. --axis and --rpy-deg imply --tip.",
         ),
     ] = False
     axis: Annotated[
         Triple | None,
         typer.Option(
             metavar="X Y Z",
-            help="Direction of the stylus (with --urdf: of the tool) in the base; the tip is then "
-            "at the point. Default: the wrist is at the point, with any direction.",
+            help="Direction of the stylus (with --urdf: of the tool) in the base frame. The tip is "
+            "then at the point. Default: the wrist is at the point, and the direction is free.",
         ),
     ] = None
     tool_axis: Annotated[
         Triple | None,
         typer.Option(
             metavar="X Y Z",
-            help="With --urdf and --axis: axis of the frame that gets the direction of --axis. "
+            help="With --urdf and --axis: axis of the tip frame that has the direction of --axis. "
             "Default: z.",
         ),
     ] = None
@@ -65,11 +65,14 @@ class Orientation:
         Triple | None,
         typer.Option(
             metavar="R P Y",
-            help="Orientation of the tip: roll, pitch and yaw as in URDF, in degrees.",
+            help="Roll, pitch and yaw of the tip, as in URDF, in degrees.",
         ),
     ] = None
     count: Annotated[
-        int, typer.Option("--samples", metavar="N", min=3, help="Postures on each closed curve.")
+        int,
+        typer.Option(
+            "--samples", metavar="N", min=3, help="Number of postures on each closed curve."
+        ),
     ] = 360
 
     @property
@@ -89,9 +92,7 @@ class Orientation:
                 "--tool-axis requires --urdf and --axis; an arm file states this axis in [stylus]"
             )
         if self.axis is not None and self.rpy_deg is not None:
-            raise typer.BadParameter(
-                "--axis cannot be combined with --rpy-deg, which states every axis"
-            )
+            raise typer.BadParameter("--axis cannot be combined with --rpy-deg")
         if has_table and self.tip and not self.oriented:
             raise typer.BadParameter("--tip requires --axis or --rpy-deg")
         found = self._enumerated(arm, np.array(point) * MM)
@@ -128,6 +129,6 @@ def note_wrist(found: PosturesAtPoint) -> None:
     """Say that the wrist is at the point, if it is."""
     if found.at == WRIST:
         note(
-            "the wrist (frame5) is at the point; to place the tip there, state the direction of "
-            "the stylus with --axis X Y Z"
+            "the wrist (frame5) is at the point; to place the tip at the point, state the "
+            "direction of the stylus with --axis X Y Z"
         )

@@ -21,17 +21,19 @@ from aacmm_pin.verification import RUNS, predict_acceptance
 def run(
     files: Annotated[
         list[str],
-        files_argument("Arms to predict, and a procedure that plan acceptance wrote (CSV)."),
+        files_argument(
+            "ARM: arm to predict (repeatable). DATA: procedure that plan acceptance wrote (CSV)."
+        ),
     ],
     mpe: Mpe = None,
     standard: Standard = None,
-    runs: Annotated[int, typer.Option(metavar="N", min=20, help="Virtual runs.")] = RUNS,
+    runs: Annotated[int, typer.Option(metavar="N", min=20, help="Number of virtual runs.")] = RUNS,
     seed: Seed = 1,
     *,
     robot: UrdfArm,
     noise: MeasuringNoise,
     output: Annotated[
-        Path | None, page_option("Page with the prediction", "--report", "-o")
+        Path | None, page_option("a page with the prediction", "--report", "-o")
     ] = None,
     json_: Json = None,
     force: Force = False,

@@ -48,12 +48,12 @@ COMMANDS = (
     "urdf",
 )
 """Each is a module beside this one, and its function ``run``."""
-COMMAND_GROUPS = {"plan": "Plan measurements: calibration, acceptance, distinguish."}
+COMMAND_GROUPS = {"plan": "Plan measurements for a calibration, an acceptance test or a diagnosis."}
 """First words that several commands share, and the line of each in the list."""
 HELP_NAMES = {"help_option_names": ["-h", "--help"]}
 USAGE_ERROR: Any = typer.BadParameter.__base__
 """Of click, which versions of typer have in different places."""
-INTERRUPTED = "interrupted; every file is complete or unchanged"
+INTERRUPTED = "interrupted; each output file is complete or unchanged"
 
 
 EXPECTED = {
@@ -223,10 +223,10 @@ def _ending(error: BaseException) -> tuple[int, str] | None:
         case MemoryError():
             return 1, f"not enough memory: {error}".removesuffix(": ")
         case RecursionError():
-            return 1, "the input has too many levels inside one another; expected fewer"
+            return 1, "the input has too many nested levels; expected fewer"
         case UnicodeEncodeError():
             text = error.object[error.start : error.end]
-            return 1, f"{text!r} cannot be written as {error.encoding}; expected an output in UTF-8"
+            return 1, f"{error.encoding} has no character {text!r}; expected an output in UTF-8"
         case BrokenPipeError():  # its reader has what it wanted, as head has
             return 128 + signal.SIGPIPE, ""
         case OSError():
@@ -331,7 +331,8 @@ def _root(
         list[str] | None,
         typer.Option(
             metavar="MODULE",
-            help="Module or .py file that registers your own causes; place it before the command.",
+            help="Module or .py file that registers your own causes. State this option before the "
+            "command.",
         ),
     ] = None,
     version_: Annotated[

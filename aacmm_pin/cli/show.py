@@ -43,18 +43,18 @@ def run(
         str | None,
         typer.Option(
             metavar='"θ1 θ2 …"',
-            help="Show one posture, in degrees (prismatic joints: mm). Default: all 0 if the joint "
-            "limits allow it, else the middle of the limits of each joint.",
+            help="Show one posture, in degrees (prismatic joints: mm). Default: 0 for all joints "
+            "if the joint limits allow it, else the middle of the limits.",
         ),
     ] = None,
     noise: EncoderNoise,
     browser: Annotated[
-        bool, typer.Option("--browser/--no-browser", help="Open the browser.")
+        bool, typer.Option("--browser/--no-browser", help="Open the page in the browser.")
     ] = True,
     output: Output = None,
     force: Force = False,
 ) -> None:
-    """Show the arm in 3D: in the postures that reach a point, or in one posture.
+    """Show the arm in 3D in all postures that reach a point, or in one posture.
 
     With -o, write a page that needs no network. Without -o, show the page in the browser of this
     computer until you press Ctrl-C (exit status 0).
@@ -77,7 +77,7 @@ def run(
             try:
                 accuracy = circle_accuracy(found, model, encoder_noise=noise.encoder_noise)
             except AacmmError as error:
-                note(f"the scene does not show accuracy: {error}")
+                note(f"the scene does not show the accuracy, because of an error: {error}")
             scene = scenes.circle_scene(found, accuracy)
         if output is not None:
             results.text(scene.html(), output)
@@ -97,13 +97,12 @@ def _posture(arm: Arm, text: str | None) -> Array:
         numbers = [float(word) for word in text.replace(",", " ").split()]
     except ValueError:
         raise AacmmError(
-            f"--theta-deg is {text!r}; expected {arm.nq} numbers such as "
-            f"{' '.join(['0'] * arm.nq)!r}"
+            f"--theta-deg {text!r}: expected {arm.nq} numbers, such as {' '.join(['0'] * arm.nq)!r}"
         ) from None
     if len(numbers) != arm.nq:
         raise AacmmError(
-            f"--theta-deg has {len(numbers)} numbers; expected {arm.nq}, one for each joint of "
-            f"{arm.name}"
+            f"--theta-deg {text!r}: {len(numbers)} numbers; expected {arm.nq}, one for each joint "
+            f"of {arm.name}"
         )
     return np.array(numbers) * np.where(slides, MM, DEG)
 
@@ -112,6 +111,6 @@ def _serve(scene: Scene, browser: bool) -> None:
     """Serve the scene and print its address until Ctrl-C."""
     with scene.show(browser=browser) as server, suppress(KeyboardInterrupt):
         say(server.url)
-        status("Ctrl-C ends it")
+        status("To end the command, press Ctrl-C.")
         while server.running:
             time.sleep(0.2)

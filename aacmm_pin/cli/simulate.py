@@ -56,34 +56,47 @@ BAR_LENGTH_MM = 500.0
 class Planned:
     """What is measured."""
 
-    scheme: Annotated[Scheme, typer.Option(help="Simulate records by this scheme.")] = "seats"
+    scheme: Annotated[
+        Scheme,
+        typer.Option(
+            help="Kind of reference data. free: coordinates of each record. seats: points that are "
+            "touched in several postures. ball-bar: bars. single-point: one seat without "
+            "coordinates."
+        ),
+    ] = "seats"
     procedure: Annotated[
         Path | None,
         typer.Option(
             metavar="FILE.csv", help="Fill in this procedure, which plan acceptance wrote."
         ),
     ] = None
-    records: Annotated[int, typer.Option(metavar="N", help="Records to simulate.")] = 300
+    records: Annotated[int, typer.Option(metavar="N", help="Number of records to simulate.")] = 300
     seats: Annotated[
         int,
         typer.Option(
-            metavar="N", help="With seats or ball-bar: number of seats, two for each bar."
+            metavar="N",
+            help="With --scheme seats or ball-bar: number of seats. A bar has two seats.",
         ),
     ] = 10
     no_seat_coordinates: Annotated[
         bool,
         typer.Option(
-            "--no-seat-coordinates", help="With seats: write no coordinates of the seats."
+            "--no-seat-coordinates",
+            help="With --scheme seats: write no coordinates of the seats.",
         ),
     ] = False
     bar_length_mm: Annotated[
-        float | None, length_option("With ball-bar: length of the bars.", SIMULATED_BAR)
+        float | None,
+        length_option(
+            f"With --scheme ball-bar: length of the bars. Default: {BAR_LENGTH_MM:g}.",
+            SIMULATED_BAR,
+        ),
     ] = None
     orientation_noise: Annotated[
         float | None,
         angle_option(
-            "With free or seats: add orientations of the tip, with this standard uncertainty in "
-            "rad or as 50urad.",
+            "With --scheme free or seats: add orientations of the tip with this standard "
+            "uncertainty, in rad or with a unit, such as 50urad.",
             TURN_NOISE,
         ),
     ] = None
@@ -109,8 +122,8 @@ class Planned:
         length = in_metres(self.bar_length_mm)
         if self.scheme == "ball-bar" and length is None:
             note(
-                f"bar length not given: {BAR_LENGTH_MM:g} mm assumed; to replace it, use "
-                "--bar-length-mm"
+                f"the length of the bars is assumed to be {BAR_LENGTH_MM:g} mm; to replace this "
+                "value, use --bar-length-mm"
             )
             length = BAR_LENGTH_MM * MM
         return simulate_measurements(
@@ -142,7 +155,7 @@ def run(
         bool,
         typer.Option(
             "--random-geometry",
-            help="Choose the true geometry at random within the arm's uncertainties.",
+            help="Choose the true geometry at random within the uncertainties of the arm.",
         ),
     ] = False,
     seed: Seed = 1,
@@ -150,11 +163,16 @@ def run(
     stated: ContactNoise,
     output: CsvOutput = None,
     arm_out: Annotated[
-        Path | None, output_option("FILE.toml", "Arm file of the simulated arm, with its causes.")
+        Path | None,
+        output_option("FILE.toml", "Write the arm file of the simulated arm, with its causes."),
     ] = None,
     force: Force = False,
 ) -> None:
-    """Simulate measurements of an arm with known errors (CSV)."""
+    """Simulate measurements of an arm with known errors (CSV).
+
+    Default noise (standard uncertainty): readings as the arm file states, else 8 µrad; references
+    0.012 mm; contacts 0.
+    """
     planned.refuse_others(context)
     rng = np.random.default_rng(seed)
     with Results(force, output, arm_out) as results:
@@ -192,12 +210,11 @@ def _require_effects_shown(effects: list[Effect], model: ErrorModel, data: Measu
     """Refuse effects without a size, and those that no record shows."""
     for given in effects:
         if not any(given.values):
-            raise AacmmError(
-                f"--cause {given.key}: states no value; expected "
-                f"{', '.join(given.notation.parameters(given))}"
-            )
+            values = ",".join(f"{name}=VALUE" for name in given.notation.parameters(given))
+            raise AacmmError(f"--cause {given.key}: no value; expected {given.key},{values}")
         require_shown(given, model.arm, data.q, data.conditions, "these records")
         if given.of_reference and not data.known.any():
             raise AacmmError(
-                f"--cause {given.key}: changes stated coordinates; expected records that state some"
+                f"--cause {given.key}: this cause changes coordinates, but the records have none; "
+                "use another scheme, or omit --no-seat-coordinates"
             )

@@ -25,8 +25,8 @@ def run(
         bool,
         typer.Option(
             "--to-dh",
-            help="Write an arm file with the DH table of a URDF, or of an arm file that names a "
-            "URDF.",
+            help="Write an arm file with the DH table of a URDF, or of the URDF that an arm file "
+            "names.",
         ),
     ] = False,
     output: Output = None,
@@ -52,7 +52,7 @@ def urdf_of(model: ErrorModel) -> bytes:
         e.label for e in model.effects if not (isinstance(e, StylusOffset) and e.marker is None)
     ]
     if lost:
-        note(f"the URDF does not contain {', '.join(lost)}, because a URDF cannot state them")
+        note(f"the URDF does not contain the causes {', '.join(lost)}, which no URDF can state")
     file = model.file()
     if isinstance(file, ArmFile):
         return encodable(urdf_text(file, with_stylus_offset=True)).encode()

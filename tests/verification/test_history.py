@@ -110,7 +110,7 @@ def test_a_check_is_appended_once(tmp_path):
     for _ in range(2):
         out, err = shell.done(f"{words} 'no. 12' --time 2026-01-31T10:00+01:00 --json -")
         assert len(pd.read_csv(path)) == 3
-    assert "nothing appended" in err
+    assert "appended no check" in err
     table = pd.read_csv(path)
     assert set(table["time"]) == {"2026-01-31T09:00:00+00:00"}
     first = table.iloc[0].dropna().to_dict()
