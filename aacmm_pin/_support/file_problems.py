@@ -80,7 +80,7 @@ class Problems:
         """
         rows = pd.Series(np.arange(len(values))).where(stated)
         first = rows.groupby(by).transform("first").fillna(-1).to_numpy(dtype=np.intp)
-        message = f"is {{}}, but row {{}} states {{}}; expected one value for one {of}"
+        message = f"{{}}, but row {{}} states {{}}; expected one value for one {of}"
         other = stated & (values != values[first])
         self.at(other, column, message, values, self.lines[first], values[first])
         return first
@@ -93,7 +93,7 @@ class Problems:
         for problem in self.found[1:MOST_PROBLEMS]:
             message += f"\n{MeasurementFileError(self.source, *problem)}"
         if len(self.found) > MOST_PROBLEMS:
-            message += f"\n{self.source}: and {len(self.found) - MOST_PROBLEMS} more problems"
+            message += f"\n{self.source}: {len(self.found) - MOST_PROBLEMS} more problems"
         raise MeasurementFileError(self.source, row, column, message)
 
 

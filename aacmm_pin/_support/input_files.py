@@ -32,8 +32,8 @@ def are_same(path: str | Path, other: str | Path) -> bool:
 def is_input(path: str | Path) -> OutputError:
     """The refusal to write a file that is read."""
     return OutputError(
-        f"{path}: this command reads this file and does not overwrite it; expected another "
-        "name of the output"
+        f"{path}: the command reads this file and does not overwrite it; expected another name "
+        "for the output"
     )
 
 
@@ -49,7 +49,7 @@ def content_of(
         OutputError: it is an output of the command.
     """
     if "\0" in str(path):
-        raise refused("has the character NUL in its name; expected a file name without it")
+        raise refused("the name contains the character NUL; expected a name without this character")
     for output in _OUTPUTS.get():
         if output.is_file() and are_same(output, path):
             raise is_input(output)
@@ -60,9 +60,11 @@ def content_of(
         hint = "; standard input is /dev/stdin" if str(path) == "-" else ""
         raise refused(f"no such file; expected {expected}{hint}") from None
     except IsADirectoryError:
-        raise refused(f"is a folder; expected {expected}") from None
+        raise refused(f"this is a folder; expected {expected}") from None
     except OSError as error:
-        raise refused(f"cannot be read: {error.strerror}") from None
+        raise refused(f"the file cannot be read: {error.strerror}") from None
     if len(content) > most:
-        raise refused(f"is larger than {most / 1e6:g} MB; expected {expected} of at most this size")
+        raise refused(
+            f"the file is larger than {most / 1e6:g} MB; expected {expected} of at most this size"
+        )
     return content

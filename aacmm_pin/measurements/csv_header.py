@@ -109,20 +109,20 @@ def checked_names(
     texts = [name if isinstance(name, str) else "" for name in names]
     for place, name in enumerate(names, start=1):
         if not isinstance(name, str) or not name.strip():
-            came = "" if isinstance(name, str) else f" but {name!r}, which is not text"
+            came = "no name" if isinstance(name, str) else f"the name {name!r}"
             expected = "expected a name for each column"
-            problems.add("", f"column {place} of {len(names)} has no name{came}; {expected}")
+            problems.add("", f"column {place} of {len(names)} has {came}; {expected}")
     for name, times in Counter(texts).items():
         if times > 1 and name.strip():
-            problems.add(name, f"occurs {times} times; expected each name once in the header")
+            problems.add(name, f"{times} columns have this name; expected each name once")
     unknown = [name for name in dict.fromkeys(texts) if column_of(name, columns) is None]
     most = plausible.MOST_UNKNOWN
     if len(unknown) > most:
         first = ", ".join(map(shortened, unknown[:3]))
         problems.add(
             "",
-            f"{len(unknown)} columns of unknown names, such as {first}; expected at most "
-            f"{most}; delete columns on which residuals do not depend",
+            f"{len(unknown)} columns with unknown names, such as {first}; expected at most {most}; "
+            "delete columns on which the residuals do not depend",
         )
         problems.stop()
     meant = {name: near_miss(name, texts, columns) or name for name in unknown}
@@ -210,7 +210,7 @@ def _numbered(names: Sequence[str], form: str, problems: Problems) -> tuple[str,
         came = ", ".join(map(shortened, numbers))
         problems.add(
             span(found),
-            f"numbered {came}; expected numbers from 1 without gap, but {missing} is missing",
+            f"columns {came}; expected numbers from 1 without a gap; {missing} is missing",
         )
     return tuple(found)
 
@@ -222,7 +222,7 @@ def _angle_unit(names: Sequence[str], problems: Problems) -> AngleUnit:
         for unit, form in THETA.items()
     }
     if all(columns.values()):
-        came = f"{columns['deg']} are in degrees, {columns['rad']} in radians"
+        came = f"{columns['deg']} are in degrees, and {columns['rad']} in radians"
         problems.add("", f"{came}; expected one unit for all joints")
         problems.stop()
     return "rad" if columns["rad"] else "deg"
@@ -276,22 +276,20 @@ def _check_companions(there: set[str], problems: Problems) -> None:
         missing = [name for name in group if name not in there]
         if present and missing:
             expected = f"expected all of {', '.join(group)}"
-            problems.add(
-                ", ".join(missing), f"missing, but {', '.join(present)} present; {expected}"
-            )
+            problems.add(", ".join(missing), f"missing beside {', '.join(present)}; {expected}")
     stated = [form for form in ORIENTATIONS if there.intersection(form)]
     if len(stated) > 1:
         problems.add(
             ", ".join(map(span, stated)),
-            "orientations are stated twice; expected one of these forms",
+            "orientations in two forms; expected one of these forms",
         )
     for u, of in ((REFERENCE_U[0], REFERENCE), (ORIENTATION_U, (stated or ORIENTATIONS)[0])):
         if u in there and not there.intersection(of):
-            problems.add(u, f"uncertainty without a reference; expected {', '.join(of)} too")
+            problems.add(u, f"uncertainty without values; expected also {', '.join(of)}")
     if there.intersection(BAR) and "seat" not in there:
         problems.add(
             "seat",
-            "missing, but bar present; expected the label of the seat of each end of a bar",
+            "missing beside bar; expected the label of the seat at each end of a bar",
         )
 
 
@@ -302,12 +300,12 @@ def _check_temperatures(
     if of_rows and "temperature_c" in there:
         problems.add(
             "temperature_c",
-            f"present with {span(of_rows)}; expected either temperature_c of the whole arm, or "
-            "one column for each DH row",
+            f"stated together with {span(of_rows)}; expected either temperature_c for the whole "
+            "arm, or one column for each DH row",
         )
     if 0 < len(of_rows) < joints:
         problems.add(
             span(of_rows),
-            f"{len(of_rows)} columns; expected {joints} or more, one for each DH row; use "
-            "temperature_c for the whole arm",
+            f"{len(of_rows)} columns; expected {joints} or more, one for each DH row; for the "
+            "whole arm use temperature_c",
         )

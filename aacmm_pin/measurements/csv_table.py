@@ -141,7 +141,7 @@ def _rows_of_sheet(path: str, content: bytes, ways: list[str]) -> list[Row]:
     sheet = first_sheet(path, content)
     if not sheet.rows:
         raise MeasurementFileError(
-            path, None, "", f"sheet {sheet.title!r} is empty; expected a header and records"
+            path, None, "", f"the sheet {sheet.title!r} is empty; expected a header and records"
         )
     if sheet.of > 1:
         ways.append(f"the first of {sheet.of} sheets, {sheet.title!r}")
@@ -204,7 +204,7 @@ def _rows(path: str, text: str, separator: str, spaced: bool) -> Iterator[Row]:
             end = reader.line_num
     except csv.Error as error:
         raise MeasurementFileError(
-            path, end + 1, "", f"{error}; expected CSV; check the quotes"
+            path, end + 1, "", f"{error}; expected CSV; check the quotation marks"
         ) from None
 
 
@@ -220,7 +220,7 @@ def _records(
     own_rows = [k for k, row in enumerate(rows) if not row.is_comment]
     if not own_rows:
         raise MeasurementFileError(
-            path, None, "", "has comments only; expected a header and one row per record"
+            path, None, "", "only comments; expected a header and one row per record"
         )
     first = own_rows[0]
     headers = (rows[k] for k in own_rows[:LAST_HEADER] if _has_names(rows[k].cells))
@@ -237,16 +237,16 @@ def _records(
     problems.at(
         counts != len(header),
         "",
-        f"{{}} cells; expected {len(header)} as in the header (decimal points; quotes around text "
-        "with commas)",
+        f"{{}} cells; expected {len(header)} as in the header; use decimal points, and quotation "
+        "marks around text with commas",
         counts,
     )
     like_comments = np.array([row.is_comment for row in records], dtype=bool)
     problems.at(
         like_comments,
         header[0],
-        "begins with #, as comments and some labels do; expected another label; delete the "
-        "row if it is a comment",
+        "the label begins with # as a comment does; expected another label; if the row is a "
+        "comment, delete this row",
     )
     problems.stop()
     if len(records) > 1:
@@ -262,7 +262,7 @@ def _check_title(path: str, first: Row, header: Row) -> None:
             first.line,
             "",
             f"{shortened(first.cells[0])!r}; expected the names of the columns (row "
-            f"{header.line}); delete the rows above that row, or begin them with #",
+            f"{header.line}); delete the rows above the header, or begin them with #",
         )
 
 
@@ -277,8 +277,8 @@ def _check_first_record(path: str, header: list[str], records: Sequence[Row]) ->
             path,
             records[0].line,
             "",
-            f"{listed(words)}; expected numbers of the first record; delete this row or begin "
-            "it with # (names of columns state the units)",
+            f"{listed(words)}; expected numbers of the first record; delete this row, or begin the "
+            "row with #",
         )
 
 
@@ -310,8 +310,8 @@ def _decimal_sign_of(
     signs = {k: np.array([*map(_decimal_sign, columns[k])]) for k in _numeric(header)}
     commas, points = (sum(np.sum(of == sign) for of in signs.values()) for sign in ",.")
     usual, other = (",", ".") if commas > points else (".", ",")
-    came = f"is {{!r}} with a decimal {DECIMAL_SIGNS[other]}"
-    expected = f"expected a decimal {DECIMAL_SIGNS[usual]}, as in {max(commas, points)} numbers"
+    came = f"{{!r}} with a decimal {DECIMAL_SIGNS[other]}"
+    expected = f"expected a decimal {DECIMAL_SIGNS[usual]} as in {max(commas, points)} numbers"
     for k, of_column in signs.items():
         cells = np.array(columns[k], dtype=object)
         problems.at(of_column == other, header[k], f"{came}; {expected}", cells)
@@ -345,24 +345,24 @@ def _text(path: str, content: bytes) -> str:
             path,
             line,
             "",
-            f"not UTF-8 text (byte {error.start}); expected a CSV file in UTF-8; save the file "
-            "with this encoding",
+            f"byte {error.start} is not UTF-8; expected a CSV file in UTF-8; save the file in this "
+            "encoding",
         ) from None
     if "\0" in text:
         line = text.count("\n", 0, text.index("\0")) + 1
         expected = "expected a CSV file in UTF-8"
         raise MeasurementFileError(
-            path, line, "", f"has a NUL byte, as of a file in UTF-16; {expected}"
+            path, line, "", f"a NUL byte, as in UTF-16; {expected}; save the file in this encoding"
         )
     if not text.strip():
         raise MeasurementFileError(
-            path, None, "", "is empty; expected a header and one row per record"
+            path, None, "", "empty file; expected a header and one row per record"
         )
     if _ARM_FILE.search(text):
         raise MeasurementFileError(
             path,
             None,
             "",
-            "is an arm file (TOML); expected a measurement file (CSV); state ARM first, then DATA",
+            "this is an arm file (TOML); expected a measurement file (CSV); state ARM before DATA",
         )
     return text

@@ -72,9 +72,9 @@ def _numbers(name: str, cells: Cells, column: Column, problems: Problems) -> Arr
     values = np.array([_number(cell) for cell in cells], dtype=np.float64)
     empty = np.array([not cell.strip() for cell in cells], dtype=bool)
     unreadable = ~np.isfinite(values) & ~empty
-    problems.at(unreadable, name, "is {!r}; expected a finite number with a decimal point", cells)
+    problems.at(unreadable, name, "{!r}; expected a finite number with a decimal point", cells)
     if not column.may_be_empty:
-        problems.at(empty, name, "is empty (or NaN); expected a number in every row")
+        problems.at(empty, name, "empty cell or NaN; expected a number in each row")
     return values
 
 
@@ -93,10 +93,10 @@ def check_numbers(values: Values, columns: Sequence[Column], problems: Problems)
         if column is None:
             continue
         if column.above_zero:
-            expected = "expected a standard uncertainty above zero"
-            problems.at(numbers == 0.0, name, f"is {{:g}}; {expected}", numbers)
+            expected = "expected a standard uncertainty above 0"
+            problems.at(numbers == 0.0, name, f"{{:g}}; {expected}", numbers)
         if (possible := column.range_in_file) is not None:
-            message = f"is {{:.6g}} {possible.unit}; {possible.expected}"
+            message = f"{{:.6g}} {possible.unit}; {possible.expected}"
             problems.at(possible.outside(numbers), name, message, numbers)
 
 
@@ -136,7 +136,7 @@ def read_records(table: pd.DataFrame, nq: int | None, problems: Problems) -> Rec
     """
     header = read_header(list(table.columns), nq, problems)
     if not len(table):
-        problems.add("", "has a header but no records; expected one row per record")
+        problems.add("", "a header without records; expected one row per record")
     values = read_values(table, MEASUREMENT_FILE, problems)
     problems.stop()
     return RecordTable(header, values)

@@ -44,7 +44,7 @@ def first_sheet(path: str, content: bytes) -> Sheet:
             path,
             None,
             "",
-            "is an Excel workbook; expected a CSV file; save it as CSV, or install openpyxl: "
+            "this is an Excel workbook; expected a CSV file; save the workbook as CSV, or run "
             "pip install 'aacmm-pin[excel]'",
         ) from None
     try:
@@ -55,7 +55,8 @@ def first_sheet(path: str, content: bytes) -> Sheet:
                 path,
                 None,
                 "",
-                f"has {size / 1e6:.0f} MB unpacked; expected at most {MOST_UNPACKED / 1e6:g} MB",
+                f"the unpacked workbook has {size / 1e6:.0f} MB; expected at most "
+                f"{MOST_UNPACKED / 1e6:g} MB",
             )
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of styles and extensions
@@ -69,8 +70,8 @@ def first_sheet(path: str, content: bytes) -> Sheet:
             path,
             None,
             "",
-            f"cannot be read by openpyxl: {error}; expected an Excel workbook (*.xlsx) or a CSV "
-            "file in UTF-8",
+            f"openpyxl cannot read this file: {error}; expected an Excel workbook (*.xlsx) or a "
+            "CSV file in UTF-8",
         ) from None
     return Sheet(sheet.title, len(book.worksheets), rows)
 

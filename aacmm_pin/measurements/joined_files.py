@@ -27,7 +27,7 @@ def joined(path: str, first: CsvTable, other: str, second: CsvTable) -> pd.DataF
     by_label = RECORD in one and RECORD in two
     for name in one.columns.intersection(two.columns).drop(RECORD, errors="ignore"):
         raise MeasurementFileError(
-            other, 1, name, f"is in {path} too; expected each column in one of the files"
+            other, 1, name, f"{path} also has this column; expected each column in one file only"
         )
     if not by_label:
         if len(one) != len(two):
@@ -35,8 +35,8 @@ def joined(path: str, first: CsvTable, other: str, second: CsvTable) -> pd.DataF
                 other,
                 None,
                 RECORD,
-                f"{len(two)} rows; expected {len(one)}, as many as {path} has, or the column "
-                "record in both",
+                f"{len(two)} rows; expected {len(one)}, as many as in {path}, or the column record "
+                "in both files",
             )
         return pd.concat([one, two], axis=1)
     _check_labels(path, first, second.table, other)
@@ -55,7 +55,7 @@ def _check_labels(path: str, file: CsvTable, others: pd.DataFrame, other: str) -
     problems = Problems(path, file.lines)
     labels = cells_of(file.table[RECORD])
     again = pd.Series(labels).duplicated().to_numpy()
-    problems.at(again, RECORD, "is {!r} again; expected each label once", labels)
+    problems.at(again, RECORD, "{!r} occurs again; expected each label once", labels)
     missing = ~np.isin(labels, cells_of(others[RECORD]))
-    problems.at(missing, RECORD, f"is {{!r}}; expected a label of {other}", labels)
+    problems.at(missing, RECORD, f"{{!r}}; expected a label that is also in {other}", labels)
     problems.stop()

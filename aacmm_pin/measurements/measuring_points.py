@@ -142,9 +142,9 @@ class Pool:
                     most = max(most, fewest)
         if len(found) < wanted:
             raise AacmmError(
-                f"{self.arm.name}: only {len(found)} {what} can be reached in {each} postures "
-                f"within the limits ({at} tried; the others in at most {most} postures); expected "
-                f"{wanted}; reduce the number of records or {what}"
+                f"{self.arm.name}: the arm reaches only {len(found)} {what} in {each} postures "
+                f"within the limits; expected {wanted}; reduce the number of records or {what} "
+                f"(the other {what} have at most {most} postures)"
             )
         return found
 
@@ -159,8 +159,8 @@ def seats_for(pool: Pool, wanted: int, each: int, rng: np.random.Generator) -> l
     order = spread_out(points, TRIES * wanted, SEATS_APART)
     if len(order) < wanted:
         raise AacmmError(
-            f"{pool.arm.name}: room for {len(order)} seats {SEATS_APART / MM:g} mm or more "
-            f"apart; expected {wanted}; reduce the number of seats"
+            f"{pool.arm.name}: the workspace has room for {len(order)} seats at distances of "
+            f"{SEATS_APART / MM:g} mm or more; expected {wanted}; reduce the number of seats"
         )
     return pool.places(points[order][:, None], wanted, each, "seats")
 
@@ -191,9 +191,9 @@ def bars_for(
     if found.sum() < wanted:
         extent = np.linalg.norm(pool.tips.max(axis=0) - pool.tips.min(axis=0))
         raise AacmmError(
-            f"{pool.arm.name}: {found.sum()} places found for bars of {length / MM:g} mm, in "
-            f"{MOST_DRAWS * len(a)} tries; expected {wanted}; reduce the length or number of "
-            f"bars (tips lie in a box with a diagonal of {extent / MM:.0f} mm)"
+            f"{pool.arm.name}: {found.sum()} places for bars of {length / MM:g} mm; expected "
+            f"{wanted}; reduce the length or the number of bars (the diagonal of the workspace is "
+            f"{extent / MM:.0f} mm)"
         )
     a = a[found]
     b = b[found]

@@ -42,8 +42,8 @@ class Noise:
         encoder = np.array(self.encoder, dtype=np.float64)
         if encoder.ndim != 1:
             raise ShapeError(
-                f"encoder noise has shape {encoder.shape}; expected (nq,) [rad]; for one "
-                "number use Noise.of"
+                f"encoder noise has shape {encoder.shape}; expected (nq,) [rad]; for one number "
+                "use Noise.of"
             )
         object.__setattr__(self, "encoder", encoder)
         plausible.ENCODER_NOISE.check(encoder, "encoder noise")

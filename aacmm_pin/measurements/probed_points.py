@@ -68,10 +68,10 @@ def read_probed_points(table: pd.DataFrame, problems: Problems) -> pd.DataFrame:
     names = checked_names(list(table.columns), ACCEPTANCE_FILE, problems)
     if "test" not in names:
         problems.add(
-            "test", f"missing; expected which test each point belongs to: {', '.join(NEEDED)}"
+            "test", f"missing; expected the test of each point, one of {', '.join(NEEDED)}"
         )
     if not len(table):
-        problems.add("", "has a header but no probed points; expected one row per probed point")
+        problems.add("", "a header without probed points; expected one row per probed point")
     problems.stop()
     values = read_values(table, PROBED_POINT_COLUMNS, problems)
     check_numbers(values, PROBED_POINT_COLUMNS, problems)
@@ -100,15 +100,17 @@ def _check_tests(points: pd.DataFrame, problems: Problems) -> None:
     tests = points["test"].to_numpy()
     parts = points["part"].to_numpy()
     expected = f"expected {PREDICTED_ACCURATE} or an empty cell"
-    problems.at(~np.isin(parts, [PREDICTED_ACCURATE, ""]), "part", f"is {{!r}}; {expected}", parts)
+    problems.at(~np.isin(parts, [PREDICTED_ACCURATE, ""]), "part", f"{{!r}}; {expected}", parts)
     expected = f"expected one of {', '.join(NEEDED)}"
-    problems.at(~np.isin(tests, list(NEEDED)), "test", f"is {{!r}}; {expected}", tests)
+    problems.at(~np.isin(tests, list(NEEDED)), "test", f"{{!r}}; {expected}", tests)
     for test, names in NEEDED.items():
         for name in names:
             stated = points[_field(name)]
             empty = (stated.isna() | (stated == "")).to_numpy()
             problems.at(
-                empty & (tests == test), name, f"is empty; expected a value: test {test} needs it"
+                empty & (tests == test),
+                name,
+                f"empty cell; expected a value, because test {test} needs {name}",
             )
 
 
@@ -141,7 +143,9 @@ def with_features_as_seats(table: pd.DataFrame, problems: Problems) -> pd.DataFr
     feature = cells_of(table[FEATURE])
     seat = cells_of(table["seat"]) if "seat" in table else np.full(len(table), "", dtype=object)
     both = (feature != "") & (seat != "")
-    problems.at(both, FEATURE, "is {!r} in a row with seat {!r}; expected one label", feature, seat)
+    problems.at(
+        both, FEATURE, "{!r} in a row with seat {!r}; expected one of the two labels", feature, seat
+    )
     return table.drop(columns=FEATURE).assign(seat=np.where(feature != "", feature, seat))
 
 

@@ -58,7 +58,7 @@ def check_records(table: RecordTable, problems: Problems) -> None:
     _check_references(values, problems)
     for name in table.header.numbered[APPROACH]:
         sign = values.numbers[name]
-        problems.at(~np.isin(sign, SIGNS), name, "is {:g}; expected -1, 0 or 1", sign)
+        problems.at(~np.isin(sign, SIGNS), name, "{:g}; expected -1, 0 or 1", sign)
     check_numbers(values, MEASUREMENT_FILE, problems)
     _check_seats(values, problems)
     _check_spheres(values, problems)
@@ -114,10 +114,9 @@ def _check_angles(table: RecordTable, problems: Problems) -> None:
     in_radians = span(named(THETA["rad"], len(theta)))
     problems.add(
         span(theta),
-        f"all angles of all {len(q)} records lie within ±{largest:.4g}°, as radians would; "
-        f"expected degrees. If they are radians, rename the columns to {in_radians}. If "
-        f"they are degrees, convert them to radians under these names ({ENOUGH_RECORDS} or "
-        "more records with a largest angle of 1 to 2π count as radians)",
+        f"all angles of {len(q)} records lie within ±{largest:.4g}°; expected degrees, but these "
+        f"numbers may be radians. If they are radians, rename the columns {in_radians}. If they "
+        "are degrees, convert them to radians and use these names.",
     )
 
 
@@ -133,23 +132,23 @@ def _check_references(values: Values, problems: Problems) -> None:
             problems.at(
                 partly & ~stated[:, k],
                 name,
-                f"is empty in a row that states a part of {others}; expected all or none",
+                f"empty cell in a row with part of {others}; expected all or none of these values",
             )
     _check_zeros(values, problems)
     norm = np.linalg.norm(values.block(ORIENTATION), axis=1)
     problems.at(
         is_no_unit(norm),
         span(ORIENTATION),
-        "has the norm {:.6g}; expected 1: a unit quaternion, scalar first; or use "
-        f"{span(ROTATION_VECTOR)} or {span(ROLL_PITCH_YAW)}",
+        "a norm of {:.6g}; expected 1, because these are unit quaternions with the scalar first; "
+        f"for other forms use {span(ROTATION_VECTOR)} or {span(ROLL_PITCH_YAW)}",
         norm,
     )
     length = np.linalg.norm(values.block(PROBE_DIRECTION), axis=1)
     problems.at(
         is_no_unit(length) & (length > 0.0),
         span(PROBE_DIRECTION),
-        f"has the length {{:.6g}}; expected 1 (within {MOST_LENGTH_ERROR:g}), or empty cells if "
-        "there is no direction",
+        f"a length of {{:.6g}}; expected 1 ± {MOST_LENGTH_ERROR:g}, or empty cells if there is "
+        "no direction",
         length,
     )
     placed = np.isfinite(values.block(REFERENCE)).any(axis=1) | (values.label("seat") != "")
@@ -158,7 +157,7 @@ def _check_references(values: Values, problems: Problems) -> None:
         problems.at(
             oriented & ~placed,
             span(form),
-            f"stated in a row without {span(REFERENCE)} and seat; expected one of these too",
+            f"an orientation without a position; expected also {span(REFERENCE)} or seat",
         )
 
 
@@ -174,8 +173,8 @@ def _check_zeros(values: Values, problems: Problems) -> None:
         problems.add(
             span(REFERENCE),
             f"all {np.count_nonzero(known)} references are 0, 0, 0; expected the coordinates of "
-            "each measured point; leave unknown coordinates empty; if all records are of one "
-            "point, label it in the column seat",
+            "each point; leave unknown coordinates empty; if all records are of one point, label "
+            "this point in the column seat",
         )
 
 
@@ -189,7 +188,7 @@ def _check_seats(values: Values, problems: Problems) -> None:
     problems.at(
         useless,
         "seat",
-        "seat {!r} has this record only and no reference coordinates; expected two or more "
+        "only this record has the label {!r}, and it has no coordinates; expected two or more "
         "records with this label, or an empty cell",
         seat,
     )
@@ -206,17 +205,19 @@ def _check_spheres(values: Values, problems: Problems) -> None:
     problems.at(
         feature & (seat == ""),
         DIAMETERS[0],
-        "is stated in a row without feature; expected its label",
+        "a diameter in a row without a label in the column feature; expected a label",
     )
     problems.at(
-        feature & ~probe, DIAMETERS[1], "is empty in a row with a feature's diameter; expected both"
+        feature & ~probe,
+        DIAMETERS[1],
+        "empty cell in a row with the diameter of a feature; expected both diameters",
     )
     directed = np.linalg.norm(values.block(PROBE_DIRECTION), axis=1) > 0.0
     problems.at(
         ~feature & probe & ~(directed & (seat == "")),
         DIAMETERS[0],
-        f"is empty in a row with a probe's diameter; expected both, or {span(PROBE_DIRECTION)} in "
-        "a row without feature and seat",
+        "empty cell in a row with the diameter of a probe; expected both diameters, or "
+        f"{span(PROBE_DIRECTION)} in a row without feature and seat",
     )
     labels = pd.Series(seat)
     stated = np.column_stack([diameters, values.block(REFERENCE)])
@@ -226,7 +227,7 @@ def _check_spheres(values: Values, problems: Problems) -> None:
     problems.at(
         of_sphere & ~feature,
         DIAMETERS[0],
-        "is empty in a row of the sphere {!r}; expected a value in each of its rows",
+        "empty cell in a row of the sphere {!r}; expected a value in all rows of this sphere",
         seat,
     )
     contacts = labels.groupby(labels).transform("size").to_numpy()
@@ -235,7 +236,7 @@ def _check_spheres(values: Values, problems: Problems) -> None:
     problems.at(
         feature & (contacts < FEWEST_CONTACTS) & ~placed_sphere,
         "seat",
-        "sphere {!r} has {} records without coordinates of its centre; expected 4 or more",
+        "the sphere {!r} has {} records and no coordinates of its centre; expected 4 or more",
         seat,
         contacts,
     )
@@ -248,32 +249,37 @@ def _check_planes(values: Values, problems: Problems) -> None:
     kind = values.label(FEATURE_KIND)
     seat = values.label("seat")
     known = np.isin(kind, [PLANE, ""])
-    problems.at(~known, FEATURE_KIND, f"is {{!r}}; expected {PLANE}, or an empty cell", kind)
+    problems.at(~known, FEATURE_KIND, f"{{!r}}; expected {PLANE} or an empty cell", kind)
     plane = kind == PLANE
     problems.at(
-        plane & (seat == ""), FEATURE_KIND, "is stated in a row without feature; expected its label"
+        plane & (seat == ""),
+        FEATURE_KIND,
+        "a plane without a label in the column feature; expected a label",
     )
     labels = pd.Series(seat)
     of_plane = labels.isin(seat[plane]).to_numpy() & (seat != "")
     problems.at(
-        of_plane & ~plane, FEATURE_KIND, "is empty in a row of the plane {!r}; expected plane", seat
+        of_plane & ~plane,
+        FEATURE_KIND,
+        "empty cell in a row of the plane {!r}; expected plane",
+        seat,
     )
     stated = np.isfinite(values.block((*REFERENCE, DIAMETERS[0]))).any(axis=1)
     problems.at(
         plane & stated,
         FEATURE_KIND,
-        "is plane in a row with coordinates or a diameter; expected these cells empty",
+        "plane in a row with coordinates or a diameter; expected empty cells there",
     )
     problems.at(
         plane & (values.label("bar") != ""),
         "bar",
-        "is stated in a row of a plane; expected an empty cell",
+        "a bar in a row of a plane; expected an empty cell",
     )
     contacts = labels.groupby(labels).transform("size").to_numpy()
     problems.at(
         plane & (contacts < FEWEST_CONTACTS),
         "seat",
-        "plane {!r} has {} records; expected 4 or more",
+        "the plane {!r} has {} records; expected 4 or more",
         seat,
         contacts,
     )
@@ -290,11 +296,13 @@ def _check_bars(values: Values, problems: Problems) -> None:
     cells = {"bar_end": (end, end != ""), "bar_length_mm": (length, np.isfinite(length))}
     for name, (stated, is_stated) in cells.items():
         problems.at(
-            ~of_bar & is_stated, name, "is {} in a row without bar; expected an empty cell", stated
+            ~of_bar & is_stated, name, "{} in a row without bar; expected an empty cell", stated
         )
-    problems.at(of_bar & ~np.isin(end, BAR_ENDS), "bar_end", "is {!r}; expected A or B", end)
+    problems.at(of_bar & ~np.isin(end, BAR_ENDS), "bar_end", "{!r}; expected A or B", end)
     for name, empty in (("seat", seat == ""), ("bar_length_mm", np.isnan(length))):
-        problems.at(of_bar & empty, name, "is empty in a row of bar {!r}; expected a value", bar)
+        problems.at(
+            of_bar & empty, name, "empty cell in a row of the bar {!r}; expected a value", bar
+        )
     groups = pd.Series(bar)
     for name, numbers in (("bar_length_mm", length), (BAR_U, u)):
         problems.of_other_values(name, numbers, of_bar & np.isfinite(numbers), groups, "bar")
@@ -309,7 +317,7 @@ def _check_bars(values: Values, problems: Problems) -> None:
     problems.at(
         of_bar & one_end & (row == first),
         "bar_end",
-        "bar {!r} has records of end {} only; expected records of A and of B",
+        "the bar {!r} has records of end {} only; expected records of A and B",
         bar,
         end,
     )
@@ -317,7 +325,7 @@ def _check_bars(values: Values, problems: Problems) -> None:
     problems.at(
         of_bar & (ends_of_seat == 2) & (seat != ""),
         "seat",
-        "{!r} is at both ends of bar {!r}; expected two seats",
+        "{!r} is at both ends of the bar {!r}; expected two seats",
         seat,
         bar,
     )

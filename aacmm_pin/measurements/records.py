@@ -383,8 +383,8 @@ class Measurements(Shown):
         """
         if self.conditions.approach is not None:
             raise AacmmError(
-                f"{self.source}: columns approach1 … state the directions; expected no such "
-                "columns with --approach-from-order; delete the columns or omit the option"
+                f"{self.source}: the file states approach1 …; expected no such columns with "
+                "--approach-from-order; delete the columns, or omit the option"
             )
         step = np.diff(self.q, axis=0, prepend=self.q[:1])
         sign = pd.DataFrame(np.sign(step)).where(np.abs(step) > LEAST_MOTION)
@@ -660,10 +660,7 @@ def _checked(column: Column, values: ArrayLike | None, n: int) -> Any:
     if column.range is not None:
         column.range.check(np.where(np.isnan(array), column.range.most, array), name, ShapeError)
     if column.above_zero and (array == 0.0).any():
-        raise ShapeError(
-            f"{name} has numbers that are not above zero; expected standard uncertainties above "
-            "zero"
-        )
+        raise ShapeError(f"{name} contains zeros; expected standard uncertainties above 0")
     return _checked_quaternions(array) if name == "orientation" else array
 
 
@@ -687,8 +684,8 @@ def _numbers(column: Column, values: ArrayLike, n: int) -> Array:
         partly = np.flatnonzero(unknown.any(axis=1) & ~unknown.all(axis=1))
         if partly.size:
             raise ShapeError(
-                f"{name}[{partly[0]}] is {array[partly[0]]}; expected numbers, or NaN for all if "
-                "unknown"
+                f"{name}[{partly[0]}] is {array[partly[0]]}; expected numbers, or only NaN if all "
+                "are unknown"
             )
     return array
 
@@ -702,7 +699,7 @@ def _checked_quaternions(array: Array) -> Array | None:
     norm = np.linalg.norm(array, axis=1)
     if is_no_unit(norm).any():
         came = f"norms of {np.nanmin(norm):g} to {np.nanmax(norm):g}"
-        raise ShapeError(f"orientation has {came}; expected unit quaternions")
+        raise ShapeError(f"orientation has {came}; expected unit quaternions, of norm 1")
     return _unit_quaternions(array)
 
 

@@ -52,9 +52,7 @@ def workshop_conditions(
         AacmmError: the range is negative or not finite.
     """
     if not (np.isfinite(temperature_range) and temperature_range >= 0):
-        raise AacmmError(
-            f"temperature_range is {temperature_range:g} K; expected a number that is not negative"
-        )
+        raise AacmmError(f"temperature_range is {temperature_range:g} K; expected 0 K or more")
     time = _time(session, rng)
     temperature = reference_temperature + temperature_range * _warmth(time, rng)
     approach = _approach(q, rng)

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from aacmm_pin._support import plausible
 from aacmm_pin._support.checks import Array, Index, whole
-from aacmm_pin.arm import MARGIN, Room, exp
+from aacmm_pin.arm import Room, exp
 from aacmm_pin.effects import Conditions, ErrorModel, GivenModel, Labels, corrects_seat
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements.measuring_points import (
@@ -231,9 +231,8 @@ class _Workshop:
                 or "the contacts"
             )
             raise AacmmError(
-                f"{arm.name}: no posture within the limits reaches the seat in "
-                f"{(~arrived).sum()} of {len(q)} records, because {causes} vary by more than "
-                f"the margin to the limits, {MARGIN:g} rad; reduce these causes"
+                f"{arm.name}: {(~arrived).sum()} of {len(q)} records have no posture within the "
+                f"limits; reduce the causes that change during the measurement ({causes})"
             )
         return q
 
@@ -305,14 +304,13 @@ def _check_numbers(
         )
     if scheme == "ball-bar" and points % 2:
         raise AacmmError(
-            f"seats is {points}; expected an even number for scheme 'ball-bar', two for each bar"
+            f"seats is {points}; expected an even number, because each ball bar has two seats"
         )
     if (bar_length is not None) != (scheme == "ball-bar"):
         if bar_length is None:
-            raise AacmmError(f"bar_length was not given; expected a length for scheme {scheme!r}")
+            raise AacmmError(f"bar_length is missing; expected a length for scheme {scheme!r}")
         raise AacmmError(
-            f"bar_length is {bar_length:g} m for scheme {scheme!r}; expected none: only scheme "
-            "'ball-bar' has bars"
+            f"bar_length is {bar_length:g} m; expected none, because scheme {scheme!r} has no bars"
         )
     if bar_length is not None:
         SIMULATED_BAR.check(bar_length, "bar_length")

@@ -68,7 +68,7 @@ def test_rows_are_numbered_as_in_the_sheet(table, tmp_path):
     assert found.row[:3].tolist() == [4, 6, 7]
     rows[6] = [*records[2]]
     rows[6][header.index("theta2_deg")] = "1,5"
-    with pytest.raises(MeasurementFileError, match=r"row 7, column theta2_deg: is '1,5'"):
+    with pytest.raises(MeasurementFileError, match=r"row 7, column theta2_deg: '1,5'"):
         Measurements.read(workbook(tmp_path / "text.xlsx", rows), 6)
     rows[6] = [*records[2], "beside"]
     with pytest.raises(MeasurementFileError, match="row 7: "):

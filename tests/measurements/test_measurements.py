@@ -190,10 +190,10 @@ def test_bounds_belong_to_what_is_believed():
 
 # content, row, what the answer must name
 FILES: list[tuple[str | bytes, int | None, str]] = [
-    (b"", None, "is empty"),
-    (SMALL.splitlines()[0], None, "no records"),
-    (SMALL.replace("z_mm", "z_mm,größe").encode("latin-1"), 1, "not UTF-8 text (byte 39"),
-    (SMALL.replace("11,", '11,"'), 3, "quotes"),
+    (b"", None, "empty"),
+    (SMALL.splitlines()[0], None, "one row per record"),
+    (SMALL.replace("z_mm", "z_mm,größe").encode("latin-1"), 1, "byte 39"),
+    (SMALL.replace("11,", '11,"'), 3, "quotation"),
     (SMALL.replace(",21,1,2,3", ",21,1,2"), 3, "4 cells; expected 5"),
     (SMALL.replace("10,20", "10,5,20,5"), 2, "decimal points"),
     (
@@ -242,7 +242,7 @@ def test_other_ways_to_write_the_same(tmp_path):
             len(words),
             [],
         )
-    with pytest.raises(MeasurementFileError, match="row 3, column record: begins with #") as told:
+    with pytest.raises(MeasurementFileError, match="row 3, column record: .*begins with #") as told:
         Measurements.read(write(tmp_path, "record,theta1_deg\n1,10\n#2,20\n3,10\n"), 1)
     assert (told.value.row, told.value.column) == (3, "record")
 
@@ -276,7 +276,7 @@ def test_a_file_that_is_no_table(tmp_path):
     for content, row, word in FILES:
         error = error_of(tmp_path, content)
         assert (error.row, word in str(error)) == (row, True), str(error)
-    with pytest.raises(MeasurementFileError, match="/dev/zero: is larger than 100 MB"):
+    with pytest.raises(MeasurementFileError, match="/dev/zero: larger than 100 MB"):
         Measurements.read("/dev/zero")
     inside = write(tmp_path, SMALL) / "inside.csv"
     for path, said in (
@@ -296,11 +296,11 @@ HEADERS: list[tuple[str, int | None, str, str]] = [
         "theta1_deg,temperature_c,temperature1_c",
         None,
         "temperature_c",
-        "present with temperature1_c",
+        "temperature1_c",
     ),
     ("theta1_deg,theta2_deg,temperature1_c", None, "temperature1_c", "2 or more"),
     ("theta1_rad,theta2_rad", 1, "theta1_rad … theta2_rad", "2 joints; expected theta1_rad"),
-    ("theta1_deg,seat,seat", None, "seat", "2 times"),
+    ("theta1_deg,seat,seat", None, "seat", "2 columns"),
     ("a,b,x_mm", None, "", "'a', 'b', 'x_mm'"),
     ("J1 [deg],J2 [deg],x_mm", None, "", "rename them theta1_deg … theta2_deg"),
     ("theta1_deg,theta3_deg", None, "theta1_deg … theta3_deg", "theta2_deg is missing"),
@@ -308,11 +308,11 @@ HEADERS: list[tuple[str, int | None, str, str]] = [
         "theta1_deg,theta2_rad,theta3_deg",
         None,
         "",
-        "theta1_deg, theta3_deg are in degrees, theta2_rad in radians",
+        "theta1_deg, theta3_deg are in degrees",
     ),
     ("theta1_deg,x_mm", None, "y_mm, z_mm", "expected all of x_mm, y_mm, z_mm"),
-    ("theta1_deg,u_x_mm,u_y_mm,u_z_mm", None, "u_x_mm", "expected x_mm, y_mm, z_mm"),
-    ("theta1_deg,bar,bar_end,bar_length_mm", None, "seat", "missing, but bar present"),
+    ("theta1_deg,u_x_mm,u_y_mm,u_z_mm", None, "u_x_mm", "x_mm, y_mm, z_mm"),
+    ("theta1_deg,bar,bar_end,bar_length_mm", None, "seat", "missing"),
     (
         "theta1_deg,temperature1_c,temperature3_c",
         None,
@@ -342,7 +342,7 @@ def test_a_header_with_a_mistake(tmp_path):
         error = error_of(tmp_path, f"{header}\n{cells}\n{cells}\n", nq)
         assert (error.row, error.column, word in str(error)) == (None, column, True), str(error)
     with pytest.raises(
-        MeasurementFileError, match="column 2 of 2 has no name but 7, which is not text"
+        MeasurementFileError, match="column 2 of 2 has the name 7"
     ):
         Measurements.from_frame(pd.DataFrame({"theta1_deg": [1.0], 7: [2.0]}))
 
@@ -378,21 +378,21 @@ def test_a_slip_in_a_name_is_no_unknown_column(tmp_path):
 
 # column, cell of row 3, what the answer must name
 CELLS: list[tuple[str, str, str]] = [
-    ("theta2_deg", "", "is empty"),
+    ("theta2_deg", "", "empty"),
     ("theta1_deg", "1_000", "'1_000'"),
     ("theta2_deg", '"1,5"', "decimal point"),
-    ("u_x_mm", "0", "is 0; expected a standard uncertainty above zero"),
-    ("temperature_c", "293.15", "is 293.15 °C; expected -100 to 200"),
-    ("approach2", "2", "is 2; expected -1, 0 or 1"),
+    ("u_x_mm", "0", "0; expected a standard uncertainty"),
+    ("temperature_c", "293.15", "293.15 °C; expected -100 to 200"),
+    ("approach2", "2", "2; expected -1, 0 or 1"),
     ("seat", "S9", "'S9'"),
-    ("bar_length_mm", "", "of bar 'b'"),
+    ("bar_length_mm", "", "bar 'b'"),
     (
         "bar_length_mm",
         "0.5",
-        "is 0.5 mm; expected 10 to 100000 mm; check the unit (perhaps metres)",
+        "0.5 mm; expected 10 to 100000 mm; check the unit (perhaps metres)",
     ),
-    ("u_z_mm", "12", "is 12 mm; expected 0 to 10 mm"),
-    ("seat", "", "of bar 'b'"),
+    ("u_z_mm", "12", "12 mm; expected 0 to 10 mm"),
+    ("seat", "", "bar 'b'"),
 ]
 GOOD = {f"{name}_mm": "0.1" for name in ("x", "y", "z", "u_x", "u_y", "u_z")} | {
     "theta1_deg": "12",
@@ -435,9 +435,9 @@ def test_a_cell_with_a_mistake(tmp_path):
 
 def test_numbers_of_a_table_are_looked_at_too():
     for cell, words in (
-        (np.nan, "is empty"),
-        (np.inf, "is 'inf'; expected a finite number"),
-        ("x", "is 'x'"),
+        (np.nan, "empty"),
+        (np.inf, "'inf'; expected a finite number"),
+        ("x", "'x'"),
     ):
         table = pd.DataFrame({"theta1_deg": [1.0, cell, 3.0]})
         with pytest.raises(MeasurementFileError, match=f"table: row 3, column theta1_deg: {words}"):
@@ -445,7 +445,7 @@ def test_numbers_of_a_table_are_looked_at_too():
     for cells in ([True, False], pd.to_datetime(["2020-01-01", "2020-01-02"])):
         with pytest.raises(
             MeasurementFileError,
-            match=r"row 2, column theta1_deg: is '.*'; expected a finite number",
+            match=r"row 2, column theta1_deg: '.*'; expected a finite number",
         ):
             Measurements.from_frame(pd.DataFrame({"theta1_deg": cells}))
 
@@ -455,16 +455,16 @@ def test_the_first_problems_come_in_one_message(tmp_path):
     lines = str(error_of(tmp_path, text)).splitlines()
     assert len(lines) == 5
     assert all(line.startswith(f"{tmp_path / 'data.csv'}: row ") for line in lines)
-    assert "row 3, column theta1_deg: is 'b'" in lines[0]
+    assert "row 3, column theta1_deg: 'b'" in lines[0]
     assert "(also rows 4, 6)" in lines[0]
-    assert "row 2, column theta2_deg: is 'a'" in lines[1]
-    assert "row 6, column theta2_deg: is empty" in lines[2]
-    assert "row 3, column x_mm: is 'c'" in lines[3]
+    assert "row 2, column theta2_deg: 'a'" in lines[1]
+    assert "row 6, column theta2_deg: empty" in lines[2]
+    assert "row 3, column x_mm: 'c'" in lines[3]
     names = [f"theta{j}_deg" for j in range(1, 15)]
     lines = str(error_of(tmp_path, csv_of({name: ["?"] * 9 for name in names}))).splitlines()
     assert len(lines) == 11
     assert lines[0].endswith("(also rows 3 to 10)")
-    assert lines[-1].endswith("and 4 more problems")
+    assert lines[-1].endswith("4 more problems")
 
 
 # --- mistakes: degrees and radians
@@ -532,7 +532,7 @@ def test_radians_that_look_like_degrees():
     with pytest.raises(MeasurementFileError) as caught:
         Measurements.from_frame(angles("rad", q))
     assert (caught.value.row, caught.value.column) == (3, "theta2_rad")
-    assert "is -31.5 rad" in str(caught.value)
+    assert "-31.5 rad" in str(caught.value)
     assert "(also row 4)" in str(caught.value)
     assert Measurements.from_frame(angles("deg", q)).n == 3
 
@@ -570,15 +570,15 @@ BARS: list[tuple[dict[str, list[str]], int, str, str]] = [
         {"u_bar_length_mm": ["0.2", "", "0.002", ""]},
         4,
         "u_bar_length_mm",
-        "is 0.002, but row 2 states 0.2",
+        "0.002, but row 2 states 0.2",
     ),
-    ({"seat": ["p", "p", "q", "r"]}, 5, "seat", "is r, but row 4 states q"),
-    ({"seat": ["p"] * 4}, 2, "seat", "'p' is at both ends of bar 'b'"),
+    ({"seat": ["p", "p", "q", "r"]}, 5, "seat", "r, but row 4 states q"),
+    ({"seat": ["p"] * 4}, 2, "seat", "'p' is at both ends"),
     (
         {"bar": ["b", "b", "b", ""], "bar_length_mm": ["50", "50", "50", ""]},
         5,
         "bar_end",
-        "is B in a row without bar",
+        "B in a row without bar",
     ),
 ]
 
@@ -613,16 +613,16 @@ ARRAYS: list[tuple[dict[str, object], str]] = [
     ({"q": [1.0, 2.0]}, r"q has shape \(2,\).*pass q\[None, :\]"),
     ({"q": [[1.0, np.nan]]}, r"q\[0, 1\] is nan; expected a finite number"),
     ({"q": ONE, "reference": [[1.0, 2.0]]}, r"reference has shape \(1, 2\); expected \(n, 3\)"),
-    ({"q": ONE, "reference": [[1.0, np.nan, 3.0]]}, r"reference\[0\] is .*NaN for all"),
+    ({"q": ONE, "reference": [[1.0, np.nan, 3.0]]}, r"reference\[0\] is .*NaN"),
     ({"q": ONE, "reference": np.ma.masked_equal([[1.0, 2.0, 3.0]], 2)}, "masked"),
     (
         {"q": ONE, "reference": [[1, 2, 3]], "reference_u": [[1e-3, 0, 1e-3]]},
-        "reference_u .* not above zero",
+        "reference_u .* above 0",
     ),
     ({"q": ONE, "reference": [[1, 2, 1e3]]}, r"reference\[0, 2\] is 1000 m; expected -100 to 100"),
     ({"q": ONE, "record": [3]}, r"record\[0\] is 3; expected text"),
     ({"q": ONE, "conditions": Conditions(2)}, "conditions are of 2 records; expected 1"),
-    ({"q": ONE, "extra": pd.DataFrame({"seat": ["a"]})}, "extra has columns of known names: seat"),
+    ({"q": ONE, "extra": pd.DataFrame({"seat": ["a"]})}, "extra .*: seat"),
 ]
 
 
@@ -646,7 +646,7 @@ def test_arrays_with_a_mistake():
 
 def test_arrays_that_contradict_each_other():
     for arguments, words in (
-        ({"bar": ["b"]}, "missing, but bar present"),
+        ({"bar": ["b"]}, "seat: missing"),
         (
             {"conditions": Conditions(1, torque=np.zeros((1, 3)))},
             "torque1_nm … torque3_nm: 3 columns; expected one for each",
@@ -655,7 +655,7 @@ def test_arrays_that_contradict_each_other():
             {"extra": pd.DataFrame({"Seat": ["a"]})},
             "column Seat: .*expected seat",
         ),
-        ({"extra": pd.DataFrame([[1, 2]], columns=["a", "a"])}, "column a: occurs 2 times"),
+        ({"extra": pd.DataFrame([[1, 2]], columns=["a", "a"])}, "column a: 2 columns"),
     ):
         with pytest.raises(MeasurementFileError, match=words):
             Measurements.of(ONE, **arguments)  # type: ignore[arg-type]

@@ -111,11 +111,11 @@ def test_commands_take_them(table, tmp_path):
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"rx_rad": 180.0}, "column rx_rad: is 180 rad"),
-        ({"rx_rad": None}, "rx_rad: is empty in a row that states a part"),
+        ({"rx_rad": 180.0}, "column rx_rad: 180 rad"),
+        ({"rx_rad": None}, "rx_rad: empty"),
         ({"rx_deg": 1.0}, "rx_deg"),
-        ({"qw": 1.0, "qx": 0.0, "qy": 0.0, "qz": 0.0}, "orientations are stated twice"),
-        ({"x_mm": None, "y_mm": None, "z_mm": None}, "in a row without x_mm"),
+        ({"qw": 1.0, "qx": 0.0, "qy": 0.0, "qz": 0.0}, "column qw … qz, rx_rad … rz_rad"),
+        ({"x_mm": None, "y_mm": None, "z_mm": None}, "without a position"),
     ],
 )
 def test_what_cannot_be(table, changes, said):

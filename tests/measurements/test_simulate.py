@@ -318,12 +318,12 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
     ({"scheme": "seats", "records": 19, "known": False}, "records is 19; expected at least 20"),
     ({"scheme": "single-point", "records": 1}, "records is 1; expected at least 2"),
     ({"scheme": "ball-bar", "seats": 5, "bar_length": 0.4}, "seats is 5; expected an even number"),
-    ({"scheme": "ball-bar"}, "bar_length was not given"),
+    ({"scheme": "ball-bar"}, "bar_length"),
     (
         {"scheme": "seats", "bar_length": 0.4},
-        "0.4 m for scheme 'seats'; expected none",
+        "0.4 m; expected none",
     ),
-    ({"scheme": "ball-bar", "bar_length": 5.0}, "SINO6: 0 places found for bars of 5000 mm"),
+    ({"scheme": "ball-bar", "bar_length": 5.0}, "SINO6: 0 places .*5000 mm"),
     ({"scheme": "free", "above": 2.0}, "SINO6: 0 of 6000 random postures .* 2000 mm"),
 ]
 
@@ -354,7 +354,7 @@ def test_an_effect_too_large_for_the_limits(sino6):
     )
     with pytest.raises(
         AacmmError,
-        match=r"in [0-9]+ of [0-9]+ records, because joint_hysteresis:1, ",
+        match=r"[0-9]+ of [0-9]+ records .*joint_hysteresis:1, ",
     ):
         simulated(model, scheme="seats")
 
@@ -368,7 +368,7 @@ def test_arms_of_two_joints(tmp_path):
     )
     with pytest.raises(
         AacmmError,
-        match=r"0 seats .*8 tried; the others in at most 2",
+        match=r"0 seats .*at most 2",
     ):
         simulated(arm, scheme="seats", records=20, seats=2)
     measurements = simulated(arm, scheme="seats", records=4, seats=2, **quiet())
@@ -376,7 +376,7 @@ def test_arms_of_two_joints(tmp_path):
     stiff = Arm.from_urdf(
         written(tmp_path, ("revolute", "0 0 1", -0.1, 0.1), ("revolute", "0 0 1", -0.1, 0.1)), "tip"
     )
-    with pytest.raises(AacmmError, match=r"room for [23] seats 50 mm or more apart; expected 10"):
+    with pytest.raises(AacmmError, match=r"room for [23] seats .*50 mm .*expected 10"):
         simulated(stiff, scheme="seats")
 
 
