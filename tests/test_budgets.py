@@ -22,7 +22,7 @@ from tests.test_rooms import MODULES, ROOMS, imports
 
 TOKENS: dict[str, int] = {
     "errors": 500,
-    "_support": 7750,
+    "_support": 7850,
     "arm": 22200,
     "effects": 28600,
     "postures": 23300,

@@ -32,7 +32,7 @@ def are_same(path: str | Path, other: str | Path) -> bool:
 def is_input(path: str | Path) -> OutputError:
     """The refusal to write a file that is read."""
     return OutputError(
-        f"{path}: the command reads this file and does not overwrite it; expected another name "
+        f"{path}: this command reads this file and does not overwrite it; expected another name "
         "for the output"
     )
 

@@ -8,6 +8,7 @@ nothing overflows.
 from __future__ import annotations
 
 import math
+import re
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
@@ -158,7 +159,7 @@ def without_nul(value: str) -> str:
     """The text, refused where it has a character NUL."""
     if "\0" in value:
         raise ValueError(
-            f"has the character NUL at place {value.index(chr(0)) + 1}; expected text without it"
+            f"the character NUL at place {value.index(chr(0)) + 1}; expected text without NUL"
         )
     return value
 
@@ -166,8 +167,32 @@ def without_nul(value: str) -> str:
 def in_one_line(value: str) -> str:
     """The text, refused where it has a line end, which would forge a line of what is told of it."""
     if value.splitlines() != [value]:
-        raise ValueError(f"is {value!r}; expected one line of text")
+        raise ValueError(f"{value!r}; expected one line of text")
     return value
+
+
+EXPECTED = {
+    "float_parsing": "a number with a decimal point",
+    "float_type": "a number",
+    "int_parsing": "a whole number",
+    "int_type": "a whole number",
+    "string_type": "text",
+    "string_pattern_mismatch": "text of the form {pattern}",
+    "too_long": "at most {max_length} entries",
+    "tuple_type": "an array, such as [] or [0.5]",
+    "greater_than": "more than {gt:g}",
+    "greater_than_equal": "{ge:g} or more",
+    "less_than_equal": "{le:g} or less",
+}
+"""What a type takes, by the code of pydantic's problem."""
+
+
+def expected_words(problem: Any) -> str:
+    """What was expected in place of what pydantic refused, ``problem``."""
+    words = EXPECTED.get(problem["type"])
+    if words is None:
+        return re.sub(r"^\w+ should (be|have) ", "", problem["msg"])
+    return words.format(**problem.get("ctx", {}))
 
 
 NonNegative = Annotated[FiniteFloat, Field(ge=0.0)]
@@ -191,7 +216,7 @@ def like_degrees(angle: float, turns: int = MOST_TURNS) -> str:
     if abs(angle) <= turns * 2 * math.pi + 1e-9:
         return ""
     return (
-        f"is {angle:g} rad, more than {turns} turn{'s' * (turns > 1)}: this looks like "
+        f"is {angle:g} rad, which is more than {turns} turn{'s' * (turns > 1)} and looks like "
         "degrees; expected radians"
     )
 

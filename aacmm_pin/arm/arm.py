@@ -262,7 +262,7 @@ class Arm(Shown):
         """
         if not isinstance(self.file, UrdfArmFile):
             raise UnsupportedArmError(
-                f"{self.name}: has a DH table; expected an arm that is loaded from a URDF"
+                f"{self.name}: this arm has a DH table; expected an arm from a URDF"
             )
         return self.file
 
@@ -341,8 +341,8 @@ class Arm(Shown):
                 entries.append(Coupling(joint=joint, of=of, ratio=ratio))
             except (TypeError, ValueError):
                 raise AacmmError(
-                    f"couplings[{number}] is {given!r}; expected (joint, of, ratio): two numbers "
-                    "of rows and a finite number, such as (3, 2, -1.0)"
+                    f"couplings[{number}] is {given!r}; expected (joint, of, ratio), such as "
+                    "(3, 2, -1.0)"
                 ) from None
         try:
             coupling_matrix(entries, self.chain.moving_rows())
@@ -424,13 +424,13 @@ class Arm(Shown):
         if self.dh is None:
             first = f" whose first {joints} rows are joints" if joints else ""
             raise UnsupportedArmError(
-                f"{self.name}: {purpose} needs a DH table{first}; this arm has only a URDF; "
-                "aacmm-pin urdf --to-dh makes a DH table"
+                f"{self.name}: no DH table; {purpose} needs a DH table{first}; to make the table "
+                "of a URDF, run aacmm-pin urdf --to-dh"
             )
         if self.dh.rows < joints or not self.dh.moving[:joints].all():
             raise UnsupportedArmError(
                 f"{self.name}: this arm has {self.nq} joints in {self.dh.rows} DH rows; {purpose} "
-                f"needs joints in the first {joints}"
+                f"needs a joint in each of the first {joints} rows"
             )
         return self.dh
 
@@ -597,7 +597,7 @@ def _of_urdf_file(file: UrdfArmFile, path: str) -> Arm:
         raise ArmFileError(
             path,
             "urdf.file",
-            f"{urdf.file}: no such file; expected a URDF; the path is relative to the folder of "
+            f"{urdf.file}: no such file; expected a URDF, with a path relative to the folder of "
             f"{path}",
         )
     model, sha256, followers = read_model(urdf.file)
@@ -605,8 +605,8 @@ def _of_urdf_file(file: UrdfArmFile, path: str) -> Arm:
         raise ArmFileError(
             path,
             "urdf.sha256",
-            f"{urdf.file} was changed: the SHA-256 is {sha256}; expected {urdf.sha256}, that of "
-            f"the URDF of which {file.name} was made; make the arm file again",
+            f"{urdf.file} was changed and has the SHA-256 {sha256}; expected {urdf.sha256}; make "
+            f"the file of {file.name} again",
         )
     try:
         nominal, mimics = serial_part(model, urdf.frame, followers)
@@ -619,7 +619,7 @@ def _of_urdf_file(file: UrdfArmFile, path: str) -> Arm:
         raise ArmFileError(
             path,
             "joints",
-            f"are {stated}; expected those that move {urdf.frame!r}: {', '.join(names)}",
+            f"{stated}; expected the joints that move {urdf.frame!r}, which are {', '.join(names)}",
         )
     try:
         coupling_matrix(file.couplings, (Drive.of(nominal.nq, mimics).own + 1).tolist())
@@ -686,10 +686,10 @@ def as_arm(given: object, name: str = "arm") -> Arm:
         return given
     if isinstance(given, str | Path):
         return Arm.load(given)
-    held = " of the model: its .arm" if isinstance(getattr(given, "arm", None), Arm) else ""
+    held = " (use model.arm)" if isinstance(getattr(given, "arm", None), Arm) else ""
     raise AacmmError(
-        f"{name} is of type {type(given).__name__}; expected an Arm, or the name or path of "
-        f"an arm{held}"
+        f"{name} is of type {type(given).__name__}; expected an Arm, or the name or path of an "
+        f"arm{held}"
     )
 
 

@@ -37,16 +37,15 @@ def corrected_urdf(arm: Arm, tip_shift: Array | None = None) -> bytes:
     urdf = arm.urdf_file.urdf
     if not urdf.file:
         raise UnsupportedArmError(
-            f"{arm.name}: the arm was not loaded from a file; expected an arm with a URDF file "
-            "to correct"
+            f"{arm.name}: this arm has no URDF file; expected an arm from a URDF file"
         )
     try:
         content = Path(urdf.file).read_bytes()
     except OSError as error:
-        raise AacmmError(f"{urdf.file}: cannot be read: {error.strerror}") from None
+        raise AacmmError(f"{urdf.file}: the file cannot be read: {error.strerror}") from None
     if hashlib.sha256(content).hexdigest() != urdf.sha256:
         raise AacmmError(
-            f"{urdf.file}: the file was changed after {arm.name} was loaded; load the arm again"
+            f"{urdf.file}: the file changed after {arm.name} was loaded; load the arm again"
         )
     robot = parsed_urdf(content, urdf.file)
     joints = {joint.get("name"): joint for joint in robot.findall("joint")}
@@ -79,8 +78,8 @@ def _joint_of_tip(joints: dict[str, Element], arm: Arm) -> str:
         if joint.get("type") == "fixed" and joint.find("child").get("link") == arm.tip:
             return name
     raise UnsupportedArmError(
-        f"{arm.name}: frame {arm.tip!r} has no fixed joint of its own for the shift of the "
-        "tip; add a fixed joint to the URDF"
+        f"{arm.name}: no fixed joint carries the frame {arm.tip!r} alone; to shift the tip, add a "
+        "fixed joint before this frame to the URDF"
     )
 
 

@@ -51,16 +51,18 @@ def coupling_matrix(couplings: Sequence[Coupling], rows: Sequence[int]) -> Array
             row = getattr(coupling, key)
             if row not in rows:
                 known = ", ".join(map(str, rows))
-                raise ValueError(f"{place}.{key} is {row}; expected a row with a joint: {known}")
+                raise ValueError(
+                    f"{place}.{key} is {row}; expected a row with a joint, one of {known}"
+                )
         if abs(coupling.ratio) > MOST_RATIO:
             raise ValueError(
-                f"{place}.ratio is {coupling.ratio:g}; expected at most {MOST_RATIO:g}"
+                f"{place}.ratio is {coupling.ratio:g}; expected {-MOST_RATIO:g} to {MOST_RATIO:g}"
             )
         pair = rows.index(coupling.joint), rows.index(coupling.of)
         if pair in stated:
             raise ValueError(
-                f"{place}: joint = {coupling.joint}, of = {coupling.of} is stated before; expected "
-                "each pair once; delete one"
+                f"{place}: joint = {coupling.joint}, of = {coupling.of} occurs again; expected "
+                "each pair once; delete one coupling"
             )
         stated.add(pair)
         matrix[pair] = coupling.ratio
@@ -68,8 +70,8 @@ def coupling_matrix(couplings: Sequence[Coupling], rows: Sequence[int]) -> Array
     unit = matrix / np.where(length > 0.0, length, 1.0)
     if np.linalg.svd(unit, compute_uv=False)[-1] < SINGULAR:
         raise ValueError(
-            "couplings are singular: other readings make the same joint angles; expected one "
-            "reading for each joint; change a ratio"
+            "the couplings are singular, because other readings give the same joint angles; change "
+            "a ratio"
         )
     return matrix
 
@@ -150,7 +152,7 @@ class Drive:
                 found[leader] = max(low, bounds.min()), min(high, bounds.max())
         if (found[:, 0] > found[:, 1]).any():
             raise UnsupportedArmError(
-                "the limits of a joint and of one that mimics it exclude each other; expected "
-                "limits that both can have"
+                "the limits of a joint exclude the limits of a joint that mimics it; expected a "
+                "common range"
             )
         return found

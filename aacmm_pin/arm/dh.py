@@ -131,7 +131,5 @@ def table(
     rows = batch(rows, 4, "rows", "m, m, rad, rad")
     flags = np.ones(len(rows), dtype=bool) if moving is None else np.array(moving, dtype=bool)
     if flags.shape != (len(rows),):
-        raise ShapeError(
-            f"moving has {flags.size} entries; expected one for each of the {len(rows)} rows"
-        )
+        raise ShapeError(f"moving has {flags.size} entries; expected {len(rows)}, one for each row")
     return DHTable(rows[:, 0], rows[:, 1], rows[:, 2], rows[:, 3], flags, convention)

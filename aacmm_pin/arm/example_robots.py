@@ -39,5 +39,5 @@ def urdf_of_robot(name: str) -> Path:
         if file.name == wanted:
             return Path(str(file.locate()))
     raise AacmmError(
-        f"{name}: no {wanted} of {PACKAGE} is installed; install the package {PACKAGE} from PyPI"
+        f"{name}: the file {wanted} is missing; install the package {PACKAGE} from PyPI"
     )

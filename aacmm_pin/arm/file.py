@@ -53,6 +53,7 @@ from aacmm_pin._support.plausible import (
     StandardUncertainty,
     TemperatureC,
     Text,
+    expected_words,
     like_degrees,
     out_of_reach,
     without_nul,
@@ -124,12 +125,12 @@ class _WithAngles(_Part):
         found = {key: value for key, value in data.items() if key not in in_degrees}
         for key, name in in_degrees.items():
             if name in data:
-                raise ValueError(f"both {key} and {name} are stated; expected one of the two")
+                raise ValueError(f"both {key} and {name} are stated; expected one of these keys")
             numbers = data[key] if isinstance(data[key], list) else [data[key]]
             if any(type(number) not in (int, float) for number in numbers):
                 raise ValueError(
-                    f"{key} is {reprlib.repr(data[key])}; expected numbers, in the form of "
-                    f"{name} but in degrees"
+                    f"{key} is {reprlib.repr(data[key])}; expected numbers as in {name}, but in "
+                    "degrees"
                 )
             radians = [
                 number * DEG if abs(number) < LARGEST_DEG else math.inf for number in numbers
@@ -170,20 +171,20 @@ class Row(_WithAngles):
         ]
         for key, angle, most in angles:
             if refused := like_degrees(angle, most):
-                raise ValueError(f"{key} {refused}, or degrees in a key with _deg")
+                raise ValueError(f"{key} {refused}, or a key that ends in _deg")
         if self.fixed and (self.limits_rad is not None or self.encoder_noise_rad is not None):
             raise ValueError(
-                "limits_rad or encoder_noise_rad of a fixed row, which has no joint; expected "
-                "neither"
+                "a fixed row has limits_rad or encoder_noise_rad; expected neither, because the row "
+                "is no joint"
             )
         if not self.fixed and self.limits_rad is None:
-            raise ValueError("limits_rad is missing; expected [lower, upper] for a joint")
+            raise ValueError("limits_rad is missing; expected [lower, upper] for each joint")
         if self.limits_rad is not None and not self.limits_rad[0] < self.limits_rad[1]:
             raise ValueError(
                 f"limits_rad is {list(self.limits_rad)}; expected the lower limit first"
             )
         if self.com_mm is not None and self.mass_kg is None:
-            raise ValueError("com_mm without mass_kg; expected both")
+            raise ValueError("com_mm is stated without mass_kg; expected both")
         return self
 
 
@@ -270,7 +271,7 @@ class Covariance(_Part):
     def _consistent(self) -> Covariance:
         n = len(self.parameters)
         if len(set(self.parameters)) != n:
-            raise ValueError("parameters has one name twice; expected each name once")
+            raise ValueError("parameters contains a name twice; expected each name once")
         if len(self.standard_uncertainty_si) != n:
             raise ValueError(
                 f"standard_uncertainty_si has {len(self.standard_uncertainty_si)} numbers; "
@@ -278,8 +279,8 @@ class Covariance(_Part):
             )
         if [len(row) for row in self.correlation] != list(range(n)):
             raise ValueError(
-                f"correlation: expected the part below the diagonal, {n} rows of 0, 1, … {n - 1} "
-                "numbers, such as [[], [0.5], [0.1, -0.2]]"
+                f"correlation: expected {n} rows of 0, 1, … {n - 1} numbers (the part below the "
+                "diagonal), such as [[], [0.5], [0.1, -0.2]]"
             )
         matrix = self.matrix_of_correlation()
         if np.abs(matrix).max() > 1 + 1e-9 or np.linalg.eigvalsh(matrix).min() < -1e-6:
@@ -384,8 +385,8 @@ class UrdfArmFile(AnyArmFile):
     def _of_one_urdf(self) -> UrdfArmFile:
         if self.urdf.sha256 is None and (self.joints or self.covariance is not None):
             raise ValueError(
-                "urdf.sha256 is missing; expected the SHA-256 of the URDF for which joints and "
-                "covariance hold"
+                "urdf.sha256 is missing; expected the SHA-256 of the URDF to which joints and "
+                "covariance belong"
             )
         _check_noise(
             {number: joint.encoder_noise_rad for number, joint in enumerate(self.joints, start=1)}
@@ -415,7 +416,7 @@ class ArmFile(AnyArmFile):
     @model_validator(mode="after")
     def _has_a_joint(self) -> ArmFile:
         if all(row.fixed for row in self.joints):
-            raise ValueError("every row is fixed; expected at least one joint")
+            raise ValueError("all rows are fixed; expected at least one joint")
         if len(self.moving_rows) > MOST_JOINTS:
             raise ValueError(
                 f"{len(self.moving_rows)} rows have a joint; expected at most {MOST_JOINTS}"
@@ -440,11 +441,11 @@ class ArmFile(AnyArmFile):
                 for k in ("a_mm", "d_mm")
             }
             key = max(lengths, key=lambda name: abs(lengths[name]))
-            raise ValueError(f"{key} is {lengths[key]:g}: {refused}")
+            raise ValueError(f"{key} is {lengths[key]:g} mm, so that {refused}")
         size = sum(abs(row.a_mm) + abs(row.d_mm) for row in self.joints)
         if size * MM < SMALLEST_ARM:
             raise ValueError(
-                f"all lengths a_mm and d_mm add up to {size:g} mm; expected at least "
+                f"the sum of all a_mm and d_mm is {size:g} mm; expected at least "
                 f"{SMALLEST_ARM / MM:g} mm"
             )
         for number, row in enumerate(self.joints, start=1):
@@ -452,7 +453,7 @@ class ArmFile(AnyArmFile):
                 if row.uncertainty is not None and (half := getattr(row.uncertainty, key)) > size:
                     raise ValueError(
                         f"joints[{number}].uncertainty.{key} is {half:g}; expected at most "
-                        f"{size:g} mm, all lengths of the arm together"
+                        f"{size:g} mm, the sum of all lengths of the arm"
                     )
         return self
 
@@ -515,8 +516,8 @@ def _check_noise(noise: Mapping[int, float | None]) -> None:
     missing = [number for number, u in noise.items() if u is None]
     if 0 < len(missing) < len(noise):
         raise ValueError(
-            f"joints[{missing[0]}].encoder_noise_rad is missing, which other joints state; "
-            "expected all or none"
+            f"joints[{missing[0]}].encoder_noise_rad is missing; expected a value for all joints "
+            "or for none"
         )
 
 
@@ -548,7 +549,9 @@ def load_arm_file(name_or_path: str | Path) -> ArmFile:
     """The same of an arm with a DH table; one that names a URDF is an ArmFileError."""
     file = read_arm_file(name_or_path)
     if isinstance(file, UrdfArmFile):
-        raise ArmFileError(str(name_or_path), "urdf", "expected an arm with a DH table")
+        raise ArmFileError(
+            str(name_or_path), "urdf", "this arm has a URDF; expected an arm with a DH table"
+        )
     return file
 
 
@@ -568,9 +571,9 @@ def read_arm_file(name_or_path: str | Path) -> ArmFile | UrdfArmFile:
     try:
         if path.suffix != ".toml" and not path.exists():
             known = [*bundled_arms(), *EXAMPLE_ROBOTS]
-            raise UnknownNameError("arm", name, known, "or the path of an arm file, *.toml")
+            raise UnknownNameError("arm", name, known, "or state the path of an arm file, *.toml")
     except OSError as error:
-        raise ArmFileError(name, "", f"cannot be read: {error.strerror}") from None
+        raise ArmFileError(name, "", f"the file cannot be read: {error.strerror}") from None
     content = content_of(
         path, MOST_BYTES, "an arm file (*.toml)", lambda message: ArmFileError(name, "", message)
     )
@@ -587,16 +590,12 @@ def toml_of(content: bytes, refused: Callable[[str], AacmmError]) -> dict[str, A
         text = content.decode("utf-8-sig")
         if long_key := MANY_KEY_PARTS.search(text):
             line = text.count("\n", 0, long_key.start()) + 1
-            raise refused(f"line {line} has a key of more than 100 parts; expected fewer")
+            raise refused(f"line {line} has a key with more than 100 parts; expected fewer")
         return tomllib.loads(text)
     except UnicodeDecodeError as error:
-        raise refused(
-            f"not UTF-8 text (byte {error.start}); expected a TOML file in UTF-8"
-        ) from None
+        raise refused(f"byte {error.start} is not UTF-8; expected a TOML file in UTF-8") from None
     except RecursionError:
-        raise refused(
-            "has too many levels inside one another; expected a TOML file with fewer"
-        ) from None
+        raise refused("too many nested levels; expected a TOML file with fewer levels") from None
     # a TOMLDecodeError, or an integer of thousands of digits, with advice for programmers
     except ValueError as error:
         said = str(error).partition("; use sys.")[0]
@@ -619,14 +618,14 @@ def parse_arm_file(content: bytes, path: str) -> ArmFile | UrdfArmFile:
             return ArmFileError(
                 path,
                 "",
-                f"is a URDF; expected an arm file (TOML); use --urdf {path} --frame NAME, in "
-                "Python Arm.from_urdf",
+                f"this is a URDF; expected an arm file (TOML); use --urdf {path} --frame NAME (in "
+                "Python Arm.from_urdf)",
             )
         return ArmFileError(path, "", message)
 
     if TABLE.match(content):
         raise ArmFileError(
-            path, "", "is a table (CSV); expected an arm file (TOML); state ARM first, then DATA"
+            path, "", "this is a table (CSV); expected an arm file (TOML); state ARM before DATA"
         )
     data = toml_of(content, refused)
     _check_depth(data, path)
@@ -664,7 +663,7 @@ def _check_depth(data: dict[str, Any], path: str) -> None:
         raise ArmFileError(
             path,
             level[0][0],
-            f"has tables or arrays inside one another; expected at most {DEEPEST} levels",
+            f"too many nested tables or arrays; expected at most {DEEPEST} levels",
         )
 
 
@@ -694,17 +693,13 @@ def _problem(item: Any, kind: type[AnyArmFile]) -> tuple[str, str]:
             parents = [part for part in item["loc"][:-1] if isinstance(part, str)]
             fields = (kinds[parents[-1]] if parents else kind).model_fields
             known = sorted(field.alias or name for name, field in fields.items())
-            return key, f"unknown key; known here: {', '.join(known)}"
+            return key, f"unknown key; expected one of {', '.join(known)}"
         case "missing":
-            return key, "missing"
+            return key, "missing; expected a value"
         case "value_error":
             return key, str(item["ctx"]["error"])
-        case "tuple_type":
-            expected = "an array, such as [] or [0.5]"
-        case _:
-            expected = re.sub(r"^\w+ should (be|have) ", "", item["msg"])
-            expected = re.sub("[0-9]{16,}", lambda digits: f"{float(digits[0]):g}", expected)
-    return key, f"is {reprlib.repr(item['input'])}; expected {expected}"
+    expected = re.sub("[0-9]{16,}", lambda digits: f"{float(digits[0]):g}", expected_words(item))
+    return key, f"{reprlib.repr(item['input'])}; expected {expected}"
 
 
 def arm_text(arm: ArmFile | UrdfArmFile, comment: str = "", path: str | Path | None = None) -> str:

@@ -69,7 +69,7 @@ def serial_part(
         joint = model.parents[joint]
     if len(chain) > MOST_JOINTS:
         raise UnsupportedArmError(
-            f"{model.name}: {len(chain)} joints move frame {frame!r}; expected at most "
+            f"{model.name}: {len(chain)} joints move the frame {frame!r}; expected at most "
             f"{MOST_JOINTS}"
         )
     mimics = _mimics([model.names[joint] for joint in reversed(chain)], frame, followers)
@@ -85,12 +85,12 @@ def serial_part(
     ]
     if wide:
         raise UnsupportedArmError(
-            f"{model.name}: joint {', '.join(wide)} takes more than one number; expected one; "
-            "state the joint as revolute with wide limits"
+            f"{model.name}: joint {', '.join(wide)} has more than one coordinate; expected one; "
+            "change the joint to revolute with wide limits"
         )
     if model.njoints < 2:
         raise UnsupportedArmError(
-            f"{model.name}: no joint moves frame {frame!r}; expected a frame that a joint moves"
+            f"{model.name}: no joint moves the frame {frame!r}; expected a frame beyond a joint"
         )
     if refused := out_of_reach(_spread_tips(model, frame)):
         shifts = {
@@ -99,7 +99,8 @@ def serial_part(
         }
         name = max(shifts, key=lambda joint: shifts[joint])
         raise UnsupportedArmError(
-            f"{model.name}: joint {name!r} is {shifts[name]:.4g} m from the joint before: {refused}"
+            f"{model.name}: joint {name!r} is {shifts[name]:.4g} m beyond the joint before, so "
+            f"that {refused}"
         )
     return model, mimics
 
@@ -113,8 +114,8 @@ def _mimics(names: list[str], frame: str, followers: Mapping[str, Follower]) -> 
         leader, ratio, offset, place = followers[name]
         if leader not in names:
             raise UnsupportedArmError(
-                f"{place}; expected a joint that moves frame {frame!r}; if this joint has an "
-                "encoder, delete <mimic>"
+                f"{place}; expected a joint that moves the frame {frame!r}; if this joint has its "
+                "own encoder, delete <mimic>"
             )
         found.append(Mimic(number, names.index(leader) + 1, ratio, offset))
     return tuple(found)

@@ -37,8 +37,8 @@ def joint_bounds(arm: Arm) -> Array:
     if (endless & slides).any():
         joint = int(np.flatnonzero(endless & slides)[0]) + 1
         raise UnsupportedArmError(
-            f"{arm.name}: joint {joint} is prismatic without limits; expected limits, between "
-            "which postures are drawn"
+            f"{arm.name}: the prismatic joint {joint} has no limits; expected limits, because "
+            "random postures lie between them"
         )
     limits[endless] = (-np.pi, np.pi)
     margin = np.minimum(MARGIN, 0.01 * (limits[:, 1] - limits[:, 0]))
@@ -128,7 +128,6 @@ class Room:
                 return np.concatenate(kept)[:count], np.concatenate(tips)[:count]
         over = "" if self.above is None else f", and {self.above / MM:g} mm over the base"
         raise AacmmError(
-            f"{self.arm.name}: {found} of {MOST_DRAWS * count} random postures have their tip "
-            f"{CLEAR / MM:g} mm or more "
-            f"from the axis of joint 1{over}; expected {count} at least"
+            f"{self.arm.name}: {found} of {MOST_DRAWS * count} random postures have the tip at "
+            f"least {CLEAR / MM:g} mm from the axis of joint 1{over}; expected at least {count}"
         )

@@ -73,12 +73,12 @@ def read_urdf(path: str | Path) -> tuple[str, str, dict[str, Follower]]:
     )
     robot = parsed_urdf(content, str(path))
     if robot.tag != "robot":
-        raise _refused(robot, "is the root; expected robot, the root of a URDF")
+        raise _refused(robot, "this is the root element; expected robot, the root of a URDF")
     links = robot.findall("link")
     joints = robot.findall("joint")
     if len(links) > MAX_LINKS:
         raise _refused(
-            links[MAX_LINKS], f"is one of {len(links)} links; expected at most {MAX_LINKS}"
+            links[MAX_LINKS], f"the file has {len(links)} links; expected at most {MAX_LINKS}"
         )
     named = _by_name(joints)
     _check_tree(robot, _by_name(links), named)
@@ -112,18 +112,18 @@ def parsed_urdf(content: bytes, path: str) -> Element:
             path, f"line {first.line}", f"{first.message}; expected a URDF in well-formed XML"
         )
     if root is None:
-        raise ArmFileError(path, "", "no element; expected a URDF in well-formed XML")
+        raise ArmFileError(path, "", "no XML element; expected a URDF in well-formed XML")
     if root.getroottree().docinfo.internalDTD is not None:
         raise ArmFileError(
             path,
             "",
-            "has a DOCTYPE, which may define entities; expected plain URDF without DOCTYPE",
+            "the file has a DOCTYPE, which may define entities; expected a URDF without DOCTYPE",
         )
     for element in root.iter(etree.Element):
         if "xacro" in element.tag:
             raise _refused(
                 element,
-                "is an element of xacro; expected plain URDF; convert the file with xacro FILE -o "
+                "this is an element of xacro; expected a URDF; convert the file by xacro FILE -o "
                 "FILE.urdf",
             )
     return root
@@ -183,10 +183,12 @@ def _numbers(
             element, f"{name} is {text[:80]!r}; expected {count} number{'s' * (count > 1)}"
         )
     if any(not abs(value) <= largest for value in values):
-        hint = "; perhaps these are degrees" if name == "rpy" else ""
+        hint = "; check that these are radians" if name == "rpy" else ""
         if element.tag == "limit":
-            hint = "; without limits, write type continuous"
-        raise _refused(element, f"{name} is {text[:80]!r}; expected numbers to ±{largest:g}{hint}")
+            hint = "; without limits, use type continuous"
+        raise _refused(
+            element, f"{name} is {text[:80]!r}; expected numbers within ±{largest:g}{hint}"
+        )
     return values
 
 
@@ -196,12 +198,12 @@ def _child(element: Element, tag: str) -> Element | None:
     if not found:
         return None
     if len(found) > 1:
-        raise _refused(found[1], "occurs twice; expected one")
+        raise _refused(found[1], "the element occurs twice; expected one")
     known = ATTRIBUTES.get(tag, ())
     for name in found[0].attrib if known else ():
         if name not in known:
             raise _refused(
-                found[0], f"unknown attribute {name}; expected {' and '.join(known)} alone"
+                found[0], f"unknown attribute {name}; expected only {' and '.join(known)}"
             )
     return found[0]
 
@@ -210,7 +212,7 @@ def _required(element: Element, tag: str) -> Element:
     """The one element of this tag, which must be there."""
     child = _child(element, tag)
     if child is None:
-        raise _refused(element, f"{tag} is missing; expected one")
+        raise _refused(element, f"the element {tag} is missing; expected one")
     return child
 
 
@@ -230,7 +232,8 @@ def _mimics(joints: dict[str, Element]) -> dict[str, Follower]:
             leader = _text(mimic, "joint")
             if leader in passed:
                 raise _refused(
-                    mimic, f"joint is {leader!r}, which mimics this joint; expected another joint"
+                    mimic,
+                    f"joint is {leader!r}, which mimics this joint; expected an independent joint",
                 )
             if leader not in joints:  # fingers of robots that are in use have such
                 said = str(_refused(mimic, f"there is no joint {leader!r}"))
@@ -247,7 +250,8 @@ def _by_name(elements: list[Element]) -> dict[str, Element]:
         if name in found:
             raise _refused(
                 element,
-                f"line {found[name].sourceline} has the same name; expected a name of its own",
+                f"the element in line {found[name].sourceline} has the same name; expected unique "
+                "names",
             )
         found[name] = element
     return found
@@ -256,7 +260,7 @@ def _by_name(elements: list[Element]) -> dict[str, Element]:
 def _check_tree(robot: Element, links: dict[str, Element], joints: dict[str, Element]) -> None:
     """Refuse links and joints that make no one tree."""
     if not links:
-        raise _refused(robot, "has no link; expected one or more")
+        raise _refused(robot, "the robot has no link; expected one or more")
     carriers: dict[str, Element] = {}
     parents: dict[str, list[str]] = {}
     for joint in joints.values():
@@ -280,14 +284,14 @@ def _check_tree(robot: Element, links: dict[str, Element], joints: dict[str, Ele
     if len(roots) > 1:
         raise _refused(
             roots[1],
-            f"neither this link nor {_words(roots[0])} is the child of a joint; expected one "
-            "root link",
+            f"neither this link nor {_words(roots[0])} is the child of a joint; expected exactly "
+            "one link without a parent",
         )
     try:
         TopologicalSorter(parents).prepare()
     except CycleError as error:
         link = error.args[1][0]
-        message = f"is part of a cycle: {link!r} carries itself"
+        message = f"the link {link!r} carries itself; expected no cycle"
         raise _refused(carriers[link], message) from None
 
 
@@ -302,7 +306,7 @@ def _add_link(root: Element, link: Element) -> None:
     inertia = _child(inertial, "inertia")
     (kilograms,) = _numbers(mass, "value", None, MAX_INERTIA)
     if kilograms < 0:
-        raise _refused(mass, f"value is {kilograms:g}; expected a mass that is not negative")
+        raise _refused(mass, f"value is {kilograms:g}; expected 0 or more")
     etree.SubElement(body, "mass", value=repr(kilograms))
     moments = etree.SubElement(body, "inertia", dict.fromkeys(MOMENTS, "0"))
     for name in MOMENTS if inertia is not None else ():
@@ -339,7 +343,9 @@ def _limits(joint: Element, kind: str) -> tuple[float, float]:
     for name, angle in {"lower": lower, "upper": upper}.items():
         refused = like_degrees(angle) if kind == "revolute" else None
         if refused and abs(angle) <= LARGEST_DEGREES:  # wider ones stand for none
-            raise _refused(limit, f"{name} {refused}; a joint without limits is of type continuous")
+            raise _refused(
+                limit, f"{name} {refused}; if the joint has no limits, use the type continuous"
+            )
     return lower, upper
 
 
@@ -348,7 +354,9 @@ def _direction(axis: Element) -> tuple[float, ...]:
     values = _numbers(axis, "xyz", (1.0, 0.0, 0.0), math.inf)
     size = max(abs(value) for value in values)
     if size == 0 or not math.isfinite(size):
-        raise _refused(axis, f"xyz is {axis.get('xyz')!r}; expected a direction")
+        raise _refused(
+            axis, f"xyz is {axis.get('xyz')!r}; expected a direction, not zero or infinite"
+        )
     return values if 1e-3 < size < 1e3 else tuple(value / size for value in values)
 
 

@@ -64,16 +64,15 @@ def dh_file(arm: Arm) -> ArmFile:
     if arm.mimics:
         followers = ", ".join(arm.joint_names[mimic.joint - 1] for mimic in arm.mimics)
         raise UnsupportedArmError(
-            f"{arm.name}: joint {followers} follows another; expected a reading of each joint, as "
-            "in the DH rows of an arm file"
+            f"{arm.name}: joint {followers} mimics another joint; expected independent joints for "
+            "a DH table"
         )
     if chain.prismatic.any():
         slides = ", ".join(
             name for name, slide in zip(arm.joint_names, chain.prismatic, strict=True) if slide
         )
         raise UnsupportedArmError(
-            f"{arm.name}: joint {slides} is prismatic; expected revolute joints, as in the DH "
-            "rows of an arm file"
+            f"{arm.name}: joint {slides} is prismatic; expected revolute joints for a DH table"
         )
     rotation, origin = (part[:, 0] for part in chain.walk(np.zeros((1, arm.nq))))
     rows: list[tuple[Row, int | None]] = []  # with the number of the joint, from 0

@@ -71,9 +71,7 @@ def import_plugin(name: str) -> ModuleType:
     other = PathFinder.find_spec(path.stem, SEARCHED)
     taken = other is not None and other.origin != str(path)
     if taken or path.stem in sys.stdlib_module_names:
-        raise AacmmError(
-            f"--plugin {name}: {path.stem} is the name of an installed module; rename the file"
-        )
+        raise AacmmError(f"{path.stem} is the name of an installed module; rename the file")
     spec = importlib.util.spec_from_file_location(path.stem, path)
     assert spec is not None
     assert spec.loader is not None

@@ -56,14 +56,6 @@ USAGE_ERROR: Any = typer.BadParameter.__base__
 INTERRUPTED = "interrupted; each output file is complete or unchanged"
 
 
-EXPECTED = {
-    "float_parsing": "a number with a decimal point",
-    "int_parsing": "a whole number",
-    "greater_than_equal": "{ge} or more",
-}
-"""What an option takes, by the code that pydantic gives to text that is none."""
-
-
 class _Subcommand(TyperCommand):
     """One that may write files: signals let it take away what is half-written."""
 
@@ -73,10 +65,11 @@ class _Subcommand(TyperCommand):
             with self._options_named():
                 return super().parse_args(ctx, args)
         except typer.BadParameter as error:
+            from aacmm_pin._support.plausible import expected_words  # the list needs none
+
             for problem in getattr(error.__cause__, "errors", list)():
-                if expected := EXPECTED.get(problem["type"]):
-                    expected = expected.format(**problem.get("ctx", {}))
-                    error.message = f"{problem['input']!r}; expected {expected}"
+                if problem["type"] != "value_error":
+                    error.message = f"{problem['input']!r}; expected {expected_words(problem)}"
             error.message = error.message.removeprefix("Value error, ")
             raise
 

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
 from aacmm_pin._support.checks import Array
+from aacmm_pin._support.plausible import expected_words
 from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError
 
@@ -257,8 +258,7 @@ def as_read(filed: dict[str, Any]) -> Smooth:
         first = error.errors()[0]
         key = ".".join(map(str, first["loc"][1:]))
         came = f"{key + ': ' if key else ''}{reprlib.repr(first['input'])}"
-        expected = first["msg"].removeprefix("Input should be ")
-        raise AacmmError(f"functions: {came}; expected {expected}") from None
+        raise AacmmError(f"functions: {came}; expected {expected_words(first)}") from None
     if not re.fullmatch(QUANTITIES_OF_KIND[found.kind], found.of):
         raise AacmmError(
             f"functions: {found.kind} of {found.of!r}; expected {QUANTITIES_OF_KIND[found.kind]}"

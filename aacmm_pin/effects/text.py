@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, get_type_hints
 import numpy as np
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
-from aacmm_pin._support.plausible import LARGEST_U_RATIO, MOST_TYPICAL
+from aacmm_pin._support.plausible import LARGEST_U_RATIO, MOST_TYPICAL, expected_words
 from aacmm_pin._support.units import in_radians, number
 from aacmm_pin.arm import Arm, DiscrepancyEntry, EffectEntry
 from aacmm_pin.effects.causes import cause_named
@@ -168,7 +168,7 @@ def _checked_field(kind: type[Effect], name: str, value: Any) -> Any:
     try:
         return adapter.validate_python(tuple(value) if isinstance(value, list) else value)
     except ValidationError as error:
-        expected = error.errors()[0]["msg"].removeprefix("Input should be ")
+        expected = expected_words(error.errors()[0])
         came = reprlib.repr(value)
         raise AacmmError(f"{kind.cause}: {name} is {came}; expected {expected}") from None
 

@@ -166,7 +166,7 @@ def test_unusable_frames_postures_and_errors_are_refused(sino6, robots):
         refused: list[tuple[Array, str]] = [
             (np.zeros(arm.nq), r"q\[None, :\]"),
             (np.full((1, arm.nq), np.nan), r"q\[0, 0\] is nan"),
-            (degrees, r"q\[0, 0\] is 90 rad, more than 5 turns: .*degrees"),
+            (degrees, r"q\[0, 0\] is 90 rad, .*more than 5 turns .*degrees"),
         ]
         for method in METHODS:
             with pytest.raises(UnknownNameError, match="unknown frame 'frame9'; known: ") as caught:
@@ -192,12 +192,12 @@ def test_an_endless_joint_counts_many_turns(sino6):
 
 
 def test_unusable_urdf_is_refused(one_joint):
-    with pytest.raises(UnsupportedArmError, match="one: joint hinge takes more than one number"):
+    with pytest.raises(UnsupportedArmError, match="one: joint hinge"):
         Arm.from_urdf(one_joint("planar"), "tool")
     model = pin.buildModelFromUrdf(str(one_joint("continuous")))
-    with pytest.raises(UnsupportedArmError, match="joint hinge takes more than one number"):
+    with pytest.raises(UnsupportedArmError, match="joint hinge"):
         Arm.from_model(model, "tool")
-    with pytest.raises(UnsupportedArmError, match="one: no joint moves frame 'base'"):
+    with pytest.raises(UnsupportedArmError, match=r"one: no joint moves .*'base'"):
         Arm.from_urdf(one_joint(), "base")
     with pytest.raises(UnknownNameError, match=r"unknown frame 'nose'; known: .*body.*tool"):
         Arm.from_urdf(one_joint(), "nose")

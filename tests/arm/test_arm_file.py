@@ -129,30 +129,30 @@ MISTAKES = [
         GOOD[GOOD.index("limits_rad") : GOOD.index("mass_kg")],
         "fixed = true\n",
         "",
-        "every row is fixed",
+        "fixed; expected",
     ),
     ("[-1.0, 2]", "[2.0, -1.0]", "joints[1]", "[2.0, -1.0]"),
-    ("mass_kg = 0.5", "", "joints[1]", "com_mm without mass_kg"),
+    ("mass_kg = 0.5", "", "joints[1]", "mass_kg; expected both"),
     ("axis = [0, 0.0, 1.0]", "axis = [0, 0, 0]", "stylus", "axis is [0, 0, 0]"),
-    ("name =", f"x = {'[' * 9000}\nname =", "", "too many levels"),
+    ("name =", f"x = {'[' * 9000}\nname =", "", "levels"),
     ("a_mm = 100", "a_mm = -90,004", "", "line "),
     ("a_mm = 100", "a_mm = -90,004", "", "'-90,004'; expected a number with a decimal point"),
-    (GOOD, "# arm\ntheta1_deg,x_mm\n1,2\n", "", "is a table (CSV)"),
+    (GOOD, "# arm\ntheta1_deg,x_mm\n1,2\n", "", "(CSV)"),
     # what no arm has
-    ("d_mm = 20.0", "d_mm = -1e6", "", "joints[1].d_mm is -1e+06: the tip is up to 1000 m"),
+    ("d_mm = 20.0", "d_mm = -1e6", "", "joints[1].d_mm is -1e+06 mm"),
     ("a_mm = 100", f"a_mm = {'1' * 5000}", "", "5000 digits"),
     ("a_mm = 0.01", "a_mm = 1e308", "", "joints[1].uncertainty.a_mm is 1e+308"),
     ("d_mm = 0.02", "d_mm = 171", "", "at most 170 mm"),
     ("fixed = true", "limits_rad = [0, 1]", "", "joints[2].encoder_noise_rad is missing"),
     ('"two rows"', '"two\\u0000rows"', "name", "NUL at place 4"),
     ('"two rows"', f'"{"x" * 100_000}"', "name", "200"),
-    ("a_mm = 100", f"a_mm.{'a.' * 50}a = 1", "joints", "inside one another"),
-    ("name =", f"{'a.' * 100_000}a = 1\nname =", "", "line 2 has a key of more than 100 parts"),
+    ("a_mm = 100", f"a_mm.{'a.' * 50}a = 1", "joints", "too many nested"),
+    ("name =", f"{'a.' * 100_000}a = 1\nname =", "", "line 2 has a key"),
     (
         "name =",
         'x = {y = """\n" \'#"""", ' + "'.'. " * 100 + "a = 1}\nname =",
         "",
-        "line 3 has a key of more",
+        "line 3 has a key",
     ),
     ("[stylus]", '[[effects]]\ncause = "encoder_gain"\n' * 1001 + "[stylus]", "effects", "1000"),
     ("[stylus]", ROWS * 1000 + "[stylus]", "joints", "200"),
@@ -233,11 +233,11 @@ def test_a_direction_has_any_length(tmp_path):
 
 
 def test_what_is_no_arm_file(tmp_path):
-    with pytest.raises(ArmFileError, match=r"bad.toml: not UTF-8 text \(byte 8\)"):
+    with pytest.raises(ArmFileError, match=r"bad.toml: byte 8"):
         parse_arm_file('name = "Ä"'.encode("latin-1"), "bad.toml")
     with pytest.raises(ArmFileError, match=r"none.toml: no such file"):
         load_arm_file(tmp_path / "none.toml")
-    with pytest.raises(ArmFileError, match=r"/dev/zero: is larger than 32 MB"):
+    with pytest.raises(ArmFileError, match=r"/dev/zero: .*larger than 32 MB"):
         load_arm_file("/dev/zero")
     with pytest.raises(ArmFileError, match="folder"):
         load_arm_file(tmp_path)

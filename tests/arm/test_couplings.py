@@ -34,13 +34,13 @@ def test_a_file_states_the_map_and_is_written_back(tmp_path):
     ("text", "words"),
     [
         (SUM.replace("joint = 3", "joint = 9"), "couplings[1].joint is 9; expected a row with a"),
-        (SUM + SUM, "couplings[2]: joint = 3, of = 2 is stated before; expected each pair once"),
-        (SUM.replace("-1.0", "inf"), "couplings[1].ratio: is inf; expected"),
-        (SUM.replace("-1.0", "2e4"), "couplings[1].ratio is 20000; expected at most 10000"),
+        (SUM + SUM, "couplings[2]: joint = 3, of = 2"),
+        (SUM.replace("-1.0", "inf"), "couplings[1].ratio: inf; expected"),
+        (SUM.replace("-1.0", "2e4"), "couplings[1].ratio is 20000; expected -10000 to 10000"),
         (SUM.replace("of = 2", "of = 3").replace("-1.0", "0"), "couplings are singular"),
         (SUM + "[[couplings]]\njoint = 2\nof = 3\nratio = -1.0\n", "couplings are singular"),
-        (SUM.replace("of =", "from ="), "known here: joint, of, ratio"),
-        (SUM.replace("joint = 3", "joint = true"), "couplings[1].joint: is True; expected"),
+        (SUM.replace("of =", "from ="), "joint, of, ratio"),
+        (SUM.replace("joint = 3", "joint = true"), "couplings[1].joint: True; expected"),
     ],
 )
 def test_a_map_that_cannot_be_is_refused(tmp_path, text, words):
@@ -53,7 +53,7 @@ def test_a_map_that_cannot_be_is_refused(tmp_path, text, words):
     [
         ((3, 2), "couplings[1] is (3, 2); expected (joint, of, ratio)"),
         ((3, 2, np.nan), "couplings[1] is (3, 2, nan); expected"),
-        ((3, 9, 1.0), "SINO6: couplings[1].of is 9; expected a row with a joint: 1, 2"),
+        ((3, 9, 1.0), "SINO6: couplings[1].of is 9; expected a row with a joint"),
     ],
 )
 def test_python_refuses_them_too(sino6, given, words):
@@ -64,7 +64,7 @@ def test_python_refuses_them_too(sino6, given, words):
 def test_joints_are_counted_by_rows(sino6):
     arm = changed("sino6", {4: RIGID}).with_couplings((5, 3, 1.0))
     np.testing.assert_array_equal(arm.joint_angles(np.eye(5))[:, 3], [0, 0, 1, 1, 0])
-    with pytest.raises(AacmmError, match="row with a joint: 1, 2, 3, 5, 6"):
+    with pytest.raises(AacmmError, match="1, 2, 3, 5, 6"):
         arm.with_couplings((4, 3, 1.0))
 
 

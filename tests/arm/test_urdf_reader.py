@@ -54,12 +54,12 @@ MISTAKES = [
     ('<axis xyz="0 0 1"/>', '<axis xyz="0 1"/>', 17, "3 numbers"),
     ('<axis xyz="0 0 1"/>', '<axis xyz="0 0 1"/><axis xyz="0 0 1"/>', 17, "twice"),
     ('lower="-1" upper="2"', 'lower="2" upper="-1"', 18, "limit: lower is 2 and upper -1"),
-    ('<limit lower="0" upper="0.5"/>', "", 20, "joint 'slide': limit is missing"),
+    ('<limit lower="0" upper="0.5"/>', "", 20, "joint 'slide': the element limit is missing"),
     (
         'lower="-1" upper="2"',
         'lower="-90" upper="2"',
         18,
-        "limit: lower is -90 rad, more than 5 turns: this looks like degrees",
+        "limit: lower is -90 rad",
     ),
     ('rpy="0 1.5 0"', 'quat_xyzw="0 0 0 1"', 16, "origin: unknown attribute quat_xyzw"),
     ('mass value="0.5"', 'mass value="-0.5"', 7, "link 'upper': inertial: mass: value is -0.5"),
@@ -70,14 +70,14 @@ MISTAKES = [
         22,
         "'upper' is also the child of joint 'shoulder'",
     ),
-    ('<parent link="upper"/>', '<parent link="tip"/>', 20, "joint 'slide': is part of a cycle"),
+    ('<parent link="upper"/>', '<parent link="tip"/>', 20, "cycle"),
     (
         '<link name="tip"/>',
         '<link name="tip"/><link name="other"/>',
         12,
         "link 'other': neither this link nor link 'base'",
     ),
-    ('<link name="tip"/>', '<link name="base"/>', 12, "line 3 has the same name"),
+    ('<link name="tip"/>', '<link name="base"/>', 12, "line 3"),
     ('type="prismatic"', 'type="screw"', 20, "'screw'; expected one of revolute"),
     ("robot", "sdf", 2, "robot"),
     ('<link name="base"/>', '<xacro:include filename="x"/>', 3, "xacro"),
@@ -145,9 +145,7 @@ def test_long_chains(tmp_path):
     q = np.linspace(-1, 1, 64)[None]
     close(arm.chain.walk(q)[1][-1], arm.positions(q), 1e-12)
     path.write_text(chain_of(200), encoding="utf-8")
-    with pytest.raises(
-        UnsupportedArmError, match="200 joints move frame 'l200'; expected at most 64"
-    ):
+    with pytest.raises(UnsupportedArmError, match="'l200'; expected at most 64"):
         Arm.from_urdf(path, "l200")
     assert Arm.from_urdf(path, "l64").nq == 64
     path.write_text(chain_of(MAX_LINKS - 1).replace("continuous", "fixed"), encoding="utf-8")
@@ -160,7 +158,7 @@ def test_lengths_in_another_unit_are_seen_by_what_is_reached(tmp_path):
     path.write_text(GOOD.replace('xyz="0 0 0.3"', 'xyz="0 0 300"'), encoding="utf-8")
     with pytest.raises(
         UnsupportedArmError,
-        match="joint 'shoulder' is 300 m from the joint before: the tip is up to 300",
+        match="joint 'shoulder' is 300 m beyond the joint before, .* up to 300",
     ):
         Arm.from_urdf(path, "tip")
 

@@ -187,7 +187,7 @@ TURNED = {"acts_on": "angle 2", "functions": [], "directions": [[1e-5, 2e-5]]}
 MISTAKES: list[tuple[dict[str, object], str, str]] = [
     ({"values_si": [1e-5, 2e-5, 3e-5, 1.0]}, "discrepancy[1]", "expected at most"),
     ({"standard_uncertainty_si": [1e-6]}, "discrepancy[1]", "expected 4"),
-    ({"colour": "red"}, "discrepancy[1].colour", "known here: depends_on"),
+    ({"colour": "red"}, "discrepancy[1].colour", "depends_on"),
     (
         {"parts": [{"acts_on": "angle 9", "functions": []}], "values_si": [1e-5]},
         "discrepancy[1]",

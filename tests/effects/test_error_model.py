@@ -211,7 +211,7 @@ def test_covariance_survives_saving(tmp_path):
 BAD_COVARIANCE = [
     # what is replaced in COVARIANCE, by what, the key that is named, words of the reason
     ('"d2"]', '"d9"]', "covariance.parameters", ["unknown parameter", "'d9'", "encoder_gain:3"]),
-    ('"d2"]', '"theta_offset3"]', "covariance", ["has one name twice"]),
+    ('"d2"]', '"theta_offset3"]', "covariance", ["twice"]),
     ("2e-6, 3e-6]", "2e-6]", "covariance", ["standard_uncertainty_si has 2 numbers; expected 3"]),
     (
         "[[], [0.5], [-0.25, 0.1]]",
@@ -225,7 +225,7 @@ BAD_COVARIANCE = [
         "2e-6, 3e-6]",
         "2e-6, 1e300]",
         "covariance.standard_uncertainty_si[3]",
-        ["or equal to 1e+100"],
+        ["1e+100"],
     ),
     (
         "correlation",
@@ -326,7 +326,7 @@ BAD_EFFECTS = [
     (
         [CAUSE, "joint = 3", 'parameters = { gain = "1" }'],
         "effects[1].parameters.gain",
-        ["is '1'", "valid number"],
+        ["'1'", "expected a number"],
     ),
 ]
 

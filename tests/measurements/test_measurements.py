@@ -242,7 +242,7 @@ def test_other_ways_to_write_the_same(tmp_path):
             len(words),
             [],
         )
-    with pytest.raises(MeasurementFileError, match="row 3, column record: .*begins with #") as told:
+    with pytest.raises(MeasurementFileError, match=r"row 3, column record: .*#") as told:
         Measurements.read(write(tmp_path, "record,theta1_deg\n1,10\n#2,20\n3,10\n"), 1)
     assert (told.value.row, told.value.column) == (3, "record")
 
@@ -276,7 +276,7 @@ def test_a_file_that_is_no_table(tmp_path):
     for content, row, word in FILES:
         error = error_of(tmp_path, content)
         assert (error.row, word in str(error)) == (row, True), str(error)
-    with pytest.raises(MeasurementFileError, match="/dev/zero: larger than 100 MB"):
+    with pytest.raises(MeasurementFileError, match="/dev/zero: .*larger than 100 MB"):
         Measurements.read("/dev/zero")
     inside = write(tmp_path, SMALL) / "inside.csv"
     for path, said in (
@@ -341,9 +341,7 @@ def test_a_header_with_a_mistake(tmp_path):
         cells = ",".join("1" for _ in header.split(","))
         error = error_of(tmp_path, f"{header}\n{cells}\n{cells}\n", nq)
         assert (error.row, error.column, word in str(error)) == (None, column, True), str(error)
-    with pytest.raises(
-        MeasurementFileError, match="column 2 of 2 has the name 7"
-    ):
+    with pytest.raises(MeasurementFileError, match="column 2 of 2 has the name 7"):
         Measurements.from_frame(pd.DataFrame({"theta1_deg": [1.0], 7: [2.0]}))
 
 
