@@ -58,8 +58,10 @@ class UnknownNameError(AacmmError):
     def __init__(self, what: str, name: str, known: list[str], hint: str = "") -> None:
         self.name = name
         self.known = known
+        noun, *of = what.partition(" of ")
         super().__init__(
-            f"unknown {what} {name!r}; known: {', '.join(known)}" + (f" ({hint})" if hint else "")
+            f"unknown {noun} {name!r}{''.join(of)}; expected one of {', '.join(known)}"
+            + (f" ({hint})" if hint else "")
         )
 
 
@@ -92,7 +94,7 @@ class MissingConditionError(AacmmError):
 
     def __init__(self, purpose: str, column: str) -> None:
         self.column = column
-        super().__init__(f"{purpose}: the column {column} is missing; add it to the records")
+        super().__init__(f"{purpose}: the records lack the column {column}; add this column")
 
 
 class MeasurementFileError(AacmmError):
@@ -136,6 +138,6 @@ class MistakenFileError(AacmmError):
         also = f" (or: {'; or: '.join(others)})" if others else ""
         super().__init__(
             f"{source} does not fit this arm: {mistake}{also}. Without this mistake, the median "
-            f"residual falls from {before * 1e3:.4g} to {after * 1e3:.2g} mm; change the file, "
+            f"residual falls from {before * 1e3:.4g} mm to {after * 1e3:.2g} mm. Correct the file, "
             "the arm or the options"
         )

@@ -177,5 +177,5 @@ def test_what_stands_for_nothing_is_refused(sino6, records):
         ErrorModel(sino6, ["encoder_gian:5"])
     with pytest.raises(UnknownNameError, match=r"encoder_gian.*geometry.*encoder_gain"):
         aacmm_pin.calibrate(sino6, records, ["encoder_gian:5"])
-    with pytest.raises(AacmmError, match="int is among the causes"):
+    with pytest.raises(AacmmError, match="of type int"):
         ErrorModel(sino6, (5,))

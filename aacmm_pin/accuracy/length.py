@@ -150,11 +150,11 @@ def length_uncertainty_between(
     q_b = b.q[b.within_limits]
     for postures, q in ((a, q_a), (b, q_b)):
         if not len(q):
-            raise AacmmError(f"{postures}; expected at least one configuration within limits")
+            raise AacmmError(f"{postures}; expected at least one posture within limits")
     if len(q_a) * len(q_b) > MOST_PAIRS:
         raise AacmmError(
-            f"{len(q_a)} × {len(q_b)} pairs of postures; expected at most {MOST_PAIRS}; reduce "
-            "the count of postures"
+            f"{len(q_a)} × {len(q_b)} pairs of postures; expected at most {MOST_PAIRS} pairs; use "
+            "fewer postures"
         )
     sources = ErrorSources.of(loaded(model), a.at, encoder_noise, q_a, None)
     direction, length = _directions((b.point - a.point)[None])
@@ -170,8 +170,8 @@ def _directions(difference: Array) -> tuple[Array, Array]:
     length = np.linalg.norm(difference, axis=1)
     if (length < SHORTEST).any():
         raise AacmmError(
-            f"pair {int(length.argmin())} of points is {length.min() / MM:g} mm apart; expected "
-            "two different points"
+            f"the points of pair {int(length.argmin())} have a distance of {length.min() / MM:g} "
+            "mm; expected two different points"
         )
     return difference / length[:, None], length
 

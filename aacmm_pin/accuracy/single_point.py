@@ -64,8 +64,8 @@ def single_point_statistics(indications: ArrayLike, part: ArrayLike | None = Non
     flags = np.zeros(len(points), dtype=bool) if part is None else np.asarray(part)
     if flags.shape != (len(points),) or flags.dtype != np.bool_:
         raise ShapeError(
-            f"part is {flags.dtype} of shape {flags.shape}; expected one boolean for each of "
-            f"{len(points)} records"
+            f"part has type {flags.dtype} and shape {flags.shape}; expected one boolean for each "
+            f"of {len(points)} records"
         )
     squares = np.square(points - points.mean(axis=0)).sum(axis=1)
     sigma = float(np.sqrt(squares.sum() / (len(points) - 1)))

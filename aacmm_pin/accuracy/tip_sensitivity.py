@@ -113,8 +113,8 @@ class ErrorSources(Shown):
         if not known:
             without = f"; without {', '.join(not_included)}" if not_included else ""
             raise AacmmError(
-                f"{arm.name}: no parameter has an uncertainty{without}; state half-widths in "
-                "the arm file (uncertainty = {...}), encoder noise, or half-widths for a URDF arm"
+                f"{arm.name}: no parameter has an uncertainty{without}; state half-widths in the "
+                "arm file (uncertainty = {...}) or for the URDF, or the encoder noise"
             )
         columns, parameters = zip(*known, strict=True)
         correlation = _correlation(covariance, np.array(columns))
@@ -240,8 +240,8 @@ class ErrorSources(Shown):
         pick = list(self.bounded)
         if not pick:
             raise AacmmError(
-                f"{self.arm.name}: no parameter has stated half-widths; expected some; use method "
-                "'ellipsoid', which needs none"
+                f"{self.arm.name}: no parameter has half-widths; state half-widths, or use the "
+                "method 'ellipsoid'"
             )
         generators = sensitivity[:, :, pick] * self.half_widths
         if self.axes is not None:
@@ -309,7 +309,7 @@ def _with_effects(model: Arm | ErrorModel) -> tuple[ErrorModel, list[str]]:
         alone = ErrorModel(model)
     except UnknownNameError as error:
         raise AacmmError(
-            f"{model.name}: {error}; expected the ErrorModel of the arm (ErrorModel.load)"
+            f"{model.name}: {error}; use ErrorModel.load in place of Arm.load"
         ) from None
     if model.file is None or not (model.file.effects or model.file.discrepancy):
         return alone, []

@@ -201,8 +201,8 @@ def paired(circle: PosturesAtPoint, accuracy: AccuracyVolume) -> Index:
     inside = np.flatnonzero(circle.within_limits)
     if not np.array_equal(accuracy.q, circle.q[inside]):
         raise ShapeError(
-            f"accuracy has {len(accuracy.q)} postures; expected the {len(inside)} of the "
-            f"circle's {len(circle.q)} within limits: pass "
+            f"accuracy has {len(accuracy.q)} postures; expected {len(inside)}, the postures of the "
+            "circle within limits; use "
             "accuracy_volume(arm, circle.q[circle.within_limits], at=circle.at)"
         )
     return inside
@@ -225,7 +225,7 @@ def circle_accuracy(
     """
     q = circle.q[circle.within_limits]
     if not len(q):
-        raise AacmmError(f"{circle}; expected at least one configuration within limits")
+        raise AacmmError(f"{circle}; expected at least one posture within limits")
     return accuracy_volume(circle.arm if model is None else model, q, at=circle.at, **options)
 
 
@@ -304,7 +304,7 @@ def accuracy_volume(
 
         if rng is None:
             raise AacmmError(
-                "method 'monte-carlo': rng is missing; expected a random generator, such as "
+                "rng is missing; expected a random generator for the method 'monte-carlo', such as "
                 "numpy.random.default_rng(1)"
             )
         size = DRAWN_AT_ONCE
@@ -369,8 +369,9 @@ def _volume(method: Method, sources: ErrorSources, sensitivity: Array, covarianc
         if len(across):
             first, second = (bounded[i].name for i in across[0])
             raise UnsupportedArmError(
-                f"{sources.arm.name}: method 'jointwise': {first} and {second} of different rows "
-                "are correlated; expected independent rows; use 'zonotope' or 'ellipsoid'"
+                f"{sources.arm.name}: {first} and {second} of different rows are correlated; "
+                "expected independent rows for the method 'jointwise'; use 'zonotope' or "
+                "'ellipsoid'"
             )
     volumes = [zonotope.volume(generators[:, :, joints == joint]) for joint in np.unique(joints)]
     return np.asarray(np.sum(volumes, axis=0))

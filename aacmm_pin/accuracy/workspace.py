@@ -225,7 +225,7 @@ class WorkspaceMap(Shown):
                 return WorkspaceMap(data.load(), float(data.attrs["seconds"]))
         except Exception:  # whatever the reader makes of the bytes
             raise AacmmError(
-                f"{path}: not a complete map; expected a file that save wrote"
+                f"{path}: the file is no complete map; expected the netCDF file of a map"
             ) from None
 
     def plot(self, quantity: Quantity = "comprehensive_mm3", ax: Axes | None = None) -> Axes:
@@ -304,7 +304,7 @@ def map_workspace(
     """
     started = time.perf_counter()
     if min(cells) < 1:
-        raise AacmmError(f"cells are {cells}; expected at least 1 along x and 1 along z")
+        raise AacmmError(f"cells are {cells}; expected at least 1 along x and along z")
     whole(cells[0] * cells[1], 1, "cells")
     sectors = whole(sectors, 1, "sectors")
     model = loaded(model)
@@ -417,8 +417,7 @@ def _extent(arm: Arm, extent: ArrayLike | None, axis: Array | None = None) -> Ar
         size = max(farthest, highest - lowest)
         if size < SMALLEST_ARM:
             raise AacmmError(
-                f"{arm.name}: the wrist cannot leave the shoulder; expected an arm that moves its "
-                "wrist"
+                f"{arm.name}: no joint moves the wrist; expected an arm with a wrist that moves"
             )
         step = 10.0 ** (math.floor(math.log10(size)) - 2)
         margin = MARGIN * size
@@ -426,9 +425,7 @@ def _extent(arm: Arm, extent: ArrayLike | None, axis: Array | None = None) -> Ar
         return np.array([0.0, right, math.floor((lowest - margin) / step), high]) * step
     box = vector(extent, 4, "extent", "m")
     if not (0 <= box[0] < box[1] and box[2] < box[3]):
-        raise AacmmError(
-            f"extent is {(box / MM).tolist()} mm; expected 0 ≤ x from < x to and z from < z to"
-        )
+        raise AacmmError(f"extent is {(box / MM).tolist()} mm; expected 0 ≤ X0 < X1 and Z0 < Z1")
     return box
 
 
@@ -457,12 +454,10 @@ def _probe(
     """
     if method == "monte-carlo" or method not in METHODS:
         raise UnknownNameError(
-            "method", method, [m for m in METHODS if m != "monte-carlo"], "of a map"
+            "method of a map", method, [m for m in METHODS if m != "monte-carlo"]
         )
     if conditions is not None and conditions.n != 1:
-        raise ShapeError(
-            f"conditions are of {conditions.n} records; expected 1, which holds in every cell"
-        )
+        raise ShapeError(f"conditions are of {conditions.n} records; expected 1, for all cells")
     arm = ErrorModel.arm_of(model)
     q = np.clip(spread_angles(PROBES, arm.nq), arm.limits[:, 0], arm.limits[:, 1])
     return accuracy_volume(model, q, conditions=conditions, at=_at(arm, axis), method=method)

@@ -174,7 +174,7 @@ class Row(_WithAngles):
                 raise ValueError(f"{key} {refused}, or a key that ends in _deg")
         if self.fixed and (self.limits_rad is not None or self.encoder_noise_rad is not None):
             raise ValueError(
-                "a fixed row has limits_rad or encoder_noise_rad; expected neither, because the row "
+                "a fixed row has limits_rad or encoder_noise_rad; expected neither for a row that "
                 "is no joint"
             )
         if not self.fixed and self.limits_rad is None:

@@ -194,16 +194,16 @@ def calibrate(
     problem = problem_of(model, measurements, chosen, setup)
     if of_arm := scale_is_unidentifiable(problem):
         raise AacmmError(
-            f"{measurements.source}: seats without coordinates and without a bar do not "
-            f"determine the scale of the arm ({', '.join(of_arm[:4])} …); add coordinates or a bar "
-            "of known length, state the arm's uncertainties, or estimate zero-offsets"
+            f"{measurements.source}: seats without coordinates and bars do not determine the scale "
+            f"of the arm ({', '.join(of_arm[:4])} …). Add coordinates or a bar of known length, "
+            "state the uncertainties of the arm, or estimate only zero-offsets"
         )
     after = first_fit(problem, robust=robust)
     if not after.tells_noise:
         raise AacmmError(
-            f"{3 * int(after.used.sum())} coordinates of records; expected more than the "
-            f"{after.problem.scales.size} parameters and the coordinates of seats, to estimate "
-            "the noise; state the noise, take more records, or estimate fewer parameters"
+            f"the records have {3 * int(after.used.sum())} coordinates; expected more than "
+            f"{after.problem.scales.size} parameters and the coordinates of the seats, to estimate "
+            "the noise. State the noise, take more records, or estimate fewer parameters"
         )
     if len(measurements.extra.columns):
         repeated.append(Note("columns_unused", {"columns": [*measurements.extra]}))

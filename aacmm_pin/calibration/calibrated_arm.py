@@ -177,7 +177,7 @@ def moved_file(arm: Arm, steps: Mapping[str, float]) -> ArmFile:
     """
     if not isinstance(arm.file, ArmFile):
         raise AacmmError(
-            f"{arm.name}: the arm was not made from an arm file; expected half-widths to draw from"
+            f"{arm.name}: this arm has no arm file; expected the half-widths of an arm file"
         )
     rows = list(arm.file.joints)
     for parameter in arm.parameters:

@@ -66,7 +66,7 @@ def fit(problem: Problem, *, robust: bool = True, used: Mask | None = None) -> F
     if not has_target.any():
         raise AacmmError(
             f"{problem.measurements.source}: no record determines the tip; expected reference "
-            "coordinates, bars, or seats that are probed twice or more"
+            "coordinates, bars, or seats with two or more records"
         )
     point = initial_point(problem, estimation.observations)
     estimation.observations = estimation.observations.with_normals(

@@ -196,9 +196,9 @@ def first_fit(problem: Problem, *, robust: bool = True) -> Fit:
     if unlike:
         advice = Note("sessions_unlike" if _sessions_fit_alone(problem) else "unlike_arm")
         raise AacmmError(
-            f"{problem.measurements.source}: {advice}. (With the best "
-            f"parameters the records still scatter by {after.unmodelled / MM:.0f} mm in each "
-            f"coordinate; the tips at these angles are spread over {travel / MM:.0f} mm.)"
+            f"{problem.measurements.source}: {advice}. (With the best parameters, the records "
+            f"scatter by {after.unmodelled / MM:.0f} mm in each coordinate. The tips of the arm at "
+            f"these angles scatter by {travel / MM:.0f} mm.)"
         )
     _require_orientations(after)
     return after

@@ -94,7 +94,7 @@ def problem_of(
     keys = [effect.key for effect, _, _ in chosen]
     for key in keys:
         if keys.count(key) > 1:
-            raise AacmmError(f"{key} is given twice; expected each parameter once")
+            raise AacmmError(f"{key} occurs twice; expected each parameter once")
     fixed = tuple(e for e in model.effects if e.label not in labels)
     widths = np.concatenate([np.empty(0), *(w for _, w, _ in chosen)])
     stated = np.concatenate([np.empty(0, dtype=bool), *(s for _, _, s in chosen)])

@@ -33,8 +33,8 @@ def perturbed_model(model: GivenModel, rng: np.random.Generator) -> ErrorModel:
     errors = parameter_errors(model, rng, 1)[0]
     if not errors.any():
         raise AacmmError(
-            f"{model.arm.name}: no parameter has an uncertainty; a random geometry requires "
-            "half-widths. State them in the arm file, or with --urdf by "
+            f"{model.arm.name}: no parameter has an uncertainty; expected half-widths for a random "
+            "geometry. State half-widths in the arm file, or with --urdf by "
             "--translation-half-width-mm and --rotation-half-width"
         )
     geometric = len(model.arm.parameters)

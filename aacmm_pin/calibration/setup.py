@@ -162,8 +162,8 @@ def sessions_of(measurements: Measurements) -> list[str]:
     if (labels == "").any():
         row = int(measurements.row[measurements.placed][labels == ""][0])
         raise AacmmError(
-            f"{measurements.source}: row {row}, column session: is empty; expected a label in "
-            "every row with a reference if each session has its own reference frame"
+            f"{measurements.source}: row {row}, column session: empty cell; expected a label in "
+            "each row with a reference, because each session has its own reference frame"
         )
     return [str(label) for label in dict.fromkeys(labels)]
 

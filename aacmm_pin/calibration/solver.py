@@ -173,7 +173,7 @@ def initial_point(problem: Problem, observations: Observations) -> Point:
     if problem.external and len(at) < FEWEST_PLACED:
         raise AacmmError(
             f"{problem.measurements.source}: {len(at)} records or spheres have reference "
-            "coordinates; expected 3 or more to find their frame"
+            "coordinates; expected 3 or more to estimate their frame"
         )
     if offsets.size and enough:
         found, moved = placed(problem, tips, prediction.jacobian[:, :3, offsets])

@@ -63,7 +63,7 @@ def candidates(
                 "cause",
                 effect.cause,
                 list(CAUSES),
-                "aacmm_pin.effects.register adds your own causes",
+                "for your own cause, call aacmm_pin.effects.register",
             )
         label = require_row(effect, model.arm).label
         variants = (*found.get(label, ()), effect.at(()))

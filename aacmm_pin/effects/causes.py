@@ -62,22 +62,22 @@ def register(cause: _Own) -> _Own:
         CauseError: it has no ``displacements``, or states something of itself that cannot be.
     """
     if not (isinstance(cause, type) and issubclass(cause, Effect)):
-        raise AacmmError(f"{cause!r} is not a cause; expected a class derived from Effect")
+        raise AacmmError(f"{cause!r} is no cause; expected a subclass of Effect")
     own = cause.__name__
     name = getattr(cause, "cause", None)
     if not (isinstance(name, str) and re.fullmatch("[a-z][a-z0-9_]*", name)):
-        raise AacmmError(f"{own}: cause is {name!r}; expected small letters, digits and _")
+        raise AacmmError(f"{own}: cause is {name!r}; expected lower-case letters, digits and _")
     there = CAUSES.get(name, cause)
     if (there.__module__, there.__qualname__) != (cause.__module__, cause.__qualname__):
         taken = f"{there.__module__}.{there.__qualname__}"
         raise AacmmError(
-            f"{own}: the cause {name} is registered already by {taken}; expected another name"
+            f"{own}: {taken} has already registered the cause {name}; expected another name"
         )
     if cause.__abstractmethods__:
         raise CauseError(
             name,
-            f"{own} lacks {', '.join(sorted(cause.__abstractmethods__))}; expected these "
-            "methods or properties",
+            f"{own} lacks {', '.join(sorted(cause.__abstractmethods__))}; define these methods or "
+            "properties",
         )
     _check_attributes(cause)
     for method in ("displacements", "exact"):
@@ -161,11 +161,11 @@ def _check(effect: Effect, method: str, moved: Any, state: State) -> None:
     rows = np.abs(numbers.reshape(len(numbers), -1))
     wrong = np.flatnonzero(~(rows <= LARGEST_COLUMN).all(axis=1))
     if wrong.size:
-        where = f"in {wrong.size} of {len(rows)} records, the first at number {wrong[0] + 1}"
+        where = f"in {wrong.size} of {len(rows)} records (first: record {wrong[0] + 1})"
         raise CauseError(
             effect.label,
-            f"{method}: {what} have numbers that are not finite or exceed {LARGEST_COLUMN:g}, "
-            f"{where}; expected finite numbers",
+            f"{method}: {what} have numbers that are not finite or exceed {LARGEST_COLUMN:g} "
+            f"{where}; expected finite numbers within ±{LARGEST_COLUMN:g}",
         )
 
 
@@ -190,8 +190,8 @@ def cause_named(name: str) -> type[Effect]:
             "cause",
             name,
             list(CAUSES),
-            "your own cause needs --plugin MODULE before the command, in Python the import of "
-            "that module",
+            "for your own cause, state --plugin MODULE before the command, or in Python import the "
+            "module",
         )
     return CAUSES[name]
 
@@ -228,7 +228,7 @@ def _candidates(cause: type[Effect], arm: Arm, records: Records | None) -> list[
         effects = variants if isinstance(variants, tuple) else ()
         if not effects or not all(isinstance(effect, cause) for effect in effects):
             expected = f"expected tuples of one {cause.__name__} or more"
-            came = f"candidates gives {reprlib.repr(variants)}"
+            came = f"candidates yields {reprlib.repr(variants)}"
             raise CauseError(cause.cause, f"{came}; {expected}")
     return given
 

@@ -51,7 +51,7 @@ class JointCompliance(GravityEffect):
             )
         if self.torque == "measured" and (self.bodies or self.load_at is not None):
             raise AacmmError(
-                f"{self.label}: a measured torque cannot be combined with bodies or a load"
+                f"{self.label}: torque=measured cannot be combined with bodies or load_at"
             )
 
     @classmethod
@@ -102,8 +102,8 @@ class JointCompliance(GravityEffect):
         number = state.joint(self.joint)
         if state.arm.chain.prismatic[number]:
             raise UnsupportedArmError(
-                f"{self.label}: joint {self.joint} of {state.arm.name} is prismatic; "
-                "expected a revolute joint"
+                f"{self.label}: joint {self.joint} of {state.arm.name} is prismatic; expected a "
+                "revolute joint"
             )
         if self.torque == "measured":
             torques = state.conditions.require("torque", self.label)

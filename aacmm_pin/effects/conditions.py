@@ -97,9 +97,11 @@ class Conditions(Shown):
             else:
                 given = batch(values, width_of(values), name, CONDITION_UNITS[name])
             if len(given) != self.n:
-                raise ShapeError(f"{name} has {len(given)} rows; expected {self.n}: one a record")
+                raise ShapeError(
+                    f"{name} has {len(given)} rows; expected {self.n}, one for each record"
+                )
             if name == "approach" and not np.isin(given, (-1.0, 0.0, 1.0)).all():
-                raise ShapeError("approach has other numbers; expected -1, 0 or 1")
+                raise ShapeError("approach contains other numbers; expected -1, 0 or 1")
             object.__setattr__(self, name, given)
 
     def take(self, rows: Index | slice | Mask | Sequence[int]) -> Conditions:
@@ -205,7 +207,9 @@ def _directions(values: ArrayLike) -> Array:
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
     if (is_no_unit(length) & (length > 0.0)).any():
         came = f"lengths of {length.min():g} to {length.max():g}"
-        raise ShapeError(f"probe_direction has {came}; expected 1, or 0 where there is none")
+        raise ShapeError(
+            f"probe_direction has {came}; expected 1, or 0 for records without a direction"
+        )
     return np.asarray(vectors / np.where(length > 0.0, length, 1.0))
 
 
@@ -220,5 +224,5 @@ def labels_of(name: str, values: ArrayLike, n: int) -> Labels:
         raise ShapeError(f"{name} has shape {labels.shape}; expected ({n},) labels")
     for i, label in enumerate(labels):
         if not isinstance(label, str):
-            raise ShapeError(f"{name}[{i}] is {label!r}; expected text, '' for none")
+            raise ShapeError(f"{name}[{i}] is {label!r}; expected text, or '' for no label")
     return labels

@@ -84,8 +84,8 @@ class Carrier:
     def __post_init__(self) -> None:
         if not CARRIERS.fullmatch(self.name):
             raise AacmmError(
-                f"a discrepancy acts on {self.name!r}; expected room, target, lengths, tubes, or "
-                "before j, angle j, slide j, tube j of row j"
+                f"acts_on is {self.name!r}; expected room, target, lengths, tubes, or one of "
+                "before, angle, slide, tube with the number of a row"
             )
 
     @property
@@ -216,7 +216,8 @@ class Discrepancy(Effect):
             self._check_directions()
         elif self.size != first.coefficients:
             raise AacmmError(
-                f"{self.label}: {self.size} values; expected {first.coefficients} coefficients"
+                f"{self.label}: {self.size} values; expected {first.coefficients}, one for each "
+                "coefficient"
             )
         super().__post_init__()
 
@@ -230,9 +231,7 @@ class Discrepancy(Effect):
                 expected = (
                     f"directions of {part.coefficients} coefficients with {self.size} numbers each"
                 )
-                raise AacmmError(
-                    f"{self.label}: {part.carrier.name}: expected {expected}, one for each value"
-                )
+                raise AacmmError(f"{self.label}: {part.carrier.name}: expected {expected}")
 
     @property
     def label(self) -> str:

@@ -182,7 +182,7 @@ class Effect(Shown, ABC):
             if row is not default and not is_row(row):
                 raise AacmmError(
                     f"{self.cause}: {name} is {reprlib.repr(row)}; expected the number of a row, "
-                    f"from 1 to {MOST_ROWS} at most"
+                    f"from 1 to at most {MOST_ROWS}"
                 )
         count = len(self.terms)
         for name in ("values", "u"):
@@ -193,11 +193,11 @@ class Effect(Shown, ABC):
                 )
             object.__setattr__(self, name, numbers)
         if min(self.u, default=0.0) < 0.0:
-            raise AacmmError(f"{self.label}: u is {self.u}; expected numbers that are not negative")
+            raise AacmmError(f"{self.label}: u is {self.u}; expected 0 or more")
         field = self.nonlinear.field
         above = self.nonlinear.above
         if field and not above < getattr(self, field) <= LATEST:
-            expected = f"a number above {above:g} and not above {LATEST:g}"
+            expected = f"more than {above:g}, and at most {LATEST:g}"
             raise AacmmError(
                 f"{self.label}: {field} is {getattr(self, field)}; expected {expected}"
             )
@@ -363,7 +363,7 @@ def require_row(effect: Effect, arm: Arm) -> Effect:
     """
     if effect.row is not None and effect.row > arm.chain.rows:
         raise AacmmError(
-            f"{effect.label}: the row is not in {arm.name}; expected 1 to {arm.chain.rows}"
+            f"{effect.label}: {arm.name} has no such row; expected 1 to {arm.chain.rows}"
         )
     return effect
 

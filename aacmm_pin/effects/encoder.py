@@ -325,8 +325,8 @@ class JointErrorCurve(Effect):
         if not (in_order and 4 <= self.coefficients <= MOST_CURVE_COEFFICIENTS):
             raise AacmmError(
                 f"{self.label}: lower_rad, upper_rad and coefficients are {self.lower_rad}, "
-                f"{self.upper_rad}, {self.coefficients}; expected lower_rad < upper_rad and 4 to "
-                f"{MOST_CURVE_COEFFICIENTS} coefficients"
+                f"{self.upper_rad} and {self.coefficients}; expected lower_rad < upper_rad, and 4 "
+                f"to {MOST_CURVE_COEFFICIENTS} coefficients"
             )
         super().__post_init__()
 
@@ -378,8 +378,8 @@ class JointErrorCurve(Effect):
         outside = ~((angle >= self.lower_rad) & (angle <= self.upper_rad))
         if outside.any():
             raise AacmmError(
-                f"{self.label}: {outside.sum()} of {state.n} angles are outside the curve, the "
-                f"first at {angle[outside][0]:g} rad; expected {self.lower_rad:g} to "
+                f"{self.label}: {outside.sum()} of {state.n} angles are outside the curve, such as "
+                f"{angle[outside][0]:g} rad; expected {self.lower_rad:g} rad to "
                 f"{self.upper_rad:g} rad"
             )
         if not state.n:  # SciPy wants at least one point
@@ -450,8 +450,8 @@ class JointCoupling(Effect):
         super().__post_init__()
         if not is_row(self.of) or self.of == self.joint:
             raise AacmmError(
-                f"{self.label}: of is {self.of!r}; expected the number of another row; use "
-                f"encoder_gain:{self.joint} for the ratio of the joint's own encoder"
+                f"{self.label}: of is {self.of!r}; expected the number of another row; for the "
+                f"ratio of the joint's own encoder, use encoder_gain:{self.joint}"
             )
 
     @classmethod

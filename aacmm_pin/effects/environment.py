@@ -257,8 +257,7 @@ def _stylus_axis(effect: Effect, arm: Arm) -> Array:
     """
     if arm.stylus_axis is None:
         raise UnsupportedArmError(
-            f"{effect.label}: the arm states no axis of the stylus; expected [stylus] in the arm "
-            "file"
+            f"{effect.label}: the arm states no axis of the stylus; state [stylus] in the arm file"
         )
     return arm.stylus_axis
 

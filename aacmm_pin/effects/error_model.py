@@ -72,7 +72,7 @@ class ErrorModel(Shown):
         twice = sorted(name for name, times in Counter(names).items() if times > 1)
         if twice:
             raise AacmmError(
-                f"{self.arm.name}: the parameter {twice[0]} is given twice; merge the two effects "
+                f"{self.arm.name}: two effects have the parameter {twice[0]}; merge these effects "
                 "into one"
             )
         if self.arm.covariance is not None:
@@ -81,7 +81,7 @@ class ErrorModel(Shown):
                 uncertain.update(p.name for p in _extra_uncertainty_parameters(effect))
             for name in self.arm.covariance.parameters:
                 if name not in names and name not in uncertain:
-                    raise UnknownNameError("parameter in covariance", name, names)
+                    raise UnknownNameError("parameter of the covariance", name, names)
 
     def __repr__(self) -> str:
         labels = ", ".join(effect.label for effect in self.effects)
@@ -132,8 +132,7 @@ class ErrorModel(Shown):
         file = self.arm.file
         if file is None or (isinstance(file, UrdfArmFile) and not file.urdf.file):
             raise AacmmError(
-                f"{self.arm.name}: the arm was not loaded from a file; expected an arm with a file "
-                "to extend"
+                f"{self.arm.name}: this arm has no file; expected an arm from an arm file"
             )
         from aacmm_pin.effects.text import entries_of  # loads every cause
 
@@ -329,8 +328,8 @@ class ErrorModel(Shown):
             if limits[joint, 0] >= limits[joint, 1]:
                 where = f"{effect.label}{known_range_in_words(effect)}"
                 raise AacmmError(
-                    f"{self.arm.name}: no angle within the limits of joint {joint + 1} is in "
-                    f"the range of {where}; expected some"
+                    f"{self.arm.name}: no angle within the limits of joint {joint + 1} is in the "
+                    f"range of {where}; expected a common range"
                 )
         if np.array_equal(limits, self.arm.limits):
             return self
@@ -419,9 +418,7 @@ def static_equilibrium(elastic: list[Effect], state: State) -> State:
             return state
     labels = ", ".join(effect.label for effect in elastic)
     reached = f"no static equilibrium after {MOST_EQUILIBRIUM_STEPS} iterations"
-    raise AacmmError(
-        f"{state.arm.name}: {labels}: {reached}; expected smaller compliances or masses"
-    )
+    raise AacmmError(f"{state.arm.name}: {labels}: {reached}; reduce the compliances or masses")
 
 
 def _twists(effects: list[Effect], state: State, others: Mapping[int, Array]) -> dict[int, Array]:
@@ -449,8 +446,8 @@ def require_shown(effect: Effect, arm: Arm, q: Array, conditions: Conditions, so
         f"{CONDITION_COLUMNS[need]} has {_in_words(getattr(conditions, need))}" for need in present
     ]
     raise AacmmError(
-        f"{effect.key}: has no effect in the records of {source}; {'; '.join(stands)}; "
-        "expected records with an effect"
+        f"{effect.key}: the cause has no effect in {source}, where {'; '.join(stands)}; take "
+        "records with other conditions"
     )
 
 
@@ -479,8 +476,8 @@ def as_causes(
     """
     each = [causes] if isinstance(causes, Effect | str) else list(causes)
     if wrong := [given for given in each if not isinstance(given, Effect | str)]:
-        came = f"{type(wrong[0]).__name__} is among the causes"
-        raise AacmmError(f"{came}; expected an Effect, or a text such as 'encoder_gain:5'")
+        came = f"a cause is of type {type(wrong[0]).__name__}"
+        raise AacmmError(f"{came}; expected an Effect, or text such as 'encoder_gain:5'")
     effects = tuple(given for given in each if isinstance(given, Effect))
     if len(effects) == len(each):
         return effects

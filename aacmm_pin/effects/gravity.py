@@ -74,7 +74,7 @@ class LoadedEffect(Effect):
         """
         at = state.known_row(self.load_at or 0)
         if at < row:
-            raise AacmmError(f"{self.label}: load_at is {at}; expected row {row} or a later one")
+            raise AacmmError(f"{self.label}: load_at is {at}; expected {row} or a later row")
         return np.cross(state.origin[end(at)] - about, state.down)
 
 
@@ -101,8 +101,7 @@ class GravityEffect(LoadedEffect):
         super().__post_init__()
         if self.bodies and self.load_at is not None:
             raise AacmmError(
-                f"{self.label}: has both a load and bodies of unknown masses; expected one of the "
-                "two"
+                f"{self.label}: load_at and bodies are both stated; expected one of the two"
             )
 
     @property
@@ -135,8 +134,8 @@ class GravityEffect(LoadedEffect):
         beyond = tuple(k for k in state.arm.chain.joint_rows() if k >= row)
         if self.bodies != beyond:
             raise AacmmError(
-                f"{self.label}: bodies is {self.bodies}; expected {beyond}, the bodies at and "
-                f"beyond row {row}"
+                f"{self.label}: bodies is {self.bodies}; expected {beyond}, which are the bodies "
+                f"at and beyond row {row}"
             )
         return columns
 

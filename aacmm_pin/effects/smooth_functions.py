@@ -56,13 +56,13 @@ class Cosines:
     def __post_init__(self) -> None:
         if not len(self.at_si) == len(self.below) >= 1 or np.any(np.diff(self.at_si) <= 0.0):
             raise AacmmError(
-                f"cosines of {self.of}: expected ascending values in at_si, and as many numbers in "
-                "below"
+                f"cosines of {self.of}: at_si or below has other numbers; expected ascending "
+                "at_si, and as many numbers in below"
             )
         if self.records < 1 or not 0 <= self.count <= MOST_FUNCTIONS:
             raise AacmmError(
-                f"cosines of {self.of}: expected records above 0, and a count from 0 to "
-                f"{MOST_FUNCTIONS}"
+                f"cosines of {self.of}: records or count is out of range; expected records above "
+                f"0, and a count from 0 to {MOST_FUNCTIONS}"
             )
 
     @property
@@ -114,8 +114,7 @@ class Waves:
     def __post_init__(self) -> None:
         if not 1 <= self.order <= MOST_FUNCTIONS:
             raise AacmmError(
-                f"waves of {self.of}: expected an order from 1 to {MOST_FUNCTIONS}, got "
-                f"{self.order}"
+                f"waves of {self.of}: order is {self.order}; expected 1 to {MOST_FUNCTIONS}"
             )
 
     @property
@@ -185,7 +184,8 @@ class Bumps:
     def __post_init__(self) -> None:
         if not (0 < len(self.centres_si) <= MOST_FUNCTIONS and self.width_si > 0.0):
             raise AacmmError(
-                f"bumps: expected 1 to {MOST_FUNCTIONS} places in centres_si, and width_si above 0"
+                "bumps: centres_si or width_si is out of range; expected 1 to "
+                f"{MOST_FUNCTIONS} centres_si, and width_si above 0"
             )
 
     @property
@@ -275,7 +275,7 @@ def _recorded(of: str, state: State) -> Array:
     """
     if of.startswith("joint "):
         return state.angle(_row_of(of))
-    return state.conditions.require(of, f"the discrepancy over {of}")
+    return state.conditions.require(of, f"the discrepancy that depends on {of}")
 
 
 def _row_of(joint: str) -> int:

@@ -97,8 +97,8 @@ class State:
         number = int(of_places[axis(self.known_row(row))])
         if number < 0:
             raise AacmmError(
-                f"row {row} of {self.arm.name} is rigid or follows another; expected a row with a "
-                "joint of its own"
+                f"row {row} of {self.arm.name} is rigid or mimics another joint; expected a row "
+                "with an independent joint"
             )
         return number
 
@@ -194,7 +194,7 @@ class State:
         if slide:
             raise UnsupportedArmError(
                 f"{self.arm.name}: joint {slide[0]} is prismatic; expected revolute joints for "
-                "bodies of unknown masses"
+                "bodies with unknown masses"
             )
         columns = [self.rotation[axis(k)] for k in rows]
         return np.cross(np.concatenate(columns, axis=2), self.down[None, :, None], axis=1)
@@ -208,8 +208,8 @@ class State:
         """
         if self.arm.masses is None:
             raise UnsupportedArmError(
-                f"{self.arm.name}: the arm states no masses; expected mass_kg for an effect of "
-                "gravity"
+                f"{self.arm.name}: the arm states no masses; state mass_kg of each row for an "
+                "effect of gravity"
             )
         return self.arm.masses
 

@@ -54,7 +54,7 @@ def cause_of(text: str, model: ErrorModel, present: Collection[str] = ()) -> Eff
     parameters: dict[str, float] = {}
     for name, value in _items(text, rest, kind):
         if name in fields or name in parameters:
-            raise AacmmError(f"{text!r}: {name} is given twice; expected each name once")
+            raise AacmmError(f"{text!r}: {name} occurs twice; expected each name once")
         if name in fields_of(kind):
             fields[name] = _field(kind, name, value)
         else:
@@ -64,7 +64,7 @@ def cause_of(text: str, model: ErrorModel, present: Collection[str] = ()) -> Eff
         effect = require_row(effect_from(kind, defaults | fields, parameters), model.arm)
     except UnknownNameError as error:
         known = [*fields_of(kind), *error.known]
-        raise UnknownNameError(f"name for {cause}", error.name, known, f"in {text!r}") from None
+        raise UnknownNameError(f"parameter of {cause}", error.name, known, f"in {text!r}") from None
     except AacmmError as error:
         raise AacmmError(f"{error}; the form is {_form(kind)}") from None
     if not parameters:
@@ -153,7 +153,7 @@ def effect_from(
             raise UnknownNameError(f"field of {kind.cause}", name, list(fields_of(kind)))
     missing = [name for name in fields_of(kind) if name not in stated and not hasattr(kind, name)]
     if missing:
-        raise AacmmError(f"{kind.cause}: {', '.join(missing)} missing")
+        raise AacmmError(f"{kind.cause}: no {', '.join(missing)}; expected a value")
     u = dict(uncertainty or {})
     nonlinear_u = u.pop(kind.nonlinear.field, 0.0)
     fields = {name: _checked_field(kind, name, value) for name, value in stated.items()}
@@ -201,7 +201,7 @@ def require_sign(effect: AnyEffect) -> AnyEffect:
     for term, value, u in zip(effect.terms, effect.values, effect.u, strict=True):
         if term.positive and value < 0 and u == 0:
             came = f"{effect.label}: {term.key} is {value / term.scale:g}"
-            raise AacmmError(f"{came}; expected a number that is not negative")
+            raise AacmmError(f"{came}; expected 0 or more")
     return effect
 
 
@@ -285,5 +285,5 @@ def _require_all(entry: EffectEntry, effect: Effect) -> None:
     ):
         missing = [name for name in expected if name not in stated]
         if stated and missing:
-            beside = f"only {', '.join(stated)} stated; expected {', '.join(missing)} too"
-            raise AacmmError(f"{effect.label}: {what}: {beside}")
+            came = f"{what} has only {', '.join(stated)}"
+            raise AacmmError(f"{effect.label}: {came}; expected also {', '.join(missing)}")

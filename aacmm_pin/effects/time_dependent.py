@@ -208,7 +208,7 @@ class EncoderSlip(Effect):
         super().__post_init__()
         gap = self.between_s
         if gap and not (len(gap) == 2 and gap[0] <= self.time_s <= gap[1]):
-            expected = f"expected two times, time_s, {self.time_s:g}, between them"
+            expected = f"expected two times around time_s ({self.time_s:g})"
             raise AacmmError(f"{self.label}: between_s is {gap}; {expected}")
 
     @property

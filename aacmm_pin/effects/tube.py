@@ -104,7 +104,7 @@ def length_of(vectors: Array, state: State, row: int, label: str) -> Array:
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
     if (length < SHORTEST_TUBE).any():
         raise AacmmError(
-            f"{label}: body {row} of {state.arm.name} is {length.min() / MM:.3f} mm long; "
-            f"expected a tube of at least {SHORTEST_TUBE / MM:g} mm"
+            f"{label}: body {row} of {state.arm.name} is {length.min() / MM:.3g} mm long; expected "
+            f"a tube of at least {SHORTEST_TUBE / MM:g} mm"
         )
     return np.asarray(length)

@@ -159,15 +159,14 @@ def plan_calibration(
     ]
     if noise.max() < NO_SCATTER:
         raise AacmmError(
-            f"the noise of readings, contacts and references is below {NO_SCATTER / UM:g} µm "
-            "and µrad; expected at least one above; increase --encoder-noise, --probe-noise-mm "
-            "or --u-reference-mm"
+            f"all stated noise is below {NO_SCATTER / UM:g} µm or µrad; expected more; increase "
+            "--encoder-noise, --probe-noise-mm or --u-reference-mm"
         )
     task = Task(model, (), existing, setup)
     where = places_for(task, scheme, records, postures, above, rng)
     if not task.problem(model, where).vector.size:
         raise AacmmError(
-            f"{model.arm.name} states all values as exact; expected uncertain parameters; state "
+            f"{model.arm.name}: all parameters are exact; expected uncertain parameters; state "
             "half-widths, or use --no-prior"
         )
     situation = Situation.of(task, MeasurementConditions((), model), where, rng)

@@ -58,8 +58,8 @@ def postures_at_seats(
         arm = task.model.arm.name
         number = len(seats.labels)
         raise AacmmError(
-            f"{arm}: no posture within the limits reaches one of the {number} seats; expected "
-            "one or more"
+            f"{arm}: no posture within the limits reaches any of the {number} seats; expected one "
+            "or more"
         )
     seat = np.repeat(np.arange(len(seats.labels)), [*map(len, touched)])
     labels = np.array(seats.labels, dtype=object)[seat]

@@ -105,8 +105,8 @@ def plan_measurements(
     require_separable(causes, model.arm)
     if scheme == "free" and (at_seat := next((e for e in causes if "seat" in e.needs), None)):
         raise AacmmError(
-            f"{at_seat.label} has an effect at that seat only; expected scheme 'seats' and "
-            "existing records of that seat"
+            f"{at_seat.label} has an effect only at this seat; expected the scheme 'seats' and "
+            "existing records of this seat"
         )
     setup, notes = complete(
         Setup.of(
@@ -152,8 +152,8 @@ def places_for(
         where = postures_at_seats(task, postures, above, rng)
     if where.n < records:
         raise AacmmError(
-            f"records is {records}; expected at most {where.n}, the number of different "
-            "postures that were found"
+            f"records is {records}; expected at most {where.n}, because the plan found only so "
+            "many different postures"
         )
     return where
 
@@ -176,7 +176,9 @@ def check_numbers(
     whole(records, 1, "records of a plan")
     whole(postures, 1, "postures")
     if postures < records:
-        raise AacmmError(f"postures is {postures}; expected at least as many as records, {records}")
+        raise AacmmError(
+            f"postures is {postures}; expected at least {records}, the number of records"
+        )
     if existing is not None and existing.nq != model.arm.nq:
         raise AacmmError(
             f"{existing.source} has angles of {existing.nq} joints; expected {model.arm.nq}, as "

@@ -57,7 +57,10 @@ def for_all(
     all_pairs = distances(whole, blocks)
     every = {pair: both for pair, both in all_pairs.items() if not undetectable & set(pair)}
     if not every:
-        raise AacmmError("fewer than two causes would be detected; expected two or more")
+        raise AacmmError(
+            "a diagnosis of this plan would detect fewer than two causes; expected two or more; "
+            "plan more records, or add columns"
+        )
     same = {pair for pair, (_, part) in every.items() if part <= SAME_FRACTION}
     needed = HOPELESS * situation.pool.n / records
     open_ = {pair for pair, (t, _) in every.items() if pair not in same and t >= needed}

@@ -35,8 +35,8 @@ class Task:
     def __post_init__(self) -> None:
         if self.setup.frame_of_session:
             raise AacmmError(
-                "--reference-frame session; expected base or external, because planned records are "
-                "of one session"
+                "reference_frame is session; expected base or external, because planned records "
+                "are of one session"
             )
         if self.existing is not None:  # a plan is of tips
             object.__setattr__(
@@ -80,8 +80,8 @@ def require_separable(effects: tuple[Effect, ...], arm: Arm) -> None:
         # The tip is refitted only where the target is unknown.
         if effect.refitted and effect.location_field() != "marker":
             raise AacmmError(
-                f"{effect.label} is fitted again in every diagnosis; expected a cause that "
-                "diagnose may add"
+                f"{effect.label}: every diagnosis estimates this parameter; expected a cause that "
+                "diagnose can name"
             )
         require_row(effect, arm)
         if effect.location_field() == "joint" and effect.row not in arm.chain.moving_rows():
@@ -90,7 +90,7 @@ def require_separable(effects: tuple[Effect, ...], arm: Arm) -> None:
                 "joint"
             )
     if len(effects) != len({e.identity for e in effects}):
-        raise AacmmError(f"{effects[0].key} is given twice; expected two different causes")
+        raise AacmmError(f"{effects[0].key} occurs twice; expected two different causes")
 
 
 def usual_causes(model: ErrorModel) -> tuple[Effect, ...]:

@@ -208,8 +208,8 @@ def configuration_circles(
             raise AacmmError("rest cannot be combined with tip=True")
         if axis is None:
             raise AacmmError(
-                "tip=True without axis; expected the direction of the stylus in the base, such as "
-                "axis=[0, 0, -1]"
+                "axis is missing; expected the direction of the stylus in the base with tip=True, "
+                "such as axis=[0, 0, -1]"
             )
         wrist = None
         stylus, direction = directed_stylus(arm, axis)
@@ -251,11 +251,11 @@ def directed_stylus(arm: Arm, axis: ArrayLike) -> tuple[Array, Array]:
     if dh.nq != TIP_JOINTS:
         raise UnsupportedArmError(
             f"{arm.name}: the arm has {dh.nq} joints; expected {TIP_JOINTS} for a circle of the "
-            "tip; use reaching_postures"
+            "tip; for this arm use reaching_postures"
         )
     if arm.stylus_axis is None:
         raise UnsupportedArmError(
-            f"{arm.name}: the arm states no axis of the stylus; expected [stylus] in the arm file"
+            f"{arm.name}: the arm states no axis of the stylus; state [stylus] in the arm file"
         )
     return arm.stylus_axis, unit_vector(axis, "axis")
 

@@ -217,13 +217,13 @@ def _conditions(
         )
     if arm.mimics:
         raise UnsupportedArmError(
-            f"{arm.name}: joint {', '.join(str(mimic.joint) for mimic in arm.mimics)} follows "
-            "another; expected independent joints to enumerate postures"
+            f"{arm.name}: joint {', '.join(str(mimic.joint) for mimic in arm.mimics)} mimics "
+            "another joint; expected independent joints to enumerate postures"
         )
     if axis is not None and rotation is not None:
-        raise AacmmError("axis and rotation were both given; expected one of the two")
+        raise AacmmError("axis and rotation are both stated; expected one of the two")
     if tool is not None and axis is None:
-        raise AacmmError("tool requires axis, the direction of the tool in the base")
+        raise AacmmError("tool requires axis, which is the direction of the tool in the base")
     if axis is not None:
         stylus = arm.stylus_axis if arm.stylus_axis is not None else np.array([0.0, 0.0, 1.0])
         mine = stylus if tool is None else unit_vector(tool, "tool")
@@ -251,7 +251,7 @@ def _what_fits(arm: Arm, conditions: PoseConditions) -> str:
             f"{arm.name}: {joints} joints cannot meet the {conditions.count} conditions of "
             f"{asked}; {expected}"
         )
-    return f"{arm.name}: {joints} joints and {asked} leave {free} joints free; {expected}"
+    return f"{arm.name}: {joints} joints at {asked} leave {free} degrees of freedom; {expected}"
 
 
 def _rotation(values: ArrayLike) -> Array:
@@ -262,11 +262,11 @@ def _rotation(values: ArrayLike) -> Array:
     off = float(np.abs(matrix.T @ matrix - np.eye(3)).max())
     if off > ORTHONORMAL or np.linalg.det(matrix) < 0:
         what = (
-            f"columns deviate from orthonormal by {off:.1e}"
+            f"a deviation of {off:.1e} from orthonormal"
             if off > ORTHONORMAL
             else "the matrix is a reflection"
         )
-        raise ShapeError(f"rotation: {what}; expected orthonormal columns, right-handed")
+        raise ShapeError(f"rotation: {what}; expected a right-handed orthonormal matrix")
     left, _, right = np.linalg.svd(matrix)
     return np.asarray(left @ right)
 

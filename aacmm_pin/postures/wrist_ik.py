@@ -82,8 +82,8 @@ class Wrist:
             pose = ", or --rpy-deg" if arm.nq >= OF_A_POSE else ""
             raise UnsupportedArmError(
                 f"{arm.name}: {purpose} needs a wrist, but {wrist.held}; expected at most "
-                f"{MOST_LEVER / MM:g} mm; for a point of the tip use --axis 0 0 -1{pose} (in "
-                "Python reaching_postures)"
+                f"{MOST_LEVER / MM:g} mm; to place the tip use --axis 0 0 -1{pose} (in Python "
+                "reaching_postures)"
             )
         return wrist
 

@@ -308,7 +308,7 @@ def accept(
     """
     limits = checked_limits(mpe)
     if measuring_range is not None and not (math.isfinite(measuring_range) and measuring_range > 0):
-        raise AacmmError(f"measuring range is {measuring_range} m; expected a length above 0")
+        raise AacmmError(f"measuring_range is {measuring_range} m; expected more than 0 m")
     models = {name: ErrorModel.of(arm) for name, arm in (arms or {}).items()}
     wanted = definitions(standard)
     data = measurement_file(str(path))
@@ -409,8 +409,8 @@ def _in_range(
         return found
     if longest > measuring_range:
         raise AacmmError(
-            f"the longest length is {plain_mm(longest)} mm; expected at most the measuring range, "
-            f"{plain_mm(measuring_range)} mm"
+            f"the longest length is {plain_mm(longest)} mm; expected at most "
+            f"{plain_mm(measuring_range)} mm, the measuring range"
         )
     least = LONGEST_PART * measuring_range
     if longest >= least:

@@ -66,7 +66,7 @@ def check_unit(probed_points: pd.DataFrame) -> None:
                 factors.mean() < 1
             )
             raise AacmmError(
-                f"test {test}: each of {len(factors)} lengths measures {times} the stated "
+                f"test {test}: each of {len(factors)} measured lengths is {times} the stated "
                 "length_mm; expected coordinates and length_mm in mm"
             )
 

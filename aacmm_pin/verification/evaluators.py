@@ -332,9 +332,8 @@ def _check_ends(points: pd.DataFrame, ends: pd.DataFrame) -> None:
     of_first = ends.merge(first, on=labels)
     came = ", ".join(f"{n} of {name}" for name, n in of_first[["feature", "points"]].to_numpy())
     raise AacmmError(
-        f"{Place.of(points.merge(first, on=labels))}: probed points: {came}; expected two "
-        f"features, each with 1 point or with {FEWEST_POINTS} or more points all over a "
-        "sphere"
+        f"{Place.of(points.merge(first, on=labels))}: {came}; expected two features, each with 1 "
+        f"probed point or with {FEWEST_POINTS} or more points all over a sphere"
     )
 
 
@@ -347,8 +346,8 @@ def _check_pairs(points: pd.DataFrame) -> None:
     for length in groups_of(points, LENGTH_KEY):
         if length["feature"].nunique() < 2:
             raise AacmmError(
-                f"{Place.of(length)}: only one end was probed; expected both ends, with the same "
-                "labels"
+                f"{Place.of(length)}: only one end has points; expected points of both ends with "
+                "the same labels"
             )
 
 

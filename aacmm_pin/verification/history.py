@@ -174,12 +174,15 @@ class History(Shown):
             return cls()
         if not Path(path).is_file():  # it is written again
             raise MeasurementFileError(
-                str(path), None, "", "is not a regular file; expected the CSV of a history"
+                str(path), None, "", "this is no regular file; expected the CSV file of a history"
             )
         content = measurement_file(str(path))
         if is_workbook(content):
             raise MeasurementFileError(
-                str(path), None, "", "is an Excel workbook; expected the CSV of a history"
+                str(path),
+                None,
+                "",
+                "this is an Excel workbook; expected the CSV file of a history",
             )
         for line, text in enumerate(content.splitlines(), start=1):
             if text.lstrip().startswith(b"#"):
@@ -187,19 +190,21 @@ class History(Shown):
                     str(path),
                     line,
                     "",
-                    "is a comment; expected no comments, because the file is rewritten; "
-                    "delete this line",
+                    "this line is a comment; expected no comments, because accept rewrites the "
+                    "file; delete this line",
                 )
         table, lines, *_ = read_table(str(path), content)
         problems = Problems(str(path), lines)
         if sorted(table.columns) != sorted(HISTORY_COLUMNS):
             problems.add(
-                "", f"has columns {', '.join(table.columns)}; expected {', '.join(HISTORY_COLUMNS)}"
+                "",
+                f"the columns are {', '.join(table.columns)}; expected "
+                f"{', '.join(HISTORY_COLUMNS)}",
             )
             problems.stop()
         checks = table.loc[:, list(HISTORY_COLUMNS)]
         checks["time"] = _read(
-            table, "time", in_utc, "a time as 2026-01-31T09:30:00+00:00", problems
+            table, "time", in_utc, "a time such as 2026-01-31T09:30:00+00:00", problems
         )
         checks["time"] = pd.to_datetime(checks["time"], utc=True)
         for name in ("value_mm", "U_mm", "mpe_mm"):
@@ -212,14 +217,14 @@ class History(Shown):
             problems.at(
                 ~table[name].isin(known).to_numpy(),
                 name,
-                f"is {{!r}}; expected one of {', '.join(sorted(known - {''}))}",
+                f"{{!r}}; expected one of {', '.join(sorted(known - {''}))}",
                 table[name].to_numpy(),
             )
         twice = checks.duplicated(["time", "instrument", "arm", "figure"]).to_numpy()
         problems.at(
             twice,
             "figure",
-            "{!r} of this check occurs twice; expected each once",
+            "{!r} occurs twice in this check; expected each characteristic once",
             table["figure"].to_numpy(),
         )
         problems.stop()
@@ -264,9 +269,8 @@ class History(Shown):
                 table = table[~pd.MultiIndex.from_frame(table[["arm", "figure"]]).isin(old)]
             elif then == time and len(both):
                 raise AacmmError(
-                    f"a check of {instrument or 'this arm'} at {time.isoformat()} is in the "
-                    "history with other values; "
-                    "expected another time, or another instrument"
+                    f"the history has a check of {instrument or 'this arm'} at {time.isoformat()} "
+                    "with other values; state another --time or --instrument"
                 )
         checks = table if self.checks.empty else pd.concat([self.checks, table], ignore_index=True)
         return replace(
@@ -379,7 +383,7 @@ def _read(
         except ValueError:
             values.append(None)
     bad = np.array([value is None for value in values])
-    problems.at(bad, name, f"is {{!r}}; expected {expected}", table[name].to_numpy())
+    problems.at(bad, name, f"{{!r}}; expected {expected}", table[name].to_numpy())
     return pd.Series(values, table.index, dtype=object)
 
 

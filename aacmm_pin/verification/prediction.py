@@ -185,10 +185,11 @@ def predict_acceptance(
     rng = rng or np.random.default_rng(1)
     if left_out := [name for name in limits if name not in {d.name for d in of_standard}]:
         raise AacmmError(
-            f"MPE of {', '.join(left_out)} stated; expected characteristics of {standard} alone"
+            f"an MPE is stated for {', '.join(left_out)}; expected only characteristics of "
+            f"{standard}"
         )
     if not arms:
-        raise AacmmError(f"{path}: no arm is given; expected at least one to predict")
+        raise AacmmError(f"{path}: no arm is stated; state one or more arms before the procedure")
     whole(runs, FEWEST, "runs")
     seed = seed_of(rng)
     draws = int(rng.integers(2**32))

@@ -92,8 +92,8 @@ def read_file(path: str, content: bytes, models: Mapping[str, ErrorModel]) -> Pr
             path,
             None,
             "",
-            f"no coordinates; the file states {_listed(table)}; expected x_mm, y_mm, z_mm, or "
-            "an arm and readings theta1_deg …",
+            f"no coordinates; expected x_mm, y_mm, z_mm, or an arm and readings theta1_deg … (the "
+            f"file has {_listed(table)})",
         )
     sets = {
         name: points.assign(**dict(zip("xyz", at.T, strict=True)))
@@ -118,14 +118,12 @@ def _given_coordinates(table: pd.DataFrame, problems: Problems) -> Array | None:
     if not given:
         return None
     if missing := [name for name in REFERENCE if name not in table]:
-        problems.add(
-            ", ".join(missing), f"missing, but {', '.join(given)} present; expected all three"
-        )
+        problems.add(", ".join(missing), f"missing beside {', '.join(given)}; expected all three")
     values = read_values(table[given], MEASUREMENT_FILE, problems)
     check_numbers(values, MEASUREMENT_FILE, problems)
     for name in given:
         empty = np.array([not cell.strip() for cell in table[name]], dtype=bool)
-        problems.at(empty, name, "is empty; expected a number with a decimal point")
+        problems.at(empty, name, "empty cell; expected a number with a decimal point")
     return values.block(REFERENCE) * MM
 
 
@@ -151,14 +149,14 @@ def _by_arms(
         theta = [name for name in unfilled if is_reading(name)]
         if theta:
             raise MeasurementFileError(
-                path, None, span(theta), "empty in every row; expected readings"
+                path, None, span(theta), "all cells are empty; expected readings"
             )
         raise MeasurementFileError(
             path,
             None,
             "",
-            f"no readings; the file states {_listed(table)}; expected columns theta1_deg … for "
-            "the named arms",
+            f"no readings; expected columns theta1_deg … for the named arms (the file has "
+            f"{_listed(table)})",
         )
     of_arm = [name for name in table if name not in OF_TEST and not is_of_reference(name)]
     tips: dict[str, Array] = {}

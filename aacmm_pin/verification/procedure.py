@@ -138,19 +138,19 @@ class Procedure(Shown):
                 str(path),
                 None,
                 ", ".join(missing),
-                f"missing; expected a procedure for {arm.name}; write it with aacmm-pin plan "
-                "acceptance ARM -o FILE",
+                f"missing; expected a procedure for {arm.name}; to write this file, run aacmm-pin "
+                "plan acceptance ARM -o FILE",
             )
         problems = Problems(str(path), lines)
         planned = table[expected].apply(pd.to_numeric, errors="coerce").astype(np.float64)
         for name in expected:
             bad = ~np.isfinite(planned[name]).to_numpy()
-            problems.at(bad, name, "is {!r}; expected a number", table[name].to_numpy())
+            problems.at(bad, name, "{!r}; expected a number", table[name].to_numpy())
         problems.stop()
         if f"{PLANNED}theta{arm.nq + 1}_deg" in table:
             raise AacmmError(
-                f"{path}: planned for an arm with more joints; expected {arm.nq}, as many as "
-                f"{arm.name} has"
+                f"{path}: the procedure is for an arm with more joints; expected {arm.nq}, as many "
+                f"as {arm.name} has"
             )
         points = planned[expected[:3]].to_numpy() * MM
         q = arm.joint_angles(planned[angles].to_numpy() * DEG)
@@ -268,7 +268,8 @@ class _Layout:
             came = ", ".join(f"{x / MM:g}" for x in bars)
             purpose = "both standards" if standard is None else STANDARDS[standard]
             raise AacmmError(
-                f"lengths are {came} mm; expected {len(parts)} different ones above 0 for {purpose}"
+                f"lengths are {came} mm; expected {len(parts)} different lengths above 0 for "
+                f"{purpose}"
             )
         sizes = {"length": bars, "feature_diameter": [self.sphere], "probe_diameter": [self.probe]}
         for column in PROBED_POINT_COLUMNS:
@@ -303,8 +304,8 @@ class _Layout:
         if not len(tips):
             raise AacmmError(
                 f"{self.pool.arm.name}: no posture within the limits has the tip at {zone}, at the "
-                f"height of joint 2 and {LEAST_SEPARATION:.0%} of the reach from other places; "
-                "expected one or more"
+                f"height of joint 2 and at {LEAST_SEPARATION * 100:.0f} % of the reach from other "
+                "places; expected one or more"
             )
         order = np.argsort(self.pool.thinness(tips))
         best = tips[order[:TRIED]]
@@ -414,7 +415,7 @@ class _Layout:
                     break
         if len(found) < PLACES:
             raise AacmmError(
-                f"{self.pool.arm.name}: a bar of {lengths[-1] / MM:g} mm fits at {len(found)} "
+                f"{self.pool.arm.name}: a bar of {lengths[-1] / MM:g} mm fits in {len(found)} "
                 f"places; expected {PLACES}; reduce --measuring-range-mm or --length-mm"
             )
         return found
@@ -442,8 +443,8 @@ class _Layout:
         if not arrived.all():
             out = int((~arrived).sum())
             raise AacmmError(
-                f"{arm.name}: {out} of {len(q)} points are beyond the joint limits; expected none; "
-                "use another --seed"
+                f"{arm.name}: {out} of {len(q)} points are outside the joint limits; expected "
+                "none; use another --seed"
             )
         columns = [column.names[0] for column in PROBED_POINT_COLUMNS]
         table = pd.DataFrame(self.rows).reindex(columns=columns)

@@ -98,7 +98,7 @@ def test_pairs_of_postures_at_two_points(sino6):
 
 def test_no_length_without_two_points(sino6):
     q = np.full((2, 6), 0.3)
-    with pytest.raises(AacmmError, match="apart"):
+    with pytest.raises(AacmmError, match="two different points"):
         length_uncertainty(sino6, q, q)
     with pytest.raises(ShapeError, match="qb has 1"):
         length_uncertainty(sino6, q, q[:1])

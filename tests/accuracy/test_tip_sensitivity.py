@@ -190,7 +190,7 @@ def test_an_arm_that_came_without_its_effects_says_so(calibrated, tmp_path):
     alone = accuracy_volume(Arm.load(path), q)
     assert alone.not_included == ("link_bending:3", "encoder_eccentricity:3", "thermal_expansion")
     assert accuracy_volume(ErrorModel(Arm.load(path)), q).not_included == ()
-    with pytest.raises(AacmmError, match=r"encoder_eccentricity:3\.cos.*expected the ErrorModel"):
+    with pytest.raises(AacmmError, match=r"encoder_eccentricity:3\.cos.*ErrorModel.load"):
         accuracy_volume(calibrated.arm, q)
 
 
@@ -294,7 +294,7 @@ def test_two_that_are_known_only_together_are_one_line(sino6):
 def test_jointwise_refuses_rows_that_are_known_together(calibrated):
     with pytest.raises(
         UnsupportedArmError,
-        match=r"'jointwise'.*d3 and alpha4 .*are correlated",
+        match=r"d3 and alpha4 .*are correlated.*'jointwise'",
     ):
         accuracy_volume(calibrated, np.zeros((1, 6)), conditions=WARM, method="jointwise")
 

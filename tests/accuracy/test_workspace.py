@@ -291,7 +291,7 @@ def test_netcdf_returns_what_was_written(small, tmp_path):
     whole = (tmp_path / "map.nc").read_bytes()
     for wrong in (whole[: len(whole) // 2], b""):
         (tmp_path / "half.nc").write_bytes(wrong)
-        with pytest.raises(AacmmError, match=r"half\.nc: not a complete map"):
+        with pytest.raises(AacmmError, match=r"half\.nc: the file is no complete map"):
             WorkspaceMap.load(tmp_path / "half.nc")
     (tmp_path / "map.nc").unlink()  # and nothing holds the file
     assert again.sectors == SECTORS
@@ -311,8 +311,8 @@ def test_what_cannot_be_asked(sino6, extended, monkeypatch):
     monkeypatch.setattr(workspace, "_work", lambda job: pytest.fail("work began"))
     two = {"model": extended, "conditions": Conditions(2, temperature=np.array([20.0, 30.0]))}
     asked: list[tuple[dict[str, Any], type[Exception], str]] = [
-        ({"extent": [0, 1, 1, -1]}, AacmmError, "z from < z to"),
-        ({"extent": [-0.1, 1, -1, 1]}, AacmmError, "0 ≤ x"),
+        ({"extent": [0, 1, 1, -1]}, AacmmError, "Z0 < Z1"),
+        ({"extent": [-0.1, 1, -1, 1]}, AacmmError, "0 ≤ X0"),
         ({"cells": (0, 5)}, AacmmError, "at least 1"),
         ({"workers": 0}, AacmmError, "at least 1"),
         ({"method": "box", "extent": [2, 3, 0, 1]}, AacmmError, "zonotope"),

@@ -241,7 +241,9 @@ def test_what_is_no_arm_file(tmp_path):
         load_arm_file("/dev/zero")
     with pytest.raises(ArmFileError, match="folder"):
         load_arm_file(tmp_path)
-    with pytest.raises(UnknownNameError, match="unknown arm 'sino7'; known: sino6") as caught:
+    with pytest.raises(
+        UnknownNameError, match="unknown arm 'sino7'; expected one of sino6"
+    ) as caught:
         load_arm_file("sino7")
     assert caught.value.known == [*bundled_arms(), *EXAMPLE_ROBOTS]
     with pytest.raises(ArmFileError, match="too long"):

@@ -158,7 +158,7 @@ def test_lengths_in_another_unit_are_seen_by_what_is_reached(tmp_path):
     path.write_text(GOOD.replace('xyz="0 0 0.3"', 'xyz="0 0 300"'), encoding="utf-8")
     with pytest.raises(
         UnsupportedArmError,
-        match="joint 'shoulder' is 300 m beyond the joint before, .* up to 300",
+        match=r"joint 'shoulder' is 300 m beyond the joint before, .* up to 300",
     ):
         Arm.from_urdf(path, "tip")
 

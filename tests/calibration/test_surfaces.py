@@ -250,7 +250,7 @@ def test_stated_centres_place_the_arm(sino6, rng):
         ({"feature_diameter_mm": [25.4] * 95 + [""]}, "feature_diameter_mm"),
         ({"feature_diameter_mm": [25.4] * 95 + [25.5]}, "one value"),
         ({"feature": [f"S{k // 3}" for k in range(96)]}, "4 or more"),
-        ({"seat": "A"}, "one label"),
+        ({"seat": "A"}, "one of the two labels"),
     ],
 )
 def test_spheres_that_cannot_be_used_are_named(sino6, change, said):

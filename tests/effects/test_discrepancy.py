@@ -207,7 +207,7 @@ MISTAKES: list[tuple[dict[str, object], str, str]] = [
 ]
 OF_FUNCTIONS: list[tuple[dict[str, object], str]] = [
     ({"kind": "splines"}, "expected tags"),
-    ({"kind": "waves", "of": "joint 2", "order": 0}, "order from 1"),
+    ({"kind": "waves", "of": "joint 2", "order": 0}, "order is 0"),
     ({"kind": "bumps", "centres_si": [[0.0, 0.0, math.inf]], "width_si": 1.0}, "finite"),
     (
         {

@@ -358,7 +358,7 @@ def test_fields_that_make_no_sense():
     refused: list[tuple[Callable[[], Effect], str]] = [
         (partial(EncoderGain, 2, values=(np.nan,)), "encoder_gain:2: values is .* 1 finite"),
         (partial(EncoderGain, 2, u=(1.0, 2.0)), "encoder_gain:2: u is .* 1 finite numbers"),
-        (partial(EncoderGain, 2, u=(-1e-6,)), "expected numbers that are not negative"),
+        (partial(EncoderGain, 2, u=(-1e-6,)), "expected 0 or more"),
         (partial(JointPeriodicError, 2, order=0.0), "order is 0.0"),
         (partial(ZeroDrift, 2, time_constant_s=0.0), "time_constant_s is 0.0"),
         (partial(EncoderSlip, 2, time_s=np.nan), "time_s is nan"),
@@ -367,7 +367,7 @@ def test_fields_that_make_no_sense():
         (partial(JointCompliance, 2, torque="spring"), "expected 'gravity' or 'measured'"),
         (
             partial(JointCompliance, 2, torque="measured", bodies=(2, 3)),
-            "measured torque cannot be combined",
+            "measured cannot be combined",
         ),
     ]
     for make, words in refused:
@@ -560,7 +560,7 @@ def test_error_curve_ends_where_it_is_known(sino6):
     assert np.isfinite(positions(sino6, curve, np.ones(5), q[:3], Conditions(3))).all()
     with pytest.raises(
         AacmmError,
-        match=r"1 of 4 angles are outside the curve, the first at 2.5 rad; expected 0 to 2",
+        match=r"1 of 4 angles are outside the curve, .*2.5 rad; expected 0 rad to 2 rad",
     ):
         positions(sino6, curve, np.ones(5), q, Conditions(4))
 

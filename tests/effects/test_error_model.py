@@ -171,9 +171,9 @@ def test_with_effects_is_a_new_model(sino6):
     second = first.with_effects(other, EncoderGain(joint=4))
     assert first.effects == (gain, compliance)
     assert second.effects == (compliance, other, EncoderGain(joint=4))
-    with pytest.raises(AacmmError, match="SINO6: the parameter encoder_gain:3 is given twice"):
+    with pytest.raises(AacmmError, match="parameter encoder_gain:3"):
         ErrorModel(sino6, (gain, other))
-    with pytest.raises(AacmmError, match="joint_compliance:2 is given twice"):
+    with pytest.raises(AacmmError, match="parameter joint_compliance:2"):
         first.with_effects(JointCompliance(2, torque="measured"))
 
 
@@ -287,7 +287,7 @@ def test_file_written_by_hand(tmp_path):
 
 
 def test_an_arm_that_is_from_no_file(sino6):
-    with pytest.raises(AacmmError, match="SINO6: the arm was not loaded"):
+    with pytest.raises(AacmmError, match="SINO6: this arm has no file"):
         ErrorModel(replace(sino6, file=None)).file()
 
 
@@ -302,21 +302,21 @@ BAD_EFFECTS = [
         "effects[1].cause",
         ["unknown cause 'gremlins'", "encoder_gain"],
     ),
-    ([CAUSE], "effects[1]", ["encoder_gain: joint missing"]),
+    ([CAUSE], "effects[1]", ["encoder_gain: no joint"]),
     (
         [CAUSE, "joint = 3", "order = 2"],
         "effects[1]",
-        ["unknown field of encoder_gain 'order'", "joint"],
+        ["unknown field 'order' of encoder_gain", "joint"],
     ),
     (
         [CAUSE, "joint = 3", "parameters = { a = 1 }"],
         "effects[1]",
-        ["unknown parameter of encoder_gain:3 'a'", "known: gain"],
+        ["unknown parameter 'a' of encoder_gain:3", "gain"],
     ),
     (
         [WAVE, "joint = 3", "parameters = { amplitude_rad = 1e-4 }"],
         "effects[1]",
-        ["expected phase_rad too"],
+        ["expected also phase_rad"],
     ),
     (
         [CAUSE, "joint = 3", "uncertainty = { gain = -1e-6 }"],
@@ -339,7 +339,7 @@ def test_bad_effect_is_named(tmp_path):
         "effects[3]",
         [":9"],
     )
-    refused(write(tmp_path, GAIN, GAIN), "effects", ["the parameter encoder_gain:3 is given twice"])
+    refused(write(tmp_path, GAIN, GAIN), "effects", ["parameter encoder_gain:3"])
 
 
 def test_effects_that_are_no_tables(tmp_path):

@@ -118,7 +118,7 @@ def test_without_rounding_three_iterations_reach_the_true_offsets():
         offsets, errors = of_printed_points(run)  # these are known to 0.001 mm only
         assert 1e-5 < np.abs(offsets - TRUE_DEG).max() < 2e-4
         assert errors.max() < 6e-4
-    with pytest.raises(UnknownNameError, match="unknown run '4'; known: 1, 2, 3"):
+    with pytest.raises(UnknownNameError, match="unknown run '4'; expected one of 1, 2, 3"):
         iterations(4)
 
 

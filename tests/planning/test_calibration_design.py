@@ -86,7 +86,7 @@ def test_seats_frames_and_existing_records(sino6):
 
 @pytest.mark.parametrize("noise", [0.0, 1e-303])
 def test_without_any_noise_there_is_nothing_to_plan_for(sino6, noise):
-    with pytest.raises(AacmmError, match="the noise of readings"):
+    with pytest.raises(AacmmError, match="--encoder-noise"):
         plan_calibration(
             sino6, 3, postures=50, encoder_noise=noise, reference_noise=noise, progress=False
         )
@@ -97,7 +97,7 @@ def test_an_arm_that_is_exact_leaves_nothing_to_calibrate(sino6, frame):
     exact = replace(
         sino6, parameters=tuple(replace(p, u=0.0, half_width=0.0) for p in sino6.parameters)
     )
-    with pytest.raises(AacmmError, match="states all values as exact"):
+    with pytest.raises(AacmmError, match="exact"):
         plan_calibration(exact, 3, reference_frame=frame, postures=50)
 
 

@@ -502,7 +502,7 @@ def test_what_cannot_be_asked(sino6):
     up = {"point": SEAT, "tip": True, "axis": [0, 0, 1]}
     asked: list[tuple[dict[str, Any], type[Exception], str]] = [
         ({"point": [0.1, np.nan, 0.3]}, ShapeError, r"point\[1\] is nan"),
-        (up | {"axis": None}, AacmmError, "without axis"),
+        (up | {"axis": None}, AacmmError, "axis is missing"),
         (up | {"tip": False}, AacmmError, "requires tip=True"),
         (up | {"axis": [0, 0, 0]}, AacmmError, "direction"),
         (up | {"rest": [0, 0]}, AacmmError, "rest"),

@@ -77,7 +77,7 @@ def test_half_a_turn_away_is_not_there(sino6):
 def test_unusable_conditions(sino6, robot_file, tmp_path):
     up, free = (
         {"axis": [0, 0, 1]},
-        "6 joints and a point leave 3 joints free; expected a point and an axis .* or a full pose",
+        "3 degrees of freedom; expected a point and an axis .* or a full pose",
     )
     asked: list[tuple[dict[str, Any], type[AacmmError], str]] = [
         ({}, UnsupportedArmError, free),
@@ -85,7 +85,7 @@ def test_unusable_conditions(sino6, robot_file, tmp_path):
         ({"tool": [0, 0, 1]}, AacmmError, "tool requires axis"),
         (up | {"rotation": np.eye(3)}, AacmmError, "expected one of the two"),
         ({"rotation": np.eye(4)}, ShapeError, r"rotation has shape \(4, 4\); expected \(3, 3\)"),
-        ({"rotation": 1.1 * np.eye(3)}, ShapeError, "deviate from orthonormal by 2.1e-01"),
+        ({"rotation": 1.1 * np.eye(3)}, ShapeError, "2.1e-01"),
         ({"rotation": -np.eye(3)}, ShapeError, "is a reflection"),
     ]
     for given, error, said in asked:

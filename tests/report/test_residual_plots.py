@@ -154,7 +154,7 @@ def test_several_panels_take_the_place_of_axes(at_seats):
 def test_what_cannot_be_drawn_is_refused(at_seats, sound):
     plane: Any = "zz"
     for result in (at_seats, sound):
-        with pytest.raises(UnknownNameError, match=r"'zz'; known: xy, xz, yz"):
+        with pytest.raises(UnknownNameError, match=r"'zz'; expected one of xy, xz, yz"):
             plot_residual_vectors(result, plane=plane)
         with pytest.raises(UnknownNameError, match=r"unknown model 'later'"):
             plot_residual_vectors(result, "later")

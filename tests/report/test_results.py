@@ -328,7 +328,9 @@ def test_the_main_picture_of_a_diagnosis_is_its_strongest_cause(found, values):
     assert nothing.plot().get_xlabel() == "RMS residual [mm]"
     with pytest.raises(AacmmError, match="finding is 2; expected a number from 0 below 2"):
         found.plot(2)
-    with pytest.raises(UnknownNameError, match="unknown quantity 'u'; known: comprehensive_mm3"):
+    with pytest.raises(
+        UnknownNameError, match="unknown quantity 'u'; expected one of comprehensive_mm3"
+    ):
         values["WorkspaceMap"].plot("u")
 
 
