@@ -106,11 +106,11 @@ class OutputFiles:
         self._current = path
         with _as_output_errors(path):
             if path.exists() and not path.is_dir():
-                raise OutputError(f"{path}: is a file; expected the name of a folder")
+                raise OutputError(f"{path}: this is a file; expected the name of a folder")
             if path.is_dir() and any(path.iterdir()) and not self._force:
                 raise OutputError(
-                    f"{path}: is a folder with files; expected an empty or new folder; "
-                    "--force replaces files of the same names"
+                    f"{path}: this folder has files; expected an empty or new folder; to replace "
+                    "files of the same names, use --force"
                 )
             place = Path(os.path.realpath(path))
             parent = place if place.is_dir() else place.parent
@@ -140,16 +140,15 @@ class OutputFiles:
             if _is_stream(path):
                 return path
             if path.is_dir():
-                raise OutputError(f"{path}: is a folder; expected the name of a file")
+                raise OutputError(f"{path}: this is a folder; expected the name of a file")
             if path.exists() and not path.is_file():
                 raise OutputError(
-                    f"{path}: is not a regular file; expected the name of a regular or new file"
+                    f"{path}: this is no regular file; expected the name of a regular or new file"
                 )
             place = Path(os.path.realpath(path))
             if place.is_symlink():
                 raise OutputError(
-                    f"{path}: is a symbolic link that leads back to itself; expected the "
-                    "name of a file"
+                    f"{path}: this symbolic link leads back to itself; expected the name of a file"
                 )
             if not update:
                 self._require_free(path)
@@ -161,8 +160,8 @@ class OutputFiles:
             raise is_input(path)
         if path.exists() and not self._force:
             raise OutputError(
-                f"{path}: exists already; expected a new name; to replace the file, use --force "
-                "(in Python force=True)"
+                f"{path}: the file exists already; expected a new name; to replace the file, use "
+                "--force (in Python force=True)"
             )
 
     def _hidden_in(self, folder: Path) -> Path:
@@ -211,7 +210,7 @@ def whole_file(path: str | Path, force: bool = False) -> Iterator[Path]:
 
 
 def _named_twice(path: str | Path) -> OutputError:
-    return OutputError(f"{path}: is the output of two results; expected a file for each")
+    return OutputError(f"{path}: two results have this name; expected a file for each result")
 
 
 def _of_output(error: OSError) -> bool:
@@ -221,7 +220,7 @@ def _of_output(error: OSError) -> bool:
 
 def _write_error(path: Path, error: OSError) -> OutputError:
     where = "standard output" if str(path) in STDOUT else path
-    return OutputError(f"{where}: cannot be written: {error.strerror or error}")
+    return OutputError(f"{where}: the output cannot be written: {error.strerror or error}")
 
 
 @contextmanager
@@ -248,12 +247,12 @@ def _is_stream(path: Path) -> bool:
 def _check_folder(path: Path, folder: Path) -> None:
     if not folder.is_dir():
         raise OutputError(
-            f"{path}: the folder {folder} does not exist; expected a folder; create this one or "
-            "name another"
+            f"{path}: the folder {folder} does not exist; create this folder, or name another "
+            "folder"
         )
     if not os.access(folder, os.W_OK):
         raise OutputError(
-            f"{path}: the folder {folder} cannot be written to; expected a folder with write "
+            f"{path}: you cannot write to the folder {folder}; expected a folder with write "
             "permission"
         )
 

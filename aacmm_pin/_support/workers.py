@@ -69,8 +69,8 @@ def results(
             yield _submitted(pool, work, jobs, SUBMITTED_PER_PROCESS * count, waiting)
     except BrokenExecutor:
         raise AacmmError(
-            "a worker process ended early; if memory ran out, use fewer workers; in a script, "
-            "start workers below `if __name__ == '__main__':`"
+            "a worker process ended early. If memory ran out, use fewer workers. In a Python "
+            "script, start workers below `if __name__ == '__main__':`"
         ) from None
     except BaseException:
         if stop is not None:

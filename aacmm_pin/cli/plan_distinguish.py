@@ -19,7 +19,7 @@ def _two_causes(causes: tuple[str, str] | None) -> tuple[str, str] | None:
     """The causes, of which none is the next option."""
     for text in causes or ():
         if text.startswith("-"):
-            raise typer.BadParameter(f"--causes {text}: expected two causes, not an option")
+            raise typer.BadParameter(f"{text!r}; expected two causes, not an option")
     return causes
 
 

@@ -52,6 +52,8 @@ def _load(origin: str, load: Callable[[], Any]) -> None:
             load()
     except KeyboardInterrupt:
         raise
+    except AacmmError as error:
+        raise AacmmError(f"{origin}: {error}") from None
     except BaseException as error:
         file = os.path.abspath(origin.removeprefix("--plugin "))
         raise AacmmError(f"{origin}: {raised(error, file)}") from None
@@ -68,6 +70,8 @@ def import_plugin(name: str) -> ModuleType:
     if not name.endswith(".py"):
         return importlib.import_module(name)
     path = Path(name).absolute()
+    if not path.is_file():
+        raise AacmmError("no such file; expected a module or a .py file")
     other = PathFinder.find_spec(path.stem, SEARCHED)
     taken = other is not None and other.origin != str(path)
     if taken or path.stem in sys.stdlib_module_names:

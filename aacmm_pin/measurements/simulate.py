@@ -226,13 +226,11 @@ class _Workshop:
             lambda q, rows: self.model.state(q, conditions.take(rows)), q, target, arm.limits
         )
         if not arrived.all():
-            causes = (
-                ", ".join(effect.label for effect in self.model.effects if effect.needs)
-                or "the contacts"
-            )
+            causes = ", ".join(effect.label for effect in self.model.effects if effect.needs)
+            advice = f"reduce {causes}" if causes else "use a procedure of this arm"
             raise AacmmError(
                 f"{arm.name}: {(~arrived).sum()} of {len(q)} records have no posture within the "
-                f"limits; reduce the causes that change during the measurement ({causes})"
+                f"limits; {advice}"
             )
         return q
 

@@ -92,8 +92,8 @@ def read_file(path: str, content: bytes, models: Mapping[str, ErrorModel]) -> Pr
             path,
             None,
             "",
-            f"no coordinates; expected x_mm, y_mm, z_mm, or an arm and readings theta1_deg … (the "
-            f"file has {_listed(table)})",
+            "no coordinates; expected numbers in x_mm, y_mm, z_mm, or an arm and readings in "
+            f"theta1_deg … (other columns are {_listed(table)})",
         )
     sets = {
         name: points.assign(**dict(zip("xyz", at.T, strict=True)))

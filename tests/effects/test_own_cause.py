@@ -189,7 +189,7 @@ def test_plugins_that_are_none_and_entry_points(folder, monkeypatch):
         Path(name).write_text(text)
     for name, said in {
         "not_a_module": "ModuleNotFoundError",
-        "numpy.py": "AacmmError: numpy is the name of an installed module",
+        "numpy.py": "numpy is the name of an installed module",
         "mute.py": "Mute: <exception str() failed> (mute.py, line 5)",
         "fails.py": "ZeroDivisionError: division by zero (fails.py, line 3)",
     }.items():
