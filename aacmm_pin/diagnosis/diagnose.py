@@ -75,7 +75,8 @@ def diagnose(
     rng: np.random.Generator | None = None,
     progress: Progress = True,
 ) -> Diagnosis:
-    """Show what the simulation gets wrong, name the cause, extend the model, measure the gain.
+    """Find causes of error that the model lacks, extend the model by these causes, and compute the
+    gain.
 
     The residuals are a linear model of geometry, reference frame and known causes, which are
     refitted, of a set of causes, of a discrepancy that depends on what was recorded, and of noise.

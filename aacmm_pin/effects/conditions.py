@@ -51,7 +51,7 @@ LONGEST_ON = 30 * 86400.0
 
 @dataclass(frozen=True, eq=False)
 class Conditions(Shown):
-    """Conditions of n records; None where nothing is known.
+    """Conditions of n records; an unknown condition is None.
 
     Attributes:
         n: number of records.
@@ -105,7 +105,7 @@ class Conditions(Shown):
             object.__setattr__(self, name, given)
 
     def take(self, rows: Index | slice | Mask | Sequence[int]) -> Conditions:
-        """The same of some of the records."""
+        """The conditions of some of the records."""
         chosen = {}
         for field in fields(self)[1:]:
             values = getattr(self, field.name)
@@ -117,20 +117,20 @@ class Conditions(Shown):
 
     @cached_property
     def times(self) -> Array:
-        """The different times in their order; without any where none is known [s]."""
+        """The different times in ascending order [s]; empty if no time is known."""
         if self.time is None:
             return np.zeros(0)
         return np.unique(self.time)
 
     @property
     def present(self) -> tuple[str, ...]:
-        """Names of the conditions that are known."""
+        """Names of the known conditions."""
         names = [field.name for field in fields(self)[1:]]
         return tuple(name for name in names if getattr(self, name) is not None)
 
     def odd_temperatures(self, reference: float) -> list[Note]:
-        """Temperatures that no workshop has; ``reference`` is that at which the arm's lengths hold
-        [°C].
+        """A note on temperatures that are unusual for a workshop. ``reference`` is the temperature
+        of the stated lengths of the arm [°C].
         """
         found = []
         for values in (self.temperature, self.link_temperature):
@@ -148,7 +148,9 @@ class Conditions(Shown):
         return found
 
     def other_temperatures(self, reference: float) -> list[Note]:
-        """Temperatures at which lengths that hold at ``reference`` [°C] are others."""
+        """A note on temperatures that differ from ``reference``, the temperature of the stated
+        lengths of the arm [°C].
+        """
         values = self.temperature if self.temperature is not None else self.link_temperature
         if (
             values is None
@@ -161,14 +163,14 @@ class Conditions(Shown):
 
     @property
     def odd_clock(self) -> list[Note]:
-        """A clock that does not count from the moment at which the arm was switched on."""
+        """A note on times that do not count from the moment when the arm was switched on."""
         time = self.time
         if time is None or not time.size or 0.0 <= time.min() <= LONGEST_ON:
             return []
         return [Note("clock_odd", {"least": float(time.min()), "most": float(time.max())})]
 
     def require(self, name: str, purpose: str) -> NDArray:  # type: ignore[type-arg]
-        """The condition ``name``.
+        """The values of the condition ``name``.
 
         Raises:
             MissingConditionError: it is not known; names the column that would tell.
@@ -180,21 +182,21 @@ class Conditions(Shown):
 
 
 class Records(Protocol):
-    """What a cause may ask of records, to say where it could sit: :class:`aacmm_pin.Measurements`
-    are such.
+    """Records as a cause needs them to find its places; :class:`aacmm_pin.Measurements` are an
+    example.
     """
 
     @property
     def q(self) -> Array:
-        """Indications of the encoders (n, nq) [rad]."""
+        """Readings of the encoders (n, nq) [rad]."""
 
     @property
     def conditions(self) -> Conditions:
-        """What else is known of the records."""
+        """Conditions of the records."""
 
     @property
     def known(self) -> Mask:
-        """True where the coordinates of the tip are known (n,)."""
+        """(n,) True if the coordinates of the tip are known."""
 
 
 def _directions(values: ArrayLike) -> Array:

@@ -182,13 +182,13 @@ class _PeriodicReading(_Periodic):
 
 @dataclass(frozen=True)
 class EncoderEccentricity(_PeriodicReading):
-    """The disc rotates about a point that is not the centre of its track; one reading head: ``δ =
-    arcsin(A cos(θ - φ))``.
+    """The disc rotates about a point that is not the centre of its track, and one head reads it:
+    ``δ = arcsin(A cos(θ - φ))``.
 
-    A is the eccentricity over the radius of the track. Derivation: in the triangle of axis, disc
-    centre and head the law of sines gives ``sin δ = A cos(θ - φ)`` exactly, with the reading θ. Two
-    opposite heads cancel the error. Unit rad; typical 2e-5 to 3e-4. Needs no column. Aliases:
-    ``joint_compliance`` and ``counterbalance`` of a joint that tilts against gravity;
+    A is the eccentricity divided by the radius of the track. In the triangle of axis, disc centre
+    and head, the law of sines gives ``sin δ = A cos(θ - φ)`` exactly, with the reading θ. Two
+    opposite heads cancel the error. Unit rad; typical magnitude 2e-5 to 3e-4. Needs no column.
+    Aliases: ``joint_compliance`` and ``counterbalance`` of a joint that tilts against gravity;
     ``encoder_ellipticity`` and ``encoder_gain`` if the joint covers part of a turn.
     """
 
@@ -215,12 +215,12 @@ class EncoderEccentricity(_PeriodicReading):
 
 @dataclass(frozen=True)
 class EncoderEllipticity(_PeriodicReading):
-    """An oval disc, or the rest of an eccentricity with two opposite heads: twice per turn, ``δ = A
-    cos(2θ - φ)``.
+    """The disc is oval, or two opposite heads leave a rest of an eccentricity. The error occurs
+    twice per turn: ``δ = A cos(2θ - φ)``.
 
-    Unit rad; typical 1e-5 to 2e-4. Source: harmonic analysis of circle divisions (Watanabe et al.
-    2001, CIRP Annals 50).
-    Needs no column. Aliases: the neighbouring orders if the joint covers part of a turn.
+    Unit rad; typical magnitude 1e-5 to 2e-4. Source: harmonic analysis of circle divisions
+    (Watanabe et al. 2001, CIRP Annals 50). Needs no column. Aliases: the neighbouring orders if the
+    joint covers part of a turn.
     """
 
     cause: ClassVar[str] = "encoder_ellipticity"
@@ -252,12 +252,12 @@ class _Order(Nonlinear["JointPeriodicError"]):
 
 @dataclass(frozen=True)
 class JointPeriodicError(_Periodic):
-    """An error of another order, as of a gear or the subdivision of a scale: ``δ = A cos(kθ - φ)``,
-    k any number.
+    """The error has another order k, such as that of a gear or of the graduation of a scale: ``δ =
+    A cos(kθ - φ)``. k need not be a whole number.
 
-    Unit rad; typical 1e-5 to 1e-4. Source: as ``encoder_ellipticity``. Needs no column. Aliases:
-    orders so near that the covered range of the joint cannot distinguish them; beyond the sampling
-    of the records, the folded order.
+    Unit rad; typical magnitude 1e-5 to 1e-4. Source: as for ``encoder_ellipticity``. Needs no
+    column. Aliases: orders that the covered range of the joint does not distinguish from k; if the
+    records are too coarse for k, the folded order.
     """
 
     order: float
@@ -302,12 +302,12 @@ class _Knots(Nonlinear["JointErrorCurve"]):
 
 @dataclass(frozen=True)
 class JointErrorCurve(Effect):
-    """A repeatable error of one joint as any function of its angle: a cubic spline with uniform
-    knots from ``lower_rad`` to ``upper_rad``.
+    """The error of one joint is repeatable and depends on its angle in any way. The model is a
+    cubic spline with uniform knots from ``lower_rad`` to ``upper_rad``.
 
-    ``δ(θ) = Σ c_i B_i(θ)`` with cubic B-splines (de Boor 1978). Unit rad; typical 1e-5 to 3e-4.
-    Needs no column. Aliases: all other causes at this joint that depend on its angle alone; gravity
-    if only this joint moves the load.
+    ``δ(θ) = Σ c_i B_i(θ)`` with cubic B-splines (de Boor 1978). Unit rad; typical magnitude 1e-5 to
+    3e-4. Needs no column. Aliases: all other causes at this joint that depend on its angle alone;
+    gravity if only this joint moves the load.
     """
 
     joint: int
@@ -332,7 +332,7 @@ class JointErrorCurve(Effect):
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
-        """Over the range that the records cover, with coarser and finer knots."""
+        """Each joint with the range that the records cover, with coarse and fine knots."""
         for row, angle in _turning(arm, records) if records is not None else ():
             span = np.ptp(angle)
             margin = 1e-6 + 1e-3 * span
@@ -349,7 +349,7 @@ class JointErrorCurve(Effect):
     def default_fields(
         cls, stated: Mapping[str, Any], arm: Arm, present: tuple[str, ...]
     ) -> dict[str, Any]:
-        """Over the range of the joint."""
+        """The range of the joint."""
         from aacmm_pin.arm import joint_bounds
 
         rows = arm.chain.moving_rows()
@@ -369,7 +369,7 @@ class JointErrorCurve(Effect):
         return tuple(Term(name, "rad", 1e-4, f"{name}_rad") for name in names)
 
     def displacements(self, state: State) -> list[Displacement]:
-        """The B-splines at the indications.
+        """The B-splines at the readings.
 
         Raises:
             AacmmError: an indication is outside the range on which the curve is known.
@@ -389,7 +389,7 @@ class JointErrorCurve(Effect):
 
     @property
     def known_range(self) -> tuple[float, float]:
-        """The curve's range."""
+        """The range of the curve."""
         return self.lower_rad, self.upper_rad
 
     @property
@@ -405,10 +405,11 @@ class JointErrorCurve(Effect):
 class EncoderGain(_OfAngle):
     """The error grows in proportion to the angle: ``δ = g θ``.
 
-    Beside the ratio c of a coupling of the joint with itself, the ratio is ``c (1 + g)``. A closed
-    disc cannot have this error; a belt, a gear or an interpolator can, and a wound cable
-    has a similar effect. Of a prismatic joint: the error of its scale. Unit 1 (rad/rad, m/m);
-    typical 2e-5 to 4e-4. Needs no column. Aliases: low orders if the joint covers part of a turn.
+    If a coupling of the joint with itself states a ratio c, the actual ratio is ``c (1 + g)``. A
+    closed disc cannot have this error. A belt, a gear or an interpolator can have it, and a wound
+    cable has a similar effect. For a prismatic joint it is the error of the scale. Unit 1 (rad/rad,
+    m/m); typical magnitude 2e-5 to 4e-4. Needs no column. Aliases: low orders if the joint covers
+    part of a turn.
     """
 
     cause: ClassVar[str] = "encoder_gain"
@@ -416,25 +417,26 @@ class EncoderGain(_OfAngle):
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
-        """Every joint that moves by enough to show it."""
+        """Each joint that moves far enough to show the error."""
         for row, _ in _moving(arm, records):
             yield (cls(row),)
 
     def displacements(self, state: State) -> list[Displacement]:
-        """The indication itself."""
+        """The reading itself."""
         reading = state.reading(self.joint)
         return of_encoder(state, self.joint, reading[:, None])
 
 
 @dataclass(frozen=True)
 class JointCoupling(Effect):
-    """The angle of a joint has a part of another encoder's reading: ``δ = r θ_of``, with the change
-    r of the stated ratio.
+    """The angle of a joint contains a part of the reading of another encoder: ``δ = r θ_of``, with
+    the change r of the stated ratio.
 
-    A gear, belt or parallelogram whose ratio is not the stated one, or a cable that another joint
-    winds. The ratio is the one in ``[[couplings]]``, or 0, plus r. Unit 1 (rad/rad); typical 1e-4
-    to 3e-3. Needs no column. Aliases: ``joint_error_curve`` of ``of`` if the two axes are parallel
-    and near each other; causes of load if the other joint lifts the joint.
+    The actual ratio of a gear, belt or parallelogram may differ from the stated ratio, or another
+    joint may wind a cable. The actual ratio is r plus the ratio in ``[[couplings]]``, or r alone.
+    Unit 1 (rad/rad); typical magnitude 1e-4 to 3e-3. Needs no column. Aliases:
+    ``joint_error_curve`` of ``of`` if the two axes are parallel and near each other; causes of load
+    if the other joint lifts the joint.
     """
 
     joint: int
@@ -456,8 +458,8 @@ class JointCoupling(Effect):
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
-        """Every joint that turns with the one before, and with that which it mimics, if this turns
-        by enough to show it.
+        """Each revolute joint with the joint before it, and with the joint that it mimics, if that
+        joint moves far enough.
         """
         rows = arm.chain.moving_rows()
         mimicked = [(mimic.of, mimic.joint) for mimic in arm.mimics]
@@ -477,12 +479,12 @@ class JointCoupling(Effect):
 
     @property
     def key(self) -> str:
-        """With the other joint."""
+        """The label with the number of the other joint."""
         return f"{self.label},of={self.of}"
 
     @property
     def details(self) -> list[str]:
-        """The other joint."""
+        """The number of the other joint."""
         return [f"with joint {self.of}"]
 
     def displacements(self, state: State) -> list[Displacement]:
@@ -493,12 +495,12 @@ class JointCoupling(Effect):
 
 @dataclass(frozen=True)
 class JointHysteresis(Effect):
-    """Friction, a cable or a coupling holds the joint back towards its last position: ``δ = h s``,
-    s = -1, 0, 1.
+    """Friction, a cable or a coupling holds the joint back towards its last position: ``δ = h s``
+    with s = -1, 0 or 1.
 
-    Unit rad: half of the reversal error; the sign depends on whether the encoder is before or
-    behind the elastic part. Typical 2e-5 to 2e-4. Source: reversal value, ISO 230-2:2014. Needs
-    ``approachN``. Aliases: hysteresis of neighbours that always move together.
+    Unit rad; h is half of the reversal error. Its sign depends on whether the encoder is before or
+    behind the elastic part. Typical magnitude 2e-5 to 2e-4. Source: reversal value, ISO 230-2:2014.
+    Needs ``approachN``. Aliases: hysteresis of neighbours that always move together.
     """
 
     joint: int
@@ -509,7 +511,7 @@ class JointHysteresis(Effect):
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
-        """Every joint that came from more than one side."""
+        """Each joint with motions in both directions."""
         approach = None if records is None else records.conditions.approach
         if records is None:
             approach = np.stack([-np.ones(arm.nq), np.ones(arm.nq)])
