@@ -11,7 +11,7 @@ is cut in the middle.
 
 
 class AacmmError(Exception):
-    """Base of all errors that this package raises on purpose. Its text is a message to the user."""
+    """Base of every error that this package raises on purpose; its text is meant for the user."""
 
     def __init__(self, message: str) -> None:
         half = MOST_CHARACTERS // 2
@@ -30,7 +30,7 @@ class AacmmError(Exception):
 
 
 class ShapeError(AacmmError):
-    """An array has the wrong shape, or numbers that are not finite."""
+    """An array has the wrong shape or holds numbers that are not finite."""
 
 
 class ArmFileError(AacmmError):
@@ -48,7 +48,7 @@ class ArmFileError(AacmmError):
 
 
 class UnknownNameError(AacmmError):
-    """A name (arm, frame, method, …) is not known.
+    """A name (arm, frame, method, ...) is none of the known ones.
 
     Attributes:
         name: what came.
@@ -66,11 +66,11 @@ class UnknownNameError(AacmmError):
 
 
 class UnsupportedArmError(AacmmError):
-    """The geometry of the arm lacks something that this computation needs."""
+    """The arm's geometry lacks what this computation needs."""
 
 
 class CauseError(AacmmError):
-    """A cause of your own does not meet the requirements of a cause.
+    """A cause of one's own does not do what a cause has to.
 
     Attributes:
         label: the cause and where it sits.
@@ -82,7 +82,7 @@ class CauseError(AacmmError):
 
 
 class OutputError(AacmmError):
-    """A result cannot be written to the stated place."""
+    """A result cannot be written where it was asked to be."""
 
 
 class MissingConditionError(AacmmError):
@@ -116,8 +116,8 @@ class MeasurementFileError(AacmmError):
 
 
 class MistakenFileError(AacmmError):
-    """Records do not fit the arm until a mistake in them is corrected, such as a joint with a
-    reversed sign.
+    """Records have nothing to do with the arm until a mistake in them is undone, such as a joint
+    counted the other way.
 
     Attributes:
         source: the records, as the caller named them.

@@ -22,8 +22,8 @@ def preferred_theta3(point: Array) -> Array:
 
 
 def configuration_weights(theta3: Array, point: Array, group: Index | None = None) -> Array:
-    """Weights c_i of the postures at a point, larger near :func:`preferred_theta3`: (n,) [1], sum
-    1.
+    """Weights c_i of the configurations at a point, nearer to :func:`preferred_theta3` heavier:
+    (n,) [1], sum 1.
 
     ``c_i = (1 - x_i/Σx)/(n - 1)`` with ``x_i = ||θ3_i| - θ3k|``. The print has an extra factor 1/2,
     with which the weights would not sum to one. The weights differ little by construction: with n =
@@ -43,8 +43,8 @@ def configuration_weights(theta3: Array, point: Array, group: Index | None = Non
 
 
 def comprehensive_accuracy(volumes: Array, theta3: Array, point: Array) -> float:
-    """``σ = Σ c_i V_i`` over the working postures of a point, in the unit of ``volumes``; nan
-    without such a posture.
+    """``σ = Σ c_i V_i`` over the working configurations of a point; nan where there is none. In the
+    unit of ``volumes``.
     """
     if len(volumes) == 0:
         return float("nan")

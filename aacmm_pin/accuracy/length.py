@@ -41,7 +41,8 @@ MOST_PAIRS = 20_000_000
 
 @dataclass(frozen=True, eq=False)
 class LengthUncertainty(Shown):
-    """Uncertainty of the distance between two points, for each pair of postures at the two points.
+    """A distance between two points, measured in any of some postures at the one and any of some at
+    the other.
 
     Attributes:
         sources: what may be off.
@@ -59,7 +60,7 @@ class LengthUncertainty(Shown):
 
     @cached_property
     def u(self) -> Array:
-        """Standard uncertainty of the length for each pair of postures (n, m) [m]."""
+        """Standard uncertainty of the length by the postures at both ends (n, m) [m]."""
         a, b = (_on_principal_axes(self.sources, end) for end in self.contributions)
         shared = _shared(self.sources)
         variance_a = np.square(a).sum(axis=1)
@@ -68,12 +69,12 @@ class LengthUncertainty(Shown):
         return np.asarray(np.sqrt(np.maximum(separate - shared_covariance, 0.0)))
 
     def pair(self, number: int) -> tuple[int, int]:
-        """Numbers of the two postures of a pair, for an index such as ``u.argmin()``."""
+        """Numbers of the postures at either end of a pair, as ``u.argmin()`` counts them."""
         a, b = np.unravel_index(number, self.u.shape)
         return int(a), int(b)
 
     def budget(self, by: str = "parameter") -> pd.DataFrame:
-        """Share of each source in the mean variance of the length over all pairs; see
+        """Each source's part in the mean variance of the length over all pairs; see
         :meth:`AccuracyVolume.budget`.
         """
         a, b = self.contributions
@@ -102,8 +103,8 @@ def length_uncertainty(
     at: str | None = None,
     encoder_noise: ArrayLike | None = None,
 ) -> Array:
-    """Standard uncertainty of distances, each between the points of ``qa`` and ``qb`` in the same
-    row: (n,) [m].
+    """Standard uncertainty of distances, each from the point of ``qa`` to that of ``qb`` in the
+    same row: (n,) [m].
 
     Args:
         model: the arm, or the arm with its effects; those that depend on conditions are left out.

@@ -17,7 +17,7 @@ from aacmm_pin.errors import ShapeError
 
 @dataclass(frozen=True)
 class SinglePoint(Shown):
-    """Scatter of repeated indications of one point.
+    """Spread of repeated indications of one point.
 
     Attributes:
         n: number of records.
@@ -46,8 +46,8 @@ class SinglePoint(Shown):
 
 
 def single_point_statistics(indications: ArrayLike, part: ArrayLike | None = None) -> SinglePoint:
-    """Scatter of ``indications`` (n, 3) [m] of one point about their mean, also for a part and for
-    the rest of them.
+    """Spread of ``indications`` (n, 3) [m] of one point about their mean, and that of a part
+    against the rest.
 
     Args:
         indications: measured or simulated coordinates of the same point (n, 3) [m].

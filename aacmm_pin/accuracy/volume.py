@@ -51,7 +51,7 @@ MANY = 50_000
 
 @dataclass(frozen=True, eq=False)
 class AccuracyVolume(Shown):
-    """Accuracy in many postures.
+    """Accuracy at many configurations.
 
     Attributes:
         sources: what may be off.
@@ -82,7 +82,7 @@ class AccuracyVolume(Shown):
 
     @cached_property
     def u_aligned(self) -> Array:
-        """Standard uncertainty of the position after an alignment of the base to these postures:
+        """Standard uncertainty of the position after the base is aligned to these configurations:
         (n,) [m].
 
         Each source but the noise of readings moves the tip at all configurations. The rigid motion
@@ -101,15 +101,13 @@ class AccuracyVolume(Shown):
 
     @property
     def not_included(self) -> tuple[str, ...]:
-        """Labels of the causes of error that the accuracy does not contain; see
-        :class:`ErrorSources`.
-        """
+        """Labels of the causes of error that are left out, see :class:`ErrorSources`."""
         return self.sources.not_included
 
     @cached_property
     def largest_deviation(self) -> Array:
-        """Largest distance that all bounded parameter errors can cause together, to first order:
-        (n,) [m].
+        """Largest distance that the bounded parameters together can cause, to first order: (n,)
+        [m].
         """
         from aacmm_pin.accuracy import zonotope
 
@@ -120,8 +118,8 @@ class AccuracyVolume(Shown):
         return np.concatenate(found)
 
     def budget(self, by: Literal["parameter", "joint", "kind"] = "parameter") -> pd.DataFrame:
-        """Uncertainty budget (JCGM 100:2008, 5.1): share of each source in the mean variance over
-        the postures.
+        """Uncertainty budget (JCGM 100:2008, 5.1): each source's part in the mean variance over the
+        configurations.
 
         Where parameters with the covariance Σ are correlated the share of one is ``tr(S_k (Σ
         Sᵀ)_k) / tr(S Σ Sᵀ)``, half of the relative change of the variance for a relative change of
@@ -139,8 +137,8 @@ class AccuracyVolume(Shown):
         return self.sources.budget(together / max(len(self.q), 1), by)
 
     def to_frame(self) -> pd.DataFrame:
-        """One row for each posture: theta1_deg …, volume_mm3, u_mm, and largest_deviation_mm if the
-        parameters have bounds.
+        """One row for each configuration: theta1_deg …, volume_mm3, u_mm, and largest_deviation_mm
+        where it is bounded.
         """
         import pandas as pd
 
@@ -156,8 +154,8 @@ class AccuracyVolume(Shown):
         most: int = 12,
         ax: Axes | None = None,
     ) -> Axes:
-        """Draw the uncertainty budget as bars: share of the variance, with the standard uncertainty
-        at the end of each bar.
+        """The uncertainty budget as bars: share of the variance, with the standard uncertainty at
+        the end of each.
 
         Args:
             by: what the bars stand for.
@@ -213,7 +211,8 @@ def paired(circle: PosturesAtPoint, accuracy: AccuracyVolume) -> Index:
 def circle_accuracy(
     circle: PosturesAtPoint, model: GivenModel | None = None, **options: Any
 ) -> AccuracyVolume:
-    """Accuracy in the postures of a circle within the joint limits, at the frame of the circle.
+    """Accuracy of those configurations of a circle that are within limits, at the circle's own
+    frame.
 
     Args:
         circle: the configurations.
@@ -242,7 +241,7 @@ def accuracy_volume(
     draws: int = 4000,
     workers: Workers = 1,
 ) -> AccuracyVolume:
-    """Accuracy volume and covariance in postures ``q`` of an arm, or of an arm with its effects.
+    """Accuracy volume and covariance of an arm, or of an arm with its effects, at ``q``.
 
     - ``zonotope``: volume of everything that the bounded parameters can do together, exact to first
       order.

@@ -135,7 +135,7 @@ VARIABLES = (
 
 @dataclass(frozen=True, eq=False)
 class WorkspaceMap(Shown):
-    """Flexibility and accuracy in cells of the half-plane.
+    """Flexibility and accuracy over the half-plane.
 
     Attributes:
         data: labelled arrays over ``x_mm`` and ``z_mm`` (cell centres): ``reachable``,
@@ -152,12 +152,12 @@ class WorkspaceMap(Shown):
 
     @property
     def sectors(self) -> int:
-        """Number of sectors of the configuration circle."""
+        """Number of sectors of the circle."""
         return int(self.data.sizes["sector"])
 
     @property
     def caveats(self) -> tuple[Note, ...]:
-        """A note on cells in reach without sectors, if there are such cells."""
+        """That cells in reach have no sectors, where some have none."""
         no_sectors = np.isnan(self.data["flexibility"].values)
         without = int(np.sum(self._reachable & no_sectors))
         return (Note("cells_without_sectors", {"cells": without}),) if without else ()
@@ -175,12 +175,12 @@ class WorkspaceMap(Shown):
 
     @property
     def unreachable(self) -> int:
-        """Number of cells with a centre that no posture reaches, even without joint limits."""
+        """Number of cells whose centre no configuration reaches, limits apart."""
         return int(np.sum(~self._reachable))
 
     @property
     def incomplete(self) -> int:
-        """Number of cells in which postures may be missing.
+        """Number of cells of which not all configurations are known.
 
         Their singular postures form families, a curve could not be followed, or the search ended at
         its limit of work.
@@ -192,15 +192,15 @@ class WorkspaceMap(Shown):
 
     @property
     def not_included(self) -> tuple[str, ...]:
-        """Labels of the causes of error that the accuracies do not contain; see
+        """Labels of the causes of error that are left out of the accuracies, see
         :class:`ErrorSources`.
         """
         labels = str(self.data.attrs.get("not_included", ""))
         return tuple(labels.split("; ")) if labels else ()
 
     def save(self, path: str | Path, force: bool = False) -> None:
-        """Write the map as netCDF (classic format, 64-bit offsets), for xarray, MATLAB, R and
-        ncdump.
+        """Write the map, whole or not at all, as netCDF (classic format, 64-bit offsets): for
+        xarray, MATLAB, R and ncdump.
 
         Raises:
             OutputError: ``path`` exists and ``force`` is not given, or it cannot be written.
@@ -229,7 +229,7 @@ class WorkspaceMap(Shown):
             ) from None
 
     def plot(self, quantity: Quantity = "comprehensive_mm3", ax: Axes | None = None) -> Axes:
-        """Draw one quantity of the map over the half-plane through joint axis 1.
+        """One quantity of the map over the half-plane through joint axis 1.
 
         Args:
             quantity: its name in ``data``, one of :data:`Quantity`.
@@ -270,8 +270,8 @@ def map_workspace(
     progress: bool = True,
     axis: ArrayLike | None = None,
 ) -> WorkspaceMap:
-    """Map flexibility, comprehensive accuracy, and the best and worst posture over the half-plane,
-    for the wrist, or for the tip with the stylus along ``axis``.
+    """Flexibility, comprehensive accuracy, best and worst configuration over the half-plane: of the
+    wrist, or of the tip with the stylus along ``axis``.
 
     For the wrist the joints behind the fourth are held at 0, or at the angle nearest to 0 that
     their limits allow.

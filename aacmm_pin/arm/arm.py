@@ -56,7 +56,7 @@ MOST_UNEXPLAINED = 1000
 
 @dataclass(frozen=True, eq=False)
 class Arm(Shown):
-    """A serial arm: its Pinocchio model and, if it has one, its DH table.
+    """A serial arm: its Pinocchio model and, where it has one, its DH table.
 
     Attributes:
         name: name for titles and messages.
@@ -103,21 +103,23 @@ class Arm(Shown):
 
     @property
     def without_uncertainty(self) -> tuple[str, ...]:
-        """Names of the geometric parameters without a stated uncertainty, which count as exact."""
+        """Names of the geometric parameters for which no uncertainty was stated; they count as
+        exact.
+        """
         exact = (p for p in self.parameters if p.half_width is None and p.u == 0)
         return tuple(parameter.name for parameter in exact)
 
     @property
     def unexplained(self) -> str:
-        """Structure that the last calibration or diagnosis found in the records and could not
-        explain, in words; "" if there is none.
+        """What its last calibration or diagnosis saw in the records and could not explain, in
+        words; "" where nothing.
         """
         return "" if self.file is None else self.file.unexplained
 
     @property
     def tip_on_target(self) -> bool:
-        """Whether a calibration placed the tip at a target with an unknown place on the last
-        body.
+        """Whether a calibration placed the tip on a target whose place on the last body nobody had
+        stated.
         """
         return self.file is not None and self.file.tip_on_target
 
@@ -138,7 +140,7 @@ class Arm(Shown):
 
     @staticmethod
     def from_file(arm: ArmFile | UrdfArmFile, path: str = "") -> Arm:
-        """The arm of a validated arm file, from its URDF or from its DH table.
+        """The arm of a validated arm file: its URDF, or its DH table as one, by Pinocchio.
 
         Args:
             arm: the file.
@@ -177,7 +179,7 @@ class Arm(Shown):
         translation_half_width: float = 0.0,
         rotation_half_width: float = 0.0,
     ) -> Arm:
-        """The arm of a URDF with a fixed base and revolute, continuous or prismatic joints.
+        """Any fixed-base arm with revolute, continuous or prismatic joints, by its URDF.
 
         A ``continuous`` joint is read as a revolute one with limits of ±2π: one number, its angle.
         Joints that do not carry ``frame`` (a gripper's fingers) are locked at zero. A joint that
@@ -224,7 +226,8 @@ class Arm(Shown):
         translation_half_width: float = 0.0,
         rotation_half_width: float = 0.0,
     ) -> Arm:
-        """The arm of a Pinocchio model. The joints beyond ``frame`` are locked at zero.
+        """The same from a Pinocchio model that is already there; the joints past ``frame`` are
+        locked at zero.
 
         Raises:
             UnsupportedArmError, UnknownNameError: see :meth:`from_urdf`.
@@ -251,8 +254,8 @@ class Arm(Shown):
 
     @property
     def urdf_file(self) -> UrdfArmFile:
-        """The arm file of an arm from a URDF. Its path is empty if the arm came from a Pinocchio
-        model or a pipe.
+        """The arm file of an arm that came as URDF; its path is empty for one that came as a
+        Pinocchio model or by a pipe.
 
         Raises:
             UnsupportedArmError: the arm has a DH table.
@@ -265,7 +268,7 @@ class Arm(Shown):
 
     @property
     def uncorrected(self) -> Arm:
-        """The arm with the joint placements and the tip of its URDF, without corrections.
+        """An arm that came as URDF, every joint placement and the tip as the URDF states them.
 
         Raises:
             UnsupportedArmError: the arm has a DH table.
@@ -277,7 +280,7 @@ class Arm(Shown):
     def with_placements(
         self, steps: Array, covariance: Covariance | None, *, exact: bool = False
     ) -> Arm:
-        """An arm from a URDF with each joint placement moved by a twist in its own axes.
+        """An arm that came as URDF, every joint placement moved by a twist in its own axes.
 
         Args:
             steps: shifts, then turns (nq, 6) [m, rad].
@@ -301,8 +304,8 @@ class Arm(Shown):
         return _corrected(self.nominal, file, self.mimics)
 
     def with_encoder_noise(self, noise: Array) -> Arm:
-        """The arm with this standard uncertainty of one reading of each joint (nq,) [rad], also in
-        its file.
+        """The arm with this standard uncertainty of one reading of each joint (nq,) [rad], in its
+        file too.
         """
         if self.file is None:
             return replace(self, encoder_noise=noise)
@@ -318,7 +321,7 @@ class Arm(Shown):
         )
 
     def with_couplings(self, *couplings: tuple[int, int, float]) -> Arm:
-        """The arm with couplings between readings and joint angles, also in its file.
+        """The arm whose encoders read other angles than those of the joints, in its file too.
 
         A joint angle is the sum of ratios times readings. A joint's own reading counts with ratio
         1, unless a coupling with ``of = joint`` states another. ``(3, 2, -1.0)`` states that joint
@@ -356,7 +359,7 @@ class Arm(Shown):
         return coupling_matrix(self.couplings, self.chain.moving_rows())
 
     def joint_angles(self, readings: Array) -> Array:
-        """Joint angles (n, nq) for readings (n, nq) [rad; m for prismatic joints].
+        """Joint angles that readings (n, nq) make, (n, nq) [rad; m where a joint slides].
 
         Raises:
             ShapeError: ``readings`` is not a finite (n, nq) array.
@@ -365,21 +368,19 @@ class Arm(Shown):
         return readings @ self.coupling_matrix.T if self.couplings else readings
 
     def readings(self, q: Array) -> Array:
-        """Readings (n, nq) for joint angles ``q`` (n, nq) [rad; m for prismatic joints]."""
+        """What the encoders show at joint angles ``q`` (n, nq): (n, nq) [rad; m where a joint
+        slides].
+        """
         if not self.couplings:
             return q
         return np.asarray(np.linalg.solve(self.coupling_matrix, q.T).T)
 
     def by_readings(self, by_angles: Array) -> Array:
-        """The derivative with respect to the readings, from the derivative with respect to the
-        joint angles (…, nq).
-        """
+        """The derivative by the readings, from one by the joint angles (…, nq)."""
         return by_angles @ self.coupling_matrix if self.couplings else by_angles
 
     def with_unexplained(self, text: str) -> Arm:
-        """The arm with a text about unexplained structure in its file, shortened to the longest
-        text of a file.
-        """
+        """The arm in whose file is what was left unexplained, shortened to what a file has."""
         short = textwrap.shorten(text, MOST_UNEXPLAINED, placeholder=" …")
         return replace(
             self,
@@ -388,17 +389,19 @@ class Arm(Shown):
 
     @property
     def nq(self) -> int:
-        """Number of independent joints, which mimic no other joint."""
+        """Number of joints that follow no other."""
         return len(self.limits)
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """Names of all joints from the base on, including joints that mimic others."""
+        """Names of the joints, from the base on, those that follow others too."""
         return tuple(self.model.names[1:])
 
     @property
     def joint_axes(self) -> Array:
-        """Axis of each joint in the axes of its placement (nq, 3)."""
+        """Axis of each joint in the axes of its own placement (nq, 3): along it or about it the
+        joint moves.
+        """
         return joint_axes(self.model)
 
     @property
@@ -408,12 +411,12 @@ class Arm(Shown):
 
     @property
     def up(self) -> Array:
-        """Unit vector against gravity (3,); +z if the model has no gravity."""
+        """Unit vector against gravity (3,); +z where the model has no gravity."""
         length = float(np.linalg.norm(self.gravity))
         return -self.gravity / length if length > 0 else np.array([0.0, 0.0, 1.0])
 
     def require_dh(self, purpose: str, joints: int = 0) -> DHTable:
-        """The DH table, if it has a joint in each of the first ``joints`` rows.
+        """The DH table, whose first rows, so many, have ``joints``.
 
         Raises:
             UnsupportedArmError: the arm has none, or one of these rows is not there or rigid.
@@ -433,23 +436,23 @@ class Arm(Shown):
 
     @cached_property
     def chain(self) -> Chain:
-        """Kinematics of the arm as a chain of places."""
+        """Its kinematics: the arm as a chain of places."""
         if self.dh is None:
             return chain_of(self.model, self.tip, self.mimics)
         return self.dh.chain
 
     @cached_property
     def masses(self) -> Array | None:
-        """Mass of the body behind each ``axis`` of the chain (rows,) [kg]; None if no body of the
-        arm has a mass.
+        """Mass of the body behind each ``axis`` of the chain (rows,) [kg]; None where no body of
+        the arm has one.
         """
         masses = np.array([inertia.mass for inertia in self.model.inertias.tolist()[1:]])
         return self._over_rows(masses) if masses.any() else None
 
     @cached_property
     def centres_of_mass(self) -> Array:
-        """Centre of mass of each body in the axes of its ``axis`` (rows, 3) [m]; zero for a body
-        without mass.
+        """Centre of mass of that body in the axes of the ``axis`` (rows, 3) [m]; zero where there
+        is no mass.
         """
         centres = np.zeros((len(self.chain.slides), 3))
         for joint, body in enumerate(self.model.inertias.tolist()[1:]):
@@ -471,7 +474,7 @@ class Arm(Shown):
         return values
 
     def place(self, at: str | None = None) -> int:
-        """Place of the chain at the origin of frame ``at`` (default: the tip).
+        """Place of the chain that has the origin of frame ``at`` (default: the tip).
 
         Raises:
             UnknownNameError: no such frame.
@@ -483,8 +486,8 @@ class Arm(Shown):
         return dh.place(self._known_row(at))
 
     def poses(self, q: Array, at: str | None = None) -> Poses:
-        """The arm in postures ``q`` (n, nq) [rad], with the frame ``at`` (default: the tip),
-        computed by Pinocchio.
+        """The arm at configurations ``q`` (n, nq) [rad], looked at in frame ``at`` (default: the
+        tip), by Pinocchio.
 
         Raises:
             ShapeError: ``q`` is not a finite (n, nq) array.
@@ -514,7 +517,7 @@ class Arm(Shown):
         return chain_to.position_and_jacobian(batch(q, self.nq, "q", "rad"))[1]
 
     def perturbed_positions(self, q: Array, errors: Array, at: str | None = None) -> Array:
-        """Exact positions for many draws of parameter errors, without linearisation.
+        """Exact positions under many draws of parameter errors; nothing is linearised.
 
         Errors of a joint placement are a twist, as corrections in an arm file are.
 
@@ -572,8 +575,8 @@ class Arm(Shown):
         return row
 
     def dh_row(self, at: str | None = None) -> int | None:
-        """Number of the DH row with the frame ``at`` (default: the tip); None for frames that are
-        not in the table.
+        """Number of the DH row whose frame is ``at`` (default: the tip); None for frames that the
+        table does not know.
 
         Raises:
             UnknownNameError: no such frame.

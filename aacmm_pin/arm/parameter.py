@@ -16,7 +16,7 @@ Scope = Literal["arm", "session", "record"]
 
 @dataclass(frozen=True)
 class Parameter(Shown):
-    """A parameter of the model. Its true value differs from the stated value by an unknown error.
+    """A model parameter whose true value differs from the stated one by an unknown error.
 
     Attributes:
         name: short and unique in its arm, such as ``d3`` or ``encoder_noise4``.
@@ -43,7 +43,7 @@ class Parameter(Shown):
     def bounded(
         name: str, kind: str, joint: int, unit: str, value: float, half_width: float | None
     ) -> Parameter:
-        """A parameter with bounds ± half_width: rectangular distribution, u = half_width/√3 (JCGM
+        """A parameter known within ± half_width: rectangular distribution, u = half_width/√3 (JCGM
         100:2008, 4.3.7).
 
         Where no half-width is stated (None) the value counts as exact, u = 0.

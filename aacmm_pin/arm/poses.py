@@ -15,8 +15,8 @@ from aacmm_pin._support.display import Shown
 
 @dataclass(frozen=True, eq=False)
 class Poses(Shown):
-    """An arm in many postures. Pinocchio computes the arrays on first use; they are copies of its
-    memory.
+    """An arm at many configurations, computed by Pinocchio on first use; the arrays are copies, not
+    views of its memory.
 
     Attributes:
         model: the Pinocchio model.
@@ -46,8 +46,8 @@ class Poses(Shown):
 
     @cached_property
     def jacobian(self) -> Array:
-        """Twist of the frame for unit joint speeds, linear part first, ``LOCAL_WORLD_ALIGNED``: (n,
-        6, nq) [m/rad, rad/rad].
+        """Twist of the frame per joint speed, linear first, ``LOCAL_WORLD_ALIGNED``: (n, 6, nq)
+        [m/rad, rad/rad].
         """
         model = self.model
         data = self.model.createData()

@@ -16,8 +16,8 @@ from aacmm_pin.errors import AacmmError
 
 
 def perturbed_model(model: GivenModel, rng: np.random.Generator) -> ErrorModel:
-    """The model with random parameters: uniform within half-widths, or normal with the covariance
-    of a calibration.
+    """The model with all parameters drawn: uniform within half-widths, normal and together where a
+    calibration says so.
 
     Its values are the truth of a virtual arm, so it states no uncertainty of them.
 

@@ -67,7 +67,7 @@ def residuals_by_record(fits: Mapping[str, Fit]) -> pd.DataFrame:
 
 @dataclass(frozen=True, eq=False)
 class Calibration(Shown):
-    """A calibrated arm, and how well the records determine it.
+    """A calibrated arm and how far to trust it.
 
     Attributes:
         fit: fit of everything.
@@ -89,29 +89,29 @@ class Calibration(Shown):
 
     @cached_property
     def before(self) -> Fit:
-        """Fit of the nominal arm, in which only the set-up is estimated."""
+        """Fit of the set-up alone, the arm as it was."""
         return fit(self.setup, used=self.fit.used)
 
     @property
     def rms_before(self) -> float:
-        """RMS residual of the used records with the nominal arm [m]."""
+        """Root mean square distance of the used records by the arm as it was [m]."""
         return _rms(self.before, self.fit)
 
     @property
     def rms(self) -> float:
-        """RMS residual of the used records with the calibrated arm [m]."""
+        """Root mean square distance of the used records by the calibrated arm [m]."""
         return _rms(self.fit, self.fit)
 
     @property
     def noise(self) -> float:
-        """RMS residual that the stated and estimated noise predicts [m]."""
+        """What that distance should be by the stated and found noise [m]."""
         return self.fit.distance_of(self.fit.residual_noise)
 
     @property
     def turns(self) -> dict[str, float] | None:
-        """RMS rotation between the calibrated and the stated orientations of the used records
-        [rad], as :attr:`rms_before`, :attr:`rms` and :attr:`noise` for distances; None without
-        orientations.
+        """Root mean square turn from the stated orientations of the used records, as
+        :attr:`rms_before`, :attr:`rms` and :attr:`noise` are of distances [rad]; None where none is
+        stated.
         """
         turned = self.fit.used & self.fit.observations.oriented
         if not turned.any():
@@ -122,16 +122,16 @@ class Calibration(Shown):
 
     @property
     def p_value(self) -> float | None:
-        """Probability of a χ² at least this large if the model and the stated noise are right; None
-        if the noise was not stated.
+        """Chance of a χ² this large if the model and the stated noise are right; None where the
+        noise was not stated.
         """
         judged = self.fit.chi2_stated
         return None if judged is None or judged[1] < LEAST_DOF else float(chi2_sf(*judged))
 
     @property
     def undetermined(self) -> tuple[str, ...]:
-        """Combinations of parameters that the records do not determine, in words. The calibration
-        does not change such a combination.
+        """Combinations of parameters that these data cannot tell, in words; such a combination
+        stays as it was.
         """
         return self.fit.undetermined.words
 
@@ -150,8 +150,8 @@ class Calibration(Shown):
 
     @cached_property
     def parameters(self) -> pd.DataFrame:
-        """One row for each parameter: before, after, change, u and U (k = 2) in the unit of the
-        row, and how well the records determine the parameter.
+        """One row a parameter: before, after, change, u, U (k = 2), in the unit of the row; and
+        what the data say of it.
 
         ``known`` is ``measured``, ``hardly`` (the data say less than what was stated), ``as
         stated`` (they add nothing to it) or ``in combination``: it is part of one in
@@ -205,15 +205,15 @@ class Calibration(Shown):
 
     @cached_property
     def residuals(self) -> pd.DataFrame:
-        """One row for each record: line in the file, seat, tip minus target before and after [mm],
-        and whether the record was used.
+        """One row a record: line in the file, seat, tip minus target before and after [mm], whether
+        it was used.
         """
         table = residuals_by_record({"before": self.before, "after": self.fit})
         return table.assign(used=self.fit.used)
 
     @property
     def excluded(self) -> pd.DataFrame:
-        """Excluded records: row, residual and reason."""
+        """Records that were left out because they cannot belong: row, residual, reason."""
         table = self.residuals[self.fit.excluded]
         columns = [c for c in ("row", "record", "seat", "marker", "session") if c in table]
         reason = str(Note("excluded"))
@@ -225,11 +225,11 @@ class Calibration(Shown):
 
     @cached_property
     def exclusions(self) -> Exclusions:
-        """Whether the excluded records are gross errors."""
+        """Whether these are gross errors."""
         return exclusions_of(self.fit)
 
     def summary(self) -> dict[str, Any]:
-        """The JSON object with the schema ``aacmm-pin/calibration/1``."""
+        """Schema ``aacmm-pin/calibration/1``."""
         scatters = self.fit.noise.scatters
         found: dict[str, Any] = {"schema": CALIBRATION_SCHEMA, "arm": self.model.arm.name}
         found["records"] = self._records()
@@ -274,8 +274,8 @@ class Calibration(Shown):
         return text
 
     def plot(self, ax: Axes | None = None) -> Figure:
-        """Draw the residuals in space before and after calibration, in plan and from the side: a
-        figure with four panels.
+        """Residuals in space, before and after, in plan and from the side; the figure of the four
+        panels.
 
         Args:
             ax: axes, whose place is divided; without them a new pyplot figure is made.

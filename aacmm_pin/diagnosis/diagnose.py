@@ -75,8 +75,7 @@ def diagnose(
     rng: np.random.Generator | None = None,
     progress: Progress = True,
 ) -> Diagnosis:
-    """Find causes of error that the model lacks, extend the model by these causes, and compute the
-    gain.
+    """Show what the simulation gets wrong, name the cause, extend the model, measure the gain.
 
     The residuals are a linear model of geometry, reference frame and known causes, which are
     refitted, of a set of causes, of a discrepancy that depends on what was recorded, and of noise.

@@ -39,7 +39,7 @@ def diagnose_files(
     progress: bool = True,
     **options: Any,
 ) -> pd.DataFrame:
-    """Diagnose many files, each with its arm; one row for each file, in the given order.
+    """Diagnose many files, each with its arm; one row a file, in the order given.
 
     A file or an arm that cannot be used has a row with its error. Each diagnosis has the random
     numbers of ``seed``, so a row does not depend on the other files, nor on ``workers``.

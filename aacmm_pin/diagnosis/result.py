@@ -112,7 +112,7 @@ class Finding(Shown):
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis(Shown):
-    """Errors that the model of an arm lacks, their causes, and the gain from the extended arm.
+    """What the simulation gets wrong, why, and how much better it is when it knows.
 
     Attributes:
         verdict, doubts: see :func:`aacmm_pin.diagnosis.verdict.verdict_of` and ``doubts_of`` there.
@@ -149,16 +149,18 @@ class Diagnosis(Shown):
     contradicted: tuple[Note, ...]
 
     def geometric(self, finding: Finding) -> bool:
-        """Whether a finding is a parameter of the geometry of the arm."""
+        """Whether a finding is a value of the arm's own geometry."""
         return bool(geometric_parameters(self.model.arm, finding.effect))
 
     @property
     def no_better(self) -> bool:
-        """Whether the added causes do not clearly improve the prediction of held-out records."""
+        """Whether causes were added with which held-out records are not predicted better beyond
+        doubt.
+        """
         return "no better" in self.doubts
 
     def cause(self, label: str) -> Effect | None:
-        """The cause with this label, with the values that were tried first; None for a
+        """The cause that a label of this result names, as it was tried first; None for a
         covariate.
         """
         causes = (variants[0] for variants in self.choice.library)
@@ -166,14 +168,16 @@ class Diagnosis(Shown):
 
     @property
     def alternatives(self) -> dict[tuple[str, ...], float]:
-        """Probability of each set of causes by their labels, most probable first. The sum is
-        one.
+        """Probability of each set of causes, by their labels, the most probable first; they add up
+        to one.
         """
         return self.choice.posterior.causes
 
     @property
     def cannot_tell_apart(self) -> list[tuple[str, ...]]:
-        """Causes in which two sets differ, if neither set can be excluded."""
+        """Causes of which one set has some and another set, which cannot be excluded, has others
+        instead.
+        """
         best, *others = self.alternatives.items()
         acting = set(best[0])
         rivals = [set(labels) for labels, share in others if share >= THRESHOLDS.rival]
@@ -190,12 +194,12 @@ class Diagnosis(Shown):
 
     @property
     def not_saved(self) -> list[str]:
-        """Covariates of the discrepancy that an arm file cannot state."""
+        """Covariates of the discrepancy that no arm file can have."""
         return lost(described_by(self.choice, self.choice.covariates))
 
     @cached_property
     def notes(self) -> tuple[Note, ...]:
-        """Assumptions, and limits of the results."""
+        """What was assumed, and what limits what is stated."""
         return tuple(report().diagnosis_notes.notes_of(self))
 
     @cached_property
@@ -206,12 +210,12 @@ class Diagnosis(Shown):
 
     @property
     def converged(self) -> bool:
-        """Whether each search that the verdict uses converged."""
+        """Whether every search that the verdict rests on ended at a minimum."""
         return not self.converge_note
 
     @property
     def converge_note(self) -> str:
-        """Reason why a search did not converge; "" if all searches converged."""
+        """What held up a search that did not converge; "" where all did."""
         fits = {"recalibrated": self.recalibrated, "extended": self.extended}
         stuck = [f"{name}: {fit.message}" for name, fit in fits.items() if not fit.converged]
         return "; ".join(stuck)
@@ -227,8 +231,8 @@ class Diagnosis(Shown):
 
     @property
     def rms(self) -> dict[str, float]:
-        """RMS residual of the used records with the nominal, the recalibrated and the extended arm,
-        and of the noise alone [m].
+        """RMS of the used records by simulation, recalibrated and extended model, and by noise
+        alone [m].
         """
         used = self.extended.used
         sizes = {name: _rms_residual(fit, used) for name, fit in self._fits.items()}
@@ -236,8 +240,8 @@ class Diagnosis(Shown):
 
     @property
     def turns(self) -> dict[str, float] | None:
-        """RMS rotation between the stated orientations of the used records and those of each model
-        [rad]; None without orientations.
+        """RMS turn of the used records from their stated orientations, by each model [rad]; None
+        where none is stated.
         """
         used = self.extended.used & self.extended.observations.oriented
         if not used.any():
@@ -246,7 +250,7 @@ class Diagnosis(Shown):
 
     @property
     def excluded(self) -> pd.DataFrame:
-        """Records that the extended arm excludes: row, residual [mm], reason."""
+        """Records that cannot belong even with the causes known: row, residual [mm], reason."""
         out = self.extended.excluded
         deviation = self.extended.system.deviation[out]
         table = pd.DataFrame({"row": self.extended.problem.measurements.row[out]})
@@ -257,12 +261,12 @@ class Diagnosis(Shown):
         return str(report().diagnosis_line.diagnosis_line(self))
 
     def summary(self) -> dict[str, Any]:
-        """The JSON object with the schema ``aacmm-pin/diagnosis/1``."""
+        """Schema ``aacmm-pin/diagnosis/1``."""
         return dict(report().diagnosis_json.diagnosis_to_dict(self))
 
     def plot(self, finding: int = 0, ax: Axes | None = None) -> Axes:
-        """Draw the strongest cause through the records. Without a cause, draw the residuals over
-        the covariate that they depend on, or else their size with the three models.
+        """The strongest cause through what the records say of it; where none was found, what the
+        residuals depend on; where they depend on nothing, their size by the three models.
 
         Args:
             finding: number of another finding, from 0.

@@ -48,7 +48,7 @@ _Method = Callable[[Any, State], list[Any]]
 
 
 def register(cause: _Own) -> _Own:
-    """Register your own cause under its name; use it as a decorator of the class.
+    """Make a cause of your own known by its name; a decorator of its class.
 
     From then on ``diagnose`` tries it wherever its ``candidates`` say, plans distinguish it from
     others, arm files and ``--cause`` may name it, and pages and pictures show it. At the shell
@@ -197,8 +197,8 @@ def cause_named(name: str) -> type[Effect]:
 
 
 def all_candidates(arm: GivenArm, records: Records | None = None) -> Iterator[tuple[Effect, ...]]:
-    """Each cause at each possible place, with the variants to try, without causes that each
-    calibration estimates.
+    """Every cause at every place where it could sit, with the variants to try, but for what a
+    calibration refits anyway.
 
     In the order of :data:`CAUSES`; neighbours there that sit in places of one kind come place by
     place.
@@ -244,7 +244,7 @@ class SyntheticRecords:
 
 @cache
 def example(cause: type[Effect]) -> Effect | None:
-    """An example of this cause in SINO6; None if :meth:`Effect.candidates` finds no place there."""
+    """One of its kind in SINO6; None where :meth:`Effect.candidates` has none there."""
     from aacmm_pin.arm import joint_bounds
 
     arm = Arm.load("sino6")

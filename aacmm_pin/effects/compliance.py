@@ -24,15 +24,14 @@ VERTICAL = 0.01
 @dataclass(frozen=True)
 class JointCompliance(GravityEffect):
     """The joint deflects about its own axis: ``δθ = c τ``, with the moment τ of the weight about
-    this axis.
+    the axis.
 
     It applies to a joint that a spring, brake or drive holds (joint 2 of a measuring arm, every
-    joint of a robot). A free joint carries no moment about its axis; see ``bearing_tilt``. With
-    ``torque=measured``, τ is minus the measured torque of the drive. Unit rad/(N·m); typical
-    magnitude 1e-5 to 3e-5. Source: robot calibration with joint stiffness (Whitney, Lozinski,
-    Rourke 1986). Needs ``torqueN_nm`` if measured. Aliases: ``encoder_eccentricity`` and
-    ``counterbalance`` of the same joint if the load rotates with it; ``base_compliance``,
-    ``torsional_windup``.
+    joint of a robot). A free joint carries no moment about its axis, see ``bearing_tilt``. With
+    ``torque=measured`` τ is minus the measured torque of the drive. Unit rad/(N·m); typical 1e-5
+    to 3e-5. Source: robot calibration with joint stiffness (Whitney, Lozinski, Rourke 1986). Needs
+    ``torqueN_nm`` if measured. Aliases: ``encoder_eccentricity`` and ``counterbalance`` of the same
+    joint if the load rotates with it; ``base_compliance``, ``torsional_windup``.
     """
 
     joint: int
@@ -57,8 +56,8 @@ class JointCompliance(GravityEffect):
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
-        """Each revolute joint, by measured torques and by known or unknown weights. A first joint
-        with a vertical axis is left out.
+        """Every joint that turns: by measured torques, which have noise, and by the weights, known
+        or unknown, but for a vertical axis of the first joint.
 
         The other causes that yield know the weights alone; by noisy torques alone it would seem to
         fit worse than these.
@@ -86,12 +85,12 @@ class JointCompliance(GravityEffect):
     def default_fields(
         cls, stated: Mapping[str, Any], arm: Arm, present: tuple[str, ...]
     ) -> dict[str, Any]:
-        """Measured torques, if the records have them."""
+        """By measured torques, where the records have them."""
         return {"torque": "measured"} if "torque" in present else {}
 
     @property
     def needs(self) -> tuple[str, ...]:
-        """The torque, if it is measured."""
+        """The torque, where it is measured."""
         return ("torque",) if self.torque == "measured" else ()
 
     def displacements(self, state: State) -> list[Displacement]:
@@ -128,9 +127,9 @@ class BearingTilt(GravityEffect):
     """The bearing deflects across its axis: ``δφ = C (I - z zᵀ) m``, with the moment m of the
     weight.
 
-    The bearing of a free joint carries all moments except the moment about the axis. Unit
-    rad/(N·m); typical magnitude 2e-6 to 2e-5. Source: angular stiffness of a bearing pair. Needs no
-    column. Aliases: ``link_bending`` of the tube behind the joint; ``base_compliance`` at joint 1.
+    The bearing of a free joint carries every moment but the one about the axis. Unit rad/(N·m);
+    typical 2e-6 to 2e-5. Source: angular stiffness of a bearing pair. Needs no column. Aliases:
+    ``link_bending`` of the tube behind the joint; ``base_compliance`` at joint 1.
     """
 
     joint: int
@@ -142,7 +141,7 @@ class BearingTilt(GravityEffect):
     )
 
     def displacements(self, state: State) -> list[Displacement]:
-        """The moment without its component about the axis."""
+        """The moment without its part about the axis."""
         state.joint(self.joint)  # a rigid row has no bearing
         place = state.bearing(self.joint)
         local = state.rotation[place].transpose(0, 2, 1) @ self.moments(state, self.joint)
@@ -179,12 +178,12 @@ class _OfTube(LoadedEffect):
 
 @dataclass(frozen=True)
 class TorsionalWindup(_OfTube):
-    """A tube twists about its own axis: ``δφ = c (u · m) u``. m is the moment of all bodies beyond
-    about the end of the tube.
+    """A tube twists about its own axis: ``δφ = c (u · m) u``, with the moment m of all bodies
+    beyond about the tube's end.
 
-    Unit rad/(N·m); typical magnitude 2e-6 to 2e-5 (length divided by the torsional rigidity G J).
-    Source: Saint-Venant torsion. Needs no column, but masses. Aliases: ``joint_compliance`` of a
-    joint with its axis along the tube (joints 3 and 5 of SINO6), with nearly the same effect.
+    Unit rad/(N·m); typical 2e-6 to 2e-5 (length over torsional rigidity G J). Source: Saint-Venant
+    torsion. Needs no column, but masses. Aliases: ``joint_compliance`` of a joint with its axis
+    along the tube (joints 3 and 5 of SINO6): nearly the same effect.
     """
 
     cause: ClassVar[str] = "torsional_windup"
@@ -201,15 +200,15 @@ class TorsionalWindup(_OfTube):
 
 @dataclass(frozen=True)
 class LinkBending(_OfTube):
-    """A tube bends under its own weight and the weight of all bodies beyond, so that its end has a
-    slope and a sag.
+    """A tube bends under its own weight and that of all bodies beyond: slope and sag of its end.
 
-    The tube is an Euler–Bernoulli cantilever of length L along u, with κ = 1/EI. W and M are the
-    weight and the moment of all bodies beyond at its end, and w is the evenly distributed weight of
-    the tube. The slope is ``κ (L²/2 u×W + L²/6 u×w + L M)`` and the sag ``κ (L³/3 W + L³/8 w + L²/2
-    M×u)``, each without its component along u. Unit rad/(N·m²) = (rad/m)/(N·m); typical magnitude
-    3e-5 to 8e-5 (aluminium or carbon tube of 50 to 60 mm). Source: beam theory (Timoshenko). Needs
-    no column, but masses. Aliases: ``bearing_tilt`` and ``joint_compliance`` of the joint before.
+    Euler–Bernoulli cantilever of length L along u, with the weight W and moment M of all bodies
+    beyond at its end, and the evenly distributed weight w of the tube (see
+    :class:`~aacmm_pin.effects.tube.Tube`), κ = 1/EI: slope ``κ (L²/2 u×W + L²/6 u×w + L M)``, sag
+    ``κ (L³/3 W + L³/8 w + L²/2 M×u)``, each without its part along u. Unit rad/(N·m²) =
+    (rad/m)/(N·m); typical 3e-5 to 8e-5 (aluminium or carbon tube of 50 to 60 mm). Source: beam
+    theory (Timoshenko). Needs no column, but masses. Aliases: ``bearing_tilt`` and
+    ``joint_compliance`` of the joint before.
     """
 
     cause: ClassVar[str] = "link_bending"
@@ -233,14 +232,14 @@ class LinkBending(_OfTube):
 class Counterbalance(Effect):
     """The spring of a joint balances the weight incompletely: ``δθ = κ z · (u × down)``.
 
-    u is the direction of the next joint axis if this axis is across the present axis (the upper
+    u is the direction of the next joint's axis if this axis is across the present one (the upper
     tube of SINO6 behind joint 2), else of the body. The lever arm of a weight on the body is
-    proportional to the horizontal component of u, in every posture. A positive κ lowers u: the
-    spring carries too little if u points outwards. It carries too much if the axis points back to
-    the shoulder, as on SINO6 (d3 < 0). Unit rad: the rotation of the horizontal body; typical
-    magnitude 2e-5 to 2e-4. Source: moment of a constant-force counterbalance. Needs no column.
-    Aliases: ``encoder_eccentricity`` of the same joint with the phase of gravity (the same effect
-    on a level mount); ``joint_compliance`` if the load beyond hardly changes.
+    proportional to the horizontal part of u, in every posture of the rest. A positive κ lowers u:
+    the spring carries too little if u points outwards, and too much if the axis points back to the
+    shoulder, as on SINO6 (d3 < 0). Unit rad: the rotation of the level body; typical 2e-5 to 2e-4.
+    Source: moment of a constant-force counterbalance. Needs no column. Aliases:
+    ``encoder_eccentricity`` of the same joint with the phase of gravity (the same effect on a level
+    mount); ``joint_compliance`` if the load beyond hardly changes.
     """
 
     joint: int
@@ -252,14 +251,14 @@ class Counterbalance(Effect):
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
-        """The second joint, which lifts the arm, if it has a body."""
+        """The second joint, which lifts the arm, where it has a body."""
         for row in arm.chain.moving_rows()[1:2]:
             effect = cls(row)
             if is_possible(effect, arm, records):
                 yield (effect,)
 
     def displacements(self, state: State) -> list[Displacement]:
-        """The horizontal component of the body across the axis."""
+        """The horizontal part of the body across the axis."""
         row = state.known_row(self.joint)
         horizontal = np.cross(self._carried(state), state.down)
         lever = state.along_axis(row, horizontal)

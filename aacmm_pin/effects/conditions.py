@@ -51,7 +51,7 @@ LONGEST_ON = 30 * 86400.0
 
 @dataclass(frozen=True, eq=False)
 class Conditions(Shown):
-    """Conditions of n records; an unknown condition is None.
+    """Conditions of n records; None where nothing is known.
 
     Attributes:
         n: number of records.
@@ -105,7 +105,7 @@ class Conditions(Shown):
             object.__setattr__(self, name, given)
 
     def take(self, rows: Index | slice | Mask | Sequence[int]) -> Conditions:
-        """The conditions of some of the records."""
+        """The same of some of the records."""
         chosen = {}
         for field in fields(self)[1:]:
             values = getattr(self, field.name)
@@ -117,20 +117,20 @@ class Conditions(Shown):
 
     @cached_property
     def times(self) -> Array:
-        """The different times in ascending order [s]; empty if no time is known."""
+        """The different times in their order; without any where none is known [s]."""
         if self.time is None:
             return np.zeros(0)
         return np.unique(self.time)
 
     @property
     def present(self) -> tuple[str, ...]:
-        """Names of the known conditions."""
+        """Names of the conditions that are known."""
         names = [field.name for field in fields(self)[1:]]
         return tuple(name for name in names if getattr(self, name) is not None)
 
     def odd_temperatures(self, reference: float) -> list[Note]:
-        """A note on temperatures that are unusual for a workshop. ``reference`` is the temperature
-        of the stated lengths of the arm [°C].
+        """Temperatures that no workshop has; ``reference`` is that at which the arm's lengths hold
+        [°C].
         """
         found = []
         for values in (self.temperature, self.link_temperature):
@@ -148,9 +148,7 @@ class Conditions(Shown):
         return found
 
     def other_temperatures(self, reference: float) -> list[Note]:
-        """A note on temperatures that differ from ``reference``, the temperature of the stated
-        lengths of the arm [°C].
-        """
+        """Temperatures at which lengths that hold at ``reference`` [°C] are others."""
         values = self.temperature if self.temperature is not None else self.link_temperature
         if (
             values is None
@@ -163,14 +161,14 @@ class Conditions(Shown):
 
     @property
     def odd_clock(self) -> list[Note]:
-        """A note on times that do not count from the moment when the arm was switched on."""
+        """A clock that does not count from the moment at which the arm was switched on."""
         time = self.time
         if time is None or not time.size or 0.0 <= time.min() <= LONGEST_ON:
             return []
         return [Note("clock_odd", {"least": float(time.min()), "most": float(time.max())})]
 
     def require(self, name: str, purpose: str) -> NDArray:  # type: ignore[type-arg]
-        """The values of the condition ``name``.
+        """The condition ``name``.
 
         Raises:
             MissingConditionError: it is not known; names the column that would tell.
@@ -182,21 +180,21 @@ class Conditions(Shown):
 
 
 class Records(Protocol):
-    """Records as a cause needs them to find its places; :class:`aacmm_pin.Measurements` are an
-    example.
+    """What a cause may ask of records, to say where it could sit: :class:`aacmm_pin.Measurements`
+    are such.
     """
 
     @property
     def q(self) -> Array:
-        """Readings of the encoders (n, nq) [rad]."""
+        """Indications of the encoders (n, nq) [rad]."""
 
     @property
     def conditions(self) -> Conditions:
-        """Conditions of the records."""
+        """What else is known of the records."""
 
     @property
     def known(self) -> Mask:
-        """(n,) True if the coordinates of the tip are known."""
+        """True where the coordinates of the tip are known (n,)."""
 
 
 def _directions(values: ArrayLike) -> Array:

@@ -37,8 +37,8 @@ UNIT_OF_KEY = re.compile(r"_(rad|deg|mm|um|m|s|k|kg|n|nm)?(_?per_\w+)?$")
 
 
 class Reading(NamedTuple):
-    """Form in which users read a value of a file: its name, a unit, and how many of this unit are
-    one unit of the file.
+    """How people read a value of a file: its name, a unit, and how many of these are one of the
+    file's.
     """
 
     name: str
@@ -83,12 +83,12 @@ class Term:
 
     @property
     def unit_read(self) -> tuple[str, float]:
-        """The unit in which users read the parameter, and its size in SI."""
+        """The unit in which people read it, and one of it in SI."""
         return self.read_in or prefixed(self.unit, self.typical)
 
     @property
     def reading(self) -> Reading:
-        """The form in which users read the parameter."""
+        """How people read it."""
         unit, size = self.unit_read
         name = UNIT_OF_KEY.sub("", self.key) or self.key
         return Reading(name.replace("_", " "), unit, self.scale / size)
@@ -96,7 +96,7 @@ class Term:
 
 @dataclass(frozen=True, eq=False)
 class Displacement:
-    """Displacement of one place by one unit of each parameter.
+    """How one place moves per unit of each parameter.
 
     Attributes:
         place: place of the chain.
@@ -108,12 +108,10 @@ class Displacement:
 
 
 class Notation:
-    """Notation of the values of a cause in files and texts. The default is each term under its
-    key.
-    """
+    """How files and people write the values of a cause: here each term by its key."""
 
     def parameters(self, effect: Effect) -> dict[str, float]:
-        """The values as in a file."""
+        """The values as a file has them."""
         pairs = zip(effect.terms, effect.values, strict=True)
         return {term.key: value / term.scale for term, value in pairs}
 
@@ -122,15 +120,15 @@ class Notation:
         return np.diag([1.0 / term.scale for term in effect.terms])
 
     def readings(self, effect: Effect) -> dict[str, Reading]:
-        """The form in which users read each parameter of the file."""
+        """How people read each parameter of the file."""
         return {term.key: term.reading for term in effect.terms}
 
     def phase_is_free(self, effect: Effect) -> bool:
-        """Whether the values state only a magnitude, in any direction."""
+        """Whether its values stand for their magnitude, in any direction."""
         return False
 
     def values(self, effect: Effect, parameters: Mapping[str, float]) -> tuple[float, ...]:
-        """Values [SI] from the parameters of a file; an omitted parameter is zero.
+        """Values from the parameters of a file; what it leaves out is zero [SI].
 
         Raises:
             UnknownNameError: a parameter that the cause does not have.
@@ -140,7 +138,7 @@ class Notation:
 
 @dataclass(frozen=True, kw_only=True)
 class Effect(Shown, ABC):
-    """A physical cause of error, with the values of its parameters.
+    """A physical cause of error with the values of its parameters.
 
     A subclass states its ``cause``, its ``terms``, its :meth:`displacements`, and fields that
     state which one it is: a place (``joint``, ``link``, ``seat`` or ``marker``), an order, …
@@ -214,7 +212,7 @@ class Effect(Shown, ABC):
 
     @abstractmethod
     def displacements(self, state: State) -> list[Displacement]:
-        """Displacement of each affected place by one unit of each parameter.
+        """What one unit of each parameter does to which places.
 
         Raises:
             MissingConditionError: the records lack a condition that the cause depends on.
@@ -222,27 +220,23 @@ class Effect(Shown, ABC):
         """
 
     def exact(self, state: State) -> list[tuple[int, Array]]:
-        """Places and their twists (n, 6) for the values, by exact physics. The default is the
-        linear model.
-        """
+        """Place and twist (n, 6) at the values, by exact physics; here the linear ones."""
         values = np.array(self.values)
         return [(each.place, each.columns @ values) for each in self.displacements(state)]
 
     @property
     def needs(self) -> tuple[str, ...]:
-        """Conditions on which the effect depends, by their names in :class:`Conditions`."""
+        """Conditions that it depends on, by their names in :class:`Conditions`."""
         return ()
 
     @property
     def known_range(self) -> tuple[float, float] | None:
-        """Range of readings of its joint in which the effect is known [rad]; None for all
-        readings.
-        """
+        """Indications of its joint between which it is known [rad]; None for everywhere."""
         return None
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
-        """Places at which the cause can act, each with the variants to try.
+        """Where the cause could sit: for each place its variants, by the values to try.
 
         Here the whole arm, if no place need be named; every joint, every tube (a body longer than
         0.15 m), every seat that was touched twice, every target, as the field says; without those
@@ -273,7 +267,7 @@ class Effect(Shown, ABC):
     def default_fields(
         cls, stated: Mapping[str, Any], arm: Arm, present: tuple[str, ...]
     ) -> dict[str, Any]:
-        """Values of fields that you may omit, from the arm and the conditions of the records."""
+        """Fields that a person may leave out, by the arm and the conditions in the records."""
         return {}
 
     @classmethod
@@ -290,21 +284,20 @@ class Effect(Shown, ABC):
 
     @property
     def row(self) -> int | None:
-        """The DH row on which the effect acts; None for the whole arm."""
+        """The DH row it belongs to; None for causes of the whole arm."""
         if self.place is None or self.location_field() not in ("joint", "link"):
             return None
         return int(self.place)
 
     @property
     def label(self) -> str:
-        """The cause and its place, such as ``encoder_gain:5``."""
+        """The cause and where it sits, such as ``encoder_gain:5``."""
         place = "" if self.place is None else f":{self.place}"
         return f"{self.cause}{place}"
 
     @property
     def key(self) -> str:
-        """The label with the field that distinguishes several effects of one cause at one place:
-        ``…,order=7``.
+        """The label, with the value in which several of a cause at a place differ: ``…,order=7``.
 
         It has six digits; of times since 1970, which these do not tell apart, the milliseconds too.
         """
@@ -316,25 +309,25 @@ class Effect(Shown, ABC):
 
     @property
     def identity(self) -> tuple[object, ...]:
-        """The cause, its place and all fields, without the values."""
+        """Which cause it is and where it sits, with all fields, whatever its values are."""
         names = fields_of(type(self))
         return (self.cause, *(getattr(self, name) for name in names))
 
     @property
     def details(self) -> list[str]:
-        """Fields that distinguish the effect from others of its cause at its place, in words."""
+        """In which it differs from others of its cause at its place, for people."""
         return [self.nonlinear.in_words(self)] if self.nonlinear.field else []
 
     def validity_notes(self, conditions: Conditions) -> list[Note]:
-        """Notes for a user who applies the effect to new records."""
+        """What whoever applies it to new records should know."""
         return []
 
     def at(self, values: Sequence[float] | Array, u: Sequence[float] | Array = ()) -> Self:
-        """The same effect with other values [SI]."""
+        """The same cause with other values [SI]."""
         return replace(self, values=tuple(values), u=tuple(u))
 
     def parameters(self) -> tuple[Parameter, ...]:
-        """The parameters with their values and uncertainties."""
+        """Its parameters with their values and uncertainties."""
         found = []
         for term, value, u in zip(self.terms, self.values, self.u, strict=True):
             name = f"{self.key}.{term.name}" if term.name else self.key
@@ -467,8 +460,8 @@ def point_sensitivity(state: State, displacement: Displacement) -> Array:
 
 
 def about_axis(state: State, row: int, columns: Array) -> Displacement:
-    """Rotation of body ``row`` about its joint by ``columns`` (n, p) [rad], or translation along a
-    prismatic joint.
+    """Body ``row`` turned about its joint by ``columns`` (n, p) [rad]; along it if the joint
+    slides.
     """
     component = 2 if state.slides(row) else 5
     # Component by component, so that the zeros of the others take no memory: nobody writes there.
@@ -488,8 +481,7 @@ def of_encoder(state: State, row: int, columns: Array) -> list[Displacement]:
 
 
 def twist(linear: Array | None = None, angular: Array | None = None) -> Array:
-    """Columns (n, 6, p) of a displacement, from translations and rotations in the axes of its
-    place.
+    """Columns (n, 6, p) of a displacement, from shifts and turns in the axes of its place.
 
     Args:
         linear: shift per unit of each of p parameters (n, 3, p) [m/unit]; None for none.

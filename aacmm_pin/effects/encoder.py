@@ -182,13 +182,13 @@ class _PeriodicReading(_Periodic):
 
 @dataclass(frozen=True)
 class EncoderEccentricity(_PeriodicReading):
-    """The disc rotates about a point that is not the centre of its track, and one head reads it:
-    ``δ = arcsin(A cos(θ - φ))``.
+    """The disc rotates about a point that is not the centre of its track; one reading head: ``δ =
+    arcsin(A cos(θ - φ))``.
 
-    A is the eccentricity divided by the radius of the track. In the triangle of axis, disc centre
-    and head, the law of sines gives ``sin δ = A cos(θ - φ)`` exactly, with the reading θ. Two
-    opposite heads cancel the error. Unit rad; typical magnitude 2e-5 to 3e-4. Needs no column.
-    Aliases: ``joint_compliance`` and ``counterbalance`` of a joint that tilts against gravity;
+    A is the eccentricity over the radius of the track. Derivation: in the triangle of axis, disc
+    centre and head the law of sines gives ``sin δ = A cos(θ - φ)`` exactly, with the reading θ. Two
+    opposite heads cancel the error. Unit rad; typical 2e-5 to 3e-4. Needs no column. Aliases:
+    ``joint_compliance`` and ``counterbalance`` of a joint that tilts against gravity;
     ``encoder_ellipticity`` and ``encoder_gain`` if the joint covers part of a turn.
     """
 
@@ -215,12 +215,12 @@ class EncoderEccentricity(_PeriodicReading):
 
 @dataclass(frozen=True)
 class EncoderEllipticity(_PeriodicReading):
-    """The disc is oval, or two opposite heads leave a rest of an eccentricity. The error occurs
-    twice per turn: ``δ = A cos(2θ - φ)``.
+    """An oval disc, or the rest of an eccentricity with two opposite heads: twice per turn, ``δ = A
+    cos(2θ - φ)``.
 
-    Unit rad; typical magnitude 1e-5 to 2e-4. Source: harmonic analysis of circle divisions
-    (Watanabe et al. 2001, CIRP Annals 50). Needs no column. Aliases: the neighbouring orders if the
-    joint covers part of a turn.
+    Unit rad; typical 1e-5 to 2e-4. Source: harmonic analysis of circle divisions (Watanabe et al.
+    2001, CIRP Annals 50).
+    Needs no column. Aliases: the neighbouring orders if the joint covers part of a turn.
     """
 
     cause: ClassVar[str] = "encoder_ellipticity"
@@ -252,12 +252,12 @@ class _Order(Nonlinear["JointPeriodicError"]):
 
 @dataclass(frozen=True)
 class JointPeriodicError(_Periodic):
-    """The error has another order k, such as that of a gear or of the graduation of a scale: ``δ =
-    A cos(kθ - φ)``. k need not be a whole number.
+    """An error of another order, as of a gear or the subdivision of a scale: ``δ = A cos(kθ - φ)``,
+    k any number.
 
-    Unit rad; typical magnitude 1e-5 to 1e-4. Source: as for ``encoder_ellipticity``. Needs no
-    column. Aliases: orders that the covered range of the joint does not distinguish from k; if the
-    records are too coarse for k, the folded order.
+    Unit rad; typical 1e-5 to 1e-4. Source: as ``encoder_ellipticity``. Needs no column. Aliases:
+    orders so near that the covered range of the joint cannot distinguish them; beyond the sampling
+    of the records, the folded order.
     """
 
     order: float
@@ -302,12 +302,12 @@ class _Knots(Nonlinear["JointErrorCurve"]):
 
 @dataclass(frozen=True)
 class JointErrorCurve(Effect):
-    """The error of one joint is repeatable and depends on its angle in any way. The model is a
-    cubic spline with uniform knots from ``lower_rad`` to ``upper_rad``.
+    """A repeatable error of one joint as any function of its angle: a cubic spline with uniform
+    knots from ``lower_rad`` to ``upper_rad``.
 
-    ``δ(θ) = Σ c_i B_i(θ)`` with cubic B-splines (de Boor 1978). Unit rad; typical magnitude 1e-5 to
-    3e-4. Needs no column. Aliases: all other causes at this joint that depend on its angle alone;
-    gravity if only this joint moves the load.
+    ``δ(θ) = Σ c_i B_i(θ)`` with cubic B-splines (de Boor 1978). Unit rad; typical 1e-5 to 3e-4.
+    Needs no column. Aliases: all other causes at this joint that depend on its angle alone; gravity
+    if only this joint moves the load.
     """
 
     joint: int
@@ -332,7 +332,7 @@ class JointErrorCurve(Effect):
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
-        """Each joint with the range that the records cover, with coarse and fine knots."""
+        """Over the range that the records cover, with coarser and finer knots."""
         for row, angle in _turning(arm, records) if records is not None else ():
             span = np.ptp(angle)
             margin = 1e-6 + 1e-3 * span
@@ -349,7 +349,7 @@ class JointErrorCurve(Effect):
     def default_fields(
         cls, stated: Mapping[str, Any], arm: Arm, present: tuple[str, ...]
     ) -> dict[str, Any]:
-        """The range of the joint."""
+        """Over the range of the joint."""
         from aacmm_pin.arm import joint_bounds
 
         rows = arm.chain.moving_rows()
@@ -369,7 +369,7 @@ class JointErrorCurve(Effect):
         return tuple(Term(name, "rad", 1e-4, f"{name}_rad") for name in names)
 
     def displacements(self, state: State) -> list[Displacement]:
-        """The B-splines at the readings.
+        """The B-splines at the indications.
 
         Raises:
             AacmmError: an indication is outside the range on which the curve is known.
@@ -389,7 +389,7 @@ class JointErrorCurve(Effect):
 
     @property
     def known_range(self) -> tuple[float, float]:
-        """The range of the curve."""
+        """The curve's range."""
         return self.lower_rad, self.upper_rad
 
     @property
@@ -405,11 +405,10 @@ class JointErrorCurve(Effect):
 class EncoderGain(_OfAngle):
     """The error grows in proportion to the angle: ``δ = g θ``.
 
-    If a coupling of the joint with itself states a ratio c, the actual ratio is ``c (1 + g)``. A
-    closed disc cannot have this error. A belt, a gear or an interpolator can have it, and a wound
-    cable has a similar effect. For a prismatic joint it is the error of the scale. Unit 1 (rad/rad,
-    m/m); typical magnitude 2e-5 to 4e-4. Needs no column. Aliases: low orders if the joint covers
-    part of a turn.
+    Beside the ratio c of a coupling of the joint with itself, the ratio is ``c (1 + g)``. A closed
+    disc cannot have this error; a belt, a gear or an interpolator can, and a wound cable
+    has a similar effect. Of a prismatic joint: the error of its scale. Unit 1 (rad/rad, m/m);
+    typical 2e-5 to 4e-4. Needs no column. Aliases: low orders if the joint covers part of a turn.
     """
 
     cause: ClassVar[str] = "encoder_gain"
@@ -417,26 +416,25 @@ class EncoderGain(_OfAngle):
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
-        """Each joint that moves far enough to show the error."""
+        """Every joint that moves by enough to show it."""
         for row, _ in _moving(arm, records):
             yield (cls(row),)
 
     def displacements(self, state: State) -> list[Displacement]:
-        """The reading itself."""
+        """The indication itself."""
         reading = state.reading(self.joint)
         return of_encoder(state, self.joint, reading[:, None])
 
 
 @dataclass(frozen=True)
 class JointCoupling(Effect):
-    """The angle of a joint contains a part of the reading of another encoder: ``δ = r θ_of``, with
-    the change r of the stated ratio.
+    """The angle of a joint has a part of another encoder's reading: ``δ = r θ_of``, with the change
+    r of the stated ratio.
 
-    The actual ratio of a gear, belt or parallelogram may differ from the stated ratio, or another
-    joint may wind a cable. The actual ratio is r plus the ratio in ``[[couplings]]``, or r alone.
-    Unit 1 (rad/rad); typical magnitude 1e-4 to 3e-3. Needs no column. Aliases:
-    ``joint_error_curve`` of ``of`` if the two axes are parallel and near each other; causes of load
-    if the other joint lifts the joint.
+    A gear, belt or parallelogram whose ratio is not the stated one, or a cable that another joint
+    winds. The ratio is the one in ``[[couplings]]``, or 0, plus r. Unit 1 (rad/rad); typical 1e-4
+    to 3e-3. Needs no column. Aliases: ``joint_error_curve`` of ``of`` if the two axes are parallel
+    and near each other; causes of load if the other joint lifts the joint.
     """
 
     joint: int
@@ -458,8 +456,8 @@ class JointCoupling(Effect):
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
-        """Each revolute joint with the joint before it, and with the joint that it mimics, if that
-        joint moves far enough.
+        """Every joint that turns with the one before, and with that which it mimics, if this turns
+        by enough to show it.
         """
         rows = arm.chain.moving_rows()
         mimicked = [(mimic.of, mimic.joint) for mimic in arm.mimics]
@@ -479,12 +477,12 @@ class JointCoupling(Effect):
 
     @property
     def key(self) -> str:
-        """The label with the number of the other joint."""
+        """With the other joint."""
         return f"{self.label},of={self.of}"
 
     @property
     def details(self) -> list[str]:
-        """The number of the other joint."""
+        """The other joint."""
         return [f"with joint {self.of}"]
 
     def displacements(self, state: State) -> list[Displacement]:
@@ -495,12 +493,12 @@ class JointCoupling(Effect):
 
 @dataclass(frozen=True)
 class JointHysteresis(Effect):
-    """Friction, a cable or a coupling holds the joint back towards its last position: ``δ = h s``
-    with s = -1, 0 or 1.
+    """Friction, a cable or a coupling holds the joint back towards its last position: ``δ = h s``,
+    s = -1, 0, 1.
 
-    Unit rad; h is half of the reversal error. Its sign depends on whether the encoder is before or
-    behind the elastic part. Typical magnitude 2e-5 to 2e-4. Source: reversal value, ISO 230-2:2014.
-    Needs ``approachN``. Aliases: hysteresis of neighbours that always move together.
+    Unit rad: half of the reversal error; the sign depends on whether the encoder is before or
+    behind the elastic part. Typical 2e-5 to 2e-4. Source: reversal value, ISO 230-2:2014. Needs
+    ``approachN``. Aliases: hysteresis of neighbours that always move together.
     """
 
     joint: int
@@ -511,7 +509,7 @@ class JointHysteresis(Effect):
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
-        """Each joint with motions in both directions."""
+        """Every joint that came from more than one side."""
         approach = None if records is None else records.conditions.approach
         if records is None:
             approach = np.stack([-np.ones(arm.nq), np.ones(arm.nq)])

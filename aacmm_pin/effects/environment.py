@@ -29,11 +29,11 @@ ANOTHER_POINT = 5e-4
 @dataclass(frozen=True)
 class BaseCompliance(GravityEffect):
     """The stand tilts under the moment of the whole arm: ``δφ = c m``, with the moment m of the
-    weight about the origin of the base.
+    weight about the base origin.
 
-    Unit rad/(N·m); typical magnitude 5e-6 to 2e-5 (magnetic base, tripod). Source: rotational
-    stiffness of the mount. Needs no column. Aliases: ``bearing_tilt:1``, ``joint_compliance:2``, an
-    eccentricity of joint 2.
+    Unit rad/(N·m); typical 5e-6 to 2e-5 (magnetic base, tripod). Source: rotational stiffness of
+    the mount. Needs no column. Aliases: ``bearing_tilt:1``, ``joint_compliance:2``, an eccentricity
+    of joint 2.
     """
 
     cause: ClassVar[str] = "base_compliance"
@@ -53,12 +53,12 @@ class BaseCompliance(GravityEffect):
 
 @dataclass(frozen=True)
 class SeatError(Effect):
-    """The stated position of one seat has an error e: true position = stated position + e. The arm
-    itself has no error.
+    """The stated position of one seat has an error: true position = stated position + e. The arm
+    has no error.
 
-    Unit m; typical magnitude 1e-5 (worn, dirty or moved seat). Source: seats of single-point tests,
-    ASME B89.4.22-2004. Needs ``seat``. Aliases: any smooth error of the arm if the seat is probed
-    in one posture only.
+    Unit m; typical 1e-5 (worn, dirty, moved). Source: seats of single-point tests, ASME
+    B89.4.22-2004. Needs ``seat``. Aliases: any smooth error of the arm if the seat is probed in one
+    posture only.
     """
 
     seat: str
@@ -70,7 +70,7 @@ class SeatError(Effect):
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
-        """Each seat, if there are other seats that determine its place."""
+        """Every seat, where there are others that tell where it should be."""
         seats = list(super().candidates(arm, records))
         if records is not None and len(seats) >= LEAST_SEATS and records.known.any():
             yield from seats
@@ -84,13 +84,12 @@ class SeatError(Effect):
 
 @dataclass(frozen=True)
 class ReferenceFrame(Effect):
-    """The frame of the reference data has a small translation and rotation relative to the base.
+    """The frame of the references has a small translation and rotation relative to the base.
 
-    The displacement is a twist (v, ω) at the base: ``p_reference = exp(v, ω) p_base``. Units m and
-    rad; the magnitude is what the fit of the two frames leaves. With ``session``, the effect is
-    limited to the records of that session. Source: rigid registration. Needs ``session`` if one is
-    named. Aliases: a zero offset of joint 1 and d of row 1, which move the whole arm in the same
-    way.
+    A twist (v, ω) at the base: ``p_reference = exp(v, ω) p_base``. Units m, rad; any size that
+    remains after the fit of the two frames. With ``session``, only the records of that session.
+    Source: rigid registration. Needs ``session`` if one is named. Aliases: a zero offset of joint 1
+    and d of row 1, which move the whole arm in the same way.
     """
 
     session: str | None = None
@@ -103,12 +102,12 @@ class ReferenceFrame(Effect):
 
     @property
     def needs(self) -> tuple[str, ...]:
-        """The session, if one is named."""
+        """The session, where one is named."""
         return () if self.session is None else ("session",)
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
-        """The frame of all records."""
+        """That of all records."""
         yield (cls(),)
 
     def displacements(self, state: State) -> list[Displacement]:
@@ -122,10 +121,10 @@ class ReferenceFrame(Effect):
 
 @dataclass(frozen=True)
 class StylusOffset(Effect):
-    """The ball or target is not at the tip. Its translation is constant in the axes of the last
-    frame; with ``marker``, it is that of this target.
+    """The ball or target is not at the tip: a constant translation in the axes of the last frame;
+    with ``marker``, of that target.
 
-    Unit m; typical magnitude 2e-5 for a qualified stylus, 0.1 for a mounted target. Source: probe
+    Unit m; typical 2e-5 for a qualified stylus, 0.1 for a mounted target. Source: probe
     qualification, ISO 10360-12:2016. Needs ``marker`` if one is named. Aliases: a, d and θ of the
     last row, which move the same point.
     """
@@ -138,18 +137,18 @@ class StylusOffset(Effect):
 
     @property
     def needs(self) -> tuple[str, ...]:
-        """The marker, if one is named."""
+        """The marker, where one is named."""
         return () if self.marker is None else ("marker",)
 
     def validity_notes(self, conditions: Conditions) -> list[Note]:
-        """A note that the coordinates are those of another point than the tip of the geometry."""
+        """That coordinates are of another point than the tip of the arm's geometry."""
         far = float(np.linalg.norm(self.values))
         if self.marker is not None or far < ANOTHER_POINT:
             return []
         return [Note("tip_is_target", {"cause": self.label, "distance": far})]
 
     def displacements(self, state: State) -> list[Displacement]:
-        """Unit translations at the tip."""
+        """Unit shifts at the tip."""
         columns = twist(np.eye(3)[None])
         if self.marker is not None:
             columns = (
@@ -162,11 +161,11 @@ class StylusOffset(Effect):
 @dataclass(frozen=True)
 class StylusBending(Effect):
     """The stylus sags under gravity: ``δp = s (I - e eᵀ) down``, with the stylus axis e and the sag
-    s of the horizontal stylus.
+    s of the level stylus.
 
-    Unit m; typical magnitude 1e-6 to 2e-5. Source: beam theory. A constant probing force increases
-    the sag. Needs no column, but the stylus axis of the arm file. Aliases: ``bearing_tilt``,
-    ``joint_compliance`` of the last joint.
+    Unit m; typical 1e-6 to 2e-5. Source: beam theory; a probing force that is always the same
+    increases the sag. Needs no column, but the stylus axis of the arm file. Aliases:
+    ``bearing_tilt``, ``joint_compliance`` of the last joint.
     """
 
     cause: ClassVar[str] = "stylus_bending"
@@ -182,14 +181,14 @@ class StylusBending(Effect):
 
 @dataclass(frozen=True)
 class ProbeBending(Effect):
-    """The stylus bends under the probing force: ``δp = -b (I - e eᵀ) d``. e is the stylus axis, d
-    the direction in which the probe moved at the contact, and b the deflection.
+    """The stylus bends under the probing force: ``δp = -b (I - e eᵀ) d``, with the stylus axis e,
+    the direction d in which the probe moved when it touched, and the deflection b.
 
-    The ball lags behind the motion of the probe, so that b is positive. The model assumes the same
-    force in all records. Unit m; typical magnitude 5e-6 to 5e-5: 1 N on a steel stylus of 50 mm and
-    Ø 4 mm gives 1.6e-5. Source: cantilever, ``b = F L³ / (3 E I)``. Needs ``probe_direction_x …``,
-    and the stylus axis of the arm file. Aliases: ``stylus_offset`` and ``joint_hysteresis`` of the
-    last joints if the stylus always touches with one side.
+    The ball lags behind the motion of the probe, so that b is above zero. The force is the same in
+    all records. Unit m; typical 5e-6 to 5e-5: 1 N on a steel stylus of 50 mm and Ø 4 mm gives
+    1.6e-5. Source: cantilever, ``b = F L³ / (3 E I)``. Needs ``probe_direction_x …``, and the
+    stylus axis of the arm file. Aliases: ``stylus_offset`` and ``joint_hysteresis`` of the last
+    joints if the stylus always touches with one side.
     """
 
     cause: ClassVar[str] = "probe_bending"
@@ -207,15 +206,15 @@ class ProbeBending(Effect):
 @dataclass(frozen=True)
 class ThermalExpansion(Effect):
     """The lengths of the whole arm or of one body expand with temperature: ``δl = α (T - T0) l``,
-    with T0 from the arm file.
+    with T0 of the arm file.
 
-    Unit 1/K; typical magnitude 12e-6 (steel), 24e-6 (aluminium), 1e-6 (carbon). Source: ISO 1:2022.
-    Needs ``temperature_c``, or ``temperature1_c …`` of each row. The temperature of a row applies
-    to the body that moves with it: d and a of the row in standard DH, d of the row and a of the
-    next row in modified DH. Bodies before row 1 have the mean temperature of the rows. If the whole
-    arm expands too, the value of one body is the difference. Aliases: the scale of the reference;
-    ``link_length`` and ``joint_distance`` if the temperature hardly changes; the expansion of the
-    whole arm and that of one tube.
+    Unit 1/K; typical 12e-6 (steel) to 24e-6 (aluminium), 1e-6 carbon. Source: ISO 1:2022. Needs
+    ``temperature_c``, or ``temperature1_c …`` of each row. The temperature of a row applies to the
+    body that moves with it: d and a of the row in standard DH, d of the row and a of the next in
+    modified DH. Bodies before row 1 have the mean of the rows. If the whole arm expands too, the
+    value of one body is the difference. Aliases: the scale of the reference; ``link_length`` and
+    ``joint_distance`` if the temperature hardly changes; the expansion of the whole arm and that of
+    one tube.
     """
 
     link: int | None = None
@@ -226,9 +225,7 @@ class ThermalExpansion(Effect):
     )
 
     def displacements(self, state: State) -> list[Displacement]:
-        """Each length of the chain per kelvin, multiplied by the temperature difference of the
-        record.
-        """
+        """Each length of the chain per kelvin, times what the record is warmer."""
         rows = (
             range(state.arm.chain.rows + 1) if self.link is None else [state.known_row(self.link)]
         )

@@ -47,7 +47,7 @@ SAME_TWIST = 1e-15
 
 @dataclass(frozen=True, eq=False, init=False)
 class ErrorModel(Shown):
-    """An arm with its effects.
+    """An arm plus effects.
 
     Attributes:
         arm: the arm, with what its file knows of its parameters together.
@@ -89,8 +89,7 @@ class ErrorModel(Shown):
 
     @staticmethod
     def of(model: GivenModel) -> ErrorModel:
-        """``model`` itself, or the model of an arm, which may be a name or path, with the effects
-        of its file.
+        """``model`` itself, or an arm, given or by name or path, with the effects of its file.
 
         Raises:
             UnknownNameError, ArmFileError: see :meth:`load`.
@@ -106,7 +105,7 @@ class ErrorModel(Shown):
 
     @staticmethod
     def arm_of(model: GivenModel) -> Arm:
-        """The arm of a model, or an arm, which may be a name or path.
+        """The arm of a model, or the arm itself, given or by name or path.
 
         Raises:
             UnknownNameError, ArmFileError: see :meth:`load`.
@@ -116,8 +115,7 @@ class ErrorModel(Shown):
 
     @staticmethod
     def load(name_or_path: str | Path) -> ErrorModel:
-        """The model of a bundled arm (by name) or of an arm file (by path), with its
-        ``[[effects]]``.
+        """A bundled arm by name or an arm file by path, with its ``[[effects]]``.
 
         Raises:
             UnknownNameError, ArmFileError: see :meth:`aacmm_pin.Arm.load`; an effect that is none.
@@ -152,7 +150,7 @@ class ErrorModel(Shown):
         return arm_text(self.file(), comment, path)
 
     def save(self, path: str | Path, force: bool = False, comment: str = "") -> None:
-        """Write the arm file of this model, which begins with ``comment``.
+        """Write the arm file of this model; ``comment`` stands in front.
 
         Raises:
             OutputError: see :func:`aacmm_pin._support.output_files.whole_file`.
@@ -166,8 +164,8 @@ class ErrorModel(Shown):
             temporary.write_text(encodable(text), encoding="utf-8")
 
     def with_effects(self, *effects: GivenCause) -> ErrorModel:
-        """The model with more effects. An effect replaces another effect of the same cause at the
-        same place.
+        """The model with more effects; one that sits where another of the same cause sits takes its
+        place.
         """
         added = as_causes(effects, self)
         new = {effect.identity for effect in added}
@@ -175,7 +173,9 @@ class ErrorModel(Shown):
 
     @property
     def without_covariance(self) -> ErrorModel:
-        """The model without uncertainties of the parameters in its covariance."""
+        """The model with nothing stated of the parameters that its covariance names, of the arm or
+        of effects.
+        """
         known = set(() if self.arm.covariance is None else self.arm.covariance.parameters)
         untold = [
             replace(p, half_width=None, u=0.0) if p.name in known else p
@@ -189,7 +189,9 @@ class ErrorModel(Shown):
         return ErrorModel(arm, tuple(effects))
 
     def restricted(self, effects: tuple[Effect, ...]) -> ErrorModel:
-        """The arm with only some of its effects, and the covariance of the remaining parameters."""
+        """The arm with some of its effects alone, and what is known of their parameters and the
+        arm's together.
+        """
         if self.arm.covariance is None:
             return replace(self, effects=effects)
         held = [*self.arm.parameters]
@@ -200,8 +202,7 @@ class ErrorModel(Shown):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The parameters of the arm, then those of the effects, as in the columns of
-        :meth:`sensitivity`.
+        """The arm's parameters, then those of the effects: the columns of :meth:`sensitivity`.
 
         The file's covariance overrides the u of the effects that it names, as it does for the arm's
         own parameters.
@@ -216,8 +217,8 @@ class ErrorModel(Shown):
         return tuple(found)
 
     def covariance(self) -> Array:
-        """Covariance of all parameters (p, p) [their units]. Parameters without a stated covariance
-        are independent.
+        """Covariance of all parameters (p, p) [their units]: independent, but for those that the
+        file knows together.
         """
         parameters = self.parameters
         matrix = np.diag([p.u**2 for p in parameters])
@@ -236,7 +237,7 @@ class ErrorModel(Shown):
         *,
         as_referenced: bool = False,
     ) -> Array:
-        """Position of the tip (or of frame ``at``) by exact physics for readings ``q`` (n, nq)
+        """Where the tip (or frame ``at``) is, by exact physics, for indications ``q`` (n, nq)
         [rad]: (n, 3) [m].
 
         Args:
@@ -254,7 +255,7 @@ class ErrorModel(Shown):
         return self.state(q, conditions, at, as_referenced=as_referenced).position
 
     def correct(self, readings: ArrayLike, conditions: Conditions | None = None) -> Array:
-        """Corrected coordinates of the tip for readings (n, nq) [rad]: (n, 3) [m]; see
+        """Compensated coordinates of the tip for encoder readings (n, nq) [rad]: (n, 3) [m]; see
         :meth:`predict`.
 
         Readings of which :meth:`known_at` is not all True are refused; leave them out.
@@ -262,7 +263,7 @@ class ErrorModel(Shown):
         return self.predict(readings, conditions)
 
     def input_warnings(self, q: Array, conditions: Conditions) -> list[Note]:
-        """Notes on readings and conditions that may have another unit or clock.
+        """What looks as if it were in another unit, or by another clock.
 
         That is angles ``q`` (n, nq) [rad] outside the limits, and conditions of the effects.
 
@@ -285,16 +286,16 @@ class ErrorModel(Shown):
         return found
 
     def other_targets(self, conditions: Conditions) -> list[str]:
-        """Labels of markers whose place on the last body is unknown. Their coordinates are those of
-        the tip.
+        """Labels of the markers whose place on the last body the arm does not know: the coordinates
+        are of the tip there.
         """
         known = {effect.place for effect in self.effects if effect.location_field() == "marker"}
         labels = [] if conditions.marker is None else conditions.marker.tolist()
         return [label for label in dict.fromkeys(labels) if label and label not in known]
 
     def known_at(self, q: ArrayLike) -> Mask:
-        """(n, effects) True if an effect is known at readings ``q`` (n, nq) [rad]. An error curve
-        has a range.
+        """(n, effects) True where an effect is known at indications ``q`` (n, nq) [rad]: an error
+        curve has a range.
 
         Of angles in another unit too, which are looked for where a file does not fit the arm.
 
@@ -312,7 +313,7 @@ class ErrorModel(Shown):
         return known
 
     def restricted_to_known_range(self) -> ErrorModel:
-        """The model with joint limits inside the ranges of its effects. An error curve has a range.
+        """The model whose joints stay where its effects are known: an error curve has a range.
 
         Raises:
             AacmmError: that is nowhere between the limits of a joint.
@@ -357,7 +358,7 @@ class ErrorModel(Shown):
         *,
         as_referenced: bool = False,
     ) -> State:
-        """The arm in its records, displaced by its effects; see :meth:`predict`."""
+        """The arm in its records, displaced by the effects at their values; see :meth:`predict`."""
         q = batch(q, self.arm.nq, "q", "rad")
         conditions = Conditions(len(q)) if conditions is None else conditions
         if conditions.n != len(q):

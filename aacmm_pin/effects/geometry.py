@@ -41,13 +41,12 @@ class _RowValue(Effect):
 
 @dataclass(frozen=True)
 class JointZeroOffset(_RowValue):
-    """The zero of the encoder has an error, so that the body is rotated by ``δ`` about the joint
-    axis, or displaced along it.
+    """The zero of the encoder has an error: the body is rotated by ``δ`` about the joint axis, or
+    displaced along it.
 
-    Unit rad; typical magnitude 1e-4 after a factory calibration, up to 0.05 (3°) after assembly.
-    Source: any DH calibration; the 2010 zero-offset paper. Needs no column. Aliases: ``seat_error``
-    if few seats are probed; at joint 1 a rotated reference frame, which no data distinguish from
-    it.
+    Unit rad; typical 1e-4 after a factory calibration, up to 0.05 (3°) as assembled. Source: any DH
+    calibration; the 2010 zero-offset paper. Needs no column. Aliases: ``seat_error`` if few seats
+    are probed; at joint 1 a rotated reference frame (the data cannot distinguish the two).
     """
 
     cause: ClassVar[str] = "joint_zero_offset"
@@ -56,7 +55,7 @@ class JointZeroOffset(_RowValue):
     terms: ClassVar[tuple[Term, ...]] = (Term("", "rad", 3e-4, "offset_rad"),)
 
     def displacements(self, state: State) -> list[Displacement]:
-        """A unit of the motion of the joint; for a row without a joint, a rotation."""
+        """A unit of the joint's own motion; a row without a joint turns."""
         place = axis(state.known_row(self.joint))
         if state.arm.chain.moved[place] < 0:
             return super().displacements(state)
@@ -65,8 +64,8 @@ class JointZeroOffset(_RowValue):
 
 @dataclass(frozen=True)
 class LinkLength(_RowValue):
-    """The length a of a row has an error, so that the rest of the arm is displaced along x of the
-    row. Unit m; typical magnitude 2e-5.
+    """The length a of a row has an error: the rest of the arm is displaced along x of the row. Unit
+    m; typical 2e-5.
 
     Source: Denavit–Hartenberg. Needs no column. Aliases: ``thermal_expansion``; ``stylus_offset``
     in the last row.
@@ -81,11 +80,11 @@ class LinkLength(_RowValue):
 
 @dataclass(frozen=True)
 class JointDistance(_RowValue):
-    """The distance d of a row has an error, so that the rest of the arm is displaced along the
-    joint axis. Unit m; typical magnitude 2e-5.
+    """The distance d of a row has an error: the rest of the arm is displaced along the joint axis.
+    Unit m; typical 2e-5.
 
-    Source: Denavit–Hartenberg. Needs no column. Aliases: d of a neighbour with a parallel axis,
-    because data determine only the sum; ``thermal_expansion``; in row 1 the height of the reference
+    Source: Denavit–Hartenberg. Needs no column. Aliases: d of a neighbour with a parallel axis
+    (data determine only the sum); ``thermal_expansion``; in row 1 the height of the reference
     frame.
     """
 
@@ -98,8 +97,8 @@ class JointDistance(_RowValue):
 
 @dataclass(frozen=True)
 class LinkTwist(_RowValue):
-    """The twist α of a row has an error, so that the rest of the arm is rotated about x of the row.
-    Unit rad; typical magnitude 5e-5.
+    """The twist alpha of a row has an error: the rest of the arm is rotated about x of the row.
+    Unit rad; typical 5e-5.
 
     Source: Denavit–Hartenberg. Needs no column. Aliases: ``bearing_tilt`` if the load hardly
     changes.
@@ -114,12 +113,11 @@ class LinkTwist(_RowValue):
 
 @dataclass(frozen=True)
 class LinkTilt(_RowValue):
-    """The next axis is tilted about y of the row. DH parameters cannot state this tilt if the axes
-    are nearly parallel.
+    """The next axis is tilted about y of the row. DH parameters cannot state this tilt of nearly
+    parallel axes.
 
-    Unit rad; typical magnitude 5e-5. Source: Hayati, Mirmirani 1985 (angle β). Needs no column.
-    Aliases: d of the row and of the next row if the axes are far from parallel. In this case the DH
-    parameters suffice.
+    Unit rad; typical 5e-5. Source: Hayati, Mirmirani 1985 (angle β). Needs no column. Aliases: d of
+    the row and of the next if the axes are far from parallel; DH parameters suffice there.
     """
 
     cause: ClassVar[str] = "link_tilt"
@@ -133,9 +131,9 @@ class JointPlacement(Effect):
     """The placement of a joint has an error: three translations and three rotations in its own
     axes.
 
-    It exists for arms from a URDF, which have placements and no DH rows. No data determine all of
-    these parameters: some are known only in combination. Units m and rad; typical magnitudes 5e-5
-    and 1e-4. Needs no column. Aliases: the placements of neighbours.
+    For arms of a URDF, which have placements and no DH rows. No data determine all of these
+    parameters: some are known only in combination. Units m and rad; typical 5e-5, 1e-4. Needs no
+    column. Aliases: the placements of neighbours.
     """
 
     joint: int
@@ -145,7 +143,7 @@ class JointPlacement(Effect):
     terms: ClassVar[tuple[Term, ...]] = (*shifts(5e-5), *turns(1e-4))
 
     def displacements(self, state: State) -> list[Displacement]:
-        """Unit twists at the placement, before the joint."""
+        """Unit twists behind the placement, before the joint."""
         row = state.known_row(self.joint)
         return [Displacement(end(row - 1), np.eye(6)[None])]
 

@@ -23,7 +23,8 @@ TIME_CONSTANTS = 15
 
 @dataclass(frozen=True)
 class Nonlinear(Generic[E]):
-    """The nonlinear parameter of a cause, which a search determines; none if ``field`` is "".
+    """The nonlinear parameter of a cause, whose value records determine by trial; none if ``field``
+    is "".
 
     A search tries the values of :meth:`grid`, and refines the likeliest by :meth:`refine`.
 
@@ -42,90 +43,78 @@ class Nonlinear(Generic[E]):
     words: str = ""
 
     def value(self, effect: E) -> float:
-        """The value of an effect."""
+        """The value that an effect has."""
         return float(getattr(effect, self.field))
 
     def at(self, effect: E, value: float) -> E:
-        """The effect with another value of this parameter."""
+        """The effect with another value."""
         field: dict[str, Any] = {self.field: value}
         return replace(effect, **field)
 
     def in_words(self, effect: E) -> str:
-        """The value in words."""
+        """The value for people."""
         value = self.value(effect)
         if not self.words:
             return f"{self.field.replace('_', ' ')} {value:.4g}"
         return self.words.format(value=value, minutes=value / 60.0)
 
     def grid(self, records: Records | None) -> Sequence[float]:
-        """Values that the search tries. The default is none; a class may state them in its
-        ``candidates``.
-        """
+        """Values to try; here none, and a class states them in its ``candidates``."""
         return ()
 
     def refine(self, effect: E, records: Records) -> list[E]:
-        """Effects with values near that of the effect, in ascending order. The default is the
-        effect itself.
-        """
+        """The effect with values near its own, in their order; here itself."""
         return [effect]
 
     def special_cases(self, effect: E) -> Sequence[Effect]:
-        """Causes with fewer parameters that the search tries in place of this effect. The default
-        is none.
-        """
+        """Causes with fewer parameters that it may be, to be tried in its place; here none."""
         return ()
 
     def prior_sd(self, effect: E) -> float:
-        """Prior standard deviation of the value; 0 if the cause is not smooth in this value."""
+        """How far off the value may be before records tell; 0 where the cause is not smooth
+        in it.
+        """
         return 0.0
 
     def prior_probability(self, effect: E, records: Records) -> float:
-        """Prior probability of the value relative to other values that the search tries. The
-        default is equal for all.
-        """
+        """Probability of the value beside others that are tried, up to a factor; here all alike."""
         return 1.0
 
     def is_preferred(self, effect: E) -> bool:
-        """Whether machines are made with this value, so that it is more probable than values near
-        it.
-        """
+        """Whether machines are made with this value, so that it is likelier than those near it."""
         return False
 
     def gap(self, effect: E, records: Records) -> float:
-        """Distance between the two records between which the cause steps; 0 if it does not step."""
+        """Distance of the two records between which the cause steps; 0 where it does not step."""
         return 0.0
 
     def with_coverage_interval(self, effect: E, low: float, high: float, records: Records) -> E:
-        """The effect with the interval from ``low`` to ``high`` (95 %) that ``records`` give for
-        its value.
-        """
+        """The effect, whose value ``records`` determine from ``low`` to ``high`` (95 %)."""
         return effect
 
     def extrapolation_terms(self, effect: E) -> tuple[Effect, ...]:
-        """Effects with the value zero. Their u is the uncertainty outside the range of the records.
-        The default is none.
-        """
+        """Effects of value zero whose u is what is uncertain where no record was; here none."""
         return ()
 
 
 @dataclass(frozen=True)
 class TimeConstant(Nonlinear[E]):
-    """Time constant of the warm-up after the arm is switched on [s]."""
+    """Time from switching on over which a cause comes to rest [s]."""
 
     unit: str = "s"
     above: float = 1e-3
     words: str = "time constant {minutes:.0f} min"
 
     def grid(self, records: Records | None) -> Sequence[float]:
-        """Short and long time constants, if the times of the records differ."""
+        """Quick and slow, where time goes on."""
         time = np.arange(2) if records is None else records.conditions.time
         return WARM_UP_TIMES if time is not None and np.ptp(time) > 0.0 else ()
 
     def refine(self, effect: E, records: Records) -> list[E]:
-        """Values from a third to three times the time constant."""
+        """From a third to three times as slow."""
         constants = self.value(effect) * np.geomspace(1 / 3, 3, TIME_CONSTANTS)
         return [self.at(effect, constant) for constant in constants.tolist()]
 
     def prior_sd(self, effect: E) -> float:
-        """A factor of about three, because the time constant is known only roughly."""
+        """It is known to a factor of three or so."""
         return 2.0 * self.value(effect)

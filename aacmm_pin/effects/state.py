@@ -18,8 +18,7 @@ from aacmm_pin.errors import AacmmError, UnsupportedArmError
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """State of the arm in its records, from which a cause computes its effect. The places are those
-    of :mod:`aacmm_pin.arm.chain`.
+    """What a cause of error may look at. Places are those of :mod:`aacmm_pin.arm.chain`.
 
     All vectors and axes are in the base frame; :meth:`in_axes_of` turns vectors into the axes of a
     place, in which a :class:`~aacmm_pin.effects.Displacement` states its columns.
@@ -66,18 +65,18 @@ class State:
 
     @property
     def coordinates(self) -> int:
-        """Number of coordinates of a displacement: three, or six with the rotation."""
+        """How many numbers a motion has: three, or six with the turn."""
         return 6 if self.turns else 3
 
     @property
     def position(self) -> Array:
-        """Position of the target, or of the point that replaces it, in the base (n, 3) [m]."""
+        """Origin of the target, or what is looked at in its stead, in the base (n, 3) [m]."""
         if self.looked_at is not None:
             return self.looked_at
         return np.asarray(self.origin[self.target])
 
     def joint(self, row: int) -> int:
-        """Number of the independent joint in ``row``; joints count from 0 and rows from 1.
+        """Number, from 0, of the joint of ``row`` (from 1), which follows no other.
 
         Raises:
             AacmmError: no such row, or it has no such joint.
@@ -85,7 +84,7 @@ class State:
         return self._number(self.arm.chain.joint, row)
 
     def slides(self, row: int) -> bool:
-        """Whether the joint of ``row`` is prismatic; the joint may mimic another joint.
+        """Whether the joint of ``row`` slides; it may follow another.
 
         Raises:
             AacmmError: no such row, or it does not move.
@@ -104,7 +103,7 @@ class State:
         return number
 
     def known_row(self, row: int) -> int:
-        """``row`` itself (from 1), if the arm has this row.
+        """``row`` itself (from 1), if the arm has it.
 
         Raises:
             AacmmError: no such row.
@@ -115,7 +114,7 @@ class State:
         return row
 
     def bearing(self, row: int) -> int:
-        """Place of the bearing on the axis of ``row``, at which its body begins.
+        """Place of the bearing on the axis of ``row``, where its body begins.
 
         :meth:`moment_at_axis` is about its origin.
 
@@ -125,23 +124,25 @@ class State:
         return self.arm.foot(self.known_row(row))
 
     def angle(self, row: int) -> Array:
-        """Angle of the joint of ``row`` (n,) [rad; m for a prismatic joint]."""
+        """Angle of the joint of ``row`` (n,) [rad; m where the joint slides]."""
         return self.q[:, self.joint(row)]
 
     def reading(self, row: int) -> Array:
-        """Reading of the encoder of ``row`` (n,) [rad; m for a prismatic joint]."""
+        """Indication of the encoder of ``row`` (n,) [rad; m where the joint slides]."""
         readings = self.arm.readings(self.q)
         return readings[:, self.joint(row)]
 
     def in_axes_of(self, place: int, vectors: Array) -> Array:
-        """Vectors of the base (n, 3) or (3,) as components along the axes of ``place`` (n, 3)."""
+        """Vectors of the base (n, 3), or one (3,), as components along the axes of ``place`` (n,
+        3).
+        """
         turned = self.rotation[place]
         return np.asarray(
             np.einsum("nji,nj->ni", turned, np.broadcast_to(vectors, turned.shape[:2]))
         )
 
     def span(self, row: int) -> Array:
-        """Vector from the bearing to the end of body ``row``, in the base (n, 3) [m]."""
+        """From the bearing to the end of body ``row``, in the base (n, 3) [m]."""
         bearing = self.bearing(row)
         return np.asarray(self.origin[end(row)] - self.origin[bearing])
 
@@ -151,8 +152,8 @@ class State:
         return -self.arm.up
 
     def moment_at_axis(self, row: int) -> Array:
-        """Moment of the weight of body ``row`` and of all bodies beyond about its bearing, in the
-        base (n, 3) [N·m].
+        """Moment of the weight of body ``row`` and all beyond about its bearing, in the base (n, 3)
+        [N·m].
 
         Raises:
             UnsupportedArmError: the arm states no masses.
@@ -160,8 +161,8 @@ class State:
         return self.moment(row, self.origin[self.bearing(row)])
 
     def along_axis(self, row: int, vectors: Array) -> Array:
-        """Component of vectors of the base (n, 3, …) along the axis of ``row`` (n, …); for a
-        moment, the part that rotates the joint.
+        """Part of vectors of the base (n, 3, …) along the axis of ``row`` (n, …): of a moment, what
+        turns the joint.
         """
         z = self.rotation[axis(row)][:, :, 2]
         return np.asarray(np.einsum("ni,ni...->n...", z, vectors))
@@ -172,14 +173,14 @@ class State:
         return np.asarray(mass * self.arm.gravity)
 
     def moment(self, row: int, about: Array) -> Array:
-        """Moment of this weight about points of the base (n, 3) [m]."""
+        """The same about points of the base (n, 3) [m]."""
         mass = self.masses[row - 1 :].sum()
         lever = self._first_moments[row - 1] - mass * about
         return np.cross(lever, self.arm.gravity)
 
     def unit_moments(self, row: int) -> Array:
-        """The moment for unknown masses: one column for the unknown first moment of body ``row``
-        and of each body beyond.
+        """The same moment for unknown masses: columns of the unknown first moments of body ``row``
+        and each beyond.
 
         The static moment about ``axis row`` is ``Σ (R_k H_k) × g`` with one constant vector H_k in
         each body, into which the masses farther out have been gathered at the body's end; for each

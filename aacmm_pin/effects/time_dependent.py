@@ -56,17 +56,15 @@ class _TimeOfDrift(TimeConstant["ZeroDrift"]):
 
 @dataclass(frozen=True)
 class ZeroDrift(Effect):
-    """The zero of one encoder drifts while the arm warms up: ``δ = A (1 - exp(-t/τ))``, and 0
-    before t = 0.
+    """The zero of one encoder drifts while it warms up: ``δ = A (1 - exp(-t/τ))``, 0 before t = 0.
 
-    t counts from the time at which the arm is switched on. Unit rad; typical magnitude 5e-5 to
-    3e-4, with τ from a quarter of an hour to two hours. Source: first-order heating. Needs
-    ``time_s``. Aliases: ``encoder_slip`` if τ is short; ``thermal_expansion`` if the room warms up
-    at the same rate.
+    t counts from the time at which the arm is switched on. Unit rad; typical 5e-5 to 3e-4, τ a
+    quarter to two hours. Source: first-order heating. Needs ``time_s``. Aliases: ``encoder_slip``
+    if τ is short; ``thermal_expansion`` if the room warms up at the same rate.
 
-    The records of the fit may determine little more than a slope. After the last of these records,
-    at ``until_s``, the drift may stop or continue. The rate of the drift at that time is the
-    standard uncertainty of its later rate.
+    The records of the fit may determine hardly more than a slope. After they end, at ``until_s``,
+    the drift may stop or continue: its rate at that time is the standard uncertainty of its later
+    rate.
     """
 
     joint: int
@@ -80,11 +78,11 @@ class ZeroDrift(Effect):
 
     @property
     def identity(self) -> tuple[object, ...]:
-        """The joint and the time constant."""
+        """That of the joint and the time constant."""
         return (self.cause, self.joint, self.time_constant_s)
 
     def validity_notes(self, conditions: Conditions) -> list[Note]:
-        """A note if readings are later than the records of the fit."""
+        """That readings are later than what was seen of it."""
         time = conditions.require("time", self.label)
         until = self.until_s
         if until is None or not (time > until).any():
@@ -98,7 +96,7 @@ class ZeroDrift(Effect):
         ]
 
     def displacements(self, state: State) -> list[Displacement]:
-        """The reached part of the warm-up; zero before t = 0."""
+        """How far the warm-up has come; nothing before 0."""
         time = np.maximum(state.conditions.require("time", self.label), 0.0)
         part = -np.expm1(-time / self.time_constant_s)
         return [about_axis(state, self.joint, part[:, None])]
@@ -186,16 +184,15 @@ class _TimeOfSlip(Nonlinear["EncoderSlip"]):
 
 @dataclass(frozen=True)
 class EncoderSlip(Effect):
-    """The disc or coupling slips once: ``δ`` from ``time_s`` on, and zero before.
+    """The disc or coupling slips once: ``δ`` from ``time_s`` on, zero before.
 
-    Unit rad; typical magnitude 5e-5 to 5e-4. Needs ``time_s``. Aliases: ``zero_drift`` if few
-    records are near the slip; a moved reference, which displaces the tip in all directions; a
+    Unit rad; typical 5e-5 to 5e-4. Needs ``time_s``. Aliases: ``zero_drift`` if few records are
+    near the slip; a moved reference (a displacement in all directions, not in that of one joint); a
     session boundary.
 
-    The slip is between the two times ``between_s``. Between them the model uses ``δ/2`` with the
-    standard uncertainty ``δ/2`` (JCGM 100:2008, 4.3: two equally probable values). The times are
-    those of the clock of the ``sessions``. Records of other sessions count as later, with the whole
-    ``δ``.
+    The slip is between the two times ``between_s``. Between them the model uses ``δ/2``, with the
+    standard uncertainty ``δ/2`` (JCGM 100:2008, 4.3: two equally probable values). The times are by
+    the clock of the ``sessions``; records of other sessions count as later and have all of ``δ``.
     """
 
     joint: int
@@ -216,11 +213,11 @@ class EncoderSlip(Effect):
 
     @property
     def identity(self) -> tuple[object, ...]:
-        """The joint and the time."""
+        """That of the joint and the time."""
         return (self.cause, self.joint, self.time_s)
 
     def validity_notes(self, conditions: Conditions) -> list[Note]:
-        """A note if records may be before the slip or in another session."""
+        """That records are before it, by a clock that may be another, or later by their session."""
         found = []
         if self.sessions and (before := self.part(conditions) == 0.0).any():
             slip = {"cause": self.label, "time": self.time_s}
@@ -237,7 +234,7 @@ class EncoderSlip(Effect):
         return found
 
     def part(self, conditions: Conditions) -> Array:
-        """(n,) 0 before the slip, 1 after it, and 1/2 between the two times."""
+        """(n,) 0 before it, 1 after it, a half between the two times."""
         later = self._is_of_later_session(conditions)
         if conditions.n and later.all():
             return np.ones(conditions.n)
@@ -256,7 +253,7 @@ class EncoderSlip(Effect):
         return np.asarray((labels != "") & ~np.isin(labels.astype(str), self.sessions))
 
     def displacements(self, state: State) -> list[Displacement]:
-        """One after the slip, and one half between the two times."""
+        """One from the time on; a half between the two times."""
         part = self.part(state.conditions)
         return of_encoder(state, self.joint, part[:, None])
 

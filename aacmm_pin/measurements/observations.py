@@ -28,8 +28,8 @@ WILD_CONTACT = 1e-4
 
 
 def best_sphere(points: Array) -> tuple[Array, float]:
-    """Centre (3,) and radius of the sphere that fits points (m, 3) [m], by linear least squares of
-    ``|p|² = 2 c·p + k``.
+    """Centre (3,) and radius of the sphere that points (m, 3) are on [m], by the linear least
+    squares of ``|p|² = 2 c·p + k``.
     """
     middle = points.mean(axis=0)
     about = points - middle
@@ -40,8 +40,8 @@ def best_sphere(points: Array) -> tuple[Array, float]:
 
 
 def centre_of_sphere(points: Array, radius: float) -> Array:
-    """Centre (3,) of the sphere of known radius that fits points (m, 3) [m]. The fit weights large
-    deviations less, and starts on both sides of the points.
+    """Centre (3,) of the sphere of known radius that points (m, 3) are on [m]: the least sum of
+    distances of which large ones count less, from starts on both sides of the points.
     """
 
     def beyond(centre: Array) -> Array:
@@ -60,7 +60,7 @@ def centre_of_sphere(points: Array, radius: float) -> Array:
 
 
 def normal_of_plane(points: Array) -> Array:
-    """Unit normal (3,) of the plane that fits points (m, 3); its sign is arbitrary."""
+    """Unit normal (3,) of the plane that fits points (m, 3) best, up to its sign."""
     about = points - points.mean(axis=0)
     *_, directions = np.linalg.svd(about, full_matrices=False)
     return np.asarray(directions[2])
@@ -68,8 +68,8 @@ def normal_of_plane(points: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Observations:
-    """Targets of the tips of n records. Some targets are s seats with unknown coordinates (nuisance
-    parameters).
+    """Targets of the tips of n records, some of them at s seats: points of unknown coordinates
+    (nuisances).
 
     The residual of a record is tip - target, so that its derivative by the tip is one. What is
     known of the seats themselves, their coordinates or the lengths of bars between them, comes as
@@ -116,15 +116,13 @@ class Observations:
 
     @cached_property
     def has_target(self) -> Mask:
-        """(n,) True for records that contribute to a fit."""
+        """(n,) True for records that say something."""
         known = np.isfinite(self.reference).all(axis=1)
         return (self.seat >= 0) | known
 
     @property
     def counts(self) -> Index:
-        """Number of coordinates that each record states (n,): none, three, or six with its
-        orientation.
-        """
+        """How many numbers each record states (n,): none, three, or six with its orientation."""
         of_tip = np.where(self.on_surface, 1, 3)
         return np.asarray(self.has_target * of_tip + 3 * (self.has_target & self.oriented))
 
@@ -135,14 +133,14 @@ class Observations:
 
     @property
     def on_surface(self) -> Mask:
-        """(n,) True for records that touch a sphere or a plane. Only the normal component of their
-        deviation counts.
+        """(n,) True for records that touch a sphere or a plane: of their deviation, the part along
+        the normal counts.
         """
         return self.on_sphere | self.on_plane
 
     @property
     def spheres(self) -> Mask:
-        """(s,) True for seats that are the centre of a sphere."""
+        """(s,) True for seats that are centres of spheres."""
         return self._seats_of(self.on_sphere)
 
     @property
@@ -161,7 +159,7 @@ class Observations:
         return self.spheres | self.planes
 
     def with_normals(self, tips: Array, points: Array) -> Observations:
-        """The observations with normals of spheres and planes at tips (n, 3), for seats at
+        """The same with the normals of spheres and planes at tips (n, 3), whose seats are at
         ``points`` (s, 3) [m].
         """
         on = self.on_sphere
@@ -192,8 +190,8 @@ class Observations:
         return np.asarray(way / np.linalg.norm(way, axis=1, keepdims=True))
 
     def by_seats(self, whitening: Array) -> Array:
-        """Derivative of the whitened deviations with respect to the seats (n, r, 3), for the rows
-        of ``whitening`` (n, r, 3 or 6).
+        """Derivative of whitened deviations by the seats (n, r, 3), by the rows of ``whitening``
+        (n, r, 3 or 6).
         """
         found = -whitening[:, :, :3]
         on = self.on_plane
@@ -203,14 +201,14 @@ class Observations:
         return found
 
     def along_normals(self, rows: Array) -> Array:
-        """Rows (n, r, 3 or 6) that multiply deviations, with only the component that counts."""
+        """Rows (n, r, 3 or 6) that multiply deviations, with the part that counts alone."""
         if not self.on_surface.any():
             return rows
         return np.asarray(rows @ self._projections(rows.shape[2]))
 
     def counting(self, covariance: Array) -> Array:
-        """Covariance of deviations (n, 3 or 6, 3 or 6) [m², rad²], nearly zero for the component
-        that does not count.
+        """Covariance of deviations (n, 3 or 6, 3 or 6) [m², rad²], that of the part that does not
+        count being next to nothing.
         """
         if not self.on_surface.any():
             return covariance
@@ -229,19 +227,19 @@ class Observations:
 
     @property
     def known(self) -> Mask:
-        """(s,) True for seats with stated coordinates."""
+        """(s,) True for seats whose coordinates are stated."""
         return np.asarray(np.isfinite(self.stated).all(axis=1))
 
     @property
     def unstated(self) -> Mask:
-        """(s, 3) True for stated coordinates of seats without an uncertainty."""
+        """(s, 3) True for coordinates of seats that are stated without an uncertainty."""
         known = self.known[:, None]
         return known & np.isnan(self.stated_u)
 
     @cached_property
     def clusters(self) -> Index:
-        """Number of the cluster of each seat (s,). Bars connect the seats of a cluster, directly or
-        through other bars.
+        """Number of the cluster of each seat (s,): seats that bars connect, directly or by way of
+        others.
         """
         bars = len(self.ends)
         seats = len(self.labels)
@@ -250,8 +248,8 @@ class Observations:
         return np.asarray(number, dtype=np.intp)
 
     def start(self, tips: Array) -> Array:
-        """First coordinates of the seats (s, 3) [m]: the stated coordinates, else the median of the
-        tips (n, 3), the centre of the sphere, or the mean on a plane.
+        """First coordinates of the seats (s, 3): the stated ones, else the median of their tips
+        (n, 3), the centre of the sphere that they are on, or their mean on a plane [m].
         """
         touched = self.seat >= 0
         if not touched.any():
@@ -268,17 +266,16 @@ class Observations:
         return np.nan_to_num(found)
 
     def targets(self, points: Array) -> Array:
-        """Targets of the tips for seats at ``points`` (s, 3): (n, 3) [m]; NaN for records without a
-        target.
+        """Where the tips should be with the seats at ``points`` (s, 3): (n, 3) [m]; NaN for records
+        that say nothing.
         """
         found = self.reference.copy()
         found[self.seat >= 0] = points[self.seat[self.seat >= 0]]
         return found
 
     def deviations(self, poses: Array, points: Array) -> Array:
-        """``poses`` (n, 3 or 6) [m, rad] minus the targets, see :meth:`targets`. Rotations are
-        already relative to the target. For a sphere or plane, the deviation is the distance along
-        the normal.
+        """``poses`` (n, 3 or 6) [m, rad] less the targets, see :meth:`targets`; turns are from the
+        target already. From a sphere or plane it is the distance along the normal.
         """
         off = poses.copy()
         off[:, :3] -= self.targets(points)
@@ -291,15 +288,15 @@ class Observations:
         return off
 
     def of_seats(self, points: Array) -> Array:
-        """Deviation of the stated coordinates of each seat divided by their u (s, 3); zero without
-        stated coordinates.
+        """Residual of each seat's stated coordinates over their u (s, 3); zero where none are
+        stated.
         """
         known = self.known[:, None]
         return np.where(known, (points - self.stated) / np.where(known, self.stated_u, 1.0), 0.0)
 
     def of_bars(self, points: Array) -> tuple[Array, Array]:
-        """Deviations of the lengths divided by their u (b,), and derivatives with respect to the
-        first ends (b, 3). Those of the other ends have the opposite sign.
+        """Residuals of lengths over their u (b,), and derivatives by the first ends (b, 3): minus
+        those by the others.
         """
         first, second = self.ends.T
         way = points[first] - points[second]
@@ -308,8 +305,8 @@ class Observations:
         return (distance - self.length) / self.length_u, along / self.length_u[:, None]
 
     def divided(self, part: Index) -> tuple[Observations, Index, Index]:
-        """The observations with separate seats in each part of the records (n,), and for each seat
-        its former number and its part (s',).
+        """The same with seats of their own in each part of the records (n,); and of each seat
+        its number before and its part (s',).
         """
         touched = self.seat >= 0
         of_touches = np.stack([part[touched], self.seat[touched]], axis=1)

@@ -110,7 +110,7 @@ class CovariateColumn(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Measurements(Shown):
-    """n records of one arm.
+    """Records of one arm, n of them.
 
     Attributes:
         q: joint angles (n, nq) [rad]. They are the readings, but for an arm with couplings; see
@@ -171,8 +171,8 @@ class Measurements(Shown):
     def read(
         path: str | Path, nq: int | None = None, references: str | Path | None = None
     ) -> Measurements:
-        """Read a measurement file (CSV) of an arm with ``nq`` joints (None: of any arm). The
-        references may be in a second file.
+        """Read a measurement file (CSV) of an arm with ``nq`` joints, of any arm where ``nq`` is
+        None; its references may stand in a second file.
 
         Rows of two files belong together by the column ``record``, or in their order if one of the
         files does not have it.
@@ -192,7 +192,7 @@ class Measurements(Shown):
     def from_frame(
         table: pd.DataFrame, nq: int | None = None, source: str = "table"
     ) -> Measurements:
-        """Records from a table with the columns of a measurement file. Cells may be numbers or
+        """The same from a table with the columns of a measurement file; cells may be numbers or
         text.
 
         Raises:
@@ -223,7 +223,7 @@ class Measurements(Shown):
         extra: pd.DataFrame | None = None,
         source: str = "table",
     ) -> Measurements:
-        """Records from arrays in SI units; see the attributes. None stands for unknown values.
+        """Measurements from arrays in SI units, see the attributes; None where nothing is known.
 
         Coordinates of contacts become those of the tip, see
         :func:`~aacmm_pin.measurements.contacts.at_centres`. Shapes and numbers are checked, but not
@@ -290,11 +290,11 @@ class Measurements(Shown):
 
     @property
     def readings(self) -> Array:
-        """Readings of the encoders (n, nq) [rad]."""
+        """Encoder indications (n, nq) [rad]."""
         return self.q if self.of_encoders is None else self.of_encoders
 
     def with_joint_angles(self, arm: Arm) -> Measurements:
-        """The records with the joint angles of an arm in ``q``, in place of its readings.
+        """The records whose ``q`` are the joint angles that the readings make on an arm.
 
         Everything that takes an arm and its records does so; nothing changes for an arm without
         couplings.
@@ -309,25 +309,25 @@ class Measurements(Shown):
         return replace(self, q=q, of_encoders=readings if arm.couplings else None)
 
     def with_readings(self, arm: Arm) -> Measurements:
-        """The records with the readings of an arm in ``q``, in place of its joint angles."""
+        """The records with what the encoders of an arm show at the joint angles ``q``."""
         if not arm.couplings:
             return self
         return replace(self, of_encoders=arm.readings(self.q))
 
     @property
     def known(self) -> Mask:
-        """(n,) True if the reference of the tip is known."""
+        """(n,) True where the reference of the tip is known."""
         return self.placed & ~self.on_surface
 
     @property
     def placed(self) -> Mask:
-        """(n,) True if a reference of the tip or of the centre of a sphere is stated."""
+        """(n,) True where a reference is stated, of the tip or of the centre of a sphere."""
         return np.asarray(np.isfinite(self.reference).all(axis=1))
 
     @property
     def contact_radius(self) -> Array:
-        """Distance between the tip and the centre of the sphere in contact (n,) [m]; NaN without a
-        sphere.
+        """Distance of the tip from the centre of the sphere that a record touches (n,) [m]; NaN
+        where it touches none.
         """
         if self.feature_diameter is None or self.probe_diameter is None:
             return np.full(self.n, np.nan)
@@ -335,31 +335,31 @@ class Measurements(Shown):
 
     @property
     def on_sphere(self) -> Mask:
-        """(n,) True if the tip touches a sphere."""
+        """(n,) True where the tip touches a sphere."""
         return np.asarray(np.isfinite(self.contact_radius))
 
     @property
     def on_plane(self) -> Mask:
-        """(n,) True if the tip touches a plane."""
+        """(n,) True where the tip touches a plane."""
         if self.feature_kind is None:
             return np.zeros(self.n, dtype=bool)
         return np.asarray(self.feature_kind == PLANE, dtype=bool)
 
     @property
     def on_surface(self) -> Mask:
-        """(n,) True if the tip touches a sphere or a plane."""
+        """(n,) True where the tip touches a sphere or a plane."""
         return self.on_sphere | self.on_plane
 
     @property
     def oriented(self) -> Mask:
-        """(n,) True if an orientation is stated."""
+        """(n,) True where an orientation is stated."""
         if self.orientation is None:
             return np.zeros(self.n, dtype=bool)
         return np.isfinite(self.orientation[:, 0])
 
     def take(self, rows: Index | slice | Mask | Sequence[int]) -> Measurements:
-        """Some of the records. The method does not check whether the remaining seats and bars have
-        enough records.
+        """Some of the records; seats and bars may lose what made them useful, which only reading a
+        file checks.
         """
         index = np.arange(self.n)[rows]
         arrays: dict[str, Any] = {}
@@ -371,8 +371,8 @@ class Measurements(Shown):
         return replace(self, conditions=self.conditions.take(index), extra=extra, **arrays)
 
     def with_approach_from_order(self) -> Measurements:
-        """The records with the direction of the last motion of each joint, for records in the order
-        of measurement.
+        """The records with the direction of each joint's last motion, if they were taken in the
+        order of the rows.
 
         It is the sign of the step of ``q`` from the row before: with the couplings of an arm call
         :meth:`with_joint_angles` first. A step below :data:`LEAST_MOTION` keeps the
@@ -396,17 +396,17 @@ class Measurements(Shown):
 
     @cached_property
     def postures(self) -> Index:
-        """Number of the held posture of each record (n,); see
+        """Number of the posture of each record (n,), see
         :func:`aacmm_pin.measurements.repeats.posture_numbers`.
         """
         return posture_numbers(self.q)
 
     def seats(self) -> dict[str, Index]:
-        """The records of each seat by its label, in the order of the first records."""
+        """The records of each seat, by its label, in the order of their first records."""
         return _records_by_label(self.conditions.seat)
 
     def bars(self) -> list[Bar]:
-        """The bars with records of both ends, in the order of the first records."""
+        """The bars that have records of both ends, in the order of their first records."""
         seat = self.conditions.seat
         if self.bar is None or self.bar_end is None or self.bar_length is None or seat is None:
             return []
@@ -421,8 +421,8 @@ class Measurements(Shown):
         return found
 
     def bar_length_errors(self, tips: Array) -> Array:
-        """Distance between the mean tips (n, 3) [m] at both ends of each bar, minus the length of
-        the bar: (b,) [m].
+        """Distance of the mean tips (n, 3) [m] at both ends of each bar, minus its length: (b,)
+        [m].
         """
         means = {label: tips[rows].mean(axis=0) for label, rows in self.seats().items()}
         errors = []
@@ -432,7 +432,7 @@ class Measurements(Shown):
         return np.array(errors)
 
     def to_frame(self, angle_unit: AngleUnit = "deg") -> pd.DataFrame:
-        """The present columns of a measurement file; unknown columns are last.
+        """The columns of a measurement file, those that are present, unknown ones last.
 
         Raises:
             UnknownNameError: ``angle_unit`` is neither ``deg`` nor ``rad``.
@@ -462,8 +462,8 @@ class Measurements(Shown):
         return dict(zip(names, np.atleast_2d(values.T), strict=True))
 
     def covariate_columns(self) -> list[CovariateColumn]:
-        """The columns that residuals or excluded records may depend on: first the columns of the
-        whole arm, then of joints and groups, last those of :attr:`extra`.
+        """The columns that residuals or excluded records may depend on: those that may act anywhere
+        first, then those of joints and of groups; last those of :attr:`extra`.
         """
         kinds = get_args(Covariate)
         known = [entry for entry in RECORD_COLUMNS if entry.field]
@@ -480,7 +480,7 @@ class Measurements(Shown):
         return [column for column in found if column.entry.covariate != "none"]
 
     def csv(self) -> str:
-        """The text of a CSV file from which :meth:`read` returns the same numbers.
+        """The text of a CSV file from which :meth:`read` gives the same numbers back.
 
         Angles are in degrees, or in radians where :meth:`read` would take the degrees for radians.
         """
@@ -494,7 +494,7 @@ class Measurements(Shown):
         return csv_text(table, quoting)
 
     def save(self, path: str | Path, force: bool = False) -> None:
-        """Write the file of :meth:`csv` completely or not at all.
+        """Write the file of :meth:`csv`, whole or not at all.
 
         Raises:
             OutputError: ``path`` exists and ``force`` is not given, or it cannot be written.

@@ -49,8 +49,8 @@ def simulate_measurements(
     temperature_range: float = 3.0,
     orientation_noise: float | None = None,
 ) -> Measurements:
-    """Simulate measurements of an arm with the errors of ``model``, by :meth:`ErrorModel.predict`,
-    with noise.
+    """Measurements of an arm that has just the errors of ``model``, by :meth:`ErrorModel.predict`,
+    plus noise.
 
     - ``free``: random postures, uniform in the joints, each with a reference of its own (a laser
       tracker).

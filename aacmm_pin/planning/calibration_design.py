@@ -43,7 +43,7 @@ EXCHANGE_ROUNDS = 10
 
 @dataclass(frozen=True, eq=False)
 class CalibrationPlan(Shown):
-    """Planned records for a calibration, with their observability and u.
+    """Records for a calibration, with their observability and u.
 
     Attributes:
         model: the arm.
@@ -74,18 +74,18 @@ class CalibrationPlan(Shown):
 
     @property
     def ratio(self) -> float:
-        """O1 of the plan divided by the median O1 of random plans."""
+        """O1 of the plan over the median of random plans."""
         return self.o1 / float(np.median(self.o1_random))
 
     def csv(self) -> str:
-        """The measurement file of the plan as text."""
+        """The text of the measurement file."""
         return csv_text(self.records)
 
     def __str__(self) -> str:
         return str(report().calibration_plan.calibration_plan_line(self))
 
     def summary(self) -> dict[str, Any]:
-        """The JSON object with the schema ``aacmm-pin/calibration-plan/1``."""
+        """Schema ``aacmm-pin/calibration-plan/1``."""
         summary: dict[str, Any] = {"schema": CALIBRATION_PLAN_SCHEMA, "arm": self.model.arm.name}
         summary |= {"records": len(self.records), "existing": self.existing}
         summary |= {"o1": self.o1, "o1_random": self.o1_random.tolist(), "o1_ratio": self.ratio}
@@ -113,8 +113,8 @@ def plan_calibration(
     rng: np.random.Generator | None = None,
     progress: Progress = True,
 ) -> CalibrationPlan:
-    """Plan records that determine the geometry. Exchanges of records maximise the determinant of
-    the information matrix.
+    """Plan records that determine the geometry best: exchanges maximise the determinant of the
+    information.
 
     Bayesian D-optimality (Chaloner, Verdinelli 1995, Statistical Science 10): log det of the
     information of what is stated of the arm, of the existing records and of the chosen ones,

@@ -43,7 +43,7 @@ class Tried(Shown):
 
 @dataclass(frozen=True, eq=False)
 class MeasurementPlan(Shown):
-    """Planned records that distinguish causes of error.
+    """What to measure next.
 
     Attributes:
         model: the arm while the plan is measured; another than before where
@@ -85,12 +85,12 @@ class MeasurementPlan(Shown):
 
     @property
     def asked(self) -> bool:
-        """Whether you stated the two causes."""
+        """Whether the split was asked for."""
         return self.pairs is None
 
     @property
     def decided(self) -> bool:
-        """Whether the plan distinguishes its two causes."""
+        """Whether the plan distinguishes its pair of causes."""
         return self.after.probability >= DECIDED and not self.after.same
 
     @property
@@ -106,7 +106,7 @@ class MeasurementPlan(Shown):
         return set_up_in_words(self.set_up)
 
     def save(self, path: str | Path, force: bool = False) -> None:
-        """Write the plan as a measurement file (CSV) with empty references.
+        """Write the plan as a measurement file (CSV) whose references are to be filled in.
 
         Raises:
             OutputError: see :func:`aacmm_pin._support.output_files.whole_file`.
@@ -115,11 +115,11 @@ class MeasurementPlan(Shown):
             temporary.write_text(self.csv(), encoding="utf-8", newline="")
 
     def csv(self) -> str:
-        """The measurement file of the plan as text."""
+        """The text of that file."""
         return csv_text(self.records)
 
     def summary(self) -> dict[str, Any]:
-        """The JSON object with the schema ``aacmm-pin/plan/1``."""
+        """Schema ``aacmm-pin/plan/1``."""
         summary: dict[str, Any] = {"schema": PLAN_SCHEMA, "arm": self.model.arm.name}
         summary |= {"split": [effect.key for effect in self.split], "asked": self.asked}
         summary |= {"records": len(self.records), "existing": self.existing}

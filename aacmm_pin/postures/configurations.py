@@ -62,7 +62,7 @@ SEEDS_PER_TURN = 24
 
 @dataclass(frozen=True, eq=False)
 class ConfigurationCircle(PosturesAtPoint):
-    """All postures that reach a working point, in order along their closed components.
+    """Every configuration that reaches a working point, in order along its closed components.
 
     ``at`` is ``frame5`` or the tip; what else it has in common with other enumerations is in the
     base class.
@@ -75,13 +75,13 @@ class ConfigurationCircle(PosturesAtPoint):
 
     @property
     def theta3(self) -> Array:
-        """Angle of joint 3, (n,) [rad] in [-π, π). The paper orders the postures by this angle."""
+        """Angle of joint 3, by which the paper orders the configurations, (n,) [rad] in [-π, π)."""
         return wrapped(self.q[:, 2])
 
     @cached_property
     def branch(self) -> NDArray[np.intp]:
-        """Branch signs (n, 2): the side of the plane of joint axes 1 and 2 on which the wrist is,
-        and the side to which the elbow bends.
+        """Branch signs (n, 2): the wrist's side of the plane of joint axes 1 and 2, and the side to
+        which the elbow bends.
 
         The second is the sign of d|shoulder → wrist|/dθ4: +1 where a growing θ4 stretches the arm.
         """
@@ -99,7 +99,7 @@ class ConfigurationCircle(PosturesAtPoint):
         return np.where(signs >= 0, 1, -1)
 
     def flexibility(self, sectors: int = 12) -> Flexibility:
-        """Flexibility ζ (eq. 1 of the paper): share of the circle within the joint limits.
+        """Flexibility ζ (eq. 1 of the paper): how much of the circle lies inside the limits.
 
         Args:
             sectors: number of equal sectors of the swivel angle; each is judged at its centre.
@@ -107,12 +107,12 @@ class ConfigurationCircle(PosturesAtPoint):
         return flexibility(self.components, self.arm.limits, sectors)
 
     def columns(self) -> dict[str, Any]:
-        """The columns of :meth:`PosturesAtPoint.columns`, followed by the branch signs."""
+        """As :meth:`PosturesAtPoint.columns`, with the branch signs behind."""
         shoulder, elbow = self.branch.T
         return super().columns() | {"shoulder_side": shoulder, "elbow_side": elbow}
 
     def plot(self, accuracy: Any = None, postures: int = 5, ax: Axes3D | None = None) -> Axes3D:
-        """Draw the path of the elbow about the working point, and the arm in some of its postures.
+        """The path of the elbow round the working point, and the arm in a few of its postures.
 
         Args:
             accuracy: an :class:`~aacmm_pin.AccuracyVolume` of the configurations within limits; it
@@ -153,7 +153,7 @@ def configuration_circle(
     rest: ArrayLike | None = None,
     count: int = 360,
 ) -> ConfigurationCircle:
-    """Enumerate the postures of ``arm`` that reach ``point``.
+    """Enumerate the configurations of ``arm`` that reach ``point``.
 
     Args:
         arm: an arm with a DH table whose first five rows are joints.
@@ -192,8 +192,8 @@ def configuration_circles(
     rest: ArrayLike | None = None,
     count: int = 360,
 ) -> list[ConfigurationCircle]:
-    """The configuration circles of many ``points`` (m, 3) [m], faster than repeated calls of
-    :func:`configuration_circle`.
+    """The circles of many ``points`` (m, 3) [m], each as by :func:`configuration_circle`, in a
+    fraction of the time.
 
     Raises:
         ShapeError, AacmmError, UnsupportedArmError: see :func:`configuration_circle`.

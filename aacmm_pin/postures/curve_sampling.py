@@ -148,8 +148,8 @@ class Components:
 
 @dataclass(frozen=True)
 class Flexibility(Shown):
-    """Flexibility ζ of a working point (eq. 1 of Xu You et al. 2019): share of the postures within
-    the joint limits.
+    """Flexibility ζ of a working point (eq. 1 of Xu You et al. 2019): working over theoretical
+    configurations.
 
     A swivel angle is theoretical where some configuration, limits apart, has it; working where one
     inside the limits has.

@@ -49,7 +49,7 @@ ORTHONORMAL = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class ReachingPostures(PosturesAtPoint):
-    """The postures that meet the conditions: single postures, each with its own component, or
+    """The postures found that meet the conditions: single ones, each a component of its own, or
     closed curves.
 
     Attributes:
@@ -64,13 +64,13 @@ class ReachingPostures(PosturesAtPoint):
 
     @property
     def single(self) -> bool:
-        """True for single postures, False for postures on curves."""
+        """True where postures are single ones, False where they lie on curves."""
         return self.conditions.free == 0
 
     @property
     def travel(self) -> Array:
-        """Length of the path in joint angles from the first posture of a component to each posture,
-        (n,) [rad]; zero for single postures.
+        """Way of all angles together from the first posture of a component to each, (n,) [rad];
+        zero of single postures.
         """
         way = np.zeros(len(self))
         for number in np.unique(self.component):
@@ -81,8 +81,8 @@ class ReachingPostures(PosturesAtPoint):
 
     @property
     def arc_fraction(self) -> float:
-        """Share of the length of the curves within the joint limits, measured in joint angles; nan
-        for single postures.
+        """Which part of the curves, by the way of the angles, is within limits; nan where postures
+        are single.
         """
         if self.single or not len(self):
             return float("nan")
@@ -96,7 +96,7 @@ class ReachingPostures(PosturesAtPoint):
         return float((length * np.maximum(last - first, 0.0)).sum() / length.sum())
 
     def flexibility(self, sectors: int = 12) -> Flexibility:
-        """Flexibility with ``arc_fraction`` only, because an arm without an elbow has no
+        """Only ``arc_fraction`` exists, of the way along the curves: an arm without an elbow has no
         sectors.
         """
         return Flexibility(float("nan"), (), self.arc_fraction)
@@ -141,8 +141,8 @@ def reaching_postures(
     count: int = 360,
     most_starts: int = MOST_STARTS,
 ) -> ReachingPostures:
-    """Enumerate the postures of ``arm`` that place its tip at ``point``. Flags state which postures
-    are within the joint limits.
+    """Enumerate the postures of ``arm`` that bring its tip to ``point``; limits are flags, not
+    conditions.
 
     Newton's method from evenly spread starts, in rounds, until some hundred arrivals in a row bring
     nothing new; curves are followed once round. Singular postures that form families of more

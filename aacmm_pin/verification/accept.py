@@ -194,7 +194,7 @@ def _worst(
 
 @dataclass(frozen=True)
 class AcceptanceResult(Shown):
-    """Result of :func:`accept`.
+    """What :func:`accept` found.
 
     Attributes:
         path: the file of probed points.
@@ -223,14 +223,14 @@ class AcceptanceResult(Shown):
 
     @property
     def verdict(self) -> Verdict | None:
-        """The worst verdict of all sets of coordinates; None if no MPE was stated."""
+        """The worst verdict of all sets of coordinates; None if no MPE was given for any figure."""
         verdicts = [verdict for verdict, _ in self.overall.values()]
         return next((verdict for verdict in WORST_FIRST if verdict in verdicts), None)
 
     @property
     def overall(self) -> dict[str, tuple[Verdict | None, tuple[CharacteristicValue, ...]]]:
-        """For each set of coordinates, the worst verdict of the characteristics with an MPE, and
-        the characteristics with this verdict; None without an MPE.
+        """By whose coordinates: the worst verdict of the characteristics with an MPE, and which
+        have it; None without an MPE.
 
         A characteristic with an MPE and no test value counts as neither.
         """
@@ -260,11 +260,11 @@ class AcceptanceResult(Shown):
         return f"{shown_verdict(verdict)}, decided by {', '.join(names)} {given}"
 
     def to_frame(self) -> pd.DataFrame:
-        """One row for each characteristic, lengths in mm; NaN if there is no number."""
+        """One row a characteristic, lengths in mm; NaN where there is no number."""
         return pd.DataFrame([figure.row() for figure in self.figures])
 
     def summary(self) -> dict[str, Any]:
-        """The JSON object with the schema ``aacmm-pin/acceptance/1``."""
+        """Schema ``aacmm-pin/acceptance/1``."""
         overall = []
         for source, (verdict, by) in self.overall.items():
             names = [figure.definition.name for figure in by]
@@ -286,7 +286,7 @@ def accept(
     measuring_range: float | None = None,
 ) -> AcceptanceResult:
     """Determine the characteristics of ISO 10360-12:2016 and ASME B89.4.22-2004 from probed points,
-    and compare each with its MPE.
+    and compare each with its limit.
 
     The definitions follow public descriptions and were never compared with the standards' texts.
 

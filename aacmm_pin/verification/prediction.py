@@ -85,7 +85,7 @@ class PredictedFigure:
 
 @dataclass(frozen=True, eq=False)
 class PredictedAcceptance(Shown):
-    """Result of :func:`predict_acceptance`.
+    """What :func:`predict_acceptance` found.
 
     Attributes:
         path: the procedure.
@@ -102,13 +102,13 @@ class PredictedAcceptance(Shown):
     notes: tuple[Note, ...] = ()
 
     def to_frame(self) -> pd.DataFrame:
-        """One row for each characteristic, lengths in mm; NaN if probed points or the MPE are
-        missing.
+        """One row a characteristic, lengths in mm; NaN where probed points are missing, or there is
+        no limit.
         """
         return pd.DataFrame([figure.row() for figure in self.figures])
 
     def causes(self) -> pd.DataFrame:
-        """Median magnitude of each test value that each cause alone gives [mm]."""
+        """Median magnitude of each test value by each cause alone [mm]."""
         rows = []
         for figure in self.figures:
             alone = (figure.alone / MM).add_suffix("_mm").to_dict()
@@ -127,7 +127,7 @@ class PredictedAcceptance(Shown):
         )
 
     def summary(self) -> dict[str, Any]:
-        """The JSON object with the schema ``aacmm-pin/acceptance-prediction/1``."""
+        """Schema ``aacmm-pin/acceptance-prediction/1``."""
         table = self.to_frame().astype(object)
         rows = table.where(table.notna(), None).to_dict("records")
         figures = []

@@ -71,7 +71,7 @@ round a sphere.
 
 @dataclass(frozen=True, eq=False)
 class Procedure(Shown):
-    """Points to probe, in order, in an acceptance test.
+    """Points to probe, in order.
 
     Attributes:
         arm: the arm.
@@ -88,8 +88,8 @@ class Procedure(Shown):
     seed: int | None = None
 
     def to_frame(self) -> pd.DataFrame:
-        """The table to fill in: coordinates and readings are empty, and further columns have the
-        planned values.
+        """The file to be filled in: coordinates and readings are empty, planned ones stand in
+        further columns.
         """
         names = [f"theta{k}_deg" for k in range(1, self.arm.nq + 1)]
         empty = pd.DataFrame("", self.probed_points.index, [*REFERENCE, *names])
@@ -100,12 +100,12 @@ class Procedure(Shown):
         return pd.concat([self.probed_points, empty, *planned], axis=1)
 
     def csv(self) -> str:
-        """The table of :meth:`to_frame` as CSV text."""
+        """The text of that file."""
         return csv_text(self.to_frame())
 
     def filled(self, records: GivenRecords, software: GivenModel) -> pd.DataFrame:
-        """The table with the readings and conditions of ``records``, and with the coordinates that
-        ``software`` computes.
+        """That file with the readings and conditions of ``records``, and the coordinates by
+        ``software``.
         """
         records = as_measurements(records, self.arm)
         software = ErrorModel.of(software)
@@ -124,7 +124,7 @@ class Procedure(Shown):
 
     @staticmethod
     def read(path: str | Path, arm: GivenArm) -> Procedure:
-        """The procedure of a file that :meth:`csv` wrote and that may be filled in.
+        """The procedure in a file that :meth:`csv` made, also where it was filled in.
 
         Raises:
             MeasurementFileError: a planned column is missing or has a cell without a number.
@@ -174,8 +174,8 @@ def acceptance_procedure(
     above: float | None = None,
     rng: np.random.Generator | None = None,
 ) -> Procedure:
-    """Plan the probed points for each characteristic of a standard, at places that the arm reaches
-    in the required postures.
+    """Plan the probed points for every characteristic of a standard, at places that the arm reaches
+    in the postures needed.
 
     Two spheres (near and far), a point at three distances, a bar with five lengths in seven places,
     along the axes of the base and the diagonals as far as the arm reaches, and ball bars of two
