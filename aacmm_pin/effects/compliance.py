@@ -203,8 +203,8 @@ class LinkBending(_OfTube):
     """A tube bends under its own weight and that of all bodies beyond: slope and sag of its end.
 
     Euler–Bernoulli cantilever of length L along u, with the weight W and moment M of all bodies
-    beyond at its end, and the evenly distributed weight w of the tube (see
-    :class:`~aacmm_pin.effects.tube.Tube`), κ = 1/EI: slope ``κ (L²/2 u×W + L²/6 u×w + L M)``, sag
+    beyond at its end, and the evenly distributed weight w of the tube,
+    κ = 1/EI: slope ``κ (L²/2 u×W + L²/6 u×w + L M)``, sag
     ``κ (L³/3 W + L³/8 w + L²/2 M×u)``, each without its part along u. Unit rad/(N·m²) =
     (rad/m)/(N·m); typical 3e-5 to 8e-5 (aluminium or carbon tube of 50 to 60 mm). Source: beam
     theory (Timoshenko). Needs no column, but masses. Aliases: ``bearing_tilt`` and

@@ -56,8 +56,8 @@ class Cosines:
     def __post_init__(self) -> None:
         if not len(self.at_si) == len(self.below) >= 1 or np.any(np.diff(self.at_si) <= 0.0):
             raise AacmmError(
-                f"cosines of {self.of}: at_si or below has other numbers; expected ascending "
-                "at_si, and as many numbers in below"
+                f"cosines of {self.of}: at_si does not ascend, or below has another length; "
+                "expected ascending at_si, and as many numbers in below"
             )
         if self.records < 1 or not 0 <= self.count <= MOST_FUNCTIONS:
             raise AacmmError(

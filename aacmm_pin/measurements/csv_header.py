@@ -9,7 +9,6 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from itertools import chain
 
 from aacmm_pin._support import plausible
 from aacmm_pin._support.file_problems import Problems, shortened
@@ -17,7 +16,7 @@ from aacmm_pin._support.units import count
 from aacmm_pin.measurements.csv_columns import (
     BAR,
     EULER,
-    EULER_ANGLES,
+    EULER_ORDERS,
     LINK_TEMPERATURE,
     MEASUREMENT_FILE,
     ORIENTATION_U,
@@ -137,15 +136,14 @@ def checked_names(
 
 
 def near_miss(name: str, present: Sequence[str], columns: Sequence[Column]) -> str | None:
-    """The known name that was meant, if one was: of the same letters, or a missing one, similar or
-    with another unit.
+    """The known name that was meant, or the form of such names, if one was: of the same letters, or
+    a missing one, similar or with another unit.
     """
     with_unit = f"{name.lower()}_mm"
     if with_unit in REFERENCE and with_unit not in present:
         return with_unit  # a reference that would be lost in silence
     if name.lower().startswith(EULER):  # so would be an orientation
-        of_each_order = chain.from_iterable(EULER_ANGLES)
-        return difflib.get_close_matches(name.lower(), [*of_each_order], 1, cutoff=0.0)[0]
+        return f"{EULER}ORDER_a_deg (or b, c) with ORDER {', '.join(EULER_ORDERS)}"
     known = _names_with_number_of(name, columns)
     letters = {_letters(k): k for k in known}
     if _letters(name) in letters:

@@ -62,12 +62,9 @@ def check_unit(probed_points: pd.DataFrame) -> None:
             and np.ptp(factors) <= UNIT_FACTOR_TOLERANCE * factors.min()
             and not 1 / IMPLAUSIBLE_LENGTH_FACTOR < factors.mean() < IMPLAUSIBLE_LENGTH_FACTOR
         ):
-            times = f"{factors.mean():.4g} times" + f", or 1/{1 / factors.mean():.4g} of," * bool(
-                factors.mean() < 1
-            )
             raise AacmmError(
-                f"test {test}: each of {len(factors)} measured lengths is {times} the stated "
-                "length_mm; expected coordinates and length_mm in mm"
+                f"test {test}: each of {len(factors)} measured lengths is {factors.mean():.4g} "
+                "times the stated length_mm; expected coordinates and length_mm in mm"
             )
 
 

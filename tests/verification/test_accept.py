@@ -539,8 +539,8 @@ def test_a_touch_beside_its_sphere_is_named_and_not_left_out(data):
 @pytest.mark.parametrize(
     ("columns", "unit", "said"),
     [
-        (["x_mm", "y_mm", "z_mm"], 25.4, "1/25.4 "),
-        again(["x_mm", "y_mm", "z_mm"], 1e3, "1/1000 "),
+        (["x_mm", "y_mm", "z_mm"], 25.4, "0.03937 times"),
+        again(["x_mm", "y_mm", "z_mm"], 1e3, "0.001 times"),
         (["length_mm"], 25.4, " 25.4 "),
     ],
 )
