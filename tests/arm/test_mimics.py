@@ -201,4 +201,4 @@ def test_commands_with_such_an_arm(crane, tmp_path, rng):
     )
     close(again.positions(commands), tips(q), 1e-8)
     for words in (f"urdf {arm} --to-dh", f"configurations {arm} --point 600 100 300"):
-        shell.refused(words, said=["follows another"])
+        shell.refused(words, said=["mimics another"])
