@@ -46,17 +46,17 @@ named cause is not hidden in the file. Intervals in parentheses cover 95 %.
 |---|---|
 | right | files in which `diagnose` names a hidden cause, or names none if none is hidden |
 | explained | files with a hidden cause that have the verdict `explained` |
-| explained with a wrong cause | files with the verdict `explained` and a false name |
-| named where nothing is hidden | files without hidden causes in which `diagnose` names a cause |
+| explained, false name | files with the verdict `explained` and a false name |
+| false alarms | files without hidden causes in which `diagnose` names a cause |
 | hidden cause named | files with a hidden cause in which `diagnose` names a hidden cause |
-| causes seen, stated ≥ 0.95 | share of the detectable hidden causes with a stated probability of \
-at least 0.95; the best test would detect these causes |
-| causes told apart, stated ≥ 0.95 | share of the detectable hidden causes without alias (λ ≥ 13) \
-with a stated probability of at least 0.95 |
+| detectable causes named | hidden causes that `diagnose` names with a probability of at least 0.95, \
+as a share of all hidden causes that the best test would detect |
+| distinct causes named | hidden causes that `diagnose` names with a probability of at least 0.95, \
+as a share of the detectable hidden causes without alias (λ ≥ 13) |
 | files with false names | files in which `diagnose` names a cause that is not hidden |
 | structure named | share of the files with clear hidden structure (λ ≥ 50) in which `diagnose` \
 names all covariates of the structure |
-| statements | number of named causes |
+| names | number of named causes |
 | stated minus true | mean stated probability of the named causes minus the share of true names |
 | 0.5 to 0.8, … | named causes with a probability in this range: mean stated probability, and \
 number of true names |
