@@ -30,7 +30,7 @@ OPTIONAL = {
 def causes_table() -> str:
     """Name, place, parameters, size, columns, aliases of every cause, as a Markdown table."""
     head = (
-        "| cause (place) | parameters (typical magnitude) | needs | aliases |\n|---|---|---|---|\n"
+        "| cause (place) | parameters, typical magnitude | needs | aliases |\n|---|---|---|---|\n"
     )
     return head + "\n".join(f"| {' | '.join(_row(cause))} |" for cause in CAUSES.values())
 
@@ -48,7 +48,7 @@ def _row(cause: type[Effect]) -> list[str]:
     which = f"; fields {', '.join(inner)}" if inner else ""
     return [
         f"{{py:class}}`{cause.cause} <aacmm_pin.effects.{cause.__name__}>` ({_place(cause)})",
-        f"{', '.join(shown)} ({_size(effect)}){which}",
+        f"{', '.join(shown)}, typically {_size(effect)}{which}",
         _needs(effect),
         _alike(cause),
     ]

@@ -216,9 +216,7 @@ def _figures(runs: pd.DataFrame) -> Row:
         "false alarms": rate(runs["named"]),
         "hidden cause named": rate(runs["alike"]),
         "detectable causes named": share(int(runs["found"].sum()), int(runs["seen"].sum())),
-        "distinct causes named": share(
-            int(runs["found apart"].sum()), int(runs["apart"].sum())
-        ),
+        "distinct causes named": share(int(runs["found apart"].sum()), int(runs["apart"].sum())),
         "files with false names": rate(runs["false"] > 0),
         "structure named": rate(runs["structure named"]),
         "names": sum(map(len, runs["stated"])),

@@ -49,10 +49,10 @@ named cause is not hidden in the file. Intervals in parentheses cover 95 %.
 | explained, false name | files with the verdict `explained` and a false name |
 | false alarms | files without hidden causes in which `diagnose` names a cause |
 | hidden cause named | files with a hidden cause in which `diagnose` names a hidden cause |
-| detectable causes named | hidden causes that `diagnose` names with a probability of at least 0.95, \
-as a share of all hidden causes that the best test would detect |
-| distinct causes named | hidden causes that `diagnose` names with a probability of at least 0.95, \
-as a share of the detectable hidden causes without alias (λ ≥ 13) |
+| detectable causes named | hidden causes that `diagnose` names with a probability of at least \
+0.95, as a share of all hidden causes that the best test would detect |
+| distinct causes named | hidden causes that `diagnose` names with a probability of at least \
+0.95, as a share of the detectable hidden causes without alias (λ ≥ 13) |
 | files with false names | files in which `diagnose` names a cause that is not hidden |
 | structure named | share of the files with clear hidden structure (λ ≥ 50) in which `diagnose` \
 names all covariates of the structure |
