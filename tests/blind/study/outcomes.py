@@ -157,8 +157,8 @@ def overstated(runs: pd.DataFrame) -> str:
 
 
 def binned(runs: pd.DataFrame, low: float, high: float) -> str:
-    """``0.87, 5/6 (0.44 to 0.97)``: mean of the stated probabilities in a bin, and how many of
-    these names are true.
+    """``stated 0.87, true 5/6 (0.44 to 0.97)``: mean of the stated probabilities in a bin, and how
+    many of these names are true.
     """
     both = [
         (p, hit) for stated, hits in _statements(runs) for p, hit in zip(stated, hits, strict=True)
@@ -168,7 +168,7 @@ def binned(runs: pd.DataFrame, low: float, high: float) -> str:
     )
     if not len(inside):
         return ""
-    return f"{inside[:, 0].mean():.2f}, {share(int(inside[:, 1].sum()), len(inside))}"
+    return f"stated {inside[:, 0].mean():.2f}, true {share(int(inside[:, 1].sum()), len(inside))}"
 
 
 def _statements(runs: pd.DataFrame) -> Iterator[tuple[list[float], list[bool]]]:
