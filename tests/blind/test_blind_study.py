@@ -166,7 +166,7 @@ def test_counts() -> None:
     assert few["hidden cause named"].startswith("1/2 ")
     half = 1.96 * np.sqrt(4 / 3 * (3 * 0.25**2 + 0.75**2)) / 4
     assert (few["stated minus true"], few["names"]) == (f"{0.9 - 0.25:+.3f} ± {half:.3f}", 4)
-    assert few["0.8 to 0.95"].startswith("0.90, 1/4 ")
+    assert few["0.8 to 0.95"].startswith("stated 0.90, true 1/4 ")
     assert len({line.count("|") for line in table(count(rows)[0]).splitlines()}) == 1
 
 
