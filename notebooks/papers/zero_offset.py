@@ -42,15 +42,23 @@ HALF_DIGIT = 0.0005 + 1e-9
 """Half of the last printed digit [mm or deg]."""
 KEYS = ["run", "iteration"]
 NOTES = {
-    (1, 0, "x3_mm"): "printed 14257, read as 142.57",
-    (2, 0, "error3_mm"): "printed 3930: the last digit is lost, compared with 39.303",
-    (1, 2, "theta_offset5_deg"): "with the keying slip; without it 1.203",
+    (1, 0, "x3_mm"): "The paper prints 14257; the decimal point is missing.",
+    (
+        2,
+        0,
+        "error3_mm",
+    ): "The paper prints 3930. The comparison uses 39.303.",
+    (
+        1,
+        2,
+        "theta_offset5_deg",
+    ): "The printed value contains a typing error; without the error it would be 1.203.",
     (
         1,
         3,
         "error2_mm",
-    ): "one digit differs; with 0.206 the paper's limit of 0.3 mm would have ended the run here",
-    (1, 4, "error2_mm"): "printed as in iteration 3",
+    ): "One digit differs. With 0.206 mm, the limit of 0.3 mm would have ended the run here.",
+    (1, 4, "error2_mm"): "The paper repeats the value of iteration 3.",
 }
 """Remarks by run, iteration and quantity."""
 

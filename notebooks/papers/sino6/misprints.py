@@ -139,9 +139,9 @@ def _of_lowest(arm: NominalArm, q: Array) -> list[Row]:
     }
     mirror = _angle(lowest.theta4_min[:, 0], theta4)
     return [
-        ("7", "thek as the last line", "θ2min = θ2max - thek", as_last_line),
+        ("7", "the last line is thek", "θ2min = θ2max - thek", as_last_line),
         ("7", "exists if den + |d5| >= gen", "exists if |gen - |d5|| <= den <= gen + |d5|", shares),
-        ("9", "one root", "its mirror image θ4 = π/2 + ∠k - ∠q as well", mirror),
+        ("9", "one root", "also its mirror image, θ4 = π/2 + ∠k - ∠q", mirror),
     ]
 
 
@@ -156,9 +156,14 @@ def _of_theta4(arm: NominalArm, q: Array) -> list[Row]:
     first = np.abs(wrapped(at.theta4 - theta4[:, None])).argmin(axis=1) == 0
     range_shares = {"affected_share": float((~inside[ends]).mean())}
     return [
-        ("10", "every θ2 lies in (θ2min, θ2max)", "also θ2 of the base turned round", range_shares),
+        (
+            "10",
+            "every θ2 lies in (θ2min, θ2max)",
+            "also θ2 of the base that faces away",
+            range_shares,
+        ),
         ("11", "qdk = √(dk² + l2²)", "qdk = √(dk² + l3²)", _angle(with_l2[first], theta4[first])),
-        ("11", "one root, θ41 + θ42", "θ41 - θ42 as well", _angle(at.theta4[:, 0], theta4)),
+        ("11", "one root, θ41 + θ42", "also θ41 - θ42", _angle(at.theta4[:, 0], theta4)),
     ]
 
 

@@ -41,7 +41,7 @@ class HeldOutSeats:
     """Each of seats 1 to 5 predicted by models that know the other four only.
 
     Attributes:
-        seats: one row a seat: seat, measured_mm, and what four models predict: simulation_mm
+        seats: one row a seat: seat, measured_mm, and what four models predict: nominal_mm
             (median of DH errors within their half-widths, nothing learnt), recalibrated_mm (DH
             errors, the other seats known), extended_mm (DH errors and encoder noise, the other
             seats known by spreads and contrasts) and noise_alone_mm (encoder noise without DH
@@ -260,7 +260,7 @@ def held_out_seats(
     """
     measured = MEASURED[FIVE]
     table = pd.DataFrame({"seat": np.arange(1, SIXTH + 1), "measured_mm": measured / MM})
-    table["simulation_mm"] = np.exp(np.median(found[DH].take(FIVE).log_spread, axis=0)) / MM
+    table["nominal_mm"] = np.exp(np.median(found[DH].take(FIVE).log_spread, axis=0)) / MM
     for name, cause in LEARNT.items():
         predicted = []
         for seat in FIVE:
@@ -273,7 +273,7 @@ def held_out_seats(
         table[[f"{name}_p025_mm", f"{name}_mm", f"{name}_p975_mm"]] = np.array(predicted) / MM
     off = {
         name: np.log(measured / MM / table[f"{name}_mm"].to_numpy())
-        for name in ("simulation", *LEARNT)
+        for name in ("nominal", *LEARNT)
     }
     resampled = rng.integers(0, SIXTH, size=(RESAMPLES, SIXTH))
     gain, interval = {}, {}

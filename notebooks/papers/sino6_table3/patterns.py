@@ -36,7 +36,7 @@ DH = "DH errors"
 NOISE = "encoder noise"
 CONTACT = "contact noise"
 BOTH = "DH errors + encoder noise"
-ODD, STAND = "encoder noise + one odd seat", "encoder noise + stand that yields with height"
+ODD, STAND = "encoder noise + one odd seat", "encoder noise + stand that deflects with height"
 ECCENTRICITY, GRAVITY = "encoder eccentricity", "gravity (bearings, tubes, stand)"
 OF_SEATS = (ODD, STAND, CONTACT)
 """Causes that are not the arm's."""
