@@ -1,13 +1,14 @@
 """Table 2 of the paper, reproduced, and the counts of exact geometry for the same cells.
 
 **How the paper counts.** The text does not define the regions, so this is an assumption. No number
-in it is tuned. The 48 × 48 regions are a grid of *joint angles*: θ1 = θ3 = 0, and θ2 and θ4 at
--π + i π/49 with i = 1 … 48. The working point of a cell is the point that this "highest" posture
+in it is tuned. The 48 × 48 regions are a grid of *joint angles*: θ1 = θ3 = 0, and θ2 and θ4 at -π +
+i π/49 with i = 1 … 48. The working point of a cell is the point that this "highest" posture
 reaches. The paper evaluates the configuration circle in seven equal steps of θ2, from the highest
-posture to the lowest. Each end represents one sector, and each of the five other steps represents
-two symmetrical sectors. A step counts if θ2 >= -π and a pair exists by (11) and (13): both cosines
-lie within ±1. θ4 of a pair is not checked. If the triangle of the lowest posture does not close, its
-angle thek2 is zero, as the real part of a complex inverse cosine, and the lowest end does not count.
+posture to the lowest. Each end represents one sector, and each of the five other steps two
+symmetrical sectors. A step counts if θ2 >= -π, and if a pair exists by (11) and (13): both cosines
+lie within ±1. θ4 of a pair is not checked. If the triangle of the lowest posture does not close,
+its angle thek2 is zero, as the real part of a complex inverse cosine, and the lowest end does not
+count.
 
 **Why these counts are too small.** Near the base axis the circle of the elbow encloses the vertical
 through the shoulder. The true extreme of θ2 then lies on the far side, at 180° minus the planar
