@@ -53,8 +53,8 @@ class WorkingPoints:
     """Positions of the points P relative to the shoulder.
 
     Attributes:
-        azimuth: θ1 of the planar postures, (2) and (6); the printed cases are atan2 modulo 2π
-        [rad].
+        azimuth: θ1 of the planar postures, (2) and (6); the printed cases are atan2 modulo
+            2π [rad].
         z: height Z in the figures of the paper [m].
         qk: distance from the base axis, ``Qk`` of (12) [m].
         den: |OP| of (3) [m].

@@ -148,7 +148,7 @@ class Table3Diagnosis(Shown):
     def log_bayes_factor(
         self, cause: str, other: str, seats: Literal["five", "six"], tau: float = DISCREPANCY
     ) -> float:
-        """Logarithm of the Bayes factor of ``cause`` against ``other``; τ as in :attr:`evidences`."""
+        """Logarithm of the Bayes factor of ``cause`` against ``other``, for one τ of TAUS."""
         column = self.evidences.set_index("cause")[f"{seats}_tau_{tau:.2f}"]
         return float(column[cause] - column[other])
 

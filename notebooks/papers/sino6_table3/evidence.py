@@ -96,6 +96,6 @@ def evidence(
 
 
 def _in_left_tail(a: Array, b: Array) -> tuple[Array, Array, Array]:
-    """Signs, and bounds with the same normal probability between them, not both far to the right."""
+    """Signs, and bounds with the same normal probability, not both far to the right."""
     sign = np.where(a > 0, -1.0, 1.0)
     return sign, np.where(a > 0, -b, a), np.where(a > 0, -a, b)

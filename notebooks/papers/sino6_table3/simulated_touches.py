@@ -1,4 +1,4 @@
-"""The six seats of Table 3, each touched in fifty postures, for three interpretations of the paper."""
+"""The six seats of Table 3, each touched in fifty postures, for three interpretations."""
 
 from __future__ import annotations
 
