@@ -1,10 +1,11 @@
 """The tables of the zero-offset paper, and its simulated calibration, reproduced number by number.
 
 六自由度关节式坐标测量机关节零位偏差的标定算法, 2010
-(calibration of the joint zero offsets of a six-joint measuring arm). The arm is the bundled ``zero6``. The paper computes the tip at ``q + s`` with zero offsets ``s``,
-which are 0 at first. ``ΔQ`` is the deviation of three known points from the computed tips, and
-``G`` the derivative of the tips with respect to the offsets. The least squares solution of
-``ΔQ = G Δδ`` (7) is the increment ``Δδ = (Gᵀ G)⁻¹ Gᵀ ΔQ`` (8). The next iteration begins at ``s + Δδ``.
+(calibration of the joint zero offsets of a six-joint measuring arm). The arm is the bundled
+``zero6``. The paper computes the tip at ``q + s`` with zero offsets ``s``, which are 0 at first.
+``ΔQ`` is the deviation of three known points from the computed tips, and ``G`` the derivative of
+the tips with respect to the offsets. The least squares solution of ``ΔQ = G Δδ`` (7) is the
+increment ``Δδ = (Gᵀ G)⁻¹ Gᵀ ΔQ`` (8). The next iteration begins at ``s + Δδ``.
 
 **Rounding.** Every printed offset before the last iteration of a run is a whole number of
 milliradians. The paper therefore rounded the increments, or their sums, which is equivalent. Every
