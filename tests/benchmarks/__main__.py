@@ -33,8 +33,8 @@ are medians of CPU time on one thread, except if the task states elapsed time. A
 task ran alternately.
 
 `time ratio` is the time of this package (first row of the task) divided by the time of the row. If
-it is below 1, this package is faster. Times do not contain the compilation of loops. The time of a
-command contains its start.
+the time ratio is below 1, this package is faster. Times do not contain the compilation of loops.
+The time of a command contains its start.
 """
 
 
