@@ -29,8 +29,8 @@ from tests.benchmarks.operations import OPERATIONS, Table
 PACKAGES = ("numpy", "scipy", "pin", "numba")
 ABOUT = """\
 This page compares the speed of the package with other packages and with plain loops in C. Times
-are medians of CPU time on one thread, except if the task states elapsed time. All programs of a
-task ran alternately.
+are medians of CPU time on one thread, except if the task states elapsed time. The programs of a
+task ran in turns.
 
 `time ratio` is the time of this package (first row of the task) divided by the time of the row. If
 the time ratio is below 1, this package is faster. Times do not contain the compilation of loops.
