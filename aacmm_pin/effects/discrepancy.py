@@ -13,7 +13,7 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm import BASE, DiscrepancyEntry, DiscrepancyPart, axis
-from aacmm_pin.effects.conditions import Conditions
+from aacmm_pin.effects.conditions import CONDITION_UNITS, Conditions
 from aacmm_pin.effects.effect import Displacement, Effect, Term, about_axis, twist
 from aacmm_pin.effects.environment import growth_of_body
 from aacmm_pin.effects.smooth_functions import (
@@ -293,6 +293,7 @@ class Discrepancy(Effect):
             fitted = {
                 "cause": self.label,
                 "condition": each.of,
+                "unit": CONDITION_UNITS[each.of],
                 "low": float(low),
                 "high": float(high),
             }
