@@ -48,7 +48,7 @@ def _cause_not_named(result: Diagnosis) -> str:
     causes, records = result.otherwise, int(result.extended.excluded.sum())
     excluded = count(records, "excluded record")
     found = labels_in_words(result, causes)
-    return f"if it used the {excluded}, diagnose would find {found}"
+    return f"with the {excluded}, diagnose would find {found}"
 
 
 def _below_zero(result: Diagnosis) -> str:

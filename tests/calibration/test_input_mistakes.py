@@ -171,7 +171,7 @@ def test_with_stated_noise_an_unknown_target_and_in_a_diagnosis(sino6, rng):
     for run, options in ((calibrate, stated), (diagnose, {"target": "unknown"})):
         with pytest.raises(MistakenFileError) as caught:
             run(sino6, data, **options, hold_out=False)
-        assert caught.value.mistake.startswith("joint 4 is counted")
+        assert caught.value.mistake.startswith("the angles of joint 4 have")
 
 
 @pytest.mark.parametrize("frame", ["base", again("external"), again("session")])
