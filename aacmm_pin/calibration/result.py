@@ -263,14 +263,13 @@ class Calibration(Shown):
 
     def __str__(self) -> str:
         left = self.exclusions
-        no_errors = ", which are no gross errors" if left.doubtful else ""
+        excluded = f"{left.excluded} excluded{', no gross errors' * left.doubtful}"
         text = (
-            f"{self.model.arm.name} calibrated on {left.used} records ({left.excluded} "
-            f"excluded{no_errors}): "
-            f"RMS {self.rms_before / MM:.4f} mm before, {self.rms / MM:.4f} mm after"
+            f"The RMS residual of {left.used} records of {self.model.arm.name} ({excluded}) is "
+            f"{self.rms_before / MM:.4f} mm before and {self.rms / MM:.4f} mm after calibration"
         )
         for h in self.held_out:
-            text += f"; {h.rms_after / MM:.4f} mm on held-out {h.kind}"
+            text += f", {h.rms_after / MM:.4f} mm for held-out {h.kind}"
         return text
 
     def plot(self, ax: Axes | None = None) -> Figure:

@@ -270,7 +270,7 @@ def _note_comparisons(
             "compared, because these targets are not at the tip"
         )
         records, tips = records.take(of_tip), tips[of_tip]
-    compared, first = [tips], "nominal arm"
+    compared, first = [tips], "the nominal arm"
     if before is not None:
         compared.insert(0, before.correct(records.q, records.conditions))
     elif model.effects:  # geometry alone: the file may know the effects together with it

@@ -65,7 +65,7 @@ def test_a_page_agrees_with_its_numbers_and_holds_its_files(at_seats):
     assert len(pd.read_csv(io.BytesIO(files["residuals.csv"]))) == 120
     assert parse_arm_file(files["calibrated.toml"], "inside") == at_seats.model.file()
     assert files["calibrated.toml"].startswith(
-        b"# Calibrated by aacmm-pin on 2026-01-02 (UTC) from a <b> & c.csv"
+        b"# aacmm-pin wrote this file on 2026-01-02 (UTC) from a <b> & c.csv."
     )
 
 
