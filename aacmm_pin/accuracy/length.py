@@ -89,10 +89,10 @@ class LengthUncertainty(Shown):
 
     def __str__(self) -> str:
         sources = self.sources
-        length = f"length {plain_mm(self.length)} mm"
+        length = f"a length of {plain_mm(self.length)} mm"
         pairs = f"{len(self.q_a)} × {len(self.q_b)} pairs of postures"
-        at = f"{sources.arm.name} at {sources.at}"
-        return f"{at}: {length}, {expanded(self.u)} over {pairs}{omission(sources.not_included)}"
+        measures = f"{sources.arm.name} at {sources.at} measures {length} with {expanded(self.u)}"
+        return f"{measures} in {pairs}{omission(sources.not_included)}"
 
 
 def length_uncertainty(

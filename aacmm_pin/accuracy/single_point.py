@@ -36,11 +36,11 @@ class SinglePoint(Shown):
     part_n: int
 
     def __str__(self) -> str:
-        text = f"{self.n} records, standard deviation {self.sigma / MM:.4f} mm"
+        text = f"The standard deviation of {self.n} records is {self.sigma / MM:.4f} mm"
         if self.part_n:
             text += (
-                f"; {self.part_n} records in accurate postures {self.part / MM:.4f} mm, others "
-                f"{self.rest / MM:.4f} mm"
+                f"; the RMS distance is {self.part / MM:.4f} mm for {self.part_n} records in "
+                f"accurate postures, {self.rest / MM:.4f} mm for the others"
             )
         return text
 

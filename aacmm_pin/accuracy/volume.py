@@ -169,15 +169,13 @@ class AccuracyVolume(Shown):
 
     def __str__(self) -> str:
         volume = self.volume / MM**3
-        what = (
-            f"{self.sources.arm.name} at {self.sources.at}, method {self.method}, "
-            f"{len(self.q)} postures"
-        )
+        at = f"{self.sources.arm.name} at {self.sources.at}"
         without = omission(self.not_included)
         if not len(self.q):
-            return what + without
-        sizes = f"volume {volume.min():.3g} to {volume.max():.3g} mm³"
-        return f"{what}: {expanded(self.u)}, {sizes}{without}"
+            return f"{at} has no posture{without}"
+        sizes = f"a volume of {volume.min():.3g} to {volume.max():.3g} mm³"
+        over = f"in {len(self.q)} postures (method {self.method})"
+        return f"{at} has {expanded(self.u)} and {sizes} {over}{without}"
 
 
 def _u(covariance: Array) -> Array:

@@ -244,15 +244,15 @@ class WorkspaceMap(Shown):
         x = self.data.sizes["x_mm"]
         z = self.data.sizes["z_mm"]
         full = self.working_sectors()[self.sectors]
-        arm = f"{self.data.attrs['arm']}, {self.data.attrs['working_point']}"
-        where = f"{arm}: {x} × {z} cells × {self.sectors} sectors"
+        arm = f"{self.data.attrs['arm']} at {self.data.attrs['working_point']}"
+        where = f"The map of {arm} has {x} × {z} cells and {self.sectors} sectors"
         unknown = f"; postures may be missing in {self.incomplete} cells" if self.incomplete else ""
         if self.unreachable == x * z:
-            return f"{where}, all out of reach{unknown}"
+            return f"{where}; all cells are out of reach{unknown}"
         mean = float(self.data["flexibility"].mean())
         return (
-            f"{where}, {self.unreachable} cells out of reach, {full} cells with all sectors"
-            + (f", mean flexibility {mean:.3f}" if np.isfinite(mean) else "")
+            f"{where}; {self.unreachable} cells are out of reach, and {full} have all sectors"
+            + (f"; the mean flexibility is {mean:.3f}" if np.isfinite(mean) else "")
             + unknown
             + omission(self.not_included)
         )

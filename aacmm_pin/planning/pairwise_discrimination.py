@@ -148,10 +148,10 @@ def _why_not(split: tuple[Effect, Effect], power: Power) -> str:
         effect.label for effect, nothing in zip(split, power.undetectable, strict=True) if nothing
     ]
     if undetectable:
-        return f"{' and '.join(undetectable)} would not be detected"
+        return f"no posture shows {' or '.join(undetectable)}"
     if not power.same:
         return ""
     if power.open == (False, False):
         return str(Note("causes_inseparable"))
     inner, outer = split[::-1] if power.open[0] else split
-    return f"{outer.label} can have every effect of {inner.label}"
+    return f"{outer.label} can have the same effect as {inner.label}"

@@ -136,11 +136,11 @@ class ConfigurationCircle(PosturesAtPoint):
     def __str__(self) -> str:
         where = self._where()
         if self.reason:
-            return f"{where}: no posture; {self.reason}"
+            return f"{where}, has no posture, because {self.reason}"
         return (
-            f"{where}: {len(self)} postures on {self.component.max()} closed curves, "
-            f"{self.within_limits.sum()} of them "
-            f"within limits, flexibility {self.flexibility()}"
+            f"{where}, has {len(self)} postures on {self.component.max()} closed curves, "
+            f"{self.within_limits.sum()} of them within limits; "
+            f"the flexibility is {self.flexibility()}"
         )
 
 

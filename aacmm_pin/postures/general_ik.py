@@ -119,14 +119,14 @@ class ReachingPostures(PosturesAtPoint):
         return super()._row(number) | {"travel_rad": travel} | arrivals
 
     def __str__(self) -> str:
-        where = f"{self._where()}, {CONDITIONS[self.conditions.count]}"
+        where = f"{self._where()} for {CONDITIONS[self.conditions.count]}"
         if self.reason:
-            return f"{where}: no posture; {self.reason}"
+            return f"{where}, has no posture, because {self.reason}"
         inside = f"{self.within_limits.sum()} of them within limits"
         if self.single:
-            return f"{where}: {len(self)} single postures, {inside}; {self.search}"
+            return f"{where}, has {len(self)} single postures, {inside}; {self.search}"
         return (
-            f"{where}: {len(self)} postures on {len(self.curves)} closed curves, {inside} "
+            f"{where}, has {len(self)} postures on {len(self.curves)} closed curves, {inside} "
             f"({self.arc_fraction:.3f} of the curves' length); {self.search}"
         )
 
@@ -191,7 +191,9 @@ def reaching_postures(
             q, component, missing = evenly(equations, finds.curves, count, lambda q: q)
         notes = _families(finds, found) + open_curve_notes(curves) + missing_notes(missing)
     notes += [Note("arm_degenerate")] * found.degenerate
-    reason = "" if len(q) else "; ".join(map(str, notes)) or f"{found}: out of reach"
+    reason = (
+        "" if len(q) else "; ".join(map(str, notes)) or f"{found}; the point may be out of reach"
+    )
     q = into_limits(q, arm.limits)
     swivel = _swivel(arm, q, conditions.point)
     broken = outside_limits(q, arm.limits)

@@ -100,7 +100,7 @@ class PosturesAtPoint(Shown):
 
     def _where(self) -> str:
         place = ", ".join(map(plain_mm, self.point))
-        return f"{self.arm.name}, {self.at} at ({place}) mm"
+        return f"{self.arm.name}, with {self.at} at ({place}) mm"
 
 
 def _joints(flags: Mask) -> str:

@@ -29,6 +29,7 @@ from aacmm_pin.report.document import (
     document_of,
 )
 from aacmm_pin.report.formats.html import SHORT_TEXT
+from aacmm_pin.report.numbers import capital
 from aacmm_pin.report.procedure import ORIGIN
 from aacmm_pin.verification import (
     AS_GIVEN,
@@ -46,14 +47,15 @@ from aacmm_pin.verification import (
 )
 
 RULE_TEXT = (
-    "Conformity: |value| + U ≤ MPE for each error. Nonconformity: |value| - U > MPE for at least "
-    f"one error. Otherwise inconclusive. Guard band: U = {GUARD_BAND_FACTOR:g}u of the calibrated "
-    f"length or diameter, as in {RULE_OF}; the default of ISO 14253-1:2017 is 1.65u."
+    "The verdict is conformity if |value| + U ≤ MPE for each error, nonconformity if |value| - U > "
+    "MPE for at least one error, and else inconclusive. The guard band U is "
+    f"{GUARD_BAND_FACTOR:g}u of the calibrated length or diameter, as in {RULE_OF}. The default of "
+    "ISO 14253-1:2017 is 1.65u."
 )
 CHART_CAPTION = (
-    "Individuals charts of the magnitude of each test value. Line: mean of the earlier checks that "
-    f"count. Dashed: limits, {PER_MOVING_RANGE} mean moving ranges from the mean. A limit below "
-    "zero is not drawn."
+    "The charts show the magnitude of each test value. The line is the mean of the earlier checks "
+    f"that count. The dashed lines are limits, {PER_MOVING_RANGE} mean moving ranges from the "
+    "mean. The charts have no limit below zero."
 )
 CONDITION_LABELS = {
     "operator": ("operator", ""),
@@ -118,7 +120,7 @@ def acceptance_document(result: AcceptanceResult, details: CheckDetails | None =
         Paragraph(RULE_TEXT),
     ]
     if details is None:
-        verdict = Paragraph(f"{result}.", finding=True, head="Acceptance:")
+        verdict = Paragraph(f"{capital(str(result))}.", finding=True, head="Acceptance:")
         what = Table(definitions, DEFINED, heads=HEADS, detail=True)
         return Document(TITLE, [ORIGIN, verdict, *blocks, Notes(result.notes), what], result.path)
     if details.history is not None:
@@ -127,7 +129,7 @@ def acceptance_document(result: AcceptanceResult, details: CheckDetails | None =
     opening: list[Block] = [
         Paragraph(ORIGIN),
         Paragraph(_conditions(result, details), head="Conditions:"),
-        Paragraph(f"{result}.", finding=True, head=f"{mark}Acceptance:"),
+        Paragraph(f"{capital(str(result))}.", finding=True, head=f"{mark}Acceptance:"),
     ]
     title = f"{TITLE}: {details.instrument}" if details.instrument else TITLE
     made = f"{details.time:%Y-%m-%d %H:%M} UTC, {result.path}, aacmm_pin {version('aacmm_pin')}"
@@ -186,8 +188,9 @@ def history_blocks(history: History) -> list[Block]:
         fewest, most = min(earlier_checks), max(earlier_checks)
         there_are = f"{fewest} to {most}" if most > fewest else f"{fewest}"
         sentences.append(
-            f"{len(earlier_checks)} of {len(charts)} characteristics have no control limits yet. "
-            f"They need {LEAST_CHECKS} earlier checks that count, and have {there_are}."
+            f"{len(earlier_checks)} of {len(charts)} characteristics have no control limits yet, "
+            f"because limits need {LEAST_CHECKS} earlier checks that count, and only {there_are} "
+            "exist."
         )
     text = " ".join(sentences) or "No test value is outside its limits."
     head = "Outside the control limits:" if outside else "Control limits:"
@@ -205,7 +208,8 @@ def _departure(chart: ControlChart, several: bool) -> str:
     """The last value of a chart with its limits."""
     by = f" by {chart.arm}" if several else ""
     low, high = np.nan_to_num(chart.limits[0]) / MM, chart.limits[1] / MM
-    return f"{chart.figure}{by} {chart.values[-1] / MM:.4f} mm (limits {low:.4f} to {high:.4f} mm)"
+    value = f"{chart.values[-1] / MM:.4f} mm"
+    return f"{chart.figure}{by} is {value} (limits {low:.4f} mm and {high:.4f} mm)"
 
 
 def _not_drawn(charts: Sequence[ControlChart], drawn: Sequence[ControlChart], several: bool) -> str:
@@ -219,7 +223,7 @@ def _not_drawn(charts: Sequence[ControlChart], drawn: Sequence[ControlChart], se
     if not names:
         return ""
     listed = [", ".join(figures) + by for by, figures in names.items()]
-    return f" Not drawn: {'; '.join(listed)}."
+    return f" The figure leaves out {'; '.join(listed)}."
 
 
 def _marked(verdict: str) -> str:

@@ -69,9 +69,9 @@ HELD_OUT_KINDS = {
 }
 """What is left out in turn."""
 HOW_TO_READ = (
-    "The values in this file are those after calibration. [covariance] states the standard",
-    "uncertainties (m or rad) of the parameters that it names, and their correlations.",
-    "Row i of the correlations relates parameter i to the parameters before it.",
+    "The values in this file are those after calibration.",
+    "[covariance] states the standard uncertainties (m or rad) of the parameters that it names,",
+    "and their correlations. Row i of these relates parameter i to the parameters before it.",
     "For these parameters, [covariance] replaces the half-widths in [joints.uncertainty].",
 )
 """Stands in front of a calibrated arm file."""

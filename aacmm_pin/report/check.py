@@ -35,7 +35,7 @@ def check_document(check: Check) -> Document:
     finding = Paragraph(f"{fits}. {distance}. {predicted}.", finding=True)
     columns = measurements_document(check.measurements).blocks[1:]
     left_out = check.measurements.row[~check.used]
-    rows = f"Records that do not fit: {rows_in_words(left_out)}." if left_out.size else ""
+    rows = f"{name} does not fit the records in {rows_in_words(left_out)}." if left_out.size else ""
     blocks = [
         finding,
         Paragraph(rows, finding=True),

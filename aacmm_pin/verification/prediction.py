@@ -118,7 +118,7 @@ class PredictedAcceptance(Shown):
     def __str__(self) -> str:
         judged = [f for f in self.figures if not math.isnan(f.passes)]
         least = min(judged, key=lambda f: f.passes, default=None)
-        text = f"{len(self.figures)} characteristics in {self.count} virtual runs"
+        text = f"{self.count} virtual runs predict {len(self.figures)} characteristics"
         if least is None:
             return text
         return (

@@ -120,7 +120,9 @@ class Procedure(Shown):
     def __str__(self) -> str:
         counts = self.probed_points["test"].value_counts(sort=False)
         tests = ", ".join(f"{count} {test}" for test, count in counts.items())
-        return f"{self.arm.name}: {len(self.probed_points)} points to probe ({tests})"
+        return (
+            f"The plan for {self.arm.name} has {len(self.probed_points)} points to probe ({tests})"
+        )
 
     @staticmethod
     def read(path: str | Path, arm: GivenArm) -> Procedure:
