@@ -245,13 +245,13 @@ class WorkspaceMap(Shown):
         z = self.data.sizes["z_mm"]
         full = self.working_sectors()[self.sectors]
         arm = f"{self.data.attrs['arm']} at {self.data.attrs['working_point']}"
-        where = f"The map of {arm} has {x} × {z} cells and {self.sectors} sectors"
+        where = f"The map of {arm} with {self.sectors} sectors has {x} × {z} cells"
         unknown = f"; postures may be missing in {self.incomplete} cells" if self.incomplete else ""
         if self.unreachable == x * z:
-            return f"{where}; all cells are out of reach{unknown}"
+            return f"{where}, all out of reach{unknown}"
         mean = float(self.data["flexibility"].mean())
         return (
-            f"{where}; {self.unreachable} cells are out of reach, and {full} have all sectors"
+            f"{where}, {self.unreachable} out of reach and {full} with all sectors"
             + (f"; the mean flexibility is {mean:.3f}" if np.isfinite(mean) else "")
             + unknown
             + omission(self.not_included)
@@ -446,7 +446,7 @@ def _left_out(arm: Arm, box: Array) -> list[Note]:
     beyond = (reached - box) * np.array([-1.0, 1.0, -1.0, 1.0]) > SMALLEST_ARM
     names = ("x below", "x above", "z below", "z above")
     ends = zip(names, box / MM, reached / MM + 0.0, beyond, strict=True)
-    sides = [f"{name} {at:.4g} mm (to {end:.4g} mm)" for name, at, end, cut in ends if cut]
+    sides = [f"{name} {at:.4g} mm (to {end:z.0f} mm)" for name, at, end, cut in ends if cut]
     return [Note("extent_cuts_reach", {"sides": ", ".join(sides)})] if sides else []
 
 

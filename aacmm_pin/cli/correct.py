@@ -354,4 +354,10 @@ def _accuracy(
     )
     for caveat in found.sources.caveats:
         note(caveat)
+    first = [p.u for p in model.arm.parameters if p.joint == 1]
+    if model.arm.covariance is not None and model.arm.dh is None and not any(first):
+        note(
+            "u_mm does not include the uncertainty of the base, because the arm file states no "
+            "half-widths; with --commands, use u_aligned_mm"
+        )
     return found

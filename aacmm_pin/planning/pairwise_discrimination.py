@@ -154,4 +154,4 @@ def _why_not(split: tuple[Effect, Effect], power: Power) -> str:
     if power.open == (False, False):
         return str(Note("causes_inseparable"))
     inner, outer = split[::-1] if power.open[0] else split
-    return f"{outer.label} can have the same effect as {inner.label}"
+    return f"{outer.label} can have every effect of {inner.label}"

@@ -137,11 +137,10 @@ class ConfigurationCircle(PosturesAtPoint):
         where = self._where()
         if self.reason:
             return f"{where}, has no posture, because {self.reason}"
-        return (
-            f"{where}, has {len(self)} postures on {self.component.max()} closed curves, "
-            f"{self.within_limits.sum()} of them within limits; "
-            f"the flexibility is {self.flexibility()}"
-        )
+        inside = f"{self.within_limits.sum()} of them within limits"
+        flexibility = f"the flexibility is {self.flexibility()}"
+        curves = f"{len(self)} postures on {self.component.max()} closed curves"
+        return f"{where}, has {curves}, {inside}; {flexibility}"
 
 
 def configuration_circle(

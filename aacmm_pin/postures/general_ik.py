@@ -191,9 +191,7 @@ def reaching_postures(
             q, component, missing = evenly(equations, finds.curves, count, lambda q: q)
         notes = _families(finds, found) + open_curve_notes(curves) + missing_notes(missing)
     notes += [Note("arm_degenerate")] * found.degenerate
-    reason = (
-        "" if len(q) else "; ".join(map(str, notes)) or f"{found}; the point may be out of reach"
-    )
+    reason = "" if len(q) else "; ".join(map(str, notes)) or f"{found}, out of reach"
     q = into_limits(q, arm.limits)
     swivel = _swivel(arm, q, conditions.point)
     broken = outside_limits(q, arm.limits)

@@ -29,7 +29,6 @@ from aacmm_pin.report.document import (
     document_of,
 )
 from aacmm_pin.report.formats.html import SHORT_TEXT
-from aacmm_pin.report.numbers import capital
 from aacmm_pin.report.procedure import ORIGIN
 from aacmm_pin.verification import (
     AS_GIVEN,
@@ -120,7 +119,7 @@ def acceptance_document(result: AcceptanceResult, details: CheckDetails | None =
         Paragraph(RULE_TEXT),
     ]
     if details is None:
-        verdict = Paragraph(f"{capital(str(result))}.", finding=True, head="Acceptance:")
+        verdict = Paragraph(f"{result}.", finding=True, head="Acceptance:")
         what = Table(definitions, DEFINED, heads=HEADS, detail=True)
         return Document(TITLE, [ORIGIN, verdict, *blocks, Notes(result.notes), what], result.path)
     if details.history is not None:
@@ -129,7 +128,7 @@ def acceptance_document(result: AcceptanceResult, details: CheckDetails | None =
     opening: list[Block] = [
         Paragraph(ORIGIN),
         Paragraph(_conditions(result, details), head="Conditions:"),
-        Paragraph(f"{capital(str(result))}.", finding=True, head=f"{mark}Acceptance:"),
+        Paragraph(f"{result}.", finding=True, head=f"{mark}Acceptance:"),
     ]
     title = f"{TITLE}: {details.instrument}" if details.instrument else TITLE
     made = f"{details.time:%Y-%m-%d %H:%M} UTC, {result.path}, aacmm_pin {version('aacmm_pin')}"

@@ -98,7 +98,7 @@ UNDETERMINED = (
     "These records and the stated uncertainties do not determine the following parameters "
     "separately. The calibrated arm keeps the values of the arm file for the undetermined "
     "combinations. Other postures, references or targets may determine the parameters, but more "
-    "records of the same kind do not:"
+    "records of the same kind do not"
 )
 EXCLUDED = (
     "The fit excludes a record if its residual exceeds a bound. This bound excludes a good record "
@@ -206,7 +206,7 @@ def frame_in_words(fit: Fit) -> str:
     one, or the records do not determine it.
     """
     held = ", ".join(fit.undetermined.tied_to_frame)
-    tied = f" This U assumes the value of {held} in the arm file." if held else ""
+    tied = f" This U assumes the values of {held} in the arm file." if held else ""
     return " ".join(_base_in_words(base, tied) for base in base_placements(fit))
 
 
@@ -506,9 +506,11 @@ def _undetermined(result: Calibration) -> list[Block]:
         "combinations of parameters. A larger index is better."
     )
     table = indices.drop(columns="DIRECTIONS")
+    framed = any("frame." in line for line in result.undetermined)
+    of_frame = ". frame.x to frame.rz are the placement of the base" if framed else ""
     return [
         Heading("What these records do not determine"),
-        Bullets(result.undetermined, UNDETERMINED),
+        Bullets(result.undetermined, f"{UNDETERMINED}{of_frame}:"),
         Table(table, "Observability indices", explained=explained, detail=True),
     ]
 

@@ -587,7 +587,7 @@ def answers(result: Diagnosis, planned: str) -> list[Block]:
     """The verdict, its probability, other possible causes, residuals and gain, and what to
     measure next.
     """
-    verdict = f"{capital(result.verdict)}."
+    verdict = f"{capital(result.verdict.replace('-', ' '))}."
     sentences = {verdict: verdict_in_words(result)}
     sentences["Probability:"] = certainty_in_words(result)
     sentences["Other possible causes:"] = next_set_in_words(result)

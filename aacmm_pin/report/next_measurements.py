@@ -87,7 +87,7 @@ def _first(result: Diagnosis) -> str:
         )
     if verdict == "no-discrepancy":
         return (
-            "keep these records for the next check, because these records would show "
+            "keep these records for the next check. These records would show "
             f"{seen} of {of} causes of typical magnitude"
         )
     if unexplained.groups and unexplained.depends_on[:1] == (unexplained.groups[0].name,):

@@ -20,6 +20,8 @@ from aacmm_pin.report.document import Document, Format, Notes, Paragraph, Table,
 from aacmm_pin.report.numbers import capital, three_digits
 
 RIGHT = "probability of the right decision"
+CONSIDERED = f"Set-ups that the plan considered, with the {RIGHT}"
+PAIRS = "Pairs of causes, with the expected increase T of χ² if the model has the wrong cause"
 NOISE_OPTIONS = {"--u-reference-mm": "reference_noise", "--probe-noise-mm": "probe_noise"}
 DEFAULTS = {"scheme": "free", "reference_frame": "base", "target": "tip"}
 """Keywords of a plan whose option need not be written with these values."""
@@ -27,6 +29,7 @@ QUICK = 200
 """Postures that are enough to state whether a plan would help; the plan itself has more."""
 LEAST_CHANGE = 0.005
 """A probability of a right decision that grows by less is not worth new records."""
+FORMS: dict[str, Format] = {"T": three_digits}
 PAIRS_LISTED = 8
 """Pairs of causes that are listed; the JSON has all."""
 
@@ -36,14 +39,12 @@ def plan_document(plan: MeasurementPlan) -> Document:
     """The plan; its records stand in :attr:`MeasurementPlan.records`."""
     tried = [*map(_tried, plan.tried)]
     considered = pd.DataFrame(tried if len(tried) > 1 else [])
-    forms: dict[str, Format] = {"T": three_digits}
-    pairs = "Pairs of causes, with the expected increase T of χ² if the model has the wrong cause"
     return Document(
         "Plan",
         [
             Paragraph(f"{plan}.", head="Plan:"),
-            Table(considered, f"Set-ups that the plan considered, with the {RIGHT}", forms),
-            Table(_pairs(plan), pairs, forms, most=PAIRS_LISTED),
+            Table(considered, CONSIDERED, FORMS),
+            Table(_pairs(plan), PAIRS, FORMS, most=PAIRS_LISTED),
             *where_to_go(plan),
             Notes(plan.notes),
         ],

@@ -247,7 +247,7 @@ class AcceptanceResult(Shown):
     def __str__(self) -> str:
         texts = {source: self._in_words(source, *found) for source, found in self.overall.items()}
         if len(texts) > 1:
-            return "; ".join(f"for {source}, {text}" for source, text in texts.items())
+            return "; ".join(f"{source}: {text}" for source, text in texts.items())
         return "".join(texts.values())
 
     def _in_words(
@@ -257,9 +257,9 @@ class AcceptanceResult(Shown):
         of = sum(figure.source == source for figure in self.figures)
         given = f"({len(self._with_mpe(source))} of {of} characteristics have an MPE)"
         if not by:
-            return f"there is no verdict {given}"
+            return f"There is no verdict {given}"
         names = [f.definition.name + (" without a value" if f.verdict is None else "") for f in by]
-        return f"the verdict is {shown_verdict(verdict)}, decided by {', '.join(names)} {given}"
+        return f"The verdict is {shown_verdict(verdict)}, decided by {', '.join(names)} {given}"
 
     def to_frame(self) -> pd.DataFrame:
         """One row a characteristic, lengths in mm; NaN where there is no number."""

@@ -78,7 +78,7 @@ def test_json_is_alone_on_stdout_and_the_seed_is_in_it(tmp_path):
     assert content["power"]["decided"] is True
     assert len(content["expected_mm"]) == 20
     _, err = done(words, f"-o {again}")
-    assert "encoder noise not given" in err
+    assert "--encoder-noise" in err
     assert done(words)[0] == again.read_text()
 
 

@@ -59,7 +59,7 @@ def plot_accuracy_of_postures(
         left_out = _has_gap(postures.swivel[inside] / DEG)
         _draw_over(postures.swivel[inside] / DEG, component, accuracy, ax, left_out)
         ax.set(
-            xlabel="swivel angle (0: the elbow is highest) [deg]",
+            xlabel="swivel angle (elbow highest at 0°) [°]",
             xlim=(-180, 180),
             xticks=range(-180, 181, 60),
         )

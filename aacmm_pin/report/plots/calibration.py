@@ -76,7 +76,9 @@ def plot_residuals_over_joint(
     if len(angle):
         _draw_means(ax, angle, along)
     else:  # its axis goes through the tip
-        ax.text(0.5, 0.6, "does not move the tip", transform=ax.transAxes, ha="center", color=INK)
+        ax.text(
+            0.5, 0.6, "joint does not move the tip", transform=ax.transAxes, ha="center", color=INK
+        )
         ax.set_xticks([])
     ax.set(xlabel=f"joint {joint} [{unit}]", ylabel="residual [µm]")
     ax.grid(alpha=0.3)
@@ -173,7 +175,7 @@ def plot_normalised_residuals(result: Calibration, ax: Axes | None = None) -> Ax
     ax.hist(distance, 30, range=(0, most), density=True, color=BLUE, alpha=0.75, label=label)
     x = np.linspace(0, most, 300)
     chi = np.sqrt(2 / np.pi) * x**2 * np.exp(-0.5 * x**2)
-    ax.plot(x, chi, color=VERMILLION, lw=1.8, label="χ, 3 degrees of freedom")
+    ax.plot(x, chi, color=VERMILLION, lw=1.8, label="χ distribution, 3 degrees of freedom")
     ax.set(xlabel="normalised residual [1]", ylabel="density [1]", xlim=(0, most))
     ax.legend(fontsize=8, frameon=False)
     ax.set_title(f"{result.model.arm.name}: residuals against the noise", fontsize=10)

@@ -116,7 +116,7 @@ def plot_cause(result: Diagnosis, finding: Finding, ax: Axes | None = None) -> A
         "capsize": 2.5,
         "zorder": 3,
     }
-    of = "" if few else f" of {FEWEST_IN_PART} or more"
+    of = "" if few else f" of {FEWEST_IN_PART} or more records"
     ax.errorbar(means["x"], means["value"], means["u"], label=f"means{of} ± u", **style)
     draw_beyond(ax, [(x, shown.value, GREY)], _limits(shown, means))
     ax.set(xlabel=shown.x_label, ylabel=shown.y_label)

@@ -89,7 +89,7 @@ def plot_groups(result: Diagnosis, ax: Axes | None = None) -> Figure:
     panels = panels_of(ax, (3.1, 2.4), len(kinds), columns, share_y=True)
     expected = {"noise": (":", "noise alone")}
     if not table["predicted_mm"].equals(table["noise_mm"]):
-        expected = {"predicted": ("--", "predicted for it")} | expected
+        expected = {"predicted": ("--", "predicted for nominal")} | expected
     for panel, kind in zip(panels, kinds, strict=True):
         _draw_groups(panel, kind, table[table["by"] == kind], expected)
     heights = table[["predicted_mm", *(f"{name}_mm" for name in MODELS)]]
@@ -142,7 +142,7 @@ def _draw_groups(
     if many:
         panel.set_xticks([])
         panel.set_xlabel(
-            "\n".join([f"{len(names)}, largest nominal first:", *names[:WORST]]), fontsize=7
+            "\n".join([f"{len(names)} groups, largest first:", *names[:WORST]]), fontsize=7
         )
     else:
         name_places(panel, names, letters=48, size=7)

@@ -73,7 +73,7 @@ def plot_history(history: History, ax: Axes | None = None) -> Figure:
         ax.text(
             0.5,
             0.5,
-            "no characteristic with two checks; expected one or more",
+            "no characteristic has two checks",
             ha="center",
             va="center",
         )

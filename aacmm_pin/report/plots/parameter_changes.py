@@ -37,7 +37,7 @@ def plot_parameter_changes(result: Calibration, ax: Axes | None = None) -> Figur
     table = parameter_table(result)
     stated, title = table["stated"].notna(), f"{result.model.arm.name}: parameters"
     if stated.any() and not stated.all():
-        title += f"\n{(~stated).sum()} without a stated uncertainty are not shown"
+        title += f"\n{(~stated).sum()} without a stated uncertainty left out"
     if (table["known"] == "in combination").any():
         title += "\nopen symbols: determined only in combination with others"
     parts = (
@@ -78,7 +78,9 @@ def plot_geometry(result: Diagnosis, ax: Axes | None = None) -> Axes:
             rows.append({"unit": parameter.unit, "change": value, "U": expanded} | numbers)
     ax = axes_of(ax, (6.6, 1.2 + 0.24 * len(rows)))
     _draw_changes(pd.DataFrame(rows).assign(known="", beyond=True), ax)
-    ax.set_title(f"{result.model.arm.name}: geometry beyond its stated uncertainty", fontsize=10)
+    ax.set_title(
+        f"{result.model.arm.name}: geometric values beyond their stated uncertainties", fontsize=10
+    )
     return ax
 
 

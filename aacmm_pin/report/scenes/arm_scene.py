@@ -27,7 +27,7 @@ def arm_scene(model: GivenModel, q: ArrayLike) -> Scene:
     one = f"The tip is at {place_text(tips[0])} in the base frame."
     scene = stage(
         arm.name,
-        one if len(q) == 1 else f"{len(q)} postures.",
+        one if len(q) == 1 else f"The scene shows {len(q)} postures.",
         bodies,
         bodies.corners(q).reshape(-1, 3),
         tips,

@@ -148,7 +148,7 @@ def _draw_path(
             scene.swatches.insert(0, Swatch(BLUE, f"path of {name}, within limits", "line"))
     if scene.bar is not None:
         what = f"path of {name}" if len(pairs) else "slider"
-        scene.notes.insert(0, f"The colour bar colours the {what} within the joint limits.")
+        scene.notes.insert(0, f"The colour bar holds for the {what} within the joint limits.")
 
 
 def _draw_ellipsoids(scene: Scene, centre: Array, accuracy: AccuracyVolume, size: float) -> Array:
@@ -166,10 +166,10 @@ def _draw_ellipsoids(scene: Scene, centre: Array, accuracy: AccuracyVolume, size
     scene["accuracy"].set_transform(placements[0])
     scene.swatches.insert(0, Swatch(ELLIPSOID, "accuracy of this posture (ellipsoid)", "area"))
     words = (
-        f"the 95 % ellipsoid of the position (k = {ELLIPSOID_COVERAGE_FACTOR:.2f}), magnified "
-        f"{factor:g} times"
+        "The ellipsoid at the point covers 95 % of position errors "
+        f"(k = {ELLIPSOID_COVERAGE_FACTOR:.2f}), and is magnified {factor:g} times."
     )
-    scene.notes.insert(0, f"At the point: {words}.")
+    scene.notes.insert(0, words)
     return placements
 
 

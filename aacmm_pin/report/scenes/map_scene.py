@@ -97,11 +97,13 @@ def map_scene(workspace_map: WorkspaceMap, model: GivenModel) -> Scene:
 
 def _caption(map_: WorkspaceMap) -> str:
     data = map_.data
-    without = f" Not included: {', '.join(map_.not_included)}." if map_.not_included else ""
+    left_out = ", ".join(map_.not_included)
+    without = f" The accuracy does not include {left_out}." if left_out else ""
     return (
-        f"Map of the wrist over the half-plane y = 0: {data.sizes['x_mm']} × {data.sizes['z_mm']} "
-        f"cells, {map_.sectors} sectors. Cells out of reach are not drawn. The arm has the posture "
-        f"with the smallest accuracy volume.{without}"
+        "The map of the wrist covers the half-plane y = 0 with "
+        f"{data.sizes['x_mm']} × {data.sizes['z_mm']} cells and {map_.sectors} sectors. The scene "
+        "leaves out cells out of reach. In each cell, the arm has the posture with the smallest "
+        f"accuracy volume.{without}"
     )
 
 

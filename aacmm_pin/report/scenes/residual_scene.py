@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.colors import to_hex
 
 from aacmm_pin._support.checks import Array, Index
-from aacmm_pin._support.units import MM
+from aacmm_pin._support.units import MM, count
 from aacmm_pin.calibration import Calibration, Fit
 from aacmm_pin.diagnosis import Diagnosis
 from aacmm_pin.report.numbers import lengths
@@ -121,12 +121,12 @@ def _distances_mm(result: Calibration | Diagnosis, fit: Fit) -> Array:
 def _caption(result: Calibration | Diagnosis, judge: Fit, chosen: Index) -> str:
     rms = rms_of(result)
     sizes = ", ".join(
-        f"{MODEL_WORDS.get(which, which)} {size}"
+        f"{size} ({MODEL_WORDS.get(which, which)})"
         for which, size in zip(rms, lengths(rms.values()), strict=True)
     )
     excluded = int(judge.excluded.sum())
-    without = f"; {excluded} are excluded" if excluded else ""
+    without = f", without {count(excluded, 'excluded record')}" if excluded else ""
     return (
-        f"{len(chosen)} of {int(judge.used.sum())} records are drawn{without}. RMS residual of all "
-        f"used records: {sizes}."
+        f"The scene shows {len(chosen)} of {int(judge.used.sum())} used records{without}. The RMS "
+        f"residual of all used records is {sizes}."
     )

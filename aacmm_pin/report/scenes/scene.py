@@ -58,8 +58,8 @@ AN_ID = re.compile(r"[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}")
 OUTERMOST = 60
 """Directions in which the points that have to be seen are looked for."""
 POSTER = (
-    '<p style="position: absolute; inset: 2rem 1rem auto; text-align: center">3D scene: '
-    "scroll here to see it.</p>"
+    '<p style="position: absolute; inset: 2rem 1rem auto; text-align: center">Scroll '
+    "here to see the 3D scene.</p>"
 )
 """Seen until the scene is drawn over it."""
 LOOPBACK = "127.0.0.1"
