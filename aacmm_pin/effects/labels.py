@@ -11,7 +11,12 @@ from aacmm_pin._support.units import DEG, LARGE_IN_MICRO, MM
 from aacmm_pin.arm import COVERAGE_FACTOR, Arm, axis
 from aacmm_pin.effects.effect import Effect, Reading
 
-PLACE_WORDS = {"marker": "target", "link_bending": "tube", "torsional_windup": "tube"}
+PLACE_WORDS = {
+    "marker": "target",
+    "link": "body",
+    "link_bending": "tube",
+    "torsional_windup": "tube",
+}
 """What people call a place, by the cause or else by the field; without either as the field."""
 WHOLE_ARM = {"thermal_expansion": "the arm"}
 """Causes that may be of a place, and what people call the whole arm there."""

@@ -46,15 +46,14 @@ from aacmm_pin.verification import (
 )
 
 RULE_TEXT = (
-    "The verdict is conformity if |value| + U ≤ MPE for each error, nonconformity if |value| - U > "
-    "MPE for at least one error, and else inconclusive. The guard band U is "
-    f"{GUARD_BAND_FACTOR:g}u of the calibrated length or diameter, as in {RULE_OF}. The default of "
-    "ISO 14253-1:2017 is 1.65u."
+    "Conformity needs |value| + U ≤ MPE for each error, nonconformity |value| - U > MPE for at "
+    f"least one error. The guard band U is {GUARD_BAND_FACTOR:g}u of the calibrated length or "
+    f"diameter, as in {RULE_OF}; the default of ISO 14253-1:2017 is 1.65u."
 )
 CHART_CAPTION = (
     "The charts show the magnitude of each test value. The line is the mean of the earlier checks "
     f"that count. The dashed lines are limits, {PER_MOVING_RANGE} mean moving ranges from the "
-    "mean. The charts have no limit below zero."
+    "mean."
 )
 CONDITION_LABELS = {
     "operator": ("operator", ""),
@@ -187,9 +186,8 @@ def history_blocks(history: History) -> list[Block]:
         fewest, most = min(earlier_checks), max(earlier_checks)
         there_are = f"{fewest} to {most}" if most > fewest else f"{fewest}"
         sentences.append(
-            f"{len(earlier_checks)} of {len(charts)} characteristics have no control limits yet, "
-            f"because limits need {LEAST_CHECKS} earlier checks that count, and only {there_are} "
-            "exist."
+            f"{len(earlier_checks)} of {len(charts)} characteristics have no control limits, which "
+            f"need {LEAST_CHECKS} earlier checks that count, not {there_are}."
         )
     text = " ".join(sentences) or "No test value is outside its limits."
     head = "Outside the control limits:" if outside else "Control limits:"
@@ -208,7 +206,7 @@ def _departure(chart: ControlChart, several: bool) -> str:
     by = f" by {chart.arm}" if several else ""
     low, high = np.nan_to_num(chart.limits[0]) / MM, chart.limits[1] / MM
     value = f"{chart.values[-1] / MM:.4f} mm"
-    return f"{chart.figure}{by} is {value} (limits {low:.4f} mm and {high:.4f} mm)"
+    return f"{chart.figure}{by} is {value} (limits {low:.4f} to {high:.4f} mm)"
 
 
 def _not_drawn(charts: Sequence[ControlChart], drawn: Sequence[ControlChart], several: bool) -> str:

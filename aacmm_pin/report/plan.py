@@ -39,12 +39,14 @@ def plan_document(plan: MeasurementPlan) -> Document:
     """The plan; its records stand in :attr:`MeasurementPlan.records`."""
     tried = [*map(_tried, plan.tried)]
     considered = pd.DataFrame(tried if len(tried) > 1 else [])
+    set_ups = Table(considered, CONSIDERED, FORMS)
+    pairs = Table(_pairs(plan), PAIRS, FORMS, most=PAIRS_LISTED)
     return Document(
         "Plan",
         [
             Paragraph(f"{plan}.", head="Plan:"),
-            Table(considered, CONSIDERED, FORMS),
-            Table(_pairs(plan), PAIRS, FORMS, most=PAIRS_LISTED),
+            set_ups,
+            pairs,
             *where_to_go(plan),
             Notes(plan.notes),
         ],

@@ -39,9 +39,8 @@ ARTEFACT_OF_TEST = {
 """Tests whose artefacts are those of another."""
 ORIGIN = (
     "The definitions and the decision rule come from public descriptions of "
-    f"{', '.join(EDITIONS.values())} and {RULE_OF}. Nobody compared the definitions with the texts "
-    "of the standards. Before a contract depends on a verdict, compare the definitions with these "
-    "texts."
+    f"{', '.join(EDITIONS.values())} and {RULE_OF}. Before a contract depends on a verdict, "
+    "compare both with the texts of the standards."
 )
 """Stands first where a test is planned, predicted or evaluated."""
 ZONES = "0 to 20, 20 to 80 and 80 to 100 % of the reach"

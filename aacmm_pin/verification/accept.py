@@ -248,7 +248,7 @@ class AcceptanceResult(Shown):
         texts = {source: self._in_words(source, *found) for source, found in self.overall.items()}
         if len(texts) > 1:
             return "; ".join(f"{source}: {text}" for source, text in texts.items())
-        return "".join(texts.values())
+        return f"The verdict is {''.join(texts.values())}"
 
     def _in_words(
         self, source: str, verdict: Verdict | None, by: Sequence[CharacteristicValue]
@@ -257,9 +257,9 @@ class AcceptanceResult(Shown):
         of = sum(figure.source == source for figure in self.figures)
         given = f"({len(self._with_mpe(source))} of {of} characteristics have an MPE)"
         if not by:
-            return f"There is no verdict {given}"
+            return f"not determined {given}"
         names = [f.definition.name + (" without a value" if f.verdict is None else "") for f in by]
-        return f"The verdict is {shown_verdict(verdict)}, decided by {', '.join(names)} {given}"
+        return f"{shown_verdict(verdict)}, decided by {', '.join(names)} {given}"
 
     def to_frame(self) -> pd.DataFrame:
         """One row a characteristic, lengths in mm; NaN where there is no number."""

@@ -391,7 +391,7 @@ def test_conditions_that_causes_depend_on_are_varied(sino6):
     plan = planned(sino6, ("thermal_expansion", "encoder_gain:2"))
     assert set(plan.records["temperature_c"]) == {20.0, 24.0}
     assert plan.records["temperature_c"].is_monotonic_increasing
-    assert plan.tried[0].why_not == "thermal_expansion would not be detected"
+    assert plan.tried[0].why_not.endswith("thermal_expansion")
     plan = planned(sino6, ("zero_drift:3,time_constant_s=1800", "encoder_gain:3"))
     assert "90 minutes" in plan.setup
     assert (np.diff(plan.records["time_s"]) >= 30.0).all()
