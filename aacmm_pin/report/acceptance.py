@@ -186,8 +186,8 @@ def history_blocks(history: History) -> list[Block]:
         fewest, most = min(earlier_checks), max(earlier_checks)
         there_are = f"{fewest} to {most}" if most > fewest else f"{fewest}"
         sentences.append(
-            f"{len(earlier_checks)} of {len(charts)} characteristics have no control limits, which "
-            f"need {LEAST_CHECKS} earlier checks that count, not {there_are}."
+            f"{len(earlier_checks)} of {len(charts)} characteristics have only {there_are} of the "
+            f"{LEAST_CHECKS} earlier checks that control limits need."
         )
     text = " ".join(sentences) or "No test value is outside its limits."
     head = "Outside the control limits:" if outside else "Control limits:"

@@ -102,7 +102,10 @@ def length_document(length: LengthUncertainty) -> Document:
     rows.append(_posture_pair(length, "largest U", int(length.u.argmax())))
     budget = length.budget()[["parameter", "u_mm", "share"]]
     ends, budget = in_one_unit(pd.DataFrame(rows), budget)
-    tables = [Table(ends, "Pairs of postures with the smallest and the largest U"), _budget(budget)]
+    tables = [
+        Table(ends, "Pairs of postures at the points A and B with the smallest and the largest U"),
+        _budget(budget),
+    ]
     return Document("Length", [str(length), *tables, *map(str, length.sources.caveats)])
 
 

@@ -446,7 +446,7 @@ def _parameters(result: Calibration) -> list[Block]:
     if not len(rows):
         return [title, Paragraph(NOTHING_ESTIMATED)]
     blocks: list[Block] = [title, _parameter_table(rows)]
-    beyond = ", ".join(rows["parameter"][rows["beyond"]])
+    beyond = listed([*rows["parameter"][rows["beyond"]]])
     if beyond:
         changed = f"The change of {beyond} (marked *) exceeds the stated half-width plus U."
         advice = "The model may lack a cause of error; run aacmm-pin diagnose."

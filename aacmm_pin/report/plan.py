@@ -178,7 +178,7 @@ def advice(
         return plan_advice(plan, _options(plan.model.arm, asked))
     except AacmmError as error:
         one, other = (cause if isinstance(cause, str) else cause.key for cause in split)
-        return f"diagnose could not plan records that distinguish {one} from {other}: {error}"
+        return f"the package could not plan records that distinguish {one} from {other}: {error}"
 
 
 def mostly_seats(records: Measurements) -> bool:
