@@ -98,12 +98,12 @@ class Variable(NamedTuple):
 
 
 VARIABLES = (
-    Variable("reachable", "reachable", "1", "1 in reach, limits apart", np.int8),
+    Variable("reachable", "reachable", "1", "1 if within reach (limits ignored)", np.int8),
     Variable("complete", "complete", "1", "0 if postures are missing", np.int8),
     Variable("sector_works", "works", "1", "1 if within the limits", np.int8, ("sector",)),
     Variable("working_sectors", "count", "1", "number of working sectors", np.int32),
-    Variable("flexibility", "flexibility", "1", "working over theoretical sectors (eq. 1)"),
-    Variable("arc_fraction", "arc_fraction", "1", "working over theoretical swivel range"),
+    Variable("flexibility", "flexibility", "1", "working / theoretical sectors (eq. 1)"),
+    Variable("arc_fraction", "arc_fraction", "1", "working / theoretical swivel range"),
     Variable("comprehensive_mm3", "comprehensive", "mm3", "comprehensive accuracy (eq. 15)"),
     Variable("best_mm3", "best", "mm3", "smallest accuracy volume of sectors"),
     Variable("worst_mm3", "worst", "mm3", "largest accuracy volume of sectors"),
@@ -113,21 +113,21 @@ VARIABLES = (
         "smallest_u_theta_deg",
         "least_u_q",
         "degree",
-        "configuration with the smallest u",
+        "posture with the smallest u",
         more=("joint",),
     ),
     Variable(
         "best_theta_deg",
         "best_q",
         "degree",
-        "configuration with the smallest volume",
+        "posture with the smallest volume",
         more=("joint",),
     ),
     Variable(
         "worst_theta_deg",
         "worst_q",
         "degree",
-        "configuration with the largest volume",
+        "posture with the largest volume",
         more=("joint",),
     ),
 )

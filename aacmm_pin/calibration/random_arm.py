@@ -52,7 +52,7 @@ def _exact(arm: Arm, errors: Array) -> Arm:
         arm, {p.name: float(error) for p, error in zip(arm.parameters, errors, strict=True)}
     )
     rows = [row.model_copy(update={"uncertainty": None}) for row in file.joints]
-    source = f"drawn within the uncertainties of: {arm.source or arm.name}"
+    source = f"drawn within the uncertainties of {arm.source or arm.name}"
     return Arm.from_file(
         file.model_copy(update={"joints": rows, "covariance": None, "source": source})
     )

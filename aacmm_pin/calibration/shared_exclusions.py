@@ -258,7 +258,7 @@ def _extent(name: str, values: Array) -> str:
     high = values.max(axis=0)
     if name == "place":
         middle = ", ".join(f"{each:.0f}" for each in (low + high) / 2)
-        return f"their tip within {np.linalg.norm(high - low) / 2:.0f} mm of ({middle}) mm"
+        return f"the tip within {np.linalg.norm(high - low) / 2:.0f} mm of ({middle}) mm"
     words = {"record": "row numbers from", "time": "time_s from"}.get(name, f"{name} from")
     return f"{words} {low[0]:.6g} to {high[0]:.6g}"
 

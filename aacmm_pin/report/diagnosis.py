@@ -88,14 +88,19 @@ ALTERNATIVES = 3
 """So many other sets of causes are named where the mass is on several."""
 WORST = 5
 """Groups that the table names; the figure has all."""
-COVARIATES = {"record": "the order of the records", "x": "place", "y": "place", "z": "place"}
+COVARIATES = {
+    "record": "the order of the records",
+    "x": "the place",
+    "y": "the place",
+    "z": "the place",
+}
 """Covariates in words, if their name is not clear by itself."""
 PREDICTED = ("predicted", "the prediction from the stated uncertainties and the noise", "dashed")
 ONLY_NOISE = ("noise", "the noise alone (the arm states no uncertainty)", "dotted")
 """What residuals are compared with: in a head, in words, and its line in the figure."""
 UNSTATED = (
-    "You did not state all noise. The fit estimated the rest from the scatter of the residuals of "
-    "the extended arm."
+    "You did not state all noise. The fit estimated the unstated noise from the scatter of the "
+    "residuals of the extended arm."
 )
 SEAT_ERRORS = (
     "The residuals at a seat are distances from the estimated position of the seat. An error of "
@@ -492,7 +497,7 @@ def _excluded(left: Unexplained) -> list[str]:
     if shared is None:
         return []
     if shared.excluded == 1:
-        return [f"the records around the excluded one have {shared.where}"]
+        return [f"the records around the excluded record have {shared.where}"]
     how_many = "all" if shared.excluded == shared.of else f"{shared.excluded} of"
     return [f"{how_many} {shared.of} excluded records have {shared.where}"]
 

@@ -81,7 +81,7 @@ def _structure_left(result: Diagnosis) -> str:
 def _more_causes(result: Diagnosis) -> str:
     """Another cause acts with a probability of at least 0.95."""
     chance = f"probability {probability(result.more)}, threshold {THRESHOLDS.settled:g}"
-    return f"another cause acts that diagnose cannot identify ({chance})"
+    return f"diagnose cannot identify a further cause that acts ({chance})"
 
 
 def _starts_disagree(result: Diagnosis) -> str:

@@ -54,7 +54,7 @@ FILL_IN = (
     "Fill in the coordinates of the centre of the probe (x_mm, y_mm, z_mm), the "
     "readings (theta1_deg …), or both. The evaluation ignores empty columns.",
     "Replace the planned diameters and lengths by the calibrated values. State their standard "
-    "uncertainty in u_length_mm: the verdict depends on it.",
+    "uncertainty in u_length_mm, because the verdict depends on it.",
     "Place each artefact within a few centimetres of its position. Move the arm to the posture "
     "that the row describes. The test uses the measured values, not the planned ones.",
     "Left and right are those of a person behind the stand who looks from the shoulder to the tip. "
@@ -87,7 +87,7 @@ def procedure_document(procedure: Procedure) -> Document:
     probed_points.append(Table(_steps(procedure), ONE_ROW, detail=True))
     file = Download("procedure.csv", "the file to fill in", procedure.csv().encode())
     return Document(
-        f"Acceptance test of {procedure.arm.name}: points to probe",
+        f"Points to probe for the acceptance test of {procedure.arm.name}",
         [ORIGIN, f"{procedure}.", *things, *probed_points, file],
         f"{len(procedure.probed_points)} points{seed}",
         by_hand=("Date", "Operator", "Instrument, serial number", "Temperature [°C]"),

@@ -417,7 +417,7 @@ def _in_range(
     least = LONGEST_PART * measuring_range
     if longest >= least:
         return found
-    why = f"longest length {plain_mm(longest)} mm; expected {plain_mm(least)} mm or more"
+    why = f"the longest length is {plain_mm(longest)} mm; expected {plain_mm(least)} mm or more"
     return without_value(found.had, 0, why=why)
 
 

@@ -90,7 +90,7 @@ def plot_history(history: History, ax: Axes | None = None) -> Figure:
     drawn = {line.get_label(): line for panel in panels for line in panel.lines}
     names = [name for name in MARKS if name in drawn]
     handles = [drawn[name] for name in names]
-    title = f"{missing} of {missing + len(charts)} charts not drawn" if missing else None
+    title = f"{missing} of {missing + len(charts)} charts are left out" if missing else None
     style: dict[str, Any] = {
         "ncols": len(MARKS),
         "fontsize": 7,

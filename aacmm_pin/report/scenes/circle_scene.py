@@ -99,7 +99,7 @@ def _place(circle: PosturesAtPoint) -> str:
 def _caption(circle: PosturesAtPoint) -> str:
     curves = count(int(circle.component.max()), "closed curve")
     return (
-        f"{len(circle.q)} postures on {curves} reach this point, "
+        f"{len(circle.q)} postures on {curves} reach the point, "
         f"{circle.within_limits.sum()} of them within the joint limits."
     )
 
