@@ -88,11 +88,12 @@ NOTHING_ESTIMATED = (
 KNOWN = (
     "The column unit holds for change, U and half-width. U is the expanded uncertainty after "
     "calibration, and holds only if the model has all causes of error. The stated half-width is "
-    "the bound in the arm file, or 2u if the file states a standard uncertainty u. The column "
-    "known has four values. Measured means that the records determine the value. Hardly means that "
-    "the arm file determines the value better than the records. As stated means that the records "
-    "do not reduce the stated uncertainty. In combination means that the records determine only a "
-    "combination with other parameters (next section), so that the value alone has no meaning."
+    "the bound in the arm file, or 2u if the file states a standard uncertainty u. In the column "
+    "known, the word measured means that the records determine the value. The word hardly means "
+    "that the arm file determines the value better than the records. The words as stated mean "
+    "that the records do not reduce the stated uncertainty. The words in combination mean that "
+    "the records determine only a combination with other parameters (next section), so that the "
+    "value alone has no meaning."
 )
 UNDETERMINED = (
     "These records and the stated uncertainties do not determine the following parameters "

@@ -123,8 +123,8 @@ ALIASES_LISTED = "Aliases (causes with a similar effect in these records)"
 ALIASES_EXPLAINED = (
     "The column correlation states the correlation of both effects in these records after a refit "
     "of the geometry. The column probability states how probably the alias acts without the cause. "
-    "If both act and the alias is much smaller than its typical magnitude, U of the cause is too "
-    "small."
+    "If cause and alias act and the alias is much smaller than its typical magnitude, U of the "
+    "cause is too small."
 )
 DISCREPANCY_AT_TIP = "Discrepancy at the tip (structure that no cause explains)"
 DISCREPANCY = (
@@ -457,7 +457,7 @@ def _covariates_in_words(left: Unexplained) -> Iterator[str]:
         size = _background(left)
         yield f"The remaining structure ({size}) depends on several quantities together."
     elif left.groups:
-        yield f"Some groups of records disagree with the others ({p})."
+        yield f"Some groups of records have significantly larger residuals than the others ({p})."
     elif left.left:
         chance = beside_threshold(left)
         yield f"The residuals have significant structure that no named cause explains ({chance})."

@@ -102,8 +102,8 @@ def _first(result: Diagnosis) -> str:
         )
     if verdict == "unexplained" and not unexplained.depends_on and unexplained.has_background:
         return (
-            "take more records, at other postures, and add columns for what else changes, because "
-            "the remaining structure depends on several quantities together"
+            "take more records, at other postures, and add columns for other changing quantities, "
+            "because the remaining structure depends on several quantities together"
         )
     if (
         verdict == "unexplained"
@@ -112,13 +112,13 @@ def _first(result: Diagnosis) -> str:
     ):
         return (
             "check columns, units and reference frame, because the residuals exceed the scatter of "
-            "the repeats. Add columns for what changes between postures"
+            "the repeats. Add columns for quantities that change between postures"
         )
     if verdict == "unexplained" and not unexplained.depends_on:
         return (
             "repeat some postures without any change, because the scatter of the repeats is the "
             "true noise. If this scatter is as stated, check columns, units and reference frame, "
-            "and add columns for what else changes"
+            "and add columns for other quantities that change"
         )
     if verdict == "unexplained":
         return _otherwise(unexplained.depends_on) + _and_repeat(result)

@@ -101,7 +101,7 @@ def _power(plan: MeasurementPlan) -> str:
         text += f", and {probability(plan.before.probability)} with only the existing records"
     increase = f"T = {three_digits(plan.after.least)}"
     text += f" (expected increase of χ² if the model has the wrong cause: {increase})"
-    return text + ("" if plan.decided else f". This probability is too small{_more(plan)}")
+    return text + ("" if plan.decided else f". The probability is too small to decide{_more(plan)}")
 
 
 def _more(plan: MeasurementPlan) -> str:

@@ -72,7 +72,7 @@ def map_scene(workspace_map: WorkspaceMap, model: GivenModel) -> Scene:
     )
     scene.bar = bar
     scene.notes.insert(0, _on_slider(len(q), int(works.sum())))
-    draw_ball(scene, "point", "working point: the wrist in a cell", 0.75 * bodies.radius, points[0])
+    draw_ball(scene, "point", "working point (wrist in a cell)", 0.75 * bodies.radius, points[0])
     inside, outside = np.isfinite(values), reachable & np.isnan(values)
     _draw_cells(scene, workspace_map, "cells", inside, bar.colours(values[inside]))
     if outside.any():
